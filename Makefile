@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: MIT
+# What people type. The build itself is Meson's: meson.build.
+#
+# SETUP=no     don't look for missing packages
+# BUILD=DIR    where to build (build)
+# PREFIX=DIR   where `make install` puts things (/usr/local), below DESTDIR
+# JOBS=N       compile N files at a time
+
+BUILD ?= build
+PREFIX ?= /usr/local
+FUZZ_SECONDS ?= 60
+export SETUP JOBS
+
+# The sanitizers run with clang: gcc 12 takes minutes over a kernel file under them, and warns of what only they brought in.
+sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_string_checks=1:allocator_may_return_null=1 \
+            UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1
+
+.PHONY: help demo build test test-asan test-tsan fuzz-short check-clang install clean
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
+
+demo: build ## sets up, builds, renders the example scenes and says where the pictures are
+	@scripts/demo.sh
+
+build: ## sets up and builds ./pellucid
+	@scripts/setup.sh
+	@scripts/build.sh $(BUILD) --prefix $(PREFIX)
+	@scripts/link_program.sh $(BUILD)
+
+test: build ## sets up, builds, runs every test
+	@scripts/run_tests.py $(BUILD) test
+
+test-asan: ## every test under the address and undefined-behaviour sanitizers
+	@scripts/setup.sh --ci
+	@CC=clang scripts/build.sh build-asan --buildtype=debugoptimized -Db_sanitize=address,undefined -Db_lundef=false
+	@$(sanitized) scripts/run_tests.py build-asan test-asan --timeout-multiplier 6
+
+test-tsan: ## the tests that start threads, under the thread sanitizer
+	@scripts/setup.sh --ci
+	@CC=clang scripts/build.sh build-tsan --buildtype=debugoptimized -Db_sanitize=thread -Db_lundef=false
+	@$(sanitized) scripts/run_tests.py build-tsan test-tsan --timeout-multiplier 6 --suite threads
+
+fuzz-short: ## each fuzz target for some seconds (FUZZ_SECONDS=60 in all)
+	@scripts/setup.sh --ci
+	@CC=clang scripts/build.sh build-fuzz --buildtype=debugoptimized -Db_sanitize=address,undefined -Db_lundef=false -Dfuzz=true \
+	    -Dtests=false -Dc_args=-fsanitize=fuzzer-no-link
+	@scripts/run_fuzz.py build-fuzz $(FUZZ_SECONDS)
+
+check-clang: ## builds everything with clang, warnings are errors
+	@scripts/setup.sh --ci
+	@CC=clang scripts/build.sh build-clang -Dwerror=true
+
+install: build ## installs program, library and headers
+	@meson install -C $(BUILD) --no-rebuild $(if $(DESTDIR),--destdir $(DESTDIR))
+
+clean: ## removes all that was built
+	@rm -rf build build-asan build-tsan build-fuzz build-clang pellucid

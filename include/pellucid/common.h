@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/common.h - results, export marks and the small types that every header shares.
+ *
+ * Units everywhere: lengths mm, coefficients 1/mm, angles in radians unless a name ends in _deg, colour linear Rec.709
+ * (channel 0, 1, 2 = R, G, B), irradiance and radiant exitance W/m^2, radiance W/(m^2 sr).
+ */
+#ifndef PELLUCID_COMMON_H
+#define PELLUCID_COMMON_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define PELL_VERSION_MAJOR 0
+#define PELL_VERSION_MINOR 1
+#define PELL_VERSION_PATCH 0
+
+#if defined(__GNUC__)
+#define PELL_API __attribute__((visibility("default")))
+#define PELL_NODISCARD __attribute__((warn_unused_result))
+#define PELL_PRINTF(fmt, args) __attribute__((format(printf, fmt, args)))
+#else
+#define PELL_API
+#define PELL_NODISCARD
+#define PELL_PRINTF(fmt, args)
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What a function that can fail returns. Whoever detects an error logs it once, through the context; whoever passes it on is
+ * silent. Values are stable. */
+enum pell_result {
+    PELL_OK = 0,
+    PELL_ERR_INVALID = -1,     /* an argument or a value of the user is out of range */
+    PELL_ERR_NOMEM = -2,       /* out of memory, or over the memory limit */
+    PELL_ERR_IO = -3,          /* a file can't be opened, read or written */
+    PELL_ERR_FORMAT = -4,      /* a file is damaged or breaks its format's rules */
+    PELL_ERR_UNSUPPORTED = -5, /* well formed, but not something this build can do */
+    PELL_ERR_DEVICE = -6,      /* the engine or device asked for is not there, or was lost */
+    PELL_ERR_CANCELLED = -7,   /* the context's cancel flag was raised */
+};
+
+/* A short name in English ("invalid value"); never NULL, for any number. Thread-safe. */
+PELL_API const char *pell_result_name(enum pell_result result);
+
+/* "0.1.0". Thread-safe. */
+PELL_API const char *pell_version(void);
+
+/* A half-open rectangle of pixels: x0 <= x < x1, y0 <= y < y1; empty when x0 >= x1 or y0 >= y1. */
+struct pell_rect {
+    int x0, y0, x1, y1;
+};
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/context.h - where messages go, where memory comes from, what the limits are. No global state besides it.
+ *
+ * Ownership  `pell_context_create` gives, `pell_context_destroy` takes back; all that was made with a context must be destroyed
+ *            before it. Callbacks and their user pointers are borrowed for the context's life.
+ * Errors     logged once by who detects them.
+ * Threads    a context may be used by many threads at once; the log callback is called under a lock, one message at a time.
+ */
+#ifndef PELLUCID_CONTEXT_H
+#define PELLUCID_CONTEXT_H
+
+#include <pellucid/common.h>
+#include <pellucid/knob.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum pell_log_level {
+    PELL_LOG_NONE = 0, /* as a threshold: nothing is reported */
+    PELL_LOG_ERROR,    /* the call fails */
+    PELL_LOG_WARNING,  /* the call goes on, the result may not be what was meant */
+    PELL_LOG_INFO,     /* a fact worth one line */
+    PELL_LOG_DEBUG,
+};
+
+/* One message. All strings are valid during the callback only and never NULL. */
+struct pell_message {
+    enum pell_log_level level;
+    enum pell_result code; /* PELL_OK unless level is PELL_LOG_ERROR */
+    const char *where;     /* "head.gltf:/meshes/0/primitives/1", "bunny.obj:17", "--set"; may be "" */
+    const char *what;      /* one sentence with the value found and what is allowed */
+    const char *hint;      /* what to do about it; may be "" */
+};
+
+typedef void (*pell_log_fn)(void *user, const struct pell_message *message);
+
+/* `fraction` in [0, 1] of the work called `task`. Called from the thread that called the library, at most some tens of times a second. */
+typedef void (*pell_progress_fn)(void *user, const char *task, double fraction);
+
+/* Both functions, or neither (then the C library's). `alloc` returns memory aligned to 64 bytes, or NULL. Must be thread-safe. */
+struct pell_allocator {
+    void *(*alloc)(void *user, size_t size);
+    void (*free)(void *user, void *ptr);
+    void *user;
+};
+
+/* What files may make the library allocate or do. Defaults, ranges and help: pell_limit_knobs. */
+struct pell_limits {
+    int64_t file_bytes;      /* of one file */
+    int64_t memory_bytes;    /* all that a context has allocated at one time */
+    int64_t image_pixels;    /* of one image */
+    int64_t vertices;        /* of a scene, after instancing */
+    int64_t triangles;       /* of a scene, after instancing */
+    int nodes;               /* of one file, and after instancing */
+    int depth;               /* of hierarchies and of nested JSON */
+    int items;               /* meshes, materials, textures, accessors, lights: of each kind */
+    int warnings;            /* of one kind that are logged; the rest is counted */
+};
+
+PELL_API extern const struct pell_knob pell_limit_knobs[];
+
+struct pell_context_params {
+    pell_log_fn log;              /* may be NULL */
+    void *log_user;
+    enum pell_log_level log_level; /* messages above it are not reported; 0 is PELL_LOG_INFO where a log is given */
+    pell_progress_fn progress;    /* may be NULL */
+    void *progress_user;
+    struct pell_allocator allocator; /* {0}: the C library's */
+    const struct pell_limits *limits; /* copied; NULL: the defaults */
+};
+
+struct pell_context;
+
+/* `params` may be NULL. On failure *out is NULL. */
+PELL_API PELL_NODISCARD enum pell_result pell_context_create(const struct pell_context_params *params, struct pell_context **out);
+
+/* Sets *ctx to NULL; destroying &(NULL) does nothing. */
+PELL_API void pell_context_destroy(struct pell_context **ctx);
+
+/* Makes running and later calls with this context end with PELL_ERR_CANCELLED as soon as they look. Async-signal-safe. */
+PELL_API void pell_context_cancel(struct pell_context *ctx);
+
+PELL_API const struct pell_limits *pell_context_limits(const struct pell_context *ctx);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/knob.h - one row per knob: its name, unit, range, default and help.
+ *
+ * The row is the only home of these facts; the command line, the scene reader, the documentation and the tests read it.
+ * A table is an array of rows that ends with {0}; the values live in a plain struct whose fields the rows point into.
+ *
+ * Threads    tables are constant; a values struct belongs to its owner.
+ */
+#ifndef PELLUCID_KNOB_H
+#define PELLUCID_KNOB_H
+
+#include <pellucid/common.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct pell_context;
+
+enum pell_knob_type {
+    PELL_KNOB_NONE = 0, /* ends a table */
+    PELL_KNOB_BOOL,     /* field: bool; "on", "off", "true", "false", "yes", "no", "1", "0" */
+    PELL_KNOB_INT,      /* field: int */
+    PELL_KNOB_INT64,    /* field: int64_t; up to 2^53 */
+    PELL_KNOB_FLOAT,    /* field: float */
+    PELL_KNOB_ENUM,     /* field: int, index into `choices` */
+    PELL_KNOB_RGB,      /* field: float[3]; "r,g,b" or one number for all */
+};
+
+struct pell_knob {
+    const char *name;           /* stable, [a-z0-9-]+ */
+    enum pell_knob_type type;
+    const char *unit;           /* "1" for a pure number, "mm", "px", ... */
+    size_t offset;              /* of the field in the values struct */
+    double def[3];              /* default; an enum's index; [1] and [2] only for RGB */
+    double min, max;            /* inclusive; unused for BOOL and ENUM */
+    const char *const *choices; /* NULL-terminated, ENUM only */
+    const char *help;           /* one sentence without a full stop; says what 0 or a special value means */
+};
+
+/* Writes every default of `knobs` into `values`. */
+PELL_API void pell_knobs_default(const struct pell_knob *knobs, void *values);
+
+/* The row called `name`, or NULL. */
+PELL_API const struct pell_knob *pell_knob_find(const struct pell_knob *knobs, const char *name);
+
+/* Parses `text` and writes it into `values`. On failure `values` is untouched and a message with the value, the range allowed and
+ * (for an unknown name) the nearest known name is logged; `owner` names the table in it ("method screen-space"); `where` says where
+ * the text stands ("--set", "scene.json:/render/knobs/lod"). PELL_ERR_INVALID. */
+PELL_API PELL_NODISCARD enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
+                                                       const char *where, void *values, const char *name, const char *text);
+
+/* Checks that every value is in its range and finite; logs and returns PELL_ERR_INVALID for the first that isn't. */
+PELL_API PELL_NODISCARD enum pell_result pell_knobs_check(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
+                                                          const void *values);
+
+/* The value as text that pell_knob_set would take; truncated to `size` bytes, always terminated. Returns `buffer`. */
+PELL_API const char *pell_knob_format(const struct pell_knob *knob, const void *values, char *buffer, size_t size);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

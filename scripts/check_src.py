@@ -1,0 +1,279 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Checks the rules of the house that a script can see, over the whole tree; one test in TAP for each rule.
+
+check_src.py [ROOT]       checks the tree
+check_src.py --self-test  plants a fault for each rule in a scratch tree and shows that the rule finds it, and only that rule
+"""
+import pathlib
+import re
+import sys
+import tempfile
+
+# A room may include from those before it, and from itself.
+ROOMS = ["base", "math", "optics", "image", "scene", "rays", "vulkan", "render", "methods", "compare", "cli", "viewer"]
+FACES = {"cli", "viewer"}  # programs: they may print and exit
+
+CODE = {".c", ".h"}
+TEXT = CODE | {".py", ".sh", ".build", ".txt", ".md", ".comp", ".vert", ".frag", ".glsl"}
+FOLDERS = [".ci", "bench", "data", "docs", "examples", "fuzz", "include", "scripts", "src", "tests"]
+WIDTH = 140
+
+# Calls the library may not make, and why.
+BANNED = {
+    call: why
+    for why, calls in {
+        "the library never prints: use the log": "printf fprintf vprintf vfprintf puts fputs putchar perror",
+        "the library never ends its host's process": "abort exit _exit quick_exit",
+        "use pell_alloc and its kin": "malloc calloc realloc aligned_alloc posix_memalign free strdup strndup",
+        "use snprintf, memcpy or pell_text": "strcpy strcat strncpy strncat sprintf vsprintf gets alloca",
+        "use pell_parse_number or pell_parse_int: locales, overflow":
+            "atoi atol atoll atof strtol strtoll strtoul strtoull strtod strtof scanf sscanf fscanf",
+        "hidden shared state": "strtok rand srand random localtime gmtime strerror setlocale setenv",
+        "the library runs no programs": "system popen",
+        "files go through src/base/file.h": "fopen freopen open creat mkstemp tmpfile",
+    }.items()
+    for call in calls.split()
+}
+ALLOWED = {  # path: calls it may make
+    "src/base/alloc.c": {"posix_memalign", "free"},
+    "src/base/context.c": {"posix_memalign", "free"},
+    "src/base/file.c": {"open"},
+    "src/base/text.c": {"strtod"},
+    "src/image/exr_read.c": {"calloc"},  # OpenEXR's hook gets no pointer of ours
+}
+
+UNFINISHED = re.compile(r"\b(TO" r"DO|FIX" r"ME|XX" r"X|HA" r"CK|WI" r"P|un" r"implemented|not (?:yet )?im" r"plemented|place" r"holder|"
+                        r"st" r"ub)\b")
+MACHINE = re.compile(r"(?:^|[^\w.])/(?:w[o]rk|f[a]rm|r[o]ot|h[o]me/\w+)/|https?://[\w.-]*(?:deb[i]an|npmj[s]|pyp[i]|docker[.]i[o])\b")
+
+
+def strip_code(text):
+    """The code with comments and the insides of strings blanked; lines stay lines."""
+    def blank(match):
+        found = match[0]
+        if found[0] in "\"'":
+            return found[0] * 2
+        return re.sub(r"[^\n]", " ", found)
+    return re.sub(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'', blank, text, flags=re.DOTALL)
+
+
+class Tree:
+    """All files the rules look at, by path from the root."""
+
+    def __init__(self, root):
+        self.root = pathlib.Path(root)
+        self.files = {}
+        found = [p for p in self.root.glob("*") if p.is_file()]
+        for folder in FOLDERS:
+            found += [p for p in (self.root / folder).rglob("*") if p.is_file() and not p.is_symlink() and "__pycache__" not in p.parts]
+        for path in sorted(found):
+            if path.suffix in TEXT or path.name in ("Makefile", "run", "meson_options.txt") or path.name.startswith("meson."):
+                self.files[path.relative_to(self.root).as_posix()] = path.read_bytes().decode("utf-8", "replace")
+
+    def code(self, folder):
+        return {n: t for n, t in self.files.items() if n.startswith(folder) and pathlib.PurePath(n).suffix in CODE}
+
+
+def lines(text):
+    return enumerate(text.split("\n"), 1)
+
+
+def room_of(name):
+    parts = name.split("/")
+    return parts[1] if parts[0] == "src" and len(parts) > 2 else None
+
+
+def rule_include_order(tree):
+    """a room includes only rooms before it, and one method no other"""
+    for name, text in tree.code("src/").items():
+        room, own = room_of(name), pathlib.PurePosixPath(name).parent
+        if room not in ROOMS:
+            yield name, 1, f"'{room}' is no known room"
+            continue
+        for n, line in lines(text):
+            found = re.match(r'\s*#\s*include\s+"([^"]+)"', line)
+            if not found:
+                continue
+            target = found[1]
+            other = target.split("/")[0]
+            if (tree.root / own / target).exists():
+                other, path = room, (own / target).as_posix()
+            else:
+                path = "src/" + target
+            if ".." in target:
+                yield name, n, f'"{target}": include from the root of src'
+            elif other not in ROOMS:
+                yield name, n, f'"{target}": neither beside this file nor in a known room'
+            elif ROOMS.index(other) > ROOMS.index(room):
+                yield name, n, f'"{target}": {room} may not know {other}'
+            elif room == other == "methods" and path.count("/") > 2 and path.split("/")[2] != name.split("/")[2]:
+                yield name, n, f'"{target}": a method may not know another; ask the renderer for it by name'
+    for name, text in tree.code("include/").items():
+        for n, line in lines(text):
+            if re.match(r'\s*#\s*include\s+"', line):
+                yield name, n, "public headers include public and standard headers only, in angle brackets"
+
+
+def rule_banned_calls(tree):
+    """the library calls nothing that prints, ends the process, or bypasses its allocator, files and parsers"""
+    call = re.compile(r"(?<![\w.>])(" + "|".join(BANNED) + r")\s*\(")
+    for name, text in tree.code("src/").items():
+        if room_of(name) in FACES:
+            continue
+        for n, line in lines(strip_code(text)):
+            for found in call.finditer(line):
+                if found[1] not in ALLOWED.get(name, ()):
+                    yield name, n, f"{found[1]}(): {BANNED[found[1]]}"
+
+
+def rule_licence_line(tree):
+    """every source file begins with its licence"""
+    for name, text in tree.files.items():
+        if pathlib.PurePath(name).suffix == ".md" or name.startswith("data/") or name.endswith(".txt") and "package" not in name:
+            continue
+        head = text.split("\n")[:2]
+        if not text.startswith("#!"):
+            head = head[:1]
+        if not any("SPDX-License-Identifier: MIT" in line for line in head):
+            yield name, 1, "the first line must be SPDX-License-Identifier: MIT"
+
+
+def rule_white_space(tree):
+    """no tabs, no space at line ends, lines of 140 columns, one newline at the end"""
+    for name, text in tree.files.items():
+        suffix = pathlib.PurePath(name).suffix
+        if name.startswith("data/") or suffix == ".txt" and "package" not in name:
+            continue
+        for n, line in lines(text):
+            if "\r" in line:
+                yield name, n, "carriage return"
+            if "\t" in line and name != "Makefile":
+                yield name, n, "tab"
+            if line != line.rstrip():
+                yield name, n, "space at the end of the line"
+            if len(line) > WIDTH and suffix != ".md":
+                yield name, n, f"{len(line)} columns, {WIDTH} are allowed"
+        if text and (not text.endswith("\n") or text.endswith("\n\n")):
+            yield name, text.count("\n") + 1, "the file must end in one newline"
+
+
+def rule_finished(tree):
+    """no words of unfinished work"""
+    for name, text in tree.files.items():
+        for n, line in lines(text):
+            found = UNFINISHED.search(line)
+            if found:
+                yield name, n, f"'{found[0]}': finish it, or write an issue"
+
+
+def rule_no_machine(tree):
+    """no paths of a machine, no hosts of a package registry"""
+    for name, text in tree.files.items():
+        for n, line in lines(text):
+            found = MACHINE.search(line)
+            if found:
+                yield name, n, f"'{found[0].strip()}'"
+
+
+def rule_header_guards(tree):
+    """every header has a guard of its own"""
+    seen = {}
+    for name, text in {**tree.code("include/"), **tree.code("src/"), **tree.code("tests/")}.items():
+        if not name.endswith(".h"):
+            continue
+        guard = re.search(r"^#ifndef (\w+)\n#define \1$", text, re.MULTILINE)
+        if not guard:
+            if "/* no guard:" not in text:
+                yield name, 1, "#ifndef NAME, #define NAME is missing"
+        elif guard[1] in seen:
+            yield name, 1, f"the guard {guard[1]} is that of {seen[guard[1]]}, too"
+        else:
+            seen[guard[1]] = name
+
+
+RULES = [rule_include_order, rule_banned_calls, rule_licence_line, rule_white_space, rule_finished, rule_no_machine, rule_header_guards]
+
+
+def check(root):
+    tree = Tree(root)
+    return {rule: list(rule(tree)) for rule in RULES}
+
+
+# --- Self-test: (rule that must find it, file, text) ---------------------------------------------------------------------------------
+
+SPDX = "/* SPDX-License-Identifier: MIT */\n"
+CLEAN = {
+    "src/base/base.h": SPDX + "#ifndef A_H\n#define A_H\n#endif\n",
+    "src/methods/one/one.h": SPDX + "#ifndef ONE_H\n#define ONE_H\n#endif\n",
+    "src/methods/two/two.c": SPDX + '#include "base/base.h"\n\n/* printf("x"); exit(1); */\nconst char *t = "printf(1)";\n'
+                                    "void f(struct a *a)\n{\n    a->allocator.free(a);\n    pell_free(a, snprintf(0, 0, t));\n}\n",
+    "src/methods/two/two_kernel.c": SPDX + '#include "two.h"\n',
+    "src/methods/two/two.h": SPDX + "#ifndef TWO_H\n#define TWO_H\n#endif\n",
+    "src/cli/main.c": SPDX + '#include "render/view.h"\nvoid f(void)\n{\n    printf("%d", 1);\n    exit(2);\n}\n',
+    "include/pellucid/a.h": SPDX + "#ifndef PUBLIC_A_H\n#define PUBLIC_A_H\n#include <pellucid/common.h>\n#endif\n",
+    "Makefile": "# SPDX-License-Identifier: MIT\nall:\n\ttrue\n",
+    "scripts/x.sh": "#!/bin/sh\n# SPDX-License-Identifier: MIT\n",
+}
+FAULTS = [
+    (rule_include_order, "src/math/bad.c", SPDX + '#include "render/view.h"\n'),
+    (rule_include_order, "src/base/bad.c", SPDX + '#include "math/vec.h"\n'),
+    (rule_include_order, "src/methods/two/bad.c", SPDX + '#include "methods/one/one.h"\n'),
+    (rule_include_order, "src/methods/two/bad.c", SPDX + '#include "../one/one.h"\n'),
+    (rule_include_order, "src/optics/bad.c", SPDX + '#include "nowhere.h"\n'),
+    (rule_include_order, "src/kitchen/bad.c", SPDX),
+    (rule_include_order, "include/pellucid/b.h", SPDX + '#ifndef B_H\n#define B_H\n#include "base/base.h"\n#endif\n'),
+    (rule_licence_line, "src/base/bad.c", "int a;\n"),
+    (rule_licence_line, "scripts/bad.py", "#!/usr/bin/env python3\nprint()\n"),
+    (rule_licence_line, "src/base/meson.build", "x = 1\n"),
+    (rule_white_space, "src/base/bad.c", SPDX + "\tint a;\n"),
+    (rule_white_space, "src/base/bad.c", SPDX + "int a; \n"),
+    (rule_white_space, "src/base/bad.c", SPDX + "int a;\r\n"),
+    (rule_white_space, "src/base/bad.c", SPDX + "int a" + " " * WIDTH + ";\n"),
+    (rule_white_space, "src/base/bad.c", SPDX + "int a;"),
+    (rule_finished, "src/base/bad.c", SPDX + "/* TO" "DO: more */\n"),
+    (rule_finished, "docs/bad.md", "This is a place" "holder.\n"),
+    (rule_finished, "tests/bad.c", SPDX + "/* a st" "ub */\n"),
+    (rule_no_machine, "docs/bad.md", "see /wo" "rk/main/x\n"),
+    (rule_no_machine, "src/base/bad.c", SPDX + 'const char *p = "/ho' 'me/someone/x";\n'),
+    (rule_no_machine, "scripts/bad.sh", "# SPDX-License-Identifier: MIT\nget https://deb.deb" "ian.org/x\n"),
+    (rule_header_guards, "src/base/bad.h", SPDX + "int a;\n"),
+    (rule_header_guards, "src/math/bad.h", SPDX + "#ifndef A_H\n#define A_H\n#endif\n"),
+] + [(rule_banned_calls, "src/base/bad.c", SPDX + f"void f(void)\n{{\n    {name} (x);\n}}\n") for name in BANNED] + [
+    (rule_banned_calls, "src/optics/bad.c", SPDX + 'void f(void)\n{\n    g("/*"); exit(1); g("*/");\n}\n'),
+]
+
+
+def self_test():
+    bad = 0
+    print(f"1..{len(FAULTS) + 1}")
+    for i, (rule, name, text) in enumerate([(None, None, None), *FAULTS], 1):
+        with tempfile.TemporaryDirectory() as root:
+            for path, content in {**CLEAN, **({name: text} if name else {})}.items():
+                target = pathlib.Path(root, path)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_text(content, "utf-8", newline="")
+            found = {r.__name__ for r, faults in check(root).items() if faults}
+        good = found == ({rule.__name__} if rule else set())
+        bad += not good
+        title = f"{rule.__name__[5:]} finds {name} {text.splitlines()[-1].strip()[:40]!r}" if rule else "a clean tree passes"
+        print(f"{'ok' if good else 'not ok'} {i} - {title}".replace("#", "hash "))
+        if not good:
+            print(f"# found: {found}")
+    return 1 if bad else 0
+
+
+def main():
+    if sys.argv[1:] == ["--self-test"]:
+        return self_test()
+    results = check(sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent.parent)
+    print(f"1..{len(results)}")
+    for i, (rule, faults) in enumerate(results.items(), 1):
+        print(f"{'not ok' if faults else 'ok'} {i} - {rule.__doc__}")
+        for name, n, what in faults:
+            print(f"# {name}:{n}: {what}")
+    return 1 if any(results.values()) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: MIT
+ * context.h - the inside of a context; only src/base includes it. */
+#ifndef PELL_BASE_CONTEXT_H
+#define PELL_BASE_CONTEXT_H
+
+#include "base/base.h"
+
+#include <pthread.h>
+
+struct pell_context {
+    pell_log_fn log;
+    void *log_user;
+    enum pell_log_level log_level;
+    pell_progress_fn progress;
+    void *progress_user;
+    struct pell_allocator allocator;
+    struct pell_limits limits;
+    pthread_mutex_t log_lock;
+    _Atomic size_t used;
+    _Atomic uint64_t allocations;
+    atomic_bool cancelled;
+    _Atomic int softened; /* pell_soften */
+};
+
+#endif

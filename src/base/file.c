@@ -1,0 +1,362 @@
+/* SPDX-License-Identifier: MIT
+ * file.c - whole files in and out, and the only place that decides which files a scene may refer to. */
+#define _XOPEN_SOURCE 700 /* realpath */
+#include "base/file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { SHOWN = 256, CHUNK = 16 << 20 };
+
+/* strerror is not thread-safe, and speaks the locale's language. */
+static const char *reason(int code)
+{
+    switch (code) {
+    case ENOENT: return "there is no such file or folder";
+    case EACCES:
+    case EPERM: return "permission denied";
+    case ENOTDIR: return "a part of the path is not a folder";
+    case EISDIR: return "it is a folder";
+    case ELOOP: return "too many links, or a link that leads to itself";
+    case ENAMETOOLONG: return "the name is too long";
+    case ENOSPC: return "no space is left on the disk";
+    case EDQUOT: return "the disk quota is used up";
+    case EROFS: return "the file system is read-only";
+    case EMFILE:
+    case ENFILE: return "too many files are open";
+    case EFBIG: return "the file would be too large for the file system";
+    case EIO: return "the device reports an error";
+    case EPIPE: return "the reader has closed the pipe";
+    case ENXIO: return "no device or reader is there";
+    case ENOMEM: return "out of memory";
+    case ETXTBSY: return "it is a program that runs";
+    }
+    return "the operating system refuses it";
+}
+
+static enum pell_result failed(struct pell_context *ctx, const char *path, const char *what, int code)
+{
+    char shown[SHOWN];
+    return pell_error(ctx, PELL_ERR_IO, pell_printable(path, shown, sizeof(shown)), NULL, "%s: %s (errno %d)", what, reason(code), code);
+}
+
+static const char *kind(mode_t mode)
+{
+    return S_ISDIR(mode)    ? "a folder"
+           : S_ISFIFO(mode) ? "a pipe"
+           : S_ISSOCK(mode) ? "a socket"
+           : S_ISCHR(mode) || S_ISBLK(mode) ? "a device"
+                                            : "of an unknown kind";
+}
+
+/* Reads up to `size` bytes; *got says how many there were. 0, or the errno. */
+static int read_all(int fd, uint8_t *data, size_t size, size_t *got)
+{
+    *got = 0;
+    while (*got < size) {
+        const size_t left = size - *got;
+        const ssize_t n = read(fd, data + *got, left < CHUNK ? left : CHUNK);
+        if (n == 0)
+            break;
+        if (n > 0)
+            *got += (size_t) n;
+        else if (errno != EINTR)
+            return errno;
+    }
+    return 0;
+}
+
+enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint8_t **data, size_t *size)
+{
+    const int64_t limit = pell_context_limits(ctx)->file_bytes;
+    enum pell_result res = PELL_OK;
+    uint8_t *bytes = NULL;
+    char shown[SHOWN];
+    struct stat st;
+    size_t got = 0, wanted;
+    int fd, code;
+
+    *data = NULL;
+    *size = 0;
+    pell_printable(path, shown, sizeof(shown));
+    /* Not blocking: a pipe without a writer would hang in open. Regular files don't care. */
+    do
+        fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    while (fd < 0 && errno == EINTR);
+    if (fd < 0)
+        return failed(ctx, path, "can't be opened", errno);
+    if (fstat(fd, &st) != 0) {
+        res = failed(ctx, path, "can't be examined", errno);
+        goto fail;
+    }
+    if (!S_ISREG(st.st_mode)) {
+        res = pell_error(ctx, PELL_ERR_IO, shown, NULL, "is %s, must be a regular file", kind(st.st_mode));
+        goto fail;
+    }
+    if (st.st_size < 0 || (int64_t) st.st_size > limit || (uintmax_t) st.st_size >= SIZE_MAX) {
+        res = pell_error(ctx, PELL_ERR_INVALID, shown, "raise the limit file-bytes if this file is meant",
+                         "has %lld bytes, allowed are %lld", (long long) st.st_size, (long long) limit);
+        goto fail;
+    }
+    wanted = (size_t) st.st_size;
+    bytes = pell_alloc(ctx, wanted + 1);
+    if (!bytes) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    /* One byte more than there should be: a file that grew shows it. */
+    code = read_all(fd, bytes, wanted + 1, &got);
+    if (code) {
+        res = failed(ctx, path, "can't be read", code);
+        goto fail;
+    }
+    if (got != wanted) {
+        res = pell_error(ctx, PELL_ERR_IO, shown, "wait until it is written, then try again",
+                         "changed its size while it was read: %zu bytes were announced, %s came", wanted, got > wanted ? "more" : "fewer");
+        goto fail;
+    }
+    close(fd);
+    bytes[wanted] = '\0';
+    *data = bytes;
+    *size = wanted;
+    return PELL_OK;
+
+fail:
+    close(fd);
+    pell_free(ctx, bytes);
+    return res;
+}
+
+/* 0, or the errno; ECANCELED when the context was cancelled meanwhile. */
+static int write_all(struct pell_context *ctx, int fd, const uint8_t *data, size_t size)
+{
+    while (size) {
+        const ssize_t n = write(fd, data, size < CHUNK ? size : CHUNK);
+        if (n >= 0) {
+            data += n;
+            size -= (size_t) n;
+        } else if (errno != EINTR) {
+            return errno;
+        }
+        if (size && pell_cancelled(ctx))
+            return ECANCELED;
+    }
+    return 0;
+}
+
+static enum pell_result write_failed(struct pell_context *ctx, const char *path, int code)
+{
+    return code == ECANCELED ? PELL_ERR_CANCELLED : failed(ctx, path, "can't be written", code);
+}
+
+/* Opens a new file next to `path`; its name goes to `temporary`, which has room for path + 64 bytes. -1 and errno on failure. */
+static int open_temporary(const char *path, char *temporary)
+{
+    const size_t folder = (size_t) (pell_path_name(path) - path);
+    int fd = -1;
+
+    for (unsigned attempt = 0; attempt < 100; attempt++) {
+        struct timespec now;
+
+        clock_gettime(CLOCK_REALTIME, &now);
+        memcpy(temporary, path, folder);
+        snprintf(temporary + folder, 64, ".pellucid-%lx-%lx-%x.tmp", (unsigned long) getpid(), (unsigned long) now.tv_nsec, attempt);
+        fd = open(temporary, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOCTTY, 0666);
+        if (fd >= 0 || (errno != EEXIST && errno != EINTR))
+            break;
+    }
+    return fd;
+}
+
+/* Replaces the regular file `path`, or makes it. `old` describes what is there, or is NULL. */
+static enum pell_result replace_file(struct pell_context *ctx, const char *path, const struct stat *old, const void *data, size_t size)
+{
+    char *temporary = pell_alloc(ctx, strlen(path) + 64);
+    enum pell_result res = PELL_OK;
+    int fd, code;
+
+    if (!temporary)
+        return PELL_ERR_NOMEM;
+    fd = open_temporary(path, temporary);
+    if (fd < 0) {
+        res = failed(ctx, path, "can't be written in its folder", errno);
+        pell_free(ctx, temporary);
+        return res;
+    }
+    code = write_all(ctx, fd, data, size);
+    if (!code && old && fchmod(fd, old->st_mode & 0777) != 0)
+        code = errno;
+    if (close(fd) != 0 && !code && errno != EINTR)
+        code = errno;
+    if (!code && rename(temporary, path) != 0)
+        code = errno;
+    if (code) {
+        unlink(temporary);
+        res = write_failed(ctx, path, code);
+    }
+    pell_free(ctx, temporary);
+    return res;
+}
+
+/* A device or a pipe is written to, not replaced. */
+static enum pell_result write_special(struct pell_context *ctx, const char *path, const void *data, size_t size)
+{
+    int fd, code;
+
+    do
+        fd = open(path, O_WRONLY | O_CLOEXEC | O_NOCTTY);
+    while (fd < 0 && errno == EINTR && !pell_cancelled(ctx));
+    if (fd < 0)
+        return errno == EINTR ? PELL_ERR_CANCELLED : failed(ctx, path, "can't be opened for writing", errno);
+    code = write_all(ctx, fd, data, size);
+    if (close(fd) != 0 && !code && errno != EINTR)
+        code = errno;
+    return code ? write_failed(ctx, path, code) : PELL_OK;
+}
+
+enum pell_result pell_file_write(struct pell_context *ctx, const char *path, const void *data, size_t size)
+{
+    char real[PATH_MAX];
+    struct stat st, link;
+
+    if (strcmp(path, "-") == 0) {
+        const int code = write_all(ctx, STDOUT_FILENO, data, size);
+        return code ? write_failed(ctx, "standard output", code) : PELL_OK;
+    }
+    if (!*pell_path_name(path))
+        return pell_error(ctx, PELL_ERR_IO, path, NULL, *path ? "names a folder, must name a file" : "an empty path names no file");
+    if (lstat(path, &link) != 0)
+        return errno == ENOENT ? replace_file(ctx, path, NULL, data, size) : failed(ctx, path, "can't be written", errno);
+    if (stat(path, &st) != 0)
+        return failed(ctx, path, "is a link whose end can't be written", errno);
+    if (S_ISDIR(st.st_mode))
+        return failed(ctx, path, "can't be written", EISDIR);
+    if (!S_ISREG(st.st_mode))
+        return write_special(ctx, path, data, size);
+    /* A rename would replace even a file that its owner has made read-only. */
+    if (access(path, W_OK) != 0)
+        return failed(ctx, path, "can't be written", errno);
+    /* What a link leads to is replaced, not the link. */
+    if (S_ISLNK(link.st_mode)) {
+        if (!realpath(path, real))
+            return failed(ctx, path, "can't be written", errno);
+        path = real;
+    }
+    return replace_file(ctx, path, &st, data, size);
+}
+
+/* How far below its start a relative path ends; -1 if it climbs above it on the way. */
+static int path_depth(const char *path)
+{
+    int depth = 0;
+
+    while (*path) {
+        const size_t n = strcspn(path, "/");
+        if (n == 2 && path[0] == '.' && path[1] == '.') {
+            if (--depth < 0)
+                return -1;
+        } else if (n && !(n == 1 && path[0] == '.')) {
+            depth++;
+        }
+        path += n;
+        path += strspn(path, "/");
+    }
+    return depth;
+}
+
+static bool is_within(const char *path, const char *root)
+{
+    size_t n = strlen(root);
+
+    while (n && root[n - 1] == '/')
+        n--;
+    return strncmp(path, root, n) == 0 && (path[n] == '/' || path[n] == '\0');
+}
+
+enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, const char *root, const char *reference, bool allow_outside,
+                                   char **path)
+{
+    static const char *const move = "move the file into the scene's folder and refer to it there";
+    char real_root[PATH_MAX], real_path[PATH_MAX], shown[SHOWN];
+    const bool absolute = reference[0] == '/';
+    size_t root_length, size;
+
+    *path = NULL;
+    if (!*root)
+        root = ".";
+    pell_printable(reference, shown, sizeof(shown));
+    if (!*reference)
+        return pell_error(ctx, PELL_ERR_INVALID, where, NULL, "an empty path names no file");
+    if (absolute && !allow_outside)
+        return pell_error(ctx, PELL_ERR_INVALID, where, move, "'%s' is an absolute path, must be relative to the file that names it",
+                          shown);
+    if (!allow_outside && path_depth(reference) < 0)
+        return pell_error(ctx, PELL_ERR_INVALID, where, move, "'%s' leads out of the scene's folder", shown);
+
+    root_length = absolute ? 0 : strlen(root);
+    if (__builtin_add_overflow(root_length + 2, strlen(reference), &size))
+        return pell_error(ctx, PELL_ERR_INVALID, where, NULL, "'%s' is too long", shown);
+    *path = pell_alloc(ctx, size);
+    if (!*path)
+        return PELL_ERR_NOMEM;
+    if (absolute)
+        memcpy(*path, reference, strlen(reference) + 1);
+    else if (strcmp(root, ".") == 0)
+        memcpy(*path, reference, strlen(reference) + 1);
+    else
+        snprintf(*path, size, "%s%s%s", root, root[root_length - 1] == '/' ? "" : "/", reference);
+
+    if (!realpath(*path, real_path)) {
+        const int code = errno;
+        pell_free(ctx, *path);
+        *path = NULL;
+        return pell_error(ctx, PELL_ERR_IO, where, NULL, "'%s' can't be found: %s", shown, reason(code));
+    }
+    if (!allow_outside && (!realpath(root, real_root) || !is_within(real_path, real_root))) {
+        pell_free(ctx, *path);
+        *path = NULL;
+        return pell_error(ctx, PELL_ERR_INVALID, where, move, "'%s' leads out of the scene's folder through a link", shown);
+    }
+    return PELL_OK;
+}
+
+char *pell_path_folder(struct pell_context *ctx, const char *path)
+{
+    size_t n = (size_t) (pell_path_name(path) - path);
+
+    if (n == 0)
+        return pell_strdup(ctx, ".");
+    while (n > 1 && path[n - 1] == '/')
+        n--;
+    return pell_strndup(ctx, path, n);
+}
+
+const char *pell_path_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+static char lower(char c)
+{
+    return c >= 'A' && c <= 'Z' ? (char) (c - 'A' + 'a') : c;
+}
+
+bool pell_path_has_extension(const char *path, const char *extension)
+{
+    const char *name = pell_path_name(path), *dot = strrchr(name, '.');
+
+    if (!dot || dot == name)
+        return false;
+    for (dot++; *dot && *extension; dot++, extension++)
+        if (lower(*dot) != lower(*extension))
+            return false;
+    return !*dot && !*extension;
+}

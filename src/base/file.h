@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * file.h - whole files in, whole files out: read with a limit, write to a temporary name and rename.
+ *
+ * Errors     logged with the path; PELL_ERR_IO, or PELL_ERR_INVALID over the limit.
+ */
+#ifndef PELL_FILE_H
+#define PELL_FILE_H
+
+#include "base/base.h"
+
+/* Reads a regular file of at most `limits.file_bytes`. *data (owned by the caller, pell_free) has a NUL behind its last byte that
+ * *size does not count. */
+PELL_NODISCARD enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
+
+/* Replaces `path` by these bytes, or leaves it as it was: written under a temporary name in the same folder, then renamed. "-" writes
+ * to standard output. */
+PELL_NODISCARD enum pell_result pell_file_write(struct pell_context *ctx, const char *path, const void *data, size_t size);
+
+/* Resolves `reference` (as it stands in the file at `where`, percent-decoding already done) against folder `root`. Refused unless
+ * `allow_outside`: absolute paths, ".." above `root`, links that lead out of it. *path is owned by the caller. */
+PELL_NODISCARD enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, const char *root, const char *reference,
+                                                  bool allow_outside, char **path);
+
+/* The folder of `path` ("." if it has none), owned by the caller; NULL without memory. */
+char *pell_path_folder(struct pell_context *ctx, const char *path);
+/* Points behind the last '/'. */
+const char *pell_path_name(const char *path);
+/* True if `path` ends in '.' and `extension`, case ignored ("png"). */
+bool pell_path_has_extension(const char *path, const char *extension);
+
+#endif

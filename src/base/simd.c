@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: MIT
+ * simd.c - what this machine can do, from single features: clang 14 has no test for a whole level. */
+#include "base/simd.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static const char *const names[PELL_SIMD_LEVELS] = { "base", "v2", "v3", "v4" };
+
+const char *pell_simd_name(enum pell_simd_level level)
+{
+    return names[level];
+}
+
+static enum pell_simd_level detect(void)
+{
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (!__builtin_cpu_supports("sse4.2") || !__builtin_cpu_supports("popcnt"))
+        return PELL_SIMD_BASE;
+    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma") || !__builtin_cpu_supports("bmi") ||
+        !__builtin_cpu_supports("bmi2"))
+        return PELL_SIMD_V2;
+    if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512bw") || !__builtin_cpu_supports("avx512cd") ||
+        !__builtin_cpu_supports("avx512dq") || !__builtin_cpu_supports("avx512vl"))
+        return PELL_SIMD_V3;
+    return PELL_SIMD_V4;
+#else
+    return PELL_SIMD_BASE;
+#endif
+}
+
+enum pell_simd_level pell_simd_best(void)
+{
+    const enum pell_simd_level best = detect();
+    const char *wanted = getenv("PELL_SIMD");
+
+    for (int i = 0; wanted && i < (int) best; i++)
+        if (strcmp(wanted, names[i]) == 0)
+            return (enum pell_simd_level) i;
+    return best;
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * simd.h - which build of a kernel file runs on this machine.
+ *
+ * A kernel file is compiled once per level (src/meson.build, `kernel_levels`) with PELL_SIMD_NAME set to base, v2, v3 or v4, and
+ * exports one constant table of functions named by PELL_SIMD(table). No intrinsics are needed; all levels give the same bits
+ * (no contraction of multiply-adds).
+ */
+#ifndef PELL_SIMD_H
+#define PELL_SIMD_H
+
+#include <stdbool.h>
+
+enum pell_simd_level {
+    PELL_SIMD_BASE = 0, /* portable C, and the lowest of the architecture */
+    PELL_SIMD_V2,       /* x86-64-v2: SSE4.2 */
+    PELL_SIMD_V3,       /* x86-64-v3: AVX2, FMA */
+    PELL_SIMD_V4,       /* x86-64-v4: AVX-512 F, BW, CD, DQ, VL */
+    PELL_SIMD_LEVELS
+};
+
+/* The best level of this machine that was built. Thread-safe. The environment variable PELL_SIMD (base, v2, v3, v4) lowers it. */
+enum pell_simd_level pell_simd_best(void);
+const char *pell_simd_name(enum pell_simd_level level);
+
+#define PELL_SIMD_JOIN_(a, b) a##_##b
+#define PELL_SIMD_JOIN(a, b) PELL_SIMD_JOIN_(a, b)
+#define PELL_SIMD(name) PELL_SIMD_JOIN(name, PELL_SIMD_NAME)
+
+/* Declares the tables of all levels and an array of them: PELL_SIMD_TABLES(struct pell_blur_kernels, pell_blur_kernels). */
+#if defined(__x86_64__)
+#define PELL_SIMD_TABLES(type, name)                                                                                               \
+    extern const type name##_base, name##_v2, name##_v3, name##_v4;                                                                \
+    static const type *const name##_tables[PELL_SIMD_LEVELS] = { &name##_base, &name##_v2, &name##_v3, &name##_v4 }
+#else
+#define PELL_SIMD_TABLES(type, name)                                                                                               \
+    extern const type name##_base;                                                                                                 \
+    static const type *const name##_tables[PELL_SIMD_LEVELS] = { &name##_base, &name##_base, &name##_base, &name##_base }
+#endif
+
+#endif

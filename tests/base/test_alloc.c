@@ -1,0 +1,274 @@
+/* SPDX-License-Identifier: MIT
+ * test_alloc.c - memory that is counted, limited, aligned, and that fails when a test says so; contexts and their messages. */
+#include "pell_test.h"
+
+static void blocks_are_aligned_counted_and_zeroed(void **state)
+{
+    struct pell_context *ctx = test_context(NULL, NULL);
+    void *blocks[64];
+    size_t total = 0;
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(blocks); i++) {
+        blocks[i] = pell_zalloc(ctx, i * 13);
+        assert_non_null(blocks[i]);
+        assert_int_equal((uintptr_t) blocks[i] % 64, 0);
+        for (size_t j = 0; j < i * 13; j++)
+            assert_int_equal(((char *) blocks[i])[j], 0);
+        total += i * 13;
+        assert_int_equal(pell_memory_used(ctx), total);
+    }
+    assert_int_equal(pell_allocations(ctx), PELL_COUNT(blocks));
+    for (size_t i = 0; i < PELL_COUNT(blocks); i++)
+        pell_free(ctx, blocks[i]);
+    pell_free(ctx, NULL);
+    assert_int_equal(pell_memory_used(ctx), 0);
+    pell_context_destroy(&ctx);
+    pell_context_destroy(&ctx); /* &(NULL) */
+}
+
+static void products_that_overflow_are_refused(void **state)
+{
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = test_context(NULL, &kept);
+    void *array = NULL;
+    size_t capacity = SIZE_MAX / 2 + 1;
+    (void) state;
+
+    assert_null(pell_calloc(ctx, SIZE_MAX / 2 + 1, 2));
+    assert_null(pell_alloc_array(ctx, SIZE_MAX / 4, 8));
+    assert_null(pell_realloc_array(ctx, NULL, SIZE_MAX, SIZE_MAX));
+    assert_null(pell_alloc(ctx, SIZE_MAX));
+    assert_null(pell_alloc(ctx, SIZE_MAX - 63));
+    assert_null(pell_alloc(ctx, SIZE_MAX - 64));
+    assert_int_equal(kept.errors, 6);
+    assert_int_equal(kept.code, PELL_ERR_NOMEM);
+    assert_int_equal(pell_grow(ctx, &array, capacity, &capacity, 1), PELL_ERR_NOMEM);
+    assert_null(array);
+    assert_int_equal(pell_memory_used(ctx), 0);
+    pell_context_destroy(&ctx);
+}
+
+static void memory_limit_is_exact_and_given_back(void **state)
+{
+    struct pell_limits limits;
+    struct kept_messages kept = { 0 };
+    struct pell_context_params params = { .log = keep_message, .log_user = &kept, .limits = &limits };
+    struct pell_context *ctx;
+    void *a, *b;
+    (void) state;
+
+    pell_knobs_default(pell_limit_knobs, &limits);
+    limits.memory_bytes = 1 << 20;
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
+    a = pell_alloc(ctx, (1 << 20) - 10);
+    assert_non_null(a);
+    assert_null(pell_alloc(ctx, 11));
+    assert_int_equal(kept.errors, 1);
+    assert_non_null(strstr(kept.what, "1048576"));
+    assert_non_null(strstr(kept.hint, "memory-bytes"));
+    b = pell_alloc(ctx, 10);
+    assert_non_null(b);
+    pell_free(ctx, a);
+    a = pell_alloc(ctx, (1 << 20) - 10);
+    assert_non_null(a);
+    pell_free(ctx, a);
+    pell_free(ctx, b);
+    pell_context_destroy(&ctx);
+}
+
+static void growing_arrays_keep_their_items(void **state)
+{
+    struct pell_context *ctx = test_context(NULL, NULL);
+    size_t capacity = 0;
+    void *array = NULL;
+    int *shrunk;
+    (void) state;
+
+    for (int i = 0; i < 1000; i++) {
+        assert_int_equal(pell_grow(ctx, &array, (size_t) i, &capacity, sizeof(int)), PELL_OK);
+        ((int *) array)[i] = i;
+    }
+    assert_int_equal(capacity, 1024);
+    assert_true(pell_allocations(ctx) <= 8); /* doubles, from 8 */
+    for (int i = 0; i < 1000; i++)
+        assert_int_equal(((int *) array)[i], i);
+    shrunk = pell_realloc_array(ctx, array, 10, sizeof(int));
+    assert_non_null(shrunk);
+    assert_int_equal(shrunk[9], 9);
+    assert_int_equal(pell_memory_used(ctx), 10 * sizeof(int));
+    pell_free(ctx, shrunk);
+    pell_context_destroy(&ctx);
+}
+
+static void failed_growth_leaves_the_array_alone(void **state)
+{
+    struct pell_fault fault = { .fail_at = 3 }; /* the context, the array, its growth */
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = test_context(&fault, &kept);
+    size_t capacity = 0;
+    void *array = NULL;
+    (void) state;
+
+    assert_int_equal(pell_grow(ctx, &array, 0, &capacity, 4), PELL_OK);
+    ((int *) array)[7] = 7;
+    assert_int_equal(pell_grow(ctx, &array, 8, &capacity, 4), PELL_ERR_NOMEM);
+    assert_int_equal(kept.errors, 1);
+    assert_int_equal(capacity, 8);
+    assert_int_equal(((int *) array)[7], 7);
+    assert_int_equal(pell_grow(ctx, &array, 8, &capacity, 4), PELL_OK); /* only the third call failed */
+    assert_int_equal(((int *) array)[7], 7);
+    pell_free(ctx, array);
+    pell_context_destroy(&ctx);
+    assert_int_equal(fault.live, 0);
+}
+
+/* The pattern that every module's test follows: fail the n-th allocation until the whole work succeeds. */
+static enum pell_result some_work(struct pell_context *ctx)
+{
+    enum pell_result res = PELL_ERR_NOMEM;
+    char *a = pell_strdup(ctx, "text"), *b = NULL;
+    void *c = NULL;
+
+    if (!a)
+        goto fail;
+    b = pell_strndup(ctx, "text", 2);
+    if (!b)
+        goto fail;
+    c = pell_calloc(ctx, 10, 10);
+    if (!c)
+        goto fail;
+    res = strcmp(a, "text") == 0 && strcmp(b, "te") == 0 ? PELL_OK : PELL_ERR_INVALID;
+fail:
+    pell_free(ctx, c);
+    pell_free(ctx, b);
+    pell_free(ctx, a);
+    return res;
+}
+
+static void every_failing_allocation_is_survived(void **state)
+{
+    (void) state;
+    for (int sticky = 0; sticky < 2; sticky++) {
+        uint64_t n = 1;
+        for (;; n++) {
+            struct pell_fault fault = { .fail_at = n, .sticky = sticky };
+            struct kept_messages kept = { 0 };
+            struct pell_context *ctx = test_context(&fault, &kept);
+            enum pell_result res;
+
+            if (!ctx) {
+                assert_int_equal(n, 1);
+                assert_int_equal(fault.live, 0);
+                continue;
+            }
+            res = some_work(ctx);
+            assert_int_equal(pell_memory_used(ctx), 0);
+            pell_context_destroy(&ctx);
+            assert_int_equal(fault.live, 0);
+            if (res == PELL_OK)
+                break;
+            assert_int_equal(res, PELL_ERR_NOMEM);
+            assert_int_equal(kept.errors, 1);
+        }
+        assert_int_equal(n, 5);
+    }
+}
+
+static void context_refuses_bad_limits_and_half_an_allocator(void **state)
+{
+    struct pell_limits limits;
+    struct kept_messages kept = { 0 };
+    struct pell_fault fault = { .fail_at = 0 };
+    struct pell_context_params params = { .log = keep_message, .log_user = &kept, .limits = &limits };
+    struct pell_context *ctx = (struct pell_context *) &fault;
+    (void) state;
+
+    pell_knobs_default(pell_limit_knobs, &limits);
+    limits.depth = 0;
+    params.allocator = pell_fault_allocator(&fault);
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_ERR_INVALID);
+    assert_null(ctx);
+    assert_int_equal(fault.live, 0);
+    assert_int_equal(kept.errors, 1);
+    assert_non_null(strstr(kept.what, "depth = 0, must be in [1, "));
+    limits.depth = 5;
+    params.allocator.free = NULL;
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_ERR_INVALID);
+    params.allocator = pell_fault_allocator(&fault);
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
+    assert_int_equal(pell_context_limits(ctx)->depth, 5);
+    pell_context_destroy(&ctx);
+    assert_int_equal(fault.live, 0);
+    assert_int_equal(pell_context_create(NULL, &ctx), PELL_OK);
+    pell_context_destroy(&ctx);
+}
+
+struct counted {
+    int per_level[PELL_LOG_DEBUG + 1];
+    struct pell_message last;
+};
+
+static void count_message(void *user, const struct pell_message *m)
+{
+    struct counted *c = user;
+    c->per_level[m->level]++;
+    c->last = *m;
+    assert_non_null(m->where);
+    assert_non_null(m->hint);
+}
+
+static void messages_pass_the_threshold_and_never_hold_null(void **state)
+{
+    struct counted c = { .per_level = { 0 } };
+    struct pell_context_params params = { .log = count_message, .log_user = &c };
+    struct pell_context *ctx;
+    (void) state;
+
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
+    assert_int_equal(pell_error(ctx, PELL_ERR_FORMAT, NULL, NULL, "number %d", 3), PELL_ERR_FORMAT);
+    assert_int_equal(c.last.code, PELL_ERR_FORMAT);
+    pell_warn(ctx, NULL, NULL, "w");
+    assert_int_equal(c.last.code, PELL_OK);
+    pell_info(ctx, NULL, "i");
+    pell_debug(ctx, NULL, "d");
+    assert_int_equal(c.per_level[PELL_LOG_ERROR], 1);
+    assert_int_equal(c.per_level[PELL_LOG_WARNING], 1);
+    assert_int_equal(c.per_level[PELL_LOG_INFO], 1);
+    assert_int_equal(c.per_level[PELL_LOG_DEBUG], 0); /* above the default */
+    pell_context_destroy(&ctx);
+
+    params.log = NULL;
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
+    assert_int_equal(pell_error(ctx, PELL_ERR_IO, "x", "y", "nobody listens"), PELL_ERR_IO);
+    pell_progress(ctx, "task", 0.5);
+    pell_context_destroy(&ctx);
+}
+
+static void every_result_has_a_name_of_its_own(void **state)
+{
+    (void) state;
+    for (int a = PELL_ERR_CANCELLED; a <= PELL_OK; a++) {
+        assert_string_not_equal(pell_result_name((enum pell_result) a), "unknown result");
+        for (int b = PELL_ERR_CANCELLED; b < a; b++)
+            assert_string_not_equal(pell_result_name((enum pell_result) a), pell_result_name((enum pell_result) b));
+    }
+    assert_string_equal(pell_result_name((enum pell_result) 99), "unknown result");
+    assert_string_equal(pell_version(), PELL_TEST_VERSION); /* the build's number and the header's are one */
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(blocks_are_aligned_counted_and_zeroed),
+        cmocka_unit_test(products_that_overflow_are_refused),
+        cmocka_unit_test(memory_limit_is_exact_and_given_back),
+        cmocka_unit_test(growing_arrays_keep_their_items),
+        cmocka_unit_test(failed_growth_leaves_the_array_alone),
+        cmocka_unit_test(every_failing_allocation_is_survived),
+        cmocka_unit_test(context_refuses_bad_limits_and_half_an_allocator),
+        cmocka_unit_test(messages_pass_the_threshold_and_never_hold_null),
+        cmocka_unit_test(every_result_has_a_name_of_its_own),
+    };
+    return cmocka_run_group_tests_name("alloc", tests, NULL, NULL);
+}

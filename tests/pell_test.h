@@ -1,0 +1,97 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pell_test.h - cmocka, and what the tests of all rooms share. One program per module; each prints TAP.
+ *
+ * Shared assets and oracle results are found through PELL_SHARED (set by the build where ../shared exists); a test that needs an
+ * absent file skips by name.
+ */
+#ifndef PELL_TEST_H
+#define PELL_TEST_H
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/base.h"
+
+/* |a - b| <= tolerance, with both values printed. */
+#define REQUIRE_NEAR(a, b, tolerance)                                                                                              \
+    do {                                                                                                                           \
+        const double a_ = (a), b_ = (b), t_ = (tolerance);                                                                         \
+        if (!(fabs(a_ - b_) <= t_))                                                                                                \
+            fail_msg("%s = %.12g, %s = %.12g: differ by %.3g, allowed %.3g", #a, a_, #b, b_, fabs(a_ - b_), t_);                   \
+    } while (0)
+
+/* |a - b| <= tolerance |b|. */
+#define REQUIRE_REL(a, b, tolerance) REQUIRE_NEAR(a, b, (tolerance) * fabs(b))
+
+#define REQUIRE(expr)                                                                                                              \
+    do {                                                                                                                           \
+        if (!(expr))                                                                                                               \
+            fail_msg("%s does not hold", #expr);                                                                                   \
+    } while (0)
+
+/* The path of a file below ../shared, in one of a few static buffers; skips the running test, with the name, if it is not there. */
+static inline const char *shared_file(const char *name)
+{
+    static char buffers[8][1024];
+    static int next;
+    char *path = buffers[next++ % 8];
+    const char *root = getenv("PELL_SHARED");
+
+    snprintf(path, sizeof(buffers[0]), "%s/%s", root ? root : "../shared", name);
+    if (access(path, R_OK) != 0) {
+        print_message("# skipped: %s is not here\n", name);
+        skip();
+    }
+    return path;
+}
+
+/* Keeps the last error and counts messages, for tests of refusals. Set `.log = keep_message, .log_user = &kept`. */
+struct kept_messages {
+    int errors, warnings;
+    enum pell_result code;
+    char where[512], what[1024], hint[512]; /* of the last error */
+    char last_warning[1024];
+};
+
+static inline void keep_message(void *user, const struct pell_message *m)
+{
+    struct kept_messages *k = user;
+    if (m->level == PELL_LOG_ERROR) {
+        k->errors++;
+        k->code = m->code;
+        snprintf(k->where, sizeof(k->where), "%s", m->where);
+        snprintf(k->what, sizeof(k->what), "%s", m->what);
+        snprintf(k->hint, sizeof(k->hint), "%s", m->hint);
+    } else if (m->level == PELL_LOG_WARNING) {
+        k->warnings++;
+        snprintf(k->last_warning, sizeof(k->last_warning), "%s: %s", m->where, m->what);
+    }
+}
+
+/* A context whose allocator counts and whose messages are kept; `fault` and `kept` may be NULL. */
+static inline struct pell_context *test_context(struct pell_fault *fault, struct kept_messages *kept)
+{
+    struct pell_context_params params = { 0 };
+    struct pell_context *ctx;
+    if (fault)
+        params.allocator = pell_fault_allocator(fault);
+    if (kept) {
+        params.log = keep_message;
+        params.log_user = kept;
+    }
+    return pell_context_create(&params, &ctx) == PELL_OK ? ctx : NULL;
+}
+
+#endif
