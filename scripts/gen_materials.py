@@ -1,0 +1,231 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Checks the files of data/materials against their schema and writes them as a C table, sorted by name.
+
+    gen_materials.py --schema data/materials/schema.json --output materials_data.c data/materials/*.json
+    gen_materials.py --schema data/materials/schema.json --check data/materials/*.json
+
+The schema is the home of all rules that a JSON Schema can state; the few that it can't are in check_material. Standard library only.
+Every problem is printed as FILE: FIELD: what is wrong; the exit code is then 1.
+"""
+import argparse
+import json
+import math
+import os
+import re
+import sys
+
+TYPES = {'object': dict, 'array': list, 'string': str, 'boolean': bool}
+KNOWN = {'$schema', '$comment', '$defs', '$ref', 'title', 'description', 'type', 'required', 'additionalProperties', 'properties', 'items',
+         'enum', 'const', 'pattern', 'minLength', 'maxLength', 'minItems', 'maxItems', 'minimum', 'maximum', 'exclusiveMinimum', 'oneOf'}
+
+
+def is_number(value):
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def join(place, key):
+    return f'{place}[{key}]' if isinstance(key, int) else f'{place}.{key}' if place else key
+
+
+def validate(value, schema, root, place=''):
+    """The problems of `value` under `schema`, as (place, text): the subset of draft 2020-12 that our schema uses."""
+    if schema is True:
+        return []
+    if schema is False:
+        return [(place, 'does not belong here')]
+    unknown = set(schema) - KNOWN
+    if unknown:
+        raise SystemExit(f'schema: keyword {sorted(unknown)[0]!r} is not known to this script')
+    if '$ref' in schema:
+        target = root
+        for part in schema['$ref'].removeprefix('#/').split('/'):
+            target = target[part]
+        return validate(value, target, root, place)
+
+    found = []
+    kind = schema.get('type')
+    if kind and not (is_number(value) if kind == 'number' else isinstance(value, TYPES[kind])):
+        return [(place, f'{json.dumps(value)} is no {kind}')]
+    if 'enum' in schema and value not in schema['enum']:
+        found.append((place, f'{json.dumps(value)} is none of {", ".join(map(json.dumps, schema["enum"]))}'))
+    if 'const' in schema and value != schema['const']:
+        found.append((place, f'{json.dumps(value)} is not {json.dumps(schema["const"])}'))
+    if is_number(value):
+        if not math.isfinite(value):
+            found.append((place, f'{value} is not finite'))
+        elif value < schema.get('minimum', -math.inf) or value > schema.get('maximum', math.inf) \
+                or value <= schema.get('exclusiveMinimum', -math.inf):
+            low = schema.get('minimum', schema.get('exclusiveMinimum'))
+            found.append((place, f'{value} is not in {"(" if "exclusiveMinimum" in schema else "["}{low}, {schema.get("maximum")}]'))
+    elif isinstance(value, str):
+        if not schema.get('minLength', 0) <= len(value) <= schema.get('maxLength', math.inf):
+            found.append((place, f'{len(value)} characters; {schema.get("minLength", 0)} to {schema.get("maxLength")} are allowed'))
+        if 'pattern' in schema and not re.search(schema['pattern'], value):
+            found.append((place, f'{json.dumps(value)} does not match {schema["pattern"]}'))
+    elif isinstance(value, list):
+        if not schema.get('minItems', 0) <= len(value) <= schema.get('maxItems', math.inf):
+            found.append((place, f'{len(value)} items; {schema.get("minItems", 0)} to {schema.get("maxItems")} are allowed'))
+        for i, item in enumerate(value):
+            found += validate(item, schema.get('items', True), root, join(place, i))
+    elif isinstance(value, dict):
+        found += [(join(place, key), 'is missing') for key in schema.get('required', []) if key not in value]
+        properties = schema.get('properties', {})
+        for key, item in value.items():
+            found += validate(item, properties.get(key, schema.get('additionalProperties', True)), root, join(place, key))
+    if 'oneOf' in schema:
+        tries = [validate(value, sub, root, place) for sub in schema['oneOf']]
+        if sum(not t for t in tries) != 1:
+            # Of several ways to be right the one that is nearest says most; a wrong kind is reported above already.
+            best = min(tries, key=len)
+            title = schema['oneOf'][tries.index(best)].get('title', 'any of the forms')
+            found += [(p, f'{text} (as {title})') for p, text in best] or [(place, 'fits several forms at once')]
+    return found
+
+
+def check_material(material, name):
+    """What a JSON Schema can't say. `material` is valid under the schema."""
+    found = []
+    if material['name'] != name:
+        found.append(('name', f'{json.dumps(material["name"])} is not the file\'s name {json.dumps(name)}'))
+    if material['kind'] == 'medium':
+        for c in range(3):
+            total = material['sigma_a'][c] + material['sigma_s_reduced'][c]
+            if total < 1e-6:
+                found.append((f'sigma_s_reduced[{c}]', f'sigma_a + sigma_s_reduced = {total}; at least 1e-06 is needed'))
+    elif 'variances' in material:
+        variances, weights = material['variances'], material['weights']
+        for i in range(1, len(variances)):
+            if variances[i] <= variances[i - 1]:
+                found.append((f'variances[{i}]', f'{variances[i]} is not above {variances[i - 1]}'))
+        if len(weights) != len(variances):
+            found.append(('weights', f'{len(weights)} rows for {len(variances)} variances'))
+        for c in range(3):
+            if sum(row[c] for row in weights) <= 0:
+                found.append(('weights', f'column {c} has no positive weight'))
+    return found
+
+
+def no_duplicates(pairs):
+    keys = [key for key, _ in pairs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ValueError(f'the key {json.dumps(key)} stands twice')
+    return dict(pairs)
+
+
+def read(path, schema, problems):
+    def problem(place, text):
+        problems.append(f'{path}: {place + ": " if place else ""}{text}')
+
+    try:
+        with open(path, encoding='utf-8') as file:
+            material = json.load(file, object_pairs_hook=no_duplicates)
+    except (OSError, ValueError) as error:
+        problem('', str(error))
+        return None
+    found = validate(material, schema, schema) \
+        or check_material(material, os.path.basename(path).removesuffix('.json'))
+    for place, text in found:
+        problem(place, text)
+    return None if found else material
+
+
+def resolve(materials, paths, problems):
+    """Hands each borrowed profile over; the lender has one of its own, so there are no chains."""
+    for name, material in materials.items():
+        other = material.get('same_profile_as')
+        if other is None:
+            continue
+        if other not in materials or materials[other]['kind'] != 'gaussians' or 'same_profile_as' in materials[other]:
+            problems.append(f'{paths[name]}: same_profile_as: {json.dumps(other)} is no material with variances and weights of its own')
+        else:
+            material['variances'], material['weights'] = materials[other]['variances'], materials[other]['weights']
+
+
+def normalised(column):
+    """The column over its sum, such that adding the doubles up in order gives 1 exactly."""
+    column = [w / math.fsum(column) for w in column]
+    largest = column.index(max(column))
+    for _ in range(100):
+        total = 0.0
+        for w in column:
+            total += w
+        if total == 1.0:
+            return column
+        column[largest] += 1.0 - total
+    raise SystemExit('weights: no doubles found that sum to 1')
+
+
+def number(value):
+    return format(float(value), '.17g')
+
+
+def triple(values):
+    return '{ ' + ', '.join(map(number, values)) + ' }'
+
+
+def string(text):
+    """A C string literal: everything but plain ASCII as octal escapes, which end after three digits."""
+    return '"' + ''.join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f'\\{b:03o}' for b in text.encode()) + '"'
+
+
+def entry(m):
+    medium = m['kind'] == 'medium'
+    lines = [f'.name = {string(m["name"])}', f'.title = {string(m["title"])}',
+             f'.kind = {"PELL_MATERIAL_MEDIUM" if medium else "PELL_MATERIAL_GAUSSIANS"}']
+    if medium:
+        lines.append(f'.medium = {{ {triple(m["sigma_a"])}, {triple(m["sigma_s_reduced"])}, {triple(m["g"])}, {number(m["eta"])} }}')
+    else:
+        columns = [normalised([row[c] for row in m['weights']]) for c in range(3)]
+        rows = ', '.join(triple(row) for row in zip(*columns))
+        lines.append(f'.medium = {{ .eta = {number(m["eta"])} }}')
+        lines.append(f'.gaussians = {{ {len(m["variances"])}, {{ {", ".join(map(number, m["variances"]))} }}, {{ {rows} }} }}')
+    lines += [f'.color = {triple(m["color"])}', f'.roughness = {number(m["roughness"])}', f'.mix = {number(m["mix"])}',
+              f'.color_from_texture = {"true" if m["color_from"] == "texture" else "false"}',
+              f'.note = {string(m["note"])}', f'.source = {string(m["source"])}']
+    return '    {\n' + ''.join(f'        {line},\n' for line in lines) + '    },\n'
+
+
+def main():
+    parser = argparse.ArgumentParser(description='check data/materials and write it as a C table')
+    parser.add_argument('--schema', required=True)
+    parser.add_argument('--output', help='the C file to write')
+    parser.add_argument('--check', action='store_true', help='write nothing')
+    parser.add_argument('files', nargs='+')
+    args = parser.parse_args()
+    if bool(args.output) == args.check:
+        parser.error('one of --output and --check is needed')
+
+    with open(args.schema, encoding='utf-8') as file:
+        schema = json.load(file)
+    problems, materials, paths = [], {}, {}
+    args.files = [path for path in args.files if os.path.realpath(path) != os.path.realpath(args.schema)]
+    for path in args.files:
+        material = read(path, schema, problems)
+        if material is None:
+            continue
+        materials[material['name']], paths[material['name']] = material, path
+    if not problems:
+        resolve(materials, paths, problems)
+    # A file that nobody listed would silently not ship.
+    for folder in {os.path.dirname(path) for path in args.files}:
+        listed = {os.path.basename(path) for path in args.files} | {os.path.basename(args.schema)}
+        problems += [f'{os.path.join(folder, name)}: is not in the list of materials of the build'
+                     for name in sorted(os.listdir(folder or '.')) if name.endswith('.json') and name not in listed]
+    if problems:
+        print('\n'.join(problems), file=sys.stderr)
+        return 1
+    if args.output:
+        with open(args.output, 'w', encoding='ascii') as file:
+            file.write('/* SPDX-License-Identifier: MIT\n *\n'
+                       ' * materials_data.c - made from data/materials by scripts/gen_materials.py: do not edit. */\n'
+                       '#include "optics/materials.h"\n\n#include <stddef.h>\n\n'
+                       'const struct pell_material_entry pell_materials_data[] = {\n')
+            file.write(''.join(entry(materials[name]) for name in sorted(materials)))
+            file.write(f'}};\n\nconst size_t pell_materials_data_count = {len(materials)};\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

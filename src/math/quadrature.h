@@ -1,0 +1,17 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quadrature.h - adaptive integration of a function of one variable.
+ *
+ * Errors     none: the estimate of the error is returned, the caller judges it.
+ * Threads    safe; allocates nothing.
+ */
+#ifndef PELL_QUADRATURE_H
+#define PELL_QUADRATURE_H
+
+typedef double (*pell_integrand)(double x, const void *arg);
+
+/* Int_a^b f dx by the 15-point Gauss-Kronrod rule, bisecting the worst interval until the estimated error is at most
+ * max(tol_abs, tol_rel |integral|) or 200 intervals are in use. End points are never evaluated. `error` may be NULL. */
+double pell_integrate(pell_integrand f, const void *arg, double a, double b, double tol_abs, double tol_rel, double *error);
+
+#endif
