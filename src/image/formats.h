@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * formats.h - what the format files share; one pair of functions per format, called by image.c and write.c only.
+ *
+ * Ownership  decoders fill an image that the caller finishes, also on failure (it is {0} or complete enough for pell_image_finish).
+ */
+#ifndef PELL_FORMATS_H
+#define PELL_FORMATS_H
+
+#include "base/base.h"
+
+#include <pellucid/image.h>
+
+/* A file in memory. */
+struct pell_source {
+    const char *name; /* for messages */
+    const uint8_t *data;
+    size_t size;
+    enum pell_image_role role;
+};
+
+enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
+enum pell_result pell_jpeg_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
+enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
+enum pell_result pell_exr_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
+enum pell_result pell_pfm_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
+
+/* pell_exr_read from memory. */
+enum pell_result pell_exr_decode_layers(struct pell_context *ctx, const struct pell_source *src, struct pell_layers *layers);
+
+/* Checks a size against the limits before anything is allocated: PELL_ERR_FORMAT for 0, PELL_ERR_INVALID over image-pixels. */
+enum pell_result pell_image_check_size(struct pell_context *ctx, const char *name, int64_t width, int64_t height);
+
+/* Checks the size and allocates the pixels, not cleared. `srgb` is left false. */
+enum pell_result pell_image_make(struct pell_context *ctx, const char *name, int64_t width, int64_t height, int channels,
+                                 enum pell_pixel_type type, struct pell_image *image);
+
+/* For buffers that a library makes by itself: PELL_ERR_NOMEM if `bytes` more would pass the memory limit. */
+enum pell_result pell_image_check_memory(struct pell_context *ctx, const char *name, uint64_t bytes);
+
+/* Makes what a float file holds finite: NaN becomes 0, infinity +-65504; both are counted in one warning. */
+void pell_image_make_finite(struct pell_context *ctx, const char *name, float *values, size_t count);
+
+size_t pell_pixel_size(enum pell_pixel_type type); /* bytes of one channel */
+
+#define PELL_HALF_MAX 65504.0f
+
+/* --- Writing ------------------------------------------------------------------------------------------------------------------ */
+
+/* A file that grows in memory, and what was changed on the way. */
+struct pell_writer {
+    struct pell_context *ctx;
+    const char *name; /* for messages */
+    const struct pell_write_params *params;
+    uint8_t *data;
+    size_t size, capacity;
+    size_t bad, clamped; /* values that were not finite; values out of the format's range */
+};
+
+enum pell_result pell_png_encode(struct pell_writer *w);
+enum pell_result pell_hdr_encode(struct pell_writer *w);
+enum pell_result pell_exr_encode(struct pell_writer *w);
+enum pell_result pell_pfm_encode(struct pell_writer *w);
+
+/* Makes `size` bytes from `at` valid (zero where nothing was written) so that they can be written in place. */
+enum pell_result pell_writer_reserve(struct pell_writer *w, size_t at, size_t size);
+enum pell_result pell_writer_append(struct pell_writer *w, const void *bytes, size_t size);
+
+/* Row `y` of a channel as finite floats: out[0], out[step], ... Counts what was not finite. */
+void pell_writer_row(struct pell_writer *w, size_t channel, int y, float *out, size_t step);
+
+#endif

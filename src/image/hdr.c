@@ -1,0 +1,356 @@
+/* SPDX-License-Identifier: MIT
+ * hdr.c - Radiance pictures (G. Ward, "Real Pixels", Graphics Gems II, 1991): RGBE, flat, old and new run lengths, the eight orders of
+ * rows and columns, EXPOSURE and COLORCORR. A pixel is mantissa 2^(exponent - 136); 0 stays 0. */
+#include "image/formats.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define HEADER_LINE 2047 /* characters of one header line */
+
+struct reader {
+    struct pell_context *ctx;
+    const struct pell_source *src;
+    size_t at;
+    float scale[3]; /* what the pixels are multiplied with, from EXPOSURE and COLORCORR */
+    bool flip[2];   /* of the major and the minor axis */
+    bool columns;   /* scanlines are columns: X is the major axis */
+    int length[2];  /* scanlines, and pixels of one */
+};
+
+static enum pell_result damaged(struct reader *r, const char *what)
+{
+    return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, "the file is damaged: write it again",
+                      "Radiance HDR: %s at byte %zu of %zu", what, r->at, r->src->size);
+}
+
+/* The next header line without its end; false if the file ends in it or it is too long. */
+static bool next_line(struct reader *r, char line[HEADER_LINE + 1])
+{
+    size_t length = 0;
+
+    while (r->at < r->src->size && length < HEADER_LINE) {
+        const char c = (char) r->src->data[r->at++];
+        if (c == '\n') {
+            if (length && line[length - 1] == '\r')
+                length--;
+            line[length] = '\0';
+            return true;
+        }
+        line[length++] = c;
+    }
+    return false;
+}
+
+/* Up to 3 numbers, apart by blanks; returns how many, -1 where something is not a number. */
+static int numbers(const char *text, double out[3])
+{
+    int count = 0;
+
+    for (;;) {
+        size_t length;
+        text += strspn(text, " \t");
+        length = strcspn(text, " \t");
+        if (length == 0)
+            return count;
+        if (count == 3 || !pell_parse_number(text, length, &out[count]))
+            return -1;
+        count++;
+        text += length;
+    }
+}
+
+static enum pell_result header(struct reader *r)
+{
+    char line[HEADER_LINE + 1], shown[80];
+    double v[3];
+
+    r->scale[0] = r->scale[1] = r->scale[2] = 1.0f;
+    if (!next_line(r, line))
+        return damaged(r, "the header does not end");
+    for (;;) {
+        if (!next_line(r, line))
+            return damaged(r, "the header does not end");
+        if (line[0] == '\0')
+            return PELL_OK;
+        if (strncmp(line, "FORMAT=", 7) == 0) {
+            const char *format = line + 7 + strspn(line + 7, " \t");
+            if (strcmp(format, "32-bit_rle_xyze") == 0)
+                return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, "convert it with ra_xyze -r",
+                                  "Radiance HDR: pixels in CIE XYZ (32-bit_rle_xyze) are not read, must be 32-bit_rle_rgbe");
+            if (strcmp(format, "32-bit_rle_rgbe") != 0)
+                return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, NULL,
+                                  "Radiance HDR: FORMAT is '%s', must be 32-bit_rle_rgbe", pell_printable(format, shown, sizeof(shown)));
+        } else if (strncmp(line, "EXPOSURE=", 9) == 0 || strncmp(line, "COLORCORR=", 10) == 0) {
+            /* Both say what the pixels were multiplied with, and accumulate. */
+            const bool exposure = line[0] == 'E';
+            const int count = numbers(line + (exposure ? 9 : 10), v);
+            if (count != (exposure ? 1 : 3))
+                return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL, "Radiance HDR: '%s' must hold %d numbers",
+                                  pell_printable(line, shown, sizeof(shown)), exposure ? 1 : 3);
+            for (int c = 0; c < 3; c++) {
+                r->scale[c] = (float) ((double) r->scale[c] / v[exposure ? 0 : c]);
+                if (!(r->scale[c] > 1e-30f && r->scale[c] < 1e30f))
+                    return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL,
+                                      "Radiance HDR: the product of EXPOSURE and COLORCORR leaves (1e-30, 1e30) at '%s'",
+                                      pell_printable(line, shown, sizeof(shown)));
+            }
+        }
+    }
+}
+
+/* "-Y 32 +X 64": the major axis first; -Y is top to bottom, +X left to right. */
+static enum pell_result resolution(struct reader *r)
+{
+    char line[HEADER_LINE + 1], shown[80];
+    const char *p = line;
+    char axis[2];
+    enum pell_result res;
+
+    if (!next_line(r, line))
+        return damaged(r, "there is no line with the size");
+    for (int i = 0; i < 2; i++) {
+        int64_t n;
+        size_t length;
+        p += strspn(p, " \t");
+        if ((p[0] != '-' && p[0] != '+') || (p[1] != 'X' && p[1] != 'Y'))
+            goto bad;
+        axis[i] = p[1];
+        r->flip[i] = p[1] == 'Y' ? p[0] == '+' : p[0] == '-';
+        p += 2;
+        p += strspn(p, " \t");
+        length = strcspn(p, " \t");
+        if (!pell_parse_int(p, length, &n) || n < 0)
+            goto bad;
+        if (n > INT32_MAX)
+            return pell_image_check_size(r->ctx, r->src->name, n, n);
+        r->length[i] = (int) n;
+        p += length;
+    }
+    if (axis[0] == axis[1] || p[strspn(p, " \t")] != '\0')
+        goto bad;
+    r->columns = axis[0] == 'X';
+    res = pell_image_check_size(r->ctx, r->src->name, r->length[!r->columns], r->length[r->columns]);
+    if (res != PELL_OK)
+        return res;
+    /* The densest coding is 4 bytes for 16,843,008 pixels of one scanline, so no less than 4 bytes a scanline. */
+    if ((size_t) r->length[0] > (r->src->size - r->at) / 4)
+        return damaged(r, "fewer bytes follow than the scanlines need");
+    return PELL_OK;
+bad:
+    return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL, "Radiance HDR: the size is '%s', must be like '-Y 480 +X 640'",
+                      pell_printable(line, shown, sizeof(shown)));
+}
+
+/* Flat pixels, of which (1, 1, 1, n) repeats the one before n times; several in a row are digits of base 256. */
+static enum pell_result old_scanline(struct reader *r, uint8_t *rgbe)
+{
+    const size_t length = (size_t) r->length[1];
+    size_t x = 0;
+    int shift = 0;
+
+    while (x < length) {
+        const uint8_t *p = r->src->data + r->at;
+        if (r->src->size - r->at < 4)
+            return damaged(r, "the pixels end early");
+        if (p[0] == 1 && p[1] == 1 && p[2] == 1) {
+            size_t run;
+            if (x == 0 || shift > 24)
+                return damaged(r, "a run repeats nothing");
+            run = (size_t) p[3] << shift;
+            if (run > length - x)
+                return damaged(r, "a run passes the scanline's end");
+            for (; run; run--, x++)
+                memcpy(rgbe + 4 * x, rgbe + 4 * (x - 1), 4);
+            shift += 8;
+        } else {
+            memcpy(rgbe + 4 * x++, p, 4);
+            shift = 0;
+        }
+        r->at += 4;
+    }
+    return PELL_OK;
+}
+
+/* Four runs of bytes, one per component: n > 128 repeats the next byte n - 128 times, else n bytes follow. */
+static enum pell_result new_scanline(struct reader *r, uint8_t *rgbe)
+{
+    const size_t length = (size_t) r->length[1];
+    const uint8_t *d = r->src->data;
+
+    r->at += 4;
+    for (size_t c = 0; c < 4; c++)
+        for (size_t x = 0; x < length;) {
+            size_t n;
+            if (r->src->size - r->at < 2)
+                return damaged(r, "the pixels end early");
+            n = d[r->at++];
+            if (n > 128) {
+                const uint8_t value = d[r->at++];
+                n -= 128;
+                if (n > length - x)
+                    return damaged(r, "a run passes the scanline's end");
+                for (; n; n--)
+                    rgbe[4 * x++ + c] = value;
+            } else {
+                if (n == 0 || n > length - x)
+                    return damaged(r, "a run is empty or passes the scanline's end");
+                if (r->src->size - r->at < n)
+                    return damaged(r, "the pixels end early");
+                for (; n; n--)
+                    rgbe[4 * x++ + c] = d[r->at++];
+            }
+        }
+    return PELL_OK;
+}
+
+static enum pell_result scanline(struct reader *r, uint8_t *rgbe)
+{
+    const uint8_t *p = r->src->data + r->at;
+    const int length = r->length[1];
+
+    if (r->src->size - r->at < 4)
+        return damaged(r, "the pixels end early");
+    if (length < 8 || length > 32767 || p[0] != 2 || p[1] != 2 || p[2] >= 128)
+        return old_scanline(r, rgbe);
+    if ((p[2] << 8 | p[3]) != length)
+        return damaged(r, "a scanline has another length than the header says");
+    return new_scanline(r, rgbe);
+}
+
+/* Puts scanline `i` where it belongs in the picture, as floats. */
+static void place(const struct reader *r, int i, const uint8_t *rgbe, const float power[256], struct pell_image *image)
+{
+    const int major = r->flip[0] ? r->length[0] - 1 - i : i;
+    float *out = image->pixels;
+
+    for (int j = 0; j < r->length[1]; j++, rgbe += 4) {
+        const int minor = r->flip[1] ? r->length[1] - 1 - j : j;
+        const size_t x = (size_t) (r->columns ? major : minor), y = (size_t) (r->columns ? minor : major);
+        float *pixel = out + 3 * (y * (size_t) image->width + x);
+        for (int c = 0; c < 3; c++)
+            pixel[c] = (float) rgbe[c] * power[rgbe[3]] * r->scale[c];
+    }
+}
+
+enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image)
+{
+    struct reader r = { .ctx = ctx, .src = src };
+    enum pell_result res;
+    uint8_t *rgbe = NULL;
+    float power[256];
+
+    PELL_TRY(header(&r));
+    PELL_TRY(resolution(&r));
+    power[0] = 0;
+    for (int e = 1; e < 256; e++)
+        power[e] = ldexpf(1.0f, e - 136);
+    PELL_TRY(pell_image_make(ctx, src->name, r.length[!r.columns], r.length[r.columns], 3, PELL_PIXEL_F32, image));
+    rgbe = pell_alloc_array(ctx, (size_t) r.length[1], 4);
+    if (!rgbe) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    for (int i = 0; i < r.length[0]; i++) {
+        PELL_TRY(scanline(&r, rgbe));
+        place(&r, i, rgbe, power, image);
+    }
+    pell_image_make_finite(ctx, src->name, image->pixels, 3 * (size_t) image->width * (size_t) image->height);
+fail:
+    pell_free(ctx, rgbe);
+    return res;
+}
+
+/* --- Writing ------------------------------------------------------------------------------------------------------------------ */
+
+/* The nearest RGBE value; negative numbers become 0, too large ones the largest. */
+static void to_rgbe(struct pell_writer *w, const float rgb[3], uint8_t rgbe[4])
+{
+    float v[3], top = 0;
+    int exponent;
+
+    for (int c = 0; c < 3; c++) {
+        const float largest = 255.0f * 0x1p119f; /* (255, 255) */
+        v[c] = rgb[c] < 0 ? 0 : rgb[c] > largest ? largest : rgb[c];
+        w->clamped += rgb[c] != v[c];
+        top = v[c] > top ? v[c] : top;
+    }
+    memset(rgbe, 0, 4);
+    frexpf(top, &exponent);
+    if (top > 0 && ldexpf(top, 8 - exponent) + 0.5f >= 256.0f) /* rounds up to the next power of two */
+        exponent++;
+    if (top <= 0 || exponent < -127)
+        return;
+    for (int c = 0; c < 3; c++)
+        rgbe[c] = (uint8_t) (ldexpf(v[c], 8 - exponent) + 0.5f);
+    rgbe[3] = (uint8_t) (exponent + 128);
+}
+
+/* One component of a scanline in runs: repeats of 4 and more, else up to 128 bytes as they are. `out` has room for 2 * n. */
+static size_t encode_runs(const uint8_t *in, size_t n, uint8_t *out)
+{
+    size_t x = 0, size = 0;
+
+    while (x < n) {
+        size_t start = x, run = 0;
+        /* the next run of 4 or more */
+        while (start < n) {
+            for (run = 1; run < 127 && start + run < n && in[start + run] == in[start]; run++) {
+            }
+            if (run >= 4)
+                break;
+            start += run;
+        }
+        while (x < start) {
+            const size_t count = start - x < 128 ? start - x : 128;
+            out[size++] = (uint8_t) count;
+            memcpy(out + size, in + x, count);
+            size += count;
+            x += count;
+        }
+        if (start < n) {
+            out[size++] = (uint8_t) (128 + run);
+            out[size++] = in[start];
+            x = start + run;
+        }
+    }
+    return size;
+}
+
+enum pell_result pell_hdr_encode(struct pell_writer *w)
+{
+    const struct pell_write_params *p = w->params;
+    const size_t n = (size_t) p->width;
+    const bool runs = p->width >= 8 && p->width <= 32767;
+    float *values = pell_alloc_array(w->ctx, n, 3 * sizeof(*values));
+    uint8_t *planes = pell_alloc_array(w->ctx, n, 6), *coded = planes ? planes + 4 * n : NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
+    char head[128];
+
+    if (!values || !planes)
+        goto fail;
+    snprintf(head, sizeof(head), "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n", p->height, p->width);
+    PELL_TRY(pell_writer_append(w, head, strlen(head)));
+    for (int y = 0; y < p->height; y++) {
+        for (size_t c = 0; c < 3; c++)
+            pell_writer_row(w, p->num_channels < 3 ? 0 : c, y, values + c, 3);
+        for (size_t x = 0; x < n; x++) {
+            uint8_t rgbe[4];
+            to_rgbe(w, values + 3 * x, rgbe);
+            for (size_t c = 0; c < 4; c++)
+                planes[runs ? c * n + x : 4 * x + c] = rgbe[c];
+        }
+        if (!runs) {
+            PELL_TRY(pell_writer_append(w, planes, 4 * n));
+            continue;
+        }
+        PELL_TRY(pell_writer_append(w, (uint8_t[]) { 2, 2, (uint8_t) (n >> 8), (uint8_t) n }, 4));
+        for (size_t c = 0; c < 4; c++)
+            PELL_TRY(pell_writer_append(w, coded, encode_runs(planes + c * n, n, coded)));
+    }
+fail:
+    pell_free(w->ctx, planes);
+    pell_free(w->ctx, values);
+    return res;
+}

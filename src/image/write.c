@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: MIT
+ * write.c - pictures out: which format, rows of finite floats, a file that grows in memory and then replaces the old one. */
+#include "image/formats.h"
+
+#include "base/file.h"
+
+#include <math.h>
+#include <string.h>
+
+const char *const pell_write_formats[] = { "png", "exr", "hdr", "pfm", NULL };
+
+static enum pell_result (*const encoders[])(struct pell_writer *w) = { pell_png_encode, pell_exr_encode, pell_hdr_encode, pell_pfm_encode };
+
+enum pell_result pell_writer_reserve(struct pell_writer *w, size_t at, size_t size)
+{
+    size_t end, capacity = w->capacity ? w->capacity : 65536;
+    uint8_t *grown;
+
+    if (__builtin_add_overflow(at, size, &end) || end > SIZE_MAX / 2)
+        return pell_error(w->ctx, PELL_ERR_NOMEM, w->name, NULL, "a file of %zu + %zu bytes can't be made", at, size);
+    if (end > w->capacity) {
+        while (capacity < end)
+            capacity *= 2;
+        grown = pell_realloc_array(w->ctx, w->data, capacity, 1);
+        if (!grown)
+            return PELL_ERR_NOMEM;
+        w->data = grown;
+        w->capacity = capacity;
+    }
+    if (end > w->size) {
+        memset(w->data + w->size, 0, end - w->size);
+        w->size = end;
+    }
+    return PELL_OK;
+}
+
+enum pell_result pell_writer_append(struct pell_writer *w, const void *bytes, size_t size)
+{
+    const size_t at = w->size;
+    enum pell_result res;
+
+    if (size == 0)
+        return PELL_OK;
+    res = pell_writer_reserve(w, at, size);
+    if (res == PELL_OK)
+        memcpy(w->data + at, bytes, size);
+    return res;
+}
+
+void pell_writer_row(struct pell_writer *w, size_t channel, int y, float *out, size_t step)
+{
+    const struct pell_channel *c = &w->params->channels[channel];
+    const float *in = c->data + (ptrdiff_t) y * c->stride;
+
+    for (int x = 0; x < w->params->width; x++) {
+        const bool finite = isfinite(in[x]);
+        out[(size_t) x * step] = finite ? in[x] : 0.0f;
+        w->bad += !finite;
+    }
+}
+
+static enum pell_result check(struct pell_context *ctx, const char *name, const struct pell_write_params *p)
+{
+    const int64_t limit = pell_context_limits(ctx)->image_pixels;
+
+    if (p->width < 1 || p->height < 1 || p->width > limit / p->height)
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL,
+                          "a picture of %d x %d pixels can't be written, must be 1 x 1 or more and at most %lld pixels", p->width,
+                          p->height, (long long) limit);
+    if (!p->channels || p->num_channels < 1)
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "a picture without channels can't be written");
+    for (size_t i = 0; i < p->num_channels; i++)
+        if (!p->channels[i].data)
+            return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "channel %zu ('%s') has no data", i,
+                              p->channels[i].name ? p->channels[i].name : "");
+    for (size_t i = 0; i < p->num_attributes; i++)
+        if (!p->attributes || !p->attributes[i].name || !p->attributes[i].value)
+            return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "attribute %zu has no name or no value", i);
+    if (p->png_bits != 0 && p->png_bits != 8 && p->png_bits != 16)
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "png_bits = %d, must be 8 or 16", p->png_bits);
+    if ((int) p->compression < PELL_EXR_PIZ || (int) p->compression > PELL_EXR_NONE)
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "compression = %d is not one of enum pell_exr_compression",
+                          (int) p->compression);
+    return PELL_OK;
+}
+
+static enum pell_result find_format(struct pell_context *ctx, const char *path, const char *format, size_t *index)
+{
+    const size_t count = PELL_COUNT(encoders);
+    const char *dot = strrchr(pell_path_name(path), '.'), *given = format ? format : dot ? dot + 1 : "", *near;
+    struct pell_text hint = { "" };
+    char shown[64];
+
+    for (size_t i = 0; i < count; i++)
+        if (format ? strcmp(format, pell_write_formats[i]) == 0 : pell_path_has_extension(path, pell_write_formats[i])) {
+            *index = i;
+            return PELL_OK;
+        }
+    if (!format && strcmp(path, "-") == 0)
+        return pell_error(ctx, PELL_ERR_INVALID, path, NULL, "standard output needs a format: png, exr, hdr or pfm");
+    near = pell_nearest(given, pell_write_formats, count);
+    if (near)
+        pell_text_add(&hint, "did you mean %s?", near);
+    return pell_error(ctx, PELL_ERR_INVALID, path, hint.str, "pictures of format '%s' are not written, must be png, exr, hdr or pfm",
+                      pell_printable(given, shown, sizeof(shown)));
+}
+
+enum pell_result pell_image_write(struct pell_context *ctx, const char *path, const char *format, const struct pell_write_params *params)
+{
+    struct pell_writer w = { .ctx = ctx, .name = path, .params = params };
+    enum pell_result res;
+    size_t index = 0;
+
+    PELL_TRY(find_format(ctx, path, format, &index));
+    PELL_TRY(check(ctx, path, params));
+    PELL_TRY(encoders[index](&w));
+    if (w.bad)
+        pell_warn(ctx, path, NULL, "%zu values are not a number or infinite and were written as 0", w.bad);
+    if (w.clamped)
+        pell_warn(ctx, path, NULL, "%zu values are out of the format's range and were written as its nearest value", w.clamped);
+    PELL_TRY(pell_file_write(ctx, path, w.data, w.size));
+fail:
+    pell_free(ctx, w.data);
+    return res;
+}
