@@ -1,0 +1,245 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/scene.h - what is rendered: meshes, materials, lights, a camera. Plain data in millimetres after import.
+ *
+ * Axes       right-handed, y up; a camera looks along its forward vector. UV (0, 0) is the upper left of a picture, v runs down.
+ * Units      mm, linear Rec.709; intensity W/sr, irradiance W/m^2, radiance W/(m^2 sr). Point-light fall-off counts in metres.
+ * Ownership  a scene owns all that it points to. Build one with pell_scene_create and the pell_scene_add_* functions, or read one
+ *            with pell_scene_load. Nothing may change while a renderer has it.
+ * Errors     logged with file, place, value and what is allowed; the scene is destroyed by its owner also after a failure.
+ * Threads    one thread builds a scene; many may read it.
+ */
+#ifndef PELLUCID_SCENE_H
+#define PELLUCID_SCENE_H
+
+#include <pellucid/image.h>
+#include <pellucid/optics.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define PELL_UV_SETS 4
+
+struct pell_context;
+
+/* One run of triangles with one material, in world space. Arrays belong to the scene. */
+struct pell_mesh {
+    char *name;
+    int object;   /* things of one file node share a number: closedness and thickness are judged per object */
+    int material; /* index into the scene's materials */
+    uint32_t num_vertices, num_triangles;
+    float *position;         /* xyz, mm */
+    float *normal;           /* xyz, unit */
+    float *tangent;          /* xyz, and w = +-1: bitangent = w cross(normal, tangent); NULL if no map needs it */
+    float *uv[PELL_UV_SETS]; /* uv, NULL if that set is not there */
+    float *color;            /* rgba, linear, multiplies the base colour; may be NULL */
+    uint32_t *index;         /* 3 a triangle, counter-clockwise seen from outside */
+};
+
+struct pell_texture {
+    char *name; /* file or place it came from, for messages */
+    struct pell_image image;
+    enum pell_wrap wrap_u, wrap_v;
+    bool nearest;
+    bool shared;  /* private: the pixels belong to another texture of the scene */
+    bool sampled; /* private: somebody relies on the sampler */
+    uint64_t key; /* private: of the importers' cache, 0 none */
+};
+
+/* How a surface looks a texture up: uv' = matrix (u, v, 1). */
+struct pell_texture_map {
+    const struct pell_texture *texture; /* NULL: none */
+    int uv;                             /* UV set, [0, PELL_UV_SETS) */
+    int channel;                        /* for maps of one number: 0..3 = r, g, b, a */
+    float matrix[6];                    /* u' = m0 u + m1 v + m2, v' = m3 u + m4 v + m5 */
+};
+
+enum pell_color_from { PELL_COLOR_FROM_PROFILE, PELL_COLOR_FROM_TEXTURE };
+enum pell_specular_model { PELL_SPECULAR_GGX, PELL_SPECULAR_KELEMEN };
+
+struct pell_material {
+    char *name;
+    char *preset; /* name of the built-in entry that it came from; may be NULL */
+    bool opaque;  /* no light passes below the surface: Lambert */
+
+    /* Below the surface. If gaussians.count > 0 they are the profile (published sets), else it is made from `medium`. */
+    struct pell_medium medium;
+    struct pell_gaussians gaussians;
+    enum pell_color_from color_from;
+    float mix;                            /* m: albedo^m going in, albedo^(1-m) coming out, [0, 1] */
+    float strength;                       /* scales the scattering radius, [0, 1] */
+    struct pell_texture_map strength_map; /* `channel` of it multiplies `strength` */
+
+    /* The surface. */
+    float base_color[4]; /* linear; alpha is compared with alpha_cutoff where alpha_mask */
+    struct pell_texture_map base_color_map;
+    float metallic, roughness;               /* [0, 1]; roughness is perceptual: alpha = roughness^2 */
+    struct pell_texture_map metallic_map;    /* `channel` */
+    struct pell_texture_map roughness_map;   /* `channel` */
+    enum pell_specular_model specular;
+    float rho_s;                             /* scales the specular lobe, [0, 1] */
+    float specular_color[3];                 /* tints it */
+    struct pell_texture_map rho_s_map;       /* `channel` */
+    struct pell_texture_map specular_color_map;
+    struct pell_texture_map normal_map;
+    float normal_scale;
+    float emissive[3]; /* radiance, W/(m^2 sr) */
+    struct pell_texture_map emissive_map;
+    bool alpha_mask;
+    float alpha_cutoff;
+    bool double_sided;
+};
+
+enum pell_light_type {
+    PELL_LIGHT_POINT,       /* power: intensity */
+    PELL_LIGHT_SPOT,        /* power: intensity on the axis */
+    PELL_LIGHT_DIRECTIONAL, /* power: irradiance on a facing plane */
+    PELL_LIGHT_RECT,        /* power: radiance of its front */
+    PELL_LIGHT_DISC,        /* power: radiance of its front */
+    PELL_LIGHT_ENVIRONMENT, /* power: scales the image's radiance, or is the radiance */
+};
+
+struct pell_light {
+    enum pell_light_type type;
+    char *name;
+    float position[3];                /* mm; not for directional and environment */
+    float direction[3];               /* unit, the way the light goes */
+    float up[3];                      /* unit, at right angles to direction: the v axis of a rect and of pictures points against it */
+    float power[3];                   /* see the types */
+    float cos_inner, cos_outer;       /* spot: full power inside, none outside, smooth between */
+    float width, height, radius;      /* mm; rect, disc */
+    float range;                      /* mm, 0: none (KHR_lights_punctual's cut-off) */
+    struct pell_texture *image;       /* environment: latitude-longitude, +y up, its centre at -z; others: projected. May be NULL */
+    float image_fov;                  /* of a projected image, vertical, radians; spot: 0 takes the cone */
+    float rotate;                     /* environment: radians about y */
+};
+
+struct pell_camera {
+    char *name;
+    float position[3];
+    float forward[3], up[3]; /* unit, at right angles */
+    float fov;               /* vertical, radians; unused where ortho_height > 0 */
+    float ortho_height;      /* mm; 0: perspective */
+};
+
+enum pell_background { PELL_BACKGROUND_COLOR, PELL_BACKGROUND_ENVIRONMENT, PELL_BACKGROUND_IMAGE, PELL_BACKGROUND_TRANSPARENT };
+
+/* A "render" entry of a scene file: the command line's option of that name ("width", "method"), or a knob ("knobs/lod"). */
+struct pell_scene_option {
+    char *name, *value, *where;
+};
+
+struct pell_scene {
+    struct pell_context *ctx; /* borrowed */
+    char *path;               /* of the file it was read from, "" if none */
+
+    struct pell_mesh *meshes;
+    size_t num_meshes;
+    struct pell_material *materials; /* at least one after pell_scene_finish_import */
+    size_t num_materials;
+    struct pell_texture **textures;
+    size_t num_textures;
+    struct pell_light *lights;
+    size_t num_lights;
+    struct pell_camera *cameras; /* the first is used */
+    size_t num_cameras;
+
+    enum pell_background background;
+    float background_color[3]; /* as shown: 1 is display white */
+    struct pell_texture *background_image;
+
+    float bounds_min[3], bounds_max[3]; /* of all meshes but made ground, mm */
+    int ground_mesh;                    /* index of the made ground, or -1 */
+    double mm_per_unit;                 /* of the first mesh file: what one of its units was taken for */
+    struct pell_scene_option *options;
+    size_t num_options;
+
+    /* private */
+    bool from_file;                         /* bad values are a file's fault, not the caller's */
+    size_t capacity[6];                     /* of the arrays above */
+    int64_t total_vertices, total_triangles; /* allocated so far, against the limits */
+    uint32_t *texture_slots;                /* hash of texture keys, holds index + 1 */
+    size_t num_texture_slots;
+};
+
+/* --- Reading ------------------------------------------------------------------------------------------------------------------ */
+
+struct pell_load_params {
+    double mm_per_unit;   /* > 0: what one unit of the file is; 0: the format's own (glTF 1 m), else refused */
+    double size_mm;       /* > 0: scale so that the largest extent of the bounds is this; not with mm_per_unit */
+    const char *material; /* built-in name or material file for everything; NULL: as the file says, marble where it says nothing */
+    const char *camera;   /* name of a camera of the file; NULL: its first, else framing from the bounds */
+    double time;          /* seconds; animation is not read yet: a value other than 0 is refused */
+    float aspect;         /* width / height of the picture, for framing; 0: 16/9 */
+    bool allow_outside;   /* let files refer to files outside the scene's folder */
+    bool bare;            /* add no default lights, no default camera, no ground: `check` */
+};
+
+/* Reads .gltf, .glb, .obj, .ply or a scene .json (told apart by content where it can be), completes it: normals, tangents where maps
+ * need them, default lights, camera and material. Without a unit OBJ and PLY are refused (PELL_ERR_INVALID). */
+PELL_API PELL_NODISCARD enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params,
+                                                         struct pell_scene **out);
+
+PELL_API void pell_scene_destroy(struct pell_scene **scene);
+
+/* --- Checking ----------------------------------------------------------------------------------------------------------------- */
+
+enum pell_severity { PELL_SEVERITY_NOTE, PELL_SEVERITY_WARNING, PELL_SEVERITY_ERROR };
+
+struct pell_problem {
+    enum pell_severity severity;
+    char *where, *what;
+};
+
+/* Per object: what its surface is like. */
+struct pell_object_report {
+    char *name;
+    int material;
+    int64_t triangles, boundary_edges, nonmanifold_edges, flipped_edges, degenerate_triangles;
+    int components;
+    bool closed, outward; /* outward: positive enclosed volume */
+    double volume_mm3, area_mm2;
+    double thickness_mm;  /* 2 * volume / area scaled: a mean thickness; 0 where open */
+};
+
+struct pell_scene_report {
+    struct pell_problem *problems;
+    size_t num_problems;
+    struct pell_object_report *objects;
+    size_t num_objects;
+    int64_t triangles;
+    float bounds_min[3], bounds_max[3];
+};
+
+/* Looks at closedness, orientation, scale and values. The report is emptied with pell_scene_report_finish. */
+PELL_API PELL_NODISCARD enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_scene_report *report);
+PELL_API void pell_scene_report_finish(struct pell_context *ctx, struct pell_scene_report *report);
+
+/* --- Building by hand --------------------------------------------------------------------------------------------------------- */
+
+PELL_API PELL_NODISCARD enum pell_result pell_scene_create(struct pell_context *ctx, struct pell_scene **out);
+
+/* Each adds a zeroed element (materials: glTF's defaults, marble's medium, opaque) and sets *index. Pointers to earlier elements of
+ * the same array may move, textures never do. Names are copied; NULL is "". */
+PELL_API PELL_NODISCARD enum pell_result pell_scene_add_mesh(struct pell_scene *scene, const char *name, size_t *index);
+PELL_API PELL_NODISCARD enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *name, size_t *index);
+PELL_API PELL_NODISCARD enum pell_result pell_scene_add_texture(struct pell_scene *scene, const char *name, struct pell_texture **texture);
+PELL_API PELL_NODISCARD enum pell_result pell_scene_add_light(struct pell_scene *scene, const char *name, size_t *index);
+PELL_API PELL_NODISCARD enum pell_result pell_scene_add_camera(struct pell_scene *scene, const char *name, size_t *index);
+
+/* Allocates a mesh's position, normal and index arrays (zeroed); limits vertices and triangles are checked over the whole scene. */
+PELL_API PELL_NODISCARD enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint32_t vertices, uint32_t triangles);
+
+/* Turns a material into a built-in entry: medium or Gaussians, colour, roughness, mix. `where` names the place that asked. */
+PELL_API PELL_NODISCARD enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, const char *where,
+                                                             const char *entry);
+
+/* Computes bounds, makes missing normals (area- and angle-weighted) and tangents, checks every index and value. Call once after
+ * building, before rendering. */
+PELL_API PELL_NODISCARD enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,358 @@
+/* SPDX-License-Identifier: MIT
+ * check.c - what a scene holds and what is wrong with it: closedness, orientation, scale, media, textures. */
+#include "scene/topology.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum kind {
+    OPEN, NONMANIFOLD, FLIPPED, INWARD, DEGENERATE, NO_UV, THIN, SIZE, NO_SCATTERING, MEDIUM, NONE_TRANSLUCENT, KINDS
+};
+
+struct check {
+    const struct pell_scene *scene;
+    struct pell_context *ctx;
+    struct pell_scene_report *report;
+    size_t capacity;
+    int64_t found[KINDS];
+};
+
+/* Adds a problem; what is more than the limit of one kind is only counted. */
+static PELL_PRINTF(5, 6) enum pell_result add(struct check *k, enum kind kind, enum pell_severity severity, const char *where,
+                                              const char *fmt, ...)
+{
+    struct pell_scene_report *r = k->report;
+    void *array = r->problems;
+    struct pell_problem *p;
+    char what[512];
+    va_list args;
+    enum pell_result res;
+
+    if (k->found[kind]++ >= pell_context_limits(k->ctx)->warnings)
+        return PELL_OK;
+    res = pell_grow(k->ctx, &array, r->num_problems, &k->capacity, sizeof(*r->problems));
+    r->problems = array;
+    if (res != PELL_OK)
+        return res;
+    va_start(args, fmt);
+    vsnprintf(what, sizeof(what), fmt, args);
+    va_end(args);
+    p = &r->problems[r->num_problems++];
+    p->severity = severity;
+    p->where = pell_strdup(k->ctx, where);
+    p->what = pell_strdup(k->ctx, what);
+    return p->where && p->what ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+static const char *name_place(const char *kind, const char *name, struct pell_text *text)
+{
+    char shown[96];
+
+    memset(text, 0, sizeof(*text));
+    pell_text_add(text, "%s \"%s\"", kind, pell_printable(name, shown, sizeof(shown)));
+    return text->str;
+}
+
+/* --- Objects ------------------------------------------------------------------------------------------------------------------ */
+
+static void measure(const struct pell_topology *t, const struct pell_part *parts, struct pell_object_report *o)
+{
+    double area = 0.0;
+
+    o->triangles = t->num_triangles;
+    o->degenerate_triangles = t->num_degenerate;
+    o->components = (int) t->num_parts;
+    o->closed = t->num_parts > 0;
+    for (uint32_t e = 0, end; e < t->num_halves; e = end) {
+        end = pell_topology_edge(t, e);
+        o->boundary_edges += end - e == 1;
+        o->nonmanifold_edges += end - e > 2;
+        o->flipped_edges += end - e == 2 && pell_half_start(t, t->half[e]) == pell_half_start(t, t->half[e + 1]);
+    }
+    for (uint32_t i = 0; i < t->num_parts; i++) {
+        o->closed &= parts[i].closed;
+        o->volume_mm3 += parts[i].volume;
+    }
+    for (uint32_t i = 0; i < t->num_triangles; i++)
+        area += (double) vec3_length(vec3_load(t->face + 3 * (size_t) i));
+    o->area_mm2 = 0.5 * area * t->scale * t->scale;
+    o->outward = o->closed && o->volume_mm3 > 0.0;
+    o->thickness_mm = o->outward && o->area_mm2 > 0.0 ? 2.0 * o->volume_mm3 / o->area_mm2 : 0.0;
+}
+
+/* The longest mean free path of the object's translucent materials; 0 if it has none. */
+static double longest_path(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_material **which)
+{
+    double longest = 0.0;
+
+    *which = NULL;
+    for (size_t i = 0; i < t->num_meshes; i++) {
+        const struct pell_material *m = &scene->materials[scene->meshes[t->mesh[i]].material];
+        for (int c = 0; c < 3 && !m->opaque && m->gaussians.count == 0; c++) {
+            const double path = pell_mean_free_path(&m->medium, c);
+            if (path > longest) {
+                longest = path;
+                *which = m;
+            }
+        }
+    }
+    return longest;
+}
+
+static enum pell_result judge(struct check *k, const struct pell_topology *t, const struct pell_object_report *o)
+{
+    const struct pell_material *thinnest;
+    const double path = longest_path(k->scene, t, &thinnest), size = o->thickness_mm > 0.0 ? o->thickness_mm : t->scale;
+    struct pell_text text;
+    const char *where = name_place("object", o->name, &text);
+    bool translucent = false;
+    enum pell_result res;
+
+    for (size_t i = 0; i < t->num_meshes; i++)
+        translucent |= !k->scene->materials[k->scene->meshes[t->mesh[i]].material].opaque;
+    if (translucent && o->boundary_edges)
+        PELL_TRY(add(k, OPEN, PELL_SEVERITY_WARNING, where,
+                     "is open: %lld edges have one triangle, so there is no inside and no thickness; close the mesh",
+                     (long long) o->boundary_edges));
+    if (translucent && o->nonmanifold_edges)
+        PELL_TRY(
+            add(k, NONMANIFOLD, PELL_SEVERITY_WARNING, where, "%lld edges have more than two triangles", (long long) o->nonmanifold_edges));
+    if (o->flipped_edges)
+        PELL_TRY(add(k, FLIPPED, PELL_SEVERITY_WARNING, where, "%lld edges lie between triangles that face opposite ways",
+                     (long long) o->flipped_edges));
+    if (o->closed && o->volume_mm3 < 0.0)
+        PELL_TRY(add(k, INWARD, PELL_SEVERITY_WARNING, where, "has its inside out: it encloses %.4g mm^3", o->volume_mm3));
+    if (o->degenerate_triangles)
+        PELL_TRY(add(k, DEGENERATE, PELL_SEVERITY_NOTE, where, "%lld of %lld triangles have no area", (long long) o->degenerate_triangles,
+                     (long long) o->triangles));
+    if (path > size)
+        PELL_TRY(
+            add(k, THIN, PELL_SEVERITY_WARNING, where,
+                "light goes %.3g mm in \"%s\" between two scattering events, but the object is %.3g mm %s: diffusion does not hold; is "
+                "the size right?",
+                path, thinnest->name, size, o->thickness_mm > 0.0 ? "thick on average" : "large"));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result check_object(struct check *k, const uint32_t *meshes, size_t count)
+{
+    struct pell_object_report *o = &k->report->objects[k->report->num_objects];
+    struct pell_topology t;
+    struct pell_part *parts = NULL;
+    enum pell_result res;
+
+    if (pell_cancelled(k->ctx))
+        return PELL_ERR_CANCELLED;
+    PELL_TRY(pell_topology_make(&t, k->scene, meshes, count));
+    memset(o, 0, sizeof(*o));
+    o->name = pell_strdup(k->ctx, k->scene->meshes[meshes[0]].name);
+    parts = pell_alloc_array(k->ctx, t.num_parts, sizeof(*parts));
+    res = PELL_ERR_NOMEM;
+    if (o->name && parts) {
+        k->report->num_objects++;
+        o->material = k->scene->meshes[meshes[0]].material;
+        pell_topology_parts(&t, k->scene, parts);
+        measure(&t, parts, o);
+        k->report->triangles += o->triangles;
+        res = judge(k, &t, o);
+    } else {
+        pell_free(k->ctx, o->name);
+    }
+    pell_free(k->ctx, parts);
+    pell_topology_finish(&t);
+
+fail:
+    return res;
+}
+
+static enum pell_result check_objects(struct check *k)
+{
+    const struct pell_scene *scene = k->scene;
+    uint32_t *order = pell_alloc_array(k->ctx, scene->num_meshes, sizeof(*order));
+    uint32_t *scratch = pell_alloc_array(k->ctx, scene->num_meshes, sizeof(*scratch));
+    size_t objects = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!order || !scratch)
+        goto fail;
+    pell_scene_objects(scene, order, scratch);
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        objects += i == 0 || scene->meshes[order[i]].object != scene->meshes[order[i - 1]].object;
+    k->report->objects = pell_calloc(k->ctx, objects, sizeof(*k->report->objects));
+    if (!k->report->objects)
+        goto fail;
+    for (size_t i = 0, end; i < scene->num_meshes; i = end) {
+        for (end = i + 1; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++)
+            ;
+        if ((int) order[i] != scene->ground_mesh)
+            PELL_TRY(check_object(k, order + i, end - i));
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(k->ctx, order);
+    pell_free(k->ctx, scratch);
+    return res;
+}
+
+/* --- Textures and materials --------------------------------------------------------------------------------------------------- */
+
+/* A UV set that one of the material's maps needs and the mesh lacks, or -1. */
+static int missing_uv(const struct pell_mesh *mesh, const struct pell_material *m)
+{
+    const struct pell_texture_map *const maps[] = { &m->strength_map,  &m->base_color_map,     &m->metallic_map, &m->roughness_map,
+                                                    &m->rho_s_map,     &m->specular_color_map, &m->normal_map,   &m->emissive_map };
+
+    for (size_t i = 0; i < PELL_COUNT(maps); i++)
+        if (maps[i]->texture && maps[i]->uv >= 0 && maps[i]->uv < PELL_UV_SETS && !mesh->uv[maps[i]->uv])
+            return maps[i]->uv;
+    return -1;
+}
+
+static enum pell_result check_maps(struct check *k)
+{
+    struct pell_text text;
+    enum pell_result res;
+
+    for (size_t i = 0; i < k->scene->num_meshes; i++) {
+        const struct pell_mesh *mesh = &k->scene->meshes[i];
+        const struct pell_material *m = &k->scene->materials[mesh->material];
+        const int uv = missing_uv(mesh, m);
+        if (uv >= 0)
+            PELL_TRY(add(k, NO_UV, PELL_SEVERITY_WARNING, name_place("mesh", mesh->name, &text),
+                         "has no texture coordinates (UV set %d), which the textures of \"%s\" need", uv, m->name));
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result describe_medium(struct check *k, const struct pell_material *m, const char *where)
+{
+    const char *color = m->color_from == PELL_COLOR_FROM_TEXTURE ? "colour from textures or the base colour" : "colour from the profile";
+    const struct pell_medium *d = &m->medium;
+    bool scatters = false;
+    enum pell_result res;
+
+    if (m->gaussians.count) {
+        double mean[3] = { 0 };
+        for (int c = 0; c < 3; c++) {
+            double sum = 0.0;
+            for (int g = 0; g < m->gaussians.count; g++) {
+                sum += m->gaussians.weight[g][c];
+                mean[c] += m->gaussians.weight[g][c] * m->gaussians.variance[g];
+            }
+            mean[c] = sum > 0.0 && mean[c] > 0.0 ? sqrt(2.0 * mean[c] / sum) : 0.0;
+        }
+        return add(k, MEDIUM, PELL_SEVERITY_NOTE, where, "sum of %d Gaussians, root mean square radius %.3g, %.3g, %.3g mm; eta %.3g; %s",
+                   m->gaussians.count, mean[0], mean[1], mean[2], d->eta, color);
+    }
+    for (int c = 0; c < 3; c++)
+        scatters |= d->sigma_s_reduced[c] > 0.0;
+    PELL_TRY(add(k, MEDIUM, PELL_SEVERITY_NOTE, where,
+                 "mean free path %.3g, %.3g, %.3g mm; diffuse mean free path %.3g, %.3g, %.3g mm; eta %.3g; %s", pell_mean_free_path(d, 0),
+                 pell_mean_free_path(d, 1), pell_mean_free_path(d, 2), pell_diffuse_mean_free_path(d, 0), pell_diffuse_mean_free_path(d, 1),
+                 pell_diffuse_mean_free_path(d, 2), d->eta, color));
+    if (!scatters)
+        PELL_TRY(add(k, NO_SCATTERING, PELL_SEVERITY_WARNING, where, "only absorbs: sigma_s_reduced is 0 in all channels"));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result check_materials(struct check *k)
+{
+    const struct pell_scene *scene = k->scene;
+    bool *used = pell_calloc(k->ctx, scene->num_materials, sizeof(*used)), translucent = false;
+    struct pell_text text;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!used)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        used[scene->meshes[i].material] |= (int) i != scene->ground_mesh;
+    for (size_t i = 0; i < scene->num_materials; i++) {
+        const struct pell_material *m = &scene->materials[i];
+        if (!used[i] || m->opaque)
+            continue;
+        translucent = true;
+        PELL_TRY(describe_medium(k, m, name_place("material", m->name, &text)));
+    }
+    res = translucent
+              ? PELL_OK
+              : add(k, NONE_TRANSLUCENT, PELL_SEVERITY_WARNING, "materials", "none is translucent, so nothing scatters below a surface");
+
+fail:
+    pell_free(k->ctx, used);
+    return res;
+}
+
+static enum pell_result check_size(struct check *k)
+{
+    const float *min = k->report->bounds_min, *max = k->report->bounds_max;
+    const float extent = fmaxf(max[0] - min[0], fmaxf(max[1] - min[1], max[2] - min[2]));
+
+    if (extent >= 0.1f && extent <= 1e5f)
+        return PELL_OK;
+    return add(k, SIZE, PELL_SEVERITY_WARNING, "scene",
+               "the largest extent is %g mm, which is %s for a translucent thing; is the unit right?", (double) extent,
+               extent < 0.1f ? "tiny" : "huge");
+}
+
+static enum pell_result add_counts(struct check *k)
+{
+    const int limit = pell_context_limits(k->ctx)->warnings;
+    int64_t more = 0;
+
+    for (int i = 0; i < KINDS; i++)
+        more += k->found[i] > limit ? k->found[i] - limit : 0;
+    k->found[MEDIUM] = 0;
+    return more ? add(k, MEDIUM, PELL_SEVERITY_NOTE, "scene", "%lld more of the same kinds are not listed", (long long) more) : PELL_OK;
+}
+
+enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_scene_report *report)
+{
+    struct check k = { .scene = scene, .ctx = scene->ctx, .report = report };
+    enum pell_result res;
+
+    memset(report, 0, sizeof(*report));
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        if (m->material < 0 || (size_t) m->material >= scene->num_materials)
+            return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, "call pell_scene_complete first", "mesh %zu has no material", i);
+        for (size_t t = 0; t < 3 * (size_t) m->num_triangles; t++)
+            if (m->index[t] >= m->num_vertices)
+                return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, "call pell_scene_complete first",
+                                  "mesh %zu refers to vertex %u of %u", i, m->index[t], m->num_vertices);
+    }
+    if (!pell_scene_bounds(scene, report->bounds_min, report->bounds_max))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "the scene has no triangles, or not finite ones");
+    PELL_TRY(check_objects(&k));
+    PELL_TRY(check_maps(&k));
+    PELL_TRY(check_materials(&k));
+    PELL_TRY(check_size(&k));
+    PELL_TRY(add_counts(&k));
+    return PELL_OK;
+
+fail:
+    pell_scene_report_finish(scene->ctx, report);
+    return res;
+}
+
+void pell_scene_report_finish(struct pell_context *ctx, struct pell_scene_report *report)
+{
+    for (size_t i = 0; i < report->num_problems; i++) {
+        pell_free(ctx, report->problems[i].where);
+        pell_free(ctx, report->problems[i].what);
+    }
+    for (size_t i = 0; i < report->num_objects; i++)
+        pell_free(ctx, report->objects[i].name);
+    pell_free(ctx, report->problems);
+    pell_free(ctx, report->objects);
+    memset(report, 0, sizeof(*report));
+}

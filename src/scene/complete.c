@@ -1,0 +1,521 @@
+/* SPDX-License-Identifier: MIT
+ * complete.c - from "what the file says" to "what a renderer may trust": every index and value checked, bounds, orientation, normals,
+ * tangents, and the defaults for what is missing. */
+#include "scene/topology.h"
+
+#include <float.h>
+#include <string.h>
+
+#define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay far inside a float's range */
+
+static bool in_range(double value, double min, double max)
+{
+    return value >= min && value <= max;
+}
+
+static enum pell_result bad_value(struct pell_scene *scene, const char *kind, const char *name, const char *field, double value,
+                                  double min, double max)
+{
+    struct pell_text where = { 0 };
+    char shown[96];
+
+    pell_text_add(&where, "%s: %s \"%s\"", scene->path, kind, pell_printable(name, shown, sizeof(shown)));
+    return pell_error(scene->ctx, scene->from_file ? PELL_ERR_FORMAT : PELL_ERR_INVALID, where.str, NULL, "%s is %g, allowed: [%g, %g]",
+                      field, value, min, max);
+}
+
+/* --- Meshes ------------------------------------------------------------------------------------------------------------------- */
+
+/* Not-finite values of an array that can do without them become 0. Returns their number. */
+static size_t clear_bad(float *values, size_t count)
+{
+    size_t bad = 0;
+
+    for (size_t i = 0; i < count; i++)
+        if (!(fabsf(values[i]) <= FLT_MAX)) {
+            values[i] = 0.0f;
+            bad++;
+        }
+    return bad;
+}
+
+/* Unit normals; what can't be made one becomes zero, for pell_make_normals. */
+static void clean_normals(struct pell_mesh *mesh)
+{
+    for (size_t i = 0; i < mesh->num_vertices; i++) {
+        float *n = mesh->normal + 3 * i;
+        const float largest = fmaxf(fabsf(n[0]), fmaxf(fabsf(n[1]), fabsf(n[2])));
+        if (largest > 0.0f && largest <= FLT_MAX && isfinite(n[0] + n[1] + n[2]))
+            vec3_store(vec3_normalize(vec3_mul(vec3_load(n), 1.0f / largest)), n);
+        else
+            n[0] = n[1] = n[2] = 0.0f;
+    }
+}
+
+static void clean_tangents(struct pell_mesh *mesh)
+{
+    for (size_t i = 0; mesh->tangent && i < mesh->num_vertices; i++) {
+        float *t = mesh->tangent + 4 * i;
+        const struct pell_vec3 n = vec3_load(mesh->normal + 3 * i);
+        struct pell_vec3 v = vec3_load(t), b;
+        v = vec3_normalize(vec3_mad(v, -vec3_dot(v, n), n));
+        if (!(vec3_dot(v, v) > 0.5f))
+            vec3_basis(n, &v, &b);
+        vec3_store(v, t);
+        t[3] = t[3] < 0.0f ? -1.0f : 1.0f;
+    }
+}
+
+static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
+{
+    struct pell_mesh *m = &scene->meshes[index];
+    struct pell_text where = { 0 };
+    char shown[96];
+    size_t bad = 0;
+
+    pell_text_add(&where, "%s: mesh \"%s\"", scene->path, pell_printable(m->name, shown, sizeof(shown)));
+    if ((m->num_vertices && (!m->position || !m->normal)) || (m->num_triangles && !m->index))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, where.str, NULL, "has no position, normal or index array");
+    if (m->material < 0 || (size_t) m->material >= scene->num_materials)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, where.str, NULL, "material %d does not exist; there are %zu", m->material,
+                          scene->num_materials);
+    for (size_t i = 0; i < 3 * (size_t) m->num_triangles; i++)
+        if (m->index[i] >= m->num_vertices)
+            return pell_error(scene->ctx, PELL_ERR_FORMAT, where.str, NULL, "triangle %zu refers to vertex %u; there are %u", i / 3,
+                              m->index[i], m->num_vertices);
+    for (size_t i = 0; i < 3 * (size_t) m->num_vertices; i++)
+        if (!(fabsf(m->position[i]) <= LARGEST_COORDINATE))
+            return pell_error(scene->ctx, PELL_ERR_FORMAT, where.str, "is the unit or size right?",
+                              "vertex %zu has the coordinate %g mm; allowed: [%g, %g]", i / 3, (double) m->position[i],
+                              (double) -LARGEST_COORDINATE, (double) LARGEST_COORDINATE);
+    clean_normals(m);
+    for (int u = 0; u < PELL_UV_SETS; u++)
+        if (m->uv[u])
+            bad += clear_bad(m->uv[u], 2 * (size_t) m->num_vertices);
+    if (m->color)
+        bad += clear_bad(m->color, 4 * (size_t) m->num_vertices);
+    if (m->tangent)
+        bad += clear_bad(m->tangent, 4 * (size_t) m->num_vertices);
+    if (bad)
+        pell_warn(scene->ctx, where.str, NULL, "%zu texture coordinates, colours or tangents are not finite and count as 0", bad);
+    return PELL_OK;
+}
+
+bool pell_scene_bounds(const struct pell_scene *scene, float *min, float *max)
+{
+    bool any = false, finite = true;
+
+    for (int c = 0; c < 3; c++) {
+        min[c] = INFINITY;
+        max[c] = -INFINITY;
+    }
+    for (size_t k = 0; k < scene->num_meshes; k++) {
+        const struct pell_mesh *m = &scene->meshes[k];
+        if ((int) k == scene->ground_mesh)
+            continue;
+        any |= m->num_triangles > 0;
+        for (size_t i = 0; i < 3 * (size_t) m->num_triangles; i++)
+            for (int c = 0; c < 3 && m->index[i] < m->num_vertices; c++) {
+                const float x = m->position[3 * (size_t) m->index[i] + c];
+                min[c] = x < min[c] ? x : min[c];
+                max[c] = x > max[c] ? x : max[c];
+            }
+    }
+    for (int c = 0; c < 3; c++)
+        finite &= isfinite(min[c]) && isfinite(max[c]) && isfinite(max[c] - min[c]);
+    return any && finite;
+}
+
+/* --- Materials, lights, cameras ----------------------------------------------------------------------------------------------- */
+
+static enum pell_result check_medium(struct pell_scene *scene, const struct pell_material *m)
+{
+    struct pell_medium_fault fault;
+
+    if (m->opaque)
+        return PELL_OK;
+    if (m->gaussians.count < 0 || m->gaussians.count > PELL_GAUSSIANS_MAX)
+        return bad_value(scene, "material", m->name, "the number of Gaussians", m->gaussians.count, 0, PELL_GAUSSIANS_MAX);
+    if (m->gaussians.count == 0)
+        return pell_medium_valid(&m->medium, &fault)
+                   ? PELL_OK
+                   : bad_value(scene, "material", m->name, fault.field, fault.value, fault.min, fault.max);
+    if (!in_range(m->medium.eta, 1.0, 4.0))
+        return bad_value(scene, "material", m->name, "eta", m->medium.eta, 1.0, 4.0);
+    for (int i = 0; i < m->gaussians.count; i++) {
+        const double least = i ? m->gaussians.variance[i - 1] : 0.0;
+        if (!(m->gaussians.variance[i] > 0.0) || !in_range(m->gaussians.variance[i], least, 1e12))
+            return bad_value(scene, "material", m->name, "a Gaussian's variance", m->gaussians.variance[i], least, 1e12);
+        for (int c = 0; c < 3; c++)
+            if (!in_range(m->gaussians.weight[i][c], -1e3, 1e3))
+                return bad_value(scene, "material", m->name, "a Gaussian's weight", m->gaussians.weight[i][c], -1e3, 1e3);
+    }
+    return PELL_OK;
+}
+
+static enum pell_result check_map(struct pell_scene *scene, const struct pell_material *m, const struct pell_texture_map *map)
+{
+    if (!map->texture)
+        return PELL_OK;
+    if (map->uv < 0 || map->uv >= PELL_UV_SETS)
+        return bad_value(scene, "material", m->name, "a texture's UV set", map->uv, 0, PELL_UV_SETS - 1);
+    if (map->channel < 0 || map->channel > 3)
+        return bad_value(scene, "material", m->name, "a texture's channel", map->channel, 0, 3);
+    for (int i = 0; i < 6; i++)
+        if (!in_range(map->matrix[i], -1e9, 1e9))
+            return bad_value(scene, "material", m->name, "a texture's transform", map->matrix[i], -1e9, 1e9);
+    return PELL_OK;
+}
+
+static enum pell_result check_material(struct pell_scene *scene, const struct pell_material *m)
+{
+    const struct {
+        const char *field;
+        float value, min, max;
+    } numbers[] = {
+        { "mix", m->mix, 0, 1 },
+        { "strength", m->strength, 0, 1 },
+        { "metallic", m->metallic, 0, 1 },
+        { "roughness", m->roughness, 0, 1 },
+        { "rho_s", m->rho_s, 0, 1 },
+        { "the normal map's scale", m->normal_scale, -1e3f, 1e3f },
+        { "the alpha cut-off", m->alpha_cutoff, 0, FLT_MAX },
+        { "base colour red", m->base_color[0], 0, 1e6f },
+        { "base colour green", m->base_color[1], 0, 1e6f },
+        { "base colour blue", m->base_color[2], 0, 1e6f },
+        { "base colour alpha", m->base_color[3], 0, 1 },
+        { "specular colour red", m->specular_color[0], 0, 1e6f },
+        { "specular colour green", m->specular_color[1], 0, 1e6f },
+        { "specular colour blue", m->specular_color[2], 0, 1e6f },
+        { "emission red", m->emissive[0], 0, 1e12f },
+        { "emission green", m->emissive[1], 0, 1e12f },
+        { "emission blue", m->emissive[2], 0, 1e12f },
+    };
+    const struct pell_texture_map *const maps[] = { &m->strength_map,  &m->base_color_map,     &m->metallic_map, &m->roughness_map,
+                                                    &m->rho_s_map,     &m->specular_color_map, &m->normal_map,   &m->emissive_map };
+    enum pell_result res = check_medium(scene, m);
+
+    for (size_t i = 0; res == PELL_OK && i < PELL_COUNT(numbers); i++)
+        if (!in_range(numbers[i].value, numbers[i].min, numbers[i].max))
+            res = bad_value(scene, "material", m->name, numbers[i].field, numbers[i].value, numbers[i].min, numbers[i].max);
+    for (size_t i = 0; res == PELL_OK && i < PELL_COUNT(maps); i++)
+        res = check_map(scene, m, maps[i]);
+    return res;
+}
+
+/* Makes a direction a unit vector; false if it has none. */
+static bool make_unit(float *v)
+{
+    const float largest = fmaxf(fabsf(v[0]), fmaxf(fabsf(v[1]), fabsf(v[2])));
+
+    if (!(largest > 0.0f) || !isfinite(v[0] + v[1] + v[2]))
+        return false;
+    vec3_store(vec3_normalize(vec3_mul(vec3_load(v), 1.0f / largest)), v);
+    return true;
+}
+
+static enum pell_result check_light(struct pell_scene *scene, struct pell_light *l)
+{
+    for (int c = 0; c < 3; c++) {
+        if (!in_range(l->position[c], -LARGEST_COORDINATE, LARGEST_COORDINATE))
+            return bad_value(scene, "light", l->name, "its position (mm)", l->position[c], -LARGEST_COORDINATE, LARGEST_COORDINATE);
+        if (!in_range(l->power[c], 0.0, 1e20))
+            return bad_value(scene, "light", l->name, "its power", l->power[c], 0.0, 1e20);
+    }
+    if (!in_range(l->range, 0.0, FLT_MAX))
+        return bad_value(scene, "light", l->name, "its range (mm)", l->range, 0.0, FLT_MAX);
+    if (l->type == PELL_LIGHT_RECT && !(in_range(l->width, FLT_MIN, 1e9) && in_range(l->height, FLT_MIN, 1e9)))
+        return bad_value(scene, "light", l->name, "its width or height (mm)", fminf(l->width, l->height), FLT_MIN, 1e9);
+    if (l->type == PELL_LIGHT_DISC && !in_range(l->radius, FLT_MIN, 1e9))
+        return bad_value(scene, "light", l->name, "its radius (mm)", l->radius, FLT_MIN, 1e9);
+    if (l->type == PELL_LIGHT_SPOT && !(in_range(l->cos_outer, -1.0, 1.0) && in_range(l->cos_inner, l->cos_outer, 1.0)))
+        return bad_value(scene, "light", l->name, "the cosine of its cone", l->cos_outer, -1.0, 1.0);
+    if (!in_range(l->image_fov, 0.0, 3.1415925))
+        return bad_value(scene, "light", l->name, "its picture's angle", l->image_fov, 0.0, PELL_PI);
+    if (!isfinite(l->rotate))
+        return bad_value(scene, "light", l->name, "its rotation", l->rotate, -FLT_MAX, FLT_MAX);
+    if (l->type == PELL_LIGHT_ENVIRONMENT)
+        return PELL_OK;
+    if (!make_unit(l->direction)) {
+        if (l->type != PELL_LIGHT_POINT)
+            return bad_value(scene, "light", l->name, "the length of its direction", 0.0, FLT_MIN, FLT_MAX);
+        vec3_store(vec3(0, 0, -1), l->direction);
+    }
+    if (!make_unit(l->up))
+        vec3_store(vec3(0, 1, 0), l->up);
+    pell_scene_square(l->direction, l->up);
+    return PELL_OK;
+}
+
+static enum pell_result check_camera(struct pell_scene *scene, struct pell_camera *c)
+{
+    for (int i = 0; i < 3; i++)
+        if (!in_range(c->position[i], -LARGEST_COORDINATE, LARGEST_COORDINATE))
+            return bad_value(scene, "camera", c->name, "its position (mm)", c->position[i], -LARGEST_COORDINATE, LARGEST_COORDINATE);
+    if (!in_range(c->ortho_height, 0.0, 1e12))
+        return bad_value(scene, "camera", c->name, "the height of its picture (mm)", c->ortho_height, 0.0, 1e12);
+    if (c->ortho_height == 0.0f && !in_range(c->fov, 1e-4, 3.14))
+        return bad_value(scene, "camera", c->name, "its vertical angle (radians)", c->fov, 1e-4, 3.14);
+    if (!make_unit(c->forward))
+        return bad_value(scene, "camera", c->name, "the length of its forward vector", 0.0, FLT_MIN, FLT_MAX);
+    if (!make_unit(c->up))
+        vec3_store(vec3(0, 1, 0), c->up);
+    pell_scene_square(c->forward, c->up);
+    return PELL_OK;
+}
+
+/* --- Objects ------------------------------------------------------------------------------------------------------------------ */
+
+static bool inside(const struct pell_part *a, const struct pell_part *b)
+{
+    for (int c = 0; c < 3; c++)
+        if (!(a->min[c] > b->min[c] && a->max[c] < b->max[c]))
+            return false;
+    return true;
+}
+
+/* True for a closed part that is inside out. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
+ * fast on files of very many parts, only the largest ones are taken for possible hosts. */
+static void find_inverted(const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
+{
+    enum { HOSTS = 64 };
+    const double least = 1e-9 * t->scale * t->scale * t->scale;
+    uint32_t hosts[HOSTS];
+    size_t num_hosts = 0;
+
+    for (uint32_t i = 0; i < t->num_parts; i++) {
+        size_t k = num_hosts < HOSTS ? num_hosts++ : HOSTS;
+        if (k == HOSTS && !(fabs(parts[i].volume) > fabs(parts[hosts[HOSTS - 1]].volume)))
+            continue;
+        for (k = k == HOSTS ? HOSTS - 1 : k; k > 0 && fabs(parts[hosts[k - 1]].volume) < fabs(parts[i].volume); k--)
+            hosts[k] = hosts[k - 1];
+        hosts[k] = i;
+    }
+    for (uint32_t i = 0; i < t->num_parts; i++) {
+        inverted[i] = parts[i].closed && parts[i].volume < -least;
+        for (size_t k = 0; k < num_hosts && inverted[i]; k++)
+            inverted[i] = hosts[k] == i || !inside(&parts[i], &parts[hosts[k]]);
+    }
+}
+
+/* Per part: how well the file's normals agree with the winding, summed over corners. */
+static void add_agreement(const struct pell_scene *scene, const struct pell_topology *t, double *agreement)
+{
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+            const size_t tri = (size_t) t->first_triangle[m] + i;
+            for (int k = 0; k < 3 && t->part[tri] != UINT32_MAX; k++)
+                agreement[t->part[tri]] +=
+                    (double) vec3_dot(vec3_load(t->face + 3 * tri), vec3_load(mesh->normal + 3 * (size_t) mesh->index[3 * (size_t) i + k]));
+        }
+    }
+}
+
+static enum pell_result turn_outward(struct pell_scene *scene, const struct pell_topology *t, const char *name, bool *any)
+{
+    struct pell_context *ctx = scene->ctx;
+    struct pell_part *parts = pell_alloc_array(ctx, t->num_parts, sizeof(*parts));
+    bool *inverted = pell_calloc(ctx, t->num_parts, sizeof(*inverted)), *turned = NULL;
+    double *agreement = NULL;
+    struct pell_text where = { 0 };
+    char shown[96];
+    uint32_t count = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!parts || !inverted)
+        goto fail;
+    *any = false;
+    res = PELL_OK;
+    pell_topology_parts(t, scene, parts);
+    find_inverted(t, parts, inverted);
+    for (uint32_t i = 0; i < t->num_parts; i++)
+        count += inverted[i];
+    if (!count)
+        goto fail;
+
+    res = PELL_ERR_NOMEM;
+    agreement = pell_calloc(ctx, t->num_parts, sizeof(*agreement));
+    turned = pell_calloc(ctx, t->num_vertices, sizeof(*turned));
+    if (!agreement || !turned)
+        goto fail;
+    add_agreement(scene, t, agreement);
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+            const size_t tri = (size_t) t->first_triangle[m] + i;
+            uint32_t *v = mesh->index + 3 * (size_t) i;
+            const uint32_t swap = v[1];
+            if (t->part[tri] == UINT32_MAX || !inverted[t->part[tri]])
+                continue;
+            /* Normals that agreed with the wrong winding are wrong, too; others were right. */
+            for (int k = 0; k < 3 && agreement[t->part[tri]] > 0.0; k++) {
+                if (turned[t->first_vertex[m] + v[k]])
+                    continue;
+                turned[t->first_vertex[m] + v[k]] = true;
+                for (int c = 0; c < 3; c++)
+                    mesh->normal[3 * (size_t) v[k] + c] *= -1.0f;
+                if (mesh->tangent)
+                    mesh->tangent[4 * (size_t) v[k] + 3] *= -1.0f;
+            }
+            v[1] = v[2];
+            v[2] = swap;
+        }
+    }
+    *any = true;
+    pell_text_add(&where, "%s: \"%s\"", scene->path, pell_printable(name, shown, sizeof(shown)));
+    pell_warn(ctx, where.str, NULL, "%u closed surface%s had the inside out and %s turned", count, count > 1 ? "s" : "",
+              count > 1 ? "were" : "was");
+    res = PELL_OK;
+
+fail:
+    pell_free(ctx, parts);
+    pell_free(ctx, inverted);
+    pell_free(ctx, agreement);
+    pell_free(ctx, turned);
+    return res;
+}
+
+static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count)
+{
+    const char *name = scene->meshes[meshes[0]].name;
+    struct pell_topology t;
+    bool turned = false;
+    enum pell_result res;
+
+    if (pell_cancelled(scene->ctx))
+        return PELL_ERR_CANCELLED;
+    PELL_TRY(pell_topology_make(&t, scene, meshes, count));
+    res = turn_outward(scene, &t, name, &turned);
+    /* Turning swaps corners: half-edges and face normals must be made again. */
+    if (res == PELL_OK && turned) {
+        pell_topology_finish(&t);
+        res = pell_topology_make(&t, scene, meshes, count);
+    }
+    if (res == PELL_OK)
+        res = pell_make_normals(scene, &t);
+    pell_topology_finish(&t);
+
+fail:
+    return res;
+}
+
+static enum pell_result complete_objects(struct pell_scene *scene)
+{
+    uint32_t *order = pell_alloc_array(scene->ctx, scene->num_meshes, sizeof(*order));
+    uint32_t *scratch = pell_alloc_array(scene->ctx, scene->num_meshes, sizeof(*scratch));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!order || !scratch)
+        goto fail;
+    pell_scene_objects(scene, order, scratch);
+    for (size_t i = 0, end; i < scene->num_meshes; i = end) {
+        for (end = i + 1; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++)
+            ;
+        PELL_TRY(complete_object(scene, order + i, end - i));
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(scene->ctx, order);
+    pell_free(scene->ctx, scratch);
+    return res;
+}
+
+static enum pell_result complete_tangents(struct pell_scene *scene)
+{
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        struct pell_mesh *mesh = &scene->meshes[i];
+        const struct pell_texture_map *map = &scene->materials[mesh->material].normal_map;
+        enum pell_result res;
+
+        if (map->texture && !mesh->tangent && mesh->uv[map->uv]) {
+            res = pell_make_tangents(scene, i, map->uv);
+            if (res != PELL_OK)
+                return res;
+        }
+        clean_tangents(mesh);
+    }
+    return PELL_OK;
+}
+
+/* --- All ---------------------------------------------------------------------------------------------------------------------- */
+
+enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quiet)
+{
+    size_t index = 0;
+    bool missing = scene->num_materials == 0;
+    enum pell_result res;
+
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        missing |= scene->meshes[i].material < 0;
+    if (!missing)
+        return PELL_OK;
+    PELL_TRY(pell_scene_add_material(scene, "default", &index));
+    PELL_TRY(pell_material_apply(scene, index, scene->path, "marble"));
+    if (!quiet)
+        pell_info(scene->ctx, scene->path, "names no material: marble is used");
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        if (scene->meshes[i].material < 0)
+            scene->meshes[i].material = (int) index;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static void warn_of_size(struct pell_scene *scene)
+{
+    const float *min = scene->bounds_min, *max = scene->bounds_max;
+    const float extent = fmaxf(max[0] - min[0], fmaxf(max[1] - min[1], max[2] - min[2]));
+
+    if (extent < 0.1f || extent > 1e5f)
+        pell_warn(scene->ctx, scene->path, "is the unit or size right? --size 70mm: the largest extent; --unit 1mm: what one unit is",
+                  "the largest extent is %g mm, which is %s for a translucent thing", (double) extent, extent < 0.1f ? "tiny" : "huge");
+}
+
+enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params, const struct pell_extras *extras)
+{
+    static const struct pell_load_params no_params;
+    static const struct pell_extras no_extras = { .ground_material = -1 };
+    enum pell_result res;
+
+    if (!params)
+        params = &no_params;
+    if (!extras)
+        extras = &no_extras;
+    PELL_TRY(pell_scene_default_material(scene, false));
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        PELL_TRY(check_mesh(scene, i));
+    for (size_t i = 0; i < scene->num_materials; i++)
+        PELL_TRY(check_material(scene, &scene->materials[i]));
+    for (size_t i = 0; i < scene->num_lights; i++)
+        PELL_TRY(check_light(scene, &scene->lights[i]));
+    for (size_t i = 0; i < scene->num_cameras; i++)
+        PELL_TRY(check_camera(scene, &scene->cameras[i]));
+    if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) {
+        res = pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
+        goto fail;
+    }
+    warn_of_size(scene);
+    PELL_TRY(complete_objects(scene));
+    PELL_TRY(complete_tangents(scene));
+    pell_scene_drop_textures(scene);
+    if (params->bare)
+        return PELL_OK;
+    if (scene->num_cameras == 0)
+        PELL_TRY(pell_scene_frame(scene, params->aspect > 0.0f ? params->aspect : extras->aspect));
+    if (extras->studio || (scene->num_lights == 0 && !extras->no_lights))
+        PELL_TRY(pell_scene_studio(scene));
+    if (extras->ground)
+        PELL_TRY(pell_scene_ground(scene, extras->ground_material));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params)
+{
+    return pell_scene_finish(scene, params, NULL);
+}

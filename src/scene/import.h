@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * import.h - what importers and the scene loader share. An importer reads one file into a fresh scene IN THE FILE'S OWN UNITS; the
+ * loader (load.c) is the only place that turns units into mm (pell_scene_transform), merges files and completes the scene.
+ *
+ * Lengths that an importer finds in metres or per metre (glTF's attenuation distance) are stored per file unit, too.
+ */
+#ifndef PELL_IMPORT_H
+#define PELL_IMPORT_H
+
+#include "base/base.h"
+#include "math/vec.h"
+
+#include <pellucid/scene.h>
+
+struct pell_import {
+    struct pell_context *ctx;
+    struct pell_scene *scene; /* the file's content, in its units; a mesh for which it names no material has material -1 */
+    const char *path;         /* as the user gave it: for messages */
+    const char *root;         /* folder that external files must lie under */
+    bool allow_outside;
+    double default_mm_per_unit; /* set by the importer: glTF 1000; 0: the format has no unit */
+};
+
+/* `data` has a NUL behind its `size` bytes. */
+PELL_NODISCARD enum pell_result pell_import_gltf(struct pell_import *import, const uint8_t *data, size_t size); /* .gltf and .glb */
+PELL_NODISCARD enum pell_result pell_import_obj(struct pell_import *import, const uint8_t *data, size_t size);
+PELL_NODISCARD enum pell_result pell_import_ply(struct pell_import *import, const uint8_t *data, size_t size);
+
+/* Loads an external picture as a texture of the scene; the same (file, role) is read once. A broken or missing picture is a warning that
+ * names it, and *texture = NULL with PELL_OK; only NOMEM and CANCELLED fail. */
+PELL_NODISCARD enum pell_result pell_import_texture(struct pell_import *import, const char *where, const char *reference,
+                                                    enum pell_image_role role, struct pell_texture **texture);
+/* The same from bytes (data URIs, GLB buffer views); `name` is for messages. */
+PELL_NODISCARD enum pell_result pell_import_texture_bytes(struct pell_import *import, const char *where, const char *name,
+                                                          const void *data, size_t size, enum pell_image_role role,
+                                                          struct pell_texture **texture);
+
+/* The texture itself if its sampler is the one asked for or nobody has asked yet, else one that shares its pixels. */
+PELL_NODISCARD enum pell_result pell_texture_sampler(struct pell_scene *scene, struct pell_texture *texture, enum pell_wrap wrap_u,
+                                                     enum pell_wrap wrap_v, bool nearest, struct pell_texture **out);
+
+/* A map of nothing: identity matrix, UV set 0, channel 0. */
+struct pell_texture_map pell_texture_map_none(void);
+
+/* Applies a matrix to meshes, lights and cameras (positions, normals, tangents; winding is turned where it mirrors), and divides the
+ * media's coefficients by `unit_scale`, lengths of lights by the same rule. */
+PELL_NODISCARD enum pell_result pell_scene_transform(struct pell_scene *scene, const struct pell_mat4 *matrix, double unit_scale);
+
+#endif

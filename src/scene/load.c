@@ -1,0 +1,392 @@
+/* SPDX-License-Identifier: MIT
+ * load.c - reads any scene: tells formats apart, turns units into mm, merges files, applies what the caller wants otherwise. */
+#include "base/file.h"
+#include "scene/scene.h"
+
+#include <string.h>
+
+#define MM_MIN 1e-9 /* of one unit, and of a size */
+#define MM_MAX 1e12
+
+enum format { FORMAT_GLTF, FORMAT_OBJ, FORMAT_PLY, FORMAT_SCENE, FORMAT_UNKNOWN };
+
+/* --- Which format ------------------------------------------------------------------------------------------------------------- */
+
+static bool contains(const uint8_t *data, size_t size, const char *text)
+{
+    const size_t n = strlen(text);
+    const uint8_t *p = data, *end = data + size;
+
+    while ((size_t) (end - p) >= n && (p = memchr(p, text[0], (size_t) (end - p) - n + 1)) != NULL) {
+        if (memcmp(p, text, n) == 0)
+            return true;
+        p++;
+    }
+    return false;
+}
+
+static bool is_space(uint8_t c)
+{
+    return c == ' ' || c == '\t' || c == '\r' || c == '\n';
+}
+
+/* Does the first line that is no comment begin like one of an OBJ file? */
+static bool looks_like_obj(const uint8_t *p, const uint8_t *end)
+{
+    static const char *const words[] = { "v", "vt", "vn", "vp", "f", "o", "g", "s", "mtllib", "usemtl", "l", "p" };
+
+    while (p < end) {
+        const uint8_t *word;
+        while (p < end && is_space(*p))
+            p++;
+        if (p < end && *p != '#') {
+            word = p;
+            while (p < end && !is_space(*p))
+                p++;
+            for (size_t i = 0; i < PELL_COUNT(words); i++)
+                if ((size_t) (p - word) == strlen(words[i]) && memcmp(word, words[i], strlen(words[i])) == 0)
+                    return true;
+            return false;
+        }
+        while (p < end && *p != '\n' && *p != '\r')
+            p++;
+    }
+    return false;
+}
+
+static enum format tell(const char *path, const uint8_t *data, size_t size)
+{
+    const uint8_t *p = data, *end = data + size;
+
+    if (size >= 4 && memcmp(p, "glTF", 4) == 0)
+        return FORMAT_GLTF;
+    if (size >= 4 && memcmp(p, "ply", 3) == 0 && is_space(p[3]))
+        return FORMAT_PLY;
+    if (size >= 3 && memcmp(p, "\xef\xbb\xbf", 3) == 0)
+        p += 3;
+    while (p < end && is_space(*p))
+        p++;
+    if (p < end && *p == '{') {
+        if (pell_path_has_extension(path, "gltf"))
+            return FORMAT_GLTF;
+        return contains(data, size, "\"pellucid\"") || !contains(data, size, "\"asset\"") ? FORMAT_SCENE : FORMAT_GLTF;
+    }
+    if (pell_path_has_extension(path, "obj") || looks_like_obj(p, end))
+        return FORMAT_OBJ;
+    if (pell_path_has_extension(path, "gltf") || pell_path_has_extension(path, "glb"))
+        return FORMAT_GLTF;
+    if (pell_path_has_extension(path, "ply"))
+        return FORMAT_PLY;
+    return pell_path_has_extension(path, "json") ? FORMAT_SCENE : FORMAT_UNKNOWN;
+}
+
+/* Says what an unknown file probably is. */
+static enum pell_result refuse(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size)
+{
+    static const struct {
+        const char *magic, *extension, *what;
+    } others[] = {
+        { "Kaydara FBX", "fbx", "an FBX file" },     { "BLENDER", "blend", "a Blender file" },
+        { "solid ", "stl", "an STL file" },          { "PXR-USDC", "usd", "a USD file" },
+        { "#usda", "usda", "a USD file" },           { "PK\x03\x04", "usdz", "a zip archive" },
+        { "OFF", "off", "an OFF file" },             { "<?xml", "dae", "an XML file" },
+        { "\x89PNG", "png", "a picture" },           { "\xff\xd8\xff", "jpg", "a picture" },
+        { "\x76\x2f\x31\x01", "exr", "a picture" }, { "#?RADIANCE", "hdr", "a picture" },
+    };
+    const char *what = size == 0 ? "an empty file" : "no format that is known here";
+
+    for (size_t i = 0; i < PELL_COUNT(others); i++) {
+        const size_t n = strlen(others[i].magic);
+        if ((size >= n && memcmp(data, others[i].magic, n) == 0) || (size && pell_path_has_extension(path, others[i].extension)))
+            what = others[i].what;
+    }
+    return pell_error(ctx, PELL_ERR_UNSUPPORTED, path, "convert it to glTF, or to OBJ or PLY",
+                      "is %s; allowed are glTF (.gltf, .glb), OBJ, PLY and scene files (.json)", what);
+}
+
+/* --- Reading ------------------------------------------------------------------------------------------------------------------ */
+
+enum pell_result pell_loader_read(const struct pell_loader *loader, const char *where, const char *reference, char **path, uint8_t **data,
+                                  size_t *size)
+{
+    enum pell_result res;
+
+    *data = NULL;
+    *path = NULL;
+    if (loader->read) {
+        *path = pell_strdup(loader->ctx, reference);
+        return *path ? loader->read(loader->user, loader->ctx, reference, data, size) : PELL_ERR_NOMEM;
+    }
+    PELL_TRY(pell_path_resolve(loader->ctx, where, loader->root, reference, loader->params->allow_outside, path));
+    PELL_TRY(pell_file_read(loader->ctx, *path, data, size));
+
+fail:
+    return res;
+}
+
+static enum pell_result no_unit(struct pell_context *ctx, const char *path, const char *format)
+{
+    return pell_error(
+        ctx, PELL_ERR_INVALID, path, "--size 70mm: the largest extent, or --unit 1mm: what one unit is",
+        "%s files do not say how large they are, and light scatters over lengths: without a size or a unit the picture would be "
+        "arbitrary",
+        format);
+}
+
+/* mm per unit of the imported scene: given, from a size, or the format's own. */
+static enum pell_result find_unit(const struct pell_import *import, const struct pell_scale *scale, double *mm)
+{
+    float min[3], max[3];
+    double extent = 0.0;
+
+    *mm = scale->mm_per_unit > 0.0 ? scale->mm_per_unit : import->default_mm_per_unit;
+    if (scale->size_mm > 0.0) {
+        if (!pell_scene_bounds(import->scene, min, max))
+            return pell_error(import->ctx, PELL_ERR_FORMAT, import->path, NULL,
+                              "holds no triangles, or coordinates that are too large, so a size can't be given to it");
+        for (int c = 0; c < 3; c++)
+            extent = fmax(extent, (double) max[c] - min[c]);
+        if (!(extent > 0.0))
+            return pell_error(import->ctx, PELL_ERR_FORMAT, import->path, NULL, "all points coincide, so a size can't be given to it");
+        *mm = scale->size_mm / extent;
+    }
+    if (!(*mm >= MM_MIN && *mm <= MM_MAX))
+        return pell_error(import->ctx, PELL_ERR_INVALID, scale->where, NULL, "one unit of the file would be %g mm, allowed: [%g, %g]", *mm,
+                          MM_MIN, MM_MAX);
+    return PELL_OK;
+}
+
+enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
+                                const struct pell_scale *scale, struct pell_scene **out)
+{
+    struct pell_context *ctx = loader->ctx;
+    const enum format format = tell(path, data, size);
+    struct pell_import import = { .ctx = ctx, .path = path, .allow_outside = loader->params->allow_outside };
+    struct pell_mat4 matrix = mat4_identity();
+    char *folder = NULL;
+    double mm;
+    enum pell_result res;
+
+    *out = NULL;
+    if (scale->mm_per_unit > 0.0 && scale->size_mm > 0.0)
+        return pell_error(ctx, PELL_ERR_INVALID, scale->where, NULL, "both a unit and a size are given; either of them settles the scale");
+    if (format == FORMAT_UNKNOWN)
+        return refuse(ctx, path, data, size);
+    if (format == FORMAT_SCENE)
+        return pell_error(ctx, PELL_ERR_FORMAT, path, NULL, "is a scene file; a mesh file is needed here");
+    if (format != FORMAT_GLTF && !(scale->mm_per_unit > 0.0) && !(scale->size_mm > 0.0))
+        return no_unit(ctx, path, format == FORMAT_OBJ ? "OBJ" : "PLY");
+
+    PELL_TRY(pell_scene_create(ctx, &import.scene));
+    pell_free(ctx, import.scene->path);
+    import.scene->path = pell_strdup(ctx, path);
+    folder = loader->read ? pell_strdup(ctx, loader->root) : pell_path_folder(ctx, path);
+    if (!import.scene->path || !folder) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    import.root = folder;
+    PELL_TRY(format == FORMAT_GLTF  ? pell_import_gltf(&import, data, size)
+             : format == FORMAT_OBJ ? pell_import_obj(&import, data, size)
+                                    : pell_import_ply(&import, data, size));
+    PELL_TRY(find_unit(&import, scale, &mm));
+    for (int i = 0; i < 3; i++)
+        matrix.m[5 * i] = mm;
+    PELL_TRY(pell_scene_transform(import.scene, &matrix, mm));
+    import.scene->mm_per_unit = mm;
+    *out = import.scene;
+    import.scene = NULL;
+
+fail:
+    pell_scene_destroy(&import.scene);
+    pell_free(ctx, folder);
+    return res;
+}
+
+enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from)
+{
+    const struct pell_limits *limits = pell_context_limits(to->ctx);
+    const int materials = (int) to->num_materials;
+    int objects = 0;
+    size_t index;
+    enum pell_result res;
+
+    if (to->total_vertices + from->total_vertices > limits->vertices || to->total_triangles + from->total_triangles > limits->triangles)
+        return pell_error(
+            to->ctx, PELL_ERR_UNSUPPORTED, to->path, "the limits \"vertices\" and \"triangles\" can be raised",
+            "%lld vertices and %lld triangles; %lld and %lld are allowed", (long long) (to->total_vertices + from->total_vertices),
+            (long long) (to->total_triangles + from->total_triangles), (long long) limits->vertices, (long long) limits->triangles);
+    for (size_t i = 0; i < to->num_meshes; i++)
+        objects = to->meshes[i].object >= objects ? to->meshes[i].object + 1 : objects;
+    for (size_t i = 0; i < from->num_meshes; i++) {
+        struct pell_mesh *source = &from->meshes[i], *target;
+        char *name;
+        PELL_TRY(pell_scene_add_mesh(to, source->name, &index));
+        target = &to->meshes[index];
+        name = target->name;
+        *target = *source;
+        target->name = name;
+        name = source->name;
+        memset(source, 0, sizeof(*source));
+        source->name = name;
+        target->object = target->object > INT32_MAX - objects ? objects : target->object + objects;
+        target->material += target->material >= 0 ? materials : 0;
+    }
+    to->total_vertices += from->total_vertices;
+    to->total_triangles += from->total_triangles;
+    from->total_vertices = from->total_triangles = 0;
+    for (size_t i = 0; i < from->num_textures; i++) {
+        struct pell_texture *empty;
+        PELL_TRY(pell_scene_add_texture(to, "", &empty));
+        to->textures[to->num_textures - 1] = from->textures[i];
+        from->textures[i] = empty;
+        to->textures[to->num_textures - 1]->key = 0;
+    }
+    for (size_t i = 0; i < from->num_materials; i++) {
+        char *name;
+        PELL_TRY(pell_scene_add_material(to, from->materials[i].name, &index));
+        name = to->materials[index].name;
+        to->materials[index] = from->materials[i];
+        to->materials[index].name = name;
+        from->materials[i].preset = NULL;
+    }
+    for (size_t i = 0; i < from->num_lights; i++) {
+        char *name;
+        PELL_TRY(pell_scene_add_light(to, from->lights[i].name, &index));
+        name = to->lights[index].name;
+        to->lights[index] = from->lights[i];
+        to->lights[index].name = name;
+    }
+    for (size_t i = 0; i < from->num_cameras; i++) {
+        char *name;
+        PELL_TRY(pell_scene_add_camera(to, from->cameras[i].name, &index));
+        name = to->cameras[index].name;
+        to->cameras[index] = from->cameras[i];
+        to->cameras[index].name = name;
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- What the caller wants otherwise ------------------------------------------------------------------------------------------ */
+
+enum pell_result pell_scene_choose_camera(struct pell_scene *scene, const char *where, const char *name, enum pell_result code)
+{
+    const char **names, *near;
+    struct pell_text hint = { 0 };
+    struct pell_camera swap;
+    char shown[96];
+
+    for (size_t i = 0; i < scene->num_cameras; i++) {
+        if (strcmp(scene->cameras[i].name, name) != 0)
+            continue;
+        swap = scene->cameras[0];
+        scene->cameras[0] = scene->cameras[i];
+        scene->cameras[i] = swap;
+        return PELL_OK;
+    }
+    names = pell_alloc_array(scene->ctx, scene->num_cameras, sizeof(*names));
+    if (!names)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < scene->num_cameras; i++)
+        names[i] = scene->cameras[i].name;
+    near = pell_nearest(name, names, scene->num_cameras);
+    if (near) {
+        char other[96];
+        pell_text_add(&hint, "did you mean \"%s\"?", pell_printable(near, other, sizeof(other)));
+    }
+    pell_free(scene->ctx, names);
+    return pell_error(scene->ctx, code, where, hint.str, "there is no camera \"%s\"; the file has %zu",
+                      pell_printable(name, shown, sizeof(shown)), scene->num_cameras);
+}
+
+static enum pell_result apply_material(struct pell_scene *scene, const char *text)
+{
+    struct pell_material_entry entry = { 0 };
+    enum pell_result res;
+
+    PELL_TRY(pell_material_open(scene->ctx, "--material", text, &entry));
+    PELL_TRY(pell_scene_default_material(scene, true));
+    for (size_t i = 0; i < scene->num_materials; i++)
+        PELL_TRY(pell_material_set(scene->ctx, &scene->materials[i], &entry));
+
+fail:
+    pell_free(scene->ctx, (char *) entry.name);
+    return res;
+}
+
+static void report(const struct pell_scene *scene)
+{
+    const float *min = scene->bounds_min, *max = scene->bounds_max;
+    bool translucent = false;
+    int64_t triangles = 0;
+
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        if ((int) i != scene->ground_mesh) {
+            triangles += scene->meshes[i].num_triangles;
+            translucent |= !scene->materials[scene->meshes[i].material].opaque;
+        }
+    pell_info(scene->ctx, scene->path, "%lld triangles, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
+              (long long) triangles, (double) (max[0] - min[0]), (double) (max[1] - min[1]), (double) (max[2] - min[2]),
+              scene->mm_per_unit);
+    if (!translucent)
+        pell_warn(scene->ctx, scene->path, "--material NAME makes it so; `pellucid materials` lists what there is",
+                  "no material is translucent, so nothing scatters below a surface");
+}
+
+enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
+                                       struct pell_scene **out)
+{
+    const struct pell_load_params *params = loader->params;
+    const struct pell_scale scale = { params->mm_per_unit, params->size_mm, params->size_mm > 0.0 ? "--size" : "--unit" };
+    struct pell_extras extras = { .ground_material = -1 };
+    struct pell_scene *scene = NULL;
+    enum pell_result res;
+
+    *out = NULL;
+    if (params->time != 0.0)
+        return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be 0: animation is not read yet", params->time);
+    if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))
+        return pell_error(loader->ctx, PELL_ERR_INVALID, scale.where, NULL, "must be finite and not negative");
+    if (tell(path, data, size) == FORMAT_SCENE)
+        PELL_TRY(pell_read_scene_file(loader, path, data, size, &scene, &extras));
+    else
+        PELL_TRY(pell_load_mesh(loader, path, data, size, &scale, &scene));
+    scene->from_file = true;
+    if (params->material)
+        PELL_TRY(apply_material(scene, params->material));
+    if (params->camera)
+        PELL_TRY(pell_scene_choose_camera(scene, "--camera", params->camera, PELL_ERR_INVALID));
+    PELL_TRY(pell_scene_finish(scene, params, &extras));
+    report(scene);
+    *out = scene;
+    scene = NULL;
+
+fail:
+    pell_scene_destroy(&scene);
+    return res;
+}
+
+enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params, struct pell_scene **out)
+{
+    static const struct pell_load_params none;
+    struct pell_loader loader = { .ctx = ctx, .params = params ? params : &none };
+    char *folder = pell_path_folder(ctx, path);
+    uint8_t *data = NULL;
+    size_t size;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!folder)
+        goto fail;
+    loader.root = folder;
+    PELL_TRY(pell_file_read(ctx, path, &data, &size));
+    PELL_TRY(pell_scene_load_bytes(&loader, path, data, size, out));
+
+fail:
+    pell_free(ctx, folder);
+    pell_free(ctx, data);
+    return res;
+}

@@ -1,0 +1,711 @@
+/* SPDX-License-Identifier: MIT
+ * ply.c - Stanford PLY: ascii and binary of both byte orders, properties of any type in any order, polygons and triangle strips.
+ *
+ * The header becomes a table of elements and properties; the body is walked once, value by value, whatever its elements are. Counts are
+ * held against the bytes that are left before anything is allocated. */
+#include "scene/lex.h"
+#include "scene/polygon.h"
+#include "scene/scene.h"
+
+#include "image/color.h"
+
+enum type { T_INT8, T_UINT8, T_INT16, T_UINT16, T_INT32, T_UINT32, T_FLOAT, T_DOUBLE, T_NONE };
+
+static const struct {
+    const char *name;
+    enum type type;
+} type_names[] = {
+    { "char", T_INT8 },   { "uchar", T_UINT8 },   { "short", T_INT16 },   { "ushort", T_UINT16 },
+    { "int", T_INT32 },   { "uint", T_UINT32 },   { "float", T_FLOAT },   { "double", T_DOUBLE },
+    { "int8", T_INT8 },   { "uint8", T_UINT8 },   { "int16", T_INT16 },   { "uint16", T_UINT16 },
+    { "int32", T_INT32 }, { "uint32", T_UINT32 }, { "float32", T_FLOAT }, { "float64", T_DOUBLE },
+};
+static const size_t type_sizes[] = { 1, 1, 2, 2, 4, 4, 4, 8 };
+
+/* What a vertex property is for. */
+enum role { R_X, R_Y, R_Z, R_NX, R_NY, R_NZ, R_U, R_V, R_RED, R_GREEN, R_BLUE, R_ALPHA, R_FACE, R_STRIP, R_NONE };
+
+enum { MAX_ELEMENTS = 64, MAX_PROPERTIES = 256 };
+
+struct property {
+    enum type type, count_type; /* count_type T_NONE: no list */
+    enum role role;
+};
+
+enum kind { K_VERTEX, K_FACE, K_STRIPS, K_OTHER };
+
+struct element {
+    enum kind kind;
+    int64_t count;
+    size_t first_property, num_properties;
+};
+
+struct ply {
+    struct pell_import *import;
+    struct pell_context *ctx;
+    struct pell_lex lex; /* the header, and the body where it is text */
+    const uint8_t *at, *end;
+    bool binary, big;
+    struct element elements[MAX_ELEMENTS];
+    struct property properties[MAX_PROPERTIES];
+    size_t num_elements, num_properties;
+
+    size_t num_vertices;
+    float *position, *normal, *uv, *color;
+    uint32_t *corners;
+    size_t num_triangles, cap_triangles;
+    int64_t *list;
+    size_t cap_list;
+    struct pell_polygon polygon;
+    int64_t thin; /* faces of fewer than three corners */
+};
+
+static const char *where_line(const struct ply *p, struct pell_text *text)
+{
+    memset(text, 0, sizeof(*text));
+    pell_text_add(text, "%s:%lld", p->import->path, (long long) p->lex.line);
+    return text->str;
+}
+
+/* "mesh.ply:face 12" (counted from 0, as vertices are). */
+static const char *where_row(const struct ply *p, const char *kind, int64_t row, struct pell_text *text)
+{
+    memset(text, 0, sizeof(*text));
+    pell_text_add(text, "%s:%s %lld", p->import->path, kind, (long long) row);
+    return text->str;
+}
+
+/* --- Header ------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result bad_header(struct ply *p, const char *what, const char *word, size_t length)
+{
+    struct pell_text text;
+    char copy[64] = "", shown[64];
+
+    memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
+    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "%s, but is \"%s\"", what,
+                      pell_printable(copy, shown, sizeof(shown)));
+}
+
+static enum type type_of(const char *word, size_t length)
+{
+    for (size_t i = 0; i < PELL_COUNT(type_names); i++)
+        if (pell_word_is(word, length, type_names[i].name))
+            return type_names[i].type;
+    return T_NONE;
+}
+
+static enum role role_of(enum kind kind, const char *word, size_t length, bool list)
+{
+    static const struct {
+        const char *name;
+        enum role role;
+    } names[] = { { "x", R_X },           { "y", R_Y },           { "z", R_Z },         { "nx", R_NX },        { "ny", R_NY },
+                  { "nz", R_NZ },         { "u", R_U },           { "v", R_V },         { "s", R_U },          { "t", R_V },
+                  { "texture_u", R_U },   { "texture_v", R_V },   { "texture_s", R_U }, { "texture_t", R_V },  { "red", R_RED },
+                  { "green", R_GREEN },   { "blue", R_BLUE },     { "alpha", R_ALPHA }, { "r", R_RED },        { "g", R_GREEN },
+                  { "b", R_BLUE },        { "a", R_ALPHA },       { "diffuse_red", R_RED },
+                  { "diffuse_green", R_GREEN },                   { "diffuse_blue", R_BLUE } };
+
+    if (kind == K_FACE && list && (pell_word_is(word, length, "vertex_indices") || pell_word_is(word, length, "vertex_index")))
+        return R_FACE;
+    if (kind == K_STRIPS && list && (pell_word_is(word, length, "vertex_indices") || pell_word_is(word, length, "vertex_index")))
+        return R_STRIP;
+    for (size_t i = 0; kind == K_VERTEX && !list && i < PELL_COUNT(names); i++)
+        if (pell_word_is(word, length, names[i].name))
+            return names[i].role;
+    return R_NONE;
+}
+
+static enum pell_result read_element(struct ply *p)
+{
+    const char *word;
+    size_t length = pell_lex_word(&p->lex, &word);
+    struct element *e = &p->elements[p->num_elements];
+    struct pell_text text;
+    double count;
+
+    if (p->num_elements == MAX_ELEMENTS)
+        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, where_line(p, &text), NULL, "more than %d elements are not read", MAX_ELEMENTS);
+    e->kind = pell_word_is(word, length, "vertex")      ? K_VERTEX
+              : pell_word_is(word, length, "face")      ? K_FACE
+              : pell_word_is(word, length, "tristrips") ? K_STRIPS
+                                                        : K_OTHER;
+    for (size_t i = 0; i < p->num_elements; i++)
+        if (e->kind != K_OTHER && p->elements[i].kind == e->kind)
+            return bad_header(p, "an element must be declared once", word, length);
+    length = pell_lex_word(&p->lex, &word);
+    if (!pell_parse_number(word, length, &count) || !(count >= 0.0 && count <= 9e15) || count != floor(count))
+        return bad_header(p, "the count of an element must be a whole number", word, length);
+    e->count = (int64_t) count;
+    e->first_property = p->num_properties;
+    e->num_properties = 0;
+    p->num_elements++;
+    return PELL_OK;
+}
+
+static enum pell_result read_property(struct ply *p)
+{
+    const char *word;
+    size_t length = pell_lex_word(&p->lex, &word);
+    struct property *property = &p->properties[p->num_properties];
+    struct element *e = p->num_elements ? &p->elements[p->num_elements - 1] : NULL;
+    struct pell_text text;
+
+    if (!e)
+        return bad_header(p, "an element must come before its properties", word, length);
+    if (p->num_properties == MAX_PROPERTIES)
+        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, where_line(p, &text), NULL, "more than %d properties are not read", MAX_PROPERTIES);
+    property->count_type = T_NONE;
+    if (pell_word_is(word, length, "list")) {
+        length = pell_lex_word(&p->lex, &word);
+        property->count_type = type_of(word, length);
+        if (property->count_type == T_NONE || property->count_type >= T_FLOAT)
+            return bad_header(p, "the type of a list's length must be a whole number's", word, length);
+        length = pell_lex_word(&p->lex, &word);
+    }
+    property->type = type_of(word, length);
+    if (property->type == T_NONE)
+        return bad_header(p, "the type of a property must be one of PLY's (char to double, int8 to float64)", word, length);
+    length = pell_lex_word(&p->lex, &word);
+    if (!length)
+        return bad_header(p, "a property must have a name", word, length);
+    property->role = role_of(e->kind, word, length, property->count_type != T_NONE);
+    for (size_t i = e->first_property; i < p->num_properties; i++)
+        if (property->role != R_NONE && p->properties[i].role == property->role)
+            property->role = R_NONE; /* "u" and "texture_u": the first counts */
+    e->num_properties++;
+    p->num_properties++;
+    return PELL_OK;
+}
+
+static enum pell_result read_format(struct ply *p)
+{
+    const char *word;
+    const size_t length = pell_lex_word(&p->lex, &word);
+
+    p->binary = !pell_word_is(word, length, "ascii");
+    p->big = pell_word_is(word, length, "binary_big_endian");
+    return !p->binary || p->big || pell_word_is(word, length, "binary_little_endian")
+               ? PELL_OK
+               : bad_header(p, "the format must be ascii, binary_little_endian or binary_big_endian", word, length);
+}
+
+static enum pell_result read_header(struct ply *p)
+{
+    bool format = false;
+    struct pell_text text;
+    enum pell_result res;
+
+    pell_lex_next_line(&p->lex); /* "ply" */
+    while (p->lex.at < p->lex.end) {
+        const char *word;
+        const size_t length = pell_lex_word(&p->lex, &word);
+        if (pell_word_is(word, length, "end_header")) {
+            pell_lex_next_line(&p->lex);
+            p->at = (const uint8_t *) p->lex.at;
+            if (!format)
+                return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "the header names no format");
+            return PELL_OK;
+        }
+        if (pell_word_is(word, length, "format")) {
+            PELL_TRY(read_format(p));
+            format = true;
+        } else if (pell_word_is(word, length, "element")) {
+            PELL_TRY(read_element(p));
+        } else if (pell_word_is(word, length, "property")) {
+            PELL_TRY(read_property(p));
+        } else if (length && !pell_word_is(word, length, "comment") && !pell_word_is(word, length, "obj_info")) {
+            return bad_header(p, "a line of the header must begin with format, element, property, comment or end_header", word, length);
+        }
+        while (!pell_lex_eol(&p->lex))
+            p->lex.at++;
+        pell_lex_next_line(&p->lex);
+    }
+    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "the header has no end_header");
+
+fail:
+    return res;
+}
+
+/* The least bytes that a row of the element takes. */
+static int64_t least_row(const struct ply *p, const struct element *e)
+{
+    int64_t bytes = 0;
+
+    for (size_t i = 0; i < e->num_properties; i++) {
+        const struct property *q = &p->properties[e->first_property + i];
+        bytes += !p->binary ? 2 : (int64_t) type_sizes[q->count_type != T_NONE ? q->count_type : q->type];
+    }
+    return bytes;
+}
+
+/* All counts against the file's size; positions must be there. */
+static enum pell_result check_header(struct ply *p)
+{
+    const int64_t left = (int64_t) ((const uint8_t *) p->lex.end - p->at) + !p->binary; /* the last line may lack its end */
+    const int64_t limit = pell_context_limits(p->ctx)->vertices;
+    int64_t need = 0;
+    bool axes[3] = { false, false, false }, faces = false;
+
+    for (size_t i = 0; i < p->num_elements; i++) {
+        const struct element *e = &p->elements[i];
+        int64_t bytes;
+        if (__builtin_mul_overflow(e->count, least_row(p, e), &bytes) || __builtin_add_overflow(need, bytes, &need) || need > left)
+            return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, NULL,
+                              "the header announces %lld rows of element %zu, which can't fit into the %lld bytes behind it",
+                              (long long) e->count, i + 1, (long long) (left - !p->binary));
+        for (size_t k = e->first_property; k < e->first_property + e->num_properties; k++) {
+            if (p->properties[k].role <= R_Z)
+                axes[p->properties[k].role] = true;
+            faces |= p->properties[k].role == R_FACE || p->properties[k].role == R_STRIP;
+        }
+        if (e->kind == K_VERTEX && e->count > limit)
+            return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, p->import->path, "the limit \"vertices\" can be raised",
+                              "has %lld vertices; %lld are allowed", (long long) e->count, (long long) limit);
+        if (e->kind == K_VERTEX && e->num_properties > 0)
+            p->num_vertices = (size_t) e->count;
+    }
+    if (!axes[0] || !axes[1] || !axes[2])
+        return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, NULL, "its vertices have no x, y and z");
+    if (!faces)
+        return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, "point clouds have no surface that light could enter",
+                          "has no faces (vertex_indices) and no tristrips");
+    return PELL_OK;
+}
+
+/* --- Body --------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result ends_early(struct ply *p, const char *kind, int64_t row)
+{
+    struct pell_text text;
+
+    return pell_error(p->ctx, PELL_ERR_FORMAT, where_row(p, kind, row, &text), NULL,
+                      "the file ends here, before all rows that it announces");
+}
+
+/* The next value of the text body, which may stand on any line. */
+static bool read_word(struct ply *p, double *value)
+{
+    float f;
+    const char *word;
+    size_t length;
+    struct pell_lex start;
+
+    for (;;) {
+        pell_lex_blank(&p->lex);
+        if (!pell_lex_eol(&p->lex))
+            break;
+        if (p->lex.at >= p->lex.end)
+            return false;
+        pell_lex_next_line(&p->lex);
+    }
+    start = p->lex;
+    /* Whole numbers beyond 2^24 are not exact as floats. */
+    if (pell_lex_float(&p->lex, &f) && fabsf(f) < 16777216.0f) {
+        *value = (double) f;
+        return true;
+    }
+    p->lex = start;
+    length = pell_lex_word(&p->lex, &word);
+    if (pell_parse_number(word, length, value))
+        return true;
+    /* What other programs write for 0/0 and 1/0. Positions that are so are refused later, by their vertex. */
+    if (length && length < 12) {
+        char copy[12];
+        for (size_t i = 0; i < length; i++)
+            copy[i] = word[i] >= 'A' && word[i] <= 'Z' ? (char) (word[i] - 'A' + 'a') : word[i];
+        if (pell_word_is(copy + (copy[0] == '-' || copy[0] == '+'), length - (copy[0] == '-' || copy[0] == '+'), "nan") ||
+            pell_word_is(copy + (copy[0] == '-' || copy[0] == '+'), length - (copy[0] == '-' || copy[0] == '+'), "inf")) {
+            *value = NAN;
+            return true;
+        }
+    }
+    p->lex = start;
+    return false;
+}
+
+static double decode(const struct ply *p, const uint8_t *at, enum type type)
+{
+    const size_t size = type_sizes[type];
+    uint64_t bits = 0;
+    uint32_t low;
+    float f;
+    double d;
+
+    if (p->big)
+        for (size_t i = 0; i < size; i++)
+            bits = bits << 8 | at[i];
+    else
+        for (size_t i = size; i-- > 0;)
+            bits = bits << 8 | at[i];
+    low = (uint32_t) bits;
+    switch (type) {
+    case T_INT8: return (double) (int8_t) low;
+    case T_UINT8: return (double) (uint8_t) low;
+    case T_INT16: return (double) (int16_t) low;
+    case T_UINT16: return (double) (uint16_t) low;
+    case T_INT32: return (double) (int32_t) low;
+    case T_UINT32: return (double) low;
+    case T_FLOAT:
+        memcpy(&f, &low, sizeof(f));
+        return (double) f;
+    case T_DOUBLE:
+        memcpy(&d, &bits, sizeof(d));
+        return d;
+    default: return 0.0;
+    }
+}
+
+static inline bool read_value(struct ply *p, enum type type, double *value)
+{
+    if (!p->binary)
+        return read_word(p, value);
+    if ((size_t) (p->end - p->at) < type_sizes[type])
+        return false;
+    *value = decode(p, p->at, type);
+    p->at += type_sizes[type];
+    return true;
+}
+
+static enum pell_result read_failed(struct ply *p, const char *kind, int64_t row)
+{
+    struct pell_text text;
+    const char *word;
+    char copy[64] = "", shown[64];
+    size_t length;
+
+    if (p->binary || p->lex.at >= p->lex.end)
+        return ends_early(p, kind, row);
+    length = pell_lex_word(&p->lex, &word);
+    memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
+    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "\"%s\" stands where a number of %s %lld must be",
+                      pell_printable(copy, shown, sizeof(shown)), kind, (long long) row);
+}
+
+/* Reads a list's length; what is skipped may be as long as the file. */
+static enum pell_result read_length(struct ply *p, const struct property *q, const char *kind, int64_t row, int64_t *length)
+{
+    const int64_t left =
+        p->binary ? (int64_t) (p->end - p->at) / (int64_t) type_sizes[q->type] : (int64_t) (p->lex.end - p->lex.at) / 2 + 1;
+    struct pell_text text;
+    double value;
+
+    if (!read_value(p, q->count_type, &value))
+        return read_failed(p, kind, row);
+    if (!(value >= 0.0 && value <= (double) left) || value != floor(value))
+        return pell_error(p->ctx, PELL_ERR_FORMAT, where_row(p, kind, row, &text), NULL,
+                          "a list has the length %g, allowed: 0 to what the file has left (%lld)", value, (long long) left);
+    *length = (int64_t) value;
+    return PELL_OK;
+}
+
+static enum pell_result skip_property(struct ply *p, const struct property *q, const char *kind, int64_t row)
+{
+    int64_t length = 1;
+    double value;
+    enum pell_result res;
+
+    if (q->count_type != T_NONE)
+        PELL_TRY(read_length(p, q, kind, row, &length));
+    if (p->binary && length > (int64_t) ((size_t) (p->end - p->at) / type_sizes[q->type]))
+        return ends_early(p, kind, row);
+    if (p->binary)
+        p->at += (size_t) length * type_sizes[q->type];
+    for (int64_t i = 0; !p->binary && i < length; i++)
+        if (!read_value(p, q->type, &value))
+            return read_failed(p, kind, row);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static bool has_role(const struct ply *p, const struct element *e, enum role role)
+{
+    for (size_t i = e->first_property; i < e->first_property + e->num_properties; i++)
+        if (p->properties[i].role == role)
+            return true;
+    return false;
+}
+
+static enum pell_result make_room(struct ply *p, const struct element *e)
+{
+    const size_t n = (size_t) e->count;
+
+    p->position = pell_alloc_array(p->ctx, n, 3 * sizeof(float));
+    if (!p->position)
+        return PELL_ERR_NOMEM;
+    if (has_role(p, e, R_NX) && has_role(p, e, R_NY) && has_role(p, e, R_NZ) &&
+        !(p->normal = pell_alloc_array(p->ctx, n, 3 * sizeof(float))))
+        return PELL_ERR_NOMEM;
+    if (has_role(p, e, R_U) && has_role(p, e, R_V) && !(p->uv = pell_alloc_array(p->ctx, n, 2 * sizeof(float))))
+        return PELL_ERR_NOMEM;
+    if (has_role(p, e, R_RED) && has_role(p, e, R_GREEN) && has_role(p, e, R_BLUE)) {
+        p->color = pell_alloc_array(p->ctx, n, 4 * sizeof(float));
+        if (!p->color)
+            return PELL_ERR_NOMEM;
+        for (size_t i = 0; i < n; i++)
+            p->color[4 * i + 3] = 1.0f;
+    }
+    return PELL_OK;
+}
+
+/* Whole numbers are display values (sRGB) scaled to their largest; floats are linear. */
+static float color_value(double value, enum type type, bool alpha)
+{
+    const double scale = type == T_UINT8 ? 255.0 : type == T_UINT16 ? 65535.0 : 1.0;
+    const float x = (float) fmin(1.0, fmax(0.0, value / scale));
+
+    return alpha || type >= T_FLOAT ? x : pell_srgb_decode(x);
+}
+
+static void store(struct ply *p, size_t row, const struct property *q, double value)
+{
+    if (q->role <= R_Z)
+        p->position[3 * row + (size_t) q->role] = (float) value;
+    else if (q->role <= R_NZ && p->normal)
+        p->normal[3 * row + (size_t) (q->role - R_NX)] = (float) value;
+    else if (q->role == R_U && p->uv)
+        p->uv[2 * row] = (float) value;
+    else if (q->role == R_V && p->uv)
+        p->uv[2 * row + 1] = 1.0f - (float) value;
+    else if (q->role >= R_RED && q->role <= R_ALPHA && p->color)
+        p->color[4 * row + (size_t) (q->role - R_RED)] = color_value(value, q->type, q->role == R_ALPHA);
+}
+
+static enum pell_result read_vertices(struct ply *p, const struct element *e)
+{
+    struct pell_text text;
+    enum pell_result res;
+    double value;
+
+    PELL_TRY(make_room(p, e));
+    for (int64_t row = 0; row < e->count; row++) {
+        for (size_t i = e->first_property; i < e->first_property + e->num_properties; i++) {
+            const struct property *q = &p->properties[i];
+            if (q->role == R_NONE) {
+                PELL_TRY(skip_property(p, q, "vertex", row));
+                continue;
+            }
+            if (!read_value(p, q->type, &value))
+                return read_failed(p, "vertex", row);
+            if (q->role <= R_Z && !(fabs(value) <= FLT_MAX))
+                return pell_error(p->ctx, PELL_ERR_FORMAT, where_row(p, "vertex", row, &text), NULL, "%c is %g, must be finite",
+                                  "xyz"[q->role], value);
+            store(p, (size_t) row, q, value);
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result add_triangle(struct ply *p, uint32_t a, uint32_t b, uint32_t c)
+{
+    const int64_t limit = pell_context_limits(p->ctx)->triangles;
+    void *array = p->corners;
+    enum pell_result res;
+
+    if ((int64_t) p->num_triangles >= limit)
+        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, p->import->path, "the limit \"triangles\" can be raised",
+                          "has more than %lld triangles, which are allowed", (long long) limit);
+    if (p->num_triangles >= p->cap_triangles) {
+        res = pell_grow(p->ctx, &array, p->num_triangles, &p->cap_triangles, 3 * sizeof(*p->corners));
+        p->corners = array;
+        if (res != PELL_OK)
+            return res;
+    }
+    p->corners[3 * p->num_triangles] = a;
+    p->corners[3 * p->num_triangles + 1] = b;
+    p->corners[3 * p->num_triangles + 2] = c;
+    p->num_triangles++;
+    return PELL_OK;
+}
+
+static enum pell_result add_face(struct ply *p, size_t count)
+{
+    enum pell_result res;
+
+    if (count < 3) {
+        p->thin++;
+        return PELL_OK;
+    }
+    if (count == 3)
+        return add_triangle(p, (uint32_t) p->list[0], (uint32_t) p->list[1], (uint32_t) p->list[2]);
+    PELL_TRY(pell_polygon_reserve(&p->polygon, count));
+    for (size_t i = 0; i < count; i++)
+        memcpy(p->polygon.point + 3 * i, p->position + 3 * (size_t) p->list[i], 3 * sizeof(float));
+    pell_polygon_cut(&p->polygon, count);
+    for (size_t i = 0; i < count - 2; i++)
+        PELL_TRY(add_triangle(p, (uint32_t) p->list[p->polygon.triangle[3 * i]], (uint32_t) p->list[p->polygon.triangle[3 * i + 1]],
+                              (uint32_t) p->list[p->polygon.triangle[3 * i + 2]]));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Strips one after another, parted by -1; every other triangle of a strip runs the other way. */
+static enum pell_result add_strips(struct ply *p, size_t count)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0, start = 0; i < count && res == PELL_OK; i++) {
+        const int64_t *v = p->list + i;
+        if (*v < 0) {
+            start = i + 1;
+        } else if (i >= start + 2 && v[-2] != v[-1] && v[-1] != v[0] && v[-2] != v[0]) {
+            const bool odd = (i - start) % 2;
+            res = add_triangle(p, (uint32_t) v[odd ? -1 : -2], (uint32_t) v[odd ? -2 : -1], (uint32_t) v[0]);
+        }
+    }
+    return res;
+}
+
+/* Reads the list into p->list; references must be to vertices, or -1 in strips. */
+static enum pell_result read_list(struct ply *p, const struct property *q, const char *kind, int64_t row, size_t *count)
+{
+    int64_t length;
+    struct pell_text text;
+    double value;
+    enum pell_result res;
+
+    PELL_TRY(read_length(p, q, kind, row, &length));
+    if ((size_t) length > p->cap_list) {
+        const size_t wanted = (size_t) length + (size_t) length / 2 + 16;
+        int64_t *list = pell_realloc_array(p->ctx, p->list, wanted, sizeof(*list));
+        if (!list)
+            return PELL_ERR_NOMEM;
+        p->list = list;
+        p->cap_list = wanted;
+    }
+    for (int64_t i = 0; i < length; i++) {
+        if (!read_value(p, q->type, &value))
+            return read_failed(p, kind, row);
+        if (!(value >= 0.0 && value < (double) p->num_vertices && value == floor(value)) && !(q->role == R_STRIP && value == -1.0))
+            return pell_error(p->ctx, PELL_ERR_FORMAT, where_row(p, kind, row, &text), NULL, "refers to vertex %g, allowed: 0 to %lld",
+                              value, (long long) p->num_vertices - 1);
+        p->list[i] = (int64_t) value;
+    }
+    *count = (size_t) length;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result read_faces(struct ply *p, const struct element *e)
+{
+    const char *kind = e->kind == K_FACE ? "face" : "tristrips";
+    enum pell_result res;
+    size_t count;
+
+    if (e->count && !p->position)
+        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, p->import->path, NULL, "its faces come before its vertices");
+    for (int64_t row = 0; row < e->count; row++) {
+        for (size_t i = e->first_property; i < e->first_property + e->num_properties; i++) {
+            const struct property *q = &p->properties[i];
+            if (q->role == R_NONE) {
+                PELL_TRY(skip_property(p, q, kind, row));
+                continue;
+            }
+            PELL_TRY(read_list(p, q, kind, row, &count));
+            PELL_TRY(q->role == R_FACE ? add_face(p, count) : add_strips(p, count));
+        }
+        if (row % 65536 == 0 && pell_cancelled(p->ctx)) {
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result skip_element(struct ply *p, const struct element *e)
+{
+    enum pell_result res = PELL_OK;
+
+    for (int64_t row = 0; row < e->count && res == PELL_OK; row++)
+        for (size_t i = e->first_property; i < e->first_property + e->num_properties && res == PELL_OK; i++)
+            res = skip_property(p, &p->properties[i], "element", row);
+    return res;
+}
+
+static enum pell_result read_body(struct ply *p)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < p->num_elements && res == PELL_OK; i++) {
+        const struct element *e = &p->elements[i];
+        if (e->num_properties == 0)
+            continue; /* rows that take no bytes: there may be any number of them */
+        if (e->kind == K_VERTEX)
+            res = read_vertices(p, e);
+        else if (e->kind == K_OTHER)
+            res = skip_element(p, e);
+        else
+            res = read_faces(p, e);
+    }
+    return res;
+}
+
+static enum pell_result build(struct ply *p)
+{
+    struct pell_scene *scene = p->import->scene;
+    struct pell_mesh *mesh;
+    size_t index;
+    enum pell_result res;
+
+    if (p->num_triangles == 0)
+        return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, NULL, "holds no faces");
+    PELL_TRY(pell_scene_add_mesh(scene, "", &index));
+    PELL_TRY(pell_mesh_allocate(scene, index, (uint32_t) p->num_vertices, (uint32_t) p->num_triangles));
+    mesh = &scene->meshes[index];
+    mesh->material = -1;
+    memcpy(mesh->position, p->position, p->num_vertices * 3 * sizeof(float));
+    if (p->normal)
+        memcpy(mesh->normal, p->normal, p->num_vertices * 3 * sizeof(float));
+    memcpy(mesh->index, p->corners, p->num_triangles * 3 * sizeof(uint32_t));
+    mesh->uv[0] = p->uv;
+    mesh->color = p->color;
+    p->uv = p->color = NULL;
+    if (p->thin)
+        pell_warn(p->ctx, p->import->path, NULL, "%lld faces of fewer than three corners are left out", (long long) p->thin);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_import_ply(struct pell_import *import, const uint8_t *data, size_t size)
+{
+    struct ply *p = pell_zalloc(import->ctx, sizeof(*p));
+    enum pell_result res;
+
+    if (!p)
+        return PELL_ERR_NOMEM;
+    p->import = import;
+    p->ctx = p->polygon.ctx = import->ctx;
+    p->lex = (struct pell_lex) { (const char *) data, (const char *) data + size, 1 };
+    p->end = data + size;
+    import->default_mm_per_unit = 0.0;
+    PELL_TRY(read_header(p));
+    PELL_TRY(check_header(p));
+    PELL_TRY(read_body(p));
+    PELL_TRY(build(p));
+
+fail:
+    pell_polygon_finish(&p->polygon);
+    pell_free(p->ctx, p->position);
+    pell_free(p->ctx, p->normal);
+    pell_free(p->ctx, p->uv);
+    pell_free(p->ctx, p->color);
+    pell_free(p->ctx, p->corners);
+    pell_free(p->ctx, p->list);
+    pell_free(p->ctx, p);
+    return res;
+}

@@ -1,0 +1,686 @@
+/* SPDX-License-Identifier: MIT
+ * scene.c - scenes as plain data: making, growing and destroying one, built-in materials, transforms, the texture cache. */
+#include "base/file.h"
+#include "scene/scene.h"
+
+#include <string.h>
+
+enum { MESHES, MATERIALS, TEXTURES, LIGHTS, CAMERAS, OPTIONS };
+
+enum pell_result pell_scene_create(struct pell_context *ctx, struct pell_scene **out)
+{
+    struct pell_scene *scene = pell_zalloc(ctx, sizeof(*scene));
+
+    *out = NULL;
+    if (!scene)
+        return PELL_ERR_NOMEM;
+    scene->ctx = ctx;
+    scene->ground_mesh = -1;
+    for (int c = 0; c < 3; c++)
+        scene->background_color[c] = 0.18f;
+    scene->path = pell_strdup(ctx, "");
+    if (!scene->path) {
+        pell_free(ctx, scene);
+        return PELL_ERR_NOMEM;
+    }
+    *out = scene;
+    return PELL_OK;
+}
+
+void pell_mesh_finish(struct pell_context *ctx, struct pell_mesh *mesh)
+{
+    pell_free(ctx, mesh->name);
+    pell_free(ctx, mesh->position);
+    pell_free(ctx, mesh->normal);
+    pell_free(ctx, mesh->tangent);
+    for (int i = 0; i < PELL_UV_SETS; i++)
+        pell_free(ctx, mesh->uv[i]);
+    pell_free(ctx, mesh->color);
+    pell_free(ctx, mesh->index);
+    memset(mesh, 0, sizeof(*mesh));
+}
+
+static void texture_destroy(struct pell_context *ctx, struct pell_texture *texture)
+{
+    if (!texture)
+        return;
+    if (!texture->shared)
+        pell_image_finish(ctx, &texture->image);
+    pell_free(ctx, texture->name);
+    pell_free(ctx, texture);
+}
+
+void pell_scene_destroy(struct pell_scene **scene)
+{
+    struct pell_scene *s = *scene;
+    struct pell_context *ctx;
+
+    if (!s)
+        return;
+    *scene = NULL;
+    ctx = s->ctx;
+    for (size_t i = 0; i < s->num_meshes; i++)
+        pell_mesh_finish(ctx, &s->meshes[i]);
+    for (size_t i = 0; i < s->num_materials; i++) {
+        pell_free(ctx, s->materials[i].name);
+        pell_free(ctx, s->materials[i].preset);
+    }
+    for (size_t i = 0; i < s->num_textures; i++)
+        texture_destroy(ctx, s->textures[i]);
+    for (size_t i = 0; i < s->num_lights; i++)
+        pell_free(ctx, s->lights[i].name);
+    for (size_t i = 0; i < s->num_cameras; i++)
+        pell_free(ctx, s->cameras[i].name);
+    for (size_t i = 0; i < s->num_options; i++) {
+        pell_free(ctx, s->options[i].name);
+        pell_free(ctx, s->options[i].value);
+        pell_free(ctx, s->options[i].where);
+    }
+    pell_free(ctx, s->meshes);
+    pell_free(ctx, s->materials);
+    pell_free(ctx, s->textures);
+    pell_free(ctx, s->lights);
+    pell_free(ctx, s->cameras);
+    pell_free(ctx, s->options);
+    pell_free(ctx, s->texture_slots);
+    pell_free(ctx, s->path);
+    pell_free(ctx, s);
+}
+
+/* --- Adding ------------------------------------------------------------------------------------------------------------------- */
+
+/* Room for one more zeroed element of `size` bytes in *array, and a copy of its name. */
+static enum pell_result add(struct pell_scene *scene, int kind, const char *kinds, void **array, size_t count, size_t size,
+                            const char *name, char **copy)
+{
+    const int limit = pell_context_limits(scene->ctx)->items;
+    enum pell_result res;
+
+    *copy = NULL;
+    if (count >= (size_t) limit)
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"items\" can be raised",
+                          "more than %d %s; %d are allowed", limit, kinds, limit);
+    PELL_TRY(pell_grow(scene->ctx, array, count, &scene->capacity[kind], size));
+    *copy = pell_strdup(scene->ctx, name ? name : "");
+    if (!*copy)
+        return PELL_ERR_NOMEM;
+    memset((char *) *array + count * size, 0, size);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_scene_add_mesh(struct pell_scene *scene, const char *name, size_t *index)
+{
+    void *array = scene->meshes;
+    char *copy;
+    const enum pell_result res =
+        add(scene, MESHES, "meshes", &array, scene->num_meshes, sizeof(scene->meshes[0]), name, &copy);
+
+    scene->meshes = array;
+    if (res != PELL_OK)
+        return res;
+    *index = scene->num_meshes++;
+    scene->meshes[*index].name = copy;
+    return PELL_OK;
+}
+
+struct pell_texture_map pell_texture_map_none(void)
+{
+    return (struct pell_texture_map) { .matrix = { 1, 0, 0, 0, 1, 0 } };
+}
+
+enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *name, size_t *index)
+{
+    const struct pell_material_entry *marble = pell_material_find("marble");
+    struct pell_material *m;
+    void *array = scene->materials;
+    char *copy;
+    const enum pell_result res =
+        add(scene, MATERIALS, "materials", &array, scene->num_materials, sizeof(scene->materials[0]), name, &copy);
+
+    scene->materials = array;
+    if (res != PELL_OK)
+        return res;
+    *index = scene->num_materials++;
+    m = &scene->materials[*index];
+    m->name = copy;
+    m->opaque = true;
+    if (marble)
+        m->medium = marble->medium;
+    m->mix = 0.5f;
+    m->strength = 1.0f;
+    m->metallic = m->roughness = 1.0f;
+    m->rho_s = 1.0f;
+    m->normal_scale = 1.0f;
+    m->alpha_cutoff = 0.5f;
+    m->base_color[3] = 1.0f;
+    for (int c = 0; c < 3; c++)
+        m->base_color[c] = m->specular_color[c] = 1.0f;
+    m->strength_map = m->base_color_map = m->metallic_map = m->roughness_map = m->rho_s_map = m->specular_color_map = m->normal_map =
+        m->emissive_map = pell_texture_map_none();
+    return PELL_OK;
+}
+
+enum pell_result pell_scene_add_texture(struct pell_scene *scene, const char *name, struct pell_texture **texture)
+{
+    void *array = scene->textures;
+    struct pell_texture *t = pell_zalloc(scene->ctx, sizeof(*t));
+    enum pell_result res;
+
+    *texture = NULL;
+    if (!t)
+        return PELL_ERR_NOMEM;
+    res = add(scene, TEXTURES, "textures", &array, scene->num_textures, sizeof(scene->textures[0]), name, &t->name);
+    scene->textures = array;
+    if (res != PELL_OK) {
+        pell_free(scene->ctx, t);
+        return res;
+    }
+    scene->textures[scene->num_textures++] = t;
+    *texture = t;
+    return PELL_OK;
+}
+
+enum pell_result pell_scene_add_light(struct pell_scene *scene, const char *name, size_t *index)
+{
+    void *array = scene->lights;
+    char *copy;
+    const enum pell_result res =
+        add(scene, LIGHTS, "lights", &array, scene->num_lights, sizeof(scene->lights[0]), name, &copy);
+
+    scene->lights = array;
+    if (res != PELL_OK)
+        return res;
+    *index = scene->num_lights++;
+    scene->lights[*index].name = copy;
+    return PELL_OK;
+}
+
+enum pell_result pell_scene_add_camera(struct pell_scene *scene, const char *name, size_t *index)
+{
+    void *array = scene->cameras;
+    char *copy;
+    const enum pell_result res =
+        add(scene, CAMERAS, "cameras", &array, scene->num_cameras, sizeof(scene->cameras[0]), name, &copy);
+
+    scene->cameras = array;
+    if (res != PELL_OK)
+        return res;
+    *index = scene->num_cameras++;
+    scene->cameras[*index].name = copy;
+    return PELL_OK;
+}
+
+enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *name, const char *value, const char *where)
+{
+    void *array = scene->options;
+    struct pell_scene_option *o;
+    char *copy;
+    const enum pell_result res =
+        add(scene, OPTIONS, "render options", &array, scene->num_options, sizeof(scene->options[0]), name, &copy);
+
+    scene->options = array;
+    if (res != PELL_OK)
+        return res;
+    o = &scene->options[scene->num_options++];
+    o->name = copy;
+    o->value = pell_strdup(scene->ctx, value);
+    o->where = pell_strdup(scene->ctx, where);
+    return o->value && o->where ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint32_t vertices, uint32_t triangles)
+{
+    const struct pell_limits *limits = pell_context_limits(scene->ctx);
+    struct pell_mesh *m;
+    int64_t all_vertices, all_triangles;
+
+    if (mesh >= scene->num_meshes)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "mesh %zu does not exist; there are %zu", mesh,
+                          scene->num_meshes);
+    m = &scene->meshes[mesh];
+    if (m->position)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "the mesh has its arrays already");
+    all_vertices = scene->total_vertices + vertices;
+    all_triangles = scene->total_triangles + triangles;
+    if (all_vertices > limits->vertices)
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"vertices\" can be raised",
+                          "%lld vertices; %lld are allowed", (long long) all_vertices, (long long) limits->vertices);
+    if (all_triangles > limits->triangles)
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"triangles\" can be raised",
+                          "%lld triangles; %lld are allowed", (long long) all_triangles, (long long) limits->triangles);
+
+    /* One vertex more than there are: ray packets read positions 16 bytes at a time. */
+    m->position = pell_calloc(scene->ctx, (size_t) vertices + 1, 3 * sizeof(float));
+    m->normal = pell_calloc(scene->ctx, vertices, 3 * sizeof(float));
+    m->index = pell_calloc(scene->ctx, triangles, 3 * sizeof(uint32_t));
+    if (!m->position || !m->normal || !m->index) {
+        pell_free(scene->ctx, m->position);
+        pell_free(scene->ctx, m->normal);
+        pell_free(scene->ctx, m->index);
+        m->position = m->normal = NULL;
+        m->index = NULL;
+        return PELL_ERR_NOMEM;
+    }
+    m->num_vertices = vertices;
+    m->num_triangles = triangles;
+    scene->total_vertices = all_vertices;
+    scene->total_triangles = all_triangles;
+    return PELL_OK;
+}
+
+static enum pell_result grow_floats(struct pell_context *ctx, float **array, uint32_t count, int each, const uint32_t *from,
+                                    uint32_t more, size_t pad)
+{
+    float *grown;
+
+    if (!*array)
+        return PELL_OK;
+    grown = pell_realloc_array(ctx, *array, (size_t) count + more + pad, (size_t) each * sizeof(float));
+    if (!grown)
+        return PELL_ERR_NOMEM;
+    for (uint32_t i = 0; i < more; i++)
+        memcpy(grown + (size_t) each * ((size_t) count + i), grown + (size_t) each * from[i], (size_t) each * sizeof(float));
+    if (pad)
+        memset(grown + (size_t) each * ((size_t) count + more), 0, pad * (size_t) each * sizeof(float));
+    *array = grown;
+    return PELL_OK;
+}
+
+enum pell_result pell_mesh_duplicate(struct pell_scene *scene, size_t mesh, const uint32_t *from, uint32_t more)
+{
+    struct pell_mesh *m = &scene->meshes[mesh];
+    const int64_t limit = pell_context_limits(scene->ctx)->vertices;
+    enum pell_result res;
+
+    if (scene->total_vertices + more > limit)
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"vertices\" can be raised",
+                          "%lld vertices after splitting creases and seams; %lld are allowed", (long long) (scene->total_vertices + more),
+                          (long long) limit);
+    PELL_TRY(grow_floats(scene->ctx, &m->position, m->num_vertices, 3, from, more, 1));
+    PELL_TRY(grow_floats(scene->ctx, &m->normal, m->num_vertices, 3, from, more, 0));
+    PELL_TRY(grow_floats(scene->ctx, &m->tangent, m->num_vertices, 4, from, more, 0));
+    PELL_TRY(grow_floats(scene->ctx, &m->color, m->num_vertices, 4, from, more, 0));
+    for (int i = 0; i < PELL_UV_SETS; i++)
+        PELL_TRY(grow_floats(scene->ctx, &m->uv[i], m->num_vertices, 2, from, more, 0));
+    m->num_vertices += more;
+    scene->total_vertices += more;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Materials ---------------------------------------------------------------------------------------------------------------- */
+
+enum pell_result pell_material_unknown(struct pell_context *ctx, const char *where, const char *name)
+{
+    const size_t count = pell_material_count();
+    const char **names = pell_alloc_array(ctx, count ? count : 1, sizeof(*names)), *near;
+    struct pell_text hint = { 0 };
+    char shown[128];
+
+    if (!names)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < count; i++)
+        names[i] = pell_material_at(i)->name;
+    near = pell_nearest(name, names, count);
+    if (near)
+        pell_text_add(&hint, "did you mean \"%s\"? `pellucid materials` lists all", near);
+    else
+        pell_text_add(&hint, "`pellucid materials` lists all");
+    pell_free(ctx, names);
+    return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "there is no material \"%s\"", pell_printable(name, shown, sizeof(shown)));
+}
+
+enum pell_result pell_material_set(struct pell_context *ctx, struct pell_material *m, const struct pell_material_entry *entry)
+{
+    char *preset = pell_strdup(ctx, entry->name);
+
+    if (!preset)
+        return PELL_ERR_NOMEM;
+    pell_free(ctx, m->preset);
+    m->preset = preset;
+    m->opaque = false;
+    m->medium = entry->medium;
+    m->gaussians = entry->gaussians;
+    if (entry->kind == PELL_MATERIAL_MEDIUM)
+        m->gaussians.count = 0;
+    m->color_from = entry->color_from_texture ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
+    m->mix = (float) entry->mix;
+    /* A colour the file gives by a texture stays; a plain factor of the file would tint the entry. */
+    for (int c = 0; c < 3; c++)
+        m->base_color[c] = m->base_color_map.texture ? 1.0f : (float) entry->color[c];
+    m->metallic = 0.0f;
+    m->metallic_map = pell_texture_map_none();
+    if (!m->roughness_map.texture)
+        m->roughness = (float) entry->roughness;
+    return PELL_OK;
+}
+
+enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, const char *where, const char *entry)
+{
+    const struct pell_material_entry *found = pell_material_find(entry);
+
+    if (material >= scene->num_materials)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, where, NULL, "material %zu does not exist; there are %zu", material,
+                          scene->num_materials);
+    if (!found)
+        return pell_material_unknown(scene->ctx, where, entry);
+    return pell_material_set(scene->ctx, &scene->materials[material], found);
+}
+
+/* --- Transform ---------------------------------------------------------------------------------------------------------------- */
+
+static void turn(const struct pell_mat4 *matrix, float *v, bool normal)
+{
+    const struct pell_vec3 old = vec3_load(v), d = vec3_normalize(normal ? mat4_normal(matrix, old) : mat4_direction(matrix, old));
+    const float l2 = vec3_dot(d, d);
+
+    /* A flat matrix can lose a direction: then the old one is as good as any. */
+    if (l2 > 0.5f && l2 < 2.0f)
+        vec3_store(d, v);
+}
+
+static void move(const struct pell_mat4 *matrix, float *p)
+{
+    vec3_store(mat4_point(matrix, vec3_load(p)), p);
+}
+
+/* Makes `up` a unit vector at right angles to `forward`. */
+void pell_scene_square(const float *forward, float *up)
+{
+    const struct pell_vec3 f = vec3_load(forward), u = vec3_load(up);
+    struct pell_vec3 t, b = vec3_mad(u, -vec3_dot(u, f), f);
+
+    if (vec3_dot(b, b) > 1e-12f)
+        b = vec3_normalize(b);
+    else
+        vec3_basis(f, &t, &b);
+    vec3_store(b, up);
+}
+
+static void transform_mesh(struct pell_mesh *mesh, const struct pell_mat4 *matrix)
+{
+    const bool mirrors = mat4_determinant3(matrix) < 0.0;
+    struct pell_mat4 unit = *matrix;
+    double largest = 0.0;
+
+    /* Cofactors are squares of scales: mm per unit to the third and back stay in the range of floats only when scaled to one first. */
+    for (int i = 0; i < 12; i++)
+        largest = fmax(largest, i % 4 < 3 ? fabs(matrix->m[i]) : 0.0);
+    for (int i = 0; i < 12; i++)
+        unit.m[i] = largest > 0.0 ? matrix->m[i] / largest : 0.0;
+    for (uint32_t i = 0; i < mesh->num_vertices; i++) {
+        move(matrix, mesh->position + 3 * (size_t) i);
+        if (mesh->normal)
+            turn(&unit, mesh->normal + 3 * (size_t) i, true);
+        if (mesh->tangent) {
+            turn(&unit, mesh->tangent + 4 * (size_t) i, false);
+            if (mirrors)
+                mesh->tangent[4 * (size_t) i + 3] *= -1.0f;
+        }
+    }
+    for (uint32_t i = 0; mirrors && i < mesh->num_triangles; i++) {
+        uint32_t *t = mesh->index + 3 * (size_t) i, swap = t[1];
+        t[1] = t[2];
+        t[2] = swap;
+    }
+}
+
+enum pell_result pell_scene_transform(struct pell_scene *scene, const struct pell_mat4 *matrix, double unit_scale)
+{
+    const float k = (float) unit_scale;
+
+    for (int i = 0; i < 16; i++)
+        if (!isfinite(matrix->m[i]))
+            return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "a transform is not finite");
+    if (!(unit_scale > 0.0) || !isfinite(k) || !isfinite(1.0 / unit_scale))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "a unit of %g mm is out of range", unit_scale);
+
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        transform_mesh(&scene->meshes[i], matrix);
+    for (size_t i = 0; i < scene->num_lights; i++) {
+        struct pell_light *l = &scene->lights[i];
+        move(matrix, l->position);
+        turn(matrix, l->direction, false);
+        turn(matrix, l->up, false);
+        pell_scene_square(l->direction, l->up);
+        l->width *= k;
+        l->height *= k;
+        l->radius *= k;
+        l->range *= k;
+    }
+    for (size_t i = 0; i < scene->num_cameras; i++) {
+        struct pell_camera *c = &scene->cameras[i];
+        move(matrix, c->position);
+        turn(matrix, c->forward, false);
+        turn(matrix, c->up, false);
+        pell_scene_square(c->forward, c->up);
+        c->ortho_height *= k;
+    }
+    /* Built-in entries are in mm already; an opaque material's medium is not used and stays marble's. */
+    for (size_t i = 0; i < scene->num_materials; i++) {
+        struct pell_material *m = &scene->materials[i];
+        if (m->preset || m->opaque)
+            continue;
+        for (int c = 0; c < 3; c++) {
+            m->medium.sigma_a[c] /= unit_scale;
+            m->medium.sigma_s_reduced[c] /= unit_scale;
+        }
+        for (int g = 0; g < m->gaussians.count; g++)
+            m->gaussians.variance[g] *= unit_scale * unit_scale;
+    }
+    return PELL_OK;
+}
+
+/* --- Textures ----------------------------------------------------------------------------------------------------------------- */
+
+/* Names can be chosen so that they collide: a texture that finds no slot near its own is not found again, which costs time only. */
+#define PROBES 64
+
+/* FNV-1a, never 0. */
+static uint64_t hash_bytes(uint64_t hash, const void *data, size_t size)
+{
+    const unsigned char *p = data;
+
+    for (size_t i = 0; i < size; i++)
+        hash = (hash ^ p[i]) * 0x100000001b3ull;
+    return hash ? hash : 1;
+}
+
+static uint64_t texture_key(const char *name, int role)
+{
+    return hash_bytes(hash_bytes(0xcbf29ce484222325ull, name, strlen(name)), &role, sizeof(role));
+}
+
+static struct pell_texture *find_texture(const struct pell_scene *scene, uint64_t key, const char *name)
+{
+    const size_t mask = scene->num_texture_slots - 1;
+
+    if (!scene->num_texture_slots)
+        return NULL;
+    for (size_t n = 0, i = (size_t) key & mask; n < PROBES && scene->texture_slots[i]; n++, i = (i + 1) & mask) {
+        struct pell_texture *t = scene->textures[scene->texture_slots[i] - 1];
+        if (t->key == key && strcmp(t->name, name) == 0)
+            return t;
+    }
+    return NULL;
+}
+
+static void enter_texture(struct pell_scene *scene, size_t index)
+{
+    const size_t mask = scene->num_texture_slots - 1;
+    size_t n = 0, i = (size_t) scene->textures[index]->key & mask;
+
+    for (; n < PROBES && scene->texture_slots[i]; n++)
+        i = (i + 1) & mask;
+    if (n < PROBES)
+        scene->texture_slots[i] = (uint32_t) index + 1;
+}
+
+/* Enters all textures that have a key into a table at most half full. */
+static enum pell_result rebuild_slots(struct pell_scene *scene, size_t room)
+{
+    size_t wanted = 16;
+    uint32_t *slots;
+
+    while (wanted < 2 * room)
+        wanted *= 2;
+    slots = pell_calloc(scene->ctx, wanted, sizeof(*slots));
+    if (!slots)
+        return PELL_ERR_NOMEM;
+    pell_free(scene->ctx, scene->texture_slots);
+    scene->texture_slots = slots;
+    scene->num_texture_slots = wanted;
+    for (size_t i = 0; i < scene->num_textures; i++)
+        if (scene->textures[i]->key)
+            enter_texture(scene, i);
+    return PELL_OK;
+}
+
+/* Adds a texture that later calls find by (name, key). */
+static enum pell_result add_keyed(struct pell_scene *scene, const char *name, uint64_t key, struct pell_texture **out)
+{
+    enum pell_result res;
+
+    if (2 * (scene->num_textures + 1) > scene->num_texture_slots)
+        PELL_TRY(rebuild_slots(scene, 2 * (scene->num_textures + 1)));
+    PELL_TRY(pell_scene_add_texture(scene, name, out));
+    (*out)->key = key;
+    enter_texture(scene, scene->num_textures - 1);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static bool fatal(enum pell_result res)
+{
+    return res == PELL_ERR_NOMEM || res == PELL_ERR_CANCELLED;
+}
+
+static void left_out(struct pell_import *import, const char *where, const char *reference)
+{
+    char shown[160];
+
+    pell_warn(import->ctx, where, NULL, "the picture \"%s\" can't be used and is left out",
+              pell_printable(reference, shown, sizeof(shown)));
+}
+
+/* Pictures that can't be read stay in the scene without pixels, so that each is tried once; pell_scene_drop_textures removes them. */
+enum pell_result pell_import_texture(struct pell_import *import, const char *where, const char *reference, enum pell_image_role role,
+                                     struct pell_texture **texture)
+{
+    struct pell_texture *t = NULL;
+    char *path = NULL;
+    enum pell_result res;
+    uint64_t key;
+
+    *texture = NULL;
+    if (pell_cancelled(import->ctx))
+        return PELL_ERR_CANCELLED;
+    pell_soften(import->ctx, 1);
+    res = pell_path_resolve(import->ctx, where, import->root, reference, import->allow_outside, &path);
+    pell_soften(import->ctx, -1);
+    if (res != PELL_OK) {
+        if (!fatal(res))
+            left_out(import, where, reference);
+        return fatal(res) ? res : PELL_OK;
+    }
+    key = texture_key(path, (int) role);
+    t = find_texture(import->scene, key, path);
+    if (!t) {
+        PELL_TRY(add_keyed(import->scene, path, key, &t));
+        pell_soften(import->ctx, 1);
+        res = pell_image_read(import->ctx, path, role, &t->image);
+        pell_soften(import->ctx, -1);
+        if (fatal(res))
+            goto fail;
+        if (res != PELL_OK) {
+            memset(&t->image, 0, sizeof(t->image));
+            left_out(import, where, reference);
+        }
+    }
+    *texture = t->image.pixels ? t : NULL;
+    res = PELL_OK;
+
+fail:
+    pell_free(import->ctx, path);
+    return res;
+}
+
+enum pell_result pell_import_texture_bytes(struct pell_import *import, const char *where, const char *name, const void *data,
+                                           size_t size, enum pell_image_role role, struct pell_texture **texture)
+{
+    const uint64_t key = hash_bytes(texture_key(name, (int) role), data, size);
+    struct pell_texture *t = find_texture(import->scene, key, name);
+    enum pell_result res;
+
+    *texture = NULL;
+    if (pell_cancelled(import->ctx))
+        return PELL_ERR_CANCELLED;
+    if (!t) {
+        PELL_TRY(add_keyed(import->scene, name, key, &t));
+        pell_soften(import->ctx, 1);
+        res = pell_image_decode(import->ctx, name, data, size, role, &t->image);
+        pell_soften(import->ctx, -1);
+        if (fatal(res))
+            goto fail;
+        if (res != PELL_OK) {
+            memset(&t->image, 0, sizeof(t->image));
+            left_out(import, where, name);
+        }
+    }
+    *texture = t->image.pixels ? t : NULL;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_texture_sampler(struct pell_scene *scene, struct pell_texture *texture, enum pell_wrap wrap_u,
+                                      enum pell_wrap wrap_v, bool nearest, struct pell_texture **out)
+{
+    const int sampler[3] = { (int) wrap_u, (int) wrap_v, nearest };
+    struct pell_texture *t = texture;
+    enum pell_result res;
+
+    *out = NULL;
+    if (texture->sampled && (texture->wrap_u != wrap_u || texture->wrap_v != wrap_v || texture->nearest != nearest)) {
+        const uint64_t key = hash_bytes(texture->key, sampler, sizeof(sampler));
+        t = find_texture(scene, key, texture->name);
+        if (!t) {
+            PELL_TRY(add_keyed(scene, texture->name, key, &t));
+            t->image = texture->image;
+            t->shared = true;
+        }
+    }
+    t->wrap_u = wrap_u;
+    t->wrap_v = wrap_v;
+    t->nearest = nearest;
+    t->sampled = true;
+    *out = t;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+void pell_scene_drop_textures(struct pell_scene *scene)
+{
+    size_t kept = 0;
+
+    pell_free(scene->ctx, scene->texture_slots);
+    scene->texture_slots = NULL;
+    scene->num_texture_slots = 0;
+    for (size_t i = 0; i < scene->num_textures; i++) {
+        if (scene->textures[i]->image.pixels)
+            scene->textures[kept++] = scene->textures[i];
+        else
+            texture_destroy(scene->ctx, scene->textures[i]);
+    }
+    scene->num_textures = kept;
+}

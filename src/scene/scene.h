@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: MIT
+ * scene.h - what the files of src/scene share among themselves. */
+#ifndef PELL_SCENE_PRIVATE_H
+#define PELL_SCENE_PRIVATE_H
+
+#include "scene/import.h"
+
+/* --- scene.c ------------------------------------------------------------------------------------------------------------------ */
+
+void pell_mesh_finish(struct pell_context *ctx, struct pell_mesh *mesh);
+PELL_NODISCARD enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *name, const char *value, const char *where);
+/* Logs that no built-in material is called `name`, with the nearest one as hint. */
+enum pell_result pell_material_unknown(struct pell_context *ctx, const char *where, const char *name);
+PELL_NODISCARD enum pell_result pell_material_set(struct pell_context *ctx, struct pell_material *material,
+                                                  const struct pell_material_entry *entry);
+/* Makes `up` a unit vector at right angles to the unit vector `forward`. */
+void pell_scene_square(const float *forward, float *up);
+/* Removes the textures that could not be read, and the cache. Nothing may be imported afterwards. */
+void pell_scene_drop_textures(struct pell_scene *scene);
+/* Gives the mesh `more` vertices, which are copies of those in `from`; all its arrays grow. */
+PELL_NODISCARD enum pell_result pell_mesh_duplicate(struct pell_scene *scene, size_t mesh, const uint32_t *from, uint32_t more);
+
+/* --- material.c --------------------------------------------------------------------------------------------------------------- */
+
+/* Reads a material file (data/materials/schema.json; only the optics must be there). entry->name is owned by the caller; other texts
+ * are constant. */
+PELL_NODISCARD enum pell_result pell_material_read(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
+                                                   struct pell_material_entry *entry);
+/* A built-in name, or the path of a material file ("x.json" or with a '/'): as pell_material_read. An unknown name is
+ * PELL_ERR_INVALID. */
+PELL_NODISCARD enum pell_result pell_material_open(struct pell_context *ctx, const char *where, const char *name_or_path,
+                                                   struct pell_material_entry *entry);
+struct pell_json;
+/* sigma_a with sigma_s_reduced, or with sigma_s and g; eta. Keys that are not there keep what `medium` has (eta), or are refused. */
+PELL_NODISCARD enum pell_result pell_read_medium(const struct pell_json *at, struct pell_medium *medium);
+bool pell_material_is_path(const char *name_or_path);
+/* The reduced albedo whose dipole has the diffuse reflectance `total` (in [0, 1]) at relative index eta, by bisection. */
+double pell_albedo_of_total(double total, double eta);
+
+/* What a scene file asks for beyond load parameters. */
+struct pell_extras {
+    bool studio;         /* the default lights, though there are others */
+    bool no_lights;      /* the file says that there are none: add none */
+    bool ground;
+    int ground_material; /* -1: the neutral one */
+    float aspect;        /* of the picture that the file asks for; 0: it doesn't say */
+};
+
+/* --- load.c ------------------------------------------------------------------------------------------------------------------- */
+
+/* Where bytes come from and what may be referred to. `read` NULL: files. */
+struct pell_loader {
+    struct pell_context *ctx;
+    const struct pell_load_params *params;
+    const char *root;
+    enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
+    void *user;
+};
+
+/* What one unit of a file is. */
+struct pell_scale {
+    double mm_per_unit, size_mm; /* 0: not given */
+    const char *where;           /* that says so, for messages */
+};
+
+/* Resolves `reference` under the root and reads it (see pell_file_read). *path is owned by the caller. */
+PELL_NODISCARD enum pell_result pell_loader_read(const struct pell_loader *loader, const char *where, const char *reference, char **path,
+                                                 uint8_t **data, size_t *size);
+/* Reads a mesh file into a fresh scene in mm; scene->mm_per_unit is set. */
+PELL_NODISCARD enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
+                                               const struct pell_scale *scale, struct pell_scene **out);
+/* Moves all that `from` has behind what `to` has. Both stay valid whatever happens. */
+PELL_NODISCARD enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from);
+/* Reads a scene from memory, whatever its format: what pell_scene_load does once it has the bytes. */
+PELL_NODISCARD enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
+                                                      struct pell_scene **out);
+/* Makes the camera called `name` the first; PELL_ERR_INVALID (or `code`) and the nearest name if there is none. */
+PELL_NODISCARD enum pell_result pell_scene_choose_camera(struct pell_scene *scene, const char *where, const char *name,
+                                                         enum pell_result code);
+
+/* --- scene_file.c ------------------------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result pell_read_scene_file(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
+                                                     struct pell_scene **out, struct pell_extras *extras);
+/* The keys of each kind of object in a scene file: the parser, its hints and the test of the schema share them. pell_scene_keys has
+ * those of all but the lights (scene_file.h) and ends with {0}. */
+struct pell_scene_keys {
+    const char *object; /* name in the schema's $defs; "" is the root */
+    const char *const *keys;
+    size_t count;
+};
+extern const struct pell_scene_keys pell_scene_keys[];
+
+/* --- complete.c --------------------------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params,
+                                                  const struct pell_extras *extras);
+/* Gives marble to meshes for which the file names no material. */
+PELL_NODISCARD enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quiet);
+/* Bounds of all vertices that triangles use. False if there are none, or they are not finite. */
+bool pell_scene_bounds(const struct pell_scene *scene, float *min, float *max);
+
+/* --- normals.c, tangents.c ---------------------------------------------------------------------------------------------------- */
+
+struct pell_topology;
+
+/* Gives the meshes of one object, which `topology` describes, the normals that they lack. Meshes without any get creases where faces
+ * meet at more than 60 degrees. */
+PELL_NODISCARD enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_topology *topology);
+/* Tangents along UV set `uv`. */
+PELL_NODISCARD enum pell_result pell_make_tangents(struct pell_scene *scene, size_t mesh, int uv);
+
+/* --- studio.c ----------------------------------------------------------------------------------------------------------------- */
+
+/* A camera that looks along -z and frames the bounds. */
+PELL_NODISCARD enum pell_result pell_scene_frame(struct pell_scene *scene, float aspect);
+/* Three soft lights around the bounds, as seen by the first camera. */
+PELL_NODISCARD enum pell_result pell_scene_studio(struct pell_scene *scene);
+/* A floor with a sweep behind the bounds, as seen by the first camera; `material` -1 makes a neutral one. */
+PELL_NODISCARD enum pell_result pell_scene_ground(struct pell_scene *scene, int material);
+
+#endif

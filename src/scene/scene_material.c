@@ -1,0 +1,415 @@
+/* SPDX-License-Identifier: MIT
+ * scene_material.c - the materials of a scene file, laid over those of the mesh files. */
+#include "scene/names.h"
+#include "scene/scene_file.h"
+
+#include <string.h>
+
+const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
+    "preset",         "sigma_a", "sigma_s_reduced", "sigma_s",    "g",        "eta",          "color", "mean_free_path", "layers",
+    "profile",        "color_from", "textures",     "normal_scale", "mix",    "strength",     "roughness", "specular",   "opaque",
+};
+const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
+const char *const pell_texture_keys[PELL_TEXTURE_KEYS] = { "baseColor", "normal", "roughness", "metallic", "specular", "emissive" };
+
+enum pell_result pell_scene_material_entry(struct pell_scene_reader *r, const struct pell_json *at, const char *name,
+                                           struct pell_material_entry *entry)
+{
+    struct pell_text where;
+    char *path = NULL;
+    uint8_t *data = NULL;
+    size_t size;
+    enum pell_result res;
+
+    memset(entry, 0, sizeof(*entry));
+    pell_json_where(at, &where);
+    if (pell_material_find(name) || !pell_material_is_path(name)) {
+        res = pell_material_open(r->ctx, where.str, name, entry);
+        return res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
+    }
+    PELL_TRY(pell_loader_read(r->loader, where.str, name, &path, &data, &size));
+    PELL_TRY(pell_material_read(r->ctx, path, data, size, entry));
+
+fail:
+    pell_free(r->ctx, path);
+    pell_free(r->ctx, data);
+    return res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
+}
+
+/* --- Maps --------------------------------------------------------------------------------------------------------------------- */
+
+static struct pell_texture_map *map_called(struct pell_material *m, const char *name)
+{
+    struct pell_texture_map *const maps[PELL_TEXTURE_KEYS] = { &m->base_color_map, &m->normal_map, &m->roughness_map,
+                                                               &m->metallic_map,   &m->rho_s_map,  &m->emissive_map };
+
+    for (size_t i = 0; i < PELL_TEXTURE_KEYS; i++)
+        if (strcmp(name, pell_texture_keys[i]) == 0)
+            return maps[i];
+    return NULL;
+}
+
+static int channel_called(const char *name)
+{
+    const char *const letters = "rgba", *at = name[0] && !name[1] ? strchr(letters, name[0]) : NULL;
+    return at ? (int) (at - letters) : -1;
+}
+
+/* "file.png" or "file.png#g". A broken picture leaves the map as it was. */
+static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_json *at, enum pell_image_role role,
+                                 struct pell_texture_map *map)
+{
+    const char *text, *hash;
+    struct pell_texture *texture;
+    char *name = NULL;
+    int channel = 0;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_to_string(at, &text));
+    hash = strrchr(text, '#');
+    if (hash && (channel = channel_called(hash + 1)) < 0) {
+        hash = NULL; /* a '#' of the file's name */
+        channel = 0;
+    }
+    name = pell_strndup(r->ctx, text, hash ? (size_t) (hash - text) : strlen(text));
+    if (!name)
+        return PELL_ERR_NOMEM;
+    PELL_TRY(pell_scene_picture(r, at, name, role, &texture));
+    if (texture) {
+        *map = pell_texture_map_none();
+        map->texture = texture;
+        map->channel = channel;
+    }
+
+fail:
+    pell_free(r->ctx, name);
+    return res;
+}
+
+static enum pell_result read_textures(struct pell_scene_reader *r, const struct pell_json *parent, struct pell_material *m)
+{
+    struct pell_json textures;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_object(parent, "textures", &textures));
+    if (!textures.value)
+        return PELL_OK;
+    PELL_TRY(pell_json_only(&textures, pell_texture_keys, PELL_TEXTURE_KEYS));
+    for (size_t i = 0; i < PELL_TEXTURE_KEYS; i++) {
+        const char *key = pell_texture_keys[i];
+        const struct pell_json at = pell_json_get(&textures, key);
+        const bool color = strcmp(key, "baseColor") == 0 || strcmp(key, "emissive") == 0;
+        if (at.value)
+            PELL_TRY(read_map(r, &at, color ? PELL_ROLE_COLOR : PELL_ROLE_DATA, map_called(m, key)));
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* A number, a channel of one of the material's textures ("baseColor.a"), or of a picture ("mask.png#r"). */
+static enum pell_result read_strength(struct pell_scene_reader *r, const struct pell_json *parent, struct pell_material *m)
+{
+    const struct pell_json at = pell_json_get(parent, "strength");
+    char name[32];
+    const char *text, *dot;
+    enum pell_result res;
+
+    if (!at.value)
+        return PELL_OK;
+    if (json_is_number(at.value))
+        return pell_json_float(parent, "strength", 0.0, 1.0, &m->strength);
+    PELL_TRY(pell_json_to_string(&at, &text));
+    dot = strrchr(text, '.');
+    if (dot && channel_called(dot + 1) >= 0 && (size_t) (dot - text) < sizeof(name)) {
+        const struct pell_texture_map *map;
+        memcpy(name, text, (size_t) (dot - text));
+        name[dot - text] = '\0';
+        map = map_called(m, name);
+        if (map && !map->texture) {
+            pell_json_warn(&at, NULL, "material \"%s\" has no texture %s: its strength stays %g", m->name, name, (double) m->strength);
+            return PELL_OK;
+        }
+        if (map) {
+            m->strength_map = *map;
+            m->strength_map.channel = channel_called(dot + 1);
+            return PELL_OK;
+        }
+    }
+    return read_map(r, &at, PELL_ROLE_DATA, &m->strength_map);
+
+fail:
+    return res;
+}
+
+/* --- What is below the surface ------------------------------------------------------------------------------------------------ */
+
+static void forget_preset(struct pell_scene_reader *r, struct pell_material *m)
+{
+    pell_free(r->ctx, m->preset);
+    m->preset = NULL;
+    m->gaussians.count = 0;
+    m->opaque = false;
+    m->color_from = PELL_COLOR_FROM_PROFILE;
+    m->metallic = 0.0f;
+    m->metallic_map = pell_texture_map_none();
+}
+
+/* A text for all channels, or three texts: lengths without a unit are what goes wrong most. */
+static enum pell_result read_free_paths(const struct pell_json *parent, double *mm)
+{
+    const struct pell_json at = pell_json_get(parent, "mean_free_path");
+    enum pell_result res = PELL_OK;
+
+    if (json_is_string(at.value)) {
+        res = pell_scene_text_length(&at, false, &mm[0]);
+        mm[1] = mm[2] = mm[0];
+    } else if (json_is_array(at.value) && json_array_size(at.value) == 3) {
+        for (size_t c = 0; c < 3 && res == PELL_OK; c++) {
+            const struct pell_json element = pell_json_at(&at, c);
+            if (!json_is_string(element.value))
+                return pell_json_error(&element, PELL_ERR_FORMAT, "write it with its unit, as in \"1.2mm\"",
+                                       "must be a text: a length without a unit could mean anything");
+            res = pell_scene_text_length(&element, false, &mm[c]);
+        }
+    } else {
+        return pell_json_error(&at, PELL_ERR_FORMAT, "write it with its unit, as in \"1.2mm\"",
+                               "must be a text, or three: a length without a unit could mean anything");
+    }
+    for (size_t c = 0; c < 3 && res == PELL_OK; c++)
+        if (!(mm[c] >= 1e-6 && mm[c] <= 1e6))
+            return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "is %g mm, allowed: [1e-6, 1e6]", mm[c]);
+    return res;
+}
+
+/* "color" with "mean_free_path": the albedo whose dipole reflects that colour. "color" alone is the surface's own. */
+static enum pell_result read_color(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
+{
+    const struct pell_json place = pell_json_get(at, "color");
+    double color[3], mm[3];
+    enum pell_result res;
+
+    if (!place.value)
+        return pell_json_has(at, "mean_free_path") ? pell_json_require(at, "color") : PELL_OK;
+    PELL_TRY(pell_json_numbers(at, "color", 3, 0.0, 1.0, color));
+    if (pell_json_has(at, "mean_free_path")) {
+        PELL_TRY(read_free_paths(at, mm));
+        forget_preset(r, m);
+        for (int c = 0; c < 3; c++) {
+            const double albedo = pell_albedo_of_total(color[c], m->medium.eta);
+            m->medium.sigma_a[c] = (1.0 - albedo) / mm[c];
+            m->medium.sigma_s_reduced[c] = albedo / mm[c];
+            m->medium.g[c] = 0.0;
+        }
+    } else if (!m->opaque && m->color_from == PELL_COLOR_FROM_PROFILE) {
+        return pell_json_error(&place, PELL_ERR_FORMAT, "add mean_free_path (\"1mm\"), or \"color_from\": \"texture\", or \"opaque\": true",
+                               "says nothing about a material whose colour comes from its profile");
+    }
+    for (int c = 0; c < 3; c++)
+        m->base_color[c] = (float) color[c];
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result refuse_later(const struct pell_json *at)
+{
+    const struct pell_json layers = pell_json_get(at, "layers"), profile = pell_json_get(at, "profile");
+
+    if (layers.value)
+        return pell_json_error(&layers, PELL_ERR_UNSUPPORTED, NULL, "layered media are not there yet");
+    if (profile.value && !(json_is_string(profile.value) && strcmp(json_string_value(profile.value), "dipole") == 0)) {
+        char value[96];
+        return pell_json_error(&profile, PELL_ERR_UNSUPPORTED, NULL, "is %s; only \"dipole\" is there yet",
+                               pell_json_value(&profile, value, sizeof(value)));
+    }
+    return PELL_OK;
+}
+
+static enum pell_result read_optics(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
+{
+    const struct pell_json preset = pell_json_get(at, "preset");
+    const bool medium = pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") || pell_json_has(at, "sigma_s_reduced");
+    struct pell_material_entry entry = { 0 };
+    const char *name;
+    enum pell_result res;
+
+    if (medium && (preset.value || pell_json_has(at, "mean_free_path")))
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives coefficients and %s; one of them is allowed",
+                               preset.value ? "a preset" : "a mean free path");
+    if (preset.value && pell_json_has(at, "mean_free_path"))
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives a preset and a mean free path; one of them is allowed");
+    if (preset.value) {
+        PELL_TRY(pell_json_to_string(&preset, &name));
+        PELL_TRY(pell_scene_material_entry(r, &preset, name, &entry));
+        PELL_TRY(pell_material_set(r->ctx, m, &entry));
+    }
+    PELL_TRY(pell_json_number(at, "eta", 1.0, 4.0, &m->medium.eta));
+    if (medium) {
+        forget_preset(r, m);
+        PELL_TRY(pell_read_medium(at, &m->medium));
+    } else if (pell_json_has(at, "g")) {
+        const struct pell_json g = pell_json_get(at, "g");
+        return pell_json_error(&g, PELL_ERR_FORMAT, NULL, "stands without sigma_s or sigma_s_reduced");
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(r->ctx, (char *) entry.name);
+    return res;
+}
+
+/* --- The surface -------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result read_specular(const struct pell_json *at, struct pell_material *m)
+{
+    static const char *const models[] = { "ggx", "kelemen" };
+    int model = m->specular == PELL_SPECULAR_KELEMEN;
+    struct pell_json specular;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_object(at, "specular", &specular));
+    if (!specular.value)
+        return PELL_OK;
+    PELL_TRY(pell_json_only(&specular, pell_specular_keys, PELL_SPECULAR_KEYS));
+    PELL_TRY(pell_json_choice(&specular, "model", models, PELL_COUNT(models), &model));
+    m->specular = model ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX;
+    PELL_TRY(pell_json_float(&specular, "roughness", 0.0, 1.0, &m->roughness));
+    PELL_TRY(pell_json_float(&specular, "rho_s", 0.0, 1.0, &m->rho_s));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pell_json *at, size_t material)
+{
+    static const char *const sources[] = { "profile", "texture" };
+    struct pell_material *m = &r->scene->materials[material];
+    int color_from;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_only(at, pell_material_keys, PELL_MATERIAL_KEYS));
+    PELL_TRY(refuse_later(at));
+    PELL_TRY(read_optics(r, at, m));
+    PELL_TRY(pell_json_bool(at, "opaque", &m->opaque));
+    color_from = m->color_from == PELL_COLOR_FROM_TEXTURE;
+    PELL_TRY(pell_json_choice(at, "color_from", sources, PELL_COUNT(sources), &color_from));
+    m->color_from = color_from ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
+    PELL_TRY(read_textures(r, at, m));
+    PELL_TRY(read_color(r, at, m));
+    PELL_TRY(read_strength(r, at, m));
+    PELL_TRY(pell_json_float(at, "mix", 0.0, 1.0, &m->mix));
+    PELL_TRY(pell_json_float(at, "roughness", 0.0, 1.0, &m->roughness));
+    PELL_TRY(pell_json_float(at, "normal_scale", -100.0, 100.0, &m->normal_scale));
+    PELL_TRY(read_specular(at, m));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- By name ------------------------------------------------------------------------------------------------------------------ */
+
+static void warn_no_match(struct pell_scene_reader *r, const struct pell_json *at, const char *name)
+{
+    enum { SHOWN = 64 };
+    const char *names[SHOWN] = { NULL }, *near;
+    struct pell_text hint = { 0 };
+    char shown[96], other[96];
+    size_t count = 0;
+
+    for (size_t i = 0; i < r->scene->num_materials && count < SHOWN; i++)
+        names[count++] = r->scene->materials[i].name;
+    near = pell_nearest(name, names, count);
+    if (near) {
+        pell_text_add(&hint, "did you mean \"%s\"?", pell_printable(near, other, sizeof(other)));
+    } else {
+        pell_text_add(&hint, "the files have");
+        for (size_t i = 0; i < count && i < 8; i++)
+            pell_text_add(&hint, "%s \"%s\"", i ? "," : "", pell_printable(names[i], other, sizeof(other)));
+    }
+    pell_json_warn(at, hint.str, "no material is called \"%s\": nothing is changed by it", pell_printable(name, shown, sizeof(shown)));
+}
+
+/* The scene's materials by name: those of one name are a list. */
+struct by_name {
+    struct pell_names names;
+    uint32_t *first, *next; /* material + 1 */
+};
+
+static enum pell_result index_names(struct pell_scene_reader *r, struct by_name *b)
+{
+    const size_t count = r->scene->num_materials;
+    uint32_t number;
+    bool fresh;
+    enum pell_result res;
+
+    b->names.ctx = r->ctx;
+    b->names.where = r->file.path;
+    b->first = pell_calloc(r->ctx, count, sizeof(*b->first));
+    b->next = pell_calloc(r->ctx, count, sizeof(*b->next));
+    if (!b->first || !b->next)
+        return PELL_ERR_NOMEM;
+    for (size_t i = count; i-- > 0;) {
+        const char *name = r->scene->materials[i].name;
+        PELL_TRY(pell_names_enter(&b->names, name, strlen(name), &number, &fresh));
+        b->next[i] = b->first[number];
+        b->first[number] = (uint32_t) i + 1;
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result overlay_named(struct pell_scene_reader *r, const struct pell_json *materials, const char *name, struct by_name *b)
+{
+    const struct pell_json at = pell_json_get(materials, name);
+    const size_t known = b->names.count;
+    uint32_t number;
+    bool fresh;
+    enum pell_result res;
+
+    PELL_TRY(pell_names_enter(&b->names, name, strlen(name), &number, &fresh));
+    if (fresh || number >= known) {
+        PELL_TRY(pell_json_only(&at, pell_material_keys, PELL_MATERIAL_KEYS)); /* what is not used must be right all the same */
+        warn_no_match(r, &at, name);
+        return PELL_OK;
+    }
+    for (uint32_t i = b->first[number]; i; i = b->next[i - 1])
+        PELL_TRY(pell_scene_overlay(r, &at, i - 1));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struct pell_json *root)
+{
+    struct by_name b = { .first = NULL };
+    struct pell_json materials, all;
+    const char *name;
+    json_t *value;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_object(root, "materials", &materials));
+    all = pell_json_get(&materials, "*");
+    PELL_TRY(pell_scene_default_material(r->scene, all.value || pell_json_has(&materials, "default")));
+    if (!materials.value)
+        return PELL_OK;
+    for (size_t i = 0; all.value && i < r->scene->num_materials; i++)
+        PELL_TRY(pell_scene_overlay(r, &all, i));
+    PELL_TRY(index_names(r, &b));
+    json_object_foreach((json_t *) materials.value, name, value)
+        if (strcmp(name, "*") != 0)
+            PELL_TRY(overlay_named(r, &materials, name, &b));
+
+fail:
+    pell_names_finish(&b.names);
+    pell_free(r->ctx, b.first);
+    pell_free(r->ctx, b.next);
+    return res;
+}

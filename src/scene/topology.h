@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * topology.h - the surface of one object as a whole: equal positions welded, edges with their triangles, connected parts.
+ *
+ * Everything is linear in the size of the object (radix and counting sorts, union-find), so that no input makes it slow, and
+ * depends on the order of the file alone.
+ */
+#ifndef PELL_TOPOLOGY_H
+#define PELL_TOPOLOGY_H
+
+#include "scene/scene.h"
+
+struct pell_topology {
+    struct pell_context *ctx;
+    size_t num_meshes;
+    const uint32_t *mesh;     /* the object's meshes, as indices into the scene; borrowed */
+    uint32_t *first_vertex;   /* of each mesh, num_meshes + 1: vertices and triangles are numbered through the object */
+    uint32_t *first_triangle;
+    uint32_t num_vertices, num_triangles, num_positions;
+    uint32_t *weld;           /* per vertex: number of its position, in order of first appearance */
+    uint32_t *corner;         /* per half-edge 3 t + k: the position that it starts from; it ends at the next corner's */
+    float *face; /* per triangle: the cross product of two edges (normal times twice the area) over `scale`^2; 0 if degenerate */
+    double scale;             /* largest extent of the object */
+    uint32_t *half;           /* half-edges of the triangles that are not degenerate, sorted so that those of an edge are neighbours */
+    uint32_t num_halves;
+    uint32_t num_degenerate;
+    uint32_t *part;           /* per triangle: number of the connected part; UINT32_MAX if degenerate */
+    uint32_t num_parts;
+};
+
+PELL_NODISCARD enum pell_result pell_topology_make(struct pell_topology *topology, const struct pell_scene *scene,
+                                                   const uint32_t *meshes, size_t num_meshes);
+void pell_topology_finish(struct pell_topology *topology);
+
+static inline uint32_t pell_half_next(uint32_t half)
+{
+    return half % 3 == 2 ? half - 2 : half + 1;
+}
+
+static inline uint32_t pell_half_start(const struct pell_topology *t, uint32_t half)
+{
+    return t->corner[half];
+}
+
+static inline uint32_t pell_half_end(const struct pell_topology *t, uint32_t half)
+{
+    return t->corner[pell_half_next(half)];
+}
+
+/* One past the last half-edge of the edge whose first is half[first]. */
+uint32_t pell_topology_edge(const struct pell_topology *topology, uint32_t first);
+
+/* Per connected part. */
+struct pell_part {
+    bool closed;    /* every edge is passed as often one way as the other */
+    double volume;  /* enclosed, signed: positive where normals point outward; in the meshes' units */
+    double min[3], max[3];
+};
+/* `parts` has num_parts elements. */
+void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
+
+/* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the
+ * result: `order` or `scratch`, which has the same size. */
+uint32_t *pell_sort_keys(const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count);
+
+/* The scene's meshes sorted by (object, index): an object is a run. `order` has num_meshes elements. */
+void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
+
+#endif
