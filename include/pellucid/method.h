@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/method.h - one subsurface-scattering technique behind one small interface, and how to run it on your own buffers.
+ *
+ * Ownership  `create` gives, `destroy` takes back; every other pointer is borrowed for the call.
+ * Threads    a pell_method is constant data; a state belongs to one thread at a time.
+ */
+#ifndef PELLUCID_METHOD_H
+#define PELLUCID_METHOD_H
+
+#include <pellucid/context.h>
+#include <pellucid/frame.h>
+#include <pellucid/knob.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct pell_renderer;
+
+enum pell_kind { PELL_METHOD, PELL_REFERENCE };
+enum pell_quantity { PELL_QUANTITY_EXITANCE, PELL_QUANTITY_RADIANCE };
+
+enum pell_need {
+    PELL_NEED_IRRADIANCE = 1 << 0,
+    PELL_NEED_LIT = 1 << 1,
+    PELL_NEED_STRENGTH = 1 << 2,
+    PELL_NEED_NORMAL = 1 << 3,
+    PELL_NEED_POSITION = 1 << 4,
+    PELL_NEED_THROUGH = 1 << 5, /* not read by the method: the renderer makes light from behind with the method's thickness tables and
+                                 * adds it to M in the composite */
+};
+
+/* What a set of knobs asks of the frame, and what comes out. */
+struct pell_plan {
+    unsigned needs;
+    enum pell_quantity quantity;
+    float mix; /* mix exponent for all materials; negative: each material's own */
+};
+
+/* What `--stats` and `bench` print of a method's own passes. */
+struct pell_pass_time {
+    const char *name; /* constant */
+    double seconds;
+    int64_t pixels;   /* that the pass wrote */
+    int64_t bytes;    /* that it must read and write at least once */
+};
+
+struct pell_method_engine {
+    /* Makes all that outlives a frame. `knobs` is in range; `shape` holds its first part only. On failure *state may be half-built or
+     * NULL; `destroy` is called in either case. */
+    enum pell_result (*create)(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state);
+    /* Fills `out`; allocates nothing. Planes that were asked for are there. */
+    enum pell_result (*render)(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
+    void (*destroy)(void *state); /* takes NULL and a half-built state */
+    /* Light from behind, per material; NULL where the method has none. */
+    const struct pell_thickness_table *(*thickness)(const void *state, size_t material);
+    /* Times of the last render's passes; returns how many (at most `size`). May be NULL. */
+    size_t (*times)(const void *state, struct pell_pass_time *times, size_t size);
+};
+
+struct pell_method {
+    enum pell_kind kind;
+    const char *name;   /* stable id, [a-z0-9-]+; its folder uses underscores */
+    const char *title;  /* for people */
+    const char *cite;   /* authors, title, venue, year */
+    const char *limits; /* what it can't do, a sentence or two */
+    const struct pell_knob *knobs; /* ends with {0}; a row called "as" (enum "best", "paper") comes first */
+    size_t knobs_size;
+    void (*paper)(void *knobs); /* changes the defaults to what the paper ran */
+    void (*plan)(const void *knobs, struct pell_plan *plan);
+    const struct pell_method_engine *cpu, *vulkan; /* NULL: not on this engine */
+};
+
+/* All built-in methods, NULL-terminated. */
+PELL_API extern const struct pell_method *const pell_methods[];
+
+/* NULL and a logged message with the nearest name if there is none of that name. `where` says who asked. */
+PELL_API const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name);
+
+struct pell_setting {
+    const char *name, *value, *where;
+};
+
+/* Fills `values` (knobs_size bytes): the defaults of `as`, wherever it stands among the settings, then every other setting in order. */
+PELL_API PELL_NODISCARD enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method,
+                                                               const struct pell_setting *settings, size_t num_settings, void *values);
+
+/* --- Running a method on the caller's planes ---------------------------------------------------------------------------------- */
+
+struct pell_pass;
+
+/* `shape` is copied, materials included. The renderer lends its threads and must outlive the pass. `knobs` may be NULL: defaults. */
+PELL_API PELL_NODISCARD enum pell_result pell_pass_create(struct pell_renderer *r, const struct pell_method *method, const void *knobs,
+                                                          const struct pell_frame *shape, struct pell_pass **out);
+/* `in` must have the pass's shape and the planes that its plan needs; `out` three planes. Allocates nothing. */
+PELL_API PELL_NODISCARD enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_frame *in,
+                                                          const struct pell_frame_light *out);
+PELL_API const struct pell_plan *pell_pass_plan(const struct pell_pass *pass);
+PELL_API const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *pass, size_t material);
+PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size);
+PELL_API void pell_pass_destroy(struct pell_pass **pass);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

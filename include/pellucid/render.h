@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/render.h - from a scene to a picture in host memory.
+ *
+ *     pell_renderer_create(ctx, &params, &r);
+ *     pell_renderer_set_scene(r, scene);
+ *     pell_renderer_set_method(r, method, knobs);       // NULL: no scattering, plain Lambert, to compare with
+ *     pell_renderer_render(r, &settings, &picture);     // as often as wanted
+ *
+ * Ownership  the renderer borrows scene and method; the picture's planes are the renderer's and hold until the next call on it.
+ * Threads    one thread at a time per renderer; many renderers may run at once, also on one scene.
+ */
+#ifndef PELLUCID_RENDER_H
+#define PELLUCID_RENDER_H
+
+#include <pellucid/image.h>
+#include <pellucid/method.h>
+#include <pellucid/scene.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum pell_engine { PELL_ENGINE_AUTO, PELL_ENGINE_CPU, PELL_ENGINE_VULKAN };
+enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR };
+/* How light passes the surface, in and out: by Fresnel's F_t of a smooth boundary, or by rho_dt = 1 - rho_s (albedo of the specular lobe). */
+enum pell_boundary { PELL_BOUNDARY_ROUGH, PELL_BOUNDARY_SMOOTH };
+enum pell_exit { PELL_EXIT_BALANCED, PELL_EXIT_PUBLISHED };
+
+/* Defaults, ranges and help: pell_settings_knobs; fill with pell_knobs_default(pell_settings_knobs, &s). */
+struct pell_settings {
+    int width, height;
+    int msaa;
+    int light_samples;
+    int ambient_samples;
+    int environment_lights;
+    int64_t seed;
+    float exposure;  /* 0: key 0.18 over the log-average luminance of what is covered */
+    float white;     /* luminance after exposure that becomes display white; 0: the picture's largest */
+    int tonemap;  /* enum pell_tonemap */
+    int exit;     /* enum pell_exit */
+    int boundary; /* enum pell_boundary */
+    bool layers;  /* make every layer of struct pell_picture, not only R, G, B, A */
+};
+
+PELL_API extern const struct pell_knob pell_settings_knobs[];
+
+struct pell_renderer_params {
+    int threads;             /* 0: one per core */
+    enum pell_engine engine; /* AUTO: cpu where no hardware Vulkan device is */
+};
+
+/* PELL_ERR_DEVICE for an engine that this build or machine has not. */
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_create(struct pell_context *ctx, const struct pell_renderer_params *params,
+                                                              struct pell_renderer **out);
+PELL_API void pell_renderer_destroy(struct pell_renderer **r);
+
+PELL_API enum pell_engine pell_renderer_engine(const struct pell_renderer *r);
+PELL_API const char *pell_engine_name(enum pell_engine engine);
+PELL_API int pell_renderer_threads(const struct pell_renderer *r);
+
+/* Builds what rays need. NULL takes the scene away. */
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene);
+/* NULL: no scattering. `knobs` (NULL: defaults) is copied. */
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method, const void *knobs);
+
+/* One stage of a frame. */
+struct pell_stage_time {
+    const char *name;
+    double ms;
+    int64_t pixels, rays, bytes;
+    double copy_ms; /* copying the same bytes, measured once on this machine by this renderer */
+};
+
+struct pell_picture {
+    int width, height;
+    ptrdiff_t stride;
+    const struct pell_channel *channels; /* linear: "R", "G", "B", "A", "diffuse.multiple.R", ... as EXR layers are named */
+    size_t num_channels;
+    const float *display[3]; /* after exposure and tone mapping, [0, 1], not sRGB-encoded; stride as above */
+    const float *alpha;
+    const struct pell_stage_time *stages;
+    size_t num_stages;
+    double seconds;
+    int64_t invalid;      /* pixels that came out as NaN or infinite and were set to 0: 0 unless something is wrong */
+    float exposure;       /* that was applied */
+    struct pell_rect rect; /* of translucent pixels */
+};
+
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings,
+                                                              struct pell_picture *picture);
+
+/* Warns, in the log, where the scene leaves what the method can do: a mean free path larger than the thinnest part or under half a pixel,
+ * open or turned surfaces of translucent things. Looks at every triangle; fails for want of memory only. */
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct pell_settings *settings);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

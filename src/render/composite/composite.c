@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: MIT
+ * composite.c - see composite.h. Spec: methods.md, "Every diffusion method answers the same question". */
+#include "render/composite/lanes.h"
+
+#include <string.h>
+
+#define ROWS 4 /* rows of one task */
+
+struct pell_compositor {
+    struct pell_context *ctx;
+    const struct pell_composite_kernels *kernels;
+    struct pell_composite_material *materials;
+    size_t num_materials;
+};
+
+struct task {
+    const struct pell_compositor *c;
+    const struct pell_composite_params *p;
+    const struct pell_accumulator *out;
+    float *const *lit;
+    struct pell_composite_row row; /* of any y */
+};
+
+enum pell_result pell_compositor_create(struct pell_context *ctx, size_t num_materials, struct pell_compositor **out)
+{
+    struct pell_compositor *c = *out = pell_zalloc(ctx, sizeof(*c));
+
+    if (!c)
+        return PELL_ERR_NOMEM;
+    c->ctx = ctx;
+    c->kernels = pell_composite_kernels_tables[pell_simd_best()];
+    c->num_materials = num_materials;
+    c->materials = pell_calloc(ctx, num_materials, sizeof(*c->materials));
+    if (c->materials)
+        return PELL_OK;
+    pell_compositor_destroy(out);
+    return PELL_ERR_NOMEM;
+}
+
+void pell_compositor_destroy(struct pell_compositor **compositor)
+{
+    struct pell_compositor *c = *compositor;
+    if (!c)
+        return;
+    *compositor = NULL;
+    pell_free(c->ctx, c->materials);
+    pell_free(c->ctx, c);
+}
+
+static void fill_materials(struct pell_compositor *c, const struct pell_composite_params *p, struct pell_composite_row *row)
+{
+    const struct pell_specular_tables *t = p->tables;
+
+    for (size_t i = 0; i < c->num_materials; i++) {
+        const struct pell_material *m = &p->scene->materials[i];
+        const struct pell_boundary_table *boundary = &t->boundaries[t->boundary[i]];
+        const bool texture = m->color_from == PELL_COLOR_FROM_TEXTURE;
+        const float mix = p->mix >= 0.0f ? p->mix : m->mix;
+        struct pell_composite_material *out = &c->materials[i];
+
+        *out = (struct pell_composite_material) {
+            .f0 = boundary->f0,
+            .boundary_mean = boundary->mean,
+            .boundary = boundary->transmittance,
+            .model = t->model[i],
+            .smooth = p->smooth && !m->opaque,
+            .out_exponent = !m->opaque && texture ? 1.0f - mix : 0.0f,
+            .in_exponent = m->opaque ? 1.0f : texture ? mix : 0.0f,
+            .in_metal = m->opaque ? 1.0f : 0.0f,
+            .scatters = p->exitance && !m->opaque ? 1.0f : 0.0f,
+        };
+        for (int k = 0; k < 3; k++)
+            out->total[k] = m->opaque ? 1.0f : p->total[i][k];
+        row->any_smooth = row->any_smooth || out->smooth;
+        row->any_power = row->any_power || (mix > 0.0f && mix < 1.0f && mix != 0.5f);
+    }
+}
+
+static void put(float *plane, size_t at, int count, const float *values, float weight, bool first)
+{
+    if (!plane)
+        return;
+    plane += at;
+    if (first)
+        for (int i = 0; i < count; i++)
+            plane[i] = weight * values[i];
+    else
+        for (int i = 0; i < count; i++)
+            plane[i] += weight * values[i];
+}
+
+static void clear(const struct pell_accumulator *out, size_t at, int count)
+{
+    for (int c = 0; c < 3; c++) {
+        float *const planes[] = { out->color[c], out->multiple[c], out->transmission[c], out->specular[c], out->irradiance[c], out->normal[c] };
+        for (size_t i = 0; i < PELL_COUNT(planes); i++)
+            if (planes[i])
+                memset(planes[i] + at, 0, (size_t) count * sizeof(float));
+    }
+    memset(out->alpha + at, 0, (size_t) count * sizeof(float));
+    if (out->depth)
+        memset(out->depth + at, 0, (size_t) count * sizeof(float));
+}
+
+/* The layers that are copies of planes of the frame, masked by what is covered. */
+static void put_layers(const struct task *t, size_t at, int count, const struct pell_composite_lanes *l)
+{
+    const struct pell_composite_params *p = t->p;
+    float masked[LANES];
+
+    for (int c = 0; c < 3; c++) {
+        put(t->out->multiple[c], at, count, l->multiple[c], p->weight, p->first);
+        put(t->out->transmission[c], at, count, l->transmission[c], p->weight, p->first);
+        put(t->out->specular[c], at, count, l->specular[c], p->weight, p->first);
+        for (int i = 0; i < count; i++)
+            masked[i] = l->on[i] > 0.0f ? p->lighting->irradiance[c][at + (size_t) i] : 0.0f;
+        put(t->out->irradiance[c], at, count, masked, p->weight, p->first);
+        for (int i = 0; i < count; i++)
+            masked[i] = l->on[i] > 0.0f ? p->surface->ns[c][at + (size_t) i] : 0.0f;
+        put(t->out->normal[c], at, count, masked, p->weight, p->first);
+    }
+    for (int i = 0; t->out->depth && i < count; i++) {
+        float *depth = &t->out->depth[at + (size_t) i];
+        if (p->first || *depth == 0.0f)
+            *depth = l->on[i] > 0.0f ? p->surface->depth[at + (size_t) i] : 0.0f;
+    }
+}
+
+static void composite_rows(void *arg, int band, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_composite_params *p = t->p;
+    const struct pell_surface *s = p->surface;
+    const struct pell_accumulator *out = t->out;
+    struct pell_composite_row row = t->row;
+    (void) worker;
+
+    for (int y = band * ROWS; y < s->height && y < (band + 1) * ROWS; y++) {
+        double met = 0.0, covered = 0.0;
+        row.y = y;
+        for (int x = 0; x < s->width; x += LANES) {
+            const size_t at = (size_t) ((ptrdiff_t) y * s->stride + x);
+            const int count = s->width - x < LANES ? s->width - x : LANES;
+            struct pell_composite_lanes l;
+            float sum[LANES];
+
+            if (!t->c->kernels->shade(&row, x, &l)) {
+                if (p->first)
+                    clear(out, at, count);
+                continue;
+            }
+            for (int c = 0; c < 3; c++) {
+                for (int i = 0; i < LANES; i++)
+                    sum[i] = l.multiple[c][i] + l.transmission[c][i] + l.specular[c][i];
+                put(out->color[c], at, count, sum, p->weight, p->first);
+            }
+            put(out->alpha, at, count, l.on, p->weight, p->first);
+            if (out->multiple[0])
+                put_layers(t, at, count, &l);
+            for (int i = 0; i < LANES; i++) {
+                met += l.arriving[i];
+                covered += l.on[i];
+            }
+        }
+        out->meter[2 * y] = met + (p->first ? 0.0 : out->meter[2 * y]);
+        out->meter[2 * y + 1] = covered + (p->first ? 0.0 : out->meter[2 * y + 1]);
+    }
+}
+
+static void lit_rows(void *arg, int band, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_surface *s = t->p->surface;
+    const struct pell_rect r = s->translucent;
+    struct pell_composite_row row = t->row;
+    (void) worker;
+
+    for (int y = r.y0 + band * ROWS; y < r.y1 && y < r.y0 + (band + 1) * ROWS; y++) {
+        row.y = y;
+        for (int x = r.x0 / LANES * LANES; x < r.x1; x += LANES) {
+            const size_t at = (size_t) ((ptrdiff_t) y * s->stride + x);
+            const int count = s->width - x < LANES ? s->width - x : LANES;
+            struct pell_composite_lanes l;
+
+            if (!t->c->kernels->shade(&row, x, &l))
+                continue;
+            for (int c = 0; c < 3; c++)
+                for (int i = 0; i < count; i++)
+                    t->lit[c][at + (size_t) i] = l.multiple[c][i] + l.specular[c][i];
+        }
+    }
+}
+
+static struct task make_task(struct pell_compositor *c, const struct pell_composite_params *params)
+{
+    struct task t = { .c = c, .p = params };
+
+    t.row = (struct pell_composite_row) {
+        .p = params,
+        .materials = c->materials,
+        .albedo = &params->tables->albedo[0][0][0][0],
+        .mean = &params->tables->mean[0][0][0],
+    };
+    fill_materials(c, params, &t.row);
+    return t;
+}
+
+void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
+                           const struct pell_accumulator *out)
+{
+    struct task t = make_task(c, params);
+    t.out = out;
+    pell_pool_run(pool, (params->surface->height + ROWS - 1) / ROWS, composite_rows, &t);
+}
+
+void pell_composite_lit(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const lit[3])
+{
+    struct task t = make_task(c, params);
+    const struct pell_rect r = params->surface->translucent;
+    t.lit = lit;
+    if (r.y1 > r.y0)
+        pell_pool_run(pool, (r.y1 - r.y0 + ROWS - 1) / ROWS, lit_rows, &t);
+}

@@ -1,0 +1,769 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * environment.c - light from all around: a latitude-longitude picture or a constant, resolved into
+ *
+ *   lamps       directional lights for the excess over a clamp of the luminance, by cutting the picture where energy times angular
+ *               variance is largest, at the median (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling")
+ *   table       what enters at a surface over its normal, for the WHOLE picture but for compact lamps (a sun). A pixel takes
+ *
+ *                   E(n) = V_amb (table(n) - Sum over broad lamps of P c T) + Sum over all lamps of V_k P c T,     c = max(n.l, 0)
+ *
+ *               so that without occluders the broad lamps cancel and the sum is the picture's irradiance, kinks and all
+ *   levels      the picture as lobes of growing width see it, for reflection
+ *
+ * The table integrates over elements: blocks of the picture, halved while they hold much energy, each with its flux and its mean
+ * direction (flux-weighted, not normalised: a cosine is linear in it, so first moments are exact). For each node the elements go into
+ * a histogram over mu = n.l with linear weights, and every kernel (cosine, albedo of the lobes at several widths, Fresnel) is then a
+ * short sum over bins.
+ */
+#include "render/irradiance/lights.h"
+
+#include <string.h>
+
+#define BINS 256
+#define MAX_ROWS (1 + 2 * PELL_SPECULAR_MODELS * PELL_ENV_ROUGHNESS + PELL_ENV_ETAS)
+#define BLOCK 16          /* texels of the coarsest elements */
+#define ELEMENT_SHARE 1024 /* a block is split while its energy x (side/BLOCK)^2 is over total / this */
+#define CLAMP 2.0f        /* times the mean luminance: what lamps leave to the smooth rest */
+#define COMPACT 2e-4      /* 1 - |mean direction|: half the variance of the angle; 1.15 degrees */
+
+struct element {
+    float x, y, z, unused;
+    float rgb[4]; /* and 0: four lanes */
+};
+
+/* The picture at one size, with the trigonometry of its rows and columns. */
+struct map {
+    int width, height;
+    float *rgb;
+    float *sin_row, *cos_row; /* of the polar angle; cos_row is y */
+    float *solid_row;         /* solid angle of a texel */
+    float *sin_column, *cos_column; /* of the azimuth in world space: x = sin, z = -cos, times sin_row */
+};
+
+/* --- Looking up --------------------------------------------------------------------------------------------------------------- */
+
+static struct pell_vec3 to_map(const struct pell_environment *env, struct pell_vec3 d)
+{
+    return vec3(d.x * env->cos_rotate - d.z * env->sin_rotate, d.y, d.x * env->sin_rotate + d.z * env->cos_rotate);
+}
+
+/* u = 1/2 at -z, growing toward +x; v = 0 at +y. */
+static void map_uv(struct pell_vec3 d, float *u, float *v)
+{
+    const float y = d.y < 1.0f ? d.y > -1.0f ? d.y : -1.0f : 1.0f;
+    *u = 0.5f + atan2f(d.x, -d.z) * (0.5f / PELL_PI_F);
+    *v = acosf(y) * (1.0f / PELL_PI_F);
+}
+
+static void clean(const struct pell_environment *env, float rgb[3])
+{
+    for (int c = 0; c < 3; c++) {
+        const float x = rgb[c] * env->power[c];
+        rgb[c] = x > 0.0f ? x < 1e15f ? x : 1e15f : 0.0f; /* NaN is 0, too */
+    }
+}
+
+void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3])
+{
+    float rgba[4] = { 1.0f, 1.0f, 1.0f, 1.0f }, u, v;
+
+    if (env->image) {
+        map_uv(to_map(env, direction), &u, &v);
+        pell_image_sample(&env->image->image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, u, v, rgba);
+    }
+    memcpy(rgb, rgba, 3 * sizeof(*rgb));
+    clean(env, rgb);
+}
+
+static void level_lookup(const struct pell_env_level *l, float u, float v, float rgb[3])
+{
+    const float x = u * (float) l->width - 0.5f, y0 = v * (float) l->height - 0.5f;
+    const float y = y0 > 0.0f ? y0 < (float) (l->height - 1) ? y0 : (float) (l->height - 1) : 0.0f;
+    const int xi = (int) floorf(x), yi = (int) y, yj = yi + 1 < l->height ? yi + 1 : yi;
+    const int xa = (xi + l->width) % l->width, xb = (xi + 1) % l->width;
+    const float f = x - (float) xi, g = y - (float) yi;
+    const float *r0 = l->rgb + (size_t) yi * (size_t) l->width * 3, *r1 = l->rgb + (size_t) yj * (size_t) l->width * 3;
+
+    for (int c = 0; c < 3; c++) {
+        const float a = r0[3 * xa + c] + f * (r0[3 * xb + c] - r0[3 * xa + c]), b = r1[3 * xa + c] + f * (r1[3 * xb + c] - r1[3 * xa + c]);
+        rgb[c] = a + g * (b - a);
+    }
+}
+
+/* Square roots of the widths of the levels: roughness of GGX. */
+static const float level_roughness[PELL_ENV_LEVELS] = { 0.0f, 0.15f, 0.3f, 0.45f, 0.6f, 0.8f, 1.0f };
+
+void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3])
+{
+    const float r = sqrtf(width < 1.0f ? width > 0.0f ? width : 0.0f : 1.0f);
+    float a[3], b[3], u, v, f;
+    int k = 0;
+
+    if (env->num_levels == 0) {
+        memcpy(rgb, env->power, 3 * sizeof(*rgb));
+        return;
+    }
+    while (k < PELL_ENV_LEVELS - 2 && r >= level_roughness[k + 1])
+        k++;
+    f = (r - level_roughness[k]) / (level_roughness[k + 1] - level_roughness[k]);
+    map_uv(to_map(env, direction), &u, &v);
+    level_lookup(&env->levels[k], u, v, a);
+    level_lookup(&env->levels[k + 1], u, v, b);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = a[c] + f * (b[c] - a[c]);
+}
+
+/* --- The octahedral table over the normal ------------------------------------------------------------------------------------- */
+
+/* Poles at +-y; the lower half is folded over the diagonals, so that the border meets itself. */
+static struct pell_vec3 node_normal(int i, int j)
+{
+    const float a = 2.0f * (float) i / (PELL_ENV_NODES - 1) - 1.0f, b = 2.0f * (float) j / (PELL_ENV_NODES - 1) - 1.0f;
+    const float y = 1.0f - fabsf(a) - fabsf(b);
+    const float x = y < 0.0f ? copysignf(1.0f - fabsf(b), a) : a, z = y < 0.0f ? copysignf(1.0f - fabsf(a), b) : b;
+    return vec3_normalize(vec3(x, y, z));
+}
+
+void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 n, const struct pell_env_query *q, float rgb[3])
+{
+    const float sum = fabsf(n.x) + fabsf(n.y) + fabsf(n.z), inv = sum > 0.0f ? 1.0f / sum : 0.0f;
+    const float x0 = n.x * inv, z0 = n.z * inv;
+    const float x = n.y < 0.0f ? copysignf(1.0f - fabsf(z0), x0) : x0, z = n.y < 0.0f ? copysignf(1.0f - fabsf(x0), z0) : z0;
+    const float u = (x * 0.5f + 0.5f) * (PELL_ENV_NODES - 1), v = (z * 0.5f + 0.5f) * (PELL_ENV_NODES - 1);
+    const int i0 = (int) u, j0 = (int) v, i = i0 < PELL_ENV_NODES - 2 ? i0 : PELL_ENV_NODES - 2, j = j0 < PELL_ENV_NODES - 2 ? j0 : PELL_ENV_NODES - 2;
+    const float f = u - (float) i, g = v - (float) j;
+    const float weight[4] = { (1.0f - f) * (1.0f - g), f * (1.0f - g), (1.0f - f) * g, f * g };
+    const float r = (q->roughness - PELL_ROUGHNESS_MIN) * ((PELL_ENV_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN));
+    const float rc = r > 0.0f ? r < PELL_ENV_ROUGHNESS - 1 ? r : PELL_ENV_ROUGHNESS - 1 : 0.0f;
+    const int k = (int) rc < PELL_ENV_ROUGHNESS - 2 ? (int) rc : PELL_ENV_ROUGHNESS - 2;
+    const float h = rc - (float) k;
+    float e[3] = { 0 }, lobe[3] = { 0 };
+
+    for (int corner = 0; corner < 4; corner++) {
+        const float *node = env->nodes + (size_t) ((j + corner / 2) * PELL_ENV_NODES + i + corner % 2) * (size_t) env->size;
+        if (q->smooth >= 0) {
+            for (int c = 0; c < 3; c++)
+                e[c] += weight[corner] * node[env->boundary_at + 3 * q->smooth + c];
+            continue;
+        }
+        const float *m = node + env->model_at[q->model] + 6 * k; /* scale rgb, bias rgb, then the next roughness */
+        for (int c = 0; c < 3; c++) {
+            const float a = q->f0 * m[c] + m[3 + c], b = q->f0 * m[6 + c] + m[9 + c];
+            e[c] += weight[corner] * node[c];
+            lobe[c] += weight[corner] * (a + h * (b - a));
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        rgb[c] = e[c] - q->rho_s * lobe[c];
+}
+
+struct node_task {
+    struct pell_environment *env;
+    const struct element *elements;
+    size_t count;
+    const struct pell_lamp *lamps;
+    size_t num_lamps;
+    const float *kernels; /* of bin b, row r at [b * rows + r] */
+    int rows;
+};
+
+/* Bins hold red, green, blue and a lane that stays 0. */
+static inline void deposit(float (*hist)[4], float mu, const float rgb[4], float sign)
+{
+    const float x = mu < 1.0f ? mu * (BINS - 1) : BINS - 1;
+    const int i0 = (int) x, i = i0 < BINS - 2 ? i0 : BINS - 2;
+    const float f = sign * (x - (float) i), g = sign - f;
+    for (int c = 0; c < 4; c++) {
+        hist[i][c] += g * rgb[c];
+        hist[i + 1][c] += f * rgb[c];
+    }
+}
+
+static void make_node_row(void *arg, int j, int worker)
+{
+    const struct node_task *t = arg;
+    _Alignas(16) float hist[BINS][4];
+
+    (void) worker;
+    for (int i = 0; i < PELL_ENV_NODES; i++) {
+        const struct pell_vec3 n = node_normal(i, j);
+        float *node = t->env->nodes + (size_t) (j * PELL_ENV_NODES + i) * (size_t) t->env->size;
+        memset(hist, 0, sizeof(hist));
+        if (t->count == 0 && i > 0) { /* constant: one node of a row is like another */
+            memcpy(node, node - t->env->size, (size_t) t->env->size * sizeof(*node));
+            continue;
+        }
+        if (t->count == 0) { /* dw = 2 pi dmu */
+            for (int c = 0; c < 3; c++)
+                for (int b = 0; b < BINS; b++)
+                    hist[b][c] = t->env->power[c] * 2.0f * PELL_PI_F / (BINS - 1) * (b == 0 || b == BINS - 1 ? 0.5f : 1.0f);
+        }
+        for (size_t k = 0; k < t->count; k++) {
+            const struct element *e = &t->elements[k];
+            const float mu = n.x * e->x + n.y * e->y + n.z * e->z;
+            if (mu > 0.0f)
+                deposit(hist, mu, e->rgb, 1.0f);
+        }
+        for (size_t k = 0; k < t->num_lamps; k++) {
+            const float *p = t->lamps[k].power, rgb[4] = { p[0], p[1], p[2] }, mu = -vec3_dot(n, t->lamps[k].direction);
+            if (t->lamps[k].compact && mu > 0.0f)
+                deposit(hist, mu, rgb, -1.0f);
+        }
+        for (int c = 0; c < 3; c++) {
+            float sum[MAX_ROWS] = { 0 };
+            for (int b = 0; b < BINS; b++)
+                for (int row = 0; row < t->rows; row++)
+                    sum[row] += hist[b][c] * t->kernels[b * t->rows + row];
+            for (int row = 0; row < t->rows; row++)
+                node[3 * row + c] = sum[row];
+        }
+    }
+}
+
+static enum pell_result make_table(struct pell_lights *lights, const struct pell_specular_tables *tables, struct pell_pool *pool,
+                                   const struct element *elements, size_t count, size_t first_lamp, struct pell_environment *env)
+{
+    const int etas = tables->num_boundaries < PELL_ENV_ETAS ? (int) tables->num_boundaries : PELL_ENV_ETAS;
+    bool used[PELL_SPECULAR_MODELS] = { false };
+    struct node_task task = { env, elements, count, lights->lamps + first_lamp, lights->num_lamps - first_lamp, NULL, 0 };
+    int rows = 1;
+    float *kernels;
+
+    if (task.num_lamps == 0)
+        task.lamps = NULL;
+    for (size_t i = 0; i < tables->num_materials; i++)
+        used[tables->model[i]] = true;
+    for (int m = 0; m < PELL_SPECULAR_MODELS; m++) {
+        env->model_at[m] = 3 * rows;
+        rows += used[m] ? 2 * PELL_ENV_ROUGHNESS : 0;
+    }
+    env->boundary_at = 3 * rows;
+    rows += etas;
+    env->size = 3 * rows;
+    kernels = pell_alloc_array(lights->ctx, (size_t) rows * BINS, sizeof(float));
+    env->nodes = kernels ? pell_alloc_array(lights->ctx, (size_t) PELL_ENV_NODES * PELL_ENV_NODES * (size_t) env->size, sizeof(float)) : NULL;
+    if (!env->nodes) {
+        pell_free(lights->ctx, kernels);
+        return PELL_ERR_NOMEM;
+    }
+    for (int b = 0; b < BINS; b++) {
+        const float mu = (float) b / (BINS - 1);
+        float *at = kernels + (size_t) b * (size_t) rows;
+        *at++ = mu;
+        for (int m = 0; m < PELL_SPECULAR_MODELS; m++)
+            for (int k = 0; used[m] && k < PELL_ENV_ROUGHNESS; k++) {
+                float fraction, scale, bias;
+                int index;
+                pell_roughness_position(PELL_ROUGHNESS_MIN + (1.0f - PELL_ROUGHNESS_MIN) * (float) k / (PELL_ENV_ROUGHNESS - 1), &index, &fraction);
+                pell_albedo_pair(tables->albedo[m][0][index], fraction, mu, &scale, &bias);
+                *at++ = mu * scale;
+                *at++ = mu * bias;
+            }
+        for (int k = 0; k < etas; k++)
+            *at++ = mu * pell_boundary_lookup(tables->boundaries[k].transmittance, mu);
+    }
+    task.kernels = kernels;
+    task.rows = rows;
+    pell_pool_run(pool, PELL_ENV_NODES, make_node_row, &task);
+    pell_free(lights->ctx, kernels);
+    return PELL_OK;
+}
+
+/* --- The picture at a working size -------------------------------------------------------------------------------------------- */
+
+static void finish_map(struct pell_context *ctx, struct map *m)
+{
+    pell_free(ctx, m->rgb);
+    pell_free(ctx, m->sin_row);
+    memset(m, 0, sizeof(*m));
+}
+
+static enum pell_result make_map(struct pell_context *ctx, const struct pell_environment *env, int width, int height, struct map *m)
+{
+    const size_t rows = (size_t) height, columns = (size_t) width;
+
+    *m = (struct map) { .width = width, .height = height };
+    m->rgb = pell_alloc_array(ctx, 3 * rows * columns, sizeof(float));
+    m->sin_row = m->rgb ? pell_alloc_array(ctx, 3 * rows + 2 * columns, sizeof(float)) : NULL;
+    if (!m->sin_row)
+        return PELL_ERR_NOMEM;
+    m->cos_row = m->sin_row + rows;
+    m->solid_row = m->cos_row + rows;
+    m->sin_column = m->solid_row + rows;
+    m->cos_column = m->sin_column + columns;
+    for (int y = 0; y < height; y++) {
+        const double t = PELL_PI * (y + 0.5) / height, half = 0.5 * PELL_PI / height;
+        m->sin_row[y] = (float) sin(t);
+        m->cos_row[y] = (float) cos(t);
+        m->solid_row[y] = (float) (2.0 * PELL_PI / width * 2.0 * sin(t) * sin(half));
+    }
+    for (int x = 0; x < width; x++) {
+        /* map azimuth a: x = sin a, z = -cos a; turned by the light's rotation about y */
+        const double a = 2.0 * PELL_PI * ((x + 0.5) / width - 0.5), sx = sin(a), cz = cos(a);
+        m->sin_column[x] = (float) (sx * env->cos_rotate - cz * env->sin_rotate);
+        m->cos_column[x] = (float) (sx * env->sin_rotate + cz * env->cos_rotate);
+    }
+    return PELL_OK;
+}
+
+static struct pell_vec3 map_direction(const struct map *m, int x, int y)
+{
+    return vec3(m->sin_row[y] * m->sin_column[x], m->cos_row[y], -m->sin_row[y] * m->cos_column[x]);
+}
+
+struct resample_task {
+    const struct pell_environment *env;
+    struct map *to;
+};
+
+/* Mean over the texel's area on the sphere; a smaller picture is interpolated. */
+static void resample_row(void *arg, int y, int worker)
+{
+    const struct resample_task *t = arg;
+    const struct pell_image *image = &t->env->image->image;
+    const double sx = (double) image->width / t->to->width, sy = (double) image->height / t->to->height;
+    const double y0 = y * sy, y1 = y0 + sy;
+
+    (void) worker;
+    for (int x = 0; x < t->to->width; x++) {
+        float *out = t->to->rgb + 3 * ((size_t) y * (size_t) t->to->width + (size_t) x), rgba[4];
+        const double x0 = x * sx, x1 = x0 + sx;
+        double sum[3] = { 0 }, weight = 0.0;
+        if (sx < 1.0 || sy < 1.0) {
+            pell_image_sample(image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, (float) ((x + 0.5) / t->to->width),
+                              (float) ((y + 0.5) / t->to->height), rgba);
+            memcpy(out, rgba, 3 * sizeof(*out));
+            clean(t->env, out);
+            continue;
+        }
+        for (int j = (int) y0; j < image->height && (double) j < y1 - 1e-9; j++) {
+            const double wy = (fmin(y1, j + 1.0) - fmax(y0, j)) * sin(PELL_PI * (j + 0.5) / image->height);
+            for (int i = (int) x0; i < image->width && (double) i < x1 - 1e-9; i++) {
+                const double w = wy * (fmin(x1, i + 1.0) - fmax(x0, i));
+                pell_image_texel(image, i, j, rgba);
+                clean(t->env, rgba);
+                for (int c = 0; c < 3; c++)
+                    sum[c] += w * rgba[c];
+                weight += w;
+            }
+        }
+        for (int c = 0; c < 3; c++)
+            out[c] = weight > 0.0 ? (float) (sum[c] / weight) : 0.0f;
+    }
+}
+
+/* Half the size, by solid angle. */
+static void halve(const struct map *from, struct map *to)
+{
+    for (int y = 0; y < to->height; y++) {
+        const float a = from->solid_row[2 * y], b = from->solid_row[2 * y + 1], inv = 0.5f / (a + b);
+        const float *r0 = from->rgb + (size_t) (2 * y) * (size_t) from->width * 3, *r1 = r0 + (size_t) from->width * 3;
+        float *out = to->rgb + (size_t) y * (size_t) to->width * 3;
+        for (int x = 0; x < to->width; x++)
+            for (int c = 0; c < 3; c++)
+                out[3 * x + c] = inv * (a * (r0[6 * x + c] + r0[6 * x + 3 + c]) + b * (r1[6 * x + c] + r1[6 * x + 3 + c]));
+    }
+}
+
+/* --- Elements ----------------------------------------------------------------------------------------------------------------- */
+
+struct gather {
+    const struct map *map;
+    double threshold; /* energy x (side / BLOCK)^2 up to which a block is one element */
+    struct element *out; /* NULL: count only */
+    size_t count;
+};
+
+static double block_element(const struct map *m, int x0, int y0, int side, struct element *e)
+{
+    double rgb[3] = { 0 }, d[3] = { 0 }, total = 0.0;
+
+    for (int y = y0; y < y0 + side; y++)
+        for (int x = x0; x < x0 + side; x++) {
+            const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x), w = m->solid_row[y];
+            const struct pell_vec3 v = map_direction(m, x, y);
+            const double l = (double) w * ((double) p[0] + p[1] + p[2]);
+            for (int c = 0; c < 3; c++)
+                rgb[c] += (double) w * p[c];
+            d[0] += l * v.x;
+            d[1] += l * v.y;
+            d[2] += l * v.z;
+            total += l;
+        }
+    if (total > 0.0)
+        *e = (struct element) { (float) (d[0] / total), (float) (d[1] / total), (float) (d[2] / total), 0.0f,
+                                { (float) rgb[0], (float) rgb[1], (float) rgb[2] } };
+    return total;
+}
+
+/* At most log2(BLOCK) deep. */
+static void gather_block(struct gather *g, int x, int y, int side)
+{
+    struct element e = { 0 };
+    const double total = block_element(g->map, x, y, side, &e);
+
+    if (!(total > 0.0))
+        return;
+    if (side > 1 && total * side * side > g->threshold * (BLOCK * BLOCK)) {
+        const int h = side / 2;
+        gather_block(g, x, y, h);
+        gather_block(g, x + h, y, h);
+        gather_block(g, x, y + h, h);
+        gather_block(g, x + h, y + h, h);
+        return;
+    }
+    if (g->out)
+        g->out[g->count] = e;
+    g->count++;
+}
+
+static void gather_all(struct gather *g)
+{
+    g->count = 0;
+    for (int y = 0; y < g->map->height; y += BLOCK)
+        for (int x = 0; x < g->map->width; x += BLOCK)
+            gather_block(g, x, y, BLOCK);
+}
+
+/* --- Lamps -------------------------------------------------------------------------------------------------------------------- */
+
+struct region {
+    int x0, y0, x1, y1;
+    double energy, direction[3], rgb[3]; /* of the excess; direction weighted by energy */
+};
+
+/* The share of a texel's light that is over the clamp. */
+static double excess(const float *rgb, float clamp)
+{
+    const float l = pell_luminance(rgb);
+    return l > clamp ? 1.0 - (double) clamp / l : 0.0;
+}
+
+static double texel_energy(const struct map *m, float clamp, int x, int y)
+{
+    const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
+    return excess(p, clamp) * pell_luminance(p) * m->solid_row[y];
+}
+
+static void measure(const struct map *m, float clamp, struct region *r)
+{
+    r->energy = 0.0;
+    memset(r->direction, 0, sizeof(r->direction));
+    memset(r->rgb, 0, sizeof(r->rgb));
+    for (int y = r->y0; y < r->y1; y++)
+        for (int x = r->x0; x < r->x1; x++) {
+            const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
+            const double share = excess(p, clamp) * m->solid_row[y], e = share * pell_luminance(p);
+            if (share > 0.0) {
+                const struct pell_vec3 d = map_direction(m, x, y);
+                r->energy += e;
+                r->direction[0] += e * d.x;
+                r->direction[1] += e * d.y;
+                r->direction[2] += e * d.z;
+                for (int c = 0; c < 3; c++)
+                    r->rgb[c] += share * p[c];
+            }
+        }
+}
+
+static double region_length(const struct region *r)
+{
+    return sqrt(r->direction[0] * r->direction[0] + r->direction[1] * r->direction[1] + r->direction[2] * r->direction[2]);
+}
+
+/* Cuts r at the median of its energy across the longer side; false where it can't be cut. */
+static bool cut(const struct map *m, float clamp, struct region *r, struct region *other)
+{
+    const double across = (r->x1 - r->x0) * 2.0 * PELL_PI / m->width * m->sin_row[(r->y0 + r->y1 - 1) / 2];
+    const double down = (r->y1 - r->y0) * PELL_PI / m->height;
+    const bool columns = r->x1 - r->x0 > 1 && (across >= down || r->y1 - r->y0 < 2);
+    const int first = columns ? r->x0 : r->y0, last = columns ? r->x1 : r->y1;
+    int at = first + 1;
+    double sum = 0.0;
+
+    if (last - first < 2)
+        return false;
+    for (int i = first; i < last - 1; i++) {
+        if (columns)
+            for (int y = r->y0; y < r->y1; y++)
+                sum += texel_energy(m, clamp, i, y);
+        else
+            for (int x = r->x0; x < r->x1; x++)
+                sum += texel_energy(m, clamp, x, i);
+        at = i + 1;
+        if (sum >= 0.5 * r->energy)
+            break;
+    }
+    *other = *r;
+    if (columns)
+        r->x1 = other->x0 = at;
+    else
+        r->y1 = other->y0 = at;
+    measure(m, clamp, r);
+    measure(m, clamp, other);
+    return true;
+}
+
+static enum pell_result add_region(struct pell_lights *lights, const struct region *r, int index)
+{
+    const double length = region_length(r);
+    struct pell_lamp lamp = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
+
+    if (!(r->energy > 0.0) || !(length > 1e-6 * r->energy))
+        return PELL_OK; /* what shines from all sides alike is left to the table */
+    lamp.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
+    vec3_basis(lamp.direction, &lamp.right, &lamp.up);
+    lamp.compact = 1.0 - length / r->energy < COMPACT;
+    for (int c = 0; c < 3; c++)
+        lamp.power[c] = (float) r->rgb[c];
+    return pell_lights_add_lamp(lights, &lamp);
+}
+
+static enum pell_result make_lamps(struct pell_lights *lights, const struct map *m, int index, int max_lamps)
+{
+    struct region *regions;
+    double mean = 0.0;
+    float clamp;
+    int count = 1;
+    enum pell_result res = PELL_OK;
+
+    for (int y = 0; y < m->height; y++) {
+        double row = 0.0;
+        for (int x = 0; x < m->width; x++)
+            row += pell_luminance(m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x));
+        mean += row * m->solid_row[y] / (4.0 * PELL_PI);
+    }
+    clamp = (float) (CLAMP * mean);
+    if (max_lamps < 1 || !(mean > 0.0))
+        return PELL_OK;
+    regions = pell_calloc(lights->ctx, (size_t) max_lamps, sizeof(*regions));
+    if (!regions)
+        return PELL_ERR_NOMEM;
+    regions[0] = (struct region) { .x1 = m->width, .y1 = m->height };
+    measure(m, clamp, &regions[0]);
+    if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
+        count = 0; /* even light: nothing to cut out */
+    while (count > 0 && count < max_lamps) {
+        int best = 0;
+        double most = -1.0;
+        for (int i = 0; i < count; i++) {
+            const double spread = regions[i].energy - region_length(&regions[i]); /* energy x half the variance of the angle */
+            if (spread > most) {
+                most = spread;
+                best = i;
+            }
+        }
+        if (most <= 1e-6 * regions[0].energy || !cut(m, clamp, &regions[best], &regions[count]))
+            break;
+        count++;
+    }
+    for (int i = 0; i < count && res == PELL_OK; i++)
+        res = add_region(lights, &regions[i], index);
+    pell_free(lights->ctx, regions);
+    return res;
+}
+
+/* --- Reflection --------------------------------------------------------------------------------------------------------------- */
+
+/* A map in planes whose rows go twice round, so that any stretch of a row lies in one piece. */
+struct ring_map {
+    int width, height;
+    size_t stride;
+    float *plane[3], *sin_column, *cos_column;
+    const struct map *map; /* for what belongs to rows */
+};
+
+#define WIDE 8 /* columns that are summed side by side */
+
+struct lobe_task {
+    const struct pell_environment *env;
+    const struct ring_map *from;
+    struct pell_env_level *to;
+    float alpha, reach; /* reach: radians round the mirror direction, where the lobe is cut off */
+};
+
+static enum pell_result make_ring(struct pell_context *ctx, const struct map *m, struct ring_map *r)
+{
+    const size_t stride = 2 * (size_t) m->width + WIDE, size = stride * (size_t) m->height;
+    float *block = pell_alloc_array(ctx, 3 * size + 2 * stride, sizeof(float));
+
+    *r = (struct ring_map) { .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block } };
+    if (!block)
+        return PELL_ERR_NOMEM;
+    r->plane[1] = block + size;
+    r->plane[2] = block + 2 * size;
+    r->sin_column = block + 3 * size;
+    r->cos_column = r->sin_column + stride;
+    for (size_t x = 0; x < stride; x++) {
+        const size_t from = x % (size_t) m->width;
+        r->sin_column[x] = m->sin_column[from];
+        r->cos_column[x] = m->cos_column[from];
+        for (size_t y = 0; y < (size_t) m->height; y++)
+            for (size_t c = 0; c < 3; c++)
+                r->plane[c][y * stride + x] = m->rgb[3 * (y * (size_t) m->width + from) + c];
+    }
+    return PELL_OK;
+}
+
+/* Adds columns [from, to) of row j, weighted; `a`, `b`: the cosine of the angle between is a + b cos(difference of azimuth). */
+static void add_row(const struct ring_map *m, int j, int from, int to, const float azimuth[2], float a, float b, float a2, float sums[4][WIDE])
+{
+    const size_t row = (size_t) j * m->stride;
+    const float solid = m->map->solid_row[j] * a2;
+
+    for (int i = from; i < to; i += WIDE) {
+        const float *s = m->sin_column + i, *c = m->cos_column + i;
+        const float *red = m->plane[0] + row + i, *green = m->plane[1] + row + i, *blue = m->plane[2] + row + i;
+        for (int k = 0; k < WIDE; k++) {
+            const float cosine = a + b * (azimuth[1] * c[k] + azimuth[0] * s[k]);
+            const float d = 0.5f * (1.0f - cosine) + 0.5f * (1.0f + cosine) * a2; /* sin^2 + alpha^2 cos^2 of the half angle */
+            const float w = cosine > 0.0f && i + k < to ? solid * cosine / (d * d) : 0.0f;
+            sums[0][k] += w * red[k];
+            sums[1][k] += w * green[k];
+            sums[2][k] += w * blue[k];
+            sums[3][k] += w;
+        }
+    }
+}
+
+/* Mean radiance weighted by D(h) n.l for n = v = the mirror direction (Karis 2013, "Real Shading in Unreal Engine 4"). */
+static void filter_row(void *arg, int y, int worker)
+{
+    const struct lobe_task *t = arg;
+    const struct ring_map *m = t->from;
+    const double polar = PELL_PI * (y + 0.5) / t->to->height;
+    const float st = (float) sin(polar), ct = (float) cos(polar), a2 = t->alpha * t->alpha, limit = cosf(t->reach);
+    const int j0 = (int) floor((polar - t->reach) / PELL_PI * m->height), j1 = (int) ceil((polar + t->reach) / PELL_PI * m->height);
+
+    (void) worker;
+    for (int x = 0; x < t->to->width; x++) {
+        const int middle = (int) ((x + 0.5) / t->to->width * m->width);
+        float *out = t->to->rgb + 3 * ((size_t) y * (size_t) t->to->width + (size_t) x);
+        const double turn = 2.0 * PELL_PI * ((x + 0.5) / t->to->width - 0.5);
+        const float azimuth[2] = { (float) (sin(turn) * t->env->cos_rotate - cos(turn) * t->env->sin_rotate),
+                                   (float) (sin(turn) * t->env->sin_rotate + cos(turn) * t->env->cos_rotate) };
+        float sums[4][WIDE] = { { 0 } }, total[4] = { 0 };
+        for (int j = j0 < 0 ? 0 : j0; j < j1 && j < m->height; j++) {
+            /* how far round the row does the lobe reach? */
+            const float a = ct * m->map->cos_row[j], b = st * m->map->sin_row[j];
+            const float c = b > 1e-9f ? (limit - a) / b : limit > a ? 2.0f : -2.0f;
+            const int reach = c <= -1.0f ? m->width : c < 1.0f ? (int) (acosf(c) / (2.0f * PELL_PI_F) * (float) m->width) + 1 : 0;
+            if (c >= 1.0f)
+                continue;
+            if (2 * reach + 1 >= m->width)
+                add_row(m, j, 0, m->width, azimuth, a, b, a2, sums);
+            else
+                add_row(m, j, (middle - reach + m->width) % m->width, (middle - reach + m->width) % m->width + 2 * reach + 1, azimuth, a, b, a2, sums);
+        }
+        for (int c = 0; c < 4; c++)
+            for (int k = 0; k < WIDE; k++)
+                total[c] += sums[c][k];
+        for (int c = 0; c < 3; c++)
+            out[c] = total[3] > 0.0f ? total[c] / total[3] : 0.0f;
+    }
+}
+
+static enum pell_result make_levels(struct pell_context *ctx, struct pell_pool *pool, const struct map *full, struct pell_environment *env)
+{
+    static const struct {
+        int from, to; /* widths */
+        float reach;
+    } sizes[PELL_ENV_LEVELS] = { { 0, 0, 0 }, { 256, 256, 0.25f }, { 128, 128, 0.9f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f } };
+    struct map mips[2] = { { 0 }, { 0 } };
+    const struct map *from = full;
+    struct ring_map ring;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    env->num_levels = PELL_ENV_LEVELS;
+    for (int k = 0; k < PELL_ENV_LEVELS; k++) {
+        struct pell_env_level *l = &env->levels[k];
+        l->width = k == 0 ? full->width : sizes[k].to;
+        l->height = l->width / 2;
+        l->rgb = pell_alloc_array(ctx, (size_t) l->width * (size_t) l->height * 3, sizeof(float));
+        if (!l->rgb)
+            goto fail;
+        if (k == 0) {
+            memcpy(l->rgb, full->rgb, (size_t) l->width * (size_t) l->height * 3 * sizeof(float));
+            continue;
+        }
+        while (from->width > sizes[k].from) {
+            struct map *to = from == &mips[0] ? &mips[1] : &mips[0];
+            finish_map(ctx, to);
+            PELL_TRY(make_map(ctx, env, from->width / 2, from->height / 2, to));
+            halve(from, to);
+            from = to;
+        }
+        res = make_ring(ctx, from, &ring);
+        if (res == PELL_OK)
+            pell_pool_run(pool, l->height, filter_row, &(struct lobe_task) { env, &ring, l, level_roughness[k] * level_roughness[k], sizes[k].reach });
+        pell_free(ctx, ring.plane[0]);
+        if (res != PELL_OK)
+            goto fail;
+        res = PELL_ERR_NOMEM; /* of the next level's pixels */
+    }
+    res = PELL_OK;
+
+fail:
+    finish_map(ctx, &mips[0]);
+    finish_map(ctx, &mips[1]);
+    return res;
+}
+
+/* --- Making it ---------------------------------------------------------------------------------------------------------------- */
+
+enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index, int max_lamps,
+                                         const struct pell_specular_tables *tables, struct pell_pool *pool, struct pell_environment *env)
+{
+    struct pell_context *ctx = lights->ctx;
+    const size_t first_lamp = lights->num_lamps;
+    struct map map = { 0 };
+    struct gather gather = { .map = &map };
+    struct element *elements = NULL, whole;
+    double total = 0.0;
+    enum pell_result res;
+
+    env->cos_rotate = cosf(light->rotate);
+    env->sin_rotate = sinf(light->rotate);
+    for (int c = 0; c < 3; c++)
+        env->power[c] = light->power[c] > 0.0f ? fminf(light->power[c], 1e15f) : 0.0f;
+    if (!light->image || !light->image->image.pixels)
+        return make_table(lights, tables, pool, NULL, 0, first_lamp, env);
+
+    env->image = light->image;
+    {
+        const int w = env->image->image.width, width = w >= 1024 ? 1024 : w >= 512 ? 512 : 256;
+        PELL_TRY(make_map(ctx, env, width, width / 2, &map));
+    }
+    pell_pool_run(pool, map.height, resample_row, &(struct resample_task) { env, &map });
+    PELL_TRY(make_lamps(lights, &map, index, max_lamps));
+    for (int y = 0; y < map.height; y += BLOCK)
+        for (int x = 0; x < map.width; x += BLOCK)
+            total += block_element(&map, x, y, BLOCK, &whole);
+    gather.threshold = total / ELEMENT_SHARE;
+    gather_all(&gather);
+    elements = pell_alloc_array(ctx, gather.count + 1, sizeof(*elements));
+    res = PELL_ERR_NOMEM;
+    if (!elements)
+        goto fail;
+    gather.out = elements;
+    gather_all(&gather);
+    if (gather.count == 0)
+        elements[gather.count++] = (struct element) { .y = 1.0f }; /* a black picture: not a constant one */
+    PELL_TRY(make_table(lights, tables, pool, elements, gather.count, first_lamp, env));
+    PELL_TRY(make_levels(ctx, pool, &map, env));
+    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    pell_free(ctx, elements);
+    finish_map(ctx, &map);
+    return res;
+}
+
+void pell_environment_finish(struct pell_context *ctx, struct pell_environment *env)
+{
+    pell_free(ctx, env->nodes);
+    for (int k = 0; k < PELL_ENV_LEVELS; k++)
+        pell_free(ctx, env->levels[k].rgb);
+    memset(env, 0, sizeof(*env));
+}

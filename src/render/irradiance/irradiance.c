@@ -1,0 +1,633 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * irradiance.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lamps and samples.
+ *
+ * Light from behind (methods.md, texture-space step 4, "ray"): for a point C that a light is behind of, a ray from just inside C toward
+ * the light leaves the solid at A, m = |A - C|. The thickness is
+ *
+ *     d = lerp(m, m cos, max(0, -n_A.n_C)),   cos = -n_C.l     (held over half of -ng.l: a normal map can't make a slab thin)
+ *
+ * and table(d) E(A) comes through. Where A faces the same way as C the light that enters at A is already part of the irradiance near
+ * C, which the method spreads along the surface; counting it again would draw a bright line just behind the terminator. So the light
+ * is scaled by 1 - max(0, n_A.n_C): 1 for every slab, wedge and ear, 0 where both ends meet at the terminator.
+ * n_A is the interpolated normal, T at A takes C's roughness and specular strength, and albedo is C's.
+ */
+#include "render/irradiance/shade.h"
+
+#include <float.h>
+#include <string.h>
+
+#define TILE_W 32
+#define TILE_H 16
+#define BLOCK 4 /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
+#define STEPS 5 /* surfaces that a ray may meet on its way out: two shells of the same object inside it */
+
+struct job {
+    const struct pell_irradiance_params *p;
+    const struct pell_lights *lights;
+    const struct pell_shade_kernels *kernels;
+    struct pell_shade_tables tables;
+    struct pell_lighting *out;
+    struct pell_rect rect; /* whole tiles */
+    int columns;
+    _Atomic int64_t rays;
+};
+
+/* 16 pixels and what is summed for them. */
+struct packet {
+    struct pell_lanes lanes;
+    struct pell_sums sums;
+    struct pell_aim aim;
+    _Alignas(64) int32_t index[16];
+    uint32_t material[16];
+    float ambient[16]; /* visibility of the environment's smooth rest */
+    int count;
+    int64_t rays;
+};
+
+static float max0(float x)
+{
+    return x > 0.0f ? x : 0.0f;
+}
+
+static float saturate(float x)
+{
+    return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
+}
+
+/* --- Filling lanes ------------------------------------------------------------------------------------------------------------ */
+
+/* base^m with the common exponents done without a library call. */
+static float entering_albedo(float base, float m)
+{
+    if (m <= 0.0f)
+        return 1.0f;
+    if (m >= 1.0f)
+        return base;
+    if (m == 0.5f)
+        return sqrtf(max0(base));
+    return base > 0.0f ? powf(base, m) : 0.0f;
+}
+
+/* What of lane i depends on its material alone. */
+static void set_material(const struct job *job, struct packet *k, int i)
+{
+    const struct pell_specular_tables *t = job->p->tables;
+    const size_t material = k->material[i];
+    const struct pell_material *m = &job->p->scene->materials[material];
+    const struct pell_thickness_table *thickness = job->p->thickness && !m->opaque ? job->p->thickness[material] : NULL;
+    struct pell_lanes *l = &k->lanes;
+
+    l->albedo_at[i] = (int32_t) t->model[material] * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS * 2;
+    l->boundary_at[i] = (int32_t) ((size_t) t->boundary[material] * (sizeof(*t->boundaries) / sizeof(float)));
+    l->fd[i] = t->boundaries[t->boundary[material]].f0;
+    l->smooth[i] = -(int32_t) (job->p->smooth && !m->opaque);
+    l->kelemen[i] = -(int32_t) t->model[material];
+    l->opaque[i] = -(int32_t) m->opaque;
+    l->deep[i] = -(int32_t) (thickness && thickness->max_mm > 0.0f);
+}
+
+static void copy_material(struct pell_lanes *l, int i)
+{
+    l->albedo_at[i] = l->albedo_at[i - 1];
+    l->boundary_at[i] = l->boundary_at[i - 1];
+    l->fd[i] = l->fd[i - 1];
+    l->smooth[i] = l->smooth[i - 1];
+    l->kelemen[i] = l->kelemen[i - 1];
+    l->opaque[i] = l->opaque[i - 1];
+    l->deep[i] = l->deep[i - 1];
+}
+
+static void color_entering(const struct job *job, struct packet *k)
+{
+    const struct pell_surface *s = job->p->surface;
+
+    for (int i = 0; i < k->count; i++) {
+        const struct pell_material *m = &job->p->scene->materials[k->material[i]];
+        const float mix = job->p->mix >= 0.0f ? job->p->mix : m->mix;
+        if (!m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE)
+            for (int c = 0; c < 3; c++)
+                k->lanes.albedo[c][i] = entering_albedo(s->base[c][k->index[i]], mix);
+    }
+}
+
+/* Fills the packet from pixels of a tile; lanes over `count` repeat the first one. */
+static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const uint16_t *list, int count)
+{
+    const struct pell_surface *s = job->p->surface;
+    const struct pell_lane_source source = { job->p->view, s, job->p->seed };
+    _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES];
+    struct pell_lanes *l = &k->lanes;
+
+    memset(&k->sums, 0, sizeof(k->sums));
+    k->count = count;
+    l->any_smooth = l->any_kelemen = l->any_ggx = l->any_deep = 0;
+    for (int i = 0; i < PELL_LANES; i++) {
+        const int pixel = list[i < count ? i : 0];
+        x[i] = x0 + pixel % TILE_W;
+        y[i] = y0 + pixel / TILE_W;
+        k->index[i] = (int32_t) (y[i] * s->stride + x[i]);
+        k->material[i] = s->material[k->index[i]] - 1u;
+        if (i > 0 && k->material[i] == k->material[i - 1])
+            copy_material(l, i);
+        else
+            set_material(job, k, i);
+        l->valid[i] = -(int32_t) (i < count);
+        l->any_smooth |= l->smooth[i];
+        l->any_kelemen |= l->kelemen[i];
+        l->any_ggx |= ~l->kelemen[i];
+        l->any_deep |= l->deep[i];
+    }
+    job->kernels->load(&source, k->index, x, y, l);
+    color_entering(job, k);
+    if (s->any_emissive)
+        for (int c = 0; c < 3; c++)
+            for (int i = 0; i < count; i++)
+                k->sums.specular[c][i] = s->emissive[c][k->index[i]];
+}
+
+/* --- Rays --------------------------------------------------------------------------------------------------------------------- */
+
+static int count_lanes(const int32_t *mask)
+{
+    int n = 0;
+    for (int i = 0; i < PELL_LANES; i++)
+        n -= mask[i];
+    return n;
+}
+
+/* visible = mask where nothing is in the way. */
+static void trace_occlusion(const struct job *job, struct packet *k, const int32_t *mask, struct pell_ray16 *rays, int32_t *visible)
+{
+    pell_rays_occluded16(job->p->rays, mask, false, rays);
+    for (int i = 0; i < PELL_LANES; i++)
+        visible[i] = mask[i] & -(int32_t) (rays->tfar[i] >= 0.0f);
+    k->rays += count_lanes(mask);
+}
+
+static void set_ray(struct pell_ray16 *r, int i, struct pell_vec3 o, struct pell_vec3 d, float tfar)
+{
+    r->ox[i] = o.x;
+    r->oy[i] = o.y;
+    r->oz[i] = o.z;
+    r->dx[i] = d.x;
+    r->dy[i] = d.y;
+    r->dz[i] = d.z;
+    r->tnear[i] = 0.0f;
+    r->tfar[i] = tfar;
+    r->time[i] = 0.0f;
+    r->mask[i] = PELL_RAY_ALL;
+    r->id[i] = (uint32_t) i;
+    r->flags[i] = 0;
+}
+
+/* Share of `samples` cosine-distributed directions about the normal that see nothing. */
+static void ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_vec3 *origin,
+                               const struct pell_vec3 *normal, uint32_t salt, float *share)
+{
+    const int samples = job->lights->ambient_samples;
+    _Alignas(64) int32_t visible[PELL_LANES];
+    struct pell_vec3 t[PELL_LANES], b[PELL_LANES];
+    struct pell_ray16 rays;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        vec3_basis(normal[i], &t[i], &b[i]);
+        share[i] = 0.0f;
+    }
+    for (int s = 0; s < samples; s++) {
+        const uint32_t n = job->p->sample * (uint32_t) samples + (uint32_t) s, u0 = pell_sobol0(n), u1 = pell_sobol1(n);
+        for (int i = 0; i < PELL_LANES; i++) {
+            float x, y, z;
+            pell_disc_point(pell_unit_float(u0 ^ pell_hash(k->lanes.hash[0][i] ^ salt)), pell_unit_float(u1 ^ pell_hash(k->lanes.hash[1][i] ^ salt)), &x, &y);
+            z = sqrtf(max0(1.0f - x * x - y * y));
+            set_ray(&rays, i, origin[i], vec3_mad(vec3_mad(vec3_mul(normal[i], z), x, t[i]), y, b[i]), FLT_MAX);
+        }
+        trace_occlusion(job, k, mask, &rays, visible);
+        for (int i = 0; i < PELL_LANES; i++)
+            share[i] -= (float) visible[i];
+    }
+    for (int i = 0; i < PELL_LANES; i++)
+        share[i] /= (float) samples;
+}
+
+/* --- Light from behind -------------------------------------------------------------------------------------------------------- */
+
+/* Where rays that went into a solid leave it. */
+struct exits {
+    _Alignas(64) int32_t found[PELL_LANES];
+    struct pell_vec3 point[PELL_LANES];  /* A, mm */
+    struct pell_vec3 geometric[PELL_LANES], normal[PELL_LANES];
+};
+
+static struct pell_vec3 hit_normal(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric)
+{
+    const uint32_t *index = mesh->index + (size_t) 3 * triangle;
+    struct pell_vec3 n;
+
+    if (!mesh->normal)
+        return geometric;
+    n = vec3_mul(vec3_load(mesh->normal + (size_t) 3 * index[0]), 1.0f - u - v);
+    n = vec3_mad(n, u, vec3_load(mesh->normal + (size_t) 3 * index[1]));
+    n = vec3_normalize(vec3_mad(n, v, vec3_load(mesh->normal + (size_t) 3 * index[2])));
+    return vec3_dot(n, geometric) > 0.0f ? n : geometric;
+}
+
+/* The object of the surface under each lane of `mask`: what a short ray from above it meets. */
+static void find_objects(const struct job *job, struct packet *k, const int32_t *mask, int *object)
+{
+    const struct pell_lanes *l = &k->lanes;
+    struct pell_ray_hit16 probe;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        const float e = 4.0f * l->epsilon[i];
+        const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]);
+        set_ray(&probe.ray, i, vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), e, g), vec3_mul(g, -1.0f), 2.0f * e);
+        probe.hit.mesh[i] = probe.hit.instance[i] = PELL_NO_HIT;
+    }
+    pell_rays_closest16(job->p->rays, mask, true, &probe);
+    k->rays += count_lanes(mask);
+    for (int i = 0; i < PELL_LANES; i++)
+        object[i] = mask[i] && probe.hit.mesh[i] < job->p->scene->num_meshes ? job->p->scene->meshes[probe.hit.mesh[i]].object : INT32_MIN;
+}
+
+/* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
+ * way: not found. Shells of the same object inside it are passed: what was entered is left again first. */
+static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, struct pell_ray_hit16 *r, struct exits *out)
+{
+    const struct pell_scene *scene = job->p->scene;
+    _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES];
+    float limit[PELL_LANES];
+    int object[PELL_LANES], inside[PELL_LANES] = { 0 };
+    bool known = false;
+
+    memcpy(limit, r->ray.tfar, sizeof(limit));
+    memset(out->found, 0, sizeof(out->found));
+    memcpy(open, mask, sizeof(open));
+    for (int step = 0; step < STEPS; step++) {
+        int any = 0;
+        for (int i = 0; i < PELL_LANES; i++)
+            r->hit.mesh[i] = r->hit.instance[i] = PELL_NO_HIT;
+        pell_rays_closest16(job->p->rays, open, false, r);
+        k->rays += count_lanes(open);
+        for (int i = 0; i < PELL_LANES; i++) {
+            const bool hit = open[i] && r->hit.mesh[i] < scene->num_meshes;
+            const struct pell_mesh *mesh = hit ? &scene->meshes[r->hit.mesh[i]] : NULL;
+            const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
+            const struct pell_vec3 ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
+            const bool leaves = vec3_dot(ng, d) > 0.0f;
+            inner[i] = 0;
+            if (!hit || scene->materials[mesh->material].opaque || !pell_lights_part(job->lights, mesh->object, (int) k->material[i]))
+                continue;
+            if (leaves && inside[i] == 0) {
+                out->found[i] = -1;
+                out->point[i] = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
+                out->geometric[i] = ng;
+                out->normal[i] = hit_normal(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng);
+            } else {
+                inside[i] += leaves ? -1 : 1;
+                inner[i] = any = -1;
+            }
+        }
+        if (!any)
+            return;
+        if (!known)
+            find_objects(job, k, mask, object);
+        known = true;
+        for (int i = 0; i < PELL_LANES; i++) {
+            open[i] = inner[i] && scene->meshes[r->hit.mesh[i]].object == object[i] ? -1 : 0;
+            if (open[i]) {
+                r->ray.tnear[i] = r->ray.tfar[i] * (1.0f + 1e-5f) + 1e-20f;
+                r->ray.tfar[i] = limit[i];
+            }
+        }
+    }
+}
+
+/* Share of E(A) that gets through to lane i. */
+static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, float opposed, float rgb[3])
+{
+    const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
+    const float x = sqrtf(max0(d) / t->max_mm) * (PELL_THICKNESS_STEPS - 1);
+    const int j = (int) fminf(x, PELL_THICKNESS_STEPS - 2);
+    const float f = x - (float) j;
+
+    for (int c = 0; c < 3; c++)
+        rgb[c] = x < PELL_THICKNESS_STEPS - 1 ? opposed * (t->value[j][c] + f * (t->value[j + 1][c] - t->value[j][c])) : 0.0f;
+}
+
+/* T of lane i's surface toward a cosine. */
+static float transmittance(const struct job *job, const struct pell_lanes *l, int i, float mu)
+{
+    float scale, bias;
+
+    if (l->smooth[i])
+        return pell_boundary_lookup(job->tables.boundary + l->boundary_at[i], mu);
+    pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->fraction[i], mu, &scale, &bias);
+    return 1.0f - l->rho[i] * saturate(l->fd[i] * scale + bias);
+}
+
+static void light_from_behind(const struct job *job, const struct pell_lamp *lamp, struct packet *k)
+{
+    const struct pell_lanes *l = &k->lanes;
+    const struct pell_aim *a = &k->aim;
+    const bool far = lamp->type == PELL_LIGHT_DIRECTIONAL;
+    _Alignas(64) int32_t visible[PELL_LANES];
+    struct pell_ray_hit16 r;
+    struct pell_ray16 rays;
+    struct exits exits;
+    float cosine[PELL_LANES];
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        const struct pell_vec3 o = vec3(2.0f * l->px[i] - l->ox[i], 2.0f * l->py[i] - l->oy[i], 2.0f * l->pz[i] - l->oz[i]);
+        const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
+        const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
+        float limit;
+        cosine[i] = fmaxf(fmaxf(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
+        limit = reach / cosine[i]; /* d >= m cos: nothing comes through beyond */
+        set_ray(&r.ray, i, o, d, far ? limit : fminf(0.9999f, limit / a->distance[i]));
+    }
+    find_exits(job, k, a->back, &r, &exits);
+    if (count_lanes(exits.found) == 0)
+        return;
+    for (int i = 0; i < PELL_LANES; i++) {
+        struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
+        if (exits.found[i])
+            o = vec3_mad(exits.point[i], l->epsilon[i], exits.geometric[i]);
+        set_ray(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
+    }
+    trace_occlusion(job, k, exits.found, &rays, visible);
+    for (int i = 0; i < PELL_LANES; i++) {
+        const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
+        float share[3], m, facing, mu, g, w, same;
+        if (!visible[i])
+            continue;
+        m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
+        same = vec3_dot(exits.normal[i], n);
+        mu = vec3_dot(exits.normal[i], to);
+        facing = vec3_dot(exits.geometric[i], to);
+        if (!(mu > 0.0f) || !(facing > 0.0f))
+            continue;
+        g = fminf(1.0f, facing / (mu * fmaxf(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
+        pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), 1.0f - max0(same), share);
+        w = transmittance(job, l, i, mu) * mu * g * (1.0f + g - g * g);
+        w *= far ? 1.0f : pell_lamp_falloff(lamp, fmaxf(a->distance[i] - m, 1e-3f));
+        for (int c = 0; c < 3; c++)
+            k->sums.through[c][i] += fminf(a->intensity[c][i] * w * share[c], 1e25f);
+    }
+}
+
+/* --- Lamps -------------------------------------------------------------------------------------------------------------------- */
+
+/* The slide's colour on the way to each lane. */
+static void project_image(const struct pell_lamp *lamp, struct packet *k)
+{
+    struct pell_aim *a = &k->aim;
+    const struct pell_texture *t = lamp->image;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        float rgba[4] = { 0 }, x, y, u, v;
+        if (!(a->front[i] | a->back[i]))
+            continue;
+        if (lamp->type == PELL_LIGHT_RECT || lamp->type == PELL_LIGHT_DISC) {
+            const struct pell_vec3 d = vec3_sub(vec3(a->sx[i], a->sy[i], a->sz[i]), lamp->position);
+            x = -0.5f * vec3_dot(d, lamp->right) / vec3_dot(lamp->right, lamp->right); /* unmirrored from the front */
+            y = 0.5f * vec3_dot(d, lamp->up) / vec3_dot(lamp->up, lamp->up);
+        } else if (lamp->type == PELL_LIGHT_DIRECTIONAL) {
+            const struct pell_vec3 d = vec3_sub(vec3(k->lanes.px[i], k->lanes.py[i], k->lanes.pz[i]), lamp->position);
+            x = vec3_dot(d, lamp->right) * lamp->image_u;
+            y = vec3_dot(d, lamp->up) * lamp->image_v;
+        } else {
+            const struct pell_vec3 d = vec3(-a->lx[i], -a->ly[i], -a->lz[i]);
+            const float depth = vec3_dot(d, lamp->direction), inv = depth > 1e-6f ? 1.0f / depth : 1e12f;
+            x = vec3_dot(d, lamp->right) * inv * lamp->image_u;
+            y = vec3_dot(d, lamp->up) * inv * lamp->image_v;
+        }
+        u = 0.5f + x;
+        v = 0.5f - y;
+        if (u >= 0.0f && u <= 1.0f && v >= 0.0f && v <= 1.0f)
+            pell_image_sample(&t->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, t->nearest, u, v, rgba);
+        for (int c = 0; c < 3; c++)
+            a->intensity[c][i] *= rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) : 0.0f;
+        if (!(a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i] > 0.0f))
+            a->front[i] = a->back[i] = 0;
+    }
+}
+
+/* All samples of a lamp; what enters from the front goes to `front`. */
+static void shine(const struct job *job, const struct pell_lamp *lamp, struct packet *k, struct pell_sums *front)
+{
+    for (int s = 0; s < lamp->samples; s++) {
+        const uint32_t n = job->p->sample * (uint32_t) lamp->samples + (uint32_t) s;
+        _Alignas(64) int32_t visible[PELL_LANES];
+        struct pell_ray16 rays;
+
+        job->kernels->aim(lamp, &k->lanes, pell_sobol0(n), pell_sobol1(n), &k->aim);
+        if (lamp->image)
+            project_image(lamp, k);
+        if (k->aim.any_front) {
+            job->kernels->shadow_rays(lamp, &k->lanes, &k->aim, &rays);
+            trace_occlusion(job, k, k->aim.front, &rays, visible);
+            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, lamp->environment < 0, front);
+        }
+        if (lamp->environment >= 0 && !lamp->compact)
+            job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
+        if (k->aim.any_back)
+            light_from_behind(job, lamp, k);
+    }
+}
+
+/* --- Environments ------------------------------------------------------------------------------------------------------------- */
+
+static struct pell_env_query lane_query(const struct job *job, const struct packet *k, int i)
+{
+    const size_t material = k->material[i];
+    return (struct pell_env_query) {
+        .model = job->p->tables->model[material] ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX,
+        .roughness = k->lanes.roughness[i],
+        .f0 = k->lanes.fd[i],
+        .rho_s = k->lanes.rho[i],
+        .smooth = k->lanes.smooth[i] ? job->lights->eta_slot[material] : -1,
+    };
+}
+
+/* The smooth rest at a normal: the table without the environment's broad lamps. */
+static void smooth_rest(const struct job *job, const struct packet *k, int i, int index, struct pell_vec3 n, float rgb[3])
+{
+    const struct pell_env_query query = lane_query(job, k, i);
+
+    pell_environment_irradiance(&job->lights->environments[index], n, &query, rgb);
+    for (size_t j = 0; j < job->lights->num_lamps; j++) {
+        const struct pell_lamp *lamp = &job->lights->lamps[j];
+        const float mu = -vec3_dot(n, lamp->direction);
+        if (lamp->environment != index || lamp->compact || !(mu > 0.0f))
+            continue;
+        const float w = mu * transmittance(job, &k->lanes, i, mu);
+        for (int c = 0; c < 3; c++)
+            rgb[c] -= w * lamp->power[c];
+    }
+    for (int c = 0; c < 3; c++)
+        rgb[c] = max0(rgb[c]);
+}
+
+/* What of the smooth rest comes through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
+static void rest_from_behind(const struct job *job, struct packet *k)
+{
+    const struct pell_lanes *l = &k->lanes;
+    struct pell_vec3 origin[PELL_LANES], normal[PELL_LANES];
+    float visible[PELL_LANES];
+    struct pell_ray_hit16 r;
+    struct exits exits;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
+        origin[i] = vec3(2.0f * l->px[i] - l->ox[i], 2.0f * l->py[i] - l->oy[i], 2.0f * l->pz[i] - l->oz[i]);
+        set_ray(&r.ray, i, origin[i], vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
+                l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
+        exits.found[i] = l->valid[i] & l->deep[i];
+    }
+    memcpy(k->aim.back, exits.found, sizeof(exits.found));
+    find_exits(job, k, k->aim.back, &r, &exits);
+    if (count_lanes(exits.found) == 0)
+        return;
+    for (int i = 0; i < PELL_LANES; i++) {
+        normal[i] = exits.found[i] ? exits.geometric[i] : vec3(0.0f, 0.0f, 1.0f);
+        if (exits.found[i])
+            origin[i] = vec3_mad(exits.point[i], l->epsilon[i], exits.geometric[i]);
+    }
+    ambient_visibility(job, k, exits.found, origin, normal, 0x3c6ef372u, visible);
+    for (int i = 0; i < PELL_LANES; i++) {
+        float share[3], rest[3], m;
+        if (!exits.found[i] || !(visible[i] > 0.0f))
+            continue;
+        m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
+        pass_thickness(job, k, i, m, 1.0f - max0(vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i]))), share);
+        for (size_t e = 0; e < job->lights->num_environments; e++) {
+            smooth_rest(job, k, i, (int) e, exits.normal[i], rest);
+            for (int c = 0; c < 3; c++)
+                k->sums.through[c][i] += rest[c] * visible[i] * share[c];
+        }
+    }
+}
+
+static void add_reflection(const struct job *job, struct packet *k, const struct pell_environment *env)
+{
+    const struct pell_lanes *l = &k->lanes;
+
+    for (int i = 0; i < k->count; i++) {
+        const struct pell_vec3 n = vec3(l->nx[i], l->ny[i], l->nz[i]), v = vec3(l->vx[i], l->vy[i], l->vz[i]);
+        const float nv = max0(l->nv[i]), strength = l->tint[0][i] + l->tint[1][i] + l->tint[2][i];
+        float rgb[3], scale, bias;
+        if (!(strength > 0.0f))
+            continue;
+        pell_environment_reflection(env, vec3_normalize(vec3_sub(vec3_mul(n, 2.0f * nv), v)), sqrtf(l->width2[i]), rgb);
+        pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->fraction[i], nv, &scale, &bias);
+        for (int c = 0; c < 3; c++)
+            k->sums.specular[c][i] += rgb[c] * l->tint[c][i] * saturate(l->f0[c][i] * scale + bias) * k->ambient[i];
+    }
+}
+
+static void environments(const struct job *job, struct packet *k)
+{
+    const struct pell_lights *lights = job->lights;
+    const struct pell_lanes *l = &k->lanes;
+    struct pell_vec3 origin[PELL_LANES], normal[PELL_LANES];
+
+    if (lights->num_environments == 0)
+        return;
+    for (int i = 0; i < PELL_LANES; i++) {
+        origin[i] = vec3(l->ox[i], l->oy[i], l->oz[i]);
+        normal[i] = vec3(l->gx[i], l->gy[i], l->gz[i]); /* geometric: on a convex mesh all of the sky is seen, however coarse it is */
+    }
+    ambient_visibility(job, k, l->valid, origin, normal, 0xa54ff53au, k->ambient);
+    for (size_t e = 0; e < lights->num_environments; e++) {
+        struct pell_sums sums = { 0 };
+        for (size_t j = 0; j < lights->num_lamps; j++)
+            if (lights->lamps[j].environment == (int) e)
+                shine(job, &lights->lamps[j], k, &sums);
+        for (int i = 0; i < k->count; i++) {
+            const struct pell_env_query query = lane_query(job, k, i);
+            float rgb[3];
+            pell_environment_irradiance(&lights->environments[e], vec3(l->nx[i], l->ny[i], l->nz[i]), &query, rgb);
+            for (int c = 0; c < 3; c++)
+                k->sums.irradiance[c][i] += max0(sums.irradiance[c][i] + k->ambient[i] * (rgb[c] - sums.unshadowed[c][i]));
+        }
+        add_reflection(job, k, &lights->environments[e]);
+    }
+    if (l->any_deep)
+        rest_from_behind(job, k);
+}
+
+/* --- The stage ---------------------------------------------------------------------------------------------------------------- */
+
+static void shade_packet(const struct job *job, struct packet *k)
+{
+    struct pell_lighting *out = job->out;
+
+    for (size_t j = 0; j < job->lights->num_lamps; j++)
+        if (job->lights->lamps[j].environment < 0)
+            shine(job, &job->lights->lamps[j], k, &k->sums);
+    environments(job, k);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < k->count; i++) {
+            out->irradiance[c][k->index[i]] = k->sums.irradiance[c][i] * k->lanes.albedo[c][i];
+            out->through[c][k->index[i]] = k->sums.through[c][i] * k->lanes.albedo[c][i];
+            out->specular[c][k->index[i]] = k->sums.specular[c][i];
+        }
+}
+
+/* The covered pixels of a tile, block by block. */
+static int list_pixels(const struct job *job, int x0, int y0, uint16_t *list)
+{
+    const struct pell_surface *s = job->p->surface;
+    const struct pell_rect r = s->covered;
+    int n = 0;
+
+    for (int by = y0; by < y0 + TILE_H && by < r.y1; by += BLOCK)
+        for (int bx = x0; bx < x0 + TILE_W && bx < r.x1; bx += BLOCK)
+            for (int y = by; y < by + BLOCK && y < r.y1; y++)
+                for (int x = bx; x < bx + BLOCK && x < r.x1; x++)
+                    if (x >= r.x0 && y >= r.y0 && s->material[(ptrdiff_t) y * s->stride + x])
+                        list[n++] = (uint16_t) ((y - y0) * TILE_W + x - x0);
+    return n;
+}
+
+static void shade_tile(void *arg, int tile, int worker)
+{
+    struct job *job = arg;
+    const int x0 = job->rect.x0 + tile % job->columns * TILE_W, y0 = job->rect.y0 + tile / job->columns * TILE_H;
+    uint16_t list[TILE_W * TILE_H];
+    const int count = list_pixels(job, x0, y0, list);
+    struct packet k;
+
+    (void) worker;
+    k.rays = 0;
+    for (int first = 0; first < count; first += PELL_LANES) {
+        fill_packet(job, &k, x0, y0, list + first, count - first < PELL_LANES ? count - first : PELL_LANES);
+        shade_packet(job, &k);
+    }
+    atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);
+}
+
+enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_lights *lights, const struct pell_irradiance_params *params,
+                                        struct pell_lighting *out)
+{
+    const struct pell_rect covered = params->surface->covered;
+    const struct pell_specular_tables *t = params->tables;
+    struct job job = {
+        .p = params,
+        .lights = lights,
+        .kernels = pell_shade_kernels_tables[pell_simd_best()],
+        .tables = { &t->albedo[0][0][0][0], t->boundaries[0].transmittance },
+        .out = out,
+        /* tiles lie on multiples of their size, so that packets don't depend on what else is in the picture */
+        .rect = { covered.x0 / TILE_W * TILE_W, covered.y0 / TILE_H * TILE_H, covered.x1, covered.y1 },
+    };
+
+    out->shadow_rays = 0;
+    if (covered.x0 >= covered.x1 || covered.y0 >= covered.y1)
+        return PELL_OK;
+    job.columns = (job.rect.x1 - job.rect.x0 + TILE_W - 1) / TILE_W;
+    pell_pool_run(pool, job.columns * ((job.rect.y1 - job.rect.y0 + TILE_H - 1) / TILE_H), shade_tile, &job);
+    out->shadow_rays = atomic_load(&job.rays);
+    return pell_cancelled(lights->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}

@@ -1,0 +1,176 @@
+/* SPDX-License-Identifier: MIT
+ * post.c - see post.h. */
+#include "render/post/post.h"
+
+#include "image/color.h"
+
+#include <string.h>
+
+#define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
+#define METER_FACTOR 3.0 /* at most this times the key's exposure */
+
+enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
+
+struct task {
+    const struct pell_post_params *p;
+    float *const *color;
+    float *alpha;
+    float *const *display;
+    float exposure, white, white_scale; /* 1 / white^2 */
+    bool curve;
+};
+
+/* Mends what is not a number, and measures over covered pixels: the sum of the log luminance, its count, the largest luminance.
+ * Logarithms are taken of products of eight, which stay far inside a double's range: a logarithm costs more than all the rest. */
+static void measure_row(void *arg, int y, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_post_params *p = t->p;
+    const size_t row = (size_t) (y * p->stride);
+    float *r = t->color[0] + row, *g = t->color[1] + row, *b = t->color[2] + row, *a = t->alpha + row;
+    double sum = 0.0, product = 1.0, count = 0.0, invalid = 0.0, maximum = 0.0;
+    int factors = 0;
+    (void) worker;
+
+    for (int x = 0; x < p->width; x++) {
+        double l;
+
+        if (a[x] == 0.0f)
+            continue;
+        if (!isfinite(r[x] + g[x] + b[x])) {
+            r[x] = g[x] = b[x] = 0.0f;
+            invalid += 1.0;
+        }
+        if (a[x] > 0.9999f) /* a sum of weights 1/n */
+            a[x] = 1.0f;
+        l = pell_luminance((const float[3]) { r[x], g[x], b[x] }) / a[x];
+        if (a[x] > 0.5f && l > 1e-30) {
+            maximum = fmax(maximum, l);
+            product *= fmin(l, 1e30);
+            count += 1.0;
+            if (++factors == 8) {
+                sum += log(product);
+                product = 1.0;
+                factors = 0;
+            }
+        }
+    }
+    p->rows[y * PER_ROW + SUM_LOG] = sum + log(product);
+    p->rows[y * PER_ROW + COUNT] = count;
+    p->rows[y * PER_ROW + INVALID] = invalid;
+    p->rows[y * PER_ROW + MAXIMUM] = maximum;
+}
+
+/* What the curve makes `shown` of, so that a background colour comes out as it was asked for:
+ * L (1 + L / white^2) = shown (1 + L), the positive root. */
+static float before_curve(const struct task *t, float shown)
+{
+    const float a = t->white_scale, b = 1.0f - shown;
+    if (!t->curve)
+        return shown;
+    return 2.0f * shown / (b + sqrtf(b * b + 4.0f * a * shown));
+}
+
+/* Radiance that a colour, as it is to be shown, stands for. */
+static void unexpose(const struct task *t, const float shown[3], float rgb[3])
+{
+    const float l = pell_luminance(shown);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = l > 0.0f ? shown[c] * (before_curve(t, l) / l) / t->exposure : 0.0f;
+}
+
+/* Radiance behind pixel (x, y) where it differs from pixel to pixel. */
+static void background(const struct task *t, int x, int y, float rgb[3])
+{
+    const struct pell_scene *scene = t->p->scene;
+    float shown[4];
+
+    if (scene->background == PELL_BACKGROUND_ENVIRONMENT) {
+        struct pell_vec3 start, direction;
+        pell_view_ray(t->p->view, (float) x, (float) y, &start, &direction);
+        if (!pell_lights_background(t->p->lights, vec3_normalize(direction), rgb))
+            unexpose(t, scene->background_color, rgb);
+    } else {
+        pell_image_sample(&scene->background_image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, false,
+                          ((float) x + 0.5f) / (float) t->p->width, ((float) y + 0.5f) / (float) t->p->height, shown);
+        unexpose(t, shown, rgb);
+    }
+}
+
+/* Lays the row over its background. */
+static void fill_row(const struct task *t, int y)
+{
+    const struct pell_post_params *p = t->p;
+    const struct pell_scene *scene = p->scene;
+    const size_t row = (size_t) (y * p->stride);
+    const float *a = t->alpha + row;
+    float rgb[3];
+
+    if (scene->background == PELL_BACKGROUND_TRANSPARENT)
+        return;
+    if (scene->background == PELL_BACKGROUND_COLOR || (scene->background == PELL_BACKGROUND_IMAGE && !scene->background_image)) {
+        unexpose(t, scene->background_color, rgb);
+        for (int c = 0; c < 3; c++) {
+            float *restrict color = t->color[c] + row;
+            for (int x = 0; x < p->width; x++)
+                color[x] += (1.0f - a[x]) * rgb[c];
+        }
+        return;
+    }
+    for (int x = 0; x < p->width; x++)
+        if (a[x] < 1.0f) {
+            background(t, x, y, rgb);
+            for (int c = 0; c < 3; c++)
+                t->color[c][row + (size_t) x] += (1.0f - a[x]) * rgb[c];
+        }
+}
+
+static void finish_row(void *arg, int y, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_post_params *p = t->p;
+    const size_t row = (size_t) (y * p->stride);
+    const float *restrict r = t->color[0] + row, *restrict g = t->color[1] + row, *restrict b = t->color[2] + row, *restrict a = t->alpha + row;
+    const bool transparent = p->scene->background == PELL_BACKGROUND_TRANSPARENT;
+    const float curve = t->curve ? 1.0f : 0.0f, white_scale = curve * t->white_scale, exposure = t->exposure;
+    float *restrict dr = t->display[0] + row, *restrict dg = t->display[1] + row, *restrict db = t->display[2] + row;
+    (void) worker;
+
+    fill_row(t, y);
+    for (int x = 0; x < p->width; x++) {
+        const float e = transparent && a[x] > 0.0f ? exposure / a[x] : exposure; /* straight alpha in what is shown */
+        const float lum = e * (0.2126f * r[x] + 0.7152f * g[x] + 0.0722f * b[x]), l = lum > 0.0f ? lum : 0.0f;
+        const float scale = e * (1.0f + l * white_scale) / (1.0f + l * curve);
+        const float vr = r[x] * scale, vg = g[x] * scale, vb = b[x] * scale;
+        dr[x] = vr > 0.0f ? vr < 1.0f ? vr : 1.0f : 0.0f;
+        dg[x] = vg > 0.0f ? vg < 1.0f ? vg : 1.0f : 0.0f;
+        db[x] = vb > 0.0f ? vb < 1.0f ? vb : 1.0f : 0.0f;
+    }
+}
+
+void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
+                      float *const display[3], struct pell_post_result *result)
+{
+    const struct pell_settings *settings = params->settings;
+    struct task t = { params, color, alpha, display, settings->exposure, settings->white, 0.0f, settings->tonemap == PELL_TONEMAP_REINHARD };
+    double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0;
+
+    pell_pool_run(pool, params->height, measure_row, &t);
+    for (int y = 0; y < params->height; y++) {
+        met += params->meter[2 * y];
+        met_count += params->meter[2 * y + 1];
+        sum += params->rows[y * PER_ROW + SUM_LOG];
+        count += params->rows[y * PER_ROW + COUNT];
+        invalid += params->rows[y * PER_ROW + INVALID];
+        maximum = fmax(maximum, params->rows[y * PER_ROW + MAXIMUM]);
+    }
+    if (!(t.exposure > 0.0f) && count > 0.0)
+        t.exposure = (float) fmin(METER_FACTOR * KEY / exp(sum / count), met > 0.0 ? PELL_PI * met_count / met : INFINITY);
+    if (!(t.exposure > 0.0f && t.exposure < 1e30f))
+        t.exposure = 1.0f;
+    if (!(t.white > 0.0f))
+        t.white = (float) fmax(maximum * t.exposure, 1.0);
+    t.white_scale = 1.0f / (t.white * t.white);
+    pell_pool_run(pool, params->height, finish_row, &t);
+    *result = (struct pell_post_result) { t.exposure, t.white, (int64_t) invalid };
+}

@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: MIT
+ * range.c - warns where a scene leaves what diffusion, or this picture's resolution, can show. */
+#include "render/renderer.h"
+#include "render/view.h"
+
+#include <math.h>
+#include <string.h>
+
+/* The channels' largest or smallest sqrt of the mean square radius or mean free path, mm: how far the light of a material goes. */
+static void reach(const struct pell_material *m, double *largest_mfp, double *widest)
+{
+    *largest_mfp = *widest = 0.0;
+    if (m->gaussians.count > 0) {
+        *widest = sqrt(m->gaussians.variance[m->gaussians.count - 1]);
+        return;
+    }
+    for (int c = 0; c < 3; c++) {
+        const double mfp = pell_mean_free_path(&m->medium, c), diffuse = pell_diffuse_mean_free_path(&m->medium, c);
+        if (isfinite(mfp))
+            *largest_mfp = fmax(*largest_mfp, mfp);
+        if (isfinite(diffuse))
+            *widest = fmax(*widest, diffuse);
+    }
+    if (*widest == 0.0)
+        *widest = *largest_mfp;
+}
+
+/* Pixels per mm in the middle of the bounds. */
+static double pixels_per_mm(const struct pell_scene *scene, const struct pell_settings *settings)
+{
+    const struct pell_view v = pell_view_make(&scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
+    const struct pell_vec3 middle = vec3_mul(vec3_add(vec3_load(scene->bounds_min), vec3_load(scene->bounds_max)), 0.5f);
+    const float depth = vec3_dot(vec3_sub(middle, v.origin), v.forward);
+    return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
+}
+
+enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct pell_settings *settings)
+{
+    const struct pell_scene *scene = pell_renderer_scene(r);
+    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_scene_report report = { 0 };
+    double scale;
+    enum pell_result res;
+
+    if (!scene || !pell_renderer_scatters(r))
+        return PELL_OK;
+    scale = pixels_per_mm(scene, settings);
+    res = pell_scene_check(scene, &report);
+    if (res != PELL_OK)
+        return res;
+    for (size_t i = 0; i < report.num_objects; i++) {
+        const struct pell_object_report *o = &report.objects[i];
+        const struct pell_material *m;
+        double mfp, widest;
+
+        if (o->material < 0 || (size_t) o->material >= scene->num_materials || scene->materials[o->material].opaque)
+            continue;
+        m = &scene->materials[o->material];
+        reach(m, &mfp, &widest);
+        if (!o->closed)
+            pell_warn(ctx, o->name, "close it, or light from behind will be wrong",
+                      "the surface is open (%lld boundary edges): a translucent thing needs an inside", (long long) o->boundary_edges);
+        else if (!o->outward)
+            pell_warn(ctx, o->name, "turn its faces round", "the surface is turned inside out");
+        if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm)
+            pell_warn(ctx, o->name, "check --size or --unit: diffusion holds for things many mean free paths thick",
+                      "the mean free path of %s, %.3g mm, is longer than the thing is thick (%.3g mm)", m->preset && m->preset[0] ? m->preset : m->name,
+                      mfp, o->thickness_mm);
+        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5)
+            pell_warn(ctx, o->name, "render it larger, or check --size or --unit",
+                      "light goes %.3g mm under the surface of %s, which is %.2g pixels here: no scattering can be seen", widest,
+                      m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
+    }
+    pell_scene_report_finish(ctx, &report);
+    return PELL_OK;
+}

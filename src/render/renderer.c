@@ -1,0 +1,639 @@
+/* SPDX-License-Identifier: MIT
+ * renderer.c - the renderer: what it holds from frame to frame, and the one order in which the stages of a frame run. */
+#include "render/renderer.h"
+
+#include "render/composite/composite.h"
+#include "render/planes.h"
+#include "render/post/post.h"
+
+#include <string.h>
+
+#define COPY_BYTES ((size_t) 16 << 20) /* more than the caches hold, little enough to be quick */
+#define MAX_STAGES 48
+#define MAX_CHANNELS 32
+
+struct pell_renderer {
+    struct pell_context *ctx; /* borrowed */
+    struct pell_pool *pool;
+    const struct pell_scene *scene; /* borrowed */
+    const struct pell_method *method;
+    void *knobs; /* owned copy */
+
+    /* Of the scene. */
+    struct pell_rays *rays;
+    struct pell_specular_tables *tables;
+    struct pell_compositor *compositor;
+    uint16_t *frame_index;                       /* per scene material + 1: the frame's material + 1, or 0 */
+    struct pell_frame_material *frame_materials;
+    size_t num_frame_materials;
+    float (*total)[3];                           /* per scene material: total reflectance of its profile */
+    const struct pell_thickness_table **thickness; /* per scene material */
+
+    /* Of scene and settings. */
+    struct pell_settings settings; /* that the rest was made for */
+    struct pell_lights *lights;
+    struct pell_pass *pass;
+
+    /* Of the size and the layers asked for. */
+    bool sized;
+    struct pell_surface surface;
+    struct pell_lighting lighting;
+    struct pell_accumulator sum;
+    float *lit[3], *light[3], *display[3];
+    uint16_t *material; /* the frame's plane */
+    double *rows; /* 4 a row for post, then 2 a row for the meter */
+
+    double copy_rate; /* bytes a second that a copy reads and writes, 0: not measured yet */
+    struct pell_stage_time stages[MAX_STAGES];
+    size_t num_stages;
+    struct pell_channel channels[MAX_CHANNELS];
+};
+
+struct pell_context *pell_renderer_context(struct pell_renderer *r)
+{
+    return r->ctx;
+}
+
+struct pell_pool *pell_renderer_pool(struct pell_renderer *r)
+{
+    return r->pool;
+}
+
+const struct pell_scene *pell_renderer_scene(const struct pell_renderer *r)
+{
+    return r->scene;
+}
+
+bool pell_renderer_scatters(const struct pell_renderer *r)
+{
+    return r->method != NULL;
+}
+
+enum pell_engine pell_renderer_engine(const struct pell_renderer *r)
+{
+    (void) r;
+    return PELL_ENGINE_CPU;
+}
+
+int pell_renderer_threads(const struct pell_renderer *r)
+{
+    return pell_pool_threads(r->pool);
+}
+
+const char *pell_engine_name(enum pell_engine engine)
+{
+    static const char *const names[] = { "auto", "cpu", "vulkan" };
+    return (unsigned) engine < PELL_COUNT(names) ? names[engine] : "unknown";
+}
+
+enum pell_result pell_renderer_create(struct pell_context *ctx, const struct pell_renderer_params *params, struct pell_renderer **out)
+{
+    static const struct pell_renderer_params none;
+    struct pell_renderer *r = NULL;
+    enum pell_result res;
+
+    *out = NULL;
+    if (!params)
+        params = &none;
+    if (params->engine == PELL_ENGINE_VULKAN)
+        return pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "this build has the engine cpu only");
+    r = pell_zalloc(ctx, sizeof(*r));
+    if (!r)
+        return PELL_ERR_NOMEM;
+    r->ctx = ctx;
+    PELL_TRY(pell_pool_create(ctx, params->threads, &r->pool));
+    *out = r;
+    return PELL_OK;
+
+fail:
+    pell_renderer_destroy(&r);
+    return res;
+}
+
+/* --- What hangs on the size --------------------------------------------------------------------------------------------------- */
+
+static void drop_size(struct pell_renderer *r)
+{
+    pell_surface_finish(r->ctx, &r->surface);
+    pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes */
+    pell_free(r->ctx, r->material);
+    pell_free(r->ctx, r->rows);
+    memset(&r->lighting, 0, sizeof(r->lighting));
+    memset(&r->sum, 0, sizeof(r->sum));
+    r->material = NULL;
+    r->rows = NULL;
+    r->sized = false;
+}
+
+static enum pell_result make_size(struct pell_renderer *r, const struct pell_settings *s)
+{
+    const size_t pixels = (size_t) pell_plane_stride(s->width) * (size_t) s->height;
+    struct pell_lighting *l = &r->lighting;
+    struct pell_accumulator *a = &r->sum;
+    float **planes[64];
+    size_t n = 0;
+    enum pell_result res;
+
+    for (int c = 0; c < 3; c++) {
+        planes[n++] = &l->irradiance[c];
+        planes[n++] = &l->through[c];
+        planes[n++] = &l->specular[c];
+        planes[n++] = &a->color[c];
+        planes[n++] = &r->light[c];
+        planes[n++] = &r->lit[c];
+        planes[n++] = &r->display[c];
+        if (s->layers) {
+            planes[n++] = &a->multiple[c];
+            planes[n++] = &a->transmission[c];
+            planes[n++] = &a->specular[c];
+            planes[n++] = &a->irradiance[c];
+            planes[n++] = &a->normal[c];
+        }
+    }
+    planes[n++] = &a->alpha;
+    if (s->layers)
+        planes[n++] = &a->depth;
+
+    PELL_TRY(pell_surface_allocate(r->ctx, s->width, s->height, &r->surface));
+    PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, n));
+    res = PELL_ERR_NOMEM;
+    r->material = pell_calloc(r->ctx, pixels, sizeof(*r->material));
+    r->rows = pell_calloc(r->ctx, (size_t) s->height * 6, sizeof(*r->rows));
+    if (!r->material || !r->rows)
+        goto fail;
+    r->sum.meter = r->rows + (size_t) s->height * 4;
+    r->sized = true;
+    return PELL_OK;
+
+fail:
+    drop_size(r);
+    return res;
+}
+
+/* --- What hangs on scene and method ------------------------------------------------------------------------------------------- */
+
+static void drop_scene(struct pell_renderer *r)
+{
+    pell_pass_destroy(&r->pass);
+    pell_lights_destroy(&r->lights);
+    pell_compositor_destroy(&r->compositor);
+    pell_specular_tables_destroy(&r->tables);
+    pell_rays_destroy(&r->rays);
+    pell_free(r->ctx, r->frame_index);
+    pell_free(r->ctx, r->frame_materials);
+    pell_free(r->ctx, r->total);
+    pell_free(r->ctx, r->thickness);
+    r->frame_index = NULL;
+    r->frame_materials = NULL;
+    r->num_frame_materials = 0;
+    r->total = NULL;
+    r->thickness = NULL;
+    r->scene = NULL;
+}
+
+void pell_renderer_destroy(struct pell_renderer **renderer)
+{
+    struct pell_renderer *r = *renderer;
+    if (!r)
+        return;
+    *renderer = NULL;
+    drop_scene(r);
+    drop_size(r);
+    pell_free(r->ctx, r->knobs);
+    pell_pool_destroy(&r->pool);
+    pell_free(r->ctx, r);
+}
+
+/* Total reflectance of a material's profile as methods use it. */
+static void profile_total(const struct pell_frame_material *m, float total[3])
+{
+    for (int c = 0; c < 3; c++) {
+        if (m->white) {
+            total[c] = 1.0f;
+        } else if (m->gaussians.count > 0) {
+            total[c] = (float) pell_gaussians_total(&m->gaussians, c);
+        } else {
+            const struct pell_dipole d =
+                pell_dipole_make(m->medium.sigma_a[c], m->medium.sigma_s_reduced[c], m->medium.eta, PELL_FRESNEL_EXACT);
+            total[c] = (float) pell_dipole_total(&d);
+        }
+    }
+}
+
+static enum pell_result make_materials(struct pell_renderer *r, const struct pell_scene *scene)
+{
+    const size_t n = scene->num_materials;
+
+    if (n < 1 || n > 65534)
+        return pell_error(r->ctx, PELL_ERR_INVALID, scene->path, NULL, "%zu materials, must be in [1, 65534]", n);
+    r->frame_index = pell_calloc(r->ctx, n + 1, sizeof(*r->frame_index));
+    r->frame_materials = pell_calloc(r->ctx, n, sizeof(*r->frame_materials));
+    r->total = pell_calloc(r->ctx, n, sizeof(*r->total));
+    r->thickness = pell_calloc(r->ctx, n, sizeof(*r->thickness));
+    if (!r->frame_index || !r->frame_materials || !r->total || !r->thickness)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < n; i++) {
+        const struct pell_material *m = &scene->materials[i];
+        struct pell_frame_material *f = &r->frame_materials[r->num_frame_materials];
+        struct pell_medium_fault fault;
+
+        if (m->opaque)
+            continue;
+        if (m->gaussians.count == 0 && !pell_medium_valid(&m->medium, &fault))
+            return pell_error(r->ctx, PELL_ERR_INVALID, m->name, NULL, "%s = %g, must be in [%g, %g]", fault.field, fault.value, fault.min,
+                              fault.max);
+        if (r->num_frame_materials == PELL_FRAME_MATERIALS)
+            return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, scene->path, "mark some \"opaque\": true", "more than %d translucent materials",
+                              PELL_FRAME_MATERIALS);
+        f->medium = m->medium;
+        f->gaussians = m->gaussians;
+        f->white = m->color_from == PELL_COLOR_FROM_TEXTURE;
+        f->name = m->preset && m->preset[0] ? m->preset : m->name;
+        profile_total(f, r->total[i]);
+        r->frame_index[i + 1] = (uint16_t) ++r->num_frame_materials;
+    }
+    return PELL_OK;
+}
+
+enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene)
+{
+    enum pell_result res;
+
+    drop_scene(r);
+    if (!scene)
+        return PELL_OK;
+    if (scene->num_cameras < 1)
+        return pell_error(r->ctx, PELL_ERR_INVALID, scene->path, NULL, "the scene has no camera");
+    PELL_TRY(make_materials(r, scene));
+    PELL_TRY(pell_specular_tables_create(r->ctx, scene, &r->tables));
+    PELL_TRY(pell_compositor_create(r->ctx, scene->num_materials, &r->compositor));
+    PELL_TRY(pell_rays_create(r->ctx, scene, r->pool, &r->rays));
+    r->scene = scene;
+    return PELL_OK;
+
+fail:
+    drop_scene(r);
+    return res;
+}
+
+enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method, const void *knobs)
+{
+    void *copy = NULL;
+
+    if (method) {
+        if (!method->cpu)
+            return pell_error(r->ctx, PELL_ERR_DEVICE, method->name, NULL, "has no engine cpu");
+        copy = pell_zalloc(r->ctx, method->knobs_size);
+        if (!copy)
+            return PELL_ERR_NOMEM;
+        if (knobs)
+            memcpy(copy, knobs, method->knobs_size);
+        else
+            pell_knobs_default(method->knobs, copy);
+        if (pell_knobs_check(r->ctx, method->knobs, method->name, copy) != PELL_OK) {
+            pell_free(r->ctx, copy);
+            return PELL_ERR_INVALID;
+        }
+    }
+    pell_pass_destroy(&r->pass);
+    pell_free(r->ctx, r->knobs);
+    r->method = method;
+    r->knobs = copy;
+    return PELL_OK;
+}
+
+/* The frame's shape for the method: what does not change from sample to sample. */
+static struct pell_frame frame_shape(const struct pell_renderer *r, const struct pell_view *view)
+{
+    return (struct pell_frame) {
+        .width = view->width,
+        .height = view->height,
+        .stride = r->surface.stride,
+        .orthographic = view->orthographic,
+        .focal_px = view->focal_px,
+        .object_height = r->scene->bounds_max[1] - r->scene->bounds_min[1],
+        .materials = r->frame_materials,
+        .num_materials = r->num_frame_materials,
+    };
+}
+
+/* Everything that a frame of these settings needs and that is not there yet. */
+static enum pell_result prepare(struct pell_renderer *r, const struct pell_settings *s)
+{
+    const struct pell_settings *old = &r->settings;
+    const bool same_size = r->sized && old->width == s->width && old->height == s->height && old->layers == s->layers;
+    const bool same_lights = r->lights && old->light_samples == s->light_samples && old->ambient_samples == s->ambient_samples &&
+                             old->environment_lights == s->environment_lights && old->msaa == s->msaa && old->boundary == s->boundary &&
+                             old->seed == s->seed;
+    enum pell_result res;
+
+    if (!same_size) {
+        pell_pass_destroy(&r->pass);
+        drop_size(r);
+    }
+    if (!same_lights)
+        pell_lights_destroy(&r->lights);
+    r->settings = *s;
+    if (!r->sized)
+        PELL_TRY(make_size(r, s));
+    if (!r->lights)
+        PELL_TRY(pell_lights_create(r->ctx, r->scene, s, r->pool, &r->lights));
+    if (!r->pass) {
+        memset(r->thickness, 0, r->scene->num_materials * sizeof(*r->thickness));
+        if (r->method && r->num_frame_materials > 0) {
+            const struct pell_view view = pell_view_make(&r->scene->cameras[0], s->width, s->height, 0.0f, 0.0f);
+            const struct pell_frame shape = frame_shape(r, &view);
+            PELL_TRY(pell_pass_create(r, r->method, r->knobs, &shape, &r->pass));
+            for (size_t i = 0; i < r->scene->num_materials; i++)
+                if (r->frame_index[i + 1])
+                    r->thickness[i] = pell_pass_thickness(r->pass, (size_t) r->frame_index[i + 1] - 1);
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Time --------------------------------------------------------------------------------------------------------------------- */
+
+struct copy_task {
+    const char *from;
+    char *to;
+    size_t band;
+};
+
+static void copy_band(void *arg, int index, int worker)
+{
+    const struct copy_task *t = arg;
+    (void) worker;
+    memcpy(t->to + (size_t) index * t->band, t->from + (size_t) index * t->band, t->band);
+}
+
+static enum pell_result measure_copy(struct pell_renderer *r)
+{
+    struct copy_task t = { .band = COPY_BYTES / 64 };
+    char *block = pell_zalloc(r->ctx, 2 * COPY_BYTES);
+    double best = 1e9;
+
+    if (!block)
+        return PELL_ERR_NOMEM;
+    t.from = block;
+    t.to = block + COPY_BYTES;
+    for (int i = 0; i < 5; i++) {
+        const double start = pell_seconds();
+        pell_pool_run(r->pool, 64, copy_band, &t);
+        best = fmin(best, pell_seconds() - start);
+    }
+    pell_free(r->ctx, block);
+    r->copy_rate = 2.0 * (double) COPY_BYTES / fmax(best, 1e-9);
+    return PELL_OK;
+}
+
+/* Adds a stage's time to its row, which the first sample makes. */
+static void note(struct pell_renderer *r, const char *name, double seconds, int64_t pixels, int64_t rays, int64_t bytes)
+{
+    struct pell_stage_time *s = NULL;
+
+    for (size_t i = 0; i < r->num_stages && !s; i++)
+        if (strcmp(r->stages[i].name, name) == 0)
+            s = &r->stages[i];
+    if (!s) {
+        if (r->num_stages == MAX_STAGES)
+            return;
+        s = &r->stages[r->num_stages++];
+        *s = (struct pell_stage_time) { .name = name };
+    }
+    s->ms += 1e3 * seconds;
+    s->pixels += pixels;
+    s->rays += rays;
+    s->bytes += bytes;
+    s->copy_ms = 1e3 * (double) s->bytes / r->copy_rate;
+}
+
+/* --- One frame ---------------------------------------------------------------------------------------------------------------- */
+
+/* Position of sample i of n in the pixel: the centre for one, else the R2 sequence (Roberts 2018), turned off the pixel's axes. */
+static void sample_shift(int i, int n, float *x, float *y)
+{
+    const double a = 0.7548776662466927, b = 0.5698402909980532;
+    *x = *y = 0.0f;
+    if (n > 1) {
+        const double u = 0.5 + a * (i + 1), v = 0.5 + b * (i + 1);
+        *x = (float) (u - floor(u) - 0.5);
+        *y = (float) (v - floor(v) - 0.5);
+    }
+}
+
+struct remap_task {
+    const struct pell_renderer *r;
+    uint16_t *out;
+};
+
+static void remap_row(void *arg, int index, int worker)
+{
+    const struct remap_task *t = arg;
+    const struct pell_surface *s = &t->r->surface;
+    const ptrdiff_t row = (s->translucent.y0 + index) * s->stride;
+    (void) worker;
+    for (int x = s->translucent.x0; x < s->translucent.x1; x++)
+        t->out[row + x] = t->r->frame_index[s->material[row + x]];
+}
+
+/* Runs the method over one sample's surface and lighting; *exitance is NULL where nothing scatters. */
+static enum pell_result scatter(struct pell_renderer *r, const struct pell_view *view, struct pell_composite_params *composite)
+{
+    const struct pell_surface *s = &r->surface;
+    struct pell_frame frame = frame_shape(r, view);
+    struct pell_frame_light out = { { r->light[0], r->light[1], r->light[2] } };
+    struct remap_task remap = { r, r->material };
+    struct pell_pass_time times[24];
+    double start = pell_seconds();
+    size_t n;
+    enum pell_result res;
+
+    if (!r->pass || s->translucent_pixels == 0)
+        return PELL_OK;
+    pell_pool_run(r->pool, s->translucent.y1 - s->translucent.y0, remap_row, &remap);
+    if (pell_pass_plan(r->pass)->needs & PELL_NEED_LIT) {
+        pell_composite_lit(r->pool, r->compositor, composite, r->lit);
+        note(r, "lit", pell_seconds() - start, s->translucent_pixels, 0, s->translucent_pixels * 48);
+    }
+    frame.rect = s->translucent;
+    frame.material = r->material;
+    frame.depth = s->depth;
+    frame.strength = s->strength;
+    for (int c = 0; c < 3; c++) {
+        frame.irradiance[c] = r->lighting.irradiance[c];
+        frame.lit[c] = r->lit[c];
+        frame.normal[c] = s->ns[c];
+    }
+    start = pell_seconds();
+    PELL_TRY(pell_pass_render(r->pass, &frame, &out));
+    n = pell_pass_times(r->pass, times, PELL_COUNT(times));
+    for (size_t i = 0; i < n; i++)
+        note(r, times[i].name, times[i].seconds, times[i].pixels, 0, times[i].bytes);
+    if (n == 0)
+        note(r, r->method->name, pell_seconds() - start, s->translucent_pixels, 0, s->translucent_pixels * 24);
+    composite->exitance = (const float *const *) r->light;
+    composite->radiance = pell_pass_plan(r->pass)->quantity == PELL_QUANTITY_RADIANCE;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result render_sample(struct pell_renderer *r, const struct pell_settings *settings, int sample)
+{
+    const struct pell_surface *s = &r->surface;
+    const struct pell_plan *plan = r->pass ? pell_pass_plan(r->pass) : NULL;
+    struct pell_composite_params composite;
+    struct pell_irradiance_params light;
+    struct pell_view view;
+    float dx, dy;
+    double start = pell_seconds();
+    enum pell_result res;
+
+    sample_shift(sample, settings->msaa, &dx, &dy);
+    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, dx, dy);
+    PELL_TRY(pell_surface_render(r->pool, r->rays, r->scene, &view, &r->surface));
+    note(r, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
+
+    start = pell_seconds();
+    light = (struct pell_irradiance_params) {
+        .rays = r->rays,
+        .scene = r->scene,
+        .view = &view,
+        .surface = s,
+        .tables = r->tables,
+        .thickness = plan && (plan->needs & PELL_NEED_THROUGH) ? r->thickness : NULL,
+        .mix = plan ? plan->mix : -1.0f,
+        .smooth = settings->boundary == PELL_BOUNDARY_SMOOTH,
+        .sample = (uint32_t) sample,
+        .seed = (uint32_t) ((uint64_t) settings->seed ^ ((uint64_t) settings->seed >> 32)),
+    };
+    PELL_TRY(pell_irradiance_render(r->pool, r->lights, &light, &r->lighting));
+    note(r, "irradiance", pell_seconds() - start, s->covered_pixels, r->lighting.shadow_rays, s->covered_pixels * 108);
+
+    composite = (struct pell_composite_params) {
+        .scene = r->scene,
+        .view = &view,
+        .surface = s,
+        .tables = r->tables,
+        .lighting = &r->lighting,
+        .total = (const float(*)[3]) r->total,
+        .mix = plan ? plan->mix : -1.0f,
+        .smooth = settings->boundary == PELL_BOUNDARY_SMOOTH,
+        .published = settings->exit == PELL_EXIT_PUBLISHED,
+        .weight = 1.0f / (float) settings->msaa,
+        .first = sample == 0,
+    };
+    PELL_TRY(scatter(r, &view, &composite));
+
+    start = pell_seconds();
+    pell_composite_render(r->pool, r->compositor, &composite, &r->sum);
+    note(r, "composite", pell_seconds() - start, s->covered_pixels, 0, s->covered_pixels * 64);
+    return pell_cancelled(r->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    return res;
+}
+
+static size_t add_rgb(struct pell_channel *out, const char *const names[3], float *const planes[3], ptrdiff_t stride)
+{
+    for (int c = 0; c < 3; c++)
+        out[c] = (struct pell_channel) { names[c], planes[c], stride, false };
+    return 3;
+}
+
+/* Names as spec/cli.md lists the layers. */
+static size_t list_channels(struct pell_renderer *r, bool layers)
+{
+    static const char *const rgb[] = { "R", "G", "B" };
+    static const char *const multiple[] = { "diffuse.multiple.R", "diffuse.multiple.G", "diffuse.multiple.B" };
+    static const char *const transmission[] = { "transmission.R", "transmission.G", "transmission.B" };
+    static const char *const specular[] = { "specular.R", "specular.G", "specular.B" };
+    static const char *const irradiance[] = { "irradiance.R", "irradiance.G", "irradiance.B" };
+    static const char *const normal[] = { "normal.X", "normal.Y", "normal.Z" };
+    const ptrdiff_t stride = r->surface.stride;
+    struct pell_channel *c = r->channels;
+    size_t n = add_rgb(c, rgb, r->sum.color, stride);
+
+    c[n++] = (struct pell_channel) { "A", r->sum.alpha, stride, false };
+    if (layers) {
+        n += add_rgb(c + n, multiple, r->sum.multiple, stride);
+        n += add_rgb(c + n, transmission, r->sum.transmission, stride);
+        n += add_rgb(c + n, specular, r->sum.specular, stride);
+        n += add_rgb(c + n, irradiance, r->sum.irradiance, stride);
+        n += add_rgb(c + n, normal, r->sum.normal, stride);
+        c[n++] = (struct pell_channel) { "depth.Z", r->sum.depth, stride, true };
+    }
+    return n;
+}
+
+enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings, struct pell_picture *picture)
+{
+    struct pell_post_result post;
+    struct pell_view view;
+    double start, begin;
+    enum pell_result res;
+
+    memset(picture, 0, sizeof(*picture));
+    if (!r->scene)
+        return pell_error(r->ctx, PELL_ERR_INVALID, "render", NULL, "the renderer has no scene");
+    PELL_TRY(pell_knobs_check(r->ctx, pell_settings_knobs, "settings", settings));
+    if (r->copy_rate == 0.0)
+        PELL_TRY(measure_copy(r));
+    begin = pell_seconds();
+    r->num_stages = 0;
+    PELL_TRY(prepare(r, settings));
+    if (pell_seconds() - begin > 1e-4)
+        note(r, "prepare", pell_seconds() - begin, 0, 0, 0);
+
+    for (int i = 0; i < settings->msaa; i++) {
+        PELL_TRY(render_sample(r, settings, i));
+        if (settings->msaa > 1)
+            pell_progress(r->ctx, "render", (double) (i + 1) / settings->msaa);
+    }
+
+    start = pell_seconds();
+    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
+    pell_post_render(r->pool,
+                     &(struct pell_post_params) {
+                         .scene = r->scene,
+                         .view = &view,
+                         .lights = r->lights,
+                         .settings = settings,
+                         .width = settings->width,
+                         .height = settings->height,
+                         .stride = r->surface.stride,
+                         .meter = r->sum.meter,
+                         .rows = r->rows,
+                     },
+                     r->sum.color, r->sum.alpha, r->display, &post);
+    if (pell_cancelled(r->ctx))
+        return PELL_ERR_CANCELLED;
+    note(r, "post", pell_seconds() - start, (int64_t) settings->width * settings->height, 0, (int64_t) settings->width * settings->height * 44);
+
+    *picture = (struct pell_picture) {
+        .width = settings->width,
+        .height = settings->height,
+        .stride = r->surface.stride,
+        .channels = r->channels,
+        .num_channels = list_channels(r, settings->layers),
+        .display = { r->display[0], r->display[1], r->display[2] },
+        .alpha = r->sum.alpha,
+        .stages = r->stages,
+        .num_stages = r->num_stages,
+        .seconds = pell_seconds() - begin,
+        .invalid = post.invalid,
+        .exposure = post.exposure,
+        .rect = r->surface.translucent,
+    };
+    if (post.invalid > 0)
+        pell_warn(r->ctx, "render", "please report the scene", "%lld pixels came out as no number and were set to 0", (long long) post.invalid);
+    return PELL_OK;
+
+fail:
+    return res;
+}

@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: MIT
+ * settings.c - the rows of struct pell_settings. */
+#include <pellucid/render.h>
+
+static const char *const tonemaps[] = { "reinhard", "linear", NULL };
+static const char *const exits[] = { "balanced", "published", NULL };
+static const char *const boundaries[] = { "rough", "smooth", NULL };
+
+#define AT(field) offsetof(struct pell_settings, field)
+const struct pell_knob pell_settings_knobs[] = {
+    { "width", PELL_KNOB_INT, "px", AT(width), { 1280 }, 1, 16384, NULL, "width of the picture" },
+    { "height", PELL_KNOB_INT, "px", AT(height), { 720 }, 1, 16384, NULL, "height of the picture" },
+    { "msaa", PELL_KNOB_INT, "1", AT(msaa), { 4 }, 1, 64, NULL, "samples per pixel; each is rendered and scattered by itself, then they are averaged" },
+    { "light-samples", PELL_KNOB_INT, "1", AT(light_samples), { 16 }, 1, 1024, NULL,
+      "shadow rays per pixel and area light, shared out over the multisamples" },
+    { "ambient-samples", PELL_KNOB_INT, "1", AT(ambient_samples), { 16 }, 1, 1024, NULL,
+      "rays per pixel for the visibility of the smooth part of an environment, shared out over the multisamples" },
+    { "environment-lights", PELL_KNOB_INT, "1", AT(environment_lights), { 24 }, 0, 256, NULL,
+      "shadowed directional lights that stand for an environment's bright parts" },
+    { "seed", PELL_KNOB_INT64, "1", AT(seed), { 0 }, 0, 9007199254740992.0, NULL, "of all sample patterns; the same seed gives the same bits" },
+    { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,
+      "factor from radiance to display; 0 meters the light on the object" },
+    { "white", PELL_KNOB_FLOAT, "1", AT(white), { 0 }, 0, 1e12, NULL,
+      "luminance after exposure that becomes display white; 0 takes the picture's brightest" },
+    { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_TONEMAP_REINHARD }, 0, 0, tonemaps,
+      "curve from exposed radiance to the display: photographic (Reinhard et al. 2002), or none" },
+    { "exit", PELL_KNOB_ENUM, "1", AT(exit), { PELL_EXIT_BALANCED }, 0, 0, exits,
+      "balanced keeps the light that a diffusion profile says leaves; published loses 6 to 9 % of it at the surface" },
+    { "boundary", PELL_KNOB_ENUM, "1", AT(boundary), { PELL_BOUNDARY_ROUGH }, 0, 0, boundaries,
+      "how light passes the surface: what the specular lobe leaves, or Fresnel's transmittance of a smooth dielectric" },
+    { "layers", PELL_KNOB_BOOL, "1", AT(layers), { 0 }, 0, 1, NULL,
+      "make every layer (diffuse, transmission, specular, irradiance, depth, normal) beside the picture" },
+    {0}
+};

@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * specular_tables.h - the inside of struct pell_specular_tables, and the lobes as formulas without branches or library calls, for
+ * kernels over lanes; only specular.c and src/render/irradiance include it.
+ *
+ * Schlick's F = F0 (1 - c) + c with c = (1 - h.v)^5 is linear in F0, so that a model has one pair of tables (scale, bias) for every
+ * index of refraction and for metals: albedo_f = F0 scale + bias.
+ */
+#ifndef PELL_SPECULAR_TABLES_H
+#define PELL_SPECULAR_TABLES_H
+
+#include "render/specular.h"
+
+#include <stdint.h>
+
+#define PELL_ALBEDO_MU 64        /* entries over mu: entry i is mu = (i / 63)^2, fine where light grazes */
+#define PELL_ALBEDO_ROUGHNESS 32 /* entries over roughness in [PELL_ROUGHNESS_MIN, 1] */
+#define PELL_ROUGHNESS_MIN 0.03f
+#define PELL_BOUNDARY_MU 256     /* entries over mu of a smooth boundary: (i / 255)^2 */
+#define PELL_SPECULAR_MODELS 2
+
+struct pell_boundary_table {
+    double eta;
+    float f0, mean;
+    float transmittance[PELL_BOUNDARY_MU];
+};
+
+struct pell_specular_tables {
+    struct pell_context *ctx;
+    size_t num_materials, num_boundaries;
+    uint8_t *model;       /* of a material */
+    uint32_t *boundary;   /* of a material: index into boundaries */
+    struct pell_boundary_table *boundaries;
+    float mean[PELL_SPECULAR_MODELS][PELL_ALBEDO_ROUGHNESS][2];
+    float albedo[PELL_SPECULAR_MODELS][PELL_ALBEDO_MU][PELL_ALBEDO_ROUGHNESS][2]; /* scale, bias */
+};
+
+/* Position of a roughness between two entries. */
+static inline void pell_roughness_position(float roughness, int *index, float *fraction)
+{
+    float y = (roughness - PELL_ROUGHNESS_MIN) * ((PELL_ALBEDO_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN));
+    int i;
+    y = y > 0.0f ? y : 0.0f;
+    y = y < PELL_ALBEDO_ROUGHNESS - 1 ? y : PELL_ALBEDO_ROUGHNESS - 1;
+    i = (int) y;
+    i = i < PELL_ALBEDO_ROUGHNESS - 2 ? i : PELL_ALBEDO_ROUGHNESS - 2;
+    *index = i;
+    *fraction = y - (float) i;
+}
+
+/* Scale and bias at mu, bilinear; `first` points at albedo[model][0][index] and counts from there. */
+static inline void pell_albedo_pair(const float *first, float fraction, float mu, float *scale, float *bias)
+{
+    const float x = sqrtf(mu < 1.0f ? mu > 0.0f ? mu : 0.0f : 1.0f) * (PELL_ALBEDO_MU - 1);
+    const int i0 = (int) x, i = i0 < PELL_ALBEDO_MU - 2 ? i0 : PELL_ALBEDO_MU - 2;
+    const float f = x - (float) i, g = fraction;
+    const float *p = first + 2 * PELL_ALBEDO_ROUGHNESS * i, *q = p + 2 * PELL_ALBEDO_ROUGHNESS;
+    const float a = p[0] + g * (p[2] - p[0]), b = q[0] + g * (q[2] - q[0]);
+    const float c = p[1] + g * (p[3] - p[1]), d = q[1] + g * (q[3] - q[1]);
+    *scale = a + f * (b - a);
+    *bias = c + f * (d - c);
+}
+
+static inline float pell_boundary_lookup(const float *transmittance, float mu)
+{
+    const float x = sqrtf(mu < 1.0f ? mu > 0.0f ? mu : 0.0f : 1.0f) * (PELL_BOUNDARY_MU - 1);
+    const int i0 = (int) x, i = i0 < PELL_BOUNDARY_MU - 2 ? i0 : PELL_BOUNDARY_MU - 2;
+    return transmittance[i] + (x - (float) i) * (transmittance[i + 1] - transmittance[i]);
+}
+
+/* The width that a lobe's formula wants: alpha of GGX, m of the Beckmann distribution. The papers that use Kelemen's lobe for skin
+ * give m itself (0.3 in d'Eon et al. 2007), so roughness is m there. */
+static inline float pell_lobe_width(enum pell_specular_model model, float roughness)
+{
+    return model == PELL_SPECULAR_GGX ? roughness * roughness : roughness;
+}
+
+/* exp(-x) for x >= 0; relative error under 3e-7, 0 beyond 80. */
+static inline float pell_exp_minus(float x)
+{
+    const float y = (x < 80.0f ? x : 80.0f) * -1.44269504f;
+    const int32_t whole = (int32_t) (y - 0.5f);
+    const float f = (y - (float) whole) * 0.693147181f;
+    const float e = 1.0f + f * (1.0f + f * (0.5f + f * (1.66666667e-1f + f * (4.16666667e-2f + f * (8.33333333e-3f + f * 1.38888889e-3f)))));
+    const int32_t bits = (whole + 127) << 23;
+    float two;
+    __builtin_memcpy(&two, &bits, sizeof(two));
+    return x < 80.0f ? e * two : 0.0f;
+}
+
+/* The lobes from nl = n.l, nv = n.v > 0 and the unnormalised h = l + v: nh = n.h, hh = h.h, sin2 = |n x h|^2 (not from nh: narrow
+ * lobes would drown in the rounding of 1 - cos^2). width2: square of pell_lobe_width. */
+static inline float pell_lobe_ggx(float width2, float nl, float nv, float sin2, float nh, float hh)
+{
+    const float d = (sin2 + nh * nh * width2) / hh; /* sin^2 + alpha^2 cos^2 of the half angle */
+    const float sl = sqrtf(width2 + (1.0f - width2) * nl * nl), sv = sqrtf(width2 + (1.0f - width2) * nv * nv);
+    return width2 * (1.0f / PELL_PI_F) * 0.5f / (d * d * (nl * sv + nv * sl) + 1e-30f);
+}
+
+static inline float pell_lobe_kelemen(float width2, float sin2, float nh, float hh)
+{
+    const float c2 = nh * nh + 1e-20f;
+    return pell_exp_minus(sin2 / (c2 * width2)) * hh / (PELL_PI_F * width2 * c2 * c2);
+}
+
+#endif

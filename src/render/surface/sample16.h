@@ -1,0 +1,257 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sample16.h - 16 texture look-ups at once, filtered in space and between levels; part of packet.c, so compiled per SIMD level.
+ *
+ * Between two levels the blend runs over half of the way only (fractions 1/4 to 3/4): the picture has no seams where levels change, and
+ * half of the pixels need one level instead of two.
+ */
+#ifndef PELL_SURFACE_SAMPLE16_H
+#define PELL_SURFACE_SAMPLE16_H
+
+#include "image/color.h"
+#include "render/surface/mips.h"
+
+#include <string.h>
+
+#define LANES 16
+#define ALL_LANES 0xffffu
+
+typedef float float16[LANES] __attribute__((aligned(64)));
+typedef int32_t int16lanes[LANES] __attribute__((aligned(64)));
+typedef uint32_t uint16lanes[LANES] __attribute__((aligned(64)));
+
+struct uv16 {
+    float16 u, v, area; /* area of the pixel in (u, v) */
+};
+
+/* log2 of positive numbers, wrong by 0.005 at most: the exponent, and a parabola through the mantissa in [1, 2). */
+static inline void rough_log2(const float *restrict x, float *restrict out)
+{
+    int16lanes bits;
+    float16 mantissa;
+
+    memcpy(bits, x, sizeof(bits));
+    for (int i = 0; i < LANES; i++) {
+        out[i] = (float) ((bits[i] >> 23) - 127);
+        bits[i] = (bits[i] & 0x7fffff) | 0x3f800000;
+    }
+    memcpy(mantissa, bits, sizeof(mantissa));
+    for (int i = 0; i < LANES; i++)
+        out[i] += (-0.34484843f * mantissa[i] + 2.02466578f) * mantissa[i] - 1.67487759f;
+}
+
+static inline int32_t floor_to_int(float x)
+{
+    const int32_t i = (int32_t) x;
+    return i - ((float) i > x);
+}
+
+/* Neighbouring texels along one axis, and the fraction between them. */
+static inline void axis16(enum pell_wrap wrap, const float *restrict at, const int32_t *restrict size, int32_t *restrict i0,
+                          int32_t *restrict i1, float *restrict f)
+{
+    if (wrap == PELL_WRAP_REPEAT) {
+        for (int i = 0; i < LANES; i++) {
+            const float x = (at[i] - (float) floor_to_int(at[i])) * (float) size[i] - 0.5f;
+            const int32_t a = floor_to_int(x), b = a + 1;
+            f[i] = x - (float) a;
+            i0[i] = a < 0 ? size[i] - 1 : a;
+            i1[i] = b >= size[i] ? 0 : b;
+        }
+    } else if (wrap == PELL_WRAP_MIRROR) {
+        for (int i = 0; i < LANES; i++) {
+            const float x = (at[i] - 2.0f * (float) floor_to_int(0.5f * at[i])) * (float) size[i] - 0.5f;
+            const int32_t a = floor_to_int(x), b = a + 1, last = size[i] - 1;
+            const int32_t fa = a < 0 ? 0 : a > last ? 2 * last + 1 - a : a, fb = b > last ? 2 * last + 1 - b : b;
+            f[i] = x - (float) a;
+            i0[i] = fa < 0 ? 0 : fa;
+            i1[i] = fb < 0 ? 0 : fb;
+        }
+    } else {
+        for (int i = 0; i < LANES; i++) {
+            const float u = at[i] < -1.0f ? -1.0f : at[i] > 2.0f ? 2.0f : at[i], x = u * (float) size[i] - 0.5f;
+            const int32_t a = floor_to_int(x), b = a + 1, last = size[i] - 1;
+            f[i] = x - (float) a;
+            i0[i] = a < 0 ? 0 : a > last ? last : a;
+            i1[i] = b < 0 ? 0 : b > last ? last : b;
+        }
+    }
+}
+
+/* Four bytes from the texel `at` on of 8 bit pictures of three or four channels; the last texel of three has no fourth byte, so that word
+ * is read one byte early. */
+static inline uint32_t word_at(const uint8_t *pixels, uint32_t channels, uint32_t last, uint32_t at)
+{
+    const size_t early = channels == 3 && at == last;
+    uint32_t word;
+
+    memcpy(&word, pixels + (size_t) at * channels - early, sizeof(word));
+    return word >> (8 * early);
+}
+
+/* Corners' texels, weighted: `word` holds 8 bit channels, `table` what they mean. */
+static inline void mix8(const uint16lanes *restrict word, const float16 *restrict weight, const float *restrict table, int shift,
+                        float *restrict out)
+{
+    for (int i = 0; i < LANES; i++)
+        out[i] = weight[0][i] * table[word[0][i] >> shift & 0xff] + weight[1][i] * table[word[1][i] >> shift & 0xff] +
+                 weight[2][i] * table[word[2][i] >> shift & 0xff] + weight[3][i] * table[word[3][i] >> shift & 0xff];
+}
+
+static inline void mix16(const uint16lanes *restrict word, const float16 *restrict weight, int shift, float *restrict out)
+{
+    for (int i = 0; i < LANES; i++)
+        out[i] = (weight[0][i] * (float) (int32_t) (word[0][i] >> shift & 0xffff) +
+                  weight[1][i] * (float) (int32_t) (word[1][i] >> shift & 0xffff) +
+                  weight[2][i] * (float) (int32_t) (word[2][i] >> shift & 0xffff) +
+                  weight[3][i] * (float) (int32_t) (word[3][i] >> shift & 0xffff)) * (1.0f / 65535.0f);
+}
+
+/* out = bilinear look-up in each lane's level, for 8 and 16 bit pictures. Lanes that are not in `lanes` get something finite. */
+static void bilinear16(const struct pyramid *p, const struct pell_texture *t, const struct surface_decode *decode,
+                       const float *restrict u, const float *restrict v, const int32_t *restrict level, uint32_t lanes,
+                       unsigned channels, float16 *restrict out)
+{
+    const struct pell_image *image = &p->image;
+    const bool bytes = image->type == PELL_PIXEL_U8 && image->channels >= 3 && image->width * (int64_t) image->height > 1;
+    int16lanes w, h, x0, x1, y0, y1;
+    uint16lanes at[4], low[4], high[4];
+    float16 fx, fy, weight[4];
+    uint32_t whole = 0;
+
+    for (int i = 0; i < LANES; i++) {
+        w[i] = p->width[level[i]];
+        h[i] = p->height[level[i]];
+    }
+    axis16(t->wrap_u, u, w, x0, x1, fx);
+    axis16(t->wrap_v, v, h, y0, y1, fy);
+    for (int i = 0; i < LANES; i++) {
+        weight[0][i] = (1.0f - fx[i]) * (1.0f - fy[i]);
+        weight[1][i] = fx[i] * (1.0f - fy[i]);
+        weight[2][i] = (1.0f - fx[i]) * fy[i];
+        weight[3][i] = fx[i] * fy[i];
+        at[0][i] = (uint32_t) (y0[i] * w[i] + x0[i]);
+        at[1][i] = (uint32_t) (y0[i] * w[i] + x1[i]);
+        at[2][i] = (uint32_t) (y1[i] * w[i] + x0[i]);
+        at[3][i] = (uint32_t) (y1[i] * w[i] + x1[i]);
+    }
+    if (bytes)
+        for (int i = 0; i < LANES; i++)
+            whole |= (uint32_t) (level[i] == 0) << i;
+    whole &= lanes;
+
+    if (lanes & ~whole) {
+        if ((lanes & ~whole) != ALL_LANES) {
+            memset(low, 0, sizeof(low));
+            memset(high, 0, sizeof(high));
+        }
+        for (uint32_t left = lanes & ~whole; left; left &= left - 1) {
+            const int i = __builtin_ctz(left);
+            const uint64_t *texels = p->texels[level[i]];
+            for (int k = 0; k < 4; k++) {
+                const uint64_t texel = texels ? texels[at[k][i]] : surface_texel(image, decode, at[k][i]);
+                low[k][i] = (uint32_t) texel;
+                high[k][i] = (uint32_t) (texel >> 32);
+            }
+        }
+        for (int c = 0; c < 4; c++)
+            if (channels >> c & 1)
+                mix16(c < 2 ? low : high, (const float16 *) weight, 16 * (c & 1), out[c]);
+    }
+    if (whole) {
+        const uint32_t last = (uint32_t) image->width * (uint32_t) image->height - 1;
+        if (whole != ALL_LANES)
+            memset(low, 0, sizeof(low));
+        for (uint32_t left = whole; left; left &= left - 1) {
+            const int i = __builtin_ctz(left);
+            for (int k = 0; k < 4; k++)
+                low[k][i] = word_at(image->pixels, (uint32_t) image->channels, last, at[k][i]);
+        }
+        for (int c = 0; c < 4; c++) {
+            float16 mixed;
+            if (!(channels >> c & 1))
+                continue;
+            if (c < 3 || image->channels == 4)
+                mix8((const uint16lanes *) low, (const float16 *) weight, image->srgb && c < 3 ? pell_srgb_u8 : decode->unit, 8 * c, mixed);
+            else
+                for (int i = 0; i < LANES; i++)
+                    mixed[i] = 1.0f;
+            if (whole == lanes)
+                memcpy(out[c], mixed, sizeof(mixed));
+            else
+                for (int i = 0; i < LANES; i++)
+                    out[c][i] = (whole >> i & 1) ? mixed[i] : out[c][i];
+        }
+    }
+}
+
+/* Float pictures, and textures that are not to be filtered: one by one. */
+static void one_by_one(const struct pyramid *p, const struct pell_texture *t, const float *u, const float *v, const int32_t *level,
+                       uint32_t lanes, unsigned channels, float16 *restrict out)
+{
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        const int i = __builtin_ctz(left);
+        float rgba[4];
+        pell_image_sample(level[i] ? &p->floats[level[i]] : &p->image, t->wrap_u, t->wrap_v, t->nearest, u[i], v[i], rgba);
+        for (int c = 0; c < 4; c++)
+            if (channels >> c & 1)
+                out[c][i] = rgba[c];
+    }
+}
+
+/* Looks up `channels` (bits) of a map for `lanes`; others get something finite. */
+static void sample16(const struct pyramid *p, const struct pell_texture_map *map, const struct surface_decode *decode,
+                     const struct uv16 *uv, uint32_t lanes, unsigned channels, float16 *restrict rgba)
+{
+    const struct pell_texture *t = map->texture;
+    const float *m = map->matrix, scale = fabsf(m[0] * m[4] - m[1] * m[3]) * (float) p->image.width * (float) p->image.height;
+    const float last = t->nearest ? 0.0f : (float) (p->levels - 1);
+    /* Texels are counted in 32 bits. */
+    const bool slow = t->nearest || p->image.type == PELL_PIXEL_F32 || p->image.width * (int64_t) p->image.height > INT32_MAX;
+    float16 u, v, blend, area, log_area;
+    int16lanes first, second, mixed;
+    uint32_t both = 0;
+
+    for (int i = 0; i < LANES; i++) {
+        const float tu = m[0] * uv->u[i] + m[1] * uv->v[i] + m[2], tv = m[3] * uv->u[i] + m[4] * uv->v[i] + m[5];
+        u[i] = fabsf(tu) < 16777216.0f ? tu : 0.0f; /* NaN, and what has no fraction left */
+        v[i] = fabsf(tv) < 16777216.0f ? tv : 0.0f;
+        area[i] = uv->area[i] * scale;
+        area[i] = area[i] > 1.0f ? area[i] : 1.0f;
+    }
+    rough_log2(area, log_area);
+    for (int i = 0; i < LANES; i++) {
+        const float raw = 0.5f * log_area[i], low = raw > 0.0f ? raw : 0.0f, lod = low < last ? low : last;
+        const int32_t l = (int32_t) lod;
+        const float f = 2.0f * (lod - (float) l) - 0.5f;
+        const int32_t above = f > 0.0f ? 1 : 0, beyond = f >= 1.0f ? 1 : 0;
+        mixed[i] = above & ~beyond;
+        blend[i] = f;
+        first[i] = l + beyond;
+        second[i] = l + above;
+    }
+    for (int i = 0; i < LANES; i++)
+        both |= (uint32_t) mixed[i] << i;
+    both &= lanes;
+    if (slow) {
+        memset(rgba, 0, 4 * sizeof(*rgba));
+        one_by_one(p, t, u, v, first, lanes, channels, rgba);
+    } else {
+        bilinear16(p, t, decode, u, v, first, lanes, channels, rgba);
+    }
+    if (both) {
+        float16 more[4];
+        if (slow) {
+            memset(more, 0, sizeof(more));
+            one_by_one(p, t, u, v, second, both, channels, more);
+        } else {
+            bilinear16(p, t, decode, u, v, second, both, channels, more);
+        }
+        for (int c = 0; c < 4; c++)
+            if (channels >> c & 1)
+                for (int i = 0; i < LANES; i++)
+                    rgba[c][i] += (mixed[i] ? blend[i] : 0.0f) * (more[c][i] - rgba[c][i]);
+    }
+}
+
+#endif

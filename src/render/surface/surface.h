@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * surface.h - stage "surface": what each pixel sees, one sample a pixel.
+ *
+ * Planes of floats as in struct pell_frame: pixel (x, y) at [y * stride + x], rows 64-byte aligned. Where `material` is 0 nothing was
+ * hit and the other planes hold anything.
+ */
+#ifndef PELL_SURFACE_H
+#define PELL_SURFACE_H
+
+#include "rays/rays.h"
+#include "render/view.h"
+
+/* What is made once a scene: the pictures of its textures at smaller sizes, so that far surfaces don't alias. */
+struct pell_mips;
+
+PELL_NODISCARD enum pell_result pell_mips_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool,
+                                                 struct pell_mips **out);
+void pell_mips_destroy(struct pell_mips **mips);
+
+struct pell_surface {
+    int width, height;
+    ptrdiff_t stride;
+    const struct pell_mips *mips; /* borrowed: the caller sets it after pell_surface_allocate; NULL: textures alias where they shrink */
+    uint16_t *material;  /* scene material + 1; 0: nothing. A scene of more than 65534 materials is refused */
+    float *depth;        /* mm along the view axis */
+    float *ng[3];        /* geometric normal, unit, on the side of the viewer */
+    float *ns[3];        /* shading normal, unit, after the normal map; bent to the viewer's side where interpolation turned it away */
+    float *base[3];      /* base colour, linear: factor x map x vertex colour */
+    float *roughness;    /* perceptual, [0.03, 1] */
+    float *metallic;     /* [0, 1] */
+    float *specular[3];  /* rho_s x map x tint: scales the specular lobe */
+    float *strength;     /* of scattering, [0, 1] */
+    float *emissive[3];  /* radiance; written where `any_emissive` */
+    bool any_emissive;   /* some material of the scene emits */
+    struct pell_rect covered;     /* holds every pixel that hit something */
+    struct pell_rect translucent; /* holds every pixel whose material is not opaque */
+    int64_t covered_pixels, translucent_pixels, rays;
+    void *scratch; /* private: per task, made in pell_surface_allocate so that a frame allocates nothing */
+};
+
+PELL_NODISCARD enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int height, struct pell_surface *surface);
+void pell_surface_finish(struct pell_context *ctx, struct pell_surface *surface);
+
+/* Fills the planes; allocates nothing; the same bits for any number of threads. */
+PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
+                                                    const struct pell_view *view, struct pell_surface *surface);
+
+#endif

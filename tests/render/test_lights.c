@@ -1,0 +1,613 @@
+/* SPDX-License-Identifier: MIT
+ * test_lights.c - light that enters from the front, against closed forms and brute force. */
+#include "lights_rig.h"
+
+#include "image/color.h"
+
+#define SIZE 48
+
+/* A white plane z = 0 from above. */
+static void start_plane(struct rig *r)
+{
+    rig_start(r, SIZE, SIZE);
+    rig_plane(r, rig_material(r, true), 0, 0.0f, 100.0f);
+    rig_camera(r, 60.0f);
+}
+
+static void plane_under_a_point(void **state)
+{
+    const struct pell_vec3 at = vec3(10.0f, -20.0f, 80.0f);
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    rig_light(&r, PELL_LIGHT_POINT, at, vec3(0, 0, 0), 3.0f);
+    rig_render(&r);
+    for (int y = 0; y < SIZE; y++)
+        for (int x = 0; x < SIZE; x++) {
+            const struct pell_vec3 d = vec3_sub(at, rig_point(&r, x, y));
+            const double length = vec3_length(d), metres = length * 1e-3, e = 3.0 / (metres * metres) * d.z / length;
+            REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, y)], e, 1e-5);
+            REQUIRE_REL(r.light.irradiance[2][rig_at(&r, x, y)], 0.25 * e, 1e-5);
+        }
+    REQUIRE(r.light.shadow_rays == SIZE * SIZE);
+    rig_finish(&r);
+}
+
+static void a_range_cuts_a_point_off(void **state)
+{
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    rig_light(&r, PELL_LIGHT_POINT, vec3(0, 0, 90), vec3(0, 0, 0), 1.0f)->range = 100.0f;
+    rig_render(&r);
+    for (int x = 0; x < SIZE; x++) {
+        const struct pell_vec3 p = rig_point(&r, x, 3);
+        const double d = sqrt((double) p.x * p.x + (double) p.y * p.y + 8100.0), q = pow(d / 100.0, 4);
+        REQUIRE_NEAR(r.light.irradiance[0][rig_at(&r, x, 3)], fmax(0.0, 1.0 - q) * 1e6 / (d * d) * 90.0 / d, 1e-3);
+    }
+    rig_finish(&r);
+}
+
+static void plane_under_a_spot(void **state)
+{
+    struct rig r;
+    int inside = 0, between = 0, outside = 0;
+    (void) state;
+    start_plane(&r);
+    rig_light(&r, PELL_LIGHT_SPOT, vec3(0, 0, 40), vec3(0, 0, 0), 1.0f);
+    rig_render(&r);
+    for (int y = 0; y < SIZE; y++)
+        for (int x = 0; x < SIZE; x++) {
+            const struct pell_vec3 p = rig_point(&r, x, y);
+            const double d = sqrt((double) p.x * p.x + (double) p.y * p.y + 1600.0), c = 40.0 / d;
+            const double ramp = fmin(fmax((c - 0.8) / (0.95 - 0.8), 0.0), 1.0);
+            inside += ramp == 1.0;
+            outside += ramp == 0.0;
+            between += ramp > 0.0 && ramp < 1.0;
+            REQUIRE_NEAR(r.light.irradiance[0][rig_at(&r, x, y)], ramp * ramp * 1e6 / (d * d) * c, 2e-3);
+        }
+    REQUIRE(inside > 50 && between > 50 && outside > 50);
+    REQUIRE(r.light.shadow_rays < SIZE * SIZE - outside + 1);
+    rig_finish(&r);
+}
+
+static void plane_under_a_directional(void **state)
+{
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(3, 0, 4), vec3(0, 0, 0), 2.0f);
+    rig_render(&r);
+    for (int x = 0; x < SIZE; x++)
+        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, x)], 2.0 * 0.8, 1e-6);
+    rig_finish(&r);
+}
+
+static void rect_corners(const struct pell_light *l, struct pell_vec3 corner[4])
+{
+    const struct pell_vec3 p = vec3_load(l->position), up = vec3_load(l->up), right = vec3_cross(vec3_load(l->direction), up);
+    for (int k = 0; k < 4; k++)
+        corner[k] = vec3_mad(vec3_mad(p, (k == 0 || k == 3 ? -0.5f : 0.5f) * l->width, right), (k < 2 ? -0.5f : 0.5f) * l->height, up);
+}
+
+static void plane_under_a_rectangle(void **state)
+{
+    struct pell_vec3 corner[4];
+    struct pell_light *l;
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    r.settings.light_samples = 1024;
+    l = rig_light(&r, PELL_LIGHT_RECT, vec3(30, 10, 70), vec3(5, 0, 0), 5.0f);
+    l->width = 50.0f;
+    l->height = 30.0f;
+    rig_render(&r);
+    rect_corners(&r.scene->lights[0], corner);
+    for (int y = 0; y < SIZE; y += 5)
+        for (int x = 0; x < SIZE; x += 5) {
+            const double e = 5.0 * polygon_irradiance(rig_point(&r, x, y), vec3(0, 0, 1), corner, 4);
+            REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, y)], e, 3e-3);
+        }
+    rig_finish(&r);
+}
+
+/* One sample a pixel: noisy, but right on average over pixels and over multisamples. */
+static void few_area_samples_are_unbiased(void **state)
+{
+    struct pell_vec3 corner[4];
+    struct pell_light *l;
+    struct rig r;
+    double got = 0.0, want = 0.0;
+    (void) state;
+    start_plane(&r);
+    r.settings.light_samples = 1;
+    l = rig_light(&r, PELL_LIGHT_RECT, vec3(30, 10, 70), vec3(5, 0, 0), 5.0f);
+    l->width = 50.0f;
+    l->height = 30.0f;
+    for (r.sample = 0; r.sample < 4; r.sample++) {
+        rig_render(&r);
+        rect_corners(&r.scene->lights[0], corner);
+        for (int y = 0; y < SIZE; y++)
+            for (int x = 0; x < SIZE; x++) {
+                got += r.light.irradiance[0][rig_at(&r, x, y)];
+                want += 5.0 * polygon_irradiance(rig_point(&r, x, y), vec3(0, 0, 1), corner, 4);
+            }
+    }
+    REQUIRE_REL(got, want, 4e-3);
+    rig_finish(&r);
+}
+
+/* Half of the light's face is below the plane's horizon, and a light that looks away gives nothing. */
+static void a_rectangle_is_clipped_at_the_horizon(void **state)
+{
+    struct pell_light *l;
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    r.settings.light_samples = 1024;
+    l = rig_light(&r, PELL_LIGHT_RECT, vec3(50, 0, 0), vec3(0, 0, 0), 1.0f);
+    l->width = l->height = 30.0f;
+    l->up[0] = l->up[1] = 0.0f;
+    l->up[2] = 1.0f;
+    rig_render(&r);
+    for (int x = 0; x < SIZE; x += 6) {
+        const struct pell_vec3 upper[4] = { vec3(50, -15, 0), vec3(50, 15, 0), vec3(50, 15, 15), vec3(50, -15, 15) };
+        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, 20)], polygon_irradiance(rig_point(&r, x, 20), vec3(0, 0, 1), upper, 4), 6e-3);
+    }
+    r.scene->lights[0].direction[0] = 1.0f;
+    rig_render(&r);
+    for (int x = 0; x < SIZE; x++)
+        REQUIRE(r.light.irradiance[0][rig_at(&r, x, 20)] == 0.0f);
+    REQUIRE(r.light.shadow_rays == 0);
+    rig_finish(&r);
+}
+
+static void a_disc_on_its_axis(void **state)
+{
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    r.settings.light_samples = 1024;
+    rig_light(&r, PELL_LIGHT_DISC, vec3(0, 0, 60), vec3(0, 0, 0), 2.0f)->radius = 40.0f;
+    rig_render(&r);
+    for (int k = 0; k < 4; k++) /* E = pi L r^2 / (r^2 + h^2) */
+        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, SIZE / 2 - k % 2, SIZE / 2 - k / 2)], PELL_PI * 2.0 * 1600.0 / (1600.0 + 3600.0), 3e-3);
+    rig_finish(&r);
+}
+
+static void occluders_throw_exact_shadows(void **state)
+{
+    static const enum pell_light_type types[] = { PELL_LIGHT_POINT, PELL_LIGHT_DIRECTIONAL };
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(types); k++) {
+        struct rig r;
+        int lit = 0, dark = 0;
+        start_plane(&r);
+        rig_box(&r, 0, 1, vec3(200, -8, 40), vec3(260, 8, 60)); /* beside what the camera sees */
+        rig_light(&r, types[k], vec3(462, 0, 100), vec3(0, 0, 0), 1.0f);
+        rig_render(&r);
+        for (int y = 0; y < SIZE; y++)
+            for (int x = 0; x < SIZE; x++) {
+                /* does the way to the light pass the box? slab test in double */
+                const struct pell_vec3 p = rig_point(&r, x, y), light = vec3(462, 0, 100);
+                const struct pell_vec3 d = types[k] == PELL_LIGHT_POINT ? vec3_sub(light, p) : light;
+                const double lo[3] = { 200, -8, 40 }, hi[3] = { 260, 8, 60 }, o[3] = { p.x, p.y, p.z }, v[3] = { d.x, d.y, d.z };
+                double t0 = 0.0, t1 = 1.0;
+                for (int a = 0; a < 3; a++) {
+                    double s0 = (lo[a] - o[a]) / v[a], s1 = (hi[a] - o[a]) / v[a];
+                    if (s0 > s1) {
+                        const double s = s0;
+                        s0 = s1;
+                        s1 = s;
+                    }
+                    t0 = fmax(t0, s0);
+                    t1 = fmin(t1, s1);
+                }
+                if (fabs(t1 - t0) > 1e-4) {
+                    const float e = r.light.irradiance[0][rig_at(&r, x, y)];
+                    REQUIRE((e == 0.0f) == (t0 < t1));
+                    lit += t0 > t1;
+                    dark += t0 < t1;
+                }
+            }
+        REQUIRE(lit > 100 && dark > 100);
+        rig_finish(&r);
+    }
+}
+
+/* A slide through a point light: the picture appears on the plane, not mirrored, black outside. */
+static void a_slide_is_projected(void **state)
+{
+    static uint8_t pixels[4 * 2 * 3] = { 255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255, /* upper row: red green blue white */
+                                         0, 0, 0, 255, 0, 0, 0, 255, 0, 0, 0, 255 };
+    struct pell_texture *texture;
+    struct pell_light *l;
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    OK(pell_scene_add_texture(r.scene, "slide", &texture));
+    texture->image = (struct pell_image) { 4, 2, 3, PELL_PIXEL_U8, false, NULL };
+    texture->image.pixels = pell_alloc(r.ctx, sizeof(pixels));
+    memcpy(texture->image.pixels, pixels, sizeof(pixels));
+    texture->nearest = true;
+    l = rig_light(&r, PELL_LIGHT_POINT, vec3(0, 0, 50), vec3(0, 0, 0), 1.0f);
+    l->image = texture;
+    l->image_fov = 2.0f * atanf(10.0f / 50.0f); /* 20 mm tall, 40 mm wide on the plane */
+    l->up[0] = l->up[2] = 0.0f;
+    l->up[1] = 1.0f;
+    l->power[0] = l->power[1] = l->power[2] = 1.0f;
+    rig_render(&r);
+    for (int y = 0; y < SIZE; y++)
+        for (int x = 0; x < SIZE; x++) {
+            const struct pell_vec3 p = rig_point(&r, x, y);
+            const double d = sqrt((double) p.x * p.x + (double) p.y * p.y + 2500.0), e = 1e6 / (d * d) * 50.0 / d;
+            const int column = (int) floorf((p.x + 20.0f) / 10.0f), row = p.y > 0.0f ? 0 : 1; /* looked at along the light's way: x to the right */
+            for (int c = 0; c < 3; c++) {
+                const bool in = fabsf(p.x) < 20.0f && fabsf(p.y) < 10.0f;
+                const double want = in ? pixels[3 * (4 * row + column) + c] / 255.0 * e : 0.0;
+                REQUIRE_NEAR(r.light.irradiance[c][rig_at(&r, x, y)], want, 1e-4 * e);
+            }
+        }
+    rig_finish(&r);
+}
+
+static void a_textured_rectangle_shines_in_its_colours(void **state)
+{
+    static const uint8_t pixels[2 * 3] = { 255, 0, 0, 0, 255, 0 };
+    struct pell_texture *texture;
+    struct pell_light *l;
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    r.settings.light_samples = 1024;
+    OK(pell_scene_add_texture(r.scene, "face", &texture));
+    texture->image = (struct pell_image) { 2, 1, 3, PELL_PIXEL_U8, false, NULL };
+    texture->image.pixels = pell_alloc(r.ctx, sizeof(pixels));
+    memcpy(texture->image.pixels, pixels, sizeof(pixels));
+    texture->nearest = true;
+    l = rig_light(&r, PELL_LIGHT_RECT, vec3(0, 0, 40), vec3(0, 0, 0), 1.0f);
+    l->width = l->height = 40.0f;
+    l->up[0] = l->up[2] = 0.0f;
+    l->up[1] = 1.0f;
+    l->power[0] = l->power[1] = l->power[2] = 1.0f;
+    l->image = texture;
+    rig_render(&r);
+    for (int x = 0; x < SIZE; x += 7) {
+        /* who looks up at its face, with y up, has +x on the left: red is there */
+        const struct pell_vec3 red[4] = { vec3(0, -20, 40), vec3(20, -20, 40), vec3(20, 20, 40), vec3(0, 20, 40) };
+        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, 11)], polygon_irradiance(rig_point(&r, x, 11), vec3(0, 0, 1), red, 4), 1e-2);
+        REQUIRE(r.light.irradiance[2][rig_at(&r, x, 11)] == 0.0f);
+    }
+    rig_finish(&r);
+}
+
+/* E = pi L mean(T), rough and smooth. */
+static void constant_environment(void **state)
+{
+    for (int smooth = 0; smooth < 2; smooth++) {
+        struct rig r;
+        size_t m;
+        double mean;
+        (void) state;
+        rig_start(&r, SIZE, SIZE);
+        m = rig_material(&r, false);
+        r.scene->materials[m].rho_s = 0.7f;
+        r.scene->materials[m].roughness = 0.35f;
+        r.scene->materials[m].medium.eta = 1.4;
+        rig_sphere(&r, m, 0, vec3(0, 0, 0), 25.0f, 64);
+        rig_camera(&r, 60.0f);
+        rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 2.0f);
+        r.smooth = smooth;
+        r.settings.boundary = smooth;
+        rig_render(&r);
+        mean = smooth ? pell_boundary_mean(r.tables, m) : 1.0 - 0.7 * pell_specular_mean(r.tables, m, 0.35f);
+        for (int y = 0; y < SIZE; y++)
+            for (int x = 0; x < SIZE; x++)
+                if (r.surface.material[rig_at(&r, x, y)])
+                    REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, y)], 2.0 * PELL_PI * mean, 2e-3);
+        rig_finish(&r);
+    }
+}
+
+/* Int L T max(n.w, 0) dw over the texels, straight from the picture. */
+static void brute_irradiance(const struct rig *r, const struct pell_light *light, struct pell_vec3 n, size_t material, double rho_s, float roughness,
+                             double rgb[3])
+{
+    const struct pell_image *image = &light->image->image;
+    rgb[0] = rgb[1] = rgb[2] = 0.0;
+    for (int y = 0; y < image->height; y++) {
+        const double polar = PELL_PI * (y + 0.5) / image->height, solid = 2.0 * PELL_PI / image->width * PELL_PI / image->height * sin(polar);
+        for (int x = 0; x < image->width; x++) {
+            /* centre of the picture is -z; then turned about +y */
+            const double a = 2.0 * PELL_PI * ((x + 0.5) / image->width - 0.5) - light->rotate;
+            const double mu = n.x * sin(polar) * sin(a) + n.y * cos(polar) - n.z * sin(polar) * cos(a);
+            float rgba[4];
+            double t;
+            if (!(mu > 0.0))
+                continue;
+            pell_image_texel(image, x, y, rgba);
+            t = r->smooth ? pell_boundary_transmittance(r->tables, material, (float) mu)
+                          : 1.0 - rho_s * pell_specular_albedo(r->tables, material, (float) mu, roughness);
+            for (int c = 0; c < 3; c++)
+                rgb[c] += rgba[c] * light->power[c] * solid * mu * t;
+        }
+    }
+}
+
+/* The sum of lamps and smooth rest is the picture's irradiance on an unshadowed sphere. */
+static void check_environment(const char *file, int lamps, float rho_s, float roughness, bool smooth, float rotate)
+{
+    struct pell_texture *texture;
+    struct pell_light *l;
+    struct rig r;
+    double worst = 0.0, start;
+    size_t m;
+    rig_start(&r, SIZE, SIZE);
+    r.ideal = true;
+    m = rig_material(&r, false);
+    r.scene->materials[m].rho_s = rho_s;
+    r.scene->materials[m].roughness = roughness;
+    rig_sphere(&r, m, 0, vec3(0, 0, 0), 25.0f, 200);
+    rig_camera(&r, 60.0f);
+    OK(pell_scene_add_texture(r.scene, "environment", &texture));
+    OK(pell_image_read(r.ctx, file, PELL_ROLE_COLOR, &texture->image));
+    l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 0.5f);
+    l->image = texture;
+    l->rotate = rotate;
+    r.smooth = smooth;
+    r.settings.environment_lights = lamps;
+    r.settings.ambient_samples = 1;
+    r.settings.boundary = smooth;
+    rig_render(&r);
+    start = pell_seconds();
+    for (int k = 0; k < 2; k++) /* from both sides: the camera is turned by turning the light */
+        for (int y = 2; y < SIZE; y += 9)
+            for (int x = 2; x < SIZE; x += 9) {
+                double want[3];
+                if (k == 1 && y == 2 && x == 2) {
+                    r.scene->lights[0].rotate = rotate + 2.5f;
+                    rig_render(&r);
+                }
+                if (!r.surface.material[rig_at(&r, x, y)])
+                    continue;
+                brute_irradiance(&r, &r.scene->lights[0], rig_normal(&r, x, y), m, rho_s, roughness, want);
+                for (int c = 0; c < 3; c++) {
+                    const double got = r.light.irradiance[c][rig_at(&r, x, y)];
+                    worst = fmax(worst, fabs(got / want[c] - 1.0));
+                    REQUIRE_REL(got, want[c], 5e-3);
+                }
+            }
+    print_message("# %s, %d lamps, rho_s %.1f: largest error %.3f %% (brute force %.1f s)\n", strrchr(file, '/') + 1, lamps, (double) rho_s,
+                  100.0 * worst, pell_seconds() - start);
+    rig_finish(&r);
+}
+
+static void environment_sums_to_the_pictures_irradiance_studio(void **state)
+{
+    (void) state;
+    check_environment(shared_file("assets/environments/brown_photostudio_02_1k.hdr"), 24, 1.0f, 0.4f, false, 0.0f);
+    check_environment(shared_file("assets/environments/brown_photostudio_02_1k.hdr"), 0, 0.0f, 0.4f, false, 1.0f);
+    check_environment(shared_file("assets/environments/brown_photostudio_02_1k.hdr"), 256, 0.5f, 0.9f, true, 4.0f);
+}
+
+static void environment_sums_to_the_pictures_irradiance_sunset(void **state)
+{
+    (void) state;
+    check_environment(shared_file("assets/environments/venice_sunset_1k.hdr"), 24, 1.0f, 0.2f, false, -2.0f);
+    check_environment(shared_file("assets/environments/venice_sunset_1k.hdr"), 5, 0.0f, 0.4f, false, 0.0f);
+}
+
+static struct pell_texture *add_picture(struct rig *r, int width, int height, float sky, float sun)
+{
+    struct pell_texture *t;
+    float *p;
+    OK(pell_scene_add_texture(r->scene, "made", &t));
+    t->image = (struct pell_image) { width, height, 3, PELL_PIXEL_F32, false, NULL };
+    p = pell_calloc(r->ctx, (size_t) width * (size_t) height * 3, sizeof(float));
+    t->image.pixels = p;
+    for (int i = 0; i < width * height * 3; i++)
+        p[i] = i / 3 / width < height / 2 ? sky : 0.1f * sky;
+    for (int c = 0; c < 3; c++)
+        p[3 * ((size_t) (height / 4) * (size_t) width + (size_t) (width / 3)) + (size_t) c] += sun * (1.0f - 0.2f * (float) c);
+    return t;
+}
+
+/* A one-texel sun ten times as strong as the sky: its terminator is the hardest case for a table over the normal. */
+static void a_sun_in_a_dim_sky_keeps_the_bound(void **state)
+{
+    struct pell_light *l;
+    struct rig r;
+    const size_t m = 0;
+    (void) state;
+    rig_start(&r, SIZE, SIZE);
+    r.ideal = true;
+    rig_material(&r, false);
+    rig_sphere(&r, m, 0, vec3(0, 0, 0), 25.0f, 200);
+    rig_camera(&r, 60.0f);
+    l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
+    l->image = add_picture(&r, 512, 256, 0.1f, 1.5e4f);
+    l->rotate = 3.5f;
+    r.settings.ambient_samples = 1;
+    rig_render(&r);
+    for (int y = 2; y < SIZE; y += 3)
+        for (int x = 2; x < SIZE; x += 3)
+            if (r.surface.material[rig_at(&r, x, y)]) {
+                double want[3];
+                brute_irradiance(&r, &r.scene->lights[0], rig_normal(&r, x, y), m, 0.0, 0.5f, want);
+                for (int c = 0; c < 3; c++)
+                    REQUIRE_REL(r.light.irradiance[c][rig_at(&r, x, y)], want[c], 5e-3);
+            }
+    rig_finish(&r);
+}
+
+/* The sun's shadow is as dark as the sky's share, and the sky is dimmed by what hides it. */
+static void environment_shadows(void **state)
+{
+    struct pell_light *l;
+    struct rig r;
+    double open, shadow;
+    (void) state;
+    start_plane(&r);
+    rig_box(&r, 0, 1, vec3(-60, -60, 30), vec3(0, 60, 31)); /* a roof over half of the plane, seen from below only */
+    r.scene->cameras[0].position[2] = 20.0f;
+    l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
+    l->image = add_picture(&r, 512, 256, 0.2f, 1.5e4f);
+    l->rotate = 0.0f;
+    r.settings.ambient_samples = 64;
+    rig_render(&r);
+    open = r.light.irradiance[0][rig_at(&r, SIZE - 2, SIZE / 2)];
+    shadow = r.light.irradiance[0][rig_at(&r, 2, SIZE / 2)];
+    REQUIRE(open > 0.0 && shadow >= 0.0 && shadow < 0.9 * open);
+    rig_finish(&r);
+}
+
+/* Reflection of an even sky by a perfect mirror-like metal is the sky; environments' lamps make no second highlight. */
+static void a_metal_sphere_in_an_even_sky_reflects_it(void **state)
+{
+    for (int model = 0; model < 2; model++) {
+        struct rig r;
+        size_t m;
+        (void) state;
+        rig_start(&r, SIZE, SIZE);
+        m = rig_material(&r, true);
+        r.scene->materials[m].rho_s = 1.0f;
+        r.scene->materials[m].metallic = 1.0f;
+        r.scene->materials[m].roughness = 0.1f;
+        r.scene->materials[m].specular = (enum pell_specular_model) model;
+        rig_sphere(&r, m, 0, vec3(0, 0, 0), 25.0f, 64);
+        rig_camera(&r, 60.0f);
+        rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 2.0f);
+        rig_render(&r);
+        REQUIRE_REL(r.light.specular[0][rig_at(&r, SIZE / 2, SIZE / 2)], 2.0 * pell_specular_albedo_f0(r.tables, m, 1.0f, 1.0f, 0.1f), 1e-3);
+        REQUIRE(r.light.irradiance[0][rig_at(&r, SIZE / 2, SIZE / 2)] == 0.0f); /* a metal has nothing below */
+        rig_finish(&r);
+    }
+}
+
+/* A highlight is shape x F x n.l x light: one pixel by hand. */
+static void a_highlight_is_the_lobe(void **state)
+{
+    for (int model = 0; model < 2; model++) {
+        const struct pell_vec3 at = vec3(40.0f, 15.0f, 90.0f), n = vec3(0, 0, 1), v = vec3(0, 0, 1);
+        struct rig r;
+        size_t m;
+        (void) state;
+        rig_start(&r, SIZE, SIZE);
+        m = rig_material(&r, false);
+        r.scene->materials[m].rho_s = 0.6f;
+        r.scene->materials[m].roughness = 0.4f;
+        r.scene->materials[m].specular = (enum pell_specular_model) model;
+        r.scene->materials[m].medium.eta = 1.4;
+        rig_plane(&r, m, 0, 0.0f, 100.0f);
+        rig_camera(&r, 60.0f);
+        rig_light(&r, PELL_LIGHT_POINT, at, vec3(0, 0, 0), 3.0f);
+        rig_render(&r);
+        for (int x = 0; x < SIZE; x += 3) {
+            const struct pell_vec3 d = vec3_sub(at, rig_point(&r, x, x)), l = vec3_normalize(d), h = vec3_normalize(vec3_add(l, v));
+            const float f0 = (0.4f / 2.4f) * (0.4f / 2.4f);
+            const double e = 3e6 / (double) vec3_dot(d, d) * l.z;
+            REQUIRE_REL(r.light.specular[0][rig_at(&r, x, x)],
+                        0.6 * pell_specular_shape((enum pell_specular_model) model, 0.4f, n, l, v) * pell_schlick(f0, vec3_dot(h, v)) * e, 1e-4);
+            REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, x)], (1.0 - 0.6 * pell_specular_albedo(r.tables, m, l.z, 0.4f)) * e, 1e-4);
+        }
+        rig_finish(&r);
+    }
+}
+
+static void what_emits_adds_its_radiance(void **state)
+{
+    struct rig r;
+    (void) state;
+    start_plane(&r);
+    r.scene->materials[0].emissive[1] = 3.5f;
+    rig_render(&r);
+    REQUIRE_REL(r.light.specular[1][rig_at(&r, 10, 10)], 3.5, 1e-6);
+    REQUIRE(r.light.specular[0][rig_at(&r, 10, 10)] == 0.0f);
+    rig_finish(&r);
+}
+
+/* albedo^m going in. */
+static void the_mix_exponent_colours_what_enters(void **state)
+{
+    static const float mixes[] = { 0.0f, 0.3f, 0.5f, 1.0f };
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(mixes); k++) {
+        struct rig r;
+        size_t m;
+        rig_start(&r, SIZE, SIZE);
+        m = rig_material(&r, false);
+        r.scene->materials[m].color_from = PELL_COLOR_FROM_TEXTURE;
+        r.scene->materials[m].mix = mixes[k];
+        r.scene->materials[m].base_color[0] = 0.25f;
+        rig_plane(&r, m, 0, 0.0f, 100.0f);
+        rig_camera(&r, 60.0f);
+        rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 1), vec3(0, 0, 0), 1.0f);
+        rig_render(&r);
+        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, 9, 9)], pow(0.25, mixes[k]), 1e-5);
+        rig_finish(&r);
+    }
+}
+
+static void nth_allocation_fails_cleanly(void **state)
+{
+    uint64_t n = 0;
+    (void) state;
+    for (enum pell_result res = PELL_ERR_NOMEM; res != PELL_OK;) {
+        struct pell_fault fault = { 0 };
+        struct rig r;
+        struct pell_pool *pool;
+        struct pell_lights *lights;
+        rig_start(&r, 4, 4);
+        pell_scene_destroy(&r.scene);
+        pell_context_destroy(&r.ctx);
+        r.ctx = test_context(&fault, NULL);
+        OK(pell_scene_create(r.ctx, &r.scene));
+        rig_plane(&r, rig_material(&r, true), 0, 0.0f, 10.0f);
+        for (int i = 0; i < 9; i++)
+            rig_light(&r, PELL_LIGHT_POINT, vec3(0, 0, 5), vec3(0, 0, 0), 1.0f);
+        rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 5), vec3(0, 0, 0), 1.0f)->image = add_picture(&r, 64, 32, 0.2f, 500.0f);
+        rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 5), vec3(0, 0, 0), 1.0f);
+        OK(pell_pool_create(r.ctx, 2, &pool));
+        fault.fail_at = fault.calls + ++n;
+        res = pell_lights_create(r.ctx, r.scene, &r.settings, pool, &lights);
+        fault.fail_at = 0;
+        REQUIRE((res == PELL_OK) == (lights != NULL));
+        REQUIRE(res == PELL_OK || res == PELL_ERR_NOMEM);
+        pell_lights_destroy(&lights);
+        pell_lights_destroy(&lights);
+        pell_pool_destroy(&pool);
+        pell_scene_destroy(&r.scene);
+        pell_context_destroy(&r.ctx);
+        assert_int_equal(fault.live, 0);
+    }
+    print_message("# %d allocations\n", (int) n - 1);
+    REQUIRE(n > 15);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(plane_under_a_point),
+        cmocka_unit_test(a_range_cuts_a_point_off),
+        cmocka_unit_test(plane_under_a_spot),
+        cmocka_unit_test(plane_under_a_directional),
+        cmocka_unit_test(plane_under_a_rectangle),
+        cmocka_unit_test(few_area_samples_are_unbiased),
+        cmocka_unit_test(a_rectangle_is_clipped_at_the_horizon),
+        cmocka_unit_test(a_disc_on_its_axis),
+        cmocka_unit_test(occluders_throw_exact_shadows),
+        cmocka_unit_test(a_slide_is_projected),
+        cmocka_unit_test(a_textured_rectangle_shines_in_its_colours),
+        cmocka_unit_test(constant_environment),
+        cmocka_unit_test(environment_sums_to_the_pictures_irradiance_studio),
+        cmocka_unit_test(environment_sums_to_the_pictures_irradiance_sunset),
+        cmocka_unit_test(a_sun_in_a_dim_sky_keeps_the_bound),
+        cmocka_unit_test(environment_shadows),
+        cmocka_unit_test(a_metal_sphere_in_an_even_sky_reflects_it),
+        cmocka_unit_test(a_highlight_is_the_lobe),
+        cmocka_unit_test(what_emits_adds_its_radiance),
+        cmocka_unit_test(the_mix_exponent_colours_what_enters),
+        cmocka_unit_test(nth_allocation_fails_cleanly),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
