@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: MIT
+ * registry.c - methods by name, and their knobs from text. */
+#include "base/base.h"
+
+#include <pellucid/method.h>
+
+#include <stdio.h>
+#include <string.h>
+
+enum { LISTED = 64, SHOWN = 96 };
+
+const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name)
+{
+    const char *names[LISTED] = { NULL }, *near;
+    struct pell_text hint = { .length = 0 };
+    char shown[SHOWN];
+    size_t count = 0;
+
+    for (size_t i = 0; pell_methods[i]; i++) {
+        if (strcmp(pell_methods[i]->name, name) == 0)
+            return pell_methods[i];
+        if (count < LISTED)
+            names[count++] = pell_methods[i]->name;
+    }
+    near = pell_nearest(name, names, count);
+    if (near) {
+        pell_text_add(&hint, "did you mean '%s'?", near);
+    } else {
+        for (size_t i = 0; i < count; i++)
+            pell_text_add(&hint, "%s%s", i ? ", " : "known: ", names[i]);
+    }
+    pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "there is no method '%s'", pell_printable(name, shown, sizeof(shown)));
+    return NULL;
+}
+
+enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method, const struct pell_setting *settings,
+                                       size_t num_settings, void *values)
+{
+    const struct pell_knob *as = pell_knob_find(method->knobs, "as");
+    char owner[SHOWN];
+    enum pell_result res;
+
+    snprintf(owner, sizeof(owner), "method %s", method->name);
+    memset(values, 0, method->knobs_size);
+    pell_knobs_default(method->knobs, values);
+    for (size_t i = 0; i < num_settings; i++)
+        if (strcmp(settings[i].name, "as") == 0)
+            PELL_TRY(pell_knob_set(ctx, method->knobs, owner, settings[i].where, values, "as", settings[i].value));
+    if (as && method->paper && strcmp(as->choices[*(const int *) ((const char *) values + as->offset)], "paper") == 0)
+        method->paper(values);
+    for (size_t i = 0; i < num_settings; i++)
+        if (strcmp(settings[i].name, "as") != 0)
+            PELL_TRY(pell_knob_set(ctx, method->knobs, owner, settings[i].where, values, settings[i].name, settings[i].value));
+    return PELL_OK;
+
+fail:
+    return res;
+}

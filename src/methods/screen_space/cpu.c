@@ -1,0 +1,493 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cpu.c - screen-space diffusion on the cpu engine: planes, the chain of blurs, thickness tables. The inner loops are in kernels.c.
+ */
+#include "methods/screen_space/kernels.h"
+#include "methods/screen_space/screen_space.h"
+
+#include "base/simd.h"
+#include "render/renderer.h"
+
+#include <math.h>
+#include <string.h>
+
+PELL_SIMD_TABLES(struct ss_kernels, pell_ss_kernels);
+
+enum {
+    BAND = 8,    /* rows that a thread takes at a time */
+    PLANES = 16, /* key, depth, scale, 2 lengths, 2 to_px, now, half and sum of 3 */
+};
+#define AHEAD_PX2 20.0 /* variance in pixels above which the first blur is made in several steps, each of four times the variance before */
+
+struct band {
+    struct ss_seen seen;
+    int64_t active;
+};
+
+struct ss_state {
+    struct pell_context *ctx; /* borrowed, as is the pool */
+    struct pell_pool *pool;
+    const struct ss_kernels *kernels;
+    struct ss_knobs knobs;
+    size_t num_materials;
+    struct pell_gaussians *profiles;       /* of each material */
+    struct pell_thickness_table *thickness; /* of each material, or NULL */
+    int steps;                             /* of the longest chain, without those ahead */
+    float *variance;                       /* see struct ss_work; SS_AHEAD rows come first */
+    float (*blend)[3];
+    float (*total)[3];
+    double variance_max;                   /* of a first step */
+    float *memory;                         /* all planes */
+    struct ss_cell *cells;
+    float *tangents;                       /* of columns, then of rows */
+    struct band *bands;
+    struct ss_work work;
+    void (*row)(const struct ss_work *w, int y); /* what the running pass does */
+    int (*rows)(const struct ss_work *w, int y0, int y1); /* or this, which counts pixels */
+    struct pell_pass_time times[1 + SS_STEPS];
+    size_t num_times;
+};
+
+/* --- Profiles ------------------------------------------------------------------------------------------------------------------ */
+
+static bool starts(const char *name, const char *prefix)
+{
+    return strncmp(name, prefix, strlen(prefix)) == 0;
+}
+
+static bool same_medium(const struct pell_medium *a, const struct pell_medium *b)
+{
+    for (int c = 0; c < 3; c++)
+        if (a->sigma_a[c] != b->sigma_a[c] || a->sigma_s_reduced[c] != b->sigma_s_reduced[c])
+            return false;
+    return a->eta == b->eta;
+}
+
+/* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */
+static void whiten(struct pell_gaussians *g)
+{
+    for (int c = 0; c < 3; c++) {
+        double sum = 0.0;
+        for (int i = 0; i < g->count; i++)
+            sum += g->weight[i][c];
+        for (int i = 0; i < g->count; i++)
+            g->weight[i][c] = sum > 0.0 ? g->weight[i][c] / sum : (i == 0 ? 1.0 : 0.0);
+    }
+}
+
+static enum pell_result find_profile(const struct ss_state *st, const struct pell_frame *shape, size_t index, struct pell_gaussians *g)
+{
+    const struct pell_frame_material *m = &shape->materials[index];
+    const struct pell_fit_params params = { .count = st->knobs.gaussians };
+    const struct pell_material_entry *published = NULL;
+
+    if (st->knobs.profile == SS_PROFILE_PUBLISHED && starts(m->name, "skin"))
+        published = pell_material_find("skin-4gaussian");
+    else if (st->knobs.profile == SS_PROFILE_PUBLISHED && starts(m->name, "marble"))
+        published = pell_material_find("marble-4gaussian");
+    if (published || m->gaussians.count > 0) {
+        *g = published ? published->gaussians : m->gaussians;
+        return PELL_OK;
+    }
+    for (size_t i = 0; i < index; i++) {
+        if (shape->materials[i].gaussians.count == 0 && same_medium(&shape->materials[i].medium, &m->medium) &&
+            strcmp(shape->materials[i].name, m->name) == 0 && shape->materials[i].white == m->white) {
+            *g = st->profiles[i];
+            return PELL_OK;
+        }
+    }
+    if (pell_fit_medium(&m->medium, &params, g, NULL) != PELL_OK)
+        return pell_error(st->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or ask for fewer Gaussians",
+                          "no sum of %d Gaussians fits this medium's profile", params.count);
+    return PELL_OK;
+}
+
+/* Sum_i w_i exp(-d^2 / (2 v_i)) of a channel, as a share of nothing: with w_i, so at most the channel's total. */
+static double through(const struct pell_gaussians *g, int channel, double scale2, double d)
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < g->count; i++)
+        sum += g->weight[i][channel] * exp(-d * d / (2.0 * scale2 * g->variance[i]));
+    return sum;
+}
+
+static void make_thickness(const struct pell_gaussians *g, double scale2, struct pell_thickness_table *t)
+{
+    double far = 0.0;
+
+    for (int c = 0; c < 3; c++) {
+        const double total = pell_gaussians_total(g, c);
+        /* The widest Gaussian bounds the sum, so it is under 1e-4 of the total there. */
+        double low = 0.0, high = sqrt(2.0 * scale2 * g->variance[g->count - 1] * log(1e4));
+        for (int i = 0; total > 0.0 && i < 60; i++) {
+            const double mid = 0.5 * (low + high);
+            if (through(g, c, scale2, mid) > 1e-4 * total)
+                low = mid;
+            else
+                high = mid;
+        }
+        if (total > 0.0 && high > far)
+            far = high;
+    }
+    t->max_mm = (float) (far > 0.0 ? far : 1e-6);
+    for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
+        const double f = (double) i / (PELL_THICKNESS_STEPS - 1), d = (double) t->max_mm * f * f;
+        for (int c = 0; c < 3; c++)
+            t->value[i][c] = scale2 > 0.0 ? (float) through(g, c, scale2, d) : 0.0f;
+    }
+}
+
+/* --- The chain of blurs -------------------------------------------------------------------------------------------------------- */
+
+static bool unblurred_first(const struct ss_state *st, const char *name)
+{
+    return st->knobs.first == SS_FIRST_UNBLURRED || (st->knobs.first == SS_FIRST_SKIN && starts(name, "skin"));
+}
+
+/* Writes the chain of a material into the tables. Where the first Gaussian stays unblurred the chain begins with the second: the sum
+ * holds the light as it is before the first step. */
+static void make_chain(struct ss_state *st, const struct pell_frame *shape, size_t index)
+{
+    const struct pell_gaussians *g = &st->profiles[index];
+    const int skipped = unblurred_first(st, shape->materials[index].name) ? 1 : 0;
+    const size_t row = st->num_materials + 1, m = index + 1;
+    const double first = skipped < g->count ? g->variance[skipped] : 0.0;
+
+    for (int i = 0; i < SS_AHEAD; i++)
+        st->variance[(size_t) i * row + m] = (float) (first * pow(4.0, i - SS_AHEAD));
+    for (int i = 0; i < st->steps; i++) {
+        const size_t at = (size_t) (SS_AHEAD + i) * row + m;
+        if (i + skipped < g->count) {
+            st->variance[at] = (float) g->variance[i + skipped];
+            pell_ss_blend(g, i + skipped, st->blend[at]);
+        } else {
+            st->variance[at] = i > 0 ? st->variance[at - row] : 0.0f; /* already applied */
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        st->total[m][c] = (float) pell_gaussians_total(g, c);
+    if (first > st->variance_max)
+        st->variance_max = first;
+}
+
+/* How many steps to make ahead of the first, and the first that blurs any pixel. */
+static void choose_steps(const struct ss_state *st, float scale, int *ahead, int *first)
+{
+    const size_t row = st->num_materials + 1;
+    double px2 = st->variance_max * (double) scale;
+    int step;
+
+    *ahead = 0;
+    for (; st->knobs.edges == SS_EDGES_SURFACE && px2 > AHEAD_PX2 && *ahead < SS_AHEAD; px2 /= 4.0)
+        ++*ahead;
+    for (step = SS_AHEAD - *ahead; step < SS_AHEAD + st->steps; step++) {
+        bool any = false;
+        for (size_t m = 1; m < row && !any; m++)
+            any = st->variance[(size_t) step * row + m] * scale > st->work.skip;
+        if (any)
+            break;
+    }
+    *first = step - (SS_AHEAD - *ahead);
+}
+
+/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+
+static void destroy(void *state)
+{
+    struct ss_state *st = state;
+
+    if (!st)
+        return;
+    pell_free(st->ctx, st->bands);
+    pell_free(st->ctx, st->tangents);
+    pell_free(st->ctx, st->cells);
+    pell_free(st->ctx, st->memory);
+    pell_free(st->ctx, st->total);
+    pell_free(st->ctx, st->blend);
+    pell_free(st->ctx, st->variance);
+    pell_free(st->ctx, st->thickness);
+    pell_free(st->ctx, st->profiles);
+    pell_free(st->ctx, st);
+}
+
+static enum pell_result make_tables(struct ss_state *st, const struct pell_frame *shape)
+{
+    const size_t n = st->num_materials, row = n + 1;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    st->profiles = pell_calloc(st->ctx, n, sizeof(*st->profiles));
+    if (!st->profiles)
+        goto fail;
+    for (size_t i = 0; i < n; i++) {
+        struct pell_gaussians *g = &st->profiles[i];
+        PELL_TRY(find_profile(st, shape, i, g));
+        if (shape->materials[i].white || st->knobs.input == SS_INPUT_LIT)
+            whiten(g);
+        if (g->count - unblurred_first(st, shape->materials[i].name) > st->steps)
+            st->steps = g->count - unblurred_first(st, shape->materials[i].name);
+    }
+    res = PELL_ERR_NOMEM;
+    st->variance = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->variance));
+    st->blend = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->blend));
+    st->total = pell_calloc(st->ctx, row, sizeof(*st->total));
+    if (!st->variance || !st->blend || !st->total)
+        goto fail;
+    for (size_t i = 0; i < n; i++)
+        make_chain(st, shape, i);
+    if (st->knobs.through == SS_THROUGH_GAUSSIAN) {
+        st->thickness = pell_calloc(st->ctx, n, sizeof(*st->thickness));
+        if (!st->thickness)
+            goto fail;
+        for (size_t i = 0; i < n; i++)
+            make_thickness(&st->profiles[i], (double) st->work.ratio2, &st->thickness[i]);
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result make_planes(struct ss_state *st, const struct pell_frame *shape)
+{
+    struct ss_work *w = &st->work;
+    const size_t blocks = ((size_t) shape->width + SS_BLOCK - 1) / SS_BLOCK;
+    const size_t stride = (blocks + 2) * SS_BLOCK, size = stride * ((size_t) shape->height + 2);
+    float *plane;
+
+    st->memory = pell_calloc(st->ctx, size, PLANES * sizeof(float));
+    st->cells = pell_calloc(st->ctx, blocks * (size_t) shape->height, sizeof(*st->cells));
+    st->tangents = pell_calloc(st->ctx, stride + (size_t) shape->height, sizeof(*st->tangents));
+    st->bands = pell_calloc(st->ctx, (size_t) shape->height / BAND + 2, sizeof(*st->bands));
+    if (!st->memory || !st->cells || !st->tangents || !st->bands)
+        return PELL_ERR_NOMEM;
+    w->stride = (ptrdiff_t) stride;
+    w->blocks = (int) blocks;
+    w->cells = st->cells;
+    w->columns_tan = st->tangents;
+    w->rows_tan = st->tangents + stride;
+    for (size_t x = 0; x < stride; x++)
+        st->tangents[x] = ((float) x + 0.5f - 0.5f * (float) shape->width) * w->depth_mm;
+    for (int y = 0; y < shape->height; y++)
+        st->tangents[stride + (size_t) y] = ((float) y + 0.5f - 0.5f * (float) shape->height) * w->depth_mm;
+    plane = st->memory + stride + SS_BLOCK;
+    w->key = plane;
+    w->depth = plane + size;
+    w->scale = plane + 2 * size;
+    for (int i = 0; i < 2; i++) {
+        w->length[i] = plane + (size_t) (3 + i) * size;
+        w->to_px[i] = plane + (size_t) (5 + i) * size;
+    }
+    for (int i = 0; i < 3; i++) {
+        w->now[i] = plane + (size_t) (7 + i) * size;
+        w->half[i] = plane + (size_t) (10 + i) * size;
+        w->sum[i] = plane + (size_t) (13 + i) * size;
+    }
+    return PELL_OK;
+}
+
+static enum pell_result create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+{
+    struct pell_context *ctx = pell_renderer_context(r);
+    struct ss_state *st = pell_zalloc(ctx, sizeof(*st));
+    const struct ss_knobs *k = knobs;
+    const bool heights = k->ssslevel > 0.0f || (k->edges == SS_EDGES_PAPER && k->slope == SS_SLOPE_PAPER);
+    enum pell_result res;
+    struct ss_work *w;
+
+    *state = st;
+    if (!st)
+        return PELL_ERR_NOMEM;
+    st->ctx = ctx;
+    if (heights && !(shape->object_height > 0.0f))
+        return pell_error(ctx, PELL_ERR_INVALID, "screen-space", "set ssslevel = 0 and foreshortening = surface",
+                          "object_height = %g mm, must be positive where depths count in object heights", (double) shape->object_height);
+    st->pool = pell_renderer_pool(r);
+    st->kernels = pell_ss_kernels_tables[pell_simd_best()];
+    st->knobs = *k;
+    st->num_materials = shape->num_materials;
+
+    w = &st->work;
+    w->num_materials = shape->num_materials;
+    w->depth_mm = shape->orthographic ? 0.0f : 1.0f / shape->focal_px;
+    w->fixed_mm = shape->orthographic ? 1.0f / shape->focal_px : 0.0f;
+    w->ratio2 = 1.0f;
+    if (k->ssslevel > 0.0f) {
+        const double ratio = (double) k->ssslevel / pell_ss_level((double) shape->focal_px, (double) shape->object_height);
+        w->ratio2 = (float) (ratio * ratio);
+    }
+    w->skip = 1.0f / (SS_SPAN * SS_SPAN * k->lod * k->lod);
+    w->correction = k->correction;
+    w->maxdd = k->maxdd;
+    w->unit = shape->object_height > 0.0f ? 1.0f / shape->object_height : 1.0f;
+    w->forms = (k->edges == SS_EDGES_PAPER ? SS_FORM_PAPER_EDGES : 0) | (k->slope == SS_SLOPE_PAPER ? SS_FORM_PAPER_SLOPE : 0);
+    PELL_TRY(make_tables(st, shape));
+    PELL_TRY(make_planes(st, shape));
+    w->total = (const float (*)[3]) st->total;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- A frame ------------------------------------------------------------------------------------------------------------------- */
+
+static void run_load(void *arg, int index, int worker)
+{
+    struct ss_state *st = arg;
+    struct ss_work *w = &st->work;
+    struct band *band = &st->bands[index];
+    const int y0 = w->in->rect.y0 + index * BAND, y1 = y0 + BAND < w->in->rect.y1 ? y0 + BAND : w->in->rect.y1;
+
+    (void) worker;
+    band->seen = (struct ss_seen) { 0 };
+    for (int y = y0; y < y1; y++) {
+        struct ss_seen seen;
+        float *const planes[3] = { w->key, w->length[0], w->length[1] };
+
+        /* Nothing of the frame before may be seen beside the rectangle. */
+        for (int i = 0; i < 3; i++) {
+            memset(planes[i] + y * w->stride + (w->block0 - 1) * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
+            memset(planes[i] + y * w->stride + w->block1 * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
+        }
+        st->kernels->load(w, y, &seen);
+        band->seen.pixels += seen.pixels;
+        band->seen.scale = seen.scale > band->seen.scale ? seen.scale : band->seen.scale;
+        band->seen.last = seen.last > band->seen.last ? seen.last : band->seen.last;
+        if (seen.first > 0 && (band->seen.first == 0 || seen.first < band->seen.first))
+            band->seen.first = seen.first;
+    }
+}
+
+static void run_rows(void *arg, int index, int worker)
+{
+    struct ss_state *st = arg;
+    const struct pell_rect *rect = &st->work.in->rect;
+    const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
+
+    (void) worker;
+    if (st->rows)
+        st->bands[index].active += st->rows(&st->work, y0, y1);
+    for (int y = y0; st->row && y < y1; y++)
+        st->row(&st->work, y);
+}
+
+static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y), int (*rows)(const struct ss_work *w, int y0, int y1))
+{
+    const struct pell_rect *rect = &st->work.in->rect;
+
+    st->row = row;
+    st->rows = rows;
+    pell_pool_run(st->pool, (rect->y1 - rect->y0 + BAND - 1) / BAND, run_rows, st);
+}
+
+static struct ss_seen load(struct ss_state *st)
+{
+    const struct ss_work *w = &st->work;
+    const struct pell_rect *rect = &w->in->rect;
+    const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND;
+    const size_t width = (size_t) (w->block1 - w->block0) * SS_BLOCK * sizeof(float);
+    struct ss_seen all = { 0 };
+
+    memset(w->key + (rect->y0 - 1) * w->stride + w->block0 * SS_BLOCK, 0, width);
+    memset(w->key + rect->y1 * w->stride + w->block0 * SS_BLOCK, 0, width);
+    pell_pool_run(st->pool, bands, run_load, st);
+    for (int i = 0; i < bands; i++) {
+        const struct ss_seen *s = &st->bands[i].seen;
+        all.pixels += s->pixels;
+        all.scale = s->scale > all.scale ? s->scale : all.scale;
+        all.last = s->last > all.last ? s->last : all.last;
+        if (s->first > 0 && (all.first == 0 || s->first < all.first))
+            all.first = s->first;
+    }
+    return all;
+}
+
+static void note_time(struct ss_state *st, const char *name, double *from, int64_t pixels, int64_t bytes)
+{
+    const double now = pell_seconds();
+
+    st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = now - *from, .pixels = pixels, .bytes = bytes };
+    *from = now;
+}
+
+static const char *step_name(int step, int ahead)
+{
+    static const char *const names[PELL_GAUSSIANS_MAX] = { "blur 1", "blur 2", "blur 3", "blur 4", "blur 5",
+                                                           "blur 6", "blur 7", "blur 8", "blur 9", "blur 10" };
+
+    return step < ahead ? "blur ahead" : names[step - ahead];
+}
+
+static enum pell_result render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    struct ss_state *st = state;
+    struct ss_work *w = &st->work;
+    const struct ss_kernels *k = st->kernels;
+    const size_t row = st->num_materials + 1;
+    struct pell_frame frame = *in;
+    struct ss_seen seen;
+    double clock = pell_seconds();
+    int ahead, first, steps, bands;
+
+    st->num_times = 0;
+    if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
+        return PELL_OK;
+    if (!st->knobs.strength)
+        frame.strength = NULL;
+    w->in = &frame;
+    w->out = out;
+    w->light = st->knobs.input == SS_INPUT_LIT ? frame.lit : frame.irradiance;
+    w->block0 = frame.rect.x0 / SS_BLOCK;
+    w->block1 = (frame.rect.x1 + SS_BLOCK - 1) / SS_BLOCK;
+    bands = (frame.rect.y1 - frame.rect.y0 + BAND - 1) / BAND;
+
+    seen = load(st);
+    w->several = seen.first != seen.last;
+    pass(st, k->measure, NULL);
+    choose_steps(st, seen.scale, &ahead, &first);
+    w->variance = st->variance + (size_t) (SS_AHEAD - ahead) * row;
+    w->blend = (const float (*)[3]) st->blend + (size_t) (SS_AHEAD - ahead) * row;
+    steps = ahead + st->steps;
+    note_time(st, "load", &clock, seen.pixels, (int64_t) seen.pixels * 40);
+
+    if (first == steps)
+        pass(st, k->copy, NULL);
+    for (w->step = first; w->step < steps; w->step++) {
+        int64_t active = 0;
+
+        for (int i = 0; i < bands; i++)
+            st->bands[i].active = 0;
+        w->fresh = w->step == first;
+        w->last = w->step == steps - 1;
+        pass(st, NULL, k->across);
+        pass(st, NULL, k->down);
+        for (int i = 0; i < bands; i++)
+            active += st->bands[i].active;
+        note_time(st, step_name(w->step, ahead), &clock, active, active * 32);
+    }
+    w->in = NULL;
+    w->out = NULL;
+    w->light = NULL;
+    return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+static const struct pell_thickness_table *thickness(const void *state, size_t material)
+{
+    const struct ss_state *st = state;
+
+    return st->thickness && material < st->num_materials ? &st->thickness[material] : NULL;
+}
+
+static size_t times(const void *state, struct pell_pass_time *list, size_t size)
+{
+    const struct ss_state *st = state;
+
+    for (size_t i = 0; i < st->num_times && i < size; i++)
+        list[i] = st->times[i];
+    return st->num_times < size ? st->num_times : size;
+}
+
+const struct pell_method_engine pell_ss_cpu = {
+    .create = create, .render = render, .destroy = destroy, .thickness = thickness, .times = times,
+};

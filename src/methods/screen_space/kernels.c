@@ -1,0 +1,680 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernels.c - the inner loops of the screen-space method; compiled once per level of base/simd.h. The mathematics is in README.md.
+ *
+ * Vectors are the compiler's generic ones, as wide as the machine's registers. All levels give the same bits: a pixel's operations
+ * and their order do not depend on the width.
+ */
+#include "methods/screen_space/kernels.h"
+
+#include "base/simd.h"
+
+#include <math.h>
+#include <string.h>
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+#if defined(__AVX512F__)
+#define WIDTH 16
+#elif defined(__AVX__)
+#define WIDTH 8
+#else
+#define WIDTH 4
+#endif
+#define INLINE static inline __attribute__((always_inline))
+
+typedef float vf __attribute__((vector_size(4 * WIDTH)));
+typedef int32_t vi __attribute__((vector_size(4 * WIDTH)));
+
+INLINE vf load(const float *p)
+{
+    vf v;
+    memcpy(&v, p, sizeof(v));
+    return v;
+}
+
+INLINE void store(float *p, vf v)
+{
+    memcpy(p, &v, sizeof(v));
+}
+
+INLINE vf select(vi mask, vf a, vf b)
+{
+    return (vf) (((vi) a & mask) | ((vi) b & ~mask));
+}
+
+/* The compilers' generic vectors have no square root, and their loops over lanes make 16 scalar ones (prepared blocks: 2.5x the time). */
+INLINE vf root(vf v)
+{
+#if defined(__AVX512F__)
+    return (vf) _mm512_sqrt_ps((__m512) v);
+#elif defined(__AVX__)
+    return (vf) _mm256_sqrt_ps((__m256) v);
+#elif defined(__SSE2__)
+    return (vf) _mm_sqrt_ps((__m128) v);
+#else
+    for (int l = 0; l < WIDTH; l++)
+        v[l] = sqrtf(v[l]);
+    return v;
+#endif
+}
+
+/* The largest of a block's lanes, which it overwrites. */
+INLINE float top(float *v)
+{
+    for (int n = SS_BLOCK / 2; n > 0; n /= 2)
+        for (int l = 0; l < n; l++)
+            v[l] = v[l] > v[l + n] ? v[l] : v[l + n];
+    return v[0];
+}
+
+/* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
+
+/* A Gaussian of compact support: K(t) = q(t^2/16) - q(Y_MAX), q(y) = (1 + B1 y + B2 y^2)^8, for |t| < 3.4 and 0 beyond. B1 and B2 make
+ * its integral function differ from the Gaussian's of the same variance by 0.00074 at most. Its integral and variance are exact in the
+ * constants that follow, so that a blur has the standard deviation asked for. */
+#define B1 -1.08f
+#define B2 0.646f
+#define Y_MAX 0.7225f
+#define K_NORM 0.401802782f  /* sqrt(variance) / integral */
+#define K_SCALE 0.057334654f /* variance / 16 */
+#define K_REACH 3.549853f    /* 3.4 / sqrt(variance): the support in standard deviations */
+/* Under 0.6 pixels a sampled Gaussian loses variance. Such a blur is the one of 0.6 pixels, mixed with the unblurred pixel. */
+#define S2_MIN 0.36f
+#define S2_MIN_VARIANCE 0.347397f /* that K, sampled at whole pixels, has there */
+
+#define VARIANCE_MAX 1e9f /* px^2: keeps the powers below finite */
+#define VARIANCE_WIDE 16.0f /* px^2: from here on the grid's variance is u + 1/12 as good as exactly */
+
+/* Variance in px^2 on the grid of pixels that stands for a Gaussian of variance u, for light that is constant over each pixel: u + 1/12
+ * for large u, and 0 for u = 0. Near Sum_j j^2 (Phi((j + 1/2)/sqrt(u)) - Phi((j - 1/2)/sqrt(u))); the constants are those that make the
+ * largest error of a half-lit plane smallest over the published skin and marble profiles and a single Gaussian, at all scales. */
+#define GRID(u) (((u) + 1.0f / 12.0f) * ((u) * (u) * (u)) / ((u) * (u) * (u) + 4.678e-4f) \
+                 + 0.01327f * ((u) * (u) * (u)) / ((u) * (u) * ((u) * (u)) + 0.01634f))
+
+INLINE float grid_variance(float u)
+{
+    return GRID(u);
+}
+
+INLINE vf grid_variances(vf u)
+{
+    return GRID(u);
+}
+
+/* What the taps of a block need to know. */
+struct block {
+    bool uniform;            /* all lanes have the same variances */
+    bool wide;               /* and they are far above a pixel's */
+    float after, before;     /* then: mm^2 after and before the step */
+    _Alignas(64) float afters[SS_BLOCK], befores[SS_BLOCK]; /* else */
+    int active;              /* lanes that are blurred */
+    int count, stride;       /* taps on each side, and their distance in pixels */
+    float lean;              /* of the line of taps along y, see struct ss_cell */
+};
+
+/* Variance that the chain reaches with `step`, in mm^2. */
+INLINE float variance_of(const struct ss_work *w, int step, int owner)
+{
+    return w->variance[(size_t) step * (w->num_materials + 1) + (size_t) owner];
+}
+
+/* Variance before the running step where a material's pixels have this scale; returns whether the step blurs them. */
+INLINE bool applied(const struct ss_work *w, int owner, float scale, float *before)
+{
+    float last = 0.0f;
+
+    for (int step = 0; step < w->step; step++) {
+        const float v = variance_of(w, step, owner);
+        last = (v - last) * scale > w->skip ? v : last;
+    }
+    *before = last;
+    return (variance_of(w, w->step, owner) - last) * scale > w->skip;
+}
+
+/* Which lanes the step blurs, and by what. False where it blurs none. */
+INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *cell, struct block *b)
+{
+    const float *scale = &w->scale[index], *key = &w->key[index];
+    bool low, high;
+    float before;
+
+    b->uniform = false;
+    b->active = 0;
+    if (cell->owner != SS_MIXED) {
+        /* Each choice depends on the scale monotonically: where the extremes agree in all of them, so do the lanes between. */
+        low = applied(w, cell->owner, cell->scale[0], &before);
+        high = applied(w, cell->owner, cell->scale[1], &b->before);
+        if (low == high && before == b->before) {
+            b->uniform = true;
+            b->after = high ? variance_of(w, w->step, cell->owner) : 0.0f;
+            b->active = high ? cell->pixels : 0;
+            return high;
+        }
+    }
+    for (int l = 0; l < SS_BLOCK; l++) {
+        const bool on = applied(w, (int) key[l], scale[l], &before);
+        b->active += on;
+        b->afters[l] = on ? variance_of(w, w->step, (int) key[l]) : 0.0f;
+        b->befores[l] = on ? before : 0.0f;
+    }
+    return b->active > 0;
+}
+
+INLINE float added(float after, float before, float to_px, float *old)
+{
+    const float u1 = after * to_px, u0 = before * to_px;
+
+    *old = grid_variance(u0 < VARIANCE_MAX ? u0 : VARIANCE_MAX);
+    return grid_variance(u1 < VARIANCE_MAX ? u1 : VARIANCE_MAX) - *old;
+}
+
+/* How many taps, how far apart. */
+INLINE void space(const struct ss_work *w, size_t index, int axis, const struct ss_cell *cell, struct block *b)
+{
+    float most = 0.0f, least = 1e30f, reach, step;
+
+    if (b->uniform) {
+        float old;
+        most = added(b->after, b->before, cell->to_px[axis][1], &old);
+        least = added(b->after, b->before, cell->to_px[axis][0], &old);
+        least = old < least ? old : least;
+        b->wide = b->before * cell->to_px[axis][0] > VARIANCE_WIDE;
+    } else {
+        b->wide = false;
+        for (int l = 0; l < SS_BLOCK; l++) {
+            float old, add, low;
+            if (!(b->afters[l] > 0.0f))
+                continue;
+            add = added(b->afters[l], b->befores[l], w->to_px[axis][index + (size_t) l], &old);
+            low = old < add ? old : add;
+            most = add > most ? add : most;
+            least = low < least ? low : least;
+        }
+    }
+    b->lean = cell->lean;
+    reach = K_REACH * sqrtf(most > S2_MIN ? most : S2_MIN);
+    /* Taps may stand 1.25 standard deviations apart of what is blurred already: aliasing is under 1e-5 of a step, then. */
+    step = 1.25f * sqrtf(least);
+    b->stride = step >= 2.0f ? (step < 65536.0f ? (int) step : 65536) : 1;
+    b->count = reach < 262144.0f ? (int) (reach / (float) b->stride) : 262144;
+}
+
+struct gathered {
+    vf weight, light[3];
+};
+
+struct centre {
+    vf key, depth, fall;
+    vf slant[2]; /* 2 x/f and 2 y/f of the pixel's ray */
+    vf ray2;     /* 1 + (x/f)^2 + (y/f)^2 */
+    vf across2;  /* length along x, squared */
+};
+
+/* Where a tap is. */
+struct offset {
+    ptrdiff_t at;     /* in floats */
+    float x, y;       /* in pixels */
+    float beside;     /* how far along x it lies from the line that it stands for, in pixels */
+};
+
+INLINE float kernel_floor(void)
+{
+    float q = (Y_MAX * B2 + B1) * Y_MAX + 1.0f;
+    q *= q;
+    q *= q;
+    return q * q;
+}
+
+/* One tap: its weight is K of its distance on the surface (in space) times the length that its pixel covers. Between the points of two
+ * pixels lies h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap. */
+INLINE void tap(const struct ss_work *w, size_t from, int axis, struct offset o, const struct centre *c, bool several, bool oblique,
+                float *const source[3], struct gathered *g)
+{
+    const size_t at = from + (size_t) o.at;
+    const vf z = load(w->depth + at), dz = z - c->depth, zero = { 0 };
+    vf r2, y, q, weight;
+
+    if (oblique) {
+        const vf h = z * w->depth_mm + w->fixed_mm;
+        r2 = h * h * (o.x * o.x + o.y * o.y) + dz * (h * (o.x * c->slant[0] + o.y * c->slant[1]) + dz * c->ray2);
+        r2 = r2 - c->across2 * (o.beside * o.beside);
+        r2 = select(r2 > zero, r2, zero);
+    } else {
+        const float px = axis == 0 ? o.x : o.y;
+        const vf e = z * (px * w->depth_mm) + px * w->fixed_mm;
+        r2 = e * (e + dz * c->slant[axis]) + dz * dz * c->ray2;
+    }
+    y = r2 * c->fall;
+    y = select(y < Y_MAX, y, zero + Y_MAX);
+    q = (y * B2 + B1) * y + 1.0f;
+    q *= q;
+    q *= q;
+    weight = (q * q - kernel_floor()) * load(w->length[axis] + at);
+    if (several)
+        weight = (vf) ((vi) weight & (load(w->key + at) == c->key));
+    g->weight += weight;
+    for (int i = 0; i < 3; i++)
+        g->light[i] += weight * load(source[i] + at);
+}
+
+/* The taps on one side of a block's pixels. */
+INLINE void side(const struct ss_work *w, size_t at, int axis, const struct block *b, int count, int sign, const struct centre *c,
+                 bool several, float *const source[3], struct gathered *g)
+{
+    for (int j = 1; j <= count; j++) {
+        const int px = sign * b->stride * j;
+        const struct offset o = { .at = axis == 0 ? px : px * w->stride, .x = axis == 0 ? (float) px : 0.0f, .y = axis == 0 ? 0.0f : (float) px };
+        tap(w, at, axis, o, c, several, false, source, g);
+    }
+}
+
+/* The same down a line that leans: x falls by b->lean pixels as y grows by one. `x` is the block's. */
+INLINE void leaning_side(const struct ss_work *w, size_t at, int x, const struct block *b, int count, int sign, const struct centre *c,
+                         bool several, float *const source[3], struct gathered *g)
+{
+    for (int j = 1; j <= count; j++) {
+        const int py = sign * b->stride * j;
+        const float exact = -b->lean * (float) py;
+        const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
+        const struct offset o = { .at = px + py * w->stride, .x = (float) px, .y = (float) py, .beside = (float) px - exact };
+        if (x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK)
+            tap(w, at, 1, o, c, several, true, source, g);
+    }
+}
+
+/* Blurs a block along an axis; `low` and `high` are how many taps lie inside on either side. Light that a tap would have brought but
+ * does not (it is outside, of another material, or too far along the surface) stays where it is: a pixel keeps 1 - Sum of weights of
+ * its own. */
+INLINE void gather(const struct ss_work *w, size_t index, int x, int y, int axis, const struct block *b, int low, int high,
+                   float *const source[3], float (*restrict result)[SS_BLOCK])
+{
+    const vf zero = { 0 }, one = zero + 1.0f;
+    const float ty = w->rows_tan[y], ty2 = 1.0f + ty * ty;
+
+    for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+        const size_t at = index + (size_t) part;
+        const vf tx = load(w->columns_tan + x + part), to_px = load(w->to_px[axis] + at), length = load(w->length[axis] + at);
+        const vf a = select(length > zero, length, one);
+        const vf u1 = (b->uniform ? zero + b->after : load(b->afters + part)) * to_px;
+        const vf u0 = (b->uniform ? zero + b->before : load(b->befores + part)) * to_px;
+        const vf add = b->wide ? u1 - u0
+                               : grid_variances(select(u1 < VARIANCE_MAX, u1, zero + VARIANCE_MAX))
+                                     - grid_variances(select(u0 < VARIANCE_MAX, u0, zero + VARIANCE_MAX));
+        const vf s2 = select(add > S2_MIN, add, zero + S2_MIN), inverse = one / (root(s2) * a);
+        const vf mixed = add * (1.0f / S2_MIN_VARIANCE), mix = select(mixed < one, select(mixed > zero, mixed, zero), one);
+        const struct centre c = {
+            .key = load(w->key + at),
+            .depth = load(w->depth + at),
+            .fall = inverse * inverse * K_SCALE,
+            .slant = { tx + tx, zero + 2.0f * ty },
+            .ray2 = tx * tx + ty2,
+            .across2 = load(w->length[0] + at) * load(w->length[0] + at),
+        };
+        struct gathered g = { { 0 }, { { 0 }, { 0 }, { 0 } } };
+        vf share = inverse * mix * (K_NORM * (float) b->stride), over, keep;
+
+        if (axis == 1 && b->lean != 0.0f) {
+            if (w->several) {
+                leaning_side(w, at, x, b, low, -1, &c, true, source, &g);
+                leaning_side(w, at, x, b, high, 1, &c, true, source, &g);
+            } else {
+                leaning_side(w, at, x, b, low, -1, &c, false, source, &g);
+                leaning_side(w, at, x, b, high, 1, &c, false, source, &g);
+            }
+        } else if (w->several) {
+            side(w, at, axis, b, low, -1, &c, true, source, &g);
+            side(w, at, axis, b, high, 1, &c, true, source, &g);
+        } else {
+            side(w, at, axis, b, low, -1, &c, false, source, &g);
+            side(w, at, axis, b, high, 1, &c, false, source, &g);
+        }
+        g.weight *= share;
+        over = select(g.weight > one, g.weight, one); /* lengths vary too fast: what would be kept is negative */
+        keep = select(g.weight > one, zero, one - g.weight);
+        share = share / over;
+        for (int i = 0; i < 3; i++)
+            store(&result[i][part], g.light[i] * share + keep * load(source[i] + at));
+    }
+}
+
+/* --- The paper's taps ---------------------------------------------------------------------------------------------------------- */
+
+/* Span in pixels over that of a facing surface. */
+INLINE float paper_slope(const struct ss_work *w, size_t index, int x, int y, int axis)
+{
+    const float d = w->depth[index];
+    float change, level;
+
+    if (!(w->forms & SS_FORM_PAPER_SLOPE)) {
+        const float mm = d * w->depth_mm + w->fixed_mm;
+        return w->length[axis][index] > 0.0f ? mm / w->length[axis][index] : 0.0f;
+    }
+    /* Derivatives are those of a quad of 2 x 2 pixels. Where the other pixel is not of this surface, the limit: the depth behind it is
+     * far away. */
+    {
+        const ptrdiff_t other = axis == 0 ? ((x & 1) ? -1 : 1) : ((y & 1) ? -w->stride : w->stride);
+        const ptrdiff_t at = (ptrdiff_t) index + other;
+        change = w->key[at] == w->key[index] ? fabsf(w->depth[at] - d) * w->unit : w->maxdd;
+    }
+    if (change > w->maxdd)
+        change = w->maxdd;
+    level = w->in->orthographic ? 1.0f : d * w->unit;
+    return level / (level + w->correction * change);
+}
+
+/* Listing 7.1 with taps outside the mask left out: seven bilinear taps over +-span. */
+INLINE int gather_listing(const struct ss_work *w, size_t index, int x, int y, int axis, const struct ss_cell *cell,
+                          float *const source[3], float (*restrict result)[SS_BLOCK], float *restrict on)
+{
+    static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
+    const int low = axis == 0 ? w->block0 * SS_BLOCK : w->in->rect.y0, high = axis == 0 ? w->block1 * SS_BLOCK : w->in->rect.y1;
+    const int here = axis == 0 ? x : y;
+    const ptrdiff_t pace = axis == 0 ? 1 : w->stride;
+    struct block b;
+    const bool any = choose(w, index, cell, &b);
+
+    for (int l = 0; l < SS_BLOCK; l++)
+        on[l] = any && w->scale[index + (size_t) l] > 0.0f && (b.uniform || b.afters[l] > 0.0f) ? 1.0f : 0.0f;
+    for (int l = 0; any && l < SS_BLOCK; l++) {
+        const size_t at = index + (size_t) l;
+        const int place = axis == 0 ? here + l : here;
+        float sum[3] = { 0 }, all = 0.0f, span;
+
+        for (int i = 0; i < 3; i++)
+            result[i][l] = source[i][at];
+        if (!(on[l] > 0.0f))
+            continue;
+        span = SS_SPAN * sqrtf((b.uniform ? b.after - b.before : b.afters[l] - b.befores[l]) * w->scale[at]) * paper_slope(w, at, x + l, y, axis);
+        if (span > 262144.0f)
+            span = 262144.0f;
+        for (int t = 0; t < 7; t++) {
+            const float offset = (float) (t - 3) * (1.0f / 3.0f) * span, whole = floorf(offset), part = offset - whole;
+            const float share[2] = { weights[t] * (1.0f - part), weights[t] * part };
+
+            for (int k = 0; k < 2; k++) {
+                const int step = (int) whole + k;
+                const ptrdiff_t from = (ptrdiff_t) at + step * pace;
+                if (place + step < low || place + step >= high || w->key[from] != w->key[at])
+                    continue;
+                all += share[k];
+                for (int i = 0; i < 3; i++)
+                    sum[i] += share[k] * source[i][from];
+            }
+        }
+        for (int i = 0; i < 3; i++)
+            result[i][l] = sum[i] / all;
+    }
+    return b.active;
+}
+
+/* --- Rows ---------------------------------------------------------------------------------------------------------------------- */
+
+INLINE struct ss_cell *cell_at(const struct ss_work *w, int block, int y)
+{
+    return &w->cells[(size_t) y * (size_t) w->blocks + (size_t) block];
+}
+
+/* Copies a block of the caller's planes; `x0` to `x1` of its lanes lie in the rectangle. */
+INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, struct ss_cell *cell, struct ss_seen *seen)
+{
+    const struct pell_frame *in = w->in;
+    const size_t to = (size_t) (y * w->stride + x);
+    const ptrdiff_t from = y * in->stride + x;
+    _Alignas(64) float owner[SS_BLOCK] = { 0 }, z[SS_BLOCK] = { 0 }, scale[SS_BLOCK] = { 0 }, light[3][SS_BLOCK] = { { 0 } };
+    int first = 0, last = 0, count = 0;
+
+    for (int l = x0; l < x1; l++) {
+        const int m = in->material[from + l] <= w->num_materials ? in->material[from + l] : 0;
+        first = m > 0 && (first == 0 || m < first) ? m : first;
+        last = m > last ? m : last;
+        owner[l] = (float) m;
+        count += m > 0;
+    }
+    *cell = (struct ss_cell) { .live = count == 0 ? SS_EMPTY : count == SS_BLOCK ? SS_FULL : SS_SOME,
+                               .owner = first == last ? (uint16_t) first : SS_MIXED,
+                               .scale = { 1e30f, 0.0f } };
+    if (count > 0) {
+        for (int l = x0; l < x1; l++) {
+            const float d = owner[l] > 0.0f ? in->depth[from + l] : 0.0f, mm = d * w->depth_mm + w->fixed_mm;
+            const float strength = in->strength && owner[l] > 0.0f ? in->strength[from + l] : 1.0f;
+            const float part = strength < 1.0f ? (strength > 0.0f ? strength : 0.0f) : 1.0f;
+            const float size = part * part * w->ratio2 / (mm * mm);
+            const bool good = d > 0.0f && d < 1e12f && strength == strength;
+            z[l] = good ? d : 0.0f;
+            scale[l] = good ? (size < 1e30f ? size : 1e30f) : 0.0f;
+        }
+        if (count == SS_BLOCK && first == last) {
+            for (int i = 0; i < 3; i++) {
+                const vf total = (vf) { 0 } + w->total[first][i];
+                for (int part = 0; part < SS_BLOCK; part += WIDTH)
+                    store(&light[i][part], load(w->light[i] + from + part) * total);
+            }
+        } else {
+            for (int l = x0; l < x1; l++)
+                for (int i = 0; owner[l] > 0.0f && i < 3; i++)
+                    light[i][l] = w->light[i][from + l] * w->total[(int) owner[l]][i];
+        }
+        for (int l = x0; l < x1; l++) {
+            if (scale[l] > 0.0f) {
+                cell->scale[0] = scale[l] < cell->scale[0] ? scale[l] : cell->scale[0];
+                cell->scale[1] = scale[l] > cell->scale[1] ? scale[l] : cell->scale[1];
+                cell->pixels++;
+            }
+        }
+        memcpy(&w->scale[to], scale, sizeof(scale));
+        for (int i = 0; i < 3; i++)
+            memcpy(&w->now[i][to], light[i], sizeof(light[i]));
+        seen->first = seen->first == 0 || first < seen->first ? first : seen->first;
+        seen->last = last > seen->last ? last : seen->last;
+        seen->pixels += count;
+        seen->scale = cell->scale[1] > seen->scale ? cell->scale[1] : seen->scale;
+    }
+    memcpy(&w->key[to], owner, sizeof(owner));
+    memcpy(&w->depth[to], z, sizeof(z));
+}
+
+static void load_row(const struct ss_work *w, int y, struct ss_seen *seen)
+{
+    const struct pell_rect *rect = &w->in->rect;
+
+    *seen = (struct ss_seen) { 0 };
+    for (int b = w->block0; b < w->block1; b++) {
+        const int x = b * SS_BLOCK, x0 = rect->x0 > x ? rect->x0 - x : 0, x1 = rect->x1 - x < SS_BLOCK ? rect->x1 - x : SS_BLOCK;
+        load_block(w, x, y, x0, x1, cell_at(w, b, y), seen);
+    }
+}
+
+#define LEAN_MIN 0.015625f /* pixels of x per pixel of y: less is as good as upright */
+#define LEAN_MAX 8.0f
+
+/* Change of depth per pixel from its one-sided differences: the central difference, but at most twice the smaller of the two (the
+ * monotonised central limiter of van Leer 1977), so that a jump in depth beside the pixel does not count as its slope. */
+INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
+{
+    const vf zero = { 0 }, a = select(has_back, back, ahead), b = select(has_ahead, ahead, back);
+    const vf size_a = select(a < zero, -a, a), size_b = select(b < zero, -b, b), least = 2.0f * select(size_a < size_b, size_a, size_b);
+    const vf mean = 0.5f * (a + b), size = select(mean < zero, -mean, mean), low = select(size < least, size, least);
+    const vi slopes = (has_back | has_ahead) & (a * b > zero);
+
+    return select(slopes, select(mean < zero, -low, low), zero);
+}
+
+/* The two directions of the passes on the surface: Tx, from a pixel to the next along x, and D = Ty - lean Tx at right angles to it, so
+ * that two passes make a round Gaussian on a surface of any slope. `lean` is one number for a block: lanes of a vector read the same row. */
+static void measure_row(const struct ss_work *w, int y)
+{
+    const vf zero = { 0 }, one = zero + 1.0f;
+    const float ty = w->rows_tan[y], ty2 = 1.0f + ty * ty;
+
+    for (int block = w->block0; block < w->block1; block++) {
+        struct ss_cell *cell = cell_at(w, block, y);
+        const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
+        _Alignas(64) float xx[SS_BLOCK], xy[SS_BLOCK], yy[SS_BLOCK], leans[SS_BLOCK], most[2][SS_BLOCK], least[2][SS_BLOCK];
+        float sum = 0.0f;
+
+        if (cell->live == SS_EMPTY) {
+            memset(&w->length[0][index], 0, SS_BLOCK * sizeof(float));
+            memset(&w->length[1][index], 0, SS_BLOCK * sizeof(float));
+            continue;
+        }
+        for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+            const size_t at = index + (size_t) part;
+            const float *key = w->key + at, *depth = w->depth + at;
+            const vf z = load(depth), own = load(key), tx = load(w->columns_tan + block * SS_BLOCK + part), mm = z * w->depth_mm + w->fixed_mm;
+            const vf dx = limited(z - load(depth - 1), load(depth + 1) - z, load(key - 1) == own, load(key + 1) == own);
+            const vf dy = limited(z - load(depth - w->stride), load(depth + w->stride) - z, load(key - w->stride) == own,
+                                  load(key + w->stride) == own);
+            const vf ray2 = tx * tx + ty2, x2 = mm * (mm + dx * (tx + tx)) + dx * dx * ray2, y2 = mm * (mm + dy * (2.0f * ty)) + dy * dy * ray2;
+            const vf both = dx * dy * ray2 + mm * (dx * ty + dy * tx);
+            const vi on = (own > zero) & (z > zero) & (x2 > zero) & (y2 > zero);
+            store(xx + part, select(on, x2, zero));
+            store(xy + part, select(on, both, zero));
+            store(yy + part, select(on, y2, zero));
+            store(leans + part, select(on, both / select(on, x2, one), zero));
+        }
+        for (int n = SS_BLOCK / 2; n > 0; n /= 2)
+            for (int l = 0; l < n; l++)
+                leans[l] += leans[l + n];
+        sum = cell->pixels > 0 ? leans[0] / (float) cell->pixels : 0.0f;
+        cell->lean = sum > LEAN_MIN || sum < -LEAN_MIN ? (sum < LEAN_MAX ? (sum > -LEAN_MAX ? sum : -LEAN_MAX) : LEAN_MAX) : 0.0f;
+        for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+            const size_t at = index + (size_t) part;
+            const vf x2 = load(xx + part), d2 = load(yy + part) + cell->lean * (cell->lean * x2 - 2.0f * load(xy + part));
+            const vf mm = load(w->depth + at) * w->depth_mm + w->fixed_mm, facing = load(w->scale + at) * (mm * mm);
+            for (int axis = 0; axis < 2; axis++) {
+                const vf size2 = axis == 0 ? x2 : d2;
+                const vi on = size2 > zero;
+                const vf to_px = select(on, facing / select(on, size2, one), zero);
+                store(w->length[axis] + at, root(select(on, size2, zero)));
+                store(w->to_px[axis] + at, to_px);
+                store(most[axis] + part, to_px);
+                store(least[axis] + part, select(to_px > zero, zero - to_px, zero - 1e30f));
+            }
+        }
+        for (int axis = 0; axis < 2; axis++) {
+            cell->to_px[axis][0] = -top(least[axis]);
+            cell->to_px[axis][1] = top(most[axis]);
+        }
+    }
+}
+
+/* Blends the step's result into the sum. Where a pixel left the step out, its weight goes to the last result, or, as in the paper (`on`), to
+ * all that the sum holds. */
+INLINE void put(const struct ss_work *w, int x, int y, size_t index, const struct ss_cell *cell, float (*restrict light)[SS_BLOCK],
+                const float *on)
+{
+    const size_t row = (size_t) w->step * (w->num_materials + 1);
+    float *const *before = w->fresh ? w->now : w->sum;
+
+    for (int i = 0; i < 3; i++) {
+        _Alignas(64) float mixed[SS_BLOCK], shares[SS_BLOCK];
+
+        if (cell->owner == SS_MIXED)
+            for (int l = 0; l < SS_BLOCK; l++)
+                shares[l] = w->blend[row + (size_t) w->key[index + (size_t) l]][i];
+        for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+            vf share = cell->owner == SS_MIXED ? load(shares + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
+            if (on)
+                share *= load(on + part);
+            store(mixed + part, load(before[i] + index + part) * (1.0f - share) + load(&light[i][part]) * share);
+        }
+        if (!w->last) {
+            memcpy(&w->sum[i][index], mixed, sizeof(mixed));
+        } else {
+            float *out = w->out->light[i] + y * w->in->stride + x;
+            if (cell->live == SS_FULL)
+                memcpy(out, mixed, sizeof(mixed));
+            else
+                for (int l = 0; l < SS_BLOCK; l++)
+                    if (w->key[index + (size_t) l] > 0.0f)
+                        out[l] = mixed[l];
+        }
+    }
+}
+
+#ifndef TILE
+#define TILE 2 /* blocks */
+#endif
+
+INLINE int fewer(int a, int b)
+{
+    return a < b ? a : b;
+}
+
+/* One pass over some blocks of a row: along x from `now` to `half`, or along y from `half` to `now` and the sum. */
+INLINE int blur_blocks(const struct ss_work *w, int y, int block0, int block1, int axis)
+{
+    const int x0 = w->block0 * SS_BLOCK, x1 = w->block1 * SS_BLOCK, y0 = w->in->rect.y0, y1 = w->in->rect.y1;
+    float *const *source = axis == 0 ? w->now : w->half, *const *target = axis == 0 ? w->half : w->now;
+    int active = 0;
+
+    for (int block = block0; block < block1; block++) {
+        const struct ss_cell *cell = cell_at(w, block, y);
+        const int x = block * SS_BLOCK;
+        const size_t index = (size_t) (y * w->stride + x);
+        _Alignas(64) float result[3][SS_BLOCK], on[SS_BLOCK];
+        struct block b;
+        int count = 0;
+
+        if (cell->live == SS_EMPTY)
+            continue;
+        if (w->forms & SS_FORM_PAPER_EDGES) {
+            count = gather_listing(w, index, x, y, axis, cell, source, result, on);
+        } else if (choose(w, index, cell, &b)) {
+            int low, high;
+            space(w, index, axis, cell, &b);
+            low = (axis == 0 ? x + SS_BLOCK - 1 - x0 : y - y0) / b.stride;
+            high = (axis == 0 ? x1 - 1 - x : y1 - 1 - y) / b.stride;
+            gather(w, index, x, y, axis, &b, fewer(b.count, low), fewer(b.count, high), source, result);
+            count = b.active;
+        }
+        if (count == 0)
+            for (int i = 0; i < 3; i++)
+                memcpy(result[i], &w->now[i][index], sizeof(result[i]));
+        if (axis == 1)
+            put(w, x, y, index, cell, result, w->forms & SS_FORM_PAPER_EDGES ? on : NULL);
+        if (axis == 0 || (!w->last && count > 0))
+            for (int i = 0; i < 3; i++)
+                memcpy(&target[i][index], result[i], sizeof(result[i]));
+        active += count;
+    }
+    return active;
+}
+
+static int across_rows(const struct ss_work *w, int y0, int y1)
+{
+    int active = 0;
+
+    for (int y = y0; y < y1; y++)
+        active += blur_blocks(w, y, w->block0, w->block1, 0);
+    return active;
+}
+
+/* In tiles, so that the rows that taps read stay in the nearest cache while the tile goes down. */
+static int down_rows(const struct ss_work *w, int y0, int y1)
+{
+    int active = 0;
+
+    for (int block = w->block0; block < w->block1; block += TILE)
+        for (int y = y0; y < y1; y++)
+            active += blur_blocks(w, y, block, fewer(block + TILE, w->block1), 1);
+    return active;
+}
+
+static void copy_row(const struct ss_work *w, int y)
+{
+    for (int block = w->block0; block < w->block1; block++) {
+        const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
+
+        for (int l = 0; cell_at(w, block, y)->live != SS_EMPTY && l < SS_BLOCK; l++)
+            for (int i = 0; w->key[index + (size_t) l] > 0.0f && i < 3; i++)
+                w->out->light[i][y * w->in->stride + block * SS_BLOCK + l] = w->now[i][index + (size_t) l];
+    }
+}
+
+extern const struct ss_kernels PELL_SIMD(pell_ss_kernels);
+const struct ss_kernels PELL_SIMD(pell_ss_kernels) = {
+    .load = load_row, .measure = measure_row, .across = across_rows, .down = down_rows, .copy = copy_row,
+};

@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernels.h - the inner loops of the screen-space method, and the planes that they work on.
+ *
+ * Planes are whole pictures of floats with a margin of one block of 16 pixels left and right and one row above and below; a pointer
+ * points at pixel (0, 0). Blocks begin at multiples of 16 pixels. Where there is no translucent pixel every plane holds finite values,
+ * key and length 0.
+ */
+#ifndef PELL_SCREEN_SPACE_KERNELS_H
+#define PELL_SCREEN_SPACE_KERNELS_H
+
+#include <pellucid/frame.h>
+
+enum { SS_BLOCK = 16, SS_AHEAD = 8, SS_STEPS = PELL_GAUSSIANS_MAX + SS_AHEAD };
+enum ss_live { SS_EMPTY = 0, SS_SOME, SS_FULL };
+enum { SS_MIXED = 0xffff }; /* as a block's material: there are several in it */
+
+#define SS_SPAN 2.88675135f /* 3/sqrt(1.08): the listing's 7 taps over +-span have a standard deviation of span/SS_SPAN */
+
+/* What is known of a block of 16 pixels in a row. The smallest and largest values are those of pixels that can be blurred. */
+struct ss_cell {
+    uint16_t owner;     /* the material of all its translucent pixels, or SS_MIXED */
+    uint8_t live;       /* enum ss_live */
+    uint8_t pixels;     /* that can be blurred */
+    float scale[2];     /* smallest, largest */
+    float to_px[2][2];  /* of each axis: smallest, largest */
+    float lean;         /* of the second pass: pixels that x falls as y grows by one */
+};
+
+/* One frame's work; the same for all rows and threads. */
+struct ss_work {
+    const struct pell_frame *in;
+    const struct pell_frame_light *out;
+    const float *const *light; /* three planes of the caller: what is blurred */
+    ptrdiff_t stride;          /* of the planes below */
+    int block0, block1;        /* blocks that hold the rectangle */
+    int blocks;                /* in a row of the picture */
+    float *key, *depth, *scale, *length[2], *to_px[2]; /* see `load` and `measure` */
+    float *now[3], *half[3], *sum[3];       /* blurred so far; its horizontal half; the weighted sum */
+    struct ss_cell *cells; /* [y * blocks + block] */
+    const float *columns_tan, *rows_tan; /* slopes of the rays through columns (with a margin) and rows */
+    size_t num_materials;
+    const float (*total)[3];   /* of each material's profile; all zeros for material 0, which is none */
+    const float *variance;     /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
+    const float (*blend)[3];   /* likewise: share of the step's result in the sum */
+    float depth_mm, fixed_mm;  /* mm per pixel = depth * depth_mm + fixed_mm */
+    float ratio2;              /* scales all variances: (ssslevel / derived)^2 */
+    float skip;                /* px^2: a step that adds less is left out */
+    float correction, maxdd, unit; /* foreshortening of the paper: unit is 1/mm of depth */
+    int forms;                 /* enum ss_form */
+    int step;
+    bool several;              /* more than one material in this frame */
+    bool fresh;                /* nothing is in `sum` yet */
+    bool last;                 /* the sum goes to `out` */
+};
+
+enum ss_form {
+    SS_FORM_PAPER_EDGES = 1,
+    SS_FORM_PAPER_SLOPE = 2,
+};
+
+struct ss_seen { /* by ss_load in one row */
+    float scale;          /* the largest: px^2 per mm^2 */
+    int first, last;      /* smallest and largest material, 0 where there is none */
+    int pixels;           /* that are translucent */
+};
+
+struct ss_kernels {
+    /* Copies row y of the caller's planes: key = material, depth, scale = px^2 per mm^2 of the variances (with strength), now = light
+     * times the profile's total. */
+    void (*load)(const struct ss_work *w, int y, struct ss_seen *seen);
+    /* length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to it; to_px[0], [1] = px^2
+     * per mm^2 of the variances along them. */
+    void (*measure)(const struct ss_work *w, int y);
+    /* Rows y0 to y1: now -> half. Returns the number of pixels that were blurred. */
+    int (*across)(const struct ss_work *w, int y0, int y1);
+    /* half -> now, and now into the sum, or into `out` in the last step. */
+    int (*down)(const struct ss_work *w, int y0, int y1);
+    /* now -> `out`, where no step blurs anything. */
+    void (*copy)(const struct ss_work *w, int y);
+};
+
+#endif

@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - screen-space subsurface scattering: J. Jimenez, D. Gutierrez, "Screen-Space Subsurface Scattering", GPU Pro, 2010, ch. 7.
+ *
+ * The profile is a sum of k Gaussians, R(r) = Sum_i w_i G(v_i, r). Each is a horizontal and a vertical blur on the screen, on top of the
+ * one before it (so by v_i - v_{i-1}), as wide as the surface seen by each pixel makes it. What differs from the paper: README.md.
+ */
+#include "methods/screen_space/screen_space.h"
+
+#include <math.h>
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const profile_names[] = { "material", "published", NULL };
+static const char *const input_names[] = { "diffuse", "lit", NULL };
+static const char *const first_names[] = { "blurred", "unblurred", "skin", NULL };
+static const char *const form_names[] = { "surface", "paper", NULL };
+static const char *const through_names[] = { "off", "gaussian", NULL };
+
+#define AT(field) offsetof(struct ss_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { SS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 4 }, 1, PELL_GAUSSIANS_MAX, NULL,
+      "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
+    { "profile", PELL_KNOB_ENUM, "1", AT(profile), { SS_PROFILE_MATERIAL }, 0, 0, profile_names,
+      "published: materials called skin* and marble* get the four Gaussians of the paper's table 7.1" },
+    { "input", PELL_KNOB_ENUM, "1", AT(input), { SS_INPUT_DIFFUSE }, 0, 0, input_names,
+      "what is blurred: the irradiance, or as in the paper the lit picture with its highlights" },
+    { "first", PELL_KNOB_ENUM, "1", AT(first), { SS_FIRST_BLURRED }, 0, 0, first_names,
+      "unblurred: light as it is stands for the narrowest Gaussian; skin: only for materials called skin*" },
+    { "edges", PELL_KNOB_ENUM, "1", AT(edges), { SS_EDGES_SURFACE }, 0, 0, form_names,
+      "surface: taps weigh by their distance in space and no light is lost; paper: seven taps on the screen, inside the mask" },
+    { "foreshortening", PELL_KNOB_ENUM, "1", AT(slope), { SS_SLOPE_SURFACE }, 0, 0, form_names,
+      "with edges = paper: spans by the surface's slope, or by correction and maxdd" },
+    { "ssslevel", PELL_KNOB_FLOAT, "1", AT(ssslevel), { 0 }, 0, 1e5, NULL,
+      "scattering level for depths in object heights; 0: derived, so that the profile has its size in mm" },
+    { "correction", PELL_KNOB_FLOAT, "1", AT(correction), { 800 }, 0, 1e5, NULL, "weight of the depth's change per pixel, with foreshortening = paper" },
+    { "maxdd", PELL_KNOB_FLOAT, "object heights", AT(maxdd), { 0.001 }, 0, 1, NULL,
+      "limit of the depth's change per pixel, with foreshortening = paper" },
+    { "lod", PELL_KNOB_FLOAT, "1/px", AT(lod), { 1.75 }, 0.01, 100, NULL, "a Gaussian is left out where its span is under 1/lod pixels" },
+    { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
+    { "through", PELL_KNOB_ENUM, "1", AT(through), { SS_THROUGH_GAUSSIAN }, 0, 0, through_names,
+      "light from behind: none, or by thickness d as the sum of w exp(-d^2/(2 v))" },
+    { 0 },
+};
+#undef AT
+
+static void paper(void *values)
+{
+    struct ss_knobs *k = values;
+
+    k->as = SS_PAPER;
+    k->profile = SS_PROFILE_PUBLISHED;
+    k->input = SS_INPUT_LIT;
+    k->first = SS_FIRST_SKIN;
+    k->edges = SS_EDGES_PAPER;
+    k->slope = SS_SLOPE_PAPER;
+    k->ssslevel = 31.5f;
+    k->correction = 800.0f;
+    k->maxdd = 0.001f;
+    k->lod = 0.5f;
+    k->through = SS_THROUGH_OFF;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    const struct ss_knobs *k = values;
+
+    *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
+    if (k->input == SS_INPUT_LIT)
+        *plan = (struct pell_plan) { .needs = PELL_NEED_LIT, .quantity = PELL_QUANTITY_RADIANCE, .mix = 1.0f };
+    if (k->strength)
+        plan->needs |= PELL_NEED_STRENGTH;
+    if (k->through == SS_THROUGH_GAUSSIAN)
+        plan->needs |= PELL_NEED_THROUGH;
+}
+
+double pell_ss_level(double focal_px, double height_mm)
+{
+    return 3.0 / sqrt(1.08) * focal_px / height_mm;
+}
+
+void pell_ss_blend(const struct pell_gaussians *g, int i, float blend[3])
+{
+    for (int c = 0; c < 3; c++) {
+        double sum = 0.0;
+        for (int j = 0; j <= i; j++)
+            sum += g->weight[j][c];
+        blend[c] = sum > 0.0 ? (float) (g->weight[i][c] / sum) : 1.0f;
+    }
+}
+
+extern const struct pell_method pell_method_screen_space;
+const struct pell_method pell_method_screen_space = {
+    .kind = PELL_METHOD,
+    .name = "screen-space",
+    .title = "Screen-space diffusion by Gaussian blurs",
+    .cite = "Jorge Jimenez and Diego Gutierrez, Screen-Space Subsurface Scattering, GPU Pro, 2010",
+    .limits = "Light moves only between points that the camera sees, along the surface or, from behind, straight through; surfaces that slant "
+              "across the picture's diagonal are blurred a little too much one way and too little the other.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct ss_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &pell_ss_cpu,
+};
