@@ -1,0 +1,190 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Makes the meshes that the examples, the benches and the tests use: closed solids and a simple bust, as OBJ files in millimetres.
+
+    make_assets.py FOLDER [NAME ...]
+
+Deterministic, standard library only. Every mesh is closed and turned outward.
+"""
+import math
+import sys
+from pathlib import Path
+
+
+def write_obj(path, comment, vertices, faces):
+    """faces: tuples of 0-based vertex numbers, three or more."""
+    lines = [f'# {comment}; made by scripts/make_assets.py; one unit is 1 mm']
+    lines += [f'v {x:.5f} {y:.5f} {z:.5f}' for x, y, z in vertices]
+    lines += ['f ' + ' '.join(str(i + 1) for i in face) for face in faces]
+    path.write_text('\n'.join(lines) + '\n')
+
+
+def revolve(rows, columns, point):
+    """A closed surface from point(s, theta): s in (0, 1) from bottom to top on `rows` rings, and a pole at each end, point(0, 0), point(1, 0).
+    theta runs counter-clockwise seen from above, so faces look outward."""
+    vertices = [point(0.0, 0.0)]
+    for i in range(1, rows):
+        vertices += [point(i / rows, 2 * math.pi * j / columns) for j in range(columns)]
+    vertices.append(point(1.0, 0.0))
+    top = len(vertices) - 1
+    faces = []
+
+    def at(i, j):
+        return 1 + (i - 1) * columns + j % columns
+
+    for j in range(columns):
+        faces.append((0, at(1, j + 1), at(1, j)))
+        faces.append((at(rows - 1, j), at(rows - 1, j + 1), top))
+        for i in range(1, rows - 1):
+            faces.append((at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)))
+    return vertices, faces
+
+
+def sphere(radius, rows=96, columns=192):
+    def point(s, theta):
+        a = math.pi * (s - 0.5)
+        return (radius * math.cos(a) * math.sin(theta), radius * math.sin(a) + radius, radius * math.cos(a) * math.cos(theta))
+    return revolve(rows, columns, point)
+
+
+def signed_power(x, e):
+    return math.copysign(abs(x) ** e, x)
+
+
+def rounded_cube(size, exponent=0.35, rows=120, columns=240):
+    """A superellipsoid (Barr 1981)."""
+    def point(s, theta):
+        a = math.pi * (s - 0.5)
+        c, r = signed_power(math.cos(a), exponent), size / 2
+        return (r * c * signed_power(math.sin(theta), exponent), r * signed_power(math.sin(a), exponent) + r,
+                r * c * signed_power(math.cos(theta), exponent))
+    return revolve(rows, columns, point)
+
+
+def fluted(height, radius, flutes=7, turns=0.35, rows=200, columns=350):
+    """A twisted, fluted vessel shape, solid: thin crests and a thick core, for marble and wax."""
+    def point(s, theta):
+        a = math.pi * (s - 0.5)
+        body = math.cos(a) ** 0.6 * (0.72 + 0.28 * math.cos(2.6 * math.pi * (s - 0.42)))
+        crest = 1.0 + 0.2 * math.cos(flutes * (theta + 2 * math.pi * turns * s)) * math.sin(math.pi * s) ** 0.5
+        r = radius * body * crest
+        return (r * math.sin(theta), height * 0.5 * (1.0 + math.sin(a)), r * math.cos(theta))
+    return revolve(rows, columns, point)
+
+
+def torus(major, minor, rows=96, columns=192):
+    vertices, faces = [], []
+    for i in range(columns):
+        u = 2 * math.pi * i / columns
+        for j in range(rows):
+            v = 2 * math.pi * j / rows
+            r = major + minor * math.cos(v)
+            vertices.append((r * math.sin(u), minor * math.sin(v) + minor, r * math.cos(u)))
+    for i in range(columns):
+        for j in range(rows):
+            a, b = i * rows + j, (i + 1) % columns * rows + j
+            c, d = (i + 1) % columns * rows + (j + 1) % rows, i * rows + (j + 1) % rows
+            faces.append((a, b, c, d))
+    return vertices, faces
+
+
+def slab(width, height, depth, cells=24):
+    """A box, its faces cut into cells so that shading and normals behave like those of a real mesh."""
+    vertices, faces, index = [], [], {}
+
+    def vertex(x, y, z):
+        key = (round(x, 6), round(y, 6), round(z, 6))
+        if key not in index:
+            index[key] = len(vertices)
+            vertices.append(key)
+        return index[key]
+
+    half = (width / 2, height / 2, depth / 2)
+    for axis in range(3):
+        for side in (-1, 1):
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            for i in range(cells):
+                for j in range(cells):
+                    corners = []
+                    for a, b in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                        p = [0.0, 0.0, 0.0]
+                        p[axis] = side * half[axis]
+                        p[u] = (2 * (i + a) / cells - 1) * half[u]
+                        p[v] = (2 * (j + b) / cells - 1) * half[v]
+                        corners.append(vertex(*p))
+                    faces.append(tuple(corners if side > 0 else reversed(corners)))
+    return vertices, faces
+
+
+# The bust: (height, half width, depth to the front, depth to the back), mm, bottom to top.
+PROFILE = [
+    (0, 0, 0, 0), (0, 60, 40, 48), (0.6, 88, 58, 70), (4, 94, 62, 75), (15, 91, 60, 73), (34, 76, 52, 62), (58, 60, 48, 57), (80, 55.5, 49, 57),
+    (100, 55.5, 53, 61), (112, 57.5, 63, 65), (122, 61, 78, 69), (135, 65.5, 89, 76), (155, 70, 92.5, 85), (180, 73.5, 94, 94), (205, 75.5, 96, 100),
+    (232, 75.5, 97, 102), (255, 71, 90.5, 97.5), (274, 60, 76, 83), (288, 43.5, 55, 60), (297, 23, 29.5, 32), (300, 0, 0, 0),
+]
+# What stands out of the face: (x, y, amplitude, width in x, width in y), mm; x is mirrored where it isn't 0.
+FACE = [
+    (0, 206, 4.5, 7, 9), (0, 192, 8, 6.5, 9), (0, 178, 17, 8, 7.5), (0, 171, 6, 9, 4.5), (9.5, 171.5, 6.5, 5, 4.8), (9, 166.5, -2, 3, 2.5),
+    (31, 204, -11, 14, 9), (31, 203.5, 6.5, 9.5, 6.2), (31, 203.2, 1.2, 9, 1.2), (24, 218, 5, 16, 5), (44, 214, 3.5, 11, 6), (0, 217, 3, 10, 7),
+    (40, 180, 5, 15, 13), (46, 160, -3, 13, 14), (0, 152.6, 5.2, 14, 3.3), (5.5, 154.5, 1.4, 4, 2), (0, 143, 5.6, 12.5, 3.7), (0, 147.9, -3.4, 19, 1.5),
+    (0, 159.5, -1.2, 3, 4.5), (0, 134, -2.5, 15, 3.5), (0, 123, 8, 15, 8), (24, 147, -1.8, 5, 5), (0, 240, 2.5, 34, 18),
+]
+# Ears: (z, y, amplitude, width in z, width in y) on either side.
+EARS = [(-8, 192, 13, 9.5, 19), (-15, 194, 9, 4.5, 22), (-12, 176, 5, 6, 8), (-5, 193, -7, 5.5, 11), (-1, 187, 3, 2.5, 6)]
+
+
+def catmull_rom(points, t):
+    """Point at t in [0, 1] of the spline through `points`, centripetal by index."""
+    n = len(points) - 1
+    i = min(int(t * n), n - 1)
+    f = t * n - i
+    p = [points[max(0, min(n, i + k))] for k in (-1, 0, 1, 2)]
+    return [0.5 * (2 * b + (c - a) * f + (2 * a - 5 * b + 4 * c - d) * f * f + (3 * b - a - 3 * c + d) * f ** 3)
+            for a, b, c, d in zip(*p)]
+
+
+def bump(x, y, width_x, width_y):
+    return math.exp(-0.5 * ((x / width_x) ** 2 + (y / width_y) ** 2))
+
+
+def bust(rows=230, columns=256):
+    def point(s, theta):
+        y, side, front, back = catmull_rom(PROFILE, s)
+        side, front, back = max(side, 0.0), max(front, 0.0), max(back, 0.0)
+        x, c = side * math.sin(theta), math.cos(theta)
+        z = (front if c > 0 else back) * c
+        if c > 0:
+            weight = min(1.0, 2.5 * c) ** 2
+            for fx, fy, amplitude, wx, wy in FACE:
+                z += weight * amplitude * sum(bump(x - m * fx, y - fy, wx, wy) for m in ((1, -1) if fx else (1,)))
+        out = math.copysign(1.0, x) * min(1.0, abs(math.sin(theta)) * 1.2) ** 4
+        for ez, ey, amplitude, wz, wy in EARS:
+            x += out * amplitude * bump(z - ez, y - ey, wz, wy)
+        z += 10.0 * math.sin(math.pi * min(max((y - 20) / 200, 0.0), 1.0)) ** 2 * 0.4  # the head leans forward over the neck
+        return (x, y, z)
+    return revolve(rows, columns, point)
+
+
+ASSETS = {
+    'sphere': ('a sphere of radius 20 mm', lambda: sphere(20.0)),
+    'cube': ('a rounded cube of 40 mm', lambda: rounded_cube(40.0)),
+    'fluted': ('a fluted solid, 120 mm tall', lambda: fluted(120.0, 42.0)),
+    'torus': ('a torus of radii 30 and 12 mm', lambda: torus(30.0, 12.0)),
+    'slab': ('a slab of 80 x 80 x 10 mm', lambda: slab(80.0, 80.0, 10.0)),
+    'bust': ('a bust, 300 mm tall', lambda: bust()),
+}
+
+
+def main():
+    names = sys.argv[2:] or list(ASSETS)
+    if len(sys.argv) < 2 or any(name not in ASSETS for name in names):
+        sys.exit(f'{__doc__}\nNAMEs: {" ".join(ASSETS)}')
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        comment, make = ASSETS[name]
+        write_obj(folder / f'{name}.obj', comment, *make())
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cli.h - what the commands of the program share: options, messages, exit codes, JSON.
+ *
+ * stdout is for results, stderr for messages and progress. With --json one object goes to stdout, errors included.
+ */
+#ifndef PELL_CLI_H
+#define PELL_CLI_H
+
+#include "base/base.h"
+
+#include <pellucid/render.h>
+
+#include <jansson.h>
+#include <stdio.h>
+
+/* Documented in docs/guide/command-line.md and in `pellucid --help`. */
+enum exit_code {
+    EXIT_OK = 0,
+    EXIT_FAILED = 1,
+    EXIT_USAGE = 2,
+    EXIT_INPUT = 3,
+    EXIT_DEVICE = 4,
+    EXIT_MEMORY = 5,
+    EXIT_INTERRUPTED = 130,
+};
+
+struct cli;
+
+/* A command of the program: one row of the table in main.c. */
+struct command {
+    const char *name, *arguments; /* "render", "INPUT" */
+    const char *summary;          /* one line */
+    const char *text;             /* paragraphs and examples of its --help */
+    unsigned options;             /* which groups of options it takes */
+    int min_arguments, max_arguments;
+    enum exit_code (*run)(struct cli *cli);
+};
+
+enum option_group {
+    OPTIONS_OUTPUT = 1 << 0, /* --json, --quiet, --log-level: every command has them */
+    OPTIONS_SCENE = 1 << 1,  /* what is loaded, and how */
+    OPTIONS_METHOD = 1 << 2,
+    OPTIONS_PICTURE = 1 << 3,
+    OPTIONS_ENGINE = 1 << 4,
+    OPTIONS_BENCH = 1 << 5,
+};
+
+struct settings_list {
+    struct pell_setting *items;
+    size_t count, capacity;
+};
+
+struct cli {
+    const struct command *command;
+    const char **arguments;
+    int num_arguments;
+
+    /* Options as given; NULL or 0 where not. */
+    const char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time;
+    int threads, turntable, repeats;
+    int json, quiet, stats, allow_outside; /* popt writes ints */
+    enum pell_log_level log_level;
+    struct settings_list knobs;    /* --set NAME=VALUE */
+    struct settings_list settings; /* --width 640: rows of pell_settings_knobs */
+    struct pell_limits limits;     /* --limit NAME=VALUE */
+    const char *command_line;      /* for metadata, without folders of this machine */
+
+    /* State. */
+    struct pell_context *ctx;
+    bool color, tty;
+    bool answered;    /* an object has gone to stdout */
+    json_t *warnings; /* array of texts */
+    struct {
+        enum pell_result code;
+        char where[1024], what[2048], hint[1024];
+        bool there;
+    } error; /* the first one since the last call that went well */
+    double progress_shown;
+    bool progress_open;
+};
+
+/* --- options.c ---------------------------------------------------------------------------------------------------------------- */
+
+/* Parses what follows the command's name. EXIT_OK: go on; *done: --help was asked for and printed. */
+enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *done);
+void cli_print_help(const struct command *command, FILE *file);
+void cli_finish(struct cli *cli);
+void cli_free_settings(struct settings_list *list);
+PELL_NODISCARD enum pell_result cli_add_setting(struct cli *cli, struct settings_list *list, const char *name, const char *value,
+                                                const char *where);
+
+/* --- report.c ----------------------------------------------------------------------------------------------------------------- */
+
+/* A usage error: printed (or kept for JSON), EXIT_USAGE. */
+enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, const char *fmt, ...) PELL_PRINTF(4, 5);
+/* What a failed library call means for the exit code. */
+enum exit_code cli_failed(struct cli *cli, enum pell_result result);
+void cli_message(void *cli, const struct pell_message *message);
+void cli_progress(void *cli, const char *task, double fraction);
+void cli_progress_end(struct cli *cli);
+/* Prints the object and drops the reference. */
+enum exit_code cli_print_json(struct cli *cli, json_t *object);
+/* {"error": ...} on stdout, where --json was given. */
+void cli_print_json_error(struct cli *cli);
+/* Escape sequences, or "" without colour: 0 plain, 1 bold, 2 dim, 31 red, 33 yellow, 36 cyan. */
+const char *cli_style(const struct cli *cli, int style);
+/* Texts of the warnings so far. */
+size_t cli_warning_count(const struct cli *cli);
+const char *cli_warning(const struct cli *cli, size_t index);
+json_t *cli_numbers(const double *values, size_t count);
+
+/* --- session.c: what render and bench share ------------------------------------------------------------------------------ */
+
+struct session {
+    struct pell_scene *scene;
+    struct pell_renderer *renderer;
+    const struct pell_method *method; /* NULL: none */
+    void *knobs;
+    struct pell_settings settings;
+    double load_seconds;
+};
+
+/* What the command line says about loading. */
+enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
+/* Loads `path` with the options of the command line over those of the scene file, and readies a renderer. */
+enum exit_code session_open(struct cli *cli, const char *path, struct session *s);
+void session_close(struct cli *cli, struct session *s);
+json_t *session_stages(const struct pell_picture *picture);
+
+/* --- Commands ----------------------------------------------------------------------------------------------------------------- */
+
+enum exit_code command_render(struct cli *cli);
+enum exit_code command_methods(struct cli *cli);
+enum exit_code command_materials(struct cli *cli);
+enum exit_code command_info(struct cli *cli);
+enum exit_code command_check(struct cli *cli);
+enum exit_code command_bench(struct cli *cli);
+
+#endif

@@ -1,0 +1,256 @@
+/* SPDX-License-Identifier: MIT
+ * cmd_list.c - `pellucid methods`, `materials`, `info`: what there is. */
+#include "cli/cli.h"
+
+#include "base/pool.h"
+#include "base/simd.h"
+
+#include <math.h>
+#include <string.h>
+
+static const char *const kinds[] = { "method", "reference" };
+
+static json_t *engines_of(const struct pell_method *m)
+{
+    json_t *engines = json_array();
+    if (m->cpu)
+        json_array_append_new(engines, json_string("cpu"));
+    if (m->vulkan)
+        json_array_append_new(engines, json_string("vulkan"));
+    return engines;
+}
+
+static json_t *knob_default(const struct pell_knob *k)
+{
+    switch (k->type) {
+    case PELL_KNOB_BOOL: return json_boolean(k->def[0] != 0.0);
+    case PELL_KNOB_INT:
+    case PELL_KNOB_INT64: return json_integer((json_int_t) k->def[0]);
+    case PELL_KNOB_ENUM: return json_string(k->choices[(int) k->def[0]]);
+    case PELL_KNOB_RGB: return cli_numbers(k->def, 3);
+    default: return json_real(k->def[0]);
+    }
+}
+
+static json_t *knob_json(const struct pell_knob *k)
+{
+    static const char *const types[] = { "", "bool", "int", "int", "float", "enum", "rgb" };
+    json_t *o = json_pack("{s:s,s:s,s:s,s:o,s:s}", "name", k->name, "unit", k->unit, "type", types[k->type], "default", knob_default(k), "help",
+                          k->help);
+
+    if (o && k->type == PELL_KNOB_ENUM) {
+        json_t *choices = json_array();
+        for (int i = 0; k->choices[i]; i++)
+            json_array_append_new(choices, json_string(k->choices[i]));
+        json_object_set_new(o, "choices", choices);
+        json_object_set_new(o, "min", json_null());
+        json_object_set_new(o, "max", json_null());
+    } else if (o) {
+        json_object_set_new(o, "min", k->type == PELL_KNOB_BOOL ? json_null() : json_real(k->min));
+        json_object_set_new(o, "max", k->type == PELL_KNOB_BOOL ? json_null() : json_real(k->max));
+    }
+    return o;
+}
+
+static json_t *method_json(const struct pell_method *m)
+{
+    json_t *knobs = json_array();
+    for (const struct pell_knob *k = m->knobs; k->name; k++)
+        json_array_append_new(knobs, knob_json(k));
+    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s,s:o}", "name", m->name, "title", m->title, "kind", kinds[m->kind], "engines", engines_of(m), "citation",
+                     m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
+}
+
+static void print_knobs(const struct cli *cli, const struct pell_knob *knobs, const char *how)
+{
+    printf("\n%sKnobs%s (%s)\n", cli_style(cli, 1), cli_style(cli, 0), how);
+    for (const struct pell_knob *k = knobs; k->name; k++) {
+        const bool unit = strcmp(k->unit, "1") != 0;
+        printf("  %-18s ", k->name);
+        if (k->type == PELL_KNOB_ENUM) {
+            for (int i = 0; k->choices[i]; i++)
+                printf("%s%s%s", i ? " | " : "", k->choices[i], i == (int) k->def[0] ? "*" : "");
+        } else if (k->type == PELL_KNOB_BOOL) {
+            printf("on | off, default %s", k->def[0] != 0.0 ? "on" : "off");
+        } else {
+            printf("%g to %g%s%s, default %g", k->min, k->max, unit ? " " : "", unit ? k->unit : "", k->def[0]);
+        }
+        printf("\n  %-18s   %s\n", "", k->help);
+    }
+}
+
+enum exit_code command_methods(struct cli *cli)
+{
+    const char *name = cli->num_arguments > 0 ? cli->arguments[0] : NULL;
+    const struct pell_method *one = NULL;
+
+    if (name && !(one = pell_method_find(cli->ctx, "methods", name)))
+        return EXIT_USAGE;
+    if (cli->json) {
+        json_t *list = json_array();
+        for (size_t i = 0; pell_methods[i]; i++)
+            if (!one || pell_methods[i] == one)
+                json_array_append_new(list, method_json(pell_methods[i]));
+        return cli_print_json(cli, json_pack("{s:o}", "methods", list));
+    }
+    if (one) {
+        printf("%s%s%s - %s (%s)\n%s\n", cli_style(cli, 1), one->name, cli_style(cli, 0), one->title, kinds[one->kind], one->cite);
+        if (one->limits)
+            printf("\nLimits: %s\n", one->limits);
+        print_knobs(cli, one->knobs, "--set NAME=VALUE; * is the default");
+        return EXIT_OK;
+    }
+    for (size_t i = 0; pell_methods[i]; i++) {
+        const struct pell_method *m = pell_methods[i];
+        printf("%-14s %-10s %-10s %s\n", m->name, kinds[m->kind], m->cpu && m->vulkan ? "cpu,vulkan" : m->cpu ? "cpu" : "vulkan", m->title);
+    }
+    printf("%-14s %-10s %-10s %s\n", "none", "-", "cpu", "no scattering: plain Lambert of the same colour, to compare with");
+    return EXIT_OK;
+}
+
+static void lengths_of(const struct pell_medium *m, double mfp[3], double dmfp[3])
+{
+    for (int c = 0; c < 3; c++) {
+        mfp[c] = pell_mean_free_path(m, c);
+        dmfp[c] = pell_diffuse_mean_free_path(m, c);
+    }
+}
+
+static json_t *material_json(const struct pell_material_entry *e)
+{
+    double mfp[3], dmfp[3];
+    json_t *o;
+
+    lengths_of(&e->medium, mfp, dmfp);
+    o = json_pack("{s:s,s:s,s:o,s:o,s:o,s:f,s:s,s:s,s:o}", "name", e->name, "title", e->title, "sigma_a", cli_numbers(e->medium.sigma_a, 3),
+                  "sigma_s_reduced", cli_numbers(e->medium.sigma_s_reduced, 3), "g", cli_numbers(e->medium.g, 3), "eta", e->medium.eta, "source",
+                  e->source, "note", e->note, "color", cli_numbers(e->color, 3));
+    if (!o)
+        return NULL;
+    if (e->kind == PELL_MATERIAL_GAUSSIANS) {
+        json_t *gaussians = json_array();
+        for (int i = 0; i < e->gaussians.count; i++)
+            json_array_append_new(gaussians, json_pack("{s:f,s:o}", "variance_mm2", e->gaussians.variance[i], "weight",
+                                                       cli_numbers(e->gaussians.weight[i], 3)));
+        json_object_set_new(o, "gaussians", gaussians);
+    } else {
+        json_object_set_new(o, "mean_free_path", cli_numbers(mfp, 3));
+        json_object_set_new(o, "diffuse_mean_free_path", cli_numbers(dmfp, 3));
+    }
+    return o;
+}
+
+static void print_row(const char *name, const double v[3], const char *unit)
+{
+    printf("  %-24s", name);
+    for (int c = 0; c < 3; c++)
+        if (isfinite(v[c]))
+            printf(" %10.4g", v[c]);
+        else
+            printf(" %10s", "infinite");
+    printf("  %s\n", unit);
+}
+
+static void print_material(const struct cli *cli, const struct pell_material_entry *e)
+{
+    double mfp[3], dmfp[3], total[3];
+
+    printf("%s%s%s - %s\n", cli_style(cli, 1), e->name, cli_style(cli, 0), e->title);
+    if (e->note[0])
+        printf("%s\n", e->note);
+    printf("\n  %-24s %10s %10s %10s\n", "", "red", "green", "blue");
+    if (e->kind == PELL_MATERIAL_MEDIUM) {
+        lengths_of(&e->medium, mfp, dmfp);
+        for (int c = 0; c < 3; c++) {
+            const struct pell_dipole d = pell_dipole_make(e->medium.sigma_a[c], e->medium.sigma_s_reduced[c], e->medium.eta, PELL_FRESNEL_EXACT);
+            total[c] = pell_dipole_total(&d);
+        }
+        print_row("sigma_a", e->medium.sigma_a, "1/mm");
+        print_row("sigma_s' (reduced)", e->medium.sigma_s_reduced, "1/mm");
+        print_row("mean free path", mfp, "mm");
+        print_row("diffuse mean free path", dmfp, "mm");
+        print_row("diffuse reflectance", total, "(dipole)");
+    } else {
+        for (int i = 0; i < e->gaussians.count; i++) {
+            char head[64];
+            snprintf(head, sizeof(head), "variance %.4g mm^2", e->gaussians.variance[i]);
+            print_row(head, e->gaussians.weight[i], "weight");
+        }
+        print_row("base colour", e->color, "linear, where no texture says");
+    }
+    printf("  %-24s %10.4g\n  %-24s %10.4g\n\nSource: %s\n", "eta", e->medium.eta, "roughness", e->roughness, e->source);
+}
+
+enum exit_code command_materials(struct cli *cli)
+{
+    const char *name = cli->num_arguments > 0 ? cli->arguments[0] : NULL;
+    const struct pell_material_entry *one = name ? pell_material_find(name) : NULL;
+
+    if (name && !one) {
+        const char *names[512], *nearest;
+        char shown[64], hint[160] = "`pellucid materials` lists them";
+        size_t n = 0;
+        for (; n < PELL_COUNT(names) && pell_material_at(n); n++)
+            names[n] = pell_material_at(n)->name;
+        nearest = pell_nearest(name, names, n);
+        if (nearest)
+            snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
+        return cli_usage(cli, "materials", hint, "there is no built-in material \"%s\"", pell_printable(name, shown, sizeof(shown)));
+    }
+    if (cli->json) {
+        json_t *list = json_array();
+        for (size_t i = 0; i < pell_material_count(); i++)
+            if (!one || pell_material_at(i) == one)
+                json_array_append_new(list, material_json(pell_material_at(i)));
+        return cli_print_json(cli, json_pack("{s:o}", "materials", list));
+    }
+    if (one) {
+        print_material(cli, one);
+        return EXIT_OK;
+    }
+    printf("%-18s %-34s %s\n", "name", "title", "mean free path, mm (red green blue)");
+    for (size_t i = 0; i < pell_material_count(); i++) {
+        const struct pell_material_entry *e = pell_material_at(i);
+        double mfp[3], dmfp[3];
+        lengths_of(&e->medium, mfp, dmfp);
+        printf("%-18s %-34s ", e->name, e->title);
+        if (e->kind == PELL_MATERIAL_MEDIUM)
+            printf("%7.3f %7.3f %7.3f\n", mfp[0], mfp[1], mfp[2]);
+        else
+            printf("%d Gaussians, widest %.3g mm\n", e->gaussians.count, sqrt(e->gaussians.variance[e->gaussians.count - 1]));
+    }
+    return EXIT_OK;
+}
+
+#if defined(__clang__)
+#define COMPILER "clang " __clang_version__
+#else
+#define COMPILER "gcc " __VERSION__
+#endif
+
+enum exit_code command_info(struct cli *cli)
+{
+    struct pell_renderer *r;
+    enum pell_result res = pell_renderer_create(cli->ctx, &(struct pell_renderer_params) { .threads = cli->threads }, &r);
+    int threads;
+    char value[64];
+
+    if (res != PELL_OK)
+        return cli_failed(cli, res);
+    threads = pell_renderer_threads(r);
+    pell_renderer_destroy(&r);
+    if (cli->json) {
+        json_t *limits = json_object();
+        for (const struct pell_knob *k = pell_limit_knobs; k->name; k++)
+            json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) ((const char *) &cli->limits + k->offset)
+                                                                                      : *(const int *) ((const char *) &cli->limits + k->offset)));
+        return cli_print_json(cli, json_pack("{s:s,s:s,s:[{s:s,s:s,s:i,s:s}],s:[],s:o,s:i}", "version", pell_version(), "compiler", COMPILER, "engines", "name", "cpu",
+                                             "device", "processor", "threads", threads, "simd", pell_simd_name(pell_simd_best()), "devices", "limits",
+                                             limits, "materials", (int) pell_material_count()));
+    }
+    printf("pellucid %s, built with %s\n\nengine cpu      %d threads, SIMD level %s\nengine vulkan   not in this build\n\nLimits (--limit NAME=VALUE)\n", pell_version(),
+           COMPILER, threads, pell_simd_name(pell_simd_best()));
+    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++)
+        printf("  %-16s %16s  %s\n", k->name, pell_knob_format(k, &cli->limits, value, sizeof(value)), k->help);
+    return EXIT_OK;
+}

@@ -1,0 +1,110 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""check_install.py BUILD SOURCE C-COMPILER [CXX-COMPILER]: installs into a scratch folder, builds a stranger's program against that alone.
+
+The program knows only what pkg-config tells it. It is built as C11 and, where there is a compiler, as C++17, and run.
+"""
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).resolve().parent
+
+
+class Fault(Exception):
+    pass
+
+
+def run(command, **options):
+    done = subprocess.run(command, check=False, capture_output=True, text=True, **options)
+    if done.returncode != 0:
+        raise Fault(f"{' '.join(map(str, command))}: exit status {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+class Installed:
+    def __init__(self, build, scratch):
+        self.root = scratch / "root"
+        run(["meson", "install", "-C", build, "--no-rebuild", "--destdir", str(self.root)])
+        found = list(self.root.rglob("pellucid.pc"))
+        if len(found) != 1:
+            raise Fault(f"pellucid.pc was installed {len(found)} times")
+        self.env = {**os.environ, "PKG_CONFIG_PATH": str(found[0].parent), "PKG_CONFIG_SYSROOT_DIR": str(self.root)}
+        self.libraries = sorted({p.parent for p in self.root.rglob("libpellucid.so*")})
+
+    def flags(self, *options):
+        return run(["pkg-config", *options, "pellucid"], env=self.env).split()
+
+    def build_and_run(self, command, scratch):
+        program = scratch / "user"
+        source = HERE / "user.c"
+        run([*command, str(source), "-xnone", "-o", str(program), *self.flags("--cflags"), *self.flags("--libs"), "-lm"], cwd=scratch)
+        env = {**os.environ, "LD_LIBRARY_PATH": os.pathsep.join(map(str, self.libraries))}
+        return run([str(program)], env=env, cwd=scratch)
+
+
+def check_files(installed, source):
+    public = {p.relative_to(source / "include").as_posix() for p in (source / "include").rglob("*.h")}
+    there = {p.as_posix().split("/include/", 1)[1] for p in installed.root.rglob("*.h")}
+    if public != there:
+        raise Fault(f"public headers {sorted(public ^ there)} are installed wrongly")
+    if not any(p.name.count(".") >= 3 for p in installed.root.rglob("libpellucid.so.*")):
+        raise Fault("the shared library has no version in its name")
+    programs = [p for p in installed.root.rglob("bin/pellucid")]
+    if len(programs) != 1:
+        raise Fault("the program is not installed")
+    env = {**os.environ, "LD_LIBRARY_PATH": os.pathsep.join(map(str, installed.libraries))}
+    run([str(programs[0]), "methods"], env=env)
+    strays = [p for p in installed.root.rglob("*") if p.is_file() and "test" in p.name]
+    if strays:
+        raise Fault(f"tests are installed: {strays}")
+
+
+def check_version(installed):
+    version = run(["pkg-config", "--modversion", "pellucid"], env=installed.env).strip()
+    header = next(installed.root.rglob("pellucid/common.h")).read_text("utf-8")
+    numbers = [line.split()[2] for line in header.splitlines() if line.startswith("#define PELL_VERSION_M") or "PELL_VERSION_PATCH" in line]
+    if version != ".".join(numbers):
+        raise Fault(f"pkg-config says {version}, the header {'.'.join(numbers)}")
+
+
+def main():
+    build, source, cc = sys.argv[1], pathlib.Path(sys.argv[2]), sys.argv[3].split()
+    cxx = sys.argv[4].split() if sys.argv[4:] and sys.argv[4] else None
+    if not shutil.which("pkg-config"):
+        print("1..0 # SKIP pkg-config is not installed")
+        return 0
+    failed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        scratch = pathlib.Path(folder)
+        try:
+            installed = Installed(build, scratch)
+        except Fault as fault:
+            print("1..1\nnot ok 1 - the library installs")
+            print("# " + str(fault).replace("\n", "\n# "))
+            return 1
+        tests = {
+            "headers, library and program are installed, and nothing else": lambda: check_files(installed, source),
+            "pkg-config and the headers tell the same version": lambda: check_version(installed),
+            "a C11 program builds and renders": lambda: installed.build_and_run([*cc, "-std=c11", "-Wall", "-Wextra", "-Werror"], scratch),
+            "a C++17 program builds and renders":
+                (lambda: installed.build_and_run([*cxx, "-xc++", "-std=c++17", "-Wall", "-Wextra", "-Werror"], scratch)) if cxx else None,
+        }
+        print(f"1..{len(tests)}")
+        for i, (title, test) in enumerate(tests.items(), 1):
+            try:
+                if test:
+                    test()
+                print(f"ok {i} - {title}" + ("" if test else " # SKIP there is no C++ compiler"))
+            except Fault as fault:
+                failed += 1
+                print(f"not ok {i} - {title}")
+                print("# " + str(fault).strip().replace("\n", "\n# "))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
