@@ -5,7 +5,7 @@
  * Axes       right-handed, y up; a camera looks along its forward vector. UV (0, 0) is the upper left of a picture, v runs down.
  * Units      mm, linear Rec.709; intensity W/sr, irradiance W/m^2, radiance W/(m^2 sr). Point-light fall-off counts in metres.
  * Ownership  a scene owns all that it points to. Build one with pell_scene_create and the pell_scene_add_* functions, or read one
- *            with pell_scene_load. Nothing may change while a renderer has it.
+ *            with pell_scene_load. While a renderer has it, nothing may change but its first camera's values, between frames.
  * Errors     logged with file, place, value and what is allowed; the scene is destroyed by its owner also after a failure.
  * Threads    one thread builds a scene; many may read it.
  */
@@ -27,7 +27,7 @@ struct pell_context;
 struct pell_mesh {
     char *name;
     int object;   /* things of one file node share a number: closedness and thickness are judged per object */
-    int material; /* index into the scene's materials */
+    int material; /* index into the scene's materials; -1 until pell_scene_complete, which then gives marble */
     uint32_t num_vertices, num_triangles;
     float *position;         /* xyz, mm */
     float *normal;           /* xyz, unit */
@@ -136,7 +136,7 @@ struct pell_scene {
 
     struct pell_mesh *meshes;
     size_t num_meshes;
-    struct pell_material *materials; /* at least one after pell_scene_finish_import */
+    struct pell_material *materials; /* at least one after pell_scene_complete */
     size_t num_materials;
     struct pell_texture **textures;
     size_t num_textures;

@@ -14,7 +14,7 @@
 #include <jansson.h>
 #include <stdio.h>
 
-/* Documented in docs/guide/command-line.md and in `pellucid --help`. */
+/* Documented in docs/guide/command-line.md, in the man page and in `pellucid --help`. */
 enum exit_code {
     EXIT_OK = 0,
     EXIT_FAILED = 1,
@@ -31,19 +31,21 @@ struct cli;
 struct command {
     const char *name, *arguments; /* "render", "INPUT" */
     const char *summary;          /* one line */
-    const char *text;             /* paragraphs and examples of its --help */
-    unsigned options;             /* which groups of options it takes */
+    const char *text;             /* paragraphs of its --help; lines that begin with two spaces stay as they are */
+    const char *examples;         /* shell lines: the tests run them */
+    unsigned options;             /* groups of options it takes */
     int min_arguments, max_arguments;
     enum exit_code (*run)(struct cli *cli);
 };
 
 enum option_group {
-    OPTIONS_OUTPUT = 1 << 0, /* --json, --quiet, --log-level: every command has them */
-    OPTIONS_SCENE = 1 << 1,  /* what is loaded, and how */
+    OPTIONS_ALL = 1 << 0, /* --help, --json, --quiet, --log-level: every command has them */
+    OPTIONS_SCENE = 1 << 1,
     OPTIONS_METHOD = 1 << 2,
-    OPTIONS_PICTURE = 1 << 3,
-    OPTIONS_ENGINE = 1 << 4,
-    OPTIONS_BENCH = 1 << 5,
+    OPTIONS_PICTURE = 1 << 3, /* rows of pell_settings_knobs */
+    OPTIONS_FILE = 1 << 4,    /* where pictures go */
+    OPTIONS_ENGINE = 1 << 5,
+    OPTIONS_BENCH = 1 << 6,
 };
 
 struct settings_list {
@@ -53,31 +55,39 @@ struct settings_list {
 
 struct cli {
     const struct command *command;
-    const char **arguments;
+    char **arguments;
     int num_arguments;
 
-    /* Options as given; NULL or 0 where not. */
-    const char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time;
-    int threads, turntable, repeats;
-    int json, quiet, stats, allow_outside; /* popt writes ints */
+    /* Options as given; NULL or false where not. */
+    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time;
+    bool json, quiet, stats, allow_outside;
+    struct {
+        int threads, turntable, repeats;
+    } numbers;
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */
     struct settings_list settings; /* --width 640: rows of pell_settings_knobs */
     struct pell_limits limits;     /* --limit NAME=VALUE */
-    const char *command_line;      /* for metadata, without folders of this machine */
+    char command_line[2048];       /* for metadata, without folders of this machine */
 
     /* State. */
     struct pell_context *ctx;
-    bool color, tty;
-    bool answered;    /* an object has gone to stdout */
-    json_t *warnings; /* array of texts */
+    bool color_out, color_err, tty; /* tty: stderr is one */
+    bool answered;                  /* an object has gone to stdout */
+    bool collect;                   /* warnings go to the answer alone */
+    int pictures;                   /* written so far */
+    json_t *warnings;               /* array of texts */
     struct {
         enum pell_result code;
         char where[1024], what[2048], hint[1024];
         bool there;
-    } error; /* the first one since the last call that went well */
-    double progress_shown;
-    bool progress_open;
+    } error; /* the first one */
+    struct {
+        double begin, last, shown; /* seconds */
+        double fraction;
+        int part, parts; /* of a longer job, 0 parts: the task is the job */
+        int width;       /* of the open line on a terminal, 0: none */
+    } progress;
 };
 
 /* --- options.c ---------------------------------------------------------------------------------------------------------------- */
@@ -87,8 +97,9 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
 void cli_print_help(const struct command *command, FILE *file);
 void cli_finish(struct cli *cli);
 void cli_free_settings(struct settings_list *list);
-PELL_NODISCARD enum pell_result cli_add_setting(struct cli *cli, struct settings_list *list, const char *name, const char *value,
-                                                const char *where);
+PELL_NODISCARD enum pell_result cli_add_setting(struct settings_list *list, const char *name, const char *value, const char *where);
+/* The text as `name=value name=value` of a table of knobs. */
+void cli_format_knobs(const struct pell_knob *knobs, const void *values, char *text, size_t size);
 
 /* --- report.c ----------------------------------------------------------------------------------------------------------------- */
 
@@ -101,16 +112,20 @@ void cli_progress(void *cli, const char *task, double fraction);
 void cli_progress_end(struct cli *cli);
 /* Prints the object and drops the reference. */
 enum exit_code cli_print_json(struct cli *cli, json_t *object);
-/* {"error": ...} on stdout, where --json was given. */
-void cli_print_json_error(struct cli *cli);
-/* Escape sequences, or "" without colour: 0 plain, 1 bold, 2 dim, 31 red, 33 yellow, 36 cyan. */
-const char *cli_style(const struct cli *cli, int style);
-/* Texts of the warnings so far. */
+/* {"error": ...} on stdout, where --json was given and nothing was answered. */
+void cli_print_json_error(struct cli *cli, enum exit_code code);
+/* Escape sequences, or "" without colour: 0 plain, 1 bold, 2 dim, 31 red, 33 yellow, 36 cyan. `file` is stdout or stderr. */
+const char *cli_style(const struct cli *cli, const FILE *file, int style);
+/* Prints text in lines of at most 96 columns. `column`: where the line stands now; `indent`: where the next ones begin. Lines of the
+ * text that begin with two spaces stay as they are. */
+void cli_wrap(FILE *file, int column, int indent, const char *text);
 size_t cli_warning_count(const struct cli *cli);
 const char *cli_warning(const struct cli *cli, size_t index);
 json_t *cli_numbers(const double *values, size_t count);
+/* A JSON text of bytes that may come from a file or the command line: never NULL for want of UTF-8. */
+json_t *cli_text(const char *text);
 
-/* --- session.c: what render and bench share ------------------------------------------------------------------------------ */
+/* --- session.c: what render and bench share ----------------------------------------------------------------------------------- */
 
 struct session {
     struct pell_scene *scene;
@@ -123,12 +138,20 @@ struct session {
 
 /* What the command line says about loading. */
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
+enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
 /* Loads `path` with the options of the command line over those of the scene file, and readies a renderer. */
 enum exit_code session_open(struct cli *cli, const char *path, struct session *s);
-void session_close(struct cli *cli, struct session *s);
+void session_close(struct session *s);
 json_t *session_stages(const struct pell_picture *picture);
+/* The processor's name; "processor" where the system does not say. */
+void cli_device_name(char *name, size_t size);
 
-/* --- Commands ----------------------------------------------------------------------------------------------------------------- */
+/* --- hash.c: 64 bits that stay the same while the content does, wherever the files lie ------------------------------------------ */
+
+uint64_t cli_hash_scene(const struct pell_scene *scene);     /* meshes, textures, materials, lights, background, camera */
+uint64_t cli_hash_materials(const struct pell_scene *scene); /* materials and their textures */
+
+/* --- Commands ------------------------------------------------------------------------------------------------------------------- */
 
 enum exit_code command_render(struct cli *cli);
 enum exit_code command_methods(struct cli *cli);

@@ -3,14 +3,15 @@
 #include "cli/cli.h"
 
 #include "base/file.h"
+#include "base/simd.h"
 #include "math/vec.h"
 
+#include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #define MAX_STAGES 48
-#define DEFAULT_REPEATS 15
 
 struct row {
     char name[96];
@@ -60,7 +61,8 @@ static enum pell_result warm_frames(struct cli *cli, struct session *s, struct p
         frames[i] = 1e3 * p.seconds;
         for (size_t k = 0; k < p.num_stages && k < MAX_STAGES; k++)
             frames[(k + 1) * (size_t) repeats + (size_t) i] = p.stages[k].ms;
-        cli_progress(cli, "bench", (double) (i + 1) / repeats);
+        cli_progress(cli, "bench", 1.0);
+        cli->progress.part++;
     }
     cli_progress_end(cli);
     if (res == PELL_OK) {
@@ -111,13 +113,14 @@ static void recede(const struct pell_scene *scene, const struct pell_camera *fro
 
 static enum pell_result measure(struct cli *cli, struct session *s, struct rows *rows, struct pell_rect *rect)
 {
-    const int repeats = cli->repeats > 0 ? cli->repeats : DEFAULT_REPEATS;
+    const int repeats = cli->numbers.repeats;
     const struct pell_camera camera = s->scene->cameras[0];
     struct pell_picture p;
     struct row *r;
     double cold, warm, one, far;
     enum pell_result res;
 
+    cli->progress.parts = 2 + repeats * (pell_renderer_threads(s->renderer) > 1 ? 4 : 3);
     PELL_TRY(pell_renderer_render(s->renderer, &s->settings, &p));
     cold = 1e3 * p.seconds;
     *rect = p.rect;
@@ -138,7 +141,7 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
         s->scene->cameras[0] = camera;
         if (res != PELL_OK)
             goto fail;
-        snprintf(name, sizeof(name), "frame, %d times as far", times);
+        snprintf(name, sizeof(name), "frame at %d x the distance", times);
         if ((r = add_row(rows, name, far))) {
             r->ratio = far / warm;
             r->against = "frame";
@@ -150,52 +153,114 @@ fail:
     return res;
 }
 
-/* "screen-space" -> the file bench/screen-space.json beside the program or in its data folder; a path is taken as it is. */
-static void find_scene(const char *what, char *path, size_t size)
+/* The folder of bench scenes: where it was built, or where it is installed. False: there is none. */
+static bool find_folder(char *folder, size_t size)
 {
-    static const char *const folders[] = { "bench", "../bench", "../share/pellucid/bench" };
+    static const char *const places[] = { "bench", "../bench", "../../bench", "../share/pellucid/bench" };
     char program[2048];
     const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 1);
 
-    snprintf(path, size, "%s", what);
-    if (n <= 0 || strchr(what, '/') || strchr(what, '.'))
-        return;
+    if (n <= 0)
+        return false;
     program[n] = '\0';
-    *strrchr(program, '/') = '\0';
-    for (size_t i = 0; i < PELL_COUNT(folders); i++) {
-        snprintf(path, size, "%s/%s/%s.json", program, folders[i], what);
-        if (access(path, R_OK) == 0)
-            return;
+    for (size_t i = 0; i < PELL_COUNT(places); i++) {
+        snprintf(folder, size, "%.*s%s", (int) (pell_path_name(program) - program), program, places[i]);
+        if (access(folder, R_OK | X_OK) == 0)
+            return true;
     }
-    snprintf(path, size, "bench/%s.json", what);
+    return false;
+}
+
+static enum exit_code unknown_bench(struct cli *cli, const char *what, const char *folder)
+{
+    char names[32][64], hint[512] = "";
+    const char *list[PELL_COUNT(names)], *nearest;
+    DIR *dir = folder[0] ? opendir(folder) : NULL;
+    const struct dirent *entry;
+    size_t count = 0, n = 0;
+
+    while (dir && count < PELL_COUNT(names) && (entry = readdir(dir))) {
+        const size_t length = strlen(entry->d_name);
+        if (!pell_path_has_extension(entry->d_name, "json") || length - 5 >= sizeof(names[0]))
+            continue;
+        snprintf(names[count], sizeof(names[0]), "%.*s", (int) (length - 5), entry->d_name);
+        list[count] = names[count];
+        count++;
+    }
+    if (dir)
+        closedir(dir);
+    nearest = pell_nearest(what, list, count);
+    if (nearest)
+        snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
+    for (size_t i = 0; !nearest && i < count && n < sizeof(hint); i++)
+        n += (size_t) snprintf(hint + n, sizeof(hint) - n, "%s%s", i ? ", " : "there is ", list[i]);
+    return cli_usage(cli, "bench", count ? hint : "the folder of bench scenes is not beside the program", "there is no bench \"%s\"", what);
+}
+
+/* "screen-space" -> that scene of the bench folder; what has a '/' or a '.' is a path. */
+static enum exit_code find_scene(struct cli *cli, const char *what, char *path, size_t size)
+{
+    char folder[3000] = "";
+
+    snprintf(path, size, "%s", what);
+    if (strchr(what, '/') || strchr(what, '.'))
+        return EXIT_OK;
+    if (find_folder(folder, sizeof(folder))) {
+        snprintf(path, size, "%s/%s.json", folder, what);
+        if (what[0] && access(path, R_OK) == 0)
+            return EXIT_OK;
+    }
+    return unknown_bench(cli, what, folder);
+}
+
+/* Part of the picture that the scene's things cover. */
+static double covered(const struct session *s, const struct rows *rows)
+{
+    for (size_t i = 0; i < rows->count; i++)
+        if (strcmp(rows->items[i].name, "surface") == 0)
+            return (double) rows->items[i].pixels / ((double) s->settings.width * s->settings.height * s->settings.msaa);
+    return 0.0;
+}
+
+static json_t *rows_json(const struct rows *rows)
+{
+    json_t *list = json_array();
+
+    for (size_t i = 0; i < rows->count; i++) {
+        const struct row *r = &rows->items[i];
+        json_t *o = json_pack("{s:s,s:f,s:I,s:I,s:I,s:f}", "name", r->name, "ms", r->ms, "pixels", (json_int_t) r->pixels, "rays",
+                              (json_int_t) r->rays, "bytes", (json_int_t) r->bytes, "copy_ms", r->copy_ms);
+        if (o && r->against) {
+            json_object_set_new(o, "ratio", json_real(r->ratio));
+            json_object_set_new(o, "ratio_to", json_string(r->against));
+        }
+        json_array_append_new(list, o);
+    }
+    return list;
 }
 
 static enum exit_code answer(struct cli *cli, const struct session *s, const char *what, const struct rows *rows, const struct pell_rect *rect)
 {
+    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
     const int threads = pell_renderer_threads(s->renderer);
+    char device[160], build[64];
 
-    if (cli->json) {
-        json_t *list = json_array();
-        for (size_t i = 0; i < rows->count; i++) {
-            const struct row *r = &rows->items[i];
-            json_t *o = json_pack("{s:s,s:f,s:I,s:I,s:I,s:f}", "name", r->name, "ms", r->ms, "pixels", (json_int_t) r->pixels, "rays",
-                                  (json_int_t) r->rays, "bytes", (json_int_t) r->bytes, "copy_ms", r->copy_ms);
-            if (o && r->against) {
-                json_object_set_new(o, "ratio", json_real(r->ratio));
-                json_object_set_new(o, "ratio_to", json_string(r->against));
-            }
-            json_array_append_new(list, o);
-        }
-        return cli_print_json(cli, json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:[i,i,i,i],s:o}", "bench", what, "engine", "cpu", "device", "processor",
-                                             "threads", threads, "build", pell_version(), "width", s->settings.width, "height", s->settings.height,
-                                             "rect", rect->x0, rect->y0, rect->x1, rect->y1, "rows", list));
-    }
-    printf("%s on engine cpu, %d threads, %d x %d, %d sample(s) per pixel; medians of warm frames\n\n", what, threads, s->settings.width,
-           s->settings.height, s->settings.msaa);
-    printf("%-30s %9s %10s %10s %9s  %s\n", "row", "ms", "pixels", "rays", "copy ms", "ratio");
+    cli_device_name(device, sizeof(device));
+    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
+    if (cli->json)
+        return cli_print_json(cli, json_pack("{s:o,s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:i,s:f,s:[i,i,i,i],s:o}", "bench", cli_text(what), "method",
+                                             method, "engine", engine, "device", device, "threads", threads, "build", build, "width",
+                                             s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "repeats",
+                                             cli->numbers.repeats, "covered", covered(s, rows), "rect", rect->x0, rect->y0, rect->x1, rect->y1,
+                                             "rows", rows_json(rows)));
+    printf("%s: method %s on engine %s, %d threads, %s\npellucid %s\n%d x %d, %d sample%s per pixel, things cover %.1f %% of the picture; "
+           "medians of %d warm frames\n\n",
+           what, method, engine, threads, device, build, s->settings.width, s->settings.height, s->settings.msaa, s->settings.msaa > 1 ? "s" : "",
+           100.0 * covered(s, rows), cli->numbers.repeats);
+    printf("%-26s %9s %10s %10s %9s  %s\n", "row", "ms", "pixels", "rays", "copy ms", "ratio");
     for (size_t i = 0; i < rows->count; i++) {
         const struct row *r = &rows->items[i];
-        printf("%-30s %9.2f ", r->name, r->ms);
+        printf("%-26s %9.2f ", r->name, r->ms);
         if (r->pixels)
             printf("%10lld %10lld %9.2f  ", (long long) r->pixels, (long long) r->rays, r->copy_ms);
         else
@@ -214,14 +279,14 @@ enum exit_code command_bench(struct cli *cli)
     struct rows rows = { .count = 0 };
     struct pell_rect rect = { 0 };
     char path[4096];
-    enum exit_code code;
+    enum exit_code code = find_scene(cli, what, path, sizeof(path));
 
-    find_scene(what, path, sizeof(path));
-    code = session_open(cli, path, &s);
+    if (code == EXIT_OK)
+        code = session_open(cli, path, &s);
     if (code == EXIT_OK)
         code = cli_failed(cli, measure(cli, &s, &rows, &rect));
     if (code == EXIT_OK)
         code = answer(cli, &s, what, &rows, &rect);
-    session_close(cli, &s);
+    session_close(&s);
     return code;
 }

@@ -11,67 +11,132 @@ static json_t *bounds_json(const struct pell_scene_report *r)
     return json_pack("[[f,f,f],[f,f,f]]", r->bounds_min[0], r->bounds_min[1], r->bounds_min[2], r->bounds_max[0], r->bounds_max[1], r->bounds_max[2]);
 }
 
+static json_t *material_json(const struct pell_material *m)
+{
+    double mfp[3], dmfp[3];
+    json_t *o = json_pack("{s:o,s:o,s:b,s:f,s:s}", "name", cli_text(m->name), "preset", cli_text(m->preset), "opaque", (int) m->opaque, "eta",
+                          m->medium.eta, "color_from", m->color_from == PELL_COLOR_FROM_TEXTURE ? "texture" : "profile");
+
+    if (!o || m->opaque)
+        return o;
+    if (m->gaussians.count > 0) {
+        json_object_set_new(o, "gaussians", json_integer(m->gaussians.count));
+        return o;
+    }
+    for (int c = 0; c < 3; c++) {
+        mfp[c] = pell_mean_free_path(&m->medium, c);
+        dmfp[c] = pell_diffuse_mean_free_path(&m->medium, c);
+    }
+    json_object_set_new(o, "sigma_a", cli_numbers(m->medium.sigma_a, 3));
+    json_object_set_new(o, "sigma_s_reduced", cli_numbers(m->medium.sigma_s_reduced, 3));
+    json_object_set_new(o, "mean_free_path", cli_numbers(mfp, 3));
+    json_object_set_new(o, "diffuse_mean_free_path", cli_numbers(dmfp, 3));
+    return o;
+}
+
+static json_t *object_json(const struct pell_object_report *o)
+{
+    return json_pack("{s:o,s:I,s:b,s:b,s:i,s:I,s:I,s:I,s:I,s:f,s:f,s:f}", "name", cli_text(o->name), "triangles", (json_int_t) o->triangles, "closed",
+                     (int) o->closed, "outward", (int) o->outward, "components", o->components, "boundary_edges", (json_int_t) o->boundary_edges,
+                     "nonmanifold_edges", (json_int_t) o->nonmanifold_edges, "flipped_edges", (json_int_t) o->flipped_edges,
+                     "degenerate_triangles", (json_int_t) o->degenerate_triangles, "volume_mm3", o->volume_mm3, "area_mm2", o->area_mm2,
+                     "thickness_mm", o->thickness_mm);
+}
+
+static json_t *problem_json(enum pell_severity severity, const char *where, const char *what)
+{
+    return json_pack("{s:s,s:o,s:o}", "severity", severities[severity], "where", cli_text(where), "what", cli_text(what));
+}
+
 static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r)
 {
     json_t *materials = json_array(), *problems = json_array(), *objects = json_array();
 
-    for (size_t i = 0; i < scene->num_materials; i++) {
-        const struct pell_material *m = &scene->materials[i];
-        json_array_append_new(materials, json_pack("{s:s,s:s,s:b,s:o,s:o,s:f,s:s}", "name", m->name, "preset", m->preset ? m->preset : "", "opaque",
-                                                   (int) m->opaque, "sigma_a", cli_numbers(m->medium.sigma_a, 3), "sigma_s_reduced",
-                                                   cli_numbers(m->medium.sigma_s_reduced, 3), "eta", m->medium.eta, "color_from",
-                                                   m->color_from == PELL_COLOR_FROM_TEXTURE ? "texture" : "profile"));
-    }
-    for (size_t i = 0; i < r->num_problems; i++)
-        json_array_append_new(problems, json_pack("{s:s,s:s,s:s}", "severity", severities[r->problems[i].severity], "where", r->problems[i].where,
-                                                  "what", r->problems[i].what));
+    for (size_t i = 0; i < scene->num_materials; i++)
+        json_array_append_new(materials, material_json(&scene->materials[i]));
     for (size_t i = 0; i < cli_warning_count(cli); i++)
-        json_array_append_new(problems, json_pack("{s:s,s:s,s:s}", "severity", "warning", "where", "", "what", cli_warning(cli, i)));
-    for (size_t i = 0; i < r->num_objects; i++) {
-        const struct pell_object_report *o = &r->objects[i];
-        json_array_append_new(objects, json_pack("{s:s,s:I,s:b,s:b,s:i,s:I,s:I,s:f,s:f,s:f}", "name", o->name, "triangles", (json_int_t) o->triangles,
-                                                 "closed", (int) o->closed, "outward", (int) o->outward, "components", o->components,
-                                                 "boundary_edges", (json_int_t) o->boundary_edges, "nonmanifold_edges",
-                                                 (json_int_t) o->nonmanifold_edges, "volume_mm3", o->volume_mm3, "area_mm2", o->area_mm2,
-                                                 "thickness_mm", o->thickness_mm));
-    }
-    return cli_print_json(cli, json_pack("{s:I,s:I,s:o,s:o,s:o,s:o}", "meshes", (json_int_t) scene->num_meshes, "triangles", (json_int_t) r->triangles,
-                                         "bounds_mm", bounds_json(r), "materials", materials, "objects", objects, "problems", problems));
+        json_array_append_new(problems, problem_json(PELL_SEVERITY_WARNING, "", cli_warning(cli, i)));
+    for (size_t i = 0; i < r->num_problems; i++)
+        json_array_append_new(problems, problem_json(r->problems[i].severity, r->problems[i].where, r->problems[i].what));
+    for (size_t i = 0; i < r->num_objects; i++)
+        json_array_append_new(objects, object_json(&r->objects[i]));
+    return cli_print_json(cli, json_pack("{s:I,s:I,s:o,s:f,s:I,s:I,s:I,s:o,s:o,s:o}", "meshes", (json_int_t) scene->num_meshes, "triangles",
+                                         (json_int_t) r->triangles, "bounds_mm", bounds_json(r), "mm_per_unit", scene->mm_per_unit, "lights",
+                                         (json_int_t) scene->num_lights, "cameras", (json_int_t) scene->num_cameras, "textures",
+                                         (json_int_t) scene->num_textures, "materials", materials, "objects", objects, "problems", problems));
 }
 
-static void print_material(const struct cli *cli, const struct pell_material *m)
+/* Names in files may hold anything. */
+static const char *shown(const char *name, char buffer[96])
 {
-    (void) cli;
-    printf("  %-20s ", m->name[0] ? m->name : "(no name)");
-    if (m->opaque) {
-        printf("opaque\n");
-        return;
+    return name && name[0] ? pell_printable(name, buffer, 96) : "(no name)";
+}
+
+static const char *plural(long long count, const char *one, char buffer[64])
+{
+    snprintf(buffer, 64, "%lld %s%s", count, one, count == 1 ? "" : "s");
+    return buffer;
+}
+
+/* The notes are about materials: how far light goes in each, and where its colour is from. */
+static void print_problems(const struct cli *cli, const struct pell_scene_report *r, bool notes)
+{
+    for (size_t i = 0; !notes && i < cli_warning_count(cli); i++) {
+        fputs("  warning  ", stdout);
+        cli_wrap(stdout, 11, 11, cli_warning(cli, i));
     }
-    printf("%s%s", m->preset && m->preset[0] ? m->preset : "coefficients of the file", m->color_from == PELL_COLOR_FROM_TEXTURE ? ", colour from the texture" : ", colour from the profile");
-    if (m->gaussians.count > 0)
-        printf(", %d Gaussians\n", m->gaussians.count);
-    else
-        printf(", mean free path %.3g %.3g %.3g mm, eta %.3g\n", pell_mean_free_path(&m->medium, 0), pell_mean_free_path(&m->medium, 1),
-               pell_mean_free_path(&m->medium, 2), m->medium.eta);
+    for (size_t i = 0; i < r->num_problems; i++) {
+        const struct pell_problem *p = &r->problems[i];
+        char text[1024], line[1024];
+        if ((p->severity == PELL_SEVERITY_NOTE) != notes)
+            continue;
+        snprintf(text, sizeof(text), "%s%s%s", p->where, p->where[0] ? ": " : "", p->what);
+        if (notes)
+            fputs("  ", stdout);
+        else
+            printf("  %-8s ", severities[p->severity]);
+        cli_wrap(stdout, notes ? 2 : 11, notes ? 4 : 11, pell_printable(text, line, sizeof(line)));
+    }
+}
+
+static void print_object(const struct pell_object_report *o)
+{
+    char name[96], count[64];
+
+    printf("  %-20s %s, %s%s", shown(o->name, name), plural((long long) o->triangles, "triangle", count), o->closed ? "closed" : "open",
+           o->closed && !o->outward ? ", inside out" : "");
+    if (o->components > 1)
+        printf(", %d parts", o->components);
+    if (o->thickness_mm > 0.0)
+        printf(", mean thickness %.3g mm", o->thickness_mm);
+    putchar('\n');
 }
 
 static void answer_text(const struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r)
 {
-    printf("%zu meshes, %lld triangles, %.4g x %.4g x %.4g mm (one unit was taken for %.6g mm)\n", scene->num_meshes, (long long) r->triangles,
-           (double) (r->bounds_max[0] - r->bounds_min[0]), (double) (r->bounds_max[1] - r->bounds_min[1]),
-           (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
-    printf("%zu lights, %zu cameras, %zu textures\n\n%sObjects%s\n", scene->num_lights, scene->num_cameras, scene->num_textures, cli_style(cli, 1), cli_style(cli, 0));
-    for (size_t i = 0; i < r->num_objects; i++) {
-        const struct pell_object_report *o = &r->objects[i];
-        printf("  %-20s %9lld triangles, %s%s, mean thickness %.3g mm\n", o->name[0] ? o->name : "(no name)", (long long) o->triangles,
-               o->closed ? "closed" : "open", o->closed && !o->outward ? ", inside out" : "", o->thickness_mm);
-    }
-    printf("\n%sMaterials%s\n", cli_style(cli, 1), cli_style(cli, 0));
-    for (size_t i = 0; i < scene->num_materials; i++)
-        print_material(cli, &scene->materials[i]);
-    printf("\n%s%zu problems%s\n", cli_style(cli, 1), r->num_problems, cli_style(cli, 0));
+    const char *bold = cli_style(cli, stdout, 1), *plain = cli_style(cli, stdout, 0);
+    size_t problems = cli_warning_count(cli);
+    char name[96], a[64], b[64], c[64];
+
     for (size_t i = 0; i < r->num_problems; i++)
-        printf("  %-8s %s%s%s\n", severities[r->problems[i].severity], r->problems[i].where, r->problems[i].where[0] ? ": " : "", r->problems[i].what);
+        problems += r->problems[i].severity != PELL_SEVERITY_NOTE;
+    printf("%s, %s, %.4g x %.4g x %.4g mm (one unit of the file is %.6g mm)\n", plural((long long) scene->num_meshes, "mesh part", a),
+           plural((long long) r->triangles, "triangle", b), (double) (r->bounds_max[0] - r->bounds_min[0]),
+           (double) (r->bounds_max[1] - r->bounds_min[1]), (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
+    printf("%s, %s, %s\n\n%sObjects%s\n", plural((long long) scene->num_lights, "light", a), plural((long long) scene->num_cameras, "camera", b),
+           plural((long long) scene->num_textures, "texture", c), bold, plain);
+    for (size_t i = 0; i < r->num_objects; i++)
+        print_object(&r->objects[i]);
+    printf("\n%sMaterials%s\n", bold, plain);
+    for (size_t i = 0; i < scene->num_materials; i++) {
+        const struct pell_material *m = &scene->materials[i];
+        const bool preset = m->preset && m->preset[0];
+        printf("  %-20s %s\n", shown(m->name, name), m->opaque ? "opaque" : preset ? m->preset : "coefficients of the file");
+    }
+    printf("\n%sNotes%s\n", bold, plain);
+    print_problems(cli, r, true);
+    printf("\n%s%s%s\n", bold, plural((long long) problems, "problem", a), plain);
+    print_problems(cli, r, false);
 }
 
 enum exit_code command_check(struct cli *cli)
@@ -85,6 +150,7 @@ enum exit_code command_check(struct cli *cli)
     if (code != EXIT_OK)
         return code;
     params.bare = true;
+    cli->collect = true; /* warnings are part of the answer */
     res = pell_scene_load(cli->ctx, cli->arguments[0], &params, &scene);
     if (res == PELL_OK)
         res = pell_scene_check(scene, &report);
@@ -95,7 +161,7 @@ enum exit_code command_check(struct cli *cli)
         else
             answer_text(cli, scene, &report);
         for (size_t i = 0; i < report.num_problems; i++)
-            if (report.problems[i].severity == PELL_SEVERITY_ERROR)
+            if (report.problems[i].severity == PELL_SEVERITY_ERROR && code == EXIT_OK)
                 code = EXIT_INPUT;
     }
     pell_scene_report_finish(cli->ctx, &report);

@@ -2,7 +2,6 @@
  * cmd_list.c - `pellucid methods`, `materials`, `info`: what there is. */
 #include "cli/cli.h"
 
-#include "base/pool.h"
 #include "base/simd.h"
 
 #include <math.h>
@@ -32,6 +31,16 @@ static json_t *knob_default(const struct pell_knob *k)
     }
 }
 
+static json_t *knob_bound(const struct pell_knob *k, double bound)
+{
+    switch (k->type) {
+    case PELL_KNOB_BOOL: return json_null();
+    case PELL_KNOB_INT:
+    case PELL_KNOB_INT64: return json_integer((json_int_t) bound);
+    default: return json_real(bound);
+    }
+}
+
 static json_t *knob_json(const struct pell_knob *k)
 {
     static const char *const types[] = { "", "bool", "int", "int", "float", "enum", "rgb" };
@@ -46,8 +55,8 @@ static json_t *knob_json(const struct pell_knob *k)
         json_object_set_new(o, "min", json_null());
         json_object_set_new(o, "max", json_null());
     } else if (o) {
-        json_object_set_new(o, "min", k->type == PELL_KNOB_BOOL ? json_null() : json_real(k->min));
-        json_object_set_new(o, "max", k->type == PELL_KNOB_BOOL ? json_null() : json_real(k->max));
+        json_object_set_new(o, "min", knob_bound(k, k->min));
+        json_object_set_new(o, "max", knob_bound(k, k->max));
     }
     return o;
 }
@@ -61,9 +70,11 @@ static json_t *method_json(const struct pell_method *m)
                      m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
 }
 
-static void print_knobs(const struct cli *cli, const struct pell_knob *knobs, const char *how)
+static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
 {
-    printf("\n%sKnobs%s (%s)\n", cli_style(cli, 1), cli_style(cli, 0), how);
+    char low[40], high[40], def[40];
+
+    printf("\n%sKnobs%s (--set NAME=VALUE; * is the default)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
     for (const struct pell_knob *k = knobs; k->name; k++) {
         const bool unit = strcmp(k->unit, "1") != 0;
         printf("  %-18s ", k->name);
@@ -71,19 +82,41 @@ static void print_knobs(const struct cli *cli, const struct pell_knob *knobs, co
             for (int i = 0; k->choices[i]; i++)
                 printf("%s%s%s", i ? " | " : "", k->choices[i], i == (int) k->def[0] ? "*" : "");
         } else if (k->type == PELL_KNOB_BOOL) {
-            printf("on | off, default %s", k->def[0] != 0.0 ? "on" : "off");
+            printf("%s", k->def[0] != 0.0 ? "on* | off" : "on | off*");
         } else {
-            printf("%g to %g%s%s, default %g", k->min, k->max, unit ? " " : "", unit ? k->unit : "", k->def[0]);
+            printf("%s to %s%s%s, default %s", pell_format_number(k->min, false, low, sizeof(low)),
+                   pell_format_number(k->max, false, high, sizeof(high)), unit ? " " : "", unit ? k->unit : "",
+                   pell_format_number(k->def[0], false, def, sizeof(def)));
         }
-        printf("\n  %-18s   %s\n", "", k->help);
+        printf("\n%23s", "");
+        cli_wrap(stdout, 23, 23, k->help);
     }
 }
+
+static void print_method(const struct cli *cli, const struct pell_method *m)
+{
+    printf("%s%s%s - %s (%s; %s)\n", cli_style(cli, stdout, 1), m->name, cli_style(cli, stdout, 0), m->title, kinds[m->kind],
+           m->cpu && m->vulkan ? "cpu, vulkan" : m->cpu ? "cpu" : "vulkan");
+    cli_wrap(stdout, 0, 0, m->cite);
+    if (m->limits) {
+        fputs("\nLimits: ", stdout);
+        cli_wrap(stdout, 8, 8, m->limits);
+    }
+    print_knobs(cli, m->knobs);
+}
+
+/* What -m none does: no row of the registry. */
+static const char none_text[] = "no scattering: Lambert of the same colour, to compare with";
 
 enum exit_code command_methods(struct cli *cli)
 {
     const char *name = cli->num_arguments > 0 ? cli->arguments[0] : NULL;
     const struct pell_method *one = NULL;
 
+    if (name && strcmp(name, "none") == 0 && !cli->json) {
+        printf("none - %s\n", none_text);
+        return EXIT_OK;
+    }
     if (name && !(one = pell_method_find(cli->ctx, "methods", name)))
         return EXIT_USAGE;
     if (cli->json) {
@@ -94,17 +127,14 @@ enum exit_code command_methods(struct cli *cli)
         return cli_print_json(cli, json_pack("{s:o}", "methods", list));
     }
     if (one) {
-        printf("%s%s%s - %s (%s)\n%s\n", cli_style(cli, 1), one->name, cli_style(cli, 0), one->title, kinds[one->kind], one->cite);
-        if (one->limits)
-            printf("\nLimits: %s\n", one->limits);
-        print_knobs(cli, one->knobs, "--set NAME=VALUE; * is the default");
+        print_method(cli, one);
         return EXIT_OK;
     }
     for (size_t i = 0; pell_methods[i]; i++) {
         const struct pell_method *m = pell_methods[i];
         printf("%-14s %-10s %-10s %s\n", m->name, kinds[m->kind], m->cpu && m->vulkan ? "cpu,vulkan" : m->cpu ? "cpu" : "vulkan", m->title);
     }
-    printf("%-14s %-10s %-10s %s\n", "none", "-", "cpu", "no scattering: plain Lambert of the same colour, to compare with");
+    printf("%-14s %-10s %-10s %s\n", "none", "-", "cpu", none_text);
     return EXIT_OK;
 }
 
@@ -122,7 +152,8 @@ static json_t *material_json(const struct pell_material_entry *e)
     json_t *o;
 
     lengths_of(&e->medium, mfp, dmfp);
-    o = json_pack("{s:s,s:s,s:o,s:o,s:o,s:f,s:s,s:s,s:o}", "name", e->name, "title", e->title, "sigma_a", cli_numbers(e->medium.sigma_a, 3),
+    o = json_pack("{s:s,s:s,s:s,s:o,s:o,s:o,s:f,s:s,s:s,s:o}", "name", e->name, "title", e->title, "kind",
+                  e->kind == PELL_MATERIAL_GAUSSIANS ? "gaussians" : "medium", "sigma_a", cli_numbers(e->medium.sigma_a, 3),
                   "sigma_s_reduced", cli_numbers(e->medium.sigma_s_reduced, 3), "g", cli_numbers(e->medium.g, 3), "eta", e->medium.eta, "source",
                   e->source, "note", e->note, "color", cli_numbers(e->color, 3));
     if (!o)
@@ -155,9 +186,9 @@ static void print_material(const struct cli *cli, const struct pell_material_ent
 {
     double mfp[3], dmfp[3], total[3];
 
-    printf("%s%s%s - %s\n", cli_style(cli, 1), e->name, cli_style(cli, 0), e->title);
+    printf("%s%s%s - %s\n", cli_style(cli, stdout, 1), e->name, cli_style(cli, stdout, 0), e->title);
     if (e->note[0])
-        printf("%s\n", e->note);
+        cli_wrap(stdout, 0, 0, e->note);
     printf("\n  %-24s %10s %10s %10s\n", "", "red", "green", "blue");
     if (e->kind == PELL_MATERIAL_MEDIUM) {
         lengths_of(&e->medium, mfp, dmfp);
@@ -178,7 +209,8 @@ static void print_material(const struct cli *cli, const struct pell_material_ent
         }
         print_row("base colour", e->color, "linear, where no texture says");
     }
-    printf("  %-24s %10.4g\n  %-24s %10.4g\n\nSource: %s\n", "eta", e->medium.eta, "roughness", e->roughness, e->source);
+    printf("  %-24s %10.4g\n  %-24s %10.4g\n\nSource: ", "eta", e->medium.eta, "roughness", e->roughness);
+    cli_wrap(stdout, 8, 8, e->source);
 }
 
 enum exit_code command_materials(struct cli *cli)
@@ -188,14 +220,14 @@ enum exit_code command_materials(struct cli *cli)
 
     if (name && !one) {
         const char *names[512], *nearest;
-        char shown[64], hint[160] = "`pellucid materials` lists them";
+        char hint[160] = "`pellucid materials` lists them";
         size_t n = 0;
         for (; n < PELL_COUNT(names) && pell_material_at(n); n++)
             names[n] = pell_material_at(n)->name;
         nearest = pell_nearest(name, names, n);
         if (nearest)
             snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
-        return cli_usage(cli, "materials", hint, "there is no built-in material \"%s\"", pell_printable(name, shown, sizeof(shown)));
+        return cli_usage(cli, "materials", hint, "there is no built-in material \"%s\"", name);
     }
     if (cli->json) {
         json_t *list = json_array();
@@ -208,7 +240,7 @@ enum exit_code command_materials(struct cli *cli)
         print_material(cli, one);
         return EXIT_OK;
     }
-    printf("%-18s %-34s %s\n", "name", "title", "mean free path, mm (red green blue)");
+    printf("%-18s %-34s %s\n", "name", "title", "mean free path, mm: red green blue");
     for (size_t i = 0; i < pell_material_count(); i++) {
         const struct pell_material_entry *e = pell_material_at(i);
         double mfp[3], dmfp[3];
@@ -227,30 +259,87 @@ enum exit_code command_materials(struct cli *cli)
 #else
 #define COMPILER "gcc " __VERSION__
 #endif
+#if defined(__OPTIMIZE__)
+#define OPTIMIZED true
+#else
+#define OPTIMIZED false
+#endif
+#if defined(NDEBUG)
+#define ASSERTIONS false
+#else
+#define ASSERTIONS true
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED true
+#else
+#define SANITIZED false
+#endif
+
+static const char *const read_formats[] = { "png", "jpeg", "hdr", "exr", "pfm", NULL }; /* see pellucid/image.h */
+
+static json_t *names_json(const char *const *names)
+{
+    json_t *list = json_array();
+    for (; *names; names++)
+        json_array_append_new(list, json_string(*names));
+    return list;
+}
+
+static void print_names(const char *head, const char *const *names)
+{
+    printf("%-15s", head);
+    for (; *names; names++)
+        printf(" %s", *names);
+    putchar('\n');
+}
+
+static enum exit_code info_json(struct cli *cli, const char *device, int threads, const char *const *levels)
+{
+    json_t *limits = json_object();
+
+    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++) {
+        const char *field = (const char *) &cli->limits + k->offset;
+        json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) field : *(const int *) field));
+    }
+    return cli_print_json(cli, json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:[],s:o,s:{s:o,s:o},s:i}", "version",
+                                         pell_version(), "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions", ASSERTIONS,
+                                         "sanitized", SANITIZED, "engines", "name", "cpu", "device", device, "threads", threads, "simd",
+                                         pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices", "limits", limits,
+                                         "image_formats", "read", names_json(read_formats), "write", names_json(pell_write_formats), "materials",
+                                         (int) pell_material_count()));
+}
 
 enum exit_code command_info(struct cli *cli)
 {
+    const char *levels[PELL_SIMD_LEVELS + 1] = { NULL };
+    struct pell_renderer_params params = { .threads = cli->numbers.threads };
     struct pell_renderer *r;
-    enum pell_result res = pell_renderer_create(cli->ctx, &(struct pell_renderer_params) { .threads = cli->threads }, &r);
+    char value[64], device[160];
+    enum exit_code code = cli_engine(cli, &params.engine);
     int threads;
-    char value[64];
 
-    if (res != PELL_OK)
-        return cli_failed(cli, res);
+    if (code == EXIT_OK)
+        code = cli_failed(cli, pell_renderer_create(cli->ctx, &params, &r));
+    if (code != EXIT_OK)
+        return code;
     threads = pell_renderer_threads(r);
     pell_renderer_destroy(&r);
-    if (cli->json) {
-        json_t *limits = json_object();
-        for (const struct pell_knob *k = pell_limit_knobs; k->name; k++)
-            json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) ((const char *) &cli->limits + k->offset)
-                                                                                      : *(const int *) ((const char *) &cli->limits + k->offset)));
-        return cli_print_json(cli, json_pack("{s:s,s:s,s:[{s:s,s:s,s:i,s:s}],s:[],s:o,s:i}", "version", pell_version(), "compiler", COMPILER, "engines", "name", "cpu",
-                                             "device", "processor", "threads", threads, "simd", pell_simd_name(pell_simd_best()), "devices", "limits",
-                                             limits, "materials", (int) pell_material_count()));
+    cli_device_name(device, sizeof(device));
+    for (int i = 0; i <= (int) pell_simd_best(); i++)
+        levels[i] = pell_simd_name((enum pell_simd_level) i);
+    if (cli->json)
+        return info_json(cli, device, threads, levels);
+    printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %d threads, SIMD level %s\n", pell_version(), "built with", COMPILER,
+           OPTIMIZED ? ", optimized" : ", not optimized", ASSERTIONS ? ", assertions" : "", SANITIZED ? ", sanitizers" : "", "engine cpu", device, "",
+           threads, pell_simd_name(pell_simd_best()));
+    print_names("SIMD levels", levels);
+    printf("%-15s not in this build\n\n", "engine vulkan");
+    print_names("reads pictures", read_formats);
+    print_names("writes pictures", pell_write_formats);
+    printf("\n%sLimits%s (--limit NAME=VALUE)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
+    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++) {
+        printf("  %-13s %12s  ", k->name, pell_knob_format(k, &cli->limits, value, sizeof(value)));
+        cli_wrap(stdout, 29, 29, k->help);
     }
-    printf("pellucid %s, built with %s\n\nengine cpu      %d threads, SIMD level %s\nengine vulkan   not in this build\n\nLimits (--limit NAME=VALUE)\n", pell_version(),
-           COMPILER, threads, pell_simd_name(pell_simd_best()));
-    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++)
-        printf("  %-16s %16s  %s\n", k->name, pell_knob_format(k, &cli->limits, value, sizeof(value)), k->help);
     return EXIT_OK;
 }

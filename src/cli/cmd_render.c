@@ -5,86 +5,141 @@
 #include "base/file.h"
 #include "math/vec.h"
 
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
-/* "bunny.obj" -> "bunny.png", in the current folder. */
-static void default_output(const char *input, char *out, size_t size)
+#define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
+
+struct job {
+    struct session session;
+    char output[4096];
+    const char *format;
+    uint64_t scene_hash, materials_hash; /* 0 unless the format keeps them */
+    struct pell_picture picture;         /* the last one */
+    json_t *images;                      /* of a turntable: their names */
+};
+
+/* --- Where the picture goes --------------------------------------------------------------------------------------------------- */
+
+static enum exit_code choose_output(struct cli *cli, struct job *job)
 {
-    const char *name = strrchr(input, '/') ? strrchr(input, '/') + 1 : input;
-    const char *dot = strrchr(name, '.');
-    snprintf(out, size, "%.*s.png", dot && dot != name ? (int) (dot - name) : (int) strlen(name), name);
+    const char *name = pell_path_name(cli->arguments[0]), *dot = strrchr(name, '.');
+    const int n = cli->output ? snprintf(job->output, sizeof(job->output), "%s", cli->output)
+                              : snprintf(job->output, sizeof(job->output), "%.*s.png", dot && dot != name ? (int) (dot - name) : 4000, name);
+
+    if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
+        return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);
+    return EXIT_OK;
 }
 
-/* "turn.png", 7 -> "turn_0007.png". */
-static void numbered(const char *path, int number, char *out, size_t size)
+static enum exit_code choose_format(struct cli *cli, struct job *job)
 {
-    const char *slash = strrchr(path, '/'), *dot = strrchr(path, '.');
-    if (!dot || (slash && dot < slash))
-        dot = path + strlen(path);
-    snprintf(out, size, "%.*s_%04d%s", (int) (dot - path), path, number, dot);
-}
+    const bool to_stdout = strcmp(job->output, "-") == 0;
+    size_t count = 0;
 
-static const char *format_of(const struct cli *cli, const char *path)
-{
-    if (cli->format)
-        return cli->format;
-    for (int i = 0; pell_write_formats[i]; i++)
-        if (pell_path_has_extension(path, pell_write_formats[i]))
-            return pell_write_formats[i];
-    return NULL;
-}
-
-static enum exit_code check_output(struct cli *cli, const char *path)
-{
-    const char *format = format_of(cli, path);
-    bool known = false;
-
-    if (!format)
-        return cli_usage(cli, "--output", strcmp(path, "-") == 0 ? "add --format png" : "the format follows from the name's ending, or from --format",
-                         "\"%s\", must end in .png, .exr, .hdr or .pfm", path);
-    for (int i = 0; pell_write_formats[i]; i++)
-        known = known || strcmp(format, pell_write_formats[i]) == 0;
-    if (!known)
-        return cli_usage(cli, "--format", NULL, "\"%s\", must be png, exr, hdr or pfm", format);
-    if (strcmp(path, "-") == 0 && (cli->json || cli->turntable > 0))
+    for (; pell_write_formats[count]; count++)
+        if (cli->format ? strcmp(cli->format, pell_write_formats[count]) == 0 : pell_path_has_extension(job->output, pell_write_formats[count]))
+            job->format = pell_write_formats[count];
+    if (!job->format && cli->format) {
+        const char *nearest = pell_nearest(cli->format, pell_write_formats, count);
+        char hint[64];
+        snprintf(hint, sizeof(hint), "did you mean %s?", nearest ? nearest : "");
+        return cli_usage(cli, "--format", nearest ? hint : NULL, "\"%s\", must be png, exr, hdr or pfm", cli->format);
+    }
+    if (!job->format)
+        return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",
+                         "\"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
+    if (to_stdout && (cli->json || cli->numbers.turntable > 0))
         return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s", cli->json ? "--json" : "--turntable");
     return EXIT_OK;
 }
 
-static enum pell_result write_picture(struct cli *cli, const struct session *s, const struct pell_picture *p, const char *path)
+/* What can be known before the work: writing itself decides. */
+static enum exit_code check_output(struct cli *cli, const struct job *job)
 {
-    const char *format = format_of(cli, path);
-    const bool png = strcmp(format, "png") == 0, transparent = s->scene->background == PELL_BACKGROUND_TRANSPARENT;
+    const char *path = job->output, *name = pell_path_name(path);
+    char folder[sizeof(job->output)];
+    struct stat out, in;
+
+    if (strcmp(path, "-") == 0)
+        return EXIT_OK;
+    if (stat(path, &out) == 0) {
+        if (S_ISDIR(out.st_mode))
+            return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "is a folder, must name a file"));
+        if (stat(cli->arguments[0], &in) == 0 && in.st_dev == out.st_dev && in.st_ino == out.st_ino)
+            return cli_usage(cli, "--output", NULL, "\"%s\" is the input", path);
+    }
+    snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path);
+    if (access(folder[0] ? folder : ".", W_OK) != 0)
+        return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "can't be written: its folder is not there, or is closed to you"));
+    return EXIT_OK;
+}
+
+/* "turn.png", 7 -> "turn_0007.png". */
+static void numbered(const char *path, int number, int count, char *out, size_t size)
+{
+    const char *dot = strrchr(pell_path_name(path), '.');
+    const int digits = count > 10000 ? 5 : 4;
+
+    if (!dot)
+        dot = path + strlen(path);
+    snprintf(out, size, "%.*s_%0*d%s", (int) (dot - path), path, digits, number, dot);
+}
+
+/* --- Writing ------------------------------------------------------------------------------------------------------------------ */
+
+static enum pell_result write_picture(struct cli *cli, const struct job *job, const char *path)
+{
+    const struct session *s = &job->session;
+    const struct pell_picture *p = &job->picture;
+    const bool png = strcmp(job->format, "png") == 0, transparent = s->scene->background == PELL_BACKGROUND_TRANSPARENT;
     const struct pell_channel display[4] = {
         { "R", p->display[0], p->stride, false },
         { "G", p->display[1], p->stride, false },
         { "B", p->display[2], p->stride, false },
         { "A", p->alpha, p->stride, false },
     };
-    char seed[32], exposure[32], seconds[32];
+    char seed[32], exposure[40], seconds[32], loading[32], scene[24], materials[24], device[160], knobs[2048], settings[1024];
+    /* The same command gives the same bytes of PNG: times and the machine are for EXR alone. */
     const struct pell_attribute attributes[] = {
         { "pellucid.version", pell_version() },
         { "pellucid.command", cli->command_line },
         { "pellucid.method", s->method ? s->method->name : "none" },
+        { "pellucid.knobs", knobs },
+        { "pellucid.settings", settings },
         { "pellucid.engine", pell_engine_name(pell_renderer_engine(s->renderer)) },
         { "pellucid.seed", seed },
         { "pellucid.exposure", exposure },
-        { "pellucid.seconds", seconds },
         { "pellucid.units", "linear Rec.709; radiance W/(m^2 sr), irradiance W/m^2, depth mm" },
+        { "pellucid.scene", scene },
+        { "pellucid.materials", materials },
+        { "pellucid.device", device },
+        { "pellucid.seconds", seconds },
+        { "pellucid.load_seconds", loading },
     };
 
+    cli_format_knobs(pell_settings_knobs, &s->settings, settings, sizeof(settings));
+    snprintf(knobs, sizeof(knobs), "none"); /* PNG knows no empty text */
+    if (s->method)
+        cli_format_knobs(s->method->knobs, s->knobs, knobs, sizeof(knobs));
+    cli_device_name(device, sizeof(device));
+    pell_format_number(p->exposure, true, exposure, sizeof(exposure));
     snprintf(seed, sizeof(seed), "%lld", (long long) s->settings.seed);
-    snprintf(exposure, sizeof(exposure), "%.9g", (double) p->exposure);
-    snprintf(seconds, sizeof(seconds), "%.3f", p->seconds);
-    return pell_image_write(cli->ctx, path, format,
+    snprintf(scene, sizeof(scene), "%016" PRIx64, job->scene_hash);
+    snprintf(materials, sizeof(materials), "%016" PRIx64, job->materials_hash);
+    snprintf(seconds, sizeof(seconds), "%.4f", p->seconds);
+    snprintf(loading, sizeof(loading), "%.4f", s->load_seconds);
+    return pell_image_write(cli->ctx, path, job->format,
                             &(struct pell_write_params) {
                                 .width = p->width,
                                 .height = p->height,
                                 .channels = png ? display : p->channels,
                                 .num_channels = png ? (transparent ? 4 : 3) : p->num_channels,
                                 .attributes = attributes,
-                                .num_attributes = PELL_COUNT(attributes),
+                                .num_attributes = PELL_COUNT(attributes) - (png ? EXR_ONLY : 0),
                                 .compression = PELL_EXR_PIZ,
                             });
 }
@@ -103,6 +158,23 @@ static void print_stats(const struct pell_picture *p)
     fprintf(stderr, "%-28s %9.2f\n", "frame", 1e3 * p->seconds);
 }
 
+static enum exit_code render_one(struct cli *cli, struct job *job, const char *path)
+{
+    enum pell_result res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->picture);
+
+    cli_progress_end(cli);
+    if (res == PELL_OK)
+        res = write_picture(cli, job, path);
+    if (res != PELL_OK)
+        return cli_failed(cli, res);
+    cli->pictures++;
+    if (cli->stats && !cli->json)
+        print_stats(&job->picture);
+    return EXIT_OK;
+}
+
+/* --- Turntable ---------------------------------------------------------------------------------------------------------------- */
+
 /* Turns the camera about the vertical axis through the middle of the bounds. */
 static void turn_camera(const struct pell_scene *scene, const struct pell_camera *from, double angle, struct pell_camera *to)
 {
@@ -115,72 +187,80 @@ static void turn_camera(const struct pell_scene *scene, const struct pell_camera
     vec3_store(mat4_direction(&turn, vec3_load(from->up)), to->up);
 }
 
-static enum exit_code render_one(struct cli *cli, struct session *s, const char *path, struct pell_picture *picture)
+static enum exit_code render_turntable(struct cli *cli, struct job *job)
 {
-    enum pell_result res = pell_renderer_render(s->renderer, &s->settings, picture);
+    struct pell_scene *scene = job->session.scene;
+    const struct pell_camera camera = scene->cameras[0];
+    const int count = cli->numbers.turntable;
+    char path[sizeof(job->output) + 16];
+    enum exit_code code = EXIT_OK;
 
-    cli_progress_end(cli);
-    if (res == PELL_OK)
-        res = write_picture(cli, s, picture, path);
-    if (res != PELL_OK)
-        return cli_failed(cli, res);
-    if (cli->stats && !cli->json)
-        print_stats(picture);
-    return EXIT_OK;
+    job->images = json_array();
+    cli->progress.parts = count;
+    for (int i = 0; i < count && code == EXIT_OK; i++) {
+        cli->progress.part = i;
+        turn_camera(scene, &camera, 2.0 * PELL_PI * i / count, &scene->cameras[0]);
+        numbered(job->output, i, count, path, sizeof(path));
+        code = render_one(cli, job, path);
+        json_array_append_new(job->images, cli_text(path));
+        cli_progress(cli, "render", 1.0);
+        job->session.settings.exposure = job->picture.exposure; /* or the pictures would flicker */
+    }
+    scene->cameras[0] = camera;
+    return code;
 }
 
-static enum exit_code answer(struct cli *cli, const struct session *s, const char *path, const struct pell_picture *p)
-{
-    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
+/* --- The command -------------------------------------------------------------------------------------------------------------- */
 
-    if (cli->json)
-        return cli_print_json(cli, json_pack("{s:s,s:s,s:s,s:i,s:i,s:f,s:f,s:i,s:f,s:o,s:O}", "image", path, "method", method, "engine", engine,
-                                             "width", p->width, "height", p->height, "seconds", p->seconds, "load_seconds", s->load_seconds,
-                                             "threads", pell_renderer_threads(s->renderer), "exposure", (double) p->exposure, "stages",
-                                             session_stages(p), "warnings", cli->warnings));
-    if (!cli->quiet)
-        fprintf(stderr, "%s: %d x %d, %s on engine %s (%d threads), %.2f s after %.2f s of loading\n", strcmp(path, "-") ? path : "stdout", p->width,
-                p->height, method, engine, pell_renderer_threads(s->renderer), p->seconds, s->load_seconds);
-    return EXIT_OK;
+static enum exit_code answer(struct cli *cli, const struct job *job)
+{
+    const struct session *s = &job->session;
+    const struct pell_picture *p = &job->picture;
+    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
+    const int threads = pell_renderer_threads(s->renderer);
+    char shown[256];
+    json_t *o;
+
+    if (!cli->json) {
+        if (!cli->quiet)
+            fprintf(stderr, "%s: %d x %d, %s on engine %s (%d threads), %.2f s after %.2f s of loading\n",
+                    strcmp(job->output, "-") ? pell_printable(job->output, shown, sizeof(shown)) : "stdout", p->width, p->height, method, engine,
+                    threads, p->seconds, s->load_seconds);
+        return EXIT_OK;
+    }
+    o = json_pack("{s:o,s:s,s:s,s:i,s:i,s:f,s:f,s:i,s:f,s:o,s:O}", "image",
+                  job->images ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1)) : cli_text(job->output), "method", method,
+                  "engine", engine, "width", p->width, "height", p->height, "seconds", p->seconds, "load_seconds", s->load_seconds, "threads",
+                  threads, "exposure", (double) p->exposure, "stages", session_stages(p), "warnings", cli->warnings);
+    if (o && job->images)
+        json_object_set(o, "images", job->images);
+    return cli_print_json(cli, o);
 }
 
 enum exit_code command_render(struct cli *cli)
 {
-    const char *input = cli->arguments[0];
-    struct pell_picture picture = { 0 };
-    struct session s = { 0 };
-    char path[4096], fallback[4096];
-    const char *output = cli->output;
-    enum exit_code code;
+    struct job job = { .format = NULL };
+    enum exit_code code = choose_output(cli, &job);
 
-    if (!output) {
-        default_output(input, fallback, sizeof(fallback));
-        output = fallback;
-    }
-    code = check_output(cli, output);
     if (code == EXIT_OK)
-        code = session_open(cli, input, &s);
+        code = choose_format(cli, &job);
+    if (code == EXIT_OK)
+        code = check_output(cli, &job);
+    if (code == EXIT_OK)
+        code = session_open(cli, cli->arguments[0], &job.session);
     if (code == EXIT_OK) {
-        s.settings.layers = strcmp(format_of(cli, output), "exr") == 0;
-        if ((code = cli_failed(cli, pell_renderer_check_range(s.renderer, &s.settings))) != EXIT_OK)
-            goto out;
-    }
-    if (code == EXIT_OK && cli->turntable == 0) {
-        snprintf(path, sizeof(path), "%s", output);
-        code = render_one(cli, &s, path, &picture);
-    } else if (code == EXIT_OK) {
-        const struct pell_camera camera = s.scene->cameras[0];
-        for (int i = 0; i < cli->turntable && code == EXIT_OK; i++) {
-            turn_camera(s.scene, &camera, 2.0 * PELL_PI * i / cli->turntable, &s.scene->cameras[0]);
-            numbered(output, i, path, sizeof(path));
-            code = render_one(cli, &s, path, &picture);
-            cli_progress(cli, "turntable", (double) (i + 1) / cli->turntable);
+        job.session.settings.layers = strcmp(job.format, "exr") == 0;
+        if (job.session.settings.layers) {
+            job.scene_hash = cli_hash_scene(job.session.scene);
+            job.materials_hash = cli_hash_materials(job.session.scene);
         }
-        cli_progress_end(cli);
+        code = cli_failed(cli, pell_renderer_check_range(job.session.renderer, &job.session.settings));
     }
     if (code == EXIT_OK)
-        code = answer(cli, &s, path, &picture);
-out:
-    session_close(cli, &s);
+        code = cli->numbers.turntable > 0 ? render_turntable(cli, &job) : render_one(cli, &job, job.output);
+    if (code == EXIT_OK)
+        code = answer(cli, &job);
+    json_decref(job.images);
+    session_close(&job.session);
     return code;
 }

@@ -8,58 +8,68 @@
 #include <unistd.h>
 
 static const struct command commands[] = {
-    { "render", "INPUT", "one picture of a scene or a mesh",
-      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, or a scene file (.json). A plain mesh needs no scene file: it gets a camera that\n"
-      "frames it, a studio of three soft lights, a grey backdrop and, with --material, something to be made of.\n"
+    { "render", "INPUT", "one picture of a scene or a mesh, or a turntable of them",
+      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, or a scene file (.json). A plain mesh needs no scene file: it gets a camera that frames "
+      "it, a studio of three soft lights, a grey backdrop and, with --material, something to be made of.\n"
       "\n"
-      "glTF says its unit (the metre). OBJ and PLY don't: say how large the thing is (--size 70mm, its largest extent) or what one\n"
-      "unit of the file is (--unit 1mm), since how deep light goes into a thing depends on it.\n"
+      "glTF says its unit (the metre). OBJ and PLY don't: say how large the thing is (--size 70mm, its largest extent) or what one unit of "
+      "the file is (--unit 1mm), since how deep light goes into a thing depends on it.\n"
       "\n"
-      "Examples\n"
+      "Options of the command line win over those of a scene file. PNG shows the exposed picture; EXR, HDR and PFM hold linear radiance "
+      "without exposure, and EXR also holds all layers.\n",
       "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n"
-      "  pellucid render bunny.obj --material wholemilk --size 70mm -m none -o plain.png    without scattering, to compare\n"
-      "  pellucid render head.gltf --material skin --set gaussians=6 -o head.exr           with all layers\n"
-      "  pellucid render scene.json --width 1920 --height 1080 --msaa 8 --stats\n",
-      OPTIONS_OUTPUT | OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE, 1, 1, command_render },
+      "  pellucid render bunny.obj --material wholemilk --size 70mm -m none -o plain.png  # unscattered\n"
+      "  pellucid render head.gltf --material skin --set gaussians=6 -o head.exr          # with layers\n"
+      "  pellucid render scene.json --width 1920 --height 1080 --msaa 8 --stats\n"
+      "  pellucid render scene.json --turntable 4 -o turn.png     # turn_0000.png, turn_0001.png, ...\n",
+      OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_ENGINE, 1, 1, command_render },
     { "check", "INPUT", "what a scene holds, and every problem; renders nothing",
-      "Reads INPUT as `render` would, and reports its objects, materials, size and problems: open or turned surfaces, a scale that\n"
-      "can't be meant, media that the object is too thin for. Exit code 3 if a problem is an error.\n"
-      "\n"
-      "Example\n"
-      "  pellucid check bunny.obj --size 70mm --material wholemilk\n",
-      OPTIONS_OUTPUT | OPTIONS_SCENE, 1, 1, command_check },
-    { "methods", "[NAME]", "the methods, or all about one: its knobs, its paper, its limits",
-      "Examples\n"
+      "Reads INPUT as `render` would, and reports its objects, materials, size and problems: open or turned surfaces, a scale that can't be "
+      "meant, media that the object is too thin for. Exit code 3 if INPUT can't be read or a problem is an error.\n",
+      "  pellucid check bunny.obj --size 70mm --material wholemilk\n"
+      "  pellucid check scene.json --json\n",
+      OPTIONS_SCENE, 1, 1, command_check },
+    { "methods", "[NAME]", "the methods, or all about one: its knobs, its paper, its limits", "",
       "  pellucid methods\n"
       "  pellucid methods screen-space\n"
       "  pellucid methods --json\n",
-      OPTIONS_OUTPUT, 0, 1, command_methods },
-    { "materials", "[NAME]", "the built-in materials, or all about one and where each number comes from",
-      "Examples\n"
+      0, 0, 1, command_methods },
+    { "materials", "[NAME]", "the built-in materials, or one and where its numbers come from", "",
       "  pellucid materials\n"
       "  pellucid materials wholemilk\n",
-      OPTIONS_OUTPUT, 0, 1, command_materials },
+      0, 0, 1, command_materials },
     { "bench", "[WHAT]", "times of the stages on this machine",
-      "Renders the scene bench/WHAT.json cold and warm and prints a row per stage: milliseconds, pixels, bytes, and the time of copying\n"
-      "the same bytes, measured in the same run. WHAT is a name (screen-space) or a scene file of your own.\n"
-      "\n"
-      "Examples\n"
+      "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same bytes, "
+      "measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of the "
+      "bench folder (screen-space) or a scene file of your own.\n",
       "  pellucid bench\n"
       "  pellucid bench screen-space --threads 1 --json\n",
-      OPTIONS_OUTPUT | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
-    { "info", "", "engines, devices, limits, SIMD level, build", "Example\n  pellucid info --json\n", OPTIONS_OUTPUT | OPTIONS_ENGINE, 0, 0, command_info },
+      OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
+    { "info", "", "engines, devices, limits, formats, SIMD level, build", "",
+      "  pellucid info\n"
+      "  pellucid info --json\n",
+      OPTIONS_ENGINE, 0, 0, command_info },
 };
 
-static struct pell_context *interrupted_context;
+static struct pell_context *volatile interrupted_context;
 static volatile sig_atomic_t interruptions;
 
 static void on_signal(int signal)
 {
     (void) signal;
-    if (interruptions++ > 0)
+    if (interruptions)
         _exit(EXIT_INTERRUPTED);
+    interruptions = 1;
     if (interrupted_context)
         pell_context_cancel(interrupted_context);
+}
+
+/* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
+static void catch_signal(int number)
+{
+    struct sigaction action = { .sa_handler = on_signal }, old;
+    if (sigaction(number, NULL, &old) == 0 && old.sa_handler != SIG_IGN)
+        sigaction(number, &action, NULL);
 }
 
 static void print_usage(FILE *file)
@@ -75,7 +85,8 @@ static void print_usage(FILE *file)
           "  --version          the version\n\n"
           "Start here\n"
           "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n\n"
-          "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not there, 5 out of memory, 130 interrupted.\n",
+          "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not there,\n"
+          "5 out of memory, 130 interrupted.\n",
           file);
 }
 
@@ -90,46 +101,56 @@ static const struct command *find_command(const char *name)
 static enum exit_code unknown_command(struct cli *cli, const char *name)
 {
     const char *names[PELL_COUNT(commands)], *nearest;
-    char shown[64], hint[160] = "`pellucid --help` lists them";
+    char hint[160] = "`pellucid --help` lists them";
 
     for (size_t i = 0; i < PELL_COUNT(commands); i++)
         names[i] = commands[i].name;
     nearest = pell_nearest(name, names, PELL_COUNT(names));
     if (nearest)
         snprintf(hint, sizeof(hint), "did you mean `pellucid %s`?", nearest);
-    return cli_usage(cli, "pellucid", hint, "there is no command \"%s\"", pell_printable(name, shown, sizeof(shown)));
+    return cli_usage(cli, "pellucid", hint, "there is no command \"%s\"", name);
 }
 
-static enum exit_code run(struct cli *cli, int argc, const char **argv)
+/* --help, --version and their like. EXIT_OK and *done, or the command's row. */
+static enum exit_code choose_command(struct cli *cli, int argc, const char **argv, bool *done)
 {
-    struct sigaction action = { .sa_handler = on_signal };
-    enum pell_result res;
-    enum exit_code code;
-    bool done = false;
+    const char *first = argc > 1 ? argv[1] : "", *about = argc > 2 ? argv[2] : NULL;
 
+    *done = true;
     if (argc < 2) {
         print_usage(stderr);
         return EXIT_USAGE;
     }
-    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0) {
-        const struct command *about = argc > 2 ? find_command(argv[2]) : NULL;
+    if (strcmp(first, "--version") == 0) {
+        printf("pellucid %s\n", pell_version());
+        return EXIT_OK;
+    }
+    if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0 || strcmp(first, "help") == 0) {
+        if (about && !find_command(about))
+            return unknown_command(cli, about);
         if (about)
-            cli_print_help(about, stdout);
+            cli_print_help(find_command(about), stdout);
         else
             print_usage(stdout);
         return EXIT_OK;
     }
-    if (strcmp(argv[1], "--version") == 0) {
-        printf("pellucid %s\n", pell_version());
-        return EXIT_OK;
-    }
-    cli->command = find_command(argv[1]);
-    if (!cli->command) {
-        for (int i = 2; i < argc; i++)
-            cli->json = cli->json || strcmp(argv[i], "--json") == 0;
-        return unknown_command(cli, argv[1]);
-    }
-    code = cli_parse(cli, argc - 1, argv + 1, &done);
+    *done = false;
+    cli->command = find_command(first);
+    return cli->command ? EXIT_OK : unknown_command(cli, first);
+}
+
+static enum exit_code run(struct cli *cli, int argc, const char **argv)
+{
+    enum exit_code code;
+    bool done = false;
+    enum pell_result res;
+
+    /* Errors of the command line itself are answered as JSON, too. */
+    for (int i = 1; i < argc; i++)
+        cli->json = cli->json || strcmp(argv[i], "--json") == 0;
+    code = choose_command(cli, argc, argv, &done);
+    if (code == EXIT_OK && !done)
+        code = cli_parse(cli, argc - 1, argv + 1, &done);
     if (code != EXIT_OK || done)
         return code;
 
@@ -137,7 +158,7 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
         &(struct pell_context_params) {
             .log = cli_message,
             .log_user = cli,
-            .log_level = cli->log_level,
+            .log_level = cli->log_level > PELL_LOG_WARNING ? cli->log_level : PELL_LOG_WARNING, /* for the answer in JSON */
             .progress = cli_progress,
             .progress_user = cli,
             .limits = &cli->limits,
@@ -146,14 +167,13 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
     if (res != PELL_OK)
         return cli_failed(cli, res);
     interrupted_context = cli->ctx;
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
+    catch_signal(SIGINT);
+    catch_signal(SIGTERM);
+    signal(SIGPIPE, SIG_IGN); /* a write that fails says so */
+    signal(SIGXFSZ, SIG_IGN);
 
     code = cli->command->run(cli);
     cli_progress_end(cli);
-    if (fflush(stdout) != 0 && code == EXIT_OK)
-        code = EXIT_FAILED;
     interrupted_context = NULL;
     pell_context_destroy(&cli->ctx);
     return code;
@@ -161,19 +181,27 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
 
 int main(int argc, char **argv)
 {
-    struct cli cli = { .log_level = PELL_LOG_INFO };
+    struct cli cli = { .log_level = PELL_LOG_INFO, .progress = { .begin = pell_seconds(), .last = pell_seconds() } };
+    const char *term = getenv("TERM"), *no_color = getenv("NO_COLOR");
+    const bool color = !(no_color && no_color[0]) && !(term && strcmp(term, "dumb") == 0);
     enum exit_code code;
 
     cli.tty = isatty(STDERR_FILENO) == 1;
-    cli.color = cli.tty && !(getenv("NO_COLOR") && getenv("NO_COLOR")[0]) && !(getenv("TERM") && strcmp(getenv("TERM"), "dumb") == 0);
+    cli.color_err = color && cli.tty;
+    cli.color_out = color && isatty(STDOUT_FILENO) == 1;
     cli.warnings = json_array();
     pell_knobs_default(pell_limit_knobs, &cli.limits);
     code = run(&cli, argc, (const char **) argv);
     if (code != EXIT_OK)
-        cli_print_json_error(&cli);
-    if (code == EXIT_INTERRUPTED && !cli.quiet)
+        cli_print_json_error(&cli, code);
+    if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.pictures)
+        fprintf(stderr, "interrupted; written before: %d pictures\n", cli.pictures);
+    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
         fputs("interrupted; nothing was written\n", stderr);
+    if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
+        fputs("the answer can't be written to stdout\n", stderr);
+        code = EXIT_FAILED;
+    }
     cli_finish(&cli);
-    json_decref(cli.warnings);
     return (int) code;
 }

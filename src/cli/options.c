@@ -6,112 +6,145 @@
 #include <popt.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
-enum option_code {
-    OPT_SET = 1,
-    OPT_LIMIT,
-    OPT_LOG_LEVEL,
-    OPT_HELP,
-    OPT_SETTING, /* + index of the row in pell_settings_knobs */
+#define NUMBER(field) offsetof(struct cli, numbers.field) - offsetof(struct cli, numbers)
+static const struct pell_knob number_knobs[] = {
+    { "threads", PELL_KNOB_INT, "1", NUMBER(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },
+    { "turntable", PELL_KNOB_INT, "1", NUMBER(turntable), { 0 }, 0, 100000, NULL,
+      "so many pictures round the thing, numbered before the name's ending, all exposed as the first; 0: one picture" },
+    { "repeats", PELL_KNOB_INT, "1", NUMBER(repeats), { 15 }, 1, 10000, NULL, "warm frames to take the median of" },
+    {0}
+};
+#undef NUMBER
+
+enum kind { HELP, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING };
+
+struct option {
+    unsigned groups; /* any of them */
+    char letter;
+    const char *name, *argument, *help;
+    enum kind kind;
+    size_t offset;                /* FLAG, TEXT: of the field in struct cli */
+    const struct pell_knob *knob; /* NUMBER, SETTING: its row, which has the help, too */
 };
 
-struct option_row {
-    enum option_group group;
-    struct poptOption option;
+#define AT(field) offsetof(struct cli, field)
+static const struct option options[] = {
+    { OPTIONS_SCENE, 0, "material", "NAME|FILE", "what everything is made of: a built-in name (`pellucid materials`) or a material file", TEXT,
+      AT(material), NULL },
+    { OPTIONS_SCENE, 0, "size", "LENGTH", "the largest extent of the thing, with its unit: 70mm", TEXT, AT(size), NULL },
+    { OPTIONS_SCENE, 0, "unit", "LENGTH", "what one unit of the mesh file is: 1mm", TEXT, AT(unit), NULL },
+    { OPTIONS_SCENE, 0, "camera", "NAME", "a camera of the file; otherwise its first, or one that frames the thing", TEXT, AT(camera), NULL },
+    { OPTIONS_SCENE, 0, "time", "SECONDS", "time of the animation; animation is not read yet, so only 0 is allowed", TEXT, AT(time), NULL },
+    { OPTIONS_SCENE | OPTIONS_BENCH, 0, "allow-outside", NULL, "let files refer to files outside the scene's folder", FLAG, AT(allow_outside),
+      NULL },
+    { OPTIONS_SCENE | OPTIONS_BENCH, 0, "limit", "NAME=VALUE", "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0,
+      NULL },
+    { OPTIONS_METHOD, 'm', "method", "NAME", "how light is scattered (`pellucid methods`); none: not at all", TEXT, AT(method), NULL },
+    { OPTIONS_METHOD, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0, NULL },
+    { OPTIONS_FILE, 'o', "output", "FILE",
+      "png, exr, hdr or pfm by its ending; - writes to stdout; otherwise INPUT's name with .png, in the current folder", TEXT, AT(output),
+      NULL },
+    { OPTIONS_FILE, 0, "format", "FORMAT", "png, exr, hdr or pfm, whatever the name ends in", TEXT, AT(format), NULL },
+    { OPTIONS_FILE, 0, "turntable", "N", NULL, NUMBER, 0, &number_knobs[1] },
+    { OPTIONS_FILE, 0, "stats", NULL, "a table of the stages' times on stderr", FLAG, AT(stats), NULL },
+    { OPTIONS_BENCH, 0, "repeats", "N", NULL, NUMBER, 0, &number_knobs[2] },
+    { OPTIONS_ENGINE, 0, "engine", "NAME", "auto, cpu or vulkan", TEXT, AT(engine), NULL },
+    { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
+    { OPTIONS_ENGINE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
+    { OPTIONS_ALL, 0, "json", NULL, "the answer as one JSON object on stdout", FLAG, AT(json), NULL },
+    { OPTIONS_ALL, 'q', "quiet", NULL, "errors only on stderr", FLAG, AT(quiet), NULL },
+    { OPTIONS_ALL, 0, "log-level", "LEVEL", "none, error, warning, info or debug; info otherwise", LEVEL, 0, NULL },
+    { OPTIONS_ALL, 'h', "help", NULL, "this text", HELP, 0, NULL },
 };
+#undef AT
 
 #define MAX_OPTIONS 64
 
-static size_t fill_table(struct cli *cli, unsigned groups, struct poptOption table[MAX_OPTIONS])
+/* The options that a command takes: the rows of its groups, then the knobs of the picture. */
+static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
 {
-    const struct option_row rows[] = {
-        { OPTIONS_OUTPUT, { "help", 'h', POPT_ARG_NONE, NULL, OPT_HELP, "this text", NULL } },
-        { OPTIONS_SCENE, { "material", 0, POPT_ARG_STRING, &cli->material, 0, "what everything is made of: a built-in name (`pellucid materials`) or a material file", "NAME|FILE" } },
-        { OPTIONS_SCENE, { "size", 0, POPT_ARG_STRING, &cli->size, 0, "the largest extent of the thing, with its unit", "70mm" } },
-        { OPTIONS_SCENE, { "unit", 0, POPT_ARG_STRING, &cli->unit, 0, "what one unit of the mesh file is", "1mm" } },
-        { OPTIONS_SCENE, { "camera", 0, POPT_ARG_STRING, &cli->camera, 0, "a camera of the file; default its first, else framing", "NAME" } },
-        { OPTIONS_SCENE, { "time", 0, POPT_ARG_STRING, &cli->time, 0, "time of the animation (only 0 yet)", "SECONDS" } },
-        { OPTIONS_SCENE, { "allow-outside", 0, POPT_ARG_NONE, &cli->allow_outside, 0, "let files refer to files outside the scene's folder", NULL } },
-        { OPTIONS_SCENE, { "limit", 0, POPT_ARG_STRING, NULL, OPT_LIMIT, "raise or lower a limit (`pellucid info` lists them)", "NAME=VALUE" } },
-        { OPTIONS_METHOD, { "method", 'm', POPT_ARG_STRING, &cli->method, 0, "how light is scattered; none: not at all", "NAME" } },
-        { OPTIONS_METHOD, { "set", 0, POPT_ARG_STRING, NULL, OPT_SET, "a knob of the method (`pellucid methods NAME`), repeatable", "KNOB=VALUE" } },
-        { OPTIONS_PICTURE, { "output", 'o', POPT_ARG_STRING, &cli->output, 0, "png, exr, hdr or pfm by its ending; - writes to stdout (default: INPUT's name with .png)", "FILE" } },
-        { OPTIONS_PICTURE, { "format", 0, POPT_ARG_STRING, &cli->format, 0, "png, exr, hdr or pfm, whatever the name ends in", "FORMAT" } },
-        { OPTIONS_PICTURE, { "turntable", 0, POPT_ARG_INT, &cli->turntable, 0, "N pictures round the thing; numbers go into the output's name", "N" } },
-        { OPTIONS_PICTURE, { "stats", 0, POPT_ARG_NONE, &cli->stats, 0, "a table of the stages' times", NULL } },
-        { OPTIONS_BENCH, { "repeats", 0, POPT_ARG_INT, &cli->repeats, 0, "warm frames to take the median of (default 15)", "N" } },
-        { OPTIONS_ENGINE, { "engine", 0, POPT_ARG_STRING, &cli->engine, 0, "auto, cpu or vulkan", "NAME" } },
-        { OPTIONS_ENGINE, { "device", 0, POPT_ARG_STRING, &cli->device, 0, "which Vulkan device", "N|NAME" } },
-        { OPTIONS_ENGINE, { "threads", 0, POPT_ARG_INT, &cli->threads, 0, "threads to work with; 0: one per core", "N" } },
-        { OPTIONS_OUTPUT, { "json", 0, POPT_ARG_NONE, &cli->json, 0, "the answer as one JSON object on stdout", NULL } },
-        { OPTIONS_OUTPUT, { "quiet", 'q', POPT_ARG_NONE, &cli->quiet, 0, "errors only", NULL } },
-        { OPTIONS_OUTPUT, { "log-level", 0, POPT_ARG_STRING, NULL, OPT_LOG_LEVEL, "error, warning, info or debug", "LEVEL" } },
-    };
     size_t n = 0;
 
-    for (size_t i = 0; i < PELL_COUNT(rows); i++)
-        if ((groups | OPTIONS_OUTPUT) & rows[i].group)
-            table[n++] = rows[i].option;
-    if (groups & OPTIONS_PICTURE)
-        for (size_t i = 0; pell_settings_knobs[i].name && n + 1 < MAX_OPTIONS; i++) {
-            const struct pell_knob *k = &pell_settings_knobs[i];
-            if (strcmp(k->name, "layers") == 0)
-                continue; /* follows from the format */
-            table[n++] = (struct poptOption) { k->name, 0, POPT_ARG_STRING, NULL, OPT_SETTING + (int) i, k->help,
-                                               k->type == PELL_KNOB_ENUM ? "NAME" : "N" };
-        }
-    table[n] = (struct poptOption) POPT_TABLEEND;
+    for (size_t i = 0; i < PELL_COUNT(options); i++)
+        if ((groups | OPTIONS_ALL) & options[i].groups)
+            list[n++] = options[i];
+    for (const struct pell_knob *k = pell_settings_knobs; (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
+        if (strcmp(k->name, "layers") != 0) /* follows from the format */
+            list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
     return n;
 }
 
-static void print_range(const struct pell_knob *k, FILE *file)
+/* --- Help --------------------------------------------------------------------------------------------------------------------- */
+
+static void describe(const struct option *o, char *text, size_t size)
 {
-    if (k->type == PELL_KNOB_ENUM)
-        for (int i = 0; k->choices[i]; i++)
-            fprintf(file, "%s%s%s", i ? ", " : "; ", k->choices[i], i == (int) k->def[0] ? " (default)" : "");
-    else if (k->type != PELL_KNOB_BOOL)
-        fprintf(file, "; %g to %g%s%s, default %g", k->min, k->max, strcmp(k->unit, "1") ? " " : "", strcmp(k->unit, "1") ? k->unit : "", k->def[0]);
+    const struct pell_knob *k = o->knob;
+    char low[40], high[40], def[40];
+    size_t n;
+
+    snprintf(text, size, "%s", k ? k->help : o->help);
+    if (!k)
+        return;
+    n = strlen(text);
+    if (k->type == PELL_KNOB_ENUM) {
+        for (int i = 0; k->choices[i] && n < size; i++)
+            n += (size_t) snprintf(text + n, size - n, "%s%s%s", i ? ", " : "; ", k->choices[i], i == (int) k->def[0] ? " (default)" : "");
+        return;
+    }
+    snprintf(text + n, size - n, "; %s to %s%s%s, default %s", pell_format_number(k->min, false, low, sizeof(low)),
+             pell_format_number(k->max, false, high, sizeof(high)), strcmp(k->unit, "1") ? " " : "", strcmp(k->unit, "1") ? k->unit : "",
+             pell_format_number(k->def[0], false, def, sizeof(def)));
 }
 
 void cli_print_help(const struct command *command, FILE *file)
 {
-    struct cli none = { 0 };
-    struct poptOption table[MAX_OPTIONS];
-    const size_t n = fill_table(&none, command->options, table);
+    struct option list[MAX_OPTIONS];
+    const size_t n = list_options(command->options, list);
 
-    fprintf(file, "pellucid %s - %s\n\nusage: pellucid %s %s%s[OPTIONS]\n\n%s\nOptions\n", command->name, command->summary, command->name,
-            command->arguments, command->arguments[0] ? " " : "", command->text);
+    fprintf(file, "pellucid %s - %s\n\nusage: pellucid %s %s%s[OPTIONS]\n\n", command->name, command->summary, command->name, command->arguments,
+            command->arguments[0] ? " " : "");
+    cli_wrap(file, 0, 0, command->text);
+    fprintf(file, "\nExamples\n%s\nOptions\n", command->examples);
     for (size_t i = 0; i < n; i++) {
-        char head[64];
-        snprintf(head, sizeof(head), "%s%c%s--%s%s%s", table[i].shortName ? "-" : "", table[i].shortName ? table[i].shortName : ' ',
-                 table[i].shortName ? ", " : "   ", table[i].longName, table[i].argDescrip ? " " : "",
-                 table[i].argDescrip ? table[i].argDescrip : "");
-        fprintf(file, "  %-32s %s", head, table[i].descrip);
-        if (table[i].val >= OPT_SETTING)
-            print_range(&pell_settings_knobs[table[i].val - OPT_SETTING], file);
-        fputc('\n', file);
+        char head[64], text[512];
+        const char letter[5] = { '-', list[i].letter, ',', ' ', '\0' };
+        const int width = snprintf(head, sizeof(head), "  %s--%s%s%s", list[i].letter ? letter : "    ", list[i].name,
+                                   list[i].argument ? " " : "", list[i].argument ? list[i].argument : "");
+        describe(&list[i], text, sizeof(text));
+        fprintf(file, "%-29s ", head);
+        cli_wrap(file, width > 29 ? width + 1 : 30, 30, text);
     }
 }
 
-enum pell_result cli_add_setting(struct cli *cli, struct settings_list *list, const char *name, const char *value, const char *where)
+void cli_format_knobs(const struct pell_knob *knobs, const void *values, char *text, size_t size)
 {
-    struct pell_setting *grown;
-    (void) cli;
+    size_t n = 0;
+
+    text[0] = '\0';
+    for (const struct pell_knob *k = knobs; k->name && n < size; k++) {
+        char value[128];
+        n += (size_t) snprintf(text + n, size - n, "%s%s=%s", n ? " " : "", k->name, pell_knob_format(k, values, value, sizeof(value)));
+    }
+}
+
+/* --- What an option keeps ----------------------------------------------------------------------------------------------------- */
+
+enum pell_result cli_add_setting(struct settings_list *list, const char *name, const char *value, const char *where)
+{
+    struct pell_setting *s;
 
     if (list->count == list->capacity) {
         const size_t capacity = list->capacity ? 2 * list->capacity : 16;
-        grown = realloc(list->items, capacity * sizeof(*grown));
+        struct pell_setting *grown = realloc(list->items, capacity * sizeof(*grown));
         if (!grown)
             return PELL_ERR_NOMEM;
         list->items = grown;
         list->capacity = capacity;
     }
-    name = strdup(name);
-    value = strdup(value);
-    where = strdup(where);
-    list->items[list->count++] = (struct pell_setting) { name, value, where };
-    return name && value && where ? PELL_OK : PELL_ERR_NOMEM;
+    s = &list->items[list->count++];
+    *s = (struct pell_setting) { strdup(name), strdup(value), strdup(where) };
+    return s->name && s->value && s->where ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 void cli_free_settings(struct settings_list *list)
@@ -127,29 +160,27 @@ void cli_free_settings(struct settings_list *list)
 
 void cli_finish(struct cli *cli)
 {
-    const char **texts[] = { &cli->output, &cli->format, &cli->method, &cli->material, &cli->size, &cli->unit, &cli->camera, &cli->engine,
-                             &cli->device, &cli->time, &cli->command_line };
-
-    for (size_t i = 0; i < PELL_COUNT(texts); i++)
-        free((char *) *texts[i]);
+    for (size_t i = 0; i < PELL_COUNT(options); i++)
+        if (options[i].kind == TEXT)
+            free(*(char **) ((char *) cli + options[i].offset));
     for (int i = 0; i < cli->num_arguments; i++)
-        free((char *) cli->arguments[i]);
+        free(cli->arguments[i]);
     free(cli->arguments);
     cli_free_settings(&cli->knobs);
     cli_free_settings(&cli->settings);
+    json_decref(cli->warnings);
 }
 
-/* "NAME=VALUE" of --set and --limit. */
-static enum exit_code add_pair(struct cli *cli, struct settings_list *list, const char *option, const char *text)
+/* Splits "NAME=VALUE" at its first '='. */
+static enum exit_code split(struct cli *cli, const char *option, char *text, const char **value)
 {
-    const char *equals = strchr(text, '=');
-    char name[128];
+    char *equals = strchr(text, '=');
 
-    if (!equals || equals == text || (size_t) (equals - text) >= sizeof(name))
-        return cli_usage(cli, option, "write it as NAME=VALUE", "\"%s\" names no value", text);
-    memcpy(name, text, (size_t) (equals - text));
-    name[equals - text] = '\0';
-    return cli_add_setting(cli, list, name, equals + 1, option) == PELL_OK ? EXIT_OK : EXIT_MEMORY;
+    if (!equals || equals == text)
+        return cli_usage(cli, option, NULL, "\"%s\", must be NAME=VALUE", text);
+    *equals = '\0';
+    *value = equals + 1;
+    return EXIT_OK;
 }
 
 static enum exit_code set_log_level(struct cli *cli, const char *text)
@@ -160,125 +191,169 @@ static enum exit_code set_log_level(struct cli *cli, const char *text)
             cli->log_level = (enum pell_log_level) i;
             return EXIT_OK;
         }
-    return cli_usage(cli, "--log-level", NULL, "\"%s\", must be error, warning, info or debug", text);
+    return cli_usage(cli, "--log-level", NULL, "\"%s\", must be none, error, warning, info or debug", text);
 }
 
-static enum exit_code handle(struct cli *cli, int code, const char *text)
+/* `ctx` only reports. */
+static enum exit_code take(struct cli *cli, struct pell_context *ctx, const struct option *o, char *text)
 {
-    if (code == OPT_SET)
-        return add_pair(cli, &cli->knobs, "--set", text);
-    if (code == OPT_LIMIT) {
-        struct settings_list one = { 0 };
-        enum exit_code result = add_pair(cli, &one, "--limit", text);
-        if (result == EXIT_OK) {
-            /* No context yet: a small one, only to report. */
-            struct pell_context *ctx;
-            if (pell_context_create(&(struct pell_context_params) { .log = cli_message, .log_user = cli }, &ctx) != PELL_OK) {
-                result = EXIT_MEMORY;
-            } else {
-                if (pell_knob_set(ctx, pell_limit_knobs, "limits", "--limit", &cli->limits, one.items[0].name, one.items[0].value) != PELL_OK)
-                    result = EXIT_USAGE;
-                pell_context_destroy(&ctx);
-            }
-        }
-        cli_free_settings(&one);
-        return result;
+    char where[64];
+    const char *value = NULL;
+    char **field = (char **) ((char *) cli + o->offset);
+    enum exit_code code = EXIT_OK;
+    enum pell_result res = PELL_OK;
+
+    snprintf(where, sizeof(where), "--%s", o->name);
+    switch (o->kind) {
+    case HELP: break;
+    case FLAG: *(bool *) ((char *) cli + o->offset) = true; break;
+    case LEVEL: return set_log_level(cli, text);
+    case TEXT:
+        free(*field);
+        *field = strdup(text);
+        res = *field ? PELL_OK : PELL_ERR_NOMEM;
+        break;
+    case KNOB:
+        if ((code = split(cli, where, text, &value)) == EXIT_OK)
+            res = cli_add_setting(&cli->knobs, text, value, where);
+        break;
+    case LIMIT:
+        if ((code = split(cli, where, text, &value)) == EXIT_OK)
+            res = pell_knob_set(ctx, pell_limit_knobs, "limits", where, &cli->limits, text, value);
+        break;
+    case NUMBER: res = pell_knob_set(ctx, o->knob, "pellucid", where, &cli->numbers, o->name, text); break;
+    case SETTING: res = cli_add_setting(&cli->settings, o->name, text, where); break;
     }
-    if (code == OPT_LOG_LEVEL)
-        return set_log_level(cli, text);
-    if (code >= OPT_SETTING) {
-        const struct pell_knob *k = &pell_settings_knobs[code - OPT_SETTING];
-        char where[64];
-        snprintf(where, sizeof(where), "--%s", k->name);
-        return cli_add_setting(cli, &cli->settings, k->name, text, where) == PELL_OK ? EXIT_OK : EXIT_MEMORY;
-    }
-    return EXIT_OK;
+    return code != EXIT_OK ? code : cli_failed(cli, res);
 }
 
-/* The nearest option to one that popt did not know, as a hint. */
-static enum exit_code unknown_option(struct cli *cli, const char *bad, int error, const struct poptOption *table, size_t n)
+/* --- The command line --------------------------------------------------------------------------------------------------------- */
+
+/* What popt did not take, with the nearest option as a hint. */
+static enum exit_code refuse(struct cli *cli, const char *bad, int error, const struct option *list, size_t n)
 {
-    const char *names[MAX_OPTIONS], *nearest, *name = bad;
+    const char *names[MAX_OPTIONS], *nearest = NULL, *name = bad;
     char hint[200];
 
     for (size_t i = 0; i < n; i++)
-        names[i] = table[i].longName;
+        names[i] = list[i].name;
     while (*name == '-')
         name++;
-    nearest = error == POPT_ERROR_BADOPT ? pell_nearest(name, names, n) : NULL;
+    if (error == POPT_ERROR_BADOPT) {
+        char word[64];
+        snprintf(word, sizeof(word), "%.*s", (int) (strcspn(name, "=") < 63 ? strcspn(name, "=") : 63), name);
+        nearest = pell_nearest(word, names, n);
+    }
     if (nearest)
         snprintf(hint, sizeof(hint), "did you mean --%s?", nearest);
     else
         snprintf(hint, sizeof(hint), "`pellucid %s --help` lists the options", cli->command->name);
-    return cli_usage(cli, bad, hint, "%s", poptStrerror(error));
+    return cli_usage(cli, bad, hint, "%s",
+                     error == POPT_ERROR_BADOPT  ? "there is no such option"
+                     : error == POPT_ERROR_NOARG ? "needs a value"
+                                                 : poptStrerror(error));
 }
 
-static char *join_command(int argc, const char **argv)
+static void add_word(char *line, size_t size, size_t *n, const char *word, size_t length)
 {
-    size_t size = 16;
-    char *line;
+    for (size_t i = 0; i < length && *n + 1 < size; i++)
+        line[(*n)++] = word[i];
+    line[*n] = '\0';
+}
 
-    for (int i = 0; i < argc; i++)
-        size += strlen(argv[i]) + 1;
-    line = malloc(size);
-    if (!line)
-        return NULL;
-    strcpy(line, "pellucid");
+/* The command line as a shell would take it, for metadata. A path of this machine says nothing to others: its name alone is kept. */
+static void keep_command_line(struct cli *cli, int argc, const char **argv)
+{
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./:=,+-@%#";
+    const size_t size = sizeof(cli->command_line);
+    size_t n = 0;
+
+    add_word(cli->command_line, size, &n, "pellucid", 8);
     for (int i = 0; i < argc; i++) {
-        /* A path of this machine says nothing to others: its name alone is kept. */
-        const char *name = argv[i][0] == '/' && strrchr(argv[i], '/')[1] ? strrchr(argv[i], '/') + 1 : argv[i];
-        strcat(line, " ");
-        strcat(line, name);
+        const char *equals = argv[i][0] == '-' ? strchr(argv[i], '=') : NULL, *value = equals ? equals + 1 : argv[i], *end, *name;
+        char shown[1024];
+
+        for (end = value + strlen(value); *value == '/' && end > value + 1 && end[-1] == '/'; end--)
+            ;
+        for (name = *value == '/' ? end : value; name > value && name[-1] != '/'; name--)
+            ;
+        snprintf(shown, sizeof(shown), "%.*s%.*s", (int) (value - argv[i] < 256 ? value - argv[i] : 256), argv[i],
+                 (int) (end - name < 512 ? end - name : 512), name);
+        add_word(cli->command_line, size, &n, " ", 1);
+        if (shown[0] && strspn(shown, plain) == strlen(shown)) {
+            add_word(cli->command_line, size, &n, shown, strlen(shown));
+            continue;
+        }
+        add_word(cli->command_line, size, &n, "'", 1);
+        for (const char *c = shown; *c; c++)
+            add_word(cli->command_line, size, &n, *c == '\'' ? "'\\''" : c, *c == '\'' ? 4 : 1);
+        add_word(cli->command_line, size, &n, "'", 1);
     }
-    return line;
+}
+
+static enum exit_code take_all(struct cli *cli, poptContext popt, const struct option *list, size_t n, bool *done)
+{
+    struct pell_context *ctx;
+    enum exit_code code = EXIT_OK;
+    const char *argument;
+    int got;
+
+    if (pell_context_create(&(struct pell_context_params) { .log = cli_message, .log_user = cli }, &ctx) != PELL_OK)
+        return EXIT_MEMORY;
+    while (code == EXIT_OK && !*done && (got = poptGetNextOpt(popt)) != -1) {
+        char *text;
+        if (got < -1) {
+            code = refuse(cli, poptBadOption(popt, POPT_BADOPTION_NOALIAS), got, list, n);
+            break;
+        }
+        text = poptGetOptArg(popt);
+        code = take(cli, ctx, &list[got - 1], text ? text : (char[]) { "" });
+        free(text);
+        *done = list[got - 1].kind == HELP;
+    }
+    while (code == EXIT_OK && (argument = poptGetArg(popt))) {
+        if (!(cli->arguments[cli->num_arguments] = strdup(argument)))
+            code = EXIT_MEMORY;
+        else
+            cli->num_arguments++;
+    }
+    pell_context_destroy(&ctx);
+    return code;
 }
 
 enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *done)
 {
-    struct poptOption table[MAX_OPTIONS];
-    const size_t n = fill_table(cli, cli->command->options, table);
-    poptContext popt = poptGetContext("pellucid", argc, argv, table, 0);
-    enum exit_code code = popt ? EXIT_OK : EXIT_MEMORY;
-    const char *argument;
-    int got;
+    struct option list[MAX_OPTIONS];
+    struct poptOption table[MAX_OPTIONS + 1] = { 0 };
+    const struct command *command = cli->command;
+    const size_t n = list_options(command->options, list);
+    poptContext popt;
+    enum exit_code code = EXIT_MEMORY;
 
-    cli->command_line = join_command(argc, argv);
+    for (size_t i = 0; i < n; i++)
+        table[i] = (struct poptOption) {
+            .longName = list[i].name,
+            .shortName = list[i].letter,
+            .argInfo = list[i].argument ? POPT_ARG_STRING : POPT_ARG_NONE,
+            .val = (int) i + 1,
+        };
+    pell_knobs_default(number_knobs, &cli->numbers);
+    keep_command_line(cli, argc, argv);
     cli->arguments = calloc((size_t) argc + 1, sizeof(*cli->arguments));
-    if (!cli->arguments || !cli->command_line)
-        code = EXIT_MEMORY;
-    /* --json must hold for errors of the command line, too. */
-    for (int i = 1; i < argc; i++)
-        cli->json = cli->json || strcmp(argv[i], "--json") == 0;
-    while (code == EXIT_OK && (got = poptGetNextOpt(popt)) != -1) {
-        char *text;
-        if (got < -1) {
-            code = unknown_option(cli, poptBadOption(popt, POPT_BADOPTION_NOALIAS), got, table, n);
-            break;
-        }
-        if (got == OPT_HELP) {
-            cli_print_help(cli->command, stdout);
-            *done = true;
-            break;
-        }
-        text = poptGetOptArg(popt);
-        code = handle(cli, got, text ? text : "");
-        free(text);
-    }
-    while (code == EXIT_OK && !*done && (argument = poptGetArg(popt)))
-        cli->arguments[cli->num_arguments++] = strdup(argument);
+    popt = poptGetContext("pellucid", argc, argv, table, 0);
+    if (cli->arguments && popt)
+        code = take_all(cli, popt, list, n, done);
     poptFreeContext(popt);
-    if (code != EXIT_OK || *done)
+    if (code != EXIT_OK)
         return code;
-    if (cli->num_arguments < cli->command->min_arguments || cli->num_arguments > cli->command->max_arguments)
-        return cli_usage(cli, cli->command->name, "`--help` shows examples", "takes %s%s, not %d arguments",
-                         cli->command->arguments[0] ? cli->command->arguments : "no argument", "", cli->num_arguments);
-    if (cli->quiet && cli->log_level > PELL_LOG_ERROR)
-        cli->log_level = PELL_LOG_ERROR;
-    if (cli->threads < 0 || cli->threads > 256)
-        return cli_usage(cli, "--threads", NULL, "%d, must be in [0, 256]; 0 is one per core", cli->threads);
-    if (cli->turntable < 0 || cli->turntable > 100000)
-        return cli_usage(cli, "--turntable", NULL, "%d, must be in [1, 100000]", cli->turntable);
-    if (cli->repeats < 0 || cli->repeats > 10000)
-        return cli_usage(cli, "--repeats", NULL, "%d, must be in [1, 10000]", cli->repeats);
+    if (*done)
+        cli_print_help(command, stdout);
+    else if (cli->num_arguments < command->min_arguments)
+        return cli_usage(cli, command->name, "`--help` shows examples", "%s is missing", command->arguments);
+    else if (cli->num_arguments > command->max_arguments)
+        return cli_usage(cli, command->name, "`--help` shows examples", "\"%s\" is one argument too many", cli->arguments[command->max_arguments]);
+    for (int i = 0; !*done && i < cli->num_arguments; i++)
+        if (!cli->arguments[i][0])
+            return cli_usage(cli, command->name, "`--help` shows examples", "an empty text for %s", command->arguments);
     return EXIT_OK;
 }

@@ -6,9 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-const char *cli_style(const struct cli *cli, int style)
+#define COLUMNS 96
+
+const char *cli_style(const struct cli *cli, const FILE *file, int style)
 {
-    if (!cli->color)
+    if (!(file == stdout ? cli->color_out : cli->color_err))
         return "";
     switch (style) {
     case 1: return "\033[1m";
@@ -20,50 +22,99 @@ const char *cli_style(const struct cli *cli, int style)
     }
 }
 
-static void print_message(struct cli *cli, enum pell_log_level level, const char *where, const char *what, const char *hint)
+/* Columns of `length` bytes of UTF-8; wide characters count as one. */
+static int columns(const char *text, size_t length)
 {
-    static const char *const names[] = { "", "error", "warning", "", "debug" };
-    static const int styles[] = { 0, 31, 33, 0, 2 };
-
-    cli_progress_end(cli);
-    if (names[level][0])
-        fprintf(stderr, "%s%s:%s ", cli_style(cli, styles[level]), names[level], cli_style(cli, 0));
-    if (where[0])
-        fprintf(stderr, "%s%s:%s ", cli_style(cli, 1), where, cli_style(cli, 0));
-    fprintf(stderr, "%s\n", what);
-    if (hint[0])
-        fprintf(stderr, "  %s%s%s\n", cli_style(cli, 36), hint, cli_style(cli, 0));
+    int n = 0;
+    for (size_t i = 0; i < length; i++)
+        n += ((unsigned char) text[i] & 0xc0) != 0x80;
+    return n;
 }
+
+void cli_wrap(FILE *file, int column, int indent, const char *text)
+{
+    bool fresh = column <= indent; /* nothing stands on the line yet */
+
+    for (;;) {
+        const size_t length = strcspn(text, " \n");
+        const int width = columns(text, length);
+
+        if (fresh && strncmp(text, "  ", 2) == 0) {
+            const size_t line = strcspn(text, "\n");
+            fwrite(text, 1, line, file);
+            text += line;
+        } else if (length > 0) {
+            if (!fresh && column + 1 + width > COLUMNS) {
+                fprintf(file, "\n%*s", indent, "");
+                column = indent;
+            } else if (!fresh) {
+                fputc(' ', file);
+                column++;
+            }
+            fwrite(text, 1, length, file);
+            column += width;
+            fresh = false;
+            text += length;
+        }
+        if (*text == '\n') {
+            text++;
+            if (!*text)
+                break;
+            fprintf(file, "\n%*s", *text == '\n' ? 0 : indent, "");
+            column = indent;
+            fresh = true;
+        } else if (*text == ' ') {
+            text++;
+        } else if (!*text) {
+            break;
+        }
+    }
+    fputc('\n', file);
+}
+
+/* --- Messages ----------------------------------------------------------------------------------------------------------------- */
 
 void cli_message(void *user, const struct pell_message *m)
 {
+    static const char *const names[] = { "", "error", "warning", "", "debug" };
+    static const int styles[] = { 0, 31, 33, 0, 2 };
     struct cli *cli = user;
+    char where[sizeof(cli->error.where)], what[sizeof(cli->error.what)], hint[sizeof(cli->error.hint)];
 
+    /* Names in files and arguments may hold anything, also what would steer a terminal. */
+    pell_printable(m->where, where, sizeof(where));
+    pell_printable(m->what, what, sizeof(what));
+    pell_printable(m->hint, hint, sizeof(hint));
     if (m->level == PELL_LOG_ERROR && !cli->error.there) {
         cli->error.there = true;
         cli->error.code = m->code;
-        snprintf(cli->error.where, sizeof(cli->error.where), "%s", m->where);
-        snprintf(cli->error.what, sizeof(cli->error.what), "%s", m->what);
-        snprintf(cli->error.hint, sizeof(cli->error.hint), "%s", m->hint);
+        memcpy(cli->error.where, where, sizeof(where));
+        memcpy(cli->error.what, what, sizeof(what));
+        memcpy(cli->error.hint, hint, sizeof(hint));
     }
     if (m->level == PELL_LOG_WARNING && cli->warnings) {
-        char text[3072];
-        snprintf(text, sizeof(text), "%s%s%s", m->where, m->where[0] ? ": " : "", m->what);
+        char text[sizeof(where) + sizeof(what) + 2];
+        snprintf(text, sizeof(text), "%s%s%s", where, where[0] ? ": " : "", what);
         json_array_append_new(cli->warnings, json_string(text));
     }
-    if (m->level == PELL_LOG_INFO && (cli->quiet || cli->json))
+    if (m->level > cli->log_level || (cli->quiet && m->level != PELL_LOG_ERROR) || (cli->collect && m->level == PELL_LOG_WARNING))
         return;
-    if (m->level == PELL_LOG_WARNING && cli->quiet)
-        return;
-    if (m->level == PELL_LOG_ERROR && cli->json)
-        return; /* goes to stdout as JSON */
-    print_message(cli, m->level, m->where, m->what, m->hint);
+    if (cli->json && m->level != PELL_LOG_WARNING && m->level != PELL_LOG_DEBUG)
+        return; /* errors go to stdout as JSON */
+    cli_progress_end(cli);
+    if (names[m->level][0])
+        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, styles[m->level]), names[m->level], cli_style(cli, stderr, 0));
+    if (where[0])
+        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
+    fprintf(stderr, "%s\n", what);
+    if (hint[0])
+        fprintf(stderr, "  %s%s%s\n", cli_style(cli, stderr, 36), hint, cli_style(cli, stderr, 0));
 }
 
 enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, const char *fmt, ...)
 {
-    char what[2048];
-    struct pell_message m = { PELL_LOG_ERROR, PELL_ERR_INVALID, where ? where : "", what, hint ? hint : "" };
+    char what[sizeof(cli->error.what)];
+    struct pell_message m = { PELL_LOG_ERROR, PELL_ERR_INVALID, where, what, hint ? hint : "" };
     va_list args;
 
     va_start(args, fmt);
@@ -73,18 +124,18 @@ enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, c
     return EXIT_USAGE;
 }
 
-/* A place inside a file ("scene.json:/camera", "bunny.obj:17"), not the name of an option or of a whole file. */
-static bool inside_file(const char *where)
+/* Whose fault an invalid value is: the command line's where an option holds it, or where the hint names an option that is missing; else
+ * it stands in a file. */
+static bool users_fault(const struct cli *cli)
 {
-    const char *colon = strchr(where, ':');
-    return where[0] != '-' && colon && (colon[1] == '/' || (colon[1] >= '0' && colon[1] <= '9'));
+    return cli->error.where[0] == '-' || strncmp(cli->error.hint, "--", 2) == 0;
 }
 
 enum exit_code cli_failed(struct cli *cli, enum pell_result result)
 {
     switch (result) {
     case PELL_OK: return EXIT_OK;
-    case PELL_ERR_INVALID: return inside_file(cli->error.where) ? EXIT_INPUT : EXIT_USAGE;
+    case PELL_ERR_INVALID: return users_fault(cli) ? EXIT_USAGE : EXIT_INPUT;
     case PELL_ERR_IO:
     case PELL_ERR_FORMAT:
     case PELL_ERR_UNSUPPORTED: return EXIT_INPUT;
@@ -95,55 +146,76 @@ enum exit_code cli_failed(struct cli *cli, enum pell_result result)
     return EXIT_FAILED;
 }
 
+size_t cli_warning_count(const struct cli *cli)
+{
+    return json_array_size(cli->warnings);
+}
+
+const char *cli_warning(const struct cli *cli, size_t index)
+{
+    return json_string_value(json_array_get(cli->warnings, index));
+}
+
+/* --- Progress ----------------------------------------------------------------------------------------------------------------- */
+
 void cli_progress(void *user, const char *task, double fraction)
 {
     struct cli *cli = user;
-    const double now = pell_seconds();
-    const int width = 30, filled = (int) (fmin(fmax(fraction, 0.0), 1.0) * width);
+    const double now = pell_seconds(), whole = cli->progress.parts ? (cli->progress.part + fraction) / cli->progress.parts : fraction;
+    const int bar = 24, filled = (int) (fmin(fmax(whole, 0.0), 1.0) * bar);
+    char text[160];
+    double elapsed;
+    int width;
 
-    if (cli->quiet || cli->json || now - cli->progress_shown < (cli->tty ? 0.1 : 5.0))
+    if (cli->quiet || cli->json)
         return;
-    cli->progress_shown = now;
+    if (whole < cli->progress.fraction)
+        cli->progress.begin = cli->progress.last; /* another task */
+    cli->progress.fraction = whole;
+    cli->progress.last = now;
+    elapsed = now - cli->progress.begin;
+    if (now - fmax(cli->progress.shown, cli->progress.begin) < (cli->tty ? 0.1 : 5.0) || whole >= 1.0 || !(whole > 0.0) || !(elapsed > 0.0))
+        return;
+    cli->progress.shown = now;
+    width = snprintf(text, sizeof(text), "%3.0f %%, %.3g %%/s, %.0f s left", 100.0 * whole, 100.0 * whole / elapsed, elapsed * (1.0 - whole) / whole);
     if (!cli->tty) {
-        fprintf(stderr, "%s %.0f %%\n", task, 100.0 * fraction);
+        fprintf(stderr, "%s: %s\n", task, text);
         return;
     }
-    fprintf(stderr, "\r%s [%.*s%*s] %3.0f %%", task, filled, "##############################", width - filled, "", 100.0 * fraction);
+    width += fprintf(stderr, "\r%s [%.*s%*s] ", task, filled, "########################", bar - filled, "") - 1;
+    fprintf(stderr, "%s%*s", text, cli->progress.width > width ? cli->progress.width - width : 0, "");
     fflush(stderr);
-    cli->progress_open = true;
+    cli->progress.width = width;
 }
 
 void cli_progress_end(struct cli *cli)
 {
-    if (cli->progress_open)
-        fprintf(stderr, "\r%60s\r", "");
-    cli->progress_open = false;
+    if (cli->progress.width > 0)
+        fprintf(stderr, "\r%*s\r", cli->progress.width, "");
+    cli->progress.width = 0;
 }
+
+/* --- JSON --------------------------------------------------------------------------------------------------------------------- */
 
 enum exit_code cli_print_json(struct cli *cli, json_t *object)
 {
     char *text = object ? json_dumps(object, JSON_INDENT(2) | JSON_REAL_PRECISION(9)) : NULL;
-    enum exit_code code = EXIT_OK;
+    enum exit_code code = text ? EXIT_OK : EXIT_MEMORY;
 
     cli->answered = true;
-    if (!text) {
-        fputs("{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}\n", stdout);
-        code = EXIT_MEMORY;
-    } else if (puts(text) == EOF) {
-        code = EXIT_FAILED;
-    }
+    puts(text ? text : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}");
     free(text);
     json_decref(object);
     return code;
 }
 
-void cli_print_json_error(struct cli *cli)
+void cli_print_json_error(struct cli *cli, enum exit_code code)
 {
     if (!cli->json || cli->answered)
         return;
     if (!cli->error.there) {
-        cli->error.code = PELL_ERR_CANCELLED;
-        snprintf(cli->error.what, sizeof(cli->error.what), "stopped before it was done");
+        cli->error.code = code == EXIT_MEMORY ? PELL_ERR_NOMEM : PELL_ERR_CANCELLED;
+        snprintf(cli->error.what, sizeof(cli->error.what), code == EXIT_MEMORY ? "there is not enough memory" : "stopped before it was done");
     }
     cli_print_json(cli, json_pack("{s:{s:s,s:s,s:s,s:s}}", "error", "code", pell_result_name(cli->error.code), "where", cli->error.where,
                                   "what", cli->error.what, "hint", cli->error.hint));
@@ -157,12 +229,8 @@ json_t *cli_numbers(const double *values, size_t count)
     return array;
 }
 
-size_t cli_warning_count(const struct cli *cli)
+json_t *cli_text(const char *text)
 {
-    return json_array_size(cli->warnings);
-}
-
-const char *cli_warning(const struct cli *cli, size_t index)
-{
-    return json_string_value(json_array_get(cli->warnings, index));
+    char shown[8192];
+    return json_string(pell_printable(text, shown, sizeof(shown)));
 }

@@ -8,85 +8,121 @@
 #define DEFAULT_METHOD "screen-space"
 
 /* Options of the scene file go first, so that the command line's win. */
-static enum exit_code merge_scene_options(struct cli *cli, const struct pell_scene *scene, struct settings_list *settings,
-                                          struct settings_list *knobs, const char **method)
+static enum exit_code merge_scene_options(const struct pell_scene *scene, struct settings_list *settings, struct settings_list *knobs,
+                                          struct pell_setting *method)
 {
     for (size_t i = 0; i < scene->num_options; i++) {
         const struct pell_scene_option *o = &scene->options[i];
         const bool knob = strncmp(o->name, "knobs/", 6) == 0;
 
         if (strcmp(o->name, "method") == 0)
-            *method = o->value;
-        else if (cli_add_setting(cli, knob ? knobs : settings, knob ? o->name + 6 : o->name, o->value, o->where) != PELL_OK)
+            *method = (struct pell_setting) { o->name, o->value, o->where };
+        else if (cli_add_setting(knob ? knobs : settings, knob ? o->name + 6 : o->name, o->value, o->where) != PELL_OK)
             return EXIT_MEMORY;
     }
     return EXIT_OK;
 }
 
-static enum exit_code append(struct cli *cli, struct settings_list *to, const struct settings_list *from)
+static enum exit_code append(struct settings_list *to, const struct settings_list *from)
 {
     for (size_t i = 0; i < from->count; i++)
-        if (cli_add_setting(cli, to, from->items[i].name, from->items[i].value, from->items[i].where) != PELL_OK)
+        if (cli_add_setting(to, from->items[i].name, from->items[i].value, from->items[i].where) != PELL_OK)
             return EXIT_MEMORY;
     return EXIT_OK;
 }
 
-static enum exit_code choose_method(struct cli *cli, struct session *s, const char *name, const char *where, const struct settings_list *knobs)
+/* *knobs stays NULL for method none. */
+static enum exit_code choose_method(struct cli *cli, const struct pell_setting *method, const struct settings_list *given,
+                                    const struct pell_method **out, void **knobs)
 {
-    enum pell_result res;
-
-    if (strcmp(name, "none") == 0) {
-        if (knobs->count > 0)
-            return cli_usage(cli, knobs->items[0].where, "choose a method with -m", "method none has no knob \"%s\"", knobs->items[0].name);
-        return EXIT_OK;
-    }
-    s->method = pell_method_find(cli->ctx, where, name);
-    if (!s->method)
-        return EXIT_USAGE;
-    s->knobs = calloc(1, s->method->knobs_size);
-    if (!s->knobs)
+    *out = NULL;
+    *knobs = NULL;
+    if (strcmp(method->value, "none") == 0)
+        return given->count == 0 ? EXIT_OK
+                                 : cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, given->items[0].where, "choose a method with -m",
+                                                              "method none has no knobs"));
+    *out = pell_method_find(cli->ctx, method->where, method->value);
+    if (!*out)
+        return cli_failed(cli, PELL_ERR_INVALID);
+    *knobs = calloc(1, (*out)->knobs_size);
+    if (!*knobs)
         return EXIT_MEMORY;
-    res = pell_method_configure(cli->ctx, s->method, knobs->items, knobs->count, s->knobs);
-    return res == PELL_OK ? EXIT_OK : cli_failed(cli, res);
+    return cli_failed(cli, pell_method_configure(cli->ctx, *out, given->items, given->count, *knobs));
 }
 
-static enum exit_code choose_engine(struct cli *cli, enum pell_engine *engine)
+static enum exit_code apply_settings(struct cli *cli, const struct settings_list *given, struct pell_settings *settings)
+{
+    enum pell_result res = PELL_OK;
+
+    pell_knobs_default(pell_settings_knobs, settings);
+    for (size_t i = 0; res == PELL_OK && i < given->count; i++)
+        res = pell_knob_set(cli->ctx, pell_settings_knobs, "render", given->items[i].where, settings, given->items[i].name, given->items[i].value);
+    return cli_failed(cli, res);
+}
+
+/* Whatever is wrong with the command line is said before a large scene is read. */
+static enum exit_code check_command_line(struct cli *cli)
+{
+    const struct pell_setting method = { "method", cli->method, "--method" };
+    const struct pell_method *found;
+    struct pell_settings settings;
+    void *knobs = NULL;
+    enum exit_code code = apply_settings(cli, &cli->settings, &settings);
+
+    if (code == EXIT_OK && cli->method)
+        code = choose_method(cli, &method, &cli->knobs, &found, &knobs);
+    free(knobs);
+    return code;
+}
+
+enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine)
 {
     static const char *const names[] = { "auto", "cpu", "vulkan" };
+    bool known = !cli->engine;
 
     *engine = PELL_ENGINE_AUTO;
-    for (int i = 0; cli->engine && i < (int) PELL_COUNT(names); i++)
-        if (strcmp(cli->engine, names[i]) == 0) {
+    for (size_t i = 0; !known && i < PELL_COUNT(names); i++)
+        if ((known = strcmp(cli->engine, names[i]) == 0))
             *engine = (enum pell_engine) i;
-            break;
-        } else if (i == 2) {
-            return cli_usage(cli, "--engine", NULL, "\"%s\", must be auto, cpu or vulkan", cli->engine);
-        }
+    if (!known) {
+        const char *nearest = pell_nearest(cli->engine, names, PELL_COUNT(names));
+        char hint[64];
+        snprintf(hint, sizeof(hint), "did you mean %s?", nearest ? nearest : "");
+        return cli_usage(cli, "--engine", nearest ? hint : NULL, "\"%s\", must be auto, cpu or vulkan", cli->engine);
+    }
     if (cli->device && *engine != PELL_ENGINE_VULKAN)
         return cli_usage(cli, "--device", NULL, "chooses a Vulkan device: it goes with --engine vulkan");
     return EXIT_OK;
 }
 
-/* Framing needs the picture's shape before the scene is read. A scene file's own size comes too late for it: it frames by its own. */
+void cli_device_name(char *name, size_t size)
+{
+    FILE *file = fopen("/proc/cpuinfo", "r");
+    char line[256];
+
+    snprintf(name, size, "processor");
+    while (file && fgets(line, sizeof(line), file)) {
+        const char *colon = strchr(line, ':');
+        if (strncmp(line, "model name", 10) != 0 || !colon)
+            continue;
+        line[strcspn(line, "\n")] = '\0';
+        pell_printable(colon + 1 + strspn(colon + 1, " "), name, size);
+        break;
+    }
+    if (file)
+        fclose(file);
+}
+
+/* Framing needs the picture's shape before the scene is read; 0: the scene file's own. */
 static enum exit_code aspect_of(struct cli *cli, float *aspect)
 {
     struct pell_settings shape;
-    bool given = false;
+    enum exit_code code = apply_settings(cli, &cli->settings, &shape);
 
-    pell_knobs_default(pell_settings_knobs, &shape);
-    for (size_t i = 0; i < cli->settings.count; i++) {
-        const struct pell_setting *o = &cli->settings.items[i];
-        enum pell_result res;
-        if (strcmp(o->name, "width") != 0 && strcmp(o->name, "height") != 0)
-            continue;
-        res = pell_knob_set(cli->ctx, pell_settings_knobs, "picture", o->where, &shape, o->name, o->value);
-        if (res != PELL_OK)
-            return cli_failed(cli, res);
-        given = true;
-    }
-    if (given)
-        *aspect = (float) shape.width / (float) shape.height;
-    return EXIT_OK;
+    for (size_t i = 0; code == EXIT_OK && i < cli->settings.count; i++)
+        if (strcmp(cli->settings.items[i].name, "width") == 0 || strcmp(cli->settings.items[i].name, "height") == 0)
+            *aspect = (float) shape.width / (float) shape.height;
+    return code;
 }
 
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
@@ -100,6 +136,8 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
         return cli_failed(cli, res);
     if (cli->unit && (res = pell_parse_length(cli->ctx, "--unit", cli->unit, &params->mm_per_unit)) != PELL_OK)
         return cli_failed(cli, res);
+    if (cli->material && !cli->material[0])
+        return cli_usage(cli, "--material", "`pellucid materials` lists what there is", "is empty, must be a name or a file");
     if (cli->time && !pell_parse_number(cli->time, strlen(cli->time), &params->time))
         return cli_usage(cli, "--time", NULL, "\"%s\" is not a number of seconds", cli->time);
     return aspect_of(cli, &params->aspect);
@@ -118,51 +156,55 @@ static enum exit_code load(struct cli *cli, const char *path, struct session *s)
     return code;
 }
 
-enum exit_code session_open(struct cli *cli, const char *path, struct session *s)
+/* The scene file's options, then the command line's, which win. */
+static enum exit_code configure(struct cli *cli, struct session *s)
 {
     struct settings_list settings = { 0 }, knobs = { 0 };
-    const char *method = DEFAULT_METHOD, *method_where = "--method";
-    struct pell_renderer_params params = { .threads = cli->threads };
-    enum exit_code code;
-    enum pell_result res;
+    struct pell_setting method = { "method", DEFAULT_METHOD, "--method" };
+    enum exit_code code = merge_scene_options(s->scene, &settings, &knobs, &method);
 
-    memset(s, 0, sizeof(*s));
-    code = choose_engine(cli, &params.engine);
-    if (code == EXIT_OK && (res = pell_renderer_create(cli->ctx, &params, &s->renderer)) != PELL_OK)
-        code = cli_failed(cli, res);
-    if (code == EXIT_OK)
-        code = load(cli, path, s);
-    if (code == EXIT_OK)
-        code = merge_scene_options(cli, s->scene, &settings, &knobs, &method);
     if (code == EXIT_OK && cli->method) {
-        /* Knobs of the scene file belong to its own method. */
-        if (strcmp(cli->method, method) != 0)
-            cli_free_settings(&knobs);
-        method = cli->method;
+        if (strcmp(cli->method, method.value) != 0)
+            cli_free_settings(&knobs); /* they belong to the scene file's own method */
+        method = (struct pell_setting) { "method", cli->method, "--method" };
     }
     if (code == EXIT_OK)
-        code = append(cli, &settings, &cli->settings);
+        code = append(&settings, &cli->settings);
     if (code == EXIT_OK)
-        code = append(cli, &knobs, &cli->knobs);
-    pell_knobs_default(pell_settings_knobs, &s->settings);
-    for (size_t i = 0; code == EXIT_OK && i < settings.count; i++)
-        if ((res = pell_knob_set(cli->ctx, pell_settings_knobs, "picture", settings.items[i].where, &s->settings, settings.items[i].name,
-                                 settings.items[i].value)) != PELL_OK)
-            code = cli_failed(cli, res);
+        code = append(&knobs, &cli->knobs);
     if (code == EXIT_OK)
-        code = choose_method(cli, s, method, method_where, &knobs);
-    if (code == EXIT_OK && (res = pell_renderer_set_scene(s->renderer, s->scene)) != PELL_OK)
-        code = cli_failed(cli, res);
-    if (code == EXIT_OK && (res = pell_renderer_set_method(s->renderer, s->method, s->knobs)) != PELL_OK)
-        code = cli_failed(cli, res);
+        code = apply_settings(cli, &settings, &s->settings);
+    if (code == EXIT_OK)
+        code = choose_method(cli, &method, &knobs, &s->method, &s->knobs);
     cli_free_settings(&settings);
     cli_free_settings(&knobs);
     return code;
 }
 
-void session_close(struct cli *cli, struct session *s)
+enum exit_code session_open(struct cli *cli, const char *path, struct session *s)
 {
-    (void) cli;
+    struct pell_renderer_params params = { .threads = cli->numbers.threads };
+    enum exit_code code;
+
+    memset(s, 0, sizeof(*s));
+    code = cli_engine(cli, &params.engine);
+    if (code == EXIT_OK)
+        code = check_command_line(cli);
+    if (code == EXIT_OK)
+        code = cli_failed(cli, pell_renderer_create(cli->ctx, &params, &s->renderer));
+    if (code == EXIT_OK)
+        code = load(cli, path, s);
+    if (code == EXIT_OK)
+        code = configure(cli, s);
+    if (code == EXIT_OK)
+        code = cli_failed(cli, pell_renderer_set_scene(s->renderer, s->scene));
+    if (code == EXIT_OK)
+        code = cli_failed(cli, pell_renderer_set_method(s->renderer, s->method, s->knobs));
+    return code;
+}
+
+void session_close(struct session *s)
+{
     pell_renderer_destroy(&s->renderer);
     pell_scene_destroy(&s->scene);
     free(s->knobs);

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
  * rays.c - visibility by Embree 3. One Embree geometry per mesh, with the mesh's number, over the mesh's own arrays.
  *
- * Robust traversal, so that rays don't slip through shared edges (of rays aimed at vertices to the last bit some in 500 still do). Masks are Embree's where it was built with them (Debian's is), else a
- * filter function on every geometry. */
+ * Robust traversal, so that rays don't slip through shared edges (of rays aimed at vertices to the last bit some in 500 still do).
+ * Masks are Embree's where it was built with them (Debian's is), else a filter function on every geometry. Embree reads positions 16
+ * bytes at a time: pell_mesh_allocate leaves room behind the last vertex. */
 #include "image/color.h"
 #include "rays/rays.h"
 

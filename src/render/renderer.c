@@ -21,6 +21,7 @@ struct pell_renderer {
 
     /* Of the scene. */
     struct pell_rays *rays;
+    struct pell_mips *mips;
     struct pell_specular_tables *tables;
     struct pell_compositor *compositor;
     uint16_t *frame_index;                       /* per scene material + 1: the frame's material + 1, or 0 */
@@ -179,6 +180,7 @@ static void drop_scene(struct pell_renderer *r)
     pell_compositor_destroy(&r->compositor);
     pell_specular_tables_destroy(&r->tables);
     pell_rays_destroy(&r->rays);
+    pell_mips_destroy(&r->mips);
     pell_free(r->ctx, r->frame_index);
     pell_free(r->ctx, r->frame_materials);
     pell_free(r->ctx, r->total);
@@ -268,6 +270,7 @@ enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct p
     PELL_TRY(pell_specular_tables_create(r->ctx, scene, &r->tables));
     PELL_TRY(pell_compositor_create(r->ctx, scene->num_materials, &r->compositor));
     PELL_TRY(pell_rays_create(r->ctx, scene, r->pool, &r->rays));
+    PELL_TRY(pell_mips_create(r->ctx, scene, r->pool, &r->mips));
     r->scene = scene;
     return PELL_OK;
 
@@ -496,6 +499,7 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
 
     sample_shift(sample, settings->msaa, &dx, &dy);
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, dx, dy);
+    r->surface.mips = r->mips;
     PELL_TRY(pell_surface_render(r->pool, r->rays, r->scene, &view, &r->surface));
     note(r, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
 

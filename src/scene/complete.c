@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay far inside a float's range */
+#define NO_LENGTH 1e-30f         /* directions of less have none: their inverse would overflow */
 
 static bool in_range(double value, double min, double max)
 {
@@ -45,7 +46,7 @@ static void clean_normals(struct pell_mesh *mesh)
     for (size_t i = 0; i < mesh->num_vertices; i++) {
         float *n = mesh->normal + 3 * i;
         const float largest = fmaxf(fabsf(n[0]), fmaxf(fabsf(n[1]), fabsf(n[2])));
-        if (largest > 0.0f && largest <= FLT_MAX && isfinite(n[0] + n[1] + n[2]))
+        if (largest > NO_LENGTH && isfinite(n[0] + n[1] + n[2]))
             vec3_store(vec3_normalize(vec3_mul(vec3_load(n), 1.0f / largest)), n);
         else
             n[0] = n[1] = n[2] = 0.0f;
@@ -208,7 +209,7 @@ static bool make_unit(float *v)
 {
     const float largest = fmaxf(fabsf(v[0]), fmaxf(fabsf(v[1]), fabsf(v[2])));
 
-    if (!(largest > 0.0f) || !isfinite(v[0] + v[1] + v[2]))
+    if (!(largest > NO_LENGTH) || !isfinite(v[0] + v[1] + v[2]))
         return false;
     vec3_store(vec3_normalize(vec3_mul(vec3_load(v), 1.0f / largest)), v);
     return true;

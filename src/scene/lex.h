@@ -155,9 +155,9 @@ static inline bool pell_lex_integer(struct pell_lex *l, int64_t *value)
     int digits = 0;
 
     p += *p == '-' || *p == '+';
-    for (; *p >= '0' && *p <= '9' && digits <= 18; p++, digits++)
+    for (; *p >= '0' && *p <= '9' && digits < 18; p++, digits++)
         v = v * 10 + (*p - '0');
-    if (digits == 0 || digits > 18)
+    if (digits == 0 || (*p >= '0' && *p <= '9'))
         return false;
     l->at = p;
     *value = negative ? -v : v;

@@ -304,7 +304,7 @@ static enum pell_result read_line(struct reader *r, const char *key, size_t leng
     return PELL_OK;
 }
 
-static enum pell_result read_library(struct pell_mtl *mtl, const char *path, const char *folder, const uint8_t *data, size_t size)
+enum pell_result pell_mtl_read(struct pell_mtl *mtl, const char *path, const char *folder, const uint8_t *data, size_t size)
 {
     struct reader r = { .mtl = mtl, .lex = { (const char *) data, (const char *) data + size, 1 }, .path = path, .folder = folder };
     enum pell_result res = PELL_OK;
@@ -358,7 +358,7 @@ enum pell_result pell_mtl_library(struct pell_mtl *mtl, const char *place, const
         res = PELL_ERR_NOMEM;
         goto fail;
     }
-    PELL_TRY(read_library(mtl, path, prefix, data, size));
+    PELL_TRY(pell_mtl_read(mtl, path, prefix, data, size));
 
 fail:
     pell_free(ctx, path);

@@ -18,6 +18,8 @@ struct pell_mtl {
 PELL_NODISCARD enum pell_result pell_mtl_material(struct pell_mtl *mtl, const char *name, size_t length, uint32_t *index);
 /* Reads a library. A missing or broken one is a warning. */
 PELL_NODISCARD enum pell_result pell_mtl_library(struct pell_mtl *mtl, const char *where, const char *reference);
+/* The same from bytes, which end with a NUL; `folder` (empty, or ending in '/') is put before the names of pictures. */
+PELL_NODISCARD enum pell_result pell_mtl_read(struct pell_mtl *mtl, const char *path, const char *folder, const uint8_t *data, size_t size);
 void pell_mtl_finish(struct pell_mtl *mtl);
 
 #endif

@@ -58,7 +58,9 @@ static struct patch *ball(const struct pell_frame_material *m)
 int main(int argc, char **argv)
 {
     static const double variance[4] = { 0.0362, 0.1144, 0.4555, 3.4833 };
-    static const double weight[4][3] = { { 0.0544, 0.1245, 0.2177 }, { 0.2436, 0.2435, 0.1890 }, { 0.3105, 0.3158, 0.3742 }, { 0.3913, 0.3161, 0.2189 } };
+    static const double weight[4][3] = {
+        { 0.0544, 0.1245, 0.2177 }, { 0.2436, 0.2435, 0.1890 }, { 0.3105, 0.3158, 0.3742 }, { 0.3913, 0.3161, 0.2189 }
+    };
     const struct pell_frame_material m = patch_gaussians(4, variance, weight);
     const int threads = argc > 1 ? atoi(argv[1]) : 2;
     struct bench_place at = place_create(threads, NULL, NULL);
@@ -102,8 +104,9 @@ int main(int argc, char **argv)
         qsort(stage[i], ROUNDS, sizeof(double), by_size);
         printf("%-12s %7.3f ms  %9lld pixels\n", times[i].name, 1e3 * stage[i][ROUNDS / 2], (long long) times[i].pixels);
     }
-    printf("all passes   %7.3f ms (fastest %.3f), %d threads\ncopy         %7.3f ms (8 passes of 16 bytes read and written)\nratio        %7.2f\n",
-           1e3 * total[ROUNDS / 2], 1e3 * total[0], threads, 1e3 * copies[ROUNDS / 2], total[ROUNDS / 2] / copies[ROUNDS / 2]);
+    printf("all passes   %7.3f ms (fastest %.3f), %d threads\n", 1e3 * total[ROUNDS / 2], 1e3 * total[0], threads);
+    printf("copy         %7.3f ms (8 passes of 16 bytes read and written)\n", 1e3 * copies[ROUNDS / 2]);
+    printf("ratio        %7.2f\n", total[ROUNDS / 2] / copies[ROUNDS / 2]);
     pell_pass_destroy(&pass);
     pell_pool_destroy(&pool);
     patch_destroy(p);

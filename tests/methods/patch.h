@@ -153,7 +153,7 @@ static inline void place_destroy(struct bench_place *at)
 /* Runs a method once, with knobs as "name=value" texts that end with NULL; `settings` may be NULL. */
 static inline void patch_configure(struct pell_context *ctx, const struct pell_method *m, const char *const *settings, void *values)
 {
-    struct pell_setting list[16];
+    struct pell_setting list[16] = { { NULL, NULL, NULL } };
     char names[16][32];
     size_t n = 0;
 

@@ -1,14 +1,19 @@
 /* SPDX-License-Identifier: MIT
- * test_contract.c - what every method owes, on the cpu engine, with its default knobs, for the quantity that it gives: run over the
- * registry, through pell_pass, on planes of the test's own. A method that is added to the list is tested from then on. */
+ * test_contract.c - what every method owes, on the cpu engine, for the quantity that it gives: run over the registry, through pell_pass, on
+ * planes of the test's own. A method that is added to the list is tested from then on. Built twice: for the methods' defaults, and for what
+ * their papers ran. */
 #include "patch.h"
 
 #include <pthread.h>
 
+#ifndef PAPER
+#define PAPER 0 /* 1: the methods as their papers ran them */
+#endif
+
 #define FOR_EACH_METHOD(m)                                                                                                         \
     for (size_t m##_index = 0; pell_methods[m##_index]; m##_index++)                                                               \
         for (const struct pell_method *m = pell_methods[m##_index]; m; m = NULL)                                                   \
-            if (m->cpu && m->kind == PELL_METHOD)
+            if (m->cpu && m->kind == PELL_METHOD && !known_to_fail(m, __func__))
 
 /* 2, 4 and 8 pixels wide at 1 pixel per mm; the channels differ. */
 static const double broad_variance[3] = { 4.0, 16.0, 64.0 };
@@ -19,8 +24,53 @@ static struct pell_frame_material broad(void)
     return patch_gaussians(3, broad_variance, broad_weight);
 }
 
-static double total_of(const struct pell_frame_material *m, int channel)
+/* The knobs that a method runs with, as for patch_configure. */
+static const char *const *form(const struct pell_method *m)
 {
+    static const char *const best[] = { NULL }, *const paper[] = { "as=paper", NULL };
+    /* A level set by hand scatters by a set share of the object's height, whatever the material's profile. */
+    static const char *const screen_space[] = { "as=paper", "ssslevel=0", NULL };
+
+    if (!PAPER)
+        return best;
+    return strcmp(m->name, "screen-space") == 0 ? screen_space : paper;
+}
+
+/* What a method's paper form is known to fail, and why. */
+static bool known_to_fail(const struct pell_method *m, const char *test)
+{
+    static const struct {
+        const char *method, *test, *why;
+    } list[] = {
+        { "screen-space", "impulse_gives_the_profile", "seven taps far apart leave gaps in what is not smooth" },
+        { "screen-space", "a_larger_radius_spreads_more", "spans under 2 pixels are dropped" },
+    };
+
+    for (size_t i = 0; PAPER && i < PELL_COUNT(list); i++) {
+        if (strcmp(m->name, list[i].method) == 0 && strcmp(test, list[i].test) == 0) {
+            print_message("# %s as in its paper is known to fail this: %s\n", m->name, list[i].why);
+            return true;
+        }
+    }
+    return false;
+}
+
+/* What comes of even light of 1: the profile's total, or 1 for what blurs a lit picture. */
+static double even_total(const struct pell_method *method, const struct pell_frame_material *m, int channel)
+{
+    void *knobs = calloc(1, method->knobs_size);
+    struct pell_plan plan;
+
+    patch_configure(NULL, method, form(method), knobs);
+    method->plan(knobs, &plan);
+    free(knobs);
+    if (plan.quantity == PELL_QUANTITY_RADIANCE)
+        return 1.0;
+    if (m->gaussians.count == 0) {
+        const struct pell_medium *d = &m->medium;
+        const struct pell_dipole dipole = pell_dipole_make(d->sigma_a[channel], d->sigma_s_reduced[channel], d->eta, PELL_FRESNEL_EXACT);
+        return pell_dipole_total(&dipole);
+    }
     return pell_gaussians_total(&m->gaussians, channel);
 }
 
@@ -68,7 +118,7 @@ static void impulse_gives_the_profile(void **state)
         patch_light(p, 0.0f, 0.0f, 0.0f);
         for (int c = 0; c < 3; c++)
             p->light[c][patch_at(p, 64, 64)] = 1.0f;
-        patch_run(&at, method, NULL, p);
+        patch_run(&at, method, form(method), p);
         for (size_t i = 0; i < PELL_COUNT(radii); i++) {
             for (int c = 0; c < 3; c++) {
                 double inside = 0.0, expected = 0.0;
@@ -83,7 +133,7 @@ static void impulse_gives_the_profile(void **state)
                 /* The source is a pixel wide, and so is each pixel that receives: 1/6 mm^2 more. */
                 for (int k = 0; k < 3; k++)
                     expected += broad_weight[k][c] * (1.0 - exp(-radii[i] * radii[i] / (2.0 * (broad_variance[k] + 1.0 / 6.0))));
-                worst = fmax(worst, fabs(inside - expected) / total_of(&m, c));
+                worst = fmax(worst, fabs(inside - expected) / even_total(method, &m, c));
             }
         }
         print_message("# %s: light inside a radius differs from the profile's by %.4f of the total at most\n", method->name, worst);
@@ -108,10 +158,11 @@ static void light_adds_up(void **state)
             for (int y = 0; y < 50; y++)
                 for (int x = 0; x < 70; x++)
                     for (int c = 0; c < 3; c++) {
-                        const float a = noise((unsigned) x, (unsigned) y, (unsigned) c), b = noise((unsigned) y, (unsigned) x, (unsigned) c + 7);
+                        const float a = noise((unsigned) x, (unsigned) y, (unsigned) c), b = noise((unsigned) y, (unsigned) x,
+                                                                                                   (unsigned) c + 7);
                         p[i]->light[c][patch_at(p[i], x, y)] = i == 0 ? a : i == 1 ? b : 2.0f * a + 0.5f * b;
                     }
-            patch_run(&at, method, NULL, p[i]);
+            patch_run(&at, method, form(method), p[i]);
         }
         for (int c = 0; c < 3; c++)
             for (int y = 0; y < 50; y++)
@@ -137,12 +188,13 @@ static void light_that_moves_moves_the_result(void **state)
         struct patch *p = patch_create(150, 140, true, 1.0, 100.0, &m, 1), *q = patch_create(150, 140, true, 1.0, 100.0, &m, 1);
         patch_light(p, 0.0f, 0.0f, 0.0f);
         p->light[0][patch_at(p, 75, 70)] = p->light[1][patch_at(p, 76, 70)] = p->light[2][patch_at(p, 75, 71)] = 1.0f;
-        patch_run(&at, method, NULL, p);
+        patch_run(&at, method, form(method), p);
         for (size_t s = 0; s < PELL_COUNT(shifts); s++) {
             const int dx = shifts[s][0], dy = shifts[s][1];
             patch_light(q, 0.0f, 0.0f, 0.0f);
-            q->light[0][patch_at(q, 75 + dx, 70 + dy)] = q->light[1][patch_at(q, 76 + dx, 70 + dy)] = q->light[2][patch_at(q, 75 + dx, 71 + dy)] = 1.0f;
-            patch_run(&at, method, NULL, q);
+            q->light[0][patch_at(q, 75 + dx, 70 + dy)] = q->light[1][patch_at(q, 76 + dx, 70 + dy)] = q->light[2][patch_at(q, 75 + dx,
+                                                                                                                           71 + dy)] = 1.0f;
+            patch_run(&at, method, form(method), q);
             for (int c = 0; c < 3; c++)
                 for (int y = 20; y < 120; y++)
                     for (int x = 20; x < 120; x++)
@@ -166,10 +218,11 @@ static void total_light_is_kept(void **state)
         for (int y = 0; y < 180; y++)
             for (int x = 0; x < 200; x++)
                 for (int c = 0; c < 3; c++)
-                    p->light[c][patch_at(p, x, y)] = x > 70 && x < 120 && y > 60 && y < 110 ? noise((unsigned) x, (unsigned) y, (unsigned) c) : 0.0f;
-        patch_run(&at, method, NULL, p);
+                    p->light[c][patch_at(p, x, y)] = x > 70 && x < 120 && y > 60 && y < 110 ? noise((unsigned) x, (unsigned) y,
+                                                                                                    (unsigned) c) : 0.0f;
+        patch_run(&at, method, form(method), p);
         for (int c = 0; c < 3; c++)
-            REQUIRE_REL(patch_sum(p, p->result, c), patch_sum(p, p->light, c) * total_of(&m, c), 0.01);
+            REQUIRE_REL(patch_sum(p, p->result, c), patch_sum(p, p->light, c) * even_total(method, &m, c), 0.01);
         patch_destroy(p);
     }
     place_destroy(&at);
@@ -189,12 +242,12 @@ static void even_light_gives_the_albedo(void **state)
             for (int x = 0; x < 131; x++)
                 p->material[patch_at(p, x, y)] = hypot(x - 60, y - 40) < 36.0 && hypot(x - 70, y - 30) > 8.0;
         patch_light(p, 1.0f, 2.0f, 3.0f);
-        patch_run(&at, method, NULL, p);
+        patch_run(&at, method, form(method), p);
         for (int c = 0; c < 3; c++)
             for (int y = 0; y < 77; y++)
                 for (int x = 0; x < 131; x++)
                     if (p->material[patch_at(p, x, y)])
-                        REQUIRE_REL((double) p->result[c][patch_at(p, x, y)], (c + 1.0) * total_of(&m, c), 1e-4);
+                        REQUIRE_REL((double) p->result[c][patch_at(p, x, y)], (c + 1.0) * even_total(method, &m, c), 1e-4);
         patch_destroy(p);
     }
     place_destroy(&at);
@@ -211,7 +264,7 @@ static void white_profiles_give_back_even_light(void **state)
     {
         struct patch *p = patch_create(64, 40, true, 1.0, 100.0, &m, 1);
         patch_light(p, 1.0f, 2.0f, 3.0f);
-        patch_run(&at, method, NULL, p);
+        patch_run(&at, method, form(method), p);
         for (int c = 0; c < 3; c++)
             REQUIRE_REL((double) p->result[c][patch_at(p, 20, 30)], c + 1.0, 1e-4);
         patch_destroy(p);
@@ -248,7 +301,7 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
             struct patch *p = patch_create(251, 143, false, 1200.0, 500.0, m, 2);
             struct pell_pass *pass;
             rough_scene(p, 5);
-            pass = patch_pass(&at, method, NULL, p);
+            pass = patch_pass(&at, method, form(method), p);
             for (int again = 0; again < 3; again++) {
                 assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
                 if (first)
@@ -281,7 +334,7 @@ static void every_simd_level_gives_the_same_bits(void **state)
             at = place_create(1, NULL, NULL);
             p[i] = patch_create(201, 93, false, 1200.0, 500.0, &m, 1);
             rough_scene(p[i], 11);
-            patch_run(&at, method, NULL, p[i]);
+            patch_run(&at, method, form(method), p[i]);
             place_destroy(&at);
             assert_true(same_result(p[0], p[i]));
         }
@@ -304,13 +357,13 @@ static void any_size_and_any_rectangle(void **state)
             const int w = sizes[s][0], h = sizes[s][1];
             struct patch *p = patch_create(w, h, false, 50.0, 50.0, &m, 1);
             struct pell_pass *pass;
-            patch_run(&at, method, NULL, p);
-            REQUIRE_REL((double) p->result[0][patch_at(p, w - 1, h - 1)], total_of(&m, 0), 1e-4);
+            patch_run(&at, method, form(method), p);
+            REQUIRE_REL((double) p->result[0][patch_at(p, w - 1, h - 1)], even_total(method, &m, 0), 1e-4);
             /* Nothing is written beside the picture (the rows are longer), nor outside the rectangle. */
             for (int y = 0; y < h; y++)
                 for (ptrdiff_t x = w; x < p->frame.stride; x++)
                     assert_true(p->result[0][y * p->frame.stride + x] == 0.0f);
-            pass = patch_pass(&at, method, NULL, p);
+            pass = patch_pass(&at, method, form(method), p);
             p->frame.rect = (struct pell_rect) { 0, 0, 0, 0 };
             for (int c = 0; c < 3; c++)
                 p->result[c][0] = -5.0f;
@@ -321,7 +374,7 @@ static void any_size_and_any_rectangle(void **state)
                 for (int x = 0; x < w; x++)
                     p->material[patch_at(p, x, y)] = x >= w / 2 && y >= h / 2;
             assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
-            REQUIRE_REL((double) p->result[2][patch_at(p, w - 1, h - 1)], total_of(&m, 2), 1e-4);
+            REQUIRE_REL((double) p->result[2][patch_at(p, w - 1, h - 1)], even_total(method, &m, 2), 1e-4);
             pell_pass_destroy(&pass);
             patch_destroy(p);
         }
@@ -338,7 +391,7 @@ static void a_frame_leaves_nothing_for_the_next(void **state)
     FOR_EACH_METHOD(method)
     {
         struct patch *p = patch_create(90, 80, false, 500.0, 500.0, &m, 1), *q = patch_create(90, 80, false, 500.0, 500.0, &m, 1);
-        struct pell_pass *pass = patch_pass(&at, method, NULL, p);
+        struct pell_pass *pass = patch_pass(&at, method, form(method), p);
         rough_scene(p, 21);
         assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
         for (int i = 0; i < 2; i++) {
@@ -356,7 +409,7 @@ static void a_frame_leaves_nothing_for_the_next(void **state)
                 }
         }
         assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
-        patch_run(&at, method, NULL, q);
+        patch_run(&at, method, form(method), q);
         assert_true(same_result(p, q));
         pell_pass_destroy(&pass);
         patch_destroy(p);
@@ -462,8 +515,8 @@ static void swapping_channels_swaps_the_result(void **state)
         rough_scene(q, 31);
         for (int c = 0; c < 3; c++)
             memcpy(q->light[c], p->light[order[c]], patch_floats(p) * sizeof(float));
-        patch_run(&at, method, NULL, p);
-        patch_run(&at, method, NULL, q);
+        patch_run(&at, method, form(method), p);
+        patch_run(&at, method, form(method), q);
         for (int c = 0; c < 3; c++)
             assert_memory_equal(q->result[c], p->result[order[c]], patch_floats(p) * sizeof(float));
         patch_destroy(p);
@@ -527,14 +580,13 @@ static void no_radius_is_lambert(void **state)
     {
         for (int i = 0; i < 2; i++) {
             struct patch *p = patch_create(50, 40, false, 1000.0, 1000.0, i ? &dense : &m, 1);
-            const struct pell_dipole d = pell_dipole_make(0.1, 1e5, 1.3, PELL_FRESNEL_EXACT);
             light_noise(p);
-            patch_run(&at, method, NULL, p);
+            patch_run(&at, method, form(method), p);
             for (int c = 0; c < 3; c++)
                 for (int y = 0; y < 40; y++)
                     for (int x = 0; x < 50; x++)
                         REQUIRE_NEAR((double) p->result[c][patch_at(p, x, y)],
-                                     (i ? pell_dipole_total(&d) : total_of(&m, c)) * (double) p->light[c][patch_at(p, x, y)], 1e-3);
+                                     even_total(method, i ? &dense : &m, c) * (double) p->light[c][patch_at(p, x, y)], 1e-3);
             patch_destroy(p);
         }
     }
@@ -543,7 +595,9 @@ static void no_radius_is_lambert(void **state)
 
 static void all_albedos_are_legal(void **state)
 {
-    static const double coefficients[][2] = { { 1.0, 0.0 }, { 0.0, 1.0 }, { 1e-6, 0.0 }, { 1e6, 0.0 }, { 0.0, 1e6 }, { 1e6, 1e6 }, { 1e-7, 1e-6 }, { 1e-3, 50.0 } };
+    static const double coefficients[][2] = {
+        { 1.0, 0.0 }, { 0.0, 1.0 }, { 1e-6, 0.0 }, { 1e6, 0.0 }, { 0.0, 1e6 }, { 1e6, 1e6 }, { 1e-7, 1e-6 }, { 1e-3, 50.0 }
+    };
     struct bench_place at = place_create(1, NULL, NULL);
 
     (void) state;
@@ -557,12 +611,9 @@ static void all_albedos_are_legal(void **state)
                 m.medium.sigma_s_reduced[c] = c == 1 ? 1.0 : coefficients[k][1];
             }
             p = patch_create(40, 30, false, 500.0, 500.0, &m, 1);
-            patch_run(&at, method, NULL, p);
-            for (int c = 0; c < 3; c++) {
-                const struct pell_dipole d =
-                    pell_dipole_make(m.medium.sigma_a[c], m.medium.sigma_s_reduced[c], m.medium.eta, PELL_FRESNEL_EXACT);
-                REQUIRE_NEAR((double) p->result[c][patch_at(p, 20, 15)], pell_dipole_total(&d), 1e-4);
-            }
+            patch_run(&at, method, form(method), p);
+            for (int c = 0; c < 3; c++)
+                REQUIRE_NEAR((double) p->result[c][patch_at(p, 20, 15)], even_total(method, &m, c), 1e-4);
             patch_destroy(p);
         }
     }
@@ -587,7 +638,7 @@ static void what_lies_outside_the_mask_changes_nothing(void **state)
             for (size_t i = 0; i < patch_floats(p); i++)
                 for (size_t k = 0; !p->material[i] && k < PELL_COUNT(planes); k++)
                     planes[k][i] = junk[j];
-            patch_run(&at, method, NULL, p);
+            patch_run(&at, method, form(method), p);
             for (size_t i = 0; i < patch_floats(p); i++)
                 for (int c = 0; c < 3; c++)
                     assert_true(p->material[i] ? isfinite(p->result[c][i]) : p->result[c][i] == 0.0f);
@@ -620,13 +671,13 @@ static void materials_that_touch_do_not_bleed(void **state)
                 p->light[0][patch_at(p, x, y)] = left ? 1.0f : 0.0f;
                 p->light[1][patch_at(p, x, y)] = left ? 0.0f : 1.0f;
             }
-        patch_run(&at, method, NULL, p);
+        patch_run(&at, method, form(method), p);
         for (int y = 0; y < 64; y++)
             for (int x = 0; x < 101; x++) {
                 const bool left = x + y / 4 < 53;
                 const size_t i = patch_at(p, x, y);
-                REQUIRE_NEAR((double) p->result[0][i], left ? total_of(&m[0], 0) : 0.0, 1e-5);
-                REQUIRE_NEAR((double) p->result[1][i], left ? 0.0 : total_of(&m[1], 1), 1e-5);
+                REQUIRE_NEAR((double) p->result[0][i], left ? even_total(method, &m[0], 0) : 0.0, 1e-5);
+                REQUIRE_NEAR((double) p->result[1][i], left ? 0.0 : even_total(method, &m[1], 1), 1e-5);
             }
         patch_destroy(p);
     }
@@ -682,7 +733,7 @@ static void a_frame_allocates_nothing(void **state)
     FOR_EACH_METHOD(method)
     {
         struct patch *p = patch_create(200, 100, false, 900.0, 500.0, &m, 1);
-        struct pell_pass *pass = patch_pass(&at, method, NULL, p);
+        struct pell_pass *pass = patch_pass(&at, method, form(method), p);
         const uint64_t before = pell_allocations(at.ctx);
         for (unsigned i = 0; i < 3; i++) {
             rough_scene(p, 50 + i);
@@ -724,7 +775,8 @@ static void two_renderers_run_at_once(void **state)
         struct racer racers[3];
         pthread_t threads[2];
         for (int i = 0; i < 3; i++) {
-            racers[i] = (struct racer) { .method = method, .at = place_create(2, NULL, NULL), .p = patch_create(160, 120, false, 900.0, 500.0, &m, 1) };
+            racers[i] = (struct racer) { .method = method, .at = place_create(2, NULL, NULL), .p = patch_create(160, 120, false, 900.0,
+                                                                                                                500.0, &m, 1) };
             rough_scene(racers[i].p, 61);
         }
         for (int i = 0; i < 2; i++)
@@ -753,7 +805,7 @@ static void a_frame_of_another_shape_is_refused(void **state)
     FOR_EACH_METHOD(method)
     {
         struct patch *p = patch_create(40, 30, false, 500.0, 500.0, &m, 1), *q = patch_create(61, 47, false, 500.0, 500.0, &m, 1);
-        struct pell_pass *pass = patch_pass(&at, method, NULL, p);
+        struct pell_pass *pass = patch_pass(&at, method, form(method), p);
         struct pell_frame out;
         kept = (struct kept_messages) { 0 };
         assert_int_equal(pell_pass_render(pass, &q->frame, &q->out), PELL_ERR_INVALID);
@@ -765,8 +817,8 @@ static void a_frame_of_another_shape_is_refused(void **state)
         assert_int_equal(pell_pass_render(pass, &out, &p->out), PELL_ERR_INVALID);
         assert_int_equal(kept.errors, 3);
         pell_pass_destroy(&pass);
-        patch_run(&at, method, NULL, q);
-        REQUIRE_REL((double) q->result[0][patch_at(q, 60, 46)], total_of(&m, 0), 1e-4);
+        patch_run(&at, method, form(method), q);
+        REQUIRE_REL((double) q->result[0][patch_at(q, 60, 46)], even_total(method, &m, 0), 1e-4);
         patch_destroy(p);
         patch_destroy(q);
     }
@@ -784,13 +836,13 @@ static void dim_and_bright_light_is_scaled_exactly(void **state)
     {
         struct patch *p = patch_create(90, 60, false, 900.0, 500.0, &m, 1), *q = patch_create(90, 60, false, 900.0, 500.0, &m, 1);
         rough_scene(p, 71);
-        patch_run(&at, method, NULL, p);
+        patch_run(&at, method, form(method), p);
         for (size_t s = 0; s < PELL_COUNT(scales); s++) {
             rough_scene(q, 71);
             for (int c = 0; c < 3; c++)
                 for (size_t i = 0; i < patch_floats(q); i++)
                     q->light[c][i] *= (float) scales[s];
-            patch_run(&at, method, NULL, q);
+            patch_run(&at, method, form(method), q);
             for (int c = 0; c < 3; c++)
                 for (size_t i = 0; i < patch_floats(q); i++)
                     REQUIRE_NEAR((double) q->result[c][i] / (double) (float) scales[s], (double) p->result[c][i], 1e-5);
@@ -876,7 +928,7 @@ static void thickness_tables_fall_from_the_albedo_to_nothing(void **state)
     FOR_EACH_METHOD(method)
     {
         struct patch *p = patch_create(10, 10, true, 1.0, 100.0, &m, 1);
-        struct pell_pass *pass = patch_pass(&at, method, NULL, p);
+        struct pell_pass *pass = patch_pass(&at, method, form(method), p);
         const struct pell_thickness_table *t = pell_pass_thickness(pass, 0);
         assert_null(pell_pass_thickness(pass, 1));
         assert_true(!(pell_pass_plan(pass)->needs & PELL_NEED_THROUGH) || t);
@@ -884,7 +936,7 @@ static void thickness_tables_fall_from_the_albedo_to_nothing(void **state)
             REQUIRE(t->value[0][c] <= 1.0f && t->max_mm > 0.0f && isfinite(t->max_mm));
             for (int i = 1; i < PELL_THICKNESS_STEPS; i++)
                 REQUIRE(t->value[i][c] >= 0.0f && t->value[i][c] <= t->value[i - 1][c]);
-            REQUIRE(t->value[PELL_THICKNESS_STEPS - 1][c] <= 1.01e-4f * (float) total_of(&m, c));
+            REQUIRE(t->value[PELL_THICKNESS_STEPS - 1][c] <= 1.01e-4f * (float) even_total(method, &m, c));
         }
         pell_pass_destroy(&pass);
         patch_destroy(p);

@@ -85,7 +85,7 @@ static void half_lit_plane_is_the_analytic_convolution(void **state)
     (void) state;
     for (int m = 0; m < 3; m++) {
         double worst[2] = { 0.0, 0.0 };
-        for (double scale = 0.1; scale < 60.0; scale *= 1.13) {
+        for (double scale = 0.1; scale < 60.0; scale *= 1.17) {
             const double across = step_error(&at, NULL, &materials[m], true, scale, 0);
             const double down = step_error(&at, NULL, &materials[m], false, scale, 1);
             const bool wide = scale * sqrt(materials[m].gaussians.variance[0]) > 1.5;
@@ -189,7 +189,7 @@ static double tilt_error(const struct bench_place *at, const struct pell_frame_m
 {
     const double slope = tan(degrees * PI / 180.0), ux = cos(turn * PI / 180.0), uy = sin(turn * PI / 180.0);
     const double depth = 500.0, scale = 10.0;
-    const int size = 320, grid = 16;
+    const int size = 240, grid = 8;
     struct patch *p = patch_create(size, size, ortho, ortho ? scale : scale * depth, depth, m, 1);
     double worst = 0.0;
 
@@ -200,10 +200,11 @@ static double tilt_error(const struct bench_place *at, const struct pell_frame_m
             int hits = 0;
             for (int s = 0; s < grid * grid; s++) {
                 const double px = x - size / 2 + (s % grid + 0.5) / grid, py = y - size / 2 + (s / grid + 0.5) / grid;
-                hits += (along ? py * ux - px * uy : px * ux + py * uy) > 0.0;
+                const double side = along ? py * ux - px * uy : px * ux + py * uy;
+                hits += fabs(side) < 1e-9 ? 1 : side > 0.0 ? 2 : 0;
             }
             for (int c = 0; c < 3; c++)
-                p->light[c][i] = (float) hits / (float) (grid * grid);
+                p->light[c][i] = (float) hits / (float) (2 * grid * grid);
         }
     }
     patch_run(at, method(at->ctx), NULL, p);
@@ -232,16 +233,32 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
             const double across = tilt_error(&at, &m, degrees, turns[t], true, false);
             const double along = tilt_error(&at, &m, degrees, turns[t], true, true);
             const double perspective = tilt_error(&at, &m, degrees, turns[t], false, false);
-            print_message("# tilt %2d, turned by %2.0f degrees: step across the slope %.4f, perspective %.4f, along it %.4f\n", degrees, turns[t],
+            print_message("# tilt %2d, turned by %2.0f degrees: step across the slope %.4f, perspective %.4f, along it %.4f\n", degrees,
+                          turns[t],
                           across, perspective, along);
-            REQUIRE(fmax(fmax(across, perspective), along) < (turns[t] == 0.0 || turns[t] == 90.0 ? 0.0015 : degrees < 70 ? 0.011 : 0.03));
+            REQUIRE(fmax(fmax(across, perspective), along) < (turns[t] == 0.0 || turns[t] == 90.0 ? 0.0015 : degrees < 70 ? 0.01 : 0.03));
         }
     }
     place_destroy(&at);
 }
 
+/* Surface of a ball behind a pixel, in pixels. */
+static double ball_area(double radius, double x, double y, double px)
+{
+    double sum = 0.0;
+
+    for (int s = 0; s < 64; s++) {
+        const double X = x + ((s % 8 + 0.5) / 8.0 - 0.5) * px, Y = y + ((s / 8 + 0.5) / 8.0 - 0.5) * px,
+            z2 = radius * radius - X * X - Y * Y;
+        if (z2 > 0.0)
+            sum += fmin(radius / sqrt(z2), 200.0) / 64.0;
+    }
+    return sum;
+}
+
 /* A ball of 80 mm in a picture of `size` pixels, `pixels` across, lit from the side and in front. Returns the sums over the surface. */
-static void ball_sums(const struct bench_place *at, const struct pell_frame_material *m, int size, double pixels, double in[3], double out[3])
+static void ball_sums(const struct bench_place *at, const struct pell_frame_material *m, int size, double pixels, double in[3],
+                      double out[3])
 {
     const double radius = 40.0, scale = pixels / (2.0 * radius);
     struct patch *p = patch_create(size, size, true, scale, 100.0, m, 1);
@@ -262,7 +279,8 @@ static void ball_sums(const struct bench_place *at, const struct pell_frame_mate
         for (int y = 0; y < size; y++)
             for (int x = 0; x < size; x++) {
                 const size_t i = patch_at(p, x, y);
-                const double cosine = (100.0 - (double) p->depth[i]) / radius, area = p->material[i] ? 1.0 / fmax(cosine, 0.1) : 0.0;
+                const double area = p->material[i] ? ball_area(radius, (x + 0.5 - 0.5 * size) / scale, (y + 0.5 - 0.5 * size) / scale,
+                                                               1.0 / scale) : 0.0;
                 in[c] += area * (double) p->light[c][i];
                 out[c] += area * (double) p->result[c][i];
             }
@@ -281,7 +299,8 @@ static void total_light_of_a_ball_is_kept(void **state)
             const struct pell_frame_material m = single(v);
             double in[3], out[3];
             ball_sums(&at, &m, (int) sizes[s] + 20, sizes[s], in, out);
-            print_message("# ball of 80 mm, %3.0f px across, %.2f mm wide profile: %.4f of the light comes out\n", sizes[s], sqrt(v), out[0] / in[0]);
+            print_message("# ball of 80 mm, %3.0f px across, %.2f mm wide profile: %.4f of the light comes out\n", sizes[s], sqrt(v),
+                          out[0] / in[0]);
             REQUIRE_REL(out[0], in[0], 0.02);
         }
     }
@@ -347,7 +366,8 @@ static struct patch *lit_disc(const struct pell_frame_material *m, int size, dou
         for (int x = 0; x < size; x++) {
             int hits = 0;
             for (int s = 0; s < 256; s++) {
-                const double X = (x + (s % 16 + 0.5) / 16.0 - 0.5 * size) * depth / focal, Y = (y + (s / 16 + 0.5) / 16.0 - 0.5 * size) * depth / focal;
+                const double X = (x + (s % 16 + 0.5) / 16.0 - 0.5 * size) * depth / focal,
+                    Y = (y + (s / 16 + 0.5) / 16.0 - 0.5 * size) * depth / focal;
                 hits += X * X + Y * Y < 49.0;
             }
             for (int c = 0; c < 3; c++)
@@ -366,9 +386,11 @@ static void twice_the_distance_or_half_the_pixels_change_little(void **state)
         for (double scale = 1.0; scale < 20.0; scale *= 2.0) {
             const int n = (int) (24.0 * scale);
             /* Near; twice as far; as near, with half the pixels; twice as far with twice the focal length. */
-            struct patch *p[4] = { lit_disc(&materials[k], 2 * n, 2.0 * scale * 300.0, 300.0), lit_disc(&materials[k], n, 2.0 * scale * 300.0, 600.0),
-                                   lit_disc(&materials[k], n, scale * 300.0, 300.0), lit_disc(&materials[k], 2 * n, 4.0 * scale * 300.0, 600.0) };
-            double far = 0.0, coarse = 0.0, zoomed = 0.0;
+            struct patch *p[4] = { lit_disc(&materials[k], 2 * n, 2.0 * scale * 300.0, 300.0), lit_disc(&materials[k], n,
+                                                                                                        2.0 * scale * 300.0, 600.0),
+                                   lit_disc(&materials[k], n, scale * 300.0, 300.0), lit_disc(&materials[k], 2 * n, 4.0 * scale * 300.0,
+                                                                                              600.0) };
+            double far = 0.0, coarse = 0.0, zoomed = 0.0, squares = 0.0;
             for (int i = 0; i < 4; i++)
                 patch_run(&at, method(at.ctx), NULL, p[i]);
             for (int y = 0; y < n; y++)
@@ -381,11 +403,13 @@ static void twice_the_distance_or_half_the_pixels_change_little(void **state)
                             zoomed = fmax(zoomed, fabs((double) p[0]->result[c][i] - (double) p[3]->result[c][i]));
                         }
                         far = fmax(far, fabs(mean - (double) p[1]->result[c][patch_at(p[1], x, y)]));
+                        squares += pow(mean - (double) p[1]->result[c][patch_at(p[1], x, y)], 2.0);
                         coarse = fmax(coarse, fabs(mean - (double) p[2]->result[c][patch_at(p[2], x, y)]));
                     }
-            print_message("# %s, %4.1f px/mm against half: twice as far %.4f, half the pixels %.4f, twice as far and zoomed in %.6f\n",
-                          k ? "marble" : "skin", 2.0 * scale, far, coarse, zoomed);
-            REQUIRE(far < 0.03 && coarse < 0.03 && zoomed < 1e-5);
+            squares = sqrt(squares / (3.0 * n * n));
+            print_message("# %s, %4.1f px/mm and half of it: twice as far %.4f (rms %.5f), half the pixels %.4f, far and zoomed in %.6f\n",
+                          k ? "marble" : "skin", 2.0 * scale, far, squares, coarse, zoomed);
+            REQUIRE(far < 0.045 && squares < 0.006 && coarse < 0.045 && zoomed < 1e-5);
             for (int i = 0; i < 4; i++)
                 patch_destroy(p[i]);
         }
@@ -414,7 +438,8 @@ static void a_dolly_does_not_pop(void **state)
             patch_run(&at, method(at.ctx), NULL, p);
             for (int x = HALF / 2; x < ACROSS - HALF / 2; x++)
                 for (int c = 0; c < 3; c++) {
-                    const double e = (double) p->result[c][patch_at(p, x, 12)] - half_lit(&materials[k].gaussians, c, (x + 0.5 - HALF) / scale);
+                    const double e = (double) p->result[c][patch_at(p, x, 12)] - half_lit(&materials[k].gaussians, c,
+                                                                                          (x + 0.5 - HALF) / scale);
                     if (frames > 0 && fabs(e - before[c][x]) > worst) {
                         worst = fabs(e - before[c][x]);
                         worst_scale = scale;
@@ -423,7 +448,8 @@ static void a_dolly_does_not_pop(void **state)
                 }
             patch_destroy(p);
         }
-        print_message("# %s, %d frames from 12 to 0.2 px/mm: largest pop %.5f of the step, at %.2f px/mm\n", k ? "marble" : "skin", frames, worst,
+        print_message("# %s, %d frames from 12 to 0.2 px/mm: largest pop %.5f of the step, at %.2f px/mm\n", k ? "marble" : "skin", frames,
+                      worst,
                       worst_scale);
         REQUIRE(worst < 0.004);
     }
@@ -554,7 +580,8 @@ static void table_7_1_follows_from_the_weights(void **state)
         { { 1.0, 1.0, 1.0 }, { 0.8173, 0.6616, 0.4647 }, { 0.5101, 0.4617, 0.4791 }, { 0.3913, 0.3161, 0.2189 } },
     };
     const struct pell_frame_material materials[2] = { skin(), marble() };
-    const struct pell_gaussians none = { .count = 3, .variance = { 1.0, 2.0, 3.0 }, .weight = { { 0.0 }, { 0.5, 0.0, 0.0 }, { 0.5, 1.0, 0.0 } } };
+    const struct pell_gaussians none = { .count = 3, .variance = { 1.0, 2.0, 3.0 }, .weight = { { 0.0 }, { 0.5, 0.0, 0.0 }, { 0.5, 1.0,
+                                                                                                                              0.0 } } };
     float blend[3];
 
     (void) state;
@@ -618,7 +645,8 @@ static void spans_follow_ssslevel_and_correction_as_in_figure_7_5(void **state)
                 REQUIRE(seen[axis] > 0.97 * expected[axis] * expected[axis]);
                 REQUIRE(seen[axis] < 1.03 * expected[axis] * expected[axis] + 0.25 / 0.12);
             }
-            print_message("# ssslevel %5.2f, correction %4.0f: span %5.2f x %5.2f px, by the formula %5.2f x %5.2f\n", levels[l], corrections[k],
+            print_message("# ssslevel %5.2f, correction %4.0f: span %5.2f x %5.2f px, by the formula %5.2f x %5.2f\n", levels[l],
+                          corrections[k],
                           sqrt(seen[0]), sqrt(seen[1]), expected[0], expected[1]);
             patch_destroy(p);
         }
@@ -663,7 +691,8 @@ static void the_papers_skin_is_its_four_gaussians_with_the_first_unblurred(void 
     static const char *const same[] = { "edges=paper", "first=unblurred", "lod=0.5", "input=lit", NULL };
     struct pell_frame_material published = skin(), named = single(3.0);
     struct bench_place at = place_create(1, NULL, NULL);
-    struct patch *p = patch_create(200, 40, false, 3000.0, 600.0, &named, 1), *q = patch_create(200, 40, false, 3000.0, 600.0, &published, 1);
+    struct patch *p = patch_create(200, 40, false, 3000.0, 600.0, &named, 1), *q = patch_create(200, 40, false, 3000.0, 600.0, &published,
+                                                                                                1);
 
     (void) state;
     named.name = "skin";

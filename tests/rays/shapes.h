@@ -87,7 +87,7 @@ static inline struct pell_mesh *shapes_quad(struct pell_scene *s, size_t materia
     return m;
 }
 
-/* A closed ball of 2 `rings` x `rings` cells with smooth normals. Vertices of the seam and the poles are shared, so that it is watertight. */
+/* A closed ball of 2 `rings` x `rings` cells with smooth normals. The seam and the poles share their vertices: it is watertight. */
 static inline struct pell_mesh *shapes_ball(struct pell_scene *s, size_t material, struct pell_vec3 center, float radius, int rings)
 {
     const int sectors = 2 * rings;
@@ -105,7 +105,8 @@ static inline struct pell_mesh *shapes_ball(struct pell_scene *s, size_t materia
     for (int j = 0; j < rings; j++)
         for (int i = 0; i < sectors; i++) {
             const int next = (i + 1) % sectors;
-            const uint32_t a = j == 0 ? 0 : (uint32_t) (1 + (j - 1) * sectors + i), b = j == 0 ? 0 : (uint32_t) (1 + (j - 1) * sectors + next);
+            const uint32_t a = j == 0 ? 0 : (uint32_t) (1 + (j - 1) * sectors + i);
+            const uint32_t b = j == 0 ? 0 : (uint32_t) (1 + (j - 1) * sectors + next);
             const uint32_t c = j == rings - 1 ? bottom : (uint32_t) (1 + j * sectors + i);
             const uint32_t d = j == rings - 1 ? bottom : (uint32_t) (1 + j * sectors + next);
             if (j < rings - 1) {

@@ -309,28 +309,49 @@ static void constant_environment(void **state)
     }
 }
 
-/* Int L T max(n.w, 0) dw over the texels, straight from the picture. */
-static void brute_irradiance(const struct rig *r, const struct pell_light *light, struct pell_vec3 n, size_t material, double rho_s, float roughness,
-                             double rgb[3])
+/* The picture's texels as lights: direction and radiance x solid angle. */
+struct texel {
+    float x, y, z, rgb[3];
+};
+
+static struct texel *list_texels(const struct pell_light *light, size_t *count)
 {
     const struct pell_image *image = &light->image->image;
-    rgb[0] = rgb[1] = rgb[2] = 0.0;
+    struct texel *t = malloc((size_t) image->width * (size_t) image->height * sizeof(*t));
+    *count = 0;
     for (int y = 0; y < image->height; y++) {
         const double polar = PELL_PI * (y + 0.5) / image->height, solid = 2.0 * PELL_PI / image->width * PELL_PI / image->height * sin(polar);
         for (int x = 0; x < image->width; x++) {
             /* centre of the picture is -z; then turned about +y */
             const double a = 2.0 * PELL_PI * ((x + 0.5) / image->width - 0.5) - light->rotate;
-            const double mu = n.x * sin(polar) * sin(a) + n.y * cos(polar) - n.z * sin(polar) * cos(a);
+            struct texel *o = &t[(*count)++];
             float rgba[4];
-            double t;
-            if (!(mu > 0.0))
-                continue;
             pell_image_texel(image, x, y, rgba);
-            t = r->smooth ? pell_boundary_transmittance(r->tables, material, (float) mu)
-                          : 1.0 - rho_s * pell_specular_albedo(r->tables, material, (float) mu, roughness);
+            *o = (struct texel) { (float) (sin(polar) * sin(a)), (float) cos(polar), (float) (-sin(polar) * cos(a)), { 0 } };
             for (int c = 0; c < 3; c++)
-                rgb[c] += rgba[c] * light->power[c] * solid * mu * t;
+                o->rgb[c] = (float) (rgba[c] * light->power[c] * solid);
         }
+    }
+    return t;
+}
+
+/* Int L T max(n.w, 0) dw over the texels, straight from the picture. */
+static void brute_irradiance(const struct rig *r, const struct texel *texels, size_t count, struct pell_vec3 n, size_t material, double rho_s,
+                             float roughness, double rgb[3])
+{
+    rgb[0] = rgb[1] = rgb[2] = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        const struct texel *t = &texels[i];
+        const float mu = n.x * t->x + n.y * t->y + n.z * t->z;
+        double w = mu;
+        if (!(mu > 0.0f))
+            continue;
+        if (r->smooth)
+            w *= pell_boundary_transmittance(r->tables, material, mu);
+        else if (rho_s > 0.0)
+            w *= 1.0 - rho_s * pell_specular_albedo(r->tables, material, mu, roughness);
+        for (int c = 0; c < 3; c++)
+            rgb[c] += w * t->rgb[c];
     }
 }
 
@@ -340,8 +361,9 @@ static void check_environment(const char *file, int lamps, float rho_s, float ro
     struct pell_texture *texture;
     struct pell_light *l;
     struct rig r;
-    double worst = 0.0, start;
-    size_t m;
+    struct texel *texels;
+    double worst = 0.0;
+    size_t m, count;
     rig_start(&r, SIZE, SIZE);
     r.ideal = true;
     m = rig_material(&r, false);
@@ -359,7 +381,7 @@ static void check_environment(const char *file, int lamps, float rho_s, float ro
     r.settings.ambient_samples = 1;
     r.settings.boundary = smooth;
     rig_render(&r);
-    start = pell_seconds();
+    texels = list_texels(&r.scene->lights[0], &count);
     for (int k = 0; k < 2; k++) /* from both sides: the camera is turned by turning the light */
         for (int y = 2; y < SIZE; y += 9)
             for (int x = 2; x < SIZE; x += 9) {
@@ -367,18 +389,20 @@ static void check_environment(const char *file, int lamps, float rho_s, float ro
                 if (k == 1 && y == 2 && x == 2) {
                     r.scene->lights[0].rotate = rotate + 2.5f;
                     rig_render(&r);
+                    free(texels);
+                    texels = list_texels(&r.scene->lights[0], &count);
                 }
                 if (!r.surface.material[rig_at(&r, x, y)])
                     continue;
-                brute_irradiance(&r, &r.scene->lights[0], rig_normal(&r, x, y), m, rho_s, roughness, want);
+                brute_irradiance(&r, texels, count, rig_normal(&r, x, y), m, rho_s, roughness, want);
                 for (int c = 0; c < 3; c++) {
                     const double got = r.light.irradiance[c][rig_at(&r, x, y)];
                     worst = fmax(worst, fabs(got / want[c] - 1.0));
                     REQUIRE_REL(got, want[c], 5e-3);
                 }
             }
-    print_message("# %s, %d lamps, rho_s %.1f: largest error %.3f %% (brute force %.1f s)\n", strrchr(file, '/') + 1, lamps, (double) rho_s,
-                  100.0 * worst, pell_seconds() - start);
+    print_message("# %s, %d lamps, rho_s %.1f: largest error %.3f %%\n", strrchr(file, '/') + 1, lamps, (double) rho_s, 100.0 * worst);
+    free(texels);
     rig_finish(&r);
 }
 
@@ -417,6 +441,8 @@ static void a_sun_in_a_dim_sky_keeps_the_bound(void **state)
 {
     struct pell_light *l;
     struct rig r;
+    struct texel *texels;
+    size_t count;
     const size_t m = 0;
     (void) state;
     rig_start(&r, SIZE, SIZE);
@@ -429,14 +455,16 @@ static void a_sun_in_a_dim_sky_keeps_the_bound(void **state)
     l->rotate = 3.5f;
     r.settings.ambient_samples = 1;
     rig_render(&r);
+    texels = list_texels(&r.scene->lights[0], &count);
     for (int y = 2; y < SIZE; y += 3)
         for (int x = 2; x < SIZE; x += 3)
             if (r.surface.material[rig_at(&r, x, y)]) {
                 double want[3];
-                brute_irradiance(&r, &r.scene->lights[0], rig_normal(&r, x, y), m, 0.0, 0.5f, want);
+                brute_irradiance(&r, texels, count, rig_normal(&r, x, y), m, 0.0, 0.5f, want);
                 for (int c = 0; c < 3; c++)
                     REQUIRE_REL(r.light.irradiance[c][rig_at(&r, x, y)], want[c], 5e-3);
             }
+    free(texels);
     rig_finish(&r);
 }
 

@@ -264,6 +264,7 @@ static void the_rectangle_of_the_bounds_loses_no_pixel(void **state)
 
 static void what_was_there_in_the_last_frame_is_gone(void **state)
 {
+    const struct pell_camera away = { .position = { 0, 0, 22 }, .forward = { 0, 0, 1 }, .up = { 0, 1, 0 }, .fov = 0.5f };
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *scene = shapes_scene(ctx);
     struct stage s;
@@ -273,8 +274,7 @@ static void what_was_there_in_the_last_frame_is_gone(void **state)
     s = stage_of(ctx, scene, 2);
     render(&s, 64, 64, 22.0f, 0.0f);
     assert_true(s.surface.covered_pixels > 1000);
-    s.view = pell_view_make(&(struct pell_camera) { .position = { 0, 0, 22 }, .forward = { 0, 0, 1 }, .up = { 0, 1, 0 }, .fov = 0.5f }, 64, 64,
-                            0, 0);
+    s.view = pell_view_make(&away, 64, 64, 0, 0);
     assert_int_equal(pell_surface_render(s.pool, s.rays, scene, &s.view, &s.surface), PELL_OK);
     assert_int_equal(s.surface.covered_pixels, 0);
     assert_int_equal(s.surface.rays, 0);
@@ -457,7 +457,8 @@ static void normal_maps_bend_the_normal_as_gltf_says(void **state)
     add_mips(&s);
     for (int kind = 0; kind < 5; kind++) {
         /* as it is; half as strong; bitangent mirrored; seen from behind: the whole frame turned; no tangents: no map */
-        const double k = kind == 1 ? 0.5 : 1.0, mirror = kind == 2 ? -1.0 : 1.0, behind = kind == 3 ? -1.0 : 1.0, on = kind == 4 ? 0.0 : 1.0;
+        const double k = kind == 1 ? 0.5 : 1.0, mirror = kind == 2 ? -1.0 : 1.0;
+        const double behind = kind == 3 ? -1.0 : 1.0, on = kind == 4 ? 0.0 : 1.0;
         const double length = sqrt(on * (a * a + b * b) * k * k + c * c);
         const struct pell_camera back = { .position = { 0, 0, -50 }, .forward = { 0, 0, 1 }, .up = { 0, 1, 0 }, .ortho_height = 20 };
         scene->materials[0].normal_scale = (float) k;

@@ -41,8 +41,8 @@ static inline enum pell_result load_bytes(struct pell_context *ctx, const char *
     return res;
 }
 
-static inline enum pell_result load_text(struct pell_context *ctx, const char *name, const char *text, const struct pell_load_params *params,
-                                         struct pell_scene **scene)
+static inline enum pell_result load_text(struct pell_context *ctx, const char *name, const char *text,
+                                         const struct pell_load_params *params, struct pell_scene **scene)
 {
     return load_bytes(ctx, name, text, strlen(text), params, NULL, scene);
 }
@@ -59,7 +59,8 @@ static inline double mesh_area(const struct pell_mesh *m)
 {
     double sum = 0.0;
     for (uint32_t i = 0; i < m->num_triangles; i++) {
-        const float *a = m->position + 3 * m->index[3 * i], *b = m->position + 3 * m->index[3 * i + 1], *c = m->position + 3 * m->index[3 * i + 2];
+        const float *a = m->position + 3 * m->index[3 * i], *b = m->position + 3 * m->index[3 * i + 1],
+                    *c = m->position + 3 * m->index[3 * i + 2];
         double n[3], e[3], f[3];
         for (int k = 0; k < 3; k++) {
             e[k] = (double) b[k] - a[k];
@@ -81,8 +82,8 @@ static inline char *sphere_obj(int rings, double radius, bool split, bool inward
 
     if (!text)
         fail_msg("no memory for a test");
-#define POINT(i, j)                                                                                                                \
-    radius *sin(PELL_PI *(i) / rings) * cos(2 * PELL_PI * ((j) % around) / around), radius *cos(PELL_PI *(i) / rings),                      \
+#define POINT(i, j)                                                                                                                        \
+    radius *sin(PELL_PI *(i) / rings) * cos(2 * PELL_PI * ((j) % around) / around), radius *cos(PELL_PI *(i) / rings),                     \
         -radius *sin(PELL_PI *(i) / rings) * sin(2 * PELL_PI * ((j) % around) / around)
     for (int i = 0; i < rings; i++)
         for (int j = 0; j < around; j++) {

@@ -44,7 +44,8 @@ static void a_quad_is_the_same_however_it_is_written(void **state)
     same_quad("v 0 0 0\nv 2 0 0\nv 2 3 0\nv 0 3 0\nf -4 -3 -2 -1\n");
     same_quad("v 0 0 0\r\nv 2 0 0\r\nv 2 3 0\r\nv 0 3 0\r\nf 1 2 3 4\r\n");
     same_quad("v 0 0 0\rv 2 0 0\rv 2 3 0\rv 0 3 0\rf 1 2 3 4");
-    same_quad("\xef\xbb\xbf# a comment that ends in a backslash \\\nv 0 0 0\nv\t2  0.0e0 0 \n v 2 \\\n 3 0\nv 0 300e-2 0\nf 1 2 \\\r\n 3 4 # end");
+    same_quad("\xef\xbb\xbf# a comment that ends in a backslash \\\nv 0 0 0\nv\t2  0.0e0 0 \n v 2 \\\n 3 0\nv 0 300e-2 0\nf 1 2 \\\r\n 3 4 "
+              "# end");
     same_quad("v 0 0 0 1\nv 2 0 0 1\nv 2 3 0 1\nv 0 3 0 1\ng a b\ns off\nf 1// 2// 3// 4//\n");
     same_quad("v 0 0 0\nv 2 0 0\nv 2 3 0\nv 0 3 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\n");
     same_quad("v .0 -0 0.\nv +2 0 0\nv 2 3.000000000000000000000000000 0\nv 0.00000000000000000000000000000000000001e-9 3 0\nfo 1 2 3 4\n");
@@ -169,8 +170,9 @@ static void corners_share_a_vertex_only_if_all_three_numbers_agree(void **state)
 
 static void objects_and_materials_make_meshes(void **state)
 {
-    struct pell_scene *s = load("o one\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl red\nf 1 2 3\nusemtl blue\nf 2 4 3\nusemtl red\nf 1 2 4\n"
-                                "o two\nf 1 2 3\ng part\nusemtl blue\nf 1 2 3\nf 1 3 4\n");
+    struct pell_scene *s =
+        load("o one\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl red\nf 1 2 3\nusemtl blue\nf 2 4 3\nusemtl red\nf 1 2 4\n"
+             "o two\nf 1 2 3\ng part\nusemtl blue\nf 1 2 3\nf 1 3 4\n");
     static const struct {
         const char *name, *material;
         uint32_t triangles;
@@ -220,7 +222,9 @@ static void write_text(const char *name, const char *text)
 static void write_png(const char *name, int channels)
 {
     static const float values[4] = { 0.25f, 0.5f, 0.75f, 1.0f };
-    const struct pell_channel rgba[4] = { { "R", values, 2, false }, { "G", values, 2, false }, { "B", values, 2, false }, { "A", values, 2, false } };
+    const struct pell_channel rgba[4] = {
+        { "R", values, 2, false }, { "G", values, 2, false }, { "B", values, 2, false }, { "A", values, 2, false }
+    };
     const struct pell_write_params params = { .width = 2, .height = 2, .channels = rgba, .num_channels = (size_t) channels };
     struct pell_context *ctx = test_context(NULL, NULL);
     char path[512];

@@ -43,7 +43,7 @@ struct ss_state {
     struct band *bands;
     struct ss_work work;
     void (*row)(const struct ss_work *w, int y); /* what the running pass does */
-    int (*rows)(const struct ss_work *w, int y0, int y1); /* or this, which counts pixels */
+    int (*counted)(const struct ss_work *w, int y); /* or this */
     struct pell_pass_time times[1 + SS_STEPS];
     size_t num_times;
 };
@@ -314,7 +314,7 @@ static enum pell_result create(struct pell_renderer *r, const struct pell_frame 
     w->ratio2 = 1.0f;
     if (k->ssslevel > 0.0f) {
         const double ratio = (double) k->ssslevel / pell_ss_level((double) shape->focal_px, (double) shape->object_height);
-        w->ratio2 = (float) (ratio * ratio);
+        w->ratio2 = (float) fmin(fmax(ratio * ratio, 1e-12), 1e12);
     }
     w->skip = 1.0f / (SS_SPAN * SS_SPAN * k->lod * k->lod);
     w->correction = k->correction;
@@ -366,18 +366,20 @@ static void run_rows(void *arg, int index, int worker)
     const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
 
     (void) worker;
-    if (st->rows)
-        st->bands[index].active += st->rows(&st->work, y0, y1);
-    for (int y = y0; st->row && y < y1; y++)
-        st->row(&st->work, y);
+    for (int y = y0; y < y1; y++) {
+        if (st->row)
+            st->row(&st->work, y);
+        else
+            st->bands[index].active += st->counted(&st->work, y);
+    }
 }
 
-static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y), int (*rows)(const struct ss_work *w, int y0, int y1))
+static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y), int (*counted)(const struct ss_work *w, int y))
 {
     const struct pell_rect *rect = &st->work.in->rect;
 
     st->row = row;
-    st->rows = rows;
+    st->counted = counted;
     pell_pool_run(st->pool, (rect->y1 - rect->y0 + BAND - 1) / BAND, run_rows, st);
 }
 

@@ -72,10 +72,10 @@ struct ss_kernels {
     /* length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to it; to_px[0], [1] = px^2
      * per mm^2 of the variances along them. */
     void (*measure)(const struct ss_work *w, int y);
-    /* Rows y0 to y1: now -> half. Returns the number of pixels that were blurred. */
-    int (*across)(const struct ss_work *w, int y0, int y1);
+    /* now -> half. Returns the number of pixels that were blurred. */
+    int (*across)(const struct ss_work *w, int y);
     /* half -> now, and now into the sum, or into `out` in the last step. */
-    int (*down)(const struct ss_work *w, int y0, int y1);
+    int (*down)(const struct ss_work *w, int y);
     /* now -> `out`, where no step blurs anything. */
     void (*copy)(const struct ss_work *w, int y);
 };

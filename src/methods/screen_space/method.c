@@ -34,7 +34,8 @@ static const struct pell_knob knobs[] = {
       "with edges = paper: spans by the surface's slope, or by correction and maxdd" },
     { "ssslevel", PELL_KNOB_FLOAT, "1", AT(ssslevel), { 0 }, 0, 1e5, NULL,
       "scattering level for depths in object heights; 0: derived, so that the profile has its size in mm" },
-    { "correction", PELL_KNOB_FLOAT, "1", AT(correction), { 800 }, 0, 1e5, NULL, "weight of the depth's change per pixel, with foreshortening = paper" },
+    { "correction", PELL_KNOB_FLOAT, "1", AT(correction), { 800 }, 0, 1e5, NULL,
+      "weight of the depth's change per pixel, with foreshortening = paper" },
     { "maxdd", PELL_KNOB_FLOAT, "object heights", AT(maxdd), { 0.001 }, 0, 1, NULL,
       "limit of the depth's change per pixel, with foreshortening = paper" },
     { "lod", PELL_KNOB_FLOAT, "1/px", AT(lod), { 1.75 }, 0.01, 100, NULL, "a Gaussian is left out where its span is under 1/lod pixels" },
@@ -96,8 +97,8 @@ const struct pell_method pell_method_screen_space = {
     .name = "screen-space",
     .title = "Screen-space diffusion by Gaussian blurs",
     .cite = "Jorge Jimenez and Diego Gutierrez, Screen-Space Subsurface Scattering, GPU Pro, 2010",
-    .limits = "Light moves only between points that the camera sees, along the surface or, from behind, straight through; surfaces that slant "
-              "across the picture's diagonal are blurred a little too much one way and too little the other.",
+    .limits = "Light moves only between points that the camera sees, along the surface, or from behind straight through; light that would "
+              "come from or go to a hidden part stays where it fell.",
     .knobs = knobs,
     .knobs_size = sizeof(struct ss_knobs),
     .paper = paper,

@@ -72,6 +72,7 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
         for (int k = 0; k < 3; k++)
             out->total[k] = m->opaque ? 1.0f : p->total[i][k];
         row->any_smooth = row->any_smooth || out->smooth;
+        row->any_texture = row->any_texture || out->out_exponent > 0.0f || out->in_exponent > 0.0f;
         row->any_power = row->any_power || (mix > 0.0f && mix < 1.0f && mix != 0.5f);
     }
 }

@@ -45,12 +45,23 @@ struct packet {
     int64_t rays;
 };
 
-static float max0(float x)
+static inline float max0(float x)
 {
     return x > 0.0f ? x : 0.0f;
 }
 
-static float saturate(float x)
+/* fmaxf and fminf are calls where NaN counts. */
+static inline float larger(float a, float b)
+{
+    return a > b ? a : b;
+}
+
+static inline float smaller(float a, float b)
+{
+    return a < b ? a : b;
+}
+
+static inline float saturate(float x)
 {
     return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
 }
@@ -69,7 +80,7 @@ static float entering_albedo(float base, float m)
     return base > 0.0f ? powf(base, m) : 0.0f;
 }
 
-/* What of lane i depends on its material alone. */
+/* What lane i takes from its material. */
 static void set_material(const struct job *job, struct packet *k, int i)
 {
     const struct pell_specular_tables *t = job->p->tables;
@@ -85,17 +96,35 @@ static void set_material(const struct job *job, struct packet *k, int i)
     l->kelemen[i] = -(int32_t) t->model[material];
     l->opaque[i] = -(int32_t) m->opaque;
     l->deep[i] = -(int32_t) (thickness && thickness->max_mm > 0.0f);
+    l->any_smooth |= l->smooth[i];
+    l->any_kelemen |= l->kelemen[i];
+    l->any_ggx |= ~l->kelemen[i];
+    l->any_deep |= l->deep[i];
 }
 
-static void copy_material(struct pell_lanes *l, int i)
+static void set_materials(const struct job *job, struct packet *k)
 {
-    l->albedo_at[i] = l->albedo_at[i - 1];
-    l->boundary_at[i] = l->boundary_at[i - 1];
-    l->fd[i] = l->fd[i - 1];
-    l->smooth[i] = l->smooth[i - 1];
-    l->kelemen[i] = l->kelemen[i - 1];
-    l->opaque[i] = l->opaque[i - 1];
-    l->deep[i] = l->deep[i - 1];
+    struct pell_lanes *l = &k->lanes;
+    uint32_t differ = 0;
+
+    l->any_smooth = l->any_kelemen = l->any_ggx = l->any_deep = 0;
+    for (int i = 1; i < PELL_LANES; i++)
+        differ |= k->material[i] ^ k->material[0];
+    set_material(job, k, 0);
+    if (differ) {
+        for (int i = 1; i < PELL_LANES; i++)
+            set_material(job, k, i);
+        return;
+    }
+    for (int i = 1; i < PELL_LANES; i++) {
+        l->albedo_at[i] = l->albedo_at[0];
+        l->boundary_at[i] = l->boundary_at[0];
+        l->fd[i] = l->fd[0];
+        l->smooth[i] = l->smooth[0];
+        l->kelemen[i] = l->kelemen[0];
+        l->opaque[i] = l->opaque[0];
+        l->deep[i] = l->deep[0];
+    }
 }
 
 static void color_entering(const struct job *job, struct packet *k)
@@ -117,28 +146,19 @@ static void fill_packet(const struct job *job, struct packet *k, int x0, int y0,
     const struct pell_surface *s = job->p->surface;
     const struct pell_lane_source source = { job->p->view, s, job->p->seed };
     _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES];
-    struct pell_lanes *l = &k->lanes;
 
-    memset(&k->sums, 0, sizeof(k->sums));
     k->count = count;
-    l->any_smooth = l->any_kelemen = l->any_ggx = l->any_deep = 0;
     for (int i = 0; i < PELL_LANES; i++) {
-        const int pixel = list[i < count ? i : 0];
-        x[i] = x0 + pixel % TILE_W;
-        y[i] = y0 + pixel / TILE_W;
-        k->index[i] = (int32_t) (y[i] * s->stride + x[i]);
-        k->material[i] = s->material[k->index[i]] - 1u;
-        if (i > 0 && k->material[i] == k->material[i - 1])
-            copy_material(l, i);
-        else
-            set_material(job, k, i);
-        l->valid[i] = -(int32_t) (i < count);
-        l->any_smooth |= l->smooth[i];
-        l->any_kelemen |= l->kelemen[i];
-        l->any_ggx |= ~l->kelemen[i];
-        l->any_deep |= l->deep[i];
+        const unsigned pixel = list[i < count ? i : 0];
+        x[i] = x0 + (int) (pixel % TILE_W);
+        y[i] = y0 + (int) (pixel / TILE_W);
+        k->index[i] = y[i] * (int32_t) s->stride + x[i];
+        k->lanes.valid[i] = -(int32_t) (i < count);
     }
-    job->kernels->load(&source, k->index, x, y, l);
+    for (int i = 0; i < PELL_LANES; i++)
+        k->material[i] = s->material[k->index[i]] - 1u;
+    set_materials(job, k);
+    job->kernels->load(&source, k->index, x, y, &k->lanes, &k->sums);
     color_entering(job, k);
     if (s->any_emissive)
         for (int c = 0; c < 3; c++)
@@ -159,7 +179,7 @@ static int count_lanes(const int32_t *mask)
 /* visible = mask where nothing is in the way. */
 static void trace_occlusion(const struct job *job, struct packet *k, const int32_t *mask, struct pell_ray16 *rays, int32_t *visible)
 {
-    pell_rays_occluded16(job->p->rays, mask, false, rays);
+    pell_rays_occluded16(job->p->rays, mask, true, rays);
     for (int i = 0; i < PELL_LANES; i++)
         visible[i] = mask[i] & -(int32_t) (rays->tfar[i] >= 0.0f);
     k->rays += count_lanes(mask);
@@ -217,19 +237,41 @@ struct exits {
     _Alignas(64) int32_t found[PELL_LANES];
     struct pell_vec3 point[PELL_LANES];  /* A, mm */
     struct pell_vec3 geometric[PELL_LANES], normal[PELL_LANES];
+    float lift[PELL_LANES]; /* of the smooth surface over the triangle, mm */
 };
 
-static struct pell_vec3 hit_normal(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric)
+/* Where rays into the solid start: just under the triangle. */
+static struct pell_vec3 inside(const struct pell_lanes *l, int i)
+{
+    return vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), -l->epsilon[i], vec3(l->gx[i], l->gy[i], l->gz[i]));
+}
+
+/* Of a hit: its interpolated normal, and how far the smooth surface lies above the triangle there, as in struct pell_surface.lift. */
+static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric, struct pell_vec3 *normal,
+                        float *lift)
 {
     const uint32_t *index = mesh->index + (size_t) 3 * triangle;
-    struct pell_vec3 n;
+    const float w[3] = { 1.0f - u - v, u, v };
+    struct pell_vec3 at = { 0 }, n = { 0 }, sum = { 0 };
 
+    *normal = geometric;
+    *lift = 0.0f;
     if (!mesh->normal)
-        return geometric;
-    n = vec3_mul(vec3_load(mesh->normal + (size_t) 3 * index[0]), 1.0f - u - v);
-    n = vec3_mad(n, u, vec3_load(mesh->normal + (size_t) 3 * index[1]));
-    n = vec3_normalize(vec3_mad(n, v, vec3_load(mesh->normal + (size_t) 3 * index[2])));
-    return vec3_dot(n, geometric) > 0.0f ? n : geometric;
+        return;
+    for (int k = 0; k < 3; k++) {
+        at = vec3_mad(at, w[k], vec3_load(mesh->position + (size_t) 3 * index[k]));
+        n = vec3_mad(n, w[k], vec3_load(mesh->normal + (size_t) 3 * index[k]));
+    }
+    for (int k = 0; k < 3; k++) {
+        const struct pell_vec3 nk = vec3_load(mesh->normal + (size_t) 3 * index[k]);
+        const float under = vec3_dot(vec3_sub(vec3_load(mesh->position + (size_t) 3 * index[k]), at), nk);
+        sum = vec3_mad(sum, w[k] * max0(under), nk);
+    }
+    n = vec3_normalize(n);
+    if (vec3_dot(n, geometric) > 0.0f) {
+        *normal = n;
+        *lift = max0(vec3_dot(sum, geometric));
+    }
 }
 
 /* The object of the surface under each lane of `mask`: what a short ray from above it meets. */
@@ -267,7 +309,7 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
         int any = 0;
         for (int i = 0; i < PELL_LANES; i++)
             r->hit.mesh[i] = r->hit.instance[i] = PELL_NO_HIT;
-        pell_rays_closest16(job->p->rays, open, false, r);
+        pell_rays_closest16(job->p->rays, open, true, r);
         k->rays += count_lanes(open);
         for (int i = 0; i < PELL_LANES; i++) {
             const bool hit = open[i] && r->hit.mesh[i] < scene->num_meshes;
@@ -282,7 +324,7 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
                 out->found[i] = -1;
                 out->point[i] = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
                 out->geometric[i] = ng;
-                out->normal[i] = hit_normal(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng);
+                hit_surface(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng, &out->normal[i], &out->lift[i]);
             } else {
                 inside[i] += leaves ? -1 : 1;
                 inner[i] = any = -1;
@@ -308,7 +350,7 @@ static void pass_thickness(const struct job *job, const struct packet *k, int i,
 {
     const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
     const float x = sqrtf(max0(d) / t->max_mm) * (PELL_THICKNESS_STEPS - 1);
-    const int j = (int) fminf(x, PELL_THICKNESS_STEPS - 2);
+    const int j = (int) smaller(x, PELL_THICKNESS_STEPS - 2);
     const float f = x - (float) j;
 
     for (int c = 0; c < 3; c++)
@@ -338,13 +380,13 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
     float cosine[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++) {
-        const struct pell_vec3 o = vec3(2.0f * l->px[i] - l->ox[i], 2.0f * l->py[i] - l->oy[i], 2.0f * l->pz[i] - l->oz[i]);
+        const struct pell_vec3 o = inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
         const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
         float limit;
-        cosine[i] = fmaxf(fmaxf(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
+        cosine[i] = larger(larger(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
         limit = reach / cosine[i]; /* d >= m cos: nothing comes through beyond */
-        set_ray(&r.ray, i, o, d, far ? limit : fminf(0.9999f, limit / a->distance[i]));
+        set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
     find_exits(job, k, a->back, &r, &exits);
     if (count_lanes(exits.found) == 0)
@@ -352,12 +394,13 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
         if (exits.found[i])
-            o = vec3_mad(exits.point[i], l->epsilon[i], exits.geometric[i]);
+            o = vec3_mad(exits.point[i], exits.lift[i] + l->epsilon[i], exits.geometric[i]);
         set_ray(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
     }
     trace_occlusion(job, k, exits.found, &rays, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
+        const bool lifted = visible[i] && exits.lift[i] > l->epsilon[i]; /* the triangle does not decide what faces the light */
         float share[3], m, facing, mu, g, w, same;
         if (!visible[i])
             continue;
@@ -365,14 +408,14 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
         same = vec3_dot(exits.normal[i], n);
         mu = vec3_dot(exits.normal[i], to);
         facing = vec3_dot(exits.geometric[i], to);
-        if (!(mu > 0.0f) || !(facing > 0.0f))
+        if (!(mu > 0.0f) || !(facing > 0.0f || lifted))
             continue;
-        g = fminf(1.0f, facing / (mu * fmaxf(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
+        g = lifted ? 1.0f : smaller(1.0f, facing / (mu * larger(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
         pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), 1.0f - max0(same), share);
         w = transmittance(job, l, i, mu) * mu * g * (1.0f + g - g * g);
-        w *= far ? 1.0f : pell_lamp_falloff(lamp, fmaxf(a->distance[i] - m, 1e-3f));
+        w *= far ? 1.0f : pell_lamp_falloff(lamp, larger(a->distance[i] - m, 1e-3f));
         for (int c = 0; c < 3; c++)
-            k->sums.through[c][i] += fminf(a->intensity[c][i] * w * share[c], 1e25f);
+            k->sums.through[c][i] += smaller(a->intensity[c][i] * w * share[c], 1e25f);
     }
 }
 
@@ -407,7 +450,7 @@ static void project_image(const struct pell_lamp *lamp, struct packet *k)
         if (u >= 0.0f && u <= 1.0f && v >= 0.0f && v <= 1.0f)
             pell_image_sample(&t->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, t->nearest, u, v, rgba);
         for (int c = 0; c < 3; c++)
-            a->intensity[c][i] *= rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) : 0.0f;
+            a->intensity[c][i] *= rgba[c] > 0.0f ? smaller(rgba[c], 1e10f) : 0.0f;
         if (!(a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i] > 0.0f))
             a->front[i] = a->back[i] = 0;
     }
@@ -480,7 +523,7 @@ static void rest_from_behind(const struct job *job, struct packet *k)
 
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        origin[i] = vec3(2.0f * l->px[i] - l->ox[i], 2.0f * l->py[i] - l->oy[i], 2.0f * l->pz[i] - l->oz[i]);
+        origin[i] = inside(l, i);
         set_ray(&r.ray, i, origin[i], vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
                 l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
         exits.found[i] = l->valid[i] & l->deep[i];
@@ -492,7 +535,7 @@ static void rest_from_behind(const struct job *job, struct packet *k)
     for (int i = 0; i < PELL_LANES; i++) {
         normal[i] = exits.found[i] ? exits.geometric[i] : vec3(0.0f, 0.0f, 1.0f);
         if (exits.found[i])
-            origin[i] = vec3_mad(exits.point[i], l->epsilon[i], exits.geometric[i]);
+            origin[i] = vec3_mad(exits.point[i], exits.lift[i] + l->epsilon[i], exits.geometric[i]);
     }
     ambient_visibility(job, k, exits.found, origin, normal, 0x3c6ef372u, visible);
     for (int i = 0; i < PELL_LANES; i++) {
@@ -561,18 +604,11 @@ static void environments(const struct job *job, struct packet *k)
 
 static void shade_packet(const struct job *job, struct packet *k)
 {
-    struct pell_lighting *out = job->out;
-
     for (size_t j = 0; j < job->lights->num_lamps; j++)
         if (job->lights->lamps[j].environment < 0)
             shine(job, &job->lights->lamps[j], k, &k->sums);
     environments(job, k);
-    for (int c = 0; c < 3; c++)
-        for (int i = 0; i < k->count; i++) {
-            out->irradiance[c][k->index[i]] = k->sums.irradiance[c][i] * k->lanes.albedo[c][i];
-            out->through[c][k->index[i]] = k->sums.through[c][i] * k->lanes.albedo[c][i];
-            out->specular[c][k->index[i]] = k->sums.specular[c][i];
-        }
+    job->kernels->store(&k->lanes, &k->sums, k->index, k->count, job->out);
 }
 
 /* The covered pixels of a tile, block by block. */
@@ -584,10 +620,14 @@ static int list_pixels(const struct job *job, int x0, int y0, uint16_t *list)
 
     for (int by = y0; by < y0 + TILE_H && by < r.y1; by += BLOCK)
         for (int bx = x0; bx < x0 + TILE_W && bx < r.x1; bx += BLOCK)
-            for (int y = by; y < by + BLOCK && y < r.y1; y++)
-                for (int x = bx; x < bx + BLOCK && x < r.x1; x++)
-                    if (x >= r.x0 && y >= r.y0 && s->material[(ptrdiff_t) y * s->stride + x])
-                        list[n++] = (uint16_t) ((y - y0) * TILE_W + x - x0);
+            for (int y = by < r.y0 ? r.y0 : by; y < by + BLOCK && y < r.y1; y++) {
+                const uint16_t *row = s->material + (ptrdiff_t) y * s->stride;
+                const int base = (y - y0) * TILE_W - x0;
+                for (int x = bx < r.x0 ? r.x0 : bx; x < bx + BLOCK && x < r.x1; x++) {
+                    list[n] = (uint16_t) (base + x);
+                    n += row[x] != 0;
+                }
+            }
     return n;
 }
 
@@ -595,7 +635,7 @@ static void shade_tile(void *arg, int tile, int worker)
 {
     struct job *job = arg;
     const int x0 = job->rect.x0 + tile % job->columns * TILE_W, y0 = job->rect.y0 + tile / job->columns * TILE_H;
-    uint16_t list[TILE_W * TILE_H];
+    uint16_t list[TILE_W * TILE_H + 1]; /* one more: the place behind the last is written, too */
     const int count = list_pixels(job, x0, y0, list);
     struct packet k;
 

@@ -30,8 +30,9 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
         const int32_t lit = p->valid[i] & -(int32_t) (a->falloff[i] * (a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i]) > 0.0f);
         a->gl[i] = gl;
         a->nl[i] = nl;
-        a->front[i] = lit & -(int32_t) (gl > 0.0f) & -(int32_t) (nl > 0.0f);
-        a->back[i] = lit & p->deep[i] & -(int32_t) (gl < 0.0f);
+        /* A lifted point lies on the smooth surface: its own triangle does not decide what faces the light. */
+        a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->lift[i] > p->epsilon[i])) & -(int32_t) (nl > 0.0f);
+        a->back[i] = lit & p->deep[i] & -(int32_t) (gl < 0.0f) & ~a->front[i];
         front |= a->front[i];
         back |= a->back[i];
     }
@@ -216,7 +217,7 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
     _Alignas(64) float mu[N], through[N], facing[N];
 
     for (int i = 0; i < N; i++) {
-        const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]), g = ratio < 1.0f ? ratio : 1.0f;
+        const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]), g = ratio < 1.0f && p->lift[i] <= p->epsilon[i] ? ratio : 1.0f;
         const float lit = nl * g * (1.0f + g - g * g);
         mu[i] = nl;
         facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
@@ -308,11 +309,15 @@ static void load_material(const float base[3][N], const float *restrict metallic
         }
 }
 
-static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y, struct pell_lanes *restrict p)
+static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y, struct pell_lanes *restrict p,
+                 struct pell_sums *restrict sums)
 {
     const struct pell_surface *s = source->surface;
     _Alignas(64) float depth[N], metallic[N], base[3][N];
 
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++)
+            sums->irradiance[c][i] = sums->specular[c][i] = sums->through[c][i] = sums->unshadowed[c][i] = 0.0f;
     gather(s->depth, index, depth);
     gather(s->ng[0], index, p->gx);
     gather(s->ng[1], index, p->gy);
@@ -322,6 +327,7 @@ static void load(const struct pell_lane_source *source, const int32_t *index, co
     gather(s->ns[2], index, p->nz);
     gather(s->roughness, index, p->roughness);
     gather(s->metallic, index, metallic);
+    gather(s->lift, index, p->lift);
     for (int c = 0; c < 3; c++) {
         gather(s->base[c], index, base[c]);
         gather(s->specular[c], index, p->tint[c]);
@@ -330,13 +336,35 @@ static void load(const struct pell_lane_source *source, const int32_t *index, co
     load_material((const float(*)[N]) base, metallic, p);
     for (int i = 0; i < N; i++) {
         const float gn = p->gx[i] * p->nx[i] + p->gy[i] * p->ny[i] + p->gz[i] * p->nz[i];
-        p->ox[i] = p->px[i] + p->epsilon[i] * p->gx[i];
-        p->oy[i] = p->py[i] + p->epsilon[i] * p->gy[i];
-        p->oz[i] = p->pz[i] + p->epsilon[i] * p->gz[i];
+        p->ox[i] = p->px[i] + (p->lift[i] + p->epsilon[i]) * p->gx[i];
+        p->oy[i] = p->py[i] + (p->lift[i] + p->epsilon[i]) * p->gy[i];
+        p->oz[i] = p->pz[i] + (p->lift[i] + p->epsilon[i]) * p->gz[i];
         p->nv[i] = p->nx[i] * p->vx[i] + p->ny[i] * p->vy[i] + p->nz[i] * p->vz[i];
         p->gn[i] = gn > 1e-3f ? gn : 1e-3f;
     }
 }
 
+static void scatter(const float *restrict in, const int32_t *restrict index, int count, float *restrict plane)
+{
+    for (int i = 0; i < count; i++)
+        plane[index[i]] = in[i];
+}
+
+static void store(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
+                  struct pell_lighting *out)
+{
+    _Alignas(64) float irradiance[N], through[N];
+
+    for (int c = 0; c < 3; c++) {
+        for (int i = 0; i < N; i++) {
+            irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
+            through[i] = sums->through[c][i] * p->albedo[c][i];
+        }
+        scatter(irradiance, index, count, out->irradiance[c]);
+        scatter(through, index, count, out->through[c]);
+        scatter(sums->specular[c], index, count, out->specular[c]);
+    }
+}
+
 extern const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels);
-const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels) = { load, aim, front, unshadowed, shadow_rays };
+const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels) = { load, aim, front, unshadowed, store, shadow_rays };

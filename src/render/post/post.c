@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
+#define SKY_WHITE 16.0   /* an environment behind the thing may be brighter than the thing by far */
 #define METER_FACTOR 3.0 /* at most this times the key's exposure */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
@@ -169,7 +170,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     if (!(t.exposure > 0.0f && t.exposure < 1e30f))
         t.exposure = 1.0f;
     if (!(t.white > 0.0f))
-        t.white = (float) fmax(maximum * t.exposure, 1.0);
+        t.white = (float) fmax(maximum * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? SKY_WHITE : 1.0);
     t.white_scale = 1.0f / (t.white * t.white);
     pell_pool_run(pool, params->height, finish_row, &t);
     *result = (struct pell_post_result) { t.exposure, t.white, (int64_t) invalid };

@@ -14,7 +14,6 @@ void surface_decode_make(struct surface_decode *decode)
     for (int i = 0; i < 256; i++) {
         decode->srgb[i] = (uint16_t) (pell_srgb_u8[i] * 65535.0f + 0.5f);
         decode->linear[i] = (uint16_t) (i * 257);
-        decode->unit[i] = (float) i * (1.0f / 255.0f);
     }
 }
 

@@ -61,10 +61,9 @@ struct pell_mips {
     const struct pyramid **slots; /* [material * SURFACE_MAPS + map], NULL where there is no map */
 };
 
-/* 8 bits to 16 bits linear: of sRGB, and of numbers; and to floats in [0, 1]. */
+/* 8 bits to 16 bits linear: of sRGB, and of numbers. */
 struct surface_decode {
     uint16_t srgb[256], linear[256];
-    float unit[256];
 };
 
 void surface_decode_make(struct surface_decode *decode);

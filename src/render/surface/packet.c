@@ -47,7 +47,7 @@ struct hits {
 
 struct shaded {
     struct vec16 ng, ns;
-    float16 base[3], specular[3], emissive[3], roughness, metallic, strength;
+    float16 base[3], specular[3], emissive[3], roughness, metallic, strength, lift;
 };
 
 /* fmaxf would be a call: it must mind NaN. */
@@ -222,6 +222,47 @@ static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
     }
 }
 
+/* How far, along n, the hit lies under the smooth surface that the normals of its triangle suggest: the mean of its projections onto the
+ * three tangent planes, those below it left out (Hanika 2021, "Hacking the Shadow Terminator"). Shadow rays that start up there do not
+ * show the triangles of a coarse mesh as dark facets where light grazes. */
+static void lifts(const struct hits *h, const struct vec16 *restrict n, float *restrict out)
+{
+    struct vec16 p[3], v[3], at, sum;
+
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < LANES; i++) {
+            const float *a = h->mesh->position + 3 * (size_t) h->vertex[k][i], *b = h->mesh->normal + 3 * (size_t) h->vertex[k][i];
+            p[k].x[i] = a[0];
+            p[k].y[i] = a[1];
+            p[k].z[i] = a[2];
+            v[k].x[i] = b[0];
+            v[k].y[i] = b[1];
+            v[k].z[i] = b[2];
+        }
+    for (int i = 0; i < LANES; i++) {
+        at.x[i] = h->w0[i] * p[0].x[i] + h->w1[i] * p[1].x[i] + h->w2[i] * p[2].x[i];
+        at.y[i] = h->w0[i] * p[0].y[i] + h->w1[i] * p[1].y[i] + h->w2[i] * p[2].y[i];
+        at.z[i] = h->w0[i] * p[0].z[i] + h->w1[i] * p[1].z[i] + h->w2[i] * p[2].z[i];
+        sum.x[i] = sum.y[i] = sum.z[i] = 0.0f;
+    }
+    for (int k = 0; k < 3; k++) {
+        const float *w = k == 0 ? h->w0 : k == 1 ? h->w1 : h->w2;
+        for (int i = 0; i < LANES; i++) {
+            const float side = dot(&v[k], n, i) < 0.0f ? -1.0f : 1.0f; /* seen from within, the normals are turned */
+            const float under =
+                side * ((p[k].x[i] - at.x[i]) * v[k].x[i] + (p[k].y[i] - at.y[i]) * v[k].y[i] + (p[k].z[i] - at.z[i]) * v[k].z[i]);
+            const float share = under > 0.0f ? side * w[i] * under : 0.0f;
+            sum.x[i] += share * v[k].x[i];
+            sum.y[i] += share * v[k].y[i];
+            sum.z[i] += share * v[k].z[i];
+        }
+    }
+    for (int i = 0; i < LANES; i++) {
+        const float l = dot(&sum, n, i);
+        out[i] = h->on[i] && l > 0.0f ? l : 0.0f;
+    }
+}
+
 static void shading_normals(struct hits *h, const struct vec16 *restrict ng, struct vec16 *restrict ns)
 {
     struct vec16 n;
@@ -392,6 +433,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     }
     geometric_normals(&p->hit, &h, &s->ng);
     shading_normals(&h, &s->ng, &s->ns);
+    lifts(&h, &s->ng, s->lift);
     shade_material(&h, job->out->any_emissive, s);
 }
 
@@ -430,6 +472,7 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
         memcpy(out->roughness + at, s->roughness + k, ROW);
         memcpy(out->metallic + at, s->metallic + k, ROW);
         memcpy(out->strength + at, s->strength + k, ROW);
+        memcpy(out->lift + at, s->lift + k, ROW);
         if (out->any_emissive)
             for (int c = 0; c < 3; c++)
                 memcpy(out->emissive[c] + at, s->emissive[c] + k, ROW);

@@ -78,33 +78,12 @@ static inline void axis16(enum pell_wrap wrap, const float *restrict at, const i
     }
 }
 
-/* Four bytes from the texel `at` on of 8 bit pictures of three or four channels; the last texel of three has no fourth byte, so that word
- * is read one byte early. */
-static inline uint32_t word_at(const uint8_t *pixels, uint32_t channels, uint32_t last, uint32_t at)
+/* surface_texel for the commonest kind, 8 bit RGB. */
+static inline uint64_t rgb_texel(const uint8_t *rgb, const uint16_t *table, size_t at)
 {
-    const size_t early = channels == 3 && at == last;
-    uint32_t word;
+    const uint8_t *p = rgb + 3 * at;
 
-    memcpy(&word, pixels + (size_t) at * channels - early, sizeof(word));
-    return word >> (8 * early);
-}
-
-/* Corners' texels, weighted: `word` holds 8 bit channels, `table` what they mean. */
-static inline void mix8(const uint16lanes *restrict word, const float16 *restrict weight, const float *restrict table, int shift,
-                        float *restrict out)
-{
-    for (int i = 0; i < LANES; i++)
-        out[i] = weight[0][i] * table[word[0][i] >> shift & 0xff] + weight[1][i] * table[word[1][i] >> shift & 0xff] +
-                 weight[2][i] * table[word[2][i] >> shift & 0xff] + weight[3][i] * table[word[3][i] >> shift & 0xff];
-}
-
-static inline void mix16(const uint16lanes *restrict word, const float16 *restrict weight, int shift, float *restrict out)
-{
-    for (int i = 0; i < LANES; i++)
-        out[i] = (weight[0][i] * (float) (int32_t) (word[0][i] >> shift & 0xffff) +
-                  weight[1][i] * (float) (int32_t) (word[1][i] >> shift & 0xffff) +
-                  weight[2][i] * (float) (int32_t) (word[2][i] >> shift & 0xffff) +
-                  weight[3][i] * (float) (int32_t) (word[3][i] >> shift & 0xffff)) * (1.0f / 65535.0f);
+    return (uint64_t) table[p[0]] | (uint64_t) table[p[1]] << 16 | (uint64_t) table[p[2]] << 32 | 0xffffull << 48;
 }
 
 /* out = bilinear look-up in each lane's level, for 8 and 16 bit pictures. Lanes that are not in `lanes` get something finite. */
@@ -113,11 +92,12 @@ static void bilinear16(const struct pyramid *p, const struct pell_texture *t, co
                        unsigned channels, float16 *restrict out)
 {
     const struct pell_image *image = &p->image;
-    const bool bytes = image->type == PELL_PIXEL_U8 && image->channels >= 3 && image->width * (int64_t) image->height > 1;
+    const uint8_t *rgb = image->type == PELL_PIXEL_U8 && image->channels == 3 ? image->pixels : NULL;
+    const uint16_t *table = image->srgb ? decode->srgb : decode->linear;
     int16lanes w, h, x0, x1, y0, y1;
     uint16lanes at[4], low[4], high[4];
+    _Alignas(64) uint64_t texel[4][LANES];
     float16 fx, fy, weight[4];
-    uint32_t whole = 0;
 
     for (int i = 0; i < LANES; i++) {
         w[i] = p->width[level[i]];
@@ -126,62 +106,46 @@ static void bilinear16(const struct pyramid *p, const struct pell_texture *t, co
     axis16(t->wrap_u, u, w, x0, x1, fx);
     axis16(t->wrap_v, v, h, y0, y1, fy);
     for (int i = 0; i < LANES; i++) {
-        weight[0][i] = (1.0f - fx[i]) * (1.0f - fy[i]);
-        weight[1][i] = fx[i] * (1.0f - fy[i]);
-        weight[2][i] = (1.0f - fx[i]) * fy[i];
-        weight[3][i] = fx[i] * fy[i];
+        weight[0][i] = (1.0f - fx[i]) * (1.0f - fy[i]) * (1.0f / 65535.0f);
+        weight[1][i] = fx[i] * (1.0f - fy[i]) * (1.0f / 65535.0f);
+        weight[2][i] = (1.0f - fx[i]) * fy[i] * (1.0f / 65535.0f);
+        weight[3][i] = fx[i] * fy[i] * (1.0f / 65535.0f);
         at[0][i] = (uint32_t) (y0[i] * w[i] + x0[i]);
         at[1][i] = (uint32_t) (y0[i] * w[i] + x1[i]);
         at[2][i] = (uint32_t) (y1[i] * w[i] + x0[i]);
         at[3][i] = (uint32_t) (y1[i] * w[i] + x1[i]);
     }
-    if (bytes)
-        for (int i = 0; i < LANES; i++)
-            whole |= (uint32_t) (level[i] == 0) << i;
-    whole &= lanes;
-
-    if (lanes & ~whole) {
-        if ((lanes & ~whole) != ALL_LANES) {
-            memset(low, 0, sizeof(low));
-            memset(high, 0, sizeof(high));
-        }
-        for (uint32_t left = lanes & ~whole; left; left &= left - 1) {
-            const int i = __builtin_ctz(left);
-            const uint64_t *texels = p->texels[level[i]];
-            for (int k = 0; k < 4; k++) {
-                const uint64_t texel = texels ? texels[at[k][i]] : surface_texel(image, decode, at[k][i]);
-                low[k][i] = (uint32_t) texel;
-                high[k][i] = (uint32_t) (texel >> 32);
-            }
-        }
-        for (int c = 0; c < 4; c++)
-            if (channels >> c & 1)
-                mix16(c < 2 ? low : high, (const float16 *) weight, 16 * (c & 1), out[c]);
-    }
-    if (whole) {
-        const uint32_t last = (uint32_t) image->width * (uint32_t) image->height - 1;
-        if (whole != ALL_LANES)
-            memset(low, 0, sizeof(low));
-        for (uint32_t left = whole; left; left &= left - 1) {
-            const int i = __builtin_ctz(left);
+    if (lanes != ALL_LANES)
+        memset(texel, 0, sizeof(texel));
+    for (uint32_t left = lanes; left; left &= left - 1) {
+        const int i = __builtin_ctz(left);
+        const uint64_t *texels = p->texels[level[i]];
+        if (texels) {
             for (int k = 0; k < 4; k++)
-                low[k][i] = word_at(image->pixels, (uint32_t) image->channels, last, at[k][i]);
+                texel[k][i] = texels[at[k][i]];
+        } else if (rgb) {
+            for (int k = 0; k < 4; k++)
+                texel[k][i] = rgb_texel(rgb, table, at[k][i]);
+        } else {
+            for (int k = 0; k < 4; k++)
+                texel[k][i] = surface_texel(image, decode, at[k][i]);
         }
-        for (int c = 0; c < 4; c++) {
-            float16 mixed;
-            if (!(channels >> c & 1))
-                continue;
-            if (c < 3 || image->channels == 4)
-                mix8((const uint16lanes *) low, (const float16 *) weight, image->srgb && c < 3 ? pell_srgb_u8 : decode->unit, 8 * c, mixed);
-            else
-                for (int i = 0; i < LANES; i++)
-                    mixed[i] = 1.0f;
-            if (whole == lanes)
-                memcpy(out[c], mixed, sizeof(mixed));
-            else
-                for (int i = 0; i < LANES; i++)
-                    out[c][i] = (whole >> i & 1) ? mixed[i] : out[c][i];
+    }
+    for (int k = 0; k < 4; k++)
+        for (int i = 0; i < LANES; i++) {
+            low[k][i] = (uint32_t) texel[k][i];
+            high[k][i] = (uint32_t) (texel[k][i] >> 32);
         }
+    for (int c = 0; c < 4; c++) {
+        const uint16lanes *half = c < 2 ? low : high;
+        const int shift = 16 * (c & 1);
+        if (!(channels >> c & 1))
+            continue;
+        for (int i = 0; i < LANES; i++)
+            out[c][i] = weight[0][i] * (float) (int32_t) (half[0][i] >> shift & 0xffff) +
+                        weight[1][i] * (float) (int32_t) (half[1][i] >> shift & 0xffff) +
+                        weight[2][i] * (float) (int32_t) (half[2][i] >> shift & 0xffff) +
+                        weight[3][i] * (float) (int32_t) (half[3][i] >> shift & 0xffff);
     }
 }
 
@@ -205,9 +169,10 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
 {
     const struct pell_texture *t = map->texture;
     const float *m = map->matrix, scale = fabsf(m[0] * m[4] - m[1] * m[3]) * (float) p->image.width * (float) p->image.height;
-    const float last = t->nearest ? 0.0f : (float) (p->levels - 1);
-    /* Texels are counted in 32 bits. */
-    const bool slow = t->nearest || p->image.type == PELL_PIXEL_F32 || p->image.width * (int64_t) p->image.height > INT32_MAX;
+    /* The quick path counts texels in 32 bits; pictures beyond that are looked up at full size. */
+    const bool floats = p->image.type == PELL_PIXEL_F32, huge = p->image.width * (int64_t) p->image.height > INT32_MAX;
+    const bool slow = t->nearest || floats || huge;
+    const float last = t->nearest || (huge && !floats) ? 0.0f : (float) (p->levels - 1);
     float16 u, v, blend, area, log_area;
     int16lanes first, second, mixed;
     uint32_t both = 0;

@@ -7,7 +7,7 @@
 
 PELL_SIMD_TABLES(struct pell_surface_kernels, pell_surface_kernels);
 
-#define PLANES 18 /* of floats: all but material */
+#define PLANES 19 /* of floats: all but material */
 
 struct scratch {
     void *planes;
@@ -26,7 +26,7 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
     float **const planes[PLANES] = {
         &surface->depth, &surface->ng[0], &surface->ng[1], &surface->ng[2], &surface->ns[0], &surface->ns[1], &surface->ns[2],
         &surface->base[0], &surface->base[1], &surface->base[2], &surface->roughness, &surface->metallic, &surface->specular[0],
-        &surface->specular[1], &surface->specular[2], &surface->strength, &surface->emissive[0], &surface->emissive[1],
+        &surface->specular[1], &surface->specular[2], &surface->strength, &surface->lift, &surface->emissive[0], &surface->emissive[1],
     };
     struct scratch *scratch;
     size_t stride, pixels, bytes;

@@ -31,6 +31,7 @@ struct pell_surface {
     float *metallic;     /* [0, 1] */
     float *specular[3];  /* rho_s x map x tint: scales the specular lobe */
     float *strength;     /* of scattering, [0, 1] */
+    float *lift;         /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays start */
     float *emissive[3];  /* radiance; written where `any_emissive` */
     bool any_emissive;   /* some material of the scene emits */
     struct pell_rect covered;     /* holds every pixel that hit something */

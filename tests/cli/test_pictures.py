@@ -1,0 +1,312 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""test_pictures.py PROGRAM ROOT MAKE_ASSETS: what `pellucid render` writes: formats, layers, metadata, numbering, precedence, atomicity."""
+import json
+import os
+import pathlib
+import resource
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+from cli_test import (PROGRAM, SMALL, Skip, clean_environment, exr_header, main, names, need, one_object, png_pixels, png_text, run, sphere, test, text,
+                      works, write_obj, write_scene)
+
+MAKE_ASSETS = os.path.abspath(sys.argv[3])
+MESH = ['render', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk', *SMALL]
+LAYERS = [f'{layer}.{c}' for layer in ('diffuse.multiple', 'transmission', 'specular', 'irradiance') for c in 'RGB']
+MAGIC = {'png': b'\x89PNG\r\n\x1a\n', 'exr': b'\x76\x2f\x31\x01', 'hdr': b'#?RADIANCE', 'pfm': b'PF'}
+
+
+@test('-o - writes each format to stdout, the same as to a file')
+def _(folder):
+    for kind, magic in MAGIC.items():
+        works(folder, *MESH, '-o', f'a.{kind}')
+        done = works(folder, *MESH, '-o', '-', '--format', kind)
+        need(done.stdout.startswith(magic) and b'stdout: 48 x 27' in done.stderr, kind, done.stderr)
+        whole = (folder / f'a.{kind}').read_bytes()
+        if kind == 'png':
+            need(png_pixels(done.stdout) == png_pixels(whole), 'pixels differ')
+        elif kind != 'exr':
+            need(done.stdout == whole, kind, 'differs')
+    need(sorted(names(folder)) == sorted(['bunny.obj', 'head.gltf', 'scene.json', *(f'a.{k}' for k in MAGIC)]), names(folder))
+
+
+@test('without -o: the name of the input with .png, in the current folder')
+def _(folder):
+    (folder / 'sub').mkdir()
+    shutil.copy(folder / 'bunny.obj', folder / 'sub/two.dots.obj')
+    shutil.copy(folder / 'bunny.obj', folder / 'plain')
+    works(folder, 'render', 'sub/two.dots.obj', '--size', '7cm', *SMALL)
+    works(folder, 'render', 'plain', '--size', '0.07m', *SMALL)
+    works(folder, 'render', '--format', 'pfm', 'bunny.obj', '--size', '7cm', *SMALL)
+    need({'two.dots.png', 'plain.png', 'bunny.png'} <= set(names(folder)) and names(folder / 'sub') == ['two.dots.obj'], names(folder))
+    need((folder / 'bunny.png').read_bytes().startswith(b'PF'), '--format wins over the ending')
+
+
+@test('a picture shows the thing lit before its backdrop, and -m none differs')
+def _(folder):
+    works(folder, *MESH, '-o', 'a.png')
+    works(folder, *MESH, '-o', 'b.png', '-m', 'none')
+    (width, height, channels, a), (*_, b) = (png_pixels((folder / n).read_bytes()) for n in ('a.png', 'b.png'))
+    need((width, height, channels) == (48, 27, 3), width, height, channels)
+    middle, corner = a[3 * (13 * 48 + 24)], a[0]
+    need(middle > 60 and abs(middle - corner) > 20, 'middle', middle, 'corner', corner)
+    need(a != b, 'scattering changes nothing')
+
+
+@test('the same physical size in mm, cm and m gives the same pixels')
+def _(folder):
+    found = set()
+    vertices, faces = sphere()
+    for name, scale, unit in (('mm', 1.0, '1mm'), ('cm', 0.1, '1cm'), ('m', 0.001, '1m')):
+        write_obj(folder / f'{name}.obj', [[scale * c for c in v] for v in vertices], faces)
+        works(folder, 'render', f'{name}.obj', '--unit', unit, '--material', 'skin1', *SMALL, '-o', f'{name}.pfm')
+        found.add((folder / f'{name}.pfm').read_bytes())
+    sizes = [struct.unpack(f'<{48 * 27 * 3}f', f[-48 * 27 * 12:]) for f in found]
+    need(all(abs(x - y) < 2e-3 * (1e-3 + abs(x)) for other in sizes for x, y in zip(sizes[0], other)), 'pictures differ')
+
+
+@test('EXR: the layers of the guide and all metadata, without a path of this machine')
+def _(folder):
+    output = folder / 'with space.exr'
+    works(folder, 'render', str(folder / 'bunny.obj'), '--size', '70mm', '--material', 'wholemilk', '--set', 'lod=2', *SMALL, f'--output={output}')
+    data = output.read_bytes()
+    attributes, channels, _ = exr_header(data)
+    need(sorted(c for c, _ in channels) == sorted(['A', 'B', 'G', 'R', *LAYERS, 'normal.X', 'normal.Y', 'normal.Z', 'depth.Z']), channels)
+    need(dict(channels)['depth.Z'] == 2 and dict(channels)['R'] == 1, channels)
+    need(str(folder).encode() not in data and os.environ.get('HOME', 'none').encode() + b'/' not in data, 'a path of this machine')
+    for key in 'version command method knobs settings engine device seed exposure units scene materials seconds load_seconds'.split():
+        need(attributes.get(f'pellucid.{key}'), key, attributes)
+    need(attributes['pellucid.command'] == "pellucid render bunny.obj --size 70mm --material wholemilk --set lod=2 --width 48 --height 27 --msaa 1 "
+         "--light-samples 2 '--output=with space.exr'", attributes['pellucid.command'])
+    need('lod=2' in attributes['pellucid.knobs'] and 'width=48' in attributes['pellucid.settings'], attributes)
+    need(float(attributes['pellucid.exposure']) > 0 and float(attributes['pellucid.seconds']) > 0, attributes)
+
+
+@test('PNG keeps what made it, and no time: the same command gives the same bytes')
+def _(folder):
+    works(folder, *MESH, '-o', 'a.png')
+    first = (folder / 'a.png').read_bytes()
+    works(folder, *MESH, '-o', 'a.png')
+    need(first == (folder / 'a.png').read_bytes(), 'bytes differ')
+    kept = png_text(first)
+    need(kept['pellucid.method'] == 'screen-space' and kept['pellucid.command'].startswith('pellucid render bunny.obj'), kept)
+    need('pellucid.seconds' not in kept, kept)
+
+
+@test('the hashes follow the content, not its name or place')
+def _(folder):
+    def hashes(*arguments):
+        works(folder, 'render', *arguments, *SMALL, '-o', 'h.exr')
+        attributes = exr_header((folder / 'h.exr').read_bytes())[0]
+        return attributes['pellucid.scene'], attributes['pellucid.materials']
+    (folder / 'sub').mkdir()
+    shutil.copy(folder / 'bunny.obj', folder / 'sub/other.obj')
+    vertices, faces = sphere()
+    vertices[5] = (vertices[5][0], vertices[5][1], vertices[5][2] + 0.1)
+    write_obj(folder / 'moved.obj', vertices, faces)
+    milk = hashes('bunny.obj', '--unit', '1mm', '--material', 'wholemilk')
+    need(milk == hashes('sub/other.obj', '--unit', '1mm', '--material', 'wholemilk', '-m', 'none'), 'the place counts')
+    marble = hashes('bunny.obj', '--unit', '1mm', '--material', 'marble')
+    need(milk[0] != marble[0] and milk[1] != marble[1], 'the material does not count')
+    moved = hashes('moved.obj', '--unit', '1mm', '--material', 'wholemilk')
+    need(milk[0] != moved[0] and milk[1] == moved[1], 'a vertex does not count')
+    for found in milk + marble + moved:
+        need(len(found) == 16 and int(found, 16) != 0, found)
+
+
+@test('options of a scene file apply, those of the command line win')
+def _(folder):
+    def rendered(*arguments):
+        return one_object(works(folder, 'render', *arguments, '--json', '-o', 'o.exr')), exr_header((folder / 'o.exr').read_bytes())[0]
+    write_scene(folder / 's.json', width=40, height=30, msaa=1, seed=7, exposure=2.5, tonemap='linear', knobs={'lod': 0.5, 'gaussians': 2})
+    answer, kept = rendered('s.json')
+    need((answer['width'], answer['height'], answer['exposure']) == (40, 30, 2.5), answer)
+    need(kept['pellucid.seed'] == '7' and 'tonemap=linear' in kept['pellucid.settings'], kept)
+    need('lod=0.5' in kept['pellucid.knobs'] and 'gaussians=2' in kept['pellucid.knobs'], kept)
+    answer, kept = rendered('s.json', '--width', '44', '--exposure', '1', '--set', 'lod=3', '--seed', '8')
+    need((answer['width'], answer['height'], answer['exposure']) == (44, 30, 1), answer)
+    need(kept['pellucid.seed'] == '8' and 'lod=3' in kept['pellucid.knobs'] and 'gaussians=2' in kept['pellucid.knobs'], kept)
+    answer, _ = rendered('s.json', '-m', 'none')
+    need(answer['method'] == 'none', 'knobs of the scene file fell to another method', answer)
+    write_scene(folder / 'n.json', width=40, height=30, msaa=1, method='none')
+    need(rendered('n.json')[0]['method'] == 'none' and rendered('n.json', '-m', 'screen-space')[0]['method'] == 'screen-space')
+
+
+@test('--set as=paper takes the paper\'s knobs, whatever the order')
+def _(folder):
+    found = []
+    for order in (['--set', 'as=paper', '--set', 'lod=3'], ['--set', 'lod=3', '--set', 'as=paper']):
+        works(folder, *MESH, *order, '-o', 'p.exr')
+        found.append(exr_header((folder / 'p.exr').read_bytes())[0]['pellucid.knobs'])
+    need(found[0] == found[1] and 'as=paper' in found[0] and 'lod=3' in found[0] and 'edges=paper' in found[0], found)
+
+
+@test('--turntable numbers its pictures, starts at the front, turns, and keeps the exposure')
+def _(folder):
+    vertices, faces = sphere()
+    write_obj(folder / 'bunny.obj', [(x + 15 * (y > 0), y, z) for x, y, z in vertices], faces)
+    works(folder, *MESH, '-o', 'plain.png')
+    (folder / 'v1.0').mkdir()
+    answer = one_object(works(folder, *MESH, '--turntable', '3', '-o', 'v1.0/turn.png', '--json'))
+    need(names(folder / 'v1.0') == [f'turn_{i:04d}.png' for i in range(3)], names(folder / 'v1.0'))
+    need(answer['images'] == [f'v1.0/turn_{i:04d}.png' for i in range(3)] and answer['image'] == answer['images'][-1], answer)
+    frames = [(folder / 'v1.0' / n).read_bytes() for n in names(folder / 'v1.0')]
+    need(png_pixels(frames[0]) == png_pixels((folder / 'plain.png').read_bytes()), 'the first is not the front')
+    need(len({png_pixels(f)[3] for f in frames}) == 3, 'it does not turn')
+    need(len({png_text(f)['pellucid.exposure'] for f in frames}) == 1, 'the exposure flickers')
+    works(folder, *MESH, '--turntable', '2', '-o', 'v1.0/noending', '--format', 'pfm')
+    need({'noending_0000', 'noending_0001'} <= set(names(folder / 'v1.0')), names(folder / 'v1.0'))
+
+
+@test('a file that can not be written whole leaves the old one as it was')
+def _(folder):
+    def small_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+    for kind in MAGIC:
+        old = folder / f'old.{kind}'
+        old.write_bytes(b'precious')
+        before = names(folder)
+        done = subprocess.run([PROGRAM, *MESH, '-o', old.name], cwd=folder, env=clean_environment(), capture_output=True, check=False,
+                              preexec_fn=small_files)
+        need(done.returncode == 3 and b'too large' in done.stderr, kind, done.returncode, done.stderr)
+        need(old.read_bytes() == b'precious' and names(folder) == before, names(folder))
+        works(folder, *MESH, '-o', old.name)
+        need(old.read_bytes().startswith(MAGIC[kind]) and names(folder) == before, names(folder))
+
+
+@test('1, 2 and 3 threads, and every SIMD level, give the same bits')
+def _(folder):
+    subprocess.run([sys.executable, MAKE_ASSETS, str(folder), 'fluted'], check=True, capture_output=True)
+    mesh = ['render', 'fluted.obj', '--size', '60mm', '--material', 'skin1', '--width', '201', '--height', '113', '--msaa', '2']
+    levels = one_object(works(folder, 'info', '--json'))['engines'][0]['simd_levels']
+    for more in ([], ['--set', 'as=paper'], ['-m', 'none']):
+        first, pixels = None, None
+        for threads, level in [*((t, levels[-1]) for t in (1, 2, 3)), *((2, lv) for lv in levels[:-1])]:
+            env = clean_environment(PELL_SIMD=level)
+            works(folder, *mesh, *more, '--threads', str(threads), '-o', 'a.pfm', env=env)
+            data = (folder / 'a.pfm').read_bytes()
+            first = first or data
+            need(data == first, f'{more}: {threads} threads, {level}')
+        works(folder, *mesh, *more, '--threads', '1', '-o', 'a.exr')
+        works(folder, *mesh, *more, '--threads', '3', '-o', 'b.exr')
+        for name in ('a.exr', 'b.exr'):
+            data = (folder / name).read_bytes()
+            end = exr_header(data)[2]
+            blocks = (113 + 31) // 32
+            chunks = data[end + 8 * blocks:]
+            pixels = pixels or chunks
+            need(chunks == pixels, f'{more}: layers of {name}')
+
+
+# --- Ctrl-C -------------------------------------------------------------------------------------------------------------------------
+
+def start(folder, *arguments):
+    return subprocess.Popen([PROGRAM, *arguments], cwd=folder, env=clean_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+
+
+def wait_for(truth, seconds=120):
+    end = time.monotonic() + seconds
+    while not truth():
+        need(time.monotonic() < end, 'it takes too long')
+        time.sleep(0.01)
+
+
+@test('Ctrl-C during a picture: exit 130 soon, no file, one object with --json')
+def _(folder):
+    before = names(folder)
+    large = ['render', 'bunny.obj', '--size', '70mm', '--width', '2000', '--height', '1500', '--msaa', '64', '--light-samples', '1024']
+    for delay, more in ((0.3, []), (0.6, ['--json']), (1.0, ['--quiet'])):
+        child = start(folder, *large, '-o', 'big.png', *more)
+        time.sleep(delay)
+        need(child.poll() is None, 'it ended before', delay)
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=60)
+        need(child.returncode == 130, child.returncode, err)
+        need(names(folder) == before, names(folder))
+        if more == ['--json']:
+            error = json.loads(out)['error']
+            need(error['code'] == 'cancelled' and not err, error, err)
+        need((b'nothing was written' in err) == (more == []), err)
+
+
+@test('Ctrl-C during a turntable: pictures so far are whole, nothing else is left; before that a line of progress every 5 s')
+def _(folder):
+    before = set(names(folder))
+    child = start(folder, *MESH, '--turntable', '100000', '-o', 't.png')
+    line = b''
+    while b'% ' not in line and b'%' not in line:
+        line = child.stderr.readline()
+        need(line, 'it ended')
+    need(b'render: ' in line and b'%/s' in line and b's left' in line and b'\r' not in line, line)
+    child.send_signal(signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    need(child.returncode == 130, child.returncode)
+    new = sorted(set(names(folder)) - before)
+    need(new and f'written before: {len(new)} pictures' in text(err), len(new), err)
+    need(new == [f't_{i:05d}.png' for i in range(len(new))], new[:3], new[-3:])
+    for name in new:
+        png_pixels((folder / name).read_bytes())
+
+
+@test('a second Ctrl-C ends it at once, and one ends a wait for a pipe\'s reader')
+def _(folder):
+    os.mkfifo(folder / 'pipe.pfm')
+    child = start(folder, *MESH, '-o', 'pipe.pfm')
+    time.sleep(1.5)
+    need(child.poll() is None, 'it did not wait for a reader')
+    child.send_signal(signal.SIGINT)
+    child.communicate(timeout=20)
+    need(child.returncode == 130, child.returncode)
+    child = start(folder, 'render', 'bunny.obj', '--size', '70mm', '--width', '4000', '--height', '3000', '-o', 'big.png')
+    time.sleep(0.3)
+    begin = time.monotonic()
+    for _ in range(2):
+        child.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    child.communicate(timeout=20)
+    need(child.returncode == 130 and time.monotonic() - begin < 5, child.returncode)
+    need('big.png' not in names(folder), names(folder))
+
+
+@test('an ignored Ctrl-C stays ignored, as for a job in the background')
+def _(folder):
+    child = subprocess.Popen([PROGRAM, *MESH, '--width', '640', '--height', '360', '-o', 'a.png'], cwd=folder, env=clean_environment(),
+                             stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    time.sleep(0.05)
+    child.send_signal(signal.SIGINT)
+    child.communicate(timeout=120)
+    need(child.returncode == 0 and 'a.png' in names(folder), child.returncode)
+
+
+# --- Other people's things ------------------------------------------------------------------------------------------------------------
+
+def shared(path):
+    root = os.environ.get('PELL_SHARED')
+    if not root or not (pathlib.Path(root) / path).exists():
+        raise Skip(f'shared/{path} is not there')
+    return str(pathlib.Path(root) / path)
+
+
+@test('a scanned head with textures: checked, rendered, loaded quickly')
+def _(folder):
+    head = shared('assets/head_lps/head.gltf')
+    answer = one_object(works(folder, 'check', head, '--material', 'skin', '--json'))
+    need(answer['triangles'] > 1000 and answer['textures'] > 0, answer['triangles'], answer['textures'])
+    done = one_object(works(folder, 'render', head, '--material', 'skin', *SMALL, '-o', 'head.exr', '--json'))
+    need(done['load_seconds'] < 60, done)
+    need(len(exr_header((folder / 'head.exr').read_bytes())[1]) == 20, 'layers')
+
+
+@test('a bunny of milk')
+def _(folder):
+    works(folder, 'render', shared('assets/bunny/bunny.obj'), '--size', '70mm', '--material', 'wholemilk', *SMALL, '-o', 'bunny.png')
+    need(len(set(png_pixels((folder / 'bunny.png').read_bytes())[3])) > 20, 'one colour')
+
+
+sys.exit(main())

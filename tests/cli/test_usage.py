@@ -1,0 +1,488 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""test_usage.py PROGRAM ROOT: what is typed and what is answered: exit codes, messages, JSON, help, man page, guide."""
+import json
+import os
+import pty
+import re
+import shlex
+import subprocess
+import sys
+
+from cli_test import (PROGRAM, ROOT, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text, works, write_obj,
+                      write_scene)
+
+LONG = 'x' * 100000
+COMMANDS = ['render', 'check', 'methods', 'materials', 'bench', 'info']
+MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']
+
+# Title: arguments, exit code, what the error's code, place, text and hint hold.
+FAULTS = {
+    'a command that is not there': (['rendr'], 2, 'rendr', 'render'),
+    'help of a command that is not there': (['help', 'chek'], 2, 'chek', 'check'),
+    'an option that is not there': ([*MESH, '--materal', 'x'], 2, '--materal', '--material'),
+    'an option with one dash for two': ([*MESH, '-size', '70mm'], 2, '', '--size'),
+    'an option of another command': (['methods', '--size', '70mm'], 2, '--size', ''),
+    'an option without its value': (['render', 'bunny.obj', '--size'], 2, 'value', '--help'),
+    'no input': (['render'], 2, 'INPUT', ''),
+    'two inputs': (['render', 'a.obj', 'b.obj'], 2, 'b.obj', ''),
+    'an empty input': (['render', ''], 2, 'empty', ''),
+    'a mesh without a unit': (['render', 'bunny.obj', '-o', 'out.png'], 2, 'how large', '--size 70mm'),
+    'checking a mesh without a unit': (['check', 'bunny.obj'], 2, 'how large', '--size 70mm'),
+    'a size without a unit': (['render', 'bunny.obj', '--size', '70'], 2, "'70' has no unit", '70mm'),
+    'a size that is no number': (['render', 'bunny.obj', '--size', 'nanmm'], 2, 'nanmm', ''),
+    'a size of nothing': (['render', 'bunny.obj', '--size', '0mm'], 2, '0mm', ''),
+    'an infinite size': (['render', 'bunny.obj', '--size', '1e999mm'], 2, '1e999mm', ''),
+    'an absurd size': (['render', 'bunny.obj', '--size', '1e300mm'], 2, '--size', ''),
+    'an empty size': (['render', 'bunny.obj', '--size', ''], 2, '--size', ''),
+    'a size and a unit': ([*MESH, '--unit', '1mm'], 2, '--unit', ''),
+    'a material that is not there': ([*MESH, '--material', 'wholemilc'], 2, 'wholemilc', 'wholemilk'),
+    'an empty material': ([*MESH, '--material', ''], 2, '--material', ''),
+    'a material file that is not there': ([*MESH, '--material', 'no.json'], 3, 'no.json', ''),
+    'a method that is not there': ([*MESH, '-m', 'screenspace'], 2, 'screenspace', 'screen-space'),
+    'an empty method': ([*MESH, '-m', ''], 2, '--method', 'screen-space'),
+    'a knob that is not there': ([*MESH, '--set', 'lodd=1'], 2, 'lodd', 'lod'),
+    'a knob that is not there, said before the scene is read': (['render', 'no.obj', '-m', 'screen-space', '--set', 'lodd=1'], 2, 'lodd', 'lod'),
+    'a knob that is not a number': ([*MESH, '--set', 'lod=nan'], 2, 'lod = nan', ''),
+    'a knob out of range': ([*MESH, '--set', 'gaussians=11'], 2, '[1, 10]', ''),
+    'a knob without a name': ([*MESH, '--set', '='], 2, 'NAME=VALUE', ''),
+    'a knob without a value': ([*MESH, '--set', 'lod'], 2, 'NAME=VALUE', ''),
+    'a knob with an empty value': ([*MESH, '--set', 'lod='], 2, 'lod', ''),
+    'a knob for no method': ([*MESH, '-m', 'none', '--set', 'lod=1'], 2, 'none', ''),
+    'a width out of range': ([*MESH, '--width', '1e9'], 2, '[1, 16384] px', ''),
+    'a width of 0': ([*MESH, '--width', '0'], 2, '[1, 16384] px', ''),
+    'a width that is no whole number': ([*MESH, '--width', '1.5'], 2, '1.5', ''),
+    'too many samples': ([*MESH, '--msaa', '65'], 2, '[1, 64]', ''),
+    'a negative seed': ([*MESH, '--seed', '-1'], 2, 'seed = -1', ''),
+    'a tone curve that is not there': ([*MESH, '--tonemap', 'reinhart'], 2, 'reinhart', 'reinhard'),
+    'too many threads': ([*MESH, '--threads', '99999999999999999999'], 2, '[0, 256]', ''),
+    'threads that are no number': ([*MESH, '--threads', 'many'], 2, 'many', ''),
+    'a negative turntable': ([*MESH, '--turntable', '-1'], 2, '-1', ''),
+    'a time that animation can not have yet': ([*MESH, '--time', '1'], 2, '--time', ''),
+    'a time that is not a number': ([*MESH, '--time', 'nan'], 2, '--time', ''),
+    'a camera that is not there': ([*MESH, '--camera', 'front'], 2, 'front', ''),
+    'a log level that is not there': ([*MESH, '--log-level', 'loud'], 2, 'loud', ''),
+    'a limit that is not there': ([*MESH, '--limit', 'file_bytes=1'], 2, 'file_bytes', 'file-bytes'),
+    'a limit out of range': ([*MESH, '--limit', 'depth=0'], 2, 'depth = 0', ''),
+    'an ending that is not written': (['render', 'bunny.obj', '--size', '70mm', '-o', 'a.jpg'], 2, 'a.jpg', 'format'),
+    'a format that is not written': ([*MESH, '--format', 'pngg'], 2, 'pngg', 'png'),
+    'the input as output': ([*MESH, '--format', 'png', '-o', 'bunny.obj'], 2, 'is the input', ''),
+    'stdout for a turntable': ([*MESH, '-o', '-', '--format', 'png', '--turntable', '2'], 2, '- writes one picture', ''),
+    'an output name that is too long': ([*MESH, '-o', LONG + '.png'], 2, 'too long', ''),
+    'an engine that is unknown': ([*MESH, '--engine', 'vulcan'], 2, 'vulcan', 'vulkan'),
+    'a Vulkan device for another engine': ([*MESH, '--device', '0'], 2, '--device', ''),
+    'a material to list that is not there': (['materials', 'marbel'], 2, 'marbel', 'marble'),
+    'a method to list that is not there': (['methods', 'screen_space'], 2, 'screen_space', 'screen-space'),
+    'a bench that is not there': (['bench', 'screenspace'], 2, 'screenspace', 'screen-space'),
+    'a long text for everything': ([*MESH, '--material', LONG, '--set', LONG + '=1'], 2, 'xxx', ''),
+    'a long command': ([LONG], 2, 'xxx', ''),
+    'a file that is not there': (['render', 'no.obj', '--size', '70mm', '-o', 'out.png'], 3, 'no.obj', ''),
+    'a folder for a file': (['render', '.', '--size', '70mm', '-o', 'out.png'], 3, 'folder', ''),
+    'a file of an unknown kind': (['check', 'kind.stl', '--size', '70mm'], 3, 'STL', ''),
+    'a damaged glTF': (['render', 'bad.gltf', '-o', 'out.png'], 3, 'bad.gltf', ''),
+    'a damaged OBJ': (['render', 'bad.obj', '--size', '70mm', '-o', 'out.png'], 3, 'bad.obj', ''),
+    'a scene file with an unknown key': (['check', 'key.json'], 3, 'key.json', 'mesh'),
+    'a scene file with an unknown method': (['render', 'method.json', '-o', 'out.png'], 3, 'method.json', 'screen-space'),
+    'a scene file with a width out of range': (['render', 'width.json', '-o', 'out.png'], 3, 'width.json', ''),
+    'a scene file with an unknown knob': (['render', 'knob.json', '-o', 'out.png'], 3, 'knob.json', 'lod'),
+    'a scene file with knobs of no method': (['render', 'none.json', '-o', 'out.png'], 3, 'none.json', ''),
+    'a file over the limit': ([*MESH, '--limit', 'file-bytes=100'], 3, 'bunny.obj', 'file-bytes'),
+    'an output in no folder': ([*MESH, '-o', 'no/out.png'], 3, 'no/out.png', ''),
+    'an output that is a folder': ([*MESH, '--format', 'png', '-o', '.'], 3, 'folder', ''),
+    'an engine that is not there': ([*MESH, '--engine', 'vulkan'], 4, 'vulkan', 'cpu'),
+    'the engine of info that is not there': (['info', '--engine', 'vulkan'], 4, 'vulkan', 'cpu'),
+    'too little memory': ([*MESH, '--limit', 'memory-bytes=1048576'], 5, 'memory', 'memory-bytes'),
+    'too little memory for the picture': ([*MESH, '--limit', 'memory-bytes=100000000', '--width', '16384', '--height', '16384'], 5, 'memory',
+                                          'memory-bytes'),
+}
+CODES = {2: 'invalid value', 4: 'engine or device not available', 5: 'out of memory'}
+
+
+def break_files(folder):
+    (folder / 'kind.stl').write_bytes(b'solid cube\n')
+    (folder / 'bad.gltf').write_bytes(b'{"asset": {"version": "2.0"}, "nodes": 7}')
+    (folder / 'bad.obj').write_bytes(b'v 1 2 oops\nf 1 2 3\n')
+    (folder / 'key.json').write_text('{"pellucid": 1, "mesh": "bunny.obj", "unit": "1mm", "mehs": 1}', 'ascii')
+    write_scene(folder / 'method.json', method='screenspace')
+    write_scene(folder / 'width.json', width=0.5)
+    write_scene(folder / 'knob.json', knobs={'lodd': 1})
+    write_scene(folder / 'none.json', method='none', knobs={'lod': 1})
+
+
+def fault_test(title, arguments, code, what, hint):
+    @test(f'{title}: exit {code}, in words and in JSON')
+    def check(folder):
+        break_files(folder)
+        before = names(folder)
+        at = len(arguments) if arguments[0] == 'help' else 1
+        plain, jason = run(folder, *arguments), run(folder, *arguments[:at], '--json', *arguments[at:])
+        need(plain.returncode == code, 'exit', plain.returncode, plain.stderr)
+        said = text(plain.stderr)
+        need(said.count('error: ') == 1, said)
+        need(what in said and hint in said and not plain.stdout, 'said', said[:1000], plain.stdout[:1000])
+        need(jason.returncode == code, 'with --json exit', jason.returncode)
+        error = one_object(jason)['error']
+        need(sorted(error) == ['code', 'hint', 'what', 'where'] and all(isinstance(v, str) for v in error.values()), error)
+        need(what in error['where'] + ' ' + error['what'] and hint in error['hint'], error)
+        need(b'error: ' not in jason.stderr, jason.stderr)
+        need(error['code'] == CODES.get(code, error['code']) and error['code'] != 'ok', error)
+        need(len(text(plain.stderr)) < 20000 and names(folder) == before, 'left', set(names(folder)) - set(before))
+
+
+for case, (given, exit_code, about, advice) in FAULTS.items():
+    fault_test(case, given, exit_code, about, advice)
+
+
+@test('no command at all: the usage on stderr, exit 2')
+def _(folder):
+    done = run(folder)
+    need(done.returncode == 2 and not done.stdout and b'usage: pellucid' in done.stderr, done)
+
+
+@test('bytes that are no UTF-8 or steer a terminal are shown harmless')
+def _(folder):
+    for argument in (b'a\xff\x1b[31m\xc3.obj', b'--\xfe\x1b]0;x\x07', b'-\xc3'):
+        for more in ([], ['--json']):
+            done = run(folder, b'render', argument, '--size', '1mm', '-o', 'out.png', *more)
+            need(done.returncode in (2, 3), done)
+            need(b'\x1b' not in done.stdout + done.stderr and b'\xff' not in done.stdout + done.stderr, done)
+            (done.stdout + done.stderr).decode('utf-8')
+            if more:
+                one_object(done)
+    bad = os.path.join(os.fsencode(folder), b'n\xff\x1b.obj')
+    os.rename(folder / 'bunny.obj', bad)
+    for more in ([], ['--json']):
+        done = works(folder, b'check', bad, '--size', '70mm', *more)
+        need(b'\x1b' not in done.stdout + done.stderr, done)
+        works(folder, b'render', bad, '--size', '70mm', *SMALL, *more)
+
+
+@test('names in a file that steer a terminal are shown harmless')
+def _(folder):
+    mesh = (folder / 'bunny.obj').read_bytes()
+    (folder / 'bunny.obj').write_bytes(mesh.replace(b'\nf ', b'\no \x1b[31mred\xff\nusemtl \x1b[32mgreen\nf ', 1))
+    for more in ([], ['--json']):
+        done = works(folder, 'check', 'bunny.obj', '--size', '70mm', *more)
+        need(b'\x1b' not in done.stdout + done.stderr and b'\xff' not in done.stdout + done.stderr, done)
+    one_object(done)
+
+
+# --- JSON ---------------------------------------------------------------------------------------------------------------------------
+
+def keys(value, wanted):
+    missing = set(wanted.split()) - set(value)
+    need(not missing, 'without', missing, value)
+
+
+@test('render --json: the keys of the guide, numbers that fit, nothing on stderr')
+def _(folder):
+    done = works(folder, *MESH, '--json', '--stats')
+    answer = one_object(done)
+    keys(answer, 'image method engine width height seconds load_seconds stages warnings')
+    need(answer['image'] == 'out.png' and answer['method'] == 'screen-space' and answer['engine'] == 'cpu', answer)
+    need((answer['width'], answer['height']) == (48, 27) and answer['seconds'] > 0 and answer['load_seconds'] > 0, answer)
+    need(answer['warnings'] == [] and not done.stderr, done.stderr)
+    for stage in answer['stages']:
+        keys(stage, 'name ms bytes copy_ms pixels rays')
+    need({'surface', 'irradiance', 'composite', 'post'} <= {s['name'] for s in answer['stages']}, answer['stages'])
+    need(sum(s['ms'] for s in answer['stages']) <= 1000 * answer['seconds'] + 1, 'stages take longer than the frame')
+
+
+@test('render --json --quiet still tells the warnings, and plain render prints them')
+def _(folder):
+    vertices, faces = sphere()
+    write_obj(folder / 'bunny.obj', vertices, faces[:-20])
+    answer = one_object(works(folder, *MESH, '--json', '--quiet', '--log-level', 'error'))
+    need(any('open' in w for w in answer['warnings']), answer['warnings'])
+    need(b'warning: ' in works(folder, *MESH).stderr)
+    need(works(folder, *MESH, '--quiet').stderr == b'' and works(folder, *MESH, '--log-level', 'error').stderr.count(b'warning') == 0)
+
+
+@test('methods --json and methods NAME --json: every knob with its row')
+def _(folder):
+    every, one = (one_object(works(folder, 'methods', *more, '--json'))['methods'] for more in ([], ['screen-space']))
+    need(one == [m for m in every if m['name'] == 'screen-space'] and len(one) == 1, one)
+    for method in every:
+        keys(method, 'name title kind engines citation knobs')
+        need(method['kind'] in ('method', 'reference') and 'cpu' in method['engines'] and method['knobs'][0]['name'] == 'as', method)
+        for knob in method['knobs']:
+            keys(knob, 'name unit type default min max help')
+            if knob['type'] in ('int', 'float'):
+                need(knob['min'] <= knob['default'] <= knob['max'], knob)
+            if knob['type'] == 'int':
+                need(all(isinstance(knob[k], int) for k in ('min', 'max', 'default')), knob)
+            if knob['type'] == 'enum':
+                need(knob['default'] in knob['choices'], knob)
+
+
+@test('materials --json and materials NAME --json: coefficients, lengths, sources')
+def _(folder):
+    every, one = (one_object(works(folder, 'materials', *more, '--json'))['materials'] for more in ([], ['wholemilk']))
+    need([m['name'] for m in one] == ['wholemilk'] and one[0] in every and len(every) >= 12, one)
+    need(one[0]['sigma_a'] == [0.0011, 0.0024, 0.014] and one[0]['sigma_s_reduced'] == [2.55, 3.21, 3.77] and one[0]['eta'] == 1.3, one)
+    need(abs(one[0]['mean_free_path'][0] - 1 / (0.0011 + 2.55)) < 1e-8, one)
+    need(abs(one[0]['diffuse_mean_free_path'][2] - (3 * 0.014 * (0.014 + 3.77)) ** -0.5) < 1e-7, one)
+    for material in every:
+        keys(material, 'name sigma_a sigma_s_reduced g eta source')
+        need(material['source'] and (material['kind'] == 'medium') == ('mean_free_path' in material), material)
+
+
+@test('materials NAME prints both lengths and the source; lists fit 100 columns')
+def _(folder):
+    shown = text(works(folder, 'materials', 'wholemilk').stdout)
+    for part in ('mean free path', 'diffuse mean free path', '0.392', '6.575', 'Source: ', 'Jensen'):
+        need(part in shown, part, shown)
+    lists = [['materials'], ['materials', 'skin'], ['methods'], ['methods', 'screen-space'], ['methods', 'none'], ['info'], ['--help']]
+    for arguments in [['materials', 'wholemilk'], *lists, *([c, '--help'] for c in COMMANDS)]:
+        for line in text(works(folder, *arguments).stdout).splitlines():
+            need(len(line) <= 100, f'{arguments}: {len(line)} columns:', line)
+
+
+@test('info --json: engine, limits, formats, build')
+def _(folder):
+    answer = one_object(works(folder, 'info', '--threads', '2', '--json'))
+    keys(answer, 'version build engines devices limits image_formats')
+    cpu = answer['engines'][0]
+    need(cpu['name'] == 'cpu' and cpu['threads'] == 2 and cpu['simd'] in cpu['simd_levels'], cpu)
+    need(answer['limits']['file-bytes'] == 2 ** 31 and answer['image_formats']['write'] == ['png', 'exr', 'hdr', 'pfm'], answer)
+    lowered = one_object(works(folder, 'info', '--json', env=clean_environment(PELL_SIMD='base')))
+    need(lowered['engines'][0]['simd'] == 'base', lowered)
+
+
+@test('check --json and check: a closed ball')
+def _(folder):
+    answer = one_object(works(folder, 'check', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk', '--json'))
+    keys(answer, 'meshes triangles bounds_mm materials problems')
+    need(answer['meshes'] == 1 and answer['triangles'] == len(sphere()[1]), answer)
+    extent = [b - a for a, b in zip(*answer['bounds_mm'])]
+    need(abs(max(extent) - 70) < 1e-3 and abs(answer['mm_per_unit'] - 1.75) < 1e-6, extent)
+    ball = answer['objects'][0]
+    need(ball['closed'] and ball['outward'] and ball['components'] == 1 and ball['boundary_edges'] == 0, ball)
+    need(0.8 < ball['volume_mm3'] / (3.14159 / 6 * 70 ** 3) < 1, ball)
+    need(answer['materials'][0]['preset'] == 'wholemilk' and answer['materials'][0]['color_from'] == 'profile', answer)
+    need({p['severity'] for p in answer['problems']} <= {'note'}, answer['problems'])
+    shown = text(works(folder, 'check', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk').stdout)
+    for part in ('70 x 70 x 70 mm', 'closed', 'wholemilk', 'mean free path', 'diffuse mean free path', 'colour from', '0 problems'):
+        need(part in shown, part, shown)
+
+
+@test('check tells what is wrong with a thing, on stdout alone')
+def _(folder):
+    vertices, faces = sphere()
+    write_obj(folder / 'open.obj', vertices, faces[:-20])
+    write_obj(folder / 'inside.obj', vertices, [f[::-1] for f in faces])
+    for name, size, material, part in (('open.obj', '70mm', 'wholemilk', 'open'), ('inside.obj', '70mm', 'wholemilk', 'inside'),
+                                       ('bunny.obj', '0.2mm', 'chicken1', 'is the size right'), ('bunny.obj', '5km', 'marble', 'unit')):
+        done = works(folder, 'check', name, '--size', size, '--material', material)
+        need(part in text(done.stdout) and '\n0 problems' not in text(done.stdout), name, done.stdout)
+        need(b'warning' not in done.stderr, done.stderr)
+        answer = one_object(works(folder, 'check', name, '--size', size, '--material', material, '--json'))
+        need(any(p['severity'] == 'warning' and part in p['what'] for p in answer['problems']), answer['problems'])
+    need(answer['objects'][0]['closed'], answer)
+
+
+@test('bench screen-space: a row per stage, frame, one thread, the distance; --json')
+def _(folder):
+    small = ['--repeats', '2', '--width', '160', '--height', '90', '--threads', '2']
+    answer = one_object(works(folder, 'bench', 'screen-space', *small, '--json'))
+    keys(answer, 'bench engine device threads build rows covered')
+    need(answer['bench'] == 'screen-space' and answer['engine'] == 'cpu' and answer['threads'] == 2 and answer['repeats'] == 2, answer)
+    rows = {r['name']: r for r in answer['rows']}
+    for row in answer['rows']:
+        keys(row, 'name ms pixels bytes copy_ms')
+    need({'surface', 'irradiance', 'blur 4', 'composite', 'post', 'frame', 'frame cold', 'frame by one thread',
+          'frame at 2 x the distance', 'frame at 4 x the distance'} <= set(rows), sorted(rows))
+    need(0.15 < answer['covered'] < 0.45, answer['covered'])
+    need(rows['blur 4']['copy_ms'] > 0 and rows['blur 4']['ratio_to'] == 'copy', rows['blur 4'])
+    need(abs(rows['blur 4']['ratio'] * rows['blur 4']['copy_ms'] - rows['blur 4']['ms']) < 1e-3, rows['blur 4'])
+    shown = text(works(folder, 'bench', *small).stdout)
+    need('% of the picture' in shown and re.search(r'^frame +\d', shown, re.MULTILINE), shown)
+    works(folder, 'bench', './scene.json', *SMALL, '--repeats', '1', '--json')
+
+
+# --- Help, man page, guide ----------------------------------------------------------------------------------------------------------
+
+def help_of(folder, command):
+    return text(works(folder, command, '--help').stdout)
+
+
+def options_of(shown):
+    return set(re.findall(r'^  (?:-\w, |    )--([a-z-]+)', shown.split('\nOptions\n')[1], re.MULTILINE))
+
+
+@test('the program tells of itself: --help, -h, help, --version')
+def _(folder):
+    first = works(folder, '--help').stdout
+    need(first == works(folder, '-h').stdout == works(folder, 'help').stdout, 'three kinds of help')
+    for command in COMMANDS:
+        need(re.search(rf'^  {command} ', text(first), re.MULTILINE), command)
+        need(works(folder, 'help', command).stdout == works(folder, command, '--help').stdout == works(folder, command, '-h').stdout, command)
+    need(re.fullmatch(r'pellucid \d+\.\d+\.\d+\n', text(works(folder, '--version').stdout)))
+
+
+@test('each command takes the options of its help and no others')
+def _(folder):
+    every = {c: options_of(help_of(folder, c)) for c in COMMANDS}
+    for command, own in every.items():
+        need({'help', 'json', 'quiet', 'log-level'} <= own, command, own)
+        for option in set().union(*every.values()):
+            done = run(folder, command, f'--{option}', '--no-such-option')
+            known = b'--no-such-option' in done.stderr or done.stdout or b'--' + option.encode() + b': there is no such' not in done.stderr
+            need(bool(known) == (option in own), f'{command} --{option}', done.stderr)
+
+
+@test('a later option wins, an option twice leaks nothing')
+def _(folder):
+    works(folder, *MESH, '--size', '1mm', '--size=80mm', '-o', 'first.png', '-o', 'second.png', '--threads', '1', '--threads', '2', '-q')
+    need('second.png' in names(folder) and 'first.png' not in names(folder) and 'out.png' not in names(folder), names(folder))
+
+
+def example_lines(shown):
+    return [line[2:] for line in shown.split('Examples\n')[1].split('\nOptions')[0].splitlines()]
+
+
+def run_examples(folder, lines):
+    need(lines, 'no examples')
+    for line in lines:
+        words = shlex.split(line, comments=True)
+        need(words[0] == 'pellucid', line)
+        small = {'render': SMALL, 'bench': [*SMALL, '--repeats', '1']}.get(words[1], [])
+        done = works(folder, *words[1:], *small)
+        if words[1] == 'render' and '-o' in words and '--turntable' not in words:
+            need((folder / words[words.index('-o') + 1]).stat().st_size > 100, line)
+        need(words[1] == 'render' or done.stdout, line)
+
+
+@test('every example of the help runs')
+def _(folder):
+    for command in COMMANDS:
+        run_examples(folder, example_lines(help_of(folder, command)))
+    need({'bunny.png', 'plain.png', 'head.exr', 'scene.png', 'turn_0000.png', 'turn_0003.png'} <= set(names(folder)), names(folder))
+
+
+@test('the man page is the one that docs/man/make_man.py makes of the help')
+def _(folder):
+    made = subprocess.run([sys.executable, ROOT / 'docs/man/make_man.py', PROGRAM], capture_output=True, text=True, check=True,
+                          env=clean_environment()).stdout
+    page = (ROOT / 'docs/man/pellucid.1').read_text('utf-8')
+    need(made == page, 'run: docs/man/make_man.py PROGRAM > docs/man/pellucid.1')
+    for command in COMMANDS:
+        need(f'\n.SS {command}\n' in page, command)
+        for option in options_of(help_of(folder, command)):
+            need('\\-\\-' + option.replace('-', '\\-') in page, f'--{option}')
+    for code in ('0', '1', '2', '3', '4', '5', '130'):
+        need(f'\n.B {code}\n' in page, 'exit code', code)
+
+
+@test('the guide names every command, exit code and JSON key, only options that are there, and its examples run')
+def _(folder):
+    guide = (ROOT / 'docs/guide/command-line.md').read_text('utf-8')
+    for command in COMMANDS:
+        need(f'| `{command}' in guide, command)
+    for code in (0, 1, 2, 3, 4, 5, 130):
+        need(f'\n| {code} |' in guide, 'exit code', code)
+    there = set().union(*(options_of(help_of(folder, c)) for c in COMMANDS))
+    for option in re.findall(r'--([a-z][a-z-]*)', guide):
+        need(option in there, f'--{option} is not there')
+    for command, arguments in (('render', MESH[1:]), ('check', ['scene.json']), ('methods', []), ('materials', []), ('info', []),
+                               ('bench', ['./scene.json', '--repeats', '1', *SMALL])):
+        row = re.search(rf'^\| `{command}` \| (`.*) \|$', guide, re.MULTILINE)[1]
+        told = set(re.findall(r'`([a-z_]+)`', row))
+        need(set(one_object(works(folder, command, *arguments, '--json'))) <= told, command, 'has keys that the guide does not tell')
+    run_examples(folder, [line.strip() for line in guide.splitlines() if line.startswith('    pellucid ') and 'COMMAND' not in line])
+
+
+# --- Streams ------------------------------------------------------------------------------------------------------------------------
+
+def on_terminal(folder, arguments, env, both=False):
+    """stderr, or both, are a terminal; gives (stdout, what the terminal got)."""
+    ours, theirs = pty.openpty()
+    child = subprocess.Popen([PROGRAM, *arguments], cwd=folder, env=env, stdin=subprocess.DEVNULL, stderr=theirs,
+                             stdout=theirs if both else subprocess.PIPE)
+    os.close(theirs)
+    got = b''
+    while True:
+        try:
+            part = os.read(ours, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        got += part
+    os.close(ours)
+    return child.communicate()[0], got, child.returncode
+
+
+@test('no escape sequences where the output is no terminal, NO_COLOR is set or the terminal is dumb')
+def _(folder):
+    commands = [['render', 'no.obj', '--size', '70mm', '-o', 'o.png'], ['check', 'bunny.obj', '--size', '1mm'], ['materials', 'skin'],
+                ['methods', 'screen-space'], ['info']]
+    for arguments in commands:
+        done = run(folder, *arguments)
+        need(b'\x1b' not in done.stdout + done.stderr, arguments, done)
+        _, plain, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True)
+        _, dumb, _ = on_terminal(folder, arguments, clean_environment(TERM='dumb'), both=True)
+        need(b'\x1b' not in plain + dumb, arguments, plain, dumb)
+        out, _, _ = on_terminal(folder, arguments, clean_environment())
+        need(b'\x1b' not in out, 'stdout is a pipe:', arguments, out)
+        _, colored, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR=''), both=True)
+        need(b'\x1b[' in colored, 'no colour on a terminal:', arguments, colored)
+
+
+@test('a progress bar with rate and time left on a terminal, cleared at the end')
+def _(folder):
+    _, got, code = on_terminal(folder, ['render', 'scene.json', '--turntable', '12', '-o', 't.png', '--width', '320', '--height', '180', '--threads',
+                                        '1', '--light-samples', '64'], clean_environment())
+    need(code == 0, got)
+    need(re.search(rb'\rrender \[#* *\] +\d+ %, [0-9.e+]+ %/s, \d+ s left', got), 'no bar in', got)
+    last = text(got).rstrip().splitlines()[-1]
+    need(last.split('\r')[-1].startswith('t.png: 320 x 180'), last)
+    _, quiet, _ = on_terminal(folder, [*MESH, '--quiet'], clean_environment())
+    need(quiet == b'', quiet)
+
+
+@test('--quiet prints nothing on success')
+def _(folder):
+    done = works(folder, *MESH, '--quiet')
+    need(not done.stdout and not done.stderr and 'out.png' in names(folder), done)
+
+
+@test('render says in one line what it did, on stderr; --stats prints the stages there')
+def _(folder):
+    done = works(folder, *MESH, '--stats')
+    need(not done.stdout, done.stdout)
+    need(re.search(rb'^out.png: 48 x 27, screen-space on engine cpu \(\d+ threads\), ', done.stderr, re.MULTILINE), done.stderr)
+    need(re.search(rb'^surface +\d', done.stderr, re.MULTILINE) and re.search(rb'^frame +\d', done.stderr, re.MULTILINE), done.stderr)
+    need(b'surface' not in works(folder, *MESH).stderr)
+
+
+@test('an answer that can not be written: exit 1')
+def _(folder):
+    with open('/dev/full', 'wb') as full:
+        for arguments in (['materials'], ['materials', '--json'], ['--help'], ['render', '--help'], ['--version'], ['check', 'scene.json']):
+            done = run(folder, *arguments, stdout=full, stderr=subprocess.PIPE, capture_output=False)
+            need(done.returncode == 1 and b'stdout' in done.stderr, arguments, done.returncode, done.stderr)
+
+
+@test('a reader that goes away is no crash')
+def _(folder):
+    for arguments, codes in ((['materials'], (0, 1)), ([*MESH, '--format', 'pfm', '--width', '400', '--height', '300', '-o', '-'], (3,))):
+        read, write = os.pipe()
+        os.close(read)
+        done = run(folder, *arguments, stdout=write, stderr=subprocess.PIPE, capture_output=False)
+        os.close(write)
+        need(done.returncode in codes, arguments, done.returncode, done.stderr)
+
+
+@test('numbers in all answers are finite, whatever the scene')
+def _(folder):
+    (folder / 'flat.obj').write_text('v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n', 'ascii')
+    (folder / 'clear.json').write_text(json.dumps({
+        'pellucid': 1, 'mesh': 'bunny.obj', 'unit': '1mm',
+        'materials': {'*': {'sigma_a': [0, 0, 0], 'sigma_s_reduced': [1, 1, 1], 'eta': 1}}}), 'ascii')
+    for arguments in (['check', 'flat.obj', '--size', '1mm'], ['check', 'clear.json'],
+                      ['render', 'flat.obj', '--size', '1mm', *SMALL, '-o', 'a.png'], ['render', 'clear.json', *SMALL, '-o', 'b.exr']):
+        finite(one_object(works(folder, *arguments, '--json')))
+
+
+sys.exit(main())
