@@ -71,7 +71,7 @@ def rule_constant(build):
 
 
 def rule_methods(build):
-    """a method's folder defines one pell_method_NAME, and other names only with its own, or its initials, in front"""
+    """a method's folder defines one pell_method_NAME, and other names only with its own, or its initials, in front (behind pell_ or not)"""
     sources, objects = ROOT / "src" / "methods", build / "src" / "methods"
     names = sorted(p.name for p in sources.iterdir() if p.is_dir()) if sources.is_dir() else []
     folders = {}
@@ -89,7 +89,8 @@ def rule_methods(build):
         if methods != {f"pell_method_{folder}"}:
             bad.append(f"{folder}: defines {', '.join(sorted(methods)) or 'no pell_method_' + folder}")
         initials = "".join(word[0] for word in folder.split("_"))
-        own = (f"{folder}_", f"{initials}_") if len(initials) > 1 else (f"{folder}_",)
+        marks = [folder] + ([initials] if len(initials) > 1 else [])
+        own = tuple(front + mark + "_" for mark in marks for front in ("", "pell_"))
         bad += [f"{folder}: {name}" for name in sorted(names - methods) if not name.startswith(own)]
     return bad
 

@@ -239,7 +239,8 @@ static json_t *rows_json(const struct rows *rows)
     return list;
 }
 
-static enum exit_code answer(struct cli *cli, const struct session *s, const char *what, const struct rows *rows, const struct pell_rect *rect)
+static enum exit_code answer(struct cli *cli, const struct session *s, const char *what, const struct rows *rows,
+                             const struct pell_rect *rect)
 {
     const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
     const int threads = pell_renderer_threads(s->renderer);
@@ -248,15 +249,15 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
     cli_device_name(device, sizeof(device));
     snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
     if (cli->json)
-        return cli_print_json(cli, json_pack("{s:o,s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:i,s:f,s:[i,i,i,i],s:o}", "bench", cli_text(what), "method",
-                                             method, "engine", engine, "device", device, "threads", threads, "build", build, "width",
-                                             s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "repeats",
-                                             cli->numbers.repeats, "covered", covered(s, rows), "rect", rect->x0, rect->y0, rect->x1, rect->y1,
-                                             "rows", rows_json(rows)));
+        return cli_print_json(cli, json_pack("{s:o,s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:i,s:f,s:[i,i,i,i],s:o}", "bench", cli_text(what),
+                                             "method", method, "engine", engine, "device", device, "threads", threads, "build", build,
+                                             "width", s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "repeats",
+                                             cli->numbers.repeats, "covered", covered(s, rows), "rect", rect->x0, rect->y0, rect->x1,
+                                             rect->y1, "rows", rows_json(rows)));
     printf("%s: method %s on engine %s, %d threads, %s\npellucid %s\n%d x %d, %d sample%s per pixel, things cover %.1f %% of the picture; "
            "medians of %d warm frames\n\n",
-           what, method, engine, threads, device, build, s->settings.width, s->settings.height, s->settings.msaa, s->settings.msaa > 1 ? "s" : "",
-           100.0 * covered(s, rows), cli->numbers.repeats);
+           what, method, engine, threads, device, build, s->settings.width, s->settings.height, s->settings.msaa,
+           s->settings.msaa > 1 ? "s" : "", 100.0 * covered(s, rows), cli->numbers.repeats);
     printf("%-26s %9s %10s %10s %9s  %s\n", "row", "ms", "pixels", "rays", "copy ms", "ratio");
     for (size_t i = 0; i < rows->count; i++) {
         const struct row *r = &rows->items[i];

@@ -8,14 +8,15 @@ static const char *const severities[] = { "note", "warning", "error" };
 
 static json_t *bounds_json(const struct pell_scene_report *r)
 {
-    return json_pack("[[f,f,f],[f,f,f]]", r->bounds_min[0], r->bounds_min[1], r->bounds_min[2], r->bounds_max[0], r->bounds_max[1], r->bounds_max[2]);
+    return json_pack("[[f,f,f],[f,f,f]]", r->bounds_min[0], r->bounds_min[1], r->bounds_min[2], r->bounds_max[0], r->bounds_max[1],
+                     r->bounds_max[2]);
 }
 
 static json_t *material_json(const struct pell_material *m)
 {
     double mfp[3], dmfp[3];
-    json_t *o = json_pack("{s:o,s:o,s:b,s:f,s:s}", "name", cli_text(m->name), "preset", cli_text(m->preset), "opaque", (int) m->opaque, "eta",
-                          m->medium.eta, "color_from", m->color_from == PELL_COLOR_FROM_TEXTURE ? "texture" : "profile");
+    json_t *o = json_pack("{s:o,s:o,s:b,s:f,s:s}", "name", cli_text(m->name), "preset", cli_text(m->preset), "opaque", (int) m->opaque,
+                          "eta", m->medium.eta, "color_from", m->color_from == PELL_COLOR_FROM_TEXTURE ? "texture" : "profile");
 
     if (!o || m->opaque)
         return o;
@@ -36,11 +37,11 @@ static json_t *material_json(const struct pell_material *m)
 
 static json_t *object_json(const struct pell_object_report *o)
 {
-    return json_pack("{s:o,s:I,s:b,s:b,s:i,s:I,s:I,s:I,s:I,s:f,s:f,s:f}", "name", cli_text(o->name), "triangles", (json_int_t) o->triangles, "closed",
-                     (int) o->closed, "outward", (int) o->outward, "components", o->components, "boundary_edges", (json_int_t) o->boundary_edges,
-                     "nonmanifold_edges", (json_int_t) o->nonmanifold_edges, "flipped_edges", (json_int_t) o->flipped_edges,
-                     "degenerate_triangles", (json_int_t) o->degenerate_triangles, "volume_mm3", o->volume_mm3, "area_mm2", o->area_mm2,
-                     "thickness_mm", o->thickness_mm);
+    return json_pack("{s:o,s:I,s:b,s:b,s:i,s:I,s:I,s:I,s:I,s:f,s:f,s:f}", "name", cli_text(o->name), "triangles", (json_int_t) o->triangles,
+                     "closed", (int) o->closed, "outward", (int) o->outward, "components", o->components, "boundary_edges",
+                     (json_int_t) o->boundary_edges, "nonmanifold_edges", (json_int_t) o->nonmanifold_edges, "flipped_edges",
+                     (json_int_t) o->flipped_edges, "degenerate_triangles", (json_int_t) o->degenerate_triangles, "volume_mm3",
+                     o->volume_mm3, "area_mm2", o->area_mm2, "thickness_mm", o->thickness_mm);
 }
 
 static json_t *problem_json(enum pell_severity severity, const char *where, const char *what)
@@ -60,10 +61,11 @@ static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scen
         json_array_append_new(problems, problem_json(r->problems[i].severity, r->problems[i].where, r->problems[i].what));
     for (size_t i = 0; i < r->num_objects; i++)
         json_array_append_new(objects, object_json(&r->objects[i]));
-    return cli_print_json(cli, json_pack("{s:I,s:I,s:o,s:f,s:I,s:I,s:I,s:o,s:o,s:o}", "meshes", (json_int_t) scene->num_meshes, "triangles",
-                                         (json_int_t) r->triangles, "bounds_mm", bounds_json(r), "mm_per_unit", scene->mm_per_unit, "lights",
-                                         (json_int_t) scene->num_lights, "cameras", (json_int_t) scene->num_cameras, "textures",
-                                         (json_int_t) scene->num_textures, "materials", materials, "objects", objects, "problems", problems));
+    return cli_print_json(cli,
+                          json_pack("{s:I,s:I,s:o,s:f,s:I,s:I,s:I,s:o,s:o,s:o}", "meshes", (json_int_t) scene->num_meshes, "triangles",
+                                    (json_int_t) r->triangles, "bounds_mm", bounds_json(r), "mm_per_unit", scene->mm_per_unit, "lights",
+                                    (json_int_t) scene->num_lights, "cameras", (json_int_t) scene->num_cameras, "textures",
+                                    (json_int_t) scene->num_textures, "materials", materials, "objects", objects, "problems", problems));
 }
 
 /* Names in files may hold anything. */
@@ -123,8 +125,8 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
     printf("%s, %s, %.4g x %.4g x %.4g mm (one unit of the file is %.6g mm)\n", plural((long long) scene->num_meshes, "mesh part", a),
            plural((long long) r->triangles, "triangle", b), (double) (r->bounds_max[0] - r->bounds_min[0]),
            (double) (r->bounds_max[1] - r->bounds_min[1]), (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
-    printf("%s, %s, %s\n\n%sObjects%s\n", plural((long long) scene->num_lights, "light", a), plural((long long) scene->num_cameras, "camera", b),
-           plural((long long) scene->num_textures, "texture", c), bold, plain);
+    printf("%s, %s, %s\n\n%sObjects%s\n", plural((long long) scene->num_lights, "light", a),
+           plural((long long) scene->num_cameras, "camera", b), plural((long long) scene->num_textures, "texture", c), bold, plain);
     for (size_t i = 0; i < r->num_objects; i++)
         print_object(&r->objects[i]);
     printf("\n%sMaterials%s\n", bold, plain);

@@ -44,8 +44,8 @@ static json_t *knob_bound(const struct pell_knob *k, double bound)
 static json_t *knob_json(const struct pell_knob *k)
 {
     static const char *const types[] = { "", "bool", "int", "int", "float", "enum", "rgb" };
-    json_t *o = json_pack("{s:s,s:s,s:s,s:o,s:s}", "name", k->name, "unit", k->unit, "type", types[k->type], "default", knob_default(k), "help",
-                          k->help);
+    json_t *o = json_pack("{s:s,s:s,s:s,s:o,s:s}", "name", k->name, "unit", k->unit, "type", types[k->type], "default", knob_default(k),
+                          "help", k->help);
 
     if (o && k->type == PELL_KNOB_ENUM) {
         json_t *choices = json_array();
@@ -66,8 +66,8 @@ static json_t *method_json(const struct pell_method *m)
     json_t *knobs = json_array();
     for (const struct pell_knob *k = m->knobs; k->name; k++)
         json_array_append_new(knobs, knob_json(k));
-    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s,s:o}", "name", m->name, "title", m->title, "kind", kinds[m->kind], "engines", engines_of(m), "citation",
-                     m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
+    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s,s:o}", "name", m->name, "title", m->title, "kind", kinds[m->kind], "engines", engines_of(m),
+                     "citation", m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
 }
 
 static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
@@ -154,8 +154,8 @@ static json_t *material_json(const struct pell_material_entry *e)
     lengths_of(&e->medium, mfp, dmfp);
     o = json_pack("{s:s,s:s,s:s,s:o,s:o,s:o,s:f,s:s,s:s,s:o}", "name", e->name, "title", e->title, "kind",
                   e->kind == PELL_MATERIAL_GAUSSIANS ? "gaussians" : "medium", "sigma_a", cli_numbers(e->medium.sigma_a, 3),
-                  "sigma_s_reduced", cli_numbers(e->medium.sigma_s_reduced, 3), "g", cli_numbers(e->medium.g, 3), "eta", e->medium.eta, "source",
-                  e->source, "note", e->note, "color", cli_numbers(e->color, 3));
+                  "sigma_s_reduced", cli_numbers(e->medium.sigma_s_reduced, 3), "g", cli_numbers(e->medium.g, 3), "eta", e->medium.eta,
+                  "source", e->source, "note", e->note, "color", cli_numbers(e->color, 3));
     if (!o)
         return NULL;
     if (e->kind == PELL_MATERIAL_GAUSSIANS) {
@@ -193,7 +193,8 @@ static void print_material(const struct cli *cli, const struct pell_material_ent
     if (e->kind == PELL_MATERIAL_MEDIUM) {
         lengths_of(&e->medium, mfp, dmfp);
         for (int c = 0; c < 3; c++) {
-            const struct pell_dipole d = pell_dipole_make(e->medium.sigma_a[c], e->medium.sigma_s_reduced[c], e->medium.eta, PELL_FRESNEL_EXACT);
+            const struct pell_dipole d =
+                pell_dipole_make(e->medium.sigma_a[c], e->medium.sigma_s_reduced[c], e->medium.eta, PELL_FRESNEL_EXACT);
             total[c] = pell_dipole_total(&d);
         }
         print_row("sigma_a", e->medium.sigma_a, "1/mm");
@@ -305,8 +306,8 @@ static enum exit_code info_json(struct cli *cli, const char *device, int threads
                                          pell_version(), "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions", ASSERTIONS,
                                          "sanitized", SANITIZED, "engines", "name", "cpu", "device", device, "threads", threads, "simd",
                                          pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices", "limits", limits,
-                                         "image_formats", "read", names_json(read_formats), "write", names_json(pell_write_formats), "materials",
-                                         (int) pell_material_count()));
+                                         "image_formats", "read", names_json(read_formats), "write", names_json(pell_write_formats),
+                                         "materials", (int) pell_material_count()));
 }
 
 enum exit_code command_info(struct cli *cli)
@@ -330,8 +331,8 @@ enum exit_code command_info(struct cli *cli)
     if (cli->json)
         return info_json(cli, device, threads, levels);
     printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %d threads, SIMD level %s\n", pell_version(), "built with", COMPILER,
-           OPTIMIZED ? ", optimized" : ", not optimized", ASSERTIONS ? ", assertions" : "", SANITIZED ? ", sanitizers" : "", "engine cpu", device, "",
-           threads, pell_simd_name(pell_simd_best()));
+           OPTIMIZED ? ", optimized" : ", not optimized", ASSERTIONS ? ", assertions" : "", SANITIZED ? ", sanitizers" : "", "engine cpu",
+           device, "", threads, pell_simd_name(pell_simd_best()));
     print_names("SIMD levels", levels);
     printf("%-15s not in this build\n\n", "engine vulkan");
     print_names("reads pictures", read_formats);

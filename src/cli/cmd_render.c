@@ -27,8 +27,9 @@ struct job {
 static enum exit_code choose_output(struct cli *cli, struct job *job)
 {
     const char *name = pell_path_name(cli->arguments[0]), *dot = strrchr(name, '.');
-    const int n = cli->output ? snprintf(job->output, sizeof(job->output), "%s", cli->output)
-                              : snprintf(job->output, sizeof(job->output), "%.*s.png", dot && dot != name ? (int) (dot - name) : 4000, name);
+    const int n = cli->output
+                      ? snprintf(job->output, sizeof(job->output), "%s", cli->output)
+                      : snprintf(job->output, sizeof(job->output), "%.*s.png", dot && dot != name ? (int) (dot - name) : 4000, name);
 
     if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
         return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);
@@ -41,7 +42,8 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
     size_t count = 0;
 
     for (; pell_write_formats[count]; count++)
-        if (cli->format ? strcmp(cli->format, pell_write_formats[count]) == 0 : pell_path_has_extension(job->output, pell_write_formats[count]))
+        if (cli->format ? strcmp(cli->format, pell_write_formats[count]) == 0
+                        : pell_path_has_extension(job->output, pell_write_formats[count]))
             job->format = pell_write_formats[count];
     if (!job->format && cli->format) {
         const char *nearest = pell_nearest(cli->format, pell_write_formats, count);
@@ -53,7 +55,8 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
         return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",
                          "\"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
     if (to_stdout && (cli->json || cli->numbers.turntable > 0))
-        return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s", cli->json ? "--json" : "--turntable");
+        return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s",
+                         cli->json ? "--json" : "--turntable");
     return EXIT_OK;
 }
 
@@ -74,7 +77,8 @@ static enum exit_code check_output(struct cli *cli, const struct job *job)
     }
     snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path);
     if (access(folder[0] ? folder : ".", W_OK) != 0)
-        return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "can't be written: its folder is not there, or is closed to you"));
+        return cli_failed(cli,
+                          pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "can't be written: its folder is not there, or is closed to you"));
     return EXIT_OK;
 }
 
@@ -180,7 +184,8 @@ static void turn_camera(const struct pell_scene *scene, const struct pell_camera
 {
     const double c = cos(angle), s = sin(angle);
     const struct pell_mat4 turn = { { c, 0, -s, 0, 0, 1, 0, 0, s, 0, c, 0, 0, 0, 0, 1 } };
-    const struct pell_vec3 middle = vec3(0.5f * (scene->bounds_min[0] + scene->bounds_max[0]), 0.0f, 0.5f * (scene->bounds_min[2] + scene->bounds_max[2]));
+    const struct pell_vec3 middle =
+        vec3(0.5f * (scene->bounds_min[0] + scene->bounds_max[0]), 0.0f, 0.5f * (scene->bounds_min[2] + scene->bounds_max[2]));
 
     vec3_store(vec3_add(middle, mat4_direction(&turn, vec3_sub(vec3_load(from->position), middle))), to->position);
     vec3_store(mat4_direction(&turn, vec3_load(from->forward)), to->forward);
@@ -224,14 +229,15 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
     if (!cli->json) {
         if (!cli->quiet)
             fprintf(stderr, "%s: %d x %d, %s on engine %s (%d threads), %.2f s after %.2f s of loading\n",
-                    strcmp(job->output, "-") ? pell_printable(job->output, shown, sizeof(shown)) : "stdout", p->width, p->height, method, engine,
-                    threads, p->seconds, s->load_seconds);
+                    strcmp(job->output, "-") ? pell_printable(job->output, shown, sizeof(shown)) : "stdout", p->width, p->height, method,
+                    engine, threads, p->seconds, s->load_seconds);
         return EXIT_OK;
     }
     o = json_pack("{s:o,s:s,s:s,s:i,s:i,s:f,s:f,s:i,s:f,s:o,s:O}", "image",
-                  job->images ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1)) : cli_text(job->output), "method", method,
-                  "engine", engine, "width", p->width, "height", p->height, "seconds", p->seconds, "load_seconds", s->load_seconds, "threads",
-                  threads, "exposure", (double) p->exposure, "stages", session_stages(p), "warnings", cli->warnings);
+                  job->images ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1)) : cli_text(job->output),
+                  "method", method, "engine", engine, "width", p->width, "height", p->height, "seconds", p->seconds, "load_seconds",
+                  s->load_seconds, "threads", threads, "exposure", (double) p->exposure, "stages", session_stages(p), "warnings",
+                  cli->warnings);
     if (o && job->images)
         json_object_set(o, "images", job->images);
     return cli_print_json(cli, o);

@@ -59,7 +59,8 @@ static void add_texture(uint64_t *hash, const struct pell_texture *t)
     add_int(hash, t->wrap_u);
     add_int(hash, t->wrap_v);
     add_int(hash, t->nearest);
-    add_bytes(hash, t->image.pixels, (size_t) t->image.width * (size_t) t->image.height * (size_t) t->image.channels * sizes[t->image.type]);
+    add_bytes(hash, t->image.pixels,
+              (size_t) t->image.width * (size_t) t->image.height * (size_t) t->image.channels * sizes[t->image.type]);
 }
 
 static void add_map(uint64_t *hash, const struct pell_texture_map *m)

@@ -9,8 +9,8 @@
 
 static const struct command commands[] = {
     { "render", "INPUT", "one picture of a scene or a mesh, or a turntable of them",
-      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, or a scene file (.json). A plain mesh needs no scene file: it gets a camera that frames "
-      "it, a studio of three soft lights, a grey backdrop and, with --material, something to be made of.\n"
+      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, or a scene file (.json). A plain mesh needs no scene file: it gets a camera that "
+      "frames it, a studio of three soft lights, a grey backdrop and, with --material, something to be made of.\n"
       "\n"
       "glTF says its unit (the metre). OBJ and PLY don't: say how large the thing is (--size 70mm, its largest extent) or what one unit of "
       "the file is (--unit 1mm), since how deep light goes into a thing depends on it.\n"
@@ -24,8 +24,8 @@ static const struct command commands[] = {
       "  pellucid render scene.json --turntable 4 -o turn.png     # turn_0000.png, turn_0001.png, ...\n",
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_ENGINE, 1, 1, command_render },
     { "check", "INPUT", "what a scene holds, and every problem; renders nothing",
-      "Reads INPUT as `render` would, and reports its objects, materials, size and problems: open or turned surfaces, a scale that can't be "
-      "meant, media that the object is too thin for. Exit code 3 if INPUT can't be read or a problem is an error.\n",
+      "Reads INPUT as `render` would, and reports its objects, materials, size and problems: open or turned surfaces, a scale that can't "
+      "be meant, media that the object is too thin for. Exit code 3 if INPUT can't be read or a problem is an error.\n",
       "  pellucid check bunny.obj --size 70mm --material wholemilk\n"
       "  pellucid check scene.json --json\n",
       OPTIONS_SCENE, 1, 1, command_check },
@@ -39,9 +39,9 @@ static const struct command commands[] = {
       "  pellucid materials wholemilk\n",
       0, 0, 1, command_materials },
     { "bench", "[WHAT]", "times of the stages on this machine",
-      "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same bytes, "
-      "measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of the "
-      "bench folder (screen-space) or a scene file of your own.\n",
+      "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same "
+      "bytes, measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of "
+      "the bench folder (screen-space) or a scene file of your own.\n",
       "  pellucid bench\n"
       "  pellucid bench screen-space --threads 1 --json\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },

@@ -30,14 +30,15 @@ struct option {
 
 #define AT(field) offsetof(struct cli, field)
 static const struct option options[] = {
-    { OPTIONS_SCENE, 0, "material", "NAME|FILE", "what everything is made of: a built-in name (`pellucid materials`) or a material file", TEXT,
-      AT(material), NULL },
+    { OPTIONS_SCENE, 0, "material", "NAME|FILE", "what everything is made of: a built-in name (`pellucid materials`) or a material file",
+      TEXT, AT(material), NULL },
     { OPTIONS_SCENE, 0, "size", "LENGTH", "the largest extent of the thing, with its unit: 70mm", TEXT, AT(size), NULL },
     { OPTIONS_SCENE, 0, "unit", "LENGTH", "what one unit of the mesh file is: 1mm", TEXT, AT(unit), NULL },
-    { OPTIONS_SCENE, 0, "camera", "NAME", "a camera of the file; otherwise its first, or one that frames the thing", TEXT, AT(camera), NULL },
-    { OPTIONS_SCENE, 0, "time", "SECONDS", "time of the animation; animation is not read yet, so only 0 is allowed", TEXT, AT(time), NULL },
-    { OPTIONS_SCENE | OPTIONS_BENCH, 0, "allow-outside", NULL, "let files refer to files outside the scene's folder", FLAG, AT(allow_outside),
+    { OPTIONS_SCENE, 0, "camera", "NAME", "a camera of the file; otherwise its first, or one that frames the thing", TEXT, AT(camera),
       NULL },
+    { OPTIONS_SCENE, 0, "time", "SECONDS", "time of the animation; animation is not read yet, so only 0 is allowed", TEXT, AT(time), NULL },
+    { OPTIONS_SCENE | OPTIONS_BENCH, 0, "allow-outside", NULL, "let files refer to files outside the scene's folder", FLAG,
+      AT(allow_outside), NULL },
     { OPTIONS_SCENE | OPTIONS_BENCH, 0, "limit", "NAME=VALUE", "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0,
       NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "how light is scattered (`pellucid methods`); none: not at all", TEXT, AT(method), NULL },
@@ -102,8 +103,8 @@ void cli_print_help(const struct command *command, FILE *file)
     struct option list[MAX_OPTIONS];
     const size_t n = list_options(command->options, list);
 
-    fprintf(file, "pellucid %s - %s\n\nusage: pellucid %s %s%s[OPTIONS]\n\n", command->name, command->summary, command->name, command->arguments,
-            command->arguments[0] ? " " : "");
+    fprintf(file, "pellucid %s - %s\n\nusage: pellucid %s %s%s[OPTIONS]\n\n", command->name, command->summary, command->name,
+            command->arguments, command->arguments[0] ? " " : "");
     cli_wrap(file, 0, 0, command->text);
     fprintf(file, "\nExamples\n%s\nOptions\n", command->examples);
     for (size_t i = 0; i < n; i++) {
@@ -351,7 +352,8 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
     else if (cli->num_arguments < command->min_arguments)
         return cli_usage(cli, command->name, "`--help` shows examples", "%s is missing", command->arguments);
     else if (cli->num_arguments > command->max_arguments)
-        return cli_usage(cli, command->name, "`--help` shows examples", "\"%s\" is one argument too many", cli->arguments[command->max_arguments]);
+        return cli_usage(cli, command->name, "`--help` shows examples", "\"%s\" is one argument too many",
+                         cli->arguments[command->max_arguments]);
     for (int i = 0; !*done && i < cli->num_arguments; i++)
         if (!cli->arguments[i][0])
             return cli_usage(cli, command->name, "`--help` shows examples", "an empty text for %s", command->arguments);

@@ -177,7 +177,8 @@ void cli_progress(void *user, const char *task, double fraction)
     if (now - fmax(cli->progress.shown, cli->progress.begin) < (cli->tty ? 0.1 : 5.0) || whole >= 1.0 || !(whole > 0.0) || !(elapsed > 0.0))
         return;
     cli->progress.shown = now;
-    width = snprintf(text, sizeof(text), "%3.0f %%, %.3g %%/s, %.0f s left", 100.0 * whole, 100.0 * whole / elapsed, elapsed * (1.0 - whole) / whole);
+    width = snprintf(text, sizeof(text), "%3.0f %%, %.3g %%/s, %.0f s left", 100.0 * whole, 100.0 * whole / elapsed,
+                     elapsed * (1.0 - whole) / whole);
     if (!cli->tty) {
         fprintf(stderr, "%s: %s\n", task, text);
         return;
@@ -203,7 +204,8 @@ enum exit_code cli_print_json(struct cli *cli, json_t *object)
     enum exit_code code = text ? EXIT_OK : EXIT_MEMORY;
 
     cli->answered = true;
-    puts(text ? text : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}");
+    puts(text ? text
+              : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}");
     free(text);
     json_decref(object);
     return code;
@@ -215,7 +217,8 @@ void cli_print_json_error(struct cli *cli, enum exit_code code)
         return;
     if (!cli->error.there) {
         cli->error.code = code == EXIT_MEMORY ? PELL_ERR_NOMEM : PELL_ERR_CANCELLED;
-        snprintf(cli->error.what, sizeof(cli->error.what), code == EXIT_MEMORY ? "there is not enough memory" : "stopped before it was done");
+        snprintf(cli->error.what, sizeof(cli->error.what),
+                 code == EXIT_MEMORY ? "there is not enough memory" : "stopped before it was done");
     }
     cli_print_json(cli, json_pack("{s:{s:s,s:s,s:s,s:s}}", "error", "code", pell_result_name(cli->error.code), "where", cli->error.where,
                                   "what", cli->error.what, "hint", cli->error.hint));

@@ -56,7 +56,8 @@ static enum exit_code apply_settings(struct cli *cli, const struct settings_list
 
     pell_knobs_default(pell_settings_knobs, settings);
     for (size_t i = 0; res == PELL_OK && i < given->count; i++)
-        res = pell_knob_set(cli->ctx, pell_settings_knobs, "render", given->items[i].where, settings, given->items[i].name, given->items[i].value);
+        res = pell_knob_set(cli->ctx, pell_settings_knobs, "render", given->items[i].where, settings, given->items[i].name,
+                            given->items[i].value);
     return cli_failed(cli, res);
 }
 

@@ -167,7 +167,7 @@ static int write_bytes(spng_ctx *png, void *user, void *bytes, size_t size)
 static enum pell_result set_text(struct pell_writer *w, spng_ctx *png, struct spng_text *text)
 {
     const struct pell_write_params *p = w->params;
-    static char nothing[] = "";
+    static const char nothing[] = "";
     int err;
 
     for (size_t i = 0; i < p->num_attributes; i++) {
@@ -185,7 +185,7 @@ static enum pell_result set_text(struct pell_writer *w, spng_ctx *png, struct sp
                 t->type = SPNG_ITXT; /* tEXt is Latin-1 */
         t->length = strlen(value);
         t->text = (char *) (uintptr_t) value; /* only read */
-        t->language_tag = t->translated_keyword = nothing;
+        t->language_tag = t->translated_keyword = (char *) (uintptr_t) nothing;
     }
     if (p->num_attributes && (err = spng_set_text(png, text, (uint32_t) p->num_attributes)))
         return pell_error(w->ctx, PELL_ERR_INVALID, w->name, NULL, "PNG: the attributes can't be written: %s", spng_strerror(err));

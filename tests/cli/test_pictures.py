@@ -12,8 +12,8 @@ import subprocess
 import sys
 import time
 
-from cli_test import (PROGRAM, SMALL, Skip, clean_environment, exr_header, main, names, need, one_object, png_pixels, png_text, run, sphere, test, text,
-                      works, write_obj, write_scene)
+from cli_test import (PROGRAM, SMALL, Skip, clean_environment, exr_header, main, names, need, one_object, png_pixels, png_text, sphere,
+                      test, text, works, write_obj, write_scene)
 
 MAKE_ASSETS = os.path.abspath(sys.argv[3])
 MESH = ['render', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk', *SMALL]
@@ -73,7 +73,8 @@ def _(folder):
 @test('EXR: the layers of the guide and all metadata, without a path of this machine')
 def _(folder):
     output = folder / 'with space.exr'
-    works(folder, 'render', str(folder / 'bunny.obj'), '--size', '70mm', '--material', 'wholemilk', '--set', 'lod=2', *SMALL, f'--output={output}')
+    works(folder, 'render', str(folder / 'bunny.obj'), '--size', '70mm', '--material', 'wholemilk', '--set', 'lod=2', *SMALL,
+          f'--output={output}')
     data = output.read_bytes()
     attributes, channels, _ = exr_header(data)
     need(sorted(c for c, _ in channels) == sorted(['A', 'B', 'G', 'R', *LAYERS, 'normal.X', 'normal.Y', 'normal.Z', 'depth.Z']), channels)
@@ -81,8 +82,8 @@ def _(folder):
     need(str(folder).encode() not in data and os.environ.get('HOME', 'none').encode() + b'/' not in data, 'a path of this machine')
     for key in 'version command method knobs settings engine device seed exposure units scene materials seconds load_seconds'.split():
         need(attributes.get(f'pellucid.{key}'), key, attributes)
-    need(attributes['pellucid.command'] == "pellucid render bunny.obj --size 70mm --material wholemilk --set lod=2 --width 48 --height 27 --msaa 1 "
-         "--light-samples 2 '--output=with space.exr'", attributes['pellucid.command'])
+    need(attributes['pellucid.command'] == "pellucid render bunny.obj --size 70mm --material wholemilk --set lod=2 --width 48 --height 27 "
+         "--msaa 1 --light-samples 2 '--output=with space.exr'", attributes['pellucid.command'])
     need('lod=2' in attributes['pellucid.knobs'] and 'width=48' in attributes['pellucid.settings'], attributes)
     need(float(attributes['pellucid.exposure']) > 0 and float(attributes['pellucid.seconds']) > 0, attributes)
 

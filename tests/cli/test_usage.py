@@ -6,11 +6,12 @@ import os
 import pty
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 
-from cli_test import (PROGRAM, ROOT, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text, works, write_obj,
-                      write_scene)
+from cli_test import (PROGRAM, ROOT, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text, works,
+                      write_obj, write_scene)
 
 LONG = 'x' * 100000
 COMMANDS = ['render', 'check', 'methods', 'materials', 'bench', 'info']
@@ -42,7 +43,8 @@ FAULTS = {
     'a method that is not there': ([*MESH, '-m', 'screenspace'], 2, 'screenspace', 'screen-space'),
     'an empty method': ([*MESH, '-m', ''], 2, '--method', 'screen-space'),
     'a knob that is not there': ([*MESH, '--set', 'lodd=1'], 2, 'lodd', 'lod'),
-    'a knob that is not there, said before the scene is read': (['render', 'no.obj', '-m', 'screen-space', '--set', 'lodd=1'], 2, 'lodd', 'lod'),
+    'a knob that is not there, said before the scene is read':
+        (['render', 'no.obj', '-m', 'screen-space', '--set', 'lodd=1'], 2, 'lodd', 'lod'),
     'a knob that is not a number': ([*MESH, '--set', 'lod=nan'], 2, 'lod = nan', ''),
     'a knob out of range': ([*MESH, '--set', 'gaussians=11'], 2, '[1, 10]', ''),
     'a knob without a name': ([*MESH, '--set', '='], 2, 'NAME=VALUE', ''),
@@ -92,8 +94,8 @@ FAULTS = {
     'an engine that is not there': ([*MESH, '--engine', 'vulkan'], 4, 'vulkan', 'cpu'),
     'the engine of info that is not there': (['info', '--engine', 'vulkan'], 4, 'vulkan', 'cpu'),
     'too little memory': ([*MESH, '--limit', 'memory-bytes=1048576'], 5, 'memory', 'memory-bytes'),
-    'too little memory for the picture': ([*MESH, '--limit', 'memory-bytes=100000000', '--width', '16384', '--height', '16384'], 5, 'memory',
-                                          'memory-bytes'),
+    'too little memory for the picture': ([*MESH, '--limit', 'memory-bytes=100000000', '--width', '16384', '--height', '16384'], 5,
+                                          'memory', 'memory-bytes'),
 }
 CODES = {2: 'invalid value', 4: 'engine or device not available', 5: 'out of memory'}
 
@@ -300,6 +302,22 @@ def _(folder):
     works(folder, 'bench', './scene.json', *SMALL, '--repeats', '1', '--json')
 
 
+@test('bench finds its scenes beside a program that was built, installed or linked to')
+def _(folder):
+    for program, scenes in (('a/bin/pellucid', 'a/share/pellucid/bench'), ('b/src/cli/pellucid', 'b/bench'), ('c/pellucid', 'c/bench')):
+        (folder / program).parent.mkdir(parents=True)
+        (folder / scenes).mkdir(parents=True)
+        shutil.copy(PROGRAM, folder / program)
+        for name in ('bunny.obj', 'scene.json'):
+            shutil.copy(folder / name, folder / scenes / name)
+        link = folder / program.split('/', maxsplit=1)[0] / 'link'
+        link.symlink_to(folder / program)
+        for path in (folder / program, link):
+            done = subprocess.run([path, 'bench', 'scene', *SMALL, '--repeats', '1', '--json'], cwd='/', env=clean_environment(),
+                                  capture_output=True, check=False)
+            need(done.returncode == 0 and one_object(done)['bench'] == 'scene', path, done.stderr)
+
+
 # --- Help, man page, guide ----------------------------------------------------------------------------------------------------------
 
 def help_of(folder, command):
@@ -316,7 +334,8 @@ def _(folder):
     need(first == works(folder, '-h').stdout == works(folder, 'help').stdout, 'three kinds of help')
     for command in COMMANDS:
         need(re.search(rf'^  {command} ', text(first), re.MULTILINE), command)
-        need(works(folder, 'help', command).stdout == works(folder, command, '--help').stdout == works(folder, command, '-h').stdout, command)
+        shown = works(folder, command, '--help').stdout
+        need(works(folder, 'help', command).stdout == shown == works(folder, command, '-h').stdout, command)
     need(re.fullmatch(r'pellucid \d+\.\d+\.\d+\n', text(works(folder, '--version').stdout)))
 
 
@@ -431,8 +450,8 @@ def _(folder):
 
 @test('a progress bar with rate and time left on a terminal, cleared at the end')
 def _(folder):
-    _, got, code = on_terminal(folder, ['render', 'scene.json', '--turntable', '12', '-o', 't.png', '--width', '320', '--height', '180', '--threads',
-                                        '1', '--light-samples', '64'], clean_environment())
+    _, got, code = on_terminal(folder, ['render', 'scene.json', '--turntable', '12', '-o', 't.png', '--width', '320', '--height', '180',
+                                        '--threads', '1', '--light-samples', '64'], clean_environment())
     need(code == 0, got)
     need(re.search(rb'\rrender \[#* *\] +\d+ %, [0-9.e+]+ %/s, \d+ s left', got), 'no bar in', got)
     last = text(got).rstrip().splitlines()[-1]

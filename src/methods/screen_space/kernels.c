@@ -537,6 +537,8 @@ static void load_row(const struct ss_work *w, int y, struct ss_seen *seen)
 
 #define LEAN_MIN 0.015625f /* pixels of x per pixel of y: less is as good as upright */
 #define LEAN_MAX 8.0f
+#define LEAN_FADE 8       /* blocks */
+#define LEAN_CHANGE 0.08f /* from a block to the next: more is no plane */
 
 /* Change of depth per pixel from its one-sided differences: the central difference, but at most twice the smaller of the two (the
  * monotonised central limiter of van Leer 1977), so that a jump in depth beside the pixel does not count as its slope. */
@@ -550,9 +552,37 @@ INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
     return select(slopes, select(mean < zero, -low, low), zero);
 }
 
+/* Lets leans be where they hardly change along the row, and fades them out within LEAN_FADE blocks of where they do: a lean is one number
+ * for a block, since lanes of a vector read the same row, and blocks that lean differently would show as steps in the picture. So
+ * planes have round Gaussians however they slant; curved surfaces have upright second passes. cell->to_px[0][0] holds the raw leans. */
+static void fade_leans(const struct ss_work *w, int y)
+{
+    for (int block = w->block0; block < w->block1; block++) {
+        struct ss_cell *cell = cell_at(w, block, y);
+        float worst = 0.0f;
+
+        if (cell->live == SS_EMPTY || cell->to_px[0][0] == 0.0f) {
+            cell->lean = 0.0f;
+            continue;
+        }
+        for (int k = 1 - LEAN_FADE; k < LEAN_FADE; k++) {
+            const int at = block + k, next = at + 1;
+            float change;
+            if (at < w->block0 || next >= w->block1 || cell_at(w, at, y)->live == SS_EMPTY || cell_at(w, next, y)->live == SS_EMPTY)
+                continue;
+            change = fabsf(cell_at(w, next, y)->to_px[0][0] - cell_at(w, at, y)->to_px[0][0]) * (1.0f / LEAN_CHANGE);
+            change = (change < 1.0f ? change : 1.0f) * (1.0f - (float) (k < 0 ? -k - 1 : k) * (1.0f / LEAN_FADE));
+            worst = change > worst ? change : worst;
+        }
+        cell->lean = cell->to_px[0][0] * (1.0f - worst);
+        if (cell->lean < LEAN_MIN && cell->lean > -LEAN_MIN)
+            cell->lean = 0.0f;
+    }
+}
+
 /* The two directions of the passes on the surface: Tx, from a pixel to the next along x, and D = Ty - lean Tx at right angles to it, so
- * that two passes make a round Gaussian on a surface of any slope. `lean` is one number for a block: lanes of a vector read the same
- * row. */
+ * that two passes make a round Gaussian on a surface of any slope. First Tx.Tx, Ty.Ty and Tx.Ty of each pixel, in the planes that their
+ * lengths will take, and the mean lean of each block; then the lengths of Tx and D. */
 static void measure_row(const struct ss_work *w, int y)
 {
     const vf zero = { 0 }, one = zero + 1.0f;
@@ -561,8 +591,8 @@ static void measure_row(const struct ss_work *w, int y)
     for (int block = w->block0; block < w->block1; block++) {
         struct ss_cell *cell = cell_at(w, block, y);
         const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
-        _Alignas(64) float xx[SS_BLOCK], xy[SS_BLOCK], yy[SS_BLOCK], leans[SS_BLOCK], most[2][SS_BLOCK], least[2][SS_BLOCK];
-        float sum = 0.0f;
+        _Alignas(64) float leans[SS_BLOCK];
+        float mean;
 
         if (cell->live == SS_EMPTY) {
             memset(&w->length[0][index], 0, SS_BLOCK * sizeof(float));
@@ -580,19 +610,29 @@ static void measure_row(const struct ss_work *w, int y)
             const vf x2 = mm * (mm + dx * (tx + tx)) + dx * dx * ray2, y2 = mm * (mm + dy * (2.0f * ty)) + dy * dy * ray2;
             const vf both = dx * dy * ray2 + mm * (dx * ty + dy * tx);
             const vi on = (own > zero) & (z > zero) & (x2 > zero) & (y2 > zero);
-            store(xx + part, select(on, x2, zero));
-            store(xy + part, select(on, both, zero));
-            store(yy + part, select(on, y2, zero));
+            store(w->length[0] + at, select(on, x2, zero));
+            store(w->length[1] + at, select(on, y2, zero));
+            store(w->to_px[0] + at, select(on, both, zero));
             store(leans + part, select(on, both / select(on, x2, one), zero));
         }
         for (int n = SS_BLOCK / 2; n > 0; n /= 2)
             for (int l = 0; l < n; l++)
                 leans[l] += leans[l + n];
-        sum = cell->pixels > 0 ? leans[0] / (float) cell->pixels : 0.0f;
-        cell->lean = sum > LEAN_MIN || sum < -LEAN_MIN ? (sum < LEAN_MAX ? (sum > -LEAN_MAX ? sum : -LEAN_MAX) : LEAN_MAX) : 0.0f;
+        mean = cell->pixels > 0 ? leans[0] / (float) cell->pixels : 0.0f;
+        cell->to_px[0][0] = mean < LEAN_MAX ? (mean > -LEAN_MAX ? mean : -LEAN_MAX) : LEAN_MAX;
+    }
+    fade_leans(w, y);
+    for (int block = w->block0; block < w->block1; block++) {
+        struct ss_cell *cell = cell_at(w, block, y);
+        const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
+        _Alignas(64) float most[2][SS_BLOCK], least[2][SS_BLOCK];
+
+        if (cell->live == SS_EMPTY)
+            continue;
         for (int part = 0; part < SS_BLOCK; part += WIDTH) {
             const size_t at = index + (size_t) part;
-            const vf x2 = load(xx + part), d2 = load(yy + part) + cell->lean * (cell->lean * x2 - 2.0f * load(xy + part));
+            const vf x2 = load(w->length[0] + at), xy = load(w->to_px[0] + at);
+            const vf d2 = load(w->length[1] + at) + cell->lean * (cell->lean * x2 - 2.0f * xy);
             const vf mm = load(w->depth + at) * w->depth_mm + w->fixed_mm, facing = load(w->scale + at) * (mm * mm);
             for (int axis = 0; axis < 2; axis++) {
                 const vf size2 = axis == 0 ? x2 : d2;

@@ -221,38 +221,36 @@ static void make_node_row(void *arg, int j, int worker)
     }
 }
 
-static enum pell_result make_table(struct pell_lights *lights, const struct pell_specular_tables *tables, struct pell_pool *pool,
-                                   const struct element *elements, size_t count, size_t first_lamp, struct pell_environment *env)
+/* Lays the table's rows out and allocates it, with one row of `kernels` per row of a node. */
+static enum pell_result allocate_table(struct pell_context *ctx, const struct pell_specular_tables *tables, struct pell_environment *env, float **kernels)
 {
-    const int etas = tables->num_boundaries < PELL_ENV_ETAS ? (int) tables->num_boundaries : PELL_ENV_ETAS;
     bool used[PELL_SPECULAR_MODELS] = { false };
-    struct node_task task = { env, elements, count, lights->lamps + first_lamp, lights->num_lamps - first_lamp, NULL, 0 };
     int rows = 1;
-    float *kernels;
 
-    if (task.num_lamps == 0)
-        task.lamps = NULL;
     for (size_t i = 0; i < tables->num_materials; i++)
         used[tables->model[i]] = true;
     for (int m = 0; m < PELL_SPECULAR_MODELS; m++) {
-        env->model_at[m] = 3 * rows;
+        env->model_at[m] = used[m] ? 3 * rows : -1;
         rows += used[m] ? 2 * PELL_ENV_ROUGHNESS : 0;
     }
     env->boundary_at = 3 * rows;
-    rows += etas;
+    rows += tables->num_boundaries < PELL_ENV_ETAS ? (int) tables->num_boundaries : PELL_ENV_ETAS;
     env->size = 3 * rows;
-    kernels = pell_alloc_array(lights->ctx, (size_t) rows * BINS, sizeof(float));
-    env->nodes = kernels ? pell_alloc_array(lights->ctx, (size_t) PELL_ENV_NODES * PELL_ENV_NODES * (size_t) env->size, sizeof(float)) : NULL;
-    if (!env->nodes) {
-        pell_free(lights->ctx, kernels);
-        return PELL_ERR_NOMEM;
-    }
+    *kernels = pell_alloc_array(ctx, (size_t) rows * BINS, sizeof(float));
+    if (*kernels)
+        env->nodes = pell_alloc_array(ctx, (size_t) PELL_ENV_NODES * PELL_ENV_NODES * (size_t) env->size, sizeof(float));
+    return env->nodes ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+static void make_kernels(const struct pell_specular_tables *tables, const struct pell_environment *env, float *at)
+{
+    const int etas = (env->size - env->boundary_at) / 3;
+
     for (int b = 0; b < BINS; b++) {
         const float mu = (float) b / (BINS - 1);
-        float *at = kernels + (size_t) b * (size_t) rows;
         *at++ = mu;
         for (int m = 0; m < PELL_SPECULAR_MODELS; m++)
-            for (int k = 0; used[m] && k < PELL_ENV_ROUGHNESS; k++) {
+            for (int k = 0; env->model_at[m] >= 0 && k < PELL_ENV_ROUGHNESS; k++) {
                 float fraction, scale, bias;
                 int index;
                 pell_roughness_position(PELL_ROUGHNESS_MIN + (1.0f - PELL_ROUGHNESS_MIN) * (float) k / (PELL_ENV_ROUGHNESS - 1), &index, &fraction);
@@ -263,11 +261,6 @@ static enum pell_result make_table(struct pell_lights *lights, const struct pell
         for (int k = 0; k < etas; k++)
             *at++ = mu * pell_boundary_lookup(tables->boundaries[k].transmittance, mu);
     }
-    task.kernels = kernels;
-    task.rows = rows;
-    pell_pool_run(pool, PELL_ENV_NODES, make_node_row, &task);
-    pell_free(lights->ctx, kernels);
-    return PELL_OK;
 }
 
 /* --- The picture at a working size -------------------------------------------------------------------------------------------- */
@@ -583,16 +576,17 @@ struct lobe_task {
     float alpha, reach; /* reach: radians round the mirror direction, where the lobe is cut off */
 };
 
-static enum pell_result make_ring(struct pell_context *ctx, const struct map *m, struct ring_map *r)
+static size_t ring_floats(int width)
+{
+    const size_t stride = 2 * (size_t) width + WIDE;
+    return stride * (3 * (size_t) width / 2 + 2);
+}
+
+static void make_ring(const struct map *m, float *block, struct ring_map *r)
 {
     const size_t stride = 2 * (size_t) m->width + WIDE, size = stride * (size_t) m->height;
-    float *block = pell_alloc_array(ctx, 3 * size + 2 * stride, sizeof(float));
 
-    *r = (struct ring_map) { .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block } };
-    if (!block)
-        return PELL_ERR_NOMEM;
-    r->plane[1] = block + size;
-    r->plane[2] = block + 2 * size;
+    *r = (struct ring_map) { .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block, block + size, block + 2 * size } };
     r->sin_column = block + 3 * size;
     r->cos_column = r->sin_column + stride;
     for (size_t x = 0; x < stride; x++) {
@@ -603,7 +597,6 @@ static enum pell_result make_ring(struct pell_context *ctx, const struct map *m,
             for (size_t c = 0; c < 3; c++)
                 r->plane[c][y * stride + x] = m->rgb[3 * (y * (size_t) m->width + from) + c];
     }
-    return PELL_OK;
 }
 
 /* Adds columns [from, to) of row j, weighted; `a`, `b`: the cosine of the angle between is a + b cos(difference of azimuth). */
@@ -664,99 +657,135 @@ static void filter_row(void *arg, int y, int worker)
     }
 }
 
-static enum pell_result make_levels(struct pell_context *ctx, struct pell_pool *pool, const struct map *full, struct pell_environment *env)
-{
-    static const struct {
-        int from, to; /* widths */
-        float reach;
-    } sizes[PELL_ENV_LEVELS] = { { 0, 0, 0 }, { 256, 256, 0.25f }, { 128, 128, 0.9f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f } };
-    struct map mips[2] = { { 0 }, { 0 } };
-    const struct map *from = full;
-    struct ring_map ring;
-    enum pell_result res = PELL_ERR_NOMEM;
+/* Width of the picture that a level is made from and of the level, and where its lobe ends. */
+static const struct {
+    int from, to;
+    float reach;
+} level_sizes[PELL_ENV_LEVELS] = { { 0, 0, 0 }, { 256, 256, 0.25f }, { 128, 128, 0.9f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f } };
 
-    env->num_levels = PELL_ENV_LEVELS;
+/* --- Making it ---------------------------------------------------------------------------------------------------------------- */
+
+#define MIPS 5 /* 1024, 512, 256, 128, 64 */
+
+/* What is needed on the way only; all but the elements is allocated before the work begins. */
+struct workshop {
+    struct map mips[MIPS]; /* from the working size down to 64 */
+    int num_mips;
+    float *ring, *kernels;
+    struct element *elements;
+};
+
+static void close_workshop(struct pell_context *ctx, struct workshop *w)
+{
+    for (int i = 0; i < MIPS; i++)
+        finish_map(ctx, &w->mips[i]);
+    pell_free(ctx, w->ring);
+    pell_free(ctx, w->kernels);
+    pell_free(ctx, w->elements);
+}
+
+static enum pell_result open_workshop(struct pell_context *ctx, struct pell_environment *env, struct workshop *w)
+{
+    const int picture = env->image->image.width, width = picture >= 1024 ? 1024 : picture >= 512 ? 512 : 256;
+    enum pell_result res;
+
+    for (int size = width; size >= 64; size /= 2) {
+        PELL_TRY(make_map(ctx, env, size, size / 2, &w->mips[w->num_mips]));
+        w->num_mips++;
+    }
+    res = PELL_ERR_NOMEM;
+    w->ring = pell_alloc_array(ctx, ring_floats(level_sizes[1].from), sizeof(float));
+    if (!w->ring)
+        goto fail;
     for (int k = 0; k < PELL_ENV_LEVELS; k++) {
         struct pell_env_level *l = &env->levels[k];
-        l->width = k == 0 ? full->width : sizes[k].to;
+        l->width = k == 0 ? width : level_sizes[k].to;
         l->height = l->width / 2;
         l->rgb = pell_alloc_array(ctx, (size_t) l->width * (size_t) l->height * 3, sizeof(float));
         if (!l->rgb)
             goto fail;
-        if (k == 0) {
-            memcpy(l->rgb, full->rgb, (size_t) l->width * (size_t) l->height * 3 * sizeof(float));
-            continue;
-        }
-        while (from->width > sizes[k].from) {
-            struct map *to = from == &mips[0] ? &mips[1] : &mips[0];
-            finish_map(ctx, to);
-            PELL_TRY(make_map(ctx, env, from->width / 2, from->height / 2, to));
-            halve(from, to);
-            from = to;
-        }
-        res = make_ring(ctx, from, &ring);
-        if (res == PELL_OK)
-            pell_pool_run(pool, l->height, filter_row, &(struct lobe_task) { env, &ring, l, level_roughness[k] * level_roughness[k], sizes[k].reach });
-        pell_free(ctx, ring.plane[0]);
-        if (res != PELL_OK)
-            goto fail;
-        res = PELL_ERR_NOMEM; /* of the next level's pixels */
     }
     res = PELL_OK;
 
 fail:
-    finish_map(ctx, &mips[0]);
-    finish_map(ctx, &mips[1]);
     return res;
 }
 
-/* --- Making it ---------------------------------------------------------------------------------------------------------------- */
+static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_environment *env)
+{
+    const struct map *full = &w->mips[0];
+
+    memcpy(env->levels[0].rgb, full->rgb, (size_t) full->width * (size_t) full->height * 3 * sizeof(float));
+    for (int i = 1; i < w->num_mips; i++)
+        halve(&w->mips[i - 1], &w->mips[i]);
+    for (int k = 1; k < PELL_ENV_LEVELS; k++) {
+        struct ring_map ring;
+        int i = 0;
+        while (w->mips[i].width > level_sizes[k].from)
+            i++;
+        make_ring(&w->mips[i], w->ring, &ring);
+        pell_pool_run(pool, env->levels[k].height, filter_row,
+                      &(struct lobe_task) { env, &ring, &env->levels[k], level_roughness[k] * level_roughness[k], level_sizes[k].reach });
+    }
+    env->num_levels = PELL_ENV_LEVELS;
+}
+
+/* The elements of a picture; a black one has one of no light, for none would mean a constant. */
+static enum pell_result make_elements(struct pell_context *ctx, const struct map *map, struct element **elements, size_t *count)
+{
+    struct gather gather = { .map = map };
+    struct element unused;
+    double total = 0.0;
+
+    for (int y = 0; y < map->height; y += BLOCK)
+        for (int x = 0; x < map->width; x += BLOCK)
+            total += block_element(map, x, y, BLOCK, &unused);
+    gather.threshold = total / ELEMENT_SHARE;
+    gather_all(&gather);
+    *elements = pell_calloc(ctx, gather.count + 1, sizeof(**elements));
+    if (!*elements)
+        return PELL_ERR_NOMEM;
+    gather.out = *elements;
+    gather_all(&gather);
+    *count = gather.count ? gather.count : 1;
+    return PELL_OK;
+}
 
 enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index, int max_lamps,
                                          const struct pell_specular_tables *tables, struct pell_pool *pool, struct pell_environment *env)
 {
     struct pell_context *ctx = lights->ctx;
     const size_t first_lamp = lights->num_lamps;
-    struct map map = { 0 };
-    struct gather gather = { .map = &map };
-    struct element *elements = NULL, whole;
-    double total = 0.0;
+    struct workshop w = { 0 };
+    struct node_task task = { .env = env };
     enum pell_result res;
 
     env->cos_rotate = cosf(light->rotate);
     env->sin_rotate = sinf(light->rotate);
     for (int c = 0; c < 3; c++)
         env->power[c] = light->power[c] > 0.0f ? fminf(light->power[c], 1e15f) : 0.0f;
-    if (!light->image || !light->image->image.pixels)
-        return make_table(lights, tables, pool, NULL, 0, first_lamp, env);
+    if (light->image && light->image->image.pixels)
+        env->image = light->image;
 
-    env->image = light->image;
-    {
-        const int w = env->image->image.width, width = w >= 1024 ? 1024 : w >= 512 ? 512 : 256;
-        PELL_TRY(make_map(ctx, env, width, width / 2, &map));
+    PELL_TRY(allocate_table(ctx, tables, env, &w.kernels));
+    make_kernels(tables, env, w.kernels);
+    if (env->image) {
+        PELL_TRY(open_workshop(ctx, env, &w));
+        pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task) { env, &w.mips[0] });
+        PELL_TRY(make_lamps(lights, &w.mips[0], index, max_lamps));
+        PELL_TRY(make_elements(ctx, &w.mips[0], &w.elements, &task.count));
+        make_levels(pool, &w, env);
     }
-    pell_pool_run(pool, map.height, resample_row, &(struct resample_task) { env, &map });
-    PELL_TRY(make_lamps(lights, &map, index, max_lamps));
-    for (int y = 0; y < map.height; y += BLOCK)
-        for (int x = 0; x < map.width; x += BLOCK)
-            total += block_element(&map, x, y, BLOCK, &whole);
-    gather.threshold = total / ELEMENT_SHARE;
-    gather_all(&gather);
-    elements = pell_alloc_array(ctx, gather.count + 1, sizeof(*elements));
-    res = PELL_ERR_NOMEM;
-    if (!elements)
-        goto fail;
-    gather.out = elements;
-    gather_all(&gather);
-    if (gather.count == 0)
-        elements[gather.count++] = (struct element) { .y = 1.0f }; /* a black picture: not a constant one */
-    PELL_TRY(make_table(lights, tables, pool, elements, gather.count, first_lamp, env));
-    PELL_TRY(make_levels(ctx, pool, &map, env));
+    task.elements = w.elements;
+    task.num_lamps = lights->num_lamps - first_lamp;
+    task.lamps = task.num_lamps ? lights->lamps + first_lamp : NULL;
+    task.kernels = w.kernels;
+    task.rows = env->size / 3;
+    pell_pool_run(pool, PELL_ENV_NODES, make_node_row, &task);
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
-    pell_free(ctx, elements);
-    finish_map(ctx, &map);
+    close_workshop(ctx, &w);
     return res;
 }
 
