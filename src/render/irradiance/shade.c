@@ -110,9 +110,7 @@ static void aim(const struct pell_lamp *restrict lamp, const struct pell_lanes *
         w = flat ? cosine : cone > 0.0f ? s * s : 1.0f;
         for (int c = 0; c < 3; c++)
             a->intensity[c][i] = lamp->power[c] * w;
-        /* A patch of solid angle w widens the lobe of half vectors by the spread of its own: a square of side sqrt(w) has the
-         * variance w/12 along each axis, half vectors turn half as far, and a slope variance is half the lobe's width squared. */
-        a->spread[i] = area * cosine / (a->distance[i] * a->distance[i]) * (1.0f / 24.0f);
+        a->spread[i] = area * cosine / (a->distance[i] * a->distance[i]);
     }
     finish_aim(p, a);
 }
@@ -190,8 +188,11 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
         sin2[i] = cx * cx + cy * cy + cz * cz;
         nv[i] = p->nv[i] > 1e-4f ? p->nv[i] : 1e-4f;
         nh[i] = clipped[i] + nv[i];
-        width2[i] = p->width2[i] + a->spread[i];
         vh = 0.5f * sqrtf(hh[i]); /* h.v of the unit half vector: (1 + l.v)/|h| = |h|/2 */
+        /* Few samples of a large light in a narrow lobe would be noise: each stands for a patch of solid angle w, of w/(4 h.v) among the
+         * half vectors, and the lobe is widened by about that patch. (Convolving with a Gaussian adds the variances; a lobe's is half
+         * the square of its width.) */
+        width2[i] = p->width2[i] + a->spread[i] * (1.0f / 8.0f) / vh;
         d = vh < 1.0f ? 1.0f - vh : 0.0f;
         fresnel[i] = d * d * (d * d) * d;
     }

@@ -43,7 +43,7 @@ struct pell_aim {
     float intensity[3][16];                    /* irradiance on a facing surface = intensity falloff */
     float falloff[16];
     float gl[16], nl[16];                      /* ng.l, n.l */
-    float spread[16];                          /* what the sample's extent adds to the square of the lobe's width */
+    float spread[16];                          /* solid angle that the sample stands for, sr */
     int32_t front[16], back[16];               /* -1: light may reach this side */
     int any_front, any_back;
 };
