@@ -38,6 +38,7 @@ struct pell_renderer {
     /* Of the size and the layers asked for. */
     bool sized;
     struct pell_surface surface;
+    struct pell_rect covered; /* of the frame: what any of its samples may cover */
     struct pell_lighting lighting;
     struct pell_accumulator sum;
     float *lit[3], *light[3], *display[3];
@@ -529,6 +530,7 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
         .mix = plan ? plan->mix : -1.0f,
         .smooth = settings->boundary == PELL_BOUNDARY_SMOOTH,
         .published = settings->exit == PELL_EXIT_PUBLISHED,
+        .rect = r->covered,
         .weight = 1.0f / (float) settings->msaa,
         .first = sample == 0,
     };
@@ -594,6 +596,11 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     if (pell_seconds() - begin > 1e-4)
         note(r, "prepare", pell_seconds() - begin, 0, 0, 0);
 
+    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
+    /* Layers are cleared by the composite alone, so that it goes over all of the picture for them. */
+    r->covered = r->scene->ground_mesh >= 0 || settings->layers
+                     ? (struct pell_rect) { 0, 0, settings->width, settings->height }
+                     : pell_view_rect(&view, r->scene->bounds_min, r->scene->bounds_max);
     for (int i = 0; i < settings->msaa; i++) {
         PELL_TRY(render_sample(r, settings, i));
         if (settings->msaa > 1)
@@ -601,7 +608,6 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     }
 
     start = pell_seconds();
-    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
     pell_post_render(r->pool,
                      &(struct pell_post_params) {
                          .scene = r->scene,
@@ -610,6 +616,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
                          .settings = settings,
                          .width = settings->width,
                          .height = settings->height,
+                         .rect = r->covered,
                          .stride = r->surface.stride,
                          .meter = r->sum.meter,
                          .rows = r->rows,

@@ -16,7 +16,7 @@
 #define PELL_ALBEDO_MU 64        /* entries over mu: entry i is mu = (i / 63)^2, fine where light grazes */
 #define PELL_ALBEDO_ROUGHNESS 32 /* entries over roughness in [PELL_ROUGHNESS_MIN, 1] */
 #define PELL_ROUGHNESS_MIN 0.03f
-#define PELL_BOUNDARY_MU 256     /* entries over mu of a smooth boundary: (i / 255)^2 */
+#define PELL_BOUNDARY_MU 256 /* entries over mu of a smooth boundary: (i / 255)^2 */
 #define PELL_SPECULAR_MODELS 2
 
 struct pell_boundary_table {
@@ -28,8 +28,8 @@ struct pell_boundary_table {
 struct pell_specular_tables {
     struct pell_context *ctx;
     size_t num_materials, num_boundaries;
-    uint8_t *model;       /* of a material */
-    uint32_t *boundary;   /* of a material: index into boundaries */
+    uint8_t *model;     /* of a material */
+    uint32_t *boundary; /* of a material: index into boundaries */
     struct pell_boundary_table *boundaries;
     float mean[PELL_SPECULAR_MODELS][PELL_ALBEDO_ROUGHNESS][2];
     float albedo[PELL_SPECULAR_MODELS][PELL_ALBEDO_MU][PELL_ALBEDO_ROUGHNESS][2]; /* scale, bias */
@@ -81,7 +81,8 @@ static inline float pell_exp_minus(float x)
     const float y = (x < 80.0f ? x : 80.0f) * -1.44269504f;
     const int32_t whole = (int32_t) (y - 0.5f);
     const float f = (y - (float) whole) * 0.693147181f;
-    const float e = 1.0f + f * (1.0f + f * (0.5f + f * (1.66666667e-1f + f * (4.16666667e-2f + f * (8.33333333e-3f + f * 1.38888889e-3f)))));
+    const float e =
+        1.0f + f * (1.0f + f * (0.5f + f * (1.66666667e-1f + f * (4.16666667e-2f + f * (8.33333333e-3f + f * 1.38888889e-3f)))));
     const int32_t bits = (whole + 127) << 23;
     float two;
     __builtin_memcpy(&two, &bits, sizeof(two));

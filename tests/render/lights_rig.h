@@ -99,7 +99,7 @@ static inline size_t rig_box(struct rig *r, size_t material, int object, struct 
             q[n] = side ? 1.0f : -1.0f;
         }
         for (int k = 0; k < 6; k++)
-            mesh->index[6 * f + k] = (uint32_t) (4 * f + ((const int[]) { 0, 1, 2, 0, 2, 3 })[k]);
+            mesh->index[6 * f + k] = (uint32_t) (4 * f + ((const int[]){ 0, 1, 2, 0, 2, 3 })[k]);
     }
     return m;
 }
@@ -116,7 +116,7 @@ static inline size_t rig_plane(struct rig *r, size_t material, int object, float
         mesh->position[3 * k + 2] = z;
         mesh->normal[3 * k + 2] = 1.0f;
     }
-    memcpy(mesh->index, (const uint32_t[]) { 0, 1, 2, 0, 2, 3 }, 6 * sizeof(uint32_t));
+    memcpy(mesh->index, (const uint32_t[]){ 0, 1, 2, 0, 2, 3 }, 6 * sizeof(uint32_t));
     return m;
 }
 
@@ -130,7 +130,8 @@ static inline size_t rig_sphere(struct rig *r, size_t material, int object, stru
     for (int i = 0; i <= rings; i++)
         for (int j = 0; j <= columns; j++) {
             const double t = PELL_PI * i / rings, p = 2.0 * PELL_PI * (j % columns) / columns;
-            const struct pell_vec3 n = vec3(i % rings ? (float) (sin(t) * sin(p)) : 0.0f, (float) cos(t), i % rings ? (float) (sin(t) * cos(p)) : 0.0f);
+            const struct pell_vec3 n =
+                vec3(i % rings ? (float) (sin(t) * sin(p)) : 0.0f, (float) cos(t), i % rings ? (float) (sin(t) * cos(p)) : 0.0f);
             const int v = i * (columns + 1) + j;
             vec3_store(vec3_mad(centre, radius, n), &mesh->position[3 * v]);
             vec3_store(n, &mesh->normal[3 * v]);
@@ -138,7 +139,7 @@ static inline size_t rig_sphere(struct rig *r, size_t material, int object, stru
     for (int i = 0; i < rings; i++)
         for (int j = 0; j < columns; j++) {
             const uint32_t a = (uint32_t) (i * (columns + 1) + j), b = a + (uint32_t) columns + 1;
-            memcpy(index, (const uint32_t[]) { a, b, b + 1, a, b + 1, a + 1 }, 6 * sizeof(*index));
+            memcpy(index, (const uint32_t[]){ a, b, b + 1, a, b + 1, a + 1 }, 6 * sizeof(*index));
             index += 6;
         }
     return m;
@@ -221,8 +222,8 @@ static inline void rig_render(struct rig *r)
 {
     const struct pell_thickness_table *thickness[8] = { 0 };
     struct pell_lighting *l = &r->light;
-    float **planes[] = { &l->irradiance[0], &l->irradiance[1], &l->irradiance[2], &l->through[0], &l->through[1], &l->through[2],
-                         &l->specular[0], &l->specular[1], &l->specular[2] };
+    float **planes[] = { &l->irradiance[0], &l->irradiance[1], &l->irradiance[2], &l->through[0], &l->through[1],
+                         &l->through[2],    &l->specular[0],   &l->specular[1],   &l->specular[2] };
     struct pell_irradiance_params p;
 
     rig_clear(r);
@@ -246,7 +247,7 @@ static inline void rig_render(struct rig *r)
     }
     for (size_t i = 0; i < r->scene->num_materials && i < PELL_COUNT(thickness); i++)
         thickness[i] = r->scene->materials[i].opaque ? NULL : &r->table;
-    p = (struct pell_irradiance_params) {
+    p = (struct pell_irradiance_params){
         .rays = r->rays,
         .scene = r->scene,
         .view = &r->view,
@@ -279,8 +280,8 @@ static inline struct pell_vec3 rig_normal(const struct rig *r, int x, int y)
     return vec3(r->surface.ns[0][i], r->surface.ns[1][i], r->surface.ns[2][i]);
 }
 
-/* E of a unit radiance polygon at p with normal n (Lambert 1760): half the sum of edge angles times the cosine of each edge's plane. All of it must
- * be above the horizon. */
+/* E of a unit radiance polygon at p with normal n (Lambert 1760): half the sum of edge angles times the cosine of each
+ * edge's plane. All of it must be above the horizon. */
 static inline double polygon_irradiance(struct pell_vec3 p, struct pell_vec3 n, const struct pell_vec3 *corner, int count)
 {
     double sum = 0.0;

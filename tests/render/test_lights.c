@@ -171,7 +171,8 @@ static void a_disc_on_its_axis(void **state)
     rig_light(&r, PELL_LIGHT_DISC, vec3(0, 0, 60), vec3(0, 0, 0), 2.0f)->radius = 40.0f;
     rig_render(&r);
     for (int k = 0; k < 4; k++) /* E = pi L r^2 / (r^2 + h^2) */
-        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, SIZE / 2 - k % 2, SIZE / 2 - k / 2)], PELL_PI * 2.0 * 1600.0 / (1600.0 + 3600.0), 3e-3);
+        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, SIZE / 2 - k % 2, SIZE / 2 - k / 2)], PELL_PI * 2.0 * 1600.0 / (1600.0 + 3600.0),
+                    3e-3);
     rig_finish(&r);
 }
 
@@ -218,15 +219,15 @@ static void occluders_throw_exact_shadows(void **state)
 /* A slide through a point light: the picture appears on the plane, not mirrored, black outside. */
 static void a_slide_is_projected(void **state)
 {
-    static uint8_t pixels[4 * 2 * 3] = { 255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255, /* upper row: red green blue white */
-                                         0, 0, 0, 255, 0, 0, 0, 255, 0, 0, 0, 255 };
+    static uint8_t pixels[4 * 2 * 3] = { 255, 0, 0, 0,   255, 0, 0, 0,   255, 255, 255, 255, /* upper row: red green blue white */
+                                         0,   0, 0, 255, 0,   0, 0, 255, 0,   0,   0,   255 };
     struct pell_texture *texture;
     struct pell_light *l;
     struct rig r;
     (void) state;
     start_plane(&r);
     OK(pell_scene_add_texture(r.scene, "slide", &texture));
-    texture->image = (struct pell_image) { 4, 2, 3, PELL_PIXEL_U8, false, NULL };
+    texture->image = (struct pell_image){ 4, 2, 3, PELL_PIXEL_U8, false, NULL };
     texture->image.pixels = pell_alloc(r.ctx, sizeof(pixels));
     memcpy(texture->image.pixels, pixels, sizeof(pixels));
     texture->nearest = true;
@@ -241,7 +242,8 @@ static void a_slide_is_projected(void **state)
         for (int x = 0; x < SIZE; x++) {
             const struct pell_vec3 p = rig_point(&r, x, y);
             const double d = sqrt((double) p.x * p.x + (double) p.y * p.y + 2500.0), e = 1e6 / (d * d) * 50.0 / d;
-            const int column = (int) floorf((p.x + 20.0f) / 10.0f), row = p.y > 0.0f ? 0 : 1; /* looked at along the light's way: x to the right */
+            const int column = (int) floorf((p.x + 20.0f) / 10.0f),
+                      row = p.y > 0.0f ? 0 : 1; /* looked at along the light's way: x to the right */
             for (int c = 0; c < 3; c++) {
                 const bool in = fabsf(p.x) < 20.0f && fabsf(p.y) < 10.0f;
                 const double want = in ? pixels[3 * (4 * row + column) + c] / 255.0 * e : 0.0;
@@ -261,7 +263,7 @@ static void a_textured_rectangle_shines_in_its_colours(void **state)
     start_plane(&r);
     r.settings.light_samples = 1024;
     OK(pell_scene_add_texture(r.scene, "face", &texture));
-    texture->image = (struct pell_image) { 2, 1, 3, PELL_PIXEL_U8, false, NULL };
+    texture->image = (struct pell_image){ 2, 1, 3, PELL_PIXEL_U8, false, NULL };
     texture->image.pixels = pell_alloc(r.ctx, sizeof(pixels));
     memcpy(texture->image.pixels, pixels, sizeof(pixels));
     texture->nearest = true;
@@ -320,14 +322,15 @@ static struct texel *list_texels(const struct pell_light *light, size_t *count)
     struct texel *t = malloc((size_t) image->width * (size_t) image->height * sizeof(*t));
     *count = 0;
     for (int y = 0; y < image->height; y++) {
-        const double polar = PELL_PI * (y + 0.5) / image->height, solid = 2.0 * PELL_PI / image->width * PELL_PI / image->height * sin(polar);
+        const double polar = PELL_PI * (y + 0.5) / image->height,
+                     solid = 2.0 * PELL_PI / image->width * PELL_PI / image->height * sin(polar);
         for (int x = 0; x < image->width; x++) {
             /* centre of the picture is -z; then turned about +y */
             const double a = 2.0 * PELL_PI * ((x + 0.5) / image->width - 0.5) - light->rotate;
             struct texel *o = &t[(*count)++];
             float rgba[4];
             pell_image_texel(image, x, y, rgba);
-            *o = (struct texel) { (float) (sin(polar) * sin(a)), (float) cos(polar), (float) (-sin(polar) * cos(a)), { 0 } };
+            *o = (struct texel){ (float) (sin(polar) * sin(a)), (float) cos(polar), (float) (-sin(polar) * cos(a)), { 0 } };
             for (int c = 0; c < 3; c++)
                 o->rgb[c] = (float) (rgba[c] * light->power[c] * solid);
         }
@@ -336,8 +339,8 @@ static struct texel *list_texels(const struct pell_light *light, size_t *count)
 }
 
 /* Int L T max(n.w, 0) dw over the texels, straight from the picture. */
-static void brute_irradiance(const struct rig *r, const struct texel *texels, size_t count, struct pell_vec3 n, size_t material, double rho_s,
-                             float roughness, double rgb[3])
+static void brute_irradiance(const struct rig *r, const struct texel *texels, size_t count, struct pell_vec3 n, size_t material,
+                             double rho_s, float roughness, double rgb[3])
 {
     rgb[0] = rgb[1] = rgb[2] = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -426,7 +429,7 @@ static struct pell_texture *add_picture(struct rig *r, int width, int height, fl
     struct pell_texture *t;
     float *p;
     OK(pell_scene_add_texture(r->scene, "made", &t));
-    t->image = (struct pell_image) { width, height, 3, PELL_PIXEL_F32, false, NULL };
+    t->image = (struct pell_image){ width, height, 3, PELL_PIXEL_F32, false, NULL };
     p = pell_calloc(r->ctx, (size_t) width * (size_t) height * 3, sizeof(float));
     t->image.pixels = p;
     for (int i = 0; i < width * height * 3; i++)
@@ -506,7 +509,8 @@ static void a_metal_sphere_in_an_even_sky_reflects_it(void **state)
         rig_camera(&r, 60.0f);
         rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 2.0f);
         rig_render(&r);
-        REQUIRE_REL(r.light.specular[0][rig_at(&r, SIZE / 2, SIZE / 2)], 2.0 * pell_specular_albedo_f0(r.tables, m, 1.0f, 1.0f, 0.1f), 1e-3);
+        REQUIRE_REL(r.light.specular[0][rig_at(&r, SIZE / 2, SIZE / 2)], 2.0 * pell_specular_albedo_f0(r.tables, m, 1.0f, 1.0f, 0.1f),
+                    1e-3);
         REQUIRE(r.light.irradiance[0][rig_at(&r, SIZE / 2, SIZE / 2)] == 0.0f); /* a metal has nothing below */
         rig_finish(&r);
     }
@@ -535,7 +539,8 @@ static void a_highlight_is_the_lobe(void **state)
             const float f0 = (0.4f / 2.4f) * (0.4f / 2.4f);
             const double e = 3e6 / (double) vec3_dot(d, d) * l.z;
             REQUIRE_REL(r.light.specular[0][rig_at(&r, x, x)],
-                        0.6 * pell_specular_shape((enum pell_specular_model) model, 0.4f, n, l, v) * pell_schlick(f0, vec3_dot(h, v)) * e, 1e-4);
+                        0.6 * pell_specular_shape((enum pell_specular_model) model, 0.4f, n, l, v) * pell_schlick(f0, vec3_dot(h, v)) * e,
+                        1e-4);
             REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, x)], (1.0 - 0.6 * pell_specular_albedo(r.tables, m, l.z, 0.4f)) * e, 1e-4);
         }
         rig_finish(&r);

@@ -4,8 +4,8 @@
 
 #define SIZE 32
 
-static const enum pell_light_type every_type[] = { PELL_LIGHT_POINT, PELL_LIGHT_SPOT, PELL_LIGHT_DIRECTIONAL, PELL_LIGHT_RECT, PELL_LIGHT_DISC,
-                                                   PELL_LIGHT_ENVIRONMENT };
+static const enum pell_light_type every_type[] = { PELL_LIGHT_POINT, PELL_LIGHT_SPOT, PELL_LIGHT_DIRECTIONAL,
+                                                   PELL_LIGHT_RECT,  PELL_LIGHT_DISC, PELL_LIGHT_ENVIRONMENT };
 
 /* A slab of material 0, z in [0, thickness], seen from above. */
 static void start_slab(struct rig *r, float thickness)
@@ -27,9 +27,11 @@ static double slab_under(const struct pell_light *l, struct pell_vec3 p, double 
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
             const double u = flat ? (i + 0.5) / n - 0.5 : 0.0, v = flat ? (j + 0.5) / n - 0.5 : 0.0;
-            const double w = l->type == PELL_LIGHT_DISC ? 2.0 * l->radius : l->width, h = l->type == PELL_LIGHT_DISC ? 2.0 * l->radius : l->height;
+            const double w = l->type == PELL_LIGHT_DISC ? 2.0 * l->radius : l->width,
+                         h = l->type == PELL_LIGHT_DISC ? 2.0 * l->radius : l->height;
             const struct pell_vec3 s = vec3_mad(vec3_mad(at, (float) (u * w), right), (float) (v * h), up), d = vec3_sub(s, p);
-            const double length = vec3_length(d), cosine = -d.z / length, a = length - thickness / cosine, facing = -vec3_dot(d, axis) / length;
+            const double length = vec3_length(d), cosine = -d.z / length, a = length - thickness / cosine,
+                         facing = -vec3_dot(d, axis) / length;
             double e = table_share(thickness, channel) * l->power[channel] * cosine;
             if (l->type == PELL_LIGHT_DISC && u * u + v * v > 0.25)
                 continue;
@@ -76,7 +78,7 @@ static struct pell_texture *add_sky(struct rig *r)
     float *p;
     const int width = 512, height = 256;
     OK(pell_scene_add_texture(r->scene, "sky", &t));
-    t->image = (struct pell_image) { width, height, 3, PELL_PIXEL_F32, false, NULL };
+    t->image = (struct pell_image){ width, height, 3, PELL_PIXEL_F32, false, NULL };
     p = pell_calloc(r->ctx, (size_t) width * (size_t) height * 3, sizeof(float));
     t->image.pixels = p;
     for (int y = 0; y < height; y++)
@@ -127,7 +129,7 @@ static void slide_shows_through_the_slab(void **state)
     (void) state;
     start_slab(&r, 1.0f);
     OK(pell_scene_add_texture(r.scene, "half", &t));
-    t->image = (struct pell_image) { 2, 1, 1, PELL_PIXEL_F32, false, pell_zalloc(r.ctx, 2 * sizeof(float)) };
+    t->image = (struct pell_image){ 2, 1, 1, PELL_PIXEL_F32, false, pell_zalloc(r.ctx, 2 * sizeof(float)) };
     ((float *) t->image.pixels)[1] = 1.0f;
     t->nearest = true;
     l = rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -1), vec3(0, 0, 0), 1.0f);
@@ -154,7 +156,8 @@ static void inner_objects(void **state)
         int object;
         size_t material;
         bool passes;
-    } cases[] = { { true, 1, 1, false }, { true, 0, 1, false }, { false, 1, 0, false }, { false, 1, 1, false }, { false, 0, 0, true }, { false, 0, 1, true } };
+    } cases[] = { { true, 1, 1, false },  { true, 0, 1, false }, { false, 1, 0, false },
+                  { false, 1, 1, false }, { false, 0, 0, true }, { false, 0, 1, true } };
     (void) state;
     for (size_t k = 0; k < PELL_COUNT(cases); k++)
         for (int sphere = 0; sphere < 2; sphere++) {
@@ -417,8 +420,8 @@ static void the_terminator_is_smooth(void **state)
         }
         if (getenv("PELL_PROFILE"))
             for (int x = 0; x < width; x++)
-                print_message("# %g %g %g %g\n", (double) radii[k], (double) rig_normal(&r, x, row).x, (double) r.light.irradiance[0][rig_at(&r, x, row)],
-                              (double) r.light.through[0][rig_at(&r, x, row)]);
+                print_message("# %g %g %g %g\n", (double) radii[k], (double) rig_normal(&r, x, row).x,
+                              (double) r.light.irradiance[0][rig_at(&r, x, row)], (double) r.light.through[0][rig_at(&r, x, row)]);
         rig_finish(&r);
     }
 }
@@ -434,10 +437,11 @@ static void grazing_lights_stay_finite(void **state)
         r.scene->materials[0].rho_s = 1.0f;
         r.scene->materials[0].roughness = 0.03f;
         for (size_t j = 0; j < PELL_COUNT(every_type); j++) {
-            struct pell_light *l = rig_light(&r, every_type[j], vec3(50 * cosf(a), 50 * sinf(a), k % 3 ? 1e-3f * (float) (k - 12) : 0.0f), vec3(0, 0, 0), 1e6f);
+            struct pell_light *l = rig_light(&r, every_type[j], vec3(50 * cosf(a), 50 * sinf(a), k % 3 ? 1e-3f * (float) (k - 12) : 0.0f),
+                                             vec3(0, 0, 0), 1e6f);
             l->width = l->height = l->radius = k % 2 ? 30.0f : 1e-3f;
         }
-        rig_light(&r, PELL_LIGHT_POINT, vec3(0, 0, 0.005f), vec3(0, 0, 1), 1.0f); /* inside the slab */
+        rig_light(&r, PELL_LIGHT_POINT, vec3(0, 0, 0.005f), vec3(0, 0, 1), 1.0f);                                 /* inside the slab */
         rig_light(&r, PELL_LIGHT_POINT, vec3(-19.375f, 19.375f, 0.01f * (float) (1 + k)), vec3(0, 0, 99), 1e30f); /* in the surface */
         r.settings.light_samples = 2;
         r.settings.ambient_samples = 2;
@@ -456,7 +460,9 @@ static void a_frame_allocates_nothing(void **state)
     (void) state;
     start_everything(&r, 0xfffu);
     rig_render(&r);
-    p = (struct pell_irradiance_params) { .rays = r.rays, .scene = r.scene, .view = &r.view, .surface = &r.surface, .tables = r.tables, .mix = -1.0f };
+    p = (struct pell_irradiance_params){
+        .rays = r.rays, .scene = r.scene, .view = &r.view, .surface = &r.surface, .tables = r.tables, .mix = -1.0f
+    };
     before = pell_allocations(r.ctx);
     OK(pell_irradiance_render(r.pool, r.lights, &p, &r.light));
     assert_int_equal(pell_allocations(r.ctx), before);

@@ -59,7 +59,8 @@ static void ggx_is_normalised(void **state)
             const double a = (k + 0.5) / 20000 * 0.5 * PELL_PI, c = cos(a);
             const struct pell_vec3 h = vec3((float) sin(a), 0.0f, (float) c);
             const double g = c / sqrt(alpha * alpha + (1.0 - alpha * alpha) * c * c); /* correlated Smith at l = v */
-            sum += 2.0 * PELL_PI * pell_specular_shape(PELL_SPECULAR_GGX, roughnesses[i], n, h, h) * 4.0 * c * c / g * c * sin(a) * 0.5 * PELL_PI / 20000;
+            sum += 2.0 * PELL_PI * pell_specular_shape(PELL_SPECULAR_GGX, roughnesses[i], n, h, h) * 4.0 * c * c / g * c * sin(a) * 0.5 *
+                   PELL_PI / 20000;
         }
         REQUIRE_NEAR(sum, 1.0, 1e-4);
     }
@@ -102,10 +103,12 @@ static double brute_albedo(enum pell_specular_model model, float roughness, floa
         const double s = (i + 0.5) / rings, a = PELL_PI * s * s * s, da = PELL_PI * 3.0 * s * s / rings;
         for (int j = 0; j < turns; j++) {
             const double phi = 2.0 * PELL_PI * (j + 0.5) / turns;
-            const struct pell_vec3 l = vec3_normalize(vec3_mad(vec3_mad(vec3_mul(r, (float) cos(a)), (float) (sin(a) * cos(phi)), t), (float) (sin(a) * sin(phi)), b));
+            const struct pell_vec3 l = vec3_normalize(
+                vec3_mad(vec3_mad(vec3_mul(r, (float) cos(a)), (float) (sin(a) * cos(phi)), t), (float) (sin(a) * sin(phi)), b));
             const struct pell_vec3 h = vec3_normalize(vec3_add(l, v));
             if (l.z > 0.0f)
-                sum += pell_specular_shape(model, roughness, n, l, v) * pell_schlick(f0, vec3_dot(h, v)) * l.z * sin(a) * da * 2.0 * PELL_PI / turns;
+                sum += pell_specular_shape(model, roughness, n, l, v) * pell_schlick(f0, vec3_dot(h, v)) * l.z * sin(a) * da * 2.0 *
+                       PELL_PI / turns;
         }
     }
     return sum;

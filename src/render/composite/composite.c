@@ -133,13 +133,14 @@ static void composite_rows(void *arg, int band, int worker)
     const struct pell_composite_params *p = t->p;
     const struct pell_surface *s = p->surface;
     const struct pell_accumulator *out = t->out;
+    const struct pell_rect r = p->rect;
     struct pell_composite_row row = t->row;
     (void) worker;
 
-    for (int y = band * ROWS; y < s->height && y < (band + 1) * ROWS; y++) {
+    for (int y = r.y0 + band * ROWS; y < r.y1 && y < r.y0 + (band + 1) * ROWS; y++) {
         double met = 0.0, covered = 0.0;
         row.y = y;
-        for (int x = 0; x < s->width; x += LANES) {
+        for (int x = r.x0 / LANES * LANES; x < r.x1; x += LANES) {
             const size_t at = (size_t) ((ptrdiff_t) y * s->stride + x);
             const int count = s->width - x < LANES ? s->width - x : LANES;
             struct pell_composite_lanes l;
@@ -211,7 +212,8 @@ void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, co
 {
     struct task t = make_task(c, params);
     t.out = out;
-    pell_pool_run(pool, (params->surface->height + ROWS - 1) / ROWS, composite_rows, &t);
+    if (params->rect.y1 > params->rect.y0)
+        pell_pool_run(pool, (params->rect.y1 - params->rect.y0 + ROWS - 1) / ROWS, composite_rows, &t);
 }
 
 void pell_composite_lit(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const lit[3])

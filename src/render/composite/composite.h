@@ -31,6 +31,7 @@ struct pell_composite_params {
     const float (*total)[3];          /* per scene material: total reflectance of its profile, for pixels without scattering */
     float mix;                        /* plan's; negative: each material's own */
     bool smooth, published;
+    struct pell_rect rect; /* holds every pixel that any sample may cover; the accumulator is written there and nowhere else */
     float weight;
     bool first;                       /* overwrite the accumulator instead of adding to it */
 };
@@ -40,7 +41,7 @@ struct pell_compositor;
 PELL_NODISCARD enum pell_result pell_compositor_create(struct pell_context *ctx, size_t num_materials, struct pell_compositor **out);
 void pell_compositor_destroy(struct pell_compositor **compositor);
 
-/* Writes every pixel of the accumulator. Allocates nothing. */
+/* Writes the accumulator inside `rect`. Allocates nothing. */
 void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
                            const struct pell_accumulator *out);
 

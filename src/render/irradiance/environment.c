@@ -16,29 +16,18 @@
  * a histogram over mu = n.l with linear weights, and every kernel (cosine, albedo of the lobes at several widths, Fresnel) is then a
  * short sum over bins.
  */
-#include "render/irradiance/lights.h"
+#include "render/irradiance/env_map.h"
 
 #include <string.h>
 
 #define BINS 256
 #define MAX_ROWS (1 + 2 * PELL_SPECULAR_MODELS * PELL_ENV_ROUGHNESS + PELL_ENV_ETAS)
-#define BLOCK 16          /* texels of the coarsest elements */
+#define BLOCK 16           /* texels of the coarsest elements */
 #define ELEMENT_SHARE 1024 /* a block is split while its energy x (side/BLOCK)^2 is over total / this */
-#define CLAMP 2.0f        /* times the mean luminance: what lamps leave to the smooth rest */
-#define COMPACT 2e-4      /* 1 - |mean direction|: half the variance of the angle; 1.15 degrees */
 
 struct element {
     float x, y, z, unused;
     float rgb[4]; /* and 0: four lanes */
-};
-
-/* The picture at one size, with the trigonometry of its rows and columns. */
-struct map {
-    int width, height;
-    float *rgb;
-    float *sin_row, *cos_row; /* of the polar angle; cos_row is y */
-    float *solid_row;         /* solid angle of a texel */
-    float *sin_column, *cos_column; /* of the azimuth in world space: x = sin, z = -cos, times sin_row */
 };
 
 /* --- Looking up --------------------------------------------------------------------------------------------------------------- */
@@ -131,7 +120,8 @@ void pell_environment_irradiance(const struct pell_environment *env, struct pell
     const float x0 = n.x * inv, z0 = n.z * inv;
     const float x = n.y < 0.0f ? copysignf(1.0f - fabsf(z0), x0) : x0, z = n.y < 0.0f ? copysignf(1.0f - fabsf(x0), z0) : z0;
     const float u = (x * 0.5f + 0.5f) * (PELL_ENV_NODES - 1), v = (z * 0.5f + 0.5f) * (PELL_ENV_NODES - 1);
-    const int i0 = (int) u, j0 = (int) v, i = i0 < PELL_ENV_NODES - 2 ? i0 : PELL_ENV_NODES - 2, j = j0 < PELL_ENV_NODES - 2 ? j0 : PELL_ENV_NODES - 2;
+    const int i0 = (int) u, j0 = (int) v, i = i0 < PELL_ENV_NODES - 2 ? i0 : PELL_ENV_NODES - 2,
+              j = j0 < PELL_ENV_NODES - 2 ? j0 : PELL_ENV_NODES - 2;
     const float f = u - (float) i, g = v - (float) j;
     const float weight[4] = { (1.0f - f) * (1.0f - g), f * (1.0f - g), (1.0f - f) * g, f * g };
     const float r = (q->roughness - PELL_ROUGHNESS_MIN) * ((PELL_ENV_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN));
@@ -222,7 +212,8 @@ static void make_node_row(void *arg, int j, int worker)
 }
 
 /* Lays the table's rows out and allocates it, with one row of `kernels` per row of a node. */
-static enum pell_result allocate_table(struct pell_context *ctx, const struct pell_specular_tables *tables, struct pell_environment *env, float **kernels)
+static enum pell_result allocate_table(struct pell_context *ctx, const struct pell_specular_tables *tables, struct pell_environment *env,
+                                       float **kernels)
 {
     bool used[PELL_SPECULAR_MODELS] = { false };
     int rows = 1;
@@ -253,7 +244,8 @@ static void make_kernels(const struct pell_specular_tables *tables, const struct
             for (int k = 0; env->model_at[m] >= 0 && k < PELL_ENV_ROUGHNESS; k++) {
                 float fraction, scale, bias;
                 int index;
-                pell_roughness_position(PELL_ROUGHNESS_MIN + (1.0f - PELL_ROUGHNESS_MIN) * (float) k / (PELL_ENV_ROUGHNESS - 1), &index, &fraction);
+                pell_roughness_position(PELL_ROUGHNESS_MIN + (1.0f - PELL_ROUGHNESS_MIN) * (float) k / (PELL_ENV_ROUGHNESS - 1), &index,
+                                        &fraction);
                 pell_albedo_pair(tables->albedo[m][0][index], fraction, mu, &scale, &bias);
                 *at++ = mu * scale;
                 *at++ = mu * bias;
@@ -265,18 +257,19 @@ static void make_kernels(const struct pell_specular_tables *tables, const struct
 
 /* --- The picture at a working size -------------------------------------------------------------------------------------------- */
 
-static void finish_map(struct pell_context *ctx, struct map *m)
+static void finish_map(struct pell_context *ctx, struct pell_env_map *m)
 {
     pell_free(ctx, m->rgb);
     pell_free(ctx, m->sin_row);
     memset(m, 0, sizeof(*m));
 }
 
-static enum pell_result make_map(struct pell_context *ctx, const struct pell_environment *env, int width, int height, struct map *m)
+static enum pell_result make_map(struct pell_context *ctx, const struct pell_environment *env, int width, int height,
+                                 struct pell_env_map *m)
 {
     const size_t rows = (size_t) height, columns = (size_t) width;
 
-    *m = (struct map) { .width = width, .height = height };
+    *m = (struct pell_env_map){ .width = width, .height = height };
     m->rgb = pell_alloc_array(ctx, 3 * rows * columns, sizeof(float));
     m->sin_row = m->rgb ? pell_alloc_array(ctx, 3 * rows + 2 * columns, sizeof(float)) : NULL;
     if (!m->sin_row)
@@ -300,14 +293,9 @@ static enum pell_result make_map(struct pell_context *ctx, const struct pell_env
     return PELL_OK;
 }
 
-static struct pell_vec3 map_direction(const struct map *m, int x, int y)
-{
-    return vec3(m->sin_row[y] * m->sin_column[x], m->cos_row[y], -m->sin_row[y] * m->cos_column[x]);
-}
-
 struct resample_task {
     const struct pell_environment *env;
-    struct map *to;
+    struct pell_env_map *to;
 };
 
 /* Mean over the texel's area on the sphere; a smaller picture is interpolated. */
@@ -347,7 +335,7 @@ static void resample_row(void *arg, int y, int worker)
 }
 
 /* Half the size, by solid angle. */
-static void halve(const struct map *from, struct map *to)
+static void halve(const struct pell_env_map *from, struct pell_env_map *to)
 {
     for (int y = 0; y < to->height; y++) {
         const float a = from->solid_row[2 * y], b = from->solid_row[2 * y + 1], inv = 0.5f / (a + b);
@@ -362,20 +350,20 @@ static void halve(const struct map *from, struct map *to)
 /* --- Elements ----------------------------------------------------------------------------------------------------------------- */
 
 struct gather {
-    const struct map *map;
-    double threshold; /* energy x (side / BLOCK)^2 up to which a block is one element */
+    const struct pell_env_map *map;
+    double threshold;    /* energy x (side / BLOCK)^2 up to which a block is one element */
     struct element *out; /* NULL: count only */
     size_t count;
 };
 
-static double block_element(const struct map *m, int x0, int y0, int side, struct element *e)
+static double block_element(const struct pell_env_map *m, int x0, int y0, int side, struct element *e)
 {
     double rgb[3] = { 0 }, d[3] = { 0 }, total = 0.0;
 
     for (int y = y0; y < y0 + side; y++)
         for (int x = x0; x < x0 + side; x++) {
             const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x), w = m->solid_row[y];
-            const struct pell_vec3 v = map_direction(m, x, y);
+            const struct pell_vec3 v = pell_env_map_direction(m, x, y);
             const double l = (double) w * ((double) p[0] + p[1] + p[2]);
             for (int c = 0; c < 3; c++)
                 rgb[c] += (double) w * p[c];
@@ -385,8 +373,9 @@ static double block_element(const struct map *m, int x0, int y0, int side, struc
             total += l;
         }
     if (total > 0.0)
-        *e = (struct element) { (float) (d[0] / total), (float) (d[1] / total), (float) (d[2] / total), 0.0f,
-                                { (float) rgb[0], (float) rgb[1], (float) rgb[2] } };
+        *e = (struct element){
+            (float) (d[0] / total), (float) (d[1] / total), (float) (d[2] / total), 0.0f, { (float) rgb[0], (float) rgb[1], (float) rgb[2] }
+        };
     return total;
 }
 
@@ -419,144 +408,6 @@ static void gather_all(struct gather *g)
             gather_block(g, x, y, BLOCK);
 }
 
-/* --- Lamps -------------------------------------------------------------------------------------------------------------------- */
-
-struct region {
-    int x0, y0, x1, y1;
-    double energy, direction[3], rgb[3]; /* of the excess; direction weighted by energy */
-};
-
-/* The share of a texel's light that is over the clamp. */
-static double excess(const float *rgb, float clamp)
-{
-    const float l = pell_luminance(rgb);
-    return l > clamp ? 1.0 - (double) clamp / l : 0.0;
-}
-
-static double texel_energy(const struct map *m, float clamp, int x, int y)
-{
-    const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
-    return excess(p, clamp) * pell_luminance(p) * m->solid_row[y];
-}
-
-static void measure(const struct map *m, float clamp, struct region *r)
-{
-    r->energy = 0.0;
-    memset(r->direction, 0, sizeof(r->direction));
-    memset(r->rgb, 0, sizeof(r->rgb));
-    for (int y = r->y0; y < r->y1; y++)
-        for (int x = r->x0; x < r->x1; x++) {
-            const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
-            const double share = excess(p, clamp) * m->solid_row[y], e = share * pell_luminance(p);
-            if (share > 0.0) {
-                const struct pell_vec3 d = map_direction(m, x, y);
-                r->energy += e;
-                r->direction[0] += e * d.x;
-                r->direction[1] += e * d.y;
-                r->direction[2] += e * d.z;
-                for (int c = 0; c < 3; c++)
-                    r->rgb[c] += share * p[c];
-            }
-        }
-}
-
-static double region_length(const struct region *r)
-{
-    return sqrt(r->direction[0] * r->direction[0] + r->direction[1] * r->direction[1] + r->direction[2] * r->direction[2]);
-}
-
-/* Cuts r at the median of its energy across the longer side; false where it can't be cut. */
-static bool cut(const struct map *m, float clamp, struct region *r, struct region *other)
-{
-    const double across = (r->x1 - r->x0) * 2.0 * PELL_PI / m->width * m->sin_row[(r->y0 + r->y1 - 1) / 2];
-    const double down = (r->y1 - r->y0) * PELL_PI / m->height;
-    const bool columns = r->x1 - r->x0 > 1 && (across >= down || r->y1 - r->y0 < 2);
-    const int first = columns ? r->x0 : r->y0, last = columns ? r->x1 : r->y1;
-    int at = first + 1;
-    double sum = 0.0;
-
-    if (last - first < 2)
-        return false;
-    for (int i = first; i < last - 1; i++) {
-        if (columns)
-            for (int y = r->y0; y < r->y1; y++)
-                sum += texel_energy(m, clamp, i, y);
-        else
-            for (int x = r->x0; x < r->x1; x++)
-                sum += texel_energy(m, clamp, x, i);
-        at = i + 1;
-        if (sum >= 0.5 * r->energy)
-            break;
-    }
-    *other = *r;
-    if (columns)
-        r->x1 = other->x0 = at;
-    else
-        r->y1 = other->y0 = at;
-    measure(m, clamp, r);
-    measure(m, clamp, other);
-    return true;
-}
-
-static enum pell_result add_region(struct pell_lights *lights, const struct region *r, int index)
-{
-    const double length = region_length(r);
-    struct pell_lamp lamp = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
-
-    if (!(r->energy > 0.0) || !(length > 1e-6 * r->energy))
-        return PELL_OK; /* what shines from all sides alike is left to the table */
-    lamp.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
-    vec3_basis(lamp.direction, &lamp.right, &lamp.up);
-    lamp.compact = 1.0 - length / r->energy < COMPACT;
-    for (int c = 0; c < 3; c++)
-        lamp.power[c] = (float) r->rgb[c];
-    return pell_lights_add_lamp(lights, &lamp);
-}
-
-static enum pell_result make_lamps(struct pell_lights *lights, const struct map *m, int index, int max_lamps)
-{
-    struct region *regions;
-    double mean = 0.0;
-    float clamp;
-    int count = 1;
-    enum pell_result res = PELL_OK;
-
-    for (int y = 0; y < m->height; y++) {
-        double row = 0.0;
-        for (int x = 0; x < m->width; x++)
-            row += pell_luminance(m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x));
-        mean += row * m->solid_row[y] / (4.0 * PELL_PI);
-    }
-    clamp = (float) (CLAMP * mean);
-    if (max_lamps < 1 || !(mean > 0.0))
-        return PELL_OK;
-    regions = pell_calloc(lights->ctx, (size_t) max_lamps, sizeof(*regions));
-    if (!regions)
-        return PELL_ERR_NOMEM;
-    regions[0] = (struct region) { .x1 = m->width, .y1 = m->height };
-    measure(m, clamp, &regions[0]);
-    if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
-        count = 0; /* even light: nothing to cut out */
-    while (count > 0 && count < max_lamps) {
-        int best = 0;
-        double most = -1.0;
-        for (int i = 0; i < count; i++) {
-            const double spread = regions[i].energy - region_length(&regions[i]); /* energy x half the variance of the angle */
-            if (spread > most) {
-                most = spread;
-                best = i;
-            }
-        }
-        if (most <= 1e-6 * regions[0].energy || !cut(m, clamp, &regions[best], &regions[count]))
-            break;
-        count++;
-    }
-    for (int i = 0; i < count && res == PELL_OK; i++)
-        res = add_region(lights, &regions[i], index);
-    pell_free(lights->ctx, regions);
-    return res;
-}
-
 /* --- Reflection --------------------------------------------------------------------------------------------------------------- */
 
 /* A map in planes whose rows go twice round, so that any stretch of a row lies in one piece. */
@@ -564,7 +415,7 @@ struct ring_map {
     int width, height;
     size_t stride;
     float *plane[3], *sin_column, *cos_column;
-    const struct map *map; /* for what belongs to rows */
+    const struct pell_env_map *map; /* for what belongs to rows */
 };
 
 #define WIDE 8 /* columns that are summed side by side */
@@ -582,11 +433,13 @@ static size_t ring_floats(int width)
     return stride * (3 * (size_t) width / 2 + 2);
 }
 
-static void make_ring(const struct map *m, float *block, struct ring_map *r)
+static void make_ring(const struct pell_env_map *m, float *block, struct ring_map *r)
 {
     const size_t stride = 2 * (size_t) m->width + WIDE, size = stride * (size_t) m->height;
 
-    *r = (struct ring_map) { .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block, block + size, block + 2 * size } };
+    *r = (struct ring_map){
+        .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block, block + size, block + 2 * size }
+    };
     r->sin_column = block + 3 * size;
     r->cos_column = r->sin_column + stride;
     for (size_t x = 0; x < stride; x++) {
@@ -600,7 +453,8 @@ static void make_ring(const struct map *m, float *block, struct ring_map *r)
 }
 
 /* Adds columns [from, to) of row j, weighted; `a`, `b`: the cosine of the angle between is a + b cos(difference of azimuth). */
-static void add_row(const struct ring_map *m, int j, int from, int to, const float azimuth[2], float a, float b, float a2, float sums[4][WIDE])
+static void add_row(const struct ring_map *m, int j, int from, int to, const float azimuth[2], float a, float b, float a2,
+                    float sums[4][WIDE])
 {
     const size_t row = (size_t) j * m->stride;
     const float solid = m->map->solid_row[j] * a2;
@@ -647,7 +501,8 @@ static void filter_row(void *arg, int y, int worker)
             if (2 * reach + 1 >= m->width)
                 add_row(m, j, 0, m->width, azimuth, a, b, a2, sums);
             else
-                add_row(m, j, (middle - reach + m->width) % m->width, (middle - reach + m->width) % m->width + 2 * reach + 1, azimuth, a, b, a2, sums);
+                add_row(m, j, (middle - reach + m->width) % m->width, (middle - reach + m->width) % m->width + 2 * reach + 1, azimuth, a, b,
+                        a2, sums);
         }
         for (int c = 0; c < 4; c++)
             for (int k = 0; k < WIDE; k++)
@@ -661,7 +516,8 @@ static void filter_row(void *arg, int y, int worker)
 static const struct {
     int from, to;
     float reach;
-} level_sizes[PELL_ENV_LEVELS] = { { 0, 0, 0 }, { 256, 256, 0.25f }, { 128, 128, 0.9f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f }, { 64, 64, 1.6f } };
+} level_sizes[PELL_ENV_LEVELS] = { { 0, 0, 0 },      { 256, 256, 0.25f }, { 128, 128, 0.9f }, { 64, 64, 1.6f },
+                                   { 64, 64, 1.6f }, { 64, 64, 1.6f },    { 64, 64, 1.6f } };
 
 /* --- Making it ---------------------------------------------------------------------------------------------------------------- */
 
@@ -669,7 +525,7 @@ static const struct {
 
 /* What is needed on the way only; all but the elements is allocated before the work begins. */
 struct workshop {
-    struct map mips[MIPS]; /* from the working size down to 64 */
+    struct pell_env_map mips[MIPS]; /* from the working size down to 64 */
     int num_mips;
     float *ring, *kernels;
     struct element *elements;
@@ -713,7 +569,7 @@ fail:
 
 static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_environment *env)
 {
-    const struct map *full = &w->mips[0];
+    const struct pell_env_map *full = &w->mips[0];
 
     memcpy(env->levels[0].rgb, full->rgb, (size_t) full->width * (size_t) full->height * 3 * sizeof(float));
     for (int i = 1; i < w->num_mips; i++)
@@ -725,13 +581,13 @@ static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_
             i++;
         make_ring(&w->mips[i], w->ring, &ring);
         pell_pool_run(pool, env->levels[k].height, filter_row,
-                      &(struct lobe_task) { env, &ring, &env->levels[k], level_roughness[k] * level_roughness[k], level_sizes[k].reach });
+                      &(struct lobe_task){ env, &ring, &env->levels[k], level_roughness[k] * level_roughness[k], level_sizes[k].reach });
     }
     env->num_levels = PELL_ENV_LEVELS;
 }
 
 /* The elements of a picture; a black one has one of no light, for none would mean a constant. */
-static enum pell_result make_elements(struct pell_context *ctx, const struct map *map, struct element **elements, size_t *count)
+static enum pell_result make_elements(struct pell_context *ctx, const struct pell_env_map *map, struct element **elements, size_t *count)
 {
     struct gather gather = { .map = map };
     struct element unused;
@@ -771,8 +627,8 @@ enum pell_result pell_environment_create(struct pell_lights *lights, const struc
     make_kernels(tables, env, w.kernels);
     if (env->image) {
         PELL_TRY(open_workshop(ctx, env, &w));
-        pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task) { env, &w.mips[0] });
-        PELL_TRY(make_lamps(lights, &w.mips[0], index, max_lamps));
+        pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task){ env, &w.mips[0] });
+        PELL_TRY(pell_environment_lamps(lights, &w.mips[0], index, max_lamps));
         PELL_TRY(make_elements(ctx, &w.mips[0], &w.elements, &task.count));
         make_levels(pool, &w, env);
     }

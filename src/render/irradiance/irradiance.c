@@ -218,7 +218,8 @@ static void ambient_visibility(const struct job *job, struct packet *k, const in
         const uint32_t n = job->p->sample * (uint32_t) samples + (uint32_t) s, u0 = pell_sobol0(n), u1 = pell_sobol1(n);
         for (int i = 0; i < PELL_LANES; i++) {
             float x, y, z;
-            pell_disc_point(pell_unit_float(u0 ^ pell_hash(k->lanes.hash[0][i] ^ salt)), pell_unit_float(u1 ^ pell_hash(k->lanes.hash[1][i] ^ salt)), &x, &y);
+            pell_disc_point(pell_unit_float(u0 ^ pell_hash(k->lanes.hash[0][i] ^ salt)),
+                            pell_unit_float(u1 ^ pell_hash(k->lanes.hash[1][i] ^ salt)), &x, &y);
             z = sqrtf(max0(1.0f - x * x - y * y));
             set_ray(&rays, i, origin[i], vec3_mad(vec3_mad(vec3_mul(normal[i], z), x, t[i]), y, b[i]), FLT_MAX);
         }
@@ -235,7 +236,7 @@ static void ambient_visibility(const struct job *job, struct packet *k, const in
 /* Where rays that went into a solid leave it. */
 struct exits {
     _Alignas(64) int32_t found[PELL_LANES];
-    struct pell_vec3 point[PELL_LANES];  /* A, mm */
+    struct pell_vec3 point[PELL_LANES]; /* A, mm */
     struct pell_vec3 geometric[PELL_LANES], normal[PELL_LANES];
     float lift[PELL_LANES]; /* of the smooth surface over the triangle, mm */
 };
@@ -247,8 +248,8 @@ static struct pell_vec3 inside(const struct pell_lanes *l, int i)
 }
 
 /* Of a hit: its interpolated normal, and how far the smooth surface lies above the triangle there, as in struct pell_surface.lift. */
-static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric, struct pell_vec3 *normal,
-                        float *lift)
+static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric,
+                        struct pell_vec3 *normal, float *lift)
 {
     const uint32_t *index = mesh->index + (size_t) 3 * triangle;
     const float w[3] = { 1.0f - u - v, u, v };
@@ -484,7 +485,7 @@ static void shine(const struct job *job, const struct pell_lamp *lamp, struct pa
 static struct pell_env_query lane_query(const struct job *job, const struct packet *k, int i)
 {
     const size_t material = k->material[i];
-    return (struct pell_env_query) {
+    return (struct pell_env_query){
         .model = job->p->tables->model[material] ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX,
         .roughness = k->lanes.roughness[i],
         .f0 = k->lanes.fd[i],

@@ -23,7 +23,6 @@ struct pell_lamp {
     float spot_scale, spot_offset;
     float inv_range;            /* 0: no cut-off */
     float sample_area;          /* mm^2 that one sample stands for; 0 for lights without extent */
-    float sample_angle;         /* sr, of an environment's direction: unused by shading; kept for tests */
     int samples;
     const struct pell_texture *image;
     float image_u, image_v;     /* from the plane at distance 1 (directional: from mm) to the picture's halves */
@@ -71,9 +70,9 @@ struct pell_lights {
 };
 
 /* Resolves light `index` of the scene (an environment) into `env` and new lamps. `env` is zeroed; finish it also after a failure. */
-PELL_NODISCARD enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index, int max_lamps,
-                                                        const struct pell_specular_tables *tables, struct pell_pool *pool,
-                                                        struct pell_environment *env);
+PELL_NODISCARD enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index,
+                                                        int max_lamps, const struct pell_specular_tables *tables,
+                                                        struct pell_pool *pool, struct pell_environment *env);
 void pell_environment_finish(struct pell_context *ctx, struct pell_environment *env);
 
 /* What the table over the normal says: light that enters at a surface with this normal, T = 1 - rho_s albedo_f. */
@@ -82,7 +81,8 @@ struct pell_env_query {
     float roughness, f0, rho_s;
     int smooth; /* slot of a smooth boundary, or -1 */
 };
-void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 normal, const struct pell_env_query *query, float rgb[3]);
+void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 normal, const struct pell_env_query *query,
+                                 float rgb[3]);
 /* Radiance out of a direction as a lobe of that width (pell_lobe_width) sees it. */
 void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3]);
 void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3]);

@@ -27,7 +27,8 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
     for (int i = 0; i < N; i++) {
         const float gl = p->gx[i] * a->lx[i] + p->gy[i] * a->ly[i] + p->gz[i] * a->lz[i];
         const float nl = p->nx[i] * a->lx[i] + p->ny[i] * a->ly[i] + p->nz[i] * a->lz[i];
-        const int32_t lit = p->valid[i] & -(int32_t) (a->falloff[i] * (a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i]) > 0.0f);
+        const int32_t lit =
+            p->valid[i] & -(int32_t) (a->falloff[i] * (a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i]) > 0.0f);
         a->gl[i] = gl;
         a->nl[i] = nl;
         /* A lifted point lies on the smooth surface: its own triangle does not decide what faces the light. */
@@ -80,7 +81,8 @@ static void place_samples(const struct pell_lamp *restrict lamp, const struct pe
     }
 }
 
-static void aim(const struct pell_lamp *restrict lamp, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1, struct pell_aim *restrict a)
+static void aim(const struct pell_lamp *restrict lamp, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+                struct pell_aim *restrict a)
 {
     const struct pell_vec3 d = lamp->direction;
     const float area = lamp->sample_area;
@@ -142,7 +144,8 @@ static void shadow_rays(const struct pell_lamp *lamp, const struct pell_lanes *r
 }
 
 /* T(n.l) for each lane: places in the tables, then what lies there, then the arithmetic, so that first and last are vectors. */
-static void transmittance(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const float *restrict mu, float *restrict out)
+static void transmittance(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const float *restrict mu,
+                          float *restrict out)
 {
     _Alignas(64) float f[N], near[4][N], beyond[4][N];
     _Alignas(64) int32_t at[N];
@@ -164,7 +167,8 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
         const float g = p->fraction[i];
         const float a = near[0][i] + g * (near[2][i] - near[0][i]), b = beyond[0][i] + g * (beyond[2][i] - beyond[0][i]);
         const float c = near[1][i] + g * (near[3][i] - near[1][i]), d = beyond[1][i] + g * (beyond[3][i] - beyond[1][i]);
-        const float scale = a + f[i] * (b - a), bias = c + f[i] * (d - c), sum = p->fd[i] * scale + bias, positive = sum > 0.0f ? sum : 0.0f;
+        const float scale = a + f[i] * (b - a), bias = c + f[i] * (d - c), sum = p->fd[i] * scale + bias,
+                    positive = sum > 0.0f ? sum : 0.0f;
         out[i] = 1.0f - p->rho[i] * (positive < 1.0f ? positive : 1.0f);
     }
     if (p->any_smooth)
@@ -218,7 +222,8 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
     _Alignas(64) float mu[N], through[N], facing[N];
 
     for (int i = 0; i < N; i++) {
-        const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]), g = ratio < 1.0f && p->lift[i] <= p->epsilon[i] ? ratio : 1.0f;
+        const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
+                    g = ratio < 1.0f && p->lift[i] <= p->epsilon[i] ? ratio : 1.0f;
         const float lit = nl * g * (1.0f + g - g * g);
         mu[i] = nl;
         facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
@@ -256,8 +261,8 @@ static inline void gather(const float *restrict plane, const int32_t *restrict i
         out[i] = plane[index[i]];
 }
 
-static void load_place(const struct pell_lane_source *source, const float *restrict depth, const int32_t *restrict x, const int32_t *restrict y,
-                       struct pell_lanes *restrict p)
+static void load_place(const struct pell_lane_source *source, const float *restrict depth, const int32_t *restrict x,
+                       const int32_t *restrict y, struct pell_lanes *restrict p)
 {
     const struct pell_view v = *source->view;
     const uint32_t seed = pell_hash(source->seed);
@@ -310,8 +315,8 @@ static void load_material(const float base[3][N], const float *restrict metallic
         }
 }
 
-static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y, struct pell_lanes *restrict p,
-                 struct pell_sums *restrict sums)
+static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
+                 struct pell_lanes *restrict p, struct pell_sums *restrict sums)
 {
     const struct pell_surface *s = source->surface;
     _Alignas(64) float depth[N], metallic[N], base[3][N];

@@ -19,21 +19,24 @@ struct task {
     float *const *display;
     float exposure, white, white_scale; /* 1 / white^2 */
     bool curve;
+    bool plain; /* one colour behind all */
+    float behind[3], behind_shown[3];
 };
 
 /* Mends what is not a number, and measures over covered pixels: the sum of the log luminance, its count, the largest luminance.
  * Logarithms are taken of products of eight, which stay far inside a double's range: a logarithm costs more than all the rest. */
-static void measure_row(void *arg, int y, int worker)
+static void measure_row(void *arg, int index, int worker)
 {
     const struct task *t = arg;
     const struct pell_post_params *p = t->p;
+    const int y = p->rect.y0 + index;
     const size_t row = (size_t) (y * p->stride);
     float *r = t->color[0] + row, *g = t->color[1] + row, *b = t->color[2] + row, *a = t->alpha + row;
     double sum = 0.0, product = 1.0, count = 0.0, invalid = 0.0, maximum = 0.0;
     int factors = 0;
     (void) worker;
 
-    for (int x = 0; x < p->width; x++) {
+    for (int x = p->rect.x0; x < p->rect.x1; x++) {
         double l;
 
         if (a[x] == 0.0f)
@@ -98,27 +101,25 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     }
 }
 
-/* Lays the row over its background. */
-static void fill_row(const struct task *t, int y)
+/* Lays pixels x0 to x1 of a row over what is behind them. */
+static void fill(const struct task *t, int y, int x0, int x1)
 {
     const struct pell_post_params *p = t->p;
-    const struct pell_scene *scene = p->scene;
     const size_t row = (size_t) (y * p->stride);
     const float *a = t->alpha + row;
     float rgb[3];
 
-    if (scene->background == PELL_BACKGROUND_TRANSPARENT)
+    if (p->scene->background == PELL_BACKGROUND_TRANSPARENT)
         return;
-    if (scene->background == PELL_BACKGROUND_COLOR || (scene->background == PELL_BACKGROUND_IMAGE && !scene->background_image)) {
-        unexpose(t, scene->background_color, rgb);
+    if (t->plain) {
         for (int c = 0; c < 3; c++) {
             float *restrict color = t->color[c] + row;
-            for (int x = 0; x < p->width; x++)
-                color[x] += (1.0f - a[x]) * rgb[c];
+            for (int x = x0; x < x1; x++)
+                color[x] += (1.0f - a[x]) * t->behind[c];
         }
         return;
     }
-    for (int x = 0; x < p->width; x++)
+    for (int x = x0; x < x1; x++)
         if (a[x] < 1.0f) {
             background(t, x, y, rgb);
             for (int c = 0; c < 3; c++)
@@ -126,19 +127,17 @@ static void fill_row(const struct task *t, int y)
         }
 }
 
-static void finish_row(void *arg, int y, int worker)
+/* What is shown of pixels x0 to x1. */
+static void show(const struct task *t, int y, int x0, int x1)
 {
-    const struct task *t = arg;
     const struct pell_post_params *p = t->p;
     const size_t row = (size_t) (y * p->stride);
     const float *restrict r = t->color[0] + row, *restrict g = t->color[1] + row, *restrict b = t->color[2] + row, *restrict a = t->alpha + row;
     const bool transparent = p->scene->background == PELL_BACKGROUND_TRANSPARENT;
     const float curve = t->curve ? 1.0f : 0.0f, white_scale = curve * t->white_scale, exposure = t->exposure;
     float *restrict dr = t->display[0] + row, *restrict dg = t->display[1] + row, *restrict db = t->display[2] + row;
-    (void) worker;
 
-    fill_row(t, y);
-    for (int x = 0; x < p->width; x++) {
+    for (int x = x0; x < x1; x++) {
         const float e = transparent && a[x] > 0.0f ? exposure / a[x] : exposure; /* straight alpha in what is shown */
         const float lum = e * (0.2126f * r[x] + 0.7152f * g[x] + 0.0722f * b[x]), l = lum > 0.0f ? lum : 0.0f;
         const float scale = e * (1.0f + l * white_scale) / (1.0f + l * curve);
@@ -149,15 +148,82 @@ static void finish_row(void *arg, int y, int worker)
     }
 }
 
+/* Pixels that nothing can cover. */
+static void empty(const struct task *t, int y, int x0, int x1)
+{
+    const struct pell_post_params *p = t->p;
+    const size_t row = (size_t) (y * p->stride);
+
+    if (x0 >= x1)
+        return;
+    memset(t->alpha + row + x0, 0, (size_t) (x1 - x0) * sizeof(float));
+    for (int c = 0; c < 3; c++) {
+        float *restrict color = t->color[c] + row, *restrict display = t->display[c] + row;
+        for (int x = x0; x < x1; x++) {
+            color[x] = t->behind[c];
+            display[x] = t->behind_shown[c];
+        }
+    }
+    if (!t->plain) {
+        fill(t, y, x0, x1);
+        show(t, y, x0, x1);
+    }
+}
+
+static void finish_row(void *arg, int y, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_rect r = t->p->rect;
+    (void) worker;
+
+    if (y < r.y0 || y >= r.y1 || r.x0 >= r.x1) {
+        empty(t, y, 0, t->p->width);
+        return;
+    }
+    empty(t, y, 0, r.x0);
+    fill(t, y, r.x0, r.x1);
+    show(t, y, r.x0, r.x1);
+    empty(t, y, r.x1, t->p->width);
+}
+
+/* A background of one colour: its radiance, and how it is shown. Others are looked up pixel by pixel, over black. */
+static void prepare_background(struct task *t)
+{
+    const struct pell_scene *scene = t->p->scene;
+    const enum pell_background kind = scene->background;
+    float l;
+
+    t->plain = kind == PELL_BACKGROUND_COLOR || kind == PELL_BACKGROUND_TRANSPARENT ||
+               (kind == PELL_BACKGROUND_IMAGE && !scene->background_image);
+    if (!t->plain || kind == PELL_BACKGROUND_TRANSPARENT)
+        return;
+    unexpose(t, scene->background_color, t->behind);
+    l = t->exposure * pell_luminance(t->behind);
+    for (int c = 0; c < 3; c++) {
+        const float v = t->behind[c] * t->exposure * (t->curve ? (1.0f + l * t->white_scale) / (1.0f + l) : 1.0f);
+        t->behind_shown[c] = v > 0.0f ? v < 1.0f ? v : 1.0f : 0.0f;
+    }
+}
+
 void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
                       float *const display[3], struct pell_post_result *result)
 {
     const struct pell_settings *settings = params->settings;
-    struct task t = { params, color, alpha, display, settings->exposure, settings->white, 0.0f, settings->tonemap == PELL_TONEMAP_REINHARD };
+    struct task t = {
+        .p = params,
+        .color = color,
+        .alpha = alpha,
+        .display = display,
+        .exposure = settings->exposure,
+        .white = settings->white,
+        .curve = settings->tonemap == PELL_TONEMAP_REINHARD,
+    };
+    const int y0 = params->rect.y0, y1 = params->rect.y1;
     double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0;
 
-    pell_pool_run(pool, params->height, measure_row, &t);
-    for (int y = 0; y < params->height; y++) {
+    if (y1 > y0)
+        pell_pool_run(pool, y1 - y0, measure_row, &t);
+    for (int y = y0; y < y1; y++) {
         met += params->meter[2 * y];
         met_count += params->meter[2 * y + 1];
         sum += params->rows[y * PER_ROW + SUM_LOG];
@@ -172,6 +238,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     if (!(t.white > 0.0f))
         t.white = (float) fmax(maximum * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? SKY_WHITE : 1.0);
     t.white_scale = 1.0f / (t.white * t.white);
+    prepare_background(&t);
     pell_pool_run(pool, params->height, finish_row, &t);
     *result = (struct pell_post_result) { t.exposure, t.white, (int64_t) invalid };
 }

@@ -20,6 +20,7 @@ struct pell_post_params {
     const struct pell_lights *lights; /* for an environment as background */
     const struct pell_settings *settings;
     int width, height;
+    struct pell_rect rect;            /* of the composite: outside it color and alpha hold nothing and become the background */
     ptrdiff_t stride;
     const double *meter;              /* of the composite: 2 numbers a row */
     double *rows;                     /* scratch: 4 numbers a row */
