@@ -23,7 +23,8 @@ extern "C" {
 
 enum pell_engine { PELL_ENGINE_AUTO, PELL_ENGINE_CPU, PELL_ENGINE_VULKAN };
 enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR };
-/* How light passes the surface, in and out: by Fresnel's F_t of a smooth boundary, or by rho_dt = 1 - rho_s (albedo of the specular lobe). */
+/* How light passes the surface, in and out: by Fresnel's F_t of a smooth boundary, or by rho_dt = 1 - rho_s (albedo of the specular
+ * lobe). */
 enum pell_boundary { PELL_BOUNDARY_ROUGH, PELL_BOUNDARY_SMOOTH };
 enum pell_exit { PELL_EXIT_BALANCED, PELL_EXIT_PUBLISHED };
 
@@ -62,7 +63,8 @@ PELL_API int pell_renderer_threads(const struct pell_renderer *r);
 /* Builds what rays need. NULL takes the scene away. */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene);
 /* NULL: no scattering. `knobs` (NULL: defaults) is copied. */
-PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method, const void *knobs);
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method,
+                                                                  const void *knobs);
 
 /* One stage of a frame. */
 struct pell_stage_time {

@@ -37,13 +37,15 @@ static enum pell_result check_shape(struct pell_context *ctx, const struct pell_
         for (int k = 0; k < m->gaussians.count; k++) {
             const double v = m->gaussians.variance[k], *w = m->gaussians.weight[k];
             if (!(v > 0.0 && v < 1e12) || (k > 0 && v <= m->gaussians.variance[k - 1]))
-                return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "variance[%d] = %g mm^2, must be positive, under 1e12 and rising", k, v);
+                return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "variance[%d] = %g mm^2, must be positive, under 1e12 and rising", k,
+                                  v);
             for (int c = 0; c < 3; c++)
                 if (!(w[c] >= 0.0 && w[c] <= 1.0))
                     return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "weight[%d][%d] = %g, must be in [0, 1]", k, c, w[c]);
         }
         if (m->gaussians.count == 0 && !pell_medium_valid(&m->medium, &fault))
-            return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "%s = %g, must be in [%g, %g]", fault.field, fault.value, fault.min, fault.max);
+            return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "%s = %g, must be in [%g, %g]", fault.field, fault.value, fault.min,
+                              fault.max);
     }
     return PELL_OK;
 }
@@ -127,8 +129,8 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
         return pell_error(ctx, PELL_ERR_INVALID, "frame", "make a new pass where the size, camera or materials change",
                           "the frame's shape is not the one that the pass was made for");
     if (in->rect.x0 < 0 || in->rect.y0 < 0 || in->rect.x1 > in->width || in->rect.y1 > in->height)
-        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "rect (%d, %d) to (%d, %d), must lie in the picture of %d x %d", in->rect.x0,
-                          in->rect.y0, in->rect.x1, in->rect.y1, in->width, in->height);
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "rect (%d, %d) to (%d, %d), must lie in the picture of %d x %d",
+                          in->rect.x0, in->rect.y0, in->rect.x1, in->rect.y1, in->width, in->height);
     if (!in->material)
         missing = "material";
     else if (!in->depth)

@@ -64,8 +64,8 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
             pell_warn(ctx, o->name, "turn its faces round", "the surface is turned inside out");
         if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm)
             pell_warn(ctx, o->name, "check --size or --unit: diffusion holds for things many mean free paths thick",
-                      "the mean free path of %s, %.3g mm, is longer than the thing is thick (%.3g mm)", m->preset && m->preset[0] ? m->preset : m->name,
-                      mfp, o->thickness_mm);
+                      "the mean free path of %s, %.3g mm, is longer than the thing is thick (%.3g mm)",
+                      m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
         if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5)
             pell_warn(ctx, o->name, "render it larger, or check --size or --unit",
                       "light goes %.3g mm under the surface of %s, which is %.2g pixels here: no scattering can be seen", widest,

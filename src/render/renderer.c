@@ -581,6 +581,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
 {
     struct pell_post_result post;
     struct pell_view view;
+    int64_t pixels;
     double start, begin;
     enum pell_result res;
 
@@ -624,7 +625,8 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
                      r->sum.color, r->sum.alpha, r->display, &post);
     if (pell_cancelled(r->ctx))
         return PELL_ERR_CANCELLED;
-    note(r, "post", pell_seconds() - start, (int64_t) settings->width * settings->height, 0, (int64_t) settings->width * settings->height * 44);
+    pixels = (int64_t) settings->width * settings->height;
+    note(r, "post", pell_seconds() - start, pixels, 0, pixels * 44);
 
     *picture = (struct pell_picture) {
         .width = settings->width,
@@ -642,7 +644,8 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         .rect = r->surface.translucent,
     };
     if (post.invalid > 0)
-        pell_warn(r->ctx, "render", "please report the scene", "%lld pixels came out as no number and were set to 0", (long long) post.invalid);
+        pell_warn(r->ctx, "render", "please report the scene", "%lld pixels came out as no number and were set to 0",
+                  (long long) post.invalid);
     return PELL_OK;
 
 fail:

@@ -94,8 +94,8 @@ INLINE float top(float *v)
 #define B1 -1.08f
 #define B2 0.646f
 #define Y_MAX 0.7225f
-/* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface, at
- * silhouettes, wide gaps show as echoes of the edge. */
+/* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface,
+ * at silhouettes, wide gaps show as echoes of the edge. */
 #define STRIDE_DENSE 3.0f
 #define TAPS_DENSE 48.0f
 #define K_NORM 0.401802782f  /* sqrt(variance) / integral */

@@ -93,7 +93,8 @@ static void put(float *plane, size_t at, int count, const float *values, float w
 static void clear(const struct pell_accumulator *out, size_t at, int count)
 {
     for (int c = 0; c < 3; c++) {
-        float *const planes[] = { out->color[c], out->multiple[c], out->transmission[c], out->specular[c], out->irradiance[c], out->normal[c] };
+        float *const planes[] = { out->color[c],    out->multiple[c],   out->transmission[c],
+                                  out->specular[c], out->irradiance[c], out->normal[c] };
         for (size_t i = 0; i < PELL_COUNT(planes); i++)
             if (planes[i])
                 memset(planes[i] + at, 0, (size_t) count * sizeof(float));

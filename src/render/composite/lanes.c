@@ -26,7 +26,8 @@ static void view_cosines(const struct pell_composite_row *row, int x, size_t at,
     const struct pell_view *v = row->p->view;
     const struct pell_surface *s = row->p->surface;
     const float inverse = v->orthographic ? 0.0f : 1.0f / v->focal_px;
-    const float left = 0.5f + v->shift_x - 0.5f * (float) v->width, py = (0.5f * (float) v->height - (float) row->y - 0.5f - v->shift_y) * inverse;
+    const float left = 0.5f + v->shift_x - 0.5f * (float) v->width;
+    const float py = (0.5f * (float) v->height - (float) row->y - 0.5f - v->shift_y) * inverse;
     const struct pell_vec3 start = vec3_mad(v->forward, py, v->up);
     const float *nx = s->ns[0] + at, *ny = s->ns[1] + at, *nz = s->ns[2] + at;
 

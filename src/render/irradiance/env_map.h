@@ -22,6 +22,7 @@ static inline struct pell_vec3 pell_env_map_direction(const struct pell_env_map 
 }
 
 /* env_lamps.c: adds at most `max_lamps` lamps for what is brighter than the rest, as lamps of environment `index`. */
-PELL_NODISCARD enum pell_result pell_environment_lamps(struct pell_lights *lights, const struct pell_env_map *map, int index, int max_lamps);
+PELL_NODISCARD enum pell_result pell_environment_lamps(struct pell_lights *lights, const struct pell_env_map *map, int index,
+                                                    int max_lamps);
 
 #endif

@@ -316,11 +316,13 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
             const bool hit = open[i] && r->hit.mesh[i] < scene->num_meshes;
             const struct pell_mesh *mesh = hit ? &scene->meshes[r->hit.mesh[i]] : NULL;
             const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
-            const struct pell_vec3 ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
-            const bool leaves = vec3_dot(ng, d) > 0.0f;
+            struct pell_vec3 ng;
+            bool leaves;
             inner[i] = 0;
             if (!hit || scene->materials[mesh->material].opaque || !pell_lights_part(job->lights, mesh->object, (int) k->material[i]))
                 continue;
+            ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
+            leaves = vec3_dot(ng, d) > 0.0f;
             if (leaves && inside[i] == 0) {
                 out->found[i] = -1;
                 out->point[i] = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);

@@ -132,7 +132,8 @@ static void show(const struct task *t, int y, int x0, int x1)
 {
     const struct pell_post_params *p = t->p;
     const size_t row = (size_t) (y * p->stride);
-    const float *restrict r = t->color[0] + row, *restrict g = t->color[1] + row, *restrict b = t->color[2] + row, *restrict a = t->alpha + row;
+    const float *restrict r = t->color[0] + row, *restrict g = t->color[1] + row, *restrict b = t->color[2] + row;
+    const float *restrict a = t->alpha + row;
     const bool transparent = p->scene->background == PELL_BACKGROUND_TRANSPARENT;
     const float curve = t->curve ? 1.0f : 0.0f, white_scale = curve * t->white_scale, exposure = t->exposure;
     float *restrict dr = t->display[0] + row, *restrict dg = t->display[1] + row, *restrict db = t->display[2] + row;
