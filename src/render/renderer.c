@@ -34,6 +34,8 @@ struct pell_renderer {
     struct pell_settings settings; /* that the rest was made for */
     struct pell_lights *lights;
     struct pell_pass *pass;
+    float focal_px; /* that the pass was made for */
+    bool orthographic;
 
     /* Of the size and the layers asked for. */
     bool sized;
@@ -41,7 +43,9 @@ struct pell_renderer {
     struct pell_rect covered; /* of the frame: what any of its samples may cover */
     struct pell_lighting lighting;
     struct pell_accumulator sum;
+    struct pell_rect translucent; /* of all samples of the frame */
     float *lit[3], *light[3], *display[3];
+    float *position[3]; /* there once a method asked for it */
     uint16_t *material; /* the frame's plane */
     double *rows; /* 4 a row for post, then 2 a row for the meter */
 
@@ -117,11 +121,13 @@ fail:
 static void drop_size(struct pell_renderer *r)
 {
     pell_surface_finish(r->ctx, &r->surface);
-    pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes */
+    pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes, but for the positions */
+    pell_free(r->ctx, r->position[0]);
     pell_free(r->ctx, r->material);
     pell_free(r->ctx, r->rows);
     memset(&r->lighting, 0, sizeof(r->lighting));
     memset(&r->sum, 0, sizeof(r->sum));
+    memset(r->position, 0, sizeof(r->position));
     r->material = NULL;
     r->rows = NULL;
     r->sized = false;
@@ -321,8 +327,34 @@ static struct pell_frame frame_shape(const struct pell_renderer *r, const struct
     };
 }
 
+static bool finite3(const float v[3])
+{
+    return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
+}
+
+/* The camera may have been moved since the scene was completed. */
+static enum pell_result check_camera(struct pell_context *ctx, const struct pell_camera *c)
+{
+    const char *name = c->name && c->name[0] ? c->name : "camera";
+    const struct pell_vec3 forward = vec3_normalize(vec3_load(c->forward));
+
+    if (!finite3(c->position))
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "position = %g, %g, %g mm, must be finite", (double) c->position[0],
+                          (double) c->position[1], (double) c->position[2]);
+    if (!finite3(c->forward) || !finite3(c->up) ||
+        !(vec3_length(vec3_cross(forward, vec3_normalize(vec3_load(c->up)))) > 1e-6f))
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "forward = %g, %g, %g and up = %g, %g, %g, must have a length and not be parallel",
+                          (double) c->forward[0], (double) c->forward[1], (double) c->forward[2], (double) c->up[0], (double) c->up[1],
+                          (double) c->up[2]);
+    if (!(c->ortho_height >= 0.0f && c->ortho_height <= 1e12f))
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "ortho_height = %g mm, must be in [0, 1e12]", (double) c->ortho_height);
+    if (c->ortho_height == 0.0f && !(c->fov >= 1e-4f && c->fov <= 3.14f))
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "fov = %g, must be in [0.0001, 3.14] radians", (double) c->fov);
+    return PELL_OK;
+}
+
 /* Everything that a frame of these settings needs and that is not there yet. */
-static enum pell_result prepare(struct pell_renderer *r, const struct pell_settings *s)
+static enum pell_result prepare(struct pell_renderer *r, const struct pell_settings *s, const struct pell_view *view)
 {
     const struct pell_settings *old = &r->settings;
     const bool same_size = r->sized && old->width == s->width && old->height == s->height && old->layers == s->layers;
@@ -331,10 +363,10 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
                              old->seed == s->seed;
     enum pell_result res;
 
-    if (!same_size) {
+    if (!same_size || r->focal_px != view->focal_px || r->orthographic != view->orthographic)
         pell_pass_destroy(&r->pass);
+    if (!same_size)
         drop_size(r);
-    }
     if (!same_lights)
         pell_lights_destroy(&r->lights);
     r->settings = *s;
@@ -345,13 +377,18 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
     if (!r->pass) {
         memset(r->thickness, 0, r->scene->num_materials * sizeof(*r->thickness));
         if (r->method && r->num_frame_materials > 0) {
-            const struct pell_view view = pell_view_make(&r->scene->cameras[0], s->width, s->height, 0.0f, 0.0f);
-            const struct pell_frame shape = frame_shape(r, &view);
+            const struct pell_frame shape = frame_shape(r, view);
             PELL_TRY(pell_pass_create(r, r->method, r->knobs, &shape, &r->pass));
+            r->focal_px = view->focal_px;
+            r->orthographic = view->orthographic;
             for (size_t i = 0; i < r->scene->num_materials; i++)
                 if (r->frame_index[i + 1])
                     r->thickness[i] = pell_pass_thickness(r->pass, (size_t) r->frame_index[i + 1] - 1);
         }
+    }
+    if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_POSITION) && !r->position[0]) {
+        float **const planes[] = { &r->position[0], &r->position[1], &r->position[2] };
+        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
     }
     return PELL_OK;
 
@@ -429,19 +466,44 @@ static void sample_shift(int i, int n, float *x, float *y)
     }
 }
 
+static void unite(struct pell_rect *a, const struct pell_rect *b)
+{
+    if (b->x0 >= b->x1)
+        return;
+    if (a->x0 >= a->x1)
+        *a = *b;
+    a->x0 = b->x0 < a->x0 ? b->x0 : a->x0;
+    a->y0 = b->y0 < a->y0 ? b->y0 : a->y0;
+    a->x1 = b->x1 > a->x1 ? b->x1 : a->x1;
+    a->y1 = b->y1 > a->y1 ? b->y1 : a->y1;
+}
+
 struct remap_task {
     const struct pell_renderer *r;
+    const struct pell_view *view;
     uint16_t *out;
+    float *const *position; /* NULL: not asked for */
 };
 
 static void remap_row(void *arg, int index, int worker)
 {
     const struct remap_task *t = arg;
     const struct pell_surface *s = &t->r->surface;
-    const ptrdiff_t row = (s->translucent.y0 + index) * s->stride;
+    const int y = s->translucent.y0 + index;
+    const ptrdiff_t row = y * s->stride;
     (void) worker;
     for (int x = s->translucent.x0; x < s->translucent.x1; x++)
         t->out[row + x] = t->r->frame_index[s->material[row + x]];
+    for (int x = s->translucent.x0; t->position && x < s->translucent.x1; x++) {
+        struct pell_vec3 start, direction, p;
+        if (!t->out[row + x])
+            continue;
+        pell_view_ray(t->view, (float) x, (float) y, &start, &direction);
+        p = vec3_mad(start, s->depth[row + x], direction);
+        t->position[0][row + x] = p.x;
+        t->position[1][row + x] = p.y;
+        t->position[2][row + x] = p.z;
+    }
 }
 
 /* Runs the method over one sample's surface and lighting; *exitance is NULL where nothing scatters. */
@@ -450,7 +512,7 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
     const struct pell_surface *s = &r->surface;
     struct pell_frame frame = frame_shape(r, view);
     struct pell_frame_light out = { { r->light[0], r->light[1], r->light[2] } };
-    struct remap_task remap = { r, r->material };
+    struct remap_task remap = { r, view, r->material, NULL };
     struct pell_pass_time times[24];
     double start = pell_seconds();
     size_t n;
@@ -458,6 +520,8 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
 
     if (!r->pass || s->translucent_pixels == 0)
         return PELL_OK;
+    if (pell_pass_plan(r->pass)->needs & PELL_NEED_POSITION)
+        remap.position = r->position;
     pell_pool_run(r->pool, s->translucent.y1 - s->translucent.y0, remap_row, &remap);
     if (pell_pass_plan(r->pass)->needs & PELL_NEED_LIT) {
         pell_composite_lit(r->pool, r->compositor, composite, r->lit);
@@ -471,6 +535,7 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
         frame.irradiance[c] = r->lighting.irradiance[c];
         frame.lit[c] = r->lit[c];
         frame.normal[c] = s->ns[c];
+        frame.position[c] = remap.position ? r->position[c] : NULL;
     }
     start = pell_seconds();
     PELL_TRY(pell_pass_render(r->pass, &frame, &out));
@@ -503,6 +568,7 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
     r->surface.mips = r->mips;
     PELL_TRY(pell_surface_render(r->pool, r->rays, r->scene, &view, &r->surface));
     note(r, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
+    unite(&r->translucent, &s->translucent);
 
     start = pell_seconds();
     light = (struct pell_irradiance_params) {
@@ -593,11 +659,13 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         PELL_TRY(measure_copy(r));
     begin = pell_seconds();
     r->num_stages = 0;
-    PELL_TRY(prepare(r, settings));
+    r->translucent = (struct pell_rect) { 0 };
+    PELL_TRY(check_camera(r->ctx, &r->scene->cameras[0]));
+    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
+    PELL_TRY(prepare(r, settings, &view));
     if (pell_seconds() - begin > 1e-4)
         note(r, "prepare", pell_seconds() - begin, 0, 0, 0);
 
-    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
     /* Layers are cleared by the composite alone, so that it goes over all of the picture for them. */
     r->covered = r->scene->ground_mesh >= 0 || settings->layers
                      ? (struct pell_rect) { 0, 0, settings->width, settings->height }
@@ -641,7 +709,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         .seconds = pell_seconds() - begin,
         .invalid = post.invalid,
         .exposure = post.exposure,
-        .rect = r->surface.translucent,
+        .rect = r->translucent,
     };
     if (post.invalid > 0)
         pell_warn(r->ctx, "render", "please report the scene", "%lld pixels came out as no number and were set to 0",
