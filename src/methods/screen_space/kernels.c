@@ -245,7 +245,7 @@ INLINE float kernel_floor(void)
 INLINE void tap(const struct ss_work *w, size_t from, int axis, struct offset o, const struct centre *c, bool several, bool oblique,
                 float *const source[3], struct gathered *g)
 {
-    const size_t at = from + (size_t) o.at;
+    const ptrdiff_t at = (ptrdiff_t) from + o.at; /* left of the first pixel lies the padding */
     const vf z = load(w->depth + at), dz = z - c->depth, zero = { 0 };
     vf r2, y, q, weight;
 
