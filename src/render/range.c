@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-/* The channels' largest or smallest sqrt of the mean square radius or mean free path, mm: how far the light of a material goes. */
+/* How far the light of a material goes, mm, in the channel where it goes farthest: to the next event, and under the surface. */
 static void reach(const struct pell_material *m, double *largest_mfp, double *widest)
 {
     *largest_mfp = *widest = 0.0;
@@ -42,7 +42,7 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
     double scale;
     enum pell_result res;
 
-    if (!scene || !pell_renderer_scatters(r))
+    if (!scene || scene->num_meshes == 0 || !pell_renderer_scatters(r))
         return PELL_OK;
     scale = pixels_per_mm(scene, settings);
     res = pell_scene_check(scene, &report);

@@ -295,7 +295,8 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
 
 /* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
  * way: not found. Shells of the same object inside it are passed: what was entered is left again first. */
-static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, struct pell_ray_hit16 *r, struct exits *out)
+static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, bool coherent, struct pell_ray_hit16 *r,
+                       struct exits *out)
 {
     const struct pell_scene *scene = job->p->scene;
     _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES];
@@ -310,7 +311,7 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
         int any = 0;
         for (int i = 0; i < PELL_LANES; i++)
             r->hit.mesh[i] = r->hit.instance[i] = PELL_NO_HIT;
-        pell_rays_closest16(job->p->rays, open, true, r);
+        pell_rays_closest16(job->p->rays, open, coherent, r);
         k->rays += count_lanes(open);
         for (int i = 0; i < PELL_LANES; i++) {
             const bool hit = open[i] && r->hit.mesh[i] < scene->num_meshes;
@@ -391,7 +392,7 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
         limit = reach / cosine[i]; /* d >= m cos: nothing comes through beyond */
         set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
-    find_exits(job, k, a->back, &r, &exits);
+    find_exits(job, k, a->back, lamp->samples == 1, &r, &exits); /* samples of a large light go apart */
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
@@ -532,7 +533,7 @@ static void rest_from_behind(const struct job *job, struct packet *k)
         exits.found[i] = l->valid[i] & l->deep[i];
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
-    find_exits(job, k, k->aim.back, &r, &exits);
+    find_exits(job, k, k->aim.back, true, &r, &exits);
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
