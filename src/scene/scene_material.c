@@ -288,6 +288,7 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
 {
     static const char *const sources[] = { "profile", "texture" };
     struct pell_material *m = &r->scene->materials[material];
+    const struct pell_texture *before = m->base_color_map.texture;
     int color_from;
     enum pell_result res;
 
@@ -299,6 +300,8 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     PELL_TRY(pell_json_choice(at, "color_from", sources, PELL_COUNT(sources), &color_from));
     m->color_from = color_from ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
     PELL_TRY(read_textures(r, at, m));
+    if (m->base_color_map.texture && m->base_color_map.texture != before)
+        m->base_color[0] = m->base_color[1] = m->base_color[2] = 1.0f; /* a picture given here is the colour, not a tint of it */
     PELL_TRY(read_color(r, at, m));
     PELL_TRY(read_strength(r, at, m));
     PELL_TRY(pell_json_float(at, "mix", 0.0, 1.0, &m->mix));

@@ -635,6 +635,50 @@ static const char *const beyond_schema[] = {
     "allowed",
 };
 
+static void write_text(const char *folder, const char *name, const char *text)
+{
+    char path[256];
+    FILE *file;
+
+    snprintf(path, sizeof(path), "%s/%s", folder, name);
+    file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(text, 1, strlen(text), file), strlen(text));
+    assert_int_equal(fclose(file), 0);
+}
+
+/* A preset brings a colour for where there is no picture; a picture given beside it must not be tinted by that. */
+static void a_base_color_texture_is_not_tinted_by_the_preset(void **state)
+{
+    static const char *const names[] = { "cube.obj", "white.hdr", "a.json", "b.json" };
+    const char *texts[] = { CUBE, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x81",
+                            SCENE(",\"materials\":{\"*\":{\"preset\":\"skin\",\"textures\":{\"baseColor\":\"white.hdr\"}}}"),
+                            SCENE(",\"materials\":{\"*\":{\"preset\":\"skin\",\"color\":[0.5,0.25,1],"
+                                  "\"textures\":{\"baseColor\":\"white.hdr\"}}}") };
+    char folder[] = "/tmp/pell-scene-XXXXXX", path[256];
+    struct pell_context *ctx = test_context(NULL, NULL);
+    (void) state;
+
+    assert_non_null(mkdtemp(folder));
+    for (size_t i = 0; i < PELL_COUNT(names); i++)
+        write_text(folder, names[i], texts[i]);
+    for (int i = 0; i < 2; i++) {
+        struct pell_load_params params = { .bare = true };
+        struct pell_scene *s;
+        snprintf(path, sizeof(path), "%s/%s", folder, names[2 + i]);
+        assert_int_equal(pell_scene_load(ctx, path, &params, &s), PELL_OK);
+        assert_non_null(s->materials[0].base_color_map.texture);
+        REQUIRE_NEAR(s->materials[0].base_color[1], i == 0 ? 1.0 : 0.25, 1e-7);
+        pell_scene_destroy(&s);
+    }
+    pell_context_destroy(&ctx);
+    for (size_t i = 0; i < PELL_COUNT(names); i++) {
+        snprintf(path, sizeof(path), "%s/%s", folder, names[i]);
+        remove(path);
+    }
+    rmdir(folder);
+}
+
 static void schema_and_reader_agree(void **state)
 {
     json_t *schema = read_schema();
@@ -733,6 +777,7 @@ int main(void)
         cmocka_unit_test(backgrounds_and_options_are_kept),
         cmocka_unit_test(what_is_wrong_is_refused_with_place_value_and_hint),
         cmocka_unit_test(schema_and_reader_know_the_same_keys),
+        cmocka_unit_test(a_base_color_texture_is_not_tinted_by_the_preset),
         cmocka_unit_test(schema_and_reader_agree),
         cmocka_unit_test(damaged_files_end_well),
         cmocka_unit_test(every_failed_allocation_is_survived),
