@@ -5,6 +5,7 @@
 #include "base/file.h"
 #include "base/simd.h"
 #include "math/vec.h"
+#include "render/renderer.h"
 
 #include <dirent.h>
 #include <stdlib.h>
@@ -84,6 +85,27 @@ static enum pell_result warm_frames(struct cli *cli, struct session *s, struct p
     return res;
 }
 
+/* The stage "surface" against its rays alone, one sample a pixel. */
+static enum pell_result bare_rays(struct session *s, struct rows *rows, int repeats)
+{
+    double *times = calloc((size_t) repeats, sizeof(*times)), bare;
+    struct row *r;
+
+    if (!times)
+        return PELL_ERR_NOMEM;
+    for (int i = 0; i < repeats; i++)
+        times[i] = 1e3 * pell_renderer_trace_bare(s->renderer);
+    bare = median(times, repeats);
+    free(times);
+    r = add_row(rows, "rays from the eye alone", bare);
+    for (size_t i = 0; r && bare > 0.0 && i < rows->count; i++)
+        if (strcmp(rows->items[i].name, "surface") == 0) {
+            rows->items[i].ratio = rows->items[i].ms / (bare * s->settings.msaa);
+            rows->items[i].against = "rays alone";
+        }
+    return PELL_OK;
+}
+
 /* The same frame by another number of threads, in the same run. */
 static enum pell_result one_thread(struct cli *cli, struct session *s, int repeats, double *ms)
 {
@@ -125,6 +147,7 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
     cold = 1e3 * p.seconds;
     *rect = p.rect;
     PELL_TRY(warm_frames(cli, s, s->renderer, repeats, &warm, rows));
+    PELL_TRY(bare_rays(s, rows, repeats));
     add_row(rows, "frame", warm);
     add_row(rows, "frame cold", cold);
     if (pell_renderer_threads(s->renderer) > 1) {

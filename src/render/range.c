@@ -34,11 +34,22 @@ static double pixels_per_mm(const struct pell_scene *scene, const struct pell_se
     return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
 }
 
+enum { OPEN, TURNED, THIN, UNSEEN, KINDS };
+
+/* Counts a warning; true where it is one of those to be logged. */
+static bool tell(struct pell_context *ctx, int *found)
+{
+    return (*found)++ < pell_context_limits(ctx)->warnings;
+}
+
 enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct pell_settings *settings)
 {
     const struct pell_scene *scene = pell_renderer_scene(r);
     struct pell_context *ctx = pell_renderer_context(r);
+    static const char *const kinds[KINDS] = { "open surfaces", "surfaces turned inside out", "mean free paths", "scattering too small to see" };
+    const int limit = pell_context_limits(ctx)->warnings;
     struct pell_scene_report report = { 0 };
+    int found[KINDS] = { 0 };
     double scale;
     enum pell_result res;
 
@@ -57,20 +68,23 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
             continue;
         m = &scene->materials[o->material];
         reach(m, &mfp, &widest);
-        if (!o->closed)
+        if (!o->closed && tell(ctx, &found[OPEN]))
             pell_warn(ctx, o->name, "close it, or light from behind will be wrong",
                       "the surface is open (%lld boundary edges): a translucent thing needs an inside", (long long) o->boundary_edges);
-        else if (!o->outward)
+        if (o->closed && !o->outward && tell(ctx, &found[TURNED]))
             pell_warn(ctx, o->name, "turn its faces round", "the surface is turned inside out");
-        if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm)
+        if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && tell(ctx, &found[THIN]))
             pell_warn(ctx, o->name, "check --size or --unit: diffusion holds for things many mean free paths thick",
                       "the mean free path of %s, %.3g mm, is longer than the thing is thick (%.3g mm)",
                       m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
-        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5)
+        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && tell(ctx, &found[UNSEEN]))
             pell_warn(ctx, o->name, "render it larger, or check --size or --unit",
                       "light goes %.3g mm under the surface of %s, which is %.2g pixels here: no scattering can be seen", widest,
                       m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
     }
+    for (int k = 0; k < KINDS; k++)
+        if (found[k] > limit)
+            pell_warn(ctx, scene->path, NULL, "%d more warnings about %s", found[k] - limit, kinds[k]);
     pell_scene_report_finish(ctx, &report);
     return PELL_OK;
 }

@@ -8,7 +8,11 @@
 
 #include <string.h>
 
-#define COPY_BYTES ((size_t) 16 << 20) /* more than the caches hold, little enough to be quick */
+/* What a copy is measured with, bytes read: four planes of the picture, but not more, nor less, than this. */
+#define COPY_MOST ((size_t) 32 << 20)
+#define COPY_LEAST ((size_t) 1 << 20)
+#define COPY_BANDS 64
+#define COPY_ROUNDS 9
 #define MAX_STAGES 48
 #define MAX_CHANNELS 32
 
@@ -411,24 +415,47 @@ static void copy_band(void *arg, int index, int worker)
     memcpy(t->to + (size_t) index * t->band, t->from + (size_t) index * t->band, t->band);
 }
 
-static enum pell_result measure_copy(struct pell_renderer *r)
+/* The rate at which this renderer's threads copy four planes of the picture's size (a blur's key and light) to four others, over and over:
+ * what is read was last touched a pass ago, as it is between stages, so it is in the outer caches or in memory according to the size of
+ * the picture. The median of some rounds, so that one that was lucky does not count, nor one that was disturbed. */
+static enum pell_result measure_copy(struct pell_renderer *r, const struct pell_settings *s)
 {
-    struct copy_task t = { .band = COPY_BYTES / 64 };
-    char *block = pell_zalloc(r->ctx, 2 * COPY_BYTES);
-    double best = 1e9;
+    size_t bytes = 4 * sizeof(float) * (size_t) pell_plane_stride(s->width) * (size_t) s->height;
+    double rounds[COPY_ROUNDS];
+    struct copy_task t;
+    char *block;
 
+    bytes = bytes < COPY_LEAST ? COPY_LEAST : bytes > COPY_MOST ? COPY_MOST : bytes;
+    t.band = bytes / COPY_BANDS / 64 * 64;
+    bytes = t.band * COPY_BANDS;
+    block = pell_zalloc(r->ctx, 2 * bytes);
     if (!block)
         return PELL_ERR_NOMEM;
     t.from = block;
-    t.to = block + COPY_BYTES;
-    for (int i = 0; i < 5; i++) {
+    t.to = block + bytes;
+    for (int i = 0; i < COPY_ROUNDS; i++) {
         const double start = pell_seconds();
-        pell_pool_run(r->pool, 64, copy_band, &t);
-        best = fmin(best, pell_seconds() - start);
+        double time;
+        int at = i;
+        pell_pool_run(r->pool, COPY_BANDS, copy_band, &t);
+        time = pell_seconds() - start;
+        for (; at > 0 && rounds[at - 1] > time; at--)
+            rounds[at] = rounds[at - 1];
+        rounds[at] = time;
     }
     pell_free(r->ctx, block);
-    r->copy_rate = 2.0 * (double) COPY_BYTES / fmax(best, 1e-9);
+    r->copy_rate = 2.0 * (double) bytes / fmax(rounds[COPY_ROUNDS / 2], 1e-9);
     return PELL_OK;
+}
+
+double pell_renderer_trace_bare(struct pell_renderer *r)
+{
+    struct pell_view view;
+
+    if (!r->scene || !r->sized)
+        return 0.0;
+    view = pell_view_make(&r->scene->cameras[0], r->settings.width, r->settings.height, 0.0f, 0.0f);
+    return pell_surface_trace_bare(r->pool, r->rays, r->scene, &view, &r->surface);
 }
 
 /* Adds a stage's time to its row, which the first sample makes. */
@@ -454,16 +481,17 @@ static void note(struct pell_renderer *r, const char *name, double seconds, int6
 
 /* --- One frame ---------------------------------------------------------------------------------------------------------------- */
 
-/* Position of sample i of n in the pixel: the centre for one, else the R2 sequence (Roberts 2018), turned off the pixel's axes. */
+/* Position of sample i of n in the pixel: one sample in each of n columns and n rows, the rows in the order of the golden section's
+ * multiples (4 are the rotated grid). Their mean is the centre, so the picture stays where it is however many there are. */
 static void sample_shift(int i, int n, float *x, float *y)
 {
-    const double a = 0.7548776662466927, b = 0.5698402909980532;
-    *x = *y = 0.0f;
-    if (n > 1) {
-        const double u = 0.5 + a * (i + 1), v = 0.5 + b * (i + 1);
-        *x = (float) (u - floor(u) - 0.5);
-        *y = (float) (v - floor(v) - 0.5);
-    }
+    const double golden = 0.6180339887498949, here = golden * (i + 1) - floor(golden * (i + 1));
+    int rank = 0;
+
+    for (int k = 1; k <= n; k++)
+        rank += golden * k - floor(golden * k) < here;
+    *x = ((float) i + 0.5f) / (float) n - 0.5f;
+    *y = ((float) rank + 0.5f) / (float) n - 0.5f;
 }
 
 static void unite(struct pell_rect *a, const struct pell_rect *b)
@@ -655,8 +683,8 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     if (!r->scene)
         return pell_error(r->ctx, PELL_ERR_INVALID, "render", NULL, "the renderer has no scene");
     PELL_TRY(pell_knobs_check(r->ctx, pell_settings_knobs, "settings", settings));
-    if (r->copy_rate == 0.0)
-        PELL_TRY(measure_copy(r));
+    if (r->copy_rate == 0.0 || r->settings.width != settings->width || r->settings.height != settings->height)
+        PELL_TRY(measure_copy(r, settings));
     begin = pell_seconds();
     r->num_stages = 0;
     r->translucent = (struct pell_rect) { 0 };

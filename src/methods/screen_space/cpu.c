@@ -119,7 +119,7 @@ static void make_thickness(const struct pell_gaussians *g, double scale2, struct
     for (int c = 0; c < 3; c++) {
         const double total = pell_gaussians_total(g, c);
         /* The widest Gaussian bounds the sum, so it is under 1e-4 of the total there. */
-        double low = 0.0, high = sqrt(2.0 * scale2 * g->variance[g->count - 1] * log(1e4));
+        double low = 0.0, high = g->count > 0 ? sqrt(2.0 * scale2 * g->variance[g->count - 1] * log(1e4)) : 0.0;
         for (int i = 0; total > 0.0 && i < 60; i++) {
             const double mid = 0.5 * (low + high);
             if (through(g, c, scale2, mid) > 1e-4 * total)

@@ -77,6 +77,11 @@ INLINE vf greater(vf a, vf b)
 }
 #endif
 
+INLINE int fewer(int a, int b)
+{
+    return a < b ? a : b;
+}
+
 /* The largest of a block's lanes, which it overwrites. */
 INLINE float top(float *v)
 {
@@ -88,18 +93,19 @@ INLINE float top(float *v)
 
 /* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
 
-/* A Gaussian of compact support: K(t) = q(t^2/16) - q(Y_MAX), q(y) = (1 + B1 y + B2 y^2)^8, for |t| < 3.4 and 0 beyond. B1 and B2 make
+/* A Gaussian of compact support: K(t) = q(t^2/16) - q(0.7225), q(y) = (1 + B1 y + B2 y^2)^8, for |t| < 3.4 and 0 beyond. B1 and B2 make
  * its integral function differ from the Gaussian's of the same variance by 0.00074 at most. Its integral and variance are exact in the
  * constants that follow, so that a blur has the standard deviation asked for. */
-#define B1 -1.08f
-#define B2 0.646f
-#define Y_MAX 0.7225f
+/* B1 = -1.08, B2 = 0.646. For y' = sqrt(B2) y the polynomial is a square: q = ((y' + Y_SHIFT)^2 + Q_LEAST)^8. */
+#define Y_MAX 0.580703054f    /* 0.7225 sqrt(B2) */
+#define Y_SHIFT -0.671858012f /* B1 / (2 sqrt(B2)) */
+#define Q_LEAST 0.548606811f  /* 1 - B1^2 / (4 B2) */
 /* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface,
  * at silhouettes, wide gaps show as echoes of the edge. */
 #define STRIDE_DENSE 3.0f
 #define TAPS_DENSE 48.0f
 #define K_NORM 0.401802782f  /* sqrt(variance) / integral */
-#define K_SCALE 0.057334654f /* variance / 16 */
+#define K_SCALE_ROOT 0.214667712f /* sqrt(sqrt(B2) variance / 16) */
 #define K_REACH 3.549853f    /* 3.4 / sqrt(variance): the support in standard deviations */
 /* Under 0.6 pixels a sampled Gaussian loses variance. Such a blur is the one of 0.6 pixels, mixed with the unblurred pixel. */
 #define S2_MIN 0.36f
@@ -219,52 +225,30 @@ struct gathered {
 };
 
 struct centre {
-    vf key, depth, fall;
-    vf slant[2]; /* 2 x/f and 2 y/f of the pixel's ray */
-    vf ray2;     /* 1 + (x/f)^2 + (y/f)^2 */
-    vf across2;  /* length along x, squared */
+    vf key, depth;
+    vf fall;   /* sqrt(y') per mm */
+    vf tan[2]; /* x/f and y/f of the pixel's ray */
 };
 
-/* Where a tap is. */
-struct offset {
-    ptrdiff_t at;     /* in floats */
-    float x, y;       /* in pixels */
-    float beside;     /* how far along x it lies from the line that it stands for, in pixels */
-};
-
-INLINE float kernel_floor(void)
+/* q of y' + Y_SHIFT. */
+INLINE float kernel_of(float shifted)
 {
-    float q = (Y_MAX * B2 + B1) * Y_MAX + 1.0f;
+    float q = shifted * shifted + Q_LEAST;
     q *= q;
     q *= q;
     return q * q;
 }
 
-/* One tap: its weight is K of its distance on the surface (in space) times the length that its pixel covers. Between the points of two
- * pixels lies h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap. */
-INLINE void tap(const struct ss_work *w, size_t from, int axis, struct offset o, const struct centre *c, bool several, bool oblique,
-                float *const source[3], struct gathered *g)
+/* Adds a tap whose distance gives y' = `y`: the weight is K times the length that its pixel covers. */
+INLINE void weigh(const struct ss_work *w, ptrdiff_t at, int axis, vf y, const struct centre *c, bool several, float *const source[3],
+                  struct gathered *g)
 {
-    const ptrdiff_t at = (ptrdiff_t) from + o.at; /* left of the first pixel lies the padding */
-    const vf z = load(w->depth + at), dz = z - c->depth, zero = { 0 };
-    vf r2, y, q, weight;
+    const vf shifted = lesser(y, (vf) { 0 } + Y_MAX) + Y_SHIFT;
+    vf q = shifted * shifted + Q_LEAST, weight;
 
-    if (oblique) {
-        const vf h = z * w->depth_mm + w->fixed_mm;
-        r2 = h * h * (o.x * o.x + o.y * o.y) + dz * (h * (o.x * c->slant[0] + o.y * c->slant[1]) + dz * c->ray2);
-        r2 = r2 - c->across2 * (o.beside * o.beside);
-        r2 = greater(r2, zero);
-    } else {
-        const float px = axis == 0 ? o.x : o.y;
-        const vf e = z * (px * w->depth_mm) + px * w->fixed_mm;
-        r2 = e * (e + dz * c->slant[axis]) + dz * dz * c->ray2;
-    }
-    y = r2 * c->fall;
-    y = lesser(y, zero + Y_MAX);
-    q = (y * B2 + B1) * y + 1.0f;
     q *= q;
     q *= q;
-    weight = (q * q - kernel_floor()) * load(w->length[axis] + at);
+    weight = (q * q - kernel_of(Y_MAX + Y_SHIFT)) * load(w->length[axis] + at);
     if (several)
         weight = (vf) ((vi) weight & (load(w->key + at) == c->key));
     g->weight += weight;
@@ -272,29 +256,54 @@ INLINE void tap(const struct ss_work *w, size_t from, int axis, struct offset o,
         g->light[i] += weight * load(source[i] + at);
 }
 
-/* The taps on one side of a block's pixels. */
-INLINE void side(const struct ss_work *w, size_t at, int axis, const struct block *b, int count, int sign, const struct centre *c,
-                 bool several, float *const source[3], struct gathered *g)
+/* The taps of a block's pixels, `low` before and `high` behind them; those of the two sides in pairs, as most blocks have as many. Between
+ * the points of two pixels lies h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; its length, squared, is that along the
+ * axis squared and dz^2 (1 + t^2), t of the other axis. The first is linear in the tap's z. */
+INLINE void upright(const struct ss_work *w, size_t at, int axis, const struct block *b, int low, int high, const struct centre *c,
+                    bool several, bool parallel, float *const source[3], struct gathered *g)
 {
-    for (int j = 1; j <= count; j++) {
-        const int px = sign * b->stride * j;
-        const struct offset o = { .at = axis == 0 ? px : px * w->stride,
-                                  .x = axis == 0 ? (float) px : 0.0f, .y = axis == 1 ? (float) px : 0.0f };
-        tap(w, at, axis, o, c, several, false, source, g);
-    }
+    const float pace = (float) b->stride;
+    const ptrdiff_t step = b->stride * (axis == 0 ? 1 : w->stride);
+    const vf other = c->tan[1 - axis], aslant2 = c->fall * c->fall * (other * other + 1.0f);
+    const vf grow = c->fall * (pace * w->depth_mm), shift = c->fall * (pace * w->fixed_mm);
+    const vf slope = c->fall * c->tan[axis], fixed = (vf) { 0 } - c->depth * slope;
+    vf slopes[2] = { slope, slope }, fixes[2] = { fixed, fixed };
+    const int pairs = fewer(low, high), most = low < high ? high : low;
+    ptrdiff_t ats[2] = { (ptrdiff_t) at, (ptrdiff_t) at }; /* left of the first pixel lies the padding */
+
+    for (int j = 1; j <= most; j++)
+        for (int k = 0; k < 2; k++) {
+            ats[k] = k == 0 ? ats[k] - step : ats[k] + step;
+            if (parallel)
+                fixes[k] = k == 0 ? fixes[k] - shift : fixes[k] + shift;
+            else
+                slopes[k] = k == 0 ? slopes[k] - grow : slopes[k] + grow;
+            if (j <= pairs || j <= (k == 0 ? low : high)) {
+                const vf z = load(w->depth + ats[k]), along = z * slopes[k] + fixes[k], dz = z - c->depth;
+                weigh(w, ats[k], axis, along * along + dz * dz * aslant2, c, several, source, g);
+            }
+        }
 }
 
 /* The same down a line that leans: x falls by b->lean pixels as y grows by one. `x` is the block's. */
-INLINE void leaning_side(const struct ss_work *w, size_t at, int x, const struct block *b, int count, int sign, const struct centre *c,
+INLINE void leaning_side(const struct ss_work *w, size_t from, int x, const struct block *b, int count, int sign, const struct centre *c,
                          bool several, float *const source[3], struct gathered *g)
 {
+    const vf ray2 = c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across = load(w->length[0] + from);
+
     for (int j = 1; j <= count; j++) {
         const int py = sign * b->stride * j;
         const float exact = -b->lean * (float) py;
         const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
-        const struct offset o = { .at = px + py * w->stride, .x = (float) px, .y = (float) py, .beside = (float) px - exact };
-        if (x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK)
-            tap(w, at, 1, o, c, several, true, source, g);
+        const float ox = (float) px, oy = (float) py, beside = (float) px - exact; /* from the line that the tap stands for, along x */
+        const ptrdiff_t at = (ptrdiff_t) from + px + py * w->stride;
+
+        if (x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK) {
+            const vf z = load(w->depth + at), dz = z - c->depth, h = z * w->depth_mm + w->fixed_mm;
+            const vf r2 = h * h * (ox * ox + oy * oy) + dz * (h * (2.0f * (ox * c->tan[0] + oy * c->tan[1])) + dz * ray2);
+            const vf near2 = greater(r2 - across * across * (beside * beside), (vf) { 0 });
+            weigh(w, at, 1, near2 * (c->fall * c->fall), c, several, source, g);
+        }
     }
 }
 
@@ -305,11 +314,11 @@ INLINE void gather(const struct ss_work *w, size_t index, int x, int y, int axis
                    float *const source[3], float (*restrict result)[SS_BLOCK])
 {
     const vf zero = { 0 }, one = zero + 1.0f;
-    const float ty = w->rows_tan[y], ty2 = 1.0f + ty * ty;
+    const bool parallel = w->depth_mm == 0.0f;
 
     for (int part = 0; part < SS_BLOCK; part += WIDTH) {
         const size_t at = index + (size_t) part;
-        const vf tx = load(w->columns_tan + x + part), to_px = load(w->to_px[axis] + at), length = load(w->length[axis] + at);
+        const vf to_px = load(w->to_px[axis] + at), length = load(w->length[axis] + at);
         const vf a = select(length > zero, length, one);
         const vf u1 = (b->uniform ? zero + b->after : load(b->afters + part)) * to_px;
         const vf u0 = (b->uniform ? zero + b->before : load(b->befores + part)) * to_px;
@@ -318,10 +327,8 @@ INLINE void gather(const struct ss_work *w, size_t index, int x, int y, int axis
         const struct centre c = {
             .key = load(w->key + at),
             .depth = load(w->depth + at),
-            .fall = inverse * inverse * K_SCALE,
-            .slant = { tx + tx, zero + 2.0f * ty },
-            .ray2 = tx * tx + ty2,
-            .across2 = load(w->length[0] + at) * load(w->length[0] + at),
+            .fall = inverse * K_SCALE_ROOT,
+            .tan = { load(w->columns_tan + x + part), zero + w->rows_tan[y] },
         };
         struct gathered g = { { 0 }, { { 0 }, { 0 }, { 0 } } };
         vf share = inverse * mix * (K_NORM * (float) b->stride), over, keep;
@@ -334,12 +341,10 @@ INLINE void gather(const struct ss_work *w, size_t index, int x, int y, int axis
                 leaning_side(w, at, x, b, low, -1, &c, false, source, &g);
                 leaning_side(w, at, x, b, high, 1, &c, false, source, &g);
             }
-        } else if (w->several) {
-            side(w, at, axis, b, low, -1, &c, true, source, &g);
-            side(w, at, axis, b, high, 1, &c, true, source, &g);
+        } else if (w->several || parallel) {
+            upright(w, at, axis, b, low, high, &c, true, parallel, source, &g);
         } else {
-            side(w, at, axis, b, low, -1, &c, false, source, &g);
-            side(w, at, axis, b, high, 1, &c, false, source, &g);
+            upright(w, at, axis, b, low, high, &c, false, false, source, &g);
         }
         g.weight *= share;
         over = greater(g.weight, one); /* where lengths vary too fast what would be kept is negative */
@@ -685,19 +690,21 @@ INLINE void put(const struct ss_work *w, int x, int y, size_t index, const struc
     }
 }
 
-INLINE int fewer(int a, int b)
-{
-    return a < b ? a : b;
-}
-
 /* One pass over a row: along x from `now` to `half`, or along y from `half` to `now` and the sum. */
 INLINE int blur_row(const struct ss_work *w, int y, int axis)
 {
-    const int x0 = w->block0 * SS_BLOCK, x1 = w->block1 * SS_BLOCK, y0 = w->in->rect.y0, y1 = w->in->rect.y1;
+    const int y0 = w->in->rect.y0, y1 = w->in->rect.y1;
     float *const *source = axis == 0 ? w->now : w->half, *const *target = axis == 0 ? w->half : w->now;
-    int active = 0;
+    int begin = w->block0, end = w->block1, x0, x1, active = 0;
 
-    for (int block = w->block0; block < w->block1; block++) {
+    /* Beside the things of this row there is nothing to gather. */
+    while (begin < end && cell_at(w, begin, y)->live == SS_EMPTY)
+        begin++;
+    while (end > begin && cell_at(w, end - 1, y)->live == SS_EMPTY)
+        end--;
+    x0 = begin * SS_BLOCK;
+    x1 = end * SS_BLOCK;
+    for (int block = begin; block < end; block++) {
         const struct ss_cell *cell = cell_at(w, block, y);
         const int x = block * SS_BLOCK;
         const size_t index = (size_t) (y * w->stride + x);

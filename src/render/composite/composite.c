@@ -71,6 +71,12 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
         };
         for (int k = 0; k < 3; k++)
             out->total[k] = m->opaque ? 1.0f : p->total[i][k];
+        out->even = pell_surface_is_even(m);
+        if (out->even) {
+            const struct pell_surface_even e = pell_surface_even(m);
+            out->roughness = e.roughness;
+            out->rho_s = (e.specular[0] + e.specular[1] + e.specular[2]) * (1.0f / 3.0f);
+        }
         row->any_smooth = row->any_smooth || out->smooth;
         row->any_texture = row->any_texture || out->out_exponent > 0.0f || out->in_exponent > 0.0f;
         row->any_power = row->any_power || (mix > 0.0f && mix < 1.0f && mix != 0.5f);
@@ -136,6 +142,7 @@ static void composite_rows(void *arg, int band, int worker)
     const struct pell_accumulator *out = t->out;
     const struct pell_rect r = p->rect;
     struct pell_composite_row row = t->row;
+    struct pell_composite_cut cut = { 0 };
     (void) worker;
 
     for (int y = r.y0 + band * ROWS; y < r.y1 && y < r.y0 + (band + 1) * ROWS; y++) {
@@ -147,7 +154,7 @@ static void composite_rows(void *arg, int band, int worker)
             struct pell_composite_lanes l;
             float sum[LANES];
 
-            if (!t->c->kernels->shade(&row, x, &l)) {
+            if (!t->c->kernels->shade(&row, x, &cut, &l)) {
                 if (p->first)
                     clear(out, at, count);
                 continue;
@@ -176,6 +183,7 @@ static void lit_rows(void *arg, int band, int worker)
     const struct pell_surface *s = t->p->surface;
     const struct pell_rect r = s->translucent;
     struct pell_composite_row row = t->row;
+    struct pell_composite_cut cut = { 0 };
     (void) worker;
 
     for (int y = r.y0 + band * ROWS; y < r.y1 && y < r.y0 + (band + 1) * ROWS; y++) {
@@ -185,7 +193,7 @@ static void lit_rows(void *arg, int band, int worker)
             const int count = s->width - x < LANES ? s->width - x : LANES;
             struct pell_composite_lanes l;
 
-            if (!t->c->kernels->shade(&row, x, &l))
+            if (!t->c->kernels->shade(&row, x, &cut, &l))
                 continue;
             for (int c = 0; c < 3; c++)
                 for (int i = 0; i < count; i++)

@@ -22,6 +22,8 @@ struct pell_composite_material {
     float in_metal;              /* 1 where the irradiance holds 1 - metallic, too */
     float scatters;              /* 1: exitance is the method's; 0: total times irradiance */
     float total[3];
+    bool even;                   /* see pell_surface_is_even */
+    float roughness, rho_s;      /* then */
 };
 
 struct pell_composite_row {
@@ -40,9 +42,15 @@ struct pell_composite_lanes {
     float arriving[LANES];           /* luminance of the irradiance without albedo */
 };
 
+/* The specular tables cut at the last roughness that a whole block had; all zeros at first. */
+struct pell_composite_cut {
+    const struct pell_composite_material *material;
+    float roughness, mean, albedo[PELL_ALBEDO_MU];
+};
+
 struct pell_composite_kernels {
     /* False if no pixel from x (a multiple of 16) on is covered; `lanes` is left alone then. */
-    bool (*shade)(const struct pell_composite_row *row, int x, struct pell_composite_lanes *lanes);
+    bool (*shade)(const struct pell_composite_row *row, int x, struct pell_composite_cut *cut, struct pell_composite_lanes *lanes);
 };
 
 PELL_SIMD_TABLES(struct pell_composite_kernels, pell_composite_kernels);

@@ -42,6 +42,8 @@ struct packet {
     uint32_t material[16];
     float ambient[16]; /* visibility of the environment's smooth rest */
     int count;
+    bool single;   /* one material */
+    bool textured; /* the colour of some lane's texture may enter */
     int64_t rays;
 };
 
@@ -96,6 +98,7 @@ static void set_material(const struct job *job, struct packet *k, int i)
     l->kelemen[i] = -(int32_t) t->model[material];
     l->opaque[i] = -(int32_t) m->opaque;
     l->deep[i] = -(int32_t) (thickness && thickness->max_mm > 0.0f);
+    k->textured |= !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE;
     l->any_smooth |= l->smooth[i];
     l->any_kelemen |= l->kelemen[i];
     l->any_ggx |= ~l->kelemen[i];
@@ -108,8 +111,10 @@ static void set_materials(const struct job *job, struct packet *k)
     uint32_t differ = 0;
 
     l->any_smooth = l->any_kelemen = l->any_ggx = l->any_deep = 0;
+    k->textured = false;
     for (int i = 1; i < PELL_LANES; i++)
         differ |= k->material[i] ^ k->material[0];
+    k->single = !differ;
     set_material(job, k, 0);
     if (differ) {
         for (int i = 1; i < PELL_LANES; i++)
@@ -131,6 +136,8 @@ static void color_entering(const struct job *job, struct packet *k)
 {
     const struct pell_surface *s = job->p->surface;
 
+    if (!k->textured)
+        return;
     for (int i = 0; i < k->count; i++) {
         const struct pell_material *m = &job->p->scene->materials[k->material[i]];
         const float mix = job->p->mix >= 0.0f ? job->p->mix : m->mix;
@@ -144,7 +151,7 @@ static void color_entering(const struct job *job, struct packet *k)
 static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const uint16_t *list, int count)
 {
     const struct pell_surface *s = job->p->surface;
-    const struct pell_lane_source source = { job->p->view, s, job->p->seed };
+    struct pell_lane_source source = { job->p->view, s, job->p->seed, NULL };
     _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES];
 
     k->count = count;
@@ -158,6 +165,11 @@ static void fill_packet(const struct job *job, struct packet *k, int x0, int y0,
     for (int i = 0; i < PELL_LANES; i++)
         k->material[i] = s->material[k->index[i]] - 1u;
     set_materials(job, k);
+    if (k->single) {
+        const struct pell_material *m = &job->p->scene->materials[k->material[0]];
+        if (!m->opaque && m->metallic == 0.0f && pell_surface_is_even(m))
+            source.plain = m;
+    }
     job->kernels->load(&source, k->index, x, y, &k->lanes, &k->sums);
     color_entering(job, k);
     if (s->any_emissive)
@@ -615,31 +627,48 @@ static void shade_packet(const struct job *job, struct packet *k)
     job->kernels->store(&k->lanes, &k->sums, k->index, k->count, job->out);
 }
 
-/* The covered pixels of a tile, block by block. */
+/* The covered pixels of a tile: first the blocks that are covered as a whole, each a packet, then those of the others. */
 static int list_pixels(const struct job *job, int x0, int y0, uint16_t *list)
 {
     const struct pell_surface *s = job->p->surface;
     const struct pell_rect r = s->covered;
-    int n = 0;
+    uint16_t some[TILE_W * TILE_H + 1]; /* one more: the place behind the last is written, too */
+    int n = 0, m = 0;
 
+    /* Nothing is covered beside the rectangle, but rows under it may not exist. */
     for (int by = y0; by < y0 + TILE_H && by < r.y1; by += BLOCK)
-        for (int bx = x0; bx < x0 + TILE_W && bx < r.x1; bx += BLOCK)
-            for (int y = by < r.y0 ? r.y0 : by; y < by + BLOCK && y < r.y1; y++) {
-                const uint16_t *row = s->material + (ptrdiff_t) y * s->stride;
-                const int base = (y - y0) * TILE_W - x0;
-                for (int x = bx < r.x0 ? r.x0 : bx; x < bx + BLOCK && x < r.x1; x++) {
-                    list[n] = (uint16_t) (base + x);
-                    n += row[x] != 0;
+        for (int bx = x0; bx < x0 + TILE_W && bx < r.x1; bx += BLOCK) {
+            const uint16_t *block = s->material + (ptrdiff_t) by * s->stride + bx;
+            const int rows = r.y1 - by < BLOCK ? r.y1 - by : BLOCK, base = (by - y0) * TILE_W + bx - x0;
+            uint16_t ids[BLOCK * BLOCK] = { 0 };
+            int all = 1, any = 0;
+
+            for (int j = 0; j < rows; j++)
+                memcpy(ids + BLOCK * j, block + s->stride * j, BLOCK * sizeof(*ids));
+            for (int i = 0; i < BLOCK * BLOCK; i++) {
+                all &= ids[i] != 0;
+                any |= ids[i];
+            }
+            if (all) {
+                for (int i = 0; i < BLOCK * BLOCK; i++)
+                    list[n + i] = (uint16_t) (base + i / BLOCK * TILE_W + i % BLOCK);
+                n += BLOCK * BLOCK;
+            } else if (any) {
+                for (int i = 0; i < BLOCK * BLOCK; i++) {
+                    some[m] = (uint16_t) (base + i / BLOCK * TILE_W + i % BLOCK);
+                    m += ids[i] != 0;
                 }
             }
-    return n;
+        }
+    memcpy(list + n, some, (size_t) m * sizeof(*list));
+    return n + m;
 }
 
 static void shade_tile(void *arg, int tile, int worker)
 {
     struct job *job = arg;
     const int x0 = job->rect.x0 + tile % job->columns * TILE_W, y0 = job->rect.y0 + tile / job->columns * TILE_H;
-    uint16_t list[TILE_W * TILE_H + 1]; /* one more: the place behind the last is written, too */
+    uint16_t list[TILE_W * TILE_H];
     const int count = list_pixels(job, x0, y0, list);
     struct packet k;
 

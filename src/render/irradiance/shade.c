@@ -9,6 +9,7 @@
 #include "render/irradiance/shade.h"
 
 #include <float.h>
+#include <string.h>
 
 #ifndef PELL_SIMD_NAME
 #define PELL_SIMD_NAME base
@@ -255,8 +256,25 @@ static void unshadowed(const struct pell_shade_tables *t, const struct pell_lane
 
 /* --- Loading ------------------------------------------------------------------------------------------------------------------ */
 
-static inline void gather(const float *restrict plane, const int32_t *restrict index, float *restrict out)
+/* Most packets are 4 x 4 pixels: four rows of four floats of a plane. Returns the distance of the rows, or 0. */
+static inline ptrdiff_t square(const int32_t *restrict index)
 {
+    const int32_t stride = index[4] - index[0];
+    int32_t differ = 0;
+
+    for (int i = 0; i < N; i++)
+        differ |= index[i] ^ (index[0] + (i >> 2) * stride + (i & 3));
+    return differ ? 0 : stride;
+}
+
+static inline void gather(const float *restrict plane, const int32_t *restrict index, ptrdiff_t rows, float *restrict out)
+{
+    if (rows) {
+        const float *p = plane + index[0];
+        for (int j = 0; j < 4; j++)
+            memcpy(out + 4 * j, p + rows * j, 4 * sizeof(float));
+        return;
+    }
     for (int i = 0; i < N; i++)
         out[i] = plane[index[i]];
 }
@@ -295,7 +313,7 @@ static void load_place(const struct pell_lane_source *source, const float *restr
     }
 }
 
-static void load_material(const float base[3][N], const float *restrict metallic, struct pell_lanes *restrict p)
+static void load_roughness(struct pell_lanes *restrict p)
 {
     for (int i = 0; i < N; i++) {
         const float r = p->roughness[i], width = p->kelemen[i] ? r : r * r;
@@ -307,6 +325,10 @@ static void load_material(const float base[3][N], const float *restrict metallic
         p->albedo_at[i] += 2 * k;
         p->rho[i] = (p->tint[0][i] + p->tint[1][i] + p->tint[2][i]) * (1.0f / 3.0f);
     }
+}
+
+static void load_material(const float base[3][N], const float *restrict metallic, struct pell_lanes *restrict p)
+{
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float body = base[c][i] * (1.0f - metallic[i]);
@@ -315,31 +337,52 @@ static void load_material(const float base[3][N], const float *restrict metallic
         }
 }
 
+/* What the planes would say of this material. */
+static void load_plain(const struct pell_material *m, struct pell_lanes *restrict p)
+{
+    const struct pell_surface_even e = pell_surface_even(m);
+
+    for (int i = 0; i < N; i++)
+        p->roughness[i] = e.roughness;
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            p->tint[c][i] = e.specular[c];
+            p->f0[c][i] = p->fd[i];
+            p->albedo[c][i] = 1.0f;
+        }
+}
+
 static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
                  struct pell_lanes *restrict p, struct pell_sums *restrict sums)
 {
     const struct pell_surface *s = source->surface;
+    const ptrdiff_t rows = square(index);
     _Alignas(64) float depth[N], metallic[N], base[3][N];
 
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
             sums->irradiance[c][i] = sums->specular[c][i] = sums->through[c][i] = sums->unshadowed[c][i] = 0.0f;
-    gather(s->depth, index, depth);
-    gather(s->ng[0], index, p->gx);
-    gather(s->ng[1], index, p->gy);
-    gather(s->ng[2], index, p->gz);
-    gather(s->ns[0], index, p->nx);
-    gather(s->ns[1], index, p->ny);
-    gather(s->ns[2], index, p->nz);
-    gather(s->roughness, index, p->roughness);
-    gather(s->metallic, index, metallic);
-    gather(s->lift, index, p->lift);
-    for (int c = 0; c < 3; c++) {
-        gather(s->base[c], index, base[c]);
-        gather(s->specular[c], index, p->tint[c]);
+    gather(s->depth, index, rows, depth);
+    gather(s->ng[0], index, rows, p->gx);
+    gather(s->ng[1], index, rows, p->gy);
+    gather(s->ng[2], index, rows, p->gz);
+    gather(s->ns[0], index, rows, p->nx);
+    gather(s->ns[1], index, rows, p->ny);
+    gather(s->ns[2], index, rows, p->nz);
+    gather(s->lift, index, rows, p->lift);
+    if (source->plain) {
+        load_plain(source->plain, p);
+    } else {
+        gather(s->roughness, index, rows, p->roughness);
+        gather(s->metallic, index, rows, metallic);
+        for (int c = 0; c < 3; c++) {
+            gather(s->base[c], index, rows, base[c]);
+            gather(s->specular[c], index, rows, p->tint[c]);
+        }
+        load_material((const float(*)[N]) base, metallic, p);
     }
     load_place(source, depth, x, y, p);
-    load_material((const float(*)[N]) base, metallic, p);
+    load_roughness(p);
     for (int i = 0; i < N; i++) {
         const float gn = p->gx[i] * p->nx[i] + p->gy[i] * p->ny[i] + p->gz[i] * p->nz[i];
         p->ox[i] = p->px[i] + (p->lift[i] + p->epsilon[i]) * p->gx[i];
@@ -350,8 +393,13 @@ static void load(const struct pell_lane_source *source, const int32_t *index, co
     }
 }
 
-static void scatter(const float *restrict in, const int32_t *restrict index, int count, float *restrict plane)
+static inline void scatter(const float *restrict in, const int32_t *restrict index, int count, ptrdiff_t rows, float *restrict plane)
 {
+    if (rows) {
+        for (int j = 0; j < 4; j++)
+            memcpy(plane + index[0] + rows * j, in + 4 * j, 4 * sizeof(float));
+        return;
+    }
     for (int i = 0; i < count; i++)
         plane[index[i]] = in[i];
 }
@@ -359,6 +407,7 @@ static void scatter(const float *restrict in, const int32_t *restrict index, int
 static void store(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
                   struct pell_lighting *out)
 {
+    const ptrdiff_t rows = count == N ? square(index) : 0;
     _Alignas(64) float irradiance[N], through[N];
 
     for (int c = 0; c < 3; c++) {
@@ -366,9 +415,9 @@ static void store(const struct pell_lanes *restrict p, const struct pell_sums *r
             irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
             through[i] = sums->through[c][i] * p->albedo[c][i];
         }
-        scatter(irradiance, index, count, out->irradiance[c]);
-        scatter(through, index, count, out->through[c]);
-        scatter(sums->specular[c], index, count, out->specular[c]);
+        scatter(irradiance, index, count, rows, out->irradiance[c]);
+        scatter(through, index, count, rows, out->through[c]);
+        scatter(sums->specular[c], index, count, rows, out->specular[c]);
     }
 }
 

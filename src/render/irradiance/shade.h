@@ -53,6 +53,7 @@ struct pell_lane_source {
     const struct pell_view *view;
     const struct pell_surface *surface;
     uint32_t seed;
+    const struct pell_material *plain; /* of all lanes where it is translucent, no metal and even (surface.h); else NULL */
 };
 
 struct pell_sums {

@@ -49,8 +49,8 @@ static void measure_row(void *arg, int index, int worker)
             a[x] = 1.0f;
         l = pell_luminance((const float[3]) { r[x], g[x], b[x] }) / a[x];
         if (a[x] > 0.5f && l > 1e-30) {
-            maximum = fmax(maximum, l);
-            product *= fmin(l, 1e30);
+            maximum = l > maximum ? l : maximum; /* fmax and fmin are calls */
+            product *= l < 1e30 ? l : 1e30;
             count += 1.0;
             if (++factors == 8) {
                 sum += log(product);

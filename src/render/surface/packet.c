@@ -546,7 +546,8 @@ static void trace_band(const struct surface_job *job, int number)
         p.ray.tnear[i] = 1e-6f; /* depth is positive */
         p.ray.mask[i] = PELL_RAY_ALL;
     }
-    memset(out->material + (ptrdiff_t) y0 * out->stride, 0, (size_t) (y1 - y0) * (size_t) out->stride * sizeof(*out->material));
+    if (!job->bare)
+        memset(out->material + (ptrdiff_t) y0 * out->stride, 0, (size_t) (y1 - y0) * (size_t) out->stride * sizeof(*out->material));
     for (int x = job->rect.x0 & ~(SURFACE_PACKET_SIDE - 1); x < job->rect.x1; x += SURFACE_PACKET_SIDE)
         for (int y = y0; y < y1; y += SURFACE_PACKET_SIDE) {
             const int rows = y1 - y < SURFACE_PACKET_SIDE ? y1 - y : SURFACE_PACKET_SIDE;
@@ -574,7 +575,7 @@ static void trace_band(const struct surface_job *job, int number)
             band.rays += rays;
             for (int i = 0; i < LANES; i++)
                 hits |= (uint32_t) (p.hit.mesh[i] != PELL_NO_HIT) << i;
-            if (hits)
+            if (hits && !job->bare)
                 see(job, x, y, rows, &p, hits, &band);
         }
     job->bands[number] = band;

@@ -24,6 +24,7 @@ struct surface_job {
     struct pell_rect rect; /* to trace */
     struct surface_band *bands;
     const struct surface_decode *decode;
+    bool bare; /* trace the rays only */
 };
 
 struct pell_surface_kernels {

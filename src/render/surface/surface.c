@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * surface.c - stage "surface": planes, and bands of packets handed to the pool. What happens to a packet is in packet.c. */
+#include "base/base.h"
 #include "render/surface/packet.h"
 
 #include <limits.h>
@@ -101,11 +102,40 @@ static struct pell_rect empty_or(const struct pell_rect *r)
     return r->x0 < r->x1 ? *r : (struct pell_rect) { 0 };
 }
 
+static struct surface_job make_job(const struct pell_rays *rays, const struct pell_scene *scene, const struct pell_view *view,
+                                   struct pell_surface *surface)
+{
+    struct scratch *scratch = surface->scratch;
+
+    return (struct surface_job) {
+        .rays = rays,
+        .scene = scene,
+        .view = view,
+        .out = surface,
+        /* The bounds leave the made ground out. */
+        .rect = scene->ground_mesh < 0 ? pell_view_rect(view, scene->bounds_min, scene->bounds_max)
+                                       : (struct pell_rect) { 0, 0, view->width, view->height },
+        .bands = scratch->bands,
+        .decode = &scratch->decode,
+    };
+}
+
+double pell_surface_trace_bare(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
+                               const struct pell_view *view, struct pell_surface *surface)
+{
+    struct surface_job job = make_job(rays, scene, view, surface);
+    const double start = pell_seconds();
+
+    job.bare = true;
+    pell_pool_run(pool, bands_of(view->height), band_task, &job);
+    return pell_seconds() - start;
+}
+
 enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                      const struct pell_view *view, struct pell_surface *surface)
 {
     struct scratch *scratch = surface->scratch;
-    struct surface_job job = { rays, scene, view, surface, { 0, 0, view->width, view->height }, scratch->bands, &scratch->decode };
+    struct surface_job job = make_job(rays, scene, view, surface);
     struct surface_band sum = { .covered = { INT_MAX, INT_MAX, 0, 0 }, .translucent = { INT_MAX, INT_MAX, 0, 0 } };
 
     if (scene->num_materials > 65534)
@@ -118,9 +148,6 @@ enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_r
     for (size_t i = 0; i < scene->num_materials; i++)
         for (int c = 0; c < 3; c++)
             surface->any_emissive |= scene->materials[i].emissive[c] > 0.0f;
-    /* The bounds leave the made ground out. */
-    if (scene->ground_mesh < 0)
-        job.rect = pell_view_rect(view, scene->bounds_min, scene->bounds_max);
 
     pell_pool_run(pool, bands_of(view->height), band_task, &job);
     if (pell_cancelled(scene->ctx))

@@ -40,11 +40,36 @@ struct pell_surface {
     void *scratch; /* private: per task, made in pell_surface_allocate so that a frame allocates nothing */
 };
 
+/* Whether roughness, metallic and specular are the same wherever a material is seen, as in pell_surface_even: who finds a whole block of it
+ * can leave five planes unread. */
+static inline bool pell_surface_is_even(const struct pell_material *m)
+{
+    return !m->roughness_map.texture && !m->metallic_map.texture && !m->rho_s_map.texture && !m->specular_color_map.texture;
+}
+
+struct pell_surface_even {
+    float roughness, metallic, specular[3];
+};
+
+static inline struct pell_surface_even pell_surface_even(const struct pell_material *m)
+{
+    return (struct pell_surface_even) {
+        .roughness = m->roughness < 0.03f ? 0.03f : m->roughness > 1.0f ? 1.0f : m->roughness,
+        .metallic = m->metallic < 0.0f ? 0.0f : m->metallic > 1.0f ? 1.0f : m->metallic,
+        .specular = { m->rho_s * m->specular_color[0], m->rho_s * m->specular_color[1], m->rho_s * m->specular_color[2] },
+    };
+}
+
 PELL_NODISCARD enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int height, struct pell_surface *surface);
 void pell_surface_finish(struct pell_context *ctx, struct pell_surface *surface);
 
 /* Fills the planes; allocates nothing; the same bits for any number of threads. */
 PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                                     const struct pell_view *view, struct pell_surface *surface);
+
+/* Traces the same rays in the same packets and looks at no hit: what is left is the ray library, to compare the stage with. Leaves the
+ * planes alone. Returns seconds. */
+double pell_surface_trace_bare(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
+                               const struct pell_view *view, struct pell_surface *surface);
 
 #endif
