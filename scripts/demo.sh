@@ -20,7 +20,7 @@ picture() {
 
 printf 'Rendering the examples, each with and without scattering:\n'
 if [ -r "$bunny" ]; then
-    picture bunny-wholemilk "$bunny" --material wholemilk --size 70mm
+    picture bunny-wholemilk "$bunny" --material wholemilk --size 70mm --light-samples 48
 else
     printf '  bunny-wholemilk: skipped, the package glmark2-data is not installed\n'
 fi

@@ -125,10 +125,28 @@ const struct pell_limits *pell_context_limits(const struct pell_context *ctx)
     return &ctx->limits;
 }
 
+/* True if this kind of warning has been given as often as the limit allows. *first: for the first time. */
+static bool enough(struct pell_context *ctx, const char *format, bool *first)
+{
+    for (int i = 0; i < PELL_WARNING_KINDS; i++) {
+        if (ctx->warned[i].format && ctx->warned[i].format != format)
+            continue;
+        ctx->warned[i].format = format;
+        if (ctx->warned[i].count <= ctx->limits.warnings)
+            ctx->warned[i].count++;
+        else
+            return true;
+        *first = ctx->warned[i].count > ctx->limits.warnings;
+        return *first;
+    }
+    return false;
+}
+
 static void report(struct pell_context *ctx, enum pell_log_level level, enum pell_result code, const char *where, const char *hint,
                    const char *fmt, va_list args)
 {
     char what[2048];
+    bool first = false;
     struct pell_message m = { level, code, where ? where : "", what, hint ? hint : "" };
 
     if (ctx && level == PELL_LOG_ERROR && code != PELL_ERR_NOMEM && code != PELL_ERR_CANCELLED && atomic_load(&ctx->softened) > 0) {
@@ -139,7 +157,11 @@ static void report(struct pell_context *ctx, enum pell_log_level level, enum pel
         return;
     vsnprintf(what, sizeof(what), fmt, args);
     pthread_mutex_lock(&ctx->log_lock);
-    ctx->log(ctx->log_user, &m);
+    if (level != PELL_LOG_WARNING || !enough(ctx, fmt, &first))
+        ctx->log(ctx->log_user, &m);
+    if (first)
+        ctx->log(ctx->log_user, &(struct pell_message) { PELL_LOG_WARNING, PELL_OK, "", "further warnings of this kind are not shown",
+                                                         "the limit \"warnings\" says how many are" });
     pthread_mutex_unlock(&ctx->log_lock);
 }
 

@@ -7,6 +7,8 @@
 
 #include <pthread.h>
 
+#define PELL_WARNING_KINDS 64
+
 struct pell_context {
     pell_log_fn log;
     void *log_user;
@@ -20,6 +22,11 @@ struct pell_context {
     _Atomic uint64_t allocations;
     atomic_bool cancelled;
     _Atomic int softened; /* pell_soften */
+    /* How often each warning came, by its format; guarded by log_lock. Kinds beyond the table are not counted. */
+    struct {
+        const char *format;
+        int count;
+    } warned[PELL_WARNING_KINDS];
 };
 
 #endif

@@ -46,7 +46,8 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
 {
     const struct pell_scene *scene = pell_renderer_scene(r);
     struct pell_context *ctx = pell_renderer_context(r);
-    static const char *const kinds[KINDS] = { "open surfaces", "surfaces turned inside out", "mean free paths", "scattering too small to see" };
+    static const char *const kinds[KINDS] = { "open surfaces", "surfaces turned inside out", "mean free paths",
+                                              "scattering too small to see" };
     const int limit = pell_context_limits(ctx)->warnings;
     struct pell_scene_report report = { 0 };
     int found[KINDS] = { 0 };

@@ -347,9 +347,9 @@ static enum pell_result check_camera(struct pell_context *ctx, const struct pell
                           (double) c->position[1], (double) c->position[2]);
     if (!finite3(c->forward) || !finite3(c->up) ||
         !(vec3_length(vec3_cross(forward, vec3_normalize(vec3_load(c->up)))) > 1e-6f))
-        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "forward = %g, %g, %g and up = %g, %g, %g, must have a length and not be parallel",
-                          (double) c->forward[0], (double) c->forward[1], (double) c->forward[2], (double) c->up[0], (double) c->up[1],
-                          (double) c->up[2]);
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL,
+                          "forward = %g, %g, %g and up = %g, %g, %g, must have a length and not be parallel", (double) c->forward[0],
+                          (double) c->forward[1], (double) c->forward[2], (double) c->up[0], (double) c->up[1], (double) c->up[2]);
     if (!(c->ortho_height >= 0.0f && c->ortho_height <= 1e12f))
         return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "ortho_height = %g mm, must be in [0, 1e12]", (double) c->ortho_height);
     if (c->ortho_height == 0.0f && !(c->fov >= 1e-4f && c->fov <= 3.14f))
@@ -739,6 +739,11 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         .exposure = post.exposure,
         .rect = r->translucent,
     };
+    if (!post.covered)
+        pell_warn(r->ctx, "render", "check the camera: `pellucid check` prints where the things are", "nothing is in view");
+    else if (!post.lit)
+        pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed thing",
+                  "no light arrives at what is in view: the picture is black");
     if (post.invalid > 0)
         pell_warn(r->ctx, "render", "please report the scene", "%lld pixels came out as no number and were set to 0",
                   (long long) post.invalid);

@@ -321,7 +321,9 @@ static enum pell_result add_triangles(struct obj *o, size_t corners)
         PELL_TRY(pell_polygon_reserve(&o->polygon, corners));
         for (size_t i = 0; i < corners; i++)
             memcpy(o->polygon.point + 3 * i, o->v + 3 * (size_t) o->face[i].v, 3 * sizeof(float));
-        pell_polygon_cut(&o->polygon, corners);
+        if (!pell_polygon_cut(&o->polygon, corners))
+            pell_warn(o->ctx, where(o, &text), "cut the face into triangles in the program that it comes from",
+                      "a face of %zu corners crosses itself, or is too large to be cut well: its shape may be wrong", corners);
         for (size_t i = 0; i < 3 * (corners - 2); i++)
             o->corners[3 * o->num_triangles + i] = o->face[o->polygon.triangle[i]];
     }

@@ -537,7 +537,9 @@ static enum pell_result add_face(struct ply *p, size_t count)
     PELL_TRY(pell_polygon_reserve(&p->polygon, count));
     for (size_t i = 0; i < count; i++)
         memcpy(p->polygon.point + 3 * i, p->position + 3 * (size_t) p->list[i], 3 * sizeof(float));
-    pell_polygon_cut(&p->polygon, count);
+    if (!pell_polygon_cut(&p->polygon, count))
+        pell_warn(p->ctx, p->import->path, "cut the face into triangles in the program that it comes from",
+                  "a face of %zu corners crosses itself, or is too large to be cut well: its shape may be wrong", count);
     for (size_t i = 0; i < count - 2; i++)
         PELL_TRY(add_triangle(p, (uint32_t) p->list[p->polygon.triangle[3 * i]], (uint32_t) p->list[p->polygon.triangle[3 * i + 1]],
                               (uint32_t) p->list[p->polygon.triangle[3 * i + 2]]));

@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-/* Point-in-ear tests that a polygon may cost per corner, so that a giant one can't stop the reader. */
-enum { TESTS_PER_CORNER = 512 };
+/* Point-in-ear tests that the polygons of a file may cost in all, so that giant ones can't stop the reader. */
+#define TESTS_MOST ((int64_t) 200000000)
 
 enum pell_result pell_polygon_reserve(struct pell_polygon *p, size_t corners)
 {
@@ -142,15 +142,15 @@ static bool is_convex(const struct pell_polygon *p, size_t count)
     return turn < 3.0 * 3.14159265358979323846;
 }
 
-void pell_polygon_cut(struct pell_polygon *p, size_t count)
+bool pell_polygon_cut(struct pell_polygon *p, size_t count)
 {
-    int64_t tests = (int64_t) count * TESTS_PER_CORNER;
+    int64_t tests = TESTS_MOST - p->spent;
     uint32_t left = (uint32_t) count, corner = 0, stuck = 0;
     size_t done = 0;
 
     if (count == 3) {
         emit(p, &done, 0, 1, 2);
-        return;
+        return true;
     }
     if (!flatten(p, count) || is_convex(p, count)) {
         const bool other = count == 4 && distance2(p, 1, 3) < distance2(p, 0, 2);
@@ -160,7 +160,7 @@ void pell_polygon_cut(struct pell_polygon *p, size_t count)
             else
                 emit(p, &done, 0, i, i + 1);
         }
-        return;
+        return true;
     }
     for (uint32_t i = 0; i < count; i++) {
         p->next[i] = (uint32_t) ((i + 1) % count);
@@ -180,6 +180,9 @@ void pell_polygon_cut(struct pell_polygon *p, size_t count)
         left--;
         stuck = 0;
     }
+    p->spent = TESTS_MOST - tests;
+    stuck = left > 3;
     for (uint32_t i = p->next[corner]; left > 2; left--, i = p->next[i])
         emit(p, &done, corner, i, p->next[i]);
+    return !stuck;
 }

@@ -257,6 +257,27 @@ static void every_result_has_a_name_of_its_own(void **state)
     assert_string_equal(pell_version(), PELL_TEST_VERSION); /* the build's number and the header's are one */
 }
 
+/* A scene of a million instances must not make a million lines. */
+static void warnings_of_one_kind_are_limited(void **state)
+{
+    struct kept_messages kept = { 0 };
+    struct pell_limits limits;
+    struct pell_context *ctx;
+    (void) state;
+
+    pell_knobs_default(pell_limit_knobs, &limits);
+    limits.warnings = 3;
+    assert_int_equal(pell_context_create(&(struct pell_context_params){ .log = keep_message, .log_user = &kept, .limits = &limits }, &ctx),
+                     PELL_OK);
+    for (int i = 0; i < 100; i++)
+        pell_warn(ctx, "a.obj", NULL, "face %d is odd", i);
+    assert_int_equal(kept.warnings, 3 + 1); /* and that there are more */
+    REQUIRE(strstr(kept.last_warning, "further") != NULL);
+    pell_warn(ctx, "a.obj", NULL, "another kind");
+    assert_int_equal(kept.warnings, 5);
+    pell_context_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -269,6 +290,7 @@ int main(void)
         cmocka_unit_test(context_refuses_bad_limits_and_half_an_allocator),
         cmocka_unit_test(messages_pass_the_threshold_and_never_hold_null),
         cmocka_unit_test(every_result_has_a_name_of_its_own),
+        cmocka_unit_test(warnings_of_one_kind_are_limited),
     };
     return cmocka_run_group_tests_name("alloc", tests, NULL, NULL);
 }

@@ -241,5 +241,5 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     t.white_scale = 1.0f / (t.white * t.white);
     prepare_background(&t);
     pell_pool_run(pool, params->height, finish_row, &t);
-    *result = (struct pell_post_result) { t.exposure, t.white, (int64_t) invalid };
+    *result = (struct pell_post_result) { t.exposure, t.white, (int64_t) invalid, met_count > 0.0, met > 0.0 || maximum > 0.0 };
 }

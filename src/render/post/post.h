@@ -29,6 +29,7 @@ struct pell_post_params {
 struct pell_post_result {
     float exposure, white;
     int64_t invalid;
+    bool covered, lit; /* something is in view; light arrives at it */
 };
 
 /* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure); `display` gets the shown picture.

@@ -1,0 +1,107 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""test_examples.py PROGRAM ROOT EXAMPLES BENCH: every scene that is shipped renders; every mesh of ../shared renders, or is refused for a
+reason that its message states. EXAMPLES and BENCH are the build's folders with the scenes and the meshes that they name."""
+import os
+import pathlib
+import re
+import sys
+import time
+
+from cli_test import ROOT, Skip, main, need, one_object, png_pixels, run, test, text, works
+
+EXAMPLES, BENCH = (pathlib.Path(os.path.abspath(p)) for p in sys.argv[3:5])
+QUICK = ['--width', '96', '--height', '72', '--msaa', '1', '--light-samples', '4', '--ambient-samples', '4']
+
+# What is not read yet, by what the message must say.
+REFUSED = {}
+# What shows nothing, and why.
+DARK = {'generated/paper_lantern.gltf': 'its only light is shut up in the opaque ball of its lamp'}
+
+
+def looks_like_something(png):
+    """Not one flat colour, and the middle differs from the upper left corner."""
+    width, height, channels, data = png_pixels(png)
+    colours = {data[i:i + channels] for i in range(0, len(data), channels)}
+    need(len(colours) > 40, len(colours), 'colours')
+    shown = [sum(data[i:i + 3]) for i in range(0, len(data), channels)]
+    bright, dark = sum(v > 90 for v in shown), sum(v > 750 for v in shown)
+    need(bright > 0.02 * len(shown), 'the picture is dark')
+    need(dark < 0.5 * len(shown), 'the picture is burnt out')
+    return width, height
+
+
+def scene_test(path):
+    @test(f'{path.parent.name}/{path.name} renders, with scattering and without')
+    def _(folder):
+        built = (EXAMPLES if path.parent.name == 'examples' else BENCH) / path.name
+        need(built.exists(), built.name, 'is not in the build folder')
+        seen = []
+        for method in ('screen-space', 'none'):
+            done = works(folder, 'render', str(built), *QUICK, '-m', method, '-o', f'{method}.png')
+            need(b'warning' not in done.stderr.lower() or b'no scattering can be seen' in done.stderr, done.stderr)
+            data = (folder / f'{method}.png').read_bytes()
+            need(looks_like_something(data) == (96, 72), 'size')
+            seen.append(png_pixels(data))
+        need(seen[0] != seen[1], 'scattering changes nothing')
+        answer = one_object(works(folder, 'check', str(built), '--json'))
+        need(answer['triangles'] > 0, answer)
+
+
+for scene in sorted([*(ROOT / 'examples').glob('*.json'), *(ROOT / 'bench').glob('*.json')]):
+    scene_test(scene)
+
+
+@test('there are examples')
+def _(folder):
+    need(len(list((ROOT / 'examples').glob('*.json'))) >= 4 and list((ROOT / 'bench').glob('*.json')), 'none found')
+
+
+# --- Other people's things ------------------------------------------------------------------------------------------------------------
+
+def asset(root, path, folder):
+    """A row of the table: what became of one file."""
+    name = str(path.relative_to(root))
+    sized = ['--size', '100mm'] if path.suffix in ('.obj', '.ply') else []
+    begin = time.monotonic()
+    done = run(folder, 'render', str(path), *sized, '--material', 'skin1', *QUICK, '-o', 'a.png')
+    seconds = time.monotonic() - begin
+    said = re.sub(r'\s+', ' ', text(done.stderr).replace(str(root), '..')).strip()
+    if done.returncode == 0:
+        need(name not in REFUSED, name, 'renders now: take it off the list')
+        if name not in DARK:
+            looks_like_something((folder / 'a.png').read_bytes())
+        warnings = text(done.stderr).count('warning:')
+        return f'{name}: renders in {seconds:.1f} s, warnings: {warnings}' + (f', dark: {DARK[name]}' if name in DARK else '')
+    need(done.returncode == 3 and name in REFUSED and REFUSED[name] in said, name, 'ended with', done.returncode, said)
+    need(not (folder / 'a.png').exists(), name, 'is refused and a picture is there')
+    return f'{name}: refused ({done.returncode}): {said[:160]}'
+
+
+@test('every mesh of ../shared renders, or is refused for a stated reason')
+def _(folder):
+    shared = os.environ.get('PELL_SHARED')
+    root = pathlib.Path(shared or '.') / 'assets'
+    if not shared or not root.exists():
+        raise Skip('shared/assets is not there')
+    files = sorted(p for p in root.rglob('*') if p.suffix in ('.gltf', '.glb', '.obj', '.ply'))
+    need(len(files) > 10, len(files), 'files')
+    faults = []
+    for path in files:
+        try:
+            print('# ' + re.sub(r'[^ -~]', '?', asset(root, path, folder)))
+        except AssertionError as fault:
+            faults.append(str(fault))
+        if (folder / 'a.png').exists():
+            (folder / 'a.png').unlink()
+    need(not faults, '\n'.join(faults))
+
+
+@test('meshes without a unit are refused, with the reason and what to do')
+def _(folder):
+    for arguments in (['bunny.obj'], [str(EXAMPLES / 'cube.obj')]):
+        done = run(folder, 'render', *arguments, '-o', 'a.png')
+        need(done.returncode == 2 and b'--size' in done.stderr and b'--unit' in done.stderr, done.returncode, done.stderr)
+
+
+sys.exit(main())

@@ -1,0 +1,339 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stage.h - for tests of the renderer from end to end: small scenes built by hand, and pictures that are kept to be compared.
+ */
+#ifndef RENDER_STAGE_H
+#define RENDER_STAGE_H
+
+#include "shapes.h"
+
+#include <pellucid/render.h>
+
+/* Sanitizers make all of it some five times slower: tests that try very many things try fewer. */
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SLOW 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define SLOW 1
+#endif
+#endif
+#ifndef SLOW
+#define SLOW 0
+#endif
+
+#define OK(expr) assert_int_equal(expr, PELL_OK)
+
+struct stage {
+    struct kept_messages kept;
+    struct pell_context *ctx;
+    struct pell_scene *scene;
+    struct pell_renderer *r;
+    struct pell_settings settings;
+    struct pell_picture picture;
+    bool set; /* the renderer has the scene */
+};
+
+/* A copy of a picture: planes without padding, the linear channels first, then the display's three. */
+struct shot {
+    int width, height;
+    size_t planes, size;
+    float *data;
+    float exposure;
+    int64_t invalid;
+};
+
+/* Planes of a shot without layers, and with. */
+enum { SHOT_R, SHOT_G, SHOT_B, SHOT_A, SHOT_SHOWN, SHOT_MULTIPLE = 4, SHOT_TRANSMISSION = 7, SHOT_SPECULAR = 10, SHOT_IRRADIANCE = 13,
+       SHOT_NORMAL = 16, SHOT_DEPTH = 19, SHOT_SHOWN_LAYERS = 20 };
+
+static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
+{
+    const struct pell_renderer_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
+
+    memset(s, 0, sizeof(*s));
+    s->ctx = test_context(NULL, &s->kept);
+    assert_non_null(s->ctx);
+    OK(pell_scene_create(s->ctx, &s->scene));
+    OK(pell_renderer_create(s->ctx, &params, &s->r));
+    pell_knobs_default(pell_settings_knobs, &s->settings);
+    s->settings.width = width;
+    s->settings.height = height;
+    s->settings.msaa = 1;
+    s->settings.exposure = 1.0f;
+    s->scene->background_color[0] = s->scene->background_color[1] = s->scene->background_color[2] = 0.0f;
+}
+
+static inline void stage_start(struct stage *s, int width, int height)
+{
+    stage_start_threads(s, width, height, 2);
+}
+
+static inline void stage_finish(struct stage *s)
+{
+    pell_renderer_destroy(&s->r);
+    pell_scene_destroy(&s->scene);
+    pell_context_destroy(&s->ctx);
+}
+
+/* --- Materials: without a specular lobe until a test asks for one ---------------------------------------------------------------- */
+
+static inline struct pell_material *stage_opaque(struct stage *s, float white, size_t *index)
+{
+    struct pell_material *m;
+    size_t i;
+
+    OK(pell_scene_add_material(s->scene, "opaque", &i));
+    m = &s->scene->materials[i];
+    m->opaque = true;
+    m->metallic = 0.0f;
+    m->rho_s = 0.0f;
+    m->base_color[0] = m->base_color[1] = m->base_color[2] = white;
+    if (index)
+        *index = i;
+    return m;
+}
+
+static inline struct pell_material *stage_medium(struct stage *s, const char *entry, size_t *index)
+{
+    struct pell_material *m;
+    size_t i;
+
+    OK(pell_scene_add_material(s->scene, entry, &i));
+    OK(pell_material_apply(s->scene, i, "test", entry));
+    m = &s->scene->materials[i];
+    m->opaque = false;
+    m->metallic = 0.0f;
+    m->rho_s = 0.0f;
+    if (index)
+        *index = i;
+    return m;
+}
+
+/* 2, 4 and 8 mm wide times `scale`; the channels differ and have totals of 0.8, 0.7, 0.6. */
+static inline struct pell_material *stage_gaussians(struct stage *s, double scale, size_t *index)
+{
+    static const double width[3] = { 2.0, 4.0, 8.0 }, weight[3][3] = { { 0.1, 0.2, 0.3 }, { 0.3, 0.2, 0.1 }, { 0.4, 0.3, 0.2 } };
+    struct pell_material *m = stage_medium(s, "marble", index);
+
+    m->gaussians.count = 3;
+    for (int i = 0; i < 3; i++) {
+        m->gaussians.variance[i] = width[i] * width[i] * scale * scale;
+        for (int c = 0; c < 3; c++)
+            m->gaussians.weight[i][c] = weight[i][c];
+    }
+    m->color_from = PELL_COLOR_FROM_PROFILE;
+    return m;
+}
+
+/* --- Things ---------------------------------------------------------------------------------------------------------------------- */
+
+static inline void stage_box(struct stage *s, size_t material, int object, struct pell_vec3 lo, struct pell_vec3 hi)
+{
+    static const int axes[6][3] = { { 0, 1, 2 }, { 0, 2, 1 }, { 1, 2, 0 }, { 1, 0, 2 }, { 2, 0, 1 }, { 2, 1, 0 } };
+    struct pell_mesh *mesh = shapes_mesh(s->scene, material, 24, 12);
+    const float c[2][3] = { { lo.x, lo.y, lo.z }, { hi.x, hi.y, hi.z } };
+
+    mesh->object = object;
+    for (int f = 0; f < 6; f++) {
+        const int n = axes[f][0], u = axes[f][1], v = axes[f][2], side = f % 2 == 0; /* u x v = +n on even faces */
+        for (int k = 0; k < 4; k++) {
+            float *p = &mesh->position[3 * (4 * f + k)], *q = &mesh->normal[3 * (4 * f + k)];
+            p[n] = c[side][n];
+            p[u] = c[k == 1 || k == 2][u];
+            p[v] = c[k >= 2][v];
+            q[n] = side ? 1.0f : -1.0f;
+        }
+        for (int k = 0; k < 6; k++)
+            mesh->index[6 * f + k] = (uint32_t) (4 * f + ((const int[]) { 0, 1, 2, 0, 2, 3 })[k]);
+    }
+}
+
+static inline void stage_ball(struct stage *s, size_t material, int object, struct pell_vec3 center, float radius, int rings)
+{
+    shapes_ball(s->scene, material, center, radius, rings)->object = object;
+}
+
+static inline struct pell_light *stage_light(struct stage *s, enum pell_light_type type, struct pell_vec3 at, struct pell_vec3 to,
+                                             float power)
+{
+    const struct pell_vec3 d = vec3_normalize(vec3_sub(to, at));
+    struct pell_vec3 t, b;
+    struct pell_light *l;
+    size_t i;
+
+    OK(pell_scene_add_light(s->scene, "light", &i));
+    l = &s->scene->lights[i];
+    l->type = type;
+    vec3_basis(d, &t, &b);
+    vec3_store(at, l->position);
+    vec3_store(d, l->direction);
+    vec3_store(b, l->up);
+    l->power[0] = l->power[1] = l->power[2] = power;
+    l->cos_inner = 0.95f;
+    l->cos_outer = 0.8f;
+    l->width = l->height = 30.0f;
+    l->radius = 18.0f;
+    return l;
+}
+
+static inline struct pell_light *stage_sky(struct stage *s, float radiance)
+{
+    return stage_light(s, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, -1), radiance);
+}
+
+/* Looks from one point at another; `ortho` > 0: mm that the picture is tall, else `fov` radians. */
+static inline struct pell_camera *stage_camera(struct stage *s, struct pell_vec3 from, struct pell_vec3 to, float fov, float ortho)
+{
+    const struct pell_vec3 f = vec3_normalize(vec3_sub(to, from));
+    const struct pell_vec3 side = vec3_normalize(vec3_cross(f, fabsf(f.y) > 0.99f ? vec3(0, 0, 1) : vec3(0, 1, 0)));
+    struct pell_camera *c;
+    size_t i;
+
+    if (s->scene->num_cameras == 0)
+        OK(pell_scene_add_camera(s->scene, "camera", &i));
+    c = &s->scene->cameras[0];
+    vec3_store(from, c->position);
+    vec3_store(f, c->forward);
+    vec3_store(vec3_cross(side, f), c->up);
+    c->fov = fov;
+    c->ortho_height = ortho;
+    return c;
+}
+
+/* --- Rendering -------------------------------------------------------------------------------------------------------------------- */
+
+/* The method by its name with knobs "name=value" up to NULL; NULL or "none": none. */
+static inline void stage_method(struct stage *s, const char *name, const char *const *knobs)
+{
+    const struct pell_method *m = NULL;
+    struct pell_setting list[16] = { { NULL, NULL, NULL } };
+    char names[16][32];
+    void *values = NULL;
+    size_t n = 0;
+
+    if (name && strcmp(name, "none") != 0) {
+        m = pell_method_find(s->ctx, "test", name);
+        assert_non_null(m);
+        for (; knobs && knobs[n]; n++) {
+            const char *equal = strchr(knobs[n], '=');
+            snprintf(names[n], sizeof(names[n]), "%.*s", (int) (equal - knobs[n]), knobs[n]);
+            list[n] = (struct pell_setting) { names[n], equal + 1, "test" };
+        }
+        values = calloc(1, m->knobs_size);
+        OK(pell_method_configure(s->ctx, m, list, n, values));
+    }
+    OK(pell_renderer_set_method(s->r, m, values));
+    free(values);
+}
+
+static inline void stage_complete(struct stage *s)
+{
+    const struct pell_load_params bare = { .bare = true };
+
+    OK(pell_scene_complete(s->scene, &bare));
+}
+
+/* Completes the scene the first time. */
+static inline void stage_render(struct stage *s)
+{
+    if (!s->set) {
+        stage_complete(s);
+        OK(pell_renderer_set_scene(s->r, s->scene));
+        s->set = true;
+    }
+    OK(pell_renderer_render(s->r, &s->settings, &s->picture));
+}
+
+static inline struct shot shot_copy(const struct pell_picture *p)
+{
+    struct shot shot = {
+        .width = p->width, .height = p->height, .planes = p->num_channels + 3, .exposure = p->exposure, .invalid = p->invalid
+    };
+
+    shot.size = (size_t) p->width * (size_t) p->height;
+    shot.data = malloc(shot.planes * shot.size * sizeof(float));
+    for (size_t i = 0; i < shot.planes; i++) {
+        const bool shown = i >= p->num_channels;
+        const float *from = shown ? p->display[i - p->num_channels] : p->channels[i].data;
+        const ptrdiff_t stride = shown ? p->stride : p->channels[i].stride;
+        for (int y = 0; y < p->height; y++)
+            memcpy(shot.data + i * shot.size + (size_t) y * (size_t) p->width, from + y * stride, (size_t) p->width * sizeof(float));
+    }
+    return shot;
+}
+
+/* Renders with the method set and takes a copy; no pixel may be invalid. */
+static inline struct shot stage_shot(struct stage *s)
+{
+    stage_render(s);
+    assert_int_equal(s->picture.invalid, 0);
+    return shot_copy(&s->picture);
+}
+
+static inline struct shot stage_shot_of(struct stage *s, const char *method, const char *const *knobs)
+{
+    stage_method(s, method, knobs);
+    return stage_shot(s);
+}
+
+static inline void shot_free(struct shot *shot)
+{
+    free(shot->data);
+    shot->data = NULL;
+}
+
+static inline double shot_at(const struct shot *shot, size_t plane, int x, int y)
+{
+    return (double) shot->data[plane * shot->size + (size_t) y * (size_t) shot->width + (size_t) x];
+}
+
+static inline bool shot_equal(const struct shot *a, const struct shot *b)
+{
+    return a->width == b->width && a->height == b->height && a->planes == b->planes &&
+           memcmp(a->data, b->data, a->planes * a->size * sizeof(float)) == 0;
+}
+
+/* All of it is finite, and what is shown lies in [0, 1]. */
+static inline void shot_check(const struct shot *shot)
+{
+    for (size_t i = 0; i < shot->planes * shot->size; i++)
+        if (!isfinite(shot->data[i]))
+            fail_msg("plane %zu, pixel %zu is %g", i / shot->size, i % shot->size, (double) shot->data[i]);
+    for (size_t i = (shot->planes - 3) * shot->size; i < shot->planes * shot->size; i++)
+        if (!(shot->data[i] >= 0.0f && shot->data[i] <= 1.0f))
+            fail_msg("display is %g", (double) shot->data[i]);
+}
+
+/* How two pictures differ in R, G, B: root mean square and largest, over the first's mean of covered pixels. */
+struct difference {
+    double rms, largest, mean;
+    int64_t count, over; /* values compared; that differ by more than 1 % of the mean */
+};
+
+static inline struct difference shot_difference(const struct shot *a, const struct shot *b)
+{
+    struct difference d = { 0 };
+    double sum = 0.0, square = 0.0;
+    int64_t covered = 0;
+
+    assert_int_equal(a->width, b->width);
+    assert_int_equal(a->height, b->height);
+    for (size_t i = 0; i < a->size; i++)
+        if (a->data[SHOT_A * a->size + i] > 0.0f) {
+            covered += 3;
+            for (size_t c = 0; c < 3; c++)
+                sum += (double) a->data[c * a->size + i];
+        }
+    d.mean = covered ? sum / (double) covered : 1.0;
+    for (size_t i = 0; i < 3 * a->size; i++) {
+        const double e = fabs((double) a->data[i] - (double) b->data[i]) / d.mean;
+        square += e * e;
+        d.largest = fmax(d.largest, e);
+        d.over += e > 0.01;
+    }
+    d.count = covered;
+    d.rms = covered ? sqrt(square / (double) covered) : 0.0;
+    return d;
+}
+
+#endif

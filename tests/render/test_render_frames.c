@@ -1,0 +1,774 @@
+/* SPDX-License-Identifier: MIT
+ * test_render_frames.c - the renderer from frame to frame: what it allocates, what it refuses, and that a picture depends on nothing but
+ * scene, method and settings. */
+#include "stage.h"
+
+#include <fcntl.h>
+#include <pthread.h>
+#include <sys/stat.h>
+
+static const char *const no_knobs[] = { NULL };
+static const char *const paper[] = { "as=paper", NULL };
+
+/* A ball of skin and an opaque box under several lights, seen in perspective. */
+static void furnish(struct stage *s)
+{
+    size_t skin, paint, bright;
+
+    stage_medium(s, "skin1", &skin)->rho_s = 1.0f;
+    stage_medium(s, "wholemilk", &bright);
+    stage_opaque(s, 0.5f, &paint)->rho_s = 1.0f;
+    stage_ball(s, skin, 0, vec3(-14, 0, 0), 20.0f, 16);
+    stage_ball(s, bright, 1, vec3(22, -6, 6), 14.0f, 12);
+    stage_box(s, paint, 2, vec3(-60, -30, -40), vec3(60, -20, 40));
+    stage_light(s, PELL_LIGHT_RECT, vec3(-80, 100, 90), vec3(0, 0, 0), 20.0f);
+    stage_light(s, PELL_LIGHT_POINT, vec3(70, 40, -60), vec3(0, 0, 0), 0.02f);
+    stage_sky(s, 0.3f);
+    stage_camera(s, vec3(0, 30, 260), vec3(0, -5, 0), 0.35f, 0.0f);
+    s->settings.light_samples = 4;
+    s->settings.ambient_samples = 4;
+    s->settings.msaa = 2;
+}
+
+/* --- Memory ---------------------------------------------------------------------------------------------------------------------- */
+
+static void no_allocation_after_the_first_frame(void **state)
+{
+    static const struct {
+        const char *method;
+        const char *const *knobs;
+    } cases[] = { { "none", NULL }, { "screen-space", no_knobs }, { "screen-space", paper } };
+    struct stage s;
+
+    (void) state;
+    stage_start(&s, 90, 60);
+    furnish(&s);
+    for (size_t k = 0; k < PELL_COUNT(cases); k++)
+        for (int layers = 0; layers < 2; layers++) {
+            uint64_t before;
+            s.settings.layers = layers;
+            stage_camera(&s, vec3(0, 30, 260), vec3(0, -5, 0), 0.35f, 0.0f);
+            stage_method(&s, cases[k].method, cases[k].knobs);
+            stage_render(&s);
+            before = pell_allocations(s.ctx);
+            stage_render(&s);
+            stage_camera(&s, vec3(100, 60, 150), vec3(0, 0, 0), 0.35f, 0.0f); /* elsewhere */
+            stage_render(&s);
+            stage_camera(&s, vec3(0, 0, 260), vec3(0, 0, 900), 0.35f, 0.0f); /* looking away */
+            stage_render(&s);
+            stage_camera(&s, vec3(-14, 0, 24), vec3(-14, 0, 0), 0.35f, 0.0f); /* filling the picture */
+            stage_render(&s);
+            s.settings.exposure = 0.0f; /* what post alone reads */
+            s.settings.exit = PELL_EXIT_PUBLISHED;
+            stage_render(&s);
+            s.settings.exit = PELL_EXIT_BALANCED;
+            if (pell_allocations(s.ctx) != before)
+                fail_msg("%s, layers %d: %llu allocations", cases[k].method, layers,
+                         (unsigned long long) (pell_allocations(s.ctx) - before));
+        }
+    stage_finish(&s);
+}
+
+static const char *work_folder(void)
+{
+    static char folder[] = "/tmp/pell-frames-XXXXXX";
+    static bool made;
+
+    if (!made)
+        assert_non_null(mkdtemp(folder));
+    made = true;
+    return folder;
+}
+
+static const char *work_file(const char *name)
+{
+    static char path[4][256];
+    static int next;
+    char *p = path[next++ % 4];
+
+    snprintf(p, sizeof(path[0]), "%s/%s", work_folder(), name);
+    return p;
+}
+
+static void write_file(const char *name, const char *text)
+{
+    FILE *f = fopen(work_file(name), "w");
+
+    assert_non_null(f);
+    fputs(text, f);
+    fclose(f);
+}
+
+/* A scene file with meshes of two materials, a colour map, an environment and a slide. */
+static void write_scene_files(void)
+{
+    static const float grey[4 * 2 * 3] = { 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 50, 50, 50 };
+    float planes[3][8];
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_channel channels[3] = { { "R", planes[0], 4, false }, { "G", planes[1], 4, false }, { "B", planes[2], 4, false } };
+    const struct pell_write_params params = { .width = 4, .height = 2, .channels = channels, .num_channels = 3 };
+    FILE *f = fopen(work_file("thing.obj"), "w");
+
+    assert_non_null(f);
+    for (int i = 0; i < 24; i++)
+        planes[i % 3][i / 3] = grey[i] * 0.02f;
+    OK(pell_image_write(ctx, work_file("map.png"), NULL, &params));
+    OK(pell_image_write(ctx, work_file("sky.hdr"), NULL, &params));
+    pell_context_destroy(&ctx);
+    fputs("mtllib thing.mtl\n", f);
+    for (int i = 0; i < 8; i++)
+        fprintf(f, "v %d %d %d\n", i & 1 ? 10 : -10, i & 2 ? 10 : -10, i & 4 ? 10 : -10);
+    fputs("vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl one\n"
+          "f 1/1 3/2 4/3 2/4\nf 5/1 6/2 8/3 7/4\nf 1/1 2/2 6/3 5/4\nusemtl two\nf 3/1 7/2 8/3 4/4\nf 1/1 5/2 7/3 3/4\nf 2/1 4/2 8/3 6/4\n",
+          f);
+    fclose(f);
+    write_file("thing.mtl", "newmtl one\nKd 1 0.8 0.6\nmap_Kd map.png\nnewmtl two\nKd 0.5 0.5 0.5\n");
+    for (int sky = 0; sky < 2; sky++) {
+        char text[1024];
+        snprintf(text, sizeof(text),
+                 "{\"pellucid\": 1, \"mesh\": \"thing.obj\", \"unit\": \"1mm\", \"ground\": true,"
+                 " \"camera\": {\"from\": [30, 30, 60], \"to\": [0, 0, 0], \"fov_deg\": 30},"
+                 " \"lights\": [%s{\"type\": \"point\", \"at\": [30, 50, 60], \"intensity\": [0.01, 0.01, 0.01]}],"
+                 " \"materials\": {\"one\": {\"preset\": \"skin\"}, \"two\": {\"preset\": \"marble\"}}}",
+                 sky ? "{\"type\": \"environment\", \"image\": \"sky.hdr\"}, " : "");
+        write_file(sky ? "sky.json" : "scene.json", text);
+    }
+}
+
+/* Load, render with a method, write. Returns the first failure. */
+static enum pell_result whole_way(const char *file, struct pell_fault *fault, uint64_t calls[3])
+{
+    struct pell_context_params params = { .allocator = pell_fault_allocator(fault) };
+    const struct pell_renderer_params threads = { .threads = 2 };
+    struct pell_context *ctx = NULL;
+    struct pell_scene *scene = NULL;
+    struct pell_renderer *r = NULL;
+    struct pell_settings settings;
+    struct pell_picture picture;
+    struct pell_write_params write = { .width = 12, .height = 9 };
+    struct pell_load_params load = { 0 };
+    enum pell_result res;
+
+    pell_knobs_default(pell_settings_knobs, &settings);
+    settings.width = 12;
+    settings.height = 9;
+    settings.msaa = 1;
+    settings.light_samples = settings.ambient_samples = 1;
+    settings.environment_lights = 2;
+    settings.layers = true;
+    PELL_TRY(pell_context_create(&params, &ctx));
+    PELL_TRY(pell_scene_load(ctx, work_file(file), &load, &scene));
+    calls[0] = fault->calls;
+    PELL_TRY(pell_renderer_create(ctx, &threads, &r));
+    PELL_TRY(pell_renderer_set_scene(r, scene));
+    PELL_TRY(pell_renderer_set_method(r, pell_methods[0], NULL));
+    PELL_TRY(pell_renderer_render(r, &settings, &picture));
+    PELL_TRY(pell_renderer_check_range(r, &settings));
+    calls[1] = fault->calls;
+    write.channels = picture.channels;
+    write.num_channels = picture.num_channels;
+    PELL_TRY(pell_image_write(ctx, work_file("out.exr"), NULL, &write));
+    calls[2] = fault->calls;
+
+fail:
+    pell_renderer_destroy(&r);
+    pell_scene_destroy(&scene);
+    pell_context_destroy(&ctx);
+    return res;
+}
+
+static void nth_allocation_fails_from_file_to_file(void **state)
+{
+    static const char *const scenes[] = { "scene.json", "sky.json" };
+    static const char *const all[] = { "thing.obj", "thing.mtl", "scene.json", "sky.json", "map.png", "sky.hdr", "out.exr" };
+
+    (void) state;
+    write_scene_files();
+    for (int k = 0; k < 2; k++) {
+        uint64_t calls[3] = { 0 }, tried = 0;
+        struct pell_fault none = { 0 };
+        OK(whole_way(scenes[k], &none, calls));
+        assert_int_equal(none.live, 0);
+        /* Every one; of the second scene, whose environment takes time to be made, some. */
+        for (uint64_t n = 1; n <= calls[2]; n += k ? (SLOW ? 23 : 7) : SLOW && n > calls[0] ? 5 : 1) {
+            struct pell_fault fault = { .fail_at = n, .sticky = n % 2 == 0 };
+            uint64_t ignored[3];
+            enum pell_result res;
+            unlink(work_file("out.exr"));
+            res = whole_way(scenes[k], &fault, ignored);
+            if (res != PELL_ERR_NOMEM)
+                fail_msg("%s: allocation %llu of %llu failed, and the whole was \"%s\"", scenes[k], (unsigned long long) n,
+                         (unsigned long long) calls[2], pell_result_name(res));
+            if (fault.live != 0)
+                fail_msg("%s: after allocation %llu failed %lld were not freed", scenes[k], (unsigned long long) n, (long long) fault.live);
+            if (access(work_file("out.exr"), F_OK) == 0)
+                fail_msg("%s: after allocation %llu failed a picture was left", scenes[k], (unsigned long long) n);
+            tried++;
+        }
+        print_message("# %s: %llu allocations to load, %llu to render, %llu to write; %llu failures tried\n", scenes[k],
+                      (unsigned long long) calls[0], (unsigned long long) (calls[1] - calls[0]), (unsigned long long) (calls[2] - calls[1]),
+                      (unsigned long long) tried);
+    }
+    for (size_t i = 0; i < PELL_COUNT(all); i++)
+        unlink(work_file(all[i]));
+    rmdir(work_folder());
+}
+
+/* A renderer that ran out of memory works once there is some. */
+static void a_renderer_survives_want_of_memory(void **state)
+{
+    struct stage good;
+    struct shot expected;
+    uint64_t n;
+
+    (void) state;
+    stage_start(&good, 33, 21);
+    furnish(&good);
+    expected = stage_shot_of(&good, "screen-space", NULL);
+    for (n = 1; n < 200; n += 3) {
+        struct pell_fault fault = { 0 };
+        struct pell_context *ctx = test_context(&fault, NULL);
+        const struct pell_renderer_params params = { .threads = 2 };
+        struct pell_renderer *r;
+        struct pell_picture picture;
+        struct shot shot;
+        bool failed = false;
+
+        OK(pell_renderer_create(ctx, &params, &r));
+        fault.fail_at = fault.calls + n;
+        if (pell_renderer_set_method(r, pell_methods[0], NULL) != PELL_OK) {
+            failed = true;
+            OK(pell_renderer_set_method(r, pell_methods[0], NULL));
+        }
+        if (pell_renderer_set_scene(r, good.scene) != PELL_OK) {
+            failed = true;
+            OK(pell_renderer_set_scene(r, good.scene));
+        }
+        if (pell_renderer_render(r, &good.settings, &picture) != PELL_OK) {
+            failed = true;
+            OK(pell_renderer_render(r, &good.settings, &picture));
+        }
+        shot = shot_copy(&picture);
+        REQUIRE(shot_equal(&shot, &expected));
+        shot_free(&shot);
+        pell_renderer_destroy(&r);
+        pell_context_destroy(&ctx);
+        assert_int_equal(fault.live, 0);
+        if (!failed)
+            break;
+    }
+    print_message("# every third of %llu allocations failed in turn\n", (unsigned long long) n - 1);
+    REQUIRE(n > 10 && n < 200);
+    shot_free(&expected);
+    stage_finish(&good);
+}
+
+/* --- The same bits ---------------------------------------------------------------------------------------------------------------- */
+
+static void the_same_bits_on_any_number_of_threads(void **state)
+{
+    static const int threads[] = { 1, 2, 3, 5 };
+
+    (void) state;
+    for (int method = 0; method < 3; method++) {
+        struct shot first = { 0 };
+        for (size_t i = 0; i < PELL_COUNT(threads); i++) {
+            struct stage s;
+            stage_start_threads(&s, 101, 67, threads[i]);
+            furnish(&s);
+            s.settings.layers = true;
+            s.settings.exposure = 0.0f;
+            stage_method(&s, method ? "screen-space" : "none", method == 2 ? paper : NULL);
+            for (int again = 0; again < 2; again++) {
+                struct shot shot = stage_shot(&s);
+                if (!first.data) {
+                    first = shot;
+                    continue;
+                }
+                if (!shot_equal(&first, &shot))
+                    fail_msg("method %d on %d threads, frame %d differs", method, threads[i], again);
+                shot_free(&shot);
+            }
+            stage_finish(&s);
+        }
+        shot_free(&first);
+    }
+}
+
+struct twin {
+    struct pell_context *ctx;
+    const struct pell_scene *scene;
+    struct pell_settings settings;
+    const struct shot *expected;
+    bool scatter, right;
+};
+
+static void *run_twin(void *arg)
+{
+    struct twin *t = arg;
+    const struct pell_renderer_params params = { .threads = 2 };
+    struct pell_renderer *r;
+    struct pell_picture picture;
+
+    t->right = pell_renderer_create(t->ctx, &params, &r) == PELL_OK && pell_renderer_set_scene(r, t->scene) == PELL_OK &&
+               pell_renderer_set_method(r, t->scatter ? pell_methods[0] : NULL, NULL) == PELL_OK;
+    for (int i = 0; i < 3 && t->right; i++) {
+        t->right = pell_renderer_render(r, &t->settings, &picture) == PELL_OK;
+        if (t->right) {
+            struct shot shot = shot_copy(&picture);
+            t->right = shot_equal(&shot, t->expected);
+            shot_free(&shot);
+        }
+    }
+    pell_renderer_destroy(&r);
+    return NULL;
+}
+
+static void renderers_share_a_scene(void **state)
+{
+    struct stage s;
+    struct shot alone[2];
+    struct twin twins[3];
+    pthread_t threads[3];
+
+    (void) state;
+    stage_start(&s, 60, 40);
+    furnish(&s);
+    alone[0] = stage_shot_of(&s, "none", NULL);
+    alone[1] = stage_shot_of(&s, "screen-space", NULL);
+    for (int i = 0; i < 3; i++) {
+        twins[i] = (struct twin) { s.ctx, s.scene, s.settings, &alone[i != 1], i != 1, false };
+        assert_int_equal(pthread_create(&threads[i], NULL, run_twin, &twins[i]), 0);
+    }
+    for (int i = 0; i < 3; i++) {
+        pthread_join(threads[i], NULL);
+        REQUIRE(twins[i].right);
+    }
+    shot_free(&alone[0]);
+    shot_free(&alone[1]);
+    stage_finish(&s);
+}
+
+/* Whatever a renderer did before: other sizes, other settings, other cameras, other scenes. */
+static void a_picture_has_no_history(void **state)
+{
+    static const int sizes[][2] = { { 1, 1 }, { 33, 17 }, { 1, 40 }, { 77, 1 }, { 64, 64 }, { 15, 16 }, { 17, 129 } };
+    struct stage old, other;
+
+    (void) state;
+    stage_start(&old, 1, 1);
+    furnish(&old);
+    stage_start(&other, 1, 1);
+    furnish(&other);
+    stage_box(&other, 0, 9, vec3(-5, 20, -5), vec3(5, 30, 5));
+    stage_complete(&other);
+    stage_method(&old, "screen-space", NULL);
+    stage_render(&old);
+    for (size_t i = 0; i < PELL_COUNT(sizes); i++) {
+        struct stage fresh;
+        struct shot a, b;
+
+        stage_start(&fresh, sizes[i][0], sizes[i][1]);
+        furnish(&fresh);
+        fresh.settings.layers = i % 2 == 1;
+        fresh.settings.msaa = 1 + (int) i % 3;
+        fresh.settings.boundary = (int) i % 2;
+        fresh.settings.seed = (int64_t) (i / 2);
+        stage_complete(&fresh);
+        OK(pell_renderer_set_scene(fresh.r, fresh.scene));
+        fresh.set = true;
+        for (int k = 0; k < 2; k++) /* zooming in, too */
+            stage_camera(k ? &fresh : &old, vec3(10.0f * (float) i, 30, 260), vec3(0, -5, 0), 0.35f - 0.04f * (float) i,
+                         i == 4 ? 80.0f : 0.0f);
+        stage_method(&fresh, i == 5 ? "none" : "screen-space", NULL);
+        stage_method(&old, i == 5 ? "none" : "screen-space", NULL);
+        a = stage_shot(&fresh);
+        if (i == 3) {
+            OK(pell_renderer_set_scene(old.r, other.scene));
+            OK(pell_renderer_render(old.r, &old.settings, &old.picture));
+            OK(pell_renderer_set_scene(old.r, old.scene));
+        }
+        old.settings = fresh.settings;
+        b = stage_shot(&old);
+        for (size_t k = 0; k < a.planes; k++)
+            for (size_t at = 0; at < a.size; at++)
+                if (memcmp(&a.data[k * a.size + at], &b.data[k * a.size + at], sizeof(float)) != 0)
+                    fail_msg("%d x %d: plane %zu, pixel %zu is %g, and %g after other pictures", sizes[i][0], sizes[i][1], k, at,
+                             (double) a.data[k * a.size + at], (double) b.data[k * a.size + at]);
+        shot_check(&a);
+        shot_free(&a);
+        shot_free(&b);
+        stage_finish(&fresh);
+    }
+    stage_finish(&other);
+    stage_finish(&old);
+}
+
+/* The scene's camera is the one thing that may change between frames: its angle, too. */
+static void a_camera_may_zoom_between_frames(void **state)
+{
+    struct stage s, fresh;
+    struct shot a, b;
+
+    (void) state;
+    stage_start(&s, 60, 40);
+    furnish(&s);
+    stage_method(&s, "screen-space", NULL);
+    stage_render(&s);
+    s.scene->cameras[0].fov = 0.2f;
+    a = stage_shot(&s);
+    stage_start(&fresh, 60, 40);
+    furnish(&fresh);
+    fresh.scene->cameras[0].fov = 0.2f;
+    b = stage_shot_of(&fresh, "screen-space", NULL);
+    REQUIRE(shot_equal(&a, &b));
+    s.scene->cameras[0].ortho_height = 80.0f;
+    stage_render(&s);
+    shot_free(&a);
+    shot_free(&b);
+    stage_finish(&fresh);
+    stage_finish(&s);
+}
+
+/* --- Refusals --------------------------------------------------------------------------------------------------------------------- */
+
+static void settings_out_of_range_are_refused(void **state)
+{
+    struct stage s;
+
+    (void) state;
+    stage_start(&s, 8, 8);
+    furnish(&s);
+    stage_render(&s);
+    for (const struct pell_knob *k = pell_settings_knobs; k->name; k++) {
+        double bad[3] = { k->min - 1.0, k->max + 2.0, NAN };
+        if (k->type == PELL_KNOB_BOOL)
+            continue;
+        if (k->type == PELL_KNOB_ENUM) {
+            bad[0] = -1.0;
+            bad[1] = 0.0;
+            while (k->choices[(int) bad[1]])
+                bad[1] += 1.0;
+        } else if (k->type == PELL_KNOB_FLOAT) {
+            bad[1] = 2.0 * k->max;
+        }
+        for (int i = 0; i < (k->type == PELL_KNOB_FLOAT ? 3 : 2); i++) {
+            struct pell_settings settings = s.settings;
+            void *field = (char *) &settings + k->offset;
+            struct pell_picture picture;
+            if (k->type == PELL_KNOB_FLOAT)
+                *(float *) field = (float) bad[i];
+            else if (k->type == PELL_KNOB_INT64)
+                *(int64_t *) field = (int64_t) bad[i];
+            else
+                *(int *) field = (int) bad[i];
+            s.kept.errors = 0;
+            if (pell_renderer_render(s.r, &settings, &picture) != PELL_ERR_INVALID)
+                fail_msg("%s = %g is not refused", k->name, bad[i]);
+            assert_int_equal(s.kept.errors, 1);
+            REQUIRE(strstr(s.kept.what, k->name) || strstr(s.kept.where, k->name));
+        }
+    }
+    stage_render(&s); /* and it goes on */
+    stage_finish(&s);
+}
+
+static void cameras_that_show_nothing_are_refused(void **state)
+{
+    static const struct {
+        const char *what;
+        float position, forward[3], up[3], fov, ortho;
+    } cases[] = {
+        { "position", NAN, { 0, 0, -1 }, { 0, 1, 0 }, 1.0f, 0.0f },
+        { "position", INFINITY, { 0, 0, -1 }, { 0, 1, 0 }, 1.0f, 0.0f },
+        { "forward", 0.0f, { 0, 0, 0 }, { 0, 1, 0 }, 1.0f, 0.0f },
+        { "forward", 0.0f, { NAN, 0, -1 }, { 0, 1, 0 }, 1.0f, 0.0f },
+        { "up", 0.0f, { 0, 0, -1 }, { 0, 0, 1 }, 1.0f, 0.0f },
+        { "up", 0.0f, { 0, 0, -1 }, { 0, 0, 0 }, 1.0f, 0.0f },
+        { "fov", 0.0f, { 0, 0, -1 }, { 0, 1, 0 }, 0.0f, 0.0f },
+        { "fov", 0.0f, { 0, 0, -1 }, { 0, 1, 0 }, 3.15f, 0.0f },
+        { "fov", 0.0f, { 0, 0, -1 }, { 0, 1, 0 }, NAN, 0.0f },
+        { "ortho_height", 0.0f, { 0, 0, -1 }, { 0, 1, 0 }, 1.0f, -1.0f },
+        { "ortho_height", 0.0f, { 0, 0, -1 }, { 0, 1, 0 }, 1.0f, INFINITY },
+        { "forward", 0.0f, { INFINITY, 0, 0 }, { 0, 1, 0 }, 1.0f, 0.0f },
+    };
+    struct stage s;
+    struct pell_camera good;
+
+    (void) state;
+    stage_start(&s, 16, 12);
+    furnish(&s);
+    stage_method(&s, "screen-space", NULL);
+    stage_render(&s);
+    good = s.scene->cameras[0];
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct pell_camera *c = &s.scene->cameras[0];
+        c->position[0] = cases[i].position;
+        memcpy(c->forward, cases[i].forward, sizeof(c->forward));
+        memcpy(c->up, cases[i].up, sizeof(c->up));
+        c->fov = cases[i].fov;
+        c->ortho_height = cases[i].ortho;
+        s.kept.errors = 0;
+        if (pell_renderer_render(s.r, &s.settings, &s.picture) != PELL_ERR_INVALID || s.kept.errors != 1 ||
+            !strstr(s.kept.what, cases[i].what))
+            fail_msg("camera %zu: %d errors, \"%s\", expected one about %s", i, s.kept.errors, s.kept.what, cases[i].what);
+        *c = good;
+    }
+    stage_render(&s);
+    stage_finish(&s);
+}
+
+static void what_is_missing_is_named(void **state)
+{
+    const struct pell_renderer_params vulkan = { .engine = PELL_ENGINE_VULKAN };
+    struct pell_renderer *r = (struct pell_renderer *) 1;
+    struct pell_scene *empty;
+    struct stage s;
+
+    (void) state;
+    stage_start(&s, 16, 12);
+    furnish(&s);
+    assert_int_equal(pell_renderer_create(s.ctx, &vulkan, &r), PELL_ERR_DEVICE);
+    assert_null(r);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
+    REQUIRE(strstr(s.kept.what, "no scene"));
+    stage_render(&s);
+    OK(pell_renderer_set_scene(s.r, NULL));
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
+    OK(pell_renderer_check_range(s.r, &s.settings));
+    OK(pell_scene_create(s.ctx, &empty));
+    assert_int_equal(pell_renderer_set_scene(s.r, empty), PELL_ERR_INVALID);
+    REQUIRE(strstr(s.kept.what, "camera"));
+    pell_scene_destroy(&empty);
+    pell_renderer_destroy(&s.r);
+    pell_renderer_destroy(&s.r); /* of NULL */
+    stage_finish(&s);
+}
+
+/* A scene of lights and a camera alone shows its background. */
+static void a_scene_without_things_is_its_background(void **state)
+{
+    struct stage s;
+    struct shot shot;
+    size_t index;
+
+    (void) state;
+    stage_start(&s, 19, 11);
+    stage_medium(&s, "marble", &index);
+    stage_sky(&s, 1.0f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
+    s.scene->background_color[0] = 0.5f;
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    s.set = true;
+    for (int layers = 0; layers < 2; layers++) {
+        s.settings.layers = layers;
+        shot = stage_shot_of(&s, "screen-space", NULL);
+        for (int y = 0; y < 11; y++)
+            for (int x = 0; x < 19; x++) {
+                REQUIRE(shot_at(&shot, SHOT_A, x, y) == 0.0);
+                REQUIRE_NEAR(shot_at(&shot, layers ? SHOT_SHOWN_LAYERS : SHOT_SHOWN, x, y), 0.5, 1e-6);
+            }
+        shot_free(&shot);
+    }
+    s.scene->background = PELL_BACKGROUND_ENVIRONMENT;
+    shot = stage_shot(&s);
+    REQUIRE_NEAR(shot_at(&shot, SHOT_G, 9, 5), 1.0, 1e-5);
+    shot_free(&shot);
+    OK(pell_renderer_check_range(s.r, &s.settings));
+    stage_finish(&s);
+}
+
+/* --- Cancelling -------------------------------------------------------------------------------------------------------------------- */
+
+static void *cancel_soon(void *arg)
+{
+    const struct timespec wait = { .tv_nsec = 60 * 1000 * 1000 };
+
+    nanosleep(&wait, NULL);
+    pell_context_cancel(arg);
+    return NULL;
+}
+
+static void cancelling_ends_a_frame_soon(void **state)
+{
+    struct stage s;
+    pthread_t thread;
+    double start;
+
+    (void) state;
+    stage_start(&s, 640, 640);
+    furnish(&s);
+    s.settings.msaa = 64;
+    s.settings.light_samples = 1024;
+    s.settings.ambient_samples = 1024;
+    stage_method(&s, "screen-space", NULL);
+    stage_complete(&s);
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    start = pell_seconds();
+    assert_int_equal(pthread_create(&thread, NULL, cancel_soon, s.ctx), 0);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_CANCELLED);
+    pthread_join(thread, NULL);
+    print_message("# ended after %.2f s\n", pell_seconds() - start);
+    REQUIRE(pell_seconds() - start < 5.0);
+    assert_null(s.picture.channels);
+    assert_int_equal(s.kept.errors, 0);
+    stage_finish(&s);
+}
+
+/* --- Methods ----------------------------------------------------------------------------------------------------------------------- */
+
+/* Methods of the test's own, to see what the renderer gives a method and what it makes of what comes back. */
+struct probe_knobs {
+    float gain;
+};
+
+static struct probe_seen {
+    int creates, renders, destroys;
+    bool fail_create, fail_render, positions_agree;
+    unsigned needs;
+    enum pell_quantity quantity;
+    float focal_px;
+} probe;
+
+static enum pell_result probe_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+{
+    (void) r;
+    probe.creates++;
+    probe.focal_px = shape->focal_px;
+    *state = malloc(sizeof(float));
+    **(float **) state = ((const struct probe_knobs *) knobs)->gain;
+    return probe.fail_create ? PELL_ERR_INVALID : PELL_OK;
+}
+
+static enum pell_result probe_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    const float gain = *(float *) state;
+
+    probe.renders++;
+    if (probe.fail_render)
+        return PELL_ERR_FORMAT;
+    probe.positions_agree = in->position[0] != NULL;
+    for (int y = in->rect.y0; y < in->rect.y1; y++)
+        for (int x = in->rect.x0; x < in->rect.x1; x++) {
+            const ptrdiff_t i = y * in->stride + x;
+            for (int c = 0; c < 3 && in->material[i]; c++)
+                out->light[c][i] = gain * ((probe.needs & PELL_NEED_LIT) ? in->lit[c][i] : in->irradiance[c][i]);
+            if (in->material[i] && in->position[0]) /* the camera of `furnish_plane` is at z = 100 and looks along -z */
+                probe.positions_agree = probe.positions_agree && fabsf(in->position[2][i] - (100.0f - in->depth[i])) < 1e-3f &&
+                                        fabsf(in->position[0][i] - (x + 0.5f - 0.5f * in->width) * in->depth[i] / in->focal_px) < 1e-3f;
+        }
+    return PELL_OK;
+}
+
+static void probe_destroy(void *state)
+{
+    probe.destroys++;
+    free(state);
+}
+
+static void probe_plan(const void *knobs, struct pell_plan *plan)
+{
+    (void) knobs;
+    *plan = (struct pell_plan) { .needs = probe.needs, .quantity = probe.quantity, .mix = -1.0f };
+}
+
+static const struct pell_knob probe_knobs[] = {
+    { "gain", PELL_KNOB_FLOAT, "1", offsetof(struct probe_knobs, gain), { 0.25 }, 0, 1, NULL, "factor" },
+    { 0 },
+};
+static const struct pell_method_engine probe_engine = { .create = probe_create, .render = probe_render, .destroy = probe_destroy };
+static const struct pell_method probe_method = {
+    .name = "probe", .title = "Probe", .cite = "none", .limits = "none", .knobs = probe_knobs, .knobs_size = sizeof(struct probe_knobs),
+    .plan = probe_plan, .cpu = &probe_engine,
+};
+
+static void furnish_plane(struct stage *s)
+{
+    size_t m;
+
+    stage_gaussians(s, 1.0, &m);
+    stage_box(s, m, 0, vec3(-30, -30, -20), vec3(30, 30, 0));
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 100), vec3(0, 0, 0), 2.0f);
+    stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
+}
+
+/* A method that makes no light from behind, keeps no times and needs positions. */
+static void a_method_needs_only_three_functions(void **state)
+{
+    struct stage s;
+    struct probe_knobs wrong = { 3.0f };
+
+    (void) state;
+    memset(&probe, 0, sizeof(probe));
+    stage_start(&s, 32, 24);
+    furnish_plane(&s);
+    probe.needs = PELL_NEED_IRRADIANCE | PELL_NEED_POSITION | PELL_NEED_THROUGH;
+    OK(pell_renderer_set_method(s.r, &probe_method, NULL));
+    stage_render(&s);
+    REQUIRE(probe.positions_agree);
+    REQUIRE_REL((double) s.picture.channels[0].data[12 * s.picture.stride + 16], 0.25 * 2.0 / PELL_PI, 1e-5);
+    assert_int_equal(probe.creates, 1);
+    stage_render(&s);
+    assert_int_equal(probe.creates, 1);
+    assert_int_equal(pell_renderer_set_method(s.r, &probe_method, &wrong), PELL_ERR_INVALID);
+    stage_render(&s); /* the old one is still there */
+    assert_int_equal(probe.creates, 1);
+    s.scene->cameras[0].fov = 0.2f;
+    stage_render(&s);
+    assert_int_equal(probe.creates, 2);
+    REQUIRE_REL((double) probe.focal_px, 12.0 / tan(0.1), 1e-5);
+
+    probe.needs = PELL_NEED_LIT;
+    probe.quantity = PELL_QUANTITY_RADIANCE;
+    OK(pell_renderer_set_method(s.r, &probe_method, NULL));
+    stage_render(&s);
+    REQUIRE_REL((double) s.picture.channels[0].data[12 * s.picture.stride + 16], 0.25 * 0.8 * 2.0 / PELL_PI, 1e-5);
+    stage_finish(&s);
+    assert_int_equal(probe.destroys, probe.creates);
+}
+
+static void a_failing_method_fails_the_frame_alone(void **state)
+{
+    struct stage s;
+
+    (void) state;
+    memset(&probe, 0, sizeof(probe));
+    stage_start(&s, 32, 24);
+    furnish_plane(&s);
+    probe.needs = PELL_NEED_IRRADIANCE;
+    probe.fail_create = true;
+    OK(pell_renderer_set_method(s.r, &probe_method, NULL));
+    stage_complete(&s);
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    s.set = true;
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
+    probe.fail_create = false;
+    probe.fail_render = true;
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_FORMAT);
+    probe.fail_render = false;
+    stage_render(&s);
+    stage_finish(&s);
+    assert_int_equal(probe.destroys, probe.creates);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(no_allocation_after_the_first_frame),
+        cmocka_unit_test(nth_allocation_fails_from_file_to_file),
+        cmocka_unit_test(a_renderer_survives_want_of_memory),
+        cmocka_unit_test(the_same_bits_on_any_number_of_threads),
+        cmocka_unit_test(renderers_share_a_scene),
+        cmocka_unit_test(a_picture_has_no_history),
+        cmocka_unit_test(a_camera_may_zoom_between_frames),
+        cmocka_unit_test(settings_out_of_range_are_refused),
+        cmocka_unit_test(cameras_that_show_nothing_are_refused),
+        cmocka_unit_test(what_is_missing_is_named),
+        cmocka_unit_test(a_scene_without_things_is_its_background),
+        cmocka_unit_test(cancelling_ends_a_frame_soon),
+        cmocka_unit_test(a_method_needs_only_three_functions),
+        cmocka_unit_test(a_failing_method_fails_the_frame_alone),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,448 @@
+/* SPDX-License-Identifier: MIT
+ * test_render_light.c - the whole renderer against closed forms: what a surface in known light looks like, that lights add up, and that a
+ * picture turns with its scene. */
+#include "stage.h"
+
+static const char *const off[] = { "through=off", NULL };
+
+/* --- Known radiance ---------------------------------------------------------------------------------------------------------------- */
+
+/* A thick block whose face z = 0 fills the picture of a camera `tilt` radians off its normal, under a directional light of `e` at
+ * `lean`. */
+static void facing_block(struct stage *s, size_t material, double tilt, double lean, float e)
+{
+    stage_box(s, material, 0, vec3(-300, -300, -200), vec3(300, 300, 0));
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100.0f * (float) sin(lean), 0, 100.0f * (float) cos(lean)), vec3(0, 0, 0), e);
+    stage_camera(s, vec3(0, 100.0f * (float) sin(tilt), 100.0f * (float) cos(tilt)), vec3(0, 0, 0), 0.0f, 40.0f);
+}
+
+static void white_lambert_plane(void **state)
+{
+    (void) state;
+    for (int k = 0; k < 16; k++) {
+        const double tilt = k & 1 ? 0.7 : 0.0, lean = k & 2 ? 1.1 : 0.0;
+        struct stage s;
+        struct shot shot;
+        size_t m;
+
+        stage_start(&s, 32, 32);
+        stage_opaque(&s, 1.0f, &m);
+        facing_block(&s, m, tilt, lean, 3.0f);
+        s.settings.exit = k & 4 ? PELL_EXIT_PUBLISHED : PELL_EXIT_BALANCED;
+        s.settings.boundary = k & 8 ? PELL_BOUNDARY_SMOOTH : PELL_BOUNDARY_ROUGH;
+        shot = stage_shot_of(&s, "screen-space", NULL);
+        for (int y = 0; y < 32; y += 5)
+            for (int x = 0; x < 32; x += 5)
+                for (size_t c = 0; c < 3; c++)
+                    REQUIRE_REL(shot_at(&shot, c, x, y), 3.0 * cos(lean) / PELL_PI, 1e-5);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
+/* In even light a plane gives its profile's total, whatever the method does to it. */
+static void translucent_plane_in_even_light(void **state)
+{
+    static const double total[3] = { 0.8, 0.7, 0.6 };
+    const double eta = 1.5;
+    double worst = 0.0;
+
+    (void) state;
+    for (int k = 0; k < 32; k++) {
+        const double tilt = k & 1 ? 0.7 : 0.0, lean = k & 2 ? 1.1 : 0.0;
+        const bool published = k & 4, smooth = k & 8;
+        const double in = smooth ? 1.0 - pell_fresnel(eta, cos(lean)) : 1.0, out = smooth ? 1.0 - pell_fresnel(eta, cos(tilt)) : 1.0;
+        const double norm = smooth && !published ? pell_fresnel_exit_norm(eta) : 1.0;
+        struct stage s;
+        struct shot shot;
+        size_t m;
+
+        stage_start(&s, 48, 48);
+        stage_gaussians(&s, 0.5, &m)->medium.eta = eta;
+        facing_block(&s, m, tilt, lean, 3.0f);
+        s.settings.exit = published ? PELL_EXIT_PUBLISHED : PELL_EXIT_BALANCED;
+        s.settings.boundary = smooth ? PELL_BOUNDARY_SMOOTH : PELL_BOUNDARY_ROUGH;
+        shot = stage_shot_of(&s, k & 16 ? "screen-space" : "none", NULL);
+        for (int y = 0; y < 48; y++)
+            for (int x = 0; x < 48; x++)
+                for (size_t c = 0; c < 3; c++) {
+                    const double expected = total[c] * 3.0 * cos(lean) * in * out / (PELL_PI * norm);
+                    worst = fmax(worst, fabs(shot_at(&shot, c, x, y) / expected - 1.0));
+                }
+        shot_free(&shot);
+        stage_finish(&s);
+        if (!(worst < 2e-3))
+            fail_msg("case %d differs by %.4f", k, worst);
+    }
+    print_message("# differs from the closed form by %.5f at most\n", worst);
+}
+
+/* What a ball of 20 mm shows in an even sky of radiance 1: mean, smallest and largest of pixels that it covers wholly. */
+struct seen {
+    double mean, low, high;
+};
+
+static struct seen in_even_sky(struct stage *s, size_t material, const char *method, const char *const *knobs, size_t channel)
+{
+    struct seen seen = { 0.0, INFINITY, 0.0 };
+    struct shot shot;
+    int count = 0;
+
+    if (!s->set) {
+        stage_ball(s, material, 0, vec3(0, 0, 0), 20.0f, 96);
+        stage_sky(s, 1.0f);
+        stage_camera(s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 44.0f);
+        s->settings.ambient_samples = 64;
+    }
+    shot = stage_shot_of(s, method, knobs);
+    for (int y = 1; y + 1 < shot.height; y++)
+        for (int x = 1; x + 1 < shot.width; x++) {
+            const double v = shot_at(&shot, channel, x, y);
+            if (shot_at(&shot, SHOT_A, x, y) < 1.0 || shot_at(&shot, SHOT_A, x - 1, y) < 1.0 || shot_at(&shot, SHOT_A, x + 1, y) < 1.0 ||
+                shot_at(&shot, SHOT_A, x, y - 1) < 1.0 || shot_at(&shot, SHOT_A, x, y + 1) < 1.0)
+                continue;
+            seen.mean += v;
+            seen.low = fmin(seen.low, v);
+            seen.high = fmax(seen.high, v);
+            count++;
+        }
+    shot_free(&shot);
+    seen.mean /= count;
+    return seen;
+}
+
+/* A closed form of all light there is: a convex body in an even sky shows its profile's total everywhere. */
+static void translucent_ball_in_an_even_sky(void **state)
+{
+    static const char *const entries[] = { "spectralon", "marble", "ketchup" };
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(entries); k++) {
+        struct stage s;
+        size_t m;
+        stage_start(&s, 128, 128);
+        stage_medium(&s, entries[k], &m);
+        for (size_t c = 0; c < 3; c += 2) {
+            const struct pell_medium *medium = &s.scene->materials[m].medium;
+            const struct pell_dipole d = pell_dipole_make(medium->sigma_a[c], medium->sigma_s_reduced[c], medium->eta, PELL_FRESNEL_EXACT);
+            const double total = pell_dipole_total(&d);
+            const struct seen none = in_even_sky(&s, m, "none", NULL, c), moved = in_even_sky(&s, m, "screen-space", off, c);
+            print_message("# %s %zu: total %.5f; none %.4f %.4f %.4f, screen-space mean %.4f, from %.4f to %.4f of it\n", entries[k], c,
+                          total, none.mean / total, none.low / total, none.high / total, moved.mean / total, moved.low / total,
+                          moved.high / total);
+            REQUIRE_REL(none.low, total, 3e-3);
+            REQUIRE_REL(none.high, total, 3e-3);
+            REQUIRE_REL(moved.mean, total, 0.01);
+            REQUIRE_REL(moved.low, total, 0.02);
+            REQUIRE_REL(moved.high, total, 0.02);
+        }
+        stage_finish(&s);
+    }
+}
+
+/* A white body under a specular lobe that takes nothing away shows the sky's own radiance. */
+static void white_body_with_highlights_in_an_even_sky(void **state)
+{
+    static const float roughness[] = { 0.1f, 0.3f, 0.6f, 1.0f };
+
+    (void) state;
+    for (int k = 0; k < 16; k++) {
+        const bool kelemen = k & 4, translucent = k & 8;
+        struct pell_material *material;
+        struct seen seen;
+        struct stage s;
+        size_t m;
+
+        stage_start(&s, 96, 96);
+        material = translucent ? stage_gaussians(&s, 0.2, &m) : stage_opaque(&s, 1.0f, &m);
+        for (int c = 0; c < 3 && translucent; c++) {
+            const double total = pell_gaussians_total(&material->gaussians, c);
+            for (int i = 0; i < 3; i++)
+                material->gaussians.weight[i][c] /= total;
+        }
+        material->medium.eta = 1.4;
+        material->rho_s = 1.0f;
+        material->roughness = roughness[k % 4];
+        material->specular = kelemen ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX;
+        seen = in_even_sky(&s, m, translucent ? "screen-space" : "none", off, 1);
+        print_message("# %s %s, roughness %.1f: mean %.4f, from %.4f to %.4f\n", translucent ? "translucent" : "opaque",
+                      kelemen ? "Kelemen" : "GGX", (double) material->roughness, seen.mean, seen.low, seen.high);
+        REQUIRE_NEAR(seen.mean, 1.0, 0.01);
+        REQUIRE_NEAR(seen.low, 1.0, 0.05);
+        REQUIRE_NEAR(seen.high, 1.0, 0.05);
+        stage_finish(&s);
+    }
+}
+
+/* --- A half-lit plane -------------------------------------------------------------------------------------------------------------- */
+
+/* An opaque screen out of sight throws the edge of its shadow on the line x = 0 of the plane z = 0. */
+static void half_lit_block(struct stage *s, double scale, float ortho, float fov)
+{
+    size_t m, screen;
+
+    stage_gaussians(s, scale, &m);
+    stage_opaque(s, 0.0f, &screen);
+    stage_box(s, m, 0, vec3(-400, -400, -300), vec3(400, 400, 0));
+    shapes_quad(s->scene, screen, vec3(1500, 0, 1000), vec3(500, 0, 0), vec3(0, 3000, 0))->object = 1;
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100, 0, 100), vec3(0, 0, 0), (float) sqrt(2.0));
+    stage_camera(s, vec3(0, 0, 500), vec3(0, 0, 0), fov, ortho);
+}
+
+static double step(const struct pell_gaussians *g, int c, double x)
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < g->count; i++)
+        sum += g->weight[i][c] * 0.5 * erfc(x / sqrt(2.0 * g->variance[i]));
+    return sum;
+}
+
+static void half_lit_plane_is_the_analytic_step(void **state)
+{
+    static const struct {
+        double scale; /* of Gaussians 2, 4 and 8 mm wide */
+        float ortho, fov;
+        double allowed;
+    } cases[] = { { 0.5, 80.0f, 0.0f, 0.01 }, { 0.25, 80.0f, 0.0f, 0.01 }, { 1.0, 160.0f, 0.0f, 0.01 }, { 0.5, 0.0f, 0.159f, 0.01 } };
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(cases); k++) {
+        const int size = 200;
+        struct stage s;
+        struct shot shot;
+        double worst = 0.0, sum[3] = { 0.0 }, expected_sum[3] = { 0.0 };
+        double px;
+
+        stage_start(&s, size, size);
+        half_lit_block(&s, cases[k].scale, cases[k].ortho, cases[k].fov);
+        shot = stage_shot_of(&s, "screen-space", off);
+        px = (cases[k].ortho > 0.0f ? (double) cases[k].ortho : 1000.0 * tan(0.5 * (double) cases[k].fov)) / size;
+        for (int y = 0; y < size; y++)
+            for (int x = 0; x < size; x++)
+                for (int c = 0; c < 3; c++) {
+                    const struct pell_gaussians *g = &s.scene->materials[0].gaussians;
+                    const double at = (x + 0.5 - 0.5 * size) * px, expected = step(g, c, at) / PELL_PI;
+                    const double error = fabs(shot_at(&shot, (size_t) c, x, y) - expected) / (pell_gaussians_total(g, c) / PELL_PI);
+                    sum[c] += shot_at(&shot, (size_t) c, x, y);
+                    expected_sum[c] += expected;
+                    if (fabs(at) < 0.5 * size * px - 4.0 * 8.0 * cases[k].scale && y > size / 4 && y < 3 * size / 4)
+                        worst = fmax(worst, error);
+                }
+        print_message(
+            "# Gaussians of 2, 4, 8 mm times %.2f, %.2f mm a pixel: within %.4f of the step; light %.4f %.4f %.4f of what it should be\n",
+            cases[k].scale, px, worst, sum[0] / expected_sum[0], sum[1] / expected_sum[1], sum[2] / expected_sum[2]);
+        REQUIRE(worst < cases[k].allowed);
+        for (int c = 0; c < 3; c++)
+            REQUIRE_NEAR(sum[c] / expected_sum[c], 1.0, 0.01);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
+/* --- Every kind of light ----------------------------------------------------------------------------------------------------------- */
+
+enum { KIND_SKY = 5, KIND_SKY_IMAGE, KIND_SLIDE_SPOT, KIND_SLIDE_POINT, KIND_SLIDE_RECT, KINDS };
+static const char *const kind_names[KINDS] = { "point", "spot", "directional", "rectangle", "disc", "sky", "sky with a picture",
+                                               "slide in a spot", "slide in a point", "picture on a rectangle" };
+
+static struct pell_texture *add_image(struct stage *s)
+{
+    uint8_t pixels[16 * 8 * 3];
+
+    for (int i = 0; i < 16 * 8; i++)
+        for (int c = 0; c < 3; c++)
+            pixels[3 * i + c] = (uint8_t) (i == 35 ? 255 : 20 + (i * 37 + c * 61) % 90);
+    return shapes_texture(s->scene, 16, 8, 3, true, pixels);
+}
+
+static struct pell_light *add_kind(struct stage *s, int kind, struct pell_vec3 at, float power)
+{
+    static const enum pell_light_type types[KINDS] = { PELL_LIGHT_POINT, PELL_LIGHT_SPOT,        PELL_LIGHT_DIRECTIONAL, PELL_LIGHT_RECT,
+                                                       PELL_LIGHT_DISC,  PELL_LIGHT_ENVIRONMENT, PELL_LIGHT_ENVIRONMENT, PELL_LIGHT_SPOT,
+                                                       PELL_LIGHT_POINT, PELL_LIGHT_RECT };
+    const bool points = types[kind] == PELL_LIGHT_POINT || types[kind] == PELL_LIGHT_SPOT;
+    struct pell_light *l = stage_light(s, types[kind], at, vec3(0, 0, 0), points ? 0.01f * power : power);
+
+    l->power[1] *= 0.5f;
+    if (kind >= KIND_SKY_IMAGE)
+        l->image = add_image(s);
+    if (kind == KIND_SLIDE_POINT)
+        l->image_fov = 0.6f;
+    return l;
+}
+
+/* A thin translucent plate before a ball, on an opaque floor: shadows, light from behind, highlights. */
+static void furnish(struct stage *s)
+{
+    size_t skin, milk, paint;
+
+    stage_medium(s, "skin1", &skin)->rho_s = 1.0f;
+    stage_medium(s, "wholemilk", &milk)->rho_s = 1.0f;
+    stage_opaque(s, 0.6f, &paint)->rho_s = 1.0f;
+    stage_ball(s, skin, 0, vec3(-12, 0, -6), 18.0f, 24);
+    stage_box(s, milk, 1, vec3(8, -16, -2), vec3(34, 14, 2));
+    stage_box(s, paint, 2, vec3(-60, -22, -30), vec3(60, -19, 30));
+    stage_camera(s, vec3(30, 40, 240), vec3(0, -3, 0), 0.4f, 0.0f);
+    s->settings.light_samples = 4;
+    s->settings.ambient_samples = 4;
+    s->settings.environment_lights = 8;
+    s->settings.layers = true;
+}
+
+static const struct pell_vec3 sides[2] = { { 60, 50, 90 }, { 25, 40, -110 } };
+
+static void lights_add_up(void **state)
+{
+    (void) state;
+    for (int kind = 0; kind < KINDS; kind++) {
+        struct shot shot[3];
+        double largest = 0.0, through = 0.0;
+
+        for (int i = 0; i < 3; i++) { /* A, B, both */
+            struct stage s;
+            stage_start(&s, 80, 50);
+            furnish(&s);
+            add_kind(&s, kind, sides[1], i != 1 ? 1.0f : 0.0f);
+            stage_light(&s, PELL_LIGHT_POINT, vec3(-80, 90, 60), vec3(0, 0, 0), i != 0 ? 0.02f : 0.0f);
+            shot[i] = stage_shot_of(&s, "screen-space", NULL);
+            stage_finish(&s);
+        }
+        for (size_t p = 0; p < SHOT_NORMAL; p++)
+            for (int y = 0; y < 50 && p != SHOT_A; y++)
+                for (int x = 0; x < 80; x++) {
+                    const double a = shot_at(&shot[0], p, x, y), b = shot_at(&shot[1], p, x, y), both = shot_at(&shot[2], p, x, y);
+                    if (p >= SHOT_TRANSMISSION && p < SHOT_SPECULAR)
+                        through = fmax(through, a);
+                    if (!(fabs(a + b - both) <= 2e-5 * both + 1e-7))
+                        fail_msg("%s: plane %zu of pixel %d, %d: %.9g + %.9g is not %.9g", kind_names[kind], p, x, y, a, b, both);
+                    largest = fmax(largest, both);
+                }
+        REQUIRE(largest > 0.01);
+        if (!(through > 1e-4)) /* the light is behind the plate */
+            fail_msg("%s: nothing comes from behind", kind_names[kind]);
+        for (int i = 0; i < 3; i++)
+            shot_free(&shot[i]);
+    }
+}
+
+static void turn(float v[3], struct pell_vec3 axis, double angle)
+{
+    const struct pell_vec3 a = vec3_load(v), k = vec3_normalize(axis);
+    const double c = cos(angle), s = sin(angle), along = (1.0 - c) * (double) vec3_dot(k, a);
+    const struct pell_vec3 cross = vec3_cross(k, a);
+
+    v[0] = (float) (a.x * c + cross.x * s + k.x * along);
+    v[1] = (float) (a.y * c + cross.y * s + k.y * along);
+    v[2] = (float) (a.z * c + cross.z * s + k.z * along);
+}
+
+static void a_picture_turns_with_its_scene(void **state)
+{
+    (void) state;
+    for (int kind = 0; kind < KINDS; kind++)
+        for (int side = 0; side < (kind == KIND_SKY || kind == KIND_SKY_IMAGE ? 1 : 2); side++) {
+            const bool sky = kind == KIND_SKY || kind == KIND_SKY_IMAGE;
+            const struct pell_vec3 axis = sky ? vec3(0, 1, 0) : vec3(1, 2, -1.5f);
+            const double angle = 0.9;
+            struct shot shot[3]; /* as it is; turned; turned, with a sky that was left behind */
+            struct difference d;
+
+            for (int i = 0; i < 3; i++) {
+                struct stage s;
+                struct pell_light *l;
+                stage_start(&s, 100, 64);
+                furnish(&s);
+                s.settings.layers = false;
+                s.settings.light_samples = 16;
+                s.settings.ambient_samples = sky ? 256 : 4;
+                s.settings.environment_lights = sky ? 64 : 8;
+                l = add_kind(&s, kind, sides[side], 1.0f);
+                for (size_t m = 0; m < s.scene->num_meshes && i; m++)
+                    for (uint32_t v = 0; v < s.scene->meshes[m].num_vertices; v++) {
+                        turn(&s.scene->meshes[m].position[3 * v], axis, angle);
+                        turn(&s.scene->meshes[m].normal[3 * v], axis, angle);
+                    }
+                if (i) {
+                    struct pell_camera *c = &s.scene->cameras[0];
+                    turn(l->position, axis, angle);
+                    turn(l->direction, axis, angle);
+                    turn(l->up, axis, angle);
+                    turn(c->position, axis, angle);
+                    turn(c->forward, axis, angle);
+                    turn(c->up, axis, angle);
+                    l->rotate = sky && i == 1 ? (float) angle : 0.0f;
+                }
+                shot[i] = stage_shot_of(&s, "screen-space", NULL);
+                stage_finish(&s);
+            }
+            d = shot_difference(&shot[0], &shot[1]);
+            print_message("# %s %s: differ by %.2g root mean square, %.2g at most; %lld of %lld values by over 1 %%\n", kind_names[kind],
+                          side ? "behind" : "in front", d.rms, d.largest, (long long) d.over, (long long) d.count);
+            /* Single pixels at edges of things and of shadows may fall to the other side. */
+            REQUIRE(d.over <= d.count / (sky ? 4 : 200)); /* a sky's rays are turned otherwise */
+            REQUIRE(d.rms < 0.02);
+            if (kind == KIND_SKY_IMAGE)
+                REQUIRE(shot_difference(&shot[0], &shot[2]).rms > 5.0 * d.rms);
+            for (int i = 0; i < 3; i++)
+                shot_free(&shot[i]);
+        }
+}
+
+/* --- Exposure ----------------------------------------------------------------------------------------------------------------------- */
+
+static double shown_in_the_middle(const char *entry, double power)
+{
+    struct stage s;
+    struct shot shot;
+    double v;
+    size_t m;
+
+    stage_start(&s, 64, 64);
+    if (entry)
+        stage_medium(&s, entry, &m)->rho_s = 1.0f;
+    else
+        stage_opaque(&s, 1.0f, &m);
+    stage_ball(&s, m, 0, vec3(0, 0, 0), 20.0f, 32);
+    stage_sky(&s, (float) power);
+    stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 50.0f);
+    s.settings.exposure = 0.0f;
+    shot = stage_shot_of(&s, "screen-space", NULL);
+    v = shot_at(&shot, SHOT_SHOWN + 1, 32, 32);
+    shot_free(&shot);
+    stage_finish(&s);
+    return v;
+}
+
+static void metered_exposure_shows_white_as_white_and_ketchup_dark(void **state)
+{
+    static const double powers[] = { 1e-6, 0.01, 1.0, 1000.0, 1e8 };
+
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(powers); i++) {
+        const double white = shown_in_the_middle(NULL, powers[i]), milk = shown_in_the_middle("wholemilk", powers[i]);
+        const double ketchup = shown_in_the_middle("ketchup", powers[i]);
+        print_message("# power %g: white %.3f, milk %.3f, ketchup %.3f\n", powers[i], white, milk, ketchup);
+        REQUIRE(white > 0.5);
+        REQUIRE(milk > 0.4 && milk <= white + 1e-3);
+        REQUIRE(ketchup < 0.35 * milk);
+        REQUIRE_REL(white, shown_in_the_middle(NULL, 1.0), 1e-3);
+        REQUIRE_REL(ketchup, shown_in_the_middle("ketchup", 1.0), 1e-3);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(white_lambert_plane),
+        cmocka_unit_test(translucent_plane_in_even_light),
+        cmocka_unit_test(translucent_ball_in_an_even_sky),
+        cmocka_unit_test(white_body_with_highlights_in_an_even_sky),
+        cmocka_unit_test(half_lit_plane_is_the_analytic_step),
+        cmocka_unit_test(lights_add_up),
+        cmocka_unit_test(a_picture_turns_with_its_scene),
+        cmocka_unit_test(metered_exposure_shows_white_as_white_and_ketchup_dark),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
