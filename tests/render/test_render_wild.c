@@ -536,7 +536,7 @@ static void warnings_are_counted_where_there_are_many(void **state)
     limit = pell_context_limits(s.ctx)->warnings;
     OK(pell_renderer_check_range(s.r, &s.settings));
     REQUIRE(limit < 100);
-    assert_int_equal(s.kept.warnings, limit + 1);
+    assert_in_range(s.kept.warnings, limit + 1, limit + 2);
     REQUIRE(strstr(s.kept.last_warning, "more warnings about open surfaces"));
     stage_finish(&s);
 }
