@@ -635,18 +635,6 @@ static const char *const beyond_schema[] = {
     "allowed",
 };
 
-static void write_text(const char *folder, const char *name, const char *text)
-{
-    char path[256];
-    FILE *file;
-
-    snprintf(path, sizeof(path), "%s/%s", folder, name);
-    file = fopen(path, "wb");
-    assert_non_null(file);
-    assert_int_equal(fwrite(text, 1, strlen(text), file), strlen(text));
-    assert_int_equal(fclose(file), 0);
-}
-
 /* A preset brings a colour for where there is no picture; a picture given beside it must not be tinted by that. */
 static void a_base_color_texture_is_not_tinted_by_the_preset(void **state)
 {
@@ -655,13 +643,16 @@ static void a_base_color_texture_is_not_tinted_by_the_preset(void **state)
                             SCENE(",\"materials\":{\"*\":{\"preset\":\"skin\",\"textures\":{\"baseColor\":\"white.hdr\"}}}"),
                             SCENE(",\"materials\":{\"*\":{\"preset\":\"skin\",\"color\":[0.5,0.25,1],"
                                   "\"textures\":{\"baseColor\":\"white.hdr\"}}}") };
-    char folder[] = "/tmp/pell-scene-XXXXXX", path[256];
+    char folder[256], path[512];
     struct pell_context *ctx = test_context(NULL, NULL);
     (void) state;
 
+    snprintf(folder, sizeof(folder), "%s/pell-scene-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp");
     assert_non_null(mkdtemp(folder));
-    for (size_t i = 0; i < PELL_COUNT(names); i++)
-        write_text(folder, names[i], texts[i]);
+    for (size_t i = 0; i < PELL_COUNT(names); i++) {
+        snprintf(path, sizeof(path), "%s/%s", folder, names[i]);
+        assert_int_equal(pell_file_write(ctx, path, texts[i], strlen(texts[i])), PELL_OK);
+    }
     for (int i = 0; i < 2; i++) {
         struct pell_load_params params = { .bare = true };
         struct pell_scene *s;
