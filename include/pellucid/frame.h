@@ -9,7 +9,7 @@
 #ifndef PELLUCID_FRAME_H
 #define PELLUCID_FRAME_H
 
-#include <pellucid/optics.h>
+#include <pellucid/material.h>
 
 #ifdef __cplusplus
 extern "C" {

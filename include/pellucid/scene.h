@@ -13,7 +13,7 @@
 #define PELLUCID_SCENE_H
 
 #include <pellucid/image.h>
-#include <pellucid/optics.h>
+#include <pellucid/material.h>
 
 #ifdef __cplusplus
 extern "C" {

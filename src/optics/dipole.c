@@ -2,7 +2,7 @@
  *
  * dipole.c - the dipole diffusion profile, Jensen, Marschner, Levoy, Hanrahan 2001, "A Practical Model for Subsurface Light
  * Transport", eq. (4), with its total and its cumulative distribution in closed form. */
-#include <pellucid/optics.h>
+#include <pellucid/profile.h>
 
 #include "math/vec.h"
 

@@ -13,7 +13,7 @@
  *
  * Starts: the optima of one Gaussian less plus one more, put where a scan over its variance finds the objective smallest.
  */
-#include <pellucid/optics.h>
+#include <pellucid/gaussians.h>
 
 #include "math/nnls.h"
 #include "math/vec.h"

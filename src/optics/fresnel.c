@@ -3,7 +3,7 @@
  * fresnel.c - reflectance of a smooth dielectric boundary: Fresnel's equations (Born and Wolf, "Principles of Optics", 1.5.2), and
  * their average over a diffuse hemisphere (Duntley 1942; Walsh 1926), and the polynomials of the literature (Egan and Hilgeman
  * 1979) with the three digits of Jensen et al. 2001 and the four of Donner and Jensen 2005. */
-#include <pellucid/optics.h>
+#include <pellucid/medium.h>
 
 #include "math/quadrature.h"
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * gaussians.c - evaluating sums of Gaussians, d'Eon, Luebke, Enderton 2007, eqs. (6) and (7). */
-#include <pellucid/optics.h>
+#include <pellucid/gaussians.h>
 
 #include "math/vec.h"
 

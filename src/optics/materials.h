@@ -4,7 +4,7 @@
 #ifndef PELL_OPTICS_MATERIALS_H
 #define PELL_OPTICS_MATERIALS_H
 
-#include <pellucid/optics.h>
+#include <pellucid/material.h>
 
 extern const struct pell_material_entry pell_materials_data[];
 extern const size_t pell_materials_data_count;

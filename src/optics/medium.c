@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * medium.c - the ranges of optical coefficients, and lengths derived from them. */
-#include <pellucid/optics.h>
+#include <pellucid/medium.h>
 
 #include <math.h>
 
@@ -32,7 +32,7 @@ bool pell_medium_valid(const struct pell_medium *m, struct pell_medium_fault *fa
             || !in_range(names[2][c], m->sigma_a[c] + m->sigma_s_reduced[c], PELL_SIGMA_T_MIN, 2.0 * PELL_SIGMA_MAX, fault)
             || !in_range(names[3][c], m->g[c], -PELL_G_MAX, PELL_G_MAX, fault))
             return false;
-    return in_range("eta", m->eta, 1.0, 4.0, fault);
+    return in_range("eta", m->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault);
 }
 
 double pell_mean_free_path(const struct pell_medium *m, int channel)

@@ -6,6 +6,8 @@
 
 #include "pell_test.h"
 
+#include <pellucid/material.h>
+
 #define MEDIA 30
 #define RANDOM_STARTS 10
 #define COUNT_TESTED 6

@@ -182,7 +182,7 @@ static void faults_name_the_first_bad_field(void **state)
     assert_string_equal(fault.field, "sigma_a[0] + sigma_s_reduced[0]");
     m = good;
     m.eta = 0.99;
-    REQUIRE(!pell_medium_valid(&m, &fault) && fault.min == 1.0 && fault.max == 4.0);
+    REQUIRE(!pell_medium_valid(&m, &fault) && fault.min == PELL_ETA_MIN && fault.max == PELL_ETA_MAX);
     assert_string_equal(fault.field, "eta");
     m.eta = NAN;
     REQUIRE(!pell_medium_valid(&m, NULL));

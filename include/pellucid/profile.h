@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/profile.h - radial diffusion profiles R(r): every model, one interface.
+ *
+ * Units      radii mm, R(r) 1/mm^2.
+ * Errors     enum pell_result; nothing is logged here: the caller knows the names.
+ * Threads    all functions are pure and safe; nothing is allocated.
+ */
+#ifndef PELLUCID_PROFILE_H
+#define PELLUCID_PROFILE_H
+
+#include <pellucid/medium.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* --- Dipole (Jensen et al. 2001) ---------------------------------------------------------------------------------------------- */
+
+struct pell_dipole {
+    double sigma_t_reduced, albedo_reduced, sigma_tr;
+    double A;      /* (1 + Fdr)/(1 - Fdr) */
+    double zr, zv; /* depths of the real and the virtual source */
+};
+
+PELL_API struct pell_dipole pell_dipole_make(double sigma_a, double sigma_s_reduced, double eta, enum pell_fresnel_model model);
+PELL_API double pell_dipole_rd(const struct pell_dipole *d, double r_mm);  /* R_d(r), 1/mm^2 */
+PELL_API double pell_dipole_total(const struct pell_dipole *d);            /* 2 pi Int r R_d dr */
+PELL_API double pell_dipole_cdf(const struct pell_dipole *d, double r_mm); /* share of the total inside r, [0, 1] */
+
+/* --- Models ------------------------------------------------------------------------------------------------------------------- */
+
+/* Ways from coefficients to R(r). Values are stable. */
+enum pell_profile_model {
+    PELL_PROFILE_DIPOLE = 0,           /* Jensen et al. 2001 */
+    PELL_PROFILE_BETTER_DIPOLE,        /* d'Eon 2012 */
+    PELL_PROFILE_NORMALIZED_DIFFUSION, /* Christensen and Burley 2015 */
+    PELL_PROFILE_PHOTON_BEAM,          /* Habel et al. 2013 */
+    PELL_PROFILE_MONTE_CARLO,          /* a table made by photons */
+    PELL_PROFILE_MODELS,
+};
+
+struct pell_profile_model_row {
+    const char *name;   /* "better-dipole": what --profile takes */
+    const char *title;  /* for people */
+    const char *cite;   /* authors, title, venue, year */
+    const char *limits; /* what it can't do, a sentence */
+};
+
+/* NULL for a model out of range. Constant data. */
+PELL_API const struct pell_profile_model_row *pell_profile_model_row(enum pell_profile_model model);
+/* False if there is none of that name. */
+PELL_API bool pell_profile_model_find(const char *name, enum pell_profile_model *out);
+
+/* --- A profile ---------------------------------------------------------------------------------------------------------------- */
+
+#define PELL_PROFILE_NODES 512
+
+/* What a profile is made of inside; callers read none of it but through the functions below. */
+enum pell_profile_kind {
+    PELL_PROFILE_KIND_POLES = 0, /* closed form */
+    PELL_PROFILE_KIND_BURLEY,    /* closed form */
+    PELL_PROFILE_KIND_GAUSSIANS, /* closed form */
+    PELL_PROFILE_KIND_NODES,     /* monotone cubic between nodes, 0 beyond the last */
+};
+
+/* One channel's R(r): the flux that leaves at a distance r from where a unit of flux entered, 1/mm^2; R >= 0, Int 2 pi r R dr <= 1.
+ * A value of fixed size (20 KiB) without pointers: copy it, keep it, nothing to free. The fields belong to the library. */
+struct pell_profile {
+    int kind;         /* enum pell_profile_kind */
+    double total;     /* Int_0^inf 2 pi r R dr, [0, 1] */
+    double parameter[40]; /* of a closed form */
+    int count;        /* nodes in use */
+    double r[PELL_PROFILE_NODES], value[PELL_PROFILE_NODES], slope[PELL_PROFILE_NODES];
+    double inside[PELL_PROFILE_NODES]; /* flux inside r */
+};
+
+/* What a model is made with, beside the medium; zeroes are the defaults. */
+struct pell_profile_params {
+    enum pell_fresnel_model fresnel; /* how Fdr of a smooth boundary is computed */
+    double roughness;                /* of the boundary, [0, 1]; 0: smooth */
+    double A;                        /* if > 0: in place of what boundary and eta give (tests against published tables) */
+    bool without_single;             /* monte-carlo, photon-beam: leave single scattering out; others: PELL_ERR_UNSUPPORTED */
+};
+
+/* One channel of a medium under a model. `params` may be NULL. PELL_ERR_INVALID: the medium is not valid, or the channel, model or
+ * parameters are out of range; *out is then zero. A channel that does not scatter has total 0. */
+PELL_API PELL_NODISCARD enum pell_result pell_profile_make(enum pell_profile_model model, const struct pell_medium *medium, int channel,
+                                                           const struct pell_profile_params *params, struct pell_profile *out);
+
+struct pell_profile_fault {
+    size_t row;          /* the first one that is wrong */
+    const char *what;    /* "r_mm", "R", "total": constant text */
+    double value, min, max;
+};
+
+/* A user's own table: `count` >= 2 rows of rising radius r_mm[0] >= 0 (mm) and R >= 0 (1/mm^2), interpolated by a cubic that is
+ * monotone wherever the rows are; R(r_mm[0]) holds towards 0, and 0 beyond the last row. More than PELL_PROFILE_NODES rows are merged,
+ * with the flux between nodes kept. Refused (PELL_ERR_INVALID, with *fault if not NULL) unless Int 2 pi r R dr <= 1. */
+PELL_API PELL_NODISCARD enum pell_result pell_profile_from_table(const double *r_mm, const double *R, size_t count,
+                                                                 struct pell_profile *out, struct pell_profile_fault *fault);
+
+PELL_API double pell_profile_eval(const struct pell_profile *p, double r_mm); /* R(r), 1/mm^2; r >= 0 */
+/* The same for many radii, vectorised. */
+PELL_API void pell_profile_eval_many(const struct pell_profile *p, const double *r_mm, double *R, size_t count);
+PELL_API double pell_profile_total(const struct pell_profile *p);
+PELL_API double pell_profile_cdf(const struct pell_profile *p, double r_mm); /* share of the total inside r, [0, 1] */
+
+/* Radius with the share xi of the total inside it: xi in [0, 1); uniform xi gives radii distributed as 2 pi r R(r)/total. 0 for a
+ * profile without light. */
+PELL_API double pell_profile_sample(const struct pell_profile *p, double xi);
+/* Density per unit area of that sampling, R(r)/total, 1/mm^2. */
+PELL_API double pell_profile_pdf(const struct pell_profile *p, double r_mm);
+
+/* Two-dimensional Fourier (Hankel) transform at a radial frequency s in rad/mm, 2 pi Int J0(s r) R(r) r dr; total at s = 0. */
+PELL_API double pell_profile_transform(const struct pell_profile *p, double s);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
