@@ -117,11 +117,11 @@ static void print_object(const struct pell_object_report *o)
 static void answer_text(const struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r)
 {
     const char *bold = cli_style(cli, stdout, 1), *plain = cli_style(cli, stdout, 0);
-    size_t problems = cli_warning_count(cli);
+    size_t problems = cli_warning_count(cli), notes = 0;
     char name[96], a[64], b[64], c[64];
 
     for (size_t i = 0; i < r->num_problems; i++)
-        problems += r->problems[i].severity != PELL_SEVERITY_NOTE;
+        *(r->problems[i].severity == PELL_SEVERITY_NOTE ? &notes : &problems) += 1;
     printf("%s, %s, %.4g x %.4g x %.4g mm (one unit of the file is %.6g mm)\n", plural((long long) scene->num_meshes, "mesh part", a),
            plural((long long) r->triangles, "triangle", b), (double) (r->bounds_max[0] - r->bounds_min[0]),
            (double) (r->bounds_max[1] - r->bounds_min[1]), (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
@@ -135,8 +135,10 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
         const bool preset = m->preset && m->preset[0];
         printf("  %-20s %s\n", shown(m->name, name), m->opaque ? "opaque" : preset ? m->preset : "coefficients of the file");
     }
-    printf("\n%sNotes%s\n", bold, plain);
-    print_problems(cli, r, true);
+    if (notes) {
+        printf("\n%sNotes%s\n", bold, plain);
+        print_problems(cli, r, true);
+    }
     printf("\n%s%s%s\n", bold, plural((long long) problems, "problem", a), plain);
     print_problems(cli, r, false);
 }

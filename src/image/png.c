@@ -103,7 +103,7 @@ enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_sou
     }
     /* The checksum of the last data chunk is only looked at when the reader goes past it. */
     if ((err = spng_decode_chunks(png)))
-        res = png_error(ctx, src->name, "after the picture", err);
+        res = png_error(ctx, src->name, "its end is missing or damaged", err);
 fail:
     spng_ctx_free(png);
     return res;

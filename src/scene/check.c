@@ -49,7 +49,10 @@ static const char *name_place(const char *kind, const char *name, struct pell_te
     char shown[96];
 
     memset(text, 0, sizeof(*text));
-    pell_text_add(text, "%s \"%s\"", kind, pell_printable(name, shown, sizeof(shown)));
+    if (!name || !name[0])
+        pell_text_add(text, "%s without a name", kind);
+    else
+        pell_text_add(text, "%s \"%s\"", kind, pell_printable(name, shown, sizeof(shown)));
     return text->str;
 }
 
@@ -285,7 +288,7 @@ static enum pell_result check_materials(struct check *k)
     }
     res = translucent
               ? PELL_OK
-              : add(k, NONE_TRANSLUCENT, PELL_SEVERITY_WARNING, "materials", "none is translucent, so nothing scatters below a surface");
+              : add(k, NONE_TRANSLUCENT, PELL_SEVERITY_WARNING, "scene", "no material is translucent, so nothing scatters below a surface");
 
 fail:
     pell_free(k->ctx, used);

@@ -54,6 +54,15 @@ static bool looks_like_obj(const uint8_t *p, const uint8_t *end)
     return false;
 }
 
+/* False for bytes that no text file begins with. */
+static bool is_text(const uint8_t *p, const uint8_t *end)
+{
+    for (const uint8_t *stop = end - p > 256 ? p + 256 : end; p < stop; p++)
+        if (*p < 0x20 && !is_space(*p))
+            return false;
+    return true;
+}
+
 static enum format tell(const char *path, const uint8_t *data, size_t size)
 {
     const uint8_t *p = data, *end = data + size;
@@ -73,10 +82,10 @@ static enum format tell(const char *path, const uint8_t *data, size_t size)
     }
     if (pell_path_has_extension(path, "obj") || looks_like_obj(p, end))
         return FORMAT_OBJ;
-    if (pell_path_has_extension(path, "gltf") || pell_path_has_extension(path, "glb"))
+    if (size == 0 || !is_text(p, end))
+        return FORMAT_UNKNOWN;
+    if (pell_path_has_extension(path, "gltf"))
         return FORMAT_GLTF;
-    if (pell_path_has_extension(path, "ply"))
-        return FORMAT_PLY;
     return pell_path_has_extension(path, "json") ? FORMAT_SCENE : FORMAT_UNKNOWN;
 }
 
@@ -93,7 +102,10 @@ static enum pell_result refuse(struct pell_context *ctx, const char *path, const
         { "\x89PNG", "png", "a picture" },           { "\xff\xd8\xff", "jpg", "a picture" },
         { "\x76\x2f\x31\x01", "exr", "a picture" }, { "#?RADIANCE", "hdr", "a picture" },
     };
-    const char *what = size == 0 ? "an empty file" : "no format that is known here";
+    const char *what = size == 0                               ? "an empty file"
+                       : pell_path_has_extension(path, "glb") ? "no GLB, which begins with \"glTF\""
+                       : pell_path_has_extension(path, "ply") ? "no PLY, which begins with \"ply\""
+                                                              : "no format that is known here";
 
     for (size_t i = 0; i < PELL_COUNT(others); i++) {
         const size_t n = strlen(others[i].magic);
@@ -317,7 +329,7 @@ fail:
     return res;
 }
 
-static void report(const struct pell_scene *scene)
+static void report(const struct pell_scene *scene, bool bare)
 {
     const float *min = scene->bounds_min, *max = scene->bounds_max;
     bool translucent = false;
@@ -331,7 +343,7 @@ static void report(const struct pell_scene *scene)
     pell_info(scene->ctx, scene->path, "%lld triangles, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
               (long long) triangles, (double) (max[0] - min[0]), (double) (max[1] - min[1]), (double) (max[2] - min[2]),
               scene->mm_per_unit);
-    if (!translucent)
+    if (!translucent && !bare) /* `check` finds it out itself */
         pell_warn(scene->ctx, scene->path, "--material NAME makes it so; `pellucid materials` lists what there is",
                   "no material is translucent, so nothing scatters below a surface");
 }
@@ -360,7 +372,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const c
     if (params->camera)
         PELL_TRY(pell_scene_choose_camera(scene, "--camera", params->camera, PELL_ERR_INVALID));
     PELL_TRY(pell_scene_finish(scene, params, &extras));
-    report(scene);
+    report(scene, params->bare);
     *out = scene;
     scene = NULL;
 

@@ -149,7 +149,7 @@ static void media_that_do_not_fit_their_object_are_named(void **state)
     finish(&c);
     c = check("s.json", "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"size\":\"90mm\",\"materials\":{\"*\":{\"opaque\":true}}}",
               &(struct pell_load_params) { .bare = true }, files);
-    find(&c, "none is translucent");
+    find(&c, "no material is translucent");
     finish(&c);
     c = check(
         "s.json",
