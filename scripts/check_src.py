@@ -16,7 +16,7 @@ FACES = {"cli", "viewer"}  # programs: they may print and exit
 
 CODE = {".c", ".h"}
 TEXT = CODE | {".py", ".sh", ".build", ".txt", ".md", ".comp", ".vert", ".frag", ".glsl"}
-FOLDERS = [".ci", "bench", "data", "docs", "examples", "fuzz", "include", "scripts", "src", "tests"]
+FOLDERS = [".ci", "bench", "data", "docs", "examples", "fuzz", "include", "scripts", "src", "tests", "tools"]
 WIDTH = 140
 
 # Calls the library may not make, and why.

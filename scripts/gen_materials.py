@@ -17,7 +17,8 @@ import sys
 
 TYPES = {'object': dict, 'array': list, 'string': str, 'boolean': bool}
 KNOWN = {'$schema', '$comment', '$defs', '$ref', 'title', 'description', 'type', 'required', 'additionalProperties', 'properties', 'items',
-         'enum', 'const', 'pattern', 'minLength', 'maxLength', 'minItems', 'maxItems', 'minimum', 'maximum', 'exclusiveMinimum', 'oneOf'}
+         'enum', 'const', 'pattern', 'minLength', 'maxLength', 'minItems', 'maxItems', 'minimum', 'maximum', 'exclusiveMinimum', 'oneOf',
+         'anyOf'}
 
 
 def is_number(value):
@@ -73,6 +74,10 @@ def validate(value, schema, root, place=''):
         properties = schema.get('properties', {})
         for key, item in value.items():
             found += validate(item, properties.get(key, schema.get('additionalProperties', True)), root, join(place, key))
+    if 'anyOf' in schema:
+        tries = [validate(value, sub, root, place) for sub in schema['anyOf']]
+        if all(tries):
+            found += tries[0]
     if 'oneOf' in schema:
         tries = [validate(value, sub, root, place) for sub in schema['oneOf']]
         if sum(not t for t in tries) != 1:
@@ -88,9 +93,9 @@ def check_material(material, name):
     found = []
     if material['name'] != name:
         found.append(('name', f'{json.dumps(material["name"])} is not the file\'s name {json.dumps(name)}'))
-    if material['kind'] == 'medium':
+    if material['kind'] == 'medium' and 'sigma_a' in material:
         for c in range(3):
-            total = material['sigma_a'][c] + material['sigma_s_reduced'][c]
+            total = (material['sigma_a'][c] + reduced(material)[c]) * material.get('concentration', 1)
             if total < 1e-6:
                 found.append((f'sigma_s_reduced[{c}]', f'sigma_a + sigma_s_reduced = {total}; at least 1e-06 is needed'))
     elif 'variances' in material:
@@ -103,7 +108,45 @@ def check_material(material, name):
         for c in range(3):
             if sum(row[c] for row in weights) <= 0:
                 found.append(('weights', f'column {c} has no positive weight'))
+            if material['kind'] == 'layers' and sum(row[c] for row in weights) > 1:
+                found.append(('weights', f'column {c} sums to {sum(row[c] for row in weights)}; a stack reflects at most 1'))
+        found += check_layers(material.get('layers', []))
     return found
+
+
+def check_layers(layers):
+    found = []
+    for i, layer in enumerate(layers):
+        place = f'layers[{i}]'
+        if layer['thickness_mm'] == 'infinite' and i + 1 < len(layers):
+            found.append((f'{place}.thickness_mm', 'only the last layer may be infinite'))
+        if layer.get('phase') == 'rayleigh' and 'g' in layer:
+            found.append((f'{place}.g', 'does not belong to the phase function "rayleigh"'))
+        elif 'sigma_s' in layer and 'g' not in layer and layer.get('phase') != 'rayleigh':
+            found.append((f'{place}.g', 'is missing: sigma_s is not reduced'))
+        if not found:
+            for c in range(3):
+                total = layer['sigma_a'][c] + reduced(layer)[c]
+                if total < 1e-6:
+                    found.append((f'{place}.sigma_s_reduced[{c}]', f'sigma_a + sigma_s_reduced = {total}; at least 1e-06 is needed'))
+    return found
+
+
+def schlick_mean_cosine(k):
+    """Of Schlick's phase function (1 - k^2) / (4 pi (1 - k cos)^2), peak forward; a series where the closed form cancels."""
+    if abs(k) < 0.05:
+        return k * (2 / 3 + k * k * (2 / 15 + k * k * (2 / 35 + k * k * (2 / 63 + k * k * 2 / 99))))
+    return 1 / k - (1 - k * k) / (2 * k * k) * (math.log1p(k) - math.log1p(-k))
+
+
+def reduced(m):
+    """sigma_s (1 - mean cosine) of a medium or a layer, 1/mm."""
+    if 'sigma_s_reduced' in m:
+        return m['sigma_s_reduced']
+    g = m.get('g', [0, 0, 0])
+    if m.get('phase') == 'schlick':
+        g = [schlick_mean_cosine(k) for k in g]
+    return [s * (1 - x) for s, x in zip(m['sigma_s'], g)]
 
 
 def no_duplicates(pairs):
@@ -132,7 +175,18 @@ def read(path, schema, problems):
 
 
 def resolve(materials, paths, problems):
-    """Hands each borrowed profile over; the lender has one of its own, so there are no chains."""
+    """Hands each borrowed profile or medium over; the lender has one of its own, so there are no chains."""
+    for name, material in materials.items():
+        other = material.get('same_medium_as')
+        if other is None:
+            continue
+        if other not in materials or materials[other]['kind'] != 'medium' or 'same_medium_as' in materials[other]:
+            problems.append(f'{paths[name]}: same_medium_as: {json.dumps(other)} is no medium with coefficients of its own')
+            continue
+        lender = materials[other]
+        scale = lender.get('concentration', 1)
+        material['sigma_a'], material['sigma_s_reduced'] = [x * scale for x in lender['sigma_a']], [x * scale for x in reduced(lender)]
+        material['g'], material['eta'], material['dilution'] = lender['g'], material.get('eta', lender['eta']), lender.get('dilution', 0)
     for name, material in materials.items():
         other = material.get('same_profile_as')
         if other is None:
@@ -170,17 +224,34 @@ def string(text):
     return '"' + ''.join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f'\\{b:03o}' for b in text.encode()) + '"'
 
 
+def layer_text(layer, eta):
+    thickness, phase, g = layer['thickness_mm'], layer.get('phase', 'hg'), layer.get('g', [0, 0, 0])
+    kind = {'hg': 'HENYEY_GREENSTEIN', 'schlick': 'SCHLICK', 'rayleigh': 'RAYLEIGH'}[phase]
+    mean = [schlick_mean_cosine(k) for k in g] if phase == 'schlick' else g
+    phases = ', '.join(f'{{ PELL_PHASE_{kind}, {{ {number(k)}, 0 }}, 0 }}' for k in g)
+    return (f'{{ {string(layer["name"])}, {"INFINITY" if thickness == "infinite" else number(thickness)}, {{ {triple(layer["sigma_a"])}, '
+            f'{triple(reduced(layer))}, {triple(mean)}, {number(layer.get("eta", eta))} }}, {{ {phases} }} }}')
+
+
 def entry(m):
-    medium = m['kind'] == 'medium'
-    lines = [f'.name = {string(m["name"])}', f'.title = {string(m["title"])}',
-             f'.kind = {"PELL_MATERIAL_MEDIUM" if medium else "PELL_MATERIAL_GAUSSIANS"}']
+    medium, concentration = m['kind'] == 'medium', m.get('concentration', 1)
+    lines = [f'.name = {string(m["name"])}', f'.title = {string(m["title"])}', f'.kind = PELL_MATERIAL_{m["kind"].upper()}',
+             f'.family = {string(m["family"])}']
     if medium:
-        lines.append(f'.medium = {{ {triple(m["sigma_a"])}, {triple(m["sigma_s_reduced"])}, {triple(m["g"])}, {number(m["eta"])} }}')
+        sigma_a, sigma_s = [x * concentration for x in m['sigma_a']], [x * concentration for x in reduced(m)]
+        lines.append(f'.medium = {{ {triple(sigma_a)}, {triple(sigma_s)}, {triple(m["g"])}, {number(m["eta"])} }}')
+        lines.append(f'.concentration = {number(concentration)}')
+        lines.append(f'.dilution = {number(m.get("dilution", 0))}')
     else:
-        columns = [normalised([row[c] for row in m['weights']]) for c in range(3)]
+        columns = [[row[c] for row in m['weights']] for c in range(3)]
+        if m['kind'] == 'gaussians':
+            columns = [normalised(column) for column in columns]
         rows = ', '.join(triple(row) for row in zip(*columns))
         lines.append(f'.medium = {{ .eta = {number(m["eta"])} }}')
         lines.append(f'.gaussians = {{ {len(m["variances"])}, {{ {", ".join(map(number, m["variances"]))} }}, {{ {rows} }} }}')
+    if 'layers' in m:
+        rows = ', '.join(layer_text(layer, m['eta']) for layer in m['layers'])
+        lines.append(f'.layers = {{ {len(m["layers"])}, {{ {rows} }} }}')
     lines += [f'.color = {triple(m["color"])}', f'.roughness = {number(m["roughness"])}', f'.mix = {number(m["mix"])}',
               f'.color_from_texture = {"true" if m["color_from"] == "texture" else "false"}',
               f'.note = {string(m["note"])}', f'.source = {string(m["source"])}']
@@ -220,7 +291,7 @@ def main():
         with open(args.output, 'w', encoding='ascii') as file:
             file.write('/* SPDX-License-Identifier: MIT\n *\n'
                        ' * materials_data.c - made from data/materials by scripts/gen_materials.py: do not edit. */\n'
-                       '#include "optics/materials.h"\n\n#include <stddef.h>\n\n'
+                       '#include "optics/materials.h"\n\n#include <math.h>\n#include <stddef.h>\n\n'
                        'const struct pell_material_entry pell_materials_data[] = {\n')
             file.write(''.join(entry(materials[name]) for name in sorted(materials)))
             file.write(f'}};\n\nconst size_t pell_materials_data_count = {len(materials)};\n')

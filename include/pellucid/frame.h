@@ -17,10 +17,12 @@ extern "C" {
 
 /* What a method must know of one translucent material. */
 struct pell_frame_material {
-    struct pell_medium medium;       /* the profile's coefficients, where gaussians.count is 0 */
-    struct pell_gaussians gaussians; /* a profile given as it is */
-    bool white;                      /* normalise each channel's profile to 1: the colour comes with the irradiance */
-    const char *name;                /* for messages; not NULL */
+    struct pell_medium medium;
+    struct pell_gaussians gaussians;    /* count > 0: the profile is this sum, as it is */
+    const struct pell_profile *profile; /* of R, G and B, borrowed; NULL: of `gaussians`, or the dipole of `medium`: methods never see
+                                         * NULL */
+    bool white;                         /* normalise each channel's profile to 1: the colour comes with the irradiance */
+    const char *name;                   /* for messages; not NULL */
 };
 
 #define PELL_FRAME_MATERIALS 4095

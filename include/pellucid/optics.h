@@ -11,8 +11,16 @@
 #define PELLUCID_OPTICS_H
 
 #include <pellucid/gaussians.h>
+#include <pellucid/inversion.h>
+#include <pellucid/kernel.h>
+#include <pellucid/layers.h>
 #include <pellucid/material.h>
 #include <pellucid/medium.h>
+#include <pellucid/phase.h>
 #include <pellucid/profile.h>
+#include <pellucid/sampling.h>
+#include <pellucid/skin.h>
+#include <pellucid/spectrum.h>
+#include <pellucid/specular.h>
 
 #endif

@@ -28,6 +28,13 @@ PELL_API double pell_dipole_rd(const struct pell_dipole *d, double r_mm);  /* R_
 PELL_API double pell_dipole_total(const struct pell_dipole *d);            /* 2 pi Int r R_d dr */
 PELL_API double pell_dipole_cdf(const struct pell_dipole *d, double r_mm); /* share of the total inside r, [0, 1] */
 
+/* --- Half-space ----------------------------------------------------------------------------------------------------------------- */
+
+/* Share of the light that enters at right angles and leaves again, for isotropic scattering behind a smooth boundary: exact transport
+ * (Chandrasekhar's H functions with internal reflection), no diffusion; error below 1e-6. `albedo` = alpha' in [0, 1] stands in for
+ * anisotropic media by similarity. NAN out of range. 0.1 ms. */
+PELL_API double pell_half_space_albedo(double albedo, double eta);
+
 /* --- Models ------------------------------------------------------------------------------------------------------------------- */
 
 /* Ways from coefficients to R(r). Values are stable. */
@@ -48,20 +55,21 @@ struct pell_profile_model_row {
 };
 
 /* NULL for a model out of range. Constant data. */
-PELL_API const struct pell_profile_model_row *pell_profile_model_row(enum pell_profile_model model);
+PELL_API const struct pell_profile_model_row *pell_profile_model_at(enum pell_profile_model model);
 /* False if there is none of that name. */
 PELL_API bool pell_profile_model_find(const char *name, enum pell_profile_model *out);
 
 /* --- A profile ---------------------------------------------------------------------------------------------------------------- */
 
 #define PELL_PROFILE_NODES 512
+#define PELL_PROFILE_TOTAL_SLACK 1e-6 /* how much more than 1 a total given from outside may be: rounded weights and tables */
 
 /* What a profile is made of inside; callers read none of it but through the functions below. */
 enum pell_profile_kind {
     PELL_PROFILE_KIND_POLES = 0, /* closed form */
     PELL_PROFILE_KIND_BURLEY,    /* closed form */
     PELL_PROFILE_KIND_GAUSSIANS, /* closed form */
-    PELL_PROFILE_KIND_NODES,     /* monotone cubic between nodes, 0 beyond the last */
+    PELL_PROFILE_KIND_NODES,     /* monotone cubic between nodes; beyond the last 0 or the far field of diffusion */
 };
 
 /* One channel's R(r): the flux that leaves at a distance r from where a unit of flux entered, 1/mm^2; R >= 0, Int 2 pi r R dr <= 1.
@@ -75,12 +83,15 @@ struct pell_profile {
     double inside[PELL_PROFILE_NODES]; /* flux inside r */
 };
 
-/* What a model is made with, beside the medium; zeroes are the defaults. */
+#define PELL_PROFILE_A_MAX 1e4
+
+/* What a model is made with, beside the medium; zeroes are the defaults. What a model has no use for it refuses: PELL_ERR_UNSUPPORTED. */
 struct pell_profile_params {
-    enum pell_fresnel_model fresnel; /* how Fdr of a smooth boundary is computed */
-    double roughness;                /* of the boundary, [0, 1]; 0: smooth */
-    double A;                        /* if > 0: in place of what boundary and eta give (tests against published tables) */
-    bool without_single;             /* monte-carlo, photon-beam: leave single scattering out; others: PELL_ERR_UNSUPPORTED */
+    enum pell_fresnel_model fresnel; /* how Fdr of a smooth boundary is computed; dipole, better-dipole, photon-beam */
+    double roughness;                /* of the boundary, [0, 1]; 0: smooth. Changes A by pell_fresnel_diffuse_rough, exact Fresnel only;
+                                        dipole, better-dipole, photon-beam (its single scattering leaves through a smooth one) */
+    double A;                        /* (0, PELL_PROFILE_A_MAX]: in place of what boundary and eta give; dipole; 0: none */
+    bool without_single;             /* monte-carlo, photon-beam: leave single scattering out */
 };
 
 /* One channel of a medium under a model. `params` may be NULL. PELL_ERR_INVALID: the medium is not valid, or the channel, model or
@@ -89,14 +100,19 @@ PELL_API PELL_NODISCARD enum pell_result pell_profile_make(enum pell_profile_mod
                                                            const struct pell_profile_params *params, struct pell_profile *out);
 
 struct pell_profile_fault {
-    size_t row;          /* the first one that is wrong */
-    const char *what;    /* "r_mm", "R", "total": constant text */
-    double value, min, max;
+    size_t row;             /* the first one that is wrong; for "total" the one at which there is too much light */
+    const char *what;       /* "rows", "r_mm", "R", "total": constant text */
+    double value, min, max; /* value found (of "total": up to that row), and what is allowed */
 };
 
+#define PELL_PROFILE_RADIUS_MAX 1e12 /* mm */
+#define PELL_PROFILE_STEP_MIN 1e-12  /* mm between two rows, which may also be no closer than 1e-12 of the radius */
+#define PELL_PROFILE_R_MAX 1e24      /* 1/mm^2 */
+
 /* A user's own table: `count` >= 2 rows of rising radius r_mm[0] >= 0 (mm) and R >= 0 (1/mm^2), interpolated by a cubic that is
- * monotone wherever the rows are; R(r_mm[0]) holds towards 0, and 0 beyond the last row. More than PELL_PROFILE_NODES rows are merged,
- * with the flux between nodes kept. Refused (PELL_ERR_INVALID, with *fault if not NULL) unless Int 2 pi r R dr <= 1. */
+ * monotone wherever the rows are; R(r_mm[0]) holds towards 0, and 0 beyond the last row. More than PELL_PROFILE_NODES rows are merged:
+ * nodes at rows, values such that the light between nodes and the total stay what they were. Refused (PELL_ERR_INVALID, with *fault if
+ * not NULL, *out zero) unless Int 2 pi r R dr <= 1 (+ PELL_PROFILE_TOTAL_SLACK). */
 PELL_API PELL_NODISCARD enum pell_result pell_profile_from_table(const double *r_mm, const double *R, size_t count,
                                                                  struct pell_profile *out, struct pell_profile_fault *fault);
 

@@ -41,6 +41,7 @@ struct pell_settings {
     int tonemap;  /* enum pell_tonemap */
     int exit;     /* enum pell_exit */
     int boundary; /* enum pell_boundary */
+    int profile;  /* of media: 0 for each material's own model, else 1 + enum pell_profile_model for all of them */
     bool layers;  /* make every layer of struct pell_picture, not only R, G, B, A */
 };
 
@@ -49,6 +50,7 @@ PELL_API extern const struct pell_knob pell_settings_knobs[];
 struct pell_renderer_params {
     int threads;             /* 0: one per core */
     enum pell_engine engine; /* AUTO: cpu where no hardware Vulkan device is */
+    bool copies;             /* before the first frame of a size, measure how fast this machine copies (tens of ms), for copy_ms */
 };
 
 /* PELL_ERR_DEVICE for an engine that this build or machine has not. */
@@ -71,7 +73,7 @@ struct pell_stage_time {
     const char *name;
     double ms;
     int64_t pixels, rays, bytes;
-    double copy_ms; /* copying the same bytes, measured once on this machine by this renderer */
+    double copy_ms; /* copying the same bytes on this machine; 0 where pell_renderer_params.copies is not set */
 };
 
 struct pell_picture {

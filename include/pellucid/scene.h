@@ -14,6 +14,7 @@
 
 #include <pellucid/image.h>
 #include <pellucid/material.h>
+#include <pellucid/specular.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -56,16 +57,18 @@ struct pell_texture_map {
 };
 
 enum pell_color_from { PELL_COLOR_FROM_PROFILE, PELL_COLOR_FROM_TEXTURE };
-enum pell_specular_model { PELL_SPECULAR_GGX, PELL_SPECULAR_KELEMEN };
 
 struct pell_material {
     char *name;
     char *preset; /* name of the built-in entry that it came from; may be NULL */
     bool opaque;  /* no light passes below the surface: Lambert */
 
-    /* Below the surface. If gaussians.count > 0 they are the profile (published sets), else it is made from `medium`. */
+    /* Below the surface. The profile is `profile` if that is not NULL (a user's table, a stack of layers), else `gaussians` if their
+     * count is not 0 (published sets), else `model` of `medium`. */
     struct pell_medium medium;
     struct pell_gaussians gaussians;
+    struct pell_profile *profile; /* of R, G and B; the scene's */
+    enum pell_profile_model model;
     enum pell_color_from color_from;
     float mix;                            /* m: albedo^m going in, albedo^(1-m) coming out, [0, 1] */
     float strength;                       /* scales the scattering radius, [0, 1] */

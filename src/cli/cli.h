@@ -46,6 +46,7 @@ enum option_group {
     OPTIONS_FILE = 1 << 4,    /* where pictures go */
     OPTIONS_ENGINE = 1 << 5,
     OPTIONS_BENCH = 1 << 6,
+    OPTIONS_PROFILE = 1 << 7,
 };
 
 struct settings_list {
@@ -62,7 +63,11 @@ struct cli {
     char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time;
     bool json, quiet, stats, allow_outside;
     struct {
-        int threads, turntable, repeats;
+        char *model, *compare, *gaussians, *eta, *roughness, *layers, *skin, *solver, *wavelength, *export, *from, *to;
+        bool csv, shared, free_energy, weighted;
+    } profile;
+    struct {
+        int threads, turntable, repeats, points, taps;
     } numbers;
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */
@@ -159,5 +164,6 @@ enum exit_code command_materials(struct cli *cli);
 enum exit_code command_info(struct cli *cli);
 enum exit_code command_check(struct cli *cli);
 enum exit_code command_bench(struct cli *cli);
+enum exit_code command_profile(struct cli *cli);
 
 #endif

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * cmd_bench.c - `pellucid bench`: times of the stages, cold and warm, as ratios to copying the same bytes in the same run. */
-#include "cli/cli.h"
+ * cmd_bench.c - `pellucid bench`: times of the stages, cold and warm, as ratios to copying the same bytes in the same run; what
+ * renders nothing is in a file of its own. */
+#include "cli/bench.h"
 
 #include "base/file.h"
 #include "base/simd.h"
@@ -8,23 +9,10 @@
 #include "render/renderer.h"
 
 #include <dirent.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-
-#define MAX_STAGES 48
-
-struct row {
-    char name[96];
-    double ms, copy_ms, ratio; /* ratio: what the row says it is, 0 where it has none */
-    const char *against;       /* what `ratio` is a ratio to */
-    int64_t pixels, rays, bytes;
-};
-
-struct rows {
-    struct row items[MAX_STAGES + 16];
-    size_t count;
-};
 
 static int by_value(const void *a, const void *b)
 {
@@ -32,19 +20,19 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static double median(double *values, int count)
+double bench_median(double *values, int count)
 {
     qsort(values, (size_t) count, sizeof(*values), by_value);
     return count % 2 ? values[count / 2] : 0.5 * (values[count / 2 - 1] + values[count / 2]);
 }
 
-static struct row *add_row(struct rows *rows, const char *name, double ms)
+struct row *bench_add(struct rows *rows, const char *name, double ms)
 {
     struct row *r;
     if (rows->count == PELL_COUNT(rows->items))
         return NULL;
     r = &rows->items[rows->count++];
-    *r = (struct row) { .ms = ms };
+    *r = (struct row) { .ms = ms, .error = (double) NAN };
     snprintf(r->name, sizeof(r->name), "%s", name);
     return r;
 }
@@ -67,10 +55,10 @@ static enum pell_result warm_frames(struct cli *cli, struct session *s, struct p
     }
     cli_progress_end(cli);
     if (res == PELL_OK) {
-        *frame_ms = median(frames, repeats);
+        *frame_ms = bench_median(frames, repeats);
         for (size_t k = 0; stages && k < p.num_stages && k < MAX_STAGES; k++) {
             const struct pell_stage_time *t = &p.stages[k];
-            struct row *r = add_row(stages, t->name, median(frames + (k + 1) * (size_t) repeats, repeats));
+            struct row *r = bench_add(stages, t->name, bench_median(frames + (k + 1) * (size_t) repeats, repeats));
             if (r) {
                 r->pixels = t->pixels;
                 r->rays = t->rays;
@@ -95,9 +83,9 @@ static enum pell_result bare_rays(struct session *s, struct rows *rows, int repe
         return PELL_ERR_NOMEM;
     for (int i = 0; i < repeats; i++)
         times[i] = 1e3 * pell_renderer_trace_bare(s->renderer);
-    bare = median(times, repeats);
+    bare = bench_median(times, repeats);
     free(times);
-    r = add_row(rows, "rays from the eye alone", bare);
+    r = bench_add(rows, "rays from the eye alone", bare);
     for (size_t i = 0; r && bare > 0.0 && i < rows->count; i++)
         if (strcmp(rows->items[i].name, "surface") == 0) {
             rows->items[i].ratio = rows->items[i].ms / (bare * s->settings.msaa);
@@ -148,11 +136,11 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
     *rect = p.rect;
     PELL_TRY(warm_frames(cli, s, s->renderer, repeats, &warm, rows));
     PELL_TRY(bare_rays(s, rows, repeats));
-    add_row(rows, "frame", warm);
-    add_row(rows, "frame cold", cold);
+    bench_add(rows, "frame", warm);
+    bench_add(rows, "frame cold", cold);
     if (pell_renderer_threads(s->renderer) > 1) {
         PELL_TRY(one_thread(cli, s, repeats, &one));
-        if ((r = add_row(rows, "frame by one thread", one))) {
+        if ((r = bench_add(rows, "frame by one thread", one))) {
             r->ratio = one / warm;
             r->against = "frame";
         }
@@ -165,7 +153,7 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
         if (res != PELL_OK)
             goto fail;
         snprintf(name, sizeof(name), "frame at %d x the distance", times);
-        if ((r = add_row(rows, name, far))) {
+        if ((r = bench_add(rows, name, far))) {
             r->ratio = far / warm;
             r->against = "frame";
         }
@@ -202,6 +190,7 @@ static enum exit_code unknown_bench(struct cli *cli, const char *what, const cha
     const struct dirent *entry;
     size_t count = 0, n = 0;
 
+    list[count++] = "profiles";
     while (dir && count < PELL_COUNT(names) && (entry = readdir(dir))) {
         const size_t length = strlen(entry->d_name);
         if (!pell_path_has_extension(entry->d_name, "json") || length - 5 >= sizeof(names[0]))
@@ -245,7 +234,7 @@ static double covered(const struct session *s, const struct rows *rows)
     return 0.0;
 }
 
-static json_t *rows_json(const struct rows *rows)
+json_t *bench_json(const struct rows *rows)
 {
     json_t *list = json_array();
 
@@ -257,6 +246,10 @@ static json_t *rows_json(const struct rows *rows)
             json_object_set_new(o, "ratio", json_real(r->ratio));
             json_object_set_new(o, "ratio_to", json_string(r->against));
         }
+        if (o && isfinite(r->error))
+            json_object_set_new(o, "error", json_real(r->error));
+        if (o && r->items)
+            json_object_set_new(o, "each_ns", json_real(1e6 * r->ms / (double) r->items));
         json_array_append_new(list, o);
     }
     return list;
@@ -276,7 +269,7 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
                                              "method", method, "engine", engine, "device", device, "threads", threads, "build", build,
                                              "width", s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "repeats",
                                              cli->numbers.repeats, "covered", covered(s, rows), "rect", rect->x0, rect->y0, rect->x1,
-                                             rect->y1, "rows", rows_json(rows)));
+                                             rect->y1, "rows", bench_json(rows)));
     printf("%s: method %s on engine %s, %d threads, %s\npellucid %s\n%d x %d, %d sample%s per pixel, things cover %.1f %% of the picture; "
            "medians of %d warm frames\n\n",
            what, method, engine, threads, device, build, s->settings.width, s->settings.height, s->settings.msaa,
@@ -299,12 +292,16 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
 enum exit_code command_bench(struct cli *cli)
 {
     const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
+    const bool profiles = strcmp(what, "profiles") == 0;
     struct session s = { 0 };
     struct rows rows = { .count = 0 };
     struct pell_rect rect = { 0 };
     char path[4096];
-    enum exit_code code = find_scene(cli, what, path, sizeof(path));
+    enum exit_code code = profiles ? EXIT_OK : find_scene(cli, what, path, sizeof(path));
 
+    if (profiles)
+        return bench_profiles(cli);
+    cli->stats = true; /* times are compared with copies */
     if (code == EXIT_OK)
         code = session_open(cli, path, &s);
     if (code == EXIT_OK)

@@ -20,6 +20,15 @@ static json_t *material_json(const struct pell_material *m)
 
     if (!o || m->opaque)
         return o;
+    json_object_set_new(o, "profile", json_string(m->profile                 ? "table"
+                                                  : m->gaussians.count > 0 ? "gaussians"
+                                                                           : pell_profile_model_at(m->model)->name));
+    if (m->profile) {
+        const double total[3] = { pell_profile_total(&m->profile[0]), pell_profile_total(&m->profile[1]),
+                                  pell_profile_total(&m->profile[2]) };
+        json_object_set_new(o, "rd_total", cli_numbers(total, 3));
+        return o;
+    }
     if (m->gaussians.count > 0) {
         json_object_set_new(o, "gaussians", json_integer(m->gaussians.count));
         return o;

@@ -78,7 +78,8 @@ static void add_material(uint64_t *hash, const struct pell_material *m)
     const struct pell_texture_map *const maps[] = { &m->strength_map, &m->base_color_map,     &m->metallic_map, &m->roughness_map,
                                                     &m->rho_s_map,    &m->specular_color_map, &m->normal_map,   &m->emissive_map };
     const float numbers[] = { m->mix, m->strength, m->metallic, m->roughness, m->rho_s, m->normal_scale, m->alpha_cutoff };
-    const int flags[] = { m->opaque, (int) m->color_from, (int) m->specular, m->alpha_mask, m->double_sided, m->gaussians.count };
+    const int flags[] = { m->opaque, (int) m->color_from, (int) m->specular, m->alpha_mask, m->double_sided, m->gaussians.count,
+                          (int) m->model };
 
     add_bytes(hash, m->medium.sigma_a, sizeof(m->medium.sigma_a));
     add_bytes(hash, m->medium.sigma_s_reduced, sizeof(m->medium.sigma_s_reduced));
@@ -87,6 +88,11 @@ static void add_material(uint64_t *hash, const struct pell_material *m)
     for (int i = 0; i < m->gaussians.count; i++) {
         add_float(hash, m->gaussians.variance[i]);
         add_bytes(hash, m->gaussians.weight[i], sizeof(m->gaussians.weight[i]));
+    }
+    for (int c = 0; m->profile && c < 3; c++) {
+        const size_t size = (size_t) m->profile[c].count * sizeof(double);
+        add_bytes(hash, m->profile[c].r, size);
+        add_bytes(hash, m->profile[c].value, size);
     }
     for (size_t i = 0; i < PELL_COUNT(flags); i++)
         add_int(hash, flags[i]);

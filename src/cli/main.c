@@ -38,12 +38,28 @@ static const struct command commands[] = {
       "  pellucid materials\n"
       "  pellucid materials wholemilk\n",
       0, 0, 1, command_materials },
+    { "profile", "[MATERIAL|FILE]", "how light spreads: R(r), T(r) of slabs, fits, plots, code for engines",
+      "MATERIAL is a built-in name (`pellucid materials`), FILE a material file (.json) or a table of your own (.csv: rows r_mm,R,G,B in "
+      "mm and 1/mm^2). Printed are R(r), the flux that leaves per mm^2 at a distance r from where light fell in, its total, and a sum of "
+      "Gaussians fitted to it, with error (10) of d'Eon et al. 2007: sqrt(Int r (R - G)^2 dr / Int r R^2 dr).\n"
+      "\n"
+      "Models: dipole (Jensen et al. 2001), better-dipole (d'Eon 2012), normalized-diffusion (Christensen and Burley 2015), photon-beam "
+      "(Habel et al. 2013), monte-carlo (a table made by photons).\n",
+      "  pellucid profile marble\n"
+      "  pellucid profile marble --gaussians 6 --shared -o marble.svg\n"
+      "  pellucid profile marble --gaussians 2,4 --weighted -o figure-2.svg   # 2 pi r R(r)\n"
+      "  pellucid profile wax.json --csv -o wax.csv --points 200\n"
+      "  pellucid profile wholemilk --export glsl --taps 17 -o milk.glsl\n"
+      "  pellucid profile --skin melanin=0.2 --solver gaussian --json\n"
+      "  pellucid profile --wavelength 500nm --solver all -o figure-12.svg\n",
+      OPTIONS_PROFILE, 0, 1, command_profile },
     { "bench", "[WHAT]", "times of the stages on this machine",
       "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same "
       "bytes, measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of "
-      "the bench folder (screen-space) or a scene file of your own.\n",
+      "the bench folder (screen-space) or a scene file of your own; or profiles: fits, layers and R(r).\n",
       "  pellucid bench\n"
-      "  pellucid bench screen-space --threads 1 --json\n",
+      "  pellucid bench screen-space --threads 1 --json\n"
+      "  pellucid bench profiles\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
     { "info", "", "engines, devices, limits, formats, SIMD level, build", "",
       "  pellucid info\n"
@@ -122,6 +138,8 @@ static enum exit_code choose_command(struct cli *cli, int argc, const char **arg
         return EXIT_USAGE;
     }
     if (strcmp(first, "--version") == 0) {
+        if (cli->json)
+            return cli_print_json(cli, json_pack("{s:s}", "version", pell_version()));
         printf("pellucid %s\n", pell_version());
         return EXIT_OK;
     }

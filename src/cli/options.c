@@ -3,6 +3,8 @@
  * pell_settings_knobs, so that each has one row. */
 #include "cli/cli.h"
 
+#include <pellucid/kernel.h>
+
 #include <popt.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +15,9 @@ static const struct pell_knob number_knobs[] = {
     { "turntable", PELL_KNOB_INT, "1", NUMBER(turntable), { 0 }, 0, 100000, NULL,
       "so many pictures round the thing, numbered before the name's ending, all exposed as the first; 0: one picture" },
     { "repeats", PELL_KNOB_INT, "1", NUMBER(repeats), { 15 }, 1, 10000, NULL, "warm frames to take the median of" },
+    { "points", PELL_KNOB_INT, "1", NUMBER(points), { 0 }, 0, 4096, NULL, "radii, evenly spaced in log r; 0: 13 in a table, 64 elsewhere" },
+    { "taps", PELL_KNOB_INT, "1", NUMBER(taps), { 25 }, 3, PELL_KERNEL_TAPS_MAX, NULL,
+      "of the separable kernel that --export writes, an odd number" },
     {0}
 };
 #undef NUMBER
@@ -39,8 +44,8 @@ static const struct option options[] = {
     { OPTIONS_SCENE, 0, "time", "SECONDS", "time of the animation; animation is not read yet, so only 0 is allowed", TEXT, AT(time), NULL },
     { OPTIONS_SCENE | OPTIONS_BENCH, 0, "allow-outside", NULL, "let files refer to files outside the scene's folder", FLAG,
       AT(allow_outside), NULL },
-    { OPTIONS_SCENE | OPTIONS_BENCH, 0, "limit", "NAME=VALUE", "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0,
-      NULL },
+    { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_PROFILE, 0, "limit", "NAME=VALUE",
+      "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "how light is scattered (`pellucid methods`); none: not at all", TEXT, AT(method), NULL },
     { OPTIONS_METHOD, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0, NULL },
     { OPTIONS_FILE, 'o', "output", "FILE",
@@ -50,6 +55,40 @@ static const struct option options[] = {
     { OPTIONS_FILE, 0, "turntable", "N", NULL, NUMBER, 0, &number_knobs[1] },
     { OPTIONS_FILE, 0, "stats", NULL, "a table of the stages' times on stderr", FLAG, AT(stats), NULL },
     { OPTIONS_BENCH, 0, "repeats", "N", NULL, NUMBER, 0, &number_knobs[2] },
+    { OPTIONS_PROFILE, 0, "model", "NAME", "dipole (default), or another of the list above", TEXT, AT(profile.model), NULL },
+    { OPTIONS_PROFILE, 0, "compare", "NAMES", "models to set beside it: names with commas between, or all", TEXT, AT(profile.compare),
+      NULL },
+    { OPTIONS_PROFILE, 0, "gaussians", "K[,K]",
+      "Gaussians of the fit, 1 to 10, otherwise 4: each channel has variances of its own and keeps its energy; several with commas between "
+      "to set side by side; 0: no fit",
+      TEXT, AT(profile.gaussians), NULL },
+    { OPTIONS_PROFILE, 0, "shared", NULL, "one set of variances for the three channels, so that one blur serves all", FLAG,
+      AT(profile.shared), NULL },
+    { OPTIONS_PROFILE, 0, "free", NULL, "let the fit lose energy: smaller errors, and up to 12 % less light", FLAG, AT(profile.free_energy),
+      NULL },
+    { OPTIONS_PROFILE, 0, "eta", "X", "the index of refraction, 0.25 to 4, in place of the material's", TEXT, AT(profile.eta), NULL },
+    { OPTIONS_PROFILE, 0, "roughness", "X", "of the boundary, 0 to 1; smooth otherwise", TEXT, AT(profile.roughness), NULL },
+    { OPTIONS_PROFILE, 0, "layers", "FILE",
+      "a stack of layers in place of MATERIAL: a material file with layers, or a built-in material of them", TEXT, AT(profile.layers),
+      NULL },
+    { OPTIONS_PROFILE, 0, "skin", "N=V,N=V",
+      "skin in place of MATERIAL: melanin, melanin-blend, haemoglobin, oxygenation, eta, epidermis (a length); default: light skin", TEXT,
+      AT(profile.skin), NULL },
+    { OPTIONS_PROFILE, 0, "wavelength", "LENGTH", "epidermis, dermis and both of that skin at one wavelength, 380nm to 780nm", TEXT,
+      AT(profile.wavelength), NULL },
+    { OPTIONS_PROFILE, 0, "solver", "NAME", "of layers: hankel (default), gaussian, analytic, or all three to compare", TEXT,
+      AT(profile.solver), NULL },
+    { OPTIONS_PROFILE, 0, "from", "LENGTH", "the smallest radius, with its unit: 0.01mm", TEXT, AT(profile.from), NULL },
+    { OPTIONS_PROFILE, 0, "to", "LENGTH", "the largest radius: 30mm", TEXT, AT(profile.to), NULL },
+    { OPTIONS_PROFILE, 0, "points", "N", NULL, NUMBER, 0, &number_knobs[3] },
+    { OPTIONS_PROFILE, 0, "weighted", NULL, "plot 2 pi r R(r), the light that leaves per mm of radius, on linear axes", FLAG,
+      AT(profile.weighted), NULL },
+    { OPTIONS_PROFILE, 0, "csv", NULL, "the table as comma-separated values, which `profile` reads again", FLAG, AT(profile.csv), NULL },
+    { OPTIONS_PROFILE, 0, "export", "LANGUAGE", "c, glsl, hlsl or json: the fit, a separable kernel and a table to paste into an engine",
+      TEXT, AT(profile.export), NULL },
+    { OPTIONS_PROFILE, 0, "taps", "N", NULL, NUMBER, 0, &number_knobs[4] },
+    { OPTIONS_PROFILE, 'o', "output", "FILE",
+      "a plot: svg, pdf or png by its ending; with --csv or --export: that text, which goes to stdout otherwise", TEXT, AT(output), NULL },
     { OPTIONS_ENGINE, 0, "engine", "NAME", "auto, cpu or vulkan", TEXT, AT(engine), NULL },
     { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
     { OPTIONS_ENGINE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
@@ -162,8 +201,11 @@ void cli_free_settings(struct settings_list *list)
 void cli_finish(struct cli *cli)
 {
     for (size_t i = 0; i < PELL_COUNT(options); i++)
-        if (options[i].kind == TEXT)
-            free(*(char **) ((char *) cli + options[i].offset));
+        if (options[i].kind == TEXT) {
+            char **text = (char **) ((char *) cli + options[i].offset);
+            free(*text);
+            *text = NULL; /* several rows may fill one field */
+        }
     for (int i = 0; i < cli->num_arguments; i++)
         free(cli->arguments[i]);
     free(cli->arguments);

@@ -184,7 +184,7 @@ static enum exit_code configure(struct cli *cli, struct session *s)
 
 enum exit_code session_open(struct cli *cli, const char *path, struct session *s)
 {
-    struct pell_renderer_params params = { .threads = cli->numbers.threads };
+    struct pell_renderer_params params = { .threads = cli->numbers.threads, .copies = cli->stats || cli->json };
     enum exit_code code;
 
     memset(s, 0, sizeof(*s));

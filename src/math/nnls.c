@@ -11,6 +11,9 @@
 /* A direction whose part outside the others is smaller than this share of itself carries no information. */
 static const double dependent = 1e-13;
 
+/* And one that keeps at least this share is orthogonal to 14 digits at once. */
+static const double cancelled = 1e-2;
+
 static double dot(const double *a, const double *b, int n)
 {
     double sum = 0.0;
@@ -19,7 +22,8 @@ static double dot(const double *a, const double *b, int n)
     return sum;
 }
 
-/* Orthogonalises the directions of the free set `mask` (Gram-Schmidt, twice: "twice is enough"). Dependent ones leave the set. */
+/* Orthogonalises the directions of the free set `mask` (Gram-Schmidt, twice where much cancels: "twice is
+ * enough"). Dependent ones leave the set. */
 static void factor(const struct pell_nnls *p, unsigned mask, struct pell_nnls_solution *s)
 {
     const int n = p->count;
@@ -38,14 +42,16 @@ static void factor(const struct pell_nnls *p, unsigned mask, struct pell_nnls_so
         const double before = sqrt(dot(v, v, n));
         for (int k = 0; k < s->rank; k++)
             s->r[k][s->rank] = 0.0;
-        for (int pass = 0; pass < 2; pass++)
+        double after = before;
+        for (int pass = 0; pass < 2 && (pass == 0 || after < cancelled * before); pass++) {
             for (int k = 0; k < s->rank; k++) {
                 const double c = dot(s->q[k], v, n);
                 s->r[k][s->rank] += c;
                 for (int i = 0; i < n; i++)
                     v[i] -= c * s->q[k][i];
             }
-        const double after = sqrt(dot(v, v, n));
+            after = sqrt(dot(v, v, n));
+        }
         if (!(after > dependent * before))
             continue;
         for (int i = 0; i < n; i++)
@@ -138,6 +144,11 @@ static int entering(const struct pell_nnls *p, unsigned mask, unsigned barred, c
     return at;
 }
 
+void pell_nnls_factor(const struct pell_nnls *p, struct pell_nnls_solution *s)
+{
+    factor(p, (1u << p->count) - 1u, s);
+}
+
 void pell_nnls_solve(const struct pell_nnls *p, struct pell_nnls_solution *s)
 {
     const unsigned all = (1u << p->count) - 1u;
@@ -145,7 +156,6 @@ void pell_nnls_solve(const struct pell_nnls *p, struct pell_nnls_solution *s)
     double z[PELL_NNLS_MAX];
 
     /* Mostly no weight wants to be negative, and one factorisation is all. */
-    factor(p, mask, s);
     project(p, s, s->w);
     for (int j = 0; j < p->count; j++)
         if (!(s->w[j] >= 0.0))

@@ -31,6 +31,9 @@ struct pell_nnls_solution {
     double r[PELL_NNLS_MAX][PELL_NNLS_MAX]; /* r[i][j], upper triangular */
 };
 
+/* The factors with no weight held at 0, which depend on the columns only: one call serves all right-hand sides. */
+void pell_nnls_factor(const struct pell_nnls *problem, struct pell_nnls_solution *solution);
+/* `solution` comes from pell_nnls_factor, or from a copy of what it gave for the same columns. */
 void pell_nnls_solve(const struct pell_nnls *problem, struct pell_nnls_solution *solution);
 
 #endif

@@ -10,6 +10,7 @@ struct pell_pass {
     const struct pell_method_engine *engine;
     struct pell_frame shape;
     struct pell_frame_material *materials; /* owned copy */
+    struct pell_profile *profiles;         /* of materials that came without, three each */
     struct pell_plan plan;
     void *state;
 };
@@ -43,7 +44,7 @@ static enum pell_result check_shape(struct pell_context *ctx, const struct pell_
                 if (!(w[c] >= 0.0 && w[c] <= 1.0))
                     return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "weight[%d][%d] = %g, must be in [0, 1]", k, c, w[c]);
         }
-        if (m->gaussians.count == 0 && !pell_medium_valid(&m->medium, &fault))
+        if (!m->profile && m->gaussians.count == 0 && !pell_medium_valid(&m->medium, &fault))
             return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "%s = %g, must be in [%g, %g]", fault.field, fault.value, fault.min,
                               fault.max);
     }
@@ -61,7 +62,37 @@ void pell_pass_destroy(struct pell_pass **pass)
     ctx = pell_renderer_context(p->r);
     p->engine->destroy(p->state);
     pell_free(ctx, p->materials);
+    pell_free(ctx, p->profiles);
     pell_free(ctx, p);
+}
+
+/* Methods read profiles only: materials that came with coefficients or Gaussians alone get theirs here. */
+static enum pell_result complete_profiles(struct pell_context *ctx, struct pell_pass *p)
+{
+    size_t missing = 0;
+
+    for (size_t i = 0; i < p->shape.num_materials; i++)
+        missing += !p->materials[i].profile;
+    if (missing == 0)
+        return PELL_OK;
+    p->profiles = pell_calloc(ctx, 3 * missing, sizeof(*p->profiles));
+    if (!p->profiles)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0, at = 0; i < p->shape.num_materials; i++) {
+        struct pell_frame_material *m = &p->materials[i];
+        if (m->profile)
+            continue;
+        for (int c = 0; c < 3; c++) {
+            struct pell_profile *out = &p->profiles[at + (size_t) c];
+            const enum pell_result res = m->gaussians.count > 0 ? pell_profile_from_gaussians(&m->gaussians, c, out)
+                                                                : pell_profile_make(PELL_PROFILE_DIPOLE, &m->medium, c, NULL, out);
+            if (res != PELL_OK)
+                return pell_error(ctx, res, m->name, NULL, "has no profile");
+        }
+        m->profile = &p->profiles[at];
+        at += 3;
+    }
+    return PELL_OK;
 }
 
 enum pell_result pell_pass_create(struct pell_renderer *r, const struct pell_method *method, const void *knobs,
@@ -95,6 +126,7 @@ enum pell_result pell_pass_create(struct pell_renderer *r, const struct pell_met
         if (!p->materials[i].name)
             p->materials[i].name = "";
     p->shape.materials = p->materials;
+    PELL_TRY(complete_profiles(ctx, p));
     if (!knobs) {
         pell_knobs_default(method->knobs, defaults);
         knobs = defaults;

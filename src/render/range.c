@@ -10,6 +10,11 @@
 static void reach(const struct pell_material *m, double *largest_mfp, double *widest)
 {
     *largest_mfp = *widest = 0.0;
+    if (m->profile) {
+        for (int c = 0; c < 3; c++)
+            *widest = fmax(*widest, pell_profile_sample(&m->profile[c], 0.5));
+        return;
+    }
     if (m->gaussians.count > 0) {
         *widest = sqrt(m->gaussians.variance[m->gaussians.count - 1]);
         return;

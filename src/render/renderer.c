@@ -31,6 +31,8 @@ struct pell_renderer {
     uint16_t *frame_index;                       /* per scene material + 1: the frame's material + 1, or 0 */
     struct pell_frame_material *frame_materials;
     size_t num_frame_materials;
+    struct pell_profile **profiles;              /* per frame material: what was made for it, of three channels, or NULL */
+    bool profiled;                               /* they are there, for settings.profile */
     float (*total)[3];                           /* per scene material: total reflectance of its profile */
     const struct pell_thickness_table **thickness; /* per scene material */
 
@@ -53,6 +55,7 @@ struct pell_renderer {
     uint16_t *material; /* the frame's plane */
     double *rows; /* 4 a row for post, then 2 a row for the meter */
 
+    bool copies;      /* measure the following */
     double copy_rate; /* bytes a second that a copy reads and writes, 0: not measured yet */
     struct pell_stage_time stages[MAX_STAGES];
     size_t num_stages;
@@ -111,6 +114,7 @@ enum pell_result pell_renderer_create(struct pell_context *ctx, const struct pel
     if (!r)
         return PELL_ERR_NOMEM;
     r->ctx = ctx;
+    r->copies = params->copies;
     PELL_TRY(pell_pool_create(ctx, params->threads, &r->pool));
     *out = r;
     return PELL_OK;
@@ -192,8 +196,13 @@ static void drop_scene(struct pell_renderer *r)
     pell_specular_tables_destroy(&r->tables);
     pell_rays_destroy(&r->rays);
     pell_mips_destroy(&r->mips);
+    for (size_t i = 0; r->profiles && i < r->num_frame_materials; i++)
+        pell_free(r->ctx, r->profiles[i]);
+    pell_free(r->ctx, r->profiles);
     pell_free(r->ctx, r->frame_index);
     pell_free(r->ctx, r->frame_materials);
+    r->profiles = NULL;
+    r->profiled = false;
     pell_free(r->ctx, r->total);
     pell_free(r->ctx, r->thickness);
     r->frame_index = NULL;
@@ -217,22 +226,6 @@ void pell_renderer_destroy(struct pell_renderer **renderer)
     pell_free(r->ctx, r);
 }
 
-/* Total reflectance of a material's profile as methods use it. */
-static void profile_total(const struct pell_frame_material *m, float total[3])
-{
-    for (int c = 0; c < 3; c++) {
-        if (m->white) {
-            total[c] = 1.0f;
-        } else if (m->gaussians.count > 0) {
-            total[c] = (float) pell_gaussians_total(&m->gaussians, c);
-        } else {
-            const struct pell_dipole d =
-                pell_dipole_make(m->medium.sigma_a[c], m->medium.sigma_s_reduced[c], m->medium.eta, PELL_FRESNEL_EXACT);
-            total[c] = (float) pell_dipole_total(&d);
-        }
-    }
-}
-
 static enum pell_result make_materials(struct pell_renderer *r, const struct pell_scene *scene)
 {
     const size_t n = scene->num_materials;
@@ -252,7 +245,7 @@ static enum pell_result make_materials(struct pell_renderer *r, const struct pel
 
         if (m->opaque)
             continue;
-        if (m->gaussians.count == 0 && !pell_medium_valid(&m->medium, &fault))
+        if (!m->profile && m->gaussians.count == 0 && !pell_medium_valid(&m->medium, &fault))
             return pell_error(r->ctx, PELL_ERR_INVALID, m->name, NULL, "%s = %g, must be in [%g, %g]", fault.field, fault.value, fault.min,
                               fault.max);
         if (r->num_frame_materials == PELL_FRAME_MATERIALS)
@@ -260,12 +253,83 @@ static enum pell_result make_materials(struct pell_renderer *r, const struct pel
                               PELL_FRAME_MATERIALS);
         f->medium = m->medium;
         f->gaussians = m->gaussians;
+        if (m->profile)
+            f->gaussians.count = 0; /* the profile, not its coefficients or a published set, is what scatters */
         f->white = m->color_from == PELL_COLOR_FROM_TEXTURE;
         f->name = m->preset && m->preset[0] ? m->preset : m->name;
-        profile_total(f, r->total[i]);
         r->frame_index[i + 1] = (uint16_t) ++r->num_frame_materials;
     }
     return PELL_OK;
+}
+
+static enum pell_profile_model model_of(const struct pell_material *m, int setting)
+{
+    return setting > 0 ? (enum pell_profile_model) (setting - 1) : m->model;
+}
+
+/* Materials with one profile share it: the profile is large, and some models take their time. */
+static bool same_profile(const struct pell_material *a, const struct pell_material *b, int setting)
+{
+    return !b->opaque && !a->profile && !b->profile && a->gaussians.count == 0 && b->gaussians.count == 0 &&
+           model_of(a, setting) == model_of(b, setting) && memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0;
+}
+
+/* Makes the profile of a scene's material into *out, which is for three channels. */
+static enum pell_result make_profile(struct pell_renderer *r, const struct pell_material *m, struct pell_profile *out)
+{
+    const enum pell_profile_model model = model_of(m, r->settings.profile);
+
+    for (int c = 0; c < 3; c++) {
+        const enum pell_result res = m->gaussians.count > 0 ? pell_profile_from_gaussians(&m->gaussians, c, &out[c])
+                                                            : pell_profile_make(model, &m->medium, c, NULL, &out[c]);
+        if (res != PELL_OK)
+            return pell_error(r->ctx, res, m->name, "choose another profile", "has no profile %s",
+                              pell_profile_model_at(model) ? pell_profile_model_at(model)->name : "of that model");
+    }
+    return PELL_OK;
+}
+
+/* Gives every translucent material its profile, and says how much light each reflects. */
+static enum pell_result make_profiles(struct pell_renderer *r)
+{
+    const struct pell_scene *scene = r->scene;
+    struct pell_frame_material *const frame = r->frame_materials;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!r->profiles)
+        r->profiles = pell_calloc(r->ctx, r->num_frame_materials + 1, sizeof(*r->profiles));
+    if (!r->profiles)
+        goto fail;
+    for (size_t i = 0; i < scene->num_materials; i++) {
+        const struct pell_material *m = &scene->materials[i];
+        const size_t at = r->frame_index[i + 1];
+        size_t k = 0;
+
+        if (at == 0)
+            continue;
+        while (k < i && !(r->frame_index[k + 1] && same_profile(m, &scene->materials[k], r->settings.profile)))
+            k++;
+        if (k < i) {
+            frame[at - 1].profile = frame[r->frame_index[k + 1] - 1].profile;
+        } else if (m->profile) {
+            frame[at - 1].profile = m->profile;
+        } else {
+            if (!r->profiles[at - 1])
+                r->profiles[at - 1] = pell_calloc(r->ctx, 3, sizeof(**r->profiles));
+            res = PELL_ERR_NOMEM;
+            if (!r->profiles[at - 1])
+                goto fail;
+            PELL_TRY(make_profile(r, m, r->profiles[at - 1]));
+            frame[at - 1].profile = r->profiles[at - 1];
+        }
+        for (int c = 0; c < 3; c++)
+            r->total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
+    }
+    r->profiled = true;
+    return PELL_OK;
+
+fail:
+    return res;
 }
 
 enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene)
@@ -373,7 +437,13 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         drop_size(r);
     if (!same_lights)
         pell_lights_destroy(&r->lights);
+    if (old->profile != s->profile) {
+        pell_pass_destroy(&r->pass);
+        r->profiled = false;
+    }
     r->settings = *s;
+    if (!r->profiled)
+        PELL_TRY(make_profiles(r));
     if (!r->sized)
         PELL_TRY(make_size(r, s));
     if (!r->lights)
@@ -476,7 +546,7 @@ static void note(struct pell_renderer *r, const char *name, double seconds, int6
     s->pixels += pixels;
     s->rays += rays;
     s->bytes += bytes;
-    s->copy_ms = 1e3 * (double) s->bytes / r->copy_rate;
+    s->copy_ms = r->copy_rate > 0.0 ? 1e3 * (double) s->bytes / r->copy_rate : 0.0;
 }
 
 /* --- One frame ---------------------------------------------------------------------------------------------------------------- */
@@ -594,6 +664,7 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
     sample_shift(sample, settings->msaa, &dx, &dy);
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, dx, dy);
     r->surface.mips = r->mips;
+    r->surface.lean = true;
     PELL_TRY(pell_surface_render(r->pool, r->rays, r->scene, &view, &r->surface));
     note(r, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
     unite(&r->translucent, &s->translucent);
@@ -683,7 +754,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     if (!r->scene)
         return pell_error(r->ctx, PELL_ERR_INVALID, "render", NULL, "the renderer has no scene");
     PELL_TRY(pell_knobs_check(r->ctx, pell_settings_knobs, "settings", settings));
-    if (r->copy_rate == 0.0 || r->settings.width != settings->width || r->settings.height != settings->height)
+    if (r->copies && (r->copy_rate == 0.0 || r->settings.width != settings->width || r->settings.height != settings->height))
         PELL_TRY(measure_copy(r, settings));
     begin = pell_seconds();
     r->num_stages = 0;

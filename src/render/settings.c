@@ -1,10 +1,15 @@
 /* SPDX-License-Identifier: MIT
  * settings.c - the rows of struct pell_settings. */
+#include "base/base.h"
+
 #include <pellucid/render.h>
 
 static const char *const tonemaps[] = { "reinhard", "linear", NULL };
 static const char *const exits[] = { "balanced", "published", NULL };
 static const char *const boundaries[] = { "rough", "smooth", NULL };
+/* The names of the rows of pell_profile_model_row, which a test holds them to. */
+static const char *const profiles[] = { "material", "dipole", "better-dipole", "normalized-diffusion", "photon-beam", "monte-carlo", NULL };
+_Static_assert(PELL_COUNT(profiles) == PELL_PROFILE_MODELS + 2, "one name per model");
 
 #define AT(field) offsetof(struct pell_settings, field)
 const struct pell_knob pell_settings_knobs[] = {
@@ -30,6 +35,8 @@ const struct pell_knob pell_settings_knobs[] = {
       "balanced keeps the light that a diffusion profile says leaves; published loses 6 to 9 % of it at the surface" },
     { "boundary", PELL_KNOB_ENUM, "1", AT(boundary), { PELL_BOUNDARY_ROUGH }, 0, 0, boundaries,
       "how light passes the surface: what the specular lobe leaves, or Fresnel's transmittance of a smooth dielectric" },
+    { "profile", PELL_KNOB_ENUM, "1", AT(profile), { 0 }, 0, 0, profiles,
+      "how diffusion profiles are made from coefficients, for all materials; material leaves each its own" },
     { "layers", PELL_KNOB_BOOL, "1", AT(layers), { 0 }, 0, 1, NULL,
       "make every layer (diffuse, transmission, specular, irradiance, depth, normal) beside the picture" },
     {0}

@@ -91,7 +91,7 @@ static double longest_path(const struct pell_scene *scene, const struct pell_top
     *which = NULL;
     for (size_t i = 0; i < t->num_meshes; i++) {
         const struct pell_material *m = &scene->materials[scene->meshes[t->mesh[i]].material];
-        for (int c = 0; c < 3 && !m->opaque && m->gaussians.count == 0; c++) {
+        for (int c = 0; c < 3 && !m->opaque && !m->profile && m->gaussians.count == 0; c++) {
             const double path = pell_mean_free_path(&m->medium, c);
             if (path > longest) {
                 longest = path;
@@ -241,6 +241,12 @@ static enum pell_result describe_medium(struct check *k, const struct pell_mater
     bool scatters = false;
     enum pell_result res;
 
+    if (m->profile)
+        return add(k, MEDIUM, PELL_SEVERITY_NOTE, where,
+                   "a table as profile, reflecting %.3g, %.3g, %.3g, half of it within %.3g, %.3g, %.3g mm; eta %.3g; %s",
+                   pell_profile_total(&m->profile[0]), pell_profile_total(&m->profile[1]), pell_profile_total(&m->profile[2]),
+                   pell_profile_sample(&m->profile[0], 0.5), pell_profile_sample(&m->profile[1], 0.5),
+                   pell_profile_sample(&m->profile[2], 0.5), d->eta, color);
     if (m->gaussians.count) {
         double mean[3] = { 0 };
         for (int c = 0; c < 3; c++) {
@@ -257,9 +263,10 @@ static enum pell_result describe_medium(struct check *k, const struct pell_mater
     for (int c = 0; c < 3; c++)
         scatters |= d->sigma_s_reduced[c] > 0.0;
     PELL_TRY(add(k, MEDIUM, PELL_SEVERITY_NOTE, where,
-                 "mean free path %.3g, %.3g, %.3g mm; diffuse mean free path %.3g, %.3g, %.3g mm; eta %.3g; %s", pell_mean_free_path(d, 0),
-                 pell_mean_free_path(d, 1), pell_mean_free_path(d, 2), pell_diffuse_mean_free_path(d, 0), pell_diffuse_mean_free_path(d, 1),
-                 pell_diffuse_mean_free_path(d, 2), d->eta, color));
+                 "mean free path %.3g, %.3g, %.3g mm; diffuse mean free path %.3g, %.3g, %.3g mm; eta %.3g; profile %s; %s",
+                 pell_mean_free_path(d, 0), pell_mean_free_path(d, 1), pell_mean_free_path(d, 2), pell_diffuse_mean_free_path(d, 0),
+                 pell_diffuse_mean_free_path(d, 1), pell_diffuse_mean_free_path(d, 2), d->eta, pell_profile_model_at(m->model)->name,
+                 color));
     if (!scatters)
         PELL_TRY(add(k, NO_SCATTERING, PELL_SEVERITY_WARNING, where, "only absorbs: sigma_s_reduced is 0 in all channels"));
     return PELL_OK;

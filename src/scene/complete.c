@@ -135,6 +135,10 @@ static enum pell_result check_medium(struct pell_scene *scene, const struct pell
 
     if (m->opaque)
         return PELL_OK;
+    if (m->model < 0 || m->model >= PELL_PROFILE_MODELS)
+        return bad_value(scene, "material", m->name, "the model of the profile", m->model, 0, PELL_PROFILE_MODELS - 1);
+    if (m->profile)
+        return in_range(m->medium.eta, 1.0, 4.0) ? PELL_OK : bad_value(scene, "material", m->name, "eta", m->medium.eta, 1.0, 4.0);
     if (m->gaussians.count < 0 || m->gaussians.count > PELL_GAUSSIANS_MAX)
         return bad_value(scene, "material", m->name, "the number of Gaussians", m->gaussians.count, 0, PELL_GAUSSIANS_MAX);
     if (m->gaussians.count == 0)

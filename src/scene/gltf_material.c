@@ -7,18 +7,19 @@
  * The medium, per unit of the file:
  *
  *     sigma_t = -ln(attenuationColor) / attenuationDistance                      KHR_materials_volume
- *     ss      = 1 - (4.09712 + 4.20863 m - sqrt(9.59217 + 41.6808 m + 17.7126 m^2))^2     m = multiscatterColor
- *     albedo  = ss / (1 - g (1 - ss)),  sigma_s = albedo sigma_t,  sigma_s' = (1 - g) sigma_s       g = scatterAnisotropy
+ *     albedo  = van de Hulst's map (pellucid/inversion.h) of multiscatterColor and g = scatterAnisotropy
+ *     sigma_s = albedo sigma_t,  sigma_s' = (1 - g) sigma_s
  *
- * (C. Kulla, A. Conty: Revisiting Physically Based Shading at Imageworks, SIGGRAPH 2017 course, albedo inversion.) Where a file lets light
- * in but says nothing of scattering, or of the distance, it cannot be inferred: the medium takes the extinction of marble (Jensen et
- * al. 2001) for one unit = 1 m, and the albedo of the surface's own colour; a warning says so.
+ * Where a file lets light in but says nothing of scattering, or of the distance, it cannot be inferred: the medium takes the extinction of
+ * marble (Jensen et al. 2001) for one unit = 1 m, and the albedo of the surface's own colour; a warning says so.
  *
  * The volume's thickness is not used: it is for renderers that do not see the other side.
  *
  * Colour: a base colour texture, else a diffuse transmission colour texture, means that the look is painted: colour comes from it with
  * a mix of 0.5, and the medium gives the spread of light alone. Without one the medium's own colour is what is seen. */
 #include "scene/gltf.h"
+
+#include <pellucid/inversion.h>
 
 #include <inttypes.h>
 #include <string.h>
@@ -136,12 +137,10 @@ fail:
     return res;
 }
 
-/* Single-scattering albedo that gives a multi-scatter colour m, see above. m = 1 would scatter for ever: a thousandth is kept back. */
+/* Single-scattering albedo that gives a multi-scatter colour m. m = 1 would scatter for ever: a thousandth is kept back. */
 static double albedo_of_color(double m, double g)
 {
-    const double x = fmin(fmax(m, 0.0), 0.999), f = 4.09712 + 4.20863 * x - sqrt(9.59217 + 41.6808 * x + 17.7126 * x * x);
-    const double ss = fmin(fmax(1.0 - f * f, 0.0), 1.0);
-    return ss / (1.0 - g * (1.0 - ss));
+    return pell_albedo_of_reduced(pell_albedo_map_invert(PELL_ALBEDO_VAN_DE_HULST, fmin(fmax(m, 0.0), 0.999), 1.0), g);
 }
 
 /* Extinction per unit of the file; where the file gives none, that of `marble`, the medium of every new material, in 1/mm. An attenuation

@@ -261,6 +261,7 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
         to->materials[index] = from->materials[i];
         to->materials[index].name = name;
         from->materials[i].preset = NULL;
+        from->materials[i].profile = NULL;
     }
     for (size_t i = 0; i < from->num_lights; i++) {
         char *name;

@@ -64,6 +64,7 @@ void pell_scene_destroy(struct pell_scene **scene)
     for (size_t i = 0; i < s->num_materials; i++) {
         pell_free(ctx, s->materials[i].name);
         pell_free(ctx, s->materials[i].preset);
+        pell_free(ctx, s->materials[i].profile);
     }
     for (size_t i = 0; i < s->num_textures; i++)
         texture_destroy(ctx, s->textures[i]);
@@ -348,6 +349,9 @@ enum pell_result pell_material_set(struct pell_context *ctx, struct pell_materia
     m->gaussians = entry->gaussians;
     if (entry->kind == PELL_MATERIAL_MEDIUM)
         m->gaussians.count = 0;
+    pell_free(ctx, m->profile);
+    m->profile = NULL;
+    m->model = PELL_PROFILE_DIPOLE;
     m->color_from = entry->color_from_texture ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
     m->mix = (float) entry->mix;
     /* A colour the file gives by a texture stays; a plain factor of the file would tint the entry. */

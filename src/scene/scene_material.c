@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * scene_material.c - the materials of a scene file, laid over those of the mesh files. */
 #include "scene/names.h"
+#include "scene/profile_table.h"
 #include "scene/scene_file.h"
 
 #include <string.h>
@@ -216,16 +217,65 @@ fail:
 
 static enum pell_result refuse_later(const struct pell_json *at)
 {
-    const struct pell_json layers = pell_json_get(at, "layers"), profile = pell_json_get(at, "profile");
+    const struct pell_json layers = pell_json_get(at, "layers");
 
     if (layers.value)
         return pell_json_error(&layers, PELL_ERR_UNSUPPORTED, NULL, "layered media are not there yet");
-    if (profile.value && !(json_is_string(profile.value) && strcmp(json_string_value(profile.value), "dipole") == 0)) {
-        char value[96];
-        return pell_json_error(&profile, PELL_ERR_UNSUPPORTED, NULL, "is %s; only \"dipole\" is there yet",
-                               pell_json_value(&profile, value, sizeof(value)));
-    }
     return PELL_OK;
+}
+
+/* A table of a user: r_mm, R, G, B a line. */
+static enum pell_result read_table(struct pell_scene_reader *r, const struct pell_json *at, const char *name, struct pell_material *m)
+{
+    struct pell_text where;
+    char *path = NULL;
+    uint8_t *data = NULL;
+    size_t size;
+    enum pell_result res;
+
+    pell_json_where(at, &where);
+    PELL_TRY(pell_loader_read(r->loader, where.str, name, &path, &data, &size));
+    if (!m->profile)
+        m->profile = pell_calloc(r->ctx, 3, sizeof(*m->profile));
+    res = PELL_ERR_NOMEM;
+    if (!m->profile)
+        goto fail;
+    PELL_TRY(pell_profile_table_read(r->ctx, path, data, size, m->profile));
+
+fail:
+    pell_free(r->ctx, path);
+    pell_free(r->ctx, data);
+    return res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
+}
+
+/* "photon-beam", or { "table": "wax.csv" }. */
+static enum pell_result read_profile(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
+{
+    static const char *const keys[] = { "table" };
+    const struct pell_json profile = pell_json_get(at, "profile");
+    const char *names[PELL_PROFILE_MODELS], *name;
+    struct pell_json table;
+    int model = (int) m->model;
+    enum pell_result res;
+
+    if (!profile.value)
+        return PELL_OK;
+    if (!json_is_object(profile.value)) {
+        for (int i = 0; i < PELL_PROFILE_MODELS; i++)
+            names[i] = pell_profile_model_at((enum pell_profile_model) i)->name;
+        PELL_TRY(pell_json_choice(at, "profile", names, PELL_COUNT(names), &model));
+        m->model = (enum pell_profile_model) model;
+        return PELL_OK;
+    }
+    PELL_TRY(pell_json_only(&profile, keys, PELL_COUNT(keys)));
+    PELL_TRY(pell_json_require(&profile, "table"));
+    table = pell_json_get(&profile, "table");
+    PELL_TRY(pell_json_to_string(&table, &name));
+    PELL_TRY(read_table(r, &table, name, m));
+    return PELL_OK;
+
+fail:
+    return res;
 }
 
 static enum pell_result read_optics(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
@@ -295,6 +345,7 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     PELL_TRY(pell_json_only(at, pell_material_keys, PELL_MATERIAL_KEYS));
     PELL_TRY(refuse_later(at));
     PELL_TRY(read_optics(r, at, m));
+    PELL_TRY(read_profile(r, at, m));
     PELL_TRY(pell_json_bool(at, "opaque", &m->opaque));
     color_from = m->color_from == PELL_COLOR_FROM_TEXTURE;
     PELL_TRY(pell_json_choice(at, "color_from", sources, PELL_COUNT(sources), &color_from));

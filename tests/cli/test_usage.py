@@ -14,7 +14,7 @@ from cli_test import (PROGRAM, ROOT, SMALL, clean_environment, finite, main, nam
                       write_obj, write_scene)
 
 LONG = 'x' * 100000
-COMMANDS = ['render', 'check', 'methods', 'materials', 'bench', 'info']
+COMMANDS = ['render', 'check', 'methods', 'materials', 'profile', 'bench', 'info']
 MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']
 
 # Title: arguments, exit code, what the error's code, place, text and hint hold.
@@ -93,7 +93,7 @@ FAULTS = {
     'an output that is a folder': ([*MESH, '--format', 'png', '-o', '.'], 3, 'folder', ''),
     'an engine that is not there': ([*MESH, '--engine', 'vulkan'], 4, 'vulkan', 'cpu'),
     'the engine of info that is not there': (['info', '--engine', 'vulkan'], 4, 'vulkan', 'cpu'),
-    'too little memory': ([*MESH, '--limit', 'memory-bytes=1048576'], 5, 'memory', 'memory-bytes'),
+    'too little memory': ([*MESH, '--limit', 'memory-bytes=1048576', '--width', '640', '--height', '360'], 5, 'memory', 'memory-bytes'),
     'too little memory for the picture': ([*MESH, '--limit', 'memory-bytes=100000000', '--width', '16384', '--height', '16384'], 5,
                                           'memory', 'memory-bytes'),
 }
@@ -369,7 +369,7 @@ def run_examples(folder, lines):
         done = works(folder, *words[1:], *small)
         if words[1] == 'render' and '-o' in words and '--turntable' not in words:
             need((folder / words[words.index('-o') + 1]).stat().st_size > 100, line)
-        need(words[1] == 'render' or done.stdout, line)
+        need(words[1] in ('render', 'profile') or done.stdout, line)
 
 
 @test('every example of the help runs')

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_docs.py PROGRAM ROOT EXAMPLES PROFILE RENDER PASS: what the documentation says is tried: links, commands, scenes, tables, code.
+"""test_docs.py PROGRAM ROOT EXAMPLES PROFILE RENDER PASS KERNEL: what the documentation says is
+tried: links, commands, scenes, tables, code.
 
-EXAMPLES is the folder of built example scenes; the last three are the programs of examples/library.
+EXAMPLES is the folder of built example scenes; the last four are the programs of examples/library.
 """
 import json
 import os
@@ -19,7 +20,7 @@ sys.path.insert(0, str(pathlib.Path(sys.argv[2], 'tests/cli')))
 from cli_test import ROOT, SMALL, clean_environment, exr_header, main, need, one_object, run, sphere, test, text, works  # noqa: E402
 
 EXAMPLES = pathlib.Path(sys.argv[3]).resolve()
-PROFILE, RENDER, PASS = (os.path.abspath(p) for p in sys.argv[4:7])
+PROFILE, RENDER, PASS, KERNEL = (os.path.abspath(p) for p in sys.argv[4:8])
 GUIDE = ROOT / 'docs/guide'
 PAGES = sorted([*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md'), *(ROOT / 'src').rglob('*.md')])
 
@@ -195,7 +196,8 @@ for found in [ROOT / 'README.md', *sorted(GUIDE.glob('*.md'))]:
 
 @test('every option that the documentation names is one of the program')
 def _(folder):
-    helps = ''.join(text(works(folder, c, '--help').stdout) for c in ('render', 'check', 'methods', 'materials', 'bench', 'info'))
+    helps = ''.join(text(works(folder, c, '--help').stdout) for c in ('render', 'check', 'methods', 'materials', 'profile', 'bench',
+                                                                               'info'))
     there = set(re.findall(r'--([a-z][a-z-]*)', helps)) | {'help', 'version'}
     for path in [ROOT / 'README.md', *GUIDE.glob('*.md')]:
         markdown = '\n'.join(line for line in path.read_text('utf-8').splitlines() if not line.startswith('    cc '))
@@ -355,7 +357,7 @@ def _(folder):
     sources = {p.name: p.read_text('utf-8') for p in (ROOT / 'examples/library').glob('*.c')}
     markdown = page('library.md')
     code = blocks(markdown, 'c')
-    need(len(sources) == 3 and len(code) >= 8, len(code))
+    need(len(sources) == 4 and len(code) >= 10, len(code))
     for block in code:
         need(any(block in source for source in sources.values()), 'is in no example:', block)
     for name, source in sources.items():
@@ -376,6 +378,23 @@ def _(folder):
         need(len(weights) == 4 and abs(sum(weights) - total) < 3e-4 and near > far and 0 < inside < 100, line[0])
     program(folder, PROFILE)
     need(subprocess.run([PROFILE, 'skin'], capture_output=True, check=False).returncode == 2, 'skin has no coefficients')
+
+
+@test('kernel: rings hold 99 % of the light, taps multiply to the total, melanin darkens')
+def _(folder):
+    totals = []
+    for melanin in ('0.02', '0.3'):
+        out = program(folder, KERNEL, melanin)
+        total = list(map(float, re.search(r'^total (.*)$', out, re.MULTILINE)[1].split()))
+        taps = [list(map(float, line.split())) for line in out.split('taps:')[1].split('\n\n')[0].splitlines()[1:]]
+        need(len(taps) == 17 and all(abs(sum(t[1 + c] for t in taps) ** 2 - total[c]) < 1e-3 for c in range(3)), taps, total)
+        inside, whole = map(float, re.search(r'rings hold ([\d.]+) of ([\d.]+)', out).groups())
+        need(abs(inside - 0.99 * whole) < 2e-3 and abs(whole - total[0]) < 2e-4, inside, whole)
+        radii = list(map(float, re.search(r'equal light, red: (.*)$', out, re.MULTILINE)[1].split()))
+        need(len(radii) == 8 and radii == sorted(radii) and radii[0] > 0, radii)
+        totals.append(total)
+    need(all(a > b for a, b in zip(*totals)), totals)
+    need(subprocess.run([KERNEL, '2'], capture_output=True, check=False).returncode == 2, 'melanin 2')
 
 
 @test('render: a picture in memory, and an EXR with the channels it lists')

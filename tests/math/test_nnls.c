@@ -125,6 +125,7 @@ static void no_subset_of_weights_is_better(void **state)
         struct pell_nnls_solution s;
         double total = 0.0;
         random_problem(&seed, 1 + round % 7, round % 2, &p);
+        pell_nnls_factor(&p, &s);
         pell_nnls_solve(&p, &s);
         for (int j = 0; j < p.count; j++) {
             REQUIRE(s.w[j] >= 0.0);
@@ -146,6 +147,7 @@ static void basis_is_orthonormal_and_spans_the_free_directions(void **state)
         struct pell_nnls p;
         struct pell_nnls_solution s;
         random_problem(&seed, 6, round % 2, &p);
+        pell_nnls_factor(&p, &s);
         pell_nnls_solve(&p, &s);
         for (int a = 0; a < s.rank; a++) {
             for (int b = 0; b <= a; b++) {
@@ -175,6 +177,7 @@ static void equal_and_zero_columns_do_no_harm(void **state)
         random_problem(&seed, 5, round % 2, &p);
         memcpy(p.column[3], p.column[1], sizeof(p.column[1]));
         memset(p.column[4], 0, sizeof(p.column[4]));
+        pell_nnls_factor(&p, &s);
         pell_nnls_solve(&p, &s);
         for (int j = 0; j < p.count; j++) {
             REQUIRE(isfinite(s.w[j]) && s.w[j] >= 0.0);
@@ -191,9 +194,11 @@ static void one_weight_takes_the_whole_sum(void **state)
     struct pell_nnls p = { .count = 1, .fixed_sum = true, .sum = 0.7, .column = { { -2.0 } }, .rhs = { 5.0 } };
     struct pell_nnls_solution s;
     (void) state;
+    pell_nnls_factor(&p, &s);
     pell_nnls_solve(&p, &s);
     assert_true(s.w[0] == 0.7 && s.rank == 0 && s.pivot == 0);
     p.fixed_sum = false;
+    pell_nnls_factor(&p, &s);
     pell_nnls_solve(&p, &s);
     assert_true(s.w[0] == 0.0 && s.rank == 0 && s.pivot == -1);
 }

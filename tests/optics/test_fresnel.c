@@ -4,6 +4,7 @@
 #include "oracle.h"
 
 #include "math/quadrature.h"
+#include "math/vec.h"
 
 static void normal_incidence(void **state)
 {
@@ -121,6 +122,76 @@ static void polynomials_are_within_a_thousandth_of_the_integral(void **state)
     }
 }
 
+/* 2 Int albedo mu dmu of GGX facets under Fresnel's F by midpoints over two hemispheres, f itself and nothing of the library's rule: for
+ * roughnesses whose lobe is wide enough for that. */
+static double brute_rough(double n, double roughness)
+{
+    const int cosines = 160, turns = 96;
+    const double a2 = roughness * roughness * roughness * roughness;
+    double sum = 0.0;
+    for (int i = 0; i < cosines; i++)
+        for (int j = 0; j <= i; j++) /* f is symmetric */
+            for (int k = 0; k < turns; k++) {
+                const double s = (i + 0.5) / cosines, t = (j + 0.5) / cosines, mu = s * s, nu = t * t, turn = PELL_PI * (k + 0.5) / turns;
+                const double plane = sqrt((1.0 - mu * mu) * (1.0 - nu * nu)), dot = mu * nu + plane * cos(turn), hh = 2.0 + 2.0 * dot;
+                const double nh2 = (mu + nu) * (mu + nu) / hh, d = a2 / (PELL_PI * pow(1.0 - nh2 + a2 * nh2, 2.0));
+                const double g = nu * sqrt(a2 + (1.0 - a2) * mu * mu) + mu * sqrt(a2 + (1.0 - a2) * nu * nu);
+                const double f = d * pell_fresnel(n, sqrt(0.25 * hh)) / (2.0 * g); /* h.v = |h|/2 */
+                sum += (i == j ? 1.0 : 2.0) * f * mu * nu * 2.0 * 2.0 * PELL_PI * (2.0 * s) * (2.0 * t);
+            }
+    return sum / ((double) cosines * cosines * turns);
+}
+
+static void rough_boundary_is_the_integral_over_its_facets(void **state)
+{
+    static const double ns[] = { 1.01, 1.1, 1.3, 1.5, 2.2, 4.0 }, rs[] = { 0.5, 0.63, 0.8, 1.0 };
+    double worst = 0.0;
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(ns); i++)
+        for (size_t j = 0; j < PELL_COUNT(rs); j++) {
+            const double truth = brute_rough(ns[i], rs[j]), ours = pell_fresnel_diffuse_rough(1.0 / ns[i], rs[j]);
+            REQUIRE_NEAR(ours, truth, 1e-4);
+            worst = fmax(worst, fabs(ours - truth));
+        }
+    print_message("# largest error of a rough boundary %.2g\n", worst);
+}
+
+/* The table that lobes are drawn with, whose F is Schlick's, has the same mean to what Schlick's F errs by. */
+static void rough_boundary_agrees_with_the_drawn_lobe(void **state)
+{
+    struct pell_specular_table table;
+    (void) state;
+    pell_specular_table_make(PELL_SPECULAR_GGX, &table);
+    for (double n = 1.2; n < 2.2; n += 0.1)
+        for (double r = 0.1; r <= 1.0; r += 0.1) {
+            const double f0 = pow((n - 1.0) / (n + 1.0), 2.0);
+            REQUIRE_NEAR(pell_fresnel_diffuse_rough(1.0 / n, r), pell_specular_mean(&table, (float) f0, (float) r), 0.012);
+        }
+}
+
+static void rough_boundary_has_the_right_limits(void **state)
+{
+    (void) state;
+    for (double n = 0.25; n <= 4.0; n += 0.05) {
+        const double smooth = pell_fresnel_diffuse(n, PELL_FRESNEL_EXACT);
+        double last = 1.0;
+        REQUIRE(pell_fresnel_diffuse_rough(n, 0.0) == smooth && pell_fresnel_diffuse_rough(n, -1.0) == smooth);
+        REQUIRE_NEAR(pell_fresnel_diffuse_rough(n, 1e-3), smooth, 1e-6);
+        REQUIRE(pell_fresnel_diffuse_rough(n, 1.0) == pell_fresnel_diffuse_rough(n, INFINITY));
+        for (int k = 0; k <= 50; k++) {
+            const double rho = pell_fresnel_diffuse_rough(n, k / 50.0);
+            REQUIRE(rho >= 0.0 && rho <= smooth && rho <= last + 4e-5); /* facets that face the light reflect less */
+            if (n >= 1.0) /* what enters diffusely and what leaves are in balance */
+                REQUIRE_NEAR((1.0 - rho) * n * n, 1.0 - pell_fresnel_diffuse_rough(1.0 / n, k / 50.0), 1e-12);
+            last = rho;
+        }
+    }
+    REQUIRE(pell_fresnel_diffuse_rough(1.0, 0.7) == 0.0);
+    REQUIRE(isnan(pell_fresnel_diffuse_rough(NAN, 0.5)) && isnan(pell_fresnel_diffuse_rough(0.0, 0.5)));
+    REQUIRE(isnan(pell_fresnel_diffuse_rough(-1.5, 0.5)) && isnan(pell_fresnel_diffuse_rough(INFINITY, 0.0)));
+    REQUIRE(pell_fresnel_diffuse_rough(1.5, NAN) == pell_fresnel_diffuse(1.5, PELL_FRESNEL_EXACT));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -134,6 +205,9 @@ int main(void)
         cmocka_unit_test(diffuse_average_rises_with_the_index),
         cmocka_unit_test(oracle_rows),
         cmocka_unit_test(polynomials_are_within_a_thousandth_of_the_integral),
+        cmocka_unit_test(rough_boundary_is_the_integral_over_its_facets),
+        cmocka_unit_test(rough_boundary_agrees_with_the_drawn_lobe),
+        cmocka_unit_test(rough_boundary_has_the_right_limits),
     };
     return cmocka_run_group_tests_name("optics.fresnel", tests, NULL, NULL);
 }

@@ -9,13 +9,28 @@ import sys
 import tempfile
 
 GEN, SCHEMA = sys.argv[1:3]
-MEDIUM = {'name': 'milk', 'title': 'Milk', 'kind': 'medium', 'sigma_a': [0.001, 0.002, 0.01], 'sigma_s_reduced': [2, 3, 4], 'g': [0, 0, 0],
+MEDIUM = {'name': 'milk', 'title': 'Milk', 'kind': 'medium', 'family': 'made up',
+          'sigma_a': [0.001, 0.002, 0.01], 'sigma_s_reduced': [2, 3, 4], 'g': [0, 0, 0],
           'eta': 1.3, 'color': [0.9, 0.8, 0.7], 'roughness': 0.1, 'mix': 0.5, 'color_from': 'profile',
           'note': 'a "quoted" \\ note?? \u00b5', 'source': 'made up'}
-SET = {'name': 'set', 'title': 'Set', 'kind': 'gaussians',
+SET = {'name': 'set', 'title': 'Set', 'kind': 'gaussians', 'family': 'made up',
        'variances': [0.1, 0.7, 2], 'weights': [[0.1, 0, 1], [0.3, 0.2, 0], [0.3, 0.7, 0]],
        'eta': 1.4, 'color': [1, 1, 1], 'roughness': 0.3, 'mix': 1, 'color_from': 'texture', 'note': '', 'source': 'made up'}
 ALIAS = {key: value for key, value in SET.items() if key not in ('variances', 'weights')} | {'name': 'alias', 'same_profile_as': 'set'}
+
+DILUTED = {key: value for key, value in MEDIUM.items() if key not in ('sigma_a', 'sigma_s_reduced', 'g')} \
+    | {'name': 'diluted', 'same_medium_as': 'milk', 'concentration': 0.25}
+LAYER = {'name': 'top', 'thickness_mm': 0.5, 'sigma_a': [1, 1, 1], 'sigma_s': [2, 3, 4], 'g': [0.25, 0.25, 0.25], 'phase': 'schlick'}
+BOTTOM = {'name': 'bottom', 'thickness_mm': 'infinite', 'sigma_a': [1, 2, 3], 'sigma_s_reduced': [2, 3, 4], 'eta': 1.5}
+STACK = {'name': 'stack', 'title': 'Stack', 'kind': 'layers', 'family': 'made up', 'layers': [LAYER, BOTTOM], 'variances': [0.1, 1],
+         'weights': [[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]], 'eta': 1.4, 'color': [1, 1, 1], 'roughness': 0.3, 'mix': 1, 'color_from': 'profile',
+         'note': '', 'source': 'made up'}
+
+
+def layered(**fields):
+    """A stack whose first layer is changed."""
+    layer = {key: value for key, value in (LAYER | fields).items() if value is not None}
+    return {'stack': STACK | {'layers': [layer, BOTTOM]}}
 
 
 def run(materials, listed=None):
@@ -61,7 +76,7 @@ CASES = {
                              ['milk.json: sigma_s_reduced[0]: sigma_a + sigma_s_reduced = 0']),
     'a missing field': (changed(MEDIUM, source=None), ['milk.json: source: is missing']),
     'an unknown field': (changed(MEDIUM, sigma_t=[1, 1, 1]), ['milk.json: sigma_t: does not belong here']),
-    'an unknown kind': (changed(MEDIUM, kind='stone'), ['milk.json: kind: "stone" is none of "medium", "gaussians"']),
+    'an unknown kind': (changed(MEDIUM, kind='stone'), ['milk.json: kind: "stone" is none of "medium", "gaussians", "layers"']),
     'a medium with variances': (changed(MEDIUM, variances=[1]), ['milk.json: variances: does not belong here (as a medium)']),
     'a name that is not the file\'s': ({'milk': MEDIUM | {'name': 'cream'}}, ['milk.json: name: "cream"']),
     'a name with a space': ({'my milk': MEDIUM | {'name': 'my milk'}}, ['my milk.json: name: "my milk" does not match']),
@@ -73,6 +88,29 @@ CASES = {
     'an alias of a medium': ({'alias': ALIAS | {'same_profile_as': 'milk'}, 'milk': MEDIUM}, ['alias.json: same_profile_as: "milk"']),
     'an alias of an alias': ({'alias': ALIAS, 'set': SET, 'deep': ALIAS | {'name': 'deep', 'same_profile_as': 'alias'}},
                              ['deep.json: same_profile_as: "alias"']),
+    'a diluted medium and a stack pass': ({'milk': MEDIUM, 'diluted': DILUTED, 'stack': STACK}, None),
+    'no family': (changed(MEDIUM, family=None), ['milk.json: family: is missing']),
+    'a concentration of 0': (changed(MEDIUM, concentration=0), ['milk.json: concentration: 0 is not in (0, 1000]']),
+    'a dilution below 1': (changed(MEDIUM, dilution=0.5), ['milk.json: dilution: 0.5 is not in [1, 1000000.0]']),
+    'a concentration that leaves nothing': (changed(MEDIUM, concentration=1e-9),
+                                            ['milk.json: sigma_s_reduced[0]: sigma_a + sigma_s_reduced']),
+    'both kinds of scattering': (changed(MEDIUM, sigma_s=[1, 1, 1]), ['milk.json: sigma_s']),
+    'a borrower of a set': ({'set': SET, 'diluted': DILUTED | {'same_medium_as': 'set'}},
+                            ['diluted.json: same_medium_as: "set" is no medium']),
+    'a borrower of a borrower': ({'milk': MEDIUM, 'diluted': DILUTED, 'third': DILUTED | {'name': 'third', 'same_medium_as': 'diluted'}},
+                                 ['third.json: same_medium_as: "diluted"']),
+    'a stack with coefficients': (changed(STACK, sigma_a=[1, 1, 1]), ['stack.json: sigma_a: does not belong here (as a stack of layers)']),
+    'a stack without its profile': (changed(STACK, weights=None), ['stack.json: weights: is missing']),
+    'a stack that gives light': (changed(STACK, weights=[[0.6, 0.2, 0.3], [0.6, 0.2, 0.3]]), ['stack.json: weights: column 0 sums to 1.2']),
+    'nine layers': (changed(STACK, layers=[LAYER] * 9), ['stack.json: layers: 9 items; 1 to 8 are allowed']),
+    'an infinite layer on another': (layered(thickness_mm='infinite'), ['stack.json: layers[0].thickness_mm: only the last']),
+    'a layer of no thickness': (layered(thickness_mm=0), ['stack.json: layers[0].thickness_mm: 0 is not in [1e-06']),
+    'a thickness in words': (layered(thickness_mm='thin'), ['stack.json: layers[0].thickness_mm: "thin"']),
+    'a layer with plain scattering and no g': (layered(g=None), ['stack.json: layers[0].g: is missing']),
+    'a g for Rayleigh': (layered(phase='rayleigh'), ['stack.json: layers[0].g: does not belong']),
+    'a phase function that is not there': (layered(phase='mie'), ['stack.json: layers[0].phase: "mie" is none of']),
+    'a layer of nothing': (layered(sigma_a=[0, 1, 1], sigma_s=[0, 1, 1]),
+                           ['stack.json: layers[0].sigma_s_reduced[0]: sigma_a + sigma_s_reduced']),
     'no JSON': ({'milk': '{"name": '}, ['milk.json: Expecting value']),
     'a key twice': ({'milk': '{"name": "milk", "name": "milk"}'}, ['milk.json: the key "name" stands twice']),
     'a list instead of an object': ({'milk': '[]'}, ['milk.json: [] is no object']),

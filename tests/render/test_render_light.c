@@ -141,6 +141,51 @@ static void translucent_ball_in_an_even_sky(void **state)
 }
 
 /* A white body under a specular lobe that takes nothing away shows the sky's own radiance. */
+/* The same for each model of the profile, asked for by the picture or by the material, and for a table of a user: what the renderer
+ * takes for the total is what the method spreads. */
+static void every_model_and_a_table_show_their_total(void **state)
+{
+    static const double r_mm[] = { 0.0, 0.5, 1.5, 3.0 }, R[] = { 0.10, 0.05, 0.01, 0.0 };
+    const struct pell_knob *knob = pell_knob_find(pell_settings_knobs, "profile");
+
+    (void) state;
+    assert_non_null(knob);
+    for (int k = 0; k < 2 * PELL_PROFILE_MODELS + 1; k++) {
+        const enum pell_profile_model model = (enum pell_profile_model) (k % PELL_PROFILE_MODELS);
+        const bool table = k == 2 * PELL_PROFILE_MODELS;
+        struct pell_profile profile;
+        struct pell_material *m;
+        struct stage s;
+        struct seen none, moved;
+        size_t index;
+
+        stage_start(&s, 128, 128);
+        m = stage_medium(&s, "skin2", &index);
+        if (table) {
+            m->profile = pell_calloc(s.ctx, 3, sizeof(*m->profile));
+            assert_non_null(m->profile);
+            for (int c = 0; c < 3; c++)
+                OK(pell_profile_from_table(r_mm, R, PELL_COUNT(r_mm), &m->profile[c], NULL));
+            profile = m->profile[0];
+        } else {
+            OK(pell_profile_make(model, &m->medium, 0, NULL, &profile));
+            if (k < PELL_PROFILE_MODELS)
+                s.settings.profile = 1 + k;
+            else
+                m->model = model;
+            assert_string_equal(knob->choices[1 + model], pell_profile_model_at(model)->name);
+        }
+        none = in_even_sky(&s, index, "none", NULL, 0);
+        moved = in_even_sky(&s, index, "screen-space", off, 0);
+        print_message("# %s: total %.5f, none %.5f, screen-space %.5f\n", table ? "table" : pell_profile_model_at(model)->name,
+                      pell_profile_total(&profile), none.mean, moved.mean);
+        REQUIRE_REL(none.low, pell_profile_total(&profile), 3e-3);
+        REQUIRE_REL(none.high, pell_profile_total(&profile), 3e-3);
+        REQUIRE_REL(moved.mean, pell_profile_total(&profile), 0.01);
+        stage_finish(&s);
+    }
+}
+
 static void white_body_with_highlights_in_an_even_sky(void **state)
 {
     static const float roughness[] = { 0.1f, 0.3f, 0.6f, 1.0f };
@@ -437,6 +482,7 @@ int main(void)
         cmocka_unit_test(white_lambert_plane),
         cmocka_unit_test(translucent_plane_in_even_light),
         cmocka_unit_test(translucent_ball_in_an_even_sky),
+        cmocka_unit_test(every_model_and_a_table_show_their_total),
         cmocka_unit_test(white_body_with_highlights_in_an_even_sky),
         cmocka_unit_test(half_lit_plane_is_the_analytic_step),
         cmocka_unit_test(lights_add_up),

@@ -12,6 +12,8 @@ static const struct memory_file files[] = {
     { "cube.obj", CUBE },
     { "two.obj", CUBE_VERTICES "usemtl Skin\nf 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nusemtl Cloth\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n" },
     { "soap.json", "{\"sigma_a\":[0.01,0.02,0.03],\"sigma_s_reduced\":[1,2,3],\"eta\":1.45}" },
+    { "wax.csv", "r_mm,R,G,B\n0,0.1,0.05,0.02\n1,0.05,0.02,0.01\n2,0,0,0\n" },
+    { "bright.csv", "0,10,10,10\n1,10,10,10\n" },
     { NULL, NULL },
 };
 
@@ -180,6 +182,25 @@ static void materials_are_overlaid_by_name(void **state)
     REQUIRE_NEAR(m->roughness, 0.7, 1e-6);
     assert_int_equal(kept.warnings, 2); /* the materials that no library defines; "Skim" */
     assert_non_null(strstr(kept.last_warning, "no material is called \"Skim\""));
+    finish(s);
+}
+
+static void a_profile_is_a_model_or_a_table(void **state)
+{
+    struct pell_scene *s = load("{\"pellucid\":1,\"mesh\":\"two.obj\",\"unit\":\"10mm\",\"materials\":{"
+                                "\"Skin\":{\"preset\":\"skin1\",\"profile\":\"photon-beam\"},"
+                                "\"*\":{\"preset\":\"wholemilk\",\"profile\":{\"table\":\"wax.csv\"}}}}",
+                                NULL);
+    const struct pell_material *m = called(s, "Skin");
+    (void) state;
+
+    assert_int_equal(m->model, PELL_PROFILE_PHOTON_BEAM);
+    assert_null(m->profile);
+    m = called(s, "Cloth");
+    assert_int_equal(m->model, PELL_PROFILE_DIPOLE);
+    assert_non_null(m->profile);
+    REQUIRE_NEAR(pell_profile_eval(&m->profile[1], 1.0), 0.02, 1e-15); /* mm, whatever the mesh's unit */
+    REQUIRE_NEAR(pell_profile_eval(&m->profile[2], 2.5), 0.0, 0);
     finish(s);
 }
 
@@ -385,7 +406,13 @@ static const struct {
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1]}}"), "s.json:/materials/*/color", "says nothing", "mean_free_path" },
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1.5],\"mean_free_path\":\"1mm\"}}"), "s.json:/materials/*/color/2", "is 1.5", "" },
     { SCENE(",\"materials\":{\"*\":{\"layers\":[]}}"), "s.json:/materials/*/layers", "not there yet", "" },
-    { SCENE(",\"materials\":{\"*\":{\"profile\":\"multipole\"}}"), "s.json:/materials/*/profile", "only \"dipole\"", "" },
+    { SCENE(",\"materials\":{\"*\":{\"profile\":\"multipole\"}}"), "s.json:/materials/*/profile", "photon-beam, monte-carlo", "" },
+    { SCENE(",\"materials\":{\"*\":{\"profile\":3}}"), "s.json:/materials/*/profile", "is 3", "" },
+    { SCENE(",\"materials\":{\"*\":{\"profile\":{}}}"), "s.json:/materials/*/profile", "\"table\"", "" },
+    { SCENE(",\"materials\":{\"*\":{\"profile\":{\"tabel\":\"wax.csv\"}}}"), "s.json:/materials/*/profile/tabel", "unknown key",
+      "\"table\"" },
+    { SCENE(",\"materials\":{\"*\":{\"profile\":{\"table\":\"none.csv\"}}}"), "", "no such file", "" },
+    { SCENE(",\"materials\":{\"*\":{\"profile\":{\"table\":\"bright.csv\"}}}"), "bright.csv:1", "no more light", "" },
     { SCENE(",\"materials\":{\"*\":{\"g\":0.5}}"), "s.json:/materials/*/g", "without sigma_s", "" },
     { SCENE(",\"materials\":{\"*\":{\"mix\":1.5}}"), "s.json:/materials/*/mix", "is 1.5", "" },
     { SCENE(",\"materials\":{\"*\":{\"specular\":{\"model\":\"phong\"}}}"), "s.json:/materials/*/specular/model", "ggx, kelemen", "" },
@@ -607,6 +634,8 @@ static const char *const good[] = {
           "\"specular\":{\"model\":\"ggx\",\"roughness\":1,\"rho_s\":0},\"opaque\":false,\"profile\":\"dipole\",\"eta\":1.5,\"textures\":{}"
           "}},"
           "\"ground\":{\"opaque\":true,\"color\":[1,0,0]}"),
+    SCENE(",\"materials\":{\"*\":{\"preset\":\"soap.json\",\"profile\":\"monte-carlo\"},\"a\":{\"preset\":\"apple\",\"profile\":{"
+          "\"table\":\"wax.csv\"}}}"),
     SCENE(",\"background\":{\"color\":0.5,\"ground\":\"marble\"},\"render\":{\"method\":\"x\",\"width\":64,\"height\":64,\"seed\":5,"
           "\"tonemap\":\"linear\","
           "\"knobs\":{\"a\":true,\"b\":[1,2,3]}}"),
@@ -633,6 +662,7 @@ static const char *const beyond_schema[] = {
     "no such file",
     "a mesh file is needed",
     "allowed",
+    "no more light",
 };
 
 /* A preset brings a colour for where there is no picture; a picture given beside it must not be tinted by that. */
@@ -762,6 +792,7 @@ int main(void)
         cmocka_unit_test(the_command_line_stands_above_the_file),
         cmocka_unit_test(lights_are_read),
         cmocka_unit_test(materials_are_overlaid_by_name),
+        cmocka_unit_test(a_profile_is_a_model_or_a_table),
         cmocka_unit_test(a_colour_and_a_mean_free_path_make_a_medium),
         cmocka_unit_test(other_ways_to_name_a_material_work),
         cmocka_unit_test(pictures_are_looked_up_and_named_when_broken),

@@ -55,14 +55,6 @@ static bool starts(const char *name, const char *prefix)
     return strncmp(name, prefix, strlen(prefix)) == 0;
 }
 
-static bool same_medium(const struct pell_medium *a, const struct pell_medium *b)
-{
-    for (int c = 0; c < 3; c++)
-        if (a->sigma_a[c] != b->sigma_a[c] || a->sigma_s_reduced[c] != b->sigma_s_reduced[c])
-            return false;
-    return a->eta == b->eta;
-}
-
 /* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */
 static void whiten(struct pell_gaussians *g)
 {
@@ -90,15 +82,15 @@ static enum pell_result find_profile(const struct ss_state *st, const struct pel
         return PELL_OK;
     }
     for (size_t i = 0; i < index; i++) {
-        if (shape->materials[i].gaussians.count == 0 && same_medium(&shape->materials[i].medium, &m->medium) &&
-            strcmp(shape->materials[i].name, m->name) == 0 && shape->materials[i].white == m->white) {
+        if (shape->materials[i].profile == m->profile && strcmp(shape->materials[i].name, m->name) == 0 &&
+            shape->materials[i].white == m->white) {
             *g = st->profiles[i];
             return PELL_OK;
         }
     }
-    if (pell_fit_medium(&m->medium, &params, g, NULL) != PELL_OK)
+    if (pell_fit_profiles(m->profile, &params, g, NULL) != PELL_OK)
         return pell_error(st->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or ask for fewer Gaussians",
-                          "no sum of %d Gaussians fits this medium's profile", params.count);
+                          "no sum of %d Gaussians fits this material's profile", params.count);
     return PELL_OK;
 }
 

@@ -127,11 +127,15 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
     const bool published = row->p->published;
     const float *restrict r = s->specular[0] + at, *restrict g = s->specular[1] + at, *restrict b = s->specular[2] + at;
     const float shared = published ? 0.0f : 1.0f;
-    float albedo[LANES], average[LANES], rho_s[LANES];
+    const float *restrict rough = s->roughness + at;
+    float albedo[LANES], average[LANES], rho_s[LANES], roughness[LANES];
 
-    albedos(row, o, mu, s->roughness + at, full, even, cut, albedo, average);
+    /* Planes may hold anything where a material is even: what they hold is read, and not taken. */
+    for (int i = 0; !even && i < LANES; i++)
+        roughness[i] = OF(even) ? OF(roughness) : rough[i];
+    albedos(row, o, mu, roughness, full, even, cut, albedo, average);
     for (int i = 0; i < LANES; i++)
-        rho_s[i] = even ? o->one->rho_s : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
+        rho_s[i] = even ? o->one->rho_s : !full && OF(even) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
     for (int i = 0; i < LANES; i++) {
         const float a = albedo[i] < 1.0f ? albedo[i] : 1.0f;
         const float n = 1.0f - shared * rho_s[i] * (average[i] < 1.0f ? average[i] : 1.0f);
@@ -166,7 +170,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
         if (full && o->one->in_metal == 0.0f)
             metal[i] = 1.0f;
         else
-            metal[i] = 1.0f - metal[i] * metallic[i];
+            metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
         finished[i] = radiance ? scatters[i] : 0.0f; /* a picture already, with its specular part */
         behind[i] = radiance ? 0.0f : scatters[i] * on[i];
     }

@@ -7,7 +7,7 @@
 
 #include "base/simd.h"
 #include "render/composite/composite.h"
-#include "render/specular_tables.h"
+#include "render/specular.h"
 
 #define LANES 16
 

@@ -82,53 +82,53 @@ static float entering_albedo(float base, float m)
     return base > 0.0f ? powf(base, m) : 0.0f;
 }
 
-/* What lane i takes from its material. */
-static void set_material(const struct job *job, struct packet *k, int i)
+/* What a lane takes from its material. */
+struct traits {
+    int32_t albedo_at, boundary_at, smooth, kelemen, opaque, deep;
+    float fd;
+    bool textured;
+};
+
+static struct traits material_traits(const struct job *job, size_t material)
 {
     const struct pell_specular_tables *t = job->p->tables;
-    const size_t material = k->material[i];
     const struct pell_material *m = &job->p->scene->materials[material];
     const struct pell_thickness_table *thickness = job->p->thickness && !m->opaque ? job->p->thickness[material] : NULL;
-    struct pell_lanes *l = &k->lanes;
 
-    l->albedo_at[i] = (int32_t) t->model[material] * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS * 2;
-    l->boundary_at[i] = (int32_t) ((size_t) t->boundary[material] * (sizeof(*t->boundaries) / sizeof(float)));
-    l->fd[i] = t->boundaries[t->boundary[material]].f0;
-    l->smooth[i] = -(int32_t) (job->p->smooth && !m->opaque);
-    l->kelemen[i] = -(int32_t) t->model[material];
-    l->opaque[i] = -(int32_t) m->opaque;
-    l->deep[i] = -(int32_t) (thickness && thickness->max_mm > 0.0f);
-    k->textured |= !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE;
-    l->any_smooth |= l->smooth[i];
-    l->any_kelemen |= l->kelemen[i];
-    l->any_ggx |= ~l->kelemen[i];
-    l->any_deep |= l->deep[i];
+    return (struct traits) {
+        .albedo_at = (int32_t) t->model[material] * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS * 2,
+        .boundary_at = (int32_t) ((size_t) t->boundary[material] * (sizeof(*t->boundaries) / sizeof(float))),
+        .smooth = -(int32_t) (job->p->smooth && !m->opaque),
+        .kelemen = -(int32_t) t->model[material],
+        .opaque = -(int32_t) m->opaque,
+        .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
+        .fd = t->boundaries[t->boundary[material]].f0,
+        .textured = !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE,
+    };
 }
 
 static void set_materials(const struct job *job, struct packet *k)
 {
     struct pell_lanes *l = &k->lanes;
-    uint32_t differ = 0;
+    struct traits t = material_traits(job, k->material[0]);
 
     l->any_smooth = l->any_kelemen = l->any_ggx = l->any_deep = 0;
     k->textured = false;
-    for (int i = 1; i < PELL_LANES; i++)
-        differ |= k->material[i] ^ k->material[0];
-    k->single = !differ;
-    set_material(job, k, 0);
-    if (differ) {
-        for (int i = 1; i < PELL_LANES; i++)
-            set_material(job, k, i);
-        return;
-    }
-    for (int i = 1; i < PELL_LANES; i++) {
-        l->albedo_at[i] = l->albedo_at[0];
-        l->boundary_at[i] = l->boundary_at[0];
-        l->fd[i] = l->fd[0];
-        l->smooth[i] = l->smooth[0];
-        l->kelemen[i] = l->kelemen[0];
-        l->opaque[i] = l->opaque[0];
-        l->deep[i] = l->deep[0];
+    for (int i = 0; i < PELL_LANES; i++) {
+        if (!k->single)
+            t = material_traits(job, k->material[i]);
+        l->albedo_at[i] = t.albedo_at;
+        l->boundary_at[i] = t.boundary_at;
+        l->fd[i] = t.fd;
+        l->smooth[i] = t.smooth;
+        l->kelemen[i] = t.kelemen;
+        l->opaque[i] = t.opaque;
+        l->deep[i] = t.deep;
+        k->textured |= t.textured;
+        l->any_smooth |= t.smooth;
+        l->any_kelemen |= t.kelemen;
+        l->any_ggx |= ~t.kelemen;
+        l->any_deep |= t.deep;
     }
 }
 
@@ -147,28 +147,44 @@ static void color_entering(const struct job *job, struct packet *k)
     }
 }
 
-/* Fills the packet from pixels of a tile; lanes over `count` repeat the first one. */
-static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const uint16_t *list, int count)
+/* The covered pixels of a tile, with their materials + 1. Behind the last packet's the first of its pixels is repeated. */
+struct pixels {
+    _Alignas(64) uint16_t at[TILE_W * TILE_H + PELL_LANES], material[TILE_W * TILE_H + PELL_LANES];
+    int count;
+};
+
+/* Fills the packet from a tile's pixels; lanes over `count` repeat the first one. */
+static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const struct pixels *pixels, int first)
 {
     const struct pell_surface *s = job->p->surface;
-    struct pell_lane_source source = { job->p->view, s, job->p->seed, NULL };
+    const struct pell_material *some[PELL_LANES];
+    struct pell_lane_source source = { job->p->view, s, job->p->seed, NULL, NULL };
+    const int32_t stride = (int32_t) s->stride, count = pixels->count - first < PELL_LANES ? pixels->count - first : PELL_LANES;
     _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES];
+    uint32_t differ = 0;
 
     k->count = count;
     for (int i = 0; i < PELL_LANES; i++) {
-        const unsigned pixel = list[i < count ? i : 0];
-        x[i] = x0 + (int) (pixel % TILE_W);
-        y[i] = y0 + (int) (pixel / TILE_W);
-        k->index[i] = y[i] * (int32_t) s->stride + x[i];
+        const int32_t pixel = pixels->at[first + i];
+        x[i] = x0 + pixel % TILE_W;
+        y[i] = y0 + pixel / TILE_W;
+        k->index[i] = y[i] * stride + x[i];
         k->lanes.valid[i] = -(int32_t) (i < count);
+        k->material[i] = pixels->material[first + i] - 1u;
+        differ |= (uint32_t) pixels->material[first + i] ^ pixels->material[first];
     }
-    for (int i = 0; i < PELL_LANES; i++)
-        k->material[i] = s->material[k->index[i]] - 1u;
+    k->single = !differ;
     set_materials(job, k);
     if (k->single) {
         const struct pell_material *m = &job->p->scene->materials[k->material[0]];
         if (!m->opaque && m->metallic == 0.0f && pell_surface_is_even(m))
             source.plain = m;
+    } else if (s->lean) {
+        for (int i = 0; i < PELL_LANES; i++) {
+            const struct pell_material *m = &job->p->scene->materials[k->material[i]];
+            some[i] = pell_surface_is_plain(m) ? m : NULL;
+        }
+        source.some = some;
     }
     job->kernels->load(&source, k->index, x, y, &k->lanes, &k->sums);
     color_entering(job, k);
@@ -627,12 +643,13 @@ static void shade_packet(const struct job *job, struct packet *k)
     job->kernels->store(&k->lanes, &k->sums, k->index, k->count, job->out);
 }
 
-/* The covered pixels of a tile: first the blocks that are covered as a whole, each a packet, then those of the others. */
-static int list_pixels(const struct job *job, int x0, int y0, uint16_t *list)
+/* First the blocks that are covered as a whole, each a packet, then the pixels of the others. Their materials are kept beside them: to read
+ * the plane again one by one would wait for all that the packet before has written. */
+static void list_pixels(const struct job *job, int x0, int y0, struct pixels *list)
 {
     const struct pell_surface *s = job->p->surface;
     const struct pell_rect r = s->covered;
-    uint16_t some[TILE_W * TILE_H + 1]; /* one more: the place behind the last is written, too */
+    uint16_t at[TILE_W * TILE_H + 1], material[TILE_W * TILE_H + 1]; /* one more: the place behind the last is written, too */
     int n = 0, m = 0;
 
     /* Nothing is covered beside the rectangle, but rows under it may not exist. */
@@ -651,31 +668,38 @@ static int list_pixels(const struct job *job, int x0, int y0, uint16_t *list)
             }
             if (all) {
                 for (int i = 0; i < BLOCK * BLOCK; i++)
-                    list[n + i] = (uint16_t) (base + i / BLOCK * TILE_W + i % BLOCK);
+                    list->at[n + i] = (uint16_t) (base + i / BLOCK * TILE_W + i % BLOCK);
+                memcpy(list->material + n, ids, sizeof(ids));
                 n += BLOCK * BLOCK;
             } else if (any) {
                 for (int i = 0; i < BLOCK * BLOCK; i++) {
-                    some[m] = (uint16_t) (base + i / BLOCK * TILE_W + i % BLOCK);
+                    at[m] = (uint16_t) (base + i / BLOCK * TILE_W + i % BLOCK);
+                    material[m] = ids[i];
                     m += ids[i] != 0;
                 }
             }
         }
-    memcpy(list + n, some, (size_t) m * sizeof(*list));
-    return n + m;
+    memcpy(list->at + n, at, (size_t) m * sizeof(*at));
+    memcpy(list->material + n, material, (size_t) m * sizeof(*material));
+    list->count = n + m;
+    for (int i = list->count; i % PELL_LANES != 0; i++) {
+        list->at[i] = list->at[list->count / PELL_LANES * PELL_LANES];
+        list->material[i] = list->material[list->count / PELL_LANES * PELL_LANES];
+    }
 }
 
 static void shade_tile(void *arg, int tile, int worker)
 {
     struct job *job = arg;
     const int x0 = job->rect.x0 + tile % job->columns * TILE_W, y0 = job->rect.y0 + tile / job->columns * TILE_H;
-    uint16_t list[TILE_W * TILE_H];
-    const int count = list_pixels(job, x0, y0, list);
+    struct pixels list;
     struct packet k;
 
     (void) worker;
     k.rays = 0;
-    for (int first = 0; first < count; first += PELL_LANES) {
-        fill_packet(job, &k, x0, y0, list + first, count - first < PELL_LANES ? count - first : PELL_LANES);
+    list_pixels(job, x0, y0, &list);
+    for (int first = 0; first < list.count; first += PELL_LANES) {
+        fill_packet(job, &k, x0, y0, &list, first);
         shade_packet(job, &k);
     }
     atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);

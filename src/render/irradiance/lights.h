@@ -10,7 +10,7 @@
 
 #include "image/color.h"
 #include "render/irradiance/irradiance.h"
-#include "render/specular_tables.h"
+#include "render/specular.h"
 
 #define PELL_LANES 16
 
@@ -45,7 +45,7 @@ struct pell_env_level {
 struct pell_environment {
     const struct pell_texture *image; /* NULL: constant */
     float power[3], cos_rotate, sin_rotate;
-    /* Irradiance over the normal: E0 = Int L cos, and per model and roughness Int L scale cos, Int L bias cos (specular_tables.h), and
+    /* Irradiance over the normal: E0 = Int L cos, and per model and roughness Int L scale cos, Int L bias cos (optics/specular.h), and
      * per smooth boundary Int L F_t cos; without the compact lamps. `size` floats a node. */
     float *nodes;
     int size, model_at[PELL_SPECULAR_MODELS], boundary_at;

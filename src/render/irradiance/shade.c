@@ -352,6 +352,23 @@ static void load_plain(const struct pell_material *m, struct pell_lanes *restric
         }
 }
 
+/* The same for single lanes. */
+static void load_some(const struct pell_material *const *some, float base[3][N], float *restrict metallic, struct pell_lanes *restrict p)
+{
+    for (int i = 0; some && i < N; i++) {
+        struct pell_surface_even e;
+        if (!some[i])
+            continue;
+        e = pell_surface_even(some[i]);
+        metallic[i] = 0.0f;
+        p->roughness[i] = e.roughness;
+        for (int c = 0; c < 3; c++) {
+            base[c][i] = 1.0f;
+            p->tint[c][i] = e.specular[c];
+        }
+    }
+}
+
 static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
                  struct pell_lanes *restrict p, struct pell_sums *restrict sums)
 {
@@ -379,6 +396,7 @@ static void load(const struct pell_lane_source *source, const int32_t *index, co
             gather(s->base[c], index, rows, base[c]);
             gather(s->specular[c], index, rows, p->tint[c]);
         }
+        load_some(source->some, base, metallic, p);
         load_material((const float(*)[N]) base, metallic, p);
     }
     load_place(source, depth, x, y, p);

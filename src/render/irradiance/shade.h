@@ -54,6 +54,7 @@ struct pell_lane_source {
     const struct pell_surface *surface;
     uint32_t seed;
     const struct pell_material *plain; /* of all lanes where it is translucent, no metal and even (surface.h); else NULL */
+    const struct pell_material *const *some; /* else: of each lane that is plain, whose planes may hold anything; NULL: none is */
 };
 
 struct pell_sums {

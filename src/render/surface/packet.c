@@ -451,7 +451,7 @@ static void merge(struct shaded *restrict to, const struct shaded *restrict from
 }
 
 static void store(const struct pell_surface *out, int x, int y, int rows, const struct pell_ray_hit16 *p, const struct shaded *s,
-                  const uint16_t *material)
+                  const uint16_t *material, bool plain)
 {
     for (int j = 0; j < rows; j++) {
         const ptrdiff_t at = (ptrdiff_t) (y + j) * out->stride + x;
@@ -465,12 +465,14 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
         memcpy(out->ns[0] + at, s->ns.x + k, ROW);
         memcpy(out->ns[1] + at, s->ns.y + k, ROW);
         memcpy(out->ns[2] + at, s->ns.z + k, ROW);
-        for (int c = 0; c < 3; c++) {
-            memcpy(out->base[c] + at, s->base[c] + k, ROW);
-            memcpy(out->specular[c] + at, s->specular[c] + k, ROW);
+        if (!plain) {
+            for (int c = 0; c < 3; c++) {
+                memcpy(out->base[c] + at, s->base[c] + k, ROW);
+                memcpy(out->specular[c] + at, s->specular[c] + k, ROW);
+            }
+            memcpy(out->roughness + at, s->roughness + k, ROW);
+            memcpy(out->metallic + at, s->metallic + k, ROW);
         }
-        memcpy(out->roughness + at, s->roughness + k, ROW);
-        memcpy(out->metallic + at, s->metallic + k, ROW);
         memcpy(out->strength + at, s->strength + k, ROW);
         memcpy(out->lift + at, s->lift + k, ROW);
         if (out->any_emissive)
@@ -497,6 +499,7 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
 {
     uint16_t material[LANES] = { 0 };
     uint32_t translucent = 0;
+    bool plain = job->out->lean;
     struct shaded s;
 
     for (uint32_t left = hits; left;) {
@@ -505,6 +508,7 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
         const bool opaque = job->scene->materials[number].opaque;
         uint32_t lanes = 0;
 
+        plain = plain && pell_surface_is_plain(&job->scene->materials[number]);
         for (int i = 0; i < LANES; i++)
             lanes |= (uint32_t) (p->hit.mesh[i] == mesh) << i;
         lanes &= left;
@@ -524,7 +528,7 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
         translucent |= opaque ? 0 : lanes;
         left &= ~lanes;
     }
-    store(job->out, x, y, rows, p, &s, material);
+    store(job->out, x, y, rows, p, &s, material, plain);
     cover(&band->covered, x, y, hits);
     band->covered_pixels += __builtin_popcount(hits);
     if (translucent) {

@@ -31,6 +31,7 @@ struct pell_surface {
     float *metallic;     /* [0, 1] */
     float *specular[3];  /* rho_s x map x tint: scales the specular lobe */
     float *strength;     /* of scattering, [0, 1] */
+    bool lean;           /* the caller's: leave base, roughness, metallic and specular unwritten where pell_surface_is_plain says it all */
     float *lift;         /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays start */
     float *emissive[3];  /* radiance; written where `any_emissive` */
     bool any_emissive;   /* some material of the scene emits */
@@ -45,6 +46,12 @@ struct pell_surface {
 static inline bool pell_surface_is_even(const struct pell_material *m)
 {
     return !m->roughness_map.texture && !m->metallic_map.texture && !m->rho_s_map.texture && !m->specular_color_map.texture;
+}
+
+/* Even, and of no colour or metal of its own: light that enters and leaves meets nothing of the four that the material does not say. */
+static inline bool pell_surface_is_plain(const struct pell_material *m)
+{
+    return !m->opaque && m->metallic == 0.0f && m->color_from != PELL_COLOR_FROM_TEXTURE && pell_surface_is_even(m);
 }
 
 struct pell_surface_even {

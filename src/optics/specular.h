@@ -1,39 +1,34 @@
 /* SPDX-License-Identifier: MIT
  *
- * specular_tables.h - the inside of struct pell_specular_tables, and the lobes as formulas without branches or library calls, for
- * kernels over lanes; only specular.c and src/render/irradiance include it.
- *
- * Schlick's F = F0 (1 - c) + c with c = (1 - h.v)^5 is linear in F0, so that a model has one pair of tables (scale, bias) for every
- * index of refraction and for metals: albedo_f = F0 scale + bias.
+ * specular.h - the lobes of pellucid/specular.h as formulas without branches or library calls, for kernels over lanes, and look-ups in
+ * the tables.
  */
-#ifndef PELL_SPECULAR_TABLES_H
-#define PELL_SPECULAR_TABLES_H
+#ifndef PELL_SPECULAR_H
+#define PELL_SPECULAR_H
 
-#include "render/specular.h"
+#include "math/vec.h"
+
+#include <pellucid/medium.h>
+#include <pellucid/specular.h>
 
 #include <stdint.h>
 
-#define PELL_ALBEDO_MU 64        /* entries over mu: entry i is mu = (i / 63)^2, fine where light grazes */
-#define PELL_ALBEDO_ROUGHNESS 32 /* entries over roughness in [PELL_ROUGHNESS_MIN, 1] */
-#define PELL_ROUGHNESS_MIN 0.03f
 #define PELL_BOUNDARY_MU 256 /* entries over mu of a smooth boundary: (i / 255)^2 */
-#define PELL_SPECULAR_MODELS 2
 
+/* A smooth boundary seen from outside: F0, Fresnel's transmittance F_t(mu), and its cosine-weighted mean 1 - Fdr(1/eta). */
 struct pell_boundary_table {
     double eta;
     float f0, mean;
     float transmittance[PELL_BOUNDARY_MU];
 };
+void pell_boundary_table_make(double eta, struct pell_boundary_table *out);
 
-struct pell_specular_tables {
-    struct pell_context *ctx;
-    size_t num_materials, num_boundaries;
-    uint8_t *model;     /* of a material */
-    uint32_t *boundary; /* of a material: index into boundaries */
-    struct pell_boundary_table *boundaries;
-    float mean[PELL_SPECULAR_MODELS][PELL_ALBEDO_ROUGHNESS][2];
-    float albedo[PELL_SPECULAR_MODELS][PELL_ALBEDO_MU][PELL_ALBEDO_ROUGHNESS][2]; /* scale, bias */
-};
+/* Schlick's F for cos = h . v, f0 at normal incidence. */
+static inline float pell_schlick(float f0, float cos_h)
+{
+    const float c = cos_h < 1.0f ? 1.0f - cos_h : 0.0f, c2 = c * c;
+    return f0 + (1.0f - f0) * c2 * c2 * c;
+}
 
 /* Position of a roughness between two entries. */
 static inline void pell_roughness_position(float roughness, int *index, float *fraction)

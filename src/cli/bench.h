@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bench.h - rows of times, which the benches share. */
+#ifndef PELL_CLI_BENCH_H
+#define PELL_CLI_BENCH_H
+
+#include "cli/cli.h"
+
+#define MAX_STAGES 48
+
+struct row {
+    char name[96];
+    double ms, copy_ms, ratio; /* ratio: what the row says it is, 0 where it has none */
+    const char *against;       /* what `ratio` is a ratio to */
+    int64_t pixels, rays, bytes;
+    double error;  /* of the result, where it is measured; else NAN */
+    int64_t items; /* radii that `ms` is for; 0: none */
+};
+
+struct rows {
+    struct row items[MAX_STAGES + 16];
+    size_t count;
+};
+
+/* Sorts the values. */
+double bench_median(double *values, int count);
+/* NULL where there is no more room. */
+struct row *bench_add(struct rows *rows, const char *name, double ms);
+json_t *bench_json(const struct rows *rows);
+
+/* bench_profiles.c */
+enum exit_code bench_profiles(struct cli *cli);
+
+#endif

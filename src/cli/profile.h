@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * profile.h - what the files of `pellucid profile` share: the profiles asked for, and what is known of them. */
+#ifndef PELL_CLI_PROFILE_H
+#define PELL_CLI_PROFILE_H
+
+#include "cli/cli.h"
+
+#include <pellucid/kernel.h>
+#include <pellucid/material.h>
+
+/* One model of the three channels. */
+struct candidate {
+    const char *name;               /* of the model */
+    struct pell_profile R[3], T[3]; /* T of slabs */
+};
+
+#define PROFILE_FITS 4
+
+struct profile_fit {
+    int k;                        /* Gaussians */
+    struct pell_gaussians sum[3]; /* of each channel: weights are weight[i][0] */
+    struct pell_gaussians shared; /* of all three, count 0 where each has variances of its own */
+    double error[3];              /* (10) of d'Eon et al. 2007, a fraction */
+};
+
+struct profile_job {
+    char name[256];    /* of the material */
+    const char *model; /* "dipole", "table", "gaussians", or a solver of layers */
+    bool layers, slab; /* slab: T holds */
+    bool has_medium;
+    struct pell_medium medium; /* with the options' eta */
+    struct pell_profile_params params;
+    const char *names[3];      /* of the channels: "r", "g", "b" */
+    const char *titles[3];     /* "red", "green", "blue" */
+    struct candidate *profile; /* the one asked for */
+    struct candidate *others;  /* to compare with it */
+    size_t num_others;
+
+    struct profile_fit fits[PROFILE_FITS];
+    size_t num_fits;
+
+    double from, to; /* mm */
+    bool to_given;
+    double *r; /* of the table */
+    size_t count;
+};
+
+/* What the models are compared with: monte-carlo where it is one of them, else the one asked for. */
+const struct candidate *profile_reference(const struct profile_job *job);
+/* sqrt(Int r (R - M)^2 dr) / sqrt(Int r M^2 dr): error (10) of d'Eon et al. 2007 of R for M; not finite where M is 0. */
+double profile_distance(const struct pell_profile *R, const struct pell_profile *M);
+
+/* A number of an option in [min, max]; *value keeps what it has where the option was not given. */
+enum exit_code profile_take_number(struct cli *cli, const char *option, const char *text, double min, double max, double *value);
+/* Options that change a medium, for what is none (`kind`: "table of R(r)"): refused, so that nobody believes they did anything. */
+enum exit_code profile_refuse_medium_options(struct cli *cli, const struct profile_job *job, const char *kind);
+
+/* --- profile_layers.c --------------------------------------------------------------------------------------------------------- */
+
+enum exit_code profile_open_layers(struct cli *cli, struct profile_job *job, const struct pell_material_layers *layers);
+enum exit_code profile_open_stack_file(struct cli *cli, struct profile_job *job); /* --layers */
+enum exit_code profile_open_skin(struct cli *cli, struct profile_job *job);       /* --skin, --wavelength */
+
+/* A text that grows. */
+struct profile_text {
+    char *bytes;
+    size_t length, capacity;
+    bool failed; /* there was no memory */
+};
+
+/* At most 511 bytes a call. */
+void profile_add(struct profile_text *text, const char *fmt, ...) PELL_PRINTF(2, 3);
+/* To --output, or stdout; frees the text. */
+enum exit_code profile_write(struct cli *cli, struct profile_text *text);
+
+/* --- profile_plot.c ----------------------------------------------------------------------------------------------------------- */
+
+enum exit_code profile_plot(struct cli *cli, const struct profile_job *job);
+
+/* --- profile_export.c --------------------------------------------------------------------------------------------------------- */
+
+/* Whether --export and --taps say something. */
+enum exit_code profile_check_export(struct cli *cli);
+/* The first fit, a separable kernel and a table as constants of a language. */
+enum exit_code profile_export(struct cli *cli, const struct profile_job *job);
+
+#endif

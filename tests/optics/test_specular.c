@@ -1,0 +1,248 @@
+/* SPDX-License-Identifier: MIT
+ * test_specular.c - the lobes and what they leave for the light below. */
+#include "oracle.h"
+
+#include "optics/specular.h"
+
+static const float roughnesses[] = { 0.1f, 0.2f, 0.3f, 0.45f, 0.6f, 0.8f, 1.0f };
+static const float cosines[] = { 0.02f, 0.1f, 0.3f, 0.6f, 0.9f, 1.0f };
+static const double up[3] = { 0.0, 0.0, 1.0 };
+
+static void spherical(double cosine, double azimuth, double w[3])
+{
+    const double s = sqrt(fmax(0.0, 1.0 - cosine * cosine));
+    w[0] = s * cos(azimuth);
+    w[1] = s * sin(azimuth);
+    w[2] = cosine;
+}
+
+/* Int D cos dw = 1, D taken out of the lobe at l = v = h, where F is f0 = 1. */
+static void beckmann_is_normalised(void **state)
+{
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(roughnesses); i++) {
+        double sum = 0.0;
+        for (int k = 0; k < 20000; k++) {
+            const double a = (k + 0.5) / 20000 * 0.5 * PELL_PI, h[3] = { sin(a), 0.0, cos(a) };
+            const double d = 4.0 * pell_specular_value(PELL_SPECULAR_KELEMEN, (double) roughnesses[i], 1.0, up, h, h); /* (2h).(2h) = 4 */
+            sum += 2.0 * PELL_PI * d * cos(a) * sin(a) * 0.5 * PELL_PI / 20000;
+        }
+        REQUIRE_NEAR(sum, 1.0, 1e-7);
+    }
+}
+
+static void ggx_is_normalised(void **state)
+{
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(roughnesses); i++) {
+        const double r = (double) roughnesses[i], alpha = r * r;
+        double sum = 0.0;
+        for (int k = 0; k < 20000; k++) {
+            const double a = (k + 0.5) / 20000 * 0.5 * PELL_PI, c = cos(a), h[3] = { sin(a), 0.0, c };
+            const double g = c / sqrt(alpha * alpha + (1.0 - alpha * alpha) * c * c); /* correlated Smith at l = v */
+            sum += 2.0 * PELL_PI * pell_specular_value(PELL_SPECULAR_GGX, r, 1.0, up, h, h) * 4.0 * c * c / g * c * sin(a) * 0.5 * PELL_PI /
+                   20000;
+        }
+        REQUIRE_NEAR(sum, 1.0, 1e-5); /* of midpoints at the narrowest lobe: h^2/24 2/alpha^2 = 5e-6 */
+    }
+}
+
+static void lobes_are_reciprocal(void **state)
+{
+    const double length = sqrt(0.98), n[3] = { 0.3 / length, -0.5 / length, 0.8 / length };
+    uint32_t seed = 1;
+    int lit = 0;
+    (void) state;
+    for (int i = 0; i < 4000; i++) {
+        double w[2][3];
+        for (int k = 0; k < 2; k++) {
+            seed = seed * 1664525u + 1013904223u;
+            spherical(2.0 * (seed >> 8) / 16777216.0 - 1.0, (double) (seed & 0xffu), w[k]);
+        }
+        for (int model = 0; model < PELL_SPECULAR_MODELS; model++) {
+            const double f = pell_specular_value((enum pell_specular_model) model, 0.4, 0.04, n, w[0], w[1]);
+            REQUIRE(isfinite(f) && f >= 0.0);
+            REQUIRE_NEAR(pell_specular_value((enum pell_specular_model) model, 0.4, 0.04, n, w[1], w[0]), f, 1e-12 * f);
+            lit += f > 0.0;
+        }
+    }
+    REQUIRE(lit > 1000);
+}
+
+/* What kernels use equals the formula in double. */
+static void kernels_draw_the_same_lobe(void **state)
+{
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(roughnesses); i++)
+        for (size_t j = 0; j < PELL_COUNT(cosines); j++)
+            for (int k = 0; k < 40; k++) {
+                const float f0 = 0.04f;
+                double l[3], v[3];
+                spherical((double) cosines[j], 0.0, v);
+                spherical(0.02 + 0.97 * (k / 39.0), 0.4 + k, l);
+                const struct pell_vec3 n = vec3(0, 0, 1), lf = vec3((float) l[0], (float) l[1], (float) l[2]);
+                const struct pell_vec3 vf = vec3((float) v[0], (float) v[1], (float) v[2]), h = vec3_add(lf, vf), cross = vec3_cross(n, h);
+                const float hh = vec3_dot(h, h), sin2 = vec3_dot(cross, cross), nh = lf.z + vf.z;
+                const float f = pell_schlick(f0, vec3_dot(h, vf) / sqrtf(hh));
+                const float a = pell_lobe_width(PELL_SPECULAR_GGX, roughnesses[i]),
+                            m = pell_lobe_width(PELL_SPECULAR_KELEMEN, roughnesses[i]);
+                const double ggx = pell_specular_value(PELL_SPECULAR_GGX, (double) roughnesses[i], (double) f0, up, l, v);
+                const double kelemen = pell_specular_value(PELL_SPECULAR_KELEMEN, (double) roughnesses[i], (double) f0, up, l, v);
+                REQUIRE_NEAR(f * pell_lobe_ggx(a * a, lf.z, vf.z, sin2, nh, hh), ggx, 2e-5 * ggx);
+                REQUIRE_NEAR(f * pell_lobe_kelemen(m * m, sin2, nh, hh), kelemen, 5e-5 * kelemen + 1e-12);
+            }
+}
+
+/* Int f n.l dl by midpoints over a polar grid round the mirror direction, packed toward it: nothing of the tables' own rule. */
+static double brute_albedo(enum pell_specular_model model, double roughness, double f0, double mu)
+{
+    const int rings = 700, turns = 240;
+    double v[3], sum = 0.0;
+
+    spherical(mu, 0.0, v);
+    const double r[3] = { -v[0], 0.0, v[2] }, t[3] = { v[2], 0.0, v[0] }; /* t and y are at right angles to r */
+    for (int i = 0; i < rings; i++) {
+        const double s = (i + 0.5) / rings, a = PELL_PI * s * s * s, da = PELL_PI * 3.0 * s * s / rings;
+        for (int j = 0; j < turns; j++) {
+            const double phi = 2.0 * PELL_PI * (j + 0.5) / turns, x = sin(a) * cos(phi), y = sin(a) * sin(phi);
+            const double l[3] = { r[0] * cos(a) + t[0] * x, y, r[2] * cos(a) + t[2] * x };
+            sum += pell_specular_value(model, roughness, f0, up, l, v) * l[2] * sin(a) * da * 2.0 * PELL_PI / turns;
+        }
+    }
+    return sum;
+}
+
+static void check_albedo(enum pell_specular_model model, double eta)
+{
+    const float f0 = (float) (((eta - 1.0) / (eta + 1.0)) * ((eta - 1.0) / (eta + 1.0)));
+    struct pell_specular_table table;
+    double worst = 0.0;
+
+    pell_specular_table_make(model, &table);
+    for (size_t i = 0; i < PELL_COUNT(roughnesses); i++)
+        for (size_t j = 0; j < PELL_COUNT(cosines); j++) {
+            const double truth = brute_albedo(model, (double) roughnesses[i], (double) f0, (double) cosines[j]);
+            const double rho_dt = 1.0 - (double) pell_specular_albedo(&table, f0, cosines[j], roughnesses[i]);
+            /* the lobe with rho_s = 1 and what enters make up all the light */
+            REQUIRE_NEAR(truth + rho_dt, 1.0, 5e-3);
+            worst = fmax(worst, fabs(truth + rho_dt - 1.0));
+        }
+    print_message("# model %d, eta %.2f: largest error of the albedo %.2g\n", (int) model, eta, worst);
+}
+
+static void specular_and_entering_light_sum_to_one_kelemen(void **state)
+{
+    (void) state;
+    check_albedo(PELL_SPECULAR_KELEMEN, 1.4);
+    check_albedo(PELL_SPECULAR_KELEMEN, 2.0);
+}
+
+static void specular_and_entering_light_sum_to_one_ggx(void **state)
+{
+    (void) state;
+    check_albedo(PELL_SPECULAR_GGX, 1.5);
+    check_albedo(PELL_SPECULAR_GGX, 1.3);
+}
+
+/* Under even light the mean of what enters and of what is thrown back is 1 at every roughness; a metal with F0 = 1 loses only what
+ * single scattering between facets loses. */
+static void furnace_keeps_energy(void **state)
+{
+    struct pell_specular_table table;
+    (void) state;
+    for (int model = 0; model < PELL_SPECULAR_MODELS; model++) {
+        pell_specular_table_make((enum pell_specular_model) model, &table);
+        for (int k = 0; k <= 12; k++) {
+            const float r = 0.1f + 0.075f * (float) k, f0 = 0.04f;
+            double entered = 0.0, reflected = 0.0;
+            for (int i = 0; i < 4000; i++) {
+                const float mu = ((float) i + 0.5f) / 4000.0f;
+                const double a = (double) pell_specular_albedo(&table, f0, mu, r);
+                REQUIRE(a >= 0.0 && a <= 1.0);
+                REQUIRE(pell_specular_albedo(&table, 1.0f, mu, r) <= 1.0f);
+                entered += 2.0 * (double) mu * (1.0 - a) / 4000;
+                reflected += 2.0 * (double) mu * a / 4000;
+            }
+            REQUIRE_NEAR(entered + reflected, 1.0, 1e-6);
+            REQUIRE_NEAR(pell_specular_mean(&table, f0, r), reflected, 1e-5);
+        }
+    }
+    pell_specular_table_make(PELL_SPECULAR_GGX, &table);
+    REQUIRE(pell_specular_albedo(&table, 1.0f, 0.8f, 0.1f) > 0.99f);
+}
+
+static void smooth_boundary_is_fresnel(void **state)
+{
+    static const double etas[] = { 0.7, 1.0, 1.02, 1.3, 1.5, 2.0, 4.0 };
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(etas); i++) {
+        struct pell_boundary_table table;
+        double mean = 0.0;
+        pell_boundary_table_make(etas[i], &table);
+        for (int k = 1; k <= 20000; k++) {
+            const double mu = (k - 0.5) / 20000, t = (double) pell_boundary_lookup(table.transmittance, (float) mu);
+            if (etas[i] >= 1.0) /* below, a kink at the critical angle lies between two entries */
+                REQUIRE_NEAR(t, 1.0 - pell_fresnel(etas[i], mu), 1e-3);
+            mean += 2.0 * mu * t / 20000;
+        }
+        REQUIRE_NEAR(table.mean, mean, etas[i] >= 1.0 ? 2e-5 : 1e-3);
+    }
+}
+
+/* 1 - Fdr(1/eta) = eta^2 (1 - Fdr(eta)), the latter from the oracle. */
+static void mean_transmittance_is_the_oracles(void **state)
+{
+    json_t *root = oracle_load("oracle/results/dipole.json"), *row;
+    size_t index, checked = 0;
+    (void) state;
+    json_array_foreach(oracle_get(root, "fresnel"), index, row)
+    {
+        const double eta = oracle_number(row, "eta"), fdr = oracle_number(row, "Fdr_exact");
+        struct pell_boundary_table table;
+        if (eta < 1.0 || eta > 4.0)
+            continue;
+        pell_boundary_table_make(eta, &table);
+        REQUIRE_NEAR(table.mean, (1.0 - fdr) * eta * eta, 1e-6);
+        checked++;
+    }
+    json_decref(root);
+    REQUIRE(checked >= 8);
+}
+
+static void hostile_arguments_stay_finite(void **state)
+{
+    static const float odd[] = { -1.0f, 0.0f, 1e-7f, 0.5f, 1.0f, 1.0000001f, 7.0f, INFINITY, -INFINITY, NAN };
+    struct pell_specular_table table;
+    (void) state;
+    for (int model = 0; model < PELL_SPECULAR_MODELS; model++) {
+        pell_specular_table_make((enum pell_specular_model) model, &table);
+        for (size_t i = 0; i < PELL_COUNT(odd); i++)
+            for (size_t j = 0; j < PELL_COUNT(odd); j++) {
+                const float a = pell_specular_albedo(&table, 0.04f, odd[i], odd[j]), mean = pell_specular_mean(&table, 0.04f, odd[j]);
+                const double z = fmin(fmax((double) odd[i], -1.0), 1.0);
+                double l[3], v[3];
+                REQUIRE(a >= 0.0f && a <= 1.0f && mean >= 0.0f && mean <= 1.0f);
+                spherical(z, 0.0, l);
+                spherical(fmin(fmax((double) odd[j], -1.0), 1.0), 2.0, v);
+                REQUIRE(isfinite(pell_specular_value((enum pell_specular_model) model, (double) odd[j], 0.04, up, l, v)));
+                REQUIRE(isfinite(pell_specular_value((enum pell_specular_model) model, (double) odd[j], 0.04, l, l, l)));
+            }
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(beckmann_is_normalised),
+        cmocka_unit_test(ggx_is_normalised),
+        cmocka_unit_test(lobes_are_reciprocal),
+        cmocka_unit_test(kernels_draw_the_same_lobe),
+        cmocka_unit_test(specular_and_entering_light_sum_to_one_kelemen),
+        cmocka_unit_test(specular_and_entering_light_sum_to_one_ggx),
+        cmocka_unit_test(furnace_keeps_energy),
+        cmocka_unit_test(smooth_boundary_is_fresnel),
+        cmocka_unit_test(mean_transmittance_is_the_oracles),
+        cmocka_unit_test(hostile_arguments_stay_finite),
+    };
+    return cmocka_run_group_tests_name("optics.specular", tests, NULL, NULL);
+}
