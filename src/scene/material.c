@@ -8,26 +8,6 @@
 
 #include <string.h>
 
-enum { BISECTIONS = 60 };
-
-double pell_albedo_of_total(double total, double eta)
-{
-    /* The total reflectance of the dipole depends on the reduced albedo and eta alone, and rises with the albedo (Jensen et al. 2001,
-     * eq. 15): the extinction can be 1. */
-    double low = 0.0, high = 1.0;
-
-    if (total <= 0.0)
-        return 0.0;
-    if (total >= 1.0)
-        return 1.0;
-    for (int i = 0; i < BISECTIONS; i++) {
-        const double middle = 0.5 * (low + high);
-        const struct pell_dipole d = pell_dipole_make(1.0 - middle, middle, eta, PELL_FRESNEL_EXACT);
-        *(pell_dipole_total(&d) < total ? &low : &high) = middle;
-    }
-    return 0.5 * (low + high);
-}
-
 bool pell_material_is_path(const char *text)
 {
     return strchr(text, '/') || pell_path_has_extension(text, "json");

@@ -34,8 +34,6 @@ struct pell_json;
 /* sigma_a with sigma_s_reduced, or with sigma_s and g; eta. Keys that are not there keep what `medium` has (eta), or are refused. */
 PELL_NODISCARD enum pell_result pell_read_medium(const struct pell_json *at, struct pell_medium *medium);
 bool pell_material_is_path(const char *name_or_path);
-/* The reduced albedo whose dipole has the diffuse reflectance `total` (in [0, 1]) at relative index eta, by bisection. */
-double pell_albedo_of_total(double total, double eta);
 
 /* What a scene file asks for beyond load parameters. */
 struct pell_extras {

@@ -52,7 +52,7 @@ PELL_NODISCARD enum pell_result pell_scene_lights(struct pell_scene_reader *r, c
 
 /* --- scene_material.c --------------------------------------------------------------------------------------------------------- */
 
-enum { PELL_MATERIAL_KEYS = 18, PELL_SPECULAR_KEYS = 3, PELL_TEXTURE_KEYS = 6 };
+enum { PELL_MATERIAL_KEYS = 20, PELL_SPECULAR_KEYS = 3, PELL_TEXTURE_KEYS = 6 };
 extern const char *const pell_material_keys[PELL_MATERIAL_KEYS];
 extern const char *const pell_specular_keys[PELL_SPECULAR_KEYS];
 extern const char *const pell_texture_keys[PELL_TEXTURE_KEYS];

@@ -4,11 +4,13 @@
 #include "scene/profile_table.h"
 #include "scene/scene_file.h"
 
+#include <pellucid/inversion.h>
+
 #include <string.h>
 
 const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
     "preset",         "sigma_a", "sigma_s_reduced", "sigma_s",    "g",        "eta",          "color", "mean_free_path", "layers",
-    "profile",        "color_from", "textures",     "normal_scale", "mix",    "strength",     "roughness", "specular",   "opaque",
+    "radius",         "radius_kind", "profile",        "color_from", "textures",     "normal_scale", "mix",    "strength",     "roughness", "specular",   "opaque",
 };
 const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
 const char *const pell_texture_keys[PELL_TEXTURE_KEYS] = { "baseColor", "normal", "roughness", "metallic", "specular", "emissive" };
@@ -158,9 +160,9 @@ static void forget_preset(struct pell_scene_reader *r, struct pell_material *m)
 }
 
 /* A text for all channels, or three texts: lengths without a unit are what goes wrong most. */
-static enum pell_result read_free_paths(const struct pell_json *parent, double *mm)
+static enum pell_result read_lengths(const struct pell_json *parent, const char *key, double *mm)
 {
-    const struct pell_json at = pell_json_get(parent, "mean_free_path");
+    const struct pell_json at = pell_json_get(parent, key);
     enum pell_result res = PELL_OK;
 
     if (json_is_string(at.value)) {
@@ -184,29 +186,56 @@ static enum pell_result read_free_paths(const struct pell_json *parent, double *
     return res;
 }
 
-/* "color" with "mean_free_path": the albedo whose dipole reflects that colour. "color" alone is the surface's own. */
-static enum pell_result read_color(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
+/* Is there a length that makes a colour into a medium? NULL: none. */
+static const char *length_key(const struct pell_json *at)
+{
+    return pell_json_has(at, "mean_free_path") ? "mean_free_path" : pell_json_has(at, "radius") ? "radius" : NULL;
+}
+
+/* "color" with a length: the medium that has this colour by the material's model of the profile. */
+static enum pell_result read_look(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
+{
+    const char *key = length_key(at), *kinds[PELL_RADII];
+    struct pell_look look = { .eta = m->medium.eta };
+    struct pell_medium_fault fault;
+    int kind = PELL_RADIUS_MEAN_FREE_PATH;
+    enum pell_result res;
+
+    for (int i = 0; i < PELL_RADII; i++)
+        kinds[i] = pell_radius_at((enum pell_radius) i)->name;
+    PELL_TRY(pell_json_choice(at, "radius_kind", kinds, PELL_COUNT(kinds), &kind));
+    if (pell_json_has(at, "radius_kind"))
+        PELL_TRY(pell_json_require(at, "radius"));
+    if (!key)
+        return PELL_OK;
+    PELL_TRY(pell_json_require(at, "color"));
+    PELL_TRY(pell_json_numbers(at, "color", 3, 0.0, 1.0, look.color));
+    PELL_TRY(read_lengths(at, key, look.radius));
+    look.kind = (enum pell_radius) kind;
+    forget_preset(r, m);
+    if (pell_medium_from_look(&look, m->model, NULL, &m->medium, &fault) != PELL_OK)
+        return pell_json_error(at, PELL_ERR_FORMAT, "another colour, length or profile can do it",
+                               "has no medium: %s is %g, allowed with the rest: [%g, %g]", fault.field ? fault.field : "color", fault.value,
+                               fault.min, fault.max);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* The surface's own colour. */
+static enum pell_result read_color(const struct pell_json *at, struct pell_material *m)
 {
     const struct pell_json place = pell_json_get(at, "color");
-    double color[3], mm[3];
+    double color[3];
     enum pell_result res;
 
     if (!place.value)
-        return pell_json_has(at, "mean_free_path") ? pell_json_require(at, "color") : PELL_OK;
+        return PELL_OK;
     PELL_TRY(pell_json_numbers(at, "color", 3, 0.0, 1.0, color));
-    if (pell_json_has(at, "mean_free_path")) {
-        PELL_TRY(read_free_paths(at, mm));
-        forget_preset(r, m);
-        for (int c = 0; c < 3; c++) {
-            const double albedo = pell_albedo_of_total(color[c], m->medium.eta);
-            m->medium.sigma_a[c] = (1.0 - albedo) / mm[c];
-            m->medium.sigma_s_reduced[c] = albedo / mm[c];
-            m->medium.g[c] = 0.0;
-        }
-    } else if (!m->opaque && m->color_from == PELL_COLOR_FROM_PROFILE) {
+    if (!length_key(at) && !m->opaque && m->color_from == PELL_COLOR_FROM_PROFILE)
         return pell_json_error(&place, PELL_ERR_FORMAT, "add mean_free_path (\"1mm\"), or \"color_from\": \"texture\", or \"opaque\": true",
                                "says nothing about a material whose colour comes from its profile");
-    }
     for (int c = 0; c < 3; c++)
         m->base_color[c] = (float) color[c];
     return PELL_OK;
@@ -282,15 +311,18 @@ static enum pell_result read_optics(struct pell_scene_reader *r, const struct pe
 {
     const struct pell_json preset = pell_json_get(at, "preset");
     const bool medium = pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") || pell_json_has(at, "sigma_s_reduced");
+    const char *length = length_key(at);
     struct pell_material_entry entry = { 0 };
     const char *name;
     enum pell_result res;
 
-    if (medium && (preset.value || pell_json_has(at, "mean_free_path")))
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives coefficients and %s; one of them is allowed",
-                               preset.value ? "a preset" : "a mean free path");
-    if (preset.value && pell_json_has(at, "mean_free_path"))
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives a preset and a mean free path; one of them is allowed");
+    if (medium && (preset.value || length))
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives coefficients and a %s; one of them is allowed",
+                               preset.value ? "preset" : length);
+    if (preset.value && length)
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives a preset and a %s; one of them is allowed", length);
+    if (pell_json_has(at, "mean_free_path") && pell_json_has(at, "radius"))
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives a mean_free_path and a radius; one of them is allowed");
     if (preset.value) {
         PELL_TRY(pell_json_to_string(&preset, &name));
         PELL_TRY(pell_scene_material_entry(r, &preset, name, &entry));
@@ -346,6 +378,7 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     PELL_TRY(refuse_later(at));
     PELL_TRY(read_optics(r, at, m));
     PELL_TRY(read_profile(r, at, m));
+    PELL_TRY(read_look(r, at, m));
     PELL_TRY(pell_json_bool(at, "opaque", &m->opaque));
     color_from = m->color_from == PELL_COLOR_FROM_TEXTURE;
     PELL_TRY(pell_json_choice(at, "color_from", sources, PELL_COUNT(sources), &color_from));
@@ -353,7 +386,7 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     PELL_TRY(read_textures(r, at, m));
     if (m->base_color_map.texture && m->base_color_map.texture != before)
         m->base_color[0] = m->base_color[1] = m->base_color[2] = 1.0f; /* a picture given here is the colour, not a tint of it */
-    PELL_TRY(read_color(r, at, m));
+    PELL_TRY(read_color(at, m));
     PELL_TRY(read_strength(r, at, m));
     PELL_TRY(pell_json_float(at, "mix", 0.0, 1.0, &m->mix));
     PELL_TRY(pell_json_float(at, "roughness", 0.0, 1.0, &m->roughness));

@@ -263,18 +263,6 @@ static void built_in_files_read_as_their_entries(void **state)
     }
 }
 
-static void an_albedo_is_found_for_every_colour(void **state)
-{
-    (void) state;
-    for (double eta = 1.0; eta <= 2.01; eta += 0.25)
-        for (double total = 0.0; total <= 1.0; total += 0.05) {
-            const double albedo = pell_albedo_of_total(total, eta);
-            const struct pell_dipole d = pell_dipole_make(1.0 - albedo, albedo, eta, PELL_FRESNEL_EXACT);
-            REQUIRE(albedo >= 0.0 && albedo <= 1.0);
-            REQUIRE_NEAR(pell_dipole_total(&d), total, 1e-9);
-        }
-}
-
 /* --- Ends --------------------------------------------------------------------------------------------------------------------------- */
 
 static void a_cancelled_context_reads_nothing(void **state)
@@ -322,7 +310,6 @@ int main(void)
         cmocka_unit_test(material_files_need_only_their_optics),
         cmocka_unit_test(broken_material_files_are_refused),
         cmocka_unit_test(built_in_files_read_as_their_entries),
-        cmocka_unit_test(an_albedo_is_found_for_every_colour),
         cmocka_unit_test(a_cancelled_context_reads_nothing),
         cmocka_unit_test(an_unsaid_material_is_marble),
     };

@@ -6,6 +6,8 @@
 #include "base/file.h"
 #include "scene/scene_file.h"
 
+#include <pellucid/inversion.h>
+
 #include <regex.h>
 
 static const struct memory_file files[] = {
@@ -183,6 +185,35 @@ static void materials_are_overlaid_by_name(void **state)
     assert_int_equal(kept.warnings, 2); /* the materials that no library defines; "Skim" */
     assert_non_null(strstr(kept.last_warning, "no material is called \"Skim\""));
     finish(s);
+}
+
+/* Under the model that the material asks for, the medium has the colour; and what other programs call a radius is a length. */
+static void a_radius_means_what_its_kind_says(void **state)
+{
+    static const double color[] = { 0.3, 0.5, 0.7 };
+    (void) state;
+
+    for (int kind = 0; kind < PELL_RADII; kind++) {
+        char text[512];
+        struct pell_scene *s;
+        snprintf(text, sizeof(text),
+                 SCENE(",\"materials\":{\"*\":{\"color\":[0.3,0.5,0.7],\"radius\":\"2mm\",\"radius_kind\":\"%s\",\"eta\":1.4,"
+                       "\"profile\":\"normalized-diffusion\",\"color_from\":\"texture\"}}"),
+                 pell_radius_at((enum pell_radius) kind)->name);
+        s = load(text, NULL);
+        const struct pell_material *m = &s->materials[0];
+        assert_int_equal(m->color_from, PELL_COLOR_FROM_TEXTURE);
+        for (int c = 0; c < 3; c++) {
+            struct pell_profile p;
+            assert_int_equal(pell_profile_make(m->model, &m->medium, c, NULL, &p), PELL_OK);
+            REQUIRE_NEAR(pell_profile_total(&p), color[c], 1e-8);
+            if (kind == PELL_RADIUS_MEAN_FREE_PATH)
+                REQUIRE_REL(pell_mean_free_path(&m->medium, c), 2.0, 1e-9);
+            if (kind == PELL_RADIUS_DIFFUSE)
+                REQUIRE_REL(pell_diffuse_mean_free_path(&m->medium, c), 2.0, 1e-9);
+        }
+        finish(s);
+    }
 }
 
 static void a_profile_is_a_model_or_a_table(void **state)
@@ -403,6 +434,15 @@ static const struct {
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1],\"mean_free_path\":[\"1mm\",2,\"1mm\"]}}"), "s.json:/materials/*/mean_free_path/1",
       "without a unit", "" },
     { SCENE(",\"materials\":{\"*\":{\"mean_free_path\":\"1mm\"}}"), "s.json:/materials/*", "\"color\"", "" },
+    { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1],\"radius\":1}}"), "s.json:/materials/*/radius", "without a unit", "1.2mm" },
+    { SCENE(",\"materials\":{\"*\":{\"color\":[0.5,0.5,0.5],\"radius\":\"1mm\",\"radius_kind\":\"bruley\"}}"),
+      "s.json:/materials/*/radius_kind", "burley", "" },
+    { SCENE(",\"materials\":{\"*\":{\"color\":[0.5,0.5,0.5],\"mean_free_path\":\"1mm\",\"radius_kind\":\"burley\"}}"), "s.json:/materials/*",
+      "\"radius\"", "" },
+    { SCENE(",\"materials\":{\"*\":{\"color\":[0.5,0.5,0.5],\"mean_free_path\":\"1mm\",\"radius\":\"1mm\"}}"), "s.json:/materials/*",
+      "a mean_free_path and a radius", "" },
+    { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1],\"radius\":\"1mm\",\"radius_kind\":\"diffuse\"}}"), "s.json:/materials/*",
+      "has no medium", "" },
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1]}}"), "s.json:/materials/*/color", "says nothing", "mean_free_path" },
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1.5],\"mean_free_path\":\"1mm\"}}"), "s.json:/materials/*/color/2", "is 1.5", "" },
     { SCENE(",\"materials\":{\"*\":{\"layers\":[]}}"), "s.json:/materials/*/layers", "not there yet", "" },
@@ -663,6 +703,9 @@ static const char *const beyond_schema[] = {
     "a mesh file is needed",
     "allowed",
     "no more light",
+    "has no medium",
+    "\"radius\"",
+    "a mean_free_path and a radius",
 };
 
 /* A preset brings a colour for where there is no picture; a picture given beside it must not be tinted by that. */
@@ -793,6 +836,7 @@ int main(void)
         cmocka_unit_test(lights_are_read),
         cmocka_unit_test(materials_are_overlaid_by_name),
         cmocka_unit_test(a_profile_is_a_model_or_a_table),
+        cmocka_unit_test(a_radius_means_what_its_kind_says),
         cmocka_unit_test(a_colour_and_a_mean_free_path_make_a_medium),
         cmocka_unit_test(other_ways_to_name_a_material_work),
         cmocka_unit_test(pictures_are_looked_up_and_named_when_broken),
