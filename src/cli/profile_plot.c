@@ -11,6 +11,7 @@
 #include <string.h>
 
 enum { SAMPLES = 241, MAX_CURVES = 24 };
+#define RANGE 1e-7 /* of the largest value: what a logarithmic axis shows */
 
 static const enum plot_color channel_colors[3] = { PLOT_RED, PLOT_GREEN, PLOT_BLUE };
 
@@ -72,15 +73,17 @@ static bool add_value(struct sheet *sheet, int panel, const struct subject *s, c
     return c != NULL;
 }
 
-/* How far `s` is from `base`: its difference where curves are weighted, in percent of the base where they are not. */
+/* How far `s` is from `base`: its difference where curves are weighted, in percent of the base where they are not, as far
+ * as the base is drawn. */
 static bool add_difference(struct sheet *sheet, int panel, const struct subject *s, const struct subject *base, const char *label,
                            enum plot_color color, enum plot_line line)
 {
     struct plot_curve *c = add_curve(sheet, panel, label, color, line);
+    const double least = RANGE * value_of(base, sheet->x[0]);
 
     for (int i = 0; c && i < SAMPLES; i++) {
         const double r = sheet->x[i], a = value_of(s, r), b = value_of(base, r);
-        ((double *) c->y)[i] = sheet->weighted ? 2.0 * acos(-1.0) * r * (a - b) : b > 0.0 ? 100.0 * (a / b - 1.0) : (double) NAN;
+        ((double *) c->y)[i] = sheet->weighted ? 2.0 * acos(-1.0) * r * (a - b) : b > least ? 100.0 * (a / b - 1.0) : (double) NAN;
     }
     return c != NULL;
 }
@@ -132,7 +135,7 @@ static struct plot_axis value_axis(const struct sheet *sheet, int columns)
     if (sheet->weighted)
         return (struct plot_axis){ "2\u03c0 r R(r), 1/mm", false, 0.0, 1.06 * high };
     high = pow(10.0, ceil(2.0 * log10(1.1 * high)) / 2.0);
-    low = pow(10.0, floor(log10(fmax(low, 1e-7 * high))));
+    low = pow(10.0, floor(log10(fmax(low, RANGE * high))));
     return (struct plot_axis){ "R(r), 1/mm\u00b2", true, low, high };
 }
 
