@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""make_fuzz_seeds.py: writes the seeds of fuzz/scene/corpus/gltf. Small files that between them reach every part of the reader."""
+"""make_fuzz_seeds.py: writes the seeds of fuzz/scene/corpus/{gltf,material,profile_table} and fuzz/optics/corpus/optics: small files that
+between them reach every part of what reads them."""
 import json
+import math
 import pathlib
 import struct
 import zlib
 
-OUT = pathlib.Path(__file__).resolve().parent.parent / "fuzz" / "scene" / "corpus" / "gltf"
+FUZZ = pathlib.Path(__file__).resolve().parent.parent / "fuzz"
 
 
 def glb(document, data=b""):
@@ -116,18 +118,120 @@ def text():
     }, indent=1).encode()
 
 
-def main():
-    OUT.mkdir(parents=True, exist_ok=True)
+def gltf():
     medium = {"KHR_materials_volume": {"attenuationDistance": 0.001, "attenuationColor": [0.5, 0.3, 0.1]},
               "KHR_materials_volume_scatter": {"multiscatterColor": [0.6, 0.4, 0.2], "scatterAnisotropy": 0.1},
               "KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.4}}
     thin = {"KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.5, "diffuseTransmissionColorTexture": {"index": 0}},
             "KHR_materials_specular": {"specularTexture": {"index": 0}}, "KHR_materials_transmission": {"transmissionFactor": 1},
             "KHR_materials_emissive_strength": {"emissiveStrength": 3}}
-    seeds = {"shapes.glb": shapes(), "medium.glb": surfaces(medium), "thin.glb": surfaces(thin), "text.gltf": text(), "empty.glb": glb({})}
-    for name, data in seeds.items():
-        (OUT / name).write_bytes(data)
-        print(f"{name}: {len(data)} bytes")
+    return {"shapes.glb": shapes(), "medium.glb": surfaces(medium), "thin.glb": surfaces(thin), "text.gltf": text(), "empty.glb": glb({})}
+
+
+# --- Material files -----------------------------------------------------------------------------------------------------------------
+
+def materials():
+    coefficients = {"sigma_a": [0.1, 0.2, 0.3], "sigma_s_reduced": [1, 2, 3]}
+    colors = {"color": [0.8, 0.5, 0.4], "roughness": 0.4, "mix": 0.3, "color_from": "texture"}
+    sums = {"variances": [0.1, 1, 10], "weights": [[0.2, 0.3, 0.4], [0.3, 0.3, 0.3], [0.1, 0.05, 0]]}
+    layers = [{"name": "film", "thickness_mm": 0.2, "sigma_a": [0.1, 0.1, 0.5], "sigma_s": [40, 50, 60], "g": 0.8, "eta": 1.4},
+              {"thickness_mm": 0.5, "sigma_a": [0, 0, 0], "sigma_s": [1, 2, 3], "phase": "rayleigh", "eta": 1.33},
+              {"thickness_mm": 1, "sigma_a": [1, 1, 1], "sigma_s_reduced": [8, 8, 8], "phase": "schlick", "g": [0.5, 0, -0.5]},
+              {"name": "bottom", "thickness_mm": "infinite", "phase": "hg", **coefficients}]
+    files = {
+        "medium": {"name": "soap", "title": "Soap", "eta": 1.5, **coefficients, **colors},
+        "unreduced": {"kind": "medium", "sigma_a": [0.1, 0.2, 0.3], "sigma_s": [10, 20, 30], "g": [0.9, 0, -0.5], "eta": 1},
+        "concentration": {"concentration": 0.25, "dilution": 100, **coefficients},
+        "same_medium": {"same_medium_as": "regular-milk", "concentration": 10, "eta": 1.4},
+        "gaussians": {"kind": "gaussians", "eta": 1.4, "note": "artistic", **sums, **colors},
+        "same_profile": {"same_profile_as": "skin-6gaussian", "family": "artistic"},
+        "layers": {"kind": "layers", "eta": 1.4, "layers": layers, "source": "none"},
+        "slab": {"layers": layers[:1]},
+        "solved": {"layers": layers[-1:], "variances": [0.1, 1], "weights": [[0.1, 0.2, 0.3], [0.2, 0.2, 0.2]]},
+        "skin": {"skin": {"melanin": 0.1, "melanin_blend": 0.5, "haemoglobin": 0.02,
+                          "oxygenation": 0.6, "epidermis_mm": 0.12, "eta": 1.38}},
+        "skin_default": {"skin": {}},
+    }
+    return {f"{name}.json": json.dumps(content).encode() for name, content in files.items()}
+
+
+# --- Tables -------------------------------------------------------------------------------------------------------------------------
+
+def tables():
+    radii = [0.1 * 1.2**i for i in range(24)]
+    rows = "".join(f"{r:.4g},{0.1 * math.exp(-r):.4g},{0.05 * math.exp(-2 * r):.4g},0\n" for r in radii)
+    return {
+        "rgb.csv": b"r_mm,R,G,B\n" + rows.encode(),
+        "one.csv": b"\xef\xbb\xbf# mine\r\nr_mm, R\r\n\r\n0 , 0.2\r\n1,0.1\r\n 2, 0\r\n",
+        "bare.csv": b"0,0.2,0.2,0\r1,0.1,0.1,0\r2,0,0,0",
+        "long.csv": b"".join(b"%d,1e-9\n" % r for r in range(700)),
+        "ends.csv": b"1e-12,1e24\n2e-12,0\n1e12,1e-30\n",
+    }
+
+
+# --- Numbers ------------------------------------------------------------------------------------------------------------------------
+
+def real(*values):
+    """As fuzz/optics/fuzz_optics.c reads numbers: doubles as they are."""
+    return b"".join(b"\0" + struct.pack("<d", value) for value in values)
+
+
+def signed(value):
+    return bytes([value < 0]) + real(abs(value))
+
+
+def medium(a, s, g, eta):
+    return (real(a, s) + signed(g)) * 3 + real(eta)
+
+
+def stack(layers, endless=False, eta=1.4):
+    """Layers of (sigma_a, sigma_s', thickness), all of one index."""
+    body = b"".join(real(a, s, eta, d) for a, s, d in layers)
+    return bytes([2 | 32 * endless, len(layers), 0]) + body
+
+
+def numbers():
+    probe = b"\3\x40\x30" * 48
+    marble, milk, ink = medium(0.0041, 2.62, 0, 1.5), medium(0.001, 3, 0.9, 1.3), medium(30, 1, -0.3, 1.33)
+    skin = [(0.21, 4.8, 0.25), (0.016, 3.2, 0.2), (0.0085, 0.45, 1e3)]
+    table = b"".join(real(r, 0.1 * math.exp(-r)) for r in (0, 0.3, 0.7, 1.5, 3, 6))
+    model, profile = (lambda m, body: bytes([m + 1]) + body + b"\0\2"), bytes([0])
+    seeds = {f"profile_{m}": profile + model(m, (marble, milk, ink, marble, milk)[m]) + probe for m in range(5)}
+    seeds["profile_rough"] = profile + b"\1" + marble + b"\x08" + real(0.5) + b"\2" + probe
+    seeds["profile_A"] = profile + b"\1" + marble + b"\x10" + real(3.0) + b"\2" + probe
+    seeds["table"] = b"\1\0" + table
+    seeds["table_scaled"] = b"\1\x1f" + b"\3\x10\x20" * 60
+    seeds["dipole"] = b"\2" + real(0.0041, 2.62, 1.5) + signed(0.4) + real(0.18, 1.0, 0.9)
+    for m in range(5):
+        seeds[f"fit_{m}"] = b"\3" + bytes([2 + m, m & 1, 0, 0]) + model(m, (milk, marble, ink, milk, marble)[m])
+    seeds["fit_table"] = b"\3" + bytes([4, 0, 1]) + real(5.0) + b"\1\0" + table
+    seeds["fit_shared"] = b"\4" + bytes([4, 0, 0]) + model(0, marble) + model(1, milk) + b"\0" + model(2, ink)
+    tail = real(0.5) + b"\0" + real(1.0) + b"\0"
+    for name, layers in (("skin", stack(skin, endless=True)), ("slab", stack(skin[:1])), ("two", stack(skin[:2])),
+                         ("clear", stack([(0, 1e-3, 1e-3), (0.1, 5, 1)])), ("white", stack([(0, 10, 1), (0, 1, 2)], eta=2.0))):
+        seeds[f"stack_{name}"] = b"\5" + layers + tail
+        seeds[f"hankel_{name}"] = b"\6" + layers + real(0, 0.01, 0.1, 1, 10, 100) + b"\1" + probe
+        seeds[f"sets_{name}"] = b"\7\0" + layers + b"\3"
+    seeds["sets_analytic"] = b"\7\1" + stack(skin, endless=True) + b"\5"
+    seeds["sets_knobs"] = b"\7\x1e" + real(1e-4) + bytes([16]) + real(1e-4) + stack(skin[:2]) + b"\5"
+    for kind in range(4):
+        seeds[f"phase_{kind}"] = b"\x08" + bytes([kind]) + signed(0.8) + signed(-0.3) + real(0.7) + signed(0.2) + real(0.3, 0.6)
+    for kind in range(6):
+        look = b"".join(real(color, 1.5) + signed(0.2) for color in (0.8, 0.4, 0.1))
+        seeds[f"look_{kind}"] = b"\x09" + bytes([kind % 3, 1 + kind % 5, 0, kind]) + real(1.4) + look
+    seeds["material"] = b"\x0a\x1e" + real(0.5, 10.0, 1e-3)
+    seeds["skin"] = b"\x0b" + real(0.05, 0.5, 0.02, 0.7, 0.1, 1.4, 550.0)
+    seeds["kernel"] = b"\x0c" + real(10.0) + b"\x19\2" + real(5.0, 2.0) + b"\0" + model(1, marble)
+    return seeds
+
+
+def main():
+    for folder, seeds in (("scene/corpus/gltf", gltf()), ("scene/corpus/material", materials()),
+                          ("scene/corpus/profile_table", tables()), ("optics/corpus/optics", numbers())):
+        (FUZZ / folder).mkdir(parents=True, exist_ok=True)
+        for name, data in seeds.items():
+            (FUZZ / folder / name).write_bytes(data)
+            print(f"{folder}/{name}: {len(data)} bytes")
 
 
 if __name__ == "__main__":

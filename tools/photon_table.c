@@ -15,7 +15,7 @@
 #include "math/vec.h"
 #include "optics/photon.h"
 
-#include <pellucid/medium.h>
+#include <pellucid/inversion.h>
 
 #include <popt.h>
 #include <signal.h>
@@ -93,7 +93,7 @@ static void touch(void *user, const struct pell_photon_exit *e)
 static void powers_fill(struct powers *p, double g)
 {
     for (int j = 0; j < PELL_TABLE_ALPHA; j++) {
-        const double alpha = pell_albedo(1.0 - axis_v[j] * axis_v[j], g);
+        const double alpha = pell_albedo_of_reduced(1.0 - axis_v[j] * axis_v[j], g);
         for (int i = 0; i < POWERS; i++)
             p->low[i][j] = pow(alpha, i); /* 0^0 = 1: at alpha' = 0 what was scattered twice is left */
         for (int i = 0; i <= POWERS; i++)
@@ -310,7 +310,7 @@ static bool smooth(const double *bx, const double *by, const double *be, double 
 /* False where photons are too few to see a profile without absorption. */
 static bool rows(const struct state *s, int ig, int ie, int ia, struct pell_photon_table *t)
 {
-    const double g = axis_g[ig], alpha = pell_albedo(1.0 - axis_v[ia] * axis_v[ia], g), per_reduced = 1.0 / (1.0 - alpha * g);
+    const double g = axis_g[ig], alpha = pell_albedo_of_reduced(1.0 - axis_v[ia] * axis_v[ia], g), per_reduced = 1.0 / (1.0 - alpha * g);
     const double kappa = pell_transport_kappa(alpha, g) * per_reduced, width = log(10.0) / PER_DECADE;
     const double photons = (double) batch_photons(s, ig) * s->done[ig];
     double bx[BINS], by[BINS], be[BINS], y[PELL_TABLE_R], error[PELL_TABLE_R];

@@ -23,6 +23,8 @@ struct pell_frame_material {
                                          * NULL */
     bool white;                         /* normalise each channel's profile to 1: the colour comes with the irradiance */
     const char *name;                   /* for messages; not NULL */
+    const char *preset;                 /* the built-in medium (pell_material_find) of whose coefficients the profile is made; NULL: none,
+                                         * or a profile or Gaussians of its own */
 };
 
 #define PELL_FRAME_MATERIALS 4095

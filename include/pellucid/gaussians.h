@@ -43,7 +43,7 @@ struct pell_fit_report {
 
 struct pell_fit_params {
     int count;        /* 1..PELL_GAUSSIANS_MAX */
-    bool free_energy; /* false: weights of a channel sum to the profile's total exactly */
+    bool free_energy; /* false: weights of a channel sum to the profile's total exactly; true: to what fits best, at most 1 */
     double r_max_mm;  /* if > 0: the integrals of the error end here; 0: at infinity */
 };
 

@@ -25,6 +25,7 @@ enum pell_pixel_type { PELL_PIXEL_U8, PELL_PIXEL_U16, PELL_PIXEL_F32 };
 enum pell_image_role {
     PELL_ROLE_COLOR, /* 8 and 16 bit integers are sRGB-encoded; floats are linear */
     PELL_ROLE_DATA,  /* normals, roughness, masks, lengths: linear, never passed through a colour transform */
+    PELL_ROLE_RAW,   /* as COLOR, but floats stay as they are in the file, to be measured: NaN, infinity, premultiplied alpha too */
 };
 
 struct pell_image {
@@ -40,8 +41,8 @@ enum pell_wrap { PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, PELL_WRAP_MIRROR };
 
 /* Reads a file by its content (the name's ending is not trusted). Limits: image-pixels, file-bytes, memory-bytes. `image` is {0} on
  * failure. The layout is the narrowest that holds the file: grey stays 1 channel, a palette becomes 8 bit RGB(A), a key colour alpha.
- * Float files are made finite (NaN 0, infinity +-65504, with a warning). EXR: R, G, B (A), else Y (A), else the first layer with R, G, B,
- * else an only channel, over the display window; 0 outside the data window; COLOR: divided by an alpha in (0, 1), for EXR's is
+ * Float files are made finite (NaN 0, infinity +-65504, with a warning) unless RAW. EXR: R, G, B (A), else Y (A), else the first layer with
+ * R, G, B, else an only channel, over the display window; 0 outside the data window; COLOR: divided by an alpha in (0, 1), for EXR's is
  * premultiplied. HDR: divided by EXPOSURE and COLORCORR. CMYK JPEG: converted without a profile, with a warning. */
 PELL_API PELL_NODISCARD enum pell_result pell_image_read(struct pell_context *ctx, const char *path, enum pell_image_role role,
                                                          struct pell_image *image);

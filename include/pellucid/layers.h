@@ -86,13 +86,6 @@ PELL_API PELL_NODISCARD enum pell_result pell_stack_transforms(const struct pell
 PELL_API PELL_NODISCARD enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, enum pell_stack_part part,
                                                          double r_mm, double tolerance, int dipoles_max, double *out, int *dipoles);
 
-/* Ways to the profiles of a stack, for programs that offer them all. Values are stable. */
-enum pell_stack_solver {
-    PELL_STACK_HANKEL = 0, /* pell_stack_hankel: closed forms per frequency, one discrete Hankel transform back */
-    PELL_STACK_GAUSSIANS,  /* pell_stack_gaussians: polynomials of one narrow Gaussian; no transform */
-    PELL_STACK_ANALYTIC,   /* the same with `analytic`: from the closed-form pole fits of d'Eon et al. 2007, appendix A */
-};
-
 /* --- Solvers ------------------------------------------------------------------------------------------------------------------ */
 
 /* Profiles of a channel at `count` radii >= 0 by the Hankel solver: one of `out` per part, NULL where not wanted. Absolute error 1e-9 of
@@ -139,13 +132,16 @@ PELL_API PELL_NODISCARD enum pell_result pell_stack_gaussians(const struct pell_
                                                               const struct pell_stack_gaussians_params *params, void *workspace,
                                                               size_t workspace_size, struct pell_stack_sets *out);
 
-/* A part's set as a profile. */
+/* A part's set as a profile, between nodes. R(r) < 0, which weights of both signs (`analytic`) may leave far out, becomes 0, and what is
+ * left is scaled to the total. PELL_ERR_INVALID (and *out zero) for no set or no part. */
 PELL_API PELL_NODISCARD enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *sets, enum pell_stack_part part,
                                                                  struct pell_profile *out);
 
 /* Three channels' sets of a part reduced to `count` (2..PELL_GAUSSIANS_MAX) Gaussians with shared variances, geometric, of several ranges
- * the best: weights >= 0 by least squares of error (10), each channel's total kept. Half a millisecond; pell_fit_profiles finds better
- * variances in several. pell_gaussian_set_reduce, to variances of the caller's choice, keeps the second moment, too. */
+ * the best: weights >= 0 by least squares of error (10), each channel's total and second moment kept (the moment only where it is above 0,
+ * as it always is but for weights of both signs). Half a millisecond; pell_fit_profiles finds better variances in several, and keeps the
+ * total alone; pell_gaussian_set_reduce is for variances of the caller's choice. *out has count 0 if no channel has light, and on
+ * PELL_ERR_INVALID: a count, part or set out of range. */
 PELL_API PELL_NODISCARD enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3], enum pell_stack_part part,
                                                            int count, struct pell_gaussians *out);
 

@@ -79,7 +79,7 @@ PELL_API void pell_material_stack(const struct pell_material_layers *layers, str
 #define PELL_MATERIAL_LAYERS_GAUSSIANS 6
 
 /* What a stack reflects as a sum of PELL_MATERIAL_LAYERS_GAUSSIANS Gaussians with shared variances: its profiles by the Hankel solver
- * (pell_stack_profile), fitted with each channel's total kept (pell_fit_profiles). Some seven milliseconds and 400 KiB of stack. `report`
+ * (pell_stack_profile), fitted with each channel's total kept (pell_fit_profiles). Some seven milliseconds and 230 KiB of stack. `report`
  * may be NULL. PELL_ERR_INVALID, *out untouched: no valid stack, or one that reflects nothing. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_solve(const struct pell_material_layers *layers, struct pell_gaussians *out,
                                                              struct pell_fit_report *report);

@@ -62,6 +62,7 @@ PELL_API bool pell_profile_model_find(const char *name, enum pell_profile_model 
 /* --- A profile ---------------------------------------------------------------------------------------------------------------- */
 
 #define PELL_PROFILE_NODES 512
+#define PELL_PROFILE_PARAMETERS 40 /* of a closed form: a count and two for each of PELL_GAUSSIANS_MAX Gaussians take 21 */
 #define PELL_PROFILE_TOTAL_SLACK 1e-6 /* how much more than 1 a total given from outside may be: rounded weights and tables */
 
 /* What a profile is made of inside; callers read none of it but through the functions below. */
@@ -70,6 +71,7 @@ enum pell_profile_kind {
     PELL_PROFILE_KIND_BURLEY,    /* closed form */
     PELL_PROFILE_KIND_GAUSSIANS, /* closed form */
     PELL_PROFILE_KIND_NODES,     /* monotone cubic between nodes; beyond the last 0 or the far field of diffusion */
+    PELL_PROFILE_KINDS,
 };
 
 /* One channel's R(r): the flux that leaves at a distance r from where a unit of flux entered, 1/mm^2; R >= 0, Int 2 pi r R dr <= 1.
@@ -77,7 +79,7 @@ enum pell_profile_kind {
 struct pell_profile {
     int kind;         /* enum pell_profile_kind */
     double total;     /* Int_0^inf 2 pi r R dr, [0, 1] */
-    double parameter[40]; /* of a closed form */
+    double parameter[PELL_PROFILE_PARAMETERS]; /* of a closed form */
     int count;        /* nodes in use */
     double r[PELL_PROFILE_NODES], value[PELL_PROFILE_NODES], slope[PELL_PROFILE_NODES];
     double inside[PELL_PROFILE_NODES]; /* flux inside r */
@@ -101,7 +103,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_profile_make(enum pell_profile_mod
 
 struct pell_profile_fault {
     size_t row;             /* the first one that is wrong; for "total" the one at which there is too much light */
-    const char *what;       /* "rows", "r_mm", "R", "total": constant text */
+    const char *field;      /* "rows", "r_mm", "R", "total": constant text */
     double value, min, max; /* value found (of "total": up to that row), and what is allowed */
 };
 

@@ -8,20 +8,20 @@
 #include <stdlib.h>
 
 /* One channel; into `sets`, or `R` at radii. */
-static enum pell_result solve(const struct pell_stack *stack, int c, int solver, const double *r, double *R, void *workspace, size_t size,
-                              struct pell_stack_sets *sets)
+static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_solver solver, const double *r, double *R,
+                              void *workspace, size_t size, struct pell_stack_sets *sets)
 {
     double *const out[PELL_STACK_PARTS] = { R, NULL, NULL, NULL };
 
-    if (solver == PELL_STACK_HANKEL)
+    if (solver == STACK_HANKEL)
         return pell_stack_hankel(stack, c, r, BENCH_LAYERS_RADII, out, NULL);
     return pell_stack_gaussians(
-        stack, c, &(struct pell_stack_gaussians_params){ .analytic = solver == PELL_STACK_ANALYTIC, .reflectance_only = true }, workspace,
+        stack, c, &(struct pell_stack_gaussians_params){ .analytic = solver == STACK_ANALYTIC, .reflectance_only = true }, workspace,
         size, sets);
 }
 
-enum pell_result bench_layers(struct pell_context *ctx, const struct pell_material_layers *layers, int solver, int repeats, double *ms,
-                              struct pell_profile out[3])
+enum pell_result bench_layers(struct pell_context *ctx, const struct pell_material_layers *layers, enum stack_solver solver, int repeats,
+                              double *ms, struct pell_profile out[3])
 {
     const size_t size = pell_stack_workspace_size(&(struct pell_stack_gaussians_params){ .reflectance_only = true });
     struct pell_stack *stack = calloc(1, sizeof(*stack));
@@ -43,7 +43,7 @@ enum pell_result bench_layers(struct pell_context *ctx, const struct pell_materi
             res = PELL_ERR_CANCELLED;
     }
     for (int c = 0; c < 3 && res == PELL_OK; c++) {
-        if (solver == PELL_STACK_HANKEL) {
+        if (solver == STACK_HANKEL) {
             res = pell_stack_profile(stack, c, PELL_STACK_R_PLUS, &out[c], NULL);
         } else {
             res = solve(stack, c, solver, r, R, workspace, size, sets);

@@ -93,7 +93,7 @@ static enum pell_result time_layers(struct cli *cli, struct bench *b)
 
     for (int s = 0; s < STACK_SOLVERS && res == PELL_OK; s++) {
         double error[3];
-        res = bench_layers(cli->ctx, &b->skin->layers, s, b->repeats, b->ms, b->by_solver[s]);
+        res = bench_layers(cli->ctx, &b->skin->layers, (enum stack_solver) s, b->repeats, b->ms, b->by_solver[s]);
         if (res != PELL_OK)
             break;
         add(b, names[s], bench_median(b->ms, b->repeats), s ? names[0] : NULL);

@@ -47,6 +47,7 @@ enum option_group {
     OPTIONS_ENGINE = 1 << 5,
     OPTIONS_BENCH = 1 << 6,
     OPTIONS_PROFILE = 1 << 7,
+    OPTIONS_COMPARE = 1 << 8, /* with the rows of pell_compare_knobs */
 };
 
 struct settings_list {
@@ -67,6 +68,9 @@ struct cli {
         bool csv, shared, free_energy, weighted;
     } profile;
     struct {
+        char *layer, *mask, *half, *methods;
+    } compare;
+    struct {
         int threads, turntable, repeats, points, taps;
     } numbers;
     enum pell_log_level log_level;
@@ -74,6 +78,8 @@ struct cli {
     struct settings_list settings; /* --width 640: rows of pell_settings_knobs */
     struct pell_limits limits;     /* --limit NAME=VALUE */
     char command_line[2048];       /* for metadata, without folders of this machine */
+    const char *given[64];         /* names of the options on the command line, "taps" */
+    int num_given;
 
     /* State. */
     struct pell_context *ctx;
@@ -101,6 +107,8 @@ struct cli {
 enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *done);
 void cli_print_help(const struct command *command, FILE *file);
 void cli_finish(struct cli *cli);
+/* Whether an option ("--taps") stands on the command line, whatever its value. */
+bool cli_given(const struct cli *cli, const char *option);
 void cli_free_settings(struct settings_list *list);
 PELL_NODISCARD enum pell_result cli_add_setting(struct settings_list *list, const char *name, const char *value, const char *where);
 /* The text as `name=value name=value` of a table of knobs. */
@@ -124,6 +132,8 @@ const char *cli_style(const struct cli *cli, const FILE *file, int style);
 /* Prints text in lines of at most 96 columns. `column`: where the line stands now; `indent`: where the next ones begin. Lines of the
  * text that begin with two spaces stay as they are. */
 void cli_wrap(FILE *file, int column, int indent, const char *text);
+/* True if nobody reads stdout any more: what can't be written then needs no word. */
+bool cli_reader_left(void);
 size_t cli_warning_count(const struct cli *cli);
 const char *cli_warning(const struct cli *cli, size_t index);
 json_t *cli_numbers(const double *values, size_t count);
@@ -165,5 +175,6 @@ enum exit_code command_info(struct cli *cli);
 enum exit_code command_check(struct cli *cli);
 enum exit_code command_bench(struct cli *cli);
 enum exit_code command_profile(struct cli *cli);
+enum exit_code command_compare(struct cli *cli);
 
 #endif

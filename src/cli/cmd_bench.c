@@ -292,6 +292,7 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
 enum exit_code command_bench(struct cli *cli)
 {
     const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
+    static const char *const rendering[] = { "--method", "--set", "--engine", "--device", "--threads", "--allow-outside" };
     const bool profiles = strcmp(what, "profiles") == 0;
     struct session s = { 0 };
     struct rows rows = { .count = 0 };
@@ -299,6 +300,12 @@ enum exit_code command_bench(struct cli *cli)
     char path[4096];
     enum exit_code code = profiles ? EXIT_OK : find_scene(cli, what, path, sizeof(path));
 
+    if (profiles && cli->num_given)
+        for (size_t i = 0; i < PELL_COUNT(rendering); i++)
+            if (cli_given(cli, rendering[i]))
+                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench profiles, which renders nothing");
+    if (profiles && cli->settings.count)
+        return cli_usage(cli, cli->settings.items[0].where, NULL, "has no effect on the bench profiles, which renders nothing");
     if (profiles)
         return bench_profiles(cli);
     cli->stats = true; /* times are compared with copies */

@@ -184,18 +184,18 @@ static void print_gaussians(const struct pell_gaussians *g)
 
 static void print_material(const struct cli *cli, const struct pell_material_entry *e)
 {
-    char text[1024];
+    char text[8192];
     double color[3];
 
     color_of(e, color);
     printf("%s%s%s", cli_style(cli, stdout, 1), pell_printable(e->name, text, sizeof(text)), cli_style(cli, stdout, 0));
     if (e->title[0])
-        printf(" - %s", e->title);
+        printf(" - %s", pell_printable(e->title, text, sizeof(text)));
     if (e->family[0])
-        printf(" (%s)", e->family);
+        printf(" (%s)", pell_printable(e->family, text, sizeof(text)));
     putchar('\n');
     if (e->note[0])
-        cli_wrap(stdout, 0, 0, e->note);
+        cli_wrap(stdout, 0, 0, pell_printable(e->note, text, sizeof(text)));
     printf("\n  %-24s %10s %10s %10s\n", "", "red", "green", "blue");
     switch (e->kind) {
     case PELL_MATERIAL_MEDIUM:
@@ -222,7 +222,7 @@ static void print_material(const struct cli *cli, const struct pell_material_ent
     }
     if (e->source[0]) {
         fputs("\nSource: ", stdout);
-        cli_wrap(stdout, 8, 8, e->source);
+        cli_wrap(stdout, 8, 8, pell_printable(e->source, text, sizeof(text)));
     }
 }
 

@@ -12,6 +12,8 @@
 #include <string.h>
 
 enum { QUADRATURE = 2048 };
+#define RADIUS_MIN 1e-9 /* mm */
+#define RADIUS_MAX 1e9
 
 void profile_add(struct profile_text *text, const char *fmt, ...)
 {
@@ -110,7 +112,8 @@ static enum exit_code make_model(struct cli *cli, const struct profile_job *job,
         if (pell_cancelled(cli->ctx))
             return EXIT_INTERRUPTED;
         if (res == PELL_ERR_UNSUPPORTED && job->params.roughness > 0.0)
-            return cli_usage(cli, "--roughness", NULL, "%s knows smooth boundaries only", out->name);
+            return cli_usage(cli, "--roughness", "dipole, better-dipole and photon-beam take it",
+                             "%s is made for smooth boundaries and can't have another: --roughness must be 0", out->name);
         if (res != PELL_OK) {
             const enum pell_result said = pell_error(cli->ctx, res, "--model", NULL, "%s can't be made of %s (channel %s, eta %g): %s",
                                                      out->name, job->name, job->names[c], job->medium.eta, pell_result_name(res));
@@ -239,11 +242,30 @@ static enum exit_code open_medium(struct cli *cli, struct profile_job *job, cons
     return code;
 }
 
+static enum exit_code unknown_material(struct cli *cli, const struct profile_job *job, const char *name)
+{
+    const size_t count = pell_material_count();
+    const char **names = calloc(count + 1, sizeof(*names)), *nearest;
+    char hint[160] = "`pellucid materials` lists the built-in names";
+
+    for (size_t i = 0; names && i < count; i++)
+        names[i] = pell_material_at(i)->name;
+    nearest = names ? pell_nearest(name, names, count) : NULL;
+    if (nearest)
+        snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
+    free(names);
+    return cli_usage(cli, "MATERIAL|FILE", hint,
+                     "\"%s\", must be a built-in material, a material file (wax.json) or a table of R(r) (wax.csv)", job->name);
+}
+
 static enum exit_code open_material(struct cli *cli, struct profile_job *job, const char *name)
 {
     struct pell_material_entry entry = { 0 };
-    enum exit_code code = cli_failed(cli, pell_material_open(cli->ctx, "--material", name, &entry));
+    enum exit_code code;
 
+    if (!pell_material_is_path(name) && !pell_material_find(name))
+        return unknown_material(cli, job, name);
+    code = cli_failed(cli, pell_material_open(cli->ctx, name, name, &entry));
     if (code == EXIT_OK)
         switch (entry.kind) {
         case PELL_MATERIAL_MEDIUM: code = open_medium(cli, job, &entry.medium); break;
@@ -292,21 +314,31 @@ static double round_nicely(double value, bool up)
     return value;
 }
 
-static enum exit_code choose_radii(struct cli *cli, struct profile_job *job)
+/* Where the light is: all but a thousandth inside of `from` in any channel, and all but half a thousandth outside of `to`. Beyond that
+ * R falls as exp(-sigma_tr r) or faster, but for white. */
+static void find_light(struct profile_job *job)
 {
-    const bool plain = !cli->json && !cli->profile.csv;
     double low = INFINITY, high = 0.0;
-    enum exit_code code = EXIT_OK;
 
-    for (int c = 0; c < 3; c++)
-        if (pell_profile_total(&job->profile->R[c]) > 0.0) {
-            low = fmin(low, pell_profile_sample(&job->profile->R[c], 1e-3));
-            high = fmax(high, pell_profile_sample(&job->profile->R[c], 0.9995));
+    for (int k = 0; k < (job->slab ? 6 : 3); k++) {
+        const struct pell_profile *p = k < 3 ? &job->profile->R[k] : &job->profile->T[k - 3];
+        if (pell_profile_total(p) > 0.0) {
+            low = fmin(low, pell_profile_sample(p, 1e-3));
+            high = fmax(high, pell_profile_sample(p, 0.9995));
         }
-    job->from = low > 0.0 && isfinite(low) ? round_nicely(low, false) : 1e-3;
-    job->to = high > 0.0 && isfinite(high) ? fmin(round_nicely(high, true), 1e4 * job->from) : 1e3 * job->from;
+    }
+    job->from = low > 0.0 && isfinite(low) ? fmax(round_nicely(low, false), RADIUS_MIN) : 1e-3;
+    job->to = high > 0.0 && isfinite(high) ? fmin(round_nicely(high, true), RADIUS_MAX) : 1e3 * job->from;
     if (job->to <= job->from)
         job->to = 1e3 * job->from;
+}
+
+static enum exit_code choose_radii(struct cli *cli, struct profile_job *job)
+{
+    const bool plain = !cli->json && !cli->profile.csv, given = cli->profile.from || cli->profile.to;
+    enum exit_code code = EXIT_OK;
+
+    find_light(job);
     if (cli->profile.from)
         code = cli_failed(cli, pell_parse_length(cli->ctx, "--from", cli->profile.from, &job->from));
     job->to_given = cli->profile.to != NULL;
@@ -314,9 +346,13 @@ static enum exit_code choose_radii(struct cli *cli, struct profile_job *job)
         code = cli_failed(cli, pell_parse_length(cli->ctx, "--to", cli->profile.to, &job->to));
     if (code != EXIT_OK)
         return code;
-    if (!(job->from >= 1e-9 && job->to <= 1e9 && job->to > job->from))
-        return cli_usage(cli, cli->profile.to ? "--to" : "--from", "radii rise from --from to --to, within [1e-9, 1e9] mm",
-                         "the radii from %g mm to %g mm are no range", job->from, job->to);
+    if (!(job->from >= RADIUS_MIN && job->to <= RADIUS_MAX && job->to > job->from)) {
+        if (given)
+            return cli_usage(cli, cli->profile.to ? "--to" : "--from", "radii rise from --from to --to, within [1e-9, 1e9] mm",
+                             "the radii from %g mm to %g mm are no range", job->from, job->to);
+        return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_FORMAT, job->name, "--from and --to choose other radii",
+                                          "has no light between %g mm and %g mm", RADIUS_MIN, RADIUS_MAX));
+    }
     job->count = cli->numbers.points ? (size_t) cli->numbers.points : plain ? 13 : 64;
     if (job->count < 2)
         return cli_usage(cli, "--points", NULL, "is %d, allowed: 0 or [2, 4096]", cli->numbers.points);
@@ -488,9 +524,14 @@ static enum exit_code answer_csv(struct cli *cli, const struct profile_job *job)
 {
     struct profile_text text = { .length = 0 };
 
-    profile_add(&text, job->slab ? "r_mm,R,G,B,T R,T G,T B" : "r_mm,R,G,B");
+    const char *const *n = job->columns;
+
+    profile_add(&text, "r_mm,%s,%s,%s", n[0], n[1], n[2]);
+    if (job->slab)
+        profile_add(&text, ",tr_%s,tr_%s,tr_%s", n[0], n[1], n[2]);
     for (size_t k = 0; k < job->num_others; k++)
-        profile_add(&text, ",%s R,%s G,%s B", job->others[k].name, job->others[k].name, job->others[k].name);
+        for (int c = 0; c < 3; c++)
+            profile_add(&text, ",%s_%s", job->others[k].name, n[c]);
     for (size_t i = 0; i < job->count; i++) {
         profile_add(&text, "\n%.9g", job->r[i]);
         for (int c = 0; c < 3; c++)
@@ -548,6 +589,20 @@ static void print_others(const struct cli *cli, const struct profile_job *job)
     }
 }
 
+#define TRANSMITTED "                        T(r), 1/mm^2"
+
+/* T(r) of a slab, where the first table has no room for it. */
+static void print_transmitted(const struct profile_job *job)
+{
+    printf("\n  %-26s %35s\n", "r, mm", "T(r), 1/mm^2");
+    for (size_t i = 0; i < job->count; i++) {
+        printf("  %-26.4g", job->r[i]);
+        for (int c = 0; c < 3; c++)
+            printf(" %11.4g", pell_profile_eval(&job->profile->T[c], job->r[i]));
+        putchar('\n');
+    }
+}
+
 static enum exit_code answer_table(struct cli *cli, const struct profile_job *job)
 {
     double mfp[3], dmfp[3], total[3];
@@ -572,11 +627,13 @@ static enum exit_code answer_table(struct cli *cli, const struct profile_job *jo
         total[c] = pell_profile_total(&job->profile->T[c]);
     if (job->slab)
         print_three("total transmittance", total, "");
-    printf("\n  %-26s %35s%s\n", "r, mm", "R(r), 1/mm^2", job->num_fits ? "       error of the fit, % of R" : "");
+    printf("\n  %-26s %35s%s\n", "r, mm", "R(r), 1/mm^2", job->num_fits ? "       error of the fit, % of R" : job->slab ? TRANSMITTED : "");
     for (size_t i = 0; i < job->count; i++) {
         printf("  %-26.4g", job->r[i]);
         for (int c = 0; c < 3; c++)
             printf(" %11.4g", pell_profile_eval(&job->profile->R[c], job->r[i]));
+        for (int c = 0; c < 3 && job->slab && !job->num_fits; c++)
+            printf(" %11.4g", pell_profile_eval(&job->profile->T[c], job->r[i]));
         for (int c = 0; c < 3 && job->num_fits; c++) {
             const double R = pell_profile_eval(&job->profile->R[c], job->r[i]);
             if (R > 0.0)
@@ -586,10 +643,44 @@ static enum exit_code answer_table(struct cli *cli, const struct profile_job *jo
         }
         putchar('\n');
     }
+    if (job->slab && job->num_fits)
+        print_transmitted(job);
     if (job->num_others)
         print_others(cli, job);
     for (size_t i = 0; i < job->num_fits; i++)
         print_gaussians(cli, job, &job->fits[i]);
+    return EXIT_OK;
+}
+
+/* Options that would do nothing beside others: refused, so that nobody believes they did. */
+static enum exit_code refuse_idle(struct cli *cli)
+{
+    const bool csv = cli->profile.csv, code = cli->profile.export != NULL;
+    const bool no_fit = cli->profile.gaussians && strcmp(cli->profile.gaussians, "0") == 0;
+    const struct {
+        const char *option;
+        bool idle;
+        const char *why;
+    } rows[] = {
+        { "--taps", !code, "is of the kernel that --export writes, and none is asked for" },
+        { "--shared", no_fit, "is a way to fit, and --gaussians 0 asks for no fit" },
+        { "--free", no_fit, "is a way to fit, and --gaussians 0 asks for no fit" },
+        { "--gaussians", csv && !no_fit, "is of fits, and --csv holds none" },
+        { "--shared", csv, "is of fits, and --csv holds none" },
+        { "--free", csv, "is of fits, and --csv holds none" },
+        { "--compare", code, "does not go with --export: one profile is written" },
+        { "--from", code, "has no effect on --export: the table is as long as the profile" },
+        { "--to", code, "has no effect on --export: the table is as long as the profile" },
+        { "--points", code, "has no effect on --export: its table has its own" },
+    };
+
+    for (size_t i = 0; i < PELL_COUNT(rows); i++)
+        if (rows[i].idle && cli_given(cli, rows[i].option))
+            return cli_usage(cli, rows[i].option, NULL, "%s", rows[i].why);
+    if (code && cli->profile.gaussians && strchr(cli->profile.gaussians, ','))
+        return cli_usage(cli, "--gaussians", NULL, "\"%s\": --export writes one fit", cli->profile.gaussians);
+    if (code && cli->profile.solver && strcmp(cli->profile.solver, "all") == 0)
+        return cli_usage(cli, "--solver", NULL, "\"all\": --export writes one profile");
     return EXIT_OK;
 }
 
@@ -610,12 +701,12 @@ static enum exit_code check_options(struct cli *cli)
         return cli_usage(cli, "--output", NULL, "\"%s\" is the input", cli->output);
     if (cli->profile.weighted && (!cli->output || text))
         return cli_usage(cli, "--weighted", "add -o profile.svg", "is a way to plot, and no plot is asked for");
-    return EXIT_OK;
+    return refuse_idle(cli);
 }
 
 enum exit_code command_profile(struct cli *cli)
 {
-    struct profile_job job = { .names = { "r", "g", "b" }, .titles = { "red", "green", "blue" } };
+    struct profile_job job = { .names = { "r", "g", "b" }, .titles = { "red", "green", "blue" }, .columns = { "R", "G", "B" } };
     enum exit_code code = check_options(cli);
 
     if (code == EXIT_OK && cli->profile.export)
@@ -626,7 +717,7 @@ enum exit_code command_profile(struct cli *cli)
         code = open_profile(cli, &job);
     if (code == EXIT_OK)
         code = choose_radii(cli, &job);
-    if (code == EXIT_OK)
+    if (code == EXIT_OK && !cli->profile.csv)
         code = make_fits(cli, &job);
     if (code == EXIT_OK && cli->output && !cli->profile.csv && !cli->profile.export)
         code = profile_plot(cli, &job);

@@ -40,7 +40,8 @@ static const struct command commands[] = {
       0, 0, 1, command_materials },
     { "profile", "[MATERIAL|FILE]", "how light spreads: R(r), T(r) of slabs, fits, plots, code for engines",
       "MATERIAL is a built-in name (`pellucid materials`), FILE a material file (.json) or a table of your own (.csv: rows r_mm,R,G,B in "
-      "mm and 1/mm^2). Printed are R(r), the flux that leaves per mm^2 at a distance r from where light fell in, its total, and a sum of "
+      "mm and 1/mm^2, or a line of names and columns in its order; what --csv writes is read again, T and other models passed over). "
+      "Printed are R(r), the flux that leaves per mm^2 at a distance r from where light fell in, its total, and a sum of "
       "Gaussians fitted to it, with error (10) of d'Eon et al. 2007: sqrt(Int r (R - G)^2 dr / Int r R^2 dr).\n"
       "\n"
       "Models: dipole (Jensen et al. 2001), better-dipole (d'Eon 2012), normalized-diffusion (Christensen and Burley 2015), photon-beam "
@@ -61,6 +62,21 @@ static const struct command commands[] = {
       "  pellucid bench screen-space --threads 1 --json\n"
       "  pellucid bench profiles\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
+    { "compare", "A B", "how far picture A is from reference B: numbers and error maps",
+      "A and B are pictures of one size (exr, hdr, pfm, png, jpg), from here or from another program: both linear light, or both as a "
+      "display shows them. Printed are the mean squared, relative squared and absolute error, the bias of each channel, SSIM (Wang et "
+      "al. 2004) and FLIP (Andersson et al. 2020; of linear light also HDR-FLIP, 2021), over the pixels of a mask and over the whole "
+      "picture. SSIM and FLIP judge what is shown: both pictures under the exposure and the curve of B.\n"
+      "\n"
+      "A reference that was made by sampling has noise of its own: render it twice, with two seeds, and give the second as --half. With "
+      "-o, a folder gets relative.png (blue: too dark, red: too bright, +-50 %), flip.png, flip_hdr.png (black 0, light yellow 1), "
+      "errors.exr with the numbers behind them, and metrics.json.\n",
+      "  pellucid render bunny.obj --material wholemilk --size 70mm -o milk.exr\n"
+      "  pellucid render bunny.obj --material wholemilk --size 70mm -m none -o plain.exr\n"
+      "  pellucid compare plain.exr milk.exr\n"
+      "  pellucid compare plain.exr milk.exr -o errors/\n"
+      "  pellucid compare plain.exr milk.exr --layer diffuse.multiple --json\n",
+      OPTIONS_COMPARE, 1, 2, command_compare },
     { "info", "", "engines, devices, limits, formats, SIMD level, build", "",
       "  pellucid info\n"
       "  pellucid info --json\n",
@@ -187,8 +203,6 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
     interrupted_context = cli->ctx;
     catch_signal(SIGINT);
     catch_signal(SIGTERM);
-    signal(SIGPIPE, SIG_IGN); /* a write that fails says so */
-    signal(SIGXFSZ, SIG_IGN);
 
     code = cli->command->run(cli);
     cli_progress_end(cli);
@@ -204,6 +218,8 @@ int main(int argc, char **argv)
     const bool color = !(no_color && no_color[0]) && !(term && strcmp(term, "dumb") == 0);
     enum exit_code code;
 
+    signal(SIGPIPE, SIG_IGN); /* a write that fails says so */
+    signal(SIGXFSZ, SIG_IGN);
     cli.tty = isatty(STDERR_FILENO) == 1;
     cli.color_err = color && cli.tty;
     cli.color_out = color && isatty(STDOUT_FILENO) == 1;
@@ -217,7 +233,8 @@ int main(int argc, char **argv)
     else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
         fputs("interrupted; nothing was written\n", stderr);
     if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
-        fputs("the answer can't be written to stdout\n", stderr);
+        if (!cli_reader_left())
+            fputs("the answer can't be written to stdout\n", stderr);
         code = EXIT_FAILED;
     }
     cli_finish(&cli);

@@ -3,6 +3,7 @@
  * pell_settings_knobs, so that each has one row. */
 #include "cli/cli.h"
 
+#include <pellucid/compare.h>
 #include <pellucid/kernel.h>
 
 #include <popt.h>
@@ -44,7 +45,7 @@ static const struct option options[] = {
     { OPTIONS_SCENE, 0, "time", "SECONDS", "time of the animation; animation is not read yet, so only 0 is allowed", TEXT, AT(time), NULL },
     { OPTIONS_SCENE | OPTIONS_BENCH, 0, "allow-outside", NULL, "let files refer to files outside the scene's folder", FLAG,
       AT(allow_outside), NULL },
-    { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_PROFILE, 0, "limit", "NAME=VALUE",
+    { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_PROFILE | OPTIONS_COMPARE, 0, "limit", "NAME=VALUE",
       "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "how light is scattered (`pellucid methods`); none: not at all", TEXT, AT(method), NULL },
     { OPTIONS_METHOD, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0, NULL },
@@ -64,8 +65,9 @@ static const struct option options[] = {
       TEXT, AT(profile.gaussians), NULL },
     { OPTIONS_PROFILE, 0, "shared", NULL, "one set of variances for the three channels, so that one blur serves all", FLAG,
       AT(profile.shared), NULL },
-    { OPTIONS_PROFILE, 0, "free", NULL, "let the fit lose energy: smaller errors, and up to 12 % less light", FLAG, AT(profile.free_energy),
-      NULL },
+    { OPTIONS_PROFILE, 0, "free", NULL,
+      "let the fit lose energy: smaller errors, and less light; for the dipole up to 12 % with variances of their own, else more", FLAG,
+      AT(profile.free_energy), NULL },
     { OPTIONS_PROFILE, 0, "eta", "X", "the index of refraction, 0.25 to 4, in place of the material's", TEXT, AT(profile.eta), NULL },
     { OPTIONS_PROFILE, 0, "roughness", "X", "of the boundary, 0 to 1; smooth otherwise", TEXT, AT(profile.roughness), NULL },
     { OPTIONS_PROFILE, 0, "layers", "FILE",
@@ -89,6 +91,17 @@ static const struct option options[] = {
     { OPTIONS_PROFILE, 0, "taps", "N", NULL, NUMBER, 0, &number_knobs[4] },
     { OPTIONS_PROFILE, 'o', "output", "FILE",
       "a plot: svg, pdf or png by its ending; with --csv or --export: that text, which goes to stdout otherwise", TEXT, AT(output), NULL },
+    { OPTIONS_COMPARE, 0, "layer", "NAME", "the layer to compare, of OpenEXR files: diffuse.multiple; otherwise R, G, B", TEXT,
+      AT(compare.layer), NULL },
+    { OPTIONS_COMPARE, 0, "mask", "FILE|alpha|none",
+      "pixels that count: where the picture FILE is above 0.5, or the reference's alpha; otherwise alpha where the reference has one", TEXT,
+      AT(compare.mask), NULL },
+    { OPTIONS_COMPARE, 0, "half", "FILE",
+      "the other half of the reference, of equal samples and another seed: both are averaged, and their noise is taken off", TEXT,
+      AT(compare.half), NULL },
+    { OPTIONS_COMPARE, 0, "methods", "NAMES", "methods to compare on one scene; refused for now: give two pictures", TEXT,
+      AT(compare.methods), NULL },
+    { OPTIONS_COMPARE, 'o', "output", "FOLDER", "writes error maps and metrics.json there", TEXT, AT(output), NULL },
     { OPTIONS_ENGINE, 0, "engine", "NAME", "auto, cpu or vulkan", TEXT, AT(engine), NULL },
     { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
     { OPTIONS_ENGINE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
@@ -101,7 +114,7 @@ static const struct option options[] = {
 
 #define MAX_OPTIONS 64
 
-/* The options that a command takes: the rows of its groups, then the knobs of the picture. */
+/* The options that a command takes: the rows of its groups, then the knobs of the picture or of comparing. */
 static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
 {
     size_t n = 0;
@@ -112,6 +125,8 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
     for (const struct pell_knob *k = pell_settings_knobs; (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "layers") != 0) /* follows from the format */
             list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
+    for (const struct pell_knob *k = pell_compare_knobs; (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
+        list[n++] = (struct option) { OPTIONS_COMPARE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
     return n;
 }
 
@@ -237,6 +252,14 @@ static enum exit_code set_log_level(struct cli *cli, const char *text)
     return cli_usage(cli, "--log-level", NULL, "\"%s\", must be none, error, warning, info or debug", text);
 }
 
+bool cli_given(const struct cli *cli, const char *option)
+{
+    for (int i = 0; i < cli->num_given; i++)
+        if (strcmp(cli->given[i], option + 2) == 0)
+            return true;
+    return false;
+}
+
 /* `ctx` only reports. */
 static enum exit_code take(struct cli *cli, struct pell_context *ctx, const struct option *o, char *text)
 {
@@ -247,6 +270,8 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
     enum pell_result res = PELL_OK;
 
     snprintf(where, sizeof(where), "--%s", o->name);
+    if (!cli_given(cli, where) && cli->num_given < (int) PELL_COUNT(cli->given))
+        cli->given[cli->num_given++] = o->name;
     switch (o->kind) {
     case HELP: break;
     case FLAG: *(bool *) ((char *) cli + o->offset) = true; break;

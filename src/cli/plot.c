@@ -15,6 +15,7 @@
 #define FONT "DejaVu Sans"
 
 enum { MAX_TICKS = 64, PNG_SCALE = 2 };
+#define FAR_OUT 1e4 /* px, beyond any page */
 enum align { LEFT, CENTRE, RIGHT };
 
 static const double palette[PLOT_COLORS][3] = {
@@ -51,6 +52,47 @@ static void draw_text(cairo_t *cr, double x, double y, enum align align, const c
 {
     cairo_move_to(cr, x - text_width(cr, text) * (align == LEFT ? 0.0 : align == CENTRE ? 0.5 : 1.0), y);
     cairo_show_text(cr, text);
+}
+
+/* Breaks the lines of `text` that are wider than `width`: behind a middle dot where there is one, else at a blank. */
+static void fold(cairo_t *cr, const char *text, double width, struct pell_text *out)
+{
+    static const char dot[] = " \u00b7 ";
+    struct pell_text line = { .length = 0 };
+
+    *out = (struct pell_text){ .length = 0 };
+    while (*text) {
+        const size_t rest = strcspn(text, "\n"), blank = strcspn(text, " \n");
+        const char *next = strstr(text, dot);
+        size_t n = next && next < text + rest ? (size_t) (next - text) : rest; /* a part that stays together */
+        char part[512];
+
+        snprintf(part, sizeof(part), "%.*s", (int) n, text);
+        if (text_width(cr, part) > width) {
+            n = blank > 0 ? blank : 1; /* too wide by itself: word by word */
+            snprintf(part, sizeof(part), "%.*s", (int) n, text);
+        }
+        const size_t before = line.length;
+        pell_text_add(&line, "%s", part);
+        if (before > 0 && text_width(cr, line.str) > width) {
+            pell_text_add(out, "\n");
+            line = (struct pell_text){ .length = 0 };
+            while (*part && part[0] == ' ')
+                memmove(part, part + 1, strlen(part));
+            pell_text_add(&line, "%s", part);
+        }
+        pell_text_add(out, "%s", part);
+        text += n;
+        if (strncmp(text, dot, sizeof(dot) - 1) == 0) {
+            pell_text_add(&line, "%s", dot);
+            pell_text_add(out, "%s", dot);
+            text += sizeof(dot) - 1;
+        } else if (*text == '\n') {
+            pell_text_add(out, "\n");
+            line = (struct pell_text){ .length = 0 };
+            text++;
+        }
+    }
 }
 
 /* Lines of `text` from y downward; returns the y of the next one. */
@@ -127,10 +169,8 @@ static size_t log_ticks(const struct plot_axis *a, struct tick ticks[MAX_TICKS])
     return n;
 }
 
-static size_t linear_ticks(const struct plot_axis *a, double length, struct tick ticks[MAX_TICKS])
+static size_t ticks_of_step(const struct plot_axis *a, double step, struct tick ticks[MAX_TICKS])
 {
-    const double rough = (a->max - a->min) / fmax(4.0, length / 55.0), power = pow(10.0, floor(log10(rough))), f = rough / power;
-    const double step = power * (f <= 1.0 ? 1.0 : f <= 2.0 ? 2.0 : f <= 5.0 ? 5.0 : 10.0);
     size_t n = 0;
 
     for (double v = ceil(a->min / step - 1e-9) * step; v <= a->max + 1e-9 * step && n < MAX_TICKS; v += step) {
@@ -138,6 +178,21 @@ static size_t linear_ticks(const struct plot_axis *a, double length, struct tick
         name_number(v, ticks[n].text);
         n++;
     }
+    return n;
+}
+
+/* Steps of 1, 2 or 5 times a power of ten, about one in 55 px, but three ticks at least. */
+static size_t linear_ticks(const struct plot_axis *a, double length, struct tick ticks[MAX_TICKS])
+{
+    static const double steps[] = { 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1 };
+    const double rough = (a->max - a->min) / fmax(4.0, length / 55.0), power = pow(10.0, floor(log10(rough)));
+    size_t k = 0, n;
+
+    while (k < 3 && steps[k + 1] * power >= rough)
+        k++;
+    do
+        n = ticks_of_step(a, steps[k] * power, ticks);
+    while (n < 3 && ++k < PELL_COUNT(steps));
     return n;
 }
 
@@ -260,8 +315,9 @@ static void draw_curve(cairo_t *cr, const struct box *b, const struct plot_panel
     set_line(cr, c->line);
     set_color(cr, c->color, 1.0);
     for (size_t i = 0; i < c->count; i++) {
-        const double x = x_of(b, p, c->x[i]), y = y_of(b, p, c->y[i]);
-        const bool visible = isfinite(x) && isfinite(y) && fabs(y) < 1e5;
+        const bool under = p->y.log && c->y[i] <= 0.0; /* at minus infinity: the line goes through the axis' edge */
+        const double x = x_of(b, p, c->x[i]), y = under ? FAR_OUT : fmin(fmax(y_of(b, p, c->y[i]), -FAR_OUT), FAR_OUT);
+        const bool visible = isfinite(x) && isfinite(c->y[i]);
         if (visible && down)
             cairo_line_to(cr, x, y);
         else if (visible)
@@ -372,7 +428,12 @@ static double number_room(cairo_t *cr, const struct plot *plot, int column, doub
 
 static void draw_plot(cairo_t *cr, const struct plot *plot)
 {
-    const double lines = 19.0 * (double) count_lines(plot->title), notes = 15.0 * (double) count_lines(plot->caption);
+    struct pell_text heading, caption;
+    set_font(cr, 14.5, true);
+    fold(cr, plot->title, plot->width - 36.0, &heading);
+    set_font(cr, 10.5, false);
+    fold(cr, plot->caption, plot->width - 36.0, &caption);
+    const double lines = 19.0 * (double) count_lines(heading.str), notes = 15.0 * (double) count_lines(caption.str);
     const bool titles = plot->panels[0].title != NULL;
     const double top = 14.0 + lines + (titles ? 22.0 : 8.0), bottom = plot->height - 46.0 - (notes > 0.0 ? notes + 8.0 : 0.0), gap = 16.0;
     const double height = bottom - top - gap * (plot->rows - 1), column = (plot->width - 12.0) / plot->columns;
@@ -381,10 +442,10 @@ static void draw_plot(cairo_t *cr, const struct plot *plot)
     cairo_paint(cr);
     set_color(cr, PLOT_BLACK, 1.0);
     set_font(cr, 14.5, true);
-    draw_lines(cr, 18.0, 25.0, 19.0, plot->title);
+    draw_lines(cr, 18.0, 25.0, 19.0, heading.str);
     set_font(cr, 10.5, false);
     cairo_set_source_rgb(cr, 0.35, 0.35, 0.35);
-    draw_lines(cr, 18.0, plot->height - notes + 1.0, 15.0, plot->caption);
+    draw_lines(cr, 18.0, plot->height - notes + 1.0, 15.0, caption.str);
     for (int c = 0; c < plot->columns; c++) {
         const double room = number_room(cr, plot, c, height);
         double y = top;

@@ -17,7 +17,7 @@ enum plot_line { PLOT_SOLID, PLOT_DASHED, PLOT_DOTTED, PLOT_DASH_DOT, PLOT_POINT
 
 struct plot_curve {
     const char *label;   /* NULL: not in the legend */
-    const double *x, *y; /* what an axis can't show (not finite, or no logarithm) breaks the line */
+    const double *x, *y; /* not finite: the line breaks; <= 0 on a logarithmic axis: it runs out below */
     const double *error; /* standard errors of y, drawn as bars; or NULL */
     size_t count;
     enum plot_color color;
@@ -40,7 +40,7 @@ struct plot_panel {
 
 #define PLOT_ROWS 4
 struct plot {
-    const char *title, *caption;     /* "" where there is none; lines end in '\n' */
+    const char *title, *caption;     /* "" where there is none; lines end in '\n', longer ones are folded */
     double width, height;            /* in px; a PNG has twice as many each way */
     int columns, rows;               /* rows <= PLOT_ROWS; panels of a column share their x axis */
     double share[PLOT_ROWS];         /* of the height that each row gets */

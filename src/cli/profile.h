@@ -33,6 +33,7 @@ struct profile_job {
     struct pell_profile_params params;
     const char *names[3];      /* of the channels: "r", "g", "b" */
     const char *titles[3];     /* "red", "green", "blue" */
+    const char *columns[3];    /* of tables: "R", "G", "B" */
     struct candidate *profile; /* the one asked for */
     struct candidate *others;  /* to compare with it */
     size_t num_others;

@@ -18,6 +18,7 @@ struct kernel {
     struct pell_separable separable;
     double r_max; /* of the table, mm */
     double table[TABLE][3];
+    double share[3]; /* of the light that the table holds */
 };
 
 static enum language find_language(const char *name)
@@ -51,6 +52,7 @@ static enum pell_result make_kernel(const struct profile_job *job, int taps, str
     for (int c = 0; c < 3; c++)
         k->r_max = fmax(k->r_max, pell_profile_sample(&job->profile->R[c], 0.99));
     for (int c = 0; c < 3 && res == PELL_OK; c++) {
+        k->share[c] = pell_profile_cdf(&job->profile->R[c], k->r_max);
         res = pell_kernel_table_value(&job->profile->R[c], k->r_max, texel, TABLE);
         for (int i = 0; i < TABLE; i++)
             k->table[i][c] = texel[i];
@@ -226,8 +228,13 @@ static void add_separable(struct profile_text *t, enum language l, const char *i
 
 static void add_table(struct profile_text *t, enum language l, const char *id, const struct kernel *k)
 {
+    char line[160];
+
     profile_add(t, "\n");
     add_comment(t, l, "R(r) as a table, 1/mm^2: texel i is the mean over the ring i <= r texels/table_mm < i + 1; 0 beyond table_mm (mm).");
+    snprintf(line, sizeof(line), "It holds %.2f %.2f %.2f %% of the light: scale it where that must be all.", 100.0 * k->share[0],
+             100.0 * k->share[1], 100.0 * k->share[2]);
+    add_comment(t, l, line);
     add_integer(t, l, id, "texels", TABLE);
     add_float(t, l, id, "table_mm", k->r_max);
     add_vectors(t, l, id, "table", k->table, TABLE);
@@ -242,8 +249,10 @@ static enum exit_code export_code(struct cli *cli, const struct profile_job *job
     snprintf(line, sizeof(line), "%s: %s%s. Made by pellucid %s.", id, job->model, job->params.roughness > 0.0 ? ", rough boundary" : "",
              pell_version());
     add_comment(&text, l, line);
+    snprintf(line, sizeof(line), "Channels: %s, %s, %s.", job->titles[0], job->titles[1], job->titles[2]);
+    add_comment(&text, l, line);
     if (job->has_medium) {
-        snprintf(line, sizeof(line), "eta %g; sigma_a %g %g %g, sigma_s' %g %g %g 1/mm; red, green, blue.", job->medium.eta,
+        snprintf(line, sizeof(line), "eta %g; sigma_a %g %g %g, sigma_s' %g %g %g 1/mm.", job->medium.eta,
                  job->medium.sigma_a[0], job->medium.sigma_a[1], job->medium.sigma_a[2], job->medium.sigma_s_reduced[0],
                  job->medium.sigma_s_reduced[1], job->medium.sigma_s_reduced[2]);
         add_comment(&text, l, line);
@@ -269,10 +278,11 @@ static enum exit_code export_json(struct cli *cli, const struct profile_job *job
 {
     const struct pell_separable *s = &k->separable;
     struct profile_text text = { .length = 0 };
-    json_t *o = json_pack("{s:o,s:s,s:o,s:{s:o,s:o,s:o},s:{s:f,s:o}}", "material", cli_text(job->name), "model", job->model, "unit",
-                          json_string("mm"), "separable", "offset_mm", cli_numbers(s->offset_mm, (size_t) s->taps), "weight",
+    json_t *o = json_pack("{s:o,s:s,s:o,s:{s:o,s:o,s:o},s:{s:f,s:o,s:o},s:[s,s,s]}", "material", cli_text(job->name), "model", job->model,
+                          "unit", json_string("mm"), "separable", "offset_mm", cli_numbers(s->offset_mm, (size_t) s->taps), "weight",
                           rows_of((const double(*)[3]) s->weight[0], s->taps), "error", cli_numbers(s->error, 3), "table", "r_max_mm",
-                          k->r_max, "R", rows_of(k->table, TABLE));
+                          k->r_max, "R", rows_of(k->table, TABLE), "share", cli_numbers(k->share, 3), "channels", job->titles[0],
+                          job->titles[1], job->titles[2]);
     char *dump;
 
     if (o && k->fit) {

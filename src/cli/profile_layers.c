@@ -45,7 +45,7 @@ static enum exit_code solve_all(struct cli *cli, struct profile_job *job, struct
         k->name = stack_solver_names[s];
         for (int c = 0; c < 3 && code == EXIT_OK; c++) {
             unsigned said = 0;
-            questions[c].solver = s;
+            questions[c].solver = (enum stack_solver) s;
             /* A layer that begins inside has no boundary of its own. */
             questions[c].roughness = questions[c].eta_above == 0.0 ? job->params.roughness : 0.0;
             code = cli_failed(cli, stack_solve(cli->ctx, &questions[c], &k->R[c], job->slab ? &k->T[c] : NULL, &said));
@@ -105,6 +105,7 @@ static enum exit_code read_skin(struct cli *cli, struct pell_skin *skin)
                               { "epidermis", &skin->epidermis_mm },  { "eta", &skin->eta } };
     const char *text = cli->profile.skin ? cli->profile.skin : "default", *names[SKIN_FIELDS];
     struct pell_medium_fault fault;
+    bool seen[SKIN_FIELDS] = { false };
 
     for (int i = 0; i < SKIN_FIELDS; i++)
         names[i] = fields[i].name;
@@ -128,6 +129,9 @@ static enum exit_code read_skin(struct cli *cli, struct pell_skin *skin)
             return cli_usage(cli, "--skin", hint,
                              "there is no \"%s\", only melanin, melanin-blend, haemoglobin, oxygenation, epidermis and eta", name);
         }
+        if (seen[found])
+            return cli_usage(cli, "--skin", NULL, "gives %s twice", name);
+        seen[found] = true;
         if (found == 4) {
             if (pell_parse_length(cli->ctx, "--skin", value, fields[found].value) != PELL_OK)
                 return EXIT_USAGE;
@@ -158,25 +162,40 @@ static void set_layer(struct pell_material_layers *layers, int i, const struct p
     layers->count = i + 1;
 }
 
+static enum exit_code read_wavelength(struct cli *cli, double *nm)
+{
+    const char *text = cli->profile.wavelength;
+    char hint[80];
+    double mm;
+
+    if (pell_parse_number(text, strlen(text), &mm)) {
+        snprintf(hint, sizeof(hint), "write --wavelength %.40snm", text);
+        return cli_usage(cli, "--wavelength", hint, "\"%s\" has no unit", text);
+    }
+    if (pell_parse_length(cli->ctx, "--wavelength", text, &mm) != PELL_OK)
+        return EXIT_USAGE;
+    *nm = mm * 1e6;
+    if (!(*nm >= PELL_WAVELENGTH_MIN - 1e-6 && *nm <= PELL_WAVELENGTH_MAX + 1e-6))
+        return cli_usage(cli, "--wavelength", NULL, "is %s, allowed: [%gnm, %gnm]", text, PELL_WAVELENGTH_MIN, PELL_WAVELENGTH_MAX);
+    return EXIT_OK;
+}
+
 /* Figure 12 of d'Eon et al. 2007: what the epidermis, the dermis and both reflect at one wavelength. */
 static enum exit_code open_wavelength(struct cli *cli, struct profile_job *job, const struct pell_skin *skin)
 {
     static const char *const names[3] = { "epidermis", "dermis", "skin" };
     struct pell_skin_coefficients epidermis, dermis;
     struct pell_material_layers alone[2] = { { .count = 0 } }, both = { .count = 0 };
-    double mm = 0.0;
-    enum exit_code code = cli_failed(cli, pell_parse_length(cli->ctx, "--wavelength", cli->profile.wavelength, &mm));
-    const double nm = mm * 1e6;
+    double nm = 0.0;
+    enum exit_code code = read_wavelength(cli, &nm);
 
-    if (code == EXIT_OK && !(nm >= PELL_WAVELENGTH_MIN - 1e-6 && nm <= PELL_WAVELENGTH_MAX + 1e-6))
-        code = cli_usage(cli, "--wavelength", NULL, "is %s, allowed: [%gnm, %gnm]", cli->profile.wavelength, PELL_WAVELENGTH_MIN,
-                         PELL_WAVELENGTH_MAX);
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_skin_at(skin, fmin(fmax(nm, PELL_WAVELENGTH_MIN), PELL_WAVELENGTH_MAX), &epidermis, &dermis));
     if (code != EXIT_OK)
         return code;
     memcpy(job->names, names, sizeof(names));
     memcpy(job->titles, names, sizeof(names));
+    memcpy(job->columns, names, sizeof(names));
     snprintf(job->name, sizeof(job->name), "skin at %g nm", nm);
     set_layer(&alone[0], 0, &epidermis, skin->eta, skin->epidermis_mm);
     set_layer(&alone[1], 0, &dermis, skin->eta, INFINITY);

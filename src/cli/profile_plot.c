@@ -20,6 +20,7 @@ struct sheet {
     const struct profile_job *job;
     bool weighted;
     double from, to;
+    double least; /* value that a logarithmic axis shows */
     double x[SAMPLES];
     struct plot_curve curves[6][MAX_CURVES]; /* of the panels, row after row */
     struct plot_panel panels[6];
@@ -62,6 +63,12 @@ static struct plot_curve *add_curve(struct sheet *sheet, int panel, const char *
     return c;
 }
 
+/* Where a sample is taken: at its x, but for r = 0, where r R of models that rise as 1/r is 0 times infinity and its limit is not 0. */
+static double radius_of(const struct sheet *sheet, int i)
+{
+    return sheet->weighted && i == 0 ? 1e-2 * sheet->x[1] : sheet->x[i];
+}
+
 /* R(r), or 2 pi r R(r). */
 static bool add_value(struct sheet *sheet, int panel, const struct subject *s, const char *label, enum plot_color color,
                       enum plot_line line)
@@ -69,7 +76,7 @@ static bool add_value(struct sheet *sheet, int panel, const struct subject *s, c
     struct plot_curve *c = add_curve(sheet, panel, label, color, line);
 
     for (int i = 0; c && i < SAMPLES; i++)
-        ((double *) c->y)[i] = value_of(s, sheet->x[i]) * (sheet->weighted ? 2.0 * acos(-1.0) * sheet->x[i] : 1.0);
+        ((double *) c->y)[i] = value_of(s, radius_of(sheet, i)) * (sheet->weighted ? 2.0 * acos(-1.0) * radius_of(sheet, i) : 1.0);
     return c != NULL;
 }
 
@@ -79,16 +86,30 @@ static bool add_difference(struct sheet *sheet, int panel, const struct subject 
                            enum plot_color color, enum plot_line line)
 {
     struct plot_curve *c = add_curve(sheet, panel, label, color, line);
-    const double least = RANGE * value_of(base, sheet->x[0]);
 
     for (int i = 0; c && i < SAMPLES; i++) {
-        const double r = sheet->x[i], a = value_of(s, r), b = value_of(base, r);
-        ((double *) c->y)[i] = sheet->weighted ? 2.0 * acos(-1.0) * r * (a - b) : b > least ? 100.0 * (a / b - 1.0) : (double) NAN;
+        const double r = radius_of(sheet, i), a = value_of(s, r), b = value_of(base, r);
+        ((double *) c->y)[i] = sheet->weighted ? 2.0 * acos(-1.0) * r * (a - b) : b > sheet->least ? 100.0 * (a / b - 1.0) : (double) NAN;
     }
     return c != NULL;
 }
 
 /* --- Axes --------------------------------------------------------------------------------------------------------------------- */
+
+/* RANGE of the largest value, or less, so that of models that rise as 1/r the fall-off is seen, too. */
+static void choose_least(struct sheet *sheet)
+{
+    const struct pell_profile *R = sheet->job->profile->R;
+    double high = 0.0;
+
+    sheet->least = INFINITY;
+    for (int c = 0; c < 3; c++)
+        if (pell_profile_total(&R[c]) > 0.0) {
+            high = fmax(high, pell_profile_eval(&R[c], sheet->x[0]));
+            sheet->least = fmin(sheet->least, 0.1 * pell_profile_eval(&R[c], fmin(pell_profile_sample(&R[c], 0.998), sheet->to)));
+        }
+    sheet->least = fmax(fmin(sheet->least, RANGE * high), 1e-16 * high);
+}
 
 static void choose_x(struct sheet *sheet)
 {
@@ -106,6 +127,7 @@ static void choose_x(struct sheet *sheet)
         const double f = (double) i / (SAMPLES - 1);
         sheet->x[i] = sheet->weighted ? f * sheet->to : job->from * pow(job->to / job->from, f);
     }
+    choose_least(sheet);
 }
 
 /* The least and the largest of a row's curves. */
@@ -126,17 +148,19 @@ static void extent_of(const struct sheet *sheet, int first, int count, double *l
 
 static struct plot_axis value_axis(const struct sheet *sheet, int columns)
 {
+    const bool slab = sheet->job->slab && columns == 1;
+    const char *weighted = slab ? "2\u03c0 r R(r), 2\u03c0 r T(r), 1/mm" : "2\u03c0 r R(r), 1/mm";
+    const char *plain = slab ? "R(r), T(r), 1/mm\u00b2" : "R(r), 1/mm\u00b2";
     double low, high;
 
     extent_of(sheet, 0, columns, &low, &high);
     if (!(high > 0.0))
-        return sheet->weighted ? (struct plot_axis){ "2\u03c0 r R(r), 1/mm", false, 0.0, 1.0 }
-                               : (struct plot_axis){ "R(r), 1/mm\u00b2", true, 1e-3, 1.0 };
+        return sheet->weighted ? (struct plot_axis){ weighted, false, 0.0, 1.0 } : (struct plot_axis){ plain, true, 1e-3, 1.0 };
     if (sheet->weighted)
-        return (struct plot_axis){ "2\u03c0 r R(r), 1/mm", false, 0.0, 1.06 * high };
+        return (struct plot_axis){ weighted, false, 0.0, 1.06 * high };
     high = pow(10.0, ceil(2.0 * log10(1.1 * high)) / 2.0);
-    low = pow(10.0, floor(log10(fmax(low, RANGE * high))));
-    return (struct plot_axis){ "R(r), 1/mm\u00b2", true, low, high };
+    low = pow(10.0, floor(log10(fmax(low, fmin(sheet->least, RANGE * high)))));
+    return (struct plot_axis){ plain, true, low, high };
 }
 
 /* Differences are drawn where light is: what the outermost hundredths of it do must not squeeze the rest. */
@@ -295,6 +319,11 @@ static void write_caption(const struct profile_job *job, struct pell_text *text)
     if (job->num_others)
         pell_text_add(text, "%stotal reflectance by", job->has_medium ? "\n" : "");
     add_numbers(text, job->num_others ? job->model : "total reflectance", total, "");
+    if (job->slab && !job->num_others) {
+        for (int c = 0; c < 3; c++)
+            total[c] = pell_profile_total(&job->profile->T[c]);
+        add_numbers(text, "total transmittance", total, "");
+    }
     if (job->num_fits && !job->num_others)
         pell_text_add(text, "\n");
     for (size_t i = 0; i < job->num_fits && !job->num_others; i++) {

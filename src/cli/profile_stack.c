@@ -7,7 +7,7 @@
 #include <stdlib.h>
 
 const char *const stack_solver_names[] = {
-    [PELL_STACK_HANKEL] = "hankel", [PELL_STACK_GAUSSIANS] = "gaussian", [PELL_STACK_ANALYTIC] = "analytic", NULL
+    [STACK_HANKEL] = "hankel", [STACK_GAUSSIANS] = "gaussian", [STACK_ANALYTIC] = "analytic", NULL
 };
 
 const char *stack_warning(unsigned flags)
@@ -49,14 +49,14 @@ static enum pell_result by_gaussians(const struct pell_stack *stack, int c, bool
     return res;
 }
 
-static enum pell_result solve(const struct pell_stack *stack, int c, int solver, struct pell_profile *R, struct pell_profile *T,
-                              unsigned *flags)
+static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_solver solver, struct pell_profile *R,
+                              struct pell_profile *T, unsigned *flags)
 {
     double totals[PELL_STACK_PARTS];
     enum pell_result res = pell_stack_totals(stack, c, totals, flags);
 
     if (res == PELL_OK)
-        res = solver == PELL_STACK_HANKEL ? by_hankel(stack, c, R, T) : by_gaussians(stack, c, solver == PELL_STACK_ANALYTIC, R, T);
+        res = solver == STACK_HANKEL ? by_hankel(stack, c, R, T) : by_gaussians(stack, c, solver == STACK_ANALYTIC, R, T);
     return res;
 }
 

@@ -2,9 +2,12 @@
  * report.c - messages, progress, JSON and exit codes. */
 #include "cli/cli.h"
 
+#include <errno.h>
 #include <math.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #define COLUMNS 96
 
@@ -74,6 +77,14 @@ void cli_wrap(FILE *file, int column, int indent, const char *text)
 
 /* --- Messages ----------------------------------------------------------------------------------------------------------------- */
 
+#define STDOUT_NAME "standard output" /* as pell_file_write calls it */
+
+bool cli_reader_left(void)
+{
+    struct pollfd out = { .fd = STDOUT_FILENO };
+    return poll(&out, 1, 0) > 0 && (out.revents & POLLERR);
+}
+
 void cli_message(void *user, const struct pell_message *m)
 {
     static const char *const names[] = { "", "error", "warning", "", "debug" };
@@ -97,6 +108,8 @@ void cli_message(void *user, const struct pell_message *m)
         snprintf(text, sizeof(text), "%s%s%s", where, where[0] ? ": " : "", what);
         json_array_append_new(cli->warnings, json_string(text));
     }
+    if (strcmp(where, STDOUT_NAME) == 0 && cli_reader_left())
+        return; /* `| head` has seen enough */
     if (m->level > cli->log_level || (cli->quiet && m->level != PELL_LOG_ERROR) || (cli->collect && m->level == PELL_LOG_WARNING))
         return;
     if (cli->json && m->level != PELL_LOG_WARNING && m->level != PELL_LOG_DEBUG)
@@ -136,7 +149,7 @@ enum exit_code cli_failed(struct cli *cli, enum pell_result result)
     switch (result) {
     case PELL_OK: return EXIT_OK;
     case PELL_ERR_INVALID: return users_fault(cli) ? EXIT_USAGE : EXIT_INPUT;
-    case PELL_ERR_IO:
+    case PELL_ERR_IO: return strcmp(cli->error.where, STDOUT_NAME) == 0 ? EXIT_FAILED : EXIT_INPUT;
     case PELL_ERR_FORMAT:
     case PELL_ERR_UNSUPPORTED: return EXIT_INPUT;
     case PELL_ERR_DEVICE: return EXIT_DEVICE;
@@ -198,14 +211,40 @@ void cli_progress_end(struct cli *cli)
 
 /* --- JSON --------------------------------------------------------------------------------------------------------------------- */
 
+/* Writes an answer whole: a first Ctrl-C, which comes too late to stop anything, must not cut it. A second one ends the program. */
+static enum exit_code write_answer(const char *text)
+{
+    size_t left = strlen(text);
+
+    if (fflush(stdout) != 0)
+        return EXIT_FAILED; /* main says so */
+    while (left > 0) {
+        const ssize_t done = write(STDOUT_FILENO, text, left);
+        if (done < 0 && errno == EINTR)
+            continue;
+        if (done <= 0) {
+            if (!cli_reader_left())
+                fputs("the answer can't be written to stdout\n", stderr);
+            return EXIT_FAILED;
+        }
+        text += done;
+        left -= (size_t) done;
+    }
+    return EXIT_OK;
+}
+
 enum exit_code cli_print_json(struct cli *cli, json_t *object)
 {
     char *text = object ? json_dumps(object, JSON_INDENT(2) | JSON_REAL_PRECISION(9)) : NULL;
-    enum exit_code code = text ? EXIT_OK : EXIT_MEMORY;
+    enum exit_code code = text ? EXIT_OK : EXIT_MEMORY, written;
 
     cli->answered = true;
-    puts(text ? text
-              : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}");
+    written = write_answer(text ? text
+                                : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": "
+                                  "\"\"}}");
+    if (written == EXIT_OK)
+        written = write_answer("\n");
+    code = code == EXIT_OK ? written : code;
     free(text);
     json_decref(object);
     return code;

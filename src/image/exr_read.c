@@ -484,7 +484,8 @@ enum pell_result pell_exr_decode(struct pell_context *ctx, const struct pell_sou
     for (int i = 0; i < count; i++)
         dest[pick[i]] = (float *) image->pixels + i;
     PELL_TRY(read_pixels(&f, &part, dest, (size_t) count));
-    pell_image_make_finite(ctx, src->name, image->pixels, (size_t) part.width * (size_t) part.height * (size_t) count);
+    if (src->role != PELL_ROLE_RAW)
+        pell_image_make_finite(ctx, src->name, image->pixels, (size_t) part.width * (size_t) part.height * (size_t) count);
     if (src->role == PELL_ROLE_COLOR) {
         warn_primaries(&f, index);
         if (count == 2 || count == 4)

@@ -138,7 +138,7 @@ enum pell_result pell_image_decode(struct pell_context *ctx, const char *name, c
                               "%s pictures are not read; PNG, JPEG, Radiance HDR, OpenEXR and PFM are", f->title);
         res = f->decode(ctx, &src, image);
         if (res == PELL_OK)
-            image->srgb = role == PELL_ROLE_COLOR && image->type != PELL_PIXEL_F32;
+            image->srgb = role != PELL_ROLE_DATA && image->type != PELL_PIXEL_F32;
         else
             pell_image_finish(ctx, image);
         return res;

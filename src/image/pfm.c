@@ -72,7 +72,8 @@ enum pell_result pell_pfm_decode(struct pell_context *ctx, const struct pell_sou
             memcpy(&out[(size_t) y * row + i], &bits, 4);
         }
     }
-    pell_image_make_finite(ctx, src->name, out, row * (size_t) image->height);
+    if (src->role != PELL_ROLE_RAW)
+        pell_image_make_finite(ctx, src->name, out, row * (size_t) image->height);
     return PELL_OK;
 }
 

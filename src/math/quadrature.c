@@ -4,6 +4,8 @@
  * G7, K15. */
 #include "math/quadrature.h"
 
+#include "math/vec.h"
+
 #include <math.h>
 #include <stddef.h>
 
@@ -69,4 +71,24 @@ double pell_integrate(pell_integrand f, const void *arg, double a, double b, dou
     if (error)
         *error = err;
     return sum;
+}
+
+/* Newton's method on Legendre's polynomial from Tricomi's approximation of its roots (Abramowitz and Stegun 1964, 22.16.6). */
+void pell_gauss_legendre(int count, double *x, double *w)
+{
+    for (int i = 0; i < count; i++) {
+        double z = cos(PELL_PI * (i + 0.75) / (count + 0.5)), slope = 1.0;
+        for (int round = 0; round < 8; round++) {
+            double p = 1.0, before = 0.0;
+            for (int k = 0; k < count; k++) {
+                const double older = before;
+                before = p;
+                p = ((2 * k + 1) * z * before - k * older) / (k + 1);
+            }
+            slope = count * (z * p - before) / (z * z - 1.0);
+            z -= p / slope;
+        }
+        x[i] = 0.5 * (1.0 - z);
+        w[i] = 1.0 / ((1.0 - z * z) * slope * slope);
+    }
 }

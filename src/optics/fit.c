@@ -16,10 +16,10 @@
  */
 #include <pellucid/gaussians.h>
 
-#include "fit.h"
-#include "fit_starts.h"
-#include "fit_starts_domain.h"
 #include "math/vec.h"
+#include "optics/fit.h"
+#include "optics/fit_starts.h"
+#include "optics/fit_starts_domain.h"
 #include "optics/profile_lanes.h"
 
 #include <math.h>
@@ -62,6 +62,17 @@ static bool params_valid(const struct pell_fit_params *params)
            && (params->r_max_mm == 0.0 || params->r_max_mm >= 1e-12);
 }
 
+/* A free fit may lose light, but not make any: its weights at these variances sum to 1 at most. */
+static void keep_energy(struct pell_fit_work *w, struct pell_fit_target *t, const double *total, const struct pell_fit_point *best)
+{
+    if (!t->free_energy)
+        return;
+    for (int c = 0; c < t->channels; c++)
+        t->most[c] = 1.0 / total[c];
+    w->ready = false;
+    pell_fit_project(w, best->x);
+}
+
 /* Writes what `w` holds; channel c of the target is channel order[c], whose weights sum to total[c] unless they are free. */
 static void deliver(const struct pell_fit_work *w, const int *order, const double *total, struct pell_gaussians *out,
                     struct pell_fit_report *report)
@@ -98,6 +109,7 @@ static void fit_dipoles(const struct pell_dipole *dipoles, int channels, const i
         pell_fit_finish(&w, params->count, &best);
     else
         pell_fit_search(&w, params->count, &best);
+    keep_energy(&w, &t, total, &best);
     deliver(&w, order, total, out, report);
 }
 
@@ -197,16 +209,33 @@ static bool dipole_of(const struct pell_profile *p, struct pell_dipole *d)
     return dipole_valid(d);
 }
 
+/* `live` have light, and stand in an order of their own: channel c of the fit is channel order[c]. */
+static enum pell_result search_profiles(const struct pell_profile *const *live, int count, const int *order,
+                                        const struct pell_fit_params *params, struct pell_gaussians *out, struct pell_fit_report *report)
+{
+    struct pell_fit_target t;
+    struct pell_fit_work w;
+    struct pell_fit_point best;
+    double total[3];
+
+    if (!pell_fit_target_profiles(live, count, params, 0.0, &t))
+        return PELL_ERR_INVALID;
+    for (int c = 0; c < count; c++)
+        total[c] = pell_profile_total(live[c]);
+    pell_fit_begin(&w, &t);
+    pell_fit_search(&w, params->count, &best);
+    keep_energy(&w, &t, total, &best);
+    deliver(&w, order, total, out, report);
+    return PELL_OK;
+}
+
 static enum pell_result fit_profiles(const struct pell_profile *profiles, int channels, const struct pell_fit_params *params,
                                      struct pell_gaussians *out, struct pell_fit_report *report)
 {
     const struct pell_profile *live[3];
     struct pell_fit_report own = { 0 };
-    struct pell_fit_target t;
-    struct pell_fit_work w;
-    struct pell_fit_point best;
     struct pell_dipole dipoles[3] = { { 0 } };
-    double total[3];
+    enum pell_result res = PELL_OK;
     int order[3], count = 0, same;
 
     memset(out, 0, sizeof(*out));
@@ -219,15 +248,9 @@ static enum pell_result fit_profiles(const struct pell_profile *profiles, int ch
             return PELL_ERR_INVALID;
     for (same = 0; same < channels && (profiles[same].total == 0.0 || dipole_of(&profiles[same], &dipoles[same])); same++)
         ;
-    if (same == channels) { /* closed forms, and a table of starts */
-        fit_dipole_channels(dipoles, params, out, &own);
-        if (report)
-            *report = own;
-        return PELL_OK;
-    }
     for (int c = 0; c < channels; c++) {
         int at = count;
-        if (!(pell_profile_total(&profiles[c]) > 0.0))
+        if (same == channels || !(pell_profile_total(&profiles[c]) > 0.0))
             continue;
         for (; at > 0 && before(&profiles[c], live[at - 1]); at--) {
             live[at] = live[at - 1];
@@ -237,18 +260,13 @@ static enum pell_result fit_profiles(const struct pell_profile *profiles, int ch
         order[at] = c;
         count++;
     }
-    if (count == 0)
-        return PELL_OK;
-    if (!pell_fit_target_profiles(live, count, params, 0.0, &t))
-        return PELL_ERR_INVALID;
-    for (int c = 0; c < count; c++)
-        total[c] = pell_profile_total(live[c]);
-    pell_fit_begin(&w, &t);
-    pell_fit_search(&w, params->count, &best);
-    deliver(&w, order, total, out, &own);
+    if (same == channels) /* closed forms, and a table of starts */
+        fit_dipole_channels(dipoles, params, out, &own);
+    else
+        res = search_profiles(live, count, order, params, out, &own);
     if (report)
         *report = own;
-    return PELL_OK;
+    return res;
 }
 
 enum pell_result pell_fit_profile(const struct pell_profile *profile, const struct pell_fit_params *params, struct pell_gaussians *out,

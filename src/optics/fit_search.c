@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * fit_search.c - variable projection and the search for the best variances; see fit.c. */
-#include "fit.h"
+#include "optics/fit.h"
 
 #include "base/simd.h"
 #include "math/vec.h"
@@ -25,6 +25,24 @@ static void fill(struct pell_fit_work *w, int i)
 {
     w->v[i] = exp(w->x[i]);
     w->k->gaussian(w->t->r2, w->t->root, w->v[i], w->q[i], w->slope[i], w->t->nodes);
+}
+
+/* Free weights that sum to more than they may: the best ones then sum to exactly that, as the cost is convex in them. */
+static void limit(struct pell_fit_work *w, int c, struct pell_nnls *p)
+{
+    const double sum = p->sum, most = p->sum * w->t->most[c];
+    double is = 0.0;
+
+    for (int i = 0; i < w->count; i++)
+        is += w->best[c].w[i];
+    if (is <= most)
+        return;
+    p->fixed_sum = true;
+    p->sum = most;
+    pell_nnls_factor(p, &w->best[c]);
+    pell_nnls_solve(p, &w->best[c]);
+    p->fixed_sum = false;
+    p->sum = sum;
 }
 
 /* Makes `w` hold the best weights and residuals for the log variances `x`. */
@@ -63,6 +81,8 @@ void pell_fit_project(struct pell_fit_work *w, const double *x)
             p.rhs[k] = w->k->dot(w->q[k], t->rhs[c], n);
         w->best[c] = all;
         pell_nnls_solve(&p, &w->best[c]);
+        if (t->most[c] > 0.0)
+            limit(w, c, &p);
         for (int k = 0; k < w->count; k++) {
             shift[k] = 0.0;
             for (int i = k; i < w->count; i++)

@@ -6,7 +6,7 @@
  * analytic and bounded in |Im x| < pi/4, a pole in |Im x| < pi/2. Below the first node everything is taken as constant, and the sum to
  * log r = -inf is the geometric series that the first node's weight holds. Where the integrals end at r_max, the last nodes have Gregory's
  * weights. */
-#include "fit.h"
+#include "optics/fit.h"
 
 #include "math/vec.h"
 
@@ -85,6 +85,7 @@ void pell_fit_target_dipoles(const struct pell_dipole *dipoles, int channels, co
 
     t->channels = channels;
     t->free_energy = params->free_energy;
+    memset(t->most, 0, sizeof(t->most));
     for (int c = 0; c < channels; c++)
         inner = fmin(inner, dipoles[c].zr);
     t->unit = inner;
@@ -137,6 +138,7 @@ bool pell_fit_target_profiles(const struct pell_profile *const *profiles, int ch
 
     t->channels = channels;
     t->free_energy = params->free_energy;
+    memset(t->most, 0, sizeof(t->most));
     for (int c = 0; c < channels; c++) {
         const double middle = pell_profile_sample(profiles[c], 0.5), q = pell_profile_sample(profiles[c], INSIDE);
         if (!(middle > 0.0) || !(q > 0.0) || !isfinite(middle))

@@ -35,15 +35,23 @@ static double outside(double n)
            - 2.0 * n2 * n * (n2 + 2.0 * n - 1.0) / (p * (n4 - 1.0)) + 8.0 * n4 * (n4 + 1.0) / (p * (n4 - 1.0) * (n4 - 1.0)) * log(n);
 }
 
-double pell_fresnel_diffuse(double eta, enum pell_fresnel_model model)
+/* Beyond a ratio of 3 the polynomials leave what was fitted, and from 3.8 on they exceed 1: they stay what they are at 3. */
+static double polynomial(double ratio, enum pell_fresnel_model model)
 {
-    if (model == PELL_FRESNEL_EXACT) /* inside from outside by reciprocity: (1 - Fdr(n)) n^2 = 1 - Fdr(1/n) */
-        return eta < 1.0 ? outside(1.0 / eta) : 1.0 - (1.0 - outside(eta)) / (eta * eta);
+    const double eta = ratio > 3.0 ? 3.0 : ratio < 1.0 / 3.0 ? 1.0 / 3.0 : ratio; /* NaN stays */
+
     if (eta < 1.0)
         return -0.4399 + 0.7099 / eta - 0.3319 / (eta * eta) + 0.0636 / (eta * eta * eta);
     if (model == PELL_FRESNEL_POLY3)
         return -1.440 / (eta * eta) + 0.710 / eta + 0.668 + 0.0636 * eta;
-    return eta > 1.0 ? -1.4399 / (eta * eta) + 0.7099 / eta + 0.6681 + 0.0636 * eta : 0.0; /* equal indices reflect nothing */
+    return eta != 1.0 ? -1.4399 / (eta * eta) + 0.7099 / eta + 0.6681 + 0.0636 * eta : 0.0; /* equal indices reflect nothing */
+}
+
+double pell_fresnel_diffuse(double eta, enum pell_fresnel_model model)
+{
+    if (model == PELL_FRESNEL_EXACT) /* inside from outside by reciprocity: (1 - Fdr(n)) n^2 = 1 - Fdr(1/n) */
+        return eta < 1.0 ? outside(1.0 / eta) : 1.0 - (1.0 - outside(eta)) / (eta * eta);
+    return polynomial(eta, model);
 }
 
 double pell_fresnel_exit_norm(double eta)

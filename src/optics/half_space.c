@@ -10,6 +10,7 @@
  *
  * Both are solved at Gauss-Legendre nodes, split at the critical angle. H uses the same nodes as u, which makes a medium without absorption
  * return 1 whatever the number of nodes. */
+#include "math/quadrature.h"
 #include "math/vec.h"
 #include "optics/profile_shape.h"
 
@@ -18,26 +19,6 @@
 
 enum { GAUSS = 12, MOST = 2 * GAUSS };
 
-/* Nodes and weights of [0, 1]. */
-static void gauss(double x[GAUSS], double w[GAUSS])
-{
-    for (int i = 0; i < GAUSS; i++) {
-        double z = cos(PELL_PI * (i + 0.75) / (GAUSS + 0.5)), slope = 1.0;
-        for (int round = 0; round < 8; round++) {
-            double p0 = 1.0, p1 = z;
-            for (int k = 2; k <= GAUSS; k++) {
-                const double p2 = ((2 * k - 1) * z * p1 - (k - 1) * p0) / k;
-                p0 = p1;
-                p1 = p2;
-            }
-            slope = GAUSS * (z * p1 - p0) / (z * z - 1.0);
-            z -= p1 / slope;
-        }
-        x[i] = 0.5 * (1.0 - z);
-        w[i] = 1.0 / ((1.0 - z * z) * slope * slope);
-    }
-}
-
 /* x^2 draws nodes towards the lower end, where H and F have roots. */
 static int place(double eta, double mu[MOST], double weight[MOST])
 {
@@ -45,7 +26,7 @@ static int place(double eta, double mu[MOST], double weight[MOST])
     double x[GAUSS], w[GAUSS];
     int n = 0;
 
-    gauss(x, w);
+    pell_gauss_legendre(GAUSS, x, w);
     for (int part = critical > 0.0 ? 0 : 1; part < 2; part++) {
         const double from = part == 0 ? 0.0 : critical, length = part == 0 ? critical : 1.0 - critical;
         for (int i = 0; i < GAUSS; i++, n++) {

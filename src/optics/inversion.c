@@ -8,18 +8,10 @@
 #include <pellucid/inversion.h>
 
 #include "math/vec.h"
+#include "optics/range.h"
 
 #include <math.h>
 #include <string.h>
-
-static bool in_range(const char *field, double value, double min, double max, struct pell_medium_fault *fault)
-{
-    if (value >= min && value <= max)
-        return true;
-    if (fault)
-        *fault = (struct pell_medium_fault) { field, value, min, max };
-    return false;
-}
 
 static double clamp(double x, double min, double max)
 {
@@ -224,7 +216,7 @@ static enum pell_result invert_model(const struct query *q, double color, double
     if (res != PELL_OK)
         return res;
     /* the last digits of a total are its quadrature's: a colour within them is the largest */
-    if (!in_range(field, color, 0.0, top + 1e-9, fault)) {
+    if (!pell_in_range(field, color, 0.0, top + 1e-9, fault)) {
         if (fault)
             fault->max = top;
         return PELL_ERR_INVALID;
@@ -243,8 +235,8 @@ enum pell_result pell_albedo_of_color(enum pell_profile_model model, const struc
     *albedo_reduced = 0.0;
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
-    if (!in_range("color", color, 0.0, 1.0, fault) || !in_range("g", g, -PELL_G_MAX, PELL_G_MAX, fault) ||
-        !in_range("eta", eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
+    if (!pell_in_range("color", color, 0.0, 1.0, fault) || !pell_in_range("g", g, -PELL_G_MAX, PELL_G_MAX, fault) ||
+        !pell_in_range("eta", eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
         return PELL_ERR_INVALID;
     return invert_model(&q, color, albedo_reduced, "color", fault);
 }
@@ -281,13 +273,13 @@ static const char *const g_names[3] = { "g[0]", "g[1]", "g[2]" };
 
 static bool look_valid(const struct pell_look *look, struct pell_medium_fault *fault)
 {
-    if (!in_range("kind", (double) (int) look->kind, 0.0, PELL_RADII - 1, fault) ||
-        !in_range("eta", look->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
+    if (!pell_in_range("kind", (double) (int) look->kind, 0.0, PELL_RADII - 1, fault) ||
+        !pell_in_range("eta", look->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
         return false;
     for (int c = 0; c < 3; c++)
-        if (!in_range(color_names[c], look->color[c], 0.0, 1.0, fault) ||
-            !in_range(g_names[c], look->g[c], -PELL_G_MAX, PELL_G_MAX, fault) ||
-            !in_range(radius_names[c], look->radius[c], 0.0, HUGE_VAL, fault))
+        if (!pell_in_range(color_names[c], look->color[c], 0.0, 1.0, fault) ||
+            !pell_in_range(g_names[c], look->g[c], -PELL_G_MAX, PELL_G_MAX, fault) ||
+            !pell_in_range(radius_names[c], look->radius[c], 0.0, HUGE_VAL, fault))
             return false;
     return true;
 }
@@ -362,7 +354,7 @@ enum pell_result pell_medium_from_map(const struct pell_look *look, enum pell_al
     *out = (struct pell_medium) { 0 };
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
-    if (!in_range("map", (double) (int) map, 0.0, PELL_ALBEDO_MAPS - 1, fault) || !look_valid(look, fault))
+    if (!pell_in_range("map", (double) (int) map, 0.0, PELL_ALBEDO_MAPS - 1, fault) || !look_valid(look, fault))
         return PELL_ERR_INVALID;
     for (int c = 0; c < 3; c++)
         if (!set_channel(look, c, pell_albedo_map_invert(map, look->color[c], look->eta), &m, fault))

@@ -151,10 +151,7 @@ enum pell_result pell_stack_profile(const struct pell_stack *stack, int channel,
     if ((int) part < 0 || part >= PELL_STACK_PARTS)
         return PELL_ERR_INVALID;
     const struct pell_response f = pell_slabs_response(&slabs, 0.0);
-    total[PELL_STACK_R_PLUS] = f.r[0];
-    total[PELL_STACK_T_PLUS] = f.t[0];
-    total[PELL_STACK_R_MINUS] = f.r[1];
-    total[PELL_STACK_T_MINUS] = f.t[1];
+    pell_response_store(&f, total);
     wanted[part] = true;
     solve(&slabs, wanted, &spectrum);
 

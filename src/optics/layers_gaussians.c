@@ -398,13 +398,13 @@ static bool usable(const struct pell_stack_sets *s, enum pell_stack_part part)
     return (int) part >= 0 && part < PELL_STACK_PARTS && s->count >= 1 && s->count <= PELL_STACK_SET_MAX;
 }
 
-/* Variance below which lies the given share of a set's light. */
+/* Variance below which lies the given share of a set's light; of its size where weights have both signs and their sum goes up and down. */
 static double quantile(const struct pell_stack_sets *s, enum pell_stack_part part, double share)
 {
-    const double *w = s->weight[part], total = sum_of(w, s->count);
+    const double *w = s->weight[part], total = norm(w, s->count);
     double sum = 0.0;
     for (int i = 0; i < s->count; i++)
-        if ((sum += w[i]) >= share * total)
+        if ((sum += fabs(w[i])) >= share * total)
             return s->variance[i];
     return s->variance[s->count - 1];
 }
@@ -425,11 +425,11 @@ enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum p
         double sum = 0.0;
         for (int i = 0; i < s->count; i++) {
             const double x = 0.5 * r * r / s->variance[i];
-            if (w[i] > 0.0 && x < 700.0)
+            if (w[i] != 0.0 && x < 700.0)
                 sum += w[i] * exp(-x) / (2.0 * PELL_PI * s->variance[i]);
         }
         out->r[count] = r;
-        out->value[count++] = sum;
+        out->value[count++] = fmax(0.0, sum); /* signed weights may leave less than nothing far out */
     }
     pell_profile_nodes_make(out, count, PELL_NODES_LOG, -1.0);
     if (out->total > 0.0)
@@ -438,42 +438,75 @@ enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum p
     return PELL_OK;
 }
 
-/* Least squares of a set by Gaussians of given variances in the norm of error (10), Int r (.)^2 dr: weights >= 0 with the set's total.
- * Returns what of the set's squared norm they hold, so that more is better. With b the inner products of set and Gaussians and H those of
- * the Gaussians, |set - w|^2 = |set|^2 - 2 w b + w H w; H = C C^T makes that a small least-squares problem. */
-static double project(const double *variance, const double *w, int n, const double *target, int count, double weight[PELL_GAUSSIANS_MAX])
+#define MOMENT_WEIGHT 1e3 /* of the second moment's equation beside those of the norm; the rest of its error is moved out at the end */
+
+/* Moves what the second moment still lacks between the two positive weights that lie farthest apart; their sum stays. */
+static void settle_moment(const double *target, int count, double moment, double *weight)
 {
-    struct pell_nnls problem = { .count = count, .fixed_sum = true, .sum = sum_of(w, n) };
-    struct pell_nnls_solution solution;
-    double C[PELL_GAUSSIANS_MAX][PELL_GAUSSIANS_MAX] = { { 0 } }, held = 0.0;
+    int first = -1, last = -1;
+    double has = 0.0;
 
     for (int i = 0; i < count; i++) {
+        has += weight[i] * target[i];
+        if (weight[i] > 0.0) {
+            first = first < 0 ? i : first;
+            last = i;
+        }
+    }
+    if (first == last)
+        return;
+    double step = (moment - has) / (target[last] - target[first]);
+    step = fmin(fmax(step, -weight[last]), weight[first]);
+    weight[last] += step;
+    weight[first] -= step;
+}
+
+/* Least squares of a set by Gaussians of given variances in the norm of error (10), Int r (.)^2 dr: weights >= 0 with the set's total and
+ * second moment. Returns what of the set's squared norm they hold, so that more is better. With b the inner products of set and Gaussians
+ * and H those of the Gaussians, |set - w|^2 = |set|^2 - 2 w b + w H w; H = C C^T makes that a small least-squares problem. */
+static double project(const double *variance, const double *w, int n, const double *target, int count, double weight[PELL_GAUSSIANS_MAX])
+{
+    const double total = sum_of(w, n);
+    struct pell_nnls problem = { .count = count, .fixed_sum = true, .sum = total };
+    struct pell_nnls_solution solution;
+    double H[PELL_GAUSSIANS_MAX][PELL_GAUSSIANS_MAX], C[PELL_GAUSSIANS_MAX][PELL_GAUSSIANS_MAX] = { { 0 } };
+    double b[PELL_GAUSSIANS_MAX], row[PELL_GAUSSIANS_MAX], held = 0.0;
+
+    /* Half the second moment. Signed weights may have none above 0, and then no weights >= 0 keep it. */
+    const double moment = 0.5 * pell_gaussian_set_moment(variance, w, (size_t) n);
+    /* All scaled by the variances, so that H's diagonal is 1/2. The moment's equation has the size of the set's norm. */
+    const double size = moment > 0.0 ? MOMENT_WEIGHT * total / sqrt(moment / total) : 0.0;
+    for (int i = 0; i < count; i++) {
+        row[i] = size > 0.0 ? size * target[i] * sqrt(target[i]) / moment : 0.0;
+        b[i] = 0.0;
+        for (int j = 0; j < n; j++)
+            b[i] += w[j] / (target[i] + variance[j]);
+        b[i] *= sqrt(target[i]);
+        double rhs = b[i] + row[i] * size;
         for (int j = 0; j <= i; j++) {
-            /* Scaled by the variances, so that the diagonal is 1/2. */
-            double sum = sqrt(target[i] * target[j]) / (target[i] + target[j]) * (i == j ? 1.0 + 1e-14 : 1.0);
+            H[i][j] = H[j][i] = sqrt(target[i] * target[j]) / (target[i] + target[j]);
+            double sum = H[i][j] * (i == j ? 1.0 + 1e-14 : 1.0) + row[i] * row[j];
             for (int k = 0; k < j; k++)
                 sum -= C[i][k] * C[j][k];
             C[i][j] = i == j ? sqrt(fmax(sum, 1e-16)) : sum / C[j][j];
         }
-        double b = 0.0;
-        for (int j = 0; j < n; j++)
-            b += w[j] / (target[i] + variance[j]);
-        b *= sqrt(target[i]);
         for (int k = 0; k < i; k++)
-            b -= C[i][k] * problem.rhs[k];
-        problem.rhs[i] = b / C[i][i];
+            rhs -= C[i][k] * problem.rhs[k];
+        problem.rhs[i] = rhs / C[i][i];
     }
     for (int j = 0; j < count; j++)
         for (int i = 0; i <= j; i++)
             problem.column[j][i] = C[j][i] / sqrt(target[j]);
     pell_nnls_factor(&problem, &solution);
     pell_nnls_solve(&problem, &solution);
+    memcpy(weight, solution.w, (size_t) count * sizeof(*weight));
+    if (moment > 0.0)
+        settle_moment(target, count, moment, weight);
     for (int i = 0; i < count; i++) {
-        double fitted = 0.0;
+        const double u = weight[i] / sqrt(target[i]);
+        held += 2.0 * u * b[i];
         for (int j = 0; j < count; j++)
-            fitted += solution.w[j] * problem.column[j][i];
-        held += fitted * (2.0 * problem.rhs[i] - fitted);
-        weight[i] = solution.w[i];
+            held -= u * H[i][j] * weight[j] / sqrt(target[j]);
     }
     return held;
 }
@@ -483,8 +516,8 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
 {
     enum { TRIES = 6 };
     static const double low_shares[TRIES] = { 0.005, 0.02, 0.05, 0.09, 0.15, 0.22 };
-    static const double high_shares[TRIES] = { 0.98, 0.94, 0.88, 0.8, 0.7, 0.6 };
-    double low[TRIES], high[TRIES], norm_of[3] = { 0 }, best = -INFINITY;
+    static const double high_shares[TRIES] = { 0.995, 0.98, 0.94, 0.88, 0.8, 0.7 };
+    double low[TRIES], high[TRIES], narrow = INFINITY, wide = 0.0, norm_of[3] = { 0 }, best = -INFINITY;
     bool light[3];
 
     *out = (struct pell_gaussians) { 0 };
@@ -496,12 +529,19 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
     for (int k = 0; k < TRIES; k++) {
         low[k] = INFINITY;
         high[k] = 0.0;
-        for (int c = 0; c < 3; c++) {
-            light[c] = sum_of(channel[c]->weight[part], channel[c]->count) > 0.0;
-            if (light[c]) {
-                low[k] = fmin(low[k], quantile(channel[c], part, low_shares[k]));
-                high[k] = fmax(high[k], quantile(channel[c], part, high_shares[k]));
-            }
+    }
+    for (int c = 0; c < 3; c++) {
+        const double *w = channel[c]->weight[part], total = sum_of(w, channel[c]->count);
+        light[c] = total > 0.0;
+        for (int k = 0; k < TRIES && light[c]; k++) {
+            low[k] = fmin(low[k], quantile(channel[c], part, low_shares[k]));
+            high[k] = fmax(high[k], quantile(channel[c], part, high_shares[k]));
+        }
+        if (light[c]) { /* the mean variance lies between the first and the last, or no weights >= 0 have it */
+            const double moment = pell_gaussian_set_moment(channel[c]->variance, w, (size_t) channel[c]->count);
+            const double mean = moment > 0.0 ? 0.5 * moment / total : quantile(channel[c], part, 0.5);
+            narrow = fmin(narrow, 0.8 * mean);
+            wide = fmax(wide, 1.25 * mean);
         }
     }
     if (!light[0] && !light[1] && !light[2])
@@ -509,10 +549,10 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
     for (int a = 0; a < TRIES; a++)
         for (int b = 0; b < TRIES; b++) {
             struct pell_gaussians g = { .count = count };
-            const double top = fmax(high[b], 1.01 * low[a]);
+            const double bottom = fmin(low[a], narrow), top = fmax(high[b], wide);
             double held = 0.0;
             for (int i = 0; i < count; i++)
-                g.variance[i] = low[a] * pow(top / low[a], i / (count - 1.0));
+                g.variance[i] = bottom * pow(top / bottom, i / (count - 1.0));
             for (int c = 0; c < 3; c++) {
                 double weight[PELL_GAUSSIANS_MAX];
                 if (!light[c])

@@ -1,19 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
  * medium.c - the ranges of optical coefficients, and lengths derived from them. */
-#include <pellucid/medium.h>
+#include "optics/range.h"
 
 #include <math.h>
-
-/* False, with the fault filled in, unless min <= value <= max (which NaN never is). */
-static bool in_range(const char *field, double value, double min, double max, struct pell_medium_fault *fault)
-{
-    if (value >= min && value <= max)
-        return true;
-    if (fault)
-        *fault = (struct pell_medium_fault) { field, value, min, max };
-    return false;
-}
 
 bool pell_medium_valid(const struct pell_medium *m, struct pell_medium_fault *fault)
 {
@@ -27,12 +17,12 @@ bool pell_medium_valid(const struct pell_medium *m, struct pell_medium_fault *fa
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
     for (int c = 0; c < 3; c++)
-        if (!in_range(names[0][c], m->sigma_a[c], 0.0, PELL_SIGMA_MAX, fault)
-            || !in_range(names[1][c], m->sigma_s_reduced[c], 0.0, PELL_SIGMA_MAX, fault)
-            || !in_range(names[2][c], m->sigma_a[c] + m->sigma_s_reduced[c], PELL_SIGMA_T_MIN, 2.0 * PELL_SIGMA_MAX, fault)
-            || !in_range(names[3][c], m->g[c], -PELL_G_MAX, PELL_G_MAX, fault))
+        if (!pell_in_range(names[0][c], m->sigma_a[c], 0.0, PELL_SIGMA_MAX, fault)
+            || !pell_in_range(names[1][c], m->sigma_s_reduced[c], 0.0, PELL_SIGMA_MAX, fault)
+            || !pell_in_range(names[2][c], m->sigma_a[c] + m->sigma_s_reduced[c], PELL_SIGMA_T_MIN, 2.0 * PELL_SIGMA_MAX, fault)
+            || !pell_in_range(names[3][c], m->g[c], -PELL_G_MAX, PELL_G_MAX, fault))
             return false;
-    return in_range("eta", m->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault);
+    return pell_in_range("eta", m->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault);
 }
 
 double pell_mean_free_path(const struct pell_medium *m, int channel)

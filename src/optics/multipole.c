@@ -7,6 +7,7 @@
 #include "optics/multipole.h"
 
 #include "math/vec.h"
+#include "optics/dipole.h"
 
 #include <math.h>
 
@@ -90,9 +91,7 @@ static double boundary(const struct pell_stack *s, int i, int side)
 {
     if (s->A[i][side] > 0.0)
         return s->A[i][side];
-    const double eta = relative_eta(s, i, side), roughness = s->roughness[i + side];
-    const double fdr = roughness > 0.0 ? pell_fresnel_diffuse_rough(eta, roughness) : pell_fresnel_diffuse(eta, s->fresnel);
-    return (1.0 + fdr) / (1.0 - fdr);
+    return pell_boundary_A(relative_eta(s, i, side), s->fresnel, s->roughness[i + side]);
 }
 
 /* T^ of light of a side falls (or grows) as exp(-gap s). */
@@ -261,7 +260,7 @@ struct pell_response pell_slabs_response(const struct pell_slabs *p, double s)
     return sum;
 }
 
-static void store(const struct pell_response *f, double out[PELL_STACK_PARTS])
+void pell_response_store(const struct pell_response *f, double out[PELL_STACK_PARTS])
 {
     out[PELL_STACK_R_PLUS] = f->r[0];
     out[PELL_STACK_T_PLUS] = f->t[0];
@@ -281,7 +280,7 @@ enum pell_result pell_stack_totals(const struct pell_stack *stack, int channel, 
     if (res != PELL_OK)
         return res;
     const struct pell_response f = pell_slabs_response(&slabs, 0.0);
-    store(&f, out);
+    pell_response_store(&f, out);
     return PELL_OK;
 }
 
@@ -297,15 +296,8 @@ enum pell_result pell_stack_transforms(const struct pell_stack *stack, int chann
     if (!(s >= 0.0 && s <= 1e150))
         return PELL_ERR_INVALID;
     const struct pell_response f = pell_slabs_response(&slabs, s);
-    store(&f, out);
+    pell_response_store(&f, out);
     return PELL_OK;
-}
-
-/* z (1 + s rho) exp(-s rho)/(4 pi rho^3), negative for z < 0. */
-static double pole(double z, double sigma_tr, double r)
-{
-    const double rho = sqrt(r * r + z * z);
-    return z * (1.0 + sigma_tr * rho) * exp(-sigma_tr * rho) / (4.0 * PELL_PI * rho * rho * rho);
 }
 
 enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, enum pell_stack_part part, double r_mm, double tolerance,
@@ -329,7 +321,8 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
     const bool through = part == PELL_STACK_T_PLUS || part == PELL_STACK_T_MINUS;
     if (isinf(y->d)) {
         if (part == PELL_STACK_R_PLUS)
-            *out = y->albedo * (pole(y->l, y->sigma_tr, r_mm) + pole(y->l + 2.0 * y->zb[0], y->sigma_tr, r_mm));
+            *out = y->albedo / (4.0 * PELL_PI) *
+                   (pell_pole_value(y->l, y->sigma_tr, r_mm) + pell_pole_value(y->l + 2.0 * y->zb[0], y->sigma_tr, r_mm));
         if (dipoles)
             *dipoles = 1;
         return PELL_OK;
@@ -341,8 +334,8 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
         double pair = 0.0;
         for (int i = n; i >= -n; i -= n > 0 ? 2 * n : 1) { /* n, then -n */
             const double zr = i * period + real, zv = i * period + image;
-            pair += through ? pole(y->d - zr, y->sigma_tr, r_mm) - pole(y->d - zv, y->sigma_tr, r_mm)
-                            : pole(zr, y->sigma_tr, r_mm) - pole(zv, y->sigma_tr, r_mm);
+            pair += through ? pell_pole_value(y->d - zr, y->sigma_tr, r_mm) - pell_pole_value(y->d - zv, y->sigma_tr, r_mm)
+                            : pell_pole_value(zr, y->sigma_tr, r_mm) - pell_pole_value(zv, y->sigma_tr, r_mm);
         }
         sum += pair;
         /* Pairs fall as n^-3 at worst, beyond where they still see r: what follows is less than n/2 of the last. */
@@ -350,7 +343,7 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
         if ((far && fabs(pair) * fmax(1.0, 0.5 * n) <= tolerance * fabs(sum)) || 2 * n + 3 > dipoles_max)
             break;
     }
-    *out = y->albedo * sum;
+    *out = y->albedo / (4.0 * PELL_PI) * sum;
     if (dipoles)
         *dipoles = 2 * n + 1;
     return PELL_OK;

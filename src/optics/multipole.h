@@ -44,6 +44,8 @@ enum pell_result pell_slabs_prepare(const struct pell_stack *stack, int channel,
 struct pell_response pell_slab_response(const struct pell_slab *slab, double s);
 /* The adding equations (4), (5) of d'Eon et al. 2007 and their mirror images; `a` lies on `b`. */
 struct pell_response pell_response_add(const struct pell_response *a, const struct pell_response *b);
+/* By enum pell_stack_part. */
+void pell_response_store(const struct pell_response *response, double out[PELL_STACK_PARTS]);
 /* The whole stack's. */
 struct pell_response pell_slabs_response(const struct pell_slabs *slabs, double s);
 

@@ -14,28 +14,20 @@
 #include <pellucid/phase.h>
 
 #include "math/vec.h"
+#include "optics/range.h"
 
 #include <math.h>
-
-static bool in_range(const char *field, double value, double min, double max, struct pell_medium_fault *fault)
-{
-    if (value >= min && value <= max)
-        return true;
-    if (fault)
-        *fault = (struct pell_medium_fault) { field, value, min, max };
-    return false;
-}
 
 bool pell_phase_valid(const struct pell_phase *p, struct pell_medium_fault *fault)
 {
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
-    if (!in_range("kind", (double) (int) p->kind, 0.0, PELL_PHASE_KINDS - 1, fault))
+    if (!pell_in_range("kind", (double) (int) p->kind, 0.0, PELL_PHASE_KINDS - 1, fault))
         return false;
-    if (p->kind != PELL_PHASE_RAYLEIGH && !in_range("g[0]", p->g[0], -PELL_G_MAX, PELL_G_MAX, fault))
+    if (p->kind != PELL_PHASE_RAYLEIGH && !pell_in_range("g[0]", p->g[0], -PELL_G_MAX, PELL_G_MAX, fault))
         return false;
     return p->kind != PELL_PHASE_TWO_LOBE ||
-           (in_range("g[1]", p->g[1], -PELL_G_MAX, PELL_G_MAX, fault) && in_range("weight", p->weight, 0.0, 1.0, fault));
+           (pell_in_range("g[1]", p->g[1], -PELL_G_MAX, PELL_G_MAX, fault) && pell_in_range("weight", p->weight, 0.0, 1.0, fault));
 }
 
 static double clamp(double x, double min, double max)
@@ -58,7 +50,7 @@ static double henyey_value(double g, double c)
 static double henyey_cdf(double g, double c)
 {
     const double q = sqrt(henyey_base(g, c));
-    return (1.0 - g) * (1.0 - c) / (q * (1.0 + g + q));
+    return fmin(1.0, (1.0 - g) * (1.0 - c) / (q * (1.0 + g + q))); /* rounding may lift it above */
 }
 
 static double schlick_base(double k, double c)
@@ -84,7 +76,7 @@ double pell_phase_cdf(const struct pell_phase *p, double cos_theta)
 {
     const double c = clamp(cos_theta, -1.0, 1.0);
     switch (p->kind) {
-    case PELL_PHASE_SCHLICK: return 0.5 * (1.0 - p->g[0]) * (1.0 - c) / schlick_base(p->g[0], c);
+    case PELL_PHASE_SCHLICK: return fmin(1.0, 0.5 * (1.0 - p->g[0]) * (1.0 - c) / schlick_base(p->g[0], c));
     case PELL_PHASE_RAYLEIGH: /* 3/8 Int_c^1 (1 + x^2) dx */ return 0.125 * (1.0 - c) * (4.0 + c * (1.0 + c));
     case PELL_PHASE_TWO_LOBE: return p->weight * henyey_cdf(p->g[0], c) + (1.0 - p->weight) * henyey_cdf(p->g[1], c);
     default: return henyey_cdf(p->g[0], c);

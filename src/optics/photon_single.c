@@ -5,19 +5,8 @@
 
 #include <pellucid/medium.h>
 
+#include "math/quadrature.h"
 #include "math/vec.h"
-
-#include <stddef.h>
-
-/* Legendre points of order 24 on (0, 1), the lower half; the upper one mirrors it (Abramowitz and Stegun 1964, table 25.4). */
-static const double points[12] = {
-    0.064056892862605626, 0.191118867473616309, 0.315042679696163374, 0.433793507626045138, 0.545421471388839536, 0.648093651936975569,
-    0.740124191578554364, 0.820001985973902922, 0.886415527004401034, 0.938274552002732759, 0.974728555971309498, 0.995187219997021360,
-};
-static const double weights[12] = {
-    0.127938195346752157, 0.125837456346828296, 0.121670472927803391, 0.115505668053725601, 0.107444270115965635, 0.097618652104113888,
-    0.086190161531953276, 0.073346481411080306, 0.059298584915436781, 0.044277438817419806, 0.028531388628933663, 0.012341229799987200,
-};
 
 /* Henyey and Greenstein's phase function, 1/sr, for the turn into a direction that rises with cosine mu: its angle has cosine -mu. */
 static double back(double g, double mu)
@@ -33,15 +22,19 @@ static double back(double g, double mu)
  * on the end, where a phase function that turns back has its peak. */
 void pell_single_make(double g, double eta, struct pell_single *out)
 {
-    static const double edges[] = { 0.0, 0.4, 0.75, 0.93, 1.0 };
+    enum { PANELS = 4, PER_PANEL = PELL_SINGLE_ANGLES / PANELS };
+    static const double edges[PANELS + 1] = { 0.0, 0.4, 0.75, 0.93, 1.0 };
     const double t0 = eta > 1.0 ? acos(1.0 / eta) : 0.0, width = 0.5 * PELL_PI - t0;
+    double x[PER_PANEL], weight[PER_PANEL];
     int n = 0;
+
+    pell_gauss_legendre(PER_PANEL, x, weight);
     out->total = 0.0;
-    for (size_t panel = 0; panel + 1 < sizeof(edges) / sizeof(edges[0]); panel++) {
-        const double middle = 0.5 * (edges[panel] + edges[panel + 1]), half = 0.5 * (edges[panel + 1] - edges[panel]);
-        for (int i = 0; i < 24; i++, n++) {
-            const double s = middle + half * (i < 12 ? -points[i] : points[i - 12]), t = t0 + width * s * s, mu = sin(t), c = cos(t);
-            const double w = half * weights[i % 12] * 2.0 * width * s * mu * back(g, mu) * (1.0 - pell_fresnel(1.0 / eta, mu));
+    for (int panel = 0; panel < PANELS; panel++) {
+        const double from = edges[panel], length = edges[panel + 1] - from;
+        for (int i = 0; i < PER_PANEL; i++, n++) {
+            const double s = from + length * x[i], t = t0 + width * s * s, mu = sin(t), c = cos(t);
+            const double w = length * weight[i] * 2.0 * width * s * mu * back(g, mu) * (1.0 - pell_fresnel(1.0 / eta, mu));
             out->weight[n] = w;
             out->rate[n] = (1.0 + mu) / c;
             out->total += 2.0 * PELL_PI * w * c / (1.0 + mu);

@@ -43,12 +43,6 @@ static inline double pell_table_x(int i)
     return log(PELL_TABLE_R_MIN) + log(10.0) / PELL_TABLE_PER_DECADE * i;
 }
 
-/* Albedo of one collision, sigma_s/sigma_t, from alpha' and g. */
-static inline double pell_albedo(double albedo_reduced, double g)
-{
-    return albedo_reduced / (albedo_reduced + (1.0 - albedo_reduced) * (1.0 - g));
-}
-
 /* Decay of the far field exp(-kappa r) in an infinite medium of albedo alpha with Henyey and Greenstein's phase function, in units of
  * sigma_t: [0, 1]. The smallest root of the continued fraction of the spherical harmonics (Case and Zweifel, "Linear
  * Transport Theory", 1967): h0 = k^2/(h1 - 4 k^2/(h2 - 9 k^2/(h3 - ...))), h_l = (2 l + 1)(1 - alpha g^l). */

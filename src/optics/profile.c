@@ -67,6 +67,7 @@ double pell_profile_eval(const struct pell_profile *p, double r_mm)
     case PELL_PROFILE_KIND_BURLEY: return lanes_burley(p->parameter, r_mm);
     case PELL_PROFILE_KIND_GAUSSIANS: return lanes_gaussians(p->parameter, (int) p->parameter[0], r_mm);
     case PELL_PROFILE_KIND_NODES: r = lanes_radius(r_mm); return r > p->r[p->count - 1] ? lanes_tail(p, r) : lanes_nodes(p, r);
+    case PELL_PROFILE_KINDS: break;
     }
     return 0.0;
 }
@@ -93,7 +94,7 @@ void pell_profile_eval_many(const struct pell_profile *p, const double *r_mm, do
 
 static const struct pell_profile_shape *shape_of(const struct pell_profile *p)
 {
-    static const struct pell_profile_shape *const shapes[] = {
+    static const struct pell_profile_shape *const shapes[PELL_PROFILE_KINDS] = {
         [PELL_PROFILE_KIND_POLES] = &pell_profile_pair,
         [PELL_PROFILE_KIND_BURLEY] = &pell_profile_burley,
         [PELL_PROFILE_KIND_GAUSSIANS] = &pell_profile_gaussians,

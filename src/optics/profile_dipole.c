@@ -2,6 +2,7 @@
  *
  * profile_dipole.c - the classical dipole as a profile. */
 #include "math/vec.h"
+#include "optics/dipole.h"
 #include "optics/profile_shape.h"
 
 static enum pell_result make(const struct pell_medium *medium, int channel, const struct pell_profile_params *params,
@@ -11,12 +12,8 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
 
     if (params->without_single || (params->roughness > 0.0 && params->fresnel != PELL_FRESNEL_EXACT))
         return PELL_ERR_UNSUPPORTED;
-    if (params->A > 0.0) {
-        d.A = params->A;
-    } else if (params->roughness > 0.0) {
-        const double fdr = pell_fresnel_diffuse_rough(medium->eta, params->roughness);
-        d.A = (1.0 + fdr) / (1.0 - fdr);
-    }
+    if (params->A > 0.0 || params->roughness > 0.0)
+        d.A = params->A > 0.0 ? params->A : pell_boundary_A(medium->eta, params->fresnel, params->roughness);
     d.zv = d.zr * (1.0 + 4.0 * d.A / 3.0);
     pell_profile_pair_make(out, d.sigma_tr, d.zr, d.zv, d.albedo_reduced / (4.0 * PELL_PI), 0.0);
     return PELL_OK;

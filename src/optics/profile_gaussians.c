@@ -7,6 +7,8 @@
 #include "optics/profile_lanes.h"
 #include "optics/profile_shape.h"
 
+_Static_assert(PELL_PROFILE_PARAMETERS >= 1 + 2 * PELL_GAUSSIANS_MAX, "a profile holds every sum");
+
 /* Term i has the flux w = 2 pi (w/(2 pi v)) / (2/(2 v)), and falls as exp(-fall r^2). */
 static double term(const struct pell_profile *p, int i, double *fall)
 {

@@ -8,7 +8,9 @@
 
 #define BLOCK 64
 
-static void pair(const struct pell_profile *p, const double *r, double *restrict R, size_t count)
+/* A closed form at each radius; inlined, so that the form and its parameters are known in the loop. */
+LANES_INLINE void each(double (*form)(const double *parameter, double r), const struct pell_profile *p, const double *r, double *restrict R,
+                       size_t count)
 {
     double parameter[5], block[BLOCK];
     memcpy(parameter, p->parameter, sizeof(parameter));
@@ -16,27 +18,24 @@ static void pair(const struct pell_profile *p, const double *r, double *restrict
         const size_t n = count - from < BLOCK ? count - from : BLOCK;
         memcpy(block, r + from, n * sizeof(*r));
         for (size_t i = 0; i < n; i++)
-            block[i] = lanes_pair(parameter, block[i]);
+            block[i] = form(parameter, block[i]);
         memcpy(R + from, block, n * sizeof(*R));
     }
+}
+
+static void pair(const struct pell_profile *p, const double *r, double *restrict R, size_t count)
+{
+    each(lanes_pair, p, r, R, count);
 }
 
 static void burley(const struct pell_profile *p, const double *r, double *restrict R, size_t count)
 {
-    double parameter[3], block[BLOCK];
-    memcpy(parameter, p->parameter, sizeof(parameter));
-    for (size_t from = 0; from < count; from += BLOCK) {
-        const size_t n = count - from < BLOCK ? count - from : BLOCK;
-        memcpy(block, r + from, n * sizeof(*r));
-        for (size_t i = 0; i < n; i++)
-            block[i] = lanes_burley(parameter, block[i]);
-        memcpy(R + from, block, n * sizeof(*R));
-    }
+    each(lanes_burley, p, r, R, count);
 }
 
 static void gaussians(const struct pell_profile *p, const double *r, double *restrict R, size_t count)
 {
-    double parameter[40], block[BLOCK], sum[BLOCK];
+    double parameter[PELL_PROFILE_PARAMETERS], block[BLOCK], sum[BLOCK];
     const int gaussian_count = (int) p->parameter[0];
     memcpy(parameter, p->parameter, sizeof(parameter));
     for (size_t from = 0; from < count; from += BLOCK) {

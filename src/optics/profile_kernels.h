@@ -22,7 +22,7 @@ struct pell_beam {
 typedef void (*pell_beam_kernel)(const struct pell_beam *beam, double r, double *restrict term, int count);
 
 struct pell_profile_kernels {
-    pell_profile_kernel of_kind[4]; /* by enum pell_profile_kind; r and R may be the same array */
+    pell_profile_kernel of_kind[PELL_PROFILE_KINDS]; /* by enum pell_profile_kind; r and R may be the same array */
     pell_beam_kernel beam_multiple; /* r in reduced mean free paths */
     pell_beam_kernel beam_single;   /* r in mean free paths 1/sigma_t; less the factor of medium and phase function */
 };

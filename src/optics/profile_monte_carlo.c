@@ -3,6 +3,8 @@
  * profile_monte_carlo.c - the profile of a half-space under a beam at right angles as photons find it: what was scattered once by an
  * integral (photon_single.c), what was scattered more often from the table (photon_table.h), the far field by diffusion with the
  * decay of transport. */
+#include <pellucid/inversion.h>
+
 #include "math/vec.h"
 #include "optics/photon_table.h"
 #include "optics/profile_nodes.h"
@@ -32,8 +34,8 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     const double albedo_reduced = medium->sigma_s_reduced[channel] / sigma_t_reduced, eta = medium->eta;
     const double g_in = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
     /* Single scattering with the medium's own g, the rest with that of the table's range. */
-    const double once = pell_albedo(albedo_reduced, g), per_reduced = 1.0 / (1.0 - once * g);
-    const double twice = pell_albedo(albedo_reduced, g_in);
+    const double once = pell_albedo_of_reduced(albedo_reduced, g), per_reduced = 1.0 / (1.0 - once * g);
+    const double twice = pell_albedo_of_reduced(albedo_reduced, g_in);
     const double kappa = pell_transport_kappa(twice, g_in) / (1.0 - twice * g_in);
     const double end = fmin(DARK / fmax(kappa, 1e-300), PELL_TABLE_R_MIN * pow(10.0, (PELL_TABLE_R - 1.0) / PELL_TABLE_PER_DECADE));
     struct pell_single single;

@@ -213,7 +213,7 @@ static double transform(const struct pell_profile *p, double s)
     const double first = s * p->r[0];
     double end = PHASES / s, at = p->r[0], sum;
 
-    if (!(s > 0.0))
+    if (!(s > 1e-290)) /* 0, or with too few digits for s r */
         return p->total;
     /* The disc of constant R inside the first node. */
     sum = first > 0.0 ? p->value[0] * p->r[0] * j1(first) / s : 0.0;

@@ -8,6 +8,7 @@
  *
  * The second diverges without absorption; only differences of two are in use, and they are finite. */
 #include "math/vec.h"
+#include "optics/dipole.h"
 #include "optics/profile_lanes.h"
 #include "optics/profile_shape.h"
 
@@ -16,18 +17,11 @@ double pell_profile_absorbed(double s, double x)
     return s > 0.0 ? -expm1(-s * x) / s : x;
 }
 
-/* exp(-s z) - (z/d) exp(-s d), so that nothing cancels at small r; step is d - z. */
-static double flux_inside(double s, double z, double r)
-{
-    const double d = sqrt(r * r + z * z), step = r * r / (d + z);
-    return exp(-s * z) * (step / d - z / d * expm1(-s * step));
-}
-
 static double inside(const struct pell_profile *p, double r)
 {
     const double s = p->parameter[PAIR_SIGMA], zr = p->parameter[PAIR_ZR], zv = p->parameter[PAIR_ZV];
     const double a = p->parameter[PAIR_A], b = p->parameter[PAIR_B];
-    const double flux = flux_inside(s, zr, r) + flux_inside(s, zv, r);
+    const double flux = pell_pole_inside(zr, s, r) + pell_pole_inside(zv, s, r);
     double fluence = 0.0;
     if (b > 0.0) {
         const double dr = sqrt(r * r + zr * zr), dv = sqrt(r * r + zv * zv);

@@ -8,6 +8,11 @@
  *              + C_E (pole of z + pole of zv))/(4 pi) dz
  *     R_1(r) = sigma_s Int exp(-sigma_t (z + dr)) p(-z/dr) (1 - F(z/dr)) z/dr^3 dz
  *
+ * kappa = 1 - exp(-2 (dr + z)) is the paper's empirical weight near the beam, D Grosjean's, C_phi, C_E and A as in d'Eon 2012. The paper
+ * takes 3 to 5 samples of the depth, exponential and equiangular; here the integral is done, so the model's own total shows: kappa takes
+ * away the same for every g, light scattered once adds what depends on it. Beside photons it is 2 to 14 % too much at g = 0 (eta 1 to
+ * 1.5), right at g = 0.3 to 7 %, up to 26 % too much at g = -0.5 and 4 to 35 % too little at g = 0.9.
+ *
  * p is Henyey and Greenstein's; R_1 has sigma_s and sigma_t, not the reduced ones, and F stops light beyond the critical angle.
  *
  * Integrals are trapezoidal sums in log z: the integrands' nearest singularities, z = +-i r, lie a quarter turn away, which makes the
@@ -99,7 +104,8 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     for (int i = 0; i < NODES; i++)
         out->value[i] += lone[i];
     pell_profile_nodes_make(out, NODES, PELL_NODES_LOG, beam.sigma_tr);
-    /* Near alpha' = 1 the model gives back up to 1.09 of what enters: then the light scattered more than once is less. */
+    /* Near alpha' = 1 the model gives back up to 1.09 of what enters, by its kappa and not by an error of the sums; a profile may not: the
+     * light scattered more than once, which is what kappa guesses, makes room for the light scattered once, which is exact. */
     const double once = out->total - manifold, keep = out->total > 1.0 ? (1.0 - once) / manifold : 1.0;
     for (int i = 0; i < NODES; i++) {
         out->r[i] /= sigma_t;
@@ -116,7 +122,8 @@ const struct pell_profile_source pell_profile_source_photon_beam = {
         .title = "Photon beam diffusion",
         .cite = "R. Habel, P. H. Christensen, W. Jarosz, \"Photon Beam Diffusion: A Hybrid Monte Carlo Method for Subsurface Scattering\", "
                 "EGSR 2013",
-        .limits = "Its weight near the beam is empirical; light at right angles only; cut where it exceeds 1.",
+        .limits = "Its weight near the beam is empirical: totals 2 to 14 % above photons at g = 0, below them for g > 0.4, cut at 1; "
+                  "light at right angles only.",
     },
     .make = make,
 };

@@ -7,10 +7,10 @@
 #include <math.h>
 #include <string.h>
 
-static enum pell_result refuse(struct pell_profile_fault *fault, size_t row, const char *what, double value, double min, double max)
+static enum pell_result refuse(struct pell_profile_fault *fault, size_t row, const char *field, double value, double min, double max)
 {
     if (fault)
-        *fault = (struct pell_profile_fault){ row, what, value, min, max };
+        *fault = (struct pell_profile_fault){ row, field, value, min, max };
     return PELL_ERR_INVALID;
 }
 

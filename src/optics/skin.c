@@ -5,6 +5,7 @@
 #include <pellucid/layers.h>
 #include <pellucid/skin.h>
 
+#include "optics/range.h"
 #include "optics/spectra.h"
 
 #include <math.h>
@@ -31,11 +32,8 @@ bool pell_skin_valid(const struct pell_skin *skin, struct pell_medium_fault *fau
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
     for (size_t i = 0; i < sizeof(fields) / sizeof(fields[0]); i++)
-        if (!(fields[i].value >= fields[i].min && fields[i].value <= fields[i].max)) {
-            if (fault)
-                *fault = fields[i];
+        if (!pell_in_range(fields[i].field, fields[i].value, fields[i].min, fields[i].max, fault))
             return false;
-        }
     return true;
 }
 

@@ -11,6 +11,8 @@
  */
 #include "optics/specular.h"
 
+#include "math/quadrature.h"
+
 /* A product rule over the unit square: Gauss and Legendre's over the radius, midpoints over half the turn (the integrand is even). */
 #define RADII 24
 #define TURNS_GGX 32
@@ -46,32 +48,12 @@ double pell_specular_value(enum pell_specular_model model, double roughness, dou
     return F * exp(-sin2 / (c2 * m2)) * hh / (PELL_PI * m2 * c2 * c2);
 }
 
-/* Nodes and weights of Gauss and Legendre's rule on [0, 1] by Newton's method. */
-static void gauss_legendre(int n, double *x, double *w)
-{
-    for (int i = 0; i < n; i++) {
-        double z = cos(PELL_PI * (i + 0.75) / (n + 0.5)), slope = 1.0;
-        for (int pass = 0; pass < 8; pass++) {
-            double p = 1.0, before = 0.0;
-            for (int j = 0; j < n; j++) {
-                const double older = before;
-                before = p;
-                p = ((2 * j + 1) * z * before - j * older) / (j + 1);
-            }
-            slope = n * (z * p - before) / (z * z - 1.0);
-            z -= p / slope;
-        }
-        x[i] = 0.5 * (1.0 - z);
-        w[i] = 1.0 / ((1.0 - z * z) * slope * slope);
-    }
-}
-
 /* Kelemen: a half vector (a, b, c), Beckmann's distribution of width m: tan^2 = -m^2 ln(1 - u). */
 static void kelemen_rule(float m, struct rule *rule)
 {
     double x[RADII], w[RADII];
 
-    gauss_legendre(RADII, x, w);
+    pell_gauss_legendre(RADII, x, w);
     for (int i = 0; i < RADII; i++) {
         /* u = 1 - (1 - x)^2 takes the logarithm's end out of the rule */
         const double rest = (1.0 - x[i]) * (1.0 - x[i]), tan2 = -(double) m * m * log(rest);
@@ -109,7 +91,7 @@ static void ggx_rule(struct rule *rule)
 {
     double x[RADII], w[RADII];
 
-    gauss_legendre(RADII, x, w);
+    pell_gauss_legendre(RADII, x, w);
     for (int i = 0; i < RADII; i++)
         for (int j = 0; j < TURNS_GGX; j++) {
             /* radius 1 - (1 - x)^2 gathers points at the rim, where normals turn away */

@@ -257,6 +257,7 @@ static enum pell_result make_materials(struct pell_renderer *r, const struct pel
             f->gaussians.count = 0; /* the profile, not its coefficients or a published set, is what scatters */
         f->white = m->color_from == PELL_COLOR_FROM_TEXTURE;
         f->name = m->preset && m->preset[0] ? m->preset : m->name;
+        f->preset = !m->profile && m->gaussians.count == 0 ? m->preset : NULL;
         r->frame_index[i + 1] = (uint16_t) ++r->num_frame_materials;
     }
     return PELL_OK;
@@ -307,6 +308,9 @@ static enum pell_result make_profiles(struct pell_renderer *r)
 
         if (at == 0)
             continue;
+        if (r->settings.profile > 0 && (m->profile || m->gaussians.count > 0))
+            pell_warn(r->ctx, m->name, "a model makes profiles of coefficients", "has no coefficients: its own profile is used, not %s",
+                      pell_profile_model_at(model_of(m, r->settings.profile))->name);
         while (k < i && !(r->frame_index[k + 1] && same_profile(m, &scene->materials[k], r->settings.profile)))
             k++;
         if (k < i) {

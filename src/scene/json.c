@@ -93,11 +93,13 @@ enum pell_result pell_json_parse(struct pell_json_file *file, const void *data, 
     if (!file->root) {
         struct pell_text where = { 0 };
         char what[JSON_ERROR_TEXT_LENGTH];
-        if (json_error_code(&error) == json_error_out_of_memory)
+        const enum json_error_code code = json_error_code(&error);
+        const bool nul = code == json_error_null_character || code == json_error_null_byte_in_key;
+        if (code == json_error_out_of_memory)
             return pell_error(file->ctx, PELL_ERR_NOMEM, file->path, NULL, "no memory for the JSON tree");
         pell_text_add(&where, "%s:%d:%d", file->path, error.line > 0 ? error.line : 1, error.column > 0 ? error.column : 1);
         return pell_error(file->ctx, PELL_ERR_FORMAT, where.str, NULL, "not valid JSON: %s",
-                          pell_printable(error.text, what, sizeof(what)));
+                          nul ? "a text holds \\u0000, which no text here may hold" : pell_printable(error.text, what, sizeof(what)));
     }
     return PELL_OK;
 }

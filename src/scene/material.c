@@ -4,8 +4,10 @@
 #include "scene/json.h"
 #include "scene/scene.h"
 
+#include <pellucid/layers.h>
 #include <pellucid/skin.h>
 
+#include <math.h>
 #include <string.h>
 
 bool pell_material_is_path(const char *text)
@@ -105,7 +107,9 @@ static enum pell_result read_solution(const struct pell_json *root, struct pell_
     e->concentration = 1.0;
     if (!at.value)
         return PELL_OK;
-    PELL_TRY(pell_json_to_number(&at, 0.0, PELL_CONCENTRATION_MAX, &concentration));
+    PELL_TRY(pell_json_to_number(&at, -INFINITY, INFINITY, &concentration));
+    if (!(concentration > 0.0 && concentration <= PELL_CONCENTRATION_MAX))
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "is %g, allowed: above 0, at most %g", concentration, PELL_CONCENTRATION_MAX);
     if (pell_material_dilute(e, concentration, e) != PELL_OK)
         return pell_json_error(&at, PELL_ERR_FORMAT, "pure water is no medium here: what neither scatters nor absorbs has no profile",
                                "is %g, which takes sigma_a + sigma_s_reduced out of [%g, %g] 1/mm", concentration, PELL_SIGMA_T_MIN,
@@ -275,6 +279,34 @@ fail:
     return res;
 }
 
+static struct pell_json layer_at(const struct pell_json *where, int i)
+{
+    return i >= 0 && json_is_array(where->value) ? pell_json_at(where, (size_t) i) : *where;
+}
+
+/* Says why a stack has no answer. */
+static enum pell_result refuse_stack(const struct pell_json *where, const struct pell_material_layers *layers)
+{
+    static const char *const or_give = "or give variances and weights";
+    struct pell_stack_fault fault;
+    struct pell_stack stack;
+
+    pell_material_stack(layers, &stack);
+    if (!pell_stack_valid(&stack, &fault)) {
+        const struct pell_json at = layer_at(where, fault.layer);
+        return pell_json_error(&at, PELL_ERR_FORMAT, or_give, "%s is %g, allowed: [%g, %g]", fault.field, fault.value, fault.min,
+                               fault.max);
+    }
+    for (int i = 0; i < layers->count; i++) {
+        const double *s = layers->item[i].medium.sigma_s_reduced;
+        const struct pell_json at = layer_at(where, i);
+        if (!(s[0] > 0.0 || s[1] > 0.0 || s[2] > 0.0))
+            return pell_json_error(&at, PELL_ERR_FORMAT, or_give,
+                                   "does not scatter (sigma_s_reduced is 0), and the stack sends no light back");
+    }
+    return pell_json_error(where, PELL_ERR_FORMAT, or_give, "sends no light back that a sum of Gaussians could stand for");
+}
+
 /* A stack and what it reflects: as the file says, else solved here. */
 static enum pell_result read_layers(const struct pell_json *root, struct pell_material_entry *e)
 {
@@ -303,8 +335,7 @@ static enum pell_result read_layers(const struct pell_json *root, struct pell_ma
         return read_sum(root, false, &e->gaussians);
     res = pell_material_solve(&e->layers, &e->gaussians, NULL);
     if (res == PELL_ERR_INVALID)
-        res = pell_json_error(&where, PELL_ERR_FORMAT, "neighbours' indices may differ by a factor of 4; or give variances and weights",
-                              "can't be solved as a stack that reflects light");
+        res = refuse_stack(&where, &e->layers);
 
 fail:
     return res;
@@ -379,11 +410,34 @@ fail:
     return res;
 }
 
+enum { TEXTS = 5 };
+
+/* Copies name, title, family, note and source into one block, which begins with the name. */
+static enum pell_result keep_texts(struct pell_context *ctx, const char *const texts[TEXTS], struct pell_material_entry *entry)
+{
+    const char **const fields[TEXTS] = { &entry->name, &entry->title, &entry->family, &entry->note, &entry->source };
+    size_t size = 0;
+    char *block;
+
+    for (int i = 0; i < TEXTS; i++)
+        size += strlen(texts[i]) + 1;
+    block = pell_alloc(ctx, size);
+    if (!block)
+        return PELL_ERR_NOMEM;
+    for (int i = 0; i < TEXTS; i++) {
+        const size_t length = strlen(texts[i]) + 1;
+        memcpy(block, texts[i], length);
+        *fields[i] = block;
+        block += length;
+    }
+    return PELL_OK;
+}
+
 enum pell_result pell_material_read(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
                                     struct pell_material_entry *entry)
 {
     struct pell_json_file file = { .ctx = ctx, .path = path, .range = PELL_ERR_FORMAT };
-    const char *name = pell_path_name(path), *text = NULL;
+    const char *texts[TEXTS] = { pell_path_name(path), "", "", "", "" }, *schema;
     struct pell_json root;
     enum pell_result res;
 
@@ -392,12 +446,13 @@ enum pell_result pell_material_read(struct pell_context *ctx, const char *path, 
     root = pell_json_root(&file);
     PELL_TRY(pell_json_is_object(&root));
     PELL_TRY(read_entry(&root, entry));
-    PELL_TRY(pell_json_string(&root, "name", &name));
-    for (const char *const *k = (const char *const[]) { "title", "family", "note", "source", "$schema", NULL }; *k; k++)
-        PELL_TRY(pell_json_string(&root, *k, &text)); /* types only: they are for people */
-    entry->title = entry->family = entry->note = entry->source = "";
-    entry->name = pell_strdup(ctx, name);
-    res = entry->name ? PELL_OK : PELL_ERR_NOMEM;
+    PELL_TRY(pell_json_string(&root, "name", &texts[0]));
+    PELL_TRY(pell_json_string(&root, "$schema", &schema)); /* for editors */
+    PELL_TRY(pell_json_string(&root, "title", &texts[1]));
+    PELL_TRY(pell_json_string(&root, "family", &texts[2]));
+    PELL_TRY(pell_json_string(&root, "note", &texts[3]));
+    PELL_TRY(pell_json_string(&root, "source", &texts[4]));
+    res = keep_texts(ctx, texts, entry);
 
 fail:
     pell_json_finish(&file);

@@ -22,8 +22,8 @@ PELL_NODISCARD enum pell_result pell_mesh_duplicate(struct pell_scene *scene, si
 
 /* --- material.c --------------------------------------------------------------------------------------------------------------- */
 
-/* Reads a material file (data/materials/schema.json; only the optics must be there). entry->name is owned by the caller; other texts
- * are constant. */
+/* Reads a material file (data/materials/schema.json; only the optics must be there). entry->name is owned by the caller, and
+ * the other texts lie behind it in the same block: pell_free of the name frees all. */
 PELL_NODISCARD enum pell_result pell_material_read(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
                                                    struct pell_material_entry *entry);
 /* A built-in name, or the path of a material file ("x.json" or with a '/'): as pell_material_read. An unknown name is

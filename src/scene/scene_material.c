@@ -9,8 +9,8 @@
 #include <string.h>
 
 const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
-    "preset",         "sigma_a", "sigma_s_reduced", "sigma_s",    "g",        "eta",          "color", "mean_free_path", "layers",
-    "radius",         "radius_kind", "profile",        "color_from", "textures",     "normal_scale", "mix",    "strength",     "roughness", "specular",   "opaque",
+    "preset",      "sigma_a", "sigma_s_reduced", "sigma_s",  "g",            "eta", "color",    "mean_free_path", "layers",   "radius",
+    "radius_kind", "profile", "color_from",      "textures", "normal_scale", "mix", "strength", "roughness",      "specular", "opaque",
 };
 const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
 const char *const pell_texture_keys[PELL_TEXTURE_KEYS] = { "baseColor", "normal", "roughness", "metallic", "specular", "emissive" };
@@ -293,6 +293,9 @@ static enum pell_result read_profile(struct pell_scene_reader *r, const struct p
         for (int i = 0; i < PELL_PROFILE_MODELS; i++)
             names[i] = pell_profile_model_at((enum pell_profile_model) i)->name;
         PELL_TRY(pell_json_choice(at, "profile", names, PELL_COUNT(names), &model));
+        if (m->gaussians.count > 0 && !length_key(at))
+            return pell_json_error(&profile, PELL_ERR_FORMAT, "leave it out, or give coefficients (sigma_a, sigma_s_reduced)",
+                                   "says how coefficients become a profile; this material has none, its profile is given");
         m->model = (enum pell_profile_model) model;
         return PELL_OK;
     }

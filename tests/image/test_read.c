@@ -738,6 +738,7 @@ static void not_a_number_is_read_as_0_with_a_warning(void **state)
     static const uint8_t file[] = "PF\n1 1\n-1.0\n\x00\x00\xc0\x7f\x00\x00\x80\x7f\x00\x00\x80\xff";
     struct image_test t;
     struct pell_image image;
+    int warnings;
 
     (void) state;
     image_test_begin(&t);
@@ -746,6 +747,11 @@ static void not_a_number_is_read_as_0_with_a_warning(void **state)
     REQUIRE_NEAR(((float *) image.pixels)[1], 65504, 0);
     REQUIRE_NEAR(((float *) image.pixels)[2], -65504, 0);
     assert_int_equal(t.kept.warnings, 1);
+    pell_image_finish(t.ctx, &image);
+    warnings = t.kept.warnings;
+    image = decode_ok(&t, file, sizeof(file) - 1, PELL_ROLE_RAW);
+    assert_true(isnan(((float *) image.pixels)[0]) && isinf(((float *) image.pixels)[1]) && ((float *) image.pixels)[2] == -INFINITY);
+    assert_int_equal(t.kept.warnings, warnings);
     pell_image_finish(t.ctx, &image);
     image_test_end(&t);
 }

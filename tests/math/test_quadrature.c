@@ -93,6 +93,24 @@ static void a_hopeless_integral_ends_and_says_so(void **state)
     REQUIRE(isnan(pell_integrate(constant_nan, NULL, 0.0, 1.0, 1e-14, 0.0, &error)));
 }
 
+static void legendre_nodes_are_exact_up_to_degree_2_n_minus_1(void **state)
+{
+    double x[64], w[64];
+
+    (void) state;
+    for (int n = 1; n <= 64; n++) {
+        pell_gauss_legendre(n, x, w);
+        for (int degree = 0; degree < 2 * n; degree++) {
+            double sum = 0.0;
+            for (int i = 0; i < n; i++)
+                sum += w[i] * pow(x[i], degree);
+            REQUIRE_NEAR(sum, 1.0 / (degree + 1.0), 1e-14);
+        }
+        for (int i = 0; i < n; i++)
+            REQUIRE(x[i] > (i ? x[i - 1] : 0.0) && x[i] < 1.0 && w[i] > 0.0);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -101,6 +119,7 @@ int main(void)
         cmocka_unit_test(a_peak_of_width_1e_4_is_found),
         cmocka_unit_test(singular_ends_are_never_evaluated),
         cmocka_unit_test(reversed_and_empty_ranges),
+        cmocka_unit_test(legendre_nodes_are_exact_up_to_degree_2_n_minus_1),
         cmocka_unit_test(a_hopeless_integral_ends_and_says_so),
     };
     return cmocka_run_group_tests_name("math.quadrature", tests, NULL, NULL);

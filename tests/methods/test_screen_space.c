@@ -685,28 +685,79 @@ static void the_papers_form_keeps_even_light_and_fails_where_it_must(void **stat
     place_destroy(&at);
 }
 
+static void light_a_half(struct patch *p)
+{
+    for (int y = 0; y < p->frame.height; y++)
+        for (int x = 0; x < p->frame.width; x++)
+            for (int c = 0; c < 3; c++)
+                p->light[c][patch_at(p, x, y)] = 2 * x >= p->frame.width;
+}
+
+/* Both materials blur an edge to the same picture, but for the factor `total` of a channel. */
+static void same_edge(const struct bench_place *at, const struct pell_frame_material *m, const char *const *settings,
+                      const struct pell_frame_material *reference, const char *const *reference_settings, const double total[3])
+{
+    struct patch *p = patch_create(200, 40, false, 3000.0, 600.0, m, 1), *q = patch_create(200, 40, false, 3000.0, 600.0, reference, 1);
+
+    light_a_half(p);
+    light_a_half(q);
+    patch_run(at, method(at->ctx), settings, p);
+    patch_run(at, method(at->ctx), reference_settings, q);
+    for (int x = 0; x < 200; x++)
+        for (int c = 0; c < 3; c++)
+            REQUIRE_NEAR((double) p->result[c][patch_at(p, x, 20)], total[c] * (double) q->result[c][patch_at(q, x, 20)], 1e-5);
+    patch_destroy(p);
+    patch_destroy(q);
+}
+
 static void the_papers_skin_is_its_four_gaussians_with_the_first_unblurred(void **state)
 {
     static const char *const paper[] = { "as=paper", "foreshortening=surface", "ssslevel=0", NULL };
     static const char *const same[] = { "edges=paper", "first=unblurred", "lod=0.5", "input=lit", NULL };
-    struct pell_frame_material published = skin(), named = single(3.0);
+    const double one[3] = { 1.0, 1.0, 1.0 };
+    const struct pell_frame_material published = skin(),
+                                     preset = { .name = "skin1", .preset = "skin1", .medium = pell_material_find("skin1")->medium };
     struct bench_place at = place_create(1, NULL, NULL);
-    struct patch *p = patch_create(200, 40, false, 3000.0, 600.0, &named, 1), *q = patch_create(200, 40, false, 3000.0, 600.0, &published,
-                                                                                                1);
 
     (void) state;
-    named.name = "skin";
-    for (int y = 0; y < 40; y++)
-        for (int x = 0; x < 200; x++)
-            for (int c = 0; c < 3; c++)
-                p->light[c][patch_at(p, x, y)] = q->light[c][patch_at(q, x, y)] = x >= 100;
-    patch_run(&at, method(at.ctx), paper, p);
-    patch_run(&at, method(at.ctx), same, q);
-    for (int x = 0; x < 200; x++)
-        for (int c = 0; c < 3; c++)
-            REQUIRE_NEAR((double) p->result[c][patch_at(p, x, 20)], (double) q->result[c][patch_at(q, x, 20)], 1e-5);
-    patch_destroy(p);
-    patch_destroy(q);
+    same_edge(&at, &preset, paper, &published, same, one);
+    place_destroy(&at);
+}
+
+/* The white sets of table 7.1 stand for the coefficients they were published for, in the medium's own colour, and for nothing else. */
+static void published_sets_are_for_their_own_media_only(void **state)
+{
+    static const char *const published[] = { "profile=published", NULL };
+    const double one[3] = { 1.0, 1.0, 1.0 };
+    const struct pell_material_entry *stone = pell_material_find("marble"), *layered = pell_material_find("skin-3layer");
+    const struct pell_frame_material white = { .name = "white", .medium = stone->medium,
+                                               .gaussians = pell_material_find("marble-4gaussian")->gaussians };
+    const struct pell_frame_material by_preset = { .name = "marble", .preset = "marble", .medium = stone->medium };
+    struct pell_frame_material others[] = {
+        { .name = "skin-3layer", .medium = layered->medium, .gaussians = layered->gaussians },
+        { .name = "skin-3layer", .preset = "skin-3layer", .medium = layered->medium, .gaussians = layered->gaussians },
+        { .name = "skin1", .preset = "skin1", .medium = stone->medium, .gaussians = skin().gaussians },
+        { .name = "skinny jeans", .medium = stone->medium },
+        { .name = "marble", .medium = pell_material_find("ketchup")->medium },
+        { .name = "wholemilk", .preset = "wholemilk", .medium = pell_material_find("wholemilk")->medium },
+    };
+    struct bench_place at = place_create(1, NULL, NULL);
+    double total[3];
+
+    (void) state;
+    for (int c = 0; c < 3; c++) {
+        const struct pell_dipole d = pell_dipole_make(stone->medium.sigma_a[c], stone->medium.sigma_s_reduced[c], stone->medium.eta,
+                                                      PELL_FRESNEL_EXACT);
+        total[c] = pell_dipole_total(&d);
+        assert_true(total[c] < 0.999);
+    }
+    same_edge(&at, &by_preset, published, &white, NULL, total);
+    for (size_t i = 0; i < PELL_COUNT(others); i++) {
+        struct pell_frame_material plain = others[i];
+        plain.name = "plain";
+        plain.preset = NULL;
+        same_edge(&at, &others[i], published, &plain, NULL, one);
+    }
     place_destroy(&at);
 }
 
@@ -783,6 +834,7 @@ int main(void)
         cmocka_unit_test(spans_follow_ssslevel_and_correction_as_in_figure_7_5),
         cmocka_unit_test(the_papers_form_keeps_even_light_and_fails_where_it_must),
         cmocka_unit_test(the_papers_skin_is_its_four_gaussians_with_the_first_unblurred),
+        cmocka_unit_test(published_sets_are_for_their_own_media_only),
         cmocka_unit_test(thickness_is_the_sum_of_gaussians),
         cmocka_unit_test(depths_in_object_heights_need_a_height),
     };

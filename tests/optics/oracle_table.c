@@ -2,8 +2,8 @@
  *
  * oracle_table.c - the numbers of docs/guide/optics-proof.md, which scripts/gen_optics_proof.py puts there.
  *
- *     oracle_table compare RESULTS          every file of the oracle's results against ours; exit status 1 where a tolerance is exceeded or a
- *                                           key of a file is neither compared nor accounted for
+ *     oracle_table compare RESULTS          every file of the oracle's results against ours; exit status 1 where a tolerance is exceeded
+ *                                           or a key of a file is neither compared nor accounted for
  *     oracle_table tap                      the same as a test
  *     oracle_table fits RESULTS             fits with 4 Gaussians beside the best known optima, marble over the count
  *     oracle_table models RESULTS PHOTONS CSV

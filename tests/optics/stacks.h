@@ -79,7 +79,8 @@ static inline struct pell_stack random_stack(uint64_t *state, double decades)
         double sa = pow(10.0, decades * (next_random(state) - 0.7)), ss = pow(10.0, decades * (next_random(state) - 0.5));
         if (next_random(state) < 0.15)
             sa = 0.0;
-        s.layer[i] = layer_of(sa, ss, 1.0 + next_random(state), pow(10.0, decades * (next_random(state) - 0.5)));
+        const double thickness = pow(10.0, decades * (next_random(state) - 0.5)), eta = 1.0 + next_random(state);
+        s.layer[i] = layer_of(sa, ss, eta, thickness); /* drawn one by one: compilers differ in the order of arguments */
         s.roughness[i] = next_random(state) < 0.2 ? next_random(state) : 0.0;
     }
     if (next_random(state) < 0.3)

@@ -357,6 +357,36 @@ static void black_channels_get_nothing(void **state)
     assert_int_equal(g.count, 0);
 }
 
+/* White media, for which the freest fit would give back more than fell in. */
+static void a_free_fit_makes_no_light(void **state)
+{
+    const struct pell_medium white = { { 0.0, 1e-5, 1e-3 }, { 1.0, 2.0, 3.0 }, { 0.0, 0.0, 0.0 }, 1.3 };
+    int limited = 0;
+    (void) state;
+    for (int model = 0; model < PELL_PROFILE_MODELS; model++) {
+        struct pell_profile R[3];
+        for (int c = 0; c < 3; c++)
+            assert_int_equal(pell_profile_make((enum pell_profile_model) model, &white, c, NULL, &R[c]), PELL_OK);
+        for (int k = 1; k <= PELL_GAUSSIANS_MAX; k++) {
+            const struct pell_fit_params params = { .count = k, .free_energy = true };
+            struct pell_gaussians own, shared;
+            struct pell_fit_report report;
+            assert_int_equal(pell_fit_profiles(R, &params, &shared, &report), PELL_OK);
+            for (int c = 0; c < 3; c++) {
+                REQUIRE(pell_gaussians_total(&shared, c) <= 1.0 + 1e-12);
+                limited += pell_gaussians_total(&shared, c) > 1.0 - 1e-9;
+            }
+            for (int c = 0; c < 3; c++) {
+                assert_int_equal(pell_fit_profile(&R[c], &params, &own, &report), PELL_OK);
+                REQUIRE(pell_gaussians_total(&own, 0) <= 1.0 + 1e-12);
+                REQUIRE_REL(pell_gaussians_error(&own, 0, &R[c], 0.0), report.error[0], 1e-2); /* of what came out */
+                limited += pell_gaussians_total(&own, 0) > 1.0 - 1e-9;
+            }
+        }
+    }
+    REQUIRE(limited > 0); /* or nothing was tried */
+}
+
 static void extremes_of_every_coefficient_stay_finite(void **state)
 {
     static const double values[] = { 0.0, 1e-300, 1e-6, 1.0, 1e6 };
@@ -598,6 +628,7 @@ int main(void)
         cmocka_unit_test(starts_from_the_table_end_in_the_best_optimum),
         cmocka_unit_test(a_profile_is_fitted_as_its_dipole),
         cmocka_unit_test(every_model_is_fitted),
+        cmocka_unit_test(a_free_fit_makes_no_light),
         cmocka_unit_test(profiles_that_can_not_be_fitted_are_refused),
     };
     return cmocka_run_group_tests_name("optics.fit", tests, NULL, NULL);

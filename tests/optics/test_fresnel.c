@@ -122,6 +122,20 @@ static void polynomials_are_within_a_thousandth_of_the_integral(void **state)
     }
 }
 
+/* Over all indices that a medium may have; as they stand they exceed 1 from 3.8 on, and the dipole's virtual source would lie above. */
+static void polynomials_never_reflect_more_than_all(void **state)
+{
+    (void) state;
+    for (double n = PELL_ETA_MIN; n <= PELL_ETA_MAX; n += 0.01)
+        for (enum pell_fresnel_model model = PELL_FRESNEL_POLY3; model <= PELL_FRESNEL_POLY4; model++) {
+            const double fdr = pell_fresnel_diffuse(n, model);
+            REQUIRE(fdr >= 0.0 && fdr < 0.95);
+            REQUIRE_NEAR(fdr, pell_fresnel_diffuse(n, PELL_FRESNEL_EXACT), 0.15);
+        }
+    REQUIRE(pell_fresnel_diffuse(4.0, PELL_FRESNEL_POLY3) == pell_fresnel_diffuse(3.0, PELL_FRESNEL_POLY3));
+    REQUIRE(isnan(pell_fresnel_diffuse((double) NAN, PELL_FRESNEL_POLY4)));
+}
+
 /* 2 Int albedo mu dmu of GGX facets under Fresnel's F by midpoints over two hemispheres, f itself and nothing of the library's rule: for
  * roughnesses whose lobe is wide enough for that. */
 static double brute_rough(double n, double roughness)
@@ -205,6 +219,7 @@ int main(void)
         cmocka_unit_test(diffuse_average_rises_with_the_index),
         cmocka_unit_test(oracle_rows),
         cmocka_unit_test(polynomials_are_within_a_thousandth_of_the_integral),
+        cmocka_unit_test(polynomials_never_reflect_more_than_all),
         cmocka_unit_test(rough_boundary_is_the_integral_over_its_facets),
         cmocka_unit_test(rough_boundary_agrees_with_the_drawn_lobe),
         cmocka_unit_test(rough_boundary_has_the_right_limits),

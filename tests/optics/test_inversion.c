@@ -127,7 +127,8 @@ static void walk(double g, int photons, double color[ALBEDOS])
             }
             for (int k = 0; k < ALBEDOS; k++)
                 weight[k] *= alpha[k];
-            pell_phase_sample(&phase, rng(&seed), rng(&seed), back, w);
+            const double xi2 = rng(&seed), xi1 = rng(&seed); /* one by one: compilers differ in the order of arguments */
+            pell_phase_sample(&phase, xi1, xi2, back, w);
         }
     }
 }

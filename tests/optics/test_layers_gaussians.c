@@ -173,6 +173,30 @@ static void skin_by_all_solvers(void **state)
     }
 }
 
+/* A set as a profile is the set, signed weights and all; where these sum to less than 0, far out, scaling takes up to 1 % elsewhere. */
+static void profiles_of_signed_sets(void **state)
+{
+    static struct pell_profile p;
+    const struct pell_stack s = skin_of(3);
+    (void) state;
+    for (int analytic = 0; analytic < 2; analytic++)
+        for (int c = 0; c < 3; c++) {
+            const struct pell_stack_gaussians_params params = { .analytic = analytic };
+            bool negative = false;
+            solve(&s, c, &params, &sets);
+            REQUIRE(pell_stack_sets_profile(&sets, RP, &p) == PELL_OK);
+            REQUIRE_REL(pell_profile_total(&p), total_of(&sets, RP), 1e-12);
+            for (int i = 0; i < sets.count; i++)
+                negative |= sets.weight[RP][i] < 0.0;
+            REQUIRE(negative == (analytic != 0));
+            for (double r = 1e-3; r < 10.0; r *= 1.3) {
+                const double set = pell_gaussian_set_eval(sets.variance, sets.weight[RP], (size_t) sets.count, r);
+                REQUIRE_NEAR(pell_profile_eval(&p, r), fmax(set, 0.0),
+                             (analytic ? 1e-2 : 1e-4) * fabs(set) + 1e-6 * pell_profile_eval(&p, 0.0));
+            }
+        }
+}
+
 /* Figure 12 of d'Eon et al. 2007: the spectral skin at 500 nm; epidermis, dermis and both, three ways. */
 static void figure_12(void **state)
 {
@@ -297,6 +321,10 @@ static void reduced(void **state)
             for (int i = 0; i < count; i++)
                 REQUIRE(g.weight[i][c] >= 0.0 && g.variance[i] > (i ? g.variance[i - 1] : 0.0));
             REQUIRE_REL(pell_gaussians_total(&g, c), total_of(all[c], RP), 1e-12);
+            double moment = 0.0;
+            for (int i = 0; i < count; i++)
+                moment += 2.0 * g.weight[i][c] * g.variance[i];
+            REQUIRE_REL(moment, pell_gaussian_set_moment(all[c]->variance, all[c]->weight[RP], (size_t) all[c]->count), 1e-12);
             REQUIRE(pell_stack_sets_profile(all[c], RP, &p) == PELL_OK);
             REQUIRE_REL(pell_profile_total(&p), total_of(all[c], RP), 1e-12);
             for (double r = 0.0; r < 3.0; r += 0.3)
@@ -310,7 +338,7 @@ static void reduced(void **state)
     }
     print_message("# three-layer skin reduced to 10 Gaussians: error (10) %.2g %.2g %.2g %%\n", 100 * before[0], 100 * before[1],
                   100 * before[2]);
-    REQUIRE(before[0] < 0.003 && before[1] < 0.003 && before[2] < 0.003);
+    REQUIRE(before[0] < 0.004 && before[1] < 0.004 && before[2] < 0.004);
 }
 
 static void refused(void **state)
@@ -351,6 +379,7 @@ int main(void)
         cmocka_unit_test(error_over_block),
         cmocka_unit_test(error_over_variance),
         cmocka_unit_test(skin_by_all_solvers),
+        cmocka_unit_test(profiles_of_signed_sets),
         cmocka_unit_test(figure_12),
         cmocka_unit_test(any_stack),
         cmocka_unit_test(mirrored_swaps_sides),

@@ -226,7 +226,7 @@ static void photons_between_the_nodes(void **state)
     double largest = 0.0;
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(places); i++) {
-        const double albedo = places[i][0], g = places[i][1], eta = places[i][2], alpha = pell_albedo(albedo, g);
+        const double albedo = places[i][0], g = places[i][1], eta = places[i][2], alpha = pell_albedo_of_reduced(albedo, g);
         const struct pell_medium m = medium_of(albedo, g, eta, 1.0);
         const struct pell_photon_stack s = { .count = 1,
                                              .layer = { { 0.0, 1.0, g, eta, INFINITY } },
@@ -315,7 +315,7 @@ static void single_scattering_comes_apart(void **state)
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(gs); i++) {
         const struct pell_medium m = medium_of(0.8, gs[i], 1.4, 2.0);
-        const double alpha = pell_albedo(0.8, gs[i]), sigma_t = 2.0 / (1.0 - alpha * gs[i]);
+        const double alpha = pell_albedo_of_reduced(0.8, gs[i]), sigma_t = 2.0 / (1.0 - alpha * gs[i]);
         struct pell_profile all, multiple;
         struct pell_single s;
         pell_single_make(gs[i], 1.4, &s);

@@ -186,7 +186,7 @@ static void exchanging_light_and_viewer_changes_nothing(void **state)
             const double z = 2.0 * rng(&seed) - 1.0, turn = 6.3 * rng(&seed),
                          w_i[3] = { sqrt(1 - z * z) * cos(turn), sqrt(1 - z * z) * sin(turn), z };
             double w_o[3], there = 0.0, back = 0.0;
-            const double density = pell_phase_sample(&p[i], rng(&seed), rng(&seed), w_i, w_o);
+            const double xi2 = rng(&seed), xi1 = rng(&seed), density = pell_phase_sample(&p[i], xi1, xi2, w_i, w_o);
             for (int a = 0; a < 3; a++) {
                 there += w_i[a] * w_o[a];
                 back += w_o[a] * w_i[a];

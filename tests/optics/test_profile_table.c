@@ -54,8 +54,8 @@ static void requires_table(size_t count)
 static void accept(size_t count)
 {
     if (pell_profile_from_table(r, R, count, &p, &fault) != PELL_OK)
-        fail_msg("row %zu: %s = %g", fault.row, fault.what, fault.value);
-    REQUIRE(fault.what == NULL && p.kind == PELL_PROFILE_KIND_NODES && p.total >= 0.0 && p.total <= 1.0);
+        fail_msg("row %zu: %s = %g", fault.row, fault.field, fault.value);
+    REQUIRE(fault.field == NULL && p.kind == PELL_PROFILE_KIND_NODES && p.total >= 0.0 && p.total <= 1.0);
 }
 
 static void falling_tables_fall(void **state)
@@ -135,8 +135,8 @@ static void wrong_rows_are_named(void **state)
         }
         (wrong[k].radius ? r : R)[wrong[k].row] = wrong[k].value;
         REQUIRE(pell_profile_from_table(r, R, 10, &p, &fault) == PELL_ERR_INVALID && p.total == 0.0);
-        assert_string_equal(fault.what, wrong[k].what);
-        if (strcmp(fault.what, "total") == 0)
+        assert_string_equal(fault.field, wrong[k].what);
+        if (strcmp(fault.field, "total") == 0)
             REQUIRE((fault.row == wrong[k].row || fault.row == wrong[k].row + 1) && fault.value > 1.0 && fault.max == 1.0);
         else
             REQUIRE(fault.row == wrong[k].row && !(fault.value >= fault.min && fault.value <= fault.max));
@@ -144,7 +144,7 @@ static void wrong_rows_are_named(void **state)
     }
     REQUIRE(pell_profile_from_table(r, R, 1, &p, &fault) == PELL_ERR_INVALID &&
             pell_profile_from_table(r, R, 0, &p, NULL) == PELL_ERR_INVALID);
-    assert_string_equal(fault.what, "rows");
+    assert_string_equal(fault.field, "rows");
 }
 
 /* A table that gives back all light is legal, a thousandth more is not. */

@@ -112,9 +112,9 @@ static void broken_files_are_refused_with_place_and_reason(void **state)
     static const struct {
         const char *text, *where, *what;
     } bad[] = {
-        { "{" OPTICS ",\"concentration\":0}", "m/soap.json:/concentration", "is 0" },
+        { "{" OPTICS ",\"concentration\":0}", "m/soap.json:/concentration", "is 0, allowed: above 0, at most 1000" },
         { "{" OPTICS ",\"concentration\":-1}", "m/soap.json:/concentration", "is -1" },
-        { "{" OPTICS ",\"concentration\":1001}", "m/soap.json:/concentration", "is 1001" },
+        { "{" OPTICS ",\"concentration\":1001}", "m/soap.json:/concentration", "is 1001, allowed: above 0, at most 1000" },
         { "{" OPTICS ",\"concentration\":1e-9}", "m/soap.json:/concentration", "sigma_a + sigma_s_reduced" },
         { "{" OPTICS ",\"concentration\":\"half\"}", "m/soap.json:/concentration", "a number" },
         { "{" OPTICS ",\"dilution\":0.5}", "m/soap.json:/dilution", "is 0.5" },
@@ -155,7 +155,7 @@ static void broken_files_are_refused_with_place_and_reason(void **state)
         { LAYER("\"thickness_mm\":1," OPTICS ",\"eta\":0.5"), "m/soap.json:/layers/0/eta", "0.5" },
         { LAYER("\"thickness_mm\":1," OPTICS ",\"depth\":1"), "m/soap.json:/layers/0/depth", "unknown key" },
         { LAYER("\"thickness_mm\":1," OPTICS ",\"name\":\"a name that is longer than what fits\""), "m/soap.json:/layers/0/name", "bytes" },
-        { LAYER("\"thickness_mm\":1,\"sigma_a\":[1,1,1],\"sigma_s_reduced\":[0,0,0]"), "m/soap.json:/layers", "can't be solved" },
+        { LAYER("\"thickness_mm\":1,\"sigma_a\":[1,1,1],\"sigma_s_reduced\":[0,0,0]"), "m/soap.json:/layers/0", "does not scatter" },
         { "{\"layers\":[{\"thickness_mm\":1," OPTICS "}],\"variances\":[1]}", "m/soap.json:/", "weights" },
         { "{\"layers\":[{\"thickness_mm\":1," OPTICS "}],\"variances\":[1,2],\"weights\":[[0.6,0,0],[0.6,0.1,0.1]]}",
           "m/soap.json:/weights", "at most 1" },

@@ -67,23 +67,41 @@ static void whiten(struct pell_gaussians *g)
     }
 }
 
+/* The Gaussians of table 7.1 for a medium that they were published for; NULL for any other, and for what brings a profile of its own. */
+static const struct pell_material_entry *published_for(const struct pell_frame_material *m)
+{
+    static const char *const sets[][2] = {
+        { "skin1", "skin-4gaussian" },
+        { "skin2", "skin-4gaussian" },
+        { "marble", "marble-4gaussian" },
+    };
+
+    for (size_t i = 0; i < PELL_COUNT(sets) && m->preset && m->gaussians.count == 0; i++)
+        if (strcmp(m->preset, sets[i][0]) == 0)
+            return pell_material_find(sets[i][1]);
+    return NULL;
+}
+
 static enum pell_result find_profile(const struct ss_state *st, const struct pell_frame *shape, size_t index, struct pell_gaussians *g)
 {
     const struct pell_frame_material *m = &shape->materials[index];
     const struct pell_fit_params params = { .count = st->knobs.gaussians };
-    const struct pell_material_entry *published = NULL;
+    const struct pell_material_entry *published = st->knobs.profile == SS_PROFILE_PUBLISHED ? published_for(m) : NULL;
 
-    if (st->knobs.profile == SS_PROFILE_PUBLISHED && starts(m->name, "skin"))
-        published = pell_material_find("skin-4gaussian");
-    else if (st->knobs.profile == SS_PROFILE_PUBLISHED && starts(m->name, "marble"))
-        published = pell_material_find("marble-4gaussian");
-    if (published || m->gaussians.count > 0) {
-        *g = published ? published->gaussians : m->gaussians;
+    if (published) { /* white: the medium's colour is its own profile's */
+        *g = published->gaussians;
+        for (int i = 0; i < g->count; i++)
+            for (int c = 0; c < 3; c++)
+                g->weight[i][c] *= pell_profile_total(&m->profile[c]);
+        return PELL_OK;
+    }
+    if (m->gaussians.count > 0) {
+        *g = m->gaussians;
         return PELL_OK;
     }
     for (size_t i = 0; i < index; i++) {
-        if (shape->materials[i].profile == m->profile && strcmp(shape->materials[i].name, m->name) == 0 &&
-            shape->materials[i].white == m->white) {
+        if (shape->materials[i].profile == m->profile && !shape->materials[i].preset == !m->preset &&
+            strcmp(shape->materials[i].name, m->name) == 0 && shape->materials[i].white == m->white) {
             *g = st->profiles[i];
             return PELL_OK;
         }

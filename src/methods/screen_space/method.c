@@ -23,7 +23,7 @@ static const struct pell_knob knobs[] = {
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 4 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { SS_PROFILE_MATERIAL }, 0, 0, profile_names,
-      "published: materials called skin* and marble* get the four Gaussians of the paper's table 7.1" },
+      "published: skin1, skin2 and marble by their coefficients get the four Gaussians of the paper's table 7.1, in their colour" },
     { "input", PELL_KNOB_ENUM, "1", AT(input), { SS_INPUT_DIFFUSE }, 0, 0, input_names,
       "what is blurred: the irradiance, or as in the paper the lit picture with its highlights" },
     { "first", PELL_KNOB_ENUM, "1", AT(first), { SS_FIRST_BLURRED }, 0, 0, first_names,

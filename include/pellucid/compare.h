@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/compare.h - how far a picture is from a reference, as numbers and as maps.
+ *
+ *     pell_knobs_default(pell_compare_knobs, &params);
+ *     pell_compare(ctx, &input, &params, &result);      // as often as wanted
+ *     pell_comparison_finish(ctx, &result);
+ *
+ * With t the test picture, b the reference, d = t - b, and means over the pixels that count and the three channels:
+ *
+ *     mse      mean d^2                                   in the picture's unit, squared
+ *     rel_mse  mean d^2 / (b^2 + e^2),                    e = floor x the mean of |luminance| of b over the pixels that count
+ *     mae      mean |d|
+ *     bias     mean d, by channel;  rel_bias  that over the mean of b
+ *     ssim     Wang et al. 2004: Gaussian window 11 x 11, sigma 1.5, K1 = 0.01, K2 = 0.03, of what is shown, sRGB-encoded in [0, 1]:
+ *              `ssim` of its luma (Rec.709 weights), `ssim_rgb` by channel; as there, the mean is over windows that lie inside
+ *     flip     Andersson et al. 2020, of what is shown: 0 alike to 1
+ *     flip_hdr Andersson et al. 2021: the largest FLIP over a range of exposures through the ACES curve of Narkowicz 2015
+ *
+ * What is shown is the picture times an exposure through a tone curve, the same for both: they are metered on the reference.
+ *
+ * Noise      a reference that was made by sampling comes as two halves, b1 and b2: b is their mean, (b1 - b2)^2/4 estimates its variance,
+ *            and what it adds to mse and rel_mse is taken off (of rel_mse, whose denominator has noise, too, to first order in the
+ *            variance). The other metrics can't be freed of it.
+ * Not finite a pixel with NaN or infinity in any channel of either picture counts nowhere but in `bad_test` and `bad_reference`; in the
+ *            windows of its neighbours both pictures have the reference's value there, or 0.
+ * Mask       pixels where the mask is over 0.5. Windows and exposures see the whole picture; only means are restricted.
+ *
+ * Ownership  planes of the input are borrowed for the call; maps of the result are emptied with pell_comparison_finish.
+ * Threads    calls are independent; each uses a pool of its own. The same bits for any number of threads.
+ */
+#ifndef PELLUCID_COMPARE_H
+#define PELLUCID_COMPARE_H
+
+#include <pellucid/common.h>
+#include <pellucid/knob.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct pell_context;
+
+/* From exposed radiance to the display: Reinhard et al. 2002 on luminance, as `render` does; ACES after Narkowicz 2015; none. */
+enum pell_compare_tonemap { PELL_COMPARE_REINHARD, PELL_COMPARE_ACES, PELL_COMPARE_LINEAR };
+
+/* Defaults, ranges and help: pell_compare_knobs. */
+struct pell_compare_params {
+    float ppd;      /* pixels per degree of the eye: distance x pixels/width x pi/180 */
+    float exposure; /* of what is shown; 0: 0.18 over the log-average luminance of the reference */
+    float white;    /* luminance after exposure that becomes display white (reinhard); 0: the reference's largest, at least 1 */
+    int tonemap;    /* enum pell_compare_tonemap */
+    int exposures;  /* of HDR-FLIP; 0: as in its paper, one per stop, at least 2 */
+    float floor;
+    int threads; /* 0: one per core */
+};
+
+PELL_API extern const struct pell_knob pell_compare_knobs[];
+
+struct pell_compare_input {
+    int width, height;
+    ptrdiff_t stride; /* floats from row to row, of every plane */
+    /* Linear Rec.709 in any unit of light; the three pointers may be one. */
+    const float *test[3], *reference[3];
+    const float *half[3]; /* NULL, or the other half of the reference: `reference` is the first */
+    const float *mask;    /* NULL: every pixel counts */
+    bool display;         /* numbers are what a display shows, in [0, 1]: no exposure, no curve, no HDR-FLIP */
+};
+
+struct pell_metrics {
+    int64_t pixels; /* that count; 0: all numbers are 0 */
+    double mse, rel_mse; /* without the reference's noise, not below 0; rel_mse is infinite where the reference is all black */
+    double noise_mse, noise_rel_mse; /* what was taken off: 0 without halves */
+    double mae, bias[3], rel_bias[3]; /* rel_bias: 0 where the reference's mean is */
+    double ssim, ssim_rgb[3];
+    double flip, flip_hdr; /* flip_hdr: 0 of display pictures */
+};
+
+struct pell_comparison {
+    struct pell_metrics masked, whole; /* the same without a mask */
+    int64_t bad_test, bad_reference;   /* pixels that are not finite; of either half */
+    float exposure, white;             /* that were used */
+    /* HDR-FLIP: log2 of the first and last exposure, how many, and whether more than half of the reference is black, so that the median
+     * of what is not black was taken. */
+    double hdr_start, hdr_stop;
+    int hdr_exposures;
+    bool hdr_above_black;
+    double seconds;
+    int width, height;
+    /* Maps, rows without padding, finite. `relative`: (Y_t - Y_b)/(|Y_b| + e), signed. NULL on failure; flip_hdr also of display
+     * pictures. */
+    float *relative, *ssim, *flip, *flip_hdr;
+};
+
+/* PELL_ERR_INVALID for knobs out of range or a size that is not positive or over image-pixels; PELL_ERR_NOMEM; PELL_ERR_CANCELLED.
+ * `out` is {0} on failure. */
+PELL_API PELL_NODISCARD enum pell_result pell_compare(struct pell_context *ctx, const struct pell_compare_input *input,
+                                                      const struct pell_compare_params *params, struct pell_comparison *out);
+
+PELL_API void pell_comparison_finish(struct pell_context *ctx, struct pell_comparison *comparison);
+
+/* Colours of maps, sRGB-encoded in [0, 1]. Values outside are taken as the nearest end, NaN as 0. Thread-safe. */
+
+/* magma (Smith and van der Walt 2015, CC0) for [0, 1]: dark is alike. */
+PELL_API void pell_color_magma(float value, float srgb[3]);
+/* Blue, grey, red for [-1, 1] (Moreland 2009): too dark, alike, too bright. */
+PELL_API void pell_color_diverging(float value, float srgb[3]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,647 @@
+/* SPDX-License-Identifier: MIT
+ * compare.c - see pellucid/compare.h: a survey of the reference, sums over rows, then FLIP and SSIM over tiles. Sums of rows and tiles
+ * are added in their order, so that no thread's speed shows. */
+#include "compare/compare.h"
+
+#include "compare/tile.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#define KEY 0.18          /* of a middle grey (Reinhard et al. 2002), as `render` meters */
+#define BRIGHTEST 1e15    /* what pictures are cut at where products of them could overflow */
+#define RELATIVE_MAX 1e6f /* of the map, where the reference is black */
+#define EXPOSURES_MAX 64  /* of HDR-FLIP; a wider range gets wider steps */
+
+static const char *const tonemaps[] = { "reinhard", "aces", "linear", NULL };
+
+#define AT(field) offsetof(struct pell_compare_params, field)
+const struct pell_knob pell_compare_knobs[] = {
+    { "ppd",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(ppd),
+      { 67.0206432765 },
+      1,
+      400,
+      NULL,
+      "pixels per degree of the eye, for FLIP; the default is 3840 pixels over 0.7 m, seen from 0.7 m" },
+    { "exposure",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(exposure),
+      { 0 },
+      0,
+      1e12,
+      NULL,
+      "factor from radiance to display, for SSIM and FLIP; 0 meters the reference" },
+    { "white",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(white),
+      { 0 },
+      0,
+      1e12,
+      NULL,
+      "luminance after exposure that becomes display white; 0 takes the reference's brightest" },
+    { "tonemap",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(tonemap),
+      { PELL_COMPARE_REINHARD },
+      0,
+      0,
+      tonemaps,
+      "curve from exposed radiance to the display, for SSIM and FLIP" },
+    { "exposures", PELL_KNOB_INT, "1", AT(exposures), { 0 }, 0, EXPOSURES_MAX, NULL, "of HDR-FLIP; 0: one per stop, as in its paper" },
+    { "floor",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(floor),
+      { 0.01 },
+      1e-6,
+      1,
+      NULL,
+      "what relative errors are blind to, as a share of the reference's mean luminance" },
+    { "threads", PELL_KNOB_INT, "1", AT(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },
+    { 0 }
+};
+#undef AT
+
+enum { MASKED, WHOLE, REGIONS };
+
+/* Of one row. */
+struct survey {
+    int64_t bad_test, bad_reference, pixels[REGIONS], metered;
+    double luminance[REGIONS]; /* sums of |Y| */
+    double log_sum, brightest; /* over what is metered */
+};
+
+struct sums {
+    double square, relative, noise, relative_noise, absolute, difference[3], reference[3];
+};
+
+struct tile_sums {
+    double flip, flip_hdr, ssim[4], inner_ssim[4];
+    int64_t pixels, inner; /* inner: whose window lies inside */
+};
+
+struct job {
+    const struct pell_compare_input *in;
+    const struct pell_compare_params *params;
+    struct pell_comparison *out;
+    const struct pell_tile_kernels *kernels;
+    struct pell_flip_filters filters;
+    float window[PELL_SSIM_RADIUS + 1];
+    struct pell_tone tone;
+    double floor[REGIONS]; /* e of rel_mse */
+    double hdr_step;
+    int pad, across, down, first_tile;
+    size_t light_floats; /* of one padded plane */
+    float *luminance;    /* of the reference; NaN where a pixel is bad */
+    struct survey *surveys;
+    struct sums *sums;           /* [row][region] */
+    struct tile_sums *tile_sums; /* [tile][region] */
+    float **workspaces;          /* of the workers: six planes, the scratch, five maps */
+};
+
+/* --- One pixel ---------------------------------------------------------------------------------------------------------------- */
+
+struct pixel {
+    double test[3], reference[3], variance[3]; /* of the reference */
+    bool bad_test, bad_reference;
+};
+
+/* What is not finite becomes the reference's, or 0. */
+static void read_pixel(const struct pell_compare_input *in, size_t at, struct pixel *p)
+{
+    p->bad_test = p->bad_reference = false;
+    for (int c = 0; c < 3; c++) {
+        const double b1 = in->reference[c][at], b2 = in->half[0] ? in->half[c][at] : b1;
+        p->test[c] = in->test[c][at];
+        p->reference[c] = 0.5 * (b1 + b2);
+        p->variance[c] = 0.25 * (b1 - b2) * (b1 - b2);
+        p->bad_test |= !isfinite(p->test[c]);
+        p->bad_reference |= !isfinite(p->reference[c]);
+    }
+    for (int c = 0; c < 3 && (p->bad_test || p->bad_reference); c++) {
+        p->reference[c] = p->bad_reference ? 0.0 : p->reference[c];
+        p->test[c] = p->reference[c];
+        p->variance[c] = 0.0;
+    }
+}
+
+static double luminance_of(const double rgb[3])
+{
+    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+static bool inside(const struct pell_compare_input *in, size_t at)
+{
+    return !in->mask || in->mask[at] > 0.5f;
+}
+
+/* --- The survey --------------------------------------------------------------------------------------------------------------- */
+
+static void survey_row(void *arg, int y, int worker)
+{
+    const struct job *job = arg;
+    const struct pell_compare_input *in = job->in;
+    struct survey *s = &job->surveys[y];
+    (void) worker;
+
+    memset(s, 0, sizeof(*s));
+    for (int x = 0; x < in->width; x++) {
+        const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
+        struct pixel p;
+        double l;
+
+        read_pixel(in, at, &p);
+        s->bad_test += p.bad_test;
+        s->bad_reference += p.bad_reference;
+        l = luminance_of(p.reference);
+        job->luminance[(size_t) y * (size_t) in->width + (size_t) x] =
+            p.bad_test || p.bad_reference ? NAN : (float) (l < BRIGHTEST ? l : BRIGHTEST);
+        if (p.bad_test || p.bad_reference)
+            continue;
+        for (int region = 0; region < REGIONS; region++)
+            if (region == WHOLE || inside(in, at)) {
+                s->pixels[region]++;
+                s->luminance[region] += fabs(l);
+            }
+        if (inside(in, at) && l > 1e-30) {
+            s->log_sum += log(l);
+            s->metered++;
+            s->brightest = l > s->brightest ? l : s->brightest;
+        }
+    }
+}
+
+/* The n-th smallest of `count` values, which are shuffled. */
+static float nth(float *v, size_t count, size_t n)
+{
+    size_t low = 0, high = count - 1;
+
+    while (low < high) {
+        const float pivot = v[low + (high - low) / 2];
+        size_t i = low, j = high;
+        for (;;) {
+            while (v[i] < pivot)
+                i++;
+            while (v[j] > pivot)
+                j--;
+            if (i <= j) {
+                const float t = v[i];
+                v[i++] = v[j];
+                v[j] = t;
+                if (j == 0)
+                    break;
+                j--;
+            }
+            if (i > j)
+                break;
+        }
+        if (n <= j)
+            high = j;
+        else if (n >= i)
+            low = i;
+        else
+            return v[n];
+    }
+    return v[n];
+}
+
+/* The mean of the middle two, or the middle one. */
+static double median(float *v, size_t count)
+{
+    const double upper = nth(v, count, count / 2);
+    return count % 2 ? upper : 0.5 * (upper + (double) nth(v, count, count / 2 - 1));
+}
+
+/* `luminance` is used up. */
+static void find_exposures(struct job *job)
+{
+    struct pell_comparison *out = job->out;
+    const size_t all = (size_t) job->in->width * (size_t) job->in->height;
+    double largest = 0.0, middle = 0.0;
+    size_t finite = 0, bright = 0;
+
+    for (size_t i = 0; i < all; i++)
+        if (!isnan(job->luminance[i])) {
+            const float l = job->luminance[i];
+            job->luminance[finite++] = l;
+            largest = l > largest ? l : largest;
+        }
+    if (!(largest > 1e-30)) { /* nothing to expose for: one exposure as it is */
+        out->hdr_exposures = 1;
+        return;
+    }
+    middle = median(job->luminance, finite);
+    if (!(middle > 1e-30)) {
+        for (size_t i = 0; i < finite; i++)
+            if (job->luminance[i] > 1e-30f)
+                job->luminance[bright++] = job->luminance[i];
+        middle = median(job->luminance, bright);
+        out->hdr_above_black = true;
+    }
+    pell_flip_exposures(largest, middle, &out->hdr_start, &out->hdr_stop, &out->hdr_exposures);
+    if (job->params->exposures > 0)
+        out->hdr_exposures = job->params->exposures;
+    if (out->hdr_exposures > EXPOSURES_MAX)
+        out->hdr_exposures = EXPOSURES_MAX;
+    job->hdr_step = (out->hdr_stop - out->hdr_start) / (out->hdr_exposures > 1 ? out->hdr_exposures - 1 : 1);
+}
+
+/* How linear pictures are shown. */
+static void choose_tone(struct job *job, const struct survey *all)
+{
+    const struct pell_compare_params *p = job->params;
+    double exposure = p->exposure, white = p->white;
+
+    job->tone.curve = p->tonemap;
+    if (job->in->display) {
+        job->tone = (struct pell_tone){ PELL_COMPARE_LINEAR, 1.0f, 0.0f };
+        job->out->exposure = job->out->white = 1.0f;
+        return;
+    }
+    if (!(exposure > 0.0))
+        exposure = all->metered > 0 ? KEY / exp(all->log_sum / (double) all->metered) : 1.0;
+    exposure = exposure < 1e30 ? exposure : 1e30;
+    if (!(white > 0.0))
+        white = fmax(exposure * fmin(all->brightest, BRIGHTEST), 1.0);
+    white = white < 1e15 ? white : 1e15;
+    job->tone.exposure = job->out->exposure = (float) exposure;
+    job->out->white = (float) white;
+    job->tone.white_scale = (float) (1.0 / (white * white));
+}
+
+static void take_stock(struct job *job)
+{
+    struct survey all = { 0 };
+    struct pell_metrics *const metrics[REGIONS] = { &job->out->masked, &job->out->whole };
+
+    for (int y = 0; y < job->in->height; y++) {
+        const struct survey *s = &job->surveys[y];
+        all.bad_test += s->bad_test;
+        all.bad_reference += s->bad_reference;
+        all.metered += s->metered;
+        all.log_sum += s->log_sum;
+        all.brightest = fmax(all.brightest, s->brightest);
+        for (int region = 0; region < REGIONS; region++) {
+            all.pixels[region] += s->pixels[region];
+            all.luminance[region] += s->luminance[region];
+        }
+    }
+    job->out->bad_test = all.bad_test;
+    job->out->bad_reference = all.bad_reference;
+    for (int region = 0; region < REGIONS; region++) {
+        metrics[region]->pixels = all.pixels[region];
+        if (all.pixels[region] > 0)
+            job->floor[region] = (double) job->params->floor * (all.luminance[region] / (double) all.pixels[region]);
+    }
+    choose_tone(job, &all);
+    if (!job->in->display)
+        find_exposures(job);
+}
+
+/* --- Sums over rows ----------------------------------------------------------------------------------------------------------- */
+
+/* What noise of variance v in b adds to d^2/(b^2 + e^2) beyond v/(b^2 + e^2), by the derivatives of both over b, to first order in v. */
+static double noise_of_ratio(double d, double b, double below, double v)
+{
+    const double share = v / below, steep = b * b / below, error = d * d / below;
+    return share < 0.1 ? share * (4.0 * d * b / below + error * (4.0 * steep - 1.0)) : 0.0;
+}
+
+static void add_pixel(const struct pixel *p, double floor, struct sums *s)
+{
+    for (int c = 0; c < 3; c++) {
+        const double d = p->test[c] - p->reference[c], below = p->reference[c] * p->reference[c] + floor * floor;
+        s->square += d * d;
+        s->noise += p->variance[c];
+        s->relative += below > 0.0 ? d * d / below - noise_of_ratio(d, p->reference[c], below, p->variance[c]) : 0.0;
+        s->relative_noise += below > 0.0 ? p->variance[c] / below : 0.0;
+        s->absolute += fabs(d);
+        s->difference[c] += d;
+        s->reference[c] += p->reference[c];
+    }
+}
+
+static void sum_row(void *arg, int y, int worker)
+{
+    const struct job *job = arg;
+    const struct pell_compare_input *in = job->in;
+    struct sums *sums = job->sums + (size_t) y * REGIONS;
+    float *relative = job->out->relative + (size_t) y * (size_t) in->width;
+    const double e = job->floor[job->floor[MASKED] > 0.0 ? MASKED : WHOLE];
+    (void) worker;
+
+    memset(sums, 0, REGIONS * sizeof(*sums));
+    for (int x = 0; x < in->width; x++) {
+        const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
+        struct pixel p;
+        double below, ratio;
+
+        read_pixel(in, at, &p);
+        below = fabs(luminance_of(p.reference)) + e;
+        ratio = (luminance_of(p.test) - luminance_of(p.reference)) / (below > 1e-300 ? below : 1e-300);
+        relative[x] = ratio < (double) RELATIVE_MAX ? ratio > -(double) RELATIVE_MAX ? (float) ratio : -RELATIVE_MAX : RELATIVE_MAX;
+        if (p.bad_test || p.bad_reference)
+            continue;
+        add_pixel(&p, job->floor[WHOLE], &sums[WHOLE]);
+        if (inside(in, at))
+            add_pixel(&p, job->floor[MASKED], &sums[MASKED]);
+    }
+}
+
+static double not_below_zero(double v)
+{
+    return v > 0.0 ? v : 0.0;
+}
+
+static void finish_sums(const struct job *job, int region, struct pell_metrics *m)
+{
+    struct sums all = { 0 };
+    const double n = 3.0 * (double) m->pixels;
+
+    if (m->pixels == 0)
+        return;
+    for (int y = 0; y < job->in->height; y++) {
+        const struct sums *s = &job->sums[y * REGIONS + region];
+        all.square += s->square;
+        all.noise += s->noise;
+        all.relative += s->relative;
+        all.relative_noise += s->relative_noise;
+        all.absolute += s->absolute;
+        for (int c = 0; c < 3; c++) {
+            all.difference[c] += s->difference[c];
+            all.reference[c] += s->reference[c];
+        }
+    }
+    m->noise_mse = all.noise / n;
+    m->noise_rel_mse = all.relative_noise / n;
+    m->mse = not_below_zero((all.square - all.noise) / n);
+    m->rel_mse = not_below_zero((all.relative - all.relative_noise) / n);
+    if (!(job->floor[region] > 0.0))
+        m->rel_mse = m->mse > 0.0 ? INFINITY : 0.0;
+    m->mae = all.absolute / n;
+    for (int c = 0; c < 3; c++) {
+        m->bias[c] = all.difference[c] / (double) m->pixels;
+        m->rel_bias[c] = all.reference[c] != 0.0 ? all.difference[c] / all.reference[c] : 0.0;
+    }
+}
+
+/* --- Tiles -------------------------------------------------------------------------------------------------------------------- */
+
+static int clamp_to(int v, int count)
+{
+    return v < 0 ? 0 : v < count ? v : count - 1;
+}
+
+static float cut(double v)
+{
+    return (float) (v < BRIGHTEST ? v > -BRIGHTEST ? v : -BRIGHTEST : BRIGHTEST);
+}
+
+/* The pixels of a tile and of its padding; beyond the picture's edge those of the edge. */
+static void load_tile(const struct job *job, const struct pell_tile *tile, int x0, int y0, float *planes)
+{
+    const struct pell_compare_input *in = job->in;
+
+    for (int i = 0; i < tile->rows; i++) {
+        const size_t line = (size_t) clamp_to(y0 + i - tile->pad, in->height) * (size_t) in->stride;
+        for (int j = 0; j < tile->row; j++) {
+            const size_t at = line + (size_t) clamp_to(x0 + j - tile->pad, in->width), to = (size_t) i * (size_t) tile->row + (size_t) j;
+            struct pixel p;
+            read_pixel(in, at, &p);
+            for (int c = 0; c < 3; c++) {
+                planes[(size_t) c * job->light_floats + to] = cut(p.test[c]);
+                planes[(size_t) (3 + c) * job->light_floats + to] = cut(p.reference[c]);
+            }
+        }
+    }
+}
+
+static void hdr_flip(const struct job *job, const struct pell_tile *tile, float *error, float *largest)
+{
+    memset(largest, 0, PELL_TILE_WIDTH * PELL_TILE_HEIGHT * sizeof(*largest));
+    for (int k = 0; k < job->out->hdr_exposures; k++) {
+        const double exposure = exp2(job->out->hdr_start + k * job->hdr_step);
+        const struct pell_tone tone = { PELL_COMPARE_ACES, (float) (exposure < 1e30 ? exposure : 1e30), 0.0f };
+        job->kernels->flip(tile, &job->filters, &tone, error);
+        for (int i = 0; i < tile->height * PELL_TILE_WIDTH; i++)
+            largest[i] = error[i] > largest[i] ? error[i] : largest[i];
+    }
+}
+
+static void add_tile(const struct job *job, const struct pell_tile *tile, int x0, int y0, float *const ssim[4], struct tile_sums *sums)
+{
+    const struct pell_compare_input *in = job->in;
+    const struct pell_comparison *out = job->out;
+
+    for (int i = 0; i < tile->height; i++)
+        for (int j = 0; j < tile->width; j++) {
+            const int x = x0 + j, y = y0 + i;
+            const size_t at = (size_t) y * (size_t) in->stride + (size_t) x, to = (size_t) y * (size_t) in->width + (size_t) x;
+            const bool inner =
+                x >= PELL_SSIM_RADIUS && x < in->width - PELL_SSIM_RADIUS && y >= PELL_SSIM_RADIUS && y < in->height - PELL_SSIM_RADIUS;
+            struct pixel p;
+            read_pixel(in, at, &p);
+            for (int region = 0; region < REGIONS; region++) {
+                struct tile_sums *s = &sums[region];
+                if (p.bad_test || p.bad_reference || (region == MASKED && !inside(in, at)))
+                    continue;
+                s->pixels++;
+                s->inner += inner;
+                s->flip += (double) out->flip[to];
+                s->flip_hdr += (double) out->flip_hdr[to];
+                for (int c = 0; c < 4; c++) {
+                    const double v = ssim[c][i * PELL_TILE_WIDTH + j];
+                    s->ssim[c] += v;
+                    s->inner_ssim[c] += inner ? v : 0.0;
+                }
+            }
+        }
+}
+
+static void store(const struct job *job, const struct pell_tile *tile, int x0, int y0, const float *from, float *to)
+{
+    for (int i = 0; i < tile->height; i++)
+        memcpy(to + (size_t) (y0 + i) * (size_t) job->in->width + (size_t) x0, from + i * PELL_TILE_WIDTH,
+               (size_t) tile->width * sizeof(*to));
+}
+
+static void compare_tile(void *arg, int number, int worker)
+{
+    const struct job *job = arg;
+    const int index = job->first_tile + number, x0 = index % job->across * PELL_TILE_WIDTH, y0 = index / job->across * PELL_TILE_HEIGHT;
+    const int width = job->in->width - x0, height = job->in->height - y0;
+    float *planes = job->workspaces[worker], *maps = planes + 6 * job->light_floats + pell_tile_scratch(job->pad);
+    float *map[5];
+    struct pell_tile tile = {
+        .width = width < PELL_TILE_WIDTH ? width : PELL_TILE_WIDTH,
+        .height = height < PELL_TILE_HEIGHT ? height : PELL_TILE_HEIGHT,
+        .pad = job->pad,
+        .row = pell_tile_row(job->pad),
+        .scratch = planes + 6 * job->light_floats,
+    };
+    struct tile_sums *sums = job->tile_sums + (size_t) index * REGIONS;
+
+    tile.rows = tile.height + 2 * job->pad;
+    for (int p = 0; p < 2; p++)
+        for (int c = 0; c < 3; c++)
+            tile.light[p][c] = planes + (size_t) (3 * p + c) * job->light_floats;
+    for (int i = 0; i < 5; i++)
+        map[i] = maps + i * PELL_TILE_WIDTH * PELL_TILE_HEIGHT;
+    load_tile(job, &tile, x0, y0, planes);
+    job->kernels->flip(&tile, &job->filters, &job->tone, map[0]);
+    store(job, &tile, x0, y0, map[0], job->out->flip);
+    if (!job->in->display) {
+        hdr_flip(job, &tile, map[0], map[1]);
+        store(job, &tile, x0, y0, map[1], job->out->flip_hdr);
+    }
+    job->kernels->ssim(&tile, job->window, &job->tone, map);
+    store(job, &tile, x0, y0, map[0], job->out->ssim);
+    memset(sums, 0, REGIONS * sizeof(*sums));
+    add_tile(job, &tile, x0, y0, map, sums);
+}
+
+static void finish_tiles(const struct job *job, int region, struct pell_metrics *m)
+{
+    struct tile_sums all = { 0 };
+
+    if (m->pixels == 0)
+        return;
+    for (int i = 0; i < job->across * job->down; i++) {
+        const struct tile_sums *s = &job->tile_sums[i * REGIONS + region];
+        all.flip += s->flip;
+        all.flip_hdr += s->flip_hdr;
+        all.inner += s->inner;
+        for (int c = 0; c < 4; c++) {
+            all.ssim[c] += s->ssim[c];
+            all.inner_ssim[c] += s->inner_ssim[c];
+        }
+    }
+    m->flip = all.flip / (double) m->pixels;
+    m->flip_hdr = all.flip_hdr / (double) m->pixels;
+    for (int c = 0; c < 4; c++)
+        *(c ? &m->ssim_rgb[c - 1] : &m->ssim) = all.inner > 0 ? all.inner_ssim[c] / (double) all.inner : all.ssim[c] / (double) m->pixels;
+}
+
+/* --- All of it ---------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result check(struct pell_context *ctx, const struct pell_compare_input *in, const struct pell_compare_params *params)
+{
+    const int64_t limit = pell_context_limits(ctx)->image_pixels;
+
+    if (in->width < 1 || in->height < 1 || in->width > limit / in->height || in->stride < in->width)
+        return pell_error(ctx, PELL_ERR_INVALID, "compare", NULL,
+                          "the pictures are %d x %d pixels, %lld from row to row; must be 1 x 1 to %lld pixels (the limit image-pixels)",
+                          in->width, in->height, (long long) in->stride, (long long) limit);
+    return pell_knobs_check(ctx, pell_compare_knobs, "compare", params);
+}
+
+static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool, struct job *job)
+{
+    struct pell_comparison *out = job->out;
+    const size_t all = (size_t) job->in->width * (size_t) job->in->height, rows = (size_t) job->in->height;
+    const size_t threads = (size_t) pell_pool_threads(pool);
+    float **const maps[] = { &out->relative, &out->ssim, &out->flip, &out->flip_hdr, &job->luminance };
+
+    pell_flip_prepare((double) job->params->ppd, &job->filters);
+    pell_ssim_window(job->window);
+    job->kernels = pell_tile_tables[pell_simd_best()];
+    job->pad = job->filters.radius > PELL_SSIM_RADIUS ? job->filters.radius : PELL_SSIM_RADIUS;
+    job->light_floats = (size_t) pell_tile_row(job->pad) * (size_t) (PELL_TILE_HEIGHT + 2 * job->pad);
+    job->across = (job->in->width + PELL_TILE_WIDTH - 1) / PELL_TILE_WIDTH;
+    job->down = (job->in->height + PELL_TILE_HEIGHT - 1) / PELL_TILE_HEIGHT;
+    for (size_t i = 0; i < PELL_COUNT(maps); i++)
+        if (!(*maps[i] = pell_calloc(ctx, all, sizeof(float))))
+            return PELL_ERR_NOMEM;
+    if (!(job->surveys = pell_alloc_array(ctx, rows, sizeof(*job->surveys))) ||
+        !(job->sums = pell_alloc_array(ctx, rows * REGIONS, sizeof(*job->sums))) ||
+        !(job->tile_sums = pell_alloc_array(ctx, (size_t) job->across * (size_t) job->down * REGIONS, sizeof(*job->tile_sums))) ||
+        !(job->workspaces = pell_calloc(ctx, threads, sizeof(*job->workspaces))))
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < threads; i++)
+        if (!(job->workspaces[i] = pell_alloc_array(
+                  ctx, 6 * job->light_floats + pell_tile_scratch(job->pad) + 5 * PELL_TILE_WIDTH * PELL_TILE_HEIGHT, sizeof(float))))
+            return PELL_ERR_NOMEM;
+    return PELL_OK;
+}
+
+static enum pell_result work(struct pell_context *ctx, struct pell_pool *pool, struct job *job)
+{
+    const int tiles = job->across * job->down, batch = 4 * pell_pool_threads(pool);
+    struct pell_metrics *const metrics[REGIONS] = { &job->out->masked, &job->out->whole };
+
+    pell_pool_run(pool, job->in->height, survey_row, job);
+    if (pell_cancelled(ctx))
+        return PELL_ERR_CANCELLED;
+    take_stock(job);
+    pell_pool_run(pool, job->in->height, sum_row, job);
+    for (job->first_tile = 0; job->first_tile < tiles && !pell_cancelled(ctx); job->first_tile += batch) {
+        pell_progress(ctx, "compare", (double) job->first_tile / tiles);
+        pell_pool_run(pool, tiles - job->first_tile < batch ? tiles - job->first_tile : batch, compare_tile, job);
+    }
+    if (pell_cancelled(ctx))
+        return PELL_ERR_CANCELLED;
+    for (int region = 0; region < REGIONS; region++) {
+        finish_sums(job, region, metrics[region]);
+        finish_tiles(job, region, metrics[region]);
+    }
+    pell_progress(ctx, "compare", 1.0);
+    return PELL_OK;
+}
+
+enum pell_result pell_compare_run(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *input,
+                                  const struct pell_compare_params *params, struct pell_comparison *out)
+{
+    struct job job = { .in = input, .params = params, .out = out };
+    const double begin = pell_seconds();
+    enum pell_result res;
+
+    memset(out, 0, sizeof(*out));
+    PELL_TRY(check(ctx, input, params));
+    out->width = input->width;
+    out->height = input->height;
+    PELL_TRY(prepare(ctx, pool, &job));
+    PELL_TRY(work(ctx, pool, &job));
+    out->seconds = pell_seconds() - begin;
+fail:
+    for (int i = 0; job.workspaces && i < pell_pool_threads(pool); i++)
+        pell_free(ctx, job.workspaces[i]);
+    pell_free(ctx, job.workspaces);
+    pell_free(ctx, job.tile_sums);
+    pell_free(ctx, job.sums);
+    pell_free(ctx, job.surveys);
+    pell_free(ctx, job.luminance);
+    if (res != PELL_OK)
+        pell_comparison_finish(ctx, out);
+    return res;
+}
+
+enum pell_result pell_compare(struct pell_context *ctx, const struct pell_compare_input *input, const struct pell_compare_params *params,
+                              struct pell_comparison *out)
+{
+    struct pell_pool *pool = NULL;
+    enum pell_result res;
+
+    memset(out, 0, sizeof(*out));
+    PELL_TRY(check(ctx, input, params));
+    PELL_TRY(pell_pool_create(ctx, params->threads, &pool));
+    res = pell_compare_run(ctx, pool, input, params, out);
+fail:
+    pell_pool_destroy(&pool);
+    return res;
+}
+
+void pell_comparison_finish(struct pell_context *ctx, struct pell_comparison *comparison)
+{
+    pell_free(ctx, comparison->relative);
+    pell_free(ctx, comparison->ssim);
+    pell_free(ctx, comparison->flip);
+    pell_free(ctx, comparison->flip_hdr);
+    memset(comparison, 0, sizeof(*comparison));
+}

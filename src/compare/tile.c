@@ -1,0 +1,361 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * tile.c - see tile.h. Compiled once per SIMD level; plain loops over floats.
+ *
+ *     colour    dE_c = (|dL| + |d(a, b)|)^0.7 of filtered, Hunt-adjusted L*a*b*, mapped to [0, 1]   (Andersson et al. 2020, section 4.1)
+ *     features  dE_f = sqrt(max(||edges|| - ||edges'||, ||points|| - ||points'||) / sqrt 2)         (section 4.2)
+ *     error     dE_c^(1 - dE_f)                                                                     (section 4.3)
+ */
+#include "compare/tile.h"
+
+#include <pellucid/compare.h>
+
+#include <math.h>
+#include <string.h>
+
+#ifndef PELL_SIMD_NAME
+#define PELL_SIMD_NAME base
+#endif
+
+#define W PELL_TILE_WIDTH
+#define H PELL_TILE_HEIGHT
+#define BLOCK 32 /* pixels that are summed at a time, in registers */
+#define INLINE static inline __attribute__((always_inline))
+
+_Static_assert(W % BLOCK == 0, "blocks tile a row");
+
+/* --- Functions of one number -------------------------------------------------------------------------------------------------- */
+
+/* log2 of the mantissa in [sqrt 1/2, sqrt 2) by 2/ln 2 artanh((m - 1)/(m + 1)); the first term left out is 4e-9. */
+INLINE float log2_of(float x)
+{
+    uint32_t bits;
+    int32_t exponent;
+    float m, t, t2;
+
+    memcpy(&bits, &x, sizeof(bits));
+    exponent = (int32_t) (bits - 0x3f3504f3u) >> 23;
+    bits -= (uint32_t) exponent << 23;
+    memcpy(&m, &bits, sizeof(m));
+    t = (m - 1.0f) / (m + 1.0f);
+    t2 = t * t;
+    return (float) exponent + t * (2.88539008f + t2 * (0.961796694f + t2 * (0.577078016f + t2 * (0.412198583f + t2 * 0.320598898f))));
+}
+
+/* 2^x for |x| <= 126 by its Taylor series about the nearest integer. */
+INLINE float exp2_of(float x)
+{
+    const float magic = 12582912.0f; /* 1.5 2^23: the sum's last bits hold the rounded integer */
+    const float sum = x + magic, f = (x - (sum - magic)) * 0.693147181f;
+    uint32_t bits;
+    float scale;
+
+    memcpy(&bits, &sum, sizeof(bits));
+    bits = (bits - 0x4b400000u + 127u) << 23;
+    memcpy(&scale, &bits, sizeof(scale));
+    return scale * (1.0f + f * (1.0f + f * (0.5f + f * (0.166666667f + f * (0.0416666667f + f * (0.00833333333f + f * 0.00138888889f))))));
+}
+
+/* x^e for x in [0, 1e4], e in [0, 2]; 0 for x below 1e-30, whatever e. */
+INLINE float power_of(float x, float e)
+{
+    const float v = exp2_of(e * log2_of(x > 1e-30f ? x : 1.0f));
+    return x > 1e-30f ? v : 0.0f;
+}
+
+/* Two steps of Halley's rule from a guess that is right to 4 %; x > 1e-30. */
+INLINE float cube_root_of(float x)
+{
+    int32_t bits;
+    float y, y3;
+
+    memcpy(&bits, &x, sizeof(bits));
+    bits = (int32_t) ((float) bits * (1.0f / 3.0f)) + 0x2a514067;
+    memcpy(&y, &bits, sizeof(y));
+    y3 = y * y * y;
+    y *= (y3 + 2.0f * x) / (2.0f * y3 + x);
+    y3 = y * y * y;
+    return y * ((y3 + 2.0f * x) / (2.0f * y3 + x));
+}
+
+INLINE float unit(float x)
+{
+    return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
+}
+
+/* The sRGB transfer function of [0, 1]. */
+INLINE float encode(float x)
+{
+    const float root = power_of(x, 1.0f / 2.4f);
+    return x > 0.0031308f ? 1.055f * root - 0.055f : 12.92f * x;
+}
+
+/* The function of L*a*b* (CIE 1976). */
+INLINE float lightness(float x)
+{
+    const float root = cube_root_of(x > 1e-3f ? x : 1e-3f);
+    return x > 216.0f / 24389.0f ? root : x * (841.0f / 108.0f) + 4.0f / 29.0f;
+}
+
+static void power_all(const float *x, float exponent, float *out, int count)
+{
+    for (int i = 0; i < count; i++)
+        out[i] = power_of(x[i], exponent);
+}
+
+static void cube_root_all(const float *x, float *out, int count)
+{
+    for (int i = 0; i < count; i++)
+        out[i] = cube_root_of(x[i]);
+}
+
+/* --- Sums along a line -------------------------------------------------------------------------------------------------------- */
+
+/* out[x] = sum of weight[k] (in[x - k step] + in[x + k step]): along a row for step 1, down a column for the length of a row. */
+static void even(const float *restrict in, ptrdiff_t step, const float *restrict weight, int radius, float *restrict out, int count)
+{
+    for (int x0 = 0; x0 < count; x0 += BLOCK) {
+        const float *middle = in + x0;
+        float sum[BLOCK];
+        for (int i = 0; i < BLOCK; i++)
+            sum[i] = weight[0] * middle[i];
+        for (int k = 1; k <= radius; k++) {
+            const float w = weight[k], *before = middle - k * step, *after = middle + k * step;
+            for (int i = 0; i < BLOCK; i++)
+                sum[i] += w * (before[i] + after[i]);
+        }
+        memcpy(out + x0, sum, sizeof(sum));
+    }
+}
+
+/* The same of weight[k] (in[x - k step] - in[x + k step]). */
+static void odd(const float *restrict in, ptrdiff_t step, const float *restrict weight, int radius, float *restrict out, int count)
+{
+    for (int x0 = 0; x0 < count; x0 += BLOCK) {
+        const float *middle = in + x0;
+        float sum[BLOCK] = { 0.0f };
+        for (int k = 1; k <= radius; k++) {
+            const float w = weight[k], *before = middle - k * step, *after = middle + k * step;
+            for (int i = 0; i < BLOCK; i++)
+                sum[i] += w * (before[i] - after[i]);
+        }
+        memcpy(out + x0, sum, sizeof(sum));
+    }
+}
+
+/* Pixels of a row that are worked on: whole blocks. */
+static int blocks(const struct pell_tile *tile)
+{
+    return (tile->width + BLOCK - 1) / BLOCK * BLOCK;
+}
+
+/* --- What is shown ------------------------------------------------------------------------------------------------------------ */
+
+/* In [0, 1], linear. */
+static void show(const struct pell_tone *tone, const float *const light[3], size_t count, float *restrict r, float *restrict g,
+                 float *restrict b)
+{
+    const float *restrict lr = light[0], *restrict lg = light[1], *restrict lb = light[2];
+    const float e = tone->exposure, ws = tone->white_scale;
+
+    if (tone->curve == PELL_COMPARE_ACES) {
+        const float *const in[3] = { lr, lg, lb };
+        float *const out[3] = { r, g, b };
+        for (int c = 0; c < 3; c++)
+            for (size_t i = 0; i < count; i++) {
+                const float v = e * in[c][i], x = v > 0.0f ? v < 1e6f ? v : 1e6f : 0.0f;
+                out[c][i] = unit(x * (0.36f * 2.51f * x + 0.6f * 0.03f) / (x * (0.36f * 2.43f * x + 0.6f * 0.59f) + 0.14f));
+            }
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const float lum = e * (0.2126f * lr[i] + 0.7152f * lg[i] + 0.0722f * lb[i]), y = lum > 0.0f ? lum < 1e12f ? lum : 1e12f : 0.0f;
+        const float scale = tone->curve == PELL_COMPARE_LINEAR ? e : e * ((1.0f + y * ws) / (1.0f + y));
+        r[i] = unit(scale * lr[i]);
+        g[i] = unit(scale * lg[i]);
+        b[i] = unit(scale * lb[i]);
+    }
+}
+
+/* --- FLIP --------------------------------------------------------------------------------------------------------------------- */
+
+/* In place: R, G, B to y, x - y, y - z. */
+static void oppose(const struct pell_flip_filters *f, size_t count, float *restrict r, float *restrict g, float *restrict b)
+{
+    const float *m = f->to_xyz;
+
+    for (size_t i = 0; i < count; i++) {
+        const float x = m[0] * r[i] + m[1] * g[i] + m[2] * b[i], y = m[3] * r[i] + m[4] * g[i] + m[5] * b[i];
+        const float z = m[6] * r[i] + m[7] * g[i] + m[8] * b[i];
+        r[i] = y;
+        g[i] = x - y;
+        b[i] = y - z;
+    }
+}
+
+/* What the eye makes of a picture: L, a, b after Hunt, and the strength of edges and of points. */
+enum { EYE_L, EYE_A, EYE_B, EYE_EDGE, EYE_POINT, EYE_PLANES };
+/* Filtered along rows. */
+enum { ROW_Y, ROW_RG, ROW_BY0, ROW_BY1, ROW_SMOOTH, ROW_EDGE, ROW_POINT, ROW_PLANES };
+
+static void filter_rows(const struct pell_tile *t, const struct pell_flip_filters *f, float *const opponent[3], float *rows)
+{
+    const size_t plane = (size_t) t->rows * W;
+    const int n = blocks(t);
+
+    for (int i = 0; i < t->rows; i++) {
+        const size_t at = (size_t) i * (size_t) t->row + (size_t) t->pad;
+        const float *y = opponent[0] + at, *rg = opponent[1] + at, *by = opponent[2] + at;
+        float *out = rows + (size_t) i * W;
+        even(y, 1, f->achromatic, f->achromatic_radius, out + ROW_Y * plane, n);
+        even(rg, 1, f->red_green, f->red_green_radius, out + ROW_RG * plane, n);
+        even(by, 1, f->blue_yellow[0], f->blue_yellow_radius, out + ROW_BY0 * plane, n);
+        even(by, 1, f->blue_yellow[1], f->blue_yellow_radius, out + ROW_BY1 * plane, n);
+        even(y, 1, f->smooth, f->feature_radius, out + ROW_SMOOTH * plane, n);
+        odd(y, 1, f->edge, f->feature_radius, out + ROW_EDGE * plane, n);
+        even(y, 1, f->point, f->feature_radius, out + ROW_POINT * plane, n);
+    }
+}
+
+/* One row of filtered y, x - y, y - z to L, a, b, a and b times L/100 (Hunt). */
+static void uniform(const struct pell_flip_filters *f, const float *restrict y, const float *restrict rg, const float *restrict by0,
+                    const float *restrict by1, float *restrict out_l, float *restrict out_a, float *restrict out_b, int count)
+{
+    const float *m = f->to_xyz, *inverse = f->from_xyz, w0 = f->blue_yellow_weight[0], w1 = f->blue_yellow_weight[1];
+
+    for (int i = 0; i < count; i++) {
+        const float Y = y[i], X = Y + rg[i], Z = Y - (w0 * by0[i] + w1 * by1[i]);
+        const float r = unit(inverse[0] * X + inverse[1] * Y + inverse[2] * Z);
+        const float g = unit(inverse[3] * X + inverse[4] * Y + inverse[5] * Z);
+        const float b = unit(inverse[6] * X + inverse[7] * Y + inverse[8] * Z);
+        const float fx = lightness(m[0] * r + m[1] * g + m[2] * b), fy = lightness(m[3] * r + m[4] * g + m[5] * b);
+        const float fz = lightness(m[6] * r + m[7] * g + m[8] * b), L = 116.0f * fy - 16.0f;
+        out_l[i] = L;
+        out_a[i] = 0.01f * L * 500.0f * (fx - fy);
+        out_b[i] = 0.01f * L * 200.0f * (fy - fz);
+    }
+}
+
+static void see(const struct pell_tile *t, const struct pell_flip_filters *f, const struct pell_tone *tone, int which, float *scratch,
+                float *eye)
+{
+    const size_t padded = (size_t) t->row * (size_t) t->rows, plane = (size_t) t->rows * W;
+    float *const opponent[3] = { scratch, scratch + padded, scratch + 2 * padded };
+    float *rows = scratch + 3 * padded;
+    const int n = blocks(t);
+
+    show(tone, t->light[which], padded, opponent[0], opponent[1], opponent[2]);
+    oppose(f, padded, opponent[0], opponent[1], opponent[2]);
+    filter_rows(t, f, opponent, rows);
+    for (int i = 0; i < t->height; i++) {
+        const float *in = rows + (size_t) (i + t->pad) * W;
+        float line[4][W], *out = eye + (size_t) i * W;
+
+        even(in + ROW_Y * plane, W, f->achromatic, f->achromatic_radius, line[0], n);
+        even(in + ROW_RG * plane, W, f->red_green, f->red_green_radius, line[1], n);
+        even(in + ROW_BY0 * plane, W, f->blue_yellow[0], f->blue_yellow_radius, line[2], n);
+        even(in + ROW_BY1 * plane, W, f->blue_yellow[1], f->blue_yellow_radius, line[3], n);
+        uniform(f, line[0], line[1], line[2], line[3], out + EYE_L * W * H, out + EYE_A * W * H, out + EYE_B * W * H, n);
+
+        even(in + ROW_EDGE * plane, W, f->smooth, f->feature_radius, line[0], n);
+        odd(in + ROW_SMOOTH * plane, W, f->edge, f->feature_radius, line[1], n);
+        even(in + ROW_POINT * plane, W, f->smooth, f->feature_radius, line[2], n);
+        even(in + ROW_SMOOTH * plane, W, f->point, f->feature_radius, line[3], n);
+        for (int x = 0; x < n; x++) {
+            out[EYE_EDGE * W * H + x] = sqrtf(line[0][x] * line[0][x] + line[1][x] * line[1][x]);
+            out[EYE_POINT * W * H + x] = sqrtf(line[2][x] * line[2][x] + line[3][x] * line[3][x]);
+        }
+    }
+}
+
+static void flip(const struct pell_tile *t, const struct pell_flip_filters *f, const struct pell_tone *tone, float *error)
+{
+    float *eye[2] = { t->scratch, t->scratch + EYE_PLANES * W * H }, *scratch = t->scratch + 2 * EYE_PLANES * W * H;
+    const int n = blocks(t);
+
+    for (int p = 0; p < 2; p++)
+        see(t, f, tone, p, scratch, eye[p]);
+    for (int i = 0; i < t->height; i++) {
+        const float *restrict a = eye[0] + i * W, *restrict b = eye[1] + i * W;
+        float *restrict out = error + i * W;
+        for (int x = 0; x < n; x++) {
+            const float dl = fabsf(a[EYE_L * W * H + x] - b[EYE_L * W * H + x]);
+            const float da = a[EYE_A * W * H + x] - b[EYE_A * W * H + x], db = a[EYE_B * W * H + x] - b[EYE_B * W * H + x];
+            const float color = power_of(dl + sqrtf(da * da + db * db), 0.7f);
+            const float low = f->low_slope * color, high = 1.0f - f->high_slope * (f->scale - color);
+            const float edge = fabsf(a[EYE_EDGE * W * H + x] - b[EYE_EDGE * W * H + x]);
+            const float point = fabsf(a[EYE_POINT * W * H + x] - b[EYE_POINT * W * H + x]);
+            const float feature = sqrtf((edge > point ? edge : point) * 0.707106781f);
+            out[x] = power_of(unit(color < f->knee ? low : high), 1.0f - unit(feature));
+        }
+    }
+}
+
+/* --- SSIM --------------------------------------------------------------------------------------------------------------------- */
+
+static void moments(const float *restrict a, const float *restrict b, size_t count, float *restrict aa, float *restrict bb,
+                    float *restrict ab)
+{
+    for (size_t i = 0; i < count; i++) {
+        aa[i] = a[i] * a[i];
+        bb[i] = b[i] * b[i];
+        ab[i] = a[i] * b[i];
+    }
+}
+
+/* `line`: the windowed means of a, b, a^2, b^2, a b. */
+static void similarity(const float line[5][W], float *restrict out, int count)
+{
+    const float c1 = 0.01f * 0.01f, c2 = 0.03f * 0.03f;
+
+    for (int x = 0; x < count; x++) {
+        const float a = line[0][x], b = line[1][x], ab = a * b, squares = a * a + b * b;
+        const float variances = line[2][x] + line[3][x] - squares, covariance = line[4][x] - ab;
+        out[x] = (2.0f * ab + c1) * (2.0f * covariance + c2) / ((squares + c1) * ((variances > 0.0f ? variances : 0.0f) + c2));
+    }
+}
+
+/* planes: a, b, a^2, b^2, a b, padded. */
+static void compare_channel(const struct pell_tile *t, const float *window, float *planes, float *rows, float *map)
+{
+    const size_t padded = (size_t) t->row * (size_t) t->rows, plane = (size_t) t->rows * W;
+    const int n = blocks(t);
+
+    moments(planes, planes + padded, padded, planes + 2 * padded, planes + 3 * padded, planes + 4 * padded);
+    for (int m = 0; m < 5; m++)
+        for (int i = t->pad - PELL_SSIM_RADIUS; i < t->pad + t->height + PELL_SSIM_RADIUS; i++)
+            even(planes + (size_t) m * padded + (size_t) i * (size_t) t->row + (size_t) t->pad, 1, window, PELL_SSIM_RADIUS,
+                 rows + (size_t) m * plane + (size_t) i * W, n);
+    for (int i = 0; i < t->height; i++) {
+        float line[5][W];
+        for (int m = 0; m < 5; m++)
+            even(rows + (size_t) m * plane + (size_t) (i + t->pad) * W, W, window, PELL_SSIM_RADIUS, line[m], n);
+        similarity((const float(*)[W]) line, map + i * W, n);
+    }
+}
+
+static void ssim(const struct pell_tile *t, const float *window, const struct pell_tone *tone, float *map[4])
+{
+    const size_t padded = (size_t) t->row * (size_t) t->rows;
+    float *shown[2] = { t->scratch, t->scratch + 3 * padded }, *planes = t->scratch + 6 * padded, *rows = planes + 5 * padded;
+
+    for (int p = 0; p < 2; p++) {
+        float *restrict r = shown[p], *restrict g = r + padded, *restrict b = g + padded, *restrict luma = planes + (size_t) p * padded;
+        show(tone, t->light[p], padded, r, g, b);
+        for (size_t i = 0; i < padded; i++) {
+            r[i] = encode(r[i]);
+            g[i] = encode(g[i]);
+            b[i] = encode(b[i]);
+            luma[i] = 0.2126f * r[i] + 0.7152f * g[i] + 0.0722f * b[i];
+        }
+    }
+    compare_channel(t, window, planes, rows, map[0]);
+    for (int c = 0; c < 3; c++) {
+        for (int p = 0; p < 2; p++)
+            memcpy(planes + (size_t) p * padded, shown[p] + (size_t) c * padded, padded * sizeof(float));
+        compare_channel(t, window, planes, rows, map[c + 1]);
+    }
+}
+
+extern const struct pell_tile_kernels PELL_SIMD(pell_tile); /* it may be one that tile.h does not name */
+const struct pell_tile_kernels PELL_SIMD(pell_tile) = { flip, ssim, power_all, cube_root_all };
