@@ -123,6 +123,9 @@ enum exit_code cli_failed(struct cli *cli, enum pell_result result);
 void cli_message(void *cli, const struct pell_message *message);
 void cli_progress(void *cli, const char *task, double fraction);
 void cli_progress_end(struct cli *cli);
+/* From here on nothing is left to do but to print: a first Ctrl-C no longer cuts what is being written to a pipe, a second one ends the
+ * program. */
+void cli_answer_begins(void);
 /* Prints the object and drops the reference. */
 enum exit_code cli_print_json(struct cli *cli, json_t *object);
 /* {"error": ...} on stdout, where --json was given and nothing was answered. */

@@ -719,8 +719,12 @@ enum exit_code command_profile(struct cli *cli)
         code = choose_radii(cli, &job);
     if (code == EXIT_OK && !cli->profile.csv)
         code = make_fits(cli, &job);
+    if (code == EXIT_OK && pell_cancelled(cli->ctx))
+        code = EXIT_INTERRUPTED;
     if (code == EXIT_OK && cli->output && !cli->profile.csv && !cli->profile.export)
         code = profile_plot(cli, &job);
+    if (code == EXIT_OK && !(cli->output && (cli->profile.csv || cli->profile.export)))
+        cli_answer_begins(); /* a plot is written by now */
     if (code == EXIT_OK)
         code = cli->json             ? answer_json(cli, &job)
                : cli->profile.csv    ? answer_csv(cli, &job)

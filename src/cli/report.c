@@ -2,9 +2,9 @@
  * report.c - messages, progress, JSON and exit codes. */
 #include "cli/cli.h"
 
-#include <errno.h>
 #include <math.h>
 #include <poll.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -211,40 +211,25 @@ void cli_progress_end(struct cli *cli)
 
 /* --- JSON --------------------------------------------------------------------------------------------------------------------- */
 
-/* Writes an answer whole: a first Ctrl-C, which comes too late to stop anything, must not cut it. A second one ends the program. */
-static enum exit_code write_answer(const char *text)
+void cli_answer_begins(void)
 {
-    size_t left = strlen(text);
+    struct sigaction action;
 
-    if (fflush(stdout) != 0)
-        return EXIT_FAILED; /* main says so */
-    while (left > 0) {
-        const ssize_t done = write(STDOUT_FILENO, text, left);
-        if (done < 0 && errno == EINTR)
-            continue;
-        if (done <= 0) {
-            if (!cli_reader_left())
-                fputs("the answer can't be written to stdout\n", stderr);
-            return EXIT_FAILED;
-        }
-        text += done;
-        left -= (size_t) done;
+    if (sigaction(SIGINT, NULL, &action) == 0 && action.sa_handler != SIG_DFL && action.sa_handler != SIG_IGN) {
+        action.sa_flags |= SA_RESTART;
+        sigaction(SIGINT, &action, NULL);
     }
-    return EXIT_OK;
 }
 
 enum exit_code cli_print_json(struct cli *cli, json_t *object)
 {
     char *text = object ? json_dumps(object, JSON_INDENT(2) | JSON_REAL_PRECISION(9)) : NULL;
-    enum exit_code code = text ? EXIT_OK : EXIT_MEMORY, written;
+    enum exit_code code = text ? EXIT_OK : EXIT_MEMORY;
 
     cli->answered = true;
-    written = write_answer(text ? text
-                                : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": "
-                                  "\"\"}}");
-    if (written == EXIT_OK)
-        written = write_answer("\n");
-    code = code == EXIT_OK ? written : code;
+    cli_answer_begins();
+    puts(text ? text
+              : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}");
     free(text);
     json_decref(object);
     return code;
