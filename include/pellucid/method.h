@@ -29,6 +29,8 @@ enum pell_need {
     PELL_NEED_POSITION = 1 << 4,
     PELL_NEED_THROUGH = 1 << 5, /* not read by the method: the renderer makes light from behind with the method's thickness tables and
                                  * adds it to M in the composite */
+    PELL_NEED_SCENE = 1 << 6,   /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
+                                 * frames only, not on a caller's planes */
 };
 
 /* What a set of knobs asks of the frame, and what comes out. */
@@ -57,6 +59,9 @@ struct pell_method_engine {
     const struct pell_thickness_table *(*thickness)(const void *state, size_t material);
     /* Times of the last render's passes; returns how many (at most `size`). May be NULL. */
     size_t (*times)(const void *state, struct pell_pass_time *times, size_t size);
+    /* Standard error of each pixel of the last render, in the unit of what comes out; planes as in the frame, the state's own. NULL where
+     * the method has no noise, or does not know it. */
+    bool (*noise)(const void *state, const float *planes[3]);
 };
 
 struct pell_method {
@@ -90,7 +95,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_method_configure(struct pell_conte
 
 struct pell_pass;
 
-/* `shape` is copied, materials included. The renderer lends its threads and must outlive the pass. `knobs` may be NULL: defaults. */
+/* PELL_ERR_UNSUPPORTED for a method that needs the renderer's scene (PELL_NEED_SCENE).
+ * `shape` is copied, materials included. The renderer lends its threads and must outlive the pass. `knobs` may be NULL: defaults. */
 PELL_API PELL_NODISCARD enum pell_result pell_pass_create(struct pell_renderer *r, const struct pell_method *method, const void *knobs,
                                                           const struct pell_frame *shape, struct pell_pass **out);
 /* `in` must have the pass's shape and the planes that its plan needs; `out` three planes. Allocates nothing. */
@@ -99,6 +105,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_pass_render(struct pell_pass *pass
 PELL_API const struct pell_plan *pell_pass_plan(const struct pell_pass *pass);
 PELL_API const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *pass, size_t material);
 PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size);
+/* False where the method has no standard error; else planes of the frame's stride, valid until the next render. */
+PELL_API bool pell_pass_noise(const struct pell_pass *pass, const float *planes[3]);
 PELL_API void pell_pass_destroy(struct pell_pass **pass);
 
 #ifdef __cplusplus

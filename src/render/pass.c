@@ -133,6 +133,11 @@ enum pell_result pell_pass_create(struct pell_renderer *r, const struct pell_met
     }
     PELL_TRY(pell_knobs_check(ctx, method->knobs, method->name, knobs));
     method->plan(knobs, &p->plan);
+    if ((p->plan.needs & PELL_NEED_SCENE) && !pell_renderer_lends_scene(r, shape)) {
+        res = pell_error(ctx, PELL_ERR_UNSUPPORTED, method->name, "set it as the renderer's method",
+                         "needs the renderer's scene, it can't run on planes alone");
+        goto fail;
+    }
     PELL_TRY(p->engine->create(r, &p->shape, knobs, &p->state));
     pell_free(ctx, defaults);
     *out = p;
@@ -192,6 +197,11 @@ const struct pell_plan *pell_pass_plan(const struct pell_pass *pass)
 const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *pass, size_t material)
 {
     return pass->engine->thickness && material < pass->shape.num_materials ? pass->engine->thickness(pass->state, material) : NULL;
+}
+
+bool pell_pass_noise(const struct pell_pass *pass, const float *planes[3])
+{
+    return pass->engine->noise && pass->engine->noise(pass->state, planes);
 }
 
 size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size)

@@ -82,6 +82,60 @@ bool pell_renderer_scatters(const struct pell_renderer *r)
     return r->method != NULL;
 }
 
+const struct pell_rays *pell_renderer_rays(const struct pell_renderer *r)
+{
+    return r->rays;
+}
+
+enum pell_result pell_renderer_bodies(const struct pell_renderer *r, struct pell_bodies **out)
+{
+    return pell_bodies_create(r->ctx, r->scene, r->frame_index, r->frame_materials, out);
+}
+
+const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r)
+{
+    return r->pass;
+}
+
+int pell_renderer_samples(const struct pell_renderer *r)
+{
+    return r->settings.msaa;
+}
+
+uint32_t pell_renderer_seed(const struct pell_renderer *r)
+{
+    const uint64_t seed = (uint64_t) r->settings.seed;
+    return (uint32_t) (seed ^ seed >> 32);
+}
+
+/* Of a frame's light, all that does not hang on the sample. */
+static struct pell_irradiance_params light_params(const struct pell_renderer *r, float mix)
+{
+    return (struct pell_irradiance_params) {
+        .rays = r->rays,
+        .scene = r->scene,
+        .surface = &r->surface,
+        .tables = r->tables,
+        .mix = mix,
+        .smooth = r->settings.boundary == PELL_BOUNDARY_SMOOTH,
+        .seed = pell_renderer_seed(r),
+    };
+}
+
+void pell_renderer_light(const struct pell_renderer *r, const struct pell_points *points, float mix, float spacing, uint32_t first,
+                         int samples, struct pell_points_light *out)
+{
+    struct pell_irradiance_params p = light_params(r, mix);
+
+    p.sample = first;
+    pell_irradiance_points(r->lights, &p, points, spacing, samples, out);
+}
+
+bool pell_renderer_lends_scene(const struct pell_renderer *r, const struct pell_frame *shape)
+{
+    return r->scene && r->lights && r->sized && shape->materials == r->frame_materials;
+}
+
 enum pell_engine pell_renderer_engine(const struct pell_renderer *r)
 {
     (void) r;
@@ -439,8 +493,11 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         pell_pass_destroy(&r->pass);
     if (!same_size)
         drop_size(r);
-    if (!same_lights)
+    if (!same_lights) {
         pell_lights_destroy(&r->lights);
+        if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_SCENE)) /* it keeps what they lit */
+            pell_pass_destroy(&r->pass);
+    }
     if (old->profile != s->profile) {
         pell_pass_destroy(&r->pass);
         r->profiled = false;
@@ -674,18 +731,10 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
     unite(&r->translucent, &s->translucent);
 
     start = pell_seconds();
-    light = (struct pell_irradiance_params) {
-        .rays = r->rays,
-        .scene = r->scene,
-        .view = &view,
-        .surface = s,
-        .tables = r->tables,
-        .thickness = plan && (plan->needs & PELL_NEED_THROUGH) ? r->thickness : NULL,
-        .mix = plan ? plan->mix : -1.0f,
-        .smooth = settings->boundary == PELL_BOUNDARY_SMOOTH,
-        .sample = (uint32_t) sample,
-        .seed = (uint32_t) ((uint64_t) settings->seed ^ ((uint64_t) settings->seed >> 32)),
-    };
+    light = light_params(r, plan ? plan->mix : -1.0f);
+    light.view = &view;
+    light.thickness = plan && (plan->needs & PELL_NEED_THROUGH) ? r->thickness : NULL;
+    light.sample = (uint32_t) sample;
     PELL_TRY(pell_irradiance_render(r->pool, r->lights, &light, &r->lighting));
     note(r, "irradiance", pell_seconds() - start, s->covered_pixels, r->lighting.shadow_rays, s->covered_pixels * 108);
 

@@ -6,13 +6,33 @@
 #define PELL_RENDERER_H
 
 #include "base/pool.h"
+#include "render/body.h"
+#include "render/irradiance/irradiance.h"
 
+#include <pellucid/method.h>
 #include <pellucid/render.h>
 
 struct pell_context *pell_renderer_context(struct pell_renderer *r);
 struct pell_pool *pell_renderer_pool(struct pell_renderer *r);
 const struct pell_scene *pell_renderer_scene(const struct pell_renderer *r); /* NULL: none */
 bool pell_renderer_scatters(const struct pell_renderer *r);                 /* a method is set */
+
+/* --- For methods whose plan has PELL_NEED_SCENE: from `create` of their engine on, while the pass lives ----------------------------- */
+
+const struct pell_rays *pell_renderer_rays(const struct pell_renderer *r);
+/* The scene's bodies over the frame's materials. pell_bodies_destroy when done. */
+PELL_NODISCARD enum pell_result pell_renderer_bodies(const struct pell_renderer *r, struct pell_bodies **out);
+/* Numbers of the multisample in a frame: as many sets of light samples. */
+int pell_renderer_samples(const struct pell_renderer *r);
+uint32_t pell_renderer_seed(const struct pell_renderer *r);
+/* Whether this shape is of the frame that the renderer is about to make, so that all of these hold. */
+bool pell_renderer_lends_scene(const struct pell_renderer *r, const struct pell_frame *shape);
+/* The running method's pass; NULL before the first frame. */
+const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r);
+/* Light that enters at 16 points of the scene: see pell_irradiance_points, `first` and `samples` its numbers of the multisample. `mix` as
+ * in struct pell_plan. Safe from many threads. */
+void pell_renderer_light(const struct pell_renderer *r, const struct pell_points *points, float mix, float spacing, uint32_t first,
+                         int samples, struct pell_points_light *out);
 
 /* Traces the last frame's rays from the eye once more and does nothing with them (see pell_surface_trace_bare); 0 before the first
  * frame. */

@@ -28,6 +28,7 @@ struct job {
     const struct pell_shade_kernels *kernels;
     struct pell_shade_tables tables;
     struct pell_lighting *out;
+    bool entering; /* only what enters is asked for: no highlights */
     struct pell_rect rect; /* whole tiles */
     int columns;
     _Atomic int64_t rays;
@@ -153,25 +154,17 @@ struct pixels {
     int count;
 };
 
-/* Fills the packet from a tile's pixels; lanes over `count` repeat the first one. */
-static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const struct pixels *pixels, int first)
+/* Fills the lanes of a packet that has its count, indices and materials; (x, y) name the patterns of samples. */
+static void load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *place)
 {
     const struct pell_surface *s = job->p->surface;
     const struct pell_material *some[PELL_LANES];
-    struct pell_lane_source source = { job->p->view, s, job->p->seed, NULL, NULL };
-    const int32_t stride = (int32_t) s->stride, count = pixels->count - first < PELL_LANES ? pixels->count - first : PELL_LANES;
-    _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES];
+    struct pell_lane_source source = { .view = job->p->view, .surface = s, .seed = job->p->seed, .place = place };
     uint32_t differ = 0;
 
-    k->count = count;
     for (int i = 0; i < PELL_LANES; i++) {
-        const int32_t pixel = pixels->at[first + i];
-        x[i] = x0 + pixel % TILE_W;
-        y[i] = y0 + pixel / TILE_W;
-        k->index[i] = y[i] * stride + x[i];
-        k->lanes.valid[i] = -(int32_t) (i < count);
-        k->material[i] = pixels->material[first + i] - 1u;
-        differ |= (uint32_t) pixels->material[first + i] ^ pixels->material[first];
+        k->lanes.valid[i] = -(int32_t) (i < k->count);
+        differ |= k->material[i] ^ k->material[0];
     }
     k->single = !differ;
     set_materials(job, k);
@@ -190,8 +183,25 @@ static void fill_packet(const struct job *job, struct packet *k, int x0, int y0,
     color_entering(job, k);
     if (s->any_emissive)
         for (int c = 0; c < 3; c++)
-            for (int i = 0; i < count; i++)
+            for (int i = 0; i < k->count; i++)
                 k->sums.specular[c][i] = s->emissive[c][k->index[i]];
+}
+
+/* Fills the packet from a tile's pixels; lanes over `count` repeat the first one. */
+static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const struct pixels *pixels, int first)
+{
+    const int32_t stride = (int32_t) job->p->surface->stride;
+    _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES];
+
+    k->count = pixels->count - first < PELL_LANES ? pixels->count - first : PELL_LANES;
+    for (int i = 0; i < PELL_LANES; i++) {
+        const int32_t pixel = pixels->at[first + i];
+        x[i] = x0 + pixel % TILE_W;
+        y[i] = y0 + pixel / TILE_W;
+        k->index[i] = y[i] * stride + x[i];
+        k->material[i] = pixels->material[first + i] - 1u;
+    }
+    load_packet(job, k, x, y, NULL);
 }
 
 /* --- Rays --------------------------------------------------------------------------------------------------------------------- */
@@ -502,7 +512,7 @@ static void shine(const struct job *job, const struct pell_lamp *lamp, struct pa
         if (k->aim.any_front) {
             job->kernels->shadow_rays(lamp, &k->lanes, &k->aim, &rays);
             trace_occlusion(job, k, k->aim.front, &rays, visible);
-            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, lamp->environment < 0, front);
+            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, lamp->environment < 0 && !job->entering, front);
         }
         if (lamp->environment >= 0 && !lamp->compact)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
@@ -626,7 +636,8 @@ static void environments(const struct job *job, struct packet *k)
             for (int c = 0; c < 3; c++)
                 k->sums.irradiance[c][i] += max0(sums.irradiance[c][i] + k->ambient[i] * (rgb[c] - sums.unshadowed[c][i]));
         }
-        add_reflection(job, k, &lights->environments[e]);
+        if (!job->entering)
+            add_reflection(job, k, &lights->environments[e]);
     }
     if (l->any_deep)
         rest_from_behind(job, k);
@@ -703,6 +714,43 @@ static void shade_tile(void *arg, int tile, int worker)
         shade_packet(job, &k);
     }
     atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);
+}
+
+void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const float *const place[3],
+                        const uint32_t number[PELL_LANES], struct pell_lighting *out)
+{
+    const struct pell_specular_tables *t = params->tables;
+    const struct job job = {
+        .p = params,
+        .lights = lights,
+        .kernels = pell_shade_kernels_tables[pell_simd_best()],
+        .tables = { &t->albedo[0][0][0][0], t->boundaries[0].transmittance },
+        .out = out,
+        .entering = true,
+    };
+    const uint16_t *material = params->surface->material;
+    _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES] = { 0 };
+    struct packet k;
+
+    k.rays = 0;
+    k.count = 0;
+    for (int i = 0; i < PELL_LANES; i++) {
+        if (!material[i])
+            continue;
+        x[k.count] = (int32_t) number[i];
+        k.material[k.count] = material[i] - 1u;
+        k.index[k.count++] = i;
+    }
+    if (k.count == 0)
+        return;
+    for (int i = k.count; i < PELL_LANES; i++) { /* lanes over repeat the first one */
+        x[i] = x[0];
+        k.material[i] = k.material[0];
+        k.index[i] = k.index[0];
+    }
+    load_packet(&job, &k, x, y, place);
+    shade_packet(&job, &k);
+    out->shadow_rays = k.rays;
 }
 
 enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_lights *lights, const struct pell_irradiance_params *params,

@@ -93,6 +93,13 @@ PELL_NODISCARD enum pell_result pell_lights_add_lamp(struct pell_lights *lights,
 /* True if some mesh of `object` has `material`. */
 bool pell_lights_part(const struct pell_lights *lights, int object, int material);
 
+/* --- irradiance.c ------------------------------------------------------------------------------------------------------------- */
+
+/* The light of up to 16 points in space: params->surface has 4 x 4 pixels with a stride of 4 and is as pell_surface_look leaves it, with
+ * material 0 where no point is; `place` mm. Fills out->irradiance where a point is; its other planes hold anything then. */
+void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const float *const place[3],
+                        const uint32_t number[PELL_LANES], struct pell_lighting *out);
+
 /* --- Sample patterns: Sobol's first two dimensions, digits scrambled per pixel by XOR (Kollig and Keller 2002) ---------------- */
 
 static inline uint32_t pell_hash(uint32_t x)

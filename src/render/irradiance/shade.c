@@ -313,6 +313,26 @@ static void load_place(const struct pell_lane_source *source, const float *restr
     }
 }
 
+/* The same for points that no eye sees. */
+static void load_points(const struct pell_lane_source *source, const float *restrict depth, const int32_t *restrict index,
+                        const int32_t *restrict x, const int32_t *restrict y, struct pell_lanes *restrict p)
+{
+    const uint32_t seed = pell_hash(source->seed);
+
+    for (int i = 0; i < N; i++) {
+        const uint32_t hash = pell_hash((uint32_t) x[i] ^ pell_hash((uint32_t) y[i] ^ seed));
+        p->px[i] = source->place[0][index[i]];
+        p->py[i] = source->place[1][index[i]];
+        p->pz[i] = source->place[2][index[i]];
+        p->vx[i] = p->gx[i];
+        p->vy[i] = p->gy[i];
+        p->vz[i] = p->gz[i];
+        p->epsilon[i] = 6e-6f * depth[i];
+        p->hash[0][i] = pell_hash(hash ^ 0x68bc21ebu);
+        p->hash[1][i] = pell_hash(hash ^ 0x02e5be93u);
+    }
+}
+
 static void load_roughness(struct pell_lanes *restrict p)
 {
     for (int i = 0; i < N; i++) {
@@ -399,7 +419,10 @@ static void load(const struct pell_lane_source *source, const int32_t *index, co
         load_some(source->some, base, metallic, p);
         load_material((const float(*)[N]) base, metallic, p);
     }
-    load_place(source, depth, x, y, p);
+    if (source->place)
+        load_points(source, depth, index, x, y, p);
+    else
+        load_place(source, depth, x, y, p);
     load_roughness(p);
     for (int i = 0; i < N; i++) {
         const float gn = p->gx[i] * p->nx[i] + p->gy[i] * p->ny[i] + p->gz[i] * p->nz[i];

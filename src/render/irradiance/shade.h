@@ -54,6 +54,8 @@ struct pell_lane_source {
     const struct pell_surface *surface;
     uint32_t seed;
     const struct pell_material *plain; /* of all lanes where it is translucent, no metal and even (surface.h); else NULL */
+    const float *const *place; /* points in space, mm: lane i is at place[k][index[i]] and seen from along its geometric normal; `depth` is
+                                * then the largest coordinate that it was made of. NULL: the view and the depth say where lanes are */
     const struct pell_material *const *some; /* else: of each lane that is plain, whose planes may hold anything; NULL: none is */
 };
 

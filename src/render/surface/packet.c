@@ -585,5 +585,12 @@ static void trace_band(const struct surface_job *job, int number)
     job->bands[number] = band;
 }
 
+static void look(const struct surface_job *job, const struct pell_ray_hit16 *packet, uint32_t hits)
+{
+    struct surface_band band = { .covered = { INT_MAX, INT_MAX, 0, 0 }, .translucent = { INT_MAX, INT_MAX, 0, 0 } };
+
+    see(job, 0, 0, SURFACE_PACKET_SIDE, packet, hits, &band);
+}
+
 extern const struct pell_surface_kernels PELL_SIMD(pell_surface_kernels);
-const struct pell_surface_kernels PELL_SIMD(pell_surface_kernels) = { trace_band };
+const struct pell_surface_kernels PELL_SIMD(pell_surface_kernels) = { trace_band, look };

@@ -29,6 +29,9 @@ struct surface_job {
 
 struct pell_surface_kernels {
     void (*band)(const struct surface_job *job, int band);
+    /* What 16 hits look like (bits of `hits`: which), into the pixels of job->out, which is 4 x 4 with a stride of 4. The viewer is where
+     * packet->ray comes from. */
+    void (*look)(const struct surface_job *job, const struct pell_ray_hit16 *packet, uint32_t hits);
 };
 
 #endif

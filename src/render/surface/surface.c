@@ -131,6 +131,22 @@ double pell_surface_trace_bare(struct pell_pool *pool, const struct pell_rays *r
     return pell_seconds() - start;
 }
 
+void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing,
+                       const struct pell_ray_hit16 *packet, uint32_t hits, struct pell_surface *out)
+{
+    const struct scratch *scratch = like->scratch;
+    const struct pell_view view = { .width = SURFACE_PACKET_SIDE, .height = SURFACE_PACKET_SIDE, .orthographic = true,
+                                    .focal_px = 1.0f / spacing };
+    const struct surface_job job = { .scene = scene, .view = &view, .out = out, .decode = &scratch->decode };
+
+    out->width = out->height = SURFACE_PACKET_SIDE;
+    out->stride = SURFACE_PACKET_SIDE;
+    out->mips = like->mips;
+    out->lean = like->lean;
+    out->any_emissive = false;
+    scratch->kernels->look(&job, packet, hits);
+}
+
 enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                      const struct pell_view *view, struct pell_surface *surface)
 {

@@ -74,6 +74,12 @@ void pell_surface_finish(struct pell_context *ctx, struct pell_surface *surface)
 PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                                     const struct pell_view *view, struct pell_surface *surface);
 
+/* The surface at 16 hits that no pixel need see, as if seen along packet->ray from pixels of `spacing` mm: bits of `hits` say which count.
+ * `out` is a surface of 4 x 4 pixels with a stride of 4 whose planes are the caller's; mips, tables and `lean` are those of `like`, which
+ * was allocated. No emission. Allocates nothing; safe from many threads. */
+void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing,
+                       const struct pell_ray_hit16 *packet, uint32_t hits, struct pell_surface *out);
+
 /* Traces the same rays in the same packets and looks at no hit: what is left is the ray library, to compare the stage with. Leaves the
  * planes alone. Returns seconds. */
 double pell_surface_trace_bare(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,

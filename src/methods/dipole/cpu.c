@@ -1,0 +1,513 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cpu.c - M(x) = Int_S R(|x - y|) E(y) dA(y), pixel by pixel, with as many samples as its standard error asks for.
+ *
+ * Two ways to find y, both counted per area of the surface:
+ *
+ * - area: uniform over the whole body, p = 1/area.
+ * - probes (King et al. 2013): an axis a (the normal half of the time, each tangent a quarter), a channel, a radius r as that channel's R
+ *   is spread, an angle; then every surface that the line along a at that place meets within a sphere about x is a y. Each y is found by
+ *   any axis and channel, so p = Sum_a P_a |n_y . a| Sum_c P_c p_c(distance of y from the axis a through x).
+ *
+ * The balance heuristic (Veach and Guibas 1995) over both: every y that either finds adds R E / (N_probes p_probes + N_area p_area).
+ *
+ * Samples come in rounds, each a randomly shifted rank-1 lattice, so rounds are independent and their spread is an honest standard error,
+ * while the points inside a round are even. A round's randomness is a hash of the point's place and of the renderer's seed.
+ */
+#include "methods/dipole/dipole.h"
+
+#include "math/vec.h"
+#include "render/renderer.h"
+
+#include <string.h>
+
+enum {
+    PROBES = 16,  /* a round, where probes are used at all */
+    AREAS = 4,    /* a round, beside probes */
+    TOGETHER = 4, /* rounds, so that packets of points are full */
+    PILOT = 16,   /* rounds that say how many are needed */
+    LEAST = 16,   /* rounds of a pixel */
+    DARK = 128,   /* rounds where the pilot found no light */
+    HITS = 64,    /* surfaces along a probe; a line that meets more is cut */
+    POINTS = 64,  /* kept until they are lit */
+    BATCH = 16,   /* rows between two reports of progress */
+};
+
+struct body {
+    const struct pell_profile *profile;
+    double scale[3]; /* of R: 1, or white */
+    struct dipole_radii radii;
+    double spacing; /* mm, of textures */
+};
+
+/* One a worker. */
+struct counts {
+    _Alignas(64) int64_t pixels, samples, cut, over; /* over: pixels that stopped at the cap */
+};
+
+struct dipole_state {
+    struct pell_renderer *r; /* borrowed */
+    struct pell_context *ctx;
+    struct dipole_knobs knobs;
+    struct pell_bodies *bodies;
+    struct body *body; /* of each */
+    struct counts *counts;
+    float *noise[3]; /* planes of the frame's stride */
+    struct pell_pass_time time;
+};
+
+/* What is found for a pixel, by rounds. */
+struct pixel {
+    const struct dipole_state *st;
+    const struct pell_body *surface;
+    const struct body *body;
+    int32_t number; /* of the body */
+    struct pell_vec3 at, axis[3];
+    double strength;
+    double near_probes, near_areas; /* samples of each way in a round */
+    uint32_t seed;
+    double sum[TOGETHER][3];
+    struct pell_points points[POINTS / 16 + 1];
+    uint8_t round[POINTS + 16];
+    int count;
+    struct counts *counts;
+};
+
+static uint32_t hash(uint32_t x)
+{
+    x ^= x >> 16;
+    x *= 0x7feb352du;
+    x ^= x >> 15;
+    x *= 0x846ca68bu;
+    return x ^ x >> 16;
+}
+
+static double unit(uint32_t x)
+{
+    return (double) x * (1.0 / 4294967296.0);
+}
+
+/* Number `index` of a round's lattice in dimension `d`: multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1), shifted. */
+static double lattice(uint32_t round_seed, uint32_t d, uint32_t index)
+{
+    static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
+    return unit(hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
+}
+
+/* --- What points are worth -------------------------------------------------------------------------------------------------------- */
+
+/* Samples per mm^2 that a round sends to y, by both ways. */
+static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec3 n)
+{
+    static const double share[3] = { 0.25, 0.25, 0.5 };
+    const struct dipole_radii *radii = &p->body->radii;
+    const struct pell_vec3 to = vec3_sub(y, p->at);
+    const double s2 = p->strength * p->strength, d2 = (double) vec3_dot(to, to) / s2;
+    double sum = p->near_areas / p->surface->area;
+
+    if (p->near_probes == 0.0 || d2 >= radii->largest * radii->largest)
+        return sum;
+    for (int a = 0; a < 3; a++) {
+        const double along = (double) vec3_dot(to, p->axis[a]), facing = fabs((double) vec3_dot(n, p->axis[a]));
+        const double r2 = fmax(d2 - along * along / s2, 0.0);
+        double of_radius = 0.0;
+        for (int c = 0; c < 3; c++)
+            of_radius += dipole_radii_density(radii, c, r2);
+        sum += p->near_probes * share[a] * facing * of_radius / (s2 * radii->channels);
+    }
+    return sum;
+}
+
+/* Lights the points that wait and adds what they bring to their rounds. */
+static void settle(struct pixel *p)
+{
+    for (int first = 0; first < p->count; first += 16) {
+        struct pell_points *points = &p->points[first / 16];
+        struct pell_points_light light;
+        for (int i = p->count - first; i < 16; i++)
+            points->mesh[i] = PELL_NO_HIT;
+        pell_renderer_light(p->st->r, points, -1.0f, (float) p->body->spacing, 0, 1, &light);
+        for (int i = 0; i < 16 && first + i < p->count; i++) {
+            const struct pell_vec3 y = vec3(light.position[0][i], light.position[1][i], light.position[2][i]);
+            const struct pell_vec3 n = vec3(light.normal[0][i], light.normal[1][i], light.normal[2][i]), to = vec3_sub(y, p->at);
+            double r, samples;
+            if (!light.there[i] || !(light.irradiance[0][i] + light.irradiance[1][i] + light.irradiance[2][i] > 0.0f))
+                continue;
+            samples = density(p, y, n);
+            r = sqrt((double) vec3_dot(to, to)) / p->strength;
+            for (int c = 0; samples > 0.0 && c < 3; c++)
+                p->sum[p->round[first + i]][c] += p->body->scale[c] * pell_profile_eval(&p->body->profile[c], fmax(r, 1e-9)) *
+                                                  (double) light.irradiance[c][i] / (samples * p->strength * p->strength);
+        }
+    }
+    p->count = 0;
+}
+
+static void add_point(struct pixel *p, int round, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t number)
+{
+    struct pell_points *points = &p->points[p->count / 16];
+    const int i = p->count % 16;
+
+    points->mesh[i] = mesh;
+    points->triangle[i] = triangle;
+    points->u[i] = u;
+    points->v[i] = v;
+    points->number[i] = number;
+    p->round[p->count++] = (uint8_t) round;
+    if (p->count == POINTS)
+        settle(p);
+}
+
+/* --- Finding points ------------------------------------------------------------------------------------------------------------------ */
+
+static void send_probes(struct pixel *p, int round, uint32_t seed)
+{
+    const struct dipole_radii *radii = &p->body->radii;
+    const double reach = radii->largest * p->strength;
+    _Alignas(64) int open[16];
+    struct pell_ray_hit16 r;
+    float end[16];
+    int left = 16;
+
+    memset(&r, 0, sizeof(r));
+    for (int i = 0; i < PROBES; i++) {
+        const double xi = lattice(seed, 0, (uint32_t) i), part = xi < 0.5 ? 2.0 * xi : xi < 0.75 ? 4.0 * xi - 2.0 : 4.0 * xi - 3.0;
+        const int a = xi < 0.5 ? 2 : xi < 0.75 ? 0 : 1;
+        const struct pell_vec3 axis = p->axis[a], s = p->axis[(a + 1) % 3], t = p->axis[(a + 2) % 3];
+        const double phi = 2.0 * PELL_PI * lattice(seed, 2, (uint32_t) i);
+        int pick = (int) (part * radii->channels), channel = 0;
+        double radius, half;
+        struct pell_vec3 o;
+        for (; channel < 2 && (!radii->lit[channel] || pick > 0); channel++)
+            pick -= radii->lit[channel];
+        radius = dipole_radii_draw(radii, channel, lattice(seed, 1, (uint32_t) i)) * p->strength;
+        half = sqrt(fmax(reach * reach - radius * radius, 0.0));
+        o = vec3_mad(vec3_mad(p->at, (float) (radius * cos(phi)), s), (float) (radius * sin(phi)), t);
+        o = vec3_mad(o, (float) half, axis);
+        r.ray.ox[i] = o.x;
+        r.ray.oy[i] = o.y;
+        r.ray.oz[i] = o.z;
+        r.ray.dx[i] = -axis.x;
+        r.ray.dy[i] = -axis.y;
+        r.ray.dz[i] = -axis.z;
+        r.ray.tfar[i] = end[i] = (float) (2.0 * half);
+        r.ray.mask[i] = PELL_RAY_TRANSLUCENT;
+        open[i] = -1;
+    }
+    for (int k = 0; left > 0; k++) {
+        pell_rays_closest16(pell_renderer_rays(p->st->r), open, false, &r);
+        left = 0;
+        for (int i = 0; i < PROBES; i++) {
+            if (!open[i])
+                continue;
+            open[i] = r.hit.mesh[i] != PELL_NO_HIT ? -1 : 0;
+            if (!open[i])
+                continue;
+            if (p->st->bodies->of_mesh[r.hit.mesh[i]] == p->number)
+                add_point(p, round, r.hit.mesh[i], r.hit.triangle[i], r.hit.u[i], r.hit.v[i], hash(seed ^ (uint32_t) (i + 64 * k)));
+            r.ray.tnear[i] = r.ray.tfar[i] * (1.0f + 2e-6f) + 1e-6f * (float) reach;
+            r.ray.tfar[i] = end[i];
+            if (k + 1 == HITS || !(r.ray.tnear[i] < end[i])) {
+                p->counts->cut += k + 1 == HITS;
+                open[i] = 0;
+            }
+            left += open[i] != 0;
+        }
+    }
+}
+
+static void spread_areas(struct pixel *p, int round, uint32_t seed, int count)
+{
+    for (int i = 0; i < count; i++) {
+        const double area = lattice(seed, 3, (uint32_t) i) * p->surface->area;
+        double f;
+        float u, v;
+        const struct pell_body_triangle at = pell_body_at(p->surface, area, &f);
+        /* The place inside the triangle has numbers of its own: the fraction that is left of the first has few digits. */
+        pell_triangle_point((float) lattice(seed, 4, (uint32_t) i), (float) lattice(seed, 5, (uint32_t) i), &u, &v);
+        add_point(p, round, at.mesh, at.triangle, u, v, hash(seed ^ 0x51ed270bu ^ (uint32_t) i));
+    }
+}
+
+/* --- A pixel -------------------------------------------------------------------------------------------------------------------- */
+
+/* Sums over rounds. */
+struct sums {
+    double sum[3], square[3];
+    int64_t rounds;
+};
+
+static void run_rounds(struct pixel *p, uint32_t first, int64_t count, struct sums *s)
+{
+    memset(s, 0, sizeof(*s));
+    while (s->rounds < count && !((s->rounds & 255) == 0 && pell_cancelled(p->st->ctx))) {
+        memset(p->sum, 0, sizeof(p->sum));
+        for (int i = 0; i < TOGETHER; i++) {
+            const uint32_t seed = hash(p->seed ^ hash(first + (uint32_t) s->rounds + (uint32_t) i));
+            if (p->near_probes > 0.0)
+                send_probes(p, i, seed);
+            spread_areas(p, i, seed, (int) p->near_areas);
+        }
+        settle(p);
+        for (int i = 0; i < TOGETHER; i++)
+            for (int c = 0; c < 3; c++) {
+                s->sum[c] += p->sum[i][c];
+                s->square[c] += p->sum[i][c] * p->sum[i][c];
+            }
+        s->rounds += TOGETHER;
+    }
+}
+
+/* The channels' means and their standard errors. */
+static void measure(const struct sums *s, double mean[3], double spread[3])
+{
+    const double n = (double) s->rounds;
+
+    for (int c = 0; c < 3; c++) {
+        mean[c] = n > 0.0 ? s->sum[c] / n : 0.0;
+        spread[c] = n > 1.0 ? sqrt(fmax(s->square[c] / n - mean[c] * mean[c], 0.0) / (n - 1.0)) : 0.0;
+    }
+}
+
+/* How many rounds make the error small enough, as the pilot's say. */
+static double rounds_needed(const struct sums *pilot, double error)
+{
+    double mean[3], spread[3], largest, n = LEAST;
+
+    measure(pilot, mean, spread);
+    largest = fmax(mean[0], fmax(mean[1], mean[2]));
+    for (int c = 0; largest > 0.0 && c < 3; c++) {
+        const double ratio = spread[c] / (error * fmax(mean[c], 1e-3 * largest));
+        n = fmax(n, (double) pilot->rounds * ratio * ratio);
+    }
+    return largest > 0.0 ? n : DARK;
+}
+
+static void estimate(struct pixel *p, const float own[3], float out[3], float noise[3])
+{
+    const struct dipole_knobs *k = &p->st->knobs;
+    const int a_round = (int) (p->near_probes + p->near_areas);
+    const double most = fmax((double) k->most / a_round, LEAST);
+    double mean[3], spread[3], needed;
+    struct sums pilot, s;
+
+    if (p->body->radii.channels == 0 || !(p->strength > 1.0 / 1024.0)) {
+        for (int c = 0; c < 3; c++) {
+            out[c] = (float) (p->body->scale[c] * pell_profile_total(&p->body->profile[c]) * (double) own[c]);
+            noise[c] = 0.0f;
+        }
+        return;
+    }
+    /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
+    run_rounds(p, 0, PILOT, &pilot);
+    needed = rounds_needed(&pilot, (double) k->error);
+    run_rounds(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
+    measure(&s, mean, spread);
+    for (int c = 0; c < 3; c++) {
+        out[c] = (float) mean[c];
+        noise[c] = (float) spread[c];
+    }
+    p->counts->pixels++;
+    p->counts->samples += (pilot.rounds + s.rounds) * a_round;
+    p->counts->over += needed > most;
+}
+
+/* --- A frame -------------------------------------------------------------------------------------------------------------------- */
+
+struct frame_task {
+    const struct dipole_state *st;
+    const struct pell_frame *in;
+    const struct pell_frame_light *out;
+    int first; /* row */
+};
+
+static uint32_t place_seed(struct pell_vec3 at, uint32_t seed)
+{
+    uint32_t b[3];
+
+    memcpy(b, &at, sizeof(b));
+    return hash(b[0] ^ hash(b[1] ^ hash(b[2] ^ hash(seed))));
+}
+
+static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, struct pell_vec3 normal, int32_t body, float strength,
+                        struct pixel *p)
+{
+    const int sampling = st->knobs.sampling;
+
+    p->st = st;
+    p->surface = &st->bodies->bodies[body];
+    p->body = &st->body[body];
+    p->number = body;
+    p->at = at;
+    p->axis[2] = vec3_normalize(normal);
+    vec3_basis(p->axis[2], &p->axis[0], &p->axis[1]);
+    p->strength = fmin((double) strength, 1.0);
+    p->near_probes = sampling == DI_AREA ? 0.0 : PROBES;
+    p->near_areas = sampling == DI_AREA ? PROBES : sampling == DI_BOTH ? AREAS : 0.0;
+    p->seed = place_seed(at, pell_renderer_seed(st->r));
+    p->count = 0;
+}
+
+static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, struct counts *counts)
+{
+    const struct pell_frame *in = t->in;
+    float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
+    size_t material[16] = { 0 };
+    int valid[16] = { 0 };
+    int32_t body[16];
+    struct pixel p;
+
+    for (int i = 0; i < count; i++) {
+        valid[i] = -1;
+        depth[i] = in->depth[at[i]];
+        material[i] = in->material[at[i]] - 1u;
+        for (int k = 0; k < 3; k++) {
+            position[k][i] = in->position[k][at[i]];
+            normal[k][i] = in->normal[k][at[i]];
+        }
+    }
+    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), valid, (const float(*)[16]) position, (const float(*)[16]) normal, depth,
+                     material, body);
+    p.counts = counts;
+    for (int i = 0; i < count && !pell_cancelled(t->st->ctx); i++) {
+        const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
+        float light[3] = { 0 }, noise[3] = { 0 };
+        if (body[i] >= 0 && t->st->bodies->bodies[body[i]].num_triangles > 0) {
+            start_pixel(t->st, vec3(position[0][i], position[1][i], position[2][i]), vec3(normal[0][i], normal[1][i], normal[2][i]),
+                        body[i], t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, &p);
+            estimate(&p, own, light, noise);
+        }
+        for (int c = 0; c < 3; c++) {
+            t->out->light[c][at[i]] = light[c];
+            t->st->noise[c][at[i]] = noise[c];
+        }
+    }
+}
+
+static void do_row(void *arg, int index, int worker)
+{
+    const struct frame_task *t = arg;
+    const struct pell_rect r = t->in->rect;
+    const ptrdiff_t row = (r.y0 + t->first + index) * t->in->stride;
+    ptrdiff_t at[16];
+    int n = 0;
+
+    for (int x = r.x0; x < r.x1; x++) {
+        if (!t->in->material[row + x])
+            continue;
+        at[n++] = row + x;
+        if (n == 16) {
+            do16(t, at, n, &t->st->counts[worker]);
+            n = 0;
+        }
+    }
+    if (n > 0)
+        do16(t, at, n, &t->st->counts[worker]);
+}
+
+static enum pell_result dipole_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    struct dipole_state *st = state;
+    struct frame_task t = { st, in, out, 0 };
+    struct counts sum = { 0 };
+    const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(pell_renderer_pool(st->r));
+    const double start = pell_seconds();
+
+    memset(st->noise[0], 0, 3 * (size_t) in->stride * (size_t) in->height * sizeof(float));
+    memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
+    for (t.first = 0; t.first < rows; t.first += BATCH) {
+        pell_pool_run(pell_renderer_pool(st->r), rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
+        if (pell_cancelled(st->ctx))
+            return PELL_ERR_CANCELLED;
+        pell_progress(st->ctx, "dipole", fmin(1.0, (double) (t.first + BATCH) / rows));
+    }
+    for (int i = 0; i < threads; i++) {
+        sum.pixels += st->counts[i].pixels;
+        sum.samples += st->counts[i].samples;
+        sum.cut += st->counts[i].cut;
+        sum.over += st->counts[i].over;
+    }
+    st->time = (struct pell_pass_time){ "dipole.sample", pell_seconds() - start, sum.pixels, sum.pixels * 52 };
+    if (sum.pixels > 0)
+        pell_info(st->ctx, "dipole", "%.0f samples per pixel; %.2f %% of the pixels stopped at the knob most",
+                  (double) sum.samples / (double) sum.pixels, 100.0 * (double) sum.over / (double) sum.pixels);
+    if (sum.cut > 0)
+        pell_warn(st->ctx, "dipole", NULL, "%lld probe rays met more than %d surfaces: light of those beyond is missing",
+                  (long long) sum.cut, HITS);
+    return PELL_OK;
+}
+
+static void dipole_destroy(void *state)
+{
+    struct dipole_state *st = state;
+
+    if (!st)
+        return;
+    pell_free(st->ctx, st->noise[0]);
+    pell_free(st->ctx, st->counts);
+    pell_free(st->ctx, st->body);
+    pell_bodies_destroy(&st->bodies);
+    pell_free(st->ctx, st);
+}
+
+static enum pell_result dipole_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+{
+    struct pell_context *ctx = pell_renderer_context(r);
+    const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
+    struct dipole_state *st = pell_zalloc(ctx, sizeof(*st));
+    enum pell_result res;
+
+    *state = st;
+    if (!st)
+        return PELL_ERR_NOMEM;
+    st->r = r;
+    st->ctx = ctx;
+    st->knobs = *(const struct dipole_knobs *) knobs;
+    PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+    res = PELL_ERR_NOMEM;
+    st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
+    st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(pell_renderer_pool(r)), sizeof(*st->counts));
+    st->noise[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
+    if (!st->body || !st->counts || !st->noise[0])
+        goto fail;
+    st->noise[1] = st->noise[0] + pixels;
+    st->noise[2] = st->noise[1] + pixels;
+    for (size_t i = 0; i < st->bodies->count; i++) {
+        const struct pell_frame_material *m = &shape->materials[st->bodies->bodies[i].material];
+        struct body *b = &st->body[i];
+        b->profile = m->profile;
+        dipole_radii_make(m, &b->radii);
+        b->spacing = 0.05 * fmax(b->radii.largest, 1e-6);
+        for (int c = 0; c < 3; c++) {
+            const double total = pell_profile_total(&m->profile[c]);
+            b->scale[c] = !m->white ? 1.0 : total > 0.0 ? 1.0 / total : 0.0;
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static size_t dipole_times(const void *state, struct pell_pass_time *times, size_t size)
+{
+    const struct dipole_state *st = state;
+
+    if (size < 1 || !st->time.name)
+        return 0;
+    times[0] = st->time;
+    return 1;
+}
+
+static bool dipole_noise(const void *state, const float *planes[3])
+{
+    const struct dipole_state *st = state;
+
+    for (int c = 0; c < 3; c++)
+        planes[c] = st->noise[c];
+    return true;
+}
+
+const struct pell_method_engine pell_dipole_cpu = {
+    .create = dipole_create, .render = dipole_render, .destroy = dipole_destroy, .times = dipole_times, .noise = dipole_noise
+};

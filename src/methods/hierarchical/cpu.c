@@ -1,0 +1,441 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cpu.c - samples over each body's surface, light that enters at them, and the walk of a pixel through their octree.
+ *
+ * N = area / A samples, a Poisson disc set, stand for about A each (samples.c).
+ *
+ * A pixel at x, with r_i = |x - x_i| and the window w(r) = (1 - r^2/reach^2)^2:
+ *
+ *     M = Sum_i (1 - w(r_i)) R(r_i) E_i A + near,     near = W Sum_i w R E_i A / Sum_i w R A,    W = Int 2 pi r w(r) R(r) dr
+ *
+ * The first sum is smooth over the distance of samples, so samples do well; far ones are taken as clusters. `near` is a mean of the light
+ * around x, the pixel's own included, times what the window returns of even light: whether samples lie a little closer or not here does
+ * not matter. On a smooth surface W is right to the second order, on a sphere exactly: the area within a chord r is pi r^2. Where the
+ * samples in the window don't look like a smooth surface (creases, borders, sheets thinner than the window) the plain sum is taken;
+ * between the two it is blended.
+ */
+#include "methods/hierarchical/hierarchical.h"
+
+#include "math/vec.h"
+#include "render/renderer.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum {
+    CHUNK = 64, /* packets of points that a thread takes at a time */
+    LEAST_SAMPLES = 16384,
+    ROWS = 2,   /* of pixels that a thread takes at a time */
+    BATCH = 32, /* bands between two reports of progress */
+};
+#define REACH 2.0f /* of the near window, in distances of samples */
+
+struct body {
+    struct hierarchical_radial radial;
+    struct hierarchical_tree tree;
+    float cell, reach2, full; /* mm^2: mean of a sample, of the window, and Int w dA on a plane */
+};
+
+struct hierarchical_state {
+    struct pell_renderer *r; /* borrowed */
+    struct pell_context *ctx;
+    struct hierarchical_knobs knobs;
+    struct pell_bodies *bodies;
+    struct body *body; /* of each */
+    struct pell_pass_time time;
+};
+
+/* --- Samples -------------------------------------------------------------------------------------------------------------------- */
+
+struct light_task {
+    const struct hierarchical_state *st;
+    struct hierarchical_place *places;
+    struct hierarchical_sample *samples;
+    int32_t *there;
+    size_t count;
+    double step; /* mm^2 */
+};
+
+static void light_chunk(void *arg, int index, int worker)
+{
+    const struct light_task *t = arg;
+
+    (void) worker;
+    for (size_t first = (size_t) index * CHUNK * 16; first < ((size_t) index + 1) * CHUNK * 16 && first < t->count; first += 16) {
+        struct pell_points p;
+        struct pell_points_light light;
+        for (size_t i = 0; i < 16; i++) {
+            const size_t k = first + i;
+            p.mesh[i] = PELL_NO_HIT;
+            p.number[i] = (uint32_t) k;
+            if (k < t->count) {
+                p.mesh[i] = t->places[k].mesh;
+                p.triangle[i] = t->places[k].triangle;
+                p.u[i] = t->places[k].u;
+                p.v[i] = t->places[k].v;
+            }
+        }
+        pell_renderer_light(t->st->r, &p, -1.0f, (float) sqrt(t->step), 0, pell_renderer_samples(t->st->r), &light);
+        for (size_t i = 0; i < 16 && first + i < t->count; i++) {
+            struct hierarchical_sample *s = &t->samples[first + i];
+            t->there[first + i] = light.there[i];
+            s->area = t->places[first + i].area;
+            for (int c = 0; c < 3; c++) {
+                s->position[c] = light.position[c][i];
+                s->normal[c] = light.normal[c][i];
+                s->power[c] = light.irradiance[c][i] * t->places[first + i].area;
+            }
+        }
+    }
+}
+
+static enum pell_result sample_body(struct hierarchical_state *st, const struct pell_body *body, size_t count,
+                                    struct hierarchical_tree *tree)
+{
+    struct light_task t = { .st = st, .count = count, .step = body->area / (double) count };
+    const int chunks = (int) ((count + CHUNK * 16 - 1) / (CHUNK * 16));
+    size_t kept = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    PELL_TRY(hierarchical_places_make(st->ctx, pell_renderer_pool(st->r), pell_renderer_scene(st->r), body, count, &t.places));
+    res = PELL_ERR_NOMEM;
+    t.samples = pell_alloc_array(st->ctx, count, sizeof(*t.samples));
+    t.there = pell_alloc_array(st->ctx, count, sizeof(*t.there));
+    if (!t.samples || !t.there)
+        goto fail;
+    pell_pool_run(pell_renderer_pool(st->r), chunks, light_chunk, &t);
+    res = PELL_ERR_CANCELLED;
+    if (pell_cancelled(st->ctx))
+        goto fail;
+    for (size_t i = 0; i < count; i++)
+        if (t.there[i])
+            t.samples[kept++] = t.samples[i];
+    pell_free(st->ctx, t.there);
+    pell_free(st->ctx, t.places);
+    return hierarchical_tree_make(st->ctx, t.samples, kept, tree);
+
+fail:
+    pell_free(st->ctx, t.samples);
+    pell_free(st->ctx, t.there);
+    pell_free(st->ctx, t.places);
+    return res;
+}
+
+static enum pell_result make_body(struct hierarchical_state *st, const struct pell_frame *shape, size_t number, size_t count)
+{
+    const struct pell_body *from = &st->bodies->bodies[number];
+    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    struct body *b = &st->body[number];
+    double across = 0.0, distance, reach;
+    enum pell_result res;
+
+    for (int k = 0; k < 3; k++)
+        across += pow((double) scene->bounds_max[k] - (double) scene->bounds_min[k], 2.0);
+    distance = sqrt(from->area / (double) count);
+    across = fmax(sqrt(across), distance);
+    reach = (double) REACH * distance;
+    b->cell = (float) (distance * distance);
+    b->reach2 = (float) (reach * reach);
+    b->full = (float) (PELL_PI * reach * reach / 3.0);
+    PELL_TRY(hierarchical_radial_make(st->ctx, &shape->materials[from->material], distance / 8.0, 16.0 * across, reach,
+                                      distance / sqrt(PELL_PI), &b->radial));
+    PELL_TRY(sample_body(st, from, count, &b->tree));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static void hierarchical_destroy(void *state)
+{
+    struct hierarchical_state *st = state;
+
+    if (!st)
+        return;
+    for (size_t i = 0; st->body && i < st->bodies->count; i++) {
+        hierarchical_radial_finish(&st->body[i].radial);
+        hierarchical_tree_finish(&st->body[i].tree);
+    }
+    pell_free(st->ctx, st->body);
+    pell_bodies_destroy(&st->bodies);
+    pell_free(st->ctx, st);
+}
+
+static enum pell_result hierarchical_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+{
+    struct pell_context *ctx = pell_renderer_context(r);
+    struct hierarchical_state *st = pell_zalloc(ctx, sizeof(*st));
+    const double start = pell_seconds();
+    double wanted = 0.0, share;
+    size_t samples = 0, bytes = 0;
+    enum pell_result res;
+
+    *state = st;
+    if (!st)
+        return PELL_ERR_NOMEM;
+    st->r = r;
+    st->ctx = ctx;
+    st->knobs = *(const struct hierarchical_knobs *) knobs;
+    PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+    res = PELL_ERR_NOMEM;
+    st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
+    if (!st->body)
+        goto fail;
+    for (int pass = 0; pass < 2; pass++)
+        for (size_t i = 0; i < st->bodies->count; i++) {
+            const struct pell_body *b = &st->bodies->bodies[i];
+            const double length = hierarchical_radial_length(&shape->materials[b->material]);
+            const double n = fmax(b->area * (double) st->knobs.density / (PELL_PI * length * length), LEAST_SAMPLES);
+            if (b->num_triangles == 0)
+                continue;
+            if (pass == 0) {
+                wanted += n;
+                continue;
+            }
+            share = fmin(1.0, (double) st->knobs.most / wanted);
+            PELL_TRY(make_body(st, shape, i, (size_t) fmax(64.0, n * share)));
+            samples += st->body[i].tree.num_samples;
+            bytes += st->body[i].tree.num_samples * sizeof(struct hierarchical_sample) +
+                     st->body[i].tree.num_nodes * sizeof(struct hierarchical_node) +
+                     ((size_t) st->body[i].radial.count + 2) * sizeof(*st->body[i].radial.node);
+        }
+    if (wanted > (double) st->knobs.most)
+        pell_warn(ctx, "hierarchical", "raise the knob most, or lower density",
+                  "%.0f samples would be as dense as asked for, %d are taken: light on the scale of the mean free path is smoothed", wanted,
+                  st->knobs.most);
+    pell_info(ctx, "hierarchical", "%zu samples on %zu bodies, %.1f MB, made in %.3f s", samples, st->bodies->count, 1e-6 * (double) bytes,
+              pell_seconds() - start);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- A pixel -------------------------------------------------------------------------------------------------------------------- */
+
+/* R of all channels at a squared radius. */
+static inline void look_up(const struct hierarchical_radial *t, float r2, float out[4])
+{
+    uint32_t bits;
+    int at;
+    float f;
+    const float *a;
+
+    memcpy(&bits, &r2, sizeof(bits));
+    at = (int) (bits >> HI_SHIFT) - t->first;
+    f = (float) (bits & ((1u << HI_SHIFT) - 1)) * (1.0f / (float) (1u << HI_SHIFT));
+    if (at < 0) {
+        at = 0;
+        f = 0.0f;
+    }
+    if (at >= t->count) {
+        out[0] = out[1] = out[2] = out[3] = 0.0f;
+        return;
+    }
+    a = t->node[at];
+    for (int c = 0; c < 4; c++)
+        out[c] = a[c] + f * (a[c + 4] - a[c]);
+}
+
+struct near {
+    float light[4], weight[4];
+    float area, normal[3];
+};
+
+static inline float distance2(const float *a, const float *b)
+{
+    const float x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+    return x * x + y * y + z * z;
+}
+
+/* To the box of a node. */
+static inline float box_distance2(const struct hierarchical_node *n, const float *p)
+{
+    float sum = 0.0f;
+
+    for (int k = 0; k < 3; k++) {
+        const float under = n->low[k] - p[k], over = p[k] - n->high[k], d = under > over ? under : over;
+        sum += d > 0.0f ? d * d : 0.0f;
+    }
+    return sum;
+}
+
+static void add_samples(const struct body *b, const struct hierarchical_node *n, const float *p, float inverse2, float *sum,
+                        struct near *near)
+{
+    for (uint32_t i = n->first; i < n->first + n->count; i++) {
+        const struct hierarchical_sample *s = &b->tree.samples[i];
+        const float area = s->area, d2 = distance2(s->position, p), t = 1.0f - d2 / b->reach2, w = t > 0.0f ? t * t : 0.0f;
+        float R[4];
+        look_up(&b->radial, d2 * inverse2, R);
+        for (int c = 0; c < 3; c++)
+            sum[c] += (1.0f - w) * R[c] * s->power[c];
+        if (!(w > 0.0f))
+            continue;
+        for (int c = 0; c < 3; c++) {
+            near->light[c] += w * R[c] * s->power[c];
+            near->weight[c] += w * R[c] * area;
+            near->normal[c] += w * area * s->normal[c];
+        }
+        near->area += w * area;
+    }
+}
+
+static inline float ramp(float low, float high, float x)
+{
+    const float t = (x - low) / (high - low), s = t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t;
+    return s * s * (3.0f - 2.0f * s);
+}
+
+/* How much the samples in the window look like a smooth surface without a border, 0 to 1. */
+static float smooth_surface(const struct body *b, const struct near *n)
+{
+    const float cover = n->area / b->full;
+    float length;
+
+    if (!(n->area > 0.0f))
+        return 0.0f;
+    length = sqrtf(n->normal[0] * n->normal[0] + n->normal[1] * n->normal[1] + n->normal[2] * n->normal[2]) / n->area;
+    return ramp(0.8f, 0.95f, length) * ramp(0.5f, 0.75f, cover) * (1.0f - ramp(1.35f, 1.6f, cover));
+}
+
+static void gather(const struct hierarchical_state *st, const struct body *b, const float p[3], float strength, const float own[3],
+                   float out[3])
+{
+    const struct hierarchical_node *nodes = b->tree.nodes;
+    const float error = st->knobs.error, s = strength > 1.0f ? 1.0f : strength;
+    const float step = s * (HI_STRENGTHS - 1);
+    const int row = (int) (step + 0.5f);
+    float inverse2, sum[4] = { 0 }, q;
+    struct near near = { { 0 } };
+
+    if (row == 0 || b->tree.num_nodes == 0) { /* what does not spread comes back where it fell */
+        for (int c = 0; c < 3; c++)
+            out[c] = (float) b->radial.total[c] * own[c];
+        return;
+    }
+    inverse2 = 1.0f / (s * s);
+    for (uint32_t i = 0; i < (uint32_t) b->tree.num_nodes;) {
+        const struct hierarchical_node *n = &nodes[i];
+        const float d2 = distance2(n->centre, p);
+        if (n->area < error * d2 && box_distance2(n, p) > b->reach2) {
+            float R[4];
+            look_up(&b->radial, d2 * inverse2, R);
+            for (int c = 0; c < 3; c++)
+                sum[c] += R[c] * n->power[c];
+            i = n->next;
+        } else if (n->count) {
+            add_samples(b, n, p, inverse2, sum, &near);
+            i = n->next;
+        } else {
+            i++;
+        }
+    }
+    q = st->knobs.near == HI_NEAR_PLAIN ? 0.0f : smooth_surface(b, &near);
+    for (int c = 0; c < 3; c++) {
+        const float core = b->radial.core[row][c] * b->cell, weight = near.weight[c] * inverse2 + core;
+        const float mean = weight > 0.0f ? (near.light[c] * inverse2 + core * own[c]) / weight : own[c];
+        const float light = sum[c] * inverse2 + q * b->radial.window[row][c] * mean + (1.0f - q) * near.light[c] * inverse2;
+        out[c] = light > 0.0f ? light : 0.0f;
+    }
+}
+
+/* --- A frame -------------------------------------------------------------------------------------------------------------------- */
+
+struct frame_task {
+    const struct hierarchical_state *st;
+    const struct pell_frame *in;
+    const struct pell_frame_light *out;
+    int first; /* band */
+};
+
+/* Up to 16 pixels. */
+static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
+{
+    const struct pell_frame *in = t->in;
+    float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
+    size_t material[16] = { 0 };
+    int valid[16] = { 0 };
+    int32_t body[16];
+
+    for (int i = 0; i < count; i++) {
+        valid[i] = -1;
+        depth[i] = in->depth[at[i]];
+        material[i] = in->material[at[i]] - 1u;
+        for (int k = 0; k < 3; k++) {
+            position[k][i] = in->position[k][at[i]];
+            normal[k][i] = in->normal[k][at[i]];
+        }
+    }
+    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), valid, (const float(*)[16]) position, (const float(*)[16]) normal, depth,
+                     material, body);
+    for (int i = 0; i < count; i++) {
+        const float p[3] = { position[0][i], position[1][i], position[2][i] };
+        const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
+        float light[3] = { 0 };
+        if (body[i] >= 0)
+            gather(t->st, &t->st->body[body[i]], p, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own, light);
+        for (int c = 0; c < 3; c++)
+            t->out->light[c][at[i]] = light[c];
+    }
+}
+
+static void gather_band(void *arg, int index, int worker)
+{
+    const struct frame_task *t = arg;
+    const struct pell_rect r = t->in->rect;
+    const int y0 = r.y0 + (t->first + index) * ROWS, y1 = y0 + ROWS < r.y1 ? y0 + ROWS : r.y1;
+    ptrdiff_t at[16];
+    int n = 0;
+
+    (void) worker;
+    for (int y = y0; y < y1; y++)
+        for (int x = r.x0; x < r.x1; x++) {
+            const ptrdiff_t i = y * t->in->stride + x;
+            if (!t->in->material[i])
+                continue;
+            at[n++] = i;
+            if (n == 16) {
+                gather16(t, at, n);
+                n = 0;
+            }
+        }
+    if (n > 0)
+        gather16(t, at, n);
+}
+
+static enum pell_result hierarchical_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    struct hierarchical_state *st = state;
+    struct frame_task t = { st, in, out, 0 };
+    const int bands = (in->rect.y1 - in->rect.y0 + ROWS - 1) / ROWS;
+    const double start = pell_seconds();
+
+    for (t.first = 0; t.first < bands; t.first += BATCH) {
+        pell_pool_run(pell_renderer_pool(st->r), bands - t.first < BATCH ? bands - t.first : BATCH, gather_band, &t);
+        if (pell_cancelled(st->ctx))
+            return PELL_ERR_CANCELLED;
+        pell_progress(st->ctx, "hierarchical", fmin(1.0, (double) (t.first + BATCH) / bands));
+    }
+    st->time = (struct pell_pass_time){
+        .name = "hierarchical.gather",
+        .seconds = pell_seconds() - start,
+        .pixels = (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0),
+    };
+    st->time.bytes = st->time.pixels * 52;
+    return PELL_OK;
+}
+
+static size_t hierarchical_times(const void *state, struct pell_pass_time *times, size_t size)
+{
+    const struct hierarchical_state *st = state;
+
+    if (size < 1 || !st->time.name)
+        return 0;
+    times[0] = st->time;
+    return 1;
+}
+
+const struct pell_method_engine pell_hierarchical_cpu = {
+    .create = hierarchical_create, .render = hierarchical_render, .destroy = hierarchical_destroy, .times = hierarchical_times
+};

@@ -1,0 +1,96 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * hierarchical.h - what the files of this method share. Its only symbol for others is pell_method_hierarchical.
+ */
+#ifndef PELL_HIERARCHICAL_H
+#define PELL_HIERARCHICAL_H
+
+#include "render/body.h"
+
+#include <pellucid/method.h>
+
+enum hierarchical_as { HI_BEST, HI_PAPER };
+enum hierarchical_near { HI_NEAR_CORRECTED, HI_NEAR_PLAIN };
+
+struct hierarchical_knobs {
+    int as; /* enum hierarchical_as */
+    float error;
+    float density;
+    int most;
+    int near; /* enum hierarchical_near */
+    bool strength;
+};
+
+/* --- radial.c: a profile as a table over the squared radius ---------------------------------------------------------------------- */
+
+#define HI_STRENGTHS 65 /* steps of the scattering strength, evenly over [0, 1] */
+
+/* R(r) of three channels, white where it is to be. Nodes are evenly spaced inside each octave of r^2, so that the place is in the bits of
+ * a float; linear between. Nearer than the first node R is held, beyond the last it is 0. */
+struct hierarchical_radial {
+    struct pell_context *ctx;
+    float (*node)[4];
+    int first, count; /* of node 0: float bits >> HI_SHIFT; nodes less one */
+    double total[3];
+    /* For a strength of i / (HI_STRENGTHS - 1): light that returns inside the near window, and the mean of R over one sample's disc. */
+    float window[HI_STRENGTHS][3], core[HI_STRENGTHS][3];
+};
+
+#define HI_SHIFT 17 /* 64 nodes an octave of r^2 */
+
+/* Radius with a quarter of the light of the channel in which it is smallest: the length that samples are counted by. mm, > 0. */
+double hierarchical_radial_length(const struct pell_frame_material *m);
+/* From radii of `low` to `high` mm; the window of `reach` mm about a point, discs of `disc` mm. `r` is zeroed; finish it after a failure,
+ * too. */
+PELL_NODISCARD enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_frame_material *m, double low,
+                                                         double high, double reach, double disc, struct hierarchical_radial *r);
+void hierarchical_radial_finish(struct hierarchical_radial *r);
+
+/* --- samples.c: where samples lie ------------------------------------------------------------------------------------------------- */
+
+struct hierarchical_place {
+    uint32_t mesh, triangle;
+    float u, v; /* barycentric */
+    float area; /* mm^2 that it stands for */
+};
+
+/* `count` places, in the order of the body's curve, that keep a distance from one another; *out is the caller's. 72 bytes for each of two
+ * candidates a place are needed meanwhile. The same bits for any number of threads. */
+PELL_NODISCARD enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                                         const struct pell_body *body, size_t count, struct hierarchical_place **out);
+
+/* --- tree.c: samples of a body's surface, and their octree ----------------------------------------------------------------------- */
+
+struct hierarchical_sample {
+    float position[3], normal[3];
+    float area;     /* mm^2 */
+    float power[3]; /* E A, W per m^2 times mm^2 */
+};
+
+struct hierarchical_node {
+    float centre[3]; /* mean of the samples' places, weighted by their light */
+    float area;      /* mm^2 */
+    float low[3];
+    uint32_t next; /* node after all below this one */
+    float high[3];
+    uint32_t first; /* sample */
+    float power[3];
+    uint32_t count; /* samples of a leaf; 0: not a leaf, its children follow */
+};
+
+struct hierarchical_tree {
+    struct pell_context *ctx;
+    struct hierarchical_sample *samples; /* in the tree's order */
+    size_t num_samples;
+    struct hierarchical_node *nodes;
+    size_t num_nodes;
+};
+
+/* Takes over `samples`, in any order, also on failure. */
+PELL_NODISCARD enum pell_result hierarchical_tree_make(struct pell_context *ctx, struct hierarchical_sample *samples, size_t num_samples,
+                                                       struct hierarchical_tree *tree);
+void hierarchical_tree_finish(struct hierarchical_tree *tree);
+
+extern const struct pell_method_engine pell_hierarchical_cpu;
+
+#endif

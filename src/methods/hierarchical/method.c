@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - hierarchical diffusion: H. W. Jensen, J. Buhler, "A Rapid Hierarchical Rendering Technique for Translucent Materials",
+ * SIGGRAPH 2002. What differs from the paper: README.md.
+ */
+#include "methods/hierarchical/hierarchical.h"
+
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const near_names[] = { "corrected", "plain", NULL };
+
+#define AT(field) offsetof(struct hierarchical_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { HI_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "error",
+      PELL_KNOB_FLOAT,
+      "sr",
+      AT(error),
+      { 0.1 },
+      1e-6,
+      10,
+      NULL,
+      "a cluster of samples counts as one where its area is seen under a smaller solid angle than this" },
+    { "density",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(density),
+      { 4 },
+      0.01,
+      1000,
+      NULL,
+      "samples on a disc whose radius has a quarter of the profile's light inside, of the channel in which it is narrowest" },
+    { "most",
+      PELL_KNOB_INT,
+      "1",
+      AT(most),
+      { 4000000 },
+      64,
+      100000000,
+      NULL,
+      "samples of the whole scene at most; fewer than `density` asks for are reported" },
+    { "near",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(near),
+      { HI_NEAR_CORRECTED },
+      0,
+      0,
+      near_names,
+      "light of the nearest samples: as much as a smooth surface returns, or the plain sum" },
+    { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
+    { 0 },
+};
+#undef AT
+
+static void paper(void *values)
+{
+    struct hierarchical_knobs *k = values;
+
+    k->as = HI_PAPER;
+    k->density = 1.0f;
+    k->near = HI_NEAR_PLAIN;
+    k->strength = false;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    const struct hierarchical_knobs *k = values;
+
+    *plan = (struct pell_plan){
+        .needs = PELL_NEED_IRRADIANCE | PELL_NEED_POSITION | PELL_NEED_NORMAL | PELL_NEED_SCENE | (k->strength ? PELL_NEED_STRENGTH : 0u),
+        .quantity = PELL_QUANTITY_EXITANCE,
+        .mix = -1.0f,
+    };
+}
+
+extern const struct pell_method pell_method_hierarchical;
+const struct pell_method pell_method_hierarchical = {
+    .kind = PELL_REFERENCE,
+    .name = "hierarchical",
+    .title = "Diffusion over the whole surface, by an octree of samples",
+    .cite = "Henrik Wann Jensen and Juan Buhler, A Rapid Hierarchical Rendering Technique for Translucent Materials, SIGGRAPH, 2002",
+    .limits = "Assumes, as every diffusion profile does, that each point's surroundings are a half-space: thin and sharply curved parts "
+              "differ from transport. Detail of the light finer than the distance of samples is smoothed.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct hierarchical_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &pell_hierarchical_cpu,
+};

@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: MIT
+ * radial.c - see hierarchical.h. */
+#include "methods/hierarchical/hierarchical.h"
+
+#include "base/base.h"
+#include "math/vec.h"
+
+#include <string.h>
+
+#define SHARES 2048 /* radii with equal shares of the light, for integrals */
+
+static uint32_t bits_of(float x)
+{
+    uint32_t b;
+    memcpy(&b, &x, sizeof(b));
+    return b;
+}
+
+static float float_of(uint32_t b)
+{
+    float x;
+    memcpy(&x, &b, sizeof(x));
+    return x;
+}
+
+double hierarchical_radial_length(const struct pell_frame_material *m)
+{
+    double least = INFINITY;
+
+    for (int c = 0; c < 3; c++)
+        if (pell_profile_total(&m->profile[c]) > 0.0)
+            least = fmin(least, pell_profile_sample(&m->profile[c], 0.25));
+    return least > 1e-9 && least < INFINITY ? least : 1e-9;
+}
+
+void hierarchical_radial_finish(struct hierarchical_radial *r)
+{
+    if (r->node)
+        pell_free(r->ctx, r->node);
+    r->node = NULL;
+}
+
+/* What the window (1 - r^2/reach^2)^2 lets back of even light on a plane, and the mean of R over a disc, for each strength. */
+static void make_near(const struct pell_profile *p, int channel, double scale, double reach, double disc, struct hierarchical_radial *r)
+{
+    static const double least = 1.0 / 1024.0;
+    const double total = scale * pell_profile_total(p);
+
+    for (int i = 0; i < HI_STRENGTHS; i++) {
+        const double s = fmax((double) i / (HI_STRENGTHS - 1), least);
+        r->window[i][channel] = 0.0f;
+        r->core[i][channel] = (float) (total * pell_profile_cdf(p, disc / s) / (PELL_PI * disc * disc));
+    }
+    for (int k = 0; k < SHARES && total > 0.0; k++) {
+        const double radius = pell_profile_sample(p, (k + 0.5) / SHARES);
+        for (int i = 0; i < HI_STRENGTHS; i++) {
+            const double s = fmax((double) i / (HI_STRENGTHS - 1), least), t = 1.0 - radius * s * radius * s / (reach * reach);
+            if (t > 0.0)
+                r->window[i][channel] += (float) (total * t * t / SHARES);
+        }
+    }
+}
+
+enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_frame_material *m, double low, double high,
+                                          double reach, double disc, struct hierarchical_radial *r)
+{
+    r->ctx = ctx;
+    r->first = (int) (bits_of((float) fmax(low * low, 1e-30)) >> HI_SHIFT);
+    r->count = (int) (bits_of((float) fmin(high * high, 1e30)) >> HI_SHIFT) + 1 - r->first;
+    r->node = pell_calloc(ctx, (size_t) r->count + 2, sizeof(*r->node));
+    if (!r->node)
+        return PELL_ERR_NOMEM;
+    for (int c = 0; c < 3; c++) {
+        const struct pell_profile *p = &m->profile[c];
+        const double total = pell_profile_total(p), scale = !m->white ? 1.0 : total > 0.0 ? 1.0 / total : 0.0;
+        r->total[c] = scale * total;
+        make_near(p, c, scale, reach, disc, r);
+        for (int i = 0; i <= r->count; i++)
+            r->node[i][c] = (float) (scale * pell_profile_eval(p, sqrt((double) float_of((uint32_t) (r->first + i) << HI_SHIFT))));
+    }
+    return PELL_OK;
+}

@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: MIT
+ * tree.c - an octree over samples sorted along Morton's curve: nodes lie depth first, each knows where its branch ends, so that a walk
+ * needs no stack. */
+#include "methods/hierarchical/hierarchical.h"
+
+#include "base/base.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LEAF = 8, LEVELS = 21 };
+
+struct key {
+    uint64_t code;
+    uint32_t sample;
+};
+
+struct builder {
+    struct hierarchical_tree *tree;
+    const struct key *keys;
+    size_t capacity;
+};
+
+void hierarchical_tree_finish(struct hierarchical_tree *tree)
+{
+    if (!tree->ctx)
+        return;
+    pell_free(tree->ctx, tree->samples);
+    pell_free(tree->ctx, tree->nodes);
+    memset(tree, 0, sizeof(*tree));
+}
+
+static uint64_t spread(uint64_t x)
+{
+    x &= 0x1fffff;
+    x = (x | x << 32) & 0x001f00000000ffffull;
+    x = (x | x << 16) & 0x001f0000ff0000ffull;
+    x = (x | x << 8) & 0x100f00f00f00f00full;
+    x = (x | x << 4) & 0x10c30c30c30c30c3ull;
+    return (x | x << 2) & 0x1249249249249249ull;
+}
+
+static int compare(const void *a, const void *b)
+{
+    const struct key *p = a, *q = b;
+
+    if (p->code != q->code)
+        return p->code < q->code ? -1 : 1;
+    return p->sample < q->sample ? -1 : p->sample > q->sample;
+}
+
+/* Sums a leaf's samples, or adds a child's sums; centres are weighted by light and divided at the end. */
+struct sums {
+    double centre[3], middle[3], power[3], light, area;
+};
+
+static void add_sample(const struct hierarchical_sample *s, struct sums *sum, struct hierarchical_node *n)
+{
+    double light = 0.0;
+
+    for (int c = 0; c < 3; c++) {
+        light += (double) s->power[c];
+        sum->power[c] += (double) s->power[c];
+    }
+    for (int k = 0; k < 3; k++) {
+        sum->centre[k] += light * (double) s->position[k];
+        sum->middle[k] += (double) s->position[k];
+        n->low[k] = fminf(n->low[k], s->position[k]);
+        n->high[k] = fmaxf(n->high[k], s->position[k]);
+    }
+    sum->light += light;
+    sum->area += (double) s->area;
+}
+
+static enum pell_result build(struct builder *b, size_t first, size_t end, int level, struct sums *out)
+{
+    struct hierarchical_tree *t = b->tree;
+    const size_t at = t->num_nodes;
+    struct sums sum = { { 0 } };
+    struct hierarchical_node n = { .low = { INFINITY, INFINITY, INFINITY },
+                                   .high = { -INFINITY, -INFINITY, -INFINITY },
+                                   .first = (uint32_t) first };
+    enum pell_result res;
+
+    PELL_TRY(pell_grow(t->ctx, (void **) &t->nodes, t->num_nodes, &b->capacity, sizeof(*t->nodes)));
+    t->num_nodes++;
+    if (end - first <= LEAF || level < 0) {
+        n.count = (uint32_t) (end - first);
+        for (size_t i = first; i < end; i++)
+            add_sample(&t->samples[i], &sum, &n);
+    } else {
+        for (size_t i = first; i < end;) {
+            const uint64_t digit = b->keys[i].code >> 3 * level;
+            struct sums child;
+            const struct hierarchical_node *c;
+            size_t j = i + 1;
+            while (j < end && b->keys[j].code >> 3 * level == digit)
+                j++;
+            const size_t place = t->num_nodes;
+            PELL_TRY(build(b, i, j, level - 1, &child));
+            c = &t->nodes[place];
+            for (int k = 0; k < 3; k++) {
+                sum.centre[k] += child.centre[k];
+                sum.middle[k] += child.middle[k];
+                sum.power[k] += child.power[k];
+                n.low[k] = fminf(n.low[k], c->low[k]);
+                n.high[k] = fmaxf(n.high[k], c->high[k]);
+            }
+            sum.light += child.light;
+            sum.area += child.area;
+            i = j;
+        }
+    }
+    n.area = (float) sum.area;
+    n.next = (uint32_t) t->num_nodes;
+    for (int k = 0; k < 3; k++) {
+        n.power[k] = (float) sum.power[k];
+        n.centre[k] = (float) (sum.light > 0.0 ? sum.centre[k] / sum.light : sum.middle[k] / (double) (end - first));
+    }
+    t->nodes[at] = n;
+    *out = sum;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result hierarchical_tree_make(struct pell_context *ctx, struct hierarchical_sample *samples, size_t num_samples,
+                                        struct hierarchical_tree *tree)
+{
+    struct builder b = { .tree = tree };
+    struct hierarchical_sample *sorted = NULL;
+    struct key *keys = NULL;
+    struct sums sums;
+    float low[3] = { INFINITY, INFINITY, INFINITY }, size = 0.0f;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    tree->ctx = ctx;
+    tree->samples = samples;
+    tree->num_samples = num_samples;
+    if (num_samples == 0)
+        return PELL_OK;
+    keys = pell_alloc_array(ctx, num_samples, sizeof(*keys));
+    sorted = pell_alloc_array(ctx, num_samples, sizeof(*sorted));
+    if (!keys || !sorted)
+        goto fail;
+    for (size_t i = 0; i < num_samples; i++)
+        for (int k = 0; k < 3; k++)
+            low[k] = fminf(low[k], samples[i].position[k]);
+    for (size_t i = 0; i < num_samples; i++)
+        for (int k = 0; k < 3; k++)
+            size = fmaxf(size, samples[i].position[k] - low[k]);
+    for (size_t i = 0; i < num_samples; i++) {
+        keys[i] = (struct key){ 0, (uint32_t) i };
+        for (int k = 0; k < 3; k++) {
+            const float f = size > 0.0f ? (samples[i].position[k] - low[k]) / size : 0.0f;
+            keys[i].code |= spread((uint64_t) (f * 2097151.0f)) << k;
+        }
+    }
+    qsort(keys, num_samples, sizeof(*keys), compare);
+    for (size_t i = 0; i < num_samples; i++)
+        sorted[i] = samples[keys[i].sample];
+    pell_free(ctx, tree->samples);
+    tree->samples = sorted;
+    sorted = NULL;
+    b.keys = keys;
+    PELL_TRY(build(&b, 0, num_samples, LEVELS - 1, &sums));
+
+fail:
+    pell_free(ctx, keys);
+    pell_free(ctx, sorted);
+    return res;
+}

@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: MIT
+ * body.c - see body.h. */
+#include "render/body.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define CURVE_BITS 20 /* of each coordinate along the curve */
+
+struct place {
+    uint64_t code;
+    uint32_t mesh, triangle;
+    double area;
+};
+
+void pell_bodies_destroy(struct pell_bodies **bodies)
+{
+    struct pell_bodies *b = *bodies;
+
+    if (!b)
+        return;
+    *bodies = NULL;
+    for (size_t i = 0; b->bodies && i < b->count; i++) {
+        pell_free(b->ctx, b->bodies[i].triangles);
+        pell_free(b->ctx, b->bodies[i].area_after);
+    }
+    pell_free(b->ctx, b->bodies);
+    pell_free(b->ctx, b->of_mesh);
+    pell_free(b->ctx, b);
+}
+
+/* --- The curve ------------------------------------------------------------------------------------------------------------------ */
+
+/* Place along Hilbert's curve through the unit cube: Skilling 2004, "Programming the Hilbert Curve", AIP Conf. Proc. 707. */
+static uint64_t hilbert(uint32_t x, uint32_t y, uint32_t z)
+{
+    uint32_t p[3] = { x, y, z }, t;
+    uint64_t code = 0;
+
+    for (uint32_t q = 1u << (CURVE_BITS - 1); q > 1; q >>= 1)
+        for (int i = 0; i < 3; i++) {
+            if (p[i] & q) {
+                p[0] ^= q - 1;
+            } else {
+                t = (p[0] ^ p[i]) & (q - 1);
+                p[0] ^= t;
+                p[i] ^= t;
+            }
+        }
+    for (int i = 1; i < 3; i++)
+        p[i] ^= p[i - 1];
+    t = 0;
+    for (uint32_t q = 1u << (CURVE_BITS - 1); q > 1; q >>= 1)
+        if (p[2] & q)
+            t ^= q - 1;
+    for (int bit = CURVE_BITS - 1; bit >= 0; bit--)
+        for (int i = 0; i < 3; i++)
+            code = code << 1 | ((p[i] ^ t) >> bit & 1);
+    return code;
+}
+
+static uint32_t step_of(float x, float low, float size)
+{
+    const float f = size > 0.0f ? (x - low) / size : 0.0f;
+    return (uint32_t) (fminf(fmaxf(f, 0.0f), 0.999999f) * (float) (1u << CURVE_BITS));
+}
+
+static int compare(const void *a, const void *b)
+{
+    const struct place *p = a, *q = b;
+
+    if (p->code != q->code)
+        return p->code < q->code ? -1 : 1;
+    if (p->mesh != q->mesh)
+        return p->mesh < q->mesh ? -1 : 1;
+    return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
+}
+
+static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_vec3 *centre, double *area)
+{
+    const uint32_t *index = m->index + 3 * (size_t) triangle;
+    double p[3][3], n[3];
+
+    for (int k = 0; k < 3; k++)
+        for (int j = 0; j < 3; j++)
+            p[k][j] = (double) m->position[3 * (size_t) index[k] + (size_t) j];
+    for (int j = 0; j < 3; j++) {
+        const int a = (j + 1) % 3, b = (j + 2) % 3;
+        n[j] = (p[1][a] - p[0][a]) * (p[2][b] - p[0][b]) - (p[1][b] - p[0][b]) * (p[2][a] - p[0][a]);
+    }
+    *area = 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    *centre = vec3((float) ((p[0][0] + p[1][0] + p[2][0]) / 3.0), (float) ((p[0][1] + p[1][1] + p[2][1]) / 3.0),
+                   (float) ((p[0][2] + p[1][2] + p[2][2]) / 3.0));
+}
+
+/* Lists a body's triangles, in order. */
+static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_scene *scene, size_t number)
+{
+    struct pell_body *body = &b->bodies[number];
+    struct place *places = NULL;
+    struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
+    size_t most = 0, n = 0;
+    float size;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    for (size_t i = 0; i < b->num_meshes; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        if (b->of_mesh[i] != (int32_t) number)
+            continue;
+        most += m->num_triangles;
+        for (size_t v = 0; v < m->num_vertices; v++) {
+            const float *p = m->position + 3 * v;
+            low = vec3(fminf(low.x, p[0]), fminf(low.y, p[1]), fminf(low.z, p[2]));
+            high = vec3(fmaxf(high.x, p[0]), fmaxf(high.y, p[1]), fmaxf(high.z, p[2]));
+        }
+    }
+    size = fmaxf(high.x - low.x, fmaxf(high.y - low.y, high.z - low.z));
+    places = pell_alloc_array(b->ctx, most + 1, sizeof(*places));
+    body->triangles = pell_alloc_array(b->ctx, most + 1, sizeof(*body->triangles));
+    body->area_after = pell_alloc_array(b->ctx, most + 1, sizeof(*body->area_after));
+    if (!places || !body->triangles || !body->area_after)
+        goto fail;
+    for (size_t i = 0; i < b->num_meshes; i++)
+        for (uint32_t t = 0; b->of_mesh[i] == (int32_t) number && t < scene->meshes[i].num_triangles; t++) {
+            struct pell_vec3 c;
+            double area;
+            measure(&scene->meshes[i], t, &c, &area);
+            if (!(area > 0.0 && area < INFINITY))
+                continue;
+            places[n++] = (struct place) { hilbert(step_of(c.x, low.x, size), step_of(c.y, low.y, size), step_of(c.z, low.z, size)),
+                                           (uint32_t) i, t, area };
+        }
+    qsort(places, n, sizeof(*places), compare);
+    for (size_t i = 0; i < n; i++) {
+        body->triangles[i] = (struct pell_body_triangle) { places[i].mesh, places[i].triangle };
+        body->area += places[i].area;
+        body->area_after[i] = body->area;
+    }
+    body->num_triangles = n;
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, places);
+    return res;
+}
+
+enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_scene *scene, const uint16_t *frame_index,
+                                    const struct pell_frame_material *materials, struct pell_bodies **out)
+{
+    struct pell_bodies *b = pell_zalloc(ctx, sizeof(*b));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!b)
+        return PELL_ERR_NOMEM;
+    b->ctx = ctx;
+    b->num_meshes = scene->num_meshes;
+    b->of_mesh = pell_alloc_array(ctx, scene->num_meshes + 1, sizeof(*b->of_mesh));
+    b->bodies = pell_calloc(ctx, scene->num_meshes + 1, sizeof(*b->bodies));
+    if (!b->of_mesh || !b->bodies)
+        goto fail;
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        const size_t at = frame_index[m->material + 1];
+        size_t k = 0;
+
+        b->of_mesh[i] = -1;
+        if (at == 0)
+            continue;
+        for (; k < b->count; k++) {
+            const struct pell_frame_material *other = &materials[b->bodies[k].material];
+            if (b->bodies[k].object == m->object && other->profile == materials[at - 1].profile && other->white == materials[at - 1].white)
+                break;
+        }
+        if (k == b->count)
+            b->bodies[b->count++] = (struct pell_body) { .object = m->object, .material = at - 1 };
+        b->of_mesh[i] = (int32_t) k;
+    }
+    for (size_t k = 0; k < b->count; k++)
+        PELL_TRY(list_triangles(b, scene, k));
+    *out = b;
+    return PELL_OK;
+
+fail:
+    pell_bodies_destroy(&b);
+    return res;
+}
+
+/* --- Asking ------------------------------------------------------------------------------------------------------------------- */
+
+struct pell_body_triangle pell_body_at(const struct pell_body *body, double area, double *f)
+{
+    size_t low = 0, high = body->num_triangles - 1;
+    double before, own;
+
+    while (low < high) {
+        const size_t mid = low + (high - low) / 2;
+        if (body->area_after[mid] > area)
+            high = mid;
+        else
+            low = mid + 1;
+    }
+    before = low > 0 ? body->area_after[low - 1] : 0.0;
+    own = body->area_after[low] - before;
+    *f = own > 0.0 ? (area - before) / own : 0.0;
+    *f = *f < 0.0 ? 0.0 : *f < 0.99999994 ? *f : 0.99999994;
+    return body->triangles[low];
+}
+
+void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *rays, const int valid[16], const float position[3][16],
+                      const float normal[3][16], const float depth[16], const size_t material[16], int32_t out[16])
+{
+    _Alignas(64) int open[16];
+    struct pell_ray_hit16 p;
+    int any = 0;
+
+    memset(&p, 0, sizeof(p));
+    for (int i = 0; i < 16; i++) {
+        open[i] = valid[i] ? -1 : 0;
+        any |= open[i];
+        out[i] = -1;
+    }
+    /* Wider and wider, for normals that graze. */
+    for (float reach = 3e-5f; any && reach < 1e-2f; reach *= 8.0f) {
+        for (int i = 0; i < 16; i++) {
+            const float e = reach * (fmaxf(fabsf(position[0][i]), fmaxf(fabsf(position[1][i]), fabsf(position[2][i]))) + depth[i]);
+            p.ray.ox[i] = position[0][i] + e * normal[0][i];
+            p.ray.oy[i] = position[1][i] + e * normal[1][i];
+            p.ray.oz[i] = position[2][i] + e * normal[2][i];
+            p.ray.dx[i] = -normal[0][i];
+            p.ray.dy[i] = -normal[1][i];
+            p.ray.dz[i] = -normal[2][i];
+            p.ray.tnear[i] = 0.0f;
+            p.ray.tfar[i] = 2.0f * e;
+            p.ray.mask[i] = PELL_RAY_TRANSLUCENT;
+        }
+        pell_rays_closest16(rays, open, true, &p);
+        any = 0;
+        for (int i = 0; i < 16; i++) {
+            if (open[i] && p.hit.mesh[i] < bodies->num_meshes && bodies->of_mesh[p.hit.mesh[i]] >= 0) {
+                out[i] = bodies->of_mesh[p.hit.mesh[i]];
+                open[i] = 0;
+            }
+            any |= open[i];
+        }
+    }
+    for (int i = 0; any && i < 16; i++)
+        for (size_t k = 0; open[i] && k < bodies->count; k++)
+            if (bodies->bodies[k].material == material[i]) {
+                out[i] = (int32_t) k;
+                open[i] = 0;
+            }
+}

@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * points.c - light that enters at any point of the scene's surfaces: a packet of points is made to look like 4 x 4 pixels, each seen from
+ * along its own normal, and goes the way of pixels from there.
+ */
+#include "render/irradiance/lights.h"
+
+#include <string.h>
+
+/* The planes of 16 points. */
+struct planes {
+    _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16], lift[16];
+    float place[3][16], irradiance[3][16], through[3][16], mirrored[3][16];
+    uint16_t material[16];
+};
+
+/* Places and outward normals of the points, and rays that look at them from outside. Returns which there are. */
+static uint32_t place_points(const struct pell_scene *scene, const struct pell_points *p, struct pell_ray_hit16 *packet,
+                             struct planes *s, struct pell_points_light *out)
+{
+    uint32_t some = 0;
+
+    memset(packet, 0, sizeof(*packet));
+    for (int i = 0; i < 16; i++) {
+        const bool is = p->mesh[i] < scene->num_meshes && p->triangle[i] < scene->meshes[p->mesh[i]].num_triangles;
+        struct pell_vec3 at = { 0 }, g = { 0 }, n = { 0.0f, 0.0f, 1.0f };
+        float largest = 0.0f;
+
+        if (is) {
+            const struct pell_mesh *mesh = &scene->meshes[p->mesh[i]];
+            const uint32_t *index = mesh->index + 3 * (size_t) p->triangle[i];
+            const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
+            const struct pell_vec3 b = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a);
+            const struct pell_vec3 c = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a);
+            const struct pell_vec3 ends[3] = { a, vec3_add(a, b), vec3_add(a, c) };
+            at = vec3_mad(vec3_mad(a, p->u[i], b), p->v[i], c);
+            g = vec3_cross(b, c);
+            n = vec3_normalize(g);
+            for (int k = 0; k < 3; k++)
+                largest = fmaxf(largest, fmaxf(fabsf(ends[k].x), fmaxf(fabsf(ends[k].y), fabsf(ends[k].z))));
+            some |= 1u << i;
+        }
+        out->there[i] = -(int32_t) is;
+        s->place[0][i] = out->position[0][i] = at.x;
+        s->place[1][i] = out->position[1][i] = at.y;
+        s->place[2][i] = out->position[2][i] = at.z;
+        out->normal[0][i] = n.x;
+        out->normal[1][i] = n.y;
+        out->normal[2][i] = n.z;
+        packet->ray.dx[i] = -n.x;
+        packet->ray.dy[i] = -n.y;
+        packet->ray.dz[i] = -n.z;
+        packet->ray.tfar[i] = largest;
+        packet->hit.ngx[i] = g.x;
+        packet->hit.ngy[i] = g.y;
+        packet->hit.ngz[i] = g.z;
+        packet->hit.u[i] = p->u[i];
+        packet->hit.v[i] = p->v[i];
+        packet->hit.triangle[i] = p->triangle[i];
+        packet->hit.mesh[i] = is ? p->mesh[i] : PELL_NO_HIT;
+    }
+    return some;
+}
+
+/* Where alpha may cut the surface away, a short ray says whether it is there. */
+static uint32_t drop_cut_out(const struct pell_irradiance_params *params, const struct planes *s, uint32_t some,
+                             struct pell_ray_hit16 *packet, struct pell_points_light *out)
+{
+    const struct pell_scene *scene = params->scene;
+    _Alignas(64) int ask[16];
+    struct pell_ray16 r;
+    int any = 0;
+
+    for (int i = 0; i < 16; i++) {
+        ask[i] = some >> i & 1 && scene->materials[scene->meshes[packet->hit.mesh[i]].material].alpha_mask ? -1 : 0;
+        any |= ask[i];
+    }
+    if (!any)
+        return some;
+    memset(&r, 0, sizeof(r));
+    for (int i = 0; i < 16; i++) {
+        const float e = 2.4e-5f * packet->ray.tfar[i];
+        r.ox[i] = s->place[0][i] - e * packet->ray.dx[i];
+        r.oy[i] = s->place[1][i] - e * packet->ray.dy[i];
+        r.oz[i] = s->place[2][i] - e * packet->ray.dz[i];
+        r.dx[i] = packet->ray.dx[i];
+        r.dy[i] = packet->ray.dy[i];
+        r.dz[i] = packet->ray.dz[i];
+        r.tfar[i] = 2.0f * e;
+        r.mask[i] = PELL_RAY_ALL;
+    }
+    pell_rays_occluded16(params->rays, ask, false, &r);
+    for (int i = 0; i < 16; i++) {
+        out->rays += ask[i] != 0;
+        if (ask[i] && r.tfar[i] >= 0.0f) {
+            out->there[i] = 0;
+            packet->hit.mesh[i] = PELL_NO_HIT;
+            some &= ~(1u << i);
+        }
+    }
+    return some;
+}
+
+void pell_irradiance_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points *points,
+                            float spacing, int samples, struct pell_points_light *out)
+{
+    struct pell_irradiance_params one = *params;
+    struct pell_ray_hit16 packet;
+    struct pell_surface surface;
+    struct pell_lighting lighting;
+    struct planes s;
+    const float *const place[3] = { s.place[0], s.place[1], s.place[2] };
+    uint32_t some;
+
+    out->rays = 0;
+    memset(out->irradiance, 0, sizeof(out->irradiance));
+    memset(&s, 0, sizeof(s));
+    some = place_points(params->scene, points, &packet, &s, out);
+    some = drop_cut_out(params, &s, some, &packet, out);
+    if (!some)
+        return;
+    surface = (struct pell_surface) {
+        .material = s.material, .depth = s.depth, .roughness = s.roughness, .metallic = s.metallic, .strength = s.strength, .lift = s.lift,
+    };
+    lighting = (struct pell_lighting) { .shadow_rays = 0 };
+    for (int c = 0; c < 3; c++) {
+        surface.ng[c] = s.ng[c];
+        surface.ns[c] = s.ns[c];
+        surface.base[c] = s.base[c];
+        surface.specular[c] = s.specular[c];
+        lighting.irradiance[c] = s.irradiance[c];
+        lighting.through[c] = s.through[c];
+        lighting.specular[c] = s.mirrored[c];
+    }
+    pell_surface_look(params->surface, params->scene, spacing, &packet, some, &surface);
+    one.surface = &surface;
+    one.thickness = NULL;
+    for (int k = 0; k < samples; k++) {
+        one.sample = params->sample + (uint32_t) k;
+        pell_irradiance_at(lights, &one, place, points->number, &lighting);
+        out->rays += (int) lighting.shadow_rays;
+        for (int c = 0; c < 3; c++)
+            for (int i = 0; i < 16; i++)
+                out->irradiance[c][i] += some >> i & 1 ? s.irradiance[c][i] / (float) samples : 0.0f;
+    }
+}

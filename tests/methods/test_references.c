@@ -1,0 +1,382 @@
+/* SPDX-License-Identifier: MIT
+ * test_references.c - the references against closed forms and against each other, end to end: light that enters over whole surfaces. */
+#include "stage.h"
+
+#include "render/renderer.h"
+
+/* Every reference of the registry that spreads light by a profile, with knobs that are quick and fine enough for the tests. */
+struct reference {
+    const char *name;
+    const char *const *knobs;
+    double noise; /* relative standard error that the knobs ask for */
+};
+
+static const char *const fine[] = { "error=0.02", "density=16", NULL };
+static const char *const both[] = { "error=0.02", "most=3000", NULL };
+static const char *const probes[] = { "error=0.02", "most=3000", "sampling=probes", NULL };
+static const struct reference references[] = { { "hierarchical", fine, 0.0 }, { "dipole", both, 0.02 }, { "dipole", probes, 0.02 } };
+
+/* The picture's error bar at a pixel that the method states, of its radiance; 0 where it has none. */
+static double bar_at(const struct stage *s, size_t c, int x, int y)
+{
+    const float *noise[3];
+    return pell_pass_noise(pell_renderer_pass(s->r), noise) ? (double) noise[c][y * s->picture.stride + x] / PELL_PI : 0.0;
+}
+
+static bool inside(const struct shot *shot, int x, int y)
+{
+    for (int k = 0; k < 9; k++) {
+        const int u = x + k % 3 - 1, v = y + k / 3 - 1;
+        if (u < 0 || v < 0 || u >= shot->width || v >= shot->height || shot_at(shot, SHOT_A, u, v) < 1.0)
+            return false;
+    }
+    return true;
+}
+
+/* --- Closed forms ----------------------------------------------------------------------------------------------------------------- */
+
+/* On a ball the area within a chord r is pi r^2, so in an even sky every point gives the profile's light within the diameter. */
+static void ball_in_an_even_sky(void **state)
+{
+    static const double radii[] = { 2.0, 8.0, 30.0 };
+
+    (void) state;
+    for (size_t n = 0; n < PELL_COUNT(references); n++)
+        for (size_t k = n == 2; k < (n == 2 ? 2 : PELL_COUNT(radii)); k++) { /* probes alone: one ball */
+            const double radius = radii[k];
+            double worst = 0.0, mean[3] = { 0 };
+            int count = 0;
+            struct stage s;
+            struct shot shot;
+            size_t m;
+
+            stage_start(&s, 12, 12);
+            stage_gaussians(&s, 1.0, &m);
+            stage_ball(&s, m, 0, vec3(0, 0, 0), (float) radius, 96);
+            stage_sky(&s, 1.0f);
+            stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, (float) (2.2 * radius));
+            shot = stage_shot_of(&s, references[n].name, references[n].knobs);
+            for (int y = 0; y < 12; y++)
+                for (int x = 0; x < 12; x++) {
+                    count += inside(&shot, x, y);
+                    for (size_t c = 0; inside(&shot, x, y) && c < 3; c++) {
+                        const struct pell_gaussians *g = &s.scene->materials[m].gaussians;
+                        double expected = 0.0, e;
+                        for (int i = 0; i < 3; i++)
+                            expected += g->weight[i][c] * (1.0 - exp(-4.0 * radius * radius / (2.0 * g->variance[i])));
+                        e = shot_at(&shot, c, x, y) / expected;
+                        mean[c] += e;
+                        worst = fmax(worst, fabs(e - 1.0) - 5.0 * bar_at(&s, c, x, y) / expected);
+                    }
+                }
+            print_message("# %s, ball of %g mm: mean %.5f %.5f %.5f of the closed form, worst pixel off by %.4f beyond 5 bars\n",
+                          references[n].name, radius, mean[0] / count, mean[1] / count, mean[2] / count, worst);
+            for (int c = 0; c < 3; c++)
+                REQUIRE_NEAR(mean[c] / count, 1.0, 0.005 + 0.5 * references[n].noise);
+            REQUIRE(worst < 0.015);
+            shot_free(&shot);
+            stage_finish(&s);
+        }
+}
+
+/* A plane, lit right of an edge: each Gaussian makes it an error function. */
+static void step_of_light_on_a_plane(void **state)
+{
+    (void) state;
+    for (size_t n = 0; n < PELL_COUNT(references); n++) {
+        double worst = 0.0, square = 0.0;
+        struct stage s;
+        struct shot shot;
+        size_t m, black;
+
+        stage_start(&s, 48, 12);
+        stage_gaussians(&s, 0.5, &m);
+        stage_opaque(&s, 0.0f, &black);
+        stage_box(&s, m, 0, vec3(-30, -30, -30), vec3(30, 30, 0));
+        stage_box(&s, black, 1, vec3(-40, -40, 50), vec3(0, 40, 55));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 100), vec3(0, 0, 0), 3.0f);
+        stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 5.0f);
+        shot = stage_shot_of(&s, references[n].name, references[n].knobs);
+        for (int x = 0; x < 48; x++)
+            for (size_t c = 0; c < 3; c++) {
+                const struct pell_gaussians *g = &s.scene->materials[m].gaussians;
+                const double at = (x + 0.5 - 24.0) * 5.0 / 12.0;
+                double expected = 0.0, total = 0.0, e;
+                for (int i = 0; i < 3; i++) {
+                    expected += g->weight[i][c] * 0.5 * (1.0 + erf(at / sqrt(2.0 * g->variance[i])));
+                    total += g->weight[i][c];
+                }
+                e = (shot_at(&shot, c, x, 6) * PELL_PI / 3.0 - expected) / total;
+                worst = fmax(worst, fabs(e) - 5.0 * bar_at(&s, c, x, 6) * PELL_PI / 3.0 / total);
+                square += e * e;
+            }
+        print_message("# %s, step of light: %.4f of the step at most (beyond 5 bars), %.4f root mean square\n", references[n].name, worst,
+                      sqrt(square / (48 * 3)));
+        REQUIRE(worst < 0.025);
+        REQUIRE(sqrt(square / (48 * 3)) < 0.01 + references[n].noise);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
+/* --- Against each other ------------------------------------------------------------------------------------------------------------- */
+
+/* The lit side of a thing of milk-like size, on black. `thing` 0: ball, 1: sheet thinner than light goes. */
+static void lit_thing(struct stage *s, int size, int threads, int thing, size_t *material)
+{
+    stage_start_threads(s, size, size, threads);
+    stage_medium(s, "marble", material);
+    if (thing == 0)
+        stage_ball(s, *material, 0, vec3(0, 0, 0), 5.0f, 48);
+    else
+        stage_box(s, *material, 0, vec3(-6, -6, -1), vec3(6, 6, 0));
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(80, 30, thing ? -60 : 60), vec3(0, 0, 0), 3.0f);
+    stage_light(s, PELL_LIGHT_POINT, vec3(-20, 30, 40), vec3(0, 0, 0), 2e-3f);
+    stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 8.0f);
+}
+
+/* Root mean square of what two shots differ by, in units of the second one's error bars with `slack` of its value added; mean of the
+ * ratio. */
+static double distance(const struct shot *a, const struct shot *b, const double *bars, double slack, double *ratio)
+{
+    double square = 0.0, sum_a = 0.0, sum_b = 0.0;
+    int n = 0;
+
+    for (int y = 0; y < a->height; y++)
+        for (int x = 0; x < a->width; x++)
+            for (size_t c = 0; inside(a, x, y) && c < 3; c++) {
+                const double u = shot_at(a, c, x, y), v = shot_at(b, c, x, y);
+                const double bar = bars[((size_t) y * (size_t) a->width + (size_t) x) * 3 + c];
+                square += (u - v) * (u - v) / (bar * bar + slack * v * slack * v);
+                sum_a += u;
+                sum_b += v;
+                n++;
+            }
+    REQUIRE(n > 0);
+    *ratio = sum_a / sum_b;
+    return sqrt(square / n);
+}
+
+/* Two ways of sampling and the octree are three estimates of one integral. */
+static void all_ways_agree(void **state)
+{
+    static const char *const area[] = { "error=0.02", "most=8000", "sampling=area", NULL };
+    static const char *const probe[] = { "error=0.02", "most=8000", "sampling=probes", NULL };
+    static const char *const mixed[] = { "error=0.02", "most=8000", NULL };
+    static const char *const *const knobs[] = { fine, area, probe, mixed };
+
+    (void) state;
+    for (int thing = 0; thing < 2; thing++) {
+        struct stage s;
+        struct shot shot[4];
+        const int size = 8;
+        size_t m;
+
+        lit_thing(&s, size, 2, thing, &m);
+        for (int k = 0; k < 4; k++) {
+            double bars[300], ratio, rms;
+            shot[k] = stage_shot_of(&s, k == 0 ? "hierarchical" : "dipole", knobs[k]);
+            if (k == 0)
+                continue;
+            for (int i = 0; i < size * size * 3; i++)
+                bars[i] = bar_at(&s, (size_t) (i % 3), i / 3 % size, i / 3 / size);
+            rms = distance(&shot[0], &shot[k], bars, 0.01, &ratio);
+            print_message("# thing %d: hierarchical / dipole with %s: mean %.5f, %.3f bars apart\n", thing,
+                          knobs[k][2] ? knobs[k][2] : "both", ratio, rms);
+            REQUIRE_NEAR(ratio, 1.0, 0.025); /* few pixels: noise */
+            REQUIRE(rms < 1.6);
+        }
+        for (int k = 0; k < 4; k++)
+            shot_free(&shot[k]);
+        stage_finish(&s);
+    }
+}
+
+/* The error bars are what pixels do when the seed changes, and shrink with the root of the samples. */
+static void error_bars_are_honest(void **state)
+{
+    static const char *const few[] = { "error=0.0001", "most=400", NULL }, *const many[] = { "error=0.0001", "most=6400", NULL };
+    double said[2] = { 0 }, z2 = 0.0;
+    int count = 0;
+    struct stage s;
+    struct shot truth, shot;
+    const float *noise[3];
+    size_t m;
+
+    (void) state;
+    lit_thing(&s, 8, 2, 0, &m);
+    truth = stage_shot_of(&s, "dipole", many);
+    for (int k = 0; k < 2; k++) {
+        s.settings.seed = 17;
+        shot = stage_shot_of(&s, "dipole", k ? many : few);
+        assert_true(pell_pass_noise(pell_renderer_pass(s.r), noise));
+        for (int y = 0; y < 8; y++)
+            for (int x = 0; x < 8; x++)
+                for (size_t c = 0; inside(&shot, x, y) && c < 3; c++) {
+                    const double e = (double) noise[c][y * s.picture.stride + x] / PELL_PI;
+                    said[k] += e;
+                    if (k == 0) {
+                        const double z = (shot_at(&shot, c, x, y) - shot_at(&truth, c, x, y)) / e;
+                        z2 += z * z;
+                        count++;
+                    }
+                }
+        shot_free(&shot);
+    }
+    print_message("# errors over error bars: %.3f root mean square; 16 times the samples: bars %.2f times smaller\n", sqrt(z2 / count),
+                  said[0] / said[1]);
+    REQUIRE(sqrt(z2 / count) > 0.6 && sqrt(z2 / count) < 1.6);
+    REQUIRE(said[0] / said[1] > 3.2 && said[0] / said[1] < 5.0);
+    shot_free(&truth);
+    stage_finish(&s);
+}
+
+/* Light does not go from one object to another, though they touch; within one object it does. */
+static void light_stays_in_its_object(void **state)
+{
+    (void) state;
+    for (size_t n = 0; n < 2; n++) {
+        double seen[2];
+        for (int object = 0; object < 2; object++) {
+            struct stage s;
+            struct shot shot;
+            size_t m;
+            stage_start(&s, 8, 8);
+            stage_gaussians(&s, 0.5, &m);
+            stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(0, 10, 0));
+            stage_box(&s, m, object, vec3(0, -10, -4), vec3(10, 10, 0));
+            stage_light(&s, PELL_LIGHT_SPOT, vec3(5, 0, 30), vec3(5, 0, 0), 3e-3f);
+            s.scene->lights[0].cos_inner = 0.995f;
+            s.scene->lights[0].cos_outer = 0.99f; /* lights x > 0 only */
+            stage_camera(&s, vec3(-1, 0, 20), vec3(-1, 0, 0), 0.0f, 1.0f);
+            shot = stage_shot_of(&s, references[n].name, references[n].knobs);
+            seen[object] = shot_at(&shot, 0, 4, 4);
+            shot_free(&shot);
+            stage_finish(&s);
+        }
+        print_message("# %s: %g through one object, %g from another\n", references[n].name, seen[0], seen[1]);
+        REQUIRE(seen[0] > 1e-3);
+        assert_true(seen[1] == 0.0);
+    }
+}
+
+/* --- What every method owes --------------------------------------------------------------------------------------------------------- */
+
+static void any_number_of_threads_gives_the_same_bits(void **state)
+{
+    (void) state;
+    for (size_t n = 0; n < 2; n++) {
+        struct shot first = { 0 };
+        for (int threads = 1; threads <= 3; threads++) {
+            struct stage s;
+            struct shot shot;
+            size_t m;
+            lit_thing(&s, 12, threads, 0, &m);
+            stage_sky(&s, 0.3f);
+            stage_light(&s, PELL_LIGHT_RECT, vec3(-60, 0, 60), vec3(0, 0, 0), 3.0f);
+            shot = stage_shot_of(&s, references[n].name, references[n].knobs);
+            if (first.data) {
+                assert_true(shot_equal(&first, &shot));
+                shot_free(&shot);
+            } else {
+                first = shot;
+            }
+            stage_finish(&s);
+        }
+        shot_free(&first);
+    }
+}
+
+/* A change of the lights alone must not show the light of before. */
+static void new_settings_light_anew(void **state)
+{
+    struct stage s;
+    struct shot a, b, c;
+    size_t m;
+
+    (void) state;
+    lit_thing(&s, 8, 2, 0, &m);
+    stage_light(&s, PELL_LIGHT_RECT, vec3(-60, 0, 60), vec3(0, 0, 0), 3.0f);
+    s.settings.light_samples = 1;
+    a = stage_shot_of(&s, "hierarchical", fine);
+    s.settings.light_samples = 64;
+    b = stage_shot(&s);
+    c = stage_shot_of(&s, "hierarchical", fine);
+    assert_false(shot_equal(&a, &b));
+    assert_true(shot_equal(&b, &c));
+    shot_free(&a);
+    shot_free(&b);
+    shot_free(&c);
+    stage_finish(&s);
+}
+
+static void planes_alone_are_refused(void **state)
+{
+    (void) state;
+    for (size_t n = 0; n < 2; n++) {
+        struct stage s;
+        struct pell_frame shape = { .width = 4, .height = 4, .stride = 4, .focal_px = 1.0f, .num_materials = 1 };
+        const struct pell_frame_material material = { .medium = { .eta = 1.3 }, .gaussians = { .count = 1, .variance = { 1.0 } } };
+        struct pell_pass *pass;
+
+        stage_start(&s, 4, 4);
+        shape.materials = &material;
+        assert_int_equal(pell_pass_create(s.r, pell_method_find(s.ctx, "test", references[n].name), NULL, &shape, &pass),
+                         PELL_ERR_UNSUPPORTED);
+        assert_null(pass);
+        assert_int_equal(s.kept.errors, 1);
+        stage_finish(&s);
+    }
+}
+
+static void survives_the_nth_allocation(void **state)
+{
+    (void) state;
+    for (size_t n = 0; n < 2; n++) {
+        bool done = false;
+        for (uint64_t at = 1; !done; at++) {
+            struct pell_fault fault = { 0 };
+            struct stage s = { 0 };
+            size_t m;
+            const struct pell_renderer_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
+            s.ctx = test_context(&fault, &s.kept);
+            OK(pell_scene_create(s.ctx, &s.scene));
+            OK(pell_renderer_create(s.ctx, &params, &s.r));
+            pell_knobs_default(pell_settings_knobs, &s.settings);
+            s.settings.width = s.settings.height = 4;
+            s.settings.msaa = 1;
+            stage_medium(&s, "marble", &m);
+            stage_box(&s, m, 0, vec3(-1, -1, -1), vec3(1, 1, 1));
+            stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 9), vec3(0, 0, 0), 3.0f);
+            stage_camera(&s, vec3(0, 0, 9), vec3(0, 0, 0), 0.0f, 1.0f);
+            stage_complete(&s);
+            OK(pell_renderer_set_scene(s.r, s.scene));
+            stage_method(&s, references[n].name, (const char *const[]){ n ? "most=128" : "most=64", NULL });
+            fault.fail_at = fault.calls + at;
+            switch (pell_renderer_render(s.r, &s.settings, &s.picture)) {
+            case PELL_OK: done = fault.calls < fault.fail_at; break;
+            case PELL_ERR_NOMEM: break;
+            default: fail_msg("allocation %d gave another error", (int) at);
+            }
+            stage_finish(&s);
+            assert_int_equal(fault.live, 0);
+        }
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(ball_in_an_even_sky),
+        cmocka_unit_test(step_of_light_on_a_plane),
+        cmocka_unit_test(all_ways_agree),
+        cmocka_unit_test(error_bars_are_honest),
+        cmocka_unit_test(light_stays_in_its_object),
+        cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
+        cmocka_unit_test(new_settings_light_anew),
+        cmocka_unit_test(planes_alone_are_refused),
+        cmocka_unit_test(survives_the_nth_allocation),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
