@@ -207,18 +207,24 @@ struct pell_body_triangle pell_body_at(const struct pell_body *body, double area
     return body->triangles[low];
 }
 
-void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *rays, const int valid[16], const float position[3][16],
-                      const float normal[3][16], const float depth[16], const size_t material[16], int32_t out[16])
+void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *rays, const struct pell_frame *in, const ptrdiff_t *at,
+                      int count, int32_t out[16])
 {
-    _Alignas(64) int open[16];
+    float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
+    _Alignas(64) int open[16] = { 0 };
     struct pell_ray_hit16 p;
-    int any = 0;
+    int any = count > 0 ? -1 : 0;
 
     memset(&p, 0, sizeof(p));
-    for (int i = 0; i < 16; i++) {
-        open[i] = valid[i] ? -1 : 0;
-        any |= open[i];
+    for (int i = 0; i < 16; i++)
         out[i] = -1;
+    for (int i = 0; i < count; i++) {
+        open[i] = -1;
+        depth[i] = in->depth[at[i]];
+        for (int k = 0; k < 3; k++) {
+            position[k][i] = in->position[k][at[i]];
+            normal[k][i] = in->normal[k][at[i]];
+        }
     }
     /* Wider and wider, for normals that graze. */
     for (float reach = 3e-5f; any && reach < 1e-2f; reach *= 8.0f) {
@@ -246,7 +252,7 @@ void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *
     }
     for (int i = 0; any && i < 16; i++)
         for (size_t k = 0; open[i] && k < bodies->count; k++)
-            if (bodies->bodies[k].material == material[i]) {
+            if (bodies->bodies[k].material == in->material[at[i]] - 1u) {
                 out[i] = (int32_t) k;
                 open[i] = 0;
             }

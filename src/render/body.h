@@ -49,9 +49,9 @@ static inline void pell_triangle_point(float f, float g, float *u, float *v)
     *v = s * g;
 }
 
-/* Which bodies 16 points of a frame are on: short rays along their normals ask. Lanes of `valid` 0 and those that find nothing: the first
- * body of the frame's material, or -1. */
-void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *rays, const int valid[16], const float position[3][16],
-                      const float normal[3][16], const float depth[16], const size_t material[16], int32_t out[16]);
+/* Which bodies up to 16 pixels of a frame, in->...[at[i]], are on: short rays along their normals ask. Those that find nothing: the
+ * first body of the frame's material, or -1. */
+void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *rays, const struct pell_frame *in, const ptrdiff_t *at,
+                      int count, int32_t out[16]);
 
 #endif

@@ -351,30 +351,18 @@ static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, stru
 static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, struct counts *counts)
 {
     const struct pell_frame *in = t->in;
-    float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
-    size_t material[16] = { 0 };
-    int valid[16] = { 0 };
     int32_t body[16];
     struct pixel p;
 
-    for (int i = 0; i < count; i++) {
-        valid[i] = -1;
-        depth[i] = in->depth[at[i]];
-        material[i] = in->material[at[i]] - 1u;
-        for (int k = 0; k < 3; k++) {
-            position[k][i] = in->position[k][at[i]];
-            normal[k][i] = in->normal[k][at[i]];
-        }
-    }
-    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), valid, (const float(*)[16]) position, (const float(*)[16]) normal, depth,
-                     material, body);
+    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), in, at, count, body);
     p.counts = counts;
     for (int i = 0; i < count && !pell_cancelled(t->st->ctx); i++) {
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
         float light[3] = { 0 }, noise[3] = { 0 };
         if (body[i] >= 0 && t->st->bodies->bodies[body[i]].num_triangles > 0) {
-            start_pixel(t->st, vec3(position[0][i], position[1][i], position[2][i]), vec3(normal[0][i], normal[1][i], normal[2][i]),
-                        body[i], t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, &p);
+            start_pixel(t->st, vec3(in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]]),
+                        vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), body[i],
+                        t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, &p);
             estimate(&p, own, light, noise);
         }
         for (int c = 0; c < 3; c++) {

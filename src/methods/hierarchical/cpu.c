@@ -353,24 +353,11 @@ struct frame_task {
 static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
 {
     const struct pell_frame *in = t->in;
-    float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
-    size_t material[16] = { 0 };
-    int valid[16] = { 0 };
     int32_t body[16];
 
+    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), in, at, count, body);
     for (int i = 0; i < count; i++) {
-        valid[i] = -1;
-        depth[i] = in->depth[at[i]];
-        material[i] = in->material[at[i]] - 1u;
-        for (int k = 0; k < 3; k++) {
-            position[k][i] = in->position[k][at[i]];
-            normal[k][i] = in->normal[k][at[i]];
-        }
-    }
-    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), valid, (const float(*)[16]) position, (const float(*)[16]) normal, depth,
-                     material, body);
-    for (int i = 0; i < count; i++) {
-        const float p[3] = { position[0][i], position[1][i], position[2][i] };
+        const float p[3] = { in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]] };
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
         float light[3] = { 0 };
         if (body[i] >= 0)
