@@ -82,7 +82,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_stack_transforms(const struct pell
 
 /* R+, T+, R- or T- of a stack of one layer at a radius by the sum of 2n + 1 dipoles. n grows until what is left is less than
  * `tolerance` ([1e-14, 1]) of the sum, or `dipoles_max` (1..100001) are in use; *dipoles (may be NULL) is how many were. A half-space is
- * one dipole. PELL_ERR_UNSUPPORTED where the mean free path exceeds the thickness (PELL_STACK_THIN). */
+ * one dipole. PELL_ERR_UNSUPPORTED where the mean free path reaches or exceeds the thickness. */
 PELL_API PELL_NODISCARD enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, enum pell_stack_part part,
                                                          double r_mm, double tolerance, int dipoles_max, double *out, int *dipoles);
 

@@ -314,9 +314,9 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
     if (p.count != 1 || (int) part < 0 || part >= PELL_STACK_PARTS || !(fabs(r_mm) <= 1e100) || !(tolerance >= 1e-14 && tolerance <= 1.0)
         || dipoles_max < 1 || dipoles_max > 100001)
         return PELL_ERR_INVALID;
-    if (p.flags & PELL_STACK_THIN)
-        return PELL_ERR_UNSUPPORTED;
     const struct pell_slab *y = &p.slab[0];
+    if (y->l >= y->d) /* a pole on the far side itself has no value there */
+        return PELL_ERR_UNSUPPORTED;
     const int side = part == PELL_STACK_R_MINUS || part == PELL_STACK_T_MINUS;
     const bool through = part == PELL_STACK_T_PLUS || part == PELL_STACK_T_MINUS;
     if (isinf(y->d)) {

@@ -111,6 +111,10 @@ static void oracle_outside_validity(void **state)
     REQUIRE_REL(total[TP], oracle_number(row, "closed_form_T"), ROUNDED);
     REQUIRE_REL(total[RP], oracle_number(row, "R"), ROUNDED);
     REQUIRE(pell_slab_poles(&s, 0, TP, 0.1, 1e-10, 1001, &value, NULL) == PELL_ERR_UNSUPPORTED);
+    /* A mean free path of the thickness exactly: the pole on the far side is infinite at r = 0. */
+    s = slab_of(0.5, 0.5, 1.4, 1.0);
+    for (int p = 0; p < PELL_STACK_PARTS; p++)
+        REQUIRE(pell_slab_poles(&s, 0, (enum pell_stack_part) p, 0.0, 1e-9, 201, &value, NULL) == PELL_ERR_UNSUPPORTED);
     json_decref(root);
 }
 
