@@ -70,7 +70,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_fit_medium(const struct pell_mediu
                                                          struct pell_gaussians *out, struct pell_fit_report *report);
 
 /* Error (10) of one channel against any profile, as a fraction, by the integrals that fits use (see pell_fit_profile); r_max_mm as in
- * struct pell_fit_params. NAN for a profile without light or arguments out of range. */
+ * struct pell_fit_params. NAN for a profile without light (or with so little, under 1e-290, that its values are no normal numbers) and for
+ * arguments out of range. */
 PELL_API double pell_gaussians_error(const struct pell_gaussians *g, int channel, const struct pell_profile *profile, double r_max_mm);
 
 /* --- Closed forms (d'Eon et al. 2007, appendix A) ------------------------------------------------------------------------------ */
