@@ -82,6 +82,13 @@ PELL_API void pell_context_destroy(struct pell_context **ctx);
 /* Makes running and later calls with this context end with PELL_ERR_CANCELLED as soon as they look. Async-signal-safe. */
 PELL_API void pell_context_cancel(struct pell_context *ctx);
 
+/* What Ctrl-C means: where a picture is being made that may end early (pell_method.partial), it ends soon with what it has
+ * (pell_picture.partial), and later calls go on as if nothing had happened; anywhere else the same as pell_context_cancel.
+ * Async-signal-safe. */
+PELL_API void pell_context_interrupt(struct pell_context *ctx);
+/* Whether a picture has been asked to end early. */
+PELL_API bool pell_context_interrupted(const struct pell_context *ctx);
+
 PELL_API const struct pell_limits *pell_context_limits(const struct pell_context *ctx);
 
 #ifdef __cplusplus

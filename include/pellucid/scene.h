@@ -242,6 +242,11 @@ PELL_API PELL_NODISCARD enum pell_result pell_material_apply(struct pell_scene *
  * building, before rendering. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params);
 
+/* 64 bits that stay the same while the content does, wherever the files lie: meshes, textures, materials, lights, background, camera; or
+ * materials and their textures alone. No defence against an adversary. */
+PELL_API uint64_t pell_scene_hash(const struct pell_scene *scene);
+PELL_API uint64_t pell_scene_hash_materials(const struct pell_scene *scene);
+
 #ifdef __cplusplus
 }
 #endif

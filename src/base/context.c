@@ -115,6 +115,24 @@ void pell_context_cancel(struct pell_context *ctx)
     atomic_store(&ctx->cancelled, true);
 }
 
+void pell_context_interrupt(struct pell_context *ctx)
+{
+    if (atomic_load(&ctx->partial) > 0)
+        atomic_store(&ctx->interrupted, true);
+    else
+        atomic_store(&ctx->cancelled, true);
+}
+
+bool pell_context_interrupted(const struct pell_context *ctx)
+{
+    return atomic_load_explicit(&ctx->interrupted, memory_order_relaxed);
+}
+
+void pell_partial(struct pell_context *ctx, int change)
+{
+    atomic_fetch_add(&ctx->partial, change);
+}
+
 bool pell_cancelled(const struct pell_context *ctx)
 {
     return atomic_load_explicit(&ctx->cancelled, memory_order_relaxed);

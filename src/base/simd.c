@@ -14,7 +14,7 @@ const char *pell_simd_name(enum pell_simd_level level)
 
 static enum pell_simd_level detect(void)
 {
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(PELL_SIMD_BASE_ONLY)
     __builtin_cpu_init();
     if (!__builtin_cpu_supports("sse4.2") || !__builtin_cpu_supports("popcnt"))
         return PELL_SIMD_BASE;

@@ -4,7 +4,7 @@
  *
  * A kernel file is compiled once per level (src/meson.build, `kernel_levels`) with PELL_SIMD_NAME set to base, v2, v3 or v4, and
  * exports one constant table of functions named by PELL_SIMD(table). No intrinsics are needed; all levels give the same bits
- * (no contraction of multiply-adds).
+ * (no contraction of multiply-adds). PELL_SIMD_BASE_ONLY (meson -Dsimd=base) leaves only the first.
  */
 #ifndef PELL_SIMD_H
 #define PELL_SIMD_H
@@ -27,8 +27,19 @@ const char *pell_simd_name(enum pell_simd_level level);
 #define PELL_SIMD_JOIN(a, b) PELL_SIMD_JOIN_(a, b)
 #define PELL_SIMD(name) PELL_SIMD_JOIN(name, PELL_SIMD_NAME)
 
-/* Declares the tables of all levels and an array of them: PELL_SIMD_TABLES(struct pell_blur_kernels, pell_blur_kernels). */
+/* Asks for the cache line of `p`, to be written: the line becomes this core's alone, which a plain prefetch does not see to. Functions that
+ * do are marked PELL_FETCHING; those that do nothing else PELL_FETCHING_INLINE, or calls of them would be left out as having no effect.
+ * All processors of x86-64 know the instruction; some ignore it. */
 #if defined(__x86_64__)
+#define PELL_FETCHING __attribute__((target("prfchw")))
+#else
+#define PELL_FETCHING
+#endif
+#define PELL_FETCHING_INLINE static inline PELL_FETCHING __attribute__((always_inline))
+#define pell_fetch_to_write(p) __builtin_prefetch((p), 1)
+
+/* Declares the tables of all levels and an array of them: PELL_SIMD_TABLES(struct pell_blur_kernels, pell_blur_kernels). */
+#if defined(__x86_64__) && !defined(PELL_SIMD_BASE_ONLY)
 #define PELL_SIMD_TABLES(type, name)                                                                                               \
     extern const type name##_base, name##_v2, name##_v3, name##_v4;                                                                \
     static const type *const name##_tables[PELL_SIMD_LEVELS] = { &name##_base, &name##_v2, &name##_v3, &name##_v4 }

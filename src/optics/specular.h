@@ -63,14 +63,20 @@ static inline float pell_boundary_lookup(const float *transmittance, float mu)
     return transmittance[i] + (x - (float) i) * (transmittance[i + 1] - transmittance[i]);
 }
 
-/* The width that a lobe's formula wants: alpha of GGX, m of the Beckmann distribution. The papers that use Kelemen's lobe for skin
- * give m itself (0.3 in d'Eon et al. 2007), so roughness is m there. */
-static inline float pell_lobe_width(enum pell_specular_model model, float roughness)
+/* A model that there is. */
+static inline enum pell_specular_model pell_specular_known(enum pell_specular_model model)
 {
-    return model == PELL_SPECULAR_GGX ? roughness * roughness : roughness;
+    return (unsigned) model < PELL_SPECULAR_MODELS ? model : PELL_SPECULAR_GGX;
 }
 
-/* exp(-x) for x >= 0; relative error under 3e-7, 0 beyond 80. */
+/* The width that a lobe's formula wants: m of the Beckmann distribution, else alpha. The papers that use Kelemen's lobe for skin give m
+ * itself (0.3 in d'Eon et al. 2007), so roughness is m there. */
+static inline float pell_lobe_width(enum pell_specular_model model, float roughness)
+{
+    return model == PELL_SPECULAR_KELEMEN ? roughness : roughness * roughness;
+}
+
+/* exp(-x) for x >= 0; relative error under 3e-7 + 1e-7 x, 0 beyond 80. */
 static inline float pell_exp_minus(float x)
 {
     const float y = (x < 80.0f ? x : 80.0f) * -1.44269504f;
@@ -82,6 +88,29 @@ static inline float pell_exp_minus(float x)
     float two;
     __builtin_memcpy(&two, &bits, sizeof(two));
     return x < 80.0f ? e * two : 0.0f;
+}
+
+/* -ln(1 - x) for x in [0, 1); relative error under 3e-7, however small x is. 1 - x = 2^k (1 + f) with f in [-1/4, 1/2), and f is -x
+ * itself where k = 0, so that nothing drowns in the rounding of 1 - x. */
+static inline float pell_log_minus(float x)
+{
+    const float y = 1.0f - x;
+    int32_t bits, k;
+    float m;
+    __builtin_memcpy(&bits, &y, sizeof(bits));
+    k = (bits - 0x3f400000) >> 23; /* 0x3f400000: 3/4 */
+    bits -= k * (1 << 23);
+    __builtin_memcpy(&m, &bits, sizeof(m));
+    const float f = k == 0 ? -x : m - 1.0f, s = f / (2.0f + f), s2 = s * s;
+    const float series = s * (2.0f + s2 * (6.66666667e-1f + s2 * (0.4f + s2 * (2.85714286e-1f + s2 * 2.22222222e-1f))));
+    return -(series + (float) k * 0.693147181f);
+}
+
+/* cos^n of an angle, from 1 - cos, or from sin^2 with n/2. */
+static inline float pell_power_of_cos(float n, float rest)
+{
+    const float below = rest > 0.0f ? rest < 0.9999999f ? rest : 0.9999999f : 0.0f, p = pell_exp_minus(n * pell_log_minus(below));
+    return rest < 1.0f ? p : 0.0f;
 }
 
 /* The lobes from nl = n.l, nv = n.v > 0 and the unnormalised h = l + v: nh = n.h, hh = h.h, sin2 = |n x h|^2 (not from nh: narrow
@@ -97,6 +126,19 @@ static inline float pell_lobe_kelemen(float width2, float sin2, float nh, float 
 {
     const float c2 = nh * nh + 1e-20f;
     return pell_exp_minus(sin2 / (c2 * width2)) * hh / (PELL_PI_F * width2 * c2 * c2);
+}
+
+/* l less the mirror direction is h - 2 nv n: nl - nv along n, and what h has beside n. */
+static inline float pell_lobe_phong(float width2, float nl, float nv, float sin2)
+{
+    const float n = 0.5f / width2 - 0.5f, along = nl - nv;
+    return (n + 2.0f) * (0.5f / PELL_PI_F) * pell_power_of_cos(n, 0.5f * (sin2 + along * along));
+}
+
+static inline float pell_lobe_blinn_phong(float width2, float sin2, float hh)
+{
+    const float n = 2.0f / width2 - 2.0f, half = 0.5f * n;
+    return (n + 2.0f) * (n + 4.0f) / (8.0f * PELL_PI_F * (pell_exp_minus(half * 0.693147181f) + n)) * pell_power_of_cos(half, sin2 / hh);
 }
 
 #endif

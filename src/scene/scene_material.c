@@ -350,17 +350,19 @@ fail:
 
 static enum pell_result read_specular(const struct pell_json *at, struct pell_material *m)
 {
-    static const char *const models[] = { "ggx", "kelemen" };
-    int model = m->specular == PELL_SPECULAR_KELEMEN;
+    const char *models[PELL_SPECULAR_MODELS];
+    int model = (int) m->specular;
     struct pell_json specular;
     enum pell_result res;
 
+    for (int i = 0; i < PELL_SPECULAR_MODELS; i++)
+        models[i] = pell_specular_name((enum pell_specular_model) i);
     PELL_TRY(pell_json_object(at, "specular", &specular));
     if (!specular.value)
         return PELL_OK;
     PELL_TRY(pell_json_only(&specular, pell_specular_keys, PELL_SPECULAR_KEYS));
     PELL_TRY(pell_json_choice(&specular, "model", models, PELL_COUNT(models), &model));
-    m->specular = model ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX;
+    m->specular = (enum pell_specular_model) model;
     PELL_TRY(pell_json_float(&specular, "roughness", 0.0, 1.0, &m->roughness));
     PELL_TRY(pell_json_float(&specular, "rho_s", 0.0, 1.0, &m->rho_s));
     return PELL_OK;

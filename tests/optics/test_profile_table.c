@@ -98,6 +98,27 @@ static void two_rows_are_enough(void **state)
     REQUIRE_REL(pell_profile_cdf(&p, 0.5), 0.0625, 1e-14);
 }
 
+/* Light whose fractions are no normal numbers is none; a little more is as good as much. */
+static void hardly_any_light_is_none(void **state)
+{
+    static const double peaks[] = { 5e-324, 2.8e-313, 1e-300, 1e-280, 1e-200 };
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(peaks); k++)
+        for (size_t count = 2; count <= 2000; count = count == 2 ? 20 : count == 20 ? 2000 : 3000) { /* the last is merged */
+            for (size_t i = 0; i < count; i++) {
+                r[i] = 1e-3 * pow(10.0, 3.0 * (double) i / (double) (count - 1));
+                R[i] = peaks[k] / (1.0 + r[i]);
+            }
+            accept(count);
+            REQUIRE(peaks[k] > 1e-289 ? p.total > 1e-290 : p.total == 0.0);
+            for (int j = 1; j < 20; j++) {
+                const double x = pell_profile_sample(&p, j / 20.0);
+                REQUIRE(isfinite(x) && x >= 0.0);
+                REQUIRE(p.total > 0.0 ? fabs(pell_profile_cdf(&p, x) - j / 20.0) < 1e-12 : pell_profile_eval(&p, x) == 0.0);
+            }
+        }
+}
+
 static void wild_tables_stay_in_bounds(void **state)
 {
     uint64_t seed = 7;
@@ -248,6 +269,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(falling_tables_fall),    cmocka_unit_test(rings_gaps_and_zeros_are_legal),
         cmocka_unit_test(two_rows_are_enough),    cmocka_unit_test(wild_tables_stay_in_bounds),
+        cmocka_unit_test(hardly_any_light_is_none),
         cmocka_unit_test(wrong_rows_are_named),   cmocka_unit_test(all_light_is_the_limit),
         cmocka_unit_test(long_tables_are_merged), cmocka_unit_test(noisy_tables_keep_their_light),
         cmocka_unit_test(transforms_of_tables),   cmocka_unit_test(tails_behind_nodes),
