@@ -50,9 +50,12 @@ struct pell_frame {
     const float *position[3];   /* mm */
 };
 
-/* What a method writes, at pixels whose material is not 0, inside the frame's rect; planes as in the frame, never the frame's own. */
+/* What a method writes, at pixels whose material is not 0, inside the frame's rect; planes as in the frame, never the frame's own.
+ * A method whose plan gives a part apart (struct pell_plan) leaves it out of `light` where its planes are there; else `light` has it. */
 struct pell_frame_light {
-    float *light[3]; /* radiant exitance M, W/m^2, or radiance, W/(m^2 sr): struct pell_plan says which */
+    float *light[3];   /* radiant exitance M, W/m^2, or radiance, W/(m^2 sr): struct pell_plan says which */
+    float *single[3];  /* scattered once below the surface, radiance; may be NULL */
+    float *surface[3]; /* reflected at the surface, radiance; may be NULL */
 };
 
 #define PELL_THICKNESS_STEPS 512

@@ -33,9 +33,16 @@ enum pell_need {
                                  * frames only, not on a caller's planes */
 };
 
+enum pell_gives {
+    PELL_GIVES_SINGLE = 1 << 0,  /* pell_frame_light.single */
+    PELL_GIVES_SURFACE = 1 << 1, /* pell_frame_light.surface */
+};
+
 /* What a set of knobs asks of the frame, and what comes out. */
 struct pell_plan {
     unsigned needs;
+    unsigned gives; /* parts that can be had apart, of PELL_QUANTITY_RADIANCE */
+    bool below;     /* radiance of light that entered alone: the composite adds its specular lobe, as it does to exitance */
     enum pell_quantity quantity;
     float mix; /* mix exponent for all materials; negative: each material's own */
 };
@@ -46,6 +53,7 @@ struct pell_pass_time {
     double seconds;
     int64_t pixels;   /* that the pass wrote */
     int64_t bytes;    /* that it must read and write at least once */
+    int64_t rays;     /* that it traced */
 };
 
 struct pell_method_engine {
@@ -75,6 +83,7 @@ struct pell_method {
     void (*paper)(void *knobs); /* changes the defaults to what the paper ran */
     void (*plan)(const void *knobs, struct pell_plan *plan);
     const struct pell_method_engine *cpu, *vulkan; /* NULL: not on this engine */
+    bool partial; /* ends early with what it has when interrupted, and keeps its state in the renderer's checkpoint */
 };
 
 /* All built-in methods, NULL-terminated. */

@@ -68,6 +68,17 @@ PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_scene(struct pell_ren
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method,
                                                                   const void *knobs);
 
+/* A file in which a method that works for long keeps its state, so that a later run goes on where one ended, or was ended. */
+struct pell_checkpoint {
+    const char *path;
+    double every; /* seconds between two writings, > 0; it is written at the end of a frame, too */
+};
+
+/* From the next frame on; NULL: no file. Copied. A file that is there is read before the first sample and must be of the same scene, size,
+ * seed and knobs, else the frame fails with PELL_ERR_FORMAT or PELL_ERR_INVALID and the file stays as it is. It is replaced as a whole,
+ * never half-written. PELL_ERR_UNSUPPORTED at the frame for a method that keeps nothing (pell_method.partial). */
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint);
+
 /* One stage of a frame. */
 struct pell_stage_time {
     const char *name;
@@ -89,6 +100,7 @@ struct pell_picture {
     int64_t invalid;      /* pixels that came out as NaN or infinite and were set to 0: 0 unless something is wrong */
     float exposure;       /* that was applied */
     struct pell_rect rect; /* of translucent pixels */
+    bool partial;          /* pell_context_interrupt ended it early: whole, but with fewer samples than were asked for */
 };
 
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings,

@@ -67,6 +67,7 @@ struct pell_rays {
     _Atomic int64_t bytes;    /* that Embree holds */
     atomic_bool over_limit;
     _Atomic int error; /* first enum RTCError */
+    struct pell_ray_record *record; /* borrowed; NULL: none */
 };
 
 /* --- Filters ------------------------------------------------------------------------------------------------------------------ */
@@ -317,4 +318,204 @@ void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool c
     struct RTCIntersectContext context = intersect_context(coherent);
 
     rtcOccluded16(valid, rays->scene, &context, (struct RTCRay16 *) packet);
+}
+
+static struct RTCRay single_ray(const struct pell_ray *ray)
+{
+    return (struct RTCRay) {
+        .org_x = ray->origin[0], .org_y = ray->origin[1], .org_z = ray->origin[2], .tnear = ray->tnear, .dir_x = ray->direction[0],
+        .dir_y = ray->direction[1], .dir_z = ray->direction[2], .tfar = ray->tfar, .mask = ray->mask,
+    };
+}
+
+static void keep(struct pell_ray_record *record, const struct pell_ray *ray, bool occlusion)
+{
+    const size_t at = atomic_fetch_add_explicit(&record->count, 1, memory_order_relaxed);
+
+    if (at >= record->capacity)
+        return;
+    record->rays[at] = *ray;
+    record->occlusion[at] = occlusion;
+}
+
+void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record)
+{
+    rays->record = record;
+}
+
+int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record)
+{
+    const size_t count = record->count < record->capacity ? record->count : record->capacity;
+    struct RTCIntersectContext context = intersect_context(false);
+    int64_t met = 0;
+
+    for (size_t i = 0; i < count; i++) {
+        struct RTCRayHit r = { .ray = single_ray(&record->rays[i]), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
+        if (record->occlusion[i]) {
+            rtcOccluded1(rays->scene, &context, &r.ray);
+            met += r.ray.tfar < 0.0f;
+        } else {
+            rtcIntersect1(rays->scene, &context, &r);
+            met += r.hit.geomID != RTC_INVALID_GEOMETRY_ID;
+        }
+    }
+    return met;
+}
+
+bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray, struct pell_hit *hit)
+{
+    struct RTCIntersectContext context = intersect_context(false);
+    struct RTCRayHit r = { .ray = single_ray(ray), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
+
+    if (rays->record)
+        keep(rays->record, ray, false);
+    rtcIntersect1(rays->scene, &context, &r);
+    if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+        return false;
+    *hit = (struct pell_hit) { r.ray.tfar, { r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z }, r.hit.u, r.hit.v, r.hit.geomID, r.hit.primID };
+    return true;
+}
+
+bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray)
+{
+    struct RTCIntersectContext context = intersect_context(false);
+    struct RTCRay r = single_ray(ray);
+
+    if (rays->record)
+        keep(rays->record, ray, true);
+    rtcOccluded1(rays->scene, &context, &r);
+    return r.tfar < 0.0f;
+}
+
+/* --- The nearest point ---------------------------------------------------------------------------------------------------------- */
+
+#define MORE 1.000001 /* the search goes on a little behind the nearest, so that what is nearest does not hang on the order of the search */
+
+struct nearest_search {
+    const struct pell_rays *rays;
+    const int32_t *of_mesh;
+    int32_t which;
+    double x[3], best2; /* squared distance */
+    double u, v;
+    uint32_t mesh, triangle;
+};
+
+static double dot3(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* How far along from a to a + e the point a + d is nearest, [0, 1]; its squared distance. */
+static double segment(const double d[3], const double e[3], double *t)
+{
+    const double ee = dot3(e, e), along = ee > 0.0 ? dot3(d, e) / ee : 0.0;
+    double off[3];
+
+    *t = along > 0.0 ? along < 1.0 ? along : 1.0 : 0.0;
+    for (int k = 0; k < 3; k++)
+        off[k] = d[k] - *t * e[k];
+    return dot3(off, off);
+}
+
+/* Squared distance from the corner p0 + d to the triangle of edges e, f from p0, and where: inside where the foot of the perpendicular is,
+ * else on the nearest side. */
+static double to_triangle(const double d[3], const double e[3], const double f[3], double *u, double *v)
+{
+    const double ee = dot3(e, e), ef = dot3(e, f), ff = dot3(f, f), de = dot3(d, e), df = dot3(d, f), det = ee * ff - ef * ef;
+    const double pu = ff * de - ef * df, pv = ee * df - ef * de;
+    double best, d2, t, g[3], h[3];
+
+    for (int k = 0; k < 3; k++) {
+        g[k] = f[k] - e[k];
+        h[k] = d[k] - e[k];
+    }
+    if (pu > 0.0 && pv > 0.0 && pu + pv < det) {
+        *u = pu / det;
+        *v = pv / det;
+        for (int k = 0; k < 3; k++)
+            h[k] = d[k] - *u * e[k] - *v * f[k];
+        return dot3(h, h);
+    }
+    best = segment(d, e, &t);
+    *u = t;
+    *v = 0.0;
+    d2 = segment(d, f, &t);
+    if (d2 < best) {
+        best = d2;
+        *u = 0.0;
+        *v = t;
+    }
+    d2 = segment(h, g, &t);
+    if (d2 < best) {
+        best = d2;
+        *u = 1.0 - t;
+        *v = t;
+    }
+    return best;
+}
+
+static bool try_triangle(struct RTCPointQueryFunctionArguments *args)
+{
+    struct nearest_search *s = args->userPtr;
+    const struct pell_mesh *m = s->rays->surfaces[args->geomID].mesh;
+    const uint32_t *index = m->index + 3 * (size_t) args->primID;
+    double d[3], e[3], f[3], d2, u, v, radius;
+
+    if (s->of_mesh && s->of_mesh[args->geomID] != s->which)
+        return false;
+    for (size_t k = 0; k < 3; k++) {
+        const double a = (double) m->position[3 * (size_t) index[0] + k];
+        d[k] = s->x[k] - a;
+        e[k] = (double) m->position[3 * (size_t) index[1] + k] - a;
+        f[k] = (double) m->position[3 * (size_t) index[2] + k] - a;
+    }
+    d2 = to_triangle(d, e, f, &u, &v);
+    if (!(d2 <= s->best2) || (d2 == s->best2 && s->mesh != PELL_NO_HIT &&
+                              (args->geomID > s->mesh || (args->geomID == s->mesh && args->primID >= s->triangle))))
+        return false;
+    s->best2 = d2;
+    s->u = u;
+    s->v = v;
+    s->mesh = args->geomID;
+    s->triangle = args->primID;
+    radius = sqrt(d2) * MORE;
+    if (!(radius < (double) args->query->radius))
+        return false;
+    args->query->radius = (float) radius;
+    return true;
+}
+
+bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, float radius, const int32_t *of_mesh, int32_t which,
+                             struct pell_nearest *out)
+{
+    struct nearest_search s = {
+        .rays = rays, .of_mesh = of_mesh, .which = which, .x = { (double) x.x, (double) x.y, (double) x.z },
+        .best2 = (double) radius * (double) radius, .mesh = PELL_NO_HIT,
+    };
+    struct RTCPointQuery query = { .x = x.x, .y = x.y, .z = x.z, .time = 0.0f, .radius = (float) ((double) radius * MORE) };
+    struct RTCPointQueryContext context;
+    const struct pell_mesh *m;
+    const uint32_t *index;
+    float point[3];
+
+    if (!isfinite(x.x + x.y + x.z) || !(radius >= 0.0f))
+        return false;
+    rtcInitPointQueryContext(&context);
+    rtcPointQuery(rays->scene, &query, &context, try_triangle, &s);
+    if (s.mesh == PELL_NO_HIT)
+        return false;
+    out->mesh = s.mesh;
+    out->triangle = s.triangle;
+    out->u = (float) s.u;
+    out->v = (float) s.v;
+    out->distance = sqrt(s.best2);
+    m = rays->surfaces[s.mesh].mesh;
+    index = m->index + 3 * (size_t) s.triangle;
+    for (size_t k = 0; k < 3; k++) {
+        const double a = (double) m->position[3 * (size_t) index[0] + k], b = (double) m->position[3 * (size_t) index[1] + k],
+                     c = (double) m->position[3 * (size_t) index[2] + k];
+        point[k] = (float) (a + s.u * (b - a) + s.v * (c - a));
+    }
+    out->point = vec3_load(point);
+    return true;
 }

@@ -11,6 +11,7 @@
 #define PELL_RAYS_H
 
 #include "base/pool.h"
+#include "math/vec.h"
 
 #include <pellucid/scene.h>
 
@@ -59,5 +60,49 @@ void pell_rays_destroy(struct pell_rays **rays);
 /* `valid`: 16 ints, -1 for rays that take part, 0 for others; 64-byte aligned. `coherent`: rays of one packet go much the same way. */
 void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet);
 void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray16 *packet);
+
+/* One ray, for walks whose rays have nothing in common. The direction need not be unit. */
+struct pell_ray {
+    float origin[3], tnear;
+    float direction[3], tfar;
+    uint32_t mask;
+};
+
+struct pell_hit {
+    float t;
+    float ng[3]; /* geometric normal, not unit, by the index order */
+    float u, v;  /* as in struct pell_hit16 */
+    uint32_t mesh, triangle;
+};
+
+/* False: nothing was hit, and *hit is as it was. */
+bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray, struct pell_hit *hit);
+bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray);
+
+struct pell_nearest {
+    uint32_t mesh, triangle;
+    float u, v;             /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
+    struct pell_vec3 point; /* mm */
+    double distance;        /* mm, from the triangle in double precision */
+};
+
+/* The nearest point to x, no farther than `radius` mm (INFINITY will do), of the meshes whose of_mesh[mesh] is `which` (of_mesh NULL: of
+ * all meshes that rays see; holes that alpha cuts are filled here). Of triangles equally near the first. False: there is none. Where most
+ * of what is near is not asked for this takes longer. */
+bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, float radius, const int32_t *of_mesh, int32_t which,
+                             struct pell_nearest *out);
+
+/* For benches: rays of pell_rays_closest and pell_rays_occluded in the order in which they came, to be traced again by Embree alone. */
+struct pell_ray_record {
+    struct pell_ray *rays; /* the caller's */
+    bool *occlusion;       /* of which it was asked only whether anything is in the way */
+    size_t capacity;
+    _Atomic size_t count;  /* all that came: beyond the capacity they are not kept */
+};
+
+/* NULL stops it. While no query runs. */
+void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record);
+/* Traces what was kept; returns how many met something. */
+int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record);
 
 #endif

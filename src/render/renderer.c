@@ -50,7 +50,12 @@ struct pell_renderer {
     struct pell_lighting lighting;
     struct pell_accumulator sum;
     struct pell_rect translucent; /* of all samples of the frame */
+    bool noisy;                   /* the frame's method knows its standard error */
     float *lit[3], *light[3], *display[3];
+    const float *noise[3]; /* the pass's own, of the last sample */
+    float *single[3], *reflected[3]; /* there once a method gave them apart */
+    int sample;                      /* of the frame, that is being made */
+    struct pell_checkpoint checkpoint; /* owned path; NULL: none */
     float *position[3]; /* there once a method asked for it */
     uint16_t *material; /* the frame's plane */
     double *rows; /* 4 a row for post, then 2 a row for the meter */
@@ -100,6 +105,35 @@ const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r)
 int pell_renderer_samples(const struct pell_renderer *r)
 {
     return r->settings.msaa;
+}
+
+int pell_renderer_sample(const struct pell_renderer *r)
+{
+    return r->sample;
+}
+
+const struct pell_settings *pell_renderer_settings(const struct pell_renderer *r)
+{
+    return &r->settings;
+}
+
+const struct pell_checkpoint *pell_renderer_checkpoint(const struct pell_renderer *r)
+{
+    return r->checkpoint.path ? &r->checkpoint : NULL;
+}
+
+enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint)
+{
+    char *path = NULL;
+
+    if (checkpoint && !(checkpoint->every > 0.0 && checkpoint->every <= 1e9))
+        return pell_error(r->ctx, PELL_ERR_INVALID, "checkpoint", NULL, "every %g s, must be in (0, 1e9]", checkpoint->every);
+    if (checkpoint && !(path = pell_strdup(r->ctx, checkpoint->path)))
+        return PELL_ERR_NOMEM;
+    pell_free(r->ctx, (char *) r->checkpoint.path);
+    r->checkpoint = (struct pell_checkpoint) { path, checkpoint ? checkpoint->every : 0.0 };
+    pell_pass_destroy(&r->pass); /* it has read the old one */
+    return PELL_OK;
 }
 
 uint32_t pell_renderer_seed(const struct pell_renderer *r)
@@ -185,11 +219,14 @@ static void drop_size(struct pell_renderer *r)
     pell_surface_finish(r->ctx, &r->surface);
     pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes, but for the positions */
     pell_free(r->ctx, r->position[0]);
+    pell_free(r->ctx, r->single[0]);
     pell_free(r->ctx, r->material);
     pell_free(r->ctx, r->rows);
     memset(&r->lighting, 0, sizeof(r->lighting));
     memset(&r->sum, 0, sizeof(r->sum));
     memset(r->position, 0, sizeof(r->position));
+    memset(r->single, 0, sizeof(r->single));
+    memset(r->reflected, 0, sizeof(r->reflected));
     r->material = NULL;
     r->rows = NULL;
     r->sized = false;
@@ -218,11 +255,14 @@ static enum pell_result make_size(struct pell_renderer *r, const struct pell_set
             planes[n++] = &a->specular[c];
             planes[n++] = &a->irradiance[c];
             planes[n++] = &a->normal[c];
+            planes[n++] = &a->variance[c];
         }
     }
     planes[n++] = &a->alpha;
-    if (s->layers)
+    if (s->layers) {
         planes[n++] = &a->depth;
+        planes[n++] = &a->translucent;
+    }
 
     PELL_TRY(pell_surface_allocate(r->ctx, s->width, s->height, &r->surface));
     PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, n));
@@ -276,6 +316,7 @@ void pell_renderer_destroy(struct pell_renderer **renderer)
     drop_scene(r);
     drop_size(r);
     pell_free(r->ctx, r->knobs);
+    pell_free(r->ctx, (char *) r->checkpoint.path);
     pell_pool_destroy(&r->pool);
     pell_free(r->ctx, r);
 }
@@ -525,6 +566,15 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         float **const planes[] = { &r->position[0], &r->position[1], &r->position[2] };
         PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
     }
+    if (r->pass && pell_pass_plan(r->pass)->gives && s->layers && !r->single[0]) {
+        float **planes[9];
+        for (size_t c = 0; c < 3; c++) {
+            planes[c] = &r->single[c];
+            planes[3 + c] = &r->reflected[c];
+            planes[6 + c] = &r->sum.single[c];
+        }
+        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
+    }
     return PELL_OK;
 
 fail:
@@ -587,6 +637,12 @@ double pell_renderer_trace_bare(struct pell_renderer *r)
         return 0.0;
     view = pell_view_make(&r->scene->cameras[0], r->settings.width, r->settings.height, 0.0f, 0.0f);
     return pell_surface_trace_bare(r->pool, r->rays, r->scene, &view, &r->surface);
+}
+
+void pell_renderer_record_rays(struct pell_renderer *r, struct pell_ray_record *record)
+{
+    if (r->rays)
+        pell_rays_record(r->rays, record);
 }
 
 /* Adds a stage's time to its row, which the first sample makes. */
@@ -670,7 +726,8 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
 {
     const struct pell_surface *s = &r->surface;
     struct pell_frame frame = frame_shape(r, view);
-    struct pell_frame_light out = { { r->light[0], r->light[1], r->light[2] } };
+    struct pell_frame_light out = { .light = { r->light[0], r->light[1], r->light[2] } };
+    const struct pell_plan *plan;
     struct remap_task remap = { r, view, r->material, NULL };
     struct pell_pass_time times[24];
     double start = pell_seconds();
@@ -679,8 +736,13 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
 
     if (!r->pass || s->translucent_pixels == 0)
         return PELL_OK;
-    if (pell_pass_plan(r->pass)->needs & PELL_NEED_POSITION)
+    plan = pell_pass_plan(r->pass);
+    if (plan->needs & PELL_NEED_POSITION)
         remap.position = r->position;
+    for (int c = 0; c < 3; c++) {
+        out.single[c] = (plan->gives & PELL_GIVES_SINGLE) ? r->single[c] : NULL;
+        out.surface[c] = (plan->gives & PELL_GIVES_SURFACE) ? r->reflected[c] : NULL;
+    }
     pell_pool_run(r->pool, s->translucent.y1 - s->translucent.y0, remap_row, &remap);
     if (pell_pass_plan(r->pass)->needs & PELL_NEED_LIT) {
         pell_composite_lit(r->pool, r->compositor, composite, r->lit);
@@ -700,11 +762,18 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
     PELL_TRY(pell_pass_render(r->pass, &frame, &out));
     n = pell_pass_times(r->pass, times, PELL_COUNT(times));
     for (size_t i = 0; i < n; i++)
-        note(r, times[i].name, times[i].seconds, times[i].pixels, 0, times[i].bytes);
+        note(r, times[i].name, times[i].seconds, times[i].pixels, times[i].rays, times[i].bytes);
     if (n == 0)
         note(r, r->method->name, pell_seconds() - start, s->translucent_pixels, 0, s->translucent_pixels * 24);
     composite->exitance = (const float *const *) r->light;
-    composite->radiance = pell_pass_plan(r->pass)->quantity == PELL_QUANTITY_RADIANCE;
+    composite->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
+    composite->below = plan->below;
+    composite->single = out.single[0] ? (const float *const *) r->single : NULL;
+    composite->reflected = out.surface[0] ? (const float *const *) r->reflected : NULL;
+    if (pell_pass_noise(r->pass, r->noise)) {
+        composite->noise = r->noise;
+        r->noisy = true;
+    }
     return PELL_OK;
 
 fail:
@@ -775,10 +844,12 @@ static size_t list_channels(struct pell_renderer *r, bool layers)
 {
     static const char *const rgb[] = { "R", "G", "B" };
     static const char *const multiple[] = { "diffuse.multiple.R", "diffuse.multiple.G", "diffuse.multiple.B" };
+    static const char *const single[] = { "diffuse.single.R", "diffuse.single.G", "diffuse.single.B" };
     static const char *const transmission[] = { "transmission.R", "transmission.G", "transmission.B" };
     static const char *const specular[] = { "specular.R", "specular.G", "specular.B" };
     static const char *const irradiance[] = { "irradiance.R", "irradiance.G", "irradiance.B" };
     static const char *const normal[] = { "normal.X", "normal.Y", "normal.Z" };
+    static const char *const variance[] = { "variance.R", "variance.G", "variance.B" };
     const ptrdiff_t stride = r->surface.stride;
     struct pell_channel *c = r->channels;
     size_t n = add_rgb(c, rgb, r->sum.color, stride);
@@ -791,8 +862,61 @@ static size_t list_channels(struct pell_renderer *r, bool layers)
         n += add_rgb(c + n, irradiance, r->sum.irradiance, stride);
         n += add_rgb(c + n, normal, r->sum.normal, stride);
         c[n++] = (struct pell_channel) { "depth.Z", r->sum.depth, stride, true };
+        c[n++] = (struct pell_channel) { "translucent.Y", r->sum.translucent, stride, false };
+        if (r->sum.single[0] && r->pass && (pell_pass_plan(r->pass)->gives & PELL_GIVES_SINGLE))
+            n += add_rgb(c + n, single, r->sum.single, stride);
+        if (r->noisy) {
+            n += add_rgb(c + n, variance, r->sum.variance, stride);
+            for (size_t i = n - 3; i < n; i++)
+                c[i].full_float = true; /* squares of small numbers */
+        }
     }
     return n;
+}
+
+/* A picture of fewer samples than planned: their mean. `done` is one of them at least. */
+static void make_whole(struct pell_renderer *r, int done, int planned)
+{
+    const struct pell_accumulator *a = &r->sum;
+    const float up = (float) planned / (float) done;
+    float *const planes[] = { a->color[0],        a->color[1],        a->color[2],        a->alpha,         a->multiple[0],
+                              a->multiple[1],     a->multiple[2],     a->single[0],       a->single[1],     a->single[2],
+                              a->transmission[0], a->transmission[1], a->transmission[2], a->specular[0],   a->specular[1],
+                              a->specular[2],     a->irradiance[0],   a->irradiance[1],   a->irradiance[2], a->normal[0],
+                              a->normal[1],       a->normal[2],       a->translucent };
+    const size_t size = (size_t) r->surface.stride * (size_t) r->surface.height;
+
+    for (size_t k = 0; k < PELL_COUNT(planes); k++)
+        for (size_t i = 0; planes[k] && i < size; i++)
+            planes[k][i] *= up;
+    for (int c = 0; c < 3; c++)
+        for (size_t i = 0; a->variance[c] && i < size; i++)
+            a->variance[c][i] *= up * up;
+}
+
+static enum pell_result render_samples(struct pell_renderer *r, const struct pell_settings *settings, struct pell_picture *picture)
+{
+    const bool may_end = r->pass && r->method->partial;
+    enum pell_result res = PELL_OK;
+
+    if (may_end)
+        pell_partial(r->ctx, 1);
+    for (int i = 0; res == PELL_OK && i < settings->msaa; i++) {
+        r->sample = i;
+        res = render_sample(r, settings, i);
+        if (may_end && pell_context_interrupted(r->ctx) && !pell_cancelled(r->ctx) &&
+            (res == PELL_OK || (res == PELL_ERR_CANCELLED && i > 0))) { /* a sample may be too incomplete to count */
+            picture->partial = true;
+            make_whole(r, res == PELL_OK ? i + 1 : i, settings->msaa);
+            res = PELL_OK;
+            break;
+        }
+        if (res == PELL_OK && settings->msaa > 1 && !may_end)
+            pell_progress(r->ctx, "render", (double) (i + 1) / settings->msaa);
+    }
+    if (may_end)
+        pell_partial(r->ctx, -1);
+    return res;
 }
 
 enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings, struct pell_picture *picture)
@@ -801,6 +925,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     struct pell_view view;
     int64_t pixels;
     double start, begin;
+    bool partial;
     enum pell_result res;
 
     memset(picture, 0, sizeof(*picture));
@@ -812,7 +937,11 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     begin = pell_seconds();
     r->num_stages = 0;
     r->translucent = (struct pell_rect) { 0 };
+    r->noisy = false;
     PELL_TRY(check_camera(r->ctx, &r->scene->cameras[0]));
+    if (r->checkpoint.path && !(r->method && r->method->partial))
+        return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->method ? r->method->name : "none", "path-trace does",
+                          "keeps no state in a checkpoint file");
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
     PELL_TRY(prepare(r, settings, &view));
     if (pell_seconds() - begin > 1e-4)
@@ -822,11 +951,8 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     r->covered = r->scene->ground_mesh >= 0 || settings->layers
                      ? (struct pell_rect) { 0, 0, settings->width, settings->height }
                      : pell_view_rect(&view, r->scene->bounds_min, r->scene->bounds_max);
-    for (int i = 0; i < settings->msaa; i++) {
-        PELL_TRY(render_sample(r, settings, i));
-        if (settings->msaa > 1)
-            pell_progress(r->ctx, "render", (double) (i + 1) / settings->msaa);
-    }
+    PELL_TRY(render_samples(r, settings, picture));
+    partial = picture->partial;
 
     start = pell_seconds();
     pell_post_render(r->pool,
@@ -862,6 +988,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         .invalid = post.invalid,
         .exposure = post.exposure,
         .rect = r->translucent,
+        .partial = partial,
     };
     if (!post.covered)
         pell_warn(r->ctx, "render", "check the camera: `pellucid check` prints where the things are", "nothing is in view");

@@ -24,6 +24,12 @@ const struct pell_rays *pell_renderer_rays(const struct pell_renderer *r);
 PELL_NODISCARD enum pell_result pell_renderer_bodies(const struct pell_renderer *r, struct pell_bodies **out);
 /* Numbers of the multisample in a frame: as many sets of light samples. */
 int pell_renderer_samples(const struct pell_renderer *r);
+/* Which of them is being made. */
+int pell_renderer_sample(const struct pell_renderer *r);
+/* Of the frame that is being made. */
+const struct pell_settings *pell_renderer_settings(const struct pell_renderer *r);
+/* NULL: none. */
+const struct pell_checkpoint *pell_renderer_checkpoint(const struct pell_renderer *r);
 uint32_t pell_renderer_seed(const struct pell_renderer *r);
 /* Whether this shape is of the frame that the renderer is about to make, so that all of these hold. */
 bool pell_renderer_lends_scene(const struct pell_renderer *r, const struct pell_frame *shape);
@@ -37,5 +43,7 @@ void pell_renderer_light(const struct pell_renderer *r, const struct pell_points
 /* Traces the last frame's rays from the eye once more and does nothing with them (see pell_surface_trace_bare); 0 before the first
  * frame. */
 double pell_renderer_trace_bare(struct pell_renderer *r);
+/* See pell_rays_record: of the renderer's scene. */
+void pell_renderer_record_rays(struct pell_renderer *r, struct pell_ray_record *record);
 
 #endif

@@ -45,7 +45,7 @@ enum pell_result pell_specular_tables_create(struct pell_context *ctx, const str
     for (size_t i = 0; i < n; i++) {
         const struct pell_material *m = &scene->materials[i];
         const double eta = m->medium.eta >= 1.0 && m->medium.eta <= 4.0 ? m->medium.eta : 1.5;
-        t->model[i] = m->specular == PELL_SPECULAR_KELEMEN;
+        t->model[i] = (uint8_t) pell_specular_known(m->specular);
         used[t->model[i]] = true;
         t->boundary[i] = i > 0 && scene->materials[i - 1].medium.eta == m->medium.eta ? t->boundary[i - 1] : find_boundary(t, eta);
     }

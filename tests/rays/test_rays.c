@@ -366,6 +366,149 @@ static void lack_of_memory_is_an_error_and_leaves_nothing_behind(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* --- The nearest point ---------------------------------------------------------------------------------------------------------- */
+
+/* Squared distance from x to a triangle by regions (Ericson 2004, "Real-Time Collision Detection", 5.1.5), another way than rays.c goes. */
+static double region_distance2(const struct pell_mesh *m, uint32_t triangle, const double x[3])
+{
+    double p[3][3], ab[3], ac[3], d[6], va, vb, vc, q[3], sum = 0.0;
+
+    memset(d, 0, sizeof(d));
+    for (size_t k = 0; k < 9; k++)
+        p[k / 3][k % 3] = (double) m->position[3 * (size_t) m->index[3 * (size_t) triangle + k / 3] + k % 3];
+    for (int c = 0; c < 3; c++) {
+        ab[c] = p[1][c] - p[0][c];
+        ac[c] = p[2][c] - p[0][c];
+    }
+    for (int i = 0; i < 3; i++)
+        for (int c = 0; c < 3; c++) {
+            d[2 * i] += ab[c] * (x[c] - p[i][c]);
+            d[2 * i + 1] += ac[c] * (x[c] - p[i][c]);
+        }
+    vc = d[0] * d[3] - d[2] * d[1];
+    vb = d[4] * d[1] - d[0] * d[5];
+    va = d[2] * d[5] - d[4] * d[3];
+    for (int c = 0; c < 3; c++) {
+        if (d[0] <= 0.0 && d[1] <= 0.0)
+            q[c] = p[0][c];
+        else if (d[2] >= 0.0 && d[3] <= d[2])
+            q[c] = p[1][c];
+        else if (vc <= 0.0 && d[0] >= 0.0 && d[2] <= 0.0)
+            q[c] = p[0][c] + d[0] / (d[0] - d[2]) * ab[c];
+        else if (d[5] >= 0.0 && d[4] <= d[5])
+            q[c] = p[2][c];
+        else if (vb <= 0.0 && d[1] >= 0.0 && d[5] <= 0.0)
+            q[c] = p[0][c] + d[1] / (d[1] - d[5]) * ac[c];
+        else if (va <= 0.0 && d[3] - d[2] >= 0.0 && d[4] - d[5] >= 0.0)
+            q[c] = p[1][c] + (d[3] - d[2]) / (d[3] - d[2] + d[4] - d[5]) * (p[2][c] - p[1][c]);
+        else
+            q[c] = p[0][c] + (vb * ab[c] + vc * ac[c]) / (va + vb + vc);
+        sum += (x[c] - q[c]) * (x[c] - q[c]);
+    }
+    return sum;
+}
+
+static void the_nearest_point_is_the_nearest_of_all(void **state)
+{
+    enum { MESHES = 3, TRIANGLES = 60, POINTS = 3000 };
+    static const int32_t groups[MESHES] = { 7, 7, -1 };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    struct pell_rays *rays;
+    uint32_t random = 99;
+
+    (void) state;
+    for (int k = 0; k < MESHES; k++) {
+        struct pell_mesh *m = shapes_mesh(s, 0, 3 * TRIANGLES, TRIANGLES);
+        for (uint32_t i = 0; i < 9 * TRIANGLES; i++)
+            m->position[i] = shapes_random(&random) * (i / 9 % 3 == 0 ? 10.0f : 1.0f) + (i / 9 % 3 == 1 ? 5.0f : 0.0f);
+        for (uint32_t i = 0; i < 3 * TRIANGLES; i++)
+            m->index[i] = i;
+        /* Slivers, lines and points, too. */
+        memcpy(m->position + 9 * 4 + 6, m->position + 9 * 4 + 3, 3 * sizeof(float));
+        for (size_t i = 1; i < 3; i++)
+            memcpy(m->position + 9 * 5 + 3 * i, m->position + 9 * 5, 3 * sizeof(float));
+        for (size_t i = 0; i < 3; i++)
+            m->position[9 * 6 + 6 + i] = 0.5f * (m->position[9 * 6 + i] + m->position[9 * 6 + 3 + i]) + 1e-6f;
+        shapes_bound(s, m);
+    }
+    rays = build(ctx, s);
+    for (int i = 0; i < POINTS; i++) {
+        const bool chosen = i % 2;
+        const float radius = i % 3 == 0 ? 0.5f : INFINITY;
+        const float a = 14.0f * shapes_random(&random) - 2.0f, b = 14.0f * shapes_random(&random) - 2.0f;
+        struct pell_vec3 x = { a, b, 14.0f * shapes_random(&random) - 2.0f };
+        struct pell_nearest near;
+        double best = INFINITY;
+        bool found;
+
+        if (i % 5 == 0) /* a corner, an edge's middle, a place on a face */
+            for (int c = 0; c < 3; c++) {
+                const float *p = s->meshes[0].position + 9 * (i / 5 % TRIANGLES) + c;
+                (c == 0 ? &x.x : c == 1 ? &x.y : &x.z)[0] = i % 10 ? 0.5f * (p[0] + p[3]) : p[6];
+            }
+        for (int k = 0; k < (chosen ? 2 : MESHES); k++)
+            for (uint32_t t = 0; t < TRIANGLES; t++)
+                best = fmin(best, region_distance2(&s->meshes[k], t, (const double[3]) { (double) x.x, (double) x.y, (double) x.z }));
+        best = sqrt(best);
+        found = pell_rays_closest_point(rays, x, radius, chosen ? groups : NULL, 7, &near);
+        if (fabs(best - (double) radius) < 1e-6)
+            continue;
+        assert_int_equal(found, best < (double) radius);
+        if (!found)
+            continue;
+        REQUIRE_NEAR(near.distance, best, 1e-9 + 1e-9 * best);
+        REQUIRE_NEAR((double) vec3_length(vec3_sub(near.point, x)), best, 3e-6);
+        REQUIRE(near.u >= 0.0f && near.v >= 0.0f && near.u + near.v <= 1.000001f);
+        REQUIRE(!chosen || near.mesh < 2);
+        for (uint32_t c = 0; c < 3; c++) { /* the barycentric numbers say the same place */
+            const float *p = s->meshes[near.mesh].position + 9 * near.triangle + c;
+            const float at = c == 0 ? near.point.x : c == 1 ? near.point.y : near.point.z;
+            REQUIRE_NEAR(p[0] + near.u * (p[3] - p[0]) + near.v * (p[6] - p[0]), at, 1e-5);
+        }
+    }
+    assert_false(pell_rays_closest_point(rays, vec3(NAN, 0, 0), INFINITY, NULL, 0, &(struct pell_nearest) { 0 }));
+    assert_false(pell_rays_closest_point(rays, vec3(0, INFINITY, 0), INFINITY, NULL, 0, &(struct pell_nearest) { 0 }));
+    assert_false(pell_rays_closest_point(rays, vec3(0, 0, 0), -1.0f, NULL, 0, &(struct pell_nearest) { 0 }));
+    assert_false(pell_rays_closest_point(rays, vec3(0, 0, 0), NAN, NULL, 0, &(struct pell_nearest) { 0 }));
+    assert_false(pell_rays_closest_point(rays, vec3(0, 0, 0), INFINITY, groups, 3, &(struct pell_nearest) { 0 }));
+    pell_rays_destroy(&rays);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+/* Of equally near ones the first, whatever the tree looks like: the corners of a fan, and two meshes in one place. */
+static void ties_go_to_the_first(void **state)
+{
+    for (int order = 0; order < 2; order++) {
+        struct pell_context *ctx = test_context(NULL, NULL);
+        struct pell_scene *s = shapes_scene(ctx);
+        struct pell_rays *rays;
+        struct pell_nearest near;
+
+        (void) state;
+        for (int copy = 0; copy < 2; copy++) {
+            struct pell_mesh *m = shapes_mesh(s, 0, 65, 64);
+            for (uint32_t i = 0; i < 64; i++) {
+                const double a = 2.0 * PELL_PI * i / 64.0;
+                const uint32_t at = order ? 63 - i : i;
+                m->position[3 * i + 3] = (float) cos(a);
+                m->position[3 * i + 4] = (float) sin(a);
+                memcpy(m->index + 3 * at, (const uint32_t[]) { 0, i + 1, (i + 1) % 64 + 1 }, 3 * sizeof(uint32_t));
+            }
+            shapes_bound(s, m);
+        }
+        rays = build(ctx, s);
+        assert_true(pell_rays_closest_point(rays, vec3(0, 0, 2), INFINITY, NULL, 0, &near));
+        assert_int_equal(near.mesh, 0);
+        assert_int_equal(near.triangle, 0);
+        assert_true(near.distance == 2.0);
+        pell_rays_destroy(&rays);
+        pell_scene_destroy(&s);
+        pell_context_destroy(&ctx);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -376,6 +519,8 @@ int main(void)
         cmocka_unit_test(no_ray_slips_through_the_edges_of_a_closed_mesh),
         cmocka_unit_test(bad_indices_and_materials_are_refused_by_name),
         cmocka_unit_test(lack_of_memory_is_an_error_and_leaves_nothing_behind),
+        cmocka_unit_test(the_nearest_point_is_the_nearest_of_all),
+        cmocka_unit_test(ties_go_to_the_first),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,6 +6,7 @@
 #define LIGHTS_RIG_H
 
 #include "pell_test.h"
+#include "slow.h"
 
 #include "render/irradiance/irradiance.h"
 #include "render/planes.h"

@@ -6,20 +6,9 @@
 #define RENDER_STAGE_H
 
 #include "shapes.h"
+#include "slow.h"
 
 #include <pellucid/render.h>
-
-/* Sanitizers make all of it some five times slower: tests that try very many things try fewer. */
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SLOW 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SLOW 1
-#endif
-#endif
-#ifndef SLOW
-#define SLOW 0
-#endif
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)
 
@@ -44,7 +33,7 @@ struct shot {
 
 /* Planes of a shot without layers, and with. */
 enum { SHOT_R, SHOT_G, SHOT_B, SHOT_A, SHOT_SHOWN, SHOT_MULTIPLE = 4, SHOT_TRANSMISSION = 7, SHOT_SPECULAR = 10, SHOT_IRRADIANCE = 13,
-       SHOT_NORMAL = 16, SHOT_DEPTH = 19, SHOT_SHOWN_LAYERS = 20 };
+       SHOT_NORMAL = 16, SHOT_DEPTH = 19, SHOT_TRANSLUCENT = 20, SHOT_SHOWN_LAYERS = 21 };
 
 static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
 {

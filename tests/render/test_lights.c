@@ -387,8 +387,8 @@ static void check_environment(const char *file, int lamps, float rho_s, float ro
     rig_render(&r);
     texels = list_texels(&r.scene->lights[0], &count);
     for (int k = 0; k < (lamps == 24 ? 2 : 1); k++) /* from both sides: the camera is turned by turning the light */
-        for (int y = 2; y < SIZE; y += 9)
-            for (int x = 2; x < SIZE; x += 9) {
+        for (int y = 2; y < SIZE; y += SLOW ? 15 : 9)
+            for (int x = 2; x < SIZE; x += SLOW ? 15 : 9) {
                 double want[3];
                 if (k == 1 && y == 2 && x == 2) {
                     r.scene->lights[0].rotate = rotate + 2.5f;
@@ -496,7 +496,7 @@ static void environment_shadows(void **state)
 /* Reflection of an even sky by a perfect mirror-like metal is the sky; environments' lamps make no second highlight. */
 static void a_metal_sphere_in_an_even_sky_reflects_it(void **state)
 {
-    for (int model = 0; model < 2; model++) {
+    for (int model = 0; model < PELL_SPECULAR_MODELS; model++) {
         struct rig r;
         size_t m;
         (void) state;
@@ -510,8 +510,9 @@ static void a_metal_sphere_in_an_even_sky_reflects_it(void **state)
         rig_camera(&r, 60.0f);
         rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 2.0f);
         rig_render(&r);
+        /* the pixel's middle lies half a pixel beside the sphere's; narrow Blinn lobes lose as mu^2 does */
         REQUIRE_REL(r.light.specular[0][rig_at(&r, SIZE / 2, SIZE / 2)], 2.0 * material_albedo_f0(r.tables, m, 1.0f, 1.0f, 0.1f),
-                    1e-3);
+                    2e-3);
         REQUIRE(r.light.irradiance[0][rig_at(&r, SIZE / 2, SIZE / 2)] == 0.0f); /* a metal has nothing below */
         rig_finish(&r);
     }
@@ -520,7 +521,7 @@ static void a_metal_sphere_in_an_even_sky_reflects_it(void **state)
 /* A highlight is shape x F x n.l x light: one pixel by hand. */
 static void a_highlight_is_the_lobe(void **state)
 {
-    for (int model = 0; model < 2; model++) {
+    for (int model = 0; model < PELL_SPECULAR_MODELS; model++) {
         const struct pell_vec3 at = vec3(40.0f, 15.0f, 90.0f);
         struct rig r;
         size_t m;

@@ -2,7 +2,7 @@
  * test_lights_behind.c - light from behind through thin parts, and what must hold for all lights together. */
 #include "lights_rig.h"
 
-#define SIZE 32
+#define SIZE (SLOW ? 16 : 32)
 
 static const enum pell_light_type every_type[] = { PELL_LIGHT_POINT, PELL_LIGHT_SPOT, PELL_LIGHT_DIRECTIONAL,
                                                    PELL_LIGHT_RECT,  PELL_LIGHT_DISC, PELL_LIGHT_ENVIRONMENT };
@@ -216,7 +216,7 @@ static void falls_with_thickness_for_every_light(void **state)
     (void) state;
     for (size_t k = 0; k < PELL_COUNT(every_type); k++) {
         float last[3] = { INFINITY, INFINITY, INFINITY };
-        for (float t = 0.02f; t < 30.0f; t *= 1.5f) {
+        for (float t = 0.02f; t < 30.0f; t *= SLOW ? 2.5f : 1.5f) {
             struct pell_light *l;
             struct rig r;
             start_slab(&r, t);
@@ -236,11 +236,15 @@ static void falls_with_thickness_for_every_light(void **state)
 
 /* --- All lights together ------------------------------------------------------------------------------------------------------ */
 
+/* Slow: without the second environment, and with a picture in the first only where threads are tried: it takes longest to make. */
+enum { WIDE = SLOW ? 48 : 80, HIGH = SLOW ? 34 : 56, LIGHTS = SLOW ? 11 : 12, PICTURE = 1 << 12, PICTURE_MOSTLY = SLOW ? 0 : PICTURE };
+#define EVERY ((1u << LIGHTS) - 1)
+
 /* A glossy sphere, a thin slab beside it and a bone inside, under the lights of a bit mask. */
 static void start_everything(struct rig *r, unsigned lights)
 {
     size_t skin, bone;
-    rig_start(r, 80, 56);
+    rig_start(r, WIDE, HIGH);
     skin = rig_material(r, false);
     bone = rig_material(r, true);
     r->scene->materials[skin].rho_s = 0.8f;
@@ -263,25 +267,25 @@ static void start_everything(struct rig *r, unsigned lights)
         l->radius = 20.0f;
         l->cos_inner = 0.99f;
         l->cos_outer = 0.97f;
-        l->image = k == 5 ? add_sky(r) : NULL;
+        l->image = k == 5 && lights & PICTURE ? add_sky(r) : NULL;
     }
 }
 
 /* image(A) + image(B) = image(A + B), light by light. */
 static void lights_add_up(void **state)
 {
-    const unsigned all = 0xfffu;
+    const unsigned all = EVERY | PICTURE_MOSTLY;
     struct rig sum, one;
     double *total, *largest;
     size_t planes;
     (void) state;
     start_everything(&sum, all);
     rig_render(&sum);
-    planes = 9 * (size_t) sum.surface.stride * 56;
+    planes = 9 * (size_t) sum.surface.stride * HIGH;
     total = calloc(planes, sizeof(double));
     largest = calloc(planes, sizeof(double));
-    for (unsigned k = 0; k < 12; k++) {
-        start_everything(&one, 1u << k);
+    for (unsigned k = 0; k < LIGHTS; k++) {
+        start_everything(&one, 1u << k | PICTURE_MOSTLY);
         rig_render(&one);
         for (size_t i = 0; i < planes; i++) {
             total[i] += (double) one.light.irradiance[0][i];
@@ -334,8 +338,8 @@ static void everything_turned_looks_the_same(void **state)
     turn_in_place(b.scene->cameras[0].forward);
     turn_in_place(b.scene->cameras[0].up);
     rig_render(&b);
-    for (int y = 0; y < 56; y++)
-        for (int x = 0; x < 80; x++) {
+    for (int y = 0; y < HIGH; y++)
+        for (int x = 0; x < WIDE; x++) {
             const size_t i = rig_at(&a, x, y);
             if (!a.surface.material[i] || a.surface.material[i] != b.surface.material[i])
                 continue;
@@ -359,14 +363,14 @@ static void the_same_bits_on_any_number_of_threads(void **state)
 {
     struct rig a, b;
     (void) state;
-    start_everything(&a, 0xfffu);
+    start_everything(&a, EVERY | PICTURE);
     a.threads = 1;
     rig_render(&a);
-    for (int threads = 2; threads < 6; threads += 3) {
-        start_everything(&b, 0xfffu);
+    for (int threads = SLOW ? 5 : 2; threads < 6; threads += 3) {
+        start_everything(&b, EVERY | PICTURE);
         b.threads = threads;
         rig_render(&b);
-        assert_memory_equal(a.light.irradiance[0], b.light.irradiance[0], 9 * (size_t) a.surface.stride * 56 * sizeof(float));
+        assert_memory_equal(a.light.irradiance[0], b.light.irradiance[0], 9 * (size_t) a.surface.stride * HIGH * sizeof(float));
         REQUIRE(a.light.shadow_rays == b.light.shadow_rays);
         rig_finish(&b);
     }
@@ -381,7 +385,7 @@ static void seeds_and_samples_differ(void **state)
     (void) state;
     start_everything(&a, 1u << 3);
     rig_render(&a);
-    size = 9 * (size_t) a.surface.stride * 56 * sizeof(float);
+    size = 9 * (size_t) a.surface.stride * HIGH * sizeof(float);
     before = malloc(size);
     for (int k = 0; k < 3; k++) {
         memcpy(before, a.light.irradiance[0], size);
@@ -429,7 +433,7 @@ static void the_terminator_is_smooth(void **state)
 static void grazing_lights_stay_finite(void **state)
 {
     (void) state;
-    for (int k = 0; k < 24; k++) {
+    for (int k = 0; k < 24; k += SLOW ? 5 : 1) {
         struct rig r;
         const float a = 0.26f * (float) k;
         start_slab(&r, 0.01f * (float) (1 + k));
@@ -458,7 +462,7 @@ static void a_frame_allocates_nothing(void **state)
     uint64_t before;
     struct pell_irradiance_params p;
     (void) state;
-    start_everything(&r, 0xfffu);
+    start_everything(&r, EVERY | PICTURE_MOSTLY);
     rig_render(&r);
     p = (struct pell_irradiance_params){
         .rays = r.rays, .scene = r.scene, .view = &r.view, .surface = &r.surface, .tables = r.tables, .mix = -1.0f

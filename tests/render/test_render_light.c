@@ -92,7 +92,7 @@ static struct seen in_even_sky(struct stage *s, size_t material, const char *met
         stage_ball(s, material, 0, vec3(0, 0, 0), 20.0f, 96);
         stage_sky(s, 1.0f);
         stage_camera(s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 44.0f);
-        s->settings.ambient_samples = 64;
+        s->settings.ambient_samples = SLOW ? 16 : 64;
     }
     shot = stage_shot_of(s, method, knobs);
     for (int y = 1; y + 1 < shot.height; y++)
@@ -150,7 +150,7 @@ static void every_model_and_a_table_show_their_total(void **state)
 
     (void) state;
     assert_non_null(knob);
-    for (int k = 0; k < 2 * PELL_PROFILE_MODELS + 1; k++) {
+    for (int k = 0; k < 2 * PELL_PROFILE_MODELS + 1; k += SLOW ? 2 : 1) { /* an odd number of models: half of them comes each way */
         const enum pell_profile_model model = (enum pell_profile_model) (k % PELL_PROFILE_MODELS);
         const bool table = k == 2 * PELL_PROFILE_MODELS;
         struct pell_profile profile;
@@ -191,8 +191,9 @@ static void white_body_with_highlights_in_an_even_sky(void **state)
     static const float roughness[] = { 0.1f, 0.3f, 0.6f, 1.0f };
 
     (void) state;
-    for (int k = 0; k < 16; k++) {
-        const bool kelemen = k & 4, translucent = k & 8;
+    for (int k = 0; k < 4 * PELL_SPECULAR_MODELS; k++) {
+        const enum pell_specular_model model = (enum pell_specular_model) (k / 4);
+        const bool translucent = (k + k / 4) % 2; /* each model both ways, every roughness both ways */
         struct pell_material *material;
         struct seen seen;
         struct stage s;
@@ -208,10 +209,10 @@ static void white_body_with_highlights_in_an_even_sky(void **state)
         material->medium.eta = 1.4;
         material->rho_s = 1.0f;
         material->roughness = roughness[k % 4];
-        material->specular = kelemen ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX;
+        material->specular = model;
         seen = in_even_sky(&s, m, translucent ? "screen-space" : "none", off, 1);
         print_message("# %s %s, roughness %.1f: mean %.4f, from %.4f to %.4f\n", translucent ? "translucent" : "opaque",
-                      kelemen ? "Kelemen" : "GGX", (double) material->roughness, seen.mean, seen.low, seen.high);
+                      pell_specular_name(model), (double) material->roughness, seen.mean, seen.low, seen.high);
         REQUIRE_NEAR(seen.mean, 1.0, 0.01);
         REQUIRE_NEAR(seen.low, 1.0, 0.05);
         REQUIRE_NEAR(seen.high, 1.0, 0.05);
@@ -393,6 +394,8 @@ static void a_picture_turns_with_its_scene(void **state)
             struct shot shot[3]; /* as it is; turned; turned, with a sky that was left behind */
             struct difference d;
 
+            if (SLOW && !sky && side != kind % 2)
+                continue;
             for (int i = 0; i < 3; i++) {
                 struct stage s;
                 struct pell_light *l;
@@ -462,6 +465,7 @@ static double shown_in_the_middle(const char *entry, double power)
 static void metered_exposure_shows_white_as_white_and_ketchup_dark(void **state)
 {
     static const double powers[] = { 1e-6, 0.01, 1.0, 1000.0, 1e8 };
+    const double white_1 = shown_in_the_middle(NULL, 1.0), ketchup_1 = shown_in_the_middle("ketchup", 1.0);
 
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(powers); i++) {
@@ -471,8 +475,8 @@ static void metered_exposure_shows_white_as_white_and_ketchup_dark(void **state)
         REQUIRE(white > 0.5);
         REQUIRE(milk > 0.4 && milk <= white + 1e-3);
         REQUIRE(ketchup < 0.35 * milk);
-        REQUIRE_REL(white, shown_in_the_middle(NULL, 1.0), 1e-3);
-        REQUIRE_REL(ketchup, shown_in_the_middle("ketchup", 1.0), 1e-3);
+        REQUIRE_REL(white, white_1, 1e-3);
+        REQUIRE_REL(ketchup, ketchup_1, 1e-3);
     }
 }
 

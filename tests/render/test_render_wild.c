@@ -121,7 +121,7 @@ static void random_material(struct stage *s, uint32_t *seed)
     m->metallic = (float) wild(seed, 0.0, 1.0);
     m->roughness = (float) wild(seed, 0.0, 1.0);
     m->rho_s = (float) wild(seed, 0.0, 1.0);
-    m->specular = pick(seed, 2) ? PELL_SPECULAR_GGX : PELL_SPECULAR_KELEMEN;
+    m->specular = (enum pell_specular_model) pick(seed, PELL_SPECULAR_MODELS);
     m->double_sided = pick(seed, 2);
 }
 

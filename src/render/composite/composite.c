@@ -99,8 +99,8 @@ static void put(float *plane, size_t at, int count, const float *values, float w
 static void clear(const struct pell_accumulator *out, size_t at, int count)
 {
     for (int c = 0; c < 3; c++) {
-        float *const planes[] = { out->color[c],    out->multiple[c],   out->transmission[c],
-                                  out->specular[c], out->irradiance[c], out->normal[c] };
+        float *const planes[] = { out->color[c],    out->multiple[c],   out->single[c], out->transmission[c],
+                                  out->specular[c], out->irradiance[c], out->normal[c], out->variance[c] };
         for (size_t i = 0; i < PELL_COUNT(planes); i++)
             if (planes[i])
                 memset(planes[i] + at, 0, (size_t) count * sizeof(float));
@@ -108,6 +108,30 @@ static void clear(const struct pell_accumulator *out, size_t at, int count)
     memset(out->alpha + at, 0, (size_t) count * sizeof(float));
     if (out->depth)
         memset(out->depth + at, 0, (size_t) count * sizeof(float));
+    if (out->translucent)
+        memset(out->translucent + at, 0, (size_t) count * sizeof(float));
+}
+
+/* Where the thing is translucent, and the noise. It is known of the exitance; what the eye sees of it is scaled as the light itself is.
+ * Samples are independent, so that the variance of their mean is the sum of theirs, each by its weight squared. */
+static void put_noise(const struct task *t, size_t at, int count, const struct pell_composite_lanes *l)
+{
+    const struct pell_composite_params *p = t->p;
+    const uint16_t *material = p->surface->material + at;
+    float translucent[LANES] = { 0 }, values[LANES] = { 0 };
+
+    for (int i = 0; i < count; i++)
+        translucent[i] = l->on[i] > 0.0f && !p->scene->materials[material[i] - 1].opaque ? 1.0f : 0.0f;
+    put(t->out->translucent, at, count, translucent, p->weight, p->first);
+    for (int c = 0; c < 3; c++) {
+        for (int i = 0; i < count; i++) {
+            const float light = p->exitance ? p->exitance[c][at + (size_t) i] : 0.0f;
+            const float scale = p->radiance ? 1.0f : light > 0.0f ? l->multiple[c][i] / light : 0.0f;
+            const float error = p->noise && translucent[i] > 0.0f ? scale * p->noise[c][at + (size_t) i] : 0.0f;
+            values[i] = error * error;
+        }
+        put(t->out->variance[c], at, count, values, p->weight * p->weight, p->first);
+    }
 }
 
 /* The layers that are copies of planes of the frame, masked by what is covered. */
@@ -134,7 +158,43 @@ static void put_layers(const struct task *t, size_t at, int count, const struct 
     }
 }
 
-static void composite_rows(void *arg, int band, int worker)
+/* Adds what a method gives apart: what the surface reflects to the specular part, what was scattered once to `single`. */
+static void take_parts(const struct task *t, size_t at, int count, struct pell_composite_lanes *l, float single[3][LANES])
+{
+    const struct pell_composite_params *p = t->p;
+    const uint16_t *material = p->surface->material + at;
+
+    for (int i = 0; i < count; i++) {
+        if (!(l->on[i] > 0.0f) || !(t->c->materials[material[i] - 1].scatters > 0.0f))
+            continue;
+        for (int c = 0; c < 3; c++) {
+            if (p->reflected)
+                l->specular[c][i] += p->reflected[c][at + (size_t) i];
+            if (p->single)
+                single[c][i] = p->single[c][at + (size_t) i];
+        }
+    }
+}
+
+/* Asks for what a block of pixels at `at` reads and writes. Rows are too short for the processor to foresee their next lines. */
+PELL_FETCHING_INLINE void fetch(const struct task *t, size_t at)
+{
+    const struct pell_composite_params *p = t->p;
+
+    __builtin_prefetch(p->surface->material + at);
+    for (int c = 0; c < 3; c++) {
+        __builtin_prefetch(p->surface->ns[c] + at);
+        __builtin_prefetch(p->lighting->irradiance[c] + at);
+        __builtin_prefetch(p->lighting->through[c] + at);
+        __builtin_prefetch(p->lighting->specular[c] + at);
+        if (p->exitance)
+            __builtin_prefetch(p->exitance[c] + at);
+        pell_fetch_to_write(t->out->color[c] + at);
+    }
+    pell_fetch_to_write(t->out->alpha + at);
+}
+
+static PELL_FETCHING void composite_rows(void *arg, int band, int worker)
 {
     const struct task *t = arg;
     const struct pell_composite_params *p = t->p;
@@ -152,21 +212,28 @@ static void composite_rows(void *arg, int band, int worker)
             const size_t at = (size_t) ((ptrdiff_t) y * s->stride + x);
             const int count = s->width - x < LANES ? s->width - x : LANES;
             struct pell_composite_lanes l;
-            float sum[LANES];
+            float sum[LANES], single[3][LANES] = { { 0 } };
 
             if (!t->c->kernels->shade(&row, x, &cut, &l)) {
                 if (p->first)
                     clear(out, at, count);
                 continue;
             }
+            if (y + 1 < r.y1)
+                fetch(t, at + (size_t) s->stride);
+            if (p->single || p->reflected)
+                take_parts(t, at, count, &l, single);
             for (int c = 0; c < 3; c++) {
                 for (int i = 0; i < LANES; i++)
-                    sum[i] = l.multiple[c][i] + l.transmission[c][i] + l.specular[c][i];
+                    sum[i] = l.multiple[c][i] + single[c][i] + l.transmission[c][i] + l.specular[c][i];
+                put(out->single[c], at, count, single[c], p->weight, p->first);
                 put(out->color[c], at, count, sum, p->weight, p->first);
             }
             put(out->alpha, at, count, l.on, p->weight, p->first);
             if (out->multiple[0])
                 put_layers(t, at, count, &l);
+            if (out->variance[0])
+                put_noise(t, at, count, &l);
             for (int i = 0; i < LANES; i++) {
                 met += l.arriving[i];
                 covered += l.on[i];

@@ -15,8 +15,10 @@
 /* What a sample's pixels are added to; all but color, alpha and meter may be NULL. `weight` of each sample is 1 / number of samples. */
 struct pell_accumulator {
     float *color[3], *alpha;
-    float *multiple[3], *transmission[3], *specular[3], *irradiance[3], *normal[3];
+    float *multiple[3], *single[3], *transmission[3], *specular[3], *irradiance[3], *normal[3];
     float *depth; /* of the first sample that hit something */
+    float *variance[3];  /* of the mean over the samples, of the scattered light in `multiple`; 0 where there is no noise */
+    float *translucent;  /* share of the samples on a translucent material, with whatever method */
     double *meter; /* per row: summed luminance of the irradiance that arrives, without albedo, and the number of pixels it is of */
 };
 
@@ -28,6 +30,9 @@ struct pell_composite_params {
     const struct pell_lighting *lighting;
     const float *const *exitance;     /* M of translucent pixels, or their finished radiance where `radiance`; NULL: no scattering */
     bool radiance;
+    bool below;                       /* `radiance` is of what entered alone: the specular lobe is added to it */
+    const float *const *single, *const *reflected; /* parts that `exitance` does not hold (struct pell_frame_light); NULL: none */
+    const float *const *noise;        /* standard error of `exitance`, in its unit; NULL: none */
     const float (*total)[3];          /* per scene material: total reflectance of its profile, for pixels without scattering */
     float mix;                        /* plan's; negative: each material's own */
     bool smooth, published;

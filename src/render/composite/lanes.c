@@ -154,7 +154,8 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
     const struct pell_composite_params *p = row->p;
     const float *restrict metallic = p->surface->metallic + at;
     const bool radiance = p->radiance;
-    float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], behind[LANES];
+    float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
+    float behind[LANES];
     float arriving[LANES]; /* results are local until they are whole: nothing else can point at them */
 
     for (int i = 0; i < LANES; i++) {
@@ -171,7 +172,8 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
             metal[i] = 1.0f;
         else
             metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
-        finished[i] = radiance ? scatters[i] : 0.0f; /* a picture already, with its specular part */
+        finished[i] = radiance ? scatters[i] : 0.0f; /* a picture already, */
+        shines[i] = radiance && !p->below ? scatters[i] : 0.0f; /* with its specular part */
         behind[i] = radiance ? 0.0f : scatters[i] * on[i];
     }
 
@@ -192,7 +194,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
             const float front = k * (scatters[i] > 0.0f ? moved : still), met = luminance[c] * e[i] / (a > 0.02f ? a : 0.02f);
             multiple[i] = on[i] > 0.0f ? front : 0.0f;
             transmission[i] = behind[i] > 0.0f ? back : 0.0f;
-            specular[i] = on[i] > finished[i] ? shine : 0.0f;
+            specular[i] = on[i] > shines[i] ? shine : 0.0f;
             arriving[i] += on[i] > 0.0f ? met : 0.0f;
         }
         memcpy(result->multiple[c], multiple, sizeof(multiple));

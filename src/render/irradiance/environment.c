@@ -45,6 +45,29 @@ static void map_uv(struct pell_vec3 d, float *u, float *v)
     *v = acosf(y) * (1.0f / PELL_PI_F);
 }
 
+void pell_environment_aim(struct pell_environment *env, const struct pell_light *light)
+{
+    env->cos_rotate = cosf(light->rotate);
+    env->sin_rotate = sinf(light->rotate);
+    for (int c = 0; c < 3; c++)
+        env->power[c] = light->power[c] > 0.0f ? fminf(light->power[c], 1e15f) : 0.0f;
+    if (light->image && light->image->image.pixels)
+        env->image = light->image;
+}
+
+void pell_environment_place(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v)
+{
+    map_uv(to_map(env, direction), u, v);
+}
+
+struct pell_vec3 pell_environment_direction(const struct pell_environment *env, double u, double v)
+{
+    const double azimuth = 2.0 * PELL_PI * (u - 0.5), sine = sin(PELL_PI * v), x = sin(azimuth) * sine, z = -cos(azimuth) * sine;
+
+    return vec3((float) (x * env->cos_rotate + z * env->sin_rotate), (float) cos(PELL_PI * v),
+                (float) (z * env->cos_rotate - x * env->sin_rotate));
+}
+
 static void clean(const struct pell_environment *env, float rgb[3])
 {
     for (int c = 0; c < 3; c++) {
@@ -58,7 +81,7 @@ void pell_environment_radiance(const struct pell_environment *env, struct pell_v
     float rgba[4] = { 1.0f, 1.0f, 1.0f, 1.0f }, u, v;
 
     if (env->image) {
-        map_uv(to_map(env, direction), &u, &v);
+        pell_environment_place(env, direction, &u, &v);
         pell_image_sample(&env->image->image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, u, v, rgba);
     }
     memcpy(rgb, rgba, 3 * sizeof(*rgb));
@@ -616,13 +639,7 @@ enum pell_result pell_environment_create(struct pell_lights *lights, const struc
     struct node_task task = { .env = env };
     enum pell_result res;
 
-    env->cos_rotate = cosf(light->rotate);
-    env->sin_rotate = sinf(light->rotate);
-    for (int c = 0; c < 3; c++)
-        env->power[c] = light->power[c] > 0.0f ? fminf(light->power[c], 1e15f) : 0.0f;
-    if (light->image && light->image->image.pixels)
-        env->image = light->image;
-
+    pell_environment_aim(env, light);
     PELL_TRY(allocate_table(ctx, tables, env, &w.kernels));
     make_kernels(tables, env, w.kernels);
     if (env->image) {

@@ -19,6 +19,7 @@
 
 #define TILE_W 32
 #define TILE_H 16
+#define LINE 16 /* floats of a cache line; a tile has as many lines of a plane as packets */
 #define BLOCK 4 /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
 #define STEPS 5 /* surfaces that a ray may meet on its way out: two shells of the same object inside it */
 
@@ -43,6 +44,7 @@ struct packet {
     uint32_t material[16];
     float ambient[16]; /* visibility of the environment's smooth rest */
     int count;
+    int64_t held;  /* the material whose traits all lanes have; -1: none */
     bool single;   /* one material */
     bool textured; /* the colour of some lane's texture may enter */
     int64_t rays;
@@ -85,7 +87,7 @@ static float entering_albedo(float base, float m)
 
 /* What a lane takes from its material. */
 struct traits {
-    int32_t albedo_at, boundary_at, smooth, kelemen, opaque, deep;
+    int32_t albedo_at, boundary_at, smooth, model, opaque, deep;
     float fd;
     bool textured;
 };
@@ -100,7 +102,7 @@ static struct traits material_traits(const struct job *job, size_t material)
         .albedo_at = (int32_t) t->model[material] * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS * 2,
         .boundary_at = (int32_t) ((size_t) t->boundary[material] * (sizeof(*t->boundaries) / sizeof(float))),
         .smooth = -(int32_t) (job->p->smooth && !m->opaque),
-        .kelemen = -(int32_t) t->model[material],
+        .model = t->model[material],
         .opaque = -(int32_t) m->opaque,
         .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
         .fd = t->boundaries[t->boundary[material]].f0,
@@ -108,12 +110,21 @@ static struct traits material_traits(const struct job *job, size_t material)
     };
 }
 
+/* Fills what lanes take from their materials; where all have the one that all of the packet before had, it is still there, but for what
+ * the roughness is added to. */
 static void set_materials(const struct job *job, struct packet *k)
 {
     struct pell_lanes *l = &k->lanes;
     struct traits t = material_traits(job, k->material[0]);
 
-    l->any_smooth = l->any_kelemen = l->any_ggx = l->any_deep = 0;
+    if (k->single && k->held == (int64_t) k->material[0]) {
+        for (int i = 0; i < PELL_LANES; i++)
+            l->albedo_at[i] = t.albedo_at;
+        return;
+    }
+    k->held = k->single ? (int64_t) k->material[0] : -1;
+    l->any_smooth = l->any_deep = 0;
+    l->models = 0;
     k->textured = false;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!k->single)
@@ -122,13 +133,12 @@ static void set_materials(const struct job *job, struct packet *k)
         l->boundary_at[i] = t.boundary_at;
         l->fd[i] = t.fd;
         l->smooth[i] = t.smooth;
-        l->kelemen[i] = t.kelemen;
+        l->model[i] = t.model;
         l->opaque[i] = t.opaque;
         l->deep[i] = t.deep;
         k->textured |= t.textured;
         l->any_smooth |= t.smooth;
-        l->any_kelemen |= t.kelemen;
-        l->any_ggx |= ~t.kelemen;
+        l->models |= 1u << t.model;
         l->any_deep |= t.deep;
     }
 }
@@ -467,32 +477,15 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
 static void project_image(const struct pell_lamp *lamp, struct packet *k)
 {
     struct pell_aim *a = &k->aim;
-    const struct pell_texture *t = lamp->image;
 
     for (int i = 0; i < PELL_LANES; i++) {
-        float rgba[4] = { 0 }, x, y, u, v;
+        float rgb[3];
         if (!(a->front[i] | a->back[i]))
             continue;
-        if (lamp->type == PELL_LIGHT_RECT || lamp->type == PELL_LIGHT_DISC) {
-            const struct pell_vec3 d = vec3_sub(vec3(a->sx[i], a->sy[i], a->sz[i]), lamp->position);
-            x = -0.5f * vec3_dot(d, lamp->right) / vec3_dot(lamp->right, lamp->right); /* unmirrored from the front */
-            y = 0.5f * vec3_dot(d, lamp->up) / vec3_dot(lamp->up, lamp->up);
-        } else if (lamp->type == PELL_LIGHT_DIRECTIONAL) {
-            const struct pell_vec3 d = vec3_sub(vec3(k->lanes.px[i], k->lanes.py[i], k->lanes.pz[i]), lamp->position);
-            x = vec3_dot(d, lamp->right) * lamp->image_u;
-            y = vec3_dot(d, lamp->up) * lamp->image_v;
-        } else {
-            const struct pell_vec3 d = vec3(-a->lx[i], -a->ly[i], -a->lz[i]);
-            const float depth = vec3_dot(d, lamp->direction), inv = depth > 1e-6f ? 1.0f / depth : 1e12f;
-            x = vec3_dot(d, lamp->right) * inv * lamp->image_u;
-            y = vec3_dot(d, lamp->up) * inv * lamp->image_v;
-        }
-        u = 0.5f + x;
-        v = 0.5f - y;
-        if (u >= 0.0f && u <= 1.0f && v >= 0.0f && v <= 1.0f)
-            pell_image_sample(&t->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, t->nearest, u, v, rgba);
+        pell_lamp_slide(lamp, vec3(a->sx[i], a->sy[i], a->sz[i]), vec3(-a->lx[i], -a->ly[i], -a->lz[i]),
+                        vec3(k->lanes.px[i], k->lanes.py[i], k->lanes.pz[i]), rgb);
         for (int c = 0; c < 3; c++)
-            a->intensity[c][i] *= rgba[c] > 0.0f ? smaller(rgba[c], 1e10f) : 0.0f;
+            a->intensity[c][i] *= rgb[c];
         if (!(a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i] > 0.0f))
             a->front[i] = a->back[i] = 0;
     }
@@ -527,7 +520,7 @@ static struct pell_env_query lane_query(const struct job *job, const struct pack
 {
     const size_t material = k->material[i];
     return (struct pell_env_query){
-        .model = job->p->tables->model[material] ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX,
+        .model = (enum pell_specular_model) job->p->tables->model[material],
         .roughness = k->lanes.roughness[i],
         .f0 = k->lanes.fd[i],
         .rho_s = k->lanes.rho[i],
@@ -651,7 +644,6 @@ static void shade_packet(const struct job *job, struct packet *k)
         if (job->lights->lamps[j].environment < 0)
             shine(job, &job->lights->lamps[j], k, &k->sums);
     environments(job, k);
-    job->kernels->store(&k->lanes, &k->sums, k->index, k->count, job->out);
 }
 
 /* First the blocks that are covered as a whole, each a packet, then the pixels of the others. Their materials are kept beside them: to read
@@ -699,20 +691,83 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
     }
 }
 
-static void shade_tile(void *arg, int tile, int worker)
+/* What a tile's pixels receive, before it goes to the planes in whole cache lines. Packets write quarters of lines, and each to as many
+ * places as there are planes and rows: written to the planes at once, they wait for memory longer than all their arithmetic takes. */
+struct tile {
+    _Alignas(64) float planes[3][3][TILE_H * TILE_W]; /* irradiance, through, specular */
+};
+
+/* Copies a tile to the planes. Pixels that nothing covers get 0. */
+static void flush_tile(const struct job *job, int x0, int y0, const struct tile *tile)
+{
+    const ptrdiff_t stride = job->p->surface->stride;
+    const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
+    float *const *const planes[3] = { job->out->irradiance, job->out->through, job->out->specular };
+
+    for (int k = 0; k < 3; k++)
+        for (int c = 0; c < 3; c++)
+            for (int y = 0; y < rows; y++)
+                for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
+                    memcpy(planes[k][c] + (y0 + y) * stride + x0 + x, tile->planes[k][c] + y * TILE_W + x, LINE * sizeof(float));
+}
+
+/* Asks for a 32nd of the cache lines that this tile goes to, and of those that the next one comes from. There are more streams than
+ * processors follow by themselves, and a packet's rays leave time for it. */
+PELL_FETCHING_INLINE void fetch(const struct job *job, int x0, int y0, int part)
+{
+    const struct pell_surface *s = job->p->surface;
+    const int x = x0 + part % (TILE_W / LINE) * LINE, y = y0 + part / (TILE_W / LINE);
+    const ptrdiff_t at = y * s->stride + x;
+
+    if (y >= job->rect.y1)
+        return;
+    for (int c = 0; x < s->stride && c < 3; c++) {
+        pell_fetch_to_write(job->out->irradiance[c] + at);
+        pell_fetch_to_write(job->out->through[c] + at);
+        pell_fetch_to_write(job->out->specular[c] + at);
+    }
+    if (x + TILE_W >= job->rect.x1)
+        return;
+    __builtin_prefetch(s->depth + at + TILE_W);
+    __builtin_prefetch(s->lift + at + TILE_W);
+    for (int c = 0; c < 3; c++) {
+        __builtin_prefetch(s->ng[c] + at + TILE_W);
+        __builtin_prefetch(s->ns[c] + at + TILE_W);
+    }
+}
+
+static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
 {
     struct job *job = arg;
-    const int x0 = job->rect.x0 + tile % job->columns * TILE_W, y0 = job->rect.y0 + tile / job->columns * TILE_H;
+    const int x0 = job->rect.x0 + number % job->columns * TILE_W, y0 = job->rect.y0 + number / job->columns * TILE_H;
+    struct pell_lighting out;
     struct pixels list;
     struct packet k;
+    struct tile tile;
 
     (void) worker;
     k.rays = 0;
+    k.held = -1;
     list_pixels(job, x0, y0, &list);
+    if (list.count == 0)
+        return;
+    for (int c = 0; c < 3; c++) {
+        out.irradiance[c] = tile.planes[0][c];
+        out.through[c] = tile.planes[1][c];
+        out.specular[c] = tile.planes[2][c];
+    }
+    if (list.count < TILE_W * TILE_H)
+        memset(&tile, 0, sizeof(tile));
     for (int first = 0; first < list.count; first += PELL_LANES) {
+        _Alignas(64) int32_t place[PELL_LANES];
+        fetch(job, x0, y0, first / PELL_LANES);
         fill_packet(job, &k, x0, y0, &list, first);
         shade_packet(job, &k);
+        for (int i = 0; i < PELL_LANES; i++)
+            place[i] = list.at[first + i];
+        job->kernels->store(&k.lanes, &k.sums, place, k.count, &out);
     }
+    flush_tile(job, x0, y0, &tile);
     atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);
 }
 
@@ -733,6 +788,7 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     struct packet k;
 
     k.rays = 0;
+    k.held = -1;
     k.count = 0;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!material[i])
@@ -750,6 +806,7 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     }
     load_packet(&job, &k, x, y, place);
     shade_packet(&job, &k);
+    job.kernels->store(&k.lanes, &k.sums, k.index, k.count, out);
     out->shadow_rays = k.rays;
 }
 

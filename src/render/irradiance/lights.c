@@ -52,7 +52,32 @@ static void aim_slide(struct pell_lamp *lamp, const struct pell_light *light, co
     lamp->image_u = lamp->image_v / aspect;
 }
 
-static enum pell_result add_light(struct pell_lights *lights, const struct pell_scene *scene, const struct pell_light *light)
+void pell_lamp_slide(const struct pell_lamp *lamp, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3])
+{
+    float rgba[4] = { 0 }, x, y, u, v;
+
+    if (lamp->type == PELL_LIGHT_RECT || lamp->type == PELL_LIGHT_DISC) {
+        const struct pell_vec3 d = vec3_sub(from, lamp->position);
+        x = -0.5f * vec3_dot(d, lamp->right) / vec3_dot(lamp->right, lamp->right); /* unmirrored from the front */
+        y = 0.5f * vec3_dot(d, lamp->up) / vec3_dot(lamp->up, lamp->up);
+    } else if (lamp->type == PELL_LIGHT_DIRECTIONAL) {
+        const struct pell_vec3 d = vec3_sub(place, lamp->position);
+        x = vec3_dot(d, lamp->right) * lamp->image_u;
+        y = vec3_dot(d, lamp->up) * lamp->image_v;
+    } else {
+        const float depth = vec3_dot(direction, lamp->direction), inv = depth > 1e-6f ? 1.0f / depth : 1e12f;
+        x = vec3_dot(direction, lamp->right) * inv * lamp->image_u;
+        y = vec3_dot(direction, lamp->up) * inv * lamp->image_v;
+    }
+    u = 0.5f + x;
+    v = 0.5f - y;
+    if (u >= 0.0f && u <= 1.0f && v >= 0.0f && v <= 1.0f)
+        pell_image_sample(&lamp->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, lamp->image->nearest, u, v, rgba);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) : 0.0f;
+}
+
+bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_lamp *out)
 {
     const bool rect = light->type == PELL_LIGHT_RECT, disc = light->type == PELL_LIGHT_DISC;
     struct pell_lamp lamp = {
@@ -84,7 +109,7 @@ static enum pell_result add_light(struct pell_lights *lights, const struct pell_
         aim_slide(&lamp, light, scene);
     if (rect || disc) {
         const float hw = rect ? 0.5f * light->width : light->radius, hh = rect ? 0.5f * light->height : light->radius;
-        lamp.samples = lights->light_samples;
+        lamp.samples = samples;
         lamp.sample_area = (rect ? 4.0f : PELL_PI_F) * hw * hh / (float) lamp.samples;
         for (int c = 0; c < 3; c++)
             lamp.power[c] *= lamp.sample_area;
@@ -93,9 +118,8 @@ static enum pell_result add_light(struct pell_lights *lights, const struct pell_
     }
     for (int c = 0; c < 3; c++)
         lamp.power[c] = lamp.power[c] > 0.0f ? fminf(lamp.power[c], 1e18f) : 0.0f;
-    if (!(lamp.power[0] + lamp.power[1] + lamp.power[2] > 0.0f))
-        return PELL_OK;
-    return pell_lights_add_lamp(lights, &lamp);
+    *out = lamp;
+    return lamp.power[0] + lamp.power[1] + lamp.power[2] > 0.0f;
 }
 
 static int compare_parts(const void *a, const void *b)
@@ -156,8 +180,10 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
 
     for (size_t i = 0; i < scene->num_lights; i++) {
         const struct pell_light *light = &scene->lights[i];
+        struct pell_lamp lamp;
         if (light->type != PELL_LIGHT_ENVIRONMENT) {
-            PELL_TRY(add_light(lights, scene, light));
+            if (pell_lamp_make(scene, light, lights->light_samples, &lamp))
+                PELL_TRY(pell_lights_add_lamp(lights, &lamp));
             continue;
         }
         if (!tables) {

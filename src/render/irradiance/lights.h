@@ -87,9 +87,43 @@ void pell_environment_irradiance(const struct pell_environment *env, struct pell
 void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3]);
 void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3]);
 
+/* For looking up alone: sets picture, power and rotation of a zeroed `env`, which then needs no finish. */
+void pell_environment_aim(struct pell_environment *env, const struct pell_light *light);
+/* Where in the picture a unit direction is, and back: u = 1/2 at the centre, growing to the right; v = 0 at the top. */
+void pell_environment_place(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v);
+struct pell_vec3 pell_environment_direction(const struct pell_environment *env, double u, double v);
+
 /* --- lights.c ----------------------------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result pell_lights_add_lamp(struct pell_lights *lights, const struct pell_lamp *lamp);
+/* A light of the scene, no environment, whose face is sampled `samples` times; false where it is dark. */
+bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_lamp *lamp);
+/* The slide's colour of light that leaves the lamp at `from` along the unit `direction` and meets `place` (directional: that alone
+ * counts); black outside of the picture. */
+void pell_lamp_slide(const struct pell_lamp *lamp, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3]);
+
+/* What KHR_lights_punctual's range leaves at a distance: clamp(1 - (d/range)^4, 0, 1). */
+static inline float pell_lamp_window(const struct pell_lamp *lamp, float d2)
+{
+    const float q = d2 * lamp->inv_range * lamp->inv_range, window = 1.0f - q * q;
+    return window > 0.0f ? window : 0.0f;
+}
+
+/* 1/d^2 in the lamp's unit, with its range. */
+static inline float pell_lamp_falloff(const struct pell_lamp *lamp, float distance)
+{
+    const float d2 = distance * distance;
+    return lamp->scale / (d2 > 1e-6f ? d2 : 1e-6f) * pell_lamp_window(lamp, d2);
+}
+
+/* Of a spot, at that cosine from its axis. */
+static inline float pell_lamp_cone(const struct pell_lamp *lamp, float cosine)
+{
+    float s = cosine * lamp->spot_scale + lamp->spot_offset;
+    s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
+    return s * s;
+}
+
 /* True if some mesh of `object` has `material`. */
 bool pell_lights_part(const struct pell_lights *lights, int object, int material);
 

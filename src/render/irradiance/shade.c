@@ -108,9 +108,7 @@ static void aim(const struct pell_lamp *restrict lamp, const struct pell_lanes *
     for (int i = 0; i < N; i++) {
         /* the cosine at the light: of its face, or against the axis of a spot */
         const float back = -(d.x * a->lx[i] + d.y * a->ly[i] + d.z * a->lz[i]), cosine = back > 0.0f ? back : 0.0f;
-        float s = back * lamp->spot_scale + lamp->spot_offset, w;
-        s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
-        w = flat ? cosine : cone > 0.0f ? s * s : 1.0f;
+        const float spot = pell_lamp_cone(lamp, back), w = flat ? cosine : cone > 0.0f ? spot : 1.0f;
         for (int c = 0; c < 3; c++)
             a->intensity[c][i] = lamp->power[c] * w;
         a->spread[i] = area * cosine / (a->distance[i] * a->distance[i]);
@@ -179,6 +177,8 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
         }
 }
 
+#define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
+
 static void add_highlight(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
                           const float *restrict clipped, struct pell_sums *restrict sums)
 {
@@ -201,13 +201,23 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
         d = vh < 1.0f ? 1.0f - vh : 0.0f;
         fresnel[i] = d * d * (d * d) * d;
     }
-    if (p->any_ggx)
+    if (HAS(p, GGX))
         for (int i = 0; i < N; i++)
             shape[i] = pell_lobe_ggx(width2[i] < 1.0f ? width2[i] : 1.0f, clipped[i], nv[i], sin2[i], nh[i], hh[i]);
-    if (p->any_kelemen)
+    if (HAS(p, KELEMEN))
         for (int i = 0; i < N; i++) {
             const float kelemen = pell_lobe_kelemen(width2[i], sin2[i], nh[i], hh[i]);
-            shape[i] = p->kelemen[i] ? kelemen : shape[i];
+            shape[i] = p->model[i] == PELL_SPECULAR_KELEMEN ? kelemen : shape[i];
+        }
+    if (HAS(p, PHONG))
+        for (int i = 0; i < N; i++) {
+            const float phong = pell_lobe_phong(width2[i] < 1.0f ? width2[i] : 1.0f, clipped[i], nv[i], sin2[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_PHONG ? phong : shape[i];
+        }
+    if (HAS(p, BLINN_PHONG))
+        for (int i = 0; i < N; i++) {
+            const float blinn = pell_lobe_blinn_phong(width2[i] < 1.0f ? width2[i] : 1.0f, sin2[i], hh[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_BLINN_PHONG ? blinn : shape[i];
         }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
@@ -336,7 +346,7 @@ static void load_points(const struct pell_lane_source *source, const float *rest
 static void load_roughness(struct pell_lanes *restrict p)
 {
     for (int i = 0; i < N; i++) {
-        const float r = p->roughness[i], width = p->kelemen[i] ? r : r * r;
+        const float r = p->roughness[i], width = pell_lobe_width((enum pell_specular_model) p->model[i], r);
         const float y0 = (r - PELL_ROUGHNESS_MIN) * ((PELL_ALBEDO_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN)), y1 = y0 > 0.0f ? y0 : 0.0f;
         const float y = y1 < PELL_ALBEDO_ROUGHNESS - 1 ? y1 : PELL_ALBEDO_ROUGHNESS - 1;
         const int32_t k0 = (int32_t) y, k = k0 < PELL_ALBEDO_ROUGHNESS - 2 ? k0 : PELL_ALBEDO_ROUGHNESS - 2;

@@ -25,14 +25,16 @@ struct pell_lanes {
     float fraction[16];                        /* of the roughness */
     int32_t albedo_at[16];                     /* into tables->albedo, flat */
     int32_t boundary_at[16];                   /* smooth: into tables->boundaries, flat, in floats */
-    int32_t smooth[16], kelemen[16];           /* -1 or 0 */
+    int32_t model[16];                         /* of the lobe: enum pell_specular_model */
+    int32_t smooth[16];                        /* -1 or 0 */
     int32_t deep[16];                          /* -1: light from behind may come through */
     int32_t opaque[16];
     float albedo[3][16];                       /* of the colour that enters */
     float roughness[16];
     int32_t valid[16];
     uint32_t hash[2][16];
-    int any_smooth, any_kelemen, any_ggx, any_deep;
+    int any_smooth, any_deep;
+    unsigned models;                           /* bit 1 << model of each that some lane has */
 };
 
 /* One sample of one lamp, seen from each lane. */
@@ -70,7 +72,7 @@ struct pell_shade_tables {
 };
 
 struct pell_shade_kernels {
-    /* Clears the sums and fills the lanes from the surface's planes at index[i], pixel (x[i], y[i]). fd, kelemen, opaque, albedo_at (of
+    /* Clears the sums and fills the lanes from the surface's planes at index[i], pixel (x[i], y[i]). fd, model, opaque, albedo_at (of
      * roughness 0), boundary_at, smooth, deep and valid are there already. */
     void (*load)(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
                  struct pell_lanes *lanes, struct pell_sums *sums);
@@ -91,12 +93,5 @@ struct pell_shade_kernels {
 };
 
 PELL_SIMD_TABLES(struct pell_shade_kernels, pell_shade_kernels);
-
-/* 1/d^2 in the lamp's unit, with the range of KHR_lights_punctual: clamp(1 - (d/range)^4, 0, 1). */
-static inline float pell_lamp_falloff(const struct pell_lamp *lamp, float distance)
-{
-    const float d2 = distance * distance, q = d2 * lamp->inv_range * lamp->inv_range, window = 1.0f - q * q;
-    return lamp->scale / (d2 > 1e-6f ? d2 : 1e-6f) * (window > 0.0f ? window : 0.0f);
-}
 
 #endif

@@ -4,6 +4,7 @@
 
 #include "image/color.h"
 
+#include <float.h>
 #include <string.h>
 
 #define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
@@ -127,25 +128,47 @@ static void fill(const struct task *t, int y, int x0, int x1)
         }
 }
 
+struct shown {
+    float exposure, straight; /* colours are divided by alphas over this */
+    float curve, white_scale;
+};
+
+/* One channel each, so that the compiler sees how few planes meet; and no branch, so that it makes vectors of the loops. */
+static void find_scales(const struct shown *s, int count, const float *restrict r, const float *restrict g, const float *restrict b,
+                        const float *restrict a, float *restrict scale)
+{
+    const float exposure = s->exposure, straight = s->straight, curve = s->curve, white_scale = s->white_scale;
+
+    for (int i = 0; i < count; i++) {
+        const float alpha = a[i] > straight ? a[i] : 1.0f, e = exposure / alpha;
+        const float lum = e * (0.2126f * r[i] + 0.7152f * g[i] + 0.0722f * b[i]), l = lum > 0.0f ? lum : 0.0f;
+        scale[i] = e * (1.0f + l * white_scale) / (1.0f + l * curve);
+    }
+}
+
+static void show_channel(int count, const float *restrict in, const float *restrict scale, float *restrict out)
+{
+    for (int i = 0; i < count; i++) {
+        const float v = in[i] * scale[i], positive = v > 0.0f ? v : 0.0f;
+        out[i] = positive < 1.0f ? positive : 1.0f;
+    }
+}
+
 /* What is shown of pixels x0 to x1. */
 static void show(const struct task *t, int y, int x0, int x1)
 {
     const struct pell_post_params *p = t->p;
-    const size_t row = (size_t) (y * p->stride);
-    const float *restrict r = t->color[0] + row, *restrict g = t->color[1] + row, *restrict b = t->color[2] + row;
-    const float *restrict a = t->alpha + row;
-    const bool transparent = p->scene->background == PELL_BACKGROUND_TRANSPARENT;
-    const float curve = t->curve ? 1.0f : 0.0f, white_scale = curve * t->white_scale, exposure = t->exposure;
-    float *restrict dr = t->display[0] + row, *restrict dg = t->display[1] + row, *restrict db = t->display[2] + row;
+    const float curve = t->curve ? 1.0f : 0.0f;
+    const struct shown s = { t->exposure, p->scene->background == PELL_BACKGROUND_TRANSPARENT ? 0.0f : FLT_MAX, curve,
+                             curve * t->white_scale };
+    float scale[64];
 
-    for (int x = x0; x < x1; x++) {
-        const float e = transparent && a[x] > 0.0f ? exposure / a[x] : exposure; /* straight alpha in what is shown */
-        const float lum = e * (0.2126f * r[x] + 0.7152f * g[x] + 0.0722f * b[x]), l = lum > 0.0f ? lum : 0.0f;
-        const float scale = e * (1.0f + l * white_scale) / (1.0f + l * curve);
-        const float vr = r[x] * scale, vg = g[x] * scale, vb = b[x] * scale;
-        dr[x] = vr > 0.0f ? vr < 1.0f ? vr : 1.0f : 0.0f;
-        dg[x] = vg > 0.0f ? vg < 1.0f ? vg : 1.0f : 0.0f;
-        db[x] = vb > 0.0f ? vb < 1.0f ? vb : 1.0f : 0.0f;
+    for (int x = x0; x < x1; x += (int) PELL_COUNT(scale)) {
+        const size_t at = (size_t) (y * p->stride + x);
+        const int count = x1 - x < (int) PELL_COUNT(scale) ? x1 - x : (int) PELL_COUNT(scale);
+        find_scales(&s, count, t->color[0] + at, t->color[1] + at, t->color[2] + at, t->alpha + at, scale);
+        for (int c = 0; c < 3; c++)
+            show_channel(count, t->color[c] + at, scale, t->display[c] + at);
     }
 }
 

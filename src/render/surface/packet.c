@@ -75,10 +75,9 @@ static void interpolate(const struct hits *h, const float *data, size_t size, si
         out[i] = h->w0[i] * a[0][i] + h->w1[i] * a[1][i] + h->w2[i] * a[2][i];
 }
 
-static void interpolate3(const struct hits *h, const float *data, size_t size, struct vec16 *restrict out)
+/* The first three components of the vertices' data, at the three corners. */
+static void corners(const struct hits *h, const float *data, size_t size, struct vec16 a[restrict 3])
 {
-    struct vec16 a[3];
-
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < LANES; i++) {
             const float *p = data + size * h->vertex[k][i];
@@ -86,11 +85,23 @@ static void interpolate3(const struct hits *h, const float *data, size_t size, s
             a[k].y[i] = p[1];
             a[k].z[i] = p[2];
         }
+}
+
+static void blend(const struct hits *h, const struct vec16 a[restrict 3], struct vec16 *restrict out)
+{
     for (int i = 0; i < LANES; i++) {
         out->x[i] = h->w0[i] * a[0].x[i] + h->w1[i] * a[1].x[i] + h->w2[i] * a[2].x[i];
         out->y[i] = h->w0[i] * a[0].y[i] + h->w1[i] * a[1].y[i] + h->w2[i] * a[2].y[i];
         out->z[i] = h->w0[i] * a[0].z[i] + h->w1[i] * a[1].z[i] + h->w2[i] * a[2].z[i];
     }
+}
+
+static void interpolate3(const struct hits *h, const float *data, size_t size, struct vec16 *restrict out)
+{
+    struct vec16 a[3];
+
+    corners(h, data, size, a);
+    blend(h, a, out);
 }
 
 static void measure_footprint(const struct pell_view *view, const struct pell_ray_hit16 *restrict p, struct hits *restrict h)
@@ -222,29 +233,15 @@ static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
     }
 }
 
-/* How far, along n, the hit lies under the smooth surface that the normals of its triangle suggest: the mean of its projections onto the
+/* How far, along n, the hit lies under the smooth surface that the normals v of its triangle suggest: the mean of its projections onto the
  * three tangent planes, those below it left out (Hanika 2021, "Hacking the Shadow Terminator"). Shadow rays that start up there do not
  * show the triangles of a coarse mesh as dark facets where light grazes. */
-static void lifts(const struct hits *h, const struct vec16 *restrict n, float *restrict out)
+static void lifts(const struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict n, float *restrict out)
 {
-    struct vec16 p[3], v[3], at, sum;
+    struct vec16 p[3], at, sum = { { 0 } };
 
-    for (int k = 0; k < 3; k++)
-        for (int i = 0; i < LANES; i++) {
-            const float *a = h->mesh->position + 3 * (size_t) h->vertex[k][i], *b = h->mesh->normal + 3 * (size_t) h->vertex[k][i];
-            p[k].x[i] = a[0];
-            p[k].y[i] = a[1];
-            p[k].z[i] = a[2];
-            v[k].x[i] = b[0];
-            v[k].y[i] = b[1];
-            v[k].z[i] = b[2];
-        }
-    for (int i = 0; i < LANES; i++) {
-        at.x[i] = h->w0[i] * p[0].x[i] + h->w1[i] * p[1].x[i] + h->w2[i] * p[2].x[i];
-        at.y[i] = h->w0[i] * p[0].y[i] + h->w1[i] * p[1].y[i] + h->w2[i] * p[2].y[i];
-        at.z[i] = h->w0[i] * p[0].z[i] + h->w1[i] * p[1].z[i] + h->w2[i] * p[2].z[i];
-        sum.x[i] = sum.y[i] = sum.z[i] = 0.0f;
-    }
+    corners(h, h->mesh->position, 3, p);
+    blend(h, p, &at);
     for (int k = 0; k < 3; k++) {
         const float *w = k == 0 ? h->w0 : k == 1 ? h->w1 : h->w2;
         for (int i = 0; i < LANES; i++) {
@@ -263,12 +260,12 @@ static void lifts(const struct hits *h, const struct vec16 *restrict n, float *r
     }
 }
 
-static void shading_normals(struct hits *h, const struct vec16 *restrict ng, struct vec16 *restrict ns)
+static void shading_normals(struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict ng, struct vec16 *restrict ns)
 {
     struct vec16 n;
     float16 side;
 
-    interpolate3(h, h->mesh->normal, 3, &n);
+    blend(h, v, &n);
     for (int i = 0; i < LANES; i++) {
         const float length = dot(&n, &n, i);
         const bool good = length > 1e-8f;
@@ -414,6 +411,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     const int first = __builtin_ctz(lanes);
     const struct pell_mesh *mesh = &job->scene->meshes[p->hit.mesh[first]];
     const struct pell_mips *mips = job->out->mips;
+    struct vec16 normals[3]; /* at the corners */
     struct hits h;
 
     h.mesh = mesh;
@@ -432,8 +430,9 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
             h.vertex[k][i] = index[k];
     }
     geometric_normals(&p->hit, &h, &s->ng);
-    shading_normals(&h, &s->ng, &s->ns);
-    lifts(&h, &s->ng, s->lift);
+    corners(&h, mesh->normal, 3, normals);
+    shading_normals(&h, normals, &s->ng, &s->ns);
+    lifts(&h, normals, &s->ng, s->lift);
     shade_material(&h, job->out->any_emissive, s);
 }
 
@@ -478,6 +477,25 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
         if (out->any_emissive)
             for (int c = 0; c < 3; c++)
                 memcpy(out->emissive[c] + at, s->emissive[c] + k, ROW);
+    }
+}
+
+#define LINE 16 /* floats of a cache line */
+
+/* Asks for the cache lines of a row that `store` writes. There are more than processors foresee by themselves. */
+PELL_FETCHING_INLINE void fetch(const struct pell_surface *out, int x, int y)
+{
+    const ptrdiff_t at = (ptrdiff_t) y * out->stride + x;
+
+    if (x >= out->stride || y >= out->height)
+        return;
+    pell_fetch_to_write(out->material + at);
+    pell_fetch_to_write(out->depth + at);
+    pell_fetch_to_write(out->strength + at);
+    pell_fetch_to_write(out->lift + at);
+    for (int c = 0; c < 3; c++) {
+        pell_fetch_to_write(out->ng[c] + at);
+        pell_fetch_to_write(out->ns[c] + at);
     }
 }
 
@@ -537,7 +555,7 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
     }
 }
 
-static void trace_band(const struct surface_job *job, int number)
+static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
 {
     const struct pell_view *view = job->view;
     const struct pell_surface *out = job->out;
@@ -579,8 +597,11 @@ static void trace_band(const struct surface_job *job, int number)
             band.rays += rays;
             for (int i = 0; i < LANES; i++)
                 hits |= (uint32_t) (p.hit.mesh[i] != PELL_NO_HIT) << i;
-            if (hits && !job->bare)
-                see(job, x, y, rows, &p, hits, &band);
+            if (!hits || job->bare)
+                continue;
+            /* the next line of one row: by then all rows of the band had their turn */
+            fetch(out, x / LINE * LINE + LINE, y0 + x % LINE / SURFACE_PACKET_SIDE + (y - y0));
+            see(job, x, y, rows, &p, hits, &band);
         }
     job->bands[number] = band;
 }
