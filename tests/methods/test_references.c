@@ -4,6 +4,8 @@
 
 #include "render/renderer.h"
 
+#include <pellucid/gaussians.h>
+
 /* Every reference of the registry that spreads light by a profile, with knobs that are quick and fine enough for the tests. */
 struct reference {
     const char *name;
@@ -192,6 +194,96 @@ static void all_ways_agree(void **state)
     }
 }
 
+/* On a scan of some 70,000 triangles, small against how far light goes and lit from two sides. */
+static void the_bunny(void **state)
+{
+    static const char file[] = "/usr/share/glmark2/models/bunny.obj";
+    static const char *const knobs[] = { "error=0.02", "most=6000", NULL };
+    const struct pell_load_params params = { .size_mm = 20.0, .bare = true, .material = "wholemilk" };
+    const int size = 10;
+    struct stage s;
+    struct pell_scene *scene;
+    struct shot octree, sampled;
+    double bars[300], ratio, rms;
+
+    (void) state;
+    if (access(file, R_OK) != 0) {
+        print_message("# skipped: %s is not here\n", file);
+        skip();
+    }
+    stage_start(&s, size, size);
+    OK(pell_scene_load(s.ctx, file, &params, &scene));
+    pell_scene_destroy(&s.scene);
+    s.scene = scene;
+    for (size_t i = 0; i < scene->num_materials; i++)
+        scene->materials[i].rho_s = 0.0f;
+    {
+        const struct pell_vec3 middle = vec3_mul(vec3_add(vec3_load(scene->bounds_min), vec3_load(scene->bounds_max)), 0.5f);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(80, 30, 60), vec3(0, 0, 0), 3.0f);
+        stage_light(&s, PELL_LIGHT_POINT, vec3_add(middle, vec3(-20, 30, -40)), middle, 5e-3f);
+        stage_camera(&s, vec3_add(middle, vec3(0, 0, 100)), middle, 0.0f, 18.0f);
+    }
+    octree = stage_shot_of(&s, "hierarchical", NULL);
+    sampled = stage_shot_of(&s, "dipole", knobs);
+    for (int i = 0; i < size * size * 3; i++)
+        bars[i] = bar_at(&s, (size_t) (i % 3), i / 3 % size, i / 3 / size);
+    rms = distance(&octree, &sampled, bars, 0.01, &ratio);
+    print_message("# bunny of 20 mm: hierarchical / dipole: mean %.5f, %.3f bars apart\n", ratio, rms);
+    REQUIRE_NEAR(ratio, 1.0, 0.015);
+    REQUIRE(rms < 1.6);
+    shot_free(&octree);
+    shot_free(&sampled);
+    stage_finish(&s);
+}
+
+/* Gaussians in the profile's place: on a ball in an even sky what lies within the diameter is the fit's, and little from the dipole's. */
+static void gaussians_in_the_profiles_place(void **state)
+{
+    static const int counts[] = { 1, 4, 8 };
+    double before = INFINITY;
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(counts); k++) {
+        const struct pell_fit_params params = { .count = counts[k] };
+        char knob[32];
+        const char *const knobs[] = { "error=0.02", knob, NULL };
+        struct stage s;
+        struct shot shot, itself;
+        struct pell_gaussians g;
+        double off = 0.0;
+        size_t m;
+        int count = 0;
+
+        snprintf(knob, sizeof(knob), "gaussians=%d", counts[k]);
+        stage_start(&s, 12, 12);
+        stage_medium(&s, "marble", &m);
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 2.0f, 64);
+        stage_sky(&s, 1.0f);
+        stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 4.4f);
+        OK(pell_fit_medium(&s.scene->materials[m].medium, &params, &g, NULL));
+        itself = stage_shot_of(&s, "hierarchical", fine);
+        shot = stage_shot_of(&s, "hierarchical", knobs);
+        for (int y = 0; y < 12; y++)
+            for (int x = 0; x < 12; x++)
+                for (size_t c = 0; inside(&shot, x, y) && c < 3; c++) {
+                    double expected = 0.0;
+                    for (int i = 0; i < g.count; i++)
+                        expected += g.weight[i][c] * (1.0 - exp(-16.0 / (2.0 * g.variance[i])));
+                    REQUIRE_REL(shot_at(&shot, c, x, y), expected, 0.02);
+                    off += fabs(shot_at(&shot, c, x, y) / shot_at(&itself, c, x, y) - 1.0);
+                    count++;
+                }
+        off /= count;
+        print_message("# %d Gaussians: %.4f from the dipole itself\n", counts[k], off);
+        REQUIRE(count > 100 && off < before);
+        before = off;
+        shot_free(&shot);
+        shot_free(&itself);
+        stage_finish(&s);
+    }
+    REQUIRE(before < 0.003);
+}
+
 /* The error bars are what pixels do when the seed changes, and shrink with the root of the samples. */
 static void error_bars_are_honest(void **state)
 {
@@ -378,6 +470,8 @@ int main(void)
         cmocka_unit_test(ball_in_an_even_sky),
         cmocka_unit_test(step_of_light_on_a_plane),
         cmocka_unit_test(all_ways_agree),
+        cmocka_unit_test(the_bunny),
+        cmocka_unit_test(gaussians_in_the_profiles_place),
         cmocka_unit_test(error_bars_are_honest),
     };
     struct CMUnitTest all[PELL_COUNT(tests) + PELL_COUNT(numbers)];

@@ -126,6 +126,8 @@ static enum pell_result make_body(struct hierarchical_state *st, const struct pe
     const struct pell_body *from = &st->bodies->bodies[number];
     const struct pell_scene *scene = pell_renderer_scene(st->r);
     struct body *b = &st->body[number];
+    const struct pell_frame_material *m = &shape->materials[from->material];
+    struct pell_profile *profile;
     double across = 0.0, distance, reach;
     enum pell_result res;
 
@@ -137,12 +139,16 @@ static enum pell_result make_body(struct hierarchical_state *st, const struct pe
     b->cell = (float) (distance * distance);
     b->reach2 = (float) (reach * reach);
     b->full = (float) (PELL_PI * reach * reach / 3.0);
-    PELL_TRY(hierarchical_radial_make(st->ctx, &shape->materials[from->material], distance / 8.0, 16.0 * across, reach,
-                                      distance / sqrt(PELL_PI), &b->radial));
+    profile = pell_alloc_array(st->ctx, 3, sizeof(*profile));
+    if (!profile)
+        return PELL_ERR_NOMEM;
+    PELL_TRY(hierarchical_radial_fit(st->ctx, m, st->knobs.gaussians, profile));
+    PELL_TRY(hierarchical_radial_make(st->ctx, profile, m->white, distance / 8.0, 16.0 * across, reach, distance / sqrt(PELL_PI),
+                                      &b->radial));
     PELL_TRY(sample_body(st, from, count, &b->tree));
-    return PELL_OK;
 
 fail:
+    pell_free(st->ctx, profile);
     return res;
 }
 

@@ -18,6 +18,7 @@ struct hierarchical_knobs {
     float density;
     int most;
     int near; /* enum hierarchical_near */
+    int gaussians;
     bool strength;
 };
 
@@ -40,10 +41,14 @@ struct hierarchical_radial {
 
 /* Radius with a quarter of the light of the channel in which it is smallest: the length that samples are counted by. mm, > 0. */
 double hierarchical_radial_length(const struct pell_frame_material *m);
-/* From radii of `low` to `high` mm; the window of `reach` mm about a point, discs of `disc` mm. `r` is zeroed; finish it after a failure,
- * too. */
-PELL_NODISCARD enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_frame_material *m, double low,
-                                                         double high, double reach, double disc, struct hierarchical_radial *r);
+/* The profiles of `m`, or the sum of `gaussians` (> 0) Gaussians that is fitted to them. */
+PELL_NODISCARD enum pell_result hierarchical_radial_fit(struct pell_context *ctx, const struct pell_frame_material *m, int gaussians,
+                                                        struct pell_profile out[3]);
+/* R is that of `profile`, R, G and B. From radii of `low` to `high` mm; the window of `reach` mm about a point, discs of `disc` mm. `r` is
+ * zeroed; finish it after a failure, too. */
+PELL_NODISCARD enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_profile profile[3], bool white,
+                                                         double low, double high, double reach, double disc,
+                                                         struct hierarchical_radial *r);
 void hierarchical_radial_finish(struct hierarchical_radial *r);
 
 /* --- samples.c: where samples lie ------------------------------------------------------------------------------------------------- */

@@ -61,8 +61,29 @@ static void make_near(const struct pell_profile *p, int channel, double scale, d
     }
 }
 
-enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_frame_material *m, double low, double high,
-                                          double reach, double disc, struct hierarchical_radial *r)
+enum pell_result hierarchical_radial_fit(struct pell_context *ctx, const struct pell_frame_material *m, int gaussians,
+                                         struct pell_profile out[3])
+{
+    const struct pell_fit_params params = { .count = gaussians };
+    struct pell_gaussians g;
+
+    memcpy(out, m->profile, 3 * sizeof(*out));
+    if (gaussians == 0 || m->gaussians.count > 0)
+        return PELL_OK;
+    if (pell_fit_profiles(m->profile, &params, &g, NULL) != PELL_OK)
+        goto fail;
+    for (int c = 0; c < 3 && g.count > 0; c++)
+        if (pell_profile_from_gaussians(&g, c, &out[c]) != PELL_OK)
+            goto fail;
+    return PELL_OK;
+
+fail:
+    return pell_error(ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or ask for fewer Gaussians",
+                      "no sum of %d Gaussians fits this material's profile", gaussians);
+}
+
+enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_profile profile[3], bool white, double low,
+                                          double high, double reach, double disc, struct hierarchical_radial *r)
 {
     r->ctx = ctx;
     r->first = (int) (bits_of((float) fmax(low * low, 1e-30)) >> HI_SHIFT);
@@ -71,8 +92,8 @@ enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct
     if (!r->node)
         return PELL_ERR_NOMEM;
     for (int c = 0; c < 3; c++) {
-        const struct pell_profile *p = &m->profile[c];
-        const double total = pell_profile_total(p), scale = !m->white ? 1.0 : total > 0.0 ? 1.0 / total : 0.0;
+        const struct pell_profile *p = &profile[c];
+        const double total = pell_profile_total(p), scale = !white ? 1.0 : total > 0.0 ? 1.0 / total : 0.0;
         r->total[c] = scale * total;
         make_near(p, c, scale, reach, disc, r);
         for (int i = 0; i <= r->count; i++)

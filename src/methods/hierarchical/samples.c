@@ -102,22 +102,58 @@ static void sort_buckets(struct eliminator *e, uint32_t count)
     e->bucket[e->mask + 1] = count;
 }
 
-/* What a neighbour weighs; 0 where it is none. */
-static float weigh(const struct eliminator *e, const struct candidate *a, const struct candidate *b)
-{
-    float d2 = 0.0f, facing = 0.0f, d, w;
+/* A candidate that is no farther than `reach` and faces the same way, or the candidate itself. */
+struct neighbour {
+    uint32_t it;
+    float d2;
+};
 
-    for (int k = 0; k < 3; k++) {
-        d2 += (a->position[k] - b->position[k]) * (a->position[k] - b->position[k]);
-        facing += a->normal[k] * b->normal[k];
+/* A walk over the neighbours of a candidate, through the 27 cells around it. */
+struct walk {
+    const struct eliminator *e;
+    const struct candidate *from;
+    int64_t at[3];
+    uint64_t key;
+    int cell;
+    uint32_t i, end;
+    bool left; /* those alone that have not been eliminated */
+};
+
+static struct walk walk_around(const struct eliminator *e, uint32_t it, bool left)
+{
+    struct walk w = { .e = e, .from = &e->candidates[it], .left = left };
+
+    cell_of(e, w.from->position, w.at);
+    return w;
+}
+
+static bool walk_on(struct walk *w, struct neighbour *out)
+{
+    const struct eliminator *e = w->e;
+
+    for (;;) {
+        while (w->i < w->end) {
+            const uint32_t other = e->order[w->i++];
+            const struct candidate *o = &e->candidates[other];
+            float d2 = 0.0f, facing = 0.0f;
+            if (e->cell[other] != w->key || (w->left && e->at[other] >= e->left))
+                continue;
+            for (int k = 0; k < 3; k++) {
+                d2 += (w->from->position[k] - o->position[k]) * (w->from->position[k] - o->position[k]);
+                facing += w->from->normal[k] * o->normal[k];
+            }
+            if (d2 >= e->reach * e->reach || !(facing > 0.0f || o == w->from))
+                continue;
+            *out = (struct neighbour) { other, d2 };
+            return true;
+        }
+        if (w->cell == 27)
+            return false;
+        w->key = cell_key(w->at[0] + w->cell % 3 - 1, w->at[1] + w->cell / 3 % 3 - 1, w->at[2] + w->cell / 9 - 1);
+        w->cell++;
+        w->i = e->bucket[bucket_of(e, w->key)];
+        w->end = e->bucket[bucket_of(e, w->key) + 1];
     }
-    if (d2 >= e->reach * e->reach || !(facing > 0.0f))
-        return 0.0f;
-    d = sqrtf(d2);
-    w = 1.0f - (d > e->least ? d : e->least) / e->reach;
-    w *= w;
-    w *= w;
-    return w * w;
 }
 
 /* --- The heap --------------------------------------------------------------------------------------------------------------------- */
@@ -147,28 +183,33 @@ static void sink(struct eliminator *e, uint32_t i)
     e->at[it] = i;
 }
 
-/* Sums the weight of a candidate's neighbours (change 0), or takes it off each of them that is still there (-1). */
+/* What a neighbour weighs. */
+static float weigh(const struct eliminator *e, float d2)
+{
+    const float d = sqrtf(d2);
+    float w = 1.0f - (d > e->least ? d : e->least) / e->reach;
+
+    w *= w;
+    w *= w;
+    return w * w;
+}
+
+/* Sums the weight of a candidate's neighbours, or takes it off each of them that is still there. */
 static void visit(struct eliminator *e, uint32_t it, bool remove)
 {
-    const struct candidate *c = &e->candidates[it];
+    struct walk walk = walk_around(e, it, remove);
+    struct neighbour near;
     float sum = 0.0f;
-    int64_t at[3];
 
-    cell_of(e, c->position, at);
-    for (int n = 0; n < 27; n++) {
-        const uint64_t key = cell_key(at[0] + n % 3 - 1, at[1] + n / 3 % 3 - 1, at[2] + n / 9 - 1);
-        const uint32_t b = bucket_of(e, key);
-        for (uint32_t i = e->bucket[b]; i < e->bucket[b + 1]; i++) {
-            const uint32_t other = e->order[i];
-            float w;
-            if (other == it || e->cell[other] != key || (remove && e->at[other] >= e->left))
-                continue;
-            w = weigh(e, c, &e->candidates[other]);
-            sum += w;
-            if (remove && w > 0.0f) {
-                e->weight[other] -= w;
-                sink(e, e->at[other]);
-            }
+    while (walk_on(&walk, &near)) {
+        float w;
+        if (near.it == it)
+            continue;
+        w = weigh(e, near.d2);
+        sum += w;
+        if (remove && w > 0.0f) {
+            e->weight[near.it] -= w;
+            sink(e, e->at[near.it]);
         }
     }
     if (!remove)
@@ -185,29 +226,14 @@ struct weigh_task {
 /* Sums over what is left (or, of a sample, over all candidates) how near it is: each divided by what `by` says of the other. */
 static double nearness(const struct eliminator *e, uint32_t it, bool of_samples, const float *by)
 {
-    const struct candidate *c = &e->candidates[it];
-    const float reach2 = e->reach * e->reach;
+    struct walk walk = walk_around(e, it, of_samples);
+    struct neighbour near;
     double sum = 0.0;
-    int64_t at[3];
 
-    cell_of(e, c->position, at);
-    for (int n = 0; n < 27; n++) {
-        const uint64_t key = cell_key(at[0] + n % 3 - 1, at[1] + n / 3 % 3 - 1, at[2] + n / 9 - 1);
-        const uint32_t b = bucket_of(e, key);
-        for (uint32_t i = e->bucket[b]; i < e->bucket[b + 1]; i++) {
-            const uint32_t other = e->order[i];
-            const struct candidate *o = &e->candidates[other];
-            float d2 = 0.0f, facing = 0.0f, t;
-            if (e->cell[other] != key || (of_samples && e->at[other] >= e->left))
-                continue;
-            for (int k = 0; k < 3; k++) {
-                d2 += (c->position[k] - o->position[k]) * (c->position[k] - o->position[k]);
-                facing += c->normal[k] * o->normal[k];
-            }
-            t = 1.0f - d2 / reach2;
-            if (t > 0.0f && (facing > 0.0f || other == it) && (!by || by[other] > 0.0f))
-                sum += (double) (t * t * t * t) / (by ? (double) by[other] : 1.0);
-        }
+    while (walk_on(&walk, &near)) {
+        const float t = 1.0f - near.d2 / (e->reach * e->reach);
+        if (t > 0.0f && (!by || by[near.it] > 0.0f))
+            sum += (double) (t * t * t * t) / (by ? (double) by[near.it] : 1.0);
     }
     return sum;
 }

@@ -34,6 +34,7 @@ struct ss_state {
     struct pell_thickness_table *thickness; /* of each material, or NULL */
     int steps;                             /* of the longest chain, without those ahead */
     float *variance;                       /* see struct ss_work; SS_AHEAD rows come first */
+    float *least_added;                    /* of the steps of this frame */
     float (*blend)[3];
     float (*total)[3];
     double variance_max;                   /* of a first step */
@@ -201,6 +202,20 @@ static void choose_steps(const struct ss_state *st, float scale, int *ahead, int
     *first = step - (SS_AHEAD - *ahead);
 }
 
+/* What each step of the frame, or one before it, adds least. */
+static void find_least(struct ss_state *st, const float *variance, int steps)
+{
+    const size_t row = st->num_materials + 1;
+
+    for (size_t m = 0; m < row; m++)
+        for (int step = 0; step < steps; step++) {
+            const size_t at = (size_t) step * row + m;
+            const float added = step > 0 ? variance[at] - variance[at - row] : variance[at];
+            st->least_added[at] = step > 0 && st->least_added[at - row] < added ? st->least_added[at - row] : added;
+        }
+    st->work.least_added = st->least_added;
+}
+
 /* --- Life ---------------------------------------------------------------------------------------------------------------------- */
 
 static void destroy(void *state)
@@ -215,6 +230,7 @@ static void destroy(void *state)
     pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st->total);
     pell_free(st->ctx, st->blend);
+    pell_free(st->ctx, st->least_added);
     pell_free(st->ctx, st->variance);
     pell_free(st->ctx, st->thickness);
     pell_free(st->ctx, st->profiles);
@@ -239,9 +255,10 @@ static enum pell_result make_tables(struct ss_state *st, const struct pell_frame
     }
     res = PELL_ERR_NOMEM;
     st->variance = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->variance));
+    st->least_added = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->least_added));
     st->blend = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->blend));
     st->total = pell_calloc(st->ctx, row, sizeof(*st->total));
-    if (!st->variance || !st->blend || !st->total)
+    if (!st->variance || !st->least_added || !st->blend || !st->total)
         goto fail;
     for (size_t i = 0; i < n; i++)
         make_chain(st, shape, i);
@@ -461,6 +478,7 @@ static enum pell_result render(void *state, const struct pell_frame *in, const s
     w->variance = st->variance + (size_t) (SS_AHEAD - ahead) * row;
     w->blend = (const float (*)[3]) st->blend + (size_t) (SS_AHEAD - ahead) * row;
     steps = ahead + st->steps;
+    find_least(st, w->variance, steps);
     note_time(st, "load", &clock, seen.pixels, (int64_t) seen.pixels * 40);
 
     if (first == steps)

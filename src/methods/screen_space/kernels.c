@@ -167,6 +167,14 @@ INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *
     b->uniform = false;
     b->active = 0;
     if (cell->owner != SS_MIXED) {
+        /* Most blocks are blurred by each step so far. */
+        if (cell->pixels > 0 && w->least_added[(size_t) w->step * (w->num_materials + 1) + cell->owner] * cell->scale[0] > w->skip) {
+            b->uniform = true;
+            b->before = w->step > 0 ? variance_of(w, w->step - 1, cell->owner) : 0.0f;
+            b->after = variance_of(w, w->step, cell->owner);
+            b->active = cell->pixels;
+            return true;
+        }
         /* Each choice depends on the scale monotonically: where the extremes agree in all of them, so do the lanes between. */
         low = applied(w, cell->owner, cell->scale[0], &before);
         high = applied(w, cell->owner, cell->scale[1], &b->before);
@@ -466,6 +474,20 @@ INLINE void find_owners(const struct ss_work *w, ptrdiff_t from, int x0, int x1,
                                .pixels = (uint8_t) count };
 }
 
+/* Rows are too short for the processor to foresee their next lines, and there are many planes: each block asks for what the one below it
+ * will read, and for what it will write. */
+PELL_FETCHING_INLINE void fetch3(float *const plane[3], size_t at)
+{
+    for (int i = 0; i < 3; i++)
+        __builtin_prefetch(plane[i] + at);
+}
+
+PELL_FETCHING_INLINE void fetch3_to_write(float *const plane[3], size_t at)
+{
+    for (int i = 0; i < 3; i++)
+        pell_fetch_to_write(plane[i] + at);
+}
+
 /* Copies a block of the caller's planes. */
 INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, struct ss_cell *cell, struct ss_seen *seen)
 {
@@ -529,13 +551,33 @@ INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, st
     seen->scale = cell->scale[1] > seen->scale ? cell->scale[1] : seen->scale;
 }
 
-static void load_row(const struct ss_work *w, int y, struct ss_seen *seen)
+PELL_FETCHING_INLINE void fetch_load(const struct ss_work *w, int x, int y)
+{
+    const struct pell_frame *in = w->in;
+    const size_t to = (size_t) (y * w->stride + x);
+    const ptrdiff_t from = y * in->stride + x;
+
+    __builtin_prefetch(in->material + from);
+    __builtin_prefetch(in->depth + from);
+    if (in->strength)
+        __builtin_prefetch(in->strength + from);
+    for (int i = 0; i < 3; i++)
+        __builtin_prefetch(w->light[i] + from);
+    pell_fetch_to_write(w->key + to);
+    pell_fetch_to_write(w->depth + to);
+    pell_fetch_to_write(w->scale + to);
+    fetch3_to_write(w->now, to);
+}
+
+static PELL_FETCHING void load_row(const struct ss_work *w, int y, struct ss_seen *seen)
 {
     const struct pell_rect *rect = &w->in->rect;
 
     *seen = (struct ss_seen) { 0 };
     for (int b = w->block0; b < w->block1; b++) {
         const int x = b * SS_BLOCK, x0 = rect->x0 > x ? rect->x0 - x : 0, x1 = rect->x1 - x < SS_BLOCK ? rect->x1 - x : SS_BLOCK;
+        if (y + 1 < rect->y1)
+            fetch_load(w, x, y + 1);
         load_block(w, x, y, x0, x1, cell_at(w, b, y), seen);
     }
 }
@@ -588,7 +630,7 @@ static void fade_leans(const struct ss_work *w, int y)
 /* The two directions of the passes on the surface: Tx, from a pixel to the next along x, and D = Ty - lean Tx at right angles to it, so
  * that two passes make a round Gaussian on a surface of any slope. First Tx.Tx, Ty.Ty and Tx.Ty of each pixel, in the planes that their
  * lengths will take, and the mean lean of each block; then the lengths of Tx and D. */
-static void measure_row(const struct ss_work *w, int y)
+static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
 {
     const vf zero = { 0 }, one = zero + 1.0f;
     const float ty = w->rows_tan[y], ty2 = 1.0f + ty * ty;
@@ -596,9 +638,17 @@ static void measure_row(const struct ss_work *w, int y)
     for (int block = w->block0; block < w->block1; block++) {
         struct ss_cell *cell = cell_at(w, block, y);
         const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
+        const size_t below = index + (size_t) w->stride, next = below + (size_t) w->stride; /* there is a margin */
         _Alignas(64) float leans[SS_BLOCK];
         float mean;
 
+        __builtin_prefetch(w->key + next);
+        __builtin_prefetch(w->depth + next);
+        __builtin_prefetch(w->scale + below);
+        for (int axis = 0; axis < 2; axis++) {
+            pell_fetch_to_write(w->length[axis] + below);
+            pell_fetch_to_write(w->to_px[axis] + below);
+        }
         if (cell->live == SS_EMPTY) {
             memset(&w->length[0][index], 0, SS_BLOCK * sizeof(float));
             memset(&w->length[1][index], 0, SS_BLOCK * sizeof(float));
@@ -691,7 +741,7 @@ INLINE void put(const struct ss_work *w, int x, int y, size_t index, const struc
 }
 
 /* One pass over a row: along x from `now` to `half`, or along y from `half` to `now` and the sum. */
-INLINE int blur_row(const struct ss_work *w, int y, int axis)
+PELL_FETCHING_INLINE int blur_row(const struct ss_work *w, int y, int axis)
 {
     const int y0 = w->in->rect.y0, y1 = w->in->rect.y1;
     float *const *source = axis == 0 ? w->now : w->half, *const *target = axis == 0 ? w->half : w->now;
@@ -707,13 +757,23 @@ INLINE int blur_row(const struct ss_work *w, int y, int axis)
     for (int block = begin; block < end; block++) {
         const struct ss_cell *cell = cell_at(w, block, y);
         const int x = block * SS_BLOCK;
-        const size_t index = (size_t) (y * w->stride + x);
+        const size_t index = (size_t) (y * w->stride + x), below = index + (size_t) w->stride;
         _Alignas(64) float result[3][SS_BLOCK], on[SS_BLOCK];
         struct block b;
         int count = 0;
 
         if (cell->live == SS_EMPTY)
             continue;
+        __builtin_prefetch(w->to_px[axis] + below);
+        if (axis == 0) {
+            __builtin_prefetch(w->depth + below);
+            __builtin_prefetch(w->length[0] + below);
+            fetch3(w->now, below);
+            fetch3_to_write(w->half, below);
+        } else {
+            fetch3_to_write(w->sum, below);
+            fetch3_to_write(w->now, below);
+        }
         if (w->forms & SS_FORM_PAPER_EDGES) {
             count = gather_listing(w, index, x, y, axis, cell, source, result, on);
         } else if (choose(w, index, cell, &b)) {
@@ -721,6 +781,12 @@ INLINE int blur_row(const struct ss_work *w, int y, int axis)
             space(w, index, axis, cell, &b);
             low = (axis == 0 ? x + SS_BLOCK - 1 - x0 : y - y0) / b.stride;
             high = (axis == 0 ? x1 - 1 - x : y1 - 1 - y) / b.stride;
+            if (axis == 1 && b.count < high) { /* the row that the block below reaches for the first time */
+                const size_t reached = below + (size_t) (b.count * b.stride * w->stride);
+                __builtin_prefetch(w->depth + reached);
+                __builtin_prefetch(w->length[1] + reached);
+                fetch3(w->half, reached);
+            }
             gather(w, index, x, y, axis, &b, fewer(b.count, low), fewer(b.count, high), source, result);
             count = b.active;
         }
@@ -737,12 +803,12 @@ INLINE int blur_row(const struct ss_work *w, int y, int axis)
     return active;
 }
 
-static int across_row(const struct ss_work *w, int y)
+static PELL_FETCHING int across_row(const struct ss_work *w, int y)
 {
     return blur_row(w, y, 0);
 }
 
-static int down_row(const struct ss_work *w, int y)
+static PELL_FETCHING int down_row(const struct ss_work *w, int y)
 {
     return blur_row(w, y, 1);
 }

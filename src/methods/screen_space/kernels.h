@@ -42,6 +42,7 @@ struct ss_work {
     size_t num_materials;
     const float (*total)[3];   /* of each material's profile; all zeros for material 0, which is none */
     const float *variance;     /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
+    const float *least_added;  /* likewise: mm^2 that the step, or one before it, adds least */
     const float (*blend)[3];   /* likewise: share of the step's result in the sum */
     float depth_mm, fixed_mm;  /* mm per pixel = depth * depth_mm + fixed_mm */
     float ratio2;              /* scales all variances: (ssslevel / derived)^2 */

@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - volumetric path tracing inside closed meshes: the truth. Equations and sources: README.md.
+ */
+#include "methods/path_trace/path_trace.h"
+
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const surface_names[] = { "lobe", "traced", NULL };
+static const char *const normals_names[] = { "smooth", "flat", NULL };
+static const char *const boundary_names[] = { "settings", "smooth", "rough", NULL };
+static const char *const acceleration_names[] = { "none", "grid", NULL };
+
+#define AT(field) offsetof(struct pt_method_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { PT_BEST }, 0, 0, as_names,
+      "the best this method can do, or a plain walk, which finds lamps by chance and from rough surfaces only" },
+    { "samples", PELL_KNOB_INT, "1", AT(samples), { 0 }, 0, 1 << 30, NULL,
+      "samples per pixel, shared out over the multisamples, at most; 0: until error or time-limit is reached, or 64 where neither is set" },
+    { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0 }, 0, 1, NULL,
+      "ends where the picture's relative error is this: root mean square over its pixels, of luminance; 0: not asked for" },
+    { "time-limit", PELL_KNOB_FLOAT, "s", AT(time_limit), { 0 }, 0, 1e8, NULL,
+      "ends before the round of samples that would take longer, after one sample per pixel at least; 0: no limit" },
+    { "surface", PELL_KNOB_ENUM, "1", AT(surface), { PT_SURFACE_LOBE }, 0, 0, surface_names,
+      "what the surface reflects: the specular lobe that all methods share, or traced like all other light" },
+    { "normals", PELL_KNOB_ENUM, "1", AT(trace.normals), { PT_NORMALS_SMOOTH }, 0, 0, normals_names,
+      "by which light is refracted: those of the vertices, or of the triangles" },
+    { "boundary", PELL_KNOB_ENUM, "1", AT(trace.boundary), { PT_BOUNDARY_SETTINGS }, 0, 0, boundary_names,
+      "a smooth or rough dielectric, or as the picture's setting of that name says" },
+    { "bounces", PELL_KNOB_INT, "1", AT(trace.bounces), { 65536 }, 1, 1 << 30, NULL,
+      "scatterings and surfaces of a path at most; what that leaves out is reported" },
+    { "roulette", PELL_KNOB_FLOAT, "1", AT(trace.roulette), { 0.1 }, 1e-6, 1, NULL,
+      "a path that carries less than this share goes on by chance" },
+    { "acceleration", PELL_KNOB_ENUM, "1", AT(trace.acceleration), { PT_ACCELERATION_GRID }, 0, 0, acceleration_names,
+      "a grid of distances to the surface, so that steps deep inside need no ray; changes the speed only" },
+    { "connections", PELL_KNOB_BOOL, "1", AT(connections), { 1 }, 0, 1, NULL,
+      "lamps are looked for from inside, through the surface, and paths from lamps are joined to paths from the eye" },
+    { 0 },
+};
+#undef AT
+
+/* J. T. Kajiya 1986, H. E. Rushmeier 1988: what a path tracer of the books does. */
+static void paper(void *values)
+{
+    struct pt_method_knobs *k = values;
+
+    k->as = PT_PAPER;
+    k->trace.acceleration = PT_ACCELERATION_NONE;
+    k->connections = false;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    const struct pt_method_knobs *k = values;
+
+    *plan = (struct pell_plan){
+        .needs = PELL_NEED_POSITION | PELL_NEED_SCENE,
+        .gives = PELL_GIVES_SINGLE | (k->surface == PT_SURFACE_TRACED ? PELL_GIVES_SURFACE : 0u),
+        .below = k->surface == PT_SURFACE_LOBE,
+        .quantity = PELL_QUANTITY_RADIANCE,
+        .mix = -1.0f,
+    };
+}
+
+extern const struct pell_method pell_method_path_trace;
+const struct pell_method pell_method_path_trace = {
+    .kind = PELL_REFERENCE,
+    .name = "path-trace",
+    .title = "Volumetric path tracing, the truth",
+    .cite = "Eric P. Lafortune and Yves D. Willems, Rendering Participating Media with Bidirectional Path Tracing, Eurographics Workshop "
+            "on Rendering, 1996; Eric Veach, Robust Monte Carlo Methods for Light Transport Simulation, PhD thesis, Stanford University, "
+            "1997",
+    .limits = "Slow: the error falls with the square root of the time. Needs coefficients, not a profile alone, and closed meshes; open "
+              "ones are reported.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct pt_method_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &pell_path_trace_cpu,
+    .partial = true,
+};

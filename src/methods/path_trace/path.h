@@ -1,0 +1,268 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * path.h - what the files of the transport share.
+ *
+ * Radiance is carried as L/n^2, n the index of the medium relative to the outside: it stays the same where light refracts, so that every
+ * boundary is a probability to go on in a direction, and a walk in a world that absorbs nothing keeps its weight.
+ */
+#ifndef PELL_PATH_TRACE_PATH_H
+#define PELL_PATH_TRACE_PATH_H
+
+#include "methods/path_trace/sampler.h"
+#include "methods/path_trace/trace.h"
+#include "rays/rays.h"
+#include "render/connect.h"
+#include "render/distance.h"
+#include "render/emitters.h"
+
+#define PT_NEST 8         /* bodies in bodies that a path keeps account of */
+#define PT_LAYERS 8       /* of one body */
+#define PT_CONNECTIONS 16 /* between a point and a lamp's place that are looked for */
+#define PT_ROUGH_CELLS 64
+#define PT_LIGHT_VERTICES 8 /* of a path from a lamp that are kept */
+
+/* --- boundary.c ----------------------------------------------------------------------------------------------------------------- */
+
+/* A rough boundary between two indices, seen from either side: [0] from outside, [1] from inside. */
+struct pt_rough {
+    float alpha, eta;                    /* eta: inside / outside */
+    float albedo[2][PT_ROUGH_CELLS + 1]; /* over mu = i / cells: what single bounces between facets return, both ways together */
+    float lost[2][PT_ROUGH_CELLS];       /* density, over mu^2, of the directions in which the rest leaves on a side: it sums to 1 */
+    float lost_sum[2][PT_ROUGH_CELLS];   /* of the cells up to and with this one */
+    float lost_through[2];               /* share of the rest that goes through */
+};
+
+/* The share of light that reflects; cos_i on the side that it comes from, eta = n_transmitted / n_incident. *cos_t: of the refracted. */
+float pt_fresnel(float eta, float cos_i, float *cos_t);
+
+void pt_rough_make(float alpha, float eta, struct pt_rough *out);
+
+/* A way of light at a surface: toward `o`, by the surface's normals, shading's and geometric, both on o's side. */
+struct pt_facing {
+    struct pell_vec3 o, ns, ng;
+    int side; /* 0: o is outside */
+};
+
+/* Where light goes on. The density is what pt_rough_density says, the weight is 1. *through: it passed. */
+struct pell_vec3 pt_rough_sample(const struct pt_rough *rough, const struct pt_facing *at, struct pt_sampler *s, bool *through);
+/* Per sr; w tells by its side of ng whether it passed. */
+float pt_rough_density(const struct pt_rough *rough, const struct pt_facing *at, struct pell_vec3 w);
+
+/* Mirrors w about the plane of ng if it lies on the wrong side: shading normals send light there. `above`: it belongs on ng's side. */
+static inline struct pell_vec3 pt_to_side(struct pell_vec3 w, struct pell_vec3 ng, bool above)
+{
+    const float c = vec3_dot(w, ng);
+    return (c > 0.0f) == above ? w : vec3_mad(w, -2.0f * c, ng);
+}
+
+/* --- medium.c ------------------------------------------------------------------------------------------------------------------- */
+
+struct pt_coefficients {
+    float sigma_t[3], sigma_s[3];
+    struct pell_phase phase[3];
+    float g[3];
+    bool hg;    /* Henyey and Greenstein's for all channels */
+    bool gray;  /* all channels alike in all */
+    bool clear; /* nothing in it */
+};
+
+/* What fills a body: one set of coefficients, or layers by the distance below the surface. */
+struct pt_medium {
+    float eta;
+    int layers; /* >= 1 */
+    struct pt_coefficients layer[PT_LAYERS];
+    float depth[PT_LAYERS]; /* mm, of the bottom of each; the last has none: INFINITY */
+    float largest[3];       /* of sigma_t over the layers */
+    float slowest;          /* least sigma_t of all channels and layers */
+};
+
+/* PELL_ERR_UNSUPPORTED, logged, for materials that have no medium. */
+PELL_NODISCARD enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_material *m, struct pt_medium *out);
+
+/* Density per sr, of each channel, of light going along w that scatters toward v (both along the way that the walk goes). */
+void pt_phase_values(const struct pt_coefficients *c, struct pell_vec3 w, struct pell_vec3 v, float out[3]);
+/* Scatters w; beta becomes what it is after; returns the density of the new direction by all channels, as they were weighed. */
+float pt_phase_sample(const struct pt_coefficients *c, struct pell_vec3 w, struct pt_sampler *s, float beta[3], struct pell_vec3 *out);
+
+/* --- scene.c -------------------------------------------------------------------------------------------------------------------- */
+
+struct pt_body {
+    struct pt_medium medium;
+    bool smooth, rough; /* its boundary is, all over */
+    bool closed;
+    bool grid;               /* the distance grid holds */
+    bool connects;           /* lamps are looked for through its boundary, smooth all over */
+    bool near;               /* the same, rough all over */
+    float share;             /* of the scatterings after the first at which lamps are looked for */
+    struct pell_vec3 lo, hi; /* bounds */
+};
+
+struct pt_scene {
+    struct pell_context *ctx;
+    struct pell_renderer *r;
+    const struct pell_scene *scene;
+    const struct pell_rays *rays;
+    struct pt_knobs knobs;
+    struct pell_bodies *bodies;
+    struct pt_body *body;   /* one each */
+    struct pt_rough *rough; /* of (material, index ratio) pairs that occur */
+    size_t num_rough;
+    float *alpha; /* of a scene material's boundary; 0: smooth */
+    struct pell_emitters *emitters;
+    struct pell_connector *connector; /* NULL: not needed */
+    struct pell_distance *distance;   /* NULL: no grid */
+    struct pell_vec3 centre;          /* of a sphere about all bodies */
+    double radius;
+    double typical; /* radiance of that order is seen */
+    double brightest;
+    bool light_paths;
+    double sky_share; /* of what is looked for of the environment: an even one is met by chance as well */
+    uint32_t seed;
+    float unit; /* mm: some rounding errors of the largest coordinate of a body */
+};
+
+const struct pt_rough *pt_rough_find(const struct pt_scene *s, int material, float eta);
+
+/* A triangle that a ray met. */
+struct pt_hit {
+    uint32_t mesh, triangle;
+    float u, v, t;
+    struct pell_vec3 p, ng, ns; /* outward, unit; ns is ng where the knob says flat */
+    bool bent;                  /* ns varies */
+    float unit;                 /* mm: how far rays start from it, some rounding errors of its corners */
+    int body;                   /* -1: opaque */
+    int material;               /* scene's */
+};
+
+/* A place of a triangle; w stands in for a normal where it has none. All but t. */
+void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out);
+/* Whether something is met; `reach` mm. */
+bool pt_meet(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
+             struct pt_hit *out);
+/* Whether nothing of `mask` is between. */
+bool pt_clear(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask);
+/* A start for rays from a surface to a side of it. */
+static inline struct pell_vec3 pt_leave(const struct pt_hit *hit, struct pell_vec3 w)
+{
+    return vec3_mad(hit->p, vec3_dot(w, hit->ng) >= 0.0f ? hit->unit : -hit->unit, hit->ng);
+}
+/* Base colour of something opaque at a hit. */
+void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3]);
+
+/* Where a path is: bodies that it entered, the last on top. */
+struct pt_place {
+    int count;
+    int16_t body[PT_NEST];
+};
+
+static inline int pt_top(const struct pt_place *p)
+{
+    return p->count > 0 ? p->body[p->count - 1] : -1;
+}
+
+static inline float pt_index(const struct pt_scene *s, int body)
+{
+    return body >= 0 ? s->body[body].medium.eta : 1.0f;
+}
+
+/* The places on both sides of a body's surface that light meets at `place`; `enter`: it goes against the outward normal. False: it is
+ * inside already, and the surface is passed. What leaves a body that it never entered is taken to have been inside. */
+bool pt_cross(const struct pt_scene *s, const struct pt_place *place, int body, bool enter, struct pt_place *before,
+              struct pt_place *after);
+
+/* --- flight.c ------------------------------------------------------------------------------------------------------------------- */
+
+/* One flight through a body. */
+struct pt_flight {
+    struct pell_vec3 x; /* where it ends */
+    bool met;           /* a surface: `hit` */
+    bool lost;          /* left the body through no surface */
+    float length;
+    const struct pt_coefficients *medium; /* of what it scatters in */
+    struct pt_hit hit;
+};
+
+/* From x along w, by the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. Rays start at
+ * `from`: x, or just off the surface that x is on. *safe: a distance from x that is known to be free of surfaces; becomes what is left. */
+void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
+            float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out);
+/* What a body lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an estimate. */
+void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
+             float out[3]);
+
+/* --- lamps.c: light that is looked for ----------------------------------------------------------------------------------------------- */
+
+/* Where a walk scattered: in a medium, or at something opaque. */
+struct pt_scatterer {
+    struct pell_vec3 x, w;                /* w: the way the walk came */
+    const struct pt_coefficients *medium; /* NULL: opaque */
+    struct pell_vec3 n;                   /* opaque: unit, on the walk's side */
+};
+
+/* Share per sr of what scatters toward the unit direction v. */
+void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float out[3]);
+/* A direction that it scatters to; something opaque by the cosine. beta becomes what it is after a medium's. */
+struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_sampler *s, float beta[3]);
+
+/* A walk that leaves a smooth body from a scatterer straight to a lamp, and what decides between the ways of finding that lamp. */
+struct pt_exit {
+    struct pt_scatterer from;
+    float beta[3]; /* before it scattered, the collision counted */
+    int body;
+    struct pt_hit hit;  /* where it leaves */
+    struct pell_vec3 w; /* unit, from the scatterer to it */
+    float length, transmit;
+    float share; /* of the scatterers at which lamps are looked for */
+};
+
+/* Solid angle at the scatterer per area across the beam at `distance` mm beyond the boundary (INFINITY: per solid angle outside); 0 where
+ * nothing gets out. */
+double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance);
+/* Density by which the walk goes this way, per sr at the scatterer; the same for whoever asks. */
+double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e);
+/* Probability by which pt_connect_lamps looks for a lamp this way. */
+double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_emitter_sample *lamp);
+
+/* Light of lamps at a scatterer inside a body, at a share of them: adds to sum. beta: the weights with the collision; safe: mm around it
+ * without a surface; *turn: in [0, 1), whose turn it is. Through smooth boundaries by connections, through rough ones near them (but for
+ * the environment); the walk's own numbers stay as they are. */
+void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+                      float safe, float share, float *turn, const struct pt_sampler *sampler, double sum[3]);
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+                      float share, float *turn, const struct pt_sampler *sampler, double sum[3]);
+/* Density by which pt_connect_rough would have gone from the walk's scatterer e->from along e->w for the lamp's place, and asked at all. */
+double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_emitter_sample *lamp);
+
+/* Light of lamps at a surface in the open, and what the walk does there: a rough boundary's, or Lambert's (rough NULL). `open`: the side of
+ * at->ng that is in the open, +1 or -1. `skies`: of the environment alone. */
+void pt_lamps(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
+              const struct pt_facing *at, int open, bool skies, const float beta[3], struct pt_sampler *sampler, double sum[3]);
+
+/* --- light.c: paths from lamps ------------------------------------------------------------------------------------------------------- */
+
+/* Where light of a delta lamp was scattered that no refractive connection finds. */
+struct pt_light_vertex {
+    struct pt_scatterer at; /* at.w: the way the light goes */
+    float power[3];         /* after the collision, without the phase function: mm^2 W/m^2 */
+    int body;
+};
+
+struct pt_walker {
+    struct pell_context *ctx;
+    struct pt_counts counts;
+    struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
+    int vertices;
+};
+
+void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);
+/* Joins a scatterer of the walk to the light's: adds to sum. */
+void pt_join(const struct pt_scene *s, struct pt_walker *w, int body, const struct pt_scatterer *at, const float beta[3],
+             struct pt_sampler *sampler, double sum[3]);
+
+/* --- walk.c: surfaces ---------------------------------------------------------------------------------------------------------------- */
+
+/* Refracts or reflects at a smooth boundary by the random number u: true where it passes. *w becomes the new way, unit. *wrong: it had to
+ * be mirrored to its side. */
+bool pt_smooth(const struct pt_facing *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong);
+
+#endif

@@ -1,0 +1,444 @@
+/* SPDX-License-Identifier: MIT
+ * scene.c - what walks need of a scene, made once; rays and what they meet. */
+#include "methods/path_trace/path.h"
+
+#include "image/color.h"
+#include "scene/topology.h"
+
+#include <string.h>
+
+#define GRID_BYTES ((size_t) 64 << 20)
+#define SMOOTH_ROUGHNESS 0.05f /* below: alpha under 0.0025, a delta */
+#define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
+#define SHARE 0.15f            /* where scattering goes all ways; forward ones follow each other */
+#define PROBES 256
+
+static float extent(struct pell_vec3 p)
+{
+    return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
+}
+
+/* --- Bodies ----------------------------------------------------------------------------------------------------------------------- */
+
+static const struct pell_mesh *mesh_of(const struct pt_scene *s, size_t body, size_t triangle)
+{
+    return &s->scene->meshes[s->bodies->bodies[body].triangles[triangle].mesh];
+}
+
+static void bound(const struct pt_scene *s, size_t i)
+{
+    const struct pell_body *b = &s->bodies->bodies[i];
+    struct pt_body *out = &s->body[i];
+
+    out->lo = vec3(INFINITY, INFINITY, INFINITY);
+    out->hi = vec3(-INFINITY, -INFINITY, -INFINITY);
+    for (size_t t = 0; t < b->num_triangles; t++) {
+        const struct pell_mesh *m = mesh_of(s, i, t);
+        for (int k = 0; k < 3; k++) {
+            const float *p = m->position + 3 * (size_t) m->index[3 * (size_t) b->triangles[t].triangle + (size_t) k];
+            out->lo = vec3(fminf(out->lo.x, p[0]), fminf(out->lo.y, p[1]), fminf(out->lo.z, p[2]));
+            out->hi = vec3(fmaxf(out->hi.x, p[0]), fmaxf(out->hi.y, p[1]), fmaxf(out->hi.z, p[2]));
+        }
+    }
+}
+
+/* Which surfaces have holes; one warning an object. (Closed ones are turned the right way round where a scene is completed.) */
+static enum pell_result inspect(struct pt_scene *s)
+{
+    const struct pell_scene *scene = s->scene;
+    struct pell_scene_report report = { 0 };
+    uint32_t *order = pell_calloc(s->ctx, 2 * scene->num_meshes + 1, sizeof(*order));
+    enum pell_result res = PELL_ERR_NOMEM;
+    size_t rank = 0; /* reports are sorted by the number of the object */
+
+    if (!order)
+        return PELL_ERR_NOMEM;
+    PELL_TRY(pell_scene_check(scene, &report));
+    pell_scene_objects(scene, order, order + scene->num_meshes);
+    for (size_t i = 0, told = SIZE_MAX; i < scene->num_meshes; i++) {
+        const uint32_t m = order[i];
+        const int body = m < s->bodies->num_meshes ? s->bodies->of_mesh[m] : -1;
+        rank += i > 0 && scene->meshes[m].object != scene->meshes[order[i - 1]].object;
+        if (body < 0 || rank >= report.num_objects)
+            continue;
+        const struct pell_object_report *o = &report.objects[rank];
+        s->body[body].closed = o->closed;
+        if (told != rank && !o->closed)
+            pell_warn(
+                s->ctx, o->name, "close it: a medium needs an inside",
+                "the surface is open (%lld boundary edges): path-trace ends the medium where light finds no surface inside its bounds",
+                (long long) o->boundary_edges);
+        told = rank;
+    }
+    res = PELL_OK;
+
+fail:
+    pell_scene_report_finish(s->ctx, &report);
+    pell_free(s->ctx, order);
+    return res;
+}
+
+/* Measured on the bunny in milk, skin and ketchup: few connections where walks are long and where they go forward, more where they are short. */
+static float share_of(const struct pt_coefficients *m)
+{
+    float albedo = 0.0f;
+
+    for (int c = 0; c < 3; c++)
+        albedo = fmaxf(albedo, m->sigma_t[c] > 0.0f ? m->sigma_s[c] / m->sigma_t[c] : 0.0f);
+    return fminf(SHARE * (1.0f - 0.7f * fmaxf(m->g[1], 0.0f)) + 0.5f * sqrtf(fmaxf(1.0f - albedo, 0.0f)), 1.0f);
+}
+
+static enum pell_result make_bodies(struct pt_scene *s)
+{
+    struct pell_vec3 lo = vec3(INFINITY, INFINITY, INFINITY), hi = vec3(-INFINITY, -INFINITY, -INFINITY);
+
+    for (size_t i = 0; i < s->bodies->count; i++) {
+        struct pt_body *b = &s->body[i];
+        const struct pell_body *from = &s->bodies->bodies[i];
+        enum pell_result res;
+        if (from->num_triangles == 0)
+            continue;
+        const struct pell_material *m = &s->scene->materials[mesh_of(s, i, 0)->material];
+        if ((res = pt_medium_make(s->ctx, m, &b->medium)) != PELL_OK)
+            return res;
+        b->share = share_of(&b->medium.layer[b->medium.layers - 1]);
+        b->smooth = b->rough = true;
+        for (size_t t = 0; t < from->num_triangles; t++) {
+            const bool rough = s->alpha[mesh_of(s, i, t)->material] > 0.0f && fabsf(b->medium.eta - 1.0f) >= MATCHED;
+            b->smooth = b->smooth && !rough;
+            b->rough = b->rough && rough;
+        }
+        bound(s, i);
+        lo = vec3(fminf(lo.x, b->lo.x), fminf(lo.y, b->lo.y), fminf(lo.z, b->lo.z));
+        hi = vec3(fmaxf(hi.x, b->hi.x), fmaxf(hi.y, b->hi.y), fmaxf(hi.z, b->hi.z));
+    }
+    if (lo.x <= hi.x) {
+        s->centre = vec3_mul(vec3_add(lo, hi), 0.5f);
+        s->unit = 1e-6f * fmaxf(extent(lo), extent(hi)) + 1e-12f;
+        s->radius = 0.5 * (double) vec3_length(vec3_sub(hi, lo)) * 1.0001 + 1e-6;
+    }
+    return PELL_OK;
+}
+
+/* --- Boundaries --------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result add_rough(struct pt_scene *s, float alpha, float eta)
+{
+    struct pt_rough *grown;
+
+    if (fabsf(eta - 1.0f) < MATCHED)
+        return PELL_OK;
+    for (size_t i = 0; i < s->num_rough; i++)
+        if (s->rough[i].alpha == alpha && s->rough[i].eta == eta)
+            return PELL_OK;
+    grown = pell_realloc_array(s->ctx, s->rough, s->num_rough + 1, sizeof(*grown));
+    if (!grown)
+        return PELL_ERR_NOMEM;
+    s->rough = grown;
+    pt_rough_make(alpha, eta, &s->rough[s->num_rough++]);
+    return PELL_OK;
+}
+
+const struct pt_rough *pt_rough_find(const struct pt_scene *s, int material, float eta)
+{
+    const float alpha = s->alpha[material];
+
+    for (size_t i = 0; alpha > 0.0f && i < s->num_rough; i++)
+        if (s->rough[i].alpha == alpha && fabsf(s->rough[i].eta - eta) < 1e-5f)
+            return &s->rough[i];
+    return NULL;
+}
+
+static enum pell_result make_boundaries(struct pt_scene *s)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < s->bodies->count; i++)
+        for (size_t t = 0; t < s->bodies->bodies[i].num_triangles; t++) {
+            const int m = mesh_of(s, i, t)->material;
+            if (s->alpha[m] == 0.0f || (t > 0 && m == mesh_of(s, i, t - 1)->material))
+                continue;
+            PELL_TRY(add_rough(s, s->alpha[m], s->body[i].medium.eta));
+            for (size_t k = 0; k < s->bodies->count; k++)
+                if (k != i && s->body[k].medium.eta > 0.0f)
+                    PELL_TRY(add_rough(s, s->alpha[m], s->body[i].medium.eta / s->body[k].medium.eta));
+        }
+fail:
+    return res;
+}
+
+static void set_alphas(struct pt_scene *s)
+{
+    const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? pell_renderer_settings(s->r)->boundary == PELL_BOUNDARY_ROUGH
+                                                                 : s->knobs.boundary == PT_BOUNDARY_ROUGH;
+
+    for (size_t i = 0; i < s->scene->num_materials; i++) {
+        const float r = s->scene->materials[i].roughness;
+        s->alpha[i] = rough && r >= SMOOTH_ROUGHNESS ? fminf(r * r, 1.0f) : 0.0f;
+    }
+}
+
+/* --- Lamps -------------------------------------------------------------------------------------------------------------------------- */
+
+static void probe_lamps(struct pt_scene *s)
+{
+    struct pt_sampler q = pt_sampler_start(s->seed, 0, 0, 99);
+    double flux = 0.0, uneven = 0.0, skies = 0.0;
+
+    for (size_t i = 0; i < s->scene->num_lights; i++) {
+        const struct pell_light *l = &s->scene->lights[i];
+        const bool delta = l->type == PELL_LIGHT_POINT || l->type == PELL_LIGHT_SPOT || l->type == PELL_LIGHT_DIRECTIONAL;
+        s->light_paths = s->light_paths || delta;
+        for (int c = 0; !delta && l->type != PELL_LIGHT_ENVIRONMENT && c < 3; c++)
+            s->brightest = fmax(s->brightest, (double) l->power[c]);
+    }
+    for (int i = 0; s->radius > 0.0 && i < PROBES; i++) {
+        double u[5], weight[3], pdf, distance;
+        struct pell_vec3 origin, direction;
+        struct pell_emitter_sample sample;
+        float radiance[3];
+        for (int k = 0; k < 5; k++)
+            u[k] = pt_fine(&q);
+        if (pell_emitters_emit(s->emitters, s->centre, s->radius, u, &sample, &origin, &direction, weight, &pdf))
+            flux += fmax(weight[0], fmax(weight[1], weight[2])) / PROBES;
+        if (pell_emitters_sample(s->emitters, s->centre, u, &sample) && sample.away && !sample.delta) {
+            uneven += sample.pdf * 4.0 * PELL_PI;
+            skies += 1.0;
+        }
+        direction = vec3((float) (2.0 * u[0] - 1.0), (float) (2.0 * u[1] - 1.0), (float) (2.0 * u[2] - 1.0));
+        direction = vec3_normalize(direction);
+        for (int k = 0; pell_emitters_hit(s->emitters, s->centre, s->centre, direction, INFINITY, k, &sample, &distance, radiance, &pdf);
+             k++)
+            for (int c = 0; c < 3; c++)
+                s->brightest = fmax(s->brightest, (double) radiance[c]);
+    }
+    /* The density's mean over the lamps' own samples, against that of an even sky. The choice of the lamp in it makes skies that matter
+     * less look evener, which is right, too. */
+    s->sky_share = skies > 0.0 ? fmin(fmax((uneven / skies - 1.5) / 10.0, 0.0), 1.0) : 1.0;
+    for (size_t i = 0; s->light_paths && i < s->bodies->count; i++)
+        if (s->bodies->bodies[i].num_triangles > 0 && !s->body[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT))) {
+            pell_warn(s->ctx, "path-trace", "leave the knob connections on",
+                      "point, spot and directional lamps light nothing below smooth surfaces: no path meets them by chance");
+            break;
+        }
+    s->light_paths = s->light_paths && (s->knobs.techniques & PT_LIGHT) && s->radius > 0.0;
+    s->typical = s->radius > 0.0 ? flux / (4.0 * PELL_PI * PELL_PI * s->radius * s->radius) : 0.0;
+}
+
+double pt_scene_brightest(const struct pt_scene *scene)
+{
+    return scene->brightest;
+}
+
+/* --- Making it ------------------------------------------------------------------------------------------------------------------------ */
+
+void pt_scene_destroy(struct pt_scene **scene)
+{
+    struct pt_scene *s = *scene;
+
+    if (!s)
+        return;
+    *scene = NULL;
+    pell_distance_destroy(&s->distance);
+    pell_connector_destroy(&s->connector);
+    pell_emitters_destroy(&s->emitters);
+    pell_free(s->ctx, s->rough);
+    pell_free(s->ctx, s->alpha);
+    pell_free(s->ctx, s->body);
+    pell_bodies_destroy(&s->bodies);
+    pell_free(s->ctx, s);
+}
+
+static enum pell_result make_helpers(struct pt_scene *s)
+{
+    bool connects = false, grid = false;
+    enum pell_result res;
+
+    PELL_TRY(pell_emitters_create(s->ctx, s->scene, &s->emitters));
+    for (size_t i = 0; i < s->bodies->count; i++) {
+        struct pt_body *b = &s->body[i];
+        const bool looked = (s->knobs.techniques & PT_CONNECT) && pell_emitters_count(s->emitters) > 0;
+        b->connects = b->smooth && looked;
+        b->near = b->rough && looked;
+        b->grid = b->closed && s->knobs.acceleration == PT_ACCELERATION_GRID;
+        connects = connects || b->connects || b->near;
+        grid = grid || b->grid;
+    }
+    if (connects)
+        PELL_TRY(pell_connector_create(s->ctx, s->scene, s->rays, s->bodies, s->knobs.normals == PT_NORMALS_FLAT, &s->connector));
+    if (grid)
+        PELL_TRY(pell_distance_create(s->ctx, pell_renderer_pool(s->r), s->rays, s->scene, s->bodies, GRID_BYTES, &s->distance));
+    probe_lamps(s);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pt_scene_create(struct pell_renderer *r, const struct pell_frame *shape, const struct pt_knobs *knobs,
+                                 struct pt_scene **out)
+{
+    struct pell_context *ctx = pell_renderer_context(r);
+    struct pt_scene *s = pell_zalloc(ctx, sizeof(*s));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    (void) shape;
+    *out = NULL;
+    if (!s)
+        return PELL_ERR_NOMEM;
+    s->ctx = ctx;
+    s->r = r;
+    s->scene = pell_renderer_scene(r);
+    s->rays = pell_renderer_rays(r);
+    s->knobs = *knobs;
+    s->seed = pell_renderer_seed(r);
+    PELL_TRY(pell_renderer_bodies(r, &s->bodies));
+    res = PELL_ERR_NOMEM;
+    s->body = pell_calloc(ctx, s->bodies->count + 1, sizeof(*s->body));
+    s->alpha = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->alpha));
+    if (!s->body || !s->alpha)
+        goto fail;
+    set_alphas(s);
+    PELL_TRY(make_bodies(s));
+    PELL_TRY(make_boundaries(s));
+    PELL_TRY(inspect(s));
+    PELL_TRY(make_helpers(s));
+    *out = s;
+    return PELL_OK;
+
+fail:
+    pt_scene_destroy(&s);
+    return res;
+}
+
+enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker **out)
+{
+    struct pt_walker *w = *out = pell_zalloc(scene->ctx, sizeof(**out));
+
+    if (!w)
+        return PELL_ERR_NOMEM;
+    w->ctx = scene->ctx;
+    return PELL_OK;
+}
+
+void pt_walker_destroy(struct pt_walker **walker)
+{
+    if (*walker)
+        pell_free((*walker)->ctx, *walker);
+    *walker = NULL;
+}
+
+const struct pt_counts *pt_walker_counts(const struct pt_walker *walker)
+{
+    return &walker->counts;
+}
+
+/* --- Rays ------------------------------------------------------------------------------------------------------------------------- */
+
+void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out)
+{
+    const struct pell_mesh *m = &s->scene->meshes[mesh];
+    const uint32_t *i = m->index + 3 * (size_t) triangle;
+    const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) i[0]), b = vec3_load(m->position + 3 * (size_t) i[1]);
+    const struct pell_vec3 c = vec3_load(m->position + 3 * (size_t) i[2]);
+    const float k = 1.0f - u - v;
+
+    out->unit = 1e-6f * fmaxf(extent(a), fmaxf(extent(b), extent(c))) + 1e-12f;
+    out->mesh = mesh;
+    out->triangle = triangle;
+    out->u = u;
+    out->v = v;
+    out->p = vec3_add(vec3_add(vec3_mul(a, k), vec3_mul(b, u)), vec3_mul(c, v));
+    out->ng = vec3_normalize(vec3_cross(vec3_sub(b, a), vec3_sub(c, a)));
+    if (vec3_dot(out->ng, out->ng) < 0.5f)
+        out->ng = vec3_mul(w, -1.0f); /* no area */
+    out->ns = out->ng;
+    out->bent = false;
+    if (s->knobs.normals == PT_NORMALS_SMOOTH && m->normal) {
+        const float *n = m->normal;
+        const struct pell_vec3 sum =
+            vec3_add(vec3_add(vec3_mul(vec3_load(n + 3 * (size_t) i[0]), k), vec3_mul(vec3_load(n + 3 * (size_t) i[1]), u)),
+                     vec3_mul(vec3_load(n + 3 * (size_t) i[2]), v));
+        const float length = vec3_length(sum);
+        if (length > 1e-6f && vec3_dot(sum, out->ng) > 1e-3f * length) {
+            out->ns = vec3_mul(sum, 1.0f / length);
+            out->bent = true;
+        }
+    }
+    out->body = mesh < s->bodies->num_meshes ? s->bodies->of_mesh[mesh] : -1;
+    out->material = m->material;
+}
+
+bool pt_meet(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
+             struct pt_hit *out)
+{
+    const struct pell_ray ray = { { x.x, x.y, x.z }, 0.0f, { w.x, w.y, w.z }, reach, mask };
+    struct pell_hit hit;
+
+    counts->rays++;
+    if (!pell_rays_closest(s->rays, &ray, &hit))
+        return false;
+    pt_hit_at(s, hit.mesh, hit.triangle, hit.u, hit.v, w, out);
+    out->t = hit.t;
+    return true;
+}
+
+bool pt_clear(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask)
+{
+    const struct pell_ray ray = { { x.x, x.y, x.z }, 0.0f, { w.x, w.y, w.z }, reach, mask };
+
+    counts->rays++;
+    return !pell_rays_occluded(s->rays, &ray);
+}
+
+void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
+{
+    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
+    const struct pell_material *material = &s->scene->materials[hit->material];
+    const struct pell_texture_map *map = &material->base_color_map;
+    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
+    const float k = 1.0f - hit->u - hit->v;
+    float texel[4] = { 1.0f, 1.0f, 1.0f, 1.0f };
+
+    if (map->texture && m->uv[map->uv]) {
+        const float *uv = m->uv[map->uv], *a = uv + 2 * (size_t) i[0], *b = uv + 2 * (size_t) i[1], *c = uv + 2 * (size_t) i[2];
+        const float tu = k * a[0] + hit->u * b[0] + hit->v * c[0], tv = k * a[1] + hit->u * b[1] + hit->v * c[1], *t = map->matrix;
+        pell_image_sample(&map->texture->image, map->texture->wrap_u, map->texture->wrap_v, map->texture->nearest,
+                          t[0] * tu + t[1] * tv + t[2], t[3] * tu + t[4] * tv + t[5], texel);
+    }
+    for (size_t c = 0; c < 3; c++) {
+        float x = material->base_color[c] * (1.0f - material->metallic) * texel[c];
+        if (m->color)
+            x *= k * m->color[4 * (size_t) i[0] + c] + hit->u * m->color[4 * (size_t) i[1] + c] + hit->v * m->color[4 * (size_t) i[2] + c];
+        rgb[c] = fminf(fmaxf(x, 0.0f), 1.0f);
+    }
+}
+
+/* --- Places ----------------------------------------------------------------------------------------------------------------------- */
+
+bool pt_cross(const struct pt_scene *s, const struct pt_place *place, int body, bool enter, struct pt_place *before, struct pt_place *after)
+{
+    struct pt_place without = { 0 }, with;
+    bool inside = false;
+
+    for (int i = 0; i < place->count; i++)
+        inside = inside || place->body[i] == body;
+    for (int i = 0; !inside && !enter && i < place->count; i++) /* one closed surface of several media: it is the one that was entered */
+        if (s->bodies->bodies[place->body[i]].object == s->bodies->bodies[body].object)
+            body = place->body[i];
+    inside = false;
+
+    for (int i = 0; i < place->count; i++) {
+        inside = inside || place->body[i] == body;
+        if (place->body[i] != body)
+            without.body[without.count++] = place->body[i];
+    }
+    with = inside ? *place : without;
+    if (!inside && with.count < PT_NEST)
+        with.body[with.count++] = (int16_t) body;
+    if (enter && inside)
+        return false;
+    *before = enter ? without : with;
+    *after = enter ? with : without;
+    return true;
+}

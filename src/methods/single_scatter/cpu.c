@@ -1,0 +1,172 @@
+/* SPDX-License-Identifier: MIT
+ * cpu.c - a frame of single scattering: pixels are independent, rows go to the threads. */
+#include "methods/single_scatter/single_scatter.h"
+
+#include "render/renderer.h"
+
+#include <string.h>
+
+enum { BATCH = 16 }; /* rows between two reports of progress */
+
+struct ss_state {
+    struct pell_renderer *r; /* borrowed */
+    struct pell_context *ctx;
+    struct pell_bodies *bodies;
+    struct pell_connector *connector;
+    struct pell_emitters *emitters;
+    struct ss_medium *medium; /* of each body */
+    struct ss_world world;    /* of all that */
+    struct ss_counts *counts;
+    float *noise[3]; /* planes of the frame's stride */
+    struct pell_pass_time time;
+};
+
+struct frame_task {
+    const struct ss_state *st;
+    const struct pell_frame *in;
+    const struct pell_frame_light *out;
+    const struct pell_camera *camera;
+    int first; /* row */
+};
+
+static void do_row(void *arg, int index, int worker)
+{
+    const struct frame_task *t = arg;
+    const struct pell_frame *in = t->in;
+    const ptrdiff_t row = (in->rect.y0 + t->first + index) * in->stride;
+
+    for (ptrdiff_t at = row + in->rect.x0; at < row + in->rect.x1 && !pell_cancelled(t->st->ctx); at++) {
+        const bool apart = t->out->single[0] != NULL;
+        struct pell_vec3 x, toward;
+        float light[3], noise[3];
+        if (!in->material[at])
+            continue;
+        x = vec3(in->position[0][at], in->position[1][at], in->position[2][at]);
+        toward =
+            in->orthographic ? vec3_mul(vec3_load(t->camera->forward), -1.0f) : vec3_normalize(vec3_sub(vec3_load(t->camera->position), x));
+        ss_estimate(&t->st->world, x, toward, (double) in->depth[at], &t->st->counts[worker], light, noise);
+        for (int c = 0; c < 3; c++) {
+            t->out->light[c][at] = apart ? 0.0f : light[c];
+            if (apart)
+                t->out->single[c][at] = light[c];
+            t->st->noise[c][at] = noise[c];
+        }
+    }
+}
+
+static enum pell_result ss_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    struct ss_state *st = state;
+    struct frame_task t = { st, in, out, &pell_renderer_scene(st->r)->cameras[0], 0 };
+    struct ss_counts sum = { 0 };
+    const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(pell_renderer_pool(st->r));
+    const double start = pell_seconds();
+
+    memset(st->noise[0], 0, 3 * (size_t) in->stride * (size_t) in->height * sizeof(float));
+    memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
+    st->world.seed = pell_renderer_seed(st->r);
+    for (t.first = 0; t.first < rows; t.first += BATCH) {
+        pell_pool_run(pell_renderer_pool(st->r), rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
+        if (pell_cancelled(st->ctx))
+            return PELL_ERR_CANCELLED;
+        pell_progress(st->ctx, "single-scatter", fmin(1.0, (double) (t.first + BATCH) / rows));
+    }
+    for (int i = 0; i < threads; i++) {
+        sum.pixels += st->counts[i].pixels;
+        sum.samples += st->counts[i].samples;
+        sum.rays += st->counts[i].rays;
+        sum.over += st->counts[i].over;
+    }
+    st->time = (struct pell_pass_time){
+        .name = "single-scatter", .seconds = pell_seconds() - start, .pixels = sum.pixels, .bytes = sum.pixels * 40, .rays = sum.rays
+    };
+    if (sum.pixels > 0)
+        pell_info(st->ctx, "single-scatter", "%.0f samples and %.0f rays per pixel; %.2f %% of the pixels stopped at the knob most",
+                  (double) sum.samples / (double) sum.pixels, (double) sum.rays / (double) sum.pixels,
+                  100.0 * (double) sum.over / (double) sum.pixels);
+    return PELL_OK;
+}
+
+static void ss_destroy(void *state)
+{
+    struct ss_state *st = state;
+
+    if (!st)
+        return;
+    pell_free(st->ctx, st->noise[0]);
+    pell_free(st->ctx, st->counts);
+    pell_free(st->ctx, st->medium);
+    pell_emitters_destroy(&st->emitters);
+    pell_connector_destroy(&st->connector);
+    pell_bodies_destroy(&st->bodies);
+    pell_free(st->ctx, st);
+}
+
+static enum pell_result ss_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+{
+    const struct ss_knobs *k = knobs;
+    struct pell_context *ctx = pell_renderer_context(r);
+    const struct pell_scene *scene = pell_renderer_scene(r);
+    const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
+    struct ss_state *st = pell_zalloc(ctx, sizeof(*st));
+    enum pell_result res;
+
+    *state = st;
+    if (!st)
+        return PELL_ERR_NOMEM;
+    st->r = r;
+    st->ctx = ctx;
+    PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+    PELL_TRY(pell_connector_create(ctx, scene, pell_renderer_rays(r), st->bodies, k->normals == SS_FLAT, &st->connector));
+    PELL_TRY(pell_emitters_create(ctx, scene, &st->emitters));
+    res = PELL_ERR_NOMEM;
+    st->medium = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->medium));
+    st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(pell_renderer_pool(r)), sizeof(*st->counts));
+    st->noise[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
+    if (!st->medium || !st->counts || !st->noise[0])
+        goto fail;
+    st->noise[1] = st->noise[0] + pixels;
+    st->noise[2] = st->noise[1] + pixels;
+    for (size_t i = 0; i < st->bodies->count; i++) {
+        const struct pell_body *b = &st->bodies->bodies[i];
+        if (b->num_triangles > 0)
+            PELL_TRY(ss_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
+    }
+    st->world = (struct ss_world){
+        .ctx = ctx,
+        .scene = scene,
+        .rays = pell_renderer_rays(r),
+        .bodies = st->bodies,
+        .connector = st->connector,
+        .emitters = st->emitters,
+        .medium = st->medium,
+        .knobs = *k,
+    };
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static size_t ss_times(const void *state, struct pell_pass_time *times, size_t size)
+{
+    const struct ss_state *st = state;
+
+    if (size < 1 || !st->time.name)
+        return 0;
+    times[0] = st->time;
+    return 1;
+}
+
+static bool ss_noise(const void *state, const float *planes[3])
+{
+    const struct ss_state *st = state;
+
+    for (int c = 0; c < 3; c++)
+        planes[c] = st->noise[c];
+    return true;
+}
+
+const struct pell_method_engine pell_single_scatter_cpu = {
+    .create = ss_create, .render = ss_render, .destroy = ss_destroy, .times = ss_times, .noise = ss_noise
+};

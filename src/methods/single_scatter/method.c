@@ -1,0 +1,97 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - exact single scattering: B. Walter, S. Zhao, N. Holzschuch and K. Bala, "Single Scattering in Refractive Media with Triangle
+ * Mesh Boundaries", SIGGRAPH 2009; distances along the ray: C. Kulla and M. Fajardo, "Importance Sampling Techniques for Path Tracing in
+ * Participating Media", EGSR 2012. What differs: README.md.
+ */
+#include "methods/single_scatter/single_scatter.h"
+
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const distance_names[] = { "both", "transmittance", "equiangular", NULL };
+static const char *const refraction_names[] = { "exact", "none", NULL };
+static const char *const normals_names[] = { "smooth", "flat", NULL };
+
+#define AT(field) offsetof(struct ss_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { SS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "error",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(error),
+      { 0.02 },
+      1e-4,
+      1,
+      NULL,
+      "samples are taken so that the standard error of each channel of a pixel is about this share of it" },
+    { "most", PELL_KNOB_INT, "1", AT(most), { 65536 }, 128, 1000000000, NULL, "samples per pixel at most" },
+    { "distance",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(distance),
+      { SS_BOTH },
+      0,
+      0,
+      distance_names,
+      "places along the ray: by what light the medium lets through, at equal angles as the lamp sees them, or both by the balance "
+      "heuristic" },
+    { "refraction",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(refraction),
+      { SS_EXACT },
+      0,
+      0,
+      refraction_names,
+      "at the surface by its index, both ways; or none: light goes straight through and nothing is reflected" },
+    { "normals",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(normals),
+      { SS_SMOOTH },
+      0,
+      0,
+      normals_names,
+      "that refract: the vertices' interpolated, or each triangle's own" },
+    { 0 },
+};
+#undef AT
+
+static void paper(void *values)
+{
+    struct ss_knobs *k = values;
+
+    k->as = SS_PAPER;
+    k->distance = SS_TRANSMITTANCE;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    (void) values;
+    *plan = (struct pell_plan){
+        .needs = PELL_NEED_POSITION | PELL_NEED_SCENE,
+        .gives = PELL_GIVES_SINGLE,
+        .below = true,
+        .quantity = PELL_QUANTITY_RADIANCE,
+        .mix = -1.0f,
+    };
+}
+
+extern const struct pell_method pell_method_single_scatter;
+const struct pell_method pell_method_single_scatter = {
+    .kind = PELL_REFERENCE,
+    .name = "single-scatter",
+    .title = "Light scattered once, exactly",
+    .cite = "Bruce Walter, Shuang Zhao, Nicolas Holzschuch and Kavita Bala, Single Scattering in Refractive Media with Triangle Mesh "
+            "Boundaries, SIGGRAPH, 2009; Christopher Kulla and Marcos Fajardo, Importance Sampling Techniques for Path Tracing in "
+            "Participating "
+            "Media, EGSR, 2012",
+    .limits = "Light that scatters more than once, or that is reflected inside before or after it scatters, is not in it. The boundary is "
+              "smooth, whatever the material's roughness; maps of colour and strength are not looked at.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct ss_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &pell_single_scatter_cpu,
+};

@@ -1,0 +1,368 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * scatter.c - light scattered once, at places along the refracted ray of the eye.
+ *
+ *     L = F_t(w_o)/eta^2 Int_0^S sigma_s e^(-tau(s)) Sum_paths p(w_i, w) E e^(-tau_i) ds
+ *
+ * S: where the ray leaves the body; paths: all ways of refraction to the lamp (render/connect.h); E: irradiance of the beam, perpendicular
+ * to it, of which the boundary lets F_t through. A place s is drawn for a lamp's place:
+ *
+ * - by transmittance: a channel is chosen, then its optical depth;
+ * - at equal angles as seen from the lamp's place (Kulla and Fajardo 2012), which stands still for where its light comes from; evenly, for
+ *   lamps without a place.
+ *
+ * Both count by the balance heuristic (Veach and Guibas 1995). A round takes as many of each, and rounds are independent: their spread is
+ * the standard error. A round's randomness is a hash of the point's place and of the seed. */
+#include "methods/single_scatter/single_scatter.h"
+
+#include <string.h>
+
+enum {
+    ROUND = 16, /* samples */
+    PILOT = 8,  /* rounds that say how many are needed */
+    LEAST = 8,  /* rounds of a pixel */
+    DARK = 16,  /* rounds where the pilot found no light */
+};
+
+/* The refracted ray of the eye, below the surface. */
+struct ray {
+    const struct ss_world *world;
+    const struct ss_medium *medium;
+    int body;
+    double eta;
+    struct pell_vec3 at, w; /* w: inward */
+    double transmit;        /* F_t / eta^2 */
+    struct ss_way way;
+    double length;        /* of the way */
+    double shade[3];      /* 1 - e^-tau of all of it */
+    int lit[3], channels; /* that scatter */
+    struct ss_counts *counts;
+};
+
+static uint32_t hash(uint32_t x)
+{
+    x ^= x >> 16;
+    x *= 0x7feb352du;
+    x ^= x >> 15;
+    x *= 0x846ca68bu;
+    return x ^ x >> 16;
+}
+
+static double unit(uint32_t x)
+{
+    return (double) x * (1.0 / 4294967296.0);
+}
+
+/* Number `index` of a round's lattice in dimension `d`: multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1), shifted. */
+static double lattice(uint32_t round_seed, uint32_t d, uint32_t index)
+{
+    static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
+    return unit(hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
+}
+
+/* --- Entering ----------------------------------------------------------------------------------------------------------------- */
+
+static bool closest(const struct ss_world *world, struct pell_vec3 from, struct pell_vec3 w, double near, double far,
+                    struct ss_counts *counts, struct pell_ray_hit16 *r)
+{
+    _Alignas(64) int valid[16] = { -1 };
+
+    memset(r, 0, sizeof(*r));
+    r->ray.ox[0] = from.x;
+    r->ray.oy[0] = from.y;
+    r->ray.oz[0] = from.z;
+    r->ray.dx[0] = w.x;
+    r->ray.dy[0] = w.y;
+    r->ray.dz[0] = w.z;
+    r->ray.tnear[0] = (float) near;
+    r->ray.tfar[0] = (float) far;
+    r->ray.mask[0] = PELL_RAY_ALL;
+    pell_rays_closest16(world->rays, valid, true, r);
+    counts->rays++;
+    return r->hit.mesh[0] != PELL_NO_HIT;
+}
+
+/* Finds the triangle that the eye sees, and where its ray goes below. */
+static bool enter(const struct ss_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct ss_counts *counts,
+                  struct ray *ray)
+{
+    const double size = fmax(fmax((double) fabsf(at.x), (double) fabsf(at.y)), (double) fabsf(at.z)) + depth;
+    struct pell_vec3 n, geometric, in;
+    struct pell_ray_hit16 r;
+    const struct pell_mesh *m;
+    const uint32_t *index;
+    double cos_o, cos_i, e = 0.0, facing;
+    float u, v;
+
+    for (double reach = 3e-6; reach < 1e-3; reach *= 8.0) {
+        e = reach * size;
+        if (closest(world, vec3_mad(at, (float) fmin(e, 0.5 * depth), toward), vec3_mul(toward, -1.0f), 0.0, 2.0 * e, counts, &r))
+            break;
+    }
+    if (r.hit.mesh[0] >= world->bodies->num_meshes || world->bodies->of_mesh[r.hit.mesh[0]] < 0)
+        return false;
+    memset(ray, 0, sizeof(*ray));
+    ray->world = world;
+    ray->counts = counts;
+    ray->body = world->bodies->of_mesh[r.hit.mesh[0]];
+    ray->medium = &world->medium[ray->body];
+    ray->eta = world->knobs.refraction == SS_NONE ? 1.0 : ray->medium->eta;
+    u = r.hit.u[0];
+    v = r.hit.v[0];
+    m = &world->scene->meshes[r.hit.mesh[0]];
+    index = m->index + 3 * (size_t) r.hit.triangle[0];
+    ray->at = vec3_mul(vec3_load(m->position + 3 * (size_t) index[0]), 1.0f - u - v);
+    ray->at =
+        vec3_mad(vec3_mad(ray->at, u, vec3_load(m->position + 3 * (size_t) index[1])), v, vec3_load(m->position + 3 * (size_t) index[2]));
+    geometric = vec3_normalize(vec3(r.hit.ngx[0], r.hit.ngy[0], r.hit.ngz[0]));
+    n = geometric;
+    if (world->knobs.normals == SS_SMOOTH) {
+        n = vec3_mul(vec3_load(m->normal + 3 * (size_t) index[0]), 1.0f - u - v);
+        n = vec3_mad(vec3_mad(n, u, vec3_load(m->normal + 3 * (size_t) index[1])), v, vec3_load(m->normal + 3 * (size_t) index[2]));
+        n = vec3_normalize(n);
+    }
+    facing = (double) vec3_dot(geometric, toward);
+    if (!(facing > 0.0)) /* seen from within, or turned inside out */
+        return false;
+    cos_o = (double) vec3_dot(n, toward);
+    if (!(cos_o > 0.0)) { /* a normal that looks away from where its triangle is seen */
+        n = geometric;
+        cos_o = facing;
+    }
+    cos_i = 1.0 - (1.0 - cos_o * cos_o) / (ray->eta * ray->eta);
+    if (!(cos_i > 0.0))
+        return false;
+    cos_i = sqrt(cos_i);
+    in = vec3_mad(vec3_mul(toward, (float) (-1.0 / ray->eta)), (float) (cos_o / ray->eta - cos_i), n);
+    ray->w = vec3_normalize(in);
+    facing = -(double) vec3_dot(geometric, ray->w);
+    if (!(facing > 0.0))
+        return false;
+    ray->transmit = ray->eta == 1.0 ? 1.0 : (1.0 - pell_fresnel(ray->eta, cos_o)) / (ray->eta * ray->eta);
+    e = pell_connector_rounding(world->connector, ray->body) / fmax(facing, 0.02);
+    ray->length = closest(world, ray->at, ray->w, e, INFINITY, counts, &r) ? (double) r.ray.tfar[0] : INFINITY;
+    return true;
+}
+
+/* --- Along the ray ------------------------------------------------------------------------------------------------------------ */
+
+/* Of a place by transmittance, 1/mm; `layer` and the optical depths are the place's. */
+static double transmittance_density(const struct ray *ray, const struct ss_layer *layer, const double depth[3])
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < ray->channels; i++) {
+        const int c = ray->lit[i];
+        sum += ray->shade[c] > 1e-9 ? layer->sigma_t[c] * exp(-depth[c]) / ray->shade[c] : 1.0 / ray->length;
+    }
+    return sum / ray->channels;
+}
+
+static double transmittance_place(const struct ray *ray, double pick, double xi)
+{
+    const int c = ray->lit[pick * ray->channels < ray->channels ? (int) (pick * ray->channels) : ray->channels - 1];
+
+    if (!(ray->shade[c] > 1e-9))
+        return xi * ray->length;
+    return ss_way_find(&ray->way, ray->medium, c, -log1p(-xi * ray->shade[c]));
+}
+
+/* Angles under which a lamp's place sees the way. */
+struct angles {
+    bool even;         /* no place, or one on the ray: evenly by length */
+    double foot, away; /* mm along the ray, and from it */
+    double first, all;
+};
+
+static struct angles angles_of(const struct ray *ray, const struct pell_emitter_sample *lamp)
+{
+    struct angles a = { .even = true };
+    struct pell_vec3 to, beside;
+
+    if (lamp->away)
+        return a;
+    to = vec3_sub(lamp->at, ray->at);
+    a.foot = (double) vec3_dot(to, ray->w);
+    beside = vec3_mad(to, (float) -a.foot, ray->w);
+    a.away = (double) vec3_length(beside);
+    if (!(a.away > 1e-5 * ((double) vec3_length(to) + ray->length)))
+        return a;
+    a.first = atan(-a.foot / a.away);
+    a.all = atan((ray->length - a.foot) / a.away) - a.first;
+    a.even = !(a.all > 1e-9);
+    return a;
+}
+
+static double angle_density(const struct ray *ray, const struct angles *a, double s)
+{
+    return a->even ? 1.0 / ray->length : a->away / (a->all * (a->away * a->away + (s - a->foot) * (s - a->foot)));
+}
+
+static double angle_place(const struct ray *ray, const struct angles *a, double xi)
+{
+    const double s = a->even ? xi * ray->length : a->foot + a->away * tan(a->first + xi * a->all);
+    return fmin(fmax(s, 0.0), ray->length);
+}
+
+/* What a lamp's place brings from a place s of the ray, per mm, to each channel. */
+static void bring(const struct ray *ray, const struct pell_emitter_sample *lamp, double s, const struct ss_layer *layer,
+                  const double depth[3], double out[3])
+{
+    const struct pell_vec3 x = vec3_mad(ray->at, (float) s, ray->w), back = vec3_mul(ray->w, -1.0f);
+    struct pell_connection paths[PELL_CONNECTIONS];
+    double slowest = INFINITY, reach;
+    int n;
+
+    for (int i = 0; i < ray->medium->layers; i++)
+        for (int k = 0; k < ray->channels; k++)
+            slowest = fmin(slowest, ray->medium->layer[i].sigma_t[ray->lit[k]]);
+    reach = slowest > 0.0 ? SS_OPAQUE / slowest : INFINITY;
+    n = pell_connect(ray->world->connector, ray->body, ray->eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, paths,
+                     PELL_CONNECTIONS, &ray->counts->rays);
+    for (int i = 0; i < n; i++) {
+        const struct pell_connection *p = &paths[i];
+        const double cosine = (double) vec3_dot(p->inside, back);
+        double beam = p->spread * p->transmit;
+        float power[3];
+        struct ss_way way;
+        if (!lamp->away && !lamp->delta)
+            beam *= fmax(0.0, -(double) vec3_dot(lamp->normal, p->outside));
+        pell_emitters_power_at(ray->world->emitters, lamp, p->at, power);
+        if (!(beam > 0.0) || !(power[0] + power[1] + power[2] > 0.0f))
+            continue;
+        ss_way_make(ray->world->connector, ray->body, ray->medium, x, p->inside, p->inside_mm, &way);
+        if (way.stretch[way.count - 1].end < p->inside_mm)
+            continue;
+        for (int k = 0; k < ray->channels; k++) {
+            const int c = ray->lit[k];
+            out[c] += layer->sigma_s[c] * pell_phase_value(&layer->phase[c], cosine) * beam * (double) power[c] *
+                      exp(-depth[c] - way.stretch[way.count - 1].depth[c]);
+        }
+    }
+}
+
+static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
+{
+    const int kind = ray->world->knobs.distance;
+
+    for (uint32_t i = 0; i < ROUND; i++) {
+        const bool by_angle = kind == SS_EQUIANGULAR || (kind == SS_BOTH && i % 2);
+        const double u[3] = { lattice(seed, 0, i), lattice(seed, 1, i), lattice(seed, 2, i) };
+        const double xi = kind == SS_BOTH ? (i / 2 + unit(hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
+                                          : (i + unit(hash(seed ^ 0x51ed270bu))) / ROUND;
+        double depth[3], density = 0.0, s, light[3] = { 0 };
+        const struct ss_layer *layer;
+        struct pell_emitter_sample lamp;
+        struct angles angles;
+        if (!pell_emitters_sample(ray->world->emitters, ray->at, u, &lamp) || !(lamp.pdf > 0.0))
+            continue;
+        angles = angles_of(ray, &lamp);
+        s = by_angle ? angle_place(ray, &angles, xi) : transmittance_place(ray, lattice(seed, 3, i), xi);
+        layer = &ray->medium->layer[ray->way.stretch[ss_way_at(&ray->way, ray->medium, s, depth)].layer];
+        if (kind != SS_EQUIANGULAR)
+            density += transmittance_density(ray, layer, depth);
+        if (kind != SS_TRANSMITTANCE)
+            density += angle_density(ray, &angles, s);
+        density *= lamp.pdf * (kind == SS_BOTH ? ROUND / 2 : ROUND);
+        if (!(density > 0.0))
+            continue;
+        bring(ray, &lamp, s, layer, depth, light);
+        for (int c = 0; c < 3; c++)
+            sum[c] += ray->transmit * light[c] / density;
+    }
+    ray->counts->samples += ROUND;
+}
+
+/* --- As many as are needed ---------------------------------------------------------------------------------------------------- */
+
+struct sums {
+    double sum[3], square[3];
+    int64_t rounds;
+};
+
+static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int64_t count, struct sums *s)
+{
+    memset(s, 0, sizeof(*s));
+    while (s->rounds < count && !((s->rounds & 255) == 0 && pell_cancelled(ray->world->ctx))) {
+        double round[3] = { 0 };
+        run_round(ray, hash(seed ^ hash(first + (uint32_t) s->rounds)), round);
+        for (int c = 0; c < 3; c++) {
+            s->sum[c] += round[c];
+            s->square[c] += round[c] * round[c];
+        }
+        s->rounds++;
+    }
+}
+
+static void measure(const struct sums *s, double mean[3], double spread[3])
+{
+    const double n = (double) s->rounds;
+
+    for (int c = 0; c < 3; c++) {
+        mean[c] = n > 0.0 ? s->sum[c] / n : 0.0;
+        spread[c] = n > 1.0 ? sqrt(fmax(s->square[c] / n - mean[c] * mean[c], 0.0) / (n - 1.0)) : 0.0;
+    }
+}
+
+/* How many rounds make the error small enough, as the pilot's say. */
+static double rounds_needed(const struct sums *pilot, double error)
+{
+    double mean[3], spread[3], largest, n = LEAST;
+
+    measure(pilot, mean, spread);
+    largest = fmax(mean[0], fmax(mean[1], mean[2]));
+    for (int c = 0; largest > 0.0 && c < 3; c++) {
+        const double ratio = spread[c] / (error * fmax(mean[c], 1e-3 * largest));
+        n = fmax(n, (double) pilot->rounds * ratio * ratio);
+    }
+    return largest > 0.0 ? n : DARK;
+}
+
+static uint32_t place_seed(struct pell_vec3 at, uint32_t seed)
+{
+    uint32_t b[3];
+
+    memcpy(b, &at, sizeof(b));
+    return hash(b[0] ^ hash(b[1] ^ hash(b[2] ^ hash(seed))));
+}
+
+void ss_estimate(const struct ss_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct ss_counts *counts,
+                 float out[3], float noise[3])
+{
+    const double most = fmax((double) world->knobs.most / ROUND, LEAST);
+    const uint32_t seed = place_seed(at, world->seed);
+    double mean[3], spread[3], needed, whole[3];
+    struct sums pilot, s;
+    struct ray ray;
+
+    for (int c = 0; c < 3; c++)
+        out[c] = noise[c] = 0.0f;
+    counts->pixels++;
+    if (!isfinite(at.x + at.y + at.z) || !(depth > 0.0 && depth < 1e15) || pell_emitters_count(world->emitters) == 0 ||
+        !enter(world, at, toward, depth, counts, &ray))
+        return;
+    ss_way_make(world->connector, ray.body, ray.medium, ray.at, ray.w, ray.length, &ray.way);
+    ray.length = ray.way.stretch[ray.way.count - 1].end;
+    for (int c = 0; c < 3; c++) {
+        bool scatters = false;
+        for (int i = 0; i < ray.medium->layers; i++)
+            scatters = scatters || ray.medium->layer[i].sigma_s[c] > 0.0;
+        if (scatters)
+            ray.lit[ray.channels++] = c;
+    }
+    if (ray.channels == 0 || !(ray.length > 0.0 && ray.length < INFINITY))
+        return;
+    ss_way_at(&ray.way, ray.medium, ray.length, whole);
+    for (int c = 0; c < 3; c++)
+        ray.shade[c] = -expm1(-whole[c]);
+    /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
+    run_rounds(&ray, seed, 0, PILOT, &pilot);
+    needed = rounds_needed(&pilot, (double) world->knobs.error);
+    run_rounds(&ray, seed, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
+    measure(&s, mean, spread);
+    for (int c = 0; c < 3; c++) {
+        out[c] = (float) mean[c];
+        noise[c] = (float) spread[c];
+    }
+    counts->over += needed > most;
+}
