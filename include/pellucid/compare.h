@@ -19,9 +19,9 @@
  *
  * What is shown is the picture times an exposure through a tone curve, the same for both: they are metered on the reference.
  *
- * Noise      a reference that was made by sampling comes as two halves, b1 and b2: b is their mean, (b1 - b2)^2/4 estimates its variance,
- *            and what it adds to mse and rel_mse is taken off (of rel_mse, whose denominator has noise, too, to first order in the
- *            variance). The other metrics can't be freed of it.
+ * Noise      a reference that was made by sampling comes with the variance of its pixels, or as two halves, b1 and b2: b is their mean,
+ *            (b1 - b2)^2/4 estimates its variance. What that adds to mse and rel_mse is taken off (of rel_mse, whose denominator has
+ *            noise, too, to first order in the variance). The other metrics can't be freed of it.
  * Not finite a pixel with NaN or infinity in any channel of either picture counts nowhere but in `bad_test` and `bad_reference`; in the
  *            windows of its neighbours both pictures have the reference's value there, or 0.
  * Mask       pixels where the mask is over 0.5. Windows and exposures see the whole picture; only means are restricted.
@@ -63,6 +63,7 @@ struct pell_compare_input {
     /* Linear Rec.709 in any unit of light; the three pointers may be one. */
     const float *test[3], *reference[3];
     const float *half[3]; /* NULL, or the other half of the reference: `reference` is the first */
+    const float *variance[3]; /* NULL, or the reference's, squared standard errors; not looked at where there are halves */
     const float *mask;    /* NULL: every pixel counts */
     bool display;         /* numbers are what a display shows, in [0, 1]: no exposure, no curve, no HDR-FLIP */
 };

@@ -15,6 +15,7 @@ struct row {
     int64_t pixels, rays, bytes;
     double error;  /* of the result, where it is measured; else NAN */
     int64_t items; /* radii that `ms` is for; 0: none */
+    double work;   /* seconds of processor time times relative variance, where it is measured; else NAN */
 };
 
 struct rows {
@@ -30,5 +31,7 @@ json_t *bench_json(const struct rows *rows);
 
 /* bench_profiles.c */
 enum exit_code bench_profiles(struct cli *cli);
+/* bench_truth.c, of the scene at `path` */
+enum exit_code bench_truth(struct cli *cli, const char *path);
 
 #endif

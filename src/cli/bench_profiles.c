@@ -14,12 +14,19 @@
 enum { RADII = 4096 };
 
 struct bench {
+    const struct pell_context *ctx;
     struct rows rows;
     const struct pell_material_entry *marble, *skin;
     struct pell_profile marble_profile[3], by_solver[STACK_SOLVERS][3], model;
     double r[RADII], R[RADII], *ms; /* of each repeat */
     int repeats;
 };
+
+/* After each repeat: whether the next one may begin. */
+static enum pell_result goes_on(const struct bench *b, enum pell_result res)
+{
+    return res == PELL_OK && pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : res;
+}
 
 /* A row whose time is `ratio` times that of another row. */
 static void add(struct bench *b, const char *name, double ms, const char *against)
@@ -55,6 +62,7 @@ static enum pell_result time_appendix_a(struct bench *b)
                 res = pell_dipole_appendix_a(&d, PELL_APPENDIX_A_BEST, &sum[c]);
             }
         b->ms[i] = 1e3 * (pell_seconds() - begin) / many;
+        res = goes_on(b, res);
     }
     for (int c = 0; c < 3; c++)
         error[c] = res == PELL_OK ? pell_gaussians_error(&sum[c], 0, &b->marble_profile[c], 0.0) : 0.0;
@@ -80,6 +88,7 @@ static enum pell_result time_fit(struct bench *b, int k, bool shared, const char
             error[c] = report.error[0];
         }
         b->ms[i] = 1e3 * (pell_seconds() - begin);
+        res = goes_on(b, res);
     }
     add(b, name, bench_median(b->ms, b->repeats), "fit by appendix A, RGB");
     b->rows.items[b->rows.count - 1].error = largest(shared ? report.error : error);
@@ -112,6 +121,7 @@ static enum pell_result time_evaluation(struct bench *b, enum pell_profile_model
 {
     const char *title = pell_profile_model_at(model)->name;
     char one[96], many[96];
+    enum pell_result res = PELL_OK;
     struct row *r;
     double scalar;
 
@@ -119,22 +129,24 @@ static enum pell_result time_evaluation(struct bench *b, enum pell_profile_model
         return PELL_ERR_INVALID;
     snprintf(one, sizeof(one), "R(r) of %s, one by one", title);
     snprintf(many, sizeof(many), "R(r) of %s, vectorised", title);
-    for (int i = 0; i < b->repeats; i++) {
+    for (int i = 0; i < b->repeats && res == PELL_OK; i++) {
         const double begin = pell_seconds();
         double sum = 0.0;
         for (int k = 0; k < RADII; k++)
             sum += pell_profile_eval(&b->model, b->r[k]);
         kept = sum;
         b->ms[i] = 1e3 * (pell_seconds() - begin);
+        res = goes_on(b, res);
     }
     scalar = bench_median(b->ms, b->repeats);
     add(b, one, scalar, NULL);
     b->rows.items[b->rows.count - 1].items = RADII;
-    for (int i = 0; i < b->repeats; i++) {
+    for (int i = 0; i < b->repeats && res == PELL_OK; i++) {
         const double begin = pell_seconds();
         pell_profile_eval_many(&b->model, b->r, b->R, RADII);
         kept = b->R[RADII / 2];
         b->ms[i] = 1e3 * (pell_seconds() - begin);
+        res = goes_on(b, res);
     }
     r = bench_add(&b->rows, many, bench_median(b->ms, b->repeats));
     if (r && scalar > 0.0) {
@@ -142,7 +154,7 @@ static enum pell_result time_evaluation(struct bench *b, enum pell_profile_model
         r->against = "one by one";
         r->items = RADII;
     }
-    return PELL_OK;
+    return res;
 }
 
 static enum pell_result measure(struct cli *cli, struct bench *b)
@@ -163,7 +175,6 @@ static enum pell_result measure(struct cli *cli, struct bench *b)
     for (int i = 0; i < PELL_PROFILE_MODELS; i++)
         if (pell_profile_model_at((enum pell_profile_model) i))
             PELL_TRY(time_evaluation(b, (enum pell_profile_model) i));
-    return pell_cancelled(cli->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
     return res;
@@ -208,6 +219,7 @@ enum exit_code bench_profiles(struct cli *cli)
         b->ms = calloc((size_t) cli->numbers.repeats, sizeof(*b->ms));
     if (b && b->ms) {
         enum pell_result res;
+        b->ctx = cli->ctx;
         b->repeats = cli->numbers.repeats;
         b->marble = pell_material_find("marble");
         b->skin = pell_material_find("skin-3layer");

@@ -61,14 +61,14 @@ struct cli {
     int num_arguments;
 
     /* Options as given; NULL or false where not. */
-    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time;
+    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time, *checkpoint, *checkpoint_every;
     bool json, quiet, stats, allow_outside;
     struct {
         char *model, *compare, *gaussians, *eta, *roughness, *layers, *skin, *solver, *wavelength, *export, *from, *to;
         bool csv, shared, free_energy, weighted;
     } profile;
     struct {
-        char *layer, *mask, *half, *methods;
+        char *layer, *mask, *half, *methods, *reference;
     } compare;
     struct {
         int threads, turntable, repeats, points, taps;
@@ -76,6 +76,7 @@ struct cli {
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */
     struct settings_list settings; /* --width 640: rows of pell_settings_knobs */
+    struct settings_list common;   /* --samples 64: knobs that methods share under names of their own */
     struct pell_limits limits;     /* --limit NAME=VALUE */
     char command_line[2048];       /* for metadata, without folders of this machine */
     const char *given[64];         /* names of the options on the command line, "taps" */
@@ -87,6 +88,7 @@ struct cli {
     bool answered;                  /* an object has gone to stdout */
     bool collect;                   /* warnings go to the answer alone */
     int pictures;                   /* written so far */
+    bool partial;                   /* the last of them was ended early by Ctrl-C */
     json_t *warnings;               /* array of texts */
     struct {
         enum pell_result code;
@@ -94,8 +96,8 @@ struct cli {
         bool there;
     } error; /* the first one */
     struct {
-        double begin, last, shown; /* seconds */
-        double fraction;
+        double begin, shown;   /* seconds */
+        double fraction, from; /* now; at `begin` */
         int part, parts; /* of a longer job, 0 parts: the task is the job */
         int width;       /* of the open line on a terminal, 0: none */
     } progress;
@@ -143,7 +145,7 @@ json_t *cli_numbers(const double *values, size_t count);
 /* A JSON text of bytes that may come from a file or the command line: never NULL for want of UTF-8. */
 json_t *cli_text(const char *text);
 
-/* --- session.c: what render and bench share ----------------------------------------------------------------------------------- */
+/* --- session.c: what render, compare and bench share -------------------------------------------------------------------------- */
 
 struct session {
     struct pell_scene *scene;
@@ -154,6 +156,8 @@ struct session {
     double load_seconds;
 };
 
+/* "30s", "5min", "2h", "250ms": a time carries its unit. */
+enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char *text, double *seconds);
 /* What the command line says about loading. */
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
@@ -161,13 +165,13 @@ enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
 enum exit_code session_open(struct cli *cli, const char *path, struct session *s);
 void session_close(struct session *s);
 json_t *session_stages(const struct pell_picture *picture);
+/* Writes the picture in a format of pell_write_formats, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */
+PELL_NODISCARD enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_picture *picture,
+                                              const char *path, const char *format, uint64_t scene_hash, uint64_t materials_hash);
+/* Layers that hold light that went through a material; a picture has some of them. */
+extern const char *const cli_subsurface_layers[3];
 /* The processor's name; "processor" where the system does not say. */
 void cli_device_name(char *name, size_t size);
-
-/* --- hash.c: 64 bits that stay the same while the content does, wherever the files lie ------------------------------------------ */
-
-uint64_t cli_hash_scene(const struct pell_scene *scene);     /* meshes, textures, materials, lights, background, camera */
-uint64_t cli_hash_materials(const struct pell_scene *scene); /* materials and their textures */
 
 /* --- Commands ------------------------------------------------------------------------------------------------------------------- */
 

@@ -32,7 +32,7 @@ struct row *bench_add(struct rows *rows, const char *name, double ms)
     if (rows->count == PELL_COUNT(rows->items))
         return NULL;
     r = &rows->items[rows->count++];
-    *r = (struct row) { .ms = ms, .error = (double) NAN };
+    *r = (struct row) { .ms = ms, .error = (double) NAN, .work = (double) NAN };
     snprintf(r->name, sizeof(r->name), "%s", name);
     return r;
 }
@@ -248,6 +248,8 @@ json_t *bench_json(const struct rows *rows)
         }
         if (o && isfinite(r->error))
             json_object_set_new(o, "error", json_real(r->error));
+        if (o && isfinite(r->work))
+            json_object_set_new(o, "work_variance", json_real(r->work));
         if (o && r->items)
             json_object_set_new(o, "each_ns", json_real(1e6 * r->ms / (double) r->items));
         json_array_append_new(list, o);
@@ -293,7 +295,7 @@ enum exit_code command_bench(struct cli *cli)
 {
     const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
     static const char *const rendering[] = { "--method", "--set", "--engine", "--device", "--threads", "--allow-outside" };
-    const bool profiles = strcmp(what, "profiles") == 0;
+    const bool profiles = strcmp(what, "profiles") == 0, truth = strcmp(what, "truth") == 0;
     struct session s = { 0 };
     struct rows rows = { .count = 0 };
     struct pell_rect rect = { 0 };
@@ -308,6 +310,13 @@ enum exit_code command_bench(struct cli *cli)
         return cli_usage(cli, cli->settings.items[0].where, NULL, "has no effect on the bench profiles, which renders nothing");
     if (profiles)
         return bench_profiles(cli);
+    for (size_t i = 0; truth && i < 2; i++)
+        if (cli_given(cli, rendering[i]))
+            return cli_usage(cli, rendering[i], NULL, "has no effect on the bench truth, which runs all references");
+    if (truth && cli->common.count)
+        return cli_usage(cli, cli->common.items[0].where, NULL, "has no effect on the bench truth, which chooses its samples");
+    if (truth && code == EXIT_OK)
+        return bench_truth(cli, path);
     cli->stats = true; /* times are compared with copies */
     if (code == EXIT_OK)
         code = session_open(cli, path, &s);

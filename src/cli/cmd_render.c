@@ -5,13 +5,10 @@
 #include "base/file.h"
 #include "math/vec.h"
 
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
-#define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
 
 struct job {
     struct session session;
@@ -95,59 +92,6 @@ static void numbered(const char *path, int number, int count, char *out, size_t 
 
 /* --- Writing ------------------------------------------------------------------------------------------------------------------ */
 
-static enum pell_result write_picture(struct cli *cli, const struct job *job, const char *path)
-{
-    const struct session *s = &job->session;
-    const struct pell_picture *p = &job->picture;
-    const bool png = strcmp(job->format, "png") == 0, transparent = s->scene->background == PELL_BACKGROUND_TRANSPARENT;
-    const struct pell_channel display[4] = {
-        { "R", p->display[0], p->stride, false },
-        { "G", p->display[1], p->stride, false },
-        { "B", p->display[2], p->stride, false },
-        { "A", p->alpha, p->stride, false },
-    };
-    char seed[32], exposure[40], seconds[32], loading[32], scene[24], materials[24], device[160], knobs[2048], settings[1024];
-    /* The same command gives the same bytes of PNG: times and the machine are for EXR alone. */
-    const struct pell_attribute attributes[] = {
-        { "pellucid.version", pell_version() },
-        { "pellucid.command", cli->command_line },
-        { "pellucid.method", s->method ? s->method->name : "none" },
-        { "pellucid.knobs", knobs },
-        { "pellucid.settings", settings },
-        { "pellucid.engine", pell_engine_name(pell_renderer_engine(s->renderer)) },
-        { "pellucid.seed", seed },
-        { "pellucid.exposure", exposure },
-        { "pellucid.units", "linear Rec.709; radiance W/(m^2 sr), irradiance W/m^2, depth mm" },
-        { "pellucid.scene", scene },
-        { "pellucid.materials", materials },
-        { "pellucid.device", device },
-        { "pellucid.seconds", seconds },
-        { "pellucid.load_seconds", loading },
-    };
-
-    cli_format_knobs(pell_settings_knobs, &s->settings, settings, sizeof(settings));
-    snprintf(knobs, sizeof(knobs), "none"); /* PNG knows no empty text */
-    if (s->method)
-        cli_format_knobs(s->method->knobs, s->knobs, knobs, sizeof(knobs));
-    cli_device_name(device, sizeof(device));
-    pell_format_number(p->exposure, true, exposure, sizeof(exposure));
-    snprintf(seed, sizeof(seed), "%lld", (long long) s->settings.seed);
-    snprintf(scene, sizeof(scene), "%016" PRIx64, job->scene_hash);
-    snprintf(materials, sizeof(materials), "%016" PRIx64, job->materials_hash);
-    snprintf(seconds, sizeof(seconds), "%.4f", p->seconds);
-    snprintf(loading, sizeof(loading), "%.4f", s->load_seconds);
-    return pell_image_write(cli->ctx, path, job->format,
-                            &(struct pell_write_params) {
-                                .width = p->width,
-                                .height = p->height,
-                                .channels = png ? display : p->channels,
-                                .num_channels = png ? (transparent ? 4 : 3) : p->num_channels,
-                                .attributes = attributes,
-                                .num_attributes = PELL_COUNT(attributes) - (png ? EXR_ONLY : 0),
-                                .compression = PELL_EXR_PIZ,
-                            });
-}
-
 static void print_stats(const struct pell_picture *p)
 {
     fprintf(stderr, "%-28s %9s %10s %10s %9s %7s\n", "stage", "ms", "pixels", "rays", "copy ms", "ratio");
@@ -168,13 +112,14 @@ static enum exit_code render_one(struct cli *cli, struct job *job, const char *p
 
     cli_progress_end(cli);
     if (res == PELL_OK)
-        res = write_picture(cli, job, path);
+        res = session_write(cli, &job->session, &job->picture, path, job->format, job->scene_hash, job->materials_hash);
     if (res != PELL_OK)
         return cli_failed(cli, res);
     cli->pictures++;
+    cli->partial = job->picture.partial;
     if (cli->stats && !cli->json)
         print_stats(&job->picture);
-    return EXIT_OK;
+    return cli->partial ? EXIT_INTERRUPTED : EXIT_OK;
 }
 
 /* --- Turntable ---------------------------------------------------------------------------------------------------------------- */
@@ -215,6 +160,28 @@ static enum exit_code render_turntable(struct cli *cli, struct job *job)
     return code;
 }
 
+/* --- Checkpoint ----------------------------------------------------------------------------------------------------------------- */
+
+static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
+{
+    const struct pell_method *method = job->session.method;
+    struct pell_checkpoint checkpoint = { .path = cli->checkpoint, .every = 60.0 };
+    enum exit_code code;
+
+    if (cli->checkpoint_every && !cli->checkpoint)
+        return cli_usage(cli, "--checkpoint-every", NULL, "needs --checkpoint FILE");
+    if (!cli->checkpoint)
+        return EXIT_OK;
+    if (cli->numbers.turntable > 0)
+        return cli_usage(cli, "--checkpoint", NULL, "is of one picture: it does not go with --turntable");
+    if (!method || !method->partial)
+        return cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", method ? method->name : "none");
+    if (cli->checkpoint_every &&
+        (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
+        return code;
+    return cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint));
+}
+
 /* --- The command -------------------------------------------------------------------------------------------------------------- */
 
 static enum exit_code answer(struct cli *cli, const struct job *job)
@@ -240,6 +207,8 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
                   cli->warnings);
     if (o && job->images)
         json_object_set(o, "images", job->images);
+    if (o && p->partial)
+        json_object_set_new(o, "partial", json_true());
     return cli_print_json(cli, o);
 }
 
@@ -254,11 +223,13 @@ enum exit_code command_render(struct cli *cli)
         code = check_output(cli, &job);
     if (code == EXIT_OK)
         code = session_open(cli, cli->arguments[0], &job.session);
+    if (code == EXIT_OK)
+        code = set_checkpoint(cli, &job);
     if (code == EXIT_OK) {
         job.session.settings.layers = strcmp(job.format, "exr") == 0;
         if (job.session.settings.layers) {
-            job.scene_hash = cli_hash_scene(job.session.scene);
-            job.materials_hash = cli_hash_materials(job.session.scene);
+            job.scene_hash = pell_scene_hash(job.session.scene);
+            job.materials_hash = pell_scene_hash_materials(job.session.scene);
         }
         code = cli_failed(cli, pell_renderer_check_range(job.session.renderer, &job.session.settings));
     }
@@ -266,6 +237,8 @@ enum exit_code command_render(struct cli *cli)
         code = cli->numbers.turntable > 0 ? render_turntable(cli, &job) : render_one(cli, &job, job.output);
     if (code == EXIT_OK)
         code = answer(cli, &job);
+    else if (code == EXIT_INTERRUPTED && cli->partial)
+        answer(cli, &job);
     json_decref(job.images);
     session_close(&job.session);
     return code;

@@ -62,21 +62,28 @@ static const struct command commands[] = {
       "  pellucid bench screen-space --threads 1 --json\n"
       "  pellucid bench profiles\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
-    { "compare", "A B", "how far picture A is from reference B: numbers and error maps",
+    { "compare", "INPUT|A B", "methods on a scene, or two pictures, against a reference: numbers, a report",
+      "INPUT is a scene or a mesh, as for `render`. Every method of --methods and the reference render it under one exposure; the table "
+      "says how far each is from the reference: of the subsurface light of translucent pixels, and of the whole picture. With two "
+      "references, the first is also measured against the second: the error of the model, apart from the error of the methods.\n"
+      "\n"
       "A and B are pictures of one size (exr, hdr, pfm, png, jpg), from here or from another program: both linear light, or both as a "
       "display shows them. Printed are the mean squared, relative squared and absolute error, the bias of each channel, SSIM (Wang et "
       "al. 2004) and FLIP (Andersson et al. 2020; of linear light also HDR-FLIP, 2021), over the pixels of a mask and over the whole "
       "picture. SSIM and FLIP judge what is shown: both pictures under the exposure and the curve of B.\n"
       "\n"
-      "A reference that was made by sampling has noise of its own: render it twice, with two seeds, and give the second as --half. With "
-      "-o, a folder gets relative.png (blue: too dark, red: too bright, +-50 %), flip.png, flip_hdr.png (black 0, light yellow 1), "
-      "errors.exr with the numbers behind them, and metrics.json.\n",
+      "A reference that was made by sampling has noise of its own: render it twice, with two seeds, and give the second as --half; dipole "
+      "tells its own. With -o a folder gets report.html, one file for any browser, and metrics.json; of a scene, every picture as EXR and "
+      "the errors of each; of two pictures, relative.png (blue: too dark, red: too bright, +-50 %), flip.png, flip_hdr.png (black 0, light "
+      "yellow 1) and errors.exr with the numbers behind them.\n",
+      "  pellucid compare bunny.obj --material wholemilk --size 70mm -o report/\n"
+      "  pellucid compare bunny.obj --size 70mm --material marble --methods screen-space:gaussians=6,none\n"
       "  pellucid render bunny.obj --material wholemilk --size 70mm -o milk.exr\n"
       "  pellucid render bunny.obj --material wholemilk --size 70mm -m none -o plain.exr\n"
       "  pellucid compare plain.exr milk.exr\n"
       "  pellucid compare plain.exr milk.exr -o errors/\n"
       "  pellucid compare plain.exr milk.exr --layer diffuse.multiple --json\n",
-      OPTIONS_COMPARE, 1, 2, command_compare },
+      OPTIONS_SCENE | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_COMPARE, 1, 2, command_compare },
     { "info", "", "engines, devices, limits, formats, SIMD level, build", "",
       "  pellucid info\n"
       "  pellucid info --json\n",
@@ -93,7 +100,7 @@ static void on_signal(int signal)
         _exit(EXIT_INTERRUPTED);
     interruptions = 1;
     if (interrupted_context)
-        pell_context_cancel(interrupted_context);
+        pell_context_interrupt(interrupted_context);
 }
 
 /* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
@@ -213,7 +220,7 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
 
 int main(int argc, char **argv)
 {
-    struct cli cli = { .log_level = PELL_LOG_INFO, .progress = { .begin = pell_seconds(), .last = pell_seconds() } };
+    struct cli cli = { .log_level = PELL_LOG_INFO, .progress = { .fraction = 2.0 } };
     const char *term = getenv("TERM"), *no_color = getenv("NO_COLOR");
     const bool color = !(no_color && no_color[0]) && !(term && strcmp(term, "dumb") == 0);
     enum exit_code code;
@@ -228,7 +235,9 @@ int main(int argc, char **argv)
     code = run(&cli, argc, (const char **) argv);
     if (code != EXIT_OK)
         cli_print_json_error(&cli, code);
-    if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.pictures)
+    if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.partial)
+        fputs("interrupted; the picture was written with the samples that it had\n", stderr);
+    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.pictures)
         fprintf(stderr, "interrupted; written before: %d pictures\n", cli.pictures);
     else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
         fputs("interrupted; nothing was written\n", stderr);

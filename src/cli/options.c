@@ -23,7 +23,7 @@ static const struct pell_knob number_knobs[] = {
 };
 #undef NUMBER
 
-enum kind { HELP, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING };
+enum kind { HELP, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING, COMMON };
 
 struct option {
     unsigned groups; /* any of them */
@@ -48,7 +48,17 @@ static const struct option options[] = {
     { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_PROFILE | OPTIONS_COMPARE, 0, "limit", "NAME=VALUE",
       "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "how light is scattered (`pellucid methods`); none: not at all", TEXT, AT(method), NULL },
-    { OPTIONS_METHOD, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0, NULL },
+    { OPTIONS_METHOD | OPTIONS_COMPARE, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0,
+      NULL },
+    { OPTIONS_METHOD, 0, "samples", "N", "samples per pixel of a method that takes samples (its knob samples, or most)", COMMON, 0, NULL },
+    { OPTIONS_METHOD, 0, "time-limit", "TIME", "ends a reference that knows how to (its knob time-limit) after 30s, 5min or 2h", COMMON, 0,
+      NULL },
+    { OPTIONS_METHOD, 0, "target-error", "PERCENT", "goes on until a reference's own noise (its knob error) is as small as 1%", COMMON, 0,
+      NULL },
+    { OPTIONS_FILE, 0, "checkpoint", "FILE",
+      "keeps the state of path-trace there; a run that finds the file goes on with it, to the same bits", TEXT, AT(checkpoint), NULL },
+    { OPTIONS_FILE, 0, "checkpoint-every", "TIME", "how often it is written beside the end and Ctrl-C; otherwise 60s", TEXT,
+      AT(checkpoint_every), NULL },
     { OPTIONS_FILE, 'o', "output", "FILE",
       "png, exr, hdr or pfm by its ending; - writes to stdout; otherwise INPUT's name with .png, in the current folder", TEXT, AT(output),
       NULL },
@@ -91,17 +101,27 @@ static const struct option options[] = {
     { OPTIONS_PROFILE, 0, "taps", "N", NULL, NUMBER, 0, &number_knobs[4] },
     { OPTIONS_PROFILE, 'o', "output", "FILE",
       "a plot: svg, pdf or png by its ending; with --csv or --export: that text, which goes to stdout otherwise", TEXT, AT(output), NULL },
-    { OPTIONS_COMPARE, 0, "layer", "NAME", "the layer to compare, of OpenEXR files: diffuse.multiple; otherwise R, G, B", TEXT,
-      AT(compare.layer), NULL },
-    { OPTIONS_COMPARE, 0, "mask", "FILE|alpha|none",
-      "pixels that count: where the picture FILE is above 0.5, or the reference's alpha; otherwise alpha where the reference has one", TEXT,
-      AT(compare.mask), NULL },
+    { OPTIONS_COMPARE, 0, "methods", "NAMES",
+      "methods to compare on a scene, with commas between, each with knobs of its own where wanted (screen-space:gaussians=6); all: every "
+      "method that is no reference (default); none: no scattering",
+      TEXT, AT(compare.methods), NULL },
+    { OPTIONS_COMPARE, 0, "reference", "NAME[,NAME]",
+      "what they are measured against, otherwise hierarchical; a second one is what the first is measured against: the error of the model",
+      TEXT, AT(compare.reference), NULL },
+    { OPTIONS_COMPARE, 0, "layer", "NAME",
+      "of two OpenEXR files, the layer to compare: subsurface (diffuse.single + diffuse.multiple + transmission; default where both have "
+      "them), diffuse.multiple, or another; R,G,B (otherwise) is all light",
+      TEXT, AT(compare.layer), NULL },
+    { OPTIONS_COMPARE, 0, "mask", "FILE|NAME",
+      "of two pictures, the pixels that count: where the picture FILE is above 0.5; or of the reference, alpha or translucent (default, "
+      "where it has one); or none: all of them",
+      TEXT, AT(compare.mask), NULL },
     { OPTIONS_COMPARE, 0, "half", "FILE",
-      "the other half of the reference, of equal samples and another seed: both are averaged, and their noise is taken off", TEXT,
-      AT(compare.half), NULL },
-    { OPTIONS_COMPARE, 0, "methods", "NAMES", "methods to compare on one scene; refused for now: give two pictures", TEXT,
-      AT(compare.methods), NULL },
-    { OPTIONS_COMPARE, 'o', "output", "FOLDER", "writes error maps and metrics.json there", TEXT, AT(output), NULL },
+      "of two pictures, the other half of the reference, of equal samples and another seed: both are averaged, their noise is taken off",
+      TEXT, AT(compare.half), NULL },
+    { OPTIONS_COMPARE, 'o', "output", "FOLDER",
+      "writes report.html, metrics.json, error maps of two pictures, or of a scene every picture as EXR with its errors", TEXT, AT(output),
+      NULL },
     { OPTIONS_ENGINE, 0, "engine", "NAME", "auto, cpu or vulkan", TEXT, AT(engine), NULL },
     { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
     { OPTIONS_ENGINE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
@@ -114,6 +134,14 @@ static const struct option options[] = {
 
 #define MAX_OPTIONS 64
 
+static const struct pell_knob *find_knob(const struct pell_knob *knobs, const char *name)
+{
+    for (; knobs->name; knobs++)
+        if (strcmp(knobs->name, name) == 0)
+            return knobs;
+    return NULL;
+}
+
 /* The options that a command takes: the rows of its groups, then the knobs of the picture or of comparing. */
 static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
 {
@@ -123,10 +151,12 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
         if ((groups | OPTIONS_ALL) & options[i].groups)
             list[n++] = options[i];
     for (const struct pell_knob *k = pell_settings_knobs; (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
-        if (strcmp(k->name, "layers") != 0) /* follows from the format */
+        if (strcmp(k->name, "layers") != 0 && /* follows from the format */
+            !((groups & OPTIONS_COMPARE) && find_knob(pell_compare_knobs, k->name))) /* one row for both: the other has more choices */
             list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
     for (const struct pell_knob *k = pell_compare_knobs; (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
-        list[n++] = (struct option) { OPTIONS_COMPARE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
+        if (strcmp(k->name, "threads") != 0) /* of the engine's options */
+            list[n++] = (struct option) { OPTIONS_COMPARE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
     return n;
 }
 
@@ -226,6 +256,7 @@ void cli_finish(struct cli *cli)
     free(cli->arguments);
     cli_free_settings(&cli->knobs);
     cli_free_settings(&cli->settings);
+    cli_free_settings(&cli->common);
     json_decref(cli->warnings);
 }
 
@@ -291,6 +322,7 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
         break;
     case NUMBER: res = pell_knob_set(ctx, o->knob, "pellucid", where, &cli->numbers, o->name, text); break;
     case SETTING: res = cli_add_setting(&cli->settings, o->name, text, where); break;
+    case COMMON: res = cli_add_setting(&cli->common, o->name, text, where); break;
     }
     return code != EXIT_OK ? code : cli_failed(cli, res);
 }

@@ -182,16 +182,18 @@ void cli_progress(void *user, const char *task, double fraction)
 
     if (cli->quiet || cli->json)
         return;
-    if (whole < cli->progress.fraction)
-        cli->progress.begin = cli->progress.last; /* another task */
+    if (whole < cli->progress.fraction) { /* another task, some of which may have been done by an earlier run */
+        cli->progress.begin = now;
+        cli->progress.from = whole;
+    }
     cli->progress.fraction = whole;
-    cli->progress.last = now;
     elapsed = now - cli->progress.begin;
-    if (now - fmax(cli->progress.shown, cli->progress.begin) < (cli->tty ? 0.1 : 5.0) || whole >= 1.0 || !(whole > 0.0) || !(elapsed > 0.0))
+    if (now - fmax(cli->progress.shown, cli->progress.begin) < (cli->tty ? 0.1 : 5.0) || whole >= 1.0 || !(whole > cli->progress.from) ||
+        !(elapsed > 0.0))
         return;
     cli->progress.shown = now;
-    width = snprintf(text, sizeof(text), "%3.0f %%, %.3g %%/s, %.0f s left", 100.0 * whole, 100.0 * whole / elapsed,
-                     elapsed * (1.0 - whole) / whole);
+    width = snprintf(text, sizeof(text), "%3.0f %%, %.3g %%/s, %.0f s left", 100.0 * whole, 100.0 * (whole - cli->progress.from) / elapsed,
+                     elapsed * (1.0 - whole) / (whole - cli->progress.from));
     if (!cli->tty) {
         fprintf(stderr, "%s: %s\n", task, text);
         return;

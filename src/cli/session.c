@@ -1,15 +1,101 @@
 /* SPDX-License-Identifier: MIT
- * session.c - what render and bench share: a scene, its options, a renderer. */
+ * session.c - what render, compare and bench share: a scene, its options, a renderer, pictures in files. */
 #include "cli/cli.h"
 
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define DEFAULT_METHOD "screen-space"
+#define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
+
+const char *const cli_subsurface_layers[3] = { "diffuse.single", "diffuse.multiple", "transmission" };
+
+/* What methods share under one name, and the knobs that it stands for, of which a method has one at most. */
+static const struct {
+    const char *option, *knobs[2], *what;
+} common_options[] = {
+    { "samples", { "samples", "most" }, "number of samples" },
+    { "time-limit", { "time-limit", NULL }, "time limit" },
+    { "target-error", { "error", NULL }, "error of its own to aim at" },
+};
+
+static bool is_common(const char *name)
+{
+    for (size_t i = 0; i < PELL_COUNT(common_options); i++)
+        if (strcmp(common_options[i].option, name) == 0)
+            return true;
+    return false;
+}
+
+enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char *text, double *seconds)
+{
+    static const struct {
+        const char *unit;
+        double seconds;
+    } units[] = { { "ms", 1e-3 }, { "s", 1.0 }, { "min", 60.0 }, { "h", 3600.0 } };
+    const size_t length = strspn(text, "0123456789.");
+    double number;
+
+    for (size_t i = 0; i < PELL_COUNT(units); i++)
+        if (strcmp(text + length, units[i].unit) == 0 && pell_parse_number(text, length, &number)) {
+            *seconds = number * units[i].seconds;
+            if (*seconds > 0.0 && *seconds <= 1e8)
+                return EXIT_OK;
+        }
+    return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "30s, 5min or 2h", "\"%s\" is no time above 0", text));
+}
+
+/* "1%" -> 0.01. */
+static enum exit_code parse_percent(struct cli *cli, const char *where, const char *text, double *share)
+{
+    const size_t length = strlen(text);
+
+    if (length > 1 && text[length - 1] == '%' && pell_parse_number(text, length - 1, share)) {
+        *share *= 0.01;
+        if (*share > 0.0 && *share <= 1.0)
+            return EXIT_OK;
+    }
+    return cli_failed(
+        cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "1% or 0.5%", "\"%s\" is no percentage above 0 and up to 100", text));
+}
+
+/* Sets the knobs that common options stand for. */
+static enum exit_code apply_common(struct cli *cli, const struct pell_method *method, const struct settings_list *common, void *values)
+{
+    enum exit_code code = EXIT_OK;
+
+    for (size_t k = 0; k < common->count && code == EXIT_OK; k++) {
+        const struct pell_setting *s = &common->items[k];
+        const struct pell_knob *knob = NULL;
+        const char *text = s->value;
+        char number[40], owner[80];
+        double value = 0.0;
+        size_t i = 0;
+
+        while (strcmp(common_options[i].option, s->name) != 0)
+            i++;
+        for (int n = 0; n < 2 && !knob && common_options[i].knobs[n]; n++)
+            knob = pell_knob_find(method->knobs, common_options[i].knobs[n]);
+        if (!knob || (strcmp(s->name, "target-error") == 0 && strcmp(knob->unit, "1") != 0)) /* an error of another kind */
+            return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, s->where, "path-trace has one", "method %s has no %s",
+                                              method->name, common_options[i].what));
+        if (strcmp(s->name, "time-limit") == 0)
+            code = cli_parse_seconds(cli, s->where, s->value, &value);
+        else if (strcmp(s->name, "target-error") == 0)
+            code = parse_percent(cli, s->where, s->value, &value);
+        if (value > 0.0)
+            text = pell_format_number(value, true, number, sizeof(number));
+        snprintf(owner, sizeof(owner), "method %s", method->name);
+        if (code == EXIT_OK)
+            code = cli_failed(cli, pell_knob_set(cli->ctx, method->knobs, owner, s->where, values, knob->name, text));
+    }
+    return code;
+}
 
 /* Options of the scene file go first, so that the command line's win. */
 static enum exit_code merge_scene_options(const struct pell_scene *scene, struct settings_list *settings, struct settings_list *knobs,
-                                          struct pell_setting *method)
+                                          struct settings_list *common, struct pell_setting *method)
 {
     for (size_t i = 0; i < scene->num_options; i++) {
         const struct pell_scene_option *o = &scene->options[i];
@@ -17,7 +103,8 @@ static enum exit_code merge_scene_options(const struct pell_scene *scene, struct
 
         if (strcmp(o->name, "method") == 0)
             *method = (struct pell_setting) { o->name, o->value, o->where };
-        else if (cli_add_setting(knob ? knobs : settings, knob ? o->name + 6 : o->name, o->value, o->where) != PELL_OK)
+        else if (cli_add_setting(knob ? knobs : is_common(o->name) ? common : settings, knob ? o->name + 6 : o->name, o->value, o->where) !=
+                 PELL_OK)
             return EXIT_MEMORY;
     }
     return EXIT_OK;
@@ -33,21 +120,26 @@ static enum exit_code append(struct settings_list *to, const struct settings_lis
 
 /* *knobs stays NULL for method none. */
 static enum exit_code choose_method(struct cli *cli, const struct pell_setting *method, const struct settings_list *given,
-                                    const struct pell_method **out, void **knobs)
+                                    const struct settings_list *common, const struct pell_method **out, void **knobs)
 {
+    enum exit_code code;
+
     *out = NULL;
     *knobs = NULL;
-    if (strcmp(method->value, "none") == 0)
-        return given->count == 0 ? EXIT_OK
-                                 : cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, given->items[0].where, "choose a method with -m",
-                                                              "method none has no knobs"));
+    if (strcmp(method->value, "none") == 0) {
+        const struct settings_list *some = given->count ? given : common;
+        return some->count == 0 ? EXIT_OK
+                                : cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, some->items[0].where, "choose a method with -m",
+                                                             "method none has no knobs"));
+    }
     *out = pell_method_find(cli->ctx, method->where, method->value);
     if (!*out)
         return cli_failed(cli, PELL_ERR_INVALID);
     *knobs = calloc(1, (*out)->knobs_size);
     if (!*knobs)
         return EXIT_MEMORY;
-    return cli_failed(cli, pell_method_configure(cli->ctx, *out, given->items, given->count, *knobs));
+    code = cli_failed(cli, pell_method_configure(cli->ctx, *out, given->items, given->count, *knobs));
+    return code == EXIT_OK ? apply_common(cli, *out, common, *knobs) : code;
 }
 
 static enum exit_code apply_settings(struct cli *cli, const struct settings_list *given, struct pell_settings *settings)
@@ -71,7 +163,7 @@ static enum exit_code check_command_line(struct cli *cli)
     enum exit_code code = apply_settings(cli, &cli->settings, &settings);
 
     if (code == EXIT_OK && cli->method)
-        code = choose_method(cli, &method, &cli->knobs, &found, &knobs);
+        code = choose_method(cli, &method, &cli->knobs, &cli->common, &found, &knobs);
     free(knobs);
     return code;
 }
@@ -160,13 +252,15 @@ static enum exit_code load(struct cli *cli, const char *path, struct session *s)
 /* The scene file's options, then the command line's, which win. */
 static enum exit_code configure(struct cli *cli, struct session *s)
 {
-    struct settings_list settings = { 0 }, knobs = { 0 };
+    struct settings_list settings = { 0 }, knobs = { 0 }, common = { 0 };
     struct pell_setting method = { "method", DEFAULT_METHOD, "--method" };
-    enum exit_code code = merge_scene_options(s->scene, &settings, &knobs, &method);
+    enum exit_code code = merge_scene_options(s->scene, &settings, &knobs, &common, &method);
 
     if (code == EXIT_OK && cli->method) {
-        if (strcmp(cli->method, method.value) != 0)
-            cli_free_settings(&knobs); /* they belong to the scene file's own method */
+        if (strcmp(cli->method, method.value) != 0) { /* they belong to the scene file's own method */
+            cli_free_settings(&knobs);
+            cli_free_settings(&common);
+        }
         method = (struct pell_setting) { "method", cli->method, "--method" };
     }
     if (code == EXIT_OK)
@@ -174,11 +268,14 @@ static enum exit_code configure(struct cli *cli, struct session *s)
     if (code == EXIT_OK)
         code = append(&knobs, &cli->knobs);
     if (code == EXIT_OK)
+        code = append(&common, &cli->common);
+    if (code == EXIT_OK)
         code = apply_settings(cli, &settings, &s->settings);
     if (code == EXIT_OK)
-        code = choose_method(cli, &method, &knobs, &s->method, &s->knobs);
+        code = choose_method(cli, &method, &knobs, &common, &s->method, &s->knobs);
     cli_free_settings(&settings);
     cli_free_settings(&knobs);
+    cli_free_settings(&common);
     return code;
 }
 
@@ -222,4 +319,56 @@ json_t *session_stages(const struct pell_picture *picture)
                                                 "rays", (json_int_t) t->rays, "bytes", (json_int_t) t->bytes, "copy_ms", t->copy_ms));
     }
     return stages;
+}
+
+enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_picture *p, const char *path, const char *format,
+                               uint64_t scene_hash, uint64_t materials_hash)
+{
+    const bool png = strcmp(format, "png") == 0, transparent = s->scene->background == PELL_BACKGROUND_TRANSPARENT;
+    const struct pell_channel display[4] = {
+        { "R", p->display[0], p->stride, false },
+        { "G", p->display[1], p->stride, false },
+        { "B", p->display[2], p->stride, false },
+        { "A", p->alpha, p->stride, false },
+    };
+    char seed[32], exposure[40], seconds[32], loading[32], scene[24], materials[24], device[160], knobs[2048], settings[1024];
+    /* The same command gives the same bytes of PNG: times and the machine are for EXR alone. */
+    const struct pell_attribute attributes[] = {
+        { "pellucid.version", pell_version() },
+        { "pellucid.command", cli->command_line },
+        { "pellucid.method", s->method ? s->method->name : "none" },
+        { "pellucid.knobs", knobs },
+        { "pellucid.settings", settings },
+        { "pellucid.engine", pell_engine_name(pell_renderer_engine(s->renderer)) },
+        { "pellucid.seed", seed },
+        { "pellucid.exposure", exposure },
+        { "pellucid.units", "linear Rec.709; radiance W/(m^2 sr), irradiance W/m^2, depth mm" },
+        { "pellucid.scene", scene },
+        { "pellucid.materials", materials },
+        { "pellucid.device", device },
+        { "pellucid.seconds", seconds },
+        { "pellucid.load_seconds", loading },
+    };
+
+    cli_format_knobs(pell_settings_knobs, &s->settings, settings, sizeof(settings));
+    snprintf(knobs, sizeof(knobs), "none"); /* PNG knows no empty text */
+    if (s->method)
+        cli_format_knobs(s->method->knobs, s->knobs, knobs, sizeof(knobs));
+    cli_device_name(device, sizeof(device));
+    pell_format_number(p->exposure, true, exposure, sizeof(exposure));
+    snprintf(seed, sizeof(seed), "%lld", (long long) s->settings.seed);
+    snprintf(scene, sizeof(scene), "%016" PRIx64, scene_hash);
+    snprintf(materials, sizeof(materials), "%016" PRIx64, materials_hash);
+    snprintf(seconds, sizeof(seconds), "%.4f", p->seconds);
+    snprintf(loading, sizeof(loading), "%.4f", s->load_seconds);
+    return pell_image_write(cli->ctx, path, format,
+                            &(struct pell_write_params) {
+                                .width = p->width,
+                                .height = p->height,
+                                .channels = png ? display : p->channels,
+                                .num_channels = png ? (transparent ? 4 : 3) : p->num_channels,
+                                .attributes = attributes,
+                                .num_attributes = PELL_COUNT(attributes) - (png ? EXR_ONLY : 0),
+                                .compression = PELL_EXR_PIZ,
+                            });
 }

@@ -1,15 +1,20 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_compare.py PROGRAM ROOT: `compare` of two pictures: numbers of closed forms, masks, halves, layers, files, refusals."""
+"""test_compare.py PROGRAM ROOT: `compare` of two pictures and of methods on a scene: numbers of closed forms, masks, halves, layers, files,
+the report, refusals."""
+import base64
 import json
 import math
 import random
 import re
+import signal
 import struct
+import subprocess
 import sys
+import time
 import zlib
 
-from cli_test import ROOT, SMALL, main, names, need, one_object, png_pixels, run, test, text, works
+from cli_test import PROGRAM, ROOT, SMALL, clean_environment, exr_header, main, names, need, one_object, png_pixels, run, test, text, works
 
 KEYS = {'pixels', 'mse', 'rel_mse', 'mae', 'bias', 'rel_bias', 'ssim', 'ssim_rgb', 'flip', 'flip_hdr', 'noise_mse', 'noise_rel_mse'}
 
@@ -123,18 +128,29 @@ def _(folder):
     need('noise, mse' in text(works(folder, 'compare', 'a.pfm', 'h1.pfm', '--half', 'h2.pfm').stdout))
 
 
-@test('layers of a picture from here: alpha is the mask, the exposure is that of its PNG')
+@test('layers of a picture from here: translucent pixels are the mask, the exposure is that of its PNG')
 def _(folder):
     for method, name in (('none', 'plain.exr'), ('screen-space', 'milk.exr')):
         works(folder, 'render', 'bunny.obj', '--material', 'wholemilk', '--size', '40mm', *SMALL, '-m', method, '-o', name)
     answer = one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--layer', 'diffuse.multiple', '--json'))
     m = answer['methods'][0]
-    need(answer['mask'] == 'alpha' and answer['layer'] == 'diffuse.multiple' and 20 < m['pixels'] < m['whole']['pixels'], answer)
+    need(answer['mask'] == 'translucent' and answer['layer'] == 'diffuse.multiple' and 20 < m['pixels'] < m['whole']['pixels'], answer)
     need(m['mse'] > 0 and 0 < m['flip'] < 1, m)
     exposure = one_object(works(folder, 'render', 'bunny.obj', '--material', 'wholemilk', '--size', '40mm', *SMALL, '--json'))['exposure']
     near(answer['exposure'], exposure, 1e-5)
     one_object(works(folder, 'compare', 'milk.exr', 'milk.exr', '--layer', 'depth', '--json'))
     one_object(works(folder, 'compare', 'milk.exr', 'milk.exr', '--layer', 'normal', '--mask', 'none', '--json'))
+    # By itself: the light that went through the material, and beside it all light.
+    sums = one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--json'))
+    need(sums['layer'] == 'subsurface' and sums['mask'] == 'translucent', sums)
+    beauty = one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--layer', 'R,G,B', '--json'))['methods'][0]
+    need(sums['methods'][0]['whole'] == beauty['whole'] and sums['methods'][0]['mse'] != m['mse'], 'transmission is missing, or the whole')
+    parts = [one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--layer', layer, '--json'))['methods'][0]['bias']
+             for layer in ('diffuse.multiple', 'transmission')]
+    for c in range(3):
+        near(sums['methods'][0]['bias'][c], parts[0][c] + parts[1][c], 1e-4)
+    alpha = one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--mask', 'alpha', '--json'))
+    need(alpha['mask'] == 'alpha' and alpha['methods'][0]['pixels'] >= m['pixels'], alpha)
     done = run(folder, 'compare', 'plain.exr', 'milk.exr', '--layer', 'diffuse.single')
     need(done.returncode == 3 and b'diffuse.multiple' in done.stderr, done.stderr)
 
@@ -146,7 +162,8 @@ def _(folder):
     (folder / 'out/flip.png').write_text('old', 'ascii')
     for threads, out in (('1', 'out'), ('3', 'more/')):
         done = works(folder, 'compare', 'a.pfm', 'b.pfm', '--mask', 'mask.png', '-o', out, '--threads', threads, '--json')
-        need(names(folder / out) == ['errors.exr', 'flip.png', 'flip_hdr.png', 'metrics.json', 'relative.png'], names(folder / out))
+        need(names(folder / out) == ['errors.exr', 'flip.png', 'flip_hdr.png', 'metrics.json', 'relative.png', 'report.html'],
+             names(folder / out))
         need(json.loads((folder / out / 'metrics.json').read_text('utf-8'))['methods'][0]['mse'] > 0)
         need(abs(one_object(done)['methods'][0]['mae'] - 0.25) < 1e-6)
     for name in ('flip.png', 'flip_hdr.png', 'relative.png'):
@@ -157,12 +174,228 @@ def _(folder):
     r, g, b = png_pixels((folder / 'out/relative.png').read_bytes())[3][:3]
     need(221 <= r <= 242 and r > g > b > 190, r, g, b)
     works(folder, 'compare', 'mask.png', 'mask.png', '-o', 'display')
-    need(names(folder / 'display') == ['errors.exr', 'flip.png', 'metrics.json', 'relative.png'], names(folder / 'display'))
+    need(names(folder / 'display') == ['errors.exr', 'flip.png', 'metrics.json', 'relative.png', 'report.html'],
+         names(folder / 'display'))
+    data = report(folder / 'more')
+    need([p['name'] for p in data['pictures']] == ['b.pfm', 'a.pfm'])
+    need([v['title'] for v in data['views']] == ['Masked pixels', 'Whole picture'])
+    need(light(data, 'b.pfm', 'whole')[1][:3] == [0.5, 0.25, 1.0], data['views'])
+    need(abs(data['views'][1]['floor'] - 0.01 * 0.3573) < 1e-6, data['views'])
 
 
+# --- Methods on a scene -------------------------------------------------------------------------------------------------------------
+
+TINY = ['--size', '40mm', '--material', 'marble', *SMALL]
+KEYS_OF_RUN = {'name', 'engine', 'seconds', 'cpu_seconds', 'stages'}
+
+
+def report(folder):
+    """What report.html shows, with its pictures still packed, by their names."""
+    page = (folder / 'report.html').read_text('utf-8')
+    scripts = re.findall(r'<script(.*?)>(.*?)</script>', page, re.DOTALL)
+    need(page.count('<script') == len(scripts) == page.count('</script'), 'a script is not closed')
+    data = json.loads(next(body for kind, body in scripts if 'id="data"' in kind))
+    data['packed'] = {re.search(r'id="(data-\d+)"', kind)[1]: body for kind, body in scripts if 'octet-stream' in kind}
+    need("default-src 'none'" in page and not re.search(r'(?:src|href)="(?!#|data:,)', page), 'the page asks for something')
+    return data
+
+
+def unpack(data, name):
+    return zlib.decompress(base64.b64decode(data['packed'][name]))
+
+
+def light(data, picture, view):
+    """Planes of a picture in the report, and its first pixel."""
+    width, height = data['size']['across'], data['size']['down']
+    raw, all_, planes = unpack(data, next(p for p in data['pictures'] if p['name'] == picture)['data'][view]), width * height, []
+    need(len(raw) == 6 * all_, len(raw))
+    for c in range(3):
+        bits = []
+        for i in range(all_):
+            above = bits[i - width] if i >= width else 0
+            step = raw[2 * c * all_ + i] << 8 | raw[(2 * c + 1) * all_ + i]
+            bits.append((step + (bits[-1] if i % width else above)) & 0xffff)
+        planes.append(struct.unpack(f'<{all_}e', struct.pack(f'<{all_}H', *bits)))
+    return planes, [p[0] for p in planes]
+
+
+@test('methods on a scene: one exposure, the promised keys and files, the same numbers as from the pictures')
+def _(folder):
+    done = works(folder, 'compare', 'bunny.obj', *TINY, '--methods', 'all,none,screen-space:gaussians=6', '-o', 'out/', '--json')
+    answer = one_object(done)
+    metrics = json.loads((folder / 'out/metrics.json').read_text('utf-8'))
+    need(metrics == answer, 'metrics.json is not the answer')
+    need(set(answer['reference']) == KEYS_OF_RUN | {'rel_noise'} and answer['reference']['name'] == 'hierarchical', answer['reference'])
+    methods = {m['name']: m for m in answer['methods']}
+    need({'screen-space', 'none', 'screen-space:gaussians=6'} <= set(methods), sorted(methods))
+    told = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
+    told = set(re.findall(r'`([a-z_]+)`', told))
+    for m in methods.values():
+        need(set(m) == KEYS | KEYS_OF_RUN | {'against', 'whole'} and set(m['whole']) == KEYS and m['against'] == 'reference', sorted(m))
+        need(m['pixels'] == answer['translucent_pixels'] < m['whole']['pixels'] == 48 * 27 and m['seconds'] > 0, m)
+        need(set(answer) | set(m) | set(answer['reference']) <= told, 'the guide does not tell', set(answer) - told)
+    need(0 < methods['screen-space']['mse'] < methods['none']['mse'], 'scattering is no nearer to the reference than none')
+    need(methods['screen-space']['mse'] != methods['screen-space:gaussians=6']['mse'], 'a knob in --methods has no effect')
+    exrs = ['hierarchical.exr', 'none.exr', 'screen-space-gaussians-6.exr', 'screen-space.exr']
+    need(set(exrs) | {'metrics.json', 'none.errors.exr', 'report.html'} <= set(names(folder / 'out')), names(folder / 'out'))
+    exposures = set()
+    for name in exrs:
+        attributes, channels, _ = exr_header((folder / 'out' / name).read_bytes())
+        exposures.add(attributes['pellucid.exposure'])
+        need('diffuse.multiple.R' in dict(channels), channels)
+        need(attributes['pellucid.method'] == name.split('-gaussians')[0].split('.')[0], attributes)
+    need(len(exposures) == 1, 'exposures differ:', exposures)
+    alone = one_object(works(folder, 'compare', 'out/screen-space.exr', 'out/hierarchical.exr', '--json'))
+    need(alone['layer'] == 'subsurface' and alone['mask'] == 'translucent', alone)
+    for key in ('mse', 'rel_mse', 'mae', 'flip', 'ssim'):  # EXR holds halves
+        near(alone['methods'][0][key], methods['screen-space'][key], 0.02)
+        near(alone['methods'][0]['whole'][key], methods['screen-space']['whole'][key], 0.02)
+    table = text(works(folder, 'compare', 'bunny.obj', *TINY).stdout)
+    need('against hierarchical' in table and 'Whole picture' in table and re.search(r'^screen-space +\d', table, re.MULTILINE), table)
+
+
+@test('the report holds the light that was measured, and nothing that could run')
+def _(folder):
+    works(folder, 'compare', 'bunny.obj', *TINY, '--methods', 'none', '-o', 'out')
+    data = report(folder / 'out')
+    need([p['role'] for p in data['pictures']] == ['reference', 'method'] and data['size']['factor'] == 1, data['pictures'])
+    mask, width = unpack(data, data['views'][0]['mask']), data['size']['across']
+    on, above = [], 0
+    for i, step in enumerate(mask):
+        on.append((step + (on[-1] if i % width else on[i - width] if i else 0)) & 255)
+    inside = [i for i, v in enumerate(on) if v > 127]
+    method = data['pictures'][1]
+    need(len(inside) == method['metrics']['part']['pixels'], len(inside))
+    a, b = light(data, 'none', 'part')[0], light(data, 'hierarchical', 'part')[0]
+    for c in range(3):
+        near(sum(a[c][i] - b[c][i] for i in inside) / len(inside), method['metrics']['part']['bias'][c], 0.05)
+        need(all(a[c][i] == b[c][i] == 0 for i in range(len(on)) if on[i] == 0), 'light outside of what is translucent')
+    need(all(s['ms'] >= 0 for p in data['pictures'] for s in p['stages']), data['pictures'])
+    need(data['command'].startswith('pellucid compare bunny.obj'), data['command'])
+
+
+@test('two references: error of the methods, of the model, and both; the noise that a reference tells is taken off')
+def _(folder):
+    few = ['--width', '20', '--height', '12', '--msaa', '1', '--light-samples', '2', '--ambient-samples', '1', '--size', '40mm',
+           '--material', 'marble', '--methods', 'screen-space']
+    answer = one_object(works(folder, 'compare', 'bunny.obj', *few, '--reference', 'hierarchical,dipole:error=0.2', '-o', 'out', '--json'))
+    need(answer['truth']['name'] == 'dipole:error=0.2' and answer['reference']['rel_noise'] is None, answer['truth'])
+    need(0.02 < answer['truth']['rel_noise'] < 0.6, answer['truth'])
+    need((answer['model_error']['name'], answer['model_error']['against']) == ('hierarchical', 'dipole:error=0.2'), answer['model_error'])
+    method, = answer['methods']
+    need(method['mse'] != method['total_error']['mse'] and method['total_error']['noise_rel_mse'] > 0 == method['noise_rel_mse'], method)
+    need(set(answer['model_error']) == KEYS | {'name', 'against', 'whole'} and set(method['total_error']) == KEYS | {'whole'}, method)
+    # Its standard error is honest: without it, what is left of two runs' difference is small.
+    for seed in ('1', '2'):
+        works(folder, 'render', 'bunny.obj', *few[:-2], '-m', 'dipole', '--set', 'error=0.2', '--seed', seed, '-o', f'{seed}.exr')
+    channels = dict(exr_header((folder / '1.exr').read_bytes())[1])
+    need(channels['variance.R'] == 2 and 'translucent.Y' in channels, channels)
+    m = one_object(works(folder, 'compare', '1.exr', '2.exr', '--json'))['methods'][0]
+    need(m['noise_mse'] > 0, m)
+    ratio = (m['mse'] + m['noise_mse']) / m['noise_mse']  # both have the noise: 2 in the mean
+    need(1.2 < ratio < 3.2, 'the difference of two runs is', ratio, 'times the variance that one tells')
+    data = report(folder / 'out')
+    need([p['role'] for p in data['pictures']] == ['reference', 'truth', 'method'], 'roles')
+    need(data['pictures'][0]['model']['part']['mse'] >= 0, 'no error of the model')
+    shown = text(works(folder, 'compare', 'bunny.obj', *few, '--reference', 'hierarchical,dipole:error=0.5').stdout)
+    need('its own reference: dipole:error=0.5' in shown and 'Error of the model' in shown and 'taken off' in shown, shown)
+
+
+@test('of a scene file: its options and knobs hold, the ground does not count as translucent')
+def _(folder):
+    scene = {'pellucid': 1, 'mesh': 'bunny.obj', 'unit': '1mm', 'ground': True, 'materials': {'*': {'preset': 'marble'}},
+             'render': {'width': 48, 'height': 27, 'msaa': 1, 'light-samples': 2, 'method': 'screen-space', 'knobs': {'gaussians': 2}}}
+    (folder / 'own.json').write_text(json.dumps(scene), 'ascii')
+    answer = one_object(works(folder, 'compare', 'own.json', '--methods', 'screen-space,screen-space:gaussians=4', '-o', 'out', '--json'))
+    scene['render'] = {k: v for k, v in scene['render'].items() if k not in ('method', 'knobs')}
+    (folder / 'plain.json').write_text(json.dumps(scene), 'ascii')
+    other = one_object(works(folder, 'compare', 'plain.json', '--methods', 'screen-space,screen-space:gaussians=2', '--json'))
+    need((answer['width'], answer['height']) == (48, 27), answer)
+    own, four = answer['methods']
+    default, two = other['methods']
+    need(own['mse'] == two['mse'] != four['mse'] == default['mse'], own['mse'], two['mse'], four['mse'], default['mse'])
+    alpha = one_object(works(folder, 'compare', 'out/screen-space.exr', 'out/hierarchical.exr', '--mask', 'alpha', '--json'))['methods'][0]
+    need(100 < own['pixels'] < 0.7 * alpha['pixels'], own['pixels'], alpha['pixels'])
+    for exr in ('none', 'screen-space'):  # the layer is the scene's, whatever the method
+        works(folder, 'render', 'own.json', '-m', exr, '-o', f'{exr}.exr')
+        m = one_object(works(folder, 'compare', f'{exr}.exr', f'{exr}.exr', '--layer', 'translucent', '--mask', 'translucent', '--json'))
+        need(m['methods'][0]['pixels'] == own['pixels'] and m['methods'][0]['mse'] == 0, exr, m)
+
+
+@test('a method that gives finished pictures is compared by all light of translucent pixels')
+def _(folder):
+    answer = one_object(works(folder, 'compare', 'bunny.obj', *TINY, '--methods', 'screen-space:as=paper', '-o', 'out', '--json'))
+    method, = answer['methods']
+    need(method['light'] == 'all of translucent pixels' and method['name'] == 'screen-space:as=paper', method)
+    alone = one_object(works(folder, 'compare', 'out/screen-space-as-paper.exr', 'out/hierarchical.exr', '--layer', 'R,G,B', '--json'))
+    near(method['mse'], alone['methods'][0]['mse'], 0.02)
+    need('finished pictures' in text(works(folder, 'compare', 'bunny.obj', *TINY, '--set', 'as=paper').stdout), '--set has no effect')
+
+
+@test('large pictures are shown reduced, which is said; numbers are of the full size')
+def _(folder):
+    row = struct.pack('<6f', 0.5, 0.25, 1, 0.7, 0.25, 1)
+    (folder / 'big.pfm').write_bytes(b'PF\n1200 900\n-1\n' + row * (600 * 900))
+    works(folder, 'compare', 'big.pfm', 'big.pfm', '-o', 'out', '--mask', 'none', '--exposures', '2')
+    data = report(folder / 'out')
+    need(data['size'] == {'width': 1200, 'height': 900, 'factor': 2, 'across': 600, 'down': 450}, data['size'])
+    need(data['views'][0]['pixels'] == 1080000, data['views'])
+    raw = unpack(data, data['pictures'][0]['data']['whole'])
+    value, = struct.unpack('>e', bytes((raw[0], raw[600 * 450])))
+    near(value, 0.6, 1e-3)
+
+
+@test('Ctrl-C leaves nothing; a folder that was there keeps what it had until all is there')
+def _(folder):
+    (folder / 'out').mkdir()
+    (folder / 'out/report.html').write_text('old', 'ascii')
+    (folder / 'out/mine.txt').write_text('mine', 'ascii')
+    for out in ('out', 'new'):
+        before = names(folder), names(folder / 'out')
+        with subprocess.Popen([PROGRAM, 'compare', 'bunny.obj', '--size', '40mm', '--material', 'marble', '--msaa', '16', '-o', out],
+                              cwd=folder, env=clean_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              stdin=subprocess.DEVNULL, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as child:
+            end = time.monotonic() + 60
+            while not any('.partial-' in str(p) for p in folder.rglob('*')) and time.monotonic() < end:
+                time.sleep(0.02)
+            child.send_signal(signal.SIGINT)
+            said = child.communicate(timeout=60)[1]
+        need(child.returncode == 130 and b'interrupted; nothing was written' in said, child.returncode, said)
+        need((names(folder), names(folder / 'out')) == before, names(folder), names(folder / 'out'))
+        need((folder / 'out/report.html').read_text('ascii') == 'old', 'the report that was there is gone')
+    works(folder, 'compare', 'bunny.obj', *TINY, '-o', 'out')
+    need('mine.txt' in names(folder / 'out') and (folder / 'out/report.html').stat().st_size > 10000, names(folder / 'out'))
+    need(not [n for n in names(folder / 'out') if n.startswith('.')], names(folder / 'out'))
+
+
+SCENE = ('bunny.obj', '--size', '40mm', '--material', 'marble')
 REFUSALS = {  # arguments: exit code, what is said
-    ('a.pfm',): (2, "can't be compared in one go yet"),
-    ('scene.json', '--methods', 'all'): (2, "can't be compared in one go yet"),
+    ('a.pfm',): (2, 'its reference is missing'),
+    ('no.json',): (3, 'no.json'),
+    ('bunny.obj', '--material', 'marble'): (2, '--size'),
+    (*SCENE, '--methods', 'screen-spce'): (2, "did you mean 'screen-space'?"),
+    (*SCENE, '--methods', 'screen-space,,none'): (2, 'a name is missing'),
+    (*SCENE, '--methods', ''): (2, 'a name is missing'),
+    (*SCENE, '--methods', 'all,screen-space'): (2, 'named twice'),
+    (*SCENE, '--methods', 'hierarchical'): (2, 'is the reference'),
+    (*SCENE, '--methods', 'screen-space:gausians=6'): (2, 'gaussians'),
+    (*SCENE, '--methods', 'screen-space:gaussians'): (2, 'must be KNOB=VALUE'),
+    (*SCENE, '--methods', 'screen-space:gaussians=99'): (2, '[1, 10]'),
+    (*SCENE, '--methods', 'none:a=b'): (2, 'has no knob'),
+    (*SCENE, '--methods', 'x' * 400): (2, ''),
+    (*SCENE, '--reference', 'hierarchicl'): (2, "did you mean 'hierarchical'?"),
+    (*SCENE, '--reference', 'none'): (2, "can't be the reference"),
+    (*SCENE, '--reference', 'hierarchical,dipole,hierarchical:error=0.1'): (2, 'must be one or two'),
+    (*SCENE, '--set', 'gausians=6'): (2, 'did you mean gaussians?'),
+    (*SCENE, '--set', 'density=6'): (2, '--reference hierarchical:density=6'),
+    (*SCENE, '--layer', 'R,G,B'): (2, 'goes with two pictures'),
+    (*SCENE, '--mask', 'alpha'): (2, 'goes with two pictures'),
+    (*SCENE, '--engine', 'vulkan'): (4, ''),
+    (*SCENE, '-o', 'b.pfm'): (3, 'is no folder'),
+    (*SCENE, '--width', '8', '--height', '8', '--msaa', '1', '--light-samples', '1', '-o', 'no/such'): (3, "can't be made"),
+    ('a.pfm', 'b.pfm', '--methods', 'all'): (2, 'two pictures are given'),
+    ('a.pfm', 'b.pfm', '--width', '40'): (2, 'two pictures are given'),
+    ('a.pfm', 'b.pfm', '--set', 'gaussians=6'): (2, 'two pictures are given'),
     ('a.pfm', 'b.pfm', 'c.pfm'): (2, 'one argument too many'),
     ('a.pfm', 'no.pfm'): (3, 'no such file'),
     ('a.pfm', 'wide.pfm'): (3, '40 x 30 pixels, but wide.pfm is 41 x 30'),

@@ -634,5 +634,18 @@ def _(folder):
     need('three layers, Hankel' in shown and ' x ' in shown, shown)
 
 
+@test('Ctrl-C during bench profiles: exit 130 before the repeats are over')
+def _(folder):
+    child = subprocess.Popen([PROGRAM, 'bench', 'profiles', '--repeats', '10000'], cwd=folder, env=clean_environment(),
+                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    time.sleep(0.5)
+    child.send_signal(signal.SIGINT)
+    begin = time.monotonic()
+    out, err = child.communicate(timeout=60)
+    need(child.returncode == 130 and not out, child.returncode, out, err)
+    need(time.monotonic() - begin < 5, time.monotonic() - begin) # all rows would take most of a minute
+
+
 if __name__ == '__main__':
     sys.exit(main())

@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * compare.h - what `compare A B` and `compare INPUT` share: the folder that is written, the numbers as JSON, the report.
+ *
+ * Ownership  what a function makes is dropped with its *_drop or *_close, which take what is half-made.
+ */
+#ifndef PELL_CLI_COMPARE_H
+#define PELL_CLI_COMPARE_H
+
+#include "cli/cli.h"
+
+#include <pellucid/compare.h>
+
+/* --- compare_pictures.c, compare_scene.c: the two commands ------------------------------------------------------------------------ */
+
+enum exit_code compare_pictures(struct cli *cli);
+enum exit_code compare_scene(struct cli *cli);
+
+/* --- compare_folder.c: a folder that appears whole or not at all ------------------------------------------------------------------- */
+
+struct output_folder {
+    struct pell_context *ctx;
+    char path[4200];    /* as given, without slashes at its end */
+    char partial[4300]; /* where files are written until all are there; "": not begun */
+    char files[80][280];
+    size_t count;
+    bool there; /* it was before: files replace those of the same name */
+};
+
+/* `path` may be there; the folder around it must. */
+PELL_NODISCARD enum pell_result folder_begin(struct pell_context *ctx, const char *path, struct output_folder *f);
+/* Where to write the file `name`; files appear in the order of these calls. Valid until the next call. NULL, logged, after too many. */
+const char *folder_file(struct output_folder *f, const char *name);
+PELL_NODISCARD enum pell_result folder_commit(struct output_folder *f);
+/* Takes away what was not committed. */
+void folder_drop(struct output_folder *f);
+
+/* --- compare_answer.c: numbers ------------------------------------------------------------------------------------------------------ */
+
+/* What the command line and a table of knobs say; `exposure` 0 where neither does. */
+PELL_NODISCARD enum pell_result compare_params(struct cli *cli, struct pell_compare_params *params);
+/* Compares, warns of pixels that are no numbers, and refuses where none is left. */
+PELL_NODISCARD enum pell_result compare_run(struct cli *cli, const char *test, const char *reference, const struct pell_compare_input *in,
+                                            const struct pell_compare_params *params, struct pell_comparison *out);
+json_t *compare_metrics(const struct pell_metrics *m, bool display);
+/* Adds the numbers of `m` to `to`. */
+void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display);
+json_t *compare_number(double v); /* null where it is not finite */
+/* How the reference is shown, and with what: "exposure", "white", "hdr_exposures" (null for display pictures). */
+void compare_add_shown(json_t *to, const struct pell_comparison *r, bool display);
+PELL_NODISCARD enum pell_result compare_write_maps(struct cli *cli, const struct pell_comparison *r, bool display, struct output_folder *f);
+PELL_NODISCARD enum pell_result compare_write_errors(struct cli *cli, const struct pell_comparison *r, struct output_folder *f,
+                                                     const char *name);
+PELL_NODISCARD enum pell_result compare_write_json(struct cli *cli, const json_t *answer, struct output_folder *f);
+
+/* --- compare_report.c: report.html ---------------------------------------------------------------------------------------------------- */
+
+/* Pictures larger than this are shown reduced by a whole factor in the report, which states it; numbers are always of the full size. */
+#define REPORT_PIXELS (1 << 20)
+
+struct report;
+
+/* The report grows in memory: pictures are compressed as they come, so that they need not be kept. */
+PELL_NODISCARD enum pell_result report_open(struct cli *cli, int width, int height, struct report **out);
+/* Adds three planes of linear light (16 bit floats in the report) or a map of [0, 1] (8 bit). `*id` is a new JSON text, by which the
+ * report's data names them. */
+PELL_NODISCARD enum pell_result report_picture(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id);
+PELL_NODISCARD enum pell_result report_map(struct report *r, const float *map, ptrdiff_t stride, json_t **id);
+/* One way of looking at the pictures and the numbers that go with it; `mask` NULL: all pixels. `r`: of the first method. */
+json_t *report_view(struct report *r, const char *id, const char *title, const char *text, const struct pell_compare_input *in,
+                    const struct pell_compare_params *params, const struct pell_comparison *result);
+/* Writes the page once; `data` is what the page's scripts show. The report can then only be closed. */
+PELL_NODISCARD enum pell_result report_write(struct report *r, json_t *data, const char *path);
+void report_close(struct report **r);
+
+#endif
