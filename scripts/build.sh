@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# build.sh FOLDER [MESON OPTION...]: configures FOLDER once and builds it. In CI (CI is set) warnings are errors.
+# build.sh FOLDER [MESON OPTION...]: configures FOLDER once and builds it. In CI (CI is set) warnings are errors. TARGETS: what to build
+# (all), names of Ninja's, or suite:NAME, what the tests of that suite run.
 set -eu
 
 folder=$1
@@ -16,4 +17,7 @@ if [ ! -f "$folder/build.ninja" ]; then
     fi
     rm -f "$log"
 fi
-ninja -C "$folder" ${JOBS:+-j"$JOBS"}
+targets=${TARGETS-}
+case $targets in suite:*) targets=$("${0%/*}/suite_targets.py" "$folder" "${targets#suite:}") ;; esac
+# shellcheck disable=SC2086 # several words
+ninja -C "$folder" ${JOBS:+-j"$JOBS"} $targets

@@ -15,7 +15,7 @@ ROOMS = ["base", "math", "optics", "image", "scene", "rays", "vulkan", "render",
 FACES = {"cli", "viewer"}  # programs: they may print and exit
 
 CODE = {".c", ".h"}
-TEXT = CODE | {".py", ".sh", ".build", ".txt", ".md", ".comp", ".vert", ".frag", ".glsl"}
+TEXT = CODE | {".py", ".sh", ".build", ".txt", ".md", ".comp", ".vert", ".frag", ".glsl", ".js", ".mjs", ".css"}
 FOLDERS = [".ci", "bench", "data", "docs", "examples", "fuzz", "include", "scripts", "src", "tests", "tools"]
 WIDTH = 140
 
@@ -66,7 +66,8 @@ class Tree:
         self.files = {}
         found = [p for p in self.root.glob("*") if p.is_file()]
         for folder in FOLDERS:
-            found += [p for p in (self.root / folder).rglob("*") if p.is_file() and not p.is_symlink() and "__pycache__" not in p.parts]
+            found += [p for p in (self.root / folder).rglob("*")
+                      if p.is_file() and not p.is_symlink() and not {"__pycache__", "node_modules"} & set(p.parts)]
         for path in sorted(found):
             if path.suffix in TEXT or path.name in ("Makefile", "run", "meson_options.txt") or path.name.startswith("meson."):
                 self.files[path.relative_to(self.root).as_posix()] = path.read_bytes().decode("utf-8", "replace")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""make_fuzz_seeds.py: writes the seeds of fuzz/scene/corpus/{gltf,material,profile_table} and fuzz/optics/corpus/optics: small files that
-between them reach every part of what reads them."""
+"""make_fuzz_seeds.py: writes the seeds of fuzz/scene/corpus/{gltf,material,profile_table}, fuzz/optics/corpus/optics and
+fuzz/methods/corpus/checkpoint: small files that between them reach every part of what reads them."""
 import json
 import math
 import pathlib
@@ -225,9 +225,35 @@ def numbers():
     return seeds
 
 
+def content_hash(data):
+    """As src/base/hash.h has it, from 0."""
+    value = 0
+    for word in [len(data), *(w for w, in struct.iter_unpack("<Q", data + bytes(-len(data) % 8)))] + ([0] if len(data) % 8 == 0 else []):
+        value = (value ^ word) * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF
+        value ^= value >> 32
+    return value
+
+
+def checkpoints():
+    """Films as fuzz_checkpoint.c expects them, and some that it must refuse."""
+    def file(films, width=3, version=1, run=42, scene=0x0123456789ABCDEF):
+        data = b"PELLPT\r\n" + struct.pack("<IIIIQQ", version, width, 2, len(films), scene, run)
+        data += b"".join(struct.pack("<QQ", len(pixels), 7) for pixels in films)
+        data += b"".join(struct.pack("<13dI", *pixel) for pixels in films for pixel in pixels)
+        return data + struct.pack("<Q", content_hash(data))
+
+    none, one, many = [0.0] * 13 + [0], [0.5] * 9 + [0.0] * 4 + [1], [k + 0.25 for k in range(13)] + [9]
+    return {"empty": file([[], []]), "begun": file([[many, one, none], []]), "whole": file([[many] * 6, [one] * 6]),
+            "wide": file([[], []], width=4), "old": file([[], []], version=0), "other_run": file([[], []], run=41),
+            "other_scene": file([[], []], scene=1), "one_film": file([[one]]), "infinite": file([[many[:12] + [math.inf, 2]], []]),
+            "negative": file([[many[:9] + [-1.0] * 4 + [2]], []]), "uncounted": file([[one[:13] + [0]], []]),
+            "crowded": file([[one] * 7, []]), "short": b"PELLPT\r\n"}
+
+
 def main():
     for folder, seeds in (("scene/corpus/gltf", gltf()), ("scene/corpus/material", materials()),
-                          ("scene/corpus/profile_table", tables()), ("optics/corpus/optics", numbers())):
+                          ("scene/corpus/profile_table", tables()), ("optics/corpus/optics", numbers()),
+                          ("methods/corpus/checkpoint", checkpoints())):
         (FUZZ / folder).mkdir(parents=True, exist_ok=True)
         for name, data in seeds.items():
             (FUZZ / folder / name).write_bytes(data)

@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# Installs what is missing of the packages in scripts/packages.txt (and packages-ci.txt with --ci), or says how. Silent when nothing is.
+# Installs what is missing of the packages in scripts/packages.txt (with --ci also of packages-ci.txt, and the modules of tests/browser),
+# or says how. Silent when nothing is.
 # SETUP=no in the environment skips it.
 set -eu
 
@@ -11,6 +12,16 @@ lists=$here/packages.txt
 
 # shellcheck disable=SC2086 # two names of files
 wanted=$(sed 's/#.*//' $lists | tr -s ' \n' '  ')
+
+# Without them the test of the report in a browser is skipped, which the tests' summary says.
+modules()
+{
+    [ "$lists" != "$here/packages.txt" ] && command -v npm >/dev/null 2>&1 || return 0
+    [ "$here/../tests/browser/node_modules/.package-lock.json" -nt "$here/../tests/browser/package-lock.json" ] && return 0
+    echo "installing: the modules of tests/browser"
+    npm ci --prefix "$here/../tests/browser" --ignore-scripts --no-audit --no-fund >/dev/null 2>&1 ||
+        echo "The modules of tests/browser could not be installed: the test of the report in a browser is skipped." >&2
+}
 
 if ! command -v dpkg-query >/dev/null 2>&1; then
     command -v meson >/dev/null 2>&1 && command -v ninja >/dev/null 2>&1 && exit 0
@@ -24,11 +35,18 @@ present=" $(dpkg-query -W -f='${db:Status-Status}:${Package} ' $wanted 2>/dev/nu
 missing=
 for package in $wanted; do
     case $present in
-    *" installed:$package "*) ;;
-    *) missing="$missing $package" ;;
+    *" installed:$package "*) continue ;;
     esac
+    case $package in # these have other sources, too
+    nodejs) command -v node >/dev/null 2>&1 && continue ;;
+    npm | chromium) command -v "$package" >/dev/null 2>&1 && continue ;;
+    esac
+    missing="$missing $package"
 done
-[ -n "$missing" ] || exit 0
+if [ -z "$missing" ]; then
+    modules
+    exit 0
+fi
 
 if [ "$(id -u)" != 0 ]; then
     echo "Packages are missing. Install them with this command, then try again:" >&2
@@ -46,3 +64,4 @@ if ! apt-get update >"$log" 2>&1 || ! apt-get install -y --no-install-recommends
     echo "The packages could not be installed." >&2
     exit 1
 fi
+modules

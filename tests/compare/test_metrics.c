@@ -215,6 +215,20 @@ static void the_references_noise_is_not_charged(void **state)
         pair_compare(&p);
         REQUIRE_REL(p.out.whole.mse, variance + d * d, 0.02); /* one half alone is charged with all of its noise */
         REQUIRE(p.out.whole.noise_mse == 0.0);
+        for (int c = 0; c < 3; c++) { /* the same noise, told as a variance */
+            for (int i = 0; i < 400 * 300; i++)
+                p.plane[HALF][c][i] = (float) variance;
+            p.in.variance[c] = p.plane[HALF][c];
+        }
+        pair_compare(&p);
+        REQUIRE_REL(p.out.whole.noise_mse, variance, 1e-6);
+        REQUIRE_NEAR(p.out.whole.mse, d * d, 4e-5);
+        REQUIRE_REL(p.out.whole.noise_rel_mse, variance * inverse, 0.02);
+        p.plane[HALF][1][77] = NAN;
+        pair_compare(&p);
+        REQUIRE(p.out.bad_reference == 1 && p.out.whole.pixels == 400 * 300 - 1 && isfinite(p.out.whole.mse));
+        for (int c = 0; c < 3; c++)
+            p.in.variance[c] = NULL;
     }
     pair_end(&p);
 }
