@@ -402,14 +402,12 @@ fail:
     return res;
 }
 
-enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_rays *rays,
-                                      const struct pell_scene *scene, const struct pell_bodies *bodies, size_t bytes,
-                                      struct pell_distance **out)
+enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                      const struct pell_bodies *bodies, size_t bytes, struct pell_distance **out)
 {
     struct pell_distance *d = pell_zalloc(ctx, sizeof(*d));
     enum pell_result res = PELL_ERR_NOMEM;
 
-    (void) rays;
     *out = NULL;
     if (!d)
         return PELL_ERR_NOMEM;

@@ -13,9 +13,8 @@ struct pell_distance;
  * most `bytes` of memory for all, shared out evenly over the bodies, and twice as much more for one body while it is made. The cubes of a
  * body number six million at most: of a bunny of 70,000 triangles, 8 MB, made in half a second of one core, a bound keeps 80 % of the
  * distance at four cubes from the surface and 93 % deep inside; nearer than about one cube it says 0. */
-PELL_NODISCARD enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_rays *rays,
-                                                     const struct pell_scene *scene, const struct pell_bodies *bodies, size_t bytes,
-                                                     struct pell_distance **out);
+PELL_NODISCARD enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                                     const struct pell_bodies *bodies, size_t bytes, struct pell_distance **out);
 void pell_distance_destroy(struct pell_distance **distance);
 
 /* A lower bound, mm, of the distance from x to the nearest triangle of any kind; 0 outside the body's bounds. Never more than the true

@@ -3,19 +3,9 @@
 #include "shapes.h"
 
 #include "render/connect.h"
+#include "slow.h"
 
 #include <time.h>
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SLOW 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SLOW 1
-#endif
-#endif
-#ifndef SLOW
-#define SLOW 0
-#endif
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)
 

@@ -33,7 +33,7 @@ static void finish_thing(struct thing *t, size_t bytes)
     OK(pell_pool_create(t->s.ctx, 2, &t->pool));
     OK(pell_rays_create(t->s.ctx, t->s.scene, t->pool, &t->rays));
     OK(pell_bodies_create(t->s.ctx, t->s.scene, frame_index, materials, &t->bodies));
-    OK(pell_distance_create(t->s.ctx, t->pool, t->rays, t->s.scene, t->bodies, bytes, &t->distance));
+    OK(pell_distance_create(t->s.ctx, t->pool, t->s.scene, t->bodies, bytes, &t->distance));
 }
 
 static void drop_thing(struct thing *t)
@@ -238,7 +238,7 @@ static void threads_agree(void **state)
         struct pell_distance *other;
         uint32_t random = 3;
         OK(pell_pool_create(t.s.ctx, threads, &pool));
-        OK(pell_distance_create(t.s.ctx, pool, t.rays, t.s.scene, t.bodies, 1u << 18, &other));
+        OK(pell_distance_create(t.s.ctx, pool, t.s.scene, t.bodies, 1u << 18, &other));
         for (int i = 0; i < 20000; i++) {
             float x[3];
             for (int k = 0; k < 3; k++)
@@ -269,7 +269,7 @@ static void survives_the_nth_allocation(void **state)
         struct pell_distance *d;
         fault.calls = 0;
         fault.fail_at = n;
-        res = pell_distance_create(ctx, t.pool, t.rays, t.s.scene, t.bodies, 1u << 12, &d);
+        res = pell_distance_create(ctx, t.pool, t.s.scene, t.bodies, 1u << 12, &d);
         fault.fail_at = 0;
         REQUIRE(res == PELL_OK || (res == PELL_ERR_NOMEM && !d));
         pell_distance_destroy(&d);
@@ -301,7 +301,7 @@ static void the_bunny(void **state)
     finish_thing(&t, 16);
     pell_distance_destroy(&t.distance);
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &from);
-    OK(pell_distance_create(t.s.ctx, t.pool, t.rays, t.s.scene, t.bodies, bytes, &t.distance));
+    OK(pell_distance_create(t.s.ctx, t.pool, t.s.scene, t.bodies, bytes, &t.distance));
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &to);
     print_message("# bunny: %zu triangles, %.3f CPU seconds\n", t.bodies->bodies[0].num_triangles,
                   (double) (to.tv_sec - from.tv_sec) + 1e-9 * (double) (to.tv_nsec - from.tv_nsec));

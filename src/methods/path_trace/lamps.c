@@ -214,7 +214,7 @@ void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int bo
 {
     const struct pt_medium *m = &s->body[body].medium;
     struct pt_sampler own = own_numbers(sampler, 0x5851f42d4c957f2du);
-    struct pell_connection found[PT_CONNECTIONS];
+    struct pell_connection found[PELL_CONNECTIONS];
     struct pell_emitter_sample lamp;
     double u[3], reach;
     int count;
@@ -232,7 +232,7 @@ void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int bo
         return;
     counts->connections++;
     count = pell_connect(s->connector, body, (double) m->eta, at->x, lamp.away ? lamp.toward : lamp.at, lamp.away, reach, found,
-                         PT_CONNECTIONS, &counts->rays);
+                         PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
         connection(s, at, beta, body, share, &found[i], &lamp, &own, sum);
 }
@@ -243,8 +243,8 @@ void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int bo
  * a facet's tilt t turns the way inside by t |eta cos_i - cos_o| / eta. */
 struct lobes {
     int count;
-    struct pell_vec3 w[PT_CONNECTIONS];
-    double width[PT_CONNECTIONS], share[PT_CONNECTIONS];
+    struct pell_vec3 w[PT_LOBES];
+    double width[PT_LOBES], share[PT_LOBES];
 };
 
 static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x,
@@ -252,11 +252,11 @@ static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int b
 {
     const struct pt_medium *m = &s->body[body].medium;
     const double reach = m->slowest > 0.0f ? FAR / (double) m->slowest : INFINITY, eta = (double) m->eta;
-    struct pell_connection found[PT_CONNECTIONS];
+    struct pell_connection found[PT_LOBES];
     double sum = 0.0;
 
     counts->connections++;
-    out->count = pell_connect(s->connector, body, eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, found, PT_CONNECTIONS,
+    out->count = pell_connect(s->connector, body, eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, found, PT_LOBES,
                               &counts->rays);
     for (int i = 0; i < out->count; i++) {
         const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),

@@ -17,7 +17,7 @@
 
 #define PT_NEST 8         /* bodies in bodies that a path keeps account of */
 #define PT_LAYERS 8       /* of one body */
-#define PT_CONNECTIONS 16 /* between a point and a lamp's place that are looked for */
+#define PT_LOBES 16       /* about connections of a point with a lamp's place: the nearest ones */
 #define PT_ROUGH_CELLS 64
 #define PT_LIGHT_VERTICES 8 /* of a path from a lamp that are kept */
 

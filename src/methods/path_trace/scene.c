@@ -78,7 +78,7 @@ fail:
     return res;
 }
 
-/* Measured on the bunny in milk, skin and ketchup: few connections where walks are long and where they go forward, more where they are short. */
+/* By the bunny in milk, skin and ketchup: few where walks are long or light goes forward, more where walks are short. */
 static float share_of(const struct pt_coefficients *m)
 {
     float albedo = 0.0f;
@@ -267,7 +267,7 @@ static enum pell_result make_helpers(struct pt_scene *s)
     if (connects)
         PELL_TRY(pell_connector_create(s->ctx, s->scene, s->rays, s->bodies, s->knobs.normals == PT_NORMALS_FLAT, &s->connector));
     if (grid)
-        PELL_TRY(pell_distance_create(s->ctx, pell_renderer_pool(s->r), s->rays, s->scene, s->bodies, GRID_BYTES, &s->distance));
+        PELL_TRY(pell_distance_create(s->ctx, pell_renderer_pool(s->r), s->scene, s->bodies, GRID_BYTES, &s->distance));
     probe_lamps(s);
     return PELL_OK;
 
