@@ -1,21 +1,25 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes the meshes that the examples, the benches and the tests use: closed solids and a simple bust, as OBJ files in millimetres.
+"""Makes what the examples, the benches and the tests use: closed solids and a simple bust, as OBJ files in millimetres, and pictures that
+lights throw or that say how far light goes.
 
     make_assets.py FOLDER [NAME ...]
 
 Deterministic, standard library only. Every mesh is closed and turned outward.
 """
 import math
+import struct
 import sys
+import zlib
 from pathlib import Path
 
 
-def write_obj(path, comment, vertices, faces):
-    """faces: tuples of 0-based vertex numbers, three or more."""
+def write_obj(path, comment, vertices, faces, uv=None):
+    """faces: tuples of 0-based vertex numbers, three or more; uv: of each vertex, or None."""
     lines = [f'# {comment}; made by scripts/make_assets.py; one unit is 1 mm']
     lines += [f'v {x:.5f} {y:.5f} {z:.5f}' for x, y, z in vertices]
-    lines += ['f ' + ' '.join(str(i + 1) for i in face) for face in faces]
+    lines += [f'vt {u:.5f} {v:.5f}' for u, v in uv or []]
+    lines += ['f ' + ' '.join(f'{i + 1}/{i + 1}' if uv else str(i + 1) for i in face) for face in faces]
     path.write_text('\n'.join(lines) + '\n')
 
 
@@ -117,6 +121,12 @@ def slab(width, height, depth, cells=24):
     return vertices, faces
 
 
+def plate(width, height, depth):
+    """A slab whose front carries a picture."""
+    vertices, faces = slab(width, height, depth)
+    return vertices, faces, [(x / width + 0.5, y / height + 0.5) for x, y, z in vertices]
+
+
 # The bust: (height, half width, depth to the front, depth to the back), mm, bottom to top.
 PROFILE = [
     (0, 0, 0, 0), (0, 60, 40, 48), (0.6, 88, 58, 70), (4, 94, 62, 75), (15, 91, 60, 73), (34, 76, 52, 62),
@@ -177,16 +187,85 @@ ASSETS = {
     'torus': ('a torus of radii 30 and 12 mm', lambda: torus(30.0, 12.0)),
     'slab': ('a slab of 80 x 80 x 10 mm', lambda: slab(80.0, 80.0, 10.0)),
     'bust': ('a bust, 300 mm tall', lambda: bust()),
+    'plate': ('a slab of 100 x 100 x 20 mm with a picture on its front', lambda: plate(100.0, 100.0, 20.0)),
 }
 
 
+# Pictures: functions of x, y in [0, 1) that give red, green, blue in [0, 1].
+
+def checker(x, y):
+    return (1.0, 1.0, 1.0) if (int(8 * x) + int(8 * y)) % 2 == 0 else (0.0, 0.0, 0.0)
+
+
+def fraction(i, j, k):
+    """A number in [0, 1) for a cell; 32-bit integers, the same everywhere."""
+    h = (i * 374761393 + j * 668265263 + k * 2246822519 + 12345) & 0xffffffff
+    h = ((h ^ (h >> 13)) * 1274126177) & 0xffffffff
+    return ((h ^ (h >> 16)) & 0xffffff) / 16777216.0
+
+
+GLASS = [(0.85, 0.10, 0.07), (0.95, 0.62, 0.08), (0.10, 0.28, 0.85), (0.07, 0.60, 0.22), (0.55, 0.12, 0.65), (0.92, 0.90, 0.70)]
+
+
+def glass(x, y, cells=7, lead=0.012):
+    """Panes about the points of a jittered grid, the lead between them black."""
+    best = second = (9.0, (0, 0))
+    ci, cj = int(x * cells), int(y * cells)
+    for i in range(ci - 2, ci + 3):
+        for j in range(cj - 2, cj + 3):
+            px, py = (i + 0.15 + 0.7 * fraction(i, j, 0)) / cells, (j + 0.15 + 0.7 * fraction(i, j, 1)) / cells
+            d = (math.hypot(x - px, y - py), (i, j))
+            if d < best:
+                best, second = d, best
+            elif d < second:
+                second = d
+    if second[0] - best[0] < lead:
+        return (0.0, 0.0, 0.0)
+    pane = best[1]
+    dim = 0.75 + 0.25 * fraction(*pane, 3)
+    return tuple(dim * v for v in GLASS[int(len(GLASS) * fraction(*pane, 2))])
+
+
+def smooth_noise(x, y, k):
+    i, j = math.floor(x), math.floor(y)
+    f, g = (t * t * (3 - 2 * t) for t in (x - i, y - j))
+    low = fraction(i, j, k) * (1 - f) + fraction(i + 1, j, k) * f
+    return low * (1 - g) + (fraction(i, j + 1, k) * (1 - f) + fraction(i + 1, j + 1, k) * f) * g
+
+
+def veins(x, y):
+    """How far light goes in a veined stone: everywhere, less in the veins."""
+    turbulence = sum(smooth_noise(2 ** k * 4 * x, 2 ** k * 4 * y, k) / 2 ** k for k in range(4))
+    v = 0.25 + 0.75 * abs(math.sin(9.0 * (x + 0.4 * y) + 4.5 * turbulence)) ** 0.6
+    return (v, v, v)
+
+
+PICTURES = {'checker': (checker, 256), 'glass': (glass, 320), 'veins': (veins, 320)}
+
+
+def write_png(path, picture, size):
+    rows = b''
+    for y in range(size):
+        rows += b'\0' + bytes(int(255.0 * v + 0.5) for x in range(size) for v in picture((x + 0.5) / size, (y + 0.5) / size))
+
+    def chunk(name, data):
+        return struct.pack('>I', len(data)) + name + data + struct.pack('>I', zlib.crc32(name + data))
+
+    path.write_bytes(b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>IIBBBBB', size, size, 8, 2, 0, 0, 0)) +
+                     chunk(b'IDAT', zlib.compress(rows, 9)) + chunk(b'IEND', b''))
+
+
 def main():
-    names = sys.argv[2:] or list(ASSETS)
-    if len(sys.argv) < 2 or any(name not in ASSETS for name in names):
-        sys.exit(f'{__doc__}\nNAMEs: {" ".join(ASSETS)}')
+    known = list(ASSETS) + list(PICTURES)
+    names = sys.argv[2:] or known
+    if len(sys.argv) < 2 or any(name not in known for name in names):
+        sys.exit(f'{__doc__}\nNAMEs: {" ".join(known)}')
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
+        if name in PICTURES:
+            write_png(folder / f'{name}.png', *PICTURES[name])
+            continue
         comment, make = ASSETS[name]
         write_obj(folder / f'{name}.obj', comment, *make())
 

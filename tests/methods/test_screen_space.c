@@ -2,6 +2,7 @@
  * test_screen_space.c - the screen-space method against closed forms: steps of light on planes, its total, foreshortening, level of
  * detail, silhouettes, and what the paper prints. */
 #include "patch.h"
+#include "slow.h"
 
 #include "methods/screen_space/screen_space.h"
 
@@ -85,7 +86,7 @@ static void half_lit_plane_is_the_analytic_convolution(void **state)
     (void) state;
     for (int m = 0; m < 3; m++) {
         double worst[2] = { 0.0, 0.0 };
-        for (double scale = 0.1; scale < 60.0; scale *= 1.17) {
+        for (double scale = 0.1; scale < 60.0; scale *= SLOW ? 1.6 : 1.17) {
             const double across = step_error(&at, NULL, &materials[m], true, scale, 0);
             const double down = step_error(&at, NULL, &materials[m], false, scale, 1);
             const bool wide = scale * sqrt(materials[m].gaussians.variance[0]) > 1.5;
@@ -132,7 +133,7 @@ static double lod_error(const struct bench_place *at, const char *const *setting
 {
     double worst = 0.0;
 
-    for (double scale = 0.15; scale < 12.0; scale *= 1.06)
+    for (double scale = 0.15; scale < 12.0; scale *= SLOW ? 1.2 : 1.06)
         worst = fmax(worst, step_error(at, settings, m, true, scale, 0));
     return worst;
 }
@@ -229,7 +230,7 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
 
     (void) state;
     for (size_t t = 0; t < PELL_COUNT(turns); t++) {
-        for (int degrees = 0; degrees <= 75; degrees += 15) {
+        for (int degrees = 0; degrees <= 75; degrees += SLOW ? 25 : 15) {
             const double across = tilt_error(&at, &m, degrees, turns[t], true, false);
             const double along = tilt_error(&at, &m, degrees, turns[t], true, true);
             const double perspective = tilt_error(&at, &m, degrees, turns[t], false, false);
@@ -383,7 +384,7 @@ static void twice_the_distance_or_half_the_pixels_change_little(void **state)
 
     (void) state;
     for (int k = 0; k < 2; k++) {
-        for (double scale = 1.0; scale < 20.0; scale *= 2.0) {
+        for (double scale = 1.0; scale < (SLOW ? 5.0 : 20.0); scale *= 2.0) {
             const int n = (int) (24.0 * scale);
             /* Near; twice as far; as near, with half the pixels; twice as far with twice the focal length. */
             struct patch *p[4] = { lit_disc(&materials[k], 2 * n, 2.0 * scale * 300.0, 300.0), lit_disc(&materials[k], n,

@@ -16,6 +16,7 @@
  */
 #include "methods/dipole/dipole.h"
 
+#include "base/hash.h"
 #include "math/vec.h"
 #include "render/renderer.h"
 
@@ -73,15 +74,6 @@ struct pixel {
     struct counts *counts;
 };
 
-static uint32_t hash(uint32_t x)
-{
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ x >> 16;
-}
-
 static double unit(uint32_t x)
 {
     return (double) x * (1.0 / 4294967296.0);
@@ -91,7 +83,7 @@ static double unit(uint32_t x)
 static double lattice(uint32_t round_seed, uint32_t d, uint32_t index)
 {
     static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
-    return unit(hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
+    return unit(pell_hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
 }
 
 /* --- What points are worth -------------------------------------------------------------------------------------------------------- */
@@ -204,7 +196,7 @@ static void send_probes(struct pixel *p, int round, uint32_t seed)
             if (!open[i])
                 continue;
             if (p->st->bodies->of_mesh[r.hit.mesh[i]] == p->number)
-                add_point(p, round, r.hit.mesh[i], r.hit.triangle[i], r.hit.u[i], r.hit.v[i], hash(seed ^ (uint32_t) (i + 64 * k)));
+                add_point(p, round, r.hit.mesh[i], r.hit.triangle[i], r.hit.u[i], r.hit.v[i], pell_hash(seed ^ (uint32_t) (i + 64 * k)));
             r.ray.tnear[i] = r.ray.tfar[i] * (1.0f + 2e-6f) + 1e-6f * (float) reach;
             r.ray.tfar[i] = end[i];
             if (k + 1 == HITS || !(r.ray.tnear[i] < end[i])) {
@@ -225,7 +217,7 @@ static void spread_areas(struct pixel *p, int round, uint32_t seed, int count)
         const struct pell_body_triangle at = pell_body_at(p->surface, area, &f);
         /* The place inside the triangle has numbers of its own: the fraction that is left of the first has few digits. */
         pell_triangle_point((float) lattice(seed, 4, (uint32_t) i), (float) lattice(seed, 5, (uint32_t) i), &u, &v);
-        add_point(p, round, at.mesh, at.triangle, u, v, hash(seed ^ 0x51ed270bu ^ (uint32_t) i));
+        add_point(p, round, at.mesh, at.triangle, u, v, pell_hash(seed ^ 0x51ed270bu ^ (uint32_t) i));
     }
 }
 
@@ -243,7 +235,7 @@ static void run_rounds(struct pixel *p, uint32_t first, int64_t count, struct su
     while (s->rounds < count && !((s->rounds & 255) == 0 && pell_cancelled(p->st->ctx))) {
         memset(p->sum, 0, sizeof(p->sum));
         for (int i = 0; i < TOGETHER; i++) {
-            const uint32_t seed = hash(p->seed ^ hash(first + (uint32_t) s->rounds + (uint32_t) i));
+            const uint32_t seed = pell_hash(p->seed ^ pell_hash(first + (uint32_t) s->rounds + (uint32_t) i));
             if (p->near_probes > 0.0)
                 send_probes(p, i, seed);
             spread_areas(p, i, seed, (int) p->near_areas);
@@ -326,7 +318,7 @@ static uint32_t place_seed(struct pell_vec3 at, uint32_t seed)
     uint32_t b[3];
 
     memcpy(b, &at, sizeof(b));
-    return hash(b[0] ^ hash(b[1] ^ hash(b[2] ^ hash(seed))));
+    return pell_hash(b[0] ^ pell_hash(b[1] ^ pell_hash(b[2] ^ pell_hash(seed))));
 }
 
 static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, struct pell_vec3 normal, int32_t body, float strength,

@@ -2,18 +2,20 @@
  * medium.c - what fills a body: coefficients as they are, not reduced, with the phase function that the material knows. */
 #include "methods/path_trace/path.h"
 
+#include "render/medium.h"
+
 #include <string.h>
 
-static void set_coefficients(const struct pell_medium *m, const struct pell_phase phase[3], struct pt_coefficients *out)
+static void set_coefficients(const struct pell_material_layer *l, struct pt_coefficients *out)
 {
     out->hg = true;
     out->gray = true;
     out->clear = true;
     for (int c = 0; c < 3; c++) {
-        const double s = m->sigma_s_reduced[c] / (1.0 - m->g[c]);
+        const double s = pell_medium_scattering(&l->medium, c);
         out->sigma_s[c] = (float) s;
-        out->sigma_t[c] = (float) (s + m->sigma_a[c]);
-        out->phase[c] = phase ? phase[c] : (struct pell_phase){ PELL_PHASE_HENYEY_GREENSTEIN, { m->g[c], 0.0 }, 0.0 };
+        out->sigma_t[c] = (float) (s + l->medium.sigma_a[c]);
+        out->phase[c] = l->phase[c];
         out->g[c] = (float) out->phase[c].g[0];
         out->hg = out->hg && out->phase[c].kind == PELL_PHASE_HENYEY_GREENSTEIN;
         out->clear = out->clear && out->sigma_t[c] == 0.0f;
@@ -23,40 +25,19 @@ static void set_coefficients(const struct pell_medium *m, const struct pell_phas
                     memcmp(&out->phase[c], &out->phase[0], sizeof(out->phase[0])) == 0;
 }
 
-static const struct pell_material_entry *stack_of(const struct pell_material *m)
-{
-    const struct pell_material_entry *e = m->preset ? pell_material_find(m->preset) : NULL;
-
-    return e && e->kind == PELL_MATERIAL_LAYERS && memcmp(&e->gaussians, &m->gaussians, sizeof(e->gaussians)) == 0 ? e : NULL;
-}
-
 enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_material *m, struct pt_medium *out)
 {
-    const struct pell_material_entry *e = m->profile ? NULL : stack_of(m);
+    struct pell_material_layers layers;
+    double depth = 0.0;
+    enum pell_result res;
 
     memset(out, 0, sizeof(*out));
-    if (m->profile || (m->gaussians.count > 0 && !e))
-        return pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "give it a medium: coefficients, or a preset that has some",
-                          "has a profile but no medium, which path-trace walks through");
-    if (e) {
-        double depth = 0.0;
-        out->layers = e->layers.count < PT_LAYERS ? e->layers.count : PT_LAYERS;
-        out->eta = (float) e->layers.item[0].medium.eta;
-        for (int i = 0; i < out->layers; i++) {
-            const struct pell_material_layer *l = &e->layers.item[i];
-            set_coefficients(&l->medium, l->phase, &out->layer[i]);
-            depth += l->thickness_mm;
-            out->depth[i] = i + 1 < out->layers ? (float) depth : INFINITY;
-            if (fabs(l->medium.eta - (double) out->eta) > 1e-3)
-                pell_warn(ctx, m->name, NULL,
-                          "the index of layer %s, %g, is taken for %g, the first layer's: path-trace refracts at the surface alone",
-                          l->name, l->medium.eta, (double) out->eta);
-        }
-    } else {
-        out->layers = 1;
-        out->eta = (float) m->medium.eta;
-        out->depth[0] = INFINITY;
-        set_coefficients(&m->medium, NULL, &out->layer[0]);
+    PELL_TRY(pell_medium_layers(ctx, "path-trace", m, &layers));
+    out->layers = layers.count;
+    out->eta = (float) layers.item[0].medium.eta;
+    for (int i = 0; i < out->layers; i++) {
+        set_coefficients(&layers.item[i], &out->layer[i]);
+        out->depth[i] = (float) (depth += layers.item[i].thickness_mm);
     }
     out->slowest = INFINITY;
     for (int i = 0; i < out->layers; i++)
@@ -64,7 +45,9 @@ enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_mate
             out->largest[c] = fmaxf(out->largest[c], out->layer[i].sigma_t[c]);
             out->slowest = fminf(out->slowest, out->layer[i].sigma_t[c]);
         }
-    return PELL_OK;
+
+fail:
+    return res;
 }
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------------ */

@@ -16,7 +16,7 @@
 #include "render/emitters.h"
 
 #define PT_NEST 8         /* bodies in bodies that a path keeps account of */
-#define PT_LAYERS 8       /* of one body */
+#define PT_LAYERS PELL_MATERIAL_LAYERS_MAX
 #define PT_LOBES 16       /* about connections of a point with a lamp's place: the nearest ones */
 #define PT_ROUGH_CELLS 64
 #define PT_LIGHT_VERTICES 8 /* of a path from a lamp that are kept */

@@ -9,7 +9,7 @@
 #ifndef PELL_PATH_TRACE_SAMPLER_H
 #define PELL_PATH_TRACE_SAMPLER_H
 
-#include <stdint.h>
+#include "base/hash.h"
 
 #define PT_EVEN_NUMBERS 16
 
@@ -22,11 +22,7 @@ struct pt_sampler {
 
 static inline uint32_t pt_hash(uint32_t x)
 {
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ x >> 16;
+    return pell_hash(x);
 }
 
 static inline uint32_t pt_reverse(uint32_t i)

@@ -2,47 +2,33 @@
  * medium.c - see single_scatter.h. */
 #include "methods/single_scatter/single_scatter.h"
 
-#include <string.h>
+#include "render/medium.h"
 
-static void set_layer(const struct pell_medium *m, const struct pell_phase *phase, double bottom, struct ss_layer *out)
-{
-    out->bottom = bottom;
-    for (int c = 0; c < 3; c++) {
-        out->sigma_s[c] = m->sigma_s_reduced[c] / (1.0 - m->g[c]);
-        out->sigma_t[c] = out->sigma_s[c] + m->sigma_a[c];
-        out->phase[c] = phase ? phase[c] : (struct pell_phase){ PELL_PHASE_HENYEY_GREENSTEIN, { m->g[c], 0.0 }, 0.0 };
-    }
-}
+#include <string.h>
 
 enum pell_result ss_medium_make(struct pell_context *ctx, const struct pell_material *m, struct ss_medium *out)
 {
-    const struct pell_material_entry *e = m->preset && !m->profile ? pell_material_find(m->preset) : NULL;
+    struct pell_material_layers layers;
     double bottom = 0.0;
+    enum pell_result res;
 
     memset(out, 0, sizeof(*out));
-    if (e && (e->kind != PELL_MATERIAL_LAYERS || memcmp(&e->gaussians, &m->gaussians, sizeof(e->gaussians)) != 0))
-        e = NULL;
-    if (m->profile || (m->gaussians.count > 0 && !e))
-        return pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "give it a medium: coefficients, or a built-in material that has some",
-                          "only a profile is known of this material, and single-scatter needs its coefficients");
-    if (!e) {
-        out->eta = m->medium.eta;
-        out->layers = 1;
-        set_layer(&m->medium, NULL, INFINITY, &out->layer[0]);
-        return PELL_OK;
-    }
-    out->eta = e->layers.item[0].medium.eta;
-    out->layers = e->layers.count;
+    PELL_TRY(pell_medium_layers(ctx, "single-scatter", m, &layers));
+    out->eta = layers.item[0].medium.eta;
+    out->layers = layers.count;
     for (int i = 0; i < out->layers; i++) {
-        const struct pell_material_layer *l = &e->layers.item[i];
-        bottom += l->thickness_mm;
-        set_layer(&l->medium, l->phase, i + 1 < out->layers ? bottom : INFINITY, &out->layer[i]);
-        if (fabs(l->medium.eta - out->eta) > 1e-3)
-            pell_warn(ctx, m->name, NULL,
-                      "the index of layer %s, %g, is taken for %g, the first layer's: single-scatter refracts at the surface alone",
-                      l->name, l->medium.eta, out->eta);
+        const struct pell_material_layer *from = &layers.item[i];
+        struct ss_layer *to = &out->layer[i];
+        to->bottom = bottom += from->thickness_mm;
+        for (int c = 0; c < 3; c++) {
+            to->sigma_s[c] = pell_medium_scattering(&from->medium, c);
+            to->sigma_t[c] = to->sigma_s[c] + from->medium.sigma_a[c];
+            to->phase[c] = from->phase[c];
+        }
     }
-    return PELL_OK;
+
+fail:
+    return res;
 }
 
 /* --- Ways --------------------------------------------------------------------------------------------------------------------- */

@@ -15,6 +15,8 @@
  * the standard error. A round's randomness is a hash of the point's place and of the seed. */
 #include "methods/single_scatter/single_scatter.h"
 
+#include "base/hash.h"
+
 #include <string.h>
 
 enum {
@@ -39,15 +41,6 @@ struct ray {
     struct ss_counts *counts;
 };
 
-static uint32_t hash(uint32_t x)
-{
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ x >> 16;
-}
-
 static double unit(uint32_t x)
 {
     return (double) x * (1.0 / 4294967296.0);
@@ -57,7 +50,7 @@ static double unit(uint32_t x)
 static double lattice(uint32_t round_seed, uint32_t d, uint32_t index)
 {
     static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
-    return unit(hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
+    return unit(pell_hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
 }
 
 /* --- Entering ----------------------------------------------------------------------------------------------------------------- */
@@ -248,8 +241,8 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
     for (uint32_t i = 0; i < ROUND; i++) {
         const bool by_angle = kind == SS_EQUIANGULAR || (kind == SS_BOTH && i % 2);
         const double u[3] = { lattice(seed, 0, i), lattice(seed, 1, i), lattice(seed, 2, i) };
-        const double xi = kind == SS_BOTH ? (i / 2 + unit(hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
-                                          : (i + unit(hash(seed ^ 0x51ed270bu))) / ROUND;
+        const double xi = kind == SS_BOTH ? (i / 2 + unit(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
+                                          : (i + unit(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
         double depth[3], density = 0.0, s, light[3] = { 0 };
         const struct ss_layer *layer;
         struct pell_emitter_sample lamp;
@@ -285,7 +278,7 @@ static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int
     memset(s, 0, sizeof(*s));
     while (s->rounds < count && !((s->rounds & 255) == 0 && pell_cancelled(ray->world->ctx))) {
         double round[3] = { 0 };
-        run_round(ray, hash(seed ^ hash(first + (uint32_t) s->rounds)), round);
+        run_round(ray, pell_hash(seed ^ pell_hash(first + (uint32_t) s->rounds)), round);
         for (int c = 0; c < 3; c++) {
             s->sum[c] += round[c];
             s->square[c] += round[c] * round[c];
@@ -323,7 +316,7 @@ static uint32_t place_seed(struct pell_vec3 at, uint32_t seed)
     uint32_t b[3];
 
     memcpy(b, &at, sizeof(b));
-    return hash(b[0] ^ hash(b[1] ^ hash(b[2] ^ hash(seed))));
+    return pell_hash(b[0] ^ pell_hash(b[1] ^ pell_hash(b[2] ^ pell_hash(seed))));
 }
 
 void ss_estimate(const struct ss_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct ss_counts *counts,

@@ -1,0 +1,365 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cpu.c - the image-space method on the cpu engine: tables, irradiance images, passes. The inner loops are in kernels.c.
+ */
+#include "methods/image_space/image_space.h"
+
+#include "base/simd.h"
+#include "math/vec.h"
+#include "render/renderer.h"
+
+#include <string.h>
+
+PELL_SIMD_TABLES(struct is_kernels, pell_is_kernels);
+
+enum { BAND = 4, PLANES = 11 };
+#define MOST_PIXELS ((size_t) 1 << 28) /* an index of a texel's float is an int */
+
+struct is_state {
+    struct pell_renderer *r; /* borrowed */
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct is_kernels *kernels;
+    struct is_knobs knobs;
+    struct is_set *sets;
+    size_t num_sets;
+    struct pell_bodies *bodies; /* for views of lights, or NULL */
+    struct is_light_view light_views[IS_VIEWS_MOST];
+    struct is_view views[IS_VIEWS_MOST];
+    float *memory, *texels;
+    int32_t *body;
+    int64_t *counts; /* of bands */
+    struct is_work work;
+    void (*row)(const struct is_work *w, int y); /* what the running pass does; NULL: gather */
+    struct pell_pass_time times[4];
+    size_t num_times;
+};
+
+/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+
+static void is_destroy(void *state)
+{
+    struct is_state *st = state;
+
+    if (!st)
+        return;
+    for (size_t i = 0; st->sets && i < st->num_sets; i++)
+        if (st->sets[i].owned) {
+            pell_free(st->ctx, st->sets[i].offset);
+            pell_free(st->ctx, st->sets[i].rows);
+        }
+    for (int i = 0; i < IS_VIEWS_MOST; i++)
+        pell_free(st->ctx, st->light_views[i].texels);
+    pell_bodies_destroy(&st->bodies);
+    pell_free(st->ctx, st->sets);
+    pell_free(st->ctx, st->counts);
+    pell_free(st->ctx, st->body);
+    pell_free(st->ctx, st->texels);
+    pell_free(st->ctx, st->memory);
+    pell_free(st->ctx, st);
+}
+
+/* The dipole of a material's coefficients, where the method is to use it and there are any. */
+static enum pell_result published_profile(const struct is_state *st, const struct pell_frame_material *m, struct pell_profile *out,
+                                          struct pell_frame_material *with)
+{
+    bool scatters = m->gaussians.count == 0 && pell_medium_valid(&m->medium, NULL);
+
+    *with = *m;
+    for (int c = 0; c < 3; c++)
+        scatters = scatters && m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c] > 0.0;
+    if (st->knobs.profile != IS_PROFILE_DIPOLE || !scatters)
+        return PELL_OK;
+    for (int c = 0; c < 3; c++) {
+        const enum pell_result res = pell_profile_make(PELL_PROFILE_DIPOLE, &m->medium, c, NULL, &out[c]);
+        if (res != PELL_OK)
+            return pell_error(st->ctx, res, m->name, NULL, "has no dipole");
+    }
+    with->profile = out;
+    return PELL_OK;
+}
+
+static bool same_set(const struct pell_frame_material *a, const struct pell_frame_material *b)
+{
+    return a->profile == b->profile && a->white == b->white && (a->gaussians.count == 0) == (b->gaussians.count == 0) &&
+           memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0;
+}
+
+static enum pell_result make_set(struct is_state *st, const struct pell_frame *shape, size_t i, struct pell_profile *dipole)
+{
+    const struct pell_frame_material *m = &shape->materials[i];
+    const double most = 0.5 * (double) shape->object_height;
+    struct pell_frame_material with;
+    double reach;
+    enum pell_result res;
+
+    for (size_t k = 0; k < i; k++)
+        if (same_set(&shape->materials[k], m)) {
+            st->sets[i] = st->sets[k];
+            st->sets[i].owned = false;
+            return PELL_OK;
+        }
+    PELL_TRY(published_profile(st, m, dipole, &with));
+    reach = is_reach(&with);
+    if (most > 0.0 && reach > most) {
+        if (is_uniform_samples(&st->knobs) > 0)
+            pell_warn(st->ctx, m->name, "light that goes further is found by few samples: take more of them, or hierarchical",
+                      "99 %% of its light stays within %.3g mm, more than half the object: broad samples are spread as for %.3g mm", reach,
+                      most);
+        reach = most;
+    }
+    return is_set_make(st->ctx, &with, &st->knobs, fmin(reach, 1e15), &st->sets[i]);
+
+fail:
+    return res;
+}
+
+static enum pell_result make_sets(struct is_state *st, const struct pell_frame *shape)
+{
+    struct pell_profile *dipole = pell_calloc(st->ctx, 3, sizeof(*dipole));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    st->sets = pell_calloc(st->ctx, shape->num_materials, sizeof(*st->sets));
+    if (!dipole || !st->sets)
+        goto fail;
+    st->num_sets = shape->num_materials;
+    for (size_t i = 0; i < shape->num_materials; i++)
+        PELL_TRY(make_set(st, shape, i, dipole));
+    res = PELL_OK;
+
+fail:
+    pell_free(st->ctx, dipole);
+    return res;
+}
+
+static enum pell_result make_planes(struct is_state *st, const struct pell_frame *shape)
+{
+    struct is_work *w = &st->work;
+    const size_t stride = ((size_t) shape->width + IS_BLOCK - 1) / IS_BLOCK * IS_BLOCK + 2 * IS_MARGIN;
+    const size_t size = stride * ((size_t) shape->height + 2 * IS_MARGIN) + 48;
+    float **const planes[PLANES] = { &w->key,      &w->w,        &w->gu,       &w->gv,       &w->flat, &w->alpha[0],
+                                     &w->alpha[1], &w->alpha[2], &w->light[0], &w->light[1], &w->light[2] };
+
+    w->stride = (ptrdiff_t) stride;
+    w->texel_stride = shape->width;
+    st->memory = pell_calloc(st->ctx, size, PLANES * sizeof(float));
+    st->texels = pell_calloc(st->ctx, (size_t) shape->width * (size_t) shape->height, IS_TEXEL * sizeof(float));
+    st->counts = pell_calloc(st->ctx, (size_t) shape->height / BAND + 2, sizeof(*st->counts));
+    if (!st->memory || !st->texels || !st->counts)
+        return PELL_ERR_NOMEM;
+    if (st->bodies) {
+        st->body = pell_calloc(st->ctx, (size_t) shape->width * (size_t) shape->height, sizeof(*st->body));
+        if (!st->body)
+            return PELL_ERR_NOMEM;
+    }
+    for (size_t i = 0; i < PLANES; i++)
+        *planes[i] = st->memory + i * size + IS_MARGIN * stride + IS_MARGIN;
+    for (size_t i = 0; i < size; i++)
+        st->memory[size + i] = 1.0f; /* w is divided by, where there is nothing, too */
+    w->texels = st->texels;
+    w->body = st->body;
+    return PELL_OK;
+}
+
+static enum pell_result is_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+{
+    struct pell_context *ctx = pell_renderer_context(r);
+    struct is_state *st = pell_zalloc(ctx, sizeof(*st));
+    const struct is_knobs *k = knobs;
+    enum pell_result res;
+    struct is_work *w;
+
+    *state = st;
+    if (!st)
+        return PELL_ERR_NOMEM;
+    st->r = r;
+    st->ctx = ctx;
+    st->pool = pell_renderer_pool(r);
+    st->kernels = pell_is_kernels_tables[pell_simd_best()];
+    st->knobs = *k;
+    if ((size_t) shape->width * (size_t) shape->height > MOST_PIXELS)
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, "image-space", NULL, "%d x %d pixels, at most %zu in all", shape->width, shape->height,
+                          MOST_PIXELS);
+    w = &st->work;
+    w->samples = k->samples;
+    w->importance = is_importance_samples(k);
+    w->tile = is_tile_side(k);
+    w->jacobian = k->jacobian || k->misprint == IS_MISPRINT_JACOBIAN;
+    w->inverted = k->misprint == IS_MISPRINT_JACOBIAN;
+    w->reconstruct = k->reconstruct && w->tile > 1;
+    w->renormalise = k->renormalise;
+    if (w->renormalise == IS_AS_VIEWS_ASK)
+        w->renormalise = k->views == IS_VIEWS_LIGHTS ? IS_NEVER : IS_BY_WEIGHT;
+    w->factor = k->misprint == IS_MISPRINT_TWO_PI ? (float) (0.5 / PELL_PI) : 1.0f;
+    w->focal_px = shape->focal_px;
+    PELL_TRY(make_sets(st, shape));
+    w->sets = st->sets;
+    if (k->views == IS_VIEWS_LIGHTS) {
+        PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+        PELL_TRY(is_light_views_make(r, st->bodies, k->view_size, st->light_views, &w->num_views));
+        w->views = st->views;
+    }
+    return make_planes(st, shape);
+
+fail:
+    return res;
+}
+
+/* --- A frame ------------------------------------------------------------------------------------------------------------------- */
+
+static void find_bodies(const struct is_state *st, int y)
+{
+    const struct pell_frame *in = st->work.in;
+    ptrdiff_t at[16];
+    int32_t found[16];
+    int count = 0;
+
+    for (int x = in->rect.x0; x < in->rect.x1; x++) {
+        if (in->material[y * in->stride + x])
+            at[count++] = y * in->stride + x;
+        if (count == 0 || (count < 16 && x + 1 < in->rect.x1))
+            continue;
+        pell_bodies_find(st->bodies, pell_renderer_rays(st->r), in, at, count, found);
+        for (int i = 0; i < count; i++)
+            st->body[y * st->work.texel_stride + at[i] - y * in->stride] = found[i] + 1;
+        count = 0;
+    }
+}
+
+static void run_rows(void *arg, int index, int worker)
+{
+    struct is_state *st = arg;
+    const struct is_work *w = &st->work;
+    const struct pell_rect *rect = &w->in->rect;
+    const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
+
+    (void) worker;
+    for (int y = y0; y < y1; y++) {
+        if (st->row == st->kernels->load) {
+            memset(w->key + y * w->stride + rect->x0 - IS_MARGIN, 0, IS_MARGIN * sizeof(float));
+            memset(w->key + y * w->stride + rect->x1, 0, IS_MARGIN * sizeof(float));
+            if (st->bodies)
+                find_bodies(st, y);
+        }
+        if (st->row)
+            st->row(w, y);
+        else if (!pell_cancelled(st->ctx))
+            st->counts[index] += st->kernels->gather(w, y);
+    }
+}
+
+static void pass(struct is_state *st, void (*row)(const struct is_work *w, int y))
+{
+    const struct pell_rect *rect = &st->work.in->rect;
+
+    st->row = row;
+    pell_pool_run(st->pool, (rect->y1 - rect->y0 + BAND - 1) / BAND, run_rows, st);
+}
+
+static void note_time(struct is_state *st, const char *name, double *from, int64_t pixels, int64_t bytes)
+{
+    const double now = pell_seconds();
+
+    st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = now - *from, .pixels = pixels, .bytes = bytes };
+    *from = now;
+}
+
+/* Where in their pixels the rays of this frame go through: positions tell. */
+static void find_shift(struct is_state *st, const struct pell_view *eye)
+{
+    const struct pell_frame *in = st->work.in;
+
+    for (int y = in->rect.y0; y < in->rect.y1; y++)
+        for (int x = in->rect.x0; x < in->rect.x1; x++) {
+            const ptrdiff_t i = y * in->stride + x;
+            struct pell_vec3 p;
+            float scale;
+            if (!in->material[i])
+                continue;
+            p = vec3_sub(vec3(in->position[0][i], in->position[1][i], in->position[2][i]), eye->origin);
+            scale = in->orthographic ? in->focal_px : in->focal_px / in->depth[i];
+            st->work.mid_x = (float) x + 0.5f - vec3_dot(p, eye->right) * scale;
+            st->work.mid_y = (float) y + 0.5f + vec3_dot(p, eye->up) * scale;
+            return;
+        }
+}
+
+/* The views of lights in this frame's eye's coordinates. */
+static void turn_views(struct is_state *st)
+{
+    const struct pell_view eye = pell_view_make(&pell_renderer_scene(st->r)->cameras[0], st->work.in->width, st->work.in->height, 0.0f,
+                                                0.0f);
+    const struct pell_vec3 from[3] = { eye.right, vec3_mul(eye.up, -1.0f), eye.forward };
+
+    find_shift(st, &eye);
+    for (int i = 0; i < st->work.num_views; i++) {
+        const struct pell_view *v = &st->light_views[i].view;
+        const struct pell_vec3 to[3] = { v->right, vec3_mul(v->up, -1.0f), v->forward };
+        struct is_view *out = &st->views[i];
+        *out = (struct is_view) {
+            .texels = st->light_views[i].texels,
+            .size = v->width,
+            .orthographic = v->orthographic,
+            .focal_px = v->focal_px,
+            .centre_px = 0.5f * (float) v->width - 0.5f,
+        };
+        for (int k = 0; k < 3; k++) {
+            for (int j = 0; j < 3; j++)
+                out->rotate[k][j] = vec3_dot(to[k], from[j]);
+            out->shift[k] = vec3_dot(to[k], vec3_sub(eye.origin, v->origin));
+        }
+    }
+}
+
+static enum pell_result is_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    struct is_state *st = state;
+    struct is_work *w = &st->work;
+    struct pell_frame frame = *in;
+    const size_t width = ((size_t) (in->rect.x1 - in->rect.x0) + 2 * IS_MARGIN) * sizeof(float);
+    const int bands = (in->rect.y1 - in->rect.y0 + BAND - 1) / BAND;
+    double clock = pell_seconds();
+    int64_t pixels = 0;
+
+    st->num_times = 0;
+    if (!st->knobs.strength)
+        frame.strength = NULL;
+    w->in = &frame;
+    w->out = out;
+    w->mid_x = 0.5f * (float) in->width;
+    w->mid_y = 0.5f * (float) in->height;
+    if (st->bodies)
+        turn_views(st);
+    memset(st->counts, 0, (size_t) bands * sizeof(*st->counts));
+    for (int i = 1; i <= IS_MARGIN; i++) {
+        memset(w->key + (in->rect.y0 - i) * w->stride + in->rect.x0 - IS_MARGIN, 0, width);
+        memset(w->key + (in->rect.y1 - 1 + i) * w->stride + in->rect.x0 - IS_MARGIN, 0, width);
+    }
+    pass(st, st->kernels->load);
+    pass(st, st->kernels->measure);
+    note_time(st, "load", &clock, 0, 0);
+    pass(st, NULL);
+    for (int i = 0; i < bands; i++)
+        pixels += st->counts[i];
+    st->times[0].pixels = pixels;
+    st->times[0].bytes = pixels * (18 + 16 + IS_TEXEL * 4);
+    note_time(st, "sample", &clock, pixels, pixels * (IS_TEXEL * 4 + 12));
+    if (w->reconstruct) {
+        pass(st, st->kernels->rebuild);
+        note_time(st, "reconstruct", &clock, pixels, pixels * 52);
+    }
+    w->in = NULL;
+    w->out = NULL;
+    return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+static size_t is_times(const void *state, struct pell_pass_time *list, size_t size)
+{
+    const struct is_state *st = state;
+
+    for (size_t i = 0; i < st->num_times && i < size; i++)
+        list[i] = st->times[i];
+    return st->num_times < size ? st->num_times : size;
+}
+
+const struct pell_method_engine pell_is_cpu = { .create = is_create, .render = is_render, .destroy = is_destroy, .times = is_times };

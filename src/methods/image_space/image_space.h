@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * image_space.h - what the files of this method share. Its only symbol for others is pell_method_image_space.
+ */
+#ifndef PELL_IMAGE_SPACE_H
+#define PELL_IMAGE_SPACE_H
+
+#include "methods/image_space/kernels.h"
+#include "render/view.h"
+
+#include <pellucid/method.h>
+
+struct pell_bodies;
+
+enum is_as { IS_BEST, IS_PAPER };
+enum is_sampling { IS_COMBINED, IS_SEPARATE, IS_IMPORTANCE, IS_UNIFORM };
+enum is_tile { IS_TILE_1, IS_TILE_2, IS_TILE_4, IS_TILE_8 };
+enum is_views { IS_VIEWS_EYE, IS_VIEWS_LIGHTS };
+enum is_renormalise { IS_AS_VIEWS_ASK, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
+enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
+enum is_misprint { IS_AS_MEANT, IS_MISPRINT_TWO_PI, IS_MISPRINT_JACOBIAN, IS_MISPRINT_ONE_NUMBER };
+
+struct is_knobs {
+    int as;          /* enum is_as */
+    int samples;
+    int sampling;    /* enum is_sampling */
+    int tile;        /* enum is_tile */
+    int views;       /* enum is_views */
+    int view_size;   /* px */
+    int renormalise; /* enum is_renormalise */
+    bool jacobian, reconstruct, strength;
+    int profile;     /* enum is_profile */
+    int misprint;    /* enum is_misprint */
+};
+
+/* --- samples.c: the sample set of a material ------------------------------------------------------------------------------------ */
+
+#define IS_ENERGY 0.99 /* of the widest channel inside R' */
+
+/* Half the samples each, where both kinds are drawn; one sample is of the first kind. */
+int is_importance_samples(const struct is_knobs *k);
+int is_uniform_samples(const struct is_knobs *k);
+int is_tile_side(const struct is_knobs *k);
+
+/* R': the radius with 99 % of the energy of the widest channel; 0 for a material that returns no light. */
+double is_reach(const struct pell_frame_material *m);
+/* `reach`: R' of the uniform samples, mm. set->offset and set->rows must be freed. */
+PELL_NODISCARD enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
+                                            double reach, struct is_set *set);
+/* Radius and angle (turns) of sample k of the pixel at (x, y) of the tile, before the table stores them in single precision. */
+void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
+                   double *turns);
+
+/* --- views.c: irradiance images from the lights ----------------------------------------------------------------------------------- */
+
+#define IS_VIEWS_MOST 8 /* lights with a view; more are reported */
+
+struct is_light_view {
+    struct pell_view view;
+    float *texels; /* owned; size x size of IS_TEXEL floats */
+};
+
+/* One view per light that is not an environment, of all translucent surfaces, keys = body + 1. The renderer lends its scene. */
+PELL_NODISCARD enum pell_result is_light_views_make(struct pell_renderer *r, const struct pell_bodies *bodies, int size,
+                                                    struct is_light_view *views, int *count);
+
+extern const struct pell_method_engine pell_is_cpu;
+
+#endif

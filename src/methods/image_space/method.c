@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - importance sampling of the profile in the picture: T. Mertens, J. Kautz, P. Bekaert, F. Van Reeth, H.-P. Seidel, "Efficient
+ * Rendering of Local Subsurface Scattering", Pacific Graphics, 2003.
+ *
+ *     M(x_o) = Sum over samples and views that see p of  R(|p - x_o|) E(p) / Sum over views that see p of (N_r p_r + N_u p_u)(r') / J
+ *
+ * Samples lie in the tangent plane at x_o and go along the rays of an irradiance image to the surface. What differs from the paper:
+ * README.md.
+ */
+#include "methods/image_space/image_space.h"
+
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const sampling_names[] = { "combined", "separate", "importance", "uniform", NULL };
+static const char *const tile_names[] = { "1", "2", "4", "8", NULL };
+static const char *const views_names[] = { "eye", "eye+lights", NULL };
+static const char *const renormalise_names[] = { "auto", "weight", "count", "off", NULL };
+static const char *const profile_names[] = { "material", "dipole", NULL };
+static const char *const misprint_names[] = { "none", "two-pi", "jacobian", "one-number", NULL };
+
+#define AT(field) offsetof(struct is_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { IS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "samples", PELL_KNOB_INT, "1", AT(samples), { 16 }, 1, 16384, NULL, "samples per pixel and view" },
+    { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { IS_COMBINED }, 0, 0, sampling_names,
+      "radii as the profile is spread, uniform on a disc, or half and half: from one common distribution, or as in the paper two sets" },
+    { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
+      "side of the tile of pixels that have samples of their own; 1: all pixels have the same" },
+    { "views", PELL_KNOB_ENUM, "1", AT(views), { IS_VIEWS_EYE }, 0, 0, views_names,
+      "where light is looked up: in what the eye sees, or in what each light sees, too" },
+    { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the lights' irradiance images" },
+    { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_AS_VIEWS_ASK }, 0, 0, renormalise_names,
+      "for samples that miss: make the weights of the others sum to one, scale by their count as in the paper, or lose the light; auto: "
+      "weight for the eye alone, off where lights see the rest" },
+    { "jacobian", PELL_KNOB_BOOL, "1", AT(jacobian), { 1 }, 0, 1, NULL, "weigh by area on the surface over area in the tangent plane" },
+    { "reconstruct", PELL_KNOB_BOOL, "1", AT(reconstruct), { 1 }, 0, 1, NULL,
+      "mean over the tile along the surface, where light spreads further than it" },
+    { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
+    { "profile", PELL_KNOB_ENUM, "1", AT(profile), { IS_PROFILE_MATERIAL }, 0, 0, profile_names,
+      "the material's own, or the dipole wherever there are coefficients" },
+    { "misprint", PELL_KNOB_ENUM, "1", AT(misprint), { IS_AS_MEANT }, 0, 0, misprint_names,
+      "undo a correction of the paper's equations: 1/(2 pi) in (9), Jacobian of (8) inverted, one random number for two choices" },
+    { 0 },
+};
+#undef AT
+
+static void paper(void *values)
+{
+    struct is_knobs *k = values;
+
+    k->as = IS_PAPER;
+    k->sampling = IS_SEPARATE;
+    k->renormalise = IS_BY_COUNT;
+    k->jacobian = false;
+    k->reconstruct = false;
+    k->strength = false;
+    k->profile = IS_PROFILE_DIPOLE;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    const struct is_knobs *k = values;
+
+    *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
+    if (k->strength)
+        plan->needs |= PELL_NEED_STRENGTH;
+    if (k->views == IS_VIEWS_LIGHTS)
+        plan->needs |= PELL_NEED_SCENE | PELL_NEED_POSITION | PELL_NEED_NORMAL;
+}
+
+extern const struct pell_method pell_method_image_space;
+const struct pell_method pell_method_image_space = {
+    .kind = PELL_METHOD,
+    .name = "image-space",
+    .title = "Importance sampling of the profile in irradiance images",
+    .cite = "Tom Mertens, Jan Kautz, Philippe Bekaert, Frank Van Reeth and Hans-Peter Seidel, Efficient Rendering of Local Subsurface "
+            "Scattering, Pacific Graphics, 2003",
+    .limits = "Light that entered where no irradiance image sees is not found (views = eye+lights sees most of it). Few samples leave a "
+              "pattern where light is uneven and the profile wide.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct is_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &pell_is_cpu,
+};

@@ -1,0 +1,267 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * samples.c - the sample set of a material: radii by the inverse of the mean of its channels' distributions, and of a broad one, angles by
+ * the golden section, interleaved over a tile of pixels; and the radial tables that weigh them.
+ *
+ * With `combined` the samples of the two kinds are equal shares of their common distribution, (N_r p_r + N_u p_u)/N, by which the balance
+ * heuristic divides either kind anyway: so weights vary smoothly from sample to sample, and there is one even set in place of two.
+ */
+#include "methods/image_space/image_space.h"
+
+#include "base/base.h"
+#include "math/vec.h"
+
+#include <pellucid/sampling.h>
+
+#include <string.h>
+
+#define GOLDEN 0.3819660112501051 /* turns */
+#define SILVER 0.4142135623730950
+
+int is_importance_samples(const struct is_knobs *k)
+{
+    return k->sampling == IS_IMPORTANCE ? k->samples : k->sampling == IS_UNIFORM ? 0 : (k->samples + 1) / 2;
+}
+
+int is_uniform_samples(const struct is_knobs *k)
+{
+    return k->samples - is_importance_samples(k);
+}
+
+int is_tile_side(const struct is_knobs *k)
+{
+    return 1 << k->tile;
+}
+
+/* The same for any order of the channels, to the last bit. */
+static double sum3(const double v[3])
+{
+    double a = v[0], b = v[1], c = v[2], t;
+
+    if (a > b)
+        t = a, a = b, b = t;
+    if (b > c)
+        t = b, b = c, c = t;
+    if (a > b)
+        t = a, a = b, b = t;
+    return a + b + c;
+}
+
+static int lit_channels(const struct pell_frame_material *m, bool lit[3])
+{
+    int count = 0;
+
+    for (int c = 0; c < 3; c++) {
+        lit[c] = pell_profile_total(&m->profile[c]) > 0.0;
+        count += lit[c];
+    }
+    return count;
+}
+
+double is_reach(const struct pell_frame_material *m)
+{
+    double reach = 0.0;
+    bool lit[3];
+
+    lit_channels(m, lit);
+    for (int c = 0; c < 3; c++)
+        if (lit[c])
+            reach = fmax(reach, pell_profile_sample(&m->profile[c], IS_ENERGY));
+    return reach;
+}
+
+/* The broad part of `combined`: density 1/(1 + r^2/R0^2)^2 over pi R0^2. It is nearly uniform well inside R', and goes on beyond, where
+ * a disc would leave the few samples of the profile's own tail with weights of 3/N_r. */
+#define BROAD_PART (1.0 / 3.0) /* R0/R' */
+
+/* The radius with the share xi inside it of a mixture: of the mean of the channels' distributions (`profiles` parts of the whole) and of
+ * the broad density (the other parts), where there is one: reach > 0. */
+static double mixture_radius(const struct pell_frame_material *m, double profiles, double reach, double xi)
+{
+    const bool two = profiles < 1.0 && reach > 0.0;
+    const double broad2 = reach * reach * BROAD_PART * BROAD_PART, broad = two ? sqrt(broad2 * xi / (1.0 - xi)) : 0.0;
+    double low = INFINITY, high = 0.0;
+    bool lit[3];
+    const int count = lit_channels(m, lit);
+
+    for (int c = 0; c < 3 && profiles > 0.0; c++) {
+        if (!lit[c])
+            continue;
+        const double r = pell_profile_sample(&m->profile[c], xi);
+        low = fmin(low, r);
+        high = fmax(high, r);
+    }
+    if (count == 0)
+        return 0.0;
+    if (two) {
+        low = fmin(low, broad);
+        high = fmax(high, broad);
+    }
+    for (int i = 0; i < 40 && high - low > 1e-7 * high; i++) {
+        const double mid = 0.5 * (low + high), of_broad = two ? mid * mid / (mid * mid + broad2) : 0.0;
+        double inside[3] = { 0 };
+        for (int c = 0; c < 3; c++)
+            inside[c] = lit[c] ? pell_profile_cdf(&m->profile[c], mid) : 0.0;
+        if (profiles * sum3(inside) / count + (1.0 - profiles) * of_broad < xi)
+            low = mid;
+        else
+            high = mid;
+    }
+    return 0.5 * (low + high);
+}
+
+/* The paper's recipe as it is printed: the number that chose the pole is not stretched again. */
+static double misprinted_radius(const struct pell_frame_material *m, int k, double xi)
+{
+    bool lit[3];
+    const int count = lit_channels(m, lit);
+    int pick = count > 0 ? k % count : 0;
+
+    for (int c = 0; c < 3; c++) {
+        if (!lit[c] || pick-- > 0)
+            continue;
+        const struct pell_dipole d = pell_dipole_make(m->medium.sigma_a[c], m->medium.sigma_s_reduced[c], m->medium.eta,
+                                                      PELL_FRESNEL_EXACT);
+        return pell_pole_sample(xi < pell_dipole_real_share(&d) ? d.zr : d.zv, d.sigma_tr, xi);
+    }
+    return 0.0;
+}
+
+/* --- Which sample where --------------------------------------------------------------------------------------------------------- */
+
+/* Ranks of a Bayer matrix of side n, a power of two: neighbours differ by much. */
+static int bayer(int x, int y, int n)
+{
+    int rank = 0;
+
+    for (int bit = 1, weight = n * n / 4; bit < n; bit *= 2, weight /= 4)
+        rank += weight * ((((x ^ y) & bit) ? 2 : 0) + ((y & bit) ? 1 : 0));
+    return rank;
+}
+
+/* Sample i of a pixel lies in the i-th of equal shares of the light, and there in the part that is the pixel's rank in the tile: all
+ * samples of a tile have shares of their own. Angles go on by the golden section from sample to sample and by sqrt(2) - 1 from rank to
+ * rank, both as hard to meet by fractions as numbers are, so each pixel's samples and those of the tile in each share are even. */
+void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
+                   double *turns)
+{
+    const int n = is_tile_side(knobs), patterns = n * n, importance = is_importance_samples(knobs);
+    const bool both = knobs->sampling == IS_COMBINED, uniform = !both && k >= importance;
+    const int count = both ? knobs->samples : uniform ? is_uniform_samples(knobs) : importance, i = uniform ? k - importance : k;
+    const int rank = bayer(x % n, y % n, n);
+    const double xi = ((double) i + ((double) rank + 0.5) / patterns) / (double) count;
+    const double turn = (double) i * GOLDEN + (double) rank * SILVER + (uniform ? 0.5 * GOLDEN : 0.0);
+
+    if (both)
+        *r_mm = mixture_radius(m, (double) importance / knobs->samples, reach, xi);
+    else if (uniform)
+        *r_mm = reach * sqrt(xi);
+    else if (knobs->misprint == IS_MISPRINT_ONE_NUMBER && m->gaussians.count == 0 && pell_medium_valid(&m->medium, NULL))
+        *r_mm = misprinted_radius(m, i, xi);
+    else
+        *r_mm = mixture_radius(m, 1.0, 0.0, xi);
+    *turns = turn - floor(turn);
+}
+
+/* --- Tables ----------------------------------------------------------------------------------------------------------------------- */
+
+/* A row's four values at a squared radius, in units of length^2. */
+static void row_at(const struct pell_frame_material *m, double length, double square, double out[4])
+{
+    const double r = length * sqrt(square);
+    bool lit[3];
+    const int count = lit_channels(m, lit);
+
+    for (int c = 0; c < 3; c++)
+        out[c] = lit[c] ? fmin(pell_profile_pdf(&m->profile[c], r) * length * length, 1e12) : 0.0;
+    out[3] = count > 0 ? sum3(out) / count : 0.0;
+}
+
+static double square_of(int row)
+{
+    const uint32_t bits = ((uint32_t) (127 - IS_OCTAVES) << 23) + ((uint32_t) row << IS_SHIFT);
+    float square;
+
+    memcpy(&square, &bits, sizeof(square));
+    return (double) square;
+}
+
+static void make_rows(const struct pell_frame_material *m, double length, float (*rows)[8])
+{
+    double now[4], next[4];
+
+    row_at(m, length, square_of(0), next);
+    for (int i = 0; i < IS_ROWS; i++) {
+        memcpy(now, next, sizeof(now));
+        row_at(m, length, square_of(i + 1), next);
+        for (int c = 0; c < 4; c++) {
+            rows[i][c] = (float) now[c];
+            rows[i][4 + c] = (float) (next[c] - now[c]);
+        }
+    }
+}
+
+/* The density as the kernels see it. */
+static double density_at(const float (*rows)[8], double square)
+{
+    const double at = fmax(square, square_of(0));
+    const int octave = (int) floor(log2(at));
+    const double part = (at / exp2(octave) - 1.0) * IS_ROWS_OCTAVE + (double) (octave + IS_OCTAVES) * IS_ROWS_OCTAVE;
+    const int row = (int) part;
+
+    if (row >= IS_ROWS)
+        return 0.0;
+    return (double) rows[row][3] + (part - row) * (double) rows[row][7];
+}
+
+/* N_u p_u. */
+static double other_density(const struct is_set *set, double square)
+{
+    const double fall = 1.0 + (set->broad2 > 0.0f ? square / (double) set->broad2 : 0.0);
+
+    return set->broad2 > 0.0f || square <= (double) set->reach2 ? (double) set->uniform / (fall * fall) : 0.0;
+}
+
+enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs, double reach,
+                             struct is_set *set)
+{
+    const int n = is_tile_side(knobs), importance = is_importance_samples(knobs), uniform = is_uniform_samples(knobs);
+    const double median = mixture_radius(m, 1.0, 0.0, 0.5), length = median > 1e-15 ? fmin(median, 1e15) : 1e-15;
+    bool lit[3];
+
+    memset(set, 0, sizeof(*set));
+    lit_channels(m, lit);
+    set->owned = true;
+    set->per_length2 = (float) (1.0 / (length * length));
+    set->reach2 = (float) (reach * reach / (length * length));
+    set->broad2 = knobs->sampling == IS_COMBINED ? (float) (BROAD_PART * BROAD_PART) * set->reach2 : 0.0f;
+    if (uniform > 0 && reach > 0.0)
+        set->uniform = (float) uniform / (PELL_PI_F * (set->broad2 > 0.0f ? set->broad2 : set->reach2));
+    for (int c = 0; c < 3; c++) {
+        const double total = pell_profile_total(&m->profile[c]);
+        set->scale[c] = lit[c] ? (m->white ? 1.0f : (float) total) : 0.0f;
+        set->quarter[c] = lit[c] ? (float) pell_profile_sample(&m->profile[c], 0.25) : 0.0f;
+    }
+    set->offset = pell_calloc(ctx, (size_t) n * (size_t) knobs->samples * 3 * IS_BLOCK, sizeof(float));
+    set->rows = pell_calloc(ctx, IS_ROWS, sizeof(*set->rows));
+    if (!set->offset || !set->rows)
+        return PELL_ERR_NOMEM;
+    make_rows(m, length, set->rows);
+    for (int y = 0; y < n; y++)
+        for (int x = 0; x < n; x++)
+            for (int k = 0; k < knobs->samples; k++) {
+                float *to = set->offset + ((size_t) y * (size_t) knobs->samples + (size_t) k) * 3 * IS_BLOCK + x;
+                double r, turns, square, density;
+                is_set_sample(m, knobs, reach, x, y, k, &r, &turns);
+                r = fmin(r, 1e15);
+                square = r * r / (length * length);
+                density = importance * density_at((const float (*)[8]) set->rows, square);
+                density += other_density(set, square);
+                for (int l = 0; l < IS_BLOCK; l += n) {
+                    to[l] = (float) (r * cos(2.0 * PELL_PI * turns));
+                    to[l + IS_BLOCK] = (float) (r * sin(2.0 * PELL_PI * turns));
+                    to[l + 2 * IS_BLOCK] = density > 1e-20 ? (float) (1.0 / density) : 0.0f;
+                }
+            }
+    return PELL_OK;
+}

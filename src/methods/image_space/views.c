@@ -1,0 +1,153 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * views.c - irradiance images from the lights: what each light sees of the translucent surfaces, and all the light that enters there.
+ */
+#include "methods/image_space/image_space.h"
+
+#include "math/vec.h"
+#include "render/renderer.h"
+
+#include <string.h>
+
+#define WIDEST 1.0471976f /* half the view of a light that stands among the things: 60 degrees */
+#define STEEPEST 20.0f    /* 1/cos; what is steeper is left to other views */
+
+struct view_task {
+    const struct pell_renderer *r;
+    const struct pell_bodies *bodies;
+    const struct is_light_view *to;
+};
+
+/* The view's frame is x right, y down, z forward. */
+static void write_texel(const struct view_task *t, int i, const struct pell_ray_hit16 *hit, const struct pell_points_light *light,
+                        float *out)
+{
+    const struct pell_view *v = &t->to->view;
+    const struct pell_vec3 p = vec3_sub(vec3(light->position[0][i], light->position[1][i], light->position[2][i]), v->origin);
+    const struct pell_vec3 normal = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
+    const float at[3] = { vec3_dot(p, v->right), -vec3_dot(p, v->up), vec3_dot(p, v->forward) };
+    const float n[3] = { vec3_dot(normal, v->right), -vec3_dot(normal, v->up), vec3_dot(normal, v->forward) };
+    const float plane = n[0] * at[0] + n[1] * at[1] + n[2] * at[2];
+    const float distance = sqrtf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+    const int32_t body = t->bodies->of_mesh[hit->hit.mesh[i]];
+
+    if (body < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * STEEPEST < 1.0f : fabsf(plane) * STEEPEST < distance) ||
+        !(v->orthographic || at[2] > 0.0f))
+        return;
+    for (int c = 0; c < 3; c++)
+        out[IS_RED + c] = light->irradiance[c][i];
+    out[IS_W] = v->orthographic ? at[2] : 1.0f / at[2];
+    out[IS_GU] = (v->orthographic ? -n[0] / n[2] : n[0] / plane) / v->focal_px;
+    out[IS_GV] = (v->orthographic ? -n[1] / n[2] : n[1] / plane) / v->focal_px;
+    out[IS_H] = 1.0f / fabsf(v->orthographic ? n[2] : plane);
+    out[IS_KEY] = (float) (body + 1);
+}
+
+static void view_row(void *arg, int y, int worker)
+{
+    const struct view_task *t = arg;
+    const struct pell_view *v = &t->to->view;
+    _Alignas(64) int open[16];
+
+    (void) worker;
+    for (int x = 0; x < v->width; x += 16) {
+        struct pell_ray_hit16 hit;
+        struct pell_points points;
+        struct pell_points_light light;
+        float *out = t->to->texels + IS_TEXEL * ((size_t) y * (size_t) v->width + (size_t) x), spacing = 0.0f;
+        int count = 0;
+
+        memset(&hit, 0, sizeof(hit));
+        for (int i = 0; i < 16; i++) {
+            struct pell_vec3 start, direction;
+            pell_view_ray(v, (float) (x + i), (float) y, &start, &direction);
+            open[i] = x + i < v->width ? -1 : 0;
+            hit.ray.ox[i] = start.x;
+            hit.ray.oy[i] = start.y;
+            hit.ray.oz[i] = start.z;
+            hit.ray.dx[i] = direction.x;
+            hit.ray.dy[i] = direction.y;
+            hit.ray.dz[i] = direction.z;
+            hit.ray.tfar[i] = INFINITY;
+            hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
+            hit.hit.mesh[i] = PELL_NO_HIT;
+        }
+        pell_rays_closest16(pell_renderer_rays(t->r), open, true, &hit);
+        for (int i = 0; i < 16; i++) {
+            const bool is = open[i] && hit.hit.mesh[i] < t->bodies->num_meshes;
+            points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
+            points.triangle[i] = hit.hit.triangle[i];
+            points.u[i] = hit.hit.u[i];
+            points.v[i] = hit.hit.v[i];
+            points.number[i] = (uint32_t) (y * v->width + x + i);
+            spacing += is ? (v->orthographic ? 1.0f : hit.ray.tfar[i]) / v->focal_px : 0.0f;
+            count += is;
+        }
+        if (count == 0)
+            continue;
+        pell_renderer_light(t->r, &points, -1.0f, spacing / (float) count, 0, pell_renderer_samples(t->r), &light);
+        for (int i = 0; i < 16; i++)
+            if (points.mesh[i] != PELL_NO_HIT)
+                write_texel(t, i, &hit, &light, out + IS_TEXEL * i);
+    }
+}
+
+/* A square picture from the light that just holds the scene's bounds; false where the light shows nothing. */
+static bool aim(const struct pell_scene *scene, const struct pell_light *light, int size, struct pell_view *v)
+{
+    const struct pell_vec3 low = vec3_load(scene->bounds_min), high = vec3_load(scene->bounds_max);
+    const struct pell_vec3 middle = vec3_mul(vec3_add(low, high), 0.5f);
+    const float radius = 0.5f * vec3_length(vec3_sub(high, low)) * 1.0001f;
+    struct pell_vec3 way = vec3_sub(middle, vec3_load(light->position));
+    float distance;
+
+    *v = (struct pell_view) { .width = size, .height = size };
+    if (!(radius > 0.0f && radius < 1e15f))
+        return false;
+    if (light->type == PELL_LIGHT_DIRECTIONAL) {
+        v->orthographic = true;
+        v->forward = vec3_normalize(vec3_load(light->direction));
+        v->origin = vec3_mad(middle, -2.0f * radius, v->forward);
+        v->focal_px = (float) size / (2.0f * radius);
+    } else {
+        distance = vec3_length(way);
+        v->origin = vec3_load(light->position);
+        v->forward = distance > 1e-6f * radius ? vec3_mul(way, 1.0f / distance) : vec3(0.0f, 0.0f, -1.0f);
+        v->focal_px = 0.5f * (float) size / tanf(distance > radius ? fminf(asinf(radius / distance), WIDEST) : WIDEST);
+    }
+    vec3_basis(v->forward, &v->right, &v->up);
+    return v->focal_px > 0.0f && isfinite(v->focal_px);
+}
+
+enum pell_result is_light_views_make(struct pell_renderer *r, const struct pell_bodies *bodies, int size, struct is_light_view *views,
+                                     int *count)
+{
+    struct pell_context *ctx = pell_renderer_context(r);
+    const struct pell_scene *scene = pell_renderer_scene(r);
+    size_t left = 0;
+
+    *count = 0;
+    for (size_t i = 0; i < scene->num_lights; i++) {
+        struct is_light_view *to = &views[*count];
+        struct view_task task = { r, bodies, to };
+        struct pell_view v;
+        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || !aim(scene, &scene->lights[i], size, &v))
+            continue;
+        if (*count == IS_VIEWS_MOST) {
+            left++;
+            continue;
+        }
+        to->view = v;
+        to->texels = pell_calloc(ctx, (size_t) size * (size_t) size, IS_TEXEL * sizeof(float));
+        if (!to->texels)
+            return PELL_ERR_NOMEM;
+        ++*count;
+        pell_pool_run(pell_renderer_pool(r), size, view_row, &task);
+        if (pell_cancelled(ctx))
+            return PELL_ERR_CANCELLED;
+    }
+    if (left > 0)
+        pell_warn(ctx, "image-space", "leave out the dimmest", "%zu lights have no irradiance image of their own, at most %d have one",
+                  left, IS_VIEWS_MOST);
+    return PELL_OK;
+}
