@@ -71,7 +71,8 @@ struct pell_compare_input {
 struct pell_metrics {
     int64_t pixels; /* that count; 0: all numbers are 0 */
     double mse, rel_mse; /* without the reference's noise, not below 0; rel_mse is infinite where the reference is all black */
-    double noise_mse, noise_rel_mse; /* what was taken off: 0 without halves */
+    double noise_mse, noise_rel_mse; /* what was taken off: 0 without halves or a variance */
+    double floor;        /* e of rel_mse, in the unit of the pictures */
     double mae, bias[3], rel_bias[3]; /* rel_bias: 0 where the reference's mean is */
     double ssim, ssim_rgb[3];
     double flip, flip_hdr; /* flip_hdr: 0 of display pictures */

@@ -86,7 +86,7 @@ PELL_API void pell_context_cancel(struct pell_context *ctx);
  * (pell_picture.partial), and later calls go on as if nothing had happened; anywhere else the same as pell_context_cancel.
  * Async-signal-safe. */
 PELL_API void pell_context_interrupt(struct pell_context *ctx);
-/* Whether a picture has been asked to end early. */
+/* Whether a picture that is being made, or else the last one that could end early, has been asked to. Thread-safe. */
 PELL_API bool pell_context_interrupted(const struct pell_context *ctx);
 
 PELL_API const struct pell_limits *pell_context_limits(const struct pell_context *ctx);

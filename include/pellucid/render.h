@@ -76,7 +76,8 @@ struct pell_checkpoint {
 
 /* From the next frame on; NULL: no file. Copied. A file that is there is read before the first sample and must be of the same scene, size,
  * seed and knobs, else the frame fails with PELL_ERR_FORMAT or PELL_ERR_INVALID and the file stays as it is. It is replaced as a whole,
- * never half-written. PELL_ERR_UNSUPPORTED at the frame for a method that keeps nothing (pell_method.partial). */
+ * never half-written. PELL_ERR_INVALID at once: no path, or `every` not in (0, 1e9]; PELL_ERR_UNSUPPORTED at the frame for a method that
+ * keeps nothing (pell_method.partial). */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint);
 
 /* One stage of a frame. */

@@ -117,20 +117,26 @@ void pell_context_cancel(struct pell_context *ctx)
 
 void pell_context_interrupt(struct pell_context *ctx)
 {
-    if (atomic_load(&ctx->partial) > 0)
-        atomic_store(&ctx->interrupted, true);
-    else
-        atomic_store(&ctx->cancelled, true);
+    unsigned partial = atomic_load(&ctx->partial);
+
+    while (partial >= 2)
+        if (atomic_compare_exchange_weak(&ctx->partial, &partial, partial | 1))
+            return;
+    atomic_store(&ctx->cancelled, true);
 }
 
 bool pell_context_interrupted(const struct pell_context *ctx)
 {
-    return atomic_load_explicit(&ctx->interrupted, memory_order_relaxed);
+    return atomic_load_explicit(&ctx->partial, memory_order_relaxed) & 1;
 }
 
 void pell_partial(struct pell_context *ctx, int change)
 {
-    atomic_fetch_add(&ctx->partial, change);
+    unsigned partial = atomic_load(&ctx->partial), next;
+
+    do /* the first of several forgets what those before were asked */
+        next = (change > 0 && partial < 2 ? 0 : partial) + 2 * (unsigned) change;
+    while (!atomic_compare_exchange_weak(&ctx->partial, &partial, next));
 }
 
 bool pell_cancelled(const struct pell_context *ctx)

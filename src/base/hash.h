@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * hash.h - 64 bits that stand for content: metadata, checkpoint files. No defence against an adversary.
+ * hash.h - 64 bits that stand for content: metadata, checkpoint files; 32 bits for patterns of samples. No defence against an adversary.
  */
 #ifndef PELL_HASH_H
 #define PELL_HASH_H
@@ -37,6 +37,16 @@ static inline uint64_t pell_hash_number(uint64_t hash, double value)
 {
     value += 0.0;
     return pell_hash_bytes(hash, &value, sizeof(value));
+}
+
+/* All bits hang on all: neighbouring numbers become unlike ones (C. Wellons 2018, "Prospecting for Hash Functions"). */
+static inline uint32_t pell_hash(uint32_t x)
+{
+    x ^= x >> 16;
+    x *= 0x7feb352du;
+    x ^= x >> 15;
+    x *= 0x846ca68bu;
+    return x ^ x >> 16;
 }
 
 #endif

@@ -14,7 +14,7 @@ struct row {
     const char *against;       /* what `ratio` is a ratio to */
     int64_t pixels, rays, bytes;
     double error;  /* of the result, where it is measured; else NAN */
-    int64_t items; /* radii that `ms` is for; 0: none */
+    int64_t items; /* radii or samples that `ms` is for; 0: none */
     double work;   /* seconds of processor time times relative variance, where it is measured; else NAN */
 };
 
@@ -23,6 +23,8 @@ struct rows {
     size_t count;
 };
 
+/* A frame; one that Ctrl-C ended early is no measurement: PELL_ERR_CANCELLED. */
+enum pell_result bench_frame(struct pell_renderer *renderer, const struct pell_settings *settings, struct pell_picture *picture);
 /* Sorts the values. */
 double bench_median(double *values, int count);
 /* NULL where there is no more room. */
@@ -33,5 +35,7 @@ json_t *bench_json(const struct rows *rows);
 enum exit_code bench_profiles(struct cli *cli);
 /* bench_truth.c, of the scene at `path` */
 enum exit_code bench_truth(struct cli *cli, const char *path);
+/* bench_mertens.c */
+enum exit_code bench_mertens(struct cli *cli, const char *path);
 
 #endif

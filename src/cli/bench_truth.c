@@ -108,7 +108,7 @@ static enum pell_result shoot(struct bench *b, int64_t seed, int width, int heig
     settings.height = height;
     settings.layers = true;
     begin = processor_ms();
-    res = pell_renderer_render(b->s.renderer, &settings, &p);
+    res = bench_frame(b->s.renderer, &settings, &p);
     shot->ms = processor_ms() - begin;
     cli_progress_end(b->cli);
     if (res != PELL_OK)

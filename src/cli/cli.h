@@ -168,6 +168,8 @@ json_t *session_stages(const struct pell_picture *picture);
 /* Writes the picture in a format of pell_write_formats, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */
 PELL_NODISCARD enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_picture *picture,
                                               const char *path, const char *format, uint64_t scene_hash, uint64_t materials_hash);
+/* Where neither the command line nor the scene names one. */
+#define CLI_DEFAULT_METHOD "screen-space"
 /* Layers that hold light that went through a material; a picture has some of them. */
 extern const char *const cli_subsurface_layers[3];
 /* The processor's name; "processor" where the system does not say. */

@@ -37,6 +37,12 @@ struct row *bench_add(struct rows *rows, const char *name, double ms)
     return r;
 }
 
+enum pell_result bench_frame(struct pell_renderer *renderer, const struct pell_settings *settings, struct pell_picture *picture)
+{
+    const enum pell_result res = pell_renderer_render(renderer, settings, picture);
+    return res == PELL_OK && picture->partial ? PELL_ERR_CANCELLED : res;
+}
+
 /* Renders `repeats` warm frames; medians of the frame and, where `stages` is given, of each stage. */
 static enum pell_result warm_frames(struct cli *cli, struct session *s, struct pell_renderer *renderer, int repeats, double *frame_ms,
                                     struct rows *stages)
@@ -46,7 +52,7 @@ static enum pell_result warm_frames(struct cli *cli, struct session *s, struct p
     enum pell_result res = frames ? PELL_OK : PELL_ERR_NOMEM;
 
     for (int i = 0; i < repeats && res == PELL_OK; i++) {
-        res = pell_renderer_render(renderer, &s->settings, &p);
+        res = bench_frame(renderer, &s->settings, &p);
         frames[i] = 1e3 * p.seconds;
         for (size_t k = 0; k < p.num_stages && k < MAX_STAGES; k++)
             frames[(k + 1) * (size_t) repeats + (size_t) i] = p.stages[k].ms;
@@ -106,7 +112,7 @@ static enum pell_result one_thread(struct cli *cli, struct session *s, int repea
     if (res == PELL_OK)
         res = pell_renderer_set_method(r, s->method, s->knobs);
     if (res == PELL_OK)
-        res = pell_renderer_render(r, &s->settings, &p);
+        res = bench_frame(r, &s->settings, &p);
     if (res == PELL_OK)
         res = warm_frames(cli, s, r, repeats, ms, NULL);
     pell_renderer_destroy(&r);
@@ -131,7 +137,7 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
     enum pell_result res;
 
     cli->progress.parts = 2 + repeats * (pell_renderer_threads(s->renderer) > 1 ? 4 : 3);
-    PELL_TRY(pell_renderer_render(s->renderer, &s->settings, &p));
+    PELL_TRY(bench_frame(s->renderer, &s->settings, &p));
     cold = 1e3 * p.seconds;
     *rect = p.rect;
     PELL_TRY(warm_frames(cli, s, s->renderer, repeats, &warm, rows));
@@ -317,6 +323,13 @@ enum exit_code command_bench(struct cli *cli)
         return cli_usage(cli, cli->common.items[0].where, NULL, "has no effect on the bench truth, which chooses its samples");
     if (truth && code == EXIT_OK)
         return bench_truth(cli, path);
+    if (strcmp(what, "mertens") == 0) {
+        for (size_t i = 0; i < 2; i++)
+            if (cli_given(cli, rendering[i]))
+                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench mertens, which chooses its methods");
+        if (code == EXIT_OK)
+            return bench_mertens(cli, path);
+    }
     cli->stats = true; /* times are compared with copies */
     if (code == EXIT_OK)
         code = session_open(cli, path, &s);

@@ -13,13 +13,6 @@
 
 enum { COLORS = 1024 };
 
-static bool is_knob(const struct pell_knob *k, const char *name)
-{
-    while (k->name && strcmp(k->name, name) != 0)
-        k++;
-    return k->name != NULL;
-}
-
 enum pell_result compare_params(struct cli *cli, struct pell_compare_params *params)
 {
     enum pell_result res = PELL_OK;
@@ -28,7 +21,7 @@ enum pell_result compare_params(struct cli *cli, struct pell_compare_params *par
     params->threads = cli->numbers.threads;
     for (size_t i = 0; res == PELL_OK && i < cli->settings.count; i++) {
         const struct pell_setting *s = &cli->settings.items[i];
-        if (is_knob(pell_compare_knobs, s->name))
+        if (pell_knob_find(pell_compare_knobs, s->name))
             res = pell_knob_set(cli->ctx, pell_compare_knobs, "compare", s->where, params, s->name, s->value);
     }
     return res;

@@ -13,7 +13,7 @@
 #include <string.h>
 #include <zlib.h>
 
-#define BASE64 4 * 1024 /* letters of one write */
+#define BASE64 4096 /* letters of one write; whole groups of 4 */
 
 /* Made by report/embed.py of report.html, report.css and the scripts: the page up to its title, from there to its data, and the rest. */
 extern const char report_page_head[], report_page_body[], report_page_end[];
@@ -172,40 +172,18 @@ enum pell_result report_map(struct report *r, const float *map, ptrdiff_t stride
     return put_packed(r, all, id);
 }
 
-/* e of relative errors: see pellucid/compare.h. */
-static double floor_of(const struct pell_compare_input *in, double share)
-{
-    double sum = 0.0;
-    int64_t count = 0;
-
-    for (int y = 0; y < in->height; y++)
-        for (int x = 0; x < in->width; x++) {
-            const size_t at = (size_t) (y * in->stride + x);
-            double l = 0.0;
-            for (int c = 0; c < 3; c++) {
-                static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
-                const double b1 = in->reference[c][at], b2 = in->half[0] ? in->half[c][at] : b1;
-                l += weight[c] * 0.5 * (b1 + b2);
-            }
-            if ((in->mask && !(in->mask[at] > 0.5f)) || !isfinite(l))
-                continue;
-            sum += fabs(l);
-            count++;
-        }
-    return count > 0 ? share * sum / (double) count : 0.0;
-}
-
 json_t *report_view(struct report *r, const char *id, const char *title, const char *text, const struct pell_compare_input *in,
                     const struct pell_compare_params *params, const struct pell_comparison *result)
 {
     static const char *const curves[] = { "reinhard", "aces", "linear" };
+    const struct pell_metrics *m = in->mask ? &result->masked : &result->whole;
     json_t *mask = json_null(), *o;
 
     if (in->mask && report_map(r, in->mask, in->stride, &mask) != PELL_OK)
         return NULL;
     o = json_pack("{s:s,s:s,s:s,s:o,s:s,s:f,s:f,s:I}", "id", id, "title", title, "text", text, "mask", mask, "tonemap",
-                  in->display ? "linear" : curves[params->tonemap], "floor", floor_of(in, (double) params->floor), "ppd",
-                  (double) params->ppd, "pixels", (json_int_t) (in->mask ? result->masked.pixels : result->whole.pixels));
+                  in->display ? "linear" : curves[params->tonemap], "floor", m->floor, "ppd",
+                  (double) params->ppd, "pixels", (json_int_t) m->pixels);
     if (o)
         compare_add_shown(o, result, in->display);
     return o;

@@ -55,17 +55,14 @@ struct job {
     struct light references[MAX_REFERENCES];
     float *masked;                    /* all light of translucent pixels of the references, 3 planes each: made for methods that mix */
     double rel_noise[MAX_REFERENCES]; /* NAN: not known */
-    json_t *methods, *views, *shown, *model_error, *shown_as;
+    json_t *methods, *views, *model_error, *shown_as;
 };
 
 /* --- Who is compared ---------------------------------------------------------------------------------------------------------- */
 
 static const struct pell_knob *find_knob(const struct pell_method *method, const char *name)
 {
-    for (const struct pell_knob *k = method ? method->knobs : NULL; k && k->name; k++)
-        if (strcmp(k->name, name) == 0)
-            return k;
-    return NULL;
+    return method ? pell_knob_find(method->knobs, name) : NULL;
 }
 
 static bool on_engine(const struct session *s, const struct pell_method *method)
@@ -199,7 +196,7 @@ static enum exit_code choose_runs(struct cli *cli, struct job *job)
 static enum exit_code configure(struct cli *cli, const struct job *job, const struct pell_scene *scene, struct run *run)
 {
     const bool reference = run < job->runs + job->num_references;
-    const char *own = "screen-space";
+    const char *own = CLI_DEFAULT_METHOD;
     struct settings_list list = { 0 };
     struct pell_plan plan = { 0 };
     enum pell_result res = PELL_OK;
@@ -485,6 +482,7 @@ static enum pell_result render_all(struct cli *cli, struct job *job)
         struct light own = { NULL }, *l = i < job->num_references ? &job->references[i] : &own;
 
         cli->progress.part = (int) i;
+        cli->progress.fraction = 2.0; /* another task: the speed of the one before says nothing of it */
         PELL_TRY(render(cli, job, run, l));
         run->answer = run_json(job, run);
         if (i >= job->num_references) {
@@ -644,16 +642,14 @@ static void leave_out(struct job *job)
 /* --- The command -------------------------------------------------------------------------------------------------------------- */
 
 /* What only comparing knows is taken out of the settings before the renderer sees them; the exposure is of both. */
-static enum exit_code split_settings(struct cli *cli)
+static void split_settings(struct cli *cli)
 {
     size_t kept = 0;
 
     for (size_t i = 0; i < cli->settings.count; i++) {
         struct pell_setting *s = &cli->settings.items[i];
-        const struct pell_knob *k = pell_settings_knobs;
-        while (k->name && strcmp(k->name, s->name) != 0)
-            k++;
-        if (k->name && strcmp(s->name, "tonemap") != 0) { /* pictures are written without it, and comparing knows more of them */
+        /* Pictures are written without a curve, and comparing knows more of them. */
+        if (pell_knob_find(pell_settings_knobs, s->name) && strcmp(s->name, "tonemap") != 0) {
             cli->settings.items[kept++] = *s;
             continue;
         }
@@ -662,7 +658,6 @@ static enum exit_code split_settings(struct cli *cli)
         free((char *) s->where);
     }
     cli->settings.count = kept;
-    return EXIT_OK;
 }
 
 static enum exit_code open_scene(struct cli *cli, struct job *job)
@@ -676,7 +671,7 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
     for (size_t i = 0; i < job->num_runs && code == EXIT_OK; i++)
         code = configure(cli, job, NULL, &job->runs[i]);
     if (code == EXIT_OK)
-        code = split_settings(cli);
+        split_settings(cli);
     if (code == EXIT_OK)
         code = session_open(cli, cli->arguments[0], s);
     if (code == EXIT_OK)

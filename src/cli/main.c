@@ -72,9 +72,10 @@ static const struct command commands[] = {
       "al. 2004) and FLIP (Andersson et al. 2020; of linear light also HDR-FLIP, 2021), over the pixels of a mask and over the whole "
       "picture. SSIM and FLIP judge what is shown: both pictures under the exposure and the curve of B.\n"
       "\n"
-      "A reference that was made by sampling has noise of its own: render it twice, with two seeds, and give the second as --half; dipole "
-      "tells its own. With -o a folder gets report.html, one file for any browser, and metrics.json; of a scene, every picture as EXR and "
-      "the errors of each; of two pictures, relative.png (blue: too dark, red: too bright, +-50 %), flip.png, flip_hdr.png (black 0, light "
+      "A reference that was made by sampling has noise of its own: render it twice, with two seeds, and give the second as --half; dipole, "
+      "single-scatter and path-trace tell their own. With -o a folder gets report.html, one file for any browser, and metrics.json; of a "
+      "scene, every picture as EXR and the errors of each; of two pictures, relative.png (blue: too dark, red: too bright, +-50 %), "
+      "flip.png, flip_hdr.png (black 0, light "
       "yellow 1) and errors.exr with the numbers behind them.\n",
       "  pellucid compare bunny.obj --material wholemilk --size 70mm -o report/\n"
       "  pellucid compare bunny.obj --size 70mm --material marble --methods screen-space:gaussians=6,none\n"

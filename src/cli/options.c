@@ -134,14 +134,6 @@ static const struct option options[] = {
 
 #define MAX_OPTIONS 64
 
-static const struct pell_knob *find_knob(const struct pell_knob *knobs, const char *name)
-{
-    for (; knobs->name; knobs++)
-        if (strcmp(knobs->name, name) == 0)
-            return knobs;
-    return NULL;
-}
-
 /* The options that a command takes: the rows of its groups, then the knobs of the picture or of comparing. */
 static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
 {
@@ -152,7 +144,7 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
             list[n++] = options[i];
     for (const struct pell_knob *k = pell_settings_knobs; (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "layers") != 0 && /* follows from the format */
-            !((groups & OPTIONS_COMPARE) && find_knob(pell_compare_knobs, k->name))) /* one row for both: the other has more choices */
+            !((groups & OPTIONS_COMPARE) && pell_knob_find(pell_compare_knobs, k->name))) /* one row for both: the other has more choices */
             list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
     for (const struct pell_knob *k = pell_compare_knobs; (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "threads") != 0) /* of the engine's options */

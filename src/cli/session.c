@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DEFAULT_METHOD "screen-space"
 #define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
 
 const char *const cli_subsurface_layers[3] = { "diffuse.single", "diffuse.multiple", "transmission" };
@@ -253,7 +252,7 @@ static enum exit_code load(struct cli *cli, const char *path, struct session *s)
 static enum exit_code configure(struct cli *cli, struct session *s)
 {
     struct settings_list settings = { 0 }, knobs = { 0 }, common = { 0 };
-    struct pell_setting method = { "method", DEFAULT_METHOD, "--method" };
+    struct pell_setting method = { "method", CLI_DEFAULT_METHOD, "--method" };
     enum exit_code code = merge_scene_options(s->scene, &settings, &knobs, &common, &method);
 
     if (code == EXIT_OK && cli->method) {

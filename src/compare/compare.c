@@ -95,7 +95,6 @@ struct job {
     struct pell_flip_filters filters;
     float window[PELL_SSIM_RADIUS + 1];
     struct pell_tone tone;
-    double floor[REGIONS]; /* e of rel_mse */
     double hdr_step;
     int pad, across, down, first_tile;
     size_t light_floats; /* of one padded plane */
@@ -298,7 +297,7 @@ static void take_stock(struct job *job)
     for (int region = 0; region < REGIONS; region++) {
         metrics[region]->pixels = all.pixels[region];
         if (all.pixels[region] > 0)
-            job->floor[region] = (double) job->params->floor * (all.luminance[region] / (double) all.pixels[region]);
+            metrics[region]->floor = (double) job->params->floor * (all.luminance[region] / (double) all.pixels[region]);
     }
     choose_tone(job, &all);
     if (!job->in->display)
@@ -334,7 +333,7 @@ static void sum_row(void *arg, int y, int worker)
     const struct pell_compare_input *in = job->in;
     struct sums *sums = job->sums + (size_t) y * REGIONS;
     float *relative = job->out->relative + (size_t) y * (size_t) in->width;
-    const double e = job->floor[job->floor[MASKED] > 0.0 ? MASKED : WHOLE];
+    const double e = job->out->masked.floor > 0.0 ? job->out->masked.floor : job->out->whole.floor;
     (void) worker;
 
     memset(sums, 0, REGIONS * sizeof(*sums));
@@ -349,9 +348,9 @@ static void sum_row(void *arg, int y, int worker)
         relative[x] = ratio < (double) RELATIVE_MAX ? ratio > -(double) RELATIVE_MAX ? (float) ratio : -RELATIVE_MAX : RELATIVE_MAX;
         if (p.bad_test || p.bad_reference)
             continue;
-        add_pixel(&p, job->floor[WHOLE], &sums[WHOLE]);
+        add_pixel(&p, job->out->whole.floor, &sums[WHOLE]);
         if (inside(in, at))
-            add_pixel(&p, job->floor[MASKED], &sums[MASKED]);
+            add_pixel(&p, job->out->masked.floor, &sums[MASKED]);
     }
 }
 
@@ -383,7 +382,7 @@ static void finish_sums(const struct job *job, int region, struct pell_metrics *
     m->noise_rel_mse = all.relative_noise / n;
     m->mse = not_below_zero((all.square - all.noise) / n);
     m->rel_mse = not_below_zero((all.relative - all.relative_noise) / n);
-    if (!(job->floor[region] > 0.0))
+    if (!(m->floor > 0.0))
         m->rel_mse = m->mse > 0.0 ? INFINITY : 0.0;
     m->mae = all.absolute / n;
     for (int c = 0; c < 3; c++) {

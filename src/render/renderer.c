@@ -126,6 +126,8 @@ enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const str
 {
     char *path = NULL;
 
+    if (checkpoint && !(checkpoint->path && checkpoint->path[0]))
+        return pell_error(r->ctx, PELL_ERR_INVALID, "checkpoint", NULL, "has no path");
     if (checkpoint && !(checkpoint->every > 0.0 && checkpoint->every <= 1e9))
         return pell_error(r->ctx, PELL_ERR_INVALID, "checkpoint", NULL, "every %g s, must be in (0, 1e9]", checkpoint->every);
     if (checkpoint && !(path = pell_strdup(r->ctx, checkpoint->path)))
@@ -548,6 +550,8 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         PELL_TRY(make_profiles(r));
     if (!r->sized)
         PELL_TRY(make_size(r, s));
+    r->surface.mips = r->mips; /* before a pass is made: methods light points of this scene then */
+    r->surface.lean = true;
     if (!r->lights)
         PELL_TRY(pell_lights_create(r->ctx, r->scene, s, r->pool, &r->lights));
     if (!r->pass) {
@@ -793,8 +797,6 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
 
     sample_shift(sample, settings->msaa, &dx, &dy);
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, dx, dy);
-    r->surface.mips = r->mips;
-    r->surface.lean = true;
     PELL_TRY(pell_surface_render(r->pool, r->rays, r->scene, &view, &r->surface));
     note(r, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
     unite(&r->translucent, &s->translucent);

@@ -161,7 +161,11 @@ function sortBy(column) {
   by('sorted').textContent = `Sorted by ${column.head}, ${order.down ? 'largest' : 'smallest'} first`;
 }
 
-const nearest = () => methods.reduce((a, b) => ((rms(metricsOf(b)) ?? Infinity) < (rms(metricsOf(a)) ?? Infinity) ? b : a));
+// Relative errors divide by what the reference says, pixel by pixel: where that is noise they don't rank, and FLIP does.
+const loudness = () => (data.kind === 'scene' ? reference.rel_noise : data.rel_noise);
+const loud = () => finite(loudness()) && loudness() > 0.1;
+const rank = (m) => (loud() ? m.flip : rms(m)) ?? Infinity;
+const nearest = () => methods.reduce((a, b) => (rank(metricsOf(b)) < rank(metricsOf(a)) ? b : a));
 
 function summary() {
   const best = nearest(),
@@ -178,6 +182,9 @@ function summary() {
       `, in the mean by ${percent(bias, true)} in the worst channel, and FLIP is `,
       make('strong', { text: number(m.flip) }),
       '.',
+      loud()
+        ? ` The noise of ${reference.name} is ${percent(loudness())}, too much to rank by: FLIP ranks here. Give it more samples.`
+        : '',
       finite(best.seconds) ? ` It took ${seconds(best.seconds)}; ${reference.name} took ${seconds(reference.seconds)}.` : '',
     ],
   );

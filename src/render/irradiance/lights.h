@@ -8,6 +8,7 @@
 #ifndef PELL_LIGHTS_H
 #define PELL_LIGHTS_H
 
+#include "base/hash.h"
 #include "image/color.h"
 #include "render/irradiance/irradiance.h"
 #include "render/specular.h"
@@ -135,15 +136,6 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
                         const uint32_t number[PELL_LANES], struct pell_lighting *out);
 
 /* --- Sample patterns: Sobol's first two dimensions, digits scrambled per pixel by XOR (Kollig and Keller 2002) ---------------- */
-
-static inline uint32_t pell_hash(uint32_t x)
-{
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ x >> 16;
-}
 
 static inline uint32_t pell_sobol0(uint32_t i)
 {
