@@ -58,22 +58,20 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
 }
 
 /* What can be known before the work: writing itself decides. */
-static enum exit_code check_output(struct cli *cli, const struct job *job)
+static enum exit_code check_writable(struct cli *cli, const char *option, const char *path)
 {
-    const char *path = job->output, *name = pell_path_name(path);
-    char folder[sizeof(job->output)];
+    const char *name = pell_path_name(path);
+    char folder[sizeof(((struct job *) NULL)->output)];
     struct stat out, in;
 
-    if (strcmp(path, "-") == 0)
-        return EXIT_OK;
     if (stat(path, &out) == 0) {
         if (S_ISDIR(out.st_mode))
             return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "is a folder, must name a file"));
         if (stat(cli->arguments[0], &in) == 0 && in.st_dev == out.st_dev && in.st_ino == out.st_ino)
-            return cli_usage(cli, "--output", NULL, "\"%s\" is the input", path);
+            return cli_usage(cli, option, NULL, "\"%s\" is the input", path);
     }
-    snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path);
-    if (access(folder[0] ? folder : ".", W_OK) != 0)
+    if (snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path) >= (int) sizeof(folder) ||
+        access(folder[0] ? folder : ".", W_OK) != 0)
         return cli_failed(cli,
                           pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "can't be written: its folder is not there, or is closed to you"));
     return EXIT_OK;
@@ -179,6 +177,8 @@ static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
     if (cli->checkpoint_every &&
         (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
         return code;
+    if ((code = check_writable(cli, "--checkpoint", cli->checkpoint)) != EXIT_OK)
+        return code;
     return cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint));
 }
 
@@ -220,7 +220,7 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = choose_format(cli, &job);
     if (code == EXIT_OK)
-        code = check_output(cli, &job);
+        code = strcmp(job.output, "-") == 0 ? EXIT_OK : check_writable(cli, "--output", job.output);
     if (code == EXIT_OK)
         code = session_open(cli, cli->arguments[0], &job.session);
     if (code == EXIT_OK)

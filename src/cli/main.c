@@ -57,10 +57,13 @@ static const struct command commands[] = {
     { "bench", "[WHAT]", "times of the stages on this machine",
       "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same "
       "bytes, measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of "
-      "the bench folder (screen-space) or a scene file of your own; or profiles: fits, layers and R(r).\n",
+      "the bench folder (screen-space) or a scene file of your own; or profiles: fits, layers and R(r); or truth: the references at equal "
+      "error; or mertens: image-space by samples, size and radius.\n",
       "  pellucid bench\n"
       "  pellucid bench screen-space --threads 1 --json\n"
-      "  pellucid bench profiles\n",
+      "  pellucid bench profiles\n"
+      "  pellucid bench truth\n"
+      "  pellucid bench mertens\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
     { "compare", "INPUT|A B", "methods on a scene, or two pictures, against a reference: numbers, a report",
       "INPUT is a scene or a mesh, as for `render`. Every method of --methods and the reference render it under one exposure; the table "
