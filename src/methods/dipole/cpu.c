@@ -16,9 +16,9 @@
  */
 #include "methods/dipole/dipole.h"
 
-#include "base/hash.h"
 #include "math/vec.h"
 #include "render/renderer.h"
+#include "render/rounds.h"
 
 #include <string.h>
 
@@ -73,18 +73,6 @@ struct pixel {
     int count;
     struct counts *counts;
 };
-
-static double unit(uint32_t x)
-{
-    return (double) x * (1.0 / 4294967296.0);
-}
-
-/* Number `index` of a round's lattice in dimension `d`: multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1), shifted. */
-static double lattice(uint32_t round_seed, uint32_t d, uint32_t index)
-{
-    static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
-    return unit(pell_hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
-}
 
 /* --- What points are worth -------------------------------------------------------------------------------------------------------- */
 
@@ -163,16 +151,16 @@ static void send_probes(struct pixel *p, int round, uint32_t seed)
 
     memset(&r, 0, sizeof(r));
     for (int i = 0; i < PROBES; i++) {
-        const double xi = lattice(seed, 0, (uint32_t) i), part = xi < 0.5 ? 2.0 * xi : xi < 0.75 ? 4.0 * xi - 2.0 : 4.0 * xi - 3.0;
+        const double xi = pell_lattice(seed, 0, (uint32_t) i), part = xi < 0.5 ? 2.0 * xi : xi < 0.75 ? 4.0 * xi - 2.0 : 4.0 * xi - 3.0;
         const int a = xi < 0.5 ? 2 : xi < 0.75 ? 0 : 1;
         const struct pell_vec3 axis = p->axis[a], s = p->axis[(a + 1) % 3], t = p->axis[(a + 2) % 3];
-        const double phi = 2.0 * PELL_PI * lattice(seed, 2, (uint32_t) i);
+        const double phi = 2.0 * PELL_PI * pell_lattice(seed, 2, (uint32_t) i);
         int pick = (int) (part * radii->channels), channel = 0;
         double radius, half;
         struct pell_vec3 o;
         for (; channel < 2 && (!radii->lit[channel] || pick > 0); channel++)
             pick -= radii->lit[channel];
-        radius = dipole_radii_draw(radii, channel, lattice(seed, 1, (uint32_t) i)) * p->strength;
+        radius = dipole_radii_draw(radii, channel, pell_lattice(seed, 1, (uint32_t) i)) * p->strength;
         half = sqrt(fmax(reach * reach - radius * radius, 0.0));
         o = vec3_mad(vec3_mad(p->at, (float) (radius * cos(phi)), s), (float) (radius * sin(phi)), t);
         o = vec3_mad(o, (float) half, axis);
@@ -211,68 +199,33 @@ static void send_probes(struct pixel *p, int round, uint32_t seed)
 static void spread_areas(struct pixel *p, int round, uint32_t seed, int count)
 {
     for (int i = 0; i < count; i++) {
-        const double area = lattice(seed, 3, (uint32_t) i) * p->surface->area;
+        const double area = pell_lattice(seed, 3, (uint32_t) i) * p->surface->area;
         double f;
         float u, v;
         const struct pell_body_triangle at = pell_body_at(p->surface, area, &f);
         /* The place inside the triangle has numbers of its own: the fraction that is left of the first has few digits. */
-        pell_triangle_point((float) lattice(seed, 4, (uint32_t) i), (float) lattice(seed, 5, (uint32_t) i), &u, &v);
+        pell_triangle_point((float) pell_lattice(seed, 4, (uint32_t) i), (float) pell_lattice(seed, 5, (uint32_t) i), &u, &v);
         add_point(p, round, at.mesh, at.triangle, u, v, pell_hash(seed ^ 0x51ed270bu ^ (uint32_t) i));
     }
 }
 
 /* --- A pixel -------------------------------------------------------------------------------------------------------------------- */
 
-/* Sums over rounds. */
-struct sums {
-    double sum[3], square[3];
-    int64_t rounds;
-};
-
-static void run_rounds(struct pixel *p, uint32_t first, int64_t count, struct sums *s)
+static void run_rounds(struct pixel *p, uint32_t first, int64_t count, struct pell_rounds *s)
 {
     memset(s, 0, sizeof(*s));
-    while (s->rounds < count && !((s->rounds & 255) == 0 && pell_cancelled(p->st->ctx))) {
+    while (s->count < count && !((s->count & 255) == 0 && pell_cancelled(p->st->ctx))) {
         memset(p->sum, 0, sizeof(p->sum));
         for (int i = 0; i < TOGETHER; i++) {
-            const uint32_t seed = pell_hash(p->seed ^ pell_hash(first + (uint32_t) s->rounds + (uint32_t) i));
+            const uint32_t seed = pell_hash(p->seed ^ pell_hash(first + (uint32_t) s->count + (uint32_t) i));
             if (p->near_probes > 0.0)
                 send_probes(p, i, seed);
             spread_areas(p, i, seed, (int) p->near_areas);
         }
         settle(p);
         for (int i = 0; i < TOGETHER; i++)
-            for (int c = 0; c < 3; c++) {
-                s->sum[c] += p->sum[i][c];
-                s->square[c] += p->sum[i][c] * p->sum[i][c];
-            }
-        s->rounds += TOGETHER;
+            pell_rounds_add(s, p->sum[i]);
     }
-}
-
-/* The channels' means and their standard errors. */
-static void measure(const struct sums *s, double mean[3], double spread[3])
-{
-    const double n = (double) s->rounds;
-
-    for (int c = 0; c < 3; c++) {
-        mean[c] = n > 0.0 ? s->sum[c] / n : 0.0;
-        spread[c] = n > 1.0 ? sqrt(fmax(s->square[c] / n - mean[c] * mean[c], 0.0) / (n - 1.0)) : 0.0;
-    }
-}
-
-/* How many rounds make the error small enough, as the pilot's say. */
-static double rounds_needed(const struct sums *pilot, double error)
-{
-    double mean[3], spread[3], largest, n = LEAST;
-
-    measure(pilot, mean, spread);
-    largest = fmax(mean[0], fmax(mean[1], mean[2]));
-    for (int c = 0; largest > 0.0 && c < 3; c++) {
-        const double ratio = spread[c] / (error * fmax(mean[c], 1e-3 * largest));
-        n = fmax(n, (double) pilot->rounds * ratio * ratio);
-    }
-    return largest > 0.0 ? n : DARK;
 }
 
 static void estimate(struct pixel *p, const float own[3], float out[3], float noise[3])
@@ -281,7 +234,7 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float no
     const int a_round = (int) (p->near_probes + p->near_areas);
     const double most = fmax((double) k->most / a_round, LEAST);
     double mean[3], spread[3], needed;
-    struct sums pilot, s;
+    struct pell_rounds pilot, s;
 
     if (p->body->radii.channels == 0 || !(p->strength > 1.0 / 1024.0)) {
         for (int c = 0; c < 3; c++) {
@@ -292,15 +245,15 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float no
     }
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
     run_rounds(p, 0, PILOT, &pilot);
-    needed = rounds_needed(&pilot, (double) k->error);
+    needed = pell_rounds_needed(&pilot, (double) k->error, LEAST, DARK);
     run_rounds(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
-    measure(&s, mean, spread);
+    pell_rounds_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
         out[c] = (float) mean[c];
         noise[c] = (float) spread[c];
     }
     p->counts->pixels++;
-    p->counts->samples += (pilot.rounds + s.rounds) * a_round;
+    p->counts->samples += (pilot.count + s.count) * a_round;
     p->counts->over += needed > most;
 }
 
@@ -312,14 +265,6 @@ struct frame_task {
     const struct pell_frame_light *out;
     int first; /* row */
 };
-
-static uint32_t place_seed(struct pell_vec3 at, uint32_t seed)
-{
-    uint32_t b[3];
-
-    memcpy(b, &at, sizeof(b));
-    return pell_hash(b[0] ^ pell_hash(b[1] ^ pell_hash(b[2] ^ pell_hash(seed))));
-}
 
 static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, struct pell_vec3 normal, int32_t body, float strength,
                         struct pixel *p)
@@ -336,7 +281,7 @@ static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, stru
     p->strength = fmin((double) strength, 1.0);
     p->near_probes = sampling == DI_AREA ? 0.0 : PROBES;
     p->near_areas = sampling == DI_AREA ? PROBES : sampling == DI_BOTH ? AREAS : 0.0;
-    p->seed = place_seed(at, pell_renderer_seed(st->r));
+    p->seed = pell_place_seed(at, pell_renderer_seed(st->r));
     p->count = 0;
 }
 

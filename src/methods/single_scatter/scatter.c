@@ -15,7 +15,7 @@
  * the standard error. A round's randomness is a hash of the point's place and of the seed. */
 #include "methods/single_scatter/single_scatter.h"
 
-#include "base/hash.h"
+#include "render/rounds.h"
 
 #include <string.h>
 
@@ -40,18 +40,6 @@ struct ray {
     int lit[3], channels; /* that scatter */
     struct ss_counts *counts;
 };
-
-static double unit(uint32_t x)
-{
-    return (double) x * (1.0 / 4294967296.0);
-}
-
-/* Number `index` of a round's lattice in dimension `d`: multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1), shifted. */
-static double lattice(uint32_t round_seed, uint32_t d, uint32_t index)
-{
-    static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
-    return unit(pell_hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
-}
 
 /* --- Entering ----------------------------------------------------------------------------------------------------------------- */
 
@@ -240,9 +228,9 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
 
     for (uint32_t i = 0; i < ROUND; i++) {
         const bool by_angle = kind == SS_EQUIANGULAR || (kind == SS_BOTH && i % 2);
-        const double u[3] = { lattice(seed, 0, i), lattice(seed, 1, i), lattice(seed, 2, i) };
-        const double xi = kind == SS_BOTH ? (i / 2 + unit(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
-                                          : (i + unit(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
+        const double u[3] = { pell_lattice(seed, 0, i), pell_lattice(seed, 1, i), pell_lattice(seed, 2, i) };
+        const double xi = kind == SS_BOTH ? (i / 2 + pell_unit(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
+                                          : (i + pell_unit(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
         double depth[3], density = 0.0, s, light[3] = { 0 };
         const struct ss_layer *layer;
         struct pell_emitter_sample lamp;
@@ -250,7 +238,7 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
         if (!pell_emitters_sample(ray->world->emitters, ray->at, u, &lamp) || !(lamp.pdf > 0.0))
             continue;
         angles = angles_of(ray, &lamp);
-        s = by_angle ? angle_place(ray, &angles, xi) : transmittance_place(ray, lattice(seed, 3, i), xi);
+        s = by_angle ? angle_place(ray, &angles, xi) : transmittance_place(ray, pell_lattice(seed, 3, i), xi);
         layer = &ray->medium->layer[ray->way.stretch[ss_way_at(&ray->way, ray->medium, s, depth)].layer];
         if (kind != SS_EQUIANGULAR)
             density += transmittance_density(ray, layer, depth);
@@ -268,64 +256,23 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
 
 /* --- As many as are needed ---------------------------------------------------------------------------------------------------- */
 
-struct sums {
-    double sum[3], square[3];
-    int64_t rounds;
-};
-
-static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int64_t count, struct sums *s)
+static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int64_t count, struct pell_rounds *s)
 {
     memset(s, 0, sizeof(*s));
-    while (s->rounds < count && !((s->rounds & 255) == 0 && pell_cancelled(ray->world->ctx))) {
+    while (s->count < count && !((s->count & 255) == 0 && pell_cancelled(ray->world->ctx))) {
         double round[3] = { 0 };
-        run_round(ray, pell_hash(seed ^ pell_hash(first + (uint32_t) s->rounds)), round);
-        for (int c = 0; c < 3; c++) {
-            s->sum[c] += round[c];
-            s->square[c] += round[c] * round[c];
-        }
-        s->rounds++;
+        run_round(ray, pell_hash(seed ^ pell_hash(first + (uint32_t) s->count)), round);
+        pell_rounds_add(s, round);
     }
-}
-
-static void measure(const struct sums *s, double mean[3], double spread[3])
-{
-    const double n = (double) s->rounds;
-
-    for (int c = 0; c < 3; c++) {
-        mean[c] = n > 0.0 ? s->sum[c] / n : 0.0;
-        spread[c] = n > 1.0 ? sqrt(fmax(s->square[c] / n - mean[c] * mean[c], 0.0) / (n - 1.0)) : 0.0;
-    }
-}
-
-/* How many rounds make the error small enough, as the pilot's say. */
-static double rounds_needed(const struct sums *pilot, double error)
-{
-    double mean[3], spread[3], largest, n = LEAST;
-
-    measure(pilot, mean, spread);
-    largest = fmax(mean[0], fmax(mean[1], mean[2]));
-    for (int c = 0; largest > 0.0 && c < 3; c++) {
-        const double ratio = spread[c] / (error * fmax(mean[c], 1e-3 * largest));
-        n = fmax(n, (double) pilot->rounds * ratio * ratio);
-    }
-    return largest > 0.0 ? n : DARK;
-}
-
-static uint32_t place_seed(struct pell_vec3 at, uint32_t seed)
-{
-    uint32_t b[3];
-
-    memcpy(b, &at, sizeof(b));
-    return pell_hash(b[0] ^ pell_hash(b[1] ^ pell_hash(b[2] ^ pell_hash(seed))));
 }
 
 void ss_estimate(const struct ss_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct ss_counts *counts,
                  float out[3], float noise[3])
 {
     const double most = fmax((double) world->knobs.most / ROUND, LEAST);
-    const uint32_t seed = place_seed(at, world->seed);
+    const uint32_t seed = pell_place_seed(at, world->seed);
     double mean[3], spread[3], needed, whole[3];
-    struct sums pilot, s;
+    struct pell_rounds pilot, s;
     struct ray ray;
 
     for (int c = 0; c < 3; c++)
@@ -350,9 +297,9 @@ void ss_estimate(const struct ss_world *world, struct pell_vec3 at, struct pell_
         ray.shade[c] = -expm1(-whole[c]);
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
     run_rounds(&ray, seed, 0, PILOT, &pilot);
-    needed = rounds_needed(&pilot, (double) world->knobs.error);
+    needed = pell_rounds_needed(&pilot, (double) world->knobs.error, LEAST, DARK);
     run_rounds(&ray, seed, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
-    measure(&s, mean, spread);
+    pell_rounds_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
         out[c] = (float) mean[c];
         noise[c] = (float) spread[c];
