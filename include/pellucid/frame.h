@@ -48,6 +48,8 @@ struct pell_frame {
     const float *lit[3];        /* the composited picture without scattering: W/(m^2 sr) */
     const float *normal[3];     /* unit, shading */
     const float *position[3];   /* mm */
+    const uint32_t *mesh, *triangle; /* of the scene, that is seen */
+    const float *barycentric[2];     /* u, v: the point is (1 - u - v) p0 + u p1 + v p2 */
 };
 
 /* What a method writes, at pixels whose material is not 0, inside the frame's rect; planes as in the frame, never the frame's own.

@@ -31,6 +31,7 @@ enum pell_need {
                                  * adds it to M in the composite */
     PELL_NEED_SCENE = 1 << 6,   /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
                                  * frames only, not on a caller's planes */
+    PELL_NEED_HIT = 1 << 7,     /* with PELL_NEED_SCENE: which point of which triangle a pixel sees */
 };
 
 enum pell_gives {

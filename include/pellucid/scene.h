@@ -14,6 +14,7 @@
 
 #include <pellucid/image.h>
 #include <pellucid/material.h>
+#include <pellucid/phase.h>
 #include <pellucid/specular.h>
 
 #ifdef __cplusplus
@@ -58,6 +59,26 @@ struct pell_texture_map {
 
 enum pell_color_from { PELL_COLOR_FROM_PROFILE, PELL_COLOR_FROM_TEXTURE };
 
+/* A layer of the medium below a surface, painted or even: from the bottom of the layer above it (of the first: from the surface) down to
+ * its own depth. Francois et al. (2006), section 3. */
+struct pell_scene_layer {
+    char *name;
+    struct pell_medium medium;         /* its index is not read: light refracts at the surface alone. g: the phase's mean cosine */
+    struct pell_phase phase[3];        /* of R, G and B */
+    float depth;                       /* mm from the surface to its bottom, >= 0; with a map: where the map is 1. INFINITY: no bottom */
+    struct pell_texture_map depth_map; /* `channel` of it, in [0, 1], times `depth` */
+    bool depth_inverse;                /* 1 - map: white is thin */
+};
+
+/* What lies under the deepest layer. */
+enum pell_below {
+    PELL_BELOW_STOP,          /* nothing: black */
+    PELL_BELOW_LAST,          /* the last layer goes on */
+    PELL_BELOW_SURFACE_COLOR, /* a Lambert surface of the base colour */
+};
+
+#define PELL_LAYERS_MOST 64
+
 struct pell_material {
     char *name;
     char *preset; /* name of the built-in entry that it came from; may be NULL */
@@ -69,6 +90,9 @@ struct pell_material {
     struct pell_gaussians gaussians;
     struct pell_profile *profile; /* of R, G and B; the scene's */
     enum pell_profile_model model;
+    struct pell_scene_layer *layers; /* top to bottom; the scene's. `gaussians` or `profile` is then what they reflect at their mean depths */
+    int num_layers;            /* [0, PELL_LAYERS_MOST]; 0: one medium without a bottom */
+    enum pell_below below;
     enum pell_color_from color_from;
     float mix;                            /* m: albedo^m going in, albedo^(1-m) coming out, [0, 1] */
     float strength;                       /* scales the scattering radius, [0, 1] */

@@ -180,6 +180,8 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
         missing = "normal";
     else if ((needs & PELL_NEED_POSITION) && !planes_there(in->position))
         missing = "position";
+    else if ((needs & PELL_NEED_HIT) && !(in->mesh && in->triangle && in->barycentric[0] && in->barycentric[1]))
+        missing = "mesh, triangle or barycentric";
     else if (!out->light[0] || !out->light[1] || !out->light[2])
         missing = "light";
     if (missing)

@@ -56,7 +56,7 @@ struct pell_renderer {
     float *single[3], *reflected[3]; /* there once a method gave them apart */
     int sample;                      /* of the frame, that is being made */
     struct pell_checkpoint checkpoint; /* owned path; NULL: none */
-    float *position[3]; /* there once a method asked for it */
+    float *position[3], *hit[4]; /* there once a method asked for them; mesh, triangle and barycentric */
     uint16_t *material; /* the frame's plane */
     double *rows; /* 4 a row for post, then 2 a row for the meter */
 
@@ -219,14 +219,16 @@ fail:
 static void drop_size(struct pell_renderer *r)
 {
     pell_surface_finish(r->ctx, &r->surface);
-    pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes, but for the positions */
+    pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes, but for those made when asked for */
     pell_free(r->ctx, r->position[0]);
+    pell_free(r->ctx, r->hit[0]);
     pell_free(r->ctx, r->single[0]);
     pell_free(r->ctx, r->material);
     pell_free(r->ctx, r->rows);
     memset(&r->lighting, 0, sizeof(r->lighting));
     memset(&r->sum, 0, sizeof(r->sum));
     memset(r->position, 0, sizeof(r->position));
+    memset(r->hit, 0, sizeof(r->hit));
     memset(r->single, 0, sizeof(r->single));
     memset(r->reflected, 0, sizeof(r->reflected));
     r->material = NULL;
@@ -522,6 +524,17 @@ static enum pell_result check_camera(struct pell_context *ctx, const struct pell
     return PELL_OK;
 }
 
+/* The surface keeps what its rays hit for methods that ask. */
+static void lend_hits(struct pell_renderer *r)
+{
+    const bool asked = r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_HIT);
+
+    r->surface.mesh = asked ? (uint32_t *) r->hit[0] : NULL;
+    r->surface.triangle = asked ? (uint32_t *) r->hit[1] : NULL;
+    r->surface.barycentric[0] = asked ? r->hit[2] : NULL;
+    r->surface.barycentric[1] = asked ? r->hit[3] : NULL;
+}
+
 /* Everything that a frame of these settings needs and that is not there yet. */
 static enum pell_result prepare(struct pell_renderer *r, const struct pell_settings *s, const struct pell_view *view)
 {
@@ -570,6 +583,11 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         float **const planes[] = { &r->position[0], &r->position[1], &r->position[2] };
         PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
     }
+    if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_HIT) && !r->hit[0]) {
+        float **const planes[] = { &r->hit[0], &r->hit[1], &r->hit[2], &r->hit[3] };
+        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
+    }
+    lend_hits(r);
     if (r->pass && pell_pass_plan(r->pass)->gives && s->layers && !r->single[0]) {
         float **planes[9];
         for (size_t c = 0; c < 3; c++) {
@@ -756,6 +774,10 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
     frame.material = r->material;
     frame.depth = s->depth;
     frame.strength = s->strength;
+    frame.mesh = s->mesh;
+    frame.triangle = s->triangle;
+    frame.barycentric[0] = s->barycentric[0];
+    frame.barycentric[1] = s->barycentric[1];
     for (int c = 0; c < 3; c++) {
         frame.irradiance[c] = r->lighting.irradiance[c];
         frame.lit[c] = r->lit[c];

@@ -624,7 +624,8 @@ struct probe_knobs {
 
 static struct probe_seen {
     int creates, renders, destroys;
-    bool fail_create, fail_render, positions_agree;
+    bool fail_create, fail_render, positions_agree, hits_agree;
+    const struct pell_scene *scene;
     unsigned needs;
     enum pell_quantity quantity;
     float focal_px;
@@ -640,6 +641,22 @@ static enum pell_result probe_create(struct pell_renderer *r, const struct pell_
     return probe.fail_create ? PELL_ERR_INVALID : PELL_OK;
 }
 
+/* The point of the triangle is the pixel's position. */
+static bool hit_is_there(const struct pell_frame *in, ptrdiff_t i)
+{
+    const struct pell_mesh *m = &probe.scene->meshes[in->mesh[i]];
+    const uint32_t *index = m->index + 3 * (size_t) in->triangle[i];
+    const float u = in->barycentric[0][i], v = in->barycentric[1][i];
+
+    for (int c = 0; c < 3; c++) {
+        const float p = (1.0f - u - v) * m->position[3 * index[0] + (uint32_t) c] + u * m->position[3 * index[1] + (uint32_t) c] +
+                        v * m->position[3 * index[2] + (uint32_t) c];
+        if (!(fabsf(p - in->position[c][i]) < 1e-3f))
+            return false;
+    }
+    return true;
+}
+
 static enum pell_result probe_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     const float gain = *(float *) state;
@@ -648,6 +665,7 @@ static enum pell_result probe_render(void *state, const struct pell_frame *in, c
     if (probe.fail_render)
         return PELL_ERR_FORMAT;
     probe.positions_agree = in->position[0] != NULL;
+    probe.hits_agree = in->mesh != NULL;
     for (int y = in->rect.y0; y < in->rect.y1; y++)
         for (int x = in->rect.x0; x < in->rect.x1; x++) {
             const ptrdiff_t i = y * in->stride + x;
@@ -656,6 +674,8 @@ static enum pell_result probe_render(void *state, const struct pell_frame *in, c
             if (in->material[i] && in->position[0]) /* the camera of `furnish_plane` is at z = 100 and looks along -z */
                 probe.positions_agree = probe.positions_agree && fabsf(in->position[2][i] - (100.0f - in->depth[i])) < 1e-3f &&
                                         fabsf(in->position[0][i] - (x + 0.5f - 0.5f * in->width) * in->depth[i] / in->focal_px) < 1e-3f;
+            if (in->material[i] && in->mesh)
+                probe.hits_agree = probe.hits_agree && hit_is_there(in, i);
         }
     return PELL_OK;
 }
@@ -717,6 +737,12 @@ static void a_method_needs_only_three_functions(void **state)
     stage_render(&s);
     assert_int_equal(probe.creates, 2);
     REQUIRE_REL((double) probe.focal_px, 12.0 / tan(0.1), 1e-5);
+
+    probe.needs = PELL_NEED_SCENE | PELL_NEED_POSITION | PELL_NEED_HIT | PELL_NEED_IRRADIANCE;
+    probe.scene = s.scene;
+    OK(pell_renderer_set_method(s.r, &probe_method, NULL));
+    stage_render(&s);
+    REQUIRE(probe.positions_agree && probe.hits_agree);
 
     probe.needs = PELL_NEED_LIT;
     probe.quantity = PELL_QUANTITY_RADIANCE;

@@ -144,6 +144,7 @@ void pell_surface_look(const struct pell_surface *like, const struct pell_scene 
     out->mips = like->mips;
     out->lean = like->lean;
     out->any_emissive = false;
+    out->mesh = NULL;
     scratch->kernels->look(&job, packet, hits);
 }
 

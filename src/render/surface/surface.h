@@ -34,6 +34,8 @@ struct pell_surface {
     bool lean;           /* the caller's: leave base, roughness, metallic and specular unwritten where pell_surface_is_plain says it all */
     float *lift;         /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays start */
     float *emissive[3];  /* radiance; written where `any_emissive` */
+    uint32_t *mesh, *triangle; /* of the scene, that was hit. The caller's planes, set after pell_surface_allocate; NULL: not asked for */
+    float *barycentric[2];     /* with them: u, v as in struct pell_hit16 */
     bool any_emissive;   /* some material of the scene emits */
     struct pell_rect covered;     /* holds every pixel that hit something */
     struct pell_rect translucent; /* holds every pixel whose material is not opaque */
