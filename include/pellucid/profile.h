@@ -110,7 +110,7 @@ struct pell_profile_fault {
 #define PELL_PROFILE_RADIUS_MAX 1e12 /* mm */
 #define PELL_PROFILE_STEP_MIN 1e-12  /* mm between two rows, which may also be no closer than 1e-12 of the radius */
 #define PELL_PROFILE_R_MAX 1e24      /* 1/mm^2 */
-#define PELL_PROFILE_TOTAL_MIN 1e-290 /* tables with less light than this have none */
+#define PELL_PROFILE_TOTAL_MIN 1e-290 /* a profile with less light than this has none, whatever it is made of */
 
 /* A user's own table: `count` >= 2 rows of rising radius r_mm[0] >= 0 (mm) and R >= 0 (1/mm^2), interpolated by a cubic that is
  * monotone wherever the rows are; R(r_mm[0]) holds towards 0, and 0 beyond the last row. More than PELL_PROFILE_NODES rows are merged:

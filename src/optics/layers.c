@@ -8,6 +8,7 @@
 #include "math/hankel.h"
 #include "math/vec.h"
 #include "optics/profile_nodes.h"
+#include "optics/profile_shape.h"
 
 #include <math.h>
 
@@ -181,5 +182,6 @@ enum pell_result pell_stack_profile(const struct pell_stack *stack, int channel,
     if (out->total > 0.0)
         pell_profile_nodes_scale(out, total[part] / out->total);
     out->total = total[part];
+    pell_profile_drop_traces(out);
     return PELL_OK;
 }

@@ -10,6 +10,7 @@
 #include "math/nnls.h"
 #include "math/vec.h"
 #include "optics/profile_nodes.h"
+#include "optics/profile_shape.h"
 
 #include <math.h>
 #include <string.h>
@@ -435,6 +436,7 @@ enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum p
     if (out->total > 0.0)
         pell_profile_nodes_scale(out, total / out->total);
     out->total = total;
+    pell_profile_drop_traces(out);
     return PELL_OK;
 }
 

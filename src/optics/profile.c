@@ -51,6 +51,7 @@ enum pell_result pell_profile_make(enum pell_profile_model model, const struct p
     res = sources[model]->make(medium, channel, p, out);
     if (res != PELL_OK)
         memset(out, 0, sizeof(*out));
+    pell_profile_drop_traces(out);
     return res;
 }
 

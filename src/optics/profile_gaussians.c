@@ -75,7 +75,6 @@ enum pell_result pell_profile_from_gaussians(const struct pell_gaussians *g, int
     out->kind = PELL_PROFILE_KIND_GAUSSIANS;
     out->parameter[0] = count;
     out->total = fmin(1.0, total);
-    if (count == 0)
-        out->parameter[1] = 1.0; /* a scale for what has none */
+    pell_profile_drop_traces(out);
     return PELL_OK;
 }

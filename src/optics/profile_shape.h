@@ -6,6 +6,8 @@
 
 #include <pellucid/profile.h>
 
+#include <string.h>
+
 /* One of these for each enum pell_profile_kind. Radii are finite and >= 0. */
 struct pell_profile_shape {
     double (*inside)(const struct pell_profile *p, double r);  /* flux inside r; exact in relative terms for small r */
@@ -15,6 +17,18 @@ struct pell_profile_shape {
 };
 
 extern const struct pell_profile_shape pell_profile_pair, pell_profile_burley, pell_profile_gaussians, pell_profile_nodes;
+
+/* Whoever makes a profile ends with this: parts of less light than PELL_PROFILE_TOTAL_MIN would have too few digits to be compared with it,
+ * so there is none. */
+static inline void pell_profile_drop_traces(struct pell_profile *p)
+{
+    const int kind = p->kind;
+
+    if (p->total >= PELL_PROFILE_TOTAL_MIN)
+        return;
+    memset(p, 0, sizeof(*p));
+    p->kind = kind;
+}
 
 /* R = a (pole of zr + pole of zv) + b (fluence of zr - fluence of zv), with `total` and all: see profile_pair.c. */
 void pell_profile_pair_make(struct pell_profile *out, double sigma_tr, double zr, double zv, double a, double b);

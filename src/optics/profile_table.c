@@ -3,6 +3,7 @@
  * profile_table.c - a user's own table of R(r) as a profile. */
 #include "math/vec.h"
 #include "optics/profile_nodes.h"
+#include "optics/profile_shape.h"
 
 #include <math.h>
 #include <string.h>
@@ -139,7 +140,6 @@ enum pell_result pell_profile_from_table(const double *r_mm, const double *R, si
         pell_profile_nodes_make(out, (int) count, PELL_NODES_LINEAR, -1.0);
     }
     out->total = fmin(1.0, out->total);
-    if (out->total < PELL_PROFILE_TOTAL_MIN)
-        pell_profile_nodes_scale(out, 0.0); /* parts of it would have too few digits to be compared with it */
+    pell_profile_drop_traces(out);
     return PELL_OK;
 }

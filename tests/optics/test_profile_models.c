@@ -344,6 +344,25 @@ static void limits_are_legal(void **state)
                 }
 }
 
+/* Albedos down to the least number there is: light that can be divided, or none. */
+static void traces_of_light_are_none(void **state)
+{
+    struct pell_profile p;
+    int none = 0;
+
+    (void) state;
+    for (int i = 0; i < MODELS; i++)
+        for (int e = -280; e >= -324; e -= 4) {
+            const struct pell_medium m = medium_of(1.0, pow(10.0, e), 0.0, 1.3);
+            make((enum pell_profile_model) i, &m, false, &p);
+            REQUIRE(p.total == 0.0 || p.total >= PELL_PROFILE_TOTAL_MIN);
+            none += p.total == 0.0;
+            if (p.total > 0.0)
+                REQUIRE_REL(pell_profile_cdf(&p, pell_profile_sample(&p, 0.5)), 0.5, 1e-6);
+        }
+    REQUIRE(none > 0);
+}
+
 static void wrong_arguments_are_refused(void **state)
 {
     const struct pell_medium good = medium_of(0.1, 1.0, 0.0, 1.3);
@@ -417,6 +436,7 @@ int main(void)
         cmocka_unit_test(channels_do_not_know_each_other),
         cmocka_unit_test(longer_mean_free_paths_spread_wider),
         cmocka_unit_test(limits_are_legal),
+        cmocka_unit_test(traces_of_light_are_none),
         cmocka_unit_test(wrong_arguments_are_refused),
         cmocka_unit_test(roughness_changes_the_boundary),
     };
