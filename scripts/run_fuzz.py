@@ -4,6 +4,9 @@
 
 A target is an executable that is defined below fuzz/. Its seeds are the files of corpus/NAME beside its meson.build (NAME without
 "fuzz_"), its dictionary NAME.dict there. What it finds is kept in FOLDER/corpus/NAME, what makes it fail in FOLDER/crashes.
+
+FUZZ_SEED (environment): numbers to start from; 0, which is the default, takes others each time. A build that must tell what a change did
+(.ci/run) names one: from the same sources and an empty FOLDER every run goes the same way, as far as its time lets it.
 """
 import concurrent.futures
 import json
@@ -31,6 +34,9 @@ def fuzz(folder, name, program, home, seconds):
     crashes.mkdir(exist_ok=True)
     command = [str(program), f"-max_total_time={seconds}", "-timeout=10", "-rss_limit_mb=2048", "-print_final_stats=1",
                f"-artifact_prefix={crashes}/{name}-"]
+    seed = int(os.environ.get("FUZZ_SEED") or "0")
+    if seed:
+        command.append(f"-seed={seed}")
     dictionary = home / f"{short}.dict"
     if dictionary.exists():
         command.append(f"-dict={dictionary}")
