@@ -40,6 +40,7 @@ struct ss_state {
     double variance_max;                   /* of a first step */
     float *memory;                         /* all planes */
     struct ss_cell *cells;
+    uint16_t *run; /* of each block of a row: how many smooth rows ended here */
     float *tangents;                       /* of columns, then of rows */
     struct band *bands;
     struct ss_work work;
@@ -227,6 +228,7 @@ static void destroy(void *state)
     pell_free(st->ctx, st->bands);
     pell_free(st->ctx, st->tangents);
     pell_free(st->ctx, st->cells);
+    pell_free(st->ctx, st->run);
     pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st->total);
     pell_free(st->ctx, st->blend);
@@ -286,7 +288,8 @@ static enum pell_result make_planes(struct ss_state *st, const struct pell_frame
     st->cells = pell_calloc(st->ctx, blocks * (size_t) shape->height, sizeof(*st->cells));
     st->tangents = pell_calloc(st->ctx, stride + (size_t) shape->height, sizeof(*st->tangents));
     st->bands = pell_calloc(st->ctx, (size_t) shape->height / BAND + 2, sizeof(*st->bands));
-    if (!st->memory || !st->cells || !st->tangents || !st->bands)
+    st->run = pell_calloc(st->ctx, blocks, sizeof(*st->run));
+    if (!st->memory || !st->cells || !st->run || !st->tangents || !st->bands)
         return PELL_ERR_NOMEM;
     w->stride = (ptrdiff_t) stride;
     w->blocks = (int) blocks;
@@ -410,6 +413,36 @@ static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y
     pell_pool_run(st->pool, (rect->y1 - rect->y0 + BAND - 1) / BAND, run_rows, st);
 }
 
+/* How far it is, along each axis, from a block to one that is not smooth: wide blurs may leave out more where they meet no edge. */
+static void find_clear(struct ss_state *st)
+{
+    const struct ss_work *w = &st->work;
+    const struct pell_rect *rect = &w->in->rect;
+    const int blocks = w->block1 - w->block0;
+
+    for (int back = 0; back < 2; back++) {
+        memset(st->run, 0, (size_t) blocks * sizeof(*st->run));
+        for (int i = 0; i < rect->y1 - rect->y0; i++) {
+            struct ss_cell *row = &w->cells[(ptrdiff_t) (back ? rect->y1 - 1 - i : rect->y0 + i) * w->blocks + w->block0];
+            int along = 0;
+            for (int j = 0; j < blocks; j++) {
+                const int b = back ? blocks - 1 - j : j, pixels = (along < 4000 ? along : 4000) * SS_BLOCK;
+                struct ss_cell *cell = &row[b];
+                cell->clear[0] = (uint16_t) (!back || pixels < cell->clear[0] ? pixels : cell->clear[0]);
+                cell->clear[1] = !back || st->run[b] < cell->clear[1] ? st->run[b] : cell->clear[1];
+                along = cell->smooth ? along + 1 : 0;
+                st->run[b] = cell->smooth && st->run[b] < UINT16_MAX ? (uint16_t) (st->run[b] + 1) : cell->smooth ? st->run[b] : 0;
+            }
+        }
+    }
+    for (int y = rect->y0; y < rect->y1; y++)
+        for (int b = w->block0; b < w->block1; b++) {
+            struct ss_cell *cell = &w->cells[(ptrdiff_t) y * w->blocks + b];
+            if (!cell->smooth)
+                cell->clear[0] = cell->clear[1] = 0;
+        }
+}
+
 static struct ss_seen load(struct ss_state *st)
 {
     const struct ss_work *w = &st->work;
@@ -474,6 +507,7 @@ static enum pell_result render(void *state, const struct pell_frame *in, const s
     seen = load(st);
     w->several = seen.first != seen.last;
     pass(st, k->measure, NULL);
+    find_clear(st);
     choose_steps(st, seen.scale, &ahead, &first);
     w->variance = st->variance + (size_t) (SS_AHEAD - ahead) * row;
     w->blend = (const float (*)[3]) st->blend + (size_t) (SS_AHEAD - ahead) * row;

@@ -103,6 +103,7 @@ INLINE float top(float *v)
 /* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface,
  * at silhouettes, wide gaps show as echoes of the edge. */
 #define STRIDE_DENSE 3.0f
+#define JUMP 4.0f /* change of depth from a pixel to the next, in pixels' sizes, that may be a silhouette */
 #define TAPS_DENSE 48.0f
 #define K_NORM 0.401802782f  /* sqrt(variance) / integral */
 #define K_SCALE_ROOT 0.214667712f /* sqrt(sqrt(B2) variance / 16) */
@@ -219,13 +220,14 @@ INLINE void space(const struct ss_work *w, size_t index, int axis, const struct 
     }
     most += 0.1f; /* what the grid adds at most */
     reach = K_REACH * sqrtf(most > S2_MIN ? most : S2_MIN);
+    b->lean = fabsf(cell->lean) * reach < 0.5f ? 0.0f : cell->lean; /* under half a pixel to the side all taps are upright */
     /* Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then. */
     step = 1.5f * sqrtf(least);
-    dense = reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
+    dense = reach < (float) cell->clear[axis] && b->lean == 0.0f ? reach
+            : reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
     step = step < dense ? step : dense;
     b->stride = step >= 2.0f ? (step < 65536.0f ? (int) step : 65536) : 1;
     b->count = reach < 262144.0f ? (int) (reach / (float) b->stride) : 262144;
-    b->lean = fabsf(cell->lean) * reach < 0.5f ? 0.0f : cell->lean; /* under half a pixel to the side all taps are upright */
 }
 
 struct gathered {
@@ -641,6 +643,7 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
         const size_t below = index + (size_t) w->stride, next = below + (size_t) w->stride; /* there is a margin */
         _Alignas(64) float leans[SS_BLOCK];
         float mean;
+        vi jumps = { 0 };
 
         __builtin_prefetch(w->key + next);
         __builtin_prefetch(w->depth + next);
@@ -652,6 +655,7 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
         if (cell->live == SS_EMPTY) {
             memset(&w->length[0][index], 0, SS_BLOCK * sizeof(float));
             memset(&w->length[1][index], 0, SS_BLOCK * sizeof(float));
+            cell->smooth = false;
             continue;
         }
         for (int part = 0; part < SS_BLOCK; part += WIDTH) {
@@ -659,17 +663,24 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
             const float *key = w->key + at, *depth = w->depth + at;
             const vf z = load(depth), own = load(key), mm = z * w->depth_mm + w->fixed_mm;
             const vf tx = load(w->columns_tan + block * SS_BLOCK + part), ray2 = tx * tx + ty2;
-            const vf dx = limited(z - load(depth - 1), load(depth + 1) - z, load(key - 1) == own, load(key + 1) == own);
-            const vf dy = limited(z - load(depth - w->stride), load(depth + w->stride) - z, load(key - w->stride) == own,
-                                  load(key + w->stride) == own);
+            const vf left = z - load(depth - 1), right = load(depth + 1) - z;
+            const vf above = z - load(depth - w->stride), under = load(depth + w->stride) - z;
+            const vf dx = limited(left, right, load(key - 1) == own, load(key + 1) == own);
+            const vf dy = limited(above, under, load(key - w->stride) == own, load(key + w->stride) == own);
+            const vf jump = mm * JUMP;
             const vf x2 = mm * (mm + dx * (tx + tx)) + dx * dx * ray2, y2 = mm * (mm + dy * (2.0f * ty)) + dy * dy * ray2;
             const vf both = dx * dy * ray2 + mm * (dx * ty + dy * tx);
             const vi on = (own > zero) & (z > zero) & (x2 > zero) & (y2 > zero);
+            jumps |= (greater(left, -left) > jump) | (greater(right, -right) > jump) | (greater(above, -above) > jump) |
+                     (greater(under, -under) > jump);
             store(w->length[0] + at, select(on, x2, zero));
             store(w->length[1] + at, select(on, y2, zero));
             store(w->to_px[0] + at, select(on, both, zero));
             store(leans + part, select(on, both / select(on, x2, one), zero));
         }
+        cell->smooth = cell->live == SS_FULL && cell->owner != SS_MIXED;
+        for (int l = 0; l < WIDTH; l++)
+            cell->smooth = cell->smooth && !jumps[l];
         for (int n = SS_BLOCK / 2; n > 0; n /= 2)
             for (int l = 0; l < n; l++)
                 leans[l] += leans[l + n];

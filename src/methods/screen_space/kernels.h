@@ -24,6 +24,8 @@ struct ss_cell {
     uint8_t pixels;     /* that can be blurred */
     float scale[2];     /* smallest, largest */
     float to_px[2][2];  /* of each axis: smallest, largest */
+    bool smooth;        /* full, of one material, and nowhere a jump in depth */
+    uint16_t clear[2];  /* pixels before and behind it, along each axis, that are of smooth blocks alone */
     float lean;         /* of the second pass: pixels that x falls as y grows by one */
 };
 
@@ -70,7 +72,7 @@ struct ss_kernels {
     /* Copies row y of the caller's planes: key = material, depth, scale = px^2 per mm^2 of the variances (with strength), now = light
      * times the profile's total. */
     void (*load)(const struct ss_work *w, int y, struct ss_seen *seen);
-    /* length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to it; to_px[0], [1] = px^2
+    /* Which blocks are smooth, and length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to it; to_px[0], [1] = px^2
      * per mm^2 of the variances along them. */
     void (*measure)(const struct ss_work *w, int y);
     /* now -> half. Returns the number of pixels that were blurred. */
