@@ -43,7 +43,7 @@ class Buffer:
         return len(self.views) - 1
 
     def accessor(self, form, component, kind, values, **more):
-        width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[kind]
+        width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}[kind]
         view = self.view(struct.pack("<%d%s" % (len(values), form), *values))
         self.accessors.append({"bufferView": view, "componentType": component, "count": len(values) // width, "type": kind, **more})
         return len(self.accessors) - 1
@@ -91,6 +91,38 @@ def shapes():
                           extensions={"KHR_lights_punctual": {"lights": lights}}), b.data)
 
 
+def deforming():
+    """A square with a skin, morph targets, and an animation of all that one can move."""
+    b = Buffer()
+    attributes, indices = square(b)
+    attributes |= {
+        "TANGENT": b.accessor("f", 5126, "VEC4", [1, 0, 0, 1] * 4),
+        "JOINTS_0": b.accessor("B", 5121, "VEC4", [0, 1, 0, 0] * 4),
+        "WEIGHTS_0": b.accessor("f", 5126, "VEC4", [1, 0, 0, 0, 0.5, 0.5, 0, 0] * 2),
+        "JOINTS_1": b.accessor("H", 5123, "VEC4", [1, 0, 0, 0] * 4),
+        "WEIGHTS_1": b.accessor("B", 5121, "VEC4", [0, 0, 0, 0, 60, 0, 0, 0] * 2, normalized=True),
+    }
+    targets = [
+        {"POSITION": b.accessor("f", 5126, "VEC3", [0, 0, 1] * 4), "NORMAL": b.accessor("b", 5120, "VEC3", [9, 0, 0] * 4, normalized=True),
+         "TANGENT": b.accessor("h", 5122, "VEC3", [0, 900, 0] * 4, normalized=True)},
+        {"POSITION": b.accessor("f", 5126, "VEC3", [1, 0, 0] * 4)},
+    ]
+    inverse = b.accessor("f", 5126, "MAT4", ([1, 0, 0, 0] + [0, 1, 0, 0] + [0, 0, 1, 0] + [0, 0, 0, 1]) * 2)
+    times = b.accessor("f", 5126, "SCALAR", [0, 0.25, 1])
+    outputs = {
+        "weights": ("LINEAR", b.accessor("f", 5126, "SCALAR", [0, 0, 1, 0.5, 0, 1])),
+        "translation": ("CUBICSPLINE", b.accessor("f", 5126, "VEC3", [0, 1, 0] * 9)),
+        "rotation": ("LINEAR", b.accessor("h", 5122, "VEC4", [0, 0, 0, 32767, 0, 0, 23170, 23170, 0, 0, 32767, 0], normalized=True)),
+        "scale": ("STEP", b.accessor("f", 5126, "VEC3", [1, 1, 1, 1, 2, 1, -1, 1, 1])),
+    }
+    samplers = [{"input": times, "output": index, "interpolation": kind} for kind, index in outputs.values()]
+    channels = [{"sampler": i, "target": {"node": 0 if path == "weights" else 2, "path": path}} for i, path in enumerate(outputs)]
+    nodes = [{"mesh": 0, "skin": 0}, {"children": [2]}, {"translation": [0, 1, 0]}, {"mesh": 0, "weights": [0.5, 0]}]
+    mesh = {"primitives": [{"attributes": attributes, "indices": indices, "targets": targets}], "weights": [0.25, 0]}
+    return glb(b.document(nodes=nodes, meshes=[mesh], skins=[{"joints": [1, 2], "inverseBindMatrices": inverse, "skeleton": 1}],
+                          animations=[{"name": "all", "samplers": samplers, "channels": channels}]), b.data)
+
+
 def surfaces(extensions):
     b = Buffer()
     attributes, indices = square(b)
@@ -125,7 +157,8 @@ def gltf():
     thin = {"KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.5, "diffuseTransmissionColorTexture": {"index": 0}},
             "KHR_materials_specular": {"specularTexture": {"index": 0}}, "KHR_materials_transmission": {"transmissionFactor": 1},
             "KHR_materials_emissive_strength": {"emissiveStrength": 3}}
-    return {"shapes.glb": shapes(), "medium.glb": surfaces(medium), "thin.glb": surfaces(thin), "text.gltf": text(), "empty.glb": glb({})}
+    return {"shapes.glb": shapes(), "medium.glb": surfaces(medium), "thin.glb": surfaces(thin), "text.gltf": text(), "empty.glb": glb({}),
+            "deforming.glb": deforming()}
 
 
 # --- Material files -----------------------------------------------------------------------------------------------------------------

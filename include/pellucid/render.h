@@ -38,6 +38,9 @@ struct pell_settings {
     int64_t seed;
     float exposure;  /* 0: key 0.18 over the log-average luminance of what is covered */
     float white;     /* luminance after exposure that becomes display white; 0: the picture's largest */
+    float bloom;        /* share of the light that the lens scatters, [0, 1]; 0: none */
+    float bloom_radius; /* of the wider of its two Gaussians: standard deviation, % of the picture's height */
+    bool dof;           /* depth of field: the picture is seen through the camera's lens, one point of it a multisample */
     int tonemap;  /* enum pell_tonemap */
     int exit;     /* enum pell_exit */
     int boundary; /* enum pell_boundary */

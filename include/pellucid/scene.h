@@ -66,8 +66,8 @@ struct pell_scene_layer {
     struct pell_medium medium;         /* its index is not read: light refracts at the surface alone. g: the phase's mean cosine */
     struct pell_phase phase[3];        /* of R, G and B */
     float depth;                       /* mm from the surface to its bottom, >= 0; with a map: where the map is 1. INFINITY: no bottom */
-    struct pell_texture_map depth_map; /* `channel` of it, in [0, 1], times `depth` */
-    bool depth_inverse;                /* 1 - map: white is thin */
+    struct pell_texture_map depth_map; /* `channel` of it times `depth`: integers are in [0, 1], floats at least 0 */
+    bool depth_inverse;                /* 1 - map, of floats in [0, 1]: white is thin */
 };
 
 /* What lies under the deepest layer. */
@@ -90,7 +90,7 @@ struct pell_material {
     struct pell_gaussians gaussians;
     struct pell_profile *profile; /* of R, G and B; the scene's */
     enum pell_profile_model model;
-    struct pell_scene_layer *layers; /* top to bottom; the scene's. `gaussians` or `profile` is then what they reflect at their mean depths */
+    struct pell_scene_layer *layers; /* top to bottom; the scene's. `gaussians` or `profile`: what they reflect at their mean depths */
     int num_layers;            /* [0, PELL_LAYERS_MOST]; 0: one medium without a bottom */
     enum pell_below below;
     enum pell_color_from color_from;
@@ -148,6 +148,10 @@ struct pell_camera {
     float forward[3], up[3]; /* unit, at right angles */
     float fov;               /* vertical, radians; unused where ortho_height > 0 */
     float ortho_height;      /* mm; 0: perspective */
+    /* The lens, for depth of field: a thin one whose focal length is that of `fov` on a frame 24 mm high, 12 mm / tan(fov / 2), and whose
+     * diameter is the focal length over the f-number. Not for orthographic cameras. */
+    float focus;    /* mm from the camera along `forward` to what is sharp; 0: to the middle of the bounds */
+    float f_number; /* 0: 2.8 */
 };
 
 enum pell_background { PELL_BACKGROUND_COLOR, PELL_BACKGROUND_ENVIRONMENT, PELL_BACKGROUND_IMAGE, PELL_BACKGROUND_TRANSPARENT };
@@ -183,6 +187,7 @@ struct pell_scene {
     size_t num_options;
 
     /* private */
+    bool animated;                          /* some file of it has animations */
     bool from_file;                         /* bad values are a file's fault, not the caller's */
     size_t capacity[6];                     /* of the arrays above */
     int64_t total_vertices, total_triangles; /* allocated so far, against the limits */
@@ -197,7 +202,9 @@ struct pell_load_params {
     double size_mm;       /* > 0: scale so that the largest extent of the bounds is this; not with mm_per_unit */
     const char *material; /* built-in name or material file for everything; NULL: as the file says, marble where it says nothing */
     const char *camera;   /* name of a camera of the file; NULL: its first, else framing from the bounds */
-    double time;          /* seconds; animation is not read yet: a value other than 0 is refused */
+    double time;          /* seconds into an animation of glTF files, which holds its first pose before it begins and its last after */
+    bool timed;           /* `time` is given, though it may be 0: it stands above a scene file's. Without any time rest poses are drawn */
+    const char *animation; /* which one: its name in the file, or its number from 0; NULL: as a scene file says, else the first */
     float aspect;         /* width / height of the picture, for framing; 0: 16/9 */
     bool allow_outside;   /* let files refer to files outside the scene's folder */
     bool bare;            /* add no default lights, no default camera, no ground: `check` */
@@ -261,6 +268,15 @@ PELL_API PELL_NODISCARD enum pell_result pell_mesh_allocate(struct pell_scene *s
 /* Turns a material into a built-in entry: medium or Gaussians, colour, roughness, mix. `where` names the place that asked. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, const char *where,
                                                              const char *entry);
+
+/* Gives a material `count` [0, PELL_LAYERS_MOST] layers in place of those it had, zeroed but for the maps' transforms: clear, of no depth.
+ * Their names are freed with pell_scene_destroy: leave them NULL, or copies by the context's allocator. */
+PELL_API PELL_NODISCARD enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t material, int count);
+
+/* Makes `gaussians` what the layers of a material reflect at their mean depths over their maps, under a boundary of medium.eta, and the
+ * medium's coefficients their mean. PELL_ERR_INVALID: no layers, values out of range, or layers that send no light back; only of these
+ * the medium is set all the same. */
+PELL_API PELL_NODISCARD enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t material);
 
 /* Computes bounds, makes missing normals (area- and angle-weighted) and tangents, checks every index and value. Call once after
  * building, before rendering. */

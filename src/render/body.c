@@ -162,6 +162,7 @@ enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
         const size_t at = frame_index[m->material + 1];
+        const bool layered = scene->materials[m->material].num_layers > 0;
         size_t k = 0;
 
         b->of_mesh[i] = -1;
@@ -169,11 +170,12 @@ enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_
             continue;
         for (; k < b->count; k++) {
             const struct pell_frame_material *other = &materials[b->bodies[k].material];
-            if (b->bodies[k].object == m->object && other->profile == materials[at - 1].profile && other->white == materials[at - 1].white)
+            if (b->bodies[k].object == m->object && other->profile == materials[at - 1].profile && other->white == materials[at - 1].white &&
+                (b->bodies[k].material == at - 1 || (!layered && !b->bodies[k].layered)))
                 break;
         }
         if (k == b->count)
-            b->bodies[b->count++] = (struct pell_body) { .object = m->object, .material = at - 1 };
+            b->bodies[b->count++] = (struct pell_body) { .object = m->object, .material = at - 1, .layered = layered };
         b->of_mesh[i] = (int32_t) k;
     }
     for (size_t k = 0; k < b->count; k++)

@@ -4,7 +4,7 @@
  *
  * A body is what light moves about in below the surface: all triangles of one object (struct pell_mesh.object) whose materials scatter by
  * one profile. So light goes from a material to another of the same object only where both have the same medium and model (or Gaussians,
- * or table), and never from one object to another, however near.
+ * or table; layers of its own are one material's alone), and never from one object to another, however near.
  */
 #ifndef PELL_BODY_H
 #define PELL_BODY_H
@@ -17,6 +17,7 @@
 struct pell_body {
     int object;
     size_t material; /* index of a frame material: the first of them */
+    bool layered;    /* it has layers of its own, and is the only one */
     size_t num_triangles;
     struct pell_body_triangle {
         uint32_t mesh, triangle;

@@ -4,6 +4,7 @@
 
 #include "render/composite/composite.h"
 #include "render/planes.h"
+#include "render/post/dof.h"
 #include "render/post/post.h"
 
 #include <string.h>
@@ -13,6 +14,7 @@
 #define COPY_LEAST ((size_t) 1 << 20)
 #define COPY_BANDS 64
 #define COPY_ROUNDS 9
+#define F_NUMBER 2.8 /* of a camera that does not say */
 #define MAX_STAGES 48
 #define MAX_CHANNELS 32
 
@@ -55,6 +57,10 @@ struct pell_renderer {
     const float *noise[3]; /* the pass's own, of the last sample */
     float *single[3], *reflected[3]; /* there once a method gave them apart */
     int sample;                      /* of the frame, that is being made */
+    struct pell_view eye;            /* of that sample */
+    struct pell_lens lens;           /* of the frame */
+    float *glow[PELL_BLOOM_PLANES];  /* there once bloom was asked for */
+    float *open[PELL_DOF_PLANES], *open_tiles; /* there once depth of field was asked for */
     struct pell_checkpoint checkpoint; /* owned path; NULL: none */
     float *position[3], *hit[4]; /* there once a method asked for them; mesh, triangle and barycentric */
     uint16_t *material; /* the frame's plane */
@@ -112,6 +118,11 @@ int pell_renderer_sample(const struct pell_renderer *r)
     return r->sample;
 }
 
+const struct pell_view *pell_renderer_eye(const struct pell_renderer *r)
+{
+    return &r->eye;
+}
+
 const struct pell_settings *pell_renderer_settings(const struct pell_renderer *r)
 {
     return &r->settings;
@@ -164,6 +175,16 @@ void pell_renderer_light(const struct pell_renderer *r, const struct pell_points
     struct pell_irradiance_params p = light_params(r, mix);
 
     p.sample = first;
+    pell_irradiance_points(r->lights, &p, points, spacing, samples, out);
+}
+
+void pell_renderer_light_of(const struct pell_renderer *r, uint64_t lights, const struct pell_points *points, float mix, float spacing,
+                            uint32_t first, int samples, struct pell_points_light *out)
+{
+    struct pell_irradiance_params p = light_params(r, mix);
+
+    p.sample = first;
+    p.lights = lights;
     pell_irradiance_points(r->lights, &p, points, spacing, samples, out);
 }
 
@@ -223,6 +244,9 @@ static void drop_size(struct pell_renderer *r)
     pell_free(r->ctx, r->position[0]);
     pell_free(r->ctx, r->hit[0]);
     pell_free(r->ctx, r->single[0]);
+    pell_free(r->ctx, r->glow[0]);
+    pell_free(r->ctx, r->open[0]);
+    pell_free(r->ctx, r->open_tiles);
     pell_free(r->ctx, r->material);
     pell_free(r->ctx, r->rows);
     memset(&r->lighting, 0, sizeof(r->lighting));
@@ -230,6 +254,9 @@ static void drop_size(struct pell_renderer *r)
     memset(r->position, 0, sizeof(r->position));
     memset(r->hit, 0, sizeof(r->hit));
     memset(r->single, 0, sizeof(r->single));
+    memset(r->glow, 0, sizeof(r->glow));
+    memset(r->open, 0, sizeof(r->open));
+    r->open_tiles = NULL;
     memset(r->reflected, 0, sizeof(r->reflected));
     r->material = NULL;
     r->rows = NULL;
@@ -535,6 +562,56 @@ static void lend_hits(struct pell_renderer *r)
     r->surface.barycentric[1] = asked ? r->hit[3] : NULL;
 }
 
+/* See struct pell_camera. */
+static enum pell_result make_lens(const struct pell_renderer *r, const struct pell_settings *s, struct pell_lens *lens)
+{
+    const struct pell_camera *c = &r->scene->cameras[0];
+    const char *name = c->name && c->name[0] ? c->name : "camera";
+    const struct pell_vec3 middle = vec3_mul(vec3_add(vec3_load(r->scene->bounds_min), vec3_load(r->scene->bounds_max)), 0.5f);
+
+    *lens = (struct pell_lens) { 0 };
+    if (!s->dof)
+        return PELL_OK;
+    if (c->ortho_height > 0.0f)
+        return pell_error(r->ctx, PELL_ERR_INVALID, name, "leave dof off", "an orthographic camera has no lens, so no depth of field");
+    if (c->f_number != 0.0f && !(c->f_number >= 0.1f && c->f_number <= 1e6f))
+        return pell_error(r->ctx, PELL_ERR_INVALID, name, NULL, "f_number = %g, must be in [0.1, 1e6]", (double) c->f_number);
+    lens->focus = c->focus;
+    if (c->focus == 0.0f)
+        lens->focus = vec3_dot(vec3_sub(middle, vec3_load(c->position)), vec3_normalize(vec3_load(c->forward)));
+    if (!(lens->focus >= 1e-3f && lens->focus <= 1e12f))
+        return pell_error(r->ctx, PELL_ERR_INVALID, name, "give the camera a focus",
+                          c->focus == 0.0f ? "the middle of the bounds is %g mm before the camera, which can't focus on it"
+                                           : "focus = %g mm, must be in [0.001, 1e12]",
+                          (double) lens->focus);
+    lens->radius = (float) (6.0 / tan(0.5 * (double) c->fov) / (c->f_number > 0.0f ? (double) c->f_number : F_NUMBER));
+    return PELL_OK;
+}
+
+/* Position of sample i of n in the pixel: one sample in each of n columns and n rows, the rows in the order of the golden section's
+ * multiples (4 are the rotated grid). Their mean is the centre, so the picture stays where it is however many there are. */
+static void sample_shift(int i, int n, float *x, float *y)
+{
+    const double golden = 0.6180339887498949, here = golden * (i + 1) - floor(golden * (i + 1));
+    int rank = 0;
+
+    for (int k = 1; k <= n; k++)
+        rank += golden * k - floor(golden * k) < here;
+    *x = ((float) i + 0.5f) / (float) n - 0.5f;
+    *y = ((float) rank + 0.5f) / (float) n - 0.5f;
+}
+
+static struct pell_view sample_view(const struct pell_renderer *r, const struct pell_settings *settings, int sample)
+{
+    struct pell_view view;
+    float dx, dy;
+
+    sample_shift(sample, settings->msaa, &dx, &dy);
+    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, dx, dy);
+    pell_view_through(&view, &r->lens, sample, settings->msaa);
+    return view;
+}
+
 /* Everything that a frame of these settings needs and that is not there yet. */
 static enum pell_result prepare(struct pell_renderer *r, const struct pell_settings *s, const struct pell_view *view)
 {
@@ -588,6 +665,16 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
     }
     lend_hits(r);
+    if (s->bloom > 0.0f && !r->glow[0]) {
+        float **const planes[PELL_BLOOM_PLANES] = { &r->glow[0], &r->glow[1], &r->glow[2] };
+        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
+    }
+    if (s->dof && !r->open[0]) {
+        float **const planes[PELL_DOF_PLANES] = { &r->open[0], &r->open[1], &r->open[2], &r->open[3], &r->open[4], &r->open[5] };
+        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
+    }
+    if (s->dof && !r->open_tiles && !(r->open_tiles = pell_calloc(r->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
+        return PELL_ERR_NOMEM;
     if (r->pass && pell_pass_plan(r->pass)->gives && s->layers && !r->single[0]) {
         float **planes[9];
         for (size_t c = 0; c < 3; c++) {
@@ -690,19 +777,6 @@ static void note(struct pell_renderer *r, const char *name, double seconds, int6
 
 /* --- One frame ---------------------------------------------------------------------------------------------------------------- */
 
-/* Position of sample i of n in the pixel: one sample in each of n columns and n rows, the rows in the order of the golden section's
- * multiples (4 are the rotated grid). Their mean is the centre, so the picture stays where it is however many there are. */
-static void sample_shift(int i, int n, float *x, float *y)
-{
-    const double golden = 0.6180339887498949, here = golden * (i + 1) - floor(golden * (i + 1));
-    int rank = 0;
-
-    for (int k = 1; k <= n; k++)
-        rank += golden * k - floor(golden * k) < here;
-    *x = ((float) i + 0.5f) / (float) n - 0.5f;
-    *y = ((float) rank + 0.5f) / (float) n - 0.5f;
-}
-
 static void unite(struct pell_rect *a, const struct pell_rect *b)
 {
     if (b->x0 >= b->x1)
@@ -713,6 +787,16 @@ static void unite(struct pell_rect *a, const struct pell_rect *b)
     a->y0 = b->y0 < a->y0 ? b->y0 : a->y0;
     a->x1 = b->x1 > a->x1 ? b->x1 : a->x1;
     a->y1 = b->y1 > a->y1 ? b->y1 : a->y1;
+}
+
+static void widen(struct pell_rect *rect, int by, int width, int height)
+{
+    if (rect->x0 >= rect->x1)
+        return;
+    rect->x0 = rect->x0 > by ? rect->x0 - by : 0;
+    rect->y0 = rect->y0 > by ? rect->y0 - by : 0;
+    rect->x1 = rect->x1 < width - by ? rect->x1 + by : width;
+    rect->y1 = rect->y1 < height - by ? rect->y1 + by : height;
 }
 
 struct remap_task {
@@ -806,19 +890,46 @@ fail:
     return res;
 }
 
+/* The composite of one sample, blurred by its part of the lens. */
+static void render_through_lens(struct pell_renderer *r, const struct pell_composite_params *composite)
+{
+    float *const out[] = { r->sum.color[0], r->sum.color[1], r->sum.color[2], r->sum.alpha };
+    const struct pell_rect rect = composite->rect;
+    struct pell_accumulator apart = r->sum;
+    const struct pell_dof_params params = {
+        .surface = &r->surface,
+        .rect = rect,
+        .scale = r->lens.radius / sqrtf((float) r->settings.msaa) * composite->view->focal_px,
+        .focus = r->lens.focus,
+        .first = composite->first,
+    };
+    double start = pell_seconds();
+
+    for (int c = 0; c < 3; c++)
+        apart.color[c] = r->open[c];
+    apart.alpha = r->open[3];
+    for (int c = 0; c < 4 && !composite->first; c++)
+        for (int y = rect.y0; y < rect.y1 && rect.x0 < rect.x1; y++)
+            memset(r->open[c] + y * r->surface.stride + rect.x0, 0, (size_t) (rect.x1 - rect.x0) * sizeof(float));
+    pell_composite_render(r->pool, r->compositor, composite, &apart);
+    note(r, "composite", pell_seconds() - start, r->surface.covered_pixels, 0, r->surface.covered_pixels * 64);
+    start = pell_seconds();
+    pell_dof_render(r->pool, &params, r->open, r->open_tiles, out);
+    note(r, "depth of field", pell_seconds() - start, (int64_t) (rect.x1 - rect.x0) * (rect.y1 - rect.y0), 0,
+         (int64_t) (rect.x1 - rect.x0) * (rect.y1 - rect.y0) * 40);
+}
+
 static enum pell_result render_sample(struct pell_renderer *r, const struct pell_settings *settings, int sample)
 {
     const struct pell_surface *s = &r->surface;
     const struct pell_plan *plan = r->pass ? pell_pass_plan(r->pass) : NULL;
     struct pell_composite_params composite;
     struct pell_irradiance_params light;
-    struct pell_view view;
-    float dx, dy;
+    struct pell_view view = sample_view(r, settings, sample);
     double start = pell_seconds();
     enum pell_result res;
 
-    sample_shift(sample, settings->msaa, &dx, &dy);
-    view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, dx, dy);
+    r->eye = view;
     PELL_TRY(pell_surface_render(r->pool, r->rays, r->scene, &view, &r->surface));
     note(r, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
     unite(&r->translucent, &s->translucent);
@@ -848,8 +959,12 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
     PELL_TRY(scatter(r, &view, &composite));
 
     start = pell_seconds();
-    pell_composite_render(r->pool, r->compositor, &composite, &r->sum);
-    note(r, "composite", pell_seconds() - start, s->covered_pixels, 0, s->covered_pixels * 64);
+    if (r->lens.radius > 0.0f) {
+        render_through_lens(r, &composite);
+    } else {
+        pell_composite_render(r->pool, r->compositor, &composite, &r->sum);
+        note(r, "composite", pell_seconds() - start, s->covered_pixels, 0, s->covered_pixels * 64);
+    }
     return pell_cancelled(r->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
@@ -967,6 +1082,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->method ? r->method->name : "none", "path-trace does",
                           "keeps no state in a checkpoint file");
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
+    PELL_TRY(make_lens(r, settings, &r->lens));
     PELL_TRY(prepare(r, settings, &view));
     if (pell_seconds() - begin > 1e-4)
         note(r, "prepare", pell_seconds() - begin, 0, 0, 0);
@@ -975,6 +1091,13 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     r->covered = r->scene->ground_mesh >= 0 || settings->layers
                      ? (struct pell_rect) { 0, 0, settings->width, settings->height }
                      : pell_view_rect(&view, r->scene->bounds_min, r->scene->bounds_max);
+    for (int i = 0; r->lens.radius > 0.0f && i < settings->msaa; i++) {
+        const struct pell_view through = sample_view(r, settings, i);
+        const struct pell_rect rect = pell_view_rect(&through, r->scene->bounds_min, r->scene->bounds_max);
+        unite(&r->covered, &rect);
+    }
+    if (r->lens.radius > 0.0f)
+        widen(&r->covered, PELL_DOF_MOST + 1, settings->width, settings->height);
     PELL_TRY(render_samples(r, settings, picture));
     partial = picture->partial;
 
@@ -983,6 +1106,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
                      &(struct pell_post_params) {
                          .scene = r->scene,
                          .view = &view,
+                         .lens = &r->lens,
                          .lights = r->lights,
                          .settings = settings,
                          .width = settings->width,
@@ -991,12 +1115,15 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
                          .stride = r->surface.stride,
                          .meter = r->sum.meter,
                          .rows = r->rows,
+                         .glow = r->glow,
                      },
                      r->sum.color, r->sum.alpha, r->display, &post);
     if (pell_cancelled(r->ctx))
         return PELL_ERR_CANCELLED;
     pixels = (int64_t) settings->width * settings->height;
-    note(r, "post", pell_seconds() - start, pixels, 0, pixels * 44);
+    note(r, "post", pell_seconds() - start - post.bloom, pixels, 0, pixels * 44);
+    if (settings->bloom > 0.0f)
+        note(r, "bloom", post.bloom, pixels, 0, pixels * 36);
 
     *picture = (struct pell_picture) {
         .width = settings->width,

@@ -14,8 +14,9 @@ struct pell_stratum {
     const char *name;                   /* "" : none */
     double sigma_s[3], sigma_t[3];      /* 1/mm; sigma_s is not reduced */
     struct pell_phase phase[3];
-    float depth;                        /* mm from the surface to its bottom; where a map is, its 1. The last's may be INFINITY */
-    const struct pell_texture_map *map; /* NULL: even. Borrowed from the material */
+    double depth;                       /* mm from the surface to its bottom, which rises where none is painted; where a map is, its 1.
+                                         * The last's may be INFINITY */
+    const struct pell_texture_map *map; /* NULL: even, or of one value all over. Borrowed from the material */
     bool inverse;
 };
 
@@ -24,7 +25,8 @@ struct pell_strata {
     int count; /* >= 1 */
     struct pell_stratum item[PELL_LAYERS_MOST];
     enum pell_below below;
-    bool painted; /* some layer has a map */
+    bool painted;   /* some layer has a map */
+    double deepest; /* mm: no bottom lies deeper anywhere, but INFINITY */
 };
 
 /* Of the scene's own layers (struct pell_material.layers), else of the built-in stack or medium that the material is made of. Errors:
@@ -33,7 +35,8 @@ PELL_NODISCARD enum pell_result pell_strata_make(struct pell_context *ctx, const
                                                  struct pell_strata *out);
 
 /* Depths of all layers' bottoms below a point of a triangle of `mesh`, mm, each at least the one before it (layers that cross are pushed
- * down: the upper one wins). u, v: barycentric as in struct pell_hit. Safe from many threads. */
+ * down: the upper one wins). u, v: barycentric as in struct pell_hit. A mesh without the map's texture coordinates is white all over.
+ * Safe from many threads. */
 void pell_strata_depths(const struct pell_strata *s, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float *depth);
 
 /* The layer at a distance below the surface, by depths as above; -1: below the deepest. */

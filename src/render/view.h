@@ -19,6 +19,18 @@ struct pell_view {
 
 struct pell_view pell_view_make(const struct pell_camera *camera, int width, int height, float shift_x, float shift_y);
 
+/* A thin lens in the eye's plane. A picture through it is the mean of pictures through points of it (Haeberli and Akeley 1990), each the
+ * picture of a pinhole there whose pixels meet in the plane in focus: what lies at depth z is spread over a disc that is
+ * 2 radius focal_px |1/z - 1/focus| pixels across. Each of n points stands for the n-th part of the lens about it: render/post/dof.h. */
+struct pell_lens {
+    float radius; /* mm; 0: a pinhole */
+    float focus;  /* mm from the eye along its axis */
+};
+
+/* Moves a view from the middle of the lens to point i of n, which fill it evenly: their mean is the middle, and with discs of
+ * radius / sqrt(n) about them they are as wide as the lens. With n = 1, or without a radius, the view stays. */
+void pell_view_through(struct pell_view *view, const struct pell_lens *lens, int i, int n);
+
 /* A ray through a pixel with forward component 1, so that the ray parameter is the depth: p = start + depth * direction. */
 static inline void pell_view_ray(const struct pell_view *v, float x, float y, struct pell_vec3 *start, struct pell_vec3 *direction)
 {

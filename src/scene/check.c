@@ -212,6 +212,9 @@ static int missing_uv(const struct pell_mesh *mesh, const struct pell_material *
     for (size_t i = 0; i < PELL_COUNT(maps); i++)
         if (maps[i]->texture && maps[i]->uv >= 0 && maps[i]->uv < PELL_UV_SETS && !mesh->uv[maps[i]->uv])
             return maps[i]->uv;
+    for (int i = 0; i < m->num_layers; i++)
+        if (m->layers[i].depth_map.texture && !mesh->uv[m->layers[i].depth_map.uv])
+            return m->layers[i].depth_map.uv;
     return -1;
 }
 

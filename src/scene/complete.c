@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * complete.c - from "what the file says" to "what a renderer may trust": every index and value checked, bounds, orientation, normals,
  * tangents, and the defaults for what is missing. */
+#include "scene/layers.h"
 #include "scene/topology.h"
 
 #include <float.h>
@@ -172,6 +173,28 @@ static enum pell_result check_map(struct pell_scene *scene, const struct pell_ma
     return PELL_OK;
 }
 
+/* A file's layers have been looked at where they were read. */
+static enum pell_result check_layers(struct pell_scene *scene, const struct pell_material *m)
+{
+    struct pell_layer_measure measure[PELL_LAYERS_MOST];
+    struct pell_layer_fault fault;
+    int64_t texels;
+
+    if (scene->from_file || (m->num_layers == 0 && !m->layers))
+        return PELL_OK;
+    if (!pell_scene_layers_valid(m, &fault))
+        return bad_value(scene, "material", m->name, fault.field, fault.value, fault.min, fault.max);
+    texels = pell_scene_layers_measure(m, measure);
+    for (int i = 0; i < m->num_layers; i++)
+        if (measure[i].crossings > 0) {
+            pell_warn(scene->ctx, m->name, "where layers cross the upper one wins",
+                      "the bottom of layer %d lies above that of a layer above it at %lld of %lld texels", i,
+                      (long long) measure[i].crossings, (long long) texels);
+            break;
+        }
+    return PELL_OK;
+}
+
 static enum pell_result check_material(struct pell_scene *scene, const struct pell_material *m)
 {
     const struct {
@@ -205,7 +228,7 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
             res = bad_value(scene, "material", m->name, numbers[i].field, numbers[i].value, numbers[i].min, numbers[i].max);
     for (size_t i = 0; res == PELL_OK && i < PELL_COUNT(maps); i++)
         res = check_map(scene, m, maps[i]);
-    return res;
+    return res == PELL_OK ? check_layers(scene, m) : res;
 }
 
 /* Makes a direction a unit vector; false if it has none. */
@@ -261,6 +284,10 @@ static enum pell_result check_camera(struct pell_scene *scene, struct pell_camer
         return bad_value(scene, "camera", c->name, "the height of its picture (mm)", c->ortho_height, 0.0, 1e12);
     if (c->ortho_height == 0.0f && !in_range(c->fov, 1e-4, 3.14))
         return bad_value(scene, "camera", c->name, "its vertical angle (radians)", c->fov, 1e-4, 3.14);
+    if (!in_range(c->focus, 0.0, 1e12))
+        return bad_value(scene, "camera", c->name, "the distance in focus (mm)", c->focus, 0.0, 1e12);
+    if (c->f_number != 0.0f && !in_range(c->f_number, 0.1, 1e6))
+        return bad_value(scene, "camera", c->name, "its f-number", c->f_number, 0.1, 1e6);
     if (!make_unit(c->forward))
         return bad_value(scene, "camera", c->name, "the length of its forward vector", 0.0, FLT_MIN, FLT_MAX);
     if (!make_unit(c->up))

@@ -223,7 +223,8 @@ static enum pell_result open_arrays(struct gltf *g)
         { "buffers", &g->buffers, items },     { "bufferViews", &g->views, items },   { "accessors", &g->accessors, items },
         { "images", &g->images, items },       { "samplers", &g->samplers, items },   { "textures", &g->textures, items },
         { "materials", &g->materials, items }, { "meshes", &g->meshes, items },       { "nodes", &g->nodes, (size_t) g->limits->nodes },
-        { "scenes", &g->scenes, items },       { "cameras", &g->cameras, items },
+        { "scenes", &g->scenes, items },       { "cameras", &g->cameras, items },     { "skins", &g->skins, items },
+        { "animations", &g->animations, items },
     };
     enum pell_result res;
 
@@ -235,8 +236,10 @@ static enum pell_result open_arrays(struct gltf *g)
     g->buffer = pell_calloc(g->ctx, pell_json_count(&g->buffers), sizeof(*g->buffer));
     g->accessor = pell_calloc(g->ctx, pell_json_count(&g->accessors), sizeof(*g->accessor));
     g->mesh = pell_calloc(g->ctx, pell_json_count(&g->meshes), sizeof(*g->mesh));
+    g->node = pell_calloc(g->ctx, pell_json_count(&g->nodes), sizeof(*g->node));
+    g->skin = pell_calloc(g->ctx, pell_json_count(&g->skins), sizeof(*g->skin));
     g->material = pell_alloc_array(g->ctx, pell_json_count(&g->materials), sizeof(*g->material));
-    if (!g->buffer || !g->accessor || !g->mesh || !g->material)
+    if (!g->buffer || !g->accessor || !g->mesh || !g->node || !g->skin || !g->material)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < pell_json_count(&g->materials); i++)
         g->material[i] = -1;
@@ -248,7 +251,6 @@ fail:
 
 static enum pell_result read_document(struct gltf *g, const uint8_t *json, size_t size)
 {
-    struct pell_json animations;
     enum pell_result res;
 
     PELL_TRY(pell_json_parse(&g->file, json, size));
@@ -256,9 +258,7 @@ static enum pell_result read_document(struct gltf *g, const uint8_t *json, size_
     PELL_TRY(check_asset(g));
     PELL_TRY(check_required(g));
     PELL_TRY(open_arrays(g));
-    animations = pell_json_get(&g->root, "animations");
-    if (pell_json_count(&animations) > 0)
-        gltf_warn(g, GLTF_WARN_FEATURE, &animations, NULL, "animations are not read yet: the file's rest pose is drawn");
+    PELL_TRY(gltf_animate(g));
     return gltf_read_scene(g);
 
 fail:
@@ -269,8 +269,19 @@ static void finish(struct gltf *g)
 {
     for (size_t i = 0; g->buffer && i < pell_json_count(&g->buffers); i++)
         pell_free(g->ctx, g->buffer[i].owned);
-    for (size_t i = 0; g->mesh && i < pell_json_count(&g->meshes); i++)
+    for (size_t i = 0; g->mesh && i < pell_json_count(&g->meshes); i++) {
+        for (size_t k = 0; k < g->mesh[i].num_primitives; k++)
+            pell_free(g->ctx, g->mesh[i].primitives[k].targets);
         pell_free(g->ctx, g->mesh[i].primitives);
+    }
+    for (size_t i = 0; g->skin && i < pell_json_count(&g->skins); i++)
+        pell_free(g->ctx, g->skin[i].matrix);
+    for (size_t i = 0; g->track && i < pell_json_count(&g->accessors); i++)
+        pell_free(g->ctx, g->track[i].value);
+    pell_free(g->ctx, g->skin);
+    pell_free(g->ctx, g->node);
+    pell_free(g->ctx, g->track);
+    pell_free(g->ctx, g->pose);
     pell_free(g->ctx, g->buffer);
     pell_free(g->ctx, g->accessor);
     pell_free(g->ctx, g->mesh);

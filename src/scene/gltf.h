@@ -5,6 +5,9 @@
  *     gltf.c           containers (.gltf, .glb), extensions, the order of things
  *     gltf_buffer.c    data URIs, buffers, buffer views, accessors
  *     gltf_mesh.c      primitives -> meshes of the scene
+ *     gltf_morph.c     morph targets
+ *     gltf_skin.c      skins
+ *     gltf_animation.c where an animation puts the nodes at a time
  *     gltf_node.c      the hierarchy, instances, cameras, lights
  *     gltf_material.c  materials and media
  *     gltf_texture.c   images, samplers, texture transforms
@@ -32,8 +35,11 @@ enum gltf_warning {
 
 /* Things that are said once a file. */
 enum gltf_once {
-    GLTF_ONCE_SKIN,
-    GLTF_ONCE_MORPH,
+    GLTF_ONCE_JOINT_SETS,
+    GLTF_ONCE_WEIGHTS,
+    GLTF_ONCE_MORPH_OTHERS,
+    GLTF_ONCE_MORPH_NORMALS,
+    GLTF_ONCE_SKIN_INSTANCES,
     GLTF_ONCE_DRACO,
     GLTF_ONCE_MESHOPT,
     GLTF_ONCE_NO_NORMALS,
@@ -59,7 +65,7 @@ struct gltf_accessor {
     bool ready;
     bool normalized;
     enum gltf_type type;
-    int components;      /* 1..4 */
+    int components;      /* 1..4, or 16: MAT4, column by column */
     uint32_t count;
     uint32_t stride;     /* bytes from element to element */
     const uint8_t *data; /* NULL: all zeros */
@@ -68,17 +74,63 @@ struct gltf_accessor {
     const uint8_t *sparse_index, *sparse_value;
 };
 
+#define GLTF_JOINT_SETS 2 /* of four joints each */
+
+/* What a morph target adds to, as indices of accessors; -1: none. */
+struct gltf_target {
+    int64_t position, normal, tangent;
+};
+
 /* One primitive's indices of accessors and so on; -1: none. */
 struct gltf_primitive {
     int mode;
     int64_t position, normal, tangent, color, uv[PELL_UV_SETS], indices, material;
+    int64_t joints[GLTF_JOINT_SETS], weights[GLTF_JOINT_SETS];
+    struct gltf_target *targets; /* as many as the mesh says */
     bool drawn;
 };
 
 struct gltf_mesh {
     struct gltf_primitive *primitives;
-    size_t num_primitives;
+    size_t num_primitives, num_targets;
     bool ready;
+};
+
+/* A node's place in the tree and in the world. */
+struct gltf_node {
+    struct pell_mat4 world; /* where `placed` */
+    int32_t parent;         /* -1: none */
+    int32_t below;          /* of a walk upwards: where it came from */
+    bool placed;
+};
+
+enum { GLTF_TRANSLATION, GLTF_ROTATION, GLTF_SCALE, GLTF_WEIGHTS, GLTF_PATHS };
+
+/* What the animation says of a node; the rest is the node's own. */
+struct gltf_pose {
+    bool moved[GLTF_PATHS];
+    double value[GLTF_WEIGHTS][4]; /* translation, unit quaternion, scale */
+    int32_t weights;               /* the channel of GLTF_WEIGHTS */
+};
+
+/* An accessor of an animation as floats. */
+struct gltf_track {
+    float *value;
+    bool ordered; /* known to be times: increasing, none negative */
+};
+
+/* Matrices from a mesh as it is bound to its place in the world. */
+struct gltf_skin {
+    struct pell_mat4 *matrix; /* joint's place x inverse bind matrix */
+    uint32_t num_joints;
+    bool ready, flat;         /* flat: nothing of it has an area */
+};
+
+/* Where and how a mesh is drawn. */
+struct gltf_placing {
+    const struct pell_json *node;  /* NULL: a file without nodes */
+    const struct pell_mat4 *world; /* not asked where there is a skin */
+    const struct gltf_skin *skin;  /* NULL: rigid */
 };
 
 struct gltf {
@@ -89,12 +141,19 @@ struct gltf {
 
     struct pell_json_file file;
     struct pell_json root, buffers, views, accessors, images, samplers, textures, materials, meshes, nodes, scenes, cameras;
+    struct pell_json skins, animations, animation, animation_samplers, animation_channels; /* the latter three of the chosen one */
     struct pell_json extensions, lights_extension, lights;
 
     struct gltf_bytes bin; /* of a GLB; data NULL: none */
     struct gltf_buffer *buffer;
     struct gltf_accessor *accessor;
     struct gltf_mesh *mesh;
+    struct gltf_node *node;
+    struct gltf_skin *skin;
+    struct gltf_track *track; /* per accessor, where an animation plays */
+    struct gltf_pose *pose;   /* per node; NULL: the file's rest pose */
+    double time;
+    int64_t deformed;         /* vertices that morph targets and skins have moved, each time counted */
     int64_t *material; /* index into the scene's, -1: not read yet */
 
     int next_object;
@@ -136,17 +195,59 @@ PELL_NODISCARD enum pell_result gltf_view(struct gltf *g, const struct pell_json
 PELL_NODISCARD enum pell_result gltf_accessor(struct gltf *g, int64_t index, const struct gltf_accessor **out);
 /* Writes count x components floats: integers as normalised if `normalize` or if the accessor says so. */
 void gltf_read_floats(const struct gltf_accessor *a, bool normalize, float *out);
+/* The accessor that parent.key names as `index`, with `min` to `max` components and `count` elements, none of them 32-bit integers. */
+PELL_NODISCARD enum pell_result gltf_attribute(struct gltf *g, const struct pell_json *parent, const char *key, int64_t index, int min,
+                                               int max, uint32_t count, const struct gltf_accessor **out);
 /* Scalars of an unsigned type. */
 void gltf_read_indices(const struct gltf_accessor *a, uint32_t *out);
 
 /* --- gltf_mesh.c ------------------------------------------------------------------------------------------------------------ */
 
-/* Adds a mesh's primitives to the scene, placed by `world`; all with one object number. */
-PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, const char *name, const struct pell_mat4 *world);
+/* Adds a mesh's primitives to the scene; all with one object number. */
+PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, const char *name, const struct gltf_placing *placing);
+/* The index of the first float that is infinite or NaN, or `count`. */
+size_t gltf_first_not_finite(const float *x, size_t count);
+/* Turns and normalises vectors of `size` floats; those without a direction (zero, not finite, lost in a flat transform) become zero.
+ * Returns how many. `matrix` NULL: no turn. */
+size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size);
+/* Counts work that the sizes of what is drawn don't bound, before it is done. */
+PELL_NODISCARD enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices);
+
+/* --- gltf_morph.c ----------------------------------------------------------------------------------------------------------- */
+
+/* Reads primitive.targets, of which each primitive of a mesh must have as many; *count -1: not known yet. */
+PELL_NODISCARD enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *primitive, struct gltf_primitive *p,
+                                                   int64_t *count);
+/* The weights of `count` targets: the animation's, else the node's, else the mesh's. *weights is owned by the caller, NULL if all are 0. */
+PELL_NODISCARD enum pell_result gltf_morph_weights(struct gltf *g, const struct pell_json *mesh, const struct pell_json *node,
+                                                   size_t count, double **weights);
+/* Adds the targets to a mesh that is as the file has it. Normals and tangents that the targets leave behind are emptied. */
+PELL_NODISCARD enum pell_result gltf_morph(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p,
+                                           const double *weights, size_t count, struct pell_mesh *mesh);
+
+/* --- gltf_skin.c ------------------------------------------------------------------------------------------------------------ */
+
+PELL_NODISCARD enum pell_result gltf_skin(struct gltf *g, int64_t index, const struct gltf_skin **out);
+/* Brings a mesh that is as the file has it, morphed or not, into the world. */
+PELL_NODISCARD enum pell_result gltf_skin_mesh(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p,
+                                               const struct gltf_skin *skin, struct pell_mesh *mesh);
+
+/* --- gltf_animation.c ------------------------------------------------------------------------------------------------------- */
+
+/* Fills g->pose with where the chosen animation puts the nodes at the time that the importer was given. */
+PELL_NODISCARD enum pell_result gltf_animate(struct gltf *g);
+/* The weights of a mesh's morph targets that channel `channel` gives. */
+PELL_NODISCARD enum pell_result gltf_animated_weights(struct gltf *g, int32_t channel, size_t count, double *weights);
 
 /* --- gltf_node.c ------------------------------------------------------------------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result gltf_read_scene(struct gltf *g);
+/* The matrix from a node's space to the world's, of any node; made once. */
+PELL_NODISCARD enum pell_result gltf_node_world(struct gltf *g, int64_t node, const struct pell_mat4 **out);
+/* False where all is pulled into a line or a point: scale 0 is a common way to hide things. */
+bool gltf_has_area(const struct pell_mat4 *world);
+/* False where a quaternion has no direction. */
+bool gltf_normalize_quaternion(double q[4], double *length);
 
 /* --- gltf_material.c -------------------------------------------------------------------------------------------------------- */
 

@@ -364,13 +364,14 @@ static enum pell_result read_accessor(struct gltf *g, int64_t index, struct gltf
     PELL_TRY(pell_json_require(&at, "type"));
     PELL_TRY(pell_json_require(&at, "count"));
     PELL_TRY(pell_json_choice(&at, "type", types, PELL_COUNT(types), &type));
-    if (type > 3)
-        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "type is %s, allowed for what uses it: SCALAR, VEC2, VEC3, VEC4", types[type]);
+    if (type == 4 || type == 5)
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "type is %s, allowed for what uses it: SCALAR, VEC2, VEC3, VEC4, MAT4",
+                               types[type]);
     PELL_TRY(component_type(&at, false, &a->type));
     PELL_TRY(pell_json_bool(&at, "normalized", &a->normalized));
     PELL_TRY(pell_json_int(&at, "count", 1, most, &count));
     PELL_TRY(pell_json_int(&at, "byteOffset", 0, g->limits->file_bytes, &offset));
-    a->components = type + 1;
+    a->components = type == 6 ? 16 : type + 1;
     a->count = (uint32_t) count;
     a->stride = element = type_size(a->type) * (uint32_t) a->components;
     if (pell_json_get(&at, "bufferView").value) {
@@ -405,6 +406,27 @@ enum pell_result gltf_accessor(struct gltf *g, int64_t index, const struct gltf_
             return res;
     }
     *out = a;
+    return PELL_OK;
+}
+
+enum pell_result gltf_attribute(struct gltf *g, const struct pell_json *parent, const char *key, int64_t index, int min, int max,
+                                uint32_t count, const struct gltf_accessor **out)
+{
+    const struct pell_json at = pell_json_get(parent, key);
+    const enum pell_result res = gltf_accessor(g, index, out);
+
+    if (res != PELL_OK)
+        return res;
+    if ((*out)->components < min || (*out)->components > max)
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has %d components, allowed: %d to %d", index,
+                               (*out)->components, min, max);
+    if ((*out)->type == GLTF_U32)
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has component type 5125, allowed: 5120 to 5123, 5126",
+                               index);
+    if ((*out)->count != count)
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                               "accessor %" PRId64 " has %" PRIu32 " elements, allowed: %" PRIu32 ", as POSITION has", index, (*out)->count,
+                               count);
     return PELL_OK;
 }
 

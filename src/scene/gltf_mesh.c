@@ -2,6 +2,8 @@
  * gltf_mesh.c - primitives of glTF 2.0 (section 3.7.2 of the specification) as meshes of the scene: attributes, triangles of lists,
  * strips and fans, and their placing in the world.
  *
+ * A mesh is read as the file has it, morphed (gltf_morph.c), then placed by its node, or by the joints of its skin (gltf_skin.c).
+ *
  * A transform that mirrors turns the order of each triangle's corners, so that all are counter-clockwise from outside, and the sign of
  * the bitangent. Where a primitive has no normals, pell_scene_complete makes them, smooth but for creases: the specification asks for
  * flat ones, which would cut a translucent surface into facets. */
@@ -12,6 +14,8 @@
 #include <string.h>
 
 enum { MODE_TRIANGLES = 4, MODE_STRIP = 5, MODE_FAN = 6 };
+
+#define DEFORMED_FACTOR 16 /* times the limit of vertices: how many may be moved, counting each target and each set of joints */
 
 /* --- Parsing, once a mesh --------------------------------------------------------------------------------------------------- */
 
@@ -28,6 +32,18 @@ static enum pell_result parse_attributes(struct gltf *g, const struct pell_json 
         snprintf(key, sizeof(key), "TEXCOORD_%d", i);
         PELL_TRY(gltf_index(attributes, key, &g->accessors, &p->uv[i]));
     }
+    for (int i = 0; i < GLTF_JOINT_SETS; i++) {
+        char joints[16], weights[16];
+        snprintf(joints, sizeof(joints), "JOINTS_%d", i);
+        snprintf(weights, sizeof(weights), "WEIGHTS_%d", i);
+        PELL_TRY(gltf_index(attributes, joints, &g->accessors, &p->joints[i]));
+        PELL_TRY(gltf_index(attributes, weights, &g->accessors, &p->weights[i]));
+        if ((p->joints[i] < 0) != (p->weights[i] < 0))
+            return pell_json_error(attributes, PELL_ERR_FORMAT, NULL, "has %s without %s", p->joints[i] < 0 ? weights : joints,
+                                   p->joints[i] < 0 ? joints : weights);
+    }
+    if (pell_json_get(attributes, "JOINTS_2").value && gltf_once(g, GLTF_ONCE_JOINT_SETS))
+        gltf_warn(g, GLTF_WARN_PRIMITIVE, attributes, NULL, "JOINTS_2 and later sets are not used: eight joints move a vertex");
     if (pell_json_get(attributes, "COLOR_1").value)
         gltf_warn(g, GLTF_WARN_PRIMITIVE, attributes, NULL, "COLOR_1 and later colour sets are not used");
     return PELL_OK;
@@ -36,7 +52,7 @@ fail:
     return res;
 }
 
-static enum pell_result parse_primitive(struct gltf *g, const struct pell_json *at, struct gltf_primitive *p)
+static enum pell_result parse_primitive(struct gltf *g, const struct pell_json *at, struct gltf_primitive *p, int64_t *targets)
 {
     static const char *const skipped[] = { "points", "lines", "a line loop", "a line strip" };
     const struct pell_json mode_at = pell_json_get(at, "mode");
@@ -45,7 +61,7 @@ static enum pell_result parse_primitive(struct gltf *g, const struct pell_json *
     enum pell_result res;
 
     *p = (struct gltf_primitive) { .position = -1, .normal = -1, .tangent = -1, .color = -1, .uv = { -1, -1, -1, -1 }, .indices = -1,
-                                   .material = -1 };
+                                   .material = -1, .joints = { -1, -1 }, .weights = { -1, -1 }, .targets = p->targets };
     PELL_TRY(pell_json_is_object(at));
     PELL_TRY(pell_json_require(at, "attributes"));
     PELL_TRY(pell_json_object(at, "attributes", &attributes));
@@ -71,10 +87,7 @@ static enum pell_result parse_primitive(struct gltf *g, const struct pell_json *
         if (gltf_once(g, GLTF_ONCE_DRACO))
             gltf_warn(g, GLTF_WARN_EXTENSION, &draco, NULL, "KHR_draco_mesh_compression is not read: the uncompressed copy is used");
     }
-    if (pell_json_get(at, "targets").value && gltf_once(g, GLTF_ONCE_MORPH)) {
-        const struct pell_json targets = pell_json_get(at, "targets");
-        gltf_warn(g, GLTF_WARN_FEATURE, &targets, NULL, "morph targets are not read yet: the base shape is drawn");
-    }
+    PELL_TRY(gltf_parse_targets(g, at, p, targets));
     p->drawn = true;
     return PELL_OK;
 
@@ -85,6 +98,7 @@ fail:
 static enum pell_result parse_mesh(struct gltf *g, const struct pell_json *at, struct gltf_mesh *mesh)
 {
     struct pell_json primitives;
+    int64_t targets = -1;
     enum pell_result res;
     size_t count;
 
@@ -99,9 +113,11 @@ static enum pell_result parse_mesh(struct gltf *g, const struct pell_json *at, s
     }
     for (size_t i = 0; i < count; i++) {
         const struct pell_json primitive = pell_json_at(&primitives, i);
-        PELL_TRY(parse_primitive(g, &primitive, &mesh->primitives[i]));
+        mesh->num_primitives = i + 1; /* that may own something */
+        PELL_TRY(parse_primitive(g, &primitive, &mesh->primitives[i], &targets));
     }
     mesh->num_primitives = count;
+    mesh->num_targets = targets > 0 ? (size_t) targets : 0;
     mesh->ready = true;
     return PELL_OK;
 
@@ -111,8 +127,8 @@ fail:
 
 /* --- Vertices --------------------------------------------------------------------------------------------------------------- */
 
-/* The index of the first float that is infinite or NaN, or `count`. Looks at bits first, which vectorises. */
-static size_t first_not_finite(const float *x, size_t count)
+/* Looks at bits first, which vectorises. */
+size_t gltf_first_not_finite(const float *x, size_t count)
 {
     enum { BLOCK = 1024 };
     for (size_t at = 0; at < count; at += BLOCK) {
@@ -130,26 +146,11 @@ static size_t first_not_finite(const float *x, size_t count)
     return count;
 }
 
-/* The accessor of an attribute, which must have `min` to `max` components and one element a vertex. */
 static enum pell_result attribute(struct gltf *g, const struct pell_json *primitive, const char *key, int64_t index, int min, int max,
                                   uint32_t count, const struct gltf_accessor **out)
 {
-    const struct pell_json attributes = pell_json_get(primitive, "attributes"), at = pell_json_get(&attributes, key);
-    const enum pell_result res = gltf_accessor(g, index, out);
-
-    if (res != PELL_OK)
-        return res;
-    if ((*out)->components < min || (*out)->components > max)
-        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has %d components, allowed: %d to %d", index,
-                               (*out)->components, min, max);
-    if ((*out)->type == GLTF_U32)
-        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has component type 5125, allowed: 5120 to 5123, 5126",
-                               index);
-    if ((*out)->count != count)
-        return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
-                               "accessor %" PRId64 " has %" PRIu32 " elements, allowed: %" PRIu32 ", as POSITION has", index, (*out)->count,
-                               count);
-    return PELL_OK;
+    const struct pell_json attributes = pell_json_get(primitive, "attributes");
+    return gltf_attribute(g, &attributes, key, index, min, max, count, out);
 }
 
 static void transform_positions(const struct pell_mat4 *matrix, float *p, size_t count)
@@ -176,9 +177,7 @@ static struct pell_mat4 scaled_to_one(const struct pell_mat4 *matrix)
     return unit;
 }
 
-/* Turns and normalises vectors of `size` floats; those without a direction (zero, not finite, lost in a flat transform) become zero.
- * Returns how many. `matrix` NULL: no turn. */
-static size_t turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size)
+size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size)
 {
     struct pell_mat4 unit = { { 0 } };
     size_t bad = 0;
@@ -204,47 +203,28 @@ static size_t turn_vectors(const struct pell_mat4 *matrix, bool normals, float *
     return bad;
 }
 
-static enum pell_result read_positions(struct gltf *g, const struct pell_json *at, const struct gltf_accessor *a,
-                                       const struct pell_mat4 *world, float *out)
+/* Positions are out of the range of floats as they are read, or once they are placed. */
+static enum pell_result check_positions(const struct pell_json *at, const struct pell_mesh *mesh)
 {
-    const size_t n = 3 * (size_t) a->count;
-    size_t bad;
+    const size_t n = 3 * (size_t) mesh->num_vertices, bad = gltf_first_not_finite(mesh->position, n);
+    const float *out = mesh->position;
 
-    gltf_read_floats(a, false, out);
-    bad = first_not_finite(out, n);
-    if (bad == n && world) {
-        transform_positions(world, out, a->count);
-        bad = first_not_finite(out, n);
-    }
-    (void) g;
     if (bad < n)
         return pell_json_error(at, PELL_ERR_FORMAT, NULL, "POSITION %zu has %c = %g, allowed: finite numbers", bad / 3, "xyz"[bad % 3],
                                (double) out[bad]);
     return PELL_OK;
 }
 
-static enum pell_result read_tangents(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p,
-                                      const struct pell_mat4 *world, struct pell_mesh *mesh)
+static enum pell_result read_tangents(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, struct pell_mesh *mesh)
 {
-    const float mirror = world && mat4_determinant3(world) < 0.0 ? -1.0f : 1.0f;
     const struct gltf_accessor *a;
     enum pell_result res;
-    size_t bad;
 
     PELL_TRY(attribute(g, at, "TANGENT", p->tangent, 4, 4, mesh->num_vertices, &a));
     mesh->tangent = pell_alloc_array(g->ctx, mesh->num_vertices, 4 * sizeof(float));
     if (!mesh->tangent)
         return PELL_ERR_NOMEM;
     gltf_read_floats(a, true, mesh->tangent);
-    bad = turn_vectors(world, false, mesh->tangent, mesh->num_vertices, 4);
-    if (bad) {
-        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%zu tangents are zero or not finite: all tangents are made anew", bad);
-        pell_free(g->ctx, mesh->tangent);
-        mesh->tangent = NULL;
-        return PELL_OK;
-    }
-    for (size_t i = 0; i < mesh->num_vertices; i++)
-        mesh->tangent[4 * i + 3] = mesh->tangent[4 * i + 3] < 0.0f ? -mirror : mirror;
     return PELL_OK;
 
 fail:
@@ -269,7 +249,7 @@ static enum pell_result read_uvs(struct gltf *g, const struct pell_json *at, con
         if (!mesh->uv[i])
             return PELL_ERR_NOMEM;
         gltf_read_floats(a, false, mesh->uv[i]);
-        bad = first_not_finite(mesh->uv[i], n);
+        bad = gltf_first_not_finite(mesh->uv[i], n);
         if (bad == n)
             continue;
         gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%s %zu is not finite: such coordinates are taken as 0", key, bad / 2);
@@ -405,7 +385,7 @@ fail:
 }
 
 static enum pell_result fill_indices(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const struct shape *s,
-                                     bool mirrored, struct pell_mesh *mesh)
+                                     struct pell_mesh *mesh)
 {
     enum pell_result res;
 
@@ -427,23 +407,16 @@ static enum pell_result fill_indices(struct gltf *g, const struct pell_json *at,
         for (uint32_t i = 0; i < 3 * mesh->num_triangles; i++)
             mesh->index[i] = i;
     }
-    for (size_t i = 0; mirrored && i < mesh->num_triangles; i++) {
-        const uint32_t b = mesh->index[3 * i + 1];
-        mesh->index[3 * i + 1] = mesh->index[3 * i + 2];
-        mesh->index[3 * i + 2] = b;
-    }
     return PELL_OK;
 
 fail:
     return res;
 }
 
-static enum pell_result read_normals(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p,
-                                     const struct pell_mat4 *world, struct pell_mesh *mesh)
+static enum pell_result read_normals(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, struct pell_mesh *mesh)
 {
     const struct gltf_accessor *a;
     enum pell_result res;
-    size_t bad;
 
     if (p->normal < 0) {
         if (gltf_once(g, GLTF_ONCE_NO_NORMALS)) {
@@ -454,10 +427,6 @@ static enum pell_result read_normals(struct gltf *g, const struct pell_json *at,
     }
     PELL_TRY(attribute(g, at, "NORMAL", p->normal, 3, 3, mesh->num_vertices, &a));
     gltf_read_floats(a, true, mesh->normal);
-    bad = turn_vectors(world, true, mesh->normal, mesh->num_vertices, 3);
-    if (bad)
-        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%zu of %" PRIu32 " normals are zero or not finite and are made anew", bad,
-                  mesh->num_vertices);
     return PELL_OK;
 
 fail:
@@ -479,10 +448,88 @@ static void check_uv_sets(struct gltf *g, const struct pell_json *at, const stru
         }
 }
 
-static enum pell_result place_primitive(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const char *name,
-                                        const struct pell_mat4 *world)
+/* Brings a mesh from its node's space into the world; `world` NULL: it is there. */
+static void place(const struct pell_mat4 *world, struct pell_mesh *mesh)
+{
+    const bool mirrored = world && mat4_determinant3(world) < 0.0;
+
+    if (world)
+        transform_positions(world, mesh->position, mesh->num_vertices);
+    for (size_t i = 0; mirrored && i < mesh->num_triangles; i++) {
+        const uint32_t b = mesh->index[3 * i + 1];
+        mesh->index[3 * i + 1] = mesh->index[3 * i + 2];
+        mesh->index[3 * i + 2] = b;
+    }
+    for (size_t i = 0; mirrored && mesh->tangent && i < mesh->num_vertices; i++)
+        mesh->tangent[4 * i + 3] = -mesh->tangent[4 * i + 3];
+}
+
+/* Makes vectors units, in the world; what has none is emptied, to be made anew. */
+static void turn(struct gltf *g, const struct pell_json *at, const struct pell_mat4 *world, bool normals, struct pell_mesh *mesh)
+{
+    size_t bad = 0;
+
+    if (normals)
+        bad = gltf_turn_vectors(world, true, mesh->normal, mesh->num_vertices, 3);
+    if (bad)
+        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%zu of %" PRIu32 " normals are zero or not finite and are made anew", bad,
+                  mesh->num_vertices);
+    if (!mesh->tangent)
+        return;
+    bad = gltf_turn_vectors(world, false, mesh->tangent, mesh->num_vertices, 4);
+    if (bad) {
+        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%zu tangents are zero or not finite: all tangents are made anew", bad);
+        pell_free(g->ctx, mesh->tangent);
+        mesh->tangent = NULL;
+    }
+}
+
+static bool any_normal(const struct pell_mesh *mesh)
+{
+    for (size_t i = 0; i < 3 * (size_t) mesh->num_vertices; i++)
+        if (mesh->normal[i] != 0.0f)
+            return true;
+    return false;
+}
+
+/* The vertices as the file has them, morphed, and placed. */
+static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p,
+                                      const struct shape *shape, const struct gltf_placing *placing, const double *weights, size_t targets,
+                                      struct pell_mesh *mesh)
 {
     static const struct pell_mat4 identity = { { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 } };
+    const struct pell_mat4 *world =
+        placing->skin || memcmp(placing->world, &identity, sizeof(identity)) == 0 ? NULL : placing->world;
+    enum pell_result res;
+
+    gltf_read_floats(shape->position, false, mesh->position);
+    PELL_TRY(check_positions(at, mesh));
+    PELL_TRY(read_normals(g, at, p, mesh));
+    PELL_TRY(read_uvs(g, at, p, mesh));
+    /* "when normals are not specified, the provided tangents (if present) must be ignored" */
+    if (p->tangent >= 0 && p->normal >= 0)
+        PELL_TRY(read_tangents(g, at, p, mesh));
+    for (size_t i = 0; mesh->tangent && i < mesh->num_vertices; i++)
+        mesh->tangent[4 * i + 3] = mesh->tangent[4 * i + 3] < 0.0f ? -1.0f : 1.0f;
+    if (p->color >= 0)
+        PELL_TRY(read_colors(g, at, p, mesh));
+    if (weights)
+        PELL_TRY(gltf_morph(g, at, p, weights, targets, mesh));
+    if (placing->skin)
+        PELL_TRY(gltf_skin_mesh(g, at, p, placing->skin, mesh));
+    else
+        place(world, mesh);
+    PELL_TRY(check_positions(at, mesh));
+    turn(g, at, world, p->normal >= 0 && (!weights || any_normal(mesh)), mesh);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result place_primitive(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const char *name,
+                                        const struct gltf_placing *placing, const double *weights, size_t targets)
+{
     struct shape shape = { 0 };
     struct pell_mesh *mesh;
     int material = -1;
@@ -491,8 +538,6 @@ static enum pell_result place_primitive(struct gltf *g, const struct pell_json *
 
     if (pell_cancelled(g->ctx))
         return PELL_ERR_CANCELLED;
-    if (memcmp(world, &identity, sizeof(identity)) == 0)
-        world = NULL;
     PELL_TRY(read_shape(g, at, p, &shape));
     if (shape.triangles == 0) {
         gltf_warn(g, GLTF_WARN_PRIMITIVE, at, NULL, "the primitive has no triangle");
@@ -506,15 +551,8 @@ static enum pell_result place_primitive(struct gltf *g, const struct pell_json *
     mesh = &g->scene->meshes[index];
     mesh->object = g->next_object;
     mesh->material = material;
-    PELL_TRY(fill_indices(g, at, p, &shape, world && mat4_determinant3(world) < 0.0, mesh));
-    PELL_TRY(read_positions(g, at, shape.position, world, mesh->position));
-    PELL_TRY(read_normals(g, at, p, world, mesh));
-    PELL_TRY(read_uvs(g, at, p, mesh));
-    /* "when normals are not specified, the provided tangents (if present) must be ignored" */
-    if (p->tangent >= 0 && p->normal >= 0)
-        PELL_TRY(read_tangents(g, at, p, world, mesh));
-    if (p->color >= 0)
-        PELL_TRY(read_colors(g, at, p, mesh));
+    PELL_TRY(fill_indices(g, at, p, &shape, mesh));
+    PELL_TRY(fill_vertices(g, at, p, &shape, placing, weights, targets, mesh));
     if (material >= 0)
         check_uv_sets(g, at, mesh);
 
@@ -523,25 +561,38 @@ fail:
     return res;
 }
 
-enum pell_result gltf_place_mesh(struct gltf *g, int64_t index, const char *name, const struct pell_mat4 *world)
+enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices)
+{
+    const int64_t most = DEFORMED_FACTOR * g->limits->vertices; /* below 2^36 */
+
+    if (vertices > (uint64_t) (most - g->deformed))
+        return pell_json_error(at, PELL_ERR_UNSUPPORTED, "the limit \"vertices\" can be raised",
+                               "morph targets and skins move more than %" PRId64 " vertices, each counted for each target and joint", most);
+    g->deformed += (int64_t) vertices;
+    return PELL_OK;
+}
+
+enum pell_result gltf_place_mesh(struct gltf *g, int64_t index, const char *name, const struct gltf_placing *placing)
 {
     struct gltf_mesh *mesh = &g->mesh[index];
     const struct pell_json at = pell_json_at(&g->meshes, (size_t) index), primitives = pell_json_get(&at, "primitives");
+    double *weights = NULL;
     char buffer[128];
     enum pell_result res;
 
     if (!mesh->ready)
         PELL_TRY(parse_mesh(g, &at, mesh));
+    PELL_TRY(gltf_morph_weights(g, &at, placing->node, mesh->num_targets, &weights));
     if (!name)
         name = gltf_name(&at, "mesh", buffer, sizeof(buffer));
     for (size_t i = 0; i < mesh->num_primitives; i++) {
         const struct pell_json primitive = pell_json_at(&primitives, i);
         if (mesh->primitives[i].drawn)
-            PELL_TRY(place_primitive(g, &primitive, &mesh->primitives[i], name, world));
+            PELL_TRY(place_primitive(g, &primitive, &mesh->primitives[i], name, placing, weights, mesh->num_targets));
     }
     g->next_object++;
-    return PELL_OK;
 
 fail:
+    pell_free(g->ctx, weights);
     return res;
 }

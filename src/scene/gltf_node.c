@@ -13,13 +13,13 @@
 
 /* --- The tree --------------------------------------------------------------------------------------------------------------- */
 
-/* Fills parent[] (-1: root) and refuses second parents and cycles. `mark` is room for as many numbers. */
-static enum pell_result find_parents(struct gltf *g, size_t count, int32_t *parent, int32_t *mark)
+/* Fills in the parents and refuses second ones and cycles. `mark` is room for a number a node. */
+static enum pell_result find_parents(struct gltf *g, size_t count, int32_t *mark)
 {
     enum pell_result res;
 
     for (size_t i = 0; i < count; i++)
-        parent[i] = -1;
+        g->node[i].parent = -1;
     for (size_t i = 0; i < count; i++) {
         const struct pell_json node = pell_json_at(&g->nodes, i);
         struct pell_json children;
@@ -29,11 +29,11 @@ static enum pell_result find_parents(struct gltf *g, size_t count, int32_t *pare
             const struct pell_json at = pell_json_at(&children, k);
             int64_t child;
             PELL_TRY(pell_json_to_int(&at, 0, (int64_t) count - 1, &child));
-            if (parent[child] >= 0)
+            if (g->node[child].parent >= 0)
                 return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
                                        "node %" PRId64 " is a child of node %" PRId32 " already, allowed: one parent", child,
-                                       parent[child]);
-            parent[child] = (int32_t) i;
+                                       g->node[child].parent);
+            g->node[child].parent = (int32_t) i;
         }
     }
     /* With one parent each, walking up from a node ends at a root or comes back to a node of the same walk. */
@@ -43,7 +43,7 @@ static enum pell_result find_parents(struct gltf *g, size_t count, int32_t *pare
         int32_t n = (int32_t) i;
         while (n >= 0 && mark[n] == 0) {
             mark[n] = walk;
-            n = parent[n];
+            n = g->node[n].parent;
         }
         if (n >= 0 && mark[n] == walk) {
             const struct pell_json node = pell_json_at(&g->nodes, (size_t) n);
@@ -76,8 +76,7 @@ static struct pell_mat4 compose(const double t[3], const double q[4], const doub
     } };
 }
 
-/* False where a quaternion has no direction. */
-static bool normalize_quaternion(double q[4], double *length)
+bool gltf_normalize_quaternion(double q[4], double *length)
 {
     *length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (!(*length > 1e-12 && *length < 1e12))
@@ -87,7 +86,8 @@ static bool normalize_quaternion(double q[4], double *length)
     return true;
 }
 
-static enum pell_result local_matrix(struct gltf *g, const struct pell_json *node, struct pell_mat4 *out)
+/* `pose` NULL, or what it does not move: as the node has it. */
+static enum pell_result local_matrix(struct gltf *g, const struct pell_json *node, const struct gltf_pose *pose, struct pell_mat4 *out)
 {
     const double most = 1e30; /* products stay finite in doubles */
     const struct pell_json matrix_at = pell_json_get(node, "matrix"), rotation_at = pell_json_get(node, "rotation");
@@ -98,6 +98,9 @@ static enum pell_result local_matrix(struct gltf *g, const struct pell_json *nod
     PELL_TRY(pell_json_numbers(node, "rotation", 4, -most, most, q));
     PELL_TRY(pell_json_numbers(node, "scale", 3, -most, most, s));
     *out = mat4_identity();
+    if (matrix_at.value && pose && (pose->moved[GLTF_TRANSLATION] || pose->moved[GLTF_ROTATION] || pose->moved[GLTF_SCALE]))
+        return pell_json_error(&matrix_at, PELL_ERR_FORMAT, NULL,
+                               "an animation moves the node, allowed then: translation, rotation and scale");
     if (matrix_at.value) {
         PELL_TRY(pell_json_numbers(node, "matrix", 16, -most, most, out->m));
         if (fabs(out->m[3]) > 1e-6 || fabs(out->m[7]) > 1e-6 || fabs(out->m[11]) > 1e-6 || fabs(out->m[15] - 1.0) > 1e-6)
@@ -109,15 +112,63 @@ static enum pell_result local_matrix(struct gltf *g, const struct pell_json *nod
             gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node has a matrix and translation, rotation or scale: the matrix is used");
         return PELL_OK;
     }
-    if (!normalize_quaternion(q, &length))
+    if (!gltf_normalize_quaternion(q, &length))
         return pell_json_error(&rotation_at, PELL_ERR_FORMAT, NULL, "the quaternion has length %g, allowed: 1", length);
     if (fabs(length - 1.0) > 1e-3)
         gltf_warn(g, GLTF_WARN_NODE, &rotation_at, NULL, "the quaternion has length %g instead of 1 and is normalised", length);
-    *out = compose(t, q, s);
+    *out = compose(pose && pose->moved[GLTF_TRANSLATION] ? pose->value[GLTF_TRANSLATION] : t,
+                   pose && pose->moved[GLTF_ROTATION] ? pose->value[GLTF_ROTATION] : q,
+                   pose && pose->moved[GLTF_SCALE] ? pose->value[GLTF_SCALE] : s);
     return PELL_OK;
 
 fail:
     return res;
+}
+
+enum pell_result gltf_node_world(struct gltf *g, int64_t index, const struct pell_mat4 **out)
+{
+    int32_t at = (int32_t) index, below = -1;
+    enum pell_result res;
+
+    /* up to what is known, then down the same way: trees are as deep as they like */
+    for (; at >= 0 && !g->node[at].placed; at = g->node[at].parent) {
+        g->node[at].below = below;
+        below = at;
+    }
+    while (below >= 0) {
+        struct gltf_node *n = &g->node[below];
+        const struct pell_json node = pell_json_at(&g->nodes, (size_t) below);
+        struct pell_mat4 local;
+        PELL_TRY(local_matrix(g, &node, g->pose ? &g->pose[below] : NULL, &local));
+        n->world = n->parent >= 0 ? mat4_mul(&g->node[n->parent].world, &local) : local;
+        if (!is_finite_matrix(&n->world))
+            return pell_json_error(&node, PELL_ERR_FORMAT, NULL, "the product of the transforms down to this node is not finite");
+        n->placed = true;
+        below = n->below;
+    }
+    *out = &g->node[index].world;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+bool gltf_has_area(const struct pell_mat4 *world)
+{
+    const double *m = world->m;
+    double largest = 0.0, cofactor = 0.0;
+
+    for (int a = 0; a < 3; a++)
+        for (int i = 0; i < 3; i++)
+            largest = fmax(largest, fabs(m[4 * a + i]));
+    for (int a = 0; a < 3 && largest > 0.0; a++) {
+        const double *u = m + 4 * a, *v = m + 4 * ((a + 1) % 3);
+        for (int i = 0; i < 3; i++) {
+            const int j = (i + 1) % 3, k = (i + 2) % 3;
+            cofactor = fmax(cofactor, fabs(u[j] / largest * (v[k] / largest) - u[k] / largest * (v[j] / largest)));
+        }
+    }
+    return cofactor > 1e-12;
 }
 
 /* --- Cameras and lights ----------------------------------------------------------------------------------------------------- */
@@ -239,25 +290,6 @@ fail:
 
 /* --- Nodes ------------------------------------------------------------------------------------------------------------------ */
 
-/* False where all is pulled into a line or a point: scale 0 is a common way to hide things. */
-static bool has_area(const struct pell_mat4 *world)
-{
-    const double *m = world->m;
-    double largest = 0.0, cofactor = 0.0;
-
-    for (int a = 0; a < 3; a++)
-        for (int i = 0; i < 3; i++)
-            largest = fmax(largest, fabs(m[4 * a + i]));
-    for (int a = 0; a < 3 && largest > 0.0; a++) {
-        const double *u = m + 4 * a, *v = m + 4 * ((a + 1) % 3);
-        for (int i = 0; i < 3; i++) {
-            const int j = (i + 1) % 3, k = (i + 2) % 3;
-            cofactor = fmax(cofactor, fabs(u[j] / largest * (v[k] / largest) - u[k] / largest * (v[j] / largest)));
-        }
-    }
-    return cofactor > 1e-12;
-}
-
 static enum pell_result visit(struct gltf *g, const struct pell_json *at)
 {
     if (++g->visits > g->limits->nodes)
@@ -318,15 +350,15 @@ static enum pell_result place_instances(struct gltf *g, const struct pell_json *
         const double is[3] = { s ? s[3 * i] : 1.0, s ? s[3 * i + 1] : 1.0, s ? s[3 * i + 2] : 1.0 };
         double q[4] = { r ? r[4 * i] : 0.0, r ? r[4 * i + 1] : 0.0, r ? r[4 * i + 2] : 0.0, r ? r[4 * i + 3] : 1.0 }, length;
         struct pell_mat4 local, placed;
-        if (!normalize_quaternion(q, &length)) {
+        if (!gltf_normalize_quaternion(q, &length)) {
             res = pell_json_error(&attributes, PELL_ERR_FORMAT, NULL, "ROTATION %zu has length %g, allowed: 1", i, length);
             goto fail;
         }
         local = compose(it, q, is);
         placed = mat4_mul(world, &local);
         PELL_TRY(visit(g, node));
-        if (has_area(&placed))
-            PELL_TRY(gltf_place_mesh(g, mesh, name, &placed));
+        if (gltf_has_area(&placed))
+            PELL_TRY(gltf_place_mesh(g, mesh, name, &(struct gltf_placing) { .node = node, .world = &placed }));
     }
 
 fail:
@@ -340,7 +372,8 @@ fail:
 static enum pell_result read_node(struct gltf *g, const struct pell_json *node, const struct pell_mat4 *world)
 {
     struct pell_json extensions, light_at, instancing;
-    int64_t mesh = -1, camera = -1, light = -1;
+    int64_t mesh = -1, camera = -1, light = -1, skin = -1;
+    struct gltf_placing placing = { .node = node, .world = world };
     char buffer[128];
     const char *name = pell_json_get(node, "name").value ? gltf_name(node, "node", buffer, sizeof(buffer)) : NULL;
     enum pell_result res;
@@ -354,12 +387,15 @@ static enum pell_result read_node(struct gltf *g, const struct pell_json *node, 
     }
     if (mesh >= 0) {
         PELL_TRY(gltf_extension(node, "EXT_mesh_gpu_instancing", &extensions, &instancing));
-        if (pell_json_get(node, "skin").value && gltf_once(g, GLTF_ONCE_SKIN))
-            gltf_warn(g, GLTF_WARN_FEATURE, node, NULL, "skins are not read yet: the mesh is drawn in its bind pose");
-        if (instancing.value)
+        PELL_TRY(gltf_index(node, "skin", &g->skins, &skin));
+        if (skin >= 0)
+            PELL_TRY(gltf_skin(g, skin, &placing.skin));
+        if (skin >= 0 && instancing.value && gltf_once(g, GLTF_ONCE_SKIN_INSTANCES))
+            gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node has a skin and instances: it is drawn once, where its joints are");
+        if (skin < 0 && instancing.value)
             PELL_TRY(place_instances(g, node, &instancing, mesh, name, world));
-        else if (has_area(world))
-            PELL_TRY(gltf_place_mesh(g, mesh, name, world));
+        else if (skin >= 0 ? !placing.skin->flat : gltf_has_area(world))
+            PELL_TRY(gltf_place_mesh(g, mesh, name, &placing));
     }
     if (camera >= 0)
         PELL_TRY(add_camera(g, node, camera, world));
@@ -375,22 +411,19 @@ fail:
 struct level {
     int64_t node;
     size_t next; /* child to visit next */
-    struct pell_mat4 world;
 };
 
 struct tree {
-    int32_t *parent;
     int32_t *seen; /* the walk that reached a node last */
     int32_t walk;  /* counts from 1 */
     struct level *stack;
 };
 
 /* Enters a node; *enter is false where it is switched off (KHR_node_visibility). */
-static enum pell_result enter_node(struct gltf *g, const struct pell_json *node, const struct pell_mat4 *parent, struct tree *tree,
-                                   struct level *level, bool *enter)
+static enum pell_result enter_node(struct gltf *g, const struct pell_json *node, struct tree *tree, struct level *level, bool *enter)
 {
     struct pell_json extensions, visibility;
-    struct pell_mat4 local;
+    const struct pell_mat4 *world;
     enum pell_result res;
 
     if (tree->seen[level->node] == tree->walk)
@@ -403,12 +436,9 @@ static enum pell_result enter_node(struct gltf *g, const struct pell_json *node,
     if (!*enter)
         return PELL_OK;
     PELL_TRY(visit(g, node));
-    PELL_TRY(local_matrix(g, node, &local));
-    level->world = parent ? mat4_mul(parent, &local) : local;
+    PELL_TRY(gltf_node_world(g, level->node, &world));
     level->next = 0;
-    if (!is_finite_matrix(&level->world))
-        return pell_json_error(node, PELL_ERR_FORMAT, NULL, "the product of the transforms down to this node is not finite");
-    return read_node(g, node, &level->world);
+    return read_node(g, node, world);
 
 fail:
     return res;
@@ -424,7 +454,7 @@ static enum pell_result walk(struct gltf *g, int64_t root, struct tree *tree)
     struct pell_json node = pell_json_at(&g->nodes, (size_t) root);
 
     stack[0].node = root;
-    PELL_TRY(enter_node(g, &node, NULL, tree, &stack[0], &enter));
+    PELL_TRY(enter_node(g, &node, tree, &stack[0], &enter));
     if (!enter)
         return PELL_OK;
     while (depth >= 0) {
@@ -442,7 +472,7 @@ static enum pell_result walk(struct gltf *g, int64_t root, struct tree *tree)
         child_at = pell_json_at(&children, level->next++);
         PELL_TRY(pell_json_to_int(&child_at, 0, (int64_t) pell_json_count(&g->nodes) - 1, &stack[depth + 1].node));
         child = pell_json_at(&g->nodes, (size_t) stack[depth + 1].node);
-        PELL_TRY(enter_node(g, &child, &level->world, tree, &stack[depth + 1], &enter));
+        PELL_TRY(enter_node(g, &child, tree, &stack[depth + 1], &enter));
         if (enter)
             depth++;
     }
@@ -466,10 +496,10 @@ static enum pell_result walk_scene(struct gltf *g, const struct pell_json *scene
         const struct pell_json at = pell_json_at(&roots, i);
         int64_t root;
         PELL_TRY(pell_json_to_int(&at, 0, (int64_t) count - 1, &root));
-        if (tree->parent[root] >= 0)
+        if (g->node[root].parent >= 0)
             return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
                                    "node %" PRId64 " is a child of node %" PRId32 ", allowed: nodes without a parent", root,
-                                   tree->parent[root]);
+                                   g->node[root].parent);
         PELL_TRY(walk(g, root, tree));
     }
     return PELL_OK;
@@ -482,7 +512,7 @@ static enum pell_result walk_roots(struct gltf *g, struct tree *tree)
 {
     enum pell_result res = PELL_OK;
     for (size_t i = 0; i < pell_json_count(&g->nodes) && res == PELL_OK; i++)
-        if (tree->parent[i] < 0)
+        if (g->node[i].parent < 0)
             res = walk(g, (int64_t) i, tree);
     return res;
 }
@@ -500,7 +530,7 @@ static enum pell_result place_all_meshes(struct gltf *g)
         const struct pell_json mesh = pell_json_at(&g->meshes, i);
         res = visit(g, &mesh);
         if (res == PELL_OK)
-            res = gltf_place_mesh(g, (int64_t) i, NULL, &identity);
+            res = gltf_place_mesh(g, (int64_t) i, NULL, &(struct gltf_placing) { .world = &identity });
     }
     return res;
 }
@@ -541,12 +571,11 @@ enum pell_result gltf_read_scene(struct gltf *g)
 
     if (count == 0)
         return place_all_meshes(g);
-    tree.parent = pell_alloc_array(g->ctx, count, sizeof(*tree.parent));
     tree.seen = pell_alloc_array(g->ctx, count, sizeof(*tree.seen));
     tree.stack = pell_alloc_array(g->ctx, (size_t) g->limits->depth, sizeof(*tree.stack));
-    if (!tree.parent || !tree.seen || !tree.stack)
+    if (!tree.seen || !tree.stack)
         goto fail;
-    PELL_TRY(find_parents(g, count, tree.parent, tree.seen));
+    PELL_TRY(find_parents(g, count, tree.seen));
     memset(tree.seen, 0, count * sizeof(*tree.seen));
     tree.walk = 1;
     if (pell_json_count(&g->scenes) > 0)
@@ -555,7 +584,6 @@ enum pell_result gltf_read_scene(struct gltf *g)
         PELL_TRY(walk_roots(g, &tree));
 
 fail:
-    pell_free(g->ctx, tree.parent);
     pell_free(g->ctx, tree.seen);
     pell_free(g->ctx, tree.stack);
     return res;

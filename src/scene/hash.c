@@ -54,6 +54,22 @@ static void add_map(uint64_t *hash, const struct pell_texture_map *m)
     add_floats(hash, m->matrix, 6);
 }
 
+static void add_layer(uint64_t *hash, const struct pell_scene_layer *l)
+{
+    add_bytes(hash, l->medium.sigma_a, sizeof(l->medium.sigma_a));
+    add_bytes(hash, l->medium.sigma_s_reduced, sizeof(l->medium.sigma_s_reduced));
+    add_bytes(hash, l->medium.g, sizeof(l->medium.g));
+    for (int c = 0; c < 3; c++) {
+        add_int(hash, l->phase[c].kind);
+        add_float(hash, l->phase[c].g[0]);
+        add_float(hash, l->phase[c].g[1]);
+        add_float(hash, l->phase[c].weight);
+    }
+    add_float(hash, (double) l->depth);
+    add_int(hash, l->depth_inverse);
+    add_map(hash, &l->depth_map);
+}
+
 static void add_material(uint64_t *hash, const struct pell_material *m)
 {
     const struct pell_texture_map *const maps[] = { &m->strength_map, &m->base_color_map,     &m->metallic_map, &m->roughness_map,
@@ -83,6 +99,10 @@ static void add_material(uint64_t *hash, const struct pell_material *m)
     add_floats(hash, m->emissive, 3);
     for (size_t i = 0; i < PELL_COUNT(maps); i++)
         add_map(hash, maps[i]);
+    for (int i = 0; i < m->num_layers; i++)
+        add_layer(hash, &m->layers[i]);
+    if (m->num_layers > 0)
+        add_int(hash, m->below);
 }
 
 static void add_mesh(uint64_t *hash, const struct pell_mesh *m)
@@ -139,6 +159,8 @@ uint64_t pell_scene_hash(const struct pell_scene *scene)
         add_floats(&hash, c->up, 3);
         add_float(&hash, (double) c->fov);
         add_float(&hash, (double) c->ortho_height);
+        add_float(&hash, (double) c->focus);
+        add_float(&hash, (double) c->f_number);
     }
     return hash;
 }

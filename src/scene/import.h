@@ -13,13 +13,24 @@
 
 #include <pellucid/scene.h>
 
+/* Which moment of a file's animation is drawn. */
+struct pell_moment {
+    bool timed;            /* false: the file's rest pose */
+    double time;           /* seconds */
+    const char *animation; /* name or number; NULL: the first */
+    const char *where;     /* that chose the animation, for messages */
+    enum pell_result code; /* of one that is not there; 0: PELL_ERR_INVALID */
+};
+
 struct pell_import {
     struct pell_context *ctx;
     struct pell_scene *scene; /* the file's content, in its units; a mesh for which it names no material has material -1 */
     const char *path;         /* as the user gave it: for messages */
     const char *root;         /* folder that external files must lie under */
     bool allow_outside;
+    struct pell_moment moment;
     double default_mm_per_unit; /* set by the importer: glTF 1000; 0: the format has no unit */
+    size_t animations;          /* set by the importer: how many the file has */
 };
 
 /* `data` has a NUL behind its `size` bytes. */

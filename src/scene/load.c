@@ -169,11 +169,11 @@ static enum pell_result find_unit(const struct pell_import *import, const struct
 }
 
 enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
-                                const struct pell_scale *scale, struct pell_scene **out)
+                                const struct pell_scale *scale, const struct pell_moment *moment, struct pell_scene **out)
 {
     struct pell_context *ctx = loader->ctx;
     const enum format format = tell(path, data, size);
-    struct pell_import import = { .ctx = ctx, .path = path, .allow_outside = loader->params->allow_outside };
+    struct pell_import import = { .ctx = ctx, .path = path, .allow_outside = loader->params->allow_outside, .moment = *moment };
     struct pell_mat4 matrix = mat4_identity();
     char *folder = NULL;
     double mm;
@@ -206,6 +206,7 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
         matrix.m[5 * i] = mm;
     PELL_TRY(pell_scene_transform(import.scene, &matrix, mm));
     import.scene->mm_per_unit = mm;
+    import.scene->animated = import.animations > 0;
     *out = import.scene;
     import.scene = NULL;
 
@@ -244,6 +245,7 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
         target->object = target->object > INT32_MAX - objects ? objects : target->object + objects;
         target->material += target->material >= 0 ? materials : 0;
     }
+    to->animated |= from->animated;
     to->total_vertices += from->total_vertices;
     to->total_triangles += from->total_triangles;
     from->total_vertices = from->total_triangles = 0;
@@ -262,6 +264,7 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
         to->materials[index].name = name;
         from->materials[i].preset = NULL;
         from->materials[i].profile = NULL;
+        from->materials[i].layers = NULL;
     }
     for (size_t i = 0; i < from->num_lights; i++) {
         char *name;
@@ -349,24 +352,57 @@ static void report(const struct pell_scene *scene, bool bare)
                   "no material is translucent, so nothing scatters below a surface");
 }
 
+void pell_load_moment(const struct pell_load_params *params, struct pell_moment *moment)
+{
+    if (params->timed || params->time != 0.0) {
+        moment->timed = true;
+        moment->time = params->time;
+    }
+    if (params->animation) {
+        moment->timed = true;
+        moment->animation = params->animation;
+        moment->where = "--animation";
+        moment->code = PELL_ERR_INVALID;
+    }
+}
+
+/* A time that nothing has is no fault: a sequence may go over things that stand still. An animation that nothing has is one. */
+static enum pell_result check_animated(const struct pell_scene *scene, const struct pell_load_params *params)
+{
+    char shown[96];
+
+    if (scene->animated)
+        return PELL_OK;
+    if (params->animation)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, "--animation", NULL, "there is no animation \"%s\": no file of the scene has any",
+                          pell_printable(params->animation, shown, sizeof(shown)));
+    if (params->time != 0.0)
+        pell_warn(scene->ctx, "--time", NULL, "%g s changes nothing: no file of the scene has an animation", params->time);
+    return PELL_OK;
+}
+
 enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
                                        struct pell_scene **out)
 {
     const struct pell_load_params *params = loader->params;
     const struct pell_scale scale = { params->mm_per_unit, params->size_mm, params->size_mm > 0.0 ? "--size" : "--unit" };
     struct pell_extras extras = { .ground_material = -1 };
+    struct pell_moment moment = { 0 };
     struct pell_scene *scene = NULL;
     enum pell_result res;
 
     *out = NULL;
-    if (params->time != 0.0)
-        return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be 0: animation is not read yet", params->time);
+    if (!(fabs(params->time) <= 1e9))
+        return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);
     if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))
         return pell_error(loader->ctx, PELL_ERR_INVALID, scale.where, NULL, "must be finite and not negative");
-    if (tell(path, data, size) == FORMAT_SCENE)
+    if (tell(path, data, size) == FORMAT_SCENE) {
         PELL_TRY(pell_read_scene_file(loader, path, data, size, &scene, &extras));
-    else
-        PELL_TRY(pell_load_mesh(loader, path, data, size, &scale, &scene));
+    } else {
+        pell_load_moment(params, &moment);
+        PELL_TRY(pell_load_mesh(loader, path, data, size, &scale, &moment, &scene));
+    }
+    PELL_TRY(check_animated(scene, params));
     scene->from_file = true;
     if (params->material)
         PELL_TRY(apply_material(scene, params->material));

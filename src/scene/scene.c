@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * scene.c - scenes as plain data: making, growing and destroying one, built-in materials, transforms, the texture cache. */
 #include "base/file.h"
+#include "scene/layers.h"
 #include "scene/scene.h"
 
 #include <string.h>
@@ -65,6 +66,7 @@ void pell_scene_destroy(struct pell_scene **scene)
         pell_free(ctx, s->materials[i].name);
         pell_free(ctx, s->materials[i].preset);
         pell_free(ctx, s->materials[i].profile);
+        pell_scene_layers_finish(ctx, &s->materials[i]);
     }
     for (size_t i = 0; i < s->num_textures; i++)
         texture_destroy(ctx, s->textures[i]);
@@ -351,6 +353,7 @@ enum pell_result pell_material_set(struct pell_context *ctx, struct pell_materia
         m->gaussians.count = 0;
     pell_free(ctx, m->profile);
     m->profile = NULL;
+    pell_scene_layers_finish(ctx, m);
     m->model = PELL_PROFILE_DIPOLE;
     m->color_from = entry->color_from_texture ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
     m->mix = (float) entry->mix;
@@ -374,6 +377,53 @@ enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, 
     if (!found)
         return pell_material_unknown(scene->ctx, where, entry);
     return pell_material_set(scene->ctx, &scene->materials[material], found);
+}
+
+enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t material, int count)
+{
+    struct pell_material *m;
+
+    if (material >= scene->num_materials)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "material %zu does not exist; there are %zu", material,
+                          scene->num_materials);
+    m = &scene->materials[material];
+    if (count < 0 || count > PELL_LAYERS_MOST)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "the number of layers is %d, allowed: [0, %d]", count,
+                          PELL_LAYERS_MOST);
+    pell_scene_layers_finish(scene->ctx, m);
+    if (count == 0)
+        return PELL_OK;
+    m->layers = pell_calloc(scene->ctx, (size_t) count, sizeof(*m->layers));
+    if (!m->layers)
+        return PELL_ERR_NOMEM;
+    m->num_layers = count;
+    for (int i = 0; i < count; i++)
+        m->layers[i].depth_map = pell_texture_map_none();
+    return PELL_OK;
+}
+
+enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t material)
+{
+    struct pell_layer_measure measure[PELL_LAYERS_MOST];
+    struct pell_layer_fault fault;
+    struct pell_material *m;
+
+    if (material >= scene->num_materials)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "material %zu does not exist; there are %zu", material,
+                          scene->num_materials);
+    m = &scene->materials[material];
+    if (m->num_layers < 1)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "the material has no layers");
+    if (!(m->medium.eta >= 1.0 && m->medium.eta <= 4.0))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "eta is %g, allowed: [1, 4]", m->medium.eta);
+    if (!pell_scene_layers_valid(m, &fault))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "%s is %g, allowed: [%g, %g]", fault.field, fault.value, fault.min,
+                          fault.max);
+    pell_scene_layers_measure(m, measure);
+    if (!pell_scene_layers_solve(m, measure))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL,
+                          "the layers send no light back that a sum of Gaussians could stand for");
+    return PELL_OK;
 }
 
 /* --- Transform ---------------------------------------------------------------------------------------------------------------- */
@@ -464,6 +514,7 @@ enum pell_result pell_scene_transform(struct pell_scene *scene, const struct pel
         turn(matrix, c->up, false);
         pell_scene_square(c->forward, c->up);
         c->ortho_height *= k;
+        c->focus *= k;
     }
     /* Built-in entries are in mm already; an opaque material's medium is not used and stays marble's. */
     for (size_t i = 0; i < scene->num_materials; i++) {

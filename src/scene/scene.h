@@ -66,7 +66,9 @@ PELL_NODISCARD enum pell_result pell_loader_read(const struct pell_loader *loade
                                                  uint8_t **data, size_t *size);
 /* Reads a mesh file into a fresh scene in mm; scene->mm_per_unit is set. */
 PELL_NODISCARD enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
-                                               const struct pell_scale *scale, struct pell_scene **out);
+                                               const struct pell_scale *scale, const struct pell_moment *moment, struct pell_scene **out);
+/* What the load parameters say of time, which stands above what `moment` has from a scene file. */
+void pell_load_moment(const struct pell_load_params *params, struct pell_moment *moment);
 /* Moves all that `from` has behind what `to` has. Both stay valid whatever happens. */
 PELL_NODISCARD enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from);
 /* Reads a scene from memory, whatever its format: what pell_scene_load does once it has the bytes. */

@@ -10,8 +10,8 @@
 /* --- Keys: with those of scene_light.c and scene_material.c the only list ----------------------------------------------------- */
 
 #define KEYS(name, ...) static const char *const name[] = { __VA_ARGS__ }
-KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "camera", "lights", "materials", "background", "ground",
-     "render");
+KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "camera", "lights", "materials",
+     "background", "ground", "render");
 KEYS(mesh_keys, "path", "unit", "size", "translate", "rotate_deg", "scale", "material");
 KEYS(camera_keys, "from", "to", "up", "fov_deg", "ortho_height", "focus", "f_number");
 KEYS(background_keys, "color", "image", "ground");
@@ -27,6 +27,7 @@ const struct pell_scene_keys pell_scene_keys[] = {
     { "material", pell_material_keys, PELL_MATERIAL_KEYS },
     { "specular", pell_specular_keys, PELL_SPECULAR_KEYS },
     { "textures", pell_texture_keys, PELL_TEXTURE_KEYS },
+    { "layer", pell_layer_keys, PELL_LAYER_KEYS },
     { 0 },
 };
 
@@ -147,7 +148,7 @@ static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell
         res = res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
         goto fail;
     }
-    PELL_TRY(pell_load_mesh(r->loader, path, data, size, &scale, &scene));
+    PELL_TRY(pell_load_mesh(r->loader, path, data, size, &scale, &r->moment, &scene));
     if (!plain) {
         PELL_TRY(read_placement(at, scene->mm_per_unit, &matrix));
         PELL_TRY(pell_scene_transform(scene, &matrix, 1.0));
@@ -221,12 +222,8 @@ static enum pell_result read_camera(struct pell_scene_reader *r, const struct pe
         return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "has both fov_deg and ortho_height; one is allowed");
     PELL_TRY(pell_json_number(&at, "fov_deg", 0.01, 179.0, &fov));
     PELL_TRY(pell_scene_length(&at, "ortho_height", r->unit, &camera.ortho_height));
-    if (pell_json_has(&at, "focus") || pell_json_has(&at, "f_number")) {
-        float ignored = 0.0f;
-        PELL_TRY(pell_scene_length(&at, "focus", r->unit, &ignored));
-        PELL_TRY(pell_json_float(&at, "f_number", 0.1, 1e6, &ignored));
-        pell_json_warn(&at, NULL, "depth of field is not drawn yet: focus and f_number are ignored");
-    }
+    PELL_TRY(pell_scene_length(&at, "focus", r->unit, &camera.focus));
+    PELL_TRY(pell_json_float(&at, "f_number", 0.1, 1e6, &camera.f_number));
     for (int c = 0; c < 3; c++)
         camera.position[c] = (float) from[c];
     camera.fov = (float) (fov * RADIANS);
@@ -395,6 +392,47 @@ fail:
     return res;
 }
 
+/* --- Time --------------------------------------------------------------------------------------------------------------------- */
+
+/* "time" and "animation": a name, or a number from 0. */
+static enum pell_result read_moment(struct pell_scene_reader *r, const struct pell_json *root)
+{
+    const struct pell_json at = pell_json_get(root, "animation");
+    struct pell_moment *m = &r->moment;
+    int64_t number;
+    enum pell_result res;
+
+    m->timed = pell_json_has(root, "time") || at.value;
+    PELL_TRY(pell_json_number(root, "time", -1e9, 1e9, &m->time));
+    if (json_is_number(at.value)) {
+        PELL_TRY(pell_json_to_int(&at, 0, pell_context_limits(r->ctx)->items, &number));
+        snprintf(r->animation, sizeof(r->animation), "%lld", (long long) number);
+        m->animation = r->animation;
+    } else if (at.value) {
+        PELL_TRY(pell_json_to_string(&at, &m->animation));
+    }
+    m->where = pell_json_where(&at, &r->moment_where);
+    m->code = PELL_ERR_FORMAT;
+    pell_load_moment(r->loader->params, m);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result check_moment(const struct pell_scene_reader *r, const struct pell_json *root)
+{
+    const struct pell_json time = pell_json_get(root, "time"), animation = pell_json_get(root, "animation");
+
+    if (r->scene->animated)
+        return PELL_OK;
+    if (animation.value)
+        return pell_json_error(&animation, PELL_ERR_FORMAT, NULL, "no mesh file has an animation");
+    if (time.value)
+        pell_json_warn(&time, NULL, "changes nothing: no mesh file has an animation");
+    return PELL_OK;
+}
+
 /* --- All ---------------------------------------------------------------------------------------------------------------------- */
 
 static enum pell_result read_root(struct pell_scene_reader *r, const struct pell_json *root, struct pell_extras *extras)
@@ -402,19 +440,15 @@ static enum pell_result read_root(struct pell_scene_reader *r, const struct pell
     struct pell_json ground = pell_json_get(root, "ground");
     const char *schema;
     int64_t version;
-    double time = 0.0;
     enum pell_result res;
 
     PELL_TRY(pell_json_require(root, "pellucid"));
     PELL_TRY(pell_json_int(root, "pellucid", 1, 1, &version));
     PELL_TRY(ONLY(root, root_keys));
     PELL_TRY(pell_json_string(root, "$schema", &schema));
-    PELL_TRY(pell_json_number(root, "time", -1e9, 1e9, &time));
-    if (time != 0.0) {
-        const struct pell_json at = pell_json_get(root, "time");
-        return pell_json_error(&at, PELL_ERR_UNSUPPORTED, NULL, "is %g, must be 0: animation is not read yet", time);
-    }
+    PELL_TRY(read_moment(r, root));
     PELL_TRY(read_meshes(r, root));
+    PELL_TRY(check_moment(r, root));
     PELL_TRY(read_camera(r, root));
     PELL_TRY(pell_scene_lights(r, root, extras));
     PELL_TRY(pell_scene_overlay_all(r, root));

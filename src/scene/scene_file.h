@@ -16,8 +16,13 @@ struct pell_scene_reader {
     struct pell_scene *scene;    /* what has been read so far, in mm */
     struct pell_import import;   /* for pictures */
     struct pell_scale scale;     /* of the top level */
+    struct pell_moment moment;
+    struct pell_text moment_where;
+    char animation[24];          /* a number, as text */
     double unit;                 /* mm per mesh unit, for positions */
     struct pell_json background; /* parent of a ground that stands in it */
+    const json_t *layers;        /* read last, and of which material; NULL: others read them anew */
+    size_t layers_of;
 };
 
 /* --- scene_value.c ------------------------------------------------------------------------------------------------------------ */
@@ -52,7 +57,7 @@ PELL_NODISCARD enum pell_result pell_scene_lights(struct pell_scene_reader *r, c
 
 /* --- scene_material.c --------------------------------------------------------------------------------------------------------- */
 
-enum { PELL_MATERIAL_KEYS = 20, PELL_SPECULAR_KEYS = 3, PELL_TEXTURE_KEYS = 6 };
+enum { PELL_MATERIAL_KEYS = 24, PELL_SPECULAR_KEYS = 3, PELL_TEXTURE_KEYS = 6 };
 extern const char *const pell_material_keys[PELL_MATERIAL_KEYS];
 extern const char *const pell_specular_keys[PELL_SPECULAR_KEYS];
 extern const char *const pell_texture_keys[PELL_TEXTURE_KEYS];
@@ -62,7 +67,17 @@ PELL_NODISCARD enum pell_result pell_scene_material_entry(struct pell_scene_read
                                                           struct pell_material_entry *entry);
 /* Changes a material as the object says. */
 PELL_NODISCARD enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pell_json *at, size_t material);
+/* "baseColor.a": a channel of one of the material's textures, which may have none. False: the text is something else. */
+bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map);
 /* "materials" of the root. */
 PELL_NODISCARD enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struct pell_json *root);
+
+/* --- scene_layers.c ----------------------------------------------------------------------------------------------------------- */
+
+enum { PELL_LAYER_KEYS = 10 };
+extern const char *const pell_layer_keys[PELL_LAYER_KEYS];
+
+/* "layers" of a material, and what stands beside it for all of them. `own`: the material has no other profile, and shows theirs. */
+PELL_NODISCARD enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struct pell_json *at, bool own, size_t material);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * scene_material.c - the materials of a scene file, laid over those of the mesh files. */
+#include "scene/layers.h"
 #include "scene/names.h"
 #include "scene/profile_table.h"
 #include "scene/scene_file.h"
@@ -11,6 +12,7 @@
 const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
     "preset",      "sigma_a", "sigma_s_reduced", "sigma_s",  "g",            "eta", "color",    "mean_free_path", "layers",   "radius",
     "radius_kind", "profile", "color_from",      "textures", "normal_scale", "mix", "strength", "roughness",      "specular", "opaque",
+    "depths",      "depth_scale", "depth_encoding", "below",
 };
 const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
 const char *const pell_texture_keys[PELL_TEXTURE_KEYS] = { "baseColor", "normal", "roughness", "metallic", "specular", "emissive" };
@@ -111,12 +113,30 @@ fail:
     return res;
 }
 
+bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map)
+{
+    const char *dot = strrchr(text, '.');
+    char name[32];
+    const struct pell_texture_map *own;
+
+    if (!dot || channel_called(dot + 1) < 0 || (size_t) (dot - text) >= sizeof(name))
+        return false;
+    memcpy(name, text, (size_t) (dot - text));
+    name[dot - text] = '\0';
+    own = map_called((struct pell_material *) m, name);
+    if (!own)
+        return false;
+    *map = *own;
+    map->channel = channel_called(dot + 1);
+    return true;
+}
+
 /* A number, a channel of one of the material's textures ("baseColor.a"), or of a picture ("mask.png#r"). */
 static enum pell_result read_strength(struct pell_scene_reader *r, const struct pell_json *parent, struct pell_material *m)
 {
     const struct pell_json at = pell_json_get(parent, "strength");
-    char name[32];
-    const char *text, *dot;
+    struct pell_texture_map own;
+    const char *text;
     enum pell_result res;
 
     if (!at.value)
@@ -124,23 +144,14 @@ static enum pell_result read_strength(struct pell_scene_reader *r, const struct 
     if (json_is_number(at.value))
         return pell_json_float(parent, "strength", 0.0, 1.0, &m->strength);
     PELL_TRY(pell_json_to_string(&at, &text));
-    dot = strrchr(text, '.');
-    if (dot && channel_called(dot + 1) >= 0 && (size_t) (dot - text) < sizeof(name)) {
-        const struct pell_texture_map *map;
-        memcpy(name, text, (size_t) (dot - text));
-        name[dot - text] = '\0';
-        map = map_called(m, name);
-        if (map && !map->texture) {
-            pell_json_warn(&at, NULL, "material \"%s\" has no texture %s: its strength stays %g", m->name, name, (double) m->strength);
-            return PELL_OK;
-        }
-        if (map) {
-            m->strength_map = *map;
-            m->strength_map.channel = channel_called(dot + 1);
-            return PELL_OK;
-        }
-    }
-    return read_map(r, &at, PELL_ROLE_DATA, &m->strength_map);
+    if (!pell_scene_own_map(m, text, &own))
+        return read_map(r, &at, PELL_ROLE_DATA, &m->strength_map);
+    if (own.texture)
+        m->strength_map = own;
+    else
+        pell_json_warn(&at, NULL, "material \"%s\" has no texture %.*s: its strength stays %g", m->name,
+                       (int) (strrchr(text, '.') - text), text, (double) m->strength);
+    return PELL_OK;
 
 fail:
     return res;
@@ -157,6 +168,20 @@ static void forget_preset(struct pell_scene_reader *r, struct pell_material *m)
     m->color_from = PELL_COLOR_FROM_PROFILE;
     m->metallic = 0.0f;
     m->metallic_map = pell_texture_map_none();
+    pell_scene_layers_finish(r->ctx, m);
+}
+
+/* Is there a length that makes a colour into a medium? NULL: none. */
+static const char *length_key(const struct pell_json *at)
+{
+    return pell_json_has(at, "mean_free_path") ? "mean_free_path" : pell_json_has(at, "radius") ? "radius" : NULL;
+}
+
+/* Something of an entry that says what diffuse light does: a profile of its own layers it has only without. */
+static bool has_diffusion(const struct pell_json *at)
+{
+    return pell_json_has(at, "preset") || pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") ||
+           pell_json_has(at, "sigma_s_reduced") || length_key(at);
 }
 
 /* A text for all channels, or three texts: lengths without a unit are what goes wrong most. */
@@ -184,12 +209,6 @@ static enum pell_result read_lengths(const struct pell_json *parent, const char 
         if (!(mm[c] >= 1e-6 && mm[c] <= 1e6))
             return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "is %g mm, allowed: [1e-6, 1e6]", mm[c]);
     return res;
-}
-
-/* Is there a length that makes a colour into a medium? NULL: none. */
-static const char *length_key(const struct pell_json *at)
-{
-    return pell_json_has(at, "mean_free_path") ? "mean_free_path" : pell_json_has(at, "radius") ? "radius" : NULL;
 }
 
 /* "color" with a length: the medium that has this colour by the material's model of the profile. */
@@ -227,13 +246,15 @@ fail:
 static enum pell_result read_color(const struct pell_json *at, struct pell_material *m)
 {
     const struct pell_json place = pell_json_get(at, "color");
+    const char *below = "";
     double color[3];
     enum pell_result res;
 
     if (!place.value)
         return PELL_OK;
     PELL_TRY(pell_json_numbers(at, "color", 3, 0.0, 1.0, color));
-    if (!length_key(at) && !m->opaque && m->color_from == PELL_COLOR_FROM_PROFILE)
+    PELL_TRY(pell_json_string(at, "below", &below));
+    if (!length_key(at) && !m->opaque && strcmp(below, "surface-color") != 0 && m->color_from == PELL_COLOR_FROM_PROFILE)
         return pell_json_error(&place, PELL_ERR_FORMAT, "add mean_free_path (\"1mm\"), or \"color_from\": \"texture\", or \"opaque\": true",
                                "says nothing about a material whose colour comes from its profile");
     for (int c = 0; c < 3; c++)
@@ -242,15 +263,6 @@ static enum pell_result read_color(const struct pell_json *at, struct pell_mater
 
 fail:
     return res;
-}
-
-static enum pell_result refuse_later(const struct pell_json *at)
-{
-    const struct pell_json layers = pell_json_get(at, "layers");
-
-    if (layers.value)
-        return pell_json_error(&layers, PELL_ERR_UNSUPPORTED, NULL, "layered media are not there yet");
-    return PELL_OK;
 }
 
 /* A table of a user: r_mm, R, G, B a line. */
@@ -293,6 +305,9 @@ static enum pell_result read_profile(struct pell_scene_reader *r, const struct p
         for (int i = 0; i < PELL_PROFILE_MODELS; i++)
             names[i] = pell_profile_model_at((enum pell_profile_model) i)->name;
         PELL_TRY(pell_json_choice(at, "profile", names, PELL_COUNT(names), &model));
+        if (pell_json_has(at, "layers") && !has_diffusion(at))
+            return pell_json_error(&profile, PELL_ERR_FORMAT, "leave it out, or give coefficients or a preset for methods of diffusion",
+                                   "says how coefficients of one medium become a profile; layers have one of their own");
         if (m->gaussians.count > 0 && !length_key(at))
             return pell_json_error(&profile, PELL_ERR_FORMAT, "leave it out, or give coefficients (sigma_a, sigma_s_reduced)",
                                    "says how coefficients become a profile; this material has none, its profile is given");
@@ -331,6 +346,8 @@ static enum pell_result read_optics(struct pell_scene_reader *r, const struct pe
         PELL_TRY(pell_scene_material_entry(r, &preset, name, &entry));
         PELL_TRY(pell_material_set(r->ctx, m, &entry));
     }
+    if (pell_json_has(at, "layers") && !has_diffusion(at))
+        forget_preset(r, m);
     PELL_TRY(pell_json_number(at, "eta", 1.0, 4.0, &m->medium.eta));
     if (medium) {
         forget_preset(r, m);
@@ -380,7 +397,6 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     enum pell_result res;
 
     PELL_TRY(pell_json_only(at, pell_material_keys, PELL_MATERIAL_KEYS));
-    PELL_TRY(refuse_later(at));
     PELL_TRY(read_optics(r, at, m));
     PELL_TRY(read_profile(r, at, m));
     PELL_TRY(read_look(r, at, m));
@@ -392,6 +408,8 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     if (m->base_color_map.texture && m->base_color_map.texture != before)
         m->base_color[0] = m->base_color[1] = m->base_color[2] = 1.0f; /* a picture given here is the colour, not a tint of it */
     PELL_TRY(read_color(at, m));
+    PELL_TRY(pell_scene_read_layers(r, at, !has_diffusion(at) && !m->profile, material));
+    m = &r->scene->materials[material];
     PELL_TRY(read_strength(r, at, m));
     PELL_TRY(pell_json_float(at, "mix", 0.0, 1.0, &m->mix));
     PELL_TRY(pell_json_float(at, "roughness", 0.0, 1.0, &m->roughness));

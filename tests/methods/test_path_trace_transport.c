@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_path_trace_transport.c - single samples of path-trace: conservation laws, slabs of the oracle, and every way of finding light
  * against the others. Seeds are fixed; statistical tests allow 3.5 standard errors. */
+#include "layers_rig.h"
 #include "path_trace_rig.h"
 
 #include "methods/path_trace/path.h"
@@ -707,6 +708,102 @@ static void layers_are_boxes(void **state)
     require_same("layers against boxes, one scattering", &r[0], &r[1], 1);
 }
 
+static const double painted_optics[3][3] = { { 2.0, 2.6, 0.25 }, { 6.0, 6.6, 0.4 }, { 1.0, 1.5, 0.8 } };
+
+/* A slab with layers, lit by the sky and a lamp, at a place. kind 0: even; 1: painted, with another value far from there. */
+static struct rig_mean layered_slab(int kind, int count, const float *depth, enum pell_below below, double eta, uint32_t first, int n)
+{
+    struct pt_knobs knobs = rig_knobs();
+    struct rig_mean r;
+    struct pt_scene *scene;
+    struct pt_point at;
+    struct stage s;
+    size_t m = 0;
+
+    plain_stage(&s);
+    stage_medium(&s, "marble", &m);
+    s.scene->materials[m].medium.eta = eta;
+    layers_set(s.scene, m, count, painted_optics, depth, below);
+    stage_box(&s, m, 0, vec3(-400.0f, -400.0f, -300.0f), vec3(400.0f, 400.0f, 0.0f));
+    layers_unwrap(s.scene);
+    for (int i = 0; kind == 1 && i < count; i++)
+        layers_paint(s.scene, m, i, 2, 2, 1, (const float[4]) { 1.0f, 1.0f, 1.0f, 0.25f })->nearest = true;
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.6f, 0.8f), vec3(0, 0, 0), 1.0f);
+    look_along(&s, 7.0f);
+    knobs.acceleration = PT_ACCELERATION_GRID;
+    scene = rig_scene(&s, &knobs);
+    at = rig_point(vec3(-20.013f, -10.007f, 0.0f), vec3(-20.013f, -10.007f, 500.0f), 5);
+    r = rig_measure(scene, &at, first, n);
+    pt_scene_destroy(&scene);
+    stage_finish(&s);
+    return r;
+}
+
+/* Painted with what is even: the same walks. */
+static void painted_layers_are_even_ones(void **state)
+{
+    static const float depth[3] = { 0.5f, 1.0f, 3.0f };
+    const struct rig_mean a = layered_slab(0, 3, depth, PELL_BELOW_LAST, 1.3, 0, FEWER(400));
+    const struct rig_mean b = layered_slab(1, 3, depth, PELL_BELOW_LAST, 1.3, 0, FEWER(400));
+    (void) state;
+
+    REQUIRE(a.mean[0][1] > 0.0 && a.mean[1][1] > 0.0);
+    for (int part = 0; part < 4; part++)
+        for (int c = 0; c < 3; c++)
+            REQUIRE(a.mean[part][c] == b.mean[part][c]);
+}
+
+/* Below layers that end it is black: by what light scatters once between matched indices, in closed form, and by a body of one medium
+ * with something black in it. */
+static void what_is_below_is_black(void **state)
+{
+    static const float depth[3] = { 0.5f, 1.0f, 3.0f };
+    const int n = FEWER(8000);
+    double expected = 0.0, optical = 0.0;
+    struct rig_mean r[2];
+    (void) state;
+
+    for (int i = 0; i < 3; i++) { /* irradiance 1 across the beam, from a cosine of 0.8, toward one of 1 */
+        const struct pell_phase phase = { PELL_PHASE_SCHLICK, { painted_optics[i][2], 0.0 }, 0.0 };
+        const double d = (double) depth[i] - (i > 0 ? (double) depth[i - 1] : 0.0), way = 1.0 + 1.0 / 0.8;
+        expected += painted_optics[i][0] / painted_optics[i][1] * pell_phase_value(&phase, 0.8) * exp(-optical * way) *
+                    -expm1(-painted_optics[i][1] * d * way) / way;
+        optical += painted_optics[i][1] * d;
+    }
+    for (int kind = 0; kind < 2; kind++) {
+        r[kind] = layered_slab(kind, 3, depth, PELL_BELOW_STOP, 1.0, 0, n);
+        print_message("# %s layers over black: %.5g +- %.2g, expected %.5g\n", kind ? "painted" : "even", r[kind].mean[1][1],
+                      r[kind].error[1][1], expected);
+        REQUIRE_NEAR(r[kind].mean[1][1], expected, 4.0 * r[kind].error[1][1] + 1e-9);
+        REQUIRE(r[kind].error[1][1] < (SLOW ? 0.1 : 0.03) * expected);
+        assert_int_equal(r[kind].counts.lost, 0);
+    }
+    r[0] = layered_slab(0, 1, &depth[1], PELL_BELOW_STOP, 1.3, 0, n);
+    {
+        struct pt_knobs knobs = rig_knobs();
+        struct pt_scene *scene;
+        struct pt_point at;
+        struct stage s;
+        size_t m, black;
+        plain_stage(&s);
+        stage_medium(&s, "marble", &m);
+        s.scene->materials[m].medium.eta = 1.3;
+        layers_set(s.scene, m, 1, painted_optics, &depth[1], PELL_BELOW_LAST);
+        stage_opaque(&s, 0.0f, &black);
+        stage_box(&s, m, 0, vec3(-400.0f, -400.0f, -300.0f), vec3(400.0f, 400.0f, 0.0f));
+        stage_box(&s, black, 1, vec3(-399.0f, -399.0f, -299.0f), vec3(399.0f, 399.0f, -depth[1]));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.6f, 0.8f), vec3(0, 0, 0), 1.0f);
+        look_along(&s, 7.0f);
+        scene = rig_scene(&s, &knobs);
+        at = rig_point(vec3(-20.013f, -10.007f, 0.0f), vec3(-20.013f, -10.007f, 500.0f), 5);
+        r[1] = rig_measure(scene, &at, 500000, n);
+        pt_scene_destroy(&scene);
+        stage_finish(&s);
+    }
+    require_same("a layer that ends against a black box in it, many scatterings", &r[0], &r[1], 0);
+    require_same("the same, one scattering", &r[0], &r[1], 1);
+}
+
 /* --- Hostile surfaces, bounds, refusals ---------------------------------------------------------------------------------------------- */
 
 /* A ball without its lower cap: no hang, no NaN, not black; light goes on where the surface ends. */
@@ -792,6 +889,11 @@ static void profiles_without_a_medium_are_refused(void **state)
     assert_null(scene);
     assert_string_equal(s.kept.where, "marble");
     assert_non_null(strstr(s.kept.what, "no medium"));
+    s.scene->materials[m].gaussians.count = 0; /* a surface below layers is no medium either */
+    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_BELOW_SURFACE_COLOR);
+    assert_int_equal(pt_scene_create(s.r, &shape, &knobs, &scene), PELL_ERR_UNSUPPORTED);
+    assert_null(scene);
+    assert_non_null(strstr(s.kept.what, "a surface below its layers"));
     stage_finish(&s);
 }
 
@@ -817,6 +919,8 @@ static void survives_the_nth_allocation(void **state)
     s.settings.msaa = 1;
     m = rig_medium(&s, 1.0, 0.1, 0.0, 1.4);
     s.scene->materials[m].roughness = 0.5f;
+    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_BELOW_STOP);
+    layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]){ 1.0f, 0.5f });
     stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 6);
     stage_light(&s, PELL_LIGHT_POINT, vec3(8, 10, 16), vec3(0, 0, 0), 0.001f);
     look_along(&s, 7.0f);
@@ -866,6 +970,8 @@ int main(void)
         cmocka_unit_test(small_lamps_are_points),
         cmocka_unit_test(paths_from_lamps_are_connections),
         cmocka_unit_test(layers_are_boxes),
+        cmocka_unit_test(painted_layers_are_even_ones),
+        cmocka_unit_test(what_is_below_is_black),
         cmocka_unit_test(open_surfaces),
         cmocka_unit_test(bounds_are_counted),
         cmocka_unit_test(profiles_without_a_medium_are_refused),

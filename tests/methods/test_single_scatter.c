@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * test_single_scatter.c - light scattered once, against closed forms, quadratures and brute force. */
+#include "layers_rig.h"
 #include "stage.h"
 
 #include "methods/single_scatter/single_scatter.h"
@@ -16,6 +17,7 @@ struct rig {
     struct pell_connector *connector;
     struct pell_emitters *emitters;
     struct ss_medium medium;
+    struct ss_layer layer[4]; /* of media made by hand */
     struct ss_counts counts;
     struct ss_world world;
 };
@@ -29,6 +31,7 @@ static void rig_start(struct rig *r)
     OK(pell_pool_create(r->ctx, 1, &r->pool));
     r->medium.eta = 1.4;
     r->medium.layers = 1;
+    r->medium.layer = r->layer;
     r->medium.layer[0].bottom = INFINITY;
     for (int c = 0; c < 3; c++) {
         r->medium.layer[0].sigma_s[c] = 0.3 + 0.3 * c;
@@ -212,9 +215,78 @@ static void layers_of_a_material(void **state)
     }
     /* What is only a profile is refused by name. */
     m->gaussians.weight[0][0] *= 1.5;
+    ss_medium_finish(r.ctx, &r.medium);
     assert_int_equal(ss_medium_make(r.ctx, m, &r.medium), PELL_ERR_UNSUPPORTED);
     assert_non_null(strstr(r.kept.what, "coefficients"));
+    ss_medium_finish(r.ctx, &r.medium);
     rig_finish(&r);
+}
+
+/* The oracle's layers as a scene has them, over black: even; painted with one value; painted with another value far away; painted in
+ * two halves, whose even stacks are known. `depth`: of the three bottoms where light is looked for. */
+static void light_of_painted(int painted, const float depth[3], float at, double light[3], double bar[3])
+{
+    static const float full[3] = { 1.0f, 2.0f, 6.0f };
+    const double mu_o = 0.9, mu_i = 0.7, cosine = 0.5, side = sqrt(1.0 - mu_o * mu_o), x = (cosine - mu_o * mu_i) / side;
+    double optics[3][3];
+    struct rig r;
+
+    for (int i = 0; i < 3; i++) {
+        optics[i][0] = fish[i][1];
+        optics[i][1] = fish[i][2];
+        optics[i][2] = other_k(fish[i][3], 0.3, cosine);
+    }
+    rig_start(&r);
+    r.scene->materials[0].medium.eta = 1.33;
+    layers_set(r.scene, 0, 3, optics, painted ? full : depth, PELL_BELOW_STOP);
+    for (int i = 0; painted && i < 3; i++) {
+        const float here = depth[i] / full[i];
+        const float share[4] = { painted == 3 ? 0.5f : here, here, painted == 2 ? 0.0f : painted == 3 ? 0.5f : here, here };
+        layers_paint(r.scene, 0, i, 2, 2, 1, share)->nearest = true; /* the right half is `here`, but for case 2's whole right half */
+    }
+    rig_box(&r, 400.0f, 100.0f);
+    layers_unwrap(r.scene);
+    rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3((float) x, (float) sqrt(1.0 - mu_i * mu_i - x * x), (float) mu_i), vec3(0, 0, 0), 1.0f);
+    rig_build(&r, SS_SMOOTH, SS_NONE, SS_BOTH, SLOW ? 0.05f : 0.01f);
+    OK(ss_medium_make(r.ctx, &r.scene->materials[0], &r.medium));
+    assert_int_equal(r.medium.layers, 4);
+    REQUIRE((r.medium.painting != NULL) == (painted >= 2));
+    ss_medium_place(&r.medium, r.scene, r.rays, r.bodies, 0);
+    {
+        float value[3], noise[3];
+        ss_estimate(&r.world, vec3(at, 0.25f * at, 0.0f), vec3((float) side, 0.0f, (float) mu_o), 100.0, &r.counts, value, noise);
+        for (int c = 0; c < 3; c++) {
+            light[c] = (double) value[c];
+            bar[c] = (double) noise[c];
+        }
+    }
+    ss_medium_finish(r.ctx, &r.medium);
+    rig_finish(&r);
+}
+
+static void painted_layers(void **state)
+{
+    static const float oracle[3] = { 0.5f, 1.0f, 3.0f }, halves[3] = { 0.5f, 1.0f, 3.0f }, thin[3] = { 0.25f, 0.75f, 1.0f };
+    double even[3], found[3], bar[3];
+    (void) state;
+
+    light_of_painted(0, oracle, 101.0f, even, bar);
+    within("even layers of a scene", even[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
+    light_of_painted(1, oracle, 101.0f, found, bar);
+    for (int c = 0; c < 3; c++)
+        REQUIRE(found[c] == even[c]); /* bit by bit */
+    light_of_painted(2, oracle, 101.0f, found, bar); /* below the point the left half and the lower right are painted alike */
+    within("painted layers", found[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
+    for (int c = 0; c < 3; c++)
+        REQUIRE_REL(found[c], even[c], 1e-4); /* the same places: what is left is where boundaries are found */
+    light_of_painted(3, thin, 101.0f, found, bar);
+    light_of_painted(0, thin, 101.0f, even, bar);
+    for (int c = 0; c < 3; c++)
+        REQUIRE_REL(found[c], even[c], 1e-4);
+    light_of_painted(3, thin, -101.0f, found, bar); /* the left half is 0.5, 1, 3 mm whatever the right is */
+    light_of_painted(0, halves, -101.0f, even, bar);
+    for (int c = 0; c < 3; c++)
+        REQUIRE_REL(found[c], even[c], 1e-4);
 }
 
 /* Homogeneous, through a refracting surface: sunlight in closed form; a point lamp by quadrature over the ray, the lamp's beams by the
@@ -648,7 +720,10 @@ static void survives_the_nth_allocation(void **state)
         s.settings.width = s.settings.height = 2;
         s.settings.msaa = 1;
         stage_medium(&s, "marble", &m);
+        layers_set(s.scene, m, 1, (const double[1][3]){ { 1.0, 2.0, 0.1 } }, (const float[1]){ 0.5f }, PELL_BELOW_STOP);
+        layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]){ 1.0f, 0.5f });
         stage_box(&s, m, 0, vec3(-1, -1, -1), vec3(1, 1, 1));
+        layers_unwrap(s.scene);
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 9), vec3(0, 0, 0), 3.0f);
         stage_camera(&s, vec3(0, 0, 9), vec3(0, 0, 0), 0.0f, 1.0f);
         stage_complete(&s);
@@ -670,6 +745,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(three_layers),
         cmocka_unit_test(layers_of_a_material),
+        cmocka_unit_test(painted_layers),
         cmocka_unit_test(slab_that_refracts),
         cmocka_unit_test(ball_by_brute_force),
         cmocka_unit_test(all_ways_agree),

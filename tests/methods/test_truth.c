@@ -352,15 +352,24 @@ static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int 
             medium->layers = 2; /* over a deep rest */
         from = 0.0;
         medium->slowest = INFINITY;
+        medium->even = medium->layers == 1;
+        pell_free(s.ctx, medium->layer);
+        pell_free(s.ctx, medium->depth);
+        medium->layer = pell_calloc(s.ctx, (size_t) medium->layers, sizeof(*medium->layer));
+        medium->depth = pell_calloc(s.ctx, (size_t) medium->layers, sizeof(*medium->depth));
+        REQUIRE(medium->layer && medium->depth);
         for (int l = 0; l < medium->layers; l++) {
             struct pt_medium one;
-            OK(pt_medium_make(s.ctx, &s.scene->materials[m[l]], &one));
+            OK(pt_medium_make(s.ctx, s.scene, &s.scene->materials[m[l]], &one));
             medium->layer[l] = one.layer[0];
             from += p->plate[l].thickness;
             medium->depth[l] = l + 1 < medium->layers ? (float) from : INFINITY;
             medium->slowest = fminf(medium->slowest, one.slowest);
             for (int c = 0; c < 3; c++)
                 medium->largest[c] = fmaxf(medium->largest[c], one.largest[c]);
+            if (l + 1 < medium->layers)
+                medium->deepest = (float) from;
+            pt_medium_finish(s.ctx, &one);
         }
     }
     at = rig_point(vec3(0.013f, 0.007f, 0.0f), vec3(0.013f, 0.007f, 0.4f * (float) deep), 5);

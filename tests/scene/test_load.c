@@ -47,14 +47,14 @@ static void a_mesh_without_a_unit_is_refused_with_the_reason(void **state)
 static void a_unit_and_a_size_together_are_refused(void **state)
 {
     const struct pell_load_params both = { .mm_per_unit = 1.0, .size_mm = 70.0 }, infinite = { .size_mm = INFINITY };
-    const struct pell_load_params negative = { .mm_per_unit = -1.0 }, later = { .mm_per_unit = 1.0, .time = 0.5 };
+    const struct pell_load_params negative = { .mm_per_unit = -1.0 }, never = { .mm_per_unit = 1.0, .time = NAN };
     const struct pell_load_params nan_time = { .mm_per_unit = 1.0, .time = NAN }, huge = { .mm_per_unit = 1e300 };
     (void) state;
 
     assert_int_equal(try_text("cube.obj", CUBE, &both).res, PELL_ERR_INVALID);
     assert_int_equal(try_text("cube.obj", CUBE, &infinite).res, PELL_ERR_INVALID);
     assert_int_equal(try_text("cube.obj", CUBE, &negative).res, PELL_ERR_INVALID);
-    assert_int_equal(try_text("cube.obj", CUBE, &later).res, PELL_ERR_INVALID);
+    assert_int_equal(try_text("cube.obj", CUBE, &never).res, PELL_ERR_INVALID);
     assert_int_equal(try_text("cube.obj", CUBE, &nan_time).res, PELL_ERR_INVALID);
     assert_int_equal(try_text("cube.obj", CUBE, &huge).res, PELL_ERR_INVALID);
 }

@@ -474,7 +474,7 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
         .st = st,
         .in = in,
         .film = &st->films[st->num_films > 1 ? number : 0],
-        .view = pell_view_make(&pell_renderer_scene(st->r)->cameras[0], in->width, in->height, 0.0f, 0.0f),
+        .view = *pell_renderer_eye(st->r),
         .number = (uint32_t) number,
     };
     struct pt_counts counts;

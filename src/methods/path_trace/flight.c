@@ -124,19 +124,57 @@ static void fly_even(const struct pt_scene *s, struct pt_counts *counts, int bod
 
 /* --- Layers ------------------------------------------------------------------------------------------------------------------------ */
 
+/* NULL: below the layers, where light is gone. */
 static const struct pt_coefficients *layer_at(const struct pt_scene *s, int body, struct pell_vec3 x)
 {
     const struct pt_medium *m = &s->body[body].medium;
-    const float deepest = m->depth[m->layers - 2];
+    const struct pt_coefficients *lowest = m->ends ? NULL : &m->layer[m->layers - 1];
     const float bound = s->body[body].grid ? pell_distance_bound(s->distance, body, x) : 0.0f;
     struct pell_nearest nearest;
     int i = 0;
 
-    if (bound >= deepest || !pell_rays_closest_point(s->rays, x, deepest, s->bodies->of_mesh, body, &nearest))
-        return &m->layer[m->layers - 1];
-    while (i < m->layers - 1 && nearest.distance >= (double) m->depth[i])
+    if (bound >= m->deepest || !pell_rays_closest_point(s->rays, x, m->deepest, s->bodies->of_mesh, body, &nearest))
+        return lowest;
+    if (m->painting) {
+        float depth[PELL_LAYERS_MOST];
+        pell_strata_depths(&m->painting->strata, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
+        i = pell_strata_at(&m->painting->strata, depth, (float) nearest.distance);
+        return i < 0 ? NULL : &m->layer[i];
+    }
+    while (i < m->layers && nearest.distance >= (double) m->depth[i])
         i++;
-    return &m->layer[i];
+    return i < m->layers ? &m->layer[i] : lowest;
+}
+
+/* A way that light at x can go before it is below the layers, at least the least one worth a step; 0: it is there. Without an end below
+ * the layers: any. Painted bottoms go up and down: half of the distance to them. */
+static float room(const struct pt_scene *s, int body, struct pell_vec3 x)
+{
+    const struct pt_medium *m = &s->body[body].medium;
+    struct pell_nearest nearest;
+    double bottom = (double) m->deepest, gap;
+
+    if (!m->ends)
+        return INFINITY;
+    if (!pell_rays_closest_point(s->rays, x, m->deepest, s->bodies->of_mesh, body, &nearest))
+        return 0.0f;
+    if (m->painting) {
+        float depth[PELL_LAYERS_MOST];
+        pell_strata_depths(&m->painting->strata, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
+        bottom = (double) depth[m->layers - 1];
+    }
+    gap = bottom - nearest.distance;
+    if (!(gap > 0.0))
+        return 0.0f;
+    return (float) fmax(m->painting ? 0.5 * gap : gap, (m->painting ? 2e-3 : 1e-4) * (double) m->deepest);
+}
+
+static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, float beta[3], struct pt_flight *out)
+{
+    beta[0] = beta[1] = beta[2] = 0.0f;
+    out->medium = &m->layer[m->layers - 1];
+    out->length = length;
+    out->x = x;
 }
 
 /* Flights between collisions, real ones or not. One ray finds the surface, as far as it was asked for. */
@@ -148,8 +186,13 @@ static void fly_layers(const struct pt_scene *s, struct pt_counts *counts, int b
     float length = 0.0f;
 
     for (;;) {
-        const float step = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        const float free = room(s, body, x), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        const float step = fminf(chance, free);
         float sum = 0.0f, real = 0.0f, p;
+        if (free == 0.0f) {
+            absorb(&b->medium, x, length, beta, out);
+            return;
+        }
         out->met = stopped(s, counts, body, x, from, w, step < 1e30f ? step : INFINITY, safe, &out->hit);
         if (out->met) {
             out->length = length + out->hit.t;
@@ -165,7 +208,13 @@ static void fly_layers(const struct pt_scene *s, struct pt_counts *counts, int b
         }
         length += step;
         x = from = out->x;
+        if (free < chance) /* what is left of the flight is as long as a new one */
+            continue;
         out->medium = layer_at(s, body, x);
+        if (!out->medium) {
+            absorb(&b->medium, x, length, beta, out);
+            return;
+        }
         for (int c = 0; c < 3; c++) {
             sum += beta[c];
             real += beta[c] * out->medium->sigma_t[c];
@@ -185,7 +234,7 @@ void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct
             float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out)
 {
     out->met = out->lost = false;
-    if (s->body[body].medium.layers == 1)
+    if (s->body[body].medium.even)
         fly_even(s, counts, body, x, from, w, beta, safe, sampler, out);
     else
         fly_layers(s, counts, body, x, from, w, beta, safe, sampler, out);
@@ -199,15 +248,22 @@ void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell
     const float most = fmaxf(m->largest[0], fmaxf(m->largest[1], m->largest[2]));
 
     for (int c = 0; c < 3; c++)
-        out[c] = m->layers == 1 ? expf(-m->layer[0].sigma_t[c] * reach) : 1.0f;
-    if (m->layers == 1 || !(most > 0.0f))
+        out[c] = m->even ? expf(-m->layer[0].sigma_t[c] * reach) : 1.0f;
+    if (m->even || !(most > 0.0f || m->ends))
         return;
     for (float at = 0.0f;;) {
         const struct pt_coefficients *k;
-        at += -logf((float) pt_fine(sampler)) / most;
-        if (!(at < reach))
+        const float free = room(s, body, vec3_mad(x, at, w)), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        at += fminf(chance, free);
+        if (!(at < reach) && free > 0.0f)
             return;
-        k = layer_at(s, body, vec3_mad(x, at, w));
+        if (free < chance && free > 0.0f)
+            continue;
+        k = free > 0.0f ? layer_at(s, body, vec3_mad(x, at, w)) : NULL;
+        if (!k) {
+            out[0] = out[1] = out[2] = 0.0f;
+            return;
+        }
         for (int c = 0; c < 3; c++)
             out[c] *= 1.0f - k->sigma_t[c] / most;
         if (out[0] + out[1] + out[2] <= 1e-9f)

@@ -154,7 +154,7 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
     pt_scatter_values(&e->from, e->w, values);
     for (int c = 0; c < 3; c++) {
         const double there = (double) e->beta[c] * (double) values[c];
-        const double sigma = (double) (m->layers == 1 ? m->layer[0].sigma_t[c] : m->slowest);
+        const double sigma = (double) (m->even ? m->layer[0].sigma_t[c] : m->slowest);
         sum += (double) e->beta[c];
         mixed += there;
         passed += there * exp(-sigma * (double) e->length);

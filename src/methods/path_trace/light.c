@@ -152,6 +152,8 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
                          vec3_mul(at.n, sqrtf(1.0f - u2))));
             safe = 0.0f;
         } else {
+            if (!(power[0] + power[1] + power[2] > 0.0f))
+                return;
             scattered(w, &at, power, body);
             pt_phase_sample(flight.medium, dir, sampler, power, &dir);
         }

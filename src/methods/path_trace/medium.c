@@ -2,19 +2,16 @@
  * medium.c - what fills a body: coefficients as they are, not reduced, with the phase function that the material knows. */
 #include "methods/path_trace/path.h"
 
-#include "render/medium.h"
-
 #include <string.h>
 
-static void set_coefficients(const struct pell_material_layer *l, struct pt_coefficients *out)
+static void set_coefficients(const struct pell_stratum *l, struct pt_coefficients *out)
 {
     out->hg = true;
     out->gray = true;
     out->clear = true;
     for (int c = 0; c < 3; c++) {
-        const double s = pell_medium_scattering(&l->medium, c);
-        out->sigma_s[c] = (float) s;
-        out->sigma_t[c] = (float) (s + l->medium.sigma_a[c]);
+        out->sigma_s[c] = (float) l->sigma_s[c];
+        out->sigma_t[c] = (float) l->sigma_t[c];
         out->phase[c] = l->phase[c];
         out->g[c] = (float) out->phase[c].g[0];
         out->hg = out->hg && out->phase[c].kind == PELL_PHASE_HENYEY_GREENSTEIN;
@@ -25,29 +22,80 @@ static void set_coefficients(const struct pell_material_layer *l, struct pt_coef
                     memcmp(&out->phase[c], &out->phase[0], sizeof(out->phase[0])) == 0;
 }
 
-enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_material *m, struct pt_medium *out)
+/* Layers of no thickness are left out, but where something is painted: there numbers are those of the strata. */
+static void fill(const struct pell_strata *strata, struct pt_medium *out)
 {
-    struct pell_material_layers layers;
-    double depth = 0.0;
-    enum pell_result res;
+    float above = 0.0f;
+
+    out->ends = strata->below != PELL_BELOW_LAST;
+    for (int i = 0; i < strata->count && above < INFINITY; i++) {
+        const bool endless = i + 1 == strata->count && !out->ends;
+        const float bottom = endless ? INFINITY : (float) strata->item[i].depth;
+        if (!out->painting && !(bottom > above))
+            continue;
+        set_coefficients(&strata->item[i], &out->layer[out->layers]);
+        out->depth[out->layers++] = bottom;
+        out->deepest = fmaxf(out->deepest, bottom < INFINITY ? bottom : above);
+        above = out->painting ? 0.0f : bottom;
+    }
+    out->ends = out->ends && !(above == INFINITY);
+    if (out->painting)
+        out->deepest = (float) strata->deepest;
+    if (out->layers == 0) { /* nothing but what is below */
+        set_coefficients(&strata->item[0], &out->layer[0]);
+        out->layers = 1;
+    }
+    out->even = out->layers == 1 && !out->ends;
+}
+
+enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_material *m,
+                                struct pt_medium *out)
+{
+    struct pell_strata *strata = pell_zalloc(ctx, sizeof(*strata));
+    enum pell_result res = PELL_ERR_NOMEM;
 
     memset(out, 0, sizeof(*out));
-    PELL_TRY(pell_medium_layers(ctx, "path-trace", m, &layers));
-    out->layers = layers.count;
-    out->eta = (float) layers.item[0].medium.eta;
-    for (int i = 0; i < out->layers; i++) {
-        set_coefficients(&layers.item[i], &out->layer[i]);
-        out->depth[i] = (float) (depth += layers.item[i].thickness_mm);
+    if (!strata)
+        return PELL_ERR_NOMEM;
+    PELL_TRY(pell_strata_make(ctx, "path-trace", m, strata));
+    if (strata->below == PELL_BELOW_SURFACE_COLOR) {
+        res = pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "\"below\": \"stop\" or \"last\"",
+                         "has a surface below its layers, where path-trace reflects no light");
+        goto fail;
     }
+    res = PELL_ERR_NOMEM;
+    out->layer = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->layer));
+    out->depth = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->depth));
+    if (strata->painted && !(strata->count == 1 && strata->below == PELL_BELOW_LAST)) {
+        out->painting = pell_zalloc(ctx, sizeof(*out->painting));
+        if (!out->painting)
+            goto fail;
+        out->painting->strata = *strata;
+        out->painting->meshes = scene->meshes;
+    }
+    if (!out->layer || !out->depth)
+        goto fail;
+    fill(strata, out);
+    out->eta = (float) strata->eta;
     out->slowest = INFINITY;
     for (int i = 0; i < out->layers; i++)
         for (int c = 0; c < 3; c++) {
             out->largest[c] = fmaxf(out->largest[c], out->layer[i].sigma_t[c]);
             out->slowest = fminf(out->slowest, out->layer[i].sigma_t[c]);
         }
+    res = PELL_OK;
 
 fail:
+    pell_free(ctx, strata);
     return res;
+}
+
+void pt_medium_finish(struct pell_context *ctx, struct pt_medium *medium)
+{
+    pell_free(ctx, medium->layer);
+    pell_free(ctx, medium->depth);
+    pell_free(ctx, medium->painting);
+    memset(medium, 0, sizeof(*medium));
 }
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------------ */

@@ -14,9 +14,9 @@
 #include "render/connect.h"
 #include "render/distance.h"
 #include "render/emitters.h"
+#include "render/strata.h"
 
 #define PT_NEST 8         /* bodies in bodies that a path keeps account of */
-#define PT_LAYERS PELL_MATERIAL_LAYERS_MAX
 #define PT_LOBES 16       /* about connections of a point with a lamp's place: the nearest ones */
 #define PT_ROUGH_CELLS 64
 #define PT_LIGHT_VERTICES 8 /* of a path from a lamp that are kept */
@@ -66,18 +66,31 @@ struct pt_coefficients {
     bool clear; /* nothing in it */
 };
 
+/* Where layers are by maps. */
+struct pt_painting {
+    struct pell_strata strata;
+    const struct pell_mesh *meshes; /* the scene's */
+};
+
 /* What fills a body: one set of coefficients, or layers by the distance below the surface. */
 struct pt_medium {
     float eta;
+    bool even; /* one layer without a bottom */
+    bool ends; /* below the layers light is gone */
     int layers; /* >= 1 */
-    struct pt_coefficients layer[PT_LAYERS];
-    float depth[PT_LAYERS]; /* mm, of the bottom of each; the last has none: INFINITY */
-    float largest[3];       /* of sigma_t over the layers */
-    float slowest;          /* least sigma_t of all channels and layers */
+    struct pt_coefficients *layer; /* the medium's own, as all that follows */
+    float *depth;                  /* mm, of the bottom of each, where nothing is painted; the last's may be INFINITY */
+    struct pt_painting *painting;  /* NULL: the same all over */
+    float deepest;                 /* mm: below it nothing changes any more */
+    float largest[3];              /* of sigma_t over the layers */
+    float slowest;                 /* least sigma_t of all channels and layers */
 };
 
-/* PELL_ERR_UNSUPPORTED, logged, for materials that have no medium. */
-PELL_NODISCARD enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_material *m, struct pt_medium *out);
+/* PELL_ERR_UNSUPPORTED, logged, for materials that have no medium, or a surface below their layers. `out` is to be finished whatever
+ * happens. */
+PELL_NODISCARD enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_material *m,
+                                               struct pt_medium *out);
+void pt_medium_finish(struct pell_context *ctx, struct pt_medium *medium);
 
 /* Density per sr, of each channel, of light going along w that scatters toward v (both along the way that the walk goes). */
 void pt_phase_values(const struct pt_coefficients *c, struct pell_vec3 w, struct pell_vec3 v, float out[3]);

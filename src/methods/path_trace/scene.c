@@ -99,7 +99,7 @@ static enum pell_result make_bodies(struct pt_scene *s)
         if (from->num_triangles == 0)
             continue;
         const struct pell_material *m = &s->scene->materials[mesh_of(s, i, 0)->material];
-        if ((res = pt_medium_make(s->ctx, m, &b->medium)) != PELL_OK)
+        if ((res = pt_medium_make(s->ctx, s->scene, m, &b->medium)) != PELL_OK)
             return res;
         b->share = share_of(&b->medium.layer[b->medium.layers - 1]);
         b->smooth = b->rough = true;
@@ -244,6 +244,8 @@ void pt_scene_destroy(struct pt_scene **scene)
     pell_emitters_destroy(&s->emitters);
     pell_free(s->ctx, s->rough);
     pell_free(s->ctx, s->alpha);
+    for (size_t i = 0; s->body && i < s->bodies->count; i++)
+        pt_medium_finish(s->ctx, &s->body[i].medium);
     pell_free(s->ctx, s->body);
     pell_bodies_destroy(&s->bodies);
     pell_free(s->ctx, s);

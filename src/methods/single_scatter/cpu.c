@@ -95,6 +95,8 @@ static void ss_destroy(void *state)
         return;
     pell_free(st->ctx, st->noise[0]);
     pell_free(st->ctx, st->counts);
+    for (size_t i = 0; st->medium && i < st->bodies->count; i++)
+        ss_medium_finish(st->ctx, &st->medium[i]);
     pell_free(st->ctx, st->medium);
     pell_emitters_destroy(&st->emitters);
     pell_connector_destroy(&st->connector);
@@ -129,8 +131,10 @@ static enum pell_result ss_create(struct pell_renderer *r, const struct pell_fra
     st->noise[2] = st->noise[1] + pixels;
     for (size_t i = 0; i < st->bodies->count; i++) {
         const struct pell_body *b = &st->bodies->bodies[i];
-        if (b->num_triangles > 0)
-            PELL_TRY(ss_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
+        if (b->num_triangles == 0)
+            continue;
+        PELL_TRY(ss_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
+        ss_medium_place(&st->medium[i], scene, pell_renderer_rays(r), st->bodies, (int) i);
     }
     st->world = (struct ss_world){
         .ctx = ctx,

@@ -2,56 +2,218 @@
  * medium.c - see single_scatter.h. */
 #include "methods/single_scatter/single_scatter.h"
 
-#include "render/medium.h"
-
 #include <string.h>
+
+#define BLACK 1e9 /* 1/mm: extinction of what is below layers that end */
+
+static void set_layer(const struct pell_stratum *from, double bottom, struct ss_layer *to)
+{
+    to->bottom = bottom;
+    memcpy(to->sigma_s, from->sigma_s, sizeof(to->sigma_s));
+    memcpy(to->sigma_t, from->sigma_t, sizeof(to->sigma_t));
+    memcpy(to->phase, from->phase, sizeof(to->phase));
+}
+
+/* Layers of no thickness are left out, but where something is painted: there numbers are those of the strata. */
+static void fill(const struct pell_strata *strata, bool painted, struct ss_medium *out)
+{
+    double above = 0.0;
+
+    out->eta = strata->eta;
+    for (int i = 0; i < strata->count && above < (double) INFINITY; i++) {
+        const bool endless = i + 1 == strata->count && strata->below == PELL_BELOW_LAST;
+        const double bottom = endless ? (double) INFINITY : strata->item[i].depth;
+        if (!painted && !(bottom > above))
+            continue;
+        set_layer(&strata->item[i], bottom, &out->layer[out->layers++]);
+        above = painted ? 0.0 : bottom;
+    }
+    if (strata->below == PELL_BELOW_LAST || above == (double) INFINITY)
+        return;
+    out->layer[out->layers] = (struct ss_layer){ .bottom = (double) INFINITY };
+    for (int c = 0; c < 3; c++)
+        out->layer[out->layers].sigma_t[c] = BLACK;
+    out->layers++;
+}
 
 enum pell_result ss_medium_make(struct pell_context *ctx, const struct pell_material *m, struct ss_medium *out)
 {
-    struct pell_material_layers layers;
-    double bottom = 0.0;
-    enum pell_result res;
+    struct pell_strata *strata = pell_zalloc(ctx, sizeof(*strata));
+    enum pell_result res = PELL_ERR_NOMEM;
+    bool painted;
 
     memset(out, 0, sizeof(*out));
-    PELL_TRY(pell_medium_layers(ctx, "single-scatter", m, &layers));
-    out->eta = layers.item[0].medium.eta;
-    out->layers = layers.count;
-    for (int i = 0; i < out->layers; i++) {
-        const struct pell_material_layer *from = &layers.item[i];
-        struct ss_layer *to = &out->layer[i];
-        to->bottom = bottom += from->thickness_mm;
-        for (int c = 0; c < 3; c++) {
-            to->sigma_s[c] = pell_medium_scattering(&from->medium, c);
-            to->sigma_t[c] = to->sigma_s[c] + from->medium.sigma_a[c];
-            to->phase[c] = from->phase[c];
-        }
-    }
+    if (!strata)
+        return PELL_ERR_NOMEM;
+    PELL_TRY(pell_strata_make(ctx, "single-scatter", m, strata));
+    painted = strata->painted && !(strata->count == 1 && strata->below == PELL_BELOW_LAST);
+    res = PELL_ERR_NOMEM;
+    out->layer = pell_calloc(ctx, (size_t) strata->count + 1, sizeof(*out->layer));
+    if (painted)
+        out->painting = pell_zalloc(ctx, sizeof(*out->painting));
+    if (!out->layer || (painted && !out->painting))
+        goto fail;
+    fill(strata, painted, out);
+    if (painted)
+        out->painting->strata = *strata;
+    res = PELL_OK;
 
 fail:
+    pell_free(ctx, strata);
     return res;
+}
+
+void ss_medium_finish(struct pell_context *ctx, struct ss_medium *medium)
+{
+    pell_free(ctx, medium->layer);
+    pell_free(ctx, medium->painting);
+    memset(medium, 0, sizeof(*medium));
+}
+
+void ss_medium_place(struct ss_medium *medium, const struct pell_scene *scene, const struct pell_rays *rays,
+                     const struct pell_bodies *bodies, int body)
+{
+    struct ss_painting *p = medium->painting;
+    double area = 0.0, painted[PELL_UV_SETS] = { 0 };
+
+    if (!p)
+        return;
+    p->rays = rays;
+    p->meshes = scene->meshes;
+    p->of_mesh = bodies->of_mesh;
+    p->texel = (double) INFINITY;
+    for (size_t t = 0; t < bodies->bodies[body].num_triangles; t++) {
+        const struct pell_body_triangle *at = &bodies->bodies[body].triangles[t];
+        const struct pell_mesh *m = &scene->meshes[at->mesh];
+        const uint32_t *index = m->index + 3 * (size_t) at->triangle;
+        const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) index[0]);
+        area += 0.5 * (double) vec3_length(vec3_cross(vec3_sub(vec3_load(m->position + 3 * (size_t) index[1]), a),
+                                                      vec3_sub(vec3_load(m->position + 3 * (size_t) index[2]), a)));
+        for (int k = 0; k < PELL_UV_SETS; k++) {
+            const float *uv = m->uv[k], *x = uv ? uv + 2 * (size_t) index[0] : NULL;
+            if (uv) {
+                const float *y = uv + 2 * (size_t) index[1], *z = uv + 2 * (size_t) index[2];
+                painted[k] += 0.5 * fabs((double) (y[0] - x[0]) * (double) (z[1] - x[1]) - (double) (y[1] - x[1]) * (double) (z[0] - x[0]));
+            }
+        }
+    }
+    for (int i = 0; i < p->strata.count; i++) {
+        const struct pell_texture_map *map = p->strata.item[i].map;
+        const float *m = map ? map->matrix : NULL;
+        if (map && painted[map->uv] > 0.0) {
+            const double texels = fabs((double) m[0] * (double) m[4] - (double) m[1] * (double) m[3]) * painted[map->uv] *
+                                  (double) map->texture->image.width * (double) map->texture->image.height;
+            p->texel = fmin(p->texel, texels > 0.0 ? sqrt(area / texels) : (double) INFINITY);
+        }
+    }
 }
 
 /* --- Ways --------------------------------------------------------------------------------------------------------------------- */
 
-/* Ends the way there, or where no light comes from any more: then false. */
-static bool add(struct ss_way *way, const struct ss_medium *m, int layer, double start, double end)
+/* Where the last channel is gone, in a layer that the way enters at `start`. */
+static double far_of(const struct ss_way *way, const struct ss_medium *m, int layer, double start)
 {
     const double *sigma = m->layer[layer].sigma_t;
-    struct ss_stretch *s = &way->stretch[way->count];
-    double far = 0.0; /* where the last channel is gone */
+    double far = 0.0;
 
-    s->layer = layer;
     for (int c = 0; c < 3; c++) {
-        const double before = way->count > 0 ? s[-1].depth[c] : 0.0, left = SS_OPAQUE - before;
+        const double left = SS_OPAQUE - (way->count > 0 ? way->stretch[way->count - 1].depth[c] : 0.0);
         if (left > 0.0)
             far = fmax(far, sigma[c] > 0.0 ? start + left / sigma[c] : INFINITY);
     }
+    return far;
+}
+
+/* Ends the way there, or where no light comes from any more: then false. */
+static bool add(struct ss_way *way, const struct ss_medium *m, int layer, double start, double end)
+{
+    const double *sigma = m->layer[layer].sigma_t, far = far_of(way, m, layer, start);
+    struct ss_stretch *s = &way->stretch[way->count];
+
+    s->layer = layer;
     s->end = fmin(end, fmax(far, start));
     for (int c = 0; c < 3; c++)
         s->depth[c] = (way->count > 0 ? s[-1].depth[c] : 0.0) + (sigma[c] > 0.0 ? sigma[c] * (s->end - start) : 0.0);
     way->count++;
     return far > end;
 }
+
+/* --- Painted layers ----------------------------------------------------------------------------------------------------------- */
+
+/* The layer at x. *gap: a way in which it may go on, or is sure to (*sure). */
+static int painted_at(const struct ss_medium *m, int body, struct pell_vec3 x, double *gap, bool *sure)
+{
+    const struct ss_painting *p = m->painting;
+    const int last = m->layers - 1;
+    const double deepest = p->strata.deepest;
+    struct pell_nearest n;
+    float depth[PELL_LAYERS_MOST];
+    int layer;
+
+    *sure = true;
+    *gap = deepest;
+    if (!pell_rays_closest_point(p->rays, x, (float) (2.0 * deepest), p->of_mesh, body, &n))
+        return last;
+    *gap = n.distance - deepest;
+    if (*gap > 0.0)
+        return last;
+    *sure = false;
+    *gap = (double) INFINITY;
+    pell_strata_depths(&p->strata, &p->meshes[n.mesh], n.triangle, n.u, n.v, depth);
+    for (int i = 0; i < p->strata.count; i++)
+        *gap = fmin(*gap, fabs((double) depth[i] - n.distance));
+    layer = pell_strata_at(&p->strata, depth, (float) n.distance);
+    return layer < 0 ? last : layer;
+}
+
+/* Bottoms go up and down at any rate, so a distance to them is no bound: a step is 0.7 of it, at most two texels or a 64th of the
+ * deepest. Where the layer is another at its end, the first crossing is looked for by halving. */
+static void make_painted(const struct ss_medium *m, int body, struct pell_vec3 x, struct pell_vec3 w, double length, struct ss_way *out)
+{
+    const double deepest = m->painting->strata.deepest, fine = 1e-5 * deepest + 1e-9;
+    const double most = fmax(fmin(2.0 * m->painting->texel, deepest), deepest / 64.0);
+    double at = 0.0, start = 0.0, gap, least = 4e-3 * deepest, end;
+    bool sure;
+    int layer = painted_at(m, body, x, &gap, &sure);
+
+    end = fmin(length, far_of(out, m, layer, start));
+    for (int step = 1; at < end; step++) {
+        double to;
+        int next;
+        if (step % 512 == 0)
+            least *= 2.0;
+        to = fmin(at + fmax(sure ? gap : fmin(0.7 * gap, most), least), end);
+        if (!(to < end))
+            to = end;
+        next = painted_at(m, body, vec3_mad(x, (float) to, w), &gap, &sure);
+        if (next == layer || out->count + 1 == SS_STRETCHES) {
+            at = to;
+            continue;
+        }
+        for (double low = at; to - low > fine;) {
+            const double middle = 0.5 * (low + to);
+            const int there = painted_at(m, body, vec3_mad(x, (float) middle, w), &gap, &sure);
+            if (!(middle > low && middle < to))
+                break;
+            if (there == layer) {
+                low = middle;
+            } else {
+                to = middle;
+                next = there;
+            }
+        }
+        if (!add(out, m, layer, start, to))
+            return;
+        at = start = to;
+        layer = next;
+        gap = 0.0;
+        sure = false;
+        end = fmin(length, far_of(out, m, layer, start));
+    }
+    add(out, m, layer, start, length);
+}
+
+/* --- Even layers -------------------------------------------------------------------------------------------------------------- */
 
 static int layer_at(const struct ss_medium *m, double below)
 {
@@ -71,6 +233,10 @@ void ss_way_make(const struct pell_connector *connector, int body, const struct 
     out->count = 0;
     if (m->layers == 1) {
         add(out, m, 0, 0.0, length);
+        return;
+    }
+    if (m->painting) {
+        make_painted(m, body, x, w, length, out);
         return;
     }
     for (int i = 0; i + 1 < m->layers; i++)

@@ -7,6 +7,7 @@
 
 #include "render/connect.h"
 #include "render/emitters.h"
+#include "render/strata.h"
 
 #include <pellucid/method.h>
 
@@ -26,25 +27,38 @@ struct ss_knobs {
 
 /* --- medium.c: what fills a body ------------------------------------------------------------------------------------------------- */
 
-#define SS_LAYERS PELL_MATERIAL_LAYERS_MAX
 #define SS_STRETCHES 64 /* of a straight way, each in one layer */
 #define SS_OPAQUE 30.0  /* optical depth that nothing is looked for beyond: e^-30 */
 
 struct ss_layer {
-    double bottom; /* mm below the surface; the last has none: INFINITY */
+    double bottom; /* mm below the surface, where nothing is painted; the last has none: INFINITY */
     double sigma_s[3], sigma_t[3];
     struct pell_phase phase[3];
 };
 
-/* Layers by the distance to the nearest surface of the body; a homogeneous medium is one layer. */
+/* Where layers are by maps. */
+struct ss_painting {
+    struct pell_strata strata;
+    const struct pell_rays *rays;
+    const struct pell_mesh *meshes;
+    const int32_t *of_mesh; /* body of each mesh */
+    double texel;           /* mm: about what the finest map tells apart */
+};
+
+/* Layers by the distance to the nearest surface of the body; a homogeneous medium is one layer. What is black below them is one, too. */
 struct ss_medium {
     double eta;
     int layers;
-    struct ss_layer layer[SS_LAYERS];
+    struct ss_layer *layer;       /* the medium's own, as what is painted */
+    struct ss_painting *painting; /* NULL: bottoms are the same all over */
 };
 
-/* PELL_ERR_UNSUPPORTED, logged, for materials of which only a profile is known. */
+/* PELL_ERR_UNSUPPORTED, logged, for materials of which only a profile is known. `out` is to be finished whatever happens. */
 PELL_NODISCARD enum pell_result ss_medium_make(struct pell_context *ctx, const struct pell_material *m, struct ss_medium *out);
+void ss_medium_finish(struct pell_context *ctx, struct ss_medium *medium);
+/* What a painted medium needs to know of the body that it fills; borrowed. */
+void ss_medium_place(struct ss_medium *medium, const struct pell_scene *scene, const struct pell_rays *rays,
+                     const struct pell_bodies *bodies, int body);
 
 /* A straight way through a body. */
 struct ss_way {
@@ -57,7 +71,7 @@ struct ss_way {
 };
 
 /* `length` mm from x along the unit w, or as far as any light comes. Where a layer is crossed is found by steps of the distance to it,
- * within 1e-4 of the thinnest layer. */
+ * within 1e-4 of the thinnest layer; painted ones by steps of 0.7 of that or two texels, then by halving to 1e-5 of the deepest. */
 void ss_way_make(const struct pell_connector *connector, int body, const struct ss_medium *m, struct pell_vec3 x, struct pell_vec3 w,
                  double length, struct ss_way *out);
 /* The stretch that holds a place at `s` mm, and the optical depths there. */

@@ -604,13 +604,22 @@ static void add_reflection(const struct job *job, struct packet *k, const struct
     }
 }
 
+/* Whether the caller asked for this light of the scene. */
+static bool counts(const struct job *job, int light)
+{
+    return job->p->lights == 0 || (job->p->lights >> (light < 63 ? light : 63) & 1);
+}
+
 static void environments(const struct job *job, struct packet *k)
 {
     const struct pell_lights *lights = job->lights;
     const struct pell_lanes *l = &k->lanes;
     struct pell_vec3 origin[PELL_LANES], normal[PELL_LANES];
+    bool any = false;
 
-    if (lights->num_environments == 0)
+    for (size_t e = 0; e < lights->num_environments; e++)
+        any |= counts(job, lights->environments[e].light);
+    if (!any)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         origin[i] = vec3(l->ox[i], l->oy[i], l->oz[i]);
@@ -619,6 +628,8 @@ static void environments(const struct job *job, struct packet *k)
     ambient_visibility(job, k, l->valid, origin, normal, 0xa54ff53au, k->ambient);
     for (size_t e = 0; e < lights->num_environments; e++) {
         struct pell_sums sums = { 0 };
+        if (!counts(job, lights->environments[e].light))
+            continue;
         for (size_t j = 0; j < lights->num_lamps; j++)
             if (lights->lamps[j].environment == (int) e)
                 shine(job, &lights->lamps[j], k, &sums);
@@ -641,7 +652,7 @@ static void environments(const struct job *job, struct packet *k)
 static void shade_packet(const struct job *job, struct packet *k)
 {
     for (size_t j = 0; j < job->lights->num_lamps; j++)
-        if (job->lights->lamps[j].environment < 0)
+        if (job->lights->lamps[j].environment < 0 && counts(job, job->lights->lamps[j].light))
             shine(job, &job->lights->lamps[j], k, &k->sums);
     environments(job, k);
 }

@@ -41,6 +41,7 @@ struct pell_irradiance_params {
     const struct pell_specular_tables *tables;                /* of pell_specular_tables_create */
     const struct pell_thickness_table *const *thickness;      /* per scene material, entries may be NULL; NULL: no light from behind */
     float mix;                                                /* plan's; negative: each material's own */
+    uint64_t lights;                                          /* bit min(i, 63) of each light i of the scene that counts; 0: all */
     bool smooth;                                              /* boundary: Fresnel's F_t in place of rho_dt */
     uint32_t sample;                                          /* number of the multisample: varies the sample patterns */
     uint32_t seed;
@@ -65,6 +66,7 @@ struct pell_points_light {
     float position[3][16];          /* mm */
     float normal[3][16];            /* geometric, unit, outward by the order of the triangle's corners */
     float irradiance[3][16];        /* W/m^2, entered, with albedo^m; of the outer side */
+    float strength[16];             /* of scattering, [0, 1]; 1 where no point is */
     int rays;                       /* traced for it */
 };
 

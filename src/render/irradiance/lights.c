@@ -182,8 +182,10 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
         const struct pell_light *light = &scene->lights[i];
         struct pell_lamp lamp;
         if (light->type != PELL_LIGHT_ENVIRONMENT) {
-            if (pell_lamp_make(scene, light, lights->light_samples, &lamp))
+            if (pell_lamp_make(scene, light, lights->light_samples, &lamp)) {
+                lamp.light = (int) i;
                 PELL_TRY(pell_lights_add_lamp(lights, &lamp));
+            }
             continue;
         }
         if (!tables) {
@@ -191,6 +193,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
             choose_etas(lights, tables);
         }
         lights->num_environments++; /* finished also where it fails half-way */
+        lights->environments[lights->num_environments - 1].light = (int) i;
         PELL_TRY(pell_environment_create(lights, light, (int) lights->num_environments - 1, settings->environment_lights, tables, pool,
                                          &lights->environments[lights->num_environments - 1]));
     }

@@ -29,6 +29,7 @@ struct pell_lamp {
     float image_u, image_v;     /* from the plane at distance 1 (directional: from mm) to the picture's halves */
     int environment;            /* index of the environment that it belongs to, -1: none; those make no highlight */
     bool compact;               /* of an environment: its light is left out of the smooth table */
+    int light;                  /* of the scene, where it is no environment's */
 };
 
 /* --- environment.c ------------------------------------------------------------------------------------------------------------ */
@@ -46,6 +47,7 @@ struct pell_env_level {
 struct pell_environment {
     const struct pell_texture *image; /* NULL: constant */
     float power[3], cos_rotate, sin_rotate;
+    int light; /* of the scene */
     /* Irradiance over the normal: E0 = Int L cos, and per model and roughness Int L scale cos, Int L bias cos (optics/specular.h), and
      * per smooth boundary Int L F_t cos; without the compact lamps. `size` floats a node. */
     float *nodes;

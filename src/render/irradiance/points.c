@@ -113,6 +113,8 @@ void pell_irradiance_points(const struct pell_lights *lights, const struct pell_
     uint32_t some;
 
     out->rays = 0;
+    for (int i = 0; i < 16; i++)
+        out->strength[i] = 1.0f;
     memset(out->irradiance, 0, sizeof(out->irradiance));
     memset(&s, 0, sizeof(s));
     some = place_points(params->scene, points, &packet, &s, out);
@@ -133,6 +135,9 @@ void pell_irradiance_points(const struct pell_lights *lights, const struct pell_
         lighting.specular[c] = s.mirrored[c];
     }
     pell_surface_look(params->surface, params->scene, spacing, &packet, some, &surface);
+    for (int i = 0; i < 16; i++)
+        if (some >> i & 1)
+            out->strength[i] = s.strength[i];
     one.surface = &surface;
     one.thickness = NULL;
     for (int k = 0; k < samples; k++) {

@@ -84,6 +84,26 @@ static void unexpose(const struct task *t, const float shown[3], float rgb[3])
         rgb[c] = l > 0.0f ? shown[c] * (before_curve(t, l) / l) / t->exposure : 0.0f;
 }
 
+/* What the lens sees of an environment, which is infinitely far away. */
+static bool environment(const struct task *t, int x, int y, float rgb[3])
+{
+    const int n = t->p->lens->radius > 0.0f ? t->p->settings->msaa : 1;
+
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    for (int i = 0; i < n; i++) {
+        struct pell_view view = *t->p->view;
+        struct pell_vec3 start, direction;
+        float sky[3];
+        pell_view_through(&view, t->p->lens, i, n);
+        pell_view_ray(&view, (float) x, (float) y, &start, &direction);
+        if (!pell_lights_background(t->p->lights, vec3_normalize(direction), sky))
+            return false;
+        for (int c = 0; c < 3; c++)
+            rgb[c] += sky[c] / (float) n;
+    }
+    return true;
+}
+
 /* Radiance behind pixel (x, y) where it differs from pixel to pixel. */
 static void background(const struct task *t, int x, int y, float rgb[3])
 {
@@ -91,9 +111,7 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     float shown[4];
 
     if (scene->background == PELL_BACKGROUND_ENVIRONMENT) {
-        struct pell_vec3 start, direction;
-        pell_view_ray(t->p->view, (float) x, (float) y, &start, &direction);
-        if (!pell_lights_background(t->p->lights, vec3_normalize(direction), rgb))
+        if (!environment(t, x, y, rgb))
             unexpose(t, scene->background_color, rgb);
     } else {
         pell_image_sample(&scene->background_image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, false,
@@ -210,6 +228,24 @@ static void finish_row(void *arg, int y, int worker)
     empty(t, y, r.x1, t->p->width);
 }
 
+static void show_row(void *arg, int y, int worker)
+{
+    const struct task *t = arg;
+    (void) worker;
+    show(t, y, 0, t->p->width);
+}
+
+static void bloom(struct pell_pool *pool, const struct task *t)
+{
+    const struct pell_post_params *p = t->p;
+    const struct pell_bloom_params params = { p->width, p->height, p->stride, p->settings->bloom,
+                                              0.01f * p->settings->bloom_radius * (float) p->height };
+    float *const planes[] = { t->color[0], t->color[1], t->color[2], t->alpha };
+
+    pell_bloom_render(pool, &params, planes, p->scene->background == PELL_BACKGROUND_TRANSPARENT ? 4 : 3, p->glow);
+    pell_pool_run(pool, p->height, show_row, (void *) t);
+}
+
 /* A background of one colour: its radiance, and how it is shown. Others are looked up pixel by pixel, over black. */
 static void prepare_background(struct task *t)
 {
@@ -243,7 +279,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
         .curve = settings->tonemap == PELL_TONEMAP_REINHARD,
     };
     const int y0 = params->rect.y0, y1 = params->rect.y1;
-    double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0;
+    double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0, start;
 
     if (y1 > y0)
         pell_pool_run(pool, y1 - y0, measure_row, &t);
@@ -264,5 +300,15 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     t.white_scale = 1.0f / (t.white * t.white);
     prepare_background(&t);
     pell_pool_run(pool, params->height, finish_row, &t);
-    *result = (struct pell_post_result) { t.exposure, t.white, (int64_t) invalid, met_count > 0.0, met > 0.0 || maximum > 0.0 };
+    start = pell_seconds();
+    if (settings->bloom > 0.0f)
+        bloom(pool, &t);
+    *result = (struct pell_post_result) {
+        .exposure = t.exposure,
+        .white = t.white,
+        .invalid = (int64_t) invalid,
+        .covered = met_count > 0.0,
+        .lit = met > 0.0 || maximum > 0.0,
+        .bloom = settings->bloom > 0.0f ? pell_seconds() - start : 0.0,
+    };
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * post.h - stage "post": background, exposure, tone mapping.
+ * post.h - stage "post": background, bloom, exposure, tone mapping.
  *
  * Photographic tone reproduction (Reinhard, Stark, Shirley, Ferwerda 2002): L = exposure x luminance, L_d = L (1 + L / white^2) / (1 + L),
  * colour scaled by L_d / L.
@@ -13,10 +13,12 @@
 #define PELL_POST_H
 
 #include "render/irradiance/irradiance.h"
+#include "render/post/bloom.h"
 
 struct pell_post_params {
     const struct pell_scene *scene;
-    const struct pell_view *view;     /* unshifted */
+    const struct pell_view *view;     /* unshifted, through the middle of the lens */
+    const struct pell_lens *lens;     /* that the picture was made through */
     const struct pell_lights *lights; /* for an environment as background */
     const struct pell_settings *settings;
     int width, height;
@@ -24,16 +26,19 @@ struct pell_post_params {
     ptrdiff_t stride;
     const double *meter;              /* of the composite: 2 numbers a row */
     double *rows;                     /* scratch: 4 numbers a row */
+    float *const *glow;               /* scratch: PELL_BLOOM_PLANES planes; not read without bloom */
 };
 
 struct pell_post_result {
     float exposure, white;
     int64_t invalid;
     bool covered, lit; /* something is in view; light arrives at it */
+    double bloom;      /* seconds of it */
 };
 
-/* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure); `display` gets the shown picture.
- * Allocates nothing; the same bits for any number of threads. */
+/* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure), with bloom; `display` gets the shown
+ * picture. Exposure and white are those of the picture without bloom. Bloom spreads alpha as it does light, so the picture may be laid over
+ * any even background afterwards. Allocates nothing; the same bits for any number of threads. */
 void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
                       float *const display[3], struct pell_post_result *result);
 

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bloom.h - light that a lens, an eye or a film scatters: part of stage "post".
+ *
+ * A share b of the light of each pixel is spread over two Gaussians, half of it each, of standard deviations sigma and sigma / 4:
+ *
+ *     PSF = (1 - b) delta + b (G(sigma) + G(sigma / 4)) / 2
+ *
+ * so the halo falls about as 1 / r^2 in between, as glare does: as much light in each octave of radius. Two blurs, as the two passes of
+ * d'Eon, Luebke and Enderton (2007). At the picture's edges light is mirrored, so none is lost and an even picture stays even.
+ *
+ * A wide Gaussian is made at a smaller size: each pixel's light is shared out linearly among the four nearest points of a grid f times as
+ * wide, spread there by a Gaussian, and interpolated linearly back. The variances of the first and last step are taken off the
+ * Gaussian's, so that the whole has the variance asked for, and its middle stays where it is.
+ */
+#ifndef PELL_BLOOM_H
+#define PELL_BLOOM_H
+
+#include "base/pool.h"
+
+#include <stddef.h>
+
+#define PELL_BLOOM_PLANES 3 /* of scratch, of the picture's size each */
+
+struct pell_bloom_params {
+    int width, height;
+    ptrdiff_t stride;
+    float share; /* b, [0, 1] */
+    float sigma; /* px, >= 0 */
+};
+
+/* Spreads the light of each plane in place. `scratch` are PELL_BLOOM_PLANES planes. Allocates nothing; the same bits for any number of
+ * threads. */
+void pell_bloom_render(struct pell_pool *pool, const struct pell_bloom_params *params, float *const *planes, size_t count,
+                       float *const scratch[PELL_BLOOM_PLANES]);
+
+#endif

@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: MIT
+ * dof.c - see dof.h. */
+#include "render/post/dof.h"
+
+#include "base/pool.h"
+
+#define TILE PELL_DOF_MOST /* so that discs reach into the tiles beside, and no farther */
+#define SHARP 0.25f        /* px: a disc that nobody sees */
+#define STEPS 16           /* of the table, a pixel */
+
+enum { NEAR = 0, SAME = 5, FAR = 10, OWN = 15, SUMS = 16 }; /* a weight and four channels each; the last: of the pixel's own disc */
+
+struct task {
+    const struct pell_dof_params *p;
+    float *const *in;
+    float *const *out;
+    float *disc;   /* px, below 0 before the focus: rises with the depth */
+    float *weight; /* of a whole pixel of the disc: discs sum to one */
+    float *tiles;  /* the widest disc of each */
+    int columns, rows;
+    float table[PELL_DOF_MOST * STEPS + 2]; /* weight by radius */
+};
+
+/* Share of a pixel that a disc of radius r covers at distance d. */
+static float soft(float r, float d)
+{
+    const float w = r + 0.5f - d;
+    return w < 0.0f ? 0.0f : w < 1.0f ? w : 1.0f;
+}
+
+static void make_table(struct task *t)
+{
+    const int last = PELL_DOF_MOST * STEPS;
+
+    for (int k = 0; k <= last; k++) {
+        const float r = (float) k / STEPS;
+        double sum = 0.0;
+        for (int y = -PELL_DOF_MOST; y <= PELL_DOF_MOST; y++)
+            for (int x = -PELL_DOF_MOST; x <= PELL_DOF_MOST; x++)
+                sum += (double) soft(r, sqrtf((float) (x * x + y * y)));
+        t->table[k] = (float) (1.0 / sum);
+    }
+    t->table[last + 1] = t->table[last];
+}
+
+/* Discs and weights of a tile, and its widest. */
+static void measure(void *arg, int index, int worker)
+{
+    struct task *t = arg;
+    const struct pell_dof_params *p = t->p;
+    const struct pell_surface *s = p->surface;
+    const int x0 = index % t->columns * TILE, y0 = index / t->columns * TILE;
+    const int x1 = x0 + TILE < s->width ? x0 + TILE : s->width, y1 = y0 + TILE < s->height ? y0 + TILE : s->height;
+    float widest = 0.0f;
+    (void) worker;
+
+    for (int y = y0; y < y1; y++)
+        for (int x = x0; x < x1; x++) {
+            const ptrdiff_t i = y * s->stride + x;
+            const bool seen = x >= s->covered.x0 && x < s->covered.x1 && y >= s->covered.y0 && y < s->covered.y1 && s->material[i];
+            float d = p->scale * (1.0f / p->focus - (seen ? 1.0f / s->depth[i] : 0.0f)), r, at;
+            d = d > (float) -PELL_DOF_MOST ? d < (float) PELL_DOF_MOST ? d : (float) PELL_DOF_MOST : (float) -PELL_DOF_MOST;
+            r = fabsf(d);
+            at = r * STEPS;
+            t->disc[i] = d;
+            t->weight[i] = t->table[(int) at] + (at - floorf(at)) * (t->table[(int) at + 1] - t->table[(int) at]);
+            widest = seen && r > widest ? r : widest; /* an empty pixel gives nothing to others, however wide its disc is */
+        }
+    t->tiles[index] = widest;
+}
+
+/* Adds what pixels (dx, dy) away give to pixels x0 to x1 of row y. */
+static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, float (*restrict sum)[TILE])
+{
+    const struct pell_dof_params *p = t->p;
+    const ptrdiff_t here = y * p->surface->stride, there = (y + dy) * p->surface->stride + dx;
+    const float d = sqrtf((float) (dx * dx + dy * dy));
+    const int from = x0 > p->rect.x0 - dx ? x0 : p->rect.x0 - dx, to = x1 < p->rect.x1 - dx ? x1 : p->rect.x1 - dx;
+    const float *restrict mine = t->disc + here, *restrict its = t->disc + there, *restrict weight = t->weight + there;
+    const float *restrict r = t->in[0] + there, *restrict g = t->in[1] + there, *restrict b = t->in[2] + there,
+                          *restrict a = t->in[3] + there;
+
+    for (int x = from; x < to; x++) {
+        const float radius = fabsf(mine[x]), band = 0.5f + 0.1f * radius, difference = its[x] - mine[x];
+        const float w = soft(fabsf(its[x]), d) * weight[x];
+        const float own = soft(radius, d), n = difference < -band ? w : 0.0f, f = difference > band ? own : 0.0f;
+        const float s = difference < -band || difference > band ? 0.0f : w;
+        const int i = x - x0;
+        sum[NEAR][i] += n;
+        sum[NEAR + 1][i] += n * r[x];
+        sum[NEAR + 2][i] += n * g[x];
+        sum[NEAR + 3][i] += n * b[x];
+        sum[NEAR + 4][i] += n * a[x];
+        sum[SAME][i] += s;
+        sum[SAME + 1][i] += s * r[x];
+        sum[SAME + 2][i] += s * g[x];
+        sum[SAME + 3][i] += s * b[x];
+        sum[SAME + 4][i] += s * a[x];
+        sum[FAR][i] += f;
+        sum[FAR + 1][i] += f * r[x];
+        sum[FAR + 2][i] += f * g[x];
+        sum[FAR + 3][i] += f * b[x];
+        sum[FAR + 4][i] += f * a[x];
+        sum[OWN][i] += own;
+    }
+}
+
+/* The near over the same over the far; the far fills what the same leaves, and where there is none the same does. `inside` is the share of
+ * the pixel's disc that lies in the picture: what is beyond the edge is taken to be like what is not. */
+static float lay(float (*sum)[TILE], int channel, int i, float inside)
+{
+    const float n = sum[NEAR][i] / inside, s = sum[SAME][i] / inside, f = sum[FAR][i];
+    const float near = sum[NEAR + channel][i] / (n > 1.0f ? sum[NEAR][i] : inside), left = n > 1.0f ? 0.0f : 1.0f - n;
+    float rest;
+
+    if (s >= 1.0f || !(f > 0.0f))
+        rest = s > 0.0f ? sum[SAME + channel][i] / sum[SAME][i] : 0.0f;
+    else
+        rest = sum[SAME + channel][i] / inside + (1.0f - s) * (sum[FAR + channel][i] / f);
+    return near + left * rest;
+}
+
+static void add(const struct task *t, ptrdiff_t i, int channel, float value)
+{
+    t->out[channel][i] = t->p->first ? value : t->out[channel][i] + value;
+}
+
+static void blur(void *arg, int index, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_dof_params *p = t->p;
+    const int column = index % t->columns, row = index / t->columns;
+    const int x0 = column * TILE > p->rect.x0 ? column * TILE : p->rect.x0, y0 = row * TILE > p->rect.y0 ? row * TILE : p->rect.y0;
+    const int x1 = (column + 1) * TILE < p->rect.x1 ? (column + 1) * TILE : p->rect.x1;
+    const int y1 = (row + 1) * TILE < p->rect.y1 ? (row + 1) * TILE : p->rect.y1;
+    float widest = 0.0f;
+    (void) worker;
+
+    for (int y = row > 0 ? row - 1 : 0; y <= row + 1 && y < t->rows; y++)
+        for (int x = column > 0 ? column - 1 : 0; x <= column + 1 && x < t->columns; x++)
+            widest = t->tiles[y * t->columns + x] > widest ? t->tiles[y * t->columns + x] : widest;
+    for (int y = y0; y < y1; y++) {
+        const int reach = (int) ceilf(widest);
+        float sum[SUMS][TILE] = { { 0 } };
+        for (int dy = widest < SHARP ? 1 : -reach; dy <= (widest < SHARP ? 0 : reach); dy++) {
+            if (y + dy < p->rect.y0 || y + dy >= p->rect.y1)
+                continue;
+            for (int dx = -reach; dx <= reach; dx++)
+                if (sqrtf((float) (dx * dx + dy * dy)) < widest + 0.5f)
+                    gather(t, y, x0, x1, dx, dy, sum);
+        }
+        for (int c = 0; c < 4; c++)
+            for (int x = x0; x < x1; x++) {
+                const ptrdiff_t i = y * p->surface->stride + x;
+                add(t, i, c, widest < SHARP ? t->in[c][i] : lay(sum, c + 1, x - x0, fminf(sum[OWN][x - x0] * t->weight[i], 1.0f)));
+            }
+    }
+}
+
+void pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
+                     float *const out[4])
+{
+    struct task t = {
+        .p = params,
+        .in = scratch,
+        .out = out,
+        .disc = scratch[4],
+        .weight = scratch[5],
+        .tiles = tiles,
+        .columns = (params->surface->width + TILE - 1) / TILE,
+        .rows = (params->surface->height + TILE - 1) / TILE,
+    };
+
+    make_table(&t);
+    pell_pool_run(pool, t.columns * t.rows, measure, &t);
+    pell_pool_run(pool, t.columns * t.rows, blur, &t);
+}

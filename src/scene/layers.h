@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * layers.h - layers of scene materials, painted or even: what their maps hold, whether they are right, what they reflect as a whole.
+ */
+#ifndef PELL_SCENE_LAYERS_H
+#define PELL_SCENE_LAYERS_H
+
+#include "base/base.h"
+
+#include <pellucid/scene.h>
+
+#define PELL_LAYER_DEPTH_MAX 1e6f /* mm */
+
+/* All channels of a depth map at texture coordinates of the mesh, before `inverse`. */
+void pell_layer_texel(const struct pell_texture_map *map, float u, float v, float rgba[4]);
+/* Whether one look-up serves both. */
+bool pell_layer_maps_alike(const struct pell_texture_map *a, const struct pell_texture_map *b);
+/* The share of a layer's `depth` that a channel stands for: >= 0. */
+static inline float pell_layer_share(float value, bool inverse)
+{
+    const float share = inverse ? 1.0f - value : value;
+    return share > 0.0f ? share : 0.0f;
+}
+
+/* --- Right or wrong ----------------------------------------------------------------------------------------------------------- */
+
+struct pell_layer_fault {
+    char field[160]; /* "layer 2: sigma_a[0]" */
+    double value, min, max;
+};
+
+/* Whether a picture has that channel. */
+bool pell_layer_has_channel(const struct pell_image *image, int channel);
+/* Looks at all texels that a layer uses. */
+bool pell_layer_texels_valid(const struct pell_scene_layer *layer, struct pell_layer_fault *fault);
+/* All of a material's layers: numbers, maps and every texel of them. */
+bool pell_scene_layers_valid(const struct pell_material *m, struct pell_layer_fault *fault);
+
+/* --- As a whole --------------------------------------------------------------------------------------------------------------- */
+
+/* Bottoms of a layer over its map, mm, where the upper layer wins. */
+struct pell_layer_measure {
+    double min, mean, max;
+    int64_t crossings; /* texels where the painted bottom lies above that of a layer above it */
+};
+
+/* Over the texels of the largest map, of all layers whose maps use the same UV set; others are measured alone, and without crossings.
+ * `out` has room for m->num_layers. Returns how many texels there are; 0: nothing is painted. */
+int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_layer_measure *out);
+
+/* Makes m->gaussians what the layers reflect at their mean depths (`measure`), and m->medium their mean. False: they send no light back
+ * that a sum of Gaussians could stand for, and the medium alone is there. */
+bool pell_scene_layers_solve(struct pell_material *m, const struct pell_layer_measure *measure);
+
+/* Frees them. */
+void pell_scene_layers_finish(struct pell_context *ctx, struct pell_material *m);
+
+#endif
