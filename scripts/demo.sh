@@ -28,6 +28,9 @@ picture marble "$examples/marble.json"
 picture skin "$examples/skin.json"
 picture wax "$examples/wax.json"
 picture materials "$examples/materials.json"
+for scene in fish leaf gecko veins; do
+    picture "$scene" "$examples/$scene.json"
+done
 
 printf '\nThe pictures are in %s:\n' "$out"
 ls "$out"/*.png

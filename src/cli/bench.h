@@ -37,5 +37,11 @@ enum exit_code bench_profiles(struct cli *cli);
 enum exit_code bench_truth(struct cli *cli, const char *path);
 /* bench_mertens.c */
 enum exit_code bench_mertens(struct cli *cli, const char *path);
+/* bench_munoz.c: `what` is munoz-2, munoz-3 or munoz-5 */
+enum exit_code bench_munoz(struct cli *cli, const char *what, const char *path);
+/* bench_deon.c */
+enum exit_code bench_deon(struct cli *cli, const char *path);
+/* bench_francois.c */
+enum exit_code bench_francois(struct cli *cli, const char *path);
 
 #endif

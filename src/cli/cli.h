@@ -48,6 +48,7 @@ enum option_group {
     OPTIONS_BENCH = 1 << 6,
     OPTIONS_PROFILE = 1 << 7,
     OPTIONS_COMPARE = 1 << 8, /* with the rows of pell_compare_knobs */
+    OPTIONS_CHECK = 1 << 9,
 };
 
 struct settings_list {
@@ -61,7 +62,7 @@ struct cli {
     int num_arguments;
 
     /* Options as given; NULL or false where not. */
-    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time, *checkpoint, *checkpoint_every;
+    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time, *animation, *frames, *checkpoint, *checkpoint_every;
     bool json, quiet, stats, allow_outside;
     struct {
         char *model, *compare, *gaussians, *eta, *roughness, *layers, *skin, *solver, *wavelength, *export, *from, *to;
@@ -70,6 +71,9 @@ struct cli {
     struct {
         char *layer, *mask, *half, *methods, *reference;
     } compare;
+    struct {
+        char *cross_section, *line, *layers_of, *down_to;
+    } check;
     struct {
         int threads, turntable, repeats, points, taps;
     } numbers;
@@ -163,6 +167,10 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
 /* Loads `path` with the options of the command line over those of the scene file, and readies a renderer. */
 enum exit_code session_open(struct cli *cli, const char *path, struct session *s);
+/* The same at a time in seconds; NULL: the command line's. */
+enum exit_code session_open_at(struct cli *cli, const char *path, const double *time, struct session *s);
+/* Loads the scene anew, at a time in seconds; the rest stays. */
+enum exit_code session_move(struct cli *cli, const char *path, double time, struct session *s);
 void session_close(struct session *s);
 json_t *session_stages(const struct pell_picture *picture);
 /* Writes the picture in a format of pell_write_formats, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */

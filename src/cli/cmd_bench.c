@@ -330,6 +330,27 @@ enum exit_code command_bench(struct cli *cli)
         if (code == EXIT_OK)
             return bench_mertens(cli, path);
     }
+    if (strcmp(what, "munoz-2") == 0 || strcmp(what, "munoz-3") == 0 || strcmp(what, "munoz-5") == 0) {
+        for (size_t i = 0; i < 2; i++)
+            if (cli_given(cli, rendering[i]))
+                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench %s, which chooses its methods", what);
+        if (code == EXIT_OK)
+            return bench_munoz(cli, what, path);
+    }
+    if (strcmp(what, "deon-1") == 0) {
+        for (size_t i = 0; i < 2; i++)
+            if (cli_given(cli, rendering[i]))
+                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench deon-1, which chooses its methods");
+        if (code == EXIT_OK)
+            return bench_deon(cli, path);
+    }
+    if (strcmp(what, "francois-2") == 0) {
+        for (size_t i = 0; i < 2; i++)
+            if (cli_given(cli, rendering[i]))
+                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench francois-2, which chooses its methods");
+        if (code == EXIT_OK)
+            return bench_francois(cli, path);
+    }
     cli->stats = true; /* times are compared with copies */
     if (code == EXIT_OK)
         code = session_open(cli, path, &s);

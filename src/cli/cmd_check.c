@@ -1,15 +1,56 @@
 /* SPDX-License-Identifier: MIT
  * cmd_check.c - `pellucid check`: what a scene holds, and every problem. */
-#include "cli/cli.h"
+#include "cli/check_layers.h"
+#include "scene/layers.h"
 
+#include <math.h>
 #include <string.h>
 
 static const char *const severities[] = { "note", "warning", "error" };
+static const char *const below_names[] = { "stop", "last", "surface-color" }; /* in the order of enum pell_below */
 
 static json_t *bounds_json(const struct pell_scene_report *r)
 {
     return json_pack("[[f,f,f],[f,f,f]]", r->bounds_min[0], r->bounds_min[1], r->bounds_min[2], r->bounds_max[0], r->bounds_max[1],
                      r->bounds_max[2]);
+}
+
+/* What methods of diffusion show of a material with layers. */
+static const char *shown_of_layers(const struct pell_material *m)
+{
+    return m->preset && m->preset[0] ? m->preset
+           : m->profile              ? "the table"
+           : m->gaussians.count > 0  ? "what the layers reflect at their mean depths"
+                                     : "coefficients of one medium";
+}
+
+static json_t *layers_json(const struct pell_material *m)
+{
+    static const char *const phases[] = { "hg", "schlick", "rayleigh", "two-lobe" }; /* in the order of enum pell_phase_kind */
+    struct pell_layer_measure measure[PELL_LAYERS_MOST];
+    json_t *list = json_array();
+
+    pell_scene_layers_measure(m, measure);
+    for (int i = 0; i < m->num_layers; i++) {
+        const struct pell_scene_layer *l = &m->layers[i];
+        double s[3], t[3];
+        json_t *o;
+        for (int c = 0; c < 3; c++) {
+            s[c] = l->medium.sigma_s_reduced[c] / (1.0 - l->medium.g[c]);
+            t[c] = s[c] + l->medium.sigma_a[c];
+        }
+        o = json_pack("{s:o,s:o,s:o,s:o,s:s,s:b}", "name", cli_text(l->name), "sigma_s", cli_numbers(s, 3), "sigma_t", cli_numbers(t, 3),
+                      "mean_cosine", cli_numbers(l->medium.g, 3), "phase", phases[l->phase[0].kind], "painted",
+                      (int) (l->depth_map.texture != NULL));
+        if (measure[i].max < (double) INFINITY)
+            json_object_set_new(o, "depth_mm", json_pack("{s:f,s:f,s:f}", "min", measure[i].min, "mean", measure[i].mean, "max",
+                                                         measure[i].max));
+        if (l->depth_map.texture)
+            json_object_set_new(o, "map", cli_text(l->depth_map.texture->name));
+        json_object_set_new(o, "crossing_texels", json_integer((json_int_t) measure[i].crossings));
+        json_array_append_new(list, o);
+    }
+    return list;
 }
 
 static json_t *material_json(const struct pell_material *m)
@@ -20,6 +61,11 @@ static json_t *material_json(const struct pell_material *m)
 
     if (!o || m->opaque)
         return o;
+    if (m->num_layers > 0) {
+        json_object_set_new(o, "layers", layers_json(m));
+        json_object_set_new(o, "below", json_string(below_names[m->below]));
+        json_object_set_new(o, "diffusion_shows", json_string(shown_of_layers(m)));
+    }
     json_object_set_new(o, "profile", json_string(m->profile                 ? "table"
                                                   : m->gaussians.count > 0 ? "gaussians"
                                                                            : pell_profile_model_at(m->model)->name));
@@ -58,9 +104,9 @@ static json_t *problem_json(enum pell_severity severity, const char *where, cons
     return json_pack("{s:s,s:o,s:o}", "severity", severities[severity], "where", cli_text(where), "what", cli_text(what));
 }
 
-static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r)
+static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r, json_t *section)
 {
-    json_t *materials = json_array(), *problems = json_array(), *objects = json_array();
+    json_t *materials = json_array(), *problems = json_array(), *objects = json_array(), *answer;
 
     for (size_t i = 0; i < scene->num_materials; i++)
         json_array_append_new(materials, material_json(&scene->materials[i]));
@@ -70,11 +116,13 @@ static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scen
         json_array_append_new(problems, problem_json(r->problems[i].severity, r->problems[i].where, r->problems[i].what));
     for (size_t i = 0; i < r->num_objects; i++)
         json_array_append_new(objects, object_json(&r->objects[i]));
-    return cli_print_json(cli,
-                          json_pack("{s:I,s:I,s:o,s:f,s:I,s:I,s:I,s:o,s:o,s:o}", "meshes", (json_int_t) scene->num_meshes, "triangles",
-                                    (json_int_t) r->triangles, "bounds_mm", bounds_json(r), "mm_per_unit", scene->mm_per_unit, "lights",
-                                    (json_int_t) scene->num_lights, "cameras", (json_int_t) scene->num_cameras, "textures",
-                                    (json_int_t) scene->num_textures, "materials", materials, "objects", objects, "problems", problems));
+    answer = json_pack("{s:I,s:I,s:o,s:f,s:I,s:I,s:I,s:o,s:o,s:o}", "meshes", (json_int_t) scene->num_meshes, "triangles",
+                       (json_int_t) r->triangles, "bounds_mm", bounds_json(r), "mm_per_unit", scene->mm_per_unit, "lights",
+                       (json_int_t) scene->num_lights, "cameras", (json_int_t) scene->num_cameras, "textures",
+                       (json_int_t) scene->num_textures, "materials", materials, "objects", objects, "problems", problems);
+    if (section)
+        json_object_set(answer, "cross_section", section);
+    return cli_print_json(cli, answer);
 }
 
 /* Names in files may hold anything. */
@@ -123,7 +171,54 @@ static void print_object(const struct pell_object_report *o)
     putchar('\n');
 }
 
-static void answer_text(const struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r)
+static void print_layers(const struct pell_material *m)
+{
+    struct pell_layer_measure measure[PELL_LAYERS_MOST];
+    const int64_t texels = pell_scene_layers_measure(m, measure);
+    char name[96];
+
+    for (int i = 0; i < m->num_layers; i++) {
+        const struct pell_scene_layer *l = &m->layers[i];
+        const double *a = l->medium.sigma_a, *s = l->medium.sigma_s_reduced, *g = l->medium.g;
+        printf("    %-18s ", shown(l->name, name));
+        if (measure[i].max == (double) INFINITY)
+            fputs("no bottom", stdout);
+        else if (l->depth_map.texture)
+            printf("bottom painted, %.3g to %.3g mm, mean %.3g mm", measure[i].min, measure[i].max, measure[i].mean);
+        else
+            printf("bottom at %.3g mm", measure[i].mean);
+        printf("; sigma_a %.3g %.3g %.3g, sigma_s %.3g %.3g %.3g 1/mm, mean cosine %.3g %.3g %.3g\n", a[0], a[1], a[2], s[0] / (1.0 - g[0]),
+               s[1] / (1.0 - g[1]), s[2] / (1.0 - g[2]), g[0], g[1], g[2]);
+        if (measure[i].crossings > 0)
+            printf("    %-18s painted above the bottom of a layer above it at %lld of %lld texels: the upper one wins\n", "",
+                   (long long) measure[i].crossings, (long long) texels);
+    }
+    printf("    below them: %s; methods of diffusion show %s\n", below_names[m->below], shown_of_layers(m));
+}
+
+/* What was drawn, for those who read. */
+static void print_section(const struct cli *cli, const json_t *section)
+{
+    json_t *layers = json_object_get(section, "layers"), *layer;
+    char name[96];
+    size_t i;
+
+    printf("\n%sCross-section%s\n  %s, %.4g mm, down to %.4g mm: %s\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0),
+           shown(json_string_value(json_object_get(section, "material")), name),
+           json_number_value(json_object_get(section, "length_mm")), json_number_value(json_object_get(section, "down_to_mm")),
+           cli->check.cross_section);
+    json_array_foreach(layers, i, layer) {
+        const json_t *depth = json_object_get(layer, "depth_mm");
+        printf("  %-20s ", shown(json_string_value(json_object_get(layer, "name")), name));
+        if (depth)
+            printf("bottom at %.3g to %.3g mm, mean %.3g mm\n", json_number_value(json_object_get(depth, "min")),
+                   json_number_value(json_object_get(depth, "max")), json_number_value(json_object_get(depth, "mean")));
+        else
+            puts("without a bottom");
+    }
+}
+
+static void answer_text(const struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r, const json_t *section)
 {
     const char *bold = cli_style(cli, stdout, 1), *plain = cli_style(cli, stdout, 0);
     size_t problems = cli_warning_count(cli), notes = 0;
@@ -142,12 +237,19 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
     for (size_t i = 0; i < scene->num_materials; i++) {
         const struct pell_material *m = &scene->materials[i];
         const bool preset = m->preset && m->preset[0];
-        printf("  %-20s %s\n", shown(m->name, name), m->opaque ? "opaque" : preset ? m->preset : "coefficients of the file");
+        printf("  %-20s %s\n", shown(m->name, name), m->opaque            ? "opaque"
+                                                          : m->num_layers > 0 ? "layers"
+                                                          : preset            ? m->preset
+                                                                              : "coefficients of the file");
+        if (m->num_layers > 0 && !m->opaque)
+            print_layers(m);
     }
     if (notes) {
         printf("\n%sNotes%s\n", bold, plain);
         print_problems(cli, r, true);
     }
+    if (section)
+        print_section(cli, section);
     printf("\n%s%s%s\n", bold, plural((long long) problems, "problem", a), plain);
     print_problems(cli, r, false);
 }
@@ -158,8 +260,11 @@ enum exit_code command_check(struct cli *cli)
     struct pell_scene_report report = { 0 };
     struct pell_load_params params;
     enum exit_code code = cli_load_params(cli, &params);
+    json_t *section = NULL;
     enum pell_result res;
 
+    if (code == EXIT_OK)
+        code = check_layers_options(cli);
     if (code != EXIT_OK)
         return code;
     params.bare = true;
@@ -168,15 +273,18 @@ enum exit_code command_check(struct cli *cli)
     if (res == PELL_OK)
         res = pell_scene_check(scene, &report);
     code = cli_failed(cli, res);
-    if (res == PELL_OK) {
+    if (res == PELL_OK && cli->check.cross_section)
+        code = check_layers(cli, scene, &section);
+    if (code == EXIT_OK) {
         if (cli->json)
-            code = answer_json(cli, scene, &report);
+            code = answer_json(cli, scene, &report, section);
         else
-            answer_text(cli, scene, &report);
+            answer_text(cli, scene, &report, section);
         for (size_t i = 0; i < report.num_problems; i++)
             if (report.problems[i].severity == PELL_SEVERITY_ERROR && code == EXIT_OK)
                 code = EXIT_INPUT;
     }
+    json_decref(section);
     pell_scene_report_finish(cli->ctx, &report);
     pell_scene_destroy(&scene);
     return code;

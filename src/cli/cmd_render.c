@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * cmd_render.c - `pellucid render`: a picture, or a turntable of them. */
+ * cmd_render.c - `pellucid render`: a picture, a turntable of them, or the frames of an animation. */
 #include "cli/cli.h"
 
 #include "base/file.h"
@@ -10,13 +10,19 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define MOST_FRAMES 100000
+
 struct job {
     struct session session;
     char output[4096];
     const char *format;
     uint64_t scene_hash, materials_hash; /* 0 unless the format keeps them */
     struct pell_picture picture;         /* the last one */
-    json_t *images;                      /* of a turntable: their names */
+    json_t *images;                      /* of a turntable or of frames: their names */
+    struct {
+        double from, step;
+        int count; /* 0: none */
+    } frames;
 };
 
 /* --- Where the picture goes --------------------------------------------------------------------------------------------------- */
@@ -51,9 +57,33 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
     if (!job->format)
         return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",
                          "\"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
-    if (to_stdout && (cli->json || cli->numbers.turntable > 0))
+    if (to_stdout && (cli->json || cli->numbers.turntable > 0 || cli->frames))
         return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s",
-                         cli->json ? "--json" : "--turntable");
+                         cli->json ? "--json" : cli->frames ? "--frames" : "--turntable");
+    return EXIT_OK;
+}
+
+/* "0:2:0.25" -> nine times. */
+static enum exit_code choose_frames(struct cli *cli, struct job *job)
+{
+    const char *text = cli->frames, *first = text ? strchr(text, ':') : NULL, *second = first ? strchr(first + 1, ':') : NULL;
+    double to = 0.0, count;
+
+    if (!text)
+        return EXIT_OK;
+    if (!second || !pell_parse_number(text, (size_t) (first - text), &job->frames.from) ||
+        !pell_parse_number(first + 1, (size_t) (second - first - 1), &to) ||
+        !pell_parse_number(second + 1, strlen(second + 1), &job->frames.step))
+        return cli_usage(cli, "--frames", "0:2:0.25 are nine pictures of two seconds", "\"%s\", must be three numbers of seconds: FROM:TO:STEP",
+                         text);
+    if (!(job->frames.step > 0.0) || !(to >= job->frames.from))
+        return cli_usage(cli, "--frames", NULL, "\"%s\" goes backwards or stands still: STEP must be above 0, TO not before FROM", text);
+    count = floor((to - job->frames.from) / job->frames.step * (1.0 + 1e-12) + 1e-9) + 1.0;
+    if (!(count <= MOST_FRAMES))
+        return cli_usage(cli, "--frames", NULL, "\"%s\" are %g pictures, at most %d are allowed", text, count, MOST_FRAMES);
+    job->frames.count = (int) count;
+    if (cli->time || cli->numbers.turntable > 0)
+        return cli_usage(cli, "--frames", NULL, "says which times: it does not go with %s", cli->time ? "--time" : "--turntable");
     return EXIT_OK;
 }
 
@@ -158,6 +188,40 @@ static enum exit_code render_turntable(struct cli *cli, struct job *job)
     return code;
 }
 
+/* --- Frames ------------------------------------------------------------------------------------------------------------------- */
+
+static void hash_scene(struct job *job)
+{
+    if (strcmp(job->format, "exr") != 0)
+        return;
+    job->scene_hash = pell_scene_hash(job->session.scene);
+    job->materials_hash = pell_scene_hash_materials(job->session.scene);
+}
+
+/* The session holds the first. */
+static enum exit_code render_frames(struct cli *cli, struct job *job)
+{
+    char path[sizeof(job->output) + 16];
+    enum exit_code code = EXIT_OK;
+
+    job->images = json_array();
+    cli->progress.parts = job->frames.count;
+    for (int i = 0; i < job->frames.count && code == EXIT_OK; i++) {
+        cli->progress.part = i;
+        if (i > 0)
+            code = session_move(cli, cli->arguments[0], job->frames.from + i * job->frames.step, &job->session);
+        if (code != EXIT_OK)
+            break;
+        hash_scene(job);
+        numbered(job->output, i, job->frames.count, path, sizeof(path));
+        code = render_one(cli, job, path);
+        json_array_append_new(job->images, cli_text(path));
+        cli_progress(cli, "render", 1.0);
+        job->session.settings.exposure = job->picture.exposure; /* or the pictures would flicker */
+    }
+    return code;
+}
+
 /* --- Checkpoint ----------------------------------------------------------------------------------------------------------------- */
 
 static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
@@ -170,8 +234,8 @@ static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
         return cli_usage(cli, "--checkpoint-every", NULL, "needs --checkpoint FILE");
     if (!cli->checkpoint)
         return EXIT_OK;
-    if (cli->numbers.turntable > 0)
-        return cli_usage(cli, "--checkpoint", NULL, "is of one picture: it does not go with --turntable");
+    if (cli->numbers.turntable > 0 || cli->frames)
+        return cli_usage(cli, "--checkpoint", NULL, "is of one picture: it does not go with %s", cli->frames ? "--frames" : "--turntable");
     if (!method || !method->partial)
         return cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", method ? method->name : "none");
     if (cli->checkpoint_every &&
@@ -220,21 +284,22 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = choose_format(cli, &job);
     if (code == EXIT_OK)
+        code = choose_frames(cli, &job);
+    if (code == EXIT_OK)
         code = strcmp(job.output, "-") == 0 ? EXIT_OK : check_writable(cli, "--output", job.output);
     if (code == EXIT_OK)
-        code = session_open(cli, cli->arguments[0], &job.session);
+        code = session_open_at(cli, cli->arguments[0], job.frames.count > 0 ? &job.frames.from : NULL, &job.session);
     if (code == EXIT_OK)
         code = set_checkpoint(cli, &job);
     if (code == EXIT_OK) {
         job.session.settings.layers = strcmp(job.format, "exr") == 0;
-        if (job.session.settings.layers) {
-            job.scene_hash = pell_scene_hash(job.session.scene);
-            job.materials_hash = pell_scene_hash_materials(job.session.scene);
-        }
+        hash_scene(&job);
         code = cli_failed(cli, pell_renderer_check_range(job.session.renderer, &job.session.settings));
     }
     if (code == EXIT_OK)
-        code = cli->numbers.turntable > 0 ? render_turntable(cli, &job) : render_one(cli, &job, job.output);
+        code = cli->numbers.turntable > 0 ? render_turntable(cli, &job)
+               : job.frames.count > 0     ? render_frames(cli, &job)
+                                          : render_one(cli, &job, job.output);
     if (code == EXIT_OK)
         code = answer(cli, &job);
     else if (code == EXIT_INTERRUPTED && cli->partial)

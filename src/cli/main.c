@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 static const struct command commands[] = {
-    { "render", "INPUT", "one picture of a scene or a mesh, or a turntable of them",
+    { "render", "INPUT", "one picture of a scene or a mesh, a turntable of them, or an animation",
       "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, or a scene file (.json). A plain mesh needs no scene file: it gets a camera that "
       "frames it, a studio of three soft lights, a grey backdrop and, with --material, something to be made of.\n"
       "\n"
@@ -21,14 +21,19 @@ static const struct command commands[] = {
       "  pellucid render bunny.obj --material wholemilk --size 70mm -m none -o plain.png  # unscattered\n"
       "  pellucid render head.gltf --material skin --set gaussians=6 -o head.exr          # with layers\n"
       "  pellucid render scene.json --width 1920 --height 1080 --msaa 8 --stats\n"
-      "  pellucid render scene.json --turntable 4 -o turn.png     # turn_0000.png, turn_0001.png, ...\n",
+      "  pellucid render scene.json --turntable 4 -o turn.png     # turn_0000.png, turn_0001.png, ...\n"
+      "  pellucid render scene.json --frames 0:2:0.25 -o walk.png # its animation, walk_0000.png, ...\n"
+      "  pellucid render scene.json --dof on --msaa 64 --bloom 0.1\n",
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_ENGINE, 1, 1, command_render },
     { "check", "INPUT", "what a scene holds, and every problem; renders nothing",
       "Reads INPUT as `render` would, and reports its objects, materials, size and problems: open or turned surfaces, a scale that can't "
-      "be meant, media that the object is too thin for. Exit code 3 if INPUT can't be read or a problem is an error.\n",
+      "be meant, media that the object is too thin for. Exit code 3 if INPUT can't be read or a problem is an error.\n"
+      "\n"
+      "With --cross-section it also draws what lies below the surface: the layers of a material along a line, painted or even, in mm.\n",
       "  pellucid check bunny.obj --size 70mm --material wholemilk\n"
-      "  pellucid check scene.json --json\n",
-      OPTIONS_SCENE, 1, 1, command_check },
+      "  pellucid check scene.json --json\n"
+      "  pellucid check scene.json --cross-section layers.svg --down-to 2mm\n",
+      OPTIONS_SCENE | OPTIONS_CHECK, 1, 1, command_check },
     { "methods", "[NAME]", "the methods, or all about one: its knobs, its paper, its limits", "",
       "  pellucid methods\n"
       "  pellucid methods screen-space\n"
@@ -58,12 +63,15 @@ static const struct command commands[] = {
       "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same "
       "bytes, measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of "
       "the bench folder (screen-space) or a scene file of your own; or profiles: fits, layers and R(r); or truth: the references at equal "
-      "error; or mertens: image-space by samples, size and radius.\n",
+      "error; or mertens: image-space by samples, size and radius; or deon-1: texture-space by resolution and lights; or "
+      "francois-2: layered by samples and lamps.\n",
       "  pellucid bench\n"
       "  pellucid bench screen-space --threads 1 --json\n"
       "  pellucid bench profiles\n"
       "  pellucid bench truth\n"
-      "  pellucid bench mertens\n",
+      "  pellucid bench mertens\n"
+      "  pellucid bench deon-1\n"
+      "  pellucid bench francois-2\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
     { "compare", "INPUT|A B", "methods on a scene, or two pictures, against a reference: numbers, a report",
       "INPUT is a scene or a mesh, as for `render`. Every method of --methods and the reference render it under one exposure; the table "

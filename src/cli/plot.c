@@ -16,6 +16,7 @@
 
 enum { MAX_TICKS = 64, PNG_SCALE = 2 };
 #define FAR_OUT 1e4 /* px, beyond any page */
+#define AREA_ALPHA 0.6
 enum align { LEFT, CENTRE, RIGHT };
 
 static const double palette[PLOT_COLORS][3] = {
@@ -216,7 +217,8 @@ static double x_of(const struct box *b, const struct plot_panel *p, double value
 
 static double y_of(const struct box *b, const struct plot_panel *p, double value)
 {
-    return b->y + b->h * (1.0 - place(&p->y, value));
+    const double share = place(&p->y, value);
+    return b->y + b->h * (p->y.down ? share : 1.0 - share);
 }
 
 /* --- A panel ------------------------------------------------------------------------------------------------------------------ */
@@ -304,6 +306,23 @@ static void draw_points(cairo_t *cr, const struct box *b, const struct plot_pane
     }
 }
 
+/* The pieces of the area between y and its base where both are finite. */
+static void draw_area(cairo_t *cr, const struct box *b, const struct plot_panel *p, const struct plot_curve *c)
+{
+    set_color(cr, c->color, AREA_ALPHA);
+    for (size_t i = 0; i < c->count; i++) {
+        const size_t first = i;
+        while (i < c->count && isfinite(c->x[i]) && isfinite(c->y[i]) && isfinite(c->base[i])) {
+            cairo_line_to(cr, x_of(b, p, c->x[i]), y_of(b, p, c->y[i]));
+            i++;
+        }
+        for (size_t k = i; k > first; k--)
+            cairo_line_to(cr, x_of(b, p, c->x[k - 1]), y_of(b, p, c->base[k - 1]));
+        cairo_close_path(cr);
+        cairo_fill(cr);
+    }
+}
+
 static void draw_curve(cairo_t *cr, const struct box *b, const struct plot_panel *p, const struct plot_curve *c)
 {
     bool down = false; /* the pen */
@@ -312,6 +331,8 @@ static void draw_curve(cairo_t *cr, const struct box *b, const struct plot_panel
         draw_points(cr, b, p, c);
         return;
     }
+    if (c->base)
+        draw_area(cr, b, p, c);
     set_line(cr, c->line);
     set_color(cr, c->color, 1.0);
     for (size_t i = 0; i < c->count; i++) {
@@ -379,7 +400,11 @@ static void draw_legend(cairo_t *cr, const struct box *b, const struct plot_pane
         const struct plot_curve *c = &p->curves[k];
         if (!c->label)
             continue;
-        if (c->line == PLOT_POINTS) {
+        if (c->base) {
+            set_color(cr, c->color, AREA_ALPHA);
+            cairo_rectangle(cr, best.x + margin, y - 5.0, sample, 10.0);
+            cairo_fill(cr);
+        } else if (c->line == PLOT_POINTS) {
             cairo_set_line_width(cr, 1.2);
             draw_mark(cr, best.x + margin + 0.5 * sample, y, c->color);
         } else {

@@ -19,6 +19,7 @@ struct plot_curve {
     const char *label;   /* NULL: not in the legend */
     const double *x, *y; /* not finite: the line breaks; <= 0 on a logarithmic axis: it runs out below */
     const double *error; /* standard errors of y, drawn as bars; or NULL */
+    const double *base;  /* the area between it and y is filled; or NULL */
     size_t count;
     enum plot_color color;
     enum plot_line line;
@@ -28,6 +29,7 @@ struct plot_axis {
     const char *label; /* with its unit */
     bool log;
     double min, max; /* min < max, and 0 < min if log */
+    bool down;       /* of y: it grows downward */
 };
 
 struct plot_panel {

@@ -230,12 +230,15 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
         return cli_failed(cli, res);
     if (cli->material && !cli->material[0])
         return cli_usage(cli, "--material", "`pellucid materials` lists what there is", "is empty, must be a name or a file");
+    params->timed = cli->time != NULL;
+    params->animation = cli->animation;
     if (cli->time && !pell_parse_number(cli->time, strlen(cli->time), &params->time))
         return cli_usage(cli, "--time", NULL, "\"%s\" is not a number of seconds", cli->time);
     return aspect_of(cli, &params->aspect);
 }
 
-static enum exit_code load(struct cli *cli, const char *path, struct session *s)
+/* `time` NULL: the command line's. */
+static enum exit_code load(struct cli *cli, const char *path, const double *time, struct session *s)
 {
     const double start = pell_seconds();
     struct pell_load_params params;
@@ -243,6 +246,10 @@ static enum exit_code load(struct cli *cli, const char *path, struct session *s)
 
     if (code != EXIT_OK)
         return code;
+    if (time) {
+        params.timed = true;
+        params.time = *time;
+    }
     code = cli_failed(cli, pell_scene_load(cli->ctx, path, &params, &s->scene));
     s->load_seconds = pell_seconds() - start;
     return code;
@@ -280,6 +287,11 @@ static enum exit_code configure(struct cli *cli, struct session *s)
 
 enum exit_code session_open(struct cli *cli, const char *path, struct session *s)
 {
+    return session_open_at(cli, path, NULL, s);
+}
+
+enum exit_code session_open_at(struct cli *cli, const char *path, const double *time, struct session *s)
+{
     struct pell_renderer_params params = { .threads = cli->numbers.threads, .copies = cli->stats || cli->json };
     enum exit_code code;
 
@@ -290,7 +302,7 @@ enum exit_code session_open(struct cli *cli, const char *path, struct session *s
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_renderer_create(cli->ctx, &params, &s->renderer));
     if (code == EXIT_OK)
-        code = load(cli, path, s);
+        code = load(cli, path, time, s);
     if (code == EXIT_OK)
         code = configure(cli, s);
     if (code == EXIT_OK)
@@ -298,6 +310,18 @@ enum exit_code session_open(struct cli *cli, const char *path, struct session *s
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_renderer_set_method(s->renderer, s->method, s->knobs));
     return code;
+}
+
+enum exit_code session_move(struct cli *cli, const char *path, double time, struct session *s)
+{
+    enum pell_result res = pell_renderer_set_scene(s->renderer, NULL);
+    enum exit_code code;
+
+    pell_scene_destroy(&s->scene);
+    code = cli_failed(cli, res);
+    if (code == EXIT_OK)
+        code = load(cli, path, &time, s);
+    return code == EXIT_OK ? cli_failed(cli, pell_renderer_set_scene(s->renderer, s->scene)) : code;
 }
 
 void session_close(struct session *s)

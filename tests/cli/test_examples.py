@@ -57,6 +57,25 @@ def _(folder):
     need(len(list((ROOT / 'examples').glob('*.json'))) >= 4 and list((ROOT / 'bench').glob('*.json')), 'none found')
 
 
+@test('the wave runs, and comes back after its period of two seconds')
+def _(folder):
+    wave = str(EXAMPLES / 'wave.json')
+    answer = one_object(works(folder, 'render', wave, *QUICK, '--frames', '0:2:0.5', '-o', 'w.png', '--json'))
+    need(answer['images'] == [f'w_{i:04d}.png' for i in range(5)], answer)
+    frames = [png_pixels((folder / name).read_bytes()) for name in answer['images']]
+    need(frames[0] == frames[4] and len({frame[3] for frame in frames}) == 4, 'the times are not apart, or the last is not the first')
+    works(folder, 'render', wave, *QUICK, '-o', 'still.png')
+    need(png_pixels((folder / 'still.png').read_bytes()) == frames[0], 'the scene file says the time 0')
+    bounds = one_object(works(folder, 'check', wave, '--time', '0.3', '--json'))['bounds_mm']
+    need(abs(bounds[1][1] - bounds[0][1] - 24.0) < 0.05, bounds, 'a strip of 8 mm in a wave of 16')
+    for wrong, word in ((['--frames', '0:2'], b'FROM:TO:STEP'), (['--frames', '2:0:1'], b'backwards'), (['--frames', '0:1e9:1'], b'at most'),
+                        (['--frames', '0:1:1', '--time', '1'], b'--time'), (['--frames', '0:1:1', '--turntable', '2'], b'--turntable'),
+                        (['--frames', '0:1:1', '--format', 'png', '-o', '-'], b'--frames'), (['--animation', 'wvae'], b'"wave"'),
+                        (['--time', 'soon'], b'seconds')):
+        done = run(folder, 'render', wave, *QUICK, *wrong)
+        need(done.returncode == 2 and word in done.stderr, wrong, done.returncode, done.stderr)
+
+
 # --- Other people's things ------------------------------------------------------------------------------------------------------------
 
 def asset(root, path, folder):

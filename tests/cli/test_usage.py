@@ -10,8 +10,8 @@ import shutil
 import subprocess
 import sys
 
-from cli_test import (PROGRAM, ROOT, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text, works,
-                      write_obj, write_scene)
+from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text,
+                      works, write_obj, write_scene)
 
 LONG = 'x' * 100000
 COMMANDS = ['render', 'check', 'methods', 'materials', 'profile', 'bench', 'compare', 'info']
@@ -365,6 +365,8 @@ def run_examples(folder, lines):
     for line in lines:
         words = shlex.split(line, comments=True)
         need(words[0] == 'pellucid', line)
+        if SANITIZED and words[1] == 'bench' and words[2:] and words[2] not in ('screen-space', '--json'):
+            continue  # minutes of what the tests of the methods do, too
         small = {'render': SMALL, 'bench': [*SMALL, '--repeats', '1']}.get(words[1], [])
         small = ['--repeats', '1'] if words[1:3] == ['bench', 'profiles'] else small  # renders nothing
         small = SMALL if words[1] == 'compare' and not any(w.endswith('.exr') for w in words) else small  # of a scene

@@ -243,7 +243,7 @@ def _(folder):
     for name, properties in objects.items():
         need(properties <= words, 'the page does not name', sorted(properties - words), 'of', name or 'the top level')
     tables = {'Top level': [''], 'Meshes': ['mesh'], 'Camera': ['camera'], 'Background and ground': ['background'],
-              'Render': ['render', ''], 'Materials': ['material', 'textures']}
+              'Render': ['render', ''], 'Materials': ['material', 'textures'], 'Layers': ['layer', 'material']}
     options = set(re.findall(r'--([a-z-]+)', text(works(folder, 'render', '--help').stdout)))
     for heading, names in tables.items():
         known = set().union(*(objects[n] for n in names)) | (options if heading == 'Render' else set())
@@ -320,7 +320,8 @@ MESSAGES = {
     "leads out of the scene's folder": [SCENE, {'mesh': '../bunny.obj'}],
     'a length without a unit could mean anything': [SCENE, {'materials': {'*': {'color': [1, 1, 1], 'mean_free_path': 1}}}],
     'is the environment, but no light is one': [SCENE, {'background': 'environment'}],
-    'layered media are not there yet': [SCENE, {'materials': {'*': {'layers': []}}}],
+    'must have depth_scale': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1], 'sigma_t': [2, 2, 2], 'depth': 'a.png#r'}]}}}],
+    'must have two of sigma_a, sigma_s and sigma_t': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1]}]}}}],
     'this build has the engine cpu only': ['render', *BALL, '--engine', 'vulkan'],
     'allowed are glTF (.gltf, .glb), OBJ, PLY and scene files (.json)': ['check', 'a.xyz'],
     'can be raised': ['check', *BALL, '--limit', 'triangles=3'],

@@ -287,8 +287,7 @@ static void find_shift(struct is_state *st, const struct pell_view *eye)
 /* The views of lights in this frame's eye's coordinates. */
 static void turn_views(struct is_state *st)
 {
-    const struct pell_view eye = pell_view_make(&pell_renderer_scene(st->r)->cameras[0], st->work.in->width, st->work.in->height, 0.0f,
-                                                0.0f);
+    const struct pell_view eye = *pell_renderer_eye(st->r);
     const struct pell_vec3 from[3] = { eye.right, vec3_mul(eye.up, -1.0f), eye.forward };
 
     find_shift(st, &eye);

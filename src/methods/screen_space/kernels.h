@@ -72,8 +72,8 @@ struct ss_kernels {
     /* Copies row y of the caller's planes: key = material, depth, scale = px^2 per mm^2 of the variances (with strength), now = light
      * times the profile's total. */
     void (*load)(const struct ss_work *w, int y, struct ss_seen *seen);
-    /* Which blocks are smooth, and length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to it; to_px[0], [1] = px^2
-     * per mm^2 of the variances along them. */
+    /* Which blocks are smooth; length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to
+     * it; to_px[0], [1] = px^2 per mm^2 of the variances along them. */
     void (*measure)(const struct ss_work *w, int y);
     /* now -> half. Returns the number of pixels that were blurred. */
     int (*across)(const struct ss_work *w, int y);

@@ -1,0 +1,106 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Renders the pictures of painted layers that the guide shows.
+
+    scripts/draw_layer_sheets.py build/src/cli/pellucid build/examples docs/images
+
+fish-lights.png: the fish under its lamp behind, beneath, in front, and all three; fish-cross-section.png: what lies below a line over it;
+painted-layers.png: a leaf lit from behind, a gecko, and veins below the skin of a head. Standard library only.
+"""
+import json
+import struct
+import subprocess
+import sys
+import tempfile
+import zlib
+from pathlib import Path
+
+
+def chunks(data):
+    at = 8
+    while at < len(data):
+        size, = struct.unpack('>I', data[at:at + 4])
+        yield data[at + 4:at + 8], data[at + 8:at + 8 + size]
+        at += 12 + size
+
+
+def read_png(path):
+    """Rows of red, green, blue of an 8-bit picture that the program wrote."""
+    head, body = b'', b''
+    for name, data in chunks(path.read_bytes()):
+        head = data if name == b'IHDR' else head
+        body += data if name == b'IDAT' else b''
+    width, height, bits, kind = struct.unpack('>IIBB', head[:10])
+    if bits != 8 or kind != 2:
+        sys.exit(f'{path}: {bits} bits of kind {kind}, 8-bit colour is read')
+    raw, stride, above, rows = zlib.decompress(body), 3 * width, bytes(3 * width), []
+    for y in range(height):
+        way, line = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)])
+        for i in range(stride):
+            a, b, c = line[i - 3] if i > 2 else 0, above[i], above[i - 3] if i > 2 else 0
+            p = a + b - c
+            near = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
+            line[i] = (line[i] + (0, a, b, (a + b) // 2, near)[way]) & 255
+        above = bytes(line)
+        rows.append(above)
+    return rows
+
+
+def write_png(path, rows):
+    def chunk(name, data):
+        return struct.pack('>I', len(data)) + name + data + struct.pack('>I', zlib.crc32(name + data))
+
+    stride, above, packed = len(rows[0]), bytes(len(rows[0])), b''
+    for row in rows:
+        packed += b'\2' + bytes((a - b) & 255 for a, b in zip(row, above))
+        above = row
+    path.write_bytes(b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>IIBBBBB', stride // 3, len(rows), 8, 2, 0, 0, 0)) +
+                     chunk(b'sRGB', b'\0') + chunk(b'IDAT', zlib.compress(packed, 9)) + chunk(b'IEND', b''))
+
+
+def beside(left, right, gap=6):
+    return [a + b'\xff' * (3 * gap) + b for a, b in zip(left, right)]
+
+
+def above(top, bottom, gap=6):
+    return top + [b'\xff' * len(top[0])] * gap + bottom
+
+
+class Sheets:
+    def __init__(self, program, examples, images, work):
+        self.program, self.examples = str(Path(program).resolve()), Path(examples).resolve()
+        self.images, self.work = Path(images), Path(work)
+
+    def picture(self, name, width, height, lights=None, exposure=1.0):
+        """`lights`: numbers of those that shine; exposure: a factor of the scene's."""
+        scene = json.loads((self.examples / f'{name}.json').read_text('utf-8'))
+        scene['lights'] = [scene['lights'][i] for i in lights] if lights else scene['lights']
+        scene['render']['exposure'] *= exposure
+        for path in self.examples.glob('*'):
+            if path.is_file() and not (self.work / path.name).exists():
+                (self.work / path.name).symlink_to(path)
+        (self.work / 'sheet.json').write_text(json.dumps(scene))
+        subprocess.run([self.program, 'render', 'sheet.json', '--width', str(width), '--height', str(height), '--msaa', '8', '-q',
+                        '--allow-outside', '-o', 'sheet.png'], cwd=self.work, check=True)
+        return read_png(self.work / 'sheet.png')
+
+    def draw(self):
+        behind, beneath, front, every = (self.picture('fish', 470, 252, lights, exposure) for lights, exposure in
+                                         (([0], 1.3), ([1], 2.2), ([2], 1.2), (None, 1.0)))
+        write_png(self.images / 'fish-lights.png', above(beside(behind, beneath), beside(front, every)))
+        leaf, gecko = (self.picture(name, 560, 300) for name in ('leaf', 'gecko'))
+        write_png(self.images / 'painted-layers.png', beside(above(leaf, gecko), self.picture('veins', 606, 606)))
+        subprocess.run([self.program, 'check', str(self.examples / 'fish.json'), '-q', '--cross-section',
+                        str(self.images / 'fish-cross-section.png'), '--line', '0.33,0.12,0.33,0.85', '--down-to', '1.5mm'],
+                       check=True, stdout=subprocess.DEVNULL)
+
+
+def main():
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
+    with tempfile.TemporaryDirectory() as work:
+        Sheets(*sys.argv[1:], work).draw()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,205 @@
+/* SPDX-License-Identifier: MIT
+ * bench_deon.c - `pellucid bench deon-1`: table 1 of d'Eon et al. 2007, full and low resolution, with no light but the environment,
+ * with one and with two, without and with translucent shadow maps; all made anew, and under lights that stay as they are; and the passes
+ * of one row, beside copies of their bytes. (The paper, on a GeForce 8800: 16.7, 22.7, 32.3 and 43.5 ms a frame at full resolution, 8.7,
+ * 9.7, 13.3 and 16.4 ms at the low one.) */
+#include "cli/bench.h"
+
+#include "base/simd.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define LIGHTS 3 /* of the scene: the environment and two points */
+
+struct bench {
+    struct cli *cli;
+    struct session *s;
+    struct rows rows;
+    int repeats;
+};
+
+struct variant {
+    const char *name;
+    int lights;
+    bool tsm;
+};
+
+/* What all methods share. */
+static bool is_common(const char *stage)
+{
+    static const char *const names[] = { "prepare", "surface", "irradiance", "lit", "composite", "post" };
+
+    for (size_t i = 0; i < PELL_COUNT(names); i++)
+        if (strcmp(stage, names[i]) == 0)
+            return true;
+    return false;
+}
+
+/* Sets the method, which forgets its map. */
+static enum pell_result choose(struct bench *b, const char *size, bool tsm)
+{
+    const struct pell_setting settings[] = {
+        { "size", size, "bench" },
+        { "tsm-size", size, "bench" },
+        { "tsm", tsm ? "map" : "off", "bench" },
+        { "charts", "planar", "bench" },
+    };
+    const struct pell_method *m = pell_method_find(b->cli->ctx, "bench deon-1", "texture-space");
+    void *values = m ? calloc(1, m->knobs_size) : NULL;
+    enum pell_result res = m ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
+
+    if (values)
+        res = pell_method_configure(b->cli->ctx, m, settings, PELL_COUNT(settings), values);
+    if (res == PELL_OK)
+        res = pell_renderer_set_method(b->s->renderer, m, values);
+    free(values);
+    return res;
+}
+
+static double own_time(const struct pell_picture *p)
+{
+    double sum = 0.0;
+
+    for (size_t k = 0; k < p->num_stages; k++)
+        sum += is_common(p->stages[k].name) ? 0.0 : p->stages[k].ms;
+    return sum;
+}
+
+static void add_stages(struct bench *b, const struct pell_picture *p)
+{
+    double blur = 0.0, copy = 0.0;
+    struct row *r;
+
+    for (size_t k = 0; k < p->num_stages; k++) {
+        const struct pell_stage_time *t = &p->stages[k];
+        char text[96];
+        if (is_common(t->name))
+            continue;
+        if (strncmp(t->name, "blur", 4) == 0) {
+            blur += t->ms;
+            copy += t->copy_ms;
+        }
+        snprintf(text, sizeof(text), "    %s", t->name);
+        if ((r = bench_add(&b->rows, text, t->ms))) {
+            r->pixels = t->pixels;
+            r->rays = t->rays;
+            r->bytes = t->bytes;
+            r->copy_ms = t->copy_ms;
+            r->ratio = t->copy_ms > 0.0 ? t->ms / t->copy_ms : 0.0;
+            r->against = "copy";
+        }
+    }
+    if ((r = bench_add(&b->rows, "    all blurs", blur))) {
+        r->copy_ms = copy;
+        r->ratio = copy > 0.0 ? blur / copy : 0.0;
+        r->against = "copy";
+    }
+}
+
+static enum pell_result measure(struct bench *b, const struct variant *v, bool full, bool stages)
+{
+    struct pell_scene *scene = b->s->scene;
+    double *anew = calloc((size_t) b->repeats, sizeof(*anew)), *warm = calloc((size_t) b->repeats, sizeof(*warm));
+    struct pell_picture p = { 0 };
+    const size_t lights = scene->num_lights;
+    enum pell_result res = anew && warm ? PELL_OK : PELL_ERR_NOMEM;
+    char name[96];
+
+    PELL_TRY(res);
+    scene->num_lights = (size_t) v->lights + 1;
+    b->s->settings.width = full ? 2500 : 1280;
+    b->s->settings.height = full ? 1500 : 720;
+    PELL_TRY(pell_renderer_set_scene(b->s->renderer, scene));
+    for (int i = 0; i < b->repeats; i++) {
+        PELL_TRY(choose(b, full ? "2048" : "1024", v->tsm));
+        PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
+        anew[i] = own_time(&p);
+        if (stages && i + 1 == b->repeats)
+            add_stages(b, &p);
+        PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
+        warm[i] = own_time(&p);
+    }
+    snprintf(name, sizeof(name), "%s, %s, all anew", full ? "full" : "low", v->name);
+    bench_add(&b->rows, name, bench_median(anew, b->repeats));
+    snprintf(name, sizeof(name), "%s, %s, lights at rest", full ? "full" : "low", v->name);
+    bench_add(&b->rows, name, bench_median(warm, b->repeats));
+
+fail:
+    scene->num_lights = lights;
+    free(anew);
+    free(warm);
+    return res;
+}
+
+static enum pell_result run_all(struct bench *b)
+{
+    static const struct variant variants[] = {
+        { "environment", 0, false },
+        { "1 light", 1, false },
+        { "1 light, TSM", 1, true },
+        { "2 lights, TSM", 2, true },
+    };
+    enum pell_result res = PELL_OK;
+
+    for (int full = 1; full >= 0; full--)
+        for (size_t i = 0; i < PELL_COUNT(variants); i++)
+            PELL_TRY(measure(b, &variants[i], full, !full && i == 2));
+
+fail:
+    return res;
+}
+
+static enum exit_code answer(struct cli *cli, const struct bench *b)
+{
+    const int threads = pell_renderer_threads(b->s->renderer);
+    char device[160], build[64];
+
+    cli_device_name(device, sizeof(device));
+    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
+    if (cli->json)
+        return cli_print_json(cli, json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:o}", "bench", "deon-1", "engine", "cpu", "device", device,
+                                             "threads", threads, "build", build, "repeats", b->repeats, "rows", bench_json(&b->rows)));
+    printf("deon-1: %d threads, %s\npellucid %s\nmedians of %d frames of the method's own stages; full: 2048 x 2048 texels, 2500 x 1500 "
+           "pixels, low: 1024 x 1024, 1280 x 720\n\n%-38s %9s %10s %10s  %s\n",
+           threads, device, build, b->repeats, "row", "ms", "texels", "rays", "ratio");
+    for (size_t i = 0; i < b->rows.count; i++) {
+        const struct row *r = &b->rows.items[i];
+        printf("%-38s %9.2f ", r->name, r->ms);
+        if (r->pixels)
+            printf("%10lld %10lld  ", (long long) r->pixels, (long long) r->rays);
+        else
+            printf("%10s %10s  ", "", "");
+        if (r->against && r->ratio > 0.0)
+            printf("%.2f x %s", r->ratio, r->against);
+        putchar('\n');
+    }
+    return EXIT_OK;
+}
+
+enum exit_code bench_deon(struct cli *cli, const char *path)
+{
+    struct session s = { 0 };
+    struct bench *b = calloc(1, sizeof(*b));
+    enum exit_code code = EXIT_MEMORY;
+
+    cli->stats = true; /* times are compared with copies */
+    if (b) {
+        b->cli = cli;
+        b->s = &s;
+        b->repeats = cli->numbers.repeats;
+        code = session_open(cli, path, &s);
+        s.settings.msaa = 1;
+        if (code == EXIT_OK && s.scene->num_lights != LIGHTS)
+            code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, path, NULL,
+                                              "has %zu lights, the bench takes an environment and %d", s.scene->num_lights, LIGHTS - 1));
+        if (code == EXIT_OK)
+            code = cli_failed(cli, run_all(b));
+        if (code == EXIT_OK)
+            code = answer(cli, b);
+        session_close(&s);
+    }
+    free(b);
+    return code;
+}

@@ -1,0 +1,300 @@
+/* SPDX-License-Identifier: MIT
+ * bench_munoz.c - `pellucid bench munoz-2`, `munoz-3`, `munoz-5`: the convolution method as in the figures 2, 3 and 5 of its paper: two
+ * sizes of a thing ten times apart by threshold; resolutions of the planes; numbers of planes. (The paper, on a Core i7 of 2.66 GHz, the
+ * transforms alone: 4 planes at 800 x 600 7 s, 2 s with half the resolution and a threshold of 0.1 %; 2, 4, 8, 16 planes at 800 x 800 7,
+ * 14, 33, 100 s.) */
+#include "cli/bench.h"
+
+#include "base/simd.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define REFERENCE "200000" /* samples of the hierarchical that errors are against, at most */
+
+struct bench {
+    struct cli *cli;
+    struct session *s;
+    struct rows rows;
+    int repeats;
+    float *truth; /* R, G, B, A of the reference */
+};
+
+static enum pell_result choose(struct bench *b, const char *method, const struct pell_setting *settings, size_t count)
+{
+    const struct pell_method *m = pell_method_find(b->cli->ctx, "bench munoz", method);
+    void *values = m ? calloc(1, m->knobs_size) : NULL;
+    enum pell_result res = m ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
+
+    if (values)
+        res = pell_method_configure(b->cli->ctx, m, settings, count, values);
+    if (res == PELL_OK)
+        res = pell_renderer_set_method(b->s->renderer, m, values);
+    free(values);
+    return res;
+}
+
+static enum pell_result keep_truth(struct bench *b)
+{
+    const struct pell_setting most = { "most", REFERENCE, "bench" };
+    struct pell_picture p;
+    enum pell_result res;
+
+    PELL_TRY(choose(b, "hierarchical", &most, 1));
+    PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
+    for (size_t c = 0; c < 4; c++)
+        for (int y = 0; y < p.height; y++)
+            memcpy(b->truth + (c * (size_t) p.height + (size_t) y) * (size_t) p.width, p.channels[c].data + y * p.channels[c].stride,
+                   (size_t) p.width * sizeof(float));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Root mean square difference from the reference over its mean, of pixels that both cover. */
+static double error_of(const struct bench *b, const struct pell_picture *p)
+{
+    const size_t size = (size_t) p->width * (size_t) p->height;
+    double square = 0.0, sum = 0.0, count = 0.0;
+
+    for (int y = 0; y < p->height; y++)
+        for (int x = 0; x < p->width; x++)
+            for (size_t c = 0; c < 3 && b->truth[3 * size + (size_t) (y * p->width + x)] >= 1.0f; c++) {
+                const double t = (double) b->truth[c * size + (size_t) (y * p->width + x)];
+                const double d = (double) p->channels[c].data[y * p->channels[c].stride + x] - t;
+                square += d * d;
+                sum += t;
+                count += 1.0;
+            }
+    return sum > 0.0 ? sqrt(square * count) / sum : 0.0;
+}
+
+/* What all methods share. */
+static bool is_common(const char *stage)
+{
+    static const char *const names[] = { "prepare", "surface", "irradiance", "lit", "composite", "post" };
+
+    for (size_t i = 0; i < PELL_COUNT(names); i++)
+        if (strcmp(stage, names[i]) == 0)
+            return true;
+    return false;
+}
+
+/* The method's own stages of warm frames, and their sum. */
+static enum pell_result measure(struct bench *b, const char *name, const struct pell_setting *settings, size_t count, bool stages)
+{
+    double *times = calloc((size_t) b->repeats * MAX_STAGES, sizeof(*times)), sum = 0.0, copy = 0.0;
+    struct pell_picture p = { 0 };
+    enum pell_result res = times ? PELL_OK : PELL_ERR_NOMEM;
+    int64_t pixels = 0;
+    struct row *r;
+
+    PELL_TRY(res);
+    PELL_TRY(choose(b, "convolution", settings, count));
+    for (int i = -1; i < b->repeats; i++) {
+        PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
+        for (size_t k = 0; i >= 0 && k < p.num_stages && k < MAX_STAGES; k++)
+            times[k * (size_t) b->repeats + (size_t) i] = p.stages[k].ms;
+    }
+    for (size_t k = 0; k < p.num_stages && k < MAX_STAGES; k++) {
+        const struct pell_stage_time *t = &p.stages[k];
+        const double median = bench_median(times + k * (size_t) b->repeats, b->repeats);
+        char text[96];
+        if (strcmp(t->name, "surface") == 0)
+            pixels = t->pixels;
+        if (is_common(t->name))
+            continue;
+        sum += median;
+        copy += t->copy_ms;
+        snprintf(text, sizeof(text), "  %s", t->name);
+        if (stages && (r = bench_add(&b->rows, text, median))) {
+            r->pixels = t->pixels;
+            r->rays = t->rays;
+            r->bytes = t->bytes;
+            r->copy_ms = t->copy_ms;
+            r->ratio = t->copy_ms > 0.0 ? median / t->copy_ms : 0.0;
+            r->against = "copy";
+        }
+    }
+    if ((r = bench_add(&b->rows, name, sum))) {
+        r->pixels = pixels;
+        r->copy_ms = copy;
+        r->error = error_of(b, &p);
+    }
+
+fail:
+    free(times);
+    return res;
+}
+
+/* How many planes' light a plane receives on the mean, its own too, by the share of the light that goes so far. */
+static double convolutions(const struct pell_material *m, double range, int planes, double threshold)
+{
+    struct pell_profile *profile = malloc(sizeof(*profile));
+    double sum = 0.0;
+
+    for (int c = 0; profile && c < 3; c++) {
+        if (pell_profile_make(m->model, &m->medium, c, NULL, profile) != PELL_OK)
+            continue;
+        sum += 1.0;
+        for (int k = 1; k < planes; k++)
+            if (1.0 - pell_profile_cdf(profile, k * range / (planes - 1)) > threshold)
+                sum += 2.0 * (planes - k) / planes;
+    }
+    free(profile);
+    return sum / 3.0;
+}
+
+/* Depth of the scene's bounds along the view. */
+static double depth_range(const struct pell_scene *s)
+{
+    double range = 0.0;
+
+    for (int k = 0; k < 3; k++)
+        range += fabs((double) s->cameras[0].forward[k]) * (double) (s->bounds_max[k] - s->bounds_min[k]);
+    return range;
+}
+
+/* A thing ten times smaller is one in which light goes ten times as far. */
+static enum pell_result rescale(struct bench *b, double factor)
+{
+    for (size_t i = 0; i < b->s->scene->num_materials; i++)
+        for (int c = 0; c < 3; c++) {
+            b->s->scene->materials[i].medium.sigma_a[c] *= factor;
+            b->s->scene->materials[i].medium.sigma_s_reduced[c] *= factor;
+        }
+    return pell_renderer_set_scene(b->s->renderer, b->s->scene);
+}
+
+static enum pell_result thresholds(struct bench *b)
+{
+    static const char *const values[] = { "0", "0.001", "0.05" }, *const rules[] = { "energy", "printed" };
+    enum pell_result res;
+
+    for (int small = 0; small < 2; small++) {
+        if (small)
+            PELL_TRY(rescale(b, 0.1));
+        PELL_TRY(keep_truth(b));
+        for (size_t i = 0; i < 2 * PELL_COUNT(values) - 1; i++) {
+            const char *value = values[(i + 1) / 2], *rule = rules[i % 2 == 0 && i > 0];
+            const struct pell_setting set[] = { { "planes", "8", "bench" },
+                                                { "threshold", value, "bench" },
+                                                { "threshold-by", rule, "bench" } };
+            char name[96];
+            if (i % 2 == 0 && i > 0)
+                snprintf(name, sizeof(name), "%s, t %s as printed", small ? "small" : "large", value);
+            else
+                snprintf(name, sizeof(name), "%s, t %s, %.1f convolutions", small ? "small" : "large", value,
+                         convolutions(&b->s->scene->materials[b->s->scene->meshes[0].material], depth_range(b->s->scene), 8,
+                                      strtod(value, NULL)));
+            PELL_TRY(measure(b, name, set, PELL_COUNT(set), false));
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result resolutions(struct bench *b)
+{
+    static const char *const values[] = { "1", "1/2", "1/4" };
+    enum pell_result res;
+
+    PELL_TRY(keep_truth(b));
+    for (int planes = 4; planes <= 8; planes *= 2)
+        for (size_t i = 0; i < PELL_COUNT(values); i++) {
+            char count[8], name[96];
+            const struct pell_setting set[] = { { "planes", count, "bench" }, { "resolution", values[i], "bench" } };
+            snprintf(count, sizeof(count), "%d", planes);
+            snprintf(name, sizeof(name), "%d planes, resolution %s", planes, values[i]);
+            PELL_TRY(measure(b, name, set, PELL_COUNT(set), planes == 4));
+        }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result planes(struct bench *b)
+{
+    static const char *const forms[] = { "best", "paper" };
+    enum pell_result res;
+
+    PELL_TRY(keep_truth(b));
+    for (int form = 0; form < 2; form++)
+        for (int n = 2; n <= 16; n *= 2) {
+            char count[8], name[96];
+            const struct pell_setting set[] = { { "as", forms[form], "bench" },
+                                                { "planes", count, "bench" },
+                                                { "resolution", "1", "bench" } };
+            snprintf(count, sizeof(count), "%d", n);
+            snprintf(name, sizeof(name), "%d planes%s", n, form ? ", as=paper" : "");
+            PELL_TRY(measure(b, name, set, PELL_COUNT(set), form == 0 && n == 4));
+        }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum exit_code answer(struct cli *cli, const struct bench *b, const char *what)
+{
+    const int threads = pell_renderer_threads(b->s->renderer);
+    char device[160], build[64];
+
+    cli_device_name(device, sizeof(device));
+    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
+    if (cli->json)
+        return cli_print_json(cli, json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:o}", "bench", what, "engine", "cpu", "device", device,
+                                             "threads", threads, "build", build, "width", b->s->settings.width, "height",
+                                             b->s->settings.height, "repeats", b->repeats, "rows", bench_json(&b->rows)));
+    printf("%s: %d threads, %s\npellucid %s\n%d x %d; medians of %d warm frames of the method's own stages; errors against hierarchical of "
+           "at most %s samples\n\n%-36s %9s %10s %10s %8s  %s\n",
+           what, threads, device, build, b->s->settings.width, b->s->settings.height, b->repeats, REFERENCE, "row", "ms", "pixels", "rays",
+           "error %", "ratio");
+    for (size_t i = 0; i < b->rows.count; i++) {
+        const struct row *r = &b->rows.items[i];
+        printf("%-36s %9.2f %10lld %10lld ", r->name, r->ms, (long long) r->pixels, (long long) r->rays);
+        if (isfinite(r->error))
+            printf("%8.3f  ", 100.0 * r->error);
+        else
+            printf("%8s  ", "");
+        if (r->against && r->ratio > 0.0)
+            printf("%.2f x %s", r->ratio, r->against);
+        putchar('\n');
+    }
+    return EXIT_OK;
+}
+
+enum exit_code bench_munoz(struct cli *cli, const char *what, const char *path)
+{
+    struct session s = { 0 };
+    struct bench *b = calloc(1, sizeof(*b));
+    enum exit_code code = EXIT_MEMORY;
+
+    cli->stats = true; /* times are compared with copies */
+    if (b) {
+        b->cli = cli;
+        b->s = &s;
+        b->repeats = cli->numbers.repeats;
+        code = session_open(cli, path, &s);
+        s.settings.msaa = 1;
+        if (code == EXIT_OK) {
+            b->truth = calloc((size_t) s.settings.width * (size_t) s.settings.height, 4 * sizeof(*b->truth));
+            code = b->truth ? EXIT_OK : EXIT_MEMORY;
+        }
+        if (code == EXIT_OK)
+            code = cli_failed(cli, strcmp(what, "munoz-2") == 0   ? thresholds(b)
+                                   : strcmp(what, "munoz-3") == 0 ? resolutions(b)
+                                                                  : planes(b));
+        if (code == EXIT_OK)
+            code = answer(cli, b, what);
+        session_close(&s);
+        free(b->truth);
+    }
+    free(b);
+    return code;
+}

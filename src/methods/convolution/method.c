@@ -1,0 +1,144 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - convolution of light on planes through the object: A. Munoz, J. I. Echevarria, F. J. Seron, D. Gutierrez, "Convolution-Based
+ * Simulation of Homogeneous Subsurface Scattering", Computer Graphics Forum 30(8), 2011.
+ *
+ *     M_l = Sum over planes i of  E_i * R_il,     R_il(x, y) = R(sqrt(x^2 + y^2 + (z_i - z_l)^2))                    (5), (6), corrected
+ *
+ * by Fourier transforms, E_i the light of the surface near plane i, in front and behind. What differs from the paper: README.md.
+ */
+#include "methods/convolution/convolution.h"
+
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const placement_names[] = { "equal", "surface", NULL };
+static const char *const split_names[] = { "linear", "half", NULL };
+static const char *const restore_names[] = { "between", "response", "off", NULL };
+static const char *const threshold_names[] = { "energy", "printed", NULL };
+static const char *const resolution_names[] = { "1", "1/2", "1/4", NULL };
+static const char *const step_names[] = { "1", "2", "4", NULL };
+static const char *const borders_names[] = { "auto", "open", "even", NULL };
+
+#define AT(field) offsetof(struct convolution_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { CONV_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "planes", PELL_KNOB_INT, "1", AT(planes), { 4 }, 2, CONV_PLANES, NULL, "planes across the depth of what is seen" },
+    { "placement",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(placement),
+      { CONV_EQUAL },
+      0,
+      0,
+      placement_names,
+      "equally far apart, or closer where there is more surface" },
+    { "split",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(split),
+      { CONV_LINEAR },
+      0,
+      0,
+      split_names,
+      "how light is divided between the two planes around it: by distance, or half and half as in the paper" },
+    { "restore",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(restore),
+      { CONV_BETWEEN },
+      0,
+      0,
+      restore_names,
+      "what splitting and gathering lose: keep it in images between planes, divide by what a flat surface gets back, or lose it" },
+    { "threshold", PELL_KNOB_FLOAT, "1", AT(threshold), { 0.001 }, 0, 0.5, NULL, "leave out pairs of planes that exchange less than this" },
+    { "threshold-by",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(threshold_by),
+      { CONV_BY_ENERGY },
+      0,
+      0,
+      threshold_names,
+      "share of the light, or R over R(0) as in the paper" },
+    { "resolution", PELL_KNOB_ENUM, "1", AT(resolution), { CONV_FULL }, 0, 0, resolution_names, "of the planes, of the picture's" },
+    { "visible", PELL_KNOB_BOOL, "1", AT(visible), { 1 }, 0, 1, NULL, "transform back only planes that the picture needs" },
+    { "surfaces",
+      PELL_KNOB_INT,
+      "1",
+      AT(surfaces),
+      { 2 },
+      1,
+      CONV_SURFACES_MOST,
+      NULL,
+      "crossings of a view ray whose light is found: what the eye sees, the last one, and those before that; 1 needs no scene" },
+    { "behind-step",
+      PELL_KNOB_ENUM,
+      "px",
+      AT(behind_step),
+      { CONV_EVERY_2 },
+      0,
+      0,
+      step_names,
+      "distance of the rays that look for surfaces behind" },
+    { "apart",
+      PELL_KNOB_BOOL,
+      "1",
+      AT(apart),
+      { 1 },
+      0,
+      1,
+      NULL,
+      "keep light from behind apart, as far from its plane as it is on the mean; off: in one image with the front, as in the paper" },
+    { "borders",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(borders),
+      { CONV_BORDERS_AUTO },
+      0,
+      0,
+      borders_names,
+      "open: light comes from what was found alone; even: what was not found is taken to be as bright as what was; auto: even for "
+      "surfaces=1" },
+    { 0 },
+};
+#undef AT
+
+static void paper(void *values)
+{
+    struct convolution_knobs *k = values;
+
+    k->as = CONV_PAPER;
+    k->split = CONV_HALF;
+    k->restore = CONV_LOST;
+    k->threshold_by = CONV_AS_PRINTED;
+    k->resolution = CONV_HALF_SIZE;
+    k->behind_step = CONV_EVERY_1;
+    k->apart = false;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    const struct convolution_knobs *k = values;
+
+    *plan = (struct pell_plan){ .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
+    if (k->surfaces > 1)
+        plan->needs |= PELL_NEED_SCENE | PELL_NEED_HIT;
+}
+
+extern const struct pell_method pell_method_convolution;
+const struct pell_method pell_method_convolution = {
+    .kind = PELL_METHOD,
+    .name = "convolution",
+    .title = "Convolution of light on planes through the object",
+    .cite = "Adolfo Munoz, Jose I. Echevarria, Francisco J. Seron and Diego Gutierrez, Convolution-Based Simulation of Homogeneous "
+            "Subsurface Scattering, Computer Graphics Forum 30(8), 2011",
+    .limits =
+        "Distances along the view are as coarse as the planes, so what leans is smoothed. One profile for a material: strength maps are "
+        "not read.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct convolution_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &pell_convolution_cpu,
+};

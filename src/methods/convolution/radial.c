@@ -1,0 +1,194 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * radial.c - a profile as tables over the squared radius: its values, its integral along lines, squares of it, and how much of its light
+ * planes give back.
+ */
+#include "methods/convolution/convolution.h"
+
+#include "math/quadrature.h"
+#include "math/vec.h"
+
+#include <stdint.h>
+#include <string.h>
+
+enum { NODES = 24 };
+
+/* Rows are evenly spaced inside each octave, so that the place is in the bits of a float. */
+static double radius2_at(const struct conv_radial *r, int row, int octave)
+{
+    return (double) r->median2 * (1.0 + (double) (row % octave) / octave) * exp2(row / octave - CONV_OCTAVES / 2);
+}
+
+/* Linear between rows; below the first what it holds, beyond the last 0. `bits`: log2 of rows to an octave. */
+static inline float look_up(const float *table, int rows, int bits, float per_median2, float radius2)
+{
+    const float x = radius2 * per_median2;
+    const int shift = 23 - bits;
+    uint32_t word;
+    int row;
+    float f;
+
+    memcpy(&word, &x, sizeof(word));
+    row = (int) (word >> shift) - ((127 - CONV_OCTAVES / 2) << bits);
+    if (row < 0)
+        return table[0];
+    if (row >= rows)
+        return 0.0f;
+    f = (float) (word & ((1u << shift) - 1)) * (1.0f / (float) (1u << shift));
+    return table[row] + f * (table[row + 1] - table[row]);
+}
+
+float convolution_radial_value(const struct conv_radial *r, float radius2)
+{
+    return look_up(r->value, CONV_ROWS, 5, r->per_median2, radius2);
+}
+
+static float line_value(const struct conv_radial *r, float distance2)
+{
+    return look_up(r->line, CONV_LINE_ROWS, 3, r->per_median2, distance2);
+}
+
+/* Int R(sqrt(d^2 + y^2)) dy: the trapezoid rule in log y. */
+static double integrate_line(const struct conv_radial *r, double distance2)
+{
+    const double step = log(2.0) / 8.0, first = sqrt((double) r->median2) * exp2(-CONV_OCTAVES / 4);
+    double sum = (double) convolution_radial_value(r, (float) distance2) * first;
+
+    for (int i = 0; i < 4 * CONV_OCTAVES; i++) {
+        const double y = first * exp(step * i);
+        sum += (double) convolution_radial_value(r, (float) (distance2 + y * y)) * y * step * (i == 0 ? 0.5 : 1.0);
+    }
+    return 2.0 * sum;
+}
+
+static void make_channel(const struct pell_frame_material *m, int c, float *memory, struct conv_radial *r)
+{
+    const double total = pell_profile_total(&m->profile[c]), median = total > 0.0 ? pell_profile_sample(&m->profile[c], 0.5) : 0.0;
+
+    *r = (struct conv_radial){
+        .profile = &m->profile[c],
+        .scale = m->white && total > 0.0 ? (float) (1.0 / total) : 1.0f,
+        .total = m->white ? 1.0f : (float) total,
+        .point = !(median > 1e-12 && median < 1e12),
+        .median2 = median > 1e-12 && median < 1e12 ? (float) (median * median) : 1.0f,
+        .per_median2 = median > 1e-12 && median < 1e12 ? (float) (1.0 / (median * median)) : 1.0f,
+        .value = memory,
+        .line = memory + CONV_ROWS + 2,
+    };
+    memset(memory, 0, CONV_RADIAL_FLOATS * sizeof(*memory));
+    if (r->point)
+        return;
+    for (int i = 0; i <= CONV_ROWS; i++) {
+        const double R = pell_profile_eval(r->profile, sqrt(radius2_at(r, i, CONV_ROWS_OCTAVE))) * (double) r->scale;
+        r->value[i] = R < 1e37 ? (float) R : 1e37f;
+    }
+    for (int i = 0; i <= CONV_LINE_ROWS; i++)
+        r->line[i] = (float) integrate_line(r, radius2_at(r, i, CONV_LINE_OCTAVE));
+}
+
+void convolution_radial_make(const struct pell_frame_material *m, float *memory, struct conv_radial out[3])
+{
+    for (int c = 0; c < 3; c++)
+        make_channel(m, c, memory + c * CONV_RADIAL_FLOATS, &out[c]);
+}
+
+double convolution_reach(const struct conv_radial r[3], double share)
+{
+    double reach = 0.0;
+
+    for (int c = 0; c < 3; c++)
+        if (!r[c].point)
+            reach = fmax(reach, pell_profile_sample(r[c].profile, 1.0 - share));
+    return reach;
+}
+
+double convolution_radial_beyond(const struct conv_radial *r, double h)
+{
+    return r->point ? (h > 0.0 ? 0.0 : (double) r->total) : (double) r->total * (1.0 - pell_profile_cdf(r->profile, h));
+}
+
+/* --- Squares ------------------------------------------------------------------------------------------------------------------------- */
+
+/* Light in the rectangle [0, x] x [0, y], by the light C(r) inside circles: 1/(2 pi) of the integral of C(edge) over the angle. */
+static double in_corner(const struct conv_radial *r, double x, double y, const double *node, const double *weight)
+{
+    double sum = 0.0;
+
+    for (int side = 0; side < 2; side++) {
+        const double a = side ? y : x, b = side ? x : y, angle = atan2(b, a);
+        for (int i = 0; i < NODES; i++)
+            sum += weight[i] * angle * pell_profile_cdf(r->profile, a / cos(angle * node[i]));
+    }
+    return (double) r->total * sum / (2.0 * PELL_PI);
+}
+
+void convolution_radial_squares(const struct conv_radial *r, double pixel, int count, double *out)
+{
+    double corner[17][17], node[NODES], weight[NODES]; /* [i][j]: to (i - 1/2, j - 1/2), 0: to (-1/2, ..) */
+
+    if (r->point) {
+        for (int i = 0; i < count * count; i++)
+            out[i] = i == 0 ? (double) r->total : 0.0;
+        return;
+    }
+    pell_gauss_legendre(NODES, node, weight);
+    for (int j = 1; j <= count; j++)
+        for (int i = j; i <= count; i++)
+            corner[i][j] = corner[j][i] = in_corner(r, (i - 0.5) * pixel, (j - 0.5) * pixel, node, weight);
+    for (int i = 1; i <= count; i++)
+        corner[0][i] = corner[i][0] = -corner[1][i];
+    corner[0][0] = corner[1][1];
+    for (int y = 0; y < count; y++)
+        for (int x = 0; x < count; x++)
+            out[y * count + x] = fmax(corner[x + 1][y + 1] - corner[x][y + 1] - corner[x + 1][y] + corner[x][y], 0.0);
+}
+
+/* --- The response -------------------------------------------------------------------------------------------------------------------- */
+
+static double split_of(const struct convolution_knobs *k, double t, int side)
+{
+    return k->split == CONV_HALF ? 0.5 : side ? t : 1.0 - t;
+}
+
+/* An evenly lit surface that goes through all planes with the slope: what its light gives at the place t between two of them, by lines at
+ * right angles to the slope. A spacing of 0: there is one plane alone. */
+static double response_at(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, double slope, double t)
+{
+    const double step = 0.15, first = 1e-3 * sqrt((double) r->median2), between = sqrt(2.0 * t * (1.0 - t));
+    double sum = 0.0, all = 0.0;
+
+    for (int i = 0; i < 110; i++) {
+        const double x = first * exp(step * i), width = i == 0 ? x * (1.0 + 0.5 * step) : x * step;
+        const double plain = r->point ? (double) (i == 0) : (double) line_value(r, (float) (x * x));
+        all += 2.0 * width * plain;
+        if (plain * x < 1e-7 * all && x * x > (double) r->median2)
+            break;
+        for (int way = -1; way <= 1 && spacing > 0.0; way += 2) {
+            const double place = t + (r->point ? 0.0 : way * x * slope / spacing), low = floor(place), f = place - low;
+            for (int from = 0; from < 2; from++)
+                for (int to = 0; to < 2; to++) {
+                    const double h = fmin(fabs(low + from - to), 1e6) * spacing;
+                    const double line = h > 0.0 ? (r->point ? 0.0 : (double) line_value(r, (float) (x * x + h * h))) : plain;
+                    sum += width * (to ? t : 1.0 - t) * split_of(k, f, from) * line;
+                }
+            if (k->restore == CONV_BETWEEN && low == 0.0)
+                sum += width * between * sqrt(2.0 * f * (1.0 - f)) *
+                       (plain - (r->point ? 0.0 : (double) line_value(r, (float) (x * x + spacing * spacing))));
+        }
+    }
+    if (!(spacing > 0.0))
+        sum = all;
+    return all > 0.0 ? sqrt(1.0 + slope * slope) * sum / all : 1.0;
+}
+
+void convolution_response_make(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, struct conv_response *out)
+{
+    for (int j = 0; j < CONV_LEANS; j++)
+        for (int i = 0; 2 * i < CONV_PHASES; i++) { /* the other half is the same */
+            const double s = j * sqrt(1.0 - (double) CONV_LEAST_COS) / (CONV_LEANS - 1), c = 1.0 - s * s;
+            const double share = k->restore == CONV_LOST
+                                     ? 1.0
+                                     : response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1));
+            out->value[j][i] = out->value[j][CONV_PHASES - 1 - i] = (float) (1.0 / sqrt(fmin(fmax(share, 1e-3), 1e3)));
+        }
+}

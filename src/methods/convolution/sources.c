@@ -1,0 +1,272 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sources.c - samples of the surface: pixels, and what rays meet that come back through them from behind the things. Each has the area that
+ * its pixel, or cell of pixels, covers: depth^2/f^2 / |n . d| of the ray d whose part along the view axis is 1, or 1/f^2 / |n . axis| where
+ * rays are parallel.
+ */
+#include "methods/convolution/convolution.h"
+
+#include "math/vec.h"
+#include "render/renderer.h"
+
+#include <string.h>
+
+/* --- What the eye sees --------------------------------------------------------------------------------------------------------------- */
+
+/* mm that a pixel is wide. */
+static float pixel_at(const struct pell_frame *in, float depth)
+{
+    return (in->orthographic ? 1.0f : depth) / in->focal_px;
+}
+
+/* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the eye from the side of the picture. */
+static void cover(const struct pell_frame *in, float depth, float facing, float *area, float *lean)
+{
+    const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = pixel_at(in, depth);
+
+    *area = mm * mm / f;
+    *lean = f < 1.0f ? sqrtf(1.0f - f) : 1.0f - f;
+}
+
+/* 1/depth, or depth where rays are parallel: linear on the picture for any plane. */
+static float linear_depth(const struct pell_frame *in, ptrdiff_t i)
+{
+    return in->orthographic ? in->depth[i] : 1.0f / in->depth[i];
+}
+
+/* The slope to the neighbour that is less steep; 0 without neighbours. */
+static float slope(const struct conv_sources *s, ptrdiff_t at, ptrdiff_t group_at, ptrdiff_t step, ptrdiff_t group_step, bool low,
+                   bool high)
+{
+    const struct pell_frame *in = s->in;
+    const uint16_t *group = s->front.group + group_at;
+    const float here = linear_depth(in, at);
+    float best = INFINITY;
+
+    if (low && group[-group_step] == group[0])
+        best = here - linear_depth(in, at - step);
+    if (high && group[group_step] == group[0]) {
+        const float other = linear_depth(in, at + step) - here;
+        best = fabsf(other) < fabsf(best) ? other : best;
+    }
+    return isfinite(best) ? best : 0.0f;
+}
+
+/* By depths alone: pixels of a frame without a scene. */
+static void lean_by_depth(const struct conv_sources *s, int x, int y)
+{
+    const struct pell_frame *in = s->in;
+    const struct conv_front *f = &s->front;
+    const ptrdiff_t at = y * in->stride + x, to = y * f->stride + x;
+    const float gu = slope(s, at, to, 1, 1, x > in->rect.x0, x + 1 < in->rect.x1) * in->focal_px;
+    const float gv = slope(s, at, to, in->stride, f->stride, y > in->rect.y0, y + 1 < in->rect.y1) * in->focal_px;
+
+    if (in->orthographic) {
+        cover(in, in->depth[at], 1.0f / sqrtf(1.0f + gu * gu + gv * gv), &f->area[to], &f->lean[to]);
+    } else {
+        const float tx = ((float) x + 0.5f - 0.5f * (float) in->width) / in->focal_px;
+        const float ty = ((float) y + 0.5f - 0.5f * (float) in->height) / in->focal_px;
+        const float w = 1.0f / in->depth[at], c = w - gu * tx - gv * ty, n = sqrtf(gu * gu + gv * gv + c * c);
+        cover(in, in->depth[at], n > 0.0f ? w / n : 1.0f, &f->area[to], &f->lean[to]);
+    }
+}
+
+static struct pell_vec3 ray_of(const struct conv_sources *s, float x, float y, struct pell_vec3 *start)
+{
+    struct pell_vec3 direction;
+
+    pell_view_ray(&s->view, x, y, start, &direction);
+    return direction;
+}
+
+static struct pell_vec3 triangle_normal(const struct pell_scene *scene, uint32_t mesh, uint32_t triangle)
+{
+    const struct pell_mesh *m = &scene->meshes[mesh];
+    const uint32_t *index = m->index + 3 * (size_t) triangle;
+    const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) index[0]);
+
+    return vec3_normalize(vec3_cross(vec3_sub(vec3_load(m->position + 3 * (size_t) index[1]), a),
+                                     vec3_sub(vec3_load(m->position + 3 * (size_t) index[2]), a)));
+}
+
+void convolution_front_row(const struct conv_sources *s, int y)
+{
+    const struct pell_frame *in = s->in;
+    const struct conv_front *f = &s->front;
+
+    for (int x = in->rect.x0; x < in->rect.x1; x++) {
+        const ptrdiff_t at = y * in->stride + x, to = y * f->stride + x;
+        struct pell_vec3 start, d;
+        if (!f->group[to])
+            continue;
+        if (!s->bodies) {
+            lean_by_depth(s, x, y);
+            continue;
+        }
+        d = ray_of(s, (float) x, (float) y, &start);
+        cover(in, in->depth[at], fabsf(vec3_dot(d, triangle_normal(pell_renderer_scene(s->r), in->mesh[at], in->triangle[at]))),
+              &f->area[to], &f->lean[to]);
+    }
+}
+
+/* --- What lies behind ---------------------------------------------------------------------------------------------------------------- */
+
+/* Sets the view and how far away rays start. */
+void convolution_sources_aim(struct conv_sources *s)
+{
+    const struct pell_scene *scene = pell_renderer_scene(s->r);
+    float far = 0.0f, size = 0.0f;
+
+    s->view = pell_view_make(&scene->cameras[0], s->in->width, s->in->height, 0.0f, 0.0f);
+    for (int i = 0; i < 8; i++) {
+        const struct pell_vec3 corner =
+            vec3(i & 1 ? scene->bounds_max[0] : scene->bounds_min[0], i & 2 ? scene->bounds_max[1] : scene->bounds_min[1],
+                 i & 4 ? scene->bounds_max[2] : scene->bounds_min[2]);
+        far = fmaxf(far, vec3_dot(vec3_sub(corner, s->view.origin), s->view.forward));
+        size = fmaxf(size, vec3_length(corner));
+    }
+    s->far_depth = far + 1e-3f * (far + size);
+}
+
+/* Cells of a row that have pixels, up to 16 at a time. */
+struct cells {
+    int x[16], count;
+    float front[16]; /* the farthest that the eye sees there */
+    uint16_t group[16];
+    struct pell_vec3 direction[16];
+};
+
+static float cell_middle(const struct conv_behind *b, int cell)
+{
+    return (float) (cell * b->step) + 0.5f * (float) (b->step - 1);
+}
+
+static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, float depth,
+                       const struct pell_points_light *light, int32_t body)
+{
+    const struct conv_behind *b = &s->behind;
+    const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
+    const struct pell_vec3 n = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
+
+    cover(s->in, depth, fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->lean[to]);
+    b->area[to] *= (float) (b->step * b->step);
+    b->depth[to] = depth;
+    b->group[to] = (uint16_t) (body + 1);
+    for (int k = 0; k < 3; k++)
+        b->light[k][to] = light->irradiance[k][i];
+}
+
+/* Whether a hit is of what the eye sees, and a pixel already: a triangle of one of the cell's pixels, or one that faces the eye and is no
+ * farther than they are. */
+static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, int cell_y, const struct pell_ray_hit16 *hit, float depth)
+{
+    const struct pell_frame *in = s->in;
+    const int n = s->behind.step, x0 = c->x[i] * n, y0 = cell_y * n;
+    const struct pell_vec3 normal = vec3(hit->hit.ngx[i], hit->hit.ngy[i], hit->hit.ngz[i]);
+
+    if (vec3_dot(normal, c->direction[i]) < 0.0f && depth <= c->front[i] + 1e-4f * s->far_depth)
+        return true;
+    for (int y = y0 > in->rect.y0 ? y0 : in->rect.y0; y < y0 + n && y < in->rect.y1; y++)
+        for (int x = x0 > in->rect.x0 ? x0 : in->rect.x0; x < x0 + n && x < in->rect.x1; x++)
+            if (s->front.group[y * s->front.stride + x] && in->mesh[y * in->stride + x] == hit->hit.mesh[i] &&
+                in->triangle[y * in->stride + x] == hit->hit.triangle[i])
+                return true;
+    return false;
+}
+
+/* The rays of some cells, from behind, through as many surfaces as are asked for. */
+static int trace_cells(const struct conv_sources *s, const struct cells *c, int cell_y)
+{
+    const struct conv_behind *b = &s->behind;
+    _Alignas(64) int open[16] = { 0 };
+    struct pell_ray_hit16 hit;
+    int rays = 0;
+
+    memset(&hit, 0, sizeof(hit));
+    for (int i = 0; i < c->count; i++) {
+        struct pell_vec3 start;
+        ray_of(s, cell_middle(b, c->x[i]), cell_middle(b, cell_y), &start);
+        start = vec3_mad(start, s->far_depth, c->direction[i]);
+        open[i] = -1;
+        hit.ray.ox[i] = start.x;
+        hit.ray.oy[i] = start.y;
+        hit.ray.oz[i] = start.z;
+        hit.ray.dx[i] = -c->direction[i].x;
+        hit.ray.dy[i] = -c->direction[i].y;
+        hit.ray.dz[i] = -c->direction[i].z;
+        hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
+    }
+    for (int layer = 0; layer < b->layers; layer++) {
+        struct pell_points points;
+        struct pell_points_light light;
+        float depth[16], spacing = 0.0f;
+        int there = 0;
+        for (int i = 0; i < 16; i++) {
+            hit.ray.tfar[i] = s->far_depth;
+            hit.hit.mesh[i] = PELL_NO_HIT;
+            rays += open[i] != 0;
+        }
+        pell_rays_closest16(pell_renderer_rays(s->r), open, true, &hit);
+        for (int i = 0; i < 16; i++) {
+            bool is = open[i] && hit.hit.mesh[i] < s->bodies->num_meshes;
+            depth[i] = s->far_depth - hit.ray.tfar[i];
+            is = is && !is_seen(s, c, i, cell_y, &hit, depth[i]);
+            open[i] = is ? -1 : 0;
+            hit.ray.tnear[i] = hit.ray.tfar[i] + 2e-5f * s->far_depth;
+            points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
+            points.triangle[i] = hit.hit.triangle[i];
+            points.u[i] = hit.hit.u[i];
+            points.v[i] = hit.hit.v[i];
+            points.number[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
+            spacing += is ? pixel_at(s->in, depth[i]) * (float) b->step : 0.0f;
+            there += is;
+        }
+        if (there == 0)
+            break;
+        pell_renderer_light(s->r, &points, -1.0f, spacing / (float) there, 0, pell_renderer_samples(s->r), &light);
+        rays += light.rays;
+        for (int i = 0; i < c->count; i++)
+            if (open[i] && light.there[i] && s->bodies->of_mesh[points.mesh[i]] >= 0)
+                put_sample(s, c, i, layer, cell_y, depth[i], &light, s->bodies->of_mesh[points.mesh[i]]);
+    }
+    return rays;
+}
+
+/* The farthest depth of a cell's pixels; 0: it has none. */
+static float front_of(const struct conv_sources *s, int cell_x, int cell_y)
+{
+    const struct pell_frame *in = s->in;
+    const int n = s->behind.step, x0 = cell_x * n, y0 = cell_y * n;
+    float front = 0.0f;
+
+    for (int y = y0; y < y0 + n && y < in->rect.y1; y++)
+        for (int x = x0; x < x0 + n && x < in->rect.x1; x++)
+            if (y >= in->rect.y0 && x >= in->rect.x0 && s->front.group[y * s->front.stride + x])
+                front = fmaxf(front, in->depth[y * in->stride + x]);
+    return front;
+}
+
+int convolution_behind_row(const struct conv_sources *s, int cell_y)
+{
+    const struct conv_behind *b = &s->behind;
+    const size_t row = (size_t) cell_y * (size_t) b->width;
+    struct cells c = { .count = 0 };
+    int rays = 0;
+
+    for (int k = 0; k < b->layers; k++)
+        memset(b->group + (size_t) k * (size_t) b->height * (size_t) b->width + row, 0, (size_t) b->width * sizeof(*b->group));
+    for (int x = s->in->rect.x0 / b->step; x <= (s->in->rect.x1 - 1) / b->step; x++) {
+        const float front = front_of(s, x, cell_y);
+        struct pell_vec3 start;
+        if (!(front > 0.0f))
+            continue;
+        c.direction[c.count] = ray_of(s, cell_middle(b, x), cell_middle(b, cell_y), &start);
+        c.front[c.count] = front;
+        c.x[c.count++] = x;
+        if (c.count == 16) {
+            rays += trace_cells(s, &c, cell_y);
+            c.count = 0;
+        }
+    }
+    return c.count > 0 ? rays + trace_cells(s, &c, cell_y) : rays;
+}

@@ -1,0 +1,254 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * spectra.c - the spectra of kernels between planes. A kernel is even both ways, so that a quarter of it is all of it, and its transform is
+ * real: two rows, or two blocks of columns, go through one complex transform.
+ *
+ * Kernels to other planes are smooth on the scale of the distance h: from h of 8 pixels on they are sampled every second pixel, from 16 every
+ * fourth, from 32 every eighth, and their spectrum ends that much earlier: what it leaves out is under exp(-4 pi).
+ */
+#include "methods/convolution/convolution.h"
+
+#include "base/pool.h"
+#include "math/vec.h"
+
+#include <string.h>
+
+enum { NEAR = 7, MULTIPLE = 16 }; /* pixels from the middle whose squares are integrated */
+
+/* --- Sizes --------------------------------------------------------------------------------------------------------------------------- */
+
+static int round_up(int n, int multiple)
+{
+    return (n + multiple - 1) / multiple * multiple;
+}
+
+/* Floats of a spectrum that has all frequencies. */
+static size_t whole(int across, int down)
+{
+    return ((size_t) across / 32 + 1) * ((size_t) down / 2 + 1) * PELL_FFT_LANES;
+}
+
+size_t convolution_spectra_size(const struct convolution_knobs *k, bool orthographic, int width, int height)
+{
+    const size_t full = whole(pell_fft_good(2 * width, MULTIPLE), pell_fft_good(2 * height, MULTIPLE)), n = (size_t) k->planes;
+    const size_t own = orthographic ? 1 : n;
+
+    return 3 * full * ((k->placement == CONV_SURFACE ? own + n * (n - 1) / 8 + 1 : own + n - 1) + (k->surfaces > 1 && k->apart ? n : 0)) +
+           64;
+}
+
+/* Quarters of a kernel, then two buffers and two tables of transforms. */
+static size_t quarter_size(int across, int down)
+{
+    return (size_t) (round_up(across / 2 + 1, PELL_FFT_LANES) + 2 * PELL_FFT_LANES) * (size_t) round_up(down / 2 + 1, 2 * PELL_FFT_LANES);
+}
+
+size_t convolution_spectra_scratch(int width, int height)
+{
+    const int across = pell_fft_good(2 * width, MULTIPLE), down = pell_fft_good(2 * height, MULTIPLE);
+
+    return quarter_size(across, down) + 2 * pell_fft_buffer(across > down ? across : down) + 3 * ((size_t) across + (size_t) down) + 4096;
+}
+
+/* --- One kernel ---------------------------------------------------------------------------------------------------------------------- */
+
+struct kernel {
+    const struct conv_radial *radial;
+    float distance2; /* mm^2, between the planes */
+    float pixel;     /* mm */
+    float scale;     /* of R in units of pixels */
+    int step;        /* pixels between samples */
+    bool own;        /* of a plane on itself */
+    struct conv_spectrum *to;
+};
+
+struct maker {
+    const struct conv_layout *layout;
+    struct kernel kernels[3 * (2 * CONV_PLANES + CONV_PLANES * (CONV_PLANES - 1) / 2)];
+    int count;
+    float *const *scratch;
+    float *memory;
+};
+
+/* Beyond this many pixels light would come round: nothing is sent so far. */
+static int cut_of(int length, int size)
+{
+    return 2 * (length - size) < length ? length - size : length / 2;
+}
+
+struct sampler {
+    const struct kernel *k;
+    double near[NEAR * NEAR];
+    float pixel2;
+    int cut_x, cut_y;
+    bool fine; /* R changes over a pixel */
+};
+
+static float sample(const struct sampler *s, int x, int y)
+{
+    const struct kernel *k = s->k;
+    const float a = 0.288675135f; /* two points of Gauss and Legendre */
+    const float fx = (float) x, fy = (float) y;
+    float sum = 0.0f;
+
+    if (x > s->cut_x || y > s->cut_y)
+        return 0.0f;
+    if (k->own && x < NEAR && y < NEAR)
+        return k->scale * (float) s->near[y * NEAR + x];
+    if (k->radial->point)
+        return 0.0f;
+    if (!s->fine)
+        return k->scale * s->pixel2 * convolution_radial_value(k->radial, (fx * fx + fy * fy) * s->pixel2 + k->distance2);
+    for (int i = 0; i < 4; i++) {
+        const float px = fx + (i & 1 ? a : -a), py = fy + (i & 2 ? a : -a);
+        sum += convolution_radial_value(k->radial, (px * px + py * py) * s->pixel2 + k->distance2);
+    }
+    return k->scale * s->pixel2 * 0.25f * sum;
+}
+
+static void make_spectrum(void *arg, int index, int worker)
+{
+    const struct maker *m = arg;
+    const struct kernel *k = &m->kernels[index];
+    const struct conv_layout *lay = m->layout;
+    const int nx = lay->across / k->step, ny = lay->down / k->step, hx = nx / 2, hy = ny / 2, L = PELL_FFT_LANES, E = PELL_FFT_ELEMENT;
+    const int stride = round_up(hx + 1, L) + 2 * L, columns = k->step > 1 ? hx : hx + 1;
+    const float scale = (float) ((double) k->step * k->step / ((double) lay->across * lay->down));
+    struct sampler s = { .k = k, .pixel2 = k->pixel * k->pixel };
+    float *quarter = m->scratch[worker], *buffer[2], *table, *data = m->memory + (k->to->data - m->memory);
+    struct pell_fft across, down;
+
+    buffer[0] = quarter + quarter_size(lay->across, lay->down);
+    buffer[1] = buffer[0] + pell_fft_buffer(nx > ny ? nx : ny);
+    table = buffer[1] + pell_fft_buffer(nx > ny ? nx : ny);
+    pell_fft_init(&across, nx, table);
+    pell_fft_init(&down, ny, table + pell_fft_table(nx));
+    s.cut_x = cut_of(lay->across, lay->width);
+    s.cut_y = cut_of(lay->down, lay->height);
+    s.fine = k->step == 1 && k->radial->median2 + k->distance2 < 36.0f * s.pixel2;
+    if (k->own)
+        convolution_radial_squares(k->radial, (double) k->pixel, NEAR, s.near);
+
+    for (int y0 = 0; y0 <= hy; y0 += 2 * L) {
+        const float *z;
+        for (int x = 0; x <= hx; x++) {
+            float *to = buffer[0] + (ptrdiff_t) E * x;
+            for (int l = 0; l < E; l++)
+                to[l] = y0 + l <= hy ? sample(&s, x * k->step, (y0 + l) * k->step) : 0.0f;
+            if (x > 0 && 2 * x < nx)
+                memcpy(buffer[0] + (ptrdiff_t) E * (nx - x), to, (size_t) E * sizeof(float));
+        }
+        z = pell_fft_run(&across, false, buffer[0], buffer[1]);
+        for (int f = 0; f <= hx; f += L)
+            for (int part = 0; part < 2; part++)
+                pell_fft_transpose(&across, z + (ptrdiff_t) E * f + part * L, E, quarter + (ptrdiff_t) (y0 + part * L) * stride + f,
+                                   stride);
+    }
+    for (int b = 0; b < k->to->blocks; b += 2) {
+        const float *z;
+        for (int y = 0; y <= hy; y++) {
+            float *to = buffer[0] + (ptrdiff_t) E * y;
+            memcpy(to, quarter + (ptrdiff_t) y * stride + L * b, (size_t) E * sizeof(float));
+            for (int l = 0; l < E; l++)
+                to[l] = L * b + l < columns ? to[l] * scale : 0.0f;
+            if (y > 0 && 2 * y < ny)
+                memcpy(buffer[0] + (ptrdiff_t) E * (ny - y), to, (size_t) E * sizeof(float));
+        }
+        z = pell_fft_run(&down, false, buffer[0], buffer[1]);
+        for (int part = 0; part < 2 && b + part < k->to->blocks; part++)
+            for (int y = 0; y < k->to->rows; y++)
+                memcpy(data + (b + part) * k->to->block + L * y, z + (ptrdiff_t) E * y + part * L, (size_t) L * sizeof(float));
+    }
+}
+
+/* --- All of them --------------------------------------------------------------------------------------------------------------------- */
+
+static void add(struct maker *m, const struct conv_radial *r, double h, float pixel, float unit, bool own, struct conv_spectrum *to,
+                size_t *used)
+{
+    const double h_px = h / (double) pixel;
+    const int step = own || h_px < 8.0 ? 1 : h_px < 16.0 ? 2 : h_px < 32.0 ? 4 : 8;
+    const int columns = m->layout->across / step / 2 + (step == 1), rows = m->layout->down / step / 2 + (step == 1);
+
+    *to = (struct conv_spectrum){
+        .data = m->memory + *used,
+        .block = (ptrdiff_t) rows * PELL_FFT_LANES,
+        .blocks = (columns + PELL_FFT_LANES - 1) / PELL_FFT_LANES,
+        .rows = rows,
+    };
+    *used += (size_t) to->blocks * (size_t) to->block;
+    m->kernels[m->count++] = (struct kernel){
+        .radial = r,
+        .distance2 = (float) (h * h),
+        .pixel = pixel,
+        .scale = unit * unit / (pixel * pixel),
+        .step = step,
+        .own = own,
+        .to = to,
+    };
+}
+
+static bool is_kept(const struct convolution_knobs *k, const struct conv_radial *r, double h)
+{
+    if (!(r->total > 0.0f))
+        return false;
+    if (k->threshold_by == CONV_AS_PRINTED)
+        return !r->point && convolution_radial_value(r, (float) (h * h)) >= k->threshold * convolution_radial_value(r, 0.0f);
+    return convolution_radial_beyond(r, h) > (double) k->threshold * (double) r->total;
+}
+
+/* The kernels of one channel. */
+static void list_channel(struct maker *m, const struct convolution_knobs *k, const struct conv_radial *r, int c, struct conv_spectra *out,
+                         size_t *used)
+{
+    const struct conv_layout *lay = m->layout;
+    const int n = lay->planes;
+
+    for (int i = 0; i < out->num_own; i++)
+        add(m, r, 0.0, lay->pixel[i], lay->unit, true, &out->own[c][i], used);
+    for (int i = 0; i < n; i++) {
+        const double h = (double) lay->behind[c][i];
+        out->behind[c][i] = (struct conv_spectrum){ .data = NULL };
+        if (h >= 0.0 && is_kept(k, r, h))
+            add(m, r, h, lay->pixel[i], lay->unit, !(h > 0.0), &out->behind[c][i], used);
+    }
+    out->kept[c] = 0;
+    for (int from = 0, at = 0; from < n; from++)
+        for (int to = from + 1; to < n; to++, at++) {
+            const double h = fabs((double) lay->depth[to] - (double) lay->depth[from]);
+            const float pixel = sqrtf(lay->pixel[from] * lay->pixel[to]);
+            const bool equal = k->placement == CONV_EQUAL, keep = is_kept(k, r, h);
+            struct conv_spectrum *s = &out->far[c][equal ? to - from - 1 : at];
+            if (keep && (!equal || from == 0))
+                add(m, r, h, equal ? lay->unit : pixel, lay->unit, false, s, used);
+            out->kept[c] += keep;
+            out->pairs[c][at] = (struct conv_pair){
+                .from = from,
+                .to = to,
+                .spectrum = keep ? s : NULL,
+                .factor = equal ? lay->unit * lay->unit / (pixel * pixel) : 1.0f,
+            };
+        }
+    for (int i = 0; i < out->num_responses; i++)
+        convolution_response_make(r, k, n > 1 ? fabs((double) lay->depth[i + 1] - (double) lay->depth[i]) : 0.0, &out->response[c][i]);
+}
+
+void convolution_spectra_make(struct pell_pool *pool, const struct convolution_knobs *k, const struct conv_radial radial[3],
+                              const struct conv_layout *layout, float *const *scratch, struct conv_spectra *out)
+{
+    struct maker m = { .layout = &out->layout, .scratch = scratch, .memory = out->memory };
+    size_t used = 0;
+
+    if (memcmp(&out->layout, layout, sizeof(*layout)) == 0)
+        return;
+    out->layout = *layout;
+    out->num_own = 1;
+    for (int i = 1; i < layout->planes; i++)
+        if (layout->pixel[i] != layout->pixel[0])
+            out->num_own = layout->planes;
+    out->num_pairs = layout->planes * (layout->planes - 1) / 2;
+    out->num_responses = layout->planes == 1 || k->placement == CONV_EQUAL ? 1 : layout->planes - 1;
+    for (int c = 0; c < 3; c++)
+        list_channel(&m, k, &radial[c], c, out, &used);
+    pell_pool_run(pool, m.count, make_spectrum, &m);
+}

@@ -1,0 +1,129 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernels.h - the march below 16 pixels at once, and what it works on.
+ *
+ * Below a pixel's point P light is looked for at N places M = P + x v, x = (i + 1/2) L/N along the ray of the eye below the surface. The
+ * own surface of a place is the one it is seen through (near: its depth is x rate), or, where the body is thin, the one that the ray leaves
+ * through (far: its depth is (exit - x) exit_rate), whichever is nearer. A lamp's path to M enters at K, cos_K from the normal there:
+ *
+ *     by planes   n_M = normalize((1 - t) n_P + t n_SP), Q_M = P + t h n_P, |KM| = |(Q_M - M) . n_M| / max(n_M . w, 0.05)   (9), (10)
+ *     by nodes    rays from a few places of the march, what they find is interpolated between them
+ *
+ * The path counts layers by the distance to the nearer of both surfaces: from K down as far as s* from M, then below the own surface of M.
+ * With s* = 0, which it is for light from in front, this is (12).
+ */
+#ifndef PELL_LAYERED_KERNELS_H
+#define PELL_LAYERED_KERNELS_H
+
+#include <pellucid/scene.h>
+
+enum {
+    LAYERED_LANES = 16,
+    LAYERED_NODES = 5, /* rays of a lamp's sample to a pixel's march */
+    LAYERED_GROUP = 8, /* lamps' samples in one march */
+    LAYERED_LEVELS = 16,
+};
+#define LAYERED_FAR 1e30f     /* mm: no bottom, no exit */
+#define LAYERED_GRAZING 0.05f /* cosines are this at least */
+
+/* --- A material ----------------------------------------------------------------------------------------------------------------- */
+
+enum layered_shape { LAYERED_EVEN, LAYERED_HG, LAYERED_SCHLICK, LAYERED_RAYLEIGH, LAYERED_TWO_LOBE };
+
+/* p(c): n, n (a + b c)^(-3/2), n (1 + b c)^-2, n (1 + c^2), and the first two of the second kind. */
+struct layered_phase {
+    int shape;
+    float n[2], a[2], b[2];
+};
+
+struct layered_layer {
+    float depth;       /* mm to its bottom; painted: of the number 1 in its tile */
+    int pack, channel; /* -1: even */
+    float sigma_s[3], sigma_t[3];
+    struct layered_phase phase[3];
+    bool one_phase; /* of all three channels */
+};
+
+/* Depths of up to 4 layers whose maps are looked up alike: 4 numbers of 16 bits a texel, so that two neighbours are one fetch. */
+struct layered_pack {
+    const struct pell_texture_map *map; /* of the first of them */
+    int layer[4], count;                /* -1: none */
+    uint16_t *texels;                   /* owned; all levels, each with a border of one texel that wraps as the texture does */
+    int levels;
+    struct layered_level {
+        int32_t offset, stride, width, height; /* texels */
+    } level[LAYERED_LEVELS];
+};
+
+struct layered_medium {
+    int count, packs;
+    struct layered_layer *layer;
+    struct layered_pack *pack;
+    float eta;
+    float deepest; /* mm that a march goes down: the deepest bottom, or where the last layer lets nothing through */
+    float first;   /* 1/mm: sigma_t of the first layer, the smallest of its channels */
+    int below;     /* enum pell_below */
+    float rest[3]; /* 1/mm: of paths below the deepest layer that go on to another surface */
+    bool bottomless;
+};
+
+/* --- A packet: 16 pixels of one material ---------------------------------------------------------------------------------------- */
+
+/* Where a pack is looked up: texture coordinates at x = 0 and their rise per mm along the ray; per mm in space; the level. */
+struct layered_place {
+    _Alignas(64) float u[2][16], v[2][16], du[2][16], dv[2][16]; /* [0]: of the near surface, [1]: of the far one */
+    float gu[3][16], gv[3][16];
+    int32_t offset[16], stride[16];
+    float width[16], height[16];
+};
+
+struct layered_packet {
+    _Alignas(64) float corner[3][3][16], normal[3][3][16], plane[3][4][16]; /* of the triangle's corners; plane: n_SP, h */
+    float u[16], v[16];                                                     /* barycentric */
+    float eye[3][16];                                                       /* unit, toward the eye */
+    float spacing[16];                                                      /* mm that a pixel covers */
+    float p[3][16], n[3][16], facet[3][16], s[3][16], h[16], w[3][16];      /* P, n_P, the triangle's normal, n_SP, h, the way inward */
+    float rate[16], length[16], gain[16];
+    float exit[16], exit_rate[16], exit_normal[3][16];
+    float color[3][16];    /* below the deepest layer: albedo / pi */
+    int32_t ends_deep[16]; /* -1: the march ends at the deepest layer's bottom */
+    int32_t at[16];        /* pixels */
+    int count;
+    bool thin, shows_bottom; /* some lane's far surface counts; some lane has a color */
+    float light[3][16];      /* out: radiance */
+    /* out, where `trace` is not NULL: |KM| of every sample of the first lamp, [sample][16] */
+    float *trace;
+    float *uv;                   /* raw texture coordinates of the corners: [pack][3][2][16] */
+    struct layered_place *place; /* of packs */
+};
+
+/* A lamp's sample as 16 pixels see it. */
+struct layered_lamp {
+    bool away;
+    _Alignas(64) float to[3][16]; /* the place; away: the unit direction */
+    float power[3][16];           /* irradiance across the beam; else that times squared mm. 0: none */
+    float planes[16];             /* share of the path by planes, [0, 1]; the rest is by nodes */
+    float seen[16];               /* by planes: 1, or 0 in shadow */
+    bool any_planes, any_nodes;
+    /* Of nodes: |KM|, cosine at K, how much of the beam is there (with 1/d^2), the way to the lamp inside. */
+    float km[LAYERED_NODES][16], cosine[LAYERED_NODES][16], beam[LAYERED_NODES][16], way[LAYERED_NODES][3][16];
+    float *depth; /* of layers at K: [node][layer][16]; owned by the worker */
+};
+
+struct layered_work {
+    int samples;
+    bool exponential;          /* else the plain sum: each sample in one layer */
+    bool refracts, absolute;   /* absolute: the paper's |n_M . w| for light from below, too */
+    bool rest;                 /* what is left of a path below its layers is the last layer's */
+    float node[LAYERED_NODES]; /* t of each */
+};
+
+struct layered_kernels {
+    /* Fills everything from the triangle: up to `length` by depth alone, without an exit. */
+    void (*start)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p);
+    /* Adds the light of `count` lamps, at most LAYERED_GROUP, to p->light. */
+    void (*march)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+                  const struct layered_lamp *lamps, int count);
+};
+
+#endif

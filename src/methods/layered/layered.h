@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * layered.h - what the files of this method share. Its only symbol for others is pell_method_layered.
+ */
+#ifndef PELL_LAYERED_H
+#define PELL_LAYERED_H
+
+#include "base/pool.h"
+#include "methods/layered/kernels.h"
+#include "render/strata.h"
+
+#include <pellucid/method.h>
+
+enum layered_as { LAYERED_BEST, LAYERED_PAPER };
+enum layered_march { LAYERED_EXPONENTIAL, LAYERED_SUM };
+enum layered_refraction { LAYERED_PLANAR, LAYERED_NONE };
+enum layered_path { LAYERED_PLANES_RAYS, LAYERED_PLANES, LAYERED_RAYS };
+enum layered_planes { LAYERED_BY_AREA, LAYERED_BY_VERTEX, LAYERED_TANGENT };
+enum layered_under { LAYERED_AS_MATERIAL, LAYERED_STOP, LAYERED_LAST, LAYERED_COLOR };
+
+struct layered_knobs {
+    int as; /* enum layered_as */
+    int samples;
+    int march;      /* enum layered_march */
+    int refraction; /* enum layered_refraction */
+    int path;       /* enum layered_path */
+    int planes;     /* enum layered_planes */
+    float epsilon;
+    int lamps;
+    int under; /* enum layered_under */
+    bool shadows;
+};
+
+/* --- medium.c: a material's layers as the march reads them ---------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_strata *strata, const char *name, int under,
+                                                    struct layered_medium *out);
+void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m);
+
+/* --- planes.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */
+
+/* Vertices of one body: the meshes of one object that have the same material. */
+struct layered_cloud {
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    size_t count;
+    float *position, *normal; /* xyz */
+    float *weight;            /* > 0 */
+    float radius;             /* mm: of the neighbourhood, (8) */
+};
+
+/* plane[i] = the unit normal n_SP, and h: where the plane meets the vertex's normal, mm. Fewer than 6 neighbours, or neighbours that are no
+ * surface: the radius is doubled once, then the vertex's own plane stays. */
+PELL_NODISCARD enum pell_result layered_planes_fit(const struct layered_cloud *cloud, float (*plane)[4]);
+
+extern const struct pell_method_engine layered_cpu;
+
+#endif

@@ -1,0 +1,246 @@
+/* SPDX-License-Identifier: MIT
+ * medium.c - see layered.h: coefficients in single precision, phase functions as the kernels evaluate them, depth maps in tiles. */
+#include "methods/layered/layered.h"
+
+#include "base/base.h"
+#include "scene/layers.h"
+
+#include <math.h>
+#include <string.h>
+
+#define OPAQUE_DEPTH 14.0f /* optical depth of the ray of the eye that a march without a bottom goes to: e^-14 */
+#define BLACK 1e4f         /* 1/mm */
+
+/* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
+
+static void set_lobe(double g, double weight, struct layered_phase *out, int k)
+{
+    out->n[k] = (float) (weight * (1.0 - g * g) / (4.0 * 3.14159265358979323846));
+    out->a[k] = (float) (1.0 + g * g);
+    out->b[k] = (float) (2.0 * g);
+}
+
+static void set_phase(const struct pell_phase *from, struct layered_phase *out)
+{
+    const double even = 1.0 / (4.0 * 3.14159265358979323846);
+
+    memset(out, 0, sizeof(*out));
+    switch (from->kind) {
+    case PELL_PHASE_SCHLICK:
+        out->shape = LAYERED_SCHLICK;
+        out->n[0] = (float) ((1.0 - from->g[0] * from->g[0]) * even);
+        out->b[0] = (float) from->g[0];
+        break;
+    case PELL_PHASE_RAYLEIGH:
+        out->shape = LAYERED_RAYLEIGH;
+        out->n[0] = (float) (0.75 * even);
+        break;
+    case PELL_PHASE_TWO_LOBE:
+        out->shape = LAYERED_TWO_LOBE;
+        set_lobe(from->g[0], from->weight, out, 0);
+        set_lobe(from->g[1], 1.0 - from->weight, out, 1);
+        break;
+    default:
+        out->shape = LAYERED_HG;
+        set_lobe(from->g[0], 1.0, out, 0);
+        break;
+    }
+    if (out->shape != LAYERED_RAYLEIGH && out->shape != LAYERED_TWO_LOBE && from->g[0] == 0.0) {
+        out->shape = LAYERED_EVEN;
+        out->n[0] = (float) even;
+    }
+}
+
+/* --- Tiles ---------------------------------------------------------------------------------------------------------------------- */
+
+static bool same_look_up(const struct pell_texture_map *a, const struct pell_texture_map *b)
+{
+    const struct pell_texture *s = a->texture, *t = b->texture;
+
+    return a->uv == b->uv && memcmp(a->matrix, b->matrix, sizeof(a->matrix)) == 0 && s->wrap_u == t->wrap_u && s->wrap_v == t->wrap_v &&
+           s->nearest == t->nearest && s->image.width == t->image.width && s->image.height == t->image.height;
+}
+
+/* Finds or begins the pack that layer i goes to. */
+static void choose_pack(struct layered_medium *m, const struct pell_texture_map *map, int i)
+{
+    struct layered_pack *p = NULL;
+
+    for (int k = 0; k < m->packs && !p; k++)
+        if (m->pack[k].count < 4 && same_look_up(m->pack[k].map, map))
+            p = &m->pack[k];
+    if (!p) {
+        p = &m->pack[m->packs++];
+        p->map = map;
+        for (int k = 0; k < 4; k++)
+            p->layer[k] = -1;
+    }
+    m->layer[i].pack = (int) (p - m->pack);
+    m->layer[i].channel = p->count;
+    p->layer[p->count++] = i;
+}
+
+static int wrapped(enum pell_wrap wrap, int i, int size)
+{
+    if (wrap == PELL_WRAP_REPEAT)
+        return i < 0 ? size - 1 : i >= size ? 0 : i;
+    return i < 0 ? 0 : i >= size ? size - 1 : i;
+}
+
+static void make_border(const struct layered_level *l, const struct pell_texture *t, uint16_t *texels)
+{
+    for (int y = 0; y < l->height; y++)
+        for (int side = 0; side < 2; side++) {
+            const int x = side ? l->width : -1, from = wrapped(t->wrap_u, x, l->width);
+            memcpy(texels + 4 * (l->offset + (y + 1) * l->stride + x + 1), texels + 4 * (l->offset + (y + 1) * l->stride + from + 1), 8);
+        }
+    for (int side = 0; side < 2; side++) {
+        const int y = side ? l->height : -1, from = wrapped(t->wrap_v, y, l->height);
+        memcpy(texels + 4 * (l->offset + (y + 1) * l->stride), texels + 4 * (l->offset + (from + 1) * l->stride), 8 * (size_t) l->stride);
+    }
+}
+
+/* Each level halves the one above it, odd sizes rounded down: a texel is the mean of the texels that its own area touches most. */
+static void shrink(const struct layered_level *from, const struct layered_level *to, uint16_t *texels)
+{
+    for (int y = 0; y < to->height; y++)
+        for (int x = 0; x < to->width; x++)
+            for (int c = 0; c < 4; c++) {
+                unsigned sum = 0;
+                for (int k = 0; k < 4; k++) {
+                    const int sx = 2 * x + (k & 1), sy = 2 * y + (k >> 1);
+                    const int ax = sx < from->width ? sx : from->width - 1, ay = sy < from->height ? sy : from->height - 1;
+                    sum += texels[4 * (from->offset + (ay + 1) * from->stride + ax + 1) + c];
+                }
+                texels[4 * (to->offset + (y + 1) * to->stride + x + 1) + c] = (uint16_t) ((sum + 2) / 4);
+            }
+}
+
+static void read_layer(const struct pell_stratum *stratum, struct layered_layer *layer, struct layered_pack *p)
+{
+    const struct layered_level *l = &p->level[0];
+    struct pell_texture_map map = *stratum->map;
+    const double depth = fmin(stratum->depth, (double) PELL_LAYER_DEPTH_MAX);
+    float largest = 0.0f;
+
+    memcpy(map.matrix, (const float[6]){ 1, 0, 0, 0, 1, 0 }, sizeof(map.matrix));
+    for (int pass = 0; pass < 2; pass++)
+        for (int y = 0; y < l->height; y++)
+            for (int x = 0; x < l->width; x++) {
+                float rgba[4] = { 0 }, share;
+                pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
+                share = pell_layer_share(rgba[map.channel], stratum->inverse);
+                share = share < 1e6f ? share : 0.0f; /* no number, too */
+                if (pass == 0)
+                    largest = share > largest ? share : largest;
+                else
+                    p->texels[4 * (l->offset + (y + 1) * l->stride + x + 1) + layer->channel] =
+                        (uint16_t) (largest > 0.0f ? share / largest * 65535.0f + 0.5f : 0.0f);
+            }
+    layer->depth = (float) (depth * (double) largest);
+}
+
+static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_strata *strata, struct layered_medium *m,
+                                  struct layered_pack *p)
+{
+    const struct pell_image *image = &p->map->texture->image;
+    int64_t texels = 0;
+
+    if (image->width < 1 || image->height < 1 || (int64_t) image->width * image->height > (int64_t) 1 << 28)
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, name, NULL,
+                          "layered: the depth map %s has %d x %d texels, at least one and at most 2^28",
+                          p->map->texture->name ? p->map->texture->name : "", image->width, image->height);
+    for (int w = image->width, h = image->height;; w = w > 1 ? w / 2 : 1, h = h > 1 ? h / 2 : 1) {
+        p->level[p->levels++] = (struct layered_level){ (int32_t) texels, w + 2, w, h };
+        texels += (int64_t) (w + 2) * (h + 2);
+        if ((w == 1 && h == 1) || p->levels == LAYERED_LEVELS || p->map->texture->nearest)
+            break;
+    }
+    p->texels = pell_calloc(ctx, (size_t) texels + 1, 4 * sizeof(*p->texels));
+    if (!p->texels)
+        return PELL_ERR_NOMEM;
+    for (int k = 0; k < p->count; k++)
+        read_layer(&strata->item[p->layer[k]], &m->layer[p->layer[k]], p);
+    for (int i = 0; i < p->levels; i++) {
+        if (i > 0)
+            shrink(&p->level[i - 1], &p->level[i], p->texels);
+        make_border(&p->level[i], p->map->texture, p->texels);
+    }
+    return PELL_OK;
+}
+
+/* --- All of it ------------------------------------------------------------------------------------------------------------------ */
+
+static void set_depths(struct layered_medium *m, bool bottomless)
+{
+    const struct layered_layer *last = &m->layer[m->count - 1];
+    float painted = 0.0f, slowest = INFINITY, reach;
+
+    for (int i = 0; i < m->count - (bottomless ? 1 : 0); i++)
+        painted = fmaxf(painted, m->layer[i].depth);
+    m->bottomless = bottomless;
+    m->deepest = painted;
+    for (int c = 0; c < 3; c++) {
+        if (last->sigma_s[c] > 0.0f)
+            slowest = fminf(slowest, last->sigma_t[c]);
+        m->rest[c] = bottomless ? last->sigma_t[c] : BLACK;
+    }
+    if (!bottomless)
+        return;
+    reach = slowest > 0.0f && slowest < INFINITY ? OPAQUE_DEPTH / slowest : slowest > 0.0f ? 0.0f : LAYERED_FAR;
+    m->deepest = fminf(painted + reach, LAYERED_FAR);
+}
+
+enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_strata *strata, const char *name, int under,
+                                     struct layered_medium *out)
+{
+    const int below = under == LAYERED_STOP    ? PELL_BELOW_STOP
+                      : under == LAYERED_LAST  ? PELL_BELOW_LAST
+                      : under == LAYERED_COLOR ? PELL_BELOW_SURFACE_COLOR
+                                               : (int) strata->below;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    memset(out, 0, sizeof(*out));
+    out->count = strata->count;
+    out->eta = (float) strata->eta;
+    out->below = below;
+    out->layer = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->layer));
+    out->pack = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->pack));
+    if (!out->layer || !out->pack)
+        goto fail;
+    for (int i = 0; i < strata->count; i++) {
+        const struct pell_stratum *from = &strata->item[i];
+        struct layered_layer *to = &out->layer[i];
+        to->pack = -1;
+        to->depth = (float) fmin(from->depth, (double) LAYERED_FAR);
+        to->one_phase = true;
+        for (int c = 0; c < 3; c++) {
+            to->sigma_s[c] = (float) from->sigma_s[c];
+            to->sigma_t[c] = (float) from->sigma_t[c];
+            set_phase(&from->phase[c], &to->phase[c]);
+            to->one_phase = to->one_phase && memcmp(&to->phase[c], &to->phase[0], sizeof(to->phase[0])) == 0;
+        }
+        if (from->map && !(i + 1 == strata->count && below == PELL_BELOW_LAST))
+            choose_pack(out, from->map, i);
+    }
+    for (int k = 0; k < out->packs; k++)
+        PELL_TRY(make_pack(ctx, name, strata, out, &out->pack[k]));
+    if (below == PELL_BELOW_LAST)
+        out->layer[out->count - 1].depth = LAYERED_FAR;
+    set_depths(out, out->layer[out->count - 1].depth >= LAYERED_FAR);
+    out->first = fminf(out->layer[0].sigma_t[0], fminf(out->layer[0].sigma_t[1], out->layer[0].sigma_t[2]));
+    return PELL_OK;
+
+fail:
+    layered_medium_finish(ctx, out);
+    return res;
+}
+
+void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m)
+{
+    for (int k = 0; m->pack && k < m->packs; k++)
+        pell_free(ctx, m->pack[k].texels);
+    pell_free(ctx, m->pack);
+    pell_free(ctx, m->layer);
+    memset(m, 0, sizeof(*m));
+}

@@ -1,0 +1,129 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - light scattered once in painted layers: G. Francois, S. Pattanaik, K. Bouatouch, G. Breton, "Subsurface Texture Mapping",
+ * IRISA, 2006.
+ *
+ *     L(P) = F_t(w_o)/eta^2 Int sigma_s(M) p(w_in, w_out) E_K e^(-tau(K M)) e^(-tau(M P)) dM
+ *
+ * M on the ray of the eye below the surface; K where the light to M enters, by planes that approximate the surface. What differs from the
+ * paper: README.md.
+ */
+#include "methods/layered/layered.h"
+
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const march_names[] = { "exponential", "sum", NULL };
+static const char *const refraction_names[] = { "planar", "none", NULL };
+static const char *const path_names[] = { "planes+rays", "planes", "rays", NULL };
+static const char *const planes_names[] = { "area", "vertex", "tangent", NULL };
+static const char *const under_names[] = { "material", "stop", "last", "surface-color", NULL };
+
+#define AT(field) offsetof(struct layered_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { LAYERED_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "samples", PELL_KNOB_INT, "1", AT(samples), { 20 }, 1, 4096, NULL, "places along the ray below the surface" },
+    { "march",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(march),
+      { LAYERED_EXPONENTIAL },
+      0,
+      0,
+      march_names,
+      "each step's integral by the layers that it goes through, or as in the paper the value of the one at its middle" },
+    { "refraction",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(refraction),
+      { LAYERED_PLANAR },
+      0,
+      0,
+      refraction_names,
+      "at the surface of the eye's ray and at the plane where light enters; or none: straight through, nothing is reflected" },
+    { "light-path",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(path),
+      { LAYERED_PLANES_RAYS },
+      0,
+      0,
+      path_names,
+      "where light enters: by planes, but by rays where it comes from below the horizon; by planes alone, as in the paper; by rays alone" },
+    { "planes",
+      PELL_KNOB_ENUM,
+      "1",
+      AT(planes),
+      { LAYERED_BY_AREA },
+      0,
+      0,
+      planes_names,
+      "that stand for the surface: fitted to the vertices around, each for its area, or all alike; or each vertex's own" },
+    { "epsilon",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(epsilon),
+      { 0.05 },
+      1e-6,
+      0.9,
+      NULL,
+      "planes are fitted as far as this share of light goes through the first layer" },
+    { "lamps",
+      PELL_KNOB_INT,
+      "1",
+      AT(lamps),
+      { 4 },
+      1,
+      256,
+      NULL,
+      "places on each lamp with a face; of an environment four times as many directions" },
+    { "below", PELL_KNOB_ENUM, "1", AT(under), { LAYERED_AS_MATERIAL }, 0, 0, under_names, "what lies below the deepest layer" },
+    { "shadows", PELL_KNOB_BOOL, "1", AT(shadows), { 1 }, 0, 1, NULL, "of what is between the lamps and the surface" },
+    { 0 },
+};
+#undef AT
+
+static void paper(void *values)
+{
+    struct layered_knobs *k = values;
+
+    k->as = LAYERED_PAPER;
+    k->samples = 100;
+    k->march = LAYERED_SUM;
+    k->refraction = LAYERED_NONE;
+    k->path = LAYERED_PLANES;
+    k->planes = LAYERED_BY_VERTEX;
+    k->lamps = 1;
+    k->under = LAYERED_STOP;
+    k->shadows = false;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    (void) values;
+    *plan = (struct pell_plan){
+        .needs = PELL_NEED_SCENE | PELL_NEED_HIT,
+        .gives = PELL_GIVES_SINGLE,
+        .below = true,
+        .quantity = PELL_QUANTITY_RADIANCE,
+        .mix = -1.0f,
+    };
+}
+
+extern const struct pell_method pell_method_layered;
+const struct pell_method pell_method_layered = {
+    .kind = PELL_METHOD,
+    .name = "layered",
+    .title = "Single scattering in painted layers: subsurface texture mapping",
+    .cite = "Guillaume Francois, Sumanta Pattanaik, Kadi Bouatouch and Gaspard Breton, Subsurface Texture Mapping, IRISA research report, "
+            "2006",
+    .limits =
+        "Light that scatters more than once is not in it, so dense media are too dark. Where light enters is found by planes that stand "
+        "for the surface: wrong where it bends within a few mean free paths. The boundary is smooth; maps of colour and strength are "
+        "not looked at.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct layered_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &layered_cpu,
+};

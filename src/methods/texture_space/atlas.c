@@ -1,0 +1,912 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * atlas.c - a body's surface laid out flat: charts, texels and the points of the surface that they stand for, and borders, whose texels
+ * stand for points of the neighbouring charts, found by going straight on over the surface.
+ */
+#include "methods/texture_space/texture_space.h"
+
+#include "scene/topology.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define NONE UINT32_MAX
+#define WELD_TEXELS 1e-2f    /* corners nearer than this are one point of the layout */
+#define OVERLAP_MOST 0.01    /* share of the texels that two triangles may claim in a layout that is used */
+#define DEGENERATE_MOST 0.02 /* share of the area whose triangles have none in the layout */
+#define COVERED_MOST 4.0     /* times the map is covered in a layout that is looked at further */
+#define OVERLAPS "its texture coordinates overlap"
+#define COVERED_LEAST 0.02 /* share of the layout's rectangle that is covered */
+#define CHART_COSINE 0.7   /* a planar chart's normals are this near to its axis */
+#define SIZE_MOST 16384    /* texels, a side */
+#define BORDER_WORK 1024.0 /* texels looked at for borders, per texel of the map */
+#define LEAN_MOST 8.0f
+#define LENGTH_LEAST 1e-9f /* mm from texel to texel */
+#define LENGTH_MOST 1e9f
+#define STEPS_MOST 1024 /* triangles on one way over the surface */
+
+struct build {
+    struct pell_context *ctx;
+    const struct ts_atlas_params *p;
+    struct ts_atlas *a;
+    struct pell_topology topology;
+    uint32_t *meshes;
+    size_t num_meshes;
+    double *area; /* per triangle, mm^2 */
+    double total_area;
+    int64_t claimed, twice; /* texels that some, and that several triangles cover */
+};
+
+void ts_atlas_destroy(struct ts_atlas **atlas)
+{
+    struct ts_atlas *a = *atlas;
+
+    if (!a)
+        return;
+    *atlas = NULL;
+    pell_free(a->ctx, a->triangles);
+    pell_free(a->ctx, a->first);
+    pell_free(a->ctx, a->corners);
+    pell_free(a->ctx, a->chart);
+    pell_free(a->ctx, a->twin);
+    if (a->key)
+        pell_free(a->ctx, a->key - TS_MARGIN);
+    pell_free(a->ctx, a->source);
+    pell_free(a->ctx, a->borders);
+    pell_free(a->ctx, a->runs);
+    pell_free(a->ctx, a->first_run);
+    pell_free(a->ctx, a->cells);
+    pell_free(a->ctx, a);
+}
+
+static void corner_points(const struct ts_atlas *a, uint32_t t, struct pell_vec3 p[3])
+{
+    const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
+    const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
+
+    for (int k = 0; k < 3; k++)
+        p[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+}
+
+static double flat_area(const float c[6])
+{
+    return 0.5 * ((double) (c[2] - c[0]) * (double) (c[5] - c[1]) - (double) (c[4] - c[0]) * (double) (c[3] - c[1]));
+}
+
+/* --- Triangles and their neighbours ---------------------------------------------------------------------------------------------- */
+
+static enum pell_result list_triangles(struct build *b)
+{
+    const struct pell_scene *scene = b->p->scene;
+    struct ts_atlas *a = b->a;
+    size_t count = 0;
+    enum pell_result res;
+
+    b->meshes = pell_calloc(b->ctx, scene->num_meshes + 1, sizeof(*b->meshes));
+    a->first = pell_alloc_array(b->ctx, scene->num_meshes + 1, sizeof(*a->first));
+    if (!b->meshes || !a->first)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        a->first[i] = NONE;
+        if (b->p->bodies->of_mesh[i] != (int32_t) b->p->body)
+            continue;
+        b->meshes[b->num_meshes++] = (uint32_t) i;
+        a->first[i] = (uint32_t) count;
+        count += scene->meshes[i].num_triangles;
+    }
+    if (count > UINT32_MAX / 8)
+        return pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->p->name, NULL, "%zu triangles, at most %u in a thing", count, UINT32_MAX / 8);
+    a->num_triangles = (uint32_t) count;
+    a->triangles = pell_alloc_array(b->ctx, count + 1, sizeof(*a->triangles));
+    a->corners = pell_calloc(b->ctx, count + 1, sizeof(*a->corners));
+    a->chart = pell_calloc(b->ctx, count + 1, sizeof(*a->chart));
+    a->twin = pell_alloc_array(b->ctx, 3 * count + 1, sizeof(*a->twin));
+    b->area = pell_calloc(b->ctx, count + 1, sizeof(*b->area));
+    if (!a->triangles || !a->corners || !a->chart || !a->twin || !b->area)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < b->num_meshes; i++)
+        for (uint32_t t = 0; t < scene->meshes[b->meshes[i]].num_triangles; t++)
+            a->triangles[a->first[b->meshes[i]] + t] = (struct ts_triangle){ b->meshes[i], t };
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        struct pell_vec3 p[3];
+        double e[2][3], n[3];
+        corner_points(a, t, p);
+        for (int k = 0; k < 2; k++) {
+            e[k][0] = (double) p[k + 1].x - (double) p[0].x;
+            e[k][1] = (double) p[k + 1].y - (double) p[0].y;
+            e[k][2] = (double) p[k + 1].z - (double) p[0].z;
+        }
+        for (int k = 0; k < 3; k++)
+            n[k] = e[0][(k + 1) % 3] * e[1][(k + 2) % 3] - e[0][(k + 2) % 3] * e[1][(k + 1) % 3];
+        b->area[t] = 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        if (!(b->area[t] > 0.0 && b->area[t] < INFINITY))
+            b->area[t] = 0.0;
+        b->total_area += b->area[t];
+    }
+    PELL_TRY(pell_topology_make(&b->topology, scene, b->meshes, b->num_meshes));
+    for (size_t h = 0; h < 3 * count; h++)
+        a->twin[h] = NONE;
+    for (uint32_t e = 0, end; e < b->topology.num_halves; e = end) {
+        end = pell_topology_edge(&b->topology, e);
+        if (end - e == 2 && b->topology.half[e] / 3 != b->topology.half[e + 1] / 3) {
+            a->twin[b->topology.half[e]] = b->topology.half[e + 1];
+            a->twin[b->topology.half[e + 1]] = b->topology.half[e];
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Whether the twin runs the other way, as it does where both triangles face the same side. */
+static bool opposed(const struct build *b, uint32_t half, uint32_t twin)
+{
+    return pell_half_start(&b->topology, half) == pell_half_end(&b->topology, twin);
+}
+
+/* Whether two triangles that share an edge do so in the layout. */
+static bool joined(const struct build *b, uint32_t half)
+{
+    const struct ts_atlas *a = b->a;
+    const uint32_t twin = a->twin[half];
+    const float *p, *q;
+    int i, j;
+
+    if (twin == NONE)
+        return false;
+    p = a->corners[half / 3];
+    q = a->corners[twin / 3];
+    i = (int) (half % 3);
+    j = (int) (twin % 3);
+    for (int end = 0; end < 2; end++) {
+        const int k = (i + end) % 3, l = (j + (opposed(b, half, twin) ? 1 - end : end)) % 3;
+        if (!(fabsf(p[2 * k] - q[2 * l]) <= WELD_TEXELS && fabsf(p[2 * k + 1] - q[2 * l + 1]) <= WELD_TEXELS))
+            return false;
+    }
+    return (flat_area(p) > 0.0) == (flat_area(q) > 0.0) || !opposed(b, half, twin);
+}
+
+/* Numbers charts by what hangs together in the layout. `todo` has room for all triangles. */
+static void number_charts(struct build *b, uint32_t *todo)
+{
+    struct ts_atlas *a = b->a;
+
+    memset(a->chart, 0, a->num_triangles * sizeof(*a->chart));
+    a->num_charts = 0;
+    for (uint32_t seed = 0; seed < a->num_triangles; seed++) {
+        uint32_t n = 0;
+        if (a->chart[seed] || !(b->area[seed] > 0.0))
+            continue;
+        a->chart[seed] = ++a->num_charts;
+        todo[n++] = seed;
+        while (n > 0) {
+            const uint32_t t = todo[--n];
+            for (uint32_t h = 3 * t; h < 3 * t + 3; h++)
+                if (a->twin[h] != NONE && !a->chart[a->twin[h] / 3] && b->area[a->twin[h] / 3] > 0.0 && joined(b, h)) {
+                    a->chart[a->twin[h] / 3] = a->num_charts;
+                    todo[n++] = a->twin[h] / 3;
+                }
+        }
+    }
+}
+
+/* --- Layouts --------------------------------------------------------------------------------------------------------------------- */
+
+/* The layout of the file, scaled to fit. Returns NULL, or what is wrong with it. */
+static const char *lay_out_file(struct build *b)
+{
+    struct ts_atlas *a = b->a;
+    const int margin = 2 + (b->p->border < b->p->size / 8 ? b->p->border : b->p->size / 8);
+    double low[2] = { INFINITY, INFINITY }, high[2] = { -INFINITY, -INFINITY }, scale;
+
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
+        const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
+        if (!m->uv[0])
+            return "it has no texture coordinates";
+        for (int k = 0; k < 3 && b->area[t] > 0.0; k++)
+            for (int i = 0; i < 2; i++) {
+                const double v = (double) m->uv[0][2 * (size_t) index[k] + (size_t) i];
+                if (!(fabs(v) < 1e6))
+                    return "its texture coordinates are no numbers of use";
+                low[i] = fmin(low[i], v);
+                high[i] = fmax(high[i], v);
+            }
+    }
+    scale = fmax(high[0] - low[0], high[1] - low[1]);
+    if (!(scale > 1e-6))
+        return "its texture coordinates are all one";
+    scale = (b->p->size - 2 * margin) / scale;
+    a->width = (int) ceil((high[0] - low[0]) * scale) + 2 * margin;
+    a->height = (int) ceil((high[1] - low[1]) * scale) + 2 * margin;
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
+        const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
+        for (int k = 0; k < 6 && b->area[t] > 0.0; k++)
+            a->corners[t][k] = (float) (((double) m->uv[0][2 * (size_t) index[k / 2] + (size_t) (k % 2)] - low[k % 2]) * scale + margin);
+    }
+    return NULL;
+}
+
+struct flat_chart {
+    uint32_t first, count;  /* of its triangles */
+    double low[2], high[2]; /* mm */
+    double x, y;            /* texels */
+    int32_t number;
+};
+
+static int by_height(const void *p, const void *q)
+{
+    const struct flat_chart *a = p, *b = q;
+    const double ha = a->high[1] - a->low[1], hb = b->high[1] - b->low[1];
+
+    return ha > hb ? -1 : ha < hb ? 1 : a->number < b->number ? -1 : 1;
+}
+
+/* Puts charts on shelves, `scale` texels a mm. False where they are too many. */
+static bool pack(struct flat_chart *charts, size_t count, double scale, int gutter, int size)
+{
+    double x = 2.0, y = 2.0, tall = 0.0;
+
+    for (size_t i = 0; i < count; i++) {
+        struct flat_chart *c = &charts[i];
+        const double w = (c->high[0] - c->low[0]) * scale + gutter, h = (c->high[1] - c->low[1]) * scale + gutter;
+        if (x + w > size - 2.0) {
+            x = 2.0;
+            y += tall;
+            tall = 0.0;
+        }
+        if (x + w > size - 2.0 || y + h > size - 2.0)
+            return false;
+        c->x = x + 0.5 * gutter;
+        c->y = y + 0.5 * gutter;
+        x += w;
+        tall = fmax(tall, h);
+    }
+    return true;
+}
+
+static struct pell_vec3 face_normal(const struct build *b, uint32_t t)
+{
+    const float *f = b->topology.face + 3 * (size_t) t;
+    return vec3_normalize(vec3(f[0], f[1], f[2]));
+}
+
+/* Charts that grow over the surface as far as it faces their axis, each seen from there. `order` has room for twice the triangles. */
+static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
+{
+    struct ts_atlas *a = b->a;
+    struct flat_chart *charts = NULL;
+    uint32_t filled = 0;
+    size_t count = 0, capacity = 0;
+    int gutter = 0, size = b->p->size;
+    double low = 0.0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    memset(a->chart, 0, a->num_triangles * sizeof(*a->chart));
+    for (uint32_t seed = 0; seed < a->num_triangles; seed++) {
+        struct pell_vec3 axis, u, v, sum = { 0 };
+        struct flat_chart *c;
+        void *array = charts;
+        uint32_t n;
+        if (a->chart[seed] || !(b->area[seed] > 0.0))
+            continue;
+        PELL_TRY(pell_grow(b->ctx, &array, count, &capacity, sizeof(*charts)));
+        charts = array;
+        c = &charts[count++];
+        *c = (struct flat_chart){
+            .first = filled, .number = (int32_t) count, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY }
+        };
+        /* The axis: the mean normal of what lies around the seed. */
+        axis = face_normal(b, seed);
+        for (int round = 0; round < 2; round++) {
+            n = filled;
+            order[n++] = seed;
+            a->chart[seed] = c->number;
+            for (uint32_t i = filled; i < n; i++)
+                for (uint32_t h = 3 * order[i]; h < 3 * order[i] + 3; h++) {
+                    const uint32_t t = a->twin[h] == NONE ? NONE : a->twin[h] / 3;
+                    if (t == NONE || a->chart[t] || !(b->area[t] > 0.0) || !opposed(b, h, a->twin[h]) ||
+                        vec3_dot(face_normal(b, t), axis) < (float) CHART_COSINE)
+                        continue;
+                    a->chart[t] = c->number;
+                    order[n++] = t;
+                }
+            if (round == 1)
+                break;
+            for (uint32_t i = filled; i < n; i++) {
+                sum = vec3_mad(sum, (float) b->area[order[i]], face_normal(b, order[i]));
+                a->chart[order[i]] = 0;
+            }
+            if (vec3_dot(vec3_normalize(sum), face_normal(b, seed)) >= (float) CHART_COSINE)
+                axis = vec3_normalize(sum);
+        }
+        vec3_basis(axis, &u, &v);
+        for (uint32_t i = filled; i < n; i++) {
+            struct pell_vec3 p[3];
+            corner_points(a, order[i], p);
+            for (int k = 0; k < 3; k++) {
+                const double at[2] = { (double) vec3_dot(p[k], u), (double) vec3_dot(p[k], v) };
+                for (int j = 0; j < 2; j++) {
+                    a->corners[order[i]][2 * k + j] = (float) at[j];
+                    c->low[j] = fmin(c->low[j], at[j]);
+                    c->high[j] = fmax(c->high[j], at[j]);
+                }
+            }
+        }
+        c->count = n - filled;
+        filled = n;
+    }
+    a->num_charts = (int) count;
+    qsort(charts, count, sizeof(*charts), by_height);
+    /* Where they do not fit in the size that was asked for they get twice as much. */
+    for (; low == 0.0 && size <= SIZE_MOST; size *= 2) {
+        double top = 2.0 * size / sqrt(b->total_area);
+        gutter = 2 * b->p->border;
+        if (gutter * gutter * (double) count > 0.25 * (double) size * size)
+            gutter = (int) sqrt(0.25 * (double) size * size / (double) (count ? count : 1));
+        gutter = gutter > 2 ? gutter : 2;
+        for (int i = 0; i < 40; i++) {
+            const double scale = 0.5 * (low + top);
+            if (pack(charts, count, scale, gutter, size))
+                low = scale;
+            else
+                top = scale;
+        }
+        a->width = a->height = size;
+    }
+    if (!(low > 0.0) || !pack(charts, count, low, gutter, a->width)) {
+        res = pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->p->name, "give it texture coordinates", "%zu charts do not fit in %d x %d texels",
+                         count, SIZE_MOST, SIZE_MOST);
+        goto fail;
+    }
+    for (size_t i = 0; i < count; i++)
+        for (uint32_t j = charts[i].first; j < charts[i].first + charts[i].count; j++) {
+            float *c = a->corners[order[j]];
+            for (int k = 0; k < 6; k++)
+                c[k] = (float) (((double) c[k] - charts[i].low[k % 2]) * low + (k % 2 ? charts[i].y : charts[i].x));
+        }
+    a->planar = true;
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, charts);
+    return res;
+}
+
+/* --- Texels ---------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result make_planes(struct build *b)
+{
+    struct ts_atlas *a = b->a;
+    float **const planes[] = { &a->key, &a->bary[0], &a->bary[1], &a->length[0], &a->length[1], &a->lean };
+    float *block;
+
+    if (a->key)
+        pell_free(b->ctx, a->key - TS_MARGIN);
+    a->key = NULL;
+    pell_free(b->ctx, a->source);
+    a->blocks = (a->width + TS_BLOCK - 1) / TS_BLOCK;
+    a->width = a->blocks * TS_BLOCK;
+    a->stride = a->width + 2 * TS_MARGIN + 16;
+    a->size = (size_t) a->stride * (size_t) a->height + 2 * TS_MARGIN;
+    block = pell_calloc(b->ctx, a->size * PELL_COUNT(planes), sizeof(float));
+    a->source = pell_alloc_array(b->ctx, a->size, sizeof(*a->source));
+    for (size_t i = 0; block && i < PELL_COUNT(planes); i++)
+        *planes[i] = block + i * a->size + TS_MARGIN;
+    if (!block || !a->source)
+        return PELL_ERR_NOMEM;
+    memset(a->source, 0xff, a->size * sizeof(*a->source));
+    return PELL_OK;
+}
+
+/* Barycentrics of a point in a triangle's layout: 1 and x, y times these. */
+struct flat {
+    double u[3], v[3];
+};
+
+static bool flatten(const float c[6], struct flat *f)
+{
+    const double ux = (double) c[2] - (double) c[0], uy = (double) c[3] - (double) c[1];
+    const double vx = (double) c[4] - (double) c[0], vy = (double) c[5] - (double) c[1], det = ux * vy - uy * vx;
+
+    if (!(fabs(det) > 1e-12))
+        return false;
+    f->u[1] = vy / det;
+    f->u[2] = -vx / det;
+    f->v[1] = -uy / det;
+    f->v[2] = ux / det;
+    f->u[0] = -(f->u[1] * (double) c[0] + f->u[2] * (double) c[1]);
+    f->v[0] = -(f->v[1] * (double) c[0] + f->v[2] * (double) c[1]);
+    return true;
+}
+
+/* How a triangle lies in the layout: mm from texel to texel along x, and at right angles to that, where a step along y goes `lean` texels
+ * along x, too. */
+struct metric {
+    float length[2], lean;
+};
+
+static struct metric metric_of(const struct ts_atlas *a, uint32_t t, const struct flat *f)
+{
+    struct pell_vec3 p[3], e[2], way[2];
+    struct metric m;
+    float square;
+
+    corner_points(a, t, p);
+    e[0] = vec3_sub(p[1], p[0]);
+    e[1] = vec3_sub(p[2], p[0]);
+    for (int i = 0; i < 2; i++)
+        way[i] = vec3_mad(vec3_mul(e[0], (float) f->u[1 + i]), (float) f->v[1 + i], e[1]);
+    square = vec3_dot(way[0], way[0]);
+    m.lean = square > 0.0f ? vec3_dot(way[0], way[1]) / square : 0.0f;
+    if (!(fabsf(m.lean) < LEAN_MOST))
+        m.lean = 0.0f;
+    m.length[0] = fminf(fmaxf(vec3_length(way[0]), LENGTH_LEAST), LENGTH_MOST);
+    m.length[1] = fminf(fmaxf(vec3_length(vec3_mad(way[1], -m.lean, way[0])), LENGTH_LEAST), LENGTH_MOST);
+    return m;
+}
+
+static void set_metric(struct ts_atlas *a, ptrdiff_t at, const struct metric *m)
+{
+    a->length[0][at] = m->length[0];
+    a->length[1][at] = m->length[1];
+    a->lean[at] = m->lean;
+}
+
+static void set_texel(struct ts_atlas *a, ptrdiff_t at, uint32_t t, double u, double v, const struct metric *m)
+{
+    a->key[at] = (float) a->chart[t];
+    a->source[at] = t;
+    a->bary[0][at] = (float) u;
+    a->bary[1][at] = (float) v;
+    set_metric(a, at, m);
+}
+
+/* Narrows [x0, x1] to the texels of a row that a triangle may cover, one more on either side: slivers cost what they cover, not their
+ * boxes. */
+static void row_of(const struct flat *f, double y, int *x0, int *x1)
+{
+    const double at[3][2] = { { f->u[0] + f->u[2] * y, f->u[1] },
+                              { f->v[0] + f->v[2] * y, f->v[1] },
+                              { 1.0 - f->u[0] - f->v[0] - (f->u[2] + f->v[2]) * y, -f->u[1] - f->v[1] } };
+    double low = *x0, high = *x1;
+
+    for (int k = 0; k < 3; k++) {
+        if (fabs(at[k][1]) < 1e-12)
+            continue;
+        if (at[k][1] > 0.0)
+            low = fmax(low, floor(-at[k][0] / at[k][1] - 1.5));
+        else
+            high = fmin(high, ceil(-at[k][0] / at[k][1] + 0.5));
+    }
+    *x0 = low < *x1 + 1.0 ? (int) low : *x1 + 1;
+    *x1 = high > -1.0 ? (int) high : -1;
+}
+
+/* Texels whose middles lie in a triangle; of several triangles the first's. */
+static void rasterize(struct build *b)
+{
+    struct ts_atlas *a = b->a;
+
+    b->claimed = b->twice = 0;
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        const float *c = a->corners[t];
+        struct flat f;
+        struct metric m;
+        int y0, y1;
+        if (!a->chart[t] || !flatten(c, &f))
+            continue;
+        m = metric_of(a, t, &f);
+        y0 = (int) floorf(fminf(c[1], fminf(c[3], c[5])) - 0.5f);
+        y1 = (int) ceilf(fmaxf(c[1], fmaxf(c[3], c[5])) - 0.5f);
+        for (int y = y0 > 0 ? y0 : 0; y <= y1 && y < a->height; y++) {
+            int x0 = 0, x1 = a->width - 1;
+            row_of(&f, y + 0.5, &x0, &x1);
+            for (int x = x0; x <= x1; x++) {
+                const double px = x + 0.5, py = y + 0.5;
+                const double u = f.u[0] + f.u[1] * px + f.u[2] * py, v = f.v[0] + f.v[1] * px + f.v[2] * py, w = 1.0 - u - v;
+                const ptrdiff_t at = y * a->stride + x;
+                const double least = fmin(w, fmin(u, v));
+                if (least < -1e-9)
+                    continue;
+                if (a->source[at] != NONE) {
+                    /* Well inside of both: they overlap. The first has left how far inside the texel is. */
+                    const double other = fmin(1.0 - (double) a->bary[0][at] - (double) a->bary[1][at],
+                                              fmin((double) a->bary[0][at], (double) a->bary[1][at]));
+                    b->twice += least > 1e-3 && other > 1e-3;
+                    continue;
+                }
+                b->claimed++;
+                set_texel(a, at, t, fmin(fmax(u, 0.0), 1.0), fmin(fmax(v, 0.0), 1.0), &m);
+            }
+        }
+    }
+}
+
+/* A triangle that no texel would tell anything about takes the one that it is in. */
+static void rescue(struct build *b)
+{
+    struct ts_atlas *a = b->a;
+
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        const float *c = a->corners[t];
+        const float x = (c[0] + c[2] + c[4]) / 3.0f, y = (c[1] + c[3] + c[5]) / 3.0f;
+        struct ts_place place;
+        ptrdiff_t at;
+        struct flat f;
+        struct metric m = { .length = { (float) a->mm_per_texel, (float) a->mm_per_texel } };
+        if (!a->chart[t] || !(x > 0.0f && y > 0.0f && x < (float) a->width && y < (float) a->height))
+            continue;
+        place = ts_atlas_place(a, t, 1.0f / 3.0f, 1.0f / 3.0f);
+        if (ts_read(a, &place, NULL, 0, NULL))
+            continue;
+        at = (ptrdiff_t) y * a->stride + (ptrdiff_t) x;
+        if (a->source[at] != NONE)
+            continue;
+        if (flatten(c, &f))
+            m = metric_of(a, t, &f);
+        set_texel(a, at, t, 1.0 / 3.0, 1.0 / 3.0, &m);
+        b->claimed++;
+    }
+}
+
+/* --- Over the edge --------------------------------------------------------------------------------------------------------------- */
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 way)
+{
+    double d[3] = { (double) way.x, (double) way.y, (double) way.z };
+    uint32_t t = *triangle, entered = NONE;
+
+    for (int step = 0; step < STEPS_MOST; step++) {
+        struct pell_vec3 corner[3];
+        double p[3][3], e[2][3], gram[3], det, rhs[2], rate[3], b[3], s = 1.0, along[3], length, f, part, rest[3], high, inward[3];
+        uint32_t out = NONE, twin;
+        bool same;
+
+        corner_points(a, t, corner);
+        for (int k = 0; k < 3; k++) {
+            p[k][0] = (double) corner[k].x;
+            p[k][1] = (double) corner[k].y;
+            p[k][2] = (double) corner[k].z;
+        }
+        for (int k = 0; k < 2; k++)
+            for (int i = 0; i < 3; i++)
+                e[k][i] = p[k + 1][i] - p[0][i];
+        gram[0] = dot(e[0], e[0]);
+        gram[1] = dot(e[0], e[1]);
+        gram[2] = dot(e[1], e[1]);
+        det = gram[0] * gram[2] - gram[1] * gram[1];
+        if (!(det > 0.0))
+            return false;
+        rhs[0] = dot(d, e[0]);
+        rhs[1] = dot(d, e[1]);
+        rate[1] = (rhs[0] * gram[2] - rhs[1] * gram[1]) / det;
+        rate[2] = (rhs[1] * gram[0] - rhs[0] * gram[1]) / det;
+        rate[0] = -rate[1] - rate[2];
+        b[1] = bary[0];
+        b[2] = bary[1];
+        b[0] = 1.0 - b[1] - b[2];
+        for (uint32_t k = 0; k < 3; k++) {
+            const uint32_t half = 3 * t + (k + 1) % 3; /* the edge across from corner k */
+            if (half != entered && rate[k] < 0.0 && b[k] + s * rate[k] < 0.0) {
+                s = fmax(b[k], 0.0) / -rate[k];
+                out = half;
+            }
+        }
+        for (int k = 0; k < 3; k++)
+            b[k] = fmax(b[k] + s * rate[k], 0.0);
+        length = b[0] + b[1] + b[2];
+        if (out == NONE) {
+            *triangle = t;
+            bary[0] = b[1] / length;
+            bary[1] = b[2] / length;
+            return true;
+        }
+        twin = a->twin[out];
+        if (twin == NONE || !a->chart[twin / 3])
+            return false;
+        {
+            const uint32_t i = out % 3, j = (i + 1) % 3;
+            f = b[i] + b[j] > 0.0 ? b[j] / (b[i] + b[j]) : 0.5;
+            for (int k = 0; k < 3; k++)
+                along[k] = p[j][k] - p[i][k];
+        }
+        length = sqrt(dot(along, along));
+        if (!(length > 0.0))
+            return false;
+        for (int k = 0; k < 3; k++)
+            along[k] /= length;
+        part = (1.0 - s) * dot(d, along);
+        for (int k = 0; k < 3; k++)
+            rest[k] = (1.0 - s) * d[k] - part * along[k];
+        high = sqrt(dot(rest, rest));
+        /* Into the other triangle: what goes along the edge stays, the rest turns about it. */
+        t = twin / 3;
+        corner_points(a, t, corner);
+        {
+            const uint32_t i = twin % 3, j = (i + 1) % 3, k = (i + 2) % 3;
+            const struct pell_vec3 edge = vec3_sub(corner[j], corner[i]), to = vec3_sub(corner[k], corner[i]);
+            const double w[3] = { (double) to.x, (double) to.y, (double) to.z }, across = dot(w, along);
+            double c[3] = { 0.0, 0.0, 0.0 };
+            same = (double) edge.x * along[0] + (double) edge.y * along[1] + (double) edge.z * along[2] > 0.0;
+            for (int n = 0; n < 3; n++)
+                inward[n] = w[n] - across * along[n];
+            length = sqrt(dot(inward, inward));
+            if (!(length > 0.0))
+                return false;
+            for (int n = 0; n < 3; n++)
+                d[n] = part * along[n] + high * inward[n] / length;
+            c[i] = same ? 1.0 - f : f;
+            c[j] = same ? f : 1.0 - f;
+            bary[0] = c[1];
+            bary[1] = c[2];
+        }
+        entered = twin;
+    }
+    return false;
+}
+
+struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t t, float u, float v)
+{
+    const float *c = a->corners[t], w = 1.0f - u - v;
+    const float x = w * c[0] + u * c[2] + v * c[4] - 0.5f, y = w * c[1] + u * c[3] + v * c[5] - 0.5f;
+    const float fx = floorf(x), fy = floorf(y);
+
+    if (!a->chart[t] || !(fx >= 0.0f && fy >= 0.0f && fx < (float) a->width && fy < (float) (a->height - 1)))
+        return (struct ts_place){ .at = -1 };
+    return (struct ts_place){
+        .at = (int32_t) ((ptrdiff_t) fy * a->stride + (ptrdiff_t) fx),
+        .key = (float) a->chart[t],
+        .fx = x - fx,
+        .fy = y - fy,
+    };
+}
+
+/* Adds the border texel `at` where some texels of the chart itself say what is at the place. */
+static bool take_border(struct ts_atlas *a, ptrdiff_t at, const struct ts_place *p)
+{
+    struct ts_border *border = &a->borders[a->num_borders];
+    float sum = 0.0f;
+
+    if (p->at < 0)
+        return false;
+    *border = (struct ts_border){ .at = (int32_t) at, .from = p->at };
+    for (int k = 0; k < 4; k++) {
+        const ptrdiff_t from = p->at + k % 2 + k / 2 * a->stride;
+        if (a->source[from] != NONE && a->key[from] == p->key)
+            sum += border->weight[k] = (k % 2 ? p->fx : 1.0f - p->fx) * (k / 2 ? p->fy : 1.0f - p->fy);
+    }
+    if (!(sum > 1e-3f))
+        return false;
+    for (int k = 0; k < 4; k++)
+        border->weight[k] /= sum;
+    a->num_borders++;
+    return true;
+}
+
+/* For each texel beside the charts the nearest edge at which a chart ends but the surface goes on. */
+static enum pell_result find_borders(struct build *b)
+{
+    struct ts_atlas *a = b->a;
+    const float reach = (float) b->p->border;
+    double budget = BORDER_WORK * (double) a->size;
+    float *near = pell_alloc_array(b->ctx, a->size, sizeof(*near));
+    uint32_t *edge = pell_alloc_array(b->ctx, a->size, sizeof(*edge));
+    size_t count = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!near || !edge)
+        goto fail;
+    for (size_t i = 0; i < a->size; i++) {
+        near[i] = reach * reach;
+        edge[i] = NONE;
+    }
+    for (uint32_t h = 0; h < 3 * a->num_triangles; h++) {
+        const float *c = a->corners[h / 3];
+        const float *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
+        const float ex = q[0] - p[0], ey = q[1] - p[1], l2 = ex * ex + ey * ey;
+        if (!a->chart[h / 3] || a->twin[h] == NONE || !a->chart[a->twin[h] / 3] || joined(b, h))
+            continue;
+        /* Edges that are long and many, as only layouts made to harm have them, go without. */
+        budget -= (double) (fabsf(ex) + 2.0f * reach) * (double) (fabsf(ey) + 2.0f * reach);
+        if (budget < 0.0)
+            break;
+        for (int y = (int) fmaxf(floorf(fminf(p[1], q[1]) - reach), 0.0f); y < a->height && (float) y < fmaxf(p[1], q[1]) + reach; y++)
+            for (int x = (int) fmaxf(floorf(fminf(p[0], q[0]) - reach), 0.0f); x < a->width && (float) x < fmaxf(p[0], q[0]) + reach; x++) {
+                const ptrdiff_t at = y * a->stride + x;
+                const float dx = (float) x + 0.5f - p[0], dy = (float) y + 0.5f - p[1];
+                float s = l2 > 0.0f ? (dx * ex + dy * ey) / l2 : 0.0f, d2;
+                if (a->source[at] != NONE)
+                    continue;
+                s = fminf(fmaxf(s, 0.0f), 1.0f);
+                d2 = (dx - s * ex) * (dx - s * ex) + (dy - s * ey) * (dy - s * ey);
+                if (d2 >= reach * reach)
+                    continue;
+                /* Of the two edges of a corner the one that the texel lies more in front of. */
+                d2 -= l2 > 0.0f ? 1e-3f * (dx * ey - dy * ex) * (dx * ey - dy * ex) / l2 : 0.0f;
+                if (d2 < near[at]) {
+                    near[at] = d2;
+                    edge[at] = h;
+                    count++;
+                }
+            }
+    }
+    a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
+    if (!a->borders)
+        goto fail;
+    for (int y = 0; y < a->height; y++)
+        for (int x = 0; x < a->width; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            const uint32_t h = edge[at];
+            uint32_t t = h / 3, to = t;
+            struct pell_vec3 p[3];
+            struct flat f;
+            struct metric m;
+            float s, l2, ex, ey;
+            double u, v, from[2], way[2];
+            struct ts_place place;
+            if (h == NONE || !flatten(a->corners[t], &f))
+                continue;
+            {
+                const float *c = a->corners[t], *e0 = c + 2 * (h % 3), *e1 = c + 2 * ((h + 1) % 3);
+                ex = e1[0] - e0[0];
+                ey = e1[1] - e0[1];
+                l2 = ex * ex + ey * ey;
+                s = l2 > 0.0f ? (((float) x + 0.5f - e0[0]) * ex + ((float) y + 0.5f - e0[1]) * ey) / l2 : 0.5f;
+                s = fminf(fmaxf(s, 0.0f), 1.0f);
+            }
+            u = f.u[0] + f.u[1] * (x + 0.5) + f.u[2] * (y + 0.5);
+            v = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5);
+            {
+                double c[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }; /* just inside */
+                c[h % 3] += (1.0 - 1e-3) * (1.0 - (double) s);
+                c[(h + 1) % 3] += (1.0 - 1e-3) * (double) s;
+                from[0] = c[1];
+                from[1] = c[2];
+            }
+            way[0] = u - from[0];
+            way[1] = v - from[1];
+            corner_points(a, t, p);
+            m = metric_of(a, t, &f);
+            if (!ts_atlas_walk(a, &to, from,
+                               vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]))))
+                continue;
+            place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
+            if (!take_border(a, at, &place))
+                continue;
+            a->key[at] = (float) a->chart[t];
+            set_metric(a, at, &m);
+        }
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, near);
+    pell_free(b->ctx, edge);
+    return res;
+}
+
+static enum pell_result find_runs(struct build *b)
+{
+    struct ts_atlas *a = b->a;
+    int count = 0;
+
+    a->cells = pell_calloc(b->ctx, (size_t) a->blocks * (size_t) a->height + 1, sizeof(*a->cells));
+    a->first_run = pell_calloc(b->ctx, (size_t) a->height + 1, sizeof(*a->first_run));
+    a->runs = pell_alloc_array(b->ctx, ((size_t) a->blocks / 2 + 1) * (size_t) a->height + 1, sizeof(*a->runs));
+    if (!a->cells || !a->first_run || !a->runs)
+        return PELL_ERR_NOMEM;
+    for (int y = 0; y < a->height; y++) {
+        bool open = false;
+        a->first_run[y] = count;
+        for (int block = 0; block < a->blocks; block++) {
+            struct ts_cell *c = &a->cells[(ptrdiff_t) y * a->blocks + block];
+            float lean = 0.0f, count_of = 0.0f;
+            for (int l = 0; l < TS_BLOCK; l++) {
+                const ptrdiff_t at = y * a->stride + block * TS_BLOCK + l;
+                for (int i = 0; i < 2 && a->key[at] > 0.0f; i++) {
+                    c->least[i] = c->most[i] > 0.0f ? fminf(c->least[i], a->length[i][at]) : a->length[i][at];
+                    c->most[i] = fmaxf(c->most[i], a->length[i][at]);
+                }
+                lean += a->key[at] > 0.0f ? a->lean[at] : 0.0f;
+                count_of += a->key[at] > 0.0f ? 1.0f : 0.0f;
+            }
+            c->lean = count_of > 0.0f ? lean / count_of : 0.0f;
+            if (c->most[0] > 0.0f && !open)
+                a->runs[count++].from = (int16_t) block;
+            open = c->most[0] > 0.0f;
+            if (open)
+                a->runs[count - 1].to = (int16_t) (block + 1);
+        }
+    }
+    a->first_run[a->height] = count;
+    return PELL_OK;
+}
+
+/* --- All together ---------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result lay_out(struct build *b, uint32_t *order)
+{
+    struct ts_atlas *a = b->a;
+    const char *wrong = b->p->charts == TS_CHARTS_PLANAR ? "" : lay_out_file(b);
+    double flat = 0.0, covered = 0.0;
+    enum pell_result res;
+
+    for (uint32_t t = 0; t < a->num_triangles && !wrong; t++)
+        covered += fabs(flat_area(a->corners[t]));
+    if (!wrong && covered > COVERED_MOST * a->width * a->height)
+        wrong = OVERLAPS;
+    if (!wrong) {
+        number_charts(b, order);
+        PELL_TRY(make_planes(b));
+        rasterize(b);
+        for (uint32_t t = 0; t < a->num_triangles; t++)
+            if (b->area[t] > 0.0 && !(fabs(flat_area(a->corners[t])) > 1e-9))
+                flat += b->area[t];
+        a->degenerate = flat / b->total_area;
+        a->overlap = b->claimed > 0 ? (double) b->twice / (double) b->claimed : 0.0;
+        if (a->degenerate > DEGENERATE_MOST)
+            wrong = "part of it has no area in its texture coordinates";
+        else if (a->overlap > OVERLAP_MOST)
+            wrong = OVERLAPS;
+        else if ((double) b->claimed < COVERED_LEAST * a->width * a->height)
+            wrong = "its texture coordinates leave most of the map empty";
+        if (!wrong || b->p->charts == TS_CHARTS_UV)
+            return PELL_OK;
+    } else if (b->p->charts == TS_CHARTS_UV) {
+        return pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", wrong);
+    }
+    PELL_TRY(lay_out_planar(b, order));
+    if (wrong[0] && !a->scene->meshes[b->meshes[0]].uv[0])
+        pell_info(b->ctx, b->p->name, "%s: laid out in %d planar charts", wrong, a->num_charts);
+    else if (wrong[0])
+        pell_warn(b->ctx, b->p->name, "charts=planar says that this is as meant", "%s: laid out in %d planar charts", wrong, a->num_charts);
+    PELL_TRY(make_planes(b));
+    rasterize(b);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_params *params, struct ts_atlas **out)
+{
+    struct ts_atlas *a = pell_zalloc(ctx, sizeof(*a));
+    struct build b = { .ctx = ctx, .p = params, .a = a };
+    uint32_t *order = NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!a)
+        return PELL_ERR_NOMEM;
+    a->ctx = ctx;
+    a->scene = params->scene;
+    PELL_TRY(list_triangles(&b));
+    order = pell_alloc_array(ctx, 2 * (size_t) a->num_triangles + 1, sizeof(*order));
+    if (!order) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    PELL_TRY(lay_out(&b, order));
+    a->mm_per_texel = b.claimed > 0 ? sqrt(b.total_area / (double) b.claimed) : 1.0;
+    rescue(&b);
+    a->inner = b.claimed;
+    PELL_TRY(find_borders(&b));
+    PELL_TRY(find_runs(&b));
+    *out = a;
+    a = NULL;
+
+fail:
+    pell_topology_finish(&b.topology);
+    pell_free(ctx, b.meshes);
+    pell_free(ctx, b.area);
+    pell_free(ctx, order);
+    ts_atlas_destroy(&a);
+    return res;
+}

@@ -1,0 +1,298 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernels.c - the inner loops of the texture-space method; compiled once per level of base/simd.h. The mathematics is in README.md.
+ *
+ * Vectors are the compiler's generic ones, as wide as the machine's registers. All levels give the same bits: a texel's operations and
+ * their order do not depend on the width.
+ */
+#include "methods/texture_space/kernels.h"
+
+#include "base/simd.h"
+
+#include <math.h>
+#include <string.h>
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+#if defined(__AVX512F__)
+#define WIDTH 16
+#elif defined(__AVX__)
+#define WIDTH 8
+#else
+#define WIDTH 4
+#endif
+#define INLINE static inline __attribute__((always_inline))
+
+typedef float vf __attribute__((vector_size(4 * WIDTH)));
+typedef int32_t vi __attribute__((vector_size(4 * WIDTH)));
+
+INLINE vf load(const float *p)
+{
+    vf v;
+    memcpy(&v, p, sizeof(v));
+    return v;
+}
+
+INLINE void store(float *p, vf v)
+{
+    memcpy(p, &v, sizeof(v));
+}
+
+INLINE vf select(vi mask, vf a, vf b)
+{
+    return (vf) (((vi) a & mask) | ((vi) b & ~mask));
+}
+
+#if defined(__AVX512F__)
+#define root(v) ((vf) _mm512_sqrt_ps((__m512) (v)))
+#define lesser(a, b) ((vf) _mm512_min_ps((__m512) (a), (__m512) (b)))
+#define greater(a, b) ((vf) _mm512_max_ps((__m512) (a), (__m512) (b)))
+#elif defined(__AVX__)
+#define root(v) ((vf) _mm256_sqrt_ps((__m256) (v)))
+#define lesser(a, b) ((vf) _mm256_min_ps((__m256) (a), (__m256) (b)))
+#define greater(a, b) ((vf) _mm256_max_ps((__m256) (a), (__m256) (b)))
+#elif defined(__SSE2__)
+#define root(v) ((vf) _mm_sqrt_ps((__m128) (v)))
+#define lesser(a, b) ((vf) _mm_min_ps((__m128) (a), (__m128) (b)))
+#define greater(a, b) ((vf) _mm_max_ps((__m128) (a), (__m128) (b)))
+#else
+INLINE vf root(vf v)
+{
+    for (int l = 0; l < WIDTH; l++)
+        v[l] = sqrtf(v[l]);
+    return v;
+}
+
+INLINE vf lesser(vf a, vf b)
+{
+    return select(a < b, a, b);
+}
+
+INLINE vf greater(vf a, vf b)
+{
+    return select(a > b, a, b);
+}
+#endif
+
+/* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
+
+/* K(t) = k(t^2/32) - k(3.4^2/32), k(y) = ((1 - y + y^2/2))^16 ~ exp(-16 y), for |t| < 3.4. Its integral function differs by 0.002 from
+ * that of the Gaussian of its own variance, V = 0.969786. */
+#define Y_SHIFT 0.36125f /* 3.4^2/32 */
+#define K_END 0.00364057731f
+#define K_FALL 0.0303058276f /* V/32: y = K_FALL (distance/sigma)^2 */
+#define K_REACH 3.45255705f  /* 3.4/sqrt(V): the support in standard deviations */
+/* Under 0.6 texels a sampled Gaussian loses variance. Such a blur is the one of 0.6 texels, mixed with the texel as it is. */
+#define S2_MIN 0.36f
+#define S2_MIN_VARIANCE 0.347774418f /* that K, sampled at whole texels, has there */
+#define TAPS_MOST 4096
+
+INLINE vf kernel(vf y)
+{
+    const vf a = lesser(y, (vf){ 0 } + Y_SHIFT) - 1.0f;
+    vf k = (a * a + 1.0f) * 0.5f;
+
+    k *= k;
+    k *= k;
+    k *= k;
+    return k * k - K_END;
+}
+
+/* Variance in texels^2 that the chain has added where a texel is 1/density mm long; what reading the map adds is left out. */
+INLINE vf on_grid(float variance, vf density2, float grid)
+{
+    return greater(density2 * variance - grid, (vf){ 0 });
+}
+
+INLINE float on_grid1(float variance, float length, float grid)
+{
+    const float v = variance / (length * length) - grid;
+    return v > 0.0f ? v : 0.0f;
+}
+
+struct gathered {
+    vf weight, light[4];
+};
+
+/* The taps of one side: distances add up along the way, from texel to texel, as long as each is. */
+INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pace, int count, int axis, int planes, vf key, vf fall,
+                 struct gathered *g)
+{
+    vf last = load(w->length[axis] + at), distance = { 0 };
+
+    for (int j = 0; j < count; j++) {
+        vf here, weight;
+        at += step;
+        here = load(w->length[axis] + at);
+        distance += (last + here) * pace;
+        last = here;
+        weight = kernel(distance * distance * fall) * here;
+        weight = (vf) ((vi) weight & (load(w->key + at) == key));
+        g->weight += weight;
+        for (int c = 0; c < planes; c++)
+            g->light[c] += weight * load(w->from[c] + at);
+    }
+}
+
+/* The same up or down a line that leans; `x` is the block's. */
+INLINE void leaning_side(const struct ts_work *w, ptrdiff_t from, int x, int sign, int stride, float lean, int count, int planes, vf key,
+                         vf fall, struct gathered *g)
+{
+    const float pace = 0.5f * (float) stride;
+    vf last = load(w->length[1] + from), distance = { 0 };
+
+    for (int j = 1; j <= count; j++) {
+        const int py = sign * stride * j;
+        const float exact = -lean * (float) py;
+        const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
+        const ptrdiff_t at = from + px + py * w->stride;
+        vf here, weight;
+        if (x + px <= -TS_BLOCK || x + px >= w->width)
+            return;
+        here = load(w->length[1] + at);
+        distance += (last + here) * pace;
+        last = here;
+        weight = kernel(distance * distance * fall) * here;
+        weight = (vf) ((vi) weight & (load(w->key + at) == key));
+        g->weight += weight;
+        for (int c = 0; c < planes; c++)
+            g->light[c] += weight * load(w->from[c] + at);
+    }
+}
+
+/* `low` and `high`: texels that lie before and behind the block's along the axis, which taps may reach. */
+INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrdiff_t index, int x, int axis, int low, int high, int planes)
+{
+    const ptrdiff_t pitch = axis == 0 ? 1 : w->stride;
+    const float add_most = on_grid1(w->after, cell->least[axis], w->grid) - on_grid1(w->before, cell->least[axis], w->grid);
+    const float before = on_grid1(w->before, cell->most[axis], w->grid);
+    const float add_least = on_grid1(w->after, cell->most[axis], w->grid) - before;
+    const float smooth = before < add_least ? before : add_least;
+    float reach, space;
+    bool leans;
+    int stride, count;
+
+    if (!(add_most > 1e-4f)) {
+        for (int c = 0; c < planes; c++)
+            memcpy(w->to[c] + index, w->from[c] + index, TS_BLOCK * sizeof(float));
+        return;
+    }
+    reach = K_REACH * sqrtf(add_most > S2_MIN ? add_most : S2_MIN);
+    /* Taps may stand 1.5 standard deviations apart of what is blurred already. */
+    space = 1.5f * sqrtf(smooth);
+    stride = space >= 2.0f ? (space < 4096.0f ? (int) space : 4096) : 1;
+    count = reach < (float) (TAPS_MOST * stride) ? (int) (reach / (float) stride) : TAPS_MOST;
+    count = count > 0 ? count : 1;
+    leans = axis == 1 && fabsf(cell->lean) * reach >= 0.5f; /* under half a texel to the side all taps are upright */
+    low = low / stride < count ? low / stride : count;
+    high = high / stride < count ? high / stride : count;
+    for (int part = 0; part < TS_BLOCK; part += WIDTH) {
+        const ptrdiff_t at = index + part;
+        const vf zero = { 0 }, one = zero + 1.0f, key = load(w->key + at), length = load(w->length[axis] + at);
+        const vi there = length > zero;
+        const vf inverse = one / select(there, length, one), density2 = inverse * inverse;
+        const vf add = on_grid(w->after, density2, w->grid) - on_grid(w->before, density2, w->grid);
+        const vf fall = K_FALL * density2 / greater(add, zero + S2_MIN), mix = lesser(add * (1.0f / S2_MIN_VARIANCE), one);
+        struct gathered g;
+        vf scale, keep;
+
+        g.weight = select(there, length, one) * (1.0f - K_END);
+        for (int c = 0; c < planes; c++)
+            g.light[c] = g.weight * load(w->from[c] + at);
+        if (leans) {
+            leaning_side(w, at, x + part, -1, stride, cell->lean, low, planes, key, fall, &g);
+            leaning_side(w, at, x + part, 1, stride, cell->lean, high, planes, key, fall, &g);
+        } else {
+            side(w, at, -stride * pitch, 0.5f * (float) stride, low, axis, planes, key, fall, &g);
+            side(w, at, stride * pitch, 0.5f * (float) stride, high, axis, planes, key, fall, &g);
+        }
+        scale = mix / g.weight;
+        keep = one - mix;
+        for (int c = 0; c < planes; c++)
+            store(w->to[c] + at, g.light[c] * scale + keep * load(w->from[c] + at));
+    }
+}
+
+INLINE void add_to_sum(const struct ts_work *w, ptrdiff_t index)
+{
+    for (int part = 0; part < TS_BLOCK; part += WIDTH)
+        for (int c = 0; c < 3; c++)
+            store(w->sum[c] + index + part, load(w->sum[c] + index + part) + w->weight[c] * load(w->to[c] + index + part));
+}
+
+INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
+{
+    for (int b = from; b < to; b++) {
+        const struct ts_cell *cell = &w->cells[(ptrdiff_t) y * w->blocks + b];
+        const ptrdiff_t index = (ptrdiff_t) y * w->stride + b * TS_BLOCK;
+        const int low = axis == 0 ? b * TS_BLOCK + TS_BLOCK - 1 : y, high = axis == 0 ? w->width - 1 - b * TS_BLOCK : w->height - 1 - y;
+
+        if (!(cell->most[0] > 0.0f))
+            continue;
+        if (w->planes == 3)
+            blur_block(w, cell, index, b * TS_BLOCK, axis, low, high, 3);
+        else
+            blur_block(w, cell, index, b * TS_BLOCK, axis, low, high, 4);
+        if (axis == 1 && w->sum[0])
+            add_to_sum(w, index);
+    }
+}
+
+/* --- The paper's taps ---------------------------------------------------------------------------------------------------------- */
+
+/* Seven taps a standard deviation apart, between texels by linear interpolation; the stretch, texels per mm, is the last two planes. */
+static void seven(const struct ts_work *w, int y, int from, int to, int axis)
+{
+    static const float weights[4] = { 1.0f, 0.60653066f, 0.13533528f, 0.011108997f };
+    const ptrdiff_t pitch = axis == 0 ? 1 : w->stride;
+    const float span = sqrtf(w->after - w->before) * (1.0f / 0.99800f); /* sqrt(0.996), the taps' own */
+    const int most = axis == 0 ? w->width : w->height;
+
+    for (int x = from * TS_BLOCK; x < to * TS_BLOCK && x < w->width; x++) {
+        const ptrdiff_t at = (ptrdiff_t) y * w->stride + x;
+        const int here = axis == 0 ? x : y;
+        float all = 0.0f, sum[TS_PLANES] = { 0 }, spacing;
+
+        if (!(w->key[at] > 0.0f))
+            continue;
+        spacing = span * w->from[w->planes - 2 + axis][at];
+        spacing = spacing < 1e4f ? spacing : 1e4f;
+        for (int j = -3; j <= 3; j++) {
+            const float offset = (float) j * spacing, whole = floorf(offset), part = offset - whole;
+            for (int k = 0; k < 2; k++) {
+                const int step = (int) whole + k;
+                const float weight = weights[j < 0 ? -j : j] * (k ? part : 1.0f - part);
+                const ptrdiff_t tap = at + step * pitch;
+                if (here + step < 0 || here + step >= most || !(weight > 0.0f) || w->key[tap] != w->key[at])
+                    continue;
+                all += weight;
+                for (int c = 0; c < w->planes; c++)
+                    sum[c] += weight * w->from[c][tap];
+            }
+        }
+        for (int c = 0; c < w->planes; c++)
+            w->to[c][at] = sum[c] / all; /* the middle tap is always there */
+        for (int c = 0; axis == 1 && w->sum[0] && c < 3; c++)
+            w->sum[c][at] += w->weight[c] * w->to[c][at];
+    }
+}
+
+static void across(const struct ts_work *w, int y, int from, int to)
+{
+    if (w->planes > 4)
+        seven(w, y, from, to, 0);
+    else
+        blur(w, y, from, to, 0);
+}
+
+static void down(const struct ts_work *w, int y, int from, int to)
+{
+    if (w->planes > 4)
+        seven(w, y, from, to, 1);
+    else
+        blur(w, y, from, to, 1);
+}
+
+extern const struct ts_kernels PELL_SIMD(pell_ts_kernels);
+const struct ts_kernels PELL_SIMD(pell_ts_kernels) = { .across = across, .down = down };

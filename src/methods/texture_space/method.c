@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * method.c - diffusion in texture space with translucent shadow maps: E. d'Eon, D. Luebke, E. Enderton, "Efficient Rendering of Human
+ * Skin", Eurographics Symposium on Rendering, 2007.
+ *
+ *     M(C) = Sum_i w_i B_i(C) + Sum over lights Sum_i w_i exp(-d_i^2/(2 v_i)) fade_i B_i(A),      B_i = irradiance * G(v_i)
+ *
+ * The surface is laid out flat; each B_i is a pair of blurs of B_(i-1) there, as wide as the stretch of the layout asks. A is where light
+ * that comes through to C entered, d_i how thick it is there. What differs from the paper: README.md.
+ */
+#include "methods/texture_space/texture_space.h"
+
+#include <stddef.h>
+
+static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const charts_names[] = { "auto", "uv", "planar", NULL };
+static const char *const kernel_names[] = { "dense", "seven", NULL };
+static const char *const first_names[] = { "blurred", "unblurred", NULL };
+static const char *const tsm_names[] = { "ray", "map", "off", NULL };
+static const char *const through_names[] = { "slab", "gaussian", NULL };
+static const char *const lights_names[] = { "own", "sum", NULL };
+
+#define AT(field) offsetof(struct ts_knobs, field)
+static const struct pell_knob knobs[] = {
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { TS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "size", PELL_KNOB_INT, "texels", AT(size), { 1024 }, 16, 8192, NULL,
+      "side of the map of the largest thing; smaller things get smaller ones, of the same fineness" },
+    { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 6 }, 1, PELL_GAUSSIANS_MAX, NULL,
+      "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
+    { "charts", PELL_KNOB_ENUM, "1", AT(charts), { TS_CHARTS_AUTO }, 0, 0, charts_names,
+      "the layout: by the texture coordinates, or by planar charts; auto: planar where coordinates are missing, overlap or are of no use" },
+    { "border", PELL_KNOB_INT, "texels", AT(border), { -1 }, -1, 512, NULL,
+      "how far charts go on beyond their edges, over the neighbouring charts, so that blurs cross seams; 0: seams show; -1: as far as the "
+      "widest blur reaches, up to a tenth of the map" },
+    { "kernel", PELL_KNOB_ENUM, "1", AT(kernel), { TS_KERNEL_DENSE }, 0, 0, kernel_names,
+      "dense: taps at texels, weighed by their distance along the surface; seven: the paper's taps by the blurred stretch map" },
+    { "stretch", PELL_KNOB_BOOL, "1", AT(stretch), { 1 }, 0, 1, NULL,
+      "correct blurs by how the layout is stretched; off: one scale for the whole map, as before the paper" },
+    { "first", PELL_KNOB_ENUM, "1", AT(first), { TS_FIRST_BLURRED }, 0, 0, first_names,
+      "unblurred: light as the pixel receives it stands for the narrowest Gaussian" },
+    { "tsm", PELL_KNOB_ENUM, "1", AT(tsm), { TS_TSM_RAY }, 0, 0, tsm_names,
+      "where light that comes through entered: by rays, by the light's map, or leave it out" },
+    { "tsm-size", PELL_KNOB_INT, "px", AT(tsm_size), { 1024 }, 16, 8192, NULL, "side of the lights' maps" },
+    { "through", PELL_KNOB_ENUM, "1", AT(through), { TS_THROUGH_SLAB }, 0, 0, through_names,
+      "what comes through: as through a slab of the medium, or by the paper's sum of w exp(-d^2/(2 v)); Gaussians alone have no slab" },
+    { "lights", PELL_KNOB_ENUM, "1", AT(lights), { TS_LIGHTS_OWN }, 0, 0, lights_names,
+      "what comes through by a light's thickness: that light alone, or as in the paper the sum of all" },
+    { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
+    { "mix", PELL_KNOB_FLOAT, "1", AT(mix), { -1 }, -1, 1, NULL,
+      "share of the colour that acts on light going in; negative: the material's" },
+    { 0 },
+};
+#undef AT
+
+static void paper(void *values)
+{
+    struct ts_knobs *k = values;
+
+    k->as = TS_PAPER;
+    k->kernel = TS_KERNEL_SEVEN;
+    k->border = 0;
+    k->first = TS_FIRST_UNBLURRED;
+    k->tsm = TS_TSM_MAP;
+    k->through = TS_THROUGH_GAUSSIAN;
+    k->lights = TS_LIGHTS_SUM;
+    k->strength = false;
+    k->mix = 0.5f;
+}
+
+static void plan(const void *values, struct pell_plan *plan)
+{
+    const struct ts_knobs *k = values;
+
+    *plan = (struct pell_plan) { .needs = PELL_NEED_SCENE | PELL_NEED_HIT, .quantity = PELL_QUANTITY_EXITANCE, .mix = k->mix };
+    if (k->first == TS_FIRST_UNBLURRED)
+        plan->needs |= PELL_NEED_IRRADIANCE;
+}
+
+extern const struct pell_method pell_method_texture_space;
+const struct pell_method pell_method_texture_space = {
+    .kind = PELL_METHOD,
+    .name = "texture-space",
+    .title = "Diffusion in texture space with translucent shadow maps",
+    .cite = "Eugene d'Eon, David Luebke and Eric Enderton, Efficient Rendering of Human Skin, Eurographics Symposium on Rendering, 2007",
+    .limits = "Light moves along the surface, or straight through from where a light shines on it; what comes round or across a hollow "
+              "does not. An environment does not shine through thin parts.",
+    .knobs = knobs,
+    .knobs_size = sizeof(struct ts_knobs),
+    .paper = paper,
+    .plan = plan,
+    .cpu = &pell_ts_cpu,
+};

@@ -1,0 +1,240 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * profile.c - the chain of Gaussians that a material is blurred by, checked against the paper's rules, and what comes through by thickness.
+ */
+#include "methods/texture_space/texture_space.h"
+
+#include <pellucid/layers.h>
+
+#include <string.h>
+
+#define RATIO_MOST 4.0     /* of the variances of one blur and the next: section 5.1 */
+#define THROUGH_LEAST 1e-4 /* of the total: thicker parts are dark */
+#define SLAB_LEAST 0.1     /* mm, the range of the spec's tables */
+#define SLAB_MOST 50.0
+
+/* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */
+static void whiten(struct pell_gaussians *g)
+{
+    for (int c = 0; c < 3; c++) {
+        const double sum = pell_gaussians_total(g, c);
+        for (int i = 0; i < g->count; i++)
+            g->weight[i][c] = sum > 0.0 ? g->weight[i][c] / sum : (i == 0 ? 1.0 : 0.0);
+    }
+}
+
+/* l_min^2, mm^2; INFINITY where a profile says nothing of it. */
+static double narrowest(const struct pell_frame_material *m)
+{
+    double least = INFINITY;
+
+    for (int c = 0; c < 3 && m->gaussians.count == 0 && pell_medium_valid(&m->medium, NULL); c++) {
+        const double t = m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c];
+        if (m->medium.sigma_s_reduced[c] > 0.0)
+            least = fmin(least, 1.0 / (t * t));
+    }
+    return least;
+}
+
+static void put(struct ts_profile *p, double variance, const double *weight)
+{
+    if (p->count == TS_LEVELS)
+        return;
+    p->variance[p->count] = variance;
+    for (int c = 0; c < 3; c++)
+        p->weight[p->count][c] = weight ? weight[c] : 0.0;
+    p->added += weight == NULL;
+    p->count++;
+}
+
+/* Gaussian i is valid only if v_1 <= l_min^2 and v_i <= 4 v_(i-1): blurs without weight are put where that does not hold. */
+static void make_chain(const struct pell_gaussians *g, double narrow, struct ts_profile *p)
+{
+    const int room = (TS_LEVELS - g->count) / (g->count > 0 ? g->count : 1);
+
+    for (int i = 0; i < g->count; i++) {
+        const double before = i > 0 ? g->variance[i - 1] : fmin(narrow, g->variance[0]), ratio = g->variance[i] / before;
+        int steps = ratio > RATIO_MOST * 1.0001 ? (int) ceil(log(ratio) / log(RATIO_MOST) - 1e-9) : 1;
+        steps = steps - 1 < room ? steps : room + 1;
+        if (i == 0 && ratio > 1.0001 && steps <= room)
+            put(p, before, NULL);
+        for (int k = 1; k < steps; k++)
+            put(p, before * pow(ratio, (double) k / steps), NULL);
+        put(p, g->variance[i], g->weight[i]);
+    }
+}
+
+static double gaussian_through(const struct ts_profile *p, int channel, double d)
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < p->count; i++)
+        sum += p->weight[i][channel] * exp(-d * d / (2.0 * p->variance[i]));
+    return sum;
+}
+
+/* Where less than THROUGH_LEAST of a channel's total comes through. */
+static double gaussian_end(const struct ts_profile *p)
+{
+    double far = 0.0;
+
+    for (int c = 0; c < 3; c++) {
+        const double total = gaussian_through(p, c, 0.0);
+        double low = 0.0, high = 6.0 * p->widest;
+        for (int i = 0; total > 0.0 && i < 50; i++) {
+            const double mid = 0.5 * (low + high);
+            if (gaussian_through(p, c, mid) > THROUGH_LEAST * total)
+                low = mid;
+            else
+                high = mid;
+        }
+        far = fmax(far, total > 0.0 ? high : 0.0);
+    }
+    return far;
+}
+
+static void slab_of(const struct pell_frame_material *m, double d, struct pell_stack *stack)
+{
+    memset(stack, 0, sizeof(*stack));
+    stack->count = 1;
+    for (int c = 0; c < 3; c++) {
+        stack->layer[0].sigma_a[c] = m->medium.sigma_a[c];
+        stack->layer[0].sigma_s_reduced[c] = m->medium.sigma_s_reduced[c];
+    }
+    stack->layer[0].eta = m->medium.eta;
+    stack->layer[0].thickness = d;
+}
+
+static double slab_total(const struct pell_frame_material *m, int channel, double d)
+{
+    struct pell_stack stack;
+    double out[PELL_STACK_PARTS];
+
+    slab_of(m, d, &stack);
+    return pell_stack_totals(&stack, channel, out, NULL) == PELL_OK ? fmax(out[PELL_STACK_T_PLUS], 0.0) : 0.0;
+}
+
+/* Spreads T(r; d) over the chain's variances: the total stays, and the second moment wherever the variances reach. */
+static enum pell_result slab_row(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_profile *p, double d,
+                                 struct pell_stack_sets *sets, void *workspace, size_t size, float share[TS_LEVELS][3])
+{
+    double target[TS_LEVELS], out[TS_LEVELS];
+    int level[TS_LEVELS], targets = 0;
+
+    for (int i = 0; i < p->count; i++) {
+        bool any = false;
+        for (int c = 0; c < 3; c++)
+            any |= p->weight[i][c] > 0.0;
+        if (any) {
+            level[targets] = i;
+            target[targets++] = p->variance[i];
+        }
+    }
+    for (int c = 0; c < 3; c++) {
+        const double total = slab_total(m, c, d);
+        struct pell_stack stack;
+        double sum = 0.0;
+        slab_of(m, d, &stack);
+        for (int i = 0; i < p->count; i++)
+            share[i][c] = 0.0f;
+        if (!(total > 0.0))
+            continue;
+        if (pell_stack_gaussians(&stack, c, NULL, workspace, size, sets) != PELL_OK)
+            return pell_error(ctx, PELL_ERR_INVALID, m->name, "through=gaussian", "has no slab of %g mm", d);
+        pell_gaussian_set_reduce(sets->variance, sets->weight[PELL_STACK_T_PLUS], (size_t) sets->count, target, (size_t) targets, out);
+        for (int i = 0; i < targets; i++)
+            sum += out[i] > 0.0 ? out[i] : 0.0;
+        for (int i = 0; i < targets; i++)
+            share[level[i]][c] = sum > 0.0 && out[i] > 0.0 ? (float) (out[i] / sum * total) : 0.0f;
+    }
+    return PELL_OK;
+}
+
+/* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is what comes through. */
+static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, struct ts_profile *p)
+{
+    const size_t size = pell_stack_workspace_size(NULL);
+    struct pell_stack_sets *sets = pell_alloc(ctx, sizeof(*sets));
+    void *workspace = pell_alloc(ctx, size);
+    double low = SLAB_LEAST, high = SLAB_MOST;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    p->share = pell_calloc(ctx, TS_THICK, sizeof(*p->share));
+    if (!sets || !workspace || !p->share)
+        goto fail;
+    for (int i = 0; i < 40; i++) {
+        const double mid = 0.5 * (low + high);
+        double most = 0.0;
+        for (int c = 0; c < 3; c++)
+            most = fmax(most, slab_total(m, c, mid));
+        if (most > THROUGH_LEAST)
+            low = mid;
+        else
+            high = mid;
+    }
+    p->thickest = high;
+    for (int k = 0; k < TS_THICK; k++) {
+        const double f = (double) k / (TS_THICK - 1), d = fmax(p->thickest * f * f, 1e-2 * SLAB_LEAST);
+        PELL_TRY(slab_row(ctx, m, p, d, sets, workspace, size, p->share[k]));
+        for (int c = 0; c < 3 && m->white; c++) {
+            const double total = pell_profile_total(&m->profile[c]);
+            for (int i = 0; i < p->count; i++)
+                p->share[k][i][c] = total > 0.0 ? (float) ((double) p->share[k][i][c] / total) : 0.0f;
+        }
+    }
+    p->slab = true;
+    res = PELL_OK;
+
+fail:
+    pell_free(ctx, workspace);
+    pell_free(ctx, sets);
+    return res;
+}
+
+enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs,
+                                 struct ts_profile *out)
+{
+    const struct pell_fit_params params = { .count = knobs->gaussians };
+    struct pell_gaussians g = m->gaussians;
+
+    memset(out, 0, sizeof(*out));
+    if (g.count == 0 && pell_fit_profiles(m->profile, &params, &g, NULL) != PELL_OK)
+        return pell_error(ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or ask for fewer Gaussians",
+                          "no sum of %d Gaussians fits this material's profile", params.count);
+    if (m->white)
+        whiten(&g);
+    make_chain(&g, narrowest(m), out);
+    if (out->count == 0)
+        return PELL_OK;
+    if (out->added > 0)
+        pell_debug(ctx, m->name, "%d blurs without weight keep the ratio of variances at most %g", out->added, RATIO_MOST);
+    out->widest = sqrt(out->variance[out->count - 1]);
+    out->thickest = gaussian_end(out);
+    if (knobs->through == TS_THROUGH_SLAB && knobs->tsm != TS_TSM_OFF && m->gaussians.count == 0 && isfinite(narrowest(m)))
+        return make_slabs(ctx, m, out);
+    return PELL_OK;
+}
+
+void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p)
+{
+    pell_free(ctx, p->share);
+    p->share = NULL;
+}
+
+void ts_profile_through(const struct ts_profile *p, int i, float d, float opposed, float share[3])
+{
+    const float v = (float) p->variance[i], e = d * d < 80.0f * v ? expf(-d * d / (2.0f * v)) : 0.0f;
+
+    for (int c = 0; c < 3; c++)
+        share[c] = (float) p->weight[i][c] * e;
+    if (!p->slab)
+        return;
+    for (int c = 0; c < 3; c++)
+        share[c] *= 1.0f - opposed;
+    if (d < (float) p->thickest) {
+        const float f = sqrtf(d / (float) p->thickest) * (TS_THICK - 1);
+        const int row = f < (float) (TS_THICK - 2) ? (int) f : TS_THICK - 2;
+        for (int c = 0; c < 3; c++)
+            share[c] += opposed * (p->share[row][i][c] + (f - (float) row) * (p->share[row + 1][i][c] - p->share[row][i][c]));
+    }
+}

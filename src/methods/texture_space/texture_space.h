@@ -1,0 +1,192 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * texture_space.h - what the files of this method share. Its only symbol for others is pell_method_texture_space.
+ */
+#ifndef PELL_TEXTURE_SPACE_H
+#define PELL_TEXTURE_SPACE_H
+
+#include "methods/texture_space/kernels.h"
+#include "render/renderer.h"
+
+#include <pellucid/method.h>
+
+enum ts_as { TS_BEST, TS_PAPER };
+enum ts_charts { TS_CHARTS_AUTO, TS_CHARTS_UV, TS_CHARTS_PLANAR };
+enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN };
+enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
+enum ts_form { TS_TSM_RAY, TS_TSM_MAP, TS_TSM_OFF };
+enum ts_through { TS_THROUGH_SLAB, TS_THROUGH_GAUSSIAN };
+enum ts_lights { TS_LIGHTS_OWN, TS_LIGHTS_SUM };
+
+struct ts_knobs {
+    int as;        /* enum ts_as */
+    int size;      /* texels */
+    int gaussians;
+    int charts;    /* enum ts_charts */
+    int border;    /* texels */
+    int kernel;    /* enum ts_kernel */
+    bool stretch;
+    int first;     /* enum ts_first */
+    int tsm;       /* enum ts_form */
+    int tsm_size;  /* px */
+    int through;   /* enum ts_through */
+    int lights;    /* enum ts_lights */
+    bool strength;
+    float mix;     /* negative: each material's own */
+};
+
+/* --- atlas.c: a body's surface laid out flat --------------------------------------------------------------------------------------- */
+
+struct ts_triangle {
+    uint32_t mesh, triangle;
+};
+
+/* A place that texels are read at: the four around it, by the texel of the lower left one. */
+struct ts_place {
+    int32_t at;        /* index of the texel; -1: none */
+    float key;         /* of its chart */
+    float fx, fy;      /* [0, 1] */
+};
+
+/* A texel beside its chart, which stands for a point of another: what is there is the mean of four texels there. */
+struct ts_border {
+    int32_t at, from;  /* the texel that is filled; the lower left one of the four */
+    float weight[4];   /* that sum to one; 0 for those that are not the chart's own */
+};
+
+struct ts_run {
+    int16_t from, to; /* blocks */
+};
+
+struct ts_atlas {
+    struct pell_context *ctx;
+    const struct pell_scene *scene; /* borrowed */
+    uint32_t num_triangles;
+    struct ts_triangle *triangles;  /* numbered through the body's meshes */
+    uint32_t *first;                /* per scene mesh: its first triangle's number; UINT32_MAX: not of this body */
+    float (*corners)[6];            /* per triangle: x, y of its corners, in texels; a texel's middle is at + 1/2 */
+    int32_t *chart;                 /* per triangle: 1, 2, ...; 0: it has no area */
+    uint32_t *twin;                 /* per half-edge 3 t + k, from corner k to the next: the one across, or UINT32_MAX */
+    bool planar;                    /* its charts are our own */
+    int num_charts;
+    /* Texels: plane[y * stride + x], with TS_MARGIN texels without chart left and right. */
+    int width, height, blocks;
+    ptrdiff_t stride;
+    size_t size;                    /* floats of a plane */
+    float *key;                     /* chart, 0: none; origin at texel (0, 0), as all planes */
+    uint32_t *source;               /* per texel of a chart: the triangle; UINT32_MAX: none */
+    float *bary[2];
+    float *length[2];               /* mm from texel to texel along x, and at right angles to that; 0 without chart */
+    float *lean;                    /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
+    int64_t inner;                  /* texels of charts, borders apart */
+    struct ts_border *borders;
+    size_t num_borders;
+    struct ts_run *runs;            /* blocks that hold anything, row by row */
+    int *first_run;                 /* per row, height + 1 */
+    struct ts_cell *cells;          /* per block of a row */
+    double mm_per_texel;            /* mean */
+    double overlap, degenerate;     /* shares that speak against a layout */
+};
+
+struct ts_atlas_params {
+    const struct pell_scene *scene;
+    const struct pell_bodies *bodies;
+    size_t body;
+    const char *name; /* for messages */
+    int size, border, charts;
+};
+
+PELL_NODISCARD enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_params *params, struct ts_atlas **out);
+void ts_atlas_destroy(struct ts_atlas **atlas);
+/* Where a point of a triangle (number and barycentrics) lies. */
+struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t triangle, float u, float v);
+/* Goes `way` (mm, in the triangle's plane) from a point straight on over the surface, around its edges. False where it ends. */
+bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 way);
+/* Mean of the four texels that are of the place's chart, weighted by nearness; false: there is none. `planes` begin at texel (0, 0). */
+static inline bool ts_read(const struct ts_atlas *a, const struct ts_place *p, const float *const *planes, int count, float *out)
+{
+    const ptrdiff_t at[4] = { p->at, p->at + 1, p->at + a->stride, p->at + a->stride + 1 };
+    const float w[4] = { (1.0f - p->fx) * (1.0f - p->fy), p->fx * (1.0f - p->fy), (1.0f - p->fx) * p->fy, p->fx * p->fy };
+    float sum = 0.0f;
+
+    for (int c = 0; c < count; c++)
+        out[c] = 0.0f;
+    if (p->at < 0)
+        return false;
+    for (int i = 0; i < 4; i++)
+        if (a->key[at[i]] == p->key && w[i] > 0.0f) {
+            sum += w[i];
+            for (int c = 0; c < count; c++)
+                out[c] += w[i] * planes[c][at[i]];
+        }
+    if (!(sum > 0.0f))
+        return false;
+    for (int c = 0; c < count; c++)
+        out[c] /= sum;
+    return true;
+}
+
+/* --- profile.c: the Gaussians of a material ------------------------------------------------------------------------------------------ */
+
+#define TS_LEVELS 32 /* blurs of a chain, those without weight included */
+#define TS_THICK 96  /* rows of a table over thickness */
+
+struct ts_profile {
+    int count;
+    double variance[TS_LEVELS];  /* mm^2, rising */
+    double weight[TS_LEVELS][3]; /* 0: only for the ratio */
+    int added;                   /* that have no weight */
+    double widest;               /* sqrt of the last variance, mm */
+    double thickest;             /* mm: beyond it nothing comes through */
+    bool slab;                   /* a table is there */
+    /* Share of level i of what comes through a slab d = thickest (row/(TS_THICK - 1))^2 mm thick. */
+    float (*share)[TS_LEVELS][3];
+};
+
+PELL_NODISCARD enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs,
+                                                struct ts_profile *out);
+void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
+/* What level `i` brings from behind through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, 0 none. */
+void ts_profile_through(const struct ts_profile *p, int i, float d, float opposed, float share[3]);
+
+/* --- tsm.c: where light that comes through enters ------------------------------------------------------------------------------------- */
+
+struct ts_through_texel {
+    int32_t at;            /* the texel C */
+    struct ts_place from;  /* A */
+    float apart;           /* mm from C to A: along the surface in one chart, else through space */
+    float opposed;         /* how far the normals at A and C oppose, [0, 1] */
+    bool round;            /* `apart` is along the surface */
+    float share[3];        /* of the level that is being made */
+};
+
+struct ts_tsm {
+    struct ts_through_texel *texels; /* room for all */
+    size_t count;
+    int *first, *count_of;           /* per row, while it is made */
+    void *map;
+};
+
+struct ts_tsm_params {
+    struct pell_renderer *r;
+    const struct pell_bodies *bodies;
+    int32_t body;
+    const struct ts_atlas *atlas;
+    const struct pell_light *light;
+    int form, size;   /* enum ts_form; of the map, px */
+    double thickest;  /* mm */
+    double falloff;   /* mm: alpha is exp(-d/falloff) */
+};
+
+/* Room for any of these atlases. Finish it also after a failure. `map_size` 0: none. */
+PELL_NODISCARD enum pell_result ts_tsm_allocate(struct pell_context *ctx, const struct ts_atlas *const *atlases, size_t count, int map_size,
+                                                struct ts_tsm *out);
+void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm);
+/* Before the first light of an atlas. */
+void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm);
+/* Fills `alpha` at all texels of charts (0: nothing comes through) and lists those that light comes through. Allocates nothing. */
+PELL_NODISCARD enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays);
+
+extern const struct pell_method_engine pell_ts_cpu;
+
+#endif

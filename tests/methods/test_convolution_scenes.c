@@ -1,0 +1,207 @@
+/* SPDX-License-Identifier: MIT
+ * test_convolution_scenes.c - the convolution method on whole scenes: what lies behind, bodies, planes that move. */
+#include "stage.h"
+
+#include "render/renderer.h"
+
+static const char *const fine[] = { "density=8", NULL };
+
+/* Mean over pixels that are covered whole; with `other`, the root mean square of the difference, too. */
+static double mean_of(const struct shot *a, const struct shot *other, double *rms)
+{
+    double sum = 0.0, square = 0.0;
+    int n = 0;
+
+    for (int y = 0; y < a->height; y++)
+        for (int x = 0; x < a->width; x++)
+            for (size_t c = 0; c < 3 && shot_at(a, SHOT_A, x, y) >= 1.0; c++) {
+                const double v = shot_at(a, c, x, y), e = other ? v - shot_at(other, c, x, y) : 0.0;
+                sum += v;
+                square += e * e;
+                n++;
+            }
+    if (rms)
+        *rms = sqrt(square / n);
+    return sum / n;
+}
+
+/* 0: a ball lit from the side; 1: two balls grown together, a concave thing; 2: a sheet, lit from behind. */
+static void thing(struct stage *s, int which, int size)
+{
+    size_t m;
+
+    stage_start(s, size, size);
+    stage_gaussians(s, 0.5, &m);
+    if (which == 1) {
+        stage_ball(s, m, 0, vec3(-4, 0, 2), 6.0f, 48);
+        stage_ball(s, m, 0, vec3(4, 0, -2), 6.0f, 48);
+    } else if (which == 2) {
+        stage_box(s, m, 0, vec3(-8, -8, -1.5), vec3(8, 8, 0));
+    } else {
+        stage_ball(s, m, 0, vec3(0, 0, 0), 6.0f, 64);
+    }
+    stage_light(s, PELL_LIGHT_POINT, which == 2 ? vec3(10, 10, -60) : vec3(60, 40, 5), vec3(0, 0, 0), 5e-3f);
+    stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.17f, 0.0f);
+}
+
+static void more_planes_come_nearer_to_the_whole_surface(void **state)
+{
+    static const char *const names[] = { "ball", "two balls in one", "sheet lit from behind" };
+    static const double bounds[3][2] = { { 0.06, 0.15 }, { 0.06, 0.2 }, { 0.03, 0.06 } }; /* of the mean, of the root mean square */
+
+    (void) state;
+    for (int k = 0; k < 3; k++) {
+        struct stage s;
+        struct shot whole, paper;
+        double truth, rms, mean;
+        static const char *const printed[] = { "as=paper", "resolution=1", NULL };
+        thing(&s, k, 64);
+        whole = stage_shot_of(&s, "hierarchical", fine);
+        truth = mean_of(&whole, NULL, NULL);
+        paper = stage_shot_of(&s, "convolution", printed);
+        mean = mean_of(&paper, &whole, &rms);
+        print_message("# %s: as printed %.3f of hierarchical's light (rms %.3f);", names[k], mean / truth, rms / truth);
+        shot_free(&paper);
+        for (int planes = 2; planes <= 16; planes *= 2) {
+            char text[32];
+            const char *const form[] = { text, "surfaces=4", "behind-step=1", NULL };
+            struct shot shot;
+            double e;
+            snprintf(text, sizeof(text), "planes=%d", planes);
+            shot = stage_shot_of(&s, "convolution", form);
+            mean = mean_of(&shot, &whole, &e);
+            print_message(" %d planes %.3f (%.3f)", planes, mean / truth, e / truth);
+            if (planes == 16)
+                REQUIRE(e < rms && fabs(mean / truth - 1.0) < bounds[k][0] && e < bounds[k][1] * truth);
+            shot_free(&shot);
+        }
+        print_message("\n");
+        shot_free(&whole);
+        stage_finish(&s);
+    }
+}
+
+/* No light goes from one object to another, though they touch. */
+static void light_stays_in_its_object(void **state)
+{
+    double seen[2];
+
+    (void) state;
+    for (int object = 0; object < 2; object++) {
+        struct stage s;
+        struct shot shot;
+        size_t m;
+        stage_start(&s, 16, 16);
+        stage_gaussians(&s, 0.5, &m);
+        stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(0, 10, 0));
+        stage_box(&s, m, object, vec3(0, -10, -4), vec3(10, 10, 0));
+        stage_light(&s, PELL_LIGHT_SPOT, vec3(5, 0, 30), vec3(5, 0, 0), 3e-3f);
+        s.scene->lights[0].cos_inner = 0.995f;
+        s.scene->lights[0].cos_outer = 0.99f; /* lights x > 0 only */
+        stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 16.0f);
+        shot = stage_shot_of(&s, "convolution", NULL);
+        seen[object] = shot_at(&shot, 0, 6, 8);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# %g through one object, %g from another\n", seen[0], seen[1]);
+    REQUIRE(seen[0] > 1e-3);
+    assert_true(seen[1] == 0.0);
+}
+
+static void any_number_of_threads_gives_the_same_bits(void **state)
+{
+    struct shot first = { 0 };
+
+    (void) state;
+    for (int threads = 1; threads <= 3; threads++) {
+        struct stage s;
+        struct shot shot;
+        size_t m;
+        stage_start_threads(&s, 70, 50, threads);
+        s.settings.msaa = 2;
+        stage_gaussians(&s, 0.5, &m);
+        stage_ball(&s, m, 0, vec3(-4, 0, 2), 6.0f, 24);
+        stage_ball(&s, m, 1, vec3(4, 0, -2), 6.0f, 24);
+        stage_light(&s, PELL_LIGHT_POINT, vec3(60, 40, 5), vec3(0, 0, 0), 5e-3f);
+        stage_sky(&s, 0.2f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.2f, 0.0f);
+        shot = stage_shot_of(&s, "convolution", NULL);
+        shot_check(&shot);
+        if (first.data) {
+            assert_true(shot_equal(&first, &shot));
+            shot_free(&shot);
+        } else {
+            first = shot;
+        }
+        stage_finish(&s);
+    }
+    shot_free(&first);
+}
+
+/* The camera goes round a box: planes slide through it. The mean light must go as smoothly as that of what they stand for. */
+static void planes_slide_without_popping(void **state)
+{
+    enum { FRAMES = 12 };
+    double jump[2] = { 0.0, 0.0 };
+
+    (void) state;
+    for (int method = 0; method < 2; method++) {
+        struct stage s;
+        double mean[FRAMES];
+        size_t m;
+        stage_start(&s, 48, 48);
+        stage_gaussians(&s, 0.5, &m);
+        stage_box(&s, m, 0, vec3(-6, -4, -3), vec3(6, 4, 3));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(30, 40, 60), vec3(0, 0, 0), 2.0f);
+        for (int i = 0; i < FRAMES; i++) {
+            const double a = 0.3 + 0.01 * i;
+            struct shot shot;
+            stage_camera(&s, vec3(100.0f * (float) sin(a), 30.0f, 100.0f * (float) cos(a)), vec3(0, 0, 0), 0.17f, 0.0f);
+            if (i == 0)
+                stage_method(&s, method ? "convolution" : "hierarchical", NULL);
+            shot = stage_shot(&s);
+            mean[i] = mean_of(&shot, NULL, NULL);
+            shot_free(&shot);
+        }
+        for (int i = 1; i + 1 < FRAMES; i++)
+            jump[method] = fmax(jump[method], fabs(mean[i + 1] - 2.0 * mean[i] + mean[i - 1]) / mean[i]);
+        stage_finish(&s);
+    }
+    print_message("# half a degree a frame: the mean light bends by %.5f at most, hierarchical's by %.5f\n", jump[1], jump[0]);
+    REQUIRE(jump[1] < 0.005);
+}
+
+static void a_frame_allocates_nothing(void **state)
+{
+    struct stage s;
+    uint64_t before;
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 60, 40);
+    stage_gaussians(&s, 0.5, &m);
+    stage_ball(&s, m, 0, vec3(0, 0, 0), 6.0f, 24);
+    stage_light(&s, PELL_LIGHT_POINT, vec3(60, 40, 5), vec3(0, 0, 0), 5e-3f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.17f, 0.0f);
+    stage_method(&s, "convolution", NULL);
+    stage_render(&s);
+    before = pell_allocations(s.ctx);
+    stage_camera(&s, vec3(20, 5, 90), vec3(0, 1, 0), 0.17f, 0.0f);
+    stage_render(&s);
+    assert_int_equal(pell_allocations(s.ctx), before);
+    stage_finish(&s);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(more_planes_come_nearer_to_the_whole_surface),
+        cmocka_unit_test(light_stays_in_its_object),
+        cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
+        cmocka_unit_test(planes_slide_without_popping),
+        cmocka_unit_test(a_frame_allocates_nothing),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,732 @@
+/* SPDX-License-Identifier: MIT
+ * test_texture_space.c - the texture-space method on whole scenes: blurs against closed forms, layouts good and bad, seams, and light that
+ * comes through. */
+#include "stage.h"
+
+#include <pellucid/layers.h>
+
+#define HALF 30.0f /* of the sheets, mm */
+
+/* With the margin of the borders 256 texels are left for a layout, and what is lit ends between texels. */
+static const char *const plain[] = { "size=308", "border=24", "tsm=off", NULL };
+static const double width_of[3] = { 1.0, 2.0, 4.0 }, weight_of[3][3] = { { 0.1, 0.2, 0.3 }, { 0.3, 0.2, 0.1 }, { 0.4, 0.3, 0.2 } };
+
+static double normal_cdf(double x)
+{
+    return 0.5 * erfc(-x / sqrt(2.0));
+}
+
+/* --- Sheets with layouts of any kind, lit but for the quadrant x < 0, y < 0 ------------------------------------------------------- */
+
+enum layout { GOOD, SQUEEZED, UNEVEN, ROTATED, SHEARED, CUT, LAYOUTS };
+static const char *const layout_names[LAYOUTS] = { "good", "squeezed", "uneven", "rotated", "sheared", "cut into charts" };
+
+/* Where a point of the sheet, in [-1, 1]^2, lies in the layout; `part`: which quadrant it is seen as part of. */
+static void lay_out(enum layout layout, double x, double y, int part, float uv[2])
+{
+    static const double turn[4] = { 0.0, 0.5 * PELL_PI, PELL_PI, 0.7 };
+    double u = 0.5 + 0.5 * x, v = 0.5 - 0.5 * y;
+
+    if (layout == SQUEEZED) {
+        v = 0.25 * v;
+    } else if (layout == UNEVEN) {
+        u = 0.5 + 0.5 * x + 0.1 * sin(PELL_PI * x); /* from 0.37 to 1.63 times the mean */
+        v = 0.5 - 0.5 * y - 0.1 * sin(PELL_PI * y);
+    } else if (layout == ROTATED) {
+        u = cos(0.5) * x - sin(0.5) * y;
+        v = sin(0.5) * x + cos(0.5) * y;
+    } else if (layout == SHEARED) {
+        u = 0.5 * x + 0.25 * y;
+        v = 0.5 * y;
+    } else if (layout == CUT) { /* quadrants apart, each turned its own way */
+        const double cx = part % 2 ? 0.5 : -0.5, cy = part / 2 ? 0.5 : -0.5, c = cos(turn[part]), s = sin(turn[part]);
+        u = (part % 2 ? 1.0 : -1.0) + c * (x - cx) - s * (y - cy);
+        v = (part / 2 ? 1.0 : -1.0) + s * (x - cx) + c * (y - cy);
+    }
+    uv[0] = (float) u;
+    uv[1] = (float) v;
+}
+
+/* A sheet of 16 x 16 cells, facing +z. Quadrants of a cut layout have vertices of their own. */
+static struct pell_mesh *sheet(struct stage *s, size_t material, enum layout layout)
+{
+    const int n = 16;
+    struct pell_mesh *m = shapes_mesh(s->scene, material, (uint32_t) (4 * n * n), (uint32_t) (2 * n * n));
+
+    m->uv[0] = pell_calloc(s->ctx, (size_t) (4 * n * n), 2 * sizeof(float));
+    assert_non_null(m->uv[0]);
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++) {
+            const uint32_t first = (uint32_t) (4 * (j * n + i));
+            uint32_t *index = m->index + 6 * (j * n + i);
+            for (uint32_t k = 0; k < 4; k++) {
+                const double x = -1.0 + 2.0 * (i + (k == 1 || k == 2)) / n, y = -1.0 + 2.0 * (j + (k >= 2)) / n;
+                vec3_store(vec3(HALF * (float) x, HALF * (float) y, 0.0f), m->position + 3 * (first + k));
+                vec3_store(vec3(0, 0, 1), m->normal + 3 * (first + k));
+                lay_out(layout, x, y, 2 * (j >= n / 2) + (i >= n / 2), m->uv[0] + 2 * (first + k));
+            }
+            for (uint32_t k = 0; k < 6; k++)
+                index[k] = first + ((const uint32_t[]){ 0, 1, 2, 0, 2, 3 })[k];
+        }
+    shapes_bound(s->scene, m);
+    return m;
+}
+
+/* `edge`: how far the shadow's corner lies from the middle, where a cut layout is cut. */
+static void quadrant(struct stage *s, enum layout layout, int size, float edge)
+{
+    size_t m, opaque;
+
+    stage_start(s, size, size);
+    stage_gaussians(s, 0.5, &m);
+    stage_opaque(s, 0.5f, &opaque);
+    sheet(s, m, layout);
+    shapes_quad(s->scene, opaque, vec3(edge - 50, edge - 50, 50), vec3(50, 0, 0), vec3(0, 50, 0));
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 100), vec3(0, 0, 0), 1.0f);
+    stage_camera(s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 24.0f);
+}
+
+/* Largest and root mean square difference from the convolution, over the step: of pixels within `near` mm of a seam (x = 0 or y = 0), or
+ * further from both. */
+static void quadrant_error(const struct shot *shot, double edge, double near, double largest[2], double rms[2])
+{
+    int n[2] = { 0 };
+
+    largest[0] = largest[1] = rms[0] = rms[1] = 0.0;
+    for (int y = 0; y < shot->height; y++)
+        for (int x = 0; x < shot->width; x++) {
+            const double px = ((x + 0.5) / shot->width - 0.5) * 24.0, py = (0.5 - (y + 0.5) / shot->height) * 24.0;
+            const int far = fmin(fabs(px), fabs(py)) > near;
+            for (size_t c = 0; c < 3; c++) {
+                double expected = 0.0, e, total = 0.0;
+                for (int i = 0; i < 3; i++) {
+                    expected += weight_of[i][c] * (1.0 - normal_cdf((edge - px) / width_of[i]) * normal_cdf((edge - py) / width_of[i]));
+                    total += weight_of[i][c];
+                }
+                e = fabs(shot_at(shot, c, x, y) * PELL_PI - expected) / total;
+                largest[far] = fmax(largest[far], e);
+                rms[far] += e * e;
+                n[far]++;
+            }
+        }
+    for (int k = 0; k < 2; k++)
+        rms[k] = n[k] ? sqrt(rms[k] / n[k]) : 0.0;
+}
+
+static void quadrant_of(enum layout layout, const char *const *knobs, double edge, double near, double largest[2], double rms[2])
+{
+    struct stage s;
+    struct shot shot;
+
+    quadrant(&s, layout, 48, (float) edge);
+    shot = stage_shot_of(&s, "texture-space", knobs);
+    quadrant_error(&shot, edge, near, largest, rms);
+    shot_free(&shot);
+    stage_finish(&s);
+}
+
+static void a_sheet_lit_in_part_is_the_convolution(void **state)
+{
+    static const char *const fine[] = { "size=564", "border=24", "tsm=off", NULL };
+    double largest[2], rms[2], finer[2], unused[2];
+
+    (void) state;
+    quadrant_of(GOOD, plain, 0.0, 1e9, largest, rms);
+    quadrant_of(GOOD, fine, 0.0, 1e9, finer, unused);
+    print_message("# 256 texels over 60 mm: %.4f of the step off at most, %.4f rms; 512: %.4f\n", largest[0], rms[0], finer[0]);
+    REQUIRE(largest[0] < 0.01 && rms[0] < 0.002);
+    REQUIRE(finer[0] < 0.006);
+}
+
+/* The sheared sheet's axes are not at right angles: a blur straight along them is not round, and that shows with the paper's taps. */
+static void layouts_of_all_kinds_give_one_picture(void **state)
+{
+    static const double most[LAYOUTS] = { 0.005, 0.01, 0.005, 0.01, 0.04, 0.03 };
+    static const char *const uncorrected[] = { "size=308", "border=24", "tsm=off", "stretch=off", NULL };
+
+    (void) state;
+    for (int k = 0; k < LAYOUTS; k++) {
+        double largest[2], rms[2];
+        quadrant_of((enum layout) k, plain, 0.0, 1e9, largest, rms);
+        print_message("# %s: %.4f at most, %.4f rms\n", layout_names[k], largest[0], rms[0]);
+        REQUIRE(largest[0] < most[k]);
+        if (k == SHEARED) {
+            static const char *const seven[] = { "size=308", "border=24", "tsm=off", "kernel=seven", NULL };
+            double along[2], unused[2];
+            quadrant_of(SHEARED, seven, 0.0, 1e9, along, unused);
+            print_message("#   straight along the axes %.4f\n", along[0]);
+            REQUIRE(along[0] > 2.0 * largest[0]);
+        }
+        if (k == SQUEEZED || k == UNEVEN) {
+            double off[2], unused[2];
+            quadrant_of((enum layout) k, uncorrected, 0.0, 1e9, off, unused);
+            print_message("#   without regard to the stretch %.4f\n", off[0]);
+            REQUIRE(off[0] > 2.0 * largest[0]);
+        }
+    }
+}
+
+static void no_seam_shows_on_a_sheet_that_is_cut(void **state)
+{
+    static const char *const with[] = { "size=564", "tsm=off", "border=64", NULL }, *const bare[] = { "size=564", "tsm=off", "border=0",
+                                                                                                      NULL };
+    double largest[2], rms[2], without[2], unused[2];
+
+    (void) state;
+    quadrant_of(CUT, with, 1.3, 0.5, largest, rms);
+    quadrant_of(CUT, bare, 1.3, 0.5, without, unused);
+    print_message("# within half a mm of a seam %.4f at most (%.4f rms), elsewhere %.4f (%.4f); without borders %.4f\n", largest[0], rms[0],
+                  largest[1], rms[1], without[0]);
+    REQUIRE(largest[0] < 0.02 && largest[0] < 1.3 * largest[1]);
+    REQUIRE(without[0] > 5.0 * largest[0]);
+}
+
+/* --- Solids ------------------------------------------------------------------------------------------------------------------------ */
+
+/* A cube without coordinates, lit from above: its top and a side, seen at once. What leaves on both sides of their edge must agree. */
+static void light_goes_round_the_edges_of_a_cube(void **state)
+{
+    static const char *const with[] = { "size=512", "tsm=off", NULL }, *const bare[] = { "size=512", "tsm=off", "border=0", NULL };
+    double jump[2], corner[2][2];
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct stage s;
+        struct shot shot;
+        size_t m;
+        stage_start(&s, 64, 64);
+        stage_gaussians(&s, 0.5, &m);
+        stage_box(&s, m, 0, vec3(-10, -10, -10), vec3(10, 10, 10));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 100, 0), vec3(0, 0, 0), 1.0f);
+        stage_camera(&s, vec3(0, 50, 50), vec3(0, 10, 10), 0.0f, 4.0f); /* the edge is at the middle of the picture */
+        shot = stage_shot_of(&s, "texture-space", k ? bare : with);
+        jump[k] = fabs(shot_at(&shot, 0, 32, 31) / shot_at(&shot, 0, 32, 32) - 1.0);
+        shot_free(&shot);
+        stage_camera(&s, vec3(60, 60, 60), vec3(10, 10, 10), 0.0f, 8.0f); /* the corner is, and three charts meet there */
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        shot = stage_shot(&s);
+        corner[k][0] = shot_at(&shot, 0, 27, 36);
+        corner[k][1] = shot_at(&shot, 0, 36, 36);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# across the edge %.4f apart, without borders %.4f; beside the corner %.4f and %.4f\n", jump[0], jump[1], corner[0][0],
+                  corner[0][1]);
+    REQUIRE(jump[0] < 0.06 && jump[1] > 0.5);
+    REQUIRE_REL(corner[0][0], corner[0][1], 0.03);
+    REQUIRE(corner[0][0] > 0.02);
+}
+
+static void even_light_gives_the_albedo(void **state)
+{
+    (void) state;
+    for (int paper = 0; paper < 2; paper++) {
+        static const char *const as_paper[] = { "as=paper", "size=128", NULL }, *const best[] = { "size=128", NULL };
+        struct stage s;
+        struct shot shot;
+        double low[3] = { 1e9, 1e9, 1e9 }, high[3] = { 0 };
+        size_t m;
+        stage_start(&s, 40, 40);
+        stage_gaussians(&s, 0.5, &m);
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 10.0f, 24);
+        stage_sky(&s, 1.0f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 22.0f);
+        shot = stage_shot_of(&s, "texture-space", paper ? as_paper : best);
+        for (int y = 0; y < 40; y++)
+            for (int x = 0; x < 40; x++)
+                for (size_t c = 0; c < 3; c++)
+                    if (shot_at(&shot, SHOT_A, x, y) >= 1.0) {
+                        low[c] = fmin(low[c], shot_at(&shot, c, x, y));
+                        high[c] = fmax(high[c], shot_at(&shot, c, x, y));
+                    }
+        for (size_t c = 0; c < 3; c++) {
+            REQUIRE_REL(low[c], 0.8 - 0.1 * (double) c, 0.01);
+            REQUIRE_REL(high[c], 0.8 - 0.1 * (double) c, 0.01);
+        }
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
+/* --- Light that comes through ------------------------------------------------------------------------------------------------------ */
+
+static double through_slab(const char *material, double thick, const char *const *knobs, size_t channel)
+{
+    struct stage s;
+    struct shot shot;
+    double out;
+    size_t m;
+
+    stage_start(&s, 8, 8);
+    stage_medium(&s, material, &m)->color_from = PELL_COLOR_FROM_PROFILE;
+    stage_box(&s, m, 0, vec3(-60, -60, (float) -thick), vec3(60, 60, 0));
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -100), vec3(0, 0, 0), 1.0f);
+    stage_camera(&s, vec3(0, 0, 50), vec3(0, 0, 0), 0.0f, 4.0f);
+    shot = stage_shot_of(&s, "texture-space", knobs);
+    out = shot_at(&shot, channel, 4, 4) * PELL_PI;
+    shot_free(&shot);
+    stage_finish(&s);
+    return out;
+}
+
+static void a_slab_lit_from_behind_is_the_slab_integral(void **state)
+{
+    static const char *const rays[] = { "size=128", NULL }, *const map[] = { "size=128", "tsm=map", "tsm-size=256", NULL };
+    static const char *const gaussian[] = { "size=128", "through=gaussian", NULL };
+    static const double thick[] = { 2.0, 5.0, 10.0 };
+    const struct pell_material_entry *marble = pell_material_find("marble");
+    struct pell_profile *profiles = calloc(3, sizeof(*profiles));
+    const struct pell_fit_params fit = { .count = 6 };
+    struct pell_gaussians g;
+
+    (void) state;
+    for (int c = 0; c < 3; c++)
+        OK(pell_profile_make(PELL_PROFILE_DIPOLE, &marble->medium, c, NULL, &profiles[c]));
+    OK(pell_fit_profiles(profiles, &fit, &g, NULL));
+    for (size_t k = 0; k < PELL_COUNT(thick); k++) {
+        struct pell_stack stack = { .count = 1 };
+        double out[PELL_STACK_PARTS], sum = 0.0, by_ray, by_map, by_sum;
+        for (int c = 0; c < 3; c++) {
+            stack.layer[0].sigma_a[c] = marble->medium.sigma_a[c];
+            stack.layer[0].sigma_s_reduced[c] = marble->medium.sigma_s_reduced[c];
+        }
+        stack.layer[0].eta = marble->medium.eta;
+        stack.layer[0].thickness = thick[k];
+        OK(pell_stack_totals(&stack, 1, out, NULL));
+        for (int i = 0; i < g.count; i++)
+            sum += g.weight[i][1] * exp(-thick[k] * thick[k] / (2.0 * g.variance[i]));
+        by_ray = through_slab("marble", thick[k], rays, 1);
+        by_map = through_slab("marble", thick[k], map, 1);
+        by_sum = through_slab("marble", thick[k], gaussian, 1);
+        print_message(
+            "# %g mm of marble, green: the slab lets through %.4f, here %.4f (ray), %.4f (map); the Gaussians' sum %.4f, here %.4f\n",
+            thick[k], out[PELL_STACK_T_PLUS], by_ray, by_map, sum, by_sum);
+        REQUIRE_REL(by_ray, out[PELL_STACK_T_PLUS], 0.03);
+        REQUIRE_REL(by_map, out[PELL_STACK_T_PLUS], 0.03);
+        REQUIRE_REL(by_sum, sum, 0.03);
+    }
+    free(profiles);
+}
+
+static void lights_add_up_with_what_comes_through(void **state)
+{
+    static const char *const own[] = { "size=128", NULL }, *const sum[] = { "size=128", "lights=sum", NULL };
+    double worst[2];
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct shot shots[3];
+        for (int i = 0; i < 3; i++) {
+            struct stage s;
+            size_t m;
+            stage_start(&s, 32, 32);
+            stage_gaussians(&s, 0.5, &m);
+            stage_box(&s, m, 0, vec3(-10, -10, -3), vec3(10, 10, 0));
+            if (i != 1)
+                stage_light(&s, PELL_LIGHT_POINT, vec3(5, 3, -40), vec3(0, 0, 0), 3e-3f);
+            if (i != 0)
+                stage_light(&s, PELL_LIGHT_POINT, vec3(-20, 10, 30), vec3(0, 0, 0), 2e-3f);
+            stage_sky(&s, i == 0 ? 0.1f : i == 1 ? 0.2f : 0.3f);
+            stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 22.0f);
+            shots[i] = stage_shot_of(&s, "texture-space", k ? sum : own);
+            stage_finish(&s);
+        }
+        worst[k] = 0.0;
+        for (int y = 0; y < 32; y++)
+            for (int x = 0; x < 32; x++)
+                for (size_t c = 0; c < 3; c++)
+                    worst[k] =
+                        fmax(worst[k], fabs(shot_at(&shots[0], c, x, y) + shot_at(&shots[1], c, x, y) - shot_at(&shots[2], c, x, y)));
+        for (int i = 0; i < 3; i++)
+            shot_free(&shots[i]);
+    }
+    print_message("# A + B differs from A and B by %.2g; by the paper's sum %.2g\n", worst[0], worst[1]);
+    REQUIRE(worst[0] < 2e-5);
+    REQUIRE(worst[1] > 1e-3);
+}
+
+/* A ball lit from behind: thickness by rays, by the light's map, and as the chord is. */
+static void thickness_by_ray_and_by_map_is_the_same(void **state)
+{
+    static const char *const rays[] = { "size=256", NULL }, *const map[] = { "size=256", "tsm=map", "tsm-size=512", NULL };
+    static const char *const off[] = { "size=256", "tsm=off", NULL };
+    struct stage s;
+    struct shot a, b, none;
+    double difference = 0.0, sum = 0.0, middle, chord = 0.0;
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 48, 48);
+    stage_gaussians(&s, 0.5, &m);
+    stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 48);
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -100), vec3(0, 0, 0), 1.0f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 6.5f);
+    a = stage_shot_of(&s, "texture-space", rays);
+    b = stage_shot_of(&s, "texture-space", map);
+    none = stage_shot_of(&s, "texture-space", off);
+    for (int y = 0; y < 48; y++)
+        for (int x = 0; x < 48; x++) {
+            difference += fabs(shot_at(&a, 0, x, y) - shot_at(&b, 0, x, y));
+            sum += shot_at(&a, 0, x, y);
+        }
+    middle = (shot_at(&a, 0, 24, 24) - shot_at(&none, 0, 24, 24)) * PELL_PI;
+    for (int i = 0; i < 3; i++)
+        chord += weight_of[i][0] * exp(-36.0 / (2.0 * width_of[i] * width_of[i]));
+    print_message("# ray and map differ by %.4f of the light; 6 mm let through %.4f, the sum without blurs %.4f\n", difference / sum,
+                  middle, chord);
+    REQUIRE(difference < 0.02 * sum);
+    REQUIRE(middle > 0.3 * chord && middle < 1.1 * chord);
+    shot_free(&a);
+    shot_free(&b);
+    shot_free(&none);
+    stage_finish(&s);
+}
+
+/* A cap of a shell about the z axis, as an ear is: an outer face, an inner one and the rim between them. */
+static void shell(struct stage *s, size_t material, double outer, double inner)
+{
+    const int rings = 24, sectors = 48;
+    const uint32_t side = (uint32_t) ((rings + 1) * sectors);
+    struct pell_mesh *m = shapes_mesh(s->scene, material, 2 * side, (uint32_t) (4 * rings * sectors + 2 * sectors));
+    uint32_t *out = m->index;
+
+    for (uint32_t k = 0; k < 2 * side; k++) {
+        const double theta = PELL_PI / 3.0 * (double) (k % side / (uint32_t) sectors) / rings;
+        const double phi = 2.0 * PELL_PI * (double) (k % (uint32_t) sectors) / sectors, radius = k < side ? outer : inner;
+        const struct pell_vec3 n = vec3((float) (sin(theta) * cos(phi)), (float) (sin(theta) * sin(phi)), (float) cos(theta));
+        vec3_store(vec3_mul(n, (float) radius), m->position + 3 * k);
+        vec3_store(vec3_mul(n, k < side ? 1.0f : -1.0f), m->normal + 3 * k);
+    }
+    for (int face = 0; face < 3; face++)
+        for (int j = face == 2 ? rings : 0; j < rings + (face == 2); j++)
+            for (int i = 0; i < sectors; i++) {
+                const uint32_t base = face == 1 ? side : 0, next = (uint32_t) ((i + 1) % sectors);
+                const uint32_t a = base + (uint32_t) (j * sectors + i), b = base + (uint32_t) (j * sectors) + next;
+                const uint32_t c = face == 2 ? a + side : a + (uint32_t) sectors, d = face == 2 ? b + side : b + (uint32_t) sectors;
+                const uint32_t quad[2][6] = { { a, c, d, a, d, b }, { a, d, c, a, b, d } };
+                memcpy(out, quad[face == 1], sizeof(quad[0]));
+                out += 6;
+            }
+    shapes_bound(s->scene, m);
+}
+
+static void a_shell_lit_from_behind_is_nearly_a_slab(void **state)
+{
+    static const char *const by[][4] = { { "size=256", NULL }, { "size=256", "tsm=map", "tsm-size=512", NULL } };
+    struct pell_stack stack = { .count = 1 };
+    double out[PELL_STACK_PARTS], seen[2];
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct stage s;
+        struct shot shot;
+        size_t m;
+        stage_start(&s, 8, 8);
+        stage_medium(&s, "marble", &m)->color_from = PELL_COLOR_FROM_PROFILE;
+        shell(&s, m, 30.0, 28.0);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -100), vec3(0, 0, 0), 1.0f);
+        stage_camera(&s, vec3(0, 0, 80), vec3(0, 0, 0), 0.0f, 4.0f);
+        shot = stage_shot_of(&s, "texture-space", by[k]);
+        seen[k] = shot_at(&shot, 1, 4, 4) * PELL_PI;
+        for (int c = 0; c < 3; c++) {
+            stack.layer[0].sigma_a[c] = s.scene->materials[m].medium.sigma_a[c];
+            stack.layer[0].sigma_s_reduced[c] = s.scene->materials[m].medium.sigma_s_reduced[c];
+        }
+        stack.layer[0].eta = s.scene->materials[m].medium.eta;
+        stack.layer[0].thickness = 2.0;
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    OK(pell_stack_totals(&stack, 1, out, NULL));
+    print_message("# 2 mm of a shell of 30 mm: %.4f by ray, %.4f by map; a slab %.4f\n", seen[0], seen[1], out[PELL_STACK_T_PLUS]);
+    REQUIRE_REL(seen[0], out[PELL_STACK_T_PLUS], 0.08);
+    REQUIRE_REL(seen[1], seen[0], 0.02);
+}
+
+/* Light from the side on a ball: what the eye sees by this method and by the sum over the whole surface. */
+static void a_ball_is_like_the_sum_over_its_surface(void **state)
+{
+    static const char *const fine[] = { "size=256", NULL }, *const whole[] = { "density=16", NULL };
+    struct stage s;
+    struct shot a, b;
+    double sum[2] = { 0 }, square = 0.0;
+    int n = 0;
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 40, 40);
+    stage_gaussians(&s, 0.25, &m);
+    stage_ball(&s, m, 0, vec3(0, 0, 0), 10.0f, 48);
+    stage_light(&s, PELL_LIGHT_POINT, vec3(60, 40, 20), vec3(0, 0, 0), 5e-3f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 21.0f);
+    a = stage_shot_of(&s, "texture-space", fine);
+    b = stage_shot_of(&s, "hierarchical", whole);
+    for (int y = 0; y < 40; y++)
+        for (int x = 0; x < 40; x++)
+            for (size_t c = 0; c < 3 && shot_at(&b, SHOT_A, x, y) >= 1.0; c++) {
+                sum[0] += shot_at(&a, c, x, y);
+                sum[1] += shot_at(&b, c, x, y);
+                square += pow(shot_at(&a, c, x, y) - shot_at(&b, c, x, y), 2.0);
+                n++;
+            }
+    print_message("# %.4f of hierarchical's light, rms difference %.4f of its mean\n", sum[0] / sum[1], sqrt(square / n) / (sum[1] / n));
+    REQUIRE_NEAR(sum[0] / sum[1], 1.0, 0.02);
+    REQUIRE(sqrt(square / n) < 0.03 * sum[1] / n);
+    shot_free(&a);
+    shot_free(&b);
+    stage_finish(&s);
+}
+
+/* --- Layouts of no use, and hostile ones ---------------------------------------------------------------------------------------------- */
+
+enum wrong { MISSING, OVERLAPPING, RANDOM, NOT_NUMBERS, HUGE, ALL_ONE, LINE, WRONGS };
+
+static void spoil(struct pell_mesh *m, enum wrong wrong)
+{
+    uint32_t seed = 1;
+
+    for (uint32_t i = 0; m->uv[0] && i < m->num_vertices; i++) {
+        float *uv = m->uv[0] + 2 * i;
+        if (wrong == RANDOM)
+            uv[i % 2] = shapes_random(&seed);
+        else if (wrong == OVERLAPPING)
+            uv[0] = fabsf(uv[0] - 0.5f);
+        else if (wrong == NOT_NUMBERS && i % 7 == 0)
+            uv[0] = NAN;
+        else if (wrong == HUGE)
+            uv[i % 2] = i % 3 ? 3e38f : -3e38f;
+        else if (wrong == ALL_ONE)
+            uv[0] = uv[1] = 0.5f;
+        else if (wrong == LINE)
+            uv[1] = 0.25f;
+    }
+}
+
+static void layouts_of_no_use_become_planar_charts(void **state)
+{
+    (void) state;
+    for (int k = 0; k < WRONGS; k++) {
+        struct stage s;
+        struct shot shot;
+        struct pell_mesh *m;
+        double largest[2], rms[2];
+        quadrant(&s, GOOD, 48, 0.0f);
+        stage_complete(&s); /* refuses what is no number; a host may change it later */
+        m = &s.scene->meshes[0];
+        if (k == MISSING) {
+            pell_free(s.ctx, m->uv[0]);
+            m->uv[0] = NULL;
+        }
+        spoil(m, (enum wrong) k);
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        s.set = true;
+        shot = stage_shot_of(&s, "texture-space", plain);
+        quadrant_error(&shot, 0.0, 1e9, largest, rms);
+        print_message("# %d: %s; %.4f at most\n", k, s.kept.last_warning, largest[0]);
+        REQUIRE(largest[0] < 0.01);
+        assert_true(k == MISSING || strstr(s.kept.last_warning, "planar charts") != NULL);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
+static void any_size_and_any_knob_is_finite(void **state)
+{
+    static const char *const sets[][6] = {
+        { "size=16", "tsm=map", "tsm-size=16", NULL },
+        { "size=16", "border=512", "gaussians=1", NULL },
+        { "size=97", "as=paper", "border=3", NULL },
+        { "size=64", "charts=planar", "kernel=seven", "stretch=off", NULL },
+        { "size=64", "first=unblurred", "gaussians=10", "mix=1", NULL },
+    };
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(sets); k++)
+        for (int size = 1; size < 20; size += 16) {
+            struct stage s;
+            struct shot shot;
+            size_t a, b, c;
+            stage_start(&s, size, size);
+            s.settings.msaa = size > 1 ? 4 : 1;
+            stage_gaussians(&s, 2.0, &a);
+            stage_medium(&s, "wholemilk", &b);
+            stage_medium(&s, "skin1", &c);
+            s.scene->materials[c].strength = 0.0f;
+            stage_box(&s, a, 0, vec3(-10, -10, -4), vec3(0, 10, 0));
+            stage_box(&s, b, 0, vec3(0, -10, -4), vec3(10, 10, 0)); /* two materials of one object */
+            stage_ball(&s, c, 1, vec3(0, 0, 4), 2.0f, 6);
+            stage_ball(&s, c, 2, vec3(5, 5, 3), 0.01f, 4);
+            stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, -20), vec3(0, 0, 0), 1e-3f);
+            stage_light(&s, PELL_LIGHT_RECT, vec3(20, 20, 40), vec3(0, 0, 0), 10.0f);
+            stage_light(&s, PELL_LIGHT_POINT, vec3(-5, 0, -2), vec3(0, 0, 0), 1e-4f); /* inside */
+            stage_camera(&s, vec3(0, 0, 50), vec3(0, 0, 0), 0.5f, 0.0f);
+            shot = stage_shot_of(&s, "texture-space", sets[k]);
+            shot_check(&shot);
+            REQUIRE(shot_at(&shot, 1, size / 2, size / 2) > 0.0);
+            shot_free(&shot);
+            stage_finish(&s);
+        }
+}
+
+static void a_medium_that_scatters_nothing_is_black(void **state)
+{
+    static const char *const knobs[] = { "size=64", NULL };
+    struct stage s;
+    struct shot shot;
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 8, 8);
+    stage_medium(&s, "marble", &m)->medium.sigma_s_reduced[0] = 0.0;
+    s.scene->materials[m].color_from = PELL_COLOR_FROM_PROFILE;
+    stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(10, 10, 0));
+    stage_light(&s, PELL_LIGHT_POINT, vec3(5, 5, 40), vec3(0, 0, 0), 1e-2f);
+    stage_light(&s, PELL_LIGHT_POINT, vec3(5, 5, -40), vec3(0, 0, 0), 1e-2f);
+    stage_camera(&s, vec3(0, 0, 50), vec3(0, 0, 0), 0.0f, 8.0f);
+    shot = stage_shot_of(&s, "texture-space", knobs);
+    shot_check(&shot);
+    assert_true(shot_at(&shot, 0, 4, 4) == 0.0);
+    REQUIRE(shot_at(&shot, 1, 4, 4) > 0.0);
+    shot_free(&shot);
+    stage_finish(&s);
+}
+
+static void two_materials_that_touch_do_not_bleed(void **state)
+{
+    double seen[2];
+
+    (void) state;
+    for (int object = 0; object < 2; object++) {
+        struct stage s;
+        struct shot shot;
+        size_t m;
+        stage_start(&s, 16, 16);
+        stage_gaussians(&s, 0.5, &m);
+        stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(0, 10, 0));
+        stage_box(&s, m, object, vec3(0, -10, -4), vec3(10, 10, 0));
+        stage_light(&s, PELL_LIGHT_SPOT, vec3(5, 0, 30), vec3(5, 0, 0), 3e-3f);
+        s.scene->lights[0].cos_inner = 0.995f;
+        s.scene->lights[0].cos_outer = 0.99f; /* lights x > 0 only */
+        stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 16.0f);
+        shot = stage_shot_of(&s, "texture-space", plain);
+        seen[object] = shot_at(&shot, 0, 6, 8);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# %g in one object, %g in another\n", seen[0], seen[1]);
+    assert_true(seen[1] == 0.0);
+}
+
+/* No radius is Lambert, and half the radius on a sheet is the sheet of half the widths. */
+static void strength_scales_the_radius(void **state)
+{
+    struct shot shots[2];
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct stage s;
+        quadrant(&s, GOOD, 32, 0.0f);
+        if (k == 0)
+            s.scene->materials[0].strength = 0.5f;
+        else
+            for (int i = 0; i < 3; i++)
+                s.scene->materials[0].gaussians.variance[i] *= 0.25;
+        shots[k] = stage_shot_of(&s, "texture-space", plain);
+        stage_finish(&s);
+    }
+    for (int y = 0; y < 32; y++)
+        for (int x = 0; x < 32; x++)
+            for (size_t c = 0; c < 3; c++)
+                REQUIRE_NEAR(shot_at(&shots[0], c, x, y), shot_at(&shots[1], c, x, y), 1e-3);
+    shot_free(&shots[0]);
+    shot_free(&shots[1]);
+}
+
+static void the_same_bits_for_any_number_of_threads(void **state)
+{
+    static const char *const knobs[] = { "size=128", NULL };
+    struct shot shots[2];
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct stage s;
+        size_t m;
+        stage_start_threads(&s, 40, 30, k ? 3 : 1);
+        stage_gaussians(&s, 0.5, &m);
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 6.0f, 24);
+        stage_light(&s, PELL_LIGHT_DISC, vec3(40, 10, -30), vec3(0, 0, 0), 30.0f);
+        stage_sky(&s, 0.2f);
+        stage_camera(&s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
+        shots[k] = stage_shot_of(&s, "texture-space", knobs);
+        stage_finish(&s);
+    }
+    assert_true(shot_equal(&shots[0], &shots[1]));
+    shot_free(&shots[0]);
+    shot_free(&shots[1]);
+}
+
+/* The first frame makes the map, and all that it needs was made with the pass; later frames look at it. */
+static void frames_allocate_nothing_and_survive_no_memory(void **state)
+{
+    static const char *const knobs[] = { "size=64", "tsm=map", "tsm-size=32", NULL };
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    (void) state;
+    for (uint64_t n = 1; res != PELL_OK; n += SLOW ? 5 : 1) {
+        struct pell_fault fault = { 0 };
+        struct stage s = { 0 };
+        const struct pell_renderer_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
+        size_t m;
+        s.ctx = test_context(&fault, NULL);
+        OK(pell_scene_create(s.ctx, &s.scene));
+        OK(pell_renderer_create(s.ctx, &params, &s.r));
+        pell_knobs_default(pell_settings_knobs, &s.settings);
+        s.settings.width = s.settings.height = 8;
+        s.settings.msaa = 1;
+        stage_medium(&s, "skin1", &m);
+        stage_box(&s, m, 0, vec3(-10, -10, -3), vec3(10, 10, 0));
+        stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, -40), vec3(0, 0, 0), 3e-3f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 22.0f);
+        stage_complete(&s);
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        stage_method(&s, NULL, NULL);
+        OK(pell_renderer_render(s.r, &s.settings, &s.picture)); /* all but the method is there */
+        stage_method(&s, "texture-space", knobs);
+        fault.fail_at = fault.calls + n;
+        res = pell_renderer_render(s.r, &s.settings, &s.picture);
+        assert_true(res == PELL_OK || res == PELL_ERR_NOMEM);
+        fault.fail_at = 0;
+        if (res == PELL_OK) {
+            const uint64_t calls = fault.calls;
+            OK(pell_renderer_render(s.r, &s.settings, &s.picture));
+            assert_true(fault.calls == calls);
+            print_message("# %d allocations were made to fail\n", (int) n - 1);
+        }
+        stage_finish(&s);
+        assert_int_equal(fault.live, 0);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_sheet_lit_in_part_is_the_convolution),
+        cmocka_unit_test(layouts_of_all_kinds_give_one_picture),
+        cmocka_unit_test(no_seam_shows_on_a_sheet_that_is_cut),
+        cmocka_unit_test(light_goes_round_the_edges_of_a_cube),
+        cmocka_unit_test(even_light_gives_the_albedo),
+        cmocka_unit_test(a_slab_lit_from_behind_is_the_slab_integral),
+        cmocka_unit_test(lights_add_up_with_what_comes_through),
+        cmocka_unit_test(thickness_by_ray_and_by_map_is_the_same),
+        cmocka_unit_test(a_shell_lit_from_behind_is_nearly_a_slab),
+        cmocka_unit_test(a_ball_is_like_the_sum_over_its_surface),
+        cmocka_unit_test(layouts_of_no_use_become_planar_charts),
+        cmocka_unit_test(any_size_and_any_knob_is_finite),
+        cmocka_unit_test(a_medium_that_scatters_nothing_is_black),
+        cmocka_unit_test(two_materials_that_touch_do_not_bleed),
+        cmocka_unit_test(strength_scales_the_radius),
+        cmocka_unit_test(the_same_bits_for_any_number_of_threads),
+        cmocka_unit_test(frames_allocate_nothing_and_survive_no_memory),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
