@@ -62,7 +62,8 @@ struct cli {
     int num_arguments;
 
     /* Options as given; NULL or false where not. */
-    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device, *time, *animation, *frames, *checkpoint, *checkpoint_every;
+    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device;
+    char *time, *animation, *frames, *checkpoint, *checkpoint_every;
     bool json, quiet, stats, allow_outside;
     struct {
         char *model, *compare, *gaussians, *eta, *roughness, *layers, *skin, *solver, *wavelength, *export, *from, *to;

@@ -74,8 +74,8 @@ static enum exit_code choose_frames(struct cli *cli, struct job *job)
     if (!second || !pell_parse_number(text, (size_t) (first - text), &job->frames.from) ||
         !pell_parse_number(first + 1, (size_t) (second - first - 1), &to) ||
         !pell_parse_number(second + 1, strlen(second + 1), &job->frames.step))
-        return cli_usage(cli, "--frames", "0:2:0.25 are nine pictures of two seconds", "\"%s\", must be three numbers of seconds: FROM:TO:STEP",
-                         text);
+        return cli_usage(cli, "--frames", "0:2:0.25 are nine pictures of two seconds",
+                         "\"%s\", must be three numbers of seconds: FROM:TO:STEP", text);
     if (!(job->frames.step > 0.0) || !(to >= job->frames.from))
         return cli_usage(cli, "--frames", NULL, "\"%s\" goes backwards or stands still: STEP must be above 0, TO not before FROM", text);
     count = floor((to - job->frames.from) / job->frames.step * (1.0 + 1e-12) + 1e-9) + 1.0;

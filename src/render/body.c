@@ -170,7 +170,8 @@ enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_
             continue;
         for (; k < b->count; k++) {
             const struct pell_frame_material *other = &materials[b->bodies[k].material];
-            if (b->bodies[k].object == m->object && other->profile == materials[at - 1].profile && other->white == materials[at - 1].white &&
+            if (b->bodies[k].object == m->object && other->profile == materials[at - 1].profile &&
+                other->white == materials[at - 1].white &&
                 (b->bodies[k].material == at - 1 || (!layered && !b->bodies[k].layered)))
                 break;
         }

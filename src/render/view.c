@@ -22,8 +22,8 @@ struct pell_view pell_view_make(const struct pell_camera *camera, int width, int
     };
 }
 
-/* Point i of n in the unit disc: a sunflower's seeds, about their mean. The mean square of their radii is that of the disc, 1/2, less that of
- * the n-th part of it. */
+/* Point i of n in the unit disc: a sunflower's seeds, about their mean. The mean square of their radii is that of the disc, 1/2, less
+ * that of the n-th part of it. */
 static void lens_point(int i, int n, double point[2])
 {
     const double golden = PELL_PI * (3.0 - sqrt(5.0));
@@ -61,7 +61,8 @@ void pell_view_through(struct pell_view *v, const struct pell_lens *lens, int i,
     while (common_divisor(stride, n) != 1) /* in another order than the places in the pixel */
         stride++;
     lens_point((int) ((int64_t) i * stride % n), n, p);
-    v->origin = vec3_add(v->origin, vec3_add(vec3_mul(v->right, (float) (lens->radius * p[0])), vec3_mul(v->up, (float) (lens->radius * p[1]))));
+    v->origin = vec3_mad(v->origin, (float) (lens->radius * p[0]), v->right);
+    v->origin = vec3_mad(v->origin, (float) (lens->radius * p[1]), v->up);
     v->shift_x -= (float) (v->focal_px * lens->radius * p[0] / lens->focus);
     v->shift_y += (float) (v->focal_px * lens->radius * p[1] / lens->focus);
 }

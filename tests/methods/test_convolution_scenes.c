@@ -81,6 +81,28 @@ static void more_planes_come_nearer_to_the_whole_surface(void **state)
     }
 }
 
+/* A ray through a ball meets two surfaces: asking for more finds none, whatever the step. */
+static void what_the_eye_sees_counts_once(void **state)
+{
+    static const char *const two[] = { "surfaces=2", "behind-step=4", NULL }, *const five[] = { "surfaces=5", "behind-step=4", NULL };
+    struct stage s;
+    struct shot a, b;
+
+    (void) state;
+    thing(&s, 0, 50);
+    a = stage_shot_of(&s, "convolution", two);
+    b = stage_shot_of(&s, "convolution", five);
+    {
+        double rms;
+        const double mean = mean_of(&b, &a, &rms);
+        REQUIRE_REL(mean, mean_of(&a, NULL, NULL), 0.005);
+        REQUIRE(rms < 0.02 * mean);
+    }
+    shot_free(&a);
+    shot_free(&b);
+    stage_finish(&s);
+}
+
 /* No light goes from one object to another, though they touch. */
 static void light_stays_in_its_object(void **state)
 {
@@ -197,6 +219,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(more_planes_come_nearer_to_the_whole_surface),
+        cmocka_unit_test(what_the_eye_sees_counts_once),
         cmocka_unit_test(light_stays_in_its_object),
         cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(planes_slide_without_popping),

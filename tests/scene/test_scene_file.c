@@ -139,7 +139,8 @@ static void time_is_the_command_lines_then_the_files(void **state)
         { WALK, { .bare = true, .time = -3.0 }, 0 },
         { WALK, { .bare = true }, 0 },
     };
-    const struct pell_load_params unknown = { .bare = true, .animation = "wakl" }, still = { .bare = true, .mm_per_unit = 1.0, .time = 1.0 };
+    const struct pell_load_params unknown = { .bare = true, .animation = "wakl" };
+    const struct pell_load_params still = { .bare = true, .mm_per_unit = 1.0, .time = 1.0 };
     const struct pell_load_params none = { .bare = true, .mm_per_unit = 1.0, .animation = "walk" };
     struct kept_messages kept = { 0 };
     struct pell_context *ctx;

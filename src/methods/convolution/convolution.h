@@ -62,6 +62,7 @@ struct conv_radial {
  * (rows are t = i/(CONV_PHASES - 1)) and the lean, sqrt(1 - cos) = i/(CONV_LEANS - 1) of the largest. */
 struct conv_response {
     float value[CONV_LEANS][CONV_PHASES]; /* 1/sqrt of it */
+    float mean[CONV_LEANS];               /* of these over the places, as a part of that of no lean */
 };
 
 /* `memory`: CONV_RADIAL_FLOATS for each of three channels. */

@@ -519,7 +519,7 @@ static void place_row(void *arg, int index, int worker)
 
 /* What light weighs where it enters and where it leaves, of each channel: areas in pixels of the middle, and what splitting and gathering
  * give back of a flat surface's light. By its place among the planes: half of the factor where light enters, half where it leaves; by its
- * lean: all where it enters, as a pixel that leans alone has no neighbours that give it more. `leaves` may be NULL. */
+ * lean, on the mean over places: all where it enters, as a pixel that leans alone has no neighbours that give it more. `leaves` may be NULL. */
 static void weigh(const struct convolution_state *st, float place, float area, float lean, float enters[3], float leaves[3])
 {
     const struct job *j = &st->job;
@@ -535,7 +535,7 @@ static void weigh(const struct convolution_state *st, float place, float area, f
         const float *low = r->value[a] + b, *high = r->value[a + 1] + b,
                     facing = r->value[0][b] + fu * (r->value[0][b + 1] - r->value[0][b]);
         const float first = low[0] + fu * (low[1] - low[0]), second = high[0] + fu * (high[1] - high[0]);
-        const float leaning = first + fs * (second - first);
+        const float leaning = first + fs * (second - first), mean = r->mean[a] + fs * (r->mean[a + 1] - r->mean[a]);
         float wide = 1.0f;
         enters[c] = pixels;
         if (leaves)
@@ -550,9 +550,9 @@ static void weigh(const struct convolution_state *st, float place, float area, f
             }
             wide = 1.0f / (mm * sqrtf(share));
         }
-        enters[c] *= leaning * leaning / facing * (lean < 0.0f ? 1.0f - lean : 1.0f) * wide;
+        enters[c] *= leaning * mean * (lean < 0.0f ? 1.0f - lean : 1.0f) * wide;
         if (leaves)
-            leaves[c] = facing * wide;
+            leaves[c] = leaning / mean * wide;
     }
 }
 

@@ -191,4 +191,12 @@ void convolution_response_make(const struct conv_radial *r, const struct convolu
                                      : response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1));
             out->value[j][i] = out->value[j][CONV_PHASES - 1 - i] = (float) (1.0 / sqrt(fmin(fmax(share, 1e-3), 1e3)));
         }
+    for (int j = CONV_LEANS - 1; j >= 0; j--) {
+        float sum = 0.0f, facing = 0.0f;
+        for (int i = 0; i < CONV_PHASES; i++) {
+            sum += out->value[j][i];
+            facing += out->value[0][i];
+        }
+        out->mean[j] = sum / facing;
+    }
 }

@@ -3,8 +3,8 @@
  * spectra.c - the spectra of kernels between planes. A kernel is even both ways, so that a quarter of it is all of it, and its transform is
  * real: two rows, or two blocks of columns, go through one complex transform.
  *
- * Kernels to other planes are smooth on the scale of the distance h: from h of 8 pixels on they are sampled every second pixel, from 16 every
- * fourth, from 32 every eighth, and their spectrum ends that much earlier: what it leaves out is under exp(-4 pi).
+ * Kernels to other planes are smooth on the scale of the distance h: from h of 8 pixels on they are sampled every second pixel, from 16
+ * every fourth, from 32 every eighth, and their spectrum ends that much earlier: what it leaves out is under exp(-4 pi).
  */
 #include "methods/convolution/convolution.h"
 

@@ -8,7 +8,13 @@
 #define SHARP 0.25f        /* px: a disc that nobody sees */
 #define STEPS 16           /* of the table, a pixel */
 
-enum { NEAR = 0, SAME = 5, FAR = 10, OWN = 15, SUMS = 16 }; /* a weight and four channels each; the last: of the pixel's own disc */
+enum {
+    NEAR = 0,
+    SAME = 5,
+    FAR = 10,
+    OWN = 15,
+    SUMS = 16
+}; /* a weight and four channels each; the last: of the pixel's own disc, as far as others reach */
 
 struct task {
     const struct pell_dof_params *p;
@@ -43,6 +49,13 @@ static void make_table(struct task *t)
     t->table[last + 1] = t->table[last];
 }
 
+/* What a whole pixel weighs of a disc of radius r, in [0, PELL_DOF_MOST]. */
+static float weight_of(const struct task *t, float r)
+{
+    const float at = r * STEPS, whole = floorf(at);
+    return t->table[(int) whole] + (at - whole) * (t->table[(int) whole + 1] - t->table[(int) whole]);
+}
+
 /* Discs and weights of a tile, and its widest. */
 static void measure(void *arg, int index, int worker)
 {
@@ -58,19 +71,18 @@ static void measure(void *arg, int index, int worker)
         for (int x = x0; x < x1; x++) {
             const ptrdiff_t i = y * s->stride + x;
             const bool seen = x >= s->covered.x0 && x < s->covered.x1 && y >= s->covered.y0 && y < s->covered.y1 && s->material[i];
-            float d = p->scale * (1.0f / p->focus - (seen ? 1.0f / s->depth[i] : 0.0f)), r, at;
+            float d = p->scale * (1.0f / p->focus - (seen ? 1.0f / s->depth[i] : 0.0f)), r;
             d = d > (float) -PELL_DOF_MOST ? d < (float) PELL_DOF_MOST ? d : (float) PELL_DOF_MOST : (float) -PELL_DOF_MOST;
             r = fabsf(d);
-            at = r * STEPS;
             t->disc[i] = d;
-            t->weight[i] = t->table[(int) at] + (at - floorf(at)) * (t->table[(int) at + 1] - t->table[(int) at]);
+            t->weight[i] = weight_of(t, r);
             widest = seen && r > widest ? r : widest; /* an empty pixel gives nothing to others, however wide its disc is */
         }
     t->tiles[index] = widest;
 }
 
 /* Adds what pixels (dx, dy) away give to pixels x0 to x1 of row y. */
-static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, float (*restrict sum)[TILE])
+static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, float widest, float (*restrict sum)[TILE])
 {
     const struct pell_dof_params *p = t->p;
     const ptrdiff_t here = y * p->surface->stride, there = (y + dy) * p->surface->stride + dx;
@@ -83,7 +95,8 @@ static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, 
     for (int x = from; x < to; x++) {
         const float radius = fabsf(mine[x]), band = 0.5f + 0.1f * radius, difference = its[x] - mine[x];
         const float w = soft(fabsf(its[x]), d) * weight[x];
-        const float own = soft(radius, d), n = difference < -band ? w : 0.0f, f = difference > band ? own : 0.0f;
+        const float own = soft(radius < widest ? radius : widest, d);
+        const float n = difference < -band ? w : 0.0f, f = difference > band ? own : 0.0f;
         const float s = difference < -band || difference > band ? 0.0f : w;
         const int i = x - x0;
         sum[NEAR][i] += n;
@@ -147,13 +160,14 @@ static void blur(void *arg, int index, int worker)
                 continue;
             for (int dx = -reach; dx <= reach; dx++)
                 if (sqrtf((float) (dx * dx + dy * dy)) < widest + 0.5f)
-                    gather(t, y, x0, x1, dx, dy, sum);
+                    gather(t, y, x0, x1, dx, dy, widest, sum);
         }
-        for (int c = 0; c < 4; c++)
-            for (int x = x0; x < x1; x++) {
-                const ptrdiff_t i = y * p->surface->stride + x;
-                add(t, i, c, widest < SHARP ? t->in[c][i] : lay(sum, c + 1, x - x0, fminf(sum[OWN][x - x0] * t->weight[i], 1.0f)));
-            }
+        for (int x = x0; x < x1; x++) {
+            const ptrdiff_t i = y * p->surface->stride + x;
+            const float inside = fminf(sum[OWN][x - x0] * weight_of(t, fminf(fabsf(t->disc[i]), widest)), 1.0f);
+            for (int c = 0; c < 4; c++)
+                add(t, i, c, widest < SHARP ? t->in[c][i] : lay(sum, c + 1, x - x0, inside));
+        }
     }
 }
 

@@ -36,9 +36,10 @@ struct pell_post_result {
     double bloom;      /* seconds of it */
 };
 
-/* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure), with bloom; `display` gets the shown
- * picture. Exposure and white are those of the picture without bloom. Bloom spreads alpha as it does light, so the picture may be laid over
- * any even background afterwards. Allocates nothing; the same bits for any number of threads. */
+/* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure), with bloom; `display` gets the
+ * shown picture. Exposure and white are those of the picture without bloom. Where the background is transparent bloom spreads alpha as it
+ * does light, so the picture may be laid over any even background afterwards. Allocates nothing; the same bits for any number of
+ * threads. */
 void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
                       float *const display[3], struct pell_post_result *result);
 
