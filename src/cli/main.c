@@ -63,7 +63,8 @@ static const struct command commands[] = {
       "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same "
       "bytes, measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of "
       "the bench folder (screen-space) or a scene file of your own; or profiles: fits, layers and R(r); or truth: the references at equal "
-      "error; or mertens: image-space by samples, size and radius; or deon-1: texture-space by resolution and lights; or "
+      "error; or mertens: image-space by samples, size and radius; or munoz-2, munoz-3, "
+      "munoz-5: convolution by threshold, resolution, planes; or deon-1: texture-space by resolution and lights; or "
       "francois-2: layered by samples and lamps.\n",
       "  pellucid bench\n"
       "  pellucid bench screen-space --threads 1 --json\n"

@@ -69,7 +69,6 @@ def _(folder):
     bounds = one_object(works(folder, 'check', wave, '--time', '0.3', '--json'))['bounds_mm']
     need(abs(bounds[1][1] - bounds[0][1] - 24.0) < 0.05, bounds, 'a strip of 8 mm in a wave of 16')
     for wrong, word in ((['--frames', '0:2'], b'FROM:TO:STEP'), (['--frames', '2:0:1'], b'backwards'),
-                        
                         (['--frames', '0:1e9:1'], b'at most'),
                         (['--frames', '0:1:1', '--time', '1'], b'--time'), (['--frames', '0:1:1', '--turntable', '2'], b'--turntable'),
                         (['--frames', '0:1:1', '--format', 'png', '-o', '-'], b'--frames'), (['--animation', 'wvae'], b'"wave"'),

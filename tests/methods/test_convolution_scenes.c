@@ -84,7 +84,7 @@ static void more_planes_come_nearer_to_the_whole_surface(void **state)
 /* A ray through a ball meets two surfaces: asking for more finds none, whatever the step. */
 static void what_the_eye_sees_counts_once(void **state)
 {
-    static const char *const two[] = { "surfaces=2", "behind-step=4", NULL }, *const five[] = { "surfaces=5", "behind-step=4", NULL };
+    static const char *const two[] = { "surfaces=2", "behind-step=2", NULL }, *const five[] = { "surfaces=5", "behind-step=2", NULL };
     struct stage s;
     struct shot a, b;
 

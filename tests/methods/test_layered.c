@@ -2,8 +2,8 @@
  * test_layered.c - painted layers: the march against closed forms, its paths of light, the planes, what comes out of hostile scenes. */
 #include "stage.h"
 
-#include "methods/layered/layered.h"
 #include "base/simd.h"
+#include "methods/layered/layered.h"
 
 #include <string.h>
 
@@ -340,7 +340,7 @@ static void hostile_paint(void **state)
 {
     static const float straight[6] = { 1, 0, 0, 0, 1, 0 };
     float pixels[4 * 4] = { NAN, -3.0f, INFINITY, 0.5f, -INFINITY, 1e30f, 1.0f, 0.0f };
-    struct pell_texture texture = { .name = (char[]) { "map" }, .image = { 4, 4, 1, PELL_PIXEL_F32, false, pixels } };
+    struct pell_texture texture = { .name = (char[]){ "map" }, .image = { 4, 4, 1, PELL_PIXEL_F32, false, pixels } };
     const struct pell_texture_map map = { .texture = &texture, .matrix = { straight[0], 0, 0, 0, 1, 0 } };
     struct kept_messages kept;
     struct pell_context *ctx = test_context(NULL, &kept);
@@ -485,13 +485,38 @@ static void balls(void **state)
             const double angle = degrees[a] * PELL_PI / 180.0, expected = ball_closed_form(radii[k], 0.8, 1.0, 0.5, angle);
             const double best = ball_layered(radii[k], 0.8, 1.0, 0.5, angle, ours) / expected - 1.0;
             const double ray = ball_layered(radii[k], 0.8, 1.0, 0.5, angle, rays) / expected - 1.0;
-            print_message("# radius %2.0f mm, lamp %3.0f degrees from the eye: planes+rays %6.2f %%, rays %6.2f %%   (%.3g)\n",
-                          radii[k], degrees[a], 100.0 * best, 100.0 * ray, expected);
+            print_message("# radius %2.0f mm, lamp %3.0f degrees from the eye: planes+rays %6.2f %%, rays %6.2f %%   (%.3g)\n", radii[k],
+                          degrees[a], 100.0 * best, 100.0 * ray, expected);
             if (expected > 1e-6)
                 REQUIRE(fabs(best) < (radii[k] >= 10.0 ? 0.06 : 0.1) && fabs(ray) < 0.06);
         }
     /* From behind it is darker than from the front. */
     REQUIRE(ball_layered(5.0, 0.8, 1.0, 0.0, PELL_PI, ours) < 0.2 * ball_layered(5.0, 0.8, 1.0, 0.0, 0.3, ours));
+}
+
+/* Packets in which some pixels' light goes by planes, some by rays, some by both have no bright seams. */
+static void terminator(void **state)
+{
+    static const char *const kinds[2][2] = { { "light-path=planes+rays", NULL }, { "light-path=rays", NULL } };
+    double most[2] = { 0 };
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct shot shot;
+        struct stage s;
+        stage_start(&s, 48, 48);
+        give_layers(&s, fish, 3, 1.4);
+        stage_ball(&s, 0, 0, vec3(0, 0, 0), 20.0f, 40);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(-1.0f, 0.2f, 0.3f), vec3(0, 0, 0), 1.0f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 42.0f);
+        shot = stage_shot_of(&s, "layered", kinds[k]);
+        for (int i = 0; i < 48 * 48; i++)
+            most[k] = fmax(most[k], shot_at(&shot, SHOT_G, i % 48, i / 48));
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# brightest: %.4g, by rays alone %.4g\n", most[0], most[1]);
+    REQUIRE(most[0] < 1.15 * most[1]);
 }
 
 /* --- Planes --------------------------------------------------------------------------------------------------------------------- */
@@ -671,11 +696,14 @@ static void lamps_and_threads(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(homogeneous),     cmocka_unit_test(three_layers),     cmocka_unit_test(refracting_slab),
-        cmocka_unit_test(phases),          cmocka_unit_test(clear_and_many),   cmocka_unit_test(even_paint),
-        cmocka_unit_test(uv_of_any_kind),  cmocka_unit_test(hostile_paint),    cmocka_unit_test(paths_on_a_slab),
-        cmocka_unit_test(balls),           cmocka_unit_test(planes),           cmocka_unit_test(sheet),
-        cmocka_unit_test(slab_from_behind), cmocka_unit_test(bottom),          cmocka_unit_test(lamps_and_threads),
+        cmocka_unit_test(homogeneous),     cmocka_unit_test(three_layers),
+        cmocka_unit_test(refracting_slab), cmocka_unit_test(phases),
+        cmocka_unit_test(clear_and_many),  cmocka_unit_test(even_paint),
+        cmocka_unit_test(uv_of_any_kind),  cmocka_unit_test(hostile_paint),
+        cmocka_unit_test(paths_on_a_slab), cmocka_unit_test(balls),
+        cmocka_unit_test(terminator),      cmocka_unit_test(planes),
+        cmocka_unit_test(sheet),           cmocka_unit_test(slab_from_behind),
+        cmocka_unit_test(bottom),          cmocka_unit_test(lamps_and_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -519,7 +519,8 @@ static void place_row(void *arg, int index, int worker)
 
 /* What light weighs where it enters and where it leaves, of each channel: areas in pixels of the middle, and what splitting and gathering
  * give back of a flat surface's light. By its place among the planes: half of the factor where light enters, half where it leaves; by its
- * lean, on the mean over places: all where it enters, as a pixel that leans alone has no neighbours that give it more. `leaves` may be NULL. */
+ * lean, on the mean over places: all where it enters, as a pixel that leans alone has no neighbours that give it more.
+ * `leaves` may be NULL. */
 static void weigh(const struct convolution_state *st, float place, float area, float lean, float enters[3], float leaves[3])
 {
     const struct job *j = &st->job;

@@ -162,9 +162,12 @@ static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, 
 {
     const struct pell_frame *in = s->in;
     const int n = s->behind.step, x0 = c->x[i] * n, y0 = cell_y * n;
-    const struct pell_vec3 normal = vec3(hit->hit.ngx[i], hit->hit.ngy[i], hit->hit.ngz[i]);
+    const struct pell_vec3 normal = vec3_normalize(vec3(hit->hit.ngx[i], hit->hit.ngy[i], hit->hit.ngz[i]));
+    const float facing = -vec3_dot(normal, c->direction[i]), least = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS;
+    /* As its slope makes it farther across the cell, too. */
+    const float across = (float) n * pixel_at(in, depth) * sqrtf(facing < 1.0f ? 1.0f - facing * facing : 0.0f) / least;
 
-    if (vec3_dot(normal, c->direction[i]) < 0.0f && depth <= c->front[i] + 1e-4f * s->far_depth)
+    if (facing > 0.0f && depth <= c->front[i] + 1e-4f * s->far_depth + across)
         return true;
     for (int y = y0 > in->rect.y0 ? y0 : in->rect.y0; y < y0 + n && y < in->rect.y1; y++)
         for (int x = x0 > in->rect.x0 ? x0 : in->rect.x0; x < x0 + n && x < in->rect.x1; x++)

@@ -491,8 +491,11 @@ INLINE void by_nodes(const struct layered_work *work, const struct layered_mediu
 
 INLINE void mix_paths(const struct layered_medium *m, vf planes, const struct path *a, struct path *path)
 {
-    /* By reciprocals: where the surface bends away the plane's path is the one that is far too long. */
-    path->km = path->km * a->km / greater(planes * path->km + (1.0f - planes) * a->km, all(1e-20f));
+    /* By reciprocals: where the surface bends away the plane's path is the one that is far too long. Where no ray came to the surface the
+     * plane alone says how long it is. */
+    const vf both = path->km * a->km / greater(planes * path->km + (1.0f - planes) * a->km, all(1e-20f));
+
+    path->km = select((path->km > 0.0f) & (planes < 1.0f), both, a->km);
     path->cosine += planes * (a->cosine - path->cosine);
     path->per = 1.0f / path->cosine;
     path->rise += planes * (a->rise - path->rise);
