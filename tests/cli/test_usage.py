@@ -360,12 +360,15 @@ def example_lines(shown):
     return [line[2:] for line in shown.split('Examples\n')[1].split('\nOptions')[0].splitlines()]
 
 
+LONG_BENCHES = [['truth'], ['mertens'], ['deon-1'], ['francois-2']]
+
+
 def run_examples(folder, lines):
     need(lines, 'no examples')
     for line in lines:
         words = shlex.split(line, comments=True)
         need(words[0] == 'pellucid', line)
-        if SANITIZED and words[1] == 'bench' and words[2:] and words[2] not in ('screen-space', '--json'):
+        if words[1:2] == ['bench'] and words[2:3] in LONG_BENCHES and (SANITIZED or words[2] != 'mertens'):
             continue  # minutes of what the tests of the methods do, too
         small = {'render': SMALL, 'bench': [*SMALL, '--repeats', '1']}.get(words[1], [])
         small = ['--repeats', '1'] if words[1:3] == ['bench', 'profiles'] else small  # renders nothing

@@ -219,6 +219,7 @@ static void random_scenes_end_in_numbers(void **state)
             s.settings.width = width;
             s.settings.height = height;
         }
+        s.settings.dof = s.settings.dof && s.scene->cameras[0].ortho_height == 0.0f; /* which has no lens */
         s.settings.msaa = 1 + pick(&seed, 3);
         s.settings.light_samples = 1 + pick(&seed, 4);
         s.settings.ambient_samples = 1 + pick(&seed, 4);

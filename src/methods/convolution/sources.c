@@ -117,7 +117,7 @@ void convolution_sources_aim(struct conv_sources *s)
     const struct pell_scene *scene = pell_renderer_scene(s->r);
     float far = 0.0f, size = 0.0f;
 
-    s->view = pell_view_make(&scene->cameras[0], s->in->width, s->in->height, 0.0f, 0.0f);
+    s->view = *pell_renderer_eye(s->r);
     for (int i = 0; i < 8; i++) {
         const struct pell_vec3 corner =
             vec3(i & 1 ? scene->bounds_max[0] : scene->bounds_min[0], i & 2 ? scene->bounds_max[1] : scene->bounds_min[1],
