@@ -158,6 +158,8 @@ static void cut_triangle(struct section *s, const struct pell_mesh *mesh, uint32
         else if (b < 0.0)
             high = fmin(high, -a / b);
     }
+    if (!(low <= high)) /* it may be far outside [0, 1], then */
+        return;
     for (int i = (int) ceil(low * (SAMPLES - 1)); i <= (int) floor(high * (SAMPLES - 1)); i++) {
         struct place *at = &s->places[i];
         const double f = (double) i / (SAMPLES - 1), u = s->line[0] + f * du, v = s->line[1] + f * dv;
@@ -273,7 +275,7 @@ static double choose_depth(const struct section *s)
             solid = fmax(solid, s->through[i]);
     }
     for (int c = 0; c < 3; c++)
-        if (lowest->sigma_t[c] > 0.0)
+        if (lowest->sigma_t[c] >= PELL_SIGMA_T_MIN)
             path = fmax(path, 1.0 / lowest->sigma_t[c]);
     if (!isfinite(lowest->depth))
         deepest += 5.0 * path;

@@ -71,7 +71,7 @@ static void take_layers(const struct pell_material *m, struct pell_strata *out)
                 to->depth = (double) (from->depth * least);
             }
         }
-        deepest = to->map ? (double) from->depth * (double) largest : to->depth;
+        deepest = to->map ? (double) from->depth * fmax((double) largest, to->inverse ? 0.0 : 1.0) : to->depth; /* 1 without coordinates */
         if (deepest < (double) INFINITY)
             out->deepest = fmax(out->deepest, deepest);
     }

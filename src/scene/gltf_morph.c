@@ -64,8 +64,14 @@ enum pell_result gltf_morph_weights(struct gltf *g, const struct pell_json *mesh
     if (!w)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < PELL_COUNT(owners); i++)
-        if (owners[i])
-            PELL_TRY(pell_json_numbers(owners[i], "weights", count, -1e6, 1e6, w));
+        if (owners[i]) {
+            struct pell_json list;
+            PELL_TRY(pell_json_array(owners[i], "weights", count, count, &list));
+            for (size_t k = 0; k < pell_json_count(&list); k++) {
+                const struct pell_json number = pell_json_at(&list, k);
+                PELL_TRY(pell_json_to_number(&number, -1e6, 1e6, &w[k]));
+            }
+        }
     if (pose && pose->moved[GLTF_WEIGHTS])
         PELL_TRY(gltf_animated_weights(g, pose->weights, count, w));
     for (size_t i = 0; i < count; i++)

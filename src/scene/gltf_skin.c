@@ -33,6 +33,7 @@ static enum pell_result read_inverses(struct gltf *g, const struct pell_json *sk
     if (a->count < count)
         return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has %" PRIu32 " matrices for %" PRIu32 " joints", index,
                                a->count, count);
+    PELL_TRY(gltf_deform(g, &at, a->count)); /* a sparse accessor may be far longer than its file */
     m = pell_alloc_array(g->ctx, a->count, 16 * sizeof(*m));
     if (!m)
         return PELL_ERR_NOMEM;

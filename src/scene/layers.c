@@ -183,8 +183,8 @@ static void measure(const struct pell_material *m, const bool *with, const struc
     for (int i = 0; i < m->num_layers; i++)
         if (with[i])
             out[i] = (struct pell_layer_measure){ (double) INFINITY, 0.0, 0.0, 0 };
-    for (int y = step / 2; y < image->height; y += step)
-        for (int x = step / 2; x < image->width; x += step) {
+    for (int y = step / 2 < image->height ? step / 2 : 0; y < image->height; y += step)
+        for (int x = step / 2 < image->width ? step / 2 : 0; x < image->width; x += step) {
             const struct pell_texture_map *last = NULL;
             float u, v, rgba[4] = { 0 }, above = 0.0f;
             invert(grid, (x + 0.5) / image->width, (y + 0.5) / image->height, &u, &v);
@@ -215,7 +215,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
     for (int i = 0; i < m->num_layers; i++)
         if (with[i]) {
             out[i].mean /= points;
-            out[i].crossings *= (int64_t) step * step;
+            out[i].crossings = (int64_t) ((double) out[i].crossings * ((double) image->width * image->height / points));
         }
 }
 

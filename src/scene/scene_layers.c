@@ -207,7 +207,7 @@ static enum pell_result read_depth(struct pell_scene_reader *r, const struct pel
     if (!place.value)
         return PELL_OK;
     PELL_TRY(pell_scene_text_length(&place, true, &mm));
-    if (!(mm >= (double) *above && mm <= (double) PELL_LAYER_DEPTH_MAX))
+    if (!((float) mm >= *above && mm <= (double) PELL_LAYER_DEPTH_MAX))
         return pell_json_error(&place, PELL_ERR_FORMAT, "depths are from the surface to the layer's bottom; layers go from top to bottom",
                                "is %g mm, allowed: [%g, %g]", mm, (double) *above, (double) PELL_LAYER_DEPTH_MAX);
     *above = layer->depth = (float) mm;

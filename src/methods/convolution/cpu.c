@@ -367,6 +367,7 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
     const struct pell_frame *in = st->sources.in;
     const struct conv_behind *b = &st->sources.behind;
     const struct extent *e = &st->job.extent;
+    const float gap = 8.001f * pixel_at(in, high) * (float) st->step;
     double count[BINS] = { 0 }, all = 0.0, sum = 0.0;
     int at = 1;
 
@@ -385,6 +386,11 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
             lay->depth[at] = low + (high - low) * (float) ((i + ((double) at / (lay->planes - 1) - sum) / share) / BINS);
         sum += share;
     }
+    /* However much of the surface is at one depth: no closer than lay_out made sure that there is room for. */
+    for (int i = 1; i < lay->planes - 1; i++)
+        lay->depth[i] = fmaxf(lay->depth[i], lay->depth[i - 1] + gap);
+    for (int i = lay->planes - 2; i > 0; i--)
+        lay->depth[i] = fminf(lay->depth[i], lay->depth[i + 1] - gap);
 }
 
 /* Chooses planes, sizes and lengths of transforms. */
@@ -461,7 +467,7 @@ static void measure_behind(struct convolution_state *st)
                 const int x = cx * b->step, y = cy * b->step;
                 const ptrdiff_t at = y * f->stride + x;
                 float p, q, distance;
-                if (b->group[i] != j->group + 1 || f->group[at] != j->group + 1)
+                if (x < j->extent.rect.x0 || y < j->extent.rect.y0 || b->group[i] != j->group + 1 || f->group[at] != j->group + 1)
                     continue;
                 p = f->place[at];
                 q = b->place[i];
@@ -643,9 +649,10 @@ static void spread_behind(const struct convolution_state *st, unsigned char *mar
     const struct conv_behind *b = &st->sources.behind;
     const int first = (j->y0 + y * st->step) / b->step, last = (j->y0 + (y + 1) * st->step - 1) / b->step;
     const int across = b->step > st->step ? b->step / st->step : 1; /* pixels of the images that a cell covers, each way */
+    const int top = j->extent.rect.y0 / b->step, end = (j->extent.rect.y1 - 1) / b->step; /* others were not placed */
 
     for (int k = 0; k < b->layers; k++)
-        for (int cy = first; cy <= last && cy < b->height; cy++)
+        for (int cy = first > top ? first : top; cy <= last && cy <= end; cy++)
             for (int cx = j->x0 / b->step; cx <= (j->extent.rect.x1 - 1) / b->step; cx++) {
                 const size_t i = ((size_t) k * (size_t) b->height + (size_t) cy) * (size_t) b->width + (size_t) cx;
                 float e;

@@ -30,11 +30,12 @@ static size_t whole(int across, int down)
 
 size_t convolution_spectra_size(const struct convolution_knobs *k, bool orthographic, int width, int height)
 {
-    const size_t full = whole(pell_fft_good(2 * width, MULTIPLE), pell_fft_good(2 * height, MULTIPLE)), n = (size_t) k->planes;
-    const size_t own = orthographic ? 1 : n;
+    const int across = pell_fft_good(2 * width, MULTIPLE), down = pell_fft_good(2 * height, MULTIPLE);
+    const size_t full = whole(across, down), n = (size_t) k->planes, own = orthographic ? 1 : n;
+    const size_t half = ((size_t) across / 64 + 2) * ((size_t) down / 4 + 2) * PELL_FFT_LANES; /* of planes 8 pixels apart, or more */
+    const size_t pairs = k->placement == CONV_SURFACE ? full + n * (n - 1) / 2 * half : full * (n - 1);
 
-    return 3 * full * ((k->placement == CONV_SURFACE ? own + n * (n - 1) / 8 + 1 : own + n - 1) + (k->surfaces > 1 && k->apart ? n : 0)) +
-           64;
+    return 3 * (full * (own + (k->surfaces > 1 && k->apart ? n : 0)) + pairs) + 64;
 }
 
 /* Quarters of a kernel, then two buffers and two tables of transforms. */

@@ -62,7 +62,7 @@ struct state {
     /* The frame. */
     const struct pell_frame *in;
     const struct pell_frame_light *out;
-    const struct pell_camera *camera;
+    const struct pell_view *view;
     int bands;
 };
 
@@ -744,7 +744,7 @@ static void read_packet(const struct state *st, const struct layered_medium *m, 
 {
     const struct pell_scene *scene = pell_renderer_scene(st->r);
     const struct pell_frame *in = st->in;
-    const struct pell_vec3 eye = vec3_load(st->camera->position), forward = vec3_load(st->camera->forward);
+    const struct pell_vec3 eye = st->view->origin, forward = st->view->forward;
 
     p->count = count;
     for (int i = 0; i < LAYERED_LANES; i++) {
@@ -897,7 +897,7 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
 
     st->in = in;
     st->out = out;
-    st->camera = &pell_renderer_scene(st->r)->cameras[0];
+    st->view = pell_renderer_eye(st->r);
     for (int i = 0; i < pell_pool_threads(st->pool); i++)
         st->workers[i].pixels = st->workers[i].rays = st->workers[i].marches = 0;
     pell_pool_run(st->pool, (in->rect.y1 - in->rect.y0 + BAND - 1) / BAND, run_band, st);

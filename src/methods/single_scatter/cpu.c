@@ -25,7 +25,7 @@ struct frame_task {
     const struct ss_state *st;
     const struct pell_frame *in;
     const struct pell_frame_light *out;
-    const struct pell_camera *camera;
+    const struct pell_view *view;
     int first; /* row */
 };
 
@@ -43,7 +43,7 @@ static void do_row(void *arg, int index, int worker)
             continue;
         x = vec3(in->position[0][at], in->position[1][at], in->position[2][at]);
         toward =
-            in->orthographic ? vec3_mul(vec3_load(t->camera->forward), -1.0f) : vec3_normalize(vec3_sub(vec3_load(t->camera->position), x));
+            in->orthographic ? vec3_mul(t->view->forward, -1.0f) : vec3_normalize(vec3_sub(t->view->origin, x));
         ss_estimate(&t->st->world, x, toward, (double) in->depth[at], &t->st->counts[worker], light, noise);
         for (int c = 0; c < 3; c++) {
             t->out->light[c][at] = apart ? 0.0f : light[c];
@@ -57,7 +57,7 @@ static void do_row(void *arg, int index, int worker)
 static enum pell_result ss_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct ss_state *st = state;
-    struct frame_task t = { st, in, out, &pell_renderer_scene(st->r)->cameras[0], 0 };
+    struct frame_task t = { st, in, out, pell_renderer_eye(st->r), 0 };
     struct ss_counts sum = { 0 };
     const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(pell_renderer_pool(st->r));
     const double start = pell_seconds();
