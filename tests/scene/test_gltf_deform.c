@@ -442,6 +442,21 @@ static void targets_are_added_by_their_weights(void **state)
     finish(&x);
 }
 
+/* Faces have some fifty. */
+static void there_may_be_many_targets(void **state)
+{
+#define FIVE(x) x "," x "," x "," x "," x
+    struct file f;
+    struct fixture x;
+    (void) state;
+    make_triangle(&f);
+    document(&f, "\"nodes\":[{\"mesh\":0}]," TRIANGLE("\"weights\":[" FIVE(FIVE("0.04")) "],", "[" FIVE(FIVE("{\"POSITION\":3}")) "]"));
+    read_at(&x, &f, -1.0);
+    require_vec(x.scene->meshes[0].position, 0, 0, 1, 1e-6);
+    finish(&x);
+#undef FIVE
+}
+
 static void weights_of_zero_leave_the_base(void **state)
 {
     struct file f;
@@ -912,6 +927,7 @@ int main(void)
         cmocka_unit_test(joints_that_mirror_turn_triangles),
         cmocka_unit_test(bad_skins_are_refused),
         cmocka_unit_test(targets_are_added_by_their_weights),
+        cmocka_unit_test(there_may_be_many_targets),
         cmocka_unit_test(weights_of_zero_leave_the_base),
         cmocka_unit_test(normals_that_a_target_leaves_behind_are_made_anew),
         cmocka_unit_test(bad_targets_are_refused),
