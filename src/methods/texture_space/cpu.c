@@ -342,8 +342,11 @@ static void fill_borders(void *arg, int chunk, int worker)
         const struct ts_border *b = &a->borders[i];
         for (int c = 0; c < p->count; c++) {
             const float *from = p->planes[c] + b->from;
-            p->planes[c][b->at] =
-                b->weight[0] * from[0] + b->weight[1] * from[1] + b->weight[2] * from[a->stride] + b->weight[3] * from[a->stride + 1];
+            float sum = 0.0f;
+            for (int k = 0; k < 4; k++)
+                if (b->weight[k] > 0.0f) /* others are of no chart, or borders that another thread fills */
+                    sum += b->weight[k] * from[k % 2 + k / 2 * a->stride];
+            p->planes[c][b->at] = sum;
         }
     }
 }
