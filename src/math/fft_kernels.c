@@ -5,40 +5,16 @@
 #include "math/fft_kernels.h"
 
 #include "base/simd.h"
+#include "math/lanes.h"
 
 #include <string.h>
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
 
-#if defined(__AVX512F__)
-#define WIDTH 16
-#elif defined(__AVX__)
-#define WIDTH 8
-#else
-#define WIDTH 4
-#endif
-#define INLINE static inline __attribute__((always_inline))
 enum { LANES = 16, ELEMENT = 32 };
-
-typedef float vf __attribute__((vector_size(4 * WIDTH)));
 
 /* A vector of complex numbers. */
 struct cx {
     vf re, im;
 };
-
-INLINE vf load(const float *p)
-{
-    vf v;
-    memcpy(&v, p, sizeof(v));
-    return v;
-}
-
-INLINE void store(float *p, vf v)
-{
-    memcpy(p, &v, sizeof(v));
-}
 
 INLINE struct cx get(const float *p, int swap)
 {

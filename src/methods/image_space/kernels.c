@@ -9,103 +9,22 @@
 #include "methods/image_space/image_space.h"
 
 #include "base/simd.h"
+#include "math/lanes.h"
 
 #include <math.h>
 #include <string.h>
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
-
-#if defined(__AVX512F__)
-#define WIDTH 16
-#elif defined(__AVX__)
-#define WIDTH 8
-#else
-#define WIDTH 4
-#endif
-#define INLINE static inline __attribute__((always_inline))
-
-typedef float vf __attribute__((vector_size(4 * WIDTH)));
-typedef int32_t vi __attribute__((vector_size(4 * WIDTH)));
 
 #define HEAVIEST 1e12f /* weight of a sample; more is an accident of rounding */
 #define STEEPEST 20.0f /* 1/cos of the steepest surface, seen from the view: what is steeper is taken for that */
 #define FAR_PX 1e5f
 #define THIN (1.0f / 16.0f) /* taps of the reconstruction may lie 4 footprints of a pixel off the planes, both together */
 
-INLINE vf load(const float *p)
-{
-    vf v;
-    memcpy(&v, p, sizeof(v));
-    return v;
-}
-
-INLINE void store(float *p, vf v)
-{
-    memcpy(p, &v, sizeof(v));
-}
-
-INLINE vf all(float x)
-{
-    return (vf) { 0 } + x;
-}
-
-INLINE vf select(vi mask, vf a, vf b)
-{
-    return (vf) (((vi) a & mask) | ((vi) b & ~mask));
-}
-
-INLINE vf magnitude(vf a)
-{
-    return (vf) ((vi) a & 0x7fffffff);
-}
-
-/* See src/methods/screen_space/kernels.c: no generic vector has these. A gather of 8 neighbouring floats by 8 instructions takes 0.6 of
- * the time of the same loads one by one. */
+/* A gather of 8 neighbouring floats by 8 instructions takes 0.6 of the time of the same loads one by one. */
 #if defined(__AVX512F__)
-#define root(v) ((vf) _mm512_sqrt_ps((__m512) (v)))
-#define lesser(a, b) ((vf) _mm512_min_ps((__m512) (a), (__m512) (b)))
-#define greater(a, b) ((vf) _mm512_max_ps((__m512) (a), (__m512) (b)))
 #define gather(p, at) ((vf) _mm512_i32gather_ps((__m512i) (at), (p), 4))
-#define any(mask) (_mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)) != 0)
 #elif defined(__AVX2__)
-#define root(v) ((vf) _mm256_sqrt_ps((__m256) (v)))
-#define lesser(a, b) ((vf) _mm256_min_ps((__m256) (a), (__m256) (b)))
-#define greater(a, b) ((vf) _mm256_max_ps((__m256) (a), (__m256) (b)))
 #define gather(p, at) ((vf) _mm256_i32gather_ps((p), (__m256i) (at), 4))
-#define any(mask) (!_mm256_testz_si256((__m256i) (mask), (__m256i) (mask)))
 #else
-#if defined(__SSE2__)
-#define root(v) ((vf) _mm_sqrt_ps((__m128) (v)))
-#define lesser(a, b) ((vf) _mm_min_ps((__m128) (a), (__m128) (b)))
-#define greater(a, b) ((vf) _mm_max_ps((__m128) (a), (__m128) (b)))
-#define any(mask) (_mm_movemask_ps((__m128) (mask)) != 0)
-#else
-INLINE vf root(vf v)
-{
-    for (int l = 0; l < WIDTH; l++)
-        v[l] = sqrtf(v[l]);
-    return v;
-}
-
-INLINE vf lesser(vf a, vf b)
-{
-    return select(a < b, a, b);
-}
-
-INLINE vf greater(vf a, vf b)
-{
-    return select(a > b, a, b);
-}
-
-INLINE bool any(vi mask)
-{
-    int some = 0;
-    for (int l = 0; l < WIDTH; l++)
-        some |= mask[l];
-    return some != 0;
-}
-#endif
 INLINE vf gather(const float *p, vi at)
 {
     vf v;

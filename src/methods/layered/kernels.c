@@ -8,34 +8,14 @@
 #include "methods/layered/layered.h"
 
 #include "base/simd.h"
+#include "math/lanes.h"
 #include "math/vec.h"
 
 #include <math.h>
 #include <string.h>
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
 
-#if defined(__AVX512F__)
-#define WIDTH 16
-#elif defined(__AVX__)
-#define WIDTH 8
-#else
-#define WIDTH 4
-#endif
-#define INLINE static inline __attribute__((always_inline))
 #define LANES LAYERED_LANES
 #define MOST PELL_LAYERS_MOST
-
-typedef float vf __attribute__((vector_size(4 * WIDTH)));
-typedef int32_t vi __attribute__((vector_size(4 * WIDTH)));
-
-INLINE vf load(const float *p)
-{
-    vf v;
-    memcpy(&v, p, sizeof(v));
-    return v;
-}
 
 INLINE vi load_int(const int32_t *p)
 {
@@ -44,80 +24,23 @@ INLINE vi load_int(const int32_t *p)
     return v;
 }
 
-INLINE void store(float *p, vf v)
-{
-    memcpy(p, &v, sizeof(v));
-}
-
-INLINE vf all(float x)
-{
-    return (vf){ 0 } + x;
-}
-
-INLINE vf select(vi mask, vf a, vf b)
-{
-    return (vf) (((vi) a & mask) | ((vi) b & ~mask));
-}
-
-INLINE vf magnitude(vf a)
-{
-    return (vf) ((vi) a & 0x7fffffff);
-}
-
-/* No generic vector has these; lesser and greater give b where one is no number. */
+/* Generic vectors are not interleaved by one instruction. */
 #if defined(__AVX512F__)
-#define root(v) ((vf) _mm512_sqrt_ps((__m512) (v)))
-#define lesser(a, b) ((vf) _mm512_min_ps((__m512) (a), (__m512) (b)))
-#define greater(a, b) ((vf) _mm512_max_ps((__m512) (a), (__m512) (b)))
-#define any(mask) (_mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)) != 0)
 #define low2(a, b) ((vf) _mm512_unpacklo_ps((__m512) (a), (__m512) (b)))
 #define high2(a, b) ((vf) _mm512_unpackhi_ps((__m512) (a), (__m512) (b)))
 #define low4(a, b) ((vf) _mm512_unpacklo_pd((__m512d) (a), (__m512d) (b)))
 #define high4(a, b) ((vf) _mm512_unpackhi_pd((__m512d) (a), (__m512d) (b)))
 #elif defined(__AVX2__)
-#define root(v) ((vf) _mm256_sqrt_ps((__m256) (v)))
-#define lesser(a, b) ((vf) _mm256_min_ps((__m256) (a), (__m256) (b)))
-#define greater(a, b) ((vf) _mm256_max_ps((__m256) (a), (__m256) (b)))
-#define any(mask) (!_mm256_testz_si256((__m256i) (mask), (__m256i) (mask)))
 #define low2(a, b) ((vf) _mm256_unpacklo_ps((__m256) (a), (__m256) (b)))
 #define high2(a, b) ((vf) _mm256_unpackhi_ps((__m256) (a), (__m256) (b)))
 #define low4(a, b) ((vf) _mm256_unpacklo_pd((__m256d) (a), (__m256d) (b)))
 #define high4(a, b) ((vf) _mm256_unpackhi_pd((__m256d) (a), (__m256d) (b)))
 #elif defined(__SSE2__)
-#define root(v) ((vf) _mm_sqrt_ps((__m128) (v)))
-#define lesser(a, b) ((vf) _mm_min_ps((__m128) (a), (__m128) (b)))
-#define greater(a, b) ((vf) _mm_max_ps((__m128) (a), (__m128) (b)))
-#define any(mask) (_mm_movemask_ps((__m128) (mask)) != 0)
 #define low2(a, b) ((vf) _mm_unpacklo_ps((__m128) (a), (__m128) (b)))
 #define high2(a, b) ((vf) _mm_unpackhi_ps((__m128) (a), (__m128) (b)))
 #define low4(a, b) ((vf) _mm_unpacklo_pd((__m128d) (a), (__m128d) (b)))
 #define high4(a, b) ((vf) _mm_unpackhi_pd((__m128d) (a), (__m128d) (b)))
 #else
-INLINE vf root(vf v)
-{
-    for (int l = 0; l < WIDTH; l++)
-        v[l] = sqrtf(v[l]);
-    return v;
-}
-
-INLINE vf lesser(vf a, vf b)
-{
-    return select(a < b, a, b);
-}
-
-INLINE vf greater(vf a, vf b)
-{
-    return select(a > b, a, b);
-}
-
-INLINE bool any(vi mask)
-{
-    int some = 0;
-    for (int l = 0; l < WIDTH; l++)
-        some |= mask[l];
-    return some != 0;
-}
-
 INLINE vf low2(vf a, vf b)
 {
     return (vf){ a[0], b[0], a[1], b[1] };

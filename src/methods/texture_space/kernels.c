@@ -8,72 +8,10 @@
 #include "methods/texture_space/kernels.h"
 
 #include "base/simd.h"
+#include "math/lanes.h"
 
 #include <math.h>
 #include <string.h>
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
-
-#if defined(__AVX512F__)
-#define WIDTH 16
-#elif defined(__AVX__)
-#define WIDTH 8
-#else
-#define WIDTH 4
-#endif
-#define INLINE static inline __attribute__((always_inline))
-
-typedef float vf __attribute__((vector_size(4 * WIDTH)));
-typedef int32_t vi __attribute__((vector_size(4 * WIDTH)));
-
-INLINE vf load(const float *p)
-{
-    vf v;
-    memcpy(&v, p, sizeof(v));
-    return v;
-}
-
-INLINE void store(float *p, vf v)
-{
-    memcpy(p, &v, sizeof(v));
-}
-
-INLINE vf select(vi mask, vf a, vf b)
-{
-    return (vf) (((vi) a & mask) | ((vi) b & ~mask));
-}
-
-#if defined(__AVX512F__)
-#define root(v) ((vf) _mm512_sqrt_ps((__m512) (v)))
-#define lesser(a, b) ((vf) _mm512_min_ps((__m512) (a), (__m512) (b)))
-#define greater(a, b) ((vf) _mm512_max_ps((__m512) (a), (__m512) (b)))
-#elif defined(__AVX__)
-#define root(v) ((vf) _mm256_sqrt_ps((__m256) (v)))
-#define lesser(a, b) ((vf) _mm256_min_ps((__m256) (a), (__m256) (b)))
-#define greater(a, b) ((vf) _mm256_max_ps((__m256) (a), (__m256) (b)))
-#elif defined(__SSE2__)
-#define root(v) ((vf) _mm_sqrt_ps((__m128) (v)))
-#define lesser(a, b) ((vf) _mm_min_ps((__m128) (a), (__m128) (b)))
-#define greater(a, b) ((vf) _mm_max_ps((__m128) (a), (__m128) (b)))
-#else
-INLINE vf root(vf v)
-{
-    for (int l = 0; l < WIDTH; l++)
-        v[l] = sqrtf(v[l]);
-    return v;
-}
-
-INLINE vf lesser(vf a, vf b)
-{
-    return select(a < b, a, b);
-}
-
-INLINE vf greater(vf a, vf b)
-{
-    return select(a > b, a, b);
-}
-#endif
 
 /* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
 
