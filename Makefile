@@ -15,7 +15,8 @@ export SETUP JOBS
 # built for one level: they are plain C, so another level shows the sanitizers nothing new, and takes as long again to build.
 watched = -Dsimd=base -Db_lundef=false
 sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_string_checks=1:allocator_may_return_null=1 \
-            UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1
+            UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
+            TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp
 
 .PHONY: help demo build test test-asan test-tsan fuzz-short check-clang install clean
 
