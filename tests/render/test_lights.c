@@ -387,8 +387,8 @@ static void check_environment(const char *file, int lamps, float rho_s, float ro
     rig_render(&r);
     texels = list_texels(&r.scene->lights[0], &count);
     for (int k = 0; k < (lamps == 24 && !SLOW ? 2 : 1); k++) /* from both sides: the camera is turned by turning the light */
-        for (int y = 2; y < SIZE; y += SLOW ? 21 : 9)
-            for (int x = 2; x < SIZE; x += SLOW ? 21 : 9) {
+        for (int y = 2; y < SIZE; y += SLOW ? 31 : 13)
+            for (int x = 2; x < SIZE; x += SLOW ? 31 : 13) {
                 double want[3];
                 if (k == 1 && y == 2 && x == 2) {
                     r.scene->lights[0].rotate = rotate + 2.5f;

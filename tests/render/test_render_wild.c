@@ -190,7 +190,7 @@ static void random_scenes_end_in_numbers(void **state)
 
     (void) state;
     stage_start(&s, 8, 8);
-    for (uint32_t n = 0; n < 300; n += SLOW ? 3 : 1) {
+    for (uint32_t n = 0; n < 240; n += SLOW ? 6 : 1) {
         uint32_t seed = 12345 + 7919 * n;
         const double size = pow(10.0, uniform(&seed, -2.0, 4.0));
         const struct pell_method *method = pell_methods[0];
