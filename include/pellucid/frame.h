@@ -44,6 +44,7 @@ struct pell_frame {
     const uint16_t *material;   /* 0: not translucent; i + 1: materials[i] */
     const float *depth;         /* mm along the view axis, > 0 */
     const float *strength;      /* scales the scattering radius, [0, 1]; NULL: 1 */
+    const float *base[3];       /* base colour, where the material is `white`; elsewhere anything. NULL: not known */
     const float *irradiance[3]; /* light that entered, with albedo^m: W/m^2 */
     const float *lit[3];        /* the composited picture without scattering: W/(m^2 sr) */
     const float *normal[3];     /* unit, shading */

@@ -1,15 +1,67 @@
 /* SPDX-License-Identifier: MIT
  * alloc.c - all memory of the library goes through here: counted, limited, aligned to 64 bytes. */
+#if defined(__linux__)
+#define _GNU_SOURCE
+#endif
 #include "base/context.h"
 
 #include <stdlib.h>
 #include <string.h>
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
 
 /* In front of every block; a whole alignment unit, so that the block keeps its alignment. */
 struct header {
     size_t size;
-    char pad[64 - sizeof(size_t)];
+    size_t mapped;  /* bytes of the system's pages from `pages` on, of which it is a part; 0: the allocator's */
+    void *pages;
+    char pad[64 - 2 * sizeof(size_t) - sizeof(void *)];
 };
+
+/* Large blocks come as pages from the system, where no allocator was given: they are zero without being written, so that a picture of
+ * gigabytes is there at once and threads share the work of its first touch, and huge where the system has such, so that planes that
+ * lie far apart don't wait for the tables of pages. The address sanitizer sees into its own allocator's blocks alone. */
+#if defined(__linux__) && !defined(__SANITIZE_ADDRESS__)
+#define LARGE ((size_t) 8 << 20)
+#define HUGE_PAGE ((size_t) 2 << 20)
+
+static struct header *map(const struct pell_context *ctx, size_t size)
+{
+    const size_t bytes = size + sizeof(struct header) + HUGE_PAGE;
+    struct header *h;
+    void *pages;
+
+    if (!ctx->plain || size < LARGE || bytes < size)
+        return NULL;
+    pages = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (pages == MAP_FAILED)
+        return NULL;
+    h = (struct header *) (((uintptr_t) pages + HUGE_PAGE - 1) & ~(uintptr_t) (HUGE_PAGE - 1));
+    madvise(h, bytes - (size_t) ((char *) h - (char *) pages), MADV_HUGEPAGE); /* a wish */
+    h->mapped = bytes;
+    h->pages = pages;
+    return h;
+}
+
+static bool unmap(struct header *h)
+{
+    return h->mapped > 0 && munmap(h->pages, h->mapped) == 0;
+}
+#else
+static struct header *map(const struct pell_context *ctx, size_t size)
+{
+    (void) ctx;
+    (void) size;
+    return NULL;
+}
+
+static bool unmap(struct header *h)
+{
+    (void) h;
+    return false;
+}
+#endif
 
 void *pell_alloc(struct pell_context *ctx, size_t size)
 {
@@ -28,7 +80,12 @@ void *pell_alloc(struct pell_context *ctx, size_t size)
                    "%zu bytes more would exceed the memory limit of %zu bytes", size, limit);
         return NULL;
     }
-    h = ctx->allocator.alloc(ctx->allocator.user, sizeof(*h) + size);
+    h = map(ctx, size);
+    if (!h) {
+        h = ctx->allocator.alloc(ctx->allocator.user, sizeof(*h) + size);
+        if (h)
+            h->mapped = 0;
+    }
     if (!h) {
         atomic_fetch_sub(&ctx->used, size);
         pell_error(ctx, PELL_ERR_NOMEM, NULL, NULL, "out of memory: %zu bytes were asked for", size);
@@ -42,7 +99,7 @@ void *pell_alloc(struct pell_context *ctx, size_t size)
 void *pell_zalloc(struct pell_context *ctx, size_t size)
 {
     void *ptr = pell_alloc(ctx, size);
-    if (ptr)
+    if (ptr && !((struct header *) ptr)[-1].mapped)
         memset(ptr, 0, size);
     return ptr;
 }
@@ -88,7 +145,8 @@ void pell_free(struct pell_context *ctx, void *ptr)
         return;
     h = (struct header *) ptr - 1;
     atomic_fetch_sub(&ctx->used, h->size);
-    ctx->allocator.free(ctx->allocator.user, h);
+    if (!unmap(h))
+        ctx->allocator.free(ctx->allocator.user, h);
 }
 
 char *pell_strndup(struct pell_context *ctx, const char *text, size_t length)

@@ -83,6 +83,7 @@ enum pell_result pell_context_create(const struct pell_context_params *params, s
         return PELL_ERR_NOMEM;
     }
     ctx->allocator = allocator;
+    ctx->plain = !params->allocator.alloc;
     ctx->log = params->log;
     ctx->log_user = params->log_user;
     ctx->log_level = params->log_level ? params->log_level : PELL_LOG_INFO;

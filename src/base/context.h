@@ -16,6 +16,7 @@ struct pell_context {
     pell_progress_fn progress;
     void *progress_user;
     struct pell_allocator allocator;
+    bool plain; /* it is the C library's */
     struct pell_limits limits;
     pthread_mutex_t log_lock;
     _Atomic size_t used;

@@ -507,7 +507,8 @@ struct curved {
     struct vec axis[3];      /* of the frame, in the world's */
     struct vec p0, x, place; /* x and the lamp in the frame */
     struct vec n, nu, nv;    /* normal = n + u nu + v nv, not unit */
-    double size;
+    double size, radius;     /* longest side; from the middle to the farthest corner */
+    double turn;             /* from the normal in the middle to that of a corner, at most */
     double grazing;
     double root[12][2];
     int roots;
@@ -595,38 +596,47 @@ static void refine(struct curved *c, double u, double v)
 
 /* A part of the triangle: its corner, and how far its sides go along u and v (below 0: the middle one of four, turned round). */
 struct part {
-    double u, v, side;
+    double u, v, side, near; /* near: its size over its distance to x or the lamp, whichever is nearer */
     int depth;
 };
 
-/* Whether H can be along n anywhere in a part, by bounds that hold however far it is; as for nodes. */
-static bool may_refract(const struct curved *c, const struct part *part)
+/* The four quarters of a part in which H can be along n, by bounds that hold however far it is; as for nodes. Returns how many. */
+static int quarter(const struct curved *c, const struct part *part, struct part *out)
 {
-    const double third = part->side / 3.0;
-    struct state s;
-    struct vec n;
-    double rv, rl, spread, h, cosine = 1.0, length, away, radius = c->size * fabs(part->side);
+    static const float at[LANES][3] = { { 0.0f, 0.0f, 1.0f }, { 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, -1.0f } };
+    const float half = 0.5f * (float) part->side, x = (float) c->x.x, y = (float) c->x.y, z = (float) c->x.z;
+    const float lx = (float) c->place.x, ly = (float) c->place.y, lz = (float) c->place.z, place = c->away ? 0.0f : 1.0f;
+    const float ex1 = (float) c->ex1, ex2 = (float) c->ex2, ey2 = (float) c->ey2, eta = (float) c->eta, grazing = (float) c->grazing;
+    const float nx = (float) c->n.x, ny = (float) c->n.y, nz = (float) c->n.z, ux = (float) c->nu.x, uy = (float) c->nu.y;
+    const float uz = (float) c->nu.z, vx = (float) c->nv.x, vy = (float) c->nv.y, vz = (float) c->nv.z, sign = eta > 1.0f ? -1.0f : 1.0f;
+    const float radius = (float) c->radius * fabsf(half), turn = (float) c->turn * fabsf(half);
+    float near[LANES];
+    int open[LANES], count = 0;
 
-    look(c, part->u + third, part->v + third, &s);
-    rv = radius * s.inverse_v;
-    rl = radius * s.inverse_l;
-    if (rv >= 1.0 || rl >= 1.0)
-        return true;
-    spread = c->eta * rv * (1.0 + 0.42 * rv * rv) + rl * (1.0 + 0.42 * rl * rl) + 1e-9;
-    h = sqrt(dot(s.h, s.h));
-    if (h > c->grazing + spread)
-        return false;
-    if (spread >= 0.99 * h)
-        return true;
-    length = sqrt(dot(s.n, s.n));
-    for (int k = 0; k < 3; k++) {
-        n = mad(mad(c->n, part->u + (k == 1 ? part->side : 0.0), c->nu), part->v + (k == 2 ? part->side : 0.0), c->nv);
-        cosine = fmin(cosine, dot(n, s.n) / (length * sqrt(dot(n, n))));
+    for (int i = 0; i < LANES; i++) {
+        const float u = (float) part->u + half * (at[i][0] + at[i][2] * (1.0f / 3.0f));
+        const float v = (float) part->v + half * (at[i][1] + at[i][2] * (1.0f / 3.0f));
+        const float px = u * ex1 + v * ex2, py = v * ey2, ax = x - px, ay = y - py, bx = lx - place * px, by = ly - place * py;
+        const float iv = 1.0f / sqrtf(ax * ax + ay * ay + z * z), il = 1.0f / sqrtf(bx * bx + by * by + lz * lz);
+        const float sv = radius * iv, sl = place * radius * il;
+        const float spread = eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 2e-6f;
+        const float hx = eta * ax * iv + bx * il, hy = eta * ay * iv + by * il, hz = eta * z * iv + lz * il;
+        const float mx = nx + u * ux + v * vx, my = ny + u * uy + v * vy, mz = nz + u * uz + v * vz;
+        const float h = sqrtf(hx * hx + hy * hy + hz * hz), in = 1.0f / sqrtf(LARGER(mx * mx + my * my + mz * mz, 1e-30f));
+        const float ih = 1.0f / LARGER(h, 1e-30f), sb = spread * ih, cb = sqrtf(LARGER(1.0f - sb * sb, 0.0f));
+        const float sine = turn * in, cosine = sqrtf(LARGER(1.0f - sine * sine, 0.0f));
+        const float facing = sign * (hx * mx + hy * my + hz * mz) * ih * in;
+        const int inside = (sv >= 1.0f) | (sl >= 1.0f);
+        const int along = (facing >= cosine * cb - sine * sb - 4e-6f) | (sb >= 0.99f) | (sine >= 0.99f);
+        open[i] = inside | ((h <= grazing + spread) & along);
+        near[i] = LARGER(iv, place * il);
     }
-    if (!(cosine > 0.02))
-        return true;
-    away = fabs(dot(s.h, s.n)) / (h * length);
-    return away >= cosine * sqrt(1.0 - spread * spread / (h * h)) - sqrt(fmax(0.0, 1.0 - cosine * cosine)) * spread / h - 1e-9;
+    for (int i = 0; i < LANES; i++)
+        if (open[i])
+            out[count++] =
+                (struct part){ part->u + 0.5 * part->side * (double) at[i][0], part->v + 0.5 * part->side * (double) at[i][1],
+                               0.5 * part->side * (double) at[i][2], c->size * fabs((double) half) * (double) near[i], part->depth + 1 };
+    return count;
 }
 
 enum verdict { EMPTY, LINEAR, WILD };
@@ -677,20 +687,16 @@ static void search(struct curved *c)
 {
     struct part stack[3 * DEPTH + 4];
     int count = 0, looked = 0;
+    struct state s;
 
-    stack[count++] = (struct part){ 0.0, 0.0, 1.0, 0 };
+    look(c, 1.0 / 3.0, 1.0 / 3.0, &s);
+    stack[count++] = (struct part){ 0.0, 0.0, 1.0, c->size * fmax(s.inverse_v, s.inverse_l), 0 };
     while (count > 0) {
         const struct part p = stack[--count];
-        const double half = 0.5 * p.side;
         const bool last = p.depth == DEPTH || looked >= PARTS;
-        struct state s;
-        double start[2], near;
-        looked++;
-        if (p.depth > 0 && !may_refract(c, &p))
-            continue;
-        look(c, p.u + p.side / 3.0, p.v + p.side / 3.0, &s);
-        near = c->size * fabs(p.side) * fmax(s.inverse_v, s.inverse_l);
-        if (near < 0.4 || last) {
+        looked += 4;
+        if (p.near < 0.4 || last) {
+            double start[2];
             const enum verdict verdict = weigh(c, &p, start);
             if (verdict == EMPTY)
                 continue;
@@ -702,10 +708,7 @@ static void search(struct curved *c)
                 continue;
             }
         }
-        stack[count++] = (struct part){ p.u, p.v, half, p.depth + 1 };
-        stack[count++] = (struct part){ p.u + half, p.v, half, p.depth + 1 };
-        stack[count++] = (struct part){ p.u, p.v + half, half, p.depth + 1 };
-        stack[count++] = (struct part){ p.u + half, p.v + half, -half, p.depth + 1 };
+        count += quarter(c, &p, stack + count);
     }
 }
 
@@ -739,6 +742,12 @@ static void solve_curved(struct query *q, const struct facet *f)
     c.n = to_frame(&c, load(f->n[0]));
     c.nu = sub(to_frame(&c, load(f->n[1])), c.n);
     c.nv = sub(to_frame(&c, load(f->n[2])), c.n);
+    for (int k = 0; k < 3; k++) {
+        const double u = (k == 1) - 1.0 / 3.0, v = (k == 2) - 1.0 / 3.0, x = u * c.ex1 + v * c.ex2, y = v * c.ey2;
+        const struct vec dn = mad(scale(c.nu, u), v, c.nv);
+        c.radius = fmax(c.radius, sqrt(x * x + y * y) * (1.0 + 1e-6));
+        c.turn = fmax(c.turn, sqrt(dot(dn, dn)) * (1.0 + 1e-6));
+    }
     search(&c);
     for (int i = 0; i < c.roots; i++) {
         struct path p = { .facet = f, .u = c.root[i][0], .v = c.root[i][1], .size = c.size };

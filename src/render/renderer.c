@@ -57,6 +57,7 @@ struct pell_renderer {
     const float *noise[3]; /* the pass's own, of the last sample */
     float *single[3], *reflected[3]; /* there once a method gave them apart */
     int sample;                      /* of the frame, that is being made */
+    bool scattered;                  /* the method gave light of a sample of the frame */
     struct pell_view eye;            /* of that sample */
     struct pell_lens lens;           /* of the frame */
     float *glow[PELL_BLOOM_PLANES];  /* there once bloom was asked for */
@@ -116,6 +117,11 @@ int pell_renderer_samples(const struct pell_renderer *r)
 int pell_renderer_sample(const struct pell_renderer *r)
 {
     return r->sample;
+}
+
+bool pell_renderer_begins(const struct pell_renderer *r)
+{
+    return !r->scattered;
 }
 
 const struct pell_view *pell_renderer_eye(const struct pell_renderer *r)
@@ -178,13 +184,14 @@ void pell_renderer_light(const struct pell_renderer *r, const struct pell_points
     pell_irradiance_points(r->lights, &p, points, spacing, samples, out);
 }
 
-void pell_renderer_light_of(const struct pell_renderer *r, uint64_t lights, const struct pell_points *points, float mix, float spacing,
-                            uint32_t first, int samples, struct pell_points_light *out)
+void pell_renderer_light_of(const struct pell_renderer *r, uint64_t lights, const float *ambient, const struct pell_points *points,
+                            float mix, float spacing, uint32_t first, int samples, struct pell_points_light *out)
 {
     struct pell_irradiance_params p = light_params(r, mix);
 
     p.sample = first;
     p.lights = lights;
+    p.ambient = ambient;
     pell_irradiance_points(r->lights, &p, points, spacing, samples, out);
 }
 
@@ -863,6 +870,7 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
     frame.barycentric[0] = s->barycentric[0];
     frame.barycentric[1] = s->barycentric[1];
     for (int c = 0; c < 3; c++) {
+        frame.base[c] = s->base[c];
         frame.irradiance[c] = r->lighting.irradiance[c];
         frame.lit[c] = r->lit[c];
         frame.normal[c] = s->ns[c];
@@ -870,6 +878,7 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
     }
     start = pell_seconds();
     PELL_TRY(pell_pass_render(r->pass, &frame, &out));
+    r->scattered = true;
     n = pell_pass_times(r->pass, times, PELL_COUNT(times));
     for (size_t i = 0; i < n; i++)
         note(r, times[i].name, times[i].seconds, times[i].pixels, times[i].rays, times[i].bytes);
@@ -1076,7 +1085,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     begin = pell_seconds();
     r->num_stages = 0;
     r->translucent = (struct pell_rect) { 0 };
-    r->noisy = false;
+    r->noisy = r->scattered = false;
     PELL_TRY(check_camera(r->ctx, &r->scene->cameras[0]));
     if (r->checkpoint.path && !(r->method && r->method->partial))
         return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->method ? r->method->name : "none", "path-trace does",

@@ -26,6 +26,8 @@ PELL_NODISCARD enum pell_result pell_renderer_bodies(const struct pell_renderer 
 int pell_renderer_samples(const struct pell_renderer *r);
 /* Which of them is being made. */
 int pell_renderer_sample(const struct pell_renderer *r);
+/* Whether it is the frame's first that the method is run for: those with nothing translucent in view are passed over. */
+bool pell_renderer_begins(const struct pell_renderer *r);
 /* The eye of that sample. It is not always in the camera's place: with depth of field it is in a point of the lens. */
 const struct pell_view *pell_renderer_eye(const struct pell_renderer *r);
 /* Of the frame that is being made. */
@@ -41,9 +43,10 @@ const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r);
  * in struct pell_plan. Safe from many threads. */
 void pell_renderer_light(const struct pell_renderer *r, const struct pell_points *points, float mix, float spacing, uint32_t first,
                          int samples, struct pell_points_light *out);
-/* The same of some lights alone: bit min(i, 63) of each light i of the scene, at least one. Their sums are all light. */
-void pell_renderer_light_of(const struct pell_renderer *r, uint64_t lights, const struct pell_points *points, float mix, float spacing,
-                            uint32_t first, int samples, struct pell_points_light *out);
+/* The same of some lights alone: bit min(i, 63) of each light i of the scene, at least one. Their sums are all light. `ambient`: visibility
+ * of the environment's smooth rest at the 16 points, where the caller knows it better; NULL: found by rays. */
+void pell_renderer_light_of(const struct pell_renderer *r, uint64_t lights, const float *ambient, const struct pell_points *points,
+                            float mix, float spacing, uint32_t first, int samples, struct pell_points_light *out);
 
 /* Traces the last frame's rays from the eye once more and does nothing with them (see pell_surface_trace_bare); 0 before the first
  * frame. */

@@ -278,6 +278,32 @@ static void warnings_of_one_kind_are_limited(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* Blocks that come as pages from the system, and those that don't. */
+static void large_blocks_are_zero_aligned_and_counted(void **state)
+{
+    static const size_t sizes[] = { (8u << 20) - 1, 8u << 20, (9u << 20) + 13 };
+    struct pell_context *ctx = test_context(NULL, NULL);
+
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(sizes); i++)
+        for (int round = 0; round < 2; round++) { /* what was written and given back is not seen again */
+            unsigned char *p = pell_zalloc(ctx, sizes[i]), *q;
+
+            assert_non_null(p);
+            assert_int_equal((uintptr_t) p % 64, 0);
+            assert_int_equal(pell_memory_used(ctx), sizes[i]);
+            assert_int_equal(p[0] | memcmp(p, p + 1, sizes[i] - 1), 0);
+            memset(p, 0x5a, sizes[i]);
+            q = pell_realloc_array(ctx, p, 2, sizes[i]);
+            assert_non_null(q);
+            assert_int_equal(pell_memory_used(ctx), 2 * sizes[i]);
+            assert_true(q[0] == 0x5a && memcmp(q, q + 1, sizes[i] - 1) == 0);
+            pell_free(ctx, q);
+            assert_int_equal(pell_memory_used(ctx), 0);
+        }
+    pell_context_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -291,6 +317,7 @@ int main(void)
         cmocka_unit_test(messages_pass_the_threshold_and_never_hold_null),
         cmocka_unit_test(every_result_has_a_name_of_its_own),
         cmocka_unit_test(warnings_of_one_kind_are_limited),
+        cmocka_unit_test(large_blocks_are_zero_aligned_and_counted),
     };
     return cmocka_run_group_tests_name("alloc", tests, NULL, NULL);
 }

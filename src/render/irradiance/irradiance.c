@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * irradiance.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lamps and samples.
+ * irradiance.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lamps and samples. What lies
+ * between pixels and a point or spot lamp is asked of the lamp's fan (rays/fan.h), where it has one and the pixels are neighbours, else of
+ * rays.
  *
  * Light from behind (methods.md, texture-space step 4, "ray"): for a point C that a light is behind of, a ray from just inside C toward
  * the light leaves the solid at A, m = |A - C|. The thickness is
@@ -233,6 +235,16 @@ static void trace_occlusion(const struct job *job, struct packet *k, const int32
     k->rays += count_lanes(mask);
 }
 
+/* The same for points that a lamp may light, where the lamp has a fan and the points are neighbours. */
+static bool ask_fan(const struct pell_lamp *lamp, struct packet *k, const int32_t *mask, const float *x, const float *y, const float *z,
+                    int32_t *visible)
+{
+    if (!lamp->fan || !pell_fan_visible16(lamp->fan, mask, x, y, z, visible))
+        return false;
+    k->rays += count_lanes(mask);
+    return true;
+}
+
 static void set_ray(struct pell_ray16 *r, int i, struct pell_vec3 o, struct pell_vec3 d, float tfar)
 {
     r->ox[i] = o.x;
@@ -342,10 +354,12 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
 }
 
 /* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
- * way: not found. Shells of the same object inside it are passed: what was entered is left again first. */
-static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, bool coherent, struct pell_ray_hit16 *r,
+ * way: not found. Shells of the same object inside it are passed: what was entered is left again first. `lamp`: that the rays run to; NULL:
+ * they run inward from the surface. */
+static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_lamp *lamp, struct pell_ray_hit16 *r,
                        struct exits *out)
 {
+    const bool coherent = !lamp || lamp->samples == 1; /* samples of a large light go apart */
     const struct pell_scene *scene = job->p->scene;
     _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES];
     float limit[PELL_LANES];
@@ -357,9 +371,8 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
     memcpy(open, mask, sizeof(open));
     for (int step = 0; step < STEPS; step++) {
         int any = 0;
-        for (int i = 0; i < PELL_LANES; i++)
-            r->hit.mesh[i] = r->hit.instance[i] = PELL_NO_HIT;
-        pell_rays_closest16(job->p->rays, open, coherent, r);
+        if (step > 0 || !lamp || !lamp->fan || !pell_fan_closest16(lamp->fan, open, r))
+            pell_rays_closest16(job->p->rays, open, coherent, r);
         k->rays += count_lanes(open);
         for (int i = 0; i < PELL_LANES; i++) {
             const bool hit = open[i] && r->hit.mesh[i] < scene->num_meshes;
@@ -440,7 +453,7 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
         limit = reach / cosine[i]; /* d >= m cos: nothing comes through beyond */
         set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
-    find_exits(job, k, a->back, lamp->samples == 1, &r, &exits); /* samples of a large light go apart */
+    find_exits(job, k, a->back, lamp, &r, &exits);
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
@@ -449,7 +462,8 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
             o = vec3_mad(exits.point[i], exits.lift[i] + l->epsilon[i], exits.geometric[i]);
         set_ray(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
     }
-    trace_occlusion(job, k, exits.found, &rays, visible);
+    if (!ask_fan(lamp, k, exits.found, rays.ox, rays.oy, rays.oz, visible))
+        trace_occlusion(job, k, exits.found, &rays, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
         const bool lifted = visible[i] && exits.lift[i] > l->epsilon[i]; /* the triangle does not decide what faces the light */
@@ -503,8 +517,10 @@ static void shine(const struct job *job, const struct pell_lamp *lamp, struct pa
         if (lamp->image)
             project_image(lamp, k);
         if (k->aim.any_front) {
-            job->kernels->shadow_rays(lamp, &k->lanes, &k->aim, &rays);
-            trace_occlusion(job, k, k->aim.front, &rays, visible);
+            if (!ask_fan(lamp, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
+                job->kernels->shadow_rays(lamp, &k->lanes, &k->aim, &rays);
+                trace_occlusion(job, k, k->aim.front, &rays, visible);
+            }
             job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, lamp->environment < 0 && !job->entering, front);
         }
         if (lamp->environment >= 0 && !lamp->compact)
@@ -564,7 +580,7 @@ static void rest_from_behind(const struct job *job, struct packet *k)
         exits.found[i] = l->valid[i] & l->deep[i];
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
-    find_exits(job, k, k->aim.back, true, &r, &exits);
+    find_exits(job, k, k->aim.back, NULL, &r, &exits);
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
@@ -625,7 +641,11 @@ static void environments(const struct job *job, struct packet *k)
         origin[i] = vec3(l->ox[i], l->oy[i], l->oz[i]);
         normal[i] = vec3(l->gx[i], l->gy[i], l->gz[i]); /* geometric: on a convex mesh all of the sky is seen, however coarse it is */
     }
-    ambient_visibility(job, k, l->valid, origin, normal, 0xa54ff53au, k->ambient);
+    if (job->entering && job->p->ambient)
+        for (int i = 0; i < PELL_LANES; i++)
+            k->ambient[i] = job->p->ambient[k->index[i]];
+    else
+        ambient_visibility(job, k, l->valid, origin, normal, 0xa54ff53au, k->ambient);
     for (size_t e = 0; e < lights->num_environments; e++) {
         struct pell_sums sums = { 0 };
         if (!counts(job, lights->environments[e].light))

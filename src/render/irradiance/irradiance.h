@@ -41,6 +41,8 @@ struct pell_irradiance_params {
     const struct pell_specular_tables *tables;                /* of pell_specular_tables_create */
     const struct pell_thickness_table *const *thickness;      /* per scene material, entries may be NULL; NULL: no light from behind */
     float mix;                                                /* plan's; negative: each material's own */
+    const float *ambient;                                     /* of pell_irradiance_points: visibility of the environment's smooth rest at
+                                                               * the points; NULL: found by rays */
     uint64_t lights;                                          /* bit min(i, 63) of each light i of the scene that counts; 0: all */
     bool smooth;                                              /* boundary: Fresnel's F_t in place of rho_dt */
     uint32_t sample;                                          /* number of the multisample: varies the sample patterns */

@@ -136,6 +136,23 @@ bool pell_lights_part(const struct pell_lights *lights, int object, int material
     return lights->num_parts > 0 && bsearch(&key, lights->parts, lights->num_parts, sizeof(key), compare_parts) != NULL;
 }
 
+#define FANS_MOST 4 /* lamps that get a fan: each holds a copy of the triangles */
+
+static enum pell_result make_fans(struct pell_lights *lights, const struct pell_scene *scene)
+{
+    enum pell_result res = PELL_OK;
+    int fans = 0;
+
+    for (size_t i = 0; i < lights->num_lamps && fans < FANS_MOST && res == PELL_OK; i++) {
+        struct pell_lamp *lamp = &lights->lamps[i];
+        if (lamp->environment >= 0 || (lamp->type != PELL_LIGHT_POINT && lamp->type != PELL_LIGHT_SPOT))
+            continue;
+        res = pell_fan_create(lights->ctx, scene, lamp->position, &lamp->fan);
+        fans += lamp->fan != NULL;
+    }
+    return res;
+}
+
 /* One slot per index of refraction, the nearest where there are more than fit. */
 static void choose_etas(struct pell_lights *lights, const struct pell_specular_tables *t)
 {
@@ -197,6 +214,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
         PELL_TRY(pell_environment_create(lights, light, (int) lights->num_environments - 1, settings->environment_lights, tables, pool,
                                          &lights->environments[lights->num_environments - 1]));
     }
+    PELL_TRY(make_fans(lights, scene));
     pell_specular_tables_destroy(&tables);
     *out = lights;
     return PELL_OK;
@@ -215,6 +233,8 @@ void pell_lights_destroy(struct pell_lights **lights)
     *lights = NULL;
     for (size_t i = 0; i < l->num_environments; i++)
         pell_environment_finish(l->ctx, &l->environments[i]);
+    for (size_t i = 0; i < l->num_lamps; i++)
+        pell_fan_destroy(&l->lamps[i].fan);
     pell_free(l->ctx, l->environments);
     pell_free(l->ctx, l->eta_slot);
     pell_free(l->ctx, l->parts);

@@ -10,6 +10,7 @@
 
 #include "base/hash.h"
 #include "image/color.h"
+#include "rays/fan.h"
 #include "render/irradiance/irradiance.h"
 #include "render/specular.h"
 
@@ -30,6 +31,7 @@ struct pell_lamp {
     int environment;            /* index of the environment that it belongs to, -1: none; those make no highlight */
     bool compact;               /* of an environment: its light is left out of the smooth table */
     int light;                  /* of the scene, where it is no environment's */
+    struct pell_fan *fan;       /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */
 };
 
 /* --- environment.c ------------------------------------------------------------------------------------------------------------ */

@@ -1,0 +1,328 @@
+/* SPDX-License-Identifier: MIT
+ * test_fan.c - what a lamp's fan answers, against every triangle tried one by one, against rays, and where there is none. */
+#include "shapes.h"
+
+#include "rays/fan.h"
+
+static _Alignas(64) const int32_t all[16] = { -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1 };
+
+struct points {
+    _Alignas(64) float x[16], y[16], z[16];
+};
+
+static struct pell_fan *fan_of(const struct pell_scene *s, struct pell_vec3 apex)
+{
+    struct pell_fan *fan;
+
+    assert_int_equal(pell_fan_create(s->ctx, s, apex, &fan), PELL_OK);
+    return fan;
+}
+
+/* Neighbours within `size` mm of a point. */
+static void spread(uint32_t *seed, struct pell_vec3 about, float size, struct points *p)
+{
+    for (int i = 0; i < 16; i++) {
+        p->x[i] = about.x + size * (shapes_random(seed) - 0.5f);
+        p->y[i] = about.y + size * (shapes_random(seed) - 0.5f);
+        p->z[i] = about.z + size * (shapes_random(seed) - 0.5f);
+    }
+}
+
+/* Moller and Trumbore 1997 in double precision, o + t d. `edge` is how far from the nearest edge, in barycentric units. */
+static double meet(const struct pell_mesh *m, uint32_t triangle, const double o[3], const double d[3], double *edge)
+{
+    double v[3][3], e1[3], e2[3], p[3], q[3], t[3], det = 0.0, a = 0.0, b = 0.0, along = 0.0;
+
+    for (size_t k = 0; k < 9; k++)
+        v[k / 3][k % 3] = (double) m->position[3 * (size_t) m->index[3 * (size_t) triangle + k / 3] + k % 3];
+    for (int c = 0; c < 3; c++) {
+        e1[c] = v[1][c] - v[0][c];
+        e2[c] = v[2][c] - v[0][c];
+        t[c] = o[c] - v[0][c];
+    }
+    for (int c = 0; c < 3; c++) {
+        p[c] = d[(c + 1) % 3] * e2[(c + 2) % 3] - d[(c + 2) % 3] * e2[(c + 1) % 3];
+        q[c] = t[(c + 1) % 3] * e1[(c + 2) % 3] - t[(c + 2) % 3] * e1[(c + 1) % 3];
+    }
+    for (int c = 0; c < 3; c++) {
+        det += e1[c] * p[c];
+        a += t[c] * p[c];
+        b += d[c] * q[c];
+        along += e2[c] * q[c];
+    }
+    *edge = fmin(fmin(a / det, b / det), 1.0 - a / det - b / det);
+    return along / det;
+}
+
+static struct pell_mesh *soup(struct pell_scene *s, uint32_t triangles)
+{
+    struct pell_mesh *m = shapes_mesh(s, 0, 3 * triangles, triangles);
+    uint32_t seed = 7;
+
+    for (uint32_t i = 0; i < triangles; i++) {
+        const float c[3] = { shapes_random(&seed), shapes_random(&seed), shapes_random(&seed) };
+        for (uint32_t k = 0; k < 9; k++)
+            m->position[9 * i + k] = 100.0f * (c[k % 3] + 0.15f * (shapes_random(&seed) - 0.5f));
+        for (uint32_t k = 0; k < 3; k++)
+            m->index[3 * i + k] = 3 * i + k;
+    }
+    shapes_bound(s, m);
+    return m;
+}
+
+static void points_see_the_apex_where_no_triangle_of_all_is_between(void **state)
+{
+    enum { TRIANGLES = 500, PACKETS = 300 };
+    const struct pell_vec3 apex = vec3(-60.0f, 30.0f, 320.0f);
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    const struct pell_mesh *m = soup(s, TRIANGLES);
+    struct pell_fan *fan = fan_of(s, apex);
+    uint32_t seed = 3;
+    int compared = 0, hidden = 0, near_ones = 0;
+
+    (void) state;
+    assert_non_null(fan);
+    for (int n = 0; n < PACKETS; n++) {
+        const float ax = 100.0f * shapes_random(&seed), ay = 100.0f * shapes_random(&seed), az = 100.0f * shapes_random(&seed);
+        const struct pell_vec3 about = vec3(ax, ay, az);
+        _Alignas(64) int32_t visible[16];
+        struct pell_ray_hit16 r;
+        struct points p;
+
+        spread(&seed, about, 4.0f, &p);
+        memset(&r, 0, sizeof(r));
+        for (int i = 0; i < 16; i++) {
+            r.ray.ox[i] = p.x[i];
+            r.ray.oy[i] = p.y[i];
+            r.ray.oz[i] = p.z[i];
+            r.ray.tfar[i] = i % 2 ? 1.0f : 0.1f;
+        }
+        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+        assert_true(pell_fan_closest16(fan, all, &r));
+        for (int i = 0; i < 16; i++) {
+            const double o[3] = { (double) p.x[i], (double) p.y[i], (double) p.z[i] };
+            const double d[3] = { (double) apex.x - o[0], (double) apex.y - o[1], (double) apex.z - o[2] };
+            double nearest = INFINITY, second = INFINITY;
+            uint32_t which = 0;
+            bool doubtful = false;
+
+            for (uint32_t k = 0; k < TRIANGLES; k++) {
+                double edge;
+                const double t = meet(m, k, o, d, &edge);
+                doubtful |= fabs(edge) < 1e-3 || fabs(t) < 1e-5;
+                if (edge >= 0.0 && t > 0.0 && t < 0.9999) {
+                    second = t < nearest ? nearest : t < second ? t : second;
+                    which = t < nearest ? k : which;
+                    nearest = t < nearest ? t : nearest;
+                }
+            }
+            if (doubtful || second - nearest < 1e-4 || fabs(nearest - 0.1) < 1e-4)
+                continue;
+            compared++;
+            hidden += nearest < 1.0;
+            assert_int_equal(visible[i], nearest < 1.0 ? 0 : -1);
+            if (!(nearest < (i % 2 ? 1.0 : 0.1))) {
+                assert_int_equal(r.hit.mesh[i], PELL_NO_HIT);
+                assert_true(r.ray.tfar[i] == (i % 2 ? 1.0f : 0.1f));
+                continue;
+            }
+            near_ones++;
+            assert_int_equal(r.hit.mesh[i], 0);
+            assert_int_equal(r.hit.triangle[i], which);
+            REQUIRE_NEAR((double) r.ray.tfar[i], nearest, 1e-5);
+            for (uint32_t c = 0; c < 3; c++) {
+                const float *v0 = m->position + 9 * which + c, u = r.hit.u[i], v = r.hit.v[i];
+                REQUIRE_NEAR((double) ((1.0f - u - v) * v0[0] + u * v0[3] + v * v0[6]), o[c] + nearest * d[c], 5e-3);
+            }
+        }
+    }
+    assert_true(compared > 3000);
+    assert_true(hidden > 500 && compared - hidden > 500);
+    assert_true(near_ones > 300);
+    pell_fan_destroy(&fan);
+    pell_fan_destroy(&fan);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+/* A ball whose corners are at unround places; points of its far side are aimed at corners and at sides of the near one, to the last bit. */
+static void nothing_slips_through_between_triangles(void **state)
+{
+    const struct pell_vec3 apex = vec3(13.7f, -4.1f, 71.3f);
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    const struct pell_mesh *m = shapes_ball(s, 0, vec3(0.3f, -0.2f, 0.1f), 10.0f, 40);
+    struct pell_fan *fan = fan_of(s, apex);
+    int asked = 0;
+
+    (void) state;
+    assert_non_null(fan);
+    for (size_t k = 0; k < 3 * (size_t) m->num_triangles; k++) {
+        const size_t next = k % 3 == 2 ? k - 2 : k + 1;
+        const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) m->index[k]);
+        const struct pell_vec3 b = vec3_load(m->position + 3 * (size_t) m->index[next]);
+        _Alignas(64) int32_t visible[16];
+        struct points p;
+
+        if (!(vec3_dot(vec3_sub(a, vec3(0.3f, -0.2f, 0.1f)), vec3_sub(apex, a)) > 100.0f)) /* faces the apex, and not from its border */
+            continue;
+        for (int i = 0; i < 16; i++) {
+            const struct pell_vec3 q = vec3_mad(a, (float) i / 15.0f, vec3_sub(b, a));
+            const struct pell_vec3 behind = vec3_mad(q, 0.05f, vec3_sub(q, apex));
+            p.x[i] = behind.x;
+            p.y[i] = behind.y;
+            p.z[i] = behind.z;
+        }
+        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+        for (int i = 0; i < 16; i++, asked++)
+            assert_int_equal(visible[i], 0);
+    }
+    assert_true(asked > 20000);
+    pell_fan_destroy(&fan);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+static void lanes_that_are_off_stay_off_and_levels_agree(void **state)
+{
+    static const char *const levels[] = { "base", "v2", "v3", "v4" };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    int32_t first[100][16];
+    struct pell_ray_hit16 hits[100];
+
+    (void) state;
+    soup(s, 500);
+    memset(hits, 0, sizeof(hits));
+    for (size_t k = 0; k < PELL_COUNT(levels); k++) {
+        uint32_t seed = 5;
+        struct pell_fan *fan;
+
+        setenv("PELL_SIMD", levels[k], 1);
+        fan = fan_of(s, vec3(50.0f, 60.0f, -300.0f));
+        unsetenv("PELL_SIMD");
+        assert_non_null(fan);
+        for (int n = 0; n < 100; n++) {
+            _Alignas(64) int32_t mask[16], visible[16];
+            struct pell_ray_hit16 r;
+            struct points p;
+
+            spread(&seed, vec3(50.0f, 50.0f, 50.0f), 9.0f, &p);
+            memset(&r, 0, sizeof(r));
+            for (int i = 0; i < 16; i++) {
+                mask[i] = (n + i) % 3 ? -1 : 0;
+                if (!mask[i])
+                    p.x[i] = p.y[i] = i % 2 ? NAN : 1e30f; /* is not looked at */
+                r.ray.ox[i] = p.x[i];
+                r.ray.oy[i] = p.y[i];
+                r.ray.oz[i] = p.z[i];
+                r.ray.tfar[i] = 0.5f;
+            }
+            assert_true(pell_fan_visible16(fan, mask, p.x, p.y, p.z, visible));
+            assert_true(pell_fan_closest16(fan, mask, &r));
+            for (int i = 0; i < 16; i++)
+                if (!mask[i]) {
+                    assert_int_equal(visible[i], 0);
+                    assert_int_equal(r.hit.mesh[i], PELL_NO_HIT);
+                    r.ray.ox[i] = r.ray.oy[i] = 0.0f; /* NaN is not compared below */
+                }
+            if (k == 0) {
+                memcpy(first[n], visible, sizeof(visible));
+                hits[n] = r;
+            }
+            assert_memory_equal(first[n], visible, sizeof(visible));
+            assert_memory_equal(&hits[n], &r, sizeof(r));
+        }
+        pell_fan_destroy(&fan);
+    }
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+static void there_is_none_where_rays_do_better(void **state)
+{
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    struct pell_fan *fan;
+    _Alignas(64) int32_t visible[16];
+    struct points p;
+    uint32_t seed = 1;
+
+    (void) state;
+    assert_null(fan_of(s, vec3(0, 0, 10))); /* nothing there */
+    shapes_ball(s, 0, vec3(0, 0, 0), 1.0f, 12);
+    assert_null(fan_of(s, vec3(0, 0, 0)));
+    assert_null(fan_of(s, vec3(0.5f, 0.2f, 0.5f))); /* inside it */
+    assert_null(fan_of(s, vec3(0, 0, NAN)));
+    assert_null(fan_of(s, vec3(INFINITY, 0, 0)));
+    fan = fan_of(s, vec3(0, 0, 10));
+    assert_non_null(fan);
+    spread(&seed, vec3(0, 0, 0), 2.0f, &p); /* no neighbours */
+    assert_false(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+    spread(&seed, vec3(0, 0, 12.0f), 0.1f, &p); /* behind the lamp */
+    assert_false(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+    spread(&seed, vec3(40.0f, 0, 1.0f), 0.01f, &p); /* beside the picture */
+    assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+    for (int i = 0; i < 16; i++)
+        assert_int_equal(visible[i], -1);
+    pell_fan_destroy(&fan);
+
+    shapes_ball(s, 0, vec3(30000.0f, 0, 0), 0.5f, 60); /* most triangles lie in one cell */
+    assert_null(fan_of(s, vec3(15000.0f, 0, 30000.0f)));
+    pell_scene_destroy(&s);
+
+    s = shapes_scene(ctx);
+    shapes_quad(s, 0, vec3(0, 0, 0), vec3(1, 0, 0), vec3(0, 1, 0));
+    fan = fan_of(s, vec3(0, 0, 10));
+    assert_non_null(fan);
+    pell_fan_destroy(&fan);
+    s->materials[0].alpha_mask = true;
+    s->materials[0].alpha_cutoff = 0.5f;
+    s->materials[0].base_color[3] = 0.25f; /* all of it is cut out */
+    assert_null(fan_of(s, vec3(0, 0, 10)));
+    s->materials[0].base_color[3] = 1.0f;
+    s->meshes[0].color = pell_calloc(ctx, 4, 4 * sizeof(float)); /* some of it may be */
+    assert_null(fan_of(s, vec3(0, 0, 10)));
+    s->materials[0].alpha_mask = false;
+    s->meshes[0].position[2] = NAN;
+    assert_null(fan_of(s, vec3(0, 0, 10)));
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+static void running_out_of_memory_is_reported(void **state)
+{
+    bool built = false;
+
+    (void) state;
+    for (uint64_t n = 1; !built; n++) {
+        struct pell_fault fault = { 0 };
+        struct pell_context *ctx = test_context(&fault, NULL);
+        struct pell_scene *s = shapes_scene(ctx);
+        struct pell_fan *fan;
+
+        shapes_ball(s, 0, vec3(0, 0, 0), 1.0f, 8);
+        fault.fail_at = atomic_load(&fault.calls) + n;
+        built = pell_fan_create(ctx, s, vec3(0, 0, 10), &fan) == PELL_OK;
+        assert_true(built || !fan);
+        assert_true(!built || n == 7);
+        pell_fan_destroy(&fan);
+        pell_scene_destroy(&s);
+        pell_context_destroy(&ctx);
+        assert_int_equal(atomic_load(&fault.live), 0);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(points_see_the_apex_where_no_triangle_of_all_is_between),
+        cmocka_unit_test(nothing_slips_through_between_triangles),
+        cmocka_unit_test(lanes_that_are_off_stay_off_and_levels_agree),
+        cmocka_unit_test(there_is_none_where_rays_do_better),
+        cmocka_unit_test(running_out_of_memory_is_reported),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
