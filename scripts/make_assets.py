@@ -14,12 +14,14 @@ import zlib
 from pathlib import Path
 
 
-def write_obj(path, comment, vertices, faces, uv=None):
-    """faces: tuples of 0-based vertex numbers, three or more; uv: of each vertex, or None."""
+def write_obj(path, comment, vertices, faces, uv=None, corners=None):
+    """faces: tuples of 0-based vertex numbers, three or more; uv: of each vertex, or None; corners: which uv each corner of each face has,
+    where it isn't its vertex's."""
     lines = [f'# {comment}; made by scripts/make_assets.py; one unit is 1 mm']
     lines += [f'v {x:.5f} {y:.5f} {z:.5f}' for x, y, z in vertices]
     lines += [f'vt {u:.5f} {v:.5f}' for u, v in uv or []]
-    lines += ['f ' + ' '.join(f'{i + 1}/{i + 1}' if uv else str(i + 1) for i in face) for face in faces]
+    lines += ['f ' + ' '.join(f'{i + 1}/{j + 1}' if uv else str(i + 1) for i, j in zip(face, pair))
+              for face, pair in zip(faces, corners or faces)]
     path.write_text('\n'.join(lines) + '\n')
 
 
@@ -180,6 +182,24 @@ def bust(rows=230, columns=256):
     return revolve(rows, columns, point)
 
 
+def wrapped_bust(rows=180, columns=200):
+    """The bust with a picture wrapped around it: u all around, 0.5 in front, v up the profile's parameter. The picture repeats in u."""
+    vertices, faces = bust(rows, columns)
+    uv = [(0.5, 0.0)] + [(0.5 + j / columns, i / rows) for i in range(1, rows) for j in range(columns + 1)] + [(0.5, 1.0)]
+
+    def place(vertex, wrap):
+        if vertex in (0, len(vertices) - 1):
+            return 0 if vertex == 0 else len(uv) - 1
+        i, j = divmod(vertex - 1, columns)
+        return 1 + i * (columns + 1) + (columns if wrap and j == 0 else j)
+
+    corners = []
+    for face in faces:
+        wrap = any((v - 1) % columns == columns - 1 for v in face if 0 < v < len(vertices) - 1)
+        corners.append(tuple(place(v, wrap) for v in face))
+    return vertices, faces, uv, corners
+
+
 ASSETS = {
     'sphere': ('a sphere of radius 20 mm', lambda: sphere(20.0)),
     'cube': ('a rounded cube of 40 mm', lambda: rounded_cube(40.0)),
@@ -187,6 +207,7 @@ ASSETS = {
     'torus': ('a torus of radii 30 and 12 mm', lambda: torus(30.0, 12.0)),
     'slab': ('a slab of 80 x 80 x 10 mm', lambda: slab(80.0, 80.0, 10.0)),
     'bust': ('a bust, 300 mm tall', lambda: bust()),
+    'face': ('the bust with pictures wrapped around it', wrapped_bust),
     'plate': ('a slab of 100 x 100 x 20 mm with a picture on its front', lambda: plate(100.0, 100.0, 20.0)),
 }
 
@@ -243,20 +264,120 @@ def veins(x, y):
 PICTURES = {'checker': (checker, 256), 'glass': (glass, 320), 'veins': (veins, 320)}
 
 
-def write_png(path, picture, size):
-    rows = b''
+# Maps of the face, wrapped as wrapped_bust has them: rows of pixels from the top.
+
+def noise_rows(size, cells_x, cells_y, k):
+    """Smooth noise in [0, 1) that repeats in x; a row at a time, as it is much quicker."""
+    lattice = [[fraction(i, j, k) for i in range(cells_x)] for j in range(cells_y + 1)]
+    columns = []
+    for x in range(size):
+        at = (x + 0.5) / size * cells_x
+        i, f = int(at), at - int(at)
+        columns.append((i % cells_x, (i + 1) % cells_x, f * f * (3 - 2 * f)))
     for y in range(size):
-        rows += b'\0' + bytes(int(255.0 * v + 0.5) for x in range(size) for v in picture((x + 0.5) / size, (y + 0.5) / size))
+        at = (y + 0.5) / size * cells_y
+        j, g = int(at), at - int(at)
+        g = g * g * (3 - 2 * g)
+        row = [a + g * (b - a) for a, b in zip(lattice[j], lattice[j + 1])]
+        yield [row[i] + f * (row[n] - row[i]) for i, n, f in columns]
+
+
+def face_rows(size):
+    """Of each row the places that its pixels have on the bust: (x, y, whether in front), mm."""
+    for row in range(size):
+        y, side, _, _ = catmull_rom(PROFILE, 1.0 - (row + 0.5) / size)
+        angles = [2 * math.pi * ((x + 0.5) / size - 0.5) for x in range(size)]
+        yield [(side * math.sin(a), y, max(0.0, math.cos(a)) ** 0.3) for a in angles]
+
+
+def sums_of(spots, places):
+    """Of soft spots (x, y, weight, width in x, width in y), mirrored, on the front of a row of places."""
+    y = places[0][1]
+    near = [(px, w * math.exp(-0.5 * ((y - py) / wy) ** 2), -0.5 / (wx * wx), 9 * wx * wx) for px, py, w, wx, wy in spots
+            if abs(y - py) < 3 * wy]
+    row = [0.0] * len(places)
+    for px, w, k, most in near:
+        for i, (x, _, front) in enumerate(places):
+            d = (abs(x) - px) ** 2
+            if d < most and front:
+                row[i] += w * front * math.exp(k * d)
+    return row
+
+
+LIPS = [(0, 152.6, 0.95, 13, 2.6), (6, 153.6, 0.3, 5, 2.0), (0, 143.5, 0.95, 11.5, 3.0), (0, 148.0, 0.7, 15, 2.5)]
+FLUSH = [(38, 178, 0.5, 14, 12), (0, 178, 0.55, 9, 8), (75, 190, 0.6, 14, 20), (0, 124, 0.3, 14, 8), (31, 196, 0.3, 12, 6)]
+BROWS = [(20, 217.5, 0.8, 9, 2.2), (32, 219, 0.7, 7, 1.8)]
+OILY = [(0, 180, 0.8, 8, 20), (0, 238, 0.6, 30, 16), (0, 124, 0.4, 10, 7), (36, 184, 0.3, 12, 9)]
+LINES = [(0, 228, 0.3, 26, 1.2), (0, 236.5, 0.4, 30, 1.2), (0, 245, 0.3, 26, 1.2), (27, 163, 0.4, 3.0, 9.0), (52, 204, 0.3, 4, 1.0)]
+
+
+FRECKLES = [(30, 186, 1.0, 18, 10), (0, 186, 1.0, 8, 10)]
+TONES = [(0.79, 0.47, 0.42), (0.69, 0.34, 0.33), (0.34, 0.24, 0.19)]
+
+
+def face_color(size):
+    """sRGB. A tone with flushed cheeks, nose, ears and chin, lips, brows, freckles."""
+    for places, soft, fine in zip(face_rows(size), noise_rows(size, 60, 48, 11), noise_rows(size, 170, 130, 12)):
+        row = []
+        for flush, lips, brows, spot, m, s in zip(*(sums_of(k, places) for k in (FLUSH, LIPS, BROWS, FRECKLES)), soft, fine):
+            parts = (flush + 0.35 * (m - 0.5), min(0.9, lips), brows * (0.6 + 0.8 * s) + 1.25 * spot * max(0.0, s - 0.72))
+            light = 1.0 + 0.06 * (m - 0.5)
+            r, g, b = 0.85 * light, 0.66 * light, 0.565 * light
+            for part, (tr, tg, tb) in zip(parts, TONES):
+                if part > 0.0:
+                    part = min(part, 1.0)
+                    r, g, b = r + part * (tr - r), g + part * (tg - g), b + part * (tb - b)
+            row.append((r, g, b))
+        yield row
+
+
+def face_gloss(size):
+    """Roughness: oily brow, nose and chin, moist lips, pores."""
+    for places, fine in zip(face_rows(size), noise_rows(size, 190, 150, 13)):
+        row = []
+        for oily, lips, n in zip(sums_of(OILY, places), sums_of(LIPS, places), fine):
+            r = 0.52 - 0.16 * oily - 0.2 * min(1.0, lips) + 0.16 * (n - 0.5)
+            row.append((r, r, r))
+        yield row
+
+
+def face_normal(size):
+    """Tangent space, +Y up: pores and lines."""
+    heights, ys = [], []
+    for places, coarse, fine in zip(face_rows(size), noise_rows(size, 130, 110, 14), noise_rows(size, 260, 220, 15)):
+        heights.append([0.22 * a + 0.2 * b * b - line for line, a, b in zip(sums_of(LINES, places), coarse, fine)])
+        ys.append(places[0][1])
+    mm_x = 2 * math.pi * 72.0 / size
+    for y in range(size):
+        above, below = max(y - 1, 0), min(y + 1, size - 1)
+        mm_y, here, row = max(ys[above] - ys[below], 0.5), heights[y], []
+        for x, (up, down) in enumerate(zip(heights[above], heights[below])):
+            nx, ny = (here[x - 1] - here[(x + 1) % size]) / (2 * mm_x), (down - up) / mm_y
+            k = 0.5 / math.sqrt(nx * nx + ny * ny + 1.0)
+            row.append((0.5 + k * nx, 0.5 + k * ny, 0.5 + k))
+        yield row
+
+
+MAPS = {'face-color': (face_color, 384), 'face-gloss': (face_gloss, 384), 'face-normal': (face_normal, 512)}
+
+
+def rows_of(picture, size):
+    for y in range(size):
+        yield [picture((x + 0.5) / size, (y + 0.5) / size) for x in range(size)]
+
+
+def write_png(path, pixels, size):
+    rows = b''.join(b'\0' + bytes(int(255.0 * min(max(v, 0.0), 1.0) + 0.5) for pixel in row for v in pixel) for row in pixels)
 
     def chunk(name, data):
         return struct.pack('>I', len(data)) + name + data + struct.pack('>I', zlib.crc32(name + data))
 
     path.write_bytes(b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>IIBBBBB', size, size, 8, 2, 0, 0, 0)) +
-                     chunk(b'IDAT', zlib.compress(rows, 9)) + chunk(b'IEND', b''))
+                     chunk(b'IDAT', zlib.compress(rows, 6)) + chunk(b'IEND', b''))
 
 
 def main():
-    known = list(ASSETS) + list(PICTURES)
+    known = list(ASSETS) + list(PICTURES) + list(MAPS)
     names = sys.argv[2:] or known
     if len(sys.argv) < 2 or any(name not in known for name in names):
         sys.exit(f'{__doc__}\nNAMEs: {" ".join(known)}')
@@ -264,7 +385,12 @@ def main():
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         if name in PICTURES:
-            write_png(folder / f'{name}.png', *PICTURES[name])
+            picture, size = PICTURES[name]
+            write_png(folder / f'{name}.png', rows_of(picture, size), size)
+            continue
+        if name in MAPS:
+            rows, size = MAPS[name]
+            write_png(folder / f'{name}.png', rows(size), size)
             continue
         comment, make = ASSETS[name]
         write_obj(folder / f'{name}.obj', comment, *make())

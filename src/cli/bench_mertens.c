@@ -12,6 +12,7 @@
 
 #define REFERENCE "500000" /* samples of the hierarchical that errors are against, at most */
 #define COARSE "20000"     /* and of the one that is compared */
+#define FILLING 0.5f       /* of the view's angle: the face alone */
 
 struct bench {
     struct cli *cli;
@@ -156,6 +157,48 @@ static enum pell_result image_space(struct bench *b, int size, int samples, doub
     return measure(b, &run, size, name, samples, true, ms);
 }
 
+/* Makes light of every material go `factor` times as far. */
+static enum pell_result stretch(struct bench *b, double factor)
+{
+    for (size_t i = 0; i < b->s->scene->num_materials; i++)
+        for (int c = 0; c < 3; c++) {
+            b->s->scene->materials[i].medium.sigma_a[c] /= factor;
+            b->s->scene->materials[i].medium.sigma_s_reduced[c] /= factor;
+        }
+    return pell_renderer_set_scene(b->s->renderer, b->s->scene);
+}
+
+/* The same surface so near that it fills the picture, and how the time hangs on how far light goes. */
+static enum pell_result filled(struct bench *b)
+{
+    static const double radii[] = { 0.25, 1.0, 4.0 };
+    static const char *const names[] = { "filled, 16 samples, radius x 0.25", "filled, 16 samples, radius x 1",
+                                         "filled, 16 samples, radius x 4" };
+    const struct run run = { "image-space", { { "samples", "16", "bench" }, { "sampling", "combined", "bench" } }, 2 };
+    const float fov = b->s->scene->cameras[0].fov;
+    double ms[PELL_COUNT(radii)], now = 1.0;
+    enum pell_result res;
+
+    b->s->scene->cameras[0].fov = fov * FILLING;
+    for (size_t i = 0; i < PELL_COUNT(radii); i++) {
+        PELL_TRY(stretch(b, radii[i] / now));
+        now = radii[i];
+        PELL_TRY(measure(b, &run, 500, names[i], 16, i == 1, &ms[i]));
+        b->rows.items[b->rows.count - 1].error = (double) NAN; /* it is another picture */
+    }
+    for (size_t i = 0; i < b->rows.count; i++)
+        for (size_t k = 0; k < PELL_COUNT(radii); k++)
+            if (k != 1 && strcmp(b->rows.items[i].name, names[k]) == 0) {
+                b->rows.items[i].ratio = ms[k] / ms[1];
+                b->rows.items[i].against = "radius x 1";
+            }
+    b->s->scene->cameras[0].fov = fov;
+    return stretch(b, 1.0 / now);
+
+fail:
+    return res;
+}
+
 static enum pell_result run_all(struct bench *b)
 {
     const struct run views = { "image-space", { { "samples", "64", "bench" }, { "views", "eye+lights", "bench" } }, 2 };
@@ -179,7 +222,8 @@ static enum pell_result run_all(struct bench *b)
     equal = (int) fmin(fmax(16.0 * quick / ms[0][0], 1.0), 64.0);
     PELL_TRY(image_space(b, 500, equal, &quick));
     equal = (int) fmin(fmax(64.0 * whole / ms[0][1], 1.0), 1024.0);
-    return image_space(b, 500, equal, &whole);
+    PELL_TRY(image_space(b, 500, equal, &whole));
+    return filled(b);
 
 fail:
     return res;

@@ -6,6 +6,8 @@
 #include "math/vec.h"
 #include "methods/image_space/image_space.h"
 
+#include <pellucid/inversion.h>
+
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define SLOW 1
 #elif defined(__has_feature)
@@ -172,6 +174,7 @@ static void tables_are_the_profile(void **state)
             }
             pell_free(ctx, set.offset);
             pell_free(ctx, set.rows);
+            pell_free(ctx, set.level);
         }
         print_message("# %s: tables within %.5f of R where all but 1e-6 of the light is, and lose %.1e of it beyond\n",
                       pell_profile_model_at(models[k])->name, worst, lost);
@@ -641,6 +644,134 @@ static void strength_scales_the_radius(void **state)
     place_destroy(&at);
 }
 
+/* --- Maps ------------------------------------------------------------------------------------------------------------------------- */
+
+enum { MAP_W = 96, MAP_H = 72 };
+#define MAP_PX 2.0 /* a mm */
+
+struct maps {
+    float base[3][(MAP_W + 3) * MAP_H];
+    struct pell_profile profile;
+};
+
+/* M of a facing plane at a pixel, by all its pixels: the profile is that of the pixel's own albedo and strength. */
+static double sum_of_maps(const struct patch *p, struct maps *maps, const struct pell_frame_material *m, int px, int py, int c)
+{
+    const size_t here = patch_at(p, px, py);
+    const double s = (double) p->strength[here], sigma_t = m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c];
+    struct pell_medium medium = m->medium;
+    double reduced, sum = 0.0;
+
+    assert_int_equal(pell_albedo_of_color(PELL_PROFILE_DIPOLE, NULL, (double) maps->base[c][here], 0.0, medium.eta, &reduced, NULL),
+                     PELL_OK);
+    medium.sigma_s_reduced[c] = reduced * sigma_t;
+    medium.sigma_a[c] = (1.0 - reduced) * sigma_t;
+    assert_int_equal(pell_profile_make(PELL_PROFILE_DIPOLE, &medium, c, NULL, &maps->profile), PELL_OK);
+    for (int y = 0; y < MAP_H; y++)
+        for (int x = 0; x < MAP_W; x++) {
+            const int n = abs(x - px) + abs(y - py) < 8 ? 8 : 2;
+            double r = 0.0;
+            for (int i = 0; i < n * n; i++)
+                r += pell_profile_eval(&maps->profile,
+                                       hypot(x - px - 0.5 + (i % n + 0.5) / n, y - py - 0.5 + (i / n + 0.5) / n) / (MAP_PX * s));
+            sum += r / (n * n * s * s) * (double) p->light[c][patch_at(p, x, y)];
+        }
+    return sum / (pell_profile_total(&maps->profile) * MAP_PX * MAP_PX);
+}
+
+/* A plane whose colour and strength are pictures, with spread=albedo, against the sum over its pixels. */
+static void a_texture_says_how_far_light_goes(void **state)
+{
+    static const char *const forms[] = { "spread=albedo", "spread=material" };
+    struct bench_place at = place_create(2, NULL, NULL);
+    struct pell_frame_material m = medium("skin1");
+    struct maps *maps = calloc(1, sizeof(*maps));
+    struct patch *p, *q;
+    double error[2][2] = { { 0 } }, mean = 0.0;
+    int count = 0;
+
+    (void) state;
+    m.white = true;
+    p = patch_create(MAP_W, MAP_H, true, MAP_PX, 600.0, &m, 1);
+    q = patch_create(MAP_W, MAP_H, true, MAP_PX, 600.0, &m, 1);
+    for (unsigned y = 0; y < MAP_H; y++)
+        for (unsigned x = 0; x < MAP_W; x++) {
+            const size_t i = patch_at(p, (int) x, (int) y);
+            for (unsigned c = 0; c < 3; c++) {
+                maps->base[c][i] = 0.05f + 0.9f * noise(x / 7, y / 6, c);
+                p->light[c][i] = q->light[c][i] = noise(x / 5, y / 9, c + 3) < 0.5f ? 0.1f : 1.0f;
+            }
+            p->strength[i] = q->strength[i] = 0.4f + 0.6f * noise(x / 8, y / 5, 7);
+        }
+    for (int c = 0; c < 3; c++)
+        p->frame.base[c] = q->frame.base[c] = maps->base[c];
+    for (size_t k = 0; k < PELL_COUNT(forms); k++) {
+        const char *const settings[] = { SLOW ? "samples=512" : "samples=2048", "tile=1", "renormalise=off", forms[k], NULL };
+        patch_run(&at, method(at.ctx), settings, k ? q : p);
+    }
+    for (int y = 22; y < MAP_H - 22; y += SLOW ? 9 : 5)
+        for (int x = 26; x < MAP_W - 26; x += 7)
+            for (int c = 0; c < 3; c++) {
+                const double truth = sum_of_maps(p, maps, &m, x, y, c);
+                mean += truth;
+                count++;
+                for (int k = 0; k < 2; k++) {
+                    const double e = (double) (k ? q : p)->result[c][patch_at(p, x, y)] - truth;
+                    error[k][0] += e * e;
+                    error[k][1] = fmax(error[k][1], fabs(e));
+                }
+            }
+    mean /= count;
+    for (int k = 0; k < 2; k++)
+        print_message("# %s, colour and strength by texture, against the sum over the plane: rms %.4f, at most %.4f of the mean\n",
+                      forms[k], sqrt(error[k][0] / count) / mean, error[k][1] / mean);
+    REQUIRE(sqrt(error[0][0] / count) < (SLOW ? 0.02 : 0.01) * mean);
+    REQUIRE(sqrt(error[1][0] / count) > 0.04 * mean);
+    patch_destroy(p);
+    patch_destroy(q);
+    place_destroy(&at);
+    free(maps);
+}
+
+/* Colours that no map should hold are taken for the nearest that it may; what lies where the colour is not a texture's is not read. */
+static void odd_colours_do_no_harm(void **state)
+{
+    static const float odd[] = { NAN, -INFINITY, INFINITY, -1.0f, 0.0f, 1.0f, 1e30f, 0.5f };
+    static const char *const settings[] = { "spread=albedo", NULL };
+    struct bench_place at = place_create(1, NULL, NULL);
+    struct pell_frame_material m[2] = { medium("skin1"), medium("skin1") };
+    struct maps *maps = calloc(1, sizeof(*maps));
+    struct patch *p, *q;
+
+    (void) state;
+    m[0].white = true;
+    p = patch_create(MAP_W, MAP_H, true, MAP_PX, 600.0, m, 2);
+    q = patch_create(MAP_W, MAP_H, true, MAP_PX, 600.0, m, 2);
+    for (int y = 0; y < MAP_H; y++)
+        for (int x = 0; x < MAP_W; x++)
+            for (int c = 0; c < 3; c++) {
+                maps->base[c][patch_at(p, x, y)] = odd[(x / 6 + y / 6 + c) % (int) PELL_COUNT(odd)];
+                p->material[patch_at(p, x, y)] = q->material[patch_at(q, x, y)] = x < MAP_W / 2 ? 1 : 2;
+            }
+    for (int c = 0; c < 3; c++)
+        p->frame.base[c] = maps->base[c];
+    patch_run(&at, method(at.ctx), settings, p);
+    patch_run(&at, method(at.ctx), settings, q); /* no colours at all */
+    for (int y = 0; y < MAP_H; y++)
+        for (int x = 0; x < MAP_W; x++)
+            for (int c = 0; c < 3; c++) {
+                const size_t i = patch_at(p, x, y);
+                if (x < MAP_W / 2)
+                    REQUIRE_NEAR((double) p->result[c][i], 1.0, 1e-4); /* even light, weights of sum one */
+                else
+                    assert_true(p->result[c][i] == q->result[c][i]);
+            }
+    patch_destroy(p);
+    patch_destroy(q);
+    place_destroy(&at);
+    free(maps);
+}
+
 static void the_uniform_disc_stops_at_half_the_object(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -717,6 +848,8 @@ int main(void)
         cmocka_unit_test(reconstruction_leaves_what_is_sharp),
         cmocka_unit_test(sheets_far_apart_do_not_mix),
         cmocka_unit_test(strength_scales_the_radius),
+        cmocka_unit_test(a_texture_says_how_far_light_goes),
+        cmocka_unit_test(odd_colours_do_no_harm),
         cmocka_unit_test(the_uniform_disc_stops_at_half_the_object),
         cmocka_unit_test(every_misprint_shows),
     };

@@ -47,6 +47,7 @@ static void is_destroy(void *state)
         if (st->sets[i].owned) {
             pell_free(st->ctx, st->sets[i].offset);
             pell_free(st->ctx, st->sets[i].rows);
+            pell_free(st->ctx, st->sets[i].level);
         }
     for (int i = 0; i < IS_VIEWS_MOST; i++)
         pell_free(st->ctx, st->light_views[i].texels);
@@ -101,14 +102,11 @@ static enum pell_result make_set(struct is_state *st, const struct pell_frame *s
         }
     PELL_TRY(published_profile(st, m, dipole, &with));
     reach = is_reach(&with);
-    if (most > 0.0 && reach > most) {
-        if (is_uniform_samples(&st->knobs) > 0)
-            pell_warn(st->ctx, m->name, "light that goes further is found by few samples: take more of them, or hierarchical",
-                      "99 %% of its light stays within %.3g mm, more than half the object: broad samples are spread as for %.3g mm", reach,
-                      most);
-        reach = most;
-    }
-    return is_set_make(st->ctx, &with, &st->knobs, fmin(reach, 1e15), &st->sets[i]);
+    if (most > 0.0 && reach > most && is_uniform_samples(&st->knobs) > 0)
+        pell_warn(st->ctx, m->name, "light that goes further is found by few samples: take more of them, or hierarchical",
+                  "99 %% of its light stays within %.3g mm, more than half the object: broad samples are spread as for %.3g mm", reach,
+                  most);
+    return is_set_make(st->ctx, &with, &st->knobs, most > 0.0 ? fmin(most, 1e15) : 1e15, &st->sets[i]);
 
 fail:
     return res;
@@ -323,6 +321,8 @@ static enum pell_result is_render(void *state, const struct pell_frame *in, cons
     st->num_times = 0;
     if (!st->knobs.strength)
         frame.strength = NULL;
+    if (!frame.base[1] || !frame.base[2])
+        frame.base[0] = NULL;
     w->in = &frame;
     w->out = out;
     w->mid_x = 0.5f * (float) in->width;

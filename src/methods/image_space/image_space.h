@@ -17,6 +17,7 @@ enum is_sampling { IS_COMBINED, IS_SEPARATE, IS_IMPORTANCE, IS_UNIFORM };
 enum is_tile { IS_TILE_1, IS_TILE_2, IS_TILE_4, IS_TILE_8 };
 enum is_views { IS_VIEWS_EYE, IS_VIEWS_LIGHTS };
 enum is_renormalise { IS_AS_VIEWS_ASK, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
+enum is_spread { IS_SPREAD_MATERIAL, IS_SPREAD_ALBEDO };
 enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
 enum is_misprint { IS_AS_MEANT, IS_MISPRINT_TWO_PI, IS_MISPRINT_JACOBIAN, IS_MISPRINT_ONE_NUMBER };
 
@@ -29,6 +30,7 @@ struct is_knobs {
     int view_size;   /* px */
     int renormalise; /* enum is_renormalise */
     bool jacobian, reconstruct, strength;
+    int spread;      /* enum is_spread */
     int profile;     /* enum is_profile */
     int misprint;    /* enum is_misprint */
 };
@@ -44,9 +46,13 @@ int is_tile_side(const struct is_knobs *k);
 
 /* R': the radius with 99 % of the energy of the widest channel; 0 for a material that returns no light. */
 double is_reach(const struct pell_frame_material *m);
-/* `reach`: R' of the uniform samples, mm. set->offset and set->rows must be freed. */
+/* `most`: the largest R' that broad samples may be spread for, mm. set->offset, set->rows and set->level must be freed. With
+ * IS_SPREAD_ALBEDO a material that takes its colour from a texture, and whose profile a model makes of coefficients, has
+ * IS_LEVELS levels. */
 PELL_NODISCARD enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
-                                            double reach, struct is_set *set);
+                                            double most, struct is_set *set);
+/* The albedo of a level. */
+double is_level_albedo(int level);
 /* Radius and angle (turns) of sample k of the pixel at (x, y) of the tile, before the table stores them in single precision. */
 void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
                    double *turns);

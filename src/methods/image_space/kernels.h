@@ -26,10 +26,18 @@ enum is_texel { IS_RED, IS_GREEN, IS_BLUE, IS_W, IS_GU, IS_GV, IS_H, IS_KEY };
  * times length^2; then the rise of the four to the next row. Below the first row R stays what it is, beyond the last it is 0. */
 enum { IS_OCTAVES = 24, IS_SHIFT = 18, IS_ROWS_OCTAVE = 1 << (23 - IS_SHIFT), IS_ROWS = 2 * IS_OCTAVES * IS_ROWS_OCTAVE };
 
-/* The samples of a material, and what they are weighed by. */
+/* Where colour comes from a texture and says how far light goes, there are profiles of the material's mean free path at IS_LEVELS albedos,
+ * even in 1 - sqrt(1 - albedo): samples are those of the nearest level, weights are interpolated between two. */
+enum { IS_LEVELS = 16 };
+#define IS_ALBEDO_LEAST 0.01f
+#define IS_ALBEDO_MOST 0.98f
+enum is_level { IS_UNIFORM_AT, IS_BROAD2_AT, IS_REACH2_AT, IS_QUARTER_AT, IS_LEVEL = 8 }; /* as the fields of struct is_set */
+
+/* The samples of a material, and what they are weighed by. Offsets and rows of the material itself come first, then those of the levels. */
 struct is_set {
     float *offset;      /* owned or another's: [(y mod n) * samples + k][3][16 lanes]: x, y in the tangent plane, mm, and 1/density */
     float (*rows)[8];   /* likewise */
+    float (*level)[IS_LEVEL]; /* likewise; of each level; NULL: there are none */
     bool owned;
     float per_length2;  /* 1/mm^2 */
     float reach2;       /* R'^2 in the unit of the tables */

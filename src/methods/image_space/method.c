@@ -17,6 +17,7 @@ static const char *const sampling_names[] = { "combined", "separate", "importanc
 static const char *const tile_names[] = { "1", "2", "4", "8", NULL };
 static const char *const views_names[] = { "eye", "eye+lights", NULL };
 static const char *const renormalise_names[] = { "auto", "weight", "count", "off", NULL };
+static const char *const spread_names[] = { "material", "albedo", NULL };
 static const char *const profile_names[] = { "material", "dipole", NULL };
 static const char *const misprint_names[] = { "none", "two-pi", "jacobian", "one-number", NULL };
 
@@ -38,6 +39,9 @@ static const struct pell_knob knobs[] = {
     { "reconstruct", PELL_KNOB_BOOL, "1", AT(reconstruct), { 1 }, 0, 1, NULL,
       "mean over the tile along the surface, where light spreads further than it" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
+    { "spread", PELL_KNOB_ENUM, "1", AT(spread), { IS_SPREAD_MATERIAL }, 0, 0, spread_names,
+      "how far light goes below a colour texture: as far as the material says, or at each pixel as far as a medium of its colour and the "
+      "material's mean free path would carry it" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { IS_PROFILE_MATERIAL }, 0, 0, profile_names,
       "the material's own, or the dipole wherever there are coefficients" },
     { "misprint", PELL_KNOB_ENUM, "1", AT(misprint), { IS_AS_MEANT }, 0, 0, misprint_names,

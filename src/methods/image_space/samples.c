@@ -11,6 +11,7 @@
 #include "base/base.h"
 #include "math/vec.h"
 
+#include <pellucid/inversion.h>
 #include <pellucid/sampling.h>
 
 #include <string.h>
@@ -222,40 +223,41 @@ static double other_density(const struct is_set *set, double square)
     return set->broad2 > 0.0f || square <= (double) set->reach2 ? (double) set->uniform / (fall * fall) : 0.0;
 }
 
-enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs, double reach,
-                             struct is_set *set)
+/* --- Sets ------------------------------------------------------------------------------------------------------------------------- */
+
+/* What a profile's samples are spread by. */
+static void set_reach(const struct pell_frame_material *m, const struct is_knobs *knobs, double length, double reach, struct is_set *set)
 {
-    const int n = is_tile_side(knobs), importance = is_importance_samples(knobs), uniform = is_uniform_samples(knobs);
-    const double median = mixture_radius(m, 1.0, 0.0, 0.5), length = median > 1e-15 ? fmin(median, 1e15) : 1e-15;
+    const int uniform = is_uniform_samples(knobs);
     bool lit[3];
 
-    memset(set, 0, sizeof(*set));
     lit_channels(m, lit);
-    set->owned = true;
     set->per_length2 = (float) (1.0 / (length * length));
     set->reach2 = (float) (reach * reach / (length * length));
     set->broad2 = knobs->sampling == IS_COMBINED ? (float) (BROAD_PART * BROAD_PART) * set->reach2 : 0.0f;
+    set->uniform = 0.0f;
     if (uniform > 0 && reach > 0.0)
         set->uniform = (float) uniform / (PELL_PI_F * (set->broad2 > 0.0f ? set->broad2 : set->reach2));
-    for (int c = 0; c < 3; c++) {
-        const double total = pell_profile_total(&m->profile[c]);
-        set->scale[c] = lit[c] ? (m->white ? 1.0f : (float) total) : 0.0f;
+    for (int c = 0; c < 3; c++)
         set->quarter[c] = lit[c] ? (float) pell_profile_sample(&m->profile[c], 0.25) : 0.0f;
-    }
-    set->offset = pell_calloc(ctx, (size_t) n * (size_t) knobs->samples * 3 * IS_BLOCK, sizeof(float));
-    set->rows = pell_calloc(ctx, IS_ROWS, sizeof(*set->rows));
-    if (!set->offset || !set->rows)
-        return PELL_ERR_NOMEM;
-    make_rows(m, length, set->rows);
+}
+
+/* The rows and offsets of a profile. */
+static void fill(const struct pell_frame_material *m, const struct is_knobs *knobs, const struct is_set *set, double length, double reach,
+                 float *offset, float (*rows)[8])
+{
+    const int n = is_tile_side(knobs), importance = is_importance_samples(knobs);
+
+    make_rows(m, length, rows);
     for (int y = 0; y < n; y++)
         for (int x = 0; x < n; x++)
             for (int k = 0; k < knobs->samples; k++) {
-                float *to = set->offset + ((size_t) y * (size_t) knobs->samples + (size_t) k) * 3 * IS_BLOCK + x;
+                float *to = offset + ((size_t) y * (size_t) knobs->samples + (size_t) k) * 3 * IS_BLOCK + x;
                 double r, turns, square, density;
                 is_set_sample(m, knobs, reach, x, y, k, &r, &turns);
                 r = fmin(r, 1e15);
                 square = r * r / (length * length);
-                density = importance * density_at((const float (*)[8]) set->rows, square);
+                density = importance * density_at((const float (*)[8]) rows, square);
                 density += other_density(set, square);
                 for (int l = 0; l < IS_BLOCK; l += n) {
                     to[l] = (float) (r * cos(2.0 * PELL_PI * turns));
@@ -263,5 +265,117 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
                     to[l + 2 * IS_BLOCK] = density > 1e-20 ? (float) (1.0 / density) : 0.0f;
                 }
             }
+}
+
+double is_level_albedo(int level)
+{
+    const double first = 1.0 - sqrt(1.0 - (double) IS_ALBEDO_LEAST), last = 1.0 - sqrt(1.0 - (double) IS_ALBEDO_MOST);
+    const double t = first + (last - first) * level / (IS_LEVELS - 1);
+
+    return 1.0 - (1.0 - t) * (1.0 - t);
+}
+
+/* The model that makes this material's profile of its coefficients; false: none that is quickly made. */
+static bool model_of(const struct pell_frame_material *m, struct pell_profile *scratch, enum pell_profile_model *model)
+{
+    static const enum pell_profile_model quick[] = { PELL_PROFILE_DIPOLE, PELL_PROFILE_BETTER_DIPOLE, PELL_PROFILE_NORMALIZED_DIFFUSION };
+
+    if (m->gaussians.count > 0 || !pell_medium_valid(&m->medium, NULL))
+        return false;
+    for (size_t i = 0; i < PELL_COUNT(quick); i++) {
+        bool same = true;
+        for (int c = 0; c < 3 && same; c++)
+            same = pell_profile_make(quick[i], &m->medium, c, NULL, scratch) == PELL_OK && scratch->kind == m->profile[c].kind &&
+                   memcmp(scratch->parameter, m->profile[c].parameter, sizeof(scratch->parameter)) == 0;
+        *model = quick[i];
+        if (same)
+            return true;
+    }
+    return false;
+}
+
+/* The material with all channels of one albedo and mean free paths as they were. */
+static enum pell_result level_profile(struct pell_context *ctx, enum pell_profile_model model, double albedo,
+                                      struct pell_frame_material *m, struct pell_profile *out)
+{
+    for (int c = 0; c < 3; c++) {
+        const double sigma_t = m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c];
+        double reduced;
+        enum pell_result res = pell_albedo_of_color(model, NULL, albedo, m->medium.g[c], m->medium.eta, &reduced, NULL);
+        m->medium.sigma_s_reduced[c] = reduced * sigma_t;
+        m->medium.sigma_a[c] = (1.0 - reduced) * sigma_t;
+        if (res == PELL_OK)
+            res = pell_profile_make(model, &m->medium, c, NULL, &out[c]);
+        if (res != PELL_OK)
+            return pell_error(ctx, res, m->name, "set spread=material", "has no profile of albedo %g", albedo);
+    }
+    m->profile = out;
     return PELL_OK;
+}
+
+static enum pell_result make_levels(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
+                                    enum pell_profile_model model, double most, double length, size_t offsets, struct pell_profile *scratch,
+                                    struct is_set *set)
+{
+    for (int i = 0; i < IS_LEVELS; i++) {
+        struct pell_frame_material at = *m;
+        struct is_set of = *set;
+        float *row = set->level[i];
+        double reach;
+        const enum pell_result res = level_profile(ctx, model, is_level_albedo(i), &at, scratch);
+        if (res != PELL_OK)
+            return res;
+        reach = fmin(is_reach(&at), most);
+        set_reach(&at, knobs, length, reach, &of);
+        row[IS_UNIFORM_AT] = of.uniform;
+        row[IS_BROAD2_AT] = of.broad2;
+        row[IS_REACH2_AT] = of.reach2;
+        memcpy(row + IS_QUARTER_AT, of.quarter, sizeof(of.quarter));
+        fill(&at, knobs, &of, length, reach, set->offset + (size_t) (i + 1) * offsets, set->rows + (size_t) (i + 1) * IS_ROWS);
+    }
+    return PELL_OK;
+}
+
+enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs, double most,
+                             struct is_set *set)
+{
+    const size_t offsets = (size_t) is_tile_side(knobs) * (size_t) knobs->samples * 3 * IS_BLOCK;
+    const double median = mixture_radius(m, 1.0, 0.0, 0.5), length = median > 1e-15 ? fmin(median, 1e15) : 1e-15;
+    const double reach = fmin(is_reach(m), most);
+    struct pell_profile *scratch = NULL;
+    enum pell_profile_model model = PELL_PROFILE_DIPOLE;
+    enum pell_result res = PELL_ERR_NOMEM;
+    size_t profiles = 1;
+    bool lit[3];
+
+    memset(set, 0, sizeof(*set));
+    lit_channels(m, lit);
+    set->owned = true;
+    if (knobs->spread == IS_SPREAD_ALBEDO && m->white) {
+        scratch = pell_calloc(ctx, 3, sizeof(*scratch));
+        if (!scratch)
+            goto fail;
+        if (model_of(m, scratch, &model))
+            profiles += IS_LEVELS;
+        else
+            pell_warn(ctx, m->name, "give it coefficients, and a profile dipole, better-dipole or normalized-diffusion",
+                      "has no profile for each albedo: light goes equally far below all colours");
+    }
+    set_reach(m, knobs, length, reach, set);
+    for (int c = 0; c < 3; c++)
+        set->scale[c] = lit[c] ? (m->white ? 1.0f : (float) pell_profile_total(&m->profile[c])) : 0.0f;
+    set->offset = pell_calloc(ctx, profiles * offsets, sizeof(float));
+    set->rows = pell_calloc(ctx, profiles * IS_ROWS, sizeof(*set->rows));
+    if (!set->offset || !set->rows)
+        goto fail;
+    fill(m, knobs, set, length, reach, set->offset, set->rows);
+    res = PELL_OK;
+    if (profiles > 1) {
+        set->level = pell_calloc(ctx, IS_LEVELS, sizeof(*set->level));
+        res = set->level ? make_levels(ctx, m, knobs, model, most, length, offsets, scratch, set) : PELL_ERR_NOMEM;
+    }
+
+fail:
+    pell_free(ctx, scratch);
+    return res;
 }
