@@ -180,7 +180,7 @@ static void planes_at_any_depth_are_the_exact_convolution(void **state)
     for (int parallel = 0; parallel < 2; parallel++)
         for (size_t k = 0; k < PELL_COUNT(forms); k++) {
             double worst = 0.0;
-            for (int i = 0; i < 20; i += SLOW ? 7 : 1) {
+            for (int i = 0; i < 20; i += SLOW ? 7 : parallel || k > 0 ? 4 : 1) {
                 const double depth = 600.0 + i;
                 struct patch *p = facing(&m, parallel, parallel ? 3.0 : 1800.0, 600.0, 619.0, depth, true);
                 patch_run(&at, method(at.ctx), forms[k], p);
@@ -192,7 +192,7 @@ static void planes_at_any_depth_are_the_exact_convolution(void **state)
                     }
                 patch_destroy(p);
             }
-            print_message("# %s rays, %s: 20 depths within %.5f of the step\n", parallel ? "parallel" : "diverging", forms[k][2], worst);
+            print_message("# %s rays, %s: depths within %.5f of the step\n", parallel ? "parallel" : "diverging", forms[k][2], worst);
             REQUIRE(worst < 1e-3);
         }
     place_destroy(&at);
@@ -207,8 +207,8 @@ static void facing_planes_keep_their_light(void **state)
     (void) state;
     for (int r = 0; r < 2; r++) {
         double worst = 0.0;
-        for (int planes = 2; planes <= 16; planes += SLOW ? 7 : 1)
-            for (int i = 0; i < 4; i++) {
+        for (int planes = 2; planes <= 16; planes += SLOW || r ? 7 : 2)
+            for (int i = 0; i < 4; i += 1 + (planes > 8)) {
                 char text[32];
                 const char *const form[] = { "surfaces=1", "borders=open", restore[r], text, NULL };
                 struct patch *p = facing(&m, false, 1200.0, 600.0, 660.0, 603.0 + 17.0 * i, false);
@@ -266,7 +266,7 @@ static void leaning_planes_keep_most_of_their_light(void **state)
     double printed = 0.0;
 
     (void) state;
-    for (int degrees = 0; degrees <= 80; degrees += 20) {
+    for (int degrees = 0; degrees <= 80; degrees += SLOW ? 40 : 20) {
         const double slope = tan(degrees * PELL_PI / 180.0);
         double light[3], worst[3];
         for (int form = 0; form < 3; form++) {
@@ -328,7 +328,7 @@ static void a_picture_is_the_sum_over_its_pixels(void **state)
     place_destroy(&at);
 }
 
-/* Beyond the reach of a profile, rounding alone is left; and where nothing is lit there is nothing at all. */
+/* Transforms leave rounding everywhere; beyond what their padding holds there is nothing, to the bit. */
 static void the_left_edge_does_not_light_the_right(void **state)
 {
     static const char *const form[] = { "surfaces=1", "borders=open", NULL };
@@ -348,8 +348,8 @@ static void the_left_edge_does_not_light_the_right(void **state)
             right = fmax(right, fabs((double) p->result[0][patch_at(p, x, y)]));
             assert_true(p->result[1][patch_at(p, x, y)] == 0.0f);
         }
-    print_message("# beyond the padding: %.1e\n", right);
-    REQUIRE(right < 1e-6);
+    REQUIRE(p->result[0][patch_at(p, 8, 20)] > 0.01f);
+    assert_true(right == 0.0);
     patch_destroy(p);
     place_destroy(&at);
 }

@@ -43,7 +43,7 @@ struct convolution_knobs {
 
 enum { CONV_ROWS_OCTAVE = 32, CONV_OCTAVES = 52, CONV_ROWS = CONV_ROWS_OCTAVE * CONV_OCTAVES };
 enum { CONV_LINE_OCTAVE = 8, CONV_LINE_ROWS = CONV_LINE_OCTAVE * CONV_OCTAVES };
-enum { CONV_PHASES = 17, CONV_LEANS = 16 };
+enum { CONV_PHASES = 17, CONV_LEANS = 16, CONV_FINE = 64 };
 #define CONV_LEAST_COS 0.01f /* what leans more counts as this */
 
 /* One channel. */
@@ -59,10 +59,13 @@ struct conv_radial {
 };
 
 /* How much of its light a flat surface gets back by planes and images between them, over what it should: by the place between two planes
- * (rows are t = i/(CONV_PHASES - 1)) and the lean, sqrt(1 - cos) = i/(CONV_LEANS - 1) of the largest. */
+ * (rows are t = i/(CONV_PHASES - 1)) and the lean, sqrt(1 - cos) = i/(CONV_LEANS - 1) of the largest, or i/(CONV_FINE - 1). */
 struct conv_response {
-    float value[CONV_LEANS][CONV_PHASES]; /* 1/sqrt of it */
-    float mean[CONV_LEANS];               /* of these over the places, as a part of that of no lean */
+    float place[CONV_LEANS][CONV_PHASES]; /* 1/sqrt of it, as a part of its mean over the places */
+    struct conv_lean {
+        float near, far;           /* what comes from less, and from more, than the distance with half of the light */
+        float true_near, true_far; /* and what should */
+    } lean[CONV_FINE];
 };
 
 /* `memory`: CONV_RADIAL_FLOATS for each of three channels. */
@@ -95,7 +98,8 @@ struct conv_front {
 struct conv_behind {
     int step, width, height, layers;
     uint16_t *group; /* [layer][cell] */
-    float *depth, *area, *lean, *place, *enters[3], *light[3];
+    float *depth, *area, *lean, *place, *light[3];
+    float *enters[3], *close[3]; /* what light weighs behind, and what it weighs at the place of the pixel before it */
 };
 
 struct conv_sources {
@@ -110,6 +114,8 @@ struct conv_sources {
 
 /* Rows [y0, y1) of pixels. */
 void convolution_front_row(const struct conv_sources *s, int y);
+/* How far a pixel and those `step` pixels away lean, as in struct conv_front; 0 where there are none. */
+float convolution_lean_over(const struct conv_sources *s, int x, int y, int step);
 /* A row of cells; returns rays. */
 int convolution_behind_row(const struct conv_sources *s, int cell_y);
 void convolution_sources_aim(struct conv_sources *s);
@@ -139,6 +145,12 @@ struct conv_spectra {
     struct conv_response response[3][CONV_PLANES];
     int num_responses;
 };
+
+/* Pixels that kernels send light as far as: beyond them it would come round in transforms of this length. */
+static inline int convolution_cut(int length, int size)
+{
+    return 2 * (length - size) < length ? length - size : length / 2;
+}
 
 /* Floats of spectra for images of up to this size. */
 size_t convolution_spectra_size(const struct convolution_knobs *k, bool orthographic, int width, int height);

@@ -150,16 +150,47 @@ static double split_of(const struct convolution_knobs *k, double t, int side)
     return k->split == CONV_HALF ? 0.5 : side ? t : 1.0 - t;
 }
 
-/* An evenly lit surface that goes through all planes with the slope: what its light gives at the place t between two of them, by lines at
- * right angles to the slope. A spacing of 0: there is one plane alone. */
-static double response_at(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, double slope, double t)
-{
-    const double step = 0.15, first = 1e-3 * sqrt((double) r->median2), between = sqrt(2.0 * t * (1.0 - t));
-    double sum = 0.0, all = 0.0;
+/* Points of the integrals below: x = first exp(i STEP), each as wide as x STEP; the first has all from 0 on. */
+enum { POINTS = 110 };
+#define STEP 0.15
 
-    for (int i = 0; i < 110; i++) {
-        const double x = first * exp(step * i), width = i == 0 ? x * (1.0 + 0.5 * step) : x * step;
-        const double plain = r->point ? (double) (i == 0) : (double) line_value(r, (float) (x * x));
+static double point_at(const struct conv_radial *r, int i, double *width)
+{
+    const double x = 1e-3 * sqrt((double) r->median2) * exp(STEP * i);
+
+    *width = i == 0 ? x * (1.0 + 0.5 * STEP) : x * STEP;
+    return x;
+}
+
+/* The distance from a line with half of the light that it gives nearer than that. */
+static double half_distance(const struct conv_radial *r)
+{
+    double all = 0.0, sum = 0.0, width;
+    int i;
+
+    for (i = 0; i < POINTS && !r->point; i++) {
+        const double x = point_at(r, i, &width);
+        all += width * (double) line_value(r, (float) (x * x));
+    }
+    for (i = 0; i + 1 < POINTS && sum < 0.5 * all; i++) {
+        const double x = point_at(r, i, &width);
+        sum += width * (double) line_value(r, (float) (x * x));
+    }
+    return point_at(r, i, &width);
+}
+
+/* An evenly lit surface that goes through all planes with the slope: what its light gives at the place t between two of them, by lines at
+ * right angles to the slope. Of that *far comes from more than `half` away in the picture, of what the surface should get *true_far. A
+ * spacing of 0: there is one plane alone. */
+static double response_at(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, double slope, double t,
+                          double half, double *far, double *true_far)
+{
+    const double between = sqrt(2.0 * t * (1.0 - t));
+    double sum = 0.0, all = 0.0, near = 0.0, true_near = 0.0;
+
+    for (int i = 0; i < POINTS; i++) {
+        double width;
+        const double x = point_at(r, i, &width), plain = r->point ? (double) (i == 0) : (double) line_value(r, (float) (x * x));
         all += 2.0 * width * plain;
         if (plain * x < 1e-7 * all && x * x > (double) r->median2)
             break;
@@ -175,28 +206,54 @@ static double response_at(const struct conv_radial *r, const struct convolution_
                 sum += width * between * sqrt(2.0 * f * (1.0 - f)) *
                        (plain - (r->point ? 0.0 : (double) line_value(r, (float) (x * x + spacing * spacing))));
         }
+        if (!(spacing > 0.0))
+            sum = all;
+        near = x <= half ? sum : near;
+        true_near = x <= half * sqrt(1.0 + slope * slope) ? all : true_near;
     }
-    if (!(spacing > 0.0))
-        sum = all;
+    *far = sum > 0.0 ? 1.0 - near / sum : 0.0;
+    *true_far = all > 0.0 ? 1.0 - true_near / all : 0.0;
     return all > 0.0 ? sqrt(1.0 + slope * slope) * sum / all : 1.0;
+}
+
+static double between_rows(const double *table, double at)
+{
+    const int low = at < CONV_LEANS - 2 ? (int) at : CONV_LEANS - 2;
+
+    return table[low] + (at - low) * (table[low + 1] - table[low]);
 }
 
 void convolution_response_make(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, struct conv_response *out)
 {
-    for (int j = 0; j < CONV_LEANS; j++)
+    const double half = half_distance(r);
+    double mean[CONV_LEANS], far[CONV_LEANS], true_far[CONV_LEANS];
+
+    for (int j = 0; j < CONV_LEANS; j++) {
+        mean[j] = far[j] = true_far[j] = 0.0;
         for (int i = 0; 2 * i < CONV_PHASES; i++) { /* the other half is the same */
             const double s = j * sqrt(1.0 - (double) CONV_LEAST_COS) / (CONV_LEANS - 1), c = 1.0 - s * s;
-            const double share = k->restore == CONV_LOST
-                                     ? 1.0
-                                     : response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1));
-            out->value[j][i] = out->value[j][CONV_PHASES - 1 - i] = (float) (1.0 / sqrt(fmin(fmax(share, 1e-3), 1e3)));
+            double beyond = 0.0, share = 1.0;
+            if (k->restore != CONV_LOST)
+                share = response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1), half, &beyond,
+                                    &true_far[j]);
+            out->place[j][i] = out->place[j][CONV_PHASES - 1 - i] = (float) (1.0 / sqrt(fmin(fmax(share, 1e-3), 1e3)));
+            far[j] += beyond / (CONV_PHASES / 2 + 1);
         }
+        for (int i = 0; i < CONV_PHASES; i++)
+            mean[j] += (double) out->place[j][i];
+    }
     for (int j = CONV_LEANS - 1; j >= 0; j--) {
-        float sum = 0.0f, facing = 0.0f;
-        for (int i = 0; i < CONV_PHASES; i++) {
-            sum += out->value[j][i];
-            facing += out->value[0][i];
-        }
-        out->mean[j] = sum / facing;
+        mean[j] /= mean[0];
+        for (int i = 0; i < CONV_PHASES; i++)
+            out->place[j][i] /= (float) mean[j];
+    }
+    for (int i = 0; i < CONV_FINE; i++) {
+        const double at = i * (double) (CONV_LEANS - 1) / (CONV_FINE - 1), all = 1.0 / pow(between_rows(mean, at), 2.0);
+        out->lean[i] = (struct conv_lean){
+            .near = (float) (all * (1.0 - between_rows(far, at))),
+            .far = (float) (all * between_rows(far, at)),
+            .true_near = (float) (1.0 - between_rows(true_far, at)),
+            .true_far = (float) between_rows(true_far, at),
+        };
     }
 }

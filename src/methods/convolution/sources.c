@@ -34,8 +34,8 @@ static float linear_depth(const struct pell_frame *in, ptrdiff_t i)
     return in->orthographic ? in->depth[i] : 1.0f / in->depth[i];
 }
 
-/* The slope to the neighbour that is less steep; 0 without neighbours. */
-static float slope(const struct conv_sources *s, ptrdiff_t at, ptrdiff_t group_at, ptrdiff_t step, ptrdiff_t group_step, bool low,
+/* The slope, each pixel, to the one `by` pixels away that is less steep; 0 without any. `at`, `group_at` and their steps: in memory. */
+static float slope(const struct conv_sources *s, ptrdiff_t at, ptrdiff_t group_at, ptrdiff_t step, ptrdiff_t group_step, int by, bool low,
                    bool high)
 {
     const struct pell_frame *in = s->in;
@@ -43,32 +43,39 @@ static float slope(const struct conv_sources *s, ptrdiff_t at, ptrdiff_t group_a
     const float here = linear_depth(in, at);
     float best = INFINITY;
 
-    if (low && group[-group_step] == group[0])
-        best = here - linear_depth(in, at - step);
-    if (high && group[group_step] == group[0]) {
-        const float other = linear_depth(in, at + step) - here;
+    if (low && group[-by * group_step] == group[0])
+        best = here - linear_depth(in, at - by * step);
+    if (high && group[by * group_step] == group[0]) {
+        const float other = linear_depth(in, at + by * step) - here;
         best = fabsf(other) < fabsf(best) ? other : best;
     }
-    return isfinite(best) ? best : 0.0f;
+    return isfinite(best) ? best / (float) by : 0.0f;
 }
 
-/* By depths alone: pixels of a frame without a scene. */
-static void lean_by_depth(const struct conv_sources *s, int x, int y)
+/* |n . d| by depths alone. */
+static float facing_by_depth(const struct conv_sources *s, int x, int y, int by)
 {
     const struct pell_frame *in = s->in;
-    const struct conv_front *f = &s->front;
-    const ptrdiff_t at = y * in->stride + x, to = y * f->stride + x;
-    const float gu = slope(s, at, to, 1, 1, x > in->rect.x0, x + 1 < in->rect.x1) * in->focal_px;
-    const float gv = slope(s, at, to, in->stride, f->stride, y > in->rect.y0, y + 1 < in->rect.y1) * in->focal_px;
+    const ptrdiff_t at = y * in->stride + x, to = y * s->front.stride + x;
+    const float gu = slope(s, at, to, 1, 1, by, x - by >= in->rect.x0, x + by < in->rect.x1) * in->focal_px;
+    const float gv = slope(s, at, to, in->stride, s->front.stride, by, y - by >= in->rect.y0, y + by < in->rect.y1) * in->focal_px;
 
     if (in->orthographic) {
-        cover(in, in->depth[at], 1.0f / sqrtf(1.0f + gu * gu + gv * gv), &f->area[to], &f->lean[to]);
+        return 1.0f / sqrtf(1.0f + gu * gu + gv * gv);
     } else {
         const float tx = ((float) x + 0.5f - 0.5f * (float) in->width) / in->focal_px;
         const float ty = ((float) y + 0.5f - 0.5f * (float) in->height) / in->focal_px;
         const float w = 1.0f / in->depth[at], c = w - gu * tx - gv * ty, n = sqrtf(gu * gu + gv * gv + c * c);
-        cover(in, in->depth[at], n > 0.0f ? w / n : 1.0f, &f->area[to], &f->lean[to]);
+        return n > 0.0f ? w / n : 1.0f;
     }
+}
+
+float convolution_lean_over(const struct conv_sources *s, int x, int y, int step)
+{
+    float area, lean;
+
+    cover(s->in, s->in->depth[y * s->in->stride + x], facing_by_depth(s, x, y, step), &area, &lean);
+    return lean;
 }
 
 static struct pell_vec3 ray_of(const struct conv_sources *s, float x, float y, struct pell_vec3 *start)
@@ -100,7 +107,7 @@ void convolution_front_row(const struct conv_sources *s, int y)
         if (!f->group[to])
             continue;
         if (!s->bodies) {
-            lean_by_depth(s, x, y);
+            cover(in, in->depth[at], facing_by_depth(s, x, y, 1), &f->area[to], &f->lean[to]);
             continue;
         }
         d = ray_of(s, (float) x, (float) y, &start);

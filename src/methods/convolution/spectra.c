@@ -71,12 +71,6 @@ struct maker {
     float *memory;
 };
 
-/* Beyond this many pixels light would come round: nothing is sent so far. */
-static int cut_of(int length, int size)
-{
-    return 2 * (length - size) < length ? length - size : length / 2;
-}
-
 struct sampler {
     const struct kernel *k;
     double near[NEAR * NEAR];
@@ -124,8 +118,8 @@ static void make_spectrum(void *arg, int index, int worker)
     table = buffer[1] + pell_fft_buffer(nx > ny ? nx : ny);
     pell_fft_init(&across, nx, table);
     pell_fft_init(&down, ny, table + pell_fft_table(nx));
-    s.cut_x = cut_of(lay->across, lay->width);
-    s.cut_y = cut_of(lay->down, lay->height);
+    s.cut_x = convolution_cut(lay->across, lay->width);
+    s.cut_y = convolution_cut(lay->down, lay->height);
     s.fine = k->step == 1 && k->radial->median2 + k->distance2 < 36.0f * s.pixel2;
     if (k->own)
         convolution_radial_squares(k->radial, (double) k->pixel, NEAR, s.near);

@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * state.h - a running convolution method on the cpu engine and the steps of a frame, in their order. Each step runs its rows, bands or blocks
+ * on the pool; what it is about is in the job.
+ */
+#ifndef PELL_CONVOLUTION_STATE_H
+#define PELL_CONVOLUTION_STATE_H
+
+#include "methods/convolution/convolution.h"
+
+enum { CONV_BAND = 16, CONV_SETS = 4, CONV_MULTIPLE = 16, CONV_DISTANCES = 128 };
+enum { CONV_T_BEHIND, CONV_T_SPECTRA, CONV_T_SPREAD, CONV_T_ROWS, CONV_T_COLUMNS, CONV_T_BACK, CONV_T_GATHER, CONV_TIMES };
+
+/* What scatters together: its pixels in a frame. */
+struct conv_extent {
+    struct pell_rect rect;
+    float low, high; /* depth */
+    float brightest[3];
+    int64_t pixels;
+};
+
+struct convolution_state {
+    struct pell_renderer *r; /* borrowed */
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct conv_kernels *kernels;
+    struct convolution_knobs knobs;
+    struct pell_bodies *bodies; /* or NULL */
+    const struct pell_frame_material *materials;
+    size_t num_materials, num_groups;
+    struct conv_radial (*radial)[3]; /* of materials */
+    float *tables;
+    struct conv_spectra sets[CONV_SETS];
+    size_t num_sets;
+
+    struct conv_sources sources;
+    float *front_memory, *behind_memory;
+    struct conv_extent *rows; /* of rows of the picture, for one group */
+    unsigned char *there;     /* groups in a frame */
+    int *ray_counts;
+
+    int step; /* pixels to one of an image */
+    int num_images;
+    float *images, *half, **scratch, *scratch_memory, *even;
+    size_t image_size, half_size; /* of one */
+    unsigned char *occupied;      /* [band][image] */
+    struct pell_rect *lit;        /* of bands: where their light is, pixels of images */
+
+    /* The running group and channel. */
+    struct conv_job {
+        const struct pell_frame *in;
+        const struct pell_frame_light *out;
+        const struct conv_radial *radial;
+        const struct conv_spectra *set;
+        struct conv_layout layout;
+        float arrives[3][CONV_PLANES][CONV_PLANES]; /* share of the light of a plane that reaches another; of light behind on its own */
+        float arrives_over[3][CONV_DISTANCES + 1];  /* over the distance: i^2 of the widest */
+        float widest;                               /* mm */
+        float median;                               /* mm: the radius with half of the light inside, mean of the channels */
+        struct conv_extent extent;
+        size_t group;
+        int channel, x0, y0;                     /* of the images' first pixel, in the picture's pixels */
+        ptrdiff_t stride;                        /* of images */
+        ptrdiff_t block;                         /* of half spectra */
+        int between, behind;                     /* images between planes, and of light from behind */
+        int bands, column_blocks, behind_blocks; /* blocks of columns: of all, and of those that light from behind has a part in */
+        bool even;                               /* of light 1, to divide by */
+        bool divide;
+        struct pell_rect reached; /* pixels of images that light comes to; beyond it what transforms leave is rounding */
+        struct pell_fft across, down;
+        float *tables[2];
+        bool lit[CONV_IMAGES], seen[CONV_IMAGES];
+        int list[CONV_IMAGES], count; /* images that the running pass is over, in pairs */
+        struct conv_mix mix;
+    } job;
+    struct pell_pass_time times[CONV_TIMES];
+    bool timed;
+};
+
+static inline float *conv_image(const struct convolution_state *st, int image)
+{
+    return st->images + (size_t) image * st->image_size;
+}
+
+static inline float *conv_half(const struct convolution_state *st, int image)
+{
+    return st->half + (size_t) image * st->half_size;
+}
+
+/* layout.c: the pixels of the job's group, its planes and the sizes of its images, and the place of each sample among the planes. */
+void convolution_find_extent(struct convolution_state *st);
+void convolution_lay_out(struct convolution_state *st);
+void convolution_place(struct convolution_state *st);
+/* How far light behind is from the planes that it and what lies before it share: the distance at which as much arrives as on the mean over
+ * all rays. Planes without any: half way to the next. */
+void convolution_measure_behind(struct convolution_state *st);
+
+/* light.c: what light weighs, by place and lean; then for one channel light to planes. */
+void convolution_weigh(struct convolution_state *st);
+void convolution_spread(struct convolution_state *st);
+
+/* transforms.c: images that are lit to spectra, all planes through the kernels, and those that are seen back. */
+void convolution_transform_rows(struct convolution_state *st);
+void convolution_transform_columns(struct convolution_state *st);
+void convolution_transform_back(struct convolution_state *st);
+
+/* gather.c: which images the picture needs; planes to pixels. */
+void convolution_find_seen(struct convolution_state *st);
+void convolution_gather(struct convolution_state *st);
+
+#endif
