@@ -16,9 +16,8 @@
 
 PELL_SIMD_TABLES(struct layered_kernels, layered_kernels);
 
-enum { BAND = 4, ENVIRONMENT = 4 }; /* rows of a task; directions to an environment for each place on a lamp */
-#define HORIZON 0.4f               /* cosine at P up to which rays are asked, too */
-#define ROUNDING 1.2e-5f            /* of coordinates: how far off the surface rays start */
+enum { CUTS = 8, MOST_PARTS = 1 << 24 }; /* of a large triangle's sides; parts of all of them */
+enum { BAND = 4, ENVIRONMENT = 4 };      /* rows of a task; directions to an environment for each place on a lamp */
 
 /* A place on a lamp, or how to choose one for a pixel. */
 struct source {
@@ -142,20 +141,84 @@ static bool same_body(const struct pell_mesh *a, const struct pell_mesh *b)
     return a->object == b->object && a->material == b->material;
 }
 
-static void weigh(const struct pell_mesh *mesh, bool by_area, float *weight)
+/* The smooth outward normal of a hit. */
+static struct pell_vec3 normal_at(const struct pell_mesh *m, uint32_t triangle, float u, float v)
 {
+    const uint32_t *index = m->index + 3 * (size_t) triangle;
+    struct pell_vec3 n = vec3_mul(vec3_load(m->normal + 3 * (size_t) index[0]), 1.0f - u - v);
+
+    n = vec3_mad(n, u, vec3_load(m->normal + 3 * (size_t) index[1]));
+    return vec3_normalize(vec3_mad(n, v, vec3_load(m->normal + 3 * (size_t) index[2])));
+}
+
+static void corners_of(const struct pell_mesh *mesh, uint32_t triangle, struct pell_vec3 at[3])
+{
+    for (int k = 0; k < 3; k++)
+        at[k] = vec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) triangle + (size_t) k]);
+}
+
+/* In how many parts the sides of a triangle are cut, so that those are small beside the neighbourhood. */
+static int cuts_of(const struct pell_vec3 at[3], float radius)
+{
+    float longest = 0.0f;
+
+    for (int k = 0; k < 3; k++)
+        longest = fmaxf(longest, vec3_length(vec3_sub(at[(k + 1) % 3], at[k])));
+    longest *= 2.0f / radius;
+    return longest > 1.0f ? longest < (float) CUTS ? (int) ceilf(longest) : CUTS : 1;
+}
+
+static size_t count_parts(const struct pell_mesh *mesh, float radius)
+{
+    size_t count = 0;
+
+    for (uint32_t t = 0; t < mesh->num_triangles; t++) {
+        struct pell_vec3 at[3];
+        int cuts;
+        corners_of(mesh, t, at);
+        cuts = cuts_of(at, radius);
+        count += cuts > 1 ? (size_t) (cuts * cuts) : 0;
+    }
+    return count;
+}
+
+/* The middles of the parts of a triangle, each for its area. */
+static void add_parts(const struct pell_mesh *mesh, uint32_t triangle, const struct pell_vec3 at[3], int cuts, float area,
+                      struct layered_cloud *cloud)
+{
+    for (int i = 0; i < cuts; i++)
+        for (int j = 0; j < 2 * (cuts - i) - 1; j++) {
+            const float u = ((float) (j / 2) + (j & 1 ? 2.0f / 3.0f : 1.0f / 3.0f)) / (float) cuts;
+            const float v = ((float) i + (j & 1 ? 2.0f / 3.0f : 1.0f / 3.0f)) / (float) cuts;
+            const struct pell_vec3 p = vec3_mad(vec3_mad(vec3_mul(at[0], 1.0f - u - v), u, at[1]), v, at[2]);
+            vec3_store(p, cloud->position + 3 * cloud->count);
+            vec3_store(normal_at(mesh, triangle, u, v), cloud->normal + 3 * cloud->count);
+            cloud->weight[cloud->count++] = fmaxf(area / (float) (cuts * cuts), 1e-20f);
+        }
+}
+
+/* Each vertex stands for a part of the triangles around it; triangles that are large beside the neighbourhood stand for themselves, in
+ * parts, so that planes of a coarse mesh are those of a fine one. */
+static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct layered_cloud *cloud)
+{
+    float *weight = cloud->weight + first;
+
     for (uint32_t i = 0; i < mesh->num_vertices; i++)
-        weight[i] = by_area ? 0.0f : 1.0f;
-    for (uint32_t t = 0; by_area && t < mesh->num_triangles; t++) {
-        const uint32_t *index = mesh->index + 3 * (size_t) t;
-        const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
-        const struct pell_vec3 n = vec3_cross(vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a),
-                                              vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a));
-        for (int k = 0; k < 3; k++)
-            weight[index[k]] += vec3_length(n);
+        weight[i] = 0.0f;
+    for (uint32_t t = 0; t < mesh->num_triangles; t++) {
+        struct pell_vec3 at[3];
+        float area;
+        int cuts;
+        corners_of(mesh, t, at);
+        area = vec3_length(vec3_cross(vec3_sub(at[1], at[0]), vec3_sub(at[2], at[0])));
+        cuts = parts ? cuts_of(at, cloud->radius) : 1;
+        if (cuts > 1)
+            add_parts(mesh, t, at, cuts, area, cloud);
+        for (int k = 0; k < 3 && cuts == 1; k++)
+            weight[mesh->index[3 * (size_t) t + (size_t) k]] += area * (1.0f / 3.0f);
     }
     for (uint32_t i = 0; i < mesh->num_vertices; i++)
-        weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* of no triangle */
+        weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* of no triangle, or of large ones alone */
 }
 
 /* All meshes of one body, of which `first` is the first. */
@@ -166,31 +229,40 @@ static enum pell_result fit_body(struct state *st, const struct pell_scene *scen
     const float sigma = st->media[body->material].first;
     float(*plane)[4] = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
-    size_t at = 0;
+    size_t at = 0, most = 0, parts = 0;
 
-    for (size_t i = first; i < scene->num_meshes; i++)
-        cloud.count += same_body(&scene->meshes[i], body) ? scene->meshes[i].num_vertices : 0;
     cloud.radius = sigma > 0.0f ? -logf(st->knobs.epsilon) / sigma : INFINITY;
     cloud.radius = cloud.radius < st->size ? cloud.radius : st->size;
-    if (cloud.count > UINT32_MAX)
-        return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, body->name, NULL, "layered: an object of %zu vertices", cloud.count);
-    cloud.position = pell_alloc_array(st->ctx, cloud.count + 1, 3 * sizeof(float));
-    cloud.normal = pell_alloc_array(st->ctx, cloud.count + 1, 3 * sizeof(float));
-    cloud.weight = pell_alloc_array(st->ctx, cloud.count + 1, sizeof(float));
-    plane = pell_alloc_array(st->ctx, cloud.count + 1, sizeof(*plane));
+    for (size_t i = first; i < scene->num_meshes; i++) {
+        cloud.fitted += same_body(&scene->meshes[i], body) ? scene->meshes[i].num_vertices : 0;
+        if (same_body(&scene->meshes[i], body) && st->knobs.planes == LAYERED_BY_AREA && cloud.radius > 0.0f)
+            parts += count_parts(&scene->meshes[i], cloud.radius);
+    }
+    parts = parts <= MOST_PARTS ? parts : 0;
+    most = cloud.fitted + parts;
+    if (most > UINT32_MAX)
+        return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, body->name, NULL, "layered: an object of %zu vertices", cloud.fitted);
+    cloud.position = pell_alloc_array(st->ctx, most + 1, 3 * sizeof(float));
+    cloud.normal = pell_alloc_array(st->ctx, most + 1, 3 * sizeof(float));
+    cloud.weight = pell_alloc_array(st->ctx, most + 1, sizeof(float));
+    plane = pell_alloc_array(st->ctx, cloud.fitted + 1, sizeof(*plane));
     if (!cloud.position || !cloud.normal || !cloud.weight || !plane)
         goto fail;
+    cloud.count = cloud.fitted;
     for (size_t i = first; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
         if (!same_body(m, body))
             continue;
         memcpy(cloud.position + 3 * at, m->position, 3 * (size_t) m->num_vertices * sizeof(float));
         memcpy(cloud.normal + 3 * at, m->normal, 3 * (size_t) m->num_vertices * sizeof(float));
-        weigh(m, st->knobs.planes == LAYERED_BY_AREA, cloud.weight + at);
+        for (size_t k = 0; k < m->num_vertices; k++)
+            cloud.weight[at + k] = 1.0f;
+        if (st->knobs.planes == LAYERED_BY_AREA)
+            weigh(m, at, parts > 0, &cloud);
         at += m->num_vertices;
     }
     if (st->knobs.planes == LAYERED_TANGENT) {
-        for (size_t i = 0; i < cloud.count; i++) {
+        for (size_t i = 0; i < cloud.fitted; i++) {
             memcpy(plane[i], cloud.normal + 3 * i, 3 * sizeof(float));
             plane[i][3] = 0.0f;
         }
@@ -209,7 +281,7 @@ static enum pell_result fit_body(struct state *st, const struct pell_scene *scen
         memcpy(st->planes[i], plane + at, (size_t) m->num_vertices * sizeof(*plane));
         at += m->num_vertices;
     }
-    st->fitted += (int64_t) cloud.count;
+    st->fitted += (int64_t) cloud.fitted;
     res = PELL_OK;
 
 fail:
@@ -269,7 +341,7 @@ static void add_lamp(struct state *st, const struct pell_light *light, const str
         *s = (struct source){ .lamp = lamp, .face = face && each > 1, .number = i, .of = count, .scale = 1.0f };
         if (!pell_emitters_sample(lamp, nowhere, u, &s->sample))
             continue;
-        s->even = s->sample.away && !light->image;
+        s->even = !light->image && (s->sample.away || (light->type == PELL_LIGHT_POINT && !(light->range > 0.0f)));
         if (sky) {
             s->even = true;
             s->scale = (float) fmin(1.0 / (s->sample.pdf * count), 1e12);
@@ -406,17 +478,7 @@ static struct pell_vec3 lane3(const void *rows, int i)
 
 static float rounding(const struct layered_packet *p, int i)
 {
-    return ROUNDING * fmaxf(fmaxf(fabsf(p->p[0][i]), fabsf(p->p[1][i])), fmaxf(fabsf(p->p[2][i]), 1e-3f));
-}
-
-/* The smooth outward normal of a hit. */
-static struct pell_vec3 normal_at(const struct pell_mesh *m, uint32_t triangle, float u, float v)
-{
-    const uint32_t *index = m->index + 3 * (size_t) triangle;
-    struct pell_vec3 n = vec3_mul(vec3_load(m->normal + 3 * (size_t) index[0]), 1.0f - u - v);
-
-    n = vec3_mad(n, u, vec3_load(m->normal + 3 * (size_t) index[1]));
-    return vec3_normalize(vec3_mad(n, v, vec3_load(m->normal + 3 * (size_t) index[2])));
+    return LAYERED_ROUNDING * fmaxf(fmaxf(fabsf(p->p[0][i]), fabsf(p->p[1][i])), fmaxf(fabsf(p->p[2][i]), 1e-3f));
 }
 
 static void map_uv(const struct pell_texture_map *map, const struct pell_mesh *mesh, uint32_t vertex, float out[2])
@@ -460,14 +522,11 @@ static void find_exits(const struct state *st, const struct layered_medium *m, c
     const bool two = st->knobs.path != LAYERED_PLANES;
     struct rays rays;
 
-    clear(&rays);
-    for (int i = 0; i < p->count; i++) {
-        const struct pell_vec3 way = lane3(p->w, i);
-        const float facing = fabsf(vec3_dot(lane3(p->facet, i), way));
-        aim(&rays, i, lane3(p->p, i), way, rounding(p, i) / fmaxf(facing, 0.05f), fminf(4.0f * p->length[i], 4.0f * st->size));
-    }
+    st->kernels->leave(p, st->size, &rays.r.ray, rays.valid);
+    for (int i = 0; i < LAYERED_LANES; i++)
+        rays.r.hit.mesh[i] = PELL_NO_HIT;
     pell_rays_closest16(pell_renderer_rays(st->r), rays.valid, true, &rays.r);
-    w->rays += rays.count;
+    w->rays += p->count;
     for (int i = 0; i < p->count; i++) {
         const struct pell_hit16 *h = &rays.r.hit;
         const struct pell_vec3 way = lane3(p->w, i);
@@ -549,32 +608,12 @@ static bool set_power(const struct state *st, const struct source *s, const stru
 static void set_planes(const struct state *st, const struct layered_packet *p, struct worker *w, struct layered_lamp *lamp)
 {
     struct rays rays;
+    const int count = st->kernels->see(p, st->knobs.path, st->knobs.shadows, lamp, &rays.r.ray, rays.valid);
 
-    lamp->any_planes = lamp->any_nodes = false;
-    clear(&rays);
-    for (int i = 0; i < p->count; i++) {
-        const struct pell_vec3 at = lane3(p->p, i), facet = lane3(p->facet, i);
-        float distance, share = 1.0f, e = rounding(p, i);
-        const struct pell_vec3 to = toward(lamp, i, at, &distance);
-        const float front = vec3_dot(facet, lane3(p->eye, i)) < 0.0f ? -1.0f : 1.0f, facing = front * vec3_dot(facet, to);
-        const bool lit = lamp->power[0][i] + lamp->power[1][i] + lamp->power[2][i] > 0.0f;
-        if (st->knobs.path == LAYERED_PLANES_RAYS) {
-            const float x = fminf(fmaxf(vec3_dot(lane3(p->n, i), to) * (1.0f / HORIZON), 0.0f), 1.0f);
-            share = facing > 0.0f ? x * x * (3.0f - 2.0f * x) : 0.0f;
-        } else if (st->knobs.path == LAYERED_RAYS) {
-            share = 0.0f;
-        }
-        lamp->planes[i] = share;
-        lamp->seen[i] = 1.0f;
-        lamp->any_planes = lamp->any_planes || (lit && share > 0.0f);
-        lamp->any_nodes = lamp->any_nodes || (lit && share < 1.0f);
-        if (lit && share > 0.0f && facing > 0.0f && st->knobs.shadows)
-            aim(&rays, i, vec3_mad(at, front * e, facet), to, 0.0f, lamp->away ? INFINITY : 0.9999f * distance);
-    }
-    if (rays.count == 0)
+    if (count == 0)
         return;
     pell_rays_occluded16(pell_renderer_rays(st->r), rays.valid, true, &rays.r.ray);
-    w->rays += rays.count;
+    w->rays += count;
     for (int i = 0; i < p->count; i++)
         if (rays.valid[i] && rays.r.ray.tfar[i] < 0.0f)
             lamp->seen[i] = 0.0f;
@@ -738,7 +777,35 @@ static void set_node(const struct state *st, const struct layered_medium *m, con
 
 /* --- A packet ------------------------------------------------------------------------------------------------------------------- */
 
-/* Reads the triangles of 16 pixels; lanes without one are the first. */
+/* Lanes `first` to `last` are of one triangle. */
+static void read_triangle(const struct layered_medium *m, const struct pell_mesh *from, const float (*plane)[4], uint32_t triangle,
+                          struct layered_packet *p, int first, int last)
+{
+#define FILL(row, value)                                                                                                                   \
+    do {                                                                                                                                   \
+        const float one = (value);                                                                                                         \
+        for (int i = first; i <= last; i++)                                                                                                \
+            (row)[i] = one;                                                                                                                \
+    } while (0)
+    for (int c = 0; c < 3; c++) {
+        const size_t v = from->index[3 * (size_t) triangle + (size_t) c];
+        for (int k = 0; k < 3; k++) {
+            FILL(p->corner[c][k], from->position[3 * v + (size_t) k]);
+            FILL(p->normal[c][k], from->normal[3 * v + (size_t) k]);
+            FILL(p->plane[c][k], plane[v][k]);
+        }
+        FILL(p->plane[c][3], plane[v][3]);
+        for (int k = 0; k < m->packs; k++) {
+            float uv[2];
+            map_uv(m->pack[k].map, from, (uint32_t) v, uv);
+            for (int d = 0; d < 2; d++)
+                FILL(p->uv + (ptrdiff_t) ((k * 3 + c) * 2 + d) * LAYERED_LANES, uv[d]);
+        }
+    }
+#undef FILL
+}
+
+/* Reads 16 pixels; lanes without one are the first. */
 static void read_packet(const struct state *st, const struct layered_medium *m, const int32_t *at, int count, struct layered_packet *p,
                         uint32_t mesh[16], uint32_t triangle[16])
 {
@@ -749,41 +816,27 @@ static void read_packet(const struct state *st, const struct layered_medium *m, 
     p->count = count;
     for (int i = 0; i < LAYERED_LANES; i++) {
         const int32_t pixel = at[i < count ? i : 0];
-        const struct pell_mesh *from = &scene->meshes[mesh[i] = in->mesh[pixel]];
-        const float(*plane)[4] = (const float(*)[4]) st->planes[mesh[i]];
-        const uint32_t *index = from->index + 3 * (size_t) (triangle[i] = in->triangle[pixel]);
-        struct pell_vec3 a, to;
-        float distance;
+        mesh[i] = in->mesh[pixel];
+        triangle[i] = in->triangle[pixel];
         p->at[i] = pixel;
         p->u[i] = in->barycentric[0][pixel];
         p->v[i] = in->barycentric[1][pixel];
-        for (int c = 0; c < 3; c++) {
-            const size_t v = index[c];
-            for (int k = 0; k < 3; k++) {
-                p->corner[c][k][i] = from->position[3 * v + (size_t) k];
-                p->normal[c][k][i] = from->normal[3 * v + (size_t) k];
-                p->plane[c][k][i] = plane[v][k];
-            }
-            p->plane[c][3][i] = plane[v][3];
-            for (int k = 0; k < m->packs; k++) {
-                float uv[2];
-                map_uv(m->pack[k].map, from, index[c], uv);
-                for (int d = 0; d < 2; d++)
-                    p->uv[((k * 3 + c) * 2 + d) * LAYERED_LANES + i] = uv[d];
-            }
-        }
-        a = vec3(p->corner[0][0][i], p->corner[0][1][i], p->corner[0][2][i]);
-        a = vec3_mad(a, p->u[i], vec3_sub(vec3(p->corner[1][0][i], p->corner[1][1][i], p->corner[1][2][i]), a));
-        a = vec3_mad(a, p->v[i],
-                     vec3_sub(vec3(p->corner[2][0][i], p->corner[2][1][i], p->corner[2][2][i]),
-                              vec3(p->corner[0][0][i], p->corner[0][1][i], p->corner[0][2][i])));
-        to = vec3_sub(eye, a);
-        distance = -vec3_dot(to, forward);
-        to = in->orthographic ? vec3_mul(forward, -1.0f) : vec3_normalize(to);
-        p->spacing[i] = in->orthographic ? 1.0f / in->focal_px : distance / in->focal_px;
-        p->eye[0][i] = to.x;
-        p->eye[1][i] = to.y;
-        p->eye[2][i] = to.z;
+    }
+    for (int i = 0, last; i < LAYERED_LANES; i = last + 1) {
+        for (last = i; last + 1 < LAYERED_LANES && mesh[last + 1] == mesh[i] && triangle[last + 1] == triangle[i];)
+            last++;
+        read_triangle(m, &scene->meshes[mesh[i]], (const float(*)[4]) st->planes[mesh[i]], triangle[i], p, i, last);
+    }
+    for (int i = 0; i < LAYERED_LANES; i++) {
+        const float u = p->u[i], v = p->v[i], w = 1.0f - u - v;
+        const float x = eye.x - (w * p->corner[0][0][i] + u * p->corner[1][0][i] + v * p->corner[2][0][i]);
+        const float y = eye.y - (w * p->corner[0][1][i] + u * p->corner[1][1][i] + v * p->corner[2][1][i]);
+        const float z = eye.z - (w * p->corner[0][2][i] + u * p->corner[1][2][i] + v * p->corner[2][2][i]);
+        const float far = -(x * forward.x + y * forward.y + z * forward.z), per = 1.0f / fmaxf(sqrtf(x * x + y * y + z * z), 1e-20f);
+        p->spacing[i] = (in->orthographic ? 1.0f : far) / in->focal_px;
+        p->eye[0][i] = in->orthographic ? -forward.x : per * x;
+        p->eye[1][i] = in->orthographic ? -forward.y : per * y;
+        p->eye[2][i] = in->orthographic ? -forward.z : per * z;
     }
 }
 

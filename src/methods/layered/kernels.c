@@ -16,6 +16,9 @@
 
 #define LANES LAYERED_LANES
 #define MOST PELL_LAYERS_MOST
+#define USUAL 4 /* layers of the usual march, at most */
+/* Numbers that are read one by one after they were written together: from memory, not picked out of a register each. */
+#define KEEP(array) __asm__("" : "+m"(array))
 
 INLINE vi load_int(const int32_t *p)
 {
@@ -62,6 +65,11 @@ INLINE vf high4(vf a, vf b)
 }
 #endif
 
+INLINE vf inverse_root(vf x)
+{
+    return 1.0f / root(x);
+}
+
 INLINE vf between(vf x, float low, float high)
 {
     return lesser(greater(x, all(low)), all(high)); /* no number becomes `low` */
@@ -74,14 +82,17 @@ INLINE vf floor_of(vf x)
     return cut + (vf) ((cut > x) & (vi) all(-1.0f));
 }
 
-/* e^-x, x >= 0, within 3e-6 of itself; 0 beyond 87 and where x is no number; 1 below 0. */
-INLINE vf falling(vf x)
+#define LN2 0.693147181f
+#define THICK 1.0f /* halvings: from here on a series of three terms is not enough */
+
+/* 2^-x, x >= 0, within 3e-6 of itself; no more than 1 below 0, no more than 1e-37 beyond 126 and where x is no number. */
+INLINE vf halving(vf x)
 {
-    const vf y = between(-x, -87.0f, 0.0f), t = y * 1.44269504f - 0.5f;
-    const vi k = __builtin_convertvector(t, vi); /* nearest, for t <= 0 is cut upward */
-    const vf kf = __builtin_convertvector(k, vf), r = (y - kf * 0.693359375f) + kf * 2.12194440e-4f;
-    const vf p = 1.0f + r * (1.0f + r * (0.5f + r * (1.66666667e-1f + r * (4.16666667e-2f + r * 8.33333333e-3f))));
-    return (vf) (((vi) p + (k << 23)) & (y > -86.9f));
+    const vf y = greater(lesser(x, all(126.0f)), all(0.0f));
+    const vi k = __builtin_convertvector(y + 0.5f, vi);
+    const vf r = __builtin_convertvector(k, vf) - y;
+    const vf p = 0.99999926f + r * (0.69312181f + r * (0.24024745f + r * (0.05591786f + r * 0.0095701019f)));
+    return (vf) ((vi) p - (k << 23));
 }
 
 /* Two neighbours' numbers, 16 bytes, of lanes k, k + 4, k + 8, ... one behind the other. */
@@ -103,16 +114,61 @@ INLINE vf four_apart(const uint16_t *texels, const int32_t *at, int k)
 #endif
 }
 
-/* Of all lanes in order: pairs of numbers, those of the left texel first. */
-INLINE void fetch(const uint16_t *texels, const int32_t *at, vi out[4])
+/* Numbers 0 to 3 of two neighbours, one behind the other, become four pairs of neighbours. */
+INLINE vf paired(vf v)
 {
-    const vf p = four_apart(texels, at, 0), q = four_apart(texels, at, 1), r = four_apart(texels, at, 2), s = four_apart(texels, at, 3);
-    const vf a = low2(p, q), b = high2(p, q), c = low2(r, s), d = high2(r, s);
+#if defined(__AVX512BW__)
+    return (vf) _mm512_shuffle_epi8((__m512i) v,
+                                    _mm512_broadcast_i32x4(_mm_setr_epi8(0, 1, 8, 9, 2, 3, 10, 11, 4, 5, 12, 13, 6, 7, 14, 15)));
+#elif defined(__AVX2__)
+    return (vf) _mm256_shuffle_epi8((__m256i) v,
+                                    _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 1, 8, 9, 2, 3, 10, 11, 4, 5, 12, 13, 6, 7, 14, 15)));
+#elif defined(__SSE2__)
+    return (vf) _mm_unpacklo_epi16((__m128i) v, _mm_unpackhi_epi64((__m128i) v, (__m128i) v));
+#else
+    const vi a = (vi) v;
+    return (vf) (vi){ (a[0] & 0xffff) | (int32_t) ((uint32_t) a[2] << 16), (int32_t) ((uint32_t) a[0] >> 16) | (a[2] & ~0xffff),
+                      (a[1] & 0xffff) | (int32_t) ((uint32_t) a[3] << 16), (int32_t) ((uint32_t) a[1] >> 16) | (a[3] & ~0xffff) };
+#endif
+}
 
-    out[0] = (vi) low4(a, c);
-    out[1] = (vi) high4(a, c);
-    out[2] = (vi) low4(b, d);
-    out[3] = (vi) high4(b, d);
+/* Sums of products of pairs of 16 bit numbers. */
+INLINE vf weighed(vf pairs, vi weights)
+{
+#if defined(__AVX512BW__)
+    return __builtin_convertvector((vi) _mm512_madd_epi16((__m512i) pairs, (__m512i) weights), vf);
+#elif defined(__AVX2__)
+    return __builtin_convertvector((vi) _mm256_madd_epi16((__m256i) pairs, (__m256i) weights), vf);
+#elif defined(__SSE2__)
+    return __builtin_convertvector((vi) _mm_madd_epi16((__m128i) pairs, (__m128i) weights), vf);
+#else
+    const vi a = (vi) pairs;
+    return __builtin_convertvector((a << 16 >> 16) * (weights << 16 >> 16) + (a >> 16) * (weights >> 16), vf);
+#endif
+}
+
+/* Of all lanes in order: pairs of neighbours, of each number of a texel. */
+INLINE void in_order(const vf from[4], vf to[4])
+{
+    const vf a = low2(from[0], from[1]), b = high2(from[0], from[1]), c = low2(from[2], from[3]), d = high2(from[2], from[3]);
+
+    to[0] = low4(a, c);
+    to[1] = high4(a, c);
+    to[2] = low4(b, d);
+    to[3] = high4(b, d);
+}
+
+/* Of two rows; `above` and `below`: where they begin. */
+INLINE void fetch(const uint16_t *above, const uint16_t *below, const int32_t *at, const int32_t *at_below, vf first[4], vf second[4])
+{
+    vf p[4], q[4];
+
+    for (int k = 0; k < 4; k++) {
+        p[k] = paired(four_apart(above, at, k));
+        q[k] = paired(four_apart(below, at_below, k));
+    }
+    in_order(p, first);
+    in_order(q, second);
 }
 
 INLINE vf dot3(const vf a[3], const vf b[3])
@@ -144,38 +200,46 @@ INLINE vf folded(vf u, enum pell_wrap wrap)
     return between(u - floor_of(u), 0.0f, 1.0f);
 }
 
-/* The numbers of a pack at (u, v), filtered: two fetches of two neighbours each per lane. */
-INLINE void look_up(const struct layered_pack *pack, const struct layered_place *place, int lane, vf u, vf v, vf out[4])
+/* Depths of the first `count` layers of a pack at (u, v), filtered: two fetches of two neighbours each per lane. */
+INLINE void look_up(const struct layered_medium *m, const struct layered_pack *pack, const struct layered_place *place, int lane, int count,
+                    vf u, vf v, vf out[4])
 {
     const struct pell_texture *t = pack->map->texture;
     const vf w = load(place->width + lane), h = load(place->height + lane);
     const vi stride = load_int(place->stride + lane);
-    const vf tu = folded(u, t->wrap_u), tv = folded(v, t->wrap_v);
-    _Alignas(64) int32_t at[WIDTH];
-    vf x = tu * w - 0.5f, y = tv * h - 0.5f, x0, y0, fx, fy;
-    vi index, above[4], below[4];
+    _Alignas(64) int32_t at[WIDTH], at_below[WIDTH];
+    vf x, y, above[4], below[4], fy;
+    vi index, column, row, right;
 
-    if (t->nearest) {
-        x = lesser(floor_of(tu * w), w - 1.0f);
-        y = lesser(floor_of(tv * h), h - 1.0f);
+    if (any(~((u >= 0.0f) & (u <= 1.0f) & (v >= 0.0f) & (v <= 1.0f)))) {
+        u = folded(u, t->wrap_u);
+        v = folded(v, t->wrap_v);
     }
-    x0 = floor_of(x);
-    y0 = floor_of(y);
-    fx = x - x0;
-    fy = y - y0;
-    index = load_int(place->offset + lane) + __builtin_convertvector(y0 + 1.0f, vi) * stride + __builtin_convertvector(x0 + 1.0f, vi);
+    x = u * w + 0.5f; /* of a border's texel: 0 */
+    y = v * h + 0.5f;
+    if (t->nearest) {
+        x = lesser(floor_of(u * w), w - 1.0f) + 1.0f;
+        y = lesser(floor_of(v * h), h - 1.0f) + 1.0f;
+    }
+    column = __builtin_convertvector(x, vi);
+    row = __builtin_convertvector(y, vi);
+    right = __builtin_convertvector((x - __builtin_convertvector(column, vf)) * 32767.0f + 0.5f, vi);
+    fy = y - __builtin_convertvector(row, vf);
+    index = load_int(place->offset + lane) + row * stride + column;
     memcpy(at, &index, sizeof(at));
-    fetch(pack->texels, at, above);
-    index += stride;
-    memcpy(at, &index, sizeof(at));
-    fetch(pack->texels, at, below);
-    for (int i = 0; i < pack->count; i++) {
-        const int pair = i >> 1, shift = 16 * (i & 1);
-#define NUMBER(row, k) __builtin_convertvector((row)[(k) + pair] >> shift & 0xffff, vf)
-        const vf a = NUMBER(above, 0), b = NUMBER(above, 2), c = NUMBER(below, 0), d = NUMBER(below, 2);
-#undef NUMBER
-        const vf left = a + fy * (c - a), right = b + fy * (d - b);
-        out[i] = left + fx * (right - left);
+    KEEP(at);
+    if (place->row) { /* of all lanes */
+        fetch(pack->texels, pack->texels + 4 * (ptrdiff_t) place->row, at, at, above, below);
+    } else {
+        index += stride;
+        memcpy(at_below, &index, sizeof(at_below));
+        KEEP(at_below);
+        fetch(pack->texels, pack->texels, at, at_below, above, below);
+    }
+    right = (right << 16) + (32767 - right);
+    for (int i = 0; i < count; i++) {
+        const vf a = weighed(above[i], right), b = weighed(below[i], right);
+        out[i] = (a + fy * (b - a)) * m->layer[pack->layer[i]].per_number + m->layer[pack->layer[i]].middle;
     }
 }
 
@@ -190,12 +254,6 @@ INLINE void order_depths(const struct layered_medium *m, vf *depth)
         above = greater(depth[j], above);
         depth[j] = above;
     }
-}
-
-INLINE void spread(const struct layered_medium *m, const struct layered_pack *pack, const vf q[4], vf *depth)
-{
-    for (int i = 0; i < pack->count; i++)
-        depth[pack->layer[i]] = q[i] * (m->layer[pack->layer[i]].depth * (1.0f / 65535.0f));
 }
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
@@ -277,7 +335,7 @@ INLINE void find_layers(const struct layered_work *work, const struct layered_me
         s->list[s->listed++] = j;
         covered += part;
         for (int c = 0; c < 3; c++)
-            s->through[c] += part * m->layer[j].sigma_t[c];
+            s->through[c] += part * m->layer[j].halves[c];
     }
     s->hidden = (vf) ((vi) all(1.0f) & (s->step - covered > 1e-3f * s->step));
 }
@@ -350,8 +408,9 @@ INLINE void depths_at(const struct layered_medium *m, const struct layered_packe
         u += dot3(g, d);
         load3(place->gv, lane, g);
         v += dot3(g, d);
-        look_up(&m->pack[i], place, lane, u, v, q);
-        spread(m, &m->pack[i], q, bottom);
+        look_up(m, &m->pack[i], place, lane, m->pack[i].count, u, v, q);
+        for (int j = 0; j < m->pack[i].count; j++)
+            bottom[m->pack[i].layer[j]] = q[j];
     }
     order_depths(m, bottom);
 }
@@ -461,14 +520,14 @@ INLINE void attenuation(const struct layered_work *work, const struct layered_me
             part += (vf) ((vi) (greater(lesser(s->bottom[j], bottom_below) - start, all(0.0f)) * per_below) & two);
         }
         for (int c = 0; c < 3; c++)
-            tau[c] += part * m->layer[j].sigma_t[c];
+            tau[c] += part * m->layer[j].halves[c];
     }
     if (m->bottomless)
         return;
     rest = greater(reach - above, all(0.0f)) * per;
     if (work->rest)
         for (int c = 0; c < 3; c++)
-            tau[c] += rest * select(two, all(m->rest[c]), all(last->sigma_t[c]));
+            tau[c] += rest * select(two, all(m->rest[c]), all(last->halves[c]));
     if (any(two)) {
         rest = (vf) ((vi) (greater(bottom_below - greater(s->bottom[m->count - 1], s->depth), all(0.0f)) * per_below) & two);
         for (int c = 0; c < 3; c++)
@@ -476,7 +535,19 @@ INLINE void attenuation(const struct layered_work *work, const struct layered_me
     }
 }
 
-/* Light of the step: each layer's part of it, from the start down (far: from the end), of depth z: e^-tau sinh(z/2)/(z/2). */
+/* Mean light where it is halved `tau` times in the middle and y times from there to either end: 2^-tau sinh(y ln 2)/(y ln 2); by its series,
+ * but where some lane is `thick`. */
+INLINE vf mean_light(vf tau, vf y, bool thick)
+{
+    const vf y2 = y * y, size = magnitude(y);
+    vf value = halving(tau) * (1.0f + y2 * (LN2 * LN2 / 6.0f + y2 * (LN2 * LN2 * LN2 * LN2 / 120.0f)));
+
+    if (thick)
+        value = select(size > THICK, (halving(tau - size) - halving(tau + size)) / (2.0f * LN2 * size), value);
+    return value;
+}
+
+/* Light of the step: each layer's part of it, from the start down (far: from the end). */
 INLINE void scatter(const struct layered_work *work, const struct layered_medium *m, const struct ray *ray, const struct step *s,
                     const struct path *path, const vf light[3], const vf colour[3], vf sum[3])
 {
@@ -492,25 +563,22 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
     if (work->exponential)
         for (int i = 0; i < s->listed; i++)
             for (int c = 0; c < 3; c++)
-                start[c] -= path->rise * s->before[s->list[i]] * m->layer[s->list[i]].sigma_t[c];
+                start[c] -= path->rise * s->before[s->list[i]] * m->layer[s->list[i]].halves[c];
     for (int i = 0; i < s->listed; i++) {
         const int j = s->list[i];
         const struct layered_layer *layer = &m->layer[j];
         const vf part = s->part[j];
         vf phase = phase_value(&layer->phase[0], cosine);
         for (int c = 0; c < 3; c++) {
-            const vf z = rate * part * layer->sigma_t[c], y = 0.5f * z, up = passed[c] + y;
+            const vf z = rate * part * layer->halves[c], y = 0.5f * z, up = passed[c] + y;
             const vf tau = start[c] + select(s->far, rate * s->through[c] - up, up);
             vf value;
             if (c > 0 && !layer->one_phase)
                 phase = phase_value(&layer->phase[c], cosine);
             if (!work->exponential) {
-                value = falling(start[c] + y);
+                value = halving(start[c] + y);
             } else {
-                const vf y2 = y * y, size = magnitude(y);
-                value = falling(tau) * (1.0f + y2 * (1.0f / 6.0f + y2 * (1.0f / 120.0f)));
-                if (any(size > 0.7f))
-                    value = select(size > 0.7f, (falling(tau - size) - falling(tau + size)) / (2.0f * size), value);
+                value = mean_light(tau, y, any(magnitude(y) > THICK));
             }
             passed[c] += z;
             sum[c] += weight[c] * (phase * part) * (layer->sigma_s[c] * value);
@@ -526,7 +594,7 @@ INLINE void show_bottom(const struct layered_work *work, const struct step *s, c
 
     for (int c = 0; c < 3; c++) {
         const vf back = work->exponential ? path->rise * 0.5f * s->through[c] : all(0.0f);
-        sum[c] += meets * path->beam * colour[c] * base[c] * facing * falling(s->tau[c] + light[c] - back + rate * s->through[c]);
+        sum[c] += meets * path->beam * colour[c] * base[c] * facing * halving(s->tau[c] + light[c] - back + rate * s->through[c]);
     }
 }
 
@@ -563,8 +631,9 @@ INLINE void find_place(const struct layered_medium *m, const struct layered_pack
             u = select(s->far, load(place->u[1] + lane) + s->x * load(place->du[1] + lane), u);
             v = select(s->far, load(place->v[1] + lane) + s->x * load(place->dv[1] + lane), v);
         }
-        look_up(&m->pack[i], place, lane, u, v, q);
-        spread(m, &m->pack[i], q, s->bottom);
+        look_up(m, &m->pack[i], place, lane, m->pack[i].count, u, v, q);
+        for (int k = 0; k < m->pack[i].count; k++)
+            s->bottom[m->pack[i].layer[k]] = q[k];
     }
     if (m->packs > 0)
         order_depths(m, s->bottom);
@@ -658,148 +727,481 @@ INLINE void march_lanes(const struct layered_work *work, const struct layered_me
     }
 }
 
+/* --- The usual march ------------------------------------------------------------------------------------------------------------ */
+
+/* What march_lanes does, for most packets of most pictures: light by planes alone, of thick bodies, refracted, integrated exactly, through a
+ * few layers that one picture paints. Sums over layers are by the differences of neighbours:
+ *
+ *     Sum sigma_j |reach in j| = reach sigma_n + Sum (sigma_j - sigma_(j+1)) min(reach, bottom_j)
+ *
+ * `layers` is a constant wherever this is compiled. */
+INLINE bool is_usual(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
+                     const struct layered_lamp *lamps, int count)
+{
+    bool usual = work->exponential && work->refracts && work->rest && !p->thin && !p->shows_bottom && m->count <= USUAL && m->packs <= 1;
+
+    for (int l = 0; l < count; l++)
+        usual = usual && !lamps[l].any_nodes;
+    for (int i = 0; usual && m->packs > 0 && i < m->pack[0].count; i++)
+        usual = m->pack[0].layer[i] == i;
+    return usual;
+}
+
+/* A lamp as the march goes on: the way to it from where its light came in last. */
+struct beam {
+    vf to[3], square;  /* mm; away: unit */
+    vf seen, light[3]; /* of an irradiance of 1 */
+};
+
+/* Where light comes in, and how it goes on from there. */
+struct entry {
+    vf km, per, strength, way[3];
+};
+
+INLINE void enter(const struct layered_lamp *lamp, int lane, float eta, const vf at[3], const vf plane[3], vf down, struct beam *beam,
+                  struct entry *entry)
+{
+    const vf unit = lamp->away ? all(1.0f) : inverse_root(greater(beam->square, all(1e-12f)));
+    const float per = 1.0f / eta;
+    vf cosine, co, ci, ss, sp, both, turn, top;
+
+    cosine = dot3(plane, beam->to) * unit;
+    co = between(cosine, 1e-4f, 1.0f);
+    ci = root((1.0f - per * per) + (per * per) * (co * co));
+    ss = co + eta * ci;
+    sp = eta * co + ci;
+    both = ss * sp;
+    entry->per = 1.0f / greater(ci, all(LAYERED_GRAZING));
+    entry->km = down * entry->per;
+    turn = ci - cosine * per;
+    for (int k = 0; k < 3; k++)
+        entry->way[k] = beam->to[k] * (unit * per) + turn * plane[k];
+    if (!lamp->away) {
+        vf place[3];
+        load3(lamp->to, lane, place);
+        for (int k = 0; k < 3; k++)
+            beam->to[k] = place[k] - (at[k] + entry->km * entry->way[k]);
+        beam->square = greater(dot3(beam->to, beam->to), all(1e-6f));
+    }
+    top = (2.0f * eta) * (co * co) * (ss * ss + sp * sp) * beam->seen; /* (1 - R) co/ci */
+    entry->strength = (vf) ((vi) (top / (both * both * beam->square)) & (cosine > 0.0f));
+}
+
+INLINE void usual_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+                        const struct layered_lamp *lamps, int count, int lane, const int layers)
+{
+    const struct layered_pack *pack = m->packs > 0 ? &m->pack[0] : NULL;
+    const struct layered_place *place = p->place;
+    const int n = work->samples, painted = pack ? pack->count : 0, painted_above = painted < layers ? painted : layers - 1;
+    const struct layered_layer *layer = m->layer, *last = &layer[layers - 1];
+    const vf length = load(p->length + lane), rate = load(p->rate + lane), per_rate = 1.0f / rate;
+    const vf per_length = 1.0f / greater(length, all(1e-20f)), rise = rate * length * (1.0f / (float) n);
+    vf at[3], way[3], normal[3], turn[3], lag[3], gu[3], gv[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
+    vf tau[3] = { { 0 } }, alive = all(1.0f), h = load(p->h + lane), gain = load(p->gain + lane);
+    vf bottom[USUAL], part[USUAL];
+    struct beam beams[LAYERED_GROUP];
+
+    load3(p->p, lane, at);
+    load3(p->w, lane, way);
+    load3(p->n, lane, normal);
+    load3(p->s, lane, turn);
+    for (int k = 0; k < 3; k++) {
+        turn[k] -= normal[k];
+        lag[k] = (h * normal[k]) * per_length - way[k]; /* from M to the plane's point, over x */
+    }
+    if (pack) {
+        u = load(place->u[0] + lane);
+        v = load(place->v[0] + lane);
+        du = load(place->du[0] + lane);
+        dv = load(place->dv[0] + lane);
+    }
+    load3(place->gu, lane, gu);
+    load3(place->gv, lane, gv);
+    for (int l = 0; l < count; l++) {
+        struct beam *b = &beams[l];
+        load3(lamps[l].to, lane, b->to);
+        b->seen = load(lamps[l].seen + lane);
+        b->square = all(1.0f);
+        for (int k = 0; k < 3; k++) {
+            b->to[k] -= (vf) ((vi) at[k] & (lamps[l].away ? 0 : -1));
+            b->light[k] = all(0.0f);
+        }
+        if (!lamps[l].away)
+            b->square = dot3(b->to, b->to);
+    }
+    for (int j = 0; j < layers; j++)
+        bottom[j] = greater(all(layer[j].depth), j > 0 ? bottom[j > 0 ? j - 1 : 0] : all(0.0f));
+
+    for (int i = 0; i < n; i++) {
+        const float t = ((float) i + 0.5f) / (float) n;
+        const vf x = length * t, low = rise * (float) i, middle = x * rate, high = rise * (float) (i + 1);
+        vf plane[3], m_at[3], numbers[4], slope, unit, above = low, above_middle = low, through[3], half[3];
+        unsigned listed = 0;
+
+        for (int k = 0; k < 3; k++) {
+            plane[k] = normal[k] + t * turn[k];
+            m_at[k] = at[k] + x * way[k];
+        }
+        unit = inverse_root(greater(dot3(plane, plane), all(1e-12f)));
+        slope = magnitude(dot3(lag, plane)) * unit;
+        for (int k = 0; k < 3; k++)
+            plane[k] *= unit;
+        if (pack) {
+            vf over = { 0 };
+            look_up(m, pack, place, lane, painted, u + x * du, v + x * dv, numbers);
+#pragma GCC unroll 4
+            for (int j = 0; j < layers; j++) {
+                bottom[j] = greater(j < painted ? numbers[j] : all(layer[j].depth), over);
+                over = bottom[j];
+            }
+        }
+        for (int c = 0; c < 3; c++)
+            through[c] = half[c] = all(0.0f);
+#pragma GCC unroll 4
+        for (int j = 0; j < layers; j++) {
+            const vf end = lesser(greater(bottom[j], low), high), end_middle = lesser(end, middle);
+            part[j] = (end - above) * per_rate;
+            if (any(part[j] > 0.0f)) {
+                const vf before = (end_middle - above_middle) * per_rate;
+                listed |= 1u << j;
+                for (int c = 0; c < 3; c++) {
+                    through[c] += part[j] * layer[j].halves[c];
+                    half[c] += before * layer[j].halves[c];
+                }
+            }
+            above = end;
+            above_middle = end_middle;
+        }
+        for (int l = 0; l < count && listed; l++) {
+            struct beam *b = &beams[l];
+            const vf down = slope * x;
+            vf reach, cosine, faster, start[3], other[USUAL] = { { 0 } }, over = { 0 };
+            struct entry e;
+
+            enter(&lamps[l], lane, m->eta, m_at, plane, down, b, &e);
+            if (p->trace && l == 0)
+                store(p->trace + (ptrdiff_t) i * LANES + lane, e.km);
+            for (int c = 0; c < 3; c++)
+                start[c] = down * last->halves[c];
+            if (pack && layers > 1)
+                look_up(m, pack, place, lane, painted_above, u + x * du + e.km * dot3(gu, e.way), v + x * dv + e.km * dot3(gv, e.way),
+                        other);
+#pragma GCC unroll 4
+            for (int j = 0; j + 1 < layers; j++) {
+                over = greater(pack && j < painted ? other[j] : all(layer[j].depth), over);
+                reach = lesser(down, 0.5f * (over + bottom[j]));
+                for (int c = 0; c < 3; c++)
+                    start[c] += reach * (layer[j].halves[c] - layer[j + 1].halves[c]);
+            }
+            reach = slope * e.per;
+            faster = 1.0f + reach;
+            for (int c = 0; c < 3; c++)
+                start[c] = tau[c] + start[c] * e.per - reach * half[c];
+            e.strength *= alive;
+            cosine = -dot3(e.way, way);
+#pragma GCC unroll 4
+            for (int j = 0; j < layers; j++) {
+                if (listed & 1u << j) {
+                    const vf depth = faster * part[j], share = e.strength * part[j];
+                    const bool thick = any(depth * layer[j].most_halves > 2.0f * THICK);
+                    vf phase = phase_value(&layer[j].phase[0], cosine);
+                    for (int c = 0; c < 3; c++) {
+                        const vf y = depth * (0.5f * layer[j].halves[c]);
+                        if (c > 0 && !layer[j].one_phase)
+                            phase = phase_value(&layer[j].phase[c], cosine);
+                        b->light[c] += share * phase * (layer[j].sigma_s[c] * mean_light(start[c] + y, y, thick));
+                        start[c] += 2.0f * y;
+                    }
+                }
+            }
+        }
+        for (int c = 0; c < 3; c++)
+            tau[c] += through[c];
+        alive = (vf) ((vi) alive & ~(high - above > 1e-3f * rise));
+        if (!any(alive > 0.0f))
+            break;
+    }
+    for (int c = 0; c < 3; c++) {
+        vf light = { 0 };
+        for (int l = 0; l < count; l++)
+            light += load(lamps[l].power[c] + lane) * beams[l].light[c];
+        light *= gain;
+        store(p->light[c] + lane, load(p->light[c] + lane) + select((light >= 0.0f) & (light < 1e30f), light, all(0.0f)));
+    }
+}
+
 static void layered_march(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                           const struct layered_lamp *lamps, int count)
 {
+    const int usual = is_usual(work, m, p, lamps, count) ? m->count : 0;
+
     for (int lane = 0; lane < p->count; lane += WIDTH)
-        march_lanes(work, m, p, lamps, count, lane);
+        switch (usual) {
+        case 1: usual_lanes(work, m, p, lamps, count, lane, 1); break;
+        case 2: usual_lanes(work, m, p, lamps, count, lane, 2); break;
+        case 3: usual_lanes(work, m, p, lamps, count, lane, 3); break;
+        case 4: usual_lanes(work, m, p, lamps, count, lane, 4); break;
+        default: march_lanes(work, m, p, lamps, count, lane); break;
+        }
 }
 
 /* --- The start ------------------------------------------------------------------------------------------------------------------ */
 
-static void mean3(const float (*corner)[3][LANES], const float *u, const float *v, float (*out)[LANES])
+INLINE void cross3(const vf a[3], const vf b[3], vf out[3])
 {
     for (int k = 0; k < 3; k++)
-        for (int i = 0; i < LANES; i++)
-            out[k][i] = (1.0f - u[i] - v[i]) * corner[0][k][i] + u[i] * corner[1][k][i] + v[i] * corner[2][k][i];
+        out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
 }
 
-static void unit3(float (*a)[LANES])
+INLINE void store3(void *rows, int lane, const vf from[3])
 {
-    for (int i = 0; i < LANES; i++) {
-        const float square = a[0][i] * a[0][i] + a[1][i] * a[1][i] + a[2][i] * a[2][i];
-        const float length = 1.0f / sqrtf(square > 1e-30f ? square : 1e-30f);
+    float *to = rows;
+
+    for (int k = 0; k < 3; k++)
+        store(to + k * LANES + lane, from[k]);
+}
+
+INLINE void unit3(vf a[3])
+{
+    const vf length = 1.0f / root(greater(dot3(a, a), all(1e-30f)));
+
+    for (int k = 0; k < 3; k++)
+        a[k] *= length;
+}
+
+/* The mean of a triangle's corners, whose rows are `size` apart. */
+INLINE void mean3(const void *rows, int size, int lane, vf u, vf v, vf out[3])
+{
+    const float *from = rows;
+    const vf w = 1.0f - u - v;
+
+    for (int k = 0; k < 3; k++) {
+        const float *a = from + k * LANES + lane;
+        out[k] = w * load(a) + u * load(a + size * LANES) + v * load(a + 2 * size * LANES);
+    }
+}
+
+/* Where a pack is looked up: the gradients of u and v over the triangle, whatever way they run. */
+INLINE void start_place(const struct layered_pack *pack, const float *uv, const struct layered_packet *p, int lane, const vf a[3],
+                        const vf b[3], const vf way[3], struct layered_place *o)
+{
+    const vf u = load(p->u + lane), v = load(p->v + lane), w = 1.0f - u - v, spacing = load(p->spacing + lane);
+    const vf size = all((float) pack->level[0].width * (float) pack->level[0].height);
+    vf squares[2], texels;
+
+    for (int d = 0; d < 2; d++) {
+        const float *from = uv + d * LANES + lane;
+        const vf c0 = load(from), c1 = load(from + 2 * LANES), c2 = load(from + 4 * LANES), here = w * c0 + u * c1 + v * c2;
+        vf g[3], along;
         for (int k = 0; k < 3; k++)
-            a[k][i] *= length;
+            g[k] = (c1 - c0) * a[k] + (c2 - c0) * b[k];
+        along = dot3(g, way);
+        squares[d] = dot3(g, g);
+        store3(d ? o->gv : o->gu, lane, g);
+        for (int far = 0; far < 2; far++) {
+            store((d ? o->v : o->u)[far] + lane, here);
+            store((d ? o->dv : o->du)[far] + lane, along);
+        }
+    }
+    texels = root(squares[0] * squares[1]) * size * (spacing * spacing);
+    for (int i = 0; i < WIDTH; i++) {
+        o->offset[lane + i] = pack->level[0].offset;
+        o->stride[lane + i] = pack->level[0].stride;
+        o->width[lane + i] = (float) pack->level[0].width;
+        o->height[lane + i] = (float) pack->level[0].height;
+    }
+    if (!any(texels > 2.0f))
+        return;
+    for (int i = 0; i < WIDTH; i++) {
+        float left = texels[i];
+        int level = 0;
+        while (level + 1 < pack->levels && left > 2.0f) { /* nearest level: over 2 texels are nearer to 4 than to 1 */
+            left *= 0.25f;
+            level++;
+        }
+        o->offset[lane + i] = pack->level[level].offset;
+        o->stride[lane + i] = pack->level[level].stride;
+        o->width[lane + i] = (float) pack->level[level].width;
+        o->height[lane + i] = (float) pack->level[level].height;
     }
 }
 
-/* Where the maps are looked up: the gradients of u and v over the triangle, whatever way they run. */
-static void start_places(const struct layered_medium *m, struct layered_packet *p)
+INLINE void start_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p, int lane)
 {
-    float e1[3][LANES], e2[3][LANES], n[3][LANES], a[3][LANES], b[3][LANES], area[LANES];
+    const float eta = work->refracts ? m->eta : 1.0f;
+    const vf u = load(p->u + lane), v = load(p->v + lane);
+    vf at[3], n[3], s[3], facet[3], eye[3], way[3], corner[3], e1[3], e2[3], a[3], b[3], square, h, co, ci, down, facing, f = { 0 };
+    vi fine;
 
+    mean3(p->corner, 3, lane, u, v, at);
+    mean3(p->normal, 3, lane, u, v, n);
+    mean3(p->plane, 4, lane, u, v, s);
+    h = (1.0f - u - v) * load(p->plane[0][3] + lane) + u * load(p->plane[1][3] + lane) + v * load(p->plane[2][3] + lane);
+    load3(p->corner[0], lane, corner);
+    load3(p->corner[1], lane, e1);
+    load3(p->corner[2], lane, e2);
+    load3(p->eye, lane, eye);
+    for (int k = 0; k < 3; k++) {
+        e1[k] -= corner[k];
+        e2[k] -= corner[k];
+    }
+    cross3(e1, e2, facet);
+    square = dot3(facet, facet);
+    square = (vf) ((vi) (1.0f / greater(square, all(1e-30f))) & (square > 1e-30f));
+    cross3(e2, facet, a);
+    cross3(facet, e1, b);
+    for (int k = 0; k < 3; k++) {
+        a[k] *= square;
+        b[k] *= square;
+    }
+    unit3(n);
+    unit3(s);
+    unit3(facet);
+    facing = dot3(facet, eye);
+    co = dot3(n, eye);
+    fine = (dot3(n, n) > 0.5f) & (co > 1e-3f); /* else a normal that looks away from where its triangle is seen */
     for (int k = 0; k < 3; k++)
-        for (int i = 0; i < LANES; i++) {
-            e1[k][i] = p->corner[1][k][i] - p->corner[0][k][i];
-            e2[k][i] = p->corner[2][k][i] - p->corner[0][k][i];
-        }
-#define CROSS(out, x, y)                                                                                                                   \
-    for (int k = 0; k < 3; k++)                                                                                                            \
-        for (int i = 0; i < LANES; i++)                                                                                                    \
-    out[k][i] = x[(k + 1) % 3][i] * y[(k + 2) % 3][i] - x[(k + 2) % 3][i] * y[(k + 1) % 3][i]
-    CROSS(n, e1, e2);
-    for (int i = 0; i < LANES; i++) {
-        const float square = n[0][i] * n[0][i] + n[1][i] * n[1][i] + n[2][i] * n[2][i];
-        area[i] = square > 1e-30f ? 1.0f / square : 0.0f;
+        n[k] = select(fine, n[k], select(facing < 0.0f, -facet[k], facet[k]));
+    co = between(select(fine, co, magnitude(facing)), 1e-3f, 1.0f);
+    ci = root(1.0f - (1.0f - co * co) / (eta * eta));
+    if (eta != 1.0f) {
+        const vf rs = (co - eta * ci) / (co + eta * ci), rp = (eta * co - ci) / (eta * co + ci);
+        f = 0.5f * (rs * rs + rp * rp);
     }
-    CROSS(a, e2, n);
-    CROSS(b, n, e1);
-#undef CROSS
-    for (int k = 0; k < m->packs; k++) {
-        const struct layered_pack *pack = &m->pack[k];
-        const float(*uv)[2][LANES] = (const float(*)[2][LANES])(p->uv + (ptrdiff_t) k * 6 * LANES);
-        struct layered_place *o = &p->place[k];
-        for (int i = 0; i < LANES; i++) {
-            const float w = 1.0f - p->u[i] - p->v[i];
-            float gu2 = 0.0f, gv2 = 0.0f, texels;
-            int level = 0;
-            o->u[0][i] = w * uv[0][0][i] + p->u[i] * uv[1][0][i] + p->v[i] * uv[2][0][i];
-            o->v[0][i] = w * uv[0][1][i] + p->u[i] * uv[1][1][i] + p->v[i] * uv[2][1][i];
-            o->du[0][i] = o->dv[0][i] = 0.0f;
-            for (int d = 0; d < 3; d++) {
-                o->gu[d][i] = ((uv[1][0][i] - uv[0][0][i]) * a[d][i] + (uv[2][0][i] - uv[0][0][i]) * b[d][i]) * area[i];
-                o->gv[d][i] = ((uv[1][1][i] - uv[0][1][i]) * a[d][i] + (uv[2][1][i] - uv[0][1][i]) * b[d][i]) * area[i];
-                o->du[0][i] += o->gu[d][i] * p->w[d][i];
-                o->dv[0][i] += o->gv[d][i] * p->w[d][i];
-                gu2 += o->gu[d][i] * o->gu[d][i];
-                gv2 += o->gv[d][i] * o->gv[d][i];
-            }
-            o->u[1][i] = o->u[0][i];
-            o->v[1][i] = o->v[0][i];
-            o->du[1][i] = o->du[0][i];
-            o->dv[1][i] = o->dv[0][i];
-            texels = sqrtf(gu2 * gv2) * (float) pack->level[0].width * (float) pack->level[0].height * p->spacing[i] * p->spacing[i];
-            while (level + 1 < pack->levels && texels > 2.0f) { /* nearest level: over 2 texels are nearer to 4 than to 1 */
-                texels *= 0.25f;
-                level++;
-            }
-            o->offset[i] = pack->level[level].offset;
-            o->stride[i] = pack->level[level].stride;
-            o->width[i] = (float) pack->level[level].width;
-            o->height[i] = (float) pack->level[level].height;
-        }
+    for (int k = 0; k < 3; k++)
+        way[k] = (co / eta - ci) * n[k] - eye[k] / eta;
+    down = -dot3(s, way);
+    fine = down > -1e3f; /* else no plane */
+    for (int k = 0; k < 3; k++)
+        s[k] = select(fine, s[k], n[k]);
+    h = (vf) ((vi) h & fine);
+    down = greater(select(fine, down, ci), all(LAYERED_GRAZING));
+    store3(p->p, lane, at);
+    store3(p->n, lane, n);
+    store3(p->s, lane, s);
+    store3(p->facet, lane, facet);
+    store3(p->w, lane, way);
+    store3(p->exit_normal, lane, way);
+    store(p->h + lane, h);
+    store(p->gain + lane, (1.0f - f) / (eta * eta));
+    store(p->rate + lane, down);
+    store(p->length + lane, m->deepest / down);
+    store(p->exit + lane, all(LAYERED_FAR));
+    store(p->exit_rate + lane, all(1.0f));
+    for (int k = 0; k < 3; k++) {
+        store(p->color[k] + lane, all(0.0f));
+        store(p->light[k] + lane, all(0.0f));
     }
+    for (int k = 0; k < m->packs; k++)
+        start_place(&m->pack[k], p->uv + (ptrdiff_t) k * 6 * LANES, p, lane, a, b, way, &p->place[k]);
 }
 
 static void layered_start(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p)
 {
-    const float eta = work->refracts ? m->eta : 1.0f;
-
-    mean3((const float(*)[3][LANES]) p->corner, p->u, p->v, p->p);
-    mean3((const float(*)[3][LANES]) p->normal, p->u, p->v, p->n);
-    for (int k = 0; k < 3; k++)
-        for (int i = 0; i < LANES; i++) {
-            p->s[k][i] = (1.0f - p->u[i] - p->v[i]) * p->plane[0][k][i] + p->u[i] * p->plane[1][k][i] + p->v[i] * p->plane[2][k][i];
-            p->facet[k][i] = (p->corner[1][(k + 1) % 3][i] - p->corner[0][(k + 1) % 3][i]) *
-                                 (p->corner[2][(k + 2) % 3][i] - p->corner[0][(k + 2) % 3][i]) -
-                             (p->corner[1][(k + 2) % 3][i] - p->corner[0][(k + 2) % 3][i]) *
-                                 (p->corner[2][(k + 1) % 3][i] - p->corner[0][(k + 1) % 3][i]);
-        }
-    unit3(p->n);
-    unit3(p->s);
-    unit3(p->facet);
-    for (int i = 0; i < LANES; i++) {
-        const float nn = p->n[0][i] * p->n[0][i] + p->n[1][i] * p->n[1][i] + p->n[2][i] * p->n[2][i];
-        float co = p->n[0][i] * p->eye[0][i] + p->n[1][i] * p->eye[1][i] + p->n[2][i] * p->eye[2][i], ci, f = 0.0f, down = 0.0f;
-        p->h[i] = (1.0f - p->u[i] - p->v[i]) * p->plane[0][3][i] + p->u[i] * p->plane[1][3][i] + p->v[i] * p->plane[2][3][i];
-        if (!(nn > 0.5f) || !(co > 1e-3f)) { /* a normal that looks away from where its triangle is seen */
-            const float facing = p->facet[0][i] * p->eye[0][i] + p->facet[1][i] * p->eye[1][i] + p->facet[2][i] * p->eye[2][i];
-            const float side = facing < 0.0f ? -1.0f : 1.0f;
-            for (int k = 0; k < 3; k++)
-                p->n[k][i] = side * p->facet[k][i];
-            co = side * facing;
-        }
-        co = co > 1e-3f ? co < 1.0f ? co : 1.0f : 1e-3f;
-        ci = sqrtf(1.0f - (1.0f - co * co) / (eta * eta));
-        if (eta != 1.0f) {
-            const float rs = (co - eta * ci) / (co + eta * ci), rp = (eta * co - ci) / (eta * co + ci);
-            f = 0.5f * (rs * rs + rp * rp);
-        }
-        p->gain[i] = (1.0f - f) / (eta * eta);
-        for (int k = 0; k < 3; k++) {
-            p->w[k][i] = (co / eta - ci) * p->n[k][i] - p->eye[k][i] / eta;
-            down -= p->s[k][i] * p->w[k][i];
-        }
-        if (!(down > -1e3f)) { /* no plane */
-            for (int k = 0; k < 3; k++)
-                p->s[k][i] = p->n[k][i];
-            p->h[i] = 0.0f;
-            down = ci;
-        }
-        p->rate[i] = down > LAYERED_GRAZING ? down : LAYERED_GRAZING;
-        p->length[i] = m->deepest / p->rate[i];
-        p->exit[i] = LAYERED_FAR;
-        p->exit_rate[i] = 1.0f;
+    for (int lane = 0; lane < LANES; lane += WIDTH)
+        start_lanes(work, m, p, lane);
+    for (int k = 0; k < m->packs; k++) {
+        struct layered_place *o = &p->place[k];
+        o->row = o->stride[0];
+        for (int i = 1; i < LANES; i++)
+            o->row = o->stride[i] == o->row ? o->row : 0;
+    }
+    for (int i = 0; i < LANES; i++)
         p->ends_deep[i] = -1;
-        for (int k = 0; k < 3; k++) {
-            p->exit_normal[k][i] = p->w[k][i];
-            p->color[k][i] = p->light[k][i] = 0.0f;
+    p->thin = p->shows_bottom = false;
+}
+
+/* --- Rays ----------------------------------------------------------------------------------------------------------------------- */
+
+/* How far off the surface rays start: the rounding of coordinates. */
+INLINE vf rounding(const vf at[3])
+{
+    return LAYERED_ROUNDING * greater(greater(magnitude(at[0]), magnitude(at[1])), greater(magnitude(at[2]), all(1e-3f)));
+}
+
+INLINE void aim(struct pell_ray16 *r, int lane, const vf from[3], const vf way[3], vf near, vf far)
+{
+    store(r->ox + lane, from[0]);
+    store(r->oy + lane, from[1]);
+    store(r->oz + lane, from[2]);
+    store(r->dx + lane, way[0]);
+    store(r->dy + lane, way[1]);
+    store(r->dz + lane, way[2]);
+    store(r->tnear + lane, near);
+    store(r->tfar + lane, far);
+    store(r->time + lane, all(0.0f));
+    for (int i = 0; i < WIDTH; i++) {
+        r->mask[lane + i] = PELL_RAY_ALL;
+        r->id[lane + i] = r->flags[lane + i] = 0;
+    }
+}
+
+static void layered_leave(const struct layered_packet *p, float size, struct pell_ray16 *r, int32_t *valid)
+{
+    for (int lane = 0; lane < LANES; lane += WIDTH) {
+        vf at[3], way[3], facet[3];
+        load3(p->p, lane, at);
+        load3(p->w, lane, way);
+        load3(p->facet, lane, facet);
+        aim(r, lane, at, way, rounding(at) / greater(magnitude(dot3(facet, way)), all(0.05f)),
+            lesser(4.0f * load(p->length + lane), all(4.0f * size)));
+    }
+    for (int i = 0; i < LANES; i++)
+        valid[i] = i < p->count ? -1 : 0;
+}
+
+static int layered_see(const struct layered_packet *p, int path, bool shadows, struct layered_lamp *lamp, struct pell_ray16 *r,
+                       int32_t *valid)
+{
+    int planes = 0, nodes = 0, rays = 0;
+
+    for (int lane = 0; lane < LANES; lane += WIDTH) {
+        vf at[3], facet[3], to[3], normal[3], eye[3], far = all(INFINITY), front, facing, share, lit = { 0 }, off;
+        vi asks;
+        load3(p->p, lane, at);
+        load3(p->facet, lane, facet);
+        load3(p->n, lane, normal);
+        load3(p->eye, lane, eye);
+        load3(lamp->to, lane, to);
+        if (!lamp->away) {
+            vf distance, per;
+            for (int k = 0; k < 3; k++)
+                to[k] -= at[k];
+            distance = greater(root(dot3(to, to)), all(1e-6f));
+            per = 1.0f / distance;
+            for (int k = 0; k < 3; k++)
+                to[k] *= per;
+            far = 0.9999f * distance;
+        }
+        front = select(dot3(facet, eye) < 0.0f, all(-1.0f), all(1.0f));
+        facing = front * dot3(facet, to);
+        share = all(path == LAYERED_RAYS ? 0.0f : 1.0f);
+        if (path == LAYERED_PLANES_RAYS) {
+            const vf x = between(dot3(normal, to) * (1.0f / LAYERED_HORIZON), 0.0f, 1.0f);
+            share = (vf) ((vi) (x * x * (3.0f - 2.0f * x)) & (facing > 0.0f));
+        }
+        for (int c = 0; c < 3; c++)
+            lit += load(lamp->power[c] + lane);
+        store(lamp->planes + lane, share);
+        store(lamp->seen + lane, all(1.0f));
+        off = front * rounding(at);
+        for (int k = 0; k < 3; k++)
+            at[k] += off * facet[k];
+        aim(r, lane, at, to, all(0.0f), far);
+        asks = (lit > 0.0f) & (share > 0.0f) & (facing > 0.0f) & (shadows ? -1 : 0);
+        for (int i = 0; i < WIDTH; i++) {
+            const bool on = lane + i < p->count && lit[i] > 0.0f;
+            planes |= on && share[i] > 0.0f;
+            nodes |= on && share[i] < 1.0f;
+            valid[lane + i] = on ? asks[i] : 0;
+            rays += on && asks[i];
         }
     }
-    p->thin = p->shows_bottom = false;
-    start_places(m, p);
+    lamp->any_planes = planes != 0;
+    lamp->any_nodes = nodes != 0;
+    return rays;
 }
 
 extern const struct layered_kernels PELL_SIMD(layered_kernels);
-const struct layered_kernels PELL_SIMD(layered_kernels) = { .start = layered_start, .march = layered_march };
+const struct layered_kernels
+    PELL_SIMD(layered_kernels) = { .start = layered_start, .leave = layered_leave, .see = layered_see, .march = layered_march };

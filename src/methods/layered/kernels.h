@@ -15,6 +15,8 @@
 #ifndef PELL_LAYERED_KERNELS_H
 #define PELL_LAYERED_KERNELS_H
 
+#include "rays/rays.h"
+
 #include <pellucid/scene.h>
 
 enum {
@@ -23,8 +25,10 @@ enum {
     LAYERED_GROUP = 8, /* lamps' samples in one march */
     LAYERED_LEVELS = 16,
 };
-#define LAYERED_FAR 1e30f     /* mm: no bottom, no exit */
-#define LAYERED_GRAZING 0.05f /* cosines are this at least */
+#define LAYERED_FAR 1e30f        /* mm: no bottom, no exit */
+#define LAYERED_GRAZING 0.05f    /* cosines are this at least */
+#define LAYERED_HORIZON 0.4f     /* cosine at P up to which rays are asked, too */
+#define LAYERED_ROUNDING 1.2e-5f /* of coordinates: how far off the surface rays start */
 
 /* --- A material ----------------------------------------------------------------------------------------------------------------- */
 
@@ -40,11 +44,14 @@ struct layered_layer {
     float depth;       /* mm to its bottom; painted: of the number 1 in its tile */
     int pack, channel; /* -1: even */
     float sigma_s[3], sigma_t[3];
+    float halves[3], most_halves; /* 1/mm: how often light is halved, sigma_t/ln 2; the largest of them */
+    float per_number, middle;     /* painted: mm of a filtered number, see look_up in kernels.c */
     struct layered_phase phase[3];
     bool one_phase; /* of all three channels */
 };
 
-/* Depths of up to 4 layers whose maps are looked up alike: 4 numbers of 16 bits a texel, so that two neighbours are one fetch. */
+/* Depths of up to 4 layers whose maps are looked up alike: 4 numbers of 16 bits a texel, so that two neighbours are one fetch. Numbers
+ * are signed: the depth 0 is -32768, the largest 32767. */
 struct layered_pack {
     const struct pell_texture_map *map; /* of the first of them */
     int layer[4], count;                /* -1: none */
@@ -63,7 +70,7 @@ struct layered_medium {
     float deepest; /* mm that a march goes down: the deepest bottom, or where the last layer lets nothing through */
     float first;   /* 1/mm: sigma_t of the first layer, the smallest of its channels */
     int below;     /* enum pell_below */
-    float rest[3]; /* 1/mm: of paths below the deepest layer that go on to another surface */
+    float rest[3]; /* 1/mm, as halves: of paths below the deepest layer that go on to another surface */
     bool bottomless;
 };
 
@@ -75,6 +82,7 @@ struct layered_place {
     float gu[3][16], gv[3][16];
     int32_t offset[16], stride[16];
     float width[16], height[16];
+    int32_t row; /* `stride`, where it is the same of all lanes, else 0 */
 };
 
 struct layered_packet {
@@ -121,6 +129,11 @@ struct layered_work {
 struct layered_kernels {
     /* Fills everything from the triangle: up to `length` by depth alone, without an exit. */
     void (*start)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p);
+    /* The eye's rays inside the body, from P on. */
+    void (*leave)(const struct layered_packet *p, float size, struct pell_ray16 *rays, int32_t *valid);
+    /* How much of each lane's path goes by planes (`path`: enum layered_path), and rays from P to the lamp, which is `seen` if nothing is in
+     * their way. Returns how many are valid. */
+    int (*see)(const struct layered_packet *p, int path, bool shadows, struct layered_lamp *lamp, struct pell_ray16 *rays, int32_t *valid);
     /* Adds the light of `count` lamps, at most LAYERED_GROUP, to p->light. */
     void (*march)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                   const struct layered_lamp *lamps, int count);

@@ -39,11 +39,11 @@ void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m);
 
 /* --- planes.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */
 
-/* Vertices of one body: the meshes of one object that have the same material. */
+/* Vertices of one body - the meshes of one object that have the same material - and what else stands for its surface. */
 struct layered_cloud {
     struct pell_context *ctx;
     struct pell_pool *pool;
-    size_t count;
+    size_t count, fitted;     /* points; the first of them are vertices, which get planes */
     float *position, *normal; /* xyz */
     float *weight;            /* > 0 */
     float radius;             /* mm: of the neighbourhood, (8) */

@@ -138,6 +138,8 @@ static void read_layer(const struct pell_stratum *stratum, struct layered_layer 
                         (uint16_t) (largest > 0.0f ? share / largest * 65535.0f + 0.5f : 0.0f);
             }
     layer->depth = (float) (depth * (double) largest);
+    layer->per_number = (float) (depth * (double) largest / 65535.0 / 32767.0);
+    layer->middle = (float) (depth * (double) largest * 32768.0 / 65535.0);
 }
 
 static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_strata *strata, struct layered_medium *m,
@@ -166,6 +168,8 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
             shrink(&p->level[i - 1], &p->level[i], p->texels);
         make_border(&p->level[i], p->map->texture, p->texels);
     }
+    for (int64_t i = 0; i < 4 * texels; i++)
+        p->texels[i] ^= 0x8000; /* signed, see kernels.h */
     return PELL_OK;
 }
 
@@ -183,7 +187,7 @@ static void set_depths(struct layered_medium *m, bool bottomless)
     for (int c = 0; c < 3; c++) {
         if (last->sigma_s[c] > 0.0f)
             slowest = fminf(slowest, last->sigma_t[c]);
-        m->rest[c] = bottomless ? last->sigma_t[c] : BLACK;
+        m->rest[c] = bottomless ? last->halves[c] : BLACK;
     }
     if (!bottomless)
         return;
@@ -217,6 +221,8 @@ enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell
         for (int c = 0; c < 3; c++) {
             to->sigma_s[c] = (float) from->sigma_s[c];
             to->sigma_t[c] = (float) from->sigma_t[c];
+            to->halves[c] = (float) (from->sigma_t[c] * 1.4426950408889634);
+            to->most_halves = fmaxf(to->most_halves, to->halves[c]);
             set_phase(&from->phase[c], &to->phase[c]);
             to->one_phase = to->one_phase && memcmp(&to->phase[c], &to->phase[0], sizeof(to->phase[0])) == 0;
         }

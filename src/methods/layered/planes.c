@@ -333,6 +333,8 @@ static void fit_batch(void *arg, int index, int worker)
         const float *normal = c->normal + 3 * (size_t) vertex;
         struct moments m;
         double v[3];
+        if (vertex >= c->fitted)
+            continue;
         position_of(f, vertex, v);
         for (int k = 0; k < 3; k++)
             f->plane[vertex][k] = normal[k];
@@ -350,7 +352,7 @@ enum pell_result layered_planes_fit(const struct layered_cloud *cloud, float (*p
     struct fit f = { .cloud = cloud, .plane = plane };
     enum pell_result res;
 
-    if (cloud->count == 0)
+    if (cloud->fitted == 0)
         return PELL_OK;
     PELL_TRY(make_grid(&f, 0.25 * (double) cloud->radius));
     pell_pool_run(cloud->pool, (int) ((cloud->count + BATCH - 1) / BATCH), fit_batch, &f);
