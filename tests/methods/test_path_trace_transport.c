@@ -505,6 +505,7 @@ static void a_sample_depends_on_its_numbers_alone(void **state)
 
     (void) state;
     busy_stage(&s, &knobs, false, &m);
+    knobs.acceleration = PT_ACCELERATION_NONE;
     scene = rig_scene(&s, &knobs);
     at = on_ball(&s, 4.0f, 0.5f, 0.7f);
     other = on_ball(&s, 4.0f, -0.5f, 0.2f);
@@ -645,9 +646,9 @@ static void paths_from_lamps_are_connections(void **state)
     lit_ball(&s, &knobs, false, 0.2, 0.01, PELL_LIGHT_POINT, 0.0f, 32);
     stage_render(&s);
     at = on_ball(&s, 4.0f, 0.9f, 0.4f);
-    all = with_techniques(&s, knobs, PT_ALL, &at, 0, FEWER(3000));
-    lamps = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_CONNECT, &at, 0, FEWER(12000));
-    connections = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_LIGHT, &at, 0, FEWER(3000));
+    all = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_CHAIN, &at, 0, FEWER(3000));
+    lamps = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_CONNECT | PT_CHAIN), &at, 0, FEWER(12000));
+    connections = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_LIGHT | PT_CHAIN), &at, 0, FEWER(3000));
     print_message("# of the light that scattered more than once %.2f %% was reflected before\n",
                   100.0 * (1.0 - connections.mean[0][1] / all.mean[0][1]));
     require_same("paths from lamps against connections", &lamps, &all, 0);
@@ -727,10 +728,10 @@ static struct rig_mean layered_slab(int kind, int count, const float *depth, enu
     stage_box(&s, m, 0, vec3(-400.0f, -400.0f, -300.0f), vec3(400.0f, 400.0f, 0.0f));
     layers_unwrap(s.scene);
     for (int i = 0; kind == 1 && i < count; i++)
-        layers_paint(s.scene, m, i, 2, 2, 1, (const float[4]) { 1.0f, 1.0f, 1.0f, 0.25f })->nearest = true;
+        layers_paint(s.scene, m, i, 2, 2, 1, (const float[4]){ 1.0f, 1.0f, 1.0f, 0.25f })->nearest = true;
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.6f, 0.8f), vec3(0, 0, 0), 1.0f);
     look_along(&s, 7.0f);
-    knobs.acceleration = PT_ACCELERATION_GRID;
+    knobs.acceleration = kind == 1 && below == PELL_BELOW_STOP ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE; /* large grids take time */
     scene = rig_scene(&s, &knobs);
     at = rig_point(vec3(-20.013f, -10.007f, 0.0f), vec3(-20.013f, -10.007f, 500.0f), 5);
     r = rig_measure(scene, &at, first, n);
@@ -841,6 +842,76 @@ static void open_surfaces(void **state)
         pt_scene_destroy(&scene);
         stage_finish(&s);
     }
+}
+
+/* Two balls of one object through each other, two boxes that share a face: counted. Apart they are not, nor is one in the other. */
+static void surfaces_that_cross_are_counted(void **state)
+{
+    static const struct {
+        float apart;
+        int object;
+        bool box, odd;
+    } cases[] = { { 2.0f, 0, false, true }, { 0.0f, 1, true, true }, { 0.1f, 1, true, false }, { 9.0f, 0, false, false } };
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(cases); k++) {
+        struct pt_knobs knobs = rig_knobs();
+        struct pt_scene *scene;
+        struct pt_point at;
+        struct rig_mean r;
+        struct stage s;
+        size_t m;
+
+        plain_stage(&s);
+        m = rig_medium(&s, 0.5, 0.0, 0.0, 1.4);
+        if (cases[k].box) {
+            stage_box(&s, m, 0, vec3(-3, -3, -3), vec3(3, 3, 3));
+            stage_box(&s, m, cases[k].object, vec3(3 + cases[k].apart, -3, -3), vec3(9, 3, 3));
+        } else {
+            stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 16);
+            stage_ball(&s, m, cases[k].object, vec3(cases[k].apart, 0, 0), 3.0f, 16);
+        }
+        stage_sky(&s, 1.0f);
+        look_along(&s, 7.0f);
+        scene = rig_scene(&s, &knobs);
+        at = on_ball(&s, 3.0f, 0.4f, 0.3f);
+        r = rig_measure(scene, &at, 0, 200);
+        REQUIRE_NEAR(r.mean[3][1], 1.0, SIGMAS * r.error[3][1] + 1e-3); /* no light is lost of it */
+        REQUIRE((r.counts.crossed > 20) == cases[k].odd);
+        REQUIRE(cases[k].odd || r.counts.crossed == 0);
+        pt_scene_destroy(&scene);
+        stage_finish(&s);
+    }
+}
+
+/* Maps that paths do not look at are told, by the material's name; those that nothing would look at either are not. */
+static void maps_are_told(void **state)
+{
+    struct pt_knobs knobs = rig_knobs();
+    struct pell_texture *texture;
+    struct pt_scene *scene;
+    struct stage s;
+    size_t m;
+    int before;
+
+    (void) state;
+    plain_stage(&s);
+    m = rig_medium(&s, 0.5, 0.0, 0.0, 1.4);
+    stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 8);
+    stage_sky(&s, 1.0f);
+    look_along(&s, 7.0f);
+    scene = rig_scene(&s, &knobs);
+    pt_scene_destroy(&scene);
+    OK(pell_scene_add_texture(s.scene, "map", &texture));
+    s.scene->materials[m].normal_map.texture = s.scene->materials[m].roughness_map.texture = texture;
+    s.scene->materials[m].base_color_map.texture = texture; /* a measured medium's own colour stays */
+    before = s.kept.warnings;
+    scene = rig_scene(&s, &knobs);
+    assert_int_equal(s.kept.warnings - before, 1);
+    assert_non_null(strstr(s.kept.last_warning, "does not look at its maps: normal"));
+    assert_null(strstr(s.kept.last_warning, "roughness")); /* of a smooth boundary */
+    pt_scene_destroy(&scene);
+    stage_finish(&s);
 }
 
 static void bounds_are_counted(void **state)
@@ -973,6 +1044,8 @@ int main(void)
         cmocka_unit_test(painted_layers_are_even_ones),
         cmocka_unit_test(what_is_below_is_black),
         cmocka_unit_test(open_surfaces),
+        cmocka_unit_test(surfaces_that_cross_are_counted),
+        cmocka_unit_test(maps_are_told),
         cmocka_unit_test(bounds_are_counted),
         cmocka_unit_test(profiles_without_a_medium_are_refused),
         cmocka_unit_test(survives_the_nth_allocation),

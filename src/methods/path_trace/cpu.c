@@ -26,6 +26,7 @@ enum {
     MOST = 1 << 30 /* samples of a pixel */
 };
 
+#define CROSSED 0.01       /* of the paths: fewer is rounding at edges */
 #define BATCH_SECONDS 0.25 /* between two looks at the clock */
 
 struct pt_state {
@@ -415,6 +416,9 @@ static struct pt_counts count_all(const struct pt_state *st)
         sum.cut += c->cut;
         sum.cut_weight += c->cut_weight;
         sum.lost += c->lost;
+        sum.crossed += c->crossed;
+        sum.chains += c->chains;
+        sum.chains_cut += c->chains_cut;
     }
     return sum;
 }
@@ -425,7 +429,8 @@ static void report(struct pt_state *st, const struct run *run)
     const struct pt_counts now = count_all(st);
     const double samples = fmax((double) (now.samples - st->before.samples), 1.0), lights = pt_scene_brightest(st->scene);
     const double missing = (now.cut_weight - st->before.cut_weight) / samples, films = run->number + 1.0;
-    const int64_t cut = now.cut - st->before.cut, lost = now.lost - st->before.lost;
+    const int64_t cut = now.cut - st->before.cut, lost = now.lost - st->before.lost, crossed = now.crossed - st->before.crossed;
+    const int64_t chains = now.chains - st->before.chains, given_up = now.chains_cut - st->before.chains_cut;
     char error[48] = "", bound[96] = "";
     uint32_t least, most;
 
@@ -443,6 +448,13 @@ static void report(struct pt_state *st, const struct run *run)
     if (lost > 0)
         pell_warn(st->ctx, "path-trace", "`pellucid check` tells where surfaces are open",
                   "%.3g %% of the paths left a body through no surface", 100.0 * (double) lost / samples);
+    if ((double) crossed > CROSSED * samples)
+        pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between bodies",
+                  "surfaces cross themselves or touch others: %.3g in 100 paths met one from the wrong side",
+                  100.0 * (double) crossed / samples);
+    if (given_up > 0)
+        pell_warn(st->ctx, "path-trace", "make the mesh finer", "%lld of %lld chains of surfaces were too hard to find again",
+                  (long long) given_up, (long long) chains);
     if (atomic_load(&st->invalid))
         pell_warn(st->ctx, "path-trace", "please report the scene", "samples that are no number were taken as black");
     if (least == 0 && most > 0)

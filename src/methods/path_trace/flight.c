@@ -244,9 +244,12 @@ void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct
 void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
              float out[3])
 {
-    const struct pt_medium *m = &s->body[body].medium;
+    const struct pt_medium *m = &s->body[body >= 0 ? body : 0].medium;
     const float most = fmaxf(m->largest[0], fmaxf(m->largest[1], m->largest[2]));
 
+    out[0] = out[1] = out[2] = 1.0f;
+    if (body < 0)
+        return;
     for (int c = 0; c < 3; c++)
         out[c] = m->even ? expf(-m->layer[0].sigma_t[c] * reach) : 1.0f;
     if (m->even || !(most > 0.0f || m->ends))

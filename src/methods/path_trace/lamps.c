@@ -16,6 +16,8 @@ void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float 
 {
     if (at->medium)
         pt_phase_values(at->medium, at->w, v, out);
+    else if (at->rough)
+        out[0] = out[1] = out[2] = pt_rough_density(at->rough, at->facing, v);
     else
         out[0] = out[1] = out[2] = fmaxf(vec3_dot(v, at->n), 0.0f) * (1.0f / PELL_PI_F);
 }
@@ -47,40 +49,16 @@ static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v,
 
 /* --- Beams -------------------------------------------------------------------------------------------------------------------------- */
 
-struct dvec {
-    double x, y, z;
-};
-
-static struct dvec wide(struct pell_vec3 a)
-{
-    return (struct dvec){ (double) a.x, (double) a.y, (double) a.z };
-}
-
-static double dot(struct dvec a, struct dvec b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-static struct dvec mad(struct dvec a, double s, struct dvec b)
-{
-    return (struct dvec){ a.x + s * b.x, a.y + s * b.y, a.z + s * b.z };
-}
-
-static struct dvec cross(struct dvec a, struct dvec b)
-{
-    return (struct dvec){ a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x };
-}
-
-/* Change of the unit shading normal when the point moves by dp in the triangle's plane. */
-static struct dvec normal_change(const struct pt_scene *s, const struct pt_hit *hit, struct dvec dp)
+struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2])
 {
     const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
     const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
-    struct dvec p[3], n[3], e1, e2, sum, d, unit;
-    double a, b, c, f, g, det, du, dv, length;
+    struct dvec p[3], n[3], e1, e2, off, sum, normal;
+    double a, b, c, det, u, v, length;
 
+    dn[0] = dn[1] = (struct dvec){ 0.0, 0.0, 0.0 };
     if (!hit->bent)
-        return (struct dvec){ 0.0, 0.0, 0.0 };
+        return wide(hit->ng);
     for (int k = 0; k < 3; k++) {
         p[k] = wide(vec3_load(m->position + 3 * (size_t) i[k]));
         n[k] = wide(vec3_load(m->normal + 3 * (size_t) i[k]));
@@ -90,20 +68,23 @@ static struct dvec normal_change(const struct pt_scene *s, const struct pt_hit *
     a = dot(e1, e1);
     b = dot(e1, e2);
     c = dot(e2, e2);
-    f = dot(dp, e1);
-    g = dot(dp, e2);
     det = a * c - b * b;
     if (!(det > 0.0))
-        return (struct dvec){ 0.0, 0.0, 0.0 };
-    du = (f * c - g * b) / det;
-    dv = (g * a - f * b) / det;
-    sum = mad(mad(mad((struct dvec){ 0.0, 0.0, 0.0 }, 1.0 - (double) hit->u - (double) hit->v, n[0]), (double) hit->u, n[1]),
-              (double) hit->v, n[2]);
+        return wide(hit->ns);
+    off = mad(at, -1.0, p[0]);
+    u = (dot(off, e1) * c - dot(off, e2) * b) / det;
+    v = (dot(off, e2) * a - dot(off, e1) * b) / det;
+    sum = mad(mad(scale(1.0 - u - v, n[0]), u, n[1]), v, n[2]);
     length = sqrt(dot(sum, sum));
-    d = mad(mad((struct dvec){ 0.0, 0.0, 0.0 }, du, mad(n[1], -1.0, n[0])), dv, mad(n[2], -1.0, n[0]));
-    unit = mad((struct dvec){ 0.0, 0.0, 0.0 }, 1.0 / length, sum);
-    d = mad(d, -dot(d, unit), unit);
-    return mad((struct dvec){ 0.0, 0.0, 0.0 }, 1.0 / length, d);
+    if (!(length > 1e-9))
+        return wide(hit->ns);
+    normal = scale(1.0 / length, sum);
+    for (int k = 0; k < 2; k++) {
+        const double f = dot(dp[k], e1), g = dot(dp[k], e2), du = (f * c - g * b) / det, dv = (g * a - f * b) / det;
+        const struct dvec d = mad(scale(du, mad(n[1], -1.0, n[0])), dv, mad(n[2], -1.0, n[0]));
+        dn[k] = scale(1.0 / length, mad(d, -dot(d, normal), normal));
+    }
+    return normal;
 }
 
 double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance)
@@ -111,23 +92,25 @@ double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distanc
     const struct dvec w = wide(e->w), n = wide(e->hit.ns), ng = wide(e->hit.ng);
     const double r = (double) s->body[e->body].medium.eta, c = dot(w, n), square = 1.0 - r * r * (1.0 - c * c), cg = dot(w, ng);
     struct pell_vec3 t[2];
-    struct dvec out, moved[2];
+    struct dvec out, moved[2], dw[2], dp[2], dn[2];
     double ct, across;
 
     if (!(c > 0.0 && square > 0.0 && cg > 0.0))
         return 0.0;
     ct = sqrt(square);
-    out = mad(mad((struct dvec){ 0.0, 0.0, 0.0 }, r, w), ct - r * c, n);
+    out = mad(scale(r, w), ct - r * c, n);
     if (!(dot(out, ng) > 0.0))
         return 0.0;
     vec3_basis(e->w, &t[0], &t[1]);
     for (int k = 0; k < 2; k++) {
-        const struct dvec dw = wide(t[k]);
-        const struct dvec dp = mad(mad((struct dvec){ 0.0, 0.0, 0.0 }, (double) e->length, dw), -(double) e->length * dot(dw, ng) / cg, w);
-        const struct dvec dn = normal_change(s, &e->hit, dp);
-        const double dc = dot(dw, n) + dot(w, dn), dct = r * r * c * dc / ct;
-        const struct dvec dout = mad(mad(mad((struct dvec){ 0.0, 0.0, 0.0 }, r, dw), dct - r * dc, n), ct - r * c, dn);
-        moved[k] = distance < INFINITY ? mad(dp, distance, dout) : dout;
+        dw[k] = wide(t[k]);
+        dp[k] = mad(scale((double) e->length, dw[k]), -(double) e->length * dot(dw[k], ng) / cg, w);
+    }
+    pt_normal_at(s, &e->hit, wide(e->hit.p), dp, dn);
+    for (int k = 0; k < 2; k++) {
+        const double dc = dot(dw[k], n) + dot(w, dn[k]), dct = r * r * c * dc / ct;
+        const struct dvec dout = mad(mad(scale(r, dw[k]), dct - r * dc, n), ct - r * c, dn[k]);
+        moved[k] = distance < INFINITY ? mad(dp[k], distance, dout) : dout;
     }
     across = fabs(dot(cross(moved[0], moved[1]), out));
     return across > 1e-30 ? 1.0 / across : 0.0;
@@ -194,11 +177,6 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
         sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * scale;
 }
 
-static struct pt_sampler own_numbers(const struct pt_sampler *walk, uint64_t salt)
-{
-    return (struct pt_sampler){ .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_EVEN_NUMBERS };
-}
-
 /* One of 1/share of those that ask, evenly along the walk. */
 static bool has_turn(float share, float *turn)
 {
@@ -213,7 +191,7 @@ void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int bo
                       float safe, float share, float *turn, const struct pt_sampler *sampler, double sum[3])
 {
     const struct pt_medium *m = &s->body[body].medium;
-    struct pt_sampler own = own_numbers(sampler, 0x5851f42d4c957f2du);
+    struct pt_sampler own = pt_own_numbers(sampler, 0x5851f42d4c957f2du);
     struct pell_connection found[PELL_CONNECTIONS];
     struct pell_emitter_sample lamp;
     double u[3], reach;
@@ -256,8 +234,8 @@ static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int b
     double sum = 0.0;
 
     counts->connections++;
-    out->count = pell_connect(s->connector, body, eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, found, PT_LOBES,
-                              &counts->rays);
+    out->count =
+        pell_connect(s->connector, body, eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, found, PT_LOBES, &counts->rays);
     for (int i = 0; i < out->count; i++) {
         const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),
                      to = (double) vec3_dot(found[i].outside, found[i].normal);
@@ -324,7 +302,7 @@ double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const
 void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
                       float share, float *turn, const struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_sampler own = own_numbers(sampler, 0x2545f4914f6cdd1du);
+    struct pt_sampler own = pt_own_numbers(sampler, 0x2545f4914f6cdd1du);
     const double asks = asked(s, body, at->x, share);
     struct pell_emitter_sample lamp;
     const struct pt_rough *rough;

@@ -6,7 +6,7 @@
  * Who finds a path is settled by its form, so that nothing is weighed and nothing counted twice. Seen from the lamp, the first edge between
  * two scatterings with no surface on it is where the light's path is joined to the walk; a path whose light came in by one refraction
  * alone and was scattered is the connections'. So a light's path ends where it would go on without a surface, and there is one join a path.
- * What neither finds has a surface on every edge: see the README.
+ * What neither finds has a smooth surface on every edge (a rough one ends a light's path): chain.c.
  *
  * Light is carried as flux. With interpolated normals a surface passes other flux than the walk's radiance says, by the ratio of cosines
  * that makes both agree (Veach 1996, "Non-symmetric Scattering in Light Transport Algorithms"). */
@@ -41,8 +41,6 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct p
     bool wrong;
 
     *refracted = false;
-    if (hit->body < 0)
-        return false;
     if (!pt_cross(s, place, hit->body, enter, &before, &after)) {
         *x = hit->p;
         *from = pt_leave(hit, *w);
@@ -123,7 +121,7 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
             surfaces++;
             continue;
         }
-        if (flight.met && (flight.hit.body >= 0 || body < 0)) {
+        if (flight.met && flight.hit.body >= 0) {
             if (!surface(s, &flight.hit, &place, sampler, &x, &from, &dir, power, &refracted))
                 return;
             entered_once = surfaces == 0 && refracted && w->vertices == 0;
@@ -131,8 +129,8 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
             safe = 0.0f;
             continue;
         }
-        /* Scattered: by the medium, or by something opaque in it. */
-        if (surfaces == 0 || (entered_once && s->body[body].connects))
+        /* Scattered: by the medium, or by something opaque. */
+        if (surfaces == 0 || (entered_once && body >= 0 && s->body[body].connects))
             return;
         at.x = flight.x;
         at.medium = flight.medium;

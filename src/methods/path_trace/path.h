@@ -8,6 +8,7 @@
 #ifndef PELL_PATH_TRACE_PATH_H
 #define PELL_PATH_TRACE_PATH_H
 
+#include "methods/path_trace/dvec.h"
 #include "methods/path_trace/sampler.h"
 #include "methods/path_trace/trace.h"
 #include "rays/rays.h"
@@ -16,8 +17,8 @@
 #include "render/emitters.h"
 #include "render/strata.h"
 
-#define PT_NEST 8         /* bodies in bodies that a path keeps account of */
-#define PT_LOBES 16       /* about connections of a point with a lamp's place: the nearest ones */
+#define PT_NEST 8   /* bodies in bodies that a path keeps account of */
+#define PT_LOBES 16 /* about connections of a point with a lamp's place: the nearest ones */
 #define PT_ROUGH_CELLS 64
 #define PT_LIGHT_VERTICES 8 /* of a path from a lamp that are kept */
 
@@ -75,9 +76,9 @@ struct pt_painting {
 /* What fills a body: one set of coefficients, or layers by the distance below the surface. */
 struct pt_medium {
     float eta;
-    bool even; /* one layer without a bottom */
-    bool ends; /* below the layers light is gone */
-    int layers; /* >= 1 */
+    bool even;                     /* one layer without a bottom */
+    bool ends;                     /* below the layers light is gone */
+    int layers;                    /* >= 1 */
     struct pt_coefficients *layer; /* the medium's own, as all that follows */
     float *depth;                  /* mm, of the bottom of each, where nothing is painted; the last's may be INFINITY */
     struct pt_painting *painting;  /* NULL: the same all over */
@@ -128,8 +129,8 @@ struct pt_scene {
     double radius;
     double typical; /* radiance of that order is seen */
     double brightest;
-    bool light_paths;
-    double sky_share; /* of what is looked for of the environment: an even one is met by chance as well */
+    bool light_paths, chains; /* of delta lamps */
+    double sky_share;         /* of what is looked for of the environment: an even one is met by chance as well */
     uint32_t seed;
     float unit; /* mm: some rounding errors of the largest coordinate of a body */
 };
@@ -199,22 +200,25 @@ struct pt_flight {
  * `from`: x, or just off the surface that x is on. *safe: a distance from x that is known to be free of surfaces; becomes what is left. */
 void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
             float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out);
-/* What a body lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an estimate. */
+/* What a body (-1: the open) lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an
+ * estimate. */
 void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
              float out[3]);
 
 /* --- lamps.c: light that is looked for ----------------------------------------------------------------------------------------------- */
 
-/* Where a walk scattered: in a medium, or at something opaque. */
+/* Where a walk scattered: in a medium, at something opaque, or at a rough boundary. */
 struct pt_scatterer {
-    struct pell_vec3 x, w;                /* w: the way the walk came */
-    const struct pt_coefficients *medium; /* NULL: opaque */
-    struct pell_vec3 n;                   /* opaque: unit, on the walk's side */
+    struct pell_vec3 x, w;                /* w: the way the walk came. x opaque: just off the surface */
+    const struct pt_coefficients *medium; /* NULL: a surface */
+    struct pell_vec3 n;                   /* of a surface: unit, on the walk's side */
+    const struct pt_rough *rough;         /* NULL: opaque */
+    const struct pt_facing *facing;       /* rough */
 };
 
 /* Share per sr of what scatters toward the unit direction v. */
 void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float out[3]);
-/* A direction that it scatters to; something opaque by the cosine. beta becomes what it is after a medium's. */
+/* A direction that it scatters to; something opaque by the cosine, rough boundaries never. beta becomes what it is after a medium's. */
 struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_sampler *s, float beta[3]);
 
 /* A walk that leaves a smooth body from a scatterer straight to a lamp, and what decides between the ways of finding that lamp. */
@@ -227,6 +231,15 @@ struct pt_exit {
     float length, transmit;
     float share; /* of the scatterers at which lamps are looked for */
 };
+
+/* Numbers for a question beside the walk, whose own stay as they are. */
+static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, uint64_t salt)
+{
+    return (struct pt_sampler){ .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_EVEN_NUMBERS };
+}
+
+/* Unit shading normal at a place of the hit's triangle, and its changes dn where the place moves by dp in the triangle's plane. */
+struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2]);
 
 /* Solid angle at the scatterer per area across the beam at `distance` mm beyond the boundary (INFINITY: per solid angle outside); 0 where
  * nothing gets out. */
@@ -271,6 +284,14 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
 /* Joins a scatterer of the walk to the light's: adds to sum. */
 void pt_join(const struct pt_scene *s, struct pt_walker *w, int body, const struct pt_scatterer *at, const float beta[3],
              struct pt_sampler *sampler, double sum[3]);
+
+/* --- chain.c: delta lamps over smooth surfaces --------------------------------------------------------------------------------------- */
+
+/* Light of delta lamps at a scatterer that comes over any number of smooth surfaces, but for what one refraction brings where connections
+ * find that: adds to sum. here: where the walk is; beyond: of a rough boundary, what is on its other side, else NULL; off: mm from
+ * at->x at which rays start; safe: mm around it without a surface. */
+void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_place *here,
+               const struct pt_place *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3]);
 
 /* --- walk.c: surfaces ---------------------------------------------------------------------------------------------------------------- */
 

@@ -20,7 +20,8 @@ enum pt_technique {
     PT_LAMPS = 1 << 1,   /* lamps are sampled at surfaces: rough boundaries, opaque things */
     PT_CONNECT = 1 << 2, /* lamps are sampled inside media, through smooth boundaries */
     PT_LIGHT = 1 << 3,   /* paths from the lamps are joined to the walk inside media */
-    PT_ALL = 15,
+    PT_CHAIN = 1 << 4,   /* chains of smooth surfaces are solved for, from scatterers to delta lamps */
+    PT_ALL = 31,
 };
 
 /* Knobs of the transport; all of it is in range when a scene is made. */
@@ -45,12 +46,14 @@ void pt_scene_destroy(struct pt_scene **scene);
 /* What walks cost, and what they left undone. Sums. */
 struct pt_counts {
     int64_t samples, scatterings, rays;
-    int64_t steps_without_ray; /* flights that stayed inside the bound of the distance grid */
-    int64_t connections;       /* asked for, through smooth boundaries */
-    int64_t cut;               /* paths ended by the knob bounces */
-    double cut_weight;         /* that these still carried, as a share of a path's: (R + G + B)/3, sum. Times the brightest radiance that a
+    int64_t steps_without_ray;  /* flights that stayed inside the bound of the distance grid */
+    int64_t connections;        /* asked for, through smooth boundaries */
+    int64_t chains, chains_cut; /* found; of these given up, too hard to find again */
+    int64_t cut;                /* paths ended by the knob bounces */
+    double cut_weight;          /* that these still carried, as a share of a path's: (R + G + B)/3, sum. Times the brightest radiance that a
                                 * lamp shows, over the samples, it limits what the bound cost where no delta lamp is */
-    int64_t lost;              /* walks that left a body through no surface (open or crossing ones, rounding), or found none at the pixel */
+    int64_t crossed; /* surfaces met out of order: of a body entered while inside it, or left while outside (they cross or touch others) */
+    int64_t lost;    /* walks that left a body through no surface (open or crossing ones, rounding), or found none at the pixel */
 };
 
 PELL_NODISCARD enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker **out);

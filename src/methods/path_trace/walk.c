@@ -2,8 +2,8 @@
  * walk.c - paths from the eye.
  *
  * A walk keeps its weight at boundaries (path.h) and loses at collisions what the medium absorbs; below `roulette` it goes on by chance.
- * Lamps are looked for where it scatters (lamps.c), paths from lamps are joined there (light.c), and where it leaves it meets lamps by
- * chance. At the pixel's own surface a smooth boundary is split: what it reflects and what enters are both followed. */
+ * Lamps are looked for where it scatters (lamps.c, chain.c), paths from lamps are joined there (light.c), and where it leaves it meets
+ * lamps by chance. At the pixel's own surface a smooth boundary is split: what it reflects and what enters are both followed. */
 #include "methods/path_trace/path.h"
 
 #include <string.h>
@@ -22,6 +22,9 @@ struct path {
     float safe;
     int bounces, scattered;
     bool entered, mixed; /* mixed: something opaque reflected it */
+    bool crossed;        /* a surface, since it last scattered */
+    bool tight;          /* a smooth surface on every edge between scatterings, since the eye or a rough surface: no path of a lamp can be
+                          * joined to it */
     enum last last;
     float density;            /* LAST_SURFACE: of w, per sr */
     struct pell_vec3 surface; /* LAST_SURFACE: where it is */
@@ -71,14 +74,21 @@ static void meet_lamps(struct path *p, double reach)
     }
 }
 
-/* Where a walk is in the open but looked for lamps at a scatterer inside: after something opaque there, or in a medium. */
+/* What is looked for at a scatterer in a medium, at something opaque in it, or (body < 0) at something opaque in the open. */
 static void scatter_at(struct path *p, const struct pt_scatterer *at, int body)
 {
     const struct pt_scene *s = p->s;
     double sum[3] = { 0.0, 0.0, 0.0 };
 
     p->leaving = false;
-    if ((s->body[body].connects || s->body[body].near) && p->place.count == 1) {
+    p->tight = p->tight && p->crossed;
+    p->crossed = false;
+    if (p->tight && s->chains) {
+        pt_chains(s, &p->walker->counts, at, &p->place, NULL, 0.0f, p->safe, p->beta, p->sampler, sum);
+        add(p, sum, p->scattered);
+        memset(sum, 0, sizeof(sum));
+    }
+    if (body >= 0 && (s->body[body].connects || s->body[body].near) && p->place.count == 1) {
         const float share = p->scattered <= 1 ? 1.0f : s->body[body].share;
         if (s->body[body].connects)
             pt_connect_lamps(s, &p->walker->counts, body, at, p->beta, p->safe, share, &p->turn, p->sampler, sum);
@@ -118,10 +128,8 @@ static void reflect_opaque(struct path *p, const struct pt_hit *hit)
         pt_lamps(s, &p->walker->counts, hit, NULL, &at, 1, false, p->beta, p->sampler, sum);
         add(p, sum, p->scattered);
     }
-    if (body >= 0) {
-        const struct pt_scatterer from = { vec3_mad(hit->p, hit->unit, n), p->w, NULL, n };
-        scatter_at(p, &from, body);
-    }
+    const struct pt_scatterer from = { vec3_mad(hit->p, hit->unit, n), p->w, NULL, n, NULL, NULL };
+    scatter_at(p, &from, body);
     u = pt_random(p->sampler);
     v = pt_random(p->sampler);
     r = sqrtf(u);
@@ -171,8 +179,11 @@ static bool look(const struct path *p, const struct pt_hit *hit, struct boundary
     float outward;
 
     b->enter = side > 0.0f;
-    if (!pt_cross(p->s, &p->place, hit->body, b->enter, &b->before, &b->after))
+    if (!pt_cross(p->s, &p->place, hit->body, b->enter, &b->before, &b->after)) {
+        p->walker->counts.crossed++;
         return false;
+    }
+    p->walker->counts.crossed += !b->enter && b->before.count != p->place.count;
     b->eta = pt_index(p->s, pt_top(&b->after)) / pt_index(p->s, pt_top(&b->before));
     outward = b->enter ? b->eta : 1.0f / b->eta;
     b->rough = pt_rough_find(p->s, hit->material, outward);
@@ -189,6 +200,7 @@ static void go_on(struct path *p, const struct pt_hit *hit, const struct boundar
     p->x = hit->p;
     p->from = pt_leave(hit, p->w);
     p->safe = 0.0f;
+    p->crossed = true;
     p->entered = p->entered || p->place.count > 0;
 }
 
@@ -205,6 +217,13 @@ static void rough_boundary(struct path *p, const struct pt_hit *hit, const struc
         pt_lamps(s, &p->walker->counts, hit, b->rough, &b->at, open, looked, p->beta, p->sampler, sum);
         add(p, sum, p->scattered);
     }
+    if (s->chains) {
+        const struct pt_scatterer at = { hit->p, came, NULL, b->at.ng, b->rough, &b->at };
+        double sum[3] = { 0.0, 0.0, 0.0 };
+        pt_chains(s, &p->walker->counts, &at, &b->before, &b->after, hit->unit, 0.0f, p->beta, p->sampler, sum);
+        add(p, sum, p->scattered);
+    }
+    p->tight = true; /* a lamp's path ends at rough surfaces */
     p->w = pt_rough_sample(b->rough, &b->at, p->sampler, &through);
     p->last = LAST_NONE;
     if ((through ? b->after : b->before).count == 0) {
@@ -248,6 +267,7 @@ static void meet_body(struct path *p, const struct pt_hit *hit, float length)
         p->x = hit->p;
         p->from = pt_leave(hit, p->w);
         p->safe = 0.0f;
+        p->crossed = true;
         p->leaving = false;
         return;
     }
@@ -308,6 +328,7 @@ static bool step(struct path *p)
         p->place.count = 0;
         p->last = LAST_NONE;
         p->leaving = false;
+        p->crossed = true;
         return true;
     }
     p->walker->counts.scatterings++;
@@ -315,7 +336,7 @@ static bool step(struct path *p)
     p->x = p->from = flight.x;
     if (!(p->beta[0] + p->beta[1] + p->beta[2] > 0.0f))
         return false;
-    const struct pt_scatterer at = { flight.x, p->w, flight.medium, { 0.0f, 0.0f, 0.0f } };
+    const struct pt_scatterer at = { flight.x, p->w, flight.medium, { 0.0f, 0.0f, 0.0f }, NULL, NULL };
     scatter_at(p, &at, body);
     pt_phase_sample(flight.medium, p->w, p->sampler, p->beta, &p->w);
     return roulette(p);
@@ -362,7 +383,9 @@ static void one(const struct pt_scene *s, struct pt_walker *walker, const struct
                       .out = out,
                       .x = hit->p,
                       .w = vec3_mul(point->toward, -1.0f),
-                      .beta = { 1.0f, 1.0f, 1.0f } };
+                      .beta = { 1.0f, 1.0f, 1.0f },
+                      .crossed = true,
+                      .tight = true };
     struct boundary b;
 
     walker->counts.samples++;
