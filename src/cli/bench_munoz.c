@@ -198,6 +198,33 @@ fail:
     return res;
 }
 
+/* Threshold by resolution, for the material as it is, and ten times as dense. */
+static enum pell_result thresholds_and_resolutions(struct bench *b)
+{
+    static const char *const values[] = { "0.001", "0.05" }, *const sizes[] = { "1", "1/2" };
+    enum pell_result res;
+
+    for (int dense = 0; dense < 2; dense++) {
+        if (dense) {
+            PELL_TRY(rescale(b, 10.0));
+            PELL_TRY(keep_truth(b));
+        }
+        for (size_t i = 0; i < PELL_COUNT(values); i++)
+            for (size_t k = 0; k < PELL_COUNT(sizes); k++) {
+                const struct pell_setting set[] = { { "planes", "8", "bench" },
+                                                    { "threshold", values[i], "bench" },
+                                                    { "resolution", sizes[k], "bench" } };
+                char name[96];
+                snprintf(name, sizeof(name), "%s, t %s, resolution %s", dense ? "dense" : "translucent", values[i], sizes[k]);
+                PELL_TRY(measure(b, name, set, PELL_COUNT(set), false));
+            }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
 static enum pell_result resolutions(struct bench *b)
 {
     static const char *const values[] = { "1", "1/2", "1/4" };
@@ -212,6 +239,7 @@ static enum pell_result resolutions(struct bench *b)
             snprintf(name, sizeof(name), "%d planes, resolution %s", planes, values[i]);
             PELL_TRY(measure(b, name, set, PELL_COUNT(set), planes == 4));
         }
+    PELL_TRY(thresholds_and_resolutions(b));
     return PELL_OK;
 
 fail:

@@ -21,6 +21,7 @@ enum { ROWS = 16, CHUNK = 4096, LIGHTS_MOST = 16, TIMES = TS_LEVELS + 8, LIT = 4
 #define COVERED 0.6
 #define STRENGTH_LEAST 1e-3f
 #define FADE 6.0f             /* standard deviations at which light from behind counts in full */
+#define SOFT (1.0 / 3.0)      /* of the widest blur's width */
 #define WEIGHTLESS_LEAST 0.05 /* texels^2: a blur without weight that reaches no further is left out */
 
 struct ts_body {
@@ -43,6 +44,7 @@ struct ts_state {
     float *memory;     /* of the planes below, at texel (0, 0) of any atlas */
     float *light[LIT]; /* that entered, and alpha */
     float *now[TS_PLANES], *half[TS_PLANES], *sum[3];
+    float *behind[3]; /* what comes through, before it is softened */
     float *strength;
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;
@@ -153,7 +155,7 @@ static enum pell_result make_planes(struct ts_state *st)
     const struct ts_atlas **atlases = pell_calloc(st->ctx, st->bodies->count + 1, sizeof(*atlases));
     size_t size = 0, cells = 0, count = 0, planes = 0;
     bool strength = false;
-    float **list[LIT + 2 * TS_PLANES + 6];
+    float **list[LIT + 2 * TS_PLANES + 9];
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!atlases)
@@ -175,6 +177,8 @@ static enum pell_result make_planes(struct ts_state *st)
     }
     for (int i = 0; i < 3; i++)
         list[planes++] = &st->sum[i];
+    for (int i = 0; i < 3 && through && st->knobs.soften; i++)
+        list[planes++] = &st->behind[i];
     if (strength)
         list[planes++] = &st->strength;
     if (strength || !st->knobs.stretch) {
@@ -239,6 +243,8 @@ struct pass {
     int level;
     float *const *planes; /* of borders to be filled */
     int count;
+    float *const *from; /* what blurs begin with */
+    int count_from;
     bool down;
     bool strength; /* keep it, too */
     bool scaled;   /* by strength */
@@ -275,7 +281,10 @@ static void note_time(struct ts_state *st, const char *name, int64_t pixels, int
 
 struct texels {
     struct pell_points points;
+    float ambient[16];
     ptrdiff_t at[16];
+    uint32_t part; /* of the samples of lights with extent */
+    int samples;
     int count;
 };
 
@@ -288,8 +297,8 @@ static int64_t light_texels(const struct pass *p, struct texels *k)
         return 0;
     for (int i = k->count; i < 16; i++)
         k->points.mesh[i] = PELL_NO_HIT;
-    pell_renderer_light_of(st->r, p->lights, &k->points, st->knobs.mix, (float) p->body->atlas->mm_per_texel, 0,
-                           pell_renderer_samples(st->r), &light);
+    pell_renderer_light_of(st->r, p->lights, k->ambient, &k->points, st->knobs.mix, (float) p->body->atlas->mm_per_texel,
+                           k->part * (uint32_t) k->samples, k->samples, &light);
     for (int i = 0; i < k->count; i++) {
         for (int c = 0; c < 3; c++)
             st->light[c][k->at[i]] = light.irradiance[c][i];
@@ -300,34 +309,44 @@ static int64_t light_texels(const struct pass *p, struct texels *k)
     return light.rays;
 }
 
-/* Light that enters at the texels of charts, 16 at a time. */
+/* Light that enters at the texels of charts, 16 at a time. Lights with extent have a pattern of samples for each number of the multisample:
+ * on fine maps texels of a square of 2 x 2 share them out. */
 static void light_rows(void *arg, int band, int worker)
 {
     struct pass *p = arg;
     const struct ts_state *st = p->st;
     const struct ts_atlas *a = p->body->atlas;
-    struct texels k = { .count = 0 };
+    const int side = ts_sky_side(a) > 1 ? 2 : 1, samples = pell_renderer_samples(st->r), parts = side == 1 ? 1 : samples < 4 ? samples : 4;
+    struct texels list[4];
     int64_t rays = 0;
 
     (void) worker;
+    for (int i = 0; i < parts; i++) {
+        list[i].part = (uint32_t) i;
+        list[i].samples = samples / parts;
+        list[i].count = 0;
+    }
     for (int y = band * ROWS; y < (band + 1) * ROWS && y < a->height; y++)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
             for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++) {
                 const ptrdiff_t i = y * a->stride + x;
+                struct texels *k = &list[ts_sky_part(side, x, y) % (uint32_t) parts];
                 for (int c = 0; c < 3; c++)
                     st->light[c][i] = 0.0f;
                 if (a->source[i] == UINT32_MAX)
                     continue;
-                k.points.mesh[k.count] = a->triangles[a->source[i]].mesh;
-                k.points.triangle[k.count] = a->triangles[a->source[i]].triangle;
-                k.points.u[k.count] = a->bary[0][i];
-                k.points.v[k.count] = a->bary[1][i];
-                k.points.number[k.count] = (uint32_t) (y * a->width + x);
-                k.at[k.count++] = i;
-                if (k.count == 16)
-                    rays += light_texels(p, &k);
+                k->points.mesh[k->count] = a->triangles[a->source[i]].mesh;
+                k->points.triangle[k->count] = a->triangles[a->source[i]].triangle;
+                k->points.u[k->count] = a->bary[0][i];
+                k->points.v[k->count] = a->bary[1][i];
+                k->points.number[k->count] = (uint32_t) (y / side * a->width + x / side);
+                k->ambient[k->count] = st->half[0][i];
+                k->at[k->count++] = i;
+                if (k->count == 16)
+                    rays += light_texels(p, k);
             }
-    rays += light_texels(p, &k);
+    for (int i = 0; i < parts; i++)
+        rays += light_texels(p, &list[i]);
     atomic_fetch_add_explicit(&p->rays, rays, memory_order_relaxed);
 }
 
@@ -384,12 +403,11 @@ static void start_rows(void *arg, int band, int worker)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++) {
             const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
             const size_t n = (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK;
-            for (int c = 0; c < p->count; c++) {
-                if (c < LIT && st->light[c])
-                    memcpy(st->now[c] + at, st->light[c] + at, n * sizeof(float));
-                else if (c < LIT)
+            for (int c = 0; c < p->count; c++)
+                if (c < p->count_from)
+                    memcpy(st->now[c] + at, p->from[c] + at, n * sizeof(float));
+                else
                     memset(st->now[c] + at, 0, n * sizeof(float));
-            }
             for (ptrdiff_t i = at; st->work.planes > 4 && i < at + (ptrdiff_t) n; i++) { /* texels per mm, along x and y */
                 const float lx = st->work.length[0][i], ly = st->work.length[1][i], lean = st->knobs.stretch ? a->lean[i] * lx : 0.0f;
                 st->now[4][i] = lx > 0.0f ? 1.0f / lx : 0.0f;
@@ -406,13 +424,15 @@ static void thin_out(void *arg, int chunk, int worker)
     struct ts_state *st = p->st;
     const struct ts_profile *profile = p->body->profile;
     const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
-    const float reach = FADE * (float) sqrt(profile->variance[p->level]);
+    const bool linear = st->knobs.fade == TS_FADE_LINEAR;
+    const float reach = FADE * (float) sqrt(profile->variance[p->level]), falloff = -0.5f / (float) profile->variance[p->level];
 
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
         struct ts_through_texel *t = &st->tsm.texels[i];
         const float alpha = st->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
-        float near = t->apart < reach ? t->apart / reach : 1.0f;
+        /* Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)). */
+        float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
         near += t->round ? 0.0f : (1.0f - near) * t->opposed;
         t->share[0] = t->share[1] = t->share[2] = 0.0f;
         if (!(alpha > 0.0f) || !(strength > 0.0f))
@@ -429,6 +449,7 @@ static void add_through(void *arg, int chunk, int worker)
     struct ts_state *st = p->st;
     const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
     const float *const planes[3] = { st->now[0], st->now[1], st->now[2] };
+    float *const *out = st->knobs.soften ? st->behind : st->sum;
 
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
@@ -438,7 +459,7 @@ static void add_through(void *arg, int chunk, int worker)
             continue;
         ts_read(p->body->atlas, &t->from, planes, 3, rgb);
         for (int c = 0; c < 3; c++)
-            st->sum[c][t->at] += t->share[c] * rgb[c];
+            out[c][t->at] += t->share[c] * rgb[c];
     }
 }
 
@@ -455,6 +476,39 @@ static const char *level_name(int i)
     return names[i];
 }
 
+/* Along and down, from st->now to st->now; adds the result to the sum, weighted. */
+static void blur_planes(struct pass *p, int planes, double before, double after, const double *weight)
+{
+    struct ts_state *st = p->st;
+    struct ts_work *w = &st->work;
+
+    w->before = (float) before;
+    w->after = (float) after;
+    for (int c = 0; c < 3; c++) {
+        w->sum[c] = weight ? st->sum[c] : NULL;
+        w->weight[c] = weight ? (float) weight[c] : 0.0f;
+    }
+    for (int down = 0; down < 2; down++) {
+        for (int c = 0; c < w->planes; c++) {
+            w->from[c] = down ? st->half[c] : st->now[c];
+            w->to[c] = down ? st->now[c] : st->half[c];
+        }
+        p->down = down;
+        rows(p, p->body->atlas->height, blur_rows);
+    }
+    fill(p, st->now, planes);
+}
+
+/* Copies the planes that are to be blurred, and fills their borders. */
+static void start(struct pass *p, float *const *from, int planes)
+{
+    p->from = from;
+    p->count_from = planes;
+    p->count = p->st->work.planes > 4 ? 4 : planes;
+    rows(p, p->body->atlas->height, start_rows);
+    fill(p, p->st->now, planes);
+}
+
 /* Blurs what is in st->light; `through`: and its alpha, and adds what comes through; `local`: adds what does not. */
 static void chain(struct pass *p, bool local, bool through)
 {
@@ -464,15 +518,12 @@ static void chain(struct pass *p, bool local, bool through)
     const bool seven = st->knobs.kernel == TS_KERNEL_SEVEN;
     const int planes = through ? 4 : 3, chunks = (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
     const double finest = 1.0 / (a->mm_per_texel * a->mm_per_texel);
-    struct ts_work *w = &st->work;
     double before = 0.0;
     int number = 0, unblurred = -1;
     int64_t texels = a->inner + (int64_t) a->num_borders;
 
-    w->planes = seven ? 6 : planes;
-    p->count = seven ? 4 : planes;
-    rows(p, a->height, start_rows);
-    fill(p, st->now, planes);
+    st->work.planes = seven ? 6 : planes;
+    start(p, st->light, planes);
     note_time(st, "start", texels, texels * 8 * planes, 0);
     for (int i = 0; i < profile->count && unblurred < 0; i++)
         if (profile->weight[i][0] + profile->weight[i][1] + profile->weight[i][2] > 0.0)
@@ -487,27 +538,9 @@ static void chain(struct pass *p, bool local, bool through)
         if (through)
             pell_pool_run(st->pool, chunks, thin_out, p);
         if (!still) {
-            w->before = (float) before;
-            w->after = (float) profile->variance[i];
-            for (int c = 0; c < 3; c++) {
-                w->sum[c] = local && !none ? st->sum[c] : NULL;
-                w->weight[c] = (float) weight[c];
-            }
-            for (int c = 0; c < w->planes; c++) {
-                w->from[c] = st->now[c];
-                w->to[c] = st->half[c];
-            }
-            p->down = false;
-            rows(p, a->height, blur_rows);
-            for (int c = 0; c < w->planes; c++) {
-                w->from[c] = st->half[c];
-                w->to[c] = st->now[c];
-            }
-            p->down = true;
-            rows(p, a->height, blur_rows);
-            fill(p, st->now, planes);
+            blur_planes(p, planes, before, profile->variance[i], local && !none ? weight : NULL);
             before = profile->variance[i];
-            note_time(st, level_name(number++), 2 * texels, 16 * texels * w->planes, 0);
+            note_time(st, level_name(number++), 2 * texels, 16 * texels * st->work.planes, 0);
         }
         if (through) {
             pell_pool_run(st->pool, chunks, add_through, p);
@@ -516,14 +549,49 @@ static void chain(struct pass *p, bool local, bool through)
     }
 }
 
+/* What comes through is at least as smooth as the way is long. */
+static void soften(struct pass *p)
+{
+    static const double whole[3] = { 1.0, 1.0, 1.0 };
+    struct ts_state *st = p->st;
+    const struct ts_atlas *a = p->body->atlas;
+    const int64_t texels = a->inner + (int64_t) a->num_borders;
+
+    st->work.planes = st->knobs.kernel == TS_KERNEL_SEVEN ? 6 : 3;
+    start(p, st->behind, 3);
+    blur_planes(p, 3, 0.0, SOFT * SOFT * p->body->profile->widest * p->body->profile->widest, whole);
+    note_time(st, "soften", 2 * texels, 16 * texels * st->work.planes, 0);
+}
+
+static bool has_sky(const struct pell_scene *scene, uint64_t lights)
+{
+    for (size_t i = 0; i < scene->num_lights; i++)
+        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT && (lights == 0 || (lights >> (i < 63 ? i : 63) & 1)))
+            return true;
+    return false;
+}
+
+/* Between chains: what they work in holds what of the sky is seen. */
 static void look_for_light(struct pass *p, uint64_t lights)
 {
+    struct ts_state *st = p->st;
     const struct ts_atlas *a = p->body->atlas;
 
+    if (!p->strength && has_sky(pell_renderer_scene(st->r), lights)) {
+        const struct ts_sky_params sky = {
+            .r = st->r,
+            .atlas = a,
+            .seed = pell_renderer_seed(st->r),
+            .seen = st->half[0],
+            .spare = st->half[1],
+        };
+        const int64_t rays = ts_sky_look(&sky);
+        note_time(st, "map sky", a->inner, a->inner * 24, rays);
+    }
     p->lights = lights;
     atomic_store(&p->rays, 0);
     rows(p, a->height, light_rows);
-    note_time(p->st, "map light", a->inner, a->inner * 24, atomic_load(&p->rays));
+    note_time(st, "map light", a->inner, a->inner * 24, atomic_load(&p->rays));
 }
 
 /* Lengths over strength: what scatters less far lies further apart. Without `stretch` all texels are as long as their mean. */
@@ -590,7 +658,7 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
     struct pass p = { .st = st, .body = body };
     uint64_t rest = 0;
     int shining = 0;
-    bool local = true;
+    bool local = true, comes_through = false;
     enum pell_result res;
 
     /* Planes are any body's: nothing of another may be seen. */
@@ -599,8 +667,11 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
             clear(a, st->now[c]);
             clear(a, st->half[c]);
         }
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
         clear(a, st->sum[c]);
+        if (st->behind[c])
+            clear(a, st->behind[c]);
+    }
     for (int c = 0; c < LIT; c++)
         if (st->light[c])
             clear(a, st->light[c]);
@@ -648,10 +719,15 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
         if (st->tsm.count == 0)
             continue;
         if (st->knobs.lights == TS_LIGHTS_OWN) {
+            const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
             rest &= ~bit;
             look_for_light(&p, bit);
+            rays = 0;
+            PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
+            note_time(st, "tsm", 0, 0, rays);
         }
         chain(&p, local, true);
+        comes_through = true;
         local = st->knobs.lights == TS_LIGHTS_OWN;
     }
     st->tsm.count = 0;
@@ -659,6 +735,8 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
         look_for_light(&p, rest);
     if (local && rest)
         chain(&p, true, false);
+    if (comes_through && st->knobs.soften)
+        soften(&p);
     fill(&p, st->sum, 3);
     rows(&p, a->height, store_rows);
     note_time(st, "start", a->inner, a->inner * 28, 0);

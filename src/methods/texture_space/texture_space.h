@@ -16,23 +16,26 @@ enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN };
 enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
 enum ts_form { TS_TSM_RAY, TS_TSM_MAP, TS_TSM_OFF };
 enum ts_through { TS_THROUGH_SLAB, TS_THROUGH_GAUSSIAN };
+enum ts_fade { TS_FADE_OVERLAP, TS_FADE_LINEAR };
 enum ts_lights { TS_LIGHTS_OWN, TS_LIGHTS_SUM };
 
 struct ts_knobs {
-    int as;        /* enum ts_as */
-    int size;      /* texels */
+    int as;   /* enum ts_as */
+    int size; /* texels */
     int gaussians;
-    int charts;    /* enum ts_charts */
-    int border;    /* texels */
-    int kernel;    /* enum ts_kernel */
+    int charts; /* enum ts_charts */
+    int border; /* texels */
+    int kernel; /* enum ts_kernel */
     bool stretch;
-    int first;     /* enum ts_first */
-    int tsm;       /* enum ts_form */
-    int tsm_size;  /* px */
-    int through;   /* enum ts_through */
-    int lights;    /* enum ts_lights */
+    int first;    /* enum ts_first */
+    int tsm;      /* enum ts_form */
+    int tsm_size; /* px */
+    int through;  /* enum ts_through */
+    int fade;     /* enum ts_fade */
+    bool soften;
+    int lights; /* enum ts_lights */
     bool strength;
-    float mix;     /* negative: each material's own */
+    float mix; /* negative: each material's own */
 };
 
 /* --- atlas.c: a body's surface laid out flat --------------------------------------------------------------------------------------- */
@@ -43,15 +46,15 @@ struct ts_triangle {
 
 /* A place that texels are read at: the four around it, by the texel of the lower left one. */
 struct ts_place {
-    int32_t at;        /* index of the texel; -1: none */
-    float key;         /* of its chart */
-    float fx, fy;      /* [0, 1] */
+    int32_t at;   /* index of the texel; -1: none */
+    float key;    /* of its chart */
+    float fx, fy; /* [0, 1] */
 };
 
 /* A texel beside its chart, which stands for a point of another: what is there is the mean of four texels there. */
 struct ts_border {
-    int32_t at, from;  /* the texel that is filled; the lower left one of the four */
-    float weight[4];   /* that sum to one; 0 for those that are not the chart's own */
+    int32_t at, from; /* the texel that is filled; the lower left one of the four */
+    float weight[4];  /* that sum to one; 0 for those that are not the chart's own */
 };
 
 struct ts_run {
@@ -62,30 +65,30 @@ struct ts_atlas {
     struct pell_context *ctx;
     const struct pell_scene *scene; /* borrowed */
     uint32_t num_triangles;
-    struct ts_triangle *triangles;  /* numbered through the body's meshes */
-    uint32_t *first;                /* per scene mesh: its first triangle's number; UINT32_MAX: not of this body */
-    float (*corners)[6];            /* per triangle: x, y of its corners, in texels; a texel's middle is at + 1/2 */
-    int32_t *chart;                 /* per triangle: 1, 2, ...; 0: it has no area */
-    uint32_t *twin;                 /* per half-edge 3 t + k, from corner k to the next: the one across, or UINT32_MAX */
-    bool planar;                    /* its charts are our own */
+    struct ts_triangle *triangles; /* numbered through the body's meshes */
+    uint32_t *first;               /* per scene mesh: its first triangle's number; UINT32_MAX: not of this body */
+    float (*corners)[6];           /* per triangle: x, y of its corners, in texels; a texel's middle is at + 1/2 */
+    int32_t *chart;                /* per triangle: 1, 2, ...; 0: it has no area */
+    uint32_t *twin;                /* per half-edge 3 t + k, from corner k to the next: the one across, or UINT32_MAX */
+    bool planar;                   /* its charts are our own */
     int num_charts;
     /* Texels: plane[y * stride + x], with TS_MARGIN texels without chart left and right. */
     int width, height, blocks;
     ptrdiff_t stride;
-    size_t size;                    /* floats of a plane */
-    float *key;                     /* chart, 0: none; origin at texel (0, 0), as all planes */
-    uint32_t *source;               /* per texel of a chart: the triangle; UINT32_MAX: none */
+    size_t size;      /* floats of a plane */
+    float *key;       /* chart, 0: none; origin at texel (0, 0), as all planes */
+    uint32_t *source; /* per texel of a chart: the triangle; UINT32_MAX: none */
     float *bary[2];
-    float *length[2];               /* mm from texel to texel along x, and at right angles to that; 0 without chart */
-    float *lean;                    /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
-    int64_t inner;                  /* texels of charts, borders apart */
+    float *length[2]; /* mm from texel to texel along x, and at right angles to that; 0 without chart */
+    float *lean;      /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
+    int64_t inner;    /* texels of charts, borders apart */
     struct ts_border *borders;
     size_t num_borders;
-    struct ts_run *runs;            /* blocks that hold anything, row by row */
-    int *first_run;                 /* per row, height + 1 */
-    struct ts_cell *cells;          /* per block of a row */
-    double mm_per_texel;            /* mean */
-    double overlap, degenerate;     /* shares that speak against a layout */
+    struct ts_run *runs;        /* blocks that hold anything, row by row */
+    int *first_run;             /* per row, height + 1 */
+    struct ts_cell *cells;      /* per block of a row */
+    double mm_per_texel;        /* mean */
+    double overlap, degenerate; /* shares that speak against a layout */
 };
 
 struct ts_atlas_params {
@@ -126,6 +129,36 @@ static inline bool ts_read(const struct ts_atlas *a, const struct ts_place *p, c
     return true;
 }
 
+/* A point of a triangle, its geometric normal, and the largest of its coordinates, which floats are as fine as. */
+static inline void ts_point_of(const struct ts_atlas *a, uint32_t triangle, float u, float v, struct pell_vec3 *at,
+                               struct pell_vec3 *normal, float *largest)
+{
+    const struct pell_mesh *m = &a->scene->meshes[a->triangles[triangle].mesh];
+    const uint32_t *index = m->index + 3 * (size_t) a->triangles[triangle].triangle;
+    const struct pell_vec3 p = vec3_load(m->position + 3 * (size_t) index[0]);
+    const struct pell_vec3 e = vec3_sub(vec3_load(m->position + 3 * (size_t) index[1]), p);
+    const struct pell_vec3 f = vec3_sub(vec3_load(m->position + 3 * (size_t) index[2]), p);
+
+    *at = vec3_mad(vec3_mad(p, u, e), v, f);
+    *normal = vec3_normalize(vec3_cross(e, f));
+    *largest = fmaxf(fabsf(at->x), fmaxf(fabsf(at->y), fabsf(at->z)));
+}
+
+/* --- sky.c: how much of the sky texels see ------------------------------------------------------------------------------------------- */
+
+struct ts_sky_params {
+    struct pell_renderer *r;
+    const struct ts_atlas *atlas;
+    uint32_t seed;
+    float *seen, *spare; /* planes: share of the sky about a texel's geometric normal that is seen, by its cosine; and one to work in */
+};
+
+/* Texels of a square that share a pattern of samples, along a side; and which part of it a texel has, under side^2. */
+int ts_sky_side(const struct ts_atlas *a);
+uint32_t ts_sky_part(int side, int x, int y);
+/* At texels of charts. Returns the rays that it took. Allocates nothing. */
+int64_t ts_sky_look(const struct ts_sky_params *params);
+
 /* --- profile.c: the Gaussians of a material ------------------------------------------------------------------------------------------ */
 
 #define TS_LEVELS 32 /* blurs of a chain, those without weight included */
@@ -152,18 +185,22 @@ void ts_profile_through(const struct ts_profile *p, int i, float d, float oppose
 /* --- tsm.c: where light that comes through enters ------------------------------------------------------------------------------------- */
 
 struct ts_through_texel {
-    int32_t at;            /* the texel C */
-    struct ts_place from;  /* A */
-    float apart;           /* mm from C to A: along the surface in one chart, else through space */
-    float opposed;         /* how far the normals at A and C oppose, [0, 1] */
-    bool round;            /* `apart` is along the surface */
-    float share[3];        /* of the level that is being made */
+    int32_t at;           /* the texel C */
+    struct ts_place from; /* A */
+    float m;              /* mm from C to A, straight */
+    float apart;          /* the same along the surface in one chart, else straight, too */
+    struct pell_vec3 normal;
+    float cosine;   /* between the normal at A and the way there */
+    float opposed;  /* how far the normals at A and C oppose, [0, 1] */
+    bool round;     /* `apart` is along the surface */
+    float share[3]; /* of the level that is being made */
 };
 
 struct ts_tsm {
     struct ts_through_texel *texels; /* room for all */
     size_t count;
-    int *first, *count_of;           /* per row, while it is made */
+    int *num;              /* per row: texels of charts */
+    int *first, *count_of; /* per row, while it is made */
     void *map;
 };
 
@@ -173,9 +210,9 @@ struct ts_tsm_params {
     int32_t body;
     const struct ts_atlas *atlas;
     const struct pell_light *light;
-    int form, size;   /* enum ts_form; of the map, px */
-    double thickest;  /* mm */
-    double falloff;   /* mm: alpha is exp(-d/falloff) */
+    int form, size;  /* enum ts_form; of the map, px */
+    double thickest; /* mm */
+    double falloff;  /* mm: alpha is exp(-d/falloff) */
 };
 
 /* Room for any of these atlases. Finish it also after a failure. `map_size` 0: none. */
@@ -184,8 +221,13 @@ PELL_NODISCARD enum pell_result ts_tsm_allocate(struct pell_context *ctx, const 
 void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm);
 /* Before the first light of an atlas. */
 void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm);
-/* Fills `alpha` at all texels of charts (0: nothing comes through) and lists those that light comes through. Allocates nothing. */
+/* Fills `alpha` at all texels of charts (0: nothing comes through) and lists those that face away from the light and that it comes through.
+ * Allocates nothing. */
 PELL_NODISCARD enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays);
+/* The same with what enters of that light alone known: ways that end in the dark go on to where there is light, and those of texels that
+ * face it in the body's own shadow join the list. After ts_tsm_make. */
+PELL_NODISCARD enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *const lit[3], float *alpha,
+                                             struct ts_tsm *out, int64_t *rays);
 
 extern const struct pell_method_engine pell_ts_cpu;
 

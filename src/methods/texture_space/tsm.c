@@ -8,8 +8,10 @@
 #include <stdatomic.h>
 #include <string.h>
 
-enum { ROWS = 16 };
+enum { ROWS = 16, CHUNK = 1024, PARTS_MOST = 16 };
 #define WIDEST 1.2f  /* half the view of a light that stands among the things */
+#define AWAY 4.0f    /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
+#define ASKEW 0.95f  /* a way that meets a face at a smaller cosine is no measure of the distance from it */
 #define OBLIQUE 4.0f /* rays go this many times the thickness at which nothing comes through */
 
 struct map_texel {
@@ -20,9 +22,11 @@ struct map_texel {
 struct task {
     const struct ts_tsm_params *p;
     float *alpha;
-    struct ts_through_texel *found; /* a row's at first_of_row */
+    struct ts_through_texel *found; /* a row's at first[row] */
     const int *first;               /* per row */
     int *count;                     /* per row */
+    const float *const *lit;        /* what enters of this light alone; NULL: not known yet */
+    size_t known;                   /* texels that were found before it was */
     struct pell_view view;
     struct map_texel *map;
     _Atomic int64_t rays;
@@ -68,15 +72,17 @@ static struct pell_vec3 toward(const struct pell_light *light, struct pell_vec3 
     return *far > 0.0f ? vec3_mul(way, 1.0f / *far) : vec3(0.0f, 0.0f, 1.0f);
 }
 
-/* Light that enters at A, seen from texel C: its thickness and what else the blurs ask. */
+/* Light that enters at A, seen from texel C along the unit `way`: its thickness and what else the blurs ask. */
 static void pass_through(const struct task *t, ptrdiff_t at, const struct spot *c, uint32_t triangle, float u, float v,
-                         struct pell_vec3 light, struct ts_through_texel *out, bool *is)
+                         struct pell_vec3 way, struct pell_vec3 light, struct ts_through_texel *out, bool *is)
 {
     const struct ts_atlas *a = t->p->atlas;
     const struct spot s = spot_of(a, triangle, u, v);
-    const struct pell_vec3 way = vec3_sub(s.at, c->at);
-    const float m = vec3_length(way), opposed = fmaxf(0.0f, -vec3_dot(s.normal, c->normal));
-    const float d = m + opposed * (m * fmaxf(0.0f, -vec3_dot(c->normal, light)) - m);
+    const float m = vec3_length(vec3_sub(s.at, c->at)), away = -vec3_dot(c->normal, way);
+    /* Two faces of a slab look opposite ways, one at the light and one away from it. */
+    const float opposed = fmaxf(0.0f, -vec3_dot(s.normal, c->normal)) * fminf(fmaxf(away * AWAY, 0.0f), 1.0f);
+    /* On a slab both cosines are the same; on an edge the flatter face tells less of the thickness. */
+    const float d = m + opposed * (m * fminf(fmaxf(away, vec3_dot(s.normal, way)), 1.0f) - m);
 
     *is = false;
     out->at = (int32_t) at;
@@ -98,43 +104,135 @@ static void pass_through(const struct task *t, ptrdiff_t at, const struct spot *
         out->round = false;
     }
     out->opposed = opposed;
+    out->normal = s.normal;
+    out->cosine = vec3_dot(s.normal, way);
+    out->m = m;
     t->alpha[at] = expf(-d / (float) t->p->falloff);
     *is = true;
 }
 
 /* --- Rays ------------------------------------------------------------------------------------------------------------------------ */
 
+/* Ways from texels to the light, 16 at a time. */
 struct packet {
     _Alignas(64) int open[16];
     struct pell_ray_hit16 rays;
     struct spot spots[16];
     struct pell_vec3 light[16];
+    float left[16]; /* mm to go at most */
     ptrdiff_t at[16];
+    uint32_t triangle[16]; /* where the way has left the body; UINT32_MAX: nowhere yet */
+    float u[16], v[16];
+    size_t known[16]; /* a way that goes on: which of the list it is */
     int count;
 };
 
-static void trace(struct task *t, int y, struct packet *k)
+/* The next part of a way begins just outside of a point of the surface, or just inside. */
+static void set_out(struct packet *k, int i, const struct spot *s, bool outside)
+{
+    struct pell_ray16 *ray = &k->rays.ray;
+    const struct pell_vec3 from = vec3_mad(s->at, outside ? 3e-5f * s->largest : -(3e-5f * s->largest), s->geometric);
+
+    ray->ox[i] = from.x;
+    ray->oy[i] = from.y;
+    ray->oz[i] = from.z;
+    ray->dx[i] = k->light[i].x;
+    ray->dy[i] = k->light[i].y;
+    ray->dz[i] = k->light[i].z;
+    ray->tnear[i] = 0.0f;
+    ray->tfar[i] = k->left[i];
+    ray->mask[i] = PELL_RAY_ALL;
+}
+
+/* A way of a texel that is about to go inside, or that is outside. */
+static void begin(const struct task *t, struct packet *k, ptrdiff_t at, const struct spot *s, struct pell_vec3 light, float far)
+{
+    const bool outside = vec3_dot(s->geometric, light) > 0.0f; /* where d is the way itself: see pass_through */
+    const int i = k->count++;
+
+    k->at[i] = at;
+    k->spots[i] = *s;
+    k->light[i] = light;
+    k->left[i] = fminf(far, (outside ? 1.0f : OBLIQUE) * (float) t->p->thickest);
+    k->triangle[i] = UINT32_MAX;
+    set_out(k, i, s, outside);
+}
+
+static bool is_lit(const struct task *t, uint32_t triangle, float u, float v)
+{
+    const struct ts_place place = ts_atlas_place(t->p->atlas, triangle, u, v);
+    float rgb[3];
+
+    return ts_read(t->p->atlas, &place, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f;
+}
+
+/* Follows the ways, each to where it leaves the body: for good or into light where the light is known, else for the first time. Those that
+ * another thing is in end nowhere. */
+static void follow(struct task *t, struct packet *k)
 {
     const struct ts_atlas *a = t->p->atlas;
+    bool any = k->count > 0;
 
-    if (k->count == 0)
-        return;
-    for (int i = 0; i < 16; i++) {
+    for (int i = 0; i < 16; i++)
         k->open[i] = i < k->count ? -1 : 0;
-        k->rays.hit.mesh[i] = PELL_NO_HIT;
+    for (int step = 0; any && step < PARTS_MOST; step++) {
+        any = false;
+        for (int i = 0; i < 16; i++)
+            k->rays.hit.mesh[i] = PELL_NO_HIT;
+        pell_rays_closest16(pell_renderer_rays(t->p->r), k->open, step == 0, &k->rays);
+        for (int i = 0; i < k->count; i++) {
+            const uint32_t mesh = k->rays.hit.mesh[i];
+            struct spot s;
+            uint32_t triangle;
+            bool leaves;
+            if (!k->open[i])
+                continue;
+            atomic_fetch_add_explicit(&t->rays, 1, memory_order_relaxed);
+            k->open[i] = 0;
+            if (mesh == PELL_NO_HIT)
+                continue;
+            if (mesh >= t->p->bodies->num_meshes || t->p->bodies->of_mesh[mesh] != t->p->body) {
+                k->triangle[i] = UINT32_MAX;
+                continue;
+            }
+            triangle = a->first[mesh] + k->rays.hit.triangle[i];
+            s = spot_of(a, triangle, k->rays.hit.u[i], k->rays.hit.v[i]);
+            leaves = vec3_dot(s.geometric, k->light[i]) > 0.0f;
+            if (leaves) {
+                k->triangle[i] = triangle;
+                k->u[i] = k->rays.hit.u[i];
+                k->v[i] = k->rays.hit.v[i];
+            }
+            k->left[i] -= k->rays.ray.tfar[i];
+            if ((leaves && (!t->lit || is_lit(t, triangle, k->u[i], k->v[i]))) || !(k->left[i] > 0.0f))
+                continue;
+            k->open[i] = -1;
+            any = true;
+            set_out(k, i, &s, leaves);
+        }
     }
-    pell_rays_closest16(pell_renderer_rays(t->p->r), k->open, true, &k->rays);
-    atomic_fetch_add_explicit(&t->rays, k->count, memory_order_relaxed);
+}
+
+static void trace(struct task *t, int y, struct packet *k)
+{
+    follow(t, k);
     for (int i = 0; i < k->count; i++) {
-        const uint32_t mesh = k->rays.hit.mesh[i];
         bool is;
-        if (mesh >= t->p->bodies->num_meshes || t->p->bodies->of_mesh[mesh] != t->p->body)
+        if (k->triangle[i] == UINT32_MAX)
             continue;
-        pass_through(t, k->at[i], &k->spots[i], a->first[mesh] + k->rays.hit.triangle[i], k->rays.hit.u[i], k->rays.hit.v[i], k->light[i],
+        pass_through(t, k->at[i], &k->spots[i], k->triangle[i], k->u[i], k->v[i], k->light[i], k->light[i],
                      &t->found[t->first[y] + t->count[y]], &is);
         t->count[y] += is;
     }
     k->count = 0;
+}
+
+/* Texels that face away from the light; with the light known those that face it in the dark. */
+static bool asks(const struct task *t, ptrdiff_t at, const struct spot *s, struct pell_vec3 light)
+{
+    const bool away = vec3_dot(s->geometric, light) < 0.0f;
+
+    return t->lit ? !away && !(t->lit[0][at] + t->lit[1][at] + t->lit[2][at] > 0.0f) : away;
 }
 
 static void ray_row(struct task *t, int y)
@@ -146,33 +244,98 @@ static void ray_row(struct task *t, int y)
     for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
         for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++) {
             const ptrdiff_t at = y * a->stride + x;
-            struct pell_ray16 *ray = &k.rays.ray;
-            const int i = k.count;
-            struct spot *s = &k.spots[i];
-            struct pell_vec3 from;
+            struct pell_vec3 light;
+            struct spot s;
             float far;
-            t->alpha[at] = 0.0f;
+            if (!t->lit)
+                t->alpha[at] = 0.0f;
             if (a->source[at] == UINT32_MAX)
                 continue;
-            *s = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
-            k.light[i] = toward(t->p->light, s->at, &far);
-            if (vec3_dot(s->geometric, k.light[i]) >= 0.0f)
-                continue; /* it faces the light */
-            k.at[i] = at;
-            from = vec3_mad(s->at, -(3e-5f * s->largest), s->geometric);
-            ray->ox[i] = from.x;
-            ray->oy[i] = from.y;
-            ray->oz[i] = from.z;
-            ray->dx[i] = k.light[i].x;
-            ray->dy[i] = k.light[i].y;
-            ray->dz[i] = k.light[i].z;
-            ray->tnear[i] = 0.0f;
-            ray->tfar[i] = fminf(far, OBLIQUE * (float) t->p->thickest);
-            ray->mask[i] = PELL_RAY_ALL;
-            if (++k.count == 16)
+            s = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
+            light = toward(t->p->light, s.at, &far);
+            if (!asks(t, at, &s, light))
+                continue;
+            begin(t, &k, at, &s, light, far);
+            if (k.count == 16)
                 trace(t, y, &k);
         }
     trace(t, y, &k);
+}
+
+/* Ways whose end is in the dark go on from there. */
+static void go_on(void *arg, int chunk, int worker)
+{
+    struct task *t = arg;
+    const struct ts_atlas *a = t->p->atlas;
+    const size_t end = (size_t) (chunk + 1) * CHUNK < t->known ? (size_t) (chunk + 1) * CHUNK : t->known;
+    struct packet k;
+
+    (void) worker;
+    memset(&k, 0, sizeof(k));
+    for (size_t n = (size_t) chunk * CHUNK;; n++) {
+        const struct ts_through_texel *c = n < end ? &t->found[n] : NULL;
+        float rgb[3];
+        if (c && !(ts_read(a, &c->from, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f)) {
+            const struct spot s = spot_of(a, a->source[c->at], a->bary[0][c->at], a->bary[1][c->at]);
+            float far;
+            const struct pell_vec3 light = toward(t->p->light, s.at, &far);
+            k.known[k.count] = n;
+            begin(t, &k, c->at, &s, light, far);
+        }
+        if (k.count == 16 || (!c && k.count > 0)) {
+            follow(t, &k);
+            for (int i = 0; i < k.count; i++) {
+                struct ts_through_texel *out = &t->found[k.known[i]];
+                bool is = false;
+                if (k.triangle[i] != UINT32_MAX)
+                    pass_through(t, k.at[i], &k.spots[i], k.triangle[i], k.u[i], k.v[i], k.light[i], k.light[i], out, &is);
+                if (is)
+                    continue;
+                t->alpha[k.at[i]] = 0.0f;
+                out->at = (int32_t) k.at[i];
+            }
+            k.count = 0;
+        }
+        if (!c)
+            return;
+    }
+}
+
+/* What the light's way tells of the nearest face that is lit, a way at right angles to that face tells better. */
+static void approach(void *arg, int chunk, int worker)
+{
+    struct task *t = arg;
+    const struct ts_atlas *a = t->p->atlas;
+    const size_t end = (size_t) (chunk + 1) * CHUNK < t->known ? (size_t) (chunk + 1) * CHUNK : t->known;
+    struct packet k;
+
+    (void) worker;
+    memset(&k, 0, sizeof(k));
+    for (size_t n = (size_t) chunk * CHUNK;; n++) {
+        const struct ts_through_texel *c = n < end ? &t->found[n] : NULL;
+        if (c && t->alpha[c->at] > 0.0f && c->cosine < ASKEW) {
+            const struct spot s = spot_of(a, a->source[c->at], a->bary[0][c->at], a->bary[1][c->at]);
+            k.known[k.count] = n;
+            begin(t, &k, c->at, &s, c->normal, c->m);
+        }
+        if (k.count == 16 || (!c && k.count > 0)) {
+            follow(t, &k);
+            for (int i = 0; i < k.count; i++) {
+                struct ts_through_texel *out = &t->found[k.known[i]], other = *out;
+                float far;
+                bool is;
+                if (k.triangle[i] == UINT32_MAX || !is_lit(t, k.triangle[i], k.u[i], k.v[i]))
+                    continue;
+                pass_through(t, k.at[i], &k.spots[i], k.triangle[i], k.u[i], k.v[i], k.light[i], toward(t->p->light, k.spots[i].at, &far),
+                             &other, &is);
+                if (is)
+                    *out = other;
+            }
+            k.count = 0;
+        }
+        if (!c)
+            return;
+    }
 }
 
 /* --- The map --------------------------------------------------------------------------------------------------------------------- */
@@ -261,12 +424,13 @@ static void look_up_row(struct task *t, int y)
             struct spot s, other;
             float far, depth, px, py;
             bool is;
-            t->alpha[at] = 0.0f;
+            if (!t->lit)
+                t->alpha[at] = 0.0f;
             if (a->source[at] == UINT32_MAX)
                 continue;
             s = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
             light = toward(t->p->light, s.at, &far);
-            if (vec3_dot(s.geometric, light) >= 0.0f)
+            if (!asks(t, at, &s, light))
                 continue;
             to = vec3_sub(s.at, v->origin);
             depth = v->orthographic ? 1.0f : vec3_dot(to, v->forward);
@@ -283,7 +447,7 @@ static void look_up_row(struct task *t, int y)
             /* What the light sees may be this surface itself, a pixel off. */
             if (vec3_dot(vec3_sub(other.at, s.at), light) < 1.5f * depth / v->focal_px)
                 continue;
-            pass_through(t, at, &s, m->triangle, m->u, m->v, light, &t->found[t->first[y] + t->count[y]], &is);
+            pass_through(t, at, &s, m->triangle, m->u, m->v, light, light, &t->found[t->first[y] + t->count[y]], &is);
             t->count[y] += is;
         }
 }
@@ -302,14 +466,29 @@ static void run_rows(void *arg, int band, int worker)
     }
 }
 
+/* Puts what rows have found behind the `kept` texels of the list. */
+static void gather_found(struct ts_tsm *out, int height, size_t kept)
+{
+    out->count = kept;
+    for (int y = 0; y < height; y++) {
+        memmove(out->texels + out->count, out->texels + out->first[y], (size_t) out->count_of[y] * sizeof(*out->texels));
+        out->count += (size_t) out->count_of[y];
+    }
+}
+
 enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays)
 {
     struct pell_context *ctx = pell_renderer_context(params->r);
     struct pell_pool *pool = pell_renderer_pool(params->r);
     const struct ts_atlas *a = params->atlas;
     struct task t = { .p = params, .alpha = alpha, .found = out->texels, .first = out->first, .count = out->count_of };
+    int first = 0;
 
     out->count = 0;
+    for (int y = 0; y < a->height; y++) {
+        out->first[y] = first;
+        first += out->num[y];
+    }
     if (params->form == TS_TSM_MAP) {
         if (!aim(params, &t.view))
             return PELL_OK;
@@ -317,10 +496,46 @@ enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, s
         pell_pool_run(pool, params->size, map_row, &t);
     }
     pell_pool_run(pool, (a->height + ROWS - 1) / ROWS, run_rows, &t);
-    for (int y = 0; y < a->height; y++) {
-        memmove(out->texels + out->count, out->texels + out->first[y], (size_t) out->count_of[y] * sizeof(*out->texels));
-        out->count += (size_t) out->count_of[y];
+    gather_found(out, a->height, 0);
+    *rays += atomic_load(&t.rays);
+    return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *const lit[3], float *alpha, struct ts_tsm *out,
+                              int64_t *rays)
+{
+    struct pell_context *ctx = pell_renderer_context(params->r);
+    struct pell_pool *pool = pell_renderer_pool(params->r);
+    const struct ts_atlas *a = params->atlas;
+    const size_t known = out->count;
+    struct task t = {
+        .p = params,
+        .alpha = alpha,
+        .found = out->texels,
+        .first = out->first,
+        .count = out->count_of,
+        .lit = lit,
+        .known = known,
+    };
+    int first = (int) known;
+
+    if (params->form == TS_TSM_MAP) {
+        if (!aim(params, &t.view))
+            return PELL_OK;
+        t.map = out->map;
+    } else {
+        pell_pool_run(pool, (int) ((known + CHUNK - 1) / CHUNK), go_on, &t);
     }
+    /* No texel is found twice: behind those of the list is room for all others. */
+    for (int y = 0; y < a->height; y++) {
+        out->first[y] = first;
+        first += out->num[y] - out->count_of[y];
+    }
+    pell_pool_run(pool, (a->height + ROWS - 1) / ROWS, run_rows, &t);
+    gather_found(out, a->height, known);
+    t.known = out->count;
+    if (params->form == TS_TSM_RAY)
+        pell_pool_run(pool, (int) ((t.known + CHUNK - 1) / CHUNK), approach, &t);
     *rays += atomic_load(&t.rays);
     return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
@@ -335,28 +550,28 @@ enum pell_result ts_tsm_allocate(struct pell_context *ctx, const struct ts_atlas
         rows = (size_t) atlases[i]->height > rows ? (size_t) atlases[i]->height : rows;
     }
     out->texels = pell_alloc_array(ctx, most + 1, sizeof(*out->texels));
+    out->num = pell_calloc(ctx, rows + 1, sizeof(*out->num));
     out->first = pell_calloc(ctx, rows + 1, sizeof(*out->first));
     out->count_of = pell_calloc(ctx, rows + 1, sizeof(*out->count_of));
     if (map_size > 0)
         out->map = pell_alloc_array(ctx, (size_t) map_size * (size_t) map_size, sizeof(struct map_texel));
-    return out->texels && out->first && out->count_of && (map_size == 0 || out->map) ? PELL_OK : PELL_ERR_NOMEM;
+    return out->texels && out->num && out->first && out->count_of && (map_size == 0 || out->map) ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm)
 {
-    int count = 0;
-
     for (int y = 0; y < a->height; y++) {
-        tsm->first[y] = count;
+        tsm->num[y] = 0;
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
             for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++)
-                count += a->source[y * a->stride + x] != UINT32_MAX;
+                tsm->num[y] += a->source[y * a->stride + x] != UINT32_MAX;
     }
 }
 
 void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm)
 {
     pell_free(ctx, tsm->texels);
+    pell_free(ctx, tsm->num);
     pell_free(ctx, tsm->first);
     pell_free(ctx, tsm->count_of);
     pell_free(ctx, tsm->map);
