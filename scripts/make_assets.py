@@ -379,7 +379,7 @@ def write_png(path, pixels, size):
 def main():
     known = list(ASSETS) + list(PICTURES) + list(MAPS)
     names = sys.argv[2:] or known
-    if len(sys.argv) < 2 or any(name not in known for name in names):
+    if len(sys.argv) < 2 or sys.argv[1].startswith('-') or any(name not in known for name in names):
         sys.exit(f'{__doc__}\nNAMEs: {" ".join(known)}')
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)

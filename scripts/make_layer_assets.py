@@ -1079,7 +1079,7 @@ def main():
     for word in sys.argv[2:] or ['*']:
         all_of = [name for name in known if name not in ON_REQUEST and name.startswith(word[:-1])] if word.endswith('*') else []
         names += all_of or [word]
-    if len(sys.argv) < 2 or any(name not in known for name in names):
+    if len(sys.argv) < 2 or sys.argv[1].startswith('-') or any(name not in known for name in names):
         sys.exit(f'{__doc__}\nNAMEs: {" ".join(known)}')
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)

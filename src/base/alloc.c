@@ -22,7 +22,14 @@ struct header {
 /* Large blocks come as pages from the system, where no allocator was given: they are zero without being written, so that a picture of
  * gigabytes is there at once and threads share the work of its first touch, and huge where the system has such, so that planes that
  * lie far apart don't wait for the tables of pages. The address sanitizer sees into its own allocator's blocks alone. */
-#if defined(__linux__) && !defined(__SANITIZE_ADDRESS__)
+#if defined(__SANITIZE_ADDRESS__)
+#define ADDRESS_SANITIZER 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define ADDRESS_SANITIZER 1
+#endif
+#endif
+#if defined(__linux__) && !defined(ADDRESS_SANITIZER)
 #define LARGE ((size_t) 8 << 20)
 #define HUGE_PAGE ((size_t) 2 << 20)
 
@@ -46,7 +53,10 @@ static struct header *map(const struct pell_context *ctx, size_t size)
 
 static bool unmap(struct header *h)
 {
-    return h->mapped > 0 && munmap(h->pages, h->mapped) == 0;
+    if (h->mapped == 0)
+        return false;
+    munmap(h->pages, h->mapped);
+    return true;
 }
 #else
 static struct header *map(const struct pell_context *ctx, size_t size)
