@@ -5,7 +5,9 @@
     scripts/draw_layer_sheets.py build/src/cli/pellucid build/examples docs/images
 
 fish-lights.png: the fish under its lamp behind, beneath, in front, and all three; fish-cross-section.png: what lies below a line over it;
-painted-layers.png: a leaf lit from behind, a gecko, and veins below the skin of a head. Standard library only.
+painted-layers.png: a leaf lit from behind, a gecko, and veins below the skin of a head; fish-settings.png: the three lamps, by the
+fish's own coefficients and with skin and blood four times as clear (the paper's figure 13); fish-samples.png: 10, 20, 50, 100 and 400
+samples, below 16 times their difference to 400, as best and as the paper (figure 14). Standard library only.
 """
 import json
 import struct
@@ -71,20 +73,50 @@ class Sheets:
         self.program, self.examples = str(Path(program).resolve()), Path(examples).resolve()
         self.images, self.work = Path(images), Path(work)
 
-    def picture(self, name, width, height, lights=None, exposure=1.0):
-        """`lights`: numbers of those that shine; exposure: a factor of the scene's."""
+    def picture(self, name, width, height, lights=None, exposure=1.0, clear=1.0, knobs=()):
+        """`lights`: numbers of those that shine; exposure: a factor of the scene's; clear: by how much the upper two layers' coefficients
+        are divided."""
         scene = json.loads((self.examples / f'{name}.json').read_text('utf-8'))
         scene['lights'] = [scene['lights'][i] for i in lights] if lights else scene['lights']
         scene['render']['exposure'] *= exposure
+        for layer in next(iter(scene['materials'].values()))['layers'][:2 if clear != 1.0 else 0]:
+            for key in ('sigma_s', 'sigma_t'):
+                layer[key] = [x / clear for x in layer[key]]
         for path in self.examples.glob('*'):
             if path.is_file() and not (self.work / path.name).exists():
                 (self.work / path.name).symlink_to(path)
         (self.work / 'sheet.json').write_text(json.dumps(scene))
         subprocess.run([self.program, 'render', 'sheet.json', '--width', str(width), '--height', str(height), '--msaa', '8', '-q',
-                        '--allow-outside', '-o', 'sheet.png'], cwd=self.work, check=True)
+                        '--allow-outside', '-o', 'sheet.png', *(word for knob in knobs for word in ('--set', knob))],
+                       cwd=self.work, check=True)
         return read_png(self.work / 'sheet.png')
 
+    def samples(self):
+        """Differences are of what is shown, in steps of 1/255."""
+        rows = []
+        for form, exposure in (('as=best', 1.0), ('as=paper', 0.3)):
+            of = {n: self.picture('fish', 240, 130, exposure=exposure, knobs=(form, f'samples={n}')) for n in (10, 20, 50, 100, 400)}
+            apart = {n: [bytes(min(255, 16 * abs(a - b)) for a, b in zip(x, y)) for x, y in zip(of[n], of[400])] for n in of}
+            for pictures in (of, apart):
+                row = pictures[10]
+                for n in (20, 50, 100, 400):
+                    row = beside(row, pictures[n])
+                rows.append(row)
+        sheet = rows[0]
+        for row in rows[1:]:
+            sheet = above(sheet, row)
+        return sheet
+
+    def settings(self):
+        rows = []
+        for clear in (1.0, 4.0):
+            row = [self.picture('fish', 330, 177, [k], exposure, clear) for k, exposure in ((0, 1.3), (1, 2.2), (2, 1.2))]
+            rows.append(beside(beside(row[0], row[1]), row[2]))
+        return above(rows[0], rows[1])
+
     def draw(self):
+        write_png(self.images / 'fish-samples.png', self.samples())
+        write_png(self.images / 'fish-settings.png', self.settings())
         behind, beneath, front, every = (self.picture('fish', 470, 252, lights, exposure) for lights, exposure in
                                          (([0], 1.3), ([1], 2.2), ([2], 1.2), (None, 1.0)))
         write_png(self.images / 'fish-lights.png', above(beside(behind, beneath), beside(front, every)))

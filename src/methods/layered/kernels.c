@@ -535,8 +535,8 @@ INLINE void attenuation(const struct layered_work *work, const struct layered_me
     }
 }
 
-/* Mean light where it is halved `tau` times in the middle and y times from there to either end: 2^-tau sinh(y ln 2)/(y ln 2); by its series,
- * but where some lane is `thick`. */
+/* Mean light where it is halved `tau` times in the middle and y times from there to either end: 2^-tau sinh(y ln 2)/(y ln 2); by its
+ * series, but where some lane is `thick`. */
 INLINE vf mean_light(vf tau, vf y, bool thick)
 {
     const vf y2 = y * y, size = magnitude(y);
@@ -729,8 +729,8 @@ INLINE void march_lanes(const struct layered_work *work, const struct layered_me
 
 /* --- The usual march ------------------------------------------------------------------------------------------------------------ */
 
-/* What march_lanes does, for most packets of most pictures: light by planes alone, of thick bodies, refracted, integrated exactly, through a
- * few layers that one picture paints. Sums over layers are by the differences of neighbours:
+/* What march_lanes does, for most packets of most pictures: light by planes alone, of thick bodies, refracted, integrated exactly, through
+ * a few layers that one picture paints. Sums over layers are by the differences of neighbours:
  *
  *     Sum sigma_j |reach in j| = reach sigma_n + Sum (sigma_j - sigma_(j+1)) min(reach, bottom_j)
  *

@@ -131,8 +131,8 @@ struct layered_kernels {
     void (*start)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p);
     /* The eye's rays inside the body, from P on. */
     void (*leave)(const struct layered_packet *p, float size, struct pell_ray16 *rays, int32_t *valid);
-    /* How much of each lane's path goes by planes (`path`: enum layered_path), and rays from P to the lamp, which is `seen` if nothing is in
-     * their way. Returns how many are valid. */
+    /* How much of each lane's path goes by planes (`path`: enum layered_path), and rays from P to the lamp, which is `seen` if nothing is
+     * in their way. Returns how many are valid. */
     int (*see)(const struct layered_packet *p, int path, bool shadows, struct layered_lamp *lamp, struct pell_ray16 *rays, int32_t *valid);
     /* Adds the light of `count` lamps, at most LAYERED_GROUP, to p->light. */
     void (*march)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
