@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the convolution method on the cpu engine: its life, and a frame, in which what scatters together goes through the steps of state.h
- * in its own rectangle, each channel for itself.
+ * cpu.c - the convolution method on the cpu engine: its life, and a frame, in which what scatters together goes through the steps of
+ * state.h in its own rectangle, each channel for itself.
  */
 #include "methods/convolution/state.h"
 

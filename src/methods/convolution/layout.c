@@ -11,7 +11,7 @@
 
 #define REACH 1e-4 /* share of the light that may be left out where it goes far */
 
-/* --- Who is where ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Who is where --------------------------------------------------------------------------------------------------------------------- */
 
 static void add_depth(struct conv_extent *e, float depth)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * state.h - a running convolution method on the cpu engine and the steps of a frame, in their order. Each step runs its rows, bands or blocks
- * on the pool; what it is about is in the job.
+ * state.h - a running convolution method on the cpu engine and the steps of a frame, in their order. Each step runs its rows, bands or
+ * blocks on the pool; what it is about is in the job.
  */
 #ifndef PELL_CONVOLUTION_STATE_H
 #define PELL_CONVOLUTION_STATE_H
