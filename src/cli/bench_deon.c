@@ -14,7 +14,7 @@
 #define LIGHTS 3          /* of the scene: the environment and two points */
 #define AMBIENT_SAMPLES 4 /* a pixel: its own light is no part of what is measured, and the map asks by itself for enough */
 #define FULL_REPEATS 1    /* frames, at most: they take a while */
-#define LOW_REPEATS 3
+#define LOW_REPEATS 2
 
 struct bench {
     struct cli *cli;
