@@ -360,7 +360,7 @@ def example_lines(shown):
     return [line[2:] for line in shown.split('Examples\n')[1].split('\nOptions')[0].splitlines()]
 
 
-LONG_BENCHES = [['truth'], ['mertens'], ['deon-1'], ['francois-2']]
+LONG_BENCHES = ['truth', 'mertens', 'deon-1', 'francois-2', 'munoz-2', 'munoz-3', 'munoz-5']
 
 
 def run_examples(folder, lines):
@@ -368,8 +368,10 @@ def run_examples(folder, lines):
     for line in lines:
         words = shlex.split(line, comments=True)
         need(words[0] == 'pellucid', line)
-        if words[1:2] == ['bench'] and words[2:3] in LONG_BENCHES and (SANITIZED or words[2] != 'mertens'):
+        if words[1] == 'bench' and words[2:] and words[2] in LONG_BENCHES and (SANITIZED or words[2] != 'munoz-3'):
             continue  # minutes of what the tests of the methods do, too
+        if SANITIZED and words[1] == 'compare':
+            continue  # which has a test of its own
         small = {'render': SMALL, 'bench': [*SMALL, '--repeats', '1']}.get(words[1], [])
         small = ['--repeats', '1'] if words[1:3] == ['bench', 'profiles'] else small  # renders nothing
         small = SMALL if words[1] == 'compare' and not any(w.endswith('.exr') for w in words) else small  # of a scene
