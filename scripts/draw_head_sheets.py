@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: MIT
 """Renders the sheets of a head that the page of texture-space shows.
 
-    scripts/draw_head_sheets.py build/src/cli/pellucid head.gltf docs/images [ear|grid|stretch|seams]
+    scripts/draw_head_sheets.py build/src/cli/pellucid head.gltf docs/images [face|ear|grid|stretch|seams]
 
-The head is "Infinite, 3D Head Scan" by Lee Perry-Smith, CC BY 3.0. head-ear.png: an ear lit from behind, by texture-space without what
-comes through, as a whole, by hierarchical and by path-trace (it takes minutes). head-grid.png: a projected grid, blurred without and with
-regard to the stretch, and by hierarchical. head-stretch.png: mm per texel along u and v. head-seams.png: planar charts without and with
-borders, and the head's own layout. Standard library only.
+The head is "Infinite, 3D Head Scan" by Lee Perry-Smith, CC BY 3.0. head-face.png: with its maps, a lamp at
+the side and a dim one at the other, as in the paper's figure 1: without scattering, by texture-space and by hierarchical. head-ear.png: an
+ear lit from behind, by texture-space without what comes through, as a whole, by hierarchical and by path-trace (it takes minutes).
+head-grid.png: a projected grid, blurred without and with regard to the stretch, and by hierarchical. head-stretch.png: mm per texel along
+u and v. head-seams.png: planar charts without and with borders, and the head's own layout. Standard library only.
 """
 import json
 import math
@@ -26,6 +27,9 @@ EAR = {'from': (420, 275, 330), 'to': (78, 268, -2), 'fov_deg': 10}
 SIDE = {'from': (520, 290, 330), 'to': (20, 265, -10), 'fov_deg': 20}
 HALF = {'from': (330, 290, 480), 'to': (35, 262, 30), 'fov_deg': 13}
 BEHIND = {'type': 'point', 'at': (260, 330, -400), 'intensity': 0.35}
+FRONT = {'from': (60, 270, 900), 'to': (0, 245, 0), 'fov_deg': 24}
+KEY = {'type': 'point', 'at': (420, 420, 420), 'intensity': 0.95}
+FILL = {'type': 'point', 'at': (-500, 260, 500), 'intensity': 0.22}
 LAMP = {'type': 'point', 'at': (300, 600, 100), 'intensity': 0.45}
 
 
@@ -33,14 +37,15 @@ class Head:
     def __init__(self, program, mesh, work):
         self.program, self.mesh, self.work = str(Path(program).resolve()), Path(mesh).resolve(), Path(work)
 
-    def picture(self, camera, light, method, knobs=(), exposure=3.0, material='skin1', scale=1.0):
+    def picture(self, camera, light, method, knobs=(), exposure=3.0, material='skin1', scale=1.0, color='profile'):
         def placed(thing):
             return {k: [f'{scale * x}mm' for x in v] if k in ('from', 'to', 'at') else v for k, v in thing.items()}
 
-        scene, lamp = self.work / 'scene.json', placed(light)
-        lamp['intensity'] *= scale * scale
+        scene, lamps = self.work / 'scene.json', [placed(lamp) for lamp in (light if isinstance(light, list) else [light])]
+        for lamp in lamps:
+            lamp['intensity'] *= scale * scale
         scene.write_text(json.dumps({'pellucid': 1, 'meshes': [{'path': str(self.mesh), 'scale': scale}], 'camera': placed(camera),
-                                     'lights': [lamp], 'materials': {'*': {'preset': material}},
+                                     'lights': lamps, 'materials': {'*': {'preset': material, 'color_from': color}},
                                      'background': {'color': [0.02, 0.02, 0.02]}}))
         out = self.work / 'out.png'
         command = [self.program, 'render', str(scene), '--allow-outside', '-m', method, '--width', str(SIZE), '--height', str(SIZE),
@@ -49,6 +54,10 @@ class Head:
             command += ['--set', knob]
         subprocess.run(command, check=True, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         return read_png(out)
+
+    def face(self):
+        return [self.picture(FRONT, [KEY, FILL], method, knobs, exposure=1.6, color='texture')
+                for method, knobs in (('none', []), ('texture-space', []), ('hierarchical', ['most=400000']))]
 
     def ear(self):
         ours = [self.picture(EAR, BEHIND, 'texture-space', knobs) for knobs in (['tsm=off'], [])]
@@ -117,7 +126,7 @@ def main():
         sys.exit(__doc__)
     with tempfile.TemporaryDirectory() as work:
         head = Head(sys.argv[1], sys.argv[2], work)
-        for name in sys.argv[4:] or ('stretch', 'seams', 'grid', 'ear'):
+        for name in sys.argv[4:] or ('stretch', 'seams', 'grid', 'face', 'ear'):
             panels = getattr(head, name)()
             sheet = panels[0]
             for panel in panels[1:]:

@@ -12,9 +12,9 @@
 #include <string.h>
 
 #define LIGHTS 3          /* of the scene: the environment and two points */
-#define AMBIENT_SAMPLES 4 /* a pixel: its own light is no part of what is measured, and the map asks by itself for enough */
+#define AMBIENT_SAMPLES 1 /* a pixel: its own light is no part of what is measured, and the map asks by itself for enough */
 #define FULL_REPEATS 1    /* frames, at most: they take a while */
-#define LOW_REPEATS 2
+#define LOW_REPEATS 1
 
 struct bench {
     struct cli *cli;

@@ -7,14 +7,17 @@
 
 PELL_SIMD_TABLES(struct pell_fan_kernels, pell_fan_kernels);
 
-#define TRIANGLES_MOST (1u << 21) /* 64 bytes each */
+#define TRIANGLES_MOST (1u << 18) /* 64 bytes each; a fan of more takes longer to make than one picture gets back */
 #define SIDE_MOST 2048            /* cells */
 #define PER_CELL 3.0              /* triangles, over all cells */
 #define ENTRIES_MOST 8            /* a triangle, over all: what is larger is better found by boxes */
 #define LENGTH_MOST 48.0          /* triangles of a cell that a triangle meets: what is denser likewise */
 #define SLOPE_MOST 4.0f           /* of a ray against the axis */
-#define MARGIN 0.02f              /* of a cell, round a triangle: far more than what rounding moves it by */
+#define FAR_MOST 8.0f             /* of the apex, over the scene's size: rounding of the ways from there grows with it */
+#define MARGIN 0.02f              /* of a cell, round a triangle */
+#define ROUNDING 1e-6f            /* of a slope: what places in the picture may be wrong by, and more; grows by the slope's square */
 #define SHORT 24                  /* lists that are sorted by insertion */
+#define LARGER(a, b) ((a) > (b) ? (a) : (b))
 
 /* Triangles of a mesh that rays see; as rays.c attaches them. */
 static bool seen(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
@@ -46,7 +49,7 @@ static bool frame(const struct pell_scene *scene, struct pell_fan *f, size_t *co
     *count = 0;
     border[0] = border[2] = INFINITY;
     border[1] = border[3] = -INFINITY;
-    if (!(least > 0.0f) || !isfinite(least))
+    if (!(least > 0.0f) || !(1e3f * least < FAR_MOST * vec3_length(vec3_sub(high, low))))
         return false;
     f->forward = vec3_normalize(middle);
     vec3_basis(f->forward, &f->right, &f->up);
@@ -74,6 +77,7 @@ static void choose_cells(struct pell_fan *f, size_t count, const float border[4]
 {
     const double w = (double) border[1] - (double) border[0], h = (double) border[3] - (double) border[2];
     const double cells = (double) count / PER_CELL + 1.0, columns = ceil(sqrt(cells * w / h)), rows = ceil(sqrt(cells * h / w));
+    const float x = LARGER(-border[0], border[1]), y = LARGER(-border[2], border[3]), rounding = ROUNDING * (1.0f + x * x + y * y);
 
     f->columns = columns < SIDE_MOST ? (int) columns : SIDE_MOST;
     f->rows = rows < SIDE_MOST ? (int) rows : SIDE_MOST;
@@ -81,6 +85,8 @@ static void choose_cells(struct pell_fan *f, size_t count, const float border[4]
     f->low = border[2];
     f->per_x = (float) ((double) f->columns / w);
     f->per_y = (float) ((double) f->rows / h);
+    f->margin_x = MARGIN + rounding * f->per_x;
+    f->margin_y = MARGIN + rounding * f->per_y;
 }
 
 static int clamp(float v, int most)
@@ -108,8 +114,9 @@ static struct span cells_of(const struct pell_fan *f, const struct pell_mesh *m,
         depth = p.z < depth ? p.z : depth;
         end = p.z > end ? p.z : end;
     }
-    return (struct span) { clamp(x0 - MARGIN, f->columns - 1), clamp(x1 + MARGIN, f->columns - 1), clamp(y0 - MARGIN, f->rows - 1),
-                           clamp(y1 + MARGIN, f->rows - 1), depth * (1.0f - 1e-5f), end * (1.0f + 1e-5f) };
+    return (struct span) { clamp(x0 - f->margin_x, f->columns - 1), clamp(x1 + f->margin_x, f->columns - 1),
+                           clamp(y0 - f->margin_y, f->rows - 1), clamp(y1 + f->margin_y, f->rows - 1), depth * (1.0f - 1e-5f),
+                           end * (1.0f + 1e-5f) };
 }
 
 static struct pell_vec3 side(struct pell_vec3 a, struct pell_vec3 b)
@@ -122,19 +129,21 @@ static bool make_triangle(const struct pell_fan *f, const struct pell_mesh *m, s
                           float *turned)
 {
     const uint32_t *index = m->index + 3 * triangle;
-    struct pell_vec3 v[3], normal;
+    struct pell_vec3 p[3], v[3], normal;
     float plane, turn;
 
-    for (int k = 0; k < 3; k++)
-        v[k] = vec3_sub(vec3_load(m->position + 3 * (size_t) index[k]), f->apex);
-    normal = vec3_cross(vec3_sub(v[1], v[0]), vec3_sub(v[2], v[0]));
+    for (int k = 0; k < 3; k++) {
+        p[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+        v[k] = vec3_sub(p[k], f->apex);
+    }
+    normal = vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0]));
     plane = vec3_dot(normal, v[0]);
     if (!(fabsf(plane) > 0.0f))
         return false;
     *turned = turn = plane > 0.0f ? 1.0f : -1.0f;
     for (int k = 0; k < 3; k++)
         vec3_store(vec3_mul(side(v[k], v[(k + 1) % 3]), turn), out->edge[k]);
-    vec3_store(v[0], out->corner);
+    vec3_store(p[0], out->corner);
     vec3_store(vec3_mul(normal, turn), out->normal);
     out->plane = turn * plane;
     return true;
@@ -193,13 +202,11 @@ static bool count_entries(const struct pell_scene *scene, struct pell_fan *f, si
 }
 
 /* A fan is a gift to speed: it takes the fourth part at most of what the context may still have. */
-static bool room_for(const struct pell_context *ctx, const struct pell_fan *f, size_t triangles)
+static bool room_for(const struct pell_context *ctx, size_t bytes)
 {
-    const size_t cells = (size_t) f->columns * (size_t) f->rows, limit = (size_t) pell_context_limits(ctx)->memory_bytes;
-    const size_t used = pell_memory_used(ctx);
-    const size_t bytes = (size_t) f->first[cells] * sizeof(*f->entries) + triangles * (sizeof(*f->triangles) + sizeof(*f->names));
+    const size_t limit = (size_t) pell_context_limits(ctx)->memory_bytes, used = pell_memory_used(ctx);
 
-    return used < limit && bytes + cells * sizeof(uint32_t) < (limit - used) / 4;
+    return used < limit && bytes < (limit - used) / 4;
 }
 
 /* `starts`: of each cell, the triangles that begin in the cells before: neighbours in the picture are neighbours in memory. */
@@ -253,7 +260,7 @@ enum pell_result pell_fan_create(struct pell_context *ctx, const struct pell_sce
     struct pell_fan *f = pell_zalloc(ctx, sizeof(*f));
     uint32_t *starts = NULL;
     float border[4];
-    size_t triangles;
+    size_t triangles, cells, fixed;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
@@ -265,15 +272,19 @@ enum pell_result pell_fan_create(struct pell_context *ctx, const struct pell_sce
     if (!frame(scene, f, &triangles, border))
         goto none;
     choose_cells(f, triangles, border);
-    f->first = pell_calloc(ctx, (size_t) f->columns * (size_t) f->rows + 1, sizeof(*f->first));
+    cells = (size_t) f->columns * (size_t) f->rows;
+    fixed = triangles * (sizeof(*f->triangles) + sizeof(*f->names)) + cells * sizeof(*starts);
+    if (!room_for(ctx, fixed + cells * sizeof(*f->first)))
+        goto none;
+    f->first = pell_calloc(ctx, cells + 1, sizeof(*f->first));
     if (!f->first)
         goto fail;
-    if (!count_entries(scene, f, triangles) || !room_for(ctx, f, triangles))
+    if (!count_entries(scene, f, triangles) || !room_for(ctx, fixed + (size_t) f->first[cells] * sizeof(*f->entries)))
         goto none;
-    f->entries = pell_calloc(ctx, (size_t) f->first[(size_t) f->columns * (size_t) f->rows] + PELL_FAN_SPARE, sizeof(*f->entries));
+    f->entries = pell_calloc(ctx, (size_t) f->first[cells] + PELL_FAN_SPARE, sizeof(*f->entries));
     f->triangles = pell_alloc_array(ctx, triangles, sizeof(*f->triangles));
     f->names = pell_alloc_array(ctx, triangles, sizeof(*f->names));
-    starts = pell_calloc(ctx, (size_t) f->columns * (size_t) f->rows, sizeof(*starts));
+    starts = pell_calloc(ctx, cells, sizeof(*starts));
     if (!f->entries || !f->triangles || !f->names || !starts)
         goto fail;
     find_starts(scene, f, starts);

@@ -19,7 +19,8 @@
 struct pell_fan;
 
 /* `apex` in mm; the scene is copied as it is now. *out is NULL, with PELL_OK, where a fan would not do or would be slow: something lies
- * beside, behind or around the apex, a surface has holes cut by alpha, triangles are many or of very different sizes, or memory is short */
+ * beside, behind or around the apex, or so far from it that floats don't tell triangles apart, a surface has holes cut by alpha, triangles
+ * are many or of very different sizes, or memory is short */
 PELL_NODISCARD enum pell_result pell_fan_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_vec3 apex,
                                                 struct pell_fan **out);
 void pell_fan_destroy(struct pell_fan **fan);
@@ -41,8 +42,8 @@ bool pell_fan_closest16(const struct pell_fan *fan, const int32_t *mask, struct 
 struct pell_fan_triangle {
     _Alignas(64) float edge[3][3]; /* (a - b) x (a + b) and so on: normals of the planes through the apex and a side, inward; those of two
                                     * triangles at their common side are each other's negative to the last bit */
-    float corner[3], normal[3];    /* a; not unit */
-    float plane;                   /* normal . a, > 0 */
+    float corner[3], normal[3];    /* a in the world, so that a far apex takes no digits from it; not unit */
+    float plane;                   /* normal . (a - apex), > 0 */
 };
 
 struct pell_fan_name {
@@ -66,6 +67,7 @@ struct pell_fan {
     struct pell_vec3 apex, forward, right, up;
     float thick; /* mm along the axis, of the triangle that has most */
     float left, low, per_x, per_y; /* column = (x/z - left) per_x */
+    float margin_x, margin_y;      /* cells, round a triangle */
     int columns, rows;
     uint32_t *first;               /* entry of each cell, and the end of the last one */
     struct pell_fan_entry *entries; /* nearest first; PELL_FAN_SPARE more behind the last */

@@ -5,7 +5,8 @@
  * With d the way from the apex to a point, u = d . (a - b) x (a + b) and its like say on which side of the planes through the apex and the
  * triangle's sides the point lies (edge functions: Pineda 1988, "A Parallel Algorithm for Polygon Rasterization"), s = normal . (d - a) on
  * which side of its own plane. The triangle is in the way where u, v, w >= 0 and s > 0: no division, and s comes from a difference of
- * points that are near each other where it is small, so that it is not what rounding leaves of large numbers.
+ * points that are near each other where it is small, so that it is not what rounding leaves of large numbers. For the same reason d - a is
+ * taken in the world: seen from an apex at 10 m all points are rounded to micrometres, more than a ray is lifted off its surface.
  */
 #include "rays/fan.h"
 
@@ -18,6 +19,7 @@
 
 struct place {
     _Alignas(64) float d[3][LANES]; /* from the apex */
+    const float *at[3];             /* in the world */
     int x0, x1, y0, y1;
     float near, depth; /* of the nearest and the farthest */
 };
@@ -46,6 +48,9 @@ INLINE bool locate(const struct pell_fan *f, const int32_t *restrict mask, const
         row[i] = (int32_t) (b0 < top ? b0 : top);
         behind |= mask[i] & -(int32_t) !(t > 0.0f);
     }
+    p->at[0] = x;
+    p->at[1] = y;
+    p->at[2] = z;
     for (int i = 0; i < LANES; i++) {
         const int32_t on = mask[i], cx = column[i], cy = row[i];
         int32_t bits;
@@ -69,14 +74,16 @@ INLINE bool locate(const struct pell_fan *f, const int32_t *restrict mask, const
 }
 
 /* s; `inside`: the lanes whose rays meet the triangle's plane within it. */
-INLINE vf meet(const struct pell_fan_triangle *t, vf x, vf y, vf z, vi *inside)
+INLINE vf meet(const struct pell_fan_triangle *t, const struct place *p, int at, vi *inside)
 {
+    const vf x = load(p->d[0] + at), y = load(p->d[1] + at), z = load(p->d[2] + at);
     const vf u = x * t->edge[0][0] + y * t->edge[0][1] + z * t->edge[0][2];
     const vf v = x * t->edge[1][0] + y * t->edge[1][1] + z * t->edge[1][2];
     const vf w = x * t->edge[2][0] + y * t->edge[2][1] + z * t->edge[2][2];
 
     *inside = lesser(lesser(u, v), w) >= 0.0f;
-    return (x - t->corner[0]) * t->normal[0] + (y - t->corner[1]) * t->normal[1] + (z - t->corner[2]) * t->normal[2];
+    return (load(p->at[0] + at) - t->corner[0]) * t->normal[0] + (load(p->at[1] + at) - t->corner[1]) * t->normal[1] +
+           (load(p->at[2] + at) - t->corner[2]) * t->normal[2];
 }
 
 INLINE const uint32_t *list_of(const struct pell_fan *f, int column, int row)
@@ -102,7 +109,7 @@ static bool visible16(const struct pell_fan *f, const int32_t *mask, const float
                 __builtin_prefetch(&f->triangles[f->entries[e + PELL_FAN_SPARE].triangle]);
                 for (int k = 0, at = 0; k < LANES / WIDTH; k++, at += WIDTH) {
                     vi inside;
-                    const vf s = meet(t, load(p.d[0] + at), load(p.d[1] + at), load(p.d[2] + at), &inside);
+                    const vf s = meet(t, &p, at, &inside);
                     open[k] &= ~(inside & (s > 0.0f) & (s < t->plane * NEAR));
                 }
             }
@@ -148,7 +155,7 @@ static bool closest16(const struct pell_fan *f, const int32_t *mask, struct pell
                 per_plane = t->plane > 0.0f ? 1.0f / t->plane : 0.0f;
                 for (int at = 0; at < LANES; at += WIDTH) {
                     vi inside, old;
-                    const vf s = meet(t, load(p.d[0] + at), load(p.d[1] + at), load(p.d[2] + at), &inside), part = s * per_plane;
+                    const vf s = meet(t, &p, at, &inside), part = s * per_plane;
                     const vi nearer = inside & (s > 0.0f) & (part < load(best + at));
                     memcpy(&old, which + at, sizeof(old));
                     store(best + at, select(nearer, part, load(best + at)));

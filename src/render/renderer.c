@@ -175,6 +175,11 @@ static struct pell_irradiance_params light_params(const struct pell_renderer *r,
     };
 }
 
+const struct pell_fan *pell_renderer_fan(const struct pell_renderer *r, size_t light)
+{
+    return r->lights ? pell_lights_fan(r->lights, light) : NULL;
+}
+
 void pell_renderer_light(const struct pell_renderer *r, const struct pell_points *points, float mix, float spacing, uint32_t first,
                          int samples, struct pell_points_light *out)
 {

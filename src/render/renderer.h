@@ -39,6 +39,8 @@ uint32_t pell_renderer_seed(const struct pell_renderer *r);
 bool pell_renderer_lends_scene(const struct pell_renderer *r, const struct pell_frame *shape);
 /* The running method's pass; NULL before the first frame. */
 const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r);
+/* What light number `light` of the scene sees (rays/fan.h), during the frame; NULL: it has none, ask the rays. */
+const struct pell_fan *pell_renderer_fan(const struct pell_renderer *r, size_t light);
 /* Light that enters at 16 points of the scene: see pell_irradiance_points, `first` and `samples` its numbers of the multisample. `mix` as
  * in struct pell_plan. Safe from many threads. */
 void pell_renderer_light(const struct pell_renderer *r, const struct pell_points *points, float mix, float spacing, uint32_t first,

@@ -139,6 +139,38 @@ static void slabs_light_what_is_below(void **state)
     stage_finish(&s);
 }
 
+/* A chain may take a million trials: none is begun once the context is cancelled, and what is given up is not counted as too hard. */
+static void cancelled_trials_end(void **state)
+{
+    struct pt_knobs knobs = rig_knobs();
+    struct pt_scene *scene;
+    struct pt_point at;
+    struct rig_mean r;
+    struct stage s;
+    size_t m, floor;
+
+    (void) state;
+    plain_stage(&s);
+    m = rig_medium(&s, 1.0, 0.01, 0.0, 1.5);
+    stage_opaque(&s, 0.5f, &floor);
+    stage_box(&s, m, 0, vec3(-30, -30, -1), vec3(30, 30, 0));
+    stage_box(&s, floor, 1, vec3(-60, -60, -3), vec3(60, 60, -2));
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.6f, 0.0f, 0.8f), vec3(0, 0, 0), 1.0f);
+    stage_render(&s);
+    make_clear(&s);
+    knobs.techniques = PT_CHAIN;
+    scene = rig_scene(&s, &knobs);
+    at = seen_at(&s, 0.013f, 0.007f);
+    r = rig_measure(scene, &at, 0, 200);
+    REQUIRE(r.counts.chains > 0 && r.mean[0][1] > 0.0);
+    pell_context_cancel(s.ctx);
+    r = rig_measure(scene, &at, 0, 200);
+    REQUIRE(r.counts.chains > 0 && r.counts.chains_cut == 0);
+    assert_true(r.mean[0][1] == 0.0);
+    pt_scene_destroy(&scene);
+    stage_finish(&s);
+}
+
 /* --- Against connections ------------------------------------------------------------------------------------------------------------ */
 
 /* Chains of one surface are what refractive connections find, which share no code with them. Coarse balls have many and faint ones. */
@@ -286,6 +318,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(slabs_reflect_inside),
         cmocka_unit_test(slabs_light_what_is_below),
+        cmocka_unit_test(cancelled_trials_end),
         cmocka_unit_test(chains_are_connections),
         cmocka_unit_test(furnaces_of_delta_lamps),
     };

@@ -276,7 +276,7 @@ static void no_seam_shows_on_a_solid_in_many_charts(void **state)
     print_message("# %d pixels at seams, %d elsewhere: %.3f and %.3f of the mean off at most; without borders %.3f\n", n[0], n[1],
                   worst[0][0], worst[0][1], worst[1][0]);
     REQUIRE(n[0] > 50 && n[1] > 500);
-    REQUIRE(worst[0][0] < 0.09 && worst[0][0] < 1.4 * worst[0][1]);
+    REQUIRE(worst[0][0] < 0.08 && worst[0][0] < 1.3 * worst[0][1]);
     REQUIRE(worst[1][0] > 3.0 * worst[0][0]);
     for (int k = 0; k < 2; k++)
         shot_free(&shots[k]);

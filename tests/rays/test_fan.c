@@ -291,6 +291,178 @@ static void there_is_none_where_rays_do_better(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* Points as far above their triangles as the lighting lifts them for an eye at 10 mm; the lamp is at 8 m. */
+static void a_far_apex_leaves_the_surface_its_light(void **state)
+{
+    const struct pell_vec3 way = vec3_normalize(vec3(0.6f, 0.3f, 0.74f));
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    const struct pell_mesh *m = shapes_ball(s, 0, vec3(0.3f, -0.2f, 0.1f), 50.0f, 40);
+    const struct pell_vec3 apex = vec3_mul(way, 8100.0f);
+    struct pell_fan *fan;
+    uint32_t seed = 1;
+    int asked = 0;
+
+    (void) state;
+    assert_null(fan_of(s, apex)); /* more than 8 sizes away */
+    shapes_quad(s, 0, vec3_mul(way, -330.0f), vec3(10.0f, 0, 0), vec3(0, 10.0f, 0));
+    m = &s->meshes[0];
+    fan = fan_of(s, apex);
+    assert_non_null(fan);
+    for (size_t t = 0; t < m->num_triangles; t++) {
+        const uint32_t *index = m->index + 3 * t;
+        const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) index[0]);
+        const struct pell_vec3 e1 = vec3_sub(vec3_load(m->position + 3 * (size_t) index[1]), a);
+        const struct pell_vec3 e2 = vec3_sub(vec3_load(m->position + 3 * (size_t) index[2]), a);
+        const struct pell_vec3 n = vec3_normalize(vec3_cross(e1, e2));
+        _Alignas(64) int32_t visible[16];
+        struct points p;
+
+        if (!(vec3_dot(n, way) > 0.3f))
+            continue;
+        for (int i = 0; i < 16; i++) {
+            const float u = shapes_random(&seed), v = (1.0f - u) * shapes_random(&seed);
+            const struct pell_vec3 at = vec3_mad(vec3_mad(vec3_mad(a, u, e1), v, e2), 3.6e-4f, n);
+            p.x[i] = at.x;
+            p.y[i] = at.y;
+            p.z[i] = at.z;
+        }
+        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+        for (int i = 0; i < 16; i++, asked++)
+            assert_int_equal(visible[i], -1);
+    }
+    assert_true(asked > 30000);
+    pell_fan_destroy(&fan);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+/* Translucent, opaque, turned and degenerate meshes, one that alpha hides and one without triangles. */
+static void several_meshes_answer_as_rays_do(void **state)
+{
+    const struct pell_vec3 apex = vec3(30.0f, 20.0f, 90.0f);
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    const size_t opaque = shapes_material(s, true), hidden = shapes_material(s, true);
+    struct pell_pool *pool;
+    struct pell_rays *rays;
+    struct pell_fan *fan;
+    uint32_t seed = 11;
+    int met[6] = { 0 }, open = 0, differ = 0, compared = 0;
+
+    (void) state;
+    shapes_ball(s, 0, vec3(0, 0, 0), 10.0f, 20);
+    shapes_quad(s, opaque, vec3(0, 0, -15.0f), vec3(20.0f, 0, 0), vec3(0, 20.0f, 0));
+    shapes_quad(s, opaque, vec3(9.0f, 6.0f, 25.0f), vec3(0, 3.0f, 0), vec3(3.0f, 0, 0)); /* its back is lit */
+    shapes_quad(s, hidden, vec3(10.0f, 7.0f, 40.0f), vec3(9.0f, 0, 0), vec3(0, 9.0f, 0));
+    shapes_quad(s, 0, vec3(5.0f, 5.0f, 30.0f), vec3(1.0f, 1.0f, 0), vec3(0, 0, 0));
+    s->materials[hidden].alpha_mask = true;
+    s->materials[hidden].alpha_cutoff = 0.5f;
+    s->materials[hidden].base_color[3] = 0.25f;
+    shapes_mesh(s, 0, 3, 0);
+    assert_int_equal(pell_pool_create(ctx, 1, &pool), PELL_OK);
+    assert_int_equal(pell_rays_create(ctx, s, pool, &rays), PELL_OK);
+    fan = fan_of(s, apex);
+    assert_non_null(fan);
+    for (int n = 0; n < 2000; n++) {
+        const float x = 36.0f * shapes_random(&seed) - 18.0f, y = 36.0f * shapes_random(&seed) - 18.0f;
+        _Alignas(64) int32_t visible[16];
+        struct pell_ray_hit16 r, mine;
+        struct points p;
+
+        spread(&seed, vec3(x, y, 30.0f * shapes_random(&seed) - 14.0f), 0.6f, &p);
+        memset(&r, 0, sizeof(r));
+        for (int i = 0; i < 16; i++) {
+            r.ray.ox[i] = p.x[i];
+            r.ray.oy[i] = p.y[i];
+            r.ray.oz[i] = p.z[i];
+            r.ray.dx[i] = apex.x - p.x[i];
+            r.ray.dy[i] = apex.y - p.y[i];
+            r.ray.dz[i] = apex.z - p.z[i];
+            r.ray.tfar[i] = 0.9999f;
+            r.ray.mask[i] = PELL_RAY_ALL;
+        }
+        mine = r;
+        pell_rays_closest16(rays, all, true, &r);
+        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+        assert_true(pell_fan_closest16(fan, all, &mine));
+        for (int i = 0; i < 16; i++) {
+            const bool hit = r.hit.mesh[i] != PELL_NO_HIT;
+            compared++;
+            if (mine.hit.mesh[i] != r.hit.mesh[i] || (hit && mine.hit.triangle[i] != r.hit.triangle[i]) || (visible[i] == 0) != hit) {
+                differ++; /* at edges */
+                continue;
+            }
+            open += !hit;
+            if (!hit)
+                continue;
+            met[r.hit.mesh[i]]++;
+            REQUIRE_NEAR((double) mine.ray.tfar[i], (double) r.ray.tfar[i], 1e-5);
+            REQUIRE_NEAR((double) mine.hit.u[i], (double) r.hit.u[i], 1e-3);
+            REQUIRE_NEAR((double) mine.hit.v[i], (double) r.hit.v[i], 1e-3);
+            assert_true(mine.hit.ngx[i] * r.hit.ngx[i] + mine.hit.ngy[i] * r.hit.ngy[i] + mine.hit.ngz[i] * r.hit.ngz[i] > 0.0f);
+        }
+    }
+    assert_true(differ * 1000 < compared && open > 1000 && met[0] > 1000 && met[2] > 100 && met[3] + met[4] + met[5] == 0);
+    pell_fan_destroy(&fan);
+    pell_rays_destroy(&rays);
+    pell_pool_destroy(&pool);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+/* Each triangle covers the whole picture: 80,000 of them would fill 2 billion places of lists. */
+static void triangles_that_cover_all_are_given_up_at_once(void **state)
+{
+    enum { TRIANGLES = 80000 };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    struct pell_mesh *m = shapes_mesh(s, 0, 3, TRIANGLES);
+    static const float corners[9] = { -50.0f, -50.0f, 0.0f, 50.0f, -50.0f, 0.0f, 0.0f, 50.0f, 1.0f };
+    size_t before;
+    double begin;
+
+    (void) state;
+    memcpy(m->position, corners, sizeof(corners));
+    for (size_t i = 0; i < 3 * (size_t) TRIANGLES; i++)
+        m->index[i] = (uint32_t) (i % 3);
+    shapes_bound(s, m);
+    before = pell_memory_used(ctx);
+    begin = pell_seconds();
+    assert_null(fan_of(s, vec3(0, 0, 200.0f)));
+    assert_true(pell_seconds() - begin < 2.0);
+    assert_int_equal(pell_memory_used(ctx), before);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
+static void where_memory_is_short_there_is_none_and_no_error(void **state)
+{
+    struct kept_messages kept = { 0 };
+    struct pell_context_params params = { .log = keep_message, .log_user = &kept };
+    struct pell_limits limits;
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s;
+    void *rest;
+
+    (void) state;
+    limits = *pell_context_limits(ctx);
+    pell_context_destroy(&ctx);
+    limits.memory_bytes = 2 << 20;
+    params.limits = &limits;
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
+    s = shapes_scene(ctx);
+    shapes_ball(s, 0, vec3(0, 0, 0), 10.0f, 120);
+    assert_null(fan_of(s, vec3(0, 0, 100.0f)));
+    rest = pell_alloc(ctx, (size_t) limits.memory_bytes - pell_memory_used(ctx) - (32 << 10)); /* not even room for counting */
+    assert_non_null(rest);
+    assert_null(fan_of(s, vec3(0, 0, 100.0f)));
+    assert_int_equal(kept.errors + kept.warnings, 0);
+    pell_free(ctx, rest);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
 static void running_out_of_memory_is_reported(void **state)
 {
     bool built = false;
@@ -321,6 +493,10 @@ int main(void)
         cmocka_unit_test(nothing_slips_through_between_triangles),
         cmocka_unit_test(lanes_that_are_off_stay_off_and_levels_agree),
         cmocka_unit_test(there_is_none_where_rays_do_better),
+        cmocka_unit_test(a_far_apex_leaves_the_surface_its_light),
+        cmocka_unit_test(several_meshes_answer_as_rays_do),
+        cmocka_unit_test(triangles_that_cover_all_are_given_up_at_once),
+        cmocka_unit_test(where_memory_is_short_there_is_none_and_no_error),
         cmocka_unit_test(running_out_of_memory_is_reported),
     };
 

@@ -8,6 +8,7 @@
 #include "base/simd.h"
 #include "image/color.h"
 #include "math/vec.h"
+#include "rays/fan.h"
 #include "render/emitters.h"
 #include "render/renderer.h"
 #include "scene/layers.h"
@@ -23,8 +24,10 @@ enum { BAND = 4, ENVIRONMENT = 4 };      /* rows of a task; directions to an env
 struct source {
     const struct pell_emitters *lamp; /* alone in its set */
     struct pell_emitter_sample sample;
-    bool face; /* chosen for each pixel */
-    bool even; /* `power` is all that there is to say */
+    bool face;                  /* chosen for each pixel */
+    bool even;                  /* `power` is all that there is to say */
+    size_t light;               /* of the scene */
+    const struct pell_fan *fan; /* the frame's; what the lamp sees, NULL: rays */
     int number, of;
     float power[3], scale;
 };
@@ -327,8 +330,9 @@ static void spread(double number, double u[3])
     u[2] = fraction(0.5 + number * 0.5497004779019703);
 }
 
-static void add_lamp(struct state *st, const struct pell_light *light, const struct pell_emitters *lamp, int each)
+static void add_lamp(struct state *st, const struct pell_scene *scene, size_t index, const struct pell_emitters *lamp, int each)
 {
+    const struct pell_light *light = &scene->lights[index];
     const bool sky = light->type == PELL_LIGHT_ENVIRONMENT;
     const bool face = light->type == PELL_LIGHT_RECT || light->type == PELL_LIGHT_DISC;
     const int count = sky ? ENVIRONMENT * each : face ? each : 1;
@@ -338,7 +342,7 @@ static void add_lamp(struct state *st, const struct pell_light *light, const str
         const struct pell_vec3 nowhere = { 0 };
         double u[3];
         spread((double) i, u);
-        *s = (struct source){ .lamp = lamp, .face = face && each > 1, .number = i, .of = count, .scale = 1.0f };
+        *s = (struct source){ .lamp = lamp, .face = face && each > 1, .number = i, .of = count, .scale = 1.0f, .light = index };
         if (!pell_emitters_sample(lamp, nowhere, u, &s->sample))
             continue;
         s->even = !light->image && (s->sample.away || (light->type == PELL_LIGHT_POINT && !(light->range > 0.0f)));
@@ -369,7 +373,7 @@ static enum pell_result make_lamps(struct state *st, const struct pell_scene *sc
         alone.num_lights = 1;
         PELL_TRY(pell_emitters_create(st->ctx, &alone, &st->lamps[i]));
         st->num_lamps = i + 1;
-        add_lamp(st, &scene->lights[i], st->lamps[i], each);
+        add_lamp(st, scene, i, st->lamps[i], each);
     }
     return PELL_OK;
 
@@ -605,17 +609,23 @@ static bool set_power(const struct state *st, const struct source *s, const stru
 }
 
 /* How much of a lane's path goes by planes, and whether the lamp sees P. */
-static void set_planes(const struct state *st, const struct layered_packet *p, struct worker *w, struct layered_lamp *lamp)
+static void set_planes(const struct state *st, const struct source *s, const struct layered_packet *p, struct worker *w,
+                       struct layered_lamp *lamp)
 {
+    _Alignas(64) int32_t visible[LAYERED_LANES];
     struct rays rays;
     const int count = st->kernels->see(p, st->knobs.path, st->knobs.shadows, lamp, &rays.r.ray, rays.valid);
 
     if (count == 0)
         return;
-    pell_rays_occluded16(pell_renderer_rays(st->r), rays.valid, true, &rays.r.ray);
     w->rays += count;
+    if (!s->fan || !pell_fan_visible16(s->fan, rays.valid, rays.r.ray.ox, rays.r.ray.oy, rays.r.ray.oz, visible)) {
+        pell_rays_occluded16(pell_renderer_rays(st->r), rays.valid, true, &rays.r.ray);
+        for (int i = 0; i < p->count; i++)
+            visible[i] = rays.r.ray.tfar[i] < 0.0f ? 0 : -1;
+    }
     for (int i = 0; i < p->count; i++)
-        if (rays.valid[i] && rays.r.ray.tfar[i] < 0.0f)
+        if (rays.valid[i] && !visible[i])
             lamp->seen[i] = 0.0f;
 }
 
@@ -880,7 +890,7 @@ static void run_packet(const struct state *st, int material, const int32_t *at, 
     for (int i = 0; i < st->num_sources; i++) {
         struct layered_lamp *lamp = &w->lamps[waiting];
         if (set_power(st, &st->sources[i], p, lamp)) {
-            set_planes(st, p, w, lamp);
+            set_planes(st, &st->sources[i], p, w, lamp);
             for (int k = 0; k < LAYERED_NODES && lamp->any_nodes; k++)
                 set_node(st, m, p, lamp, mesh, triangle, k, w);
             waiting++;
@@ -951,6 +961,8 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
     st->in = in;
     st->out = out;
     st->view = pell_renderer_eye(st->r);
+    for (int i = 0; i < st->num_sources; i++)
+        st->sources[i].fan = st->sources[i].face ? NULL : pell_renderer_fan(st->r, st->sources[i].light);
     for (int i = 0; i < pell_pool_threads(st->pool); i++)
         st->workers[i].pixels = st->workers[i].rays = st->workers[i].marches = 0;
     pell_pool_run(st->pool, (in->rect.y1 - in->rect.y0 + BAND - 1) / BAND, run_band, st);

@@ -65,9 +65,16 @@ INLINE vf high4(vf a, vf b)
 }
 #endif
 
+/* 1/sqrt(x) of a positive number within 2e-7 of itself, at less than half the time of a root and a division: a first guess by the number's
+ * bits and one step with constants that even its error out (L. Moroz et al. 2018, "Fast Calculation of Inverse Square Root with the Use of
+ * Magic Constant"), then a step of third order. */
 INLINE vf inverse_root(vf x)
 {
-    return 1.0f / root(x);
+    vf y = (vf) (0x5f1ffff9 - ((vi) x >> 1)), t;
+
+    y *= 0.703952253f * (2.38924456f - x * y * y);
+    t = x * y * y;
+    return y * (1.875f - t * (1.25f - 0.375f * t));
 }
 
 INLINE vf between(vf x, float low, float high)
@@ -672,7 +679,7 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
     }
 }
 
-INLINE void march_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+static __attribute__((noinline)) void march_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                         const struct layered_lamp *lamps, int count, int lane)
 {
     const int n = work->samples;
@@ -767,11 +774,13 @@ INLINE void enter(const struct layered_lamp *lamp, int lane, float eta, const vf
 
     cosine = dot3(plane, beam->to) * unit;
     co = between(cosine, 1e-4f, 1.0f);
-    ci = root((1.0f - per * per) + (per * per) * (co * co));
+    ci = greater((1.0f - per * per) + (per * per) * (co * co), all(1e-12f));
+    entry->per = inverse_root(ci);
+    ci *= entry->per;
     ss = co + eta * ci;
     sp = eta * co + ci;
     both = ss * sp;
-    entry->per = 1.0f / greater(ci, all(LAYERED_GRAZING));
+    entry->per = lesser(entry->per, all(1.0f / LAYERED_GRAZING));
     entry->km = down * entry->per;
     turn = ci - cosine * per;
     for (int k = 0; k < 3; k++)

@@ -423,6 +423,8 @@ void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct 
     }
     counts->chains++;
     do {
+        if (pell_cancelled(s->ctx) || pell_context_interrupted(s->ctx)) /* a million trials take long; the sample is dropped */
+            return;
         trials++;
         if (trials == TRIALS) {
             counts->chains_cut++;

@@ -251,6 +251,8 @@ static void do_tile(void *arg, int index, int worker)
             if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx))
                 return;
             pt_trace(st->scene, st->walkers[worker], &point, pixel->count, (int) count, light);
+            if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx)) /* paths may have ended early */
+                return;
             for (uint32_t k = 0; k < count; k++)
                 if (!pt_pixel_add(pixel, &light[k], traced(st)))
                     atomic_store_explicit(&st->invalid, true, memory_order_relaxed);

@@ -18,10 +18,14 @@
 
 /* What does not change from frame to frame: area-light samples, the environment resolved into lights and a smooth rest, tables. */
 struct pell_lights;
+struct pell_fan;
 
 PELL_NODISCARD enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_scene *scene,
                                                    const struct pell_settings *settings, struct pell_pool *pool, struct pell_lights **out);
 void pell_lights_destroy(struct pell_lights **lights);
+
+/* What a light of the scene sees (rays/fan.h), while the lights live; NULL: it has none. */
+const struct pell_fan *pell_lights_fan(const struct pell_lights *lights, size_t light);
 
 /* Radiance of the environment in a direction, for backgrounds; false where the scene has none. */
 bool pell_lights_background(const struct pell_lights *lights, struct pell_vec3 direction, float rgb[3]);

@@ -136,17 +136,21 @@ bool pell_lights_part(const struct pell_lights *lights, int object, int material
     return lights->num_parts > 0 && bsearch(&key, lights->parts, lights->num_parts, sizeof(key), compare_parts) != NULL;
 }
 
-#define FANS_MOST 4 /* lamps that get a fan: each holds a copy of the triangles */
+#define FANS_MOST 4   /* lamps that get a fan: each holds a copy of the triangles */
+#define FANS_TRIED 16 /* lamps of which it is tried: that one will not do may be known late */
 
 static enum pell_result make_fans(struct pell_lights *lights, const struct pell_scene *scene)
 {
     enum pell_result res = PELL_OK;
-    int fans = 0;
+    int fans = 0, tried = 0;
 
-    for (size_t i = 0; i < lights->num_lamps && fans < FANS_MOST && res == PELL_OK; i++) {
+    for (size_t i = 0; i < lights->num_lamps && fans < FANS_MOST && tried < FANS_TRIED && res == PELL_OK; i++) {
         struct pell_lamp *lamp = &lights->lamps[i];
         if (lamp->environment >= 0 || (lamp->type != PELL_LIGHT_POINT && lamp->type != PELL_LIGHT_SPOT))
             continue;
+        if (pell_cancelled(lights->ctx))
+            return PELL_ERR_CANCELLED;
+        tried++;
         res = pell_fan_create(lights->ctx, scene, lamp->position, &lamp->fan);
         fans += lamp->fan != NULL;
     }
@@ -240,6 +244,14 @@ void pell_lights_destroy(struct pell_lights **lights)
     pell_free(l->ctx, l->parts);
     pell_free(l->ctx, l->lamps);
     pell_free(l->ctx, l);
+}
+
+const struct pell_fan *pell_lights_fan(const struct pell_lights *lights, size_t light)
+{
+    for (size_t i = 0; i < lights->num_lamps; i++)
+        if (lights->lamps[i].environment < 0 && (size_t) lights->lamps[i].light == light)
+            return lights->lamps[i].fan;
+    return NULL;
 }
 
 bool pell_lights_background(const struct pell_lights *lights, struct pell_vec3 direction, float rgb[3])
