@@ -56,7 +56,9 @@ check-clang: ## builds everything with clang, warnings are errors
 	@scripts/setup.sh --ci
 	@CC=clang scripts/build.sh build-clang --buildtype=plain -Db_ndebug=true -Dsimd=base -Dwerror=true
 
-install: build ## installs program, library and headers
+install: ## builds, installs program, library and headers
+	@if [ -f $(BUILD)/build.ninja ]; then meson configure $(BUILD) --prefix $(PREFIX); fi
+	@$(MAKE) --no-print-directory build
 	@meson install -C $(BUILD) --no-rebuild $(if $(DESTDIR),--destdir $(DESTDIR))
 
 clean: ## removes all that was built

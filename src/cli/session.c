@@ -42,7 +42,8 @@ enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char 
             if (*seconds > 0.0 && *seconds <= 1e8)
                 return EXIT_OK;
         }
-    return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "30s, 5min or 2h", "\"%s\" is no time above 0", text));
+    return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "30s, 5min or 2h",
+                                      "\"%s\", must be a time above 0 with its unit", text));
 }
 
 /* "1%" -> 0.01. */

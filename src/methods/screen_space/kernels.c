@@ -38,7 +38,7 @@ INLINE float top(float *v)
 #define Q_LEAST 0.548606811f  /* 1 - B1^2 / (4 B2) */
 /* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface,
  * at silhouettes, wide gaps show as echoes of the edge. */
-#define STRIDE_DENSE 3.0f
+#define STRIDE_DENSE 2.0f
 #define JUMP 4.0f /* change of depth from a pixel to the next, in pixels' sizes, that may be a silhouette */
 #define TAPS_DENSE 48.0f
 #define K_NORM 0.401802782f  /* sqrt(variance) / integral */

@@ -5,6 +5,7 @@
  */
 #include "methods/texture_space/texture_space.h"
 
+#include "base/pool.h"
 #include "scene/topology.h"
 
 #include <stdlib.h>
@@ -24,6 +25,7 @@
 #define LENGTH_LEAST 1e-9f /* mm from texel to texel */
 #define LENGTH_MOST 1e9f
 #define STEPS_MOST 1024 /* triangles on one way over the surface */
+#define BAND 16         /* rows that a thread looks at in one go */
 
 struct build {
     struct pell_context *ctx;
@@ -691,57 +693,104 @@ static bool take_border(struct ts_atlas *a, ptrdiff_t at, const struct ts_place 
     return true;
 }
 
-/* For each texel beside the charts the nearest edge at which a chart ends but the surface goes on. */
+/* Texels and the nearest edge at which a chart ends but the surface goes on. */
+struct nearest {
+    const struct build *b;
+    const uint32_t *edges; /* halves */
+    size_t num_edges;
+    float *distance2;
+    uint32_t *edge; /* NONE: all are too far */
+};
+
+static void near_edge(const struct nearest *n, uint32_t h, int y0, int y1)
+{
+    const struct ts_atlas *a = n->b->a;
+    const float reach = (float) n->b->p->border, *c = a->corners[h / 3], *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
+    const float ex = q[0] - p[0], ey = q[1] - p[1], l2 = ex * ex + ey * ey, inverse = l2 > 0.0f ? 1.0f / l2 : 0.0f;
+    const float left = fmaxf(floorf(fminf(p[0], q[0]) - reach), 0.0f), right = fmaxf(p[0], q[0]) + reach;
+    const float top = fmaxf(floorf(fminf(p[1], q[1]) - reach), (float) y0), bottom = fmaxf(p[1], q[1]) + reach;
+
+    for (int y = (int) top; y < y1 && (float) y < bottom; y++)
+        for (int x = (int) left; x < a->width && (float) x < right; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            float dx, dy, s, d2;
+
+            if (a->source[at] != NONE)
+                continue;
+            dx = (float) x + 0.5f - p[0];
+            dy = (float) y + 0.5f - p[1];
+            s = (dx * ex + dy * ey) * inverse;
+            s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
+            d2 = (dx - s * ex) * (dx - s * ex) + (dy - s * ey) * (dy - s * ey);
+            if (d2 >= reach * reach)
+                continue;
+            /* Of the two edges of a corner the one that the texel lies more in front of. */
+            d2 -= 1e-3f * (dx * ey - dy * ex) * (dx * ey - dy * ex) * inverse;
+            if (d2 < n->distance2[at]) {
+                n->distance2[at] = d2;
+                n->edge[at] = h;
+            }
+        }
+}
+
+static void near_rows(void *arg, int index, int worker)
+{
+    const struct nearest *n = arg;
+    const struct ts_atlas *a = n->b->a;
+    const int y0 = index * BAND, y1 = y0 + BAND < a->height ? y0 + BAND : a->height;
+    const float reach = (float) n->b->p->border;
+
+    (void) worker;
+    for (ptrdiff_t at = y0 * a->stride; at < y1 * a->stride; at++) {
+        n->distance2[at] = reach * reach;
+        n->edge[at] = NONE;
+    }
+    for (size_t i = 0; i < n->num_edges && !pell_cancelled(n->b->ctx); i++)
+        near_edge(n, n->edges[i], y0, y1);
+}
+
+/* For each texel beside the charts the nearest edge at which a chart ends but the surface goes on, and what lies there. */
 static enum pell_result find_borders(struct build *b)
 {
     struct ts_atlas *a = b->a;
     const float reach = (float) b->p->border;
     double budget = BORDER_WORK * (double) a->size;
     float *near = pell_alloc_array(b->ctx, a->size, sizeof(*near));
-    uint32_t *edge = pell_alloc_array(b->ctx, a->size, sizeof(*edge));
-    size_t count = 0;
+    uint32_t *edge = pell_alloc_array(b->ctx, a->size, sizeof(*edge)), *edges = NULL;
+    size_t count = 0, room = 0;
+    struct nearest nearest = { .b = b, .distance2 = near, .edge = edge };
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!near || !edge)
         goto fail;
-    for (size_t i = 0; i < a->size; i++) {
-        near[i] = reach * reach;
-        edge[i] = NONE;
-    }
     for (uint32_t h = 0; h < 3 * a->num_triangles; h++) {
         const float *c = a->corners[h / 3];
         const float *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
-        const float ex = q[0] - p[0], ey = q[1] - p[1], l2 = ex * ex + ey * ey;
         if (!a->chart[h / 3] || a->twin[h] == NONE || !a->chart[a->twin[h] / 3] || joined(b, h))
             continue;
         /* Edges that are long and many, as only layouts made to harm have them, go without. */
-        budget -= (double) (fabsf(ex) + 2.0f * reach) * (double) (fabsf(ey) + 2.0f * reach);
+        budget -= (double) (fabsf(q[0] - p[0]) + 2.0f * reach) * (double) (fabsf(q[1] - p[1]) + 2.0f * reach);
         if (budget < 0.0)
             break;
-        for (int y = (int) fmaxf(floorf(fminf(p[1], q[1]) - reach), 0.0f); y < a->height && (float) y < fmaxf(p[1], q[1]) + reach; y++)
-            for (int x = (int) fmaxf(floorf(fminf(p[0], q[0]) - reach), 0.0f); x < a->width && (float) x < fmaxf(p[0], q[0]) + reach; x++) {
-                const ptrdiff_t at = y * a->stride + x;
-                const float dx = (float) x + 0.5f - p[0], dy = (float) y + 0.5f - p[1];
-                float s = l2 > 0.0f ? (dx * ex + dy * ey) / l2 : 0.0f, d2;
-                if (a->source[at] != NONE)
-                    continue;
-                s = fminf(fmaxf(s, 0.0f), 1.0f);
-                d2 = (dx - s * ex) * (dx - s * ex) + (dy - s * ey) * (dy - s * ey);
-                if (d2 >= reach * reach)
-                    continue;
-                /* Of the two edges of a corner the one that the texel lies more in front of. */
-                d2 -= l2 > 0.0f ? 1e-3f * (dx * ey - dy * ex) * (dx * ey - dy * ex) / l2 : 0.0f;
-                if (d2 < near[at]) {
-                    near[at] = d2;
-                    edge[at] = h;
-                    count++;
-                }
-            }
+        PELL_TRY(pell_grow(b->ctx, (void **) &edges, nearest.num_edges, &room, sizeof(*edges)));
+        edges[nearest.num_edges++] = h;
     }
+    nearest.edges = edges;
+    pell_pool_run(b->p->pool, (a->height + BAND - 1) / BAND, near_rows, &nearest);
+    res = PELL_ERR_CANCELLED;
+    if (pell_cancelled(b->ctx))
+        goto fail;
+    res = PELL_ERR_NOMEM;
+    for (int y = 0; y < a->height; y++)
+        for (int x = 0; x < a->width; x++)
+            count += edge[y * a->stride + x] != NONE;
     a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
     if (!a->borders)
         goto fail;
-    for (int y = 0; y < a->height; y++)
+    res = PELL_ERR_CANCELLED;
+    for (int y = 0; y < a->height; y++) {
+        if (pell_cancelled(b->ctx))
+            goto fail;
         for (int x = 0; x < a->width; x++) {
             const ptrdiff_t at = y * a->stride + x;
             const uint32_t h = edge[at];
@@ -784,11 +833,13 @@ static enum pell_result find_borders(struct build *b)
             a->key[at] = (float) a->chart[t];
             set_metric(a, at, &m);
         }
+    }
     res = PELL_OK;
 
 fail:
     pell_free(b->ctx, near);
     pell_free(b->ctx, edge);
+    pell_free(b->ctx, edges);
     return res;
 }
 

@@ -121,6 +121,7 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
         const double share = largest > 0.0 ? sqrt(body->area / largest) : 0.0;
         struct ts_profile *profile = &st->profiles[body->material];
         struct ts_atlas_params p = {
+            .pool = st->pool,
             .scene = pell_renderer_scene(st->r),
             .bodies = b,
             .body = i,

@@ -92,6 +92,7 @@ struct ts_atlas {
 };
 
 struct ts_atlas_params {
+    struct pell_pool *pool;
     const struct pell_scene *scene;
     const struct pell_bodies *bodies;
     size_t body;
