@@ -262,38 +262,33 @@ static void ray_row(struct task *t, int y)
     trace(t, y, &k);
 }
 
-/* Ways whose end is in the dark go on from there. */
-static void go_on(void *arg, int chunk, int worker)
+/* A second ray of some texels that are known to have light from behind. */
+struct second {
+    bool (*wants)(const struct task *t, const struct ts_through_texel *c);
+    struct pell_vec3 (*way)(const struct task *t, const struct ts_through_texel *c, const struct spot *s, float *far);
+    void (*end)(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out);
+};
+
+static void ask_again(struct task *t, int chunk, const struct second *second)
 {
-    struct task *t = arg;
     const struct ts_atlas *a = t->p->atlas;
     const size_t end = (size_t) (chunk + 1) * CHUNK < t->known ? (size_t) (chunk + 1) * CHUNK : t->known;
     struct packet k;
 
-    (void) worker;
     memset(&k, 0, sizeof(k));
     for (size_t n = (size_t) chunk * CHUNK;; n++) {
         const struct ts_through_texel *c = n < end ? &t->found[n] : NULL;
-        float rgb[3];
-        if (c && !(ts_read(a, &c->from, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f)) {
+        if (c && second->wants(t, c)) {
             const struct spot s = spot_of(a, a->source[c->at], a->bary[0][c->at], a->bary[1][c->at]);
             float far;
-            const struct pell_vec3 light = toward(t->p->light, s.at, &far);
+            const struct pell_vec3 way = second->way(t, c, &s, &far);
             k.known[k.count] = n;
-            begin(t, &k, c->at, &s, light, far);
+            begin(t, &k, c->at, &s, way, far);
         }
         if (k.count == 16 || (!c && k.count > 0)) {
             follow(t, &k);
-            for (int i = 0; i < k.count; i++) {
-                struct ts_through_texel *out = &t->found[k.known[i]];
-                bool is = false;
-                if (k.triangle[i] != UINT32_MAX)
-                    pass_through(t, k.at[i], &k.spots[i], k.triangle[i], k.u[i], k.v[i], k.light[i], k.light[i], out, &is);
-                if (is)
-                    continue;
-                t->alpha[k.at[i]] = 0.0f;
-                out->at = (int32_t) k.at[i];
-            }
+            for (int i = 0; i < k.count; i++)
+                second->end(t, &k, i, &t->found[k.known[i]]);
             k.count = 0;
         }
         if (!c)
@@ -301,41 +296,74 @@ static void go_on(void *arg, int chunk, int worker)
     }
 }
 
-/* What the light's way tells of the nearest face that is lit, a way at right angles to that face tells better. */
-static void approach(void *arg, int chunk, int worker)
+/* Ways whose end is in the dark go on from there. */
+static bool ends_in_the_dark(const struct task *t, const struct ts_through_texel *c)
 {
-    struct task *t = arg;
-    const struct ts_atlas *a = t->p->atlas;
-    const size_t end = (size_t) (chunk + 1) * CHUNK < t->known ? (size_t) (chunk + 1) * CHUNK : t->known;
-    struct packet k;
+    float rgb[3];
+
+    return !(ts_read(t->p->atlas, &c->from, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f);
+}
+
+static struct pell_vec3 to_light(const struct task *t, const struct ts_through_texel *c, const struct spot *s, float *far)
+{
+    (void) c;
+    return toward(t->p->light, s->at, far);
+}
+
+static void end_in_light(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out)
+{
+    bool is = false;
+
+    if (k->triangle[lane] != UINT32_MAX)
+        pass_through(t, k->at[lane], &k->spots[lane], k->triangle[lane], k->u[lane], k->v[lane], k->light[lane], k->light[lane], out, &is);
+    if (is)
+        return;
+    t->alpha[k->at[lane]] = 0.0f;
+    out->at = (int32_t) k->at[lane];
+}
+
+static void go_on(void *arg, int chunk, int worker)
+{
+    static const struct second further = { ends_in_the_dark, to_light, end_in_light };
 
     (void) worker;
-    memset(&k, 0, sizeof(k));
-    for (size_t n = (size_t) chunk * CHUNK;; n++) {
-        const struct ts_through_texel *c = n < end ? &t->found[n] : NULL;
-        if (c && t->alpha[c->at] > 0.0f && c->cosine < ASKEW) {
-            const struct spot s = spot_of(a, a->source[c->at], a->bary[0][c->at], a->bary[1][c->at]);
-            k.known[k.count] = n;
-            begin(t, &k, c->at, &s, c->normal, c->m);
-        }
-        if (k.count == 16 || (!c && k.count > 0)) {
-            follow(t, &k);
-            for (int i = 0; i < k.count; i++) {
-                struct ts_through_texel *out = &t->found[k.known[i]], other = *out;
-                float far;
-                bool is;
-                if (k.triangle[i] == UINT32_MAX || !is_lit(t, k.triangle[i], k.u[i], k.v[i]))
-                    continue;
-                pass_through(t, k.at[i], &k.spots[i], k.triangle[i], k.u[i], k.v[i], k.light[i], toward(t->p->light, k.spots[i].at, &far),
-                             &other, &is);
-                if (is)
-                    *out = other;
-            }
-            k.count = 0;
-        }
-        if (!c)
-            return;
-    }
+    ask_again(arg, chunk, &further);
+}
+
+/* What the light's way tells of the nearest face that is lit, a way at right angles to that face tells better. */
+static bool meets_askew(const struct task *t, const struct ts_through_texel *c)
+{
+    return t->alpha[c->at] > 0.0f && c->cosine < ASKEW;
+}
+
+static struct pell_vec3 to_face(const struct task *t, const struct ts_through_texel *c, const struct spot *s, float *far)
+{
+    (void) t;
+    (void) s;
+    *far = c->m;
+    return c->normal;
+}
+
+static void end_at_face(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out)
+{
+    struct ts_through_texel other = *out;
+    float far;
+    bool is;
+
+    if (k->triangle[lane] == UINT32_MAX || !is_lit(t, k->triangle[lane], k->u[lane], k->v[lane]))
+        return;
+    pass_through(t, k->at[lane], &k->spots[lane], k->triangle[lane], k->u[lane], k->v[lane], k->light[lane],
+                 toward(t->p->light, k->spots[lane].at, &far), &other, &is);
+    if (is)
+        *out = other;
+}
+
+static void approach(void *arg, int chunk, int worker)
+{
+    static const struct second shorter = { meets_askew, to_face, end_at_face };
+
+    (void) worker;
+    ask_again(arg, chunk, &shorter);
 }
 
 /* --- The map --------------------------------------------------------------------------------------------------------------------- */
