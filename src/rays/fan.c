@@ -19,16 +19,6 @@ PELL_SIMD_TABLES(struct pell_fan_kernels, pell_fan_kernels);
 #define SHORT 24                  /* lists that are sorted by insertion */
 #define LARGER(a, b) ((a) > (b) ? (a) : (b))
 
-/* Triangles of a mesh that rays see; as rays.c attaches them. */
-static bool seen(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
-{
-    const struct pell_material *material = &scene->materials[m->material];
-    const bool varies = material->base_color_map.texture || m->color;
-
-    *cut = m->num_triangles > 0 && material->alpha_mask && varies;
-    return m->num_triangles > 0 && !(material->alpha_mask && !varies && material->base_color[3] < material->alpha_cutoff);
-}
-
 /* Of a corner: its place in the picture, and its depth. */
 static struct pell_vec3 project(const struct pell_fan *f, const float *position)
 {
@@ -55,7 +45,7 @@ static bool frame(const struct pell_scene *scene, struct pell_fan *f, size_t *co
     vec3_basis(f->forward, &f->right, &f->up);
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        if (!seen(scene, m, &cut))
+        if (!pell_rays_show(scene, m, &cut))
             continue;
         *count += m->num_triangles;
         if (cut || *count > TRIANGLES_MOST)
@@ -183,7 +173,7 @@ static bool count_entries(const struct pell_scene *scene, struct pell_fan *f, si
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; seen(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; pell_rays_show(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             f->thick = s.end - s.depth > f->thick ? s.end - s.depth : f->thick;
             sum += (size_t) (s.x1 - s.x0 + 1) * (size_t) (s.y1 - s.y0 + 1);
@@ -218,7 +208,7 @@ static void find_starts(const struct pell_scene *scene, const struct pell_fan *f
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; seen(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; pell_rays_show(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
         }
@@ -237,7 +227,7 @@ static void fill(const struct pell_scene *scene, struct pell_fan *f, uint32_t *s
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; seen(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; pell_rays_show(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             const uint32_t number = starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
             f->names[number] = (struct pell_fan_name) { (uint32_t) i, (uint32_t) t, 1.0f };

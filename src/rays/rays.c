@@ -181,19 +181,26 @@ static enum pell_result check_mesh(const struct pell_scene *scene, size_t number
     return PELL_OK;
 }
 
+bool pell_rays_show(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
+{
+    const struct pell_material *material = &scene->materials[m->material];
+    const bool varies = material->base_color_map.texture || m->color;
+
+    *cut = material->alpha_mask && varies;
+    return m->num_triangles > 0 && !(material->alpha_mask && !varies && material->base_color[3] < material->alpha_cutoff);
+}
+
 static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *scene, size_t number, bool masks)
 {
     const struct pell_mesh *m = &scene->meshes[number];
     const struct pell_material *material = &scene->materials[m->material];
-    const bool varies = material->base_color_map.texture || m->color;
     struct surface *s = &rays->surfaces[number];
     RTCGeometry geometry;
 
     s->mesh = m;
     s->material = material;
     s->mask = material->opaque ? PELL_RAY_OPAQUE : PELL_RAY_TRANSLUCENT;
-    s->alpha = material->alpha_mask && varies;
-    if (m->num_triangles == 0 || (material->alpha_mask && !varies && material->base_color[3] < material->alpha_cutoff))
+    if (!pell_rays_show(scene, m, &s->alpha))
         return PELL_OK;
 
     geometry = rtcNewGeometry(rays->device, RTC_GEOMETRY_TYPE_TRIANGLE);

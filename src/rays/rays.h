@@ -56,6 +56,8 @@ struct pell_rays;
 PELL_NODISCARD enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool,
                                                  struct pell_rays **out);
 void pell_rays_destroy(struct pell_rays **rays);
+/* Whether rays meet triangles of a mesh at all; `cut`: its alpha says which parts of them. */
+bool pell_rays_show(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut);
 
 /* `valid`: 16 ints, -1 for rays that take part, 0 for others; 64-byte aligned. `coherent`: rays of one packet go much the same way. */
 void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet);
