@@ -10,11 +10,9 @@ Standard library only.
 """
 import json
 import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
-from draw_layer_sheets import above, beside, read_png, write_png
+from draw_layer_sheets import above, beside, draw_all, read_png, write_png
 
 METHOD = ['-m', 'image-space', '--set', 'samples=64', '--set', 'views=eye+lights']
 REFERENCE = ['-m', 'hierarchical', '--set', 'most=200000']
@@ -55,12 +53,5 @@ class Sheets:
         write_png(self.images / 'image-space-lights.png', sheet)
 
 
-def main():
-    if len(sys.argv) != 4:
-        sys.exit(__doc__)
-    with tempfile.TemporaryDirectory() as work:
-        Sheets(*sys.argv[1:], work).draw()
-
-
 if __name__ == '__main__':
-    main()
+    draw_all(Sheets, __doc__)

@@ -127,12 +127,12 @@ class Sheets:
                        check=True, stdout=subprocess.DEVNULL)
 
 
-def main():
+def draw_all(sheets, usage):
     if len(sys.argv) != 4:
-        sys.exit(__doc__)
+        sys.exit(usage)
     with tempfile.TemporaryDirectory() as work:
-        Sheets(*sys.argv[1:], work).draw()
+        sheets(*sys.argv[1:], work).draw()
 
 
 if __name__ == '__main__':
-    main()
+    draw_all(Sheets, __doc__)
