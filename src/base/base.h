@@ -76,8 +76,12 @@ struct pell_text {
 void pell_text_add(struct pell_text *text, const char *fmt, ...) PELL_PRINTF(2, 3);
 void pell_text_cut(struct pell_text *text, size_t length); /* back to a length it had */
 
-/* The candidate nearest to `name` (edit distance with transpositions, case ignored), or NULL if none is near enough to be meant. */
-const char *pell_nearest(const char *name, const char *const *candidates, size_t count);
+/* Adds what of `candidates` (NULL: none at that place) `name` may have meant: the nearest (edit distance with transpositions, case
+ * ignored), `did you mean "marble"?`, or those that it is a piece of, `did you mean "skimmilk" or "wholemilk"?`; `before` ("--") stands
+ * in front of each. False, and nothing added, where none is near enough. */
+bool pell_text_suggest(struct pell_text *text, const char *before, const char *name, const char *const *candidates, size_t count);
+/* As pell_text_suggest; all candidates behind `known` ("known keys: ") where none is near enough. */
+void pell_text_suggest_or_list(struct pell_text *text, const char *known, const char *name, const char *const *candidates, size_t count);
 
 /* Turns user bytes into something safe to print: control and non-UTF-8 bytes become '?', long texts are cut with "...". Returns
  * `buffer`. */

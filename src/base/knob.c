@@ -46,19 +46,6 @@ const struct pell_knob *pell_knob_find(const struct pell_knob *knobs, const char
     return NULL;
 }
 
-/* "did you mean 'x'?", or all there is. */
-static void suggest(struct pell_text *hint, const char *name, const char *const *names, size_t count)
-{
-    const char *near = pell_nearest(name, names, count);
-    if (near) {
-        pell_text_add(hint, "did you mean '%s'?", near);
-        return;
-    }
-    pell_text_add(hint, count ? "known: " : "there are none");
-    for (size_t i = 0; i < count; i++)
-        pell_text_add(hint, "%s%s", i ? ", " : "", names[i]);
-}
-
 static enum pell_result unknown_knob(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const char *where,
                                      const char *name)
 {
@@ -69,7 +56,9 @@ static enum pell_result unknown_knob(struct pell_context *ctx, const struct pell
 
     for (const struct pell_knob *k = knobs; k->type && count < LISTED; k++)
         names[count++] = k->name;
-    suggest(&hint, name, names, count);
+    pell_text_suggest_or_list(&hint, "known: ", name, names, count);
+    if (count == 0)
+        pell_text_add(&hint, "there are none");
     return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "%s has no knob '%s'", owner, pell_printable(name, shown, sizeof(shown)));
 }
 
@@ -77,14 +66,12 @@ static enum pell_result bad_choice(struct pell_context *ctx, const struct pell_k
 {
     struct pell_text list = { .length = 0 }, hint = { .length = 0 };
     char shown[SHOWN];
-    const char *near;
     size_t count = 0;
+    bool near;
 
     for (; knob->choices[count]; count++)
         pell_text_add(&list, "%s%s", count ? ", " : "", knob->choices[count]);
-    near = pell_nearest(text, knob->choices, count);
-    if (near)
-        pell_text_add(&hint, "did you mean '%s'?", near);
+    near = pell_text_suggest(&hint, "", text, knob->choices, count);
     return pell_error(ctx, PELL_ERR_INVALID, where, near ? hint.str : knob->help, "%s = %s, must be one of %s", knob->name,
                       pell_printable(text, shown, sizeof(shown)), list.str);
 }

@@ -33,7 +33,7 @@ void pell_text_cut(struct pell_text *text, size_t length)
 
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
-enum { NAME_MAX_BYTES = 64 }; /* longer names are never suggested */
+enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */
 
 static int lower(char c)
 {
@@ -80,38 +80,82 @@ static bool contains(const char *text, const char *part)
     return false;
 }
 
-const char *pell_nearest(const char *name, const char *const *candidates, size_t count)
+static const char *nearest(const char *name, const char *const *candidates, size_t count)
 {
     const size_t length = strlen(name);
     const char *best = NULL;
-    int nearest;
-
-    if (length == 0 || length > NAME_MAX_BYTES)
-        return NULL;
     /* One slip for short names, one more for every four letters; a name of two letters that differs in one is another name. */
-    nearest = (length < 3 ? 0 : 1) + (int) length / 4 + 1;
+    int least = (length < 3 ? 0 : 1) + (int) length / 4 + 1;
+
     for (size_t i = 0; i < count; i++) {
         const size_t n = candidates[i] ? strlen(candidates[i]) : 0;
         int d;
         if (n == 0 || n > NAME_MAX_BYTES)
             continue;
         d = distance(name, (int) length, candidates[i], (int) n);
-        if (d < nearest && d < (int) (length > n ? length : n)) {
-            nearest = d;
-            best = candidates[i];
-        }
-    }
-    if (best || length < 3)
-        return best;
-    /* A piece of a name ("milk" of "wholemilk") is far in edits but just as likely meant; the shortest such name wins. */
-    for (size_t i = 0, shortest = NAME_MAX_BYTES + 1; i < count; i++) {
-        const size_t n = candidates[i] ? strlen(candidates[i]) : 0;
-        if (n > 0 && n < shortest && contains(candidates[i], name)) {
-            shortest = n;
+        if (d < least && d < (int) (length > n ? length : n)) {
+            least = d;
             best = candidates[i];
         }
     }
     return best;
+}
+
+/* Names that have `piece` in them ("milk" of "wholemilk" is far in edits but just as likely meant), the shortest first. */
+static size_t with_piece(const char *piece, const char *const *candidates, size_t count, const char *found[PIECES_MOST])
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < count; i++) {
+        const size_t length = candidates[i] ? strlen(candidates[i]) : 0;
+        size_t at = n;
+        if (length == 0 || length > NAME_MAX_BYTES || !contains(candidates[i], piece))
+            continue;
+        while (at > 0 && strlen(found[at - 1]) > length)
+            at--;
+        if (at == PIECES_MOST)
+            continue;
+        n += n < PIECES_MOST;
+        memmove(&found[at + 1], &found[at], (n - at - 1) * sizeof(*found));
+        found[at] = candidates[i];
+    }
+    return n;
+}
+
+bool pell_text_suggest(struct pell_text *text, const char *before, const char *name, const char *const *candidates, size_t count)
+{
+    const size_t length = strlen(name);
+    const char *found[PIECES_MOST];
+    size_t n = 0;
+
+    if (length == 0 || length > NAME_MAX_BYTES)
+        return false;
+    found[0] = nearest(name, candidates, count);
+    if (found[0])
+        n = 1;
+    else if (length >= 3)
+        n = with_piece(name, candidates, count, found);
+    for (size_t i = 0; i < n; i++) {
+        char shown[3 * NAME_MAX_BYTES];
+        pell_text_add(text, "%s\"%s%s\"",
+                      i == 0      ? "did you mean "
+                      : i + 1 < n ? ", "
+                                  : " or ",
+                      before, pell_printable(found[i], shown, sizeof(shown)));
+    }
+    pell_text_add(text, "%s", n > 0 ? "?" : "");
+    return n > 0;
+}
+
+void pell_text_suggest_or_list(struct pell_text *text, const char *known, const char *name, const char *const *candidates, size_t count)
+{
+    if (pell_text_suggest(text, "", name, candidates, count))
+        return;
+    for (size_t i = 0; i < count; i++) {
+        char shown[3 * NAME_MAX_BYTES];
+        if (candidates[i])
+            pell_text_add(text, "%s%s", i ? ", " : known, pell_printable(candidates[i], shown, sizeof(shown)));
+    }
 }
 
 /* --- Safe printing ------------------------------------------------------------------------------------------------------------ */
@@ -191,7 +235,7 @@ enum { DIGITS = 800 };
 struct decimal {
     char digits[DIGITS + 32]; /* without leading zeros; room for an exponent */
     size_t count;
-    uint64_t value;  /* of the digits while they are 19 or fewer */
+    uint64_t value;   /* of the digits while they are 19 or fewer */
     int64_t exponent; /* of ten, that scales the digits read as a whole number */
     bool negative;
 };

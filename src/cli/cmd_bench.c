@@ -190,11 +190,12 @@ static bool find_folder(char *folder, size_t size)
 
 static enum exit_code unknown_bench(struct cli *cli, const char *what, const char *folder)
 {
-    char names[32][64], hint[512] = "";
-    const char *list[PELL_COUNT(names)], *nearest;
+    char names[32][64];
+    struct pell_text hint = { .length = 0 };
+    const char *list[PELL_COUNT(names)];
     DIR *dir = folder[0] ? opendir(folder) : NULL;
     const struct dirent *entry;
-    size_t count = 0, n = 0;
+    size_t count = 0;
 
     list[count++] = "profiles";
     while (dir && count < PELL_COUNT(names) && (entry = readdir(dir))) {
@@ -207,12 +208,9 @@ static enum exit_code unknown_bench(struct cli *cli, const char *what, const cha
     }
     if (dir)
         closedir(dir);
-    nearest = pell_nearest(what, list, count);
-    if (nearest)
-        snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
-    for (size_t i = 0; !nearest && i < count && n < sizeof(hint); i++)
-        n += (size_t) snprintf(hint + n, sizeof(hint) - n, "%s%s", i ? ", " : "there is ", list[i]);
-    return cli_usage(cli, "bench", count ? hint : "the folder of bench scenes is not beside the program", "there is no bench \"%s\"", what);
+    pell_text_suggest_or_list(&hint, "there is ", what, list, count);
+    return cli_usage(cli, "bench", count ? hint.str : "the folder of bench scenes is not beside the program", "there is no bench \"%s\"",
+                     what);
 }
 
 /* "screen-space" -> that scene of the bench folder; what has a '/' or a '.' is a path. */

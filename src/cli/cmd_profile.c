@@ -88,19 +88,15 @@ enum exit_code profile_take_number(struct cli *cli, const char *option, const ch
 
 static enum exit_code unknown_model(struct cli *cli, const char *option, const char *name)
 {
-    const char *names[PELL_PROFILE_MODELS], *nearest;
-    char hint[256] = "there is ";
-    size_t n = 0, length = strlen(hint);
+    const char *names[PELL_PROFILE_MODELS];
+    struct pell_text hint = { .length = 0 };
+    size_t n = 0;
 
     for (int i = 0; i < PELL_PROFILE_MODELS; i++)
         if (pell_profile_model_at((enum pell_profile_model) i))
             names[n++] = pell_profile_model_at((enum pell_profile_model) i)->name;
-    nearest = pell_nearest(name, names, n);
-    if (nearest)
-        snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
-    for (size_t i = 0; !nearest && i < n && length < sizeof(hint); i++)
-        length += (size_t) snprintf(hint + length, sizeof(hint) - length, "%s%s", i ? ", " : "", names[i]);
-    return cli_usage(cli, option, hint, "there is no profile model \"%s\"", name);
+    pell_text_suggest_or_list(&hint, "there is ", name, names, n);
+    return cli_usage(cli, option, hint.str, "there is no profile model \"%s\"", name);
 }
 
 /* Three channels of a medium under a model. */
@@ -245,16 +241,15 @@ static enum exit_code open_medium(struct cli *cli, struct profile_job *job, cons
 static enum exit_code unknown_material(struct cli *cli, const struct profile_job *job, const char *name)
 {
     const size_t count = pell_material_count();
-    const char **names = calloc(count + 1, sizeof(*names)), *nearest;
-    char hint[160] = "`pellucid materials` lists the built-in names";
+    const char **names = calloc(count + 1, sizeof(*names));
+    struct pell_text hint = { .length = 0 };
 
     for (size_t i = 0; names && i < count; i++)
         names[i] = pell_material_at(i)->name;
-    nearest = names ? pell_nearest(name, names, count) : NULL;
-    if (nearest)
-        snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
+    if (!names || !pell_text_suggest(&hint, "", name, names, count))
+        pell_text_add(&hint, "`pellucid materials` lists the built-in names");
     free(names);
-    return cli_usage(cli, "MATERIAL|FILE", hint,
+    return cli_usage(cli, "MATERIAL|FILE", hint.str,
                      "\"%s\", must be a built-in material, a material file (wax.json) or a table of R(r) (wax.csv)", job->name);
 }
 

@@ -49,10 +49,9 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
                         : pell_path_has_extension(job->output, pell_write_formats[count]))
             job->format = pell_write_formats[count];
     if (!job->format && cli->format) {
-        const char *nearest = pell_nearest(cli->format, pell_write_formats, count);
-        char hint[64];
-        snprintf(hint, sizeof(hint), "did you mean %s?", nearest ? nearest : "");
-        return cli_usage(cli, "--format", nearest ? hint : NULL, "\"%s\", must be png, exr, hdr or pfm", cli->format);
+        struct pell_text hint = { .length = 0 };
+        const bool near = pell_text_suggest(&hint, "", cli->format, pell_write_formats, count);
+        return cli_usage(cli, "--format", near ? hint.str : NULL, "\"%s\", must be png, exr, hdr or pfm", cli->format);
     }
     if (!job->format)
         return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",

@@ -153,8 +153,8 @@ static enum exit_code add_list(struct cli *cli, struct job *job, const char *whe
 static enum exit_code check_set(struct cli *cli, const struct job *job)
 {
     for (size_t k = 0; k < job->set.count; k++) {
-        const char *name = job->set.items[k].name, *nearest, *names[256];
-        char hint[300] = "";
+        const char *name = job->set.items[k].name, *names[256];
+        struct pell_text hint = { .length = 0 };
         size_t n = 0;
         bool known = false;
 
@@ -166,14 +166,12 @@ static enum exit_code check_set(struct cli *cli, const struct job *job)
         }
         if (known)
             continue;
-        nearest = pell_nearest(name, names, n);
-        if (nearest)
-            snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
-        for (size_t i = 0; i < job->num_references; i++)
+        for (size_t i = 0; i < job->num_references && hint.length == 0; i++)
             if (find_knob(job->runs[i].method, name))
-                snprintf(hint, sizeof(hint), "for the reference: --reference %s:%s=%.60s", job->runs[i].label, name,
-                         job->set.items[k].value);
-        return cli_usage(cli, "--set", hint[0] ? hint : "`pellucid methods NAME` lists its knobs",
+                pell_text_add(&hint, "for the reference: --reference %s:%s=%.60s", job->runs[i].label, name, job->set.items[k].value);
+        if (hint.length == 0)
+            pell_text_suggest(&hint, "", name, names, n);
+        return cli_usage(cli, "--set", hint.length > 0 ? hint.str : "`pellucid methods NAME` lists its knobs",
                          "no method that is compared has a knob \"%s\"", name);
     }
     return EXIT_OK;

@@ -152,15 +152,14 @@ static const struct command *find_command(const char *name)
 
 static enum exit_code unknown_command(struct cli *cli, const char *name)
 {
-    const char *names[PELL_COUNT(commands)], *nearest;
-    char hint[160] = "`pellucid --help` lists them";
+    const char *names[PELL_COUNT(commands)];
+    struct pell_text hint = { .length = 0 };
 
     for (size_t i = 0; i < PELL_COUNT(commands); i++)
         names[i] = commands[i].name;
-    nearest = pell_nearest(name, names, PELL_COUNT(names));
-    if (nearest)
-        snprintf(hint, sizeof(hint), "did you mean `pellucid %s`?", nearest);
-    return cli_usage(cli, "pellucid", hint, "there is no command \"%s\"", name);
+    if (!pell_text_suggest(&hint, "pellucid ", name, names, PELL_COUNT(names)))
+        pell_text_add(&hint, "`pellucid --help` lists them");
+    return cli_usage(cli, "pellucid", hint.str, "there is no command \"%s\"", name);
 }
 
 /* --help, --version and their like. EXIT_OK and *done, or the command's row. */

@@ -63,8 +63,8 @@ static const struct option options[] = {
     { OPTIONS_FILE, 0, "checkpoint-every", "TIME", "how often it is written beside the end and Ctrl-C; otherwise 60s", TEXT,
       AT(checkpoint_every), NULL },
     { OPTIONS_FILE, 'o', "output", "FILE",
-      "png, exr, hdr or pfm by its ending; - writes to stdout; otherwise INPUT's name with .png, in the current folder", TEXT, AT(output),
-      NULL },
+      "png, exr, hdr or pfm by its ending; - writes to stdout, with --format; otherwise INPUT's name with .png, in the current folder",
+      TEXT, AT(output), NULL },
     { OPTIONS_FILE, 0, "format", "FORMAT", "png, exr, hdr or pfm, whatever the name ends in", TEXT, AT(format), NULL },
     { OPTIONS_FILE, 0, "turntable", "N", NULL, NUMBER, 0, &number_knobs[1] },
     { OPTIONS_FILE, 0, "frames", "FROM:TO:STEP",
@@ -150,6 +150,11 @@ static const struct option options[] = {
 
 #define MAX_OPTIONS 64
 
+static const char *argument_of(const struct pell_knob *k)
+{
+    return k->type == PELL_KNOB_ENUM ? "NAME" : k->type == PELL_KNOB_BOOL ? "on|off" : "N";
+}
+
 /* The options that a command takes: the rows of its groups, then the knobs of the picture or of comparing. */
 static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
 {
@@ -161,10 +166,10 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
     for (const struct pell_knob *k = pell_settings_knobs; (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "layers") != 0 && /* follows from the format */
             !((groups & OPTIONS_COMPARE) && pell_knob_find(pell_compare_knobs, k->name))) /* one row for both: the other has more choices */
-            list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
+            list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };
     for (const struct pell_knob *k = pell_compare_knobs; (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "threads") != 0) /* of the engine's options */
-            list[n++] = (struct option) { OPTIONS_COMPARE, 0, k->name, k->type == PELL_KNOB_ENUM ? "NAME" : "N", NULL, SETTING, 0, k };
+            list[n++] = (struct option) { OPTIONS_COMPARE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };
     return n;
 }
 
@@ -183,6 +188,10 @@ static void describe(const struct option *o, char *text, size_t size)
     if (k->type == PELL_KNOB_ENUM) {
         for (int i = 0; k->choices[i] && n < size; i++)
             n += (size_t) snprintf(text + n, size - n, "%s%s%s", i ? ", " : "; ", k->choices[i], i == (int) k->def[0] ? " (default)" : "");
+        return;
+    }
+    if (k->type == PELL_KNOB_BOOL) {
+        snprintf(text + n, size - n, "; default %s", k->def[0] != 0.0 ? "on" : "off");
         return;
     }
     snprintf(text + n, size - n, "; %s to %s%s%s, default %s", pell_format_number(k->min, false, low, sizeof(low)),
@@ -274,7 +283,9 @@ static enum exit_code split(struct cli *cli, const char *option, char *text, con
     char *equals = strchr(text, '=');
 
     if (!equals || equals == text)
-        return cli_usage(cli, option, NULL, "\"%s\", must be NAME=VALUE", text);
+        return cli_usage(cli, option,
+                         strcmp(option, "--limit") == 0 ? "`pellucid info` lists the names" : "`pellucid methods` lists the names",
+                         "\"%s\", must be NAME=VALUE", text);
     *equals = '\0';
     *value = equals + 1;
     return EXIT_OK;
@@ -340,8 +351,8 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
 /* What popt did not take, with the nearest option as a hint. */
 static enum exit_code refuse(struct cli *cli, const char *bad, int error, const struct option *list, size_t n)
 {
-    const char *names[MAX_OPTIONS], *nearest = NULL, *name = bad;
-    char hint[200];
+    const char *names[MAX_OPTIONS], *name = bad;
+    struct pell_text hint = { .length = 0 };
 
     for (size_t i = 0; i < n; i++)
         names[i] = list[i].name;
@@ -350,13 +361,11 @@ static enum exit_code refuse(struct cli *cli, const char *bad, int error, const 
     if (error == POPT_ERROR_BADOPT) {
         char word[64];
         snprintf(word, sizeof(word), "%.*s", (int) (strcspn(name, "=") < 63 ? strcspn(name, "=") : 63), name);
-        nearest = pell_nearest(word, names, n);
+        pell_text_suggest(&hint, "--", word, names, n);
     }
-    if (nearest)
-        snprintf(hint, sizeof(hint), "did you mean --%s?", nearest);
-    else
-        snprintf(hint, sizeof(hint), "`pellucid %s --help` lists the options", cli->command->name);
-    return cli_usage(cli, bad, hint, "%s",
+    if (hint.length == 0)
+        pell_text_add(&hint, "`pellucid %s --help` lists the options", cli->command->name);
+    return cli_usage(cli, bad, hint.str, "%s",
                      error == POPT_ERROR_BADOPT  ? "there is no such option"
                      : error == POPT_ERROR_NOARG ? "needs a value"
                                                  : poptStrerror(error));

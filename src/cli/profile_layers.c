@@ -16,14 +16,14 @@ enum { SKIN_FIELDS = 6 };
 /* -1 and a message if there is none of that name. */
 static int find_solver(struct cli *cli, const char *name)
 {
-    const char *nearest = pell_nearest(name, stack_solver_names, STACK_SOLVERS);
-    char hint[64];
+    struct pell_text hint = { .length = 0 };
+    bool near;
 
     for (int i = 0; i < STACK_SOLVERS; i++)
         if (strcmp(name, stack_solver_names[i]) == 0)
             return i;
-    snprintf(hint, sizeof(hint), "did you mean %s?", nearest ? nearest : "");
-    cli_usage(cli, "--solver", nearest ? hint : NULL, "\"%s\", must be hankel, gaussian, analytic or all", name);
+    near = pell_text_suggest(&hint, "", name, stack_solver_names, STACK_SOLVERS);
+    cli_usage(cli, "--solver", near ? hint.str : NULL, "\"%s\", must be hankel, gaussian, analytic or all", name);
     return -1;
 }
 
@@ -112,7 +112,7 @@ static enum exit_code read_skin(struct cli *cli, struct pell_skin *skin)
     *skin = pell_skin_default();
     while (strcmp(text, "default") != 0) {
         const size_t length = strcspn(text, ","), n = strcspn(text, "=,");
-        char name[40], value[40], hint[80] = "";
+        char name[40], value[40];
         int found = -1;
 
         snprintf(name, sizeof(name), "%.*s", (int) (n < 39 ? n : 39), text);
@@ -123,10 +123,9 @@ static enum exit_code read_skin(struct cli *cli, struct pell_skin *skin)
             if (strcmp(name, names[i]) == 0)
                 found = i;
         if (found < 0) {
-            const char *nearest = pell_nearest(name, names, SKIN_FIELDS);
-            if (nearest)
-                snprintf(hint, sizeof(hint), "did you mean %s?", nearest);
-            return cli_usage(cli, "--skin", hint,
+            struct pell_text hint = { .length = 0 };
+            const bool near = pell_text_suggest(&hint, "", name, names, SKIN_FIELDS);
+            return cli_usage(cli, "--skin", near ? hint.str : NULL,
                              "there is no \"%s\", only melanin, melanin-blend, haemoglobin, oxygenation, epidermis and eta", name);
         }
         if (seen[found])

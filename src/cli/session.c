@@ -178,10 +178,9 @@ enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine)
         if ((known = strcmp(cli->engine, names[i]) == 0))
             *engine = (enum pell_engine) i;
     if (!known) {
-        const char *nearest = pell_nearest(cli->engine, names, PELL_COUNT(names));
-        char hint[64];
-        snprintf(hint, sizeof(hint), "did you mean %s?", nearest ? nearest : "");
-        return cli_usage(cli, "--engine", nearest ? hint : NULL, "\"%s\", must be auto, cpu or vulkan", cli->engine);
+        struct pell_text hint = { .length = 0 };
+        const bool near = pell_text_suggest(&hint, "", cli->engine, names, PELL_COUNT(names));
+        return cli_usage(cli, "--engine", near ? hint.str : NULL, "\"%s\", must be auto, cpu or vulkan", cli->engine);
     }
     if (cli->device && *engine != PELL_ENGINE_VULKAN)
         return cli_usage(cli, "--device", NULL, "chooses a Vulkan device: it goes with --engine vulkan");

@@ -87,7 +87,7 @@ static enum pell_result check(struct pell_context *ctx, const char *name, const 
 static enum pell_result find_format(struct pell_context *ctx, const char *path, const char *format, size_t *index)
 {
     const size_t count = PELL_COUNT(encoders);
-    const char *dot = strrchr(pell_path_name(path), '.'), *given = format ? format : dot ? dot + 1 : "", *near;
+    const char *dot = strrchr(pell_path_name(path), '.'), *given = format ? format : dot ? dot + 1 : "";
     struct pell_text hint = { "" };
     char shown[64];
 
@@ -98,9 +98,7 @@ static enum pell_result find_format(struct pell_context *ctx, const char *path, 
         }
     if (!format && strcmp(path, "-") == 0)
         return pell_error(ctx, PELL_ERR_INVALID, path, NULL, "standard output needs a format: png, exr, hdr or pfm");
-    near = pell_nearest(given, pell_write_formats, count);
-    if (near)
-        pell_text_add(&hint, "did you mean %s?", near);
+    pell_text_suggest(&hint, "", given, pell_write_formats, count);
     return pell_error(ctx, PELL_ERR_INVALID, path, hint.str, "pictures of format '%s' are not written, must be png, exr, hdr or pfm",
                       pell_printable(given, shown, sizeof(shown)));
 }

@@ -11,7 +11,7 @@ enum { LISTED = 64, SHOWN = 96 };
 
 const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name)
 {
-    const char *names[LISTED] = { NULL }, *near;
+    const char *names[LISTED] = { NULL };
     struct pell_text hint = { .length = 0 };
     char shown[SHOWN];
     size_t count = 0;
@@ -22,13 +22,7 @@ const struct pell_method *pell_method_find(struct pell_context *ctx, const char 
         if (count < LISTED)
             names[count++] = pell_methods[i]->name;
     }
-    near = pell_nearest(name, names, count);
-    if (near) {
-        pell_text_add(&hint, "did you mean '%s'?", near);
-    } else {
-        for (size_t i = 0; i < count; i++)
-            pell_text_add(&hint, "%s%s", i ? ", " : "known: ", names[i]);
-    }
+    pell_text_suggest_or_list(&hint, "known: ", name, names, count);
     pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "there is no method '%s'", pell_printable(name, shown, sizeof(shown)));
     return NULL;
 }

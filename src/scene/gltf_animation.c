@@ -265,8 +265,8 @@ static enum pell_result choose(struct gltf *g, size_t *index)
     const struct pell_moment *m = &g->import->moment;
     const size_t count = pell_json_count(&g->animations);
     struct pell_text hint = { 0 };
-    const char **names, *nearest;
-    char shown[96], other[96];
+    const char **names;
+    char shown[96];
     int64_t number;
 
     *index = 0;
@@ -284,9 +284,7 @@ static enum pell_result choose(struct gltf *g, size_t *index)
             return PELL_OK;
         }
     }
-    nearest = pell_nearest(m->animation, names, count);
-    if (nearest && nearest[0])
-        pell_text_add(&hint, "did you mean \"%s\"?", pell_printable(nearest, other, sizeof(other)));
+    pell_text_suggest(&hint, "", m->animation, names, count);
     pell_free(g->ctx, names);
     if (pell_parse_int(m->animation, strlen(m->animation), &number) && number >= 0 && number < (int64_t) count) {
         *index = (size_t) number;

@@ -240,7 +240,7 @@ enum pell_result pell_json_only(const struct pell_json *at, const char *const *k
 
     /* jansson's iterators take a non-const object but don't change it */
     for (iter = res ? NULL : json_object_iter((json_t *) at->value); iter; iter = json_object_iter_next((json_t *) at->value, iter)) {
-        const char *key = json_object_iter_key(iter), *nearest;
+        const char *key = json_object_iter_key(iter);
         struct pell_json child;
         struct pell_text hint = { 0 };
         size_t i = 0;
@@ -249,14 +249,7 @@ enum pell_result pell_json_only(const struct pell_json *at, const char *const *k
         if (i < count)
             continue;
         child = pell_json_get(at, key);
-        nearest = pell_nearest(key, keys, count);
-        if (nearest)
-            pell_text_add(&hint, "did you mean \"%s\"?", nearest);
-        else {
-            pell_text_add(&hint, "known keys:");
-            for (i = 0; i < count; i++)
-                pell_text_add(&hint, "%s %s", i ? "," : "", keys[i]);
-        }
+        pell_text_suggest_or_list(&hint, "known keys: ", key, keys, count);
         return pell_json_error(&child, at->file->range ? at->file->range : PELL_ERR_INVALID, hint.str, "unknown key");
     }
     return res;
@@ -408,10 +401,11 @@ enum pell_result pell_json_floats(const struct pell_json *parent, const char *ke
 enum pell_result pell_json_choice(const struct pell_json *parent, const char *key, const char *const *names, size_t count, int *out)
 {
     const struct pell_json at = pell_json_get(parent, key);
-    const char *text = "", *nearest;
+    const char *text = "";
     char value[96];
     struct pell_text hint = { 0 }, list = { 0 };
     enum pell_result res;
+    bool near;
 
     if (!at.value)
         return PELL_OK;
@@ -424,9 +418,7 @@ enum pell_result pell_json_choice(const struct pell_json *parent, const char *ke
         }
         pell_text_add(&list, "%s%s", i ? ", " : "", names[i]);
     }
-    nearest = pell_nearest(text, names, count);
-    if (nearest)
-        pell_text_add(&hint, "did you mean \"%s\"?", nearest);
-    return pell_json_error(&at, at.file->range ? at.file->range : PELL_ERR_INVALID, nearest ? hint.str : NULL, "is %s, allowed: %s",
+    near = pell_text_suggest(&hint, "", text, names, count);
+    return pell_json_error(&at, at.file->range ? at.file->range : PELL_ERR_INVALID, near ? hint.str : NULL, "is %s, allowed: %s",
                            pell_json_value(&at, value, sizeof(value)), list.str);
 }

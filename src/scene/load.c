@@ -290,7 +290,7 @@ fail:
 
 enum pell_result pell_scene_choose_camera(struct pell_scene *scene, const char *where, const char *name, enum pell_result code)
 {
-    const char **names, *near;
+    const char **names;
     struct pell_text hint = { 0 };
     struct pell_camera swap;
     char shown[96];
@@ -308,11 +308,7 @@ enum pell_result pell_scene_choose_camera(struct pell_scene *scene, const char *
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < scene->num_cameras; i++)
         names[i] = scene->cameras[i].name;
-    near = pell_nearest(name, names, scene->num_cameras);
-    if (near) {
-        char other[96];
-        pell_text_add(&hint, "did you mean \"%s\"?", pell_printable(near, other, sizeof(other)));
-    }
+    pell_text_suggest(&hint, "", name, names, scene->num_cameras);
     pell_free(scene->ctx, names);
     return pell_error(scene->ctx, code, where, hint.str, "there is no camera \"%s\"; the file has %zu",
                       pell_printable(name, shown, sizeof(shown)), scene->num_cameras);

@@ -321,7 +321,7 @@ fail:
 enum pell_result pell_material_unknown(struct pell_context *ctx, const char *where, const char *name)
 {
     const size_t count = pell_material_count();
-    const char **names = pell_alloc_array(ctx, count ? count : 1, sizeof(*names)), *near;
+    const char **names = pell_alloc_array(ctx, count ? count : 1, sizeof(*names));
     struct pell_text hint = { 0 };
     char shown[128];
 
@@ -329,11 +329,9 @@ enum pell_result pell_material_unknown(struct pell_context *ctx, const char *whe
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < count; i++)
         names[i] = pell_material_at(i)->name;
-    near = pell_nearest(name, names, count);
-    if (near)
-        pell_text_add(&hint, "did you mean \"%s\"? `pellucid materials` lists all", near);
-    else
-        pell_text_add(&hint, "`pellucid materials` lists all");
+    if (pell_text_suggest(&hint, "", name, names, count))
+        pell_text_add(&hint, " ");
+    pell_text_add(&hint, "`pellucid materials` lists all");
     pell_free(ctx, names);
     return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "there is no material \"%s\"", pell_printable(name, shown, sizeof(shown)));
 }

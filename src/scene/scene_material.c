@@ -426,21 +426,14 @@ fail:
 static void warn_no_match(struct pell_scene_reader *r, const struct pell_json *at, const char *name)
 {
     enum { SHOWN = 64 };
-    const char *names[SHOWN] = { NULL }, *near;
+    const char *names[SHOWN] = { NULL };
     struct pell_text hint = { 0 };
-    char shown[96], other[96];
+    char shown[96];
     size_t count = 0;
 
     for (size_t i = 0; i < r->scene->num_materials && count < SHOWN; i++)
         names[count++] = r->scene->materials[i].name;
-    near = pell_nearest(name, names, count);
-    if (near) {
-        pell_text_add(&hint, "did you mean \"%s\"?", pell_printable(near, other, sizeof(other)));
-    } else {
-        pell_text_add(&hint, "the files have");
-        for (size_t i = 0; i < count && i < 8; i++)
-            pell_text_add(&hint, "%s \"%s\"", i ? "," : "", pell_printable(names[i], other, sizeof(other)));
-    }
+    pell_text_suggest_or_list(&hint, "the files have ", name, names, count);
     pell_json_warn(at, hint.str, "no material is called \"%s\": nothing is changed by it", pell_printable(name, shown, sizeof(shown)));
 }
 

@@ -155,15 +155,15 @@ static void values_out_of_range_name_value_and_range(void **state)
     refuse(f, "tint", "0,,0", NULL, NULL);
     refuse(f, "tint", "0,0,1.5", "[0, 1]", NULL);
     refuse(f, "tint", "0,nan,0", NULL, NULL);
-    refuse(f, "through", "gausian", "must be one of slab, gaussian, none", "did you mean 'gaussian'?");
-    refuse(f, "through", "Slab", NULL, "did you mean 'slab'?");
+    refuse(f, "through", "gausian", "must be one of slab, gaussian, none", "did you mean \"gaussian\"?");
+    refuse(f, "through", "Slab", NULL, "did you mean \"slab\"?");
 }
 
 static void unknown_names_get_the_nearest_or_the_list(void **state)
 {
     struct fixture *f = *state;
 
-    refuse(f, "gausians", "4", "method test has no knob 'gausians'", "did you mean 'gaussians'?");
+    refuse(f, "gausians", "4", "method test has no knob 'gausians'", "did you mean \"gaussians\"?");
     refuse(f, "zzzzzz", "4", "'zzzzzz'", "fast, gaussians, bytes, lod, tenth, through, tint");
     refuse(f, "", "4", "''", "fast, gaussians");
     refuse(f, "lo\x1b[0md", "4", "'lo?[0md'", NULL);

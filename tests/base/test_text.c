@@ -32,27 +32,50 @@ static void nearest_finds_slips_and_pieces_only(void **state)
 {
     static const char *const names[] = { "wholemilk", "skimmilk", "marble", "skin1", "skin2", "jade", NULL, "ketchup" };
     static const struct {
-        const char *typed, *meant;
+        const char *typed, *says;
     } cases[] = {
-        { "wholmilk", "wholemilk" }, /* one left out */
-        { "marbel", "marble" },      /* two swapped */
-        { "MARBLE", "marble" },      /* case */
-        { "Ketchap", "ketchup" },    /* one other */
-        { "jades", "jade" },         /* one too many */
-        { "milk", "skimmilk" },      /* a piece; the shorter of two */
-        { "whole", "wholemilk" },    /* a beginning */
-        { "skin", "skin1" },         /* the first of two equally near */
-        { "granite", NULL },   { "xyzw", NULL }, { "", NULL }, { "ab", NULL },
-        { "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa", NULL },
+        { "wholmilk", "did you mean \"wholemilk\"?" },               /* one left out */
+        { "marbel", "did you mean \"marble\"?" },                    /* two swapped */
+        { "MARBLE", "did you mean \"marble\"?" },                    /* case */
+        { "Ketchap", "did you mean \"ketchup\"?" },                  /* one other */
+        { "jades", "did you mean \"jade\"?" },                       /* one too many */
+        { "milk", "did you mean \"skimmilk\" or \"wholemilk\"?" }, /* a piece of two; the shorter first */
+        { "whole", "did you mean \"wholemilk\"?" },                  /* a beginning */
+        { "skin", "did you mean \"skin1\"?" },                       /* the first of two equally near */
+        { "granite", "" },   { "xyzw", "" }, { "", "" }, { "ab", "" },
+        { "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa", "" },
     };
     (void) state;
 
     for (size_t i = 0; i < PELL_COUNT(cases); i++) {
-        const char *found = pell_nearest(cases[i].typed, names, PELL_COUNT(names));
-        if (!found != !cases[i].meant || (found && strcmp(found, cases[i].meant) != 0))
-            fail_msg("'%s' gives %s, not %s", cases[i].typed, found ? found : "nothing", cases[i].meant ? cases[i].meant : "nothing");
+        struct pell_text text = { .length = 0 };
+        const bool found = pell_text_suggest(&text, "", cases[i].typed, names, PELL_COUNT(names));
+        assert_string_equal(text.str, cases[i].says);
+        assert_int_equal(found, cases[i].says[0] != '\0');
     }
-    assert_null(pell_nearest("marble", NULL, 0));
+    assert_false(pell_text_suggest(&(struct pell_text) { .length = 0 }, "", "marble", NULL, 0));
+}
+
+static void of_many_pieces_the_shortest_are_suggested(void **state)
+{
+    static const char *const names[] = { "x-milk-55", "x-milk-4", "milk-666666", "x-milk-333", "x-milk", "milky\033" };
+    struct pell_text text = { .length = 0 };
+    (void) state;
+
+    assert_true(pell_text_suggest(&text, "--", "mil", names, PELL_COUNT(names)));
+    assert_string_equal(text.str, "did you mean \"--x-milk\", \"--milky?\", \"--x-milk-4\" or \"--x-milk-55\"?");
+}
+
+static void what_is_near_nothing_gets_the_list(void **state)
+{
+    static const char *const names[] = { "cpu", "vulkan" };
+    struct pell_text near = { .length = 0 }, far = { .length = 0 };
+    (void) state;
+
+    pell_text_suggest_or_list(&near, "known: ", "vulcan", names, PELL_COUNT(names));
+    assert_string_equal(near.str, "did you mean \"vulkan\"?");
+    pell_text_suggest_or_list(&far, "known: ", "fpga", names, PELL_COUNT(names));
+    assert_string_equal(far.str, "known: cpu, vulkan");
 }
 
 /* --- printable --- */
@@ -355,6 +378,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(text_truncates_and_stays_terminated),
         cmocka_unit_test(nearest_finds_slips_and_pieces_only),
+        cmocka_unit_test(of_many_pieces_the_shortest_are_suggested),
+        cmocka_unit_test(what_is_near_nothing_gets_the_list),
         cmocka_unit_test(printable_keeps_good_utf8_and_masks_the_rest),
         cmocka_unit_test(printable_cuts_long_texts_between_characters),
         cmocka_unit_test(numbers_refuse_what_is_not_wholly_a_number),
