@@ -235,6 +235,8 @@ struct pell_object_report {
     bool closed, outward; /* outward: positive enclosed volume */
     double volume_mm3, area_mm2;
     double thickness_mm;  /* 2 * volume / area scaled: a mean thickness; 0 where open */
+    bool holds_camera;    /* closed, and the first camera stands inside it */
+    int coincident;       /* index of an earlier object whose surface lies exactly here; -1: none */
 };
 
 struct pell_scene_report {

@@ -39,7 +39,7 @@ static double pixels_per_mm(const struct pell_scene *scene, const struct pell_se
     return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
 }
 
-enum { OPEN, TURNED, THIN, UNSEEN, KINDS };
+enum { OPEN, TURNED, THIN, UNSEEN, FLAT, TWICE, HOLDS, KINDS };
 
 /* Counts a warning; true where it is one of those to be logged. */
 static bool tell(struct pell_context *ctx, int *found)
@@ -51,8 +51,10 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
 {
     const struct pell_scene *scene = pell_renderer_scene(r);
     struct pell_context *ctx = pell_renderer_context(r);
-    static const char *const kinds[KINDS] = { "open surfaces", "surfaces turned inside out", "mean free paths",
-                                              "scattering too small to see" };
+    static const char *const kinds[KINDS] = { "open surfaces",           "surfaces turned inside out",
+                                              "mean free paths",         "scattering too small to see",
+                                              "things without an area",  "things that are there twice",
+                                              "things around the camera" };
     const int limit = pell_context_limits(ctx)->warnings;
     struct pell_scene_report report = { 0 };
     int found[KINDS] = { 0 };
@@ -69,11 +71,23 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
         const struct pell_object_report *o = &report.objects[i];
         const struct pell_material *m;
         double mfp, widest;
+        char other[96];
 
         if (o->material < 0 || (size_t) o->material >= scene->num_materials || scene->materials[o->material].opaque)
             continue;
         m = &scene->materials[o->material];
         reach(m, &mfp, &widest);
+        if (o->degenerate_triangles == o->triangles) {
+            if (tell(ctx, &found[FLAT]))
+                pell_warn(ctx, o->name, NULL, "none of its triangles has an area: nothing of it can be seen");
+            continue;
+        }
+        if (o->coincident >= 0 && tell(ctx, &found[TWICE]))
+            pell_warn(ctx, o->name, "remove one of them", "lies exactly where \"%s\" does, so that each hides the other",
+                      pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
+        if (o->holds_camera && tell(ctx, &found[HOLDS]))
+            pell_warn(ctx, o->name, "move the camera, or check its unit against the mesh's",
+                      "the camera is inside it: what is seen is its inner side");
         if (!o->closed && tell(ctx, &found[OPEN]))
             pell_warn(ctx, o->name, "close it, or light from behind will be wrong",
                       "the surface is open (%lld boundary edges): a translucent thing needs an inside", (long long) o->boundary_edges);

@@ -3,23 +3,45 @@
 #include "scene/topology.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum kind {
-    OPEN, NONMANIFOLD, FLIPPED, INWARD, DEGENERATE, NO_UV, THIN, SIZE, NO_SCATTERING, MEDIUM, NONE_TRANSLUCENT, KINDS
+    OPEN,
+    NONMANIFOLD,
+    FLIPPED,
+    INWARD,
+    DEGENERATE,
+    COINCIDENT,
+    CAMERA,
+    NO_UV,
+    THIN,
+    SIZE,
+    NO_SCATTERING,
+    MEDIUM,
+    NONE_TRANSLUCENT,
+    KINDS
+};
+
+/* What two objects share if one is a copy of the other: from an object's triangles alone, in their order. */
+struct likeness {
+    int64_t triangles;
+    double sum[3], square;
+    size_t object;
 };
 
 struct check {
     const struct pell_scene *scene;
     struct pell_context *ctx;
     struct pell_scene_report *report;
+    struct likeness *likeness; /* per object of the report */
     size_t capacity;
     int64_t found[KINDS];
 };
 
 /* Adds a problem; what is more than the limit of one kind is only counted. */
-static PELL_PRINTF(5, 6) enum pell_result add(struct check *k, enum kind kind, enum pell_severity severity, const char *where,
-                                              const char *fmt, ...)
+static PELL_PRINTF(5, 6) enum pell_result
+    add(struct check *k, enum kind kind, enum pell_severity severity, const char *where, const char *fmt, ...)
 {
     struct pell_scene_report *r = k->report;
     void *array = r->problems;
@@ -126,14 +148,111 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
     if (o->closed && o->volume_mm3 < 0.0)
         PELL_TRY(add(k, INWARD, PELL_SEVERITY_WARNING, where, "has its inside out: it encloses %.4g mm^3", o->volume_mm3));
     if (o->degenerate_triangles)
-        PELL_TRY(add(k, DEGENERATE, PELL_SEVERITY_NOTE, where, "%lld of %lld triangles have no area", (long long) o->degenerate_triangles,
-                     (long long) o->triangles));
+        PELL_TRY(add(k, DEGENERATE, o->degenerate_triangles == o->triangles ? PELL_SEVERITY_WARNING : PELL_SEVERITY_NOTE, where,
+                     "%lld of %lld triangles have no area", (long long) o->degenerate_triangles, (long long) o->triangles));
+    if (o->holds_camera)
+        PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
     if (path > size)
         PELL_TRY(
             add(k, THIN, PELL_SEVERITY_WARNING, where,
                 "light goes %.3g mm in \"%s\" between two scattering events, but the object is %.3g mm %s: diffusion does not hold; is "
                 "the size right?",
                 path, thinnest->name, size, o->thickness_mm > 0.0 ? "thick on average" : "large"));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Whether the first camera is inside: the solid angle that a closed surface takes is a whole sphere from there and none from outside
+ * (per triangle: Van Oosterom and Strackee 1983). */
+static bool holds_camera(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts)
+{
+    const float *at = scene->num_cameras > 0 ? scene->cameras[0].position : NULL;
+    bool within = false;
+    double sum = 0.0;
+
+    for (uint32_t i = 0; at && i < t->num_parts; i++)
+        within |= at[0] > parts[i].min[0] && at[0] < parts[i].max[0] && at[1] > parts[i].min[1] && at[1] < parts[i].max[1] &&
+                  at[2] > parts[i].min[2] && at[2] < parts[i].max[2];
+    for (size_t m = 0; within && m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+            double v[3][3], l[3], triple, dots;
+            for (int c = 0; c < 3; c++) {
+                for (int a = 0; a < 3; a++)
+                    v[c][a] = (double) mesh->position[3 * (size_t) mesh->index[3 * (size_t) i + (size_t) c] + (size_t) a] - (double) at[a];
+                l[c] = sqrt(v[c][0] * v[c][0] + v[c][1] * v[c][1] + v[c][2] * v[c][2]);
+            }
+            triple = v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) + v[0][1] * (v[1][2] * v[2][0] - v[1][0] * v[2][2]) +
+                     v[0][2] * (v[1][0] * v[2][1] - v[1][1] * v[2][0]);
+            dots = l[0] * l[1] * l[2];
+            for (int c = 0; c < 3; c++) {
+                const double *a = v[c], *b = v[(c + 1) % 3];
+                dots += (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) * l[(c + 2) % 3];
+            }
+            sum += 2.0 * atan2(triple, dots);
+        }
+    }
+    return fabs(sum) > 2.0 * PELL_PI;
+}
+
+static struct likeness likeness_of(const struct pell_scene *scene, const struct pell_topology *t, size_t object)
+{
+    struct likeness l = { .triangles = t->num_triangles, .object = object };
+
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_triangles; i++)
+            for (int c = 0; c < 3; c++) {
+                const double p = (double) mesh->position[3 * (size_t) mesh->index[i] + (size_t) c];
+                l.sum[c] += p;
+                l.square += p * p;
+            }
+    }
+    return l;
+}
+
+static int by_likeness(const void *a, const void *b)
+{
+    const struct likeness *l = a, *r = b;
+
+    if (l->triangles != r->triangles)
+        return l->triangles < r->triangles ? -1 : 1;
+    for (int c = 0; c < 3; c++)
+        if (l->sum[c] != r->sum[c])
+            return l->sum[c] < r->sum[c] ? -1 : 1;
+    if (l->square != r->square)
+        return l->square < r->square ? -1 : 1;
+    return 0;
+}
+
+static int by_likeness_then_order(const void *a, const void *b)
+{
+    const struct likeness *l = a, *r = b;
+    const int order = by_likeness(a, b);
+
+    return order ? order : l->object < r->object ? -1 : l->object > r->object;
+}
+
+/* An object that was exported twice blocks its own light at once. */
+static enum pell_result find_coincident(struct check *k)
+{
+    struct pell_object_report *objects = k->report->objects;
+    struct pell_text text;
+    enum pell_result res;
+
+    qsort(k->likeness, k->report->num_objects, sizeof(*k->likeness), by_likeness_then_order);
+    for (size_t i = 1; i < k->report->num_objects; i++) {
+        const struct likeness *l = &k->likeness[i];
+        char other[96];
+        if (by_likeness(l - 1, l) != 0 || l->triangles == 0)
+            continue;
+        objects[l->object].coincident = (int) l[-1].object;
+        PELL_TRY(add(k, COINCIDENT, PELL_SEVERITY_WARNING, name_place("object", objects[l->object].name, &text),
+                     "lies exactly where \"%s\" does, so that each hides the other: remove one of them",
+                     pell_printable(objects[l[-1].object].name, other, sizeof(other))));
+    }
     return PELL_OK;
 
 fail:
@@ -150,15 +269,17 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
     if (pell_cancelled(k->ctx))
         return PELL_ERR_CANCELLED;
     PELL_TRY(pell_topology_make(&t, k->scene, meshes, count));
-    memset(o, 0, sizeof(*o));
+    *o = (struct pell_object_report) { .coincident = -1 };
     o->name = pell_strdup(k->ctx, k->scene->meshes[meshes[0]].name);
     parts = pell_alloc_array(k->ctx, t.num_parts, sizeof(*parts));
     res = PELL_ERR_NOMEM;
     if (o->name && parts) {
+        k->likeness[k->report->num_objects] = likeness_of(k->scene, &t, k->report->num_objects);
         k->report->num_objects++;
         o->material = k->scene->meshes[meshes[0]].material;
         pell_topology_parts(&t, k->scene, parts);
         measure(&t, parts, o);
+        o->holds_camera = o->closed && holds_camera(k->scene, &t, parts);
         k->report->triangles += o->triangles;
         res = judge(k, &t, o);
     } else {
@@ -185,7 +306,8 @@ static enum pell_result check_objects(struct check *k)
     for (size_t i = 0; i < scene->num_meshes; i++)
         objects += i == 0 || scene->meshes[order[i]].object != scene->meshes[order[i - 1]].object;
     k->report->objects = pell_calloc(k->ctx, objects, sizeof(*k->report->objects));
-    if (!k->report->objects)
+    k->likeness = pell_alloc_array(k->ctx, objects, sizeof(*k->likeness));
+    if (!k->report->objects || !k->likeness)
         goto fail;
     for (size_t i = 0, end; i < scene->num_meshes; i = end) {
         for (end = i + 1; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++)
@@ -193,9 +315,10 @@ static enum pell_result check_objects(struct check *k)
         if ((int) order[i] != scene->ground_mesh)
             PELL_TRY(check_object(k, order + i, end - i));
     }
-    res = PELL_OK;
+    res = find_coincident(k);
 
 fail:
+    pell_free(k->ctx, k->likeness);
     pell_free(k->ctx, order);
     pell_free(k->ctx, scratch);
     return res;
@@ -206,8 +329,8 @@ fail:
 /* A UV set that one of the material's maps needs and the mesh lacks, or -1. */
 static int missing_uv(const struct pell_mesh *mesh, const struct pell_material *m)
 {
-    const struct pell_texture_map *const maps[] = { &m->strength_map,  &m->base_color_map,     &m->metallic_map, &m->roughness_map,
-                                                    &m->rho_s_map,     &m->specular_color_map, &m->normal_map,   &m->emissive_map };
+    const struct pell_texture_map *const maps[] = { &m->strength_map, &m->base_color_map,     &m->metallic_map, &m->roughness_map,
+                                                    &m->rho_s_map,    &m->specular_color_map, &m->normal_map,   &m->emissive_map };
 
     for (size_t i = 0; i < PELL_COUNT(maps); i++)
         if (maps[i]->texture && maps[i]->uv >= 0 && maps[i]->uv < PELL_UV_SETS && !mesh->uv[maps[i]->uv])

@@ -76,6 +76,61 @@ static void an_open_cube_has_its_boundary_counted(void **state)
     finish(&c);
 }
 
+static void a_cube_without_area_is_said_to_have_none(void **state)
+{
+    const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
+    struct checked c = check("flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nv 3 0 0\nf 1 2 3\nf 2 3 4\n", &params, NULL);
+    (void) state;
+
+    assert_int_equal(c.report.objects[0].degenerate_triangles, 2);
+    assert_int_equal(find(&c, "2 of 2 triangles have no area")->severity, PELL_SEVERITY_WARNING);
+    finish(&c);
+}
+
+/* Two nodes of one mesh at the same place, and a third moved by the width of a hair. */
+static void an_object_that_is_there_twice_is_found(void **state)
+{
+    const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
+    struct checked c = check("twice.obj",
+                             "o first\n" CUBE "o second\n" CUBE_VERTICES
+                             "f 9 12 11 10\nf 13 14 15 16\nf 9 10 14 13\nf 10 11 15 14\nf 11 12 16 15\nf 12 9 13 16\n"
+                             "o moved\nv 0 0 0.001\nv 1 0 0.001\nv 0 1 0.001\nv 0 0 1\n"
+                             "f 17 19 18\nf 17 18 20\nf 18 19 20\nf 19 17 20\n",
+                             &params, NULL);
+    (void) state;
+
+    assert_int_equal(c.report.num_objects, 3);
+    assert_int_equal(c.report.objects[0].coincident, -1);
+    assert_int_equal(c.report.objects[1].coincident, 0);
+    assert_int_equal(c.report.objects[2].coincident, -1);
+    assert_string_equal(find(&c, "exactly where \"first\"")->where, "object \"second\"");
+    finish(&c);
+}
+
+/* From inside, from outside but within the bounds of the two parts, and right beside a face. */
+static void a_camera_inside_an_object_is_found(void **state)
+{
+    static const struct {
+        float at[3];
+        bool inside;
+    } cases[] = { { { 10, 10, 10 }, true }, { { 1, 19, 1 }, true }, { { 10, 10, 20.01f }, false }, { { 10, 10, -300 }, false } };
+    const struct pell_load_params params = { .mm_per_unit = 20.0 };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct checked c = check("cube.obj", CUBE, &params, NULL);
+        assert_true(c.scene->num_cameras > 0);
+        assert_false(c.report.objects[0].holds_camera);
+        pell_scene_report_finish(c.ctx, &c.report);
+        memcpy(c.scene->cameras[0].position, cases[i].at, sizeof(cases[i].at));
+        assert_int_equal(pell_scene_check(c.scene, &c.report), PELL_OK);
+        assert_int_equal(c.report.objects[0].holds_camera, cases[i].inside);
+        if (cases[i].inside)
+            assert_int_equal(find(&c, "holds the camera")->severity, PELL_SEVERITY_WARNING);
+        finish(&c);
+    }
+}
+
 static void fins_flips_and_flat_triangles_are_found(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
@@ -252,6 +307,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_cube_is_closed_and_measured),
         cmocka_unit_test(an_open_cube_has_its_boundary_counted),
+        cmocka_unit_test(a_cube_without_area_is_said_to_have_none),
+        cmocka_unit_test(an_object_that_is_there_twice_is_found),
+        cmocka_unit_test(a_camera_inside_an_object_is_found),
         cmocka_unit_test(fins_flips_and_flat_triangles_are_found),
         cmocka_unit_test(things_are_judged_one_by_one),
         cmocka_unit_test(two_meshes_of_one_object_close_each_other),
