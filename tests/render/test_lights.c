@@ -603,7 +603,8 @@ static void nth_allocation_fails_cleanly(void **state)
         rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 5), vec3(0, 0, 0), 1.0f)->image = add_picture(&r, 64, 32, 0.2f, 500.0f);
         rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 5), vec3(0, 0, 0), 1.0f);
         OK(pell_pool_create(r.ctx, 2, &pool));
-        fault.fail_at = fault.calls + ++n;
+        n += SLOW ? 3 : 1;
+        fault.fail_at = fault.calls + n;
         res = pell_lights_create(r.ctx, r.scene, &r.settings, pool, &lights);
         fault.fail_at = 0;
         REQUIRE((res == PELL_OK) == (lights != NULL));
@@ -615,7 +616,7 @@ static void nth_allocation_fails_cleanly(void **state)
         pell_context_destroy(&r.ctx);
         assert_int_equal(fault.live, 0);
     }
-    print_message("# %d allocations\n", (int) n - 1);
+    print_message("# %d allocations at most\n", (int) n - 1);
     REQUIRE(n > 15);
 }
 
