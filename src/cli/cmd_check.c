@@ -234,6 +234,8 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
     printf("%s, %s, %.4g x %.4g x %.4g mm (one unit of the file is %.6g mm)\n", plural((long long) scene->num_meshes, "mesh part", a),
            plural((long long) r->triangles, "triangle", b), (double) (r->bounds_max[0] - r->bounds_min[0]),
            (double) (r->bounds_max[1] - r->bounds_min[1]), (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
+    printf("from (%.4g, %.4g, %.4g) to (%.4g, %.4g, %.4g) mm\n", (double) r->bounds_min[0], (double) r->bounds_min[1],
+           (double) r->bounds_min[2], (double) r->bounds_max[0], (double) r->bounds_max[1], (double) r->bounds_max[2]);
     printf("%s, %s, %s\n\n%sObjects%s\n", plural((long long) scene->num_lights, "light", a),
            plural((long long) scene->num_cameras, "camera", b), plural((long long) scene->num_textures, "texture", c), bold, plain);
     for (size_t i = 0; i < r->num_objects; i++)

@@ -159,6 +159,14 @@ def _(folder):
         works(folder, b'render', bad, '--size', '70mm', *SMALL, *more)
 
 
+@test('check says where the things are, as its JSON does')
+def _(folder):
+    (low, high) = one_object(works(folder, 'check', 'bunny.obj', '--size', '70mm', '--json'))['bounds_mm']
+    said = text(works(folder, 'check', 'bunny.obj', '--size', '70mm').stdout).splitlines()[1]
+    numbers = [float(n) for n in re.findall(r'[-+0-9.e]+(?=[,)])', said)]
+    need(len(numbers) == 6 and all(abs(a - b) < 1e-3 * max(1, abs(b)) for a, b in zip(numbers, low + high)), said, low, high)
+
+
 @test('names in a file that steer a terminal are shown harmless')
 def _(folder):
     mesh = (folder / 'bunny.obj').read_bytes()
