@@ -108,6 +108,7 @@ class Solid:
 
     def __init__(self, name):
         self.name, self.vertices, self.uv, self.faces, self.known = name, [], [], [], {}
+        self.normals = {}  # of vertices, where the surface that they are of says more than the faces do; written if there are any
 
     def vertex(self, x, y, z):
         self.vertices.append((x, y, z))
@@ -125,22 +126,35 @@ class Solid:
         self.faces.append((material, tuple(corners), tuple(numbers)))
 
 
+def mean_normals(solid):
+    """Of all vertices: the surface's own, or of the faces about it, each by its area."""
+    sums = [[0.0, 0.0, 0.0] for v in solid.vertices]
+    for _, corners, _ in solid.faces:
+        a, b, c = (solid.vertices[k] for k in corners[:3])
+        n = cross(tuple(q - p for p, q in zip(a, b)), tuple(q - p for p, q in zip(a, c)))
+        for k in corners:
+            sums[k] = [p + q for p, q in zip(sums[k], n)]
+    return [unit(solid.normals.get(i, s)) for i, s in enumerate(sums)]
+
+
 def write_obj(path, comment, solids):
     """With a library that names the materials: what they are is the scene file's."""
     lines = [f'# {comment}; made by scripts/make_layer_assets.py; one unit is 1 mm', f'mtllib {path.stem}.mtl']
-    v, vt = 1, 1
+    v, vt, vn = 1, 1, 1
     for solid in solids:
+        normals = mean_normals(solid) if solid.normals else []
         lines.append(f'o {solid.name}')
         lines += [f'v {x:.4f} {y:.4f} {z:.4f}' for x, y, z in solid.vertices]
         lines += [f'vt {a:.5f} {b:.5f}' for a, b in solid.uv]
+        lines += [f'vn {x:.4f} {y:.4f} {z:.4f}' for x, y, z in normals]
         material = None
         for name, corners, uv in solid.faces:
             if name != material:
                 lines.append(f'usemtl {name}')
                 material = name
-            lines.append('f ' + ' '.join(f'{c + v}/{t + vt}' for c, t in zip(corners, uv)) if uv else
-                         'f ' + ' '.join(str(c + v) for c in corners))
-        v, vt = v + len(solid.vertices), vt + len(solid.uv)
+            texts = [f'{c + v}/{uv[k] + vt if uv else ""}' for k, c in enumerate(corners)]
+            lines.append('f ' + ' '.join(f'{text}/{c + vn}' if normals else text.rstrip('/') for text, c in zip(texts, corners)))
+        v, vt, vn = v + len(solid.vertices), vt + len(solid.uv), vn + len(normals)
     path.write_text('\n'.join(lines) + '\n')
     path.with_suffix('.mtl').write_text(''.join(f'newmtl {name}\nKd 0.5 0.5 0.5\n' for name in
                                                 dict.fromkeys(face[0] for solid in solids for face in solid.faces)))
@@ -405,6 +419,8 @@ DORSAL = Curve((32.5, 0), (34, 2.0), (37, 6.8), (40, 9.2), (43, 9.6), (48, 7.6),
 ANAL = Curve((52.5, 0), (54, 2.6), (56.5, 6.4), (58.5, 7.4), (63, 5.2), (68, 3.3), (70.5, 2.0), (72, 0))
 PELVIC = Curve((33, 0), (34.5, 2.4), (37, 6.0), (38.6, 6.6), (40, 4.4), (41.5, 0))
 FISH_EYE = (8.6, 2.0)
+RIM = ((0.25, 0.045), (1.05, 0.12))  # rows next to a rim: mm from it, share of the section at most
+ROOT, ROOT_LOW, ROOT_HIGH = (21.95, 23.2), -6.4, -2.6  # of a pectoral fin: x, y
 SWEEP = 0.75  # how far fins lean back
 
 
@@ -438,13 +454,38 @@ def fish_half(x, t):
     return (body ** 4 + blade ** 4) ** 0.25
 
 
+def fish_normal(x, t):
+    """Of the side toward +z, by differences; a rim's is that of what lies just inside."""
+    x = min(max(x, 0.02), FISH_END - 0.05)
+    bottom, top = fish_outline(x)
+    d = min(0.02, 0.01 * (top - bottom))
+    t = min(max(t, bottom + 2 * d), top - 2 * d)
+
+    def at(x, t):
+        low, high = fish_outline(x)
+        return *fish_place(x, t), fish_half(x, min(max(t, low), high))
+
+    along, up = ([p - q for p, q in zip(at(x + a, t + b), at(x - a, t - b))] for a, b in ((0.01, 0.0), (0.0, d)))
+    return unit(cross(along, up))
+
+
+def fish_bends(x):
+    """How much the outline and the flank bend: stations are the closer."""
+    d, bends = 0.3, 0.0
+    for f in (lambda x: fish_outline(x)[0], lambda x: fish_outline(x)[1], FLANK):
+        low, here, high = f(max(0.0, x - d)), f(x), f(min(FISH_END, x + d))
+        bends += min(abs(low + high - 2 * here) / (d * d), 3.0) / (1 + ((high - low) / (2 * d)) ** 2)
+    return math.sqrt(bends) + 0.25 + 2 * math.exp(-x / 2.2)
+
+
 def fish(vertices):
     """About `vertices` vertices in all."""
     picture = fish_picture(2, ())
-    rows = max(12, round(math.sqrt(0.93 * vertices * 0.132)))
+    rows = max(12, round(2 + math.sqrt(0.93 * vertices * 0.132)))
     columns = round((0.93 * vertices + 2 * rows) / (2 * rows + 0.01))
-    stations = spread(lambda x: 1 + 4 * math.exp(-x / 2.2) + 0.8 * math.exp(-0.5 * ((x - 36) / 2.5) ** 2) +
-                      math.exp(-0.5 * ((x - 55) / 3) ** 2) + 1.2 * step(76, 84, x), 0.0, FISH_END - 0.4, columns - 1) + [FISH_END]
+    # The strip of quads that the pectoral fins grow out of is one and the same, whatever the number of vertices.
+    root = round(columns * 0.33)
+    stations = spread(fish_bends, 0.0, ROOT[0], root) + spread(fish_bends, ROOT[1], FISH_END - 0.4, columns - 2 - root) + [FISH_END]
     heights = []
     for x in stations:
         bottom, top = fish_outline(x)
@@ -452,14 +493,25 @@ def fish(vertices):
         at = min(x, FISH_END - 1.0)
 
         def weight(t):
-            e = 0.004 * size
-            slope = (fish_half(at, min(t + e, top)) - fish_half(at, max(t - e, bottom))) / (2 * e)
-            near = 0.05 * size
-            return math.sqrt(1 + min(slope * slope, 16.0)) + 0.5 * (math.exp((t - top) / near) + math.exp((bottom - t) / near))
+            """Rows are the closer the more the section bends: chords are as near to it everywhere."""
+            d = max(0.004 * size, 0.03)
+            low, here, high = (fish_half(at, min(max(t + k * d, bottom), top)) for k in (-1, 0, 1))
+            slope, bend = (high - low) / (2 * d), abs(high + low - 2 * here) / (d * d)
+            long = 1 + min(slope * slope, 16.0)
+            return math.sqrt(long) * math.sqrt(min(bend / long ** 1.5, 2.0) + 0.02)
 
         # However coarse the mesh, a rim is as round: fins stay as thick.
-        e = min(0.4, 0.06 * size)
-        heights.append([bottom] + spread(weight, bottom + e, top - e, rows - 2, 240) + [top])
+        rim = [min(far, share * size) for far, share in RIM]
+        heights.append([bottom] + [bottom + e for e in rim[:-1]] +
+                       spread(weight, bottom + rim[-1], top - rim[-1], rows - 2 * len(rim), 400) +
+                       [top - e for e in rim[-2::-1]] + [top])
+    first, last = (min(range(2, rows - 1), key=lambda j: abs(heights[root][j] - y)) for y in (ROOT_LOW, ROOT_HIGH))
+    while last - first < 4:
+        first, last = (first, last + 1) if (last - first) % 2 else (first - 1, last)
+    for i in (root, root + 1):  # their rows meet the fin's edges
+        pins = {0: heights[i][0], first: ROOT_LOW, last: ROOT_HIGH, rows: heights[i][-1]}
+        moved = Curve(*((heights[i][j], y) for j, y in sorted(pins.items())))
+        heights[i] = [moved(y) for y in heights[i]]
     solid = Solid('fish')
 
     def height(i, j):
@@ -467,11 +519,15 @@ def fish(vertices):
         return h, -h
 
     # A pectoral fin grows out of a strip of quads behind the gill, on either side.
-    root = min(range(columns), key=lambda i: abs(0.5 * (stations[i] + stations[i + 1]) - 22.6))
-    first = min(range(1, rows - 3), key=lambda j: abs(heights[root][j] + 6.4))
-    last = max(first + 2, min(range(1, rows - 1), key=lambda j: abs(heights[root][j] + 2.6)))
     index = pillow(solid, 'Fish', columns, rows, lambda i, j: fish_place(stations[i], heights[i][j]), height, picture.uv,
                    lambda i, j, side: i == root and first <= j < last)
+    for i in range(columns + 1):
+        for j in range(rows + 1):
+            n = fish_normal(stations[i], heights[i][j])
+            if index[0][i][j] == index[1][i][j]:
+                solid.normals[index[0][i][j]] = (n[0], n[1], 0.0)
+            else:
+                solid.normals[index[0][i][j]], solid.normals[index[1][i][j]] = n, (n[0], n[1], -n[2])
     for side in (0, 1):
         fish_pectoral(solid, picture, index[side], root, first, last, 1 if side == 0 else -1, max(6, round(9 * math.sqrt(vertices / 5000))))
     eyes = []
@@ -500,7 +556,7 @@ def fish_pectoral(solid, picture, grid, column, first, last, side, rings):
         a = 0.3 + (length - 0.3) * (r / rings) ** 0.9
         loop = ([], [])
         for j in range(count + 1):
-            s = 2 * j / count - 1
+            s = math.sin(math.pi * (j / count - 0.5))
             w = PECTORAL_WIDTH(a) * s
             reach = a - 1.6 * s * s * step(0, length, a) + 1.2 * s * step(2, length, a)
             # From a root that is thin it grows thicker as it leaves the body.
@@ -512,7 +568,7 @@ def fish_pectoral(solid, picture, grid, column, first, last, side, rings):
         loops.append(loop)
 
     def uv(r, j, extra=0.0, beyond=0.0):
-        s = 2 * j / count - 1
+        s = math.sin(math.pi * (j / count - 0.5))
         a = length * r / rings
         return picture.uv(1.0 + a + beyond, -21.0 + s * (PECTORAL_WIDTH(a) + extra))
 

@@ -45,13 +45,13 @@ struct layered_layer {
     int pack, channel; /* -1: even */
     float sigma_s[3], sigma_t[3];
     float halves[3], most_halves; /* 1/mm: how often light is halved, sigma_t/ln 2; the largest of them */
-    float per_number, middle;     /* painted: mm of a filtered number, see look_up in kernels.c */
+    float per_number, middle;     /* painted: mm of a filtered number, see look_up in march.h */
     struct layered_phase phase[3];
     bool one_phase; /* of all three channels */
 };
 
-/* Depths of up to 4 layers whose maps are looked up alike: 4 numbers of 16 bits a texel, so that two neighbours are one fetch. Numbers
- * are signed: the depth 0 is -32768, the largest 32767. */
+/* Depths of up to 4 layers whose maps are looked up alike: 4 pairs of numbers of 16 bits a texel, its own and of the texel below it, so that
+ * four neighbours are one fetch of 32 bytes. Numbers are signed: the depth 0 is -32768, the largest 32767. */
 struct layered_pack {
     const struct pell_texture_map *map; /* of the first of them */
     int layer[4], count;                /* -1: none */
@@ -82,7 +82,6 @@ struct layered_place {
     float gu[3][16], gv[3][16];
     int32_t offset[16], stride[16];
     float width[16], height[16];
-    int32_t row; /* `stride`, where it is the same of all lanes, else 0 */
 };
 
 struct layered_packet {

@@ -116,9 +116,21 @@ static void shrink(const struct layered_level *from, const struct layered_level 
             }
 }
 
-static void read_layer(const struct pell_stratum *stratum, struct layered_layer *layer, struct layered_pack *p)
+/* Each texel with the one below it, signed: see kernels.h. The last row is below another alone. */
+static void pair(const struct layered_level *l, const uint16_t *numbers, uint16_t *texels)
 {
-    const struct layered_level *l = &p->level[0];
+    const uint16_t *from = numbers + 4 * (ptrdiff_t) l->offset;
+    uint16_t *to = texels + 8 * (ptrdiff_t) l->offset;
+
+    for (ptrdiff_t i = 0; i < (ptrdiff_t) l->stride * (l->height + 1); i++)
+        for (int k = 0; k < 4; k++) {
+            to[8 * i + 2 * k] = from[4 * i + k] ^ 0x8000;
+            to[8 * i + 2 * k + 1] = from[4 * (i + l->stride) + k] ^ 0x8000;
+        }
+}
+
+static void read_layer(const struct pell_stratum *stratum, struct layered_layer *layer, const struct layered_level *l, uint16_t *numbers)
+{
     struct pell_texture_map map = *stratum->map;
     const double depth = fmin(stratum->depth, (double) PELL_LAYER_DEPTH_MAX);
     float largest = 0.0f;
@@ -134,7 +146,7 @@ static void read_layer(const struct pell_stratum *stratum, struct layered_layer 
                 if (pass == 0)
                     largest = share > largest ? share : largest;
                 else
-                    p->texels[4 * (l->offset + (y + 1) * l->stride + x + 1) + layer->channel] =
+                    numbers[4 * (l->offset + (y + 1) * l->stride + x + 1) + layer->channel] =
                         (uint16_t) (largest > 0.0f ? share / largest * 65535.0f + 0.5f : 0.0f);
             }
     layer->depth = (float) (depth * (double) largest);
@@ -146,6 +158,7 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
                                   struct layered_pack *p)
 {
     const struct pell_image *image = &p->map->texture->image;
+    uint16_t *numbers;
     int64_t texels = 0;
 
     if (image->width < 1 || image->height < 1 || (int64_t) image->width * image->height > (int64_t) 1 << 28)
@@ -158,19 +171,20 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
         if ((w == 1 && h == 1) || p->levels == LAYERED_LEVELS || p->map->texture->nearest)
             break;
     }
-    p->texels = pell_calloc(ctx, (size_t) texels + 1, 4 * sizeof(*p->texels));
-    if (!p->texels)
-        return PELL_ERR_NOMEM;
-    for (int k = 0; k < p->count; k++)
-        read_layer(&strata->item[p->layer[k]], &m->layer[p->layer[k]], p);
-    for (int i = 0; i < p->levels; i++) {
-        if (i > 0)
-            shrink(&p->level[i - 1], &p->level[i], p->texels);
-        make_border(&p->level[i], p->map->texture, p->texels);
+    numbers = pell_calloc(ctx, (size_t) texels, 4 * sizeof(*numbers));
+    p->texels = pell_calloc(ctx, (size_t) texels, 8 * sizeof(*p->texels));
+    if (numbers && p->texels) {
+        for (int k = 0; k < p->count; k++)
+            read_layer(&strata->item[p->layer[k]], &m->layer[p->layer[k]], &p->level[0], numbers);
+        for (int i = 0; i < p->levels; i++) {
+            if (i > 0)
+                shrink(&p->level[i - 1], &p->level[i], numbers);
+            make_border(&p->level[i], p->map->texture, numbers);
+            pair(&p->level[i], numbers, p->texels);
+        }
     }
-    for (int64_t i = 0; i < 4 * texels; i++)
-        p->texels[i] ^= 0x8000; /* signed, see kernels.h */
-    return PELL_OK;
+    pell_free(ctx, numbers);
+    return numbers && p->texels ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 /* --- All of it ------------------------------------------------------------------------------------------------------------------ */

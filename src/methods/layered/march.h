@@ -1,0 +1,290 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * march.h - what the two marches of layered share: look-ups of depths, phase functions, powers of one half. For kernel files alone.
+ *
+ * Vectors are the compiler's generic ones, as wide as the machine's registers; a lane is a pixel. All levels give the same bits: a pixel's
+ * operations and their order do not depend on the width.
+ */
+#ifndef PELL_LAYERED_MARCH_H
+#define PELL_LAYERED_MARCH_H
+
+#include "methods/layered/layered.h"
+
+#include "base/simd.h"
+#include "math/lanes.h"
+
+#include <math.h>
+#include <string.h>
+
+#define LANES LAYERED_LANES
+#define MOST PELL_LAYERS_MOST
+/* Numbers that are read one by one after they were written together: from memory, not picked out of a register each. */
+#define KEEP(array) __asm__("" : "+m"(array))
+
+INLINE vi load_int(const int32_t *p)
+{
+    vi v;
+    memcpy(&v, p, sizeof(v));
+    return v;
+}
+
+/* Generic vectors are not interleaved by one instruction. */
+#if defined(__AVX512F__)
+#define low2(a, b) ((vf) _mm512_unpacklo_ps((__m512) (a), (__m512) (b)))
+#define high2(a, b) ((vf) _mm512_unpackhi_ps((__m512) (a), (__m512) (b)))
+#define low4(a, b) ((vf) _mm512_unpacklo_pd((__m512d) (a), (__m512d) (b)))
+#define high4(a, b) ((vf) _mm512_unpackhi_pd((__m512d) (a), (__m512d) (b)))
+#elif defined(__AVX2__)
+#define low2(a, b) ((vf) _mm256_unpacklo_ps((__m256) (a), (__m256) (b)))
+#define high2(a, b) ((vf) _mm256_unpackhi_ps((__m256) (a), (__m256) (b)))
+#define low4(a, b) ((vf) _mm256_unpacklo_pd((__m256d) (a), (__m256d) (b)))
+#define high4(a, b) ((vf) _mm256_unpackhi_pd((__m256d) (a), (__m256d) (b)))
+#elif defined(__SSE2__)
+#define low2(a, b) ((vf) _mm_unpacklo_ps((__m128) (a), (__m128) (b)))
+#define high2(a, b) ((vf) _mm_unpackhi_ps((__m128) (a), (__m128) (b)))
+#define low4(a, b) ((vf) _mm_unpacklo_pd((__m128d) (a), (__m128d) (b)))
+#define high4(a, b) ((vf) _mm_unpackhi_pd((__m128d) (a), (__m128d) (b)))
+#else
+INLINE vf low2(vf a, vf b)
+{
+    return (vf){ a[0], b[0], a[1], b[1] };
+}
+
+INLINE vf high2(vf a, vf b)
+{
+    return (vf){ a[2], b[2], a[3], b[3] };
+}
+
+INLINE vf low4(vf a, vf b)
+{
+    return (vf){ a[0], a[1], b[0], b[1] };
+}
+
+INLINE vf high4(vf a, vf b)
+{
+    return (vf){ a[2], a[3], b[2], b[3] };
+}
+#endif
+
+/* 1/sqrt(x) of a positive number within 2e-7 of itself, at less than half the time of a root and a division: a first guess by the number's
+ * bits and one step with constants that even its error out (L. Moroz et al. 2018, "Fast Calculation of Inverse Square Root with the Use of
+ * Magic Constant"), then a step of third order. */
+INLINE vf inverse_root(vf x)
+{
+    vf y = (vf) (0x5f1ffff9 - ((vi) x >> 1)), t;
+
+    y *= 0.703952253f * (2.38924456f - x * y * y);
+    t = x * y * y;
+    return y * (1.875f - t * (1.25f - 0.375f * t));
+}
+
+INLINE vf between(vf x, float low, float high)
+{
+    return lesser(greater(x, all(low)), all(high)); /* no number becomes `low` */
+}
+
+/* Whole numbers not above, of numbers within 2^30. */
+INLINE vf floor_of(vf x)
+{
+    const vf cut = __builtin_convertvector(__builtin_convertvector(x, vi), vf);
+    return cut + (vf) ((cut > x) & (vi) all(-1.0f));
+}
+
+#define LN2 0.693147181f
+#define THICK 1.0f /* halvings: from here on a series of three terms is not enough */
+
+#define ROUND 12582912.0f /* 1.5 * 2^23: a number added to it is rounded, and its last bits are that number's */
+
+/* 2^-x, x >= -100, within 3e-6 of itself; no more than 1e-37 beyond 126 and where x is no number. */
+INLINE vf halving(vf x)
+{
+    const vf y = lesser(x, all(126.0f)), k = y + ROUND, r = (k - ROUND) - y;
+    const vf p = 0.99999926f + r * (0.69312181f + r * (0.24024745f + r * (0.05591786f + r * 0.0095701019f)));
+    return (vf) ((vi) p - ((vi) k << 23));
+}
+
+/* Mean light where it is halved `tau` times in the middle and y times from there to either end: 2^-tau sinh(y ln 2)/(y ln 2); by its
+ * series, but where some lane is `thick`. */
+INLINE vf mean_light(vf tau, vf y, bool thick)
+{
+    const vf y2 = y * y, size = magnitude(y);
+    vf value = halving(tau) * (1.0f + y2 * (LN2 * LN2 / 6.0f + y2 * (LN2 * LN2 * LN2 * LN2 / 120.0f)));
+
+    if (thick)
+        value = select(size > THICK, (halving(tau - size) - halving(tau + size)) / (2.0f * LN2 * size), value);
+    return value;
+}
+
+/* Sums of products of pairs of 16 bit numbers. */
+INLINE vf weighed(vf pairs, vi weights)
+{
+#if defined(__AVX512BW__)
+    return __builtin_convertvector((vi) _mm512_madd_epi16((__m512i) pairs, (__m512i) weights), vf);
+#elif defined(__AVX2__)
+    return __builtin_convertvector((vi) _mm256_madd_epi16((__m256i) pairs, (__m256i) weights), vf);
+#elif defined(__SSE2__)
+    return __builtin_convertvector((vi) _mm_madd_epi16((__m128i) pairs, (__m128i) weights), vf);
+#else
+    const vi a = (vi) pairs;
+    return __builtin_convertvector((a << 16 >> 16) * (weights << 16 >> 16) + (a >> 16) * (weights >> 16), vf);
+#endif
+}
+
+/* Number k of each of four rows of 16 bytes becomes number k, 0 to 3, of row k: transposed; of longer rows each 16 bytes for themselves. */
+INLINE void transpose(const vf from[4], vf to[4])
+{
+    const vf a = low2(from[0], from[1]), b = high2(from[0], from[1]), c = low2(from[2], from[3]), d = high2(from[2], from[3]);
+
+    to[0] = low4(a, c);
+    to[1] = high4(a, c);
+    to[2] = low4(b, d);
+    to[3] = high4(b, d);
+}
+
+/* Of each lane a texel and its neighbour, 32 bytes: their pairs of numbers, all lanes in order. */
+INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf right[4])
+{
+#define TEXEL(lane) ((const void *) (texels + 8 * (ptrdiff_t) at[lane]))
+    vf p[4], q[4];
+
+#if defined(__AVX512F__)
+    vf first[4], second[4];
+    for (int k = 0; k < 4; k++) {
+        p[k] = (vf) _mm512_inserti64x4(_mm512_castsi256_si512(_mm256_loadu_si256(TEXEL(k))), _mm256_loadu_si256(TEXEL(k + 4)), 1);
+        q[k] = (vf) _mm512_inserti64x4(_mm512_castsi256_si512(_mm256_loadu_si256(TEXEL(k + 8))), _mm256_loadu_si256(TEXEL(k + 12)), 1);
+    }
+    transpose(p, first);
+    transpose(q, second);
+    for (int k = 0; k < 4; k++) {
+        left[k] = (vf) _mm512_shuffle_i32x4((__m512i) first[k], (__m512i) second[k], 0x88);
+        right[k] = (vf) _mm512_shuffle_i32x4((__m512i) first[k], (__m512i) second[k], 0xdd);
+    }
+#elif defined(__AVX2__)
+    vf first[4], second[4];
+    for (int k = 0; k < 4; k++) {
+        p[k] = (vf) _mm256_loadu_si256(TEXEL(k));
+        q[k] = (vf) _mm256_loadu_si256(TEXEL(k + 4));
+    }
+    transpose(p, first);
+    transpose(q, second);
+    for (int k = 0; k < 4; k++) {
+        left[k] = (vf) _mm256_permute2x128_si256((__m256i) first[k], (__m256i) second[k], 0x20);
+        right[k] = (vf) _mm256_permute2x128_si256((__m256i) first[k], (__m256i) second[k], 0x31);
+    }
+#else
+    for (int k = 0; k < 4; k++) {
+        memcpy(&p[k], TEXEL(k), sizeof(p[k]));
+        memcpy(&q[k], (const char *) TEXEL(k) + sizeof(p[k]), sizeof(q[k]));
+    }
+    transpose(p, left);
+    transpose(q, right);
+#endif
+#undef TEXEL
+}
+
+INLINE vf dot3(const vf a[3], const vf b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* `rows`: float [3][LANES]. */
+INLINE void load3(const void *rows, int lane, vf to[3])
+{
+    const float *from = rows;
+
+    for (int k = 0; k < 3; k++)
+        to[k] = load(from + k * LANES + lane);
+}
+
+/* --- Depths --------------------------------------------------------------------------------------------------------------------- */
+
+/* Texture coordinates brought back to [0, 1]. */
+INLINE vf folded(vf u, enum pell_wrap wrap)
+{
+    if (wrap == PELL_WRAP_CLAMP)
+        return between(u, 0.0f, 1.0f);
+    u = between(u, -1e6f, 1e6f);
+    if (wrap == PELL_WRAP_MIRROR) {
+        const vf v = u - 2.0f * floor_of(0.5f * u);
+        return between(select(v > 1.0f, 2.0f - v, v), 0.0f, 1.0f);
+    }
+    return between(u - floor_of(u), 0.0f, 1.0f);
+}
+
+/* Depths of the first `count` layers of a pack at (u, v), filtered: one fetch of four neighbours per lane. */
+INLINE void look_up(const struct layered_medium *m, const struct layered_pack *pack, const struct layered_place *place, int lane, int count,
+                    vf u, vf v, vf out[4])
+{
+    const struct pell_texture *t = pack->map->texture;
+    const vf w = load(place->width + lane), h = load(place->height + lane);
+    _Alignas(64) int32_t at[WIDTH];
+    vf x, y, left[4], right[4], share;
+    vi index, column, row, below;
+
+    if (any(~((u >= 0.0f) & (u <= 1.0f) & (v >= 0.0f) & (v <= 1.0f)))) {
+        u = folded(u, t->wrap_u);
+        v = folded(v, t->wrap_v);
+    }
+    x = u * w + 0.5f; /* of a border's texel: 0 */
+    y = v * h + 0.5f;
+    if (t->nearest) {
+        x = lesser(floor_of(u * w), w - 1.0f) + 1.0f;
+        y = lesser(floor_of(v * h), h - 1.0f) + 1.0f;
+    }
+    column = __builtin_convertvector(x, vi);
+    row = __builtin_convertvector(y, vi);
+    below = __builtin_convertvector((y - __builtin_convertvector(row, vf)) * 32767.0f + 0.5f, vi);
+    share = x - __builtin_convertvector(column, vf);
+    index = load_int(place->offset + lane) + row * load_int(place->stride + lane) + column;
+    memcpy(at, &index, sizeof(at));
+    KEEP(at);
+    fetch(pack->texels, at, left, right);
+    below = (below << 16) + (32767 - below);
+    for (int i = 0; i < count; i++) {
+        const vf a = weighed(left[i], below), b = weighed(right[i], below);
+        out[i] = (a + share * (b - a)) * m->layer[pack->layer[i]].per_number + m->layer[pack->layer[i]].middle;
+    }
+}
+
+/* Bottoms of all layers; where they cross, the upper one wins. */
+INLINE void order_depths(const struct layered_medium *m, vf *depth)
+{
+    vf above = { 0 };
+
+    for (int j = 0; j < m->count; j++) {
+        if (m->layer[j].pack < 0)
+            depth[j] = all(m->layer[j].depth);
+        above = greater(depth[j], above);
+        depth[j] = above;
+    }
+}
+
+/* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
+
+INLINE vf lobe(const struct layered_phase *f, int k, vf c)
+{
+    const vf x = greater(f->a[k] + f->b[k] * c, all(1e-12f));
+    return f->n[k] / (x * root(x));
+}
+
+INLINE vf phase_value(const struct layered_phase *f, vf c)
+{
+    vf x;
+
+    switch (f->shape) {
+    case LAYERED_EVEN: return all(f->n[0]);
+    case LAYERED_SCHLICK: x = 1.0f + f->b[0] * c; return f->n[0] / (x * x);
+    case LAYERED_RAYLEIGH: return f->n[0] * (1.0f + c * c);
+    case LAYERED_TWO_LOBE: return lobe(f, 0, c) + lobe(f, 1, c);
+    default: return lobe(f, 0, c);
+    }
+}
+
+/* march.c: for any packet. */
+void PELL_SIMD(layered_march_any)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+                                  const struct layered_lamp *lamps, int count);
+/* usual.c: for most packets of most pictures; false: this is none of them. */
+bool PELL_SIMD(layered_march_usual)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+                                    const struct layered_lamp *lamps, int count);
+
+#endif

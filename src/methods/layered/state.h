@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * state.h - layered on the cpu engine: what outlives a frame, and the steps of a packet. For cpu.c, fit.c, lamps.c and paths.c alone.
+ */
+#ifndef PELL_LAYERED_STATE_H
+#define PELL_LAYERED_STATE_H
+
+#include "methods/layered/layered.h"
+
+#include "math/vec.h"
+#include "rays/fan.h"
+#include "render/emitters.h"
+#include "render/renderer.h"
+
+/* A place on a lamp, or how to choose one for a pixel. */
+struct layered_source {
+    const struct pell_emitters *lamp; /* alone in its set */
+    struct pell_emitter_sample sample;
+    bool face;                  /* chosen for each pixel */
+    bool even;                  /* `power` is all that there is to say */
+    size_t light;               /* of the scene */
+    const struct pell_fan *fan; /* the frame's; what the lamp sees, NULL: rays */
+    int number, of;
+    float power[3], scale;
+};
+
+struct layered_worker {
+    struct layered_packet packet;
+    struct layered_lamp lamps[LAYERED_GROUP];
+    int64_t pixels, rays, marches;
+};
+
+struct layered_state {
+    struct pell_renderer *r; /* borrowed */
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct layered_kernels *kernels;
+    struct layered_knobs knobs;
+    struct layered_work work;
+    struct pell_strata **strata; /* of the scene's materials, where a mesh asks for it */
+    struct layered_medium *media;
+    size_t num_materials;
+    float (**planes)[4]; /* of meshes */
+    size_t num_meshes;
+    struct pell_emitters **lamps;
+    size_t num_lamps;
+    struct layered_source *sources;
+    int num_sources;
+    struct layered_worker *workers;
+    int most_layers, most_packs;
+    float size; /* mm: of the scene */
+    struct pell_pass_time times[3];
+    size_t num_times;
+    double fit_seconds; /* < 0: told already */
+    int64_t fitted;
+    /* The frame. */
+    const struct pell_frame *in;
+    const struct pell_frame_light *out;
+    const struct pell_view *view;
+    int bands;
+};
+
+static inline bool layered_scatters(const struct pell_scene *scene, const struct pell_mesh *mesh)
+{
+    return mesh->material >= 0 && !scene->materials[mesh->material].opaque && mesh->num_triangles > 0;
+}
+
+static inline bool layered_same_body(const struct pell_mesh *a, const struct pell_mesh *b)
+{
+    return a->object == b->object && a->material == b->material;
+}
+
+/* The smooth outward normal of a hit. */
+static inline struct pell_vec3 layered_normal_at(const struct pell_mesh *m, uint32_t triangle, float u, float v)
+{
+    const uint32_t *index = m->index + 3 * (size_t) triangle;
+    struct pell_vec3 n = vec3_mul(vec3_load(m->normal + 3 * (size_t) index[0]), 1.0f - u - v);
+
+    n = vec3_mad(n, u, vec3_load(m->normal + 3 * (size_t) index[1]));
+    return vec3_normalize(vec3_mad(n, v, vec3_load(m->normal + 3 * (size_t) index[2])));
+}
+
+/* `rows`: float [3][LAYERED_LANES]. */
+static inline struct pell_vec3 layered_lane3(const void *rows, int i)
+{
+    const float *a = rows;
+
+    return vec3(a[i], a[LAYERED_LANES + i], a[2 * LAYERED_LANES + i]);
+}
+
+static inline void layered_map_uv(const struct pell_texture_map *map, const struct pell_mesh *mesh, uint32_t vertex, float out[2])
+{
+    const float *uv = mesh->uv[map->uv], *m = map->matrix;
+    const float u = uv ? uv[2 * (size_t) vertex] : 0.0f, v = uv ? uv[2 * (size_t) vertex + 1] : 0.0f;
+
+    out[0] = m[0] * u + m[1] * v + m[2];
+    out[1] = m[3] * u + m[4] * v + m[5];
+}
+
+/* --- fit.c: planes of the vertices of all bodies -------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene);
+
+/* --- lamps.c: places on the scene's lamps --------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result layered_make_lamps(struct layered_state *st, const struct pell_scene *scene);
+
+/* What the source sends to each pixel. False: nothing. */
+bool layered_set_power(const struct layered_state *st, const struct layered_source *s, const struct layered_packet *p,
+                       struct layered_lamp *lamp);
+
+/* --- paths.c: rays of a packet -------------------------------------------------------------------------------------------------- */
+
+/* Where the eye's rays leave the solid: marches end there, and in thin parts layers count from there, too. */
+void layered_find_exits(const struct layered_state *st, const struct layered_medium *m, const uint32_t *mesh, struct layered_worker *w);
+
+/* How much of a lane's path goes by planes, and whether the lamp sees P. */
+void layered_set_planes(const struct layered_state *st, const struct layered_source *s, const struct layered_packet *p,
+                        struct layered_worker *w, struct layered_lamp *lamp);
+
+/* A lamp's node, of the lanes that ask for some: how light comes to that place of the march. */
+void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
+                      struct layered_lamp *lamp, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w);
+
+#endif
