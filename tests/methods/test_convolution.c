@@ -254,6 +254,42 @@ static void splitting_in_halves_loses_light(void **state)
     place_destroy(&at);
 }
 
+/* A lit plane before one that is not, far apart beside how far light goes, planes farther still. */
+static void edges_in_depth_keep_light_apart(void **state)
+{
+    static const char *const forms[][5] = { { "surfaces=1", "borders=open", "edges=off", NULL }, { "surfaces=1", "borders=open", NULL } };
+    const struct pell_frame_material m = one(0.04);
+    struct bench_place at = place_create(2, NULL, NULL);
+    double over[2], left[2];
+
+    (void) state;
+    for (int form = 0; form < 2; form++) {
+        struct patch *p = patch_create(90, 60, true, 3.0, 600.0, &m, 1);
+        over[form] = 0.0;
+        left[form] = 1.0;
+        p->depth[patch_at(p, 0, 0)] = 700.0f; /* takes planes 33 mm apart */
+        for (int y = 0; y < 60; y++)
+            for (int x = 45; x < 90; x++) {
+                p->depth[patch_at(p, x, y)] = 610.0f;
+                for (int c = 0; c < 3; c++)
+                    p->light[c][patch_at(p, x, y)] = 0.0f;
+            }
+        patch_run(&at, method(at.ctx), forms[form], p);
+        for (int x = 40; x < 50; x++) {
+            const double v = (double) p->result[0][patch_at(p, x, 30)];
+            if (x < 45)
+                left[form] = fmin(left[form], v);
+            else
+                over[form] = fmax(over[form], v);
+        }
+        patch_destroy(p);
+    }
+    print_message("# across an edge %.4f of the light, %.4f left before it; edges=off %.4f, %.4f\n", over[1], left[1], over[0], left[0]);
+    REQUIRE(over[1] < 0.002 && fabs(left[1] - 1.0) < 0.002);
+    REQUIRE(over[0] > 0.1 && left[0] < 0.9);
+    place_destroy(&at);
+}
+
 /* --- Planes that lean ------------------------------------------------------------------------------------------------------------ */
 
 static void leaning_planes_keep_most_of_their_light(void **state)
@@ -328,29 +364,49 @@ static void a_picture_is_the_sum_over_its_pixels(void **state)
     place_destroy(&at);
 }
 
-/* Transforms leave rounding everywhere; beyond what their padding holds there is nothing, to the bit. */
-static void the_left_edge_does_not_light_the_right(void **state)
+/* Light of `left` in the first columns and of `right` in the last. */
+static struct patch *lit_at_ends(const struct bench_place *at, const struct pell_frame_material *m, float left, float right)
 {
     static const char *const form[] = { "surfaces=1", "borders=open", NULL };
-    const struct pell_frame_material m = one(4.0);
-    struct bench_place at = place_create(2, NULL, NULL);
-    struct patch *p = patch_create(300, 40, true, 1.0, 100.0, &m, 1);
-    double right = 0.0;
+    struct patch *p = patch_create(300, 40, true, 1.0, 100.0, m, 1);
 
-    (void) state;
     patch_light(p, 0.0f, 0.0f, 0.0f);
     for (int y = 0; y < 40; y++)
-        for (int x = 0; x < 4; x++)
-            p->light[0][patch_at(p, x, y)] = 1.0f;
-    patch_run(&at, method(at.ctx), form, p);
-    for (int y = 0; y < 40; y++)
-        for (int x = 40; x < 300; x++) {
-            right = fmax(right, fabs((double) p->result[0][patch_at(p, x, y)]));
-            assert_true(p->result[1][patch_at(p, x, y)] == 0.0f);
+        for (int x = 0; x < 4; x++) {
+            p->light[0][patch_at(p, x, y)] = left;
+            p->light[0][patch_at(p, 299 - x, y)] = right;
         }
-    REQUIRE(p->result[0][patch_at(p, 8, 20)] > 0.01f);
-    assert_true(right == 0.0);
-    patch_destroy(p);
+    patch_run(at, method(at->ctx), form, p);
+    return p;
+}
+
+/* Beyond what padding holds nothing comes round: where no light comes to there is none, to the bit. Where other light comes to, a transform
+ * leaves the rounding of all that goes through it, whatever its padding: a bound of the brightest light, not of the local one. */
+static void the_left_edge_does_not_light_the_right(void **state)
+{
+    const struct pell_frame_material m = one(4.0);
+    struct bench_place at = place_create(2, NULL, NULL);
+    struct patch *left = lit_at_ends(&at, &m, 1.0f, 0.0f), *right = lit_at_ends(&at, &m, 0.0f, 1e-3f);
+    struct patch *both = lit_at_ends(&at, &m, 1.0f, 1e-3f);
+    double rounding = 0.0, brightest = 0.0;
+
+    (void) state;
+    for (int y = 0; y < 40; y++)
+        for (int x = 0; x < 300; x++) {
+            const ptrdiff_t i = patch_at(left, x, y);
+            assert_true(left->result[1][i] == 0.0f && both->result[1][i] == 0.0f);
+            brightest = fmax(brightest, (double) left->result[0][i]);
+            if (x >= 40) {
+                assert_true(left->result[0][i] == 0.0f);
+                rounding = fmax(rounding, fabs((double) both->result[0][i] - (double) right->result[0][i]));
+            }
+        }
+    print_message("# light at the left: none at the right alone, %.1e of it beside other light\n", rounding / brightest);
+    REQUIRE(left->result[0][patch_at(left, 8, 20)] > 0.01f && right->result[0][patch_at(right, 291, 20)] > 1e-5f);
+    REQUIRE(rounding < 2e-7 * brightest);
+    patch_destroy(left);
+    patch_destroy(right);
+    patch_destroy(both);
     place_destroy(&at);
 }
 
@@ -395,6 +451,7 @@ int main(void)
         cmocka_unit_test(squares_hold_what_gaussians_put_there),   cmocka_unit_test(tables_are_the_profile),
         cmocka_unit_test(the_printed_threshold_drops_light),       cmocka_unit_test(planes_at_any_depth_are_the_exact_convolution),
         cmocka_unit_test(facing_planes_keep_their_light),          cmocka_unit_test(splitting_in_halves_loses_light),
+        cmocka_unit_test(edges_in_depth_keep_light_apart),
         cmocka_unit_test(leaning_planes_keep_most_of_their_light), cmocka_unit_test(a_picture_is_the_sum_over_its_pixels),
         cmocka_unit_test(the_left_edge_does_not_light_the_right),  cmocka_unit_test(coarse_planes_lose_detail_alone),
     };

@@ -274,6 +274,64 @@ static void planes_slide_without_popping(void **state)
     REQUIRE(jump[1] < 0.005);
 }
 
+/* What lies before thick parts gets none of the light that thin parts of the thing let through: a plate with a block on it, lit from
+ * behind. (By the mean over both it was a third as bright as the plate.) */
+static void thick_parts_stay_dark_before_light(void **state)
+{
+    double thin[2], thick[2];
+
+    (void) state;
+    for (int method = 0; method < 2; method++) {
+        struct stage s;
+        struct shot shot;
+        size_t m;
+        stage_start(&s, 64, 32);
+        stage_gaussians(&s, 0.2, &m);
+        stage_box(&s, m, 0, vec3(-16, -8, -1), vec3(0, 8, 0));
+        stage_box(&s, m, 0, vec3(0, -8, -12), vec3(16, 8, 0));
+        stage_box(&s, m, 0, vec3(-16, 7, -60), vec3(-15, 8, -59)); /* takes planes far apart */
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -60), vec3(0, 0, 0), 2.0f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 16.0f);
+        shot = stage_shot_of(&s, method ? "convolution" : "hierarchical", NULL);
+        thin[method] = shot_at(&shot, 0, 16, 16);
+        thick[method] = shot_at(&shot, 0, 48, 16);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# before 1 mm and 12 mm: %.3g and %.1e, hierarchical %.3g and %.1e\n", thin[1], thick[1], thin[0], thick[0]);
+    REQUIRE_REL(thin[1], thin[0], 0.1);
+    REQUIRE(thick[1] < 1e-4 * thin[1]);
+}
+
+/* Pixels keep the numbers of bodies in 16 bits. */
+static void too_many_bodies_are_refused_by_name(void **state)
+{
+    struct stage s;
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 16, 16);
+    stage_gaussians(&s, 0.5, &m);
+    for (int i = 0; i < 65535; i++) {
+        struct pell_mesh *mesh = shapes_mesh(s.scene, m, 3, 1);
+        mesh->object = i;
+        for (uint32_t k = 0; k < 3; k++) {
+            mesh->position[3 * k] = (float) (i % 256) + (k == 1);
+            mesh->position[3 * k + 1] = (float) (i / 256) + (k == 2);
+            mesh->normal[3 * k + 2] = 1.0f;
+            mesh->index[k] = k;
+        }
+    }
+    stage_light(&s, PELL_LIGHT_POINT, vec3(60, 40, 5), vec3(0, 0, 0), 5e-3f);
+    stage_camera(&s, vec3(128, 128, 400), vec3(128, 128, 0), 0.5f, 0.0f);
+    stage_method(&s, "convolution", NULL);
+    stage_complete(&s);
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_UNSUPPORTED);
+    assert_string_equal(s.kept.what, "65535 bodies, at most 65534");
+    stage_finish(&s);
+}
+
 static void a_frame_allocates_nothing(void **state)
 {
     struct stage s;
@@ -305,6 +363,8 @@ int main(void)
         cmocka_unit_test(light_behind_is_of_its_own_frame),
         cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(planes_slide_without_popping),
+        cmocka_unit_test(thick_parts_stay_dark_before_light),
+        cmocka_unit_test(too_many_bodies_are_refused_by_name),
         cmocka_unit_test(a_frame_allocates_nothing),
     };
 

@@ -36,15 +36,13 @@ struct convolution_knobs {
     int surfaces;
     int behind_step; /* enum conv_step */
     bool apart;
+    bool edges;
     int borders; /* enum conv_borders */
 };
 
 /* --- radial.c: a material's profile as tables -------------------------------------------------------------------------------------- */
 
-enum { CONV_ROWS_OCTAVE = 32, CONV_OCTAVES = 52, CONV_ROWS = CONV_ROWS_OCTAVE * CONV_OCTAVES };
 enum { CONV_LINE_OCTAVE = 8, CONV_LINE_ROWS = CONV_LINE_OCTAVE * CONV_OCTAVES };
-enum { CONV_PHASES = 17, CONV_LEANS = 16, CONV_FINE = 64 };
-#define CONV_LEAST_COS 0.01f /* what leans more counts as this */
 
 /* One channel. */
 struct conv_radial {
@@ -56,16 +54,6 @@ struct conv_radial {
     float per_median2;
     float *value; /* R, 1/mm^2, at squared radii, CONV_ROWS_OCTAVE evenly to an octave: CONV_ROWS + 2 */
     float *line;  /* Int R dy beside a line, 1/mm, at the same with CONV_LINE_OCTAVE: CONV_LINE_ROWS + 2 */
-};
-
-/* How much of its light a flat surface gets back by planes and images between them, over what it should: by the place between two planes
- * (rows are t = i/(CONV_PHASES - 1)) and the lean, sqrt(1 - cos) = i/(CONV_LEANS - 1) of the largest, or i/(CONV_FINE - 1). */
-struct conv_response {
-    float place[CONV_LEANS][CONV_PHASES]; /* 1/sqrt of it, as a part of its mean over the places */
-    struct conv_lean {
-        float near, far;           /* what comes from less, and from more, than the distance with half of the light */
-        float true_near, true_far; /* and what should */
-    } lean[CONV_FINE];
 };
 
 /* `memory`: CONV_RADIAL_FLOATS for each of three channels. */
@@ -104,6 +92,7 @@ struct conv_behind {
 
 struct conv_sources {
     struct pell_renderer *r;
+    const struct conv_kernels *kernels;
     const struct pell_bodies *bodies; /* NULL: no scene, materials are groups */
     const struct pell_frame *in;
     struct pell_view view;
@@ -112,10 +101,10 @@ struct conv_sources {
     struct conv_behind behind;
 };
 
-/* Rows [y0, y1) of pixels. */
+/* The picture's depths; `median`: mm, as in struct conv_depths. */
+struct conv_depths convolution_depths(const struct conv_sources *s, float median);
+/* A row of pixels. */
 void convolution_front_row(const struct conv_sources *s, int y);
-/* How far a pixel and those `step` pixels away lean, as in struct conv_front; 0 where there are none. */
-float convolution_lean_over(const struct conv_sources *s, int x, int y, int step);
 /* A row of cells; returns rays. */
 int convolution_behind_row(const struct conv_sources *s, int cell_y);
 void convolution_sources_aim(struct conv_sources *s);
@@ -158,7 +147,8 @@ size_t convolution_spectra_size(const struct convolution_knobs *k, bool orthogra
 size_t convolution_spectra_scratch(int width, int height);
 /* Makes what is not there yet; `scratch` of each worker. */
 void convolution_spectra_make(struct pell_pool *pool, const struct convolution_knobs *k, const struct conv_radial radial[3],
-                              const struct conv_layout *layout, float *const *scratch, struct conv_spectra *out);
+                              const struct conv_layout *layout, const struct conv_kernels *kernels, float *const *scratch,
+                              struct conv_spectra *out);
 
 extern const struct pell_method_engine pell_convolution_cpu;
 

@@ -128,7 +128,8 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     st->num_images += st->bodies && st->knobs.apart ? st->knobs.planes : 0;
     st->image_size = (size_t) round_up(width, L) * bands * CONV_BAND;
     st->half_size = ((size_t) across / 32 + 1) * bands * CONV_BAND * E;
-    st->images = pell_alloc_array(st->ctx, st->image_size, (size_t) st->num_images * sizeof(float));
+    if (st->step > 1)
+        st->images = pell_alloc_array(st->ctx, st->image_size, (size_t) st->num_images * sizeof(float));
     st->half = pell_alloc_array(st->ctx, st->half_size, (size_t) st->num_images * sizeof(float));
     st->occupied = pell_calloc(st->ctx, bands, (size_t) st->num_images);
     st->lit = pell_calloc(st->ctx, bands, sizeof(*st->lit));
@@ -143,8 +144,8 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     st->scratch_memory = pell_alloc_array(st->ctx, scratch, (size_t) workers * sizeof(float));
     table = 3 * (size_t) (across > down ? across : down) + 4096;
     st->job.tables[0] = pell_alloc_array(st->ctx, table, 2 * sizeof(float));
-    if (!st->images || !st->half || !st->occupied || !st->lit || !st->scratch || !st->scratch_memory || !st->job.tables[0] ||
-        (is_even(st) && !st->even))
+    if ((st->step > 1 && !st->images) || !st->half || !st->occupied || !st->lit || !st->scratch || !st->scratch_memory ||
+        !st->job.tables[0] || (is_even(st) && !st->even))
         return PELL_ERR_NOMEM;
     st->job.tables[1] = st->job.tables[0] + table;
     for (int i = 0; i < workers; i++)
@@ -177,6 +178,9 @@ static enum pell_result convolution_create(struct pell_renderer *r, const struct
     if (shape->width > PELL_FFT_MOST / 4 || shape->height > PELL_FFT_MOST / 4)
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%d x %d pixels, at most %d a side", shape->width, shape->height,
                           PELL_FFT_MOST / 4);
+    if ((int64_t) shape->stride * shape->height > INT32_MAX) /* kernels count pixels in 32 bits */
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%lld pixels with the rows' ends, at most %d",
+                          (long long) shape->stride * shape->height, INT32_MAX);
     if (st->knobs.surfaces > 1)
         PELL_TRY(pell_renderer_bodies(r, &st->bodies));
     if ((st->bodies ? st->bodies->count : shape->num_materials) >= UINT16_MAX) /* groups are kept in 16 bits, 0 is none */
@@ -187,6 +191,7 @@ static enum pell_result convolution_create(struct pell_renderer *r, const struct
     PELL_TRY(make_images(st, shape));
     st->sources.r = r;
     st->sources.bodies = st->bodies;
+    st->sources.kernels = st->kernels;
     return PELL_OK;
 
 fail:
@@ -255,15 +260,11 @@ static void convolve(struct convolution_state *st, int channel, bool even)
             j->lit[i] = j->lit[i] || st->occupied[band * st->num_images + i];
         lit += j->lit[i];
     }
-    note_time(st, CONV_T_SPREAD, &clock, j->extent.pixels, j->extent.pixels * 20 + images * image_pixels * 4);
-    convolution_transform_rows(st);
-    note_time(st, CONV_T_ROWS, &clock, lit * image_pixels, lit * (image_pixels * 4 + half_bytes));
+    note_time(st, CONV_T_SPREAD, &clock, j->extent.pixels, j->extent.pixels * 20 + lit * half_bytes);
     convolution_transform_columns(st);
     note_time(st, CONV_T_COLUMNS, &clock, images * image_pixels, images * half_bytes * 2);
-    convolution_transform_back(st);
-    note_time(st, CONV_T_BACK, &clock, j->count * image_pixels, j->count * (image_pixels * 4 + half_bytes));
     convolution_gather(st);
-    note_time(st, CONV_T_GATHER, &clock, j->extent.pixels, j->extent.pixels * 24);
+    note_time(st, CONV_T_GATHER, &clock, j->extent.pixels, j->extent.pixels * 24 + (j->layout.planes + j->between) * half_bytes);
 }
 
 static enum pell_result render_group(struct convolution_state *st, size_t group)
@@ -287,21 +288,22 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     pell_fft_init(&j->across, j->layout.across, j->tables[0]);
     pell_fft_init(&j->down, j->layout.down, j->tables[1]);
     convolution_place(st);
-    convolution_find_seen(st);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < CONV_PLANES; i++)
             j->layout.behind[c][i] = -1.0f;
     j->behind = st->knobs.apart && st->sources.behind.layers > 0 ? j->layout.planes : 0;
     if (j->behind)
         convolution_measure_behind(st);
-    convolution_spectra_make(st->pool, &st->knobs, j->radial, &j->layout, st->scratch, set);
+    note_time(st, CONV_T_PLANES, &clock, j->extent.pixels, j->extent.pixels * 16);
+    convolution_spectra_make(st->pool, &st->knobs, j->radial, &j->layout, st->kernels, st->scratch, set);
     if (pell_cancelled(st->ctx)) {
         set->layout.planes = 0;
         return PELL_ERR_CANCELLED;
     }
     j->set = set;
-    convolution_weigh(st);
     note_time(st, CONV_T_SPECTRA, &clock, 0, 0);
+    convolution_weigh(st);
+    note_time(st, CONV_T_WEIGHTS, &clock, j->extent.pixels, j->extent.pixels * 44);
     for (int c = 0; c < 3; c++) {
         if (j->divide)
             convolve(st, c, true);
@@ -328,9 +330,11 @@ static void find_behind(struct convolution_state *st)
 
 static enum pell_result convolution_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
-    static const char *const names[CONV_TIMES] = { "behind",  "spectra",   "light to planes", "rows",
-                                                   "columns", "rows back", "planes to pixels" };
+    static const char *const names[CONV_TIMES] = {
+        "areas", "behind", "planes", "spectra", "weights", "light to planes, rows", "columns", "rows back, to pixels"
+    };
     struct convolution_state *st = state;
+    double clock = pell_seconds();
     enum pell_result res;
 
     for (int i = 0; i < CONV_TIMES; i++)
@@ -342,6 +346,8 @@ static enum pell_result convolution_render(void *state, const struct pell_frame 
     if (st->bodies)
         convolution_sources_aim(&st->sources);
     pell_pool_run(st->pool, in->rect.y1 - in->rect.y0, front_row, st);
+    note_time(st, CONV_T_AREAS, &clock, (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0),
+              (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0) * 24);
     if (st->sources.behind.layers > 0 && pell_renderer_begins(st->r))
         find_behind(st);
     memset(st->there, 0, st->num_groups + 1);

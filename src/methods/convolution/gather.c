@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * gather.c - planes to pixels.
+ * gather.c - rows of planes back, and planes to pixels.
  */
 #include "methods/convolution/state.h"
 
@@ -9,102 +9,149 @@
 
 #include <string.h>
 
-static float clamp(float x, float low, float high)
-{
-    return x < low ? low : x > high ? high : x;
-}
-
-void convolution_find_seen(struct convolution_state *st)
-{
-    struct conv_job *j = &st->job;
-    const struct pell_rect *rect = &j->extent.rect;
-    const struct conv_front *f = &st->sources.front;
-
-    for (int i = 0; i < CONV_IMAGES; i++)
-        j->seen[i] = !st->knobs.visible && i < j->layout.planes + j->between;
-    for (int y = rect->y0; y < rect->y1 && st->knobs.visible; y++)
-        for (int x = rect->x0; x < rect->x1; x++)
-            if (f->group[y * f->stride + x] == j->group + 1) {
-                const int plane = (int) f->place[y * f->stride + x];
-                j->seen[plane] = true;
-                if (j->layout.planes > 1)
-                    j->seen[plane + 1] = true;
-                if (j->between)
-                    j->seen[j->layout.planes + plane] = true;
-            }
-}
-
-/* Between the four pixels of an image around a point. */
-static inline float between_pixels(const float *p, ptrdiff_t right, ptrdiff_t down, float fx, float fy)
-{
-    const float top = p[0] + fx * (p[right] - p[0]), bottom = p[down] + fx * (p[down + right] - p[down]);
-    return top + fy * (bottom - top);
-}
-
-static inline bool is_in(const struct pell_rect *rect, int x, int y)
-{
-    return x >= rect->x0 && x < rect->x1 && y >= rect->y0 && y < rect->y1;
-}
-
-static float gather_pixel(const struct convolution_state *st, int x, int y)
+/* Images that a row needs: of planes, then those between. */
+static void find_needed(const struct convolution_state *st, unsigned seen, bool which[CONV_IMAGES])
 {
     const struct conv_job *j = &st->job;
-    const float place = st->sources.front.place[y * st->sources.front.stride + x];
-    const int plane = (int) place, several = j->layout.planes > 1;
-    const float t = place - (float) plane, *first = conv_image(st, plane), *second = first + (several ? st->image_size : 0);
-    const float *between = j->between ? conv_image(st, j->layout.planes + plane) : NULL;
-    float sum;
+    const int n = j->layout.planes;
 
-    if (st->step == 1) {
-        const ptrdiff_t i = (y - j->y0) * j->stride + x - j->x0;
-        if (!is_in(&j->reached, x - j->x0, y - j->y0))
-            return 0.0f;
-        sum = first[i] + t * (second[i] - first[i]);
-        return between ? sum + sqrtf(2.0f * t * (1.0f - t)) * between[i] : sum;
-    } else {
-        const int last_x = j->layout.width - 1, last_y = j->layout.height - 1;
-        const float u = clamp(((float) (x - j->x0) + 0.5f) / (float) st->step - 0.5f, 0.0f, (float) last_x);
-        const float v = clamp(((float) (y - j->y0) + 0.5f) / (float) st->step - 0.5f, 0.0f, (float) last_y);
-        const int px = (int) u, py = (int) v;
-        const ptrdiff_t i = py * j->stride + px, right = px < last_x, down = py < last_y ? j->stride : 0;
-        const float fx = u - (float) px, fy = v - (float) py;
-        if (!is_in(&j->reached, px, py) && !is_in(&j->reached, px + 1, py) && !is_in(&j->reached, px, py + 1) &&
-            !is_in(&j->reached, px + 1, py + 1))
-            return 0.0f;
-        sum = (1.0f - t) * between_pixels(first + i, right, down, fx, fy) + t * between_pixels(second + i, right, down, fx, fy);
-        return between ? sum + sqrtf(2.0f * t * (1.0f - t)) * between_pixels(between + i, right, down, fx, fy) : sum;
+    for (int i = 0; i < n + j->between; i++)
+        which[i] = i < n ? (seen | seen << 1) >> i & 1 : seen >> (i - n) & 1;
+}
+
+/* Rows of smaller images that row y of pixels needs, at full size, the first float of each that of pixel rect.x0: interpolated on their
+ * plane. */
+static void expand_rows(const struct convolution_state *st, int y, const bool *which, float *spare, const float *rows[CONV_IMAGES])
+{
+    const struct conv_job *j = &st->job;
+    const int last = j->layout.height - 1, first = j->extent.rect.x0 - j->x0, width = j->layout.width;
+    const size_t size = ((size_t) width * (size_t) st->step + 31) / 16 * 16;
+    const float v = ((float) (y - j->y0) + 0.5f) / (float) st->step - 0.5f, at = v < 0.0f ? 0.0f : v > (float) last ? (float) last : v;
+    const int py = (int) at;
+
+    for (int i = 0; i < j->layout.planes + j->between; i++) {
+        const float *row = conv_image(st, i) + (ptrdiff_t) py * j->stride;
+        if (!which[i])
+            continue;
+        st->kernels->expand(row, row + (py < last ? j->stride : 0), at - (float) py, width, st->step, spare, spare + width + 48);
+        rows[i] = spare + width + 48 + first;
+        spare += (size_t) width + 48 + size;
     }
 }
 
-static void gather_row(void *arg, int index, int worker)
+/* Pixels [x0, x1) of row y that light comes to, of those from rect.x0 on. */
+static void find_reached(const struct convolution_state *st, int y, int *x0, int *x1)
+{
+    const struct conv_job *j = &st->job;
+    const struct pell_rect *rect = &j->extent.rect;
+    const int half = st->step / 2, row = y - j->y0 - half; /* a pixel lies between this one of the images and the next */
+    const int margin = st->step > 1, at = row >= 0 ? row / st->step : 0;
+    int low, high;
+
+    *x0 = *x1 = 0;
+    if (at < j->reached.y0 - margin || at >= j->reached.y1)
+        return;
+    low = (j->reached.x0 - margin) * st->step + half - rect->x0 + j->x0;
+    high = j->reached.x1 * st->step + half - rect->x0 + j->x0;
+    *x0 = j->reached.x0 - margin <= 0 || low < 0 ? 0 : low;
+    *x1 = high < rect->x1 - rect->x0 ? high : rect->x1 - rect->x0;
+}
+
+/* A mean of what is there, whatever rounding says of light that is far dimmer than elsewhere. */
+static void divide_row(const struct convolution_state *st, int y, const float *sum)
+{
+    const struct conv_job *j = &st->job;
+    const struct conv_radial *r = &j->radial[j->channel];
+
+    for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++) {
+        const ptrdiff_t at = y * st->sources.front.stride + x, to = y * j->in->stride + x;
+        const float even = st->even[at];
+        float m;
+        if (st->sources.front.group[at] != j->group + 1)
+            continue;
+        m = even > 0.0f ? sum[x - j->extent.rect.x0] / even : j->in->irradiance[j->channel][to];
+        m = r->total * (m < j->extent.brightest[j->channel] ? m : j->extent.brightest[j->channel]);
+        j->out->light[j->channel][to] = m > 0.0f ? m : 0.0f;
+    }
+}
+
+/* Row y of pixels from rows of images. */
+static void gather_row(struct convolution_state *st, int y, const float *const rows[CONV_IMAGES], float *sum)
+{
+    const struct conv_job *j = &st->job;
+    const struct pell_rect *rect = &j->extent.rect;
+    const struct conv_front *f = &st->sources.front;
+    const int width = rect->x1 - rect->x0;
+    const ptrdiff_t at = y * f->stride + rect->x0;
+    const uint16_t own = (uint16_t) (j->group + 1), *group = f->group + at;
+    float *out = j->even ? st->even + at : j->divide ? sum : j->out->light[j->channel] + y * j->in->stride + rect->x0;
+    int x0, x1;
+
+    find_reached(st, y, &x0, &x1);
+    for (int side = 0; side < 2; side++)
+        for (int x = side ? x1 : 0; x < (side ? width : x0); x++)
+            out[x] = group[x] == own ? 0.0f : out[x];
+    st->kernels->gather(x0, x1, group, own, f->place + at, f->leaves[j->channel] + at, j->layout.planes, rows, rows + j->layout.planes,
+                        out);
+    if (j->edges[j->channel].fade > 0.0f)
+        st->kernels->edges(&j->edges[j->channel], y, rect->x0, rect->x1, out - rect->x0);
+    if (j->divide && !j->even)
+        divide_row(st, y, sum);
+}
+
+/* A band of images as large as the picture, and its pixels. */
+static void gather_band(void *arg, int band, int worker)
 {
     struct convolution_state *st = arg;
     const struct conv_job *j = &st->job;
-    const struct conv_front *f = &st->sources.front;
-    const struct conv_radial *r = &j->radial[j->channel];
-    const int y = j->extent.rect.y0 + index;
-    float *out = j->out->light[j->channel] + y * j->in->stride;
+    const struct pell_rect *rect = &j->extent.rect;
+    const int top = j->y0 + band * CONV_BAND, y0 = top > rect->y0 ? top : rect->y0;
+    const int y1 = top + CONV_BAND < rect->y1 ? top + CONV_BAND : rect->y1, n = j->layout.planes;
+    const size_t size = (size_t) CONV_BAND * (size_t) j->stride;
+    float *images = convolution_band_images(st, worker);
+    const float *rows[CONV_IMAGES] = { NULL };
+    bool which[CONV_IMAGES];
+    unsigned seen = st->knobs.visible ? 0 : (1u << n) - 1;
 
-    (void) worker;
-    for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++) {
-        const ptrdiff_t i = y * f->stride + x;
-        float m;
-        if (f->group[i] != j->group + 1)
-            continue;
-        m = gather_pixel(st, x, y) * f->leaves[j->channel][i];
-        if (j->even) {
-            st->even[i] = m;
-            continue;
-        }
-        if (j->divide) { /* a mean of what is there, whatever rounding says of light that is far dimmer than elsewhere */
-            m = st->even[i] > 0.0f ? m / st->even[i] : j->in->irradiance[j->channel][y * j->in->stride + x];
-            m = r->total * (m < j->extent.brightest[j->channel] ? m : j->extent.brightest[j->channel]);
-        }
-        out[x] = m > 0.0f ? m : 0.0f;
+    for (int y = y0; y < y1; y++)
+        seen |= st->rows[y - rect->y0].seen;
+    find_needed(st, seen, which);
+    convolution_transform_back(st, band, worker, which, images, size);
+    for (int y = y0; y < y1; y++) {
+        for (int i = 0; i < n + j->between; i++)
+            rows[i] = which[i] ? images + (size_t) i * size + (y - top) * j->stride + rect->x0 - j->x0 : NULL;
+        gather_row(st, y, rows, st->scratch[worker]);
     }
+}
+
+static void back_band(void *arg, int band, int worker)
+{
+    struct convolution_state *st = arg;
+
+    convolution_transform_back(st, band, worker, st->job.seen, st->images + (ptrdiff_t) band * CONV_BAND * st->job.stride, st->image_size);
+}
+
+static void expand_and_gather(void *arg, int index, int worker)
+{
+    struct convolution_state *st = arg;
+    const struct pell_rect *rect = &st->job.extent.rect;
+    const float *rows[CONV_IMAGES] = { NULL };
+    float *sum = st->scratch[worker];
+    bool which[CONV_IMAGES];
+
+    find_needed(st, st->rows[index].seen, which);
+    expand_rows(st, rect->y0 + index, which, sum + (rect->x1 - rect->x0) + 16, rows);
+    gather_row(st, rect->y0 + index, rows, sum);
 }
 
 void convolution_gather(struct convolution_state *st)
 {
-    pell_pool_run(st->pool, st->job.extent.rect.y1 - st->job.extent.rect.y0, gather_row, st);
+    const struct conv_job *j = &st->job;
+
+    if (st->step == 1) {
+        pell_pool_run(st->pool, j->bands, gather_band, st);
+    } else {
+        pell_pool_run(st->pool, j->bands, back_band, st);
+        pell_pool_run(st->pool, j->extent.rect.y1 - j->extent.rect.y0, expand_and_gather, st);
+    }
 }

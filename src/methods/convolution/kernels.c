@@ -11,6 +11,620 @@
 #include <string.h>
 
 enum { LANES = 16, ELEMENT = 32 };
+typedef uint16_t vh __attribute__((vector_size(2 * WIDTH)));
+
+#define INTS(v) __builtin_convertvector(v, vi)   /* towards 0 */
+#define FLOATS(v) __builtin_convertvector(v, vf)
+
+INLINE vf within(vf x, float low, float high)
+{
+    return lesser(greater(x, all(low)), all(high));
+}
+
+INLINE vi choose(vi mask, vi a, vi b)
+{
+    return (a & mask) | (b & ~mask);
+}
+
+INLINE vf lanes_from(float first)
+{
+    vf v;
+    for (int l = 0; l < WIDTH; l++)
+        v[l] = (float) l;
+    return v + first;
+}
+
+/* The first n floats, others 0. */
+INLINE vf load_some(const float *p, int n)
+{
+    vf v = { 0 };
+
+    if (n >= WIDTH)
+        return load(p);
+    memcpy(&v, p, (size_t) n * sizeof(float));
+    return v;
+}
+
+INLINE void store_some(float *p, vf v, int n)
+{
+    if (n >= WIDTH)
+        store(p, v);
+    else
+        memcpy(p, &v, (size_t) n * sizeof(float));
+}
+
+INLINE vi groups_of(const uint16_t *group, int n)
+{
+    vh v = { 0 };
+
+    if (n >= WIDTH)
+        memcpy(&v, group, sizeof(v));
+    else
+        memcpy(&v, group, (size_t) n * sizeof(*group));
+    return __builtin_convertvector(v, vi);
+}
+
+/* Which of the first n are `own`. */
+INLINE vi which(const uint16_t *group, uint16_t own, int n)
+{
+    return (groups_of(group, n) == (vi){ 0 } + own) & (lanes_from(0.0f) < all((float) n));
+}
+
+/* table[at] of each lane: by loads, which beat gathers on many machines and never lose much; and so do loads of the numbers beat taking a
+ * vector apart: IN_MEMORY keeps compilers from that. */
+#if defined(__GNUC__)
+#define IN_MEMORY(array) __asm__("" : "+m"(array))
+#else
+#define IN_MEMORY(array) ((void) (array))
+#endif
+INLINE vf pick(const float *table, vi at)
+{
+    _Alignas(64) int32_t i[WIDTH];
+    vf v;
+
+    memcpy(i, &at, sizeof(at));
+    IN_MEMORY(i);
+    for (int l = 0; l < WIDTH; l++)
+        v[l] = table[i[l]];
+    return v;
+}
+
+/* Four floats at table + 4 at of each lane. */
+#if defined(__AVX512F__)
+#define TURN(op) (vf) _mm512_##op##_ps
+typedef __m512 vm;
+#elif defined(__AVX__)
+#define TURN(op) (vf) _mm256_##op##_ps
+typedef __m256 vm;
+#elif defined(__SSE2__)
+#define TURN(op) (vf) _mm_##op##_ps
+typedef __m128 vm;
+#endif
+INLINE void pick4(const float *table, vi at, vf out[4])
+{
+    _Alignas(64) int32_t i[WIDTH];
+
+    memcpy(i, &at, sizeof(at));
+    IN_MEMORY(i);
+#if defined(__SSE2__)
+    for (int k = 0; k < 4; k++) { /* lanes k, 4 + k, 8 + k .. */
+#if defined(__AVX512F__)
+        const __m256 low = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[k])),
+                                                _mm_loadu_ps(table + 4 * (ptrdiff_t) i[4 + k]), 1);
+        const __m256 high = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[8 + k])),
+                                                 _mm_loadu_ps(table + 4 * (ptrdiff_t) i[12 + k]), 1);
+        out[k] = (vf) _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
+#elif defined(__AVX__)
+        out[k] = (vf) _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[k])),
+                                           _mm_loadu_ps(table + 4 * (ptrdiff_t) i[4 + k]), 1);
+#else
+        out[k] = (vf) _mm_loadu_ps(table + 4 * (ptrdiff_t) i[k]);
+#endif
+    }
+    {
+        const vf a = TURN(unpacklo)((vm) out[0], (vm) out[1]), b = TURN(unpackhi)((vm) out[0], (vm) out[1]);
+        const vf c = TURN(unpacklo)((vm) out[2], (vm) out[3]), d = TURN(unpackhi)((vm) out[2], (vm) out[3]);
+        out[0] = TURN(shuffle)((vm) a, (vm) c, 0x44);
+        out[1] = TURN(shuffle)((vm) a, (vm) c, 0xee);
+        out[2] = TURN(shuffle)((vm) b, (vm) d, 0x44);
+        out[3] = TURN(shuffle)((vm) b, (vm) d, 0xee);
+    }
+#else
+    for (int l = 0; l < WIDTH; l++)
+        for (int k = 0; k < 4; k++)
+            out[k][l] = table[4 * (ptrdiff_t) i[l] + k];
+#endif
+}
+
+INLINE vf mix_of(vf low, vf high, vf part)
+{
+    return low + part * (high - low);
+}
+
+/* --- Leans ------------------------------------------------------------------------------------------------------------------------- */
+
+/* The slope, each pixel, to the one `by` pixels away that is less steep; 0 without any: 1/depth, or depth where rays are parallel, is
+ * linear on the picture for any plane. `at`, `group_at`: where their row begins, or their column; `place`: which they are of it. */
+INLINE vf slope(const struct conv_depths *d, vf here, vi own, vi at, vi group_at, vi place, vi by, ptrdiff_t step, ptrdiff_t group_step,
+                int low, int high)
+{
+    vf best = all(INFINITY);
+
+    for (int way = -1; way <= 1; way += 2) {
+        const vi to = place + (way < 0 ? -by : by), there = (to >= low) & (to < high), safe = choose(there, to, place);
+        int32_t i[WIDTH], k[WIDTH];
+        float depth[WIDTH];
+        int32_t group[WIDTH];
+        vi from = at + safe * (int32_t) step, group_from = group_at + safe * (int32_t) group_step, is;
+        vf other, difference;
+        memcpy(i, &from, sizeof(from));
+        memcpy(k, &group_from, sizeof(group_from));
+        for (int l = 0; l < WIDTH; l++) {
+            depth[l] = d->depth[i[l]];
+            group[l] = d->group[k[l]];
+        }
+        memcpy(&is, group, sizeof(is));
+        is = (is == own) & there;
+        other = d->parallel ? load(depth) : 1.0f / select(is, load(depth), all(1.0f));
+        difference = way < 0 ? here - other : other - here;
+        best = select(is & (magnitude(difference) < magnitude(best)), difference, best);
+    }
+    return select(magnitude(best) < INFINITY, best / FLOATS(by), all(0.0f));
+}
+
+/* |n . d| of n < WIDTH pixels from (x, y) on by depths `by` pixels away; `is`: pixels of `own`, others are not looked at. */
+INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi by)
+{
+    const vf here = d->parallel ? depth : 1.0f / depth, px = lanes_from((float) x);
+    const vi column = INTS(lesser(px, all((float) (d->x1 - 1)))), row = (vi){ 0 } + y;
+    const vf gu = d->focal_px * slope(d, here, own, row * (int32_t) d->stride, row * (int32_t) d->group_stride, column, by, 1, 1, d->x0,
+                                      d->x1);
+    const vf gv = d->focal_px * slope(d, here, own, column, column, row, by, d->stride, d->group_stride, d->y0, d->y1);
+
+    if (d->parallel) {
+        return 1.0f / root(1.0f + gu * gu + gv * gv);
+    } else {
+        const vf tx = (px + (0.5f - d->middle_x)) / d->focal_px;
+        const float ty = ((float) y + 0.5f - d->middle_y) / d->focal_px;
+        const vf c = here - gu * tx - gv * ty, n = root(gu * gu + gv * gv + c * c);
+        return select(n > 0.0f, here / n, all(1.0f));
+    }
+}
+
+INLINE vf lean_of(vf cosine)
+{
+    const vf f = greater(cosine, all(CONV_LEAST_COS)), rest = 1.0f - f;
+    return select(f < 1.0f, root(greater(rest, all(0.0f))), rest);
+}
+
+static void cover(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *lean)
+{
+    for (int x = from; x < to; x += WIDTH) {
+        const int n = to - x;
+        const vi own = groups_of(d->group + y * d->group_stride + x, n);
+        vf depth = load_some(d->depth + y * d->stride + x, n), f, mm;
+        if (!any(own != 0))
+            continue;
+        depth = select(own != 0, depth, all(1.0f));
+        f = by_depth ? facing(d, x, y, depth, own, (vi){ 0 } + 1) : load_some(lean + x, n);
+        mm = (d->parallel ? all(1.0f) : depth) / d->focal_px;
+        store_some(area + x, mm * mm / greater(f, all(CONV_LEAST_COS)), n);
+        store_some(lean + x, lean_of(f), n);
+    }
+}
+
+static void far_leans(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *lean, float *far)
+{
+    for (int x = from; x < to; x += WIDTH) {
+        const int n = to - x;
+        const vi is = which(d->group + y * d->group_stride + x, own, n);
+        const vf self = load_some(lean + x, n), depth = select(is, load_some(d->depth + y * d->stride + x, n), all(1.0f));
+        const vf step = d->median_px / (d->parallel ? all(1.0f) : depth), part = within(step - 0.5f, 0.0f, 1.0f);
+        vf out = self;
+        if (any(is & (self > 0.0f) & (part > 0.0f))) {
+            const vi by = INTS(within(step + 0.5f, 1.0f, 65536.0f));
+            const vf over = lesser(lean_of(facing(d, x, y, depth, (vi){ 0 } + own, by)), self);
+            out = select((self > 0.0f) & (part > 0.0f), mix_of(self, over, part), self);
+        }
+        store_some(far + x, out, n);
+    }
+}
+
+/* --- Weights ----------------------------------------------------------------------------------------------------------------------- */
+
+/* A place in a table over leans. */
+struct row {
+    vi low;
+    vf part;
+};
+
+INLINE struct row row_of(vf lean, int rows)
+{
+    const vf s = greater(lean, all(0.0f)) * (float) ((rows - 1) / 0.994987437);
+    const vi low = INTS(lesser(s, all((float) (rows - 2))));
+
+    return (struct row){ low, within(s - FLOATS(low), 0.0f, 1.0f) };
+}
+
+/* Pixels of a plane are not as wide as those at the depth itself, t between two planes whose pixels are p and q mm wide. `cosine` is 1
+ * but for restore=response. */
+INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
+{
+    vf share = (1.0f - t) / (p * p) + t / (q * q);
+
+    if (by_response) {
+        const vf own = (1.0f - t) * (1.0f - t) + t * t, other = greater(1.0f / (cosine * cosine) - own, all(0.0f));
+        share = ((1.0f - t) * (1.0f - t) / (p * p) + t * t / (q * q) + other / (p * q)) / (own + other);
+    }
+    return select(p == q, all(1.0f), 1.0f / ((p + t * (q - p)) * root(share)));
+}
+
+/* Areas in pixels of the middle, and what splitting and gathering give back of a flat surface's light. By its place among the planes: half
+ * of the factor where light enters, half where it leaves; by its lean, on the mean over places: all where it enters, as a pixel that leans
+ * alone has no neighbours that give it more. What is near knows the pixel's own lean, what is farther that over some distance. */
+static void weigh(const struct conv_weights *w, int count, const uint16_t *group, uint16_t own, const float *place, const float *area,
+                  const float *lean, const float *far, float *const enters[3], float *const leaves[3])
+{
+    enum { SIZE = sizeof(struct conv_response) / (4 * sizeof(float)) };
+
+    for (int i = 0; i < count; i += WIDTH) {
+        const int n = count - i;
+        const vi is = group ? which(group + i, own, n) : (vi) (lanes_from(0.0f) < all((float) n));
+        const vf p = select(is, load_some(place + i, n), all(0.0f)), self = select(is, load_some(lean + i, n), all(0.0f));
+        const vf over = select(is, load_some(far + i, n), all(0.0f)), a = select(is, load_some(area + i, n), all(1.0f));
+        const vi plane = INTS(p), next = choose(plane < w->planes - 1, plane + 1, plane);
+        const vf t = p - FLOATS(plane), u = t * (float) (CONV_PHASES - 1), pixels = within(a * w->per_unit2, 1e-4f, 1e5f);
+        const struct row at = row_of(self, CONV_LEANS), own_at = row_of(self, CONV_FINE), far_at = row_of(over, CONV_FINE);
+        const vi b = INTS(lesser(u, all((float) (CONV_PHASES - 2))));
+        const vf fu = u - FLOATS(b), sideways = select(self < 0.0f, 1.0f - self, all(1.0f));
+        const vf narrow = pick(w->pixel, plane), wide = pick(w->pixel, next);
+        const vi first = plane * (w->several ? SIZE : 0);
+        vf width;
+        if (!any(is))
+            continue;
+        width = width_factor(false, t, narrow, wide, all(1.0f));
+        for (int c = 0; c < 3; c++) {
+            const struct conv_response *r = w->response[c];
+            vf here[4], near[4], beyond[4], by_place, should, does;
+            if (w->plain) {
+                store_some(enters[c] + i, pixels, n);
+                if (leaves)
+                    store_some(leaves[c] + i, all(1.0f), n);
+                continue;
+            }
+            pick4(r->place[0], first + at.low * (CONV_PHASES - 1) + b, here);
+            pick4(r->near[0], first + own_at.low, near);
+            pick4(r->far[0], first + far_at.low, beyond);
+            by_place = here[0] + fu * here[1] + at.part * (here[2] + fu * here[3]);
+            does = near[0] + own_at.part * near[2] + beyond[0] + far_at.part * beyond[2];
+            should = near[1] + own_at.part * near[3] + beyond[1] + far_at.part * beyond[3];
+            if (w->by_response) {
+                pick4(r->place[0], first + b, here);
+                width = width_factor(true, t, narrow, wide, here[0] + fu * here[1]);
+            }
+            store_some(enters[c] + i, pixels * by_place * (should / does) * sideways * width, n);
+            if (leaves)
+                store_some(leaves[c] + i, by_place * width, n);
+        }
+    }
+}
+
+static void share(const struct conv_shares *s, int count, const float *p, const float *q, const float *distance, float *const enters[3],
+                  float *const close[3])
+{
+    for (int i = 0; i < count; i += WIDTH) {
+        const int n = count - i;
+        const vf to = load_some(p + i, n), from = load_some(q + i, n), d = load_some(distance + i, n);
+        const vi to_plane = INTS(to), from_plane = INTS(from), at = from_plane * CONV_PLANES + to_plane;
+        const vf tp = to - FLOATS(to_plane), tq = from - FLOATS(from_plane);
+        const vf place = root(greater(d, all(0.0f)) * s->per_widest) * (float) CONV_DISTANCES;
+        const vi row = INTS(lesser(place, all((float) (CONV_DISTANCES - 1))));
+        const vf part = within(place - FLOATS(row), 0.0f, 1.0f);
+        for (int c = 0; c < 3; c++) {
+            const float *a = s->arrives[c];
+            const vf does = mix_of(mix_of(pick(a, at), pick(a, at + 1), tp),
+                                   mix_of(pick(a, at + CONV_PLANES), pick(a, at + (CONV_PLANES + 1)), tp), tq);
+            const vf should = mix_of(pick(s->over[c], row), pick(s->over[c], row + 1), part);
+            const vi more = should >= does, none = d < 0.0f;
+            const vf missing = within((should - does) / greater(1.0f - does, all(1e-6f)), 0.0f, 1.0f);
+            const vf kept = select(none, all(1.0f), select(more, 1.0f - missing, should / does));
+            store_some(enters[c] + i, load_some(enters[c] + i, n) * kept, n);
+            store_some(close[c] + i, select(more & ~none, missing * load_some(close[c] + i, n), all(0.0f)), n);
+        }
+    }
+}
+
+/* --- To planes and from them ------------------------------------------------------------------------------------------------------- */
+
+/* Of the light at a place what goes to plane i. */
+INLINE vf part_of(vf place, int i)
+{
+    return greater(1.0f - magnitude(place - (float) i), all(0.0f));
+}
+
+INLINE vf part_between(vf place, int i)
+{
+    const vf t = place - (float) i;
+    return select((t >= 0.0f) & (t < 1.0f), root(greater(2.0f * t * (1.0f - t), all(0.0f))), all(0.0f));
+}
+
+INLINE void add_image(const struct conv_spread *s, float *image, int x, int n, vf light)
+{
+    float v[WIDTH];
+
+    if (s->step == 1) {
+        store_some(image + x, light, n);
+        return;
+    }
+    memcpy(v, &light, sizeof(v));
+    for (int l = 0; l < WIDTH && l < n && any(light != 0.0f); l++)
+        image[(x + l) / s->step] += v[l];
+}
+
+static void spread(const struct conv_spread *s, const uint16_t *group, const float *place, const float *enters, const float *light,
+                   float *images, unsigned char *marks, int lit[2])
+{
+    const int count = s->step == 1 ? s->width : s->x1;
+
+    for (int x = 0; x < count; x += WIDTH) {
+        const int n = s->x1 - x < WIDTH ? s->x1 - x : WIDTH, room = count - x;
+        const vf column = lanes_from((float) x);
+        vi is = { 0 };
+        vf p = { 0 }, e = { 0 };
+        float v[WIDTH];
+        if (n > 0)
+            is = which(group + x, s->own, n) & (column >= (float) s->x0);
+        if (any(is)) {
+            p = select(is, load_some(place + x, n), all(0.0f));
+            e = load_some(enters + x, n);
+            e = select(is, light ? e * load_some(light + x, n) : e, all(0.0f));
+        }
+        if (!any(e != 0.0f)) {
+            for (int i = 0; i < s->planes + s->between && s->step == 1; i++)
+                store_some(images + (size_t) i * s->image_size + x, all(0.0f), room);
+            continue;
+        }
+        for (int i = 0; i < s->planes; i++) {
+            const vf t = p - (float) i, half = select((t >= -1.0f) & (t < 1.0f), all(0.5f), all(0.0f));
+            const vf to = e * (s->halves && s->planes > 1 ? half : part_of(p, i));
+            add_image(s, images + (size_t) i * s->image_size, x, room, to);
+            marks[i] |= any(to != 0.0f);
+        }
+        for (int i = 0; i < s->between; i++) {
+            const vf to = part_between(p, i) * e;
+            add_image(s, images + (size_t) (s->planes + i) * s->image_size, x, room, to);
+            marks[s->planes + i] |= any(to != 0.0f);
+        }
+        memcpy(v, &e, sizeof(v));
+        for (int l = 0; l < WIDTH; l++)
+            if (v[l] != 0.0f) {
+                lit[0] = (x + l) / s->step < lit[0] ? (x + l) / s->step : lit[0];
+                break;
+            }
+        for (int l = WIDTH - 1; l >= 0; l--)
+            if (v[l] != 0.0f) {
+                lit[1] = (x + l) / s->step >= lit[1] ? (x + l) / s->step + 1 : lit[1];
+                break;
+            }
+    }
+}
+
+static void gather(int from, int to, const uint16_t *group, uint16_t own, const float *place, const float *leaves, int planes,
+                   const float *const *plane, const float *const *between, float *out)
+{
+    for (int x = from; x < to; x += WIDTH) {
+        const int n = to - x;
+        const vi is = which(group + x, own, n);
+        const vf p = select(is, load_some(place + x, n), all(-2.0f));
+        vf sum = { 0 };
+        if (!any(is))
+            continue;
+        for (int i = 0; i < planes; i++) {
+            const vf part = part_of(p, i);
+            if (!any(part > 0.0f))
+                continue;
+            sum += part * load_some(plane[i] + x, n);
+            if (i + 1 < planes && between[i])
+                sum += part_between(p, i) * load_some(between[i] + x, n);
+        }
+        sum = greater(sum * load_some(leaves + x, n), all(0.0f));
+        store_some(out + x, select(is, sum, load_some(out + x, n)), n);
+    }
+}
+
+static void add_cells(const float *cells, int count, int repeat, int per, float scale, int room, float *out)
+{
+    if (repeat == 2) /* the usual one, for compilers to make vectors of */
+        for (int x = 0; 2 * x + 1 < room && x < count; x++) {
+            out[2 * x] += scale * cells[x];
+            out[2 * x + 1] += scale * cells[x];
+        }
+    for (int x = repeat == 2 && room % 2 == 0 ? room : repeat == 2 ? room - 1 : 0; x < room && x / repeat * per < count; x++)
+        for (int k = x / repeat * per; k < x / repeat * per + per && k < count; k++)
+            out[x] += scale * cells[k];
+}
+
+static void expand(const float *top, const float *bottom, float part, int width, int step, float *spare, float *out)
+{
+    float *const row = spare + WIDTH;
+
+    for (int x = 0; x < width; x += WIDTH) {
+        const int n = width - x;
+        const vf a = load_some(top + x, n);
+        store(row + x, a + part * (load_some(bottom + x, n) - a));
+    }
+    row[-1] = row[0];
+    row[width] = row[width - 1];
+    for (int m = 0; m < step; m++) {
+        const float at = ((float) m + 0.5f) / (float) step - 0.5f, f = at < 0.0f ? 1.0f + at : at;
+        const float *from = at < 0.0f ? row - 1 : row;
+        for (int x = 0; x < width; x++)
+            out[x * step + m] = from[x] + f * (from[x + 1] - from[x]);
+    }
+}
+
+/* --- Samples of kernels ------------------------------------------------------------------------------------------------------------ */
+
+/* convolution_radial_value */
+INLINE vf value_at(const float *value, float per_median2, vf radius2)
+{
+    const vi bits = (vi) (radius2 * per_median2), row = (bits >> 18) - ((127 - CONV_OCTAVES / 2) << 5);
+    const vi safe = choose(row < 0, (vi){ 0 }, choose(row > CONV_ROWS, (vi){ 0 } + CONV_ROWS, row));
+    const vf part = select(row < 0, all(0.0f), FLOATS(bits & 0x3ffff) * (1.0f / 262144.0f));
+
+    return select(row >= CONV_ROWS, all(0.0f), mix_of(pick(value, safe), pick(value, safe + 1), part));
+}
+
+static void sample(const struct conv_samples *s, float x, float y, float step, int count, float *out)
+{
+    const float a = s->fine ? 0.288675135f : 0.0f; /* two points of Gauss and Legendre */
+
+    for (int i = 0; i < count; i += WIDTH) {
+        const vf v = lanes_from((float) i) * step + y;
+        vf sum = { 0 };
+        for (int k = 0; k < (s->fine ? 4 : 1); k++) {
+            const float px = x + (k & 1 ? a : -a);
+            const vf py = v + (k & 2 ? a : -a);
+            sum += value_at(s->value, s->per_median2, (px * px + py * py) * s->pixel2 + s->distance2);
+        }
+        store(out + i, s->fine ? 0.25f * sum : sum);
+    }
+}
+
+/* --- Near pixels ------------------------------------------------------------------------------------------------------------------- */
+
+/* A pixel among the planes. */
+struct spot {
+    vf plane, t, between;
+};
+
+INLINE struct spot spot_of(vf place)
+{
+    const vf plane = FLOATS(INTS(place)), t = place - plane;
+
+    return (struct spot){ plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
+}
+
+/* Share of the light of one that planes and images between them take to the other; `next`: R a plane on over R. */
+INLINE vf exchange(struct spot a, struct spot b, float next)
+{
+    const vf step = b.plane - a.plane, both = (1.0f - a.t) * (1.0f - b.t) + a.t * b.t;
+    const vf up = a.t * (1.0f - b.t), down = (1.0f - a.t) * b.t;
+    const vf same = both + (up + down) * next + a.between * b.between * (1.0f - next);
+
+    return select(step == 0.0f, same,
+                  select(magnitude(step) == 1.0f, select(step > 0.0f, up, down) + both * next, all(0.0f)));
+}
+
+/* A chunk of pixels. */
+struct spots {
+    vi there;
+    vf depth, flux, place; /* the last two by load_rest */
+};
+
+INLINE vf load_between(const float *row, int x, int x0, int x1)
+{
+    float v[WIDTH] = { 0 };
+    const int skip = x < x0 ? x0 - x : 0, n = x1 - x < WIDTH ? x1 - x : WIDTH;
+
+    if (skip == 0 && n == WIDTH)
+        return load(row + x);
+    if (skip < n)
+        memcpy(v + skip, row + x + skip, (size_t) (n - skip) * sizeof(float));
+    return load(v);
+}
+
+INLINE struct spots find_spots(const struct conv_edges *s, int x, int y)
+{
+    struct spots o = { 0 };
+    const int skip = x < s->x0 ? s->x0 - x : 0, n = s->x1 - x < WIDTH ? s->x1 - x : WIDTH;
+    uint16_t group[WIDTH] = { 0 };
+
+    if (y < s->y0 || y >= s->y1 || skip >= n)
+        return o;
+    memcpy(group + skip, s->group + y * s->group_stride + x + skip, (size_t) (n - skip) * sizeof(*group));
+    o.there = which(group, s->own, n) & (lanes_from(0.0f) >= (float) skip);
+    o.depth = load_between(s->depth + y * s->stride, x, s->x0, s->x1);
+    return o;
+}
+
+INLINE void load_rest(const struct conv_edges *s, int x, int y, struct spots *o)
+{
+    const ptrdiff_t row = y * s->group_stride;
+
+    if (y < s->y0 || y >= s->y1)
+        return;
+    o->flux = load_between(s->light + y * s->stride, x, s->x0, s->x1) * load_between(s->enters + row, x, s->x0, s->x1);
+    o->flux = select(o->there, o->flux, all(0.0f));
+    o->place = select(o->there, load_between(s->place + row, x, s->x0, s->x1), all(0.0f));
+}
+
+/* The less steep of the steps in depth to both sides. */
+INLINE vf less_steep(vf depth, struct spots before, struct spots after)
+{
+    const vf low = depth - before.depth, high = after.depth - depth;
+    const vi is_low = before.there & (~after.there | (magnitude(low) <= magnitude(high)));
+
+    return select(is_low, low, select(after.there, high, all(0.0f)));
+}
+
+/* Steps in depth, a pixel on, of a surface that covers `times` a pixel's area, radius2 mm^2: only their direction is kept. */
+INLINE void lean_as(vf times, float radius2, vf *gx, vf *gy)
+{
+    const vf tangent2 = greater(times * times - 1.0f, all(0.0f)) * radius2, length2 = *gx * *gx + *gy * *gy;
+    const vi known = length2 > 1e-6f * radius2;
+    const vf scale = root(tangent2 / select(known, length2, all(1.0f)));
+
+    *gx = select(known, *gx * scale, root(tangent2));
+    *gy = select(known, *gy * scale, all(0.0f));
+}
+
+static void edges(const struct conv_edges *s, int y, int from, int to, float *out)
+{
+    for (int x = from; x < to; x += WIDTH) {
+        const int n = to - x;
+        struct spots own = find_spots(s, x, y);
+        struct spot here;
+        vi near_edge = { 0 };
+        vf sum = { 0 }, gx, gy, area, leaves;
+        if (!any(own.there))
+            continue;
+        for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
+            for (int dx = -CONV_WINDOW; dx <= CONV_WINDOW; dx++) {
+                const struct spots o = find_spots(s, x + dx, y + dy);
+                const vf d = o.depth - own.depth;
+                near_edge |= own.there & (~o.there | (d * d > s->flat2));
+            }
+        if (!any(near_edge))
+            continue;
+        load_rest(s, x, y, &own);
+        here = spot_of(own.place);
+        leaves = load_between(s->leaves + y * s->group_stride, x, s->x0, s->x1);
+        area = load_between(s->area + y * s->group_stride, x, s->x0, s->x1);
+        gx = less_steep(own.depth, find_spots(s, x - 1, y), find_spots(s, x + 1, y));
+        gy = less_steep(own.depth, find_spots(s, x, y - 1), find_spots(s, x, y + 1));
+        lean_as(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
+        for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
+            for (int dx = -CONV_WINDOW; dx <= CONV_WINDOW; dx++) {
+                const int ax = dx < 0 ? -dx : dx, ay = dy < 0 ? -dy : dy;
+                const vf on = gx * (float) dx + gy * (float) dy;
+                const vf place = within(own.place + on * s->per_spacing, 0.0f, (float) (s->planes - 1) - 1e-5f);
+                struct spots o = find_spots(s, x + dx, y + dy);
+                const vf d = o.depth - own.depth - on;
+                const vf value = value_at(s->value, s->per_median2, s->radius2[ay][ax] + d * d);
+                vf on_own, on_its;
+                const vf alike = select(o.there, s->per_value[ay][ax] * value, all(0.0f));
+                load_rest(s, x + dx, y + dy, &o);
+                on_own = own.flux * exchange(here, spot_of(place), s->next[ay][ax]);
+                on_its = o.flux * exchange(here, spot_of(o.place), s->next[ay][ax]);
+                sum += s->square[ay][ax] * (1.0f - alike) * (on_own - on_its);
+            }
+        sum = greater(load_some(out + x, n) + s->fade * leaves * sum, all(0.0f));
+        store_some(out + x, select(near_edge, sum, load_some(out + x, n)), n);
+    }
+}
+
+/* --- Frequencies ------------------------------------------------------------------------------------------------------------------- */
 
 INLINE const float *at(const struct conv_spectrum *s, int block, int y)
 {
@@ -111,4 +725,16 @@ static void mix(const struct conv_mix *m, int block)
 }
 
 extern const struct conv_kernels PELL_SIMD(convolution_kernels);
-const struct conv_kernels PELL_SIMD(convolution_kernels) = { .mix = mix };
+const struct conv_kernels PELL_SIMD(convolution_kernels) = {
+    .cover = cover,
+    .far = far_leans,
+    .weigh = weigh,
+    .share = share,
+    .spread = spread,
+    .gather = gather,
+    .edges = edges,
+    .add_cells = add_cells,
+    .expand = expand,
+    .sample = sample,
+    .mix = mix,
+};

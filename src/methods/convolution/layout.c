@@ -37,8 +37,10 @@ static void extent_row(void *arg, int index, int worker)
         e.rect.x1 = x + 1;
         e.pixels++;
         add_depth(&e, in->depth[y * in->stride + x]);
-        for (int c = 0; c < 3; c++)
-            e.brightest[c] = fmaxf(e.brightest[c], in->irradiance[c][y * in->stride + x]);
+        for (int c = 0; c < 3; c++) {
+            const float light = in->irradiance[c][y * in->stride + x];
+            e.brightest[c] = light > e.brightest[c] ? light : e.brightest[c];
+        }
     }
     e.rect.y0 = y;
     e.rect.y1 = y + 1;
@@ -230,17 +232,23 @@ void convolution_measure_behind(struct convolution_state *st)
 
 static void place_row(void *arg, int index, int worker)
 {
-    const struct convolution_state *st = arg;
+    struct convolution_state *st = arg;
     const struct conv_job *j = &st->job;
     const struct pell_frame *in = j->in;
     const struct conv_front *f = &st->sources.front;
     const struct conv_behind *b = &st->sources.behind;
     const int y = j->extent.rect.y0 + index;
 
+    unsigned seen = 0;
+
     (void) worker;
     for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++)
-        if (f->group[y * f->stride + x] == j->group + 1)
-            f->place[y * f->stride + x] = find_place(&j->layout, in->depth[y * in->stride + x]);
+        if (f->group[y * f->stride + x] == j->group + 1) {
+            const float place = find_place(&j->layout, in->depth[y * in->stride + x]);
+            f->place[y * f->stride + x] = place;
+            seen |= 1u << (int) place;
+        }
+    st->rows[index].seen = seen;
     for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++) {
         const size_t row = ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width;
         for (int x = j->x0 / b->step; x <= (j->extent.rect.x1 - 1) / b->step; x++)
@@ -251,5 +259,15 @@ static void place_row(void *arg, int index, int worker)
 
 void convolution_place(struct convolution_state *st)
 {
-    pell_pool_run(st->pool, st->job.extent.rect.y1 - st->job.extent.rect.y0, place_row, st);
+    struct conv_job *j = &st->job;
+    const int rows = j->extent.rect.y1 - j->extent.rect.y0, n = j->layout.planes;
+    unsigned seen = 0;
+
+    pell_pool_run(st->pool, rows, place_row, st);
+    for (int i = 0; i < rows; i++)
+        seen |= st->rows[i].seen;
+    if (!st->knobs.visible)
+        seen = (1u << n) - 1;
+    for (int i = 0; i < CONV_IMAGES; i++)
+        j->seen[i] = i < n ? (seen | seen << 1) >> i & 1 : i < n + j->between && (seen >> (i - n) & 1);
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * light.c - light to planes: of pixels, and of what lies behind them.
+ * light.c - what light weighs, and light to planes: of pixels, and of what lies behind them; a band of rows at a time, which go through
+ * their transforms at once.
  */
 #include "methods/convolution/state.h"
 
@@ -15,160 +16,81 @@ static float clamp(float x, float low, float high)
     return x < low ? low : x > high ? high : x;
 }
 
-/* A place in a table over leans. */
-struct row {
-    int low;
-    float part;
+/* What weighing a row needs: of pixels, and of cells behind. */
+struct buffers {
+    float *far, *front, *behind, *distance, *lean, *over;
 };
 
-static inline struct row row_of(float lean, int rows)
+static struct buffers buffers_of(const struct convolution_state *st, int worker)
 {
-    const float s = (lean > 0.0f ? lean : 0.0f) * (float) ((rows - 1) / 0.994987437);
-    const int low = s < (float) (rows - 2) ? (int) s : rows - 2;
+    const size_t size = (size_t) st->job.in->width + 16;
+    float *first = st->scratch[worker];
 
-    return (struct row){ low, clamp(s - (float) low, 0.0f, 1.0f) };
+    return (struct buffers){ first, first + size, first + 2 * size, first + 3 * size, first + 4 * size, first + 5 * size };
 }
 
-static inline float mix(float low, float high, float part)
-{
-    return low + part * (high - low);
-}
-
-/* What a pixel should get over what it gets, on the mean over places: `own` lean nearby, and another one farther away. */
-static inline float lean_factor(const struct conv_response *r, struct row own, struct row far)
-{
-    const struct conv_lean *n = r->lean + own.low, *f = r->lean + far.low;
-
-    return (mix(n[0].true_near, n[1].true_near, own.part) + mix(f[0].true_far, f[1].true_far, far.part)) /
-           (mix(n[0].near, n[1].near, own.part) + mix(f[0].far, f[1].far, far.part));
-}
-
-/* Pixels of a plane are not as wide as those at the depth itself, t between two planes whose pixels are p and q mm wide. */
-static float width_factor(const struct convolution_knobs *k, float t, float p, float q, float facing)
-{
-    float share = (1.0f - t) / (p * p) + t / (q * q);
-
-    if (p == q)
-        return 1.0f;
-    if (k->restore == CONV_RESPONSE) {
-        const float own = (1.0f - t) * (1.0f - t) + t * t, all = 1.0f / (facing * facing), other = all > own ? all - own : 0.0f;
-        share = ((1.0f - t) * (1.0f - t) / (p * p) + t * t / (q * q) + other / (p * q)) / (own + other);
-    }
-    return 1.0f / ((p + t * (q - p)) * sqrtf(share));
-}
-
-/* What light weighs where it enters and where it leaves, of each channel: areas in pixels of the middle, and what splitting and gathering
- * give back of a flat surface's light. By its place among the planes: half of the factor where light enters, half where it leaves; by its
- * lean, on the mean over places: all where it enters, as a pixel that leans alone has no neighbours that give it more. What is near knows
- * the pixel's own lean, what is farther that over some distance, `far`. `leaves` may be NULL. */
-static void weigh(const struct convolution_state *st, float place, float area, float lean, float far, float enters[3], float leaves[3])
+/* What light behind weighs in a row of cells [x0, x1), the first of layer's memory at `row`, before row y of pixels. Kept apart, as much of
+ * it as is missing at the pixel before it goes to that pixel's place; where more would come than should, as much less goes its way. */
+static void weigh_behind(const struct convolution_state *st, const struct buffers *to, size_t row, int x0, int x1, int y)
 {
     const struct conv_job *j = &st->job;
-    const struct conv_layout *lay = &j->layout;
-    const int plane = (int) place, next = plane + 1 < lay->planes ? plane + 1 : plane;
-    const float t = place - (float) plane, u = t * (CONV_PHASES - 1), pixels = clamp(area / (lay->unit * lay->unit), 1e-4f, 1e5f);
-    const struct row at = row_of(lean, CONV_LEANS), own_at = row_of(lean, CONV_FINE), far_at = row_of(far, CONV_FINE);
-    const int b = u < CONV_PHASES - 2 ? (int) u : CONV_PHASES - 2;
-    const float fu = u - (float) b, sideways = lean < 0.0f ? 1.0f - lean : 1.0f;
-    float wide = width_factor(&st->knobs, t, lay->pixel[plane], lay->pixel[next], 1.0f);
-
-    for (int c = 0; c < 3; c++) {
-        const struct conv_response *r = &j->set->response[c][j->set->num_responses > 1 ? plane : 0];
-        const float *low = r->place[at.low] + b, *high = r->place[at.low + 1] + b;
-        const float by_place = mix(mix(low[0], low[1], fu), mix(high[0], high[1], fu), at.part);
-        enters[c] = pixels;
-        if (leaves)
-            leaves[c] = 1.0f;
-        if (st->knobs.restore == CONV_LOST || j->divide)
-            continue;
-        if (st->knobs.restore == CONV_RESPONSE)
-            wide = width_factor(&st->knobs, t, lay->pixel[plane], lay->pixel[next], mix(r->place[0][b], r->place[0][b + 1], fu));
-        enters[c] *= by_place * lean_factor(r, own_at, far_at) * sideways * wide;
-        if (leaves)
-            leaves[c] = by_place * wide;
-    }
-}
-
-/* Of a pixel, over the distance with half of the light inside, of all channels together; no more than its own. */
-static float far_lean(const struct convolution_state *st, int x, int y)
-{
-    const struct conv_job *j = &st->job;
-    const float own = st->sources.front.lean[y * st->sources.front.stride + x];
-    const float per_mm = j->in->focal_px / (j->in->orthographic ? 1.0f : j->in->depth[y * j->in->stride + x]);
-
-    return own > 0.0f ? fminf(own, convolution_lean_over(&st->sources, x, y, (int) clamp(j->median * per_mm + 0.5f, 1.0f, 65536.0f))) : own;
-}
-
-static float reaches(const struct conv_job *j, int channel, float distance)
-{
-    const float s = sqrtf(distance / j->widest) * CONV_DISTANCES, *table = j->arrives_over[channel];
-    const int i = s < CONV_DISTANCES - 1 ? (int) s : CONV_DISTANCES - 1;
-
-    return table[i] + clamp(s - (float) i, 0.0f, 1.0f) * (table[i + 1] - table[i]);
-}
-
-/* What light behind weighs. Kept apart, as much of it as is missing at the pixel before it goes to that pixel's place. */
-static void weigh_behind(const struct convolution_state *st, size_t i, int x, int y)
-{
-    const struct conv_job *j = &st->job;
+    const struct conv_kernels *kernels = st->kernels;
+    const struct pell_rect *rect = &j->extent.rect;
     const struct conv_front *f = &st->sources.front;
     const struct conv_behind *b = &st->sources.behind;
-    const float q = b->place[i], lean = b->lean[i];
-    const bool before = x < j->extent.rect.x1 && f->group[y * f->stride + x] == j->group + 1;
-    float enters[3], close[3];
+    const size_t at = row + (size_t) x0;
+    const int count = x1 - x0;
+    const uint16_t own = (uint16_t) (j->group + 1), *group = b->group + at;
+    float *const enters[3] = { b->enters[0] + at, b->enters[1] + at, b->enters[2] + at };
+    float *const close[3] = { b->close[0] + at, b->close[1] + at, b->close[2] + at };
 
-    for (int c = 0; c < 3; c++)
-        b->close[c][i] = 0.0f;
+    for (int i = 0; i < count; i++) {
+        const int px = (x0 + i) * b->step, x = px > rect->x0 ? px : rect->x0;
+        const ptrdiff_t pixel = y * f->stride + x;
+        const bool is = group[i] == own, before = is && x < rect->x1 && f->group[pixel] == own;
+        const float lean = is ? b->lean[at + (size_t) i] : 0.0f;
+        to->lean[i] = lean < 0.0f ? lean : 0.0f;
+        to->over[i] = before ? fminf(lean, to->far[x - rect->x0]) : lean;
+        to->behind[i] = is ? b->place[at + (size_t) i] : 0.0f;
+        to->front[i] = before ? f->place[pixel] : 0.0f;
+        to->distance[i] = before ? fmaxf(b->depth[at + (size_t) i] - j->in->depth[y * j->in->stride + x], 0.0f) : -1.0f;
+    }
+    if (!j->behind || j->layout.planes == 1)
+        for (int c = 0; c < 3; c++)
+            memset(close[c], 0, (size_t) count * sizeof(float));
     if (!j->behind) {
-        weigh(st, q, b->area[i], lean, lean, enters, NULL);
-    } else { /* kernels that begin at some distance know nothing of leans */
-        const float none = lean < 0.0f ? lean : 0.0f;
-        weigh(st, q, b->area[i], none, none, enters, NULL);
+        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->lean + at, b->lean + at, enters, NULL);
+        return;
     }
-    if (j->behind && before && j->layout.planes > 1) {
-        const float p = f->place[y * f->stride + x], distance = b->depth[i] - j->in->depth[y * j->in->stride + x];
-        weigh(st, q, b->area[i], lean, fminf(lean, far_lean(st, x, y)), close, NULL);
-        for (int c = 0; c < 3; c++) {
-            float there = 0.0f, share;
-            for (int to = (int) p; to < j->layout.planes && to <= (int) p + 1; to++)
-                for (int from = (int) q; from < j->layout.planes && from <= (int) q + 1; from++)
-                    there += (1.0f - fabsf(p - (float) to)) * (1.0f - fabsf(q - (float) from)) * j->arrives[c][from][to];
-            share = (reaches(j, c, fmaxf(distance, 0.0f)) - there) / fmaxf(1.0f - there, 1e-6f);
-            share = clamp(share, 0.0f, 1.0f);
-            b->close[c][i] = share * close[c];
-            enters[c] *= 1.0f - share;
-        }
+    /* Kernels that begin at some distance know nothing of leans. */
+    kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, to->lean, to->lean, enters, NULL);
+    if (j->layout.planes > 1) {
+        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->lean + at, to->over, close, NULL);
+        kernels->share(&j->shares, count, to->front, to->behind, to->distance, enters, close);
     }
-    for (int c = 0; c < 3; c++)
-        b->enters[c][i] = enters[c];
 }
 
 static void weigh_row(void *arg, int index, int worker)
 {
     const struct convolution_state *st = arg;
     const struct conv_job *j = &st->job;
+    const struct pell_rect *rect = &j->extent.rect;
     const struct conv_front *f = &st->sources.front;
     const struct conv_behind *b = &st->sources.behind;
-    const int y = j->extent.rect.y0 + index;
-    float enters[3], leaves[3];
+    const struct buffers to = buffers_of(st, worker);
+    const struct conv_depths depths = convolution_depths(&st->sources, j->median);
+    const uint16_t own = (uint16_t) (j->group + 1);
+    const int y = rect->y0 + index;
+    const ptrdiff_t at = y * f->stride + rect->x0;
+    float *const enters[3] = { f->enters[0] + at, f->enters[1] + at, f->enters[2] + at };
+    float *const leaves[3] = { f->leaves[0] + at, f->leaves[1] + at, f->leaves[2] + at };
 
-    (void) worker;
-    for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++) {
-        const ptrdiff_t i = y * f->stride + x;
-        if (f->group[i] != j->group + 1)
-            continue;
-        weigh(st, f->place[i], f->area[i], f->lean[i], far_lean(st, x, y), enters, leaves);
-        for (int c = 0; c < 3; c++) {
-            f->enters[c][i] = enters[c];
-            f->leaves[c][i] = leaves[c];
-        }
-    }
-    for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++) {
-        const size_t row = ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width;
-        for (int x = j->x0 / b->step; x <= (j->extent.rect.x1 - 1) / b->step; x++)
-            if (b->group[row + (size_t) x] == j->group + 1)
-                weigh_behind(st, row + (size_t) x, x * b->step > j->extent.rect.x0 ? x * b->step : j->extent.rect.x0, y);
-    }
+    st->kernels->far(&depths, y, rect->x0, rect->x1, own, f->lean + y * f->stride, to.far - rect->x0);
+    st->kernels->weigh(&j->weights, rect->x1 - rect->x0, f->group + at, own, f->place + at, f->area + at, f->lean + at, to.far, enters,
+                       leaves);
+    for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++)
+        weigh_behind(st, &to, ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width, j->x0 / b->step,
+                     (rect->x1 - 1) / b->step + 1, y);
 }
 
 /* Shares of the light that go from plane to plane, and as far as light behind is. */
@@ -192,6 +114,76 @@ static void measure_arrivals(struct convolution_state *st)
     }
 }
 
+static void set_weights(struct convolution_state *st)
+{
+    struct conv_job *j = &st->job;
+
+    j->weights = (struct conv_weights){
+        .planes = j->layout.planes,
+        .plain = st->knobs.restore == CONV_LOST || j->divide,
+        .by_response = st->knobs.restore == CONV_RESPONSE,
+        .several = j->set->num_responses > 1,
+        .pixel = j->layout.pixel,
+        .per_unit2 = 1.0f / (j->layout.unit * j->layout.unit),
+        .response = { j->set->response[0], j->set->response[1], j->set->response[2] },
+    };
+    j->shares = (struct conv_shares){
+        .arrives = { j->arrives[0][0], j->arrives[1][0], j->arrives[2][0] },
+        .over = { j->arrives_over[0], j->arrives_over[1], j->arrives_over[2] },
+        .per_widest = 1.0f / j->widest,
+    };
+}
+
+/* All of it where half of the light stays within a pixel; nothing where within three: what is near no longer tells. */
+static void set_edges(struct convolution_state *st, int c)
+{
+    enum { SIDE = CONV_WINDOW + 1 };
+    struct conv_job *j = &st->job;
+    const struct conv_layout *lay = &j->layout;
+    const struct conv_radial *r = &j->radial[c];
+    const struct conv_front *f = &st->sources.front;
+    struct conv_edges *s = &j->edges[c];
+    const float spacing = lay->planes > 1 ? (lay->depth[lay->planes - 1] - lay->depth[0]) / (float) (lay->planes - 1) : 0.0f;
+    double squares[SIDE * SIDE];
+
+    *s = (struct conv_edges){
+        .depth = j->in->depth,
+        .light = j->in->irradiance[c],
+        .group = f->group,
+        .place = f->place,
+        .area = f->area,
+        .enters = f->enters[c],
+        .leaves = f->leaves[c],
+        .stride = j->in->stride,
+        .group_stride = f->stride,
+        .x0 = j->extent.rect.x0,
+        .y0 = j->extent.rect.y0,
+        .x1 = j->extent.rect.x1,
+        .y1 = j->extent.rect.y1,
+        .own = (uint16_t) (j->group + 1),
+        .planes = lay->planes,
+        .per_spacing = spacing > 0.0f ? 1.0f / spacing : 0.0f,
+        .parallel = j->in->orthographic,
+        .pixel2 = 1.0f / (j->in->focal_px * j->in->focal_px),
+        .flat2 = 0.01f * r->median2,
+        .value = r->value,
+        .per_median2 = r->per_median2,
+    };
+    if (!st->knobs.edges || st->step > 1 || st->knobs.split == CONV_HALF || st->knobs.restore != CONV_BETWEEN || j->divide || r->point ||
+        lay->planes == 1)
+        return;
+    s->fade = clamp(1.5f - 0.5f * sqrtf(r->median2) / lay->unit, 0.0f, 1.0f);
+    convolution_radial_squares(r, (double) lay->unit, SIDE, squares);
+    for (int y = 0; y < SIDE; y++)
+        for (int x = 0; x < SIDE; x++) {
+            const float radius2 = (float) (x * x + y * y) * lay->unit * lay->unit, value = convolution_radial_value(r, radius2);
+            s->radius2[y][x] = radius2;
+            s->square[y][x] = value > 0.0f ? (float) squares[y * SIDE + x] : 0.0f;
+            s->per_value[y][x] = value > 0.0f ? 1.0f / value : 0.0f;
+            s->next[y][x] = s->per_value[y][x] * convolution_radial_value(r, radius2 + spacing * spacing);
+        }
+}
+
 void convolution_weigh(struct convolution_state *st)
 {
     const struct conv_radial *r = st->job.radial;
@@ -199,113 +191,164 @@ void convolution_weigh(struct convolution_state *st)
     st->job.median = powf(r[0].median2, 1.0f / 6.0f) * powf(r[1].median2, 1.0f / 6.0f) * powf(r[2].median2, 1.0f / 6.0f);
     if (st->job.behind)
         measure_arrivals(st);
+    set_weights(st);
+    for (int c = 0; c < 3; c++)
+        set_edges(st, c);
     pell_pool_run(st->pool, st->job.extent.rect.y1 - st->job.extent.rect.y0, weigh_row, st);
 }
 
-/* Adds light at pixel i of the images that a band marks as its own. */
-static inline void add_light(const struct convolution_state *st, unsigned char *marks, ptrdiff_t i, float place, float light, bool front)
-{
-    const struct conv_job *j = &st->job;
-    const int plane = (int) place, first = front || !j->behind ? plane : plane + j->layout.planes + j->between;
-    const float t = place - (float) plane, share = st->knobs.split == CONV_HALF ? 0.5f : t;
-    float *image = st->images + (size_t) first * st->image_size + i;
-
-    marks[first] = 1;
-    if (j->layout.planes == 1) {
-        image[0] += light;
-        return;
-    }
-    image[0] += (1.0f - share) * light;
-    image[st->image_size] += share * light;
-    marks[first + 1] = 1;
-    if (j->between && front) {
-        const int between = j->layout.planes + plane;
-        st->images[(size_t) between * st->image_size + (size_t) i] += sqrtf(2.0f * t * (1.0f - t)) * light;
-        marks[between] = 1;
-    }
-}
+/* Images of a band of rows, in a worker's scratch. */
+struct band {
+    float *images;
+    size_t size; /* floats of one */
+    unsigned char *marks;
+    struct pell_rect *lit;
+    int y0, y1;
+};
 
 static inline void widen(struct pell_rect *lit, int x, int y)
 {
     lit->x0 = x < lit->x0 ? x : lit->x0;
     lit->x1 = x >= lit->x1 ? x + 1 : lit->x1;
     lit->y0 = y < lit->y0 ? y : lit->y0;
-    lit->y1 = y + 1;
+    lit->y1 = y >= lit->y1 ? y + 1 : lit->y1;
 }
 
-static void spread_front(const struct convolution_state *st, unsigned char *marks, struct pell_rect *lit, int y)
+static void widen_row(const struct band *to, const int ends[2], int y)
+{
+    if (ends[0] < ends[1]) {
+        widen(to->lit, ends[0], y);
+        widen(to->lit, ends[1] - 1, y);
+    }
+}
+
+static void spread_front(const struct convolution_state *st, const struct band *to, int y)
 {
     const struct conv_job *j = &st->job;
     const struct pell_rect *rect = &j->extent.rect;
     const struct conv_front *f = &st->sources.front;
-    const uint16_t own = (uint16_t) (j->group + 1);
+    struct conv_spread s = {
+        .planes = j->layout.planes,
+        .between = j->between,
+        .halves = st->knobs.split == CONV_HALF,
+        .image_size = to->size,
+        .x0 = rect->x0 - j->x0,
+        .width = (int) j->stride,
+        .step = st->step,
+        .own = (uint16_t) (j->group + 1),
+    };
+    int ends[2] = { INT_MAX, 0 };
 
-    for (int py = j->y0 + y * st->step; py < j->y0 + (y + 1) * st->step; py++) {
-        const float *light = j->in->irradiance[j->channel] + py * j->in->stride, *enters = f->enters[j->channel] + py * f->stride;
-        const float *place = f->place + py * f->stride;
-        const uint16_t *group = f->group + py * f->stride;
-        for (int x = rect->x0; py >= rect->y0 && py < rect->y1 && x < rect->x1; x++) {
-            const float e = group[x] != own ? 0.0f : j->even ? enters[x] : enters[x] * light[x];
-            if (e == 0.0f)
-                continue;
-            add_light(st, marks, y * j->stride + (x - j->x0) / st->step, place[x], e, true);
-            widen(lit, (x - j->x0) / st->step, y);
-        }
+    for (int row = j->y0 + y * st->step; row < j->y0 + (y + 1) * st->step; row++) {
+        const bool is = row >= rect->y0 && row < rect->y1;
+        const int py = is ? row : rect->y0;
+        const ptrdiff_t at = py * f->stride + j->x0;
+        s.x1 = is ? rect->x1 - j->x0 : 0;
+        st->kernels->spread(&s, f->group + at, f->place + at, f->enters[j->channel] + at,
+                            j->even ? NULL : j->in->irradiance[j->channel] + py * j->in->stride + j->x0,
+                            to->images + (y - to->y0) * j->stride, to->marks, ends);
     }
+    widen_row(to, ends, y);
 }
 
-static void spread_behind(const struct convolution_state *st, unsigned char *marks, struct pell_rect *lit, int y)
+enum { CELLS = 128 };
+
+/* Light of `count` cells at their places to images from `first` on, and to those between planes; rows [y, y1). */
+static void spread_cells(const struct convolution_state *st, const struct band *to, int first, bool front, const uint16_t *group,
+                         const float *place, const float *enters, const float *light, int count, int x, int y, int y1)
+{
+    const struct conv_job *j = &st->job;
+    const int step = st->sources.behind.step, repeat = step > st->step ? step / st->step : 1, per = st->step > step ? st->step / step : 1;
+    const struct conv_spread s = {
+        .planes = j->layout.planes,
+        .between = front ? j->between : 0,
+        .halves = st->knobs.split == CONV_HALF,
+        .image_size = CELLS,
+        .x1 = count,
+        .width = CELLS,
+        .step = 1,
+        .own = (uint16_t) (j->group + 1),
+    };
+    const int room = (int) j->stride - x;
+    _Alignas(64) float parts[2 * CONV_PLANES][CELLS];
+    unsigned char marks[2 * CONV_PLANES] = { 0 };
+    int ends[2] = { INT_MAX, 0 };
+
+    st->kernels->spread(&s, group, place, enters, light, parts[0], marks, ends);
+    if (ends[0] >= ends[1])
+        return;
+    for (int i = 0; i < s.planes + s.between; i++)
+        for (int row = y; row < y1 && marks[i]; row++) {
+            to->marks[first + i] = 1;
+            st->kernels->add_cells(parts[i], count, repeat, per, 1.0f / (float) (repeat * repeat), room,
+                                   to->images + (size_t) (first + i) * to->size + (row - to->y0) * j->stride + x);
+        }
+    ends[0] = x + ends[0] * repeat / per;
+    ends[1] = x + (ends[1] - 1) * repeat / per + repeat;
+    ends[1] = ends[1] < j->layout.width ? ends[1] : j->layout.width;
+    for (int row = y; row < y1; row++)
+        widen_row(to, ends, row);
+}
+
+/* A row of cells in a layer, to rows [y, y1) of images. */
+static void spread_behind(const struct convolution_state *st, const struct band *to, int layer, int cell_y, int y, int y1)
 {
     const struct conv_job *j = &st->job;
     const struct pell_rect *rect = &j->extent.rect;
     const struct conv_front *f = &st->sources.front;
     const struct conv_behind *b = &st->sources.behind;
-    const int first = (j->y0 + y * st->step) / b->step, last = (j->y0 + (y + 1) * st->step - 1) / b->step;
-    const int across = b->step > st->step ? b->step / st->step : 1;     /* pixels of the images that a cell covers, each way */
-    const int top = rect->y0 / b->step, end = (rect->y1 - 1) / b->step; /* others were not placed */
+    const size_t row = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width;
+    const int first = j->x0 / b->step, end = (rect->x1 - 1) / b->step + 1;
+    const int py = cell_y * b->step > rect->y0 ? cell_y * b->step : rect->y0;
 
-    for (int k = 0; k < b->layers; k++)
-        for (int cy = first > top ? first : top; cy <= last && cy <= end; cy++)
-            for (int cx = j->x0 / b->step; cx <= (rect->x1 - 1) / b->step; cx++) {
-                const size_t i = ((size_t) k * (size_t) b->height + (size_t) cy) * (size_t) b->width + (size_t) cx;
-                const int px = cx * b->step > rect->x0 ? cx * b->step : rect->x0, py = cy * b->step > rect->y0 ? cy * b->step : rect->y0;
-                float light, e, close;
-                if (b->group[i] != j->group + 1)
-                    continue;
-                light = (j->even ? 1.0f : b->light[j->channel][i]) / (float) (across * across);
-                e = light * b->enters[j->channel][i];
-                close = light * b->close[j->channel][i];
-                if (e == 0.0f && close == 0.0f)
-                    continue;
-                for (int n = 0; n < across; n++) {
-                    const int x = (cx * b->step - j->x0) / st->step + n;
-                    if (x >= j->layout.width)
-                        break;
-                    if (e != 0.0f)
-                        add_light(st, marks, y * j->stride + x, b->place[i], e, false);
-                    if (close != 0.0f)
-                        add_light(st, marks, y * j->stride + x, f->place[py * f->stride + px], close, true);
-                    widen(lit, x, y);
-                }
-            }
+    for (int x = first; x < end; x += CELLS) {
+        const size_t at = row + (size_t) x;
+        const int count = end - x < CELLS ? end - x : CELLS, column = (x * b->step - j->x0) / st->step;
+        const float *light = j->even ? NULL : b->light[j->channel] + at, *close = b->close[j->channel] + at;
+        float place[CELLS];
+        bool any = false;
+        spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, b->group + at, b->place + at,
+                     b->enters[j->channel] + at, light, count, column, y, y1);
+        for (int i = 0; i < count; i++) {
+            const int px = (x + i) * b->step > rect->x0 ? (x + i) * b->step : rect->x0;
+            const bool is = b->group[at + (size_t) i] == j->group + 1 && close[i] != 0.0f;
+            place[i] = is ? f->place[py * f->stride + px] : 0.0f;
+            any = any || is;
+        }
+        if (any)
+            spread_cells(st, to, 0, true, b->group + at, place, close, light, count, column, y, y1);
+    }
 }
 
 static void spread_band(void *arg, int band, int worker)
 {
     struct convolution_state *st = arg;
     const struct conv_job *j = &st->job;
-    const int y1 = (band + 1) * CONV_BAND < j->layout.height ? (band + 1) * CONV_BAND : j->layout.height;
-    unsigned char *marks = st->occupied + band * st->num_images;
+    const struct conv_behind *b = &st->sources.behind;
+    const int images = j->layout.planes + j->between + j->behind, y0 = band * CONV_BAND;
+    const int top = j->extent.rect.y0 / b->step, last = (j->extent.rect.y1 - 1) / b->step; /* other cells were not placed */
+    const int repeat = b->step > st->step ? b->step / st->step : 1;
+    const struct band to = {
+        .images = convolution_band_images(st, worker),
+        .size = (size_t) CONV_BAND * (size_t) j->stride,
+        .marks = st->occupied + band * st->num_images,
+        .lit = &st->lit[band],
+        .y0 = y0,
+        .y1 = y0 + CONV_BAND < j->layout.height ? y0 + CONV_BAND : j->layout.height,
+    };
 
-    (void) worker;
-    for (int i = 0; i < j->layout.planes + j->between + j->behind; i++)
-        memset(conv_image(st, i) + band * CONV_BAND * j->stride, 0, (size_t) (y1 - band * CONV_BAND) * (size_t) j->stride * sizeof(float));
-    memset(marks, 0, (size_t) st->num_images);
-    st->lit[band] = (struct pell_rect){ INT_MAX, INT_MAX, 0, 0 };
-    for (int y = band * CONV_BAND; y < y1; y++) {
-        spread_front(st, marks, &st->lit[band], y);
-        spread_behind(st, marks, &st->lit[band], y);
-    }
+    for (int i = st->step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* others are written whole */
+        memset(to.images + (size_t) i * to.size, 0, to.size * sizeof(float));
+    memset(to.marks, 0, (size_t) st->num_images);
+    *to.lit = (struct pell_rect){ INT_MAX, INT_MAX, 0, 0 };
+    for (int y = y0; y < to.y1; y++)
+        spread_front(st, &to, y);
+    for (int k = 0; k < b->layers; k++)
+        for (int y = y0; y < to.y1; y += repeat)
+            for (int cy = (j->y0 + y * st->step) / b->step; cy * b->step < j->y0 + (y + repeat) * st->step; cy++)
+                if (cy >= top && cy <= last)
+                    spread_behind(st, &to, k, cy, y, y + repeat < to.y1 ? y + repeat : to.y1);
+    convolution_transform_rows(st, band, worker, to.images);
 }
 
 void convolution_spread(struct convolution_state *st)

@@ -90,6 +90,15 @@ static const struct pell_knob knobs[] = {
       1,
       NULL,
       "keep light from behind apart, as far from its plane as it is on the mean; off: in one image with the front, as in the paper" },
+    { "edges",
+      PELL_KNOB_BOOL,
+      "1",
+      AT(edges),
+      { 1 },
+      0,
+      1,
+      NULL,
+      "where light goes a pixel or two: pixels across an edge in depth are no neighbours; the surface goes on evenly there instead" },
     { "borders",
       PELL_KNOB_ENUM,
       "1",
@@ -115,6 +124,7 @@ static void paper(void *values)
     k->resolution = CONV_HALF_SIZE;
     k->behind_step = CONV_EVERY_1;
     k->apart = false;
+    k->edges = false;
 }
 
 static void plan(const void *values, struct pell_plan *plan)

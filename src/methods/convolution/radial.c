@@ -226,7 +226,8 @@ static double between_rows(const double *table, double at)
 void convolution_response_make(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, struct conv_response *out)
 {
     const double half = half_distance(r);
-    double mean[CONV_LEANS], far[CONV_LEANS], true_far[CONV_LEANS];
+    double place[CONV_LEANS][CONV_PHASES], mean[CONV_LEANS], far[CONV_LEANS], true_far[CONV_LEANS];
+    double near_row[CONV_FINE][2], far_row[CONV_FINE][2];
 
     for (int j = 0; j < CONV_LEANS; j++) {
         mean[j] = far[j] = true_far[j] = 0.0;
@@ -236,24 +237,36 @@ void convolution_response_make(const struct conv_radial *r, const struct convolu
             if (k->restore != CONV_LOST)
                 share = response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1), half, &beyond,
                                     &true_far[j]);
-            out->place[j][i] = out->place[j][CONV_PHASES - 1 - i] = (float) (1.0 / sqrt(fmin(fmax(share, 1e-3), 1e3)));
+            place[j][i] = place[j][CONV_PHASES - 1 - i] = 1.0 / sqrt(fmin(fmax(share, 1e-3), 1e3));
             far[j] += beyond / (CONV_PHASES / 2 + 1);
         }
         for (int i = 0; i < CONV_PHASES; i++)
-            mean[j] += (double) out->place[j][i];
+            mean[j] += place[j][i];
     }
     for (int j = CONV_LEANS - 1; j >= 0; j--) {
         mean[j] /= mean[0];
         for (int i = 0; i < CONV_PHASES; i++)
-            out->place[j][i] /= (float) mean[j];
+            place[j][i] /= mean[j];
     }
+    for (int j = 0; j + 1 < CONV_LEANS; j++)
+        for (int i = 0; i + 1 < CONV_PHASES; i++) {
+            const double low = place[j][i], along = place[j][i + 1] - low, up = place[j + 1][i] - low;
+            const double row[4] = { low, along, up, place[j + 1][i + 1] - low - along - up };
+            for (int n = 0; n < 4; n++)
+                out->place[j * (CONV_PHASES - 1) + i][n] = (float) row[n];
+        }
     for (int i = 0; i < CONV_FINE; i++) {
         const double at = i * (double) (CONV_LEANS - 1) / (CONV_FINE - 1), all = 1.0 / pow(between_rows(mean, at), 2.0);
-        out->lean[i] = (struct conv_lean){
-            .near = (float) (all * (1.0 - between_rows(far, at))),
-            .far = (float) (all * between_rows(far, at)),
-            .true_near = (float) (1.0 - between_rows(true_far, at)),
-            .true_far = (float) between_rows(true_far, at),
-        };
+        near_row[i][0] = all * (1.0 - between_rows(far, at));
+        near_row[i][1] = 1.0 - between_rows(true_far, at);
+        far_row[i][0] = all * between_rows(far, at);
+        far_row[i][1] = between_rows(true_far, at);
     }
+    for (int i = 0; i + 1 < CONV_FINE; i++)
+        for (int n = 0; n < 2; n++) {
+            out->near[i][n] = (float) near_row[i][n];
+            out->near[i][n + 2] = (float) (near_row[i + 1][n] - near_row[i][n]);
+            out->far[i][n] = (float) far_row[i][n];
+            out->far[i][n + 2] = (float) (far_row[i + 1][n] - far_row[i][n]);
+        }
 }

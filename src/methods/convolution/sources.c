@@ -28,54 +28,25 @@ static void cover(const struct pell_frame *in, float depth, float facing, float 
     *lean = f < 1.0f ? sqrtf(1.0f - f) : 1.0f - f;
 }
 
-/* 1/depth, or depth where rays are parallel: linear on the picture for any plane. */
-static float linear_depth(const struct pell_frame *in, ptrdiff_t i)
-{
-    return in->orthographic ? in->depth[i] : 1.0f / in->depth[i];
-}
-
-/* The slope, each pixel, to the one `by` pixels away that is less steep; 0 without any. `at`, `group_at` and their steps: in memory. */
-static float slope(const struct conv_sources *s, ptrdiff_t at, ptrdiff_t group_at, ptrdiff_t step, ptrdiff_t group_step, int by, bool low,
-                   bool high)
+struct conv_depths convolution_depths(const struct conv_sources *s, float median)
 {
     const struct pell_frame *in = s->in;
-    const uint16_t *group = s->front.group + group_at;
-    const float here = linear_depth(in, at);
-    float best = INFINITY;
 
-    if (low && group[-by * group_step] == group[0])
-        best = here - linear_depth(in, at - by * step);
-    if (high && group[by * group_step] == group[0]) {
-        const float other = linear_depth(in, at + by * step) - here;
-        best = fabsf(other) < fabsf(best) ? other : best;
-    }
-    return isfinite(best) ? best / (float) by : 0.0f;
-}
-
-/* |n . d| by depths alone. */
-static float facing_by_depth(const struct conv_sources *s, int x, int y, int by)
-{
-    const struct pell_frame *in = s->in;
-    const ptrdiff_t at = y * in->stride + x, to = y * s->front.stride + x;
-    const float gu = slope(s, at, to, 1, 1, by, x - by >= in->rect.x0, x + by < in->rect.x1) * in->focal_px;
-    const float gv = slope(s, at, to, in->stride, s->front.stride, by, y - by >= in->rect.y0, y + by < in->rect.y1) * in->focal_px;
-
-    if (in->orthographic) {
-        return 1.0f / sqrtf(1.0f + gu * gu + gv * gv);
-    } else {
-        const float tx = ((float) x + 0.5f - 0.5f * (float) in->width) / in->focal_px;
-        const float ty = ((float) y + 0.5f - 0.5f * (float) in->height) / in->focal_px;
-        const float w = 1.0f / in->depth[at], c = w - gu * tx - gv * ty, n = sqrtf(gu * gu + gv * gv + c * c);
-        return n > 0.0f ? w / n : 1.0f;
-    }
-}
-
-float convolution_lean_over(const struct conv_sources *s, int x, int y, int step)
-{
-    float area, lean;
-
-    cover(s->in, s->in->depth[y * s->in->stride + x], facing_by_depth(s, x, y, step), &area, &lean);
-    return lean;
+    return (struct conv_depths){
+        .depth = in->depth,
+        .group = s->front.group,
+        .stride = in->stride,
+        .group_stride = s->front.stride,
+        .x0 = in->rect.x0,
+        .y0 = in->rect.y0,
+        .x1 = in->rect.x1,
+        .y1 = in->rect.y1,
+        .parallel = in->orthographic,
+        .focal_px = in->focal_px,
+        .middle_x = 0.5f * (float) in->width,
+        .middle_y = 0.5f * (float) in->height,
+        .median_px = median * in->focal_px,
+    };
 }
 
 static struct pell_vec3 ray_of(const struct conv_sources *s, float x, float y, struct pell_vec3 *start)
@@ -100,20 +71,29 @@ void convolution_front_row(const struct conv_sources *s, int y)
 {
     const struct pell_frame *in = s->in;
     const struct conv_front *f = &s->front;
+    const struct pell_view *v = &s->view;
+    const struct pell_scene *scene = s->bodies ? pell_renderer_scene(s->r) : NULL;
+    const struct conv_depths depths = convolution_depths(s, 0.0f);
+    uint32_t mesh = PELL_NO_HIT, triangle = 0;
+    float across = 0.0f, first = 0.0f; /* n . d of the triangle: linear along the row */
 
-    for (int x = in->rect.x0; x < in->rect.x1; x++) {
+    for (int x = in->rect.x0; x < in->rect.x1 && s->bodies; x++) {
         const ptrdiff_t at = y * in->stride + x, to = y * f->stride + x;
-        struct pell_vec3 start, d;
         if (!f->group[to])
             continue;
-        if (!s->bodies) {
-            cover(in, in->depth[at], facing_by_depth(s, x, y, 1), &f->area[to], &f->lean[to]);
-            continue;
+        if (in->mesh[at] != mesh || in->triangle[at] != triangle) {
+            struct pell_vec3 start;
+            const struct pell_vec3 d = ray_of(s, 0.0f, (float) y, &start);
+            struct pell_vec3 n;
+            mesh = in->mesh[at];
+            triangle = in->triangle[at];
+            n = triangle_normal(scene, mesh, triangle);
+            first = vec3_dot(d, n);
+            across = v->orthographic ? 0.0f : vec3_dot(v->right, n) / v->focal_px;
         }
-        d = ray_of(s, (float) x, (float) y, &start);
-        cover(in, in->depth[at], fabsf(vec3_dot(d, triangle_normal(pell_renderer_scene(s->r), in->mesh[at], in->triangle[at]))),
-              &f->area[to], &f->lean[to]);
+        f->lean[to] = fabsf(first + (float) x * across);
     }
+    s->kernels->cover(&depths, y, in->rect.x0, in->rect.x1, !s->bodies, f->area + y * f->stride, f->lean + y * f->stride);
 }
 
 /* --- What lies behind ---------------------------------------------------------------------------------------------------------------- */
@@ -252,7 +232,7 @@ static float front_of(const struct conv_sources *s, int cell_x, int cell_y)
     for (int y = y0; y < y0 + n && y < in->rect.y1; y++)
         for (int x = x0; x < x0 + n && x < in->rect.x1; x++)
             if (y >= in->rect.y0 && x >= in->rect.x0 && s->front.group[y * s->front.stride + x])
-                front = fmaxf(front, in->depth[y * in->stride + x]);
+                front = in->depth[y * in->stride + x] > front ? in->depth[y * in->stride + x] : front;
     return front;
 }
 

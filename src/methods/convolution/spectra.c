@@ -65,51 +65,48 @@ struct kernel {
 
 struct maker {
     const struct conv_layout *layout;
-    struct kernel kernels[3 * (2 * CONV_PLANES + CONV_PLANES * (CONV_PLANES - 1) / 2)];
+    struct kernel list[3 * (2 * CONV_PLANES + CONV_PLANES * (CONV_PLANES - 1) / 2)];
     int count;
+    const struct conv_kernels *kernels;
     float *const *scratch;
     float *memory;
 };
 
-struct sampler {
-    const struct kernel *k;
-    double near[NEAR * NEAR];
-    float pixel2;
-    int cut_x, cut_y;
-    bool fine; /* R changes over a pixel */
-};
-
-static float sample(const struct sampler *s, int x, int y)
+/* A kernel from (x, y) down, PELL_FFT_ELEMENT samples of it; 0 beyond its cut. `near`: of its own plane, light in the nearest pixels. */
+static void sample_column(const struct maker *m, const struct kernel *k, const struct conv_samples *s, const double *near, int x, int y,
+                          float *out)
 {
-    const struct kernel *k = s->k;
-    const float a = 0.288675135f; /* two points of Gauss and Legendre */
-    const float fx = (float) x, fy = (float) y;
-    float sum = 0.0f;
+    const struct conv_layout *lay = m->layout;
+    const int cut_x = convolution_cut(lay->across, lay->width), cut_y = convolution_cut(lay->down, lay->height);
+    const int count = x > cut_x || y > cut_y ? 0 : (cut_y - y) / k->step + 1;
+    const float scale = k->scale * s->pixel2;
 
-    if (x > s->cut_x || y > s->cut_y)
-        return 0.0f;
-    if (k->own && x < NEAR && y < NEAR)
-        return k->scale * (float) s->near[y * NEAR + x];
-    if (k->radial->point)
-        return 0.0f;
-    if (!s->fine)
-        return k->scale * s->pixel2 * convolution_radial_value(k->radial, (fx * fx + fy * fy) * s->pixel2 + k->distance2);
-    for (int i = 0; i < 4; i++) {
-        const float px = fx + (i & 1 ? a : -a), py = fy + (i & 2 ? a : -a);
-        sum += convolution_radial_value(k->radial, (px * px + py * py) * s->pixel2 + k->distance2);
-    }
-    return k->scale * s->pixel2 * 0.25f * sum;
+    if (count > 0 && !k->radial->point)
+        m->kernels->sample(s, (float) x, (float) y, (float) k->step, PELL_FFT_ELEMENT, out);
+    else
+        memset(out, 0, PELL_FFT_ELEMENT * sizeof(*out));
+    for (int i = 0; i < PELL_FFT_ELEMENT; i++)
+        out[i] = i < count ? scale * out[i] : 0.0f;
+    for (int i = 0; k->own && x < NEAR && y < NEAR && i < NEAR && i < count; i++)
+        out[i] = k->scale * (float) near[i * NEAR + x];
 }
 
 static void make_spectrum(void *arg, int index, int worker)
 {
     const struct maker *m = arg;
-    const struct kernel *k = &m->kernels[index];
+    const struct kernel *k = &m->list[index];
     const struct conv_layout *lay = m->layout;
     const int nx = lay->across / k->step, ny = lay->down / k->step, hx = nx / 2, hy = ny / 2, L = PELL_FFT_LANES, E = PELL_FFT_ELEMENT;
     const int stride = round_up(hx + 1, L) + 2 * L, columns = k->step > 1 ? hx : hx + 1;
     const float scale = (float) ((double) k->step * k->step / ((double) lay->across * lay->down));
-    struct sampler s = { .k = k, .pixel2 = k->pixel * k->pixel };
+    const struct conv_samples s = {
+        .value = k->radial->value,
+        .per_median2 = k->radial->per_median2,
+        .pixel2 = k->pixel * k->pixel,
+        .distance2 = k->distance2,
+        .fine = k->step == 1 && k->radial->median2 + k->distance2 < 36.0f * k->pixel * k->pixel, /* R changes over a pixel */
+    };
+    double near[NEAR * NEAR];
     float *quarter = m->scratch[worker], *buffer[2], *table, *data = m->memory + (k->to->data - m->memory);
     struct pell_fft across, down;
 
@@ -118,18 +115,16 @@ static void make_spectrum(void *arg, int index, int worker)
     table = buffer[1] + pell_fft_buffer(nx > ny ? nx : ny);
     pell_fft_init(&across, nx, table);
     pell_fft_init(&down, ny, table + pell_fft_table(nx));
-    s.cut_x = convolution_cut(lay->across, lay->width);
-    s.cut_y = convolution_cut(lay->down, lay->height);
-    s.fine = k->step == 1 && k->radial->median2 + k->distance2 < 36.0f * s.pixel2;
     if (k->own)
-        convolution_radial_squares(k->radial, (double) k->pixel, NEAR, s.near);
+        convolution_radial_squares(k->radial, (double) k->pixel, NEAR, near);
 
     for (int y0 = 0; y0 <= hy; y0 += 2 * L) {
         const float *z;
         for (int x = 0; x <= hx; x++) {
             float *to = buffer[0] + (ptrdiff_t) E * x;
-            for (int l = 0; l < E; l++)
-                to[l] = y0 + l <= hy ? sample(&s, x * k->step, (y0 + l) * k->step) : 0.0f;
+            sample_column(m, k, &s, near, x * k->step, y0 * k->step, to);
+            for (int l = hy - y0 + 1; l < E; l++)
+                to[l] = 0.0f;
             if (x > 0 && 2 * x < nx)
                 memcpy(buffer[0] + (ptrdiff_t) E * (nx - x), to, (size_t) E * sizeof(float));
         }
@@ -172,7 +167,7 @@ static void add(struct maker *m, const struct conv_radial *r, double h, float pi
         .rows = rows,
     };
     *used += (size_t) to->blocks * (size_t) to->block;
-    m->kernels[m->count++] = (struct kernel){
+    m->list[m->count++] = (struct kernel){
         .radial = r,
         .distance2 = (float) (h * h),
         .pixel = pixel,
@@ -229,9 +224,10 @@ static void list_channel(struct maker *m, const struct convolution_knobs *k, con
 }
 
 void convolution_spectra_make(struct pell_pool *pool, const struct convolution_knobs *k, const struct conv_radial radial[3],
-                              const struct conv_layout *layout, float *const *scratch, struct conv_spectra *out)
+                              const struct conv_layout *layout, const struct conv_kernels *kernels, float *const *scratch,
+                              struct conv_spectra *out)
 {
-    struct maker m = { .layout = &out->layout, .scratch = scratch, .memory = out->memory };
+    struct maker m = { .layout = &out->layout, .kernels = kernels, .scratch = scratch, .memory = out->memory };
     size_t used = 0;
 
     if (memcmp(&out->layout, layout, sizeof(*layout)) == 0)

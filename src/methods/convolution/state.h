@@ -8,13 +8,24 @@
 
 #include "methods/convolution/convolution.h"
 
-enum { CONV_BAND = 16, CONV_SETS = 4, CONV_MULTIPLE = 16, CONV_DISTANCES = 128 };
-enum { CONV_T_BEHIND, CONV_T_SPECTRA, CONV_T_SPREAD, CONV_T_ROWS, CONV_T_COLUMNS, CONV_T_BACK, CONV_T_GATHER, CONV_TIMES };
+enum { CONV_BAND = 16, CONV_SETS = 4, CONV_MULTIPLE = 16 };
+enum {
+    CONV_T_AREAS,
+    CONV_T_BEHIND,
+    CONV_T_PLANES,
+    CONV_T_SPECTRA,
+    CONV_T_WEIGHTS,
+    CONV_T_SPREAD,
+    CONV_T_COLUMNS,
+    CONV_T_GATHER,
+    CONV_TIMES
+};
 
 /* What scatters together: its pixels in a frame. */
 struct conv_extent {
     struct pell_rect rect;
     float low, high; /* depth */
+    unsigned seen;   /* of a row: bit i, pixels between planes i and i + 1 */
     float brightest[3];
     int64_t pixels;
 };
@@ -41,7 +52,8 @@ struct convolution_state {
 
     int step; /* pixels to one of an image */
     int num_images;
-    float *images, *half, **scratch, *scratch_memory, *even;
+    float *images; /* of planes that are smaller than the picture */
+    float *half, **scratch, *scratch_memory, *even;
     size_t image_size, half_size; /* of one */
     unsigned char *occupied;      /* [band][image] */
     struct pell_rect *lit;        /* of bands: where their light is, pixels of images */
@@ -70,8 +82,10 @@ struct convolution_state {
         struct pell_fft across, down;
         float *tables[2];
         bool lit[CONV_IMAGES], seen[CONV_IMAGES];
-        int list[CONV_IMAGES], count; /* images that the running pass is over, in pairs */
         struct conv_mix mix;
+        struct conv_weights weights;
+        struct conv_shares shares;
+        struct conv_edges edges[3]; /* fade 0: none */
     } job;
     struct pell_pass_time times[CONV_TIMES];
     bool timed;
@@ -87,7 +101,8 @@ static inline float *conv_half(const struct convolution_state *st, int image)
     return st->half + (size_t) image * st->half_size;
 }
 
-/* layout.c: the pixels of the job's group, its planes and the sizes of its images, and the place of each sample among the planes. */
+/* layout.c: the pixels of the job's group, its planes and the sizes of its images, the place of each sample among the planes, and which
+ * images the picture needs. */
 void convolution_find_extent(struct convolution_state *st);
 void convolution_lay_out(struct convolution_state *st);
 void convolution_place(struct convolution_state *st);
@@ -95,17 +110,18 @@ void convolution_place(struct convolution_state *st);
  * all rays. Planes without any: half way to the next. */
 void convolution_measure_behind(struct convolution_state *st);
 
-/* light.c: what light weighs, by place and lean; then for one channel light to planes. */
+/* light.c: what light weighs, by place and lean; then for one channel light to planes, and their rows to half spectra. */
 void convolution_weigh(struct convolution_state *st);
 void convolution_spread(struct convolution_state *st);
 
-/* transforms.c: images that are lit to spectra, all planes through the kernels, and those that are seen back. */
-void convolution_transform_rows(struct convolution_state *st);
+/* transforms.c: rows of a band of images to half spectra; all planes through the kernels; rows back, of the images in `which`, which are
+ * `size` floats apart. The band's own images, in a worker's scratch, are CONV_BAND rows each. */
+float *convolution_band_images(const struct convolution_state *st, int worker);
+void convolution_transform_rows(struct convolution_state *st, int band, int worker, const float *images);
 void convolution_transform_columns(struct convolution_state *st);
-void convolution_transform_back(struct convolution_state *st);
+void convolution_transform_back(struct convolution_state *st, int band, int worker, const bool *which, float *images, size_t size);
 
-/* gather.c: which images the picture needs; planes to pixels. */
-void convolution_find_seen(struct convolution_state *st);
+/* gather.c: rows of planes back, and to pixels. */
 void convolution_gather(struct convolution_state *st);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * transforms.c - images of planes through the kernels: rows, then for each block of columns of all images there, kernels and back, then
- * rows back.
+ * transforms.c - images of planes through the kernels: rows of a band, then for each block of columns of all images there, kernels and
+ * back, then rows of a band back.
  */
 #include "methods/convolution/state.h"
 
@@ -19,41 +19,54 @@ static void buffers_of(const struct convolution_state *st, int worker, float *bu
     buffer[1] = buffer[0] + pell_fft_buffer(lay->across > lay->down ? lay->across : lay->down);
 }
 
-/* Two images of a list: a band each. */
-static void rows_band(void *arg, int index, int worker)
+float *convolution_band_images(const struct convolution_state *st, int worker)
 {
-    struct convolution_state *st = arg;
-    const struct conv_job *j = &st->job;
-    const int pair = index / j->bands, band = index % j->bands, y = band * CONV_BAND;
-    const int rows = j->layout.height - y < CONV_BAND ? j->layout.height - y : CONV_BAND;
-    const int a = j->list[2 * pair], b = 2 * pair + 1 < j->count ? j->list[2 * pair + 1] : -1;
-    const bool any = st->occupied[band * st->num_images + a] || (b >= 0 && st->occupied[band * st->num_images + b]);
-    float *buffer[2];
+    const struct conv_layout *lay = &st->job.layout;
 
-    buffers_of(st, worker, buffer);
-    if (any) {
-        pell_fft_rows(&j->across, conv_image(st, a) + y * j->stride, b >= 0 ? conv_image(st, b) + y * j->stride : NULL, j->stride,
-                      j->layout.width, rows, conv_half(st, a) + E * y, b >= 0 ? conv_half(st, b) + E * y : NULL, j->block, buffer);
-        return;
-    }
-    for (int i = 0; i < 2; i++)
-        for (int at = 0; at < j->column_blocks && (i == 0 || b >= 0); at++)
-            memset(conv_half(st, i ? b : a) + at * j->block + E * y, 0, (size_t) rows * E * sizeof(float));
+    return st->scratch[worker] + 2 * pell_fft_buffer(lay->across > lay->down ? lay->across : lay->down);
 }
 
-static void back_band(void *arg, int index, int worker)
+static int rows_of(const struct conv_job *j, int band)
 {
-    struct convolution_state *st = arg;
+    return j->layout.height - band * CONV_BAND < CONV_BAND ? j->layout.height - band * CONV_BAND : CONV_BAND;
+}
+
+void convolution_transform_rows(struct convolution_state *st, int band, int worker, const float *images)
+{
     const struct conv_job *j = &st->job;
-    const int pair = index / j->bands, band = index % j->bands, y = band * CONV_BAND;
-    const int rows = j->layout.height - y < CONV_BAND ? j->layout.height - y : CONV_BAND;
-    const int a = j->list[2 * pair], b = 2 * pair + 1 < j->count ? j->list[2 * pair + 1] : -1;
+    const int y = band * CONV_BAND, rows = rows_of(j, band), num = j->layout.planes + j->between + j->behind;
+    const size_t size = (size_t) CONV_BAND * (size_t) j->stride;
     float *buffer[2];
+    int list[CONV_IMAGES + 1], count = 0;
 
     buffers_of(st, worker, buffer);
-    pell_fft_rows_back(&j->across, conv_half(st, a) + E * y, b >= 0 ? conv_half(st, b) + E * y : NULL, j->block,
-                       conv_image(st, a) + y * j->stride, b >= 0 ? conv_image(st, b) + y * j->stride : NULL, j->stride, j->layout.width,
-                       rows, buffer);
+    for (int i = 0; i < num; i++)
+        if (st->occupied[band * st->num_images + i])
+            list[count++] = i;
+    for (int i = 0; i < count; i += 2) {
+        const int a = list[i], b = i + 1 < count ? list[i + 1] : -1;
+        pell_fft_rows(&j->across, images + (size_t) a * size, b >= 0 ? images + (size_t) b * size : NULL, j->stride, j->layout.width, rows,
+                      conv_half(st, a) + E * y, b >= 0 ? conv_half(st, b) + E * y : NULL, j->block, buffer);
+    }
+}
+
+void convolution_transform_back(struct convolution_state *st, int band, int worker, const bool *which, float *images, size_t size)
+{
+    const struct conv_job *j = &st->job;
+    const int y = band * CONV_BAND, rows = rows_of(j, band), num = j->layout.planes + j->between;
+    float *buffer[2];
+    int list[CONV_IMAGES + 1], count = 0;
+
+    buffers_of(st, worker, buffer);
+    for (int i = 0; i < num; i++)
+        if (which[i])
+            list[count++] = i;
+    for (int i = 0; i < count; i += 2) {
+        const int a = list[i], b = i + 1 < count ? list[i + 1] : -1;
+        pell_fft_rows_back(&j->across, conv_half(st, a) + E * y, b >= 0 ? conv_half(st, b) + E * y : NULL, j->block,
+                           images + (size_t) a * size, b >= 0 ? images + (size_t) b * size : NULL, j->stride, j->layout.width, rows,
+                           buffer);
+    }
 }
 
 /* All images of a block of columns: there, through the kernels, and back. */
@@ -65,11 +78,12 @@ static void columns_block(void *arg, int index, int worker)
     const size_t size = (size_t) height * E * sizeof(float), rest = (size_t) (down - height) * E * sizeof(float);
     struct conv_mix mix = j->mix;
     float *spare = st->scratch[worker];
+    const bool odd = j->down.num_stages % 2 != 0; /* transforms go from one to the other at each stage */
 
     if (pell_cancelled(st->ctx))
         return;
     for (int i = 0; i < mix.planes + mix.between + mix.behind; i++) {
-        float *data = st->scratch[worker] + (size_t) (i + 1) * pell_fft_buffer(down), *there;
+        float *data = st->scratch[worker] + (size_t) (i + 1) * pell_fft_buffer(down), *const in = odd ? spare : data, *there;
         mix.column[i] = NULL;
         if ((!j->lit[i] && !j->seen[i]) || (i >= mix.planes + mix.between && index >= j->behind_blocks))
             continue;
@@ -78,9 +92,16 @@ static void columns_block(void *arg, int index, int worker)
             mix.column[i] = data;
             continue;
         }
-        memcpy(data, conv_half(st, i) + index * j->block, size);
-        memset(data + (ptrdiff_t) height * E, 0, rest);
-        there = pell_fft_run(&j->down, false, data, spare);
+        for (int band = 0; band < j->bands; band++) { /* of a band without light there is nothing */
+            const ptrdiff_t at = (ptrdiff_t) band * CONV_BAND * E;
+            const size_t bytes = (size_t) rows_of(j, band) * E * sizeof(float);
+            if (st->occupied[band * st->num_images + i])
+                memcpy(in + at, conv_half(st, i) + index * j->block + at, bytes);
+            else
+                memset(in + at, 0, bytes);
+        }
+        memset(in + (ptrdiff_t) height * E, 0, rest);
+        there = pell_fft_run(&j->down, false, in, odd ? data : spare);
         if (there != data)
             memcpy(data, there, size + rest);
         mix.column[i] = data;
@@ -89,14 +110,6 @@ static void columns_block(void *arg, int index, int worker)
     for (int i = 0; i < mix.planes + mix.between + mix.behind; i++)
         if (j->seen[i])
             memcpy(conv_half(st, i) + index * j->block, pell_fft_run(&j->down, true, mix.column[i], spare), size);
-}
-
-static void list_images(struct conv_job *j, const bool *which)
-{
-    j->count = 0;
-    for (int i = 0; i < j->layout.planes + j->between + j->behind; i++)
-        if (which[i])
-            j->list[j->count++] = i;
 }
 
 static void set_mix(struct convolution_state *st)
@@ -129,24 +142,8 @@ static void set_mix(struct convolution_state *st)
             }
 }
 
-void convolution_transform_rows(struct convolution_state *st)
-{
-    struct conv_job *j = &st->job;
-
-    list_images(j, j->lit);
-    pell_pool_run(st->pool, j->bands * ((j->count + 1) / 2), rows_band, st);
-}
-
 void convolution_transform_columns(struct convolution_state *st)
 {
     set_mix(st);
     pell_pool_run(st->pool, st->job.column_blocks, columns_block, st);
-}
-
-void convolution_transform_back(struct convolution_state *st)
-{
-    struct conv_job *j = &st->job;
-
-    list_images(j, j->seen);
-    pell_pool_run(st->pool, j->bands * ((j->count + 1) / 2), back_band, st);
 }
