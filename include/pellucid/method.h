@@ -46,6 +46,7 @@ struct pell_plan {
     bool below;     /* radiance of light that entered alone: the composite adds its specular lobe, as it does to exitance */
     enum pell_quantity quantity;
     float mix; /* mix exponent for all materials; negative: each material's own */
+    bool relights; /* with PELL_NEED_SCENE: lives on when the lights change, whose number the renderer tells (pell_renderer_lights) */
 };
 
 /* What `--stats` and `bench` print of a method's own passes. */

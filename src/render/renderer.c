@@ -41,6 +41,7 @@ struct pell_renderer {
     /* Of scene and settings. */
     struct pell_settings settings; /* that the rest was made for */
     struct pell_lights *lights;
+    uint64_t lights_number; /* see pell_renderer_lights */
     struct pell_pass *pass;
     float focal_px; /* that the pass was made for */
     bool orthographic;
@@ -173,6 +174,11 @@ static struct pell_irradiance_params light_params(const struct pell_renderer *r,
         .smooth = r->settings.boundary == PELL_BOUNDARY_SMOOTH,
         .seed = pell_renderer_seed(r),
     };
+}
+
+uint64_t pell_renderer_lights(const struct pell_renderer *r)
+{
+    return r->lights_number;
 }
 
 const struct pell_fan *pell_renderer_fan(const struct pell_renderer *r, size_t light)
@@ -640,8 +646,8 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         drop_size(r);
     if (!same_lights) {
         pell_lights_destroy(&r->lights);
-        if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_SCENE)) /* it keeps what they lit */
-            pell_pass_destroy(&r->pass);
+        if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_SCENE) && !pell_pass_plan(r->pass)->relights)
+            pell_pass_destroy(&r->pass); /* it keeps what they lit */
     }
     if (old->profile != s->profile) {
         pell_pass_destroy(&r->pass);
@@ -654,8 +660,10 @@ static enum pell_result prepare(struct pell_renderer *r, const struct pell_setti
         PELL_TRY(make_size(r, s));
     r->surface.mips = r->mips; /* before a pass is made: methods light points of this scene then */
     r->surface.lean = true;
-    if (!r->lights)
+    if (!r->lights) {
         PELL_TRY(pell_lights_create(r->ctx, r->scene, s, r->pool, &r->lights));
+        r->lights_number++;
+    }
     if (!r->pass) {
         memset(r->thickness, 0, r->scene->num_materials * sizeof(*r->thickness));
         if (r->method && r->num_frame_materials > 0) {

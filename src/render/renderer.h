@@ -30,6 +30,8 @@ int pell_renderer_sample(const struct pell_renderer *r);
 bool pell_renderer_begins(const struct pell_renderer *r);
 /* The eye of that sample. It is not always in the camera's place: with depth of field it is in a point of the lens. */
 const struct pell_view *pell_renderer_eye(const struct pell_renderer *r);
+/* Another number, never 0, for other lights, or others of their samples. */
+uint64_t pell_renderer_lights(const struct pell_renderer *r);
 /* Of the frame that is being made. */
 const struct pell_settings *pell_renderer_settings(const struct pell_renderer *r);
 /* NULL: none. */

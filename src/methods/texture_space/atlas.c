@@ -19,12 +19,18 @@
 #define OVERLAPS "its texture coordinates overlap"
 #define COVERED_LEAST 0.02 /* share of the layout's rectangle that is covered */
 #define CHART_COSINE 0.7   /* a planar chart's normals are this near to its axis */
+#define CHART_LEAST 0.002  /* of the area: smaller charts are given to those beside them */
+#define JOIN_COSINE 0.3f   /* where they face these at least so much */
+#define ROUNDS_MOST 64
 #define SIZE_MOST 16384    /* texels, a side */
 #define BORDER_WORK 1024.0 /* texels looked at for borders, per texel of the map */
 #define LEAN_MOST 8.0f
 #define LENGTH_LEAST 1e-9f /* mm from texel to texel */
 #define LENGTH_MOST 1e9f
 #define STEPS_MOST 1024 /* triangles on one way over the surface */
+#define NEARBY 2        /* texels */
+#define TAPS_SIGMAS 3   /* standard deviations that a border is wide, about */
+#define TILT_MOST 0.25f /* of a tap's weight, over a standard deviation */
 #define BAND 16         /* rows that a thread looks at in one go */
 
 struct build {
@@ -36,7 +42,9 @@ struct build {
     size_t num_meshes;
     double *area; /* per triangle, mm^2 */
     double total_area;
-    int64_t claimed, twice; /* texels that some, and that several triangles cover */
+    struct pell_vec3 *place;       /* of each texel, mm */
+    struct ts_place *border_place; /* what each border stands for */
+    int64_t claimed, twice;        /* texels that some, and that several triangles cover */
 };
 
 void ts_atlas_destroy(struct ts_atlas **atlas)
@@ -55,6 +63,8 @@ void ts_atlas_destroy(struct ts_atlas **atlas)
         pell_free(a->ctx, a->key - TS_MARGIN);
     pell_free(a->ctx, a->source);
     pell_free(a->ctx, a->borders);
+    pell_free(a->ctx, a->first_border);
+    pell_free(a->ctx, a->parts);
     pell_free(a->ctx, a->runs);
     pell_free(a->ctx, a->first_run);
     pell_free(a->ctx, a->cells);
@@ -232,7 +242,9 @@ static const char *lay_out_file(struct build *b)
 }
 
 struct flat_chart {
-    uint32_t first, count;  /* of its triangles */
+    struct pell_vec3 axis;
+    double area;            /* mm^2, when it was grown */
+    uint32_t count;         /* triangles */
     double low[2], high[2]; /* mm */
     double x, y;            /* texels */
     int32_t number;
@@ -244,6 +256,13 @@ static int by_height(const void *p, const void *q)
     const double ha = a->high[1] - a->low[1], hb = b->high[1] - b->low[1];
 
     return ha > hb ? -1 : ha < hb ? 1 : a->number < b->number ? -1 : 1;
+}
+
+static int by_number(const void *p, const void *q)
+{
+    const struct flat_chart *a = p, *b = q;
+
+    return (a->number > b->number) - (a->number < b->number);
 }
 
 /* Puts charts on shelves, `scale` texels a mm. False where they are too many. */
@@ -275,12 +294,119 @@ static struct pell_vec3 face_normal(const struct build *b, uint32_t t)
     return vec3_normalize(vec3(f[0], f[1], f[2]));
 }
 
-/* Charts that grow over the surface as far as it faces their axis, each seen from there. `order` has room for twice the triangles. */
+/* The triangle across an edge that faces the same side; NONE: there is none with an area. */
+static uint32_t neighbour(const struct build *b, uint32_t half)
+{
+    const uint32_t twin = b->a->twin[half];
+
+    return twin != NONE && b->area[twin / 3] > 0.0 && opposed(b, half, twin) ? twin / 3 : NONE;
+}
+
+/* A chart that grows from the seed over what has none, as far as that faces the seed's axis, the mean normal of what lies around it.
+ * `order` has room for all triangles. */
+static void grow_chart(struct build *b, uint32_t seed, struct flat_chart *c, uint32_t *order)
+{
+    struct ts_atlas *a = b->a;
+
+    c->axis = face_normal(b, seed);
+    for (int round = 0; round < 2; round++) {
+        struct pell_vec3 sum = { 0 };
+        uint32_t n = 0;
+        order[n++] = seed;
+        a->chart[seed] = c->number;
+        for (uint32_t i = 0; i < n; i++)
+            for (uint32_t h = 3 * order[i]; h < 3 * order[i] + 3; h++) {
+                const uint32_t t = neighbour(b, h);
+                if (t == NONE || a->chart[t] || vec3_dot(face_normal(b, t), c->axis) < (float) CHART_COSINE)
+                    continue;
+                a->chart[t] = c->number;
+                order[n++] = t;
+            }
+        c->count = n;
+        c->area = 0.0;
+        for (uint32_t i = 0; i < n; i++) {
+            sum = vec3_mad(sum, (float) b->area[order[i]], face_normal(b, order[i]));
+            c->area += b->area[order[i]];
+            if (round == 0)
+                a->chart[order[i]] = 0;
+        }
+        if (round == 0 && vec3_dot(vec3_normalize(sum), face_normal(b, seed)) >= (float) CHART_COSINE)
+            c->axis = vec3_normalize(sum);
+    }
+}
+
+/* What is left over between charts is too narrow to be blurred in charts of its own: its triangles join those beside them, one by one, while
+ * they face the axis at all. */
+static void join_small(struct build *b, struct flat_chart *charts)
+{
+    struct ts_atlas *a = b->a;
+    bool any = true;
+
+    for (int round = 0; any && round < ROUNDS_MOST; round++) {
+        any = false;
+        for (uint32_t t = 0; t < a->num_triangles; t++) {
+            int32_t best = 0;
+            float most = JOIN_COSINE;
+            if (!a->chart[t] || charts[a->chart[t] - 1].area >= CHART_LEAST * b->total_area)
+                continue;
+            for (uint32_t h = 3 * t; h < 3 * t + 3; h++) {
+                const uint32_t other = neighbour(b, h);
+                const int32_t number = other != NONE ? a->chart[other] : 0;
+                float cosine;
+                if (!number || charts[number - 1].area < CHART_LEAST * b->total_area)
+                    continue;
+                cosine = vec3_dot(face_normal(b, t), charts[number - 1].axis);
+                if (cosine > most) {
+                    most = cosine;
+                    best = number;
+                }
+            }
+            if (!best)
+                continue;
+            charts[a->chart[t] - 1].count--;
+            charts[best - 1].count++;
+            a->chart[t] = best;
+            any = true;
+        }
+    }
+}
+
+/* Charts that are left are numbered anew and seen from their axes. Returns how many there are. */
+static size_t flatten_charts(struct build *b, struct flat_chart *charts, size_t count)
+{
+    struct ts_atlas *a = b->a;
+    size_t left = 0;
+
+    for (size_t i = 0; i < count; i++)
+        charts[i].number = charts[i].count > 0 ? (int32_t) ++left : 0;
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        struct flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
+        struct pell_vec3 p[3], u, v;
+        if (!c)
+            continue;
+        a->chart[t] = c->number;
+        vec3_basis(c->axis, &u, &v);
+        corner_points(a, t, p);
+        for (int k = 0; k < 3; k++) {
+            const double at[2] = { (double) vec3_dot(p[k], u), (double) vec3_dot(p[k], v) };
+            for (int j = 0; j < 2; j++) {
+                a->corners[t][2 * k + j] = (float) at[j];
+                c->low[j] = fmin(c->low[j], at[j]);
+                c->high[j] = fmax(c->high[j], at[j]);
+            }
+        }
+    }
+    for (size_t i = 0; i < count; i++)
+        if (charts[i].number > 0)
+            charts[charts[i].number - 1] = charts[i];
+    return left;
+}
+
+/* Charts that grow over the surface as far as it faces their axis, each seen from there. `order` has room for all triangles. */
 static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
     struct flat_chart *charts = NULL;
-    uint32_t filled = 0;
     size_t count = 0, capacity = 0;
     int gutter = 0, size = b->p->size;
     double low = 0.0;
@@ -288,58 +414,17 @@ static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
 
     memset(a->chart, 0, a->num_triangles * sizeof(*a->chart));
     for (uint32_t seed = 0; seed < a->num_triangles; seed++) {
-        struct pell_vec3 axis, u, v, sum = { 0 };
-        struct flat_chart *c;
         void *array = charts;
-        uint32_t n;
         if (a->chart[seed] || !(b->area[seed] > 0.0))
             continue;
         PELL_TRY(pell_grow(b->ctx, &array, count, &capacity, sizeof(*charts)));
         charts = array;
-        c = &charts[count++];
-        *c = (struct flat_chart){
-            .first = filled, .number = (int32_t) count, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY }
-        };
-        /* The axis: the mean normal of what lies around the seed. */
-        axis = face_normal(b, seed);
-        for (int round = 0; round < 2; round++) {
-            n = filled;
-            order[n++] = seed;
-            a->chart[seed] = c->number;
-            for (uint32_t i = filled; i < n; i++)
-                for (uint32_t h = 3 * order[i]; h < 3 * order[i] + 3; h++) {
-                    const uint32_t t = a->twin[h] == NONE ? NONE : a->twin[h] / 3;
-                    if (t == NONE || a->chart[t] || !(b->area[t] > 0.0) || !opposed(b, h, a->twin[h]) ||
-                        vec3_dot(face_normal(b, t), axis) < (float) CHART_COSINE)
-                        continue;
-                    a->chart[t] = c->number;
-                    order[n++] = t;
-                }
-            if (round == 1)
-                break;
-            for (uint32_t i = filled; i < n; i++) {
-                sum = vec3_mad(sum, (float) b->area[order[i]], face_normal(b, order[i]));
-                a->chart[order[i]] = 0;
-            }
-            if (vec3_dot(vec3_normalize(sum), face_normal(b, seed)) >= (float) CHART_COSINE)
-                axis = vec3_normalize(sum);
-        }
-        vec3_basis(axis, &u, &v);
-        for (uint32_t i = filled; i < n; i++) {
-            struct pell_vec3 p[3];
-            corner_points(a, order[i], p);
-            for (int k = 0; k < 3; k++) {
-                const double at[2] = { (double) vec3_dot(p[k], u), (double) vec3_dot(p[k], v) };
-                for (int j = 0; j < 2; j++) {
-                    a->corners[order[i]][2 * k + j] = (float) at[j];
-                    c->low[j] = fmin(c->low[j], at[j]);
-                    c->high[j] = fmax(c->high[j], at[j]);
-                }
-            }
-        }
-        c->count = n - filled;
-        filled = n;
+        charts[count] =
+            (struct flat_chart){ .number = (int32_t) count + 1, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY } };
+        grow_chart(b, seed, &charts[count++], order);
     }
+    join_small(b, charts);
+    count = flatten_charts(b, charts, count);
     a->num_charts = (int) count;
     qsort(charts, count, sizeof(*charts), by_height);
     /* Where they do not fit in the size that was asked for they get twice as much. */
@@ -363,12 +448,12 @@ static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
                          count, SIZE_MOST, SIZE_MOST);
         goto fail;
     }
-    for (size_t i = 0; i < count; i++)
-        for (uint32_t j = charts[i].first; j < charts[i].first + charts[i].count; j++) {
-            float *c = a->corners[order[j]];
-            for (int k = 0; k < 6; k++)
-                c[k] = (float) (((double) c[k] - charts[i].low[k % 2]) * low + (k % 2 ? charts[i].y : charts[i].x));
-        }
+    qsort(charts, count, sizeof(*charts), by_number);
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        const struct flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
+        for (int k = 0; c && k < 6; k++)
+            a->corners[t][k] = (float) (((double) a->corners[t][k] - c->low[k % 2]) * low + (k % 2 ? c->y : c->x));
+    }
     a->planar = true;
     res = PELL_OK;
 
@@ -382,7 +467,7 @@ fail:
 static enum pell_result make_planes(struct build *b)
 {
     struct ts_atlas *a = b->a;
-    float **const planes[] = { &a->key, &a->bary[0], &a->bary[1], &a->length[0], &a->length[1], &a->lean };
+    float **const planes[] = { &a->key, &a->bary[0], &a->bary[1], &a->length[0], &a->length[1], &a->lean, &a->tilt[0], &a->tilt[1] };
     float *block;
 
     if (a->key)
@@ -671,7 +756,27 @@ struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t t, float u, fl
     };
 }
 
-/* Adds the border texel `at` where some texels of the chart itself say what is at the place. */
+/* Lets the texel of the chart itself that is nearest to a place where it has none stand for it; false: there is none near. */
+static bool take_nearest(const struct ts_atlas *a, const struct ts_place *p, struct ts_border *border)
+{
+    const int px = (int) (p->at % a->stride), py = (int) (p->at / a->stride);
+    float least = INFINITY;
+
+    for (int y = py - NEARBY; y <= py + 1 + NEARBY; y++)
+        for (int x = px - NEARBY; x <= px + 1 + NEARBY; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            const float dx = (float) (x - px) - p->fx, dy = (float) (y - py) - p->fy, d2 = dx * dx + dy * dy;
+            if (x < 0 || y < 0 || x >= a->width || y >= a->height || a->source[at] == NONE || a->key[at] != p->key || !(d2 < least))
+                continue;
+            least = d2;
+            border->from = (int32_t) at;
+        }
+    border->weight[0] = 1.0f;
+    return least < INFINITY;
+}
+
+/* Adds the border texel `at`, where texels of the chart itself say what is at the place. One that is left out is a hole that a row of taps
+ * falls into: triangles narrower than texels, which have none, take the nearest. */
 static bool take_border(struct ts_atlas *a, ptrdiff_t at, const struct ts_place *p)
 {
     struct ts_border *border = &a->borders[a->num_borders];
@@ -685,10 +790,10 @@ static bool take_border(struct ts_atlas *a, ptrdiff_t at, const struct ts_place 
         if (a->source[from] != NONE && a->key[from] == p->key)
             sum += border->weight[k] = (k % 2 ? p->fx : 1.0f - p->fx) * (k / 2 ? p->fy : 1.0f - p->fy);
     }
-    if (!(sum > 1e-3f))
-        return false;
     for (int k = 0; k < 4; k++)
-        border->weight[k] /= sum;
+        border->weight[k] = sum > 1e-3f ? border->weight[k] / sum : 0.0f;
+    if (!(sum > 1e-3f) && !take_nearest(a, p, border))
+        return false;
     a->num_borders++;
     return true;
 }
@@ -749,6 +854,141 @@ static void near_rows(void *arg, int index, int worker)
         near_edge(n, n->edges[i], y0, y1);
 }
 
+/* How far each texel is from the inside of a chart, along the longer axis, under TS_FAR: once from each end of the map. */
+static void measure_far(const struct ts_atlas *a, uint8_t *far)
+{
+    const ptrdiff_t step[2][4] = { { -1, -a->stride - 1, -a->stride, -a->stride + 1 }, { 1, a->stride + 1, a->stride, a->stride - 1 } };
+
+    for (size_t i = 0; i < a->size; i++)
+        far[i] = TS_FAR - 1;
+    far += TS_MARGIN;
+    for (int back = 0; back < 2; back++)
+        for (int j = 0; j < a->height; j++) {
+            const int y = back ? a->height - 1 - j : j, around = back ? y < a->height - 1 ? 4 : 1 : y > 0 ? 4 : 1;
+            for (int i = 0; i < a->width; i++) {
+                const ptrdiff_t at = y * a->stride + (back ? a->width - 1 - i : i);
+                int least = far[at];
+                for (int k = 0; k < around; k++)
+                    least = far[at + step[back][k]] + 1 < least ? far[at + step[back][k]] + 1 : least;
+                far[at] = a->source[at] != NONE ? 0 : (uint8_t) least;
+            }
+        }
+}
+
+static void put_part(struct ts_part *list, int32_t *count, ptrdiff_t at, float weight)
+{
+    for (int32_t i = 0; i < *count; i++)
+        if (list[i].at == at) {
+            list[i].weight += weight;
+            return;
+        }
+    list[(*count)++] = (struct ts_part){ (int32_t) at, weight };
+}
+
+/* Beside a seam some of the four texels around a place are borders themselves. What these stand for lies across the seam again: without it
+ * the place is moved inward by up to half a texel. */
+static enum pell_result mend_seams(struct build *b)
+{
+    struct ts_atlas *a = b->a;
+    int32_t *border_at = pell_alloc_array(b->ctx, a->size, sizeof(*border_at));
+    size_t count = 0, room = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!border_at)
+        return PELL_ERR_NOMEM;
+    memset(border_at, 0xff, a->size * sizeof(*border_at));
+    for (size_t i = 0; i < a->num_borders; i++)
+        border_at[a->borders[i].at] = (int32_t) i;
+    for (size_t i = 0; i < a->num_borders; i++) {
+        struct ts_border *border = &a->borders[i];
+        const struct ts_place *p = &b->border_place[i];
+        struct ts_part list[4 + 3 * 4];
+        int32_t parts = 0;
+        bool mixed = false;
+        float sum = 0.0f;
+        void *array = a->parts;
+        for (int k = 0; k < 4; k++) {
+            const ptrdiff_t from = p->at + k % 2 + k / 2 * a->stride;
+            const float w = (k % 2 ? p->fx : 1.0f - p->fx) * (k / 2 ? p->fy : 1.0f - p->fy);
+            if (!(w > 0.0f) || a->key[from] != p->key)
+                continue;
+            if (a->source[from] != NONE) {
+                put_part(list, &parts, from, w);
+                sum += w;
+                continue;
+            }
+            if (parts > 12 || border_at[from] < 0)
+                continue;
+            for (int l = 0; l < 4; l++)
+                if (a->borders[border_at[from]].weight[l] > 0.0f)
+                    put_part(list, &parts, a->borders[border_at[from]].from + l % 2 + l / 2 * a->stride,
+                             w * a->borders[border_at[from]].weight[l]);
+            sum += w;
+            mixed = true;
+        }
+        if (!mixed || !(sum > 1e-3f))
+            continue;
+        PELL_TRY(pell_grow(b->ctx, &array, count + 16, &room, sizeof(*a->parts)));
+        a->parts = array;
+        border->first = (int32_t) count;
+        border->parts = parts;
+        for (int32_t k = 0; k < parts; k++)
+            a->parts[count++] = (struct ts_part){ list[k].at, list[k].weight / sum };
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, border_at);
+    return res;
+}
+
+static size_t square_of(const struct ts_atlas *a, const struct ts_border *b)
+{
+    return (size_t) (b->at / a->stride / TS_BLOCK) * (size_t) a->blocks + (size_t) (b->at % a->stride / TS_BLOCK);
+}
+
+/* By squares, so that what lies beside each other is read together, and in a square by distance. */
+static enum pell_result sort_borders(struct build *b, const uint8_t *far)
+{
+    struct ts_atlas *a = b->a;
+    const size_t squares = (size_t) a->blocks * (size_t) ((a->height + TS_BLOCK - 1) / TS_BLOCK);
+    struct ts_border *sorted = pell_alloc_array(b->ctx, a->num_borders + 1, sizeof(*sorted)), *other = a->borders;
+    size_t next[TS_FAR] = { 0 };
+
+    a->first_border = pell_calloc(b->ctx, squares + 2, sizeof(*a->first_border));
+    if (!sorted || !a->first_border) {
+        pell_free(b->ctx, sorted);
+        return PELL_ERR_NOMEM;
+    }
+    for (size_t i = 0; i < a->num_borders; i++) {
+        other[i].far = far[other[i].at];
+        a->within[other[i].far]++;
+        a->first_border[square_of(a, &other[i]) + 2]++;
+    }
+    for (int k = 1; k < TS_FAR; k++) {
+        next[k] = a->within[k - 1];
+        a->within[k] += a->within[k - 1];
+    }
+    for (size_t i = 0; i < a->num_borders; i++)
+        sorted[next[other[i].far]++] = other[i];
+    a->num_squares = squares;
+    for (size_t i = 2; i < squares + 2; i++)
+        a->first_border[i] += a->first_border[i - 1];
+    for (size_t i = 0; i < a->num_borders; i++)
+        other[a->first_border[square_of(a, &sorted[i]) + 1]++] = sorted[i];
+    pell_free(b->ctx, sorted);
+    return PELL_OK;
+}
+
+static struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triangle, float u, float v)
+{
+    struct pell_vec3 at, normal;
+    float largest;
+
+    ts_point_of(a, triangle, u, v, &at, &normal, &largest);
+    return at;
+}
+
 /* For each texel beside the charts the nearest edge at which a chart ends but the surface goes on, and what lies there. */
 static enum pell_result find_borders(struct build *b)
 {
@@ -785,7 +1025,8 @@ static enum pell_result find_borders(struct build *b)
         for (int x = 0; x < a->width; x++)
             count += edge[y * a->stride + x] != NONE;
     a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
-    if (!a->borders)
+    b->border_place = pell_alloc_array(b->ctx, count + 1, sizeof(*b->border_place));
+    if (!a->borders || !b->border_place)
         goto fail;
     res = PELL_ERR_CANCELLED;
     for (int y = 0; y < a->height; y++) {
@@ -830,6 +1071,8 @@ static enum pell_result find_borders(struct build *b)
             place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
             if (!take_border(a, at, &place))
                 continue;
+            b->border_place[a->num_borders - 1] = place;
+            b->place[at] = spot_of(a, to, (float) from[0], (float) from[1]);
             a->key[at] = (float) a->chart[t];
             set_metric(a, at, &m);
         }
@@ -843,7 +1086,7 @@ fail:
     return res;
 }
 
-static enum pell_result find_runs(struct build *b)
+static enum pell_result find_runs(struct build *b, const uint8_t *far)
 {
     struct ts_atlas *a = b->a;
     int count = 0;
@@ -859,14 +1102,16 @@ static enum pell_result find_runs(struct build *b)
         for (int block = 0; block < a->blocks; block++) {
             struct ts_cell *c = &a->cells[(ptrdiff_t) y * a->blocks + block];
             float lean = 0.0f, count_of = 0.0f;
+            c->near = TS_FAR;
             for (int l = 0; l < TS_BLOCK; l++) {
                 const ptrdiff_t at = y * a->stride + block * TS_BLOCK + l;
                 for (int i = 0; i < 2 && a->key[at] > 0.0f; i++) {
                     c->least[i] = c->most[i] > 0.0f ? fminf(c->least[i], a->length[i][at]) : a->length[i][at];
                     c->most[i] = fmaxf(c->most[i], a->length[i][at]);
                 }
-                lean += a->key[at] > 0.0f ? a->lean[at] : 0.0f;
-                count_of += a->key[at] > 0.0f ? 1.0f : 0.0f;
+                lean += a->source[at] != NONE ? a->lean[at] : 0.0f;
+                count_of += a->source[at] != NONE ? 1.0f : 0.0f;
+                c->near = a->key[at] > 0.0f && far[at] < c->near ? far[at] : c->near;
             }
             c->lean = count_of > 0.0f ? lean / count_of : 0.0f;
             if (c->most[0] > 0.0f && !open)
@@ -878,6 +1123,89 @@ static enum pell_result find_runs(struct build *b)
     }
     a->first_run[a->height] = count;
     return PELL_OK;
+}
+
+/* --- How lines of texels bend ---------------------------------------------------------------------------------------------------- */
+
+/* A way along x, or along the line at right angles to it. */
+struct way {
+    struct pell_vec3 end;
+    float length; /* mm */
+};
+
+/* `steps` texels from a texel, or as far as its chart goes; false: nowhere. */
+static bool go(const struct build *b, int x, int y, int axis, int sign, int steps, struct way *out)
+{
+    const struct ts_atlas *a = b->a;
+    const ptrdiff_t from = y * a->stride + x;
+    const float lean = axis == 0 ? 0.0f : a->cells[(ptrdiff_t) y * a->blocks + x / TS_BLOCK].lean;
+    float last = a->length[axis][from];
+    int done = 0;
+
+    out->length = 0.0f;
+    out->end = b->place[from];
+    for (int j = 1; j <= steps; j++) {
+        const int px = axis == 0 ? x + sign * j : x + (int) floorf(0.5f - lean * (float) (sign * j)), py = axis == 0 ? y : y + sign * j;
+        const ptrdiff_t at = py * a->stride + px;
+        if (px < 0 || py < 0 || px >= a->width || py >= a->height || a->key[at] != a->key[from])
+            break;
+        if (vec3_length(vec3_sub(b->place[at], out->end)) > a->length[0][at] + a->length[1][at])
+            break; /* two edges' borders meet */
+        out->length += 0.5f * (last + a->length[axis][at]);
+        last = a->length[axis][at];
+        out->end = b->place[at];
+        done = j;
+    }
+    return 2 * done > steps;
+}
+
+/* Second derivative of the place along a line of texels. */
+static struct pell_vec3 bend_of(const struct build *b, int x, int y, int axis, int steps)
+{
+    const struct pell_vec3 at = b->place[y * b->a->stride + x];
+    struct way way[2];
+
+    if (!go(b, x, y, axis, 1, steps, &way[0]) || !go(b, x, y, axis, -1, steps, &way[1]))
+        return vec3(0.0f, 0.0f, 0.0f);
+    return vec3_mul(
+        vec3_add(vec3_mul(vec3_sub(way[0].end, at), 1.0f / way[0].length), vec3_mul(vec3_sub(way[1].end, at), 1.0f / way[1].length)),
+        2.0f / (way[0].length + way[1].length));
+}
+
+/* In texels. */
+static float tilt_of(struct pell_vec3 bend, struct pell_vec3 way, float length, float most)
+{
+    const float tilt = -0.5f * vec3_dot(bend, vec3_normalize(way)) * length;
+
+    return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f; /* no number: none */
+}
+
+/* Blurs go along straight lines of the layout, which on the surface are not the straightest ones: their taps lie aside, by s^2/2 times how
+ * they bend. Light that spreads along the surface has no such drift (the Laplacian of the place is normal to the surface): taps weigh more
+ * on the other side, by as much as brings their mean back. */
+static void tilt_rows(void *arg, int band, int worker)
+{
+    const struct build *b = arg;
+    const struct ts_atlas *a = b->a;
+    const int steps = b->p->border > 2 * TAPS_SIGMAS ? b->p->border / TAPS_SIGMAS : 2;
+
+    (void) worker;
+    for (int y = band * BAND; y < (band + 1) * BAND && y < a->height && !pell_cancelled(b->ctx); y++)
+        for (int x = 0; x < a->width; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            struct pell_vec3 along, down, p[3], e[2];
+            struct flat f;
+            if (a->source[at] == NONE || !flatten(a->corners[a->source[at]], &f))
+                continue;
+            corner_points(a, a->source[at], p);
+            e[0] = vec3_sub(p[1], p[0]);
+            e[1] = vec3_sub(p[2], p[0]);
+            along = vec3_mad(vec3_mul(e[0], (float) f.u[1]), (float) f.v[1], e[1]);
+            down = vec3_mad(vec3_mul(e[0], (float) f.u[2]), (float) f.v[2], e[1]);
+            down = vec3_mad(down, -a->lean[at], along);
+            a->tilt[0][at] = tilt_of(bend_of(b, x, y, 1, steps), along, a->length[0][at], TILT_MOST / (float) steps);
+            a->tilt[1][at] = tilt_of(bend_of(b, x, y, 0, steps), down, a->length[1][at], TILT_MOST / (float) steps);
+        }
 }
 
 /* --- All together ---------------------------------------------------------------------------------------------------------------- */
@@ -931,6 +1259,7 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
     struct ts_atlas *a = pell_zalloc(ctx, sizeof(*a));
     struct build b = { .ctx = ctx, .p = params, .a = a };
     uint32_t *order = NULL;
+    uint8_t *far = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
@@ -948,8 +1277,26 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
     a->mm_per_texel = b.claimed > 0 ? sqrt(b.total_area / (double) b.claimed) : 1.0;
     rescue(&b);
     a->inner = b.claimed;
+    far = pell_alloc_array(ctx, a->size, sizeof(*far));
+    if (!far) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    b.place = pell_alloc_array(ctx, a->size, sizeof(*b.place));
+    if (!b.place) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
     PELL_TRY(find_borders(&b));
-    PELL_TRY(find_runs(&b));
+    PELL_TRY(mend_seams(&b));
+    measure_far(a, far);
+    PELL_TRY(sort_borders(&b, far + TS_MARGIN));
+    PELL_TRY(find_runs(&b, far + TS_MARGIN));
+    for (int y = 0; y < a->height; y++)
+        for (ptrdiff_t at = y * a->stride; at < y * a->stride + a->width; at++)
+            if (a->source[at] != NONE)
+                b.place[at] = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
+    pell_pool_run(params->pool, (a->height + BAND - 1) / BAND, tilt_rows, &b);
     *out = a;
     a = NULL;
 
@@ -958,6 +1305,9 @@ fail:
     pell_free(ctx, b.meshes);
     pell_free(ctx, b.area);
     pell_free(ctx, order);
+    pell_free(ctx, far);
+    pell_free(ctx, b.place);
+    pell_free(ctx, b.border_place);
     ts_atlas_destroy(&a);
     return res;
 }

@@ -14,7 +14,7 @@
 
 PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
-enum { ROWS = 16, CHUNK = 4096, LIGHTS_MOST = 16, TIMES = TS_LEVELS + 8, LIT = 4 };
+enum { ROWS = 16, CHUNK = 4096, SQUARES = 64, LIGHTS_MOST = 16, TIMES = TS_LEVELS + 8, LIT = 4 };
 #define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear reading adds on the average */
 #define SIZE_LEAST 32.0             /* texels, of small things beside large ones */
 #define TAPS_REACH 3.46             /* standard deviations */
@@ -48,10 +48,9 @@ struct ts_state {
     float *strength;
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;
-    bool lit;
-    int64_t lit_seed;
-    int lit_boundary;
+    uint64_t lit; /* the lights' number; 0: not yet */
     struct ts_work work;
+    float least[2], lean; /* lengths of the body's shortest texels; and the most that a block leans */
     struct pell_pass_time times[TIMES];
     size_t num_times;
     double clock;
@@ -240,12 +239,12 @@ fail:
 struct pass {
     struct ts_state *st;
     const struct ts_body *body;
-    uint64_t lights; /* whose light is looked for */
+    uint64_t lights;      /* whose light is looked for */
+    const uint8_t *faces; /* of them, where it is one of a known direction; NULL: unknown */
     int level;
     float *const *planes; /* of borders to be filled */
-    int count;
-    float *const *from; /* what blurs begin with */
-    int count_from;
+    int count, far;
+    float *const *now; /* what is blurred next: st->light at first, st->now later */
     bool down;
     bool strength; /* keep it, too */
     bool scaled;   /* by strength */
@@ -319,6 +318,7 @@ static void light_rows(void *arg, int band, int worker)
     const struct ts_atlas *a = p->body->atlas;
     const int side = ts_sky_side(a) > 1 ? 2 : 1, samples = pell_renderer_samples(st->r), parts = side == 1 ? 1 : samples < 4 ? samples : 4;
     struct texels list[4];
+    uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
 
     (void) worker;
@@ -329,12 +329,17 @@ static void light_rows(void *arg, int band, int worker)
     }
     for (int y = band * ROWS; y < (band + 1) * ROWS && y < a->height; y++)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-            for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++) {
+            for (int c = 0; c < 3; c++)
+                memset(st->light[c] + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
+                       (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float));
+    for (int y0 = band * ROWS; y0 < (band + 1) * ROWS && y0 < a->height; y0 += TS_TILE)
+        for (int block = 0; block < a->blocks; block++) {
+            const int count = ts_block_texels(a, y0, block, texels);
+            for (int t = 0; t < count; t++) {
+                const int x = block * TS_BLOCK + texels[t] % TS_BLOCK, y = y0 + texels[t] / TS_BLOCK;
                 const ptrdiff_t i = y * a->stride + x;
                 struct texels *k = &list[ts_sky_part(side, x, y) % (uint32_t) parts];
-                for (int c = 0; c < 3; c++)
-                    st->light[c][i] = 0.0f;
-                if (a->source[i] == UINT32_MAX)
+                if (p->faces && p->faces[a->source[i]] & TS_FACE_DARK)
                     continue;
                 k->points.mesh[k->count] = a->triangles[a->source[i]].mesh;
                 k->points.triangle[k->count] = a->triangles[a->source[i]].triangle;
@@ -346,36 +351,67 @@ static void light_rows(void *arg, int band, int worker)
                 if (k->count == 16)
                     rays += light_texels(p, k);
             }
+        }
     for (int i = 0; i < parts; i++)
         rays += light_texels(p, &list[i]);
     atomic_fetch_add_explicit(&p->rays, rays, memory_order_relaxed);
+}
+
+/* All that a border reads lies inside charts: other borders may be filled by another thread just now. */
+static inline void fill_border(const struct ts_atlas *a, const struct ts_border *b, float *const *planes, int count)
+{
+    const float *w = b->weight;
+    const ptrdiff_t stride = a->stride;
+
+    if (b->parts > 0) {
+        const struct ts_part *part = a->parts + b->first;
+        for (int c = 0; c < count; c++) {
+            float sum = 0.0f;
+            for (int k = 0; k < b->parts; k++)
+                sum += part[k].weight * planes[c][part[k].at];
+            planes[c][b->at] = sum;
+        }
+        return;
+    }
+    if (w[0] > 0.0f && w[1] > 0.0f && w[2] > 0.0f && w[3] > 0.0f) {
+        for (int c = 0; c < count; c++) {
+            const float *from = planes[c] + b->from;
+            planes[c][b->at] = w[0] * from[0] + w[1] * from[1] + w[2] * from[stride] + w[3] * from[stride + 1];
+        }
+        return;
+    }
+    for (int c = 0; c < count; c++) {
+        const float *from = planes[c] + b->from;
+        float sum = 0.0f;
+        for (int k = 0; k < 4; k++)
+            if (w[k] > 0.0f)
+                sum += w[k] * from[k % 2 + k / 2 * stride];
+        planes[c][b->at] = sum;
+    }
 }
 
 static void fill_borders(void *arg, int chunk, int worker)
 {
     const struct pass *p = arg;
     const struct ts_atlas *a = p->body->atlas;
-    const size_t end = (size_t) (chunk + 1) * CHUNK < a->num_borders ? (size_t) (chunk + 1) * CHUNK : a->num_borders;
+    const size_t end = (size_t) (chunk + 1) * SQUARES < a->num_squares ? (size_t) (chunk + 1) * SQUARES : a->num_squares;
 
     (void) worker;
-    for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
-        const struct ts_border *b = &a->borders[i];
-        for (int c = 0; c < p->count; c++) {
-            const float *from = p->planes[c] + b->from;
-            float sum = 0.0f;
-            for (int k = 0; k < 4; k++)
-                if (b->weight[k] > 0.0f) /* others are of no chart, or borders that another thread fills */
-                    sum += b->weight[k] * from[k % 2 + k / 2 * a->stride];
-            p->planes[c][b->at] = sum;
-        }
-    }
+    for (size_t s = (size_t) chunk * SQUARES; s < end; s++)
+        for (size_t i = a->first_border[s]; i < a->first_border[s + 1] && a->borders[i].far <= p->far; i++)
+            if (p->count == 4)
+                fill_border(a, &a->borders[i], p->planes, 4);
+            else
+                fill_border(a, &a->borders[i], p->planes, p->count);
 }
 
-static void fill(struct pass *p, float *const *planes, int count)
+/* `far`: of borders those that are no further from charts. */
+static void fill(struct pass *p, float *const *planes, int count, int far)
 {
     p->planes = planes;
     p->count = count;
-    pell_pool_run(p->st->pool, (int) ((p->body->atlas->num_borders + CHUNK - 1) / CHUNK), fill_borders, p);
+    p->far = far;
+    pell_pool_run(p->st->pool, (int) ((p->body->atlas->num_squares + SQUARES - 1) / SQUARES), fill_borders, p);
 }
 
 static void blur_rows(void *arg, int band, int worker)
@@ -393,6 +429,7 @@ static void blur_rows(void *arg, int band, int worker)
         }
 }
 
+/* The paper's taps blur the stretch as well: texels per mm, along x and y. */
 static void start_rows(void *arg, int band, int worker)
 {
     const struct pass *p = arg;
@@ -404,12 +441,12 @@ static void start_rows(void *arg, int band, int worker)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++) {
             const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
             const size_t n = (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK;
-            for (int c = 0; c < p->count; c++)
-                if (c < p->count_from)
-                    memcpy(st->now[c] + at, p->from[c] + at, n * sizeof(float));
+            for (int c = 0; c < st->work.planes - 2; c++)
+                if (c < p->count)
+                    memcpy(st->now[c] + at, p->now[c] + at, n * sizeof(float));
                 else
                     memset(st->now[c] + at, 0, n * sizeof(float));
-            for (ptrdiff_t i = at; st->work.planes > 4 && i < at + (ptrdiff_t) n; i++) { /* texels per mm, along x and y */
+            for (ptrdiff_t i = at; i < at + (ptrdiff_t) n; i++) {
                 const float lx = st->work.length[0][i], ly = st->work.length[1][i], lean = st->knobs.stretch ? a->lean[i] * lx : 0.0f;
                 st->now[4][i] = lx > 0.0f ? 1.0f / lx : 0.0f;
                 st->now[5][i] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + lean * lean) : 0.0f;
@@ -431,7 +468,7 @@ static void thin_out(void *arg, int chunk, int worker)
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
         struct ts_through_texel *t = &st->tsm.texels[i];
-        const float alpha = st->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
+        const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
         /* Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)). */
         float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
         near += t->round ? 0.0f : (1.0f - near) * t->opposed;
@@ -449,7 +486,7 @@ static void add_through(void *arg, int chunk, int worker)
     const struct pass *p = arg;
     struct ts_state *st = p->st;
     const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
-    const float *const planes[3] = { st->now[0], st->now[1], st->now[2] };
+    const float *const planes[3] = { p->now[0], p->now[1], p->now[2] };
     float *const *out = st->knobs.soften ? st->behind : st->sum;
 
     (void) worker;
@@ -477,71 +514,136 @@ static const char *level_name(int i)
     return names[i];
 }
 
-/* Along and down, from st->now to st->now; adds the result to the sum, weighted. */
-static void blur_planes(struct pass *p, int planes, double before, double after, const double *weight)
+/* A blur of the chain; `add`: what it gives is part of the answer. */
+struct blur {
+    double before, after; /* variance, mm^2 */
+    const double *weight; /* NULL: don't add it to the sum */
+};
+
+/* How far from charts borders must be blurred along, for the blur down to find what it needs, and how far there must be light in them. */
+static void reach_of(const struct pass *p, const struct blur *b, int *blurred, int *filled)
+{
+    const struct ts_state *st = p->st;
+    struct ts_work w = st->work;
+    float reach[2], aside;
+
+    *blurred = *filled = TS_FAR - 1;
+    w.before = (float) b->before;
+    w.after = (float) b->after;
+    for (int k = 0; k < 2; k++)
+        reach[k] = floorf(st->kernels->reach(&w, st->least[k]));
+    aside = ceilf(reach[1] * st->lean);
+    if (w.planes > 4 || !(reach[0] + reach[1] + aside + 1.0f < (float) TS_FAR))
+        return;
+    *blurred = (int) fmaxf(reach[1], aside);
+    *filled = (int) fmaxf(reach[1], aside + reach[0]);
+}
+
+/* Along and down, from p->now to st->now; adds the result to the sum, weighted. Borders must hold what the blur needs. */
+static void blur_planes(struct pass *p, const struct blur *b, int64_t *texels)
 {
     struct ts_state *st = p->st;
     struct ts_work *w = &st->work;
+    const struct ts_atlas *a = p->body->atlas;
+    int blurred, filled;
 
-    w->before = (float) before;
-    w->after = (float) after;
+    reach_of(p, b, &blurred, &filled);
+    w->before = (float) b->before;
+    w->after = (float) b->after;
     for (int c = 0; c < 3; c++) {
-        w->sum[c] = weight ? st->sum[c] : NULL;
-        w->weight[c] = weight ? (float) weight[c] : 0.0f;
+        w->sum[c] = b->weight ? st->sum[c] : NULL;
+        w->weight[c] = b->weight ? (float) b->weight[c] : 0.0f;
     }
     for (int down = 0; down < 2; down++) {
         for (int c = 0; c < w->planes; c++) {
-            w->from[c] = down ? st->half[c] : st->now[c];
+            w->from[c] = down ? st->half[c] : p->now[c];
             w->to[c] = down ? st->now[c] : st->half[c];
         }
         p->down = down;
-        rows(p, p->body->atlas->height, blur_rows);
+        w->near = down ? 0 : blurred;
+        rows(p, a->height, blur_rows);
     }
-    fill(p, st->now, planes);
+    p->now = st->now;
+    *texels = 2 * a->inner + (int64_t) a->within[blurred] + (int64_t) a->within[filled];
 }
 
-/* Copies the planes that are to be blurred, and fills their borders. */
+/* Fills the borders of p->now so far as the next blur needs it, and so that it can be read anywhere in charts. */
+static void fill_for(struct pass *p, const struct blur *next, int planes)
+{
+    int blurred, filled = 1;
+
+    if (next)
+        reach_of(p, next, &blurred, &filled);
+    fill(p, p->now, planes, filled > 1 ? filled : 1);
+}
+
+/* Before the first blur: what is blurred is in `from`. */
 static void start(struct pass *p, float *const *from, int planes)
 {
-    p->from = from;
-    p->count_from = planes;
-    p->count = p->st->work.planes > 4 ? 4 : planes;
-    rows(p, p->body->atlas->height, start_rows);
-    fill(p, p->st->now, planes);
+    struct ts_state *st = p->st;
+
+    st->work.planes = st->knobs.kernel == TS_KERNEL_SEVEN ? 6 : planes;
+    p->now = from;
+    if (st->work.planes == 6) {
+        p->count = planes;
+        rows(p, p->body->atlas->height, start_rows);
+        p->now = st->now;
+    }
 }
 
-/* Blurs what is in st->light; `through`: and its alpha, and adds what comes through; `local`: adds what does not. */
-static void chain(struct pass *p, bool local, bool through)
-{
-    struct ts_state *st = p->st;
-    const struct ts_atlas *a = p->body->atlas;
-    const struct ts_profile *profile = p->body->profile;
-    const bool seven = st->knobs.kernel == TS_KERNEL_SEVEN;
-    const int planes = through ? 4 : 3, chunks = (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
-    const double finest = 1.0 / (a->mm_per_texel * a->mm_per_texel);
-    double before = 0.0;
-    int number = 0, unblurred = -1;
-    int64_t texels = a->inner + (int64_t) a->num_borders;
+/* One level of the chain. */
+struct level {
+    int number; /* in the profile */
+    bool still; /* not blurred */
+    struct blur blur;
+};
 
-    st->work.planes = seven ? 6 : planes;
-    start(p, st->light, planes);
-    note_time(st, "start", texels, texels * 8 * planes, 0);
+static int list_levels(const struct pass *p, bool local, struct level *out)
+{
+    const struct ts_profile *profile = p->body->profile;
+    const double finest = 1.0 / (p->body->atlas->mm_per_texel * p->body->atlas->mm_per_texel);
+    double before = 0.0;
+    int count = 0, unblurred = -1;
+
     for (int i = 0; i < profile->count && unblurred < 0; i++)
         if (profile->weight[i][0] + profile->weight[i][1] + profile->weight[i][2] > 0.0)
             unblurred = i;
     for (int i = 0; i < profile->count; i++) {
         const double *weight = profile->weight[i];
         const bool none = !(weight[0] > 0.0 || weight[1] > 0.0 || weight[2] > 0.0);
-        const bool still = st->knobs.first == TS_FIRST_UNBLURRED && i <= unblurred;
+        const bool still = p->st->knobs.first == TS_FIRST_UNBLURRED && i <= unblurred;
         if (none && (still || (profile->variance[i] - before) * finest < WEIGHTLESS_LEAST))
             continue;
-        p->level = i;
+        out[count++] = (struct level){ i, still, { before, profile->variance[i], local && !none ? weight : NULL } };
+        before = still ? before : profile->variance[i];
+    }
+    return count;
+}
+
+/* Blurs what is in st->light; `through`: and its alpha, and adds what comes through; `local`: adds what does not. */
+static void chain(struct pass *p, bool local, bool through)
+{
+    struct ts_state *st = p->st;
+    const int planes = through ? 4 : 3, chunks = (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
+    struct level levels[TS_LEVELS];
+    const int count = list_levels(p, local, levels);
+    int number = 0;
+    int64_t texels;
+
+    start(p, st->light, planes);
+    for (int i = 0; i < count; i++) {
+        p->level = levels[i].number;
+        if (i == 0)
+            fill_for(p, levels[0].still ? NULL : &levels[0].blur, planes);
         if (through)
             pell_pool_run(st->pool, chunks, thin_out, p);
-        if (!still) {
-            blur_planes(p, planes, before, profile->variance[i], local && !none ? weight : NULL);
-            before = profile->variance[i];
-            note_time(st, level_name(number++), 2 * texels, 16 * texels * st->work.planes, 0);
+        if (!levels[i].still) {
+            blur_planes(p, &levels[i].blur, &texels);
+            if (through || i + 1 < count)
+                fill_for(p, i + 1 < count ? &levels[i + 1].blur : NULL, planes);
+            note_time(st, level_name(number++), texels, 8 * texels * st->work.planes, 0);
+        } else if (i + 1 < count && !levels[i + 1].still) {
+            fill_for(p, &levels[i + 1].blur, planes);
         }
         if (through) {
             pell_pool_run(st->pool, chunks, add_through, p);
@@ -555,13 +657,13 @@ static void soften(struct pass *p)
 {
     static const double whole[3] = { 1.0, 1.0, 1.0 };
     struct ts_state *st = p->st;
-    const struct ts_atlas *a = p->body->atlas;
-    const int64_t texels = a->inner + (int64_t) a->num_borders;
+    const struct blur blur = { 0.0, SOFT * SOFT * p->body->profile->widest * p->body->profile->widest, whole };
+    int64_t texels;
 
-    st->work.planes = st->knobs.kernel == TS_KERNEL_SEVEN ? 6 : 3;
     start(p, st->behind, 3);
-    blur_planes(p, 3, 0.0, SOFT * SOFT * p->body->profile->widest * p->body->profile->widest, whole);
-    note_time(st, "soften", 2 * texels, 16 * texels * st->work.planes, 0);
+    fill_for(p, &blur, 3);
+    blur_planes(p, &blur, &texels);
+    note_time(st, "soften", texels, 8 * texels * st->work.planes, 0);
 }
 
 static bool has_sky(const struct pell_scene *scene, uint64_t lights)
@@ -573,7 +675,7 @@ static bool has_sky(const struct pell_scene *scene, uint64_t lights)
 }
 
 /* Between chains: what they work in holds what of the sky is seen. */
-static void look_for_light(struct pass *p, uint64_t lights)
+static void look_for_light(struct pass *p, uint64_t lights, const uint8_t *faces)
 {
     struct ts_state *st = p->st;
     const struct ts_atlas *a = p->body->atlas;
@@ -590,6 +692,7 @@ static void look_for_light(struct pass *p, uint64_t lights)
         note_time(st, "map sky", a->inner, a->inner * 24, rays);
     }
     p->lights = lights;
+    p->faces = faces;
     atomic_store(&p->rays, 0);
     rows(p, a->height, light_rows);
     note_time(st, "map light", a->inner, a->inner * 24, atomic_load(&p->rays));
@@ -604,14 +707,16 @@ static void scale_lengths(struct pass *p, bool strength)
 
     if (strength) {
         p->strength = true;
-        look_for_light(p, 0);
+        look_for_light(p, 0, NULL);
         p->strength = false;
-        fill(p, plane, 1);
+        fill(p, plane, 1, TS_FAR - 1);
     }
     for (int y = 0; y < a->height; y++)
         for (int b = 0; b < a->blocks; b++) {
             struct ts_cell *cell = &st->cells[(ptrdiff_t) y * a->blocks + b];
-            *cell = (struct ts_cell){ { 0 } };
+            *cell = a->cells[(ptrdiff_t) y * a->blocks + b];
+            cell->lean = st->knobs.stretch ? cell->lean : 0.0f;
+            cell->least[0] = cell->least[1] = cell->most[0] = cell->most[1] = 0.0f;
             for (int i = 0; i < 2 * TS_BLOCK; i++) {
                 const ptrdiff_t at = y * a->stride + b * TS_BLOCK + i / 2;
                 const int k = i % 2;
@@ -630,9 +735,45 @@ static void scale_lengths(struct pass *p, bool strength)
     st->work.cells = st->cells;
 }
 
-static void clear(const struct ts_atlas *a, float *plane)
+/* What is added to begins with nothing. Planes are any body's: of another nothing may be seen in the rest. */
+static void clear_rows(void *arg, int band, int worker)
 {
-    memset(plane - TS_MARGIN, 0, a->size * sizeof(float));
+    const struct pass *p = arg;
+    const struct ts_state *st = p->st;
+    const struct ts_atlas *a = p->body->atlas;
+    float *const added[6] = { st->sum[0], st->sum[1], st->sum[2], st->behind[0], st->behind[1], st->behind[2] };
+    const ptrdiff_t from = band * ROWS * a->stride - (band == 0 ? TS_MARGIN : 0);
+    const ptrdiff_t to = (band + 1) * ROWS < a->height ? (band + 1) * ROWS * a->stride : (ptrdiff_t) a->size - TS_MARGIN;
+
+    (void) worker;
+    for (int c = 0; c < 6; c++)
+        for (int y = band * ROWS; added[c] && y < (band + 1) * ROWS && y < a->height; y++)
+            for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
+                memset(added[c] + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
+                       (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float));
+    for (int c = 0; c < TS_PLANES && st->bodies->count > 1; c++)
+        if (st->now[c]) {
+            memset(st->now[c] + from, 0, (size_t) (to - from) * sizeof(float));
+            memset(st->half[c] + from, 0, (size_t) (to - from) * sizeof(float));
+        }
+    for (int c = 0; c < LIT && st->bodies->count > 1; c++)
+        if (st->light[c])
+            memset(st->light[c] + from, 0, (size_t) (to - from) * sizeof(float));
+}
+
+/* What blurs reach hangs on the shortest texels. */
+static void find_least(struct ts_state *st, const struct ts_atlas *a)
+{
+    st->least[0] = st->least[1] = INFINITY;
+    st->lean = 0.0f;
+    for (ptrdiff_t i = 0; i < (ptrdiff_t) a->blocks * a->height; i++) {
+        const struct ts_cell *cell = &st->work.cells[i];
+        if (!(cell->most[0] > 0.0f))
+            continue;
+        for (int k = 0; k < 2; k++)
+            st->least[k] = fminf(st->least[k], cell->least[k]);
+        st->lean = fmaxf(st->lean, fabsf(cell->lean));
+    }
 }
 
 static void store_rows(void *arg, int band, int worker)
@@ -662,20 +803,8 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
     bool local = true, comes_through = false;
     enum pell_result res;
 
-    /* Planes are any body's: nothing of another may be seen. */
-    for (int c = 0; c < TS_PLANES; c++)
-        if (st->now[c]) {
-            clear(a, st->now[c]);
-            clear(a, st->half[c]);
-        }
-    for (int c = 0; c < 3; c++) {
-        clear(a, st->sum[c]);
-        if (st->behind[c])
-            clear(a, st->behind[c]);
-    }
-    for (int c = 0; c < LIT; c++)
-        if (st->light[c])
-            clear(a, st->light[c]);
+    st->clock = pell_seconds();
+    rows(&p, a->height, clear_rows);
     st->work = (struct ts_work){
         .width = a->width,
         .height = a->height,
@@ -684,17 +813,19 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
         .key = a->key,
         .cells = a->cells,
         .length = { a->length[0], a->length[1] },
+        .tilt = { a->tilt[0], a->tilt[1] },
+        .tilts = st->knobs.stretch,
         .grid = st->knobs.kernel == TS_KERNEL_DENSE ? GRID_VARIANCE : 0.0f,
     };
-    st->clock = pell_seconds();
     p.scaled = scaled_strength(st, (int32_t) number);
     if (p.scaled || !st->knobs.stretch)
         scale_lengths(&p, p.scaled);
     if (st->knobs.tsm != TS_TSM_OFF)
         ts_tsm_start(a, &st->tsm);
+    find_least(st, a);
     note_time(st, "start", 0, 0, 0);
     if (st->knobs.lights == TS_LIGHTS_SUM)
-        look_for_light(&p, 0);
+        look_for_light(&p, 0, NULL);
     for (size_t i = 0; i < scene->num_lights; i++) {
         const uint64_t bit = (uint64_t) 1 << (i < 63 ? i : 63);
         struct ts_tsm_params t = {
@@ -703,6 +834,7 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
             .body = (int32_t) number,
             .atlas = a,
             .light = &scene->lights[i],
+            .fan = pell_renderer_fan(st->r, i),
             .form = st->knobs.tsm,
             .size = st->knobs.tsm_size,
             .thickest = body->profile->thickest,
@@ -715,6 +847,7 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
         if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || st->knobs.tsm == TS_TSM_OFF || shining == LIGHTS_MOST || i >= 63)
             continue;
         shining++;
+        ts_tsm_face(&t, &st->tsm);
         PELL_TRY(ts_tsm_make(&t, st->light[3], &st->tsm, &rays));
         note_time(st, "tsm", a->inner, a->inner * 40, rays);
         if (st->tsm.count == 0)
@@ -722,7 +855,7 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
         if (st->knobs.lights == TS_LIGHTS_OWN) {
             const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
             rest &= ~bit;
-            look_for_light(&p, bit);
+            look_for_light(&p, bit, st->tsm.faces);
             rays = 0;
             PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
             note_time(st, "tsm", 0, 0, rays);
@@ -733,12 +866,12 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
     }
     st->tsm.count = 0;
     if (st->knobs.lights == TS_LIGHTS_OWN && rest)
-        look_for_light(&p, rest);
+        look_for_light(&p, rest, NULL);
     if (local && rest)
         chain(&p, true, false);
     if (comes_through && st->knobs.soften)
         soften(&p);
-    fill(&p, st->sum, 3);
+    fill(&p, st->sum, 3, TS_FAR - 1);
     rows(&p, a->height, store_rows);
     note_time(st, "start", a->inner, a->inner * 28, 0);
     return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
@@ -840,19 +973,16 @@ static void gather_rows(void *arg, int band, int worker)
 static enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct ts_state *st = state;
-    const struct pell_settings *s = pell_renderer_settings(st->r);
     struct pass p = { .st = st, .in = in, .out = out };
     enum pell_result res;
 
     st->num_times = 0;
-    if (!st->lit || st->lit_seed != s->seed || st->lit_boundary != s->boundary) {
-        st->lit = false;
+    if (st->lit != pell_renderer_lights(st->r)) {
+        st->lit = 0;
         for (size_t i = 0; i < st->bodies->count; i++)
             if (st->body[i].atlas)
                 PELL_TRY(light_body(st, i));
-        st->lit = true;
-        st->lit_seed = s->seed;
-        st->lit_boundary = s->boundary;
+        st->lit = pell_renderer_lights(st->r);
     }
     st->clock = pell_seconds();
     rows(&p, in->rect.y1 - in->rect.y0, gather_rows);

@@ -55,7 +55,7 @@ struct gathered {
 
 /* The taps of one side: distances add up along the way, from texel to texel, as long as each is. */
 INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pace, int count, int axis, int planes, vf key, vf fall,
-                 struct gathered *g)
+                 vf tilt, struct gathered *g)
 {
     vf last = load(w->length[axis] + at), distance = { 0 };
 
@@ -65,7 +65,7 @@ INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pa
         here = load(w->length[axis] + at);
         distance += (last + here) * pace;
         last = here;
-        weight = kernel(distance * distance * fall) * here;
+        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf){ 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
@@ -75,7 +75,7 @@ INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pa
 
 /* The same up or down a line that leans; `x` is the block's. */
 INLINE void leaning_side(const struct ts_work *w, ptrdiff_t from, int x, int sign, int stride, float lean, int count, int planes, vf key,
-                         vf fall, struct gathered *g)
+                         vf fall, vf tilt, struct gathered *g)
 {
     const float pace = 0.5f * (float) stride;
     vf last = load(w->length[1] + from), distance = { 0 };
@@ -91,12 +91,23 @@ INLINE void leaning_side(const struct ts_work *w, ptrdiff_t from, int x, int sig
         here = load(w->length[1] + at);
         distance += (last + here) * pace;
         last = here;
-        weight = kernel(distance * distance * fall) * here;
+        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf){ 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
             g->light[c] += weight * load(w->from[c] + at);
     }
+}
+
+/* How far taps go from a texel: to K_REACH standard deviations of what the blur adds. */
+INLINE float reach_of(float add)
+{
+    return add > 1e-4f ? K_REACH * sqrtf(add > S2_MIN ? add : S2_MIN) : 0.0f;
+}
+
+static float reach(const struct ts_work *w, float length)
+{
+    return reach_of(on_grid1(w->after, length, w->grid) - on_grid1(w->before, length, w->grid));
 }
 
 /* `low` and `high`: texels that lie before and behind the block's along the axis, which taps may reach. */
@@ -106,17 +117,16 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
     const float add_most = on_grid1(w->after, cell->least[axis], w->grid) - on_grid1(w->before, cell->least[axis], w->grid);
     const float before = on_grid1(w->before, cell->most[axis], w->grid);
     const float add_least = on_grid1(w->after, cell->most[axis], w->grid) - before;
-    const float smooth = before < add_least ? before : add_least;
-    float reach, space;
+    const float smooth = before < add_least ? before : add_least, reach = reach_of(add_most);
+    float space;
     bool leans;
     int stride, count;
 
-    if (!(add_most > 1e-4f)) {
+    if (!(reach > 0.0f)) {
         for (int c = 0; c < planes; c++)
             memcpy(w->to[c] + index, w->from[c] + index, TS_BLOCK * sizeof(float));
         return;
     }
-    reach = K_REACH * sqrtf(add_most > S2_MIN ? add_most : S2_MIN);
     /* Taps may stand 1.5 standard deviations apart of what is blurred already. */
     space = 1.5f * sqrtf(smooth);
     stride = space >= 2.0f ? (space < 4096.0f ? (int) space : 4096) : 1;
@@ -132,6 +142,7 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
         const vf inverse = one / select(there, length, one), density2 = inverse * inverse;
         const vf add = on_grid(w->after, density2, w->grid) - on_grid(w->before, density2, w->grid);
         const vf fall = K_FALL * density2 / greater(add, zero + S2_MIN), mix = lesser(add * (1.0f / S2_MIN_VARIANCE), one);
+        const vf tilt = w->tilts ? load(w->tilt[axis] + at) * inverse : zero;
         struct gathered g;
         vf scale, keep;
 
@@ -139,11 +150,11 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
         for (int c = 0; c < planes; c++)
             g.light[c] = g.weight * load(w->from[c] + at);
         if (leans) {
-            leaning_side(w, at, x + part, -1, stride, cell->lean, low, planes, key, fall, &g);
-            leaning_side(w, at, x + part, 1, stride, cell->lean, high, planes, key, fall, &g);
+            leaning_side(w, at, x + part, -1, stride, cell->lean, low, planes, key, fall, -tilt, &g);
+            leaning_side(w, at, x + part, 1, stride, cell->lean, high, planes, key, fall, tilt, &g);
         } else {
-            side(w, at, -stride * pitch, 0.5f * (float) stride, low, axis, planes, key, fall, &g);
-            side(w, at, stride * pitch, 0.5f * (float) stride, high, axis, planes, key, fall, &g);
+            side(w, at, -stride * pitch, 0.5f * (float) stride, low, axis, planes, key, fall, -tilt, &g);
+            side(w, at, stride * pitch, 0.5f * (float) stride, high, axis, planes, key, fall, tilt, &g);
         }
         scale = mix / g.weight;
         keep = one - mix;
@@ -166,7 +177,7 @@ INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
         const ptrdiff_t index = (ptrdiff_t) y * w->stride + b * TS_BLOCK;
         const int low = axis == 0 ? b * TS_BLOCK + TS_BLOCK - 1 : y, high = axis == 0 ? w->width - 1 - b * TS_BLOCK : w->height - 1 - y;
 
-        if (!(cell->most[0] > 0.0f))
+        if (cell->near > w->near)
             continue;
         if (w->planes == 3)
             blur_block(w, cell, index, b * TS_BLOCK, axis, low, high, 3);
@@ -233,4 +244,4 @@ static void down(const struct ts_work *w, int y, int from, int to)
 }
 
 extern const struct ts_kernels PELL_SIMD(pell_ts_kernels);
-const struct ts_kernels PELL_SIMD(pell_ts_kernels) = { .across = across, .down = down };
+const struct ts_kernels PELL_SIMD(pell_ts_kernels) = { .across = across, .down = down, .reach = reach };

@@ -8,16 +8,17 @@
 #ifndef PELL_TEXTURE_SPACE_KERNELS_H
 #define PELL_TEXTURE_SPACE_KERNELS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <stdbool.h>
 
-enum { TS_BLOCK = 16, TS_MARGIN = 16, TS_PLANES = 6 };
+enum { TS_BLOCK = 16, TS_MARGIN = 16, TS_PLANES = 6, TS_FAR = 255 };
 
 /* What is known of a block of texels in a row: lengths of those of charts. */
 struct ts_cell {
     float least[2], most[2]; /* mm per texel along x, and at right angles to that */
     float lean;              /* the line at right angles to x goes this many texels back along x as y grows by one */
+    int near;                /* texels, along the longer axis, from the nearest of them to one inside a chart; none is of a chart: TS_FAR */
 };
 
 struct ts_work {
@@ -25,13 +26,16 @@ struct ts_work {
     ptrdiff_t stride;
     const float *key;
     const float *length[2];
+    const float *tilt[2];
+    bool tilts;
     const struct ts_cell *cells;
     const float *from[TS_PLANES]; /* what is blurred */
     float *to[TS_PLANES];
-    int planes;                   /* 3 or 4; with the paper's taps two more, the stretch */
-    float before, after;          /* mm^2 of the chain before and after this blur */
-    float grid;                   /* texels^2 that reading the map adds by itself */
-    float *sum[3];                /* of the second pass: add the result, weighted; NULL: don't */
+    int planes;          /* 3 or 4; with the paper's taps two more, the stretch */
+    int near;            /* blocks that are further from charts than this are left out */
+    float before, after; /* mm^2 of the chain before and after this blur */
+    float grid;          /* texels^2 that reading the map adds by itself */
+    float *sum[3];       /* of the second pass: add the result, weighted; NULL: don't */
     float weight[3];
 };
 
@@ -39,6 +43,8 @@ struct ts_kernels {
     /* Blur blocks [from, to) of row y along x, or along y. */
     void (*across)(const struct ts_work *w, int y, int from, int to);
     void (*down)(const struct ts_work *w, int y, int from, int to);
+    /* How many texels of this length taps reach. Longer ones are reached less far. */
+    float (*reach)(const struct ts_work *w, float length);
 };
 
 #endif

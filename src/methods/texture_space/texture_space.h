@@ -53,8 +53,16 @@ struct ts_place {
 
 /* A texel beside its chart, which stands for a point of another: what is there is the mean of four texels there. */
 struct ts_border {
-    int32_t at, from; /* the texel that is filled; the lower left one of the four */
-    float weight[4];  /* that sum to one; 0 for those that are not the chart's own */
+    int32_t at, from;     /* the texel that is filled; the lower left one of the four */
+    float weight[4];      /* that sum to one; 0 for those that are not the chart's own */
+    int32_t far;          /* texels, along the longer axis, from the inside of a chart; under TS_FAR */
+    int32_t first, parts; /* in place of the four: of the atlas's parts; 0 parts: the four */
+};
+
+/* One of the texels inside charts whose weighted sum a border beside a seam is: of its own chart, and of the others around its place. */
+struct ts_part {
+    int32_t at;
+    float weight;
 };
 
 struct ts_run {
@@ -79,11 +87,16 @@ struct ts_atlas {
     float *key;       /* chart, 0: none; origin at texel (0, 0), as all planes */
     uint32_t *source; /* per texel of a chart: the triangle; UINT32_MAX: none */
     float *bary[2];
-    float *length[2]; /* mm from texel to texel along x, and at right angles to that; 0 without chart */
-    float *lean;      /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
-    int64_t inner;    /* texels of charts, borders apart */
-    struct ts_border *borders;
+    float *length[2];          /* mm from texel to texel along x, and at right angles to that; 0 without chart */
+    float *lean;               /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
+    float *tilt[2];            /* what taps weigh more per texel along x, and at right angles: it makes up for how these lines bend */
+    int64_t inner;             /* texels of charts, borders apart */
+    struct ts_border *borders; /* by squares of TS_BLOCK, in each those nearest to charts first */
     size_t num_borders;
+    struct ts_part *parts;
+    size_t *first_border; /* of each square, and the end of the last one */
+    size_t num_squares;
+    size_t within[TS_FAR];      /* borders no further than that */
     struct ts_run *runs;        /* blocks that hold anything, row by row */
     int *first_run;             /* per row, height + 1 */
     struct ts_cell *cells;      /* per block of a row */
@@ -145,6 +158,26 @@ static inline void ts_point_of(const struct ts_atlas *a, uint32_t triangle, floa
     *largest = fmaxf(fabsf(at->x), fmaxf(fabsf(at->y), fabsf(at->z)));
 }
 
+/* The texels of charts in four rows of a block, tile by tile of 4 x 4, so that packets are made of neighbours: dx + TS_BLOCK dy of each.
+ * Returns how many there are, 64 at most. */
+enum { TS_TILE = 4 };
+static inline int ts_block_texels(const struct ts_atlas *a, int y0, int block, uint8_t list[TS_TILE * TS_BLOCK])
+{
+    const ptrdiff_t first = y0 * a->stride + block * TS_BLOCK;
+    const int rows = a->height - y0 < TS_TILE ? a->height - y0 : TS_TILE;
+    int count = 0, near = TS_FAR;
+
+    for (int dy = 0; dy < rows; dy++)
+        near = a->cells[(ptrdiff_t) (y0 + dy) * a->blocks + block].near < near ? a->cells[(ptrdiff_t) (y0 + dy) * a->blocks + block].near
+                                                                               : near;
+    for (int x0 = 0; near == 0 && x0 < TS_BLOCK; x0 += TS_TILE)
+        for (int dy = 0; dy < rows; dy++)
+            for (int dx = x0; dx < x0 + TS_TILE; dx++)
+                if (a->source[first + dy * a->stride + dx] != UINT32_MAX)
+                    list[count++] = (uint8_t) (dx + TS_BLOCK * dy);
+    return count;
+}
+
 /* --- sky.c: how much of the sky texels see ------------------------------------------------------------------------------------------- */
 
 struct ts_sky_params {
@@ -200,9 +233,15 @@ struct ts_through_texel {
 struct ts_tsm {
     struct ts_through_texel *texels; /* room for all */
     size_t count;
-    int *num;              /* per row: texels of charts */
-    int *first, *count_of; /* per row, while it is made */
+    int *num;              /* per TS_TILE rows: texels of charts */
+    int *first, *count_of; /* per TS_TILE rows, while it is made */
+    uint8_t *faces;        /* per triangle: enum ts_face */
     void *map;
+};
+
+enum ts_face {
+    TS_FACE_AWAY = 1, /* from the light */
+    TS_FACE_DARK = 2, /* its normals do, too: no light enters */
 };
 
 struct ts_tsm_params {
@@ -211,9 +250,10 @@ struct ts_tsm_params {
     int32_t body;
     const struct ts_atlas *atlas;
     const struct pell_light *light;
-    int form, size;  /* enum ts_form; of the map, px */
-    double thickest; /* mm */
-    double falloff;  /* mm: alpha is exp(-d/falloff) */
+    const struct pell_fan *fan; /* what it sees; NULL: ask the rays */
+    int form, size;             /* enum ts_form; of the map, px */
+    double thickest;            /* mm */
+    double falloff;             /* mm: alpha is exp(-d/falloff) */
 };
 
 /* Room for any of these atlases. Finish it also after a failure. `map_size` 0: none. */
@@ -222,6 +262,8 @@ PELL_NODISCARD enum pell_result ts_tsm_allocate(struct pell_context *ctx, const 
 void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm);
 /* Before the first light of an atlas. */
 void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm);
+/* Which triangles face away from the light. Before ts_tsm_make. */
+void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm);
 /* Fills `alpha` at all texels of charts (0: nothing comes through) and lists those that face away from the light and that it comes through.
  * Allocates nothing. */
 PELL_NODISCARD enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays);

@@ -5,13 +5,16 @@
  */
 #include "methods/texture_space/texture_space.h"
 
+#include "rays/fan.h"
+
 #include <stdatomic.h>
 #include <string.h>
 
-enum { ROWS = 16, CHUNK = 1024, PARTS_MOST = 16 };
+enum { CHUNK = 1024, FACES = 4096, PARTS_MOST = 16 };
 #define WIDEST 1.2f  /* half the view of a light that stands among the things */
 #define AWAY 4.0f    /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
 #define ASKEW 0.95f  /* a way that meets a face at a smaller cosine is no measure of the distance from it */
+#define DARK 1e-4f   /* a normal whose cosine against the light is under -DARK faces away whatever rounding does */
 #define OBLIQUE 4.0f /* rays go this many times the thickness at which nothing comes through */
 
 struct map_texel {
@@ -22,11 +25,12 @@ struct map_texel {
 struct task {
     const struct ts_tsm_params *p;
     float *alpha;
-    struct ts_through_texel *found; /* a row's at first[row] */
-    const int *first;               /* per row */
-    int *count;                     /* per row */
-    const float *const *lit;        /* what enters of this light alone; NULL: not known yet */
-    size_t known;                   /* texels that were found before it was */
+    const uint8_t *faces;
+    struct ts_through_texel *found; /* of TS_TILE rows at first[row / TS_TILE] */
+    const int *first;               /* per TS_TILE rows */
+    int *count;
+    const float *const *lit; /* what enters of this light alone; NULL: not known yet */
+    size_t known;            /* texels that were found before it was */
     struct pell_view view;
     struct map_texel *map;
     _Atomic int64_t rays;
@@ -37,25 +41,34 @@ struct spot {
     float largest;
 };
 
-/* A point of a triangle. The normal is the smooth one. */
+/* A point of a triangle, whose normal is the triangle's. */
+static struct spot flat_spot(const struct ts_atlas *a, uint32_t t, float u, float v)
+{
+    struct spot s;
+
+    ts_point_of(a, t, u, v, &s.at, &s.geometric, &s.largest);
+    s.normal = s.geometric;
+    return s;
+}
+
+/* The normal is the smooth one. */
 static struct spot spot_of(const struct ts_atlas *a, uint32_t t, float u, float v)
 {
     const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
     const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
-    struct pell_vec3 p[3], e[2], n = { 0 };
-    struct spot s;
+    struct spot s = flat_spot(a, t, u, v);
+    struct pell_vec3 n = { 0 };
 
-    for (int k = 0; k < 3; k++) {
-        p[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+    for (int k = 0; k < 3; k++)
         n = vec3_mad(n, k == 0 ? 1.0f - u - v : k == 1 ? u : v, vec3_load(m->normal + 3 * (size_t) index[k]));
-    }
-    e[0] = vec3_sub(p[1], p[0]);
-    e[1] = vec3_sub(p[2], p[0]);
-    s.at = vec3_mad(vec3_mad(p[0], u, e[0]), v, e[1]);
-    s.geometric = vec3_normalize(vec3_cross(e[0], e[1]));
-    s.normal = vec3_dot(n, s.geometric) > 0.0f ? vec3_normalize(n) : s.geometric;
-    s.largest = fmaxf(fabsf(s.at.x), fmaxf(fabsf(s.at.y), fabsf(s.at.z)));
+    if (vec3_dot(n, s.geometric) > 0.0f)
+        s.normal = vec3_normalize(n);
     return s;
+}
+
+static struct spot spot_at(const struct ts_atlas *a, ptrdiff_t at)
+{
+    return spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
 }
 
 /* The way to the light's middle, unit; *far: how far that is. */
@@ -70,6 +83,59 @@ static struct pell_vec3 toward(const struct pell_light *light, struct pell_vec3 
     way = vec3_sub(vec3_load(light->position), from);
     *far = vec3_length(way);
     return *far > 0.0f ? vec3_mul(way, 1.0f / *far) : vec3(0.0f, 0.0f, 1.0f);
+}
+
+struct faces {
+    const struct ts_tsm_params *p;
+    uint8_t *out;
+};
+
+/* For a triangle in a plane the light is behind all of it or none. */
+static uint8_t face(const struct ts_tsm_params *p, uint32_t t)
+{
+    const struct ts_atlas *a = p->atlas;
+    const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
+    const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
+    const enum pell_light_type type = p->light->type;
+    struct pell_vec3 at[3], light[3], n;
+    float far[3];
+
+    for (int k = 0; k < 3; k++) {
+        at[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+        light[k] = toward(p->light, at[k], &far[k]);
+    }
+    n = vec3_cross(vec3_sub(at[1], at[0]), vec3_sub(at[2], at[0]));
+    if (!(vec3_dot(n, light[0]) < 0.0f))
+        return 0;
+    /* Wherever in the triangle: the interpolated normal against any of the ways. */
+    if (type == PELL_LIGHT_RECT || type == PELL_LIGHT_DISC || a->scene->materials[m->material].normal_map.texture)
+        return TS_FACE_AWAY;
+    for (int i = 0; i < 3; i++) {
+        const struct pell_vec3 normal = vec3_load(m->normal + 3 * (size_t) index[i]);
+        if (!(vec3_dot(normal, n) > 0.0f))
+            return TS_FACE_AWAY;
+        for (int k = 0; k < 3; k++)
+            if (!(vec3_dot(normal, light[k]) < -DARK * vec3_length(normal)))
+                return TS_FACE_AWAY;
+    }
+    return TS_FACE_AWAY | TS_FACE_DARK;
+}
+
+static void face_chunk(void *arg, int chunk, int worker)
+{
+    const struct faces *f = arg;
+    const uint32_t end = f->p->atlas->num_triangles, first = (uint32_t) chunk * FACES;
+
+    (void) worker;
+    for (uint32_t t = first; t < first + FACES && t < end; t++)
+        f->out[t] = face(f->p, t);
+}
+
+void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm)
+{
+    struct faces f = { params, tsm->faces };
+
+    pell_pool_run(pell_renderer_pool(params->r), (int) ((params->atlas->num_triangles + FACES - 1) / FACES), face_chunk, &f);
 }
 
 /* Light that enters at A, seen from texel C along the unit `way`: its thickness and what else the blurs ask. */
@@ -117,9 +183,9 @@ static void pass_through(const struct task *t, ptrdiff_t at, const struct spot *
 struct packet {
     _Alignas(64) int open[16];
     struct pell_ray_hit16 rays;
-    struct spot spots[16];
     struct pell_vec3 light[16];
     float left[16]; /* mm to go at most */
+    bool to_light;
     ptrdiff_t at[16];
     uint32_t triangle[16]; /* where the way has left the body; UINT32_MAX: nowhere yet */
     float u[16], v[16];
@@ -151,11 +217,32 @@ static void begin(const struct task *t, struct packet *k, ptrdiff_t at, const st
     const int i = k->count++;
 
     k->at[i] = at;
-    k->spots[i] = *s;
     k->light[i] = light;
     k->left[i] = fminf(far, (outside ? 1.0f : OBLIQUE) * (float) t->p->thickest);
     k->triangle[i] = UINT32_MAX;
     set_out(k, i, s, outside);
+}
+
+/* What the fan says of ways to the light. False: it doesn't know, or rounds too much: ask the rays. */
+static bool ask_fan(const struct task *t, struct packet *k)
+{
+    struct pell_ray16 *ray = &k->rays.ray;
+    const struct pell_vec3 apex = vec3_load(t->p->light->position);
+    float whole[16], tfar[16];
+    bool known;
+
+    if (!k->to_light || !t->p->fan)
+        return false;
+    for (int i = 0; i < 16; i++) {
+        const struct pell_vec3 way = vec3(apex.x - ray->ox[i], apex.y - ray->oy[i], apex.z - ray->oz[i]);
+        whole[i] = sqrtf(vec3_dot(way, way));
+        tfar[i] = ray->tfar[i];
+        ray->tfar[i] = k->open[i] ? tfar[i] / whole[i] : 0.0f;
+    }
+    known = pell_fan_closest16(t->p->fan, k->open, &k->rays);
+    for (int i = 0; i < 16; i++)
+        ray->tfar[i] = known && k->rays.hit.mesh[i] != PELL_NO_HIT ? ray->tfar[i] * whole[i] : tfar[i];
+    return known;
 }
 
 static bool is_lit(const struct task *t, uint32_t triangle, float u, float v)
@@ -172,6 +259,7 @@ static void follow(struct task *t, struct packet *k)
 {
     const struct ts_atlas *a = t->p->atlas;
     bool any = k->count > 0;
+    int rays = 0;
 
     for (int i = 0; i < 16; i++)
         k->open[i] = i < k->count ? -1 : 0;
@@ -179,7 +267,8 @@ static void follow(struct task *t, struct packet *k)
         any = false;
         for (int i = 0; i < 16; i++)
             k->rays.hit.mesh[i] = PELL_NO_HIT;
-        pell_rays_closest16(pell_renderer_rays(t->p->r), k->open, step == 0, &k->rays);
+        if (!ask_fan(t, k))
+            pell_rays_closest16(pell_renderer_rays(t->p->r), k->open, step == 0, &k->rays);
         for (int i = 0; i < k->count; i++) {
             const uint32_t mesh = k->rays.hit.mesh[i];
             struct spot s;
@@ -187,7 +276,7 @@ static void follow(struct task *t, struct packet *k)
             bool leaves;
             if (!k->open[i])
                 continue;
-            atomic_fetch_add_explicit(&t->rays, 1, memory_order_relaxed);
+            rays++;
             k->open[i] = 0;
             if (mesh == PELL_NO_HIT)
                 continue;
@@ -196,7 +285,7 @@ static void follow(struct task *t, struct packet *k)
                 continue;
             }
             triangle = a->first[mesh] + k->rays.hit.triangle[i];
-            s = spot_of(a, triangle, k->rays.hit.u[i], k->rays.hit.v[i]);
+            s = flat_spot(a, triangle, k->rays.hit.u[i], k->rays.hit.v[i]);
             leaves = vec3_dot(s.geometric, k->light[i]) > 0.0f;
             if (leaves) {
                 k->triangle[i] = triangle;
@@ -211,55 +300,50 @@ static void follow(struct task *t, struct packet *k)
             set_out(k, i, &s, leaves);
         }
     }
+    atomic_fetch_add_explicit(&t->rays, rays, memory_order_relaxed);
 }
 
-static void trace(struct task *t, int y, struct packet *k)
+static void trace(struct task *t, int tile, struct packet *k)
 {
     follow(t, k);
     for (int i = 0; i < k->count; i++) {
+        struct spot c;
         bool is;
         if (k->triangle[i] == UINT32_MAX)
             continue;
-        pass_through(t, k->at[i], &k->spots[i], k->triangle[i], k->u[i], k->v[i], k->light[i], k->light[i],
-                     &t->found[t->first[y] + t->count[y]], &is);
-        t->count[y] += is;
+        c = spot_at(t->p->atlas, k->at[i]);
+        pass_through(t, k->at[i], &c, k->triangle[i], k->u[i], k->v[i], k->light[i], k->light[i],
+                     &t->found[t->first[tile] + t->count[tile]], &is);
+        t->count[tile] += is;
     }
     k->count = 0;
 }
 
 /* Texels that face away from the light; with the light known those that face it in the dark. */
-static bool asks(const struct task *t, ptrdiff_t at, const struct spot *s, struct pell_vec3 light)
+static bool asks(const struct task *t, ptrdiff_t at)
 {
-    const bool away = vec3_dot(s->geometric, light) < 0.0f;
+    const bool away = t->faces[t->p->atlas->source[at]] & TS_FACE_AWAY;
 
     return t->lit ? !away && !(t->lit[0][at] + t->lit[1][at] + t->lit[2][at] > 0.0f) : away;
 }
 
-static void ray_row(struct task *t, int y)
+static void ray_texels(struct task *t, ptrdiff_t first, int tile, const uint8_t *texels, int count, struct packet *k)
 {
     const struct ts_atlas *a = t->p->atlas;
-    struct packet k;
 
-    memset(&k, 0, sizeof(k));
-    for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-        for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++) {
-            const ptrdiff_t at = y * a->stride + x;
-            struct pell_vec3 light;
-            struct spot s;
-            float far;
-            if (!t->lit)
-                t->alpha[at] = 0.0f;
-            if (a->source[at] == UINT32_MAX)
-                continue;
-            s = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
-            light = toward(t->p->light, s.at, &far);
-            if (!asks(t, at, &s, light))
-                continue;
-            begin(t, &k, at, &s, light, far);
-            if (k.count == 16)
-                trace(t, y, &k);
-        }
-    trace(t, y, &k);
+    for (int i = 0; i < count; i++) {
+        const ptrdiff_t at = first + texels[i] / TS_BLOCK * a->stride + texels[i] % TS_BLOCK;
+        struct pell_vec3 light;
+        struct spot s;
+        float far;
+        if (!asks(t, at))
+            continue;
+        s = flat_spot(a, a->source[at], a->bary[0][at], a->bary[1][at]);
+        light = toward(t->p->light, s.at, &far);
+        begin(t, k, at, &s, light, far);
+        if (k->count == 16)
+            trace(t, tile, k);
+    }
 }
 
 /* A second ray of some texels that are known to have light from behind. */
@@ -267,6 +351,7 @@ struct second {
     bool (*wants)(const struct task *t, const struct ts_through_texel *c);
     struct pell_vec3 (*way)(const struct task *t, const struct ts_through_texel *c, const struct spot *s, float *far);
     void (*end)(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out);
+    bool to_light;
 };
 
 static void ask_again(struct task *t, int chunk, const struct second *second)
@@ -276,10 +361,11 @@ static void ask_again(struct task *t, int chunk, const struct second *second)
     struct packet k;
 
     memset(&k, 0, sizeof(k));
+    k.to_light = second->to_light;
     for (size_t n = (size_t) chunk * CHUNK;; n++) {
         const struct ts_through_texel *c = n < end ? &t->found[n] : NULL;
         if (c && second->wants(t, c)) {
-            const struct spot s = spot_of(a, a->source[c->at], a->bary[0][c->at], a->bary[1][c->at]);
+            const struct spot s = flat_spot(a, a->source[c->at], a->bary[0][c->at], a->bary[1][c->at]);
             float far;
             const struct pell_vec3 way = second->way(t, c, &s, &far);
             k.known[k.count] = n;
@@ -312,10 +398,11 @@ static struct pell_vec3 to_light(const struct task *t, const struct ts_through_t
 
 static void end_in_light(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out)
 {
+    const struct spot c = spot_at(t->p->atlas, k->at[lane]);
     bool is = false;
 
     if (k->triangle[lane] != UINT32_MAX)
-        pass_through(t, k->at[lane], &k->spots[lane], k->triangle[lane], k->u[lane], k->v[lane], k->light[lane], k->light[lane], out, &is);
+        pass_through(t, k->at[lane], &c, k->triangle[lane], k->u[lane], k->v[lane], k->light[lane], k->light[lane], out, &is);
     if (is)
         return;
     t->alpha[k->at[lane]] = 0.0f;
@@ -324,7 +411,7 @@ static void end_in_light(struct task *t, const struct packet *k, int lane, struc
 
 static void go_on(void *arg, int chunk, int worker)
 {
-    static const struct second further = { ends_in_the_dark, to_light, end_in_light };
+    static const struct second further = { ends_in_the_dark, to_light, end_in_light, true };
 
     (void) worker;
     ask_again(arg, chunk, &further);
@@ -347,20 +434,22 @@ static struct pell_vec3 to_face(const struct task *t, const struct ts_through_te
 static void end_at_face(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out)
 {
     struct ts_through_texel other = *out;
+    struct spot c;
     float far;
     bool is;
 
     if (k->triangle[lane] == UINT32_MAX || !is_lit(t, k->triangle[lane], k->u[lane], k->v[lane]))
         return;
-    pass_through(t, k->at[lane], &k->spots[lane], k->triangle[lane], k->u[lane], k->v[lane], k->light[lane],
-                 toward(t->p->light, k->spots[lane].at, &far), &other, &is);
+    c = spot_at(t->p->atlas, k->at[lane]);
+    pass_through(t, k->at[lane], &c, k->triangle[lane], k->u[lane], k->v[lane], k->light[lane], toward(t->p->light, c.at, &far), &other,
+                 &is);
     if (is)
         *out = other;
 }
 
 static void approach(void *arg, int chunk, int worker)
 {
-    static const struct second shorter = { meets_askew, to_face, end_at_face };
+    static const struct second shorter = { meets_askew, to_face, end_at_face, false };
 
     (void) worker;
     ask_again(arg, chunk, &shorter);
@@ -439,66 +528,70 @@ static void map_row(void *arg, int y, int worker)
     atomic_fetch_add_explicit(&t->rays, t->view.width, memory_order_relaxed);
 }
 
-static void look_up_row(struct task *t, int y)
+static void look_up(struct task *t, ptrdiff_t at, int tile)
 {
-    const struct ts_atlas *a = t->p->atlas;
     const struct pell_view *v = &t->view;
+    const struct spot s = spot_at(t->p->atlas, at);
+    const struct pell_vec3 to = vec3_sub(s.at, v->origin);
+    const float depth = v->orthographic ? 1.0f : vec3_dot(to, v->forward);
+    const struct map_texel *m;
+    struct pell_vec3 light;
+    struct spot other;
+    float far, px, py;
+    bool is;
 
-    for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-        for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++) {
-            const ptrdiff_t at = y * a->stride + x;
-            const struct map_texel *m;
-            struct pell_vec3 light, to;
-            struct spot s, other;
-            float far, depth, px, py;
-            bool is;
-            if (!t->lit)
-                t->alpha[at] = 0.0f;
-            if (a->source[at] == UINT32_MAX)
-                continue;
-            s = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
-            light = toward(t->p->light, s.at, &far);
-            if (!asks(t, at, &s, light))
-                continue;
-            to = vec3_sub(s.at, v->origin);
-            depth = v->orthographic ? 1.0f : vec3_dot(to, v->forward);
-            if (!(depth > 0.0f))
-                continue;
-            px = floorf(vec3_dot(to, v->right) / depth * v->focal_px + 0.5f * (float) v->width);
-            py = floorf(0.5f * (float) v->height - vec3_dot(to, v->up) / depth * v->focal_px);
-            if (!(px >= 0.0f && py >= 0.0f && px < (float) v->width && py < (float) v->height))
-                continue;
-            m = &t->map[(size_t) py * (size_t) v->width + (size_t) px];
-            if (m->triangle == UINT32_MAX)
-                continue;
-            other = spot_of(a, m->triangle, m->u, m->v);
-            /* What the light sees may be this surface itself, a pixel off. */
-            if (vec3_dot(vec3_sub(other.at, s.at), light) < 1.5f * depth / v->focal_px)
-                continue;
-            pass_through(t, at, &s, m->triangle, m->u, m->v, light, light, &t->found[t->first[y] + t->count[y]], &is);
-            t->count[y] += is;
-        }
+    if (!(depth > 0.0f))
+        return;
+    px = floorf(vec3_dot(to, v->right) / depth * v->focal_px + 0.5f * (float) v->width);
+    py = floorf(0.5f * (float) v->height - vec3_dot(to, v->up) / depth * v->focal_px);
+    if (!(px >= 0.0f && py >= 0.0f && px < (float) v->width && py < (float) v->height))
+        return;
+    m = &t->map[(size_t) py * (size_t) v->width + (size_t) px];
+    if (m->triangle == UINT32_MAX)
+        return;
+    light = toward(t->p->light, s.at, &far);
+    other = spot_of(t->p->atlas, m->triangle, m->u, m->v);
+    /* What the light sees may be this surface itself, a pixel off. */
+    if (vec3_dot(vec3_sub(other.at, s.at), light) < 1.5f * depth / v->focal_px)
+        return;
+    pass_through(t, at, &s, m->triangle, m->u, m->v, light, light, &t->found[t->first[tile] + t->count[tile]], &is);
+    t->count[tile] += is;
 }
 
-static void run_rows(void *arg, int band, int worker)
+static void run_tile(void *arg, int tile, int worker)
 {
     struct task *t = arg;
+    const struct ts_atlas *a = t->p->atlas;
+    uint8_t texels[TS_TILE * TS_BLOCK];
+    struct packet k;
 
     (void) worker;
-    for (int y = band * ROWS; y < (band + 1) * ROWS && y < t->p->atlas->height; y++) {
-        t->count[y] = 0;
-        if (t->map)
-            look_up_row(t, y);
-        else
-            ray_row(t, y);
+    memset(&k, 0, sizeof(k));
+    k.to_light = true;
+    t->count[tile] = 0;
+    for (int y = tile * TS_TILE; !t->lit && y < (tile + 1) * TS_TILE && y < a->height; y++)
+        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
+            memset(t->alpha + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
+                   (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float));
+    for (int block = 0; block < a->blocks; block++) {
+        const ptrdiff_t first = tile * TS_TILE * a->stride + block * TS_BLOCK;
+        const int count = ts_block_texels(a, tile * TS_TILE, block, texels);
+        for (int i = 0; t->map && i < count; i++) {
+            const ptrdiff_t at = first + texels[i] / TS_BLOCK * a->stride + texels[i] % TS_BLOCK;
+            if (asks(t, at))
+                look_up(t, at, tile);
+        }
+        if (!t->map)
+            ray_texels(t, first, tile, texels, count, &k);
     }
+    trace(t, tile, &k);
 }
 
-/* Puts what rows have found behind the `kept` texels of the list. */
-static void gather_found(struct ts_tsm *out, int height, size_t kept)
+/* Puts what tiles have found behind the `kept` texels of the list. */
+static void gather_found(struct ts_tsm *out, int tiles, size_t kept)
 {
     out->count = kept;
-    for (int y = 0; y < height; y++) {
+    for (int y = 0; y < tiles; y++) {
         memmove(out->texels + out->count, out->texels + out->first[y], (size_t) out->count_of[y] * sizeof(*out->texels));
         out->count += (size_t) out->count_of[y];
     }
@@ -508,12 +601,12 @@ enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, s
 {
     struct pell_context *ctx = pell_renderer_context(params->r);
     struct pell_pool *pool = pell_renderer_pool(params->r);
-    const struct ts_atlas *a = params->atlas;
-    struct task t = { .p = params, .alpha = alpha, .found = out->texels, .first = out->first, .count = out->count_of };
+    const int tiles = (params->atlas->height + TS_TILE - 1) / TS_TILE;
+    struct task t = { .p = params, .alpha = alpha, .faces = out->faces, .found = out->texels, .first = out->first, .count = out->count_of };
     int first = 0;
 
     out->count = 0;
-    for (int y = 0; y < a->height; y++) {
+    for (int y = 0; y < tiles; y++) {
         out->first[y] = first;
         first += out->num[y];
     }
@@ -523,8 +616,8 @@ enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, s
         t.map = out->map;
         pell_pool_run(pool, params->size, map_row, &t);
     }
-    pell_pool_run(pool, (a->height + ROWS - 1) / ROWS, run_rows, &t);
-    gather_found(out, a->height, 0);
+    pell_pool_run(pool, tiles, run_tile, &t);
+    gather_found(out, tiles, 0);
     *rays += atomic_load(&t.rays);
     return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
@@ -534,11 +627,12 @@ enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *c
 {
     struct pell_context *ctx = pell_renderer_context(params->r);
     struct pell_pool *pool = pell_renderer_pool(params->r);
-    const struct ts_atlas *a = params->atlas;
+    const int tiles = (params->atlas->height + TS_TILE - 1) / TS_TILE;
     const size_t known = out->count;
     struct task t = {
         .p = params,
         .alpha = alpha,
+        .faces = out->faces,
         .found = out->texels,
         .first = out->first,
         .count = out->count_of,
@@ -555,12 +649,12 @@ enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *c
         pell_pool_run(pool, (int) ((known + CHUNK - 1) / CHUNK), go_on, &t);
     }
     /* No texel is found twice: behind those of the list is room for all others. */
-    for (int y = 0; y < a->height; y++) {
+    for (int y = 0; y < tiles; y++) {
         out->first[y] = first;
         first += out->num[y] - out->count_of[y];
     }
-    pell_pool_run(pool, (a->height + ROWS - 1) / ROWS, run_rows, &t);
-    gather_found(out, a->height, known);
+    pell_pool_run(pool, tiles, run_tile, &t);
+    gather_found(out, tiles, known);
     t.known = out->count;
     if (params->form == TS_TSM_RAY)
         pell_pool_run(pool, (int) ((t.known + CHUNK - 1) / CHUNK), approach, &t);
@@ -571,28 +665,31 @@ enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *c
 enum pell_result ts_tsm_allocate(struct pell_context *ctx, const struct ts_atlas *const *atlases, size_t count, int map_size,
                                  struct ts_tsm *out)
 {
-    size_t most = 0, rows = 0;
+    size_t most = 0, tiles = 0, triangles = 0;
 
     for (size_t i = 0; i < count; i++) {
         most = (size_t) atlases[i]->inner > most ? (size_t) atlases[i]->inner : most;
-        rows = (size_t) atlases[i]->height > rows ? (size_t) atlases[i]->height : rows;
+        tiles = (size_t) atlases[i]->height > TS_TILE * tiles ? (size_t) atlases[i]->height / TS_TILE + 1 : tiles;
+        triangles = atlases[i]->num_triangles > triangles ? atlases[i]->num_triangles : triangles;
     }
     out->texels = pell_alloc_array(ctx, most + 1, sizeof(*out->texels));
-    out->num = pell_calloc(ctx, rows + 1, sizeof(*out->num));
-    out->first = pell_calloc(ctx, rows + 1, sizeof(*out->first));
-    out->count_of = pell_calloc(ctx, rows + 1, sizeof(*out->count_of));
+    out->num = pell_calloc(ctx, tiles + 1, sizeof(*out->num));
+    out->first = pell_calloc(ctx, tiles + 1, sizeof(*out->first));
+    out->count_of = pell_calloc(ctx, tiles + 1, sizeof(*out->count_of));
+    out->faces = pell_alloc_array(ctx, triangles + 1, sizeof(*out->faces));
     if (map_size > 0)
         out->map = pell_alloc_array(ctx, (size_t) map_size * (size_t) map_size, sizeof(struct map_texel));
-    return out->texels && out->num && out->first && out->count_of && (map_size == 0 || out->map) ? PELL_OK : PELL_ERR_NOMEM;
+    return out->texels && out->num && out->first && out->count_of && out->faces && (map_size == 0 || out->map) ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm)
 {
-    for (int y = 0; y < a->height; y++) {
-        tsm->num[y] = 0;
-        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-            for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++)
-                tsm->num[y] += a->source[y * a->stride + x] != UINT32_MAX;
+    uint8_t texels[TS_TILE * TS_BLOCK];
+
+    for (int y = 0; y < a->height; y += TS_TILE) {
+        tsm->num[y / TS_TILE] = 0;
+        for (int block = 0; block < a->blocks; block++)
+            tsm->num[y / TS_TILE] += ts_block_texels(a, y, block, texels);
     }
 }
 
@@ -602,6 +699,7 @@ void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm)
     pell_free(ctx, tsm->num);
     pell_free(ctx, tsm->first);
     pell_free(ctx, tsm->count_of);
+    pell_free(ctx, tsm->faces);
     pell_free(ctx, tsm->map);
     memset(tsm, 0, sizeof(*tsm));
 }
