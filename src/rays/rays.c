@@ -311,10 +311,33 @@ static struct RTCIntersectContext intersect_context(bool coherent)
     return context;
 }
 
+static void keep(struct pell_ray_record *record, const struct pell_ray *ray, bool occlusion)
+{
+    const size_t at = atomic_fetch_add_explicit(&record->count, 1, memory_order_relaxed);
+
+    if (at >= record->capacity)
+        return;
+    record->rays[at] = *ray;
+    record->occlusion[at] = occlusion;
+}
+
+static void keep16(struct pell_ray_record *record, const int *valid, const struct pell_ray16 *r)
+{
+    for (int i = 0; i < PELL_PACKET; i++)
+        if (valid[i]) {
+            const struct pell_ray ray = {
+                { r->ox[i], r->oy[i], r->oz[i] }, r->tnear[i], { r->dx[i], r->dy[i], r->dz[i] }, r->tfar[i], r->mask[i]
+            };
+            keep(record, &ray, false);
+        }
+}
+
 void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet)
 {
     struct RTCIntersectContext context = intersect_context(coherent);
 
+    if (rays->record)
+        keep16(rays->record, valid, &packet->ray);
     memset(packet->hit.mesh, 0xff, sizeof(packet->hit.mesh));
     memset(packet->hit.instance, 0xff, sizeof(packet->hit.instance));
     rtcIntersect16(valid, rays->scene, &context, (struct RTCRayHit16 *) packet);
@@ -335,27 +358,62 @@ static struct RTCRay single_ray(const struct pell_ray *ray)
     };
 }
 
-static void keep(struct pell_ray_record *record, const struct pell_ray *ray, bool occlusion)
-{
-    const size_t at = atomic_fetch_add_explicit(&record->count, 1, memory_order_relaxed);
-
-    if (at >= record->capacity)
-        return;
-    record->rays[at] = *ray;
-    record->occlusion[at] = occlusion;
-}
-
 void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record)
 {
     rays->record = record;
 }
 
-int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record)
+/* Of the same kind, from the first on; returns how many there are. */
+static int fill_packet(const struct pell_ray_record *record, size_t first, size_t count, int *valid, struct pell_ray_hit16 *p)
+{
+    int n = 0;
+
+    for (; n < PELL_PACKET && first + (size_t) n < count && record->occlusion[first + (size_t) n] == record->occlusion[first]; n++) {
+        const struct pell_ray *ray = &record->rays[first + (size_t) n];
+        p->ray.ox[n] = ray->origin[0];
+        p->ray.oy[n] = ray->origin[1];
+        p->ray.oz[n] = ray->origin[2];
+        p->ray.dx[n] = ray->direction[0];
+        p->ray.dy[n] = ray->direction[1];
+        p->ray.dz[n] = ray->direction[2];
+        p->ray.tnear[n] = ray->tnear;
+        p->ray.tfar[n] = ray->tfar;
+        p->ray.mask[n] = ray->mask;
+    }
+    for (int i = 0; i < PELL_PACKET; i++)
+        valid[i] = i < n ? -1 : 0;
+    return n;
+}
+
+static int64_t trace_packets(const struct pell_rays *rays, const struct pell_ray_record *record, size_t count)
+{
+    _Alignas(64) int valid[PELL_PACKET];
+    struct pell_ray_hit16 p;
+    int64_t met = 0;
+
+    memset(&p, 0, sizeof(p));
+    for (size_t i = 0; i < count;) {
+        const int n = fill_packet(record, i, count, valid, &p);
+        const bool occlusion = record->occlusion[i];
+        if (occlusion)
+            pell_rays_occluded16(rays, valid, false, &p.ray);
+        else
+            pell_rays_closest16(rays, valid, false, &p);
+        for (int k = 0; k < n; k++)
+            met += occlusion ? p.ray.tfar[k] < 0.0f : p.hit.mesh[k] != PELL_NO_HIT;
+        i += (size_t) n;
+    }
+    return met;
+}
+
+int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record, bool packets)
 {
     const size_t count = record->count < record->capacity ? record->count : record->capacity;
     struct RTCIntersectContext context = intersect_context(false);
     int64_t met = 0;
 
+    if (packets)
+        return trace_packets(rays, record, count);
     for (size_t i = 0; i < count; i++) {
         struct RTCRayHit r = { .ray = single_ray(&record->rays[i]), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
         if (record->occlusion[i]) {

@@ -94,7 +94,7 @@ struct pell_nearest {
 bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, float radius, const int32_t *of_mesh, int32_t which,
                              struct pell_nearest *out);
 
-/* For benches: rays of pell_rays_closest and pell_rays_occluded in the order in which they came, to be traced again by Embree alone. */
+/* For benches: rays of all queries but occluded packets in the order in which they came, to be traced again by Embree alone. */
 struct pell_ray_record {
     struct pell_ray *rays; /* the caller's */
     bool *occlusion;       /* of which it was asked only whether anything is in the way */
@@ -104,7 +104,7 @@ struct pell_ray_record {
 
 /* NULL stops it. While no query runs. */
 void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record);
-/* Traces what was kept; returns how many met something. */
-int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record);
+/* Traces what was kept, ray by ray or in packets of 16 that follow each other; returns how many met something. */
+int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record, bool packets);
 
 #endif

@@ -16,12 +16,14 @@
  *
  * Light in a narrow bundle about the path: the derivative of the implicit function (u, v)(x). */
 #include "render/connect.h"
+#include "render/connect_find.h"
 
 #include <string.h>
 
-#define LANES 4
-#define LEAF 0x80000000u
-#define NOTHING UINT32_MAX
+#define LANES PELL_CONNECT_CHILDREN
+#define LEAF PELL_CONNECT_LEAF
+#define NOTHING PELL_CONNECT_NOTHING
+#define QUARTERS 4
 #define NEAR_ONE 1e-9       /* of an index: light goes straight on */
 #define PARTS 4000          /* of a triangle that are looked at: what is wilder than that is no surface */
 #define DEPTH 20            /* of halving a triangle */
@@ -34,12 +36,6 @@
 #define LARGER(a, b) ((a) > (b) ? (a) : (b))
 #define SMALLER(a, b) ((a) < (b) ? (a) : (b))
 
-struct node {
-    float x[LANES], y[LANES], z[LANES], radius[LANES];
-    float ax[LANES], ay[LANES], az[LANES], cosine[LANES], sine[LANES]; /* cone of normals; cosine < 0: any */
-    uint32_t child[LANES];                                             /* of a node, or LEAF + of a facet, or NOTHING */
-};
-
 struct facet {
     float p[3][3], n[3][3];
     uint32_t mesh, triangle;
@@ -48,7 +44,7 @@ struct facet {
 
 struct tree {
     struct facet *facets;
-    struct node *nodes;
+    struct pell_connect_node *nodes;
     size_t num_facets, num_nodes;
     double rounding; /* mm */
 };
@@ -59,6 +55,7 @@ struct pell_connector {
     const struct pell_bodies *bodies;
     const struct pell_scene *scene;
     struct tree *trees; /* one a body */
+    const struct pell_connect_kernels *kernels;
     bool flat;
 };
 
@@ -140,7 +137,7 @@ static void fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triang
     }
 }
 
-static void bound(const struct facet *f, size_t count, struct node *node, int lane)
+static void bound(const struct facet *f, size_t count, struct pell_connect_node *node, int lane)
 {
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, largest = 0.0f;
     struct vec centre, sum = { 0.0, 0.0, 0.0 }, axis;
@@ -218,13 +215,12 @@ static void halve(struct facet *f, size_t count, size_t half, int dimension, flo
     }
 }
 
-static size_t split(struct facet *f, size_t count, float weight)
+/* The first `first` of them apart from the others, along the widest dimension. */
+static void split(struct facet *f, size_t count, size_t first, float weight)
 {
     float low[6], high[6];
     int widest = 0;
 
-    if (count < 2)
-        return count;
     for (int d = 0; d < 6; d++) {
         low[d] = INFINITY;
         high[d] = -INFINITY;
@@ -236,47 +232,55 @@ static size_t split(struct facet *f, size_t count, float weight)
         if (high[d] - low[d] > high[widest] - low[widest])
             widest = d;
     }
-    halve(f, count, count / 2, widest, weight);
-    return count / 2;
+    halve(f, count, first, widest, weight);
+}
+
+/* What one child of a node holds at most: a power of the children, so that all nodes but the last ones are full. */
+static size_t capacity(size_t count)
+{
+    size_t c = 1;
+
+    while (c * LANES < count)
+        c *= LANES;
+    return c;
 }
 
 static size_t count_nodes(size_t facets)
 {
-    const size_t a = facets / 2, b = facets - a, part[4] = { a / 2, a - a / 2, b / 2, b - b / 2 };
-    size_t sum = 1;
+    const size_t c = capacity(facets), full = (facets - 1) / c, rest = facets - full * c;
 
-    if (facets <= LANES)
-        return 1;
-    for (int i = 0; i < 4; i++)
-        sum += part[i] > 1 ? count_nodes(part[i]) : 0;
-    return sum;
+    return 1 + (c > 1 ? full * count_nodes(c) + (rest > 1 ? count_nodes(rest) : 0) : 0);
 }
 
-/* A node over `count` facets from `first` on; returns its number. As deep as the logarithm of count, base 4. */
+static void divide(struct facet *f, size_t count, size_t parts, size_t c, float weight)
+{
+    const size_t half = parts / 2;
+
+    if (parts < 2)
+        return;
+    split(f, count, half * c, weight);
+    divide(f, half * c, half, c, weight);
+    divide(f + half * c, count - half * c, parts - half, c, weight);
+}
+
+/* A node over `count` facets from `first` on; returns its number. As deep as the logarithm of count, base 16. */
 static uint32_t build(struct tree *t, size_t first, size_t count, float weight)
 {
     const uint32_t number = (uint32_t) t->num_nodes++;
-    struct node *node = &t->nodes[number];
-    size_t start[LANES + 1] = { first, first, first, first, first };
+    struct pell_connect_node *node = &t->nodes[number];
+    const size_t c = capacity(count);
 
-    if (count <= LANES) {
-        for (size_t i = 1; i <= LANES; i++)
-            start[i] = first + (i < count ? i : count);
-    } else {
-        start[4] = first + count;
-        start[2] = first + split(t->facets + first, count, weight);
-        start[1] = first + split(t->facets + first, start[2] - first, weight);
-        start[3] = start[2] + split(t->facets + start[2], start[4] - start[2], weight);
-    }
-    for (int i = 0; i < LANES; i++) {
-        const size_t n = start[i + 1] - start[i];
+    if (c > 1)
+        divide(t->facets + first, count, (count + c - 1) / c, c, weight);
+    for (size_t i = 0; i < LANES; i++) {
+        const size_t start = i * c, n = start >= count ? 0 : count - start < c ? count - start : c;
         if (n == 0) {
             node->child[i] = NOTHING;
             node->radius[i] = 0.0f;
             continue;
         }
-        bound(t->facets + start[i], n, node, i);
-        node->child[i] = n == 1 ? LEAF + (uint32_t) start[i] : build(t, start[i], n, weight);
+        bound(t->facets + first + start, n, node, (int) i);
+        node->child[i] = n == 1 ? LEAF + (uint32_t) (first + start) : build(t, first + start, n, weight);
     }
     return number;
 }
@@ -343,6 +347,7 @@ enum pell_result pell_connector_create(struct pell_context *ctx, const struct pe
     c->bodies = bodies;
     c->scene = scene;
     c->flat = flat;
+    c->kernels = pell_connect_kernels_tables[pell_simd_best()];
     c->trees = pell_calloc(ctx, bodies->count + 1, sizeof(*c->trees));
     if (!c->trees)
         goto fail;
@@ -603,17 +608,17 @@ struct part {
 /* The four quarters of a part in which H can be along n, by bounds that hold however far it is; as for nodes. Returns how many. */
 static int quarter(const struct curved *c, const struct part *part, struct part *out)
 {
-    static const float at[LANES][3] = { { 0.0f, 0.0f, 1.0f }, { 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, -1.0f } };
+    static const float at[QUARTERS][3] = { { 0.0f, 0.0f, 1.0f }, { 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, -1.0f } };
     const float half = 0.5f * (float) part->side, x = (float) c->x.x, y = (float) c->x.y, z = (float) c->x.z;
     const float lx = (float) c->place.x, ly = (float) c->place.y, lz = (float) c->place.z, place = c->away ? 0.0f : 1.0f;
     const float ex1 = (float) c->ex1, ex2 = (float) c->ex2, ey2 = (float) c->ey2, eta = (float) c->eta, grazing = (float) c->grazing;
     const float nx = (float) c->n.x, ny = (float) c->n.y, nz = (float) c->n.z, ux = (float) c->nu.x, uy = (float) c->nu.y;
     const float uz = (float) c->nu.z, vx = (float) c->nv.x, vy = (float) c->nv.y, vz = (float) c->nv.z, sign = eta > 1.0f ? -1.0f : 1.0f;
     const float radius = (float) c->radius * fabsf(half), turn = (float) c->turn * fabsf(half);
-    float near[LANES];
-    int open[LANES], count = 0;
+    float near[QUARTERS];
+    int open[QUARTERS], count = 0;
 
-    for (int i = 0; i < LANES; i++) {
+    for (int i = 0; i < QUARTERS; i++) {
         const float u = (float) part->u + half * (at[i][0] + at[i][2] * (1.0f / 3.0f));
         const float v = (float) part->v + half * (at[i][1] + at[i][2] * (1.0f / 3.0f));
         const float px = u * ex1 + v * ex2, py = v * ey2, ax = x - px, ay = y - py, bx = lx - place * px, by = ly - place * py;
@@ -631,7 +636,7 @@ static int quarter(const struct curved *c, const struct part *part, struct part 
         open[i] = inside | ((h <= grazing + spread) & along);
         near[i] = LARGER(iv, place * il);
     }
-    for (int i = 0; i < LANES; i++)
+    for (int i = 0; i < QUARTERS; i++)
         if (open[i])
             out[count++] =
                 (struct part){ part->u + 0.5 * part->side * (double) at[i][0], part->v + 0.5 * part->side * (double) at[i][1],
@@ -778,49 +783,27 @@ static void solve_curved(struct query *q, const struct facet *f)
 
 /* --- The hierarchy ------------------------------------------------------------------------------------------------------------ */
 
-static void find(struct query *q, const struct tree *t)
+static void find(struct query *q, const struct tree *t, const struct pell_connect_kernels *kernels)
 {
-    const float x = (float) q->x.x, y = (float) q->x.y, z = (float) q->x.z, eta = (float) q->eta;
-    const float lx = (float) q->place.x, ly = (float) q->place.y, lz = (float) q->place.z, place = q->away ? 0.0f : 1.0f;
-    const float grazing = (float) q->grazing, side = q->eta > 1.0 ? -1.0f : 1.0f, reach = (float) q->reach * (1.0f + 1e-5f);
-    const bool narrow_cone = fabs(q->eta - 1.0) > 1e-3; /* else H is all rounding where light goes straight on */
-    uint32_t stack[128];
-    int count = 0;
+    struct pell_connect_search s = { .nodes = t->nodes,
+                                     .x = { (float) q->x.x, (float) q->x.y, (float) q->x.z },
+                                     .place = { (float) q->place.x, (float) q->place.y, (float) q->place.z },
+                                     .eta = (float) q->eta,
+                                     .grazing = (float) q->grazing,
+                                     .reach = (float) q->reach * (1.0f + 1e-5f),
+                                     .away = q->away,
+                                     .narrow = fabs(q->eta - 1.0) > 1e-3,
+                                     .count = 1 };
+    uint32_t facets[4 * LANES];
 
-    stack[count++] = 0;
-    while (count > 0) {
-        const struct node *node = &t->nodes[stack[--count]];
-        int open[LANES];
-        for (int i = 0; i < LANES; i++) {
-            const float vx = x - node->x[i], vy = y - node->y[i], vz = z - node->z[i], r = node->radius[i];
-            const float ux = lx - place * node->x[i], uy = ly - place * node->y[i], uz = lz - place * node->z[i];
-            const float v = sqrtf(vx * vx + vy * vy + vz * vz), l = sqrtf(ux * ux + uy * uy + uz * uz);
-            const float iv = 1.0f / LARGER(v, 1e-30f), il = 1.0f / LARGER(l, 1e-30f), sv = r * iv, sl = place * r * il;
-            /* 2 sin(a/2) <= s (1 + 0.42 s^2), s = sin(a) */
-            const float spread = eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 1e-6f;
-            const float hx = eta * vx * iv + ux * il, hy = eta * vy * iv + uy * il, hz = eta * vz * iv + uz * il;
-            const float h = sqrtf(hx * hx + hy * hy + hz * hz), ih = 1.0f / LARGER(h, 1e-30f), sb = spread * ih;
-            const float cb = sqrtf(LARGER(1.0f - sb * sb, 0.0f)), sine = node->sine[i], cosine = node->cosine[i];
-            const float facing = side * (hx * node->ax[i] + hy * node->ay[i] + hz * node->az[i]) * ih;
-            const int inside = (sv >= 1.0f) | (sl >= 1.0f);
-            const int along = (facing >= cosine * cb - sine * sb - 2e-6f) | (sb >= 0.99f) | (cosine < 0.0f) | !narrow_cone;
-            open[i] = (v - r <= reach) & (inside | ((h <= grazing + spread) & along));
+    for (int n; (n = kernels->find(&s, facets, (int) PELL_COUNT(facets))) > 0;)
+        for (int i = 0; i < n; i++) {
+            const struct facet *f = &t->facets[facets[i]];
+            if (f->planar)
+                solve_planar(q, f);
+            else
+                solve_curved(q, f);
         }
-        for (int i = 0; i < LANES; i++) {
-            const uint32_t child = node->child[i];
-            if (!open[i] || child == NOTHING)
-                continue;
-            if (child < LEAF) {
-                stack[count++] = child;
-            } else {
-                const struct facet *f = &t->facets[child - LEAF];
-                if (f->planar)
-                    solve_planar(q, f);
-                else
-                    solve_curved(q, f);
-            }
-        }
-    }
 }
 
 /* --- What is in the way ------------------------------------------------------------------------------------------------------- */
@@ -989,7 +972,7 @@ int pell_connect(const struct pell_connector *connector, int body, double eta, s
             *rays += traced;
         return given;
     }
-    find(&q, &connector->trees[body]);
+    find(&q, &connector->trees[body], connector->kernels);
     for (int i = 0; i < q.count; i++) {
         int at = i;
         for (; at > 0 && order[at - 1]->inside_mm > q.paths[i].inside_mm; at--)
@@ -1047,7 +1030,7 @@ double pell_connector_distance(const struct pell_connector *connector, int body,
 {
     const struct tree *t;
     const struct vec from = widen(x);
-    uint32_t stack[128];
+    uint32_t stack[PELL_CONNECT_STACK];
     double best = most * most;
     int count = 0;
 
@@ -1056,7 +1039,7 @@ double pell_connector_distance(const struct pell_connector *connector, int body,
     t = &connector->trees[body];
     stack[count++] = 0;
     while (count > 0) {
-        const struct node *node = &t->nodes[stack[--count]];
+        const struct pell_connect_node *node = &t->nodes[stack[--count]];
         const float reach = best < INFINITY ? (float) sqrt(best) * (1.0f + 1e-6f) : INFINITY;
         float near[LANES];
         int order[LANES], n = 0;

@@ -20,22 +20,16 @@
 #define HALF 0.8660255f /* of a cube's diagonal, in sides */
 #define SLACK 2e-3f     /* sides: roundings, in floats from the grid's corner */
 
-struct grid {
-    float low[3], high[3], side, unit;
-    int size[3];
-    uint16_t *steps; /* distance from the centre of the cube, in units, rounded down */
-};
-
 struct pell_distance {
     struct pell_context *ctx;
-    struct grid *grids; /* one a body; size 0: none */
+    struct pell_distance_grid *grids; /* one a body; size 0: none */
     size_t count;
 };
 
 /* What is needed while a grid is filled. */
 struct fill {
     const struct pell_scene *scene;
-    struct grid *grid;
+    struct pell_distance_grid *grid;
     float *centre[3]; /* of cubes along each axis, from the grid's corner, in sides */
     float *near2;     /* squared distance in sides, up to the band's; then, as int32_t, the transform */
     int32_t *lines;   /* scratch of the transform: 3 lines a worker */
@@ -45,13 +39,7 @@ struct fill {
     } * spans;
 };
 
-/* The same bits wherever it is asked for: what makes bounds safe. */
-static inline float centre_of(const struct grid *g, int axis, int at)
-{
-    return g->low[axis] + ((float) at + 0.5f) * g->side;
-}
-
-static inline size_t row_at(const struct grid *g, int y, int z)
+static inline size_t row_at(const struct pell_distance_grid *g, int y, int z)
 {
     return ((size_t) z * (size_t) g->size[1] + (size_t) y) * (size_t) g->size[0];
 }
@@ -133,7 +121,7 @@ static void lower_row(const struct facet *restrict t, const float *restrict x, i
 /* Corners in sides from the grid's corner; layers [from, to). */
 static void tell(const struct fill *f, const float corner[3][3], int from, int to, int depth)
 {
-    const struct grid *g = f->grid;
+    const struct pell_distance_grid *g = f->grid;
     int first[3], last[3];
     float extent = 0.0f;
     struct facet t;
@@ -173,7 +161,7 @@ static void tell(const struct fill *f, const float corner[3][3], int from, int t
 static void near_task(void *arg, int index, int worker)
 {
     const struct fill *f = arg;
-    struct grid *g = f->grid;
+    struct pell_distance_grid *g = f->grid;
     const int from = index * SLAB, to = from + SLAB < g->size[2] ? from + SLAB : g->size[2];
     const size_t start = row_at(g, 0, from), end = row_at(g, 0, to);
     const double inverse_side = 1.0 / (double) g->side;
@@ -264,7 +252,7 @@ static void transform_line(int32_t *d, size_t stride, int n, int32_t *height, in
 static void layer_task(void *arg, int z, int worker)
 {
     const struct fill *f = arg;
-    const struct grid *g = f->grid;
+    const struct pell_distance_grid *g = f->grid;
     int32_t *d = (int32_t *) f->near2 + row_at(g, 0, z), *lines = f->lines + 3 * (size_t) f->longest * (size_t) worker;
 
     for (int y = 0; y < g->size[1]; y++)
@@ -276,7 +264,7 @@ static void layer_task(void *arg, int z, int worker)
 static void depth_task(void *arg, int y, int worker)
 {
     const struct fill *f = arg;
-    struct grid *g = f->grid;
+    struct pell_distance_grid *g = f->grid;
     const size_t layer = (size_t) g->size[0] * (size_t) g->size[1];
     int32_t *d = (int32_t *) f->near2 + row_at(g, y, 0), *lines = f->lines + 3 * (size_t) f->longest * (size_t) worker;
     uint16_t *steps = g->steps + row_at(g, y, 0);
@@ -295,7 +283,7 @@ static void depth_task(void *arg, int y, int worker)
 /* --- Grids ------------------------------------------------------------------------------------------------------------------------ */
 
 /* Finds the smallest cubes of which no more than `most` cover the bounds. False: the body has no extent that a grid could have. */
-static bool cut(struct grid *g, double most)
+static bool cut(struct pell_distance_grid *g, double most)
 {
     double low, high, extent[3], largest = 0.0, magnitude = 0.0;
 
@@ -320,12 +308,13 @@ static bool cut(struct grid *g, double most)
     }
     g->side = (float) (high * 1.000001); /* rounded up */
     g->unit = g->side / STEPS;
+    g->inverse_side = 1.0f / g->side;
     for (int k = 0; k < 3; k++)
         g->size[k] = (int) floor(extent[k] / (double) g->side) + 1;
     return true;
 }
 
-static void bounds_of(const struct pell_scene *scene, const struct pell_body *body, struct grid *g)
+static void bounds_of(const struct pell_scene *scene, const struct pell_body *body, struct pell_distance_grid *g)
 {
     for (int k = 0; k < 3; k++) {
         g->low[k] = INFINITY;
@@ -346,7 +335,7 @@ static void bounds_of(const struct pell_scene *scene, const struct pell_body *bo
 /* Layers that meshes reach; meshes that rays don't know tell nothing. */
 static void span_meshes(const struct fill *f)
 {
-    const struct grid *g = f->grid;
+    const struct pell_distance_grid *g = f->grid;
 
     for (size_t k = 0; k < f->scene->num_meshes; k++) {
         const struct pell_mesh *m = &f->scene->meshes[k];
@@ -368,7 +357,8 @@ static void span_meshes(const struct fill *f)
     }
 }
 
-static enum pell_result fill_grid(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene, struct grid *g)
+static enum pell_result fill_grid(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                  struct pell_distance_grid *g)
 {
     const size_t cubes = row_at(g, 0, g->size[2]);
     struct fill f = { .scene = scene, .grid = g };
@@ -386,7 +376,7 @@ static enum pell_result fill_grid(struct pell_context *ctx, struct pell_pool *po
     for (int k = 0; k < 3; k++) {
         f.centre[k] = f.centre[0] + k * f.longest;
         for (int i = 0; i < g->size[k]; i++)
-            f.centre[k][i] = (float) (((double) centre_of(g, k, i) - (double) g->low[k]) / (double) g->side);
+            f.centre[k][i] = (float) (((double) pell_distance_centre(g, k, i) - (double) g->low[k]) / (double) g->side);
     }
     span_meshes(&f);
     pell_pool_run(pool, (g->size[2] + SLAB - 1) / SLAB, near_task, &f);
@@ -443,29 +433,18 @@ void pell_distance_destroy(struct pell_distance **distance)
     pell_free(d->ctx, d);
 }
 
+const struct pell_distance_grid *pell_distance_grid(const struct pell_distance *distance, int body)
+{
+    return body >= 0 && (size_t) body < distance->count && distance->grids[body].steps ? &distance->grids[body] : NULL;
+}
+
 float pell_distance_bound(const struct pell_distance *distance, int body, struct pell_vec3 x)
 {
-    const struct grid *g;
-    const float p[3] = { x.x, x.y, x.z };
-    float away2 = 0.0f, known, away;
-    int at[3];
+    const struct pell_distance_grid *g = pell_distance_grid(distance, body);
+    float away2;
+    int32_t at;
 
-    if (body < 0 || (size_t) body >= distance->count)
+    if (!g || !pell_distance_cube(g, x.x, x.y, x.z, &at, &away2))
         return 0.0f;
-    g = &distance->grids[body];
-    if (!g->steps)
-        return 0.0f;
-    for (int k = 0; k < 3; k++) {
-        float off;
-        if (!(p[k] >= g->low[k] && p[k] <= g->high[k]))
-            return 0.0f;
-        at[k] = (int) ((p[k] - g->low[k]) / g->side);
-        at[k] = at[k] < g->size[k] ? at[k] : g->size[k] - 1;
-        off = p[k] - centre_of(g, k, at[k]);
-        away2 += off * off;
-    }
-    known = (float) g->steps[row_at(g, at[1], at[2]) + (size_t) at[0]] * g->unit;
-    away = sqrtf(away2);
-    known -= away + 5e-7f * (known + away); /* roundings */
-    return known > 0.0f ? known : 0.0f;
+    return pell_distance_within(g, g->steps[at], away2);
 }

@@ -177,7 +177,7 @@ static void scattered_directions_follow_the_phase_function(void **state)
     for (int k = 0; k < 4; k++) {
         const double g[] = { 0.0, 0.0005, 0.9, -0.6 };
         const int samples = FEWER(40000);
-        struct pt_coefficients m = { .hg = true, .gray = true };
+        struct pt_coefficients m = { .hg = true, .gray = true, .alike = true, .isotropic = g[k] == 0.0 };
         struct pt_sampler s = pt_sampler_start(3, (uint32_t) k, 0, 0);
         const struct pell_vec3 w = vec3_normalize(vec3(1, 2, -3));
         double mean = 0.0, square = 0.0, off = 0.0;
@@ -488,6 +488,58 @@ static void grid_is_the_plain_walk(void **state)
             pt_walker_destroy(&w[k]);
             pt_scene_destroy(&scene[k]);
         }
+        stage_finish(&s);
+    }
+}
+
+/* Walks side by side are walks one by one, to the last bit, at every SIMD level: with channels alike and not, forward ones, ones that
+ * absorb, nested bodies, lamps of all kinds. */
+static void lanes_are_the_plain_walk(void **state)
+{
+    enum { N = SLOW ? 40 : 300 };
+    static struct pt_light plain[N], lanes[N];
+    static struct pt_job jobs[2 * N];
+
+    (void) state;
+    for (int kind = 0; kind < 4; kind++) {
+        struct pt_knobs knobs;
+        struct pt_scene *scene[2];
+        struct pt_walker *w;
+        struct pt_point at, other;
+        struct stage s;
+        size_t m;
+
+        busy_stage(&s, &knobs, kind == 1, &m);
+        for (int c = 0; kind >= 2 && c < 3; c++) {
+            s.scene->materials[m].medium.g[c] = kind == 2 ? 0.5 : 0.3 * c;
+            s.scene->materials[m].medium.sigma_a[c] = 0.05 * c;
+        }
+        for (int k = 0; k < 2; k++) {
+            knobs.acceleration = k == 0 ? PT_ACCELERATION_NONE : PT_ACCELERATION_LANES;
+            scene[k] = rig_scene(&s, &knobs);
+        }
+        at = on_ball(&s, 4.0f, 0.5f, 0.7f);
+        other = on_ball(&s, 4.0f, -0.5f, 0.2f);
+        other.pixel = 8;
+        OK(pt_walker_create(scene[0], &w));
+        pt_trace(scene[0], w, &at, 5, N, plain);
+        pt_walker_destroy(&w);
+        for (int level = 0; level < 4; level++) {
+            static const char *const names[] = { "base", "v2", "v3", "v4" };
+            setenv("PELL_SIMD", names[level], 1);
+            OK(pt_walker_create(scene[1], &w));
+            unsetenv("PELL_SIMD");
+            pt_trace(scene[1], w, &at, 5, N, lanes);
+            assert_memory_equal(plain, lanes, sizeof(plain));
+            for (int i = 0; i < 2 * N; i++) /* among others */
+                jobs[i] = (struct pt_job){ .point = i % 2 ? &at : &other, .sample = 5u + (uint32_t) (i / 2) };
+            pt_trace_jobs(scene[1], w, jobs, 2 * N);
+            for (int i = 0; i < N; i++)
+                assert_memory_equal(&plain[i], &jobs[2 * i + 1].light, sizeof(plain[i]));
+            pt_walker_destroy(&w);
+        }
+        for (int k = 0; k < 2; k++)
+            pt_scene_destroy(&scene[k]);
         stage_finish(&s);
     }
 }
@@ -884,6 +936,54 @@ static void surfaces_that_cross_are_counted(void **state)
     }
 }
 
+/* Surfaces of one body or two that cross, lie in each other or on each other, one of them inside out: under lamps of all kinds every sample
+ * ends, is a number, and some light comes; by walks side by side the same. */
+static void surfaces_that_cross_are_lit(void **state)
+{
+    (void) state;
+    for (int k = 0; k < 12; k++) {
+        const int object = k % 2, form = k / 2 % 3;
+        struct pt_knobs knobs = rig_knobs();
+        struct rig_mean r[2];
+        struct stage s;
+        size_t m, other;
+
+        plain_stage(&s);
+        m = rig_medium(&s, 0.8, 0.02, 0.0, 1.4);
+        other = rig_medium(&s, 0.3, 0.01, 0.0, 1.2);
+        for (size_t i = 0; i < 2; i++)
+            s.scene->materials[i ? m : other].roughness = 0.5f;
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 12);
+        stage_ball(&s, other, object, form == 0 ? vec3(2.0f, 0, 0) : vec3(0, 0, 0), form == 2 ? 1.5f : 3.0f, 12);
+        if (form == 2) /* its triangles the other way round */
+            for (size_t t = 0; t < s.scene->meshes[1].num_triangles; t++) {
+                uint32_t *i = s.scene->meshes[1].index + 3 * t, first = i[0];
+                i[0] = i[1];
+                i[1] = first;
+            }
+        stage_sky(&s, 0.1f);
+        stage_light(&s, PELL_LIGHT_POINT, vec3(5, 5, 12), vec3(0, 0, 0), 0.001f);
+        stage_light(&s, PELL_LIGHT_RECT, vec3(-8, 5, 12), vec3(0, 0, 0), 1.0f)->width = 3.0f;
+        look_along(&s, 7.0f);
+        knobs.boundary = k < 6 ? PT_BOUNDARY_SMOOTH : PT_BOUNDARY_ROUGH;
+        for (int lanes = 0; lanes < 2; lanes++) {
+            struct pt_scene *scene;
+            struct pt_point at;
+            knobs.acceleration = lanes ? PT_ACCELERATION_LANES : PT_ACCELERATION_NONE;
+            scene = rig_scene(&s, &knobs);
+            at = on_ball(&s, 3.0f, 0.7f, 0.3f);
+            r[lanes] = rig_measure(scene, &at, 0, FEWER(160)); /* which asks that all are numbers */
+            pt_scene_destroy(&scene);
+        }
+        for (int c = 0; c < 3; c++) {
+            REQUIRE(r[0].mean[3][c] > 0.02);
+            REQUIRE(r[0].mean[3][c] == r[1].mean[3][c]);
+        }
+        assert_int_equal(r[0].counts.cut, 0);
+        stage_finish(&s);
+    }
+}
+
 /* Maps that paths do not look at are told, by the material's name; those that nothing would look at either are not. */
 static void maps_are_told(void **state)
 {
@@ -912,6 +1012,73 @@ static void maps_are_told(void **state)
     assert_null(strstr(s.kept.last_warning, "roughness")); /* of a smooth boundary */
     pt_scene_destroy(&scene);
     stage_finish(&s);
+}
+
+static void paint_roughness(struct stage *s, size_t material, int width, int height, const float *number)
+{
+    struct pell_texture *t;
+
+    OK(pell_scene_add_texture(s->scene, "roughness", &t));
+    t->image = (struct pell_image){ .width = width, .height = height, .channels = 1, .type = PELL_PIXEL_F32 };
+    t->image.pixels = pell_alloc_array(s->scene->ctx, (size_t) width * (size_t) height, sizeof(float));
+    assert_non_null(t->image.pixels);
+    memcpy(t->image.pixels, number, (size_t) width * (size_t) height * sizeof(float));
+    t->nearest = width == 2;
+    s->scene->materials[material].roughness_map.texture = t;
+    layers_unwrap(s->scene);
+}
+
+/* A map of one number is that number, to the bit; where it varies, from smooth on, too, the furnace stays white, by walks alone and with
+ * lamps looked for; what it says at a place is what is done there. */
+static void roughness_maps_are_read(void **state)
+{
+    static const float one[1] = { 0.5f }, varied[8] = { 1.0f, 0.1f, 0.6f, 0.0f, 0.3f, 0.9f, 0.02f, 0.7f }, halves[2] = { 0.25f, 1.0f };
+    const float *const maps[] = { NULL, one, varied, varied, halves, halves };
+    enum { CASES = 6 };
+    struct pt_light light[2][40];
+    struct rig_mean r[CASES];
+
+    (void) state;
+    for (int k = 0; k < CASES; k++) {
+        struct pt_knobs knobs = rig_knobs();
+        struct pt_scene *scene;
+        struct pt_walker *w;
+        struct pt_point at;
+        struct stage s;
+        size_t m;
+
+        plain_stage(&s);
+        m = rig_medium(&s, 0.7, k < 4 ? 0.0 : 0.2, 0.0, 1.5);
+        s.scene->materials[m].roughness = k == 0 ? 0.4f : 0.8f;
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 16);
+        if (maps[k] == halves)
+            paint_roughness(&s, m, 2, 1, halves);
+        else if (maps[k])
+            paint_roughness(&s, m, maps[k] == varied ? 4 : 1, maps[k] == varied ? 2 : 1, maps[k]);
+        stage_sky(&s, 1.0f);
+        if (k == 5) /* one lamp, seen in the surface */
+            stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.0f, 1.0f), vec3(0, 0, 0), 1.0f);
+        look_along(&s, 7.0f);
+        knobs.boundary = PT_BOUNDARY_ROUGH;
+        knobs.techniques = k == 2 ? PT_CHANCE : PT_ALL;
+        scene = rig_scene(&s, &knobs);
+        at = on_ball(&s, 3.0f, 0.4f, 0.3f);
+        r[k] = rig_measure(scene, &at, 0, FEWER(400));
+        if (k < 4)
+            REQUIRE_NEAR(r[k].mean[3][1], 1.0, SIGMAS * r[k].error[3][1] + (k == 2 ? 2e-5 : 1e-3));
+        if (k < 2) {
+            OK(pt_walker_create(scene, &w));
+            pt_trace(scene, w, &at, 0, 40, light[k]);
+            pt_walker_destroy(&w);
+        }
+        if (k == 5) { /* the highlight of a place as rough as its half of the map */
+            const struct pt_point rough = on_ball(&s, 3.0f, 0.06f, 0.03f), shiny = on_ball(&s, 3.0f, -0.06f, 0.03f);
+            REQUIRE(rig_measure(scene, &shiny, 0, 40).mean[2][1] > 4.0 * rig_measure(scene, &rough, 0, 40).mean[2][1]);
+        }
+        pt_scene_destroy(&scene);
+        stage_finish(&s);
+    }
+    assert_memory_equal(light[0], light[1], sizeof(light[0]));
 }
 
 static void bounds_are_counted(void **state)
@@ -1036,6 +1203,7 @@ int main(void)
         cmocka_unit_test(channels_are_slabs),
         cmocka_unit_test(slabs_of_the_literature),
         cmocka_unit_test(grid_is_the_plain_walk),
+        cmocka_unit_test(lanes_are_the_plain_walk),
         cmocka_unit_test(a_sample_depends_on_its_numbers_alone),
         cmocka_unit_test(every_complete_set_agrees),
         cmocka_unit_test(small_lamps_are_points),
@@ -1045,7 +1213,9 @@ int main(void)
         cmocka_unit_test(what_is_below_is_black),
         cmocka_unit_test(open_surfaces),
         cmocka_unit_test(surfaces_that_cross_are_counted),
+        cmocka_unit_test(surfaces_that_cross_are_lit),
         cmocka_unit_test(maps_are_told),
+        cmocka_unit_test(roughness_maps_are_read),
         cmocka_unit_test(bounds_are_counted),
         cmocka_unit_test(profiles_without_a_medium_are_refused),
         cmocka_unit_test(survives_the_nth_allocation),

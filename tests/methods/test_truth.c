@@ -233,7 +233,7 @@ static void pencil_beams_of_the_oracle(void **state)
         size_t row;
         double deep; /* mean free paths */
         int samples;
-    } beams[] = { { 2, 60.0, 3000 }, { 0, 400.0, 500 } };
+    } beams[] = { { 2, 60.0, 3000 }, { 0, 400.0, 4000 } };
     static const size_t first[] = { 13, 17, 21, 25, 29, 33, 37 };
     json_t *root = oracle_load("oracle/results/montecarlo.json"), *list = oracle_get(root, "radial_profiles");
 

@@ -17,6 +17,7 @@
 #define SAME 1e-6        /* rad: chains of one kind nearer than this are one */
 #define CONVERGED 1e-9   /* rad */
 #define TRIALS (1 << 20) /* until a chain is given up */
+#define LOOK 64          /* trials between two looks at the clock */
 #define CHAIN_SHARE 1e-2 /* chains of less than this times the typical radiance are followed up by chance */
 
 /* What surfaces do, one after the other: the kind of a chain. */
@@ -144,7 +145,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
         return true;
     }
     eta = (double) pt_index(s, pt_top(&after)) / (double) pt_index(s, pt_top(&before));
-    if (pt_rough_find(s, hit->material, (float) (enter ? eta : 1.0 / eta)))
+    if (pt_rough_find(s, hit, (float) (enter ? eta : 1.0 / eta)))
         return false;
     ns = pt_normal_at(s, hit, c->at, c->dp, dn);
     if (!hit->bent)
@@ -425,6 +426,10 @@ void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct 
     do {
         if (pell_cancelled(s->ctx) || pell_context_interrupted(s->ctx)) /* a million trials take long; the sample is dropped */
             return;
+        if (trials % LOOK == LOOK - 1 && s->deadline < (double) INFINITY && pell_seconds() > s->deadline) {
+            counts->late++;
+            return;
+        }
         trials++;
         if (trials == TRIALS) {
             counts->chains_cut++;

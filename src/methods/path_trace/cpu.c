@@ -19,8 +19,11 @@
 #include <unistd.h>
 
 enum {
-    TOGETHER = 4,  /* samples of a pixel that are traced in one call, and of a round from the fourth on */
-    TILE = 8,      /* pixels of a task */
+    TOGETHER = 4,  /* samples of a round, from the fourth on */
+    TILE = 512,    /* pixels of a task at most: many walks, so that lanes are seldom free */
+    SMALL_TILE = 32,
+    TILES = 16,    /* for each thread in a picture, where tiles are not the smallest */
+    JOBS = 1024,   /* samples that are traced in one call */
     LEAST = 16,    /* samples of a pixel before its error is believed */
     PLAIN = 64,    /* samples where nothing says when to stop */
     MOST = 1 << 30 /* samples of a pixel */
@@ -28,6 +31,8 @@ enum {
 
 #define CROSSED 0.01       /* of the paths: fewer is rounding at edges */
 #define BATCH_SECONDS 0.25 /* between two looks at the clock */
+#define LATE_SECONDS 0.25  /* and this share of the time beyond the deadline until a round is given up: most end near it */
+#define LATE 0.05
 
 struct pt_state {
     struct pell_renderer *r; /* borrowed */
@@ -46,6 +51,9 @@ struct pt_state {
     double begin, written;   /* of the frame; of the last checkpoint */
     double shown;            /* progress */
     atomic_bool invalid;     /* some sample of the frame was no number */
+    atomic_bool late;        /* the round was given up at the deadline */
+    struct pt_pixel *kept;   /* the film before the round, where there is a deadline */
+    size_t kept_capacity;
 };
 
 /* One sample of the multisample. */
@@ -57,6 +65,7 @@ struct run {
     uint32_t number; /* of the sample */
     uint32_t target; /* samples of a pixel after the round */
     size_t first;    /* task of the batch */
+    size_t tile;     /* pixels of a task */
 };
 
 static bool traced(const struct pt_state *st)
@@ -233,31 +242,58 @@ static void start_point(const struct run *run, size_t at, struct pt_point *point
     };
 }
 
+/* Traces samples of the pixels from `first` on, and adds them in their order. False: interrupted, they are dropped. */
+static bool do_jobs(struct run *run, struct pt_job *jobs, int count, size_t first, int worker)
+{
+    struct pt_state *st = run->st;
+    struct pt_pixel *pixel = &run->film->pixels[first];
+    const struct pt_point *point = jobs[0].point;
+    const int64_t late = pt_walker_counts(st->walkers[worker])->late;
+
+    if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx) || atomic_load_explicit(&st->late, memory_order_relaxed))
+        return false;
+    pt_trace_jobs(st->scene, st->walkers[worker], jobs, count);
+    if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx)) /* paths may have ended early */
+        return false;
+    if (pt_walker_counts(st->walkers[worker])->late > late) {
+        atomic_store_explicit(&st->late, true, memory_order_relaxed);
+        return false;
+    }
+    for (int i = 0; i < count; i++) {
+        pixel += jobs[i].point - point;
+        point = jobs[i].point;
+        if (!pt_pixel_add(pixel, &jobs[i].light, traced(st)))
+            atomic_store_explicit(&st->invalid, true, memory_order_relaxed);
+    }
+    return true;
+}
+
 static void do_tile(void *arg, int index, int worker)
 {
     struct run *run = arg;
-    struct pt_state *st = run->st;
-    const size_t begin = (run->first + (size_t) index) * TILE;
-    const size_t end = begin + TILE < run->film->count ? begin + TILE : run->film->count;
+    const struct pt_film *film = run->film;
+    const size_t begin = (run->first + (size_t) index) * run->tile;
+    const size_t end = begin + run->tile < film->count ? begin + run->tile : film->count;
+    struct pt_point points[TILE];
+    struct pt_job jobs[JOBS];
+    size_t first = begin;
+    int count = 0;
 
-    for (size_t i = begin; i < end; i++) {
-        struct pt_pixel *pixel = &run->film->pixels[i];
-        struct pt_light light[TOGETHER];
-        struct pt_point point;
-
-        start_point(run, st->places[i], &point);
-        while (pixel->count < run->target) {
-            const uint32_t left = run->target - pixel->count, count = left < TOGETHER ? left : TOGETHER;
-            if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx))
-                return;
-            pt_trace(st->scene, st->walkers[worker], &point, pixel->count, (int) count, light);
-            if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx)) /* paths may have ended early */
-                return;
-            for (uint32_t k = 0; k < count; k++)
-                if (!pt_pixel_add(pixel, &light[k], traced(st)))
-                    atomic_store_explicit(&st->invalid, true, memory_order_relaxed);
+    for (size_t i = begin; i < end; i++)
+        start_point(run, run->st->places[i], &points[i - begin]);
+    for (size_t i = begin; i < end; i++)
+        for (uint32_t k = film->pixels[i].count; k < run->target; k++) {
+            if (count == JOBS) {
+                if (!do_jobs(run, jobs, count, first, worker))
+                    return;
+                count = 0;
+            }
+            if (count == 0)
+                first = i;
+            jobs[count++] = (struct pt_job){ .point = &points[i - begin], .sample = k };
         }
-    }
+    if (count > 0)
+        do_jobs(run, jobs, count, first, worker);
 }
 
 /* `done`: of this sample of the multisample. */
@@ -290,9 +326,12 @@ static double progress_of(const struct goal *g, double samples)
 static enum pell_result do_round(struct run *run, const struct goal *goal, uint32_t from, size_t *batch)
 {
     struct pt_state *st = run->st;
-    const size_t tiles = (run->film->count + TILE - 1) / TILE;
+    const size_t even = run->film->count / ((size_t) st->threads * TILES);
+    size_t tiles;
     const struct pell_checkpoint *checkpoint = pell_renderer_checkpoint(st->r);
 
+    run->tile = even > TILE ? TILE : even > SMALL_TILE ? even : SMALL_TILE;
+    tiles = (run->film->count + run->tile - 1) / run->tile;
     for (run->first = 0; run->first < tiles;) {
         const size_t left = tiles - run->first, count = left < *batch ? left : *batch;
         const double start = pell_seconds();
@@ -302,6 +341,8 @@ static enum pell_result do_round(struct run *run, const struct goal *goal, uint3
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         if (pell_context_interrupted(st->ctx))
+            return PELL_OK;
+        if (atomic_load(&st->late))
             return PELL_OK;
         run->first += count;
         now = pell_seconds();
@@ -330,6 +371,23 @@ static struct goal make_goal(const struct run *run)
     if (k->time_limit > 0.0f)
         g.deadline = g.begin + fmax((double) k->time_limit - (g.begin - st->begin), 0.0) / left;
     return g;
+}
+
+/* A round that may be given up: all of its samples, since those that take long are not like the others. */
+static enum pell_result keep_film(struct run *run)
+{
+    struct pt_state *st = run->st;
+
+    if (run->film->count > st->kept_capacity) {
+        pell_free(st->ctx, st->kept);
+        st->kept_capacity = 0;
+        st->kept = pell_alloc_array(st->ctx, run->film->count, sizeof(*st->kept));
+        if (!st->kept)
+            return PELL_ERR_NOMEM;
+        st->kept_capacity = run->film->count;
+    }
+    memcpy(st->kept, run->film->pixels, run->film->count * sizeof(*st->kept));
+    return PELL_OK;
 }
 
 /* Rounds until the goal is reached. */
@@ -363,9 +421,20 @@ static enum pell_result run_film(struct run *run)
                 break;
         }
         run->target = least + step;
-        PELL_TRY(do_round(run, &g, least, &batch));
+        if (isfinite(g.deadline) && least > 0) {
+            PELL_TRY(keep_film(run));
+            atomic_store(&st->late, false);
+            pt_scene_set_deadline(st->scene, g.deadline + LATE_SECONDS + LATE * (g.deadline - g.begin));
+        }
+        res = do_round(run, &g, least, &batch);
+        pt_scene_set_deadline(st->scene, (double) INFINITY);
+        PELL_TRY(res);
         if (pell_context_interrupted(st->ctx))
             return PELL_OK;
+        if (atomic_load(&st->late)) {
+            memcpy(run->film->pixels, st->kept, run->film->count * sizeof(*st->kept));
+            break;
+        }
         least = run->target;
         most = most > least ? most : least;
     }
@@ -421,6 +490,7 @@ static struct pt_counts count_all(const struct pt_state *st)
         sum.crossed += c->crossed;
         sum.chains += c->chains;
         sum.chains_cut += c->chains_cut;
+        sum.late += c->late;
     }
     return sum;
 }
@@ -468,6 +538,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     st->begin = st->written = pell_seconds();
     st->shown = 0.0;
     atomic_store(&st->invalid, false);
+    atomic_store(&st->late, false);
     st->before = count_all(st);
     st->time = (struct pell_pass_time){ .name = "path-trace" };
     if (!pell_renderer_checkpoint(st->r)) {
@@ -535,6 +606,7 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st->walkers);
     pell_free(st->ctx, st->films);
     pell_free(st->ctx, st->places);
+    pell_free(st->ctx, st->kept);
     pell_free(st->ctx, st->noise[0]);
     pt_scene_destroy(&st->scene);
     pell_free(st->ctx, st);

@@ -26,14 +26,13 @@ static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int body
     return pt_meet(s, counts, from, w, length, PELL_RAY_ALL, hit);
 }
 
-static bool outside(const struct pt_body *b, struct pell_vec3 x, float margin)
+bool pt_outside(const struct pt_body *b, struct pell_vec3 x, float margin)
 {
     return x.x < b->lo.x - margin || x.x > b->hi.x + margin || x.y < b->lo.y - margin || x.y > b->hi.y + margin || x.z < b->lo.z - margin ||
            x.z > b->hi.z + margin;
 }
 
-/* The distance at which a ray leaves the bounds; x is inside. */
-static float way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w)
+float pt_way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w)
 {
     const float tx = w.x > 0.0f ? (b->hi.x - x.x) / w.x : w.x < 0.0f ? (b->lo.x - x.x) / w.x : INFINITY;
     const float ty = w.y > 0.0f ? (b->hi.y - x.y) / w.y : w.y < 0.0f ? (b->lo.y - x.y) / w.y : INFINITY;
@@ -42,7 +41,7 @@ static float way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_ve
     return fmaxf(fminf(tx, fminf(ty, tz)), 0.0f);
 }
 
-static int choose(const float beta[3], float u)
+int pt_choose(const float beta[3], float u)
 {
     int c = 0;
 
@@ -54,15 +53,14 @@ static int choose(const float beta[3], float u)
     return c;
 }
 
-/* What is left of the weights after `length` without a collision. */
-static void pass(const struct pt_coefficients *m, float length, float beta[3])
+void pt_pass_by(const struct pt_coefficients *m, float length, float beta[3])
 {
     float sum = 0.0f, passed = 0.0f, t[3];
 
     if (m->gray)
         return; /* passing is as likely for all as what is left of each */
     for (int c = 0; c < 3; c++) {
-        t[c] = expf(-m->sigma_t[c] * length);
+        t[c] = pt_exp(-m->sigma_t[c] * length);
         sum += beta[c];
         passed += beta[c] * t[c];
     }
@@ -80,7 +78,7 @@ static void collide(const struct pt_coefficients *m, float length, float beta[3]
         return;
     }
     for (int c = 0; c < 3; c++) {
-        t[c] = expf(-m->sigma_t[c] * length);
+        t[c] = pt_exp(-m->sigma_t[c] * length);
         sum += beta[c];
         density += beta[c] * m->sigma_t[c] * t[c];
     }
@@ -93,10 +91,9 @@ static void fly_even(const struct pt_scene *s, struct pt_counts *counts, int bod
 {
     const struct pt_body *b = &s->body[body];
     const struct pt_coefficients *m = &b->medium.layer[0];
-    const int c = m->gray ? 0 : choose(beta, pt_random(sampler));
-    const float u = sampler->at < PT_EVEN_NUMBERS ? pt_random(sampler) : -1.0f;
-    const float depth = u >= 0.0f ? -log1pf(-u) : -logf((float) pt_fine(sampler));
-    float length = m->sigma_t[c] > 0.0f ? depth / m->sigma_t[c] : INFINITY;
+    const int c = m->gray ? 0 : pt_choose(beta, pt_random(sampler));
+    const float depth = -pt_log(pt_chance(sampler));
+    float length = m->sigma_t[c] > 0.0f ? depth * m->mean_free_path[c] : INFINITY;
 
     out->medium = m;
     if (!(length < 1e30f)) { /* nothing to scatter at before the end of the world */
@@ -107,16 +104,16 @@ static void fly_even(const struct pt_scene *s, struct pt_counts *counts, int bod
     if (out->met) {
         out->length = out->hit.t;
         out->x = out->hit.p;
-        pass(m, out->length, beta);
+        pt_pass_by(m, out->length, beta);
         return;
     }
     out->length = length;
     out->x = vec3_mad(x, length, w);
-    if (length == INFINITY || outside(b, out->x, 4.0f * s->unit)) {
+    if (length == INFINITY || pt_outside(b, out->x, 4.0f * s->unit)) {
         out->lost = true;
-        out->length = outside(b, x, 0.0f) ? 0.0f : way_out(b, x, w);
+        out->length = pt_outside(b, x, 0.0f) ? 0.0f : pt_way_out(b, x, w);
         out->x = vec3_mad(x, out->length, w);
-        pass(m, out->length, beta);
+        pt_pass_by(m, out->length, beta);
         return;
     }
     collide(m, length, beta);
@@ -201,9 +198,9 @@ static void fly_layers(const struct pt_scene *s, struct pt_counts *counts, int b
         }
         out->x = vec3_mad(x, step, w);
         out->length = length + step;
-        if (!(step < 1e30f) || outside(b, out->x, 4.0f * s->unit)) {
+        if (!(step < 1e30f) || pt_outside(b, out->x, 4.0f * s->unit)) {
             out->lost = true;
-            out->x = vec3_mad(x, outside(b, x, 0.0f) ? 0.0f : way_out(b, x, w), w);
+            out->x = vec3_mad(x, pt_outside(b, x, 0.0f) ? 0.0f : pt_way_out(b, x, w), w);
             return;
         }
         length += step;
@@ -251,7 +248,7 @@ void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell
     if (body < 0)
         return;
     for (int c = 0; c < 3; c++)
-        out[c] = m->even ? expf(-m->layer[0].sigma_t[c] * reach) : 1.0f;
+        out[c] = m->even ? pt_exp(-m->layer[0].sigma_t[c] * reach) : 1.0f;
     if (m->even || !(most > 0.0f || m->ends))
         return;
     for (float at = 0.0f;;) {

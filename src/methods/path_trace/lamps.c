@@ -8,7 +8,6 @@
 
 #define FAR 12.0  /* mean free paths beyond which no lobe is made for a rough boundary */
 #define LOBES 0.8 /* of the near connections go by their lobes, the others as the walk does */
-#define REACH 0.5 /* of the extinction: how far connections look */
 
 /* --- Scatterers --------------------------------------------------------------------------------------------------------------------- */
 
@@ -125,7 +124,7 @@ static double lamp_share(const struct pt_scene *s, const struct pell_emitter_sam
 
 double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_emitter_sample *lamp)
 {
-    return exp(-REACH * (double) (s->body[e->body].medium.slowest * e->length)) * (double) e->share * lamp_share(s, lamp);
+    return exp(-PT_REACH * (double) (s->body[e->body].medium.slowest * e->length)) * (double) e->share * lamp_share(s, lamp);
 }
 
 double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
@@ -187,29 +186,47 @@ static bool has_turn(float share, float *turn)
     return true;
 }
 
+/* How far connections from here look; the numbers that follow are for them. */
+static float draw_reach(const struct pt_scene *s, int body, const struct pt_sampler *walk, struct pt_sampler *own)
+{
+    *own = pt_own_numbers(walk, PT_LOOK_SALT);
+    return -pt_log(pt_chance(own)) * s->body[body].ask;
+}
+
+bool pt_asks(const struct pt_scene *s, int body, struct pell_vec3 x, float *safe, float share, float *turn,
+             const struct pt_sampler *sampler)
+{
+    struct pt_sampler own;
+    const float reach = draw_reach(s, body, sampler, &own);
+
+    if (!(reach > *safe))
+        return false;
+    if (s->body[body].grid) {
+        const float bound = pell_distance_bound(s->distance, body, x);
+        *safe = fmaxf(*safe, bound);
+        if (!(reach > bound))
+            return false;
+    }
+    return has_turn(share, turn);
+}
+
 void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
-                      float safe, float share, float *turn, const struct pt_sampler *sampler, double sum[3])
+                      float share, const struct pt_sampler *sampler, double sum[3])
 {
     const struct pt_medium *m = &s->body[body].medium;
-    struct pt_sampler own = pt_own_numbers(sampler, 0x5851f42d4c957f2du);
     struct pell_connection found[PELL_CONNECTIONS];
     struct pell_emitter_sample lamp;
-    double u[3], reach;
+    struct pt_sampler own;
+    const float reach = draw_reach(s, body, sampler, &own);
+    double u[3];
     int count;
 
-    reach = m->slowest > 0.0f ? -log(pt_fine(&own)) / (REACH * (double) m->slowest) : INFINITY;
-    if (reach <= (double) safe)
-        return;
-    if (s->body[body].grid && reach <= (double) pell_distance_bound(s->distance, body, at->x))
-        return;
-    if (!has_turn(share, turn))
-        return;
     for (int k = 0; k < 3; k++)
         u[k] = pt_fine(&own);
     if (!pell_emitters_sample(s->emitters, at->x, u, &lamp) || !(lamp.pdf > 0.0) || pt_fine(&own) >= lamp_share(s, &lamp))
         return;
     counts->connections++;
-    count = pell_connect(s->connector, body, (double) m->eta, at->x, lamp.away ? lamp.toward : lamp.at, lamp.away, reach, found,
+    count = pell_connect(s->connector, body, (double) m->eta, at->x, lamp.away ? lamp.toward : lamp.at, lamp.away, (double) reach, found,
                          PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
         connection(s, at, beta, body, share, &found[i], &lamp, &own, sum);
@@ -239,7 +256,10 @@ static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int b
     for (int i = 0; i < out->count; i++) {
         const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),
                      to = (double) vec3_dot(found[i].outside, found[i].normal);
-        const double alpha = (double) s->alpha[s->scene->meshes[found[i].mesh].material];
+        struct pt_hit hit;
+        double alpha;
+        pt_hit_at(s, found[i].mesh, found[i].triangle, found[i].u, found[i].v, found[i].inside, &hit);
+        alpha = (double) pt_alpha(s, &hit);
         out->w[i] = found[i].inside;
         out->width[i] = fmax(alpha * fabs(eta * in - to) / (eta * sqrt(in)), 1e-4);
         out->share[i] = (found[i].transmit + 0.01) * exp(-(double) m->slowest * found[i].inside_mm);
@@ -288,7 +308,7 @@ static double asked(const struct pt_scene *s, int body, struct pell_vec3 x, floa
     const struct pt_body *b = &s->body[body];
     const double bound = b->grid ? (double) pell_distance_bound(s->distance, body, x) : 0.0;
 
-    return (double) share * exp(-REACH * (double) b->medium.slowest * bound);
+    return (double) share * exp(-PT_REACH * (double) b->medium.slowest * bound);
 }
 
 double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_emitter_sample *lamp)
@@ -330,7 +350,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int bo
     if (!(density > 0.0) || !pt_meet(s, counts, at->x, e.w, INFINITY, PELL_RAY_ALL, &e.hit) || e.hit.body != body ||
         !(vec3_dot(e.w, e.hit.ng) > 0.0f))
         return;
-    rough = pt_rough_find(s, e.hit.material, s->body[body].medium.eta);
+    rough = pt_rough_find(s, &e.hit, s->body[body].medium.eta);
     if (!rough)
         return;
     e.length = e.hit.t;

@@ -13,13 +13,17 @@ static void set_coefficients(const struct pell_stratum *l, struct pt_coefficient
         out->sigma_s[c] = (float) l->sigma_s[c];
         out->sigma_t[c] = (float) l->sigma_t[c];
         out->phase[c] = l->phase[c];
+        out->mean_free_path[c] = out->sigma_t[c] > 0.0f ? 1.0f / out->sigma_t[c] : INFINITY;
         out->g[c] = (float) out->phase[c].g[0];
         out->hg = out->hg && out->phase[c].kind == PELL_PHASE_HENYEY_GREENSTEIN;
         out->clear = out->clear && out->sigma_t[c] == 0.0f;
     }
+    out->alike = true;
     for (int c = 1; c < 3; c++)
-        out->gray = out->gray && out->sigma_s[c] == out->sigma_s[0] && out->sigma_t[c] == out->sigma_t[0] &&
-                    memcmp(&out->phase[c], &out->phase[0], sizeof(out->phase[0])) == 0;
+        out->alike = out->alike && memcmp(&out->phase[c], &out->phase[0], sizeof(out->phase[0])) == 0;
+    out->isotropic = out->hg && out->alike && out->g[0] == 0.0f;
+    for (int c = 1; c < 3; c++)
+        out->gray = out->gray && out->sigma_s[c] == out->sigma_s[0] && out->sigma_t[c] == out->sigma_t[0] && out->alike;
 }
 
 /* Layers of no thickness are left out, but where something is painted: there numbers are those of the strata. */
@@ -100,32 +104,18 @@ void pt_medium_finish(struct pell_context *ctx, struct pt_medium *medium)
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------------ */
 
-/* Henyey and Greenstein, c the cosine of the angle by which light turns. */
-static float hg(float g, float c)
-{
-    const float d = (1.0f - g) * (1.0f - g) + 2.0f * g * (1.0f - c), e = d > 1e-12f ? d : 1e-12f;
-
-    return (1.0f - g * g) / (4.0f * PELL_PI_F * e * sqrtf(e));
-}
-
-static float hg_cosine(float g, float u)
-{
-    float s;
-
-    if (fabsf(g) < 1e-3f) /* the formula cancels: its first orders in g */
-        return 2.0f * u - 1.0f + 1.5f * g * (1.0f - (2.0f * u - 1.0f) * (2.0f * u - 1.0f));
-    s = (1.0f - g * g) / (1.0f - g + 2.0f * g * u);
-    return (1.0f + g * g - s * s) / (2.0f * g);
-}
-
 void pt_phase_values(const struct pt_coefficients *m, struct pell_vec3 w, struct pell_vec3 v, float out[3])
 {
     const float cosine = vec3_dot(w, v);
 
+    if (m->isotropic) {
+        out[0] = out[1] = out[2] = 1.0f / (4.0f * PELL_PI_F);
+        return;
+    }
     if (m->hg) {
-        out[0] = hg(m->g[0], cosine);
-        out[1] = m->g[1] == m->g[0] ? out[0] : hg(m->g[1], cosine);
-        out[2] = m->g[2] == m->g[0] ? out[0] : hg(m->g[2], cosine);
+        out[0] = pt_hg(m->g[0], cosine);
+        out[1] = m->g[1] == m->g[0] ? out[0] : pt_hg(m->g[1], cosine);
+        out[2] = m->g[2] == m->g[0] ? out[0] : pt_hg(m->g[2], cosine);
         return;
     }
     for (int c = 0; c < 3; c++)
@@ -134,27 +124,24 @@ void pt_phase_values(const struct pt_coefficients *m, struct pell_vec3 w, struct
 
 float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struct pt_sampler *s, float beta[3], struct pell_vec3 *out)
 {
-    const float sum = beta[0] + beta[1] + beta[2];
-    float cosine, sine, phi, values[3], mixed;
-    struct pell_vec3 t, b;
-    int c = 0;
+    const int c = m->alike ? 0 : pt_choose(beta, pt_random(s)); /* the channel by what it carries */
+    const float u = pt_random(s), v = pt_random(s), sum = beta[0] + beta[1] + beta[2];
+    float cosine, to[3], values[3], mixed, scale;
 
-    if (!m->gray) { /* the channel by what it carries */
-        float u = pt_random(s) * sum;
-        while (c < 2 && u >= beta[c])
-            u -= beta[c++];
+    if (m->isotropic) {
+        pt_anywhere(u, v, to);
+        *out = vec3_load(to);
+        return 1.0f / (4.0f * PELL_PI_F);
     }
-    cosine = m->hg ? hg_cosine(m->g[c], pt_random(s)) : (float) -pell_phase_sample_cosine(&m->phase[c], (double) pt_random(s));
-    cosine = fminf(fmaxf(cosine, -1.0f), 1.0f);
-    phi = 2.0f * PELL_PI_F * pt_random(s);
-    sine = sqrtf(1.0f - cosine * cosine);
-    vec3_basis(w, &t, &b);
-    *out = vec3_normalize(vec3_add(vec3_add(vec3_mul(t, sine * cosf(phi)), vec3_mul(b, sine * sinf(phi))), vec3_mul(w, cosine)));
+    cosine = m->hg ? pt_hg_cosine(m->g[c], u) : (float) -pell_phase_sample_cosine(&m->phase[c], (double) u);
+    pt_turned((const float[3]){ w.x, w.y, w.z }, fminf(fmaxf(cosine, -1.0f), 1.0f), v, to);
+    *out = vec3_load(to);
     pt_phase_values(m, w, *out, values);
-    if (m->gray)
+    if (m->alike)
         return values[0];
-    mixed = (beta[0] * values[0] + beta[1] * values[1] + beta[2] * values[2]) / sum;
+    mixed = beta[0] * values[0] + beta[1] * values[1] + beta[2] * values[2];
+    scale = mixed > 0.0f ? sum / mixed : 0.0f;
     for (int i = 0; i < 3; i++)
-        beta[i] *= mixed > 0.0f ? values[i] / mixed : 1.0f;
-    return mixed;
+        beta[i] *= mixed > 0.0f ? values[i] * scale : 1.0f;
+    return mixed / sum;
 }

@@ -10,7 +10,7 @@ static const char *const as_names[] = { "best", "paper", NULL };
 static const char *const surface_names[] = { "lobe", "traced", NULL };
 static const char *const normals_names[] = { "smooth", "flat", NULL };
 static const char *const boundary_names[] = { "settings", "smooth", "rough", NULL };
-static const char *const acceleration_names[] = { "none", "grid", NULL };
+static const char *const acceleration_names[] = { "none", "lanes", "grid", NULL };
 
 #define AT(field) offsetof(struct pt_method_knobs, field)
 static const struct pell_knob knobs[] = {
@@ -33,7 +33,8 @@ static const struct pell_knob knobs[] = {
     { "roulette", PELL_KNOB_FLOAT, "1", AT(trace.roulette), { 0.1 }, 1e-6, 1, NULL,
       "a path that carries less than this share goes on by chance" },
     { "acceleration", PELL_KNOB_ENUM, "1", AT(trace.acceleration), { PT_ACCELERATION_GRID }, 0, 0, acceleration_names,
-      "a grid of distances to the surface, so that steps deep inside need no ray; changes the speed only" },
+      "walks one by one, or many side by side (lanes), or these with a grid of distances to the surface, so that steps deep inside need no "
+      "ray; changes the speed only" },
     { "connections", PELL_KNOB_BOOL, "1", AT(connections), { 1 }, 0, 1, NULL,
       "lamps are looked for from inside, through the surface, and paths from lamps are joined to paths from the eye" },
     { 0 },

@@ -10,6 +10,7 @@
 
 #include "methods/path_trace/dvec.h"
 #include "methods/path_trace/sampler.h"
+#include "methods/path_trace/scalar.h"
 #include "methods/path_trace/trace.h"
 #include "rays/rays.h"
 #include "render/connect.h"
@@ -60,11 +61,14 @@ static inline struct pell_vec3 pt_to_side(struct pell_vec3 w, struct pell_vec3 n
 
 struct pt_coefficients {
     float sigma_t[3], sigma_s[3];
+    float mean_free_path[3]; /* INFINITY: nothing in the way */
     struct pell_phase phase[3];
     float g[3];
-    bool hg;    /* Henyey and Greenstein's for all channels */
-    bool gray;  /* all channels alike in all */
-    bool clear; /* nothing in it */
+    bool hg;        /* Henyey and Greenstein's for all channels */
+    bool alike;     /* one phase function for all channels */
+    bool isotropic; /* which scatters evenly */
+    bool gray;      /* all channels alike in all */
+    bool clear;     /* nothing in it */
 };
 
 /* Where layers are by maps. */
@@ -107,8 +111,16 @@ struct pt_body {
     bool grid;               /* the distance grid holds */
     bool connects;           /* lamps are looked for through its boundary, smooth all over */
     bool near;               /* the same, rough all over */
+    bool lanes;              /* walks go side by side in it */
+    float ask;               /* mm; how far connections look is -ask log u */
     float share;             /* of the scatterings after the first at which lamps are looked for */
     struct pell_vec3 lo, hi; /* bounds */
+};
+
+/* How rough a material's boundary is: where its map says different things, in even steps of roughness. */
+struct pt_finish {
+    float low, high; /* roughness; what is below the least rough one is smooth. Both 0: smooth all over */
+    int steps;       /* 1: no map, or one of one number */
 };
 
 struct pt_scene {
@@ -121,21 +133,20 @@ struct pt_scene {
     struct pt_body *body;   /* one each */
     struct pt_rough *rough; /* of (material, index ratio) pairs that occur */
     size_t num_rough;
-    float *alpha; /* of a scene material's boundary; 0: smooth */
+    struct pt_finish *finish; /* of a scene material's boundary */
     struct pell_emitters *emitters;
     struct pell_connector *connector; /* NULL: not needed */
     struct pell_distance *distance;   /* NULL: no grid */
     struct pell_vec3 centre;          /* of a sphere about all bodies */
     double radius;
-    double typical; /* radiance of that order is seen */
+    double typical;  /* radiance of that order is seen */
+    double deadline; /* of pell_seconds() */
     double brightest;
     bool light_paths, chains; /* of delta lamps */
     double sky_share;         /* of what is looked for of the environment: an even one is met by chance as well */
     uint32_t seed;
     float unit; /* mm: some rounding errors of the largest coordinate of a body */
 };
-
-const struct pt_rough *pt_rough_find(const struct pt_scene *s, int material, float eta);
 
 /* A triangle that a ray met. */
 struct pt_hit {
@@ -148,6 +159,10 @@ struct pt_hit {
     int material;               /* scene's */
 };
 
+/* alpha of the boundary there; 0: smooth. */
+float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit);
+/* NULL: smooth, or indices that match. */
+const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_hit *hit, float eta);
 /* A place of a triangle; w stands in for a normal where it has none. All but t. */
 void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out);
 /* Whether something is met; `reach` mm. */
@@ -200,6 +215,13 @@ struct pt_flight {
  * `from`: x, or just off the surface that x is on. *safe: a distance from x that is known to be free of surfaces; becomes what is left. */
 void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
             float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out);
+bool pt_outside(const struct pt_body *b, struct pell_vec3 x, float margin);
+/* The distance at which a ray leaves the bounds; x is inside. */
+float pt_way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w);
+/* A channel by what it carries, u in [0, 1). */
+int pt_choose(const float beta[3], float u);
+/* What is left of the weights after `length` without a collision; by the density of having passed. */
+void pt_pass_by(const struct pt_coefficients *m, float length, float beta[3]);
 /* What a body (-1: the open) lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an
  * estimate. */
 void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
@@ -249,11 +271,17 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e);
 /* Probability by which pt_connect_lamps looks for a lamp this way. */
 double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_emitter_sample *lamp);
 
-/* Light of lamps at a scatterer inside a body, at a share of them: adds to sum. beta: the weights with the collision; safe: mm around it
- * without a surface; *turn: in [0, 1), whose turn it is. Through smooth boundaries by connections, through rough ones near them (but for
- * the environment); the walk's own numbers stay as they are. */
+#define PT_REACH 0.5                      /* of the extinction: how far connections look */
+#define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the numbers by which they do */
+
+/* Whether a scatterer looks for lamps through a smooth boundary: `share` of those from which connections may reach it do, evenly along the
+ * walk. *safe: mm around x without a surface, what becomes known of it; *turn: in [0, 1), whose turn it is. */
+bool pt_asks(const struct pt_scene *s, int body, struct pell_vec3 x, float *safe, float share, float *turn,
+             const struct pt_sampler *sampler);
+/* Light of lamps at a scatterer inside a body that asks, or at a share of them: adds to sum. beta: the weights with the collision. Through
+ * smooth boundaries by connections, through rough ones near them (but for the environment); the walk's own numbers stay as they are. */
 void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
-                      float safe, float share, float *turn, const struct pt_sampler *sampler, double sum[3]);
+                      float share, const struct pt_sampler *sampler, double sum[3]);
 void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
                       float share, float *turn, const struct pt_sampler *sampler, double sum[3]);
 /* Density by which pt_connect_rough would have gone from the walk's scatterer e->from along e->w for the lamp's place, and asked at all. */
@@ -266,10 +294,12 @@ void pt_lamps(const struct pt_scene *s, struct pt_counts *counts, const struct p
 
 /* --- light.c: paths from lamps ------------------------------------------------------------------------------------------------------- */
 
-/* Where light of a delta lamp was scattered that no refractive connection finds. */
+/* Where light of a delta lamp was scattered that no refractive connection finds, or a beam of it through a body of one medium, anywhere
+ * along which it may scatter: at.x is where it begins. */
 struct pt_light_vertex {
     struct pt_scatterer at; /* at.w: the way the light goes */
-    float power[3];         /* after the collision, without the phase function: mm^2 W/m^2 */
+    float power[3];         /* after the collision, of a beam at its beginning, without the phase function: mm^2 W/m^2 */
+    float length;           /* mm, of a beam; 0: a place */
     int body;
 };
 
@@ -278,12 +308,13 @@ struct pt_walker {
     struct pt_counts counts;
     struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
     int vertices;
+    struct pt_side *side; /* NULL: walks are one after the other */
 };
 
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);
 /* Joins a scatterer of the walk to the light's: adds to sum. */
-void pt_join(const struct pt_scene *s, struct pt_walker *w, int body, const struct pt_scatterer *at, const float beta[3],
-             struct pt_sampler *sampler, double sum[3]);
+void pt_join(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int body,
+             const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3]);
 
 /* --- chain.c: delta lamps over smooth surfaces --------------------------------------------------------------------------------------- */
 

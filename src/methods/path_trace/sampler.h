@@ -76,15 +76,18 @@ static inline uint32_t pt_bits(struct pt_sampler *s)
 
 static inline float pt_even(struct pt_sampler *s)
 {
-    uint32_t seed, i, y = 0;
+    uint32_t seed, i, y;
 
     if (s->at++ & 1)
         return s->second;
     seed = pt_hash(s->pattern + s->at);
     i = pt_scramble(s->index, seed);
-    for (uint32_t v = 1u << 31, k = i; k; k >>= 1, v ^= v >> 1)
-        if (k & 1)
-            y ^= v;
+    y = pt_reverse(i); /* the second dimension's matrix is Pascal's triangle modulo 2: five butterflies */
+    y ^= (y & 0x55555555u) << 1;
+    y ^= (y & 0x33333333u) << 2;
+    y ^= (y & 0x0f0f0f0fu) << 4;
+    y ^= (y & 0x00ff00ffu) << 8;
+    y ^= y << 16;
     s->second = pt_unit(pt_scramble(y, pt_hash(seed ^ 0xb5297a4du)));
     return pt_unit(pt_scramble(pt_reverse(i), pt_hash(seed ^ 0x68e31da4u)));
 }
@@ -93,6 +96,17 @@ static inline float pt_even(struct pt_sampler *s)
 static inline double pt_fine(struct pt_sampler *s)
 {
     return ((double) pt_bits(s) + 0.5) * 0x1p-32;
+}
+
+/* In (0, 1], of 31 bits: the argument of a logarithm. */
+static inline float pt_chance_of(uint32_t bits)
+{
+    return ((float) (int32_t) (bits >> 1) + 0.5f) * 0x1p-31f;
+}
+
+static inline float pt_chance(struct pt_sampler *s)
+{
+    return s->at < PT_EVEN_NUMBERS ? 1.0f - pt_even(s) : pt_chance_of(pt_bits(s));
 }
 
 /* In [0, 1). */

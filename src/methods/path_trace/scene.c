@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * scene.c - what walks need of a scene, made once; rays and what they meet. */
-#include "methods/path_trace/path.h"
+#include "methods/path_trace/walk.h"
 
 #include "image/color.h"
 #include "scene/topology.h"
@@ -11,8 +11,10 @@
 #define GRID_BYTES ((size_t) 64 << 20)
 #define SMOOTH_ROUGHNESS 0.05f /* below: alpha under 0.0025, a delta */
 #define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
-#define SHARE 0.15f            /* where scattering goes all ways; forward ones follow each other */
+#define SHARE 0.1f             /* where scattering goes all ways; forward ones follow each other */
 #define PROBES 256
+#define FINISHES 48.0f      /* steps of roughness, from 0 to 1, that maps are rounded to */
+#define MOST_TEXELS (1u << 20)
 
 static float extent(struct pell_vec3 p)
 {
@@ -105,9 +107,10 @@ static enum pell_result make_each_body(struct pt_scene *s)
         b->share = share_of(&b->medium.layer[b->medium.layers - 1]);
         b->smooth = b->rough = true;
         for (size_t t = 0; t < from->num_triangles; t++) {
-            const bool rough = s->alpha[mesh_of(s, i, t)->material] > 0.0f && fabsf(b->medium.eta - 1.0f) >= MATCHED;
-            b->smooth = b->smooth && !rough;
-            b->rough = b->rough && rough;
+            const struct pt_finish *f = &s->finish[mesh_of(s, i, t)->material];
+            const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
+            b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);
+            b->rough = b->rough && !matched && f->low >= SMOOTH_ROUGHNESS;
         }
         bound(s, i);
         lo = vec3(fminf(lo.x, b->lo.x), fminf(lo.y, b->lo.y), fminf(lo.z, b->lo.z));
@@ -132,7 +135,6 @@ static void tell_maps(const struct pt_scene *s, const bool *used)
         } maps[] = {
             { m->base_color_map.texture && m->color_from == PELL_COLOR_FROM_TEXTURE, "base colour" },
             { m->strength_map.texture != NULL, "strength" },
-            { m->roughness_map.texture && s->alpha[i] > 0.0f, "roughness" },
             { m->normal_map.texture != NULL, "normal" },
         };
         char list[64] = "";
@@ -177,14 +179,61 @@ static enum pell_result add_rough(struct pt_scene *s, float alpha, float eta)
     return PELL_OK;
 }
 
-const struct pt_rough *pt_rough_find(const struct pt_scene *s, int material, float eta)
+/* A step of a finish, and back. */
+static float step_alpha(const struct pt_finish *f, int step)
 {
-    const float alpha = s->alpha[material];
+    const float r = f->steps > 1 ? f->low + (f->high - f->low) * ((float) step / (float) (f->steps - 1)) : f->high;
+
+    return r >= SMOOTH_ROUGHNESS ? r * r : 0.0f;
+}
+
+static void texel_at(const struct pt_scene *s, const struct pt_hit *hit, const struct pell_texture_map *map, float texel[4])
+{
+    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
+    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
+    const float k = 1.0f - hit->u - hit->v;
+
+    texel[0] = texel[1] = texel[2] = texel[3] = 1.0f;
+    if (map->texture && m->uv[map->uv]) {
+        const float *uv = m->uv[map->uv], *a = uv + 2 * (size_t) i[0], *b = uv + 2 * (size_t) i[1], *c = uv + 2 * (size_t) i[2];
+        const float tu = k * a[0] + hit->u * b[0] + hit->v * c[0], tv = k * a[1] + hit->u * b[1] + hit->v * c[1], *t = map->matrix;
+        pell_image_sample(&map->texture->image, map->texture->wrap_u, map->texture->wrap_v, map->texture->nearest,
+                          t[0] * tu + t[1] * tv + t[2], t[3] * tu + t[4] * tv + t[5], texel);
+    }
+}
+
+float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
+{
+    const struct pt_finish *f = &s->finish[hit->material];
+    const struct pell_material *m = &s->scene->materials[hit->material];
+    float texel[4], step = 0.0f;
+
+    if (f->steps > 1) {
+        texel_at(s, hit, &m->roughness_map, texel);
+        step = (m->roughness * texel[m->roughness_map.channel & 3] - f->low) / (f->high - f->low) * (float) (f->steps - 1) + 0.5f;
+        step = fminf(fmaxf(step, 0.0f), (float) (f->steps - 1));
+    }
+    return step_alpha(f, (int) step);
+}
+
+const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_hit *hit, float eta)
+{
+    const float alpha = s->finish[hit->material].high < SMOOTH_ROUGHNESS ? 0.0f : pt_alpha(s, hit);
 
     for (size_t i = 0; alpha > 0.0f && i < s->num_rough; i++)
         if (s->rough[i].alpha == alpha && fabsf(s->rough[i].eta - eta) < 1e-5f)
             return &s->rough[i];
     return NULL;
+}
+
+static enum pell_result add_finish(struct pt_scene *s, const struct pt_finish *f, float eta)
+{
+    enum pell_result res = PELL_OK;
+
+    for (int step = 0; step < f->steps && res == PELL_OK; step++)
+        if (step_alpha(f, step) > 0.0f)
+            res = add_rough(s, step_alpha(f, step), eta);
+    return res;
 }
 
 static enum pell_result make_boundaries(struct pt_scene *s)
@@ -194,25 +243,55 @@ static enum pell_result make_boundaries(struct pt_scene *s)
     for (size_t i = 0; i < s->bodies->count; i++)
         for (size_t t = 0; t < s->bodies->bodies[i].num_triangles; t++) {
             const int m = mesh_of(s, i, t)->material;
-            if (s->alpha[m] == 0.0f || (t > 0 && m == mesh_of(s, i, t - 1)->material))
+            if (s->finish[m].high < SMOOTH_ROUGHNESS || (t > 0 && m == mesh_of(s, i, t - 1)->material))
                 continue;
-            PELL_TRY(add_rough(s, s->alpha[m], s->body[i].medium.eta));
+            PELL_TRY(add_finish(s, &s->finish[m], s->body[i].medium.eta));
             for (size_t k = 0; k < s->bodies->count; k++)
                 if (k != i && s->body[k].medium.eta > 0.0f)
-                    PELL_TRY(add_rough(s, s->alpha[m], s->body[i].medium.eta / s->body[k].medium.eta));
+                    PELL_TRY(add_finish(s, &s->finish[m], s->body[i].medium.eta / s->body[k].medium.eta));
         }
 fail:
     return res;
 }
 
-static void set_alphas(struct pt_scene *s)
+/* The least and the greatest number of a map; of large ones any. */
+static void map_range(const struct pell_texture_map *map, float range[2])
+{
+    const struct pell_image *image = &map->texture->image;
+    const size_t texels = (size_t) image->width * (size_t) image->height;
+
+    range[0] = texels <= MOST_TEXELS ? 1.0f : 0.0f;
+    range[1] = texels <= MOST_TEXELS && texels > 0 ? 0.0f : 1.0f;
+    for (size_t i = 0; i < texels && texels <= MOST_TEXELS; i++) {
+        float texel[4], x;
+        pell_image_sample(image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, true,
+                          ((float) (i % (size_t) image->width) + 0.5f) / (float) image->width,
+                          ((float) (i / (size_t) image->width) + 0.5f) / (float) image->height, texel);
+        x = fminf(fmaxf(texel[map->channel & 3], 0.0f), 1.0f);
+        range[0] = fminf(range[0], x);
+        range[1] = fmaxf(range[1], x);
+    }
+}
+
+static void set_finishes(struct pt_scene *s)
 {
     const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? pell_renderer_settings(s->r)->boundary == PELL_BOUNDARY_ROUGH
                                                                  : s->knobs.boundary == PT_BOUNDARY_ROUGH;
 
     for (size_t i = 0; i < s->scene->num_materials; i++) {
-        const float r = s->scene->materials[i].roughness;
-        s->alpha[i] = rough && r >= SMOOTH_ROUGHNESS ? fminf(r * r, 1.0f) : 0.0f;
+        const struct pell_material *m = &s->scene->materials[i];
+        const float r = rough && !m->opaque ? fminf(m->roughness, 1.0f) : 0.0f;
+        struct pt_finish *f = &s->finish[i];
+        float range[2] = { 1.0f, 1.0f };
+        if (r >= SMOOTH_ROUGHNESS && m->roughness_map.texture) {
+            map_range(&m->roughness_map, range);
+            for (size_t k = 0; k < s->scene->num_meshes; k++) /* without coordinates the map says 1 */
+                if (s->scene->meshes[k].material == (int) i && !s->scene->meshes[k].uv[m->roughness_map.uv])
+                    range[1] = 1.0f;
+        }
+        f->low = r * range[0];
+        f->high = r * range[1];
+        f->steps = 1 + (int) ceilf((f->high - f->low) * FINISHES);
     }
 }
 
@@ -271,6 +350,11 @@ double pt_scene_brightest(const struct pt_scene *scene)
     return scene->brightest;
 }
 
+void pt_scene_set_deadline(struct pt_scene *scene, double seconds)
+{
+    scene->deadline = seconds;
+}
+
 /* --- Making it ------------------------------------------------------------------------------------------------------------------------ */
 
 void pt_scene_destroy(struct pt_scene **scene)
@@ -284,12 +368,18 @@ void pt_scene_destroy(struct pt_scene **scene)
     pell_connector_destroy(&s->connector);
     pell_emitters_destroy(&s->emitters);
     pell_free(s->ctx, s->rough);
-    pell_free(s->ctx, s->alpha);
+    pell_free(s->ctx, s->finish);
     for (size_t i = 0; s->body && i < s->bodies->count; i++)
         pt_medium_finish(s->ctx, &s->body[i].medium);
     pell_free(s->ctx, s->body);
     pell_bodies_destroy(&s->bodies);
     pell_free(s->ctx, s);
+}
+
+/* That the kernel of steps.h knows. */
+static bool from_one_medium(const struct pt_medium *m)
+{
+    return m->even && m->layers == 1 && m->layer[0].hg && m->slowest > 1e-12f && m->slowest < INFINITY;
 }
 
 static enum pell_result make_helpers(struct pt_scene *s)
@@ -303,6 +393,8 @@ static enum pell_result make_helpers(struct pt_scene *s)
         const bool looked = (s->knobs.techniques & PT_CONNECT) && pell_emitters_count(s->emitters) > 0;
         b->connects = b->smooth && looked;
         b->near = b->rough && looked;
+        b->lanes = s->knobs.acceleration != PT_ACCELERATION_NONE && from_one_medium(&b->medium);
+        b->ask = b->medium.slowest > 0.0f ? 1.0f / ((float) PT_REACH * b->medium.slowest) : INFINITY;
         b->grid = b->closed && s->knobs.acceleration == PT_ACCELERATION_GRID;
         connects = connects || b->connects || b->near;
         grid = grid || b->grid;
@@ -334,14 +426,15 @@ enum pell_result pt_scene_create(struct pell_renderer *r, const struct pell_fram
     s->scene = pell_renderer_scene(r);
     s->rays = pell_renderer_rays(r);
     s->knobs = *knobs;
+    s->deadline = (double) INFINITY;
     s->seed = pell_renderer_seed(r);
     PELL_TRY(pell_renderer_bodies(r, &s->bodies));
     res = PELL_ERR_NOMEM;
     s->body = pell_calloc(ctx, s->bodies->count + 1, sizeof(*s->body));
-    s->alpha = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->alpha));
-    if (!s->body || !s->alpha)
+    s->finish = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->finish));
+    if (!s->body || !s->finish)
         goto fail;
-    set_alphas(s);
+    set_finishes(s);
     PELL_TRY(make_bodies(s));
     PELL_TRY(make_boundaries(s));
     PELL_TRY(inspect(s));
@@ -361,13 +454,15 @@ enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker
     if (!w)
         return PELL_ERR_NOMEM;
     w->ctx = scene->ctx;
-    return PELL_OK;
+    return scene->knobs.acceleration != PT_ACCELERATION_NONE ? pt_side_create(scene, &w->side) : PELL_OK;
 }
 
 void pt_walker_destroy(struct pt_walker **walker)
 {
-    if (*walker)
+    if (*walker) {
+        pt_side_destroy((*walker)->ctx, &(*walker)->side);
         pell_free((*walker)->ctx, *walker);
+    }
     *walker = NULL;
 }
 
@@ -438,17 +533,11 @@ void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
 {
     const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
     const struct pell_material *material = &s->scene->materials[hit->material];
-    const struct pell_texture_map *map = &material->base_color_map;
     const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
     const float k = 1.0f - hit->u - hit->v;
-    float texel[4] = { 1.0f, 1.0f, 1.0f, 1.0f };
+    float texel[4];
 
-    if (map->texture && m->uv[map->uv]) {
-        const float *uv = m->uv[map->uv], *a = uv + 2 * (size_t) i[0], *b = uv + 2 * (size_t) i[1], *c = uv + 2 * (size_t) i[2];
-        const float tu = k * a[0] + hit->u * b[0] + hit->v * c[0], tv = k * a[1] + hit->u * b[1] + hit->v * c[1], *t = map->matrix;
-        pell_image_sample(&map->texture->image, map->texture->wrap_u, map->texture->wrap_v, map->texture->nearest,
-                          t[0] * tu + t[1] * tv + t[2], t[3] * tu + t[4] * tv + t[5], texel);
-    }
+    texel_at(s, hit, &material->base_color_map, texel);
     for (size_t c = 0; c < 3; c++) {
         float x = material->base_color[c] * (1.0f - material->metallic) * texel[c];
         if (m->color)

@@ -12,7 +12,8 @@
 
 enum pt_normals { PT_NORMALS_SMOOTH, PT_NORMALS_FLAT };
 enum pt_boundary { PT_BOUNDARY_SETTINGS, PT_BOUNDARY_SMOOTH, PT_BOUNDARY_ROUGH }; /* settings: as struct pell_settings has it */
-enum pt_acceleration { PT_ACCELERATION_NONE, PT_ACCELERATION_GRID };
+/* The plain walk; many side by side, the same bits; these with a grid of distances. */
+enum pt_acceleration { PT_ACCELERATION_NONE, PT_ACCELERATION_LANES, PT_ACCELERATION_GRID };
 
 /* Ways by which light is found; tests switch them off one by one. */
 enum pt_technique {
@@ -43,12 +44,16 @@ PELL_NODISCARD enum pell_result pt_scene_create(struct pell_renderer *r, const s
                                                 struct pt_scene **out);
 void pt_scene_destroy(struct pt_scene **scene);
 
+/* pell_seconds() after which what may take long is given up; INFINITY, as it is at first: never. While no walk runs. */
+void pt_scene_set_deadline(struct pt_scene *scene, double seconds);
+
 /* What walks cost, and what they left undone. Sums. */
 struct pt_counts {
     int64_t samples, scatterings, rays;
     int64_t steps_without_ray;  /* flights that stayed inside the bound of the distance grid */
     int64_t connections;        /* asked for, through smooth boundaries */
     int64_t chains, chains_cut; /* found; of these given up, too hard to find again */
+    int64_t late;               /* chains given up at the deadline: their samples are no good */
     int64_t cut;                /* paths ended by the knob bounces */
     double cut_weight;          /* that these still carried, as a share of a path's: (R + G + B)/3, sum. Times the brightest radiance that a
                                 * lamp shows, over the samples, it limits what the bound cost where no delta lamp is */
@@ -77,6 +82,14 @@ struct pt_light {
     double multiple[3], single[3], surface[3];
 };
 
+/* A sample of a pixel. */
+struct pt_job {
+    const struct pt_point *point; /* the same pointer for the same point */
+    uint32_t sample;
+    struct pt_light light; /* what comes of it */
+};
+
+void pt_trace_jobs(const struct pt_scene *scene, struct pt_walker *walker, struct pt_job *jobs, int count);
 /* Samples `first` to `first + count - 1` of a pixel. */
 void pt_trace(const struct pt_scene *scene, struct pt_walker *walker, const struct pt_point *point, uint32_t first, int count,
               struct pt_light *out);

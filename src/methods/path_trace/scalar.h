@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * scalar.h - functions.inc for single floats: pt_log, pt_exp, pt_circle, pt_hg, ...
+ */
+#ifndef PELL_PATH_TRACE_SCALAR_H
+#define PELL_PATH_TRACE_SCALAR_H
+
+#include "math/vec.h"
+
+#include <stdint.h>
+#include <string.h>
+
+static inline int32_t pt_float_bits(float x)
+{
+    int32_t i;
+    memcpy(&i, &x, sizeof(i));
+    return i;
+}
+
+static inline float pt_bits_float(int32_t i)
+{
+    float x;
+    memcpy(&x, &i, sizeof(x));
+    return x;
+}
+
+#define REAL float
+#define WHOLE int32_t
+#define FN(name) pt_##name
+#define PICK(c, a, b) ((c) ? (a) : (b))
+#define ALL(x) (x)
+#define ROOT(x) sqrtf(x)
+#define AS_REAL(i) ((float) (i))
+#define AS_WHOLE(x) ((int32_t) (x))
+#define BITS(x) pt_float_bits(x)
+#define OF_BITS(i) pt_bits_float(i)
+#include "methods/path_trace/functions.inc"
+#undef REAL
+#undef WHOLE
+#undef FN
+#undef PICK
+#undef ALL
+#undef ROOT
+#undef AS_REAL
+#undef AS_WHOLE
+#undef BITS
+#undef OF_BITS
+
+#endif
