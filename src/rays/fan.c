@@ -145,7 +145,7 @@ static int by_depth(const void *a, const void *b)
 
     if (p->depth != q->depth)
         return p->depth < q->depth ? -1 : 1;
-    return (p->triangle > q->triangle) - (p->triangle < q->triangle);
+    return (int) (p->triangle & PELL_FAN_NUMBER) - (int) (q->triangle & PELL_FAN_NUMBER);
 }
 
 static void sort(struct pell_fan_entry *list, uint32_t count)
@@ -234,8 +234,11 @@ static void fill(const struct pell_scene *scene, struct pell_fan *f, uint32_t *s
             if (!make_triangle(f, m, t, &f->triangles[number], &f->names[number].turn))
                 memset(&f->triangles[number], 0, sizeof(f->triangles[number])); /* hides nothing: s is 0 */
             for (int y = s.y0; y <= s.y1; y++)
-                for (int x = s.x0; x <= s.x1; x++)
-                    f->entries[f->first[(size_t) y * (size_t) f->columns + (size_t) x]++] = (struct pell_fan_entry) { number, s.depth };
+                for (int x = s.x0; x <= s.x1; x++) {
+                    const uint32_t begins = (x == s.x0 ? PELL_FAN_LEFT : 0) | (y == s.y0 ? PELL_FAN_LOW : 0);
+                    f->entries[f->first[(size_t) y * (size_t) f->columns + (size_t) x]++] =
+                        (struct pell_fan_entry) { number | begins, s.depth };
+                }
         }
     }
     /* Each cell's start is now its end, which is the next one's start. */
@@ -271,7 +274,7 @@ enum pell_result pell_fan_create(struct pell_context *ctx, const struct pell_sce
         goto fail;
     if (!count_entries(scene, f, triangles) || !room_for(ctx, fixed + (size_t) f->first[cells] * sizeof(*f->entries)))
         goto none;
-    f->entries = pell_calloc(ctx, (size_t) f->first[cells] + PELL_FAN_SPARE, sizeof(*f->entries));
+    f->entries = pell_calloc(ctx, (size_t) f->first[cells], sizeof(*f->entries));
     f->triangles = pell_alloc_array(ctx, triangles, sizeof(*f->triangles));
     f->names = pell_alloc_array(ctx, triangles, sizeof(*f->names));
     starts = pell_calloc(ctx, cells, sizeof(*starts));

@@ -36,7 +36,10 @@ bool pell_fan_closest16(const struct pell_fan *fan, const int32_t *mask, struct 
 
 /* --- Private to fan.c and fan16.c -------------------------------------------------------------------------------------------------- */
 
-#define PELL_FAN_SPARE 2
+/* Of an entry's triangle: the bits over its number. A packet that touches several cells meets a triangle in the first of them alone. */
+#define PELL_FAN_LEFT (1u << 30) /* its bounds begin in this column */
+#define PELL_FAN_LOW (1u << 31)  /* its bounds begin in this row */
+#define PELL_FAN_NUMBER (PELL_FAN_LEFT - 1)
 
 /* A triangle a, b, c, seen from the apex and turned so that the normal points away from it. */
 struct pell_fan_triangle {
@@ -52,7 +55,7 @@ struct pell_fan_name {
 };
 
 struct pell_fan_entry {
-    uint32_t triangle;
+    uint32_t triangle; /* number and bits */
     float depth; /* where it begins */
 };
 
@@ -70,7 +73,7 @@ struct pell_fan {
     float margin_x, margin_y;      /* cells, round a triangle */
     int columns, rows;
     uint32_t *first;               /* entry of each cell, and the end of the last one */
-    struct pell_fan_entry *entries; /* nearest first; PELL_FAN_SPARE more behind the last */
+    struct pell_fan_entry *entries; /* nearest first */
     struct pell_fan_triangle *triangles;
     struct pell_fan_name *names; /* of the triangles */
 };

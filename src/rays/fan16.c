@@ -14,6 +14,7 @@
 
 #define LANES 16
 #define CELLS 16       /* that a packet may touch */
+#define LISTED 64      /* triangles at a time */
 #define NEAR 9999.0f   /* of a way that is 10000 long, what does not lie next to the apex */
 #define WHOLE 0.9999f  /* the same of 1 */
 
@@ -91,34 +92,66 @@ INLINE const uint32_t *list_of(const struct pell_fan *f, int column, int row)
     return f->first + (size_t) row * (size_t) f->columns + (size_t) column;
 }
 
+/* Where a packet's search through its cells is. */
+struct search {
+    int column, row;
+    uint32_t next; /* entry; 0: the cell's first */
+};
+
+/* The next triangles that begin between two depths and that no cell had before. They are asked for as they are found, so that their ways
+ * from memory overlap. */
+INLINE int find_next(const struct pell_fan *f, const struct place *p, float begin, struct search *s, uint32_t *restrict list)
+{
+    int count = 0;
+
+    for (; s->row <= p->y1; s->row++, s->column = p->x0)
+        for (; s->column <= p->x1; s->column++, s->next = 0) {
+            const uint32_t *first = list_of(f, s->column, s->row), end = first[1];
+            const uint32_t wanted = (s->column > p->x0 ? PELL_FAN_LEFT : 0) | (s->row > p->y0 ? PELL_FAN_LOW : 0);
+
+            for (uint32_t e = s->next ? s->next : first[0]; e < end && f->entries[e].depth < p->depth; e++) {
+                const uint32_t triangle = f->entries[e].triangle;
+                if (count == LISTED) {
+                    s->next = e;
+                    return count;
+                }
+                list[count] = triangle & PELL_FAN_NUMBER;
+                __builtin_prefetch(&f->triangles[list[count]]);
+                count += (triangle & wanted) == wanted && f->entries[e].depth >= begin;
+            }
+        }
+    return count;
+}
+
 static bool visible16(const struct pell_fan *f, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible)
 {
     vi open[LANES / WIDTH];
+    uint32_t list[LISTED];
+    struct search search;
     struct place p;
+    int count;
 
     if (!locate(f, mask, x, y, z, &p))
         return false;
+    search = (struct search) { p.x0, p.y0, 0 };
     memcpy(open, mask, sizeof(open));
-    for (int row = p.y0; row <= p.y1; row++)
-        for (int column = p.x0; column <= p.x1; column++) {
-            const uint32_t *first = list_of(f, column, row);
-            vi left = { 0 };
+    do {
+        vi left = { 0 };
 
-            for (uint32_t e = first[0]; e < first[1] && f->entries[e].depth < p.depth; e++) {
-                const struct pell_fan_triangle *t = &f->triangles[f->entries[e].triangle];
-                __builtin_prefetch(&f->triangles[f->entries[e + PELL_FAN_SPARE].triangle]);
-                for (int k = 0, at = 0; k < LANES / WIDTH; k++, at += WIDTH) {
-                    vi inside;
-                    const vf s = meet(t, &p, at, &inside);
-                    open[k] &= ~(inside & (s > 0.0f) & (s < t->plane * NEAR));
-                }
+        count = find_next(f, &p, -INFINITY, &search, list);
+        for (int i = 0; i < count; i++) {
+            const struct pell_fan_triangle *t = &f->triangles[list[i]];
+            for (int k = 0, at = 0; k < LANES / WIDTH; k++, at += WIDTH) {
+                vi inside;
+                const vf s = meet(t, &p, at, &inside);
+                open[k] &= ~(inside & (s > 0.0f) & (s < t->plane * NEAR));
             }
-            for (int k = 0; k < LANES / WIDTH; k++)
-                left |= open[k];
-            if (!any(left))
-                goto done;
         }
-done:
+        for (int k = 0; k < LANES / WIDTH; k++)
+            left |= open[k];
+        if (!any(left))
+            break;
+    } while (count == LISTED);
     memcpy(visible, open, sizeof(open));
     return true;
 }
@@ -131,7 +164,10 @@ static bool closest16(const struct pell_fan *f, const int32_t *mask, struct pell
     _Alignas(64) float best[LANES];
     _Alignas(64) int32_t which[LANES];
     float longest = 0.0f, begin;
+    uint32_t list[LISTED];
+    struct search search;
     struct place p;
+    int count;
 
     if (!locate(f, mask, ray->ox, ray->oy, ray->oz, &p))
         return false;
@@ -142,28 +178,23 @@ static bool closest16(const struct pell_fan *f, const int32_t *mask, struct pell
         longest = mask[i] && reach > longest ? reach : longest;
     }
     begin = p.near * (1.0f - longest) * (1.0f - 1e-5f) - f->thick; /* what begins before ends before the rays do */
-    for (int row = p.y0; row <= p.y1; row++)
-        for (int column = p.x0; column <= p.x1; column++) {
-            const uint32_t *first = list_of(f, column, row);
-
-            for (uint32_t e = first[0]; e < first[1] && f->entries[e].depth < p.depth; e++) {
-                const uint32_t number = f->entries[e].triangle;
-                const struct pell_fan_triangle *t = &f->triangles[number];
-                float per_plane;
-                if (f->entries[e].depth < begin)
-                    continue;
-                per_plane = t->plane > 0.0f ? 1.0f / t->plane : 0.0f;
-                for (int at = 0; at < LANES; at += WIDTH) {
-                    vi inside, old;
-                    const vf s = meet(t, &p, at, &inside), part = s * per_plane;
-                    const vi nearer = inside & (s > 0.0f) & (part < load(best + at));
-                    memcpy(&old, which + at, sizeof(old));
-                    store(best + at, select(nearer, part, load(best + at)));
-                    old = (((vi) { 0 } + (int32_t) number) & nearer) | (old & ~nearer);
-                    memcpy(which + at, &old, sizeof(old));
-                }
+    search = (struct search) { p.x0, p.y0, 0 };
+    do {
+        count = find_next(f, &p, begin, &search, list);
+        for (int i = 0; i < count; i++) {
+            const struct pell_fan_triangle *t = &f->triangles[list[i]];
+            const float per_plane = t->plane > 0.0f ? 1.0f / t->plane : 0.0f;
+            for (int at = 0; at < LANES; at += WIDTH) {
+                vi inside, old;
+                const vf s = meet(t, &p, at, &inside), part = s * per_plane;
+                const vi nearer = inside & (s > 0.0f) & (part < load(best + at));
+                memcpy(&old, which + at, sizeof(old));
+                store(best + at, select(nearer, part, load(best + at)));
+                old = (((vi) { 0 } + (int32_t) list[i]) & nearer) | (old & ~nearer);
+                memcpy(which + at, &old, sizeof(old));
             }
         }
+    } while (count == LISTED);
     for (int i = 0; i < LANES; i++) {
         const struct pell_fan_triangle *t;
         const struct pell_fan_name *name;
