@@ -57,10 +57,27 @@ INLINE float top(float *v)
 #define G3 0.01634f
 #define WIDE 16.0f
 
-INLINE vf grid_variance(vf u)
+struct ratio {
+    vf over, under, rest;
+};
+
+INLINE struct ratio grid_ratio(vf u)
 {
     const vf low = lesser(u, (vf) { 0 } + WIDE), u2 = low * low, u3 = u2 * low, u4 = u2 * u2, a = u3 + G1, b = u4 + G3;
-    return u3 * ((low + 1.0f / 12.0f) * b + G2 * a) / (a * b) + (u - low);
+    return (struct ratio) { u3 * ((low + 1.0f / 12.0f) * b + G2 * a), a * b, u - low };
+}
+
+INLINE vf grid_variance(vf u)
+{
+    const struct ratio r = grid_ratio(u);
+    return r.over / r.under + r.rest;
+}
+
+/* grid_variance(u1) - grid_variance(u0), with one division. */
+INLINE vf grid_difference(vf u1, vf u0)
+{
+    const struct ratio r1 = grid_ratio(u1), r0 = grid_ratio(u0);
+    return (r1.over * r0.under - r0.over * r1.under) / (r1.under * r0.under) + (r1.rest - r0.rest);
 }
 
 /* What the taps of a block need to know. */
@@ -159,7 +176,7 @@ INLINE void space(const struct ss_work *w, size_t index, int axis, const struct 
     b->lean = fabsf(cell->lean) * reach < 0.5f ? 0.0f : cell->lean; /* under half a pixel to the side all taps are upright */
     /* Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then. */
     step = 1.5f * sqrtf(least);
-    dense = reach < (float) cell->clear[axis] && b->lean == 0.0f ? reach
+    dense = reach < (float) cell->clear[axis] && (axis == 0 || b->lean == 0.0f) ? reach
             : reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
     step = step < dense ? step : dense;
     b->stride = step >= 2.0f ? (step < 65536.0f ? (int) step : 65536) : 1;
@@ -174,6 +191,10 @@ struct centre {
     vf key, depth;
     vf fall;   /* sqrt(y') per mm */
     vf tan[2]; /* x/f and y/f of the pixel's ray */
+};
+
+struct leaning {
+    vf ray2, across2, fall2;
 };
 
 /* q of y' + Y_SHIFT. */
@@ -231,26 +252,53 @@ INLINE void upright(const struct ss_work *w, size_t at, int axis, const struct b
         }
 }
 
-/* The same down a line that leans: x falls by b->lean pixels as y grows by one. `x` is the block's. */
+/* The same down a line that leans: x falls by b->lean pixels as y grows by one. `x` is the block's. Each tap is one long chain of
+ * operations: some go through it side by side. Those beside what is translucent are moved to where there is nothing. */
+enum { ABREAST = 4 };
+
+INLINE void leaning_taps(const struct ss_work *w, int taps, int first, size_t from, int x, const struct block *b, int sign,
+                         const struct centre *c, const struct leaning *l, bool several, float *const source[3], struct gathered *g)
+{
+    ptrdiff_t at[ABREAST];
+    float ox[ABREAST], oy[ABREAST], beside[ABREAST]; /* from the line that the tap stands for, along x */
+    vf dz[ABREAST], h[ABREAST], y[ABREAST];
+
+    for (int t = 0; t < taps; t++) {
+        const int py = sign * b->stride * (first + t);
+        const float exact = -b->lean * (float) py;
+        const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
+        const bool in = x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK;
+        ox[t] = (float) px;
+        oy[t] = (float) py;
+        beside[t] = (float) px - exact;
+        at[t] = (ptrdiff_t) from + (in ? px : (w->block0 - 1) * SS_BLOCK - x) + py * w->stride;
+    }
+    for (int t = 0; t < taps; t++) {
+        const vf z = load(w->depth + at[t]);
+        h[t] = z * w->depth_mm + w->fixed_mm;
+        dz[t] = z - c->depth;
+    }
+    for (int t = 0; t < taps; t++)
+        y[t] = h[t] * ((2.0f * ox[t]) * c->tan[0] + (2.0f * oy[t]) * c->tan[1]) + dz[t] * l->ray2;
+    for (int t = 0; t < taps; t++)
+        y[t] = h[t] * h[t] * (ox[t] * ox[t] + oy[t] * oy[t]) + dz[t] * y[t];
+    for (int t = 0; t < taps; t++)
+        y[t] = greater(y[t] - l->across2 * (beside[t] * beside[t]), (vf) { 0 }) * l->fall2;
+    for (int t = 0; t < taps; t++)
+        weigh(w, at[t], 1, y[t], c, several, source, g);
+}
+
 INLINE void leaning_side(const struct ss_work *w, size_t from, int x, const struct block *b, int count, int sign, const struct centre *c,
                          bool several, float *const source[3], struct gathered *g)
 {
-    const vf ray2 = c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across = load(w->length[0] + from);
+    const vf across = load(w->length[0] + from);
+    const struct leaning l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * c->fall };
+    int j = 1;
 
-    for (int j = 1; j <= count; j++) {
-        const int py = sign * b->stride * j;
-        const float exact = -b->lean * (float) py;
-        const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
-        const float ox = (float) px, oy = (float) py, beside = (float) px - exact; /* from the line that the tap stands for, along x */
-        const ptrdiff_t at = (ptrdiff_t) from + px + py * w->stride;
-
-        if (x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK) {
-            const vf z = load(w->depth + at), dz = z - c->depth, h = z * w->depth_mm + w->fixed_mm;
-            const vf r2 = h * h * (ox * ox + oy * oy) + dz * (h * (2.0f * (ox * c->tan[0] + oy * c->tan[1])) + dz * ray2);
-            const vf near2 = greater(r2 - across * across * (beside * beside), (vf) { 0 });
-            weigh(w, at, 1, near2 * (c->fall * c->fall), c, several, source, g);
-        }
-    }
+    for (; j + ABREAST - 1 <= count; j += ABREAST)
+        leaning_taps(w, ABREAST, j, from, x, b, sign, c, &l, several, source, g);
+    for (; j <= count; j++)
+        leaning_taps(w, 1, j, from, x, b, sign, c, &l, several, source, g);
 }
 
 /* Blurs a block along an axis; `low` and `high` are how many taps lie inside on either side. Light that a tap would have brought but
@@ -268,7 +316,7 @@ INLINE void gather(const struct ss_work *w, size_t index, int x, int y, int axis
         const vf a = select(length > zero, length, one);
         const vf u1 = (b->uniform ? zero + b->after : load(b->afters + part)) * to_px;
         const vf u0 = (b->uniform ? zero + b->before : load(b->befores + part)) * to_px;
-        const vf add = b->wide ? u1 - u0 : b->bare ? grid_variance(u1) : grid_variance(u1) - grid_variance(u0);
+        const vf add = b->wide ? u1 - u0 : b->bare ? grid_variance(u1) : grid_difference(u1, u0);
         const vf inverse = one / (root(greater(add, zero + S2_MIN)) * a), mix = greater(lesser(add * (1.0f / S2_MIN_VARIANCE), one), zero);
         const struct centre c = {
             .key = load(w->key + at),
