@@ -231,57 +231,94 @@ static void dented_ball(struct stage *s, size_t material)
     }
 }
 
+/* Whether the pixel lies well inside of what is seen: on silhouettes all differs, light goes along the surface there and not across. */
+static bool is_inside(const struct shot *shot, int x, int y, int margin)
+{
+    for (int k = 0; k < 4; k++) {
+        const int px = x + (k % 2 ? margin : -margin), py = y + (k / 2 ? margin : -margin);
+        if (px < 0 || py < 0 || px >= shot->width || py >= shot->height || shot_at(shot, SHOT_A, px, py) < 1.0)
+            return false;
+    }
+    return true;
+}
+
+/* What is off near seams and elsewhere, over the mean: at most inside of silhouettes, and anywhere. */
+struct seams {
+    double inside[2], all[2], rms[2], bare;
+    int count[2];
+};
+
 /* Seams are where a picture without borders differs from the one with them. */
-static void no_seam_shows_on_a_solid_in_many_charts(void **state)
+static struct seams seams_of(bool dents)
 {
     static const char *const sets[2][5] = { { "size=384", "charts=planar", "tsm=off", NULL },
                                             { "size=384", "charts=planar", "tsm=off", "border=0", NULL } };
-    static const char *const whole[] = { "density=8", NULL };
-    double worst[2][2] = { { 0.0 } }, mean = 0.0;
+    static const char *const whole[] = { "density=64", NULL };
+    struct seams out = { { 0.0 } };
     struct shot shots[2], sum;
     struct stage s;
-    int n[2] = { 0 };
+    double mean = 0.0;
+    int count = 0;
     size_t m;
 
-    (void) state;
     stage_start(&s, 64, 64);
     stage_gaussians(&s, 0.25, &m);
-    dented_ball(&s, m);
+    if (dents)
+        dented_ball(&s, m);
+    else
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 10.0f, 48);
     stage_light(&s, PELL_LIGHT_POINT, vec3(60, 40, 50), vec3(0, 0, 0), 5e-3f);
     stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 20.0f);
     for (int k = 0; k < 2; k++)
         shots[k] = stage_shot_of(&s, "texture-space", sets[k]);
     sum = stage_shot_of(&s, "hierarchical", whole);
-    for (int pass = 0; pass < 2; pass++) {
-        for (int y = 0; y < 64; y++)
-            for (int x = 0; x < 64; x++) {
-                const double is = shot_at(&sum, 0, x, y);
-                const int far = fabs(shot_at(&shots[0], 0, x, y) - shot_at(&shots[1], 0, x, y)) < 0.02 * mean;
-                if (shot_at(&sum, SHOT_A, x, y) < 1.0)
-                    continue;
-                if (pass == 0) {
-                    mean += is;
-                    n[0]++;
-                    continue;
-                }
-                n[far]++;
-                for (int k = 0; k < 2; k++)
-                    worst[k][far] = fmax(worst[k][far], fabs(shot_at(&shots[k], 0, x, y) - is) / mean);
+    for (int y = 0; y < 64; y++)
+        for (int x = 0; x < 64; x++)
+            if (shot_at(&sum, SHOT_A, x, y) >= 1.0) {
+                mean += shot_at(&sum, 0, x, y);
+                count++;
             }
-        if (pass == 0) {
-            mean /= n[0];
-            n[0] = 0;
+    mean /= count;
+    for (int y = 0; y < 64; y++)
+        for (int x = 0; x < 64; x++) {
+            const double is = shot_at(&sum, 0, x, y), off = fabs(shot_at(&shots[0], 0, x, y) - is) / mean;
+            const int far = fabs(shot_at(&shots[0], 0, x, y) - shot_at(&shots[1], 0, x, y)) < 0.02 * mean;
+            if (shot_at(&sum, SHOT_A, x, y) < 1.0)
+                continue;
+            out.count[far]++;
+            out.all[far] = fmax(out.all[far], off);
+            out.bare = fmax(out.bare, fabs(shot_at(&shots[1], 0, x, y) - is) / mean);
+            out.rms[far] += off * off;
+            if (is_inside(&sum, x, y, 3))
+                out.inside[far] = fmax(out.inside[far], off);
         }
-    }
-    print_message("# %d pixels at seams, %d elsewhere: %.3f and %.3f of the mean off at most; without borders %.3f\n", n[0], n[1],
-                  worst[0][0], worst[0][1], worst[1][0]);
-    REQUIRE(n[0] > 50 && n[1] > 500);
-    REQUIRE(worst[0][0] < 0.08 && worst[0][0] < 1.3 * worst[0][1]);
-    REQUIRE(worst[1][0] > 3.0 * worst[0][0]);
-    for (int k = 0; k < 2; k++)
+    for (int k = 0; k < 2; k++) {
+        out.rms[k] = sqrt(out.rms[k] / out.count[k]);
         shot_free(&shots[k]);
+    }
     shot_free(&sum);
     stage_finish(&s);
+    return out;
+}
+
+static void no_seam_shows_on_a_solid_in_many_charts(void **state)
+{
+    struct seams s[2];
+
+    (void) state;
+    for (int dents = 0; dents < 2; dents++) {
+        s[dents] = seams_of(dents);
+        print_message(
+            "# %s: %d pixels at seams, %d elsewhere: %.4f and %.4f of the mean off at most, off silhouettes %.4f and %.4f, rms %.4f "
+            "and %.4f; without borders %.3f\n",
+            dents ? "dented ball" : "ball", s[dents].count[0], s[dents].count[1], s[dents].all[0], s[dents].all[1], s[dents].inside[0],
+            s[dents].inside[1], s[dents].rms[0], s[dents].rms[1], s[dents].bare);
+        REQUIRE(s[dents].count[0] > 50 && s[dents].count[1] > 500);
+        REQUIRE(s[dents].all[0] < 0.048 && s[dents].all[0] < 1.3 * s[dents].all[1]);
+        REQUIRE(s[dents].bare > 3.0 * s[dents].all[0]);
+    }
+    REQUIRE(s[1].inside[0] <= s[1].inside[1]);
+    REQUIRE(s[0].rms[0] <= 1.1 * s[0].rms[1]);
 }
 
 static void even_light_gives_the_albedo(void **state)
@@ -796,6 +833,41 @@ static void the_same_bits_for_any_number_of_threads(void **state)
     shot_free(&shots[1]);
 }
 
+/* A map outlives the light that was on it. */
+static void other_samples_of_the_lights_light_it_anew(void **state)
+{
+    static const char *const knobs[] = { "size=96", NULL };
+    struct shot shots[3];
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct stage s;
+        size_t m;
+        stage_start(&s, 24, 24);
+        stage_gaussians(&s, 0.5, &m);
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 6.0f, 24);
+        stage_ball(&s, m, 1, vec3(0, 9, 0), 2.0f, 12);
+        stage_light(&s, PELL_LIGHT_DISC, vec3(40, 10, -30), vec3(0, 0, 0), 30.0f);
+        stage_light(&s, PELL_LIGHT_POINT, vec3(-40, 10, 30), vec3(0, 0, 0), 3e-3f);
+        stage_sky(&s, 0.2f);
+        stage_camera(&s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
+        s.settings.seed = k;
+        shots[k] = stage_shot_of(&s, "texture-space", knobs);
+        if (k == 0) {
+            s.settings.seed = 1;
+            s.settings.light_samples = 4;
+            shots[2] = stage_shot(&s);
+            shot_free(&shots[2]);
+            s.settings.light_samples = 16;
+            shots[2] = stage_shot(&s);
+        }
+        stage_finish(&s);
+    }
+    assert_true(shot_equal(&shots[2], &shots[1]) && !shot_equal(&shots[0], &shots[1]));
+    for (int k = 0; k < 3; k++)
+        shot_free(&shots[k]);
+}
+
 /* The first frame makes the map, and all that it needs was made with the pass; later frames look at it. */
 static void frames_allocate_nothing_and_survive_no_memory(void **state)
 {
@@ -859,6 +931,7 @@ int main(void)
         cmocka_unit_test(two_materials_that_touch_do_not_bleed),
         cmocka_unit_test(strength_scales_the_radius),
         cmocka_unit_test(the_same_bits_for_any_number_of_threads),
+        cmocka_unit_test(other_samples_of_the_lights_light_it_anew),
         cmocka_unit_test(frames_allocate_nothing_and_survive_no_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

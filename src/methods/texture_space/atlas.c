@@ -335,8 +335,8 @@ static void grow_chart(struct build *b, uint32_t seed, struct flat_chart *c, uin
     }
 }
 
-/* What is left over between charts is too narrow to be blurred in charts of its own: its triangles join those beside them, one by one, while
- * they face the axis at all. */
+/* What is left over between charts is too narrow to be blurred in charts of its own: its triangles join those beside them, one by one,
+ * while they face the axis at all. */
 static void join_small(struct build *b, struct flat_chart *charts)
 {
     struct ts_atlas *a = b->a;
