@@ -94,7 +94,9 @@ static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_ve
 }
 
 /* Lists a body's triangles, in order. */
-static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_scene *scene, size_t number)
+/* Of body `number`, whose meshes are the `count` at `meshes`. */
+static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_scene *scene, size_t number, const uint32_t *meshes,
+                                       size_t count)
 {
     struct pell_body *body = &b->bodies[number];
     struct place *places = NULL;
@@ -103,10 +105,8 @@ static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_
     float size;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    for (size_t i = 0; i < b->num_meshes; i++) {
-        const struct pell_mesh *m = &scene->meshes[i];
-        if (b->of_mesh[i] != (int32_t) number)
-            continue;
+    for (size_t i = 0; i < count; i++) {
+        const struct pell_mesh *m = &scene->meshes[meshes[i]];
         most += m->num_triangles;
         for (size_t v = 0; v < m->num_vertices; v++) {
             const float *p = m->position + 3 * v;
@@ -120,15 +120,15 @@ static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_
     body->area_after = pell_alloc_array(b->ctx, most + 1, sizeof(*body->area_after));
     if (!places || !body->triangles || !body->area_after)
         goto fail;
-    for (size_t i = 0; i < b->num_meshes; i++)
-        for (uint32_t t = 0; b->of_mesh[i] == (int32_t) number && t < scene->meshes[i].num_triangles; t++) {
+    for (size_t i = 0; i < count; i++)
+        for (uint32_t t = 0; t < scene->meshes[meshes[i]].num_triangles; t++) {
             struct pell_vec3 c;
             double area;
-            measure(&scene->meshes[i], t, &c, &area);
+            measure(&scene->meshes[meshes[i]], t, &c, &area);
             if (!(area > 0.0 && area < INFINITY))
                 continue;
             places[n++] = (struct place) { hilbert(step_of(c.x, low.x, size), step_of(c.y, low.y, size), step_of(c.z, low.z, size)),
-                                           (uint32_t) i, t, area };
+                                           meshes[i], t, area };
         }
     qsort(places, n, sizeof(*places), compare);
     for (size_t i = 0; i < n; i++) {
@@ -144,10 +144,80 @@ fail:
     return res;
 }
 
+/* Bodies of an object: the first of them in a table by the object's number, each with the next of its row. */
+struct by_object {
+    int32_t *first, *next;
+    size_t mask;
+};
+
+static int32_t *row_of(const struct by_object *o, int object)
+{
+    return &o->first[((uint32_t) object * 2654435761u >> 7) & o->mask];
+}
+
+static enum pell_result by_object_create(struct pell_context *ctx, size_t count, struct by_object *o)
+{
+    for (o->mask = 1; o->mask < count; o->mask *= 2)
+        continue;
+    o->first = pell_alloc_array(ctx, o->mask, sizeof(*o->first));
+    o->next = pell_alloc_array(ctx, count + 1, sizeof(*o->next));
+    if (!o->first || !o->next)
+        return PELL_ERR_NOMEM;
+    memset(o->first, -1, o->mask * sizeof(*o->first));
+    o->mask--;
+    return PELL_OK;
+}
+
+/* The body that triangles of a mesh scatter in; it is made if need be. */
+static int32_t body_of(struct pell_bodies *b, const struct by_object *o, const struct pell_frame_material *materials, int object, size_t at,
+                       bool layered)
+{
+    int32_t *const row = row_of(o, object);
+
+    for (int32_t k = *row; k >= 0; k = o->next[k]) {
+        const struct pell_frame_material *other = &materials[b->bodies[k].material];
+        if (b->bodies[k].object == object && other->profile == materials[at].profile && other->white == materials[at].white &&
+            (b->bodies[k].material == at || (!layered && !b->bodies[k].layered)))
+            return k;
+    }
+    o->next[b->count] = *row;
+    *row = (int32_t) b->count;
+    b->bodies[b->count] = (struct pell_body) { .object = object, .material = at, .layered = layered };
+    return (int32_t) b->count++;
+}
+
+/* Meshes in the order of their bodies, each body's in their own. */
+static enum pell_result list_bodies(struct pell_bodies *b, const struct pell_scene *scene)
+{
+    uint32_t *meshes = pell_alloc_array(b->ctx, b->num_meshes + 1, sizeof(*meshes));
+    size_t *end = pell_calloc(b->ctx, b->count + 1, sizeof(*end)), at = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!meshes || !end)
+        goto fail;
+    for (size_t i = 0; i < b->num_meshes; i++)
+        if (b->of_mesh[i] >= 0)
+            end[b->of_mesh[i] + 1]++;
+    for (size_t k = 0; k < b->count; k++)
+        end[k + 1] += end[k];
+    for (size_t i = 0; i < b->num_meshes; i++)
+        if (b->of_mesh[i] >= 0)
+            meshes[end[b->of_mesh[i]]++] = (uint32_t) i; /* each becomes its own end */
+    for (size_t k = 0; k < b->count; at = end[k++])
+        PELL_TRY(list_triangles(b, scene, k, meshes + at, end[k] - at));
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, end);
+    pell_free(b->ctx, meshes);
+    return res;
+}
+
 enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_scene *scene, const uint16_t *frame_index,
                                     const struct pell_frame_material *materials, struct pell_bodies **out)
 {
     struct pell_bodies *b = pell_zalloc(ctx, sizeof(*b));
+    struct by_object objects = { NULL, NULL, 0 };
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
@@ -159,32 +229,23 @@ enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_
     b->bodies = pell_calloc(ctx, scene->num_meshes + 1, sizeof(*b->bodies));
     if (!b->of_mesh || !b->bodies)
         goto fail;
+    PELL_TRY(by_object_create(ctx, scene->num_meshes, &objects));
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
         const size_t at = frame_index[m->material + 1];
         const bool layered = scene->materials[m->material].num_layers > 0;
-        size_t k = 0;
 
-        b->of_mesh[i] = -1;
-        if (at == 0)
-            continue;
-        for (; k < b->count; k++) {
-            const struct pell_frame_material *other = &materials[b->bodies[k].material];
-            if (b->bodies[k].object == m->object && other->profile == materials[at - 1].profile &&
-                other->white == materials[at - 1].white &&
-                (b->bodies[k].material == at - 1 || (!layered && !b->bodies[k].layered)))
-                break;
-        }
-        if (k == b->count)
-            b->bodies[b->count++] = (struct pell_body) { .object = m->object, .material = at - 1, .layered = layered };
-        b->of_mesh[i] = (int32_t) k;
+        b->of_mesh[i] = at == 0 ? -1 : body_of(b, &objects, materials, m->object, at - 1, layered);
     }
-    for (size_t k = 0; k < b->count; k++)
-        PELL_TRY(list_triangles(b, scene, k));
+    PELL_TRY(list_bodies(b, scene));
+    pell_free(ctx, objects.next);
+    pell_free(ctx, objects.first);
     *out = b;
     return PELL_OK;
 
 fail:
+    pell_free(ctx, objects.next);
+    pell_free(ctx, objects.first);
     pell_bodies_destroy(&b);
     return res;
 }

@@ -448,12 +448,12 @@ static void coarse_planes_lose_detail_alone(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(squares_hold_what_gaussians_put_there),   cmocka_unit_test(tables_are_the_profile),
-        cmocka_unit_test(the_printed_threshold_drops_light),       cmocka_unit_test(planes_at_any_depth_are_the_exact_convolution),
-        cmocka_unit_test(facing_planes_keep_their_light),          cmocka_unit_test(splitting_in_halves_loses_light),
-        cmocka_unit_test(edges_in_depth_keep_light_apart),
-        cmocka_unit_test(leaning_planes_keep_most_of_their_light), cmocka_unit_test(a_picture_is_the_sum_over_its_pixels),
-        cmocka_unit_test(the_left_edge_does_not_light_the_right),  cmocka_unit_test(coarse_planes_lose_detail_alone),
+        cmocka_unit_test(squares_hold_what_gaussians_put_there), cmocka_unit_test(tables_are_the_profile),
+        cmocka_unit_test(the_printed_threshold_drops_light),     cmocka_unit_test(planes_at_any_depth_are_the_exact_convolution),
+        cmocka_unit_test(facing_planes_keep_their_light),        cmocka_unit_test(splitting_in_halves_loses_light),
+        cmocka_unit_test(edges_in_depth_keep_light_apart),       cmocka_unit_test(leaning_planes_keep_most_of_their_light),
+        cmocka_unit_test(a_picture_is_the_sum_over_its_pixels),  cmocka_unit_test(the_left_edge_does_not_light_the_right),
+        cmocka_unit_test(coarse_planes_lose_detail_alone),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -13,7 +13,7 @@
 enum { LANES = 16, ELEMENT = 32 };
 typedef uint16_t vh __attribute__((vector_size(2 * WIDTH)));
 
-#define INTS(v) __builtin_convertvector(v, vi)   /* towards 0 */
+#define INTS(v) __builtin_convertvector(v, vi) /* towards 0 */
 #define FLOATS(v) __builtin_convertvector(v, vf)
 
 INLINE vf within(vf x, float low, float high)
@@ -177,8 +177,8 @@ INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi
 {
     const vf here = d->parallel ? depth : 1.0f / depth, px = lanes_from((float) x);
     const vi column = INTS(lesser(px, all((float) (d->x1 - 1)))), row = (vi){ 0 } + y;
-    const vf gu = d->focal_px * slope(d, here, own, row * (int32_t) d->stride, row * (int32_t) d->group_stride, column, by, 1, 1, d->x0,
-                                      d->x1);
+    const vf gu =
+        d->focal_px * slope(d, here, own, row * (int32_t) d->stride, row * (int32_t) d->group_stride, column, by, 1, 1, d->x0, d->x1);
     const vf gv = d->focal_px * slope(d, here, own, column, column, row, by, d->stride, d->group_stride, d->y0, d->y1);
 
     if (d->parallel) {
@@ -512,8 +512,7 @@ INLINE vf exchange(struct spot a, struct spot b, float next)
     const vf up = a.t * (1.0f - b.t), down = (1.0f - a.t) * b.t;
     const vf same = both + (up + down) * next + a.between * b.between * (1.0f - next);
 
-    return select(step == 0.0f, same,
-                  select(magnitude(step) == 1.0f, select(step > 0.0f, up, down) + both * next, all(0.0f)));
+    return select(step == 0.0f, same, select(magnitude(step) == 1.0f, select(step > 0.0f, up, down) + both * next, all(0.0f)));
 }
 
 /* A chunk of pixels. */
@@ -544,7 +543,7 @@ INLINE struct spots find_spots(const struct conv_edges *s, int x, int y)
         return o;
     memcpy(group + skip, s->group + y * s->group_stride + x + skip, (size_t) (n - skip) * sizeof(*group));
     o.there = which(group, s->own, n) & (lanes_from(0.0f) >= (float) skip);
-    o.depth = load_between(s->depth + y * s->stride, x, s->x0, s->x1);
+    o.depth = select(o.there, load_between(s->depth + y * s->stride, x, s->x0, s->x1), all(1.0f));
     return o;
 }
 
@@ -600,7 +599,7 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
         load_rest(s, x, y, &own);
         here = spot_of(own.place);
         leaves = load_between(s->leaves + y * s->group_stride, x, s->x0, s->x1);
-        area = load_between(s->area + y * s->group_stride, x, s->x0, s->x1);
+        area = select(own.there, load_between(s->area + y * s->group_stride, x, s->x0, s->x1), all(1.0f));
         gx = less_steep(own.depth, find_spots(s, x - 1, y), find_spots(s, x + 1, y));
         gy = less_steep(own.depth, find_spots(s, x, y - 1), find_spots(s, x, y + 1));
         lean_as(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);

@@ -76,10 +76,10 @@ struct conv_edges {
     uint16_t own;
     int planes;
     bool parallel;
-    float per_spacing; /* one over mm between planes */
-    float pixel2;      /* mm^2 of a pixel at a depth of 1, or at any where rays are parallel */
-    float flat2;       /* mm^2: depths closer than this are one */
-    float fade;        /* of what `edges` does */
+    float per_spacing;  /* one over mm between planes */
+    float pixel2;       /* mm^2 of a pixel at a depth of 1, or at any where rays are parallel */
+    float flat2;        /* mm^2: depths closer than this are one */
+    float fade;         /* of what `edges` does */
     const float *value; /* as in struct conv_radial */
     float per_median2;
     /* By pixels away, [y][x]: squared mm, light in the pixel, one over R there, and R a plane on over that. */

@@ -307,8 +307,8 @@ static void spread_behind(const struct convolution_state *st, const struct band 
         const float *light = j->even ? NULL : b->light[j->channel] + at, *close = b->close[j->channel] + at;
         float place[CELLS];
         bool any = false;
-        spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, b->group + at, b->place + at,
-                     b->enters[j->channel] + at, light, count, column, y, y1);
+        spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, b->group + at, b->place + at, b->enters[j->channel] + at,
+                     light, count, column, y, y1);
         for (int i = 0; i < count; i++) {
             const int px = (x + i) * b->step > rect->x0 ? (x + i) * b->step : rect->x0;
             const bool is = b->group[at + (size_t) i] == j->group + 1 && close[i] != 0.0f;
