@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: MIT
 """Renders the pictures of painted layers that the guide shows.
 
-    scripts/draw_layer_sheets.py build/src/cli/pellucid build/examples docs/images
+    scripts/draw_layer_sheets.py build/src/cli/pellucid build/examples docs/images [single-scatter]
 
 fish-lights.png: the fish under its lamp behind, beneath, in front, and all three; fish-cross-section.png: what lies below a line over it;
 painted-layers.png: a leaf lit from behind, a gecko, and veins below the skin of a head; fish-settings.png: the three lamps, by the
 fish's own coefficients and with skin and blood four times as clear (the paper's figure 13); fish-samples.png: 10, 20, 50, 100 and 400
 samples, below 16 times their difference to 400, as best and as the paper (figure 14). Standard library only.
+With single-scatter, fish-single-scatter.png alone, which takes many minutes: the relative error against that reference of one even layer,
+of painted ones, and of these seen from so near that a pixel is about a texel.
 """
 import json
 import struct
@@ -82,9 +84,7 @@ class Sheets:
         for layer in next(iter(scene['materials'].values()))['layers'][:2 if clear != 1.0 else 0]:
             for key in ('sigma_s', 'sigma_t'):
                 layer[key] = [x / clear for x in layer[key]]
-        for path in self.examples.glob('*'):
-            if path.is_file() and not (self.work / path.name).exists():
-                (self.work / path.name).symlink_to(path)
+        self.furnish()
         (self.work / 'sheet.json').write_text(json.dumps(scene))
         subprocess.run([self.program, 'render', 'sheet.json', '--width', str(width), '--height', str(height), '--msaa', '8', '-q',
                         '--allow-outside', '-o', 'sheet.png', *(word for knob in knobs for word in ('--set', knob))],
@@ -114,7 +114,50 @@ class Sheets:
             rows.append(beside(beside(row[0], row[1]), row[2]))
         return above(rows[0], rows[1])
 
+    def error(self, scene, most=0.5):
+        """Blue where `layered` is too dark, red where it is too bright, at most by so much of the reference, 10 x 10 of each pixel."""
+        (self.work / 'sheet.json').write_text(json.dumps(scene))
+        lights = []
+        for method, knobs in (('layered', ()), ('single-scatter', ('error=0.06', 'most=4096'))):
+            subprocess.run([self.program, 'render', 'sheet.json', '-m', method, '--width', '72', '--height', '40', '--msaa', '1', '-q',
+                            '--allow-outside', '-o', 'sheet.pfm', *(word for knob in knobs for word in ('--set', knob))],
+                           cwd=self.work, check=True)
+            values = struct.unpack(f'<{72 * 40 * 3}f', (self.work / 'sheet.pfm').read_bytes()[-72 * 40 * 12:])
+            lights.append([sum(values[i:i + 3]) for i in range(0, len(values), 3)])
+        rows = []
+        for y in range(39, -1, -1):  # a PFM begins below
+            row = b''
+            for mine, other in zip(*(light[72 * y:72 * y + 72] for light in lights)):
+                error = max(-1.0, min(1.0, (mine / other - 1) / most)) if other > 0 else 0.0
+                end = (180, 4, 38) if error > 0 else (59, 76, 192)
+                row += bytes(round(221 + abs(error) * (c - 221)) for c in end) * 10
+            rows += [row] * 10
+        return rows
+
+    def single_scatter(self):
+        fish = json.loads((self.examples / 'fish.json').read_text('utf-8'))
+        fish['background'] = {'color': [0, 0, 0]}
+        body = fish['materials']['Fish']
+        body['layers'] = body['layers'][:3]
+        body['specular']['rho_s'] = 0.0
+        del body['textures']
+        one, near = (json.loads(json.dumps(fish)) for _ in range(2))
+        body = one['materials']['Fish']
+        body.update(layers=body['layers'][:1], below='last')
+        del body['depths'], body['depth_scale']
+        near['camera'].update({'from': [20, 6, 420], 'to': [38, 1, 0], 'fov_deg': 0.9})
+        self.furnish()
+        return above(above(self.error(one), self.error(fish)), self.error(near))
+
+    def furnish(self):
+        for path in self.examples.glob('*'):
+            if path.is_file() and not (self.work / path.name).exists():
+                (self.work / path.name).symlink_to(path)
+
     def draw(self):
+        if len(sys.argv) > 4:
+            write_png(self.images / 'fish-single-scatter.png', self.single_scatter())
+            return
         write_png(self.images / 'fish-samples.png', self.samples())
         write_png(self.images / 'fish-settings.png', self.settings())
         behind, beneath, front, every = (self.picture('fish', 470, 252, lights, exposure) for lights, exposure in
@@ -127,12 +170,13 @@ class Sheets:
                        check=True, stdout=subprocess.DEVNULL)
 
 
-def draw_all(sheets, usage):
-    if len(sys.argv) != 4:
+def draw_all(sheets, usage, more=()):
+    """`more`: words that may follow the three arguments."""
+    if len(sys.argv) not in (4, 4 + bool(more)) or any(word not in more for word in sys.argv[4:]):
         sys.exit(usage)
     with tempfile.TemporaryDirectory() as work:
-        sheets(*sys.argv[1:], work).draw()
+        sheets(*sys.argv[1:4], work).draw()
 
 
 if __name__ == '__main__':
-    draw_all(Sheets, __doc__)
+    draw_all(Sheets, __doc__, ('single-scatter',))

@@ -120,8 +120,9 @@ static void add_memory(struct bench *b)
         const char *name;
         double bytes;
     } rows[] = {
-        /* With levels: 4/3 of 4 numbers of 2 bytes; a texel of the solid needs which layer it is in, a byte, as deep as it is wide. */
-        { "4 layers at 1024 x 1024, MB", 4.0 / 3.0 * 1024.0 * 1024.0 * 8.0 },
+        /* With levels: 4/3 of 4 pairs of numbers of 2 bytes; a texel of the solid needs which layer it is in, a byte, as deep as it is
+         * wide. */
+        { "4 layers at 1024 x 1024, MB", 4.0 / 3.0 * 1024.0 * 1024.0 * 16.0 },
         { "3D texture, 1024 x 1024 x 1024, MB", 1024.0 * 1024.0 * 1024.0 },
     };
     struct row *r;

@@ -139,32 +139,21 @@ fail:
 
 /* --- A packet ------------------------------------------------------------------------------------------------------------------- */
 
-/* Lanes `first` to `last` are of one triangle. */
-static void read_triangle(const struct layered_medium *m, const struct pell_mesh *from, const float (*plane)[4], uint32_t triangle,
-                          struct layered_packet *p, int first, int last)
+/* `of`: -1 of the lanes that are of this triangle. */
+static void read_triangle(const struct layered_state *st, const struct layered_medium *m, const struct pell_mesh *from,
+                          const float (*plane)[4], uint32_t triangle, struct layered_packet *p, const int32_t *of)
 {
-#define FILL(row, value)                                                                                                                   \
-    do {                                                                                                                                   \
-        const float one = (value);                                                                                                         \
-        for (int i = first; i <= last; i++)                                                                                                \
-            (row)[i] = one;                                                                                                                \
-    } while (0)
+    struct layered_triangle t;
+
     for (int c = 0; c < 3; c++) {
         const size_t v = from->index[3 * (size_t) triangle + (size_t) c];
-        for (int k = 0; k < 3; k++) {
-            FILL(p->corner[c][k], from->position[3 * v + (size_t) k]);
-            FILL(p->normal[c][k], from->normal[3 * v + (size_t) k]);
-            FILL(p->plane[c][k], plane[v][k]);
-        }
-        FILL(p->plane[c][3], plane[v][3]);
-        for (int k = 0; k < m->packs; k++) {
-            float uv[2];
-            layered_map_uv(m->pack[k].map, from, (uint32_t) v, uv);
-            for (int d = 0; d < 2; d++)
-                FILL(p->uv + (ptrdiff_t) ((k * 3 + c) * 2 + d) * LAYERED_LANES, uv[d]);
-        }
+        memcpy(t.corner[c], from->position + 3 * v, sizeof(t.corner[c]));
+        memcpy(t.normal[c], from->normal + 3 * v, sizeof(t.normal[c]));
+        memcpy(t.plane[c], plane[v], sizeof(t.plane[c]));
+        for (int k = 0; k < m->packs; k++)
+            layered_map_uv(m->pack[k].map, from, (uint32_t) v, t.uv[k][c]);
     }
-#undef FILL
+    st->kernels->fill(&t, m->packs, of, p);
 }
 
 /* Reads 16 pixels; lanes without one are the first. */
@@ -174,6 +163,7 @@ static void read_packet(const struct layered_state *st, const struct layered_med
     const struct pell_scene *scene = pell_renderer_scene(st->r);
     const struct pell_frame *in = st->in;
     const struct pell_vec3 eye = st->view->origin, forward = st->view->forward;
+    _Alignas(64) int32_t of[LAYERED_LANES];
 
     p->count = count;
     for (int i = 0; i < LAYERED_LANES; i++) {
@@ -184,10 +174,13 @@ static void read_packet(const struct layered_state *st, const struct layered_med
         p->u[i] = in->barycentric[0][pixel];
         p->v[i] = in->barycentric[1][pixel];
     }
-    for (int i = 0, last; i < LAYERED_LANES; i = last + 1) {
-        for (last = i; last + 1 < LAYERED_LANES && mesh[last + 1] == mesh[i] && triangle[last + 1] == triangle[i];)
-            last++;
-        read_triangle(m, &scene->meshes[mesh[i]], (const float(*)[4]) st->planes[mesh[i]], triangle[i], p, i, last);
+    for (unsigned left = 0xffff; left;) {
+        const int first = __builtin_ctz(left);
+        for (int i = 0; i < LAYERED_LANES; i++) {
+            of[i] = mesh[i] == mesh[first] && triangle[i] == triangle[first] ? -1 : 0;
+            left &= ~((unsigned) of[i] & 1u << i);
+        }
+        read_triangle(st, m, &scene->meshes[mesh[first]], (const float(*)[4]) st->planes[mesh[first]], triangle[first], p, of);
     }
     for (int i = 0; i < LAYERED_LANES; i++) {
         const float u = p->u[i], v = p->v[i], w = 1.0f - u - v;

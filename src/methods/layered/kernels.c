@@ -40,6 +40,27 @@ INLINE void mean3(const void *rows, int size, int lane, vf u, vf v, vf out[3])
     }
 }
 
+/* `count` rows, of the lanes that `of` says. */
+INLINE void fill_rows(const void *values, int count, int lane, vi of, void *rows)
+{
+    const float *from = values;
+    float *to = rows;
+
+    for (int i = 0; i < count; i++)
+        store(to + i * LANES + lane, select(of, all(from[i]), load(to + i * LANES + lane)));
+}
+
+static void layered_fill(const struct layered_triangle *t, int packs, const int32_t *of, struct layered_packet *p)
+{
+    for (int lane = 0; lane < LANES; lane += WIDTH) {
+        const vi lanes = load_int(of + lane);
+        fill_rows(t->corner, 9, lane, lanes, p->corner);
+        fill_rows(t->normal, 9, lane, lanes, p->normal);
+        fill_rows(t->plane, 12, lane, lanes, p->plane);
+        fill_rows(t->uv, 6 * packs, lane, lanes, p->uv);
+    }
+}
+
 /* Where a pack is looked up: the gradients of u and v over the triangle, whatever way they run. */
 INLINE void start_place(const struct layered_pack *pack, const float *uv, const struct layered_packet *p, int lane, const vf a[3],
                         const vf b[3], const vf way[3], struct layered_place *o)
@@ -263,5 +284,6 @@ static void layered_march(const struct layered_work *work, const struct layered_
 }
 
 extern const struct layered_kernels PELL_SIMD(layered_kernels);
-const struct layered_kernels
-    PELL_SIMD(layered_kernels) = { .start = layered_start, .leave = layered_leave, .see = layered_see, .march = layered_march };
+const struct layered_kernels PELL_SIMD(layered_kernels) = {
+    .fill = layered_fill, .start = layered_start, .leave = layered_leave, .see = layered_see, .march = layered_march
+};

@@ -50,8 +50,8 @@ struct layered_layer {
     bool one_phase; /* of all three channels */
 };
 
-/* Depths of up to 4 layers whose maps are looked up alike: 4 pairs of numbers of 16 bits a texel, its own and of the texel below it, so that
- * four neighbours are one fetch of 32 bytes. Numbers are signed: the depth 0 is -32768, the largest 32767. */
+/* Depths of up to 4 layers whose maps are looked up alike: 4 pairs of numbers of 16 bits a texel, its own and that of the texel below, so
+ * that four neighbours are one fetch of 32 bytes. Numbers are signed: the depth 0 is -32768, the largest 32767. */
 struct layered_pack {
     const struct pell_texture_map *map; /* of the first of them */
     int layer[4], count;                /* -1: none */
@@ -82,6 +82,12 @@ struct layered_place {
     float gu[3][16], gv[3][16];
     int32_t offset[16], stride[16];
     float width[16], height[16];
+};
+
+/* What a pixel's triangle says, at its corners; rows of struct layered_packet in their order. */
+struct layered_triangle {
+    float corner[3][3], normal[3][3], plane[3][4];
+    float uv[PELL_LAYERS_MOST][3][2]; /* of packs */
 };
 
 struct layered_packet {
@@ -126,6 +132,8 @@ struct layered_work {
 };
 
 struct layered_kernels {
+    /* Rows of the lanes whose `of` is -1. */
+    void (*fill)(const struct layered_triangle *t, int packs, const int32_t *of, struct layered_packet *p);
     /* Fills everything from the triangle: up to `length` by depth alone, without an exit. */
     void (*start)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p);
     /* The eye's rays inside the body, from P on. */

@@ -95,10 +95,10 @@ INLINE vf floor_of(vf x)
 
 #define ROUND 12582912.0f /* 1.5 * 2^23: a number added to it is rounded, and its last bits are that number's */
 
-/* 2^-x, x >= -100, within 3e-6 of itself; no more than 1e-37 beyond 126 and where x is no number. */
+/* 2^-x, x >= 0, within 3e-6 of itself; 1 below 0, which a light path's slope may lead to; 1e-38 beyond 126 and where x is no number. */
 INLINE vf halving(vf x)
 {
-    const vf y = lesser(x, all(126.0f)), k = y + ROUND, r = (k - ROUND) - y;
+    const vf y = greater(lesser(x, all(126.0f)), all(0.0f)), k = y + ROUND, r = (k - ROUND) - y;
     const vf p = 0.99999926f + r * (0.69312181f + r * (0.24024745f + r * (0.05591786f + r * 0.0095701019f)));
     return (vf) ((vi) p - ((vi) k << 23));
 }
