@@ -16,29 +16,11 @@
 #define FULL_REPEATS 1    /* frames, at most: they take a while */
 #define LOW_REPEATS 3
 
-struct bench {
-    struct cli *cli;
-    struct session *s;
-    struct rows rows;
-    int repeats;
-};
-
 struct variant {
     const char *name;
     int first, lights; /* of the scene */
     bool tsm;
 };
-
-/* What all methods share. */
-static bool is_common(const char *stage)
-{
-    static const char *const names[] = { "prepare", "surface", "irradiance", "lit", "composite", "post" };
-
-    for (size_t i = 0; i < PELL_COUNT(names); i++)
-        if (strcmp(stage, names[i]) == 0)
-            return true;
-    return false;
-}
 
 /* Sets the method. */
 static enum pell_result choose(struct bench *b, const char *size, bool tsm)
@@ -48,16 +30,8 @@ static enum pell_result choose(struct bench *b, const char *size, bool tsm)
         { "tsm", tsm ? "ray" : "off", "bench" },
         { "charts", "planar", "bench" },
     };
-    const struct pell_method *m = pell_method_find(b->cli->ctx, "bench deon-1", "texture-space");
-    void *values = m ? calloc(1, m->knobs_size) : NULL;
-    enum pell_result res = m ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
 
-    if (values)
-        res = pell_method_configure(b->cli->ctx, m, settings, PELL_COUNT(settings), values);
-    if (res == PELL_OK)
-        res = pell_renderer_set_method(b->s->renderer, m, values);
-    free(values);
-    return res;
+    return bench_choose(b, "texture-space", settings, PELL_COUNT(settings));
 }
 
 static double own_time(const struct pell_picture *p)
@@ -65,7 +39,7 @@ static double own_time(const struct pell_picture *p)
     double sum = 0.0;
 
     for (size_t k = 0; k < p->num_stages; k++)
-        sum += is_common(p->stages[k].name) ? 0.0 : p->stages[k].ms;
+        sum += bench_is_common(p->stages[k].name) ? 0.0 : p->stages[k].ms;
     return sum;
 }
 
@@ -77,21 +51,14 @@ static void add_stages(struct bench *b, const struct pell_picture *p)
     for (size_t k = 0; k < p->num_stages; k++) {
         const struct pell_stage_time *t = &p->stages[k];
         char text[96];
-        if (is_common(t->name))
+        if (bench_is_common(t->name))
             continue;
         if (strncmp(t->name, "blur", 4) == 0) {
             blur += t->ms;
             copy += t->copy_ms;
         }
         snprintf(text, sizeof(text), "    %s", t->name);
-        if ((r = bench_add(&b->rows, text, t->ms))) {
-            r->pixels = t->pixels;
-            r->rays = t->rays;
-            r->bytes = t->bytes;
-            r->copy_ms = t->copy_ms;
-            r->ratio = t->copy_ms > 0.0 ? t->ms / t->copy_ms : 0.0;
-            r->against = "copy";
-        }
+        bench_add_stage(&b->rows, text, t->ms, t);
     }
     if ((r = bench_add(&b->rows, "    all blurs", blur))) {
         r->copy_ms = copy;
@@ -109,7 +76,7 @@ static int repeats_of(const struct bench *b, bool full)
 
 static enum pell_result measure(struct bench *b, const struct variant *v, bool full, bool stages)
 {
-    struct pell_scene *scene = b->s->scene;
+    struct pell_scene *scene = b->s.scene;
     double *anew = calloc((size_t) b->repeats, sizeof(*anew)), *warm = calloc((size_t) b->repeats, sizeof(*warm));
     struct pell_picture p = { 0 };
     struct pell_light *const all = scene->lights;
@@ -121,18 +88,18 @@ static enum pell_result measure(struct bench *b, const struct variant *v, bool f
     PELL_TRY(res);
     scene->lights = all + v->first;
     scene->num_lights = (size_t) v->lights;
-    b->s->settings.width = full ? 2500 : 1280;
-    b->s->settings.height = full ? 1500 : 720;
-    PELL_TRY(pell_renderer_set_scene(b->s->renderer, scene));
+    b->s.settings.width = full ? 2500 : 1280;
+    b->s.settings.height = full ? 1500 : 720;
+    PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
     PELL_TRY(choose(b, full ? "2048" : "1024", v->tsm));
-    PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p)); /* lays the surface out, and touches all memory once */
+    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p)); /* lays the surface out, and touches all memory once */
     for (int i = 0; i < repeats; i++) {
-        b->s->settings.seed++; /* light holds for one seed */
-        PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
+        b->s.settings.seed++; /* light holds for one seed */
+        PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
         anew[i] = own_time(&p);
         if (stages && i + 1 == repeats)
             add_stages(b, &p);
-        PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
+        PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
         warm[i] = own_time(&p);
     }
     snprintf(name, sizeof(name), "%s, %s, all anew", full ? "full" : "low", v->name);
@@ -169,57 +136,21 @@ fail:
     return res;
 }
 
-static enum exit_code answer(struct cli *cli, const struct bench *b)
+enum exit_code bench_deon(struct cli *cli, const char *what, const char *path)
 {
-    const int threads = pell_renderer_threads(b->s->renderer);
-    char device[160], build[64];
+    struct bench b;
+    enum exit_code code = bench_open(&b, cli, path);
 
-    cli_device_name(device, sizeof(device));
-    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
-    if (cli->json)
-        return cli_print_json(cli,
-                              json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:o}", "bench", "deon-1", "engine", "cpu", "device", device, "threads",
-                                        threads, "build", build, "repeats", repeats_of(b, false), "rows", bench_json(&b->rows)));
-    printf("deon-1: %d threads, %s\npellucid %s\nmedians of frames of the method's own stages; full: %d, 2048 x 2048 texels, 2500 x 1500 "
-           "pixels, low: %d, 1024 x 1024, 1280 x 720\n\n%-38s %9s %10s %10s  %s\n",
-           threads, device, build, repeats_of(b, true), repeats_of(b, false), "row", "ms", "texels", "rays", "ratio");
-    for (size_t i = 0; i < b->rows.count; i++) {
-        const struct row *r = &b->rows.items[i];
-        printf("%-38s %9.2f ", r->name, r->ms);
-        if (r->pixels)
-            printf("%10lld %10lld  ", (long long) r->pixels, (long long) r->rays);
-        else
-            printf("%10s %10s  ", "", "");
-        if (r->against && r->ratio > 0.0)
-            printf("%.2f x %s", r->ratio, r->against);
-        putchar('\n');
-    }
-    return EXIT_OK;
-}
-
-enum exit_code bench_deon(struct cli *cli, const char *path)
-{
-    struct session s = { 0 };
-    struct bench *b = calloc(1, sizeof(*b));
-    enum exit_code code = EXIT_MEMORY;
-
-    cli->stats = true; /* times are compared with copies */
-    if (b) {
-        b->cli = cli;
-        b->s = &s;
-        b->repeats = cli->numbers.repeats;
-        code = session_open(cli, path, &s);
-        s.settings.msaa = 1;
-        s.settings.ambient_samples = AMBIENT_SAMPLES;
-        if (code == EXIT_OK && s.scene->num_lights != LIGHTS)
-            code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, path, NULL,
-                                              "has %zu lights, the bench takes an environment and %d", s.scene->num_lights, LIGHTS - 1));
-        if (code == EXIT_OK)
-            code = cli_failed(cli, run_all(b));
-        if (code == EXIT_OK)
-            code = answer(cli, b);
-        session_close(&s);
-    }
-    free(b);
+    b.s.settings.ambient_samples = AMBIENT_SAMPLES;
+    if (code == EXIT_OK && b.s.scene->num_lights != LIGHTS)
+        code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, path, NULL,
+                                          "has %zu lights, the bench takes an environment and %d", b.s.scene->num_lights, LIGHTS - 1));
+    if (code == EXIT_OK)
+        code = cli_failed(cli, run_all(&b));
+    if (code == EXIT_OK)
+        code = bench_answer(&b, what, BENCH_PIXELS | BENCH_RAYS, NULL,
+                            "medians of frames of the method's own stages; full: %d, 2048 x 2048 texels, 2500 x 1500 pixels, low: %d, "
+                            "1024 x 1024, 1280 x 720", repeats_of(&b, true), repeats_of(&b, false));
+    bench_close(&b);
     return code;
 }

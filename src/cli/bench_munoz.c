@@ -15,90 +15,35 @@
 #define FILLING 0.2f       /* of the view's angle: the thing is all that is seen */
 #define NUDGE 1e-4f        /* of the eye's distance that it moves from frame to frame, where nothing is to be kept */
 
-struct bench {
-    struct cli *cli;
-    struct session *s;
-    struct rows rows;
-    int repeats;
-    float *truth; /* R, G, B, A of the reference */
-    bool filled;  /* the thing is all that is seen, and the eye moves: spectra are made anew, errors are none */
-};
-
-static enum pell_result choose(struct bench *b, const char *method, const struct pell_setting *settings, size_t count)
-{
-    const struct pell_method *m = pell_method_find(b->cli->ctx, "bench munoz", method);
-    void *values = m ? calloc(1, m->knobs_size) : NULL;
-    enum pell_result res = m ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
-
-    if (values)
-        res = pell_method_configure(b->cli->ctx, m, settings, count, values);
-    if (res == PELL_OK)
-        res = pell_renderer_set_method(b->s->renderer, m, values);
-    free(values);
-    return res;
-}
-
 static enum pell_result keep_truth(struct bench *b)
 {
     const struct pell_setting most = { "most", REFERENCE, "bench" };
     struct pell_picture p;
     enum pell_result res;
 
-    PELL_TRY(choose(b, "hierarchical", &most, 1));
-    PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
-    for (size_t c = 0; c < 4; c++)
-        for (int y = 0; y < p.height; y++)
-            memcpy(b->truth + (c * (size_t) p.height + (size_t) y) * (size_t) p.width, p.channels[c].data + y * p.channels[c].stride,
-                   (size_t) p.width * sizeof(float));
-    return PELL_OK;
+    PELL_TRY(bench_choose(b, "hierarchical", &most, 1));
+    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
+    PELL_TRY(bench_keep_truth(b, &p));
 
 fail:
     return res;
 }
 
-/* Root mean square difference from the reference over its mean, of pixels that both cover. */
-static double error_of(const struct bench *b, const struct pell_picture *p)
-{
-    const size_t size = (size_t) p->width * (size_t) p->height;
-    double square = 0.0, sum = 0.0, count = 0.0;
-
-    for (int y = 0; y < p->height; y++)
-        for (int x = 0; x < p->width; x++)
-            for (size_t c = 0; c < 3 && b->truth[3 * size + (size_t) (y * p->width + x)] >= 1.0f; c++) {
-                const double t = (double) b->truth[c * size + (size_t) (y * p->width + x)];
-                const double d = (double) p->channels[c].data[y * p->channels[c].stride + x] - t;
-                square += d * d;
-                sum += t;
-                count += 1.0;
-            }
-    return sum > 0.0 ? sqrt(square * count) / sum : 0.0;
-}
-
-/* What all methods share. */
-static bool is_common(const char *stage)
-{
-    static const char *const names[] = { "prepare", "surface", "irradiance", "lit", "composite", "post" };
-
-    for (size_t i = 0; i < PELL_COUNT(names); i++)
-        if (strcmp(stage, names[i]) == 0)
-            return true;
-    return false;
-}
-
 /* The eye a little nearer, or back. */
 static void nudge(struct bench *b, int frame)
 {
-    struct pell_camera *eye = &b->s->scene->cameras[0];
+    struct pell_camera *eye = &b->s.scene->cameras[0];
     float far = 0.0f;
 
     for (int k = 0; k < 3; k++)
-        far += eye->forward[k] * (0.5f * (b->s->scene->bounds_min[k] + b->s->scene->bounds_max[k]) - eye->position[k]);
+        far += eye->forward[k] * (0.5f * (b->s.scene->bounds_min[k] + b->s.scene->bounds_max[k]) - eye->position[k]);
     for (int k = 0; k < 3; k++)
         eye->position[k] += (frame % 2 ? -NUDGE : NUDGE) * far * eye->forward[k];
 }
 
-/* The method's own stages of warm frames, and their sum. */
-static enum pell_result measure(struct bench *b, const char *name, const struct pell_setting *settings, size_t count, bool stages)
+/* The method's own stages of warm frames, and their sum. `moving`: the eye moves, so that spectra are made anew, and there is no error. */
+static enum pell_result measure(struct bench *b, const char *name, const struct pell_setting *settings, size_t count, bool stages,
+                                bool moving)
 {
     double *times = calloc((size_t) b->repeats * MAX_STAGES, sizeof(*times)), sum = 0.0, copy = 0.0;
     struct pell_picture p = { 0 };
@@ -107,11 +52,11 @@ static enum pell_result measure(struct bench *b, const char *name, const struct 
     struct row *r;
 
     PELL_TRY(res);
-    PELL_TRY(choose(b, "convolution", settings, count));
+    PELL_TRY(bench_choose(b, "convolution", settings, count));
     for (int i = -1; i < b->repeats; i++) {
-        if (b->filled)
+        if (moving)
             nudge(b, i + 1);
-        PELL_TRY(bench_frame(b->s->renderer, &b->s->settings, &p));
+        PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
         for (size_t k = 0; i >= 0 && k < p.num_stages && k < MAX_STAGES; k++)
             times[k * (size_t) b->repeats + (size_t) i] = p.stages[k].ms;
     }
@@ -121,25 +66,19 @@ static enum pell_result measure(struct bench *b, const char *name, const struct 
         char text[96];
         if (strcmp(t->name, "surface") == 0)
             pixels = t->pixels;
-        if (is_common(t->name))
+        if (bench_is_common(t->name))
             continue;
         sum += median;
         copy += t->copy_ms;
         snprintf(text, sizeof(text), "  %s", t->name);
-        if (stages && (r = bench_add(&b->rows, text, median))) {
-            r->pixels = t->pixels;
-            r->rays = t->rays;
-            r->bytes = t->bytes;
-            r->copy_ms = t->copy_ms;
-            r->ratio = t->copy_ms > 0.0 ? median / t->copy_ms : 0.0;
-            r->against = "copy";
-        }
+        if (stages)
+            bench_add_stage(&b->rows, text, median, t);
     }
     if ((r = bench_add(&b->rows, name, sum))) {
         r->pixels = pixels;
         r->copy_ms = copy;
-        r->error = b->filled ? (double) NAN : error_of(b, &p);
-        if (b->filled)
+        r->error = moving ? (double) NAN : bench_error(b, &p);
+        if (moving)
             snprintf(r->name, sizeof(r->name), "%s, filled %.0f %%", name, 100.0 * (double) pixels / ((double) p.width * p.height));
     }
 
@@ -176,17 +115,6 @@ static double depth_range(const struct pell_scene *s)
     return range;
 }
 
-/* A thing ten times smaller is one in which light goes ten times as far. */
-static enum pell_result rescale(struct bench *b, double factor)
-{
-    for (size_t i = 0; i < b->s->scene->num_materials; i++)
-        for (int c = 0; c < 3; c++) {
-            b->s->scene->materials[i].medium.sigma_a[c] *= factor;
-            b->s->scene->materials[i].medium.sigma_s_reduced[c] *= factor;
-        }
-    return pell_renderer_set_scene(b->s->renderer, b->s->scene);
-}
-
 static enum pell_result thresholds(struct bench *b)
 {
     static const char *const values[] = { "0", "0.001", "0.05" }, *const rules[] = { "energy", "printed" };
@@ -194,7 +122,7 @@ static enum pell_result thresholds(struct bench *b)
 
     for (int small = 0; small < 2; small++) {
         if (small)
-            PELL_TRY(rescale(b, 0.1));
+            PELL_TRY(bench_stretch(b, 10.0)); /* as if the thing were ten times smaller */
         PELL_TRY(keep_truth(b));
         for (size_t i = 0; i < 2 * PELL_COUNT(values) - 1; i++) {
             const char *value = values[(i + 1) / 2], *rule = rules[i % 2 == 0 && i > 0];
@@ -206,9 +134,9 @@ static enum pell_result thresholds(struct bench *b)
                 snprintf(name, sizeof(name), "%s, t %s as printed", small ? "small" : "large", value);
             else
                 snprintf(name, sizeof(name), "%s, t %s, %.1f convolutions", small ? "small" : "large", value,
-                         convolutions(&b->s->scene->materials[b->s->scene->meshes[0].material], depth_range(b->s->scene), 8,
+                         convolutions(&b->s.scene->materials[b->s.scene->meshes[0].material], depth_range(b->s.scene), 8,
                                       strtod(value, NULL)));
-            PELL_TRY(measure(b, name, set, PELL_COUNT(set), false));
+            PELL_TRY(measure(b, name, set, PELL_COUNT(set), false, false));
         }
     }
     return PELL_OK;
@@ -225,7 +153,7 @@ static enum pell_result thresholds_and_resolutions(struct bench *b)
 
     for (int dense = 0; dense < 2; dense++) {
         if (dense) {
-            PELL_TRY(rescale(b, 10.0));
+            PELL_TRY(bench_stretch(b, 0.1));
             PELL_TRY(keep_truth(b));
         }
         for (size_t i = 0; i < PELL_COUNT(values); i++)
@@ -235,7 +163,7 @@ static enum pell_result thresholds_and_resolutions(struct bench *b)
                                                     { "resolution", sizes[k], "bench" } };
                 char name[96];
                 snprintf(name, sizeof(name), "%s, t %s, resolution %s", dense ? "dense" : "translucent", values[i], sizes[k]);
-                PELL_TRY(measure(b, name, set, PELL_COUNT(set), false));
+                PELL_TRY(measure(b, name, set, PELL_COUNT(set), false, false));
             }
     }
     return PELL_OK;
@@ -249,35 +177,33 @@ static enum pell_result fill(struct bench *b)
 {
     static const char *const values[] = { "1", "1/2", "1/4" };
     static const double radii[] = { 0.25, 1.0, 4.0 };
-    const struct pell_camera eye = b->s->scene->cameras[0];
+    const struct pell_camera eye = b->s.scene->cameras[0];
     double now = 1.0, plain = 0.0;
     size_t first;
     enum pell_result res;
 
-    b->s->scene->cameras[0].fov = eye.fov * FILLING;
-    b->filled = true;
+    b->s.scene->cameras[0].fov = eye.fov * FILLING;
     for (size_t i = 0; i < PELL_COUNT(values); i++) {
         const struct pell_setting set = { "resolution", values[i], "bench" };
         char name[64];
         snprintf(name, sizeof(name), "4 planes, resolution %s", values[i]);
-        PELL_TRY(measure(b, name, &set, 1, true));
+        PELL_TRY(measure(b, name, &set, 1, true, true));
     }
     first = b->rows.count;
     for (size_t i = 0; i < PELL_COUNT(radii); i++) {
         char name[64];
-        PELL_TRY(rescale(b, now / radii[i]));
+        PELL_TRY(bench_stretch(b, radii[i] / now));
         now = radii[i];
         snprintf(name, sizeof(name), "radius x %g", now);
-        PELL_TRY(measure(b, name, NULL, 0, false));
+        PELL_TRY(measure(b, name, NULL, 0, false, true));
         plain = i == 1 ? b->rows.items[b->rows.count - 1].ms : plain;
     }
     for (size_t i = first; i < b->rows.count; i++) {
         b->rows.items[i].ratio = plain > 0.0 ? b->rows.items[i].ms / plain : 0.0;
         b->rows.items[i].against = "radius x 1";
     }
-    b->filled = false;
-    b->s->scene->cameras[0] = eye;
-    return rescale(b, now);
+    b->s.scene->cameras[0] = eye;
+    return bench_stretch(b, 1.0 / now);
 
 fail:
     return res;
@@ -295,7 +221,7 @@ static enum pell_result resolutions(struct bench *b)
             const struct pell_setting set[] = { { "planes", count, "bench" }, { "resolution", values[i], "bench" } };
             snprintf(count, sizeof(count), "%d", planes);
             snprintf(name, sizeof(name), "%d planes, resolution %s", planes, values[i]);
-            PELL_TRY(measure(b, name, set, PELL_COUNT(set), planes == 4 && i == 0));
+            PELL_TRY(measure(b, name, set, PELL_COUNT(set), planes == 4 && i == 0, false));
         }
     PELL_TRY(fill(b));
     PELL_TRY(thresholds_and_resolutions(b));
@@ -319,7 +245,7 @@ static enum pell_result planes(struct bench *b)
                                                 { "resolution", "1", "bench" } };
             snprintf(count, sizeof(count), "%d", n);
             snprintf(name, sizeof(name), "%d planes%s", n, form ? ", as=paper" : "");
-            PELL_TRY(measure(b, name, set, PELL_COUNT(set), form == 0 && n == 4));
+            PELL_TRY(measure(b, name, set, PELL_COUNT(set), form == 0 && n == 4, false));
         }
     return PELL_OK;
 
@@ -327,61 +253,20 @@ fail:
     return res;
 }
 
-static enum exit_code answer(struct cli *cli, const struct bench *b, const char *what)
-{
-    const int threads = pell_renderer_threads(b->s->renderer);
-    char device[160], build[64];
-
-    cli_device_name(device, sizeof(device));
-    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
-    if (cli->json)
-        return cli_print_json(cli, json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:o}", "bench", what, "engine", "cpu", "device", device,
-                                             "threads", threads, "build", build, "width", b->s->settings.width, "height",
-                                             b->s->settings.height, "repeats", b->repeats, "rows", bench_json(&b->rows)));
-    printf("%s: %d threads, %s\npellucid %s\n%d x %d; medians of %d warm frames of the method's own stages; errors against hierarchical of "
-           "at most %s samples\n\n%-36s %9s %10s %10s %8s  %s\n",
-           what, threads, device, build, b->s->settings.width, b->s->settings.height, b->repeats, REFERENCE, "row", "ms", "pixels", "rays",
-           "error %", "ratio");
-    for (size_t i = 0; i < b->rows.count; i++) {
-        const struct row *r = &b->rows.items[i];
-        printf("%-36s %9.2f %10lld %10lld ", r->name, r->ms, (long long) r->pixels, (long long) r->rays);
-        if (isfinite(r->error))
-            printf("%8.3f  ", 100.0 * r->error);
-        else
-            printf("%8s  ", "");
-        if (r->against && r->ratio > 0.0)
-            printf("%.2f x %s", r->ratio, r->against);
-        putchar('\n');
-    }
-    return EXIT_OK;
-}
-
 enum exit_code bench_munoz(struct cli *cli, const char *what, const char *path)
 {
-    struct session s = { 0 };
-    struct bench *b = calloc(1, sizeof(*b));
-    enum exit_code code = EXIT_MEMORY;
+    struct bench b;
+    enum exit_code code = bench_open(&b, cli, path);
 
-    cli->stats = true; /* times are compared with copies */
-    if (b) {
-        b->cli = cli;
-        b->s = &s;
-        b->repeats = cli->numbers.repeats;
-        code = session_open(cli, path, &s);
-        s.settings.msaa = 1;
-        if (code == EXIT_OK) {
-            b->truth = calloc((size_t) s.settings.width * (size_t) s.settings.height, 4 * sizeof(*b->truth));
-            code = b->truth ? EXIT_OK : EXIT_MEMORY;
-        }
-        if (code == EXIT_OK)
-            code = cli_failed(cli, strcmp(what, "munoz-2") == 0   ? thresholds(b)
-                                   : strcmp(what, "munoz-3") == 0 ? resolutions(b)
-                                                                  : planes(b));
-        if (code == EXIT_OK)
-            code = answer(cli, b, what);
-        session_close(&s);
-        free(b->truth);
-    }
-    free(b);
+    if (code == EXIT_OK)
+        code = cli_failed(cli, strcmp(what, "munoz-2") == 0   ? thresholds(&b)
+                               : strcmp(what, "munoz-3") == 0 ? resolutions(&b)
+                                                              : planes(&b));
+    if (code == EXIT_OK)
+        code = bench_answer(&b, what, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL,
+                            "%d x %d; medians of %d warm frames of the method's own stages; errors against hierarchical of at most %s "
+                            "samples",
+                            b.s.settings.width, b.s.settings.height, b.repeats, REFERENCE);
+    bench_close(&b);
     return code;
 }

@@ -13,7 +13,7 @@
 
 enum { RADII = 4096 };
 
-struct bench {
+struct profiles {
     const struct pell_context *ctx;
     struct rows rows;
     const struct pell_material_entry *marble, *skin;
@@ -23,13 +23,13 @@ struct bench {
 };
 
 /* After each repeat: whether the next one may begin. */
-static enum pell_result goes_on(const struct bench *b, enum pell_result res)
+static enum pell_result goes_on(const struct profiles *b, enum pell_result res)
 {
     return res == PELL_OK && pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : res;
 }
 
 /* A row whose time is `ratio` times that of another row. */
-static void add(struct bench *b, const char *name, double ms, const char *against)
+static void add(struct profiles *b, const char *name, double ms, const char *against)
 {
     struct row *r = bench_add(&b->rows, name, ms);
 
@@ -46,7 +46,7 @@ static double largest(const double error[3])
 }
 
 /* d'Eon et al. 2007, appendix A: eight Gaussians a channel, no iteration. Many in a row, as one is shorter than the clock's step. */
-static enum pell_result time_appendix_a(struct bench *b)
+static enum pell_result time_appendix_a(struct profiles *b)
 {
     const struct pell_medium *m = &b->marble->medium;
     const int many = 256;
@@ -71,7 +71,7 @@ static enum pell_result time_appendix_a(struct bench *b)
     return res;
 }
 
-static enum pell_result time_fit(struct bench *b, int k, bool shared, const char *name)
+static enum pell_result time_fit(struct profiles *b, int k, bool shared, const char *name)
 {
     const struct pell_fit_params params = { .count = k };
     struct pell_gaussians out;
@@ -95,7 +95,7 @@ static enum pell_result time_fit(struct bench *b, int k, bool shared, const char
     return res;
 }
 
-static enum pell_result time_layers(struct cli *cli, struct bench *b)
+static enum pell_result time_layers(struct cli *cli, struct profiles *b)
 {
     static const char *const names[STACK_SOLVERS] = { "three layers, Hankel", "three layers, Gaussians", "three layers, analytic" };
     enum pell_result res = PELL_OK;
@@ -117,7 +117,7 @@ static enum pell_result time_layers(struct cli *cli, struct bench *b)
 /* A sum that keeps the compiler from leaving work out. */
 static volatile double kept;
 
-static enum pell_result time_evaluation(struct bench *b, enum pell_profile_model model)
+static enum pell_result time_evaluation(struct profiles *b, enum pell_profile_model model)
 {
     const char *title = pell_profile_model_at(model)->name;
     char one[96], many[96];
@@ -157,7 +157,7 @@ static enum pell_result time_evaluation(struct bench *b, enum pell_profile_model
     return res;
 }
 
-static enum pell_result measure(struct cli *cli, struct bench *b)
+static enum pell_result measure(struct cli *cli, struct profiles *b)
 {
     enum pell_result res = PELL_OK;
 
@@ -180,7 +180,7 @@ fail:
     return res;
 }
 
-static enum exit_code answer(struct cli *cli, const struct bench *b)
+static enum exit_code answer(struct cli *cli, const struct profiles *b)
 {
     char device[160], build[64];
 
@@ -212,7 +212,7 @@ static enum exit_code answer(struct cli *cli, const struct bench *b)
 
 enum exit_code bench_profiles(struct cli *cli)
 {
-    struct bench *b = calloc(1, sizeof(*b));
+    struct profiles *b = calloc(1, sizeof(*b));
     enum exit_code code = EXIT_MEMORY;
 
     if (b)

@@ -28,7 +28,7 @@ enum {
 #define DIPOLE_ERROR 0.04 /* that the dipole is run for; its time at 1 % follows from 1/sqrt(time) */
 #define GOAL 0.01
 
-struct bench {
+struct truths {
     struct cli *cli;
     const char *path;
     struct session s;
@@ -61,7 +61,7 @@ static void drop(struct shot *shot)
 }
 
 /* "density=4", ... up to NULL. */
-static enum pell_result set_method(struct bench *b, const char *name, const char *const *knobs)
+static enum pell_result set_method(struct truths *b, const char *name, const char *const *knobs)
 {
     const struct pell_method *m = pell_method_find(b->cli->ctx, "bench", name);
     struct pell_setting settings[8];
@@ -94,7 +94,7 @@ static const struct pell_channel *channel(const struct pell_picture *p, const ch
     return NULL;
 }
 
-static enum pell_result shoot(struct bench *b, int64_t seed, int width, int height, struct shot *shot)
+static enum pell_result shoot(struct truths *b, int64_t seed, int width, int height, struct shot *shot)
 {
     static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
     struct pell_settings settings = b->s.settings;
@@ -152,7 +152,7 @@ static double error_against(const struct shot *a, const struct shot *truth)
     return n ? sqrt(square / (double) n) : 0.0;
 }
 
-static struct row *add(struct bench *b, const char *name, double ms, int64_t rays)
+static struct row *add(struct truths *b, const char *name, double ms, int64_t rays)
 {
     struct row *r = bench_add(&b->rows, name, ms);
     static struct row none;
@@ -164,7 +164,7 @@ static struct row *add(struct bench *b, const char *name, double ms, int64_t ray
     return r;
 }
 
-static enum exit_code open_session(struct bench *b, const char *material)
+static enum exit_code open_session(struct truths *b, const char *material)
 {
     session_close(&b->s);
     free(b->cli->material);
@@ -175,7 +175,7 @@ static enum exit_code open_session(struct bench *b, const char *material)
 /* --- Diffusion ----------------------------------------------------------------------------------------------------------------------- */
 
 /* One pass made and used, then used again: what making it costs is the difference. */
-static enum pell_result twice(struct bench *b, const char *method, const char *const *knobs, double *made, struct shot *shot)
+static enum pell_result twice(struct truths *b, const char *method, const char *const *knobs, double *made, struct shot *shot)
 {
     struct shot first = { 0 };
     enum pell_result res = set_method(b, method, knobs);
@@ -190,7 +190,7 @@ static enum pell_result twice(struct bench *b, const char *method, const char *c
 }
 
 /* A lamp that takes one ray: what is measured shall be of the integral over the surface, not of the lamp. */
-static enum pell_result make_lamp_small(struct bench *b)
+static enum pell_result make_lamp_small(struct truths *b)
 {
     struct pell_light *l = b->s.scene->num_lights > 0 ? &b->s.scene->lights[0] : NULL;
 
@@ -204,7 +204,7 @@ static enum pell_result make_lamp_small(struct bench *b)
 
 /* `hierarchical` from coarse to fine: build and query as samples grow, and the first that has the error, judged by the finest. *total: its
  * time. */
-static enum pell_result hierarchical(struct bench *b, double *total)
+static enum pell_result hierarchical(struct truths *b, double *total)
 {
     static const char *const steps[][3] = { { "density=0.4", "error=0.2", NULL },
                                             { "density=1.6", "error=0.1", NULL },
@@ -248,7 +248,7 @@ static enum pell_result hierarchical(struct bench *b, double *total)
 }
 
 /* On a small picture of few samples: the time of the large one at 1 % follows, as it grows with the pixels and with 1/error^2. */
-static enum pell_result dipole(struct bench *b, double hierarchical_ms, int64_t pixels)
+static enum pell_result dipole(struct truths *b, double hierarchical_ms, int64_t pixels)
 {
     struct shot shot = { 0 }, truth = { 0 };
     char error[32], tenth[32];
@@ -294,7 +294,7 @@ static int by_work(const void *a, const void *b)
     return (p > q) - (p < q);
 }
 
-static enum pell_result noise_once(struct bench *b, const char *const *knobs, int64_t seed, struct noise *n)
+static enum pell_result noise_once(struct truths *b, const char *const *knobs, int64_t seed, struct noise *n)
 {
     struct shot shot = { 0 }, other = { 0 };
     enum pell_result res = set_method(b, "path-trace", knobs);
@@ -322,7 +322,7 @@ static enum pell_result noise_once(struct bench *b, const char *const *knobs, in
 }
 
 /* The median of the repeats. */
-static enum pell_result noise_of(struct bench *b, const char *const *knobs, struct noise *out)
+static enum pell_result noise_of(struct truths *b, const char *const *knobs, struct noise *out)
 {
     struct noise *all = calloc((size_t) b->repeats, sizeof(*all));
     enum pell_result res = all ? PELL_OK : PELL_ERR_NOMEM;
@@ -337,7 +337,7 @@ static enum pell_result noise_of(struct bench *b, const char *const *knobs, stru
     return res;
 }
 
-static enum pell_result paths(struct bench *b, const char *material, bool frame)
+static enum pell_result paths(struct truths *b, const char *material, bool frame)
 {
     char samples[32], name[96];
     const char *const ours[] = { samples, NULL };
@@ -374,7 +374,7 @@ fail:
 
 /* Rays a second of plain walks, which trace all of their rays, beside the same rays by Embree alone, the faster of its ways: one by one, or
  * in packets. One thread. All times are the least of a few. */
-static enum pell_result bare(struct bench *b)
+static enum pell_result bare(struct truths *b)
 {
     static volatile int64_t kept;
     struct pell_ray_record record = { .capacity = KEPT_RAYS };
@@ -421,7 +421,7 @@ fail:
 
 /* --- The bench ----------------------------------------------------------------------------------------------------------------------- */
 
-static enum exit_code measure(struct bench *b)
+static enum exit_code measure(struct truths *b)
 {
     static const char *const materials[] = { "wholemilk", "marble", "skin1" };
     const int threads = b->cli->numbers.threads;
@@ -452,7 +452,7 @@ static enum exit_code measure(struct bench *b)
     return code;
 }
 
-static enum exit_code answer(struct bench *b)
+static enum exit_code answer(struct truths *b, const char *what)
 {
     struct cli *cli = b->cli;
     char device[160], build[64];
@@ -461,12 +461,12 @@ static enum exit_code answer(struct bench *b)
     snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
     if (cli->json)
         return cli_print_json(cli,
-                              json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:s,s:o}", "bench", "truth", "engine", "cpu", "device", device,
+                              json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:s,s:o}", "bench", what, "engine", "cpu", "device", device,
                                         "threads", b->threads, "build", build, "width", b->s.settings.width, "height", b->s.settings.height,
                                         "repeats", b->repeats, "clock", "processor", "rows", bench_json(&b->rows)));
-    printf("truth: %s\npellucid %s\n%d x %d, %d threads; milliseconds of processor time, of all threads together; error: root mean square, "
+    printf("%s: %s\npellucid %s\n%d x %d, %d threads; milliseconds of processor time, of all threads together; error: root mean square, "
            "relative,\nof the subsurface light; work: seconds times relative variance, %d samples a pixel\n\n",
-           device, build, b->s.settings.width, b->s.settings.height, b->threads, SAMPLES);
+           what, device, build, b->s.settings.width, b->s.settings.height, b->threads, SAMPLES);
     printf("%-36s %10s %8s %10s %8s %9s  %s\n", "row", "ms", "pixels", "rays", "error %", "work", "ratio");
     for (size_t i = 0; i < b->rows.count; i++) {
         const struct row *r = &b->rows.items[i];
@@ -487,9 +487,9 @@ static enum exit_code answer(struct bench *b)
     return EXIT_OK;
 }
 
-enum exit_code bench_truth(struct cli *cli, const char *path)
+enum exit_code bench_truth(struct cli *cli, const char *what, const char *path)
 {
-    struct bench *b = calloc(1, sizeof(*b));
+    struct truths *b = calloc(1, sizeof(*b));
     enum exit_code code;
 
     if (!b)
@@ -501,7 +501,7 @@ enum exit_code bench_truth(struct cli *cli, const char *path)
     cli->quiet = true;         /* of frames there is nothing to tell */
     code = measure(b);
     if (code == EXIT_OK)
-        code = answer(b);
+        code = answer(b, what);
     session_close(&b->s);
     free(b);
     return code;

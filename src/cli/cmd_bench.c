@@ -14,35 +14,6 @@
 #include <string.h>
 #include <unistd.h>
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *) a, y = *(const double *) b;
-    return (x > y) - (x < y);
-}
-
-double bench_median(double *values, int count)
-{
-    qsort(values, (size_t) count, sizeof(*values), by_value);
-    return count % 2 ? values[count / 2] : 0.5 * (values[count / 2 - 1] + values[count / 2]);
-}
-
-struct row *bench_add(struct rows *rows, const char *name, double ms)
-{
-    struct row *r;
-    if (rows->count == PELL_COUNT(rows->items))
-        return NULL;
-    r = &rows->items[rows->count++];
-    *r = (struct row) { .ms = ms, .error = (double) NAN, .work = (double) NAN };
-    snprintf(r->name, sizeof(r->name), "%s", name);
-    return r;
-}
-
-enum pell_result bench_frame(struct pell_renderer *renderer, const struct pell_settings *settings, struct pell_picture *picture)
-{
-    const enum pell_result res = pell_renderer_render(renderer, settings, picture);
-    return res == PELL_OK && picture->partial ? PELL_ERR_CANCELLED : res;
-}
-
 /* Renders `repeats` warm frames; medians of the frame and, where `stages` is given, of each stage. */
 static enum pell_result warm_frames(struct cli *cli, struct session *s, struct pell_renderer *renderer, int repeats, double *frame_ms,
                                     struct rows *stages)
@@ -64,15 +35,7 @@ static enum pell_result warm_frames(struct cli *cli, struct session *s, struct p
         *frame_ms = bench_median(frames, repeats);
         for (size_t k = 0; stages && k < p.num_stages && k < MAX_STAGES; k++) {
             const struct pell_stage_time *t = &p.stages[k];
-            struct row *r = bench_add(stages, t->name, bench_median(frames + (k + 1) * (size_t) repeats, repeats));
-            if (r) {
-                r->pixels = t->pixels;
-                r->rays = t->rays;
-                r->bytes = t->bytes;
-                r->copy_ms = t->copy_ms;
-                r->ratio = t->copy_ms > 0.0 ? r->ms / t->copy_ms : 0.0;
-                r->against = "copy";
-            }
+            bench_add_stage(stages, t->name, bench_median(frames + (k + 1) * (size_t) repeats, repeats), t);
         }
     }
     free(frames);
@@ -238,29 +201,6 @@ static double covered(const struct session *s, const struct rows *rows)
     return 0.0;
 }
 
-json_t *bench_json(const struct rows *rows)
-{
-    json_t *list = json_array();
-
-    for (size_t i = 0; i < rows->count; i++) {
-        const struct row *r = &rows->items[i];
-        json_t *o = json_pack("{s:s,s:f,s:I,s:I,s:I,s:f}", "name", r->name, "ms", r->ms, "pixels", (json_int_t) r->pixels, "rays",
-                              (json_int_t) r->rays, "bytes", (json_int_t) r->bytes, "copy_ms", r->copy_ms);
-        if (o && r->against) {
-            json_object_set_new(o, "ratio", json_real(r->ratio));
-            json_object_set_new(o, "ratio_to", json_string(r->against));
-        }
-        if (o && isfinite(r->error))
-            json_object_set_new(o, "error", json_real(r->error));
-        if (o && isfinite(r->work))
-            json_object_set_new(o, "work_variance", json_real(r->work));
-        if (o && r->items)
-            json_object_set_new(o, "each_ns", json_real(1e6 * r->ms / (double) r->items));
-        json_array_append_new(list, o);
-    }
-    return list;
-}
-
 static enum exit_code answer(struct cli *cli, const struct session *s, const char *what, const struct rows *rows,
                              const struct pell_rect *rect)
 {
@@ -280,82 +220,66 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
            "medians of %d warm frames\n\n",
            what, method, engine, threads, device, build, s->settings.width, s->settings.height, s->settings.msaa,
            s->settings.msaa > 1 ? "s" : "", 100.0 * covered(s, rows), cli->numbers.repeats);
-    printf("%-26s %9s %10s %10s %9s  %s\n", "row", "ms", "pixels", "rays", "copy ms", "ratio");
-    for (size_t i = 0; i < rows->count; i++) {
-        const struct row *r = &rows->items[i];
-        printf("%-26s %9.2f ", r->name, r->ms);
-        if (r->pixels)
-            printf("%10lld %10lld %9.2f  ", (long long) r->pixels, (long long) r->rays, r->copy_ms);
-        else
-            printf("%10s %10s %9s  ", "", "", "");
-        if (r->against && r->ratio > 0.0)
-            printf("%.2f x %s", r->ratio, r->against);
-        putchar('\n');
-    }
+    bench_print(rows, BENCH_PIXELS | BENCH_RAYS | BENCH_COPY, NULL);
     return EXIT_OK;
 }
 
-enum exit_code command_bench(struct cli *cli)
+/* Those that choose their methods, or render nothing; a scene is for the method that it names. */
+static const struct {
+    const char *name;
+    enum exit_code (*run)(struct cli *cli, const char *what, const char *path);
+} benches[] = { { "truth", bench_truth },   { "mertens", bench_mertens }, { "munoz-2", bench_munoz }, { "munoz-3", bench_munoz },
+                { "munoz-5", bench_munoz }, { "deon-1", bench_deon },     { "francois-2", bench_francois } };
+
+static enum exit_code no_effect(struct cli *cli, const char *option, const char *what, const char *why)
 {
-    const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
-    static const char *const rendering[] = { "--method", "--set", "--engine", "--device", "--threads", "--allow-outside" };
-    const bool profiles = strcmp(what, "profiles") == 0, truth = strcmp(what, "truth") == 0;
+    return cli_usage(cli, option, NULL, "has no effect on the bench %s, which %s", what, why);
+}
+
+static enum exit_code render(struct cli *cli, const char *what, const char *path)
+{
     struct session s = { 0 };
     struct rows rows = { .count = 0 };
     struct pell_rect rect = { 0 };
-    char path[4096];
-    enum exit_code code = profiles ? EXIT_OK : find_scene(cli, what, path, sizeof(path));
+    enum exit_code code;
 
-    if (profiles && cli->num_given)
-        for (size_t i = 0; i < PELL_COUNT(rendering); i++)
-            if (cli_given(cli, rendering[i]))
-                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench profiles, which renders nothing");
-    if (profiles && cli->settings.count)
-        return cli_usage(cli, cli->settings.items[0].where, NULL, "has no effect on the bench profiles, which renders nothing");
-    if (profiles)
-        return bench_profiles(cli);
-    for (size_t i = 0; truth && i < 2; i++)
-        if (cli_given(cli, rendering[i]))
-            return cli_usage(cli, rendering[i], NULL, "has no effect on the bench truth, which runs all references");
-    if (truth && cli->common.count)
-        return cli_usage(cli, cli->common.items[0].where, NULL, "has no effect on the bench truth, which chooses its samples");
-    if (truth && code == EXIT_OK)
-        return bench_truth(cli, path);
-    if (strcmp(what, "mertens") == 0) {
-        for (size_t i = 0; i < 2; i++)
-            if (cli_given(cli, rendering[i]))
-                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench mertens, which chooses its methods");
-        if (code == EXIT_OK)
-            return bench_mertens(cli, path);
-    }
-    if (strcmp(what, "munoz-2") == 0 || strcmp(what, "munoz-3") == 0 || strcmp(what, "munoz-5") == 0) {
-        for (size_t i = 0; i < 2; i++)
-            if (cli_given(cli, rendering[i]))
-                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench %s, which chooses its methods", what);
-        if (code == EXIT_OK)
-            return bench_munoz(cli, what, path);
-    }
-    if (strcmp(what, "deon-1") == 0) {
-        for (size_t i = 0; i < 2; i++)
-            if (cli_given(cli, rendering[i]))
-                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench deon-1, which chooses its methods");
-        if (code == EXIT_OK)
-            return bench_deon(cli, path);
-    }
-    if (strcmp(what, "francois-2") == 0) {
-        for (size_t i = 0; i < 2; i++)
-            if (cli_given(cli, rendering[i]))
-                return cli_usage(cli, rendering[i], NULL, "has no effect on the bench francois-2, which chooses its methods");
-        if (code == EXIT_OK)
-            return bench_francois(cli, path);
-    }
     cli->stats = true; /* times are compared with copies */
-    if (code == EXIT_OK)
-        code = session_open(cli, path, &s);
+    code = session_open(cli, path, &s);
     if (code == EXIT_OK)
         code = cli_failed(cli, measure(cli, &s, &rows, &rect));
     if (code == EXIT_OK)
         code = answer(cli, &s, what, &rows, &rect);
     session_close(&s);
     return code;
+}
+
+enum exit_code command_bench(struct cli *cli)
+{
+    static const char *const rendering[] = { "--engine", "--device", "--threads", "--allow-outside" };
+    static const char *const choosing[] = { "--method", "--set" };
+    const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
+    const bool profiles = strcmp(what, "profiles") == 0;
+    char path[4096];
+    enum exit_code (*run)(struct cli *cli, const char *what, const char *path) = NULL;
+    enum exit_code code;
+
+    for (size_t i = 0; i < PELL_COUNT(benches); i++)
+        if (strcmp(what, benches[i].name) == 0)
+            run = benches[i].run;
+    for (size_t i = 0; (run || profiles) && i < PELL_COUNT(choosing); i++)
+        if (cli_given(cli, choosing[i]))
+            return no_effect(cli, choosing[i], what, profiles ? "renders nothing" : "chooses its methods");
+    for (size_t i = 0; profiles && i < PELL_COUNT(rendering); i++)
+        if (cli_given(cli, rendering[i]))
+            return no_effect(cli, rendering[i], what, "renders nothing");
+    if (profiles && cli->settings.count)
+        return no_effect(cli, cli->settings.items[0].where, what, "renders nothing");
+    if (run && cli->common.count)
+        return no_effect(cli, cli->common.items[0].where, what, "chooses its samples");
+    if (profiles)
+        return bench_profiles(cli);
+    code = find_scene(cli, what, path, sizeof(path));
+    if (code != EXIT_OK)
+        return code;
+    return run ? run(cli, what, path) : render(cli, what, path);
 }

@@ -805,7 +805,7 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
 
     st->clock = pell_seconds();
     rows(&p, a->height, clear_rows);
-    st->work = (struct ts_work){
+    st->work = (struct ts_work) {
         .width = a->width,
         .height = a->height,
         .blocks = a->blocks,
