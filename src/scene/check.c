@@ -23,11 +23,13 @@ enum kind {
     KINDS
 };
 
-/* What two objects share if one is a copy of the other: from an object's triangles alone, in their order. */
+/* What an object has in common with its copies, but not with them alone. */
 struct likeness {
     int64_t triangles;
-    double sum[3], square;
+    double sum[3], square; /* of the corners' places, in their order */
     size_t object;
+    const uint32_t *meshes; /* of the object, indices into the scene */
+    size_t num_meshes;
 };
 
 struct check {
@@ -199,7 +201,7 @@ static bool holds_camera(const struct pell_scene *scene, const struct pell_topol
 
 static struct likeness likeness_of(const struct pell_scene *scene, const struct pell_topology *t, size_t object)
 {
-    struct likeness l = { .triangles = t->num_triangles, .object = object };
+    struct likeness l = { .triangles = t->num_triangles, .object = object, .meshes = t->mesh, .num_meshes = t->num_meshes };
 
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
@@ -235,7 +237,39 @@ static int by_likeness_then_order(const void *a, const void *b)
     return order ? order : l->object < r->object ? -1 : l->object > r->object;
 }
 
-/* An object that was exported twice blocks its own light at once. */
+struct corners {
+    const struct pell_scene *scene;
+    const struct likeness *of;
+    size_t mesh, corner; /* the next one */
+};
+
+/* Place of the next corner; NULL: that was the last. */
+static const float *next_corner(struct corners *k)
+{
+    while (k->mesh < k->of->num_meshes) {
+        const struct pell_mesh *mesh = &k->scene->meshes[k->of->meshes[k->mesh]];
+        if (k->corner < 3 * (size_t) mesh->num_triangles)
+            return mesh->position + 3 * (size_t) mesh->index[k->corner++];
+        k->mesh++;
+        k->corner = 0;
+    }
+    return NULL;
+}
+
+static bool coincide(const struct pell_scene *scene, const struct likeness *a, const struct likeness *b)
+{
+    struct corners p = { .scene = scene, .of = a }, q = { .scene = scene, .of = b };
+
+    for (;;) {
+        const float *x = next_corner(&p), *y = next_corner(&q);
+        if (!x || !y)
+            return !x && !y;
+        if (memcmp(x, y, 3 * sizeof(*x)) != 0)
+            return false;
+    }
+}
+
+/* An object that was exported twice blocks its own light at once. Copies list their triangles in one order. */
 static enum pell_result find_coincident(struct check *k)
 {
     struct pell_object_report *objects = k->report->objects;
@@ -246,7 +280,7 @@ static enum pell_result find_coincident(struct check *k)
     for (size_t i = 1; i < k->report->num_objects; i++) {
         const struct likeness *l = &k->likeness[i];
         char other[96];
-        if (by_likeness(l - 1, l) != 0 || l->triangles == 0)
+        if (by_likeness(l - 1, l) != 0 || l->triangles == 0 || !coincide(k->scene, l - 1, l))
             continue;
         objects[l->object].coincident = (int) l[-1].object;
         PELL_TRY(add(k, COINCIDENT, PELL_SEVERITY_WARNING, name_place("object", objects[l->object].name, &text),

@@ -107,6 +107,23 @@ static void an_object_that_is_there_twice_is_found(void **state)
     finish(&c);
 }
 
+/* A box and the same box turned about their middle: sums of their corners are alike. */
+static void two_things_that_cross_are_no_copies(void **state)
+{
+    const struct pell_load_params params = { .mm_per_unit = 1.0, .bare = true };
+    struct checked c = check("plus.obj",
+                             "o flat\nv -3 -1 -1\nv 3 -1 -1\nv 3 1 -1\nv -3 1 -1\nv -3 -1 1\nv 3 -1 1\nv 3 1 1\nv -3 1 1\n"
+                             "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+                             "o upright\nv -1 -3 -1\nv 1 -3 -1\nv 1 3 -1\nv -1 3 -1\nv -1 -3 1\nv 1 -3 1\nv 1 3 1\nv -1 3 1\n"
+                             "f 9 12 11 10\nf 13 14 15 16\nf 9 10 14 13\nf 10 11 15 14\nf 11 12 16 15\nf 12 9 13 16\n",
+                             &params, NULL);
+    (void) state;
+
+    assert_int_equal(c.report.num_objects, 2);
+    assert_int_equal(c.report.objects[1].coincident, -1);
+    finish(&c);
+}
+
 /* From inside, from outside but within the bounds of the two parts, and right beside a face. */
 static void a_camera_inside_an_object_is_found(void **state)
 {
@@ -309,6 +326,7 @@ int main(void)
         cmocka_unit_test(an_open_cube_has_its_boundary_counted),
         cmocka_unit_test(a_cube_without_area_is_said_to_have_none),
         cmocka_unit_test(an_object_that_is_there_twice_is_found),
+        cmocka_unit_test(two_things_that_cross_are_no_copies),
         cmocka_unit_test(a_camera_inside_an_object_is_found),
         cmocka_unit_test(fins_flips_and_flat_triangles_are_found),
         cmocka_unit_test(things_are_judged_one_by_one),
