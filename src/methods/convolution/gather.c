@@ -54,7 +54,8 @@ static void find_reached(const struct convolution_state *st, int y, int *x0, int
     low = (j->reached.x0 - margin) * st->step + half - rect->x0 + j->x0;
     high = j->reached.x1 * st->step + half - rect->x0 + j->x0;
     *x0 = j->reached.x0 - margin <= 0 || low < 0 ? 0 : low;
-    *x1 = high < rect->x1 - rect->x0 ? high : rect->x1 - rect->x0;
+    high = high < rect->x1 - rect->x0 ? high : rect->x1 - rect->x0;
+    *x1 = high > *x0 ? high : *x0; /* what is reached may lie beside all pixels */
 }
 
 /* A mean of what is there, whatever rounding says of light that is far dimmer than elsewhere. */

@@ -51,7 +51,8 @@ static const struct pell_knob knobs[] = {
       0,
       restore_names,
       "what splitting and gathering lose: keep it in images between planes, divide by what a flat surface gets back, or lose it" },
-    { "threshold", PELL_KNOB_FLOAT, "1", AT(threshold), { 0.001 }, 0, 0.5, NULL, "leave out pairs of planes that exchange less than this" },
+    { "threshold", PELL_KNOB_FLOAT, "1", AT(threshold), { 0.0001 }, 0, 0.5, NULL,
+      "leave out pairs of planes that exchange less than this" },
     { "threshold-by",
       PELL_KNOB_ENUM,
       "1",
@@ -120,6 +121,7 @@ static void paper(void *values)
     k->as = CONV_PAPER;
     k->split = CONV_HALF;
     k->restore = CONV_LOST;
+    k->threshold = 0.001f;
     k->threshold_by = CONV_AS_PRINTED;
     k->resolution = CONV_HALF_SIZE;
     k->behind_step = CONV_EVERY_1;
