@@ -93,8 +93,7 @@ static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_ve
                    (float) ((p[0][2] + p[1][2] + p[2][2]) / 3.0));
 }
 
-/* Lists a body's triangles, in order. */
-/* Of body `number`, whose meshes are the `count` at `meshes`. */
+/* Lists the triangles of body `number`, in order; its meshes are the `count` at `meshes`. */
 static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_scene *scene, size_t number, const uint32_t *meshes,
                                        size_t count)
 {

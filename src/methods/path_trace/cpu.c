@@ -290,7 +290,7 @@ static void do_tile(void *arg, int index, int worker)
             }
             if (count == 0)
                 first = i;
-            jobs[count++] = (struct pt_job){ .point = &points[i - begin], .sample = k };
+            jobs[count++] = (struct pt_job) { .point = &points[i - begin], .sample = k };
         }
     if (count > 0)
         do_jobs(run, jobs, count, first, worker);

@@ -34,7 +34,7 @@ static const struct pell_knob knobs[] = {
       "a path that carries less than this share goes on by chance" },
     { "acceleration", PELL_KNOB_ENUM, "1", AT(trace.acceleration), { PT_ACCELERATION_GRID }, 0, 0, acceleration_names,
       "walks one by one, or many side by side (lanes), or these with a grid of distances to the surface, so that steps deep inside need no "
-      "ray; changes the speed only" },
+      "ray; the first two have the same bits, a grid has other noise of the same size" },
     { "connections", PELL_KNOB_BOOL, "1", AT(connections), { 1 }, 0, 1, NULL,
       "lamps are looked for from inside, through the surface, and paths from lamps are joined to paths from the eye" },
     { 0 },

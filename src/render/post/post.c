@@ -9,6 +9,7 @@
 
 #define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
 #define SKY_WHITE 16.0   /* an environment behind the thing may be brighter than the thing by far */
+#define LN2 0.69314718055994530942
 #define METER_FACTOR 3.0 /* at most this times the key's exposure */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
@@ -25,7 +26,8 @@ struct task {
 };
 
 /* Mends what is not a number, and measures over covered pixels: the sum of the log luminance, its count, the largest luminance.
- * Logarithms are taken of products of eight, which stay far inside a double's range: a logarithm costs more than all the rest. */
+ * One logarithm is taken a row, of the product: a logarithm costs more than all the rest. Every eight factors, which stay far inside a
+ * double's range, its power of two is moved over to `power`. */
 static void measure_row(void *arg, int index, int worker)
 {
     const struct task *t = arg;
@@ -33,7 +35,8 @@ static void measure_row(void *arg, int index, int worker)
     const int y = p->rect.y0 + index;
     const size_t row = (size_t) (y * p->stride);
     float *r = t->color[0] + row, *g = t->color[1] + row, *b = t->color[2] + row, *a = t->alpha + row;
-    double sum = 0.0, product = 1.0, count = 0.0, invalid = 0.0, maximum = 0.0;
+    double product = 1.0, count = 0.0, invalid = 0.0, maximum = 0.0;
+    int64_t power = 0;
     int factors = 0;
     (void) worker;
 
@@ -54,13 +57,16 @@ static void measure_row(void *arg, int index, int worker)
             product *= l < 1e30 ? l : 1e30;
             count += 1.0;
             if (++factors == 8) {
-                sum += log(product);
-                product = 1.0;
+                uint64_t bits;
+                memcpy(&bits, &product, sizeof(bits));
+                power += (int64_t) (bits >> 52) - 1023;
+                bits = (bits & 0xfffffffffffffull) | 1023ull << 52;
+                memcpy(&product, &bits, sizeof(bits));
                 factors = 0;
             }
         }
     }
-    p->rows[y * PER_ROW + SUM_LOG] = sum + log(product);
+    p->rows[y * PER_ROW + SUM_LOG] = log(product) + (double) power * LN2;
     p->rows[y * PER_ROW + COUNT] = count;
     p->rows[y * PER_ROW + INVALID] = invalid;
     p->rows[y * PER_ROW + MAXIMUM] = maximum;
