@@ -173,6 +173,8 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
 /* Loads the scene anew, at a time in seconds; the rest stays. */
 enum exit_code session_move(struct cli *cli, const char *path, double time, struct session *s);
 void session_close(struct session *s);
+/* Whether the options and knobs that a scene file gives its picture are right. */
+enum exit_code session_check(struct cli *cli, struct pell_scene *scene);
 json_t *session_stages(const struct pell_picture *picture);
 /* Writes the picture in a format of pell_write_formats, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */
 PELL_NODISCARD enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_picture *picture,

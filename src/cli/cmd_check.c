@@ -280,7 +280,9 @@ enum exit_code command_check(struct cli *cli)
     if (res == PELL_OK)
         res = pell_scene_check(scene, &report);
     code = cli_failed(cli, res);
-    if (res == PELL_OK && cli->check.cross_section)
+    if (code == EXIT_OK)
+        code = session_check(cli, scene);
+    if (code == EXIT_OK && cli->check.cross_section)
         code = check_layers(cli, scene, &section);
     if (code == EXIT_OK) {
         if (cli->json)

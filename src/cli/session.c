@@ -285,6 +285,15 @@ static enum exit_code configure(struct cli *cli, struct session *s)
     return code;
 }
 
+enum exit_code session_check(struct cli *cli, struct pell_scene *scene)
+{
+    struct session s = { .scene = scene };
+    const enum exit_code code = configure(cli, &s);
+
+    free(s.knobs);
+    return code;
+}
+
 enum exit_code session_open(struct cli *cli, const char *path, struct session *s)
 {
     return session_open_at(cli, path, NULL, s);

@@ -159,6 +159,16 @@ def _(folder):
         works(folder, b'render', bad, '--size', '70mm', *SMALL, *more)
 
 
+@test('check finds methods and knobs that are not there, as render does')
+def _(folder):
+    for entry, word in (({'method': 'convolutoin'}, 'convolution'), ({'method': 'convolution', 'knobs': {'plains': 3}}, 'planes'),
+                        ({'method': 'layered', 'knobs': {'samples': -1}}, 'samples'), ({'tonemap': 'rienhard'}, 'reinhard')):
+        (folder / 'wrong.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'bunny.obj', 'size': '70mm', 'render': entry}))
+        for command in ('check', 'render'):
+            done = run(folder, command, 'wrong.json')
+            need(done.returncode == 3 and word in text(done.stderr) and not (folder / 'wrong.png').exists(), command, entry, done)
+
+
 @test('check says where the things are, as its JSON does')
 def _(folder):
     (low, high) = one_object(works(folder, 'check', 'bunny.obj', '--size', '70mm', '--json'))['bounds_mm']
