@@ -7,7 +7,8 @@
 
 convolution-materials.png: the eight materials of figure 4 of the paper, on shapes of scripts/make_assets.py and a bunny;
 convolution-hierarchical.png: apple, marble and orange juice as in its figure 6, then whole milk and jade: convolution above, hierarchical
-below, and their difference four times as strong on grey.
+below, and their difference four times as strong on grey;
+convolution-truth.png: whole milk, marble and jade, convolution above, path-trace below.
 --turn: 16 frames of a bunny that turns half a degree from one to the next. Standard library only.
 """
 import json
@@ -25,6 +26,7 @@ FIGURE_4 = ['skimmilk', 'potato', 'apple', 'wholemilk', 'wax', 'ketchup', 'orang
 FIGURE_6 = ['apple', 'marble', 'orange-juice', 'wholemilk', 'jade']
 FRAMES = 16
 REFERENCE = ['-m', 'hierarchical', '--set', 'most=200000']
+TRUTH = ['-m', 'path-trace', '--samples', '96', '--msaa', '1']
 CONVOLUTION = ['-m', 'convolution']
 
 
@@ -71,6 +73,13 @@ def draw(studio, bunny, images):
     truth = [read_png(studio.render(bunny, name, REFERENCE, 180, 180)) for name in FIGURE_6]
     parts = [in_row(ours), in_row(truth), in_row([difference(a, b) for a, b in zip(ours, truth)])]
     write_png(images / 'convolution-hierarchical.png', above(above(parts[0], parts[1], 3), parts[2], 3))
+    draw_truth(studio, bunny, images)
+
+
+def draw_truth(studio, bunny, images):
+    rows = [in_row([read_png(studio.render(bunny, name, options, 180, 180)) for name in ('wholemilk', 'marble', 'jade')])
+            for options in (CONVOLUTION, TRUTH)]
+    write_png(images / 'convolution-truth.png', above(rows[0], rows[1], 3))
 
 
 def read_pfm(path):
