@@ -55,6 +55,7 @@ static void check_number(const char *text, size_t length)
 static void check_text(struct pell_context *ctx, const char *text)
 {
     static const char *const names[] = { "wholemilk", "skimmilk", "marble", "jade" };
+    struct pell_text hint = { .length = 0 };
     char shown[48], again[48];
     double mm;
 
@@ -63,7 +64,8 @@ static void check_text(struct pell_context *ctx, const char *text)
     require(strcmp(pell_printable(shown, again, sizeof(again)), shown) == 0); /* nothing is left to mask */
     if (pell_parse_length(ctx, "fuzz", text, &mm) == PELL_OK)
         require(isfinite(mm) && mm > 0);
-    pell_nearest(text, names, PELL_COUNT(names));
+    pell_text_suggest_or_list(&hint, "known: ", text, names, PELL_COUNT(names));
+    require(strlen(hint.str) == hint.length && hint.length > 0);
 }
 
 static size_t field_size(enum pell_knob_type type)
