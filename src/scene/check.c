@@ -23,7 +23,7 @@ enum kind {
     KINDS
 };
 
-/* What an object has in common with its copies, but not with them alone. */
+/* What an object has in common with its copies, but not with them alone; sums are made where triangles are as many as another's. */
 struct likeness {
     int64_t triangles;
     double sum[3], square; /* of the corners' places, in their order */
@@ -199,20 +199,17 @@ static bool holds_camera(const struct pell_scene *scene, const struct pell_topol
     return fabs(sum) > 2.0 * PELL_PI;
 }
 
-static struct likeness likeness_of(const struct pell_scene *scene, const struct pell_topology *t, size_t object)
+static void measure_likeness(const struct pell_scene *scene, struct likeness *l)
 {
-    struct likeness l = { .triangles = t->num_triangles, .object = object, .meshes = t->mesh, .num_meshes = t->num_meshes };
-
-    for (size_t m = 0; m < t->num_meshes; m++) {
-        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+    for (size_t m = 0; m < l->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[l->meshes[m]];
         for (size_t i = 0; i < 3 * (size_t) mesh->num_triangles; i++)
             for (int c = 0; c < 3; c++) {
                 const double p = (double) mesh->position[3 * (size_t) mesh->index[i] + (size_t) c];
-                l.sum[c] += p;
-                l.square += p * p;
+                l->sum[c] += p;
+                l->square += p * p;
             }
     }
-    return l;
 }
 
 static int by_likeness(const void *a, const void *b)
@@ -273,11 +270,18 @@ static bool coincide(const struct pell_scene *scene, const struct likeness *a, c
 static enum pell_result find_coincident(struct check *k)
 {
     struct pell_object_report *objects = k->report->objects;
+    const size_t count = k->report->num_objects;
     struct pell_text text;
     enum pell_result res;
 
-    qsort(k->likeness, k->report->num_objects, sizeof(*k->likeness), by_likeness_then_order);
-    for (size_t i = 1; i < k->report->num_objects; i++) {
+    qsort(k->likeness, count, sizeof(*k->likeness), by_likeness_then_order);
+    for (size_t i = 0; i < count; i++) {
+        struct likeness *l = &k->likeness[i];
+        if ((i > 0 && l[-1].triangles == l->triangles) || (i + 1 < count && l[1].triangles == l->triangles))
+            measure_likeness(k->scene, l);
+    }
+    qsort(k->likeness, count, sizeof(*k->likeness), by_likeness_then_order);
+    for (size_t i = 1; i < count; i++) {
         const struct likeness *l = &k->likeness[i];
         char other[96];
         if (by_likeness(l - 1, l) != 0 || l->triangles == 0 || !coincide(k->scene, l - 1, l))
@@ -308,7 +312,9 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
     parts = pell_alloc_array(k->ctx, t.num_parts, sizeof(*parts));
     res = PELL_ERR_NOMEM;
     if (o->name && parts) {
-        k->likeness[k->report->num_objects] = likeness_of(k->scene, &t, k->report->num_objects);
+        k->likeness[k->report->num_objects] = (struct likeness) {
+            .triangles = t.num_triangles, .object = k->report->num_objects, .meshes = meshes, .num_meshes = count
+        };
         k->report->num_objects++;
         o->material = k->scene->meshes[meshes[0]].material;
         pell_topology_parts(&t, k->scene, parts);
