@@ -139,6 +139,23 @@ static void slabs_light_what_is_below(void **state)
     stage_finish(&s);
 }
 
+/* A gray floor below a clear slab, which its lamp reaches by chains alone. */
+static struct pt_scene *floor_below_slab(struct stage *s, struct pt_knobs *knobs)
+{
+    size_t m, floor;
+
+    plain_stage(s);
+    m = rig_medium(s, 1.0, 0.01, 0.0, 1.5);
+    stage_opaque(s, 0.5f, &floor);
+    stage_box(s, m, 0, vec3(-30, -30, -1), vec3(30, 30, 0));
+    stage_box(s, floor, 1, vec3(-60, -60, -3), vec3(60, 60, -2));
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(0.6f, 0.0f, 0.8f), vec3(0, 0, 0), 1.0f);
+    stage_render(s);
+    make_clear(s);
+    knobs->techniques = PT_CHAIN;
+    return rig_scene(s, knobs);
+}
+
 /* A chain may take a million trials: none is begun once the context is cancelled, and what is given up is not counted as too hard. */
 static void cancelled_trials_end(void **state)
 {
@@ -147,19 +164,9 @@ static void cancelled_trials_end(void **state)
     struct pt_point at;
     struct rig_mean r;
     struct stage s;
-    size_t m, floor;
 
     (void) state;
-    plain_stage(&s);
-    m = rig_medium(&s, 1.0, 0.01, 0.0, 1.5);
-    stage_opaque(&s, 0.5f, &floor);
-    stage_box(&s, m, 0, vec3(-30, -30, -1), vec3(30, 30, 0));
-    stage_box(&s, floor, 1, vec3(-60, -60, -3), vec3(60, 60, -2));
-    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.6f, 0.0f, 0.8f), vec3(0, 0, 0), 1.0f);
-    stage_render(&s);
-    make_clear(&s);
-    knobs.techniques = PT_CHAIN;
-    scene = rig_scene(&s, &knobs);
+    scene = floor_below_slab(&s, &knobs);
     at = seen_at(&s, 0.013f, 0.007f);
     r = rig_measure(scene, &at, 0, 200);
     REQUIRE(r.counts.chains > 0 && r.mean[0][1] > 0.0);
@@ -179,19 +186,9 @@ static void late_trials_end(void **state)
     struct pt_point at;
     struct rig_mean r, measured;
     struct stage s;
-    size_t m, floor;
 
     (void) state;
-    plain_stage(&s);
-    m = rig_medium(&s, 1.0, 0.01, 0.0, 1.5);
-    stage_opaque(&s, 0.5f, &floor);
-    stage_box(&s, m, 0, vec3(-30, -30, -1), vec3(30, 30, 0));
-    stage_box(&s, floor, 1, vec3(-60, -60, -3), vec3(60, 60, -2));
-    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.6f, 0.0f, 0.8f), vec3(0, 0, 0), 1.0f);
-    stage_render(&s);
-    make_clear(&s);
-    knobs.techniques = PT_CHAIN;
-    scene = rig_scene(&s, &knobs);
+    scene = floor_below_slab(&s, &knobs);
     at = seen_at(&s, 0.013f, 0.007f);
     r = rig_measure(scene, &at, 0, 3000);
     REQUIRE(r.counts.chains > 0 && r.counts.late == 0);
