@@ -56,22 +56,26 @@ INLINE vf magnitude(vf a)
     return (vf) ((vi) a & 0x7fffffff);
 }
 
-/* root(v); lesser(a, b) and greater(a, b), which give b where one is no number; any(mask): whether a lane of it is set. */
+/* root(v); lesser(a, b) and greater(a, b), which give b where one is no number; any(mask): whether a lane of it is set;
+ * members(mask): bit l is that of lane l. */
 #if defined(__AVX512F__)
 #define root(v) ((vf) _mm512_sqrt_ps((__m512) (v)))
 #define lesser(a, b) ((vf) _mm512_min_ps((__m512) (a), (__m512) (b)))
 #define greater(a, b) ((vf) _mm512_max_ps((__m512) (a), (__m512) (b)))
 #define any(mask) (_mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)) != 0)
+#define members(mask) ((uint32_t) _mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)))
 #elif defined(__AVX__)
 #define root(v) ((vf) _mm256_sqrt_ps((__m256) (v)))
 #define lesser(a, b) ((vf) _mm256_min_ps((__m256) (a), (__m256) (b)))
 #define greater(a, b) ((vf) _mm256_max_ps((__m256) (a), (__m256) (b)))
 #define any(mask) (!_mm256_testz_si256((__m256i) (mask), (__m256i) (mask)))
+#define members(mask) ((uint32_t) _mm256_movemask_ps((__m256) (mask)))
 #elif defined(__SSE2__)
 #define root(v) ((vf) _mm_sqrt_ps((__m128) (v)))
 #define lesser(a, b) ((vf) _mm_min_ps((__m128) (a), (__m128) (b)))
 #define greater(a, b) ((vf) _mm_max_ps((__m128) (a), (__m128) (b)))
 #define any(mask) (_mm_movemask_ps((__m128) (mask)) != 0)
+#define members(mask) ((uint32_t) _mm_movemask_ps((__m128) (mask)))
 #else
 INLINE vf root(vf v)
 {
@@ -96,6 +100,14 @@ INLINE bool any(vi mask)
     for (int l = 0; l < WIDTH; l++)
         some |= mask[l];
     return some != 0;
+}
+
+INLINE uint32_t members(vi mask)
+{
+    uint32_t set = 0;
+    for (int l = 0; l < WIDTH; l++)
+        set |= (uint32_t) (mask[l] & 1) << l;
+    return set;
 }
 #endif
 

@@ -4,22 +4,6 @@
 
 #include "math/lanes.h"
 
-INLINE uint32_t members(vi mask)
-{
-#if defined(__AVX512DQ__)
-    return (uint32_t) _mm512_movepi32_mask((__m512i) mask);
-#elif defined(__AVX__)
-    return (uint32_t) _mm256_movemask_ps((__m256) mask);
-#elif defined(__SSE2__)
-    return (uint32_t) _mm_movemask_ps((__m128) mask);
-#else
-    uint32_t set = 0;
-    for (int i = 0; i < WIDTH; i++)
-        set |= (uint32_t) (mask[i] & 1) << i;
-    return set;
-#endif
-}
-
 /* Children of a node in which H may be along a normal, as bits. */
 INLINE uint32_t open_children(const struct pell_connect_node *n, const struct pell_connect_search *s)
 {

@@ -44,18 +44,7 @@ INLINE vi mask_of(uint32_t set, int l)
 
 INLINE uint32_t set_of(vi mask, int l)
 {
-#if defined(__AVX512F__) && defined(__AVX512DQ__)
-    return (uint32_t) _mm512_movepi32_mask((__m512i) mask) << l;
-#elif defined(__AVX__)
-    return (uint32_t) _mm256_movemask_ps((__m256) mask) << l;
-#elif defined(__SSE2__)
-    return (uint32_t) _mm_movemask_ps((__m128) mask) << l;
-#else
-    uint32_t set = 0;
-    for (int i = 0; i < WIDTH; i++)
-        set |= (uint32_t) (mask[i] & 1) << (l + i);
-    return set;
-#endif
+    return members(mask) << l;
 }
 
 INLINE void put(float *p, vi mask, vf v)
