@@ -53,7 +53,7 @@ PELL_API extern const struct pell_knob pell_settings_knobs[];
 struct pell_renderer_params {
     int threads;             /* 0: one per core */
     enum pell_engine engine; /* AUTO: cpu where no hardware Vulkan device is */
-    bool copies;             /* before the first frame of a size, measure how fast this machine copies (tens of ms), for copy_ms */
+    bool copies;             /* after each frame, measure how fast this machine copies (milliseconds), for copy_ms */
 };
 
 /* PELL_ERR_DEVICE for an engine that this build or machine has not. */
