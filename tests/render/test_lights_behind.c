@@ -430,6 +430,38 @@ static void the_terminator_is_smooth(void **state)
     }
 }
 
+/* Where the triangle faces the light and the smooth normal does not, the way to it begins in air: a wall that the light comes through on the
+ * way counts as it does beside it, where the triangle faces away, too. */
+static void a_wall_between_terminators(void **state)
+{
+    const float tilt = 0.2f, up = sqrtf(1.0f - tilt * tilt);
+    (void) state;
+    for (int wall = 0; wall < 2; wall++) {
+        const struct pell_vec3 to = vec3_normalize(vec3(1.0f, 0.0f, 0.1f));
+        size_t floor, m;
+        struct rig r;
+        rig_start(&r, SIZE, SIZE);
+        m = rig_material(&r, false);
+        floor = rig_box(&r, m, 0, vec3(-0.5f, -0.5f, 0), vec3(0.5f, 0.5f, 1)); /* small, so that it is not lifted far */
+        for (int k = 16; k < 20; k++) /* its upper side */
+            vec3_store(vec3(-tilt, 0.0f, up), &r.scene->meshes[floor].normal[3 * k]);
+        if (wall)
+            rig_box(&r, m, 0, vec3(1, -20, 1), vec3(1.5f, 20, 6));
+        rig_camera(&r, 1.0f);
+        rig_light(&r, PELL_LIGHT_DIRECTIONAL, to, vec3(0, 0, 0), 1.0f);
+        rig_render(&r);
+        for (int x = 2; x < SIZE - 2; x += 3) {
+            const struct pell_vec3 c = rig_point(&r, x, SIZE / 2);
+            const double m_mm = (1.5 - (double) c.x) / (double) to.x, cosine = (double) (tilt * to.x - up * to.z);
+            const double want = wall ? table_share(m_mm + (m_mm * cosine - m_mm) * (double) tilt, 0) * (double) to.x : 0.0;
+            REQUIRE(r.light.irradiance[0][rig_at(&r, x, SIZE / 2)] == 0.0f);
+            REQUIRE_NEAR(r.light.through[0][rig_at(&r, x, SIZE / 2)], want, 0.02 * want);
+            REQUIRE(!wall || want > 1e-3);
+        }
+        rig_finish(&r);
+    }
+}
+
 static void grazing_lights_stay_finite(void **state)
 {
     (void) state;
@@ -488,6 +520,7 @@ int main(void)
         cmocka_unit_test(the_same_bits_on_any_number_of_threads),
         cmocka_unit_test(seeds_and_samples_differ),
         cmocka_unit_test(the_terminator_is_smooth),
+        cmocka_unit_test(a_wall_between_terminators),
         cmocka_unit_test(grazing_lights_stay_finite),
         cmocka_unit_test(a_frame_allocates_nothing),
     };

@@ -354,16 +354,16 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
 }
 
 /* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
- * way: not found. Shells of the same object inside it are passed: what was entered is left again first. `lamp`: that the rays run to; NULL:
- * they run inward from the surface. */
+ * way: not found. `depth`: how many shells of the same object inside it a ray is in (they are passed: what was entered is left again first),
+ * -1: it has yet to enter the solid. `lamp`: that the rays run to; NULL: they run inward from the surface. */
 static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_lamp *lamp, struct pell_ray_hit16 *r,
-                       struct exits *out)
+                       int *depth, struct exits *out)
 {
     const bool coherent = !lamp || lamp->samples == 1; /* samples of a large light go apart */
     const struct pell_scene *scene = job->p->scene;
     _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES];
     float limit[PELL_LANES];
-    int object[PELL_LANES], inside[PELL_LANES] = { 0 };
+    int object[PELL_LANES];
     bool known = false;
 
     memcpy(limit, r->ray.tfar, sizeof(limit));
@@ -385,13 +385,13 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
                 continue;
             ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
             leaves = vec3_dot(ng, d) > 0.0f;
-            if (leaves && inside[i] == 0) {
+            if (leaves && depth[i] == 0) {
                 out->found[i] = -1;
                 out->point[i] = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
                 out->geometric[i] = ng;
                 hit_surface(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng, &out->normal[i], &out->lift[i]);
             } else {
-                inside[i] += leaves ? -1 : 1;
+                depth[i] += !leaves ? 1 : depth[i] > 0 ? -1 : 0;
                 inner[i] = any = -1;
             }
         }
@@ -443,17 +443,20 @@ static void light_from_behind(const struct job *job, const struct pell_lamp *lam
     struct pell_ray16 rays;
     struct exits exits;
     float cosine[PELL_LANES];
+    int depth[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++) {
-        const struct pell_vec3 o = inside(l, i);
+        const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
+        const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
         const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
         float limit;
         cosine[i] = larger(larger(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
         limit = reach / cosine[i]; /* d >= m cos: nothing comes through beyond */
+        depth[i] = out ? -1 : 0;
         set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
-    find_exits(job, k, a->back, lamp, &r, &exits);
+    find_exits(job, k, a->back, lamp, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
@@ -571,6 +574,7 @@ static void rest_from_behind(const struct job *job, struct packet *k)
     float visible[PELL_LANES];
     struct pell_ray_hit16 r;
     struct exits exits;
+    int depth[PELL_LANES] = { 0 };
 
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
@@ -580,7 +584,7 @@ static void rest_from_behind(const struct job *job, struct packet *k)
         exits.found[i] = l->valid[i] & l->deep[i];
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
-    find_exits(job, k, k->aim.back, NULL, &r, &exits);
+    find_exits(job, k, k->aim.back, NULL, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {

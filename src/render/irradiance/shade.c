@@ -34,7 +34,7 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
         a->nl[i] = nl;
         /* A lifted point lies on the smooth surface: its own triangle does not decide what faces the light. */
         a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->lift[i] > p->epsilon[i])) & -(int32_t) (nl > 0.0f);
-        a->back[i] = lit & p->deep[i] & -(int32_t) (gl < 0.0f) & ~a->front[i];
+        a->back[i] = lit & p->deep[i] & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
         front |= a->front[i];
         back |= a->back[i];
     }
