@@ -34,6 +34,7 @@ void pell_text_cut(struct pell_text *text, size_t length)
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
 enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */
+enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 }; /* bytes that must be left for a list of names to go on */
 
 static int lower(char c)
 {
@@ -150,6 +151,10 @@ void pell_text_suggest_or_list(struct pell_text *text, const char *known, const 
         return;
     for (size_t i = 0; i < count; i++) {
         char shown[3 * NAME_MAX_BYTES];
+        if (text->length + LIST_ENDS > sizeof(text->str)) {
+            pell_text_add(text, " and %zu more", count - i);
+            return;
+        }
         if (candidates[i])
             pell_text_add(text, "%s%s", i ? ", " : known, pell_printable(candidates[i], shown, sizeof(shown)));
     }

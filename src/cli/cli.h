@@ -91,10 +91,10 @@ struct cli {
     struct pell_context *ctx;
     bool color_out, color_err, tty; /* tty: stderr is one */
     bool answered;                  /* an object has gone to stdout */
-    bool collect;                   /* warnings go to the answer alone */
     int pictures;                   /* written so far */
     bool partial;                   /* the last of them was ended early by Ctrl-C */
     json_t *warnings;               /* array of texts */
+    json_t *collected;              /* NULL, or warnings that go to the answer alone: severity, where, what, hint */
     struct {
         enum pell_result code;
         char where[1024], what[2048], hint[1024];
@@ -144,8 +144,8 @@ const char *cli_style(const struct cli *cli, const FILE *file, int style);
 void cli_wrap(FILE *file, int column, int indent, const char *text);
 /* True if nobody reads stdout any more: what can't be written then needs no word. */
 bool cli_reader_left(void);
-size_t cli_warning_count(const struct cli *cli);
-const char *cli_warning(const struct cli *cli, size_t index);
+/* From here on warnings are kept for the answer, and printed only if an error comes in its place. */
+void cli_collect(struct cli *cli);
 json_t *cli_numbers(const double *values, size_t count);
 /* A JSON text of bytes that may come from a file or the command line: never NULL for want of UTF-8. */
 json_t *cli_text(const char *text);

@@ -224,16 +224,53 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
     return EXIT_OK;
 }
 
-/* Those that choose their methods, or render nothing; a scene is for the method that it names. */
-static const struct {
-    const char *name;
+/* Those that choose their methods; a scene is for the method that it names. `own`: settings of the picture that they choose, too. */
+static const struct bench_kind {
+    const char *name, *own[4];
     enum exit_code (*run)(struct cli *cli, const char *what, const char *path);
-} benches[] = { { "truth", bench_truth },   { "mertens", bench_mertens }, { "munoz-2", bench_munoz }, { "munoz-3", bench_munoz },
-                { "munoz-5", bench_munoz }, { "deon-1", bench_deon },     { "francois-2", bench_francois } };
+} benches[] = { { "truth", { "seed" }, bench_truth },
+                { "mertens", { "width", "height", "msaa" }, bench_mertens },
+                { "munoz-2", { "msaa" }, bench_munoz },
+                { "munoz-3", { "msaa" }, bench_munoz },
+                { "munoz-5", { "msaa" }, bench_munoz },
+                { "deon-1", { "width", "height", "msaa", "ambient-samples" }, bench_deon },
+                { "francois-2", { "width", "height", "msaa" }, bench_francois } };
 
 static enum exit_code no_effect(struct cli *cli, const char *option, const char *what, const char *why)
 {
     return cli_usage(cli, option, NULL, "has no effect on the bench %s, which %s", what, why);
+}
+
+/* An option that a bench would not obey is refused. */
+static enum exit_code refuse_idle(struct cli *cli, const struct bench_kind *kind)
+{
+    static const char *const choosing[] = { "--method", "--set" };
+
+    for (size_t i = 0; i < PELL_COUNT(choosing); i++)
+        if (cli_given(cli, choosing[i]))
+            return no_effect(cli, choosing[i], kind->name, "chooses its methods");
+    if (cli->common.count)
+        return no_effect(cli, cli->common.items[0].where, kind->name, "chooses its samples");
+    for (size_t i = 0; i < cli->settings.count; i++)
+        for (size_t k = 0; k < PELL_COUNT(kind->own) && kind->own[k]; k++)
+            if (strcmp(cli->settings.items[i].name, kind->own[k]) == 0)
+                return no_effect(cli, cli->settings.items[i].where, kind->name, "chooses its own");
+    return EXIT_OK;
+}
+
+/* What renders nothing. */
+static enum exit_code run_profiles(struct cli *cli)
+{
+    static const char *const rendering[] = { "--method", "--set", "--engine", "--device", "--threads", "--allow-outside" };
+    const struct settings_list *const lists[] = { &cli->settings, &cli->common };
+
+    for (size_t i = 0; i < PELL_COUNT(rendering); i++)
+        if (cli_given(cli, rendering[i]))
+            return no_effect(cli, rendering[i], "profiles", "renders nothing");
+    for (size_t i = 0; i < PELL_COUNT(lists); i++)
+        if (lists[i]->count)
+            return no_effect(cli, lists[i]->items[0].where, "profiles", "renders nothing");
+    return bench_profiles(cli);
 }
 
 static enum exit_code render(struct cli *cli, const char *what, const char *path)
@@ -255,31 +292,21 @@ static enum exit_code render(struct cli *cli, const char *what, const char *path
 
 enum exit_code command_bench(struct cli *cli)
 {
-    static const char *const rendering[] = { "--engine", "--device", "--threads", "--allow-outside" };
-    static const char *const choosing[] = { "--method", "--set" };
     const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
-    const bool profiles = strcmp(what, "profiles") == 0;
+    const struct bench_kind *kind = NULL;
     char path[4096];
-    enum exit_code (*run)(struct cli *cli, const char *what, const char *path) = NULL;
-    enum exit_code code;
+    enum exit_code code = EXIT_OK;
 
+    if (strcmp(what, "profiles") == 0)
+        return run_profiles(cli);
     for (size_t i = 0; i < PELL_COUNT(benches); i++)
         if (strcmp(what, benches[i].name) == 0)
-            run = benches[i].run;
-    for (size_t i = 0; (run || profiles) && i < PELL_COUNT(choosing); i++)
-        if (cli_given(cli, choosing[i]))
-            return no_effect(cli, choosing[i], what, profiles ? "renders nothing" : "chooses its methods");
-    for (size_t i = 0; profiles && i < PELL_COUNT(rendering); i++)
-        if (cli_given(cli, rendering[i]))
-            return no_effect(cli, rendering[i], what, "renders nothing");
-    if (profiles && cli->settings.count)
-        return no_effect(cli, cli->settings.items[0].where, what, "renders nothing");
-    if (run && cli->common.count)
-        return no_effect(cli, cli->common.items[0].where, what, "chooses its samples");
-    if (profiles)
-        return bench_profiles(cli);
-    code = find_scene(cli, what, path, sizeof(path));
+            kind = &benches[i];
+    if (kind)
+        code = refuse_idle(cli, kind);
+    if (code == EXIT_OK)
+        code = find_scene(cli, what, path, sizeof(path));
     if (code != EXIT_OK)
         return code;
-    return run ? run(cli, what, path) : render(cli, what, path);
+    return kind ? kind->run(cli, what, path) : render(cli, what, path);
 }

@@ -101,9 +101,10 @@ static json_t *object_json(const struct pell_object_report *o)
                      (int) o->holds_camera, "coincident", o->coincident);
 }
 
-static json_t *problem_json(enum pell_severity severity, const char *where, const char *what)
+static json_t *problem_json(const struct pell_problem *p)
 {
-    return json_pack("{s:s,s:o,s:o}", "severity", severities[severity], "where", cli_text(where), "what", cli_text(what));
+    return json_pack("{s:s,s:o,s:o,s:s}", "severity", severities[p->severity], "where", cli_text(p->where), "what", cli_text(p->what), "hint",
+                     "");
 }
 
 static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r, json_t *section)
@@ -112,10 +113,9 @@ static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scen
 
     for (size_t i = 0; i < scene->num_materials; i++)
         json_array_append_new(materials, material_json(&scene->materials[i]));
-    for (size_t i = 0; i < cli_warning_count(cli); i++)
-        json_array_append_new(problems, problem_json(PELL_SEVERITY_WARNING, "", cli_warning(cli, i)));
+    json_array_extend(problems, cli->collected);
     for (size_t i = 0; i < r->num_problems; i++)
-        json_array_append_new(problems, problem_json(r->problems[i].severity, r->problems[i].where, r->problems[i].what));
+        json_array_append_new(problems, problem_json(&r->problems[i]));
     for (size_t i = 0; i < r->num_objects; i++)
         json_array_append_new(objects, object_json(&r->objects[i]));
     answer = json_pack("{s:I,s:I,s:o,s:f,s:I,s:I,s:I,s:o,s:o,s:o}", "meshes", (json_int_t) scene->num_meshes, "triangles",
@@ -142,9 +142,16 @@ static const char *plural(long long count, const char *one, char buffer[64])
 /* The notes are about materials: how far light goes in each, and where its colour is from. */
 static void print_problems(const struct cli *cli, const struct pell_scene_report *r, bool notes)
 {
-    for (size_t i = 0; !notes && i < cli_warning_count(cli); i++) {
+    json_t *m;
+    size_t n;
+
+    json_array_foreach(notes ? NULL : cli->collected, n, m) {
+        const char *where = json_string_value(json_object_get(m, "where")), *hint = json_string_value(json_object_get(m, "hint"));
+        char text[4096];
+        snprintf(text, sizeof(text), "%s%s%s%s%s", where, where[0] ? ": " : "", json_string_value(json_object_get(m, "what")),
+                 hint[0] ? "; " : "", hint);
         fputs("  warning  ", stdout);
-        cli_wrap(stdout, 11, 11, cli_warning(cli, i));
+        cli_wrap(stdout, 11, 11, text);
     }
     for (size_t i = 0; i < r->num_problems; i++) {
         const struct pell_problem *p = &r->problems[i];
@@ -201,6 +208,12 @@ static void print_layers(const struct pell_material *m)
     printf("    below them: %s; methods of diffusion show %s\n", below_names[m->below], shown_of_layers(m));
 }
 
+static void print_more(size_t count, size_t shown)
+{
+    if (count > shown)
+        printf("  and %zu more: --json lists them all, the limit \"warnings\" says how many stand here\n", count - shown);
+}
+
 /* What was drawn, for those who read. */
 static void print_section(const struct cli *cli, const json_t *section)
 {
@@ -226,7 +239,8 @@ static void print_section(const struct cli *cli, const json_t *section)
 static void answer_text(const struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r, const json_t *section)
 {
     const char *bold = cli_style(cli, stdout, 1), *plain = cli_style(cli, stdout, 0);
-    size_t problems = cli_warning_count(cli), notes = 0;
+    const size_t most = (size_t) cli->limits.warnings;
+    size_t problems = json_array_size(cli->collected), notes = 0;
     char name[96], a[64], b[64], c[64];
 
     for (size_t i = 0; i < r->num_problems; i++)
@@ -238,10 +252,11 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
            (double) r->bounds_min[2], (double) r->bounds_max[0], (double) r->bounds_max[1], (double) r->bounds_max[2]);
     printf("%s, %s, %s\n\n%sObjects%s\n", plural((long long) scene->num_lights, "light", a),
            plural((long long) scene->num_cameras, "camera", b), plural((long long) scene->num_textures, "texture", c), bold, plain);
-    for (size_t i = 0; i < r->num_objects; i++)
+    for (size_t i = 0; i < r->num_objects && i < most; i++)
         print_object(&r->objects[i]);
+    print_more(r->num_objects, most);
     printf("\n%sMaterials%s\n", bold, plain);
-    for (size_t i = 0; i < scene->num_materials; i++) {
+    for (size_t i = 0; i < scene->num_materials && i < most; i++) {
         const struct pell_material *m = &scene->materials[i];
         const bool preset = m->preset && m->preset[0];
         printf("  %-20s %s\n", shown(m->name, name), m->opaque            ? "opaque"
@@ -251,6 +266,7 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
         if (m->num_layers > 0 && !m->opaque)
             print_layers(m);
     }
+    print_more(scene->num_materials, most);
     if (notes) {
         printf("\n%sNotes%s\n", bold, plain);
         print_problems(cli, r, true);
@@ -275,7 +291,7 @@ enum exit_code command_check(struct cli *cli)
     if (code != EXIT_OK)
         return code;
     params.bare = true;
-    cli->collect = true; /* warnings are part of the answer */
+    cli_collect(cli); /* warnings are part of the answer */
     res = pell_scene_load(cli->ctx, cli->arguments[0], &params, &scene);
     if (res == PELL_OK)
         res = pell_scene_check(scene, &report);

@@ -275,6 +275,7 @@ void cli_finish(struct cli *cli)
     cli_free_settings(&cli->settings);
     cli_free_settings(&cli->common);
     json_decref(cli->warnings);
+    json_decref(cli->collected);
 }
 
 /* Splits "NAME=VALUE" at its first '='. */

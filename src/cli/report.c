@@ -85,10 +85,45 @@ bool cli_reader_left(void)
     return poll(&out, 1, 0) > 0 && (out.revents & POLLERR);
 }
 
-void cli_message(void *user, const struct pell_message *m)
+static void print_message(struct cli *cli, enum pell_log_level level, const char *where, const char *what, const char *hint)
 {
     static const char *const names[] = { "", "error", "warning", "", "debug" };
     static const int styles[] = { 0, 31, 33, 0, 2 };
+
+    if (level > cli->log_level || (cli->quiet && level != PELL_LOG_ERROR))
+        return;
+    if (cli->json && level != PELL_LOG_WARNING && level != PELL_LOG_DEBUG)
+        return; /* errors go to stdout as JSON */
+    cli_progress_end(cli);
+    if (names[level][0])
+        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
+    if (where[0])
+        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
+    fprintf(stderr, "%s\n", what);
+    if (hint[0])
+        fprintf(stderr, "  %s%s%s\n", cli_style(cli, stderr, 36), hint, cli_style(cli, stderr, 0));
+}
+
+void cli_collect(struct cli *cli)
+{
+    cli->collected = json_array();
+}
+
+/* No answer will tell what was collected. */
+static void print_collected(struct cli *cli)
+{
+    json_t *collected = cli->collected, *m;
+    size_t i;
+
+    cli->collected = NULL;
+    json_array_foreach(collected, i, m)
+        print_message(cli, PELL_LOG_WARNING, json_string_value(json_object_get(m, "where")), json_string_value(json_object_get(m, "what")),
+                      json_string_value(json_object_get(m, "hint")));
+    json_decref(collected);
+}
+
+void cli_message(void *user, const struct pell_message *m)
+{
     struct cli *cli = user;
     char where[sizeof(cli->error.where)], what[sizeof(cli->error.what)], hint[sizeof(cli->error.hint)];
 
@@ -108,20 +143,15 @@ void cli_message(void *user, const struct pell_message *m)
         snprintf(text, sizeof(text), "%s%s%s", where, where[0] ? ": " : "", what);
         json_array_append_new(cli->warnings, json_string(text));
     }
+    if (m->level == PELL_LOG_WARNING && cli->collected) {
+        json_array_append_new(cli->collected, json_pack("{s:s,s:s,s:s,s:s}", "severity", "warning", "where", where, "what", what, "hint", hint));
+        return;
+    }
     if (strcmp(where, STDOUT_NAME) == 0 && cli_reader_left())
         return; /* `| head` has seen enough */
-    if (m->level > cli->log_level || (cli->quiet && m->level != PELL_LOG_ERROR) || (cli->collect && m->level == PELL_LOG_WARNING))
-        return;
-    if (cli->json && m->level != PELL_LOG_WARNING && m->level != PELL_LOG_DEBUG)
-        return; /* errors go to stdout as JSON */
-    cli_progress_end(cli);
-    if (names[m->level][0])
-        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, styles[m->level]), names[m->level], cli_style(cli, stderr, 0));
-    if (where[0])
-        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
-    fprintf(stderr, "%s\n", what);
-    if (hint[0])
-        fprintf(stderr, "  %s%s%s\n", cli_style(cli, stderr, 36), hint, cli_style(cli, stderr, 0));
+    if (m->level == PELL_LOG_ERROR)
+        print_collected(cli);
+    print_message(cli, m->level, where, what, hint);
 }
 
 enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, const char *fmt, ...)
@@ -157,16 +187,6 @@ enum exit_code cli_failed(struct cli *cli, enum pell_result result)
     case PELL_ERR_CANCELLED: return EXIT_INTERRUPTED;
     }
     return EXIT_FAILED;
-}
-
-size_t cli_warning_count(const struct cli *cli)
-{
-    return json_array_size(cli->warnings);
-}
-
-const char *cli_warning(const struct cli *cli, size_t index)
-{
-    return json_string_value(json_array_get(cli->warnings, index));
 }
 
 /* --- Progress ----------------------------------------------------------------------------------------------------------------- */

@@ -2,6 +2,8 @@
  * frame.c - one frame: the order in which its stages run. */
 #include "render/renderer_state.h"
 
+#include "scene/scene.h"
+
 #include <string.h>
 
 #define F_NUMBER 2.8 /* of a camera that does not say */
@@ -473,7 +475,10 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     if (r->copies.wanted)
         pell_copies_measure(r->pool, &r->copies, r->stages, r->num_stages);
     if (!post.covered)
-        pell_warn(r->ctx, "render", "check the camera: `pellucid check` prints where the things are", "nothing is in view");
+        pell_warn(r->ctx, "render",
+                  pell_scene_has_area(r->scene) ? "check the camera: `pellucid check` prints where the things are"
+                                                : "none of the scene's triangles has an area",
+                  "nothing is in view");
     else if (!post.lit)
         pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed thing",
                   "no light arrives at what is in view: the picture is black");

@@ -69,6 +69,7 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
         return res;
     for (size_t i = 0; i < report.num_objects; i++) {
         const struct pell_object_report *o = &report.objects[i];
+        const char *place = o->name[0] ? o->name : "a thing without a name";
         const struct pell_material *m;
         double mfp, widest;
         char other[96];
@@ -79,26 +80,26 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
         reach(m, &mfp, &widest);
         if (o->degenerate_triangles == o->triangles) {
             if (tell(ctx, &found[FLAT]))
-                pell_warn(ctx, o->name, NULL, "none of its triangles has an area: nothing of it can be seen");
+                pell_warn(ctx, place, NULL, "none of its triangles has an area: nothing of it can be seen");
             continue;
         }
         if (o->coincident >= 0 && tell(ctx, &found[TWICE]))
-            pell_warn(ctx, o->name, "remove one of them", "lies exactly where \"%s\" does, so that each hides the other",
+            pell_warn(ctx, place, "remove one of them", "lies exactly where \"%s\" does, so that each hides the other",
                       pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
         if (o->holds_camera && tell(ctx, &found[HOLDS]))
-            pell_warn(ctx, o->name, "move the camera, or check its unit against the mesh's",
+            pell_warn(ctx, place, "move the camera, or check its unit against the mesh's",
                       "the camera is inside it: what is seen is its inner side");
         if (!o->closed && tell(ctx, &found[OPEN]))
-            pell_warn(ctx, o->name, "close it, or light from behind will be wrong",
+            pell_warn(ctx, place, "close it, or light from behind will be wrong",
                       "the surface is open (%lld boundary edges): a translucent thing needs an inside", (long long) o->boundary_edges);
         if (o->closed && !o->outward && tell(ctx, &found[TURNED]))
-            pell_warn(ctx, o->name, "turn its faces round", "the surface is turned inside out");
+            pell_warn(ctx, place, "turn its faces round", "the surface is turned inside out");
         if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && tell(ctx, &found[THIN]))
-            pell_warn(ctx, o->name, "check --size or --unit: diffusion holds for things many mean free paths thick",
+            pell_warn(ctx, place, "check --size or --unit: diffusion holds for things many mean free paths thick",
                       "the mean free path of %s, %.3g mm, is longer than the thing is thick (%.3g mm)",
                       m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
         if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && tell(ctx, &found[UNSEEN]))
-            pell_warn(ctx, o->name, "render it larger, or check --size or --unit",
+            pell_warn(ctx, place, "render it larger, or check --size or --unit",
                       "light goes %.3g mm under the surface of %s, which is %.2g pixels here: no scattering can be seen", widest,
                       m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
     }

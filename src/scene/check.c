@@ -39,33 +39,57 @@ struct check {
     struct likeness *likeness; /* per object of the report */
     size_t capacity;
     int64_t found[KINDS];
+    enum pell_severity severity[KINDS]; /* of those found */
 };
 
-/* Adds a problem; what is more than the limit of one kind is only counted. */
-static PELL_PRINTF(5, 6) enum pell_result
-    add(struct check *k, enum kind kind, enum pell_severity severity, const char *where, const char *fmt, ...)
+/* What the problems of a kind are about, where only their number is told. */
+static const char *const kinds[KINDS] = {
+    [OPEN] = "objects that are open",
+    [NONMANIFOLD] = "objects with edges of more than two triangles",
+    [FLIPPED] = "objects with triangles that face opposite ways",
+    [INWARD] = "objects with their inside out",
+    [DEGENERATE] = "objects with triangles without an area",
+    [COINCIDENT] = "objects that lie where another does",
+    [CAMERA] = "objects that hold the camera",
+    [NO_UV] = "meshes without the texture coordinates that their materials need",
+    [THIN] = "objects that are thinner than light goes between two scattering events",
+    [NO_SCATTERING] = "materials that only absorb",
+    [MEDIUM] = "translucent materials",
+    [NONE_TRANSLUCENT] = "", /* at most one of those, and of SIZE */
+    [SIZE] = "",
+};
+
+static enum pell_result add_problem(struct check *k, enum pell_severity severity, const char *where, const char *what)
 {
     struct pell_scene_report *r = k->report;
     void *array = r->problems;
     struct pell_problem *p;
-    char what[512];
-    va_list args;
-    enum pell_result res;
+    const enum pell_result res = pell_grow(k->ctx, &array, r->num_problems, &k->capacity, sizeof(*r->problems));
 
-    if (k->found[kind]++ >= pell_context_limits(k->ctx)->warnings)
-        return PELL_OK;
-    res = pell_grow(k->ctx, &array, r->num_problems, &k->capacity, sizeof(*r->problems));
     r->problems = array;
     if (res != PELL_OK)
         return res;
-    va_start(args, fmt);
-    vsnprintf(what, sizeof(what), fmt, args);
-    va_end(args);
     p = &r->problems[r->num_problems++];
     p->severity = severity;
     p->where = pell_strdup(k->ctx, where);
     p->what = pell_strdup(k->ctx, what);
     return p->where && p->what ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+/* Adds a problem; what is more than the limit of one kind is only counted. */
+static PELL_PRINTF(5, 6) enum pell_result
+    add(struct check *k, enum kind kind, enum pell_severity severity, const char *where, const char *fmt, ...)
+{
+    char what[512];
+    va_list args;
+
+    k->severity[kind] = severity;
+    if (k->found[kind]++ >= pell_context_limits(k->ctx)->warnings)
+        return PELL_OK;
+    va_start(args, fmt);
+    vsnprintf(what, sizeof(what), fmt, args);
+    va_end(args);
+    return add_problem(k, severity, where, what);
 }
 
 static const char *name_place(const char *kind, const char *name, struct pell_text *text)
@@ -151,7 +175,8 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
         PELL_TRY(add(k, INWARD, PELL_SEVERITY_WARNING, where, "has its inside out: it encloses %.4g mm^3", o->volume_mm3));
     if (o->degenerate_triangles)
         PELL_TRY(add(k, DEGENERATE, o->degenerate_triangles == o->triangles ? PELL_SEVERITY_WARNING : PELL_SEVERITY_NOTE, where,
-                     "%lld of %lld triangles have no area", (long long) o->degenerate_triangles, (long long) o->triangles));
+                     "%lld of %lld triangles have no area%s", (long long) o->degenerate_triangles, (long long) o->triangles,
+                     o->degenerate_triangles == o->triangles ? ": nothing of it can be seen" : ""));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
     if (path > size)
@@ -483,12 +508,16 @@ static enum pell_result check_size(struct check *k)
 static enum pell_result add_counts(struct check *k)
 {
     const int limit = pell_context_limits(k->ctx)->warnings;
-    int64_t more = 0;
+    char what[160];
+    enum pell_result res = PELL_OK;
 
-    for (int i = 0; i < KINDS; i++)
-        more += k->found[i] > limit ? k->found[i] - limit : 0;
-    k->found[MEDIUM] = 0;
-    return more ? add(k, MEDIUM, PELL_SEVERITY_NOTE, "scene", "%lld more of the same kinds are not listed", (long long) more) : PELL_OK;
+    for (int i = 0; i < KINDS && res == PELL_OK; i++) {
+        if (k->found[i] <= limit)
+            continue;
+        snprintf(what, sizeof(what), "%lld more %s", (long long) (k->found[i] - limit), kinds[i]);
+        res = add_problem(k, k->severity[i], "scene", what);
+    }
+    return res;
 }
 
 enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_scene_report *report)

@@ -128,6 +128,26 @@ bool pell_scene_bounds(const struct pell_scene *scene, float *min, float *max)
     return any && finite;
 }
 
+bool pell_scene_has_area(const struct pell_scene *scene)
+{
+    for (size_t k = 0; k < scene->num_meshes; k++) {
+        const struct pell_mesh *m = &scene->meshes[k];
+        for (uint32_t i = 0; i < m->num_triangles; i++) {
+            const uint32_t *corner = m->index + 3 * (size_t) i;
+            const float *p = m->position + 3 * (size_t) corner[0], *q = m->position + 3 * (size_t) corner[1],
+                        *r = m->position + 3 * (size_t) corner[2];
+            double a[3], b[3];
+            for (int c = 0; c < 3; c++) {
+                a[c] = (double) q[c] - (double) p[c];
+                b[c] = (double) r[c] - (double) p[c];
+            }
+            if (a[1] * b[2] != a[2] * b[1] || a[2] * b[0] != a[0] * b[2] || a[0] * b[1] != a[1] * b[0])
+                return true;
+        }
+    }
+    return false;
+}
+
 /* --- Materials, lights, cameras ----------------------------------------------------------------------------------------------- */
 
 static enum pell_result check_medium(struct pell_scene *scene, const struct pell_material *m)

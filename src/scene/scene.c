@@ -619,6 +619,8 @@ static void left_out(struct pell_import *import, const char *where, const char *
 {
     char shown[160];
 
+    if (import->needed)
+        return;
     pell_warn(import->ctx, where, NULL, "the picture \"%s\" can't be used and is left out",
               pell_printable(reference, shown, sizeof(shown)));
 }

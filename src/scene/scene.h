@@ -99,6 +99,8 @@ PELL_NODISCARD enum pell_result pell_scene_finish(struct pell_scene *scene, cons
 PELL_NODISCARD enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quiet);
 /* Bounds of all vertices that triangles use. False if there are none, or they are not finite. */
 bool pell_scene_bounds(const struct pell_scene *scene, float *min, float *max);
+/* Whether any triangle has an area: without one there is nothing to see. */
+bool pell_scene_has_area(const struct pell_scene *scene);
 
 /* --- normals.c, tangents.c ---------------------------------------------------------------------------------------------------- */
 

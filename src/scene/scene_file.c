@@ -270,7 +270,7 @@ static enum pell_result read_background(struct pell_scene_reader *r, const struc
     if (pell_json_has(&at, "color"))
         scene->background = PELL_BACKGROUND_COLOR;
     PELL_TRY(pell_scene_rgb(&at, "color", 1e6, scene->background_color));
-    PELL_TRY(pell_scene_need_picture(r, &at, "image", &scene->background_image));
+    PELL_TRY(pell_scene_need_picture_at(r, &at, "image", &scene->background_image));
     if (scene->background_image)
         scene->background = PELL_BACKGROUND_IMAGE;
     if (pell_json_has(&at, "ground")) {

@@ -33,10 +33,12 @@ PELL_NODISCARD enum pell_result pell_scene_text_length(const struct pell_json *a
 /* A picture that the scene file names: missing is an error, broken a warning and NULL. */
 PELL_NODISCARD enum pell_result pell_scene_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
                                                    enum pell_image_role role, struct pell_texture **texture);
-
-/* The same, of a key, where nothing makes sense without the picture: broken is an error, too. */
-PELL_NODISCARD enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const struct pell_json *parent, const char *key,
-                                                        struct pell_texture **texture);
+/* The same where nothing can stand in the picture's place: broken is an error, too. */
+PELL_NODISCARD enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
+                                                        enum pell_image_role role, struct pell_texture **texture);
+/* That of a key, if it is there. */
+PELL_NODISCARD enum pell_result pell_scene_need_picture_at(struct pell_scene_reader *r, const struct pell_json *parent, const char *key,
+                                                           struct pell_texture **texture);
 /* Getters as in json.h. A length above 0 and a position are numbers times `unit` (mm), or texts with a unit; a colour is three numbers or
  * one for all; a direction becomes a unit vector. */
 PELL_NODISCARD enum pell_result pell_scene_length(const struct pell_json *parent, const char *key, double unit, float *mm);

@@ -128,11 +128,7 @@ static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_
     name = pell_strndup(r->ctx, text, length);
     if (!name)
         return PELL_ERR_NOMEM;
-    PELL_TRY(pell_scene_picture(r, at, name, PELL_ROLE_RAW, &texture));
-    if (!texture) {
-        res = pell_json_error(at, PELL_ERR_FORMAT, NULL, "the picture can't be read");
-        goto fail;
-    }
+    PELL_TRY(pell_scene_need_picture(r, at, name, PELL_ROLE_RAW, &texture));
     texture->image.srgb = false; /* depths are numbers, not colours */
     *map = pell_texture_map_none();
     map->texture = texture;

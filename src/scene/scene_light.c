@@ -38,7 +38,7 @@ static enum pell_result read_environment(struct pell_scene_reader *r, const stru
     PELL_TRY(pell_scene_rgb(at, "color", 1e12, l->power));
     PELL_TRY(pell_json_number(at, "scale", 0.0, 1e12, &scale));
     PELL_TRY(pell_json_number(at, "rotate_deg", -36000.0, 36000.0, &rotate));
-    PELL_TRY(pell_scene_need_picture(r, at, "image", &l->image));
+    PELL_TRY(pell_scene_need_picture_at(r, at, "image", &l->image));
     for (int c = 0; c < 3; c++)
         l->power[c] *= (float) scale;
     l->rotate = (float) (rotate * RADIANS);
@@ -103,7 +103,7 @@ static enum pell_result read_lamp(struct pell_scene_reader *r, const struct pell
     PELL_TRY(pell_scene_length(at, "radius", r->unit, &l->radius));
     PELL_TRY(pell_json_number(at, "project_fov_deg", 0.1, 179.0, &fov));
     l->image_fov = (float) (fov * RADIANS);
-    PELL_TRY(pell_scene_need_picture(r, at, "project", &l->image));
+    PELL_TRY(pell_scene_need_picture_at(r, at, "project", &l->image));
     return PELL_OK;
 
 fail:

@@ -423,24 +423,31 @@ fail:
 
 /* --- By name ------------------------------------------------------------------------------------------------------------------ */
 
-static void warn_no_match(struct pell_scene_reader *r, const struct pell_json *at, const char *name)
+/* Names are looked through for as many warnings as are printed: a file may have a million of both. */
+static enum pell_result warn_no_match(struct pell_scene_reader *r, const struct pell_json *at, const char *name, int unknown)
 {
-    enum { SHOWN = 64 };
-    const char *names[SHOWN] = { NULL };
+    enum { MOST = 4096 };
+    const size_t count = r->scene->num_materials < MOST ? r->scene->num_materials : MOST;
+    const char **names = pell_alloc_array(r->ctx, count, sizeof(*names));
     struct pell_text hint = { 0 };
     char shown[96];
-    size_t count = 0;
 
-    for (size_t i = 0; i < r->scene->num_materials && count < SHOWN; i++)
-        names[count++] = r->scene->materials[i].name;
-    pell_text_suggest_or_list(&hint, "the files have ", name, names, count);
+    if (!names)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < count; i++)
+        names[i] = r->scene->materials[i].name;
+    if (unknown <= pell_context_limits(r->ctx)->warnings)
+        pell_text_suggest_or_list(&hint, "the files have ", name, names, count);
+    pell_free(r->ctx, names);
     pell_json_warn(at, hint.str, "no material is called \"%s\": nothing is changed by it", pell_printable(name, shown, sizeof(shown)));
+    return PELL_OK;
 }
 
 /* The scene's materials by name: those of one name are a list. */
 struct by_name {
     struct pell_names names;
     uint32_t *first, *next; /* material + 1 */
+    int unknown;            /* names that no material has, so far */
 };
 
 static enum pell_result index_names(struct pell_scene_reader *r, struct by_name *b)
@@ -479,8 +486,7 @@ static enum pell_result overlay_named(struct pell_scene_reader *r, const struct 
     PELL_TRY(pell_names_enter(&b->names, name, strlen(name), &number, &fresh));
     if (fresh || number >= known) {
         PELL_TRY(pell_json_only(&at, pell_material_keys, PELL_MATERIAL_KEYS)); /* what is not used must be right all the same */
-        warn_no_match(r, &at, name);
-        return PELL_OK;
+        return warn_no_match(r, &at, name, ++b->unknown);
     }
     for (uint32_t i = b->first[number]; i; i = b->next[i - 1])
         PELL_TRY(pell_scene_overlay(r, &at, i - 1));

@@ -140,8 +140,8 @@ enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key,
     return PELL_OK;
 }
 
-enum pell_result pell_scene_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
-                                    enum pell_image_role role, struct pell_texture **texture)
+static enum pell_result read_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
+                                     enum pell_image_role role, bool needed, struct pell_texture **texture)
 {
     struct pell_text where;
     char *path = NULL;
@@ -149,23 +149,39 @@ enum pell_result pell_scene_picture(struct pell_scene_reader *r, const struct pe
 
     *texture = NULL;
     pell_json_where(at, &where);
-    /* What the scene file names must be there; what is there but broken is left out with a warning. */
     res = pell_path_resolve(r->ctx, where.str, r->import.root, reference, r->import.allow_outside, &path);
     pell_free(r->ctx, path);
     if (res != PELL_OK)
         return res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
     r->import.scene = r->scene;
-    PELL_TRY(pell_import_texture(&r->import, where.str, reference, role, texture));
-    if (*texture)
-        PELL_TRY(pell_texture_sampler(r->scene, *texture, PELL_WRAP_REPEAT, PELL_WRAP_REPEAT, false, texture));
-
-fail:
+    r->import.needed = needed;
+    res = pell_import_texture(&r->import, where.str, reference, role, texture);
+    r->import.needed = false;
+    if (res == PELL_OK && *texture)
+        res = pell_texture_sampler(r->scene, *texture, PELL_WRAP_REPEAT, PELL_WRAP_REPEAT, false, texture);
     return res;
 }
 
-/* A picture without which the thing that names it makes no sense. */
-enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const struct pell_json *parent, const char *key,
-                                         struct pell_texture **texture)
+enum pell_result pell_scene_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
+                                    enum pell_image_role role, struct pell_texture **texture)
+{
+    return read_picture(r, at, reference, role, false, texture);
+}
+
+enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
+                                         enum pell_image_role role, struct pell_texture **texture)
+{
+    const enum pell_result res = read_picture(r, at, reference, role, true, texture);
+    char shown[160];
+
+    if (res != PELL_OK || *texture)
+        return res;
+    return pell_json_error(at, PELL_ERR_FORMAT, NULL, "the picture \"%s\" can't be read",
+                           pell_printable(reference, shown, sizeof(shown)));
+}
+
+enum pell_result pell_scene_need_picture_at(struct pell_scene_reader *r, const struct pell_json *parent, const char *key,
+                                            struct pell_texture **texture)
 {
     const struct pell_json at = pell_json_get(parent, key);
     const char *reference;
@@ -173,12 +189,6 @@ enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const stru
 
     if (!at.value)
         return PELL_OK;
-    PELL_TRY(pell_json_to_string(&at, &reference));
-    PELL_TRY(pell_scene_picture(r, &at, reference, PELL_ROLE_COLOR, texture));
-    if (!*texture)
-        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "the picture can't be read");
-    return PELL_OK;
-
-fail:
-    return res;
+    res = pell_json_to_string(&at, &reference);
+    return res == PELL_OK ? pell_scene_need_picture(r, &at, reference, PELL_ROLE_COLOR, texture) : res;
 }
