@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * test_image_views.c - the image-space method on whole scenes: what the views of lights add to the eye's, against the whole surface. */
-#include "stage.h"
+#include "scenes.h"
 
 #include "render/renderer.h"
 
@@ -113,29 +113,8 @@ static void what_several_views_see_counts_once(void **state)
 /* With views of lights the method knows bodies: no light goes from one object to another, though they touch. */
 static void light_stays_in_its_object(void **state)
 {
-    double seen[2];
-
     (void) state;
-    for (int object = 0; object < 2; object++) {
-        struct stage s;
-        struct shot shot;
-        size_t m;
-        stage_start(&s, 16, 16);
-        stage_gaussians(&s, 0.5, &m);
-        stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(0, 10, 0));
-        stage_box(&s, m, object, vec3(0, -10, -4), vec3(10, 10, 0));
-        stage_light(&s, PELL_LIGHT_SPOT, vec3(5, 0, 30), vec3(5, 0, 0), 3e-3f);
-        s.scene->lights[0].cos_inner = 0.995f;
-        s.scene->lights[0].cos_outer = 0.99f; /* lights x > 0 only */
-        stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 16.0f);
-        shot = stage_shot_of(&s, "image-space", lights);
-        seen[object] = shot_at(&shot, 0, 6, 8);
-        shot_free(&shot);
-        stage_finish(&s);
-    }
-    print_message("# %g through one object, %g from another\n", seen[0], seen[1]);
-    REQUIRE(seen[0] > 1e-3);
-    assert_true(seen[1] == 0.0);
+    require_light_stays_in_its_object("image-space", lights, 0.0f, 16.0f, 16, 6, 8);
 }
 
 /* The same bits for any number of threads, and after other scenes: geometry, topology, materials, lights and camera may all change from

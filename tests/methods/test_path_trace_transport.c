@@ -891,6 +891,9 @@ static void open_surfaces(void **state)
                       FEWER(1000));
         REQUIRE_NEAR(r.mean[3][1], 1.0, SIGMAS * r.error[3][1] + 1e-3);
         REQUIRE(r.counts.lost > 0);
+        at.toward = vec3_mul(at.toward, -1.0f); /* its inner side, seen through the hole */
+        r = rig_measure(scene, &at, 0, FEWER(100));
+        assert_int_equal(r.counts.crossed, 0);
         pt_scene_destroy(&scene);
         stage_finish(&s);
     }

@@ -82,11 +82,6 @@ void convolution_find_extent(struct convolution_state *st)
 
 /* --- Planes -------------------------------------------------------------------------------------------------------------------- */
 
-static float clamp(float x, float low, float high)
-{
-    return x < low ? low : x > high ? high : x;
-}
-
 static float pixel_at(const struct pell_frame *in, float depth)
 {
     return (in->orthographic ? 1.0f : depth) / in->focal_px;
@@ -106,10 +101,10 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
     for (int y = e->rect.y0; y < e->rect.y1; y++)
         for (int x = e->rect.x0; x < e->rect.x1; x++)
             if (st->sources.front.group[y * st->sources.front.stride + x] == st->job.group + 1)
-                count[(int) (clamp((in->depth[y * in->stride + x] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += 1.0;
+                count[(int) (conv_clamp((in->depth[y * in->stride + x] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += 1.0;
     for (size_t i = 0; i < (size_t) b->layers * (size_t) b->width * (size_t) b->height; i++)
         if (b->group[i] == st->job.group + 1)
-            count[(int) (clamp((b->depth[i] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += (double) (b->step * b->step);
+            count[(int) (conv_clamp((b->depth[i] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += (double) (b->step * b->step);
     for (int i = 0; i < BINS; i++)
         all += count[i];
     for (int i = 0; i < BINS && at < lay->planes - 1; i++) {
@@ -154,7 +149,7 @@ void convolution_lay_out(struct convolution_state *st)
         place_by_surface(st, lay, low, high);
     lay->unit = unit * (float) st->step;
     for (int i = 0; i < lay->planes; i++)
-        lay->pixel[i] = clamp(pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->step;
+        lay->pixel[i] = conv_clamp(pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->step;
     j->x0 = e->rect.x0 / align * align;
     j->y0 = e->rect.y0 / align * align;
     lay->width = (e->rect.x1 - j->x0 + st->step - 1) / st->step;
@@ -175,7 +170,7 @@ static float find_place(const struct conv_layout *lay, float depth)
     while (i + 2 < lay->planes && depth >= lay->depth[i + 1])
         i++;
     t = (depth - lay->depth[i]) / (lay->depth[i + 1] - lay->depth[i]);
-    return (float) i + clamp(t, 0.0f, 0.99999f);
+    return (float) i + conv_clamp(t, 0.0f, 0.99999f);
 }
 
 void convolution_measure_behind(struct convolution_state *st)

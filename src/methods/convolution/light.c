@@ -11,11 +11,6 @@
 #include <limits.h>
 #include <string.h>
 
-static float clamp(float x, float low, float high)
-{
-    return x < low ? low : x > high ? high : x;
-}
-
 /* What weighing a row needs: of pixels, and of cells behind. */
 struct buffers {
     float *far, *front, *behind, *distance, *lean, *over;
@@ -172,7 +167,7 @@ static void set_edges(struct convolution_state *st, int c)
     if (!st->knobs.edges || st->step > 1 || st->knobs.split == CONV_HALF || st->knobs.restore != CONV_BETWEEN || j->divide || r->point ||
         lay->planes == 1)
         return;
-    s->fade = clamp(1.5f - 0.5f * sqrtf(r->median2) / lay->unit, 0.0f, 1.0f);
+    s->fade = conv_clamp(1.5f - 0.5f * sqrtf(r->median2) / lay->unit, 0.0f, 1.0f);
     convolution_radial_squares(r, (double) lay->unit, SIDE, squares);
     for (int y = 0; y < SIDE; y++)
         for (int x = 0; x < SIDE; x++) {

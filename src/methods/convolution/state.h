@@ -91,6 +91,11 @@ struct convolution_state {
     bool timed;
 };
 
+static inline float conv_clamp(float x, float low, float high)
+{
+    return x < low ? low : x > high ? high : x;
+}
+
 static inline float *conv_image(const struct convolution_state *st, int image)
 {
     return st->images + (size_t) image * st->image_size;

@@ -424,7 +424,7 @@ void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct 
     }
     counts->chains++;
     do {
-        if (pell_cancelled(s->ctx) || pell_context_interrupted(s->ctx)) /* a million trials take long; the sample is dropped */
+        if (pt_stopped(s)) /* a million trials take long */
             return;
         if (trials % LOOK == LOOK - 1 && s->deadline < (double) INFINITY && pell_seconds() > s->deadline) {
             counts->late++;

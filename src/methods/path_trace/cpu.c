@@ -250,10 +250,10 @@ static bool do_jobs(struct run *run, struct pt_job *jobs, int count, size_t firs
     const struct pt_point *point = jobs[0].point;
     const int64_t late = pt_walker_counts(st->walkers[worker])->late;
 
-    if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx) || atomic_load_explicit(&st->late, memory_order_relaxed))
+    if (pt_stopped(st->scene) || atomic_load_explicit(&st->late, memory_order_relaxed))
         return false;
     pt_trace_jobs(st->scene, st->walkers[worker], jobs, count);
-    if (pell_cancelled(st->ctx) || pell_context_interrupted(st->ctx)) /* paths may have ended early */
+    if (pt_stopped(st->scene))
         return false;
     if (pt_walker_counts(st->walkers[worker])->late > late) {
         atomic_store_explicit(&st->late, true, memory_order_relaxed);

@@ -350,6 +350,11 @@ double pt_scene_brightest(const struct pt_scene *scene)
     return scene->brightest;
 }
 
+bool pt_stopped(const struct pt_scene *scene)
+{
+    return pell_cancelled(scene->ctx) || pell_context_interrupted(scene->ctx);
+}
+
 void pt_scene_set_deadline(struct pt_scene *scene, double seconds)
 {
     scene->deadline = seconds;

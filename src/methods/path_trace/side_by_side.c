@@ -389,7 +389,7 @@ void pt_side_trace(const struct pt_scene *s, struct pt_walker *walker, struct pt
         for (int l = 0; l < PT_LANES; l++)
             if (!(d->live >> l & 1) && !fill(d, l))
                 break;
-        if (!d->live)
+        if (!d->live || pt_stopped(s))
             return;
         if (bits(d->live) <= FEW) {
             finish_alone(d);

@@ -46,6 +46,8 @@ void pt_scene_destroy(struct pt_scene **scene);
 
 /* pell_seconds() after which what may take long is given up; INFINITY, as it is at first: never. While no walk runs. */
 void pt_scene_set_deadline(struct pt_scene *scene, double seconds);
+/* Cancelled or interrupted: walks end where they are, and their samples must be dropped. */
+bool pt_stopped(const struct pt_scene *scene);
 
 /* What walks cost, and what they left undone. Sums. */
 struct pt_counts {
@@ -57,7 +59,7 @@ struct pt_counts {
     int64_t cut;                /* paths ended by the knob bounces */
     double cut_weight;          /* that these still carried, as a share of a path's: (R + G + B)/3, sum. Times the brightest radiance that a
                                 * lamp shows, over the samples, it limits what the bound cost where no delta lamp is */
-    int64_t crossed; /* surfaces met out of order: of a body entered while inside it, or left while outside (they cross or touch others) */
+    int64_t crossed; /* closed surfaces met out of order: entered while inside the body, or left while outside (they cross or touch) */
     int64_t lost;    /* walks that left a body through no surface (open or crossing ones, rounding), or found none at the pixel */
 };
 

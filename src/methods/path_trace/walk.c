@@ -8,6 +8,8 @@
 
 #include <string.h>
 
+#define LOOK 16 /* surfaces and scatterings between two looks at whether to stop */
+
 static void add(struct pt_walk *p, const double light[3], int scattered)
 {
     double *to = !p->entered ? p->out->surface : scattered == 1 && !p->mixed ? p->out->single : p->out->multiple;
@@ -150,14 +152,15 @@ struct boundary {
 static bool look(const struct pt_walk *p, const struct pt_hit *hit, struct boundary *b)
 {
     const float side = vec3_dot(p->w, hit->ng) < 0.0f ? 1.0f : -1.0f;
+    const bool closed = p->s->body[hit->body].closed; /* the inner side of an open one is seen through its hole */
     float outward;
 
     b->enter = side > 0.0f;
     if (!pt_cross(p->s, &p->place, hit->body, b->enter, &b->before, &b->after)) {
-        p->counts->crossed++;
+        p->counts->crossed += closed;
         return false;
     }
-    p->counts->crossed += !b->enter && b->before.count != p->place.count;
+    p->counts->crossed += closed && !b->enter && b->before.count != p->place.count;
     b->eta = pt_index(p->s, pt_top(&b->after)) / pt_index(p->s, pt_top(&b->before));
     outward = b->enter ? b->eta : 1.0f / b->eta;
     b->rough = pt_rough_find(p->s, hit, outward);
@@ -300,6 +303,8 @@ bool pt_walk_on(struct pt_walk *p)
     const int body = pt_top(&p->place);
     struct pt_flight flight;
 
+    if (p->bounces % LOOK == 0 && pt_stopped(s))
+        return false;
     if (p->bounces++ >= s->knobs.bounces) {
         pt_cut(p->counts, p->beta);
         return false;
