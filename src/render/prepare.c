@@ -11,6 +11,8 @@
 void pell_renderer_drop_size(struct pell_renderer *r)
 {
     pell_surface_finish(r->ctx, &r->surface);
+    pell_raster_destroy(&r->raster);
+    r->rastered = false;
     pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes, but for those made when asked for */
     pell_free(r->ctx, r->position[0]);
     pell_free(r->ctx, r->hit[0]);
@@ -236,6 +238,10 @@ enum pell_result pell_renderer_prepare(struct pell_renderer *r, const struct pel
         PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
     }
     lend_hits(r);
+    if (!r->rastered)
+        PELL_TRY(pell_raster_create(r->ctx, r->scene, s->width, s->height, &r->raster));
+    r->rastered = true;
+    r->surface.raster = r->raster;
     if (s->bloom > 0.0f && !r->glow[0]) {
         float **const planes[PELL_BLOOM_PLANES] = { &r->glow[0], &r->glow[1], &r->glow[2] };
         PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));

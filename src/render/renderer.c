@@ -191,6 +191,8 @@ static void drop_scene(struct pell_renderer *r)
     pell_specular_tables_destroy(&r->tables);
     pell_rays_destroy(&r->rays);
     pell_mips_destroy(&r->mips);
+    pell_raster_destroy(&r->raster);
+    r->rastered = false;
     for (size_t i = 0; r->profiles && i < r->num_frame_materials; i++)
         pell_free(r->ctx, r->profiles[i]);
     pell_free(r->ctx, r->profiles);

@@ -45,6 +45,8 @@ struct pell_renderer {
 
     /* Of the size and the layers asked for. */
     bool sized;
+    struct pell_raster *raster; /* of the scene, too; NULL: `rastered`, but there is none, or nobody asked yet */
+    bool rastered;
     struct pell_surface surface;
     struct pell_rect covered; /* of the frame: what any of its samples may cover */
     struct pell_lighting lighting;

@@ -430,8 +430,8 @@ static void the_terminator_is_smooth(void **state)
     }
 }
 
-/* Where the triangle faces the light and the smooth normal does not, the way to it begins in air: a wall that the light comes through on the
- * way counts as it does beside it, where the triangle faces away, too. */
+/* Where the triangle faces the light and the smooth normal does not, the way to it begins in air: a wall that the light comes through on
+ * the way counts as it does beside it, where the triangle faces away, too. */
 static void a_wall_between_terminators(void **state)
 {
     const float tilt = 0.2f, up = sqrtf(1.0f - tilt * tilt);

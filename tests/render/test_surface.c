@@ -366,6 +366,86 @@ static void any_number_of_threads_and_any_processor_give_the_same_bits(void **st
     }
 }
 
+/* A surface with the raster of its scene beside one by rays: the same but where a pixel's middle lies on an edge, to rounding; the same
+ * bits on any number of threads and any processor; and what was there before is gone. */
+static void drawn_and_traced_are_one_picture(void **state)
+{
+    static const char *const levels[] = { "base", "v2", "v3", "v4" };
+    const struct pell_camera away = { .position = { 0, 0, 22 }, .forward = { 0, 0, 1 }, .up = { 0, 1, 0 }, .fov = 0.5f };
+    struct pell_context *ctx = test_context(NULL, NULL);
+
+    (void) state;
+    for (int k = 0; k < 8; k++) {
+        const int width = k & 1 ? 97 : 64, height = k & 2 ? 75 : 64;
+        struct pell_scene *scene = rich_scene(ctx);
+        struct pell_surface traced, first;
+        struct pell_raster *raster;
+        int64_t differ = 0, uneven = 0;
+        struct stage s = stage_of(ctx, scene, 1);
+
+        add_mips(&s);
+        render(&s, width, height, 40.0f, k & 4 ? 24.0f : 0.0f);
+        traced = s.surface;
+        memset(&s.surface, 0, sizeof(s.surface));
+        for (size_t level = 0; level < PELL_COUNT(levels); level++) {
+            setenv("PELL_SIMD", levels[level], 1);
+            assert_int_equal(pell_raster_create(ctx, scene, width, height, &raster), PELL_OK);
+            assert_non_null(raster);
+            pell_surface_finish(ctx, &s.surface);
+            assert_int_equal(pell_surface_allocate(ctx, width, height, &s.surface), PELL_OK);
+            unsetenv("PELL_SIMD");
+            s.surface.mips = s.mips;
+            s.surface.raster = raster;
+            memset(s.surface.material, 0xff, (size_t) (s.surface.stride * height) * sizeof(*s.surface.material));
+            if (level == 2) { /* other threads */
+                pell_pool_destroy(&s.pool);
+                assert_int_equal(pell_pool_create(ctx, 3, &s.pool), PELL_OK);
+            }
+            assert_int_equal(pell_surface_render(s.pool, s.rays, scene, &s.view, &s.surface), PELL_OK);
+            check_invariants(&s);
+            assert_int_equal(s.surface.rays, traced.rays);
+            if (level == 0) {
+                first = s.surface;
+                memset(&s.surface, 0, sizeof(s.surface));
+            } else {
+                assert_memory_equal(first.material, s.surface.material, (size_t) (first.stride * height) * sizeof(*first.material));
+                for (ptrdiff_t i = 0; i < first.stride * height; i++)
+                    if (first.material[i])
+                        assert_true(first.depth[i] == s.surface.depth[i] && first.ns[0][i] == s.surface.ns[0][i] &&
+                                    first.lift[i] == s.surface.lift[i] && first.base[1][i] == s.surface.base[1][i]);
+            }
+            if (level + 1 < PELL_COUNT(levels))
+                pell_raster_destroy(&raster);
+        }
+        for (ptrdiff_t i = 0; i < first.stride * height; i++) {
+            const bool here = first.material[i] != 0, there = i % first.stride < width && traced.material[i] != 0;
+            differ += here != there || (here && first.material[i] != traced.material[i]);
+            if (!here || first.material[i] != traced.material[i])
+                continue;
+            uneven += fabsf(first.depth[i] - traced.depth[i]) > 1e-3f || fabsf(first.ng[0][i] - traced.ng[0][i]) > 1e-3f ||
+                      fabsf(first.ns[1][i] - traced.ns[1][i]) > 1e-3f || fabsf(first.base[0][i] - traced.base[0][i]) > 2e-3f ||
+                      fabsf(first.lift[i] - traced.lift[i]) > 1e-4f || fabsf(first.roughness[i] - traced.roughness[i]) > 2e-3f;
+        }
+        assert_true(traced.covered_pixels > 500);
+        assert_true(differ <= 3);
+        assert_true(uneven <= traced.covered_pixels / 200);
+        s.view = pell_view_make(&away, width, height, 0, 0);
+        s.surface.raster = raster;
+        assert_int_equal(pell_surface_render(s.pool, s.rays, scene, &s.view, &s.surface), PELL_OK);
+        assert_int_equal(s.surface.covered_pixels, 0);
+        check_invariants(&s);
+        pell_raster_destroy(&raster);
+        pell_surface_finish(ctx, &first);
+        pell_surface_finish(ctx, &traced);
+        pell_surface_finish(ctx, &s.surface);
+        pell_mips_destroy(&s.mips);
+        pell_rays_destroy(&s.rays);
+        pell_pool_destroy(&s.pool);
+        pell_scene_destroy(&scene);
+    }
+    pell_context_destroy(&ctx);
+}
+
 static void a_frame_allocates_nothing(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -728,6 +808,7 @@ int main(void)
         cmocka_unit_test(the_rectangle_of_the_bounds_loses_no_pixel),
         cmocka_unit_test(what_was_there_in_the_last_frame_is_gone),
         cmocka_unit_test(any_number_of_threads_and_any_processor_give_the_same_bits),
+        cmocka_unit_test(drawn_and_traced_are_one_picture),
         cmocka_unit_test(a_frame_allocates_nothing),
         cmocka_unit_test(holes_and_insides),
         cmocka_unit_test(normals_that_point_anywhere_are_brought_to_the_viewer),

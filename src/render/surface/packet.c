@@ -35,6 +35,7 @@ struct hits {
     uint32_t lanes;                        /* bit i: lane i is one of these */
     int16lanes on;                         /* the same, -1 or 0 */
     uint32_t vertex[3][LANES];
+    const struct pell_corners *corners; /* of the triangles, where they are known */
     float16 w0, w1, w2; /* barycentric weights */
     const struct pell_ray_hit16 *packet;
     const struct pell_view *eye;
@@ -87,7 +88,7 @@ static void corners(const struct hits *h, const float *data, size_t size, struct
         }
 }
 
-static void blend(const struct hits *h, const struct vec16 a[restrict 3], struct vec16 *restrict out)
+static void blend(const struct hits *h, const struct vec16 *restrict a, struct vec16 *restrict out)
 {
     for (int i = 0; i < LANES; i++) {
         out->x[i] = h->w0[i] * a[0].x[i] + h->w1[i] * a[1].x[i] + h->w2[i] * a[2].x[i];
@@ -238,9 +239,15 @@ static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
  * show the triangles of a coarse mesh as dark facets where light grazes. */
 static void lifts(const struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict n, float *restrict out)
 {
-    struct vec16 p[3], at, sum = { { 0 } };
+    const struct vec16 *p;
+    struct vec16 fetched[3], at, sum = { { 0 } };
 
-    corners(h, h->mesh->position, 3, p);
+    if (h->corners) {
+        p = (const struct vec16 *) h->corners->position;
+    } else {
+        corners(h, h->mesh->position, 3, fetched);
+        p = fetched;
+    }
     blend(h, p, &at);
     for (int k = 0; k < 3; k++) {
         const float *w = k == 0 ? h->w0 : k == 1 ? h->w1 : h->w2;
@@ -405,8 +412,9 @@ static void prepare(const struct pell_ray_hit16 *restrict p, struct hits *restri
     }
 }
 
-/* The lanes in `lanes`, which hit one mesh. */
-static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p, uint32_t lanes, struct shaded *restrict s)
+/* The lanes in `lanes`, which hit one mesh; `known`: corners of all lanes, on this mesh, or NULL. */
+static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p, const struct pell_corners *known, uint32_t lanes,
+                  struct shaded *restrict s)
 {
     const int first = __builtin_ctz(lanes);
     const struct pell_mesh *mesh = &job->scene->meshes[p->hit.mesh[first]];
@@ -424,7 +432,10 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     h.has_footprint = false;
     memset(h.has_uv, 0, sizeof(h.has_uv));
     prepare(p, &h);
-    for (int i = 0; i < LANES; i++) {
+    h.corners = known;
+    if (known)
+        memcpy(h.vertex, known->vertex, sizeof(h.vertex));
+    for (int i = 0; !known && i < LANES; i++) {
         const uint32_t *index = mesh->index + 3 * (size_t) p->hit.triangle[(lanes >> i & 1) ? i : first];
         for (int k = 0; k < 3; k++)
             h.vertex[k][i] = index[k];
@@ -518,8 +529,8 @@ static void cover(struct pell_rect *r, int x, int y, uint32_t lanes)
     r->y1 = y1 > r->y1 ? y1 : r->y1;
 }
 
-static void see(const struct surface_job *job, int x, int y, int rows, const struct pell_ray_hit16 *p, uint32_t hits,
-                struct surface_band *band)
+static void see(const struct surface_job *job, int x, int y, int rows, const struct pell_ray_hit16 *p, const struct pell_corners *known,
+                uint32_t hits, struct surface_band *band)
 {
     uint16_t material[LANES] = { 0 };
     uint32_t translucent = 0;
@@ -539,14 +550,14 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
         for (int i = 0; i < LANES; i++)
             material[i] = (lanes >> i & 1) ? (uint16_t) (number + 1) : material[i];
         if (lanes == hits) {
-            shade(job, p, lanes, &s);
+            shade(job, p, known, lanes, &s);
         } else {
             struct shaded some;
             if (left == hits)
                 memset(&s, 0, sizeof(s));
             if (!job->out->any_emissive)
                 memset(some.emissive, 0, sizeof(some.emissive));
-            shade(job, p, lanes, &some);
+            shade(job, p, NULL, lanes, &some);
             merge(&s, &some, lanes);
         }
         translucent |= opaque ? 0 : lanes;
@@ -559,6 +570,78 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
         cover(&band->translucent, x, y, translucent);
         band->translucent_pixels += __builtin_popcount(translucent);
     }
+}
+
+/* Rays through a packet's pixels. */
+static void aim(const struct pell_view *view, int x, int y, struct pell_ray16 *restrict ray)
+{
+    const struct pell_view v = *view;
+
+    for (int i = 0; i < LANES; i++) {
+        struct pell_vec3 start, direction;
+        pell_view_ray(&v, (float) (x + i % SURFACE_PACKET_SIDE), (float) (y + i / SURFACE_PACKET_SIDE), &start, &direction);
+        ray->ox[i] = start.x;
+        ray->oy[i] = start.y;
+        ray->oz[i] = start.z;
+        ray->dx[i] = direction.x;
+        ray->dy[i] = direction.y;
+        ray->dz[i] = direction.z;
+    }
+}
+
+/* -1 where a lane's pixel is of the picture, else 0. */
+static inline int within(const struct pell_view *view, int x, int y, int i)
+{
+    return x + i % SURFACE_PACKET_SIDE < view->width && y + i / SURFACE_PACKET_SIDE < view->height ? -1 : 0;
+}
+
+/* How many pixels from a to b there are in packets that touch `from` to `to`. */
+static int of_packets(int a, int b, int from, int to)
+{
+    const int low = from & ~(SURFACE_PACKET_SIDE - 1), high = (to + SURFACE_PACKET_SIDE - 1) & ~(SURFACE_PACKET_SIDE - 1);
+    const int c = a > low ? a : low, d = b < high ? b : high;
+
+    return d > c ? d - c : 0;
+}
+
+static PELL_FETCHING void trace_tile(const struct surface_job *job, int number)
+{
+    const struct pell_surface *out = job->out;
+    const struct pell_raster *raster = out->raster;
+    const int x0 = number % pell_raster_columns(raster) * PELL_RASTER_TILE, y0 = number / pell_raster_columns(raster) * PELL_RASTER_TILE;
+    const int x1 = x0 + PELL_RASTER_TILE < out->width ? x0 + PELL_RASTER_TILE : out->width;
+    const int y1 = y0 + PELL_RASTER_TILE < out->height ? y0 + PELL_RASTER_TILE : out->height;
+    const ptrdiff_t end = x0 + PELL_RASTER_TILE < out->stride ? x0 + PELL_RASTER_TILE : out->stride;
+    const struct pell_rect r = job->rect;
+    struct surface_band band = { .covered = { INT_MAX, INT_MAX, 0, 0 }, .translucent = { INT_MAX, INT_MAX, 0, 0 } };
+    struct pell_raster_tile tile;
+    struct pell_corners corners;
+    struct pell_ray_hit16 p;
+    bool any;
+
+    any = pell_raster_tile(raster, number, &tile);
+    if (r.x0 < r.x1)
+        band.rays = (int64_t) of_packets(x0, x1, r.x0, r.x1) * of_packets(y0, y1, r.y0, r.y1);
+    for (int y = y0; y < y1; y++)
+        memset(out->material + y * out->stride + x0, 0, (size_t) (end - x0) * sizeof(*out->material));
+    for (int k = 0; any && k < PELL_RASTER_BLOCKS * PELL_RASTER_BLOCKS; k++) {
+        const int x = x0 + k % PELL_RASTER_BLOCKS * SURFACE_PACKET_SIDE, y = y0 + k / PELL_RASTER_BLOCKS * SURFACE_PACKET_SIDE;
+        int32_t *triangle = tile.triangle + LANES * k;
+        uint32_t hits = 0;
+
+        for (int i = 0; i < LANES; i++) {
+            triangle[i] |= ~within(job->view, x, y, i);
+            hits |= (uint32_t) (triangle[i] >= 0) << i;
+        }
+        /* a line of one row of the next blocks: by then all had their turn */
+        fetch(out, x0 + k % 2 * LINE, y0 + k / PELL_RASTER_BLOCKS * SURFACE_PACKET_SIDE + SURFACE_PACKET_SIDE + k % PELL_RASTER_BLOCKS / 2);
+        if (!hits)
+            continue;
+        aim(job->view, x, y, &p.ray);
+        pell_raster_meet16(raster, triangle, &p, &corners);
+        see(job, x, y, y1 - y < SURFACE_PACKET_SIDE ? y1 - y : SURFACE_PACKET_SIDE, &p, &corners, hits, &band);
+    }
+    job->bands[number] = band;
 }
 
 static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
@@ -585,18 +668,10 @@ static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
 
             if (y + rows <= job->rect.y0 || y >= job->rect.y1)
                 continue;
+            aim(view, x, y, &p.ray);
             for (int i = 0; i < LANES; i++) {
-                const int px = x + i % SURFACE_PACKET_SIDE, py = y + i / SURFACE_PACKET_SIDE;
-                struct pell_vec3 start, direction;
-                pell_view_ray(view, (float) px, (float) py, &start, &direction);
-                p.ray.ox[i] = start.x;
-                p.ray.oy[i] = start.y;
-                p.ray.oz[i] = start.z;
-                p.ray.dx[i] = direction.x;
-                p.ray.dy[i] = direction.y;
-                p.ray.dz[i] = direction.z;
                 p.ray.tfar[i] = INFINITY;
-                valid[i] = px < view->width && py < view->height ? -1 : 0;
+                valid[i] = within(view, x, y, i);
                 rays -= valid[i];
             }
             pell_rays_closest16(job->rays, valid, true, &p);
@@ -607,7 +682,7 @@ static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
                 continue;
             /* the next line of one row: by then all rows of the band had their turn */
             fetch(out, x / LINE * LINE + LINE, y0 + x % LINE / SURFACE_PACKET_SIDE + (y - y0));
-            see(job, x, y, rows, &p, hits, &band);
+            see(job, x, y, rows, &p, NULL, hits, &band);
         }
     job->bands[number] = band;
 }
@@ -616,8 +691,8 @@ static void look(const struct surface_job *job, const struct pell_ray_hit16 *pac
 {
     struct surface_band band = { .covered = { INT_MAX, INT_MAX, 0, 0 }, .translucent = { INT_MAX, INT_MAX, 0, 0 } };
 
-    see(job, 0, 0, SURFACE_PACKET_SIDE, packet, hits, &band);
+    see(job, 0, 0, SURFACE_PACKET_SIDE, packet, NULL, hits, &band);
 }
 
 extern const struct pell_surface_kernels PELL_SIMD(pell_surface_kernels);
-const struct pell_surface_kernels PELL_SIMD(pell_surface_kernels) = { trace_band, look };
+const struct pell_surface_kernels PELL_SIMD(pell_surface_kernels) = { trace_band, trace_tile, look };

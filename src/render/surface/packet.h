@@ -10,7 +10,7 @@
 #define SURFACE_PACKET_SIDE 4
 #define SURFACE_BAND_ROWS 8
 
-/* What a band of rows saw. Summed in order, but sums and extremes of integers don't depend on it. */
+/* What a band of rows saw, or a tile of the raster. Summed in order, but sums and extremes of integers don't depend on it. */
 struct surface_band {
     _Alignas(64) struct pell_rect covered, translucent; /* empty: x0 > x1 */
     int64_t covered_pixels, translucent_pixels, rays;
@@ -29,6 +29,7 @@ struct surface_job {
 
 struct pell_surface_kernels {
     void (*band)(const struct surface_job *job, int band);
+    void (*tile)(const struct surface_job *job, int tile); /* of job->out->raster */
     /* What 16 hits look like (bits of `hits`: which), into the pixels of job->out, which is 4 x 4 with a stride of 4. The viewer is where
      * packet->ray comes from. */
     void (*look)(const struct surface_job *job, const struct pell_ray_hit16 *packet, uint32_t hits);

@@ -22,6 +22,14 @@ static int bands_of(int height)
     return (height + SURFACE_BAND_ROWS - 1) / SURFACE_BAND_ROWS;
 }
 
+static size_t tasks_of(int width, int height)
+{
+    const size_t columns = ((size_t) width + PELL_RASTER_TILE - 1) / PELL_RASTER_TILE;
+    const size_t tiles = columns * (((size_t) height + PELL_RASTER_TILE - 1) / PELL_RASTER_TILE), bands = (size_t) bands_of(height);
+
+    return tiles > bands ? tiles : bands;
+}
+
 enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int height, struct pell_surface *surface)
 {
     float **const planes[PLANES] = {
@@ -45,7 +53,7 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
         __builtin_mul_overflow(pixels, (PLANES + 2) * sizeof(float), &bytes))
         return pell_error(ctx, PELL_ERR_NOMEM, NULL, NULL, "a picture of %d x %d pixels can't be allocated", width, height);
 
-    scratch = pell_zalloc(ctx, sizeof(*scratch) + (size_t) bands_of(height) * sizeof(scratch->bands[0]));
+    scratch = pell_zalloc(ctx, sizeof(*scratch) + tasks_of(width, height) * sizeof(scratch->bands[0]));
     surface->scratch = scratch;
     if (!scratch)
         goto fail;
@@ -87,6 +95,28 @@ static void band_task(void *arg, int index, int worker)
 
     (void) worker;
     scratch->kernels->band(job, index);
+}
+
+static void tile_task(void *arg, int index, int worker)
+{
+    const struct surface_job *job = arg;
+    const struct scratch *scratch = job->out->scratch;
+
+    (void) worker;
+    scratch->kernels->tile(job, index);
+}
+
+/* Whether the surface's raster is there and willing. */
+static bool draw(struct pell_pool *pool, const struct surface_job *job)
+{
+    const struct pell_view *v = job->view;
+    const struct pell_raster_view view = {
+        v->origin, v->forward, v->right, v->up, v->orthographic, v->focal_px, 0.5f + v->shift_x - 0.5f * (float) v->width,
+        0.5f * (float) v->height - 0.5f - v->shift_y,
+    };
+    const int64_t pixels = (int64_t) (job->rect.x1 - job->rect.x0) * (job->rect.y1 - job->rect.y0);
+
+    return job->out->raster && pell_raster_draw(job->out->raster, pool, &view, pixels);
 }
 
 static void unite(struct pell_rect *a, const struct pell_rect *b)
@@ -154,6 +184,7 @@ enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_r
     struct scratch *scratch = surface->scratch;
     struct surface_job job = make_job(rays, scene, view, surface);
     struct surface_band sum = { .covered = { INT_MAX, INT_MAX, 0, 0 }, .translucent = { INT_MAX, INT_MAX, 0, 0 } };
+    int tasks = bands_of(view->height);
 
     if (scene->num_materials > 65534)
         return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, NULL, "%zu materials; 65534 can be rendered",
@@ -166,11 +197,16 @@ enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_r
         for (int c = 0; c < 3; c++)
             surface->any_emissive |= scene->materials[i].emissive[c] > 0.0f;
 
-    pell_pool_run(pool, bands_of(view->height), band_task, &job);
+    if (draw(pool, &job)) {
+        tasks = pell_raster_tiles(surface->raster);
+        pell_pool_run(pool, tasks, tile_task, &job);
+    } else {
+        pell_pool_run(pool, tasks, band_task, &job);
+    }
     if (pell_cancelled(scene->ctx))
         return PELL_ERR_CANCELLED;
 
-    for (int i = 0; i < bands_of(view->height); i++) {
+    for (int i = 0; i < tasks; i++) {
         const struct surface_band *b = &scratch->bands[i];
         unite(&sum.covered, &b->covered);
         unite(&sum.translucent, &b->translucent);

@@ -8,7 +8,7 @@
 #ifndef PELL_SURFACE_H
 #define PELL_SURFACE_H
 
-#include "rays/rays.h"
+#include "rays/raster.h"
 #include "render/view.h"
 
 /* What is made once a scene: the pictures of its textures at smaller sizes, so that far surfaces don't alias. */
@@ -22,6 +22,7 @@ struct pell_surface {
     int width, height;
     ptrdiff_t stride;
     const struct pell_mips *mips; /* borrowed: the caller sets it after pell_surface_allocate; NULL: textures alias where they shrink */
+    struct pell_raster *raster;   /* likewise: of the scene and this size; NULL: what pixels see is asked of rays */
     uint16_t *material;  /* scene material + 1; 0: nothing. A scene of more than 65534 materials is refused */
     float *depth;        /* mm along the view axis */
     float *ng[3];        /* geometric normal, unit, on the side of the viewer */
