@@ -206,13 +206,15 @@ static PELL_FETCHING void composite_rows(void *arg, int band, int worker)
     (void) worker;
 
     for (int y = r.y0 + band * ROWS; y < r.y1 && y < r.y0 + (band + 1) * ROWS; y++) {
+        struct pell_composite_meter meter = { { 0 }, { 0 } };
         double met = 0.0, covered = 0.0;
         row.y = y;
         for (int x = r.x0 / LANES * LANES; x < r.x1; x += LANES) {
             const size_t at = (size_t) ((ptrdiff_t) y * s->stride + x);
             const int count = s->width - x < LANES ? s->width - x : LANES;
+            float *const color[] = { out->color[0] + at, out->color[1] + at, out->color[2] + at };
             struct pell_composite_lanes l;
-            float sum[LANES], single[3][LANES] = { { 0 } };
+            float single[3][LANES] = { { 0 } };
 
             if (!t->c->kernels->shade(&row, x, &cut, &l)) {
                 if (p->first)
@@ -223,21 +225,17 @@ static PELL_FETCHING void composite_rows(void *arg, int band, int worker)
                 fetch(t, at + (size_t) s->stride);
             if (p->single || p->reflected)
                 take_parts(t, at, count, &l, single);
-            for (int c = 0; c < 3; c++) {
-                for (int i = 0; i < LANES; i++)
-                    sum[i] = l.multiple[c][i] + single[c][i] + l.transmission[c][i] + l.specular[c][i];
+            for (int c = 0; c < 3; c++)
                 put(out->single[c], at, count, single[c], p->weight, p->first);
-                put(out->color[c], at, count, sum, p->weight, p->first);
-            }
-            put(out->alpha, at, count, l.on, p->weight, p->first);
+            t->c->kernels->add(&l, (const float(*)[LANES]) single, p->weight, p->first, count, color, out->alpha + at, &meter);
             if (out->multiple[0])
                 put_layers(t, at, count, &l);
             if (out->variance[0])
                 put_noise(t, at, count, &l);
-            for (int i = 0; i < LANES; i++) {
-                met += l.arriving[i];
-                covered += l.on[i];
-            }
+        }
+        for (int i = 0; i < LANES; i++) {
+            met += meter.met[i];
+            covered += meter.covered[i];
         }
         out->meter[2 * y] = met + (p->first ? 0.0 : out->meter[2 * y]);
         out->meter[2 * y + 1] = covered + (p->first ? 0.0 : out->meter[2 * y + 1]);

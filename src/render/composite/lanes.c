@@ -239,4 +239,40 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
     return true;
 }
 
-const struct pell_composite_kernels PELL_SIMD(pell_composite_kernels) = { shade };
+INLINE void put(const float *restrict values, float weight, bool first, int count, float *restrict plane)
+{
+    if (first)
+        for (int i = 0; i < count; i++)
+            plane[i] = weight * values[i];
+    else
+        for (int i = 0; i < count; i++)
+            plane[i] += weight * values[i];
+}
+
+INLINE void add_lanes(const struct pell_composite_lanes *restrict l, const float single[3][LANES], float weight, bool first, int count,
+                      float *const color[3], float *alpha)
+{
+    float sum[LANES];
+
+    for (int c = 0; c < 3; c++) {
+        for (int i = 0; i < LANES; i++)
+            sum[i] = l->multiple[c][i] + single[c][i] + l->transmission[c][i] + l->specular[c][i];
+        put(sum, weight, first, count, color[c]);
+    }
+    put(l->on, weight, first, count, alpha);
+}
+
+static void add(const struct pell_composite_lanes *l, const float single[3][LANES], float weight, bool first, int count,
+                float *const color[3], float *alpha, struct pell_composite_meter *restrict meter)
+{
+    if (count == LANES)
+        add_lanes(l, single, weight, first, LANES, color, alpha);
+    else
+        add_lanes(l, single, weight, first, count, color, alpha);
+    for (int i = 0; i < LANES; i++) {
+        meter->met[i] += (double) l->arriving[i];
+        meter->covered[i] += (double) l->on[i];
+    }
+}
+
+const struct pell_composite_kernels PELL_SIMD(pell_composite_kernels) = { shade, add };

@@ -48,9 +48,17 @@ struct pell_composite_cut {
     float roughness, mean, albedo[PELL_ALBEDO_MU];
 };
 
+/* Of a row, by lane: luminance of what arrives, and covered pixels. */
+struct pell_composite_meter {
+    _Alignas(64) double met[LANES], covered[LANES];
+};
+
 struct pell_composite_kernels {
     /* False if no pixel from x (a multiple of 16) on is covered; `lanes` is left alone then. */
     bool (*shade)(const struct pell_composite_row *row, int x, struct pell_composite_cut *cut, struct pell_composite_lanes *lanes);
+    /* Adds the parts, `single` among them, to the first `count` pixels of color and alpha, or writes them there, and meters. */
+    void (*add)(const struct pell_composite_lanes *lanes, const float single[3][LANES], float weight, bool first, int count,
+                float *const color[3], float *alpha, struct pell_composite_meter *meter);
 };
 
 PELL_SIMD_TABLES(struct pell_composite_kernels, pell_composite_kernels);

@@ -3,13 +3,12 @@
 #include "render/post/post.h"
 
 #include "image/color.h"
+#include "render/post/row.h"
 
 #include <float.h>
-#include <string.h>
 
 #define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
 #define SKY_WHITE 16.0   /* an environment behind the thing may be brighter than the thing by far */
-#define LN2 0.69314718055994530942
 #define METER_FACTOR 3.0 /* at most this times the key's exposure */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
@@ -19,57 +18,28 @@ struct task {
     float *const *color;
     float *alpha;
     float *const *display;
+    const struct pell_post_kernels *kernels;
     float exposure, white, white_scale; /* 1 / white^2 */
     bool curve;
     bool plain; /* one colour behind all */
-    float behind[3], behind_shown[3];
+    struct pell_post_tone tone;
 };
 
-/* Mends what is not a number, and measures over covered pixels: the sum of the log luminance, its count, the largest luminance.
- * One logarithm is taken a row, of the product: a logarithm costs more than all the rest. Every eight factors, which stay far inside a
- * double's range, its power of two is moved over to `power`. */
 static void measure_row(void *arg, int index, int worker)
 {
     const struct task *t = arg;
     const struct pell_post_params *p = t->p;
     const int y = p->rect.y0 + index;
-    const size_t row = (size_t) (y * p->stride);
-    float *r = t->color[0] + row, *g = t->color[1] + row, *b = t->color[2] + row, *a = t->alpha + row;
-    double product = 1.0, count = 0.0, invalid = 0.0, maximum = 0.0;
-    int64_t power = 0;
-    int factors = 0;
+    const ptrdiff_t at = y * p->stride + p->rect.x0;
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    struct pell_post_measure m;
     (void) worker;
 
-    for (int x = p->rect.x0; x < p->rect.x1; x++) {
-        double l;
-
-        if (a[x] == 0.0f)
-            continue;
-        if (!isfinite(r[x] + g[x] + b[x])) {
-            r[x] = g[x] = b[x] = 0.0f;
-            invalid += 1.0;
-        }
-        if (a[x] > 0.9999f) /* a sum of weights 1/n */
-            a[x] = 1.0f;
-        l = pell_luminance((const float[3]) { r[x], g[x], b[x] }) / a[x];
-        if (a[x] > 0.5f && l > 1e-30) {
-            maximum = l > maximum ? l : maximum; /* fmax and fmin are calls */
-            product *= l < 1e30 ? l : 1e30;
-            count += 1.0;
-            if (++factors == 8) {
-                uint64_t bits;
-                memcpy(&bits, &product, sizeof(bits));
-                power += (int64_t) (bits >> 52) - 1023;
-                bits = (bits & 0xfffffffffffffull) | 1023ull << 52;
-                memcpy(&product, &bits, sizeof(bits));
-                factors = 0;
-            }
-        }
-    }
-    p->rows[y * PER_ROW + SUM_LOG] = log(product) + (double) power * LN2;
-    p->rows[y * PER_ROW + COUNT] = count;
-    p->rows[y * PER_ROW + INVALID] = invalid;
-    p->rows[y * PER_ROW + MAXIMUM] = maximum;
+    t->kernels->measure(p->rect.x1 - p->rect.x0, color, t->alpha + at, &m);
+    p->rows[y * PER_ROW + SUM_LOG] = m.sum_log;
+    p->rows[y * PER_ROW + COUNT] = m.count;
+    p->rows[y * PER_ROW + INVALID] = m.invalid;
+    p->rows[y * PER_ROW + MAXIMUM] = m.maximum;
 }
 
 /* What the curve makes `shown` of, so that a background colour comes out as it was asked for:
@@ -126,24 +96,15 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     }
 }
 
-/* Lays pixels x0 to x1 of a row over what is behind them. */
+/* Lays pixels x0 to x1 of a row over what is behind them, where that is not one colour. */
 static void fill(const struct task *t, int y, int x0, int x1)
 {
-    const struct pell_post_params *p = t->p;
-    const size_t row = (size_t) (y * p->stride);
+    const size_t row = (size_t) (y * t->p->stride);
     const float *a = t->alpha + row;
     float rgb[3];
 
-    if (p->scene->background == PELL_BACKGROUND_TRANSPARENT)
+    if (t->plain)
         return;
-    if (t->plain) {
-        for (int c = 0; c < 3; c++) {
-            float *restrict color = t->color[c] + row;
-            for (int x = x0; x < x1; x++)
-                color[x] += (1.0f - a[x]) * t->behind[c];
-        }
-        return;
-    }
     for (int x = x0; x < x1; x++)
         if (a[x] < 1.0f) {
             background(t, x, y, rgb);
@@ -152,69 +113,29 @@ static void fill(const struct task *t, int y, int x0, int x1)
         }
 }
 
-struct shown {
-    float exposure, straight; /* colours are divided by alphas over this */
-    float curve, white_scale;
-};
-
-/* One channel each, so that the compiler sees how few planes meet; and no branch, so that it makes vectors of the loops. */
-static void find_scales(const struct shown *s, int count, const float *restrict r, const float *restrict g, const float *restrict b,
-                        const float *restrict a, float *restrict scale)
-{
-    const float exposure = s->exposure, straight = s->straight, curve = s->curve, white_scale = s->white_scale;
-
-    for (int i = 0; i < count; i++) {
-        const float alpha = a[i] > straight ? a[i] : 1.0f, e = exposure / alpha;
-        const float lum = e * (0.2126f * r[i] + 0.7152f * g[i] + 0.0722f * b[i]), l = lum > 0.0f ? lum : 0.0f;
-        scale[i] = e * (1.0f + l * white_scale) / (1.0f + l * curve);
-    }
-}
-
-static void show_channel(int count, const float *restrict in, const float *restrict scale, float *restrict out)
-{
-    for (int i = 0; i < count; i++) {
-        const float v = in[i] * scale[i], positive = v > 0.0f ? v : 0.0f;
-        out[i] = positive < 1.0f ? positive : 1.0f;
-    }
-}
-
 /* What is shown of pixels x0 to x1. */
-static void show(const struct task *t, int y, int x0, int x1)
+static void show(const struct task *t, const struct pell_post_tone *tone, int y, int x0, int x1)
 {
-    const struct pell_post_params *p = t->p;
-    const float curve = t->curve ? 1.0f : 0.0f;
-    const struct shown s = { t->exposure, p->scene->background == PELL_BACKGROUND_TRANSPARENT ? 0.0f : FLT_MAX, curve,
-                             curve * t->white_scale };
-    float scale[64];
+    const ptrdiff_t at = y * t->p->stride + x0;
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
 
-    for (int x = x0; x < x1; x += (int) PELL_COUNT(scale)) {
-        const size_t at = (size_t) (y * p->stride + x);
-        const int count = x1 - x < (int) PELL_COUNT(scale) ? x1 - x : (int) PELL_COUNT(scale);
-        find_scales(&s, count, t->color[0] + at, t->color[1] + at, t->color[2] + at, t->alpha + at, scale);
-        for (int c = 0; c < 3; c++)
-            show_channel(count, t->color[c] + at, scale, t->display[c] + at);
-    }
+    t->kernels->finish(tone, x1 - x0, color, t->alpha + at, display);
 }
 
 /* Pixels that nothing can cover. */
 static void empty(const struct task *t, int y, int x0, int x1)
 {
-    const struct pell_post_params *p = t->p;
-    const size_t row = (size_t) (y * p->stride);
+    const ptrdiff_t at = y * t->p->stride + x0;
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
 
     if (x0 >= x1)
         return;
-    memset(t->alpha + row + x0, 0, (size_t) (x1 - x0) * sizeof(float));
-    for (int c = 0; c < 3; c++) {
-        float *restrict color = t->color[c] + row, *restrict display = t->display[c] + row;
-        for (int x = x0; x < x1; x++) {
-            color[x] = t->behind[c];
-            display[x] = t->behind_shown[c];
-        }
-    }
+    t->kernels->empty(&t->tone, x1 - x0, color, t->alpha + at, display);
     if (!t->plain) {
         fill(t, y, x0, x1);
-        show(t, y, x0, x1);
+        show(t, &t->tone, y, x0, x1);
     }
 }
 
@@ -230,15 +151,18 @@ static void finish_row(void *arg, int y, int worker)
     }
     empty(t, y, 0, r.x0);
     fill(t, y, r.x0, r.x1);
-    show(t, y, r.x0, r.x1);
+    show(t, &t->tone, y, r.x0, r.x1);
     empty(t, y, r.x1, t->p->width);
 }
 
 static void show_row(void *arg, int y, int worker)
 {
     const struct task *t = arg;
+    struct pell_post_tone laid = t->tone;
     (void) worker;
-    show(t, y, 0, t->p->width);
+
+    laid.lay = false;
+    show(t, &laid, y, 0, t->p->width);
 }
 
 static void bloom(struct pell_pool *pool, const struct task *t)
@@ -257,17 +181,21 @@ static void prepare_background(struct task *t)
 {
     const struct pell_scene *scene = t->p->scene;
     const enum pell_background kind = scene->background;
+    const float curve = t->curve ? 1.0f : 0.0f;
+    struct pell_post_tone *tone = &t->tone;
     float l;
 
+    *tone = (struct pell_post_tone) { t->exposure, kind == PELL_BACKGROUND_TRANSPARENT ? 0.0f : FLT_MAX, curve, curve * t->white_scale };
     t->plain = kind == PELL_BACKGROUND_COLOR || kind == PELL_BACKGROUND_TRANSPARENT ||
                (kind == PELL_BACKGROUND_IMAGE && !scene->background_image);
-    if (!t->plain || kind == PELL_BACKGROUND_TRANSPARENT)
+    tone->lay = t->plain && kind != PELL_BACKGROUND_TRANSPARENT;
+    if (!tone->lay)
         return;
-    unexpose(t, scene->background_color, t->behind);
-    l = t->exposure * pell_luminance(t->behind);
+    unexpose(t, scene->background_color, tone->behind);
+    l = t->exposure * pell_luminance(tone->behind);
     for (int c = 0; c < 3; c++) {
-        const float v = t->behind[c] * t->exposure * (t->curve ? (1.0f + l * t->white_scale) / (1.0f + l) : 1.0f);
-        t->behind_shown[c] = v > 0.0f ? v < 1.0f ? v : 1.0f : 0.0f;
+        const float v = tone->behind[c] * t->exposure * (t->curve ? (1.0f + l * t->white_scale) / (1.0f + l) : 1.0f);
+        tone->shown[c] = v > 0.0f ? v < 1.0f ? v : 1.0f : 0.0f;
     }
 }
 
@@ -280,6 +208,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
         .color = color,
         .alpha = alpha,
         .display = display,
+        .kernels = pell_post_kernels_tables[pell_simd_best()],
         .exposure = settings->exposure,
         .white = settings->white,
         .curve = settings->tonemap == PELL_TONEMAP_REINHARD,
