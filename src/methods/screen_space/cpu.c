@@ -21,6 +21,12 @@ enum {
 
 struct band {
     struct ss_seen seen;
+    int64_t active[2];  /* pixels that were blurred, by axis */
+    double seconds[2];
+};
+
+struct spent { /* on a step */
+    double seconds;
     int64_t active;
 };
 
@@ -40,12 +46,15 @@ struct ss_state {
     double variance_max;                   /* of a first step */
     float *memory;                         /* all planes */
     struct ss_cell *cells;
+    struct ss_extent *extents;
     uint16_t *run; /* of each block of a row: how many smooth rows ended here */
     float *tangents;                       /* of columns, then of rows */
     struct band *bands;
-    struct ss_work work;
-    void (*row)(const struct ss_work *w, int y); /* what the running pass does */
-    int (*counted)(const struct ss_work *w, int y); /* or this */
+    float *rows;                           /* of each worker: three, for what is blurred down and not yet across */
+    struct ss_work work, next;             /* of the step that goes down, and of the one that goes across behind it */
+    float *const *from, *const *to;        /* planes of what is blurred across: by the one step, and by the other */
+    bool down, across;                     /* what the running pass does */
+    void (*row)(const struct ss_work *w, int y); /* or this */
     struct pell_pass_time times[1 + SS_STEPS];
     size_t num_times;
 };
@@ -227,6 +236,8 @@ static void destroy(void *state)
         return;
     pell_free(st->ctx, st->bands);
     pell_free(st->ctx, st->tangents);
+    pell_free(st->ctx, st->extents);
+    pell_free(st->ctx, st->rows);
     pell_free(st->ctx, st->cells);
     pell_free(st->ctx, st->run);
     pell_free(st->ctx, st->memory);
@@ -281,19 +292,22 @@ static enum pell_result make_planes(struct ss_state *st, const struct pell_frame
 {
     struct ss_work *w = &st->work;
     const size_t blocks = ((size_t) shape->width + SS_BLOCK - 1) / SS_BLOCK;
-    const size_t stride = (blocks + 2) * SS_BLOCK, size = stride * ((size_t) shape->height + 2);
+    const size_t stride = ((blocks + 2) | 1) * SS_BLOCK, size = stride * ((size_t) shape->height + 2);
     float *plane;
 
     st->memory = pell_calloc(st->ctx, size, PLANES * sizeof(float));
-    st->cells = pell_calloc(st->ctx, blocks * (size_t) shape->height, sizeof(*st->cells));
+    st->cells = pell_calloc(st->ctx, blocks * ((size_t) shape->height + 1), sizeof(*st->cells)); /* a row is asked for beyond the last */
+    st->extents = pell_calloc(st->ctx, (size_t) shape->height, sizeof(*st->extents));
+    st->rows = pell_calloc(st->ctx, 3 * stride, (size_t) pell_pool_threads(st->pool) * sizeof(*st->rows));
     st->tangents = pell_calloc(st->ctx, stride + (size_t) shape->height, sizeof(*st->tangents));
     st->bands = pell_calloc(st->ctx, (size_t) shape->height / BAND + 2, sizeof(*st->bands));
     st->run = pell_calloc(st->ctx, blocks, sizeof(*st->run));
-    if (!st->memory || !st->cells || !st->run || !st->tangents || !st->bands)
+    if (!st->memory || !st->cells || !st->extents || !st->rows || !st->run || !st->tangents || !st->bands)
         return PELL_ERR_NOMEM;
     w->stride = (ptrdiff_t) stride;
     w->blocks = (int) blocks;
     w->cells = st->cells;
+    w->extents = st->extents;
     w->columns_tan = st->tangents;
     w->rows_tan = st->tangents + stride;
     for (size_t x = 0; x < stride; x++)
@@ -396,21 +410,79 @@ static void run_rows(void *arg, int index, int worker)
     const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
 
     (void) worker;
-    for (int y = y0; y < y1; y++) {
-        if (st->row)
-            st->row(&st->work, y);
-        else
-            st->bands[index].active += st->counted(&st->work, y);
-    }
+    for (int y = y0; y < y1; y++)
+        st->row(&st->work, y);
 }
 
-static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y), int (*counted)(const struct ss_work *w, int y))
+static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y))
 {
     const struct pell_rect *rect = &st->work.in->rect;
 
     st->row = row;
-    st->counted = counted;
     pell_pool_run(st->pool, (rect->y1 - rect->y0 + BAND - 1) / BAND, run_rows, st);
+}
+
+/* Blurs rows down by one step (but before the first) and across by the next (but behind the last). A row's blur across needs that row
+ * alone, while it is still at hand. */
+static void run_blurs(void *arg, int index, int worker)
+{
+    struct ss_state *st = arg;
+    const struct ss_work *w = &st->work;
+    const struct pell_rect *rect = &w->in->rect;
+    const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
+    float *rows = st->rows + (size_t) worker * 3 * (size_t) w->stride + SS_BLOCK;
+    float *const between[3] = { rows, rows + w->stride, rows + 2 * w->stride };
+    struct band *band = &st->bands[index];
+
+    for (int y = y0; y < y1; y++) {
+        const ptrdiff_t at = y * w->stride;
+        const float *const from[3] = { st->from[0] + at, st->from[1] + at, st->from[2] + at };
+        float *const to[3] = { st->to[0] + at, st->to[1] + at, st->to[2] + at };
+        const double start = pell_seconds();
+        double middle = start;
+
+        if (st->down) {
+            band->active[1] += st->kernels->down(w, y, from, between);
+            middle = pell_seconds();
+        }
+        if (st->across)
+            band->active[0] += st->kernels->across(&st->next, y, st->down ? (const float *const *) between : from, to);
+        band->seconds[1] += middle - start;
+        band->seconds[0] += pell_seconds() - middle;
+    }
+}
+
+/* Adds what it took and did to the steps. */
+static void blur(struct ss_state *st, bool down, bool across, struct spent *spent)
+{
+    const struct pell_rect *rect = &st->work.in->rect;
+    const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND, step = down ? st->work.step : st->next.step - 1;
+    const double start = pell_seconds();
+    double seconds[2] = { 0.0, 0.0 }, share;
+    int64_t active[2] = { 0, 0 };
+
+    st->down = down;
+    st->across = across;
+    for (int i = 0; i < bands; i++) {
+        st->bands[i].active[0] = st->bands[i].active[1] = 0;
+        st->bands[i].seconds[0] = st->bands[i].seconds[1] = 0.0;
+    }
+    pell_pool_run(st->pool, bands, run_blurs, st);
+    for (int i = 0; i < bands; i++)
+        for (int axis = 0; axis < 2; axis++) {
+            active[axis] += st->bands[i].active[axis];
+            seconds[axis] += st->bands[i].seconds[axis];
+        }
+    /* The threads' time together, as shares of what passed. */
+    share = seconds[0] + seconds[1] > 0.0 ? (pell_seconds() - start) / (seconds[0] + seconds[1]) : 0.0;
+    if (down) {
+        spent[step].seconds += share * seconds[1];
+        spent[step].active += active[1];
+    }
+    if (across) {
+        spent[step + 1].seconds += share * seconds[0];
+        spent[step + 1].active += active[0];
+    }
 }
 
 /* How far it is, along each axis, from a block to one that is not smooth: wide blurs may leave out more where they meet no edge. */
@@ -428,19 +500,18 @@ static void find_clear(struct ss_state *st)
             for (int j = 0; j < blocks; j++) {
                 const int b = back ? blocks - 1 - j : j, pixels = (along < 4000 ? along : 4000) * SS_BLOCK;
                 struct ss_cell *cell = &row[b];
+                if (!cell->smooth) {
+                    cell->clear[0] = cell->clear[1] = 0;
+                    along = st->run[b] = 0;
+                    continue;
+                }
                 cell->clear[0] = (uint16_t) (!back || pixels < cell->clear[0] ? pixels : cell->clear[0]);
                 cell->clear[1] = !back || st->run[b] < cell->clear[1] ? st->run[b] : cell->clear[1];
-                along = cell->smooth ? along + 1 : 0;
-                st->run[b] = cell->smooth && st->run[b] < UINT16_MAX ? (uint16_t) (st->run[b] + 1) : cell->smooth ? st->run[b] : 0;
+                along++;
+                st->run[b] = (uint16_t) (st->run[b] + (st->run[b] < UINT16_MAX));
             }
         }
     }
-    for (int y = rect->y0; y < rect->y1; y++)
-        for (int b = w->block0; b < w->block1; b++) {
-            struct ss_cell *cell = &w->cells[(ptrdiff_t) y * w->blocks + b];
-            if (!cell->smooth)
-                cell->clear[0] = cell->clear[1] = 0;
-        }
 }
 
 static struct ss_seen load(struct ss_state *st)
@@ -465,12 +536,9 @@ static struct ss_seen load(struct ss_state *st)
     return all;
 }
 
-static void note_time(struct ss_state *st, const char *name, double *from, int64_t pixels, int64_t bytes)
+static void note_time(struct ss_state *st, const char *name, double seconds, int64_t pixels, int64_t bytes)
 {
-    const double now = pell_seconds();
-
-    st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = now - *from, .pixels = pixels, .bytes = bytes };
-    *from = now;
+    st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = seconds, .pixels = pixels, .bytes = bytes };
 }
 
 static const char *step_name(int step, int ahead)
@@ -489,8 +557,9 @@ static enum pell_result render(void *state, const struct pell_frame *in, const s
     const size_t row = st->num_materials + 1;
     struct pell_frame frame = *in;
     struct ss_seen seen;
-    double clock = pell_seconds();
-    int ahead, first, steps, bands;
+    const double start = pell_seconds();
+    struct spent spent[SS_STEPS] = { { 0 } };
+    int ahead, first, steps;
 
     st->num_times = 0;
     if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
@@ -502,34 +571,38 @@ static enum pell_result render(void *state, const struct pell_frame *in, const s
     w->light = st->knobs.input == SS_INPUT_LIT ? frame.lit : frame.irradiance;
     w->block0 = frame.rect.x0 / SS_BLOCK;
     w->block1 = (frame.rect.x1 + SS_BLOCK - 1) / SS_BLOCK;
-    bands = (frame.rect.y1 - frame.rect.y0 + BAND - 1) / BAND;
 
     seen = load(st);
     w->several = seen.first != seen.last;
-    pass(st, k->measure, NULL);
+    pass(st, k->measure);
     find_clear(st);
     choose_steps(st, seen.scale, &ahead, &first);
     w->variance = st->variance + (size_t) (SS_AHEAD - ahead) * row;
     w->blend = (const float (*)[3]) st->blend + (size_t) (SS_AHEAD - ahead) * row;
     steps = ahead + st->steps;
     find_least(st, w->variance, steps);
-    note_time(st, "load", &clock, seen.pixels, (int64_t) seen.pixels * 40);
+    note_time(st, "load", pell_seconds() - start, seen.pixels, (int64_t) seen.pixels * 40);
 
     if (first == steps)
-        pass(st, k->copy, NULL);
-    for (w->step = first; w->step < steps; w->step++) {
-        int64_t active = 0;
+        pass(st, k->copy);
+    /* Each step's blur across goes from `now` to `half` or back, by turns. */
+    st->from = w->now;
+    st->to = w->half;
+    for (int step = first - 1; step < steps && first < steps; step++) {
+        float *const *const swap = st->to;
 
-        for (int i = 0; i < bands; i++)
-            st->bands[i].active = 0;
-        w->fresh = w->step == first;
-        w->last = w->step == steps - 1;
-        pass(st, NULL, k->across);
-        pass(st, NULL, k->down);
-        for (int i = 0; i < bands; i++)
-            active += st->bands[i].active;
-        note_time(st, step_name(w->step, ahead), &clock, active, active * 32);
+        w->step = step;
+        w->fresh = step == first;
+        w->last = step == steps - 1;
+        st->next = *w;
+        st->next.step = step + 1;
+        st->next.fresh = step + 1 == first;
+        blur(st, step >= first, step + 1 < steps, spent);
+        st->to = st->from;
+        st->from = swap;
     }
+    for (int step = first; step < steps; step++)
+        note_time(st, step_name(step, ahead), spent[step].seconds, spent[step].active, spent[step].active * 32);
     w->in = NULL;
     w->out = NULL;
     w->light = NULL;

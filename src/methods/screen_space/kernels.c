@@ -18,13 +18,44 @@ INLINE int fewer(int a, int b)
     return a < b ? a : b;
 }
 
-/* The largest of a block's lanes, which it overwrites. */
-INLINE float top(float *v)
+/* Of a block's lanes, by halves. */
+typedef float v8 __attribute__((vector_size(32)));
+typedef float v4 __attribute__((vector_size(16)));
+typedef int32_t i8 __attribute__((vector_size(32)));
+typedef int32_t i4 __attribute__((vector_size(16)));
+
+INLINE float top(const float *v)
 {
-    for (int n = SS_BLOCK / 2; n > 0; n /= 2)
-        for (int l = 0; l < n; l++)
-            v[l] = v[l] > v[l + n] ? v[l] : v[l + n];
-    return v[0];
+    v8 a, b;
+    v4 c, d;
+    i8 more;
+    i4 more4;
+
+    memcpy(&a, v, sizeof(a));
+    memcpy(&b, v + 8, sizeof(b));
+    more = a > b;
+    a = (v8) (((i8) a & more) | ((i8) b & ~more));
+    memcpy(&c, &a, sizeof(c));
+    memcpy(&d, (const char *) &a + sizeof(c), sizeof(d));
+    more4 = c > d;
+    c = (v4) (((i4) c & more4) | ((i4) d & ~more4));
+    c[0] = c[0] > c[2] ? c[0] : c[2];
+    c[1] = c[1] > c[3] ? c[1] : c[3];
+    return c[0] > c[1] ? c[0] : c[1];
+}
+
+INLINE float sum_of(const float *v)
+{
+    v8 a, b;
+    v4 c, d;
+
+    memcpy(&a, v, sizeof(a));
+    memcpy(&b, v + 8, sizeof(b));
+    a += b;
+    memcpy(&c, &a, sizeof(c));
+    memcpy(&d, (const char *) &a + sizeof(c), sizeof(d));
+    c += d;
+    return (c[0] + c[2]) + (c[1] + c[3]);
 }
 
 /* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
@@ -39,7 +70,8 @@ INLINE float top(float *v)
 /* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface,
  * at silhouettes, wide gaps show as echoes of the edge. */
 #define STRIDE_DENSE 2.0f
-#define JUMP 4.0f /* change of depth from a pixel to the next, in pixels' sizes, that may be a silhouette */
+#define JUMP 4.0f   /* change of depth from a pixel to the next, in pixels' sizes, that may be a silhouette */
+#define CREASE 0.5f /* change of that change which wide gaps would miss */
 #define TAPS_DENSE 48.0f
 #define K_NORM 0.401802782f  /* sqrt(variance) / integral */
 #define K_SCALE_ROOT 0.214667712f /* sqrt(sqrt(B2) variance / 16) */
@@ -148,8 +180,25 @@ INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *
     return b->active > 0;
 }
 
+/* Whether a line of taps stays in smooth blocks. Those of a leaning line are within the columns that it runs through. */
+INLINE bool is_clear(const struct ss_work *w, int block, int axis, const struct ss_cell *cell, float lean, float reach)
+{
+    const int beside = (int) (fabsf(lean) * reach * (1.0f / SS_BLOCK)) + 1;
+
+    if (!(reach < (float) cell->clear[axis]))
+        return false;
+    if (axis == 0 || lean == 0.0f)
+        return true;
+    if (block - beside < w->block0 || block + beside >= w->block1)
+        return false;
+    for (int k = -beside; k <= beside; k++)
+        if (!(reach < (float) cell[k].clear[1]))
+            return false;
+    return true;
+}
+
 /* How many taps, how far apart. */
-INLINE void space(const struct ss_work *w, size_t index, int axis, const struct ss_cell *cell, struct block *b)
+INLINE void space(const struct ss_work *w, size_t index, int block, int axis, const struct ss_cell *cell, struct block *b)
 {
     float most = 0.0f, least = 1e30f, reach, step, dense;
 
@@ -176,25 +225,38 @@ INLINE void space(const struct ss_work *w, size_t index, int axis, const struct 
     b->lean = fabsf(cell->lean) * reach < 0.5f ? 0.0f : cell->lean; /* under half a pixel to the side all taps are upright */
     /* Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then. */
     step = 1.5f * sqrtf(least);
-    dense = reach < (float) cell->clear[axis] && (axis == 0 || b->lean == 0.0f) ? reach
+    dense = is_clear(w, block, axis, cell, b->lean, reach) ? reach
             : reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
     step = step < dense ? step : dense;
     b->stride = step >= 2.0f ? (step < 65536.0f ? (int) step : 65536) : 1;
     b->count = reach < 262144.0f ? (int) (reach / (float) b->stride) : 262144;
 }
 
+/* Blocks of a row go through three stages, a few at a time: what they need to know, their taps, the end. Each block is a chain of
+ * operations that wait for one another (divisions, roots); the processor works on several only where they stand close together. */
+enum { JOBS = 8 };
+
+struct job {
+    const struct ss_cell *cell;
+    int x, low, high; /* the block's first pixel; taps on either side that are inside */
+    struct block b;
+    _Alignas(64) float fall[SS_BLOCK], share[SS_BLOCK]; /* see struct centre; of a tap's weight in what comes out */
+    _Alignas(64) float weight[SS_BLOCK], light[3][SS_BLOCK]; /* gathered */
+};
+
 struct gathered {
     vf weight, light[3];
+};
+
+/* The planes, at a pixel. */
+struct around {
+    const float *key, *depth, *length, *light[3];
 };
 
 struct centre {
     vf key, depth;
     vf fall;   /* sqrt(y') per mm */
     vf tan[2]; /* x/f and y/f of the pixel's ray */
-};
-
-struct leaning {
-    vf ray2, across2, fall2;
 };
 
 /* q of y' + Y_SHIFT. */
@@ -207,108 +269,125 @@ INLINE float kernel_of(float shifted)
 }
 
 /* Adds a tap whose distance gives y' = `y`: the weight is K times the length that its pixel covers. */
-INLINE void weigh(const struct ss_work *w, ptrdiff_t at, int axis, vf y, const struct centre *c, bool several, float *const source[3],
-                  struct gathered *g)
+INLINE void weigh(const struct around *a, ptrdiff_t at, vf y, const struct centre *c, bool several, struct gathered *g)
 {
     const vf shifted = lesser(y, (vf) { 0 } + Y_MAX) + Y_SHIFT;
     vf q = shifted * shifted + Q_LEAST, weight;
 
     q *= q;
     q *= q;
-    weight = (q * q - kernel_of(Y_MAX + Y_SHIFT)) * load(w->length[axis] + at);
+    weight = (q * q - kernel_of(Y_MAX + Y_SHIFT)) * load(a->length + at);
     if (several)
-        weight = (vf) ((vi) weight & (load(w->key + at) == c->key));
+        weight = (vf) ((vi) weight & (load(a->key + at) == c->key));
     g->weight += weight;
     for (int i = 0; i < 3; i++)
-        g->light[i] += weight * load(source[i] + at);
+        g->light[i] += weight * load(a->light[i] + at);
 }
 
-/* The taps of a block's pixels, `low` before and `high` behind them; those of the two sides in pairs, as most blocks have as many. Between
- * the points of two pixels lies h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; its length, squared, is that along the
- * axis squared and dz^2 (1 + t^2), t of the other axis. The first is linear in the tap's z. */
-INLINE void upright(const struct ss_work *w, size_t at, int axis, const struct block *b, int low, int high, const struct centre *c,
-                    bool several, bool parallel, float *const source[3], struct gathered *g)
+/* A side's next tap. */
+struct lane_taps {
+    ptrdiff_t at;
+    vf slope, fixed;
+};
+
+INLINE void upright_tap(const struct around *a, struct lane_taps *side, ptrdiff_t step, vf grow, vf shift, vf aslant2,
+                        const struct centre *c, bool several, bool parallel, struct gathered *g)
 {
-    const float pace = (float) b->stride;
-    const ptrdiff_t step = b->stride * (axis == 0 ? 1 : w->stride);
+    vf z, along, dz;
+
+    side->at += step;
+    if (parallel)
+        side->fixed += shift;
+    else
+        side->slope += grow;
+    z = load(a->depth + side->at);
+    along = z * side->slope + side->fixed;
+    dz = z - c->depth;
+    weigh(a, side->at, along * along + dz * dz * aslant2, c, several, g);
+}
+
+/* The taps of a block's pixels; those of the two sides in pairs, as most blocks have as many. Between the points of two pixels lies
+ * h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; its length, squared, is that along the axis squared and
+ * dz^2 (1 + t^2), t of the other axis. The first is linear in the tap's z. */
+INLINE void upright(const struct ss_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c, bool several,
+                    bool parallel, struct gathered *g)
+{
+    const float pace = (float) job->b.stride;
+    const ptrdiff_t step = job->b.stride * (axis == 0 ? 1 : w->stride);
     const vf other = c->tan[1 - axis], aslant2 = c->fall * c->fall * (other * other + 1.0f);
     const vf grow = c->fall * (pace * w->depth_mm), shift = c->fall * (pace * w->fixed_mm);
     const vf slope = c->fall * c->tan[axis], fixed = (vf) { 0 } - c->depth * slope;
-    vf slopes[2] = { slope, slope }, fixes[2] = { fixed, fixed };
-    const int pairs = fewer(low, high), most = low < high ? high : low;
-    ptrdiff_t ats[2] = { (ptrdiff_t) at, (ptrdiff_t) at }; /* left of the first pixel lies the padding */
+    const int pairs = fewer(job->low, job->high);
+    struct lane_taps back = { 0, slope, fixed }, ahead = back; /* left of the first pixel lies the padding */
 
-    for (int j = 1; j <= most; j++)
-        for (int k = 0; k < 2; k++) {
-            ats[k] = k == 0 ? ats[k] - step : ats[k] + step;
-            if (parallel)
-                fixes[k] = k == 0 ? fixes[k] - shift : fixes[k] + shift;
-            else
-                slopes[k] = k == 0 ? slopes[k] - grow : slopes[k] + grow;
-            if (j <= pairs || j <= (k == 0 ? low : high)) {
-                const vf z = load(w->depth + ats[k]), along = z * slopes[k] + fixes[k], dz = z - c->depth;
-                weigh(w, ats[k], axis, along * along + dz * dz * aslant2, c, several, source, g);
-            }
-        }
-}
-
-/* The same down a line that leans: x falls by b->lean pixels as y grows by one. `x` is the block's. Each tap is one long chain of
- * operations: some go through it side by side. Those beside what is translucent are moved to where there is nothing. */
-enum { ABREAST = 4 };
-
-INLINE void leaning_taps(const struct ss_work *w, int taps, int first, size_t from, int x, const struct block *b, int sign,
-                         const struct centre *c, const struct leaning *l, bool several, float *const source[3], struct gathered *g)
-{
-    ptrdiff_t at[ABREAST];
-    float ox[ABREAST], oy[ABREAST], beside[ABREAST]; /* from the line that the tap stands for, along x */
-    vf dz[ABREAST], h[ABREAST], y[ABREAST];
-
-    for (int t = 0; t < taps; t++) {
-        const int py = sign * b->stride * (first + t);
-        const float exact = -b->lean * (float) py;
-        const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
-        const bool in = x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK;
-        ox[t] = (float) px;
-        oy[t] = (float) py;
-        beside[t] = (float) px - exact;
-        at[t] = (ptrdiff_t) from + (in ? px : (w->block0 - 1) * SS_BLOCK - x) + py * w->stride;
+    for (int j = 0; j < pairs; j++) {
+        upright_tap(a, &back, -step, -grow, -shift, aslant2, c, several, parallel, g);
+        upright_tap(a, &ahead, step, grow, shift, aslant2, c, several, parallel, g);
     }
-    for (int t = 0; t < taps; t++) {
-        const vf z = load(w->depth + at[t]);
-        h[t] = z * w->depth_mm + w->fixed_mm;
-        dz[t] = z - c->depth;
+    for (int j = pairs; j < job->low; j++)
+        upright_tap(a, &back, -step, -grow, -shift, aslant2, c, several, parallel, g);
+    for (int j = pairs; j < job->high; j++)
+        upright_tap(a, &ahead, step, grow, shift, aslant2, c, several, parallel, g);
+}
+
+/* The same down a line that leans: x falls by b->lean pixels as y grows by one. The two taps of a pair lie opposite each other. */
+struct leaning {
+    vf ray2, across2, grow, shift;
+};
+
+struct lean_place {
+    vf aslant;                   /* 2 (x tx + y ty) */
+    vf beside2;                  /* from the line that the tap stands for, along x */
+    float apart2;                /* from the pixel, px^2 */
+    int px, py;
+};
+
+INLINE struct lean_place lean_place(const struct block *b, int j, const struct centre *c, const struct leaning *l)
+{
+    const int py = b->stride * j;
+    const float exact = -b->lean * (float) py;
+    const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
+    const float ox = (float) px, oy = (float) py, beside = ox - exact;
+
+    return (struct lean_place) { (2.0f * ox) * c->tan[0] + (2.0f * oy) * c->tan[1], l->across2 * (beside * beside), ox * ox + oy * oy, px,
+                                 py };
+}
+
+/* `x` is the block's. Taps beside what is translucent are moved to where there is nothing. */
+INLINE void leaning_tap(const struct ss_work *w, const struct around *a, int x, int px, int py, vf aslant, const struct lean_place *place,
+                        const struct centre *c, const struct leaning *l, bool several, struct gathered *g)
+{
+    const bool in = x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK;
+    const ptrdiff_t at = (in ? px : (w->block0 - 1) * SS_BLOCK - x) + py * w->stride;
+    const vf z = load(a->depth + at), h = z * l->grow + l->shift, fall = (z - c->depth) * c->fall;
+    const vf y = fall * (h * aslant + fall * l->ray2) + h * h * place->apart2;
+
+    weigh(a, at, greater(y - place->beside2, (vf) { 0 }), c, several, g);
+}
+
+INLINE void leaning_line(const struct ss_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,
+                         bool several, struct gathered *g)
+{
+    const struct leaning l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * w->depth_mm,
+                               c->fall * w->fixed_mm };
+    const int pairs = fewer(job->low, job->high), most = job->low < job->high ? job->high : job->low;
+
+    for (int j = 1; j <= pairs; j++) {
+        const struct lean_place p = lean_place(&job->b, j, c, &l);
+        leaning_tap(w, a, job->x, -p.px, -p.py, -p.aslant, &p, c, &l, several, g);
+        leaning_tap(w, a, job->x, p.px, p.py, p.aslant, &p, c, &l, several, g);
     }
-    for (int t = 0; t < taps; t++)
-        y[t] = h[t] * ((2.0f * ox[t]) * c->tan[0] + (2.0f * oy[t]) * c->tan[1]) + dz[t] * l->ray2;
-    for (int t = 0; t < taps; t++)
-        y[t] = h[t] * h[t] * (ox[t] * ox[t] + oy[t] * oy[t]) + dz[t] * y[t];
-    for (int t = 0; t < taps; t++)
-        y[t] = greater(y[t] - l->across2 * (beside[t] * beside[t]), (vf) { 0 }) * l->fall2;
-    for (int t = 0; t < taps; t++)
-        weigh(w, at[t], 1, y[t], c, several, source, g);
+    for (int j = pairs + 1; j <= most; j++) {
+        const struct lean_place p = lean_place(&job->b, job->low > job->high ? -j : j, c, &l);
+        leaning_tap(w, a, job->x, p.px, p.py, p.aslant, &p, c, &l, several, g);
+    }
 }
 
-INLINE void leaning_side(const struct ss_work *w, size_t from, int x, const struct block *b, int count, int sign, const struct centre *c,
-                         bool several, float *const source[3], struct gathered *g)
+/* Scales of the kernel for each pixel of a block. */
+INLINE void scale_kernel(const struct ss_work *w, size_t index, int axis, struct job *job)
 {
-    const vf across = load(w->length[0] + from);
-    const struct leaning l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * c->fall };
-    int j = 1;
-
-    for (; j + ABREAST - 1 <= count; j += ABREAST)
-        leaning_taps(w, ABREAST, j, from, x, b, sign, c, &l, several, source, g);
-    for (; j <= count; j++)
-        leaning_taps(w, 1, j, from, x, b, sign, c, &l, several, source, g);
-}
-
-/* Blurs a block along an axis; `low` and `high` are how many taps lie inside on either side. Light that a tap would have brought but
- * does not (it is outside, of another material, or too far along the surface) stays where it is: a pixel keeps 1 - Sum of weights of
- * its own. */
-INLINE void gather(const struct ss_work *w, size_t index, int x, int y, int axis, const struct block *b, int low, int high,
-                   float *const source[3], float (*restrict result)[SS_BLOCK])
-{
+    const struct block *b = &job->b;
     const vf zero = { 0 }, one = zero + 1.0f;
-    const bool parallel = w->depth_mm == 0.0f;
 
     for (int part = 0; part < SS_BLOCK; part += WIDTH) {
         const size_t at = index + (size_t) part;
@@ -318,34 +397,79 @@ INLINE void gather(const struct ss_work *w, size_t index, int x, int y, int axis
         const vf u0 = (b->uniform ? zero + b->before : load(b->befores + part)) * to_px;
         const vf add = b->wide ? u1 - u0 : b->bare ? grid_variance(u1) : grid_difference(u1, u0);
         const vf inverse = one / (root(greater(add, zero + S2_MIN)) * a), mix = greater(lesser(add * (1.0f / S2_MIN_VARIANCE), one), zero);
+
+        store(job->fall + part, inverse * K_SCALE_ROOT);
+        store(job->share + part, inverse * mix * (K_NORM * (float) b->stride));
+    }
+}
+
+/* Sums up a block's taps. */
+INLINE void gather(const struct ss_work *w, int y, int axis, bool leans, bool several, bool parallel, const float *const row[3],
+                   struct job *job)
+{
+    for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+        const size_t at = (size_t) (y * w->stride + job->x + part);
         const struct centre c = {
             .key = load(w->key + at),
             .depth = load(w->depth + at),
-            .fall = inverse * K_SCALE_ROOT,
-            .tan = { load(w->columns_tan + x + part), zero + w->rows_tan[y] },
+            .fall = load(job->fall + part),
+            .tan = { load(w->columns_tan + job->x + part), (vf) { 0 } + w->rows_tan[y] },
         };
+        const struct around a = { w->key + at, w->depth + at, w->length[axis] + at,
+                                  { row[0] + job->x + part, row[1] + job->x + part, row[2] + job->x + part } };
         struct gathered g = { { 0 }, { { 0 }, { 0 }, { 0 } } };
-        vf share = inverse * mix * (K_NORM * (float) b->stride), over, keep;
 
-        if (axis == 1 && b->lean != 0.0f) {
-            if (w->several) {
-                leaning_side(w, at, x, b, low, -1, &c, true, source, &g);
-                leaning_side(w, at, x, b, high, 1, &c, true, source, &g);
-            } else {
-                leaning_side(w, at, x, b, low, -1, &c, false, source, &g);
-                leaning_side(w, at, x, b, high, 1, &c, false, source, &g);
-            }
-        } else if (w->several || parallel) {
-            upright(w, at, axis, b, low, high, &c, true, parallel, source, &g);
-        } else {
-            upright(w, at, axis, b, low, high, &c, false, false, source, &g);
-        }
-        g.weight *= share;
-        over = greater(g.weight, one); /* where lengths vary too fast what would be kept is negative */
-        keep = over - g.weight;
-        share = share / over;
+        if (leans)
+            leaning_line(w, &a, load(w->length[0] + at) * c.fall, job, &c, several, &g);
+        else
+            upright(w, &a, axis, job, &c, several, parallel, &g);
+        store(job->weight + part, g.weight);
         for (int i = 0; i < 3; i++)
-            store(&result[i][part], g.light[i] * share + keep * load(source[i] + at));
+            store(&job->light[i][part], g.light[i]);
+    }
+}
+
+/* Functions of their own: registers are dealt out for their loops alone. */
+static __attribute__((noinline)) void gather_along_x(const struct ss_work *w, int y, const float *const row[3], struct job *job)
+{
+    gather(w, y, 0, false, false, false, row, job);
+}
+
+static __attribute__((noinline)) void gather_along_y(const struct ss_work *w, int y, const float *const row[3], struct job *job)
+{
+    gather(w, y, 1, false, false, false, row, job);
+}
+
+static __attribute__((noinline)) void gather_leaning(const struct ss_work *w, int y, const float *const row[3], struct job *job)
+{
+    gather(w, y, 1, true, false, false, row, job);
+}
+
+static __attribute__((noinline)) void gather_any(const struct ss_work *w, int y, int axis, const float *const row[3], struct job *job)
+{
+    if (axis == 1 && job->b.lean != 0.0f)
+        gather(w, y, 1, true, true, false, row, job);
+    else
+        gather(w, y, axis, false, true, w->depth_mm == 0.0f, row, job);
+}
+
+/* What comes out of a block. Light that a tap would have brought but does not (it is outside, of another material, or too far along the
+ * surface) stays where it is: a pixel keeps 1 - Sum of weights of its own. */
+INLINE void settle(const struct job *job, const float *const row[3], float (*restrict result)[SS_BLOCK])
+{
+    const vf one = (vf) { 0 } + 1.0f;
+
+    for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+        vf share = load(job->share + part);
+        const vf weight = load(job->weight + part) * share;
+        vf keep = one - weight;
+
+        if (any(weight > one)) { /* where lengths vary too fast what would be kept is negative */
+            share = share / greater(weight, one);
+            keep = greater(keep, (vf) { 0 });
+        }
+        for (int i = 0; i < 3; i++)
+            store(&result[i][part], load(&job->light[i][part]) * share + keep * load(row[i] + job->x + part));
     }
 }
 
@@ -376,7 +500,7 @@ INLINE float paper_slope(const struct ss_work *w, size_t index, int x, int y, in
 
 /* Listing 7.1 with taps outside the mask left out: seven bilinear taps over +-span. */
 INLINE int gather_listing(const struct ss_work *w, size_t index, int x, int y, int axis, const struct ss_cell *cell,
-                          float *const source[3], float (*restrict result)[SS_BLOCK], float *restrict on)
+                          const float *const row[3], float (*restrict result)[SS_BLOCK], float *restrict on)
 {
     static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
     const int low = axis == 0 ? w->block0 * SS_BLOCK : w->in->rect.y0, high = axis == 0 ? w->block1 * SS_BLOCK : w->in->rect.y1;
@@ -393,7 +517,7 @@ INLINE int gather_listing(const struct ss_work *w, size_t index, int x, int y, i
         float sum[3] = { 0 }, all = 0.0f, span;
 
         for (int i = 0; i < 3; i++)
-            result[i][l] = source[i][at];
+            result[i][l] = row[i][x + l];
         if (!(on[l] > 0.0f))
             continue;
         span = SS_SPAN * sqrtf((b.uniform ? b.after - b.before : b.afters[l] - b.befores[l]) * w->scale[at]);
@@ -406,12 +530,11 @@ INLINE int gather_listing(const struct ss_work *w, size_t index, int x, int y, i
 
             for (int k = 0; k < 2; k++) {
                 const int step = (int) whole + k;
-                const ptrdiff_t from = (ptrdiff_t) at + step * pace;
-                if (place + step < low || place + step >= high || w->key[from] != w->key[at])
+                if (place + step < low || place + step >= high || w->key[(ptrdiff_t) at + step * pace] != w->key[at])
                     continue;
                 all += share[k];
                 for (int i = 0; i < 3; i++)
-                    sum[i] += share[k] * source[i][from];
+                    sum[i] += share[k] * row[i][x + l + step * pace];
             }
         }
         for (int i = 0; i < 3; i++)
@@ -462,12 +585,6 @@ INLINE void find_owners(const struct ss_work *w, ptrdiff_t from, int x0, int x1,
 
 /* Rows are too short for the processor to foresee their next lines, and there are many planes: each block asks for what the one below it
  * will read, and for what it will write. */
-PELL_FETCHING_INLINE void fetch3(float *const plane[3], size_t at)
-{
-    for (int i = 0; i < 3; i++)
-        __builtin_prefetch(plane[i] + at);
-}
-
 PELL_FETCHING_INLINE void fetch3_to_write(float *const plane[3], size_t at)
 {
     for (int i = 0; i < 3; i++)
@@ -510,12 +627,10 @@ INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, st
         const vf scale = select(good & (strength > zero), size, zero);
         store(&w->depth[to + (size_t) lane], d);
         store(&w->scale[to + (size_t) lane], scale);
-        store(part + lane, scale);
+        count += __builtin_popcount(members(scale > zero));
         store(most + lane, scale);
         store(least + lane, select(scale > zero, zero - scale, zero - 1e30f));
     }
-    for (int l = 0; l < SS_BLOCK; l++)
-        count += part[l] > 0.0f;
     cell->pixels = (uint8_t) count;
     cell->scale[0] = -top(least);
     cell->scale[1] = top(most);
@@ -559,12 +674,19 @@ static PELL_FETCHING void load_row(const struct ss_work *w, int y, struct ss_see
 {
     const struct pell_rect *rect = &w->in->rect;
 
+    struct ss_extent *extent = &w->extents[y];
+
     *seen = (struct ss_seen) { 0 };
+    *extent = (struct ss_extent) { w->block1, w->block0 };
     for (int b = w->block0; b < w->block1; b++) {
         const int x = b * SS_BLOCK, x0 = rect->x0 > x ? rect->x0 - x : 0, x1 = rect->x1 - x < SS_BLOCK ? rect->x1 - x : SS_BLOCK;
         if (y + 1 < rect->y1)
             fetch_load(w, x, y + 1);
         load_block(w, x, y, x0, x1, cell_at(w, b, y), seen);
+        if (cell_at(w, b, y)->live != SS_EMPTY) {
+            extent->begin = fewer(extent->begin, b);
+            extent->end = b + 1;
+        }
     }
 }
 
@@ -590,26 +712,33 @@ INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
  * planes have round Gaussians however they slant; curved surfaces have upright second passes. cell->to_px[0][0] holds the raw leans. */
 static void fade_leans(const struct ss_work *w, int y)
 {
-    for (int block = w->block0; block < w->block1; block++) {
-        struct ss_cell *cell = cell_at(w, block, y);
-        float worst = 0.0f;
+    enum { AT_ONCE = 48, MORE = AT_ONCE + 2 * LEAN_FADE };
+    const int begin = w->extents[y].begin, end = w->extents[y].end;
 
-        if (cell->live == SS_EMPTY || cell->to_px[0][0] == 0.0f) {
-            cell->lean = 0.0f;
-            continue;
+    for (int first = begin; first < end; first += AT_ONCE) {
+        const int blocks = fewer(end - first, AT_ONCE);
+        float change[MORE], worst[AT_ONCE] = { 0 }; /* change[i]: from block first - LEAN_FADE + i to the next */
+
+        for (int i = 0; i < MORE; i++) {
+            const int at = first - LEAN_FADE + i;
+            const bool within_row = at >= begin && at + 1 < end && i < blocks + 2 * LEAN_FADE;
+            const struct ss_cell *cell = cell_at(w, within_row ? at : begin, y);
+            const float by = within_row ? fabsf(cell[1].to_px[0][0] - cell->to_px[0][0]) * (1.0f / LEAN_CHANGE) : 0.0f;
+            change[i] = !within_row || cell->live == SS_EMPTY || cell[1].live == SS_EMPTY ? 0.0f : by < 1.0f ? by : 1.0f;
         }
         for (int k = 1 - LEAN_FADE; k < LEAN_FADE; k++) {
-            const int at = block + k, next = at + 1;
-            float change;
-            if (at < w->block0 || next >= w->block1 || cell_at(w, at, y)->live == SS_EMPTY || cell_at(w, next, y)->live == SS_EMPTY)
-                continue;
-            change = fabsf(cell_at(w, next, y)->to_px[0][0] - cell_at(w, at, y)->to_px[0][0]) * (1.0f / LEAN_CHANGE);
-            change = (change < 1.0f ? change : 1.0f) * (1.0f - (float) (k < 0 ? -k - 1 : k) * (1.0f / LEAN_FADE));
-            worst = change > worst ? change : worst;
+            const float near = 1.0f - (float) (k < 0 ? -k - 1 : k) * (1.0f / LEAN_FADE);
+            for (int i = 0; i < AT_ONCE; i++)
+                worst[i] = change[LEAN_FADE + i + k] * near > worst[i] ? change[LEAN_FADE + i + k] * near : worst[i];
         }
-        cell->lean = cell->to_px[0][0] * (1.0f - worst);
-        if (cell->lean < LEAN_MIN && cell->lean > -LEAN_MIN)
-            cell->lean = 0.0f;
+        for (int i = 0; i < blocks; i++) {
+            struct ss_cell *cell = cell_at(w, first + i, y);
+            if (cell->live == SS_EMPTY)
+                continue;
+            cell->lean = cell->to_px[0][0] * (1.0f - worst[i]);
+            if (cell->lean < LEAN_MIN && cell->lean > -LEAN_MIN)
+                cell->lean = 0.0f;
+        }
     }
 }
 
@@ -627,7 +756,7 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
         const size_t below = index + (size_t) w->stride, next = below + (size_t) w->stride; /* there is a margin */
         _Alignas(64) float leans[SS_BLOCK];
         float mean;
-        vi jumps = { 0 };
+        vi rough = { 0 };
 
         __builtin_prefetch(w->key + next);
         __builtin_prefetch(w->depth + next);
@@ -655,24 +784,20 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
             const vf x2 = mm * (mm + dx * (tx + tx)) + dx * dx * ray2, y2 = mm * (mm + dy * (2.0f * ty)) + dy * dy * ray2;
             const vf both = dx * dy * ray2 + mm * (dx * ty + dy * tx);
             const vi on = (own > zero) & (z > zero) & (x2 > zero) & (y2 > zero);
-            jumps |= (greater(left, -left) > jump) | (greater(right, -right) > jump) | (greater(above, -above) > jump) |
-                     (greater(under, -under) > jump);
+            const vf crease = mm * CREASE;
+            rough |= (magnitude(left) > jump) | (magnitude(right) > jump) | (magnitude(above) > jump) | (magnitude(under) > jump) |
+                     (magnitude(right - left) > crease) | (magnitude(under - above) > crease);
             store(w->length[0] + at, select(on, x2, zero));
             store(w->length[1] + at, select(on, y2, zero));
             store(w->to_px[0] + at, select(on, both, zero));
             store(leans + part, select(on, both / select(on, x2, one), zero));
         }
-        cell->smooth = cell->live == SS_FULL && cell->owner != SS_MIXED;
-        for (int l = 0; l < WIDTH; l++)
-            cell->smooth = cell->smooth && !jumps[l];
-        for (int n = SS_BLOCK / 2; n > 0; n /= 2)
-            for (int l = 0; l < n; l++)
-                leans[l] += leans[l + n];
-        mean = cell->pixels > 0 ? leans[0] / (float) cell->pixels : 0.0f;
+        cell->smooth = cell->live == SS_FULL && cell->owner != SS_MIXED && !any(rough);
+        mean = cell->pixels > 0 ? sum_of(leans) / (float) cell->pixels : 0.0f;
         cell->to_px[0][0] = mean < LEAN_MAX ? (mean > -LEAN_MAX ? mean : -LEAN_MAX) : LEAN_MAX;
     }
     fade_leans(w, y);
-    for (int block = w->block0; block < w->block1; block++) {
+    for (int block = w->extents[y].begin; block < w->extents[y].end; block++) {
         struct ss_cell *cell = cell_at(w, block, y);
         const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
         _Alignas(64) float most[2][SS_BLOCK], least[2][SS_BLOCK];
@@ -735,77 +860,115 @@ INLINE void put(const struct ss_work *w, int x, int y, size_t index, const struc
     }
 }
 
-/* One pass over a row: along x from `now` to `half`, or along y from `half` to `now` and the sum. */
-PELL_FETCHING_INLINE int blur_row(const struct ss_work *w, int y, int axis)
+/* How many of a side's taps lie within so many pixels. */
+INLINE int within(int pixels, const struct block *b)
 {
-    const int y0 = w->in->rect.y0, y1 = w->in->rect.y1;
-    float *const *source = axis == 0 ? w->now : w->half, *const *target = axis == 0 ? w->half : w->now;
-    int begin = w->block0, end = w->block1, x0, x1, active = 0;
+    return (int64_t) b->count * b->stride <= pixels ? b->count : pixels / b->stride;
+}
 
-    /* Beside the things of this row there is nothing to gather. */
-    while (begin < end && cell_at(w, begin, y)->live == SS_EMPTY)
-        begin++;
-    while (end > begin && cell_at(w, end - 1, y)->live == SS_EMPTY)
-        end--;
-    x0 = begin * SS_BLOCK;
-    x1 = end * SS_BLOCK;
-    for (int block = begin; block < end; block++) {
-        const struct ss_cell *cell = cell_at(w, block, y);
-        const int x = block * SS_BLOCK;
-        const size_t index = (size_t) (y * w->stride + x), below = index + (size_t) w->stride;
-        _Alignas(64) float result[3][SS_BLOCK], on[SS_BLOCK];
-        struct block b;
+/* Where a block's taps are, and their scales. */
+PELL_FETCHING_INLINE void prepare(const struct ss_work *w, int block, int y, int axis, const float *const from[3], float *const to[3],
+                                  struct job *job)
+{
+    const struct ss_extent *extent = &w->extents[y];
+    const int x = block * SS_BLOCK;
+    const size_t index = (size_t) (y * w->stride + x), below = index + (size_t) w->stride;
+    int before, behind;
+
+    job->x = x;
+    job->cell = cell_at(w, block, y);
+    __builtin_prefetch(job->cell + w->blocks);
+    __builtin_prefetch(w->to_px[axis] + below);
+    if (axis == 0) {
+        __builtin_prefetch(w->length[0] + below);
+        for (int i = 0; i < 3; i++)
+            pell_fetch_to_write(to[i] + x + w->stride);
+        for (int i = 0; w->fresh && i < 3; i++)
+            __builtin_prefetch(from[i] + x + w->stride);
+    } else {
+        fetch3_to_write(w->sum, below);
+    }
+    if ((w->forms & SS_FORM_PAPER_EDGES) || !choose(w, index, job->cell, &job->b)) {
+        job->b.active = 0;
+        return;
+    }
+    space(w, index, block, axis, job->cell, &job->b);
+    before = axis == 0 ? x + SS_BLOCK - 1 - extent->begin * SS_BLOCK : y - w->in->rect.y0;
+    behind = axis == 0 ? extent->end * SS_BLOCK - 1 - x : w->in->rect.y1 - 1 - y;
+    job->low = within(before, &job->b);
+    job->high = within(behind, &job->b);
+    if (axis == 1 && (job->b.count + 1) * (int64_t) job->b.stride <= behind) { /* the row that the block below reaches for the first time */
+        const ptrdiff_t reached = (job->b.count * job->b.stride + 1) * w->stride;
+        __builtin_prefetch(w->depth + index + reached);
+        __builtin_prefetch(w->length[1] + index + reached);
+        for (int i = 0; i < 3; i++)
+            __builtin_prefetch(from[i] + x + reached);
+    }
+    scale_kernel(w, index, axis, job);
+}
+
+/* One pass over row y: along x, or along y and into the sum. `from` and `to` are rows, at pixel 0. */
+PELL_FETCHING_INLINE int blur_row(const struct ss_work *w, int y, int axis, const float *const from[3], float *const to[3])
+{
+    const int begin = w->extents[y].begin, end = w->extents[y].end;
+    const bool paper = w->forms & SS_FORM_PAPER_EDGES;
+    struct job jobs[JOBS];
+    int active = 0;
+
+    for (int block = begin; block < end;) {
         int count = 0;
 
-        if (cell->live == SS_EMPTY)
-            continue;
-        __builtin_prefetch(w->to_px[axis] + below);
-        if (axis == 0) {
-            __builtin_prefetch(w->depth + below);
-            __builtin_prefetch(w->length[0] + below);
-            fetch3(w->now, below);
-            fetch3_to_write(w->half, below);
-        } else {
-            fetch3_to_write(w->sum, below);
-            fetch3_to_write(w->now, below);
+        for (; block < end && count < JOBS; block++)
+            if (cell_at(w, block, y)->live != SS_EMPTY)
+                prepare(w, block, y, axis, from, to, &jobs[count++]);
+        for (int k = 0; k < count; k++)
+            if (jobs[k].b.active == 0)
+                continue;
+            else if (w->several || w->depth_mm == 0.0f)
+                gather_any(w, y, axis, from, &jobs[k]);
+            else if (axis == 0)
+                gather_along_x(w, y, from, &jobs[k]);
+            else if (jobs[k].b.lean != 0.0f)
+                gather_leaning(w, y, from, &jobs[k]);
+            else
+                gather_along_y(w, y, from, &jobs[k]);
+        for (int k = 0; k < count; k++) {
+            const int x = jobs[k].x;
+            const size_t index = (size_t) (y * w->stride + x);
+            _Alignas(64) float result[3][SS_BLOCK], on[SS_BLOCK];
+            int blurred = jobs[k].b.active;
+
+            if (paper)
+                blurred = gather_listing(w, index, x, y, axis, jobs[k].cell, from, result, on);
+            else if (blurred > 0)
+                settle(&jobs[k], from, result);
+            if (blurred <= 0)
+                for (int i = 0; i < 3; i++)
+                    memcpy(result[i], from[i] + x, sizeof(result[i]));
+            if (axis == 1)
+                put(w, x, y, index, jobs[k].cell, result, paper ? on : NULL);
+            if (axis == 0 || !w->last)
+                for (int i = 0; i < 3; i++)
+                    memcpy(to[i] + x, result[i], sizeof(result[i]));
+            active += blurred;
         }
-        if (w->forms & SS_FORM_PAPER_EDGES) {
-            count = gather_listing(w, index, x, y, axis, cell, source, result, on);
-        } else if (choose(w, index, cell, &b)) {
-            int low, high;
-            space(w, index, axis, cell, &b);
-            low = (axis == 0 ? x + SS_BLOCK - 1 - x0 : y - y0) / b.stride;
-            high = (axis == 0 ? x1 - 1 - x : y1 - 1 - y) / b.stride;
-            if (axis == 1 && b.count < high) { /* the row that the block below reaches for the first time */
-                const size_t reached = below + (size_t) (b.count * b.stride * w->stride);
-                __builtin_prefetch(w->depth + reached);
-                __builtin_prefetch(w->length[1] + reached);
-                fetch3(w->half, reached);
-            }
-            gather(w, index, x, y, axis, &b, fewer(b.count, low), fewer(b.count, high), source, result);
-            count = b.active;
-        }
-        if (count == 0)
-            for (int i = 0; i < 3; i++)
-                memcpy(result[i], &w->now[i][index], sizeof(result[i]));
-        if (axis == 1)
-            put(w, x, y, index, cell, result, w->forms & SS_FORM_PAPER_EDGES ? on : NULL);
-        if (axis == 0 || (!w->last && count > 0))
-            for (int i = 0; i < 3; i++)
-                memcpy(&target[i][index], result[i], sizeof(result[i]));
-        active += count;
     }
     return active;
 }
 
-static PELL_FETCHING int across_row(const struct ss_work *w, int y)
+static PELL_FETCHING int across_row(const struct ss_work *w, int y, const float *const from[3], float *const to[3])
 {
-    return blur_row(w, y, 0);
+    return blur_row(w, y, 0, from, to);
 }
 
-static PELL_FETCHING int down_row(const struct ss_work *w, int y)
+static PELL_FETCHING int down_row(const struct ss_work *w, int y, const float *const from[3], float *const to[3])
 {
-    return blur_row(w, y, 1);
+    /* What the pass along x reads of `to` beside what is written. */
+    for (int block = w->extents[y].begin - 1; block <= w->extents[y].end; block++)
+        if (block < w->extents[y].begin || block == w->extents[y].end || cell_at(w, block, y)->live == SS_EMPTY)
+            for (int i = 0; !w->last && i < 3; i++)
+                memset(to[i] + block * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
+    return blur_row(w, y, 1, from, to);
 }
 
 static void copy_row(const struct ss_work *w, int y)

@@ -29,6 +29,11 @@ struct ss_cell {
     float lean;         /* of the second pass: pixels that x falls as y grows by one */
 };
 
+/* The blocks of a row from the first to behind the last that holds anything translucent. */
+struct ss_extent {
+    int begin, end;
+};
+
 /* One frame's work; the same for all rows and threads. */
 struct ss_work {
     const struct pell_frame *in;
@@ -38,8 +43,9 @@ struct ss_work {
     int block0, block1;        /* blocks that hold the rectangle */
     int blocks;                /* in a row of the picture */
     float *key, *depth, *scale, *length[2], *to_px[2]; /* see `load` and `measure` */
-    float *now[3], *half[3], *sum[3];       /* blurred so far; its horizontal half; the weighted sum */
+    float *now[3], *half[3], *sum[3];       /* light as it was loaded; blurred, see cpu.c; the weighted sum */
     struct ss_cell *cells; /* [y * blocks + block] */
+    struct ss_extent *extents; /* of each row */
     const float *columns_tan, *rows_tan; /* slopes of the rays through columns (with a margin) and rows */
     size_t num_materials;
     const float (*total)[3];   /* of each material's profile; all zeros for material 0, which is none */
@@ -75,10 +81,10 @@ struct ss_kernels {
     /* Which blocks are smooth; length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to
      * it; to_px[0], [1] = px^2 per mm^2 of the variances along them. */
     void (*measure)(const struct ss_work *w, int y);
-    /* now -> half. Returns the number of pixels that were blurred. */
-    int (*across)(const struct ss_work *w, int y);
-    /* half -> now, and now into the sum, or into `out` in the last step. */
-    int (*down)(const struct ss_work *w, int y);
+    /* The two passes of a step over row y, which `from` and `to` point at (pixel 0): they return the number of pixels that were blurred.
+     * `down` reads the rows around it, too, puts what comes of it into the sum as well, and in the last step into `out` alone. */
+    int (*across)(const struct ss_work *w, int y, const float *const from[3], float *const to[3]);
+    int (*down)(const struct ss_work *w, int y, const float *const from[3], float *const to[3]);
     /* now -> `out`, where no step blurs anything. */
     void (*copy)(const struct ss_work *w, int y);
 };
