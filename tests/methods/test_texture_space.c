@@ -210,8 +210,8 @@ static void light_goes_round_the_edges_of_a_cube(void **state)
         shot_free(&shot);
         stage_finish(&s);
     }
-    print_message("# across the edge %.4f apart, without borders %.4f; beside the corner %.4f and %.4f\n", jump[0], jump[1], corner[0][0],
-                  corner[0][1]);
+    print_message("# across the edge %.4f apart, without borders %.4f; beside the corner %.4f\n", jump[0], jump[1],
+                  fabs(corner[0][0] / corner[0][1] - 1.0));
     REQUIRE(jump[0] < 0.06 && jump[1] > 0.5);
     REQUIRE_REL(corner[0][0], corner[0][1], 0.03);
     REQUIRE(corner[0][0] > 0.02);
@@ -868,6 +868,37 @@ static void other_samples_of_the_lights_light_it_anew(void **state)
         shot_free(&shots[k]);
 }
 
+/* The map stays when lights come and go. */
+static void more_lights_than_shine_through_are_told_of(void **state)
+{
+    static const char *const knobs[] = { "size=64", NULL };
+    struct stage s;
+    struct shot shot;
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 8, 8);
+    stage_gaussians(&s, 0.5, &m);
+    stage_ball(&s, m, 0, vec3(0, 0, 0), 6.0f, 12);
+    stage_light(&s, PELL_LIGHT_POINT, vec3(-40, 10, 30), vec3(0, 0, 0), 3e-3f);
+    stage_camera(&s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
+    shot = stage_shot_of(&s, "texture-space", knobs);
+    shot_free(&shot);
+    assert_null(strstr(s.kept.last_warning, "shine through"));
+    for (int i = 0; i < 16; i++)
+        stage_light(&s, PELL_LIGHT_POINT, vec3(-40, (float) i, 30), vec3(0, 0, 0), 3e-4f);
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    for (int k = 0, told = 0; k < 2; k++) {
+        s.settings.seed = k;
+        shot = stage_shot(&s);
+        shot_free(&shot);
+        assert_non_null(strstr(s.kept.last_warning, "17 lights, the first 16"));
+        assert_true(k == 0 || s.kept.warnings == told);
+        told = s.kept.warnings;
+    }
+    stage_finish(&s);
+}
+
 /* The first frame makes the map, and all that it needs was made with the pass; later frames look at it. */
 static void frames_allocate_nothing_and_survive_no_memory(void **state)
 {
@@ -932,6 +963,7 @@ int main(void)
         cmocka_unit_test(strength_scales_the_radius),
         cmocka_unit_test(the_same_bits_for_any_number_of_threads),
         cmocka_unit_test(other_samples_of_the_lights_light_it_anew),
+        cmocka_unit_test(more_lights_than_shine_through_are_told_of),
         cmocka_unit_test(frames_allocate_nothing_and_survive_no_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

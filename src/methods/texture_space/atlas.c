@@ -21,6 +21,8 @@
 #define CHART_COSINE 0.7   /* a planar chart's normals are this near to its axis */
 #define CHART_LEAST 0.002  /* of the area: smaller charts are given to those beside them */
 #define JOIN_COSINE 0.3f   /* where they face these at least so much */
+#define COVERED_PLANAR 0.6 /* of the map by planar charts, at most */
+#define APART 4.0          /* texels between what lies in front of each other */
 #define ROUNDS_MOST 64
 #define SIZE_MOST 16384    /* texels, a side */
 #define BORDER_WORK 1024.0 /* texels looked at for borders, per texel of the map */
@@ -63,6 +65,8 @@ void ts_atlas_destroy(struct ts_atlas **atlas)
         pell_free(a->ctx, a->key - TS_MARGIN);
     pell_free(a->ctx, a->source);
     pell_free(a->ctx, a->borders);
+    pell_free(a->ctx, a->fills);
+    pell_free(a->ctx, a->first_mended);
     pell_free(a->ctx, a->first_border);
     pell_free(a->ctx, a->parts);
     pell_free(a->ctx, a->runs);
@@ -288,6 +292,144 @@ static bool pack(struct flat_chart *charts, size_t count, double scale, int gutt
     return true;
 }
 
+/* Barycentrics of a point in a triangle's layout: 1 and x, y times these. */
+struct flat {
+    double u[3], v[3];
+};
+
+static bool flatten(const float c[6], struct flat *f)
+{
+    const double ux = (double) c[2] - (double) c[0], uy = (double) c[3] - (double) c[1];
+    const double vx = (double) c[4] - (double) c[0], vy = (double) c[5] - (double) c[1], det = ux * vy - uy * vx;
+
+    if (!(fabs(det) > 1e-12))
+        return false;
+    f->u[1] = vy / det;
+    f->u[2] = -vx / det;
+    f->v[1] = -uy / det;
+    f->v[2] = ux / det;
+    f->u[0] = -(f->u[1] * (double) c[0] + f->u[2] * (double) c[1]);
+    f->v[0] = -(f->v[1] * (double) c[0] + f->v[2] * (double) c[1]);
+    return true;
+}
+
+/* Narrows [x0, x1] to the texels of a row that a triangle may cover, one more on either side: slivers cost what they cover, not their
+ * boxes. */
+static void row_of(const struct flat *f, double y, int *x0, int *x1)
+{
+    const double at[3][2] = { { f->u[0] + f->u[2] * y, f->u[1] },
+                              { f->v[0] + f->v[2] * y, f->v[1] },
+                              { 1.0 - f->u[0] - f->v[0] - (f->u[2] + f->v[2]) * y, -f->u[1] - f->v[1] } };
+    double low = *x0, high = *x1;
+
+    for (int k = 0; k < 3; k++) {
+        if (fabs(at[k][1]) < 1e-12)
+            continue;
+        if (at[k][1] > 0.0)
+            low = fmax(low, floor(-at[k][0] / at[k][1] - 1.5));
+        else
+            high = fmin(high, ceil(-at[k][0] / at[k][1] + 0.5));
+    }
+    *x0 = low < *x1 + 1.0 ? (int) low : *x1 + 1;
+    *x1 = high > -1.0 ? (int) high : -1;
+}
+
+/* Seen from its axis a chart may lie in front of itself, as the rim of an ear does before the rest: what of it is covered already, and how
+ * deep, by chart and texel. */
+struct cover {
+    uint64_t *texel; /* 0: none */
+    float *depth;    /* texels */
+    size_t mask, count;
+    double scale; /* texels a mm, about */
+    double radius;
+    struct pell_vec3 middle;
+};
+
+static enum pell_result make_cover(const struct build *b, struct cover *g)
+{
+    struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
+    const double most = 1.5 * COVERED_PLANAR * (double) b->p->size * (double) b->p->size;
+
+    for (g->mask = 1024; (double) g->mask < most;)
+        g->mask *= 2;
+    g->texel = pell_calloc(b->ctx, g->mask, sizeof(*g->texel));
+    g->depth = pell_alloc_array(b->ctx, g->mask, sizeof(*g->depth));
+    g->mask--;
+    for (uint32_t t = 0; t < b->a->num_triangles; t++) {
+        struct pell_vec3 p[3];
+        corner_points(b->a, t, p);
+        for (int k = 0; k < 3; k++) {
+            low = vec3(fminf(low.x, p[k].x), fminf(low.y, p[k].y), fminf(low.z, p[k].z));
+            high = vec3(fmaxf(high.x, p[k].x), fmaxf(high.y, p[k].y), fmaxf(high.z, p[k].z));
+        }
+    }
+    g->middle = vec3_mul(vec3_add(low, high), 0.5f);
+    g->scale = sqrt(COVERED_PLANAR / b->total_area) * b->p->size;
+    g->radius = (double) vec3_length(vec3_sub(high, g->middle)) * g->scale + 2.0;
+    return g->texel && g->depth ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+/* `put`: covers a texel at this depth. Else whether it is covered at another. */
+static bool cover_texel(struct cover *g, const struct flat_chart *c, int x, int y, double depth, bool put)
+{
+    const uint64_t key = (uint64_t) c->number << 42 | (uint64_t) y << 21 | (uint64_t) x;
+    size_t i = (size_t) (key * 0x9e3779b97f4a7c15u >> 20) & g->mask;
+
+    while (g->texel[i] && g->texel[i] != key)
+        i = (i + 1) & g->mask;
+    if (!put)
+        return g->texel[i] && fabs((double) g->depth[i] - depth) > APART;
+    if (!g->texel[i] && 4 * g->count < 3 * g->mask) {
+        g->texel[i] = key;
+        g->depth[i] = (float) depth;
+        g->count++;
+    }
+    return false;
+}
+
+/* The same for the texels of a triangle, and the one that its middle is in. */
+static bool cover_triangle(const struct build *b, struct cover *g, uint32_t t, const struct flat_chart *c, bool put)
+{
+    struct pell_vec3 p[3], u, v;
+    double at[3][3];
+    float corners[6];
+    struct flat f;
+    int low[2], high[2];
+
+    if (!(g->radius < 1e6))
+        return false;
+    vec3_basis(c->axis, &u, &v);
+    corner_points(b->a, t, p);
+    for (int k = 0; k < 3; k++) {
+        const struct pell_vec3 q = vec3_sub(p[k], g->middle);
+        at[k][0] = (double) vec3_dot(q, u) * g->scale + g->radius;
+        at[k][1] = (double) vec3_dot(q, v) * g->scale + g->radius;
+        at[k][2] = (double) vec3_dot(q, c->axis) * g->scale;
+        corners[2 * k] = (float) at[k][0];
+        corners[2 * k + 1] = (float) at[k][1];
+    }
+    if (!flatten(corners, &f))
+        return false;
+    if (cover_texel(g, c, (int) ((at[0][0] + at[1][0] + at[2][0]) / 3.0), (int) ((at[0][1] + at[1][1] + at[2][1]) / 3.0),
+                    (at[0][2] + at[1][2] + at[2][2]) / 3.0, put))
+        return true;
+    for (int k = 0; k < 2; k++) {
+        low[k] = (int) floor(fmin(at[0][k], fmin(at[1][k], at[2][k])) - 0.5);
+        high[k] = (int) ceil(fmax(at[0][k], fmax(at[1][k], at[2][k])) - 0.5);
+    }
+    for (int y = low[1]; y <= high[1]; y++) {
+        int x0 = low[0], x1 = high[0];
+        row_of(&f, y + 0.5, &x0, &x1);
+        for (int x = x0; x <= x1; x++) {
+            const double fu = f.u[0] + f.u[1] * (x + 0.5) + f.u[2] * (y + 0.5), fv = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5);
+            if (fmin(1.0 - fu - fv, fmin(fu, fv)) >= 0.0 &&
+                cover_texel(g, c, x, y, at[0][2] + fu * (at[1][2] - at[0][2]) + fv * (at[2][2] - at[0][2]), put))
+                return true;
+        }
+    }
+    return false;
+}
+
 static struct pell_vec3 face_normal(const struct build *b, uint32_t t)
 {
     const float *f = b->topology.face + 3 * (size_t) t;
@@ -302,9 +444,9 @@ static uint32_t neighbour(const struct build *b, uint32_t half)
     return twin != NONE && b->area[twin / 3] > 0.0 && opposed(b, half, twin) ? twin / 3 : NONE;
 }
 
-/* A chart that grows from the seed over what has none, as far as that faces the seed's axis, the mean normal of what lies around it.
- * `order` has room for all triangles. */
-static void grow_chart(struct build *b, uint32_t seed, struct flat_chart *c, uint32_t *order)
+/* A chart that grows from the seed over what has none, as far as that faces the seed's axis, the mean normal of what lies around it, and
+ * does not hide another part of it. `order` has room for all triangles. */
+static void grow_chart(struct build *b, struct cover *g, uint32_t seed, struct flat_chart *c, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
 
@@ -314,11 +456,16 @@ static void grow_chart(struct build *b, uint32_t seed, struct flat_chart *c, uin
         uint32_t n = 0;
         order[n++] = seed;
         a->chart[seed] = c->number;
+        if (round == 1)
+            cover_triangle(b, g, seed, c, true);
         for (uint32_t i = 0; i < n; i++)
             for (uint32_t h = 3 * order[i]; h < 3 * order[i] + 3; h++) {
                 const uint32_t t = neighbour(b, h);
-                if (t == NONE || a->chart[t] || vec3_dot(face_normal(b, t), c->axis) < (float) CHART_COSINE)
+                if (t == NONE || a->chart[t] || vec3_dot(face_normal(b, t), c->axis) < (float) CHART_COSINE ||
+                    (round == 1 && cover_triangle(b, g, t, c, false)))
                     continue;
+                if (round == 1)
+                    cover_triangle(b, g, t, c, true);
                 a->chart[t] = c->number;
                 order[n++] = t;
             }
@@ -336,8 +483,8 @@ static void grow_chart(struct build *b, uint32_t seed, struct flat_chart *c, uin
 }
 
 /* What is left over between charts is too narrow to be blurred in charts of its own: its triangles join those beside them, one by one,
- * while they face the axis at all. */
-static void join_small(struct build *b, struct flat_chart *charts)
+ * while they face the axis at all and hide nothing. */
+static void join_small(struct build *b, struct cover *g, struct flat_chart *charts)
 {
     struct ts_atlas *a = b->a;
     bool any = true;
@@ -356,7 +503,7 @@ static void join_small(struct build *b, struct flat_chart *charts)
                 if (!number || charts[number - 1].area < CHART_LEAST * b->total_area)
                     continue;
                 cosine = vec3_dot(face_normal(b, t), charts[number - 1].axis);
-                if (cosine > most) {
+                if (cosine > most && !cover_triangle(b, g, t, &charts[number - 1], false)) {
                     most = cosine;
                     best = number;
                 }
@@ -365,6 +512,7 @@ static void join_small(struct build *b, struct flat_chart *charts)
                 continue;
             charts[a->chart[t] - 1].count--;
             charts[best - 1].count++;
+            cover_triangle(b, g, t, &charts[best - 1], true);
             a->chart[t] = best;
             any = true;
         }
@@ -407,12 +555,14 @@ static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
     struct flat_chart *charts = NULL;
+    struct cover cover = { 0 };
     size_t count = 0, capacity = 0;
     int gutter = 0, size = b->p->size;
     double low = 0.0;
     enum pell_result res = PELL_ERR_NOMEM;
 
     memset(a->chart, 0, a->num_triangles * sizeof(*a->chart));
+    PELL_TRY(make_cover(b, &cover));
     for (uint32_t seed = 0; seed < a->num_triangles; seed++) {
         void *array = charts;
         if (a->chart[seed] || !(b->area[seed] > 0.0))
@@ -421,9 +571,9 @@ static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
         charts = array;
         charts[count] =
             (struct flat_chart){ .number = (int32_t) count + 1, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY } };
-        grow_chart(b, seed, &charts[count++], order);
+        grow_chart(b, &cover, seed, &charts[count++], order);
     }
-    join_small(b, charts);
+    join_small(b, &cover, charts);
     count = flatten_charts(b, charts, count);
     a->num_charts = (int) count;
     qsort(charts, count, sizeof(*charts), by_height);
@@ -458,6 +608,8 @@ static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
     res = PELL_OK;
 
 fail:
+    pell_free(b->ctx, cover.texel);
+    pell_free(b->ctx, cover.depth);
     pell_free(b->ctx, charts);
     return res;
 }
@@ -486,27 +638,6 @@ static enum pell_result make_planes(struct build *b)
         return PELL_ERR_NOMEM;
     memset(a->source, 0xff, a->size * sizeof(*a->source));
     return PELL_OK;
-}
-
-/* Barycentrics of a point in a triangle's layout: 1 and x, y times these. */
-struct flat {
-    double u[3], v[3];
-};
-
-static bool flatten(const float c[6], struct flat *f)
-{
-    const double ux = (double) c[2] - (double) c[0], uy = (double) c[3] - (double) c[1];
-    const double vx = (double) c[4] - (double) c[0], vy = (double) c[5] - (double) c[1], det = ux * vy - uy * vx;
-
-    if (!(fabs(det) > 1e-12))
-        return false;
-    f->u[1] = vy / det;
-    f->u[2] = -vx / det;
-    f->v[1] = -uy / det;
-    f->v[2] = ux / det;
-    f->u[0] = -(f->u[1] * (double) c[0] + f->u[2] * (double) c[1]);
-    f->v[0] = -(f->v[1] * (double) c[0] + f->v[2] * (double) c[1]);
-    return true;
 }
 
 /* How a triangle lies in the layout: mm from texel to texel along x, and at right angles to that, where a step along y goes `lean` texels
@@ -549,27 +680,6 @@ static void set_texel(struct ts_atlas *a, ptrdiff_t at, uint32_t t, double u, do
     a->bary[0][at] = (float) u;
     a->bary[1][at] = (float) v;
     set_metric(a, at, m);
-}
-
-/* Narrows [x0, x1] to the texels of a row that a triangle may cover, one more on either side: slivers cost what they cover, not their
- * boxes. */
-static void row_of(const struct flat *f, double y, int *x0, int *x1)
-{
-    const double at[3][2] = { { f->u[0] + f->u[2] * y, f->u[1] },
-                              { f->v[0] + f->v[2] * y, f->v[1] },
-                              { 1.0 - f->u[0] - f->v[0] - (f->u[2] + f->v[2]) * y, -f->u[1] - f->v[1] } };
-    double low = *x0, high = *x1;
-
-    for (int k = 0; k < 3; k++) {
-        if (fabs(at[k][1]) < 1e-12)
-            continue;
-        if (at[k][1] > 0.0)
-            low = fmax(low, floor(-at[k][0] / at[k][1] - 1.5));
-        else
-            high = fmin(high, ceil(-at[k][0] / at[k][1] + 0.5));
-    }
-    *x0 = low < *x1 + 1.0 ? (int) low : *x1 + 1;
-    *x1 = high > -1.0 ? (int) high : -1;
 }
 
 /* Texels whose middles lie in a triangle; of several triangles the first's. */
@@ -926,10 +1036,19 @@ static enum pell_result mend_seams(struct build *b)
             sum += w;
             mixed = true;
         }
-        if (!mixed || !(sum > 1e-3f))
+        if (!mixed && border->weight[0] > 0.0f && border->weight[1] > 0.0f && border->weight[2] > 0.0f && border->weight[3] > 0.0f)
             continue;
-        PELL_TRY(pell_grow(b->ctx, &array, count + 16, &room, sizeof(*a->parts)));
-        a->parts = array;
+        if (!(sum > 1e-3f)) {
+            parts = 0;
+            sum = 1.0f;
+            for (int l = 0; l < 4; l++)
+                if (border->weight[l] > 0.0f)
+                    put_part(list, &parts, border->from + l % 2 + l / 2 * a->stride, border->weight[l]);
+        }
+        while (room < count + (size_t) parts) {
+            PELL_TRY(pell_grow(b->ctx, &array, room, &room, sizeof(*a->parts)));
+            a->parts = array;
+        }
         border->first = (int32_t) count;
         border->parts = parts;
         for (int32_t k = 0; k < parts; k++)
@@ -947,6 +1066,20 @@ static size_t square_of(const struct ts_atlas *a, const struct ts_border *b)
     return (size_t) (b->at / a->stride / TS_BLOCK) * (size_t) a->blocks + (size_t) (b->at % a->stride / TS_BLOCK);
 }
 
+static struct ts_fill fill_of(const struct ts_border *b)
+{
+    const float *w = b->weight;
+
+    return (struct ts_fill){
+        .at = b->at,
+        .from = b->parts > 0 ? b->first : b->from,
+        .x = (uint16_t) ((w[1] + w[3]) * TS_WHOLE + 0.5f),
+        .y = (uint16_t) ((w[2] + w[3]) * TS_WHOLE + 0.5f),
+        .far = (uint8_t) b->far,
+        .parts = (uint8_t) b->parts,
+    };
+}
+
 /* By squares, so that what lies beside each other is read together, and in a square by distance. */
 static enum pell_result sort_borders(struct build *b, const uint8_t *far)
 {
@@ -956,7 +1089,9 @@ static enum pell_result sort_borders(struct build *b, const uint8_t *far)
     size_t next[TS_FAR] = { 0 };
 
     a->first_border = pell_calloc(b->ctx, squares + 2, sizeof(*a->first_border));
-    if (!sorted || !a->first_border) {
+    a->first_mended = pell_alloc_array(b->ctx, squares + 1, sizeof(*a->first_mended));
+    a->fills = pell_calloc(b->ctx, a->num_borders + TS_AHEAD, sizeof(*a->fills));
+    if (!sorted || !a->first_border || !a->first_mended || !a->fills) {
         pell_free(b->ctx, sorted);
         return PELL_ERR_NOMEM;
     }
@@ -974,9 +1109,16 @@ static enum pell_result sort_borders(struct build *b, const uint8_t *far)
     a->num_squares = squares;
     for (size_t i = 2; i < squares + 2; i++)
         a->first_border[i] += a->first_border[i - 1];
-    for (size_t i = 0; i < a->num_borders; i++)
-        other[a->first_border[square_of(a, &sorted[i]) + 1]++] = sorted[i];
+    for (int mended = 0; mended < 2; mended++) {
+        for (size_t i = 0; i < a->num_borders; i++)
+            if ((sorted[i].parts > 0) == mended)
+                a->fills[a->first_border[square_of(a, &sorted[i]) + 1]++] = fill_of(&sorted[i]);
+        for (size_t i = 0; i < squares && !mended; i++)
+            a->first_mended[i] = a->first_border[i + 1];
+    }
     pell_free(b->ctx, sorted);
+    pell_free(b->ctx, a->borders);
+    a->borders = NULL;
     return PELL_OK;
 }
 

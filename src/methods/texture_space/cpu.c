@@ -23,6 +23,7 @@ enum { ROWS = 16, CHUNK = 4096, SQUARES = 64, LIGHTS_MOST = 16, TIMES = TS_LEVEL
 #define FADE 6.0f             /* standard deviations at which light from behind counts in full */
 #define SOFT (1.0 / 3.0)      /* of the widest blur's width */
 #define WEIGHTLESS_LEAST 0.05 /* texels^2: a blur without weight that reaches no further is left out */
+#define READ_FAR 6            /* texels from the inside of charts that pixels read at most: look_around's, and the four about a place */
 
 struct ts_body {
     struct ts_atlas *atlas;
@@ -49,6 +50,7 @@ struct ts_state {
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;
     uint64_t lit; /* the lights' number; 0: not yet */
+    size_t warned; /* how many lights there were when they were counted */
     struct ts_work work;
     float least[2], lean; /* lengths of the body's shortest texels; and the most that a block leans */
     struct pell_pass_time times[TIMES];
@@ -205,7 +207,6 @@ static enum pell_result ts_create(struct pell_renderer *r, const struct pell_fra
 {
     struct pell_context *ctx = pell_renderer_context(r);
     struct ts_state *st = pell_zalloc(ctx, sizeof(*st));
-    size_t lights = 0;
     enum pell_result res;
 
     *state = st;
@@ -222,11 +223,6 @@ static enum pell_result ts_create(struct pell_renderer *r, const struct pell_fra
     st->profiles = pell_calloc(ctx, shape->num_materials, sizeof(*st->profiles));
     if (!st->body || !st->profiles)
         return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < pell_renderer_scene(r)->num_lights; i++)
-        lights += pell_renderer_scene(r)->lights[i].type != PELL_LIGHT_ENVIRONMENT;
-    if (lights > LIGHTS_MOST && st->knobs.tsm != TS_TSM_OFF)
-        pell_warn(ctx, "texture-space", "leave out the dimmest", "%zu lights, the first %d of them shine through thin parts", lights,
-                  LIGHTS_MOST);
     PELL_TRY(make_atlases(st, shape));
     return make_planes(st);
 
@@ -358,36 +354,44 @@ static void light_rows(void *arg, int band, int worker)
 }
 
 /* All that a border reads lies inside charts: other borders may be filled by another thread just now. */
-static inline void fill_border(const struct ts_atlas *a, const struct ts_border *b, float *const *planes, int count)
+static inline void fill_border(const struct ts_atlas *a, const struct ts_fill *b, float *const *planes, int count)
 {
-    const float *w = b->weight;
-    const ptrdiff_t stride = a->stride;
+    const float x = (float) b->x * (1.0f / TS_WHOLE), y = (float) b->y * (1.0f / TS_WHOLE);
+    const float both = x * y, right = x - both, up = y - both, least = 1.0f - x - up;
 
-    if (b->parts > 0) {
-        const struct ts_part *part = a->parts + b->first;
-        for (int c = 0; c < count; c++) {
-            float sum = 0.0f;
-            for (int k = 0; k < b->parts; k++)
-                sum += part[k].weight * planes[c][part[k].at];
-            planes[c][b->at] = sum;
-        }
-        return;
-    }
-    if (w[0] > 0.0f && w[1] > 0.0f && w[2] > 0.0f && w[3] > 0.0f) {
-        for (int c = 0; c < count; c++) {
-            const float *from = planes[c] + b->from;
-            planes[c][b->at] = w[0] * from[0] + w[1] * from[1] + w[2] * from[stride] + w[3] * from[stride + 1];
-        }
-        return;
-    }
     for (int c = 0; c < count; c++) {
-        const float *from = planes[c] + b->from;
-        float sum = 0.0f;
-        for (int k = 0; k < 4; k++)
-            if (w[k] > 0.0f)
-                sum += w[k] * from[k % 2 + k / 2 * stride];
-        planes[c][b->at] = sum;
+        const float *from = planes[c] + b->from, *above = from + a->stride;
+        planes[c][b->at] = least * from[0] + right * from[1] + up * above[0] + both * above[1];
     }
+}
+
+static inline void mend_border(const struct ts_atlas *a, const struct ts_fill *b, float *const *planes, int count)
+{
+    float sum[TS_PLANES] = { 0 };
+
+    for (const struct ts_part *part = a->parts + b->from; part < a->parts + b->from + b->parts; part++)
+        for (int c = 0; c < count; c++)
+            sum[c] += part->weight * planes[c][part->at];
+    for (int c = 0; c < count; c++)
+        planes[c][b->at] = sum[c];
+}
+
+static inline void fill_square(const struct pass *p, size_t square, int count)
+{
+    const struct ts_atlas *a = p->body->atlas;
+    float *planes[TS_PLANES];
+
+    for (int c = 0; c < count; c++)
+        planes[c] = p->planes[c];
+    for (size_t i = a->first_border[square]; i < a->first_mended[square] && a->fills[i].far <= p->far; i++) {
+        for (int c = 0; c < count; c++) {
+            __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].from);
+            __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].at, 1);
+        }
+        fill_border(a, &a->fills[i], planes, count);
+    }
+    for (size_t i = a->first_mended[square]; i < a->first_border[square + 1] && a->fills[i].far <= p->far; i++)
+        mend_border(a, &a->fills[i], planes, count);
 }
 
 static void fill_borders(void *arg, int chunk, int worker)
@@ -398,11 +402,12 @@ static void fill_borders(void *arg, int chunk, int worker)
 
     (void) worker;
     for (size_t s = (size_t) chunk * SQUARES; s < end; s++)
-        for (size_t i = a->first_border[s]; i < a->first_border[s + 1] && a->borders[i].far <= p->far; i++)
-            if (p->count == 4)
-                fill_border(a, &a->borders[i], p->planes, 4);
-            else
-                fill_border(a, &a->borders[i], p->planes, p->count);
+        if (p->count == 4)
+            fill_square(p, s, 4);
+        else if (p->count == 3)
+            fill_square(p, s, 3);
+        else
+            fill_square(p, s, p->count);
 }
 
 /* `far`: of borders those that are no further from charts. */
@@ -496,6 +501,12 @@ static void add_through(void *arg, int chunk, int worker)
         if (!(t->share[0] > 0.0f || t->share[1] > 0.0f || t->share[2] > 0.0f))
             continue;
         ts_read(p->body->atlas, &t->from, planes, 3, rgb);
+        if (t->part > 0.0f) {
+            float also[3];
+            ts_read(p->body->atlas, &t->also, planes, 3, also);
+            for (int c = 0; c < 3; c++)
+                rgb[c] += t->part * (also[c] - rgb[c]);
+        }
         for (int c = 0; c < 3; c++)
             out[c][t->at] += t->share[c] * rgb[c];
     }
@@ -594,9 +605,20 @@ static void start(struct pass *p, float *const *from, int planes)
 /* One level of the chain. */
 struct level {
     int number; /* in the profile */
-    bool still; /* not blurred */
-    struct blur blur;
+    bool blurs;
+    struct blur blur; /* where it doesn't, its weight counts alone */
 };
+
+/* Texels may be longer than what a blur adds: reading the map alone blurs more. */
+static bool reaches(const struct pass *p, const struct blur *b)
+{
+    const struct ts_state *st = p->st;
+    struct ts_work w = st->work;
+
+    w.before = (float) b->before;
+    w.after = (float) b->after;
+    return w.planes > 4 || st->kernels->reach(&w, st->least[0]) > 0.0f || st->kernels->reach(&w, st->least[1]) > 0.0f;
+}
 
 static int list_levels(const struct pass *p, bool local, struct level *out)
 {
@@ -614,10 +636,39 @@ static int list_levels(const struct pass *p, bool local, struct level *out)
         const bool still = p->st->knobs.first == TS_FIRST_UNBLURRED && i <= unblurred;
         if (none && (still || (profile->variance[i] - before) * finest < WEIGHTLESS_LEAST))
             continue;
-        out[count++] = (struct level){ i, still, { before, profile->variance[i], local && !none ? weight : NULL } };
+        out[count] = (struct level){ i, false, { before, profile->variance[i], local && !none && !still ? weight : NULL } };
+        out[count].blurs = !still && reaches(p, &out[count].blur);
         before = still ? before : profile->variance[i];
+        count++;
     }
     return count;
+}
+
+static const struct blur *next_blur(const struct level *levels, int from, int count)
+{
+    for (int i = from; i < count; i++)
+        if (levels[i].blurs)
+            return &levels[i].blur;
+    return NULL;
+}
+
+/* A level that blurs nothing. */
+static void sum_rows(void *arg, int band, int worker)
+{
+    const struct pass *p = arg;
+    const struct ts_state *st = p->st;
+    const struct ts_atlas *a = p->body->atlas;
+
+    (void) worker;
+    for (int y = band * ROWS; y < (band + 1) * ROWS && y < a->height; y++)
+        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
+            for (int c = 0; c < 3; c++) {
+                const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
+                const float *from = p->now[c] + at;
+                float *restrict sum = st->sum[c] + at;
+                for (int i = 0; i < (a->runs[r].to - a->runs[r].from) * TS_BLOCK; i++)
+                    sum[i] += st->work.weight[c] * from[i];
+            }
 }
 
 /* Blurs what is in st->light; `through`: and its alpha, and adds what comes through; `local`: adds what does not. */
@@ -626,24 +677,27 @@ static void chain(struct pass *p, bool local, bool through)
     struct ts_state *st = p->st;
     const int planes = through ? 4 : 3, chunks = (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
     struct level levels[TS_LEVELS];
-    const int count = list_levels(p, local, levels);
-    int number = 0;
-    int64_t texels;
+    int number = 0, count;
 
     start(p, st->light, planes);
+    count = list_levels(p, local, levels);
+    fill_for(p, next_blur(levels, 0, count), planes);
     for (int i = 0; i < count; i++) {
+        const struct blur *b = &levels[i].blur;
+        int64_t texels = 0;
         p->level = levels[i].number;
-        if (i == 0)
-            fill_for(p, levels[0].still ? NULL : &levels[0].blur, planes);
         if (through)
             pell_pool_run(st->pool, chunks, thin_out, p);
-        if (!levels[i].still) {
-            blur_planes(p, &levels[i].blur, &texels);
+        if (levels[i].blurs) {
+            blur_planes(p, b, &texels);
             if (through || i + 1 < count)
-                fill_for(p, i + 1 < count ? &levels[i + 1].blur : NULL, planes);
+                fill_for(p, next_blur(levels, i + 1, count), planes);
             note_time(st, level_name(number++), texels, 8 * texels * st->work.planes, 0);
-        } else if (i + 1 < count && !levels[i + 1].still) {
-            fill_for(p, &levels[i + 1].blur, planes);
+        } else if (b->weight) {
+            for (int c = 0; c < 3; c++)
+                st->work.weight[c] = (float) b->weight[c];
+            rows(p, p->body->atlas->height, sum_rows);
+            note_time(st, "unblurred", p->body->atlas->inner, 36 * p->body->atlas->inner, 0);
         }
         if (through) {
             pell_pool_run(st->pool, chunks, add_through, p);
@@ -784,11 +838,16 @@ static void store_rows(void *arg, int band, int worker)
     (void) worker;
     for (int y = band * ROWS; y < (band + 1) * ROWS && y < a->height; y++)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-            for (ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK; at < y * a->stride + a->runs[r].to * TS_BLOCK; at++) {
-                float *out = p->body->map + 4 * at;
-                for (int c = 0; c < 3; c++)
-                    out[c] = p->st->sum[c][at];
-                out[3] = a->key[at];
+            for (int b = a->runs[r].from; b < a->runs[r].to; b++) {
+                const ptrdiff_t first = y * a->stride + b * TS_BLOCK;
+                if (a->cells[(ptrdiff_t) y * a->blocks + b].near > READ_FAR)
+                    continue;
+                for (ptrdiff_t at = first; at < first + TS_BLOCK; at++) {
+                    float *out = p->body->map + 4 * at;
+                    for (int c = 0; c < 3; c++)
+                        out[c] = p->st->sum[c][at];
+                    out[3] = a->key[at];
+                }
             }
 }
 
@@ -805,7 +864,7 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
 
     st->clock = pell_seconds();
     rows(&p, a->height, clear_rows);
-    st->work = (struct ts_work) {
+    st->work = (struct ts_work){
         .width = a->width,
         .height = a->height,
         .blocks = a->blocks,
@@ -871,7 +930,7 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
         chain(&p, true, false);
     if (comes_through && st->knobs.soften)
         soften(&p);
-    fill(&p, st->sum, 3, TS_FAR - 1);
+    fill(&p, st->sum, 3, READ_FAR);
     rows(&p, a->height, store_rows);
     note_time(st, "start", a->inner, a->inner * 28, 0);
     return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
@@ -970,6 +1029,20 @@ static void gather_rows(void *arg, int band, int worker)
     atomic_fetch_add_explicit(&p->pixels, pixels, memory_order_relaxed);
 }
 
+/* Lights may come and go while the map stays: once for each number of them that is too many. */
+static void warn_of_lights(struct ts_state *st)
+{
+    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    size_t lights = 0;
+
+    for (size_t i = 0; i < scene->num_lights; i++)
+        lights += scene->lights[i].type != PELL_LIGHT_ENVIRONMENT;
+    if (lights > LIGHTS_MOST && lights != st->warned && st->knobs.tsm != TS_TSM_OFF)
+        pell_warn(st->ctx, "texture-space", "leave out the dimmest", "%zu lights, the first %d of them shine through thin parts", lights,
+                  LIGHTS_MOST);
+    st->warned = lights;
+}
+
 static enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct ts_state *st = state;
@@ -979,6 +1052,7 @@ static enum pell_result ts_render(void *state, const struct pell_frame *in, cons
     st->num_times = 0;
     if (st->lit != pell_renderer_lights(st->r)) {
         st->lit = 0;
+        warn_of_lights(st);
         for (size_t i = 0; i < st->bodies->count; i++)
             if (st->body[i].atlas)
                 PELL_TRY(light_body(st, i));

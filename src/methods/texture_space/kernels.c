@@ -110,8 +110,26 @@ static float reach(const struct ts_work *w, float length)
     return reach_of(on_grid1(w->after, length, w->grid) - on_grid1(w->before, length, w->grid));
 }
 
+/* What a row needs is asked for while the one before it is blurred: down columns there are more streams than machines follow alone. */
+INLINE void ask_for(const struct ts_work *w, ptrdiff_t index, int y, int axis, int reach, int planes)
+{
+    const int rest = w->height - 1 - y;
+    const ptrdiff_t next = index + (rest > 0 ? w->stride : 0), last = index + (rest > reach ? reach + 1 : rest) * w->stride;
+
+    for (int c = 0; c < planes; c++) {
+        __builtin_prefetch(w->from[c] + last, 0, 2);
+        __builtin_prefetch(w->to[c] + next, 1, 2);
+    }
+    __builtin_prefetch(w->length[axis] + last, 0, 2);
+    __builtin_prefetch(w->key + last, 0, 2);
+    __builtin_prefetch(w->tilt[axis] + next, 0, 2);
+    for (int c = 0; c < 3 && axis == 1 && w->sum[0]; c++)
+        __builtin_prefetch(w->sum[c] + next, 1, 2);
+}
+
 /* `low` and `high`: texels that lie before and behind the block's along the axis, which taps may reach. */
-INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrdiff_t index, int x, int axis, int low, int high, int planes)
+INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrdiff_t index, int x, int y, int axis, int low, int high,
+                       int planes)
 {
     const ptrdiff_t pitch = axis == 0 ? 1 : w->stride;
     const float add_most = on_grid1(w->after, cell->least[axis], w->grid) - on_grid1(w->before, cell->least[axis], w->grid);
@@ -133,6 +151,7 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
     count = reach < (float) (TAPS_MOST * stride) ? (int) (reach / (float) stride) : TAPS_MOST;
     count = count > 0 ? count : 1;
     leans = axis == 1 && fabsf(cell->lean) * reach >= 0.5f; /* under half a texel to the side all taps are upright */
+    ask_for(w, index, y, axis, axis == 1 ? count * stride : 0, planes);
     low = low / stride < count ? low / stride : count;
     high = high / stride < count ? high / stride : count;
     for (int part = 0; part < TS_BLOCK; part += WIDTH) {
@@ -180,9 +199,9 @@ INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
         if (cell->near > w->near)
             continue;
         if (w->planes == 3)
-            blur_block(w, cell, index, b * TS_BLOCK, axis, low, high, 3);
+            blur_block(w, cell, index, b * TS_BLOCK, y, axis, low, high, 3);
         else
-            blur_block(w, cell, index, b * TS_BLOCK, axis, low, high, 4);
+            blur_block(w, cell, index, b * TS_BLOCK, y, axis, low, high, 4);
         if (axis == 1 && w->sum[0])
             add_to_sum(w, index);
     }

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #define RATIO_MOST 4.0     /* of the variances of one blur and the next: section 5.1 */
-#define THROUGH_LEAST 1e-4 /* of the total: thicker parts are dark */
+#define THROUGH_LEAST 1e-5 /* of the total: thicker parts are dark */
 #define SLAB_LEAST 0.1     /* mm, the range of the spec's tables */
 #define SLAB_MOST 50.0
 

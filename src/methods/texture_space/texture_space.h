@@ -59,6 +59,15 @@ struct ts_border {
     int32_t first, parts; /* in place of the four: of the atlas's parts; 0 parts: the four */
 };
 
+/* What each blur needs of it, packed: all of them are read before each one. */
+struct ts_fill {
+    int32_t at, from; /* the texel; the lower left one of four; with parts the first of these */
+    uint16_t x, y;    /* of TS_WHOLE: where between the four */
+    uint8_t far, parts;
+};
+#define TS_WHOLE 65535.0f
+enum { TS_AHEAD = 12 }; /* how many are asked for before they are needed; so many lie behind the last one */
+
 /* One of the texels inside charts whose weighted sum a border beside a seam is: of its own chart, and of the others around its place. */
 struct ts_part {
     int32_t at;
@@ -91,10 +100,12 @@ struct ts_atlas {
     float *lean;               /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
     float *tilt[2];            /* what taps weigh more per texel along x, and at right angles: it makes up for how these lines bend */
     int64_t inner;             /* texels of charts, borders apart */
-    struct ts_border *borders; /* by squares of TS_BLOCK, in each those nearest to charts first */
+    struct ts_border *borders; /* while they are made */
+    struct ts_fill *fills;     /* of them, by squares of TS_BLOCK; in each those with parts last, else those nearest to charts first */
     size_t num_borders;
     struct ts_part *parts;
     size_t *first_border; /* of each square, and the end of the last one */
+    size_t *first_mended; /* the first with parts of each square */
     size_t num_squares;
     size_t within[TS_FAR];      /* borders no further than that */
     struct ts_run *runs;        /* blocks that hold anything, row by row */
@@ -221,6 +232,8 @@ void ts_profile_through(const struct ts_profile *p, int i, float d, float oppose
 struct ts_through_texel {
     int32_t at;           /* the texel C */
     struct ts_place from; /* A */
+    struct ts_place also; /* another A, whose light is `part` of it, [0, 1] */
+    float part;
     float m;              /* mm from C to A, straight */
     float apart;          /* the same along the surface in one chart, else straight, too */
     struct pell_vec3 normal;

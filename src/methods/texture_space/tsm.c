@@ -14,6 +14,7 @@ enum { CHUNK = 1024, FACES = 4096, PARTS_MOST = 16 };
 #define WIDEST 1.2f  /* half the view of a light that stands among the things */
 #define AWAY 4.0f    /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
 #define ASKEW 0.95f  /* a way that meets a face at a smaller cosine is no measure of the distance from it */
+#define GRAZING 0.15f/* a face that light meets at a smaller cosine is lit in part */
 #define DARK 1e-4f   /* a normal whose cosine against the light is under -DARK faces away whatever rounding does */
 #define OBLIQUE 4.0f /* rays go this many times the thickness at which nothing comes through */
 
@@ -169,6 +170,7 @@ static void pass_through(const struct task *t, ptrdiff_t at, const struct spot *
         out->apart = m;
         out->round = false;
     }
+    out->part = 0.0f;
     out->opposed = opposed;
     out->normal = s.normal;
     out->cosine = vec3_dot(s.normal, way);
@@ -431,20 +433,32 @@ static struct pell_vec3 to_face(const struct task *t, const struct ts_through_te
     return c->normal;
 }
 
+/* The less that end is lit the more the first one counts: at the edge of the light one goes over into the other. */
 static void end_at_face(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out)
 {
+    const float before = t->alpha[out->at];
     struct ts_through_texel other = *out;
+    struct pell_vec3 light;
     struct spot c;
-    float far;
+    float far, f;
     bool is;
 
     if (k->triangle[lane] == UINT32_MAX || !is_lit(t, k->triangle[lane], k->u[lane], k->v[lane]))
         return;
     c = spot_at(t->p->atlas, k->at[lane]);
-    pass_through(t, k->at[lane], &c, k->triangle[lane], k->u[lane], k->v[lane], k->light[lane], toward(t->p->light, c.at, &far), &other,
-                 &is);
-    if (is)
-        *out = other;
+    light = toward(t->p->light, c.at, &far);
+    pass_through(t, k->at[lane], &c, k->triangle[lane], k->u[lane], k->v[lane], k->light[lane], light, &other, &is);
+    if (!is)
+        return;
+    f = fminf(fmaxf(vec3_dot(other.normal, light) * (1.0f / GRAZING), 0.0f), 1.0f);
+    f *= f * (3.0f - 2.0f * f);
+    other.also = out->from;
+    other.part = 1.0f - f;
+    other.m = out->m + f * (other.m - out->m);
+    other.apart = out->apart + f * (other.apart - out->apart);
+    other.opposed = out->opposed + f * (other.opposed - out->opposed);
+    t->alpha[out->at] = before + f * (t->alpha[out->at] - before);
+    *out = other;
 }
 
 static void approach(void *arg, int chunk, int worker)
