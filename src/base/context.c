@@ -108,6 +108,8 @@ void pell_context_destroy(struct pell_context **ctx)
         return;
     *ctx = NULL;
     pthread_mutex_destroy(&c->log_lock);
+    if (c->files)
+        c->allocator.free(c->allocator.user, c->files);
     c->allocator.free(c->allocator.user, c);
 }
 

@@ -29,6 +29,11 @@ struct pell_context {
         const char *format;
         int count;
     } warned[PELL_WARNING_KINDS];
+    /* Files that were read: a hash table, at most half full, of devices and numbers, 0 and 0 where free; guarded by log_lock. */
+    struct pell_file_id {
+        uint64_t device, number;
+    } *files;
+    size_t num_files, file_slots;
 };
 
 #endif

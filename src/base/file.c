@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * file.c - whole files in and out, and the only place that decides which files a scene may refer to. */
 #define _XOPEN_SOURCE 700 /* realpath */
+#include "base/context.h"
 #include "base/file.h"
 
 #include <errno.h>
@@ -73,6 +74,61 @@ static int read_all(int fd, uint8_t *data, size_t size, size_t *got)
     return 0;
 }
 
+static struct pell_file_id *slot_of(struct pell_file_id *files, size_t slots, struct pell_file_id id)
+{
+    size_t i = (size_t) ((id.device * 31 + id.number) * 0x9e3779b97f4a7c15u >> 32) & (slots - 1);
+
+    while ((files[i].device || files[i].number) && (files[i].device != id.device || files[i].number != id.number))
+        i = (i + 1) & (slots - 1);
+    return &files[i];
+}
+
+/* Not by pell_alloc: it is no memory of whoever reads. */
+static enum pell_result remember(struct pell_context *ctx, const struct stat *st)
+{
+    const struct pell_file_id id = { (uint64_t) st->st_dev, (uint64_t) st->st_ino };
+    struct pell_file_id *slot;
+    enum pell_result res = PELL_OK;
+
+    pthread_mutex_lock(&ctx->log_lock);
+    if (2 * (ctx->num_files + 1) > ctx->file_slots) {
+        const size_t slots = ctx->file_slots ? 2 * ctx->file_slots : 64;
+        struct pell_file_id *grown = ctx->allocator.alloc(ctx->allocator.user, slots * sizeof(*grown));
+        res = grown ? PELL_OK : PELL_ERR_NOMEM;
+        if (grown)
+            memset(grown, 0, slots * sizeof(*grown));
+        for (size_t i = 0; grown && i < ctx->file_slots; i++)
+            *slot_of(grown, slots, ctx->files[i]) = ctx->files[i];
+        if (grown && ctx->files)
+            ctx->allocator.free(ctx->allocator.user, ctx->files);
+        ctx->files = grown ? grown : ctx->files;
+        ctx->file_slots = grown ? slots : ctx->file_slots;
+    }
+    if (res == PELL_OK) {
+        slot = slot_of(ctx->files, ctx->file_slots, id);
+        ctx->num_files += !(slot->device || slot->number);
+        *slot = id;
+    }
+    pthread_mutex_unlock(&ctx->log_lock);
+    return res == PELL_OK ? PELL_OK : pell_error(ctx, res, NULL, NULL, "there is no memory for the list of files");
+}
+
+bool pell_file_was_read(struct pell_context *ctx, const char *path)
+{
+    struct pell_file_id id;
+    struct stat st;
+    bool found = false;
+
+    if (stat(path, &st) != 0)
+        return false;
+    id = (struct pell_file_id) { (uint64_t) st.st_dev, (uint64_t) st.st_ino };
+    pthread_mutex_lock(&ctx->log_lock);
+    if (ctx->files)
+        found = slot_of(ctx->files, ctx->file_slots, id)->number != 0;
+    pthread_mutex_unlock(&ctx->log_lock);
+    return found;
+}
+
 enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint8_t **data, size_t *size)
 {
     const int64_t limit = pell_context_limits(ctx)->file_bytes;
@@ -105,6 +161,9 @@ enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint
                          "has %lld bytes, allowed are %lld", (long long) st.st_size, (long long) limit);
         goto fail;
     }
+    res = remember(ctx, &st);
+    if (res != PELL_OK)
+        goto fail;
     wanted = (size_t) st.st_size;
     bytes = pell_alloc(ctx, wanted + 1);
     if (!bytes) {

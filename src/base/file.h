@@ -13,6 +13,9 @@
  * *size does not count. */
 PELL_NODISCARD enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
 
+/* Whether pell_file_read has read the file that `path` names, by whatever name: who writes there would destroy what was read. */
+bool pell_file_was_read(struct pell_context *ctx, const char *path);
+
 /* Replaces `path` by these bytes, or leaves it as it was: written under a temporary name in the same folder, then renamed. "-" writes
  * to standard output. */
 PELL_NODISCARD enum pell_result pell_file_write(struct pell_context *ctx, const char *path, const void *data, size_t size);

@@ -449,7 +449,9 @@ enum exit_code check_layers(struct cli *cli, const struct pell_scene *scene, jso
     memset(s, 0, sizeof(*s));
     s->cli = cli;
     s->scene = scene;
-    code = cut(s, answer);
+    code = cli_spare_input(cli, "--cross-section", cli->check.cross_section);
+    if (code == EXIT_OK)
+        code = cut(s, answer);
     pell_free(cli->ctx, s);
     return code;
 }

@@ -125,6 +125,8 @@ void cli_format_knobs(const struct pell_knob *knobs, const void *values, char *t
 
 /* A usage error: printed (or kept for JSON), EXIT_USAGE. */
 enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, const char *fmt, ...) PELL_PRINTF(4, 5);
+/* EXIT_OK unless a file that has been read lies at `path`, by whatever name: a scene's texture, a mesh. `option` names the output. */
+enum exit_code cli_spare_input(struct cli *cli, const char *option, const char *path);
 /* What a failed library call means for the exit code. */
 enum exit_code cli_failed(struct cli *cli, enum pell_result result);
 void cli_message(void *cli, const struct pell_message *message);

@@ -103,8 +103,8 @@ static json_t *object_json(const struct pell_object_report *o)
 
 static json_t *problem_json(const struct pell_problem *p)
 {
-    return json_pack("{s:s,s:o,s:o,s:s}", "severity", severities[p->severity], "where", cli_text(p->where), "what", cli_text(p->what), "hint",
-                     "");
+    return json_pack("{s:s,s:o,s:o,s:s}", "severity", severities[p->severity], "where", cli_text(p->where), "what", cli_text(p->what),
+                     "hint", "");
 }
 
 static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scene, const struct pell_scene_report *r, json_t *section)

@@ -716,6 +716,8 @@ enum exit_code command_profile(struct cli *cli)
         code = make_fits(cli, &job);
     if (code == EXIT_OK && pell_cancelled(cli->ctx))
         code = EXIT_INTERRUPTED;
+    if (code == EXIT_OK && cli->output)
+        code = cli_spare_input(cli, "--output", cli->output);
     if (code == EXIT_OK && cli->output && !cli->profile.csv && !cli->profile.export)
         code = profile_plot(cli, &job);
     if (code == EXIT_OK && !(cli->output && (cli->profile.csv || cli->profile.export)))

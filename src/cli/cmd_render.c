@@ -135,8 +135,12 @@ static void print_stats(const struct pell_picture *p)
 
 static enum exit_code render_one(struct cli *cli, struct job *job, const char *path)
 {
-    enum pell_result res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->picture);
+    enum exit_code code;
+    enum pell_result res;
 
+    if ((code = cli_spare_input(cli, "--output", path)) != EXIT_OK)
+        return code;
+    res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->picture);
     cli_progress_end(cli);
     if (res == PELL_OK)
         res = session_write(cli, &job->session, &job->picture, path, job->format, job->scene_hash, job->materials_hash);

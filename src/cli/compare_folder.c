@@ -54,6 +54,11 @@ enum pell_result folder_commit(struct output_folder *f)
     const mode_t mask = umask(0);
 
     umask(mask);
+    for (size_t i = 0; i < f->count; i++) {
+        snprintf(to, sizeof(to), "%s/%s", f->path, f->files[i]);
+        if (pell_file_was_read(f->ctx, to))
+            return pell_error(f->ctx, PELL_ERR_INVALID, "--output", "name another folder", "\"%s\" is one of the files that were read", to);
+    }
     if (!f->there && chmod(f->partial, 0777 & ~mask) == 0 && rename(f->partial, f->path) == 0) {
         f->partial[0] = '\0';
         return PELL_OK;

@@ -65,9 +65,9 @@ static const struct command commands[] = {
       "the bench folder (screen-space) or a scene file of your own; or profiles: fits, layers and R(r); or truth: the references at equal "
       "error; or mertens: image-space by samples, size and radius; or munoz-2, munoz-3, "
       "munoz-5: convolution by threshold, resolution, planes; or deon-1: texture-space by resolution and lights; or "
-      "francois-2: layered by samples and lamps. Those choose their methods and samples: -m, --set and --samples are refused; mertens, deon-1 "
-      "and francois-2 choose the size of the picture, too, deon-1 the --ambient-samples and truth the seeds; profiles renders nothing and "
-      "takes no option of rendering.\n",
+      "francois-2: layered by samples and lamps. Those choose their methods and samples: -m, --set and --samples are refused; mertens, "
+      "deon-1 and francois-2 choose the size of the picture, too, deon-1 the --ambient-samples and truth the seeds; profiles renders "
+      "nothing and takes no option of rendering.\n",
       "  pellucid bench\n"
       "  pellucid bench screen-space --threads 1 --json\n"
       "  pellucid bench profiles\n"

@@ -2,6 +2,8 @@
  * report.c - messages, progress, JSON and exit codes. */
 #include "cli/cli.h"
 
+#include "base/file.h"
+
 #include <math.h>
 #include <poll.h>
 #include <signal.h>
@@ -144,7 +146,8 @@ void cli_message(void *user, const struct pell_message *m)
         json_array_append_new(cli->warnings, json_string(text));
     }
     if (m->level == PELL_LOG_WARNING && cli->collected) {
-        json_array_append_new(cli->collected, json_pack("{s:s,s:s,s:s,s:s}", "severity", "warning", "where", where, "what", what, "hint", hint));
+        json_array_append_new(cli->collected,
+                              json_pack("{s:s,s:s,s:s,s:s}", "severity", "warning", "where", where, "what", what, "hint", hint));
         return;
     }
     if (strcmp(where, STDOUT_NAME) == 0 && cli_reader_left())
@@ -165,6 +168,13 @@ enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, c
     va_end(args);
     cli_message(cli, &m);
     return EXIT_USAGE;
+}
+
+enum exit_code cli_spare_input(struct cli *cli, const char *option, const char *path)
+{
+    if (strcmp(path, "-") == 0 || !pell_file_was_read(cli->ctx, path))
+        return EXIT_OK;
+    return cli_usage(cli, option, "give it another name", "\"%s\" is one of the files that were read", path);
 }
 
 /* Whose fault an invalid value is: the command line's where an option holds it, or where the hint names an option that is missing; else

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * connect_find.h - the hierarchy over a body's triangles in which connections are looked for (connect.c), 16 children a node, and the
+ * connect_find.h - the hierarchy over a body's triangles in which connections are looked for (connect_tree.c), 16 children a node, and the
  * kernel that goes through it (connect_find.c).
  */
 #ifndef PELL_CONNECT_FIND_H

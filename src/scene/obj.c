@@ -174,6 +174,9 @@ static enum pell_result bad_reference(struct obj *o, const char *what, int64_t v
 {
     struct pell_text text;
 
+    if (count == 0)
+        return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL, "the face refers to %s %lld before there is one", what,
+                          (long long) value);
     return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL, "the face refers to %s %lld, allowed: 1 to %zu, or -1 to -%zu", what,
                       (long long) value, count, count);
 }

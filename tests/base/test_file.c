@@ -451,6 +451,38 @@ static void references_stay_in_their_folder(void **state)
     resolve(f, root, inner, true, PELL_OK, inner);
 }
 
+static void files_that_were_read_are_known(void **state)
+{
+    struct fixture *f = *state;
+    char path[1100], other[1100], link_to[1100];
+
+    for (int i = 0; i < 100; i++) { /* more than the table holds at first */
+        uint8_t *data;
+        size_t size;
+        snprintf(path, sizeof(path), "%s/read-%d", f->folder, i);
+        snprintf(other, sizeof(other), "%s/other-%d", f->folder, i);
+        snprintf(link_to, sizeof(link_to), "%s/link-%d", f->folder, i);
+        assert_int_equal(pell_file_write(f->ctx, path, "a", 1), PELL_OK);
+        assert_int_equal(pell_file_write(f->ctx, other, "b", 1), PELL_OK);
+        assert_int_equal(link(path, link_to), 0);
+        assert_false(pell_file_was_read(f->ctx, path));
+        assert_int_equal(pell_file_read(f->ctx, path, &data, &size), PELL_OK);
+        pell_free(f->ctx, data);
+    }
+    for (int i = 0; i < 100; i++) {
+        snprintf(path, sizeof(path), "%s/read-%d", f->folder, i);
+        snprintf(other, sizeof(other), "%s/other-%d", f->folder, i);
+        snprintf(link_to, sizeof(link_to), "%s/link-%d", f->folder, i);
+        assert_true(pell_file_was_read(f->ctx, path));
+        assert_true(pell_file_was_read(f->ctx, link_to));
+        assert_false(pell_file_was_read(f->ctx, other));
+        unlink(path);
+        unlink(other);
+        unlink(link_to);
+    }
+    assert_false(pell_file_was_read(f->ctx, path));
+}
+
 static void reference_of_any_length_is_safe(void **state)
 {
     struct fixture *f = *state;
@@ -525,6 +557,7 @@ int main(void)
         TEST(write_that_is_cancelled_leaves_the_old_file),
         TEST(write_to_standard_output_is_whole_through_a_pipe),
         TEST(references_stay_in_their_folder),
+        TEST(files_that_were_read_are_known),
         TEST(reference_of_any_length_is_safe),
         TEST(current_folder_is_a_root_too),
         TEST(paths_fall_apart_right),

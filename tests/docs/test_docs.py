@@ -309,6 +309,8 @@ MESSAGES = {
     'no scattering can be seen': ['render', 'bunny.obj', '--size', '9m', *SMALL],
     'no material is translucent': [SCENE, {'materials': {'*': {'opaque': True}}}],
     'no material is called': [SCENE, {'materials': {'Skim': {'preset': 'skin'}}}],
+    "can't be used and is left out": [SCENE, {'materials': {'*': {'preset': 'marble', 'textures': {'baseColor': 'a.xyz'}}}}],
+    'nothing is in view': ['render', 'flat.obj', '--size', '70mm', *SMALL],
     'names no material: marble is used': ['check', *BALL],
     'OBJ files do not say how large they are': ['check', 'bunny.obj'],
     'has no unit, so it could mean anything': ['check', 'bunny.obj', '--size', '70'],
@@ -319,6 +321,8 @@ MESSAGES = {
     'has sigma_s without g': [SCENE, {'materials': {'*': {'sigma_a': [1, 1, 1], 'sigma_s': [1, 1, 1]}}}],
     "leads out of the scene's folder": [SCENE, {'mesh': '../bunny.obj'}],
     'a length without a unit could mean anything': [SCENE, {'materials': {'*': {'color': [1, 1, 1], 'mean_free_path': 1}}}],
+    "can't be read": [SCENE, {'background': {'image': 'a.xyz'}}],
+    'is one of the files that were read': ['render', 'scene.json', '--format', 'png', '-o', 'bunny.obj', *SMALL],
     'is the environment, but no light is one': [SCENE, {'background': 'environment'}],
     'must have depth_scale': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1], 'sigma_t': [2, 2, 2], 'depth': 'a.png#r'}]}}}],
     'must have two of sigma_a, sigma_s and sigma_t': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1]}]}}}],
@@ -337,6 +341,7 @@ def _(folder):
     need(told == set(MESSAGES), 'differ:', sorted(told ^ set(MESSAGES)))
     mesh = (folder / 'bunny.obj').read_text('ascii').splitlines(True)
     (folder / 'open.obj').write_text(''.join(mesh[:-20]), 'ascii')
+    (folder / 'flat.obj').write_text('v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n', 'ascii')
     (folder / 'a.xyz').write_text('0 0 0\n', 'ascii')
     for message, arguments in MESSAGES.items():
         if arguments[0] is SCENE:

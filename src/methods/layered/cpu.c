@@ -46,6 +46,33 @@ static void layered_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
+/* The middles of a plain sum's steps pass over what is thinner than a step. */
+static void warn_of_steps(const struct layered_state *st, const struct pell_material *m)
+{
+    struct pell_layer_measure measure[PELL_LAYERS_MOST];
+    double deepest = 0.0, thinnest = (double) INFINITY, above = 0.0;
+    const char *name = "";
+    char shown[96], layer[96];
+
+    if (st->knobs.march != LAYERED_SUM || m->num_layers < 2)
+        return;
+    pell_scene_layers_measure(m, measure);
+    for (int i = 0; i < m->num_layers && isfinite(measure[i].max); i++) {
+        const double thick = measure[i].mean - above;
+        if (thick > 0.0 && thick < thinnest) {
+            thinnest = thick;
+            name = m->layers[i].name;
+        }
+        above = measure[i].mean;
+        deepest = fmax(deepest, measure[i].max);
+    }
+    if (deepest > thinnest * st->knobs.samples)
+        pell_warn(st->ctx, "layered", "raise samples, or march=exponential, which sees every layer",
+                  "steps of %.3g mm pass over layer \"%s\" of \"%s\", which is %.3g mm thick: march=sum wants more than %.0f samples",
+                  deepest / st->knobs.samples, pell_printable(name, layer, sizeof(layer)), pell_printable(m->name, shown, sizeof(shown)),
+                  thinnest, ceil(deepest / thinnest));
+}
+
 static enum pell_result make_media(struct layered_state *st, const struct pell_scene *scene)
 {
     enum pell_result res = PELL_ERR_NOMEM;
@@ -62,6 +89,7 @@ static enum pell_result make_media(struct layered_state *st, const struct pell_s
         if (!layered_scatters(scene, mesh) || st->strata[mesh->material])
             continue;
         m = &scene->materials[mesh->material];
+        warn_of_steps(st, m);
         medium = &st->media[mesh->material];
         st->strata[mesh->material] = pell_alloc(st->ctx, sizeof(**st->strata));
         if (!st->strata[mesh->material])
