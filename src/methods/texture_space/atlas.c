@@ -23,6 +23,7 @@
 #define JOIN_COSINE 0.3f   /* where they face these at least so much */
 #define COVERED_PLANAR 0.6 /* of the map by planar charts, at most */
 #define APART 4.0          /* texels between what lies in front of each other */
+#define COVER_MOST 2048    /* texels a side that this is looked for on */
 #define ROUNDS_MOST 64
 #define SIZE_MOST 16384    /* texels, a side */
 #define BORDER_WORK 1024.0 /* texels looked at for borders, per texel of the map */
@@ -348,7 +349,7 @@ struct cover {
 static enum pell_result make_cover(const struct build *b, struct cover *g)
 {
     struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
-    const double most = 1.5 * COVERED_PLANAR * (double) b->p->size * (double) b->p->size;
+    const double side = b->p->size < COVER_MOST ? b->p->size : COVER_MOST, most = 1.5 * COVERED_PLANAR * side * side;
 
     for (g->mask = 1024; (double) g->mask < most;)
         g->mask *= 2;
@@ -364,7 +365,7 @@ static enum pell_result make_cover(const struct build *b, struct cover *g)
         }
     }
     g->middle = vec3_mul(vec3_add(low, high), 0.5f);
-    g->scale = sqrt(COVERED_PLANAR / b->total_area) * b->p->size;
+    g->scale = sqrt(COVERED_PLANAR / b->total_area) * side;
     g->radius = (double) vec3_length(vec3_sub(high, g->middle)) * g->scale + 2.0;
     return g->texel && g->depth ? PELL_OK : PELL_ERR_NOMEM;
 }
@@ -458,7 +459,7 @@ static void grow_chart(struct build *b, struct cover *g, uint32_t seed, struct f
         a->chart[seed] = c->number;
         if (round == 1)
             cover_triangle(b, g, seed, c, true);
-        for (uint32_t i = 0; i < n; i++)
+        for (uint32_t i = 0; i < n && !pell_cancelled(b->ctx); i++)
             for (uint32_t h = 3 * order[i]; h < 3 * order[i] + 3; h++) {
                 const uint32_t t = neighbour(b, h);
                 if (t == NONE || a->chart[t] || vec3_dot(face_normal(b, t), c->axis) < (float) CHART_COSINE ||
@@ -573,6 +574,9 @@ static enum pell_result lay_out_planar(struct build *b, uint32_t *order)
             (struct flat_chart){ .number = (int32_t) count + 1, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY } };
         grow_chart(b, &cover, seed, &charts[count++], order);
     }
+    res = PELL_ERR_CANCELLED;
+    if (pell_cancelled(b->ctx))
+        goto fail;
     join_small(b, &cover, charts);
     count = flatten_charts(b, charts, count);
     a->num_charts = (int) count;
@@ -885,11 +889,10 @@ static bool take_nearest(const struct ts_atlas *a, const struct ts_place *p, str
     return least < INFINITY;
 }
 
-/* Adds the border texel `at`, where texels of the chart itself say what is at the place. One that is left out is a hole that a row of taps
+/* The border texel `at`, where texels of the chart itself say what is at the place. One that is left out is a hole that a row of taps
  * falls into: triangles narrower than texels, which have none, take the nearest. */
-static bool take_border(struct ts_atlas *a, ptrdiff_t at, const struct ts_place *p)
+static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_place *p, struct ts_border *border)
 {
-    struct ts_border *border = &a->borders[a->num_borders];
     float sum = 0.0f;
 
     if (p->at < 0)
@@ -902,10 +905,7 @@ static bool take_border(struct ts_atlas *a, ptrdiff_t at, const struct ts_place 
     }
     for (int k = 0; k < 4; k++)
         border->weight[k] = sum > 1e-3f ? border->weight[k] / sum : 0.0f;
-    if (!(sum > 1e-3f) && !take_nearest(a, p, border))
-        return false;
-    a->num_borders++;
-    return true;
+    return sum > 1e-3f || take_nearest(a, p, border);
 }
 
 /* Texels and the nearest edge at which a chart ends but the surface goes on. */
@@ -1131,6 +1131,67 @@ static struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triangle, flo
     return at;
 }
 
+/* Texels beside the charts, each with its nearest edge. */
+struct beside {
+    struct build *b;
+    const uint32_t *edge;
+    size_t *first; /* per row: where its borders begin */
+    int *count;    /* and how many there are: only texels of charts are read, so that rows go by themselves */
+};
+
+/* What lies beyond its edge becomes of a texel. */
+static bool cross_edge(struct build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_place *place)
+{
+    struct ts_atlas *a = b->a;
+    const ptrdiff_t at = y * a->stride + x;
+    const uint32_t t = h / 3;
+    const float *c = a->corners[t], *e0 = c + 2 * (h % 3), *e1 = c + 2 * ((h + 1) % 3);
+    const float ex = e1[0] - e0[0], ey = e1[1] - e0[1], l2 = ex * ex + ey * ey;
+    float s = l2 > 0.0f ? (((float) x + 0.5f - e0[0]) * ex + ((float) y + 0.5f - e0[1]) * ey) / l2 : 0.5f;
+    double inner[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }, from[2], way[2]; /* just inside */
+    struct pell_vec3 p[3];
+    struct metric m;
+    struct flat f;
+    uint32_t to = t;
+
+    if (!flatten(c, &f))
+        return false;
+    s = fminf(fmaxf(s, 0.0f), 1.0f);
+    inner[h % 3] += (1.0 - 1e-3) * (1.0 - (double) s);
+    inner[(h + 1) % 3] += (1.0 - 1e-3) * (double) s;
+    from[0] = inner[1];
+    from[1] = inner[2];
+    way[0] = f.u[0] + f.u[1] * (x + 0.5) + f.u[2] * (y + 0.5) - from[0];
+    way[1] = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5) - from[1];
+    corner_points(a, t, p);
+    m = metric_of(a, t, &f);
+    if (!ts_atlas_walk(a, &to, from,
+                       vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]))))
+        return false;
+    *place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
+    if (!take_border(a, at, place, border))
+        return false;
+    b->place[at] = spot_of(a, to, (float) from[0], (float) from[1]);
+    a->key[at] = (float) a->chart[t];
+    set_metric(a, at, &m);
+    return true;
+}
+
+static void cross_row(void *arg, int y, int worker)
+{
+    const struct beside *beside = arg;
+    struct build *b = beside->b;
+    size_t next = beside->first[y];
+    (void) worker;
+
+    for (int x = 0; x < b->a->width; x++) {
+        const uint32_t h = beside->edge[y * b->a->stride + x];
+        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_place[next]))
+            next++;
+    }
+    beside->count[y] = (int) (next - beside->first[y]);
+}
+
 /* For each texel beside the charts the nearest edge at which a chart ends but the surface goes on, and what lies there. */
 static enum pell_result find_borders(struct build *b)
 {
@@ -1141,6 +1202,7 @@ static enum pell_result find_borders(struct build *b)
     uint32_t *edge = pell_alloc_array(b->ctx, a->size, sizeof(*edge)), *edges = NULL;
     size_t count = 0, room = 0;
     struct nearest nearest = { .b = b, .distance2 = near, .edge = edge };
+    struct beside beside = { .b = b, .edge = edge };
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!near || !edge)
@@ -1163,65 +1225,34 @@ static enum pell_result find_borders(struct build *b)
     if (pell_cancelled(b->ctx))
         goto fail;
     res = PELL_ERR_NOMEM;
-    for (int y = 0; y < a->height; y++)
+    beside.first = pell_alloc_array(b->ctx, (size_t) a->height, sizeof(*beside.first));
+    beside.count = pell_calloc(b->ctx, (size_t) a->height, sizeof(*beside.count));
+    if (!beside.first || !beside.count)
+        goto fail;
+    for (int y = 0; y < a->height; y++) {
+        beside.first[y] = count;
         for (int x = 0; x < a->width; x++)
             count += edge[y * a->stride + x] != NONE;
+    }
     a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
     b->border_place = pell_alloc_array(b->ctx, count + 1, sizeof(*b->border_place));
     if (!a->borders || !b->border_place)
         goto fail;
+    pell_pool_run(b->p->pool, a->height, cross_row, &beside);
     res = PELL_ERR_CANCELLED;
+    if (pell_cancelled(b->ctx))
+        goto fail;
     for (int y = 0; y < a->height; y++) {
-        if (pell_cancelled(b->ctx))
-            goto fail;
-        for (int x = 0; x < a->width; x++) {
-            const ptrdiff_t at = y * a->stride + x;
-            const uint32_t h = edge[at];
-            uint32_t t = h / 3, to = t;
-            struct pell_vec3 p[3];
-            struct flat f;
-            struct metric m;
-            float s, l2, ex, ey;
-            double u, v, from[2], way[2];
-            struct ts_place place;
-            if (h == NONE || !flatten(a->corners[t], &f))
-                continue;
-            {
-                const float *c = a->corners[t], *e0 = c + 2 * (h % 3), *e1 = c + 2 * ((h + 1) % 3);
-                ex = e1[0] - e0[0];
-                ey = e1[1] - e0[1];
-                l2 = ex * ex + ey * ey;
-                s = l2 > 0.0f ? (((float) x + 0.5f - e0[0]) * ex + ((float) y + 0.5f - e0[1]) * ey) / l2 : 0.5f;
-                s = fminf(fmaxf(s, 0.0f), 1.0f);
-            }
-            u = f.u[0] + f.u[1] * (x + 0.5) + f.u[2] * (y + 0.5);
-            v = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5);
-            {
-                double c[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }; /* just inside */
-                c[h % 3] += (1.0 - 1e-3) * (1.0 - (double) s);
-                c[(h + 1) % 3] += (1.0 - 1e-3) * (double) s;
-                from[0] = c[1];
-                from[1] = c[2];
-            }
-            way[0] = u - from[0];
-            way[1] = v - from[1];
-            corner_points(a, t, p);
-            m = metric_of(a, t, &f);
-            if (!ts_atlas_walk(a, &to, from,
-                               vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]))))
-                continue;
-            place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
-            if (!take_border(a, at, &place))
-                continue;
-            b->border_place[a->num_borders - 1] = place;
-            b->place[at] = spot_of(a, to, (float) from[0], (float) from[1]);
-            a->key[at] = (float) a->chart[t];
-            set_metric(a, at, &m);
-        }
+        const size_t n = (size_t) beside.count[y];
+        memmove(a->borders + a->num_borders, a->borders + beside.first[y], n * sizeof(*a->borders));
+        memmove(b->border_place + a->num_borders, b->border_place + beside.first[y], n * sizeof(*b->border_place));
+        a->num_borders += n;
     }
     res = PELL_OK;
 
 fail:
+    pell_free(b->ctx, beside.first);
+    pell_free(b->ctx, beside.count);
     pell_free(b->ctx, near);
     pell_free(b->ctx, edge);
     pell_free(b->ctx, edges);
