@@ -29,7 +29,7 @@ struct pell_raster_view {
 struct pell_raster;
 
 /* For pictures of a size. The scene is borrowed; its meshes may not change while the raster lives. *out is NULL, with PELL_OK, where rays
- * do better or memory is short: alpha cuts holes into a surface, or there are more triangles than pixels. */
+ * do better or memory is short: alpha cuts holes into a surface, or there are over one and a half triangles a pixel. */
 PELL_NODISCARD enum pell_result pell_raster_create(struct pell_context *ctx, const struct pell_scene *scene, int width, int height,
                                                    struct pell_raster **out);
 void pell_raster_destroy(struct pell_raster **raster);

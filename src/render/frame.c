@@ -164,7 +164,7 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_view 
     struct pell_frame_light out = { .light = { r->light[0], r->light[1], r->light[2] } };
     const struct pell_plan *plan;
     struct remap_task remap = { r, view, r->material, NULL };
-    struct pell_pass_time times[24];
+    struct pell_pass_time times[MAX_STAGES];
     double start = pell_seconds();
     size_t n;
     enum pell_result res;

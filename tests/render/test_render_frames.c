@@ -404,6 +404,33 @@ static void a_picture_has_no_history(void **state)
     stage_finish(&old);
 }
 
+/* What lay beside the thing in the frame before is gone, however near its depth is. */
+static void a_method_sees_nothing_of_the_frame_before(void **state)
+{
+    struct stage s[2];
+    struct shot shot[2];
+    size_t marble;
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        stage_start(&s[k], 160, 160);
+        stage_gaussians(&s[k], 1.0, &marble);
+        stage_box(&s[k], marble, 0, vec3(-20, -20, -40), vec3(20, 20, 0));
+        stage_light(&s[k], PELL_LIGHT_POINT, vec3(0, -40, 200), vec3(0, 0, 0), 100.0f);
+        stage_camera(&s[k], vec3(0, k ? 6 : 0, 100), vec3(0, k ? 6 : 0, 0), 0.0f, 60.0f);
+        stage_method(&s[k], "screen-space", NULL);
+    }
+    stage_render(&s[1]);
+    stage_camera(&s[1], vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 60.0f);
+    for (int k = 0; k < 2; k++)
+        shot[k] = stage_shot(&s[k]);
+    REQUIRE(shot_equal(&shot[0], &shot[1]));
+    for (int k = 0; k < 2; k++) {
+        shot_free(&shot[k]);
+        stage_finish(&s[k]);
+    }
+}
+
 /* The scene's camera is the one thing that may change between frames: its angle, too. */
 static void a_camera_may_zoom_between_frames(void **state)
 {
@@ -542,6 +569,34 @@ static void what_is_missing_is_named(void **state)
     pell_scene_destroy(&empty);
     pell_renderer_destroy(&s.r);
     pell_renderer_destroy(&s.r); /* of NULL */
+    stage_finish(&s);
+}
+
+/* Blocks of pixels that a thing covers in part are another way's work than empty ones. */
+static void a_background_of_one_colour_is_shown_flat(void **state)
+{
+    struct stage s;
+    size_t paint;
+
+    (void) state;
+    stage_start(&s, 96, 64);
+    stage_opaque(&s, 0.5f, &paint);
+    stage_ball(&s, paint, 0, vec3(0, 0, 0), 10.0f, 12);
+    stage_light(&s, PELL_LIGHT_POINT, vec3(0, -40, 200), vec3(0, 0, 0), 100.0f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
+    stage_method(&s, "none", NULL);
+    s.scene->background = PELL_BACKGROUND_COLOR;
+    s.settings.exposure = 0.0f;
+    for (int i = 1; i < 60; i++) {
+        struct shot a;
+        for (int c = 0; c < 3; c++)
+            s.scene->background_color[c] = 0.015f * (float) i * (1.0f - 0.2f * (float) c);
+        a = stage_shot(&s);
+        for (size_t k = 0; k < 3 * a.size; k++)
+            if (a.data[SHOT_A * a.size + k % a.size] == 0.0f)
+                REQUIRE(a.data[SHOT_SHOWN * a.size + k] == a.data[SHOT_SHOWN * a.size + k / a.size * a.size]);
+        shot_free(&a);
+    }
     stage_finish(&s);
 }
 
@@ -786,10 +841,12 @@ int main(void)
         cmocka_unit_test(the_same_bits_on_any_number_of_threads),
         cmocka_unit_test(renderers_share_a_scene),
         cmocka_unit_test(a_picture_has_no_history),
+        cmocka_unit_test(a_method_sees_nothing_of_the_frame_before),
         cmocka_unit_test(a_camera_may_zoom_between_frames),
         cmocka_unit_test(settings_out_of_range_are_refused),
         cmocka_unit_test(cameras_that_show_nothing_are_refused),
         cmocka_unit_test(what_is_missing_is_named),
+        cmocka_unit_test(a_background_of_one_colour_is_shown_flat),
         cmocka_unit_test(a_scene_without_things_is_its_background),
         cmocka_unit_test(cancelling_ends_a_frame_soon),
         cmocka_unit_test(a_method_needs_only_three_functions),

@@ -387,10 +387,10 @@ static void run_load(void *arg, int index, int worker)
     band->seen = (struct ss_seen) { 0 };
     for (int y = y0; y < y1; y++) {
         struct ss_seen seen;
-        float *const planes[3] = { w->key, w->length[0], w->length[1] };
+        float *const planes[4] = { w->key, w->depth, w->length[0], w->length[1] };
 
         /* Nothing of the frame before may be seen beside the rectangle. */
-        for (int i = 0; i < 3; i++) {
+        for (int i = 0; i < 4; i++) {
             memset(planes[i] + y * w->stride + (w->block0 - 1) * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
             memset(planes[i] + y * w->stride + w->block1 * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
         }
@@ -520,10 +520,13 @@ static struct ss_seen load(struct ss_state *st)
     const struct pell_rect *rect = &w->in->rect;
     const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND;
     const size_t width = (size_t) (w->block1 - w->block0) * SS_BLOCK * sizeof(float);
+    float *const planes[2] = { w->key, w->depth }; /* that a row's neighbours are asked for */
     struct ss_seen all = { 0 };
 
-    memset(w->key + (rect->y0 - 1) * w->stride + w->block0 * SS_BLOCK, 0, width);
-    memset(w->key + rect->y1 * w->stride + w->block0 * SS_BLOCK, 0, width);
+    for (int i = 0; i < 2; i++) {
+        memset(planes[i] + (rect->y0 - 1) * w->stride + w->block0 * SS_BLOCK, 0, width);
+        memset(planes[i] + rect->y1 * w->stride + w->block0 * SS_BLOCK, 0, width);
+    }
     pell_pool_run(st->pool, bands, run_load, st);
     for (int i = 0; i < bands; i++) {
         const struct ss_seen *s = &st->bands[i].seen;

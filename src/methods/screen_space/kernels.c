@@ -183,12 +183,13 @@ INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *
 /* Whether a line of taps stays in smooth blocks. Those of a leaning line are within the columns that it runs through. */
 INLINE bool is_clear(const struct ss_work *w, int block, int axis, const struct ss_cell *cell, float lean, float reach)
 {
-    const int beside = (int) (fabsf(lean) * reach * (1.0f / SS_BLOCK)) + 1;
+    int beside;
 
     if (!(reach < (float) cell->clear[axis]))
         return false;
     if (axis == 0 || lean == 0.0f)
         return true;
+    beside = (int) (fabsf(lean) * reach * (1.0f / SS_BLOCK)) + 1;
     if (block - beside < w->block0 || block + beside >= w->block1)
         return false;
     for (int k = -beside; k <= beside; k++)

@@ -183,7 +183,7 @@ static void prepare_background(struct task *t)
     const enum pell_background kind = scene->background;
     const float curve = t->curve ? 1.0f : 0.0f;
     struct pell_post_tone *tone = &t->tone;
-    float l;
+    float black[3] = { 0.0f };
 
     *tone = (struct pell_post_tone) { t->exposure, kind == PELL_BACKGROUND_TRANSPARENT ? 0.0f : FLT_MAX, curve, curve * t->white_scale };
     t->plain = kind == PELL_BACKGROUND_COLOR || kind == PELL_BACKGROUND_TRANSPARENT ||
@@ -192,11 +192,9 @@ static void prepare_background(struct task *t)
     if (!tone->lay)
         return;
     unexpose(t, scene->background_color, tone->behind);
-    l = t->exposure * pell_luminance(tone->behind);
-    for (int c = 0; c < 3; c++) {
-        const float v = tone->behind[c] * t->exposure * (t->curve ? (1.0f + l * t->white_scale) / (1.0f + l) : 1.0f);
-        tone->shown[c] = v > 0.0f ? v < 1.0f ? v : 1.0f : 0.0f;
-    }
+    /* By who shows the rest of it, to the last bit: beside what covers it, too, it is one colour. */
+    t->kernels->finish(tone, 1, (float *const[]) { &black[0], &black[1], &black[2] }, &(float) { 0.0f },
+                       (float *const[]) { &tone->shown[0], &tone->shown[1], &tone->shown[2] });
 }
 
 void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
