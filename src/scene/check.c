@@ -39,7 +39,7 @@ struct check {
     struct likeness *likeness; /* per object of the report */
     size_t capacity;
     int64_t found[KINDS];
-    enum pell_severity severity[KINDS]; /* of those found */
+    enum pell_severity severity[KINDS]; /* the worst of those that are only counted */
 };
 
 /* What the problems of a kind are about, where only their number is told. */
@@ -83,9 +83,10 @@ static PELL_PRINTF(5, 6) enum pell_result
     char what[512];
     va_list args;
 
-    k->severity[kind] = severity;
-    if (k->found[kind]++ >= pell_context_limits(k->ctx)->warnings)
+    if (k->found[kind]++ >= pell_context_limits(k->ctx)->warnings) {
+        k->severity[kind] = severity > k->severity[kind] ? severity : k->severity[kind];
         return PELL_OK;
+    }
     va_start(args, fmt);
     vsnprintf(what, sizeof(what), fmt, args);
     va_end(args);
