@@ -86,19 +86,24 @@ static enum exit_code choose_frames(struct cli *cli, struct job *job)
     return EXIT_OK;
 }
 
+static bool one_file(const char *a, const char *b)
+{
+    struct stat x, y;
+
+    return strcmp(a, b) == 0 || (stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino);
+}
+
 /* What can be known before the work: writing itself decides. */
 static enum exit_code check_writable(struct cli *cli, const char *option, const char *path)
 {
     const char *name = pell_path_name(path);
     char folder[sizeof(((struct job *) NULL)->output)];
-    struct stat out, in;
+    struct stat out;
 
-    if (stat(path, &out) == 0) {
-        if (S_ISDIR(out.st_mode))
-            return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "is a folder, must name a file"));
-        if (stat(cli->arguments[0], &in) == 0 && in.st_dev == out.st_dev && in.st_ino == out.st_ino)
-            return cli_usage(cli, option, NULL, "\"%s\" is the input", path);
-    }
+    if (stat(path, &out) == 0 && S_ISDIR(out.st_mode))
+        return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "is a folder, must name a file"));
+    if (one_file(cli->arguments[0], path))
+        return cli_usage(cli, option, NULL, "\"%s\" is the input", path);
     if (snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path) >= (int) sizeof(folder) ||
         access(folder[0] ? folder : ".", W_OK) != 0)
         return cli_failed(cli,
@@ -246,6 +251,8 @@ static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
         return code;
     if ((code = check_writable(cli, "--checkpoint", cli->checkpoint)) != EXIT_OK)
         return code;
+    if (one_file(job->output, cli->checkpoint))
+        return cli_usage(cli, "--checkpoint", "give it another name", "\"%s\" is where the picture goes", cli->checkpoint);
     return cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint));
 }
 

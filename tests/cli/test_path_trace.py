@@ -100,6 +100,8 @@ def _(folder):
         for option in (['--time-limit', '1s'], ['--target-error', '1%'], ['--checkpoint', 'c.ckpt']):
             done = run(folder, 'render', 'bunny.obj', '--unit', '1mm', '-m', method, *option, '-o', 'no.pfm')
             need(done.returncode == 2 and option[0] in text(done.stderr) and method in text(done.stderr), done.returncode, done.stderr)
+    done = run(folder, *TRACE, '-o', 'no.pfm', '--checkpoint', 'no.pfm')
+    need(done.returncode == 2 and b'is where the picture goes' in done.stderr and not (folder / 'no.pfm').exists(), done.stderr)
     done = run(folder, *TRACE, '--turntable', '3', '--checkpoint', 'c.ckpt', '-o', 'no.pfm')
     need(done.returncode == 2 and b'--turntable' in done.stderr, done.stderr)
     need('no.pfm' not in names(folder) and 'c.ckpt' not in names(folder), names(folder))
