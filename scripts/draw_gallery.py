@@ -19,7 +19,7 @@ from draw_layer_sheets import above, beside, read_png, write_png
 
 MATERIALS = ['wholemilk', 'jade', 'wax', 'skimmilk', 'soap', 'marble']
 METHODS = [['none'], ['screen-space'], ['image-space', 'samples=64', 'views=eye+lights'], ['texture-space'], ['convolution'],
-           ['hierarchical'], ['path-trace', 'samples=128']]
+           ['hierarchical'], ['path-trace', 'samples=384']]
 LIGHTS = [{'type': 'rect', 'at': ['90mm', '150mm', '-170mm'], 'to': [0, '30mm', 0], 'width': '50mm', 'height': '50mm',
            'radiance': [360, 320, 265]},
           {'type': 'rect', 'at': ['-260mm', '190mm', '190mm'], 'to': [0, '30mm', 0], 'width': '120mm', 'height': '120mm',
