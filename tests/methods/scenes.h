@@ -5,10 +5,11 @@
 
 #include "stage.h"
 
-/* No light goes from one object to another, though they touch; within one object it does. Boxes on both sides of x = 0, the right one lit;
- * a camera over x = `eye` sees `width` mm in `size` pixels, of which (px, py) lies on the left box. */
-static inline void require_light_stays_in_its_object(const char *method, const char *const *knobs, float eye, float width, int size, int px,
-                                                     int py)
+/* No light goes from one object to another, though they touch; within one object it does. Boxes on both sides of x = 0, the right one lit
+ * (`whole`: one box in their place, where light has to go along the surface); a camera over x = `eye` sees `width` mm in `size` pixels, of
+ * which (px, py) lies on the left. */
+static inline void require_light_stays_in_its_object(const char *method, const char *const *knobs, bool whole, float eye, float width,
+                                                     int size, int px, int py)
 {
     double seen[2];
 
@@ -18,8 +19,9 @@ static inline void require_light_stays_in_its_object(const char *method, const c
         size_t m;
         stage_start(&s, size, size);
         stage_gaussians(&s, 0.5, &m);
-        stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(0, 10, 0));
-        stage_box(&s, m, object, vec3(0, -10, -4), vec3(10, 10, 0));
+        stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(whole && object == 0 ? 10.0f : 0.0f, 10, 0));
+        if (!whole || object == 1)
+            stage_box(&s, m, object, vec3(0, -10, -4), vec3(10, 10, 0));
         stage_light(&s, PELL_LIGHT_SPOT, vec3(5, 0, 30), vec3(5, 0, 0), 3e-3f);
         s.scene->lights[0].cos_inner = 0.995f;
         s.scene->lights[0].cos_outer = 0.99f; /* lights x > 0 only */

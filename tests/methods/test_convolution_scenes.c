@@ -107,7 +107,7 @@ static void what_the_eye_sees_counts_once(void **state)
 static void light_stays_in_its_object(void **state)
 {
     (void) state;
-    require_light_stays_in_its_object("convolution", NULL, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("convolution", NULL, false, 0.0f, 16.0f, 16, 6, 8);
 }
 
 /* Nor does a lamp on one object change a bit of another's pixels, whose rectangle in the picture it lies in. */

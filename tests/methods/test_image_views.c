@@ -114,7 +114,7 @@ static void what_several_views_see_counts_once(void **state)
 static void light_stays_in_its_object(void **state)
 {
     (void) state;
-    require_light_stays_in_its_object("image-space", lights, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("image-space", lights, false, 0.0f, 16.0f, 16, 6, 8);
 }
 
 /* The same bits for any number of threads, and after other scenes: geometry, topology, materials, lights and camera may all change from

@@ -328,7 +328,7 @@ static void light_stays_in_its_object(void **state)
 {
     (void) state;
     for (size_t n = 0; n < 2; n++)
-        require_light_stays_in_its_object(references[n].name, references[n].knobs, -1.0f, 1.0f, 8, 4, 4);
+        require_light_stays_in_its_object(references[n].name, references[n].knobs, false, -1.0f, 1.0f, 8, 4, 4);
 }
 
 /* --- What every method owes --------------------------------------------------------------------------------------------------------- */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_texture_space.c - the texture-space method on whole scenes: blurs against closed forms, layouts good and bad, seams, and light that
  * comes through. */
-#include "stage.h"
+#include "scenes.h"
 
 #include <pellucid/layers.h>
 
@@ -759,30 +759,10 @@ static void a_medium_that_scatters_nothing_is_black(void **state)
     stage_finish(&s);
 }
 
-static void two_materials_that_touch_do_not_bleed(void **state)
+static void two_objects_that_touch_do_not_bleed(void **state)
 {
-    double seen[2];
-
     (void) state;
-    for (int object = 0; object < 2; object++) {
-        struct stage s;
-        struct shot shot;
-        size_t m;
-        stage_start(&s, 16, 16);
-        stage_gaussians(&s, 0.5, &m);
-        stage_box(&s, m, 0, vec3(-10, -10, -4), vec3(0, 10, 0));
-        stage_box(&s, m, object, vec3(0, -10, -4), vec3(10, 10, 0));
-        stage_light(&s, PELL_LIGHT_SPOT, vec3(5, 0, 30), vec3(5, 0, 0), 3e-3f);
-        s.scene->lights[0].cos_inner = 0.995f;
-        s.scene->lights[0].cos_outer = 0.99f; /* lights x > 0 only */
-        stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 16.0f);
-        shot = stage_shot_of(&s, "texture-space", plain);
-        seen[object] = shot_at(&shot, 0, 6, 8);
-        shot_free(&shot);
-        stage_finish(&s);
-    }
-    print_message("# %g in one object, %g in another\n", seen[0], seen[1]);
-    assert_true(seen[1] == 0.0);
+    require_light_stays_in_its_object("texture-space", plain, true, 0.0f, 16.0f, 16, 6, 8);
 }
 
 /* No radius is Lambert, and half the radius on a sheet is the sheet of half the widths. */
@@ -959,7 +939,7 @@ int main(void)
         cmocka_unit_test(layouts_of_no_use_become_planar_charts),
         cmocka_unit_test(any_size_and_any_knob_is_finite),
         cmocka_unit_test(a_medium_that_scatters_nothing_is_black),
-        cmocka_unit_test(two_materials_that_touch_do_not_bleed),
+        cmocka_unit_test(two_objects_that_touch_do_not_bleed),
         cmocka_unit_test(strength_scales_the_radius),
         cmocka_unit_test(the_same_bits_for_any_number_of_threads),
         cmocka_unit_test(other_samples_of_the_lights_light_it_anew),

@@ -40,7 +40,8 @@ struct pell_surface {
     bool any_emissive;   /* some material of the scene emits */
     struct pell_rect covered;     /* holds every pixel that hit something */
     struct pell_rect translucent; /* holds every pixel whose material is not opaque */
-    int64_t covered_pixels, translucent_pixels, rays;
+    int64_t covered_pixels, translucent_pixels;
+    int64_t rays; /* traced, or drawn in their place: pixels that were looked through */
     void *scratch; /* private: per task, made in pell_surface_allocate so that a frame allocates nothing */
 };
 
@@ -83,8 +84,8 @@ PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, cons
 void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing,
                        const struct pell_ray_hit16 *packet, uint32_t hits, struct pell_surface *out);
 
-/* Traces the same rays in the same packets and looks at no hit: what is left is the ray library, to compare the stage with. Leaves the
- * planes alone. Returns seconds. */
+/* Traces a ray for each pixel that the stage looks through and looks at no hit: what is left is the ray library, to compare the stage with.
+ * Leaves the planes alone. Returns seconds. */
 double pell_surface_trace_bare(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                const struct pell_view *view, struct pell_surface *surface);
 
