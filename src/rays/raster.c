@@ -136,6 +136,21 @@ void pell_raster_destroy(struct pell_raster **raster)
 
 /* --- Drawing -------------------------------------------------------------------------------------------------------------------- */
 
+/* The mesh that a vertex is of: the last that begins at it or before, since those that are not shown begin where the next does. */
+static size_t mesh_at(const struct pell_raster *r, size_t vertex)
+{
+    size_t low = 0, high = r->scene->num_meshes;
+
+    while (high - low > 1) {
+        const size_t middle = low + (high - low) / 2;
+        if (r->first_vertex[middle] <= vertex)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
 static void vertex_task(void *arg, int index, int worker)
 {
     const struct pell_raster *r = arg;
@@ -143,7 +158,7 @@ static void vertex_task(void *arg, int index, int worker)
     bool cut;
     (void) worker;
 
-    for (size_t i = 0; i < r->scene->num_meshes; i++) {
+    for (size_t i = mesh_at(r, begin); i < r->scene->num_meshes && r->first_vertex[i] < end; i++) {
         const struct pell_mesh *m = &r->scene->meshes[i];
         const size_t base = r->first_vertex[i], low = begin > base ? begin - base : 0, high = end > base ? end - base : 0;
         const size_t stop = high < m->num_vertices ? high : m->num_vertices;
