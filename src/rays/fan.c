@@ -2,6 +2,8 @@
  * fan.c - see fan.h. What a packet asks is in fan16.c. */
 #include "rays/fan.h"
 
+#include "math/scalar.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,7 +19,6 @@ PELL_SIMD_TABLES(struct pell_fan_kernels, pell_fan_kernels);
 #define MARGIN 0.02f              /* of a cell, round a triangle */
 #define ROUNDING 1e-6f            /* of a slope: what places in the picture may be wrong by, and more; grows by the slope's square */
 #define SHORT 24                  /* lists that are sorted by insertion */
-#define LARGER(a, b) ((a) > (b) ? (a) : (b))
 
 /* Of a corner: its place in the picture, and its depth. */
 static struct pell_vec3 project(const struct pell_fan *f, const float *position)

@@ -12,6 +12,7 @@
 #include "rays/raster.h"
 
 #include "math/lanes.h"
+#include "math/scalar.h"
 
 #include <float.h>
 
@@ -85,16 +86,6 @@ INLINE void ask(const struct pell_raster *r, const uint32_t *list, size_t from, 
     }
 }
 
-INLINE float least(float a, float b)
-{
-    return a < b ? a : b;
-}
-
-INLINE float most(float a, float b)
-{
-    return a > b ? a : b;
-}
-
 /* The pixels whose middles a triangle may cover. A margin makes up for rounding: who is inside is for the sides to say. */
 INLINE void bound(const struct pell_raster *r, const struct corners16 *restrict c, struct bounds16 *restrict b)
 {
@@ -103,17 +94,17 @@ INLINE void bound(const struct pell_raster *r, const struct corners16 *restrict 
 
     for (int i = 0; i < LANES; i++) {
         const float z0 = c->at[0][2][i], z1 = c->at[1][2][i], z2 = c->at[2][2][i];
-        const float near = least(least(z0, z1), z2), far = most(most(z0, z1), z2), safe = near > NEAREST ? 1.0f : 0.0f;
+        const float near = smaller(smaller(z0, z1), z2), far = larger(larger(z0, z1), z2), safe = near > NEAREST ? 1.0f : 0.0f;
         const float ahead = far > NEAREST ? 1.0f : 0.0f, keep = flat + (1.0f - flat) * (1.0f - safe), by = 1.0f - keep;
         const float w0 = focal / (keep + by * z0), w1 = focal / (keep + by * z1), w2 = focal / (keep + by * z2);
         const float x0 = c->at[0][0][i] * w0 - left, x1 = c->at[1][0][i] * w1 - left, x2 = c->at[2][0][i] * w2 - left;
         const float y0 = top - c->at[0][1][i] * w0, y1 = top - c->at[1][1][i] * w1, y2 = top - c->at[2][1][i] * w2;
-        const float low_x = safe > 0.0f ? least(least(x0, x1), x2) - margin : 0.0f;
-        const float low_y = safe > 0.0f ? least(least(y0, y1), y2) - margin : 0.0f;
-        const float high_x = safe > 0.0f ? most(most(x0, x1), x2) + margin : w;
-        const float high_y = safe > 0.0f ? most(most(y0, y1), y2) + margin : h;
-        const float a = least(most(low_x, 0.0f), w), d = least(most(low_y, 0.0f), h);
-        const float e = ahead * (least(most(high_x, -1.0f), w - 1.0f) + 1.0f), g = least(most(high_y, -1.0f), h - 1.0f) + 1.0f;
+        const float low_x = safe > 0.0f ? smaller(smaller(x0, x1), x2) - margin : 0.0f;
+        const float low_y = safe > 0.0f ? smaller(smaller(y0, y1), y2) - margin : 0.0f;
+        const float high_x = safe > 0.0f ? larger(larger(x0, x1), x2) + margin : w;
+        const float high_y = safe > 0.0f ? larger(larger(y0, y1), y2) + margin : h;
+        const float a = smaller(larger(low_x, 0.0f), w), d = smaller(larger(low_y, 0.0f), h);
+        const float e = ahead * (smaller(larger(high_x, -1.0f), w - 1.0f) + 1.0f), g = smaller(larger(high_y, -1.0f), h - 1.0f) + 1.0f;
         const int32_t ai = (int32_t) a, di = (int32_t) d;
         b->x0[i] = ai + ((float) ai < a);
         b->y0[i] = di + ((float) di < d);
@@ -317,7 +308,7 @@ static void tile(const struct pell_raster *r, int number, struct pell_raster_til
     for (int k = 0; k < PELL_RASTER_BLOCKS * PELL_RASTER_BLOCKS; k++) {
         low[k] = out->near[k * LANES];
         for (int i = 1; i < LANES; i++)
-            low[k] = least(low[k], out->near[k * LANES + i]);
+            low[k] = smaller(low[k], out->near[k * LANES + i]);
     }
     draw_list(r, r->entries + first[1], first[2] - first[1], x0, y0, &g, low, out);
 }
@@ -367,14 +358,14 @@ static void meet(const struct pell_raster *r, const int32_t *triangle, struct pe
     side_of((const float(*)[LANES]) way[2], (const float(*)[LANES]) way[0], ray, side[1]);
     for (int i = 0; i < LANES; i++) {
         const float turn = side[0][i] + side[1][i] + side[2][i] < 0.0f ? -1.0f : 1.0f;
-        const float a = most(turn * side[0][i], 0.0f), b = most(turn * side[1][i], 0.0f), c = most(turn * side[2][i], 0.0f);
+        const float a = larger(turn * side[0][i], 0.0f), b = larger(turn * side[1][i], 0.0f), c = larger(turn * side[2][i], 0.0f);
         const float sum = a + b + c, per = sum > 0.0f ? 1.0f / sum : 0.0f, u = b * per, v = c * per, w = sum > 0.0f ? a * per : 1.0f;
         float z[3];
         for (int k = 0; k < 3; k++)
             z[k] = way[k][0][i] * forward.x + way[k][1][i] * forward.y + way[k][2][i] * forward.z;
         hit->u[i] = u;
         hit->v[i] = v;
-        ray->tfar[i] = most(w * z[0] + u * z[1] + v * z[2], NEAREST);
+        ray->tfar[i] = larger(w * z[0] + u * z[1] + v * z[2], NEAREST);
     }
     for (int i = 0; i < LANES; i++) {
         const float ex = way[1][0][i] - way[0][0][i], ey = way[1][1][i] - way[0][1][i], ez = way[1][2][i] - way[0][2][i];

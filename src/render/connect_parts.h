@@ -6,14 +6,11 @@
 #ifndef PELL_CONNECT_PARTS_H
 #define PELL_CONNECT_PARTS_H
 
+#include "math/scalar.h"
 #include "render/connect.h"
 #include "render/connect_find.h"
 
 #define FAR 1e15 /* mm: no place is beyond */
-
-/* Of numbers that are some: fmaxf is a call, which no lanes take. */
-#define LARGER(a, b) ((a) > (b) ? (a) : (b))
-#define SMALLER(a, b) ((a) < (b) ? (a) : (b))
 
 struct facet {
     float p[3][3], n[3][3];

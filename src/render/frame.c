@@ -106,18 +106,6 @@ static void note(struct pell_renderer *r, const char *name, double seconds, int6
 
 /* --- One frame ---------------------------------------------------------------------------------------------------------------- */
 
-static void unite(struct pell_rect *a, const struct pell_rect *b)
-{
-    if (b->x0 >= b->x1)
-        return;
-    if (a->x0 >= a->x1)
-        *a = *b;
-    a->x0 = b->x0 < a->x0 ? b->x0 : a->x0;
-    a->y0 = b->y0 < a->y0 ? b->y0 : a->y0;
-    a->x1 = b->x1 > a->x1 ? b->x1 : a->x1;
-    a->y1 = b->y1 > a->y1 ? b->y1 : a->y1;
-}
-
 static void widen(struct pell_rect *rect, int by, int width, int height)
 {
     if (rect->x0 >= rect->x1)
@@ -263,7 +251,7 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
     r->eye = view;
     PELL_TRY(pell_surface_render(r->pool, r->rays, r->scene, &view, &r->surface));
     note(r, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
-    unite(&r->translucent, &s->translucent);
+    pell_rect_unite(&r->translucent, &s->translucent);
 
     start = pell_seconds();
     light = pell_renderer_light_params(r, plan ? plan->mix : -1.0f);
@@ -425,7 +413,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     for (int i = 0; r->lens.radius > 0.0f && i < settings->msaa; i++) {
         const struct pell_view through = sample_view(r, settings, i);
         const struct pell_rect rect = pell_view_rect(&through, r->scene->bounds_min, r->scene->bounds_max);
-        unite(&r->covered, &rect);
+        pell_rect_unite(&r->covered, &rect);
     }
     if (r->lens.radius > 0.0f)
         widen(&r->covered, PELL_DOF_MOST + 1, settings->width, settings->height);

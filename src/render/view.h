@@ -50,4 +50,17 @@ static inline void pell_view_ray(const struct pell_view *v, float x, float y, st
  * behind the eye. */
 struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_min[3], const float bounds_max[3]);
 
+/* Grows `a` until `b` lies in it, too; those without a pixel add nothing. */
+static inline void pell_rect_unite(struct pell_rect *a, const struct pell_rect *b)
+{
+    if (b->x0 >= b->x1)
+        return;
+    if (a->x0 >= a->x1)
+        *a = *b;
+    a->x0 = b->x0 < a->x0 ? b->x0 : a->x0;
+    a->y0 = b->y0 < a->y0 ? b->y0 : a->y0;
+    a->x1 = b->x1 > a->x1 ? b->x1 : a->x1;
+    a->y1 = b->y1 > a->y1 ? b->y1 : a->y1;
+}
+
 #endif

@@ -83,17 +83,11 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
     }
 }
 
+/* Where the plane was asked for. */
 static void put(float *plane, size_t at, int count, const float *values, float weight, bool first)
 {
-    if (!plane)
-        return;
-    plane += at;
-    if (first)
-        for (int i = 0; i < count; i++)
-            plane[i] = weight * values[i];
-    else
-        for (int i = 0; i < count; i++)
-            plane[i] += weight * values[i];
+    if (plane)
+        pell_composite_put(values, weight, first, count, plane + at);
 }
 
 static void clear(const struct pell_accumulator *out, size_t at, int count)

@@ -239,16 +239,6 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
     return true;
 }
 
-INLINE void put(const float *restrict values, float weight, bool first, int count, float *restrict plane)
-{
-    if (first)
-        for (int i = 0; i < count; i++)
-            plane[i] = weight * values[i];
-    else
-        for (int i = 0; i < count; i++)
-            plane[i] += weight * values[i];
-}
-
 INLINE void add_lanes(const struct pell_composite_lanes *restrict l, const float single[3][LANES], float weight, bool first, int count,
                       float *const color[3], float *alpha)
 {
@@ -257,9 +247,9 @@ INLINE void add_lanes(const struct pell_composite_lanes *restrict l, const float
     for (int c = 0; c < 3; c++) {
         for (int i = 0; i < LANES; i++)
             sum[i] = l->multiple[c][i] + single[c][i] + l->transmission[c][i] + l->specular[c][i];
-        put(sum, weight, first, count, color[c]);
+        pell_composite_put(sum, weight, first, count, color[c]);
     }
-    put(l->on, weight, first, count, alpha);
+    pell_composite_put(l->on, weight, first, count, alpha);
 }
 
 static void add(const struct pell_composite_lanes *l, const float single[3][LANES], float weight, bool first, int count,

@@ -61,6 +61,18 @@ struct pell_composite_kernels {
                 float *const color[3], float *alpha, struct pell_composite_meter *meter);
 };
 
+/* Adds values to the first `count` pixels of a plane, or writes them there. */
+static inline __attribute__((always_inline)) void pell_composite_put(const float *restrict values, float weight, bool first, int count,
+                                                                     float *restrict plane)
+{
+    if (first)
+        for (int i = 0; i < count; i++)
+            plane[i] = weight * values[i];
+    else
+        for (int i = 0; i < count; i++)
+            plane[i] += weight * values[i];
+}
+
 PELL_SIMD_TABLES(struct pell_composite_kernels, pell_composite_kernels);
 
 #endif

@@ -16,6 +16,8 @@
  */
 #include "render/irradiance/shade.h"
 
+#include "math/scalar.h"
+
 #include <float.h>
 #include <string.h>
 
@@ -55,17 +57,6 @@ struct packet {
 static inline float max0(float x)
 {
     return x > 0.0f ? x : 0.0f;
-}
-
-/* fmaxf and fminf are calls where NaN counts. */
-static inline float larger(float a, float b)
-{
-    return a > b ? a : b;
-}
-
-static inline float smaller(float a, float b)
-{
-    return a < b ? a : b;
 }
 
 static inline float saturate(float x)

@@ -9,6 +9,7 @@
  * texture of w x h texels has 2 |uv area| w h k^2 / |Ng . D| texels in the pixel; half the binary logarithm is the level of the
  * pyramid (Williams 1983). */
 #include "image/color.h"
+#include "math/scalar.h"
 #include "render/surface/packet.h"
 #include "render/surface/sample16.h"
 
@@ -50,12 +51,6 @@ struct shaded {
     struct vec16 ng, ns;
     float16 base[3], specular[3], emissive[3], roughness, metallic, strength, lift;
 };
-
-/* fmaxf would be a call: it must mind NaN. */
-static inline float larger(float a, float b)
-{
-    return a > b ? a : b;
-}
 
 static inline float dot(const struct vec16 *a, const struct vec16 *b, int i)
 {

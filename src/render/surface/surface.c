@@ -119,14 +119,6 @@ static bool draw(struct pell_pool *pool, const struct surface_job *job)
     return job->out->raster && pell_raster_draw(job->out->raster, pool, &view, pixels);
 }
 
-static void unite(struct pell_rect *a, const struct pell_rect *b)
-{
-    a->x0 = b->x0 < a->x0 ? b->x0 : a->x0;
-    a->y0 = b->y0 < a->y0 ? b->y0 : a->y0;
-    a->x1 = b->x1 > a->x1 ? b->x1 : a->x1;
-    a->y1 = b->y1 > a->y1 ? b->y1 : a->y1;
-}
-
 static struct pell_rect empty_or(const struct pell_rect *r)
 {
     return r->x0 < r->x1 ? *r : (struct pell_rect) { 0 };
@@ -208,8 +200,8 @@ enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_r
 
     for (int i = 0; i < tasks; i++) {
         const struct surface_band *b = &scratch->bands[i];
-        unite(&sum.covered, &b->covered);
-        unite(&sum.translucent, &b->translucent);
+        pell_rect_unite(&sum.covered, &b->covered);
+        pell_rect_unite(&sum.translucent, &b->translucent);
         sum.covered_pixels += b->covered_pixels;
         sum.translucent_pixels += b->translucent_pixels;
         sum.rays += b->rays;
