@@ -14,7 +14,7 @@ enum { CHUNK = 1024, FACES = 4096, PARTS_MOST = 16 };
 #define WIDEST 1.2f  /* half the view of a light that stands among the things */
 #define AWAY 4.0f    /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
 #define ASKEW 0.95f  /* a way that meets a face at a smaller cosine is no measure of the distance from it */
-#define GRAZING 0.15f/* a face that light meets at a smaller cosine is lit in part */
+#define GRAZING 0.15f /* a face that light meets at a smaller cosine is lit in part */
 #define DARK 1e-4f   /* a normal whose cosine against the light is under -DARK faces away whatever rounding does */
 #define OBLIQUE 4.0f /* rays go this many times the thickness at which nothing comes through */
 
