@@ -5,7 +5,7 @@
  *     bench_rays [--mesh FILE --size MM] [--threads N] [--texture N]
  *
  * Without a file the mesh is a bumpy ball of 73,000 triangles. It is looked at so that it covers a third of 1280 x 720. */
-#include "render/surface/surface.h"
+#include "render/surface/stage.h"
 
 #include <embree3/rtcore.h>
 

@@ -11,7 +11,8 @@ import sys
 import tempfile
 
 # A room may include from those before it, and from itself.
-ROOMS = ["base", "math", "optics", "image", "scene", "rays", "vulkan", "render", "methods", "compare", "cli", "viewer"]
+ROOMS = ["base", "math", "optics", "image", "scene", "visibility", "lights", "transport", "vulkan", "render", "methods", "compare", "cli",
+         "viewer"]
 FACES = {"cli", "viewer"}  # programs: they may print and exit
 
 CODE = {".c", ".h"}
@@ -211,13 +212,13 @@ CLEAN = {
                                     "void f(struct a *a)\n{\n    a->allocator.free(a);\n    pell_free(a, snprintf(0, 0, t));\n}\n",
     "src/methods/two/two_kernel.c": SPDX + '#include "two.h"\n',
     "src/methods/two/two.h": SPDX + "#ifndef TWO_H\n#define TWO_H\n#endif\n",
-    "src/cli/main.c": SPDX + '#include "render/view.h"\nvoid f(void)\n{\n    printf("%d", 1);\n    exit(2);\n}\n',
+    "src/cli/main.c": SPDX + '#include "render/camera_view.h"\nvoid f(void)\n{\n    printf("%d", 1);\n    exit(2);\n}\n',
     "include/pellucid/a.h": SPDX + "#ifndef PUBLIC_A_H\n#define PUBLIC_A_H\n#include <pellucid/common.h>\n#endif\n",
     "Makefile": "# SPDX-License-Identifier: MIT\nall:\n\ttrue\n",
     "scripts/x.sh": "#!/bin/sh\n# SPDX-License-Identifier: MIT\n",
 }
 FAULTS = [
-    (rule_include_order, "src/math/bad.c", SPDX + '#include "render/view.h"\n'),
+    (rule_include_order, "src/math/bad.c", SPDX + '#include "render/camera_view.h"\n'),
     (rule_include_order, "src/base/bad.c", SPDX + '#include "math/vec.h"\n'),
     (rule_include_order, "src/methods/two/bad.c", SPDX + '#include "methods/one/one.h"\n'),
     (rule_include_order, "src/methods/two/bad.c", SPDX + '#include "../one/one.h"\n'),

@@ -291,7 +291,7 @@ def main():
         with open(args.output, 'w', encoding='ascii') as file:
             file.write('/* SPDX-License-Identifier: MIT\n *\n'
                        ' * materials_data.c - made from data/materials by scripts/gen_materials.py: do not edit. */\n'
-                       '#include "optics/materials.h"\n\n#include <math.h>\n#include <stddef.h>\n\n'
+                       '#include "optics/material/materials.h"\n\n#include <math.h>\n#include <stddef.h>\n\n'
                        'const struct pell_material_entry pell_materials_data[] = {\n')
             file.write(''.join(entry(materials[name]) for name in sorted(materials)))
             file.write(f'}};\n\nconst size_t pell_materials_data_count = {len(materials)};\n')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Checks the table of the monte-carlo model (data/profiles/monte-carlo.json, made by pell-photon-table) and writes it as C.
 
-    gen_profiles.py --header src/optics/photon_table.h --output photon_table_data.c data/profiles/monte-carlo.json
+    gen_profiles.py --header src/optics/photon/table.h --output photon_table_data.c data/profiles/monte-carlo.json
 """
 import argparse
 import json
@@ -79,7 +79,7 @@ def main():
     with open(args.output, 'w', encoding='ascii') as file:
         file.write('/* SPDX-License-Identifier: MIT\n *\n'
                    ' * photon_table_data.c - made from data/profiles by scripts/gen_profiles.py: do not edit. */\n'
-                   '#include "optics/photon_table.h"\n\nconst struct pell_photon_table pell_photon_table_data = {\n')
+                   '#include "optics/photon/table.h"\n\nconst struct pell_photon_table pell_photon_table_data = {\n')
         for key in ('g', 'eta', 'v', 'photons'):
             file.write(f'    .{key} = {{ {", ".join(repr(float(x)) for x in table[key])} }},\n')
         file.write(block('total', [row[0][0] for row in rows], False, size, lambda x: f'{float(x)!r}f'))

@@ -72,7 +72,7 @@ def main():
     with open(args.output, 'w', encoding='ascii') as file:
         file.write('/* SPDX-License-Identifier: MIT\n *\n'
                    ' * spectra_data.c - made from data/spectra by scripts/gen_spectra.py: do not edit. */\n'
-                   '#include "optics/spectra.h"\n' + text)
+                   '#include "optics/medium/spectra.h"\n' + text)
     return 0
 
 

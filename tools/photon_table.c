@@ -8,12 +8,12 @@
  *
  * Results depend on seed and number of photons only: batches are summed in their order, whoever walked them and however often the
  * program was stopped. */
-#include "optics/photon_table.h"
+#include "optics/photon/table.h"
 #include "base/base.h"
 #include "base/file.h"
 #include "base/pool.h"
 #include "math/vec.h"
-#include "optics/photon.h"
+#include "optics/photon/photon.h"
 
 #include <pellucid/inversion.h>
 
@@ -400,7 +400,7 @@ static enum pell_result table_write(struct pell_context *ctx, const struct state
     }
     if (!(f = open_memstream(&text, &size)))
         goto fail;
-    fprintf(f, "{\n  \"$comment\": \"Made by pell-photon-table; read src/optics/photon_table.h. Not to be edited.\",\n");
+    fprintf(f, "{\n  \"$comment\": \"Made by pell-photon-table; read src/optics/photon/table.h. Not to be edited.\",\n");
     fprintf(f, "  \"seed\": %llu,\n", (unsigned long long) s->seed);
     print_numbers(f, "photons", t->photons, PELL_TABLE_G, ",");
     print_numbers(f, "g", axis_g, PELL_TABLE_G, ",");

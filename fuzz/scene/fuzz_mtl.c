@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * fuzz_mtl.c - the reader of material libraries on arbitrary bytes. */
 #include "fuzz_scene.h"
-#include "scene/mtl.h"
+#include "scene/obj/mtl.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {

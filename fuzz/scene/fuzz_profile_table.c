@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * fuzz_profile_table.c - the reader of radial profiles on arbitrary text: a refusal has one message, what is accepted is a profile. */
 #include "fuzz_scene.h"
-#include "scene/profile_table.h"
+#include "scene/file/profile_table.h"
 
 static void check_profile(const struct pell_profile *p)
 {

@@ -5,7 +5,7 @@
 #define PELL_CLI_BENCH_LAYERS_H
 
 #include "base/base.h"
-#include "cli/profile_stack.h"
+#include "cli/profile/stack.h"
 
 #include <pellucid/material.h>
 #include <pellucid/profile.h>

@@ -2,8 +2,8 @@
  * bench_profiles.c - `pellucid bench profiles`: times of fits, of layers and of R(r), each beside what it is a ratio to. */
 #include "cli/bench.h"
 #include "cli/bench_layers.h"
-#include "cli/profile.h"
-#include "cli/profile_stack.h"
+#include "cli/profile/profile.h"
+#include "cli/profile/stack.h"
 
 #include "base/simd.h"
 

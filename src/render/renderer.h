@@ -6,8 +6,8 @@
 #define PELL_RENDERER_H
 
 #include "base/pool.h"
-#include "render/body.h"
-#include "render/irradiance/irradiance.h"
+#include "transport/solids.h"
+#include "render/irradiance/stage.h"
 
 #include <pellucid/method.h>
 #include <pellucid/render.h>
@@ -41,7 +41,7 @@ uint32_t pell_renderer_seed(const struct pell_renderer *r);
 bool pell_renderer_lends_scene(const struct pell_renderer *r, const struct pell_frame *shape);
 /* The running method's pass; NULL before the first frame. */
 const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r);
-/* What light number `light` of the scene sees (rays/fan.h), during the frame; NULL: it has none, ask the rays. */
+/* What light number `light` of the scene sees (visibility/light_grid.h), during the frame; NULL: it has none, ask the rays. */
 const struct pell_fan *pell_renderer_fan(const struct pell_renderer *r, size_t light);
 /* Light that enters at 16 points of the scene: see pell_irradiance_points, `first` and `samples` its numbers of the multisample. `mix` as
  * in struct pell_plan. Safe from many threads. */

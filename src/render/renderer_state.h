@@ -6,10 +6,10 @@
 #ifndef PELL_RENDERER_STATE_H
 #define PELL_RENDERER_STATE_H
 
-#include "render/composite/composite.h"
-#include "render/copies.h"
+#include "render/composite/stage.h"
+#include "render/bandwidth.h"
 #include "render/post/dof.h"
-#include "render/post/post.h"
+#include "render/post/stage.h"
 #include "render/renderer.h"
 
 #define MAX_STAGES 48

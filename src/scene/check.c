@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * check.c - what a scene holds and what is wrong with it: closedness, orientation, scale, media, textures. */
-#include "scene/topology.h"
+#include "scene/mesh/topology.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -2,7 +2,7 @@
  * complete.c - from "what the file says" to "what a renderer may trust": every index and value checked, bounds, orientation, normals,
  * tangents, and the defaults for what is missing. */
 #include "scene/layers.h"
-#include "scene/topology.h"
+#include "scene/mesh/topology.h"
 
 #include <float.h>
 #include <string.h>

@@ -3,8 +3,8 @@
  *
  * The header becomes a table of elements and properties; the body is walked once, value by value, whatever its elements are. Counts are
  * held against the bytes that are left before anything is allocated. */
-#include "scene/lex.h"
-#include "scene/polygon.h"
+#include "scene/obj/lex.h"
+#include "scene/mesh/polygon.h"
 #include "scene/scene.h"
 
 #include "image/color.h"

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * fit_starts.c - prints src/optics/fit_starts.h: where the optimal variances of one dipole lie, as Chebyshev series of its two parameters.
+ * fit_starts.c - prints src/optics/fit/starts.h: where the optimal variances of one dipole lie, as Chebyshev series of its two parameters.
  * They are found by the search that needs no table, at Chebyshev's nodes. Seconds. */
-#include "optics/fit_starts_domain.h"
+#include "optics/fit/starts_domain.h"
 
-#include "optics/fit.h"
+#include "optics/fit/fit.h"
 
 #include <math.h>
 #include <stdio.h>

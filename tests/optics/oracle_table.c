@@ -15,7 +15,7 @@
 
 #include "math/quadrature.h"
 #include "math/vec.h"
-#include "optics/photon.h"
+#include "optics/photon/photon.h"
 
 /* --- Rows ------------------------------------------------------------------------------------------------------------------------- */
 

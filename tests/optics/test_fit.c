@@ -5,7 +5,7 @@
 
 #include "math/quadrature.h"
 #include "math/vec.h"
-#include "optics/fit.h"
+#include "optics/fit/fit.h"
 
 struct pair {
     const struct pell_dipole *dipole;

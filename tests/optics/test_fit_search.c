@@ -4,7 +4,7 @@
  * better one. */
 #include "pell_test.h"
 
-#include "optics/fit.h"
+#include "optics/fit/fit.h"
 
 #include <pellucid/optics.h>
 

@@ -4,9 +4,9 @@
  * holds for every profile. */
 #include "math/quadrature.h"
 #include "math/vec.h"
-#include "optics/photon.h"
-#include "optics/photon_table.h"
-#include "optics/profile_shape.h"
+#include "optics/photon/photon.h"
+#include "optics/photon/table.h"
+#include "optics/profile/shape.h"
 #include "oracle.h"
 
 /* What interpolation adds to the errors of the nodes, relative: for totals, which have a kink at eta = 1, and for the flux through

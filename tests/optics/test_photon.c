@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
  * Photons against what others have published and what closed forms give. Errors are from 20 batches; seeds are fixed. */
-#include "optics/photon.h"
+#include "optics/photon/photon.h"
 
 #include "base/pool.h"
 #include "math/vec.h"
-#include "optics/photon_table.h"
-#include "optics/profile_shape.h"
+#include "optics/photon/table.h"
+#include "optics/profile/shape.h"
 #include "oracle.h"
 
 #include <pellucid/medium.h>

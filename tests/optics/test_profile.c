@@ -6,8 +6,8 @@
 #include "base/simd.h"
 #include "math/quadrature.h"
 #include "math/vec.h"
-#include "optics/profile_kernels.h"
-#include "optics/profile_lanes.h"
+#include "optics/profile/kernels.h"
+#include "optics/profile/lanes.h"
 
 PELL_SIMD_TABLES(struct pell_profile_kernels, pell_profile_kernels);
 

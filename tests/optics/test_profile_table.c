@@ -5,7 +5,7 @@
 
 #include "math/quadrature.h"
 #include "math/vec.h"
-#include "optics/profile_nodes.h"
+#include "optics/profile/nodes.h"
 
 #define MANY 100000
 

@@ -4,7 +4,7 @@
  * published skins. */
 #include "oracle.h"
 
-#include "optics/spectra.h"
+#include "optics/medium/spectra.h"
 #include "skin_colors.h"
 
 static void every(double value, double reflectance[PELL_WAVELENGTHS])

@@ -2,7 +2,7 @@
  * test_fan.c - what a lamp's fan answers, against every triangle tried one by one, against rays, and where there is none. */
 #include "shapes.h"
 
-#include "rays/fan.h"
+#include "visibility/light_grid.h"
 
 static _Alignas(64) const int32_t all[16] = { -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1 };
 

@@ -2,7 +2,7 @@
  * test_raster.c - what is drawn, against what rays meet, from outside, inside and amidst; and where rays have to be asked. */
 #include "shapes.h"
 
-#include "rays/raster.h"
+#include "visibility/tile_raster.h"
 
 #define TILE PELL_RASTER_TILE
 #define BLOCK PELL_RASTER_BLOCK

@@ -2,7 +2,7 @@
  * test_rays.c - visibility against every triangle tried one by one, masks, holes, refusals. */
 #include "shapes.h"
 
-#include "rays/rays.h"
+#include "visibility/rays.h"
 
 static _Alignas(64) const int all[16] = { -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1 };
 

@@ -8,8 +8,8 @@
 #include "pell_test.h"
 #include "slow.h"
 
-#include "render/irradiance/irradiance.h"
-#include "render/planes.h"
+#include "render/irradiance/stage.h"
+#include "render/plane_buffers.h"
 
 struct rig {
     struct pell_context *ctx;

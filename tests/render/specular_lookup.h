@@ -4,7 +4,7 @@
 #ifndef PELL_TEST_SPECULAR_LOOKUP_H
 #define PELL_TEST_SPECULAR_LOOKUP_H
 
-#include "render/specular.h"
+#include "lights/specular_tables.h"
 
 #include <string.h>
 

@@ -3,7 +3,7 @@
 #include "pell_test.h"
 
 #include "math/vec.h"
-#include "render/planes.h"
+#include "render/plane_buffers.h"
 #include "render/post/bloom.h"
 
 struct picture {

@@ -2,7 +2,7 @@
  * test_connect.c - refractive connections against closed forms, finite differences, and light that is traced in from the lamp. */
 #include "shapes.h"
 
-#include "render/connect.h"
+#include "transport/refraction/connect.h"
 #include "slow.h"
 
 #include <time.h>

@@ -2,7 +2,7 @@
  * test_distance.c - lower bounds of distances hold everywhere, and are worth asking for. */
 #include "solids.h"
 
-#include "render/distance.h"
+#include "transport/distance_field.h"
 
 #include <time.h>
 

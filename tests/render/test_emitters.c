@@ -3,7 +3,7 @@
 #include "lights_rig.h"
 
 #include "image/color.h"
-#include "render/emitters.h"
+#include "lights/light_sampling.h"
 
 #define SAMPLES 40000
 

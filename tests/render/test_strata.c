@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_strata.c - what lies below each point of a surface: layers of scenes, of presets, of plain media; painted depths. */
 #include "layers_rig.h"
-#include "render/strata.h"
+#include "transport/medium_layers.h"
 #include "shapes.h"
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)

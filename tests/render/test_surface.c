@@ -3,7 +3,7 @@
 #include "shapes.h"
 
 #include "image/color.h"
-#include "render/surface/surface.h"
+#include "render/surface/stage.h"
 
 /* A scene ready to render at one size. */
 struct stage {

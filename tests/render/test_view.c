@@ -2,7 +2,7 @@
  * test_view.c - pixels to rays and boxes to pixels. */
 #include "pell_test.h"
 
-#include "render/view.h"
+#include "render/camera_view.h"
 
 static struct pell_camera camera_at(struct pell_vec3 position, struct pell_vec3 forward, float fov, float ortho)
 {

@@ -2,7 +2,7 @@
  * test_complete.c - what is made for a scene: normals with creases, tangents, orientation, camera, lights, ground; and what is refused. */
 #include "scene_test.h"
 
-#include "scene/topology.h"
+#include "scene/mesh/topology.h"
 
 static void finish(struct pell_scene *s)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_json.c - reading untrusted JSON: places, ranges, hints, depth, parse errors with line and column. */
 #include "pell_test.h"
-#include "scene/json.h"
+#include "scene/file/json.h"
 
 struct fixture {
     struct pell_fault fault;

@@ -4,7 +4,7 @@
 #include "slow.h"
 
 #include "image/color.h"
-#include "scene/polygon.h"
+#include "scene/mesh/polygon.h"
 
 #include <sys/stat.h>
 

@@ -4,7 +4,7 @@
 #include "scene_test.h"
 
 #include "base/file.h"
-#include "scene/scene_file.h"
+#include "scene/file/scene_file.h"
 
 #include <pellucid/inversion.h>
 

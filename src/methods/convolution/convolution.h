@@ -7,7 +7,7 @@
 
 #include "math/fft.h"
 #include "methods/convolution/kernels.h"
-#include "render/view.h"
+#include "render/camera_view.h"
 
 #include <pellucid/method.h>
 

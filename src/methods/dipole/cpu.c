@@ -18,7 +18,7 @@
 
 #include "math/vec.h"
 #include "render/renderer.h"
-#include "render/rounds.h"
+#include "transport/rqmc.h"
 
 #include <string.h>
 

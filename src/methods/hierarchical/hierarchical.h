@@ -5,7 +5,7 @@
 #ifndef PELL_HIERARCHICAL_H
 #define PELL_HIERARCHICAL_H
 
-#include "render/body.h"
+#include "transport/solids.h"
 
 #include <pellucid/method.h>
 

@@ -6,7 +6,7 @@
 #define PELL_IMAGE_SPACE_H
 
 #include "methods/image_space/kernels.h"
-#include "render/view.h"
+#include "render/camera_view.h"
 
 #include <pellucid/method.h>
 

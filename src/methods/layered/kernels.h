@@ -15,7 +15,7 @@
 #ifndef PELL_LAYERED_KERNELS_H
 #define PELL_LAYERED_KERNELS_H
 
-#include "rays/rays.h"
+#include "visibility/rays.h"
 
 #include <pellucid/scene.h>
 

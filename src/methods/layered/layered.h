@@ -7,7 +7,7 @@
 
 #include "base/pool.h"
 #include "methods/layered/kernels.h"
-#include "render/strata.h"
+#include "transport/medium_layers.h"
 
 #include <pellucid/method.h>
 

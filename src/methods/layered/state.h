@@ -8,8 +8,8 @@
 #include "methods/layered/layered.h"
 
 #include "math/vec.h"
-#include "rays/fan.h"
-#include "render/emitters.h"
+#include "visibility/light_grid.h"
+#include "lights/light_sampling.h"
 #include "render/renderer.h"
 
 /* A place on a lamp, or how to choose one for a pixel. */

@@ -13,7 +13,7 @@
 
 #include "base/file.h"
 #include "base/hash.h"
-#include "render/view.h"
+#include "render/camera_view.h"
 
 #include <stdio.h>
 #include <unistd.h>

@@ -12,11 +12,11 @@
 #include "methods/path_trace/sampler.h"
 #include "methods/path_trace/scalar.h"
 #include "methods/path_trace/trace.h"
-#include "rays/rays.h"
-#include "render/connect.h"
-#include "render/distance.h"
-#include "render/emitters.h"
-#include "render/strata.h"
+#include "visibility/rays.h"
+#include "transport/refraction/connect.h"
+#include "transport/distance_field.h"
+#include "lights/light_sampling.h"
+#include "transport/medium_layers.h"
 
 #define PT_NEST 8   /* bodies in bodies that a path keeps account of */
 #define PT_LOBES 16 /* about connections of a point with a lamp's place: the nearest ones */

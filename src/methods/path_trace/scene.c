@@ -3,7 +3,7 @@
 #include "methods/path_trace/walk.h"
 
 #include "image/color.h"
-#include "scene/topology.h"
+#include "scene/mesh/topology.h"
 
 #include <stdio.h>
 #include <string.h>

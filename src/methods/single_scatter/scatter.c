@@ -4,8 +4,8 @@
  *
  *     L = F_t(w_o)/eta^2 Int_0^S sigma_s e^(-tau(s)) Sum_paths p(w_i, w) E e^(-tau_i) ds
  *
- * S: where the ray leaves the body; paths: all ways of refraction to the lamp (render/connect.h); E: irradiance of the beam, perpendicular
- * to it, of which the boundary lets F_t through. A place s is drawn for a lamp's place:
+ * S: where the ray leaves the body; paths: all ways of refraction to the lamp (transport/refraction/connect.h); E: irradiance of the beam,
+ * perpendicular to it, of which the boundary lets F_t through. A place s is drawn for a lamp's place:
  *
  * - by transmittance: a channel is chosen, then its optical depth;
  * - at equal angles as seen from the lamp's place (Kulla and Fajardo 2012), which stands still for where its light comes from; evenly, for
@@ -15,7 +15,7 @@
  * the standard error. A round's randomness is a hash of the point's place and of the seed. */
 #include "methods/single_scatter/single_scatter.h"
 
-#include "render/rounds.h"
+#include "transport/rqmc.h"
 
 #include <string.h>
 

@@ -5,9 +5,9 @@
 #ifndef PELL_SINGLE_SCATTER_H
 #define PELL_SINGLE_SCATTER_H
 
-#include "render/connect.h"
-#include "render/emitters.h"
-#include "render/strata.h"
+#include "transport/refraction/connect.h"
+#include "lights/light_sampling.h"
+#include "transport/medium_layers.h"
 
 #include <pellucid/method.h>
 

@@ -6,7 +6,7 @@
 #include "methods/texture_space/texture_space.h"
 
 #include "base/pool.h"
-#include "scene/topology.h"
+#include "scene/mesh/topology.h"
 
 #include <stdlib.h>
 #include <string.h>

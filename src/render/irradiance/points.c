@@ -3,7 +3,7 @@
  * points.c - light that enters at any point of the scene's surfaces: a packet of points is made to look like 4 x 4 pixels, each seen from
  * along its own normal, and goes the way of pixels from there.
  */
-#include "render/irradiance/lights.h"
+#include "render/irradiance/stage.h"
 
 #include <string.h>
 

@@ -16,7 +16,7 @@
 #ifndef PELL_DOF_H
 #define PELL_DOF_H
 
-#include "render/surface/surface.h"
+#include "render/surface/stage.h"
 
 #define PELL_DOF_MOST 16
 #define PELL_DOF_PLANES 6 /* of scratch: the sample's R, G, B and alpha, then two of dof's own */

@@ -9,7 +9,7 @@
 #define PELL_SURFACE_SAMPLE16_H
 
 #include "image/color.h"
-#include "render/surface/mips.h"
+#include "render/surface/mipmaps.h"
 
 #include <string.h>
 

@@ -1,0 +1,312 @@
+/* SPDX-License-Identifier: MIT
+ * bench.c - `pellucid bench`: times of the stages, cold and warm, as ratios to copying the same bytes in the same run; what
+ * renders nothing is in a file of its own. */
+#include "cli/bench.h"
+
+#include "base/file.h"
+#include "base/simd.h"
+#include "math/vec.h"
+#include "render/renderer.h"
+
+#include <dirent.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+/* Renders `repeats` warm frames; medians of the frame and, where `stages` is given, of each stage. */
+static enum pell_result warm_frames(struct cli *cli, struct session *s, struct pell_renderer *renderer, int repeats, double *frame_ms,
+                                    struct rows *stages)
+{
+    double *frames = calloc((size_t) repeats * (MAX_STAGES + 1), sizeof(*frames));
+    struct pell_picture p = { 0 };
+    enum pell_result res = frames ? PELL_OK : PELL_ERR_NOMEM;
+
+    for (int i = 0; i < repeats && res == PELL_OK; i++) {
+        res = bench_frame(renderer, &s->settings, &p);
+        frames[i] = 1e3 * p.seconds;
+        for (size_t k = 0; k < p.num_stages && k < MAX_STAGES; k++)
+            frames[(k + 1) * (size_t) repeats + (size_t) i] = p.stages[k].ms;
+        cli_progress(cli, "bench", 1.0);
+        cli->progress.part++;
+    }
+    cli_progress_end(cli);
+    if (res == PELL_OK) {
+        *frame_ms = bench_median(frames, repeats);
+        for (size_t k = 0; stages && k < p.num_stages && k < MAX_STAGES; k++) {
+            const struct pell_stage_time *t = &p.stages[k];
+            bench_add_stage(stages, t->name, bench_median(frames + (k + 1) * (size_t) repeats, repeats), t);
+        }
+    }
+    free(frames);
+    return res;
+}
+
+/* The stage "surface" against its rays alone, one sample a pixel. */
+static enum pell_result bare_rays(struct session *s, struct rows *rows, int repeats)
+{
+    double *times = calloc((size_t) repeats, sizeof(*times)), bare;
+    struct row *r;
+
+    if (!times)
+        return PELL_ERR_NOMEM;
+    for (int i = 0; i < repeats; i++)
+        times[i] = 1e3 * pell_renderer_trace_bare(s->renderer);
+    bare = bench_median(times, repeats);
+    free(times);
+    r = bench_add(rows, "rays from the eye alone", bare);
+    for (size_t i = 0; r && bare > 0.0 && i < rows->count; i++)
+        if (strcmp(rows->items[i].name, "surface") == 0) {
+            rows->items[i].ratio = rows->items[i].ms / (bare * s->settings.msaa);
+            rows->items[i].against = "rays alone";
+        }
+    return PELL_OK;
+}
+
+/* The same frame by another number of threads, in the same run. */
+static enum pell_result one_thread(struct cli *cli, struct session *s, int repeats, double *ms)
+{
+    struct pell_renderer *r = NULL;
+    struct pell_picture p;
+    enum pell_result res = pell_renderer_create(cli->ctx, &(struct pell_renderer_params) { .threads = 1 }, &r);
+
+    if (res == PELL_OK)
+        res = pell_renderer_set_scene(r, s->scene);
+    if (res == PELL_OK)
+        res = pell_renderer_set_method(r, s->method, s->knobs);
+    if (res == PELL_OK)
+        res = bench_frame(r, &s->settings, &p);
+    if (res == PELL_OK)
+        res = warm_frames(cli, s, r, repeats, ms, NULL);
+    pell_renderer_destroy(&r);
+    return res;
+}
+
+/* Moves the camera back so that the middle of the bounds is `times` as far. */
+static void recede(const struct pell_scene *scene, const struct pell_camera *from, float times, struct pell_camera *to)
+{
+    const struct pell_vec3 middle = vec3_mul(vec3_add(vec3_load(scene->bounds_min), vec3_load(scene->bounds_max)), 0.5f);
+    const struct pell_vec3 away = vec3_sub(vec3_load(from->position), middle);
+    vec3_store(vec3_add(middle, vec3_mul(away, times)), to->position);
+}
+
+static enum pell_result measure(struct cli *cli, struct session *s, struct rows *rows, struct pell_rect *rect)
+{
+    const int repeats = cli->numbers.repeats;
+    const struct pell_camera camera = s->scene->cameras[0];
+    struct pell_picture p;
+    struct row *r;
+    double cold, warm, one, far;
+    enum pell_result res;
+
+    cli->progress.parts = 2 + repeats * (pell_renderer_threads(s->renderer) > 1 ? 4 : 3);
+    PELL_TRY(bench_frame(s->renderer, &s->settings, &p));
+    cold = 1e3 * p.seconds;
+    *rect = p.rect;
+    PELL_TRY(warm_frames(cli, s, s->renderer, repeats, &warm, rows));
+    PELL_TRY(bare_rays(s, rows, repeats));
+    bench_add(rows, "frame", warm);
+    bench_add(rows, "frame cold", cold);
+    if (pell_renderer_threads(s->renderer) > 1) {
+        PELL_TRY(one_thread(cli, s, repeats, &one));
+        if ((r = bench_add(rows, "frame by one thread", one))) {
+            r->ratio = one / warm;
+            r->against = "frame";
+        }
+    }
+    for (int times = 2; times <= 4; times *= 2) {
+        char name[64];
+        recede(s->scene, &camera, (float) times, &s->scene->cameras[0]);
+        res = warm_frames(cli, s, s->renderer, repeats, &far, NULL);
+        s->scene->cameras[0] = camera;
+        if (res != PELL_OK)
+            goto fail;
+        snprintf(name, sizeof(name), "frame at %d x the distance", times);
+        if ((r = bench_add(rows, name, far))) {
+            r->ratio = far / warm;
+            r->against = "frame";
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* The folder of bench scenes: where it was built, or where it is installed. False: there is none. */
+static bool find_folder(char *folder, size_t size)
+{
+    static const char *const places[] = { "bench", "../bench", "../../bench", "../share/pellucid/bench" };
+    char program[2048];
+    const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 1);
+
+    if (n <= 0)
+        return false;
+    program[n] = '\0';
+    for (size_t i = 0; i < PELL_COUNT(places); i++) {
+        snprintf(folder, size, "%.*s%s", (int) (pell_path_name(program) - program), program, places[i]);
+        if (access(folder, R_OK | X_OK) == 0)
+            return true;
+    }
+    return false;
+}
+
+static enum exit_code unknown_bench(struct cli *cli, const char *what, const char *folder)
+{
+    char names[32][64];
+    struct pell_text hint = { .length = 0 };
+    const char *list[PELL_COUNT(names)];
+    DIR *dir = folder[0] ? opendir(folder) : NULL;
+    const struct dirent *entry;
+    size_t count = 0;
+
+    list[count++] = "profiles";
+    while (dir && count < PELL_COUNT(names) && (entry = readdir(dir))) {
+        const size_t length = strlen(entry->d_name);
+        if (!pell_path_has_extension(entry->d_name, "json") || length - 5 >= sizeof(names[0]))
+            continue;
+        snprintf(names[count], sizeof(names[0]), "%.*s", (int) (length - 5), entry->d_name);
+        list[count] = names[count];
+        count++;
+    }
+    if (dir)
+        closedir(dir);
+    pell_text_suggest_or_list(&hint, "there is ", what, list, count);
+    return cli_usage(cli, "bench", count ? hint.str : "the folder of bench scenes is not beside the program", "there is no bench \"%s\"",
+                     what);
+}
+
+/* "screen-space" -> that scene of the bench folder; what has a '/' or a '.' is a path. */
+static enum exit_code find_scene(struct cli *cli, const char *what, char *path, size_t size)
+{
+    char folder[3000] = "";
+
+    snprintf(path, size, "%s", what);
+    if (strchr(what, '/') || strchr(what, '.'))
+        return EXIT_OK;
+    if (find_folder(folder, sizeof(folder))) {
+        snprintf(path, size, "%s/%s.json", folder, what);
+        if (what[0] && access(path, R_OK) == 0)
+            return EXIT_OK;
+    }
+    return unknown_bench(cli, what, folder);
+}
+
+/* Part of the picture that the scene's things cover. */
+static double covered(const struct session *s, const struct rows *rows)
+{
+    for (size_t i = 0; i < rows->count; i++)
+        if (strcmp(rows->items[i].name, "surface") == 0)
+            return (double) rows->items[i].pixels / ((double) s->settings.width * s->settings.height * s->settings.msaa);
+    return 0.0;
+}
+
+static enum exit_code answer(struct cli *cli, const struct session *s, const char *what, const struct rows *rows,
+                             const struct pell_rect *rect)
+{
+    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
+    const int threads = pell_renderer_threads(s->renderer);
+    char device[160], build[64];
+
+    cli_device_name(device, sizeof(device));
+    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
+    if (cli->json)
+        return cli_print_json(cli, json_pack("{s:o,s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:i,s:f,s:[i,i,i,i],s:o}", "bench", cli_text(what),
+                                             "method", method, "engine", engine, "device", device, "threads", threads, "build", build,
+                                             "width", s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "repeats",
+                                             cli->numbers.repeats, "covered", covered(s, rows), "rect", rect->x0, rect->y0, rect->x1,
+                                             rect->y1, "rows", bench_json(rows)));
+    printf("%s: method %s on engine %s, %d threads, %s\npellucid %s\n%d x %d, %d sample%s per pixel, things cover %.1f %% of the picture; "
+           "medians of %d warm frames\n\n",
+           what, method, engine, threads, device, build, s->settings.width, s->settings.height, s->settings.msaa,
+           s->settings.msaa > 1 ? "s" : "", 100.0 * covered(s, rows), cli->numbers.repeats);
+    bench_print(rows, BENCH_PIXELS | BENCH_RAYS | BENCH_COPY, NULL);
+    return EXIT_OK;
+}
+
+/* Those that choose their methods; a scene is for the method that it names. `own`: settings of the picture that they choose, too. */
+static const struct bench_kind {
+    const char *name, *own[4];
+    enum exit_code (*run)(struct cli *cli, const char *what, const char *path);
+} benches[] = { { "truth", { "seed" }, bench_truth },
+                { "mertens", { "width", "height", "msaa" }, bench_mertens },
+                { "munoz-2", { "msaa" }, bench_munoz },
+                { "munoz-3", { "msaa" }, bench_munoz },
+                { "munoz-5", { "msaa" }, bench_munoz },
+                { "deon-1", { "width", "height", "msaa", "ambient-samples" }, bench_deon },
+                { "francois-2", { "width", "height", "msaa" }, bench_francois } };
+
+static enum exit_code no_effect(struct cli *cli, const char *option, const char *what, const char *why)
+{
+    return cli_usage(cli, option, NULL, "has no effect on the bench %s, which %s", what, why);
+}
+
+/* An option that a bench would not obey is refused. */
+static enum exit_code refuse_idle(struct cli *cli, const struct bench_kind *kind)
+{
+    static const char *const choosing[] = { "--method", "--set" };
+
+    for (size_t i = 0; i < PELL_COUNT(choosing); i++)
+        if (cli_given(cli, choosing[i]))
+            return no_effect(cli, choosing[i], kind->name, "chooses its methods");
+    if (cli->common.count)
+        return no_effect(cli, cli->common.items[0].where, kind->name, "chooses its samples");
+    for (size_t i = 0; i < cli->settings.count; i++)
+        for (size_t k = 0; k < PELL_COUNT(kind->own) && kind->own[k]; k++)
+            if (strcmp(cli->settings.items[i].name, kind->own[k]) == 0)
+                return no_effect(cli, cli->settings.items[i].where, kind->name, "chooses its own");
+    return EXIT_OK;
+}
+
+/* What renders nothing. */
+static enum exit_code run_profiles(struct cli *cli)
+{
+    static const char *const rendering[] = { "--method", "--set", "--engine", "--device", "--threads", "--allow-outside" };
+    const struct settings_list *const lists[] = { &cli->settings, &cli->common };
+
+    for (size_t i = 0; i < PELL_COUNT(rendering); i++)
+        if (cli_given(cli, rendering[i]))
+            return no_effect(cli, rendering[i], "profiles", "renders nothing");
+    for (size_t i = 0; i < PELL_COUNT(lists); i++)
+        if (lists[i]->count)
+            return no_effect(cli, lists[i]->items[0].where, "profiles", "renders nothing");
+    return bench_profiles(cli);
+}
+
+static enum exit_code render(struct cli *cli, const char *what, const char *path)
+{
+    struct session s = { 0 };
+    struct rows rows = { .count = 0 };
+    struct pell_rect rect = { 0 };
+    enum exit_code code;
+
+    cli->stats = true; /* times are compared with copies */
+    code = session_open(cli, path, &s);
+    if (code == EXIT_OK)
+        code = cli_failed(cli, measure(cli, &s, &rows, &rect));
+    if (code == EXIT_OK)
+        code = answer(cli, &s, what, &rows, &rect);
+    session_close(&s);
+    return code;
+}
+
+enum exit_code command_bench(struct cli *cli)
+{
+    const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
+    const struct bench_kind *kind = NULL;
+    char path[4096];
+    enum exit_code code = EXIT_OK;
+
+    if (strcmp(what, "profiles") == 0)
+        return run_profiles(cli);
+    for (size_t i = 0; i < PELL_COUNT(benches); i++)
+        if (strcmp(what, benches[i].name) == 0)
+            kind = &benches[i];
+    if (kind)
+        code = refuse_idle(cli, kind);
+    if (code == EXIT_OK)
+        code = find_scene(cli, what, path, sizeof(path));
+    if (code != EXIT_OK)
+        return code;
+    return kind ? kind->run(cli, what, path) : render(cli, what, path);
+}

@@ -1,0 +1,229 @@
+/* SPDX-License-Identifier: MIT
+ * list.c - `pellucid methods`, `info`: what there is. */
+#include "cli/cli.h"
+
+#include "base/simd.h"
+
+#include <math.h>
+#include <string.h>
+
+static const char *const kinds[] = { "method", "reference" };
+
+static json_t *engines_of(const struct pell_method *m)
+{
+    json_t *engines = json_array();
+    if (m->cpu)
+        json_array_append_new(engines, json_string("cpu"));
+    if (m->vulkan)
+        json_array_append_new(engines, json_string("vulkan"));
+    return engines;
+}
+
+static json_t *knob_default(const struct pell_knob *k)
+{
+    switch (k->type) {
+    case PELL_KNOB_BOOL: return json_boolean(k->def[0] != 0.0);
+    case PELL_KNOB_INT:
+    case PELL_KNOB_INT64: return json_integer((json_int_t) k->def[0]);
+    case PELL_KNOB_ENUM: return json_string(k->choices[(int) k->def[0]]);
+    case PELL_KNOB_RGB: return cli_numbers(k->def, 3);
+    default: return json_real(k->def[0]);
+    }
+}
+
+static json_t *knob_bound(const struct pell_knob *k, double bound)
+{
+    switch (k->type) {
+    case PELL_KNOB_BOOL: return json_null();
+    case PELL_KNOB_INT:
+    case PELL_KNOB_INT64: return json_integer((json_int_t) bound);
+    default: return json_real(bound);
+    }
+}
+
+static json_t *knob_json(const struct pell_knob *k)
+{
+    static const char *const types[] = { "", "bool", "int", "int", "float", "enum", "rgb" };
+    json_t *o = json_pack("{s:s,s:s,s:s,s:o,s:s}", "name", k->name, "unit", k->unit, "type", types[k->type], "default", knob_default(k),
+                          "help", k->help);
+
+    if (o && k->type == PELL_KNOB_ENUM) {
+        json_t *choices = json_array();
+        for (int i = 0; k->choices[i]; i++)
+            json_array_append_new(choices, json_string(k->choices[i]));
+        json_object_set_new(o, "choices", choices);
+        json_object_set_new(o, "min", json_null());
+        json_object_set_new(o, "max", json_null());
+    } else if (o) {
+        json_object_set_new(o, "min", knob_bound(k, k->min));
+        json_object_set_new(o, "max", knob_bound(k, k->max));
+    }
+    return o;
+}
+
+static json_t *method_json(const struct pell_method *m)
+{
+    json_t *knobs = json_array();
+    for (const struct pell_knob *k = m->knobs; k->name; k++)
+        json_array_append_new(knobs, knob_json(k));
+    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s,s:o}", "name", m->name, "title", m->title, "kind", kinds[m->kind], "engines", engines_of(m),
+                     "citation", m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
+}
+
+static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
+{
+    char low[40], high[40], def[40];
+
+    printf("\n%sKnobs%s (--set NAME=VALUE; * is the default)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
+    for (const struct pell_knob *k = knobs; k->name; k++) {
+        const bool unit = strcmp(k->unit, "1") != 0;
+        printf("  %-18s ", k->name);
+        if (k->type == PELL_KNOB_ENUM) {
+            for (int i = 0; k->choices[i]; i++)
+                printf("%s%s%s", i ? " | " : "", k->choices[i], i == (int) k->def[0] ? "*" : "");
+        } else if (k->type == PELL_KNOB_BOOL) {
+            printf("%s", k->def[0] != 0.0 ? "on* | off" : "on | off*");
+        } else {
+            printf("%s to %s%s%s, default %s", pell_format_number(k->min, false, low, sizeof(low)),
+                   pell_format_number(k->max, false, high, sizeof(high)), unit ? " " : "", unit ? k->unit : "",
+                   pell_format_number(k->def[0], false, def, sizeof(def)));
+        }
+        printf("\n%23s", "");
+        cli_wrap(stdout, 23, 23, k->help);
+    }
+}
+
+static void print_method(const struct cli *cli, const struct pell_method *m)
+{
+    printf("%s%s%s - %s (%s; %s)\n", cli_style(cli, stdout, 1), m->name, cli_style(cli, stdout, 0), m->title, kinds[m->kind],
+           m->cpu && m->vulkan ? "cpu, vulkan" : m->cpu ? "cpu" : "vulkan");
+    cli_wrap(stdout, 0, 0, m->cite);
+    if (m->limits) {
+        fputs("\nLimits: ", stdout);
+        cli_wrap(stdout, 8, 8, m->limits);
+    }
+    print_knobs(cli, m->knobs);
+}
+
+/* What -m none does: no row of the registry. */
+static const char none_text[] = "no scattering: Lambert of the same colour, to compare with";
+
+enum exit_code command_methods(struct cli *cli)
+{
+    const char *name = cli->num_arguments > 0 ? cli->arguments[0] : NULL;
+    const struct pell_method *one = NULL;
+
+    if (name && strcmp(name, "none") == 0 && !cli->json) {
+        printf("none - %s\n", none_text);
+        return EXIT_OK;
+    }
+    if (name && !(one = pell_method_find(cli->ctx, "methods", name)))
+        return EXIT_USAGE;
+    if (cli->json) {
+        json_t *list = json_array();
+        for (size_t i = 0; pell_methods[i]; i++)
+            if (!one || pell_methods[i] == one)
+                json_array_append_new(list, method_json(pell_methods[i]));
+        return cli_print_json(cli, json_pack("{s:o}", "methods", list));
+    }
+    if (one) {
+        print_method(cli, one);
+        return EXIT_OK;
+    }
+    for (size_t i = 0; pell_methods[i]; i++) {
+        const struct pell_method *m = pell_methods[i];
+        printf("%-14s %-10s %-10s %s\n", m->name, kinds[m->kind], m->cpu && m->vulkan ? "cpu,vulkan" : m->cpu ? "cpu" : "vulkan", m->title);
+    }
+    printf("%-14s %-10s %-10s %s\n", "none", "-", "cpu", none_text);
+    return EXIT_OK;
+}
+
+#if defined(__clang__)
+#define COMPILER "clang " __clang_version__
+#else
+#define COMPILER "gcc " __VERSION__
+#endif
+#if defined(__OPTIMIZE__)
+#define OPTIMIZED true
+#else
+#define OPTIMIZED false
+#endif
+#if defined(NDEBUG)
+#define ASSERTIONS false
+#else
+#define ASSERTIONS true
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define SANITIZED true
+#else
+#define SANITIZED false
+#endif
+
+static const char *const read_formats[] = { "png", "jpeg", "hdr", "exr", "pfm", NULL }; /* see pellucid/image.h */
+
+static json_t *names_json(const char *const *names)
+{
+    json_t *list = json_array();
+    for (; *names; names++)
+        json_array_append_new(list, json_string(*names));
+    return list;
+}
+
+static void print_names(const char *head, const char *const *names)
+{
+    printf("%-15s", head);
+    for (; *names; names++)
+        printf(" %s", *names);
+    putchar('\n');
+}
+
+static enum exit_code info_json(struct cli *cli, const char *device, int threads, const char *const *levels)
+{
+    json_t *limits = json_object();
+
+    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++) {
+        const char *field = (const char *) &cli->limits + k->offset;
+        json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) field : *(const int *) field));
+    }
+    return cli_print_json(cli, json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:[],s:o,s:{s:o,s:o},s:i}", "version",
+                                         pell_version(), "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions", ASSERTIONS,
+                                         "sanitized", SANITIZED, "engines", "name", "cpu", "device", device, "threads", threads, "simd",
+                                         pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices", "limits", limits,
+                                         "image_formats", "read", names_json(read_formats), "write", names_json(pell_write_formats),
+                                         "materials", (int) pell_material_count()));
+}
+
+enum exit_code command_info(struct cli *cli)
+{
+    const char *levels[PELL_SIMD_LEVELS + 1] = { NULL };
+    struct pell_renderer_params params = { .threads = cli->numbers.threads };
+    struct pell_renderer *r;
+    char value[64], device[160];
+    enum exit_code code = cli_engine(cli, &params.engine);
+    int threads;
+
+    if (code == EXIT_OK)
+        code = cli_failed(cli, pell_renderer_create(cli->ctx, &params, &r));
+    if (code != EXIT_OK)
+        return code;
+    threads = pell_renderer_threads(r);
+    pell_renderer_destroy(&r);
+    cli_device_name(device, sizeof(device));
+    for (int i = 0; i <= (int) pell_simd_best(); i++)
+        levels[i] = pell_simd_name((enum pell_simd_level) i);
+    if (cli->json)
+        return info_json(cli, device, threads, levels);
+    printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %d threads, SIMD level %s\n", pell_version(), "built with", COMPILER,
+           OPTIMIZED ? ", optimized" : ", not optimized", ASSERTIONS ? ", assertions" : "", SANITIZED ? ", sanitizers" : "", "engine cpu",
+           device, "", threads, pell_simd_name(pell_simd_best()));
+    print_names("SIMD levels", levels);
+    printf("%-15s not in this build\n\n", "engine vulkan");
+    print_names("reads pictures", read_formats);
+    print_names("writes pictures", pell_write_formats);
+    printf("\n%sLimits%s (--limit NAME=VALUE)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
+    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++) {
+        printf("  %-13s %12s  ", k->name, pell_knob_format(k, &cli->limits, value, sizeof(value)));
+        cli_wrap(stdout, 29, 29, k->help);
+    }
+    return EXIT_OK;
+}

@@ -1,0 +1,320 @@
+/* SPDX-License-Identifier: MIT
+ * render.c - `pellucid render`: a picture, a turntable of them, or the frames of an animation. */
+#include "cli/cli.h"
+
+#include "base/file.h"
+#include "math/vec.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define MOST_FRAMES 100000
+
+struct job {
+    struct session session;
+    char output[4096];
+    const char *format;
+    uint64_t scene_hash, materials_hash; /* 0 unless the format keeps them */
+    struct pell_picture picture;         /* the last one */
+    json_t *images;                      /* of a turntable or of frames: their names */
+    struct {
+        double from, step;
+        int count; /* 0: none */
+    } frames;
+};
+
+/* --- Where the picture goes --------------------------------------------------------------------------------------------------- */
+
+static enum exit_code choose_output(struct cli *cli, struct job *job)
+{
+    const char *name = pell_path_name(cli->arguments[0]), *dot = strrchr(name, '.');
+    const int n = cli->output
+                      ? snprintf(job->output, sizeof(job->output), "%s", cli->output)
+                      : snprintf(job->output, sizeof(job->output), "%.*s.png", dot && dot != name ? (int) (dot - name) : 4000, name);
+
+    if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
+        return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);
+    return EXIT_OK;
+}
+
+static enum exit_code choose_format(struct cli *cli, struct job *job)
+{
+    const bool to_stdout = strcmp(job->output, "-") == 0;
+    size_t count = 0;
+
+    for (; pell_write_formats[count]; count++)
+        if (cli->format ? strcmp(cli->format, pell_write_formats[count]) == 0
+                        : pell_path_has_extension(job->output, pell_write_formats[count]))
+            job->format = pell_write_formats[count];
+    if (!job->format && cli->format) {
+        struct pell_text hint = { .length = 0 };
+        const bool near = pell_text_suggest(&hint, "", cli->format, pell_write_formats, count);
+        return cli_usage(cli, "--format", near ? hint.str : NULL, "\"%s\", must be png, exr, hdr or pfm", cli->format);
+    }
+    if (!job->format)
+        return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",
+                         "\"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
+    if (to_stdout && (cli->json || cli->numbers.turntable > 0 || cli->frames))
+        return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s",
+                         cli->json ? "--json" : cli->frames ? "--frames" : "--turntable");
+    return EXIT_OK;
+}
+
+/* "0:2:0.25" -> nine times. */
+static enum exit_code choose_frames(struct cli *cli, struct job *job)
+{
+    const char *text = cli->frames, *first = text ? strchr(text, ':') : NULL, *second = first ? strchr(first + 1, ':') : NULL;
+    double to = 0.0, count;
+
+    if (!text)
+        return EXIT_OK;
+    if (!second || !pell_parse_number(text, (size_t) (first - text), &job->frames.from) ||
+        !pell_parse_number(first + 1, (size_t) (second - first - 1), &to) ||
+        !pell_parse_number(second + 1, strlen(second + 1), &job->frames.step))
+        return cli_usage(cli, "--frames", "0:2:0.25 are nine pictures of two seconds",
+                         "\"%s\", must be three numbers of seconds: FROM:TO:STEP", text);
+    if (!(job->frames.step > 0.0) || !(to >= job->frames.from))
+        return cli_usage(cli, "--frames", NULL, "\"%s\" goes backwards or stands still: STEP must be above 0, TO not before FROM", text);
+    count = floor((to - job->frames.from) / job->frames.step * (1.0 + 1e-12) + 1e-9) + 1.0;
+    if (!(count <= MOST_FRAMES))
+        return cli_usage(cli, "--frames", NULL, "\"%s\" are %g pictures, at most %d are allowed", text, count, MOST_FRAMES);
+    job->frames.count = (int) count;
+    if (cli->time || cli->numbers.turntable > 0)
+        return cli_usage(cli, "--frames", NULL, "says which times: it does not go with %s", cli->time ? "--time" : "--turntable");
+    return EXIT_OK;
+}
+
+static bool one_file(const char *a, const char *b)
+{
+    struct stat x, y;
+
+    return strcmp(a, b) == 0 || (stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino);
+}
+
+/* What can be known before the work: writing itself decides. */
+static enum exit_code check_writable(struct cli *cli, const char *option, const char *path)
+{
+    const char *name = pell_path_name(path);
+    char folder[sizeof(((struct job *) NULL)->output)];
+    struct stat out;
+
+    if (stat(path, &out) == 0 && S_ISDIR(out.st_mode))
+        return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "is a folder, must name a file"));
+    if (one_file(cli->arguments[0], path))
+        return cli_usage(cli, option, NULL, "\"%s\" is the input", path);
+    if (snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path) >= (int) sizeof(folder) ||
+        access(folder[0] ? folder : ".", W_OK) != 0)
+        return cli_failed(cli,
+                          pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "can't be written: its folder is not there, or is closed to you"));
+    return EXIT_OK;
+}
+
+/* "turn.png", 7 -> "turn_0007.png". */
+static void numbered(const char *path, int number, int count, char *out, size_t size)
+{
+    const char *dot = strrchr(pell_path_name(path), '.');
+    const int digits = count > 10000 ? 5 : 4;
+
+    if (!dot)
+        dot = path + strlen(path);
+    snprintf(out, size, "%.*s_%0*d%s", (int) (dot - path), path, digits, number, dot);
+}
+
+/* --- Writing ------------------------------------------------------------------------------------------------------------------ */
+
+static void print_stats(const struct pell_picture *p)
+{
+    fprintf(stderr, "%-28s %9s %10s %10s %9s %7s\n", "stage", "ms", "pixels", "rays", "copy ms", "ratio");
+    for (size_t i = 0; i < p->num_stages; i++) {
+        const struct pell_stage_time *t = &p->stages[i];
+        fprintf(stderr, "%-28s %9.2f %10lld %10lld ", t->name, t->ms, (long long) t->pixels, (long long) t->rays);
+        if (t->copy_ms > 0.0)
+            fprintf(stderr, "%9.2f %7.1f\n", t->copy_ms, t->ms / t->copy_ms);
+        else
+            fprintf(stderr, "%9s %7s\n", "-", "-");
+    }
+    fprintf(stderr, "%-28s %9.2f\n", "frame", 1e3 * p->seconds);
+}
+
+static enum exit_code render_one(struct cli *cli, struct job *job, const char *path)
+{
+    enum exit_code code;
+    enum pell_result res;
+
+    if ((code = cli_spare_input(cli, "--output", path)) != EXIT_OK)
+        return code;
+    res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->picture);
+    cli_progress_end(cli);
+    if (res == PELL_OK)
+        res = session_write(cli, &job->session, &job->picture, path, job->format, job->scene_hash, job->materials_hash);
+    if (res != PELL_OK)
+        return cli_failed(cli, res);
+    cli->pictures++;
+    cli->partial = job->picture.partial;
+    if (cli->stats && !cli->json)
+        print_stats(&job->picture);
+    return cli->partial ? EXIT_INTERRUPTED : EXIT_OK;
+}
+
+/* --- Turntable ---------------------------------------------------------------------------------------------------------------- */
+
+/* Turns the camera about the vertical axis through the middle of the bounds. */
+static void turn_camera(const struct pell_scene *scene, const struct pell_camera *from, double angle, struct pell_camera *to)
+{
+    const double c = cos(angle), s = sin(angle);
+    const struct pell_mat4 turn = { { c, 0, -s, 0, 0, 1, 0, 0, s, 0, c, 0, 0, 0, 0, 1 } };
+    const struct pell_vec3 middle =
+        vec3(0.5f * (scene->bounds_min[0] + scene->bounds_max[0]), 0.0f, 0.5f * (scene->bounds_min[2] + scene->bounds_max[2]));
+
+    vec3_store(vec3_add(middle, mat4_direction(&turn, vec3_sub(vec3_load(from->position), middle))), to->position);
+    vec3_store(mat4_direction(&turn, vec3_load(from->forward)), to->forward);
+    vec3_store(mat4_direction(&turn, vec3_load(from->up)), to->up);
+}
+
+static enum exit_code render_turntable(struct cli *cli, struct job *job)
+{
+    struct pell_scene *scene = job->session.scene;
+    const struct pell_camera camera = scene->cameras[0];
+    const int count = cli->numbers.turntable;
+    char path[sizeof(job->output) + 16];
+    enum exit_code code = EXIT_OK;
+
+    job->images = json_array();
+    cli->progress.parts = count;
+    for (int i = 0; i < count && code == EXIT_OK; i++) {
+        cli->progress.part = i;
+        turn_camera(scene, &camera, 2.0 * PELL_PI * i / count, &scene->cameras[0]);
+        numbered(job->output, i, count, path, sizeof(path));
+        code = render_one(cli, job, path);
+        json_array_append_new(job->images, cli_text(path));
+        cli_progress(cli, "render", 1.0);
+        job->session.settings.exposure = job->picture.exposure; /* or the pictures would flicker */
+    }
+    scene->cameras[0] = camera;
+    return code;
+}
+
+/* --- Frames ------------------------------------------------------------------------------------------------------------------- */
+
+static void hash_scene(struct job *job)
+{
+    if (strcmp(job->format, "exr") != 0)
+        return;
+    job->scene_hash = pell_scene_hash(job->session.scene);
+    job->materials_hash = pell_scene_hash_materials(job->session.scene);
+}
+
+/* The session holds the first. */
+static enum exit_code render_frames(struct cli *cli, struct job *job)
+{
+    char path[sizeof(job->output) + 16];
+    enum exit_code code = EXIT_OK;
+
+    job->images = json_array();
+    cli->progress.parts = job->frames.count;
+    for (int i = 0; i < job->frames.count && code == EXIT_OK; i++) {
+        cli->progress.part = i;
+        if (i > 0)
+            code = session_move(cli, cli->arguments[0], job->frames.from + i * job->frames.step, &job->session);
+        if (code != EXIT_OK)
+            break;
+        hash_scene(job);
+        numbered(job->output, i, job->frames.count, path, sizeof(path));
+        code = render_one(cli, job, path);
+        json_array_append_new(job->images, cli_text(path));
+        cli_progress(cli, "render", 1.0);
+        job->session.settings.exposure = job->picture.exposure; /* or the pictures would flicker */
+    }
+    return code;
+}
+
+/* --- Checkpoint ----------------------------------------------------------------------------------------------------------------- */
+
+static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
+{
+    const struct pell_method *method = job->session.method;
+    struct pell_checkpoint checkpoint = { .path = cli->checkpoint, .every = 60.0 };
+    enum exit_code code;
+
+    if (cli->checkpoint_every && !cli->checkpoint)
+        return cli_usage(cli, "--checkpoint-every", NULL, "needs --checkpoint FILE");
+    if (!cli->checkpoint)
+        return EXIT_OK;
+    if (cli->numbers.turntable > 0 || cli->frames)
+        return cli_usage(cli, "--checkpoint", NULL, "is of one picture: it does not go with %s", cli->frames ? "--frames" : "--turntable");
+    if (!method || !method->partial)
+        return cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", method ? method->name : "none");
+    if (cli->checkpoint_every &&
+        (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
+        return code;
+    if ((code = check_writable(cli, "--checkpoint", cli->checkpoint)) != EXIT_OK)
+        return code;
+    if (one_file(job->output, cli->checkpoint))
+        return cli_usage(cli, "--checkpoint", "give it another name", "\"%s\" is where the picture goes", cli->checkpoint);
+    return cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint));
+}
+
+/* --- The command -------------------------------------------------------------------------------------------------------------- */
+
+static enum exit_code answer(struct cli *cli, const struct job *job)
+{
+    const struct session *s = &job->session;
+    const struct pell_picture *p = &job->picture;
+    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
+    const int threads = pell_renderer_threads(s->renderer);
+    char shown[256];
+    json_t *o;
+
+    if (!cli->json) {
+        if (!cli->quiet)
+            fprintf(stderr, "%s: %d x %d, %s on engine %s (%d threads), %.2f s after %.2f s of loading\n",
+                    strcmp(job->output, "-") ? pell_printable(job->output, shown, sizeof(shown)) : "stdout", p->width, p->height, method,
+                    engine, threads, p->seconds, s->load_seconds);
+        return EXIT_OK;
+    }
+    o = json_pack("{s:o,s:s,s:s,s:i,s:i,s:f,s:f,s:i,s:f,s:o,s:O}", "image",
+                  job->images ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1)) : cli_text(job->output),
+                  "method", method, "engine", engine, "width", p->width, "height", p->height, "seconds", p->seconds, "load_seconds",
+                  s->load_seconds, "threads", threads, "exposure", (double) p->exposure, "stages", session_stages(p), "warnings",
+                  cli->warnings);
+    if (o && job->images)
+        json_object_set(o, "images", job->images);
+    if (o && p->partial)
+        json_object_set_new(o, "partial", json_true());
+    return cli_print_json(cli, o);
+}
+
+enum exit_code command_render(struct cli *cli)
+{
+    struct job job = { .format = NULL };
+    enum exit_code code = choose_output(cli, &job);
+
+    if (code == EXIT_OK)
+        code = choose_format(cli, &job);
+    if (code == EXIT_OK)
+        code = choose_frames(cli, &job);
+    if (code == EXIT_OK)
+        code = strcmp(job.output, "-") == 0 ? EXIT_OK : check_writable(cli, "--output", job.output);
+    if (code == EXIT_OK)
+        code = session_open_at(cli, cli->arguments[0], job.frames.count > 0 ? &job.frames.from : NULL, &job.session);
+    if (code == EXIT_OK)
+        code = set_checkpoint(cli, &job);
+    if (code == EXIT_OK) {
+        job.session.settings.layers = strcmp(job.format, "exr") == 0;
+        hash_scene(&job);
+        code = cli_failed(cli, pell_renderer_check_range(job.session.renderer, &job.session.settings));
+    }
+    if (code == EXIT_OK)
+        code = cli->numbers.turntable > 0 ? render_turntable(cli, &job)
+               : job.frames.count > 0     ? render_frames(cli, &job)
+                                          : render_one(cli, &job, job.output);
+    if (code == EXIT_OK)
+        code = answer(cli, &job);
+    else if (code == EXIT_INTERRUPTED && cli->partial)
+        answer(cli, &job);
+    json_decref(job.images);
+    session_close(&job.session);
+    return code;
+}

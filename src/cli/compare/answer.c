@@ -1,0 +1,158 @@
+/* SPDX-License-Identifier: MIT
+ * answer.c - numbers of a comparison: as JSON, as maps, as a picture of 32 bit errors. */
+#include "cli/compare/compare.h"
+
+#include "base/file.h"
+#include "image/color.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define RELATIVE_RANGE 0.5f /* at the ends of the map's colours */
+
+enum { COLORS = 1024 };
+
+enum pell_result compare_params(struct cli *cli, struct pell_compare_params *params)
+{
+    enum pell_result res = PELL_OK;
+
+    pell_knobs_default(pell_compare_knobs, params);
+    params->threads = cli->numbers.threads;
+    for (size_t i = 0; res == PELL_OK && i < cli->settings.count; i++) {
+        const struct pell_setting *s = &cli->settings.items[i];
+        if (pell_knob_find(pell_compare_knobs, s->name))
+            res = pell_knob_set(cli->ctx, pell_compare_knobs, "compare", s->where, params, s->name, s->value);
+    }
+    return res;
+}
+
+enum pell_result compare_run(struct cli *cli, const char *test, const char *reference, const struct pell_compare_input *in,
+                             const struct pell_compare_params *params, struct pell_comparison *out)
+{
+    enum pell_result res = pell_compare(cli->ctx, in, params, out);
+
+    if (res != PELL_OK)
+        return res;
+    if (out->bad_test > 0)
+        pell_warn(cli->ctx, test, NULL, "%lld pixels are not finite; they are left out of all numbers", (long long) out->bad_test);
+    if (out->bad_reference > 0)
+        pell_warn(cli->ctx, reference, NULL, "%lld pixels of the reference are not finite; they are left out of all numbers",
+                  (long long) out->bad_reference);
+    if (out->whole.pixels == 0)
+        res = pell_error(cli->ctx, PELL_ERR_INVALID, test, NULL, "no pixel of both pictures is finite");
+    return res;
+}
+
+/* --- JSON --------------------------------------------------------------------------------------------------------------------- */
+
+json_t *compare_number(double v)
+{
+    return isfinite(v) ? json_real(v) : json_null();
+}
+
+json_t *compare_metrics(const struct pell_metrics *m, bool display)
+{
+    return json_pack("{s:I,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "pixels", (json_int_t) m->pixels, "mse", compare_number(m->mse),
+                     "rel_mse", compare_number(m->rel_mse), "mae", compare_number(m->mae), "bias", cli_numbers(m->bias, 3), "rel_bias",
+                     cli_numbers(m->rel_bias, 3), "ssim", compare_number(m->ssim), "ssim_rgb", cli_numbers(m->ssim_rgb, 3), "flip",
+                     compare_number(m->flip), "flip_hdr", display ? json_null() : compare_number(m->flip_hdr), "noise_mse",
+                     compare_number(m->noise_mse), "noise_rel_mse", compare_number(m->noise_rel_mse));
+}
+
+void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display)
+{
+    json_t *numbers = compare_metrics(m, display);
+
+    json_object_update(to, numbers);
+    json_decref(numbers);
+}
+
+void compare_add_shown(json_t *to, const struct pell_comparison *r, bool display)
+{
+    json_object_set_new(to, "exposure", compare_number((double) r->exposure));
+    json_object_set_new(to, "white", compare_number((double) r->white));
+    json_object_set_new(to, "hdr_exposures",
+                        display ? json_null()
+                                : json_pack("{s:f,s:f,s:i,s:b}", "start", r->hdr_start, "stop", r->hdr_stop, "count", r->hdr_exposures,
+                                            "median_above_black", (int) r->hdr_above_black));
+}
+
+enum pell_result compare_write_json(struct cli *cli, const json_t *answer, struct output_folder *f)
+{
+    char *text = json_dumps(answer, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
+    const char *path = folder_file(f, "metrics.json");
+    enum pell_result res = !text ? PELL_ERR_NOMEM : !path ? PELL_ERR_INVALID : pell_file_write(cli->ctx, path, text, strlen(text));
+
+    free(text);
+    return res;
+}
+
+/* --- Maps --------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result write_map(struct cli *cli, const struct pell_comparison *r, struct output_folder *f, const char *name,
+                                  const float *map, float low, float high, void (*color)(float, float *))
+{
+    const size_t all = (size_t) r->width * (size_t) r->height;
+    const char *path = folder_file(f, name);
+    float table[COLORS][3], *planes = pell_alloc_array(cli->ctx, all, 3 * sizeof(float));
+    struct pell_channel channels[3];
+    enum pell_result res;
+
+    if (!planes || !path) {
+        pell_free(cli->ctx, planes);
+        return path ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
+    }
+    for (int i = 0; i < COLORS; i++) {
+        const float u = (float) i / (COLORS - 1), at = low < 0.0f ? 2.0f * u - 1.0f : u;
+        color(at, table[i]);
+        for (int c = 0; c < 3; c++)
+            table[i][c] = pell_srgb_decode(table[i][c]); /* PNG encodes it */
+    }
+    for (size_t i = 0; i < all; i++) {
+        const float u = (map[i] - low) / (high - low);
+        const int k = (int) ((u > 0.0f ? u < 1.0f ? u : 1.0f : 0.0f) * (COLORS - 1) + 0.5f);
+        for (size_t c = 0; c < 3; c++)
+            planes[c * all + i] = table[k][c];
+    }
+    for (int c = 0; c < 3; c++)
+        channels[c] = (struct pell_channel){ (const char *[]){ "R", "G", "B" }[c], planes + (size_t) c * all, r->width, false };
+    res = pell_image_write(cli->ctx, path, NULL,
+                           &(struct pell_write_params){ .width = r->width, .height = r->height, .channels = channels, .num_channels = 3 });
+    pell_free(cli->ctx, planes);
+    return res;
+}
+
+enum pell_result compare_write_maps(struct cli *cli, const struct pell_comparison *r, bool display, struct output_folder *f)
+{
+    enum pell_result res = write_map(cli, r, f, "relative.png", r->relative, -RELATIVE_RANGE, RELATIVE_RANGE, pell_color_diverging);
+
+    if (res == PELL_OK)
+        res = write_map(cli, r, f, "flip.png", r->flip, 0.0f, 1.0f, pell_color_magma);
+    if (res == PELL_OK && !display)
+        res = write_map(cli, r, f, "flip_hdr.png", r->flip_hdr, 0.0f, 1.0f, pell_color_magma);
+    return res;
+}
+
+enum pell_result compare_write_errors(struct cli *cli, const struct pell_comparison *r, struct output_folder *f, const char *name)
+{
+    const struct pell_channel channels[] = {
+        { "flip.Y", r->flip, r->width, true },
+        { "flip_hdr.Y", r->flip_hdr, r->width, true },
+        { "relative.Y", r->relative, r->width, true },
+        { "ssim.Y", r->ssim, r->width, true },
+    };
+    const struct pell_attribute attributes[] = { { "pellucid.version", pell_version() }, { "pellucid.command", cli->command_line } };
+    const char *path = folder_file(f, name);
+
+    if (!path)
+        return PELL_ERR_INVALID;
+    return pell_image_write(cli->ctx, path, NULL,
+                            &(struct pell_write_params){ .width = r->width,
+                                                         .height = r->height,
+                                                         .channels = channels,
+                                                         .num_channels = PELL_COUNT(channels),
+                                                         .attributes = attributes,
+                                                         .num_attributes = PELL_COUNT(attributes),
+                                                         .compression = PELL_EXR_ZIP });
+}

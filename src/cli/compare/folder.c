@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: MIT
+ * folder.c - a folder of results that appears whole or not at all: files are written beside it, or in it under a name that starts
+ * with a dot, and moved when the last one is there. */
+#include "cli/compare/compare.h"
+
+#include "base/file.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum pell_result folder_begin(struct pell_context *ctx, const char *path, struct output_folder *f)
+{
+    static const char hint[] = "-o names a folder, which is made if the one around it is there";
+    struct stat st;
+    size_t n = strlen(path);
+
+    *f = (struct output_folder){ .ctx = ctx };
+    if (n > 4000)
+        return pell_error(ctx, PELL_ERR_INVALID, "--output", NULL, "a name of %zu bytes is too long", n);
+    while (n > 1 && path[n - 1] == '/')
+        n--;
+    memcpy(f->path, path, n);
+    f->there = stat(f->path, &st) == 0;
+    if (f->there && !S_ISDIR(st.st_mode))
+        return pell_error(ctx, PELL_ERR_IO, path, hint, "is there, and is no folder");
+    snprintf(f->partial, sizeof(f->partial), "%s%s.partial-XXXXXX", f->path, f->there ? "/" : "");
+    if (mkdtemp(f->partial))
+        return PELL_OK;
+    f->partial[0] = '\0';
+    return pell_error(ctx, PELL_ERR_IO, path, hint, f->there ? "can't be written to" : "can't be made");
+}
+
+const char *folder_file(struct output_folder *f, const char *name)
+{
+    static const size_t most = PELL_COUNT(f->files);
+    static _Thread_local char path[sizeof(f->partial) + sizeof(f->files[0])];
+
+    if (f->count == most || strlen(name) >= sizeof(f->files[0])) {
+        pell_error(f->ctx, PELL_ERR_INVALID, f->path, "compare fewer methods at a time", "more than %zu files, or too long a name", most);
+        return NULL;
+    }
+    snprintf(f->files[f->count++], sizeof(f->files[0]), "%s", name);
+    snprintf(path, sizeof(path), "%s/%s", f->partial, name);
+    return path;
+}
+
+enum pell_result folder_commit(struct output_folder *f)
+{
+    char from[sizeof(f->partial) + sizeof(f->files[0])], to[sizeof(from)];
+    const mode_t mask = umask(0);
+
+    umask(mask);
+    for (size_t i = 0; i < f->count; i++) {
+        snprintf(to, sizeof(to), "%s/%s", f->path, f->files[i]);
+        if (pell_file_was_read(f->ctx, to))
+            return pell_error(f->ctx, PELL_ERR_INVALID, "--output", "name another folder", "\"%s\" is one of the files that were read", to);
+    }
+    if (!f->there && chmod(f->partial, 0777 & ~mask) == 0 && rename(f->partial, f->path) == 0) {
+        f->partial[0] = '\0';
+        return PELL_OK;
+    }
+    if (!f->there && mkdir(f->path, 0777) != 0 && errno != EEXIST) /* somebody made it meanwhile: that is as good */
+        return pell_error(f->ctx, PELL_ERR_IO, f->path, NULL, "can't be made");
+    for (size_t i = 0; i < f->count; i++) {
+        snprintf(from, sizeof(from), "%s/%s", f->partial, f->files[i]);
+        snprintf(to, sizeof(to), "%s/%s", f->path, f->files[i]);
+        if (rename(from, to) != 0)
+            return pell_error(f->ctx, PELL_ERR_IO, to, NULL, "can't be replaced: %s",
+                              errno == EISDIR ? "a folder has this name" : "the folder refuses it");
+    }
+    folder_drop(f);
+    return PELL_OK;
+}
+
+void folder_drop(struct output_folder *f)
+{
+    char path[sizeof(f->partial) + sizeof(f->files[0])];
+
+    if (!f->partial[0])
+        return;
+    for (size_t i = 0; i < f->count; i++) {
+        snprintf(path, sizeof(path), "%s/%s", f->partial, f->files[i]);
+        unlink(path);
+    }
+    rmdir(f->partial);
+    f->partial[0] = '\0';
+}

@@ -1,0 +1,295 @@
+/* SPDX-License-Identifier: MIT
+ * messages.c - messages, progress, JSON and exit codes. */
+#include "cli/cli.h"
+
+#include "base/file.h"
+
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define COLUMNS 96
+
+const char *cli_style(const struct cli *cli, const FILE *file, int style)
+{
+    if (!(file == stdout ? cli->color_out : cli->color_err))
+        return "";
+    switch (style) {
+    case 1: return "\033[1m";
+    case 2: return "\033[2m";
+    case 31: return "\033[31;1m";
+    case 33: return "\033[33;1m";
+    case 36: return "\033[36m";
+    default: return "\033[0m";
+    }
+}
+
+/* Columns of `length` bytes of UTF-8; wide characters count as one. */
+static int columns(const char *text, size_t length)
+{
+    int n = 0;
+    for (size_t i = 0; i < length; i++)
+        n += ((unsigned char) text[i] & 0xc0) != 0x80;
+    return n;
+}
+
+void cli_wrap(FILE *file, int column, int indent, const char *text)
+{
+    bool fresh = column <= indent; /* nothing stands on the line yet */
+
+    for (;;) {
+        const size_t length = strcspn(text, " \n");
+        const int width = columns(text, length);
+
+        if (fresh && strncmp(text, "  ", 2) == 0) {
+            const size_t line = strcspn(text, "\n");
+            fwrite(text, 1, line, file);
+            text += line;
+        } else if (length > 0) {
+            if (!fresh && column + 1 + width > COLUMNS) {
+                fprintf(file, "\n%*s", indent, "");
+                column = indent;
+            } else if (!fresh) {
+                fputc(' ', file);
+                column++;
+            }
+            fwrite(text, 1, length, file);
+            column += width;
+            fresh = false;
+            text += length;
+        }
+        if (*text == '\n') {
+            text++;
+            if (!*text)
+                break;
+            fprintf(file, "\n%*s", *text == '\n' ? 0 : indent, "");
+            column = indent;
+            fresh = true;
+        } else if (*text == ' ') {
+            text++;
+        } else if (!*text) {
+            break;
+        }
+    }
+    fputc('\n', file);
+}
+
+/* --- Messages ----------------------------------------------------------------------------------------------------------------- */
+
+#define STDOUT_NAME "standard output" /* as pell_file_write calls it */
+
+bool cli_reader_left(void)
+{
+    struct pollfd out = { .fd = STDOUT_FILENO };
+    return poll(&out, 1, 0) > 0 && (out.revents & POLLERR);
+}
+
+static void print_message(struct cli *cli, enum pell_log_level level, const char *where, const char *what, const char *hint)
+{
+    static const char *const names[] = { "", "error", "warning", "", "debug" };
+    static const int styles[] = { 0, 31, 33, 0, 2 };
+
+    if (level > cli->log_level || (cli->quiet && level != PELL_LOG_ERROR))
+        return;
+    if (cli->json && level != PELL_LOG_WARNING && level != PELL_LOG_DEBUG)
+        return; /* errors go to stdout as JSON */
+    cli_progress_end(cli);
+    if (names[level][0])
+        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
+    if (where[0])
+        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
+    fprintf(stderr, "%s\n", what);
+    if (hint[0])
+        fprintf(stderr, "  %s%s%s\n", cli_style(cli, stderr, 36), hint, cli_style(cli, stderr, 0));
+}
+
+void cli_collect(struct cli *cli)
+{
+    cli->collected = json_array();
+}
+
+/* No answer will tell what was collected. */
+static void print_collected(struct cli *cli)
+{
+    json_t *collected = cli->collected, *m;
+    size_t i;
+
+    cli->collected = NULL;
+    json_array_foreach(collected, i, m)
+        print_message(cli, PELL_LOG_WARNING, json_string_value(json_object_get(m, "where")), json_string_value(json_object_get(m, "what")),
+                      json_string_value(json_object_get(m, "hint")));
+    json_decref(collected);
+}
+
+void cli_message(void *user, const struct pell_message *m)
+{
+    struct cli *cli = user;
+    char where[sizeof(cli->error.where)], what[sizeof(cli->error.what)], hint[sizeof(cli->error.hint)];
+
+    /* Names in files and arguments may hold anything, also what would steer a terminal. */
+    pell_printable(m->where, where, sizeof(where));
+    pell_printable(m->what, what, sizeof(what));
+    pell_printable(m->hint, hint, sizeof(hint));
+    if (m->level == PELL_LOG_ERROR && !cli->error.there) {
+        cli->error.there = true;
+        cli->error.code = m->code;
+        memcpy(cli->error.where, where, sizeof(where));
+        memcpy(cli->error.what, what, sizeof(what));
+        memcpy(cli->error.hint, hint, sizeof(hint));
+    }
+    if (m->level == PELL_LOG_WARNING && cli->warnings) {
+        char text[sizeof(where) + sizeof(what) + 2];
+        snprintf(text, sizeof(text), "%s%s%s", where, where[0] ? ": " : "", what);
+        json_array_append_new(cli->warnings, json_string(text));
+    }
+    if (m->level == PELL_LOG_WARNING && cli->collected) {
+        json_array_append_new(cli->collected,
+                              json_pack("{s:s,s:s,s:s,s:s}", "severity", "warning", "where", where, "what", what, "hint", hint));
+        return;
+    }
+    if (strcmp(where, STDOUT_NAME) == 0 && cli_reader_left())
+        return; /* `| head` has seen enough */
+    if (m->level == PELL_LOG_ERROR)
+        print_collected(cli);
+    print_message(cli, m->level, where, what, hint);
+}
+
+enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, const char *fmt, ...)
+{
+    char what[sizeof(cli->error.what)];
+    struct pell_message m = { PELL_LOG_ERROR, PELL_ERR_INVALID, where, what, hint ? hint : "" };
+    va_list args;
+
+    va_start(args, fmt);
+    vsnprintf(what, sizeof(what), fmt, args);
+    va_end(args);
+    cli_message(cli, &m);
+    return EXIT_USAGE;
+}
+
+enum exit_code cli_spare_input(struct cli *cli, const char *option, const char *path)
+{
+    if (strcmp(path, "-") == 0 || !pell_file_was_read(cli->ctx, path))
+        return EXIT_OK;
+    return cli_usage(cli, option, "give it another name", "\"%s\" is one of the files that were read", path);
+}
+
+/* Whose fault an invalid value is: the command line's where an option holds it, or where the hint names an option that is missing; else
+ * it stands in a file. */
+static bool users_fault(const struct cli *cli)
+{
+    return cli->error.where[0] == '-' || strncmp(cli->error.hint, "--", 2) == 0;
+}
+
+enum exit_code cli_failed(struct cli *cli, enum pell_result result)
+{
+    switch (result) {
+    case PELL_OK: return EXIT_OK;
+    case PELL_ERR_INVALID: return users_fault(cli) ? EXIT_USAGE : EXIT_INPUT;
+    case PELL_ERR_IO: return strcmp(cli->error.where, STDOUT_NAME) == 0 ? EXIT_FAILED : EXIT_INPUT;
+    case PELL_ERR_FORMAT:
+    case PELL_ERR_UNSUPPORTED: return EXIT_INPUT;
+    case PELL_ERR_DEVICE: return EXIT_DEVICE;
+    case PELL_ERR_NOMEM: return EXIT_MEMORY;
+    case PELL_ERR_CANCELLED: return EXIT_INTERRUPTED;
+    }
+    return EXIT_FAILED;
+}
+
+/* --- Progress ----------------------------------------------------------------------------------------------------------------- */
+
+void cli_progress(void *user, const char *task, double fraction)
+{
+    struct cli *cli = user;
+    const double now = pell_seconds(), whole = cli->progress.parts ? (cli->progress.part + fraction) / cli->progress.parts : fraction;
+    const int bar = 24, filled = (int) (fmin(fmax(whole, 0.0), 1.0) * bar);
+    char text[160];
+    double elapsed;
+    int width;
+
+    if (cli->quiet || cli->json)
+        return;
+    if (whole < cli->progress.fraction) { /* another task, some of which may have been done by an earlier run */
+        cli->progress.begin = now;
+        cli->progress.from = whole;
+    }
+    cli->progress.fraction = whole;
+    elapsed = now - cli->progress.begin;
+    if (now - fmax(cli->progress.shown, cli->progress.begin) < (cli->tty ? 0.1 : 5.0) || whole >= 1.0 || !(whole > cli->progress.from) ||
+        !(elapsed > 0.0))
+        return;
+    cli->progress.shown = now;
+    width = snprintf(text, sizeof(text), "%3.0f %%, %.3g %%/s, %.0f s left", 100.0 * whole, 100.0 * (whole - cli->progress.from) / elapsed,
+                     elapsed * (1.0 - whole) / (whole - cli->progress.from));
+    if (!cli->tty) {
+        fprintf(stderr, "%s: %s\n", task, text);
+        return;
+    }
+    width += fprintf(stderr, "\r%s [%.*s%*s] ", task, filled, "########################", bar - filled, "") - 1;
+    fprintf(stderr, "%s%*s", text, cli->progress.width > width ? cli->progress.width - width : 0, "");
+    fflush(stderr);
+    cli->progress.width = width;
+}
+
+void cli_progress_end(struct cli *cli)
+{
+    if (cli->progress.width > 0)
+        fprintf(stderr, "\r%*s\r", cli->progress.width, "");
+    cli->progress.width = 0;
+}
+
+/* --- JSON --------------------------------------------------------------------------------------------------------------------- */
+
+void cli_answer_begins(void)
+{
+    struct sigaction action;
+
+    if (sigaction(SIGINT, NULL, &action) == 0 && action.sa_handler != SIG_DFL && action.sa_handler != SIG_IGN) {
+        action.sa_flags |= SA_RESTART;
+        sigaction(SIGINT, &action, NULL);
+    }
+}
+
+enum exit_code cli_print_json(struct cli *cli, json_t *object)
+{
+    char *text = object ? json_dumps(object, JSON_INDENT(2) | JSON_REAL_PRECISION(9)) : NULL;
+    enum exit_code code = text ? EXIT_OK : EXIT_MEMORY;
+
+    cli->answered = true;
+    cli_answer_begins();
+    puts(text ? text
+              : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}");
+    free(text);
+    json_decref(object);
+    return code;
+}
+
+void cli_print_json_error(struct cli *cli, enum exit_code code)
+{
+    if (!cli->json || cli->answered)
+        return;
+    if (!cli->error.there) {
+        cli->error.code = code == EXIT_MEMORY ? PELL_ERR_NOMEM : PELL_ERR_CANCELLED;
+        snprintf(cli->error.what, sizeof(cli->error.what),
+                 code == EXIT_MEMORY ? "there is not enough memory" : "stopped before it was done");
+    }
+    cli_print_json(cli, json_pack("{s:{s:s,s:s,s:s,s:s}}", "error", "code", pell_result_name(cli->error.code), "where", cli->error.where,
+                                  "what", cli->error.what, "hint", cli->error.hint));
+}
+
+json_t *cli_numbers(const double *values, size_t count)
+{
+    json_t *array = json_array();
+    for (size_t i = 0; i < count; i++)
+        json_array_append_new(array, isfinite(values[i]) ? json_real(values[i]) : json_null());
+    return array;
+}
+
+json_t *cli_text(const char *text)
+{
+    char shown[8192];
+    return json_string(pell_printable(text, shown, sizeof(shown)));
+}

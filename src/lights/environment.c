@@ -1,0 +1,671 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * environment.c - light from all around: a latitude-longitude picture or a constant, resolved into
+ *
+ *   lamps       directional lights for the excess over a clamp of the luminance, by cutting the picture where energy times angular
+ *               variance is largest, at the median (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling")
+ *   table       what enters at a surface over its normal, for the WHOLE picture but for compact lamps (a sun). A pixel takes
+ *
+ *                   E(n) = V_amb (table(n) - Sum over broad lamps of P c T) + Sum over all lamps of V_k P c T,     c = max(n.l, 0)
+ *
+ *               so that without occluders the broad lamps cancel and the sum is the picture's irradiance, kinks and all
+ *   levels      the picture as lobes of growing width see it, for reflection
+ *
+ * The table integrates over elements: blocks of the picture, halved while they hold much energy, each with its flux and its mean
+ * direction (flux-weighted, not normalised: a cosine is linear in it, so first moments are exact). For each node the elements go into
+ * a histogram over mu = n.l with linear weights, and every kernel (cosine, albedo of the lobes at several widths, Fresnel) is then a
+ * short sum over bins.
+ */
+#include "lights/environment_map.h"
+
+#include <string.h>
+
+#define BINS 256
+#define MAX_ROWS (1 + 2 * PELL_SPECULAR_MODELS * PELL_ENV_ROUGHNESS + PELL_ENV_ETAS)
+#define BLOCK 16           /* texels of the coarsest elements */
+#define ELEMENT_SHARE 1024 /* a block is split while its energy x (side/BLOCK)^2 is over total / this */
+
+struct element {
+    float x, y, z, unused;
+    float rgb[4]; /* and 0: four lanes */
+};
+
+/* --- Looking up --------------------------------------------------------------------------------------------------------------- */
+
+static struct pell_vec3 to_map(const struct pell_environment *env, struct pell_vec3 d)
+{
+    return vec3(d.x * env->cos_rotate - d.z * env->sin_rotate, d.y, d.x * env->sin_rotate + d.z * env->cos_rotate);
+}
+
+/* u = 1/2 at -z, growing toward +x; v = 0 at +y. */
+static void map_uv(struct pell_vec3 d, float *u, float *v)
+{
+    const float y = d.y < 1.0f ? d.y > -1.0f ? d.y : -1.0f : 1.0f;
+    *u = 0.5f + atan2f(d.x, -d.z) * (0.5f / PELL_PI_F);
+    *v = acosf(y) * (1.0f / PELL_PI_F);
+}
+
+void pell_environment_aim(struct pell_environment *env, const struct pell_light *light)
+{
+    env->cos_rotate = cosf(light->rotate);
+    env->sin_rotate = sinf(light->rotate);
+    for (int c = 0; c < 3; c++)
+        env->power[c] = light->power[c] > 0.0f ? fminf(light->power[c], 1e15f) : 0.0f;
+    if (light->image && light->image->image.pixels)
+        env->image = light->image;
+}
+
+void pell_environment_place(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v)
+{
+    map_uv(to_map(env, direction), u, v);
+}
+
+struct pell_vec3 pell_environment_direction(const struct pell_environment *env, double u, double v)
+{
+    const double azimuth = 2.0 * PELL_PI * (u - 0.5), sine = sin(PELL_PI * v), x = sin(azimuth) * sine, z = -cos(azimuth) * sine;
+
+    return vec3((float) (x * env->cos_rotate + z * env->sin_rotate), (float) cos(PELL_PI * v),
+                (float) (z * env->cos_rotate - x * env->sin_rotate));
+}
+
+static void clean(const struct pell_environment *env, float rgb[3])
+{
+    for (int c = 0; c < 3; c++) {
+        const float x = rgb[c] * env->power[c];
+        rgb[c] = x > 0.0f ? x < 1e15f ? x : 1e15f : 0.0f; /* NaN is 0, too */
+    }
+}
+
+void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3])
+{
+    float rgba[4] = { 1.0f, 1.0f, 1.0f, 1.0f }, u, v;
+
+    if (env->image) {
+        pell_environment_place(env, direction, &u, &v);
+        pell_image_sample(&env->image->image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, u, v, rgba);
+    }
+    memcpy(rgb, rgba, 3 * sizeof(*rgb));
+    clean(env, rgb);
+}
+
+static void level_lookup(const struct pell_env_level *l, float u, float v, float rgb[3])
+{
+    const float x = u * (float) l->width - 0.5f, y0 = v * (float) l->height - 0.5f;
+    const float y = y0 > 0.0f ? y0 < (float) (l->height - 1) ? y0 : (float) (l->height - 1) : 0.0f;
+    const int xi = (int) floorf(x), yi = (int) y, yj = yi + 1 < l->height ? yi + 1 : yi;
+    const int xa = (xi + l->width) % l->width, xb = (xi + 1) % l->width;
+    const float f = x - (float) xi, g = y - (float) yi;
+    const float *r0 = l->rgb + (size_t) yi * (size_t) l->width * 3, *r1 = l->rgb + (size_t) yj * (size_t) l->width * 3;
+
+    for (int c = 0; c < 3; c++) {
+        const float a = r0[3 * xa + c] + f * (r0[3 * xb + c] - r0[3 * xa + c]), b = r1[3 * xa + c] + f * (r1[3 * xb + c] - r1[3 * xa + c]);
+        rgb[c] = a + g * (b - a);
+    }
+}
+
+/* Square roots of the widths of the levels: roughness of GGX. */
+static const float level_roughness[PELL_ENV_LEVELS] = { 0.0f, 0.15f, 0.3f, 0.45f, 0.6f, 0.8f, 1.0f };
+
+void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3])
+{
+    const float r = sqrtf(width < 1.0f ? width > 0.0f ? width : 0.0f : 1.0f);
+    float a[3], b[3], u, v, f;
+    int k = 0;
+
+    if (env->num_levels == 0) {
+        memcpy(rgb, env->power, 3 * sizeof(*rgb));
+        return;
+    }
+    while (k < PELL_ENV_LEVELS - 2 && r >= level_roughness[k + 1])
+        k++;
+    f = (r - level_roughness[k]) / (level_roughness[k + 1] - level_roughness[k]);
+    map_uv(to_map(env, direction), &u, &v);
+    level_lookup(&env->levels[k], u, v, a);
+    level_lookup(&env->levels[k + 1], u, v, b);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = a[c] + f * (b[c] - a[c]);
+}
+
+/* --- The octahedral table over the normal ------------------------------------------------------------------------------------- */
+
+/* Poles at +-y; the lower half is folded over the diagonals, so that the border meets itself. */
+static struct pell_vec3 node_normal(int i, int j)
+{
+    const float a = 2.0f * (float) i / (PELL_ENV_NODES - 1) - 1.0f, b = 2.0f * (float) j / (PELL_ENV_NODES - 1) - 1.0f;
+    const float y = 1.0f - fabsf(a) - fabsf(b);
+    const float x = y < 0.0f ? copysignf(1.0f - fabsf(b), a) : a, z = y < 0.0f ? copysignf(1.0f - fabsf(a), b) : b;
+    return vec3_normalize(vec3(x, y, z));
+}
+
+void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 n, const struct pell_env_query *q, float rgb[3])
+{
+    const float sum = fabsf(n.x) + fabsf(n.y) + fabsf(n.z), inv = sum > 0.0f ? 1.0f / sum : 0.0f;
+    const float x0 = n.x * inv, z0 = n.z * inv;
+    const float x = n.y < 0.0f ? copysignf(1.0f - fabsf(z0), x0) : x0, z = n.y < 0.0f ? copysignf(1.0f - fabsf(x0), z0) : z0;
+    const float u = (x * 0.5f + 0.5f) * (PELL_ENV_NODES - 1), v = (z * 0.5f + 0.5f) * (PELL_ENV_NODES - 1);
+    const int i0 = (int) u, j0 = (int) v, i = i0 < PELL_ENV_NODES - 2 ? i0 : PELL_ENV_NODES - 2,
+              j = j0 < PELL_ENV_NODES - 2 ? j0 : PELL_ENV_NODES - 2;
+    const float f = u - (float) i, g = v - (float) j;
+    const float weight[4] = { (1.0f - f) * (1.0f - g), f * (1.0f - g), (1.0f - f) * g, f * g };
+    const float r = (q->roughness - PELL_ROUGHNESS_MIN) * ((PELL_ENV_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN));
+    const float rc = r > 0.0f ? r < PELL_ENV_ROUGHNESS - 1 ? r : PELL_ENV_ROUGHNESS - 1 : 0.0f;
+    const int k = (int) rc < PELL_ENV_ROUGHNESS - 2 ? (int) rc : PELL_ENV_ROUGHNESS - 2;
+    const float h = rc - (float) k;
+    float e[3] = { 0 }, lobe[3] = { 0 };
+
+    for (int corner = 0; corner < 4; corner++) {
+        const float *node = env->nodes + (size_t) ((j + corner / 2) * PELL_ENV_NODES + i + corner % 2) * (size_t) env->size;
+        if (q->smooth >= 0) {
+            for (int c = 0; c < 3; c++)
+                e[c] += weight[corner] * node[env->boundary_at + 3 * q->smooth + c];
+            continue;
+        }
+        const float *m = node + env->model_at[q->model] + 6 * k; /* scale rgb, bias rgb, then the next roughness */
+        for (int c = 0; c < 3; c++) {
+            const float a = q->f0 * m[c] + m[3 + c], b = q->f0 * m[6 + c] + m[9 + c];
+            e[c] += weight[corner] * node[c];
+            lobe[c] += weight[corner] * (a + h * (b - a));
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        rgb[c] = e[c] - q->rho_s * lobe[c];
+}
+
+struct node_task {
+    struct pell_environment *env;
+    const struct element *elements;
+    size_t count;
+    const struct pell_lamp *lamps;
+    size_t num_lamps;
+    const float *kernels; /* of bin b, row r at [b * rows + r] */
+    int rows;
+};
+
+/* Bins hold red, green, blue and a lane that stays 0. */
+static inline void deposit(float (*hist)[4], float mu, const float rgb[4], float sign)
+{
+    const float x = mu < 1.0f ? mu * (BINS - 1) : BINS - 1;
+    const int i0 = (int) x, i = i0 < BINS - 2 ? i0 : BINS - 2;
+    const float f = sign * (x - (float) i), g = sign - f;
+    for (int c = 0; c < 4; c++) {
+        hist[i][c] += g * rgb[c];
+        hist[i + 1][c] += f * rgb[c];
+    }
+}
+
+static void make_node_row(void *arg, int j, int worker)
+{
+    const struct node_task *t = arg;
+    _Alignas(16) float hist[BINS][4];
+
+    (void) worker;
+    for (int i = 0; i < PELL_ENV_NODES; i++) {
+        const struct pell_vec3 n = node_normal(i, j);
+        float *node = t->env->nodes + (size_t) (j * PELL_ENV_NODES + i) * (size_t) t->env->size;
+        memset(hist, 0, sizeof(hist));
+        if (t->count == 0 && i > 0) { /* constant: one node of a row is like another */
+            memcpy(node, node - t->env->size, (size_t) t->env->size * sizeof(*node));
+            continue;
+        }
+        if (t->count == 0) { /* dw = 2 pi dmu */
+            for (int c = 0; c < 3; c++)
+                for (int b = 0; b < BINS; b++)
+                    hist[b][c] = t->env->power[c] * 2.0f * PELL_PI_F / (BINS - 1) * (b == 0 || b == BINS - 1 ? 0.5f : 1.0f);
+        }
+        for (size_t k = 0; k < t->count; k++) {
+            const struct element *e = &t->elements[k];
+            const float mu = n.x * e->x + n.y * e->y + n.z * e->z;
+            if (mu > 0.0f)
+                deposit(hist, mu, e->rgb, 1.0f);
+        }
+        for (size_t k = 0; k < t->num_lamps; k++) {
+            const float *p = t->lamps[k].power, rgb[4] = { p[0], p[1], p[2] }, mu = -vec3_dot(n, t->lamps[k].direction);
+            if (t->lamps[k].compact && mu > 0.0f)
+                deposit(hist, mu, rgb, -1.0f);
+        }
+        for (int c = 0; c < 3; c++) {
+            float sum[MAX_ROWS] = { 0 };
+            for (int b = 0; b < BINS; b++)
+                for (int row = 0; row < t->rows; row++)
+                    sum[row] += hist[b][c] * t->kernels[b * t->rows + row];
+            for (int row = 0; row < t->rows; row++)
+                node[3 * row + c] = sum[row];
+        }
+    }
+}
+
+/* Lays the table's rows out and allocates it, with one row of `kernels` per row of a node. */
+static enum pell_result allocate_table(struct pell_context *ctx, const struct pell_specular_tables *tables, struct pell_environment *env,
+                                       float **kernels)
+{
+    bool used[PELL_SPECULAR_MODELS] = { false };
+    int rows = 1;
+
+    for (size_t i = 0; i < tables->num_materials; i++)
+        used[tables->model[i]] = true;
+    for (int m = 0; m < PELL_SPECULAR_MODELS; m++) {
+        env->model_at[m] = used[m] ? 3 * rows : -1;
+        rows += used[m] ? 2 * PELL_ENV_ROUGHNESS : 0;
+    }
+    env->boundary_at = 3 * rows;
+    rows += tables->num_boundaries < PELL_ENV_ETAS ? (int) tables->num_boundaries : PELL_ENV_ETAS;
+    env->size = 3 * rows;
+    *kernels = pell_alloc_array(ctx, (size_t) rows * BINS, sizeof(float));
+    if (*kernels)
+        env->nodes = pell_alloc_array(ctx, (size_t) PELL_ENV_NODES * PELL_ENV_NODES * (size_t) env->size, sizeof(float));
+    return env->nodes ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+static void make_kernels(const struct pell_specular_tables *tables, const struct pell_environment *env, float *at)
+{
+    const int etas = (env->size - env->boundary_at) / 3;
+
+    for (int b = 0; b < BINS; b++) {
+        const float mu = (float) b / (BINS - 1);
+        *at++ = mu;
+        for (int m = 0; m < PELL_SPECULAR_MODELS; m++)
+            for (int k = 0; env->model_at[m] >= 0 && k < PELL_ENV_ROUGHNESS; k++) {
+                float fraction, scale, bias;
+                int index;
+                pell_roughness_position(PELL_ROUGHNESS_MIN + (1.0f - PELL_ROUGHNESS_MIN) * (float) k / (PELL_ENV_ROUGHNESS - 1), &index,
+                                        &fraction);
+                pell_albedo_pair(tables->albedo[m][0][index], fraction, mu, &scale, &bias);
+                *at++ = mu * scale;
+                *at++ = mu * bias;
+            }
+        for (int k = 0; k < etas; k++)
+            *at++ = mu * pell_boundary_lookup(tables->boundaries[k].transmittance, mu);
+    }
+}
+
+/* --- The picture at a working size -------------------------------------------------------------------------------------------- */
+
+static void finish_map(struct pell_context *ctx, struct pell_env_map *m)
+{
+    pell_free(ctx, m->rgb);
+    pell_free(ctx, m->sin_row);
+    memset(m, 0, sizeof(*m));
+}
+
+static enum pell_result make_map(struct pell_context *ctx, const struct pell_environment *env, int width, int height,
+                                 struct pell_env_map *m)
+{
+    const size_t rows = (size_t) height, columns = (size_t) width;
+
+    *m = (struct pell_env_map){ .width = width, .height = height };
+    m->rgb = pell_alloc_array(ctx, 3 * rows * columns, sizeof(float));
+    m->sin_row = m->rgb ? pell_alloc_array(ctx, 3 * rows + 2 * columns, sizeof(float)) : NULL;
+    if (!m->sin_row)
+        return PELL_ERR_NOMEM;
+    m->cos_row = m->sin_row + rows;
+    m->solid_row = m->cos_row + rows;
+    m->sin_column = m->solid_row + rows;
+    m->cos_column = m->sin_column + columns;
+    for (int y = 0; y < height; y++) {
+        const double t = PELL_PI * (y + 0.5) / height, half = 0.5 * PELL_PI / height;
+        m->sin_row[y] = (float) sin(t);
+        m->cos_row[y] = (float) cos(t);
+        m->solid_row[y] = (float) (2.0 * PELL_PI / width * 2.0 * sin(t) * sin(half));
+    }
+    for (int x = 0; x < width; x++) {
+        /* map azimuth a: x = sin a, z = -cos a; turned by the light's rotation about y */
+        const double a = 2.0 * PELL_PI * ((x + 0.5) / width - 0.5), sx = sin(a), cz = cos(a);
+        m->sin_column[x] = (float) (sx * env->cos_rotate - cz * env->sin_rotate);
+        m->cos_column[x] = (float) (sx * env->sin_rotate + cz * env->cos_rotate);
+    }
+    return PELL_OK;
+}
+
+struct resample_task {
+    const struct pell_environment *env;
+    struct pell_env_map *to;
+};
+
+/* Mean over the texel's area on the sphere; a smaller picture is interpolated. */
+static void resample_row(void *arg, int y, int worker)
+{
+    const struct resample_task *t = arg;
+    const struct pell_image *image = &t->env->image->image;
+    const double sx = (double) image->width / t->to->width, sy = (double) image->height / t->to->height;
+    const double y0 = y * sy, y1 = y0 + sy;
+
+    (void) worker;
+    for (int x = 0; x < t->to->width; x++) {
+        float *out = t->to->rgb + 3 * ((size_t) y * (size_t) t->to->width + (size_t) x), rgba[4];
+        const double x0 = x * sx, x1 = x0 + sx;
+        double sum[3] = { 0 }, weight = 0.0;
+        if (sx < 1.0 || sy < 1.0) {
+            pell_image_sample(image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, (float) ((x + 0.5) / t->to->width),
+                              (float) ((y + 0.5) / t->to->height), rgba);
+            memcpy(out, rgba, 3 * sizeof(*out));
+            clean(t->env, out);
+            continue;
+        }
+        for (int j = (int) y0; j < image->height && (double) j < y1 - 1e-9; j++) {
+            const double wy = (fmin(y1, j + 1.0) - fmax(y0, j)) * sin(PELL_PI * (j + 0.5) / image->height);
+            for (int i = (int) x0; i < image->width && (double) i < x1 - 1e-9; i++) {
+                const double w = wy * (fmin(x1, i + 1.0) - fmax(x0, i));
+                pell_image_texel(image, i, j, rgba);
+                clean(t->env, rgba);
+                for (int c = 0; c < 3; c++)
+                    sum[c] += w * rgba[c];
+                weight += w;
+            }
+        }
+        for (int c = 0; c < 3; c++)
+            out[c] = weight > 0.0 ? (float) (sum[c] / weight) : 0.0f;
+    }
+}
+
+/* Half the size, by solid angle. */
+static void halve(const struct pell_env_map *from, struct pell_env_map *to)
+{
+    for (int y = 0; y < to->height; y++) {
+        const float a = from->solid_row[2 * y], b = from->solid_row[2 * y + 1], inv = 0.5f / (a + b);
+        const float *r0 = from->rgb + (size_t) (2 * y) * (size_t) from->width * 3, *r1 = r0 + (size_t) from->width * 3;
+        float *out = to->rgb + (size_t) y * (size_t) to->width * 3;
+        for (int x = 0; x < to->width; x++)
+            for (int c = 0; c < 3; c++)
+                out[3 * x + c] = inv * (a * (r0[6 * x + c] + r0[6 * x + 3 + c]) + b * (r1[6 * x + c] + r1[6 * x + 3 + c]));
+    }
+}
+
+/* --- Elements ----------------------------------------------------------------------------------------------------------------- */
+
+struct gather {
+    const struct pell_env_map *map;
+    double threshold;    /* energy x (side / BLOCK)^2 up to which a block is one element */
+    struct element *out; /* NULL: count only */
+    size_t count;
+};
+
+static double block_element(const struct pell_env_map *m, int x0, int y0, int side, struct element *e)
+{
+    double rgb[3] = { 0 }, d[3] = { 0 }, total = 0.0;
+
+    for (int y = y0; y < y0 + side; y++)
+        for (int x = x0; x < x0 + side; x++) {
+            const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x), w = m->solid_row[y];
+            const struct pell_vec3 v = pell_env_map_direction(m, x, y);
+            const double l = (double) w * ((double) p[0] + p[1] + p[2]);
+            for (int c = 0; c < 3; c++)
+                rgb[c] += (double) w * p[c];
+            d[0] += l * v.x;
+            d[1] += l * v.y;
+            d[2] += l * v.z;
+            total += l;
+        }
+    if (total > 0.0)
+        *e = (struct element){
+            (float) (d[0] / total), (float) (d[1] / total), (float) (d[2] / total), 0.0f, { (float) rgb[0], (float) rgb[1], (float) rgb[2] }
+        };
+    return total;
+}
+
+/* At most log2(BLOCK) deep. */
+static void gather_block(struct gather *g, int x, int y, int side)
+{
+    struct element e = { 0 };
+    const double total = block_element(g->map, x, y, side, &e);
+
+    if (!(total > 0.0))
+        return;
+    if (side > 1 && total * side * side > g->threshold * (BLOCK * BLOCK)) {
+        const int h = side / 2;
+        gather_block(g, x, y, h);
+        gather_block(g, x + h, y, h);
+        gather_block(g, x, y + h, h);
+        gather_block(g, x + h, y + h, h);
+        return;
+    }
+    if (g->out)
+        g->out[g->count] = e;
+    g->count++;
+}
+
+static void gather_all(struct gather *g)
+{
+    g->count = 0;
+    for (int y = 0; y < g->map->height; y += BLOCK)
+        for (int x = 0; x < g->map->width; x += BLOCK)
+            gather_block(g, x, y, BLOCK);
+}
+
+/* --- Reflection --------------------------------------------------------------------------------------------------------------- */
+
+/* A map in planes whose rows go twice round, so that any stretch of a row lies in one piece. */
+struct ring_map {
+    int width, height;
+    size_t stride;
+    float *plane[3], *sin_column, *cos_column;
+    const struct pell_env_map *map; /* for what belongs to rows */
+};
+
+#define WIDE 8 /* columns that are summed side by side */
+
+struct lobe_task {
+    const struct pell_environment *env;
+    const struct ring_map *from;
+    struct pell_env_level *to;
+    float alpha, reach; /* reach: radians round the mirror direction, where the lobe is cut off */
+};
+
+static size_t ring_floats(int width)
+{
+    const size_t stride = 2 * (size_t) width + WIDE;
+    return stride * (3 * (size_t) width / 2 + 2);
+}
+
+static void make_ring(const struct pell_env_map *m, float *block, struct ring_map *r)
+{
+    const size_t stride = 2 * (size_t) m->width + WIDE, size = stride * (size_t) m->height;
+
+    *r = (struct ring_map){
+        .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block, block + size, block + 2 * size }
+    };
+    r->sin_column = block + 3 * size;
+    r->cos_column = r->sin_column + stride;
+    for (size_t x = 0; x < stride; x++) {
+        const size_t from = x % (size_t) m->width;
+        r->sin_column[x] = m->sin_column[from];
+        r->cos_column[x] = m->cos_column[from];
+        for (size_t y = 0; y < (size_t) m->height; y++)
+            for (size_t c = 0; c < 3; c++)
+                r->plane[c][y * stride + x] = m->rgb[3 * (y * (size_t) m->width + from) + c];
+    }
+}
+
+/* Adds columns [from, to) of row j, weighted; `a`, `b`: the cosine of the angle between is a + b cos(difference of azimuth). */
+static void add_row(const struct ring_map *m, int j, int from, int to, const float azimuth[2], float a, float b, float a2,
+                    float sums[4][WIDE])
+{
+    const size_t row = (size_t) j * m->stride;
+    const float solid = m->map->solid_row[j] * a2;
+
+    for (int i = from; i < to; i += WIDE) {
+        const float *s = m->sin_column + i, *c = m->cos_column + i;
+        const float *red = m->plane[0] + row + i, *green = m->plane[1] + row + i, *blue = m->plane[2] + row + i;
+        for (int k = 0; k < WIDE; k++) {
+            const float cosine = a + b * (azimuth[1] * c[k] + azimuth[0] * s[k]);
+            const float d = 0.5f * (1.0f - cosine) + 0.5f * (1.0f + cosine) * a2; /* sin^2 + alpha^2 cos^2 of the half angle */
+            const float w = cosine > 0.0f && i + k < to ? solid * cosine / (d * d) : 0.0f;
+            sums[0][k] += w * red[k];
+            sums[1][k] += w * green[k];
+            sums[2][k] += w * blue[k];
+            sums[3][k] += w;
+        }
+    }
+}
+
+/* Mean radiance weighted by D(h) n.l for n = v = the mirror direction (Karis 2013, "Real Shading in Unreal Engine 4"). */
+static void filter_row(void *arg, int y, int worker)
+{
+    const struct lobe_task *t = arg;
+    const struct ring_map *m = t->from;
+    const double polar = PELL_PI * (y + 0.5) / t->to->height;
+    const float st = (float) sin(polar), ct = (float) cos(polar), a2 = t->alpha * t->alpha, limit = cosf(t->reach);
+    const int j0 = (int) floor((polar - t->reach) / PELL_PI * m->height), j1 = (int) ceil((polar + t->reach) / PELL_PI * m->height);
+
+    (void) worker;
+    for (int x = 0; x < t->to->width; x++) {
+        const int middle = (int) ((x + 0.5) / t->to->width * m->width);
+        float *out = t->to->rgb + 3 * ((size_t) y * (size_t) t->to->width + (size_t) x);
+        const double turn = 2.0 * PELL_PI * ((x + 0.5) / t->to->width - 0.5);
+        const float azimuth[2] = { (float) (sin(turn) * t->env->cos_rotate - cos(turn) * t->env->sin_rotate),
+                                   (float) (sin(turn) * t->env->sin_rotate + cos(turn) * t->env->cos_rotate) };
+        float sums[4][WIDE] = { { 0 } }, total[4] = { 0 };
+        for (int j = j0 < 0 ? 0 : j0; j < j1 && j < m->height; j++) {
+            /* how far round the row does the lobe reach? */
+            const float a = ct * m->map->cos_row[j], b = st * m->map->sin_row[j];
+            const float c = b > 1e-9f ? (limit - a) / b : limit > a ? 2.0f : -2.0f;
+            const int reach = c <= -1.0f ? m->width : c < 1.0f ? (int) (acosf(c) / (2.0f * PELL_PI_F) * (float) m->width) + 1 : 0;
+            if (c >= 1.0f)
+                continue;
+            if (2 * reach + 1 >= m->width)
+                add_row(m, j, 0, m->width, azimuth, a, b, a2, sums);
+            else
+                add_row(m, j, (middle - reach + m->width) % m->width, (middle - reach + m->width) % m->width + 2 * reach + 1, azimuth, a, b,
+                        a2, sums);
+        }
+        for (int c = 0; c < 4; c++)
+            for (int k = 0; k < WIDE; k++)
+                total[c] += sums[c][k];
+        for (int c = 0; c < 3; c++)
+            out[c] = total[3] > 0.0f ? total[c] / total[3] : 0.0f;
+    }
+}
+
+/* Width of the picture that a level is made from and of the level, and where its lobe ends. */
+static const struct {
+    int from, to;
+    float reach;
+} level_sizes[PELL_ENV_LEVELS] = { { 0, 0, 0 },      { 256, 256, 0.25f }, { 128, 128, 0.9f }, { 64, 64, 1.6f },
+                                   { 64, 64, 1.6f }, { 64, 64, 1.6f },    { 64, 64, 1.6f } };
+
+/* --- Making it ---------------------------------------------------------------------------------------------------------------- */
+
+#define MIPS 5 /* 1024, 512, 256, 128, 64 */
+
+/* What is needed on the way only; all but the elements is allocated before the work begins. */
+struct workshop {
+    struct pell_env_map mips[MIPS]; /* from the working size down to 64 */
+    int num_mips;
+    float *ring, *kernels;
+    struct element *elements;
+};
+
+static void close_workshop(struct pell_context *ctx, struct workshop *w)
+{
+    for (int i = 0; i < MIPS; i++)
+        finish_map(ctx, &w->mips[i]);
+    pell_free(ctx, w->ring);
+    pell_free(ctx, w->kernels);
+    pell_free(ctx, w->elements);
+}
+
+static enum pell_result open_workshop(struct pell_context *ctx, struct pell_environment *env, struct workshop *w)
+{
+    const int picture = env->image->image.width, width = picture >= 1024 ? 1024 : picture >= 512 ? 512 : 256;
+    enum pell_result res;
+
+    for (int size = width; size >= 64; size /= 2) {
+        PELL_TRY(make_map(ctx, env, size, size / 2, &w->mips[w->num_mips]));
+        w->num_mips++;
+    }
+    res = PELL_ERR_NOMEM;
+    w->ring = pell_alloc_array(ctx, ring_floats(level_sizes[1].from), sizeof(float));
+    if (!w->ring)
+        goto fail;
+    for (int k = 0; k < PELL_ENV_LEVELS; k++) {
+        struct pell_env_level *l = &env->levels[k];
+        l->width = k == 0 ? width : level_sizes[k].to;
+        l->height = l->width / 2;
+        l->rgb = pell_alloc_array(ctx, (size_t) l->width * (size_t) l->height * 3, sizeof(float));
+        if (!l->rgb)
+            goto fail;
+    }
+    res = PELL_OK;
+
+fail:
+    return res;
+}
+
+static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_environment *env)
+{
+    const struct pell_env_map *full = &w->mips[0];
+
+    memcpy(env->levels[0].rgb, full->rgb, (size_t) full->width * (size_t) full->height * 3 * sizeof(float));
+    for (int i = 1; i < w->num_mips; i++)
+        halve(&w->mips[i - 1], &w->mips[i]);
+    for (int k = 1; k < PELL_ENV_LEVELS; k++) {
+        struct ring_map ring;
+        int i = 0;
+        while (w->mips[i].width > level_sizes[k].from)
+            i++;
+        make_ring(&w->mips[i], w->ring, &ring);
+        pell_pool_run(pool, env->levels[k].height, filter_row,
+                      &(struct lobe_task){ env, &ring, &env->levels[k], level_roughness[k] * level_roughness[k], level_sizes[k].reach });
+    }
+    env->num_levels = PELL_ENV_LEVELS;
+}
+
+/* The elements of a picture; a black one has one of no light, for none would mean a constant. */
+static enum pell_result make_elements(struct pell_context *ctx, const struct pell_env_map *map, struct element **elements, size_t *count)
+{
+    struct gather gather = { .map = map };
+    struct element unused;
+    double total = 0.0;
+
+    for (int y = 0; y < map->height; y += BLOCK)
+        for (int x = 0; x < map->width; x += BLOCK)
+            total += block_element(map, x, y, BLOCK, &unused);
+    gather.threshold = total / ELEMENT_SHARE;
+    gather_all(&gather);
+    *elements = pell_calloc(ctx, gather.count + 1, sizeof(**elements));
+    if (!*elements)
+        return PELL_ERR_NOMEM;
+    gather.out = *elements;
+    gather_all(&gather);
+    *count = gather.count ? gather.count : 1;
+    return PELL_OK;
+}
+
+enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index, int max_lamps,
+                                         const struct pell_specular_tables *tables, struct pell_pool *pool, struct pell_environment *env)
+{
+    struct pell_context *ctx = lights->ctx;
+    const size_t first_lamp = lights->num_lamps;
+    struct workshop w = { 0 };
+    struct node_task task = { .env = env };
+    enum pell_result res;
+
+    pell_environment_aim(env, light);
+    PELL_TRY(allocate_table(ctx, tables, env, &w.kernels));
+    make_kernels(tables, env, w.kernels);
+    if (env->image) {
+        PELL_TRY(open_workshop(ctx, env, &w));
+        pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task){ env, &w.mips[0] });
+        PELL_TRY(pell_environment_lamps(lights, &w.mips[0], index, max_lamps));
+        PELL_TRY(make_elements(ctx, &w.mips[0], &w.elements, &task.count));
+        make_levels(pool, &w, env);
+    }
+    task.elements = w.elements;
+    task.num_lamps = lights->num_lamps - first_lamp;
+    task.lamps = task.num_lamps ? lights->lamps + first_lamp : NULL;
+    task.kernels = w.kernels;
+    task.rows = env->size / 3;
+    pell_pool_run(pool, PELL_ENV_NODES, make_node_row, &task);
+    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    close_workshop(ctx, &w);
+    return res;
+}
+
+void pell_environment_finish(struct pell_context *ctx, struct pell_environment *env)
+{
+    pell_free(ctx, env->nodes);
+    for (int k = 0; k < PELL_ENV_LEVELS; k++)
+        pell_free(ctx, env->levels[k].rgb);
+    memset(env, 0, sizeof(*env));
+}

@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * environment_lights.c - directional lights for what of an environment is brighter than a clamp: the picture is cut where energy times
+ * angular variance is largest, at the median of the energy (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling"). No
+ * random numbers: the same picture gives the same lamps. */
+#include "lights/environment_map.h"
+
+#include <string.h>
+
+#define CLAMP 2.0f   /* times the mean luminance: what lamps leave to the smooth rest */
+#define COMPACT 2e-4 /* 1 - |mean direction|: half the variance of the angle; 1.15 degrees */
+
+struct region {
+    int x0, y0, x1, y1;
+    double energy, direction[3], rgb[3]; /* of the excess; direction weighted by energy */
+};
+
+/* The share of a texel's light that is over the clamp. */
+static double excess(const float *rgb, float clamp)
+{
+    const float l = pell_luminance(rgb);
+    return l > clamp ? 1.0 - (double) clamp / l : 0.0;
+}
+
+static double texel_energy(const struct pell_env_map *m, float clamp, int x, int y)
+{
+    const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
+    return excess(p, clamp) * pell_luminance(p) * m->solid_row[y];
+}
+
+static void measure(const struct pell_env_map *m, float clamp, struct region *r)
+{
+    r->energy = 0.0;
+    memset(r->direction, 0, sizeof(r->direction));
+    memset(r->rgb, 0, sizeof(r->rgb));
+    for (int y = r->y0; y < r->y1; y++)
+        for (int x = r->x0; x < r->x1; x++) {
+            const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
+            const double share = excess(p, clamp) * m->solid_row[y], e = share * pell_luminance(p);
+            if (share > 0.0) {
+                const struct pell_vec3 d = pell_env_map_direction(m, x, y);
+                r->energy += e;
+                r->direction[0] += e * d.x;
+                r->direction[1] += e * d.y;
+                r->direction[2] += e * d.z;
+                for (int c = 0; c < 3; c++)
+                    r->rgb[c] += share * p[c];
+            }
+        }
+}
+
+static double region_length(const struct region *r)
+{
+    return sqrt(r->direction[0] * r->direction[0] + r->direction[1] * r->direction[1] + r->direction[2] * r->direction[2]);
+}
+
+/* Cuts r at the median of its energy across the longer side; false where it can't be cut. */
+static bool cut(const struct pell_env_map *m, float clamp, struct region *r, struct region *other)
+{
+    const double across = (r->x1 - r->x0) * 2.0 * PELL_PI / m->width * m->sin_row[(r->y0 + r->y1 - 1) / 2];
+    const double down = (r->y1 - r->y0) * PELL_PI / m->height;
+    const bool columns = r->x1 - r->x0 > 1 && (across >= down || r->y1 - r->y0 < 2);
+    const int first = columns ? r->x0 : r->y0, last = columns ? r->x1 : r->y1;
+    int at = first + 1;
+    double sum = 0.0;
+
+    if (last - first < 2)
+        return false;
+    for (int i = first; i < last - 1; i++) {
+        if (columns)
+            for (int y = r->y0; y < r->y1; y++)
+                sum += texel_energy(m, clamp, i, y);
+        else
+            for (int x = r->x0; x < r->x1; x++)
+                sum += texel_energy(m, clamp, x, i);
+        at = i + 1;
+        if (sum >= 0.5 * r->energy)
+            break;
+    }
+    *other = *r;
+    if (columns)
+        r->x1 = other->x0 = at;
+    else
+        r->y1 = other->y0 = at;
+    measure(m, clamp, r);
+    measure(m, clamp, other);
+    return true;
+}
+
+static enum pell_result add_region(struct pell_lights *lights, const struct region *r, int index)
+{
+    const double length = region_length(r);
+    struct pell_lamp lamp = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
+
+    if (!(r->energy > 0.0) || !(length > 1e-6 * r->energy))
+        return PELL_OK; /* what shines from all sides alike is left to the table */
+    lamp.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
+    vec3_basis(lamp.direction, &lamp.right, &lamp.up);
+    lamp.compact = 1.0 - length / r->energy < COMPACT;
+    for (int c = 0; c < 3; c++)
+        lamp.power[c] = (float) r->rgb[c];
+    return pell_lights_add_lamp(lights, &lamp);
+}
+
+enum pell_result pell_environment_lamps(struct pell_lights *lights, const struct pell_env_map *m, int index, int max_lamps)
+{
+    struct region *regions;
+    double mean = 0.0;
+    float clamp;
+    int count = 1;
+    enum pell_result res = PELL_OK;
+
+    for (int y = 0; y < m->height; y++) {
+        double row = 0.0;
+        for (int x = 0; x < m->width; x++)
+            row += pell_luminance(m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x));
+        mean += row * m->solid_row[y] / (4.0 * PELL_PI);
+    }
+    clamp = (float) (CLAMP * mean);
+    if (max_lamps < 1 || !(mean > 0.0))
+        return PELL_OK;
+    regions = pell_calloc(lights->ctx, (size_t) max_lamps, sizeof(*regions));
+    if (!regions)
+        return PELL_ERR_NOMEM;
+    regions[0] = (struct region){ .x1 = m->width, .y1 = m->height };
+    measure(m, clamp, &regions[0]);
+    if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
+        count = 0; /* even light: nothing to cut out */
+    while (count > 0 && count < max_lamps) {
+        int best = 0;
+        double most = -1.0;
+        for (int i = 0; i < count; i++) {
+            const double spread = regions[i].energy - region_length(&regions[i]); /* energy x half the variance of the angle */
+            if (spread > most) {
+                most = spread;
+                best = i;
+            }
+        }
+        if (most <= 1e-6 * regions[0].energy || !cut(m, clamp, &regions[best], &regions[count]))
+            break;
+        count++;
+    }
+    for (int i = 0; i < count && res == PELL_OK; i++)
+        res = add_region(lights, &regions[i], index);
+    pell_free(lights->ctx, regions);
+    return res;
+}

@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * environment_map.h - private to the environment: a latitude-longitude picture at its working size.
+ */
+#ifndef PELL_ENV_MAP_H
+#define PELL_ENV_MAP_H
+
+#include "lights/lights.h"
+
+/* The picture at one size, with the trigonometry of its rows and columns. */
+struct pell_env_map {
+    int width, height;
+    float *rgb;
+    float *sin_row, *cos_row; /* of the polar angle; cos_row is y */
+    float *solid_row;         /* solid angle of a texel */
+    float *sin_column, *cos_column; /* of the azimuth in world space: x = sin, z = -cos, times sin_row */
+};
+
+static inline struct pell_vec3 pell_env_map_direction(const struct pell_env_map *m, int x, int y)
+{
+    return vec3(m->sin_row[y] * m->sin_column[x], m->cos_row[y], -m->sin_row[y] * m->cos_column[x]);
+}
+
+/* env_lamps.c: adds at most `max_lamps` lamps for what is brighter than the rest, as lamps of environment `index`. */
+PELL_NODISCARD enum pell_result pell_environment_lamps(struct pell_lights *lights, const struct pell_env_map *map, int index,
+                                                    int max_lamps);
+
+#endif

@@ -1,0 +1,721 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * light_sampling.c - see emitters.h. What a lamp gives is asked of the irradiance stage's own lamps and look-ups; here are the densities.
+ *
+ * A lamp is chosen by an estimate of its irradiance at a place, with a tenth of the choices left to all alike, so that none is missed.
+ * Environments are found by luminance x sin(theta), which between texel centres is taken for bilinear, as the look-up is: cells between
+ * four centres, half cells at the poles. Cells of a row are chosen by integers, so that the density is the very chance of a cell.
+ */
+#include "lights/light_sampling.h"
+#include "image/color.h"
+#include "lights/lights.h"
+
+#include <string.h>
+
+#define ALIKE 0.1      /* of the choices: for lamps whose estimate is wrong */
+#define UNSEEN 0.1     /* what an estimate leaves of lamps that face away: nearby places may be lit */
+#define SLIDE_STEPS 32 /* a side of the grid that a slide's mean is taken over */
+
+struct sky {
+    struct pell_environment env;
+    int width, height;  /* of the picture; 0: constant */
+    double *rows;       /* share of the rows of cells up to and with each; height + 1 of them */
+    uint32_t *columns;  /* of each row: 2^32 times the share of the cells up to and with each, less 1 */
+    double energy;      /* luminance over the sphere, sr W/(m^2 sr) */
+    double share, upto; /* of all environments' energy; and of those up to and with this one */
+};
+
+struct emitter {
+    struct pell_lamp lamp; /* but of the sky */
+    bool sky;
+    double power;       /* luminance: of intensity, irradiance, radiance x area, and the sky's mean irradiance */
+    double area;        /* mm^2 */
+    double radiance[3]; /* rect, disc */
+};
+
+struct pell_emitters {
+    struct pell_context *ctx;
+    struct emitter *list;
+    size_t count;
+    struct sky *skies;
+    size_t num_skies;
+    double soft2;            /* mm^2 that squared distances have at least: lamps at the very place */
+    double middle[3], reach; /* of the scene's bounds: centre and half diagonal, mm */
+};
+
+struct double3 {
+    double x, y, z;
+};
+
+static struct double3 wide(struct pell_vec3 a)
+{
+    return (struct double3){ a.x, a.y, a.z };
+}
+
+static struct pell_vec3 narrow(struct double3 a)
+{
+    return vec3((float) a.x, (float) a.y, (float) a.z);
+}
+
+static struct double3 minus(struct pell_vec3 a, struct pell_vec3 b)
+{
+    return (struct double3){ (double) a.x - b.x, (double) a.y - b.y, (double) a.z - b.z };
+}
+
+static double dot(struct double3 a, struct double3 b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static struct double3 along(struct double3 a, double s, struct double3 b)
+{
+    return (struct double3){ a.x + s * b.x, a.y + s * b.y, a.z + s * b.z };
+}
+
+/* --- The sky -------------------------------------------------------------------------------------------------------------------- */
+
+/* Luminance of a texel as the look-up cleans it. */
+static double texel(const struct sky *s, int x, int y)
+{
+    float rgba[4];
+
+    pell_image_texel(&s->env.image->image, x, y, rgba);
+    for (int c = 0; c < 3; c++) {
+        const float v = rgba[c] * s->env.power[c];
+        rgba[c] = v > 0.0f ? v < 1e15f ? v : 1e15f : 0.0f;
+    }
+    return (double) pell_luminance(rgba);
+}
+
+/* Where rows of cells begin: 0, 1/2h, 3/2h, ..., 1. */
+static double row_start(const struct sky *s, int row)
+{
+    return row == 0 ? 0.0 : row > s->height ? 1.0 : (row - 0.5) / s->height;
+}
+
+/* The four corners of a cell, of the density over (u, v): upper left, upper right, lower left, lower right. */
+static double cell_corners(const struct sky *s, int column, int row, double f[4])
+{
+    const int next = column + 1 < s->width ? column + 1 : 0, above = row > 0 ? row - 1 : 0, below = row < s->height ? row : s->height - 1;
+    const double upper = sin(PELL_PI * row_start(s, row)), lower = row < s->height ? sin(PELL_PI * row_start(s, row + 1)) : 0.0;
+
+    f[0] = upper > 0.0 ? upper * texel(s, column, above) : 0.0;
+    f[1] = upper > 0.0 ? upper * texel(s, next, above) : 0.0;
+    f[2] = lower > 0.0 ? lower * texel(s, column, below) : 0.0;
+    f[3] = lower > 0.0 ? lower * texel(s, next, below) : 0.0;
+    return 0.25 * (f[0] + f[1] + f[2] + f[3]);
+}
+
+static enum pell_result make_table(struct pell_context *ctx, struct sky *s)
+{
+    const int w = s->env.image->image.width, h = s->env.image->image.height;
+    double *line, sum = 0.0;
+
+    s->width = w;
+    s->height = h;
+    s->rows = pell_alloc_array(ctx, (size_t) h + 1, sizeof(*s->rows));
+    s->columns = s->rows ? pell_alloc_array(ctx, ((size_t) h + 1) * (size_t) w, sizeof(*s->columns)) : NULL;
+    line = s->columns ? pell_alloc_array(ctx, (size_t) w, sizeof(*line)) : NULL;
+    if (!line)
+        return PELL_ERR_NOMEM;
+    for (int y = 0; y <= h; y++) {
+        uint32_t *columns = s->columns + (size_t) y * (size_t) w;
+        double f[4], total = 0.0;
+        for (int x = 0; x < w; x++)
+            line[x] = total += cell_corners(s, x, y, f);
+        /* Each cell gets one of the 2^32 numbers at least. */
+        for (int x = 0; x < w; x++) {
+            const double share = x == w - 1 ? 1.0 : total > 0.0 ? line[x] / total : (x + 1.0) / w;
+            columns[x] = (uint32_t) (share * (4294967296.0 - w)) + (uint32_t) x;
+        }
+        s->rows[y] = sum += total / w * (row_start(s, y + 1) - row_start(s, y));
+    }
+    pell_free(ctx, line);
+    for (int y = 0; y <= h && sum > 0.0; y++)
+        s->rows[y] = y == h ? 1.0 : s->rows[y] / sum;
+    s->energy = sum * 2.0 * PELL_PI * PELL_PI;
+    return PELL_OK;
+}
+
+/* A number in [0, 1] of a density that goes from a to b linearly. */
+static double linear_sample(double u, double a, double b)
+{
+    const double root = sqrt(a * a + u * (b * b - a * a));
+    return a + root > 0.0 ? fmin(u * (a + b) / (a + root), 1.0) : u;
+}
+
+/* Per sr: of (s, t) in [0, 1]^2 of a cell. */
+static double cell_density(const struct sky *k, int column, int row, const double f[4], double mean, double s, double t)
+{
+    const uint32_t *columns = k->columns + (size_t) row * (size_t) k->width;
+    const double chance = (columns[column] - (column > 0 ? (double) columns[column - 1] : -1.0)) * (1.0 / 4294967296.0);
+    const double high = row_start(k, row), size = row_start(k, row + 1) - high, sine = sin(PELL_PI * (high + t * size));
+    const double value = (1.0 - t) * ((1.0 - s) * f[0] + s * f[1]) + t * ((1.0 - s) * f[2] + s * f[3]);
+
+    return (k->rows[row] - (row > 0 ? k->rows[row - 1] : 0.0)) * chance * (mean > 0.0 ? value / mean : 1.0) * k->width /
+           (size * 2.0 * PELL_PI * PELL_PI * fmax(sine, 1e-12));
+}
+
+static double sky_density(const struct sky *k, struct pell_vec3 direction)
+{
+    double f[4], mean, x, y;
+    float u, v;
+    int column, row;
+
+    if (k->width == 0)
+        return 0.25 / PELL_PI;
+    pell_environment_place(&k->env, direction, &u, &v);
+    x = (double) u * k->width - 0.5;
+    y = (double) v * k->height + 0.5;
+    column = (int) floor(x);
+    x -= column;
+    column = (column + k->width) % k->width;
+    row = (int) fmin(fmax(floor(y), 0.0), k->height);
+    y = row == 0 ? 2.0 * (double) v * k->height : row == k->height ? 2.0 * (y - row) : y - row;
+    mean = cell_corners(k, column, row, f);
+    return cell_density(k, column, row, f, mean, x, fmin(fmax(y, 0.0), 1.0));
+}
+
+static struct pell_vec3 sky_sample(const struct sky *k, double u, double v)
+{
+    int low = 0, high = k->height, row;
+    double f[4], s, t, before;
+    uint64_t number;
+
+    if (k->width == 0) {
+        const double y = 1.0 - 2.0 * u, r = sqrt(fmax(0.0, 1.0 - y * y));
+        return vec3((float) (r * cos(2.0 * PELL_PI * v)), (float) y, (float) (r * sin(2.0 * PELL_PI * v)));
+    }
+    while (low < high) {
+        const int middle = (low + high) / 2;
+        if (k->rows[middle] > u)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    row = low;
+    before = row > 0 ? k->rows[row - 1] : 0.0;
+    t = fmin(fmax((u - before) / (k->rows[row] - before), 0.0), 1.0);
+    v *= 4294967296.0;
+    number = (uint64_t) v;
+    low = 0;
+    high = k->width - 1;
+    while (low < high) {
+        const int middle = (low + high) / 2;
+        if (k->columns[(size_t) row * (size_t) k->width + (size_t) middle] >= number)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    before = low > 0 ? (double) k->columns[(size_t) row * (size_t) k->width + (size_t) low - 1] + 1.0 : 0.0;
+    s = fmin(fmax((v - before) / ((double) k->columns[(size_t) row * (size_t) k->width + (size_t) low] + 1.0 - before), 0.0), 1.0);
+    cell_corners(k, low, row, f);
+    t = linear_sample(t, f[0] + f[1], f[2] + f[3]);
+    s = linear_sample(s, (1.0 - t) * f[0] + t * f[2], (1.0 - t) * f[1] + t * f[3]);
+    return pell_environment_direction(&k->env, (low + 0.5 + s) / k->width,
+                                      row_start(k, row) + t * (row_start(k, row + 1) - row_start(k, row)));
+}
+
+static double skies_density(const struct pell_emitters *e, struct pell_vec3 direction)
+{
+    double density = 0.0;
+
+    for (size_t i = 0; i < e->num_skies; i++)
+        density += e->skies[i].share * sky_density(&e->skies[i], direction);
+    return density;
+}
+
+static void skies_radiance(const struct pell_emitters *e, struct pell_vec3 direction, float rgb[3])
+{
+    memset(rgb, 0, 3 * sizeof(*rgb));
+    for (size_t i = 0; i < e->num_skies; i++) {
+        float one[3];
+        pell_environment_radiance(&e->skies[i].env, direction, one);
+        for (int c = 0; c < 3; c++)
+            rgb[c] += one[c];
+    }
+}
+
+static enum pell_result add_skies(struct pell_emitters *e, const struct pell_scene *scene)
+{
+    struct emitter *sky = &e->list[e->count];
+    double total = 0.0, upto = 0.0;
+
+    for (size_t i = 0; i < scene->num_lights; i++) {
+        struct sky *s = &e->skies[e->num_skies];
+        if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
+            continue;
+        e->num_skies++; /* finished also where it fails half-way */
+        pell_environment_aim(&s->env, &scene->lights[i]);
+        s->energy = 4.0 * PELL_PI * (double) pell_luminance(s->env.power);
+        if (s->env.image && s->energy > 0.0) {
+            const enum pell_result res = make_table(e->ctx, s);
+            if (res != PELL_OK)
+                return res;
+        }
+        total += s->energy;
+    }
+    if (!(total > 0.0)) {
+        for (size_t i = 0; i < e->num_skies; i++)
+            e->skies[i].share = 0.0;
+        return PELL_OK;
+    }
+    for (size_t i = 0; i < e->num_skies; i++) {
+        e->skies[i].share = e->skies[i].energy / total;
+        e->skies[i].upto = upto += e->skies[i].share;
+    }
+    sky->sky = true;
+    sky->power = 0.25 * total;
+    e->count++;
+    return PELL_OK;
+}
+
+/* --- Lamps ---------------------------------------------------------------------------------------------------------------------- */
+
+/* Mean luminance of a slide under its light's colour. */
+static double slide_power(const struct pell_lamp *lamp)
+{
+    double sum = 0.0;
+
+    for (int y = 0; y < SLIDE_STEPS; y++)
+        for (int x = 0; x < SLIDE_STEPS; x++) {
+            float rgba[4];
+            pell_image_sample(&lamp->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, lamp->image->nearest, ((float) x + 0.5f) / SLIDE_STEPS,
+                              ((float) y + 0.5f) / SLIDE_STEPS, rgba);
+            for (int c = 0; c < 3; c++)
+                rgba[c] = rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) * lamp->power[c] : 0.0f;
+            sum += (double) pell_luminance(rgba);
+        }
+    return sum / (SLIDE_STEPS * SLIDE_STEPS);
+}
+
+static void add_lamp(struct pell_emitters *e, const struct pell_scene *scene, const struct pell_light *light)
+{
+    struct emitter *out = &e->list[e->count];
+    const float *p = light->position, *d = light->direction;
+
+    if (!isfinite(p[0] + p[1] + p[2]) || !isfinite(d[0] + d[1] + d[2]) || !pell_lamp_make(scene, light, 1, &out->lamp))
+        return;
+    out->area = (double) out->lamp.sample_area;
+    out->power = out->lamp.image ? slide_power(&out->lamp) : (double) pell_luminance(out->lamp.power);
+    if (out->lamp.type == PELL_LIGHT_RECT || out->lamp.type == PELL_LIGHT_DISC) {
+        if (!(out->area > 0.0 && out->area < INFINITY))
+            return;
+        for (int c = 0; c < 3; c++)
+            out->radiance[c] = (double) out->lamp.power[c] / out->area;
+    }
+    if (isfinite(out->power))
+        e->count++;
+}
+
+enum pell_result pell_emitters_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_emitters **out)
+{
+    struct pell_emitters *e = pell_zalloc(ctx, sizeof(*e));
+    const float *low = scene->bounds_min, *high = scene->bounds_max;
+    double diagonal2 = 0.0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!e)
+        return PELL_ERR_NOMEM;
+    e->ctx = ctx;
+    for (int k = 0; k < 3; k++) {
+        const double size = (double) high[k] - low[k];
+        if (!(size >= 0.0 && size < INFINITY))
+            continue;
+        e->middle[k] = 0.5 * ((double) high[k] + low[k]);
+        diagonal2 += size * size;
+    }
+    e->reach = diagonal2 > 0.0 ? 0.5 * sqrt(diagonal2) : 1.0;
+    e->soft2 = 1e-6 * e->reach * e->reach;
+    e->list = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->list));
+    e->skies = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->skies));
+    if (!e->list || !e->skies)
+        goto fail;
+    for (size_t i = 0; i < scene->num_lights; i++)
+        if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
+            add_lamp(e, scene, &scene->lights[i]);
+    PELL_TRY(add_skies(e, scene));
+    *out = e;
+    return PELL_OK;
+
+fail:
+    pell_emitters_destroy(&e);
+    return res;
+}
+
+void pell_emitters_destroy(struct pell_emitters **emitters)
+{
+    struct pell_emitters *e = *emitters;
+
+    if (!e)
+        return;
+    *emitters = NULL;
+    for (size_t i = 0; i < e->num_skies; i++) {
+        pell_free(e->ctx, e->skies[i].rows);
+        pell_free(e->ctx, e->skies[i].columns);
+    }
+    pell_free(e->ctx, e->skies);
+    pell_free(e->ctx, e->list);
+    pell_free(e->ctx, e);
+}
+
+size_t pell_emitters_count(const struct pell_emitters *emitters)
+{
+    return emitters->count;
+}
+
+/* --- Choosing a lamp ------------------------------------------------------------------------------------------------------------ */
+
+static double partly(double seen)
+{
+    return UNSEEN + (1.0 - UNSEEN) * seen;
+}
+
+/* What a lamp gives about `near`, W/m^2; `soft2`: the squared distance is this at least. Never 0. */
+static double estimate(const struct emitter *e, struct pell_vec3 near, double soft2)
+{
+    const struct pell_lamp *lamp = &e->lamp;
+    struct double3 d;
+    double d2, cosine;
+
+    if (e->sky || lamp->type == PELL_LIGHT_DIRECTIONAL)
+        return e->power;
+    d = minus(near, lamp->position);
+    d2 = dot(d, d);
+    cosine = d2 > 0.0 ? dot(d, wide(lamp->direction)) / sqrt(d2) : 0.0;
+    if (e->area > 0.0)
+        return e->power * partly(fmax(cosine, 0.0)) / (fmax(d2, soft2) + e->area);
+    return e->power * lamp->scale / fmax(d2, soft2) * partly((double) pell_lamp_window(lamp, (float) fmin(d2, 1e30))) *
+           (lamp->type == PELL_LIGHT_SPOT ? partly((double) pell_lamp_cone(lamp, (float) cosine)) : 1.0);
+}
+
+static double estimate_all(const struct pell_emitters *e, struct pell_vec3 near, double soft2)
+{
+    double sum = 0.0;
+
+    for (size_t i = 0; i < e->count; i++)
+        sum += estimate(&e->list[i], near, soft2);
+    return sum;
+}
+
+static double chance_of(const struct pell_emitters *e, size_t lamp, struct pell_vec3 near, double soft2, double all)
+{
+    const double alike = 1.0 / (double) e->count;
+    return all > 0.0 && all < INFINITY ? ALIKE * alike + (1.0 - ALIKE) * estimate(&e->list[lamp], near, soft2) / all : alike;
+}
+
+/* The lamp that *u chooses, which is a fresh number then. */
+static size_t choose(const struct pell_emitters *e, struct pell_vec3 near, double soft2, double *u, double *chance)
+{
+    const double all = e->count > 1 ? estimate_all(e, near, soft2) : 0.0;
+    size_t i = 0;
+
+    for (;; i++) {
+        *chance = chance_of(e, i, near, soft2, all);
+        if (*u < *chance || i + 1 == e->count)
+            break;
+        *u -= *chance;
+    }
+    *u = fmin(*u / *chance, 1.0 - 1e-16);
+    return i;
+}
+
+static double chance(const struct pell_emitters *e, int lamp, struct pell_vec3 near, double soft2)
+{
+    return e->count > 1 ? chance_of(e, (size_t) lamp, near, soft2, estimate_all(e, near, soft2)) : 1.0;
+}
+
+/* --- Sampling ------------------------------------------------------------------------------------------------------------------- */
+
+static bool is_delta(const struct emitter *e)
+{
+    return !e->sky && !(e->area > 0.0);
+}
+
+static bool is_away(const struct emitter *e)
+{
+    return e->sky || e->lamp.type == PELL_LIGHT_DIRECTIONAL;
+}
+
+/* A place on lamp `index`; out->pdf is its own, without the choice. `choice`: which of several environments. */
+static void place_on(const struct pell_emitters *e, size_t index, double choice, double u, double v, struct pell_emitter_sample *out)
+{
+    const struct emitter *l = &e->list[index];
+    const struct pell_lamp *lamp = &l->lamp;
+
+    memset(out, 0, sizeof(*out));
+    out->lamp = (int) index;
+    out->away = is_away(l);
+    out->delta = is_delta(l);
+    out->pdf = 1.0;
+    if (l->sky) {
+        size_t k = 0;
+        while (k + 1 < e->num_skies && !(choice < e->skies[k].upto && e->skies[k].share > 0.0))
+            k++;
+        out->toward = sky_sample(&e->skies[k], u, v);
+        out->pdf = skies_density(e, out->toward);
+        return;
+    }
+    if (out->away) {
+        out->toward = vec3_mul(lamp->direction, -1.0f);
+        return;
+    }
+    out->at = lamp->position;
+    out->normal = out->delta ? vec3(0.0f, 0.0f, 0.0f) : lamp->direction;
+    if (!out->delta) {
+        const bool disc = lamp->type == PELL_LIGHT_DISC;
+        const double r = sqrt(u), x = disc ? r * cos(2.0 * PELL_PI * v) : 2.0 * u - 1.0,
+                     y = disc ? r * sin(2.0 * PELL_PI * v) : 2.0 * v - 1.0;
+        out->at = narrow(along(along(wide(lamp->position), x, wide(lamp->right)), y, wide(lamp->up)));
+        out->pdf = 1.0 / l->area;
+    }
+}
+
+bool pell_emitters_sample(const struct pell_emitters *emitters, struct pell_vec3 near, const double u[3], struct pell_emitter_sample *out)
+{
+    double choice = u[0], chance;
+    size_t i;
+
+    memset(out, 0, sizeof(*out));
+    if (emitters->count == 0)
+        return false;
+    i = choose(emitters, near, emitters->soft2, &choice, &chance);
+    place_on(emitters, i, choice, u[1], u[2], out);
+    out->pdf *= chance;
+    return out->pdf > 0.0;
+}
+
+/* The density of a place alone. */
+static double place_density(const struct pell_emitters *e, const struct pell_emitter_sample *sample)
+{
+    const struct emitter *l = &e->list[sample->lamp];
+    return l->sky ? skies_density(e, sample->toward) : is_delta(l) ? 1.0 : 1.0 / l->area;
+}
+
+double pell_emitters_pdf(const struct pell_emitters *emitters, struct pell_vec3 near, const struct pell_emitter_sample *sample)
+{
+    return chance(emitters, sample->lamp, near, emitters->soft2) * place_density(emitters, sample);
+}
+
+/* What lamp gives along a unit direction, without its range. */
+static void power_along(const struct pell_emitters *e, const struct pell_emitter_sample *sample, struct pell_vec3 direction,
+                        struct pell_vec3 place, float power[3])
+{
+    const struct emitter *l = &e->list[sample->lamp];
+    const struct pell_lamp *lamp = &l->lamp;
+    float slide[3] = { 1.0f, 1.0f, 1.0f };
+    double scale = 1.0;
+
+    if (l->sky) {
+        skies_radiance(e, sample->toward, power);
+        return;
+    }
+    if (l->area > 0.0)
+        scale = vec3_dot(lamp->direction, direction) > 0.0f ? 1.0 : 0.0;
+    else if (!is_away(l))
+        scale = (double) lamp->scale;
+    if (lamp->type == PELL_LIGHT_SPOT)
+        scale *= (double) pell_lamp_cone(lamp, vec3_dot(lamp->direction, direction));
+    if (lamp->image && scale > 0.0)
+        pell_lamp_slide(lamp, sample->at, direction, place, slide);
+    for (int c = 0; c < 3; c++)
+        power[c] = (float) (scale * (double) slide[c] * (l->area > 0.0 ? l->radiance[c] : (double) lamp->power[c]));
+}
+
+void pell_emitters_power_at(const struct pell_emitters *emitters, const struct pell_emitter_sample *sample, struct pell_vec3 target,
+                            float power[3])
+{
+    const struct double3 d = minus(target, sample->at);
+    const double length = sqrt(dot(d, d));
+    struct pell_vec3 direction = vec3_mul(sample->toward, -1.0f);
+    double window = 1.0;
+
+    if (!sample->away) {
+        direction = length > 0.0 ? narrow((struct double3){ d.x / length, d.y / length, d.z / length }) : vec3(0.0f, 0.0f, 0.0f);
+        window = pell_emitters_range(emitters, sample->lamp, length);
+    }
+    power_along(emitters, sample, direction, target, power);
+    for (int c = 0; c < 3; c++)
+        power[c] *= (float) window;
+}
+
+double pell_emitters_range(const struct pell_emitters *emitters, int lamp, double distance)
+{
+    const struct emitter *l = &emitters->list[lamp];
+    return l->sky || l->lamp.inv_range <= 0.0f ? 1.0 : (double) pell_lamp_window(&l->lamp, (float) fmin(distance * distance, 1e30));
+}
+
+/* --- Rays that meet lamps ------------------------------------------------------------------------------------------------------- */
+
+/* How far along the ray a rect or disc shows its front; INFINITY: nowhere up to `reach`. */
+static double meets(const struct emitter *l, struct pell_vec3 x, struct pell_vec3 w, double reach)
+{
+    const struct double3 n = wide(l->lamp.direction), right = wide(l->lamp.right), up = wide(l->lamp.up), d = minus(x, l->lamp.position);
+    const double facing = -dot(n, wide(w)), t = facing > 0.0 ? dot(n, d) / facing : -1.0;
+    struct double3 p;
+    double a, b;
+
+    if (!(t > 0.0 && t <= reach))
+        return INFINITY;
+    p = along(d, t, wide(w));
+    a = dot(p, right) / dot(right, right);
+    b = dot(p, up) / dot(up, up);
+    return (l->lamp.type == PELL_LIGHT_DISC ? a * a + b * b <= 1.0 : fabs(a) <= 1.0 && fabs(b) <= 1.0) ? t : INFINITY;
+}
+
+bool pell_emitters_hit(const struct pell_emitters *emitters, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w, double reach,
+                       int k, struct pell_emitter_sample *sample, double *distance, float radiance[3], double *pdf)
+{
+    const struct emitter *list = emitters->list;
+    double last = -1.0, nearest = INFINITY;
+    size_t last_at = 0, at = 0;
+
+    for (; k >= 0; k--) { /* the k-th by (distance, number) */
+        nearest = INFINITY;
+        for (size_t i = 0; i < emitters->count; i++) {
+            const double t = list[i].area > 0.0 ? meets(&list[i], x, w, reach) : INFINITY;
+            if (t < nearest && (t > last || (t == last && i > last_at))) {
+                nearest = t;
+                at = i;
+            }
+        }
+        if (nearest == INFINITY)
+            break;
+        last = nearest;
+        last_at = at;
+    }
+    if (nearest == INFINITY) {
+        if (k > 0 || reach != INFINITY || emitters->count == 0 || !list[emitters->count - 1].sky)
+            return false;
+        at = emitters->count - 1;
+    }
+    memset(sample, 0, sizeof(*sample));
+    sample->lamp = (int) at;
+    sample->away = list[at].sky;
+    if (list[at].sky) {
+        sample->toward = w;
+    } else {
+        sample->at = narrow(along(wide(x), nearest, wide(w)));
+        sample->normal = list[at].lamp.direction;
+    }
+    *distance = nearest;
+    power_along(emitters, sample, vec3_mul(w, -1.0f), x, radiance);
+    *pdf = sample->pdf = pell_emitters_pdf(emitters, near, sample);
+    return true;
+}
+
+/* --- Light that sets out -------------------------------------------------------------------------------------------------------- */
+
+/* Directions from a lamp: all, those of a cone, or by cosine about the normal. */
+struct fan {
+    struct double3 axis;
+    double versed; /* 1 - cosine of the cone's angle; 2: all directions */
+    bool cosine;
+};
+
+static struct fan fan_of(const struct emitter *l, struct pell_vec3 centre, double radius, struct pell_vec3 at)
+{
+    const struct double3 d = minus(centre, at);
+    const double d2 = dot(d, d), r2 = radius * radius;
+    struct fan fan = { wide(l->lamp.direction), 2.0, false };
+
+    if (d2 > r2 * (1.0 + 1e-9)) {
+        const double length = sqrt(d2);
+        fan.axis = (struct double3){ d.x / length, d.y / length, d.z / length };
+        fan.versed = r2 / d2 / (1.0 + sqrt(1.0 - r2 / d2));
+    }
+    if (l->area > 0.0 && fan.versed > 0.5) {
+        fan.axis = wide(l->lamp.direction);
+        fan.cosine = true;
+    }
+    if (l->lamp.type == PELL_LIGHT_SPOT) {
+        const double own = 1.0 + (double) l->lamp.spot_offset / (double) l->lamp.spot_scale; /* 1 - cos_outer */
+        if (own < fan.versed) {
+            fan.axis = wide(l->lamp.direction);
+            fan.versed = own;
+        }
+    }
+    return fan;
+}
+
+static double fan_density(const struct fan *fan, struct pell_vec3 direction)
+{
+    const struct double3 w = wide(direction);
+    const double cosine = dot(fan->axis, w), limit = 1.0 - fan->versed;
+    const struct double3 off = along(w, -cosine, fan->axis);
+
+    if (fan->cosine)
+        return fmax(cosine, 0.0) / PELL_PI;
+    /* by the sine, which small angles keep; directions are floats */
+    if (limit > 0.0 ? cosine <= 0.0 || dot(off, off) > (1.0 - limit * limit) * (1.0 + 1e-5) : cosine < limit - 1e-6)
+        return 0.0;
+    return 1.0 / (2.0 * PELL_PI * fan->versed);
+}
+
+static struct pell_vec3 fan_sample(const struct fan *fan, double u, double v)
+{
+    const double versed = fan->cosine ? 1.0 - sqrt(1.0 - u) : u * fan->versed, c = 1.0 - versed,
+                 s = sqrt(fmax(0.0, versed * (2.0 - versed)));
+    struct pell_vec3 t, b;
+
+    vec3_basis(narrow(fan->axis), &t, &b);
+    return narrow(along(along((struct double3){ c * fan->axis.x, c * fan->axis.y, c * fan->axis.z }, s * cos(2.0 * PELL_PI * v), wide(t)),
+                        s * sin(2.0 * PELL_PI * v), wide(b)));
+}
+
+bool pell_emitters_emit(const struct pell_emitters *emitters, struct pell_vec3 centre, double radius, const double u[5],
+                        struct pell_emitter_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
+                        double *pdf)
+{
+    const struct emitter *l;
+    double choice = u[0], share;
+    float power[3];
+    size_t i;
+
+    if (emitters->count == 0 || !(radius > 0.0 && radius < INFINITY))
+        return false;
+    i = choose(emitters, centre, radius * radius, &choice, &share);
+    l = &emitters->list[i];
+    place_on(emitters, i, choice, u[1], u[2], sample);
+    *pdf = sample->pdf;
+    sample->pdf *= share;
+    if (sample->away) {
+        const double r = radius * sqrt(u[3]);
+        const struct double3 off = { centre.x - emitters->middle[0], centre.y - emitters->middle[1], centre.z - emitters->middle[2] };
+        const double back = radius + emitters->reach + sqrt(dot(off, off));
+        struct pell_vec3 t, b;
+        vec3_basis(sample->toward, &t, &b);
+        *direction = vec3_mul(sample->toward, -1.0f);
+        *origin = narrow(along(along(along(wide(centre), r * cos(2.0 * PELL_PI * u[4]), wide(t)), r * sin(2.0 * PELL_PI * u[4]), wide(b)),
+                               back, wide(sample->toward)));
+        *pdf /= PELL_PI * radius * radius;
+    } else {
+        const struct fan fan = fan_of(l, centre, radius, sample->at);
+        *direction = fan_sample(&fan, u[3], u[4]);
+        *origin = sample->at;
+        *pdf *= fan.cosine ? fan_density(&fan, *direction) : 1.0 / (2.0 * PELL_PI * fan.versed);
+    }
+    *pdf *= share;
+    power_along(emitters, sample, *direction, *origin, power);
+    for (int c = 0; c < 3; c++)
+        weight[c] = (double) power[c] * (l->area > 0.0 ? (double) vec3_dot(sample->normal, *direction) : 1.0) / *pdf;
+    return *pdf > 0.0 && weight[0] + weight[1] + weight[2] > 0.0;
+}
+
+double pell_emitters_emit_pdf(const struct pell_emitters *emitters, struct pell_vec3 centre, double radius,
+                              const struct pell_emitter_sample *sample, struct pell_vec3 direction, struct pell_vec3 target)
+{
+    const struct emitter *l = &emitters->list[sample->lamp];
+    const double share = chance(emitters, sample->lamp, centre, radius * radius), place = place_density(emitters, sample);
+    struct double3 d;
+    struct fan fan;
+
+    if (!sample->away) {
+        fan = fan_of(l, centre, radius, sample->at);
+        return share * place * fan_density(&fan, direction);
+    }
+    d = minus(target, centre);
+    d = along(d, -dot(d, wide(sample->toward)), wide(sample->toward));
+    return dot(d, d) <= radius * radius * (1.0 + 1e-6) ? share * place / (PELL_PI * radius * radius) : 0.0;
+}

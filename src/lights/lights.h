@@ -1,0 +1,184 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * lights.h - lights made ready for packets of pixels, and the environment's parts.
+ *
+ * A lamp is a light as the stage loops over it: a light of the scene, or one of the directions that stand for an environment's
+ * bright parts.
+ */
+#ifndef PELL_LIGHTS_H
+#define PELL_LIGHTS_H
+
+#include "base/hash.h"
+#include "image/color.h"
+#include "lights/specular_tables.h"
+#include "visibility/light_grid.h"
+
+#include <pellucid/render.h>
+
+#define PELL_LANES 16
+
+struct pell_lamp {
+    enum pell_light_type type;  /* never PELL_LIGHT_ENVIRONMENT */
+    struct pell_vec3 position, direction; /* direction: unit, the way the light goes */
+    struct pell_vec3 right, up; /* unit; rect, disc: times half the extent; right = direction x up */
+    float power[3];             /* W/sr; W/m^2; rect and disc: radiance x area / samples, so that power cos / d^2 is irradiance */
+    float scale;                /* what 1/d_mm^2 is multiplied by: 1e6 for W/sr, 1 for areas */
+    float spot_scale, spot_offset;
+    float inv_range;            /* 0: no cut-off */
+    float sample_area;          /* mm^2 that one sample stands for; 0 for lights without extent */
+    int samples;
+    const struct pell_texture *image;
+    float image_u, image_v;     /* from the plane at distance 1 (directional: from mm) to the picture's halves */
+    int environment;            /* index of the environment that it belongs to, -1: none; those make no highlight */
+    bool compact;               /* of an environment: its light is left out of the smooth table */
+    int light;                  /* of the scene, where it is no environment's */
+    struct pell_fan *fan;       /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */
+};
+
+/* --- environment.c ------------------------------------------------------------------------------------------------------------ */
+
+#define PELL_ENV_NODES 129    /* a side of the octahedral table over the normal */
+#define PELL_ENV_ROUGHNESS 8  /* roughness levels of the table */
+#define PELL_ENV_ETAS 8       /* indices of refraction with a table of their own for smooth boundaries */
+#define PELL_ENV_LEVELS 7     /* of the reflection's prefiltered maps */
+
+struct pell_env_level {
+    int width, height;
+    float *rgb; /* interleaved */
+};
+
+struct pell_environment {
+    const struct pell_texture *image; /* NULL: constant */
+    float power[3], cos_rotate, sin_rotate;
+    int light; /* of the scene */
+    /* Irradiance over the normal: E0 = Int L cos, and per model and roughness Int L scale cos, Int L bias cos (optics/medium/specular.h),
+     * and per smooth boundary Int L F_t cos; without the compact lamps. `size` floats a node. */
+    float *nodes;
+    int size, model_at[PELL_SPECULAR_MODELS], boundary_at;
+    int num_levels; /* 0: the reflection is constant */
+    struct pell_env_level levels[PELL_ENV_LEVELS];
+};
+
+struct pell_lights {
+    struct pell_context *ctx;
+    struct pell_lamp *lamps;
+    size_t num_lamps, capacity;
+    struct pell_environment *environments;
+    size_t num_environments;
+    int light_samples, ambient_samples; /* per frame */
+    uint8_t *eta_slot;                  /* of a material: index of its smooth boundary in the environments' tables */
+    size_t num_materials;
+    /* (object, material) of every mesh, sorted: which solids a pixel's material belongs to. */
+    struct pell_lights_part {
+        int object, material;
+    } *parts;
+    size_t num_parts;
+};
+
+/* What does not change from frame to frame: area-light samples, the environment resolved into lights and a smooth rest, tables. */
+PELL_NODISCARD enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_scene *scene,
+                                                   const struct pell_settings *settings, struct pell_pool *pool, struct pell_lights **out);
+void pell_lights_destroy(struct pell_lights **lights);
+
+/* What a light of the scene sees (visibility/light_grid.h), while the lights live; NULL: it has none. */
+const struct pell_fan *pell_lights_fan(const struct pell_lights *lights, size_t light);
+
+/* Radiance of the environment in a direction, for backgrounds; false where the scene has none. */
+bool pell_lights_background(const struct pell_lights *lights, struct pell_vec3 direction, float rgb[3]);
+
+/* Resolves light `index` of the scene (an environment) into `env` and new lamps. `env` is zeroed; finish it also after a failure. */
+PELL_NODISCARD enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index,
+                                                        int max_lamps, const struct pell_specular_tables *tables,
+                                                        struct pell_pool *pool, struct pell_environment *env);
+void pell_environment_finish(struct pell_context *ctx, struct pell_environment *env);
+
+/* What the table over the normal says: light that enters at a surface with this normal, T = 1 - rho_s albedo_f. */
+struct pell_env_query {
+    enum pell_specular_model model;
+    float roughness, f0, rho_s;
+    int smooth; /* slot of a smooth boundary, or -1 */
+};
+void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 normal, const struct pell_env_query *query,
+                                 float rgb[3]);
+/* Radiance out of a direction as a lobe of that width (pell_lobe_width) sees it. */
+void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3]);
+void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3]);
+
+/* For looking up alone: sets picture, power and rotation of a zeroed `env`, which then needs no finish. */
+void pell_environment_aim(struct pell_environment *env, const struct pell_light *light);
+/* Where in the picture a unit direction is, and back: u = 1/2 at the centre, growing to the right; v = 0 at the top. */
+void pell_environment_place(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v);
+struct pell_vec3 pell_environment_direction(const struct pell_environment *env, double u, double v);
+
+/* --- lights.c ----------------------------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result pell_lights_add_lamp(struct pell_lights *lights, const struct pell_lamp *lamp);
+/* A light of the scene, no environment, whose face is sampled `samples` times; false where it is dark. */
+bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_lamp *lamp);
+/* The slide's colour of light that leaves the lamp at `from` along the unit `direction` and meets `place` (directional: that alone
+ * counts); black outside of the picture. */
+void pell_lamp_slide(const struct pell_lamp *lamp, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3]);
+
+/* What KHR_lights_punctual's range leaves at a distance: clamp(1 - (d/range)^4, 0, 1). */
+static inline float pell_lamp_window(const struct pell_lamp *lamp, float d2)
+{
+    const float q = d2 * lamp->inv_range * lamp->inv_range, window = 1.0f - q * q;
+    return window > 0.0f ? window : 0.0f;
+}
+
+/* 1/d^2 in the lamp's unit, with its range. */
+static inline float pell_lamp_falloff(const struct pell_lamp *lamp, float distance)
+{
+    const float d2 = distance * distance;
+    return lamp->scale / (d2 > 1e-6f ? d2 : 1e-6f) * pell_lamp_window(lamp, d2);
+}
+
+/* Of a spot, at that cosine from its axis. */
+static inline float pell_lamp_cone(const struct pell_lamp *lamp, float cosine)
+{
+    float s = cosine * lamp->spot_scale + lamp->spot_offset;
+    s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
+    return s * s;
+}
+
+/* True if some mesh of `object` has `material`. */
+bool pell_lights_part(const struct pell_lights *lights, int object, int material);
+
+/* --- Sample patterns: Sobol's first two dimensions, digits scrambled per pixel by XOR (Kollig and Keller 2002) ---------------- */
+
+static inline uint32_t pell_sobol0(uint32_t i)
+{
+    i = i << 16 | i >> 16;
+    i = (i & 0x00ff00ffu) << 8 | (i & 0xff00ff00u) >> 8;
+    i = (i & 0x0f0f0f0fu) << 4 | (i & 0xf0f0f0f0u) >> 4;
+    i = (i & 0x33333333u) << 2 | (i & 0xccccccccu) >> 2;
+    return (i & 0x55555555u) << 1 | (i & 0xaaaaaaaau) >> 1;
+}
+
+static inline uint32_t pell_sobol1(uint32_t i)
+{
+    uint32_t r = 0;
+    for (uint32_t v = 1u << 31; i; i >>= 1, v ^= v >> 1)
+        if (i & 1)
+            r ^= v;
+    return r;
+}
+
+static inline float pell_unit_float(uint32_t x)
+{
+    return (float) (int32_t) (x >> 8) * (1.0f / 16777216.0f);
+}
+
+/* Points of the unit disc from the unit square (Shirley and Chiu 1997), without library calls: |phi| <= pi/4. */
+static inline void pell_disc_point(float u, float v, float *x, float *y)
+{
+    const float a = 2.0f * u - 1.0f, b = 2.0f * v - 1.0f;
+    const float aa = fabsf(a), ab = fabsf(b), big = aa > ab ? a : b, small = aa > ab ? b : a;
+    const float t = 0.785398163f * small / (fabsf(big) > 1e-20f ? big : 1e-20f), t2 = t * t;
+    const float s = t * (1.0f + t2 * (-1.66666667e-1f + t2 * (8.33333333e-3f + t2 * (-1.98412698e-4f + t2 * 2.75573192e-6f))));
+    const float c = 1.0f + t2 * (-0.5f + t2 * (4.16666667e-2f + t2 * (-1.38888889e-3f + t2 * 2.48015873e-5f)));
+    *x = big * (aa > ab ? c : s);
+    *y = big * (aa > ab ? s : c);
+}
+
+#endif

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * specular_tables.h - the tables of src/optics/medium/specular.h that a scene's materials need; materials of one lobe, or of one index of
+ * refraction, share them.
+ */
+#ifndef PELL_SCENE_SPECULAR_H
+#define PELL_SCENE_SPECULAR_H
+
+#include "base/base.h"
+#include "optics/medium/specular.h"
+
+#include <pellucid/scene.h>
+
+struct pell_specular_tables {
+    struct pell_context *ctx;
+    size_t num_materials, num_boundaries;
+    uint8_t *model;     /* of a material */
+    uint32_t *boundary; /* of a material: index into boundaries */
+    struct pell_boundary_table *boundaries;
+    float mean[PELL_SPECULAR_MODELS][PELL_ALBEDO_ROUGHNESS][2];
+    float albedo[PELL_SPECULAR_MODELS][PELL_ALBEDO_MU][PELL_ALBEDO_ROUGHNESS][2]; /* scale, bias */
+};
+
+/* Integrated at start-up. */
+PELL_NODISCARD enum pell_result pell_specular_tables_create(struct pell_context *ctx, const struct pell_scene *scene,
+                                                            struct pell_specular_tables **out);
+void pell_specular_tables_destroy(struct pell_specular_tables **tables);
+
+#endif

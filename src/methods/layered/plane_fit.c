@@ -1,0 +1,166 @@
+/* SPDX-License-Identifier: MIT
+ * plane_fit.c - what stands for the surface of each body when planes are fitted to it. The fit is in planes.c. */
+#include "methods/layered/state.h"
+
+#include <string.h>
+
+enum { CUTS = 8, MOST_PARTS = 1 << 24 }; /* of a large triangle's sides; parts of all of them */
+
+static void corners_of(const struct pell_mesh *mesh, uint32_t triangle, struct pell_vec3 at[3])
+{
+    for (int k = 0; k < 3; k++)
+        at[k] = vec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) triangle + (size_t) k]);
+}
+
+/* In how many parts the sides of a triangle are cut, so that those are small beside the neighbourhood. */
+static int cuts_of(const struct pell_vec3 at[3], float radius)
+{
+    float longest = 0.0f;
+
+    for (int k = 0; k < 3; k++)
+        longest = fmaxf(longest, vec3_length(vec3_sub(at[(k + 1) % 3], at[k])));
+    longest *= 2.0f / radius;
+    return longest > 1.0f ? longest < (float) CUTS ? (int) ceilf(longest) : CUTS : 1;
+}
+
+static size_t count_parts(const struct pell_mesh *mesh, float radius)
+{
+    size_t count = 0;
+
+    for (uint32_t t = 0; t < mesh->num_triangles; t++) {
+        struct pell_vec3 at[3];
+        int cuts;
+        corners_of(mesh, t, at);
+        cuts = cuts_of(at, radius);
+        count += cuts > 1 ? (size_t) (cuts * cuts) : 0;
+    }
+    return count;
+}
+
+/* The middles of the parts of a triangle, each for its area. */
+static void add_parts(const struct pell_mesh *mesh, uint32_t triangle, const struct pell_vec3 at[3], int cuts, float area,
+                      struct layered_cloud *cloud)
+{
+    for (int i = 0; i < cuts; i++)
+        for (int j = 0; j < 2 * (cuts - i) - 1; j++) {
+            const float u = ((float) (j / 2) + (j & 1 ? 2.0f / 3.0f : 1.0f / 3.0f)) / (float) cuts;
+            const float v = ((float) i + (j & 1 ? 2.0f / 3.0f : 1.0f / 3.0f)) / (float) cuts;
+            const struct pell_vec3 p = vec3_mad(vec3_mad(vec3_mul(at[0], 1.0f - u - v), u, at[1]), v, at[2]);
+            vec3_store(p, cloud->position + 3 * cloud->count);
+            vec3_store(layered_normal_at(mesh, triangle, u, v), cloud->normal + 3 * cloud->count);
+            cloud->weight[cloud->count++] = fmaxf(area / (float) (cuts * cuts), 1e-20f);
+        }
+}
+
+/* Each vertex stands for a part of the triangles around it; triangles that are large beside the neighbourhood stand for themselves, in
+ * parts, so that planes of a coarse mesh are those of a fine one. */
+static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct layered_cloud *cloud)
+{
+    float *weight = cloud->weight + first;
+
+    for (uint32_t i = 0; i < mesh->num_vertices; i++)
+        weight[i] = 0.0f;
+    for (uint32_t t = 0; t < mesh->num_triangles; t++) {
+        struct pell_vec3 at[3];
+        float area;
+        int cuts;
+        corners_of(mesh, t, at);
+        area = vec3_length(vec3_cross(vec3_sub(at[1], at[0]), vec3_sub(at[2], at[0])));
+        cuts = parts ? cuts_of(at, cloud->radius) : 1;
+        if (cuts > 1)
+            add_parts(mesh, t, at, cuts, area, cloud);
+        for (int k = 0; k < 3 && cuts == 1; k++)
+            weight[mesh->index[3 * (size_t) t + (size_t) k]] += area * (1.0f / 3.0f);
+    }
+    for (uint32_t i = 0; i < mesh->num_vertices; i++)
+        weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* of no triangle, or of large ones alone */
+}
+
+/* All meshes of one body, of which `first` is the first. */
+static enum pell_result fit_body(struct layered_state *st, const struct pell_scene *scene, size_t first)
+{
+    const struct pell_mesh *body = &scene->meshes[first];
+    struct layered_cloud cloud = { .ctx = st->ctx, .pool = st->pool };
+    const float sigma = st->media[body->material].first;
+    float(*plane)[4] = NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
+    size_t at = 0, most = 0, parts = 0;
+
+    cloud.radius = sigma > 0.0f ? -logf(st->knobs.epsilon) / sigma : INFINITY;
+    cloud.radius = cloud.radius < st->size ? cloud.radius : st->size;
+    for (size_t i = first; i < scene->num_meshes; i++) {
+        cloud.fitted += layered_same_body(&scene->meshes[i], body) ? scene->meshes[i].num_vertices : 0;
+        if (layered_same_body(&scene->meshes[i], body) && st->knobs.planes == LAYERED_BY_AREA && cloud.radius > 0.0f)
+            parts += count_parts(&scene->meshes[i], cloud.radius);
+    }
+    parts = parts <= MOST_PARTS ? parts : 0;
+    most = cloud.fitted + parts;
+    if (most > UINT32_MAX)
+        return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, body->name, NULL, "layered: an object of %zu vertices", cloud.fitted);
+    cloud.position = pell_alloc_array(st->ctx, most + 1, 3 * sizeof(float));
+    cloud.normal = pell_alloc_array(st->ctx, most + 1, 3 * sizeof(float));
+    cloud.weight = pell_alloc_array(st->ctx, most + 1, sizeof(float));
+    plane = pell_alloc_array(st->ctx, cloud.fitted + 1, sizeof(*plane));
+    if (!cloud.position || !cloud.normal || !cloud.weight || !plane)
+        goto fail;
+    cloud.count = cloud.fitted;
+    for (size_t i = first; i < scene->num_meshes; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        if (!layered_same_body(m, body))
+            continue;
+        memcpy(cloud.position + 3 * at, m->position, 3 * (size_t) m->num_vertices * sizeof(float));
+        memcpy(cloud.normal + 3 * at, m->normal, 3 * (size_t) m->num_vertices * sizeof(float));
+        for (size_t k = 0; k < m->num_vertices; k++)
+            cloud.weight[at + k] = 1.0f;
+        if (st->knobs.planes == LAYERED_BY_AREA)
+            weigh(m, at, parts > 0, &cloud);
+        at += m->num_vertices;
+    }
+    if (st->knobs.planes == LAYERED_TANGENT) {
+        for (size_t i = 0; i < cloud.fitted; i++) {
+            memcpy(plane[i], cloud.normal + 3 * i, 3 * sizeof(float));
+            plane[i][3] = 0.0f;
+        }
+    } else {
+        PELL_TRY(layered_planes_fit(&cloud, plane));
+        res = PELL_ERR_NOMEM;
+    }
+    at = 0;
+    for (size_t i = first; i < scene->num_meshes; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        if (!layered_same_body(m, body))
+            continue;
+        st->planes[i] = pell_alloc_array(st->ctx, (size_t) m->num_vertices + 1, sizeof(*plane));
+        if (!st->planes[i])
+            goto fail;
+        memcpy(st->planes[i], plane + at, (size_t) m->num_vertices * sizeof(*plane));
+        at += m->num_vertices;
+    }
+    st->fitted += (int64_t) cloud.fitted;
+    res = PELL_OK;
+
+fail:
+    pell_free(st->ctx, plane);
+    pell_free(st->ctx, cloud.weight);
+    pell_free(st->ctx, cloud.normal);
+    pell_free(st->ctx, cloud.position);
+    return res;
+}
+enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene)
+{
+    const double start = pell_seconds();
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    st->planes = pell_calloc(st->ctx, scene->num_meshes + 1, sizeof(*st->planes));
+    if (!st->planes)
+        goto fail;
+    st->num_meshes = scene->num_meshes;
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        if (layered_scatters(scene, &scene->meshes[i]) && !st->planes[i])
+            PELL_TRY(fit_body(st, scene, i));
+    st->fit_seconds = pell_seconds() - start;
+    return PELL_OK;
+
+fail:
+    return res;
+}

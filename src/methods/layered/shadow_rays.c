@@ -1,0 +1,298 @@
+/* SPDX-License-Identifier: MIT
+ * shadow_rays.c - the rays of a packet: where the eye's leave the solid, and the ways of light to places of the march. */
+#include "methods/layered/state.h"
+
+#include <string.h>
+
+struct rays {
+    struct pell_ray_hit16 r;
+    _Alignas(64) int valid[16];
+    int count;
+};
+
+static void aim(struct rays *rays, int i, struct pell_vec3 from, struct pell_vec3 way, float near, float far)
+{
+    struct pell_ray16 *r = &rays->r.ray;
+
+    r->ox[i] = from.x;
+    r->oy[i] = from.y;
+    r->oz[i] = from.z;
+    r->dx[i] = way.x;
+    r->dy[i] = way.y;
+    r->dz[i] = way.z;
+    r->tnear[i] = near;
+    r->tfar[i] = far;
+    r->mask[i] = PELL_RAY_ALL;
+    rays->valid[i] = -1;
+    rays->count++;
+}
+
+static void clear(struct rays *rays)
+{
+    memset(rays, 0, sizeof(*rays));
+    for (int i = 0; i < 16; i++)
+        rays->r.hit.mesh[i] = PELL_NO_HIT;
+}
+
+static float rounding(const struct layered_packet *p, int i)
+{
+    return LAYERED_ROUNDING * fmaxf(fmaxf(fabsf(p->p[0][i]), fabsf(p->p[1][i])), fmaxf(fabsf(p->p[2][i]), 1e-3f));
+}
+
+/* --- The way of the eye --------------------------------------------------------------------------------------------------------- */
+
+/* Maps seen from the far surface: they run on from where the ray leaves. */
+static void place_far(const struct layered_medium *m, struct layered_packet *p, int i, const struct pell_mesh *mesh, uint32_t triangle,
+                      float u, float v)
+{
+    const uint32_t *index = mesh->index + 3 * (size_t) triangle;
+    const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
+    const struct pell_vec3 e1 = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a);
+    const struct pell_vec3 e2 = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a), n = vec3_cross(e1, e2);
+    const float square = vec3_dot(n, n), area = square > 1e-30f ? 1.0f / square : 0.0f;
+    const struct pell_vec3 g1 = vec3_mul(vec3_cross(e2, n), area), g2 = vec3_mul(vec3_cross(n, e1), area), w = layered_lane3(p->w, i);
+    const float d1 = vec3_dot(g1, w), d2 = vec3_dot(g2, w);
+
+    for (int k = 0; k < m->packs; k++) {
+        struct layered_place *o = &p->place[k];
+        float c[3][2];
+        for (int q = 0; q < 3; q++)
+            layered_map_uv(m->pack[k].map, mesh, index[q], c[q]);
+        o->du[1][i] = (c[1][0] - c[0][0]) * d1 + (c[2][0] - c[0][0]) * d2;
+        o->dv[1][i] = (c[1][1] - c[0][1]) * d1 + (c[2][1] - c[0][1]) * d2;
+        o->u[1][i] = (1.0f - u - v) * c[0][0] + u * c[1][0] + v * c[2][0] - p->exit[i] * o->du[1][i];
+        o->v[1][i] = (1.0f - u - v) * c[0][1] + u * c[1][1] + v * c[2][1] - p->exit[i] * o->dv[1][i];
+    }
+}
+
+void layered_find_exits(const struct layered_state *st, const struct layered_medium *m, const uint32_t *mesh, struct layered_worker *w)
+{
+    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    struct layered_packet *p = &w->packet;
+    const bool two = st->knobs.path != LAYERED_PLANES;
+    struct rays rays;
+
+    st->kernels->leave(p, st->size, &rays.r.ray, rays.valid);
+    for (int i = 0; i < LAYERED_LANES; i++)
+        rays.r.hit.mesh[i] = PELL_NO_HIT;
+    pell_rays_closest16(pell_renderer_rays(st->r), rays.valid, true, &rays.r);
+    w->rays += p->count;
+    for (int i = 0; i < p->count; i++) {
+        const struct pell_hit16 *h = &rays.r.hit;
+        const struct pell_vec3 way = layered_lane3(p->w, i);
+        float facing;
+        p->length[i] = fminf(p->length[i], 4.0f * st->size);
+        if (h->mesh[i] == PELL_NO_HIT)
+            continue;
+        facing = h->ngx[i] * way.x + h->ngy[i] * way.y + h->ngz[i] * way.z;
+        p->ends_deep[i] = -(p->length[i] < rays.r.ray.tfar[i]);
+        if (facing > 0.0f && two && layered_same_body(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]])) {
+            struct pell_vec3 n = layered_normal_at(&scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
+            float rate = vec3_dot(n, way), end = fminf(p->length[i], rays.r.ray.tfar[i]);
+            if (!(rate > LAYERED_GRAZING))
+                rate = LAYERED_GRAZING;
+            if ((rays.r.ray.tfar[i] - end) * rate < end * p->rate[i]) {
+                p->exit[i] = rays.r.ray.tfar[i];
+                p->exit_rate[i] = rate;
+                p->exit_normal[0][i] = n.x;
+                p->exit_normal[1][i] = n.y;
+                p->exit_normal[2][i] = n.z;
+                p->thin = true;
+                place_far(m, p, i, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
+            }
+        }
+        p->length[i] = fminf(p->length[i], rays.r.ray.tfar[i]);
+    }
+}
+
+/* --- Light ---------------------------------------------------------------------------------------------------------------------- */
+
+static struct pell_vec3 toward(const struct layered_lamp *lamp, int i, struct pell_vec3 from, float *distance)
+{
+    struct pell_vec3 d = layered_lane3(lamp->to, i);
+
+    *distance = INFINITY;
+    if (lamp->away)
+        return d;
+    d = vec3_sub(d, from);
+    *distance = fmaxf(vec3_length(d), 1e-6f);
+    return vec3_mul(d, 1.0f / *distance);
+}
+
+void layered_set_planes(const struct layered_state *st, const struct layered_source *s, const struct layered_packet *p,
+                        struct layered_worker *w, struct layered_lamp *lamp)
+{
+    _Alignas(64) int32_t visible[LAYERED_LANES];
+    struct rays rays;
+    const int count = st->kernels->see(p, st->knobs.path, st->knobs.shadows, lamp, &rays.r.ray, rays.valid);
+
+    if (count == 0)
+        return;
+    w->rays += count;
+    if (!s->fan || !pell_fan_visible16(s->fan, rays.valid, rays.r.ray.ox, rays.r.ray.oy, rays.r.ray.oz, visible)) {
+        pell_rays_occluded16(pell_renderer_rays(st->r), rays.valid, true, &rays.r.ray);
+        for (int i = 0; i < p->count; i++)
+            visible[i] = rays.r.ray.tfar[i] < 0.0f ? 0 : -1;
+    }
+    for (int i = 0; i < p->count; i++)
+        if (rays.valid[i] && !visible[i])
+            lamp->seen[i] = 0.0f;
+}
+
+/* One node of the lanes that ask for some: places of the march, and where light comes into the solid on its way there. */
+struct node {
+    struct rays rays;
+    struct pell_vec3 at[16], way[16], k[16], n[16];
+    bool asked[16], there[16]; /* there: the ray left the solid */
+};
+
+static void trace_node(const struct layered_state *st, const struct layered_packet *p, const uint32_t *mesh, struct node *n,
+                       struct layered_worker *w)
+{
+    const struct pell_scene *scene = pell_renderer_scene(st->r);
+
+    clear(&n->rays);
+    for (int i = 0; i < p->count; i++)
+        if (n->asked[i])
+            aim(&n->rays, i, n->at[i], n->way[i], rounding(p, i), INFINITY);
+    pell_rays_closest16(pell_renderer_rays(st->r), n->rays.valid, true, &n->rays.r);
+    w->rays += n->rays.count;
+    for (int i = 0; i < p->count; i++) {
+        const struct pell_hit16 *h = &n->rays.r.hit;
+        const struct pell_vec3 g = vec3(h->ngx[i], h->ngy[i], h->ngz[i]);
+        n->there[i] = n->asked[i] && h->mesh[i] != PELL_NO_HIT && vec3_dot(g, n->way[i]) > 0.0f &&
+                      layered_same_body(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]]);
+        if (!n->there[i])
+            continue;
+        n->k[i] = vec3_mad(n->at[i], n->rays.r.ray.tfar[i], n->way[i]);
+        n->n[i] = layered_normal_at(&scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
+        if (!(vec3_dot(n->n[i], n->way[i]) > 0.0f))
+            n->n[i] = vec3_normalize(g);
+    }
+}
+
+/* Light bends where it came in: along the ray that it takes from there to M, as if that were found from M. */
+static void bend_node(const struct layered_packet *p, const struct layered_lamp *lamp, float eta, struct node *n)
+{
+    for (int i = 0; i < p->count; i++) {
+        float distance, co, ci;
+        struct pell_vec3 to;
+        if (!n->there[i])
+            continue;
+        to = toward(lamp, i, n->k[i], &distance);
+        co = vec3_dot(n->n[i], to);
+        if (!(co > 0.0f))
+            continue;
+        ci = sqrtf(1.0f - (1.0f - co * co) / (eta * eta));
+        n->way[i] = vec3_mad(vec3_mul(to, 1.0f / eta), ci - co / eta, n->n[i]);
+    }
+}
+
+/* Behind a sheet that has no other side light comes in where its layers end. */
+static void open_sheet(const struct layered_medium *m, const struct layered_packet *p, const struct layered_lamp *lamp,
+                       const struct node *n, float deepest, float t, int i, float *km, float *beam)
+{
+    const float under = -vec3_dot(layered_lane3(p->n, i), n->way[i]), depth = t * p->length[i] * p->rate[i];
+    float distance;
+
+    *km = 0.0f;
+    *beam = 0.0f;
+    if (m->bottomless || n->rays.r.hit.mesh[i] != PELL_NO_HIT || !(under > 0.0f))
+        return;
+    *km = fmaxf(deepest - depth, 0.0f) / fmaxf(under, LAYERED_GRAZING);
+    toward(lamp, i, vec3_mad(n->at[i], *km, n->way[i]), &distance);
+    *beam = lamp->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
+}
+
+static void cast_shadows(const struct layered_state *st, const struct layered_packet *p, struct layered_lamp *lamp, const struct node *n,
+                         int node, struct layered_worker *w)
+{
+    struct rays rays;
+
+    clear(&rays);
+    for (int i = 0; i < p->count; i++) {
+        struct pell_vec3 from = n->k[i], to;
+        float distance;
+        if (!n->asked[i] || !(lamp->beam[node][i] > 0.0f))
+            continue;
+        if (!n->there[i])
+            from = vec3_mad(n->at[i], lamp->km[node][i], n->way[i]);
+        to = toward(lamp, i, from, &distance);
+        aim(&rays, i, from, to, 2.0f * rounding(p, i), lamp->away ? INFINITY : 0.9999f * distance);
+    }
+    if (rays.count == 0)
+        return;
+    pell_rays_occluded16(pell_renderer_rays(st->r), rays.valid, true, &rays.r.ray);
+    w->rays += rays.count;
+    for (int i = 0; i < p->count; i++)
+        if (rays.valid[i] && rays.r.ray.tfar[i] < 0.0f)
+            lamp->beam[node][i] = 0.0f;
+}
+
+static void depths_of(const struct layered_state *st, int material, const struct pell_mesh *mesh, uint32_t triangle, float u, float v,
+                      float *depth)
+{
+    const struct layered_medium *m = &st->media[material];
+
+    pell_strata_depths(st->strata[material], mesh, triangle, u, v, depth);
+    for (int j = 0; j < m->count; j++)
+        depth[j] = fminf(j + 1 == m->count && m->bottomless ? LAYERED_FAR : depth[j], LAYERED_FAR);
+}
+
+void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
+                      struct layered_lamp *lamp, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w)
+{
+    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const int material = scene->meshes[mesh[0]].material;
+    const float t = st->work.node[node], eta = st->work.refracts ? m->eta : 1.0f;
+    struct node n;
+
+    for (int i = 0; i < p->count; i++) {
+        float distance;
+        n.asked[i] = lamp->planes[i] < 1.0f && lamp->power[0][i] + lamp->power[1][i] + lamp->power[2][i] > 0.0f;
+        n.at[i] = vec3_mad(layered_lane3(p->p, i), t * p->length[i], layered_lane3(p->w, i));
+        n.way[i] = toward(lamp, i, n.at[i], &distance);
+    }
+    trace_node(st, p, mesh, &n, w);
+    if (eta != 1.0f) {
+        bend_node(p, lamp, eta, &n);
+        trace_node(st, p, mesh, &n, w);
+    }
+    for (int i = 0; i < LAYERED_LANES; i++) {
+        const struct pell_hit16 *h = &n.rays.r.hit;
+        float depth[PELL_LAYERS_MOST], distance, co;
+        lamp->km[node][i] = lamp->beam[node][i] = 0.0f;
+        lamp->cosine[node][i] = 1.0f;
+        for (int k = 0; k < 3; k++)
+            lamp->way[node][k][i] = k == 0;
+        for (int j = 0; j < m->count; j++)
+            lamp->depth[(node * m->count + j) * LAYERED_LANES + i] = m->layer[j].depth;
+        if (i >= p->count || !n.asked[i])
+            continue;
+        lamp->way[node][0][i] = n.way[i].x;
+        lamp->way[node][1][i] = n.way[i].y;
+        lamp->way[node][2][i] = n.way[i].z;
+        if (n.there[i]) {
+            const struct pell_vec3 to = toward(lamp, i, n.k[i], &distance);
+            co = vec3_dot(n.n[i], to);
+            lamp->km[node][i] = n.rays.r.ray.tfar[i];
+            lamp->cosine[node][i] = fmaxf(vec3_dot(n.n[i], n.way[i]), LAYERED_GRAZING);
+            if (co > 0.0f) {
+                const float ci = sqrtf(1.0f - (1.0f - co * co) / (eta * eta));
+                lamp->beam[node][i] = eta == 1.0f ? 1.0f : (float) (1.0 - pell_fresnel((double) eta, (double) fminf(co, 1.0f))) * co / ci;
+                lamp->beam[node][i] *= lamp->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
+            }
+            if (m->packs > 0)
+                depths_of(st, material, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i], depth);
+        } else {
+            if (m->packs > 0)
+                depths_of(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
+            open_sheet(m, p, lamp, &n, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i, &lamp->km[node][i], &lamp->beam[node][i]);
+            lamp->cosine[node][i] = 1e6f;
+        }
+        for (int j = 0; j < m->count && m->packs > 0; j++)
+            lamp->depth[(node * m->count + j) * LAYERED_LANES + i] = depth[j];
+    }
+    if (st->knobs.shadows)
+        cast_shadows(st, p, lamp, &n, node, w);
+}

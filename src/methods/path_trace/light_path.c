@@ -1,0 +1,250 @@
+/* SPDX-License-Identifier: MIT
+ * light_path.c - paths from delta lamps through smooth boundaries, joined to the walk inside media (Veach and Guibas 1994, Lafortune and
+ * Willems 1996), for the light that no connection finds: that which was reflected inside, or crossed more than one surface, before it was
+ * first scattered.
+ *
+ * Who finds a path is settled by its form, so that nothing is weighed and nothing counted twice. Seen from the lamp, the first edge between
+ * two scatterings with no surface on it is where the light's path is joined to the walk; a path whose light came in by one refraction
+ * alone and was scattered is the connections'. So a light's path ends where it would go on without a surface, and there is one join a path.
+ * What neither finds has a smooth surface on every edge (a rough one ends a light's path): chain.c.
+ *
+ * Light is carried as flux. With interpolated normals a surface passes other flux than the walk's radiance says, by the ratio of cosines
+ * that makes both agree (Veach 1996, "Non-symmetric Scattering in Light Transport Algorithms"). */
+#include "methods/path_trace/path.h"
+
+#include <string.h>
+
+#define LIGHT_EVENTS 64  /* of a light's path at most; what is carried so far is some 1e-30 in bodies that absorb or scatter at all */
+#define LIGHT_LEAST 1e-2 /* share of the weight below which paths go on by chance */
+#define JOIN_SHARE 1e-2  /* joins of less than this times the typical radiance are made by chance */
+
+static void scattered(struct pt_walker *w, const struct pt_scatterer *at, float length, const float power[3], int body)
+{
+    struct pt_light_vertex *v;
+
+    if (w->vertices >= PT_LIGHT_VERTICES)
+        return;
+    v = &w->vertex[w->vertices++];
+    v->at = *at;
+    v->length = length;
+    v->body = body;
+    for (int c = 0; c < 3; c++)
+        v->power[c] = power[c];
+}
+
+/* Passes or reflects at a smooth surface. False: the path ends. */
+static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct pt_place *place, struct pt_sampler *sampler,
+                    struct pell_vec3 *x, struct pell_vec3 *from, struct pell_vec3 *w, float power[3], bool *refracted)
+{
+    const bool enter = vec3_dot(*w, hit->ng) < 0.0f;
+    const float side = enter ? 1.0f : -1.0f;
+    struct pt_facing at = { vec3_mul(*w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), enter ? 0 : 1 };
+    struct pt_place before, after;
+    float eta, fresnel, in, out, ratio;
+    bool wrong;
+
+    *refracted = false;
+    if (!pt_cross(s, place, hit->body, enter, &before, &after)) {
+        *x = hit->p;
+        *from = pt_leave(hit, *w);
+        return true;
+    }
+    eta = pt_index(s, pt_top(&after)) / pt_index(s, pt_top(&before));
+    if (pt_rough_find(s, hit, enter ? eta : 1.0f / eta))
+        return false;
+    if (!(vec3_dot(at.o, at.ns) > 0.0f))
+        at.ns = at.ng;
+    in = vec3_dot(at.o, at.ns) / vec3_dot(at.o, at.ng);
+    *refracted = pt_smooth(&at, eta, pt_random(sampler), w, &fresnel, &wrong);
+    if (wrong)
+        return false;
+    out = fabsf(vec3_dot(*w, at.ng)) / fmaxf(fabsf(vec3_dot(*w, at.ns)), 1e-6f);
+    ratio = in * out;
+    for (int c = 0; c < 3; c++)
+        power[c] *= ratio;
+    *place = *refracted ? after : before;
+    *x = hit->p;
+    *from = pt_leave(hit, *w);
+    return true;
+}
+
+static bool survives(float power[3], float start, struct pt_sampler *sampler)
+{
+    const float now = fmaxf(power[0], fmaxf(power[1], power[2])), least = (float) LIGHT_LEAST * start;
+
+    if (!(now > 0.0f))
+        return false;
+    if (now >= least)
+        return true;
+    if (pt_random(sampler) * least >= now)
+        return false;
+    for (int c = 0; c < 3; c++)
+        power[c] *= least / now;
+    return true;
+}
+
+void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler)
+{
+    struct pt_place place = { 0 };
+    struct pell_emitter_sample lamp;
+    struct pell_vec3 x, from, dir;
+    double u[5], weight[3], pdf;
+    float power[3], before[3], start, safe = 0.0f;
+    int surfaces = 0; /* since the lamp, or the last scattering */
+    bool first = true, entered_once = false, beam;
+
+    w->vertices = 0;
+    for (int k = 0; k < 5; k++)
+        u[k] = (double) pt_random(sampler);
+    if (!pell_emitters_emit(s->emitters, s->centre, s->radius, u, &lamp, &x, &dir, weight, &pdf) || !lamp.delta)
+        return;
+    from = x;
+    for (int c = 0; c < 3; c++)
+        power[c] = (float) weight[c];
+    start = fmaxf(power[0], fmaxf(power[1], power[2]));
+    for (int event = 0; event < LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES && survives(power, start, sampler); event++) {
+        const int body = pt_top(&place);
+        struct pt_scatterer at = { .w = dir };
+        struct pt_flight flight = { .met = false };
+        bool refracted;
+        if (body < 0) {
+            flight.met = pt_meet(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &flight.hit);
+            if (!flight.met)
+                return;
+            if (first)
+                for (int c = 0; c < 3; c++)
+                    power[c] *= (float) pell_emitters_range(s->emitters, lamp.lamp, (double) flight.hit.t);
+            first = false;
+        } else {
+            memcpy(before, power, sizeof(before));
+            pt_fly(s, &w->counts, body, x, from, dir, power, &safe, sampler, &flight);
+        }
+        /* All of the beam in a body of one medium, wherever this flight ended. */
+        beam = body >= 0 && s->body[body].medium.even && surfaces > 0 && !flight.lost && !(entered_once && s->body[body].connects);
+        if (beam) {
+            struct pt_hit hit = flight.hit;
+            if (flight.met || pt_meet(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &hit)) {
+                at.x = x;
+                at.medium = &s->body[body].medium.layer[0];
+                scattered(w, &at, flight.met ? flight.length : hit.t, before, body);
+            }
+        }
+        if (flight.lost) {
+            place.count = 0;
+            x = from = flight.x;
+            surfaces++;
+            continue;
+        }
+        if (flight.met && flight.hit.body >= 0) {
+            if (!surface(s, &flight.hit, &place, sampler, &x, &from, &dir, power, &refracted))
+                return;
+            entered_once = surfaces == 0 && refracted && w->vertices == 0;
+            surfaces++;
+            safe = 0.0f;
+            continue;
+        }
+        /* Scattered: by the medium, or by something opaque. */
+        if (surfaces == 0 || (entered_once && body >= 0 && s->body[body].connects))
+            return;
+        at.x = flight.x;
+        at.medium = flight.medium;
+        if (flight.met) {
+            float albedo[3], u2 = pt_random(sampler), v2 = pt_random(sampler), r = sqrtf(u2);
+            struct pell_vec3 t, b;
+            at.medium = NULL;
+            at.n = vec3_dot(dir, flight.hit.ng) > 0.0f ? vec3_mul(flight.hit.ng, -1.0f) : flight.hit.ng;
+            at.x = pt_leave(&flight.hit, at.n);
+            pt_albedo(s, &flight.hit, albedo);
+            for (int c = 0; c < 3; c++)
+                power[c] *= albedo[c];
+            scattered(w, &at, 0.0f, power, body);
+            vec3_basis(at.n, &t, &b);
+            dir = vec3_normalize(
+                vec3_add(vec3_add(vec3_mul(t, r * cosf(2.0f * PELL_PI_F * v2)), vec3_mul(b, r * sinf(2.0f * PELL_PI_F * v2))),
+                         vec3_mul(at.n, sqrtf(1.0f - u2))));
+            safe = 0.0f;
+        } else {
+            if (!(power[0] + power[1] + power[2] > 0.0f))
+                return;
+            if (!beam)
+                scattered(w, &at, 0.0f, power, body);
+            pt_phase_sample(flight.medium, dir, sampler, power, &dir);
+        }
+        x = from = at.x;
+        surfaces = 0;
+        entered_once = false;
+    }
+}
+
+/* A place of a beam: half of them as light scatters along it, half by the angle under which the scatterer sees it (Kulla and Fajardo 2012,
+ * "Importance Sampling Techniques for Path Tracing in Participating Media"), so that what is nearer is as much likelier as it gives more
+ * light. Writes the power that is scattered there, over the density of having chosen it. */
+static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_vec3 x, struct pt_sampler *own, float power[3])
+{
+    const struct pt_coefficients *m = v->at.medium;
+    const struct pell_vec3 off = vec3_sub(x, v->at.x);
+    const double length = (double) v->length, along = (double) vec3_dot(off, v->at.w), pick = pt_fine(own), u = pt_fine(own);
+    const struct pell_vec3 beside = vec3_mad(off, (float) -along, v->at.w);
+    const double apart = fmax((double) vec3_length(beside), 1e-6 * length);
+    const double from = atan(-along / apart), to = atan((length - along) / apart);
+    const double sum = (double) (v->power[0] + v->power[1] + v->power[2]);
+    double t, density;
+
+    if (pick < 0.5) {
+        t = along + apart * tan(from + (to - from) * u);
+    } else {
+        const double sigma = (double) m->sigma_t[pt_choose(v->power, (float) (2.0 * pick - 1.0))];
+        t = sigma * length > 1e-6 ? -log(1.0 - u * (1.0 - exp(-sigma * length))) / sigma : u * length;
+    }
+    t = fmin(fmax(t, 0.0), length);
+    density = 0.5 * apart / ((to - from) * (apart * apart + (t - along) * (t - along)));
+    for (int c = 0; c < 3; c++) {
+        const double sigma = (double) m->sigma_t[c], share = (double) v->power[c] / sum;
+        density += 0.5 * share * (sigma * length > 1e-6 ? sigma * exp(-sigma * t) / (1.0 - exp(-sigma * length)) : 1.0 / length);
+    }
+    for (int c = 0; c < 3; c++)
+        power[c] = (float) ((double) (v->power[c] * m->sigma_s[c]) * exp(-(double) m->sigma_t[c] * t) / density);
+    return vec3_mad(v->at.x, (float) t, v->at.w);
+}
+
+void pt_join(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int body,
+             const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3])
+{
+    struct pt_sampler own = *sampler;
+    const double n = (double) pt_index(s, body), least = JOIN_SHARE * s->typical;
+
+    own.at = PT_EVEN_NUMBERS;
+    own.state = pt_mix(sampler->state ^ 0x14057b7ef767814fu);
+    for (int i = 0; i < count; i++) {
+        const struct pt_light_vertex *v = &vertex[i];
+        struct pell_vec3 to, way;
+        float here[3], there[3], passed[3], light[3], power[3] = { v->power[0], v->power[1], v->power[2] };
+        float square, distance, most = 0.0f, chance = 1.0f;
+        if (v->body != body)
+            continue;
+        to = vec3_sub(v->length > 0.0f ? beam_place(v, at->x, &own, power) : v->at.x, at->x);
+        square = vec3_dot(to, to);
+        distance = sqrtf(square);
+        if (!(distance > 2.0f * s->unit))
+            continue;
+        way = vec3_mul(to, 1.0f / distance);
+        pt_scatter_values(at, way, here);
+        pt_scatter_values(&v->at, vec3_mul(way, -1.0f), there);
+        pt_pass(s, body, at->x, way, distance, &own, passed);
+        for (int c = 0; c < 3; c++) {
+            light[c] = beta[c] * here[c] * passed[c] * there[c] * power[c] / (square * (float) (n * n));
+            most = fmaxf(most, light[c]);
+        }
+        if (!(most > 0.0f))
+            continue;
+        if ((double) most < least) {
+            chance = (float) ((double) most / least);
+            if (pt_fine(&own) >= (double) chance)
+                continue;
+        }
+        if (!pt_clear(s, counts, at->x, way, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
+            continue;
+        for (int c = 0; c < 3; c++)
+            sum[c] += (double) (light[c] / chance);
+    }
+}

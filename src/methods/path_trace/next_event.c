@@ -1,0 +1,437 @@
+/* SPDX-License-Identifier: MIT
+ * next_event.c - lamps that are looked for: at surfaces in the open, and inside media by refractive connections
+ * (transport/refraction/connect.h). Lamps with extent are found by walks that meet them, too: the balance heuristic (Veach and Guibas 1995)
+ * shares them out.
+ *
+ * How a beam widens is taken from the walk's own refraction, by its differentials (Igehy 1999, "Tracing Ray Differentials"): with normals
+ * interpolated over flat triangles the beam of the light and that of the eye differ, and only one of them agrees with the walk. */
+#include "methods/path_trace/path.h"
+
+#define FAR 12.0  /* mean free paths beyond which no lobe is made for a rough boundary */
+#define LOBES 0.8 /* of the near connections go by their lobes, the others as the walk does */
+
+/* --- Scatterers --------------------------------------------------------------------------------------------------------------------- */
+
+void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float out[3])
+{
+    if (at->medium)
+        pt_phase_values(at->medium, at->w, v, out);
+    else if (at->rough)
+        out[0] = out[1] = out[2] = pt_rough_density(at->rough, at->facing, v);
+    else
+        out[0] = out[1] = out[2] = fmaxf(vec3_dot(v, at->n), 0.0f) * (1.0f / PELL_PI_F);
+}
+
+struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_sampler *s, float beta[3])
+{
+    struct pell_vec3 t, b, v;
+    float u, phi, r;
+
+    if (at->medium) {
+        pt_phase_sample(at->medium, at->w, s, beta, &v);
+        return v;
+    }
+    u = pt_random(s);
+    phi = 2.0f * PELL_PI_F * pt_random(s);
+    r = sqrtf(u);
+    vec3_basis(at->n, &t, &b);
+    return vec3_normalize(vec3_add(vec3_add(vec3_mul(t, r * cosf(phi)), vec3_mul(b, r * sinf(phi))), vec3_mul(at->n, sqrtf(1.0f - u))));
+}
+
+/* Density of v, per sr, by the walk's weights. */
+static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v, const float beta[3])
+{
+    float values[3];
+
+    pt_scatter_values(at, v, values);
+    return (double) ((beta[0] * values[0] + beta[1] * values[1] + beta[2] * values[2]) / (beta[0] + beta[1] + beta[2]));
+}
+
+/* --- Beams -------------------------------------------------------------------------------------------------------------------------- */
+
+struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2])
+{
+    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
+    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
+    struct dvec p[3], n[3], e1, e2, off, sum, normal;
+    double a, b, c, det, u, v, length;
+
+    dn[0] = dn[1] = (struct dvec){ 0.0, 0.0, 0.0 };
+    if (!hit->bent)
+        return wide(hit->ng);
+    for (int k = 0; k < 3; k++) {
+        p[k] = wide(vec3_load(m->position + 3 * (size_t) i[k]));
+        n[k] = wide(vec3_load(m->normal + 3 * (size_t) i[k]));
+    }
+    e1 = mad(p[1], -1.0, p[0]);
+    e2 = mad(p[2], -1.0, p[0]);
+    a = dot(e1, e1);
+    b = dot(e1, e2);
+    c = dot(e2, e2);
+    det = a * c - b * b;
+    if (!(det > 0.0))
+        return wide(hit->ns);
+    off = mad(at, -1.0, p[0]);
+    u = (dot(off, e1) * c - dot(off, e2) * b) / det;
+    v = (dot(off, e2) * a - dot(off, e1) * b) / det;
+    sum = mad(mad(scale(1.0 - u - v, n[0]), u, n[1]), v, n[2]);
+    length = sqrt(dot(sum, sum));
+    if (!(length > 1e-9))
+        return wide(hit->ns);
+    normal = scale(1.0 / length, sum);
+    for (int k = 0; k < 2; k++) {
+        const double f = dot(dp[k], e1), g = dot(dp[k], e2), du = (f * c - g * b) / det, dv = (g * a - f * b) / det;
+        const struct dvec d = mad(scale(du, mad(n[1], -1.0, n[0])), dv, mad(n[2], -1.0, n[0]));
+        dn[k] = scale(1.0 / length, mad(d, -dot(d, normal), normal));
+    }
+    return normal;
+}
+
+double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance)
+{
+    const struct dvec w = wide(e->w), n = wide(e->hit.ns), ng = wide(e->hit.ng);
+    const double r = (double) s->body[e->body].medium.eta, c = dot(w, n), square = 1.0 - r * r * (1.0 - c * c), cg = dot(w, ng);
+    struct pell_vec3 t[2];
+    struct dvec out, moved[2], dw[2], dp[2], dn[2];
+    double ct, across;
+
+    if (!(c > 0.0 && square > 0.0 && cg > 0.0))
+        return 0.0;
+    ct = sqrt(square);
+    out = mad(scale(r, w), ct - r * c, n);
+    if (!(dot(out, ng) > 0.0))
+        return 0.0;
+    vec3_basis(e->w, &t[0], &t[1]);
+    for (int k = 0; k < 2; k++) {
+        dw[k] = wide(t[k]);
+        dp[k] = mad(scale((double) e->length, dw[k]), -(double) e->length * dot(dw[k], ng) / cg, w);
+    }
+    pt_normal_at(s, &e->hit, wide(e->hit.p), dp, dn);
+    for (int k = 0; k < 2; k++) {
+        const double dc = dot(dw[k], n) + dot(w, dn[k]), dct = r * r * c * dc / ct;
+        const struct dvec dout = mad(mad(scale(r, dw[k]), dct - r * dc, n), ct - r * c, dn[k]);
+        moved[k] = distance < INFINITY ? mad(dp[k], distance, dout) : dout;
+    }
+    across = fabs(dot(cross(moved[0], moved[1]), out));
+    return across > 1e-30 ? 1.0 / across : 0.0;
+}
+
+/* --- Connections -------------------------------------------------------------------------------------------------------------------- */
+
+static double lamp_share(const struct pt_scene *s, const struct pell_emitter_sample *lamp)
+{
+    return lamp->away && !lamp->delta ? s->sky_share : 1.0;
+}
+
+double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_emitter_sample *lamp)
+{
+    return exp(-PT_REACH * (double) (s->body[e->body].medium.slowest * e->length)) * (double) e->share * lamp_share(s, lamp);
+}
+
+double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
+{
+    const struct pt_medium *m = &s->body[e->body].medium;
+    double sum = 0.0, mixed = 0.0, passed = 0.0;
+    float values[3];
+
+    pt_scatter_values(&e->from, e->w, values);
+    for (int c = 0; c < 3; c++) {
+        const double there = (double) e->beta[c] * (double) values[c];
+        const double sigma = (double) (m->even ? m->layer[0].sigma_t[c] : m->slowest);
+        sum += (double) e->beta[c];
+        mixed += there;
+        passed += there * exp(-sigma * (double) e->length);
+    }
+    return sum > 0.0 && mixed > 0.0 ? mixed / sum * (passed / mixed) * (double) e->transmit : 0.0;
+}
+
+static void connection(const struct pt_scene *s, const struct pt_scatterer *at, const float beta[3], int body, float share,
+                       const struct pell_connection *c, const struct pell_emitter_sample *lamp, struct pt_sampler *sampler, double sum[3])
+{
+    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .body = body, .w = c->inside, .share = share };
+    float power[3], values[3], passed[3];
+    double scale, beam, reach;
+
+    e.length = (float) c->inside_mm;
+    e.transmit = (float) c->transmit;
+    pt_hit_at(s, c->mesh, c->triangle, c->u, c->v, c->inside, &e.hit);
+    beam = pt_beam(s, &e, c->outside_mm);
+    reach = pt_exit_looked(s, &e, lamp);
+    if (!(beam > 0.0))
+        return;
+    scale = beam * c->transmit / (reach * lamp->pdf);
+    if (!lamp->delta) {
+        const double facing = lamp->away ? 1.0 : -(double) vec3_dot(lamp->normal, c->outside);
+        if (!(facing > 0.0))
+            return;
+        scale *= facing;
+        if (s->knobs.techniques & PT_CHANCE) {
+            const double found = lamp->pdf * reach, met = pt_exit_density(s, &e) * beam * facing;
+            scale *= found / (found + met);
+        }
+    }
+    pell_emitters_power_at(s->emitters, lamp, c->at, power);
+    pt_scatter_values(at, c->inside, values);
+    pt_pass(s, body, at->x, c->inside, e.length, sampler, passed);
+    for (int k = 0; k < 3; k++)
+        sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * scale;
+}
+
+/* One of 1/share of those that ask, evenly along the walk. */
+static bool has_turn(float share, float *turn)
+{
+    *turn += share;
+    if (*turn < 1.0f)
+        return false;
+    *turn -= 1.0f;
+    return true;
+}
+
+/* How far connections from here look; the numbers that follow are for them. */
+static float draw_reach(const struct pt_scene *s, int body, const struct pt_sampler *walk, struct pt_sampler *own)
+{
+    *own = pt_own_numbers(walk, PT_LOOK_SALT);
+    return -pt_log(pt_chance(own)) * s->body[body].ask;
+}
+
+bool pt_asks(const struct pt_scene *s, int body, struct pell_vec3 x, float *safe, float share, float *turn,
+             const struct pt_sampler *sampler)
+{
+    struct pt_sampler own;
+    const float reach = draw_reach(s, body, sampler, &own);
+
+    if (!(reach > *safe))
+        return false;
+    if (s->body[body].grid) {
+        const float bound = pell_distance_bound(s->distance, body, x);
+        *safe = fmaxf(*safe, bound);
+        if (!(reach > bound))
+            return false;
+    }
+    return has_turn(share, turn);
+}
+
+void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+                      float share, const struct pt_sampler *sampler, double sum[3])
+{
+    const struct pt_medium *m = &s->body[body].medium;
+    struct pell_connection found[PELL_CONNECTIONS];
+    struct pell_emitter_sample lamp;
+    struct pt_sampler own;
+    const float reach = draw_reach(s, body, sampler, &own);
+    double u[3];
+    int count;
+
+    for (int k = 0; k < 3; k++)
+        u[k] = pt_fine(&own);
+    if (!pell_emitters_sample(s->emitters, at->x, u, &lamp) || !(lamp.pdf > 0.0) || pt_fine(&own) >= lamp_share(s, &lamp))
+        return;
+    counts->connections++;
+    count = pell_connect(s->connector, body, (double) m->eta, at->x, lamp.away ? lamp.toward : lamp.at, lamp.away, (double) reach, found,
+                         PELL_CONNECTIONS, &counts->rays);
+    for (int i = 0; i < count; i++)
+        connection(s, at, beta, body, share, &found[i], &lamp, &own, sum);
+}
+
+/* --- Near connections, for rough boundaries ------------------------------------------------------------------------------------------ */
+
+/* From a scatterer light of a lamp comes in a lobe about the way that it would come through a smooth boundary, as wide as facets tilt it:
+ * a facet's tilt t turns the way inside by t |eta cos_i - cos_o| / eta. */
+struct lobes {
+    int count;
+    struct pell_vec3 w[PT_LOBES];
+    double width[PT_LOBES], share[PT_LOBES];
+};
+
+static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x,
+                       const struct pell_emitter_sample *lamp, struct lobes *out)
+{
+    const struct pt_medium *m = &s->body[body].medium;
+    const double reach = m->slowest > 0.0f ? FAR / (double) m->slowest : INFINITY, eta = (double) m->eta;
+    struct pell_connection found[PT_LOBES];
+    double sum = 0.0;
+
+    counts->connections++;
+    out->count =
+        pell_connect(s->connector, body, eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, found, PT_LOBES, &counts->rays);
+    for (int i = 0; i < out->count; i++) {
+        const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),
+                     to = (double) vec3_dot(found[i].outside, found[i].normal);
+        struct pt_hit hit;
+        double alpha;
+        pt_hit_at(s, found[i].mesh, found[i].triangle, found[i].u, found[i].v, found[i].inside, &hit);
+        alpha = (double) pt_alpha(s, &hit);
+        out->w[i] = found[i].inside;
+        out->width[i] = fmax(alpha * fabs(eta * in - to) / (eta * sqrt(in)), 1e-4);
+        out->share[i] = (found[i].transmit + 0.01) * exp(-(double) m->slowest * found[i].inside_mm);
+        sum += out->share[i];
+    }
+    for (int i = 0; i < out->count; i++)
+        out->share[i] /= sum;
+}
+
+static double lobes_density(const struct lobes *l, struct pell_vec3 w)
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < l->count; i++) {
+        const double c = (double) vec3_dot(w, l->w[i]), a2 = l->width[i] * l->width[i];
+        const double t2 = c > 0.0 ? 1.0 / (c * c) - 1.0 : 0.0, d = a2 + fmax(t2, 0.0);
+        sum += c > 1e-3 ? l->share[i] * a2 / (PELL_PI * d * d * c * c * c) : 0.0;
+    }
+    return sum;
+}
+
+static struct pell_vec3 lobes_sample(const struct lobes *l, struct pt_sampler *s)
+{
+    const double u = pt_fine(s), phi = 2.0 * PELL_PI * pt_fine(s);
+    struct pell_vec3 t, b;
+    double pick = pt_fine(s), r;
+    int i = 0;
+
+    while (i < l->count - 1 && pick >= l->share[i])
+        pick -= l->share[i++];
+    r = l->width[i] * sqrt(u / (1.0 - u));
+    vec3_basis(l->w[i], &t, &b);
+    return vec3_normalize(vec3_add(vec3_add(vec3_mul(t, (float) (r * cos(phi))), vec3_mul(b, (float) (r * sin(phi)))), l->w[i]));
+}
+
+static double near_density(const struct lobes *l, const struct pt_scatterer *at, struct pell_vec3 w, const float beta[3])
+{
+    const double spread = scatter_density(at, w, beta);
+
+    return l->count > 0 ? LOBES * lobes_density(l, w) + (1.0 - LOBES) * spread : spread;
+}
+
+/* How often a scatterer asks: it depends on the place alone. */
+static double asked(const struct pt_scene *s, int body, struct pell_vec3 x, float share)
+{
+    const struct pt_body *b = &s->body[body];
+    const double bound = b->grid ? (double) pell_distance_bound(s->distance, body, x) : 0.0;
+
+    return (double) share * exp(-PT_REACH * (double) b->medium.slowest * bound);
+}
+
+double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_emitter_sample *lamp)
+{
+    struct lobes lobes;
+
+    make_lobes(s, counts, e->body, e->from.x, lamp, &lobes);
+    return asked(s, e->body, e->from.x, e->share) * near_density(&lobes, &e->from, e->w, e->beta);
+}
+
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+                      float share, float *turn, const struct pt_sampler *sampler, double sum[3])
+{
+    struct pt_sampler own = pt_own_numbers(sampler, 0x2545f4914f6cdd1du);
+    const double asks = asked(s, body, at->x, share);
+    struct pell_emitter_sample lamp;
+    const struct pt_rough *rough;
+    struct pt_facing facing;
+    struct lobes lobes;
+    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .body = body, .share = share, .transmit = 1.0f };
+    struct pell_vec3 v;
+    double u[3], distance = INFINITY, kernel, per_sr, density, scale = 1.0;
+    float power[3], values[3], passed[3];
+
+    if (!has_turn((float) asks, turn))
+        return;
+    for (int k = 0; k < 3; k++)
+        u[k] = pt_fine(&own);
+    if (!pell_emitters_sample(s->emitters, at->x, u, &lamp) || !(lamp.pdf > 0.0) || (lamp.away && !lamp.delta))
+        return;
+    make_lobes(s, counts, body, at->x, &lamp, &lobes);
+    if (lobes.count > 0 && pt_fine(&own) < LOBES) {
+        e.w = lobes_sample(&lobes, &own);
+    } else {
+        float ignored[3] = { beta[0], beta[1], beta[2] };
+        e.w = pt_scatter_sample(at, &own, ignored);
+    }
+    density = near_density(&lobes, at, e.w, beta);
+    if (!(density > 0.0) || !pt_meet(s, counts, at->x, e.w, INFINITY, PELL_RAY_ALL, &e.hit) || e.hit.body != body ||
+        !(vec3_dot(e.w, e.hit.ng) > 0.0f))
+        return;
+    rough = pt_rough_find(s, &e.hit, s->body[body].medium.eta);
+    if (!rough)
+        return;
+    e.length = e.hit.t;
+    v = lamp.toward;
+    if (!lamp.away) {
+        const struct pell_vec3 to = vec3_sub(lamp.at, e.hit.p);
+        distance = (double) vec3_length(to);
+        if (!(distance > 0.0))
+            return;
+        v = vec3_mul(to, (float) (1.0 / distance));
+        scale = 1.0 / (distance * distance);
+    }
+    if (!(vec3_dot(v, e.hit.ng) > 0.0f))
+        return;
+    facing = (struct pt_facing){ vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
+    if (!(vec3_dot(facing.o, facing.ns) > 1e-4f))
+        facing.ns = facing.ng;
+    kernel = (double) pt_rough_density(rough, &facing, v);
+    per_sr = 1.0;
+    if (!lamp.delta) {
+        scale *= -(double) vec3_dot(lamp.normal, v);
+        if (!(scale > 0.0))
+            return;
+        if (s->knobs.techniques & PT_CHANCE) {
+            const double found = asks * density * lamp.pdf, met = pt_exit_density(s, &e) * kernel * scale;
+            per_sr = found / (found + met);
+        }
+    }
+    pell_emitters_power_at(s->emitters, &lamp, e.hit.p, power);
+    if (!(kernel > 0.0) || !(power[0] + power[1] + power[2] > 0.0f) ||
+        !pt_clear(s, counts, pt_leave(&e.hit, v), v, lamp.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        return;
+    pt_scatter_values(at, e.w, values);
+    pt_pass(s, body, at->x, e.w, e.length, &own, passed);
+    for (int k = 0; k < 3; k++)
+        sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (asks * density * lamp.pdf);
+}
+
+/* --- Surfaces ------------------------------------------------------------------------------------------------------------------------ */
+
+void pt_lamps(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
+              const struct pt_facing *at, int open, bool skies, const float beta[3], struct pt_sampler *sampler, double sum[3])
+{
+    struct pell_emitter_sample lamp;
+    struct pell_vec3 v;
+    double u[3], distance = INFINITY, scale, kernel, per_sr;
+    float power[3], facing;
+
+    for (int k = 0; k < 3; k++)
+        u[k] = pt_fine(sampler);
+    if (!pell_emitters_sample(s->emitters, hit->p, u, &lamp) || !(lamp.pdf > 0.0) || (skies && (!lamp.away || lamp.delta)))
+        return;
+    v = lamp.toward;
+    if (!lamp.away) {
+        const struct pell_vec3 to = vec3_sub(lamp.at, hit->p);
+        distance = (double) vec3_length(to);
+        if (!(distance > 0.0))
+            return;
+        v = vec3_mul(to, (float) (1.0 / distance));
+    }
+    facing = vec3_dot(v, at->ng);
+    if (!(facing * (float) open > 0.0f))
+        return;
+    kernel = rough ? (double) pt_rough_density(rough, at, v) : (double) (facing / PELL_PI_F);
+    if (!(kernel > 0.0))
+        return;
+    scale = lamp.away ? 1.0 : 1.0 / (distance * distance);
+    if (!lamp.delta) {
+        const double turned = lamp.away ? 1.0 : -(double) vec3_dot(lamp.normal, v);
+        if (!(turned > 0.0))
+            return;
+        scale *= turned;
+        per_sr = lamp.pdf / scale;
+        if (s->knobs.techniques & PT_CHANCE)
+            scale *= per_sr / (per_sr + kernel);
+    }
+    pell_emitters_power_at(s->emitters, &lamp, hit->p, power);
+    if (!(power[0] + power[1] + power[2] > 0.0f) ||
+        !pt_clear(s, counts, pt_leave(hit, v), v, lamp.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        return;
+    for (int k = 0; k < 3; k++)
+        sum[k] += (double) (beta[k] * power[k]) * kernel * scale / lamp.pdf;
+}

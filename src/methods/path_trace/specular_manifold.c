@@ -1,0 +1,441 @@
+/* SPDX-License-Identifier: MIT
+ * specular_manifold.c - light of delta lamps that reaches a scatterer over a chain of smooth surfaces: reflected inside, through several
+ * bodies, onto something opaque as a caustic.
+ *
+ * Of what directions lead over surfaces to a point there are finitely many, and no random direction is one. So a random one is turned until
+ * it hits the lamp (Newton's method on the direction alone, by the differentials of the chain), and what is found there is divided by the
+ * probability of finding it, of which a number of trials until it is found again is an unbiased estimate of the inverse (Zeltner, Georgiev
+ * and Jakob 2020, "Specular Manifold Sampling for Rendering High-Frequency Caustics and Glints", section 4.2). Which solution a direction
+ * leads to need not be known, nor how many there are; that each has directions about it that lead there is enough. */
+#include "methods/path_trace/path.h"
+
+#define LINKS 32         /* surfaces of a chain at most */
+#define REACH 0.5        /* of the extinction: how far chains look */
+#define STEPS 16         /* of Newton's method */
+#define HALVINGS 5       /* of one of them */
+#define LONGEST 0.5      /* rad: of one of them */
+#define SAME 1e-6        /* rad: chains of one kind nearer than this are one */
+#define CONVERGED 1e-9   /* rad */
+#define TRIALS (1 << 20) /* until a chain is given up */
+#define LOOK 64          /* trials between two looks at the clock */
+#define CHAIN_SHARE 1e-2 /* chains of less than this times the typical radiance are followed up by chance */
+
+/* What surfaces do, one after the other: the kind of a chain. */
+struct kind {
+    int count;
+    bool through[LINKS];
+};
+
+struct leg {
+    int body; /* -1: open */
+    struct pell_vec3 x, w;
+    float length;
+};
+
+struct chain {
+    struct kind kind;
+    struct leg leg[LINKS];
+    struct dvec w0;           /* from the scatterer */
+    struct dvec at, w;        /* where it is and goes */
+    struct dvec dp[2], dw[2]; /* by turning w0 about t0, t1 */
+    struct pell_vec3 from;    /* where rays start */
+    struct pt_place place;
+    double share; /* Fresnel's */
+    double depth; /* least optical thickness */
+    bool odd;     /* something that refractive connections do not know */
+};
+
+/* What all chains of one question have in common. */
+struct quest {
+    const struct pt_scene *s;
+    struct pt_counts *counts;
+    const struct pt_scatterer *at;
+    const struct pt_place *here, *beyond; /* on both sides of a surface; beyond NULL: not there */
+    float off;                            /* mm: how far from a surface rays start */
+    struct pell_emitter_sample lamp;
+    double deepest; /* optical thickness */
+    bool connected; /* what one refraction brings is found by connections */
+};
+
+static void start(const struct quest *q, struct dvec w0, struct dvec t0, struct dvec t1, struct chain *c)
+{
+    const struct pell_vec3 n = q->at->medium ? vec3(0.0f, 0.0f, 0.0f) : q->at->n, w = narrow(w0);
+    const bool front = !q->beyond || vec3_dot(w, n) > 0.0f;
+
+    c->kind.count = 0;
+    c->w0 = c->w = w0;
+    c->at = wide(q->at->x);
+    c->from = vec3_mad(q->at->x, front ? q->off : -q->off, n);
+    c->dp[0] = c->dp[1] = (struct dvec){ 0.0, 0.0, 0.0 };
+    c->dw[0] = t0;
+    c->dw[1] = t1;
+    c->place = front ? *q->here : *q->beyond;
+    c->share = 1.0;
+    c->depth = 0.0;
+    c->odd = false;
+}
+
+/* The next surface of a body, no deeper than `deepest`. */
+static bool next(const struct quest *q, const struct chain *c, double deepest, struct pt_hit *hit)
+{
+    const int body = pt_top(&c->place);
+    const float slowest = body >= 0 ? q->s->body[body].medium.slowest : 0.0f;
+    const double reach = slowest > 0.0f ? (deepest - c->depth) / (double) slowest : INFINITY;
+
+    return reach > 0.0 && pt_meet(q->s, q->counts, c->from, narrow(c->w), reach < 1e30 ? (float) reach : INFINITY, PELL_RAY_ALL, hit) &&
+           hit->body >= 0;
+}
+
+/* The geometric normal in double: the plane that a chain meets must be the same to more digits than chains are solved to. */
+static struct dvec plane_of(const struct pt_scene *s, const struct pt_hit *hit, struct dvec *corner)
+{
+    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
+    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
+    const struct dvec a = wide(vec3_load(m->position + 3 * (size_t) i[0]));
+    const struct dvec n = cross(mad(wide(vec3_load(m->position + 3 * (size_t) i[1])), -1.0, a),
+                                mad(wide(vec3_load(m->position + 3 * (size_t) i[2])), -1.0, a));
+
+    *corner = a;
+    return dot(n, n) > 0.0 ? unit(n) : wide(hit->ng);
+}
+
+/* How likely a random chain reflects where both may be. */
+static double reflects(const struct quest *q, const struct chain *c, const struct pt_place *after, double fresnel)
+{
+    if (!(fresnel > 1e-7))
+        return 0.0;
+    if (c->kind.count == 0 && q->connected && after->count == 0)
+        return 0.9; /* what goes through is found by connections, but for what meets another body */
+    return fmin(fmax(fresnel, 0.2), 0.8);
+}
+
+/* Goes on at a surface: as `through` says, or at random (NULL). False: it can't. */
+static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hit, const bool *through, struct pt_sampler *sampler)
+{
+    const struct pt_scene *s = q->s;
+    const int body = pt_top(&c->place);
+    const bool enter = vec3_dot(narrow(c->w), hit->ng) < 0.0f;
+    const double side = enter ? 1.0 : -1.0;
+    struct pt_place before, after;
+    struct dvec corner, ng = plane_of(s, hit, &corner), ns, dn[2];
+    struct leg *leg = &c->leg[c->kind.count];
+    double along = dot(c->w, ng), t, eta, r, cosine, square, ct = 0.0, fresnel;
+    bool passes;
+    float ignored;
+
+    if (c->kind.count >= LINKS || !((along < 0.0) == enter) || along == 0.0)
+        return false;
+    t = dot(mad(corner, -1.0, c->at), ng) / along;
+    if (!(t > 0.0))
+        return false;
+    *leg = (struct leg){ body, narrow(c->at), narrow(c->w), (float) t };
+    if (body >= 0)
+        c->depth += t * (double) s->body[body].medium.slowest;
+    c->at = mad(c->at, t, c->w);
+    for (int k = 0; k < 2; k++) {
+        c->dp[k] = mad(c->dp[k], t, c->dw[k]);
+        c->dp[k] = mad(c->dp[k], -dot(c->dp[k], ng) / along, c->w);
+    }
+    if (!pt_cross(s, &c->place, hit->body, enter, &before, &after)) { /* light notices nothing */
+        if (through && !*through)
+            return false;
+        c->kind.through[c->kind.count++] = true;
+        c->from = vec3_mad(narrow(c->at), enter ? -hit->unit : hit->unit, hit->ng);
+        c->odd = true;
+        return true;
+    }
+    eta = (double) pt_index(s, pt_top(&after)) / (double) pt_index(s, pt_top(&before));
+    if (pt_rough_find(s, hit, (float) (enter ? eta : 1.0 / eta)))
+        return false;
+    ns = pt_normal_at(s, hit, c->at, c->dp, dn);
+    if (!hit->bent)
+        ns = ng;
+    ng = scale(side, ng);
+    ns = scale(side, ns);
+    cosine = -dot(c->w, ns);
+    if (!(cosine > 1e-4)) { /* as the walk does */
+        ns = ng;
+        cosine = -dot(c->w, ns);
+        dn[0] = dn[1] = (struct dvec){ 0.0, 0.0, 0.0 };
+        c->odd = true;
+    }
+    dn[0] = scale(side, dn[0]);
+    dn[1] = scale(side, dn[1]);
+    r = 1.0 / eta;
+    square = 1.0 - r * r * (1.0 - cosine * cosine);
+    fresnel = square > 0.0 ? (double) pt_fresnel((float) eta, (float) cosine, &ignored) : 1.0;
+    passes = through ? *through : fresnel < 1.0 && (double) pt_random(sampler) >= reflects(q, c, &after, fresnel);
+    if (passes && !(square > 0.0 && fresnel < 1.0))
+        return false;
+    c->share *= passes ? 1.0 - fresnel : fresnel;
+    if (passes)
+        ct = sqrt(square);
+    for (int k = 0; k < 2; k++) {
+        const double dc = -(dot(c->dw[k], ns) + dot(c->w, dn[k]));
+        if (passes)
+            c->dw[k] = mad(mad(scale(r, c->dw[k]), r * dc - r * r * cosine * dc / ct, ns), r * cosine - ct, dn[k]);
+        else
+            c->dw[k] = mad(mad(c->dw[k], 2.0 * dc, ns), 2.0 * cosine, dn[k]);
+    }
+    c->w = passes ? mad(scale(r, c->w), r * cosine - ct, ns) : mad(c->w, 2.0 * cosine, ns);
+    if ((dot(c->w, ng) < 0.0) != passes) { /* mirrored to its side */
+        for (int k = 0; k < 2; k++)
+            c->dw[k] = mad(c->dw[k], -2.0 * dot(c->dw[k], ng), ng);
+        c->w = mad(c->w, -2.0 * dot(c->w, ng), ng);
+        c->odd = true;
+    }
+    c->w = unit(c->w);
+    c->place = passes ? after : before;
+    c->from = vec3_mad(narrow(c->at), (dot(c->w, ng) > 0.0) == (side > 0.0) ? hit->unit : -hit->unit, hit->ng);
+    c->kind.through[c->kind.count++] = passes;
+    return true;
+}
+
+/* --- A random chain ------------------------------------------------------------------------------------------------------------------ */
+
+/* Half of them about where the lamp is, which light that is refracted has not far to turn to. */
+static struct dvec any_direction(const struct quest *q, struct pt_sampler *sampler)
+{
+    const struct pt_scene *s = q->s;
+    const double pick = pt_fine(sampler), u = pt_fine(sampler), phi = 2.0 * PELL_PI * pt_fine(sampler);
+    const struct dvec x = wide(q->at->x), to = mad(wide(s->centre), -1.0, x);
+    const double square = dot(to, to), r2 = s->radius * s->radius;
+    double z = 2.0 * u - 1.0, sine = sqrt(fmax(1.0 - z * z, 0.0));
+    struct dvec axis = { 0.0, 0.0, 1.0 };
+    struct pell_vec3 t, b;
+
+    if (pick < 0.5) {
+        axis = unit(q->lamp.away ? wide(q->lamp.toward) : mad(wide(q->lamp.at), -1.0, x));
+        z = 1.0;
+        sine = exp(-7.0 * u);
+    } else if (q->here->count == 0 && !q->beyond && square > 1.02 * r2) { /* from outside, toward the bodies */
+        z = 1.0 - u * (1.0 - sqrt(1.0 - r2 / square));
+        sine = sqrt(fmax(1.0 - z * z, 0.0));
+        axis = unit(to);
+    }
+    vec3_basis(narrow(axis), &t, &b);
+    return unit(mad(mad(scale(sine * cos(phi), wide(t)), sine * sin(phi), wide(b)), z, axis));
+}
+
+static void tangents(struct dvec w, struct dvec *t0, struct dvec *t1)
+{
+    struct pell_vec3 t, b;
+
+    vec3_basis(narrow(w), &t, &b);
+    *t0 = unit(mad(wide(t), -dot(wide(t), w), w));
+    *t1 = cross(w, *t0);
+}
+
+/* Those that connections find, and those of no surface, are of no use. */
+static bool wanted(const struct quest *q, const struct chain *c)
+{
+    return c->kind.count > 0 && c->place.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.through[0] && !c->odd);
+}
+
+static bool random_chain(const struct quest *q, struct pt_sampler *sampler, struct chain *c)
+{
+    const double deepest = 1.5 * q->deepest + 0.1; /* what leads to a chain may be longer than it */
+    const struct dvec w = any_direction(q, sampler);
+    struct dvec t0, t1;
+
+    if (!q->at->medium && !q->beyond && !(vec3_dot(narrow(w), q->at->n) > 0.0f))
+        return false;
+    tangents(w, &t0, &t1);
+    start(q, w, t0, t1, c);
+    for (;;) {
+        struct pt_hit hit;
+        const bool met = next(q, c, deepest, &hit), open = c->kind.count > 0 && c->place.count == 0;
+        if (open && (!met || pt_random(sampler) < 0.5f))
+            return wanted(q, c);
+        if (!met || !turn(q, c, &hit, NULL, sampler))
+            return false;
+    }
+}
+
+/* --- To the lamp ------------------------------------------------------------------------------------------------------------------ */
+
+/* The same kind of chain in another direction. */
+static bool follow(const struct quest *q, const struct kind *kind, struct dvec w, struct chain *c)
+{
+    struct dvec t0, t1;
+
+    tangents(w, &t0, &t1);
+    start(q, w, t0, t1, c);
+    for (int i = 0; i < kind->count; i++) {
+        struct pt_hit hit;
+        if (!next(q, c, (double) INFINITY, &hit) || !turn(q, c, &hit, &kind->through[i], NULL))
+            return false;
+    }
+    return c->place.count == 0;
+}
+
+/* Where the lamp is from the chain's last place. *distance INFINITY: a direction. */
+static struct dvec aim(const struct quest *q, const struct chain *c, double *distance)
+{
+    struct dvec to = wide(q->lamp.toward);
+
+    *distance = INFINITY;
+    if (!q->lamp.away) {
+        to = mad(wide(q->lamp.at), -1.0, c->at);
+        *distance = sqrt(dot(to, to));
+    }
+    return unit(to);
+}
+
+static double miss(const struct quest *q, const struct chain *c)
+{
+    double distance;
+    const struct dvec off = mad(c->w, -1.0, aim(q, c, &distance));
+
+    return sqrt(dot(off, off));
+}
+
+/* The turn of w0 that would bring c to the lamp, were all linear. */
+static bool newton(const struct quest *q, const struct chain *c, struct dvec *by)
+{
+    struct dvec t0, t1, e0, e1;
+    double distance, a[2][2], r[2], det, x, y;
+    const struct dvec v = aim(q, c, &distance);
+
+    if (!(distance > 0.0))
+        return false;
+    tangents(v, &e0, &e1);
+    for (int k = 0; k < 2; k++) {
+        struct dvec d = c->dw[k];
+        if (distance < INFINITY)
+            d = mad(d, 1.0 / distance, mad(c->dp[k], -dot(c->dp[k], v), v));
+        a[0][k] = dot(e0, d);
+        a[1][k] = dot(e1, d);
+    }
+    r[0] = -dot(e0, c->w);
+    r[1] = -dot(e1, c->w);
+    det = a[0][0] * a[1][1] - a[0][1] * a[1][0];
+    x = (r[0] * a[1][1] - r[1] * a[0][1]) / det;
+    y = (a[0][0] * r[1] - a[1][0] * r[0]) / det;
+    if (!(fabs(x) < 1e9 && fabs(y) < 1e9))
+        return false;
+    tangents(c->w0, &t0, &t1);
+    *by = mad(scale(x, t0), y, t1);
+    return true;
+}
+
+/* From a random chain to one that hits the lamp. */
+static bool solve(const struct quest *q, struct chain *c)
+{
+    const struct kind kind = c->kind;
+    double off = miss(q, c);
+
+    for (int i = 0; i < STEPS; i++) {
+        struct chain moved;
+        struct dvec by;
+        double step, most;
+        bool better = false;
+        if (!newton(q, c, &by))
+            return false;
+        step = sqrt(dot(by, by));
+        if (step < CONVERGED)
+            return off < 1e-3;
+        most = fmin(LONGEST / step, 1.0);
+        for (int k = 0; k < HALVINGS && !better; k++, most *= 0.5) {
+            better = follow(q, &kind, unit(mad(c->w0, most, by)), &moved) && (miss(q, &moved) < off || (off < 1e-9 && step < 1e-7));
+        }
+        if (!better)
+            return step < 1e-8 && off < 1e-3; /* as near as rounding lets it */
+        *c = moved;
+        off = miss(q, c);
+    }
+    return false;
+}
+
+static bool is_same(const struct chain *a, const struct chain *b)
+{
+    const struct dvec off = mad(a->w0, -1.0, b->w0);
+
+    if (a->kind.count != b->kind.count || dot(off, off) > SAME * SAME)
+        return false;
+    for (int i = 0; i < a->kind.count; i++)
+        if (a->kind.through[i] != b->kind.through[i])
+            return false;
+    return true;
+}
+
+/* What comes along a chain, over the probability of its lamp. False: nothing. */
+static bool light_of(const struct quest *q, const struct chain *c, const float beta[3], struct pt_sampler *sampler, double out[3])
+{
+    const struct pell_vec3 w = narrow(c->w0), at = narrow(c->at);
+    double distance, along;
+    const struct dvec v = aim(q, c, &distance);
+    float power[3], values[3];
+    struct dvec moved[2];
+
+    if (!(c->depth <= q->deepest))
+        return false;
+    for (int k = 0; k < 2; k++)
+        moved[k] = distance < INFINITY ? mad(c->dp[k], distance, c->dw[k]) : c->dw[k];
+    along = fabs(dot(cross(moved[0], moved[1]), c->w));
+    if (!(along > 1e-30))
+        return false;
+    pell_emitters_power_at(q->s->emitters, &q->lamp, at, power);
+    pt_scatter_values(q->at, w, values);
+    for (int k = 0; k < 3; k++)
+        out[k] = (double) (beta[k] * values[k] * power[k]) * c->share / (along * q->lamp.pdf * exp(-REACH * c->depth));
+    for (int i = 0; i < c->kind.count; i++) {
+        float passed[3];
+        if (c->leg[i].body < 0)
+            continue;
+        pt_pass(q->s, c->leg[i].body, c->leg[i].x, c->leg[i].w, c->leg[i].length, sampler, passed);
+        for (int k = 0; k < 3; k++)
+            out[k] *= (double) passed[k];
+    }
+    return out[0] + out[1] + out[2] > 0.0 &&
+           pt_clear(q->s, q->counts, c->from, narrow(v), distance < INFINITY ? (float) (distance * (1.0 - 1e-5)) : INFINITY, PELL_RAY_ALL);
+}
+
+void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_place *here,
+               const struct pt_place *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3])
+{
+    struct pt_sampler own = pt_own_numbers(walk, 0x9fb21c651e98df25u);
+    const int body = pt_top(here);
+    struct quest q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond, .off = off };
+    const double least = CHAIN_SHARE * s->typical;
+    struct chain found, again;
+    double u[3], light[3], most, chance = 1.0;
+    int trials = 0;
+
+    q.deepest = -log(pt_fine(&own)) / REACH;
+    if (at->medium) {
+        const double slowest = (double) s->body[body].medium.slowest, most_deep = 1.5 * q.deepest + 0.1;
+        if (slowest * (double) safe > most_deep ||
+            (s->body[body].grid && slowest * (double) pell_distance_bound(s->distance, body, at->x) > most_deep))
+            return;
+    }
+    q.connected = !beyond && here->count == 1 && s->body[body].connects;
+    for (int k = 0; k < 3; k++)
+        u[k] = pt_fine(&own);
+    if (!pell_emitters_sample(s->emitters, at->x, u, &q.lamp) || !(q.lamp.pdf > 0.0) || !q.lamp.delta)
+        return;
+    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !light_of(&q, &found, beta, &own, light))
+        return;
+    most = fmax(light[0], fmax(light[1], light[2]));
+    if (most < least) {
+        chance = most / least;
+        if (pt_fine(&own) >= chance)
+            return;
+    }
+    counts->chains++;
+    do {
+        if (pt_stopped(s)) /* a million trials take long */
+            return;
+        if (trials % LOOK == LOOK - 1 && s->deadline < (double) INFINITY && pell_seconds() > s->deadline) {
+            counts->late++;
+            return;
+        }
+        trials++;
+        if (trials == TRIALS) {
+            counts->chains_cut++;
+            break;
+        }
+    } while (!random_chain(&q, &own, &again) || !solve(&q, &again) || !is_same(&found, &again));
+    for (int k = 0; k < 3; k++)
+        sum[k] += light[k] / chance * trials;
+}

@@ -1,0 +1,408 @@
+/* SPDX-License-Identifier: MIT
+ * wavefront.c - sixteen walks at once. Where all that happens is flights and scatterings the kernel of steps.h takes them on together;
+ * at surfaces, in the open, in layers and where lamps are looked for each goes on by itself, as walk.c has it. A walk that is over makes
+ * room for the next. What comes of a sample does not depend on its neighbours: the bits are those of one walk after the other. */
+#include "methods/path_trace/wavefront_kernel.h"
+#include "methods/path_trace/walk.h"
+
+#include <string.h>
+
+#define FEW 2 /* walks that lanes do not pay for */
+
+struct slot {
+    struct pt_walk p;
+    struct pt_sampler sampler;
+    struct pt_light light;
+    struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
+    struct pt_job *job;
+};
+
+struct pt_side {
+    struct pt_steps w;
+    struct pell_ray_hit16 rays;
+    struct slot slot[PT_LANES + 1]; /* the last: a walk that waits for a free lane */
+    const struct pt_steps_kernels *k;
+    int key[PT_LANES]; /* of where a walk is: the body, and whether it is in that alone */
+    uint32_t live;
+    uint32_t fresh;  /* rays start at the walk's own place, not at x: it comes from a surface */
+    uint32_t single; /* every scatterer is looked at by itself */
+    uint32_t since;  /* it scattered in its lane since it was put there */
+    bool waits;
+    const struct pt_scene *s;
+    struct pt_walker *walker;
+    struct pt_job *jobs;
+    int count, next;
+    const struct pt_point *point; /* of `hit` */
+    struct pt_hit hit;
+    bool there;
+};
+
+enum pell_result pt_side_create(const struct pt_scene *s, struct pt_side **out)
+{
+    struct pt_side *d = *out = pell_zalloc(s->ctx, sizeof(*d));
+
+    if (!d)
+        return PELL_ERR_NOMEM;
+    d->k = pt_steps_kernels_tables[pell_simd_best()];
+    return PELL_OK;
+}
+
+void pt_side_destroy(struct pell_context *ctx, struct pt_side **side)
+{
+    pell_free(ctx, *side);
+    *side = NULL;
+}
+
+/* --- Walks in lanes and by themselves ------------------------------------------------------------------------------------------------ */
+
+static bool connects(const struct pt_side *d, const struct pt_walk *p)
+{
+    return p->place.count == 1 && d->s->body[pt_top(&p->place)].connects;
+}
+
+static int key_of(const struct pt_walk *p)
+{
+    return 2 * pt_top(&p->place) + (p->place.count == 1);
+}
+
+static void take(struct pt_side *d, int l)
+{
+    struct pt_steps *w = &d->w;
+    struct pt_walk *p = &d->slot[l].p;
+    struct pell_vec3 came = { w->came[0][l], w->came[1][l], w->came[2][l] };
+
+    p->x = vec3(w->x[0][l], w->x[1][l], w->x[2][l]);
+    p->w = vec3(w->w[0][l], w->w[1][l], w->w[2][l]);
+    for (int c = 0; c < 3; c++)
+        p->beta[c] = w->beta[c][l];
+    p->safe = w->safe[l];
+    p->turn = w->turn[l];
+    p->bounces = w->bounces[l];
+    p->scattered = w->scattered[l];
+    d->slot[l].sampler.state = w->state[l];
+    if (!(d->since >> l & 1))
+        return;
+    p->from = p->x;
+    if (connects(d, p)) {
+        const int body = pt_top(&p->place);
+        p->exit.from = (struct pt_scatterer){ .x = p->x, .w = came, .medium = &d->s->body[body].medium.layer[0] };
+        p->exit.body = body;
+        p->exit.share = p->scattered <= 1 ? 1.0f : d->s->body[body].share;
+        for (int c = 0; c < 3; c++)
+            p->exit.beta[c] = w->collided[c][l];
+        p->leaving = true;
+    }
+}
+
+static void give(struct pt_side *d, int l)
+{
+    struct pt_steps *w = &d->w;
+    struct slot *slot = &d->slot[l];
+    const struct pt_walk *p = &slot->p;
+    const float x[3] = { p->x.x, p->x.y, p->x.z }, way[3] = { p->w.x, p->w.y, p->w.z };
+    const uint32_t bit = 1u << l;
+
+    for (int k = 0; k < 3; k++) {
+        w->x[k][l] = x[k];
+        w->w[k][l] = way[k];
+        w->beta[k][l] = p->beta[k];
+    }
+    w->safe[l] = p->safe;
+    w->turn[l] = p->turn;
+    w->bounces[l] = p->bounces;
+    w->scattered[l] = p->scattered;
+    w->state[l] = slot->sampler.state;
+    w->at[l] = slot->sampler.at;
+    w->sampler[l] = &slot->sampler;
+    d->key[l] = key_of(p);
+    d->live |= bit;
+    d->fresh |= bit;
+    d->since &= ~bit;
+    d->single |= bit; /* until it scattered */
+}
+
+static void finish(struct pt_side *d, int l)
+{
+    pt_light_add(&d->slot[l].job->light, &d->slot[l].light);
+    d->live &= ~(1u << l);
+}
+
+/* Goes on alone until lanes can take it. False: it is over. */
+static bool alone(const struct pt_scene *s, struct pt_walk *p)
+{
+    while (!(p->place.count > 0 && s->body[pt_top(&p->place)].lanes))
+        if (!pt_walk_on(p))
+            return false;
+    return true;
+}
+
+/* After what happened to it by itself. */
+static void back(struct pt_side *d, int l, bool lives)
+{
+    if (lives && alone(d->s, &d->slot[l].p))
+        give(d, l);
+    else
+        finish(d, l);
+}
+
+/* Few walks are faster by themselves. */
+static void finish_alone(struct pt_side *d)
+{
+    for (; d->live; d->live &= d->live - 1) {
+        const int l = __builtin_ctz(d->live);
+        take(d, l);
+        while (pt_walk_on(&d->slot[l].p))
+            continue;
+        pt_light_add(&d->slot[l].job->light, &d->slot[l].light);
+    }
+}
+
+/* --- The next walks ------------------------------------------------------------------------------------------------------------------- */
+
+static void point_at_own(struct slot *slot)
+{
+    slot->p.sampler = &slot->sampler;
+    slot->p.out = &slot->light;
+    slot->p.vertex = slot->vertex;
+}
+
+static void load_slot(struct pt_side *d, int l, const struct pt_walk *p, const struct pt_sampler *sampler, const struct pt_light *light,
+                      struct pt_job *job)
+{
+    struct slot *slot = &d->slot[l];
+
+    slot->p = *p;
+    slot->sampler = *sampler;
+    slot->light = *light;
+    slot->job = job;
+    if (p->vertices > 0)
+        memcpy(slot->vertex, p->vertex, (size_t) p->vertices * sizeof(*slot->vertex));
+    point_at_own(slot);
+}
+
+/* Begins samples until one has a walk for the lane. False: there is none left. */
+static bool fill(struct pt_side *d, int l)
+{
+    if (d->waits) {
+        struct slot *from = &d->slot[PT_LANES];
+        d->waits = false;
+        load_slot(d, l, &from->p, &from->sampler, &from->light, from->job);
+        give(d, l);
+        return true;
+    }
+    while (d->next < d->count) {
+        struct pt_job *job = &d->jobs[d->next++];
+        struct pt_walk walks[2];
+        struct pt_sampler sampler[2];
+        struct pt_light parts[2];
+        bool given = false;
+        int count;
+
+        if (job->point != d->point)
+            d->there = pt_find(d->s, &d->walker->counts, job->point, &d->hit);
+        d->point = job->point;
+        d->walker->counts.lost += !d->there;
+        if (!d->there)
+            continue;
+        memset(parts, 0, sizeof(parts));
+        count = pt_begin(d->s, d->walker, job->point, &d->hit, job->sample, walks, sampler, parts);
+        for (int i = 0; i < count; i++) {
+            if (!alone(d->s, &walks[i])) {
+                pt_light_add(&job->light, &parts[i]);
+            } else if (!given) {
+                load_slot(d, l, &walks[i], &sampler[i], &parts[i], job);
+                give(d, l);
+                given = true;
+            } else {
+                load_slot(d, PT_LANES, &walks[i], &sampler[i], &parts[i], job);
+                d->waits = true;
+            }
+        }
+        if (given)
+            return true;
+    }
+    return false;
+}
+
+/* --- Steps ---------------------------------------------------------------------------------------------------------------------------- */
+
+static int bits(uint32_t set)
+{
+    set = (set & 0x5555u) + (set >> 1 & 0x5555u);
+    set = (set & 0x3333u) + (set >> 2 & 0x3333u);
+    set = (set & 0x0f0fu) + (set >> 4 & 0x0f0fu);
+    return (int) ((set & 0xffu) + (set >> 8));
+}
+
+static struct pt_steps_place place_of(const struct pt_scene *s, int body, bool one)
+{
+    const struct pt_body *b = &s->body[body];
+    const float margin = 4.0f * s->unit;
+
+    return (struct pt_steps_place){
+        .m = &b->medium.layer[0],
+        .grid = b->grid ? pell_distance_grid(s->distance, body) : NULL,
+        .lo = { b->lo.x - margin, b->lo.y - margin, b->lo.z - margin },
+        .hi = { b->hi.x + margin, b->hi.y + margin, b->hi.z + margin },
+        .roulette = s->knobs.roulette,
+        .share = b->share,
+        .ask = b->ask,
+        .bounces = s->knobs.bounces,
+        .connects = one && b->connects,
+    };
+}
+
+/* Of flights that may have met a surface those that did, which are dealt with. */
+static uint32_t meet(struct pt_side *d, uint32_t set)
+{
+    const struct pt_steps *w = &d->w;
+    struct pell_ray_hit16 *r = &d->rays;
+    _Alignas(64) int valid[PELL_PACKET];
+    uint32_t met = 0;
+
+    for (int l = 0; l < PT_LANES; l++) {
+        valid[l] = -(int) (set >> l & 1);
+        r->ray.ox[l] = w->x[0][l];
+        r->ray.oy[l] = w->x[1][l];
+        r->ray.oz[l] = w->x[2][l];
+        r->ray.dx[l] = w->w[0][l];
+        r->ray.dy[l] = w->w[1][l];
+        r->ray.dz[l] = w->w[2][l];
+        r->ray.tnear[l] = 0.0f;
+        r->ray.tfar[l] = w->length[l];
+        r->ray.time[l] = 0.0f;
+        r->ray.mask[l] = PELL_RAY_ALL;
+        r->ray.id[l] = (uint32_t) l;
+        r->ray.flags[l] = 0;
+    }
+    for (uint32_t left = set & d->fresh; left; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        r->ray.ox[l] = d->slot[l].p.from.x;
+        r->ray.oy[l] = d->slot[l].p.from.y;
+        r->ray.oz[l] = d->slot[l].p.from.z;
+    }
+    pell_rays_closest16(d->s->rays, valid, false, r);
+    d->walker->counts.rays += bits(set);
+    for (uint32_t left = set; left; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        if (r->hit.mesh[l] == PELL_NO_HIT)
+            continue;
+        met |= 1u << l;
+    }
+    for (uint32_t left = met; left; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        struct pt_walk *p = &d->slot[l].p;
+        struct pt_hit hit;
+        take(d, l);
+        pt_hit_at(d->s, r->hit.mesh[l], r->hit.triangle[l], r->hit.u[l], r->hit.v[l], p->w, &hit);
+        hit.t = r->ray.tfar[l];
+        pt_pass_by(&d->s->body[pt_top(&p->place)].medium.layer[0], hit.t, p->beta);
+        back(d, l, pt_met(p, &hit, hit.t));
+    }
+    return met;
+}
+
+/* A flight that left the body through no surface. */
+static void leave(struct pt_side *d, int l)
+{
+    struct pt_walk *p = &d->slot[l].p;
+    const struct pt_body *b;
+    float length;
+
+    take(d, l);
+    b = &d->s->body[pt_top(&p->place)];
+    length = pt_outside(b, p->x, 0.0f) ? 0.0f : pt_way_out(b, p->x, p->w);
+    pt_pass_by(&b->medium.layer[0], length, p->beta);
+    pt_left(p, vec3_mad(p->x, length, p->w));
+    back(d, l, true);
+}
+
+/* Looks for light at a scatterer. */
+static void look(struct pt_side *d, int l, int body, bool asks)
+{
+    struct pt_walk *p = &d->slot[l].p;
+    const struct pt_scatterer *at;
+
+    d->since &= ~(1u << l);
+    take(d, l);
+    p->from = p->x;
+    at = &(struct pt_scatterer){ .x = p->x, .w = p->w, .medium = &d->s->body[body].medium.layer[0] };
+    pt_scattered(p, at, body, asks ? PT_ASKED_YES : PT_ASKED_NO);
+    d->w.turn[l] = p->turn;
+    if (!p->tight && p->vertices == 0 && !d->s->body[body].near)
+        d->single &= ~(1u << l);
+}
+
+/* One step of walks in one body. */
+static void step(struct pt_side *d, int body, bool one, uint32_t set)
+{
+    struct pt_counts *counts = &d->walker->counts;
+    const struct pt_steps_place place = place_of(d->s, body, one);
+    uint32_t cut, lost, gone, rays, asks;
+
+    rays = d->k->fly(&d->w, &place, set, &cut);
+    for (uint32_t left = cut; left; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        pt_cut(counts, (const float[3]){ d->w.beta[0][l], d->w.beta[1][l], d->w.beta[2][l] });
+        finish(d, l);
+    }
+    set &= ~cut;
+    counts->steps_without_ray += bits(set & ~rays);
+    if (rays)
+        set &= ~meet(d, rays);
+    if (!set)
+        return;
+    asks = d->k->collide(&d->w, &place, set, &lost, &gone);
+    set &= ~lost;
+    counts->scatterings += bits(set);
+    for (uint32_t left = lost; left; left &= left - 1)
+        leave(d, __builtin_ctz(left));
+    for (uint32_t left = gone; left; left &= left - 1)
+        finish(d, __builtin_ctz(left));
+    set &= ~gone;
+    for (uint32_t left = (asks | d->single) & set; left; left &= left - 1) {
+        const int l = __builtin_ctz(left);
+        look(d, l, body, asks >> l & 1);
+    }
+    d->fresh &= ~set;
+    d->since |= set;
+    for (uint32_t left = d->k->scatter(&d->w, &place, set); left; left &= left - 1)
+        finish(d, __builtin_ctz(left));
+}
+
+void pt_side_trace(const struct pt_scene *s, struct pt_walker *walker, struct pt_job *jobs, int count)
+{
+    struct pt_side *d = walker->side;
+
+    d->s = s;
+    d->walker = walker;
+    d->jobs = jobs;
+    d->count = count;
+    d->next = 0;
+    d->live = d->fresh = d->single = d->since = 0;
+    d->waits = false;
+    d->point = NULL;
+    for (int i = 0; i < count; i++)
+        memset(&jobs[i].light, 0, sizeof(jobs[i].light));
+    for (;;) {
+        uint32_t left;
+        for (int l = 0; l < PT_LANES; l++)
+            if (!(d->live >> l & 1) && !fill(d, l))
+                break;
+        if (!d->live || pt_stopped(s))
+            return;
+        if (bits(d->live) <= FEW) {
+            finish_alone(d);
+            continue;
+        }
+        for (left = d->live; left;) {
+            const int key = d->key[__builtin_ctz(left)];
+            uint32_t set = 0;
+            for (int l = 0; l < PT_LANES; l++)
+                set |= (uint32_t) (d->key[l] == key) << l;
+            set &= left;
+            left &= ~set;
+            step(d, key / 2, key & 1, set);
+        }
+    }
+}

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * wavefront_kernel.h - the steps of sixteen walks side by side, each lane the bits that the walk alone would have (walk.c, flight.c,
+ * medium.c): in bodies of one medium, Henyey and Greenstein's, that all channels see. What happens at surfaces, and what is looked for at
+ * scatterers, is of one walk at a time (side_by_side.c).
+ */
+#ifndef PELL_PATH_TRACE_STEPS_H
+#define PELL_PATH_TRACE_STEPS_H
+
+#include "base/simd.h"
+#include "methods/path_trace/path.h"
+
+enum { PT_LANES = 16 };
+
+/* Lanes in sets: bits of an uint32_t, lane 0 the lowest. */
+struct pt_steps {
+    _Alignas(64) float x[3][PT_LANES];
+    float w[3][PT_LANES];
+    float beta[3][PT_LANES];
+    float came[3][PT_LANES];     /* the way before it last scattered */
+    float collided[3][PT_LANES]; /* beta before it scattered, with the collision */
+    float safe[PT_LANES], turn[PT_LANES], length[PT_LANES];
+    int32_t bounces[PT_LANES], scattered[PT_LANES];
+    uint32_t at[PT_LANES]; /* of the sampler, as state */
+    uint64_t state[PT_LANES];
+    struct pt_sampler *sampler[PT_LANES]; /* of lanes whose numbers are still the even ones */
+};
+
+/* What all lanes of a call have in common. */
+struct pt_steps_place {
+    const struct pt_coefficients *m;
+    const struct pell_distance_grid *grid; /* NULL: none */
+    float lo[3], hi[3];                    /* bounds, with a margin */
+    float roulette, share, ask;            /* ask: mm; how far connections look is -ask log u */
+    int32_t bounces;                       /* of a path at most */
+    bool connects;
+};
+
+struct pt_steps_kernels {
+    /* Free flights: length, and safe. Lanes that need a ray; *cut: that had too many steps, which do nothing else. */
+    uint32_t (*fly)(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on, uint32_t *cut);
+    /* Moves lanes that met nothing to where they scatter. *lost: not moved, they left the body; *gone: nothing is left. Of the others:
+     * lanes whose turn it is to look for lamps. */
+    uint32_t (*collide)(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on, uint32_t *lost, uint32_t *gone);
+    /* Phase function and roulette: lanes that are over. */
+    uint32_t (*scatter)(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on);
+};
+
+PELL_SIMD_TABLES(struct pt_steps_kernels, pt_steps_kernels);
+
+#endif

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * profile_monte_carlo.c - the profile of a half-space under a beam at right angles as photons find it: what was scattered once by an
+ * integral (photon_single.c), what was scattered more often from the table (photon_table.h), the far field by diffusion with the
+ * decay of transport. */
+#include <pellucid/inversion.h>
+
+#include "math/vec.h"
+#include "optics/photon/table.h"
+#include "optics/profile/nodes.h"
+#include "optics/profile/shape.h"
+
+#define PER_DECADE 20
+#define FIRST 1e-4 /* the first radius, in reduced mean free paths: 2e-4 of the light at most falls within */
+#define DARK 45.0  /* kappa r beyond which there is nothing */
+
+/* y(x) of the table: cubics with central slopes; below the first radius its power of r, between those of R ~ 1/r and R constant. */
+static double between(const double y[PELL_TABLE_R], double x)
+{
+    const double h = pell_table_x(1) - pell_table_x(0), t = (x - pell_table_x(0)) / h;
+    if (t <= 0.0)
+        return y[0] + fmin(fmax((y[1] - y[0]) / h, 1.0), 2.0) * (x - pell_table_x(0));
+    const int i = t < PELL_TABLE_R - 1 ? (int) t : PELL_TABLE_R - 2;
+    const double s = t - i, low = i > 0 ? 0.5 * (y[i + 1] - y[i - 1]) : y[1] - y[0],
+                 high = i + 2 < PELL_TABLE_R ? 0.5 * (y[i + 2] - y[i]) : y[i + 1] - y[i];
+    const double s2 = s * s, s3 = s2 * s;
+    return (2.0 * s3 - 3.0 * s2 + 1.0) * y[i] + (s3 - 2.0 * s2 + s) * low + (3.0 * s2 - 2.0 * s3) * y[i + 1] + (s3 - s2) * high;
+}
+
+static enum pell_result make(const struct pell_medium *medium, int channel, const struct pell_profile_params *params,
+                             struct pell_profile *out)
+{
+    const double sigma_t_reduced = medium->sigma_a[channel] + medium->sigma_s_reduced[channel], g = medium->g[channel];
+    const double albedo_reduced = medium->sigma_s_reduced[channel] / sigma_t_reduced, eta = medium->eta;
+    const double g_in = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
+    /* Single scattering with the medium's own g, the rest with that of the table's range. */
+    const double once = pell_albedo_of_reduced(albedo_reduced, g), per_reduced = 1.0 / (1.0 - once * g);
+    const double twice = pell_albedo_of_reduced(albedo_reduced, g_in);
+    const double kappa = pell_transport_kappa(twice, g_in) / (1.0 - twice * g_in);
+    const double end = fmin(DARK / fmax(kappa, 1e-300), PELL_TABLE_R_MIN * pow(10.0, (PELL_TABLE_R - 1.0) / PELL_TABLE_PER_DECADE));
+    struct pell_single single;
+    double y[PELL_TABLE_R], multiple, total;
+    int count = 0;
+
+    if (params->A > 0.0 || params->roughness > 0.0 || params->fresnel != PELL_FRESNEL_EXACT)
+        return PELL_ERR_UNSUPPORTED; /* photons have met a smooth boundary */
+    if (once == 0.0)
+        return PELL_OK;
+    pell_multiple(albedo_reduced, g_in, eta, y, &multiple);
+    pell_single_make(g, eta, &single);
+    total = twice * twice * multiple;
+    if (!params->without_single)
+        total = fmin(1.0, total + once * single.total);
+
+    for (; count < PELL_PROFILE_NODES; count++) {
+        const double x = log(FIRST) + log(10.0) / PER_DECADE * count, r = exp(x), area = 2.0 * PELL_PI * r * r;
+        double value = twice * twice * exp(between(y, x) - kappa * r) / area;
+        if (r > end * (1.0 + 1e-9))
+            break;
+        if (!params->without_single)
+            value += once * per_reduced * per_reduced * pell_single_rd(&single, r * per_reduced);
+        out->r[count] = r / sigma_t_reduced;
+        out->value[count] = value * sigma_t_reduced * sigma_t_reduced;
+    }
+    pell_profile_nodes_make(out, count, PELL_NODES_LOG, kappa * sigma_t_reduced);
+    pell_profile_nodes_scale(out, total / out->total);
+    out->total = total;
+    return PELL_OK;
+}
+
+const struct pell_profile_source pell_profile_source_monte_carlo = {
+    { "monte-carlo", "Photon Monte Carlo",
+      "a table of photons: tools/photon_table.c; after L. Wang, S. L. Jacques, L. Zheng, \"MCML - Monte Carlo modeling of light transport "
+      "in multi-layered tissues\", Computer Methods and Programs in Biomedicine 47, 1995",
+      "A smooth half-space under light at right angles; multiple scattering is held at g in [-0.3, 0.91] and eta in [1, 2.1]." },
+    make,
+};

@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: MIT
+ * assumptions.c - warns where a scene leaves what diffusion, or this picture's resolution, can show. */
+#include "render/renderer.h"
+#include "render/camera_view.h"
+
+#include <math.h>
+#include <string.h>
+
+/* How far the light of a material goes, mm, in the channel where it goes farthest: to the next event, and under the surface. */
+static void reach(const struct pell_material *m, double *largest_mfp, double *widest)
+{
+    *largest_mfp = *widest = 0.0;
+    if (m->profile) {
+        for (int c = 0; c < 3; c++)
+            *widest = fmax(*widest, pell_profile_sample(&m->profile[c], 0.5));
+        return;
+    }
+    if (m->gaussians.count > 0) {
+        *widest = sqrt(m->gaussians.variance[m->gaussians.count - 1]);
+        return;
+    }
+    for (int c = 0; c < 3; c++) {
+        const double mfp = pell_mean_free_path(&m->medium, c), diffuse = pell_diffuse_mean_free_path(&m->medium, c);
+        if (isfinite(mfp))
+            *largest_mfp = fmax(*largest_mfp, mfp);
+        if (isfinite(diffuse))
+            *widest = fmax(*widest, diffuse);
+    }
+    if (*widest == 0.0)
+        *widest = *largest_mfp;
+}
+
+/* Pixels per mm in the middle of the bounds. */
+static double pixels_per_mm(const struct pell_scene *scene, const struct pell_settings *settings)
+{
+    const struct pell_view v = pell_view_make(&scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
+    const struct pell_vec3 middle = vec3_mul(vec3_add(vec3_load(scene->bounds_min), vec3_load(scene->bounds_max)), 0.5f);
+    const float depth = vec3_dot(vec3_sub(middle, v.origin), v.forward);
+    return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
+}
+
+enum { OPEN, TURNED, THIN, UNSEEN, FLAT, TWICE, HOLDS, KINDS };
+
+/* Counts a warning; true where it is one of those to be logged. */
+static bool tell(struct pell_context *ctx, int *found)
+{
+    return (*found)++ < pell_context_limits(ctx)->warnings;
+}
+
+enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct pell_settings *settings)
+{
+    const struct pell_scene *scene = pell_renderer_scene(r);
+    struct pell_context *ctx = pell_renderer_context(r);
+    static const char *const kinds[KINDS] = { "open surfaces",           "surfaces turned inside out",
+                                              "mean free paths",         "scattering too small to see",
+                                              "things without an area",  "things that are there twice",
+                                              "things around the camera" };
+    const int limit = pell_context_limits(ctx)->warnings;
+    struct pell_scene_report report = { 0 };
+    int found[KINDS] = { 0 };
+    double scale;
+    enum pell_result res;
+
+    if (!scene || scene->num_meshes == 0 || !pell_renderer_scatters(r))
+        return PELL_OK;
+    scale = pixels_per_mm(scene, settings);
+    res = pell_scene_check(scene, &report);
+    if (res != PELL_OK)
+        return res;
+    for (size_t i = 0; i < report.num_objects; i++) {
+        const struct pell_object_report *o = &report.objects[i];
+        const char *place = o->name[0] ? o->name : "a thing without a name";
+        const struct pell_material *m;
+        double mfp, widest;
+        char other[96];
+
+        if (o->material < 0 || (size_t) o->material >= scene->num_materials || scene->materials[o->material].opaque)
+            continue;
+        m = &scene->materials[o->material];
+        reach(m, &mfp, &widest);
+        if (o->degenerate_triangles == o->triangles) {
+            if (tell(ctx, &found[FLAT]))
+                pell_warn(ctx, place, NULL, "none of its triangles has an area: nothing of it can be seen");
+            continue;
+        }
+        if (o->coincident >= 0 && tell(ctx, &found[TWICE]))
+            pell_warn(ctx, place, "remove one of them", "lies exactly where \"%s\" does, so that each hides the other",
+                      pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
+        if (o->holds_camera && tell(ctx, &found[HOLDS]))
+            pell_warn(ctx, place, "move the camera, or check its unit against the mesh's",
+                      "the camera is inside it: what is seen is its inner side");
+        if (!o->closed && tell(ctx, &found[OPEN]))
+            pell_warn(ctx, place, "close it, or light from behind will be wrong",
+                      "the surface is open (%lld boundary edges): a translucent thing needs an inside", (long long) o->boundary_edges);
+        if (o->closed && !o->outward && tell(ctx, &found[TURNED]))
+            pell_warn(ctx, place, "turn its faces round", "the surface is turned inside out");
+        if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && tell(ctx, &found[THIN]))
+            pell_warn(ctx, place, "check --size or --unit: diffusion holds for things many mean free paths thick",
+                      "the mean free path of %s, %.3g mm, is longer than the thing is thick (%.3g mm)",
+                      m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
+        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && tell(ctx, &found[UNSEEN]))
+            pell_warn(ctx, place, "render it larger, or check --size or --unit",
+                      "light goes %.3g mm under the surface of %s, which is %.2g pixels here: no scattering can be seen", widest,
+                      m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
+    }
+    for (int k = 0; k < KINDS; k++)
+        if (found[k] > limit)
+            pell_warn(ctx, scene->path, NULL, "%d more warnings about %s", found[k] - limit, kinds[k]);
+    pell_scene_report_finish(ctx, &report);
+    return PELL_OK;
+}

@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: MIT */
+#include "render/bandwidth.h"
+
+#include "base/base.h"
+#include "render/plane_buffers.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Bytes read: four planes of the picture, but not more, nor less, than this. */
+#define BYTES_MOST ((size_t) 32 << 20)
+#define BYTES_LEAST ((size_t) 1 << 20)
+#define BANDS 64
+
+struct task {
+    const char *from;
+    char *to;
+    size_t band;
+};
+
+static void copy_band(void *arg, int index, int worker)
+{
+    const struct task *t = arg;
+    (void) worker;
+    memcpy(t->to + (size_t) index * t->band, t->from + (size_t) index * t->band, t->band);
+}
+
+void pell_copies_finish(struct pell_context *ctx, struct pell_copies *c)
+{
+    pell_free(ctx, c->block);
+    *c = (struct pell_copies) { .wanted = c->wanted };
+}
+
+enum pell_result pell_copies_plan(struct pell_context *ctx, struct pell_copies *c, int width, int height)
+{
+    size_t bytes = 4 * sizeof(float) * (size_t) pell_plane_stride(width) * (size_t) height;
+
+    bytes = bytes < BYTES_LEAST ? BYTES_LEAST : bytes > BYTES_MOST ? BYTES_MOST : bytes;
+    bytes = bytes / BANDS / 64 * 64 * BANDS;
+    if (c->bytes == bytes)
+        return PELL_OK;
+    pell_copies_finish(ctx, c);
+    c->block = pell_alloc(ctx, 2 * bytes);
+    if (!c->block)
+        return PELL_ERR_NOMEM;
+    memset(c->block, 0, 2 * bytes); /* pages that nobody wrote to are all one page */
+    c->bytes = bytes;
+    return PELL_OK;
+}
+
+void pell_copies_measure(struct pell_pool *pool, struct pell_copies *c, struct pell_stage_time *stages, size_t num_stages)
+{
+    struct task to = { c->block, c->block + c->bytes, c->bytes / BANDS }, fro = { to.to, c->block, to.band };
+    double sorted[PELL_COPIES_ROUNDS], start, rate;
+    int known;
+
+    pell_pool_run(pool, BANDS, copy_band, &to);
+    start = pell_seconds();
+    pell_pool_run(pool, BANDS, copy_band, &fro);
+    c->seconds[c->rounds++ % PELL_COPIES_ROUNDS] = pell_seconds() - start;
+    known = c->rounds < PELL_COPIES_ROUNDS ? (int) c->rounds : PELL_COPIES_ROUNDS;
+    for (int i = 0; i < known; i++) {
+        int at = i;
+        for (; at > 0 && sorted[at - 1] > c->seconds[i]; at--)
+            sorted[at] = sorted[at - 1];
+        sorted[at] = c->seconds[i];
+    }
+    rate = 2.0 * (double) c->bytes / fmax(sorted[known / 2], 1e-9);
+    for (size_t i = 0; i < num_stages; i++)
+        stages[i].copy_ms = 1e3 * (double) stages[i].bytes / rate;
+}

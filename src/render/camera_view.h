@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * camera_view.h - the eye: from pixels to rays and back. Pixel (x, y) has its centre at (x + 1/2, y + 1/2), y down.
+ */
+#ifndef PELL_VIEW_H
+#define PELL_VIEW_H
+
+#include "math/vec.h"
+
+#include <pellucid/scene.h>
+
+struct pell_view {
+    int width, height;
+    bool orthographic;
+    float focal_px;      /* see struct pell_frame */
+    float shift_x, shift_y; /* of the sample inside the pixel, from its centre, in (-1/2, 1/2) pixels */
+    struct pell_vec3 origin, forward, right, up; /* unit, orthogonal; right x up = -forward */
+};
+
+struct pell_view pell_view_make(const struct pell_camera *camera, int width, int height, float shift_x, float shift_y);
+
+/* A thin lens in the eye's plane. A picture through it is the mean of pictures through points of it (Haeberli and Akeley 1990), each the
+ * picture of a pinhole there whose pixels meet in the plane in focus: what lies at depth z is spread over a disc that is
+ * 2 radius focal_px |1/z - 1/focus| pixels across. Each of n points stands for the n-th part of the lens about it: render/post/dof.h. */
+struct pell_lens {
+    float radius; /* mm; 0: a pinhole */
+    float focus;  /* mm from the eye along its axis */
+};
+
+/* Moves a view from the middle of the lens to point i of n, which fill it evenly: their mean is the middle, and with discs of
+ * radius / sqrt(n) about them they are as wide as the lens. With n = 1, or without a radius, the view stays. */
+void pell_view_through(struct pell_view *view, const struct pell_lens *lens, int i, int n);
+
+/* A ray through a pixel with forward component 1, so that the ray parameter is the depth: p = start + depth * direction. */
+static inline void pell_view_ray(const struct pell_view *v, float x, float y, struct pell_vec3 *start, struct pell_vec3 *direction)
+{
+    const float px = (x + 0.5f + v->shift_x - 0.5f * (float) v->width) / v->focal_px;
+    const float py = (0.5f * (float) v->height - y - 0.5f - v->shift_y) / v->focal_px;
+    const struct pell_vec3 offset = vec3_add(vec3_mul(v->right, px), vec3_mul(v->up, py));
+    if (v->orthographic) {
+        *start = vec3_add(v->origin, offset);
+        *direction = v->forward;
+    } else {
+        *start = v->origin;
+        *direction = vec3_add(v->forward, offset);
+    }
+}
+
+/* The rectangle of pixels, with a border of one, that the box may cover, clipped to the picture; the whole picture where the box reaches
+ * behind the eye. */
+struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_min[3], const float bounds_max[3]);
+
+/* Grows `a` until `b` lies in it, too; those without a pixel add nothing. */
+static inline void pell_rect_unite(struct pell_rect *a, const struct pell_rect *b)
+{
+    if (b->x0 >= b->x1)
+        return;
+    if (a->x0 >= a->x1)
+        *a = *b;
+    a->x0 = b->x0 < a->x0 ? b->x0 : a->x0;
+    a->y0 = b->y0 < a->y0 ? b->y0 : a->y0;
+    a->x1 = b->x1 > a->x1 ? b->x1 : a->x1;
+    a->y1 = b->y1 > a->y1 ? b->y1 : a->y1;
+}
+
+#endif

@@ -1,0 +1,268 @@
+/* SPDX-License-Identifier: MIT
+ * kernel.c - see lanes.h; compiled once per SIMD level. */
+#include "render/composite/kernel.h"
+
+#include <string.h>
+
+#define INLINE static inline __attribute__((always_inline))
+
+/* What lanes have of their materials: of one material for all in a `full` block, which is what most blocks are. */
+struct owners {
+    const struct pell_composite_material *one;       /* of all lanes where `full` */
+    const struct pell_composite_material *m[LANES];  /* else */
+};
+
+#define OF(field) (full ? o->one->field : o->m[i]->field)
+
+/* base^e for e in [0, 1]; the general power only where some material asks for it. */
+INLINE void power(const struct pell_composite_row *row, const float *restrict base, const float *restrict e, bool full, float *restrict out)
+{
+    if (!row->any_texture || (full && e[0] <= 0.0f)) {
+        for (int i = 0; i < LANES; i++)
+            out[i] = 1.0f;
+        return;
+    }
+    for (int i = 0; i < LANES; i++) {
+        const float b = base[i] > 0.0f ? base[i] : 0.0f, root = sqrtf(b);
+        out[i] = e[i] <= 0.0f ? 1.0f : e[i] >= 1.0f ? b : root;
+    }
+    for (int i = 0; row->any_power && i < LANES; i++)
+        if (e[i] > 0.0f && e[i] < 1.0f && e[i] != 0.5f)
+            out[i] = base[i] > 0.0f ? powf(base[i], e[i]) : 0.0f;
+}
+
+/* mu = n . w_o of each lane. */
+INLINE void view_cosines(const struct pell_composite_row *row, int x, size_t at, float *restrict mu)
+{
+    const struct pell_view v = *row->p->view;
+    const struct pell_surface *s = row->p->surface;
+    const float inverse = v.orthographic ? 0.0f : 1.0f / v.focal_px;
+    const float left = 0.5f + v.shift_x - 0.5f * (float) v.width + (float) x;
+    const float py = (0.5f * (float) v.height - (float) row->y - 0.5f - v.shift_y) * inverse;
+    const struct pell_vec3 start = vec3_mad(v.forward, py, v.up);
+    const float *restrict nx = s->ns[0] + at, *restrict ny = s->ns[1] + at, *restrict nz = s->ns[2] + at;
+
+    for (int i = 0; i < LANES; i++) {
+        const float px = ((float) i + left) * inverse;
+        const float dx = start.x + px * v.right.x, dy = start.y + px * v.right.y, dz = start.z + px * v.right.z;
+        const float c = -(nx[i] * dx + ny[i] * dy + nz[i] * dz) / sqrtf(dx * dx + dy * dy + dz * dz);
+        mu[i] = c > 0.0f ? c < 1.0f ? c : 1.0f : 0.0f;
+    }
+}
+
+/* Where a roughness lies between the tables' entries. */
+INLINE int roughness_place(float roughness, float *fraction)
+{
+    const float y0 = (roughness - PELL_ROUGHNESS_MIN) * ((PELL_ALBEDO_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN));
+    const float y1 = y0 > 0.0f ? y0 : 0.0f, y = y1 < PELL_ALBEDO_ROUGHNESS - 1 ? y1 : PELL_ALBEDO_ROUGHNESS - 1;
+    const int j0 = (int) y, j = j0 < PELL_ALBEDO_ROUGHNESS - 2 ? j0 : PELL_ALBEDO_ROUGHNESS - 2;
+
+    *fraction = y - (float) j;
+    return j;
+}
+
+/* Tables of one roughness and one F0, over mu: most surfaces have no roughness map. */
+static void make_cut(const struct pell_composite_row *row, const struct pell_composite_material *m, float roughness,
+                     struct pell_composite_cut *restrict cut)
+{
+    float g;
+    const int j = roughness_place(roughness, &g);
+    const float *restrict t = row->albedo + 2 * (m->model * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS + j);
+    const float *n = row->mean + 2 * (m->model * PELL_ALBEDO_ROUGHNESS + j);
+
+    cut->material = m;
+    cut->roughness = roughness;
+    for (int k = 0; k < PELL_ALBEDO_MU; k++, t += 2 * PELL_ALBEDO_ROUGHNESS)
+        cut->albedo[k] = m->f0 * (t[0] + g * (t[2] - t[0])) + t[1] + g * (t[3] - t[1]);
+    cut->mean = m->f0 * (n[0] + g * (n[2] - n[0])) + n[1] + g * (n[3] - n[1]);
+}
+
+/* Directional albedo toward mu, and its mean, of each lane. */
+INLINE void albedos(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, const float *restrict roughness,
+                    bool full, bool even, struct pell_composite_cut *restrict cut, float *restrict albedo, float *restrict average)
+{
+    float fx[LANES], low[LANES], high[LANES];
+    int place[LANES], differ = 0;
+
+    for (int i = 0; i < LANES; i++) {
+        const float x = sqrtf(mu[i]) * (PELL_ALBEDO_MU - 1);
+        const int k0 = (int) x, k = k0 < PELL_ALBEDO_MU - 2 ? k0 : PELL_ALBEDO_MU - 2;
+        fx[i] = x - (float) k;
+        place[i] = k;
+    }
+    for (int i = 0; !even && i < LANES; i++)
+        differ |= roughness[i] != roughness[0];
+    if (full && !differ) {
+        const float same = even ? o->one->roughness : roughness[0];
+        if (cut->material != o->one || cut->roughness != same)
+            make_cut(row, o->one, same, cut);
+        for (int i = 0; i < LANES; i++) {
+            low[i] = cut->albedo[place[i]];
+            high[i] = cut->albedo[place[i] + 1];
+        }
+        for (int i = 0; i < LANES; i++) {
+            albedo[i] = low[i] + fx[i] * (high[i] - low[i]);
+            average[i] = cut->mean;
+        }
+        return;
+    }
+    for (int i = 0; i < LANES; i++) {
+        float g;
+        const int j = roughness_place(roughness[i], &g), model = OF(model);
+        const float *t = row->albedo + 2 * ((model * PELL_ALBEDO_MU + place[i]) * PELL_ALBEDO_ROUGHNESS + j);
+        const float *r = t + 2 * PELL_ALBEDO_ROUGHNESS;
+        const float *n = row->mean + 2 * (model * PELL_ALBEDO_ROUGHNESS + j), f0 = OF(f0);
+        const float near = f0 * (t[0] + g * (t[2] - t[0])) + t[1] + g * (t[3] - t[1]);
+        const float beyond = f0 * (r[0] + g * (r[2] - r[0])) + r[1] + g * (r[3] - r[1]);
+        albedo[i] = near + fx[i] * (beyond - near);
+        average[i] = f0 * (n[0] + g * (n[2] - n[0])) + n[1] + g * (n[3] - n[1]);
+    }
+}
+
+/* Factor from radiant exitance to radiance toward the eye: T / (pi n). */
+INLINE void exit_factors(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, size_t at, bool full,
+                         bool even, struct pell_composite_cut *restrict cut, float *restrict factor)
+{
+    const struct pell_surface *s = row->p->surface;
+    const bool published = row->p->published;
+    const float *restrict r = s->specular[0] + at, *restrict g = s->specular[1] + at, *restrict b = s->specular[2] + at;
+    const float shared = published ? 0.0f : 1.0f;
+    const float *restrict rough = s->roughness + at;
+    float albedo[LANES], average[LANES], rho_s[LANES], roughness[LANES];
+
+    /* Planes may hold anything where a material is even: what they hold is read, and not taken. */
+    for (int i = 0; !even && i < LANES; i++)
+        roughness[i] = OF(even) ? OF(roughness) : rough[i];
+    albedos(row, o, mu, roughness, full, even, cut, albedo, average);
+    for (int i = 0; i < LANES; i++)
+        rho_s[i] = even ? o->one->rho_s : !full && OF(even) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
+    for (int i = 0; i < LANES; i++) {
+        const float a = albedo[i] < 1.0f ? albedo[i] : 1.0f;
+        const float n = 1.0f - shared * rho_s[i] * (average[i] < 1.0f ? average[i] : 1.0f);
+        factor[i] = (1.0f - rho_s[i] * a) / (PELL_PI_F * (n > 1e-6f ? n : 1e30f));
+    }
+    for (int i = 0; row->any_smooth && i < LANES; i++)
+        if (OF(smooth))
+            factor[i] = pell_boundary_lookup(OF(boundary), mu[i]) / (PELL_PI_F * (published ? 1.0f : OF(boundary_mean)));
+}
+
+/* A block; `on` is 1 where a lane is covered. */
+INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, const struct owners *o, const float *restrict on, bool full,
+                        bool even, struct pell_composite_cut *restrict cut, struct pell_composite_lanes *restrict result)
+{
+    static const float luminance[3] = { 0.2126f, 0.7152f, 0.0722f };
+    const struct pell_composite_params *p = row->p;
+    const float *restrict metallic = p->surface->metallic + at;
+    const bool radiance = p->radiance;
+    float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
+    float behind[LANES];
+    float arriving[LANES]; /* results are local until they are whole: nothing else can point at them */
+
+    for (int i = 0; i < LANES; i++) {
+        out_exponent[i] = OF(out_exponent);
+        in_exponent[i] = OF(in_exponent);
+        scatters[i] = OF(scatters);
+        metal[i] = OF(in_metal);
+        arriving[i] = 0.0f;
+    }
+    view_cosines(row, x, at, mu);
+    exit_factors(row, o, mu, at, full, even, cut, factor);
+    for (int i = 0; i < LANES; i++) {
+        if (full && o->one->in_metal == 0.0f)
+            metal[i] = 1.0f;
+        else
+            metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
+        finished[i] = radiance ? scatters[i] : 0.0f; /* a picture already, */
+        shines[i] = radiance && !p->below ? scatters[i] : 0.0f; /* with its specular part */
+        behind[i] = radiance ? 0.0f : scatters[i] * on[i];
+    }
+
+    for (int c = 0; c < 3; c++) {
+        const float *restrict e = p->lighting->irradiance[c] + at, *restrict through = p->lighting->through[c] + at;
+        const float *restrict spec = p->lighting->specular[c] + at, *restrict base = p->surface->base[c] + at;
+        const float *light = p->exitance ? p->exitance[c] + at : e;
+        float out[LANES], in[LANES], total[LANES], multiple[LANES], transmission[LANES], specular[LANES];
+
+        power(row, base, out_exponent, full, out);
+        power(row, base, in_exponent, full, in);
+        for (int i = 0; i < LANES; i++)
+            total[i] = OF(total[c]);
+        for (int i = 0; i < LANES; i++) {
+            const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * out[i];
+            /* All is read, then chosen: what is off may be no number and must not be multiplied away. */
+            const float moved = light[i], still = total[i] * e[i], back = k * through[i], shine = spec[i];
+            const float front = k * (scatters[i] > 0.0f ? moved : still), met = luminance[c] * e[i] / (a > 0.02f ? a : 0.02f);
+            multiple[i] = on[i] > 0.0f ? front : 0.0f;
+            transmission[i] = behind[i] > 0.0f ? back : 0.0f;
+            specular[i] = on[i] > shines[i] ? shine : 0.0f;
+            arriving[i] += on[i] > 0.0f ? met : 0.0f;
+        }
+        memcpy(result->multiple[c], multiple, sizeof(multiple));
+        memcpy(result->transmission[c], transmission, sizeof(transmission));
+        memcpy(result->specular[c], specular, sizeof(specular));
+    }
+    memcpy(result->on, on, sizeof(result->on));
+    memcpy(result->arriving, arriving, sizeof(arriving));
+}
+
+static bool shade(const struct pell_composite_row *row, int x, struct pell_composite_cut *cut, struct pell_composite_lanes *result)
+{
+    const struct pell_surface *s = row->p->surface;
+    const size_t at = (size_t) ((ptrdiff_t) row->y * s->stride + x);
+    const uint16_t *restrict material = s->material + at; /* rows are whole blocks; none beside the picture is covered */
+    struct owners o;
+    float on[LANES];
+    unsigned any = 0, differ = 0;
+
+    for (int i = 0; i < LANES; i++) {
+        any |= material[i];
+        differ |= material[i] ^ (unsigned) material[0];
+    }
+    if (!any)
+        return false;
+    if (!differ) {
+        o.one = &row->materials[material[0] - 1];
+        for (int i = 0; i < LANES; i++)
+            on[i] = 1.0f;
+        if (o.one->even)
+            shade_block(row, x, at, &o, on, true, true, cut, result);
+        else
+            shade_block(row, x, at, &o, on, true, false, cut, result);
+        return true;
+    }
+    for (int i = 0; i < LANES; i++) {
+        const int id = x + i < s->width ? material[i] : 0;
+        on[i] = id ? 1.0f : 0.0f;
+        o.m[i] = &row->materials[id ? id - 1 : 0];
+    }
+    shade_block(row, x, at, &o, on, false, false, cut, result);
+    return true;
+}
+
+INLINE void add_lanes(const struct pell_composite_lanes *restrict l, const float single[3][LANES], float weight, bool first, int count,
+                      float *const color[3], float *alpha)
+{
+    float sum[LANES];
+
+    for (int c = 0; c < 3; c++) {
+        for (int i = 0; i < LANES; i++)
+            sum[i] = l->multiple[c][i] + single[c][i] + l->transmission[c][i] + l->specular[c][i];
+        pell_composite_put(sum, weight, first, count, color[c]);
+    }
+    pell_composite_put(l->on, weight, first, count, alpha);
+}
+
+static void add(const struct pell_composite_lanes *l, const float single[3][LANES], float weight, bool first, int count,
+                float *const color[3], float *alpha, struct pell_composite_meter *restrict meter)
+{
+    if (count == LANES)
+        add_lanes(l, single, weight, first, LANES, color, alpha);
+    else
+        add_lanes(l, single, weight, first, count, color, alpha);
+    for (int i = 0; i < LANES; i++) {
+        meter->met[i] += (double) l->arriving[i];
+        meter->covered[i] += (double) l->on[i];
+    }
+}
+
+const struct pell_composite_kernels PELL_SIMD(pell_composite_kernels) = { shade, add };

@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stage.h - stage "composite": from radiant exitance to radiance at the eye, added up over the multisamples.
+ *
+ *     L_o = T(w_o) / (pi n) albedo^(1-m) (M + through) + specular
+ *
+ * T is rho_dt of the specular lobe, or Fresnel's F_t of a smooth boundary; n is its mean over the hemisphere (exit = balanced), so that
+ * all of the flux that a profile says leaves does leave, or 1 (exit = published).
+ */
+#ifndef PELL_COMPOSITE_H
+#define PELL_COMPOSITE_H
+
+#include "render/irradiance/stage.h"
+
+/* What a sample's pixels are added to; all but color, alpha and meter may be NULL. `weight` of each sample is 1 / number of samples. */
+struct pell_accumulator {
+    float *color[3], *alpha;
+    float *multiple[3], *single[3], *transmission[3], *specular[3], *irradiance[3], *normal[3];
+    float *depth; /* of the first sample that hit something */
+    float *variance[3];  /* of the mean over the samples, of the scattered light in `multiple`; 0 where there is no noise */
+    float *translucent;  /* share of the samples on a translucent material, with whatever method */
+    double *meter; /* per row: summed luminance of the irradiance that arrives, without albedo, and the number of pixels it is of */
+};
+
+struct pell_composite_params {
+    const struct pell_scene *scene;
+    const struct pell_view *view;
+    const struct pell_surface *surface;
+    const struct pell_specular_tables *tables;
+    const struct pell_lighting *lighting;
+    const float *const *exitance;     /* M of translucent pixels, or their finished radiance where `radiance`; NULL: no scattering */
+    bool radiance;
+    bool below;                       /* `radiance` is of what entered alone: the specular lobe is added to it */
+    const float *const *single, *const *reflected; /* parts that `exitance` does not hold (struct pell_frame_light); NULL: none */
+    const float *const *noise;        /* standard error of `exitance`, in its unit; NULL: none */
+    const float (*total)[3];          /* per scene material: total reflectance of its profile, for pixels without scattering */
+    float mix;                        /* plan's; negative: each material's own */
+    bool smooth, published;
+    struct pell_rect rect; /* holds every pixel that any sample may cover; the accumulator is written there and nowhere else */
+    float weight;
+    bool first;                       /* overwrite the accumulator instead of adding to it */
+};
+
+/* Holds what a composite needs of each material, so that a frame allocates nothing. */
+struct pell_compositor;
+PELL_NODISCARD enum pell_result pell_compositor_create(struct pell_context *ctx, size_t num_materials, struct pell_compositor **out);
+void pell_compositor_destroy(struct pell_compositor **compositor);
+
+/* Writes the accumulator inside `rect`. Allocates nothing. */
+void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
+                           const struct pell_accumulator *out);
+
+/* The picture without scattering, at covered pixels: what a method with PELL_NEED_LIT blurs. Takes `exitance` as NULL. */
+void pell_composite_lit(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const lit[3]);
+
+#endif

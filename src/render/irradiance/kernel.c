@@ -1,0 +1,476 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernel.c - see shade.h. Compiled once per SIMD level; plain loops over 16 lanes.
+ *
+ *     E += L_i T(n.w) max(n.w, 0) V,  T = 1 - rho_s albedo_f or F_t            (methods.md)
+ *     soft terminator: G = min(1, ng.l / (n.l n.ng)),  factor -G^3 + G^2 + G   (Chiang, Li and Burley 2019, "Taming the Shadow
+ *     Terminator"): light goes out smoothly where the geometric normal turns away, and nothing changes where the normals agree
+ */
+#include "render/irradiance/kernel.h"
+
+#include <float.h>
+#include <string.h>
+
+#ifndef PELL_SIMD_NAME
+#define PELL_SIMD_NAME base
+#endif
+
+#define N PELL_LANES
+#define BIG 1e25f /* what no irradiance passes: sums of many lights stay finite */
+
+/* Distances shorter than this count as this: a light in the surface. */
+#define TINY 1e-12f
+
+static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *restrict a)
+{
+    int32_t front = 0, back = 0;
+
+    for (int i = 0; i < N; i++) {
+        const float gl = p->gx[i] * a->lx[i] + p->gy[i] * a->ly[i] + p->gz[i] * a->lz[i];
+        const float nl = p->nx[i] * a->lx[i] + p->ny[i] * a->ly[i] + p->nz[i] * a->lz[i];
+        const int32_t lit =
+            p->valid[i] & -(int32_t) (a->falloff[i] * (a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i]) > 0.0f);
+        a->gl[i] = gl;
+        a->nl[i] = nl;
+        /* A lifted point lies on the smooth surface: its own triangle does not decide what faces the light. */
+        a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->lift[i] > p->epsilon[i])) & -(int32_t) (nl > 0.0f);
+        a->back[i] = lit & p->deep[i] & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
+        front |= a->front[i];
+        back |= a->back[i];
+    }
+    a->any_front = front != 0;
+    a->any_back = back != 0;
+}
+
+static void aim_directional(const struct pell_lamp *restrict lamp, struct pell_aim *restrict a)
+{
+    for (int i = 0; i < N; i++) {
+        a->lx[i] = -lamp->direction.x;
+        a->ly[i] = -lamp->direction.y;
+        a->lz[i] = -lamp->direction.z;
+        a->distance[i] = FLT_MAX;
+        a->falloff[i] = 1.0f;
+        a->spread[i] = 0.0f;
+        for (int c = 0; c < 3; c++)
+            a->intensity[c][i] = lamp->power[c];
+    }
+}
+
+/* The far ends, from the middle of the light or from samples over its face. */
+static void place_samples(const struct pell_lamp *restrict lamp, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+                          struct pell_aim *restrict a)
+{
+    const bool disc = lamp->type == PELL_LIGHT_DISC;
+
+    if (lamp->type != PELL_LIGHT_RECT && !disc) {
+        for (int i = 0; i < N; i++) {
+            a->sx[i] = lamp->position.x;
+            a->sy[i] = lamp->position.y;
+            a->sz[i] = lamp->position.z;
+        }
+        return;
+    }
+    for (int i = 0; i < N; i++) {
+        const float u = pell_unit_float(u0 ^ p->hash[0][i]), v = pell_unit_float(u1 ^ p->hash[1][i]);
+        float x, y;
+        pell_disc_point(u, v, &x, &y);
+        x = disc ? x : 2.0f * u - 1.0f;
+        y = disc ? y : 2.0f * v - 1.0f;
+        a->sx[i] = lamp->position.x + x * lamp->right.x + y * lamp->up.x;
+        a->sy[i] = lamp->position.y + x * lamp->right.y + y * lamp->up.y;
+        a->sz[i] = lamp->position.z + x * lamp->right.z + y * lamp->up.z;
+    }
+}
+
+static void aim(const struct pell_lamp *restrict lamp, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+                struct pell_aim *restrict a)
+{
+    const struct pell_vec3 d = lamp->direction;
+    const float area = lamp->sample_area;
+    const bool flat = lamp->type == PELL_LIGHT_RECT || lamp->type == PELL_LIGHT_DISC;
+    const float cone = lamp->type == PELL_LIGHT_SPOT ? 1.0f : 0.0f;
+
+    if (lamp->type == PELL_LIGHT_DIRECTIONAL) {
+        aim_directional(lamp, a);
+        finish_aim(p, a);
+        return;
+    }
+    place_samples(lamp, p, u0, u1, a);
+    for (int i = 0; i < N; i++) {
+        const float x = a->sx[i] - p->px[i], y = a->sy[i] - p->py[i], z = a->sz[i] - p->pz[i];
+        const float d2 = x * x + y * y + z * z, length = sqrtf(d2 > TINY ? d2 : TINY), inv = 1.0f / length;
+        a->lx[i] = x * inv;
+        a->ly[i] = y * inv;
+        a->lz[i] = z * inv;
+        a->distance[i] = length;
+        a->falloff[i] = pell_lamp_falloff(lamp, length);
+    }
+    for (int i = 0; i < N; i++) {
+        /* the cosine at the light: of its face, or against the axis of a spot */
+        const float back = -(d.x * a->lx[i] + d.y * a->ly[i] + d.z * a->lz[i]), cosine = back > 0.0f ? back : 0.0f;
+        const float spot = pell_lamp_cone(lamp, back), w = flat ? cosine : cone > 0.0f ? spot : 1.0f;
+        for (int c = 0; c < 3; c++)
+            a->intensity[c][i] = lamp->power[c] * w;
+        a->spread[i] = area * cosine / (a->distance[i] * a->distance[i]);
+    }
+    finish_aim(p, a);
+}
+
+static void shadow_rays(const struct pell_lamp *lamp, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
+                        struct pell_ray16 *restrict r)
+{
+    for (int i = 0; i < N; i++) {
+        r->ox[i] = p->ox[i];
+        r->oy[i] = p->oy[i];
+        r->oz[i] = p->oz[i];
+        r->dx[i] = a->sx[i] - p->ox[i];
+        r->dy[i] = a->sy[i] - p->oy[i];
+        r->dz[i] = a->sz[i] - p->oz[i];
+        r->tnear[i] = 0.0f;
+        r->tfar[i] = 0.9999f;
+        r->time[i] = 0.0f;
+        r->mask[i] = PELL_RAY_ALL;
+        r->id[i] = 0;
+        r->flags[i] = 0;
+    }
+    if (lamp->type == PELL_LIGHT_DIRECTIONAL)
+        for (int i = 0; i < N; i++) {
+            r->dx[i] = a->lx[i];
+            r->dy[i] = a->ly[i];
+            r->dz[i] = a->lz[i];
+            r->tfar[i] = FLT_MAX;
+        }
+}
+
+/* T(n.l) for each lane: places in the tables, then what lies there, then the arithmetic, so that first and last are vectors. */
+static void transmittance(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const float *restrict mu,
+                          float *restrict out)
+{
+    _Alignas(64) float f[N], near[4][N], beyond[4][N];
+    _Alignas(64) int32_t at[N];
+
+    for (int i = 0; i < N; i++) {
+        const float c = mu[i] > 0.0f ? mu[i] : 0.0f, x = sqrtf(c < 1.0f ? c : 1.0f) * (PELL_ALBEDO_MU - 1);
+        const int32_t k0 = (int32_t) x, k = k0 < PELL_ALBEDO_MU - 2 ? k0 : PELL_ALBEDO_MU - 2;
+        f[i] = x - (float) k;
+        at[i] = p->albedo_at[i] + 2 * PELL_ALBEDO_ROUGHNESS * k;
+    }
+    for (int i = 0; i < N; i++) {
+        const float *q = t->albedo + at[i], *r = q + 2 * PELL_ALBEDO_ROUGHNESS;
+        for (int k = 0; k < 4; k++) {
+            near[k][i] = q[k];
+            beyond[k][i] = r[k];
+        }
+    }
+    for (int i = 0; i < N; i++) {
+        const float g = p->fraction[i];
+        const float a = near[0][i] + g * (near[2][i] - near[0][i]), b = beyond[0][i] + g * (beyond[2][i] - beyond[0][i]);
+        const float c = near[1][i] + g * (near[3][i] - near[1][i]), d = beyond[1][i] + g * (beyond[3][i] - beyond[1][i]);
+        const float scale = a + f[i] * (b - a), bias = c + f[i] * (d - c), sum = p->fd[i] * scale + bias,
+                    positive = sum > 0.0f ? sum : 0.0f;
+        out[i] = 1.0f - p->rho[i] * (positive < 1.0f ? positive : 1.0f);
+    }
+    if (p->any_smooth)
+        for (int i = 0; i < N; i++) {
+            const float smooth = pell_boundary_lookup(t->boundary + p->boundary_at[i], mu[i]);
+            out[i] = p->smooth[i] ? smooth : out[i];
+        }
+}
+
+#define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
+
+static void add_highlight(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
+                          const float *restrict clipped, struct pell_sums *restrict sums)
+{
+    _Alignas(64) float sin2[N], nh[N], hh[N], nv[N], width2[N], fresnel[N], shape[N] = { 0 };
+
+    for (int i = 0; i < N; i++) {
+        const float hx = a->lx[i] + p->vx[i], hy = a->ly[i] + p->vy[i], hz = a->lz[i] + p->vz[i];
+        const float cx = p->ny[i] * hz - p->nz[i] * hy, cy = p->nz[i] * hx - p->nx[i] * hz, cz = p->nx[i] * hy - p->ny[i] * hx;
+        const float square = hx * hx + hy * hy + hz * hz;
+        float vh, d;
+        hh[i] = square > 1e-12f ? square : 1e-12f;
+        sin2[i] = cx * cx + cy * cy + cz * cz;
+        nv[i] = p->nv[i] > 1e-4f ? p->nv[i] : 1e-4f;
+        nh[i] = clipped[i] + nv[i];
+        vh = 0.5f * sqrtf(hh[i]); /* h.v of the unit half vector: (1 + l.v)/|h| = |h|/2 */
+        /* Few samples of a large light in a narrow lobe would be noise: each stands for a patch of solid angle w, of w/(4 h.v) among the
+         * half vectors, and the lobe is widened by about that patch. (Convolving with a Gaussian adds the variances; a lobe's is half
+         * the square of its width.) */
+        width2[i] = p->width2[i] + a->spread[i] * (1.0f / 8.0f) / vh;
+        d = vh < 1.0f ? 1.0f - vh : 0.0f;
+        fresnel[i] = d * d * (d * d) * d;
+    }
+    if (HAS(p, GGX))
+        for (int i = 0; i < N; i++)
+            shape[i] = pell_lobe_ggx(width2[i] < 1.0f ? width2[i] : 1.0f, clipped[i], nv[i], sin2[i], nh[i], hh[i]);
+    if (HAS(p, KELEMEN))
+        for (int i = 0; i < N; i++) {
+            const float kelemen = pell_lobe_kelemen(width2[i], sin2[i], nh[i], hh[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_KELEMEN ? kelemen : shape[i];
+        }
+    if (HAS(p, PHONG))
+        for (int i = 0; i < N; i++) {
+            const float phong = pell_lobe_phong(width2[i] < 1.0f ? width2[i] : 1.0f, clipped[i], nv[i], sin2[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_PHONG ? phong : shape[i];
+        }
+    if (HAS(p, BLINN_PHONG))
+        for (int i = 0; i < N; i++) {
+            const float blinn = pell_lobe_blinn_phong(width2[i] < 1.0f ? width2[i] : 1.0f, sin2[i], hh[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_BLINN_PHONG ? blinn : shape[i];
+        }
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float w = shape[i] * facing[i] * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
+            const float add = w * (p->f0[c][i] + (1.0f - p->f0[c][i]) * fresnel[i]), kept = add < BIG ? add : BIG;
+            sums->specular[c][i] += facing[i] > 0.0f ? kept : 0.0f;
+        }
+}
+
+static void front(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
+                  const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
+{
+    _Alignas(64) float mu[N], through[N], facing[N];
+
+    for (int i = 0; i < N; i++) {
+        const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
+                    g = ratio < 1.0f && p->lift[i] <= p->epsilon[i] ? ratio : 1.0f;
+        const float lit = nl * g * (1.0f + g - g * g);
+        mu[i] = nl;
+        facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
+    }
+    transmittance(t, p, mu, through);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float add = a->intensity[c][i] * a->falloff[i] * through[i] * facing[i], kept = add < BIG ? add : BIG;
+            sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
+        }
+    if (highlight)
+        add_highlight(p, a, facing, mu, sums);
+}
+
+static void unshadowed(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
+                       struct pell_sums *restrict sums)
+{
+    _Alignas(64) float mu[N], through[N];
+
+    for (int i = 0; i < N; i++)
+        mu[i] = a->nl[i] > 0.0f ? a->nl[i] : 0.0f;
+    transmittance(t, p, mu, through);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float add = a->intensity[c][i] * a->falloff[i] * through[i] * mu[i];
+            sums->unshadowed[c][i] += add < BIG ? add : BIG;
+        }
+}
+
+/* --- Loading ------------------------------------------------------------------------------------------------------------------ */
+
+/* Most packets are 4 x 4 pixels: four rows of four floats of a plane. Returns the distance of the rows, or 0. */
+static inline ptrdiff_t square(const int32_t *restrict index)
+{
+    const int32_t stride = index[4] - index[0];
+    int32_t differ = 0;
+
+    for (int i = 0; i < N; i++)
+        differ |= index[i] ^ (index[0] + (i >> 2) * stride + (i & 3));
+    return differ ? 0 : stride;
+}
+
+static inline void gather(const float *restrict plane, const int32_t *restrict index, ptrdiff_t rows, float *restrict out)
+{
+    if (rows) {
+        const float *p = plane + index[0];
+        for (int j = 0; j < 4; j++)
+            memcpy(out + 4 * j, p + rows * j, 4 * sizeof(float));
+        return;
+    }
+    for (int i = 0; i < N; i++)
+        out[i] = plane[index[i]];
+}
+
+static void load_place(const struct pell_lane_source *source, const float *restrict depth, const int32_t *restrict x,
+                       const int32_t *restrict y, struct pell_lanes *restrict p)
+{
+    const struct pell_view v = *source->view;
+    const uint32_t seed = pell_hash(source->seed);
+    const float ortho = v.orthographic ? 1.0f : 0.0f, inv = 1.0f / v.focal_px;
+    const float cx = (0.5f + v.shift_x - 0.5f * (float) v.width) * inv, cy = (0.5f * (float) v.height - 0.5f - v.shift_y) * inv;
+
+    for (int i = 0; i < N; i++) {
+        /* pell_view_ray: a perspective ray spreads with depth, an orthographic one starts beside the eye */
+        const float sx = (float) x[i] * inv + cx, sy = cy - (float) y[i] * inv, spread = ortho + (1.0f - ortho) * depth[i];
+        const float dx = (1.0f - ortho) * sx, dy = (1.0f - ortho) * sy;
+        const float wx = v.forward.x + dx * v.right.x + dy * v.up.x, wy = v.forward.y + dx * v.right.y + dy * v.up.y;
+        const float wz = v.forward.z + dx * v.right.z + dy * v.up.z, length = -1.0f / sqrtf(wx * wx + wy * wy + wz * wz);
+        const float px = v.origin.x + depth[i] * v.forward.x + spread * (sx * v.right.x + sy * v.up.x);
+        const float py = v.origin.y + depth[i] * v.forward.y + spread * (sx * v.right.y + sy * v.up.y);
+        const float pz = v.origin.z + depth[i] * v.forward.z + spread * (sx * v.right.z + sy * v.up.z);
+        const float ax = fabsf(px), ay = fabsf(py), az = fabsf(pz), axy = ax > ay ? ax : ay;
+        p->px[i] = px;
+        p->py[i] = py;
+        p->pz[i] = pz;
+        p->vx[i] = wx * length;
+        p->vy[i] = wy * length;
+        p->vz[i] = wz * length;
+        /* some 50 units in the last place of what the point was made of */
+        p->epsilon[i] = 6e-6f * ((axy > az ? axy : az) + depth[i]);
+    }
+    for (int i = 0; i < N; i++) {
+        const uint32_t hash = pell_hash((uint32_t) x[i] ^ pell_hash((uint32_t) y[i] ^ seed));
+        p->hash[0][i] = pell_hash(hash ^ 0x68bc21ebu);
+        p->hash[1][i] = pell_hash(hash ^ 0x02e5be93u);
+    }
+}
+
+/* The same for points that no eye sees. */
+static void load_points(const struct pell_lane_source *source, const float *restrict depth, const int32_t *restrict index,
+                        const int32_t *restrict x, const int32_t *restrict y, struct pell_lanes *restrict p)
+{
+    const uint32_t seed = pell_hash(source->seed);
+
+    for (int i = 0; i < N; i++) {
+        const uint32_t hash = pell_hash((uint32_t) x[i] ^ pell_hash((uint32_t) y[i] ^ seed));
+        p->px[i] = source->place[0][index[i]];
+        p->py[i] = source->place[1][index[i]];
+        p->pz[i] = source->place[2][index[i]];
+        p->vx[i] = p->gx[i];
+        p->vy[i] = p->gy[i];
+        p->vz[i] = p->gz[i];
+        p->epsilon[i] = 6e-6f * depth[i];
+        p->hash[0][i] = pell_hash(hash ^ 0x68bc21ebu);
+        p->hash[1][i] = pell_hash(hash ^ 0x02e5be93u);
+    }
+}
+
+static void load_roughness(struct pell_lanes *restrict p)
+{
+    for (int i = 0; i < N; i++) {
+        const float r = p->roughness[i], width = pell_lobe_width((enum pell_specular_model) p->model[i], r);
+        const float y0 = (r - PELL_ROUGHNESS_MIN) * ((PELL_ALBEDO_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN)), y1 = y0 > 0.0f ? y0 : 0.0f;
+        const float y = y1 < PELL_ALBEDO_ROUGHNESS - 1 ? y1 : PELL_ALBEDO_ROUGHNESS - 1;
+        const int32_t k0 = (int32_t) y, k = k0 < PELL_ALBEDO_ROUGHNESS - 2 ? k0 : PELL_ALBEDO_ROUGHNESS - 2;
+        p->width2[i] = width * width;
+        p->fraction[i] = y - (float) k;
+        p->albedo_at[i] += 2 * k;
+        p->rho[i] = (p->tint[0][i] + p->tint[1][i] + p->tint[2][i]) * (1.0f / 3.0f);
+    }
+}
+
+static void load_material(const float base[3][N], const float *restrict metallic, struct pell_lanes *restrict p)
+{
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float body = base[c][i] * (1.0f - metallic[i]);
+            p->f0[c][i] = p->fd[i] + metallic[i] * (base[c][i] - p->fd[i]);
+            p->albedo[c][i] = p->opaque[i] ? body : 1.0f;
+        }
+}
+
+/* What the planes would say of this material. */
+static void load_plain(const struct pell_material *m, struct pell_lanes *restrict p)
+{
+    const struct pell_surface_even e = pell_surface_even(m);
+
+    for (int i = 0; i < N; i++)
+        p->roughness[i] = e.roughness;
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            p->tint[c][i] = e.specular[c];
+            p->f0[c][i] = p->fd[i];
+            p->albedo[c][i] = 1.0f;
+        }
+}
+
+/* The same for single lanes. */
+static void load_some(const struct pell_material *const *some, float base[3][N], float *restrict metallic, struct pell_lanes *restrict p)
+{
+    for (int i = 0; some && i < N; i++) {
+        struct pell_surface_even e;
+        if (!some[i])
+            continue;
+        e = pell_surface_even(some[i]);
+        metallic[i] = 0.0f;
+        p->roughness[i] = e.roughness;
+        for (int c = 0; c < 3; c++) {
+            base[c][i] = 1.0f;
+            p->tint[c][i] = e.specular[c];
+        }
+    }
+}
+
+static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
+                 struct pell_lanes *restrict p, struct pell_sums *restrict sums)
+{
+    const struct pell_surface *s = source->surface;
+    const ptrdiff_t rows = square(index);
+    _Alignas(64) float depth[N], metallic[N], base[3][N];
+
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++)
+            sums->irradiance[c][i] = sums->specular[c][i] = sums->through[c][i] = sums->unshadowed[c][i] = 0.0f;
+    gather(s->depth, index, rows, depth);
+    gather(s->ng[0], index, rows, p->gx);
+    gather(s->ng[1], index, rows, p->gy);
+    gather(s->ng[2], index, rows, p->gz);
+    gather(s->ns[0], index, rows, p->nx);
+    gather(s->ns[1], index, rows, p->ny);
+    gather(s->ns[2], index, rows, p->nz);
+    gather(s->lift, index, rows, p->lift);
+    if (source->plain) {
+        load_plain(source->plain, p);
+    } else {
+        gather(s->roughness, index, rows, p->roughness);
+        gather(s->metallic, index, rows, metallic);
+        for (int c = 0; c < 3; c++) {
+            gather(s->base[c], index, rows, base[c]);
+            gather(s->specular[c], index, rows, p->tint[c]);
+        }
+        load_some(source->some, base, metallic, p);
+        load_material((const float(*)[N]) base, metallic, p);
+    }
+    if (source->place)
+        load_points(source, depth, index, x, y, p);
+    else
+        load_place(source, depth, x, y, p);
+    load_roughness(p);
+    for (int i = 0; i < N; i++) {
+        const float gn = p->gx[i] * p->nx[i] + p->gy[i] * p->ny[i] + p->gz[i] * p->nz[i];
+        p->ox[i] = p->px[i] + (p->lift[i] + p->epsilon[i]) * p->gx[i];
+        p->oy[i] = p->py[i] + (p->lift[i] + p->epsilon[i]) * p->gy[i];
+        p->oz[i] = p->pz[i] + (p->lift[i] + p->epsilon[i]) * p->gz[i];
+        p->nv[i] = p->nx[i] * p->vx[i] + p->ny[i] * p->vy[i] + p->nz[i] * p->vz[i];
+        p->gn[i] = gn > 1e-3f ? gn : 1e-3f;
+    }
+}
+
+static inline void scatter(const float *restrict in, const int32_t *restrict index, int count, ptrdiff_t rows, float *restrict plane)
+{
+    if (rows) {
+        for (int j = 0; j < 4; j++)
+            memcpy(plane + index[0] + rows * j, in + 4 * j, 4 * sizeof(float));
+        return;
+    }
+    for (int i = 0; i < count; i++)
+        plane[index[i]] = in[i];
+}
+
+static void store(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
+                  struct pell_lighting *out)
+{
+    const ptrdiff_t rows = count == N ? square(index) : 0;
+    _Alignas(64) float irradiance[N], through[N];
+
+    for (int c = 0; c < 3; c++) {
+        for (int i = 0; i < N; i++) {
+            irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
+            through[i] = sums->through[c][i] * p->albedo[c][i];
+        }
+        scatter(irradiance, index, count, rows, out->irradiance[c]);
+        scatter(through, index, count, rows, out->through[c]);
+        scatter(sums->specular[c], index, count, rows, out->specular[c]);
+    }
+}
+
+extern const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels);
+const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels) = { load, aim, front, unshadowed, store, shadow_rays };

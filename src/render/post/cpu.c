@@ -1,0 +1,247 @@
+/* SPDX-License-Identifier: MIT
+ * cpu.c - see post.h. */
+#include "render/post/stage.h"
+
+#include "image/color.h"
+#include "render/post/kernel.h"
+
+#include <float.h>
+
+#define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
+#define SKY_WHITE 16.0   /* an environment behind the thing may be brighter than the thing by far */
+#define METER_FACTOR 3.0 /* at most this times the key's exposure */
+
+enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
+
+struct task {
+    const struct pell_post_params *p;
+    float *const *color;
+    float *alpha;
+    float *const *display;
+    const struct pell_post_kernels *kernels;
+    float exposure, white, white_scale; /* 1 / white^2 */
+    bool curve;
+    bool plain; /* one colour behind all */
+    struct pell_post_tone tone;
+};
+
+static void measure_row(void *arg, int index, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_post_params *p = t->p;
+    const int y = p->rect.y0 + index;
+    const ptrdiff_t at = y * p->stride + p->rect.x0;
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    struct pell_post_measure m;
+    (void) worker;
+
+    t->kernels->measure(p->rect.x1 - p->rect.x0, color, t->alpha + at, &m);
+    p->rows[y * PER_ROW + SUM_LOG] = m.sum_log;
+    p->rows[y * PER_ROW + COUNT] = m.count;
+    p->rows[y * PER_ROW + INVALID] = m.invalid;
+    p->rows[y * PER_ROW + MAXIMUM] = m.maximum;
+}
+
+/* What the curve makes `shown` of, so that a background colour comes out as it was asked for:
+ * L (1 + L / white^2) = shown (1 + L), the positive root. */
+static float before_curve(const struct task *t, float shown)
+{
+    const float a = t->white_scale, b = 1.0f - shown;
+    if (!t->curve)
+        return shown;
+    return 2.0f * shown / (b + sqrtf(b * b + 4.0f * a * shown));
+}
+
+/* Radiance that a colour, as it is to be shown, stands for. */
+static void unexpose(const struct task *t, const float shown[3], float rgb[3])
+{
+    const float l = pell_luminance(shown);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = l > 0.0f ? shown[c] * (before_curve(t, l) / l) / t->exposure : 0.0f;
+}
+
+/* What the lens sees of an environment, which is infinitely far away. */
+static bool environment(const struct task *t, int x, int y, float rgb[3])
+{
+    const int n = t->p->lens->radius > 0.0f ? t->p->settings->msaa : 1;
+
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    for (int i = 0; i < n; i++) {
+        struct pell_view view = *t->p->view;
+        struct pell_vec3 start, direction;
+        float sky[3];
+        pell_view_through(&view, t->p->lens, i, n);
+        pell_view_ray(&view, (float) x, (float) y, &start, &direction);
+        if (!pell_lights_background(t->p->lights, vec3_normalize(direction), sky))
+            return false;
+        for (int c = 0; c < 3; c++)
+            rgb[c] += sky[c] / (float) n;
+    }
+    return true;
+}
+
+/* Radiance behind pixel (x, y) where it differs from pixel to pixel. */
+static void background(const struct task *t, int x, int y, float rgb[3])
+{
+    const struct pell_scene *scene = t->p->scene;
+    float shown[4];
+
+    if (scene->background == PELL_BACKGROUND_ENVIRONMENT) {
+        if (!environment(t, x, y, rgb))
+            unexpose(t, scene->background_color, rgb);
+    } else {
+        pell_image_sample(&scene->background_image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, false,
+                          ((float) x + 0.5f) / (float) t->p->width, ((float) y + 0.5f) / (float) t->p->height, shown);
+        unexpose(t, shown, rgb);
+    }
+}
+
+/* Lays pixels x0 to x1 of a row over what is behind them, where that is not one colour. */
+static void fill(const struct task *t, int y, int x0, int x1)
+{
+    const size_t row = (size_t) (y * t->p->stride);
+    const float *a = t->alpha + row;
+    float rgb[3];
+
+    if (t->plain)
+        return;
+    for (int x = x0; x < x1; x++)
+        if (a[x] < 1.0f) {
+            background(t, x, y, rgb);
+            for (int c = 0; c < 3; c++)
+                t->color[c][row + (size_t) x] += (1.0f - a[x]) * rgb[c];
+        }
+}
+
+/* What is shown of pixels x0 to x1. */
+static void show(const struct task *t, const struct pell_post_tone *tone, int y, int x0, int x1)
+{
+    const ptrdiff_t at = y * t->p->stride + x0;
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
+
+    t->kernels->finish(tone, x1 - x0, color, t->alpha + at, display);
+}
+
+/* Pixels that nothing can cover. */
+static void empty(const struct task *t, int y, int x0, int x1)
+{
+    const ptrdiff_t at = y * t->p->stride + x0;
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
+
+    if (x0 >= x1)
+        return;
+    t->kernels->empty(&t->tone, x1 - x0, color, t->alpha + at, display);
+    if (!t->plain) {
+        fill(t, y, x0, x1);
+        show(t, &t->tone, y, x0, x1);
+    }
+}
+
+static void finish_row(void *arg, int y, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_rect r = t->p->rect;
+    (void) worker;
+
+    if (y < r.y0 || y >= r.y1 || r.x0 >= r.x1) {
+        empty(t, y, 0, t->p->width);
+        return;
+    }
+    empty(t, y, 0, r.x0);
+    fill(t, y, r.x0, r.x1);
+    show(t, &t->tone, y, r.x0, r.x1);
+    empty(t, y, r.x1, t->p->width);
+}
+
+static void show_row(void *arg, int y, int worker)
+{
+    const struct task *t = arg;
+    struct pell_post_tone laid = t->tone;
+    (void) worker;
+
+    laid.lay = false;
+    show(t, &laid, y, 0, t->p->width);
+}
+
+static void bloom(struct pell_pool *pool, const struct task *t)
+{
+    const struct pell_post_params *p = t->p;
+    const struct pell_bloom_params params = { p->width, p->height, p->stride, p->settings->bloom,
+                                              0.01f * p->settings->bloom_radius * (float) p->height };
+    float *const planes[] = { t->color[0], t->color[1], t->color[2], t->alpha };
+
+    pell_bloom_render(pool, &params, planes, p->scene->background == PELL_BACKGROUND_TRANSPARENT ? 4 : 3, p->glow);
+    pell_pool_run(pool, p->height, show_row, (void *) t);
+}
+
+/* A background of one colour: its radiance, and how it is shown. Others are looked up pixel by pixel, over black. */
+static void prepare_background(struct task *t)
+{
+    const struct pell_scene *scene = t->p->scene;
+    const enum pell_background kind = scene->background;
+    const float curve = t->curve ? 1.0f : 0.0f;
+    struct pell_post_tone *tone = &t->tone;
+    float black[3] = { 0.0f };
+
+    *tone = (struct pell_post_tone) { t->exposure, kind == PELL_BACKGROUND_TRANSPARENT ? 0.0f : FLT_MAX, curve, curve * t->white_scale };
+    t->plain = kind == PELL_BACKGROUND_COLOR || kind == PELL_BACKGROUND_TRANSPARENT ||
+               (kind == PELL_BACKGROUND_IMAGE && !scene->background_image);
+    tone->lay = t->plain && kind != PELL_BACKGROUND_TRANSPARENT;
+    if (!tone->lay)
+        return;
+    unexpose(t, scene->background_color, tone->behind);
+    /* By who shows the rest of it, to the last bit: beside what covers it, too, it is one colour. */
+    t->kernels->finish(tone, 1, (float *const[]) { &black[0], &black[1], &black[2] }, &(float) { 0.0f },
+                       (float *const[]) { &tone->shown[0], &tone->shown[1], &tone->shown[2] });
+}
+
+void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
+                      float *const display[3], struct pell_post_result *result)
+{
+    const struct pell_settings *settings = params->settings;
+    struct task t = {
+        .p = params,
+        .color = color,
+        .alpha = alpha,
+        .display = display,
+        .kernels = pell_post_kernels_tables[pell_simd_best()],
+        .exposure = settings->exposure,
+        .white = settings->white,
+        .curve = settings->tonemap == PELL_TONEMAP_REINHARD,
+    };
+    const int y0 = params->rect.y0, y1 = params->rect.y1;
+    double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0, start;
+
+    if (y1 > y0)
+        pell_pool_run(pool, y1 - y0, measure_row, &t);
+    for (int y = y0; y < y1; y++) {
+        met += params->meter[2 * y];
+        met_count += params->meter[2 * y + 1];
+        sum += params->rows[y * PER_ROW + SUM_LOG];
+        count += params->rows[y * PER_ROW + COUNT];
+        invalid += params->rows[y * PER_ROW + INVALID];
+        maximum = fmax(maximum, params->rows[y * PER_ROW + MAXIMUM]);
+    }
+    if (!(t.exposure > 0.0f) && count > 0.0)
+        t.exposure = (float) fmin(METER_FACTOR * KEY / exp(sum / count), met > 0.0 ? PELL_PI * met_count / met : INFINITY);
+    if (!(t.exposure > 0.0f && t.exposure < 1e30f))
+        t.exposure = 1.0f;
+    if (!(t.white > 0.0f))
+        t.white = (float) fmax(maximum * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? SKY_WHITE : 1.0);
+    t.white_scale = 1.0f / (t.white * t.white);
+    prepare_background(&t);
+    pell_pool_run(pool, params->height, finish_row, &t);
+    start = pell_seconds();
+    if (settings->bloom > 0.0f)
+        bloom(pool, &t);
+    *result = (struct pell_post_result) {
+        .exposure = t.exposure,
+        .white = t.white,
+        .invalid = (int64_t) invalid,
+        .covered = met_count > 0.0,
+        .lit = met > 0.0 || maximum > 0.0,
+        .bloom = settings->bloom > 0.0f ? pell_seconds() - start : 0.0,
+    };
+}

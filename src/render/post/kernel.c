@@ -1,0 +1,185 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernel.c - see row.h; compiled once per SIMD level. All levels give the same bits.
+ */
+#include "render/post/kernel.h"
+
+#include "math/lanes.h"
+
+#include <float.h>
+
+#define LANES 16
+#define LN2 0.69314718055994530942
+
+/* --- Measuring ------------------------------------------------------------------------------------------------------------------ */
+
+/* One logarithm is taken a row, of the product: a logarithm costs more than all the rest. */
+struct product {
+    _Alignas(64) double of[LANES];
+    int64_t power; /* of two, besides */
+    int factors;   /* since the last was moved there */
+};
+
+/* Moves the powers of two over, so that all stays far inside a double's range. */
+static void normalize(struct product *restrict p)
+{
+    _Alignas(64) int64_t bits[LANES];
+    int64_t sum = 0;
+
+    memcpy(bits, p->of, sizeof(bits));
+    for (int i = 0; i < LANES; i++) {
+        sum += (bits[i] >> 52) - 1023;
+        bits[i] = (bits[i] & 0xfffffffffffff) | (int64_t) 1023 << 52;
+    }
+    memcpy(p->of, bits, sizeof(bits));
+    p->power += sum;
+    p->factors = 0;
+}
+
+static double logarithm(struct product *p)
+{
+    double all = 1.0;
+
+    normalize(p);
+    for (int i = 0; i < LANES; i++)
+        all *= p->of[i];
+    return log(all) + (double) p->power * LN2;
+}
+
+static void mend(int count, float *restrict r, float *restrict g, float *restrict b, const float *a, struct pell_post_measure *out)
+{
+    for (int i = 0; i < count; i++)
+        if (a[i] != 0.0f && !isfinite(r[i] + g[i] + b[i])) {
+            r[i] = g[i] = b[i] = 0.0f;
+            out->invalid += 1.0;
+        }
+}
+
+/* A whole block. */
+INLINE void measure_block(float *restrict r, float *restrict g, float *restrict b, float *restrict a, struct product *restrict p,
+                          float *restrict largest, struct pell_post_measure *restrict out)
+{
+    _Alignas(64) float factor[LANES];
+    vi covered = { 0 }, bad = { 0 };
+
+    for (int at = 0; at < LANES; at += WIDTH) {
+        const vf sum = magnitude(load(r + at) + load(g + at) + load(b + at));
+        covered |= load(a + at) != 0.0f;
+        bad |= ~(sum <= FLT_MAX);
+    }
+    if (!any(covered))
+        return;
+    if (any(bad))
+        mend(LANES, r, g, b, a, out);
+    for (int at = 0; at < LANES; at += WIDTH) {
+        const vf given = load(a + at), alpha = select(given > 0.9999f, all(1.0f), given); /* a sum of weights 1/n */
+        const vf l = (0.2126f * load(r + at) + 0.7152f * load(g + at) + 0.0722f * load(b + at)) / select(alpha != 0.0f, alpha, all(1.0f));
+        const vi on = (alpha > 0.5f) & (l > 1e-30f);
+        const vf counted = select(on, l, all(0.0f)), before = load(largest + at);
+        store(a + at, alpha);
+        store(factor + at, select(on, select(l < 1e30f, l, all(1e30f)), all(1.0f)));
+        store(largest + at, select(counted > before, counted, before));
+        out->count += (double) __builtin_popcount(members(on));
+    }
+    for (int i = 0; i < LANES; i++)
+        p->of[i] *= (double) factor[i];
+    if (++p->factors == 8)
+        normalize(p);
+}
+
+static void measure(int count, float *const color[3], float *alpha, struct pell_post_measure *out)
+{
+    _Alignas(64) float largest[LANES] = { 0 };
+    struct product p = { .power = 0 };
+    int x = 0;
+
+    *out = (struct pell_post_measure) { 0 };
+    for (int i = 0; i < LANES; i++)
+        p.of[i] = 1.0;
+    for (; x + LANES <= count; x += LANES)
+        measure_block(color[0] + x, color[1] + x, color[2] + x, alpha + x, &p, largest, out);
+    if (x < count) {
+        const size_t bytes = (size_t) (count - x) * sizeof(float);
+        _Alignas(64) float rest[4][LANES] = { { 0 } };
+        for (int c = 0; c < 4; c++)
+            memcpy(rest[c], (c < 3 ? color[c] : alpha) + x, bytes);
+        measure_block(rest[0], rest[1], rest[2], rest[3], &p, largest, out);
+        for (int c = 0; c < 4; c++)
+            memcpy((c < 3 ? color[c] : alpha) + x, rest[c], bytes);
+    }
+    for (int i = 0; i < LANES; i++)
+        out->maximum = (double) largest[i] > out->maximum ? (double) largest[i] : out->maximum;
+    out->sum_log = logarithm(&p);
+}
+
+/* --- Showing -------------------------------------------------------------------------------------------------------------------- */
+
+INLINE void put(const float v[3], int count, float *const planes[3], int x)
+{
+    for (int c = 0; c < 3; c++) {
+        float *restrict out = planes[c] + x;
+        for (int i = 0; i < count; i++)
+            out[i] = v[c];
+    }
+}
+
+/* A whole block. */
+INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], const float *alpha, float *const display[3], int x)
+{
+    for (int at = x; at < x + LANES; at += WIDTH) {
+        const vf a = load(alpha + at), through = 1.0f - a, e = t->exposure / select(a > t->straight, a, all(1.0f));
+        vf v[3], lum, l, scale;
+
+        for (int c = 0; c < 3; c++) {
+            v[c] = load(color[c] + at);
+            if (t->lay) {
+                v[c] += through * t->behind[c];
+                store(color[c] + at, v[c]);
+            }
+        }
+        lum = e * (0.2126f * v[0] + 0.7152f * v[1] + 0.0722f * v[2]);
+        l = greater(lum, all(0.0f));
+        scale = e * (1.0f + l * t->white_scale) / (1.0f + l * t->curve);
+        for (int c = 0; c < 3; c++)
+            store(display[c] + at, lesser(greater(v[c] * scale, all(0.0f)), all(1.0f)));
+    }
+}
+
+static void finish(const struct pell_post_tone *tone, int count, float *const color[3], const float *alpha, float *const display[3])
+{
+    const struct pell_post_tone t = *tone;
+    int x = 0;
+
+    for (; x + LANES <= count; x += LANES) {
+        vi covered = { 0 };
+        for (int at = x; at < x + LANES; at += WIDTH)
+            covered |= load(alpha + at) != 0.0f;
+        if (t.lay && !any(covered)) { /* what is not covered is black */
+            put(t.behind, LANES, color, x);
+            put(t.shown, LANES, display, x);
+        } else {
+            finish_block(&t, color, alpha, display, x);
+        }
+    }
+    if (x < count) {
+        const size_t bytes = (size_t) (count - x) * sizeof(float);
+        _Alignas(64) float rest[7][LANES] = { { 0 } };
+        for (int c = 0; c < 4; c++)
+            memcpy(rest[c], (c < 3 ? color[c] : alpha) + x, bytes);
+        finish_block(&t, (float *const[]) { rest[0], rest[1], rest[2] }, rest[3], (float *const[]) { rest[4], rest[5], rest[6] }, 0);
+        for (int c = 0; c < 3; c++) {
+            memcpy(color[c] + x, rest[c], bytes);
+            memcpy(display[c] + x, rest[4 + c], bytes);
+        }
+    }
+}
+
+static void empty(const struct pell_post_tone *tone, int count, float *const color[3], float *alpha, float *const display[3])
+{
+    memset(alpha, 0, (size_t) count * sizeof(*alpha));
+    put(tone->behind, count, color, 0);
+    put(tone->shown, count, display, 0);
+}
+
+extern const struct pell_post_kernels PELL_SIMD(pell_post_kernels);
+const struct pell_post_kernels PELL_SIMD(pell_post_kernels) = { measure, finish, empty };

@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernel.h - what post does to pixels that lie side by side in a row, built once per SIMD level (row.c); only post.c includes it.
+ */
+#ifndef PELL_POST_ROW_H
+#define PELL_POST_ROW_H
+
+#include "base/simd.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* Of covered pixels, a row's: those that are covered by more than half and not black count. */
+struct pell_post_measure {
+    double sum_log; /* of their luminances */
+    double count, maximum, invalid;
+};
+
+struct pell_post_tone {
+    float exposure, straight;  /* colours are divided by alphas over this */
+    float curve, white_scale;
+    bool lay;                  /* colours are to be laid over `behind` */
+    float behind[3], shown[3]; /* and what is shown of it where nothing else is */
+};
+
+struct pell_post_kernels {
+    /* Mends what is not a number, and alphas that are 1 but for rounding. */
+    void (*measure)(int count, float *const color[3], float *alpha, struct pell_post_measure *out);
+    void (*finish)(const struct pell_post_tone *tone, int count, float *const color[3], const float *alpha, float *const display[3]);
+    /* Pixels that nothing covers. */
+    void (*empty)(const struct pell_post_tone *tone, int count, float *const color[3], float *alpha, float *const display[3]);
+};
+
+PELL_SIMD_TABLES(struct pell_post_kernels, pell_post_kernels);
+
+#endif

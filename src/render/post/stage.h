@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stage.h - stage "post": background, bloom, exposure, tone mapping.
+ *
+ * Photographic tone reproduction (Reinhard, Stark, Shirley, Ferwerda 2002): L = exposure x luminance, L_d = L (1 + L / white^2) / (1 + L),
+ * colour scaled by L_d / L.
+ *
+ * Exposure, where the user gives none, is metered over the pixels that something covers, as a photographer would with two meters: by the
+ * light that arrives (a white Lambertian surface in the mean irradiance becomes 1, so milk stays white and ketchup dark), but never
+ * more than three times what the key 0.18 of the log-average luminance asks for, so that what is lit from behind does not burn out.
+ */
+#ifndef PELL_POST_H
+#define PELL_POST_H
+
+#include "render/irradiance/stage.h"
+#include "render/post/bloom.h"
+
+struct pell_post_params {
+    const struct pell_scene *scene;
+    const struct pell_view *view;     /* unshifted, through the middle of the lens */
+    const struct pell_lens *lens;     /* that the picture was made through */
+    const struct pell_lights *lights; /* for an environment as background */
+    const struct pell_settings *settings;
+    int width, height;
+    struct pell_rect rect;            /* of the composite: outside it color and alpha hold nothing and become the background */
+    ptrdiff_t stride;
+    const double *meter;              /* of the composite: 2 numbers a row */
+    double *rows;                     /* scratch: 4 numbers a row */
+    float *const *glow;               /* scratch: PELL_BLOOM_PLANES planes; not read without bloom */
+};
+
+struct pell_post_result {
+    float exposure, white;
+    int64_t invalid;
+    bool covered, lit; /* something is in view; light arrives at it */
+    double bloom;      /* seconds of it */
+};
+
+/* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure), with bloom; `display` gets the
+ * shown picture. Exposure and white are those of the picture without bloom. Where the background is transparent bloom spreads alpha as it
+ * does light, so the picture may be laid over any even background afterwards. Allocates nothing; the same bits for any number of
+ * threads. */
+void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
+                      float *const display[3], struct pell_post_result *result);
+
+#endif

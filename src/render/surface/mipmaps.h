@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: MIT
+ * mipmaps.h - what mips.c and packet.c share. */
+#ifndef PELL_SURFACE_MIPS_H
+#define PELL_SURFACE_MIPS_H
+
+#include "image/color.h"
+#include "render/surface/stage.h"
+
+/* The maps of a material that the surface stage reads, in this order. */
+enum surface_map {
+    SURFACE_MAP_BASE,
+    SURFACE_MAP_NORMAL,
+    SURFACE_MAP_ROUGHNESS,
+    SURFACE_MAP_METALLIC,
+    SURFACE_MAP_RHO_S,
+    SURFACE_MAP_SPECULAR,
+    SURFACE_MAP_STRENGTH,
+    SURFACE_MAP_EMISSIVE,
+    SURFACE_MAPS
+};
+
+static inline const struct pell_texture_map *surface_map(const struct pell_material *m, enum surface_map map)
+{
+    switch (map) {
+    case SURFACE_MAP_BASE:
+        return &m->base_color_map;
+    case SURFACE_MAP_NORMAL:
+        return &m->normal_map;
+    case SURFACE_MAP_ROUGHNESS:
+        return &m->roughness_map;
+    case SURFACE_MAP_METALLIC:
+        return &m->metallic_map;
+    case SURFACE_MAP_RHO_S:
+        return &m->rho_s_map;
+    case SURFACE_MAP_SPECULAR:
+        return &m->specular_color_map;
+    case SURFACE_MAP_STRENGTH:
+        return &m->strength_map;
+    default:
+        return &m->emissive_map;
+    }
+}
+
+#define SURFACE_MIP_LEVELS 32
+
+/* Level 0 is the scene's own picture. Smaller levels of 8 and 16 bit pictures are linear RGBA of 16 bits, red in the lowest: 8 bytes a
+ * texel whatever the source holds, 2.7 bytes per texel of the source in all, and no sRGB to undo per pixel. Smaller levels of float
+ * pictures are float pictures. Each level halves the one before by an area-weighted box. */
+struct pyramid {
+    struct pell_image image; /* level 0, borrowed */
+    int levels;
+    int width[SURFACE_MIP_LEVELS], height[SURFACE_MIP_LEVELS];
+    uint64_t *texels[SURFACE_MIP_LEVELS];       /* from 1 on; NULL for float pictures */
+    struct pell_image floats[SURFACE_MIP_LEVELS]; /* from 1 on, float pictures */
+};
+
+struct pell_mips {
+    struct pell_context *ctx;
+    struct pyramid *pyramids; /* one a picture that a material of the scene reads */
+    size_t num_pyramids;
+    const struct pyramid **slots; /* [material * SURFACE_MAPS + map], NULL where there is no map */
+};
+
+/* 8 bits to 16 bits linear: of sRGB, and of numbers. */
+struct surface_decode {
+    uint16_t srgb[256], linear[256];
+};
+
+void surface_decode_make(struct surface_decode *decode);
+
+static inline uint16_t surface_decode16(const struct pell_image *image, uint16_t v)
+{
+    return image->srgb ? (uint16_t) (pell_srgb_decode_u16(v) * 65535.0f + 0.5f) : v;
+}
+
+/* One texel of an 8 or 16 bit picture as linear RGBA of 16 bits, red in the lowest: grey is copied, missing alpha is 1. */
+static inline uint64_t surface_texel(const struct pell_image *image, const struct surface_decode *decode, size_t at)
+{
+    const int n = image->channels;
+    uint64_t r, g, b, a = 65535;
+
+    if (image->type == PELL_PIXEL_U8) {
+        const uint8_t *p = (const uint8_t *) image->pixels + at * (size_t) n;
+        const uint16_t *table = image->srgb ? decode->srgb : decode->linear;
+        r = g = b = table[p[0]];
+        if (n >= 3) {
+            g = table[p[1]];
+            b = table[p[2]];
+        }
+        if (n == 2 || n == 4)
+            a = decode->linear[p[n - 1]];
+    } else {
+        const uint16_t *p = (const uint16_t *) image->pixels + at * (size_t) n;
+        r = g = b = surface_decode16(image, p[0]);
+        if (n >= 3) {
+            g = surface_decode16(image, p[1]);
+            b = surface_decode16(image, p[2]);
+        }
+        if (n == 2 || n == 4)
+            a = p[n - 1];
+    }
+    return r | g << 16 | b << 32 | a << 48;
+}
+
+/* Level 0 alone. */
+static inline struct pyramid pyramid_of(const struct pell_image *image)
+{
+    return (struct pyramid) { .image = *image, .levels = 1, .width = { image->width }, .height = { image->height } };
+}
+
+#endif

@@ -1,0 +1,494 @@
+/* SPDX-License-Identifier: MIT
+ * scene_file.c - Pellucid's own scene file: JSON that names meshes and says what glTF can't (data/scene.schema.json).
+ *
+ * Numbers of positions and lengths are in units of the mesh; texts carry their unit. Materials are overlaid in scene_material.c. */
+#include "scene/file/scene_file.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* --- Keys: with those of scene_light.c and scene_material.c the only list ----------------------------------------------------- */
+
+#define KEYS(name, ...) static const char *const name[] = { __VA_ARGS__ }
+KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "camera", "lights", "materials",
+     "background", "ground", "render");
+KEYS(mesh_keys, "path", "unit", "size", "translate", "rotate_deg", "scale", "material");
+KEYS(camera_keys, "from", "to", "up", "fov_deg", "ortho_height", "focus", "f_number");
+KEYS(background_keys, "color", "image", "ground");
+KEYS(render_keys, "method", "width", "height", "knobs"); /* and any other option of the command line: who renders knows them */
+
+#define ROW(object, keys) { object, keys, PELL_COUNT(keys) }
+const struct pell_scene_keys pell_scene_keys[] = {
+    ROW("", root_keys),
+    ROW("mesh", mesh_keys),
+    ROW("camera", camera_keys),
+    ROW("background", background_keys),
+    ROW("render", render_keys),
+    { "material", pell_material_keys, PELL_MATERIAL_KEYS },
+    { "specular", pell_specular_keys, PELL_SPECULAR_KEYS },
+    { "textures", pell_texture_keys, PELL_TEXTURE_KEYS },
+    { "layer", pell_layer_keys, PELL_LAYER_KEYS },
+    { 0 },
+};
+
+#define ONLY(at, keys) pell_json_only(at, keys, PELL_COUNT(keys))
+
+/* --- Meshes ------------------------------------------------------------------------------------------------------------------- */
+
+/* "unit" and "size" of an object; the caller's, if there are, stand above those of the file's top level. */
+static enum pell_result read_scale(const struct pell_json *at, struct pell_scale *scale)
+{
+    const struct pell_json unit = pell_json_get(at, "unit"), size = pell_json_get(at, "size");
+    enum pell_result res;
+
+    if (unit.value && size.value)
+        return pell_json_error(&size, PELL_ERR_FORMAT, "either of them settles the scale", "has both unit and size");
+    if (unit.value || size.value)
+        scale->mm_per_unit = scale->size_mm = 0.0;
+    if (unit.value)
+        PELL_TRY(pell_scene_text_length(&unit, false, &scale->mm_per_unit));
+    if (size.value)
+        PELL_TRY(pell_scene_text_length(&size, false, &scale->size_mm));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* translate x rotate x scale; rotations about the fixed axes x, then y, then z. */
+static enum pell_result read_placement(const struct pell_json *at, double unit, struct pell_mat4 *matrix)
+{
+    const struct pell_json factor = pell_json_get(at, "scale");
+    double move[3] = { 0 }, turn[3] = { 0 }, scale[3] = { 1, 1, 1 };
+    struct pell_mat4 m;
+    enum pell_result res;
+
+    PELL_TRY(pell_scene_position(at, "translate", unit, move));
+    PELL_TRY(pell_json_numbers(at, "rotate_deg", 3, -36000.0, 36000.0, turn));
+    if (json_is_number(factor.value)) {
+        PELL_TRY(pell_json_to_number(&factor, -1e6, 1e6, &scale[0]));
+        scale[1] = scale[2] = scale[0];
+    } else {
+        PELL_TRY(pell_json_numbers(at, "scale", 3, -1e6, 1e6, scale));
+    }
+    for (int c = 0; c < 3; c++)
+        if (fabs(scale[c]) < 1e-6)
+            return pell_json_error(&factor, PELL_ERR_FORMAT, NULL, "scales by %g, must be at least 1e-6 either way", scale[c]);
+    *matrix = mat4_identity();
+    for (int c = 0; c < 3; c++)
+        matrix->m[5 * c] = scale[c];
+    for (int axis = 0; axis < 3; axis++) {
+        const double sine = sin(turn[axis] * RADIANS), cosine = cos(turn[axis] * RADIANS);
+        const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+        m = mat4_identity();
+        m.m[4 * u + u] = m.m[4 * v + v] = cosine;
+        m.m[4 * u + v] = sine;
+        m.m[4 * v + u] = -sine;
+        *matrix = mat4_mul(&m, matrix);
+    }
+    for (int c = 0; c < 3; c++)
+        matrix->m[12 + c] = move[c];
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* "material" of a mesh: one of this file's materials, else a built-in one or a material file. */
+static enum pell_result set_mesh_material(struct pell_scene_reader *r, const struct pell_json *at, struct pell_scene *scene)
+{
+    const struct pell_json root = pell_json_root(&r->file), materials = pell_json_get(&root, "materials");
+    struct pell_material_entry entry = { 0 };
+    const char *name;
+    size_t index;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_to_string(at, &name));
+    if (materials.value && strcmp(name, "*") != 0 && pell_json_has(&materials, name)) {
+        PELL_TRY(pell_scene_add_material(scene, name, &index));
+        PELL_TRY(pell_material_apply(scene, index, scene->path, "marble")); /* what the overlay leaves unsaid */
+        for (size_t i = 0; i < scene->num_meshes; i++)
+            scene->meshes[i].material = (int) index;
+        return PELL_OK;
+    }
+    PELL_TRY(pell_scene_material_entry(r, at, name, &entry));
+    PELL_TRY(pell_scene_default_material(scene, true));
+    for (size_t i = 0; i < scene->num_materials; i++)
+        PELL_TRY(pell_material_set(r->ctx, &scene->materials[i], &entry));
+
+fail:
+    pell_free(r->ctx, (char *) entry.name);
+    return res;
+}
+
+/* `at` is a path or an object with one. */
+static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell_json *at)
+{
+    const bool plain = json_is_string(at->value);
+    const struct pell_json material = plain ? *at : pell_json_get(at, "material"), path_at = plain ? *at : pell_json_get(at, "path");
+    struct pell_scale scale = r->scale;
+    struct pell_scene *scene = NULL;
+    struct pell_mat4 matrix;
+    struct pell_text where;
+    const char *reference;
+    char *path = NULL;
+    uint8_t *data = NULL;
+    size_t size;
+    enum pell_result res;
+
+    scale.where = pell_json_where(at, &where);
+    if (!plain) {
+        PELL_TRY(ONLY(at, mesh_keys));
+        PELL_TRY(pell_json_require(at, "path"));
+        PELL_TRY(read_scale(at, &scale));
+    }
+    PELL_TRY(pell_json_to_string(&path_at, &reference));
+    res = pell_loader_read(r->loader, where.str, reference, &path, &data, &size);
+    if (res != PELL_OK) {
+        res = res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
+        goto fail;
+    }
+    PELL_TRY(pell_load_mesh(r->loader, path, data, size, &scale, &r->moment, &scene));
+    if (!plain) {
+        PELL_TRY(read_placement(at, scene->mm_per_unit, &matrix));
+        PELL_TRY(pell_scene_transform(scene, &matrix, 1.0));
+        if (material.value)
+            PELL_TRY(set_mesh_material(r, &material, scene));
+    }
+    if (r->scene->num_meshes == 0)
+        r->scene->mm_per_unit = scene->mm_per_unit;
+    PELL_TRY(pell_scene_merge(r->scene, scene));
+
+fail:
+    pell_scene_destroy(&scene);
+    pell_free(r->ctx, path);
+    pell_free(r->ctx, data);
+    return res;
+}
+
+static enum pell_result read_meshes(struct pell_scene_reader *r, const struct pell_json *root)
+{
+    const struct pell_load_params *params = r->loader->params;
+    const struct pell_json mesh = pell_json_get(root, "mesh");
+    struct pell_json meshes;
+    enum pell_result res;
+
+    PELL_TRY(read_scale(root, &r->scale));
+    if (params->mm_per_unit > 0.0 || params->size_mm > 0.0) {
+        r->scale.mm_per_unit = params->mm_per_unit;
+        r->scale.size_mm = params->size_mm;
+    }
+    PELL_TRY(pell_json_array(root, "meshes", 1, (size_t) pell_context_limits(r->ctx)->items, &meshes));
+    if (!mesh.value == !meshes.value)
+        return pell_json_error(root, PELL_ERR_FORMAT, NULL, mesh.value ? "has both mesh and meshes; one is allowed" : "has no mesh");
+    if (mesh.value)
+        PELL_TRY(read_mesh(r, &mesh));
+    for (size_t i = 0; i < pell_json_count(&meshes); i++) {
+        const struct pell_json at = pell_json_at(&meshes, i);
+        PELL_TRY(read_mesh(r, &at));
+    }
+    r->unit = r->scale.mm_per_unit > 0.0 ? r->scale.mm_per_unit : r->scene->mm_per_unit;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Camera ------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result read_camera(struct pell_scene_reader *r, const struct pell_json *root)
+{
+    const struct pell_json at = pell_json_get(root, "camera");
+    double from[3], to[3] = { 0 }, fov = 20.0;
+    struct pell_camera camera = { .up = { 0, 1, 0 } }, swap;
+    struct pell_text where;
+    const char *name;
+    size_t index;
+    enum pell_result res;
+
+    if (!at.value)
+        return PELL_OK;
+    if (json_is_string(at.value)) {
+        PELL_TRY(pell_json_to_string(&at, &name));
+        return pell_scene_choose_camera(r->scene, pell_json_where(&at, &where), name, PELL_ERR_FORMAT);
+    }
+    PELL_TRY(ONLY(&at, camera_keys));
+    PELL_TRY(pell_json_require(&at, "from"));
+    PELL_TRY(pell_scene_position(&at, "from", r->unit, from));
+    PELL_TRY(pell_scene_position(&at, "to", r->unit, to));
+    PELL_TRY(pell_scene_aim(&at, "to", from, to, camera.forward));
+    PELL_TRY(pell_scene_direction(&at, "up", camera.up));
+    if (pell_json_has(&at, "fov_deg") && pell_json_has(&at, "ortho_height"))
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "has both fov_deg and ortho_height; one is allowed");
+    PELL_TRY(pell_json_number(&at, "fov_deg", 0.01, 179.0, &fov));
+    PELL_TRY(pell_scene_length(&at, "ortho_height", r->unit, &camera.ortho_height));
+    PELL_TRY(pell_scene_length(&at, "focus", r->unit, &camera.focus));
+    PELL_TRY(pell_json_float(&at, "f_number", 0.1, 1e6, &camera.f_number));
+    for (int c = 0; c < 3; c++)
+        camera.position[c] = (float) from[c];
+    camera.fov = (float) (fov * RADIANS);
+    PELL_TRY(pell_scene_add_camera(r->scene, "scene file", &index));
+    camera.name = r->scene->cameras[index].name;
+    r->scene->cameras[index] = camera;
+    swap = r->scene->cameras[0];
+    r->scene->cameras[0] = r->scene->cameras[index];
+    r->scene->cameras[index] = swap;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Background, ground ------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result read_background(struct pell_scene_reader *r, const struct pell_json *root, struct pell_json *ground)
+{
+    static const char *const names[] = { "environment", "transparent" };
+    const struct pell_json at = pell_json_get(root, "background");
+    struct pell_scene *scene = r->scene;
+    bool environment = false;
+    int which = 0;
+    enum pell_result res;
+
+    for (size_t i = 0; i < scene->num_lights; i++)
+        environment |= scene->lights[i].type == PELL_LIGHT_ENVIRONMENT;
+    if (environment)
+        scene->background = PELL_BACKGROUND_ENVIRONMENT;
+    if (!at.value)
+        return PELL_OK;
+    if (json_is_string(at.value)) {
+        PELL_TRY(pell_json_choice(root, "background", names, PELL_COUNT(names), &which));
+        scene->background = which == 0 ? PELL_BACKGROUND_ENVIRONMENT : PELL_BACKGROUND_TRANSPARENT;
+        if (which == 0 && !environment)
+            return pell_json_error(&at, PELL_ERR_FORMAT, "add { \"type\": \"environment\", ... } to the lights",
+                                   "is the environment, but no light is one");
+        return PELL_OK;
+    }
+    PELL_TRY(ONLY(&at, background_keys));
+    if (pell_json_has(&at, "color") && pell_json_has(&at, "image"))
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "has both color and image; one is allowed");
+    if (pell_json_has(&at, "color"))
+        scene->background = PELL_BACKGROUND_COLOR;
+    PELL_TRY(pell_scene_rgb(&at, "color", 1e6, scene->background_color));
+    PELL_TRY(pell_scene_need_picture_at(r, &at, "image", &scene->background_image));
+    if (scene->background_image)
+        scene->background = PELL_BACKGROUND_IMAGE;
+    if (pell_json_has(&at, "ground")) {
+        if (ground->value)
+            return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "ground stands here and beside background; one is allowed");
+        r->background = at; /* keeps the place of `ground` alive */
+        *ground = pell_json_get(&r->background, "ground");
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* true, a material's name, or a material of its own. */
+static enum pell_result read_ground(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
+{
+    struct pell_material_entry entry = { 0 };
+    const char *name = "ground";
+    size_t index;
+    enum pell_result res;
+
+    if (!at->value || json_is_false(at->value))
+        return PELL_OK;
+    extras->ground = true;
+    if (json_is_true(at->value))
+        return PELL_OK;
+    if (json_is_object(at->value)) {
+        PELL_TRY(pell_scene_add_material(r->scene, name, &index));
+        PELL_TRY(pell_material_apply(r->scene, index, r->scene->path, "marble"));
+        PELL_TRY(pell_scene_overlay(r, at, index));
+        extras->ground_material = (int) index;
+        return PELL_OK;
+    }
+    if (!json_is_string(at->value))
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "must be true, a material's name, or a material");
+    PELL_TRY(pell_json_to_string(at, &name));
+    for (size_t i = 0; i < r->scene->num_materials; i++)
+        if (strcmp(r->scene->materials[i].name, name) == 0) {
+            extras->ground_material = (int) i;
+            return PELL_OK;
+        }
+    PELL_TRY(pell_scene_material_entry(r, at, name, &entry));
+    PELL_TRY(pell_scene_add_material(r->scene, "ground", &index));
+    PELL_TRY(pell_material_set(r->ctx, &r->scene->materials[index], &entry));
+    extras->ground_material = (int) index;
+
+fail:
+    pell_free(r->ctx, (char *) entry.name);
+    return res;
+}
+
+/* --- Render options ----------------------------------------------------------------------------------------------------------- */
+
+static bool number_text(const json_t *value, char *text, size_t size)
+{
+    if (json_is_integer(value))
+        snprintf(text, size, "%" JSON_INTEGER_FORMAT, json_integer_value(value));
+    else if (json_is_real(value))
+        pell_format_number(json_real_value(value), false, text, size);
+    else
+        return false;
+    return true;
+}
+
+static enum pell_result add_option(struct pell_scene_reader *r, const struct pell_json *at, const char *prefix, const char *key)
+{
+    struct pell_text name = { 0 }, value = { 0 }, where;
+    const char *text = value.str;
+    char number[64];
+
+    pell_text_add(&name, "%s%s", prefix, key);
+    if (json_is_string(at->value)) {
+        text = json_string_value(at->value);
+    } else if (json_is_boolean(at->value)) {
+        text = json_is_true(at->value) ? "true" : "false";
+    } else if (number_text(at->value, number, sizeof(number))) {
+        text = number;
+    } else if (json_is_array(at->value) && json_array_size(at->value) == 3) {
+        for (size_t i = 0; i < 3; i++) {
+            const struct pell_json element = pell_json_at(at, i);
+            if (!number_text(element.value, number, sizeof(number)))
+                return pell_json_error(&element, PELL_ERR_FORMAT, NULL, "must be a number");
+            pell_text_add(&value, "%s%s", i ? "," : "", number);
+        }
+    } else {
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "must be a number, a text, true, false, or three numbers");
+    }
+    return pell_scene_add_option(r->scene, name.str, text, pell_json_where(at, &where));
+}
+
+static enum pell_result read_render(struct pell_scene_reader *r, const struct pell_json *root, struct pell_extras *extras)
+{
+    struct pell_json render, knobs;
+    double width = 1280.0, height = 720.0;
+    const char *key;
+    json_t *value;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_object(root, "render", &render));
+    if (!render.value)
+        return PELL_OK;
+    json_object_foreach((json_t *) render.value, key, value) {
+        const struct pell_json at = pell_json_get(&render, key);
+        if (strcmp(key, "knobs") != 0)
+            PELL_TRY(add_option(r, &at, "", key));
+    }
+    PELL_TRY(pell_json_object(&render, "knobs", &knobs));
+    json_object_foreach((json_t *) knobs.value, key, value) {
+        const struct pell_json at = pell_json_get(&knobs, key);
+        PELL_TRY(add_option(r, &at, "knobs/", key));
+    }
+    PELL_TRY(pell_json_number(&render, "width", 1.0, 1e6, &width));
+    PELL_TRY(pell_json_number(&render, "height", 1.0, 1e6, &height));
+    extras->aspect = (float) (width / height);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Time --------------------------------------------------------------------------------------------------------------------- */
+
+/* "time" and "animation": a name, or a number from 0. */
+static enum pell_result read_moment(struct pell_scene_reader *r, const struct pell_json *root)
+{
+    const struct pell_json at = pell_json_get(root, "animation");
+    struct pell_moment *m = &r->moment;
+    int64_t number;
+    enum pell_result res;
+
+    m->timed = pell_json_has(root, "time") || at.value;
+    PELL_TRY(pell_json_number(root, "time", -1e9, 1e9, &m->time));
+    if (json_is_number(at.value)) {
+        PELL_TRY(pell_json_to_int(&at, 0, pell_context_limits(r->ctx)->items, &number));
+        snprintf(r->animation, sizeof(r->animation), "%lld", (long long) number);
+        m->animation = r->animation;
+    } else if (at.value) {
+        PELL_TRY(pell_json_to_string(&at, &m->animation));
+    }
+    m->where = pell_json_where(&at, &r->moment_where);
+    m->code = PELL_ERR_FORMAT;
+    pell_load_moment(r->loader->params, m);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result check_moment(const struct pell_scene_reader *r, const struct pell_json *root)
+{
+    const struct pell_json time = pell_json_get(root, "time"), animation = pell_json_get(root, "animation");
+
+    if (r->scene->animated)
+        return PELL_OK;
+    if (animation.value)
+        return pell_json_error(&animation, PELL_ERR_FORMAT, NULL, "no mesh file has an animation");
+    if (time.value)
+        pell_json_warn(&time, NULL, "changes nothing: no mesh file has an animation");
+    return PELL_OK;
+}
+
+/* --- All ---------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result read_root(struct pell_scene_reader *r, const struct pell_json *root, struct pell_extras *extras)
+{
+    struct pell_json ground = pell_json_get(root, "ground");
+    const char *schema;
+    int64_t version;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_require(root, "pellucid"));
+    PELL_TRY(pell_json_int(root, "pellucid", 1, 1, &version));
+    PELL_TRY(ONLY(root, root_keys));
+    PELL_TRY(pell_json_string(root, "$schema", &schema));
+    PELL_TRY(read_moment(r, root));
+    PELL_TRY(read_meshes(r, root));
+    PELL_TRY(check_moment(r, root));
+    PELL_TRY(read_camera(r, root));
+    PELL_TRY(pell_scene_lights(r, root, extras));
+    PELL_TRY(pell_scene_overlay_all(r, root));
+    PELL_TRY(read_background(r, root, &ground));
+    PELL_TRY(read_ground(r, &ground, extras));
+    PELL_TRY(read_render(r, root, extras));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_read_scene_file(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
+                                      struct pell_scene **out, struct pell_extras *extras)
+{
+    struct pell_scene_reader r = {
+        .ctx = loader->ctx, .loader = loader, .file = { .ctx = loader->ctx, .path = path, .range = PELL_ERR_FORMAT }, .unit = 1.0
+    };
+    struct pell_json root;
+    enum pell_result res;
+
+    *out = NULL;
+    r.import =
+        (struct pell_import){ .ctx = loader->ctx, .path = path, .root = loader->root, .allow_outside = loader->params->allow_outside };
+    PELL_TRY(pell_json_parse(&r.file, data, size));
+    root = pell_json_root(&r.file);
+    PELL_TRY(pell_json_is_object(&root));
+    PELL_TRY(pell_scene_create(loader->ctx, &r.scene));
+    pell_free(loader->ctx, r.scene->path);
+    r.scene->path = pell_strdup(loader->ctx, path);
+    if (!r.scene->path) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    PELL_TRY(read_root(&r, &root, extras));
+    *out = r.scene;
+    r.scene = NULL;
+
+fail:
+    pell_scene_destroy(&r.scene);
+    pell_json_finish(&r.file);
+    return res;
+}

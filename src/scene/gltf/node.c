@@ -1,0 +1,590 @@
+/* SPDX-License-Identifier: MIT
+ * node.c - the node hierarchy of glTF 2.0 (section 3.5 of the specification), instances, cameras (3.10) and KHR_lights_punctual.
+ *
+ * Nodes form strict trees: a node with two parents, a cycle, or a scene that names a node twice is refused, so a file can't grow by being
+ * walked. The walk keeps its own stack.
+ *
+ * KHR_lights_punctual is photometric (candela, lux). Its numbers are taken for radiometric ones, W/sr and W/m^2, as most renderers do:
+ * a scene without physical exposure looks the same either way, and a luminous efficacy would have to be made up. */
+#include "scene/gltf/gltf.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+/* --- The tree --------------------------------------------------------------------------------------------------------------- */
+
+/* Fills in the parents and refuses second ones and cycles. `mark` is room for a number a node. */
+static enum pell_result find_parents(struct gltf *g, size_t count, int32_t *mark)
+{
+    enum pell_result res;
+
+    for (size_t i = 0; i < count; i++)
+        g->node[i].parent = -1;
+    for (size_t i = 0; i < count; i++) {
+        const struct pell_json node = pell_json_at(&g->nodes, i);
+        struct pell_json children;
+        PELL_TRY(pell_json_is_object(&node));
+        PELL_TRY(pell_json_array(&node, "children", 0, count, &children));
+        for (size_t k = 0; k < pell_json_count(&children); k++) {
+            const struct pell_json at = pell_json_at(&children, k);
+            int64_t child;
+            PELL_TRY(pell_json_to_int(&at, 0, (int64_t) count - 1, &child));
+            if (g->node[child].parent >= 0)
+                return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                                       "node %" PRId64 " is a child of node %" PRId32 " already, allowed: one parent", child,
+                                       g->node[child].parent);
+            g->node[child].parent = (int32_t) i;
+        }
+    }
+    /* With one parent each, walking up from a node ends at a root or comes back to a node of the same walk. */
+    memset(mark, 0, count * sizeof(*mark));
+    for (size_t i = 0; i < count; i++) {
+        const int32_t walk = (int32_t) i + 1;
+        int32_t n = (int32_t) i;
+        while (n >= 0 && mark[n] == 0) {
+            mark[n] = walk;
+            n = g->node[n].parent;
+        }
+        if (n >= 0 && mark[n] == walk) {
+            const struct pell_json node = pell_json_at(&g->nodes, (size_t) n);
+            return pell_json_error(&node, PELL_ERR_FORMAT, NULL, "the node is its own ancestor, allowed: trees without cycles");
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static bool is_finite_matrix(const struct pell_mat4 *m)
+{
+    for (int i = 0; i < 16; i++)
+        if (!isfinite(m->m[i]))
+            return false;
+    return true;
+}
+
+/* Translation, unit quaternion (x, y, z, w), scale: T R S. */
+static struct pell_mat4 compose(const double t[3], const double q[4], const double s[3])
+{
+    const double x = q[0], y = q[1], z = q[2], w = q[3];
+    return (struct pell_mat4) { {
+        s[0] * (1 - 2 * (y * y + z * z)), s[0] * 2 * (x * y + z * w), s[0] * 2 * (x * z - y * w), 0,
+        s[1] * 2 * (x * y - z * w), s[1] * (1 - 2 * (x * x + z * z)), s[1] * 2 * (y * z + x * w), 0,
+        s[2] * 2 * (x * z + y * w), s[2] * 2 * (y * z - x * w), s[2] * (1 - 2 * (x * x + y * y)), 0,
+        t[0], t[1], t[2], 1,
+    } };
+}
+
+bool gltf_normalize_quaternion(double q[4], double *length)
+{
+    *length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(*length > 1e-12 && *length < 1e12))
+        return false;
+    for (int i = 0; i < 4; i++)
+        q[i] /= *length;
+    return true;
+}
+
+/* `pose` NULL, or what it does not move: as the node has it. */
+static enum pell_result local_matrix(struct gltf *g, const struct pell_json *node, const struct gltf_pose *pose, struct pell_mat4 *out)
+{
+    const double most = 1e30; /* products stay finite in doubles */
+    const struct pell_json matrix_at = pell_json_get(node, "matrix"), rotation_at = pell_json_get(node, "rotation");
+    double t[3] = { 0, 0, 0 }, q[4] = { 0, 0, 0, 1 }, s[3] = { 1, 1, 1 }, length;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_numbers(node, "translation", 3, -most, most, t));
+    PELL_TRY(pell_json_numbers(node, "rotation", 4, -most, most, q));
+    PELL_TRY(pell_json_numbers(node, "scale", 3, -most, most, s));
+    *out = mat4_identity();
+    if (matrix_at.value && pose && (pose->moved[GLTF_TRANSLATION] || pose->moved[GLTF_ROTATION] || pose->moved[GLTF_SCALE]))
+        return pell_json_error(&matrix_at, PELL_ERR_FORMAT, NULL,
+                               "an animation moves the node, allowed then: translation, rotation and scale");
+    if (matrix_at.value) {
+        PELL_TRY(pell_json_numbers(node, "matrix", 16, -most, most, out->m));
+        if (fabs(out->m[3]) > 1e-6 || fabs(out->m[7]) > 1e-6 || fabs(out->m[11]) > 1e-6 || fabs(out->m[15] - 1.0) > 1e-6)
+            return pell_json_error(&matrix_at, PELL_ERR_FORMAT, NULL, "the last row is %g %g %g %g, allowed: 0 0 0 1", out->m[3], out->m[7],
+                                   out->m[11], out->m[15]);
+        out->m[3] = out->m[7] = out->m[11] = 0.0;
+        out->m[15] = 1.0;
+        if (rotation_at.value || pell_json_get(node, "translation").value || pell_json_get(node, "scale").value)
+            gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node has a matrix and translation, rotation or scale: the matrix is used");
+        return PELL_OK;
+    }
+    if (!gltf_normalize_quaternion(q, &length))
+        return pell_json_error(&rotation_at, PELL_ERR_FORMAT, NULL, "the quaternion has length %g, allowed: 1", length);
+    if (fabs(length - 1.0) > 1e-3)
+        gltf_warn(g, GLTF_WARN_NODE, &rotation_at, NULL, "the quaternion has length %g instead of 1 and is normalised", length);
+    *out = compose(pose && pose->moved[GLTF_TRANSLATION] ? pose->value[GLTF_TRANSLATION] : t,
+                   pose && pose->moved[GLTF_ROTATION] ? pose->value[GLTF_ROTATION] : q,
+                   pose && pose->moved[GLTF_SCALE] ? pose->value[GLTF_SCALE] : s);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result gltf_node_world(struct gltf *g, int64_t index, const struct pell_mat4 **out)
+{
+    int32_t at = (int32_t) index, below = -1;
+    enum pell_result res;
+
+    /* up to what is known, then down the same way: trees are as deep as they like */
+    for (; at >= 0 && !g->node[at].placed; at = g->node[at].parent) {
+        g->node[at].below = below;
+        below = at;
+    }
+    while (below >= 0) {
+        struct gltf_node *n = &g->node[below];
+        const struct pell_json node = pell_json_at(&g->nodes, (size_t) below);
+        struct pell_mat4 local;
+        PELL_TRY(local_matrix(g, &node, g->pose ? &g->pose[below] : NULL, &local));
+        n->world = n->parent >= 0 ? mat4_mul(&g->node[n->parent].world, &local) : local;
+        if (!is_finite_matrix(&n->world))
+            return pell_json_error(&node, PELL_ERR_FORMAT, NULL, "the product of the transforms down to this node is not finite");
+        n->placed = true;
+        below = n->below;
+    }
+    *out = &g->node[index].world;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+bool gltf_has_area(const struct pell_mat4 *world)
+{
+    const double *m = world->m;
+    double largest = 0.0, cofactor = 0.0;
+
+    for (int a = 0; a < 3; a++)
+        for (int i = 0; i < 3; i++)
+            largest = fmax(largest, fabs(m[4 * a + i]));
+    for (int a = 0; a < 3 && largest > 0.0; a++) {
+        const double *u = m + 4 * a, *v = m + 4 * ((a + 1) % 3);
+        for (int i = 0; i < 3; i++) {
+            const int j = (i + 1) % 3, k = (i + 2) % 3;
+            cofactor = fmax(cofactor, fabs(u[j] / largest * (v[k] / largest) - u[k] / largest * (v[j] / largest)));
+        }
+    }
+    return cofactor > 1e-12;
+}
+
+/* --- Cameras and lights ----------------------------------------------------------------------------------------------------- */
+
+/* A unit vector along a column of the matrix, or the fallback where that is lost. */
+static struct pell_vec3 axis(const struct pell_mat4 *world, int column, float sign, struct pell_vec3 fallback)
+{
+    const double *c = world->m + 4 * column, l = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
+    if (!(l > 0.0) || !isfinite(l))
+        return fallback;
+    return vec3((float) (sign * c[0] / l), (float) (sign * c[1] / l), (float) (sign * c[2] / l));
+}
+
+/* Both look along -z of their node with +y up. False where the position leaves the range of floats. */
+static bool place(const struct pell_mat4 *world, float *position, float *forward, float *up)
+{
+    const struct pell_vec3 f = axis(world, 2, -1.0f, vec3(0, 0, -1)), y = axis(world, 1, 1.0f, vec3(0, 1, 0));
+    struct pell_vec3 t, b, u = vec3_mad(y, -vec3_dot(y, f), f);
+
+    vec3_basis(f, &t, &b);
+    u = vec3_length(u) > 1e-4f ? vec3_normalize(u) : b;
+    vec3_store(f, forward);
+    vec3_store(u, up);
+    for (int c = 0; c < 3; c++)
+        position[c] = (float) world->m[12 + c];
+    return isfinite(position[0]) && isfinite(position[1]) && isfinite(position[2]);
+}
+
+static enum pell_result out_of_range(const struct pell_json *node)
+{
+    return pell_json_error(node, PELL_ERR_FORMAT, NULL, "the node's position is out of the range of floats");
+}
+
+static enum pell_result add_camera(struct gltf *g, const struct pell_json *node, int64_t camera, const struct pell_mat4 *world)
+{
+    static const char *const types[] = { "perspective", "orthographic" };
+    const struct pell_json at = pell_json_at(&g->cameras, (size_t) camera);
+    struct pell_json shape;
+    struct pell_camera *c;
+    double value = 0.0;
+    char name[128];
+    int type = 0;
+    size_t index;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_is_object(&at));
+    PELL_TRY(pell_json_require(&at, "type"));
+    PELL_TRY(pell_json_choice(&at, "type", types, 2, &type));
+    PELL_TRY(pell_json_require(&at, types[type]));
+    PELL_TRY(pell_json_object(&at, types[type], &shape));
+    PELL_TRY(pell_json_require(&shape, type ? "ymag" : "yfov"));
+    if (type)
+        PELL_TRY(pell_json_number(&shape, "ymag", 1e-9, 1e9, &value));
+    else
+        PELL_TRY(pell_json_number(&shape, "yfov", 1e-4, 3.14, &value));
+
+    /* a camera is chosen by name: its own, else its node's */
+    PELL_TRY(pell_scene_add_camera(g->scene,
+                                   pell_json_get(&at, "name").value ? gltf_name(&at, "camera", name, sizeof(name))
+                                                                    : gltf_name(node, "camera node", name, sizeof(name)),
+                                   &index));
+    c = &g->scene->cameras[index];
+    if (!place(world, c->position, c->forward, c->up))
+        return out_of_range(node);
+    c->fov = type ? 0.0f : (float) value;
+    c->ortho_height = type ? (float) (2.0 * value) : 0.0f;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result add_light(struct gltf *g, const struct pell_json *node, int64_t light, const struct pell_mat4 *world)
+{
+    static const char *const types[] = { "point", "spot", "directional" };
+    static const enum pell_light_type ours[] = { PELL_LIGHT_POINT, PELL_LIGHT_SPOT, PELL_LIGHT_DIRECTIONAL };
+    const struct pell_json at = pell_json_at(&g->lights, (size_t) light);
+    float color[3] = { 1, 1, 1 }, intensity = 1.0f, range = 0.0f;
+    double inner = 0.0, outer = PELL_PI / 4.0;
+    struct pell_json spot;
+    struct pell_light *l;
+    char name[128];
+    int type = 0;
+    size_t index;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_is_object(&at));
+    PELL_TRY(pell_json_require(&at, "type"));
+    PELL_TRY(pell_json_choice(&at, "type", types, PELL_COUNT(types), &type));
+    PELL_TRY(pell_json_floats(&at, "color", 3, 0.0, 1e6, color));
+    PELL_TRY(pell_json_float(&at, "intensity", 0.0, 1e12, &intensity));
+    PELL_TRY(pell_json_float(&at, "range", 0.0, 1e12, &range));
+    PELL_TRY(pell_json_object(&at, "spot", &spot));
+    if (type == 1 && spot.value) {
+        PELL_TRY(pell_json_number(&spot, "outerConeAngle", 1e-6, PELL_PI / 2.0 + 1e-4, &outer));
+        PELL_TRY(pell_json_number(&spot, "innerConeAngle", 0.0, PELL_PI / 2.0 + 1e-4, &inner));
+        if (inner > outer) {
+            gltf_warn(g, GLTF_WARN_VALUE, &spot, NULL, "innerConeAngle %g is wider than outerConeAngle %g and is cut to it", inner, outer);
+            inner = outer;
+        }
+    }
+    PELL_TRY(pell_scene_add_light(g->scene, gltf_name(&at, "light", name, sizeof(name)), &index));
+    l = &g->scene->lights[index];
+    l->type = ours[type];
+    if (!place(world, l->position, l->direction, l->up))
+        return out_of_range(node);
+    for (int c = 0; c < 3; c++)
+        l->power[c] = color[c] * intensity;
+    if (type == 1) {
+        l->cos_outer = (float) fmax(cos(outer), 0.0);
+        l->cos_inner = (float) fmax(cos(inner), cos(outer));
+    }
+    l->range = type == 2 ? 0.0f : range;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Nodes ------------------------------------------------------------------------------------------------------------------ */
+
+static enum pell_result visit(struct gltf *g, const struct pell_json *at)
+{
+    if (++g->visits > g->limits->nodes)
+        return pell_json_error(at, PELL_ERR_UNSUPPORTED, "the limit \"nodes\" can be raised", "more than %d nodes and instances are drawn",
+                               g->limits->nodes);
+    return PELL_OK;
+}
+
+/* One attribute of EXT_mesh_gpu_instancing as floats, owned by the caller; NULL where it is not there. *count 0: not known yet. */
+static enum pell_result instance_attribute(struct gltf *g, const struct pell_json *attributes, const char *key, int components,
+                                           uint32_t *count, float **out)
+{
+    const struct pell_json at = pell_json_get(attributes, key);
+    const struct gltf_accessor *a;
+    int64_t index = -1;
+    enum pell_result res;
+
+    PELL_TRY(gltf_index(attributes, key, &g->accessors, &index));
+    if (index < 0)
+        return PELL_OK;
+    PELL_TRY(gltf_accessor(g, index, &a));
+    if (a->components != components || (*count && a->count != *count))
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                               "accessor %" PRId64 " has %" PRIu32 " elements of %d components, allowed: as many as its fellows, of %d",
+                               index, a->count, a->components, components);
+    if ((int64_t) a->count > g->limits->nodes)
+        return pell_json_error(&at, PELL_ERR_UNSUPPORTED, "the limit \"nodes\" can be raised", "%" PRIu32 " instances; %d are allowed",
+                               a->count, g->limits->nodes);
+    *count = a->count;
+    *out = pell_alloc_array(g->ctx, a->count, (size_t) components * sizeof(float));
+    if (!*out)
+        return PELL_ERR_NOMEM;
+    gltf_read_floats(a, a->type != GLTF_F32, *out);
+    for (size_t i = 0; i < (size_t) a->count * (size_t) components; i++)
+        if (!isfinite((*out)[i]))
+            return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "element %zu is not a finite number", i / (size_t) components);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result place_instances(struct gltf *g, const struct pell_json *node, const struct pell_json *instancing, int64_t mesh,
+                                        const char *name, const struct pell_mat4 *world)
+{
+    float *t = NULL, *r = NULL, *s = NULL;
+    struct pell_json attributes;
+    uint32_t count = 0;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_require(instancing, "attributes"));
+    PELL_TRY(pell_json_object(instancing, "attributes", &attributes));
+    PELL_TRY(instance_attribute(g, &attributes, "TRANSLATION", 3, &count, &t));
+    PELL_TRY(instance_attribute(g, &attributes, "ROTATION", 4, &count, &r));
+    PELL_TRY(instance_attribute(g, &attributes, "SCALE", 3, &count, &s));
+    for (size_t i = 0; i < count; i++) {
+        const double it[3] = { t ? t[3 * i] : 0.0, t ? t[3 * i + 1] : 0.0, t ? t[3 * i + 2] : 0.0 };
+        const double is[3] = { s ? s[3 * i] : 1.0, s ? s[3 * i + 1] : 1.0, s ? s[3 * i + 2] : 1.0 };
+        double q[4] = { r ? r[4 * i] : 0.0, r ? r[4 * i + 1] : 0.0, r ? r[4 * i + 2] : 0.0, r ? r[4 * i + 3] : 1.0 }, length;
+        struct pell_mat4 local, placed;
+        if (!gltf_normalize_quaternion(q, &length)) {
+            res = pell_json_error(&attributes, PELL_ERR_FORMAT, NULL, "ROTATION %zu has length %g, allowed: 1", i, length);
+            goto fail;
+        }
+        local = compose(it, q, is);
+        placed = mat4_mul(world, &local);
+        PELL_TRY(visit(g, node));
+        if (gltf_has_area(&placed))
+            PELL_TRY(gltf_place_mesh(g, mesh, name, &(struct gltf_placing) { .node = node, .world = &placed }));
+    }
+
+fail:
+    pell_free(g->ctx, t);
+    pell_free(g->ctx, r);
+    pell_free(g->ctx, s);
+    return res;
+}
+
+/* What hangs on one node. */
+static enum pell_result read_node(struct gltf *g, const struct pell_json *node, const struct pell_mat4 *world)
+{
+    struct pell_json extensions, light_at, instancing;
+    int64_t mesh = -1, camera = -1, light = -1, skin = -1;
+    struct gltf_placing placing = { .node = node, .world = world };
+    char buffer[128];
+    const char *name = pell_json_get(node, "name").value ? gltf_name(node, "node", buffer, sizeof(buffer)) : NULL;
+    enum pell_result res;
+
+    PELL_TRY(gltf_index(node, "mesh", &g->meshes, &mesh));
+    PELL_TRY(gltf_index(node, "camera", &g->cameras, &camera));
+    PELL_TRY(gltf_extension(node, "KHR_lights_punctual", &extensions, &light_at));
+    if (light_at.value) {
+        PELL_TRY(pell_json_require(&light_at, "light"));
+        PELL_TRY(gltf_index(&light_at, "light", &g->lights, &light));
+    }
+    if (mesh >= 0) {
+        PELL_TRY(gltf_extension(node, "EXT_mesh_gpu_instancing", &extensions, &instancing));
+        PELL_TRY(gltf_index(node, "skin", &g->skins, &skin));
+        if (skin >= 0)
+            PELL_TRY(gltf_skin(g, skin, &placing.skin));
+        if (skin >= 0 && instancing.value && gltf_once(g, GLTF_ONCE_SKIN_INSTANCES))
+            gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node has a skin and instances: it is drawn once, where its joints are");
+        if (skin < 0 && instancing.value)
+            PELL_TRY(place_instances(g, node, &instancing, mesh, name, world));
+        else if (skin >= 0 ? !placing.skin->flat : gltf_has_area(world))
+            PELL_TRY(gltf_place_mesh(g, mesh, name, &placing));
+    }
+    if (camera >= 0)
+        PELL_TRY(add_camera(g, node, camera, world));
+    if (light >= 0)
+        PELL_TRY(add_light(g, node, light, world));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* One level of the walk. */
+struct level {
+    int64_t node;
+    size_t next; /* child to visit next */
+};
+
+struct tree {
+    int32_t *seen; /* the walk that reached a node last */
+    int32_t walk;  /* counts from 1 */
+    struct level *stack;
+};
+
+/* Enters a node; *enter is false where it is switched off (KHR_node_visibility). */
+static enum pell_result enter_node(struct gltf *g, const struct pell_json *node, struct tree *tree, struct level *level, bool *enter)
+{
+    struct pell_json extensions, visibility;
+    const struct pell_mat4 *world;
+    enum pell_result res;
+
+    if (tree->seen[level->node] == tree->walk)
+        return pell_json_error(node, PELL_ERR_FORMAT, NULL, "the scene reaches node %" PRId64 " twice, allowed: once", level->node);
+    tree->seen[level->node] = tree->walk;
+    PELL_TRY(gltf_extension(node, "KHR_node_visibility", &extensions, &visibility));
+    *enter = true;
+    if (visibility.value)
+        PELL_TRY(pell_json_bool(&visibility, "visible", enter));
+    if (!*enter)
+        return PELL_OK;
+    PELL_TRY(visit(g, node));
+    PELL_TRY(gltf_node_world(g, level->node, &world));
+    level->next = 0;
+    return read_node(g, node, world);
+
+fail:
+    return res;
+}
+
+/* Depth first, children in order. `stack` has room for limits.depth levels. */
+static enum pell_result walk(struct gltf *g, int64_t root, struct tree *tree)
+{
+    struct level *stack = tree->stack;
+    int depth = 0;
+    bool enter;
+    enum pell_result res;
+    struct pell_json node = pell_json_at(&g->nodes, (size_t) root);
+
+    stack[0].node = root;
+    PELL_TRY(enter_node(g, &node, tree, &stack[0], &enter));
+    if (!enter)
+        return PELL_OK;
+    while (depth >= 0) {
+        struct level *level = &stack[depth];
+        struct pell_json children, child_at, child;
+        node = pell_json_at(&g->nodes, (size_t) level->node);
+        children = pell_json_get(&node, "children");
+        if (level->next >= pell_json_count(&children)) {
+            depth--;
+            continue;
+        }
+        if (depth + 1 >= g->limits->depth)
+            return pell_json_error(&node, PELL_ERR_UNSUPPORTED, "the limit \"depth\" can be raised",
+                                   "nodes are nested deeper than %d levels", g->limits->depth);
+        child_at = pell_json_at(&children, level->next++);
+        PELL_TRY(pell_json_to_int(&child_at, 0, (int64_t) pell_json_count(&g->nodes) - 1, &stack[depth + 1].node));
+        child = pell_json_at(&g->nodes, (size_t) stack[depth + 1].node);
+        PELL_TRY(enter_node(g, &child, tree, &stack[depth + 1], &enter));
+        if (enter)
+            depth++;
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Scenes ----------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result walk_scene(struct gltf *g, const struct pell_json *scene, struct tree *tree)
+{
+    const size_t count = pell_json_count(&g->nodes);
+    struct pell_json roots;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_is_object(scene));
+    PELL_TRY(pell_json_array(scene, "nodes", 0, count, &roots));
+    for (size_t i = 0; i < pell_json_count(&roots); i++) {
+        const struct pell_json at = pell_json_at(&roots, i);
+        int64_t root;
+        PELL_TRY(pell_json_to_int(&at, 0, (int64_t) count - 1, &root));
+        if (g->node[root].parent >= 0)
+            return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                                   "node %" PRId64 " is a child of node %" PRId32 ", allowed: nodes without a parent", root,
+                                   g->node[root].parent);
+        PELL_TRY(walk(g, root, tree));
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result walk_roots(struct gltf *g, struct tree *tree)
+{
+    enum pell_result res = PELL_OK;
+    for (size_t i = 0; i < pell_json_count(&g->nodes) && res == PELL_OK; i++)
+        if (g->node[i].parent < 0)
+            res = walk(g, (int64_t) i, tree);
+    return res;
+}
+
+/* A file of meshes without nodes is a library; each is drawn where it is. */
+static enum pell_result place_all_meshes(struct gltf *g)
+{
+    const struct pell_mat4 identity = mat4_identity();
+    enum pell_result res = PELL_OK;
+
+    if (pell_json_count(&g->meshes) == 0)
+        return PELL_OK;
+    gltf_warn(g, GLTF_WARN_NODE, &g->meshes, NULL, "the file has no nodes: each mesh is drawn once, at the origin");
+    for (size_t i = 0; i < pell_json_count(&g->meshes) && res == PELL_OK; i++) {
+        const struct pell_json mesh = pell_json_at(&g->meshes, i);
+        res = visit(g, &mesh);
+        if (res == PELL_OK)
+            res = gltf_place_mesh(g, (int64_t) i, NULL, &(struct gltf_placing) { .world = &identity });
+    }
+    return res;
+}
+
+/* The scene that "scene" names, else the first. If that draws nothing, the first that does: exporters leave empty ones in front. */
+static enum pell_result walk_scenes(struct gltf *g, struct tree *tree)
+{
+    const size_t count = pell_json_count(&g->scenes);
+    int64_t chosen = 0;
+    enum pell_result res;
+
+    PELL_TRY(gltf_index(&g->root, "scene", &g->scenes, &chosen));
+    for (size_t i = 0; i < count; i++) {
+        const size_t index = i == 0 ? (size_t) chosen : i - (i <= (size_t) chosen);
+        const struct pell_json scene = pell_json_at(&g->scenes, index);
+        tree->walk = (int32_t) i + 1;
+        PELL_TRY(walk_scene(g, &scene, tree));
+        if (g->scene->num_meshes == 0)
+            continue;
+        if (i > 0) {
+            char name[128];
+            gltf_warn(g, GLTF_WARN_NODE, &scene, NULL, "the default scene has no mesh: \"%s\" is drawn instead",
+                      gltf_name(&scene, "scene", name, sizeof(name)));
+        }
+        break;
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result gltf_read_scene(struct gltf *g)
+{
+    const size_t count = pell_json_count(&g->nodes);
+    struct tree tree = { 0 };
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (count == 0)
+        return place_all_meshes(g);
+    tree.seen = pell_alloc_array(g->ctx, count, sizeof(*tree.seen));
+    tree.stack = pell_alloc_array(g->ctx, (size_t) g->limits->depth, sizeof(*tree.stack));
+    if (!tree.seen || !tree.stack)
+        goto fail;
+    PELL_TRY(find_parents(g, count, tree.seen));
+    memset(tree.seen, 0, count * sizeof(*tree.seen));
+    tree.walk = 1;
+    if (pell_json_count(&g->scenes) > 0)
+        PELL_TRY(walk_scenes(g, &tree));
+    else
+        PELL_TRY(walk_roots(g, &tree));
+
+fail:
+    pell_free(g->ctx, tree.seen);
+    pell_free(g->ctx, tree.stack);
+    return res;
+}

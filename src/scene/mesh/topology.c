@@ -1,0 +1,370 @@
+/* SPDX-License-Identifier: MIT
+ * topology.c - welding, edges and connected parts of an object, in linear time. */
+#include "scene/mesh/topology.h"
+
+#include <string.h>
+
+#define DIGIT 2048
+
+/* Stable counting sort of `order` by an 11-bit digit of its items' keys; `into` gets the result. False if all digits are equal. */
+static bool sort_digit(const uint32_t *keys, size_t stride, int shift, const uint32_t *order, uint32_t *into, uint32_t count)
+{
+    uint32_t start[DIGIT] = { 0 }, sum = 0;
+
+    for (uint32_t i = 0; i < count; i++)
+        start[keys[stride * i] >> shift & (DIGIT - 1)]++;
+    if (count == 0 || start[keys[0] >> shift & (DIGIT - 1)] == count)
+        return false;
+    for (size_t d = 0; d < DIGIT; d++) {
+        const uint32_t n = start[d];
+        start[d] = sum;
+        sum += n;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        into[start[keys[stride * order[i]] >> shift & (DIGIT - 1)]++] = order[i];
+    return true;
+}
+
+static bool less(const uint32_t *a, const uint32_t *b, size_t words)
+{
+    size_t i = 0;
+
+    while (i + 1 < words && a[i] == b[i])
+        i++;
+    return a[i] < b[i];
+}
+
+uint32_t *pell_sort_keys(const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++)
+        order[i] = i;
+    if (count <= 128) {
+        for (uint32_t i = 1; i < count; i++) {
+            uint32_t k = i;
+            for (; k > 0 && less(keys + words * i, keys + words * order[k - 1], words); k--)
+                order[k] = order[k - 1];
+            order[k] = i;
+        }
+        return order;
+    }
+    for (size_t word = words; word-- > 0;)
+        for (int shift = 0; shift < 32; shift += 11)
+            if (sort_digit(keys + word, words, shift, order, scratch, count)) {
+                uint32_t *swap = order;
+                order = scratch;
+                scratch = swap;
+            }
+    return order;
+}
+
+/* Numbers the different positions in order of first appearance. */
+static enum pell_result weld(struct pell_topology *t, const struct pell_scene *scene)
+{
+    uint32_t *keys = pell_alloc_array(t->ctx, (size_t) t->num_vertices, 3 * sizeof(*keys));
+    uint32_t *order = pell_alloc_array(t->ctx, (size_t) t->num_vertices, sizeof(*order));
+    uint32_t *scratch = pell_alloc_array(t->ctx, (size_t) t->num_vertices, sizeof(*scratch)), *sorted;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!keys || !order || !scratch)
+        goto fail;
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        uint32_t *to = keys + 3 * (size_t) t->first_vertex[m];
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_vertices; i++) {
+            const float f = mesh->position[i] + 0.0f; /* -0 becomes 0 */
+            memcpy(&to[i], &f, sizeof(f));
+        }
+    }
+    sorted = pell_sort_keys(keys, 3, order, scratch, t->num_vertices);
+
+    /* The sort is stable: the first of a run is its first vertex. It stands for all of them, then gets its number. */
+    for (uint32_t i = 0, first = 0; i < t->num_vertices; i++) {
+        if (i == 0 || memcmp(keys + 3 * (size_t) sorted[i], keys + 3 * (size_t) first, 3 * sizeof(*keys)) != 0)
+            first = sorted[i];
+        t->weld[sorted[i]] = first;
+    }
+    t->num_positions = 0;
+    for (uint32_t i = 0; i < t->num_vertices; i++)
+        t->weld[i] = t->weld[i] == i ? t->num_positions++ : t->weld[t->weld[i]];
+    res = PELL_OK;
+
+fail:
+    pell_free(t->ctx, keys);
+    pell_free(t->ctx, order);
+    pell_free(t->ctx, scratch);
+    return res;
+}
+
+static void fill_triangles(struct pell_topology *t, const struct pell_scene *scene)
+{
+    const double unit = t->scale > 0.0 ? 1.0 / t->scale : 1.0;
+
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+            const size_t tri = (size_t) t->first_triangle[m] + i;
+            const float *p[3];
+            uint32_t *c = t->corner + 3 * tri;
+            double a[3], b[3], n[3];
+            bool flat;
+
+            for (int k = 0; k < 3; k++) {
+                const uint32_t v = mesh->index[3 * (size_t) i + k];
+                p[k] = mesh->position + 3 * (size_t) v;
+                c[k] = t->weld[t->first_vertex[m] + v];
+            }
+            for (int k = 0; k < 3; k++) {
+                a[k] = unit * ((double) p[1][k] - p[0][k]);
+                b[k] = unit * ((double) p[2][k] - p[0][k]);
+            }
+            n[0] = a[1] * b[2] - a[2] * b[1];
+            n[1] = a[2] * b[0] - a[0] * b[2];
+            n[2] = a[0] * b[1] - a[1] * b[0];
+            flat = c[0] == c[1] || c[1] == c[2] || c[2] == c[0] || !(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] > 1e-36);
+            for (int k = 0; k < 3; k++)
+                t->face[3 * tri + k] = flat ? 0.0f : (float) n[k];
+            t->num_degenerate += flat;
+        }
+    }
+}
+
+static bool degenerate(const struct pell_topology *t, uint32_t triangle)
+{
+    const float *n = t->face + 3 * (size_t) triangle;
+    return n[0] == 0.0f && n[1] == 0.0f && n[2] == 0.0f;
+}
+
+static uint32_t low_end(const struct pell_topology *t, uint32_t half)
+{
+    const uint32_t a = pell_half_start(t, half), b = pell_half_end(t, half);
+    return a < b ? a : b;
+}
+
+static uint32_t high_end(const struct pell_topology *t, uint32_t half)
+{
+    const uint32_t a = pell_half_start(t, half), b = pell_half_end(t, half);
+    return a < b ? b : a;
+}
+
+/* Two stable counting sorts, by the higher and then the lower end. */
+static enum pell_result sort_halves(struct pell_topology *t)
+{
+    const size_t buckets = (size_t) t->num_positions + 1;
+    uint32_t *start = pell_calloc(t->ctx, buckets, sizeof(*start));
+    uint32_t *by_high = pell_alloc_array(t->ctx, 3 * (size_t) t->num_triangles, sizeof(*by_high));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!start || !by_high)
+        goto fail;
+    t->num_halves = 0;
+    for (uint32_t i = 0; i < t->num_triangles; i++)
+        for (uint32_t k = 0; k < 3 && !degenerate(t, i); k++, t->num_halves++)
+            start[high_end(t, 3 * i + k) + 1]++;
+    for (size_t i = 1; i < buckets; i++)
+        start[i] += start[i - 1];
+    for (uint32_t i = 0; i < t->num_triangles; i++)
+        for (uint32_t k = 0; k < 3 && !degenerate(t, i); k++)
+            by_high[start[high_end(t, 3 * i + k)]++] = 3 * i + k;
+
+    memset(start, 0, buckets * sizeof(*start));
+    for (uint32_t i = 0; i < t->num_halves; i++)
+        start[low_end(t, by_high[i]) + 1]++;
+    for (size_t i = 1; i < buckets; i++)
+        start[i] += start[i - 1];
+    for (uint32_t i = 0; i < t->num_halves; i++)
+        t->half[start[low_end(t, by_high[i])]++] = by_high[i];
+    res = PELL_OK;
+
+fail:
+    pell_free(t->ctx, start);
+    pell_free(t->ctx, by_high);
+    return res;
+}
+
+uint32_t pell_topology_edge(const struct pell_topology *t, uint32_t first)
+{
+    const uint32_t low = low_end(t, t->half[first]), high = high_end(t, t->half[first]);
+    uint32_t end = first + 1;
+
+    while (end < t->num_halves && low_end(t, t->half[end]) == low && high_end(t, t->half[end]) == high)
+        end++;
+    return end;
+}
+
+static uint32_t root(uint32_t *parent, uint32_t i)
+{
+    while (parent[i] != i) {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    return i;
+}
+
+/* The lower number becomes the root, so that parts are numbered in the file's order. */
+static void find_parts(struct pell_topology *t)
+{
+    t->num_parts = 0;
+    for (uint32_t i = 0; i < t->num_triangles; i++)
+        t->part[i] = i;
+    for (uint32_t e = 0, end; e < t->num_halves; e = end) {
+        end = pell_topology_edge(t, e);
+        for (uint32_t i = e + 1; i < end; i++) {
+            const uint32_t a = root(t->part, t->half[e] / 3), b = root(t->part, t->half[i] / 3);
+            t->part[a < b ? b : a] = a < b ? a : b;
+        }
+    }
+    for (uint32_t i = 0; i < t->num_triangles; i++)
+        t->part[i] = root(t->part, i);
+    for (uint32_t i = 0; i < t->num_triangles; i++) {
+        if (degenerate(t, i))
+            t->part[i] = UINT32_MAX;
+        else
+            t->part[i] = t->part[i] == i ? t->num_parts++ : t->part[t->part[i]];
+    }
+}
+
+static void measure_extent(struct pell_topology *t, const struct pell_scene *scene)
+{
+    double min[3] = { INFINITY, INFINITY, INFINITY }, max[3] = { -INFINITY, -INFINITY, -INFINITY };
+
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_vertices; i++) {
+            const double x = mesh->position[i];
+            min[i % 3] = x < min[i % 3] ? x : min[i % 3];
+            max[i % 3] = x > max[i % 3] ? x : max[i % 3];
+        }
+    }
+    t->scale = 0.0;
+    for (int c = 0; c < 3; c++)
+        t->scale = fmax(t->scale, max[c] - min[c]);
+}
+
+enum pell_result pell_topology_make(struct pell_topology *t, const struct pell_scene *scene, const uint32_t *meshes, size_t num_meshes)
+{
+    enum pell_result res = PELL_ERR_NOMEM;
+    uint64_t vertices = 0, triangles = 0;
+
+    memset(t, 0, sizeof(*t));
+    t->ctx = scene->ctx;
+    t->mesh = meshes;
+    t->num_meshes = num_meshes;
+    t->first_vertex = pell_alloc_array(t->ctx, num_meshes + 1, sizeof(*t->first_vertex));
+    t->first_triangle = pell_alloc_array(t->ctx, num_meshes + 1, sizeof(*t->first_triangle));
+    if (!t->first_vertex || !t->first_triangle)
+        goto fail;
+    for (size_t m = 0; m <= num_meshes; m++) {
+        t->first_vertex[m] = (uint32_t) vertices;
+        t->first_triangle[m] = (uint32_t) triangles;
+        if (m < num_meshes) {
+            vertices += scene->meshes[meshes[m]].num_vertices;
+            triangles += scene->meshes[meshes[m]].num_triangles;
+        }
+        if (vertices > INT32_MAX || triangles > INT32_MAX / 3) {
+            res = pell_error(t->ctx, PELL_ERR_UNSUPPORTED, scene->path, NULL,
+                             "an object of %llu vertices and %llu triangles is too large", (unsigned long long) vertices,
+                             (unsigned long long) triangles);
+            goto fail;
+        }
+    }
+    t->num_vertices = (uint32_t) vertices;
+    t->num_triangles = (uint32_t) triangles;
+    t->weld = pell_alloc_array(t->ctx, vertices, sizeof(*t->weld));
+    t->corner = pell_alloc_array(t->ctx, triangles, 3 * sizeof(*t->corner));
+    t->face = pell_alloc_array(t->ctx, triangles, 3 * sizeof(*t->face));
+    t->half = pell_alloc_array(t->ctx, triangles, 3 * sizeof(*t->half));
+    t->part = pell_alloc_array(t->ctx, triangles, sizeof(*t->part));
+    if (!t->weld || !t->corner || !t->face || !t->half || !t->part)
+        goto fail;
+    measure_extent(t, scene);
+    PELL_TRY(weld(t, scene));
+    fill_triangles(t, scene);
+    PELL_TRY(sort_halves(t));
+    find_parts(t);
+    return PELL_OK;
+
+fail:
+    pell_topology_finish(t);
+    return res;
+}
+
+void pell_topology_finish(struct pell_topology *t)
+{
+    if (!t->ctx)
+        return;
+    pell_free(t->ctx, t->first_vertex);
+    pell_free(t->ctx, t->first_triangle);
+    pell_free(t->ctx, t->weld);
+    pell_free(t->ctx, t->corner);
+    pell_free(t->ctx, t->face);
+    pell_free(t->ctx, t->half);
+    pell_free(t->ctx, t->part);
+    memset(t, 0, sizeof(*t));
+}
+
+void pell_topology_parts(const struct pell_topology *t, const struct pell_scene *scene, struct pell_part *parts)
+{
+    for (uint32_t i = 0; i < t->num_parts; i++) {
+        parts[i] = (struct pell_part) { .closed = true };
+        for (int c = 0; c < 3; c++) {
+            parts[i].min[c] = INFINITY;
+            parts[i].max[c] = -INFINITY;
+        }
+    }
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+            const uint32_t number = t->part[t->first_triangle[m] + i];
+            struct pell_part *part = parts + number;
+            for (int k = 0; number != UINT32_MAX && k < 3; k++) {
+                const float *p = mesh->position + 3 * (size_t) mesh->index[3 * (size_t) i + k];
+                for (int c = 0; c < 3; c++) {
+                    part->min[c] = p[c] < part->min[c] ? p[c] : part->min[c];
+                    part->max[c] = p[c] > part->max[c] ? p[c] : part->max[c];
+                }
+            }
+        }
+    }
+    /* Divergence theorem; tetrahedra are taken to a corner of the part's box, so that parts far from the origin lose no digits. */
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+            const uint32_t number = t->part[t->first_triangle[m] + i];
+            double p[3][3];
+            if (number == UINT32_MAX)
+                continue;
+            for (int k = 0; k < 3; k++)
+                for (int c = 0; c < 3; c++)
+                    p[k][c] = mesh->position[3 * (size_t) mesh->index[3 * (size_t) i + k] + c] - parts[number].min[c];
+            parts[number].volume += (p[0][0] * (p[1][1] * p[2][2] - p[1][2] * p[2][1]) + p[0][1] * (p[1][2] * p[2][0] - p[1][0] * p[2][2]) +
+                                     p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0])) / 6.0;
+        }
+    }
+    for (uint32_t e = 0, end; e < t->num_halves; e = end) {
+        int64_t balance = 0;
+        end = pell_topology_edge(t, e);
+        for (uint32_t i = e; i < end; i++)
+            balance += pell_half_start(t, t->half[i]) < pell_half_end(t, t->half[i]) ? 1 : -1;
+        if (balance != 0)
+            parts[t->part[t->half[e] / 3]].closed = false;
+    }
+}
+
+void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch)
+{
+    const uint32_t count = (uint32_t) scene->num_meshes;
+
+    for (uint32_t i = 0; i < count; i++)
+        order[i] = i;
+    /* Merge sort from the bottom, stable. */
+    for (uint32_t width = 1; width < count; width *= 2) {
+        for (uint32_t low = 0; low < count; low += 2 * width) {
+            const uint32_t middle = low + width < count ? low + width : count, high = middle + width < count ? middle + width : count;
+            uint32_t a = low, b = middle;
+            for (uint32_t i = low; i < high; i++)
+                scratch[i] = b >= high || (a < middle && scene->meshes[order[a]].object <= scene->meshes[order[b]].object) ? order[a++]
+                                                                                                                    : order[b++];
+        }
+        memcpy(order, scratch, count * sizeof(*order));
+    }
+}

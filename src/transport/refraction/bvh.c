@@ -1,0 +1,297 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * bvh.c - the hierarchy of spheres with cones of normals over a body's triangles, and how far from them a place is. */
+#include "transport/refraction/internal.h"
+
+#include <string.h>
+
+#define LANES PELL_CONNECT_CHILDREN
+#define LEAF PELL_CONNECT_LEAF
+#define NOTHING PELL_CONNECT_NOTHING
+#define NORMAL_WEIGHT 0.125 /* of a unit of normal when the hierarchy is split, in sizes of the body */
+
+void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f)
+{
+    const uint32_t *index = m->index + 3 * (size_t) triangle;
+    struct vec n, e1, e2;
+    double length;
+
+    memset(f, 0, sizeof(*f));
+    f->mesh = mesh;
+    f->triangle = triangle;
+    for (int k = 0; k < 3; k++)
+        memcpy(f->p[k], m->position + 3 * (size_t) index[k], sizeof(f->p[k]));
+    e1 = sub(load(f->p[1]), load(f->p[0]));
+    e2 = sub(load(f->p[2]), load(f->p[0]));
+    n = cross(e1, e2);
+    length = sqrt(dot(n, n));
+    n = length > 0.0 ? scale(n, 1.0 / length) : (struct vec){ 0.0, 0.0, 1.0 };
+    f->planar = true;
+    for (int k = 0; k < 3; k++) {
+        const float *v = m->normal + 3 * (size_t) index[k];
+        const struct vec given = load(v);
+        const bool none = !(dot(given, given) > 0.25 && dot(given, given) < 4.0);
+        const struct vec own = flat || none ? n : given, off = sub(own, n);
+        f->n[k][0] = (float) own.x;
+        f->n[k][1] = (float) own.y;
+        f->n[k][2] = (float) own.z;
+        /* As near as floats tell. */
+        f->planar = f->planar && dot(off, off) < 1e-13;
+    }
+}
+
+static void bound(const struct facet *f, size_t count, struct pell_connect_node *node, int lane)
+{
+    float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, largest = 0.0f;
+    struct vec centre, sum = { 0.0, 0.0, 0.0 }, axis;
+    double radius = 0.0, cosine = 1.0, length;
+
+    for (size_t i = 0; i < count; i++)
+        for (int k = 0; k < 3; k++) {
+            for (int j = 0; j < 3; j++) {
+                low[j] = SMALLER(low[j], f[i].p[k][j]);
+                high[j] = LARGER(high[j], f[i].p[k][j]);
+                largest = LARGER(largest, fabsf(f[i].p[k][j]));
+            }
+            sum = mad(sum, 1.0, load(f[i].n[k]));
+        }
+    node->x[lane] = 0.5f * (low[0] + high[0]);
+    node->y[lane] = 0.5f * (low[1] + high[1]);
+    node->z[lane] = 0.5f * (low[2] + high[2]);
+    centre = (struct vec){ (double) node->x[lane], (double) node->y[lane], (double) node->z[lane] };
+    length = sqrt(dot(sum, sum));
+    axis = length > 0.0 ? scale(sum, 1.0 / length) : (struct vec){ 0.0, 0.0, 1.0 };
+    for (size_t i = 0; i < count; i++)
+        for (int k = 0; k < 3; k++) {
+            const struct vec d = sub(load(f[i].p[k]), centre), n = load(f[i].n[k]);
+            const double l = sqrt(dot(n, n));
+            const double r = dot(d, d), along = l > 0.0 ? dot(axis, n) / l : -1.0;
+            radius = LARGER(radius, r);
+            cosine = SMALLER(cosine, along);
+        }
+    /* More than what floats lose, here and in a query. */
+    node->radius[lane] = (float) (sqrt(radius) * (1.0 + 1e-5)) + 1e-6f * largest;
+    node->ax[lane] = (float) axis.x;
+    node->ay[lane] = (float) axis.y;
+    node->az[lane] = (float) axis.z;
+    node->cosine[lane] = length > 0.0 && cosine > 0.02 ? (float) cosine : -1.0f;
+    node->sine[lane] = node->cosine[lane] > 0.0f ? sqrtf(fmaxf(0.0f, 1.0f - node->cosine[lane] * node->cosine[lane])) : 0.0f;
+}
+
+/* Position, then normal, times `weight`, in one dimension of six. */
+static float key(const struct facet *f, int dimension, float weight)
+{
+    const int j = dimension % 3;
+
+    if (dimension < 3)
+        return f->p[0][j] + f->p[1][j] + f->p[2][j];
+    return weight * (f->n[0][j] + f->n[1][j] + f->n[2][j]);
+}
+
+/* The first half has keys up to those of the second. Gives up on orders made to be slow: any halves are valid. */
+static void halve(struct facet *f, size_t count, size_t half, int dimension, float weight)
+{
+    size_t first = 0, last = count - 1;
+
+    for (int turn = 0; first < last && turn < 96; turn++) {
+        const float pivot = key(&f[first + (last - first) / 2], dimension, weight);
+        size_t i = first, j = last;
+        for (;;) {
+            struct facet t;
+            while (key(&f[i], dimension, weight) < pivot)
+                i++;
+            while (pivot < key(&f[j], dimension, weight))
+                j--;
+            if (i >= j)
+                break;
+            t = f[i];
+            f[i++] = f[j];
+            f[j--] = t;
+        }
+        /* [first, j] are at most the pivot, [j + 1, last] at least. */
+        if (i == j && key(&f[j], dimension, weight) > pivot)
+            j--;
+        if (half <= j)
+            last = j;
+        else
+            first = j + 1;
+    }
+}
+
+/* The first `first` of them apart from the others, along the widest dimension. */
+static void split(struct facet *f, size_t count, size_t first, float weight)
+{
+    float low[6], high[6];
+    int widest = 0;
+
+    for (int d = 0; d < 6; d++) {
+        low[d] = INFINITY;
+        high[d] = -INFINITY;
+        for (size_t i = 0; i < count; i++) {
+            const float k = key(&f[i], d, weight);
+            low[d] = SMALLER(low[d], k);
+            high[d] = LARGER(high[d], k);
+        }
+        if (high[d] - low[d] > high[widest] - low[widest])
+            widest = d;
+    }
+    halve(f, count, first, widest, weight);
+}
+
+/* What one child of a node holds at most: a power of the children, so that all nodes but the last ones are full. */
+static size_t capacity(size_t count)
+{
+    size_t c = 1;
+
+    while (c * LANES < count)
+        c *= LANES;
+    return c;
+}
+
+static size_t count_nodes(size_t facets)
+{
+    const size_t c = capacity(facets), full = (facets - 1) / c, rest = facets - full * c;
+
+    return 1 + (c > 1 ? full * count_nodes(c) + (rest > 1 ? count_nodes(rest) : 0) : 0);
+}
+
+static void divide(struct facet *f, size_t count, size_t parts, size_t c, float weight)
+{
+    const size_t half = parts / 2;
+
+    if (parts < 2)
+        return;
+    split(f, count, half * c, weight);
+    divide(f, half * c, half, c, weight);
+    divide(f + half * c, count - half * c, parts - half, c, weight);
+}
+
+/* A node over `count` facets from `first` on; returns its number. As deep as the logarithm of count, base 16. */
+static uint32_t build(struct tree *t, size_t first, size_t count, float weight)
+{
+    const uint32_t number = (uint32_t) t->num_nodes++;
+    struct pell_connect_node *node = &t->nodes[number];
+    const size_t c = capacity(count);
+
+    if (c > 1)
+        divide(t->facets + first, count, (count + c - 1) / c, c, weight);
+    for (size_t i = 0; i < LANES; i++) {
+        const size_t start = i * c, n = start >= count ? 0 : count - start < c ? count - start : c;
+        if (n == 0) {
+            node->child[i] = NOTHING;
+            node->radius[i] = 0.0f;
+            continue;
+        }
+        bound(t->facets + first + start, n, node, (int) i);
+        node->child[i] = n == 1 ? LEAF + (uint32_t) (first + start) : build(t, first + start, n, weight);
+    }
+    return number;
+}
+
+enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number)
+{
+    const struct pell_body *body = &c->bodies->bodies[number];
+    struct tree *t = &c->trees[number];
+    float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, size = 0.0f, largest = 0.0f;
+
+    if (body->num_triangles == 0)
+        return PELL_OK;
+    if (body->num_triangles >= LEAF)
+        return pell_error(c->ctx, PELL_ERR_UNSUPPORTED, c->scene->path, NULL, "%zu triangles are too many", body->num_triangles);
+    t->facets = pell_alloc_array(c->ctx, body->num_triangles, sizeof(*t->facets));
+    t->nodes = pell_calloc(c->ctx, count_nodes(body->num_triangles), sizeof(*t->nodes));
+    if (!t->facets || !t->nodes)
+        return PELL_ERR_NOMEM;
+    t->num_facets = body->num_triangles;
+    for (size_t i = 0; i < t->num_facets; i++) {
+        pell_connect_fill_facet(&c->scene->meshes[body->triangles[i].mesh], body->triangles[i].mesh, body->triangles[i].triangle, c->flat,
+                                &t->facets[i]);
+        for (int k = 0; k < 3; k++)
+            for (int j = 0; j < 3; j++) {
+                low[j] = fminf(low[j], t->facets[i].p[k][j]);
+                high[j] = fmaxf(high[j], t->facets[i].p[k][j]);
+            }
+    }
+    for (int j = 0; j < 3; j++) {
+        size = fmaxf(size, high[j] - low[j]);
+        largest = fmaxf(largest, fmaxf(fabsf(low[j]), fabsf(high[j])));
+    }
+    t->rounding = 1e-6 * (double) largest;
+    build(t, 0, t->num_facets, (float) NORMAL_WEIGHT * size);
+    return pell_cancelled(c->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+/* --- How far the surface is --------------------------------------------------------------------------------------------------- */
+
+/* Squared distance from x to a triangle: to its plane, an edge or a corner, whichever x projects to (C. Ericson, "Real-Time Collision
+ * Detection", 2005, section 5.1.5). */
+static double away_from(const struct facet *f, struct vec x)
+{
+    const struct vec a = load(f->p[0]), ab = sub(load(f->p[1]), a), ac = sub(load(f->p[2]), a), ax = sub(x, a);
+    const double d1 = dot(ab, ax), d2 = dot(ac, ax), bb = dot(ab, ab), bc = dot(ab, ac), cc = dot(ac, ac);
+    const double d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc, xx = dot(ax, ax);
+    double va, vb, vc;
+    struct vec n;
+
+    if (d1 <= 0.0 && d2 <= 0.0)
+        return xx;
+    if (d3 >= 0.0 && d4 <= d3)
+        return xx - 2.0 * d1 + bb;
+    vc = d1 * d4 - d3 * d2;
+    if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0)
+        return xx - d1 * d1 / bb;
+    if (d6 >= 0.0 && d5 <= d6)
+        return xx - 2.0 * d2 + cc;
+    vb = d5 * d2 - d1 * d6;
+    if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0)
+        return xx - d2 * d2 / cc;
+    va = d3 * d6 - d5 * d4;
+    if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0) {
+        const struct vec edge = sub(ac, ab), bx = sub(ax, ab);
+        const double along = dot(edge, bx);
+        return dot(bx, bx) - along * along / dot(edge, edge);
+    }
+    n = cross(ab, ac);
+    return dot(n, ax) * dot(n, ax) / dot(n, n);
+}
+
+double pell_connector_distance(const struct pell_connector *connector, int body, struct pell_vec3 x, double most)
+{
+    const struct tree *t;
+    const struct vec from = widen(x);
+    uint32_t stack[PELL_CONNECT_STACK];
+    double best = most * most;
+    int count = 0;
+
+    if (body < 0 || (size_t) body >= connector->bodies->count || connector->trees[body].num_facets == 0 || !(most > 0.0) || !is_place(from))
+        return most;
+    t = &connector->trees[body];
+    stack[count++] = 0;
+    while (count > 0) {
+        const struct pell_connect_node *node = &t->nodes[stack[--count]];
+        const float reach = best < INFINITY ? (float) sqrt(best) * (1.0f + 1e-6f) : INFINITY;
+        float near[LANES];
+        int order[LANES], n = 0;
+        for (int i = 0; i < LANES; i++) {
+            const float dx = x.x - node->x[i], dy = x.y - node->y[i], dz = x.z - node->z[i];
+            near[i] = sqrtf(dx * dx + dy * dy + dz * dz) - node->radius[i];
+        }
+        for (int i = 0; i < LANES; i++) {
+            int at = n;
+            if (node->child[i] == NOTHING || near[i] > reach)
+                continue;
+            if (node->child[i] >= LEAF) {
+                const double d = away_from(&t->facets[node->child[i] - LEAF], from);
+                best = SMALLER(d, best);
+                continue;
+            }
+            for (; at > 0 && near[order[at - 1]] < near[i]; at--)
+                order[at] = order[at - 1];
+            order[at] = i;
+            n++;
+        }
+        for (int i = 0; i < n; i++) /* the nearest comes off first */
+            stack[count++] = node->child[order[i]];
+    }
+    return sqrt(LARGER(best, 0.0));
+}

@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: MIT
+ * bvh_kernel.c - see connect_find.h; compiled once per level of base/simd.h. What is bounded is the half vector of connect.c. */
+#include "transport/refraction/bvh_kernel.h"
+
+#include "math/lanes.h"
+
+/* Children of a node in which H may be along a normal, as bits. */
+INLINE uint32_t open_children(const struct pell_connect_node *n, const struct pell_connect_search *s)
+{
+    const float place = s->away ? 0.0f : 1.0f, side = s->eta > 1.0f ? -1.0f : 1.0f;
+    uint32_t set = 0;
+
+    for (int l = 0; l < PELL_CONNECT_CHILDREN; l += WIDTH) {
+        const vf cx = load(n->x + l), cy = load(n->y + l), cz = load(n->z + l), r = load(n->radius + l);
+        const vf vx = s->x[0] - cx, vy = s->x[1] - cy, vz = s->x[2] - cz;
+        const vf ux = s->place[0] - place * cx, uy = s->place[1] - place * cy, uz = s->place[2] - place * cz;
+        const vf v = root(vx * vx + vy * vy + vz * vz);
+        const vi near = v - r <= s->reach;
+        vi open;
+        if (!any(near))
+            continue;
+        const vf u = root(ux * ux + uy * uy + uz * uz), iv = 1.0f / greater(v, all(1e-30f)), il = 1.0f / greater(u, all(1e-30f));
+        const vf sv = r * iv, sl = place * r * il;
+        /* 2 sin(a/2) <= s (1 + 0.42 s^2), s = sin(a) */
+        const vf spread = s->eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 1e-6f;
+        const vf hx = s->eta * vx * iv + ux * il, hy = s->eta * vy * iv + uy * il, hz = s->eta * vz * iv + uz * il;
+        const vf h = root(hx * hx + hy * hy + hz * hz), ih = 1.0f / greater(h, all(1e-30f)), sb = spread * ih;
+        const vf cb = root(greater(1.0f - sb * sb, all(0.0f))), sine = load(n->sine + l), cosine = load(n->cosine + l);
+        const vf facing = side * (hx * load(n->ax + l) + hy * load(n->ay + l) + hz * load(n->az + l)) * ih;
+        const vi inside = (sv >= 1.0f) | (sl >= 1.0f);
+        const vi along = (facing >= cosine * cb - sine * sb - 2e-6f) | (sb >= 0.99f) | (cosine < 0.0f) | (s->narrow ? 0 : -1);
+        open = near & (inside | ((h <= s->grazing + spread) & along));
+        set |= members(open) << l;
+    }
+    return set;
+}
+
+static int find(struct pell_connect_search *s, uint32_t *facets, int room)
+{
+    int found = 0;
+
+    while (s->count > 0 && found + PELL_CONNECT_CHILDREN <= room) {
+        const struct pell_connect_node *n = &s->nodes[s->stack[--s->count]];
+        for (uint32_t left = open_children(n, s); left; left &= left - 1) {
+            const uint32_t child = n->child[__builtin_ctz(left)];
+            if (child == PELL_CONNECT_NOTHING)
+                continue;
+            if (child < PELL_CONNECT_LEAF)
+                s->stack[s->count++] = child;
+            else
+                facets[found++] = child - PELL_CONNECT_LEAF;
+        }
+    }
+    return found;
+}
+
+extern const struct pell_connect_kernels PELL_SIMD(pell_connect_kernels);
+const struct pell_connect_kernels PELL_SIMD(pell_connect_kernels) = { .find = find };

@@ -1,0 +1,259 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * connect.c - see connect.h.
+ *
+ * With w_v the direction from a place P of the surface to x inside and w_l from P to the lamp, P refracts where the half vector
+ *
+ *     H = eta w_v + w_l = -k n,    |eta - 1| <= |k| <= sqrt(|eta^2 - 1|)
+ *
+ * is along the normal n (Walter et al. 2007, "Microfacet Models for Refraction", eq. (16); the greatest k is that of grazing light). A
+ * hierarchy of spheres with cones of normals (connect_tree.c, connect_find.c) bounds H over a whole part of the surface, and leaves out
+ * what can't refract. The sides on which x and the lamp are follow from k. What is left are single triangles (connect_solve.c). */
+#include "transport/refraction/internal.h"
+
+#include <string.h>
+
+#define NEAR_ONE 1e-9 /* of an index: light goes straight on */
+
+void pell_connector_destroy(struct pell_connector **connector)
+{
+    struct pell_connector *c = *connector;
+
+    if (!c)
+        return;
+    *connector = NULL;
+    for (size_t i = 0; c->trees && i < c->bodies->count; i++) {
+        pell_free(c->ctx, c->trees[i].facets);
+        pell_free(c->ctx, c->trees[i].nodes);
+    }
+    pell_free(c->ctx, c->trees);
+    pell_free(c->ctx, c);
+}
+
+enum pell_result pell_connector_create(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_rays *rays,
+                                       const struct pell_bodies *bodies, bool flat, struct pell_connector **out)
+{
+    struct pell_connector *c = pell_zalloc(ctx, sizeof(*c));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!c)
+        return PELL_ERR_NOMEM;
+    c->ctx = ctx;
+    c->rays = rays;
+    c->bodies = bodies;
+    c->scene = scene;
+    c->flat = flat;
+    c->kernels = pell_connect_kernels_tables[pell_simd_best()];
+    c->trees = pell_calloc(ctx, bodies->count + 1, sizeof(*c->trees));
+    if (!c->trees)
+        goto fail;
+    for (size_t i = 0; i < bodies->count; i++)
+        PELL_TRY(pell_connect_build_tree(c, i));
+    *out = c;
+    return PELL_OK;
+
+fail:
+    pell_connector_destroy(&c);
+    return res;
+}
+
+/* --- The hierarchy ------------------------------------------------------------------------------------------------------------ */
+
+static void find(struct query *q, const struct tree *t, const struct pell_connect_kernels *kernels)
+{
+    struct pell_connect_search s = { .nodes = t->nodes,
+                                     .x = { (float) q->x.x, (float) q->x.y, (float) q->x.z },
+                                     .place = { (float) q->place.x, (float) q->place.y, (float) q->place.z },
+                                     .eta = (float) q->eta,
+                                     .grazing = (float) q->grazing,
+                                     .reach = (float) q->reach * (1.0f + 1e-5f),
+                                     .away = q->away,
+                                     .narrow = fabs(q->eta - 1.0) > 1e-3,
+                                     .count = 1 };
+    uint32_t facets[4 * PELL_CONNECT_CHILDREN];
+
+    for (int n; (n = kernels->find(&s, facets, (int) PELL_COUNT(facets))) > 0;)
+        for (int i = 0; i < n; i++)
+            pell_connect_solve(q, &t->facets[facets[i]]);
+}
+
+/* --- What is in the way ------------------------------------------------------------------------------------------------------- */
+
+double pell_connector_rounding(const struct pell_connector *connector, int body)
+{
+    return body >= 0 && (size_t) body < connector->bodies->count ? connector->trees[body].rounding : 0.0;
+}
+
+static void aim(struct pell_ray_hit16 *r, int lane, struct vec from, struct vec along, double near, double far)
+{
+    r->ray.ox[lane] = (float) from.x;
+    r->ray.oy[lane] = (float) from.y;
+    r->ray.oz[lane] = (float) from.z;
+    r->ray.dx[lane] = (float) along.x;
+    r->ray.dy[lane] = (float) along.y;
+    r->ray.dz[lane] = (float) along.z;
+    r->ray.tnear[lane] = (float) near;
+    r->ray.tfar[lane] = (float) far;
+    r->ray.time[lane] = 0.0f;
+    r->ray.mask[lane] = PELL_RAY_ALL;
+    r->ray.id[lane] = (uint32_t) lane;
+    r->ray.flags[lane] = 0;
+}
+
+/* Which of up to 8 paths are free, as bits; e: mm of rounding. The triangle that a path refracts through is in the way of neither part. */
+static unsigned free_paths(const struct pell_connector *c, const struct query *q, double e, const struct path *const paths[8], int count)
+{
+    _Alignas(64) int valid[16] = { 0 };
+    struct pell_ray_hit16 r;
+    unsigned mask = 0;
+
+    memset(&r, 0, sizeof(r));
+    for (int i = 0; i < count; i++) {
+        const struct path *p = paths[i];
+        const double in = e / fmax(p->facing_in, 0.05), out = e / fmax(p->facing_out, 0.01);
+        const struct vec to = p->outside_mm < INFINITY ? sub(q->place, p->at) : p->outside;
+        const double unit = p->outside_mm < INFINITY ? 1.0 / p->outside_mm : 1.0;
+        if (in < p->inside_mm) {
+            valid[2 * i] = -1;
+            aim(&r, 2 * i, q->x, sub(p->at, q->x), 0.0, 1.0 - in / p->inside_mm);
+        }
+        if (out < p->outside_mm) {
+            valid[2 * i + 1] = -1;
+            aim(&r, 2 * i + 1, p->at, to, out * unit, p->outside_mm < INFINITY ? 1.0 : INFINITY);
+        }
+    }
+    pell_rays_closest16(c->rays, valid, false, &r);
+    for (int i = 0; i < count; i++) {
+        bool open = true;
+        for (int k = 2 * i; k < 2 * i + 2; k++)
+            open = open && (!valid[k] || r.hit.mesh[k] == PELL_NO_HIT ||
+                            (k == 2 * i && r.hit.mesh[k] == paths[i]->facet->mesh && r.hit.triangle[k] == paths[i]->facet->triangle));
+        mask |= (unsigned) open << i;
+    }
+    return mask;
+}
+
+static void give(const struct query *q, const struct path *p, struct pell_connection *out)
+{
+    *out = (struct pell_connection){
+        .mesh = p->facet->mesh,
+        .triangle = p->facet->triangle,
+        .u = (float) fmin(fmax(p->u, 0.0), 1.0),
+        .v = (float) fmin(fmax(p->v, 0.0), 1.0),
+        .at = narrow(p->at),
+        .normal = narrow(p->normal),
+        .inside = narrow(p->inside),
+        .outside = narrow(p->outside),
+        .inside_mm = p->inside_mm,
+        .outside_mm = p->outside_mm,
+        .transmit = fabs(q->eta - 1.0) < NEAR_ONE ? 1.0 : 1.0 - pell_fresnel(q->eta, p->cos_o),
+        .spread = p->spread,
+    };
+}
+
+/* With one index there is one path, straight on, and the rays themselves say where. */
+static int straight(const struct pell_connector *c, int body, const struct query *q, struct pell_connection *out, int64_t *rays)
+{
+    _Alignas(64) int valid[16] = { -1 };
+    const struct vec to = q->away ? q->place : sub(q->place, q->x);
+    const double whole = q->away ? INFINITY : sqrt(dot(to, to));
+    struct pell_ray_hit16 r;
+    struct facet f = { .planar = true };
+    struct path p = { .facet = &f };
+    struct vec geometric, n;
+    double length;
+
+    if (!(whole > 0.0))
+        return 0;
+    memset(&r, 0, sizeof(r));
+    p.inside = p.outside = q->away ? to : scale(to, 1.0 / whole);
+    aim(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, whole));
+    pell_rays_closest16(c->rays, valid, false, &r);
+    *rays += 1;
+    if (r.hit.mesh[0] >= c->bodies->num_meshes || c->bodies->of_mesh[r.hit.mesh[0]] != body)
+        return 0;
+    pell_connect_fill_facet(&c->scene->meshes[r.hit.mesh[0]], r.hit.mesh[0], r.hit.triangle[0], c->flat, &f);
+    geometric = cross(sub(load(f.p[1]), load(f.p[0])), sub(load(f.p[2]), load(f.p[0])));
+    length = sqrt(dot(geometric, geometric));
+    p.facing_in = p.facing_out = length > 0.0 ? dot(p.inside, geometric) / length : 0.0;
+    if (!(p.facing_in > 0.0))
+        return 0;
+    p.u = (double) r.hit.u[0];
+    p.v = (double) r.hit.v[0];
+    n = mad(mad(scale(load(f.n[0]), 1.0 - p.u - p.v), p.u, load(f.n[1])), p.v, load(f.n[2]));
+    length = sqrt(dot(n, n));
+    p.normal = length > 0.0 ? scale(n, 1.0 / length) : geometric;
+    p.inside_mm = (double) r.ray.tfar[0];
+    p.outside_mm = q->away ? INFINITY : whole - p.inside_mm;
+    p.at = mad(q->x, p.inside_mm, p.inside);
+    p.cos_o = 1.0;
+    p.spread = q->away ? 1.0 : 1.0 / (whole * whole);
+    if (!(p.inside_mm > 0.0) || !(p.outside_mm > 0.0))
+        return 0;
+    {
+        const double near = c->trees[body].rounding / fmax(p.facing_out, 0.01);
+        if (near < p.outside_mm) {
+            memset(&r, 0, sizeof(r));
+            aim(&r, 0, p.at, p.outside, near, p.outside_mm);
+            pell_rays_closest16(c->rays, valid, false, &r);
+            *rays += 1;
+            if (r.hit.mesh[0] != PELL_NO_HIT)
+                return 0;
+        }
+    }
+    give(q, &p, out);
+    return 1;
+}
+
+int pell_connect(const struct pell_connector *connector, int body, double eta, struct pell_vec3 x, struct pell_vec3 place, bool direction,
+                 double reach, struct pell_connection *out, int max, int64_t *rays)
+{
+    struct query q;
+    const struct path *order[PELL_CONNECTIONS];
+    int64_t traced = 0;
+    int given = 0;
+
+    if (body < 0 || (size_t) body >= connector->bodies->count || connector->trees[body].num_facets == 0 || max <= 0 || !(reach > 0.0) ||
+        !(eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
+        return 0;
+    q.eta = eta;
+    q.grazing = sqrt(fabs(eta * eta - 1.0));
+    q.reach = reach;
+    q.x = widen(x);
+    q.place = widen(place);
+    q.away = direction;
+    q.count = 0;
+    if (!is_place(q.x) || !is_place(q.place))
+        return 0;
+    if (direction) {
+        const double length = sqrt(dot(q.place, q.place));
+        if (!(length > 0.0))
+            return 0;
+        q.place = scale(q.place, 1.0 / length);
+    }
+    if (fabs(eta - 1.0) < NEAR_ONE) {
+        given = straight(connector, body, &q, out, &traced);
+        if (rays)
+            *rays += traced;
+        return given;
+    }
+    find(&q, &connector->trees[body], connector->kernels);
+    for (int i = 0; i < q.count; i++) {
+        int at = i;
+        for (; at > 0 && order[at - 1]->inside_mm > q.paths[i].inside_mm; at--)
+            order[at] = order[at - 1];
+        order[at] = &q.paths[i];
+    }
+    for (int first = 0; first < q.count && given < max; first += 8) {
+        const int n = q.count - first < 8 ? q.count - first : 8;
+        const unsigned open = free_paths(connector, &q, connector->trees[body].rounding, order + first, n);
+        traced += 2 * n;
+        for (int i = 0; i < n && given < max; i++)
+            if (open >> i & 1)
+                give(&q, order[first + i], &out[given++]);
+    }
+    if (rays)
+        *rays += traced;
+    return given;
+}

@@ -1,0 +1,423 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * solve.c - where light refracts in one triangle.
+ *
+ * With the triangle's own normal the path is the shortest in time through its plane, which is convex: it is found by Newton's method
+ * between bounds. With interpolated normals H x n = 0 (connect.c) is solved over (u, v): the triangle is halved both ways until H x n is
+ * nearly linear in it, where a root is found, or ruled out, at once.
+ *
+ * Light in a narrow bundle about the path: the derivative of the implicit function (u, v)(x). */
+#include "transport/refraction/internal.h"
+
+#define QUARTERS 4
+#define PARTS 4000  /* of a triangle that are looked at: what is wilder than that is no surface */
+#define DEPTH 20    /* of halving a triangle */
+#define BESIDE 1e-9 /* barycentric: how far beyond its edge a triangle still owns a root, so that none slips between two */
+#define SAME 1e-6   /* of a triangle's size: roots nearer than this, of two triangles, are one on their edge */
+
+/* Keeps a path, unless a neighbour has found it, too: the nearest, where there are too many. */
+static void keep(struct query *q, const struct path *p)
+{
+    int at = q->count;
+
+    if (!(p->inside_mm <= q->reach) || !(p->spread < INFINITY) || !(p->inside_mm > 0.0))
+        return;
+    for (int i = 0; i < q->count; i++) {
+        const struct vec d = sub(q->paths[i].at, p->at);
+        const double near = SAME * fmin(q->paths[i].size, p->size);
+        if (dot(d, d) <= near * near)
+            return;
+    }
+    if (q->count == PELL_CONNECTIONS) {
+        at = 0;
+        for (int i = 1; i < q->count; i++)
+            if (q->paths[i].inside_mm > q->paths[at].inside_mm)
+                at = i;
+        if (p->inside_mm >= q->paths[at].inside_mm)
+            return;
+    } else {
+        q->count++;
+    }
+    q->paths[at] = *p;
+}
+
+/* Distance of x's foot, along the plane, to where light refracts: x is `below` the plane, the lamp `above` it, their feet `apart`. */
+static double planar_shift(double eta, double below, double above, double apart)
+{
+    const double straight = apart * below / (below + above);
+    double low = 0.0, high = apart, s;
+
+    /* Light is nearer to the normal on the side of the larger index, and there never beyond the critical angle. */
+    if (eta > 1.0) {
+        high = fmin(straight, below / sqrt(eta * eta - 1.0));
+    } else if (eta < 1.0) {
+        low = fmax(straight, apart - above * eta / sqrt(1.0 - eta * eta));
+    }
+    s = fmin(fmax(apart * below / (below + eta * above), low), high);
+    for (int i = 0; i < 64; i++) {
+        const double rest = apart - s, a2 = s * s + below * below, b2 = rest * rest + above * above;
+        const double a = 1.0 / sqrt(a2), b = 1.0 / sqrt(b2);
+        const double f = eta * s * a - rest * b, slope = eta * below * below * a * a * a + above * above * b * b * b;
+        double next;
+        if (f > 0.0)
+            high = s;
+        else
+            low = s;
+        next = s - f / slope;
+        if (!(next >= low && next <= high))
+            next = 0.5 * (low + high);
+        if (fabs(next - s) <= 1e-15 * apart)
+            return next;
+        s = next;
+    }
+    return s;
+}
+
+static void solve_planar(struct query *q, const struct facet *f)
+{
+    const struct vec p0 = load(f->p[0]), e1 = sub(load(f->p[1]), p0), e2 = sub(load(f->p[2]), p0);
+    const struct vec cr = cross(e1, e2);
+    const double area2 = dot(cr, cr), inverse = 1.0 / sqrt(area2);
+    const struct vec n = scale(cr, inverse);
+    const double below = -dot(sub(q->x, p0), n);
+    struct path p = { .facet = f, .normal = n };
+    double s, apart, cos_i;
+    struct vec foot, along, d, out;
+
+    if (!(below > 0.0))
+        return;
+    foot = mad(q->x, below, n);
+    if (q->away) {
+        p.cos_o = dot(q->place, n);
+        along = mad(q->place, -p.cos_o, n);
+        apart = sqrt(dot(along, along));
+        s = apart / q->eta;
+        if (!(p.cos_o > 0.0) || !(s < 1.0))
+            return;
+        s = below * s / sqrt(1.0 - s * s);
+    } else {
+        const struct vec to = sub(q->place, p0);
+        const double above = dot(to, n);
+        if (!(above > 0.0))
+            return;
+        along = sub(mad(q->place, -above, n), foot);
+        apart = sqrt(dot(along, along));
+        s = planar_shift(q->eta, below, above, apart);
+    }
+    p.at = apart > 0.0 ? mad(foot, s / apart, along) : foot;
+    d = sub(p.at, p0);
+    p.u = dot(cross(d, e2), n) * inverse;
+    p.v = dot(cross(e1, d), n) * inverse;
+    if (!(p.u >= -BESIDE && p.v >= -BESIDE && p.u + p.v <= 1.0 + BESIDE))
+        return;
+    p.inside_mm = sqrt(s * s + below * below);
+    p.inside = scale(sub(p.at, q->x), 1.0 / p.inside_mm);
+    cos_i = below / p.inside_mm;
+    if (q->away) {
+        p.outside = q->place;
+        p.outside_mm = INFINITY;
+        p.spread = p.cos_o / cos_i;
+    } else {
+        /* Rays about the path meet in the plane of incidence and across it. */
+        double across, within;
+        out = sub(q->place, p.at);
+        p.outside_mm = sqrt(dot(out, out));
+        p.outside = scale(out, 1.0 / p.outside_mm);
+        p.cos_o = dot(p.outside, n);
+        across = p.inside_mm / q->eta + p.outside_mm;
+        within = p.outside_mm * cos_i / p.cos_o + p.inside_mm * p.cos_o / (q->eta * cos_i);
+        p.spread = 1.0 / (across * within);
+    }
+    p.facing_in = cos_i;
+    p.facing_out = p.cos_o;
+    p.size = sqrt(fmax(dot(e1, e1), dot(e2, e2)));
+    keep(q, &p);
+}
+
+/* --- Interpolated normals ----------------------------------------------------------------------------------------------------- */
+
+/* The triangle in its own frame: p0 at the origin, p1 on the x axis, z along its normal. */
+struct curved {
+    const struct facet *facet;
+    double eta;
+    bool away;
+    double ex1, ex2, ey2;    /* p1 = (ex1, 0, 0), p2 = (ex2, ey2, 0) */
+    struct vec axis[3];      /* of the frame, in the world's */
+    struct vec p0, x, place; /* x and the lamp in the frame */
+    struct vec n, nu, nv;    /* normal = n + u nu + v nv, not unit */
+    double size, radius;     /* longest side; from the middle to the farthest corner */
+    double turn;             /* from the normal in the middle to that of a corner, at most */
+    double grazing;
+    double root[12][2];
+    int roots;
+};
+
+struct state {
+    struct vec v, l, h, n; /* to x, to the lamp, half vector, normal */
+    double inverse_v, inverse_l;
+    double r[2]; /* H x n but for its z part */
+};
+
+static inline void look(const struct curved *c, double u, double v, struct state *s)
+{
+    const struct vec p = { u * c->ex1 + v * c->ex2, v * c->ey2, 0.0 }, a = sub(c->x, p);
+
+    s->inverse_v = 1.0 / sqrt(dot(a, a));
+    s->v = scale(a, s->inverse_v);
+    if (c->away) {
+        s->inverse_l = 0.0;
+        s->l = c->place;
+    } else {
+        const struct vec b = sub(c->place, p);
+        s->inverse_l = 1.0 / sqrt(dot(b, b));
+        s->l = scale(b, s->inverse_l);
+    }
+    s->h = mad(s->l, c->eta, s->v);
+    s->n = mad(mad(c->n, u, c->nu), v, c->nv);
+    s->r[0] = s->h.x * s->n.z - s->h.z * s->n.x;
+    s->r[1] = s->h.y * s->n.z - s->h.z * s->n.y;
+}
+
+/* Derivative of r along one edge: p by `e`, n by `dn`. */
+static inline void derive(const struct curved *c, const struct state *s, struct vec e, struct vec dn, double out[2])
+{
+    const double ev = dot(e, s->v), el = dot(e, s->l), fv = -c->eta * s->inverse_v, fl = -s->inverse_l;
+    const struct vec dh = { fv * (e.x - ev * s->v.x) + fl * (e.x - el * s->l.x), fv * (e.y - ev * s->v.y) + fl * (e.y - el * s->l.y),
+                            fv * (e.z - ev * s->v.z) + fl * (e.z - el * s->l.z) };
+
+    out[0] = dh.x * s->n.z + s->h.x * dn.z - dh.z * s->n.x - s->h.z * dn.x;
+    out[1] = dh.y * s->n.z + s->h.y * dn.z - dh.z * s->n.y - s->h.z * dn.y;
+}
+
+static double jacobian(const struct curved *c, const struct state *s, double ju[2], double jv[2])
+{
+    derive(c, s, (struct vec){ c->ex1, 0.0, 0.0 }, c->nu, ju);
+    derive(c, s, (struct vec){ c->ex2, c->ey2, 0.0 }, c->nv, jv);
+    return ju[0] * jv[1] - ju[1] * jv[0];
+}
+
+/* Newton's method from (u, v) on; a root inside the triangle is kept once. */
+static void refine(struct curved *c, double u, double v)
+{
+    for (int i = 0; i < 24; i++) {
+        struct state s;
+        double ju[2], jv[2], det, du, dv, most;
+        look(c, u, v, &s);
+        det = jacobian(c, &s, ju, jv);
+        du = (s.r[0] * jv[1] - s.r[1] * jv[0]) / det;
+        dv = (ju[0] * s.r[1] - ju[1] * s.r[0]) / det;
+        most = fmax(fabs(du), fabs(dv));
+        if (!(most < 1e6))
+            return;
+        if (most > 0.5) { /* not beyond where the field is known to be nearly linear */
+            du *= 0.5 / most;
+            dv *= 0.5 / most;
+        }
+        u -= du;
+        v -= dv;
+        if (!(u > -2.0 && u < 3.0 && v > -2.0 && v < 3.0))
+            return;
+        if (most > 1e-13)
+            continue;
+        if (!(u >= -BESIDE && v >= -BESIDE && u + v <= 1.0 + BESIDE))
+            return;
+        for (int k = 0; k < c->roots; k++)
+            if (fabs(c->root[k][0] - u) + fabs(c->root[k][1] - v) < SAME)
+                return;
+        if (c->roots < (int) PELL_COUNT(c->root)) {
+            c->root[c->roots][0] = u;
+            c->root[c->roots++][1] = v;
+        }
+        return;
+    }
+}
+
+/* A part of the triangle: its corner, and how far its sides go along u and v (below 0: the middle one of four, turned round). */
+struct part {
+    double u, v, side, near; /* near: its size over its distance to x or the lamp, whichever is nearer */
+    int depth;
+};
+
+/* The four quarters of a part in which H can be along n, by bounds that hold however far it is; as for nodes. Returns how many. */
+static int quarter(const struct curved *c, const struct part *part, struct part *out)
+{
+    static const float at[QUARTERS][3] = { { 0.0f, 0.0f, 1.0f }, { 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, -1.0f } };
+    const float half = 0.5f * (float) part->side, x = (float) c->x.x, y = (float) c->x.y, z = (float) c->x.z;
+    const float lx = (float) c->place.x, ly = (float) c->place.y, lz = (float) c->place.z, place = c->away ? 0.0f : 1.0f;
+    const float ex1 = (float) c->ex1, ex2 = (float) c->ex2, ey2 = (float) c->ey2, eta = (float) c->eta, grazing = (float) c->grazing;
+    const float nx = (float) c->n.x, ny = (float) c->n.y, nz = (float) c->n.z, ux = (float) c->nu.x, uy = (float) c->nu.y;
+    const float uz = (float) c->nu.z, vx = (float) c->nv.x, vy = (float) c->nv.y, vz = (float) c->nv.z, sign = eta > 1.0f ? -1.0f : 1.0f;
+    const float radius = (float) c->radius * fabsf(half), turn = (float) c->turn * fabsf(half);
+    float near[QUARTERS];
+    int open[QUARTERS], count = 0;
+
+    for (int i = 0; i < QUARTERS; i++) {
+        const float u = (float) part->u + half * (at[i][0] + at[i][2] * (1.0f / 3.0f));
+        const float v = (float) part->v + half * (at[i][1] + at[i][2] * (1.0f / 3.0f));
+        const float px = u * ex1 + v * ex2, py = v * ey2, ax = x - px, ay = y - py, bx = lx - place * px, by = ly - place * py;
+        const float iv = 1.0f / sqrtf(ax * ax + ay * ay + z * z), il = 1.0f / sqrtf(bx * bx + by * by + lz * lz);
+        const float sv = radius * iv, sl = place * radius * il;
+        const float spread = eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 2e-6f;
+        const float hx = eta * ax * iv + bx * il, hy = eta * ay * iv + by * il, hz = eta * z * iv + lz * il;
+        const float mx = nx + u * ux + v * vx, my = ny + u * uy + v * vy, mz = nz + u * uz + v * vz;
+        const float h = sqrtf(hx * hx + hy * hy + hz * hz), in = 1.0f / sqrtf(LARGER(mx * mx + my * my + mz * mz, 1e-30f));
+        const float ih = 1.0f / LARGER(h, 1e-30f), sb = spread * ih, cb = sqrtf(LARGER(1.0f - sb * sb, 0.0f));
+        const float sine = turn * in, cosine = sqrtf(LARGER(1.0f - sine * sine, 0.0f));
+        const float facing = sign * (hx * mx + hy * my + hz * mz) * ih * in;
+        const int inside = (sv >= 1.0f) | (sl >= 1.0f);
+        const int along = (facing >= cosine * cb - sine * sb - 4e-6f) | (sb >= 0.99f) | (sine >= 0.99f);
+        open[i] = inside | ((h <= grazing + spread) & along);
+        near[i] = LARGER(iv, place * il);
+    }
+    for (int i = 0; i < QUARTERS; i++)
+        if (open[i])
+            out[count++] =
+                (struct part){ part->u + 0.5 * part->side * (double) at[i][0], part->v + 0.5 * part->side * (double) at[i][1],
+                               0.5 * part->side * (double) at[i][2], c->size * fabs((double) half) * (double) near[i], part->depth + 1 };
+    return count;
+}
+
+enum verdict { EMPTY, LINEAR, WILD };
+
+/* What r is like over a part: six values make a quadratic patch, whose Bezier points hold it. */
+static enum verdict weigh(const struct curved *c, const struct part *part, double start[2])
+{
+    static const double at[6][2] = { { 0, 0 }, { 1, 0 }, { 0, 1 }, { 0.5, 0 }, { 0.5, 0.5 }, { 0, 0.5 } };
+    double r[6][2], bend = 0.0, area, longest = 0.0, near;
+    struct state s = { 0 };
+
+    for (int k = 0; k < 6; k++) {
+        look(c, part->u + part->side * at[k][0], part->v + part->side * at[k][1], &s);
+        r[k][0] = s.r[0];
+        r[k][1] = s.r[1];
+    }
+    for (int k = 0; k < 3; k++) { /* from the middle of an edge to its Bezier point */
+        const double *a = r[k], *b = r[(k + 1) % 3];
+        const double x = r[3 + k][0] - 0.5 * (a[0] + b[0]), y = r[3 + k][1] - 0.5 * (a[1] + b[1]);
+        bend = fmax(bend, x * x + y * y);
+        r[3 + k][0] += x;
+        r[3 + k][1] += y;
+    }
+    near = c->size * fabs(part->side) * (s.inverse_v + s.inverse_l);
+    bend = sqrt(bend) + 0.05 * near * near * near;
+    /* Parted from 0 by a line along one of the sides, or by an axis? */
+    for (int k = 0; k < 5; k++) {
+        const double *a = r[k % 3], *b = r[(k + 1) % 3];
+        const double x = k < 3 ? a[1] - b[1] : k == 3, y = k < 3 ? b[0] - a[0] : k == 4, length = sqrt(x * x + y * y);
+        double low = INFINITY, high = -INFINITY;
+        for (int j = 0; j < 6; j++) {
+            const double t = x * r[j][0] + y * r[j][1];
+            low = fmin(low, t);
+            high = fmax(high, t);
+        }
+        if (k < 3)
+            longest = fmax(longest, length);
+        if (low > (0.25 * bend + 1e-12) * length || high < -(0.25 * bend + 1e-12) * length)
+            return EMPTY;
+    }
+    area = (r[1][0] - r[0][0]) * (r[2][1] - r[0][1]) - (r[1][1] - r[0][1]) * (r[2][0] - r[0][0]);
+    start[0] = part->u + part->side * ((r[0][1] * (r[2][0] - r[0][0]) - r[0][0] * (r[2][1] - r[0][1])) / area);
+    start[1] = part->v + part->side * ((r[0][0] * (r[1][1] - r[0][1]) - r[0][1] * (r[1][0] - r[0][0])) / area);
+    return fabs(area) > 12.0 * bend * longest ? LINEAR : WILD;
+}
+
+static void search(struct curved *c)
+{
+    struct part stack[3 * DEPTH + 4];
+    int count = 0, looked = 0;
+    struct state s;
+
+    look(c, 1.0 / 3.0, 1.0 / 3.0, &s);
+    stack[count++] = (struct part){ 0.0, 0.0, 1.0, c->size * fmax(s.inverse_v, s.inverse_l), 0 };
+    while (count > 0) {
+        const struct part p = stack[--count];
+        const bool last = p.depth == DEPTH || looked >= PARTS;
+        looked += 4;
+        if (p.near < 0.4 || last) {
+            double start[2];
+            const enum verdict verdict = weigh(c, &p, start);
+            if (verdict == EMPTY)
+                continue;
+            if (verdict == LINEAR || last) {
+                if (verdict == LINEAR)
+                    refine(c, start[0], start[1]);
+                else
+                    refine(c, p.u + p.side / 3.0, p.v + p.side / 3.0);
+                continue;
+            }
+        }
+        count += quarter(c, &p, stack + count);
+    }
+}
+
+static inline struct vec to_frame(const struct curved *c, struct vec a)
+{
+    return (struct vec){ dot(a, c->axis[0]), dot(a, c->axis[1]), dot(a, c->axis[2]) };
+}
+
+static inline struct vec from_frame(const struct curved *c, struct vec a)
+{
+    return mad(mad(scale(c->axis[0], a.x), a.y, c->axis[1]), a.z, c->axis[2]);
+}
+
+static void solve_curved(struct query *q, const struct facet *f)
+{
+    const struct vec p0 = load(f->p[0]), e1 = sub(load(f->p[1]), p0), e2 = sub(load(f->p[2]), p0), cr = cross(e1, e2);
+    const double area2 = sqrt(dot(cr, cr)), length = sqrt(dot(e1, e1));
+    struct curved c = { .facet = f, .eta = q->eta, .away = q->away, .p0 = p0, .grazing = q->grazing };
+
+    c.axis[2] = scale(cr, 1.0 / area2);
+    c.axis[0] = scale(e1, 1.0 / length);
+    c.axis[1] = cross(c.axis[2], c.axis[0]);
+    c.x = to_frame(&c, sub(q->x, p0));
+    c.place = to_frame(&c, q->away ? q->place : sub(q->place, p0));
+    if (!(c.x.z < 0.0) || !(c.place.z > 0.0))
+        return;
+    c.ex1 = length;
+    c.ex2 = dot(e2, c.axis[0]);
+    c.ey2 = dot(e2, c.axis[1]);
+    c.size = sqrt(fmax(fmax(length * length, dot(e2, e2)), dot(sub(e2, e1), sub(e2, e1))));
+    c.n = to_frame(&c, load(f->n[0]));
+    c.nu = sub(to_frame(&c, load(f->n[1])), c.n);
+    c.nv = sub(to_frame(&c, load(f->n[2])), c.n);
+    for (int k = 0; k < 3; k++) {
+        const double u = (k == 1) - 1.0 / 3.0, v = (k == 2) - 1.0 / 3.0, x = u * c.ex1 + v * c.ex2, y = v * c.ey2;
+        const struct vec dn = mad(scale(c.nu, u), v, c.nv);
+        c.radius = fmax(c.radius, sqrt(x * x + y * y) * (1.0 + 1e-6));
+        c.turn = fmax(c.turn, sqrt(dot(dn, dn)) * (1.0 + 1e-6));
+    }
+    search(&c);
+    for (int i = 0; i < c.roots; i++) {
+        struct path p = { .facet = f, .u = c.root[i][0], .v = c.root[i][1], .size = c.size };
+        const struct vec at = { p.u * c.ex1 + p.v * c.ex2, p.v * c.ey2, 0.0 };
+        double ju[2], jv[2], det, n, cos_i;
+        struct state s;
+        look(&c, p.u, p.v, &s);
+        det = fabs(jacobian(&c, &s, ju, jv));
+        n = sqrt(dot(s.n, s.n));
+        cos_i = -dot(s.v, s.n) / n;
+        p.cos_o = dot(s.l, s.n) / n;
+        p.facing_in = -s.v.z;
+        p.facing_out = s.l.z;
+        if (!(cos_i > 0.0 && p.cos_o > 0.0 && p.facing_in > 0.0 && p.facing_out > 0.0 && s.n.z > 0.0))
+            continue;
+        p.at = mad(p0, 1.0, from_frame(&c, at));
+        p.normal = from_frame(&c, scale(s.n, 1.0 / n));
+        p.inside = from_frame(&c, scale(s.v, -1.0));
+        p.outside = from_frame(&c, s.l);
+        p.inside_mm = 1.0 / s.inverse_v;
+        p.outside_mm = q->away ? INFINITY : 1.0 / s.inverse_l;
+        /* |d lamp / d(u, v)| |d r / d x| / |d r / d(u, v)|, x in the plane across the path. */
+        p.spread = area2 * p.facing_out * (q->away ? 1.0 : s.inverse_l * s.inverse_l) * q->eta * q->eta * s.inverse_v * s.inverse_v *
+                   s.n.z * cos_i * n / det;
+        keep(q, &p);
+    }
+}
+
+void pell_connect_solve(struct query *q, const struct facet *f)
+{
+    if (f->planar)
+        solve_planar(q, f);
+    else
+        solve_curved(q, f);
+}

@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * rqmc.h - numbers of references that sample a pixel in rounds: each round a randomly shifted rank-1 lattice, its randomness a hash of
+ * the place and the seed; rounds are independent, so their spread is an honest standard error.
+ */
+#ifndef PELL_ROUNDS_H
+#define PELL_ROUNDS_H
+
+#include "base/hash.h"
+#include "math/vec.h"
+
+#include <math.h>
+#include <string.h>
+
+static inline double pell_unit(uint32_t x)
+{
+    return (double) x * (1.0 / 4294967296.0);
+}
+
+/* Number `index` of a round's lattice in dimension `d`: multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1), shifted. */
+static inline double pell_lattice(uint32_t round_seed, uint32_t d, uint32_t index)
+{
+    static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
+    return pell_unit(pell_hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
+}
+
+static inline uint32_t pell_place_seed(struct pell_vec3 at, uint32_t seed)
+{
+    uint32_t b[3];
+
+    memcpy(b, &at, sizeof(b));
+    return pell_hash(b[0] ^ pell_hash(b[1] ^ pell_hash(b[2] ^ pell_hash(seed))));
+}
+
+/* Sums over rounds. */
+struct pell_rounds {
+    double sum[3], square[3];
+    int64_t count;
+};
+
+static inline void pell_rounds_add(struct pell_rounds *s, const double round[3])
+{
+    for (int c = 0; c < 3; c++) {
+        s->sum[c] += round[c];
+        s->square[c] += round[c] * round[c];
+    }
+    s->count++;
+}
+
+/* The channels' means and their standard errors. */
+static inline void pell_rounds_measure(const struct pell_rounds *s, double mean[3], double spread[3])
+{
+    const double n = (double) s->count;
+
+    for (int c = 0; c < 3; c++) {
+        mean[c] = n > 0.0 ? s->sum[c] / n : 0.0;
+        spread[c] = n > 1.0 ? sqrt(fmax(s->square[c] / n - mean[c] * mean[c], 0.0) / (n - 1.0)) : 0.0;
+    }
+}
+
+/* How many rounds make the relative error small enough, as a pilot's say: `least` of them, and `dark` where it found no light. */
+static inline double pell_rounds_needed(const struct pell_rounds *pilot, double error, double least, double dark)
+{
+    double mean[3], spread[3], largest, n = least;
+
+    pell_rounds_measure(pilot, mean, spread);
+    largest = fmax(mean[0], fmax(mean[1], mean[2]));
+    for (int c = 0; largest > 0.0 && c < 3; c++) {
+        const double ratio = spread[c] / (error * fmax(mean[c], 1e-3 * largest));
+        n = fmax(n, (double) pilot->count * ratio * ratio);
+    }
+    return largest > 0.0 ? n : dark;
+}
+
+#endif

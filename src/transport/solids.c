@@ -1,0 +1,322 @@
+/* SPDX-License-Identifier: MIT
+ * solids.c - see body.h. */
+#include "transport/solids.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define CURVE_BITS 20 /* of each coordinate along the curve */
+
+struct place {
+    uint64_t code;
+    uint32_t mesh, triangle;
+    double area;
+};
+
+void pell_bodies_destroy(struct pell_bodies **bodies)
+{
+    struct pell_bodies *b = *bodies;
+
+    if (!b)
+        return;
+    *bodies = NULL;
+    for (size_t i = 0; b->bodies && i < b->count; i++) {
+        pell_free(b->ctx, b->bodies[i].triangles);
+        pell_free(b->ctx, b->bodies[i].area_after);
+    }
+    pell_free(b->ctx, b->bodies);
+    pell_free(b->ctx, b->of_mesh);
+    pell_free(b->ctx, b);
+}
+
+/* --- The curve ------------------------------------------------------------------------------------------------------------------ */
+
+/* Place along Hilbert's curve through the unit cube: Skilling 2004, "Programming the Hilbert Curve", AIP Conf. Proc. 707. */
+static uint64_t hilbert(uint32_t x, uint32_t y, uint32_t z)
+{
+    uint32_t p[3] = { x, y, z }, t;
+    uint64_t code = 0;
+
+    for (uint32_t q = 1u << (CURVE_BITS - 1); q > 1; q >>= 1)
+        for (int i = 0; i < 3; i++) {
+            if (p[i] & q) {
+                p[0] ^= q - 1;
+            } else {
+                t = (p[0] ^ p[i]) & (q - 1);
+                p[0] ^= t;
+                p[i] ^= t;
+            }
+        }
+    for (int i = 1; i < 3; i++)
+        p[i] ^= p[i - 1];
+    t = 0;
+    for (uint32_t q = 1u << (CURVE_BITS - 1); q > 1; q >>= 1)
+        if (p[2] & q)
+            t ^= q - 1;
+    for (int bit = CURVE_BITS - 1; bit >= 0; bit--)
+        for (int i = 0; i < 3; i++)
+            code = code << 1 | ((p[i] ^ t) >> bit & 1);
+    return code;
+}
+
+static uint32_t step_of(float x, float low, float size)
+{
+    const float f = size > 0.0f ? (x - low) / size : 0.0f;
+    return (uint32_t) (fminf(fmaxf(f, 0.0f), 0.999999f) * (float) (1u << CURVE_BITS));
+}
+
+static int compare(const void *a, const void *b)
+{
+    const struct place *p = a, *q = b;
+
+    if (p->code != q->code)
+        return p->code < q->code ? -1 : 1;
+    if (p->mesh != q->mesh)
+        return p->mesh < q->mesh ? -1 : 1;
+    return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
+}
+
+static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_vec3 *centre, double *area)
+{
+    const uint32_t *index = m->index + 3 * (size_t) triangle;
+    double p[3][3], n[3];
+
+    for (int k = 0; k < 3; k++)
+        for (int j = 0; j < 3; j++)
+            p[k][j] = (double) m->position[3 * (size_t) index[k] + (size_t) j];
+    for (int j = 0; j < 3; j++) {
+        const int a = (j + 1) % 3, b = (j + 2) % 3;
+        n[j] = (p[1][a] - p[0][a]) * (p[2][b] - p[0][b]) - (p[1][b] - p[0][b]) * (p[2][a] - p[0][a]);
+    }
+    *area = 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    *centre = vec3((float) ((p[0][0] + p[1][0] + p[2][0]) / 3.0), (float) ((p[0][1] + p[1][1] + p[2][1]) / 3.0),
+                   (float) ((p[0][2] + p[1][2] + p[2][2]) / 3.0));
+}
+
+/* Lists the triangles of body `number`, in order; its meshes are the `count` at `meshes`. */
+static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_scene *scene, size_t number, const uint32_t *meshes,
+                                       size_t count)
+{
+    struct pell_body *body = &b->bodies[number];
+    struct place *places = NULL;
+    struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
+    size_t most = 0, n = 0;
+    float size;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    for (size_t i = 0; i < count; i++) {
+        const struct pell_mesh *m = &scene->meshes[meshes[i]];
+        most += m->num_triangles;
+        for (size_t v = 0; v < m->num_vertices; v++) {
+            const float *p = m->position + 3 * v;
+            low = vec3(fminf(low.x, p[0]), fminf(low.y, p[1]), fminf(low.z, p[2]));
+            high = vec3(fmaxf(high.x, p[0]), fmaxf(high.y, p[1]), fmaxf(high.z, p[2]));
+        }
+    }
+    size = fmaxf(high.x - low.x, fmaxf(high.y - low.y, high.z - low.z));
+    places = pell_alloc_array(b->ctx, most + 1, sizeof(*places));
+    body->triangles = pell_alloc_array(b->ctx, most + 1, sizeof(*body->triangles));
+    body->area_after = pell_alloc_array(b->ctx, most + 1, sizeof(*body->area_after));
+    if (!places || !body->triangles || !body->area_after)
+        goto fail;
+    for (size_t i = 0; i < count; i++)
+        for (uint32_t t = 0; t < scene->meshes[meshes[i]].num_triangles; t++) {
+            struct pell_vec3 c;
+            double area;
+            measure(&scene->meshes[meshes[i]], t, &c, &area);
+            if (!(area > 0.0 && area < INFINITY))
+                continue;
+            places[n++] = (struct place) { hilbert(step_of(c.x, low.x, size), step_of(c.y, low.y, size), step_of(c.z, low.z, size)),
+                                           meshes[i], t, area };
+        }
+    qsort(places, n, sizeof(*places), compare);
+    for (size_t i = 0; i < n; i++) {
+        body->triangles[i] = (struct pell_body_triangle) { places[i].mesh, places[i].triangle };
+        body->area += places[i].area;
+        body->area_after[i] = body->area;
+    }
+    body->num_triangles = n;
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, places);
+    return res;
+}
+
+/* Bodies of an object: the first of them in a table by the object's number, each with the next of its row. */
+struct by_object {
+    int32_t *first, *next;
+    size_t mask;
+};
+
+static int32_t *row_of(const struct by_object *o, int object)
+{
+    return &o->first[((uint32_t) object * 2654435761u >> 7) & o->mask];
+}
+
+static enum pell_result by_object_create(struct pell_context *ctx, size_t count, struct by_object *o)
+{
+    for (o->mask = 1; o->mask < count; o->mask *= 2)
+        continue;
+    o->first = pell_alloc_array(ctx, o->mask, sizeof(*o->first));
+    o->next = pell_alloc_array(ctx, count + 1, sizeof(*o->next));
+    if (!o->first || !o->next)
+        return PELL_ERR_NOMEM;
+    memset(o->first, -1, o->mask * sizeof(*o->first));
+    o->mask--;
+    return PELL_OK;
+}
+
+/* The body that triangles of a mesh scatter in; it is made if need be. */
+static int32_t body_of(struct pell_bodies *b, const struct by_object *o, const struct pell_frame_material *materials, int object, size_t at,
+                       bool layered)
+{
+    int32_t *const row = row_of(o, object);
+
+    for (int32_t k = *row; k >= 0; k = o->next[k]) {
+        const struct pell_frame_material *other = &materials[b->bodies[k].material];
+        if (b->bodies[k].object == object && other->profile == materials[at].profile && other->white == materials[at].white &&
+            (b->bodies[k].material == at || (!layered && !b->bodies[k].layered)))
+            return k;
+    }
+    o->next[b->count] = *row;
+    *row = (int32_t) b->count;
+    b->bodies[b->count] = (struct pell_body) { .object = object, .material = at, .layered = layered };
+    return (int32_t) b->count++;
+}
+
+/* Meshes in the order of their bodies, each body's in their own. */
+static enum pell_result list_bodies(struct pell_bodies *b, const struct pell_scene *scene)
+{
+    uint32_t *meshes = pell_alloc_array(b->ctx, b->num_meshes + 1, sizeof(*meshes));
+    size_t *end = pell_calloc(b->ctx, b->count + 1, sizeof(*end)), at = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!meshes || !end)
+        goto fail;
+    for (size_t i = 0; i < b->num_meshes; i++)
+        if (b->of_mesh[i] >= 0)
+            end[b->of_mesh[i] + 1]++;
+    for (size_t k = 0; k < b->count; k++)
+        end[k + 1] += end[k];
+    for (size_t i = 0; i < b->num_meshes; i++)
+        if (b->of_mesh[i] >= 0)
+            meshes[end[b->of_mesh[i]]++] = (uint32_t) i; /* each becomes its own end */
+    for (size_t k = 0; k < b->count; at = end[k++])
+        PELL_TRY(list_triangles(b, scene, k, meshes + at, end[k] - at));
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, end);
+    pell_free(b->ctx, meshes);
+    return res;
+}
+
+enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_scene *scene, const uint16_t *frame_index,
+                                    const struct pell_frame_material *materials, struct pell_bodies **out)
+{
+    struct pell_bodies *b = pell_zalloc(ctx, sizeof(*b));
+    struct by_object objects = { NULL, NULL, 0 };
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!b)
+        return PELL_ERR_NOMEM;
+    b->ctx = ctx;
+    b->num_meshes = scene->num_meshes;
+    b->of_mesh = pell_alloc_array(ctx, scene->num_meshes + 1, sizeof(*b->of_mesh));
+    b->bodies = pell_calloc(ctx, scene->num_meshes + 1, sizeof(*b->bodies));
+    if (!b->of_mesh || !b->bodies)
+        goto fail;
+    PELL_TRY(by_object_create(ctx, scene->num_meshes, &objects));
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        const size_t at = frame_index[m->material + 1];
+        const bool layered = scene->materials[m->material].num_layers > 0;
+
+        b->of_mesh[i] = at == 0 ? -1 : body_of(b, &objects, materials, m->object, at - 1, layered);
+    }
+    PELL_TRY(list_bodies(b, scene));
+    pell_free(ctx, objects.next);
+    pell_free(ctx, objects.first);
+    *out = b;
+    return PELL_OK;
+
+fail:
+    pell_free(ctx, objects.next);
+    pell_free(ctx, objects.first);
+    pell_bodies_destroy(&b);
+    return res;
+}
+
+/* --- Asking ------------------------------------------------------------------------------------------------------------------- */
+
+struct pell_body_triangle pell_body_at(const struct pell_body *body, double area, double *f)
+{
+    size_t low = 0, high = body->num_triangles - 1;
+    double before, own;
+
+    while (low < high) {
+        const size_t mid = low + (high - low) / 2;
+        if (body->area_after[mid] > area)
+            high = mid;
+        else
+            low = mid + 1;
+    }
+    before = low > 0 ? body->area_after[low - 1] : 0.0;
+    own = body->area_after[low] - before;
+    *f = own > 0.0 ? (area - before) / own : 0.0;
+    *f = *f < 0.0 ? 0.0 : *f < 0.99999994 ? *f : 0.99999994;
+    return body->triangles[low];
+}
+
+void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *rays, const struct pell_frame *in, const ptrdiff_t *at,
+                      int count, int32_t out[16])
+{
+    float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
+    _Alignas(64) int open[16] = { 0 };
+    struct pell_ray_hit16 p;
+    int any = count > 0 ? -1 : 0;
+
+    memset(&p, 0, sizeof(p));
+    for (int i = 0; i < 16; i++)
+        out[i] = -1;
+    for (int i = 0; i < count; i++) {
+        open[i] = -1;
+        depth[i] = in->depth[at[i]];
+        for (int k = 0; k < 3; k++) {
+            position[k][i] = in->position[k][at[i]];
+            normal[k][i] = in->normal[k][at[i]];
+        }
+    }
+    /* Wider and wider, for normals that graze. */
+    for (float reach = 3e-5f; any && reach < 1e-2f; reach *= 8.0f) {
+        for (int i = 0; i < 16; i++) {
+            const float e = reach * (fmaxf(fabsf(position[0][i]), fmaxf(fabsf(position[1][i]), fabsf(position[2][i]))) + depth[i]);
+            p.ray.ox[i] = position[0][i] + e * normal[0][i];
+            p.ray.oy[i] = position[1][i] + e * normal[1][i];
+            p.ray.oz[i] = position[2][i] + e * normal[2][i];
+            p.ray.dx[i] = -normal[0][i];
+            p.ray.dy[i] = -normal[1][i];
+            p.ray.dz[i] = -normal[2][i];
+            p.ray.tnear[i] = 0.0f;
+            p.ray.tfar[i] = 2.0f * e;
+            p.ray.mask[i] = PELL_RAY_TRANSLUCENT;
+        }
+        pell_rays_closest16(rays, open, true, &p);
+        any = 0;
+        for (int i = 0; i < 16; i++) {
+            if (open[i] && p.hit.mesh[i] < bodies->num_meshes && bodies->of_mesh[p.hit.mesh[i]] >= 0) {
+                out[i] = bodies->of_mesh[p.hit.mesh[i]];
+                open[i] = 0;
+            }
+            any |= open[i];
+        }
+    }
+    for (int i = 0; any && i < 16; i++)
+        for (size_t k = 0; open[i] && k < bodies->count; k++)
+            if (bodies->bodies[k].material == in->material[at[i]] - 1u) {
+                out[i] = (int32_t) k;
+                open[i] = 0;
+            }
+}

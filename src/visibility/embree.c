@@ -1,0 +1,586 @@
+/* SPDX-License-Identifier: MIT
+ * embree.c - visibility by Embree 3. One Embree geometry per mesh, with the mesh's number, over the mesh's own arrays.
+ *
+ * Robust traversal, so that rays don't slip through shared edges (of rays aimed at vertices to the last bit some in 500 still do).
+ * Masks are Embree's where it was built with them (Debian's is), else a filter function on every geometry. Embree reads positions 16
+ * bytes at a time: pell_mesh_allocate leaves room behind the last vertex. */
+#include "image/color.h"
+#include "visibility/rays.h"
+
+#include <embree3/rtcore.h>
+#include <stdio.h>
+#include <string.h>
+
+/* The packets are Embree's own, under our names: no copying. */
+#define SAME(type, field, rtc_type, rtc_field)                                                                                     \
+    _Static_assert(offsetof(struct type, field) == offsetof(struct rtc_type, rtc_field), "layout of " #field)
+SAME(pell_ray16, ox, RTCRay16, org_x);
+SAME(pell_ray16, oy, RTCRay16, org_y);
+SAME(pell_ray16, oz, RTCRay16, org_z);
+SAME(pell_ray16, tnear, RTCRay16, tnear);
+SAME(pell_ray16, dx, RTCRay16, dir_x);
+SAME(pell_ray16, dy, RTCRay16, dir_y);
+SAME(pell_ray16, dz, RTCRay16, dir_z);
+SAME(pell_ray16, time, RTCRay16, time);
+SAME(pell_ray16, tfar, RTCRay16, tfar);
+SAME(pell_ray16, mask, RTCRay16, mask);
+SAME(pell_ray16, id, RTCRay16, id);
+SAME(pell_ray16, flags, RTCRay16, flags);
+SAME(pell_hit16, ngx, RTCHit16, Ng_x);
+SAME(pell_hit16, ngy, RTCHit16, Ng_y);
+SAME(pell_hit16, ngz, RTCHit16, Ng_z);
+SAME(pell_hit16, u, RTCHit16, u);
+SAME(pell_hit16, v, RTCHit16, v);
+SAME(pell_hit16, triangle, RTCHit16, primID);
+SAME(pell_hit16, mesh, RTCHit16, geomID);
+SAME(pell_hit16, instance, RTCHit16, instID);
+SAME(pell_ray_hit16, hit, RTCRayHit16, hit);
+_Static_assert(sizeof(struct pell_ray16) == sizeof(struct RTCRay16) && sizeof(struct pell_ray_hit16) == sizeof(struct RTCRayHit16),
+               "packets are Embree's");
+_Static_assert(_Alignof(struct pell_ray16) == 64 && _Alignof(struct pell_ray_hit16) == 64, "packets are aligned as Embree wants");
+_Static_assert(PELL_NO_HIT == RTC_INVALID_GEOMETRY_ID, "no hit is Embree's no geometry");
+
+#if defined(__SANITIZE_THREAD__)
+#define THREAD_SANITIZER 1
+#elif defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define THREAD_SANITIZER 1
+#endif
+#endif
+#ifndef THREAD_SANITIZER
+#define THREAD_SANITIZER 0
+#endif
+
+/* What a geometry's filter function needs. */
+struct surface {
+    const struct pell_mesh *mesh;
+    const struct pell_material *material;
+    uint32_t mask;
+    bool alpha; /* look the base colour's alpha up */
+};
+
+struct pell_rays {
+    struct pell_context *ctx;
+    RTCDevice device;
+    RTCScene scene;
+    struct surface *surfaces; /* one a mesh */
+    _Atomic int64_t bytes;    /* that Embree holds */
+    atomic_bool over_limit;
+    _Atomic int error; /* first enum RTCError */
+    struct pell_ray_record *record; /* borrowed; NULL: none */
+};
+
+/* --- Filters ------------------------------------------------------------------------------------------------------------------ */
+
+/* Straight alpha of the base colour at a hit: factor x map x vertex colour, as glTF defines it. */
+static float alpha_at(const struct surface *s, uint32_t triangle, float u, float v)
+{
+    const uint32_t *i = s->mesh->index + 3 * (size_t) triangle;
+    const struct pell_texture_map *map = &s->material->base_color_map;
+    const float w = 1.0f - u - v;
+    float alpha = s->material->base_color[3];
+
+    if (s->mesh->color)
+        alpha *= w * s->mesh->color[4 * (size_t) i[0] + 3] + u * s->mesh->color[4 * (size_t) i[1] + 3] +
+                 v * s->mesh->color[4 * (size_t) i[2] + 3];
+    if (map->texture && s->mesh->uv[map->uv]) {
+        const float *uv = s->mesh->uv[map->uv], *a = uv + 2 * (size_t) i[0], *b = uv + 2 * (size_t) i[1], *c = uv + 2 * (size_t) i[2];
+        const float tu = w * a[0] + u * b[0] + v * c[0], tv = w * a[1] + u * b[1] + v * c[1], *m = map->matrix;
+        float rgba[4];
+        pell_image_sample(&map->texture->image, map->texture->wrap_u, map->texture->wrap_v, map->texture->nearest,
+                          m[0] * tu + m[1] * tv + m[2], m[3] * tu + m[4] * tv + m[5], rgba);
+        alpha *= rgba[3];
+    }
+    return alpha;
+}
+
+static void filter(const struct RTCFilterFunctionNArguments *args)
+{
+    const struct surface *s = args->geometryUserPtr;
+    const unsigned n = args->N;
+    const float *hit = (const float *) args->hit;                         /* planes of n: Ng x, y, z, u, v, primID, ... */
+    const uint32_t *triangle = (const uint32_t *) args->hit + 5 * (size_t) n;
+    const uint32_t *mask = (const uint32_t *) args->ray + 9 * (size_t) n; /* planes of n, in the order of struct pell_ray16 */
+
+    for (unsigned i = 0; i < n; i++) {
+        if (args->valid[i] != -1)
+            continue;
+        if (!(mask[i] & s->mask) ||
+            (s->alpha && alpha_at(s, triangle[i], hit[3 * (size_t) n + i], hit[4 * (size_t) n + i]) < s->material->alpha_cutoff))
+            args->valid[i] = 0;
+    }
+}
+
+/* --- Building ----------------------------------------------------------------------------------------------------------------- */
+
+static void on_error(void *user, enum RTCError code, const char *text)
+{
+    struct pell_rays *rays = user;
+    int none = RTC_ERROR_NONE;
+
+    (void) text;
+    atomic_compare_exchange_strong(&rays->error, &none, (int) code);
+}
+
+/* Counts Embree's memory against the context's limit. Called from Embree's threads. */
+static bool on_memory(void *user, ssize_t bytes, bool post)
+{
+    struct pell_rays *rays = user;
+    const int64_t now = atomic_fetch_add(&rays->bytes, bytes) + bytes;
+
+    if (bytes <= 0 || now + (int64_t) pell_memory_used(rays->ctx) <= pell_context_limits(rays->ctx)->memory_bytes)
+        return true;
+    if (!post) /* refused before it was allocated */
+        atomic_fetch_sub(&rays->bytes, bytes);
+    atomic_store(&rays->over_limit, true);
+    return false;
+}
+
+static bool on_progress(void *user, double fraction)
+{
+    const struct pell_rays *rays = user;
+
+    (void) fraction;
+    return !pell_cancelled(rays->ctx);
+}
+
+/* Turns what Embree reported into a result, logged. */
+static enum pell_result check(const struct pell_rays *rays, const struct pell_scene *scene, enum RTCError code)
+{
+    switch (code) {
+    case RTC_ERROR_NONE:
+        return PELL_OK;
+    case RTC_ERROR_CANCELLED:
+        return PELL_ERR_CANCELLED;
+    case RTC_ERROR_OUT_OF_MEMORY:
+        if (rays && atomic_load(&rays->over_limit))
+            return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, "raise the limit memory-bytes if the machine has more",
+                              "the ray structure would exceed the memory limit of %lld bytes",
+                              (long long) pell_context_limits(scene->ctx)->memory_bytes);
+        return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, NULL, "out of memory while building the ray structure");
+    case RTC_ERROR_UNSUPPORTED_CPU:
+        return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree does not run on this processor");
+    default:
+        return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree reports error %d", (int) code);
+    }
+}
+
+static enum pell_result check_mesh(const struct pell_scene *scene, size_t number)
+{
+    const struct pell_mesh *m = &scene->meshes[number];
+    uint32_t highest = 0;
+
+    if (m->material < 0 || (size_t) m->material >= scene->num_materials)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "material %d does not exist; there are %zu", m->material,
+                          scene->num_materials);
+    for (size_t i = 0; i < 3 * (size_t) m->num_triangles; i++)
+        highest = m->index[i] > highest ? m->index[i] : highest;
+    if (m->num_triangles && highest >= m->num_vertices)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "vertex index %u is out of range; there are %u vertices", highest,
+                          m->num_vertices);
+    return PELL_OK;
+}
+
+bool pell_rays_show(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
+{
+    const struct pell_material *material = &scene->materials[m->material];
+    const bool varies = material->base_color_map.texture || m->color;
+
+    *cut = material->alpha_mask && varies;
+    return m->num_triangles > 0 && !(material->alpha_mask && !varies && material->base_color[3] < material->alpha_cutoff);
+}
+
+static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *scene, size_t number, bool masks)
+{
+    const struct pell_mesh *m = &scene->meshes[number];
+    const struct pell_material *material = &scene->materials[m->material];
+    struct surface *s = &rays->surfaces[number];
+    RTCGeometry geometry;
+
+    s->mesh = m;
+    s->material = material;
+    s->mask = material->opaque ? PELL_RAY_OPAQUE : PELL_RAY_TRANSLUCENT;
+    if (!pell_rays_show(scene, m, &s->alpha))
+        return PELL_OK;
+
+    geometry = rtcNewGeometry(rays->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    if (geometry) {
+        rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, m->position, 0, 3 * sizeof(float),
+                                   m->num_vertices);
+        rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m->index, 0, 3 * sizeof(uint32_t),
+                                   m->num_triangles);
+        rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_MEDIUM);
+        rtcSetGeometryMask(geometry, s->mask);
+        rtcSetGeometryUserData(geometry, s);
+        if (s->alpha || !masks) {
+            rtcSetGeometryIntersectFilterFunction(geometry, filter);
+            rtcSetGeometryOccludedFilterFunction(geometry, filter);
+        }
+        rtcCommitGeometry(geometry);
+        rtcAttachGeometryByID(rays->scene, geometry, (unsigned) number);
+        rtcReleaseGeometry(geometry);
+    }
+    return check(rays, scene, (enum RTCError) atomic_load(&rays->error));
+}
+
+static RTCDevice new_device(struct pell_pool *pool)
+{
+    char config[32];
+
+    /* Embree's own threads (TBB) are not instrumented: under the thread sanitizer they would be reported as races. */
+    snprintf(config, sizeof(config), "threads=%d", THREAD_SANITIZER ? 1 : pell_pool_threads(pool));
+    return rtcNewDevice(config);
+}
+
+enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool, struct pell_rays **out)
+{
+    struct pell_rays *rays;
+    enum pell_result res;
+    bool masks;
+
+    *out = NULL;
+    if (scene->num_meshes >= PELL_NO_HIT)
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, scene->path, NULL, "%zu meshes are too many", scene->num_meshes);
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        if ((res = check_mesh(scene, i)) != PELL_OK)
+            return res;
+
+    rays = pell_zalloc(ctx, sizeof(*rays));
+    if (!rays)
+        return PELL_ERR_NOMEM;
+    rays->ctx = ctx;
+    rays->surfaces = pell_calloc(ctx, scene->num_meshes, sizeof(*rays->surfaces));
+    if (!rays->surfaces) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    rays->device = new_device(pool);
+    if (!rays->device) {
+        const enum RTCError code = rtcGetDeviceError(NULL);
+        res = check(NULL, scene, code == RTC_ERROR_NONE ? RTC_ERROR_UNKNOWN : code);
+        goto fail;
+    }
+    rtcSetDeviceErrorFunction(rays->device, on_error, rays);
+    rtcSetDeviceMemoryMonitorFunction(rays->device, on_memory, rays);
+    masks = rtcGetDeviceProperty(rays->device, RTC_DEVICE_PROPERTY_RAY_MASK_SUPPORTED) != 0;
+
+    rays->scene = rtcNewScene(rays->device);
+    PELL_TRY(check(rays, scene, (enum RTCError) atomic_load(&rays->error)));
+    rtcSetSceneFlags(rays->scene, RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneBuildQuality(rays->scene, RTC_BUILD_QUALITY_MEDIUM);
+    rtcSetSceneProgressMonitorFunction(rays->scene, on_progress, rays);
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        PELL_TRY(attach(rays, scene, i, masks));
+    rtcCommitScene(rays->scene);
+    PELL_TRY(check(rays, scene, (enum RTCError) atomic_load(&rays->error)));
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
+    *out = rays;
+    return PELL_OK;
+
+fail:
+    pell_rays_destroy(&rays);
+    return res;
+}
+
+void pell_rays_destroy(struct pell_rays **rays)
+{
+    struct pell_rays *r = *rays;
+
+    if (!r)
+        return;
+    *rays = NULL;
+    if (r->scene)
+        rtcReleaseScene(r->scene);
+    if (r->device)
+        rtcReleaseDevice(r->device);
+    pell_free(r->ctx, r->surfaces);
+    pell_free(r->ctx, r);
+}
+
+/* --- Asking ------------------------------------------------------------------------------------------------------------------- */
+
+static struct RTCIntersectContext intersect_context(bool coherent)
+{
+    struct RTCIntersectContext context;
+
+    rtcInitIntersectContext(&context);
+    context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+    return context;
+}
+
+static void keep(struct pell_ray_record *record, const struct pell_ray *ray, bool occlusion)
+{
+    const size_t at = atomic_fetch_add_explicit(&record->count, 1, memory_order_relaxed);
+
+    if (at >= record->capacity)
+        return;
+    record->rays[at] = *ray;
+    record->occlusion[at] = occlusion;
+}
+
+static void keep16(struct pell_ray_record *record, const int *valid, const struct pell_ray16 *r)
+{
+    for (int i = 0; i < PELL_PACKET; i++)
+        if (valid[i]) {
+            const struct pell_ray ray = {
+                { r->ox[i], r->oy[i], r->oz[i] }, r->tnear[i], { r->dx[i], r->dy[i], r->dz[i] }, r->tfar[i], r->mask[i]
+            };
+            keep(record, &ray, false);
+        }
+}
+
+void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet)
+{
+    struct RTCIntersectContext context = intersect_context(coherent);
+
+    if (rays->record)
+        keep16(rays->record, valid, &packet->ray);
+    memset(packet->hit.mesh, 0xff, sizeof(packet->hit.mesh));
+    memset(packet->hit.instance, 0xff, sizeof(packet->hit.instance));
+    rtcIntersect16(valid, rays->scene, &context, (struct RTCRayHit16 *) packet);
+}
+
+void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray16 *packet)
+{
+    struct RTCIntersectContext context = intersect_context(coherent);
+
+    rtcOccluded16(valid, rays->scene, &context, (struct RTCRay16 *) packet);
+}
+
+static struct RTCRay single_ray(const struct pell_ray *ray)
+{
+    return (struct RTCRay) {
+        .org_x = ray->origin[0], .org_y = ray->origin[1], .org_z = ray->origin[2], .tnear = ray->tnear, .dir_x = ray->direction[0],
+        .dir_y = ray->direction[1], .dir_z = ray->direction[2], .tfar = ray->tfar, .mask = ray->mask,
+    };
+}
+
+void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record)
+{
+    rays->record = record;
+}
+
+/* Of the same kind, from the first on; returns how many there are. */
+static int fill_packet(const struct pell_ray_record *record, size_t first, size_t count, int *valid, struct pell_ray_hit16 *p)
+{
+    int n = 0;
+
+    for (; n < PELL_PACKET && first + (size_t) n < count && record->occlusion[first + (size_t) n] == record->occlusion[first]; n++) {
+        const struct pell_ray *ray = &record->rays[first + (size_t) n];
+        p->ray.ox[n] = ray->origin[0];
+        p->ray.oy[n] = ray->origin[1];
+        p->ray.oz[n] = ray->origin[2];
+        p->ray.dx[n] = ray->direction[0];
+        p->ray.dy[n] = ray->direction[1];
+        p->ray.dz[n] = ray->direction[2];
+        p->ray.tnear[n] = ray->tnear;
+        p->ray.tfar[n] = ray->tfar;
+        p->ray.mask[n] = ray->mask;
+    }
+    for (int i = 0; i < PELL_PACKET; i++)
+        valid[i] = i < n ? -1 : 0;
+    return n;
+}
+
+static int64_t trace_packets(const struct pell_rays *rays, const struct pell_ray_record *record, size_t count)
+{
+    _Alignas(64) int valid[PELL_PACKET];
+    struct pell_ray_hit16 p;
+    int64_t met = 0;
+
+    memset(&p, 0, sizeof(p));
+    for (size_t i = 0; i < count;) {
+        const int n = fill_packet(record, i, count, valid, &p);
+        const bool occlusion = record->occlusion[i];
+        if (occlusion)
+            pell_rays_occluded16(rays, valid, false, &p.ray);
+        else
+            pell_rays_closest16(rays, valid, false, &p);
+        for (int k = 0; k < n; k++)
+            met += occlusion ? p.ray.tfar[k] < 0.0f : p.hit.mesh[k] != PELL_NO_HIT;
+        i += (size_t) n;
+    }
+    return met;
+}
+
+int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record, bool packets)
+{
+    const size_t count = record->count < record->capacity ? record->count : record->capacity;
+    struct RTCIntersectContext context = intersect_context(false);
+    int64_t met = 0;
+
+    if (packets)
+        return trace_packets(rays, record, count);
+    for (size_t i = 0; i < count; i++) {
+        struct RTCRayHit r = { .ray = single_ray(&record->rays[i]), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
+        if (record->occlusion[i]) {
+            rtcOccluded1(rays->scene, &context, &r.ray);
+            met += r.ray.tfar < 0.0f;
+        } else {
+            rtcIntersect1(rays->scene, &context, &r);
+            met += r.hit.geomID != RTC_INVALID_GEOMETRY_ID;
+        }
+    }
+    return met;
+}
+
+bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray, struct pell_hit *hit)
+{
+    struct RTCIntersectContext context = intersect_context(false);
+    struct RTCRayHit r = { .ray = single_ray(ray), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
+
+    if (rays->record)
+        keep(rays->record, ray, false);
+    rtcIntersect1(rays->scene, &context, &r);
+    if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+        return false;
+    *hit = (struct pell_hit) { r.ray.tfar, { r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z }, r.hit.u, r.hit.v, r.hit.geomID, r.hit.primID };
+    return true;
+}
+
+bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray)
+{
+    struct RTCIntersectContext context = intersect_context(false);
+    struct RTCRay r = single_ray(ray);
+
+    if (rays->record)
+        keep(rays->record, ray, true);
+    rtcOccluded1(rays->scene, &context, &r);
+    return r.tfar < 0.0f;
+}
+
+/* --- The nearest point ---------------------------------------------------------------------------------------------------------- */
+
+#define MORE 1.000001 /* the search goes on a little behind the nearest, so that what is nearest does not hang on the order of the search */
+
+struct nearest_search {
+    const struct pell_rays *rays;
+    const int32_t *of_mesh;
+    int32_t which;
+    double x[3], best2; /* squared distance */
+    double u, v;
+    uint32_t mesh, triangle;
+};
+
+static double dot3(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* How far along from a to a + e the point a + d is nearest, [0, 1]; its squared distance. */
+static double segment(const double d[3], const double e[3], double *t)
+{
+    const double ee = dot3(e, e), along = ee > 0.0 ? dot3(d, e) / ee : 0.0;
+    double off[3];
+
+    *t = along > 0.0 ? along < 1.0 ? along : 1.0 : 0.0;
+    for (int k = 0; k < 3; k++)
+        off[k] = d[k] - *t * e[k];
+    return dot3(off, off);
+}
+
+/* Squared distance from the corner p0 + d to the triangle of edges e, f from p0, and where: inside where the foot of the perpendicular is,
+ * else on the nearest side. */
+static double to_triangle(const double d[3], const double e[3], const double f[3], double *u, double *v)
+{
+    const double ee = dot3(e, e), ef = dot3(e, f), ff = dot3(f, f), de = dot3(d, e), df = dot3(d, f), det = ee * ff - ef * ef;
+    const double pu = ff * de - ef * df, pv = ee * df - ef * de;
+    double best, d2, t, g[3], h[3];
+
+    for (int k = 0; k < 3; k++) {
+        g[k] = f[k] - e[k];
+        h[k] = d[k] - e[k];
+    }
+    if (pu > 0.0 && pv > 0.0 && pu + pv < det) {
+        *u = pu / det;
+        *v = pv / det;
+        for (int k = 0; k < 3; k++)
+            h[k] = d[k] - *u * e[k] - *v * f[k];
+        return dot3(h, h);
+    }
+    best = segment(d, e, &t);
+    *u = t;
+    *v = 0.0;
+    d2 = segment(d, f, &t);
+    if (d2 < best) {
+        best = d2;
+        *u = 0.0;
+        *v = t;
+    }
+    d2 = segment(h, g, &t);
+    if (d2 < best) {
+        best = d2;
+        *u = 1.0 - t;
+        *v = t;
+    }
+    return best;
+}
+
+static bool try_triangle(struct RTCPointQueryFunctionArguments *args)
+{
+    struct nearest_search *s = args->userPtr;
+    const struct pell_mesh *m = s->rays->surfaces[args->geomID].mesh;
+    const uint32_t *index = m->index + 3 * (size_t) args->primID;
+    double d[3], e[3], f[3], d2, u, v, radius;
+
+    if (s->of_mesh && s->of_mesh[args->geomID] != s->which)
+        return false;
+    for (size_t k = 0; k < 3; k++) {
+        const double a = (double) m->position[3 * (size_t) index[0] + k];
+        d[k] = s->x[k] - a;
+        e[k] = (double) m->position[3 * (size_t) index[1] + k] - a;
+        f[k] = (double) m->position[3 * (size_t) index[2] + k] - a;
+    }
+    d2 = to_triangle(d, e, f, &u, &v);
+    if (!(d2 <= s->best2) || (d2 == s->best2 && s->mesh != PELL_NO_HIT &&
+                              (args->geomID > s->mesh || (args->geomID == s->mesh && args->primID >= s->triangle))))
+        return false;
+    s->best2 = d2;
+    s->u = u;
+    s->v = v;
+    s->mesh = args->geomID;
+    s->triangle = args->primID;
+    radius = sqrt(d2) * MORE;
+    if (!(radius < (double) args->query->radius))
+        return false;
+    args->query->radius = (float) radius;
+    return true;
+}
+
+bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, float radius, const int32_t *of_mesh, int32_t which,
+                             struct pell_nearest *out)
+{
+    struct nearest_search s = {
+        .rays = rays, .of_mesh = of_mesh, .which = which, .x = { (double) x.x, (double) x.y, (double) x.z },
+        .best2 = (double) radius * (double) radius, .mesh = PELL_NO_HIT,
+    };
+    struct RTCPointQuery query = { .x = x.x, .y = x.y, .z = x.z, .time = 0.0f, .radius = (float) ((double) radius * MORE) };
+    struct RTCPointQueryContext context;
+    const struct pell_mesh *m;
+    const uint32_t *index;
+    float point[3];
+
+    if (!isfinite(x.x + x.y + x.z) || !(radius >= 0.0f))
+        return false;
+    rtcInitPointQueryContext(&context);
+    rtcPointQuery(rays->scene, &query, &context, try_triangle, &s);
+    if (s.mesh == PELL_NO_HIT)
+        return false;
+    out->mesh = s.mesh;
+    out->triangle = s.triangle;
+    out->u = (float) s.u;
+    out->v = (float) s.v;
+    out->distance = sqrt(s.best2);
+    m = rays->surfaces[s.mesh].mesh;
+    index = m->index + 3 * (size_t) s.triangle;
+    for (size_t k = 0; k < 3; k++) {
+        const double a = (double) m->position[3 * (size_t) index[0] + k], b = (double) m->position[3 * (size_t) index[1] + k],
+                     c = (double) m->position[3 * (size_t) index[2] + k];
+        point[k] = (float) (a + s.u * (b - a) + s.v * (c - a));
+    }
+    out->point = vec3_load(point);
+    return true;
+}
