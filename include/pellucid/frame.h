@@ -41,7 +41,7 @@ struct pell_frame {
 
     /* The pixels. */
     struct pell_rect rect;      /* holds every pixel whose material is not 0, inside the picture */
-    const uint16_t *material;   /* 0: not translucent; i + 1: materials[i] */
+    const uint16_t *material;   /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0 */
     const float *depth;         /* mm along the view axis, > 0 */
     const float *strength;      /* scales the scattering radius, [0, 1]; NULL: 1 */
     const float *base[3];       /* base colour, where the material is `white`; elsewhere anything. NULL: not known */

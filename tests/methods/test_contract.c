@@ -704,6 +704,39 @@ static void what_lies_outside_the_mask_changes_nothing(void **state)
     place_destroy(&at);
 }
 
+/* An engine's plane may hold ids of its own: what names none of the frame's materials is not translucent. */
+static void ids_beyond_the_materials_count_as_none(void **state)
+{
+    const uint16_t ids[] = { 0, 3, 4095, 4096, 32768, 65535 };
+    struct pell_frame_material m[2] = { broad(), broad() };
+    struct bench_place at = place_create(2, NULL, NULL);
+
+    (void) state;
+    FOR_EACH_METHOD(method)
+    {
+        struct patch *first = NULL;
+        for (size_t j = 0; j < PELL_COUNT(ids); j++) {
+            struct patch *p = patch_create(120, 90, false, 900.0, 500.0, m, 2);
+            rough_scene(p, 43);
+            for (int y = 0; y < 90; y++)
+                for (int x = 0; x < 120; x++) {
+                    uint16_t *id = &p->material[patch_at(p, x, y)];
+                    if (*id == 0 || (x >= 32 && x < 64 && y < 40)) /* holes of single pixels, and whole blocks */
+                        *id = ids[j];
+                }
+            patch_run(&at, method, form(method), p);
+            if (first) {
+                assert_true(same_result(first, p));
+                patch_destroy(p);
+            } else {
+                first = p;
+            }
+        }
+        patch_destroy(first);
+    }
+    place_destroy(&at);
+}
+
 static void materials_that_touch_do_not_bleed(void **state)
 {
     struct pell_frame_material m[2] = { broad(), broad() };
@@ -1039,6 +1072,7 @@ int main(void)
         cmocka_unit_test(no_radius_is_lambert),
         cmocka_unit_test(all_albedos_are_legal),
         cmocka_unit_test(what_lies_outside_the_mask_changes_nothing),
+        cmocka_unit_test(ids_beyond_the_materials_count_as_none),
         cmocka_unit_test(materials_that_touch_do_not_bleed),
         cmocka_unit_test(failed_allocations_leak_nothing),
         cmocka_unit_test(a_frame_allocates_nothing),

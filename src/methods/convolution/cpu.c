@@ -8,6 +8,7 @@
 #include "base/pool.h"
 #include "base/simd.h"
 #include "math/vec.h"
+#include "render/material_id.h"
 #include "render/renderer.h"
 
 #include <string.h>
@@ -210,7 +211,7 @@ static void group_row(void *arg, int index, int worker)
     (void) worker;
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
         const ptrdiff_t i = y * in->stride + x;
-        group[x] = in->material[i];
+        group[x] = pell_material_id(in, i);
         if (group[x] && st->bodies)
             group[x] = in->mesh[i] < st->bodies->num_meshes ? (uint16_t) (st->bodies->of_mesh[in->mesh[i]] + 1) : 0;
     }

@@ -6,6 +6,7 @@
 
 #include "base/simd.h"
 #include "math/vec.h"
+#include "render/material_id.h"
 #include "render/renderer.h"
 
 #include <string.h>
@@ -213,7 +214,7 @@ static void find_bodies(const struct is_state *st, int y)
     int count = 0;
 
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
-        if (in->material[y * in->stride + x])
+        if (pell_material_id(in, y * in->stride + x))
             at[count++] = y * in->stride + x;
         if (count == 0 || (count < 16 && x + 1 < in->rect.x1))
             continue;
@@ -272,7 +273,7 @@ static void find_shift(struct is_state *st, const struct pell_view *eye)
             const ptrdiff_t i = y * in->stride + x;
             struct pell_vec3 p;
             float scale;
-            if (!in->material[i])
+            if (!pell_material_id(in, i))
                 continue;
             p = vec3_sub(vec3(in->position[0][i], in->position[1][i], in->position[2][i]), eye->origin);
             scale = in->orthographic ? in->focal_px : in->focal_px / in->depth[i];

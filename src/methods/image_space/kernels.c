@@ -10,6 +10,7 @@
 
 #include "base/simd.h"
 #include "math/lanes.h"
+#include "render/material_id.h"
 
 #include <math.h>
 #include <string.h>
@@ -115,7 +116,7 @@ static void is_load(const struct is_work *w, int y)
     const ptrdiff_t from = y * in->stride, to = y * w->stride;
 
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
-        const int m = in->material[from + x];
+        const int m = pell_material_id(in, from + x);
         const float z = m ? in->depth[from + x] : 1.0f, safe = z > 1e-30f && z < 1e30f ? z : 1.0f;
         w->key[to + x] = m && w->body ? (float) w->body[y * w->texel_stride + x] : (float) m;
         w->w[to + x] = in->orthographic ? safe : 1.0f / safe;
@@ -701,22 +702,22 @@ INLINE void finish(const struct is_work *w, const struct place *p, const struct 
 INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel, const struct image *images)
 {
     const struct pell_frame *in = w->in;
-    const uint16_t *material = in->material + y * in->stride;
+    const ptrdiff_t row = y * in->stride;
     _Alignas(64) float result[3][IS_BLOCK] = { { 0 } }, alpha[3][IS_BLOCK] = { { 0 } }, strength[IS_BLOCK];
     _Alignas(64) int32_t index[IS_BLOCK];
     int count = 0;
 
     if (block >= in->rect.x0 && block + IS_BLOCK <= in->rect.x1) { /* whole vectors: what is stored in parts can't be loaded at once */
         for (int l = 0; l < IS_BLOCK; l++)
-            index[l] = material[block + l];
+            index[l] = pell_material_id(in, row + block + l);
         for (int l = 0; l < IS_BLOCK; l++)
-            strength[l] = in->strength ? in->strength[y * in->stride + block + l] : 1.0f;
+            strength[l] = in->strength ? in->strength[row + block + l] : 1.0f;
     } else {
         for (int l = 0; l < IS_BLOCK; l++) {
             const int x = block + l;
             const bool inside = x >= in->rect.x0 && x < in->rect.x1;
-            index[l] = inside ? material[x] : 0;
-            strength[l] = index[l] && in->strength ? in->strength[y * in->stride + x] : 1.0f;
+            index[l] = inside ? pell_material_id(in, row + x) : 0;
+            strength[l] = index[l] && in->strength ? in->strength[row + x] : 1.0f;
         }
     }
     for (int l = 0; l < IS_BLOCK; l++) {

@@ -9,6 +9,7 @@
 
 #include "base/simd.h"
 #include "math/lanes.h"
+#include "render/material_id.h"
 
 #include <math.h>
 #include <string.h>
@@ -563,14 +564,14 @@ INLINE void find_owners(const struct ss_work *w, ptrdiff_t from, int x0, int x1,
     if (x1 - x0 == SS_BLOCK)
         memcpy(words, material, sizeof(words));
     if (words[0] && words[0] == words[1] && words[0] == words[2] && words[0] == words[3] && words[0] == material[0] * 0x0001000100010001u &&
-        material[0] <= w->num_materials) {
+        pell_material_id(w->in, from)) {
         first = last = material[0];
         count = SS_BLOCK;
         for (int l = 0; l < SS_BLOCK; l++)
             owners[l] = (float) first;
     } else {
         for (int l = x0; l < x1; l++) {
-            const int m = material[l] <= w->num_materials ? material[l] : 0;
+            const int m = pell_material_id(w->in, from + l);
             first = m > 0 && (first == 0 || m < first) ? m : first;
             last = m > last ? m : last;
             owners[l] = (float) m;
