@@ -3,10 +3,11 @@
 """Makes the tables and pictures of docs/guide/optics-proof.md anew.
 
     ninja -C build tests/optics/oracle_table tests/optics/layers_table
-    scripts/gen_optics_proof.py build/tests/optics RESULTS [PHOTONS]
+    scripts/gen_optics_proof.py build/tests/optics [PHOTONS]
 
-RESULTS is the folder of the oracle's JSON files. What stands between a line `<!-- NAME -->` and `<!-- end -->` of the page is replaced by
-what oracle_table prints; docs/images/proof-*.svg are drawn. Takes half a minute of a core for a million photons. Standard library only.
+The other side of the comparison is tests/expect/oracle. What stands between a line `<!-- NAME -->` and `<!-- end -->` of the page is
+replaced by what oracle_table prints; docs/images/proof-*.svg are drawn. Takes half a minute of a core for a million photons. Standard
+library only.
 """
 import html
 import math
@@ -174,16 +175,16 @@ def draw_models(rows):
 
 
 def main():
-    if len(sys.argv) not in (3, 4):
+    if len(sys.argv) not in (2, 3):
         sys.exit(__doc__)
-    programs, results, photons = pathlib.Path(sys.argv[1]), sys.argv[2], sys.argv[3] if len(sys.argv) == 4 else '1500000'
+    programs, photons = pathlib.Path(sys.argv[1]).resolve(), sys.argv[2] if len(sys.argv) == 3 else '1500000'
 
     def printed(program, *args):
-        return subprocess.run([programs / program, *args], check=True, stdout=subprocess.PIPE, text=True).stdout
+        return subprocess.run([programs / program, *args], check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT).stdout
 
     page = PAGE.read_text('utf-8')
     curves = str(programs / 'oracle_table.csv')
-    for name, args in (('compare', [results]), ('fits', [results]), ('models', [results, photons, curves])):
+    for name, args in (('compare', []), ('fits', []), ('models', [photons, curves])):
         tables = printed('oracle_table', name, *args)
         page, count = re.subn(rf'(<!-- {name} -->\n).*?(<!-- end -->)', lambda m, t=tables: f'{m[1]}\n{t}\n{m[2]}', page, flags=re.DOTALL)
         if count != 1:

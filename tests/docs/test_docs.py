@@ -15,9 +15,7 @@ import subprocess
 import sys
 import zlib
 
-sys.path.insert(0, str(pathlib.Path(sys.argv[2], 'tests/cli')))
-
-from cli_test import ROOT, SMALL, clean_environment, exr_header, main, need, one_object, run, sphere, test, text, works  # noqa: E402
+from cli_test import ROOT, SMALL, clean_environment, exr_header, main, need, one_object, run, sphere, test, text, works
 
 EXAMPLES = pathlib.Path(sys.argv[3]).resolve()
 PROFILE, RENDER, PASS, KERNEL = (os.path.abspath(p) for p in sys.argv[4:8])

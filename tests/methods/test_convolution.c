@@ -54,7 +54,7 @@ static struct tables *tables_of(const struct pell_frame_material *m)
     return t;
 }
 
-/* With the index 1.3 of the numbers in oracle/ERRATA.md. */
+/* With the index 1.3 of the numbers in docs/errata.md. */
 static struct pell_frame_material medium(const char *name)
 {
     struct pell_frame_material m = { .name = name, .preset = name, .medium = pell_material_find(name)->medium };
@@ -113,7 +113,7 @@ static void tables_are_the_profile(void **state)
     }
 }
 
-/* oracle/ERRATA.md 002-6: what lies beyond the distance where R has fallen to a thousandth of R(0). */
+/* docs/errata.md, munoz-6: what lies beyond the distance where R has fallen to a thousandth of R(0). */
 static void the_printed_threshold_drops_light(void **state)
 {
     static const struct {
@@ -224,7 +224,7 @@ static void facing_planes_keep_their_light(void **state)
     place_destroy(&at);
 }
 
-/* oracle/ERRATA.md 002-5: half of the light to each plane and linear gathering leave (rho(0) + rho(dz))/2 at every depth. */
+/* docs/errata.md, munoz-5: half of the light to each plane and linear gathering leave (rho(0) + rho(dz))/2 at every depth. */
 static void splitting_in_halves_loses_light(void **state)
 {
     static const struct {

@@ -104,7 +104,7 @@ static void radii_are_distributed_as_the_profile(void **state)
     free(profile);
 }
 
-/* What one number used twice does to the dipole's distribution: oracle/ERRATA.md 000-2 has 0.203 for marble's green. */
+/* What one number used twice does to the dipole's distribution: docs/errata.md, mertens-2, has 0.203 for marble's green. */
 static void one_number_for_two_choices_bends_the_distribution(void **state)
 {
     struct pell_profile *profile = calloc(3, sizeof(*profile));

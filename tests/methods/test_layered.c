@@ -62,7 +62,7 @@ static double closed_form(const struct test_layer *list, int count, double mu_o,
     return sum;
 }
 
-/* The layers of oracle/results/errata_demos.json, seed001_ray_march, and what comes of them with mu_o 0.9, mu_i 0.7, cosine 0.3. */
+/* The layers of tests/expect/oracle/errata_demos.json, seed001_ray_march, and what comes of them with mu_o 0.9, mu_i 0.7, cosine 0.3. */
 static const struct test_layer fish[3] = {
     { 0.5, 2.0, 2.6, { PELL_PHASE_SCHLICK, { 0.25, 0.0 }, 0.0 } },
     { 0.5, 6.0, 6.6, { PELL_PHASE_SCHLICK, { 0.4, 0.0 }, 0.0 } },

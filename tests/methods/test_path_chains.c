@@ -6,7 +6,7 @@
 #include "methods/path_trace/path.h"
 #include "render/renderer.h"
 
-#include "../slow.h"
+#include "slow.h"
 
 #define FEWER(n) (SLOW ? (n) / 8 : (n))
 #define SIGMAS 3.5

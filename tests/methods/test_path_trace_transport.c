@@ -7,7 +7,7 @@
 #include "methods/path_trace/path.h"
 #include "render/renderer.h"
 
-#include "../optics/oracle.h"
+#include "oracle.h"
 
 #define FEWER(n) (SLOW ? (n) / 8 : (n))
 #define SIGMAS 3.5
@@ -334,7 +334,7 @@ static void require_slab(const char *name, const struct rig_mean *r, double expe
 
 static void slabs_of_the_oracle(void **state)
 {
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *row;
+    json_t *root = oracle_load("montecarlo.json"), *row;
     const int n = FEWER(1500);
     char name[96];
     size_t i;
@@ -361,7 +361,7 @@ static void slabs_of_the_oracle(void **state)
 static void channels_are_slabs(void **state)
 {
     static const int rows[3] = { 5, 3, 0 };
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *list = oracle_get(root, "slab_totals");
+    json_t *root = oracle_load("montecarlo.json"), *list = oracle_get(root, "slab_totals");
     double sigma_s[3], sigma_a[3];
 
     (void) state;

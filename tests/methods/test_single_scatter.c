@@ -132,7 +132,7 @@ static double layers_closed_form(const double (*layer)[4], int count, double mu_
     return sum;
 }
 
-/* The layers of oracle/results/errata_demos.json, seed001_ray_march: Francois et al. 2006, table 1, and what comes of them. */
+/* The layers of tests/expect/oracle/errata_demos.json, seed001_ray_march: Francois et al. 2006, table 1, and what comes of them. */
 static const double fish[3][4] = { { 0.5, 2.0, 2.6, 0.25 }, { 0.5, 6.0, 6.6, 0.4 }, { 2.0, 1.0, 1.5, 0.8 } };
 #define FISH 0.0217062584
 #define FISH_FIRST 0.02092591899

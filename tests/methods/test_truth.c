@@ -6,7 +6,7 @@
 #include "methods/path_trace/path.h"
 #include "render/renderer.h"
 
-#include "../optics/oracle.h"
+#include "oracle.h"
 
 #define FEWER(n) (SLOW ? (n) / 10 : (n))
 #define SIGMAS 3.5
@@ -235,7 +235,7 @@ static void pencil_beams_of_the_oracle(void **state)
         int samples;
     } beams[] = { { 2, 60.0, 3000 }, { 0, 400.0, 4000 } };
     static const size_t first[] = { 13, 17, 21, 25, 29, 33, 37 };
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *list = oracle_get(root, "radial_profiles");
+    json_t *root = oracle_load("montecarlo.json"), *list = oracle_get(root, "radial_profiles");
 
     (void) state;
     for (size_t b = 0; b < PELL_COUNT(beams); b++) {

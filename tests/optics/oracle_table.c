@@ -2,13 +2,14 @@
  *
  * oracle_table.c - the numbers of docs/guide/optics-proof.md, which scripts/gen_optics_proof.py puts there.
  *
- *     oracle_table compare RESULTS          every file of the oracle's results against ours; exit status 1 where a tolerance is exceeded
- *                                           or a key of a file is neither compared nor accounted for
- *     oracle_table tap                      the same as a test
- *     oracle_table fits RESULTS             fits with 4 Gaussians beside the best known optima, marble over the count
- *     oracle_table models RESULTS PHOTONS CSV
- *                                           the five profile models against photons, for the media of Jensen et al. 2001; the curves of
- *                                           the plots go to a file
+ *     oracle_table compare             every file of tests/expect/oracle against ours; exit status 1 where a tolerance is exceeded or a key
+ *                                      of a file is neither compared nor accounted for
+ *     oracle_table tap                 the same as a test
+ *     oracle_table fits                fits with 4 Gaussians beside the best known optima, marble over the count
+ *     oracle_table models PHOTONS CSV  the five profile models against photons, for the media of Jensen et al. 2001; the curves of the
+ *                                      plots go to a file
+ *
+ * Files are found as by project_file: run it at the root of the repository, or set PELL_ROOT.
  *
  * Photons walk once for all channels of one index: these media differ in albedo alone (g = 0). */
 #include "stacks.h"
@@ -82,13 +83,11 @@ static void quotient(double ours, double theirs)
     note(ours / theirs, 0.0, 1.0);
 }
 
-static const char *results; /* folder */
-
 static json_t *load(const char *name)
 {
     char path[1024];
     json_error_t error;
-    snprintf(path, sizeof(path), "%s/%s.json", results, name);
+    snprintf(path, sizeof(path), "%s/%s.json", project_file("tests/expect/oracle"), name);
     json_t *root = json_load_file(path, 0, &error);
     if (!root) {
         fprintf(stderr, "%s: %s\n", path, error.text);
@@ -1365,27 +1364,16 @@ static uint64_t photons_in(const char *text)
 
 int main(int argc, char **argv)
 {
-    results = argc > 2 ? argv[2] : "";
-    if (argc == 3 && strcmp(argv[1], "compare") == 0)
+    if (argc == 2 && strcmp(argv[1], "compare") == 0)
         return compare(false);
-    if (argc == 2 && strcmp(argv[1], "tap") == 0) {
-        static char folder[1024];
-        const char *shared = getenv("PELL_SHARED");
-        snprintf(folder, sizeof(folder), "%s/oracle/results", shared ? shared : "../shared");
-        results = folder;
-        if (access(folder, R_OK) != 0) {
-            printf("1..1\nok 1 - every file of the oracle # SKIP %s is not here\n", folder);
-            return 0;
-        }
+    if (argc == 2 && strcmp(argv[1], "tap") == 0)
         return compare(true);
-    }
-    if (argc == 3 && strcmp(argv[1], "fits") == 0)
+    if (argc == 2 && strcmp(argv[1], "fits") == 0)
         return fits();
-    if (argc == 5 && strcmp(argv[1], "models") == 0) {
-        models(photons_in(argv[3]));
-        return write_curves(argv[4]);
+    if (argc == 4 && strcmp(argv[1], "models") == 0) {
+        models(photons_in(argv[2]));
+        return write_curves(argv[3]);
     }
-    fprintf(stderr,
-            "usage: oracle_table compare|fits RESULTS, oracle_table tap, oracle_table models RESULTS PHOTONS CSV\n");
+    fprintf(stderr, "usage: oracle_table compare|tap|fits, oracle_table models PHOTONS CSV\n");
     return 2;
 }

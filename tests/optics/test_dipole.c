@@ -18,7 +18,7 @@ static const double samples[][3] = { /* sigma_a, sigma_s_reduced, eta */
 
 static void oracle_table(void **state)
 {
-    json_t *root = oracle_load("oracle/results/dipole.json"), *row;
+    json_t *root = oracle_load("dipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach (oracle_get(root, "table"), i, row) {
@@ -49,7 +49,7 @@ static void oracle_table(void **state)
 
 static void oracle_quantiles(void **state)
 {
-    json_t *root = oracle_load("oracle/results/sampling.json"), *row;
+    json_t *root = oracle_load("sampling.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach (oracle_get(root, "sampling"), i, row) {

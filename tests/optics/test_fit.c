@@ -56,7 +56,7 @@ static struct pell_dipole dipole_of_row(json_t *row, double eta, enum pell_fresn
 /* 36 channels x 8 counts x with and without the energy: within 1e-4 of the best known optimum, either side, where the task is 1e-3. */
 static void every_optimum_of_the_oracle_is_reached(void **state)
 {
-    json_t *root = oracle_load("oracle/results/gaussians_fits.json"), *row;
+    json_t *root = oracle_load("gaussians_fits.json"), *row;
     double worst = 0.0, seconds[9] = { 0 };
     size_t i;
     (void) state;
@@ -93,7 +93,7 @@ static void every_optimum_of_the_oracle_is_reached(void **state)
 
 static void errors_over_albedo(void **state)
 {
-    json_t *root = oracle_load("oracle/results/gaussians_claims.json"), *row;
+    json_t *root = oracle_load("gaussians_claims.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach (oracle_get(root, "error_versus_albedo_eta1.3"), i, row) {
@@ -123,7 +123,7 @@ static void errors_over_eta(void **state)
         { "spectralon_B_k4", 0.0, 14.9, 4 },  { "chicken2_B_k4", 0.2, 0.32, 4 },   { "marble_G_k4", 0.0041, 2.62, 4 },
         { "marble_G_k8", 0.0041, 2.62, 8 },   { "marble_R_k4", 0.0021, 2.19, 4 },  { "marble_B_k8", 0.0071, 3.0, 8 },
     };
-    json_t *root = oracle_load("oracle/results/gaussians_claims.json"), *row;
+    json_t *root = oracle_load("gaussians_claims.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach (oracle_get(root, "hypotheses"), i, row)
@@ -474,7 +474,7 @@ static void a_sum_of_gaussians_has_its_total_and_value(void **state)
 /* Fits whose integrals end at r_max, their error there and over everything; the paper's marble numbers are among them. */
 static void fits_over_a_range_are_the_oracles(void **state)
 {
-    json_t *root = oracle_load("oracle/results/gaussians_ranges.json"), *row;
+    json_t *root = oracle_load("gaussians_ranges.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach (oracle_get(root, "rows"), i, row) {

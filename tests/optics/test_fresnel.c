@@ -93,7 +93,7 @@ static void diffuse_average_rises_with_the_index(void **state)
 
 static void oracle_rows(void **state)
 {
-    json_t *root = oracle_load("oracle/results/dipole.json"), *row;
+    json_t *root = oracle_load("dipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach (oracle_get(root, "fresnel"), i, row) {

@@ -50,7 +50,7 @@ static void the_scaled_error_function_has_its_values(void **state)
 
 static void appendix_a_is_the_oracles(void **state)
 {
-    json_t *root = oracle_load("oracle/results/appendix_a.json"), *row;
+    json_t *root = oracle_load("appendix_a.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach (oracle_get(root, "pole"), i, row) {
@@ -186,7 +186,7 @@ static void convolution_adds_variances(void **state)
 /* The published four-Gaussian skin against the six-Gaussian one. */
 static void distance_of_published_sets_is_the_oracles(void **state)
 {
-    json_t *root = oracle_load("oracle/results/gaussians_claims.json"), *row;
+    json_t *root = oracle_load("gaussians_claims.json"), *row;
     const struct pell_gaussians *six = &pell_material_find("skin-6gaussian")->gaussians;
     const struct pell_gaussians *four = &pell_material_find("skin-4gaussian")->gaussians;
     size_t i;

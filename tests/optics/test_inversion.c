@@ -178,7 +178,7 @@ static void maps_err_by_what_the_header_says(void **state)
 /* 33 media with a boundary, eta 1.3: what the maps say of them, which know of no boundary, and the dipole's, which is the oracle's. */
 static void maps_against_the_oracles_photons(void **state)
 {
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *row;
+    json_t *root = oracle_load("montecarlo.json"), *row;
     double worst[PELL_ALBEDO_MAPS] = { 0.0 }, under = 0.0;
     size_t i;
     (void) state;

@@ -40,7 +40,7 @@ static struct pell_stack generic(const char *name)
 
 static void oracle_stacks(void **state)
 {
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row;
+    json_t *root = oracle_load("multipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "generic_stacks"), i, row)
@@ -82,7 +82,7 @@ static void oracle_stacks(void **state)
 
 static void oracle_skin(void **state)
 {
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row, *value;
+    json_t *root = oracle_load("multipole.json"), *row, *value;
     double worst = 0.0;
     size_t i, k;
     (void) state;
@@ -121,7 +121,7 @@ static void oracle_skin(void **state)
 static void oracle_gpu_gems(void **state)
 {
     static const double radii[4] = { 0.1, 0.3, 1.0, 3.0 };
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row;
+    json_t *root = oracle_load("multipole.json"), *row;
     size_t i;
     int seen = 0;
     double worst = 0.0;
@@ -156,7 +156,7 @@ static void oracle_splitting(void **state)
     static const struct {
         double sa, ss, d;
     } of[2] = { { 0.0041, 2.62, 10.0 }, { 0.032, 0.74, 8.0 } };
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row;
+    json_t *root = oracle_load("multipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(oracle_get(root, "splitting_test"), "rows"), i, row)
@@ -179,7 +179,7 @@ static void oracle_splitting(void **state)
 /* The product of profiles exceeds 1 where the series converges all the same: the condition is on transforms. */
 static void oracle_condition(void **state)
 {
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row = oracle_get(root, "condition_R2R1_lt_1");
+    json_t *root = oracle_load("multipole.json"), *row = oracle_get(root, "condition_R2R1_lt_1");
     struct pell_stack s = slab_of(0.0002, 7.38, 1.3, 1.0), top;
     struct pell_stack bottom = slab_of(0.0002, 7.38, 1.3, INFINITY); /* the oracle's has air above, and three digits */
     double R1[1], R2[1], a[PELL_STACK_PARTS], b[PELL_STACK_PARTS], most = 0.0;
@@ -339,7 +339,7 @@ static void profile_is_the_transform(void **state)
 static void oracle_slab_fits(void **state)
 {
     static struct pell_profile p;
-    json_t *root = oracle_load("oracle/results/errata_demos.json"), *row;
+    json_t *root = oracle_load("errata_demos.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "seed003_multipole_4_gaussians"), i, row)

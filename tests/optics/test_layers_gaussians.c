@@ -67,7 +67,7 @@ static struct pell_stack case_of(const char *name, int *channel)
 /* Totals; and by default an error below all of the oracle's by the same mixture. */
 static void oracle_polynomial(void **state)
 {
-    json_t *root = oracle_load("oracle/results/polynomial.json"), *row;
+    json_t *root = oracle_load("polynomial.json"), *row;
     double worst_total = 0.0, worst_error = 0.0;
     size_t i;
     int seen = 0;

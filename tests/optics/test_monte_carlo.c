@@ -133,7 +133,7 @@ static void totals_are_the_exact_ones(void **state)
 
 static void oracle_totals(void **state)
 {
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *list, *row;
+    json_t *root = oracle_load("montecarlo.json"), *list, *row;
     size_t i;
     (void) state;
     list = oracle_get(oracle_get(root, "semi_infinite_eta1.3_total_albedo"), "table");
@@ -156,7 +156,7 @@ static void oracle_totals(void **state)
 /* Flux through the oracle's rings. Of 250 rings one may lie outside of three standard errors of both. */
 static void oracle_radial_profiles(void **state)
 {
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *row;
+    json_t *root = oracle_load("montecarlo.json"), *row;
     size_t i, rings = 0, outside = 0;
     double squares = 0.0;
     (void) state;

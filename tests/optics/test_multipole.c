@@ -44,7 +44,7 @@ static double ring(double log_r, const void *arg)
 
 static void oracle_slabs(void **state)
 {
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row;
+    json_t *root = oracle_load("multipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "single_slabs"), i, row)
@@ -100,7 +100,7 @@ static void oracle_slabs(void **state)
 
 static void oracle_outside_validity(void **state)
 {
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row = oracle_get(root, "multipole_outside_validity_l_gt_d");
+    json_t *root = oracle_load("multipole.json"), *row = oracle_get(root, "multipole_outside_validity_l_gt_d");
     struct pell_stack s = slab_of(oracle_number(row, "sigma_a"), oracle_number(row, "sigma_sp"), 1.4, oracle_number(row, "d"));
     double total[PELL_STACK_PARTS], value;
     unsigned flags;
@@ -120,7 +120,7 @@ static void oracle_outside_validity(void **state)
 
 static void oracle_rough(void **state)
 {
-    json_t *root = oracle_load("oracle/results/multipole.json"), *row;
+    json_t *root = oracle_load("multipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "rough_variant"), i, row)

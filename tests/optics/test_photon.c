@@ -153,7 +153,7 @@ static void giovanelli_half_space(void **state)
     setup.albedo[0] = 0.9;
     run(&s, &setup, 33, 250000);
     RESULT(by_collisions, face[0][0]);
-    REQUIRE_WITHIN(by_collisions, 0.228964517, 5.5e-5); /* oracle/results/montecarlo.json, giovanelli */
+    REQUIRE_WITHIN(by_collisions, 0.228964517, 5.5e-5); /* tests/expect/oracle/montecarlo.json, giovanelli */
 }
 
 /* The example of the MCML manual (Wang and Jacques 1992; example.mco of its distribution, 10^6 photons, cm): three layers of index
@@ -213,7 +213,7 @@ static void exact_half_spaces(void **state)
 
 static void oracle_slabs(void **state)
 {
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *row;
+    json_t *root = oracle_load("montecarlo.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "slab_totals"), i, row)

@@ -19,7 +19,7 @@ static struct pell_medium medium_of(double sigma_a, double sigma_s, double eta)
 static void dipole_is_the_oracles(void **state)
 {
     const struct pell_profile_params params = { .fresnel = PELL_FRESNEL_POLY3 };
-    json_t *root = oracle_load("oracle/results/dipole.json"), *row;
+    json_t *root = oracle_load("dipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "table"), i, row)
@@ -41,7 +41,7 @@ static void dipole_is_the_oracles(void **state)
 static void dipole_samples_are_the_oracles(void **state)
 {
     const struct pell_profile_params params = { .fresnel = PELL_FRESNEL_POLY3 };
-    json_t *root = oracle_load("oracle/results/sampling.json"), *row;
+    json_t *root = oracle_load("sampling.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "sampling"), i, row)

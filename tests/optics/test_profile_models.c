@@ -72,7 +72,7 @@ static void radial_profiles_of_photons(void **state)
         { PELL_PROFILE_MONTE_CARLO, true, { 0.004, 0.004, 0.006, 0.006, 0.004, 0.006 } },
         { PELL_PROFILE_MONTE_CARLO, false, { 0.004, 0.004, 0.007, 0.008, 0.004, 0.007 } },
     };
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *row;
+    json_t *root = oracle_load("montecarlo.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "radial_profiles"), i, row)
@@ -96,7 +96,7 @@ static void radial_profiles_of_photons(void **state)
 /* 33 albedos: the half-space by transport within three standard errors (all share their photons), and how far the models are off. */
 static void totals_of_photons(void **state)
 {
-    json_t *root = oracle_load("oracle/results/montecarlo.json"), *row;
+    json_t *root = oracle_load("montecarlo.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(oracle_get(root, "semi_infinite_eta1.3_total_albedo"), "table"), i, row)
@@ -153,7 +153,7 @@ static void a_half_space_without_absorption_returns_all(void **state)
 /* zv = zr + 4 A D and the moments show in the transform: R^(s) = alpha'^2/2 (C_phi/(D k) (e^-k zr - e^-k zv) + C_E (e^-k zr + e^-k zv)). */
 static void better_dipole_has_the_oracles_moments(void **state)
 {
-    json_t *root = oracle_load("oracle/results/dipole.json"), *row;
+    json_t *root = oracle_load("dipole.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "fresnel"), i, row)

@@ -12,7 +12,7 @@
 
 static void poles_are_sampled_as_the_oracle(void **state)
 {
-    json_t *root = oracle_load("oracle/results/sampling.json"), *row;
+    json_t *root = oracle_load("sampling.json"), *row;
     size_t i;
     (void) state;
     json_array_foreach(oracle_get(root, "sampling"), i, row)

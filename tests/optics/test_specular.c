@@ -286,7 +286,7 @@ static void smooth_boundary_is_fresnel(void **state)
 /* 1 - Fdr(1/eta) = eta^2 (1 - Fdr(eta)), the latter from the oracle. */
 static void mean_transmittance_is_the_oracles(void **state)
 {
-    json_t *root = oracle_load("oracle/results/dipole.json"), *row;
+    json_t *root = oracle_load("dipole.json"), *row;
     size_t index, checked = 0;
     (void) state;
     json_array_foreach(oracle_get(root, "fresnel"), index, row)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * oracle.h - reading the oracle's JSON results in tests. Numbers there are rounded to 10 digits. */
+ * oracle.h - reads the expected values of tests/expect, above all those of tests/expect/oracle, and the project's data. */
 #ifndef PELL_TEST_ORACLE_H
 #define PELL_TEST_ORACLE_H
 
@@ -10,16 +10,24 @@
 
 #include <jansson.h>
 
-#define ROUNDED 1e-9 /* relative, for numbers with 10 digits */
+#define ROUNDED 1e-9 /* relative: the oracle prints 10 digits */
 
-/* The whole file; skips the test where it is absent. The caller frees it with json_decref. */
-static inline json_t *oracle_load(const char *name)
+/* A whole JSON file of the project, "data/materials/marble.json". The caller frees it with json_decref. */
+static inline json_t *expect_load(const char *name)
 {
     json_error_t error;
-    json_t *root = json_load_file(shared_file(name), 0, &error);
+    json_t *root = json_load_file(project_file(name), 0, &error);
     if (!root)
         fail_msg("%s:%d: %s", name, error.line, error.text);
     return root;
+}
+
+/* A file of tests/expect/oracle, "dipole.json". The caller frees it with json_decref. */
+static inline json_t *oracle_load(const char *file)
+{
+    char name[256];
+    snprintf(name, sizeof(name), "tests/expect/oracle/%s", file);
+    return expect_load(name);
 }
 
 static inline json_t *oracle_get(json_t *object, const char *key)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * path_trace_rig.h - for tests of path-trace's transport: scenes as in tests/render, and samples of single points, without pictures.
+ * path_trace_rig.h - for tests of path-trace's transport: scenes as in stage.h, and samples of single points, without pictures.
  */
 #ifndef PELL_PATH_TRACE_RIG_H
 #define PELL_PATH_TRACE_RIG_H

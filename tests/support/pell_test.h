@@ -2,8 +2,8 @@
  *
  * pell_test.h - cmocka, and what the tests of all rooms share. One program per module; each prints TAP.
  *
- * Shared assets and oracle results are found through PELL_SHARED (set by the build where ../shared exists); a test that needs an
- * absent file skips by name.
+ * Files of the project (tests/expect, data) are found through PELL_ROOT, which the build sets; a missing one is a failure. Meshes and
+ * pictures of other people are found through PELL_SHARED (set where ../shared exists); a test that needs an absent one skips by name.
  */
 #ifndef PELL_TEST_H
 #define PELL_TEST_H
@@ -41,15 +41,29 @@
             fail_msg("%s does not hold", #expr);                                                                                   \
     } while (0)
 
-/* The path of a file below ../shared, in one of a few static buffers; skips the running test, with the name, if it is not there. */
-static inline const char *shared_file(const char *name)
+/* "ROOT/NAME" in one of a few static buffers; ROOT is the environment's, or where the variable is not set `otherwise`. */
+static inline const char *test_path(const char *variable, const char *otherwise, const char *name)
 {
     static char buffers[8][1024];
     static int next;
     char *path = buffers[next++ % 8];
-    const char *root = getenv("PELL_SHARED");
+    const char *root = getenv(variable);
 
-    snprintf(path, sizeof(buffers[0]), "%s/%s", root ? root : "../shared", name);
+    snprintf(path, sizeof(buffers[0]), "%s/%s", root ? root : otherwise, name);
+    return path;
+}
+
+/* The path of a file of the project, "tests/expect/...". A program that is started by hand finds it from the root of the repository. */
+static inline const char *project_file(const char *name)
+{
+    return test_path("PELL_ROOT", ".", name);
+}
+
+/* The path of a file below ../shared; skips the running test, with the name, if it is not there. */
+static inline const char *shared_file(const char *name)
+{
+    const char *path = test_path("PELL_SHARED", "../shared", name);
+
     if (access(path, R_OK) != 0) {
         print_message("# skipped: %s is not here\n", name);
         skip();
