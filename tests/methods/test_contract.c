@@ -271,7 +271,7 @@ static void total_light_is_kept(void **state)
                                                                                                     (unsigned) c) : 0.0f;
         patch_run(&at, method, form(method), p);
         for (int c = 0; c < 3; c++)
-            REQUIRE_REL(patch_sum(p, p->result, c), patch_sum(p, p->light, c) * even_total(method, &m, c), 0.01);
+            REQUIRE_REL(patch_sum(p, p->result, c), patch_sum(p, p->light, c) * even_total(method, &m, c), 0.003);
         patch_destroy(p);
     }
     place_destroy(&at);

@@ -1,55 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_connect.c - refractive connections against closed forms, finite differences, and light that is traced in from the lamp. */
-#include "shapes.h"
-
-#include "transport/refraction/connect.h"
+#include "connect_rig.h"
 #include "slow.h"
-
-#include <time.h>
-
-#define OK(expr) assert_int_equal(expr, PELL_OK)
-
-/* One body, number 0, of material 0; whatever else stands in the scene is opaque. */
-struct rig {
-    struct pell_context *ctx;
-    struct pell_scene *scene;
-    struct pell_pool *pool;
-    struct pell_rays *rays;
-    struct pell_bodies *bodies;
-    struct pell_connector *connector;
-};
-
-static void rig_start(struct rig *r)
-{
-    memset(r, 0, sizeof(*r));
-    r->ctx = test_context(NULL, NULL);
-    r->scene = shapes_scene(r->ctx);
-    assert_non_null(r->scene);
-    OK(pell_pool_create(r->ctx, 1, &r->pool));
-}
-
-static void rig_build(struct rig *r, bool flat)
-{
-    static const uint16_t index[8] = { 0, 1 };
-    const struct pell_frame_material material = { .medium = { .eta = 1.3 }, .name = "test" };
-
-    if (!r->rays)
-        OK(pell_rays_create(r->ctx, r->scene, r->pool, &r->rays));
-    if (!r->bodies)
-        OK(pell_bodies_create(r->ctx, r->scene, index, &material, &r->bodies));
-    pell_connector_destroy(&r->connector);
-    OK(pell_connector_create(r->ctx, r->scene, r->rays, r->bodies, flat, &r->connector));
-}
-
-static void rig_finish(struct rig *r)
-{
-    pell_connector_destroy(&r->connector);
-    pell_bodies_destroy(&r->bodies);
-    pell_rays_destroy(&r->rays);
-    pell_pool_destroy(&r->pool);
-    pell_scene_destroy(&r->scene);
-    pell_context_destroy(&r->ctx);
-}
 
 /* A box whose top, z = 0, is a grid of `cells` x `cells` squares of two triangles. */
 static void block(struct rig *r, float half, float deep, int cells)
@@ -87,48 +39,6 @@ static void block(struct rig *r, float half, float deep, int cells)
         out += 6;
     }
     shapes_bound(r->scene, m);
-}
-
-/* A ball with waves on it, and the normals of its triangles' neighbourhoods: caustics inside. */
-static void bumpy(struct rig *r, float radius, float height, int rings)
-{
-    struct pell_mesh *m = shapes_ball(r->scene, 0, vec3(0, 0, 0), radius, rings);
-
-    for (uint32_t i = 0; i < m->num_vertices; i++) {
-        const struct pell_vec3 n = vec3_load(m->normal + 3 * i);
-        vec3_store(vec3_mul(n, radius + height * sinf(5.0f * n.x + 1.0f) * cosf(6.0f * n.y) * sinf(4.0f * n.z + 2.0f)),
-                   m->position + 3 * i);
-    }
-    memset(m->normal, 0, 3 * sizeof(float) * m->num_vertices);
-    for (uint32_t t = 0; t < m->num_triangles; t++) {
-        const uint32_t *i = m->index + 3 * t;
-        const struct pell_vec3 a = vec3_load(m->position + 3 * i[0]);
-        const struct pell_vec3 n =
-            vec3_cross(vec3_sub(vec3_load(m->position + 3 * i[1]), a), vec3_sub(vec3_load(m->position + 3 * i[2]), a));
-        for (int k = 0; k < 3; k++)
-            vec3_store(vec3_add(vec3_load(m->normal + 3 * i[k]), n), m->normal + 3 * i[k]);
-    }
-    for (uint32_t i = 0; i < m->num_vertices; i++)
-        vec3_store(vec3_normalize(vec3_load(m->normal + 3 * i)), m->normal + 3 * i);
-}
-
-static double unit(uint64_t *state)
-{
-    *state += 0x9e3779b97f4a7c15ull; /* Steele et al. 2014, SplitMix64 */
-    uint64_t z = *state;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-    return (double) ((z ^ (z >> 31)) >> 11) * 0x1p-53;
-}
-
-static struct pell_vec3 in_ball(uint64_t *state)
-{
-    for (;;) {
-        const struct pell_vec3 p =
-            vec3((float) (2.0 * unit(state) - 1.0), (float) (2.0 * unit(state) - 1.0), (float) (2.0 * unit(state) - 1.0));
-        if (vec3_dot(p, p) <= 1.0f)
-            return p;
-    }
 }
 
 /* A connection keeps what its fields promise. */
@@ -838,37 +748,6 @@ static void survives_the_nth_allocation(void **state)
     }
 }
 
-static void how_fast(void **state)
-{
-    (void) state;
-    for (int flat = 0; flat < 2; flat++)
-        for (int k = 0; k < 2; k++) {
-            const int queries = SLOW ? 192 : 16000;
-            uint64_t random = 3;
-            int64_t rays = 0, found = 0;
-            struct pell_connection c[8];
-            struct pell_vec3 where = vec3(0, 0, 1);
-            struct rig r;
-            double start;
-            rig_start(&r);
-            bumpy(&r, 40.0f, 1.5f, SLOW ? 40 : 120);
-            rig_build(&r, flat);
-            start = (double) clock();
-            for (int i = 0; i < queries; i++) {
-                struct pell_vec3 d;
-                if (i % 16 == 0)
-                    where = vec3_normalize(in_ball(&random));
-                d = vec3_normalize(vec3_mad(where, 0.03f, in_ball(&random)));
-                found += pell_connect(r.connector, 0, 1.3, vec3_mul(d, k ? 38.0f : 20.0f), vec3(30, 70, 20), false, k ? 6.0 : INFINITY, c,
-                                      8, &rays);
-            }
-            print_message("# %u triangles, %s, %s: %.2f us a query, %.2f paths, %.2f rays\n", r.scene->meshes[0].num_triangles,
-                          flat ? "flat" : "smooth", k ? "near the surface" : "deep inside",
-                          1e6 * ((double) clock() - start) / CLOCKS_PER_SEC / queries, (double) found / queries, (double) rays / queries);
-            rig_finish(&r);
-        }
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -883,7 +762,6 @@ int main(void)
         cmocka_unit_test(how_far_the_surface_is),
         cmocka_unit_test(wild_normals),
         cmocka_unit_test(survives_the_nth_allocation),
-        cmocka_unit_test(how_fast),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
