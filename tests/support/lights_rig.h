@@ -5,7 +5,7 @@
 #ifndef LIGHTS_RIG_H
 #define LIGHTS_RIG_H
 
-#include "pell_test.h"
+#include "shapes.h"
 #include "slow.h"
 
 #include "render/irradiance/stage.h"
@@ -75,34 +75,14 @@ static inline size_t rig_material(struct rig *r, bool opaque)
 
 static inline size_t rig_mesh(struct rig *r, size_t material, int object, uint32_t vertices, uint32_t triangles)
 {
-    size_t m;
-    OK(pell_scene_add_mesh(r->scene, "mesh", &m));
-    OK(pell_mesh_allocate(r->scene, m, vertices, triangles));
-    r->scene->meshes[m].material = (int) material;
-    r->scene->meshes[m].object = object;
-    return m;
+    shapes_mesh(r->scene, material, vertices, triangles)->object = object;
+    return r->scene->num_meshes - 1;
 }
 
-/* A box between two corners, faces outward. */
 static inline size_t rig_box(struct rig *r, size_t material, int object, struct pell_vec3 lo, struct pell_vec3 hi)
 {
-    static const int axes[6][3] = { { 0, 1, 2 }, { 0, 2, 1 }, { 1, 2, 0 }, { 1, 0, 2 }, { 2, 0, 1 }, { 2, 1, 0 } };
-    const size_t m = rig_mesh(r, material, object, 24, 12);
-    struct pell_mesh *mesh = &r->scene->meshes[m];
-    const float c[2][3] = { { lo.x, lo.y, lo.z }, { hi.x, hi.y, hi.z } };
-    for (int f = 0; f < 6; f++) {
-        const int n = axes[f][0], u = axes[f][1], v = axes[f][2], side = f % 2 == 0; /* u x v = +n on even faces */
-        for (int k = 0; k < 4; k++) {
-            float *p = &mesh->position[3 * (4 * f + k)], *q = &mesh->normal[3 * (4 * f + k)];
-            p[n] = c[side][n];
-            p[u] = c[k == 1 || k == 2][u];
-            p[v] = c[k >= 2][v];
-            q[n] = side ? 1.0f : -1.0f;
-        }
-        for (int k = 0; k < 6; k++)
-            mesh->index[6 * f + k] = (uint32_t) (4 * f + ((const int[]){ 0, 1, 2, 0, 2, 3 })[k]);
-    }
-    return m;
+    shapes_box(r->scene, material, lo, hi)->object = object;
+    return r->scene->num_meshes - 1;
 }
 
 /* One square in the plane z = `z`, facing +z. */
@@ -148,21 +128,10 @@ static inline size_t rig_sphere(struct rig *r, size_t material, int object, stru
 
 static inline struct pell_light *rig_light(struct rig *r, enum pell_light_type type, struct pell_vec3 at, struct pell_vec3 to, float power)
 {
-    struct pell_light *l;
-    struct pell_vec3 d = vec3_normalize(vec3_sub(to, at)), t, b;
-    size_t i;
-    OK(pell_scene_add_light(r->scene, "light", &i));
-    l = &r->scene->lights[i];
-    l->type = type;
-    vec3_basis(d, &t, &b);
-    vec3_store(at, l->position);
-    vec3_store(d, l->direction);
-    vec3_store(b, l->up);
+    struct pell_light *l = shapes_light(r->scene, type, at, to);
     l->power[0] = power;
     l->power[1] = 0.5f * power;
     l->power[2] = 0.25f * power;
-    l->cos_inner = 0.95f;
-    l->cos_outer = 0.8f;
     return l;
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * shapes.h - small scenes made by hand, for tests of rays and of the surface stage. */
+ * shapes.h - scenes, meshes and lights made by hand: the builders of every test that needs a small scene. */
 #ifndef PELL_TEST_SHAPES_H
 #define PELL_TEST_SHAPES_H
 
@@ -87,6 +87,29 @@ static inline struct pell_mesh *shapes_quad(struct pell_scene *s, size_t materia
     return m;
 }
 
+/* A box between two corners, faces outward. */
+static inline struct pell_mesh *shapes_box(struct pell_scene *s, size_t material, struct pell_vec3 lo, struct pell_vec3 hi)
+{
+    static const int axes[6][3] = { { 0, 1, 2 }, { 0, 2, 1 }, { 1, 2, 0 }, { 1, 0, 2 }, { 2, 0, 1 }, { 2, 1, 0 } };
+    struct pell_mesh *mesh = shapes_mesh(s, material, 24, 12);
+    const float c[2][3] = { { lo.x, lo.y, lo.z }, { hi.x, hi.y, hi.z } };
+
+    for (int f = 0; f < 6; f++) {
+        const int n = axes[f][0], u = axes[f][1], v = axes[f][2], side = f % 2 == 0; /* u x v = +n on even faces */
+        for (int k = 0; k < 4; k++) {
+            float *p = &mesh->position[3 * (4 * f + k)], *q = &mesh->normal[3 * (4 * f + k)];
+            p[n] = c[side][n];
+            p[u] = c[k == 1 || k == 2][u];
+            p[v] = c[k >= 2][v];
+            q[n] = side ? 1.0f : -1.0f;
+        }
+        for (int k = 0; k < 6; k++)
+            mesh->index[6 * f + k] = (uint32_t) (4 * f + ((const int[]) { 0, 1, 2, 0, 2, 3 })[k]);
+    }
+    shapes_bound(s, mesh);
+    return mesh;
+}
+
 /* A closed ball of 2 `rings` x `rings` cells with smooth normals. The seam and the poles share their vertices: it is watertight. */
 static inline struct pell_mesh *shapes_ball(struct pell_scene *s, size_t material, struct pell_vec3 center, float radius, int rings)
 {
@@ -122,6 +145,26 @@ static inline struct pell_mesh *shapes_ball(struct pell_scene *s, size_t materia
         }
     shapes_bound(s, m);
     return m;
+}
+
+/* A light at one point that faces another; power and what else its type has are the caller's. */
+static inline struct pell_light *shapes_light(struct pell_scene *s, enum pell_light_type type, struct pell_vec3 at, struct pell_vec3 to)
+{
+    const struct pell_vec3 d = vec3_normalize(vec3_sub(to, at));
+    struct pell_vec3 t, b;
+    struct pell_light *l;
+    size_t i;
+
+    assert_int_equal(pell_scene_add_light(s, "light", &i), PELL_OK);
+    l = &s->lights[i];
+    l->type = type;
+    vec3_basis(d, &t, &b);
+    vec3_store(at, l->position);
+    vec3_store(d, l->direction);
+    vec3_store(b, l->up);
+    l->cos_inner = 0.95f;
+    l->cos_outer = 0.8f;
+    return l;
 }
 
 /* An 8 bit texture; `pixels` are copied. */

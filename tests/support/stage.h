@@ -118,23 +118,7 @@ static inline struct pell_material *stage_gaussians(struct stage *s, double scal
 
 static inline void stage_box(struct stage *s, size_t material, int object, struct pell_vec3 lo, struct pell_vec3 hi)
 {
-    static const int axes[6][3] = { { 0, 1, 2 }, { 0, 2, 1 }, { 1, 2, 0 }, { 1, 0, 2 }, { 2, 0, 1 }, { 2, 1, 0 } };
-    struct pell_mesh *mesh = shapes_mesh(s->scene, material, 24, 12);
-    const float c[2][3] = { { lo.x, lo.y, lo.z }, { hi.x, hi.y, hi.z } };
-
-    mesh->object = object;
-    for (int f = 0; f < 6; f++) {
-        const int n = axes[f][0], u = axes[f][1], v = axes[f][2], side = f % 2 == 0; /* u x v = +n on even faces */
-        for (int k = 0; k < 4; k++) {
-            float *p = &mesh->position[3 * (4 * f + k)], *q = &mesh->normal[3 * (4 * f + k)];
-            p[n] = c[side][n];
-            p[u] = c[k == 1 || k == 2][u];
-            p[v] = c[k >= 2][v];
-            q[n] = side ? 1.0f : -1.0f;
-        }
-        for (int k = 0; k < 6; k++)
-            mesh->index[6 * f + k] = (uint32_t) (4 * f + ((const int[]) { 0, 1, 2, 0, 2, 3 })[k]);
-    }
+    shapes_box(s->scene, material, lo, hi)->object = object;
 }
 
 static inline void stage_ball(struct stage *s, size_t material, int object, struct pell_vec3 center, float radius, int rings)
@@ -145,21 +129,9 @@ static inline void stage_ball(struct stage *s, size_t material, int object, stru
 static inline struct pell_light *stage_light(struct stage *s, enum pell_light_type type, struct pell_vec3 at, struct pell_vec3 to,
                                              float power)
 {
-    const struct pell_vec3 d = vec3_normalize(vec3_sub(to, at));
-    struct pell_vec3 t, b;
-    struct pell_light *l;
-    size_t i;
+    struct pell_light *l = shapes_light(s->scene, type, at, to);
 
-    OK(pell_scene_add_light(s->scene, "light", &i));
-    l = &s->scene->lights[i];
-    l->type = type;
-    vec3_basis(d, &t, &b);
-    vec3_store(at, l->position);
-    vec3_store(d, l->direction);
-    vec3_store(b, l->up);
     l->power[0] = l->power[1] = l->power[2] = power;
-    l->cos_inner = 0.95f;
-    l->cos_outer = 0.8f;
     l->width = l->height = 30.0f;
     l->radius = 18.0f;
     return l;
