@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * bench.c - what the benches share: the scene and the method that are timed, errors against a picture, rows as a table or as JSON. */
+ * bench.c - what every bench shares, those of the papers, too: times of frames, rows as a table or as JSON. */
 #include "cli/bench.h"
 
 #include "base/simd.h"
@@ -7,101 +7,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum exit_code bench_open(struct bench *b, struct cli *cli, const char *path)
-{
-    enum exit_code code;
-
-    memset(b, 0, sizeof(*b));
-    cli->stats = true; /* times are compared with copies */
-    b->cli = cli;
-    b->repeats = cli->numbers.repeats;
-    code = session_open(cli, path, &b->s);
-    b->s.settings.msaa = 1;
-    return code;
-}
-
-void bench_close(struct bench *b)
-{
-    session_close(&b->s);
-    free(b->truth);
-    b->truth = NULL;
-}
-
-enum pell_result bench_choose(struct bench *b, const char *method, const struct pell_setting *settings, size_t count)
-{
-    const struct pell_method *m = pell_method_find(b->cli->ctx, "bench", method);
-    void *values = m ? calloc(1, m->knobs_size) : NULL;
-    enum pell_result res = m ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
-
-    if (values)
-        res = pell_method_configure(b->cli->ctx, m, settings, count, values);
-    if (res == PELL_OK)
-        res = pell_renderer_set_method(b->s.renderer, m, values);
-    free(values);
-    return res;
-}
-
-enum pell_result bench_stretch(struct bench *b, double factor)
-{
-    for (size_t i = 0; i < b->s.scene->num_materials; i++)
-        for (int c = 0; c < 3; c++) {
-            b->s.scene->materials[i].medium.sigma_a[c] /= factor;
-            b->s.scene->materials[i].medium.sigma_s_reduced[c] /= factor;
-        }
-    return pell_renderer_set_scene(b->s.renderer, b->s.scene);
-}
-
-bool bench_is_common(const char *stage)
-{
-    static const char *const names[] = { "prepare", "surface", "irradiance", "lit", "composite", "post" };
-
-    for (size_t i = 0; i < PELL_COUNT(names); i++)
-        if (strcmp(stage, names[i]) == 0)
-            return true;
-    return false;
-}
-
-/* --- Errors --------------------------------------------------------------------------------------------------------------------- */
-
-enum pell_result bench_keep_truth(struct bench *b, const struct pell_picture *p)
-{
-    const size_t width = (size_t) p->width, height = (size_t) p->height;
-
-    free(b->truth);
-    b->truth = calloc(width * height, 4 * sizeof(*b->truth));
-    if (!b->truth)
-        return PELL_ERR_NOMEM;
-    b->truth_width = p->width;
-    b->truth_height = p->height;
-    for (size_t c = 0; c < 4; c++)
-        for (size_t y = 0; y < height; y++)
-            memcpy(b->truth + (c * height + y) * width, p->channels[c].data + (ptrdiff_t) y * p->channels[c].stride,
-                   width * sizeof(*b->truth));
-    return PELL_OK;
-}
-
-double bench_error(const struct bench *b, const struct pell_picture *p)
-{
-    const size_t size = (size_t) p->width * (size_t) p->height;
-    double square = 0.0, sum = 0.0, count = 0.0;
-
-    if (!b->truth || b->truth_width != p->width || b->truth_height != p->height)
-        return (double) NAN;
-    for (int y = 0; y < p->height; y++)
-        for (int x = 0; x < p->width; x++) {
-            const float *truth = b->truth + (size_t) y * (size_t) p->width + (size_t) x;
-            for (size_t c = 0; c < 3 && truth[3 * size] >= 1.0f; c++) {
-                const double t = (double) truth[c * size], d = (double) p->channels[c].data[y * p->channels[c].stride + x] - t;
-                square += d * d;
-                sum += t;
-                count += 1.0;
-            }
-        }
-    return sum > 0.0 ? sqrt(square * count) / sum : 0.0;
-}
-
-/* --- Rows ----------------------------------------------------------------------------------------------------------------------- */
 
 static int by_value(const void *a, const void *b)
 {
@@ -181,12 +86,12 @@ void bench_print(const struct rows *rows, unsigned columns, const char *items)
     printf("%s", columns & BENCH_COPY ? "   copy ms" : "");
     if (items)
         printf(" %*s", (int) strlen(items) > 10 ? (int) strlen(items) : 10, items);
-    printf("%s  ratio\n", columns & BENCH_ERROR ? "   error %" : "");
+    printf("%s%s  ratio\n", columns & BENCH_ERROR ? "   error %" : "", columns & BENCH_WORK ? "      work" : "");
     for (size_t i = 0; i < rows->count; i++) {
         const struct row *r = &rows->items[i];
         char text[5][32] = { "" };
         const bool memory = r->ms == 0.0 && r->bytes; /* the row is of megabytes, as its name says */
-        snprintf(text[0], sizeof(text[0]), "%.*f", memory ? 1 : 2, memory ? (double) r->bytes / 1048576.0 : r->ms);
+        snprintf(text[0], sizeof(text[0]), "%.*f", memory ? 1 : r->ms < 1.0 ? 4 : 2, memory ? (double) r->bytes / 1048576.0 : r->ms);
         if (r->pixels) {
             snprintf(text[1], sizeof(text[1]), "%lld", (long long) r->pixels);
             snprintf(text[2], sizeof(text[2]), "%lld", (long long) r->rays);
@@ -207,31 +112,34 @@ void bench_print(const struct rows *rows, unsigned columns, const char *items)
             printf(" %9.3f", 100.0 * r->error);
         else if (columns & BENCH_ERROR)
             printf(" %9s", "");
+        if (columns & BENCH_WORK && isfinite(r->work))
+            printf(" %9.3g", r->work);
+        else if (columns & BENCH_WORK)
+            printf(" %9s", "");
         if (r->against && r->ratio > 0.0)
-            printf("  %.2f x %s", r->ratio, r->against);
+            printf("  %.*f x %s", r->ratio < 0.1 ? 4 : 2, r->ratio, r->against);
         putchar('\n');
     }
 }
 
-enum exit_code bench_answer(const struct bench *b, const char *what, unsigned columns, const char *items, const char *fmt, ...)
+enum exit_code bench_answer(struct cli *cli, const char *what, json_t *facts, const struct rows *rows, unsigned columns, const char *items,
+                            const char *setup)
 {
-    const struct pell_renderer *r = b->s.renderer;
-    const int threads = pell_renderer_threads(r);
-    const char *engine = pell_engine_name(pell_renderer_engine(r));
     char device[160], build[64];
-    va_list args;
 
     cli_device_name(device, sizeof(device));
     snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
-    if (b->cli->json)
-        return cli_print_json(b->cli, json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:o}", "bench", what, "engine", engine, "device", device,
-                                                "threads", threads, "build", build, "width", b->s.settings.width, "height",
-                                                b->s.settings.height, "repeats", b->repeats, "rows", bench_json(&b->rows)));
-    printf("%s: engine %s, %d threads, %s\npellucid %s\n", what, engine, threads, device, build);
-    va_start(args, fmt);
-    vprintf(fmt, args);
-    va_end(args);
-    fputs("\n\n", stdout);
-    bench_print(&b->rows, columns, items);
+    if (cli->json) {
+        json_t *answer = json_pack("{s:o,s:s,s:s,s:i}", "bench", cli_text(what), "device", device, "build", build, "repeats",
+                                   cli->numbers.repeats);
+        if (answer && facts)
+            json_object_update(answer, facts);
+        json_decref(facts);
+        json_object_set_new(answer, "rows", bench_json(rows));
+        return cli_print_json(cli, answer);
+    }
+    json_decref(facts);
+    printf("%s: %s\npellucid %s\n%s\n\n", what, device, build, setup);
+    bench_print(rows, columns, items);
     return EXIT_OK;
 }

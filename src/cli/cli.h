@@ -27,7 +27,7 @@ enum exit_code {
 
 struct cli;
 
-/* A command of the program: one row of the table in main.c. */
+/* A command of a program: one row of its table in main.c. */
 struct command {
     const char *name, *arguments; /* "render", "INPUT" */
     const char *summary;          /* one line */
@@ -36,6 +36,14 @@ struct command {
     unsigned options;             /* groups of options it takes */
     int min_arguments, max_arguments;
     enum exit_code (*run)(struct cli *cli);
+};
+
+/* A program made of commands. */
+struct program {
+    const char *name, *about; /* "pellucid"; one line */
+    const char *start;        /* lines of --help below the commands, or "" */
+    const struct command *commands;
+    size_t num_commands;
 };
 
 enum option_group {
@@ -49,6 +57,7 @@ enum option_group {
     OPTIONS_PROFILE = 1 << 7,
     OPTIONS_COMPARE = 1 << 8, /* with the rows of pell_compare_knobs */
     OPTIONS_CHECK = 1 << 9,
+    OPTIONS_REPEATS = 1 << 10, /* of OPTIONS_BENCH, what holds without a scene */
 };
 
 struct settings_list {
@@ -57,6 +66,7 @@ struct settings_list {
 };
 
 struct cli {
+    const struct program *program;
     const struct command *command;
     char **arguments;
     int num_arguments;
@@ -108,11 +118,16 @@ struct cli {
     } progress;
 };
 
+/* --- program.c ---------------------------------------------------------------------------------------------------------------- */
+
+/* Runs the command that the arguments name. Returns the exit code of the process. */
+int cli_main(const struct program *program, int argc, char **argv);
+
 /* --- options.c ---------------------------------------------------------------------------------------------------------------- */
 
 /* Parses what follows the command's name. EXIT_OK: go on; *done: --help was asked for and printed. */
 enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *done);
-void cli_print_help(const struct command *command, FILE *file);
+void cli_print_help(const struct program *program, const struct command *command, FILE *file);
 void cli_finish(struct cli *cli);
 /* Whether an option ("--taps") stands on the command line, whatever its value. */
 bool cli_given(const struct cli *cli, const char *option);

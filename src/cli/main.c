@@ -1,11 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * main.c - the table of commands, and how one is run. */
+ * main.c - the table of commands. */
 #include "cli/cli.h"
-
-#include <signal.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
 
 static const struct command commands[] = {
     { "render", "INPUT", "one picture of a scene or a mesh, a turntable of them, or an animation",
@@ -59,22 +54,13 @@ static const struct command commands[] = {
       "  pellucid profile --skin melanin=0.2 --solver gaussian --json\n"
       "  pellucid profile --wavelength 500nm --solver all -o figure-12.svg\n",
       OPTIONS_PROFILE, 0, 1, command_profile },
-    { "bench", "[WHAT]", "times of the stages on this machine",
-      "Renders the scene WHAT cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same "
-      "bytes, measured in the same run; then rows for the whole frame, for one thread and for the thing farther away. WHAT is a scene of "
-      "the bench folder (screen-space) or a scene file of your own; or profiles: fits, layers and R(r); or truth: the references at equal "
-      "error; or mertens: image-space by samples, size and radius; or munoz-2, munoz-3, "
-      "munoz-5: convolution by threshold, resolution, planes; or deon-1: texture-space by resolution and lights; or "
-      "francois-2: layered by samples and lamps. Those choose their methods and samples: -m, --set and --samples are refused; mertens, "
-      "deon-1 and francois-2 choose the size of the picture, too, deon-1 the --ambient-samples and truth the seeds; profiles renders "
-      "nothing and takes no option of rendering.\n",
+    { "bench", "[SCENE]", "times of the stages on this machine",
+      "Renders SCENE cold and warm and prints a row per stage: milliseconds, pixels, rays, and the time of copying the same bytes, "
+      "measured in the same run; then rows for the whole frame, for one thread and for the object farther away. SCENE is one of the "
+      "bench folder (screen-space) or a scene file of your own. The benches of the papers are a program of their own, which is built "
+      "from the source: bench/README.md.\n",
       "  pellucid bench\n"
-      "  pellucid bench screen-space --threads 1 --json\n"
-      "  pellucid bench profiles\n"
-      "  pellucid bench truth\n"
-      "  pellucid bench mertens\n"
-      "  pellucid bench deon-1\n"
-      "  pellucid bench francois-2\n",
+      "  pellucid bench screen-space --threads 1 --json\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
     { "compare", "INPUT|A B", "methods on a scene, or two pictures, against a reference: numbers, a report",
       "INPUT is a scene or a mesh, as for `render`. Every method of --methods and the reference render it under one exposure; the table "
@@ -105,161 +91,16 @@ static const struct command commands[] = {
       OPTIONS_ENGINE, 0, 0, command_info },
 };
 
-static struct pell_context *volatile interrupted_context;
-static volatile sig_atomic_t interruptions;
-
-static void on_signal(int signal)
-{
-    (void) signal;
-    if (interruptions)
-        _exit(EXIT_INTERRUPTED);
-    interruptions = 1;
-    if (interrupted_context)
-        pell_context_interrupt(interrupted_context);
-}
-
-/* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
-static void catch_signal(int number)
-{
-    struct sigaction action = { .sa_handler = on_signal }, old;
-    if (sigaction(number, NULL, &old) == 0 && old.sa_handler != SIG_IGN)
-        sigaction(number, &action, NULL);
-}
-
-static void print_usage(FILE *file)
-{
-    fputs("pellucid - renders translucent things from measured optics\n\n"
-          "usage: pellucid COMMAND [ARGUMENTS] [OPTIONS]\n\n", file);
-    for (size_t i = 0; i < PELL_COUNT(commands); i++) {
-        char head[64];
-        snprintf(head, sizeof(head), "%s %s", commands[i].name, commands[i].arguments);
-        fprintf(file, "  %-18s %s\n", head, commands[i].summary);
-    }
-    fputs("\n  --help             this text; `pellucid COMMAND --help` tells all about one\n"
-          "  --version          the version\n\n"
-          "Start here\n"
-          "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n\n"
-          "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not there,\n"
-          "5 out of memory, 130 interrupted.\n",
-          file);
-}
-
-static const struct command *find_command(const char *name)
-{
-    for (size_t i = 0; i < PELL_COUNT(commands); i++)
-        if (strcmp(commands[i].name, name) == 0)
-            return &commands[i];
-    return NULL;
-}
-
-static enum exit_code unknown_command(struct cli *cli, const char *name)
-{
-    const char *names[PELL_COUNT(commands)];
-    struct pell_text hint = { .length = 0 };
-
-    for (size_t i = 0; i < PELL_COUNT(commands); i++)
-        names[i] = commands[i].name;
-    if (!pell_text_suggest(&hint, "pellucid ", name, names, PELL_COUNT(names)))
-        pell_text_add(&hint, "`pellucid --help` lists them");
-    return cli_usage(cli, "pellucid", hint.str, "there is no command \"%s\"", name);
-}
-
-/* --help, --version and their like. EXIT_OK and *done, or the command's row. */
-static enum exit_code choose_command(struct cli *cli, int argc, const char **argv, bool *done)
-{
-    const char *first = argc > 1 ? argv[1] : "", *about = argc > 2 ? argv[2] : NULL;
-
-    *done = true;
-    if (argc < 2) {
-        print_usage(stderr);
-        return EXIT_USAGE;
-    }
-    if (strcmp(first, "--version") == 0) {
-        if (cli->json)
-            return cli_print_json(cli, json_pack("{s:s}", "version", pell_version()));
-        printf("pellucid %s\n", pell_version());
-        return EXIT_OK;
-    }
-    if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0 || strcmp(first, "help") == 0) {
-        if (about && !find_command(about))
-            return unknown_command(cli, about);
-        if (about)
-            cli_print_help(find_command(about), stdout);
-        else
-            print_usage(stdout);
-        return EXIT_OK;
-    }
-    *done = false;
-    cli->command = find_command(first);
-    return cli->command ? EXIT_OK : unknown_command(cli, first);
-}
-
-static enum exit_code run(struct cli *cli, int argc, const char **argv)
-{
-    enum exit_code code;
-    bool done = false;
-    enum pell_result res;
-
-    /* Errors of the command line itself are answered as JSON, too. */
-    for (int i = 1; i < argc; i++)
-        cli->json = cli->json || strcmp(argv[i], "--json") == 0;
-    code = choose_command(cli, argc, argv, &done);
-    if (code == EXIT_OK && !done)
-        code = cli_parse(cli, argc - 1, argv + 1, &done);
-    if (code != EXIT_OK || done)
-        return code;
-
-    res = pell_context_create(
-        &(struct pell_context_params) {
-            .log = cli_message,
-            .log_user = cli,
-            .log_level = cli->log_level > PELL_LOG_WARNING ? cli->log_level : PELL_LOG_WARNING, /* for the answer in JSON */
-            .progress = cli_progress,
-            .progress_user = cli,
-            .limits = &cli->limits,
-        },
-        &cli->ctx);
-    if (res != PELL_OK)
-        return cli_failed(cli, res);
-    interrupted_context = cli->ctx;
-    catch_signal(SIGINT);
-    catch_signal(SIGTERM);
-
-    code = cli->command->run(cli);
-    cli_progress_end(cli);
-    interrupted_context = NULL;
-    pell_context_destroy(&cli->ctx);
-    return code;
-}
-
 int main(int argc, char **argv)
 {
-    struct cli cli = { .log_level = PELL_LOG_INFO, .progress = { .fraction = 2.0 } };
-    const char *term = getenv("TERM"), *no_color = getenv("NO_COLOR");
-    const bool color = !(no_color && no_color[0]) && !(term && strcmp(term, "dumb") == 0);
-    enum exit_code code;
+    static const struct program program = {
+        .name = "pellucid",
+        .about = "renders translucent things from measured optics",
+        .start = "Start here\n"
+                 "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n\n",
+        .commands = commands,
+        .num_commands = PELL_COUNT(commands),
+    };
 
-    signal(SIGPIPE, SIG_IGN); /* a write that fails says so */
-    signal(SIGXFSZ, SIG_IGN);
-    cli.tty = isatty(STDERR_FILENO) == 1;
-    cli.color_err = color && cli.tty;
-    cli.color_out = color && isatty(STDOUT_FILENO) == 1;
-    cli.warnings = json_array();
-    pell_knobs_default(pell_limit_knobs, &cli.limits);
-    code = run(&cli, argc, (const char **) argv);
-    if (code != EXIT_OK)
-        cli_print_json_error(&cli, code);
-    if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.partial)
-        fputs("interrupted; the picture was written with the samples that it had\n", stderr);
-    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.pictures)
-        fprintf(stderr, "interrupted; written before: %d pictures\n", cli.pictures);
-    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
-        fputs("interrupted; nothing was written\n", stderr);
-    if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
-        if (!cli_reader_left())
-            fputs("the answer can't be written to stdout\n", stderr);
-        code = EXIT_FAILED;
-    }
-    cli_finish(&cli);
-    return (int) code;
+    return cli_main(&program, argc, argv);
 }

@@ -48,7 +48,7 @@ static const struct option options[] = {
       NULL },
     { OPTIONS_SCENE | OPTIONS_BENCH, 0, "allow-outside", NULL, "let files refer to files outside the scene's folder", FLAG,
       AT(allow_outside), NULL },
-    { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_PROFILE | OPTIONS_COMPARE, 0, "limit", "NAME=VALUE",
+    { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_REPEATS | OPTIONS_PROFILE | OPTIONS_COMPARE, 0, "limit", "NAME=VALUE",
       "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "how light is scattered (`pellucid methods`); none: not at all", TEXT, AT(method), NULL },
     { OPTIONS_METHOD | OPTIONS_COMPARE, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0,
@@ -71,7 +71,7 @@ static const struct option options[] = {
       "pictures of the animation at times in seconds, numbered before the name's ending, all exposed as the first", TEXT, AT(frames),
       NULL },
     { OPTIONS_FILE, 0, "stats", NULL, "a table of the stages' times on stderr", FLAG, AT(stats), NULL },
-    { OPTIONS_BENCH, 0, "repeats", "N", NULL, NUMBER, 0, &number_knobs[2] },
+    { OPTIONS_BENCH | OPTIONS_REPEATS, 0, "repeats", "N", NULL, NUMBER, 0, &number_knobs[2] },
     { OPTIONS_PROFILE, 0, "model", "NAME", "dipole (default), or another of the list above", TEXT, AT(profile.model), NULL },
     { OPTIONS_PROFILE, 0, "compare", "NAMES", "models to set beside it: names with commas between, or all", TEXT, AT(profile.compare),
       NULL },
@@ -199,13 +199,13 @@ static void describe(const struct option *o, char *text, size_t size)
              pell_format_number(k->def[0], false, def, sizeof(def)));
 }
 
-void cli_print_help(const struct command *command, FILE *file)
+void cli_print_help(const struct program *program, const struct command *command, FILE *file)
 {
     struct option list[MAX_OPTIONS];
     const size_t n = list_options(command->options, list);
 
-    fprintf(file, "pellucid %s - %s\n\nusage: pellucid %s %s%s[OPTIONS]\n\n", command->name, command->summary, command->name,
-            command->arguments, command->arguments[0] ? " " : "");
+    fprintf(file, "%s %s - %s\n\nusage: %s %s %s%s[OPTIONS]\n\n", program->name, command->name, command->summary, program->name,
+            command->name, command->arguments, command->arguments[0] ? " " : "");
     cli_wrap(file, 0, 0, command->text);
     fprintf(file, "\nExamples\n%s\nOptions\n", command->examples);
     for (size_t i = 0; i < n; i++) {
@@ -365,7 +365,7 @@ static enum exit_code refuse(struct cli *cli, const char *bad, int error, const 
         pell_text_suggest(&hint, "--", word, names, n);
     }
     if (hint.length == 0)
-        pell_text_add(&hint, "`pellucid %s --help` lists the options", cli->command->name);
+        pell_text_add(&hint, "`%s %s --help` lists the options", cli->program->name, cli->command->name);
     return cli_usage(cli, bad, hint.str, "%s",
                      error == POPT_ERROR_BADOPT  ? "there is no such option"
                      : error == POPT_ERROR_NOARG ? "needs a value"
@@ -386,7 +386,7 @@ static void keep_command_line(struct cli *cli, int argc, const char **argv)
     const size_t size = sizeof(cli->command_line);
     size_t n = 0;
 
-    add_word(cli->command_line, size, &n, "pellucid", 8);
+    add_word(cli->command_line, size, &n, cli->program->name, strlen(cli->program->name));
     for (int i = 0; i < argc; i++) {
         const char *equals = argv[i][0] == '-' ? strchr(argv[i], '=') : NULL, *value = equals ? equals + 1 : argv[i], *end, *name;
         char shown[1024];
@@ -458,14 +458,14 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
     pell_knobs_default(number_knobs, &cli->numbers);
     keep_command_line(cli, argc, argv);
     cli->arguments = calloc((size_t) argc + 1, sizeof(*cli->arguments));
-    popt = poptGetContext("pellucid", argc, argv, table, 0);
+    popt = poptGetContext(cli->program->name, argc, argv, table, 0);
     if (cli->arguments && popt)
         code = take_all(cli, popt, list, n, done);
     poptFreeContext(popt);
     if (code != EXIT_OK)
         return code;
     if (*done)
-        cli_print_help(command, stdout);
+        cli_print_help(cli->program, command, stdout);
     else if (cli->num_arguments < command->min_arguments)
         return cli_usage(cli, command->name, "`--help` shows examples", "%s is missing", command->arguments);
     else if (cli->num_arguments > command->max_arguments)

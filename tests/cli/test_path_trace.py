@@ -112,13 +112,6 @@ def _(folder):
     works(folder, 'render', 'timed.json', '-m', 'screen-space', '-o', 'a.pfm')
 
 
-@test('bench truth refuses what it would not use')
-def _(folder):
-    for option in (['-m', 'dipole'], ['--set', 'samples=3'], ['--samples', '3'], ['--time-limit', '1s']):
-        done = run(folder, 'bench', 'truth', *option)
-        need(done.returncode == 2 and b'truth' in done.stderr and not done.stdout, done.returncode, done.stderr)
-
-
 @test('a checkpoint of another run, or a damaged one, is refused by name and stays as it is')
 def _(folder):
     few = [*TRACE, '--samples', '2', '--checkpoint', 'state.ckpt', '-o', 'no.pfm']

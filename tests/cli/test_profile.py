@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_profile.py PROGRAM ROOT: `pellucid profile`: its numbers, tables, plots and code, and what it refuses; `pellucid bench profiles`."""
+"""test_profile.py PROGRAM ROOT: `pellucid profile`: its numbers, tables, plots and code, and what it refuses."""
 import csv
 import json
 import math
@@ -353,7 +353,6 @@ FAULTS = {
     'the input as output': (['t.csv', '--csv', '-o', 't.csv'], 2, 'is the input', ''),
     'a table that is not there': (['no.csv'], 3, 'no.csv', ''),
     'a broken material file': (['bad.json'], 3, 'bad.json', ''),
-    'a bench that is not there': (None, 2, 'profils', 'profiles'),
 }
 
 
@@ -362,7 +361,7 @@ def fault_test(title, arguments, code, what, hint):
     def check(folder):
         (folder / 't.csv').write_text('0,0.1\n1,0.1\n', 'ascii')
         (folder / 'bad.json').write_text('{"sigma_a": [1, -1, 1], "sigma_s_reduced": [1, 1, 1]}', 'ascii')
-        words = ['bench', 'profils'] if arguments is None else ['profile', *arguments]
+        words = ['profile', *arguments]
         before = names(folder)
         plain, jason = run(folder, *words), run(folder, *words, *(() if '--json' in words else ('--json',)))
         said = text(plain.stderr)
@@ -611,40 +610,6 @@ def _(folder):
     os.mkfifo(folder / 'pipe.svg')
     alive, code, out, err = interrupted(folder, max(1.0, 4 * seconds), *long, '-o', 'pipe.svg')
     need(alive and code == 130 and not out and names(folder) == sorted([*before, 'pipe.svg']), alive, code, err)
-
-
-# --- Bench --------------------------------------------------------------------------------------------------------------------------
-
-@test('bench profiles: rows of fits, layers and evaluation, with ratios and errors')
-def _(folder):
-    answer = one_object(works(folder, 'bench', 'profiles', '--repeats', '2', '--json'))
-    rows = {r['name']: r for r in answer['rows']}
-    need(answer['bench'] == 'profiles' and answer['repeats'] == 2, answer)
-    for name in ('fit by appendix A, RGB', 'fit of 6 Gaussians, RGB, shared', 'three layers, Hankel', 'three layers, Gaussians',
-                 'R(r) of dipole, one by one', 'R(r) of dipole, vectorised'):
-        need(name in rows and rows[name]['ms'] > 0, name, sorted(rows))
-    row = rows['three layers, Gaussians']
-    need(near(row['ratio'], row['ms'] / rows[row['ratio_to']]['ms'], 1e-6) and 0 < row['error'] < 0.5, row)
-    need(rows['fit of 6 Gaussians, RGB, shared']['error'] < rows['fit of 4 Gaussians, RGB, shared']['error'] < 0.1, rows)
-    need(rows['R(r) of dipole, vectorised']['each_ns'] > 0, rows)
-    for idle in (['--method', 'none'], ['--width', '64'], ['--threads', '1'], ['--set', 'lod=1']):
-        done = run(folder, 'bench', 'profiles', *idle)
-        need(done.returncode == 2 and b'no effect' in done.stderr and idle[0].encode() in done.stderr, idle, done.stderr)
-    shown = text(works(folder, 'bench', 'profiles', '--repeats', '1').stdout)
-    need('three layers, Hankel' in shown and ' x ' in shown, shown)
-
-
-@test('Ctrl-C during bench profiles: exit 130 before the repeats are over')
-def _(folder):
-    child = subprocess.Popen([PROGRAM, 'bench', 'profiles', '--repeats', '10000'], cwd=folder, env=clean_environment(),
-                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    time.sleep(0.5)
-    child.send_signal(signal.SIGINT)
-    begin = time.monotonic()
-    out, err = child.communicate(timeout=60)
-    need(child.returncode == 130 and not out, child.returncode, out, err)
-    need(time.monotonic() - begin < 5, time.monotonic() - begin) # all rows would take most of a minute
 
 
 if __name__ == '__main__':

@@ -76,12 +76,7 @@ FAULTS = {
     'a material to list that is not there': (['materials', 'marbel'], 2, 'marbel', 'marble'),
     'a method to list that is not there': (['methods', 'screen_space'], 2, 'screen_space', 'screen-space'),
     'a bench that is not there': (['bench', 'screenspace'], 2, 'screenspace', 'screen-space'),
-    'a width for a bench that has its own': (['bench', 'mertens', '--width', '64'], 2, 'has no effect on the bench mertens', ''),
-    'a height for a bench that has its own': (['bench', 'deon-1', '--height', '64'], 2, 'has no effect on the bench deon-1', ''),
-    'samples for a bench that has its own': (['bench', 'francois-2', '--msaa', '2'], 2, 'has no effect on the bench francois-2', ''),
-    'a seed for a bench that has its own': (['bench', 'truth', '--seed', '2'], 2, 'has no effect on the bench truth', ''),
-    'a picture for a bench that renders none': (['bench', 'profiles', '--width', '64'], 2, 'has no effect on the bench profiles', ''),
-    'a time limit for a bench that renders nothing': (['bench', 'profiles', '--time-limit', '2s'], 2, 'renders nothing', ''),
+    'a bench that moved to a program of its own': (['bench', 'deon-1'], 2, 'build/bench/pellucid-bench deon-1', ''),
     'a long text for everything': ([*MESH, '--material', LONG, '--set', LONG + '=1'], 2, 'xxx', ''),
     'a long command': ([LONG], 2, 'xxx', ''),
     'a file that is not there': (['render', 'no.obj', '--size', '70mm', '-o', 'out.png'], 3, 'no.obj', ''),
@@ -384,20 +379,14 @@ def example_lines(shown):
     return [line[2:] for line in shown.split('Examples\n')[1].split('\nOptions')[0].splitlines()]
 
 
-LONG_BENCHES = ['truth', 'mertens', 'deon-1', 'francois-2', 'munoz-2', 'munoz-3', 'munoz-5']
-
-
 def run_examples(folder, lines):
     need(lines, 'no examples')
     for line in lines:
         words = shlex.split(line, comments=True)
         need(words[0] == 'pellucid', line)
-        if words[1] == 'bench' and words[2:] and words[2] in LONG_BENCHES and (SANITIZED or words[2] != 'munoz-3'):
-            continue  # minutes of what the tests of the methods do, too
         if SANITIZED and words[1] == 'compare':
             continue  # which has a test of its own
         small = {'render': SMALL, 'bench': [*SMALL, '--repeats', '1']}.get(words[1], [])
-        small = ['--repeats', '1'] if words[1:3] == ['bench', 'profiles'] else small  # renders nothing
         small = SMALL if words[1] == 'compare' and not any(w.endswith('.exr') for w in words) else small  # of a scene
         done = works(folder, *words[1:], *small)
         if words[1] == 'render' and '-o' in words and '--turntable' not in words and '--frames' not in words:

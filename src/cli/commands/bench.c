@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * bench.c - `pellucid bench`: times of the stages, cold and warm, as ratios to copying the same bytes in the same run; what
- * renders nothing is in a file of its own. */
+ * bench.c - `pellucid bench`: times of a scene's stages, cold and warm, as ratios to copying the same bytes in the same run. */
 #include "cli/bench.h"
 
 #include "base/file.h"
-#include "base/simd.h"
 #include "math/vec.h"
 #include "render/renderer.h"
 
@@ -151,6 +149,17 @@ static bool find_folder(char *folder, size_t size)
     return false;
 }
 
+/* A name of the program `pellucid-bench`, which had its benches here once. */
+static bool is_of_papers(const char *name)
+{
+    static const char *const names[] = { "profiles", "truth", "mertens", "munoz-2", "munoz-3", "munoz-5", "deon-1", "francois-2" };
+
+    for (size_t i = 0; i < PELL_COUNT(names); i++)
+        if (strcmp(name, names[i]) == 0)
+            return true;
+    return false;
+}
+
 static enum exit_code unknown_bench(struct cli *cli, const char *what, const char *folder)
 {
     char names[32][64];
@@ -160,14 +169,13 @@ static enum exit_code unknown_bench(struct cli *cli, const char *what, const cha
     const struct dirent *entry;
     size_t count = 0;
 
-    list[count++] = "profiles";
     while (dir && count < PELL_COUNT(names) && (entry = readdir(dir))) {
         const size_t length = strlen(entry->d_name);
         if (!pell_path_has_extension(entry->d_name, "json") || length - 5 >= sizeof(names[0]))
             continue;
         snprintf(names[count], sizeof(names[0]), "%.*s", (int) (length - 5), entry->d_name);
         list[count] = names[count];
-        count++;
+        count += !is_of_papers(names[count]);
     }
     if (dir)
         closedir(dir);
@@ -206,71 +214,17 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
 {
     const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
     const int threads = pell_renderer_threads(s->renderer);
-    char device[160], build[64];
+    json_t *facts = json_pack("{s:s,s:s,s:i,s:i,s:i,s:i,s:f,s:[i,i,i,i]}", "method", method, "engine", engine, "threads", threads, "width",
+                              s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "covered", covered(s, rows),
+                              "rect", rect->x0, rect->y0, rect->x1, rect->y1);
+    char setup[320];
 
-    cli_device_name(device, sizeof(device));
-    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
-    if (cli->json)
-        return cli_print_json(cli, json_pack("{s:o,s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:i,s:f,s:[i,i,i,i],s:o}", "bench", cli_text(what),
-                                             "method", method, "engine", engine, "device", device, "threads", threads, "build", build,
-                                             "width", s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "repeats",
-                                             cli->numbers.repeats, "covered", covered(s, rows), "rect", rect->x0, rect->y0, rect->x1,
-                                             rect->y1, "rows", bench_json(rows)));
-    printf("%s: method %s on engine %s, %d threads, %s\npellucid %s\n%d x %d, %d sample%s per pixel, things cover %.1f %% of the picture; "
-           "medians of %d warm frames\n\n",
-           what, method, engine, threads, device, build, s->settings.width, s->settings.height, s->settings.msaa,
-           s->settings.msaa > 1 ? "s" : "", 100.0 * covered(s, rows), cli->numbers.repeats);
-    bench_print(rows, BENCH_PIXELS | BENCH_RAYS | BENCH_COPY, NULL);
-    return EXIT_OK;
-}
-
-/* Those that choose their methods; a scene is for the method that it names. `own`: settings of the picture that they choose, too. */
-static const struct bench_kind {
-    const char *name, *own[4];
-    enum exit_code (*run)(struct cli *cli, const char *what, const char *path);
-} benches[] = { { "truth", { "seed" }, bench_truth },
-                { "mertens", { "width", "height", "msaa" }, bench_mertens },
-                { "munoz-2", { "msaa" }, bench_munoz },
-                { "munoz-3", { "msaa" }, bench_munoz },
-                { "munoz-5", { "msaa" }, bench_munoz },
-                { "deon-1", { "width", "height", "msaa", "ambient-samples" }, bench_deon },
-                { "francois-2", { "width", "height", "msaa" }, bench_francois } };
-
-static enum exit_code no_effect(struct cli *cli, const char *option, const char *what, const char *why)
-{
-    return cli_usage(cli, option, NULL, "has no effect on the bench %s, which %s", what, why);
-}
-
-/* An option that a bench would not obey is refused. */
-static enum exit_code refuse_idle(struct cli *cli, const struct bench_kind *kind)
-{
-    static const char *const choosing[] = { "--method", "--set" };
-
-    for (size_t i = 0; i < PELL_COUNT(choosing); i++)
-        if (cli_given(cli, choosing[i]))
-            return no_effect(cli, choosing[i], kind->name, "chooses its methods");
-    if (cli->common.count)
-        return no_effect(cli, cli->common.items[0].where, kind->name, "chooses its samples");
-    for (size_t i = 0; i < cli->settings.count; i++)
-        for (size_t k = 0; k < PELL_COUNT(kind->own) && kind->own[k]; k++)
-            if (strcmp(cli->settings.items[i].name, kind->own[k]) == 0)
-                return no_effect(cli, cli->settings.items[i].where, kind->name, "chooses its own");
-    return EXIT_OK;
-}
-
-/* What renders nothing. */
-static enum exit_code run_profiles(struct cli *cli)
-{
-    static const char *const rendering[] = { "--method", "--set", "--engine", "--device", "--threads", "--allow-outside" };
-    const struct settings_list *const lists[] = { &cli->settings, &cli->common };
-
-    for (size_t i = 0; i < PELL_COUNT(rendering); i++)
-        if (cli_given(cli, rendering[i]))
-            return no_effect(cli, rendering[i], "profiles", "renders nothing");
-    for (size_t i = 0; i < PELL_COUNT(lists); i++)
-        if (lists[i]->count)
-            return no_effect(cli, lists[i]->items[0].where, "profiles", "renders nothing");
-    return bench_profiles(cli);
+    snprintf(setup, sizeof(setup),
+             "method %s on engine %s, %d threads; %d x %d, %d sample%s per pixel, objects cover %.1f %% of the picture;\n"
+             "medians of %d warm frames",
+             method, engine, threads, s->settings.width, s->settings.height, s->settings.msaa, s->settings.msaa > 1 ? "s" : "",
+             100.0 * covered(s, rows), cli->numbers.repeats);
+    return bench_answer(cli, what, facts, rows, BENCH_PIXELS | BENCH_RAYS | BENCH_COPY, NULL, setup);
 }
 
 static enum exit_code render(struct cli *cli, const char *what, const char *path)
@@ -293,20 +247,12 @@ static enum exit_code render(struct cli *cli, const char *what, const char *path
 enum exit_code command_bench(struct cli *cli)
 {
     const char *what = cli->num_arguments > 0 ? cli->arguments[0] : "screen-space";
-    const struct bench_kind *kind = NULL;
     char path[4096];
-    enum exit_code code = EXIT_OK;
+    enum exit_code code;
 
-    if (strcmp(what, "profiles") == 0)
-        return run_profiles(cli);
-    for (size_t i = 0; i < PELL_COUNT(benches); i++)
-        if (strcmp(what, benches[i].name) == 0)
-            kind = &benches[i];
-    if (kind)
-        code = refuse_idle(cli, kind);
-    if (code == EXIT_OK)
-        code = find_scene(cli, what, path, sizeof(path));
-    if (code != EXIT_OK)
-        return code;
-    return kind ? kind->run(cli, what, path) : render(cli, what, path);
+    if (is_of_papers(what))
+        return cli_usage(cli, "bench", NULL, "%s is in a program of its own, built from the source: build/bench/pellucid-bench %s", what,
+                         what);
+    code = find_scene(cli, what, path, sizeof(path));
+    return code == EXIT_OK ? render(cli, what, path) : code;
 }

@@ -1,17 +1,16 @@
 /* SPDX-License-Identifier: MIT
  *
- * bench_truth.c - `pellucid bench truth`: what the references cost for what error, in one run.
+ * truth.c - `pellucid-bench truth`: what the references cost for what error, in one run.
  *
  * Milliseconds are of processor time, of all threads together: others on the machine then count less. Errors are of the subsurface light's
  * luminance at translucent pixels. Noise is measured by pairs of frames a, b of two seeds, which needs no error bar:
  *
  *     relative variance of a frame = Sum (a - b)^2 / 2  /  Sum a b        (the product has no noise squared in it)
  *
- * and times the seconds of a frame it does not hang on the number of samples: the lower, the sooner a picture is clean.
+ * and times the seconds of a frame it does not depend on the number of samples: the lower, the sooner a picture is clean.
  */
-#include "cli/bench.h"
+#include "papers.h"
 
-#include "base/simd.h"
 #include "render/renderer.h"
 
 #include <math.h>
@@ -29,14 +28,8 @@ enum {
 #define GOAL 0.01
 
 struct truths {
-    struct cli *cli;
-    const char *path;
-    struct session s;
-    struct rows rows;
-    double *ms; /* of each repeat */
-    int repeats;
+    struct bench *bench;
     int64_t pixels; /* translucent, of the last frame */
-    int threads;
 };
 
 /* A frame's light. */
@@ -60,29 +53,6 @@ static void drop(struct shot *shot)
     shot->light = NULL;
 }
 
-/* "density=4", ... up to NULL. */
-static enum pell_result set_method(struct truths *b, const char *name, const char *const *knobs)
-{
-    const struct pell_method *m = pell_method_find(b->cli->ctx, "bench", name);
-    struct pell_setting settings[8];
-    char names[8][32];
-    void *values = m ? calloc(1, m->knobs_size) : NULL;
-    size_t n = 0;
-    enum pell_result res = !m ? PELL_ERR_INVALID : !values ? PELL_ERR_NOMEM : PELL_OK;
-
-    for (; res == PELL_OK && knobs[n]; n++) {
-        const char *equals = strchr(knobs[n], '=');
-        snprintf(names[n], sizeof(names[n]), "%.*s", (int) (equals - knobs[n]), knobs[n]);
-        settings[n] = (struct pell_setting){ names[n], equals + 1, "bench" };
-    }
-    if (res == PELL_OK)
-        res = pell_method_configure(b->cli->ctx, m, settings, n, values);
-    if (res == PELL_OK)
-        res = pell_renderer_set_method(b->s.renderer, m, values);
-    free(values);
-    return res;
-}
-
 static const struct pell_channel *channel(const struct pell_picture *p, const char *layer, char c)
 {
     char name[64];
@@ -97,7 +67,7 @@ static const struct pell_channel *channel(const struct pell_picture *p, const ch
 static enum pell_result shoot(struct truths *b, int64_t seed, int width, int height, struct shot *shot)
 {
     static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
-    struct pell_settings settings = b->s.settings;
+    struct pell_settings settings = b->bench->s.settings;
     struct pell_picture p;
     const struct pell_channel *mask;
     double begin;
@@ -109,9 +79,9 @@ static enum pell_result shoot(struct truths *b, int64_t seed, int width, int hei
     settings.height = height;
     settings.layers = true;
     begin = processor_ms();
-    res = bench_frame(b->s.renderer, &settings, &p);
+    res = bench_frame(b->bench->s.renderer, &settings, &p);
     shot->ms = processor_ms() - begin;
-    cli_progress_end(b->cli);
+    cli_progress_end(b->bench->cli);
     if (res != PELL_OK)
         return res;
     for (size_t i = 0; i < p.num_stages; i++)
@@ -154,7 +124,7 @@ static double error_against(const struct shot *a, const struct shot *truth)
 
 static struct row *add(struct truths *b, const char *name, double ms, int64_t rays)
 {
-    struct row *r = bench_add(&b->rows, name, ms);
+    struct row *r = bench_add(&b->bench->rows, name, ms);
     static struct row none;
 
     if (!r)
@@ -164,26 +134,18 @@ static struct row *add(struct truths *b, const char *name, double ms, int64_t ra
     return r;
 }
 
-static enum exit_code open_session(struct truths *b, const char *material)
-{
-    session_close(&b->s);
-    free(b->cli->material);
-    b->cli->material = strdup(material);
-    return b->cli->material ? session_open(b->cli, b->path, &b->s) : EXIT_MEMORY;
-}
-
 /* --- Diffusion ----------------------------------------------------------------------------------------------------------------------- */
 
 /* One pass made and used, then used again: what making it costs is the difference. */
-static enum pell_result twice(struct truths *b, const char *method, const char *const *knobs, double *made, struct shot *shot)
+static enum pell_result twice(struct truths *b, const char *method, const char *knobs, double *made, struct shot *shot)
 {
     struct shot first = { 0 };
-    enum pell_result res = set_method(b, method, knobs);
+    enum pell_result res = bench_choose(b->bench, method, knobs);
 
     if (res == PELL_OK)
-        res = shoot(b, 0, b->s.settings.width, b->s.settings.height, &first);
+        res = shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &first);
     if (res == PELL_OK)
-        res = shoot(b, 0, b->s.settings.width, b->s.settings.height, shot);
+        res = shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, shot);
     *made = fmax(first.ms - shot->ms, 0.0);
     drop(&first);
     return res;
@@ -192,24 +154,22 @@ static enum pell_result twice(struct truths *b, const char *method, const char *
 /* A lamp that takes one ray: what is measured shall be of the integral over the surface, not of the lamp. */
 static enum pell_result make_lamp_small(struct truths *b)
 {
-    struct pell_light *l = b->s.scene->num_lights > 0 ? &b->s.scene->lights[0] : NULL;
+    struct pell_light *l = b->bench->s.scene->num_lights > 0 ? &b->bench->s.scene->lights[0] : NULL;
 
     if (l && l->type == PELL_LIGHT_RECT) {
         l->type = PELL_LIGHT_POINT;
         for (int c = 0; c < 3; c++)
             l->power[c] *= 1e-6f * l->width * l->height; /* of mm^2 in m^2, toward where it faced */
     }
-    return pell_renderer_set_scene(b->s.renderer, b->s.scene);
+    return pell_renderer_set_scene(b->bench->s.renderer, b->bench->s.scene);
 }
 
 /* `hierarchical` from coarse to fine: build and query as samples grow, and the first that has the error, judged by the finest. *total: its
  * time. */
 static enum pell_result hierarchical(struct truths *b, double *total)
 {
-    static const char *const steps[][3] = { { "density=0.4", "error=0.2", NULL },
-                                            { "density=1.6", "error=0.1", NULL },
-                                            { "density=6.4", "error=0.05", NULL },
-                                            { "density=64", "error=0.02", NULL } }; /* ten times longer */
+    static const char *const steps[] = { "density=0.4 error=0.2", "density=1.6 error=0.1", "density=6.4 error=0.05",
+                                         "density=64 error=0.02" }; /* ten times longer */
     enum { STEPS = PELL_COUNT(steps) };
     struct shot shot[STEPS] = { { 0 } };
     double made[STEPS];
@@ -225,7 +185,7 @@ static enum pell_result hierarchical(struct truths *b, double *total)
         char name[96];
         for (int part = 0; part < 2; part++) {
             struct row *r;
-            snprintf(name, sizeof(name), "hierarchical %s, %s", part ? "query" : "build", steps[k][0]);
+            snprintf(name, sizeof(name), "hierarchical %s, %.*s", part ? "query" : "build", (int) strcspn(steps[k], " "), steps[k]);
             r = add(b, name, part ? shot[k].ms : made[k], 0);
             if (k > 0) {
                 const double before = part ? shot[k - 1].ms : made[k - 1];
@@ -251,16 +211,16 @@ static enum pell_result hierarchical(struct truths *b, double *total)
 static enum pell_result dipole(struct truths *b, double hierarchical_ms, int64_t pixels)
 {
     struct shot shot = { 0 }, truth = { 0 };
-    char error[32], tenth[32];
+    char error[64], tenth[64];
     double e = 0.0, ms = 0.0;
     struct row *r;
     enum pell_result res;
 
-    snprintf(error, sizeof(error), "error=%g", DIPOLE_ERROR);
-    snprintf(tenth, sizeof(tenth), "error=%g", DIPOLE_ERROR / sqrt(13.0)); /* what does not hang on the error is in both times */
-    PELL_TRY(set_method(b, "dipole", (const char *const[]){ tenth, "most=100000000", NULL }));
+    snprintf(error, sizeof(error), "error=%g most=100000000", DIPOLE_ERROR);
+    snprintf(tenth, sizeof(tenth), "error=%g most=100000000", DIPOLE_ERROR / sqrt(13.0)); /* what costs the same for any error is in both */
+    PELL_TRY(bench_choose(b->bench, "dipole", tenth));
     PELL_TRY(shoot(b, 1, SMALL, SMALL, &truth));
-    PELL_TRY(set_method(b, "dipole", (const char *const[]){ error, "most=100000000", NULL }));
+    PELL_TRY(bench_choose(b->bench, "dipole", error));
     PELL_TRY(shoot(b, 0, SMALL, SMALL, &shot));
     e = error_against(&shot, &truth);
     r = add(b, "dipole, small picture", shot.ms, 0);
@@ -294,19 +254,19 @@ static int by_work(const void *a, const void *b)
     return (p > q) - (p < q);
 }
 
-static enum pell_result noise_once(struct truths *b, const char *const *knobs, int64_t seed, struct noise *n)
+static enum pell_result noise_once(struct truths *b, const char *knobs, int64_t seed, struct noise *n)
 {
     struct shot shot = { 0 }, other = { 0 };
-    enum pell_result res = set_method(b, "path-trace", knobs);
+    enum pell_result res = bench_choose(b->bench, "path-trace", knobs);
     struct shot first = { 0 };
 
     memset(n, 0, sizeof(*n));
     if (res == PELL_OK)
-        res = shoot(b, 2 * seed, b->s.settings.width, b->s.settings.height, &first);
+        res = shoot(b, 2 * seed, b->bench->s.settings.width, b->bench->s.settings.height, &first);
     if (res == PELL_OK)
-        res = shoot(b, 2 * seed, b->s.settings.width, b->s.settings.height, &shot);
+        res = shoot(b, 2 * seed, b->bench->s.settings.width, b->bench->s.settings.height, &shot);
     if (res == PELL_OK)
-        res = shoot(b, 2 * seed + 1, b->s.settings.width, b->s.settings.height, &other);
+        res = shoot(b, 2 * seed + 1, b->bench->s.settings.width, b->bench->s.settings.height, &other);
     n->made_ms = fmax(first.ms - shot.ms, 0.0);
     n->frame_ms = shot.ms;
     n->rays = shot.rays;
@@ -322,16 +282,16 @@ static enum pell_result noise_once(struct truths *b, const char *const *knobs, i
 }
 
 /* The median of the repeats. */
-static enum pell_result noise_of(struct truths *b, const char *const *knobs, struct noise *out)
+static enum pell_result noise_of(struct truths *b, const char *knobs, struct noise *out)
 {
-    struct noise *all = calloc((size_t) b->repeats, sizeof(*all));
+    struct noise *all = calloc((size_t) b->bench->repeats, sizeof(*all));
     enum pell_result res = all ? PELL_OK : PELL_ERR_NOMEM;
 
-    for (int i = 0; i < b->repeats && res == PELL_OK; i++)
+    for (int i = 0; i < b->bench->repeats && res == PELL_OK; i++)
         res = noise_once(b, knobs, i, &all[i]);
     if (res == PELL_OK) {
-        qsort(all, (size_t) b->repeats, sizeof(*all), by_work);
-        *out = all[b->repeats / 2];
+        qsort(all, (size_t) b->bench->repeats, sizeof(*all), by_work);
+        *out = all[b->bench->repeats / 2];
     }
     free(all);
     return res;
@@ -339,14 +299,13 @@ static enum pell_result noise_of(struct truths *b, const char *const *knobs, str
 
 static enum pell_result paths(struct truths *b, const char *material, bool frame)
 {
-    char samples[32], name[96];
-    const char *const ours[] = { samples, NULL };
-    const char *const brute[] = { "as=paper", samples, NULL };
+    char ours[32], brute[48], name[96];
     struct noise n[2];
     double work[2];
     enum pell_result res;
 
-    snprintf(samples, sizeof(samples), "samples=%d", SAMPLES);
+    snprintf(ours, sizeof(ours), "samples=%d", SAMPLES);
+    snprintf(brute, sizeof(brute), "as=paper samples=%d", SAMPLES);
     PELL_TRY(noise_of(b, ours, &n[0]));
     PELL_TRY(noise_of(b, brute, &n[1]));
     snprintf(name, sizeof(name), "path-trace scene, %s", material);
@@ -387,22 +346,22 @@ static enum pell_result bare(struct truths *b)
     record.occlusion = calloc(KEPT_RAYS, sizeof(*record.occlusion));
     if (!record.rays || !record.occlusion)
         goto fail;
-    PELL_TRY(set_method(b, "path-trace", (const char *const[]){ "as=paper", "acceleration=lanes", "samples=4", NULL }));
-    PELL_TRY(shoot(b, 0, b->s.settings.width, b->s.settings.height, &shot)); /* makes the scene */
+    PELL_TRY(bench_choose(b->bench, "path-trace", "as=paper acceleration=lanes samples=4"));
+    PELL_TRY(shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &shot)); /* makes the scene */
     drop(&shot);
-    pell_renderer_record_rays(b->s.renderer, &record);
-    res = shoot(b, 0, b->s.settings.width, b->s.settings.height, &shot);
-    pell_renderer_record_rays(b->s.renderer, NULL);
+    pell_renderer_record_rays(b->bench->s.renderer, &record);
+    res = shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &shot);
+    pell_renderer_record_rays(b->bench->s.renderer, NULL);
     drop(&shot);
     PELL_TRY(res);
     count = (double) (record.count < record.capacity ? record.count : record.capacity);
     for (int i = 0; i < TRIES; i++) {
-        PELL_TRY(shoot(b, 0, b->s.settings.width, b->s.settings.height, &shot));
+        PELL_TRY(shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &shot));
         walks = fmin(walks, shot.ms);
         drop(&shot);
         for (int packets = 0; packets < 2; packets++) {
             const double begin = processor_ms();
-            kept = pell_rays_trace_record(pell_renderer_rays(b->s.renderer), &record, packets != 0);
+            kept = pell_rays_trace_record(pell_renderer_rays(b->bench->s.renderer), &record, packets != 0);
             alone = fmin(alone, processor_ms() - begin);
         }
     }
@@ -421,88 +380,42 @@ fail:
 
 /* --- The bench ----------------------------------------------------------------------------------------------------------------------- */
 
-static enum exit_code measure(struct truths *b)
+/* The scene made of another material. EXIT_OK, or what was reported. */
+static enum pell_result reopen(struct truths *b, const char *material)
+{
+    static const enum pell_result results[] = { [EXIT_MEMORY] = PELL_ERR_NOMEM, [EXIT_INTERRUPTED] = PELL_ERR_CANCELLED };
+    const enum exit_code code = bench_open(b->bench, material);
+
+    return code == EXIT_OK ? PELL_OK : results[code] != PELL_OK ? results[code] : PELL_ERR_INVALID;
+}
+
+enum pell_result bench_truth(struct bench *bench)
 {
     static const char *const materials[] = { "wholemilk", "marble", "skin1" };
-    const int threads = b->cli->numbers.threads;
+    struct cli *cli = bench->cli;
+    struct truths at = { .bench = bench }, *b = &at;
+    const int threads = cli->numbers.threads;
     double hierarchical_ms = 0.0;
-    int64_t pixels;
-    enum exit_code code = open_session(b, materials[0]);
+    enum pell_result res;
 
-    if (code == EXIT_OK)
-        b->threads = pell_renderer_threads(b->s.renderer);
-    if (code == EXIT_OK)
-        code = cli_failed(b->cli, make_lamp_small(b));
-    if (code == EXIT_OK)
-        code = cli_failed(b->cli, hierarchical(b, &hierarchical_ms));
-    pixels = b->pixels;
-    if (code == EXIT_OK)
-        code = cli_failed(b->cli, dipole(b, hierarchical_ms, pixels));
-    for (size_t i = 0; i < PELL_COUNT(materials) && code == EXIT_OK; i++) {
-        code = open_session(b, materials[i]);
-        if (code == EXIT_OK)
-            code = cli_failed(b->cli, paths(b, materials[i], i == 0));
+    if (!cli_given(cli, "--repeats"))
+        bench->repeats = cli->numbers.repeats = 1;
+    snprintf(bench->setup, sizeof(bench->setup),
+             "%d x %d; milliseconds of processor time, of all threads together; error: root mean square, relative,\n"
+             "of the subsurface light; work: seconds times relative variance, %d samples a pixel",
+             bench->s.settings.width, bench->s.settings.height, SAMPLES);
+    PELL_TRY(make_lamp_small(b));
+    PELL_TRY(hierarchical(b, &hierarchical_ms));
+    PELL_TRY(dipole(b, hierarchical_ms, b->pixels));
+    for (size_t i = 0; i < PELL_COUNT(materials); i++) {
+        PELL_TRY(reopen(b, materials[i]));
+        PELL_TRY(paths(b, materials[i], i == 0));
     }
-    b->cli->numbers.threads = 1;
-    if (code == EXIT_OK)
-        code = open_session(b, materials[0]);
-    if (code == EXIT_OK)
-        code = cli_failed(b->cli, bare(b));
-    b->cli->numbers.threads = threads;
-    return code;
-}
+    cli->numbers.threads = 1;
+    PELL_TRY(reopen(b, materials[0]));
+    PELL_TRY(bare(b));
 
-static enum exit_code answer(struct truths *b, const char *what)
-{
-    struct cli *cli = b->cli;
-    char device[160], build[64];
-
-    cli_device_name(device, sizeof(device));
-    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
-    if (cli->json)
-        return cli_print_json(cli,
-                              json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:i,s:i,s:s,s:o}", "bench", what, "engine", "cpu", "device", device,
-                                        "threads", b->threads, "build", build, "width", b->s.settings.width, "height", b->s.settings.height,
-                                        "repeats", b->repeats, "clock", "processor", "rows", bench_json(&b->rows)));
-    printf("%s: %s\npellucid %s\n%d x %d, %d threads; milliseconds of processor time, of all threads together; error: root mean square, "
-           "relative,\nof the subsurface light; work: seconds times relative variance, %d samples a pixel\n\n",
-           what, device, build, b->s.settings.width, b->s.settings.height, b->threads, SAMPLES);
-    printf("%-36s %10s %8s %10s %8s %9s  %s\n", "row", "ms", "pixels", "rays", "error %", "work", "ratio");
-    for (size_t i = 0; i < b->rows.count; i++) {
-        const struct row *r = &b->rows.items[i];
-        printf("%-36s %10.1f %8lld ", r->name, r->ms, (long long) r->pixels);
-        printf(r->rays ? "%10lld " : "%10.0lld ", (long long) r->rays);
-        if (isfinite(r->error))
-            printf("%8.2f ", 100.0 * r->error);
-        else
-            printf("%8s ", "");
-        if (isfinite(r->work))
-            printf("%9.3g  ", r->work);
-        else
-            printf("%9s  ", "");
-        if (r->against && r->ratio > 0.0)
-            printf("%.3g x %s", r->ratio, r->against);
-        putchar('\n');
-    }
-    return EXIT_OK;
-}
-
-enum exit_code bench_truth(struct cli *cli, const char *what, const char *path)
-{
-    struct truths *b = calloc(1, sizeof(*b));
-    enum exit_code code;
-
-    if (!b)
-        return EXIT_MEMORY;
-    b->cli = cli;
-    b->path = path;
-    b->repeats = cli_given(cli, "--repeats") ? cli->numbers.repeats : 1;
-    cli->allow_outside = true; /* its mesh is of a package of the system */
-    cli->quiet = true;         /* of frames there is nothing to tell */
-    code = measure(b);
-    if (code == EXIT_OK)
-        code = answer(b, what);
-    session_close(&b->s);
-    free(b);
-    return code;
+fail:
+    cli->numbers.threads = threads;
+    return res;
 }

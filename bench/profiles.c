@@ -1,23 +1,22 @@
 /* SPDX-License-Identifier: MIT
- * bench_profiles.c - `pellucid bench profiles`: times of fits, of layers and of R(r), each beside what it is a ratio to. */
-#include "cli/bench.h"
-#include "cli/bench_layers.h"
-#include "cli/profile/profile.h"
-#include "cli/profile/stack.h"
+ * profiles.c - `pellucid-bench profiles`: times of fits, of layers and of R(r), each beside what it is a ratio to. */
+#include "papers.h"
 
-#include "base/simd.h"
+#include <pellucid/layers.h>
+#include <pellucid/material.h>
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { RADII = 4096 };
+enum { RADII = 4096, LAYER_RADII = 64 };
+enum stack_solver { HANKEL, GAUSSIANS, ANALYTIC, SOLVERS };
 
 struct profiles {
     const struct pell_context *ctx;
-    struct rows rows;
+    struct rows *rows;
     const struct pell_material_entry *marble, *skin;
-    struct pell_profile marble_profile[3], by_solver[STACK_SOLVERS][3], model;
+    struct pell_profile marble_profile[3], by_solver[SOLVERS][3], model;
     double r[RADII], R[RADII], *ms; /* of each repeat */
     int repeats;
 };
@@ -31,11 +30,11 @@ static enum pell_result goes_on(const struct profiles *b, enum pell_result res)
 /* A row whose time is `ratio` times that of another row. */
 static void add(struct profiles *b, const char *name, double ms, const char *against)
 {
-    struct row *r = bench_add(&b->rows, name, ms);
+    struct row *r = bench_add(b->rows, name, ms);
 
-    for (size_t i = 0; r && against && i < b->rows.count; i++)
-        if (strcmp(b->rows.items[i].name, against) == 0 && b->rows.items[i].ms > 0.0) {
-            r->ratio = ms / b->rows.items[i].ms;
+    for (size_t i = 0; r && against && i < b->rows->count; i++)
+        if (strcmp(b->rows->items[i].name, against) == 0 && b->rows->items[i].ms > 0.0) {
+            r->ratio = ms / b->rows->items[i].ms;
             r->against = against;
         }
 }
@@ -67,7 +66,7 @@ static enum pell_result time_appendix_a(struct profiles *b)
     for (int c = 0; c < 3; c++)
         error[c] = res == PELL_OK ? pell_gaussians_error(&sum[c], 0, &b->marble_profile[c], 0.0) : 0.0;
     add(b, "fit by appendix A, RGB", bench_median(b->ms, b->repeats), NULL);
-    b->rows.items[b->rows.count - 1].error = largest(error);
+    b->rows->items[b->rows->count - 1].error = largest(error);
     return res;
 }
 
@@ -91,25 +90,91 @@ static enum pell_result time_fit(struct profiles *b, int k, bool shared, const c
         res = goes_on(b, res);
     }
     add(b, name, bench_median(b->ms, b->repeats), "fit by appendix A, RGB");
-    b->rows.items[b->rows.count - 1].error = largest(shared ? report.error : error);
+    b->rows->items[b->rows->count - 1].error = largest(shared ? report.error : error);
     return res;
 }
 
-static enum pell_result time_layers(struct cli *cli, struct profiles *b)
+/* One channel; into `sets`, or `R` at radii. */
+static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_solver solver, const double *r, double *R,
+                              void *workspace, size_t size, struct pell_stack_sets *sets)
 {
-    static const char *const names[STACK_SOLVERS] = { "three layers, Hankel", "three layers, Gaussians", "three layers, analytic" };
+    double *const out[PELL_STACK_PARTS] = { R, NULL, NULL, NULL };
+
+    if (solver == HANKEL)
+        return pell_stack_hankel(stack, c, r, LAYER_RADII, out, NULL);
+    return pell_stack_gaussians(
+        stack, c, &(struct pell_stack_gaussians_params){ .analytic = solver == ANALYTIC, .reflectance_only = true }, workspace,
+        size, sets);
+}
+
+/* Milliseconds of R for the three channels by one of the solvers: Hankel at LAYER_RADII radii, the others to a sum of Gaussians for any
+ * radius. `out`: what it gave, to compare. */
+static enum pell_result time_solver(const struct pell_context *ctx, const struct pell_material_layers *layers, enum stack_solver solver,
+                                    int repeats, double *ms, struct pell_profile out[3])
+{
+    const size_t size = pell_stack_workspace_size(&(struct pell_stack_gaussians_params){ .reflectance_only = true });
+    struct pell_stack *stack = calloc(1, sizeof(*stack));
+    struct pell_stack_sets *sets = malloc(sizeof(*sets));
+    void *workspace = malloc(size);
+    double r[LAYER_RADII], R[LAYER_RADII];
+    enum pell_result res = stack && sets && workspace ? PELL_OK : PELL_ERR_NOMEM;
+
+    for (int i = 0; i < LAYER_RADII; i++)
+        r[i] = 1e-2 * pow(1e4, i / (LAYER_RADII - 1.0));
+    if (res == PELL_OK)
+        pell_material_stack(layers, stack);
+    for (int i = 0; i < repeats && res == PELL_OK; i++) {
+        const double begin = pell_seconds();
+        for (int c = 0; c < 3 && res == PELL_OK; c++)
+            res = solve(stack, c, solver, r, R, workspace, size, sets);
+        ms[i] = 1e3 * (pell_seconds() - begin);
+        if (pell_cancelled(ctx))
+            res = PELL_ERR_CANCELLED;
+    }
+    for (int c = 0; c < 3 && res == PELL_OK; c++) {
+        if (solver == HANKEL) {
+            res = pell_stack_profile(stack, c, PELL_STACK_R_PLUS, &out[c], NULL);
+        } else {
+            res = solve(stack, c, solver, r, R, workspace, size, sets);
+            if (res == PELL_OK)
+                res = pell_stack_sets_profile(sets, PELL_STACK_R_PLUS, &out[c]);
+        }
+    }
+    free(workspace);
+    free(sets);
+    free(stack);
+    return res;
+}
+
+/* Error (10) of d'Eon et al. 2007 of R, by M. */
+static double distance(const struct pell_profile *R, const struct pell_profile *M)
+{
+    const double low = pell_profile_sample(M, 1e-3), high = 10.0 * pell_profile_sample(M, 0.9999);
+    double above = 0.0, below = 0.0;
+
+    for (int i = 0; i <= RADII; i++) {
+        const double r = low * pow(high / low, (double) i / RADII), m = pell_profile_eval(M, r), d = pell_profile_eval(R, r) - m;
+        above += r * r * d * d;
+        below += r * r * m * m;
+    }
+    return sqrt(above / below);
+}
+
+static enum pell_result time_layers(struct profiles *b)
+{
+    static const char *const names[SOLVERS] = { "three layers, Hankel", "three layers, Gaussians", "three layers, analytic" };
     enum pell_result res = PELL_OK;
 
-    for (int s = 0; s < STACK_SOLVERS && res == PELL_OK; s++) {
+    for (int s = 0; s < SOLVERS && res == PELL_OK; s++) {
         double error[3];
-        res = bench_layers(cli->ctx, &b->skin->layers, (enum stack_solver) s, b->repeats, b->ms, b->by_solver[s]);
+        res = time_solver(b->ctx, &b->skin->layers, (enum stack_solver) s, b->repeats, b->ms, b->by_solver[s]);
         if (res != PELL_OK)
             break;
         add(b, names[s], bench_median(b->ms, b->repeats), s ? names[0] : NULL);
         for (int c = 0; c < 3; c++)
-            error[c] = profile_distance(&b->by_solver[s][c], &b->by_solver[0][c]);
+            error[c] = distance(&b->by_solver[s][c], &b->by_solver[0][c]);
         if (s)
-            b->rows.items[b->rows.count - 1].error = largest(error);
+            b->rows->items[b->rows->count - 1].error = largest(error);
     }
     return res;
 }
@@ -140,7 +205,7 @@ static enum pell_result time_evaluation(struct profiles *b, enum pell_profile_mo
     }
     scalar = bench_median(b->ms, b->repeats);
     add(b, one, scalar, NULL);
-    b->rows.items[b->rows.count - 1].items = RADII;
+    b->rows->items[b->rows->count - 1].items = RADII;
     for (int i = 0; i < b->repeats && res == PELL_OK; i++) {
         const double begin = pell_seconds();
         pell_profile_eval_many(&b->model, b->r, b->R, RADII);
@@ -148,7 +213,7 @@ static enum pell_result time_evaluation(struct profiles *b, enum pell_profile_mo
         b->ms[i] = 1e3 * (pell_seconds() - begin);
         res = goes_on(b, res);
     }
-    r = bench_add(&b->rows, many, bench_median(b->ms, b->repeats));
+    r = bench_add(b->rows, many, bench_median(b->ms, b->repeats));
     if (r && scalar > 0.0) {
         r->ratio = r->ms / scalar;
         r->against = "one by one";
@@ -157,7 +222,7 @@ static enum pell_result time_evaluation(struct profiles *b, enum pell_profile_mo
     return res;
 }
 
-static enum pell_result measure(struct cli *cli, struct profiles *b)
+static enum pell_result measure(struct profiles *b)
 {
     enum pell_result res = PELL_OK;
 
@@ -171,7 +236,7 @@ static enum pell_result measure(struct cli *cli, struct profiles *b)
     PELL_TRY(time_fit(b, 6, true, "fit of 6 Gaussians, RGB, shared"));
     PELL_TRY(time_fit(b, 6, false, "fit of 6 Gaussians, RGB, own"));
     if (b->skin)
-        PELL_TRY(time_layers(cli, b));
+        PELL_TRY(time_layers(b));
     for (int i = 0; i < PELL_PROFILE_MODELS; i++)
         if (pell_profile_model_at((enum pell_profile_model) i))
             PELL_TRY(time_evaluation(b, (enum pell_profile_model) i));
@@ -180,58 +245,27 @@ fail:
     return res;
 }
 
-static enum exit_code answer(struct cli *cli, const struct profiles *b)
-{
-    char device[160], build[64];
-
-    cli_device_name(device, sizeof(device));
-    snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version(), pell_simd_name(pell_simd_best()));
-    if (cli->json)
-        return cli_print_json(cli, json_pack("{s:s,s:s,s:s,s:i,s:s,s:i,s:o}", "bench", "profiles", "engine", "cpu", "device", device,
-                                             "threads", 1, "build", build, "repeats", b->repeats, "rows", bench_json(&b->rows)));
-    printf("profiles: one thread, %s\npellucid %s\nmedians of %d runs; marble, and %s at %d radii\n\n", device, build, b->repeats,
-           b->skin ? b->skin->name : "no layers", BENCH_LAYERS_RADII);
-    printf("%-44s %10s %9s %9s  %s\n", "row", "ms", "ns each", "error %", "ratio");
-    for (size_t i = 0; i < b->rows.count; i++) {
-        const struct row *r = &b->rows.items[i];
-        printf("%-44s %10.4f ", r->name, r->ms);
-        if (r->items)
-            printf("%9.2f ", 1e6 * r->ms / (double) r->items);
-        else
-            printf("%9s ", "");
-        if (isfinite(r->error))
-            printf("%9.3g  ", 100.0 * r->error);
-        else
-            printf("%9s  ", "");
-        if (r->against)
-            printf("%.3g x %s", r->ratio, r->against);
-        putchar('\n');
-    }
-    return EXIT_OK;
-}
-
-enum exit_code bench_profiles(struct cli *cli)
+enum pell_result bench_profiles(struct bench *bench)
 {
     struct profiles *b = calloc(1, sizeof(*b));
-    enum exit_code code = EXIT_MEMORY;
+    enum pell_result res = PELL_ERR_NOMEM;
 
     if (b)
-        b->ms = calloc((size_t) cli->numbers.repeats, sizeof(*b->ms));
+        b->ms = calloc((size_t) bench->repeats, sizeof(*b->ms));
     if (b && b->ms) {
-        enum pell_result res;
-        b->ctx = cli->ctx;
-        b->repeats = cli->numbers.repeats;
+        b->ctx = bench->cli->ctx;
+        b->rows = &bench->rows;
+        b->repeats = bench->repeats;
         b->marble = pell_material_find("marble");
         b->skin = pell_material_find("skin-3layer");
-        res = b->marble ? measure(cli, b) : PELL_ERR_UNSUPPORTED;
+        snprintf(bench->setup, sizeof(bench->setup), "one thread; medians of %d runs; marble, and %s at %d radii", b->repeats,
+                 b->skin ? b->skin->name : "no layers", LAYER_RADII);
+        res = b->marble ? measure(b) : PELL_ERR_UNSUPPORTED;
         if (res != PELL_OK && res != PELL_ERR_CANCELLED && res != PELL_ERR_NOMEM)
-            res = pell_error(cli->ctx, res, "bench profiles", NULL, "can't be measured: %s", pell_result_name(res));
-        code = cli_failed(cli, res);
+            res = pell_error(bench->cli->ctx, res, "profiles", NULL, "can't be measured: %s", pell_result_name(res));
     }
-    if (code == EXIT_OK)
-        code = answer(cli, b);
     if (b)
         free(b->ms);
     free(b);
-    return code;
+    return res;
 }

@@ -1,13 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * bench_deon.c - `pellucid bench deon-1`: table 1 of d'Eon et al. 2007, full and low resolution, with no light but the environment,
+ * deon.c - `pellucid-bench deon-1`: table 1 of d'Eon et al. 2007, full and low resolution, with no light but the environment,
  * with one and with two, without and with translucent shadow maps; all made anew, and under lights that stay as they are; the low one
- * under one lamp without an environment, too, and the passes of that row beside copies of their bytes. (The paper, on a GeForce 8800:
+ * under one light without an environment, too, and the passes of that row beside copies of their bytes. (The paper, on a GeForce 8800:
  * 16.7, 22.7, 32.3 and 43.5 ms a frame at full resolution, 8.7, 9.7, 13.3 and 16.4 ms at the low one.) */
-#include "cli/bench.h"
+#include "papers.h"
 
-#include "base/simd.h"
-
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -21,27 +18,6 @@ struct variant {
     int first, lights; /* of the scene */
     bool tsm;
 };
-
-/* Sets the method. */
-static enum pell_result choose(struct bench *b, const char *size, bool tsm)
-{
-    const struct pell_setting settings[] = {
-        { "size", size, "bench" },
-        { "tsm", tsm ? "ray" : "off", "bench" },
-        { "charts", "planar", "bench" },
-    };
-
-    return bench_choose(b, "texture-space", settings, PELL_COUNT(settings));
-}
-
-static double own_time(const struct pell_picture *p)
-{
-    double sum = 0.0;
-
-    for (size_t k = 0; k < p->num_stages; k++)
-        sum += bench_is_common(p->stages[k].name) ? 0.0 : p->stages[k].ms;
-    return sum;
-}
 
 static void add_stages(struct bench *b, const struct pell_picture *p)
 {
@@ -91,16 +67,17 @@ static enum pell_result measure(struct bench *b, const struct variant *v, bool f
     b->s.settings.width = full ? 2500 : 1280;
     b->s.settings.height = full ? 1500 : 720;
     PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
-    PELL_TRY(choose(b, full ? "2048" : "1024", v->tsm));
+    snprintf(name, sizeof(name), "size=%d tsm=%s charts=planar", full ? 2048 : 1024, v->tsm ? "ray" : "off");
+    PELL_TRY(bench_choose(b, "texture-space", name));
     PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p)); /* lays the surface out, and touches all memory once */
     for (int i = 0; i < repeats; i++) {
         b->s.settings.seed++; /* light holds for one seed */
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
-        anew[i] = own_time(&p);
+        anew[i] = bench_own_ms(&p);
         if (stages && i + 1 == repeats)
             add_stages(b, &p);
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
-        warm[i] = own_time(&p);
+        warm[i] = bench_own_ms(&p);
     }
     snprintf(name, sizeof(name), "%s, %s, all anew", full ? "full" : "low", v->name);
     bench_add(&b->rows, name, bench_median(anew, repeats));
@@ -115,7 +92,7 @@ fail:
     return res;
 }
 
-static enum pell_result run_all(struct bench *b)
+enum pell_result bench_deon(struct bench *b)
 {
     static const struct variant variants[] = {
         { "environment", 0, 1, false },
@@ -123,34 +100,23 @@ static enum pell_result run_all(struct bench *b)
         { "1 light, TSM", 0, 2, true },
         { "2 lights, TSM", 0, 3, true },
     };
-    static const struct variant lamp = { "1 light alone", 1, 1, false }, lamp_tsm = { "1 light alone, TSM", 1, 1, true };
+    static const struct variant alone = { "1 light alone", 1, 1, false }, alone_tsm = { "1 light alone, TSM", 1, 1, true };
     enum pell_result res = PELL_OK;
 
+    if (b->s.scene->num_lights != LIGHTS)
+        return pell_error(b->cli->ctx, PELL_ERR_INVALID, b->path, NULL, "has %zu lights, the bench takes an environment and %d",
+                          b->s.scene->num_lights, LIGHTS - 1);
+    b->s.settings.ambient_samples = AMBIENT_SAMPLES;
+    snprintf(b->setup, sizeof(b->setup),
+             "medians of frames of the method's own stages; full: %d, 2048 x 2048 texels, 2500 x 1500 pixels, low: %d, 1024 x 1024, "
+             "1280 x 720",
+             repeats_of(b, true), repeats_of(b, false));
     for (int full = 1; full >= 0; full--)
         for (size_t i = 0; i < PELL_COUNT(variants); i++)
             PELL_TRY(measure(b, &variants[i], full, false));
-    PELL_TRY(measure(b, &lamp, false, false));
-    PELL_TRY(measure(b, &lamp_tsm, false, true));
+    PELL_TRY(measure(b, &alone, false, false));
+    PELL_TRY(measure(b, &alone_tsm, false, true));
 
 fail:
     return res;
-}
-
-enum exit_code bench_deon(struct cli *cli, const char *what, const char *path)
-{
-    struct bench b;
-    enum exit_code code = bench_open(&b, cli, path);
-
-    b.s.settings.ambient_samples = AMBIENT_SAMPLES;
-    if (code == EXIT_OK && b.s.scene->num_lights != LIGHTS)
-        code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, path, NULL,
-                                          "has %zu lights, the bench takes an environment and %d", b.s.scene->num_lights, LIGHTS - 1));
-    if (code == EXIT_OK)
-        code = cli_failed(cli, run_all(&b));
-    if (code == EXIT_OK)
-        code = bench_answer(&b, what, BENCH_PIXELS | BENCH_RAYS, NULL,
-                            "medians of frames of the method's own stages; full: %d, 2048 x 2048 texels, 2500 x 1500 pixels, low: %d, "
-                            "1024 x 1024, 1280 x 720", repeats_of(&b, true), repeats_of(&b, false));
-    bench_close(&b);
-    return code;
 }

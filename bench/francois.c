@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: MIT
+ * francois.c - `pellucid-bench francois-2`: layered on a picture that its fish fills, 800 x 600, three painted layers: by samples
+ * with one and with two lights, and how far each is from 400 samples; by lights; and what the layers take in memory. (The paper, figure 14
+ * and table 2: 126, 51 and 20 frames a second with 10, 50 and 100 samples on a GeForce 7800 GTX.) */
+#include "papers.h"
+
+#include <string.h>
+
+enum { WIDTH = 800, HEIGHT = 600, MOST_LIGHTS = 4 };
+#define TRUTH "400"
+
+static int layers_of(const struct pell_scene *scene)
+{
+    int most = 0;
+
+    for (size_t i = 0; i < scene->num_materials; i++)
+        most = scene->materials[i].num_layers > most ? scene->materials[i].num_layers : most;
+    return most;
+}
+
+/* The march of so many samples under the first lights; *ms: the median of warm frames, may be NULL. */
+static enum pell_result measure(struct bench *b, int samples, int lights, const char *as, double *ms)
+{
+    char knobs[64], name[96];
+    const struct bench_run run = { "layered", knobs, false, false };
+    struct bench_result r;
+    enum pell_result res;
+
+    snprintf(knobs, sizeof(knobs), "as=%s samples=%d", as, samples);
+    snprintf(name, sizeof(name), "%d samples, %d light%s%s", samples, lights, lights > 1 ? "s" : "",
+             strcmp(as, "best") == 0 ? "" : ", as=paper");
+    PELL_TRY(bench_measure(b, name, &run, &r));
+    if (r.row)
+        r.row->items = r.pixels * samples * lights * layers_of(b->s.scene);
+    if (r.row && ms)
+        *ms = r.row->ms;
+
+fail:
+    return res;
+}
+
+/* How long the planes through the surface take that `as=best` makes once a scene: a stage of a first frame. */
+static enum pell_result add_planes(struct bench *b)
+{
+    struct pell_picture p;
+    enum pell_result res;
+
+    PELL_TRY(bench_choose(b, "layered", "as=best"));
+    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
+    for (size_t i = 0; i < p.num_stages; i++)
+        if (strcmp(p.stages[i].name, "planes") == 0)
+            bench_add(&b->rows, "once a scene: planes", p.stages[i].ms);
+
+fail:
+    return res;
+}
+
+static void add_memory(struct bench *b)
+{
+    static const struct {
+        const char *name;
+        double bytes;
+    } rows[] = {
+        /* With levels: 4/3 of 4 pairs of numbers of 2 bytes; a texel of the solid needs which layer it is in, a byte, as deep as it is
+         * wide. */
+        { "4 layers at 1024 x 1024, MB", 4.0 / 3.0 * 1024.0 * 1024.0 * 16.0 },
+        { "3D texture, 1024 x 1024 x 1024, MB", 1024.0 * 1024.0 * 1024.0 },
+    };
+    struct row *r;
+
+    for (size_t i = 0; i < PELL_COUNT(rows); i++)
+        if ((r = bench_add(&b->rows, rows[i].name, 0.0))) {
+            r->bytes = (int64_t) rows[i].bytes;
+            r->ratio = rows[i].bytes / rows[0].bytes;
+            r->against = "the layers'";
+        }
+}
+
+enum pell_result bench_francois(struct bench *b)
+{
+    static const int samples[] = { 10, 20, 50, 100 };
+    struct pell_scene *scene = b->s.scene;
+    const size_t all = scene->num_lights;
+    const int layers = layers_of(scene);
+    double ms[MOST_LIGHTS + 1] = { 0 };
+    enum pell_result res = PELL_OK;
+    struct row *r;
+
+    if (all != MOST_LIGHTS || layers == 0)
+        return pell_error(b->cli->ctx, PELL_ERR_INVALID, b->path, NULL,
+                          "has %zu lights and %d layers, the bench takes %d lights and some layers", all, layers, MOST_LIGHTS);
+    b->s.settings.width = WIDTH;
+    b->s.settings.height = HEIGHT;
+    snprintf(b->setup, sizeof(b->setup),
+             "%d x %d pixels, %d layers; medians of %d warm frames of the march with its rays; errors against " TRUTH " samples", WIDTH,
+             HEIGHT, layers, b->repeats);
+    for (int lights = 1; lights <= MOST_LIGHTS; lights++) {
+        scene->num_lights = (size_t) lights;
+        PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
+        if (lights == 1)
+            PELL_TRY(add_planes(b));
+        PELL_TRY(bench_keep_truth(b, "layered", "samples=" TRUTH));
+        for (size_t i = 0; i < PELL_COUNT(samples); i++)
+            if (lights <= 2 || samples[i] == 50)
+                PELL_TRY(measure(b, samples[i], lights, "best", samples[i] == 50 ? &ms[lights] : NULL));
+        if (lights > 1)
+            continue;
+        PELL_TRY(bench_keep_truth(b, "layered", "as=paper samples=" TRUTH));
+        for (size_t i = 0; i < PELL_COUNT(samples); i++)
+            PELL_TRY(measure(b, samples[i], lights, "paper", NULL));
+    }
+    if ((r = bench_add(&b->rows, "a light more, 50 samples", (ms[MOST_LIGHTS] - ms[1]) / (MOST_LIGHTS - 1)))) {
+        r->ratio = r->ms / ms[1];
+        r->against = "one light";
+    }
+    add_memory(b);
+
+fail:
+    scene->num_lights = all;
+    return res;
+}

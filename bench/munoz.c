@@ -1,0 +1,196 @@
+/* SPDX-License-Identifier: MIT
+ * munoz.c - `pellucid-bench munoz-2`, `munoz-3`, `munoz-5`: the convolution method as in the figures 2, 3 and 5 of its paper: two
+ * sizes of a thing ten times apart by threshold; resolutions of the planes, of a thing that fills the picture, too; numbers of planes.
+ * (The paper, on a Core i7 of 2.66 GHz, the transforms alone: 4 planes at 800 x 600 7 s, 2 s with half the resolution and a threshold of
+ * 0.1 %; 2, 4, 8, 16 planes at 800 x 800 7, 14, 33, 100 s.) */
+#include "papers.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define REFERENCE "200000" /* samples of the hierarchical that errors are against, at most */
+#define FILLING 0.2f       /* of the view's angle: the object is all that is seen */
+
+static enum pell_result keep_truth(struct bench *b)
+{
+    snprintf(b->setup, sizeof(b->setup),
+             "%d x %d; medians of %d warm frames of the method's own stages; errors against hierarchical of at most " REFERENCE " samples",
+             b->s.settings.width, b->s.settings.height, b->repeats);
+    return bench_keep_truth(b, "hierarchical", "most=" REFERENCE);
+}
+
+/* The method's own stages of warm frames, and their sum; a row counts the pixels that are seen. `moving`: as bench_run has it. */
+static enum pell_result measure(struct bench *b, const char *name, const char *knobs, bool stages, bool moving)
+{
+    const struct bench_run run = { "convolution", knobs, stages, moving };
+    const double size = (double) b->s.settings.width * b->s.settings.height;
+    struct bench_result r;
+    enum pell_result res;
+
+    PELL_TRY(bench_measure(b, name, &run, &r));
+    if (r.row) {
+        r.row->pixels = r.seen;
+        if (moving)
+            snprintf(r.row->name, sizeof(r.row->name), "%s, filled %.0f %%", name, 100.0 * (double) r.seen / size);
+    }
+
+fail:
+    return res;
+}
+
+/* How many planes' light a plane receives on the mean, its own too, by the share of the light that goes so far. */
+static double convolutions(const struct pell_material *m, double range, int planes, double threshold)
+{
+    struct pell_profile *profile = malloc(sizeof(*profile));
+    double sum = 0.0;
+
+    for (int c = 0; profile && c < 3; c++) {
+        if (pell_profile_make(m->model, &m->medium, c, NULL, profile) != PELL_OK)
+            continue;
+        sum += 1.0;
+        for (int k = 1; k < planes; k++)
+            if (1.0 - pell_profile_cdf(profile, k * range / (planes - 1)) > threshold)
+                sum += 2.0 * (planes - k) / planes;
+    }
+    free(profile);
+    return sum / 3.0;
+}
+
+/* Depth of the scene's bounds along the view. */
+static double depth_range(const struct pell_scene *s)
+{
+    double range = 0.0;
+
+    for (int k = 0; k < 3; k++)
+        range += fabs((double) s->cameras[0].forward[k]) * (double) (s->bounds_max[k] - s->bounds_min[k]);
+    return range;
+}
+
+enum pell_result bench_munoz_2(struct bench *b)
+{
+    static const struct {
+        const char *value, *rule;
+    } rows[] = { { "0", "energy" }, { "0.001", "energy" }, { "0.001", "printed" }, { "0.05", "energy" }, { "0.05", "printed" } };
+    const struct pell_scene *s = b->s.scene;
+    enum pell_result res;
+
+    for (int small = 0; small < 2; small++) {
+        if (small)
+            PELL_TRY(bench_stretch(b, 10.0)); /* as if the object were ten times smaller */
+        PELL_TRY(keep_truth(b));
+        for (size_t i = 0; i < PELL_COUNT(rows); i++) {
+            const double n = convolutions(&s->materials[s->meshes[0].material], depth_range(s), 8, strtod(rows[i].value, NULL));
+            char knobs[96], name[96];
+            snprintf(knobs, sizeof(knobs), "planes=8 threshold=%s threshold-by=%s", rows[i].value, rows[i].rule);
+            if (strcmp(rows[i].rule, "printed") == 0)
+                snprintf(name, sizeof(name), "%s, t %s as printed", small ? "small" : "large", rows[i].value);
+            else
+                snprintf(name, sizeof(name), "%s, t %s, %.1f convolutions", small ? "small" : "large", rows[i].value, n);
+            PELL_TRY(measure(b, name, knobs, false, false));
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Threshold by resolution, for the material as it is, and ten times as dense. */
+static enum pell_result thresholds_and_resolutions(struct bench *b)
+{
+    static const char *const rows[][2] = { { "0.001", "1" }, { "0.001", "1/2" }, { "0.05", "1" }, { "0.05", "1/2" } };
+    enum pell_result res;
+
+    for (int dense = 0; dense < 2; dense++) {
+        if (dense) {
+            PELL_TRY(bench_stretch(b, 0.1));
+            PELL_TRY(keep_truth(b));
+        }
+        for (size_t i = 0; i < PELL_COUNT(rows); i++) {
+            char knobs[96], name[96];
+            snprintf(knobs, sizeof(knobs), "planes=8 threshold=%s resolution=%s", rows[i][0], rows[i][1]);
+            snprintf(name, sizeof(name), "%s, t %s, resolution %s", dense ? "dense" : "translucent", rows[i][0], rows[i][1]);
+            PELL_TRY(measure(b, name, knobs, false, false));
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* So near that the object is all that is seen, nothing kept from frame to frame: by resolution, and by how far light goes. */
+static enum pell_result fill(struct bench *b)
+{
+    static const char *const values[] = { "1", "1/2", "1/4" };
+    static const double radii[] = { 0.25, 1.0, 4.0 };
+    const struct pell_camera camera = b->s.scene->cameras[0];
+    double now = 1.0, plain = 0.0;
+    char name[64], knobs[64];
+    size_t first;
+    enum pell_result res;
+
+    b->s.scene->cameras[0].fov = camera.fov * FILLING;
+    for (size_t i = 0; i < PELL_COUNT(values); i++) {
+        snprintf(name, sizeof(name), "4 planes, resolution %s", values[i]);
+        snprintf(knobs, sizeof(knobs), "resolution=%s", values[i]);
+        PELL_TRY(measure(b, name, knobs, true, true));
+    }
+    first = b->rows.count;
+    for (size_t i = 0; i < PELL_COUNT(radii); i++) {
+        PELL_TRY(bench_stretch(b, radii[i] / now));
+        now = radii[i];
+        snprintf(name, sizeof(name), "radius x %g", now);
+        PELL_TRY(measure(b, name, "", false, true));
+        plain = i == 1 ? b->rows.items[b->rows.count - 1].ms : plain;
+    }
+    for (size_t i = first; i < b->rows.count; i++) {
+        b->rows.items[i].ratio = plain > 0.0 ? b->rows.items[i].ms / plain : 0.0;
+        b->rows.items[i].against = "radius x 1";
+    }
+    b->s.scene->cameras[0] = camera;
+    return bench_stretch(b, 1.0 / now);
+
+fail:
+    return res;
+}
+
+enum pell_result bench_munoz_3(struct bench *b)
+{
+    static const char *const values[] = { "1", "1/2", "1/4" };
+    enum pell_result res;
+
+    PELL_TRY(keep_truth(b));
+    for (int planes = 4; planes <= 8; planes *= 2)
+        for (size_t i = 0; i < PELL_COUNT(values); i++) {
+            char knobs[64], name[96];
+            snprintf(knobs, sizeof(knobs), "planes=%d resolution=%s", planes, values[i]);
+            snprintf(name, sizeof(name), "%d planes, resolution %s", planes, values[i]);
+            PELL_TRY(measure(b, name, knobs, planes == 4 && i == 0, false));
+        }
+    PELL_TRY(fill(b));
+    PELL_TRY(thresholds_and_resolutions(b));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result bench_munoz_5(struct bench *b)
+{
+    enum pell_result res;
+
+    PELL_TRY(keep_truth(b));
+    for (int paper = 0; paper < 2; paper++)
+        for (int n = 2; n <= 16; n *= 2) {
+            char knobs[64], name[96];
+            snprintf(knobs, sizeof(knobs), "as=%s planes=%d resolution=1", paper ? "paper" : "best", n);
+            snprintf(name, sizeof(name), "%d planes%s", n, paper ? ", as=paper" : "");
+            PELL_TRY(measure(b, name, knobs, !paper && n == 4, false));
+        }
+    return PELL_OK;
+
+fail:
+    return res;
+}

@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * papers.h - what the benches of the papers share: a scene, a method that is chosen and timed, errors against a kept image.
+ *
+ * A bench is a row of the table in main.c; its function adds rows to `rows` and says in `setup` what they are of. */
+#ifndef PELL_BENCH_PAPERS_H
+#define PELL_BENCH_PAPERS_H
+
+#include "cli/bench.h"
+
+struct bench {
+    struct cli *cli;
+    const char *path; /* of the scene, as it was opened */
+    struct session s;
+    struct rows rows;
+    int repeats;
+    float *truth; /* R, G, B, A, one plane after the other; NULL: none yet */
+    int truth_width, truth_height;
+    char setup[320]; /* what was measured, for people */
+};
+
+/* --- papers.c ------------------------------------------------------------------------------------------------------------------- */
+
+/* Closes what is open and opens the scene anew, one sample a pixel; stages are timed beside copies. `material` NULL: the scene's own. */
+enum exit_code bench_open(struct bench *b, const char *material);
+void bench_close(struct bench *b);
+/* A method with its knobs as "name=value name=value", all others at their defaults. */
+enum pell_result bench_choose(struct bench *b, const char *method, const char *knobs);
+/* Makes light of every material go `factor` times as far. */
+enum pell_result bench_stretch(struct bench *b, double factor);
+/* Stages that all methods share, whatever they do. */
+bool bench_is_common(const char *stage);
+/* The sum of the others, ms. */
+double bench_own_ms(const struct pell_picture *picture);
+
+/* What is timed: a method, knobs as for bench_choose; whether its stages get rows of their own; whether the camera moves from frame to
+ * frame, so that nothing is kept and there is no error. */
+struct bench_run {
+    const char *method, *knobs;
+    bool stages, moving;
+};
+
+struct bench_result {
+    double once_ms;       /* "prepare" of the first frame */
+    int64_t seen, pixels; /* the surface's; the most of a stage of the method's own */
+    struct row *row;      /* the sum of the method's own stages, medians over warm frames, and its error; NULL: no room */
+};
+
+/* One cold frame and `repeats` warm ones; adds the row `name`, after those of the stages. `result` may be NULL. */
+enum pell_result bench_measure(struct bench *b, const char *name, const struct bench_run *run, struct bench_result *result);
+
+/* Renders with the method and keeps the image as the one that errors are against. */
+enum pell_result bench_keep_truth(struct bench *b, const char *method, const char *knobs);
+
+/* --- One file each -------------------------------------------------------------------------------------------------------------- */
+
+enum pell_result bench_profiles(struct bench *b);
+enum pell_result bench_truth(struct bench *b);
+enum pell_result bench_mertens(struct bench *b);
+enum pell_result bench_munoz_2(struct bench *b);
+enum pell_result bench_munoz_3(struct bench *b);
+enum pell_result bench_munoz_5(struct bench *b);
+enum pell_result bench_deon(struct bench *b);
+enum pell_result bench_francois(struct bench *b);
+
+#endif

@@ -1,0 +1,170 @@
+/* SPDX-License-Identifier: MIT
+ * program.c - how a command of a program is found and run: --help, signals, messages, exit codes. */
+#include "cli/cli.h"
+
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static struct pell_context *volatile interrupted_context;
+static volatile sig_atomic_t interruptions;
+
+static void on_signal(int signal)
+{
+    (void) signal;
+    if (interruptions)
+        _exit(EXIT_INTERRUPTED);
+    interruptions = 1;
+    if (interrupted_context)
+        pell_context_interrupt(interrupted_context);
+}
+
+/* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
+static void catch_signal(int number)
+{
+    struct sigaction action = { .sa_handler = on_signal }, old;
+    if (sigaction(number, NULL, &old) == 0 && old.sa_handler != SIG_IGN)
+        sigaction(number, &action, NULL);
+}
+
+static void print_usage(const struct program *program, FILE *file)
+{
+    fprintf(file, "%s - %s\n\nusage: %s COMMAND [ARGUMENTS] [OPTIONS]\n\n", program->name, program->about, program->name);
+    for (size_t i = 0; i < program->num_commands; i++) {
+        char head[64];
+        snprintf(head, sizeof(head), "%s %s", program->commands[i].name, program->commands[i].arguments);
+        fprintf(file, "  %-18s %s\n", head, program->commands[i].summary);
+    }
+    fprintf(file,
+            "\n  --help             this text; `%s COMMAND --help` tells all about one\n"
+            "  --version          the version\n\n"
+            "%s"
+            "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not there,\n"
+            "5 out of memory, 130 interrupted.\n",
+            program->name, program->start);
+}
+
+static const struct command *find_command(const struct program *program, const char *name)
+{
+    for (size_t i = 0; i < program->num_commands; i++)
+        if (strcmp(program->commands[i].name, name) == 0)
+            return &program->commands[i];
+    return NULL;
+}
+
+static enum exit_code unknown_command(struct cli *cli, const char *name)
+{
+    const struct program *program = cli->program;
+    const char *names[32];
+    struct pell_text hint = { .length = 0 };
+    size_t count = 0;
+    char head[64];
+
+    for (; count < program->num_commands && count < PELL_COUNT(names); count++)
+        names[count] = program->commands[count].name;
+    snprintf(head, sizeof(head), "%s ", program->name);
+    if (!pell_text_suggest(&hint, head, name, names, count))
+        pell_text_add(&hint, "`%s --help` lists them", program->name);
+    return cli_usage(cli, program->name, hint.str, "there is no command \"%s\"", name);
+}
+
+/* --help, --version and their like. EXIT_OK and *done, or the command's row. */
+static enum exit_code choose_command(struct cli *cli, int argc, const char **argv, bool *done)
+{
+    const char *first = argc > 1 ? argv[1] : "", *about = argc > 2 ? argv[2] : NULL;
+
+    *done = true;
+    if (argc < 2) {
+        print_usage(cli->program, stderr);
+        return EXIT_USAGE;
+    }
+    if (strcmp(first, "--version") == 0) {
+        if (cli->json)
+            return cli_print_json(cli, json_pack("{s:s}", "version", pell_version()));
+        printf("%s %s\n", cli->program->name, pell_version());
+        return EXIT_OK;
+    }
+    if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0 || strcmp(first, "help") == 0) {
+        if (about && !find_command(cli->program, about))
+            return unknown_command(cli, about);
+        if (about)
+            cli_print_help(cli->program, find_command(cli->program, about), stdout);
+        else
+            print_usage(cli->program, stdout);
+        return EXIT_OK;
+    }
+    *done = false;
+    cli->command = find_command(cli->program, first);
+    return cli->command ? EXIT_OK : unknown_command(cli, first);
+}
+
+static enum exit_code run(struct cli *cli, int argc, const char **argv)
+{
+    enum exit_code code;
+    bool done = false;
+    enum pell_result res;
+
+    /* Errors of the command line itself are answered as JSON, too. */
+    for (int i = 1; i < argc; i++)
+        cli->json = cli->json || strcmp(argv[i], "--json") == 0;
+    code = choose_command(cli, argc, argv, &done);
+    if (code == EXIT_OK && !done)
+        code = cli_parse(cli, argc - 1, argv + 1, &done);
+    if (code != EXIT_OK || done)
+        return code;
+
+    res = pell_context_create(
+        &(struct pell_context_params) {
+            .log = cli_message,
+            .log_user = cli,
+            .log_level = cli->log_level > PELL_LOG_WARNING ? cli->log_level : PELL_LOG_WARNING, /* for the answer in JSON */
+            .progress = cli_progress,
+            .progress_user = cli,
+            .limits = &cli->limits,
+        },
+        &cli->ctx);
+    if (res != PELL_OK)
+        return cli_failed(cli, res);
+    interrupted_context = cli->ctx;
+    catch_signal(SIGINT);
+    catch_signal(SIGTERM);
+
+    code = cli->command->run(cli);
+    cli_progress_end(cli);
+    interrupted_context = NULL;
+    pell_context_destroy(&cli->ctx);
+    return code;
+}
+
+int cli_main(const struct program *program, int argc, char **argv)
+{
+    struct cli cli = { .program = program, .log_level = PELL_LOG_INFO, .progress = { .fraction = 2.0 } };
+    const char *term = getenv("TERM"), *no_color = getenv("NO_COLOR");
+    const bool color = !(no_color && no_color[0]) && !(term && strcmp(term, "dumb") == 0);
+    enum exit_code code;
+
+    signal(SIGPIPE, SIG_IGN); /* a write that fails says so */
+    signal(SIGXFSZ, SIG_IGN);
+    cli.tty = isatty(STDERR_FILENO) == 1;
+    cli.color_err = color && cli.tty;
+    cli.color_out = color && isatty(STDOUT_FILENO) == 1;
+    cli.warnings = json_array();
+    pell_knobs_default(pell_limit_knobs, &cli.limits);
+    code = run(&cli, argc, (const char **) argv);
+    if (code != EXIT_OK)
+        cli_print_json_error(&cli, code);
+    if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.partial)
+        fputs("interrupted; the picture was written with the samples that it had\n", stderr);
+    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.pictures)
+        fprintf(stderr, "interrupted; written before: %d pictures\n", cli.pictures);
+    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
+        fputs("interrupted; nothing was written\n", stderr);
+    if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
+        if (!cli_reader_left())
+            fputs("the answer can't be written to stdout\n", stderr);
+        code = EXIT_FAILED;
+    }
+    cli_finish(&cli);
+    return (int) code;
+}
