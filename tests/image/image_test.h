@@ -10,7 +10,7 @@
 
 #include <pellucid/image.h>
 
-#define VARIANTS "assets/image_variants/"
+#define VARIANTS "tests/assets/image_variants/"
 
 /* A context with counted memory and kept messages; image_test_end checks that nothing leaked. */
 struct image_test {
@@ -51,7 +51,7 @@ static inline struct pell_image read_variant(struct image_test *t, const char *n
 {
     char path[256];
     snprintf(path, sizeof(path), VARIANTS "%s", name);
-    return read_image(t, shared_file(path), role);
+    return read_image(t, project_file(path), role);
 }
 
 /* A fresh path in the folder for temporary files; a static buffer per ending. */

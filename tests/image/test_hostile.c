@@ -19,13 +19,14 @@ static void for_each_variant(void (*run)(const char *name, const uint8_t *data, 
     for (size_t f = 0; f < PELL_COUNT(folders); f++) {
         char *names[64];
         size_t count = 0;
-        const char *folder = shared_file(folders[f]);
+        const char *folder = project_file(folders[f]);
         DIR *dir = opendir(folder);
         REQUIRE(dir);
         for (const struct dirent *e; (e = readdir(dir)) && count < 64;)
             if (e->d_name[0] != '.')
                 REQUIRE(names[count++] = strdup(e->d_name));
         closedir(dir);
+        REQUIRE(count > 0);
         qsort(names, count, sizeof(*names), by_text);
         for (size_t i = 0; i < count; i++) {
             char path[1200];
@@ -517,7 +518,7 @@ static void limits_of_the_context_hold(void **state)
     struct pell_context_params params = { .log = keep_message, .log_user = &kept, .limits = &limits };
     struct pell_context *ctx;
     struct pell_image image;
-    const char *path = shared_file(VARIANTS "exr/half_zip.exr"), *png = shared_file(VARIANTS "png/rgb8.png");
+    const char *path = project_file(VARIANTS "exr/half_zip.exr"), *png = project_file(VARIANTS "png/rgb8.png");
 
     (void) state;
     pell_knobs_default(pell_limit_knobs, &limits);

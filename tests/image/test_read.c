@@ -36,7 +36,7 @@ static void exr_variants_hold_the_pattern(void **state)
     struct pell_image ref;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
     for (size_t i = 0; i < PELL_COUNT(files); i++) {
         char name[64];
@@ -62,7 +62,7 @@ static void exr_luminance_is_one_channel(void **state)
     struct pell_image ref, image;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
     image = read_variant(&t, "exr/luminance_only_Y_half_zip.exr", PELL_ROLE_COLOR);
     assert_int_equal(image.channels, 1);
@@ -80,7 +80,7 @@ static void exr_alpha_becomes_straight_for_color_only(void **state)
     struct pell_image ref, data, color;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
     data = read_variant(&t, "exr/half_zip_rgba.exr", PELL_ROLE_DATA);
     color = read_variant(&t, "exr/half_zip_rgba.exr", PELL_ROLE_COLOR);
@@ -104,7 +104,7 @@ static void exr_data_window_is_placed_in_the_display_window(void **state)
     struct pell_image ref, image;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
     image = read_variant(&t, "exr/half_zip_datawindow_offset.exr", PELL_ROLE_COLOR); /* at (-5, 7) */
     assert_int_equal(image.width, 64);
@@ -128,11 +128,11 @@ static void exr_dwa_is_refused_with_the_fix(void **state)
     struct pell_image image;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     for (int i = 0; i < 2; i++) {
         char path[128];
         snprintf(path, sizeof(path), VARIANTS "%s", names[i]);
-        assert_int_equal(pell_image_read(t.ctx, shared_file(path), PELL_ROLE_COLOR, &image), PELL_ERR_UNSUPPORTED);
+        assert_int_equal(pell_image_read(t.ctx, project_file(path), PELL_ROLE_COLOR, &image), PELL_ERR_UNSUPPORTED);
         REQUIRE(image.pixels == NULL);
         REQUIRE(strstr(t.kept.what, i ? "DWAB" : "DWAA"));
         REQUIRE(strstr(t.kept.hint, "ZIP or PIZ"));
@@ -159,9 +159,9 @@ static void exr_layers_hold_all_channels(void **state)
     const float *z, *id;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
-    assert_int_equal(pell_exr_read(t.ctx, shared_file(VARIANTS "exr/half_zip_rgb_plus_Z_id.exr"), &layers), PELL_OK);
+    assert_int_equal(pell_exr_read(t.ctx, project_file(VARIANTS "exr/half_zip_rgb_plus_Z_id.exr"), &layers), PELL_OK);
     assert_int_equal(layers.count, 5);
     z = find_layer(&layers, "Z");
     id = find_layer(&layers, "id"); /* 32 bit integers */
@@ -274,7 +274,7 @@ static void hdr_variants_hold_the_pattern(void **state)
     struct pell_image ref, first = { 0 };
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
     for (size_t i = 0; i < PELL_COUNT(names); i++) {
         char name[64];
@@ -409,7 +409,7 @@ static void png_variants_hold_the_pattern(void **state)
     struct pell_image ref;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
     for (size_t i = 0; i < PELL_COUNT(files); i++) {
         char name[64];
@@ -442,7 +442,7 @@ static void png_one_bit_is_spread_to_0_and_255(void **state)
     struct pell_image image, grey;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     grey = read_variant(&t, "png/gray8.png", PELL_ROLE_DATA);
     image = read_variant(&t, "png/gray1.png", PELL_ROLE_DATA);
     assert_int_equal(image.channels, 1);
@@ -484,7 +484,7 @@ static void png_palettes_come_near_the_pattern(void **state)
     struct pell_image rgb;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     rgb = read_variant(&t, "png/rgb8.png", PELL_ROLE_COLOR);
     for (size_t i = 0; i < PELL_COUNT(files); i++) {
         struct pell_image image = read_variant(&t, files[i].name, PELL_ROLE_COLOR);
@@ -592,7 +592,7 @@ static void jpeg_variants_come_near_the_pattern(void **state)
     struct pell_image rgb;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     rgb = read_variant(&t, "png/rgb8.png", PELL_ROLE_COLOR);
     for (size_t i = 0; i < PELL_COUNT(files); i++) {
         struct pell_image image = read_variant(&t, files[i].name, PELL_ROLE_COLOR);
@@ -616,7 +616,7 @@ static void jpeg_grey_stays_one_channel(void **state)
     struct pell_image image, grey;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     grey = read_variant(&t, "png/gray8.png", PELL_ROLE_DATA);
     image = read_variant(&t, "jpeg/gray.jpg", PELL_ROLE_DATA);
     assert_int_equal(image.channels, 1);
@@ -634,7 +634,7 @@ static void jpeg_odd_size_keeps_its_edges(void **state)
     double sum = 0;
 
     (void) state;
-    image_test_begin_shared(&t, VARIANTS);
+    image_test_begin(&t);
     rgb = read_variant(&t, "png/rgb8.png", PELL_ROLE_DATA);
     image = read_variant(&t, "jpeg/odd_61x29_420.jpg", PELL_ROLE_DATA);
     assert_int_equal(image.width, 61);

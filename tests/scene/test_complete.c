@@ -272,7 +272,7 @@ static void made_tangents_agree_with_those_of_a_file(void **state)
     float *given;
     (void) state;
 
-    assert_int_equal(pell_scene_load(ctx, shared_file("assets/generated/mirrored_tangents.gltf"), &bare, &s), PELL_OK);
+    assert_int_equal(pell_scene_load(ctx, project_file("tests/assets/generated/mirrored_tangents.gltf"), &bare, &s), PELL_OK);
     m = &s->meshes[0];
     assert_int_equal(m->num_vertices, 8);
     assert_non_null(m->tangent);

@@ -13,7 +13,7 @@ struct fixture {
 
 static void load(struct fixture *f, const char *name)
 {
-    const char *path = shared_file(name);
+    const char *path = strncmp(name, "tests/", 6) == 0 ? project_file(name) : shared_file(name);
     memset(f, 0, sizeof(*f));
     f->ctx = test_context(&f->fault, &f->kept);
     assert_non_null(f->ctx);
@@ -160,7 +160,7 @@ static void nested_transforms_place_the_cubes(void **state)
     struct fixture f;
     double volume[3];
     (void) state;
-    load(&f, "assets/generated/hierarchy.gltf");
+    load(&f, "tests/assets/generated/hierarchy.gltf");
     REQUIRE(has_point(find_mesh(f.scene, "parent"), c, 0.03f, 0));
     REQUIRE(has_point(find_mesh(f.scene, "child_negative"), 1.5f * c, 0.03f, -0.5f * c));
     REQUIRE(has_point(find_mesh(f.scene, "matrix"), 0, 0.15f, -c));
@@ -346,7 +346,7 @@ static void scatter_spheres_are_the_measured_media(void **state)
 {
     struct fixture f;
     (void) state;
-    load(&f, "assets/generated/scatter_spheres.glb");
+    load(&f, "tests/assets/generated/scatter_spheres.glb");
     assert_int_equal(f.scene->num_materials, 7);
     for (size_t i = 0; i < f.scene->num_materials; i++) {
         const struct pell_material *m = &f.scene->materials[i];
@@ -393,7 +393,7 @@ static void lantern_is_experimental_and_has_a_lamp(void **state)
     struct fixture f;
     int papers = 0, bulbs = 0;
     (void) state;
-    load(&f, "assets/generated/paper_lantern.gltf");
+    load(&f, "tests/assets/generated/paper_lantern.gltf");
     for (size_t i = 0; i < f.scene->num_materials; i++) {
         const struct pell_material *m = &f.scene->materials[i];
         if (strcmp(m->name, "paper") == 0) {
@@ -419,7 +419,7 @@ static void mirrored_tangents_keep_their_sign(void **state)
     struct fixture f;
     int plus = 0, minus = 0;
     (void) state;
-    load(&f, "assets/generated/mirrored_tangents.gltf");
+    load(&f, "tests/assets/generated/mirrored_tangents.gltf");
     for (size_t i = 0; i < f.scene->meshes[0].num_vertices; i++) {
         plus += f.scene->meshes[0].tangent[4 * i + 3] == 1.0f;
         minus += f.scene->meshes[0].tangent[4 * i + 3] == -1.0f;

@@ -325,9 +325,9 @@ static void spheres_of_two_byte_orders_and_text_agree(void **state)
     struct pell_scene *a, *b, *fine;
     (void) state;
 
-    assert_int_equal(pell_scene_load(ctx, shared_file("assets/generated/sphere_r20mm_lod3_ascii.ply"), &metres, &a), PELL_OK);
-    assert_int_equal(pell_scene_load(ctx, shared_file("assets/generated/sphere_r20mm_lod3_be.ply"), &metres, &b), PELL_OK);
-    assert_int_equal(pell_scene_load(ctx, shared_file("assets/generated/sphere_r20mm.ply"), &metres, &fine), PELL_OK);
+    assert_int_equal(pell_scene_load(ctx, project_file("tests/assets/generated/sphere_r20mm_lod3_ascii.ply"), &metres, &a), PELL_OK);
+    assert_int_equal(pell_scene_load(ctx, project_file("tests/assets/generated/sphere_r20mm_lod3_be.ply"), &metres, &b), PELL_OK);
+    assert_int_equal(pell_scene_load(ctx, project_file("tests/assets/generated/sphere_r20mm.ply"), &metres, &fine), PELL_OK);
     assert_int_equal(a->meshes[0].num_triangles, 1280);
     assert_int_equal(a->meshes[0].num_vertices, 642);
     assert_int_equal(b->meshes[0].num_vertices, 642);
