@@ -38,7 +38,7 @@ struct ts_knobs {
     float mix; /* negative: each material's own */
 };
 
-/* --- atlas.c: a body's surface laid out flat --------------------------------------------------------------------------------------- */
+/* --- atlas/: a solid's surface laid out flat ------------------------------------------------------------------------------------- */
 
 struct ts_triangle {
     uint32_t mesh, triangle;

@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * atlas.c - the surface of a solid laid out flat: charts, texels and the points of the surface that they stand for. The steps in order.
+ */
+#include "methods/texture_space/atlas/internal.h"
+
+#define OVERLAP_MOST 0.01    /* share of the texels that two triangles may claim in a layout that is used */
+#define DEGENERATE_MOST 0.02 /* share of the area whose triangles have none in the layout */
+#define COVERED_MOST 4.0     /* times the map is covered in a layout that is looked at further */
+#define OVERLAPS "its texture coordinates overlap"
+#define COVERED_LEAST 0.02 /* share of the layout's rectangle that is covered */
+
+void ts_atlas_destroy(struct ts_atlas **atlas)
+{
+    struct ts_atlas *a = *atlas;
+
+    if (!a)
+        return;
+    *atlas = NULL;
+    pell_free(a->ctx, a->triangles);
+    pell_free(a->ctx, a->first);
+    pell_free(a->ctx, a->corners);
+    pell_free(a->ctx, a->chart);
+    pell_free(a->ctx, a->twin);
+    if (a->key)
+        pell_free(a->ctx, a->key - TS_MARGIN);
+    pell_free(a->ctx, a->source);
+    pell_free(a->ctx, a->borders);
+    pell_free(a->ctx, a->fills);
+    pell_free(a->ctx, a->first_mended);
+    pell_free(a->ctx, a->first_border);
+    pell_free(a->ctx, a->parts);
+    pell_free(a->ctx, a->runs);
+    pell_free(a->ctx, a->first_run);
+    pell_free(a->ctx, a->cells);
+    pell_free(a->ctx, a);
+}
+
+static enum pell_result list_triangles(struct ts_atlas_build *b)
+{
+    const struct pell_scene *scene = b->p->scene;
+    struct ts_atlas *a = b->a;
+    size_t count = 0;
+    enum pell_result res;
+
+    b->meshes = pell_calloc(b->ctx, scene->num_meshes + 1, sizeof(*b->meshes));
+    a->first = pell_alloc_array(b->ctx, scene->num_meshes + 1, sizeof(*a->first));
+    if (!b->meshes || !a->first)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        a->first[i] = NONE;
+        if (b->p->bodies->of_mesh[i] != (int32_t) b->p->body)
+            continue;
+        b->meshes[b->num_meshes++] = (uint32_t) i;
+        a->first[i] = (uint32_t) count;
+        count += scene->meshes[i].num_triangles;
+    }
+    if (count > UINT32_MAX / 8)
+        return pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->p->name, NULL, "%zu triangles, at most %u in a thing", count, UINT32_MAX / 8);
+    a->num_triangles = (uint32_t) count;
+    a->triangles = pell_alloc_array(b->ctx, count + 1, sizeof(*a->triangles));
+    a->corners = pell_calloc(b->ctx, count + 1, sizeof(*a->corners));
+    a->chart = pell_calloc(b->ctx, count + 1, sizeof(*a->chart));
+    a->twin = pell_alloc_array(b->ctx, 3 * count + 1, sizeof(*a->twin));
+    b->area = pell_calloc(b->ctx, count + 1, sizeof(*b->area));
+    if (!a->triangles || !a->corners || !a->chart || !a->twin || !b->area)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < b->num_meshes; i++)
+        for (uint32_t t = 0; t < scene->meshes[b->meshes[i]].num_triangles; t++)
+            a->triangles[a->first[b->meshes[i]] + t] = (struct ts_triangle){ b->meshes[i], t };
+    for (uint32_t t = 0; t < a->num_triangles; t++) {
+        struct pell_vec3 p[3];
+        double e[2][3], n[3];
+        corner_points(a, t, p);
+        for (int k = 0; k < 2; k++) {
+            e[k][0] = (double) p[k + 1].x - (double) p[0].x;
+            e[k][1] = (double) p[k + 1].y - (double) p[0].y;
+            e[k][2] = (double) p[k + 1].z - (double) p[0].z;
+        }
+        for (int k = 0; k < 3; k++)
+            n[k] = e[0][(k + 1) % 3] * e[1][(k + 2) % 3] - e[0][(k + 2) % 3] * e[1][(k + 1) % 3];
+        b->area[t] = 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        if (!(b->area[t] > 0.0 && b->area[t] < INFINITY))
+            b->area[t] = 0.0;
+        b->total_area += b->area[t];
+    }
+    PELL_TRY(pell_topology_make(&b->topology, scene, b->meshes, b->num_meshes));
+    for (size_t h = 0; h < 3 * count; h++)
+        a->twin[h] = NONE;
+    for (uint32_t e = 0, end; e < b->topology.num_halves; e = end) {
+        end = pell_topology_edge(&b->topology, e);
+        if (end - e == 2 && b->topology.half[e] / 3 != b->topology.half[e + 1] / 3) {
+            a->twin[b->topology.half[e]] = b->topology.half[e + 1];
+            a->twin[b->topology.half[e + 1]] = b->topology.half[e];
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
+{
+    struct ts_atlas *a = b->a;
+    const char *wrong = b->p->charts == TS_CHARTS_PLANAR ? "" : ts_atlas_lay_out_file(b);
+    double flat = 0.0, covered = 0.0;
+    enum pell_result res;
+
+    for (uint32_t t = 0; t < a->num_triangles && !wrong; t++)
+        covered += fabs(flat_area(a->corners[t]));
+    if (!wrong && covered > COVERED_MOST * a->width * a->height)
+        wrong = OVERLAPS;
+    if (!wrong) {
+        ts_atlas_number_charts(b, order);
+        PELL_TRY(ts_atlas_make_planes(b));
+        ts_atlas_rasterize(b);
+        for (uint32_t t = 0; t < a->num_triangles; t++)
+            if (b->area[t] > 0.0 && !(fabs(flat_area(a->corners[t])) > 1e-9))
+                flat += b->area[t];
+        a->degenerate = flat / b->total_area;
+        a->overlap = b->claimed > 0 ? (double) b->twice / (double) b->claimed : 0.0;
+        if (a->degenerate > DEGENERATE_MOST)
+            wrong = "part of it has no area in its texture coordinates";
+        else if (a->overlap > OVERLAP_MOST)
+            wrong = OVERLAPS;
+        else if ((double) b->claimed < COVERED_LEAST * a->width * a->height)
+            wrong = "its texture coordinates leave most of the map empty";
+        if (!wrong || b->p->charts == TS_CHARTS_UV)
+            return PELL_OK;
+    } else if (b->p->charts == TS_CHARTS_UV) {
+        return pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", wrong);
+    }
+    PELL_TRY(ts_atlas_lay_out_planar(b, order));
+    if (wrong[0] && !a->scene->meshes[b->meshes[0]].uv[0])
+        pell_info(b->ctx, b->p->name, "%s: laid out in %d planar charts", wrong, a->num_charts);
+    else if (wrong[0])
+        pell_warn(b->ctx, b->p->name, "charts=planar says that this is as meant", "%s: laid out in %d planar charts", wrong, a->num_charts);
+    PELL_TRY(ts_atlas_make_planes(b));
+    ts_atlas_rasterize(b);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_params *params, struct ts_atlas **out)
+{
+    struct ts_atlas *a = pell_zalloc(ctx, sizeof(*a));
+    struct ts_atlas_build b = { .ctx = ctx, .p = params, .a = a };
+    uint32_t *order = NULL;
+    uint8_t *far = NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!a)
+        return PELL_ERR_NOMEM;
+    a->ctx = ctx;
+    a->scene = params->scene;
+    PELL_TRY(list_triangles(&b));
+    order = pell_alloc_array(ctx, 2 * (size_t) a->num_triangles + 1, sizeof(*order));
+    if (!order) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    PELL_TRY(lay_out(&b, order));
+    a->mm_per_texel = b.claimed > 0 ? sqrt(b.total_area / (double) b.claimed) : 1.0;
+    ts_atlas_rescue(&b);
+    a->inner = b.claimed;
+    far = pell_alloc_array(ctx, a->size, sizeof(*far));
+    if (!far) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    b.place = pell_alloc_array(ctx, a->size, sizeof(*b.place));
+    if (!b.place) {
+        res = PELL_ERR_NOMEM;
+        goto fail;
+    }
+    PELL_TRY(ts_atlas_find_borders(&b));
+    PELL_TRY(ts_atlas_mend_seams(&b));
+    ts_atlas_measure_far(a, far);
+    PELL_TRY(ts_atlas_sort_borders(&b, far + TS_MARGIN));
+    PELL_TRY(ts_atlas_find_runs(&b, far + TS_MARGIN));
+    for (int y = 0; y < a->height; y++)
+        for (ptrdiff_t at = y * a->stride; at < y * a->stride + a->width; at++)
+            if (a->source[at] != NONE)
+                b.place[at] = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
+    ts_atlas_tilt(&b);
+    *out = a;
+    a = NULL;
+
+fail:
+    pell_topology_finish(&b.topology);
+    pell_free(ctx, b.meshes);
+    pell_free(ctx, b.area);
+    pell_free(ctx, order);
+    pell_free(ctx, far);
+    pell_free(ctx, b.place);
+    pell_free(ctx, b.border_place);
+    ts_atlas_destroy(&a);
+    return res;
+}

@@ -1,0 +1,429 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * borders.c - borders: texels beside a chart that stand for points of the neighbouring charts, found by going straight on over the surface.
+ */
+#include "methods/texture_space/atlas/internal.h"
+
+#include "base/pool.h"
+
+#include <string.h>
+
+#define BORDER_WORK 1024.0 /* texels looked at for borders, per texel of the map */
+#define NEARBY 2           /* texels */
+
+/* Lets the texel of the chart itself that is nearest to a place where it has none stand for it; false: there is none near. */
+static bool take_nearest(const struct ts_atlas *a, const struct ts_place *p, struct ts_border *border)
+{
+    const int px = (int) (p->at % a->stride), py = (int) (p->at / a->stride);
+    float least = INFINITY;
+
+    for (int y = py - NEARBY; y <= py + 1 + NEARBY; y++)
+        for (int x = px - NEARBY; x <= px + 1 + NEARBY; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            const float dx = (float) (x - px) - p->fx, dy = (float) (y - py) - p->fy, d2 = dx * dx + dy * dy;
+            if (x < 0 || y < 0 || x >= a->width || y >= a->height || a->source[at] == NONE || a->key[at] != p->key || !(d2 < least))
+                continue;
+            least = d2;
+            border->from = (int32_t) at;
+        }
+    border->weight[0] = 1.0f;
+    return least < INFINITY;
+}
+
+/* The border texel `at`, where texels of the chart itself say what is at the place. One that is left out is a hole that a row of taps
+ * falls into: triangles narrower than texels, which have none, take the nearest. */
+static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_place *p, struct ts_border *border)
+{
+    float sum = 0.0f;
+
+    if (p->at < 0)
+        return false;
+    *border = (struct ts_border){ .at = (int32_t) at, .from = p->at };
+    for (int k = 0; k < 4; k++) {
+        const ptrdiff_t from = p->at + k % 2 + k / 2 * a->stride;
+        if (a->source[from] != NONE && a->key[from] == p->key)
+            sum += border->weight[k] = (k % 2 ? p->fx : 1.0f - p->fx) * (k / 2 ? p->fy : 1.0f - p->fy);
+    }
+    for (int k = 0; k < 4; k++)
+        border->weight[k] = sum > 1e-3f ? border->weight[k] / sum : 0.0f;
+    return sum > 1e-3f || take_nearest(a, p, border);
+}
+
+/* Texels and the nearest edge at which a chart ends but the surface goes on. */
+struct nearest {
+    const struct ts_atlas_build *b;
+    const uint32_t *edges; /* halves */
+    size_t num_edges;
+    float *distance2;
+    uint32_t *edge; /* NONE: all are too far */
+};
+
+static void near_edge(const struct nearest *n, uint32_t h, int y0, int y1)
+{
+    const struct ts_atlas *a = n->b->a;
+    const float reach = (float) n->b->p->border, *c = a->corners[h / 3], *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
+    const float ex = q[0] - p[0], ey = q[1] - p[1], l2 = ex * ex + ey * ey, inverse = l2 > 0.0f ? 1.0f / l2 : 0.0f;
+    const float left = fmaxf(floorf(fminf(p[0], q[0]) - reach), 0.0f), right = fmaxf(p[0], q[0]) + reach;
+    const float top = fmaxf(floorf(fminf(p[1], q[1]) - reach), (float) y0), bottom = fmaxf(p[1], q[1]) + reach;
+
+    for (int y = (int) top; y < y1 && (float) y < bottom; y++)
+        for (int x = (int) left; x < a->width && (float) x < right; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            float dx, dy, s, d2;
+
+            if (a->source[at] != NONE)
+                continue;
+            dx = (float) x + 0.5f - p[0];
+            dy = (float) y + 0.5f - p[1];
+            s = (dx * ex + dy * ey) * inverse;
+            s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
+            d2 = (dx - s * ex) * (dx - s * ex) + (dy - s * ey) * (dy - s * ey);
+            if (d2 >= reach * reach)
+                continue;
+            /* Of the two edges of a corner the one that the texel lies more in front of. */
+            d2 -= 1e-3f * (dx * ey - dy * ex) * (dx * ey - dy * ex) * inverse;
+            if (d2 < n->distance2[at]) {
+                n->distance2[at] = d2;
+                n->edge[at] = h;
+            }
+        }
+}
+
+static void near_rows(void *arg, int index, int worker)
+{
+    const struct nearest *n = arg;
+    const struct ts_atlas *a = n->b->a;
+    const int y0 = index * BAND, y1 = y0 + BAND < a->height ? y0 + BAND : a->height;
+    const float reach = (float) n->b->p->border;
+
+    (void) worker;
+    for (ptrdiff_t at = y0 * a->stride; at < y1 * a->stride; at++) {
+        n->distance2[at] = reach * reach;
+        n->edge[at] = NONE;
+    }
+    for (size_t i = 0; i < n->num_edges && !pell_cancelled(n->b->ctx); i++)
+        near_edge(n, n->edges[i], y0, y1);
+}
+
+void ts_atlas_measure_far(const struct ts_atlas *a, uint8_t *far)
+{
+    const ptrdiff_t step[2][4] = { { -1, -a->stride - 1, -a->stride, -a->stride + 1 }, { 1, a->stride + 1, a->stride, a->stride - 1 } };
+
+    for (size_t i = 0; i < a->size; i++)
+        far[i] = TS_FAR - 1;
+    far += TS_MARGIN;
+    for (int back = 0; back < 2; back++)
+        for (int j = 0; j < a->height; j++) {
+            const int y = back ? a->height - 1 - j : j, around = back ? y < a->height - 1 ? 4 : 1 : y > 0 ? 4 : 1;
+            for (int i = 0; i < a->width; i++) {
+                const ptrdiff_t at = y * a->stride + (back ? a->width - 1 - i : i);
+                int least = far[at];
+                for (int k = 0; k < around; k++)
+                    least = far[at + step[back][k]] + 1 < least ? far[at + step[back][k]] + 1 : least;
+                far[at] = a->source[at] != NONE ? 0 : (uint8_t) least;
+            }
+        }
+}
+
+static void put_part(struct ts_part *list, int32_t *count, ptrdiff_t at, float weight)
+{
+    for (int32_t i = 0; i < *count; i++)
+        if (list[i].at == at) {
+            list[i].weight += weight;
+            return;
+        }
+    list[(*count)++] = (struct ts_part){ (int32_t) at, weight };
+}
+
+/* Beside a seam some of the four texels around a place are borders themselves. What these stand for lies across the seam again: without it
+ * the place is moved inward by up to half a texel. */
+enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b)
+{
+    struct ts_atlas *a = b->a;
+    int32_t *border_at = pell_alloc_array(b->ctx, a->size, sizeof(*border_at));
+    size_t count = 0, room = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!border_at)
+        return PELL_ERR_NOMEM;
+    memset(border_at, 0xff, a->size * sizeof(*border_at));
+    for (size_t i = 0; i < a->num_borders; i++)
+        border_at[a->borders[i].at] = (int32_t) i;
+    for (size_t i = 0; i < a->num_borders; i++) {
+        struct ts_border *border = &a->borders[i];
+        const struct ts_place *p = &b->border_place[i];
+        struct ts_part list[4 + 3 * 4];
+        int32_t parts = 0;
+        bool mixed = false;
+        float sum = 0.0f;
+        void *array = a->parts;
+        for (int k = 0; k < 4; k++) {
+            const ptrdiff_t from = p->at + k % 2 + k / 2 * a->stride;
+            const float w = (k % 2 ? p->fx : 1.0f - p->fx) * (k / 2 ? p->fy : 1.0f - p->fy);
+            if (!(w > 0.0f) || a->key[from] != p->key)
+                continue;
+            if (a->source[from] != NONE) {
+                put_part(list, &parts, from, w);
+                sum += w;
+                continue;
+            }
+            if (parts > 12 || border_at[from] < 0)
+                continue;
+            for (int l = 0; l < 4; l++)
+                if (a->borders[border_at[from]].weight[l] > 0.0f)
+                    put_part(list, &parts, a->borders[border_at[from]].from + l % 2 + l / 2 * a->stride,
+                             w * a->borders[border_at[from]].weight[l]);
+            sum += w;
+            mixed = true;
+        }
+        if (!mixed && border->weight[0] > 0.0f && border->weight[1] > 0.0f && border->weight[2] > 0.0f && border->weight[3] > 0.0f)
+            continue;
+        if (!(sum > 1e-3f)) {
+            parts = 0;
+            sum = 1.0f;
+            for (int l = 0; l < 4; l++)
+                if (border->weight[l] > 0.0f)
+                    put_part(list, &parts, border->from + l % 2 + l / 2 * a->stride, border->weight[l]);
+        }
+        while (room < count + (size_t) parts) {
+            PELL_TRY(pell_grow(b->ctx, &array, room, &room, sizeof(*a->parts)));
+            a->parts = array;
+        }
+        border->first = (int32_t) count;
+        border->parts = parts;
+        for (int32_t k = 0; k < parts; k++)
+            a->parts[count++] = (struct ts_part){ list[k].at, list[k].weight / sum };
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, border_at);
+    return res;
+}
+
+static size_t square_of(const struct ts_atlas *a, const struct ts_border *b)
+{
+    return (size_t) (b->at / a->stride / TS_BLOCK) * (size_t) a->blocks + (size_t) (b->at % a->stride / TS_BLOCK);
+}
+
+static struct ts_fill fill_of(const struct ts_border *b)
+{
+    const float *w = b->weight;
+
+    return (struct ts_fill){
+        .at = b->at,
+        .from = b->parts > 0 ? b->first : b->from,
+        .x = (uint16_t) ((w[1] + w[3]) * TS_WHOLE + 0.5f),
+        .y = (uint16_t) ((w[2] + w[3]) * TS_WHOLE + 0.5f),
+        .far = (uint8_t) b->far,
+        .parts = (uint8_t) b->parts,
+    };
+}
+
+/* By squares, so that what lies beside each other is read together, and in a square by distance. */
+enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *far)
+{
+    struct ts_atlas *a = b->a;
+    const size_t squares = (size_t) a->blocks * (size_t) ((a->height + TS_BLOCK - 1) / TS_BLOCK);
+    struct ts_border *sorted = pell_alloc_array(b->ctx, a->num_borders + 1, sizeof(*sorted)), *other = a->borders;
+    size_t next[TS_FAR] = { 0 };
+
+    a->first_border = pell_calloc(b->ctx, squares + 2, sizeof(*a->first_border));
+    a->first_mended = pell_alloc_array(b->ctx, squares + 1, sizeof(*a->first_mended));
+    a->fills = pell_calloc(b->ctx, a->num_borders + TS_AHEAD, sizeof(*a->fills));
+    if (!sorted || !a->first_border || !a->first_mended || !a->fills) {
+        pell_free(b->ctx, sorted);
+        return PELL_ERR_NOMEM;
+    }
+    for (size_t i = 0; i < a->num_borders; i++) {
+        other[i].far = far[other[i].at];
+        a->within[other[i].far]++;
+        a->first_border[square_of(a, &other[i]) + 2]++;
+    }
+    for (int k = 1; k < TS_FAR; k++) {
+        next[k] = a->within[k - 1];
+        a->within[k] += a->within[k - 1];
+    }
+    for (size_t i = 0; i < a->num_borders; i++)
+        sorted[next[other[i].far]++] = other[i];
+    a->num_squares = squares;
+    for (size_t i = 2; i < squares + 2; i++)
+        a->first_border[i] += a->first_border[i - 1];
+    for (int mended = 0; mended < 2; mended++) {
+        for (size_t i = 0; i < a->num_borders; i++)
+            if ((sorted[i].parts > 0) == mended)
+                a->fills[a->first_border[square_of(a, &sorted[i]) + 1]++] = fill_of(&sorted[i]);
+        for (size_t i = 0; i < squares && !mended; i++)
+            a->first_mended[i] = a->first_border[i + 1];
+    }
+    pell_free(b->ctx, sorted);
+    pell_free(b->ctx, a->borders);
+    a->borders = NULL;
+    return PELL_OK;
+}
+
+/* Texels beside the charts, each with its nearest edge. */
+struct beside {
+    struct ts_atlas_build *b;
+    const uint32_t *edge;
+    size_t *first; /* per row: where its borders begin */
+    int *count;    /* and how many there are: only texels of charts are read, so that rows go by themselves */
+};
+
+/* What lies beyond its edge becomes of a texel. */
+static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_place *place)
+{
+    struct ts_atlas *a = b->a;
+    const ptrdiff_t at = y * a->stride + x;
+    const uint32_t t = h / 3;
+    const float *c = a->corners[t], *e0 = c + 2 * (h % 3), *e1 = c + 2 * ((h + 1) % 3);
+    const float ex = e1[0] - e0[0], ey = e1[1] - e0[1], l2 = ex * ex + ey * ey;
+    float s = l2 > 0.0f ? (((float) x + 0.5f - e0[0]) * ex + ((float) y + 0.5f - e0[1]) * ey) / l2 : 0.5f;
+    double inner[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }, from[2], way[2]; /* just inside */
+    struct pell_vec3 p[3];
+    struct ts_metric m;
+    struct ts_flat f;
+    uint32_t to = t;
+
+    if (!flatten(c, &f))
+        return false;
+    s = fminf(fmaxf(s, 0.0f), 1.0f);
+    inner[h % 3] += (1.0 - 1e-3) * (1.0 - (double) s);
+    inner[(h + 1) % 3] += (1.0 - 1e-3) * (double) s;
+    from[0] = inner[1];
+    from[1] = inner[2];
+    way[0] = f.u[0] + f.u[1] * (x + 0.5) + f.u[2] * (y + 0.5) - from[0];
+    way[1] = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5) - from[1];
+    corner_points(a, t, p);
+    m = ts_atlas_metric_of(a, t, &f);
+    if (!ts_atlas_walk(a, &to, from,
+                       vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]))))
+        return false;
+    *place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
+    if (!take_border(a, at, place, border))
+        return false;
+    b->place[at] = spot_of(a, to, (float) from[0], (float) from[1]);
+    a->key[at] = (float) a->chart[t];
+    ts_atlas_set_metric(a, at, &m);
+    return true;
+}
+
+static void cross_row(void *arg, int y, int worker)
+{
+    const struct beside *beside = arg;
+    struct ts_atlas_build *b = beside->b;
+    size_t next = beside->first[y];
+    (void) worker;
+
+    for (int x = 0; x < b->a->width; x++) {
+        const uint32_t h = beside->edge[y * b->a->stride + x];
+        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_place[next]))
+            next++;
+    }
+    beside->count[y] = (int) (next - beside->first[y]);
+}
+
+enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
+{
+    struct ts_atlas *a = b->a;
+    const float reach = (float) b->p->border;
+    double budget = BORDER_WORK * (double) a->size;
+    float *near = pell_alloc_array(b->ctx, a->size, sizeof(*near));
+    uint32_t *edge = pell_alloc_array(b->ctx, a->size, sizeof(*edge)), *edges = NULL;
+    size_t count = 0, room = 0;
+    struct nearest nearest = { .b = b, .distance2 = near, .edge = edge };
+    struct beside beside = { .b = b, .edge = edge };
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!near || !edge)
+        goto fail;
+    for (uint32_t h = 0; h < 3 * a->num_triangles; h++) {
+        const float *c = a->corners[h / 3];
+        const float *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
+        if (!a->chart[h / 3] || a->twin[h] == NONE || !a->chart[a->twin[h] / 3] || ts_atlas_joined(b, h))
+            continue;
+        /* Edges that are long and many, as only layouts made to harm have them, go without. */
+        budget -= (double) (fabsf(q[0] - p[0]) + 2.0f * reach) * (double) (fabsf(q[1] - p[1]) + 2.0f * reach);
+        if (budget < 0.0)
+            break;
+        PELL_TRY(pell_grow(b->ctx, (void **) &edges, nearest.num_edges, &room, sizeof(*edges)));
+        edges[nearest.num_edges++] = h;
+    }
+    nearest.edges = edges;
+    pell_pool_run(b->p->pool, (a->height + BAND - 1) / BAND, near_rows, &nearest);
+    res = PELL_ERR_CANCELLED;
+    if (pell_cancelled(b->ctx))
+        goto fail;
+    res = PELL_ERR_NOMEM;
+    beside.first = pell_alloc_array(b->ctx, (size_t) a->height, sizeof(*beside.first));
+    beside.count = pell_calloc(b->ctx, (size_t) a->height, sizeof(*beside.count));
+    if (!beside.first || !beside.count)
+        goto fail;
+    for (int y = 0; y < a->height; y++) {
+        beside.first[y] = count;
+        for (int x = 0; x < a->width; x++)
+            count += edge[y * a->stride + x] != NONE;
+    }
+    a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
+    b->border_place = pell_alloc_array(b->ctx, count + 1, sizeof(*b->border_place));
+    if (!a->borders || !b->border_place)
+        goto fail;
+    pell_pool_run(b->p->pool, a->height, cross_row, &beside);
+    res = PELL_ERR_CANCELLED;
+    if (pell_cancelled(b->ctx))
+        goto fail;
+    for (int y = 0; y < a->height; y++) {
+        const size_t n = (size_t) beside.count[y];
+        memmove(a->borders + a->num_borders, a->borders + beside.first[y], n * sizeof(*a->borders));
+        memmove(b->border_place + a->num_borders, b->border_place + beside.first[y], n * sizeof(*b->border_place));
+        a->num_borders += n;
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, beside.first);
+    pell_free(b->ctx, beside.count);
+    pell_free(b->ctx, near);
+    pell_free(b->ctx, edge);
+    pell_free(b->ctx, edges);
+    return res;
+}
+
+enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far)
+{
+    struct ts_atlas *a = b->a;
+    int count = 0;
+
+    a->cells = pell_calloc(b->ctx, (size_t) a->blocks * (size_t) a->height + 1, sizeof(*a->cells));
+    a->first_run = pell_calloc(b->ctx, (size_t) a->height + 1, sizeof(*a->first_run));
+    a->runs = pell_alloc_array(b->ctx, ((size_t) a->blocks / 2 + 1) * (size_t) a->height + 1, sizeof(*a->runs));
+    if (!a->cells || !a->first_run || !a->runs)
+        return PELL_ERR_NOMEM;
+    for (int y = 0; y < a->height; y++) {
+        bool open = false;
+        a->first_run[y] = count;
+        for (int block = 0; block < a->blocks; block++) {
+            struct ts_cell *c = &a->cells[(ptrdiff_t) y * a->blocks + block];
+            float lean = 0.0f, count_of = 0.0f;
+            c->near = TS_FAR;
+            for (int l = 0; l < TS_BLOCK; l++) {
+                const ptrdiff_t at = y * a->stride + block * TS_BLOCK + l;
+                for (int i = 0; i < 2 && a->key[at] > 0.0f; i++) {
+                    c->least[i] = c->most[i] > 0.0f ? fminf(c->least[i], a->length[i][at]) : a->length[i][at];
+                    c->most[i] = fmaxf(c->most[i], a->length[i][at]);
+                }
+                lean += a->source[at] != NONE ? a->lean[at] : 0.0f;
+                count_of += a->source[at] != NONE ? 1.0f : 0.0f;
+                c->near = a->key[at] > 0.0f && far[at] < c->near ? far[at] : c->near;
+            }
+            c->lean = count_of > 0.0f ? lean / count_of : 0.0f;
+            if (c->most[0] > 0.0f && !open)
+                a->runs[count++].from = (int16_t) block;
+            open = c->most[0] > 0.0f;
+            if (open)
+                a->runs[count - 1].to = (int16_t) (block + 1);
+        }
+    }
+    a->first_run[a->height] = count;
+    return PELL_OK;
+}

@@ -1,0 +1,96 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * curvature.c - how lines of texels bend on the surface, and the tilt of the taps that makes up for it.
+ */
+#include "methods/texture_space/atlas/internal.h"
+
+#include "base/pool.h"
+
+#define TAPS_SIGMAS 3   /* standard deviations that a border is wide, about */
+#define TILT_MOST 0.25f /* of a tap's weight, over a standard deviation */
+
+/* A way along x, or along the line at right angles to it. */
+struct way {
+    struct pell_vec3 end;
+    float length; /* mm */
+};
+
+/* `steps` texels from a texel, or as far as its chart goes; false: nowhere. */
+static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign, int steps, struct way *out)
+{
+    const struct ts_atlas *a = b->a;
+    const ptrdiff_t from = y * a->stride + x;
+    const float lean = axis == 0 ? 0.0f : a->cells[(ptrdiff_t) y * a->blocks + x / TS_BLOCK].lean;
+    float last = a->length[axis][from];
+    int done = 0;
+
+    out->length = 0.0f;
+    out->end = b->place[from];
+    for (int j = 1; j <= steps; j++) {
+        const int px = axis == 0 ? x + sign * j : x + (int) floorf(0.5f - lean * (float) (sign * j)), py = axis == 0 ? y : y + sign * j;
+        const ptrdiff_t at = py * a->stride + px;
+        if (px < 0 || py < 0 || px >= a->width || py >= a->height || a->key[at] != a->key[from])
+            break;
+        if (vec3_length(vec3_sub(b->place[at], out->end)) > a->length[0][at] + a->length[1][at])
+            break; /* two edges' borders meet */
+        out->length += 0.5f * (last + a->length[axis][at]);
+        last = a->length[axis][at];
+        out->end = b->place[at];
+        done = j;
+    }
+    return 2 * done > steps;
+}
+
+/* Second derivative of the place along a line of texels. */
+static struct pell_vec3 bend_of(const struct ts_atlas_build *b, int x, int y, int axis, int steps)
+{
+    const struct pell_vec3 at = b->place[y * b->a->stride + x];
+    struct way way[2];
+
+    if (!go(b, x, y, axis, 1, steps, &way[0]) || !go(b, x, y, axis, -1, steps, &way[1]))
+        return vec3(0.0f, 0.0f, 0.0f);
+    return vec3_mul(
+        vec3_add(vec3_mul(vec3_sub(way[0].end, at), 1.0f / way[0].length), vec3_mul(vec3_sub(way[1].end, at), 1.0f / way[1].length)),
+        2.0f / (way[0].length + way[1].length));
+}
+
+/* In texels. */
+static float tilt_of(struct pell_vec3 bend, struct pell_vec3 way, float length, float most)
+{
+    const float tilt = -0.5f * vec3_dot(bend, vec3_normalize(way)) * length;
+
+    return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f; /* no number: none */
+}
+
+/* Blurs go along straight lines of the layout, which on the surface are not the straightest ones: their taps lie aside, by s^2/2 times how
+ * they bend. Light that spreads along the surface has no such drift (the Laplacian of the place is normal to the surface): taps weigh more
+ * on the other side, by as much as brings their mean back. */
+static void tilt_rows(void *arg, int band, int worker)
+{
+    const struct ts_atlas_build *b = arg;
+    const struct ts_atlas *a = b->a;
+    const int steps = b->p->border > 2 * TAPS_SIGMAS ? b->p->border / TAPS_SIGMAS : 2;
+
+    (void) worker;
+    for (int y = band * BAND; y < (band + 1) * BAND && y < a->height && !pell_cancelled(b->ctx); y++)
+        for (int x = 0; x < a->width; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            struct pell_vec3 along, down, p[3], e[2];
+            struct ts_flat f;
+            if (a->source[at] == NONE || !flatten(a->corners[a->source[at]], &f))
+                continue;
+            corner_points(a, a->source[at], p);
+            e[0] = vec3_sub(p[1], p[0]);
+            e[1] = vec3_sub(p[2], p[0]);
+            along = vec3_mad(vec3_mul(e[0], (float) f.u[1]), (float) f.v[1], e[1]);
+            down = vec3_mad(vec3_mul(e[0], (float) f.u[2]), (float) f.v[2], e[1]);
+            down = vec3_mad(down, -a->lean[at], along);
+            a->tilt[0][at] = tilt_of(bend_of(b, x, y, 1, steps), along, a->length[0][at], TILT_MOST / (float) steps);
+            a->tilt[1][at] = tilt_of(bend_of(b, x, y, 0, steps), down, a->length[1][at], TILT_MOST / (float) steps);
+        }
+}
+
+void ts_atlas_tilt(struct ts_atlas_build *b)
+{
+    pell_pool_run(b->p->pool, (b->a->height + BAND - 1) / BAND, tilt_rows, b);
+}

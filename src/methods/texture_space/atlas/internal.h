@@ -1,0 +1,161 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * internal.h - what the parts of the atlas share; private to this folder. atlas.c calls the other files in order, and walk.c is called by
+ * rasterize.c and borders.c; borders.c takes metrics from rasterize.c and asks charts.c which triangles are joined.
+ */
+#ifndef METHODS_TEXTURE_SPACE_ATLAS_INTERNAL_H
+#define METHODS_TEXTURE_SPACE_ATLAS_INTERNAL_H
+
+#include "methods/texture_space/texture_space.h"
+
+#include "scene/mesh/topology.h"
+
+#define NONE UINT32_MAX
+#define COVERED_PLANAR 0.6 /* of the map by planar charts, at most */
+#define BAND 16            /* rows that a thread looks at in one go */
+
+/* An atlas in the making. */
+struct ts_atlas_build {
+    struct pell_context *ctx;
+    const struct ts_atlas_params *p;
+    struct ts_atlas *a;
+    struct pell_topology topology;
+    uint32_t *meshes;
+    size_t num_meshes;
+    double *area; /* per triangle, mm^2 */
+    double total_area;
+    struct pell_vec3 *place;       /* of each texel, mm */
+    struct ts_place *border_place; /* what each border stands for */
+    int64_t claimed, twice;        /* texels that some, and that several triangles cover */
+};
+
+static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pell_vec3 p[3])
+{
+    const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
+    const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
+
+    for (int k = 0; k < 3; k++)
+        p[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+}
+
+static inline double flat_area(const float c[6])
+{
+    return 0.5 * ((double) (c[2] - c[0]) * (double) (c[5] - c[1]) - (double) (c[4] - c[0]) * (double) (c[3] - c[1]));
+}
+
+/* Whether the twin runs the other way, as it does where both triangles face the same side. */
+static inline bool opposed(const struct ts_atlas_build *b, uint32_t half, uint32_t twin)
+{
+    return pell_half_start(&b->topology, half) == pell_half_end(&b->topology, twin);
+}
+
+/* A planar chart. */
+struct ts_flat_chart {
+    struct pell_vec3 axis;
+    double area;            /* mm^2, when it was grown */
+    uint32_t count;         /* triangles */
+    double low[2], high[2]; /* mm */
+    double x, y;            /* texels */
+    int32_t number;
+};
+
+/* Barycentrics of a point in a triangle's layout: 1 and x, y times these. */
+struct ts_flat {
+    double u[3], v[3];
+};
+
+static inline bool flatten(const float c[6], struct ts_flat *f)
+{
+    const double ux = (double) c[2] - (double) c[0], uy = (double) c[3] - (double) c[1];
+    const double vx = (double) c[4] - (double) c[0], vy = (double) c[5] - (double) c[1], det = ux * vy - uy * vx;
+
+    if (!(fabs(det) > 1e-12))
+        return false;
+    f->u[1] = vy / det;
+    f->u[2] = -vx / det;
+    f->v[1] = -uy / det;
+    f->v[2] = ux / det;
+    f->u[0] = -(f->u[1] * (double) c[0] + f->u[2] * (double) c[1]);
+    f->v[0] = -(f->v[1] * (double) c[0] + f->v[2] * (double) c[1]);
+    return true;
+}
+
+/* Narrows [x0, x1] to the texels of a row that a triangle may cover, one more on either side: slivers cost what they cover, not their
+ * boxes. */
+static inline void row_of(const struct ts_flat *f, double y, int *x0, int *x1)
+{
+    const double at[3][2] = { { f->u[0] + f->u[2] * y, f->u[1] },
+                              { f->v[0] + f->v[2] * y, f->v[1] },
+                              { 1.0 - f->u[0] - f->v[0] - (f->u[2] + f->v[2]) * y, -f->u[1] - f->v[1] } };
+    double low = *x0, high = *x1;
+
+    for (int k = 0; k < 3; k++) {
+        if (fabs(at[k][1]) < 1e-12)
+            continue;
+        if (at[k][1] > 0.0)
+            low = fmax(low, floor(-at[k][0] / at[k][1] - 1.5));
+        else
+            high = fmin(high, ceil(-at[k][0] / at[k][1] + 0.5));
+    }
+    *x0 = low < *x1 + 1.0 ? (int) low : *x1 + 1;
+    *x1 = high > -1.0 ? (int) high : -1;
+}
+
+/* How a triangle lies in the layout: mm from texel to texel along x, and at right angles to that, where a step along y goes `lean` texels
+ * along x, too. */
+struct ts_metric {
+    float length[2], lean;
+};
+
+static inline struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triangle, float u, float v)
+{
+    struct pell_vec3 at, normal;
+    float largest;
+
+    ts_point_of(a, triangle, u, v, &at, &normal, &largest);
+    return at;
+}
+
+/* --- charts.c: which triangles make a chart, and where their corners lie --------------------------------------------------------- */
+
+/* The layout of the file, scaled to fit. Returns NULL, or what is wrong with it. */
+const char *ts_atlas_lay_out_file(struct ts_atlas_build *b);
+/* Charts that grow over the surface as far as it faces their axis, each seen from there. `order` has room for all triangles. */
+PELL_NODISCARD enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *order);
+/* Numbers charts by what is connected in the layout. `todo` has room for all triangles. */
+void ts_atlas_number_charts(struct ts_atlas_build *b, uint32_t *todo);
+/* Whether two triangles that share an edge do so in the layout. */
+bool ts_atlas_joined(const struct ts_atlas_build *b, uint32_t half);
+
+/* --- pack.c ---------------------------------------------------------------------------------------------------------------------- */
+
+/* Sets the atlas's size and each chart's place in it; `scale`: texels a mm. Charts are in the order of their numbers afterwards. Fails with
+ * PELL_ERR_UNSUPPORTED where they fit in no map. */
+PELL_NODISCARD enum pell_result ts_atlas_pack(struct ts_atlas_build *b, struct ts_flat_chart *charts, size_t count, double *scale);
+
+/* --- rasterize.c: planes of texels ----------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b);
+/* Texels whose middles lie in a triangle; of several triangles the first's. */
+void ts_atlas_rasterize(struct ts_atlas_build *b);
+/* A triangle that no texel would say anything about takes the one that it is in. */
+void ts_atlas_rescue(struct ts_atlas_build *b);
+struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f);
+void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metric *m);
+
+/* --- borders.c: in this order ---------------------------------------------------------------------------------------------------- */
+
+/* For each texel beside the charts the nearest edge at which a chart ends but the surface goes on, and what lies there. */
+PELL_NODISCARD enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b);
+PELL_NODISCARD enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b);
+/* How far each texel is from the inside of a chart, along the longer axis, under TS_FAR: once from each end of the map. */
+void ts_atlas_measure_far(const struct ts_atlas *a, uint8_t *far);
+PELL_NODISCARD enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *far);
+PELL_NODISCARD enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far);
+
+/* --- curvature.c ----------------------------------------------------------------------------------------------------------------- */
+
+/* Tilts the weights of the blurs' taps by how lines of texels bend. Needs place, metrics and cells. */
+void ts_atlas_tilt(struct ts_atlas_build *b);
+
+#endif

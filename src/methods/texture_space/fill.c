@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * fill.c - fills the border texels of planes from the texels of charts that they stand for.
+ */
+#include "methods/texture_space/state.h"
+
+enum { SQUARES = 64 }; /* that a thread takes in one go */
+
+struct filling {
+    const struct ts_atlas *atlas;
+    float *const *planes;
+    int count;
+    int far; /* borders no further from charts than this */
+};
+
+/* All that a border reads lies inside charts: other borders may be filled by another thread just now. */
+static inline void fill_border(const struct ts_atlas *a, const struct ts_fill *b, float *const *planes, int count)
+{
+    const float x = (float) b->x * (1.0f / TS_WHOLE), y = (float) b->y * (1.0f / TS_WHOLE);
+    const float both = x * y, right = x - both, up = y - both, least = 1.0f - x - up;
+
+    for (int c = 0; c < count; c++) {
+        const float *from = planes[c] + b->from, *above = from + a->stride;
+        planes[c][b->at] = least * from[0] + right * from[1] + up * above[0] + both * above[1];
+    }
+}
+
+static inline void mend_border(const struct ts_atlas *a, const struct ts_fill *b, float *const *planes, int count)
+{
+    float sum[TS_PLANES] = { 0 };
+
+    for (const struct ts_part *part = a->parts + b->from; part < a->parts + b->from + b->parts; part++)
+        for (int c = 0; c < count; c++)
+            sum[c] += part->weight * planes[c][part->at];
+    for (int c = 0; c < count; c++)
+        planes[c][b->at] = sum[c];
+}
+
+static inline void fill_square(const struct filling *p, size_t square, int count)
+{
+    const struct ts_atlas *a = p->atlas;
+    float *planes[TS_PLANES];
+
+    for (int c = 0; c < count; c++)
+        planes[c] = p->planes[c];
+    for (size_t i = a->first_border[square]; i < a->first_mended[square] && a->fills[i].far <= p->far; i++) {
+        for (int c = 0; c < count; c++) {
+            __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].from);
+            __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].at, 1);
+        }
+        fill_border(a, &a->fills[i], planes, count);
+    }
+    for (size_t i = a->first_mended[square]; i < a->first_border[square + 1] && a->fills[i].far <= p->far; i++)
+        mend_border(a, &a->fills[i], planes, count);
+}
+
+static void fill_borders(void *arg, int chunk, int worker)
+{
+    const struct filling *p = arg;
+    const struct ts_atlas *a = p->atlas;
+    const size_t end = (size_t) (chunk + 1) * SQUARES < a->num_squares ? (size_t) (chunk + 1) * SQUARES : a->num_squares;
+
+    (void) worker;
+    for (size_t s = (size_t) chunk * SQUARES; s < end; s++)
+        if (p->count == 4)
+            fill_square(p, s, 4);
+        else if (p->count == 3)
+            fill_square(p, s, 3);
+        else
+            fill_square(p, s, p->count);
+}
+
+void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *planes, int count, int far)
+{
+    struct filling p = { .atlas = a, .planes = planes, .count = count, .far = far };
+
+    pell_pool_run(st->pool, (int) ((a->num_squares + SQUARES - 1) / SQUARES), fill_borders, &p);
+}

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * state.h - what the parts of the method on the cpu engine share; private to this folder. cpu.c calls light_map.c, chain.c and read_map.c;
+ * chain.c and cpu.c call fill.c.
+ */
+#ifndef METHODS_TEXTURE_SPACE_STATE_H
+#define METHODS_TEXTURE_SPACE_STATE_H
+
+#include "methods/texture_space/texture_space.h"
+
+#include "base/pool.h"
+
+enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 8, TS_LIT = 4, TS_READ_FAR = 6 };
+/* TS_ROWS: that a thread takes in one go. TS_READ_FAR: texels from the inside of charts that pixels read at most: look_around's, and the
+ * four about a place. */
+
+struct ts_body {
+    struct ts_atlas *atlas;
+    const struct ts_profile *profile; /* of its material */
+    float *map;                       /* R, G, B of M and the chart, per texel; begins at texel (0, 0) */
+};
+
+struct ts_state {
+    struct pell_renderer *r; /* borrowed */
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct ts_kernels *kernels;
+    struct ts_knobs knobs;
+    struct pell_bodies *bodies;
+    struct ts_body *body;
+    struct ts_profile *profiles; /* of materials; a body's alone are made */
+    size_t num_profiles;
+    struct ts_tsm tsm;
+    float *memory;        /* of the planes below, at texel (0, 0) of any atlas */
+    float *light[TS_LIT]; /* that entered, and alpha */
+    float *now[TS_PLANES], *half[TS_PLANES], *sum[3];
+    float *behind[3]; /* what comes through, before it is softened */
+    float *strength;
+    float *scaled[2]; /* lengths over strength */
+    struct ts_cell *cells;
+    uint64_t lit;  /* the lights' number; 0: not yet */
+    size_t warned; /* how many lights there were when they were counted */
+    struct ts_work work;
+    float least[2], lean; /* lengths of the body's shortest texels; and the most that a block leans */
+    struct pell_pass_time times[TS_TIMES];
+    size_t num_times;
+    double clock;
+};
+
+/* Runs `task` for each band of TS_ROWS rows. */
+static inline void ts_rows(const struct ts_state *st, int height, void (*task)(void *arg, int band, int worker), void *arg)
+{
+    pell_pool_run(st->pool, (height + TS_ROWS - 1) / TS_ROWS, task, arg);
+}
+
+/* Adds the time since the last call to the pass of this name. */
+static inline void ts_note_time(struct ts_state *st, const char *name, int64_t pixels, int64_t bytes, int64_t rays)
+{
+    const double now = pell_seconds();
+    size_t i = 0;
+
+    while (i < st->num_times && st->times[i].name != name)
+        i++;
+    if (i < TS_TIMES) {
+        struct pell_pass_time *t = &st->times[i];
+        if (i == st->num_times) {
+            *t = (struct pell_pass_time){ .name = name };
+            st->num_times++;
+        }
+        t->seconds += now - st->clock;
+        t->pixels += pixels;
+        t->bytes += bytes;
+        t->rays += rays;
+    }
+    st->clock = now;
+}
+
+/* --- light_map.c ----------------------------------------------------------------------------------------------------------------- */
+
+/* Light of these lights (a bit each; 0: all) that enters, to st->light. `faces`: of lights of one known direction, what each triangle shows
+ * them; NULL: unknown. Between chains: st->half holds the ambient visibility. */
+void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces);
+/* The same, and the material's strength, to st->strength. */
+void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
+
+/* --- fill.c ---------------------------------------------------------------------------------------------------------------------- */
+
+/* Fills `count` planes' borders that are no further than `far` texels from charts. */
+void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *planes, int count, int far);
+
+/* --- chain.c --------------------------------------------------------------------------------------------------------------------- */
+
+struct ts_chain_params {
+    bool local;   /* add what leaves on the side where it entered */
+    bool through; /* add transmitted light, by the alpha in st->light[3] */
+    bool scaled;  /* distances are scaled by st->strength */
+};
+
+/* Blurs what is in st->light. */
+void ts_chain(struct ts_state *st, const struct ts_body *body, const struct ts_chain_params *params);
+/* Transmitted light is at least as smooth as its way is long: blurs st->behind into the sum. */
+void ts_soften(struct ts_state *st, const struct ts_body *body);
+
+/* --- read_map.c ------------------------------------------------------------------------------------------------------------------ */
+
+/* Returns how many pixels there were. */
+int64_t ts_read_map(struct ts_state *st, const struct pell_frame *in, const struct pell_frame_light *out);
+
+#endif
