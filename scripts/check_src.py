@@ -194,7 +194,144 @@ def rule_header_guards(tree):
             seen[guard[1]] = name
 
 
-RULES = [rule_include_order, rule_banned_calls, rule_licence_line, rule_white_space, rule_finished, rule_no_machine, rule_header_guards]
+# What a file, a function and a list of arguments of src/ may be long. The lists name what is longer still, with what it may be: they only
+# get shorter.
+FILE_LINES, FUNCTION_LINES, ARGUMENTS = 700, 100, 8
+LONG_FILES = {
+    "src/cli/compare/scene.c": 757,
+    "src/methods/convolution/kernels.c": 739,
+    "src/methods/image_space/kernels.c": 836,
+    "src/methods/screen_space/kernels.c": 989,
+    "src/methods/texture_space/translucent_shadow_map.c": 719,
+    "src/lights/light_sampling.c": 721,
+    "src/render/irradiance/cpu.c": 861,
+    "src/scene/obj/obj.c": 736,
+    "src/scene/ply.c": 713,
+    "src/scene/scene.c": 741,
+}
+LONG_FUNCTIONS = {
+    "src/methods/layered/march_fast.c:usual_lanes": 144,
+    "src/render/frame.c:pell_renderer_render": 101,
+}
+MANY_ARGUMENTS = {
+    "src/compare/tile.c:uniform": 9,
+    "src/math/fft.c:pell_fft_rows": 10,
+    "src/math/fft.c:pell_fft_rows_back": 10,
+    "src/methods/convolution/kernels.c:gather": 10,
+    "src/methods/convolution/kernels.c:slope": 11,
+    "src/methods/convolution/kernels.c:weigh": 10,
+    "src/methods/convolution/light.c:spread_cells": 12,
+    "src/methods/image_space/kernels.c:finish": 9,
+    "src/methods/image_space/kernels.c:sample": 9,
+    "src/methods/image_space/kernels.c:sample_all": 10,
+    "src/methods/image_space/samples.c:make_levels": 9,
+    "src/methods/layered/march.c:light_step": 11,
+    "src/methods/layered/shadow_rays.c:open_sheet": 9,
+    "src/methods/path_trace/specular_manifold.c:pt_chains": 10,
+    "src/methods/path_trace/distance_sampling.c:fly_even": 10,
+    "src/methods/path_trace/distance_sampling.c:fly_layers": 10,
+    "src/methods/path_trace/distance_sampling.c:pt_fly": 10,
+    "src/methods/path_trace/distance_sampling.c:stopped": 9,
+    "src/methods/path_trace/next_event.c:connection": 9,
+    "src/methods/path_trace/next_event.c:pt_connect_rough": 9,
+    "src/methods/path_trace/next_event.c:pt_lamps": 10,
+    "src/methods/path_trace/light_path.c:pt_join": 9,
+    "src/methods/path_trace/light_path.c:surface": 9,
+    "src/methods/screen_space/kernels.c:gather_listing": 9,
+    "src/methods/screen_space/kernels.c:leaning_tap": 11,
+    "src/methods/screen_space/kernels.c:upright_tap": 10,
+    "src/methods/texture_space/kernels.c:blur_block": 9,
+    "src/methods/texture_space/kernels.c:leaning_side": 12,
+    "src/methods/texture_space/kernels.c:side": 11,
+    "src/methods/texture_space/translucent_shadow_map.c:pass_through": 10,
+    "src/render/composite/kernel.c:albedos": 9,
+    "src/render/composite/kernel.c:shade_block": 9,
+    "src/transport/refraction/connect.c:pell_connect": 10,
+    "src/lights/light_sampling.c:pell_emitters_emit": 9,
+    "src/lights/light_sampling.c:pell_emitters_hit": 10,
+    "src/lights/environment.c:add_row": 9,
+    "src/render/renderer.c:pell_renderer_light_of": 9,
+    "src/render/surface/sample16.h:bilinear16": 9,
+    "src/scene/gltf/morph.c:add": 9,
+}
+# Files that call each other in a circle, and may.
+CIRCLES = [
+    {"src/render/method_pass.c", "src/render/resources.c", "src/render/renderer.c"},
+]
+
+
+def functions(code):
+    """(name, first line, lines, arguments) of every function that code without comments defines."""
+    head = re.compile(r"^(?![#}\s])([^;{}=#]*?)\b(\w*[a-z]\w*)\(([^;{}]*)\)\s*\n\{", re.MULTILINE)
+    for found in head.finditer(code):
+        end = code.find("\n}", found.end())
+        depth, count = 0, 0 if found[3].strip() in ("", "void") else 1
+        for c in found[3]:
+            depth += (c in "([") - (c in ")]")
+            count += c == "," and depth == 0
+        yield found[2], code.count("\n", 0, found.start()) + 1, code.count("\n", found.start(), end + 2) + 1, count
+
+
+def rule_sizes(tree):
+    """files of src have 700 lines at most, functions 100 lines and 8 arguments"""
+    for name, text in tree.code("src/").items():
+        length = text.count("\n")
+        if length > LONG_FILES.get(name, FILE_LINES):
+            yield name, length, f"{length} lines, {LONG_FILES.get(name, FILE_LINES)} are allowed: cut it along its concepts"
+        for function, n, size, arguments in functions(strip_code(text)):
+            key = f"{name}:{function}"
+            if size > LONG_FUNCTIONS.get(key, FUNCTION_LINES):
+                yield name, n, f"{function}() has {size} lines, {LONG_FUNCTIONS.get(key, FUNCTION_LINES)} are allowed"
+            if arguments > MANY_ARGUMENTS.get(key, ARGUMENTS):
+                most = MANY_ARGUMENTS.get(key, ARGUMENTS)
+                yield name, n, f"{function}() takes {arguments} arguments, {most} are allowed: a struct says more"
+
+
+def declared_names(header):
+    """Functions and constants that a header without comments declares for other files."""
+    for part in re.split(r"[;{}]", re.sub(r"(?m)^\s*#(?:.*\\\n)*.*", "", header)):
+        found = re.match(r"\s*(?!static\b)[A-Za-z_][\w\s*,()]*?\b(?!PELL_)([a-z]\w+)\s*\(", part) or \
+            re.match(r"\s*extern const [\w\s*]*?\b(\w+)\s*(?:\[.*)?$", part, re.DOTALL)
+        if found:
+            yield found[1]
+
+
+def dependencies(tree):
+    """file -> {file it depends on: a name that the latter defines}, for the source files of src/."""
+    codes = {n: strip_code(t) for n, t in {**tree.code("src/"), **tree.code("include/")}.items()}
+    shared = {w for n, t in codes.items() if n.endswith(".h") for w in declared_names(t)}
+    home = {}
+    for name, code in codes.items():
+        if name.endswith(".c"):
+            for found in re.finditer(r"^(?!static\b|extern\b|struct \w+ \{|enum \w* ?\{)[a-zA-Z_][\w \*\n]*?\b(\w+)"
+                                     r"(?:\([^;{}]*\)\s*\{|(?:\[[^\]]*\])*\s*=)", code, re.MULTILINE):
+                home.setdefault(found[1], name)
+    return {name: {home[w]: w for w in set(re.findall(r"(?<!struct )(?<!enum )\b[a-z]\w+\b", code)) & shared
+                   if home.get(w, name) != name}
+            for name, code in codes.items() if name.endswith(".c")}
+
+
+def rule_circles(tree):
+    """no two files of src need each other: a file needs the one that defines what it calls"""
+    needs = dependencies(tree)
+    reach = {}
+    for name in needs:
+        todo, seen = list(needs[name]), set()
+        while todo:
+            other = todo.pop()
+            if other not in seen:
+                seen.add(other)
+                todo += needs.get(other, ())
+        reach[name] = seen
+    for name in needs:
+        circle = {o for o in reach[name] if name in reach.get(o, ())} | {name}
+        if name in reach[name] and not any(circle <= allowed for allowed in CIRCLES):
+            calls = ", ".join(f"{w} of {o}" for o, w in sorted(needs[name].items()) if o in circle)
+            yield name, 1, f"is in a circle of {len(circle)} files by {calls}"
+
+
+RULES = [rule_include_order, rule_banned_calls, rule_licence_line, rule_white_space, rule_finished, rule_no_machine, rule_header_guards,
+         rule_sizes, rule_circles]
 
 
 def check(root):
@@ -211,7 +348,8 @@ CLEAN = {
     "src/methods/two/two.c": SPDX + '#include "base/base.h"\n\n/* printf("x"); exit(1); */\nconst char *t = "printf(1)";\n'
                                     "void f(struct a *a)\n{\n    a->allocator.free(a);\n    pell_free(a, snprintf(0, 0, t));\n}\n",
     "src/methods/two/two_kernel.c": SPDX + '#include "two.h"\n',
-    "src/methods/two/two.h": SPDX + "#ifndef TWO_H\n#define TWO_H\n#endif\n",
+    "src/methods/two/two.h": SPDX + "#ifndef TWO_H\n#define TWO_H\nvoid two_f(void);\nvoid two_g(void) PELL_PURE(1);\n#endif\n",
+    "src/methods/two/f.c": SPDX + "/* two_h() */\nvoid two_f(void)\n{\n    two_g();\n}\n",
     "src/cli/main.c": SPDX + '#include "render/camera_view.h"\nvoid f(void)\n{\n    printf("%d", 1);\n    exit(2);\n}\n',
     "include/pellucid/a.h": SPDX + "#ifndef PUBLIC_A_H\n#define PUBLIC_A_H\n#include <pellucid/common.h>\n#endif\n",
     "Makefile": "# SPDX-License-Identifier: MIT\nall:\n\ttrue\n",
@@ -241,6 +379,11 @@ FAULTS = [
     (rule_no_machine, "scripts/bad.sh", "# SPDX-License-Identifier: MIT\nget https://deb.deb" "ian.org/x\n"),
     (rule_header_guards, "src/base/bad.h", SPDX + "int a;\n"),
     (rule_header_guards, "src/math/bad.h", SPDX + "#ifndef A_H\n#define A_H\n#endif\n"),
+    (rule_sizes, "src/base/bad.c", SPDX + "/* a */\n" * 700),
+    (rule_sizes, "src/base/bad.c", SPDX + "static int f(int a)\n{\n" + "    a++;\n" * 98 + "}\n"),
+    (rule_sizes, "src/base/bad.c",
+     SPDX + "static int f(int a, int b, int c, int d,\n             int e, int g, int h, int (*i)(int, int), int j)\n{\n}\n"),
+    (rule_circles, "src/methods/two/bad.c", SPDX + "void two_g(void)\n{\n    two_f();\n}\n"),
 ] + [(rule_banned_calls, "src/base/bad.c", SPDX + f"void f(void)\n{{\n    {name} (x);\n}}\n") for name in BANNED] + [
     (rule_banned_calls, "src/optics/bad.c", SPDX + 'void f(void)\n{\n    g("/*"); exit(1); g("*/");\n}\n'),
 ]

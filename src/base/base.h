@@ -36,6 +36,9 @@ void pell_debug(struct pell_context *ctx, const char *where, const char *fmt, ..
 void pell_soften(struct pell_context *ctx, int change);
 void pell_progress(struct pell_context *ctx, const char *task, double fraction);
 bool pell_cancelled(const struct pell_context *ctx);
+
+/* --- context.c --------------------------------------------------------------------------------------------------------------- */
+
 /* +1 begins, -1 ends a stretch of work that can end early with a whole result: it asks pell_context_interrupted from time to time. */
 void pell_partial(struct pell_context *ctx, int change);
 

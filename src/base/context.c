@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * context.c - contexts, results, limits and log messages. */
+ * context.c - contexts, results and limits. */
 #include "base/context.h"
 
 #include <stdio.h>
@@ -142,96 +142,7 @@ void pell_partial(struct pell_context *ctx, int change)
     while (!atomic_compare_exchange_weak(&ctx->partial, &partial, next));
 }
 
-bool pell_cancelled(const struct pell_context *ctx)
-{
-    return atomic_load_explicit(&ctx->cancelled, memory_order_relaxed);
-}
-
 const struct pell_limits *pell_context_limits(const struct pell_context *ctx)
 {
     return &ctx->limits;
-}
-
-/* True if this kind of warning has been given as often as the limit allows. *first: for the first time. */
-static bool enough(struct pell_context *ctx, const char *format, bool *first)
-{
-    for (int i = 0; i < PELL_WARNING_KINDS; i++) {
-        if (ctx->warned[i].format && ctx->warned[i].format != format)
-            continue;
-        ctx->warned[i].format = format;
-        if (ctx->warned[i].count <= ctx->limits.warnings)
-            ctx->warned[i].count++;
-        else
-            return true;
-        *first = ctx->warned[i].count > ctx->limits.warnings;
-        return *first;
-    }
-    return false;
-}
-
-static void report(struct pell_context *ctx, enum pell_log_level level, enum pell_result code, const char *where, const char *hint,
-                   const char *fmt, va_list args)
-{
-    char what[2048];
-    bool first = false;
-    struct pell_message m = { level, code, where ? where : "", what, hint ? hint : "" };
-
-    if (ctx && level == PELL_LOG_ERROR && code != PELL_ERR_NOMEM && code != PELL_ERR_CANCELLED && atomic_load(&ctx->softened) > 0) {
-        m.level = level = PELL_LOG_WARNING;
-        m.code = PELL_OK;
-    }
-    if (!ctx || !ctx->log || level > ctx->log_level)
-        return;
-    vsnprintf(what, sizeof(what), fmt, args);
-    pthread_mutex_lock(&ctx->log_lock);
-    if (level != PELL_LOG_WARNING || !enough(ctx, fmt, &first))
-        ctx->log(ctx->log_user, &m);
-    if (first)
-        ctx->log(ctx->log_user, &(struct pell_message) { PELL_LOG_WARNING, PELL_OK, "", "further warnings of this kind are not shown",
-                                                         "the limit \"warnings\" says how many are" });
-    pthread_mutex_unlock(&ctx->log_lock);
-}
-
-enum pell_result pell_error(struct pell_context *ctx, enum pell_result code, const char *where, const char *hint, const char *fmt, ...)
-{
-    va_list args;
-    va_start(args, fmt);
-    report(ctx, PELL_LOG_ERROR, code, where, hint, fmt, args);
-    va_end(args);
-    return code;
-}
-
-void pell_warn(struct pell_context *ctx, const char *where, const char *hint, const char *fmt, ...)
-{
-    va_list args;
-    va_start(args, fmt);
-    report(ctx, PELL_LOG_WARNING, PELL_OK, where, hint, fmt, args);
-    va_end(args);
-}
-
-void pell_info(struct pell_context *ctx, const char *where, const char *fmt, ...)
-{
-    va_list args;
-    va_start(args, fmt);
-    report(ctx, PELL_LOG_INFO, PELL_OK, where, NULL, fmt, args);
-    va_end(args);
-}
-
-void pell_debug(struct pell_context *ctx, const char *where, const char *fmt, ...)
-{
-    va_list args;
-    va_start(args, fmt);
-    report(ctx, PELL_LOG_DEBUG, PELL_OK, where, NULL, fmt, args);
-    va_end(args);
-}
-
-void pell_soften(struct pell_context *ctx, int change)
-{
-    atomic_fetch_add(&ctx->softened, change);
-}
-
-void pell_progress(struct pell_context *ctx, const char *task, double fraction)
-{
-    if (ctx->progress)
-        ctx->progress(ctx->progress_user, task, fraction);
 }

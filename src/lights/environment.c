@@ -630,28 +630,30 @@ static enum pell_result make_elements(struct pell_context *ctx, const struct pel
     return PELL_OK;
 }
 
-enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index, int max_lamps,
-                                         const struct pell_specular_tables *tables, struct pell_pool *pool, struct pell_environment *env)
+enum pell_result pell_environment_create(struct pell_context *ctx, const struct pell_light *light,
+                                         const struct pell_environment_params *params, struct pell_environment *env,
+                                         struct pell_environment_lights *out)
 {
-    struct pell_context *ctx = lights->ctx;
-    const size_t first_lamp = lights->num_lamps;
+    const struct pell_specular_tables *tables = params->tables;
+    struct pell_pool *pool = params->pool;
     struct workshop w = { 0 };
     struct node_task task = { .env = env };
     enum pell_result res;
 
+    *out = (struct pell_environment_lights){ 0 };
     pell_environment_aim(env, light);
     PELL_TRY(allocate_table(ctx, tables, env, &w.kernels));
     make_kernels(tables, env, w.kernels);
     if (env->image) {
         PELL_TRY(open_workshop(ctx, env, &w));
         pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task){ env, &w.mips[0] });
-        PELL_TRY(pell_environment_lamps(lights, &w.mips[0], index, max_lamps));
+        PELL_TRY(pell_environment_lamps(ctx, &w.mips[0], params->index, params->max_lights, out));
         PELL_TRY(make_elements(ctx, &w.mips[0], &w.elements, &task.count));
         make_levels(pool, &w, env);
     }
     task.elements = w.elements;
-    task.num_lamps = lights->num_lamps - first_lamp;
-    task.lamps = task.num_lamps ? lights->lamps + first_lamp : NULL;
+    task.num_lamps = out->count;
+    task.lamps = out->lamps;
     task.kernels = w.kernels;
     task.rows = env->size / 3;
     pell_pool_run(pool, PELL_ENV_NODES, make_node_row, &task);

@@ -87,29 +87,30 @@ static bool cut(const struct pell_env_map *m, float clamp, struct region *r, str
     return true;
 }
 
-static enum pell_result add_region(struct pell_lights *lights, const struct region *r, int index)
+static void add_region(struct pell_environment_lights *out, const struct region *r, int index)
 {
     const double length = region_length(r);
     struct pell_lamp lamp = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
 
     if (!(r->energy > 0.0) || !(length > 1e-6 * r->energy))
-        return PELL_OK; /* what shines from all sides alike is left to the table */
+        return; /* what shines from all sides alike is left to the table */
     lamp.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
     vec3_basis(lamp.direction, &lamp.right, &lamp.up);
     lamp.compact = 1.0 - length / r->energy < COMPACT;
     for (int c = 0; c < 3; c++)
         lamp.power[c] = (float) r->rgb[c];
-    return pell_lights_add_lamp(lights, &lamp);
+    out->lamps[out->count++] = lamp;
 }
 
-enum pell_result pell_environment_lamps(struct pell_lights *lights, const struct pell_env_map *m, int index, int max_lamps)
+enum pell_result pell_environment_lamps(struct pell_context *ctx, const struct pell_env_map *m, int index, int max_lamps,
+                                        struct pell_environment_lights *out)
 {
     struct region *regions;
     double mean = 0.0;
     float clamp;
     int count = 1;
-    enum pell_result res = PELL_OK;
 
+    *out = (struct pell_environment_lights){ 0 };
     for (int y = 0; y < m->height; y++) {
         double row = 0.0;
         for (int x = 0; x < m->width; x++)
@@ -119,9 +120,12 @@ enum pell_result pell_environment_lamps(struct pell_lights *lights, const struct
     clamp = (float) (CLAMP * mean);
     if (max_lamps < 1 || !(mean > 0.0))
         return PELL_OK;
-    regions = pell_calloc(lights->ctx, (size_t) max_lamps, sizeof(*regions));
-    if (!regions)
+    regions = pell_calloc(ctx, (size_t) max_lamps, sizeof(*regions));
+    out->lamps = regions ? pell_calloc(ctx, (size_t) max_lamps, sizeof(*out->lamps)) : NULL;
+    if (!out->lamps) {
+        pell_free(ctx, regions);
         return PELL_ERR_NOMEM;
+    }
     regions[0] = (struct region){ .x1 = m->width, .y1 = m->height };
     measure(m, clamp, &regions[0]);
     if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
@@ -140,8 +144,8 @@ enum pell_result pell_environment_lamps(struct pell_lights *lights, const struct
             break;
         count++;
     }
-    for (int i = 0; i < count && res == PELL_OK; i++)
-        res = add_region(lights, &regions[i], index);
-    pell_free(lights->ctx, regions);
-    return res;
+    for (int i = 0; i < count; i++)
+        add_region(out, &regions[i], index);
+    pell_free(ctx, regions);
+    return PELL_OK;
 }

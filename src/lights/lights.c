@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum pell_result pell_lights_add_lamp(struct pell_lights *lights, const struct pell_lamp *lamp)
+static enum pell_result add_lamp(struct pell_lights *lights, const struct pell_lamp *lamp)
 {
     void *array = lights->lamps;
     const enum pell_result res = pell_grow(lights->ctx, &array, lights->num_lamps, &lights->capacity, sizeof(*lights->lamps));
@@ -170,6 +170,21 @@ static void choose_etas(struct pell_lights *lights, const struct pell_specular_t
     }
 }
 
+static enum pell_result add_environment(struct pell_lights *lights, int number, const struct pell_light *light,
+                                        const struct pell_environment_params *params)
+{
+    struct pell_environment *env = &lights->environments[lights->num_environments++]; /* finished also where it fails half-way */
+    struct pell_environment_lights brightest;
+    enum pell_result res;
+
+    env->light = number;
+    res = pell_environment_create(lights->ctx, light, params, env, &brightest);
+    for (size_t i = 0; i < brightest.count && res == PELL_OK; i++)
+        res = add_lamp(lights, &brightest.lamps[i]);
+    pell_free(lights->ctx, brightest.lamps);
+    return res;
+}
+
 enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_settings *settings,
                                     struct pell_pool *pool, struct pell_lights **out)
 {
@@ -205,7 +220,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
         if (light->type != PELL_LIGHT_ENVIRONMENT) {
             if (pell_lamp_make(scene, light, lights->light_samples, &lamp)) {
                 lamp.light = (int) i;
-                PELL_TRY(pell_lights_add_lamp(lights, &lamp));
+                PELL_TRY(add_lamp(lights, &lamp));
             }
             continue;
         }
@@ -213,10 +228,8 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
             PELL_TRY(pell_specular_tables_create(ctx, scene, &tables));
             choose_etas(lights, tables);
         }
-        lights->num_environments++; /* finished also where it fails half-way */
-        lights->environments[lights->num_environments - 1].light = (int) i;
-        PELL_TRY(pell_environment_create(lights, light, (int) lights->num_environments - 1, settings->environment_lights, tables, pool,
-                                         &lights->environments[lights->num_environments - 1]));
+        PELL_TRY(add_environment(lights, (int) i, light, &(struct pell_environment_params) {
+            .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .tables = tables, .pool = pool }));
     }
     PELL_TRY(make_fans(lights, scene));
     pell_specular_tables_destroy(&tables);

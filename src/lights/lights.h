@@ -86,10 +86,24 @@ const struct pell_fan *pell_lights_fan(const struct pell_lights *lights, size_t 
 /* Radiance of the environment in a direction, for backgrounds; false where the scene has none. */
 bool pell_lights_background(const struct pell_lights *lights, struct pell_vec3 direction, float rgb[3]);
 
-/* Resolves light `index` of the scene (an environment) into `env` and new lamps. `env` is zeroed; finish it also after a failure. */
-PELL_NODISCARD enum pell_result pell_environment_create(struct pell_lights *lights, const struct pell_light *light, int index,
-                                                        int max_lamps, const struct pell_specular_tables *tables,
-                                                        struct pell_pool *pool, struct pell_environment *env);
+/* Light sources for the brightest parts of an environment. */
+struct pell_environment_lights {
+    struct pell_lamp *lamps;
+    size_t count;
+};
+
+struct pell_environment_params {
+    int index;      /* of the environment among those of the scene */
+    int max_lights; /* sources for its brightest parts, at most */
+    const struct pell_specular_tables *tables;
+    struct pell_pool *pool;
+};
+
+/* Resolves a light of the scene (an environment) into `env` and light sources. `env` is zeroed; finish it, and free out->lamps, also after
+ * a failure. */
+PELL_NODISCARD enum pell_result pell_environment_create(struct pell_context *ctx, const struct pell_light *light,
+                                                        const struct pell_environment_params *params, struct pell_environment *env,
+                                                        struct pell_environment_lights *out);
 void pell_environment_finish(struct pell_context *ctx, struct pell_environment *env);
 
 /* What the table over the normal says: light that enters at a surface with this normal, T = 1 - rho_s albedo_f. */
@@ -112,7 +126,6 @@ struct pell_vec3 pell_environment_direction(const struct pell_environment *env, 
 
 /* --- lights.c ----------------------------------------------------------------------------------------------------------------- */
 
-PELL_NODISCARD enum pell_result pell_lights_add_lamp(struct pell_lights *lights, const struct pell_lamp *lamp);
 /* A light of the scene, no environment, whose face is sampled `samples` times; false where it is dark. */
 bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_lamp *lamp);
 /* The slide's colour of light that leaves the lamp at `from` along the unit `direction` and meets `place` (directional: that alone

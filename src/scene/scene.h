@@ -61,6 +61,9 @@ struct pell_scale {
     const char *where;           /* that says so, for messages */
 };
 
+enum pell_scene_format { PELL_SCENE_GLTF, PELL_SCENE_OBJ, PELL_SCENE_PLY, PELL_SCENE_SCENE, PELL_SCENE_UNKNOWN };
+/* The format of a file: by its content, then by its name. */
+enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *data, size_t size);
 /* Resolves `reference` under the root and reads it (see pell_file_read). *path is owned by the caller. */
 PELL_NODISCARD enum pell_result pell_loader_read(const struct pell_loader *loader, const char *where, const char *reference, char **path,
                                                  uint8_t **data, size_t *size);

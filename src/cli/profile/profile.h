@@ -47,6 +47,20 @@ struct profile_job {
     size_t count;
 };
 
+/* --- profile/job.c ---------------------------------------------------------------------------------------------------------- */
+
+/* A text that grows. */
+struct profile_text {
+    char *bytes;
+    size_t length, capacity;
+    bool failed; /* there was no memory */
+};
+
+/* At most 511 bytes a call. */
+void profile_add(struct profile_text *text, const char *fmt, ...) PELL_PRINTF(2, 3);
+/* To --output, or stdout; frees the text. */
+enum exit_code profile_write(struct cli *cli, struct profile_text *text);
+
 /* What the models are compared with: monte-carlo where it is one of them, else the one asked for. */
 const struct candidate *profile_reference(const struct profile_job *job);
 /* sqrt(Int r (R - M)^2 dr) / sqrt(Int r M^2 dr): error (10) of d'Eon et al. 2007 of R for M; not finite where M is 0. */
@@ -62,18 +76,6 @@ enum exit_code profile_refuse_medium_options(struct cli *cli, const struct profi
 enum exit_code profile_open_layers(struct cli *cli, struct profile_job *job, const struct pell_material_layers *layers);
 enum exit_code profile_open_stack_file(struct cli *cli, struct profile_job *job); /* --layers */
 enum exit_code profile_open_skin(struct cli *cli, struct profile_job *job);       /* --skin, --wavelength */
-
-/* A text that grows. */
-struct profile_text {
-    char *bytes;
-    size_t length, capacity;
-    bool failed; /* there was no memory */
-};
-
-/* At most 511 bytes a call. */
-void profile_add(struct profile_text *text, const char *fmt, ...) PELL_PRINTF(2, 3);
-/* To --output, or stdout; frees the text. */
-enum exit_code profile_write(struct cli *cli, struct profile_text *text);
 
 /* --- profile_plot.c ----------------------------------------------------------------------------------------------------------- */
 

@@ -240,3 +240,19 @@ float pt_rough_density(const struct pt_rough *r, const struct pt_facing *at, str
     return density(r, at->side, o, to_local(w, t, b, at->ns), through) +
            (vec3_dot(at->ns, at->ng) < 0.999999f ? density(r, at->side, o, to_local(mirrored, t, b, at->ns), through) : 0.0f);
 }
+
+bool pt_smooth(const struct pt_facing *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong)
+{
+    const float c = vec3_dot(at->o, at->ns);
+    float cos_t;
+    bool through;
+    struct pell_vec3 to;
+
+    *fresnel = pt_fresnel(eta, c, &cos_t);
+    through = u >= *fresnel;
+    to = through ? vec3_mad(vec3_mul(at->o, -1.0f / eta), c / eta - cos_t, at->ns) : vec3_sub(vec3_mul(at->ns, 2.0f * c), at->o);
+    to = vec3_normalize(to);
+    *w = pt_to_side(to, at->ng, !through);
+    *wrong = (vec3_dot(to, at->ng) > 0.0f) == through;
+    return through;
+}

@@ -41,18 +41,6 @@ float pt_way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w
     return fmaxf(fminf(tx, fminf(ty, tz)), 0.0f);
 }
 
-int pt_choose(const float beta[3], float u)
-{
-    int c = 0;
-
-    u *= beta[0] + beta[1] + beta[2];
-    while (c < 2 && u >= beta[c])
-        u -= beta[c++];
-    while (c > 0 && !(beta[c] > 0.0f))
-        c--;
-    return c;
-}
-
 void pt_pass_by(const struct pt_coefficients *m, float length, float beta[3])
 {
     float sum = 0.0f, passed = 0.0f, t[3];

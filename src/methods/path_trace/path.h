@@ -218,8 +218,6 @@ void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct
 bool pt_outside(const struct pt_body *b, struct pell_vec3 x, float margin);
 /* The distance at which a ray leaves the bounds; x is inside. */
 float pt_way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w);
-/* A channel by what it carries, u in [0, 1). */
-int pt_choose(const float beta[3], float u);
 /* What is left of the weights after `length` without a collision; by the density of having passed. */
 void pt_pass_by(const struct pt_coefficients *m, float length, float beta[3]);
 /* What a body (-1: the open) lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an
@@ -259,9 +257,6 @@ static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, ui
 {
     return (struct pt_sampler){ .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_EVEN_NUMBERS };
 }
-
-/* Unit shading normal at a place of the hit's triangle, and its changes dn where the place moves by dp in the triangle's plane. */
-struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2]);
 
 /* Solid angle at the scatterer per area across the beam at `distance` mm beyond the boundary (INFINITY: per solid angle outside); 0 where
  * nothing gets out. */
@@ -324,10 +319,12 @@ void pt_join(const struct pt_scene *s, struct pt_counts *counts, const struct pt
 void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_place *here,
                const struct pt_place *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3]);
 
-/* --- walk.c: surfaces ---------------------------------------------------------------------------------------------------------------- */
+/* --- Smooth boundaries: boundary.c, scene.c ------------------------------------------------------------------------------------------ */
 
 /* Refracts or reflects at a smooth boundary by the random number u: true where it passes. *w becomes the new way, unit. *wrong: it had to
  * be mirrored to its side. */
 bool pt_smooth(const struct pt_facing *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong);
+/* Unit shading normal at a place of the hit's triangle, and its changes dn where the place moves by dp in the triangle's plane. */
+struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2]);
 
 #endif

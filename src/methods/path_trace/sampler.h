@@ -115,4 +115,17 @@ static inline float pt_random(struct pt_sampler *s)
     return s->at < PT_EVEN_NUMBERS ? pt_even(s) : pt_unit(pt_bits(s));
 }
 
+/* A channel by what it carries, u in [0, 1). */
+static inline int pt_choose(const float beta[3], float u)
+{
+    int c = 0;
+
+    u *= beta[0] + beta[1] + beta[2];
+    while (c < 2 && u >= beta[c])
+        u -= beta[c++];
+    while (c > 0 && !(beta[c] > 0.0f))
+        c--;
+    return c;
+}
+
 #endif

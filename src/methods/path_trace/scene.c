@@ -452,30 +452,6 @@ fail:
     return res;
 }
 
-enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker **out)
-{
-    struct pt_walker *w = *out = pell_zalloc(scene->ctx, sizeof(**out));
-
-    if (!w)
-        return PELL_ERR_NOMEM;
-    w->ctx = scene->ctx;
-    return scene->knobs.acceleration != PT_ACCELERATION_NONE ? pt_side_create(scene, &w->side) : PELL_OK;
-}
-
-void pt_walker_destroy(struct pt_walker **walker)
-{
-    if (*walker) {
-        pt_side_destroy((*walker)->ctx, &(*walker)->side);
-        pell_free((*walker)->ctx, *walker);
-    }
-    *walker = NULL;
-}
-
-const struct pt_counts *pt_walker_counts(const struct pt_walker *walker)
-{
-    return &walker->counts;
-}
-
 /* --- Rays ------------------------------------------------------------------------------------------------------------------------- */
 
 void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out)
@@ -578,4 +554,42 @@ bool pt_cross(const struct pt_scene *s, const struct pt_place *place, int body, 
     *before = enter ? without : with;
     *after = enter ? with : without;
     return true;
+}
+
+struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2])
+{
+    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
+    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
+    struct dvec p[3], n[3], e1, e2, off, sum, normal;
+    double a, b, c, det, u, v, length;
+
+    dn[0] = dn[1] = (struct dvec){ 0.0, 0.0, 0.0 };
+    if (!hit->bent)
+        return wide(hit->ng);
+    for (int k = 0; k < 3; k++) {
+        p[k] = wide(vec3_load(m->position + 3 * (size_t) i[k]));
+        n[k] = wide(vec3_load(m->normal + 3 * (size_t) i[k]));
+    }
+    e1 = mad(p[1], -1.0, p[0]);
+    e2 = mad(p[2], -1.0, p[0]);
+    a = dot(e1, e1);
+    b = dot(e1, e2);
+    c = dot(e2, e2);
+    det = a * c - b * b;
+    if (!(det > 0.0))
+        return wide(hit->ns);
+    off = mad(at, -1.0, p[0]);
+    u = (dot(off, e1) * c - dot(off, e2) * b) / det;
+    v = (dot(off, e2) * a - dot(off, e1) * b) / det;
+    sum = mad(mad(scale(1.0 - u - v, n[0]), u, n[1]), v, n[2]);
+    length = sqrt(dot(sum, sum));
+    if (!(length > 1e-9))
+        return wide(hit->ns);
+    normal = scale(1.0 / length, sum);
+    for (int k = 0; k < 2; k++) {
+        const double f = dot(dp[k], e1), g = dot(dp[k], e2), du = (f * c - g * b) / det, dv = (g * a - f * b) / det;
+        const struct dvec d = mad(scale(du, mad(n[1], -1.0, n[0])), dv, mad(n[2], -1.0, n[0]));
+        dn[k] = scale(1.0 / length, mad(d, -dot(d, normal), normal));
+    }
+    return normal;
 }

@@ -124,22 +124,6 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
 
 /* --- Boundaries ------------------------------------------------------------------------------------------------------------------- */
 
-bool pt_smooth(const struct pt_facing *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong)
-{
-    const float c = vec3_dot(at->o, at->ns);
-    float cos_t;
-    bool through;
-    struct pell_vec3 to;
-
-    *fresnel = pt_fresnel(eta, c, &cos_t);
-    through = u >= *fresnel;
-    to = through ? vec3_mad(vec3_mul(at->o, -1.0f / eta), c / eta - cos_t, at->ns) : vec3_sub(vec3_mul(at->ns, 2.0f * c), at->o);
-    to = vec3_normalize(to);
-    *w = pt_to_side(to, at->ng, !through);
-    *wrong = (vec3_dot(to, at->ng) > 0.0f) == through;
-    return through;
-}
-
 struct boundary {
     struct pt_facing at;
     struct pt_place before, after;
@@ -398,57 +382,4 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
         count++;
     }
     return count;
-}
-
-/* One walk after the other. */
-static void trace_one(const struct pt_scene *s, struct pt_walker *walker, const struct pt_hit *hit, struct pt_job *job)
-{
-    struct pt_walk walks[2];
-    struct pt_sampler sampler[2];
-    struct pt_light parts[2];
-    int count;
-
-    memset(parts, 0, sizeof(parts));
-    count = pt_begin(s, walker, job->point, hit, job->sample, walks, sampler, parts);
-    for (int i = 0; i < count; i++)
-        while (pt_walk_on(&walks[i]))
-            continue;
-    for (int i = 0; i < count; i++)
-        pt_light_add(&job->light, &parts[i]);
-}
-
-void pt_trace_jobs(const struct pt_scene *s, struct pt_walker *walker, struct pt_job *jobs, int count)
-{
-    const struct pt_point *point = NULL;
-    struct pt_hit hit;
-    bool there = false;
-
-    if (walker->side) {
-        pt_side_trace(s, walker, jobs, count);
-        return;
-    }
-    for (int i = 0; i < count; i++) {
-        memset(&jobs[i].light, 0, sizeof(jobs[i].light));
-        if (jobs[i].point != point)
-            there = pt_find(s, &walker->counts, jobs[i].point, &hit);
-        point = jobs[i].point;
-        walker->counts.lost += !there;
-        if (there)
-            trace_one(s, walker, &hit, &jobs[i]);
-    }
-}
-
-void pt_trace(const struct pt_scene *s, struct pt_walker *walker, const struct pt_point *point, uint32_t first, int count,
-              struct pt_light *out)
-{
-    struct pt_job jobs[32];
-
-    for (int begin = 0; begin < count; begin += (int) PELL_COUNT(jobs)) {
-        const int n = count - begin < (int) PELL_COUNT(jobs) ? count - begin : (int) PELL_COUNT(jobs);
-        for (int i = 0; i < n; i++)
-            jobs[i] = (struct pt_job){ .point = point, .sample = first + (uint32_t) (begin + i) };
-        pt_trace_jobs(s, walker, jobs, n);
-        for (int i = 0; i < n; i++)
-            out[begin + i] = jobs[i].light;
-    }
 }

@@ -15,7 +15,6 @@ const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
     "depths",      "depth_scale", "depth_encoding", "below",
 };
 const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
-const char *const pell_texture_keys[PELL_TEXTURE_KEYS] = { "baseColor", "normal", "roughness", "metallic", "specular", "emissive" };
 
 enum pell_result pell_scene_material_entry(struct pell_scene_reader *r, const struct pell_json *at, const char *name,
                                            struct pell_material_entry *entry)
@@ -43,23 +42,6 @@ fail:
 
 /* --- Maps --------------------------------------------------------------------------------------------------------------------- */
 
-static struct pell_texture_map *map_called(struct pell_material *m, const char *name)
-{
-    struct pell_texture_map *const maps[PELL_TEXTURE_KEYS] = { &m->base_color_map, &m->normal_map, &m->roughness_map,
-                                                               &m->metallic_map,   &m->rho_s_map,  &m->emissive_map };
-
-    for (size_t i = 0; i < PELL_TEXTURE_KEYS; i++)
-        if (strcmp(name, pell_texture_keys[i]) == 0)
-            return maps[i];
-    return NULL;
-}
-
-static int channel_called(const char *name)
-{
-    const char *const letters = "rgba", *at = name[0] && !name[1] ? strchr(letters, name[0]) : NULL;
-    return at ? (int) (at - letters) : -1;
-}
-
 /* "file.png" or "file.png#g". A broken picture leaves the map as it was. */
 static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_json *at, enum pell_image_role role,
                                  struct pell_texture_map *map)
@@ -72,7 +54,7 @@ static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_
 
     PELL_TRY(pell_json_to_string(at, &text));
     hash = strrchr(text, '#');
-    if (hash && (channel = channel_called(hash + 1)) < 0) {
+    if (hash && (channel = pell_scene_channel_called(hash + 1)) < 0) {
         hash = NULL; /* a '#' of the file's name */
         channel = 0;
     }
@@ -105,30 +87,12 @@ static enum pell_result read_textures(struct pell_scene_reader *r, const struct 
         const struct pell_json at = pell_json_get(&textures, key);
         const bool color = strcmp(key, "baseColor") == 0 || strcmp(key, "emissive") == 0;
         if (at.value)
-            PELL_TRY(read_map(r, &at, color ? PELL_ROLE_COLOR : PELL_ROLE_DATA, map_called(m, key)));
+            PELL_TRY(read_map(r, &at, color ? PELL_ROLE_COLOR : PELL_ROLE_DATA, pell_scene_map_called(m, key)));
     }
     return PELL_OK;
 
 fail:
     return res;
-}
-
-bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map)
-{
-    const char *dot = strrchr(text, '.');
-    char name[32];
-    const struct pell_texture_map *own;
-
-    if (!dot || channel_called(dot + 1) < 0 || (size_t) (dot - text) >= sizeof(name))
-        return false;
-    memcpy(name, text, (size_t) (dot - text));
-    name[dot - text] = '\0';
-    own = map_called((struct pell_material *) m, name);
-    if (!own)
-        return false;
-    *map = *own;
-    map->channel = channel_called(dot + 1);
-    return true;
 }
 
 /* A number, a channel of one of the material's textures ("baseColor.a"), or of a picture ("mask.png#r"). */

@@ -57,20 +57,29 @@ extern const struct pell_scene_keys pell_light_keys[PELL_LIGHT_KINDS];
 /* "lights" of the root. */
 PELL_NODISCARD enum pell_result pell_scene_lights(struct pell_scene_reader *r, const struct pell_json *root, struct pell_extras *extras);
 
+/* --- file/maps.c ------------------------------------------------------------------------------------------------------------ */
+
+enum { PELL_TEXTURE_KEYS = 6 };
+extern const char *const pell_texture_keys[PELL_TEXTURE_KEYS];
+
+/* The map of one of these keys; NULL: no such key. */
+struct pell_texture_map *pell_scene_map_called(struct pell_material *m, const char *name);
+/* 0 to 3 of "r", "g", "b", "a"; -1: none of them. */
+int pell_scene_channel_called(const char *name);
+/* "baseColor.a": a channel of one of the material's textures, which may have none. False: the text is something else. */
+bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map);
+
 /* --- scene_material.c --------------------------------------------------------------------------------------------------------- */
 
-enum { PELL_MATERIAL_KEYS = 24, PELL_SPECULAR_KEYS = 3, PELL_TEXTURE_KEYS = 6 };
+enum { PELL_MATERIAL_KEYS = 24, PELL_SPECULAR_KEYS = 3 };
 extern const char *const pell_material_keys[PELL_MATERIAL_KEYS];
 extern const char *const pell_specular_keys[PELL_SPECULAR_KEYS];
-extern const char *const pell_texture_keys[PELL_TEXTURE_KEYS];
 
 /* A built-in entry, or one from a material file below the scene's folder; entry->name is owned by the caller. */
 PELL_NODISCARD enum pell_result pell_scene_material_entry(struct pell_scene_reader *r, const struct pell_json *at, const char *name,
                                                           struct pell_material_entry *entry);
 /* Changes a material as the object says. */
 PELL_NODISCARD enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pell_json *at, size_t material);
-/* "baseColor.a": a channel of one of the material's textures, which may have none. False: the text is something else. */
-bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map);
 /* "materials" of the root. */
 PELL_NODISCARD enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struct pell_json *root);
 

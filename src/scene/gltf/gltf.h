@@ -2,7 +2,10 @@
  *
  * gltf.h - what the files of the glTF 2.0 reader share.
  *
- *     gltf.c           containers (.gltf, .glb), extensions, the order of things
+ *     gltf/read.c      containers (.gltf, .glb), the version, the order of things
+ *     gltf.c           warnings, extensions, indices
+ *     gltf/transform.c matrices of nodes
+ *     gltf/vertices.c  arrays of vertices
  *     gltf_buffer.c    data URIs, buffers, buffer views, accessors
  *     gltf_mesh.c      primitives -> meshes of the scene
  *     gltf_morph.c     morph targets
@@ -178,6 +181,10 @@ PELL_NODISCARD enum pell_result gltf_extension(const struct pell_json *object, c
 PELL_NODISCARD enum pell_result gltf_index(const struct pell_json *parent, const char *key, const struct pell_json *array, int64_t *index);
 /* The name of an element, or `kind` and its number; returns `buffer`. */
 const char *gltf_name(const struct pell_json *element, const char *kind, char *buffer, size_t size);
+/* Refuses a file that requires an extension that is not read, and warns of those that change the look. */
+PELL_NODISCARD enum pell_result gltf_check_required(struct gltf *g);
+/* Says how many warnings of each kind were not printed. */
+void gltf_count_warnings(struct gltf *g);
 
 /* --- gltf_buffer.c ---------------------------------------------------------------------------------------------------------- */
 
@@ -205,13 +212,6 @@ void gltf_read_indices(const struct gltf_accessor *a, uint32_t *out);
 
 /* Adds a mesh's primitives to the scene; all with one object number. */
 PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, const char *name, const struct gltf_placing *placing);
-/* The index of the first float that is infinite or NaN, or `count`. */
-size_t gltf_first_not_finite(const float *x, size_t count);
-/* Turns and normalises vectors of `size` floats; those without a direction (zero, not finite, lost in a flat transform) become zero.
- * Returns how many. `matrix` NULL: no turn. */
-size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size);
-/* Counts work that the sizes of what is drawn don't bound, before it is done. */
-PELL_NODISCARD enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices);
 
 /* --- gltf_morph.c ----------------------------------------------------------------------------------------------------------- */
 
@@ -242,12 +242,27 @@ PELL_NODISCARD enum pell_result gltf_animated_weights(struct gltf *g, int32_t ch
 /* --- gltf_node.c ------------------------------------------------------------------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result gltf_read_scene(struct gltf *g);
+
+/* --- gltf/transform.c ------------------------------------------------------------------------------------------------------- */
+
+/* Translation, unit quaternion (x, y, z, w), scale: T R S. */
+struct pell_mat4 gltf_compose(const double t[3], const double q[4], const double s[3]);
 /* The matrix from a node's space to the world's, of any node; made once. */
 PELL_NODISCARD enum pell_result gltf_node_world(struct gltf *g, int64_t node, const struct pell_mat4 **out);
 /* False where all is pulled into a line or a point: scale 0 is a common way to hide things. */
 bool gltf_has_area(const struct pell_mat4 *world);
 /* False where a quaternion has no direction. */
 bool gltf_normalize_quaternion(double q[4], double *length);
+
+/* --- gltf/vertices.c -------------------------------------------------------------------------------------------------------- */
+
+/* The index of the first float that is infinite or NaN, or `count`. */
+size_t gltf_first_not_finite(const float *x, size_t count);
+/* Turns and normalises vectors of `size` floats; those without a direction (zero, not finite, lost in a flat transform) become zero.
+ * Returns how many. `matrix` NULL: no turn. */
+size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size);
+/* Counts work that the sizes of what is drawn don't bound, before it is done. */
+PELL_NODISCARD enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices);
 
 /* --- gltf_material.c -------------------------------------------------------------------------------------------------------- */
 

@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * read.c - reads an image of any format, which its content tells.
+ */
+#include "image/formats.h"
+
+#include "base/file.h"
+
+#include <string.h>
+
+struct format {
+    const char *title;
+    size_t offset, length; /* of the mark */
+    const char *mark;
+    /* NULL: known, not read */
+    enum pell_result (*decode)(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
+};
+
+static const struct format formats[] = {
+    { "PNG", 0, 8, "\x89PNG\r\n\x1a\n", pell_png_decode },
+    { "JPEG", 0, 3, "\xff\xd8\xff", pell_jpeg_decode },
+    { "OpenEXR", 0, 4, "\x76\x2f\x31\x01", pell_exr_decode },
+    { "Radiance HDR", 0, 2, "#?", pell_hdr_decode },
+    { "PFM", 0, 3, "PF\n", pell_pfm_decode },
+    { "PFM", 0, 3, "Pf\n", pell_pfm_decode },
+    { "PFM", 0, 4, "PF\r\n", pell_pfm_decode },
+    { "PFM", 0, 4, "Pf\r\n", pell_pfm_decode },
+    { "PFM", 0, 3, "PF ", pell_pfm_decode },
+    { "PFM", 0, 3, "Pf ", pell_pfm_decode },
+    { "KTX2 (Basis Universal)", 0, 7, "\xabKTX 20", NULL },
+    { "KTX", 0, 7, "\xabKTX 11", NULL },
+    { "DDS", 0, 4, "DDS ", NULL },
+    { "WebP", 8, 4, "WEBP", NULL },
+    { "GIF", 0, 4, "GIF8", NULL },
+    { "TIFF", 0, 4, "II*\0", NULL },
+    { "TIFF", 0, 4, "MM\0*", NULL },
+    { "Photoshop", 0, 4, "8BPS", NULL },
+    { "AVIF or HEIC", 4, 4, "ftyp", NULL },
+    { "JPEG XL", 0, 2, "\xff\x0a", NULL },
+    { "JPEG XL", 4, 4, "JXL ", NULL },
+    { "JPEG 2000", 4, 4, "jP  ", NULL },
+    { "JPEG 2000", 0, 4, "\xff\x4f\xff\x51", NULL },
+    { "PGM", 0, 2, "P5", NULL },
+    { "PPM", 0, 2, "P6", NULL },
+    { "BMP", 0, 2, "BM", NULL },
+};
+
+enum pell_result pell_image_decode(struct pell_context *ctx, const char *name, const void *data, size_t size, enum pell_image_role role,
+                                   struct pell_image *image)
+{
+    const struct pell_source src = { name, data, size, role };
+    enum pell_result res = PELL_ERR_UNSUPPORTED;
+
+    *image = (struct pell_image) { 0 };
+    if (!data || size == 0)
+        return pell_error(ctx, PELL_ERR_FORMAT, name, NULL, "the file is empty, must be a PNG, JPEG, Radiance HDR, OpenEXR or PFM picture");
+    for (size_t i = 0; i < PELL_COUNT(formats); i++) {
+        const struct format *f = &formats[i];
+        if (size < f->offset + f->length || memcmp(src.data + f->offset, f->mark, f->length) != 0)
+            continue;
+        if (!f->decode)
+            return pell_error(ctx, PELL_ERR_UNSUPPORTED, name, "convert it to PNG, JPEG or OpenEXR",
+                              "%s pictures are not read; PNG, JPEG, Radiance HDR, OpenEXR and PFM are", f->title);
+        res = f->decode(ctx, &src, image);
+        if (res == PELL_OK)
+            image->srgb = role != PELL_ROLE_DATA && image->type != PELL_PIXEL_F32;
+        else
+            pell_image_finish(ctx, image);
+        return res;
+    }
+    return pell_error(ctx, PELL_ERR_FORMAT, name, "convert it to PNG, JPEG or OpenEXR",
+                      "the first bytes (%02x %02x %02x %02x) are not those of a PNG, JPEG, Radiance HDR, OpenEXR or PFM picture",
+                      src.data[0], size > 1 ? src.data[1] : 0, size > 2 ? src.data[2] : 0, size > 3 ? src.data[3] : 0);
+}
+
+enum pell_result pell_image_read(struct pell_context *ctx, const char *path, enum pell_image_role role, struct pell_image *image)
+{
+    enum pell_result res;
+    uint8_t *data = NULL;
+    size_t size = 0;
+
+    *image = (struct pell_image) { 0 };
+    PELL_TRY(pell_file_read(ctx, path, &data, &size));
+    PELL_TRY(pell_image_decode(ctx, path, data, size, role, image));
+fail:
+    pell_free(ctx, data);
+    return res;
+}
