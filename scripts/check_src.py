@@ -204,10 +204,6 @@ LONG_FILES = {
     "src/methods/screen_space/kernels.c": 989,
     "src/methods/texture_space/translucent_shadow_map.c": 719,
     "src/lights/light_sampling.c": 721,
-    "src/render/irradiance/cpu.c": 861,
-    "src/scene/obj/obj.c": 736,
-    "src/scene/ply.c": 713,
-    "src/scene/scene.c": 741,
 }
 LONG_FUNCTIONS = {
     "src/methods/layered/march_fast.c:usual_lanes": 144,

@@ -15,6 +15,8 @@ PELL_NODISCARD enum pell_result pell_material_set(struct pell_context *ctx, stru
                                                   const struct pell_material_entry *entry);
 /* Makes `up` a unit vector at right angles to the unit vector `forward`. */
 void pell_scene_square(const float *forward, float *up);
+/* The texture may be NULL. */
+void pell_texture_destroy(struct pell_context *ctx, struct pell_texture *texture);
 /* Removes the textures that could not be read, and the cache. Nothing may be imported afterwards. */
 void pell_scene_drop_textures(struct pell_scene *scene);
 /* Gives the mesh `more` vertices, which are copies of those in `from`; all its arrays grow. */

@@ -1,20 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
  * cpu.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lamps and samples. What lies
- * between pixels and a point or spot lamp is asked of the lamp's fan (visibility/light_grid.h), where it has one and the pixels are
- * neighbours, else of rays.
- *
- * Light from behind (methods.md, texture-space step 4, "ray"): for a point C that a light is behind of, a ray from just inside C toward
- * the light leaves the solid at A, m = |A - C|. The thickness is
- *
- *     d = lerp(m, m cos, max(0, -n_A.n_C)),   cos = -n_C.l     (held over half of -ng.l: a normal map can't make a slab thin)
- *
- * and table(d) E(A) comes through. Where A faces the same way as C the light that enters at A is already part of the irradiance near
- * C, which the method spreads along the surface; counting it again would draw a bright line just behind the terminator. So the light
- * is scaled by 1 - max(0, n_A.n_C): 1 for every slab, wedge and ear, 0 where both ends meet at the terminator.
- * n_A is the interpolated normal, T at A takes C's roughness and specular strength, and albedo is C's.
+ * between pixels and a point or spot lamp is asked of the lamp's fan (visibility/light_grid.h), where it has one and the pixels are neighbours, else of
+ * rays.
  */
-#include "render/irradiance/kernel.h"
+#include "render/irradiance/internal.h"
 
 #include "math/scalar.h"
 
@@ -25,44 +15,6 @@
 #define TILE_H 16
 #define LINE 16 /* floats of a cache line; a tile has as many lines of a plane as packets */
 #define BLOCK 4 /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
-#define STEPS 5 /* surfaces that a ray may meet on its way out: two shells of the same object inside it */
-
-struct job {
-    const struct pell_irradiance_params *p;
-    const struct pell_lights *lights;
-    const struct pell_shade_kernels *kernels;
-    struct pell_shade_tables tables;
-    struct pell_lighting *out;
-    bool entering; /* only what enters is asked for: no highlights */
-    struct pell_rect rect; /* whole tiles */
-    int columns;
-    _Atomic int64_t rays;
-};
-
-/* 16 pixels and what is summed for them. */
-struct packet {
-    struct pell_lanes lanes;
-    struct pell_sums sums;
-    struct pell_aim aim;
-    _Alignas(64) int32_t index[16];
-    uint32_t material[16];
-    float ambient[16]; /* visibility of the environment's smooth rest */
-    int count;
-    int64_t held;  /* the material whose traits all lanes have; -1: none */
-    bool single;   /* one material */
-    bool textured; /* the colour of some lane's texture may enter */
-    int64_t rays;
-};
-
-static inline float max0(float x)
-{
-    return x > 0.0f ? x : 0.0f;
-}
-
-static inline float saturate(float x)
-{
-    return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
-}
 
 /* --- Filling lanes ------------------------------------------------------------------------------------------------------------ */
 
@@ -207,278 +159,6 @@ static void fill_packet(const struct job *job, struct packet *k, int x0, int y0,
     load_packet(job, k, x, y, NULL);
 }
 
-/* --- Rays --------------------------------------------------------------------------------------------------------------------- */
-
-static int count_lanes(const int32_t *mask)
-{
-    int n = 0;
-    for (int i = 0; i < PELL_LANES; i++)
-        n -= mask[i];
-    return n;
-}
-
-/* visible = mask where nothing is in the way. */
-static void trace_occlusion(const struct job *job, struct packet *k, const int32_t *mask, struct pell_ray16 *rays, int32_t *visible)
-{
-    pell_rays_occluded16(job->p->rays, mask, true, rays);
-    for (int i = 0; i < PELL_LANES; i++)
-        visible[i] = mask[i] & -(int32_t) (rays->tfar[i] >= 0.0f);
-    k->rays += count_lanes(mask);
-}
-
-/* The same for points that a lamp may light, where the lamp has a fan and the points are neighbours. */
-static bool ask_fan(const struct pell_lamp *lamp, struct packet *k, const int32_t *mask, const float *x, const float *y, const float *z,
-                    int32_t *visible)
-{
-    if (!lamp->fan || !pell_fan_visible16(lamp->fan, mask, x, y, z, visible))
-        return false;
-    k->rays += count_lanes(mask);
-    return true;
-}
-
-static void set_ray(struct pell_ray16 *r, int i, struct pell_vec3 o, struct pell_vec3 d, float tfar)
-{
-    r->ox[i] = o.x;
-    r->oy[i] = o.y;
-    r->oz[i] = o.z;
-    r->dx[i] = d.x;
-    r->dy[i] = d.y;
-    r->dz[i] = d.z;
-    r->tnear[i] = 0.0f;
-    r->tfar[i] = tfar;
-    r->time[i] = 0.0f;
-    r->mask[i] = PELL_RAY_ALL;
-    r->id[i] = (uint32_t) i;
-    r->flags[i] = 0;
-}
-
-/* Share of `samples` cosine-distributed directions about the normal that see nothing. */
-static void ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_vec3 *origin,
-                               const struct pell_vec3 *normal, uint32_t salt, float *share)
-{
-    const int samples = job->lights->ambient_samples;
-    _Alignas(64) int32_t visible[PELL_LANES];
-    struct pell_vec3 t[PELL_LANES], b[PELL_LANES];
-    struct pell_ray16 rays;
-
-    for (int i = 0; i < PELL_LANES; i++) {
-        vec3_basis(normal[i], &t[i], &b[i]);
-        share[i] = 0.0f;
-    }
-    for (int s = 0; s < samples; s++) {
-        const uint32_t n = job->p->sample * (uint32_t) samples + (uint32_t) s, u0 = pell_sobol0(n), u1 = pell_sobol1(n);
-        for (int i = 0; i < PELL_LANES; i++) {
-            float x, y, z;
-            pell_disc_point(pell_unit_float(u0 ^ pell_hash(k->lanes.hash[0][i] ^ salt)),
-                            pell_unit_float(u1 ^ pell_hash(k->lanes.hash[1][i] ^ salt)), &x, &y);
-            z = sqrtf(max0(1.0f - x * x - y * y));
-            set_ray(&rays, i, origin[i], vec3_mad(vec3_mad(vec3_mul(normal[i], z), x, t[i]), y, b[i]), FLT_MAX);
-        }
-        trace_occlusion(job, k, mask, &rays, visible);
-        for (int i = 0; i < PELL_LANES; i++)
-            share[i] -= (float) visible[i];
-    }
-    for (int i = 0; i < PELL_LANES; i++)
-        share[i] /= (float) samples;
-}
-
-/* --- Light from behind -------------------------------------------------------------------------------------------------------- */
-
-/* Where rays that went into a solid leave it. */
-struct exits {
-    _Alignas(64) int32_t found[PELL_LANES];
-    struct pell_vec3 point[PELL_LANES]; /* A, mm */
-    struct pell_vec3 geometric[PELL_LANES], normal[PELL_LANES];
-    float lift[PELL_LANES]; /* of the smooth surface over the triangle, mm */
-};
-
-/* Where rays into the solid start: just under the triangle. */
-static struct pell_vec3 inside(const struct pell_lanes *l, int i)
-{
-    return vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), -l->epsilon[i], vec3(l->gx[i], l->gy[i], l->gz[i]));
-}
-
-/* Of a hit: its interpolated normal, and how far the smooth surface lies above the triangle there, as in struct pell_surface.lift. */
-static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric,
-                        struct pell_vec3 *normal, float *lift)
-{
-    const uint32_t *index = mesh->index + (size_t) 3 * triangle;
-    const float w[3] = { 1.0f - u - v, u, v };
-    struct pell_vec3 at = { 0 }, n = { 0 }, sum = { 0 };
-
-    *normal = geometric;
-    *lift = 0.0f;
-    if (!mesh->normal)
-        return;
-    for (int k = 0; k < 3; k++) {
-        at = vec3_mad(at, w[k], vec3_load(mesh->position + (size_t) 3 * index[k]));
-        n = vec3_mad(n, w[k], vec3_load(mesh->normal + (size_t) 3 * index[k]));
-    }
-    for (int k = 0; k < 3; k++) {
-        const struct pell_vec3 nk = vec3_load(mesh->normal + (size_t) 3 * index[k]);
-        const float under = vec3_dot(vec3_sub(vec3_load(mesh->position + (size_t) 3 * index[k]), at), nk);
-        sum = vec3_mad(sum, w[k] * max0(under), nk);
-    }
-    n = vec3_normalize(n);
-    if (vec3_dot(n, geometric) > 0.0f) {
-        *normal = n;
-        *lift = max0(vec3_dot(sum, geometric));
-    }
-}
-
-/* The object of the surface under each lane of `mask`: what a short ray from above it meets. */
-static void find_objects(const struct job *job, struct packet *k, const int32_t *mask, int *object)
-{
-    const struct pell_lanes *l = &k->lanes;
-    struct pell_ray_hit16 probe;
-
-    for (int i = 0; i < PELL_LANES; i++) {
-        const float e = 4.0f * l->epsilon[i];
-        const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]);
-        set_ray(&probe.ray, i, vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), e, g), vec3_mul(g, -1.0f), 2.0f * e);
-        probe.hit.mesh[i] = probe.hit.instance[i] = PELL_NO_HIT;
-    }
-    pell_rays_closest16(job->p->rays, mask, true, &probe);
-    k->rays += count_lanes(mask);
-    for (int i = 0; i < PELL_LANES; i++)
-        object[i] = mask[i] && probe.hit.mesh[i] < job->p->scene->num_meshes ? job->p->scene->meshes[probe.hit.mesh[i]].object : INT32_MIN;
-}
-
-/* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
- * way: not found. `depth`: how many shells of the same object inside it a ray is in (they are passed: what was entered is left again
- * first), -1: it has yet to enter the solid. `lamp`: that the rays run to; NULL: they run inward from the surface. */
-static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_lamp *lamp, struct pell_ray_hit16 *r,
-                       int *depth, struct exits *out)
-{
-    const bool coherent = !lamp || lamp->samples == 1; /* samples of a large light go apart */
-    const struct pell_scene *scene = job->p->scene;
-    _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES];
-    float limit[PELL_LANES];
-    int object[PELL_LANES];
-    bool known = false;
-
-    memcpy(limit, r->ray.tfar, sizeof(limit));
-    memset(out->found, 0, sizeof(out->found));
-    memcpy(open, mask, sizeof(open));
-    for (int step = 0; step < STEPS; step++) {
-        int any = 0;
-        if (step > 0 || !lamp || !lamp->fan || !pell_fan_closest16(lamp->fan, open, r))
-            pell_rays_closest16(job->p->rays, open, coherent, r);
-        k->rays += count_lanes(open);
-        for (int i = 0; i < PELL_LANES; i++) {
-            const bool hit = open[i] && r->hit.mesh[i] < scene->num_meshes;
-            const struct pell_mesh *mesh = hit ? &scene->meshes[r->hit.mesh[i]] : NULL;
-            const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
-            struct pell_vec3 ng;
-            bool leaves;
-            inner[i] = 0;
-            if (!hit || scene->materials[mesh->material].opaque || !pell_lights_part(job->lights, mesh->object, (int) k->material[i]))
-                continue;
-            ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
-            leaves = vec3_dot(ng, d) > 0.0f;
-            if (leaves && depth[i] == 0) {
-                out->found[i] = -1;
-                out->point[i] = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
-                out->geometric[i] = ng;
-                hit_surface(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng, &out->normal[i], &out->lift[i]);
-            } else {
-                depth[i] += !leaves ? 1 : depth[i] > 0 ? -1 : 0;
-                inner[i] = any = -1;
-            }
-        }
-        if (!any)
-            return;
-        if (!known)
-            find_objects(job, k, mask, object);
-        known = true;
-        for (int i = 0; i < PELL_LANES; i++) {
-            open[i] = inner[i] && scene->meshes[r->hit.mesh[i]].object == object[i] ? -1 : 0;
-            if (open[i]) {
-                r->ray.tnear[i] = r->ray.tfar[i] * (1.0f + 1e-5f) + 1e-20f;
-                r->ray.tfar[i] = limit[i];
-            }
-        }
-    }
-}
-
-/* Share of E(A) that gets through to lane i. */
-static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, float opposed, float rgb[3])
-{
-    const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
-    const float x = sqrtf(max0(d) / t->max_mm) * (PELL_THICKNESS_STEPS - 1);
-    const int j = (int) smaller(x, PELL_THICKNESS_STEPS - 2);
-    const float f = x - (float) j;
-
-    for (int c = 0; c < 3; c++)
-        rgb[c] = x < PELL_THICKNESS_STEPS - 1 ? opposed * (t->value[j][c] + f * (t->value[j + 1][c] - t->value[j][c])) : 0.0f;
-}
-
-/* T of lane i's surface toward a cosine. */
-static float transmittance(const struct job *job, const struct pell_lanes *l, int i, float mu)
-{
-    float scale, bias;
-
-    if (l->smooth[i])
-        return pell_boundary_lookup(job->tables.boundary + l->boundary_at[i], mu);
-    pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->fraction[i], mu, &scale, &bias);
-    return 1.0f - l->rho[i] * saturate(l->fd[i] * scale + bias);
-}
-
-static void light_from_behind(const struct job *job, const struct pell_lamp *lamp, struct packet *k)
-{
-    const struct pell_lanes *l = &k->lanes;
-    const struct pell_aim *a = &k->aim;
-    const bool far = lamp->type == PELL_LIGHT_DIRECTIONAL;
-    _Alignas(64) int32_t visible[PELL_LANES];
-    struct pell_ray_hit16 r;
-    struct pell_ray16 rays;
-    struct exits exits;
-    float cosine[PELL_LANES];
-    int depth[PELL_LANES];
-
-    for (int i = 0; i < PELL_LANES; i++) {
-        const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
-        const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
-        const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
-        const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
-        float limit;
-        cosine[i] = larger(larger(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
-        limit = reach / cosine[i]; /* d >= m cos: nothing comes through beyond */
-        depth[i] = out ? -1 : 0;
-        set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
-    }
-    find_exits(job, k, a->back, lamp, &r, depth, &exits);
-    if (count_lanes(exits.found) == 0)
-        return;
-    for (int i = 0; i < PELL_LANES; i++) {
-        struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
-        if (exits.found[i])
-            o = vec3_mad(exits.point[i], exits.lift[i] + l->epsilon[i], exits.geometric[i]);
-        set_ray(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
-    }
-    if (!ask_fan(lamp, k, exits.found, rays.ox, rays.oy, rays.oz, visible))
-        trace_occlusion(job, k, exits.found, &rays, visible);
-    for (int i = 0; i < PELL_LANES; i++) {
-        const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        const bool lifted = visible[i] && exits.lift[i] > l->epsilon[i]; /* the triangle does not decide what faces the light */
-        float share[3], m, facing, mu, g, w, same;
-        if (!visible[i])
-            continue;
-        m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        same = vec3_dot(exits.normal[i], n);
-        mu = vec3_dot(exits.normal[i], to);
-        facing = vec3_dot(exits.geometric[i], to);
-        if (!(mu > 0.0f) || !(facing > 0.0f || lifted))
-            continue;
-        g = lifted ? 1.0f : smaller(1.0f, facing / (mu * larger(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
-        pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), 1.0f - max0(same), share);
-        w = transmittance(job, l, i, mu) * mu * g * (1.0f + g - g * g);
-        w *= far ? 1.0f : pell_lamp_falloff(lamp, larger(a->distance[i] - m, 1e-3f));
-        for (int c = 0; c < 3; c++)
-            k->sums.through[c][i] += smaller(a->intensity[c][i] * w * share[c], 1e25f);
-    }
-}
-
 /* --- Lamps -------------------------------------------------------------------------------------------------------------------- */
 
 /* The slide's colour on the way to each lane. */
@@ -511,92 +191,20 @@ static void shine(const struct job *job, const struct pell_lamp *lamp, struct pa
         if (lamp->image)
             project_image(lamp, k);
         if (k->aim.any_front) {
-            if (!ask_fan(lamp, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
+            if (!pell_ask_light_grid(lamp, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
                 job->kernels->shadow_rays(lamp, &k->lanes, &k->aim, &rays);
-                trace_occlusion(job, k, k->aim.front, &rays, visible);
+                pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
             }
             job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, lamp->environment < 0 && !job->entering, front);
         }
         if (lamp->environment >= 0 && !lamp->compact)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         if (k->aim.any_back)
-            light_from_behind(job, lamp, k);
+            pell_transmit_light(job, lamp, k);
     }
 }
 
 /* --- Environments ------------------------------------------------------------------------------------------------------------- */
-
-static struct pell_env_query lane_query(const struct job *job, const struct packet *k, int i)
-{
-    const size_t material = k->material[i];
-    return (struct pell_env_query){
-        .model = (enum pell_specular_model) job->p->tables->model[material],
-        .roughness = k->lanes.roughness[i],
-        .f0 = k->lanes.fd[i],
-        .rho_s = k->lanes.rho[i],
-        .smooth = k->lanes.smooth[i] ? job->lights->eta_slot[material] : -1,
-    };
-}
-
-/* The smooth rest at a normal: the table without the environment's broad lamps. */
-static void smooth_rest(const struct job *job, const struct packet *k, int i, int index, struct pell_vec3 n, float rgb[3])
-{
-    const struct pell_env_query query = lane_query(job, k, i);
-
-    pell_environment_irradiance(&job->lights->environments[index], n, &query, rgb);
-    for (size_t j = 0; j < job->lights->num_lamps; j++) {
-        const struct pell_lamp *lamp = &job->lights->lamps[j];
-        const float mu = -vec3_dot(n, lamp->direction);
-        if (lamp->environment != index || lamp->compact || !(mu > 0.0f))
-            continue;
-        const float w = mu * transmittance(job, &k->lanes, i, mu);
-        for (int c = 0; c < 3; c++)
-            rgb[c] -= w * lamp->power[c];
-    }
-    for (int c = 0; c < 3; c++)
-        rgb[c] = max0(rgb[c]);
-}
-
-/* What of the smooth rest comes through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
-static void rest_from_behind(const struct job *job, struct packet *k)
-{
-    const struct pell_lanes *l = &k->lanes;
-    struct pell_vec3 origin[PELL_LANES], normal[PELL_LANES];
-    float visible[PELL_LANES];
-    struct pell_ray_hit16 r;
-    struct exits exits;
-    int depth[PELL_LANES] = { 0 };
-
-    for (int i = 0; i < PELL_LANES; i++) {
-        const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        origin[i] = inside(l, i);
-        set_ray(&r.ray, i, origin[i], vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
-                l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
-        exits.found[i] = l->valid[i] & l->deep[i];
-    }
-    memcpy(k->aim.back, exits.found, sizeof(exits.found));
-    find_exits(job, k, k->aim.back, NULL, &r, depth, &exits);
-    if (count_lanes(exits.found) == 0)
-        return;
-    for (int i = 0; i < PELL_LANES; i++) {
-        normal[i] = exits.found[i] ? exits.geometric[i] : vec3(0.0f, 0.0f, 1.0f);
-        if (exits.found[i])
-            origin[i] = vec3_mad(exits.point[i], exits.lift[i] + l->epsilon[i], exits.geometric[i]);
-    }
-    ambient_visibility(job, k, exits.found, origin, normal, 0x3c6ef372u, visible);
-    for (int i = 0; i < PELL_LANES; i++) {
-        float share[3], rest[3], m;
-        if (!exits.found[i] || !(visible[i] > 0.0f))
-            continue;
-        m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        pass_thickness(job, k, i, m, 1.0f - max0(vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i]))), share);
-        for (size_t e = 0; e < job->lights->num_environments; e++) {
-            smooth_rest(job, k, i, (int) e, exits.normal[i], rest);
-            for (int c = 0; c < 3; c++)
-                k->sums.through[c][i] += rest[c] * visible[i] * share[c];
-        }
-    }
-}
 
 static void add_reflection(const struct job *job, struct packet *k, const struct pell_environment *env)
 {
@@ -640,7 +248,7 @@ static void environments(const struct job *job, struct packet *k)
         for (int i = 0; i < PELL_LANES; i++)
             k->ambient[i] = job->p->ambient[k->index[i]];
     else
-        ambient_visibility(job, k, l->valid, origin, normal, 0xa54ff53au, k->ambient);
+        pell_ambient_visibility(job, k, l->valid, origin, normal, 0xa54ff53au, k->ambient);
     for (size_t e = 0; e < lights->num_environments; e++) {
         struct pell_sums sums = { 0 };
         if (!counts(job, lights->environments[e].light))
@@ -659,7 +267,7 @@ static void environments(const struct job *job, struct packet *k)
             add_reflection(job, k, &lights->environments[e]);
     }
     if (l->any_deep)
-        rest_from_behind(job, k);
+        pell_transmit_environment(job, k);
 }
 
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */

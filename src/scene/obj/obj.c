@@ -5,15 +5,12 @@
  * different triple. Smoothing groups are ignored: missing normals are made with a crease angle. */
 #include "scene/obj/lex.h"
 #include "scene/obj/mtl.h"
+#include "scene/obj/corners.h"
 #include "scene/mesh/polygon.h"
 
 #include "image/color.h"
 
 #define NO_MATERIAL UINT32_MAX
-
-struct corner {
-    uint32_t v, vt, vn; /* v from 0; vt and vn from 1, 0: none */
-};
 
 /* Triangles that follow each other in the file and belong to one mesh. */
 struct run {
@@ -42,7 +39,7 @@ struct obj {
     struct pell_polygon polygon;
     float *v, *vt, *vn, *color; /* xyz; uv; xyz; linear rgb, NULL until the first vertex that has one */
     size_t num_v, num_vt, num_vn, cap_v, cap_vt, cap_vn, cap_color;
-    struct corner *corners, *face;
+    struct pell_obj_corner *corners, *face;
     size_t num_triangles, cap_triangles, cap_face;
     struct run *runs;
     size_t num_runs, cap_runs;
@@ -192,7 +189,7 @@ static bool resolve(int64_t value, size_t count, uint32_t *index)
 }
 
 /* "12", "12/3", "12//4", "12/3/4". */
-static enum pell_result read_corner(struct obj *o, struct corner *c)
+static enum pell_result read_corner(struct obj *o, struct pell_obj_corner *c)
 {
     struct pell_lex *l = &o->lex;
     const char *start = l->at;
@@ -472,99 +469,7 @@ static enum pell_result read_line(struct obj *o)
 
 /* --- Meshes ------------------------------------------------------------------------------------------------------------------- */
 
-/* Numbers for the different corners of one mesh. Most vertices have one corner only, which `first` finds; seams go through a hash
- * table. A corner that finds no slot near its own becomes a vertex of its own, which is right, too, and keeps the time bounded. */
-struct numbering {
-    struct pell_context *ctx;
-    uint32_t *first; /* per v of the file: vertex + 1 of its first corner in this mesh */
-    struct corner *unique;
-    size_t count, capacity;
-    uint32_t *slots;
-    size_t num_slots, used;
-};
-
-enum { PROBES = 64 };
-
-static size_t slot_of(const struct numbering *n, const struct corner *c)
-{
-    uint64_t h = (c->v * 0x9e3779b97f4a7c15ull) ^ (c->vt * 0xc2b2ae3d27d4eb4full) ^ (c->vn * 0x165667b19e3779f9ull);
-
-    h ^= h >> 32;
-    h *= 0xd6e8feb86659fd93ull;
-    return (size_t) (h >> 32) & (n->num_slots - 1);
-}
-
-static enum pell_result grow_table(struct numbering *n)
-{
-    const size_t wanted = n->num_slots ? 2 * n->num_slots : 64;
-    uint32_t *old = n->slots, *slots;
-    const size_t old_slots = n->num_slots;
-
-    if (2 * (n->used + 1) <= n->num_slots)
-        return PELL_OK;
-    slots = pell_calloc(n->ctx, wanted, sizeof(*slots));
-    if (!slots)
-        return PELL_ERR_NOMEM;
-    n->slots = slots;
-    n->num_slots = wanted;
-    n->used = 0;
-    for (size_t i = 0; i < old_slots; i++) {
-        size_t k = old[i] ? slot_of(n, &n->unique[old[i] - 1]) : 0;
-        for (int p = 0; old[i] && p < PROBES; p++, k = (k + 1) & (wanted - 1))
-            if (!slots[k]) {
-                slots[k] = old[i];
-                n->used++;
-                break;
-            }
-    }
-    pell_free(n->ctx, old);
-    return PELL_OK;
-}
-
-static bool equal(const struct corner *a, const struct corner *b)
-{
-    return a->v == b->v && a->vt == b->vt && a->vn == b->vn;
-}
-
-static enum pell_result number_corner(struct numbering *n, const struct corner *c, uint32_t *number)
-{
-    uint32_t *slot = NULL;
-    void *array = n->unique;
-    enum pell_result res;
-
-    if (n->first[c->v]) {
-        *number = n->first[c->v] - 1;
-        if (equal(&n->unique[*number], c))
-            return PELL_OK;
-        PELL_TRY(grow_table(n));
-        for (size_t p = 0, k = slot_of(n, c); p < PROBES && !slot; p++, k = (k + 1) & (n->num_slots - 1)) {
-            if (!n->slots[k]) {
-                slot = &n->slots[k];
-            } else if (equal(&n->unique[n->slots[k] - 1], c)) {
-                *number = n->slots[k] - 1;
-                return PELL_OK;
-            }
-        }
-    }
-    res = pell_grow(n->ctx, &array, n->count, &n->capacity, sizeof(*n->unique));
-    n->unique = array;
-    if (res != PELL_OK)
-        goto fail;
-    n->unique[n->count] = *c;
-    *number = (uint32_t) n->count++;
-    if (slot) {
-        *slot = *number + 1;
-        n->used++;
-    } else if (!n->first[c->v]) {
-        n->first[c->v] = *number + 1;
-    }
-    return PELL_OK;
-
-fail:
-    return res;
-}
-
-static enum pell_result fill_mesh(struct obj *o, struct pell_mesh *mesh, const struct corner *unique)
+static enum pell_result fill_mesh(struct obj *o, struct pell_mesh *mesh, const struct pell_obj_corner *unique)
 {
     bool uv = false;
 
@@ -594,7 +499,7 @@ static enum pell_result fill_mesh(struct obj *o, struct pell_mesh *mesh, const s
     return PELL_OK;
 }
 
-static enum pell_result build_part(struct obj *o, const struct part *part, struct numbering *n)
+static enum pell_result build_part(struct obj *o, const struct part *part, struct pell_obj_numbering *n)
 {
     struct pell_scene *scene = o->import->scene;
     struct pell_mesh *mesh;
@@ -607,7 +512,7 @@ static enum pell_result build_part(struct obj *o, const struct part *part, struc
     for (uint32_t r = part->first_run; r != UINT32_MAX; r = o->runs[r].next)
         for (size_t i = 3 * o->runs[r].first; i < 3 * (o->runs[r].first + o->runs[r].count); i++) {
             uint32_t number;
-            PELL_TRY(number_corner(n, &o->corners[i], &number));
+            PELL_TRY(pell_obj_number_corner(n, &o->corners[i], &number));
             o->corners[i].v = number; /* from here on the corner is its vertex of the mesh */
         }
     PELL_TRY(pell_scene_add_mesh(scene, part->name != UINT32_MAX ? o->names.names[part->name].text : "", &index));
@@ -629,7 +534,7 @@ fail:
 
 static enum pell_result build(struct obj *o)
 {
-    struct numbering n = { .ctx = o->ctx };
+    struct pell_obj_numbering n = { .ctx = o->ctx };
     enum pell_result res = PELL_ERR_NOMEM;
 
     n.first = pell_calloc(o->ctx, o->num_v, sizeof(*n.first));
