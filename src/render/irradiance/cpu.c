@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * cpu.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lamps and samples. What lies
- * between pixels and a point or spot lamp is asked of the lamp's fan (visibility/light_grid.h), where it has one and the pixels are neighbours, else of
- * rays.
+ * between pixels and a point or spot lamp is asked of the lamp's fan (visibility/light_grid.h), where it has one and the pixels are
+ * neighbours, else of rays.
  */
 #include "render/irradiance/internal.h"
 
