@@ -85,8 +85,8 @@ static enum exit_code run(struct cli *cli)
         code = bench_open(&b, row->material);
     }
     if (code == EXIT_OK && renders)
-        facts = json_pack("{s:s,s:i}", "engine", pell_engine_name(pell_renderer_engine(b.s.renderer)), "threads",
-                          pell_renderer_threads(b.s.renderer));
+        facts = json_pack("{s:s,s:i}", "engine", pell_engine_name(pell_device_engine(b.s.device)), "threads",
+                          pell_device_threads(b.s.device));
     if (code == EXIT_OK)
         code = cli_failed(cli, row->run(&b));
     if (facts) {

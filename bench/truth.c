@@ -361,7 +361,7 @@ static enum pell_result bare(struct truths *b)
         drop(&shot);
         for (int packets = 0; packets < 2; packets++) {
             const double begin = processor_ms();
-            kept = pell_rays_trace_record(pell_renderer_rays(b->bench->s.renderer), &record, packets != 0);
+            kept = pell_rays_trace_record(pell_renderer_services(b->bench->s.renderer)->rays, &record, packets != 0);
             alone = fmin(alone, processor_ms() - begin);
         }
     }

@@ -3,7 +3,6 @@
  */
 #include <pellucid/context.h>
 #include <pellucid/method.h>
-#include <pellucid/render.h>
 
 #include <math.h>
 #include <stdio.h>
@@ -47,13 +46,14 @@ int main(void)
     const struct pell_material_entry *marble = pell_material_find("marble");
     const struct pell_frame_material wall = { .medium = marble->medium, .name = marble->name };
     const struct pell_frame frame = {
-        .width = WIDTH, .height = HEIGHT, .stride = WIDTH, .orthographic = true, .focal_px = PIXELS_PER_MM,
-        .materials = &wall, .num_materials = 1, .rect = { 0, 0, WIDTH, HEIGHT },
+        .shape = { .width = WIDTH, .height = HEIGHT, .stride = WIDTH, .orthographic = true, .focal_px = PIXELS_PER_MM,
+                   .materials = &wall, .num_materials = 1 },
+        .rect = { 0, 0, WIDTH, HEIGHT },
         .material = material, .depth = depth, .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
     };
     const struct pell_frame_light light = { { exitance[0], exitance[1], exitance[2] } };
     struct pell_context *ctx = NULL;
-    struct pell_renderer *renderer = NULL;
+    struct pell_device *device = NULL;
     struct pell_pass *pass = NULL;
     struct pell_gaussians fit;
     const struct pell_method *method;
@@ -62,10 +62,10 @@ int main(void)
 
     light_the_wall();
     if (res == PELL_OK)
-        res = pell_renderer_create(ctx, &(struct pell_renderer_params) { .threads = 0 }, &renderer); /* lends its threads */
+        res = pell_device_create(ctx, NULL, &device); /* an engine, and a thread per core */
     method = res == PELL_OK ? pell_method_find(ctx, "pass.c", "screen-space") : NULL;
     if (method)
-        res = pell_pass_create(renderer, method, NULL, &frame, &pass); /* once: looks at the frame's shape only */
+        res = pell_pass_create(device, method, NULL, &frame.shape, &pass); /* once */
     if (pass)
         res = pell_pass_render(pass, &frame, &light); /* every frame: allocates nothing */
     if (pass && res == PELL_OK)
@@ -84,7 +84,7 @@ int main(void)
         printf("largest difference from the closed form: %.2f W/m^2 of %g\n", worst, (double) LIGHT);
     }
     pell_pass_destroy(&pass);
-    pell_renderer_destroy(&renderer);
+    pell_device_destroy(&device);
     pell_context_destroy(&ctx);
     return method && res == PELL_OK && worst < 1.0 ? 0 : 1;
 }

@@ -56,6 +56,7 @@ int main(int argc, char **argv)
     struct pell_picture picture;
     struct pell_context *ctx = NULL;
     struct pell_scene *scene = NULL;
+    struct pell_device *device = NULL;
     struct pell_renderer *renderer = NULL;
     enum pell_result res;
 
@@ -74,7 +75,9 @@ int main(int argc, char **argv)
     if (res == PELL_OK)
         res = pell_scene_load(ctx, argv[1], &load, &scene);
     if (res == PELL_OK)
-        res = pell_renderer_create(ctx, &(struct pell_renderer_params) { .threads = 0 }, &renderer);
+        res = pell_device_create(ctx, NULL, &device); /* an engine, and a thread per core */
+    if (res == PELL_OK)
+        res = pell_renderer_create(device, &renderer);
     if (res == PELL_OK)
         res = pell_renderer_set_scene(renderer, scene);
     if (res == PELL_OK)
@@ -88,6 +91,7 @@ int main(int argc, char **argv)
                                                              .channels = picture.channels, .num_channels = picture.num_channels });
     }
     pell_renderer_destroy(&renderer); /* in this order; each takes what is not there */
+    pell_device_destroy(&device);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);
     return res == PELL_OK ? 0 : 1;

@@ -29,17 +29,30 @@ struct pell_frame_material {
 
 #define PELL_FRAME_MATERIALS 4095
 
-struct pell_frame {
-    /* The shape: known before any pixel; `create` of a method sees only these. */
-    int width, height;
-    ptrdiff_t stride;
+/* What is known before any pixel: a pass is made for one shape and lives while it holds. */
+struct pell_frame_shape {
+    int width, height;      /* px, [1, 65536] */
+    ptrdiff_t stride;       /* floats from row to row, >= width */
     bool orthographic;
     float focal_px;         /* perspective: pixels per mm at depth d is focal_px / d; orthographic: pixels per mm */
     float object_height;    /* mm, of what is looked at: the unit of depth in papers that count it in object heights */
     const struct pell_frame_material *materials;
     size_t num_materials;   /* [1, PELL_FRAME_MATERIALS] */
+};
 
-    /* The pixels. */
+struct pell_view;
+
+struct pell_frame {
+    struct pell_frame_shape shape;
+
+    /* Facts of this sample of the frame. A caller with planes of its own may leave all of them 0. */
+    int sample, num_samples;  /* number of the multisample in [0, num_samples), and how many the frame has */
+    bool first;               /* the frame's first sample that the method runs for: samples without a translucent pixel are skipped */
+    uint32_t seed;            /* of the method's own random numbers */
+    uint64_t lights_revision; /* changes whenever the scene's lights or their samples change; 0: no scene */
+    const struct pell_view *view; /* camera of this sample, private to the library; NULL: no scene */
+
+    /* The pixels: planes, one row each of pell_plane_at. */
     struct pell_rect rect;      /* holds every pixel whose material is not 0, inside the picture */
     const uint16_t *material;   /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0 */
     const float *depth;         /* mm along the view axis, > 0 */
@@ -60,6 +73,43 @@ struct pell_frame_light {
     float *single[3];  /* scattered once below the surface, radiance; may be NULL */
     float *surface[3]; /* reflected at the surface, radiance; may be NULL */
 };
+
+/* The planes of a frame, and after them those of its light. */
+enum pell_plane {
+    PELL_PLANE_MATERIAL,
+    PELL_PLANE_DEPTH,
+    PELL_PLANE_STRENGTH,
+    PELL_PLANE_BASE,
+    PELL_PLANE_IRRADIANCE,
+    PELL_PLANE_LIT,
+    PELL_PLANE_NORMAL,
+    PELL_PLANE_POSITION,
+    PELL_PLANE_MESH,
+    PELL_PLANE_TRIANGLE,
+    PELL_PLANE_BARYCENTRIC,
+    PELL_PLANE_LIGHT,
+    PELL_PLANE_SINGLE,
+    PELL_PLANE_SURFACE,
+    PELL_PLANES
+};
+
+enum pell_plane_format { PELL_PLANE_F32, PELL_PLANE_U16, PELL_PLANE_U32 };
+
+/* What is to know of a plane. The row is the only home of these facts: allocation, hand-over and checks read it. */
+struct pell_plane_info {
+    const char *name;  /* of the member of struct pell_frame or struct pell_frame_light */
+    const char *unit;  /* "1" for a pure number */
+    int components;    /* [1, 3]: as many pointers, each to a plane of its own */
+    enum pell_plane_format format;
+    unsigned need;     /* the frame has it for methods that ask for one of these bits of enum pell_need; 0: always */
+    unsigned output;   /* the method writes it where its plan has one of these bits of enum pell_gives; 0: always, where `of_light` */
+    bool optional;     /* may be NULL even where it is asked for */
+    bool of_light;     /* a member of struct pell_frame_light */
+    size_t offset;     /* of the first pointer, in its struct */
+};
+
+/* NULL for a number that is no plane. Constant; thread-safe. */
+PELL_API const struct pell_plane_info *pell_plane_at(int plane);
 
 #define PELL_THICKNESS_STEPS 512
 

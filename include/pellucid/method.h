@@ -8,7 +8,7 @@
 #ifndef PELLUCID_METHOD_H
 #define PELLUCID_METHOD_H
 
-#include <pellucid/context.h>
+#include <pellucid/device.h>
 #include <pellucid/frame.h>
 #include <pellucid/knob.h>
 
@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-struct pell_renderer;
+struct pell_method_engine; /* a method on one engine: private to the library */
 
 enum pell_kind { PELL_METHOD, PELL_REFERENCE };
 enum pell_quantity { PELL_QUANTITY_EXITANCE, PELL_QUANTITY_RADIANCE };
@@ -46,7 +46,7 @@ struct pell_plan {
     bool below;     /* radiance of light that entered alone: the composite adds its specular lobe, as it does to exitance */
     enum pell_quantity quantity;
     float mix; /* mix exponent for all materials; negative: each material's own */
-    bool relights; /* with PELL_NEED_SCENE: lives on when the lights change, whose number the renderer tells (pell_renderer_lights) */
+    bool relights; /* with PELL_NEED_SCENE: lives on when the lights change, which struct pell_frame.lights_revision tells */
 };
 
 /* What `--stats` and `bench` print of a method's own passes. */
@@ -56,22 +56,6 @@ struct pell_pass_time {
     int64_t pixels;   /* that the pass wrote */
     int64_t bytes;    /* that it must read and write at least once */
     int64_t rays;     /* that it traced */
-};
-
-struct pell_method_engine {
-    /* Makes all that outlives a frame. `knobs` is in range; `shape` holds its first part only. On failure *state may be half-built or
-     * NULL; `destroy` is called in either case. */
-    enum pell_result (*create)(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state);
-    /* Fills `out`; allocates nothing. Planes that were asked for are there. */
-    enum pell_result (*render)(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
-    void (*destroy)(void *state); /* takes NULL and a half-built state */
-    /* Light from behind, per material; NULL where the method has none. */
-    const struct pell_thickness_table *(*thickness)(const void *state, size_t material);
-    /* Times of the last render's passes; returns how many (at most `size`). May be NULL. */
-    size_t (*times)(const void *state, struct pell_pass_time *times, size_t size);
-    /* Standard error of each pixel of the last render, in the unit of what comes out; planes as in the frame, the state's own. NULL where
-     * the method has no noise, or does not know it. */
-    bool (*noise)(const void *state, const float *planes[3]);
 };
 
 struct pell_method {
@@ -106,10 +90,11 @@ PELL_API PELL_NODISCARD enum pell_result pell_method_configure(struct pell_conte
 
 struct pell_pass;
 
-/* PELL_ERR_UNSUPPORTED for a method that needs the renderer's scene (PELL_NEED_SCENE).
- * `shape` is copied, materials included. The renderer lends its threads and must outlive the pass. `knobs` may be NULL: defaults. */
-PELL_API PELL_NODISCARD enum pell_result pell_pass_create(struct pell_renderer *r, const struct pell_method *method, const void *knobs,
-                                                          const struct pell_frame *shape, struct pell_pass **out);
+/* Makes all that outlives a frame. `shape` is copied, materials included; `knobs` may be NULL: defaults. The device must outlive the pass.
+ * PELL_ERR_UNSUPPORTED for a method that needs a scene (PELL_NEED_SCENE), PELL_ERR_DEVICE for one that the device's engine does not have,
+ * PELL_ERR_INVALID for a shape or knobs out of range. On failure *out is NULL. */
+PELL_API PELL_NODISCARD enum pell_result pell_pass_create(struct pell_device *device, const struct pell_method *method, const void *knobs,
+                                                          const struct pell_frame_shape *shape, struct pell_pass **out);
 /* `in` must have the pass's shape and the planes that its plan needs; `out` three planes. Allocates nothing. */
 PELL_API PELL_NODISCARD enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_frame *in,
                                                           const struct pell_frame_light *out);

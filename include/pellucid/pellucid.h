@@ -7,6 +7,7 @@
 
 #include <pellucid/common.h>
 #include <pellucid/context.h>
+#include <pellucid/device.h>
 #include <pellucid/frame.h>
 #include <pellucid/image.h>
 #include <pellucid/knob.h>

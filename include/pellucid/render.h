@@ -2,13 +2,13 @@
  *
  * pellucid/render.h - from a scene to a picture in host memory.
  *
- *     pell_renderer_create(ctx, &params, &r);
+ *     pell_renderer_create(device, &r);
  *     pell_renderer_set_scene(r, scene);
  *     pell_renderer_set_method(r, method, knobs);       // NULL: no scattering, plain Lambert, to compare with
  *     pell_renderer_render(r, &settings, &picture);     // as often as wanted
  *
- * Ownership  the renderer borrows scene and method; the picture's planes are the renderer's and hold until the next call on it.
- * Threads    one thread at a time per renderer; many renderers may run at once, also on one scene.
+ * Ownership  the renderer borrows device, scene and method; the picture's planes are the renderer's and hold until the next call on it.
+ * Threads    one thread at a time per renderer; many renderers may run at once, also on one scene and on one device (device.h).
  */
 #ifndef PELLUCID_RENDER_H
 #define PELLUCID_RENDER_H
@@ -21,7 +21,6 @@
 extern "C" {
 #endif
 
-enum pell_engine { PELL_ENGINE_AUTO, PELL_ENGINE_CPU, PELL_ENGINE_VULKAN };
 enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR };
 /* How light passes the surface, in and out: by Fresnel's F_t of a smooth boundary, or by rho_dt = 1 - rho_s (albedo of the specular
  * lobe). */
@@ -50,20 +49,12 @@ struct pell_settings {
 
 PELL_API extern const struct pell_knob pell_settings_knobs[];
 
-struct pell_renderer_params {
-    int threads;             /* 0: one per core */
-    enum pell_engine engine; /* AUTO: cpu where no hardware Vulkan device is */
-    bool copies;             /* after each frame, measure how fast this machine copies (milliseconds), for copy_ms */
-};
+struct pell_renderer;
 
-/* PELL_ERR_DEVICE for an engine that this build or machine has not. */
-PELL_API PELL_NODISCARD enum pell_result pell_renderer_create(struct pell_context *ctx, const struct pell_renderer_params *params,
-                                                              struct pell_renderer **out);
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_create(struct pell_device *device, struct pell_renderer **out);
 PELL_API void pell_renderer_destroy(struct pell_renderer **r);
 
-PELL_API enum pell_engine pell_renderer_engine(const struct pell_renderer *r);
-PELL_API const char *pell_engine_name(enum pell_engine engine);
-PELL_API int pell_renderer_threads(const struct pell_renderer *r);
+PELL_API struct pell_device *pell_renderer_device(const struct pell_renderer *r);
 
 /* Builds what rays need. NULL takes the scene away. */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene);
@@ -88,7 +79,7 @@ struct pell_stage_time {
     const char *name;
     double ms;
     int64_t pixels, rays, bytes;
-    double copy_ms; /* copying the same bytes on this machine; 0 where pell_renderer_params.copies is not set */
+    double copy_ms; /* copying as many bytes on this machine; 0: not measured */
 };
 
 struct pell_picture {

@@ -171,6 +171,7 @@ json_t *cli_text(const char *text);
 
 struct session {
     struct pell_scene *scene;
+    struct pell_device *device;
     struct pell_renderer *renderer;
     const struct pell_method *method; /* NULL: none */
     void *knobs;

@@ -2,6 +2,8 @@
  * session.c - what render, compare and bench share: a scene, its options, a renderer, pictures in files. */
 #include "cli/cli.h"
 
+#include "render/renderer.h"
+
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -301,7 +303,7 @@ enum exit_code session_open(struct cli *cli, const char *path, struct session *s
 
 enum exit_code session_open_at(struct cli *cli, const char *path, const double *time, struct session *s)
 {
-    struct pell_renderer_params params = { .threads = cli->numbers.threads, .copies = cli->stats || cli->json };
+    struct pell_device_params params = { .threads = cli->numbers.threads };
     enum exit_code code;
 
     memset(s, 0, sizeof(*s));
@@ -309,7 +311,11 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
     if (code == EXIT_OK)
         code = check_command_line(cli);
     if (code == EXIT_OK)
-        code = cli_failed(cli, pell_renderer_create(cli->ctx, &params, &s->renderer));
+        code = cli_failed(cli, pell_device_create(cli->ctx, &params, &s->device));
+    if (code == EXIT_OK)
+        code = cli_failed(cli, pell_renderer_create(s->device, &s->renderer));
+    if (code == EXIT_OK)
+        pell_renderer_measure_copies(s->renderer, cli->stats || cli->json);
     if (code == EXIT_OK)
         code = load(cli, path, time, s);
     if (code == EXIT_OK)
@@ -336,6 +342,7 @@ enum exit_code session_move(struct cli *cli, const char *path, double time, stru
 void session_close(struct session *s)
 {
     pell_renderer_destroy(&s->renderer);
+    pell_device_destroy(&s->device);
     pell_scene_destroy(&s->scene);
     free(s->knobs);
     s->knobs = NULL;
@@ -371,7 +378,7 @@ enum pell_result session_write(struct cli *cli, const struct session *s, const s
         { "pellucid.method", s->method ? s->method->name : "none" },
         { "pellucid.knobs", knobs },
         { "pellucid.settings", settings },
-        { "pellucid.engine", pell_engine_name(pell_renderer_engine(s->renderer)) },
+        { "pellucid.engine", pell_engine_name(pell_device_engine(s->device)) },
         { "pellucid.seed", seed },
         { "pellucid.exposure", exposure },
         { "pellucid.units", "linear Rec.709; radiance W/(m^2 sr), irradiance W/m^2, depth mm" },

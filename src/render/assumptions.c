@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * assumptions.c - warns where a scene leaves what diffusion, or this picture's resolution, can show. */
-#include "render/renderer.h"
-#include "render/camera_view.h"
+#include "render/renderer_state.h"
 
 #include <math.h>
 #include <string.h>
@@ -49,8 +48,8 @@ static bool tell(struct pell_context *ctx, int *found)
 
 enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct pell_settings *settings)
 {
-    const struct pell_scene *scene = pell_renderer_scene(r);
-    struct pell_context *ctx = pell_renderer_context(r);
+    const struct pell_scene *scene = r->scene;
+    struct pell_context *ctx = r->ctx;
     static const char *const kinds[KINDS] = { "open surfaces",           "surfaces turned inside out",
                                               "mean free paths",         "scattering too small to see",
                                               "things without an area",  "things that are there twice",
@@ -61,7 +60,7 @@ enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct
     double scale;
     enum pell_result res;
 
-    if (!scene || scene->num_meshes == 0 || !pell_renderer_scatters(r))
+    if (!scene || scene->num_meshes == 0 || !r->method)
         return PELL_OK;
     scale = pixels_per_mm(scene, settings);
     res = pell_scene_check(scene, &report);

@@ -12,7 +12,7 @@ static inline uint16_t pell_material_id(const struct pell_frame *frame, ptrdiff_
 {
     const uint16_t id = frame->material[at];
 
-    return id <= frame->num_materials ? id : 0;
+    return id <= frame->shape.num_materials ? id : 0;
 }
 
 #endif

@@ -1,90 +1,70 @@
 /* SPDX-License-Identifier: MIT
- * resources.c - what a renderer makes for frames of some size, settings and method, and keeps from frame to frame. */
+ * resources.c - what a renderer keeps from frame to frame: one table says what each part depends on, and is all that drops and makes them. */
 #include "render/renderer_state.h"
 
+#include "render/frame_material.h"
+#include "render/pass.h"
 #include "render/plane_buffers.h"
 
 #include <string.h>
 
-/* --- What hangs on the size --------------------------------------------------------------------------------------------------- */
+/* --- Materials --------------------------------------------------------------------------------------------------------------------- */
 
-void pell_renderer_drop_size(struct pell_renderer *r)
+static void drop_materials(struct pell_renderer *r)
 {
-    pell_surface_finish(r->ctx, &r->surface);
-    pell_raster_destroy(&r->raster);
-    r->rastered = false;
-    pell_free(r->ctx, r->lighting.irradiance[0]); /* owns all float planes, but for those made when asked for */
-    pell_free(r->ctx, r->position[0]);
-    pell_free(r->ctx, r->hit[0]);
-    pell_free(r->ctx, r->single[0]);
-    pell_free(r->ctx, r->glow[0]);
-    pell_free(r->ctx, r->open[0]);
-    pell_free(r->ctx, r->open_tiles);
-    pell_free(r->ctx, r->material);
-    pell_free(r->ctx, r->rows);
-    memset(&r->lighting, 0, sizeof(r->lighting));
-    memset(&r->sum, 0, sizeof(r->sum));
-    memset(r->position, 0, sizeof(r->position));
-    memset(r->hit, 0, sizeof(r->hit));
-    memset(r->single, 0, sizeof(r->single));
-    memset(r->glow, 0, sizeof(r->glow));
-    memset(r->open, 0, sizeof(r->open));
-    r->open_tiles = NULL;
-    memset(r->reflected, 0, sizeof(r->reflected));
-    r->material = NULL;
-    r->rows = NULL;
-    r->sized = false;
+    struct pell_scene_materials *m = &r->materials;
+
+    pell_free(r->ctx, m->frame_index);
+    pell_free(r->ctx, m->frame);
+    pell_free(r->ctx, m->total);
+    pell_free(r->ctx, m->thickness);
+    memset(m, 0, sizeof(*m));
 }
 
-static enum pell_result make_size(struct pell_renderer *r, const struct pell_settings *s)
+static enum pell_result make_materials(struct pell_renderer *r)
 {
-    const size_t pixels = (size_t) pell_plane_stride(s->width) * (size_t) s->height;
-    struct pell_lighting *l = &r->lighting;
-    struct pell_accumulator *a = &r->sum;
-    float **planes[64];
-    size_t n = 0;
+    const struct pell_scene *scene = r->scene;
+    struct pell_scene_materials *out = &r->materials;
+    const size_t n = scene->num_materials;
     enum pell_result res;
 
-    for (int c = 0; c < 3; c++) {
-        planes[n++] = &l->irradiance[c];
-        planes[n++] = &l->through[c];
-        planes[n++] = &l->specular[c];
-        planes[n++] = &a->color[c];
-        planes[n++] = &r->light[c];
-        planes[n++] = &r->lit[c];
-        planes[n++] = &r->display[c];
-        if (s->layers) {
-            planes[n++] = &a->multiple[c];
-            planes[n++] = &a->transmission[c];
-            planes[n++] = &a->specular[c];
-            planes[n++] = &a->irradiance[c];
-            planes[n++] = &a->normal[c];
-            planes[n++] = &a->variance[c];
-        }
-    }
-    planes[n++] = &a->alpha;
-    if (s->layers) {
-        planes[n++] = &a->depth;
-        planes[n++] = &a->translucent;
-    }
-
-    PELL_TRY(pell_surface_allocate(r->ctx, s->width, s->height, &r->surface));
-    PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, n));
+    if (n < 1 || n > 65534)
+        return pell_error(r->ctx, PELL_ERR_INVALID, scene->path, NULL, "%zu materials, must be in [1, 65534]", n);
     res = PELL_ERR_NOMEM;
-    r->material = pell_calloc(r->ctx, pixels, sizeof(*r->material));
-    r->rows = pell_calloc(r->ctx, (size_t) s->height * 6, sizeof(*r->rows));
-    if (!r->material || !r->rows)
+    out->frame_index = pell_calloc(r->ctx, n + 1, sizeof(*out->frame_index));
+    out->frame = pell_calloc(r->ctx, n, sizeof(*out->frame));
+    out->total = pell_calloc(r->ctx, n, sizeof(*out->total));
+    out->thickness = pell_calloc(r->ctx, n, sizeof(*out->thickness));
+    if (!out->frame_index || !out->frame || !out->total || !out->thickness)
         goto fail;
-    r->sum.meter = r->rows + (size_t) s->height * 4;
-    r->sized = true;
+    for (size_t i = 0; i < n; i++) {
+        const struct pell_material *m = &scene->materials[i];
+        struct pell_frame_material *f = &out->frame[out->count];
+
+        if (m->opaque)
+            continue;
+        if (out->count == PELL_FRAME_MATERIALS) {
+            res = pell_error(r->ctx, PELL_ERR_UNSUPPORTED, scene->path, "mark some \"opaque\": true", "more than %d translucent materials",
+                             PELL_FRAME_MATERIALS);
+            goto fail;
+        }
+        f->medium = m->medium;
+        f->gaussians = m->gaussians;
+        f->profile = m->profile;
+        if (m->profile)
+            f->gaussians.count = 0; /* the profile, not its coefficients or a published set, is what scatters */
+        f->white = m->color_from == PELL_COLOR_FROM_TEXTURE;
+        f->name = m->preset && m->preset[0] ? m->preset : m->name;
+        f->preset = !m->profile && m->gaussians.count == 0 ? m->preset : NULL;
+        PELL_TRY(pell_frame_material_check(r->ctx, m->name, f));
+        out->frame_index[i + 1] = (uint16_t) ++out->count;
+    }
     return PELL_OK;
 
 fail:
-    pell_renderer_drop_size(r);
+    drop_materials(r);
     return res;
 }
-
-/* --- What hangs on the settings ------------------------------------------------------------------------------------------------ */
 
 static enum pell_profile_model model_of(const struct pell_material *m, int setting)
 {
@@ -98,171 +78,252 @@ static bool same_profile(const struct pell_material *a, const struct pell_materi
            model_of(a, setting) == model_of(b, setting) && memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0;
 }
 
-/* Makes the profile of a scene's material into *out, which is for three channels. */
-static enum pell_result make_profile(struct pell_renderer *r, const struct pell_material *m, struct pell_profile *out)
+static void drop_profiles(struct pell_renderer *r)
 {
-    const enum pell_profile_model model = model_of(m, r->settings.profile);
-
-    for (int c = 0; c < 3; c++) {
-        const enum pell_result res = m->gaussians.count > 0 ? pell_profile_from_gaussians(&m->gaussians, c, &out[c])
-                                                            : pell_profile_make(model, &m->medium, c, NULL, &out[c]);
-        if (res != PELL_OK)
-            return pell_error(r->ctx, res, m->name, "choose another profile", "has no profile %s",
-                              pell_profile_model_at(model) ? pell_profile_model_at(model)->name : "of that model");
-    }
-    return PELL_OK;
+    for (size_t i = 0; r->profiles && i < r->materials.count; i++)
+        pell_free(r->ctx, r->profiles[i]);
+    pell_free(r->ctx, r->profiles);
+    r->profiles = NULL;
 }
 
 /* Gives every translucent material its profile, and says how much light each reflects. */
 static enum pell_result make_profiles(struct pell_renderer *r)
 {
     const struct pell_scene *scene = r->scene;
-    struct pell_frame_material *const frame = r->frame_materials;
+    const uint16_t *index = r->materials.frame_index;
+    struct pell_frame_material *const frame = r->materials.frame;
+    const int setting = r->settings.profile;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    if (!r->profiles)
-        r->profiles = pell_calloc(r->ctx, r->num_frame_materials + 1, sizeof(*r->profiles));
+    r->profiles = pell_calloc(r->ctx, r->materials.count + 1, sizeof(*r->profiles));
     if (!r->profiles)
         goto fail;
     for (size_t i = 0; i < scene->num_materials; i++) {
         const struct pell_material *m = &scene->materials[i];
-        const size_t at = r->frame_index[i + 1];
+        const size_t at = index[i + 1];
         size_t k = 0;
 
         if (at == 0)
             continue;
-        if (r->settings.profile > 0 && (m->profile || m->gaussians.count > 0))
+        if (setting > 0 && (m->profile || m->gaussians.count > 0))
             pell_warn(r->ctx, m->name, "a model makes profiles of coefficients", "has no coefficients: its own profile is used, not %s",
-                      pell_profile_model_at(model_of(m, r->settings.profile))->name);
-        while (k < i && !(r->frame_index[k + 1] && same_profile(m, &scene->materials[k], r->settings.profile)))
+                      pell_profile_model_at(model_of(m, setting))->name);
+        while (k < i && !(index[k + 1] && same_profile(m, &scene->materials[k], setting)))
             k++;
         if (k < i) {
-            frame[at - 1].profile = frame[r->frame_index[k + 1] - 1].profile;
+            frame[at - 1].profile = frame[index[k + 1] - 1].profile;
         } else if (m->profile) {
             frame[at - 1].profile = m->profile;
         } else {
-            if (!r->profiles[at - 1])
-                r->profiles[at - 1] = pell_calloc(r->ctx, 3, sizeof(**r->profiles));
             res = PELL_ERR_NOMEM;
-            if (!r->profiles[at - 1])
+            if (!(r->profiles[at - 1] = pell_calloc(r->ctx, 3, sizeof(**r->profiles))))
                 goto fail;
-            PELL_TRY(make_profile(r, m, r->profiles[at - 1]));
+            PELL_TRY(pell_frame_material_profile(r->ctx, m->name, &frame[at - 1], model_of(m, setting), r->profiles[at - 1]));
             frame[at - 1].profile = r->profiles[at - 1];
         }
         for (int c = 0; c < 3; c++)
-            r->total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
+            r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
     }
-    r->profiled = true;
     return PELL_OK;
 
 fail:
+    drop_profiles(r);
     return res;
 }
 
-struct pell_frame pell_renderer_frame(const struct pell_renderer *r, const struct pell_view *view)
+/* --- What the engine keeps ---------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result make_in_engine(struct pell_renderer *r, enum pell_engine_resource resource, const struct pell_plan *plan)
 {
-    return (struct pell_frame) {
+    const struct pell_engine_frame frame = { .scene = r->scene, .settings = &r->settings, .materials = &r->materials, .plan = plan };
+
+    return r->device->engine->make(r->engine, resource, &frame);
+}
+
+static enum pell_result make_scene(struct pell_renderer *r)
+{
+    const enum pell_result res = make_in_engine(r, PELL_ENGINE_SCENE, NULL);
+
+    if (res != PELL_OK)
+        return res;
+    r->services = (struct pell_services) {
+        .ctx = r->ctx,
+        .pool = r->device->pool,
+        .scene = r->scene,
+        .frame_index = r->materials.frame_index,
+        .materials = r->materials.frame,
+        .settings = &r->settings,
+    };
+    r->device->engine->lend(r->engine, &r->services);
+    return PELL_OK;
+}
+
+static void drop_scene(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_SCENE);
+    memset(&r->services, 0, sizeof(r->services));
+}
+
+static enum pell_result make_planes(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_PLANES, NULL);
+}
+
+static void drop_planes(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_PLANES);
+}
+
+static enum pell_result make_raster(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_RASTER, NULL);
+}
+
+static void drop_raster(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_RASTER);
+}
+
+static enum pell_result make_lights(struct pell_renderer *r)
+{
+    const enum pell_result res = make_in_engine(r, PELL_ENGINE_LIGHTS, NULL);
+
+    r->lights_revision += res == PELL_OK;
+    return res;
+}
+
+static void drop_lights(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_LIGHTS);
+}
+
+/* --- The method's pass ------------------------------------------------------------------------------------------------------------- */
+
+struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const struct pell_view *view)
+{
+    return (struct pell_frame_shape) {
         .width = view->width,
         .height = view->height,
-        .stride = r->surface.stride,
+        .stride = pell_plane_stride(view->width),
         .orthographic = view->orthographic,
         .focal_px = view->focal_px,
         .object_height = r->scene->bounds_max[1] - r->scene->bounds_min[1],
-        .materials = r->frame_materials,
-        .num_materials = r->num_frame_materials,
+        .materials = r->materials.frame,
+        .num_materials = r->materials.count,
     };
 }
 
-/* The surface keeps what its rays hit for methods that ask. */
-static void lend_hits(struct pell_renderer *r)
+static enum pell_result make_pass(struct pell_renderer *r)
 {
-    const bool asked = r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_HIT);
+    const struct pell_view view = pell_view_make(&r->scene->cameras[0], r->settings.width, r->settings.height, 0.0f, 0.0f);
+    const struct pell_frame_shape shape = pell_renderer_shape(r, &view);
+    struct pell_scene_materials *m = &r->materials;
+    enum pell_result res;
 
-    r->surface.mesh = asked ? (uint32_t *) r->hit[0] : NULL;
-    r->surface.triangle = asked ? (uint32_t *) r->hit[1] : NULL;
-    r->surface.barycentric[0] = asked ? r->hit[2] : NULL;
-    r->surface.barycentric[1] = asked ? r->hit[3] : NULL;
+    memset(m->thickness, 0, r->scene->num_materials * sizeof(*m->thickness));
+    if (!r->method || m->count == 0)
+        return PELL_OK;
+    r->services.checkpoint = r->checkpoint.path ? &r->checkpoint : NULL;
+    res = pell_pass_make(r->device->engine, &r->services, r->method, r->knobs, &shape, &r->pass);
+    for (size_t i = 0; res == PELL_OK && i < r->scene->num_materials; i++)
+        if (m->frame_index[i + 1])
+            m->thickness[i] = pell_pass_thickness(r->pass, (size_t) m->frame_index[i + 1] - 1);
+    return res;
+}
+
+static void drop_pass(struct pell_renderer *r)
+{
+    pell_pass_destroy(&r->pass);
+}
+
+/* A method that looks at the scene keeps what its lights lit, unless it says that it lights it anew. */
+static unsigned pass_depends(const struct pell_renderer *r)
+{
+    const struct pell_plan *plan = r->pass ? pell_pass_plan(r->pass) : NULL;
+
+    return plan && (plan->needs & PELL_NEED_SCENE) && !plan->relights ? PELL_INPUT_LIGHTS : 0;
+}
+
+/* --- What depends on what ----------------------------------------------------------------------------------------------------------- */
+
+/* Each may use those above it, and is dropped before them. */
+static const struct resource {
+    unsigned depends; /* on these of enum pell_input, */
+    unsigned (*more)(const struct pell_renderer *r); /* and on these; NULL: no more */
+    enum pell_result (*make)(struct pell_renderer *r); /* leaves nothing behind where it fails */
+    void (*drop)(struct pell_renderer *r);
+} resources[] = {
+    { PELL_INPUT_SCENE, NULL, make_materials, drop_materials },
+    { PELL_INPUT_SCENE, NULL, make_scene, drop_scene },
+    { PELL_INPUT_SCENE | PELL_INPUT_PROFILE, NULL, make_profiles, drop_profiles },
+    { PELL_INPUT_SIZE, NULL, make_planes, drop_planes },
+    { PELL_INPUT_SCENE | PELL_INPUT_SIZE, NULL, make_raster, drop_raster },
+    { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS, NULL, make_lights, drop_lights },
+    { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_SIZE | PELL_INPUT_CAMERA | PELL_INPUT_PROFILE,
+      pass_depends, make_pass, drop_pass },
+};
+enum { OF_SCENE = 2 /* the first that depend on the scene alone */ };
+
+void pell_renderer_invalidate(struct pell_renderer *r, unsigned inputs)
+{
+    for (size_t i = PELL_COUNT(resources); i-- > 0;) {
+        const struct resource *x = &resources[i];
+        const unsigned depends = x->depends | (x->more ? x->more(r) : 0);
+        if (!(r->made >> i & 1) || !(depends & inputs))
+            continue;
+        x->drop(r);
+        r->made &= ~(1u << i);
+    }
+}
+
+static enum pell_result make_first(struct pell_renderer *r, size_t count)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; res == PELL_OK && i < count; i++) {
+        if (r->made >> i & 1)
+            continue;
+        res = resources[i].make(r);
+        r->made |= (unsigned) (res == PELL_OK) << i;
+    }
+    return res;
+}
+
+enum pell_result pell_renderer_prepare_scene(struct pell_renderer *r)
+{
+    const enum pell_result res = make_first(r, OF_SCENE);
+
+    if (res != PELL_OK)
+        pell_renderer_invalidate(r, PELL_INPUT_SCENE);
+    return res;
+}
+
+/* Inputs that differ from those of the last frame. */
+static unsigned find_changes(const struct pell_renderer *r, const struct pell_settings *s, const struct pell_view *view)
+{
+    const struct pell_settings *old = &r->settings;
+    unsigned changes = 0;
+
+    if (old->width != s->width || old->height != s->height || old->layers != s->layers)
+        changes |= PELL_INPUT_SIZE;
+    if (r->focal_px != view->focal_px || r->orthographic != view->orthographic)
+        changes |= PELL_INPUT_CAMERA;
+    if (old->light_samples != s->light_samples || old->ambient_samples != s->ambient_samples ||
+        old->environment_lights != s->environment_lights || old->msaa != s->msaa || old->boundary != s->boundary || old->seed != s->seed)
+        changes |= PELL_INPUT_LIGHTS;
+    if (old->profile != s->profile)
+        changes |= PELL_INPUT_PROFILE;
+    return changes;
 }
 
 enum pell_result pell_renderer_prepare(struct pell_renderer *r, const struct pell_settings *s, const struct pell_view *view)
 {
-    const struct pell_settings *old = &r->settings;
-    const bool same_size = r->sized && old->width == s->width && old->height == s->height && old->layers == s->layers;
-    const bool same_lights = r->lights && old->light_samples == s->light_samples && old->ambient_samples == s->ambient_samples &&
-                             old->environment_lights == s->environment_lights && old->msaa == s->msaa && old->boundary == s->boundary &&
-                             old->seed == s->seed;
     enum pell_result res;
 
-    if (!same_size || r->focal_px != view->focal_px || r->orthographic != view->orthographic)
-        pell_pass_destroy(&r->pass);
-    if (!same_size)
-        pell_renderer_drop_size(r);
-    if (!same_lights) {
-        pell_lights_destroy(&r->lights);
-        if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_SCENE) && !pell_pass_plan(r->pass)->relights)
-            pell_pass_destroy(&r->pass); /* it keeps what they lit */
-    }
-    if (old->profile != s->profile) {
-        pell_pass_destroy(&r->pass);
-        r->profiled = false;
-    }
+    pell_renderer_invalidate(r, find_changes(r, s, view));
     r->settings = *s;
-    if (!r->profiled)
-        PELL_TRY(make_profiles(r));
-    if (!r->sized)
-        PELL_TRY(make_size(r, s));
-    r->surface.mips = r->mips; /* before a pass is made: methods light points of this scene then */
-    r->surface.lean = true;
-    if (!r->lights) {
-        PELL_TRY(pell_lights_create(r->ctx, r->scene, s, r->pool, &r->lights));
-        r->lights_number++;
-    }
-    if (!r->pass) {
-        memset(r->thickness, 0, r->scene->num_materials * sizeof(*r->thickness));
-        if (r->method && r->num_frame_materials > 0) {
-            const struct pell_frame shape = pell_renderer_frame(r, view);
-            PELL_TRY(pell_pass_create(r, r->method, r->knobs, &shape, &r->pass));
-            r->focal_px = view->focal_px;
-            r->orthographic = view->orthographic;
-            for (size_t i = 0; i < r->scene->num_materials; i++)
-                if (r->frame_index[i + 1])
-                    r->thickness[i] = pell_pass_thickness(r->pass, (size_t) r->frame_index[i + 1] - 1);
-        }
-    }
-    if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_POSITION) && !r->position[0]) {
-        float **const planes[] = { &r->position[0], &r->position[1], &r->position[2] };
-        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
-    }
-    if (r->pass && (pell_pass_plan(r->pass)->needs & PELL_NEED_HIT) && !r->hit[0]) {
-        float **const planes[] = { &r->hit[0], &r->hit[1], &r->hit[2], &r->hit[3] };
-        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
-    }
-    lend_hits(r);
-    if (!r->rastered)
-        PELL_TRY(pell_raster_create(r->ctx, r->scene, s->width, s->height, &r->raster));
-    r->rastered = true;
-    r->surface.raster = r->raster;
-    if (s->bloom > 0.0f && !r->glow[0]) {
-        float **const planes[PELL_BLOOM_PLANES] = { &r->glow[0], &r->glow[1], &r->glow[2] };
-        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
-    }
-    if (s->dof && !r->open[0]) {
-        float **const planes[PELL_DOF_PLANES] = { &r->open[0], &r->open[1], &r->open[2], &r->open[3], &r->open[4], &r->open[5] };
-        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
-    }
-    if (s->dof && !r->open_tiles && !(r->open_tiles = pell_calloc(r->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
-        return PELL_ERR_NOMEM;
-    if (r->pass && pell_pass_plan(r->pass)->gives && s->layers && !r->single[0]) {
-        float **planes[9];
-        for (size_t c = 0; c < 3; c++) {
-            planes[c] = &r->single[c];
-            planes[3 + c] = &r->reflected[c];
-            planes[6 + c] = &r->sum.single[c];
-        }
-        PELL_TRY(pell_planes_allocate(r->ctx, s->width, s->height, planes, PELL_COUNT(planes)));
-    }
-    return PELL_OK;
-
-fail:
-    return res;
+    r->focal_px = view->focal_px;
+    r->orthographic = view->orthographic;
+    res = make_first(r, PELL_COUNT(resources));
+    return res == PELL_OK ? make_in_engine(r, PELL_ENGINE_PLANES, r->pass ? pell_pass_plan(r->pass) : NULL) : res;
 }

@@ -75,11 +75,12 @@ static int look(const struct pell_picture *picture)
 int main(void)
 {
     struct pell_context_params params;
-    struct pell_renderer_params renderer_params;
+    struct pell_device_params device_params;
     struct pell_load_params load;
     struct pell_settings settings;
     struct pell_picture picture;
     struct pell_context *ctx = NULL;
+    struct pell_device *device = NULL;
     struct pell_renderer *renderer = NULL;
     struct pell_scene *scene = NULL;
     const struct pell_method *method;
@@ -87,7 +88,7 @@ int main(void)
     int status = 1;
 
     memset(&params, 0, sizeof(params));
-    memset(&renderer_params, 0, sizeof(renderer_params));
+    memset(&device_params, 0, sizeof(device_params));
     memset(&load, 0, sizeof(load));
     params.log = print_message;
     load.aspect = 1;
@@ -100,11 +101,13 @@ int main(void)
     pell_knobs_default(pell_settings_knobs, &settings);
     settings.width = settings.height = SIZE;
     if (method && pell_scene_create(ctx, &scene) == PELL_OK && make_ball(scene, 20) == PELL_OK &&
-        pell_scene_complete(scene, &load) == PELL_OK && pell_renderer_create(ctx, &renderer_params, &renderer) == PELL_OK &&
+        pell_scene_complete(scene, &load) == PELL_OK && pell_device_create(ctx, &device_params, &device) == PELL_OK &&
+        pell_renderer_create(device, &renderer) == PELL_OK &&
         pell_renderer_set_scene(renderer, scene) == PELL_OK && pell_renderer_set_method(renderer, method, NULL) == PELL_OK &&
         pell_renderer_render(renderer, &settings, &picture) == PELL_OK)
         status = look(&picture);
     pell_renderer_destroy(&renderer);
+    pell_device_destroy(&device);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);
     return status;

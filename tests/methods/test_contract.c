@@ -134,15 +134,15 @@ static float noise(unsigned x, unsigned y, unsigned c)
 
 static void light_noise(struct patch *p)
 {
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++)
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
             for (int c = 0; c < 3; c++)
                 p->light[c][patch_at(p, x, y)] = noise((unsigned) x, (unsigned) y, (unsigned) c);
 }
 
 static size_t patch_floats(const struct patch *p)
 {
-    return (size_t) p->frame.stride * (size_t) p->frame.height;
+    return (size_t) p->frame.shape.stride * (size_t) p->frame.shape.height;
 }
 
 static bool same_result(const struct patch *a, const struct patch *b)
@@ -324,11 +324,11 @@ static void white_profiles_give_back_even_light(void **state)
 /* A bumpy, partly covered surface of two materials with strength, to stir all paths. */
 static void rough_scene(struct patch *p, unsigned seed)
 {
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++) {
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++) {
             const size_t i = patch_at(p, x, y);
             const float n = noise((unsigned) x, (unsigned) y, seed), coarse = noise((unsigned) x / 9, (unsigned) y / 7, seed + 1);
-            p->material[i] = coarse < 0.2f ? 0 : (uint16_t) (1 + (coarse > 0.7f && p->frame.num_materials > 1));
+            p->material[i] = coarse < 0.2f ? 0 : (uint16_t) (1 + (coarse > 0.7f && p->frame.shape.num_materials > 1));
             p->depth[i] = 500.0f + 20.0f * sinf(0.1f * (float) x) * cosf(0.13f * (float) y) + (coarse > 0.5f ? 30.0f : 0.0f) + 0.3f * n;
             p->strength[i] = coarse > 0.6f ? coarse : 1.0f;
             for (int c = 0; c < 3; c++)
@@ -410,8 +410,8 @@ static void any_size_and_any_rectangle(void **state)
             REQUIRE_REL((double) p->result[0][patch_at(p, w - 1, h - 1)], even_total(method, &m, 0), 1e-4);
             /* Nothing is written beside the picture (the rows are longer), nor outside the rectangle. */
             for (int y = 0; y < h; y++)
-                for (ptrdiff_t x = w; x < p->frame.stride; x++)
-                    assert_true(p->result[0][y * p->frame.stride + x] == 0.0f);
+                for (ptrdiff_t x = w; x < p->frame.shape.stride; x++)
+                    assert_true(p->result[0][y * p->frame.shape.stride + x] == 0.0f);
             pass = patch_pass(&at, method, form(method), p);
             p->frame.rect = (struct pell_rect) { 0, 0, 0, 0 };
             for (int c = 0; c < 3; c++)
@@ -494,7 +494,7 @@ static void knobs_out_of_range_are_refused(void **state)
                 else
                     continue;
                 kept = (struct kept_messages) { 0 };
-                assert_int_equal(pell_pass_create(at.r, method, values, &p->frame, &pass), PELL_ERR_INVALID);
+                assert_int_equal(pell_pass_create(at.device, method, values, &p->frame.shape, &pass), PELL_ERR_INVALID);
                 assert_null(pass);
                 assert_int_equal(kept.errors, 1);
                 assert_non_null(strstr(kept.what, k->name));
@@ -790,7 +790,7 @@ static void failed_allocations_leak_nothing(void **state)
             enum pell_result res;
             fault.fail_at = fault.calls + n;
             patch_configure(NULL, method, either_form(method, false), knobs);
-            res = pell_pass_create(at.r, method, knobs, &p->frame, &pass);
+            res = pell_pass_create(at.device, method, knobs, &p->frame.shape, &pass);
             if (res == PELL_OK) {
                 assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
                 done = fault.calls < fault.fail_at;
@@ -846,7 +846,7 @@ static void *race(void *arg)
     void *knobs = calloc(1, r->method->knobs_size);
 
     patch_configure(NULL, r->method, either_form(r->method, false), knobs);
-    r->res = pell_pass_create(r->at.r, r->method, knobs, &r->p->frame, &pass);
+    r->res = pell_pass_create(r->at.device, r->method, knobs, &r->p->frame.shape, &pass);
     for (int i = 0; r->res == PELL_OK && i < 5; i++)
         r->res = pell_pass_render(pass, &r->p->frame, &r->p->out);
     pell_pass_destroy(&pass);

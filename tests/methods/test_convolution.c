@@ -152,10 +152,10 @@ static struct patch *facing(const struct pell_frame_material *m, bool parallel, 
 
     for (int i = 0; i < 2; i++)
         p->depth[patch_at(p, 0, i)] = (float) (i ? high : low);
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++)
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
             for (int c = 0; c < 3; c++)
-                p->light[c][patch_at(p, x, y)] = !half || 2 * x >= p->frame.width;
+                p->light[c][patch_at(p, x, y)] = !half || 2 * x >= p->frame.shape.width;
     return p;
 }
 

@@ -189,10 +189,10 @@ static void tables_are_the_profile(void **state)
 
 static void light_a_half(struct patch *p)
 {
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++)
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
             for (int c = 0; c < 3; c++)
-                p->light[c][patch_at(p, x, y)] = 2 * x >= p->frame.width;
+                p->light[c][patch_at(p, x, y)] = 2 * x >= p->frame.shape.width;
 }
 
 static double step_of(const struct pell_frame_material *m, int c, double x_mm)
@@ -207,8 +207,8 @@ static double step_of(const struct pell_frame_material *m, int c, double x_mm)
 /* What a pixel in column x is off by, as a part of the total; the plane leans by `slope` to the side. */
 static double step_error(const struct patch *p, const struct pell_frame_material *m, int c, int x, int y, double depth, double slope)
 {
-    const double f = (double) p->frame.focal_px, tan = (x + 0.5 - 0.5 * p->frame.width) / f, z = depth / (1.0 - slope * tan);
-    const double along = (p->frame.orthographic ? tan : tan * z) * sqrt(1.0 + slope * slope);
+    const double f = (double) p->frame.shape.focal_px, tan = (x + 0.5 - 0.5 * p->frame.shape.width) / f, z = depth / (1.0 - slope * tan);
+    const double along = (p->frame.shape.orthographic ? tan : tan * z) * sqrt(1.0 + slope * slope);
     return ((double) p->result[c][patch_at(p, x, y)] - step_of(m, c, along)) / pell_gaussians_total(&m->gaussians, c);
 }
 
@@ -229,12 +229,12 @@ static void half_lit_planes_are_the_analytic_convolution(void **state)
                 double worst = 0.0;
                 patch_tilt(p, 600.0, slopes[s], 0.0);
                 light_a_half(p);
-                p->frame.rect = (struct pell_rect) { 0, 0, p->frame.width, p->frame.height };
+                p->frame.rect = (struct pell_rect) { 0, 0, p->frame.shape.width, p->frame.shape.height };
                 patch_run(&at, method(at.ctx), forms[k], p);
                 /* In the middle row, as far from the ends as light of note goes. */
                 for (int x = 40; x < 100; x++)
                     for (int c = 0; c < 3; c++)
-                        worst = fmax(worst, fabs(step_error(p, &m, c, x, p->frame.height / 2, 600.0, slopes[s])));
+                        worst = fmax(worst, fabs(step_error(p, &m, c, x, p->frame.shape.height / 2, 600.0, slopes[s])));
                 if (parallel == 0)
                     print_message("# slope %4.1f, form %zu: %.4f of the step at most\n", slopes[s], k, worst);
                 REQUIRE(worst < (SLOW ? 0.03 : 0.008));
@@ -319,7 +319,7 @@ static struct patch *ball(const struct pell_frame_material *m)
 /* A point of the ball and the area that a pixel's part covers there. */
 static double ball_patch(const struct patch *p, double x, double y, double part, double at[3])
 {
-    const double tx = patch_tan_x(p, x), ty = patch_tan_y(p, y), z = ball_depth(p, x, y), f = (double) p->frame.focal_px;
+    const double tx = patch_tan_x(p, x), ty = patch_tan_y(p, y), z = ball_depth(p, x, y), f = (double) p->frame.shape.focal_px;
     double facing;
 
     if (!(z > 0.0))
@@ -627,14 +627,14 @@ static void strength_scales_the_radius(void **state)
         half.gaussians.variance[i] *= 0.25;
     light_a_half(p);
     light_a_half(q);
-    for (size_t i = 0; i < (size_t) p->frame.stride * 40; i++)
+    for (size_t i = 0; i < (size_t) p->frame.shape.stride * 40; i++)
         p->strength[i] = 0.5f;
     patch_run(&at, method(at.ctx), settings, p);
     patch_run(&at, method(at.ctx), settings, q);
     for (int x = 0; x < 100; x++)
         for (int c = 0; c < 3; c++)
             REQUIRE_NEAR((double) p->result[c][patch_at(p, x, 20)], (double) q->result[c][patch_at(q, x, 20)], 0.005);
-    for (size_t i = 0; i < (size_t) p->frame.stride * 40; i++)
+    for (size_t i = 0; i < (size_t) p->frame.shape.stride * 40; i++)
         p->strength[i] = 0.0f;
     patch_run(&at, method(at.ctx), settings, p);
     for (int x = 0; x < 100; x++)
@@ -782,7 +782,7 @@ static void the_uniform_disc_stops_at_half_the_object(void **state)
     for (int k = 0; k < 2; k++) {
         struct patch *p = patch_create(8, 8, true, 1.0, 100.0, &m, 1);
         struct pell_pass *pass;
-        p->frame.object_height = k ? 200.0f : 10.0f;
+        p->frame.shape.object_height = k ? 200.0f : 10.0f;
         kept = (struct kept_messages) { 0 };
         pass = patch_pass(&at, method(at.ctx), NULL, p);
         assert_int_equal(kept.warnings, k ? 0 : 1);

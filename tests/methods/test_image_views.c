@@ -190,7 +190,7 @@ static void odd_lights_are_views_or_none(void **state)
 static void planes_alone_are_refused_with_views_of_lights(void **state)
 {
     struct stage s;
-    struct pell_frame shape = { .width = 4, .height = 4, .stride = 4, .focal_px = 1.0f, .num_materials = 1 };
+    struct pell_frame_shape shape = { .width = 4, .height = 4, .stride = 4, .focal_px = 1.0f, .num_materials = 1 };
     const struct pell_frame_material material = { .medium = { .eta = 1.3 }, .gaussians = { .count = 1, .variance = { 1.0 } } };
     const struct pell_setting setting = { "views", "eye+lights", "test" };
     const struct pell_method *m;
@@ -203,7 +203,7 @@ static void planes_alone_are_refused_with_views_of_lights(void **state)
     values = calloc(1, m->knobs_size);
     OK(pell_method_configure(s.ctx, m, &setting, 1, values));
     shape.materials = &material;
-    assert_int_equal(pell_pass_create(s.r, m, values, &shape, &pass), PELL_ERR_UNSUPPORTED);
+    assert_int_equal(pell_pass_create(s.device, m, values, &shape, &pass), PELL_ERR_UNSUPPORTED);
     assert_null(pass);
     free(values);
     stage_finish(&s);

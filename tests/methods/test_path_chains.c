@@ -23,7 +23,7 @@ static struct pt_point seen_at(const struct stage *s, float x, float y)
     const struct pell_ray ray = { { x, y, 100.0f }, 0.0f, { 0, 0, -1 }, INFINITY, PELL_RAY_TRANSLUCENT };
     struct pell_hit hit;
 
-    REQUIRE(pell_rays_closest(pell_renderer_rays(s->r), &ray, &hit));
+    REQUIRE(pell_rays_closest(pell_renderer_services(s->r)->rays, &ray, &hit));
     return rig_point(vec3(x, y, 100.0f - hit.t), vec3(x, y, 500.0f), 7);
 }
 

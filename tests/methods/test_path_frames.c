@@ -29,7 +29,7 @@ static void watch(void *user, const char *task, double fraction)
 /* A small marble ball, part of which another hides, under a sky and a directional lamp; `kept` and `interruption` may be NULL. */
 static void start(struct stage *s, int size, int threads, struct kept_messages *kept, struct interruption *interruption)
 {
-    const struct pell_renderer_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
+    const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
     const struct pell_context_params context = {
         .log = keep_message, .log_user = kept ? kept : &s->kept, .progress = interruption ? watch : NULL, .progress_user = interruption
     };
@@ -42,7 +42,8 @@ static void start(struct stage *s, int size, int threads, struct kept_messages *
         interruption->last = 0.0;
     }
     OK(pell_scene_create(s->ctx, &s->scene));
-    OK(pell_renderer_create(s->ctx, &params, &s->r));
+    OK(pell_device_create(s->ctx, &params, &s->device));
+    OK(pell_renderer_create(s->device, &s->r));
     pell_knobs_default(pell_settings_knobs, &s->settings);
     s->settings.width = s->settings.height = size;
     s->settings.msaa = 1;
@@ -476,7 +477,7 @@ static void files_of_another_run_are_refused_and_kept(void **state)
 
 static void survives_the_nth_allocation(void **state)
 {
-    const struct pell_renderer_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
+    const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
     struct pell_fault fault = { 0 };
     struct stage s = { 0 };
     bool done = false;
@@ -487,7 +488,8 @@ static void survives_the_nth_allocation(void **state)
     temporary_name(path, sizeof(path));
     s.ctx = test_context(&fault, &s.kept);
     OK(pell_scene_create(s.ctx, &s.scene));
-    OK(pell_renderer_create(s.ctx, &params, &s.r));
+    OK(pell_device_create(s.ctx, &params, &s.device));
+    OK(pell_renderer_create(s.device, &s.r));
     pell_knobs_default(pell_settings_knobs, &s.settings);
     s.settings.width = s.settings.height = 2;
     s.settings.msaa = 1;

@@ -28,7 +28,7 @@ static struct pt_point on_ball(const struct stage *s, float radius, float x, flo
     const struct pell_ray ray = { { x, y, 2.0f * radius }, 0.0f, { 0, 0, -1 }, INFINITY, PELL_RAY_TRANSLUCENT };
     struct pell_hit hit;
 
-    REQUIRE(pell_rays_closest(pell_renderer_rays(s->r), &ray, &hit));
+    REQUIRE(pell_rays_closest(pell_renderer_services(s->r)->rays, &ray, &hit));
     return rig_point(vec3(x, y, 2.0f * radius - hit.t), vec3(x, y, 500), 7);
 }
 
@@ -64,7 +64,7 @@ static void single_rays_are_packets(void **state)
     busy_stage(&s, &knobs, false, &m);
     stage_method(&s, NULL, NULL);
     stage_render(&s);
-    rays = pell_renderer_rays(s.r);
+    rays = pell_renderer_services(s.r)->rays;
     for (int n = 0; n < 64; n++) {
         struct pell_ray_hit16 p;
         struct pell_ray16 shadow;
@@ -1114,7 +1114,6 @@ static void bounds_are_counted(void **state)
 static void profiles_without_a_medium_are_refused(void **state)
 {
     struct stage s;
-    const struct pell_frame shape = { 0 };
     const struct pt_knobs knobs = rig_knobs();
     struct pt_scene *scene;
     size_t m;
@@ -1126,13 +1125,13 @@ static void profiles_without_a_medium_are_refused(void **state)
     stage_sky(&s, 1.0f);
     look_along(&s, 7.0f);
     stage_render(&s);
-    assert_int_equal(pt_scene_create(s.r, &shape, &knobs, &scene), PELL_ERR_UNSUPPORTED);
+    assert_int_equal(pt_scene_create(pell_renderer_services(s.r), &knobs, &scene), PELL_ERR_UNSUPPORTED);
     assert_null(scene);
     assert_string_equal(s.kept.where, "marble");
     assert_non_null(strstr(s.kept.what, "no medium"));
     s.scene->materials[m].gaussians.count = 0; /* a surface below layers is no medium either */
     layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_BELOW_SURFACE_COLOR);
-    assert_int_equal(pt_scene_create(s.r, &shape, &knobs, &scene), PELL_ERR_UNSUPPORTED);
+    assert_int_equal(pt_scene_create(pell_renderer_services(s.r), &knobs, &scene), PELL_ERR_UNSUPPORTED);
     assert_null(scene);
     assert_non_null(strstr(s.kept.what, "a surface below its layers"));
     stage_finish(&s);
@@ -1140,8 +1139,7 @@ static void profiles_without_a_medium_are_refused(void **state)
 
 static void survives_the_nth_allocation(void **state)
 {
-    const struct pell_renderer_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
-    const struct pell_frame shape = { 0 };
+    const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
     struct pt_knobs knobs = rig_knobs();
     struct pell_fault fault = { 0 };
     struct pt_scene *scene = NULL;
@@ -1154,7 +1152,8 @@ static void survives_the_nth_allocation(void **state)
     memset(&s, 0, sizeof(s));
     s.ctx = test_context(&fault, &s.kept);
     OK(pell_scene_create(s.ctx, &s.scene));
-    OK(pell_renderer_create(s.ctx, &params, &s.r));
+    OK(pell_device_create(s.ctx, &params, &s.device));
+    OK(pell_renderer_create(s.device, &s.r));
     pell_knobs_default(pell_settings_knobs, &s.settings);
     s.settings.width = s.settings.height = 4;
     s.settings.msaa = 1;
@@ -1172,7 +1171,7 @@ static void survives_the_nth_allocation(void **state)
     for (n = 1; res != PELL_OK && n < 1000; n++) {
         const int64_t live = fault.live;
         fault.fail_at = fault.calls + n;
-        res = pt_scene_create(s.r, &shape, &knobs, &scene);
+        res = pt_scene_create(pell_renderer_services(s.r), &knobs, &scene);
         fault.fail_at = 0;
         if (res == PELL_OK) {
             struct pt_walker *w;

@@ -381,13 +381,13 @@ static void planes_alone_are_refused(void **state)
     (void) state;
     for (size_t n = 0; n < 2; n++) {
         struct stage s;
-        struct pell_frame shape = { .width = 4, .height = 4, .stride = 4, .focal_px = 1.0f, .num_materials = 1 };
+        struct pell_frame_shape shape = { .width = 4, .height = 4, .stride = 4, .focal_px = 1.0f, .num_materials = 1 };
         const struct pell_frame_material material = { .medium = { .eta = 1.3 }, .gaussians = { .count = 1, .variance = { 1.0 } } };
         struct pell_pass *pass;
 
         stage_start(&s, 4, 4);
         shape.materials = &material;
-        assert_int_equal(pell_pass_create(s.r, pell_method_find(s.ctx, "test", references[n].name), NULL, &shape, &pass),
+        assert_int_equal(pell_pass_create(s.device, pell_method_find(s.ctx, "test", references[n].name), NULL, &shape, &pass),
                          PELL_ERR_UNSUPPORTED);
         assert_null(pass);
         assert_int_equal(s.kept.errors, 1);
@@ -404,10 +404,11 @@ static void survives_the_nth_allocation(void **state)
             struct pell_fault fault = { 0 };
             struct stage s = { 0 };
             size_t m;
-            const struct pell_renderer_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
+            const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
             s.ctx = test_context(&fault, &s.kept);
             OK(pell_scene_create(s.ctx, &s.scene));
-            OK(pell_renderer_create(s.ctx, &params, &s.r));
+            OK(pell_device_create(s.ctx, &params, &s.device));
+            OK(pell_renderer_create(s.device, &s.r));
             pell_knobs_default(pell_settings_knobs, &s.settings);
             s.settings.width = s.settings.height = 4;
             s.settings.msaa = 1;

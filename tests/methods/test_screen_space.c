@@ -63,8 +63,8 @@ static double step_error(const struct bench_place *at, const char *const *settin
     struct patch *p = patch_create(axis ? 40 : size, axis ? size : 40, ortho, ortho ? px_per_mm : px_per_mm * depth, depth, m, 1);
     double worst = 0.0;
 
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++)
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
             for (int c = 0; c < 3; c++)
                 p->light[c][patch_at(p, x, y)] = (axis ? y : x) >= half;
     patch_run(at, method(at->ctx), settings, p);
@@ -121,7 +121,7 @@ static void a_measured_material_is_its_fit(void **state)
         patch_run(&at, method(at.ctx), settings, p);
         patch_run(&at, method(at.ctx), NULL, q);
         for (int c = 0; c < 3; c++)
-            assert_memory_equal(p->result[c], q->result[c], sizeof(float) * (size_t) p->frame.stride * 70);
+            assert_memory_equal(p->result[c], q->result[c], sizeof(float) * (size_t) p->frame.shape.stride * 70);
         patch_destroy(p);
         patch_destroy(q);
     }
@@ -564,7 +564,7 @@ static void setting_the_derived_ssslevel_changes_nothing(void **state)
     for (int y = 0; y < 64; y++)
         for (int x = 48; x < 96; x++)
             p->light[0][patch_at(p, x, y)] = q->light[0][patch_at(q, x, y)] = 5.0f;
-    snprintf(text, sizeof(text), "ssslevel=%.9g", pell_ss_level(2041.66, (double) p->frame.object_height));
+    snprintf(text, sizeof(text), "ssslevel=%.9g", pell_ss_level(2041.66, (double) p->frame.shape.object_height));
     patch_run(&at, method(at.ctx), NULL, p);
     patch_run(&at, method(at.ctx), settings, q);
     for (int x = 0; x < 96; x++)
@@ -607,9 +607,10 @@ static double spread(const struct patch *p, int axis)
 {
     double sum = 0.0, moment = 0.0;
 
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++) {
-            const double v = (double) p->result[0][patch_at(p, x, y)], d = axis ? y - p->frame.height / 2 : x - p->frame.width / 2;
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++) {
+            const double v = (double) p->result[0][patch_at(p, x, y)];
+            const double d = axis ? y - p->frame.shape.height / 2 : x - p->frame.shape.width / 2;
             sum += v;
             moment += v * d * d;
         }
@@ -688,10 +689,10 @@ static void the_papers_form_keeps_even_light_and_fails_where_it_must(void **stat
 
 static void light_a_half(struct patch *p)
 {
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++)
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
             for (int c = 0; c < 3; c++)
-                p->light[c][patch_at(p, x, y)] = 2 * x >= p->frame.width;
+                p->light[c][patch_at(p, x, y)] = 2 * x >= p->frame.shape.width;
 }
 
 /* Both materials blur an edge to the same picture, but for the factor `total` of a channel. */
@@ -805,9 +806,9 @@ static void depths_in_object_heights_need_a_height(void **state)
     struct pell_pass *pass;
 
     (void) state;
-    p->frame.object_height = 0.0f;
+    p->frame.shape.object_height = 0.0f;
     patch_configure(at.ctx, method(at.ctx), settings, &knobs);
-    assert_int_equal(pell_pass_create(at.r, method(at.ctx), &knobs, &p->frame, &pass), PELL_ERR_INVALID);
+    assert_int_equal(pell_pass_create(at.device, method(at.ctx), &knobs, &p->frame.shape, &pass), PELL_ERR_INVALID);
     assert_int_equal(kept.errors, 1);
     assert_non_null(strstr(kept.what, "object_height"));
     patch_destroy(p);

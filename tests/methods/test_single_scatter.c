@@ -669,13 +669,14 @@ static void kept_apart(void **state)
 static void planes_alone_are_refused(void **state)
 {
     const struct pell_frame_material material = { .medium = { .eta = 1.3 }, .gaussians = { .count = 1, .variance = { 1.0 } } };
-    struct pell_frame shape = { .width = 4, .height = 4, .stride = 4, .focal_px = 1.0f, .num_materials = 1, .materials = &material };
+    struct pell_frame_shape shape = { .width = 4, .height = 4, .stride = 4, .focal_px = 1.0f, .num_materials = 1, .materials = &material };
     struct pell_pass *pass;
     struct stage s;
 
     (void) state;
     stage_start(&s, 4, 4);
-    assert_int_equal(pell_pass_create(s.r, pell_method_find(s.ctx, "test", "single-scatter"), NULL, &shape, &pass), PELL_ERR_UNSUPPORTED);
+    assert_int_equal(pell_pass_create(s.device, pell_method_find(s.ctx, "test", "single-scatter"), NULL, &shape, &pass),
+                     PELL_ERR_UNSUPPORTED);
     assert_null(pass);
     stage_finish(&s);
 }
@@ -707,10 +708,11 @@ static void survives_the_nth_allocation(void **state)
         struct pell_fault fault = { 0 };
         struct stage s = { 0 };
         size_t m;
-        const struct pell_renderer_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
+        const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
         s.ctx = test_context(&fault, &s.kept);
         OK(pell_scene_create(s.ctx, &s.scene));
-        OK(pell_renderer_create(s.ctx, &params, &s.r));
+        OK(pell_device_create(s.ctx, &params, &s.device));
+        OK(pell_renderer_create(s.device, &s.r));
         pell_knobs_default(pell_settings_knobs, &s.settings);
         s.settings.width = s.settings.height = 2;
         s.settings.msaa = 1;

@@ -889,11 +889,12 @@ static void frames_allocate_nothing_and_survive_no_memory(void **state)
     for (uint64_t n = 1; res != PELL_OK; n += SLOW ? 7 : 3) {
         struct pell_fault fault = { 0 };
         struct stage s = { 0 };
-        const struct pell_renderer_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
+        const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
         size_t m;
         s.ctx = test_context(&fault, NULL);
         OK(pell_scene_create(s.ctx, &s.scene));
-        OK(pell_renderer_create(s.ctx, &params, &s.r));
+        OK(pell_device_create(s.ctx, &params, &s.device));
+        OK(pell_renderer_create(s.device, &s.r));
         pell_knobs_default(pell_settings_knobs, &s.settings);
         s.settings.width = s.settings.height = 8;
         s.settings.msaa = 1;

@@ -3,6 +3,8 @@
  * hierarchical. Skipped where the head is not there. */
 #include "stage.h"
 
+#include "render/renderer.h"
+
 #include "methods/texture_space/texture_space.h"
 
 enum { SIZE = 160, TEXELS = 768, VIEWS = 2 };
@@ -78,11 +80,12 @@ static void mark_edge(const struct stage *s, const struct shot *shot, struct pel
 
 static void mark_seams(struct stage *s, const struct shot *shots, int charts, bool near[VIEWS][SIZE * SIZE])
 {
-    struct ts_atlas_params params = { .pool = pell_renderer_pool(s->r), .scene = s->scene, .name = "head", .size = TEXELS, .border = 1 };
+    struct ts_atlas_params params = { .pool = pell_renderer_services(s->r)->pool, .scene = s->scene, .name = "head",
+                                      .size = TEXELS, .border = 1 };
     struct pell_bodies *bodies;
     struct ts_atlas *a;
 
-    OK(pell_renderer_bodies(s->r, &bodies));
+    OK(pell_services_bodies(pell_renderer_services(s->r), &bodies));
     assert_int_equal(bodies->count, 1);
     params.bodies = bodies;
     params.charts = charts;

@@ -477,7 +477,7 @@ static void single_scattering_of_a_ball(void **state)
             struct pt_point at;
             struct rig_mean r;
             double z;
-            if (!pell_rays_closest(pell_renderer_rays(s.r), &ray, &hit)) {
+            if (!pell_rays_closest(pell_renderer_services(s.r)->rays, &ray, &hit)) {
                 REQUIRE(found == 0.0);
                 continue;
             }

@@ -3,6 +3,8 @@
  * scene, method and settings. */
 #include "stage.h"
 
+#include "render/engine.h"
+
 #include <fcntl.h>
 #include <pthread.h>
 #include <sys/stat.h>
@@ -139,9 +141,10 @@ static void write_scene_files(void)
 static enum pell_result whole_way(const char *file, struct pell_fault *fault, uint64_t calls[3])
 {
     struct pell_context_params params = { .allocator = pell_fault_allocator(fault) };
-    const struct pell_renderer_params threads = { .threads = 2 };
+    const struct pell_device_params threads = { .threads = 2 };
     struct pell_context *ctx = NULL;
     struct pell_scene *scene = NULL;
+    struct pell_device *device = NULL;
     struct pell_renderer *r = NULL;
     struct pell_settings settings;
     struct pell_picture picture;
@@ -159,7 +162,8 @@ static enum pell_result whole_way(const char *file, struct pell_fault *fault, ui
     PELL_TRY(pell_context_create(&params, &ctx));
     PELL_TRY(pell_scene_load(ctx, work_file(file), &load, &scene));
     calls[0] = fault->calls;
-    PELL_TRY(pell_renderer_create(ctx, &threads, &r));
+    PELL_TRY(pell_device_create(ctx, &threads, &device));
+    PELL_TRY(pell_renderer_create(device, &r));
     PELL_TRY(pell_renderer_set_scene(r, scene));
     PELL_TRY(pell_renderer_set_method(r, pell_methods[0], NULL));
     PELL_TRY(pell_renderer_render(r, &settings, &picture));
@@ -172,6 +176,7 @@ static enum pell_result whole_way(const char *file, struct pell_fault *fault, ui
 
 fail:
     pell_renderer_destroy(&r);
+    pell_device_destroy(&device);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);
     return res;
@@ -228,13 +233,15 @@ static void a_renderer_survives_want_of_memory(void **state)
     for (n = 1; n < 200; n += 3) {
         struct pell_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, NULL);
-        const struct pell_renderer_params params = { .threads = 2 };
+        const struct pell_device_params params = { .threads = 2 };
+        struct pell_device *device;
         struct pell_renderer *r;
         struct pell_picture picture;
         struct shot shot;
         bool failed = false;
 
-        OK(pell_renderer_create(ctx, &params, &r));
+        OK(pell_device_create(ctx, &params, &device));
+        OK(pell_renderer_create(device, &r));
         fault.fail_at = fault.calls + n;
         if (pell_renderer_set_method(r, pell_methods[0], NULL) != PELL_OK) {
             failed = true;
@@ -252,6 +259,7 @@ static void a_renderer_survives_want_of_memory(void **state)
         REQUIRE(shot_equal(&shot, &expected));
         shot_free(&shot);
         pell_renderer_destroy(&r);
+        pell_device_destroy(&device);
         pell_context_destroy(&ctx);
         assert_int_equal(fault.live, 0);
         if (!failed)
@@ -296,7 +304,7 @@ static void the_same_bits_on_any_number_of_threads(void **state)
 }
 
 struct twin {
-    struct pell_context *ctx;
+    struct pell_device *device; /* of all */
     const struct pell_scene *scene;
     struct pell_settings settings;
     const struct shot *expected;
@@ -306,11 +314,10 @@ struct twin {
 static void *run_twin(void *arg)
 {
     struct twin *t = arg;
-    const struct pell_renderer_params params = { .threads = 2 };
     struct pell_renderer *r;
     struct pell_picture picture;
 
-    t->right = pell_renderer_create(t->ctx, &params, &r) == PELL_OK && pell_renderer_set_scene(r, t->scene) == PELL_OK &&
+    t->right = pell_renderer_create(t->device, &r) == PELL_OK && pell_renderer_set_scene(r, t->scene) == PELL_OK &&
                pell_renderer_set_method(r, t->scatter ? pell_methods[0] : NULL, NULL) == PELL_OK;
     for (int i = 0; i < 3 && t->right; i++) {
         t->right = pell_renderer_render(r, &t->settings, &picture) == PELL_OK;
@@ -324,7 +331,7 @@ static void *run_twin(void *arg)
     return NULL;
 }
 
-static void renderers_share_a_scene(void **state)
+static void renderers_share_a_scene_and_a_device(void **state)
 {
     struct stage s;
     struct shot alone[2];
@@ -337,7 +344,7 @@ static void renderers_share_a_scene(void **state)
     alone[0] = stage_shot_of(&s, "none", NULL);
     alone[1] = stage_shot_of(&s, "screen-space", NULL);
     for (int i = 0; i < 3; i++) {
-        twins[i] = (struct twin) { s.ctx, s.scene, s.settings, &alone[i != 1], i != 1, false };
+        twins[i] = (struct twin) { s.device, s.scene, s.settings, &alone[i != 1], i != 1, false };
         assert_int_equal(pthread_create(&threads[i], NULL, run_twin, &twins[i]), 0);
     }
     for (int i = 0; i < 3; i++) {
@@ -547,16 +554,16 @@ static void cameras_that_show_nothing_are_refused(void **state)
 
 static void what_is_missing_is_named(void **state)
 {
-    const struct pell_renderer_params vulkan = { .engine = PELL_ENGINE_VULKAN };
-    struct pell_renderer *r = (struct pell_renderer *) 1;
+    const struct pell_device_params vulkan = { .engine = PELL_ENGINE_VULKAN };
+    struct pell_device *device = (struct pell_device *) 1;
     struct pell_scene *empty;
     struct stage s;
 
     (void) state;
     stage_start(&s, 16, 12);
     furnish(&s);
-    assert_int_equal(pell_renderer_create(s.ctx, &vulkan, &r), PELL_ERR_DEVICE);
-    assert_null(r);
+    assert_int_equal(pell_device_create(s.ctx, &vulkan, &device), PELL_ERR_DEVICE);
+    assert_null(device);
     assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
     REQUIRE(strstr(s.kept.what, "no scene"));
     stage_render(&s);
@@ -568,7 +575,9 @@ static void what_is_missing_is_named(void **state)
     REQUIRE(strstr(s.kept.what, "camera"));
     pell_scene_destroy(&empty);
     pell_renderer_destroy(&s.r);
-    pell_renderer_destroy(&s.r); /* of NULL */
+    pell_device_destroy(&s.device);
+    pell_renderer_destroy(&s.r);
+    pell_device_destroy(&s.device); /* of NULL */
     stage_finish(&s);
 }
 
@@ -686,9 +695,10 @@ static struct probe_seen {
     float focal_px;
 } probe;
 
-static enum pell_result probe_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result probe_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                     void **state)
 {
-    (void) r;
+    REQUIRE(services->scene != NULL && services->ctx != NULL);
     probe.creates++;
     probe.focal_px = shape->focal_px;
     *state = malloc(sizeof(float));
@@ -723,12 +733,13 @@ static enum pell_result probe_render(void *state, const struct pell_frame *in, c
     probe.hits_agree = in->mesh != NULL;
     for (int y = in->rect.y0; y < in->rect.y1; y++)
         for (int x = in->rect.x0; x < in->rect.x1; x++) {
-            const ptrdiff_t i = y * in->stride + x;
+            const ptrdiff_t i = y * in->shape.stride + x;
             for (int c = 0; c < 3 && in->material[i]; c++)
                 out->light[c][i] = gain * ((probe.needs & PELL_NEED_LIT) ? in->lit[c][i] : in->irradiance[c][i]);
             if (in->material[i] && in->position[0]) /* the camera of `furnish_plane` is at z = 100 and looks along -z */
-                probe.positions_agree = probe.positions_agree && fabsf(in->position[2][i] - (100.0f - in->depth[i])) < 1e-3f &&
-                                        fabsf(in->position[0][i] - (x + 0.5f - 0.5f * in->width) * in->depth[i] / in->focal_px) < 1e-3f;
+                probe.positions_agree =
+                    probe.positions_agree && fabsf(in->position[2][i] - (100.0f - in->depth[i])) < 1e-3f &&
+                    fabsf(in->position[0][i] - (x + 0.5f - 0.5f * in->shape.width) * in->depth[i] / in->shape.focal_px) < 1e-3f;
             if (in->material[i] && in->mesh)
                 probe.hits_agree = probe.hits_agree && hit_is_there(in, i);
         }
@@ -751,7 +762,7 @@ static const struct pell_knob probe_knobs[] = {
     { "gain", PELL_KNOB_FLOAT, "1", offsetof(struct probe_knobs, gain), { 0.25 }, 0, 1, NULL, "factor" },
     { 0 },
 };
-static const struct pell_method_engine probe_engine = { .create = probe_create, .render = probe_render, .destroy = probe_destroy };
+static const struct pell_method_engine probe_engine = { .create = probe_create, .record = probe_render, .destroy = probe_destroy };
 static const struct pell_method probe_method = {
     .name = "probe", .title = "Probe", .cite = "none", .limits = "none", .knobs = probe_knobs, .knobs_size = sizeof(struct probe_knobs),
     .plan = probe_plan, .cpu = &probe_engine,
@@ -839,7 +850,7 @@ int main(void)
         cmocka_unit_test(nth_allocation_fails_from_file_to_file),
         cmocka_unit_test(a_renderer_survives_want_of_memory),
         cmocka_unit_test(the_same_bits_on_any_number_of_threads),
-        cmocka_unit_test(renderers_share_a_scene),
+        cmocka_unit_test(renderers_share_a_scene_and_a_device),
         cmocka_unit_test(a_picture_has_no_history),
         cmocka_unit_test(a_method_sees_nothing_of_the_frame_before),
         cmocka_unit_test(a_camera_may_zoom_between_frames),

@@ -46,8 +46,9 @@ static inline struct patch *patch_create(int width, int height, bool orthographi
     for (size_t i = 0; i < PELL_COUNT(planes); i++)
         *planes[i] = p->memory + i * size;
     p->frame = (struct pell_frame) {
-        .width = width, .height = height, .stride = (ptrdiff_t) stride, .orthographic = orthographic, .focal_px = (float) focal,
-        .object_height = 200.0f, .materials = materials, .num_materials = num_materials, .rect = { 0, 0, width, height },
+        .shape = { .width = width, .height = height, .stride = (ptrdiff_t) stride, .orthographic = orthographic,
+                   .focal_px = (float) focal, .object_height = 200.0f, .materials = materials, .num_materials = num_materials },
+        .rect = { 0, 0, width, height },
         .material = p->material, .depth = p->depth, .strength = p->strength,
     };
     for (int c = 0; c < 3; c++) {
@@ -76,18 +77,18 @@ static inline void patch_destroy(struct patch *p)
 
 static inline size_t patch_at(const struct patch *p, int x, int y)
 {
-    return (size_t) (y * p->frame.stride + x);
+    return (size_t) (y * p->frame.shape.stride + x);
 }
 
 /* Slopes of the rays through a pixel. */
 static inline double patch_tan_x(const struct patch *p, double x)
 {
-    return p->frame.orthographic ? 0.0 : (x + 0.5 - 0.5 * p->frame.width) / (double) p->frame.focal_px;
+    return p->frame.shape.orthographic ? 0.0 : (x + 0.5 - 0.5 * p->frame.shape.width) / (double) p->frame.shape.focal_px;
 }
 
 static inline double patch_tan_y(const struct patch *p, double y)
 {
-    return p->frame.orthographic ? 0.0 : (y + 0.5 - 0.5 * p->frame.height) / (double) p->frame.focal_px;
+    return p->frame.shape.orthographic ? 0.0 : (y + 0.5 - 0.5 * p->frame.shape.height) / (double) p->frame.shape.focal_px;
 }
 
 /* Makes the surface the plane z = depth + slope_x X + slope_y Y, and fills normal and position. */
@@ -95,13 +96,13 @@ static inline void patch_tilt(struct patch *p, double depth, double slope_x, dou
 {
     const double n = sqrt(1.0 + slope_x * slope_x + slope_y * slope_y);
 
-    for (int y = 0; y < p->frame.height; y++) {
-        for (int x = 0; x < p->frame.width; x++) {
+    for (int y = 0; y < p->frame.shape.height; y++) {
+        for (int x = 0; x < p->frame.shape.width; x++) {
             const size_t i = patch_at(p, x, y);
-            const double f = (double) p->frame.focal_px;
-            const double X = (x + 0.5 - 0.5 * p->frame.width) / f, Y = (y + 0.5 - 0.5 * p->frame.height) / f;
+            const double f = (double) p->frame.shape.focal_px;
+            const double X = (x + 0.5 - 0.5 * p->frame.shape.width) / f, Y = (y + 0.5 - 0.5 * p->frame.shape.height) / f;
             double z;
-            if (p->frame.orthographic) {
+            if (p->frame.shape.orthographic) {
                 z = depth + slope_x * X + slope_y * Y;
                 p->position[0][i] = (float) X;
                 p->position[1][i] = (float) Y;
@@ -122,31 +123,31 @@ static inline void patch_light(struct patch *p, float r, float g, float b)
 {
     const float rgb[3] = { r, g, b };
 
-    for (size_t i = 0; i < (size_t) p->frame.stride * (size_t) p->frame.height; i++)
+    for (size_t i = 0; i < (size_t) p->frame.shape.stride * (size_t) p->frame.shape.height; i++)
         for (int c = 0; c < 3; c++)
             p->light[c][i] = rgb[c];
 }
 
-/* A renderer of `threads` in a context of its own; `fault` and `kept` may be NULL. */
+/* A device of `threads` in a context of its own; `fault` and `kept` may be NULL. */
 struct bench_place {
     struct pell_context *ctx;
-    struct pell_renderer *r;
+    struct pell_device *device;
 };
 
 static inline struct bench_place place_create(int threads, struct pell_fault *fault, struct kept_messages *kept)
 {
     struct bench_place at = { 0 };
-    const struct pell_renderer_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
+    const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
 
     at.ctx = test_context(fault, kept);
     assert_non_null(at.ctx);
-    assert_int_equal(pell_renderer_create(at.ctx, &params, &at.r), PELL_OK);
+    assert_int_equal(pell_device_create(at.ctx, &params, &at.device), PELL_OK);
     return at;
 }
 
 static inline void place_destroy(struct bench_place *at)
 {
-    pell_renderer_destroy(&at->r);
+    pell_device_destroy(&at->device);
     pell_context_destroy(&at->ctx);
 }
 
@@ -172,7 +173,7 @@ static inline struct pell_pass *patch_pass(const struct bench_place *at, const s
     void *values = calloc(1, m->knobs_size);
 
     patch_configure(at->ctx, m, settings, values);
-    assert_int_equal(pell_pass_create(at->r, m, values, &p->frame, &pass), PELL_OK);
+    assert_int_equal(pell_pass_create(at->device, m, values, &p->frame.shape, &pass), PELL_OK);
     free(values);
     return pass;
 }
@@ -190,8 +191,8 @@ static inline double patch_sum(const struct patch *p, float *const planes[3], in
 {
     double sum = 0.0;
 
-    for (int y = 0; y < p->frame.height; y++)
-        for (int x = 0; x < p->frame.width; x++)
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
             if (p->material[patch_at(p, x, y)])
                 sum += (double) planes[channel][patch_at(p, x, y)];
     return sum;

@@ -8,6 +8,7 @@
 #include "stage.h"
 
 #include "methods/path_trace/trace.h"
+#include "render/renderer.h"
 
 #include <time.h>
 
@@ -43,12 +44,11 @@ static inline void rig_start(struct stage *s, int size)
 
 static inline struct pt_scene *rig_scene(struct stage *s, const struct pt_knobs *knobs)
 {
-    const struct pell_frame shape = { 0 };
     struct pt_scene *scene;
 
     stage_method(s, NULL, NULL);
     stage_render(s);
-    OK(pt_scene_create(s->r, &shape, knobs, &scene));
+    OK(pt_scene_create(pell_renderer_services(s->r), knobs, &scene));
     return scene;
 }
 

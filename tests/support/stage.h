@@ -16,6 +16,7 @@ struct stage {
     struct kept_messages kept;
     struct pell_context *ctx;
     struct pell_scene *scene;
+    struct pell_device *device;
     struct pell_renderer *r;
     struct pell_settings settings;
     struct pell_picture picture;
@@ -37,13 +38,14 @@ enum { SHOT_R, SHOT_G, SHOT_B, SHOT_A, SHOT_SHOWN, SHOT_MULTIPLE = 4, SHOT_TRANS
 
 static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
 {
-    const struct pell_renderer_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
+    const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
 
     memset(s, 0, sizeof(*s));
     s->ctx = test_context(NULL, &s->kept);
     assert_non_null(s->ctx);
     OK(pell_scene_create(s->ctx, &s->scene));
-    OK(pell_renderer_create(s->ctx, &params, &s->r));
+    OK(pell_device_create(s->ctx, &params, &s->device));
+    OK(pell_renderer_create(s->device, &s->r));
     pell_knobs_default(pell_settings_knobs, &s->settings);
     s->settings.width = width;
     s->settings.height = height;
@@ -60,6 +62,7 @@ static inline void stage_start(struct stage *s, int width, int height)
 static inline void stage_finish(struct stage *s)
 {
     pell_renderer_destroy(&s->r);
+    pell_device_destroy(&s->device);
     pell_scene_destroy(&s->scene);
     pell_context_destroy(&s->ctx);
 }

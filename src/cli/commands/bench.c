@@ -64,10 +64,13 @@ static enum pell_result bare_rays(struct session *s, struct rows *rows, int repe
 /* The same frame by another number of threads, in the same run. */
 static enum pell_result one_thread(struct cli *cli, struct session *s, int repeats, double *ms)
 {
+    struct pell_device *device = NULL;
     struct pell_renderer *r = NULL;
     struct pell_picture p;
-    enum pell_result res = pell_renderer_create(cli->ctx, &(struct pell_renderer_params) { .threads = 1 }, &r);
+    enum pell_result res = pell_device_create(cli->ctx, &(struct pell_device_params) { .threads = 1 }, &device);
 
+    if (res == PELL_OK)
+        res = pell_renderer_create(device, &r);
     if (res == PELL_OK)
         res = pell_renderer_set_scene(r, s->scene);
     if (res == PELL_OK)
@@ -77,6 +80,7 @@ static enum pell_result one_thread(struct cli *cli, struct session *s, int repea
     if (res == PELL_OK)
         res = warm_frames(cli, s, r, repeats, ms, NULL);
     pell_renderer_destroy(&r);
+    pell_device_destroy(&device);
     return res;
 }
 
@@ -97,7 +101,7 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
     double cold, warm, one, far;
     enum pell_result res;
 
-    cli->progress.parts = 2 + repeats * (pell_renderer_threads(s->renderer) > 1 ? 4 : 3);
+    cli->progress.parts = 2 + repeats * (pell_device_threads(s->device) > 1 ? 4 : 3);
     PELL_TRY(bench_frame(s->renderer, &s->settings, &p));
     cold = 1e3 * p.seconds;
     *rect = p.rect;
@@ -105,7 +109,7 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
     PELL_TRY(bare_rays(s, rows, repeats));
     bench_add(rows, "frame", warm);
     bench_add(rows, "frame cold", cold);
-    if (pell_renderer_threads(s->renderer) > 1) {
+    if (pell_device_threads(s->device) > 1) {
         PELL_TRY(one_thread(cli, s, repeats, &one));
         if ((r = bench_add(rows, "frame by one thread", one))) {
             r->ratio = one / warm;
@@ -212,8 +216,8 @@ static double covered(const struct session *s, const struct rows *rows)
 static enum exit_code answer(struct cli *cli, const struct session *s, const char *what, const struct rows *rows,
                              const struct pell_rect *rect)
 {
-    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
-    const int threads = pell_renderer_threads(s->renderer);
+    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_device_engine(s->device));
+    const int threads = pell_device_threads(s->device);
     json_t *facts = json_pack("{s:s,s:s,s:i,s:i,s:i,s:i,s:f,s:[i,i,i,i]}", "method", method, "engine", engine, "threads", threads, "width",
                               s->settings.width, "height", s->settings.height, "msaa", s->settings.msaa, "covered", covered(s, rows),
                               "rect", rect->x0, rect->y0, rect->x1, rect->y1);

@@ -196,18 +196,18 @@ static enum exit_code info_json(struct cli *cli, const char *device, int threads
 enum exit_code command_info(struct cli *cli)
 {
     const char *levels[PELL_SIMD_LEVELS + 1] = { NULL };
-    struct pell_renderer_params params = { .threads = cli->numbers.threads };
-    struct pell_renderer *r;
+    struct pell_device_params params = { .threads = cli->numbers.threads };
+    struct pell_device *engine;
     char value[64], device[160];
     enum exit_code code = cli_engine(cli, &params.engine);
     int threads;
 
     if (code == EXIT_OK)
-        code = cli_failed(cli, pell_renderer_create(cli->ctx, &params, &r));
+        code = cli_failed(cli, pell_device_create(cli->ctx, &params, &engine));
     if (code != EXIT_OK)
         return code;
-    threads = pell_renderer_threads(r);
-    pell_renderer_destroy(&r);
+    threads = pell_device_threads(engine);
+    pell_device_destroy(&engine);
     cli_device_name(device, sizeof(device));
     for (int i = 0; i <= (int) pell_simd_best(); i++)
         levels[i] = pell_simd_name((enum pell_simd_level) i);

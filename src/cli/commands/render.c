@@ -262,8 +262,8 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
 {
     const struct session *s = &job->session;
     const struct pell_picture *p = &job->picture;
-    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_renderer_engine(s->renderer));
-    const int threads = pell_renderer_threads(s->renderer);
+    const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_device_engine(s->device));
+    const int threads = pell_device_threads(s->device);
     char shown[256];
     json_t *o;
 

@@ -67,7 +67,7 @@ static const struct pell_knob *find_knob(const struct pell_method *method, const
 
 static bool on_engine(const struct session *s, const struct pell_method *method)
 {
-    return pell_renderer_engine(s->renderer) == PELL_ENGINE_VULKAN ? method->vulkan != NULL : method->cpu != NULL;
+    return pell_device_engine(s->device) == PELL_ENGINE_VULKAN ? method->vulkan != NULL : method->cpu != NULL;
 }
 
 /* Two labels may give one name of a file. */
@@ -403,7 +403,7 @@ static json_t *describe(const struct job *job, const struct run *run, const stru
                                         : "truth",
                      "title", m ? m->title : "No scattering: light leaves where it enters", "cite",
                      m ? m->cite : "J. H. Lambert, Photometria, 1760", "limits", m ? m->limits : "For comparison.", "knobs",
-                     cli_text(knobs), "engine", pell_engine_name(pell_renderer_engine(job->session.renderer)), "seconds", run->seconds,
+                     cli_text(knobs), "engine", pell_engine_name(pell_device_engine(job->session.device)), "seconds", run->seconds,
                      "cpu_seconds", run->cpu_seconds, "stages", session_stages(p), "mixes", (int) run->mixes);
 }
 
@@ -465,7 +465,7 @@ fail:
 static json_t *run_json(const struct job *job, const struct run *run)
 {
     json_t *o = json_pack("{s:o,s:s,s:f,s:f,s:O}", "name", cli_text(run->label), "engine",
-                          pell_engine_name(pell_renderer_engine(job->session.renderer)), "seconds", run->seconds, "cpu_seconds",
+                          pell_engine_name(pell_device_engine(job->session.device)), "seconds", run->seconds, "cpu_seconds",
                           run->cpu_seconds, "stages", json_object_get(run->shown, "stages"));
     return o;
 }
@@ -516,7 +516,7 @@ static json_t *answer_json(struct cli *cli, struct job *job)
     o = json_pack("{s:O,s:O,s:i,s:i,s:I,s:f,s:f,s:f,s:i,s:O}", "reference", references[0], "methods", job->methods, "width", job->width,
                   "height", job->height, "translucent_pixels", (json_int_t) job->translucent, "ppd", (double) job->params.ppd, "floor",
                   (double) job->params.floor, "load_seconds", job->session.load_seconds, "threads",
-                  pell_renderer_threads(job->session.renderer), "warnings", cli->warnings);
+                  pell_device_threads(job->session.device), "warnings", cli->warnings);
     if (!o)
         return NULL;
     json_object_update(o, json_object_get(job->shown_as, view_names[PART])); /* exposure, white, hdr_exposures */
@@ -547,7 +547,7 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
     data = json_pack("{s:s,s:o,s:s,s:O,s:o,s:O,s:b,s:o,s:o,s:i,s:I,s:f,s:o}", "kind", "scene", "title",
                      cli_text(pell_path_name(cli->arguments[0])), "command", cli->command_line, "views", job->views, "pictures", pictures,
                      "warnings", cli->warnings, "display", 0, "settings", cli_text(settings), "device", cli_text(device), "threads",
-                     pell_renderer_threads(s->renderer), "translucent_pixels", (json_int_t) job->translucent, "load_seconds",
+                     pell_device_threads(s->device), "translucent_pixels", (json_int_t) job->translucent, "load_seconds",
                      s->load_seconds, "material", cli_text(cli->material ? pell_path_name(cli->material) : ""));
     res = !data ? PELL_ERR_NOMEM : !path ? PELL_ERR_INVALID : report_write(job->report, data, path);
     json_decref(data);
@@ -676,12 +676,12 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
         leave_out(job);
     if (code == EXIT_OK && job->num_runs == job->num_references)
         code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, "--methods", "name one", "no method runs on engine %s",
-                                          pell_engine_name(pell_renderer_engine(s->renderer))));
+                                          pell_engine_name(pell_device_engine(s->device))));
     for (size_t i = 0; i < job->num_runs && code == EXIT_OK; i++) {
         code = configure(cli, job, s->scene, &job->runs[i]);
         if (code == EXIT_OK && job->runs[i].method && !on_engine(s, job->runs[i].method))
             code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, job->runs[i].label, NULL, "has no engine %s",
-                                              pell_engine_name(pell_renderer_engine(s->renderer))));
+                                              pell_engine_name(pell_device_engine(s->device))));
     }
     if (code == EXIT_OK) {
         s->settings.layers = true;

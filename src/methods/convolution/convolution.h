@@ -91,7 +91,7 @@ struct conv_behind {
 };
 
 struct conv_sources {
-    struct pell_renderer *r;
+    const struct pell_services *services;
     const struct conv_kernels *kernels;
     const struct pell_bodies *bodies; /* NULL: no scene, materials are groups */
     const struct pell_frame *in;

@@ -8,8 +8,8 @@
 #include "base/pool.h"
 #include "base/simd.h"
 #include "math/vec.h"
+#include "render/engine.h"
 #include "render/material_id.h"
-#include "render/renderer.h"
 
 #include <string.h>
 
@@ -53,7 +53,7 @@ static int round_up(int n, int multiple)
     return (n + multiple - 1) / multiple * multiple;
 }
 
-static enum pell_result make_materials(struct convolution_state *st, const struct pell_frame *shape)
+static enum pell_result make_materials(struct convolution_state *st, const struct pell_frame_shape *shape)
 {
     st->materials = shape->materials;
     st->num_materials = shape->num_materials;
@@ -67,7 +67,7 @@ static enum pell_result make_materials(struct convolution_state *st, const struc
     return PELL_OK;
 }
 
-static enum pell_result make_sources(struct convolution_state *st, const struct pell_frame *shape)
+static enum pell_result make_sources(struct convolution_state *st, const struct pell_frame_shape *shape)
 {
     struct conv_front *f = &st->sources.front;
     struct conv_behind *b = &st->sources.behind;
@@ -117,7 +117,7 @@ static bool is_even(const struct convolution_state *st)
     return st->knobs.borders == CONV_BORDERS_EVEN || (st->knobs.borders == CONV_BORDERS_AUTO && st->knobs.surfaces == 1);
 }
 
-static enum pell_result make_images(struct convolution_state *st, const struct pell_frame *shape)
+static enum pell_result make_images(struct convolution_state *st, const struct pell_frame_shape *shape)
 {
     const int width = (shape->width + 2 * st->step - 2) / st->step + 1, height = (shape->height + 2 * st->step - 2) / st->step + 1;
     const int across = pell_fft_good(2 * width, CONV_MULTIPLE), down = pell_fft_good(2 * height, CONV_MULTIPLE);
@@ -161,18 +161,19 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     return PELL_OK;
 }
 
-static enum pell_result convolution_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result convolution_create(const struct pell_services *services, const struct pell_frame_shape *shape,
+                                           const void *knobs, void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     struct convolution_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
 
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
-    st->pool = pell_renderer_pool(r);
+    st->pool = services->pool;
     st->kernels = convolution_kernels_tables[pell_simd_best()];
     st->knobs = *(const struct convolution_knobs *) knobs;
     st->step = 1 << st->knobs.resolution;
@@ -183,14 +184,14 @@ static enum pell_result convolution_create(struct pell_renderer *r, const struct
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%lld pixels with the rows' ends, at most %d",
                           (long long) shape->stride * shape->height, INT32_MAX);
     if (st->knobs.surfaces > 1)
-        PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+        PELL_TRY(pell_services_bodies(services, &st->bodies));
     if ((st->bodies ? st->bodies->count : shape->num_materials) >= UINT16_MAX) /* groups are kept in 16 bits, 0 is none */
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", "join objects, or use hierarchical", "%zu bodies, at most %d",
                           st->bodies ? st->bodies->count : shape->num_materials, UINT16_MAX - 1);
     PELL_TRY(make_materials(st, shape));
     PELL_TRY(make_sources(st, shape));
     PELL_TRY(make_images(st, shape));
-    st->sources.r = r;
+    st->sources.services = services;
     st->sources.bodies = st->bodies;
     st->sources.kernels = st->kernels;
     return PELL_OK;
@@ -210,7 +211,7 @@ static void group_row(void *arg, int index, int worker)
 
     (void) worker;
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
-        const ptrdiff_t i = y * in->stride + x;
+        const ptrdiff_t i = y * in->shape.stride + x;
         group[x] = pell_material_id(in, i);
         if (group[x] && st->bodies)
             group[x] = in->mesh[i] < st->bodies->num_meshes ? (uint16_t) (st->bodies->of_mesh[in->mesh[i]] + 1) : 0;
@@ -349,7 +350,7 @@ static enum pell_result convolution_render(void *state, const struct pell_frame 
     pell_pool_run(st->pool, in->rect.y1 - in->rect.y0, front_row, st);
     note_time(st, CONV_T_AREAS, &clock, (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0),
               (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0) * 24);
-    if (st->sources.behind.layers > 0 && pell_renderer_begins(st->r))
+    if (st->sources.behind.layers > 0 && in->first)
         find_behind(st);
     memset(st->there, 0, st->num_groups + 1);
     for (int y = in->rect.y0; y < in->rect.y1; y++)
@@ -376,5 +377,5 @@ static size_t convolution_times(const void *state, struct pell_pass_time *list, 
 }
 
 const struct pell_method_engine pell_convolution_cpu = {
-    .create = convolution_create, .render = convolution_render, .destroy = convolution_destroy, .times = convolution_times
+    .create = convolution_create, .record = convolution_render, .destroy = convolution_destroy, .times = convolution_times
 };

@@ -65,7 +65,7 @@ static void divide_row(const struct convolution_state *st, int y, const float *s
     const struct conv_radial *r = &j->radial[j->channel];
 
     for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++) {
-        const ptrdiff_t at = y * st->sources.front.stride + x, to = y * j->in->stride + x;
+        const ptrdiff_t at = y * st->sources.front.stride + x, to = y * j->in->shape.stride + x;
         const float even = st->even[at];
         float m;
         if (st->sources.front.group[at] != j->group + 1)
@@ -85,7 +85,7 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     const int width = rect->x1 - rect->x0;
     const ptrdiff_t at = y * f->stride + rect->x0;
     const uint16_t own = (uint16_t) (j->group + 1), *group = f->group + at;
-    float *out = j->even ? st->even + at : j->divide ? sum : j->out->light[j->channel] + y * j->in->stride + rect->x0;
+    float *out = j->even ? st->even + at : j->divide ? sum : j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
     int x0, x1;
 
     find_reached(st, y, &x0, &x1);

@@ -36,9 +36,9 @@ static void extent_row(void *arg, int index, int worker)
         e.rect.x0 = e.pixels ? e.rect.x0 : x;
         e.rect.x1 = x + 1;
         e.pixels++;
-        add_depth(&e, in->depth[y * in->stride + x]);
+        add_depth(&e, in->depth[y * in->shape.stride + x]);
         for (int c = 0; c < 3; c++) {
-            const float light = in->irradiance[c][y * in->stride + x];
+            const float light = in->irradiance[c][y * in->shape.stride + x];
             e.brightest[c] = light > e.brightest[c] ? light : e.brightest[c];
         }
     }
@@ -84,7 +84,7 @@ void convolution_find_extent(struct convolution_state *st)
 
 static float pixel_at(const struct pell_frame *in, float depth)
 {
-    return (in->orthographic ? 1.0f : depth) / in->focal_px;
+    return (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
 }
 
 /* The depths under which 1/n, 2/n .. of the surface are, mixed with equal ones. */
@@ -101,7 +101,7 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
     for (int y = e->rect.y0; y < e->rect.y1; y++)
         for (int x = e->rect.x0; x < e->rect.x1; x++)
             if (st->sources.front.group[y * st->sources.front.stride + x] == st->job.group + 1)
-                count[(int) (conv_clamp((in->depth[y * in->stride + x] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += 1.0;
+                count[(int) (conv_clamp((in->depth[y * in->shape.stride + x] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += 1.0;
     for (size_t i = 0; i < (size_t) b->layers * (size_t) b->width * (size_t) b->height; i++)
         if (b->group[i] == st->job.group + 1)
             count[(int) (conv_clamp((b->depth[i] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += (double) (b->step * b->step);
@@ -196,7 +196,7 @@ void convolution_measure_behind(struct convolution_state *st)
                     continue;
                 p = f->place[at];
                 q = b->place[i];
-                distance = b->depth[i] - j->in->depth[y * j->in->stride + x];
+                distance = b->depth[i] - j->in->depth[y * j->in->shape.stride + x];
                 for (int l = (int) p; l <= (int) p + 1 && l < n; l++) {
                     const float w = (1.0f - fabsf(p - (float) l)) * (1.0f - fabsf(q - (float) l));
                     const double bin = fmin(fmax((double) distance / widest * BINS - 0.5, 0.0), BINS - 1.001), part = bin - floor(bin);
@@ -239,7 +239,7 @@ static void place_row(void *arg, int index, int worker)
     (void) worker;
     for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++)
         if (f->group[y * f->stride + x] == j->group + 1) {
-            const float place = find_place(&j->layout, in->depth[y * in->stride + x]);
+            const float place = find_place(&j->layout, in->depth[y * in->shape.stride + x]);
             f->place[y * f->stride + x] = place;
             seen |= 1u << (int) place;
         }

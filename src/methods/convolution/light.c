@@ -18,7 +18,7 @@ struct buffers {
 
 static struct buffers buffers_of(const struct convolution_state *st, int worker)
 {
-    const size_t size = (size_t) st->job.in->width + 16;
+    const size_t size = (size_t) st->job.in->shape.width + 16;
     float *first = st->scratch[worker];
 
     return (struct buffers){ first, first + size, first + 2 * size, first + 3 * size, first + 4 * size, first + 5 * size };
@@ -48,7 +48,7 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
         to->over[i] = before ? fminf(lean, to->far[x - rect->x0]) : lean;
         to->behind[i] = is ? b->place[at + (size_t) i] : 0.0f;
         to->front[i] = before ? f->place[pixel] : 0.0f;
-        to->distance[i] = before ? fmaxf(b->depth[at + (size_t) i] - j->in->depth[y * j->in->stride + x], 0.0f) : -1.0f;
+        to->distance[i] = before ? fmaxf(b->depth[at + (size_t) i] - j->in->depth[y * j->in->shape.stride + x], 0.0f) : -1.0f;
     }
     if (!j->behind || j->layout.planes == 1)
         for (int c = 0; c < 3; c++)
@@ -149,7 +149,7 @@ static void set_edges(struct convolution_state *st, int c)
         .area = f->area,
         .enters = f->enters[c],
         .leaves = f->leaves[c],
-        .stride = j->in->stride,
+        .stride = j->in->shape.stride,
         .group_stride = f->stride,
         .x0 = j->extent.rect.x0,
         .y0 = j->extent.rect.y0,
@@ -158,8 +158,8 @@ static void set_edges(struct convolution_state *st, int c)
         .own = (uint16_t) (j->group + 1),
         .planes = lay->planes,
         .per_spacing = spacing > 0.0f ? 1.0f / spacing : 0.0f,
-        .parallel = j->in->orthographic,
-        .pixel2 = 1.0f / (j->in->focal_px * j->in->focal_px),
+        .parallel = j->in->shape.orthographic,
+        .pixel2 = 1.0f / (j->in->shape.focal_px * j->in->shape.focal_px),
         .flat2 = 0.01f * r->median2,
         .value = r->value,
         .per_median2 = r->per_median2,
@@ -240,7 +240,7 @@ static void spread_front(const struct convolution_state *st, const struct band *
         const ptrdiff_t at = py * f->stride + j->x0;
         s.x1 = is ? rect->x1 - j->x0 : 0;
         st->kernels->spread(&s, f->group + at, f->place + at, f->enters[j->channel] + at,
-                            j->even ? NULL : j->in->irradiance[j->channel] + py * j->in->stride + j->x0,
+                            j->even ? NULL : j->in->irradiance[j->channel] + py * j->in->shape.stride + j->x0,
                             to->images + (y - to->y0) * j->stride, to->marks, ends);
     }
     widen_row(to, ends, y);

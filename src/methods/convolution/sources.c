@@ -7,7 +7,7 @@
 #include "methods/convolution/convolution.h"
 
 #include "math/vec.h"
-#include "render/renderer.h"
+#include "render/services.h"
 
 #include <string.h>
 
@@ -16,7 +16,7 @@
 /* mm that a pixel is wide. */
 static float pixel_at(const struct pell_frame *in, float depth)
 {
-    return (in->orthographic ? 1.0f : depth) / in->focal_px;
+    return (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
 }
 
 /* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the eye from the side of the picture. */
@@ -35,17 +35,17 @@ struct conv_depths convolution_depths(const struct conv_sources *s, float median
     return (struct conv_depths){
         .depth = in->depth,
         .group = s->front.group,
-        .stride = in->stride,
+        .stride = in->shape.stride,
         .group_stride = s->front.stride,
         .x0 = in->rect.x0,
         .y0 = in->rect.y0,
         .x1 = in->rect.x1,
         .y1 = in->rect.y1,
-        .parallel = in->orthographic,
-        .focal_px = in->focal_px,
-        .middle_x = 0.5f * (float) in->width,
-        .middle_y = 0.5f * (float) in->height,
-        .median_px = median * in->focal_px,
+        .parallel = in->shape.orthographic,
+        .focal_px = in->shape.focal_px,
+        .middle_x = 0.5f * (float) in->shape.width,
+        .middle_y = 0.5f * (float) in->shape.height,
+        .median_px = median * in->shape.focal_px,
     };
 }
 
@@ -72,13 +72,13 @@ void convolution_front_row(const struct conv_sources *s, int y)
     const struct pell_frame *in = s->in;
     const struct conv_front *f = &s->front;
     const struct pell_view *v = &s->view;
-    const struct pell_scene *scene = s->bodies ? pell_renderer_scene(s->r) : NULL;
+    const struct pell_scene *scene = s->bodies ? s->services->scene : NULL;
     const struct conv_depths depths = convolution_depths(s, 0.0f);
     uint32_t mesh = PELL_NO_HIT, triangle = 0;
     float across = 0.0f, first = 0.0f; /* n . d of the triangle: linear along the row */
 
     for (int x = in->rect.x0; x < in->rect.x1 && s->bodies; x++) {
-        const ptrdiff_t at = y * in->stride + x, to = y * f->stride + x;
+        const ptrdiff_t at = y * in->shape.stride + x, to = y * f->stride + x;
         if (!f->group[to])
             continue;
         if (in->mesh[at] != mesh || in->triangle[at] != triangle) {
@@ -101,10 +101,10 @@ void convolution_front_row(const struct conv_sources *s, int y)
 /* Sets the view and how far away rays start. */
 void convolution_sources_aim(struct conv_sources *s)
 {
-    const struct pell_scene *scene = pell_renderer_scene(s->r);
+    const struct pell_scene *scene = s->services->scene;
     float far = 0.0f, size = 0.0f;
 
-    s->view = *pell_renderer_eye(s->r);
+    s->view = *s->in->view;
     for (int i = 0; i < 8; i++) {
         const struct pell_vec3 corner =
             vec3(i & 1 ? scene->bounds_max[0] : scene->bounds_min[0], i & 2 ? scene->bounds_max[1] : scene->bounds_min[1],
@@ -129,7 +129,7 @@ static float cell_middle(const struct conv_behind *b, int cell)
 }
 
 static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, float depth,
-                       const struct pell_points_light *light, int32_t body)
+                       const struct pell_points16_light *light, int32_t body)
 {
     const struct conv_behind *b = &s->behind;
     const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
@@ -158,8 +158,8 @@ static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, 
         return true;
     for (int y = y0 > in->rect.y0 ? y0 : in->rect.y0; y < y0 + n && y < in->rect.y1; y++)
         for (int x = x0 > in->rect.x0 ? x0 : in->rect.x0; x < x0 + n && x < in->rect.x1; x++)
-            if (s->front.group[y * s->front.stride + x] && in->mesh[y * in->stride + x] == hit->hit.mesh[i] &&
-                in->triangle[y * in->stride + x] == hit->hit.triangle[i])
+            if (s->front.group[y * s->front.stride + x] && in->mesh[y * in->shape.stride + x] == hit->hit.mesh[i] &&
+                in->triangle[y * in->shape.stride + x] == hit->hit.triangle[i])
                 return true;
     return false;
 }
@@ -187,8 +187,8 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
     }
     for (int layer = 0; layer < b->layers; layer++) {
-        struct pell_points points;
-        struct pell_points_light light;
+        struct pell_points16 points;
+        struct pell_points16_light light;
         float depth[16], spacing = 0.0f;
         int there = 0;
         for (int i = 0; i < 16; i++) {
@@ -196,7 +196,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
             hit.hit.mesh[i] = PELL_NO_HIT;
             rays += open[i] != 0;
         }
-        pell_rays_closest16(pell_renderer_rays(s->r), open, true, &hit);
+        pell_rays_closest16(s->services->rays, open, true, &hit);
         for (int i = 0; i < 16; i++) {
             bool is = open[i] && hit.hit.mesh[i] < s->bodies->num_meshes;
             depth[i] = s->far_depth - hit.ray.tfar[i];
@@ -213,8 +213,10 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         }
         if (there == 0)
             break;
-        pell_renderer_light(s->r, &points, -1.0f, spacing / (float) there, 0, pell_renderer_samples(s->r), &light);
-        rays += light.rays;
+        rays += (int) pell_services_light16(
+            s->services,
+            &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples }, &points,
+            NULL, 16, &light);
         for (int i = 0; i < c->count; i++)
             if (open[i] && light.there[i] && s->bodies->of_mesh[points.mesh[i]] >= 0)
                 put_sample(s, c, i, layer, cell_y, depth[i], &light, s->bodies->of_mesh[points.mesh[i]]);
@@ -232,7 +234,7 @@ static float front_of(const struct conv_sources *s, int cell_x, int cell_y)
     for (int y = y0; y < y0 + n && y < in->rect.y1; y++)
         for (int x = x0; x < x0 + n && x < in->rect.x1; x++)
             if (y >= in->rect.y0 && x >= in->rect.x0 && s->front.group[y * s->front.stride + x])
-                front = in->depth[y * in->stride + x] > front ? in->depth[y * in->stride + x] : front;
+                front = in->depth[y * in->shape.stride + x] > front ? in->depth[y * in->shape.stride + x] : front;
     return front;
 }
 

@@ -31,7 +31,7 @@ struct conv_extent {
 };
 
 struct convolution_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pell_pool *pool;
     const struct conv_kernels *kernels;

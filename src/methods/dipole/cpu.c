@@ -17,7 +17,7 @@
 #include "methods/dipole/dipole.h"
 
 #include "math/vec.h"
-#include "render/renderer.h"
+#include "render/engine.h"
 #include "transport/rqmc.h"
 
 #include <string.h>
@@ -47,7 +47,7 @@ struct counts {
 };
 
 struct dipole_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct dipole_knobs knobs;
     struct pell_bodies *bodies;
@@ -68,8 +68,9 @@ struct pixel {
     double near_probes, near_areas; /* samples of each way in a round */
     uint32_t seed;
     double sum[TOGETHER][3];
-    struct pell_points points[POINTS / 16 + 1];
-    uint8_t round[POINTS + 16];
+    uint32_t mesh[POINTS], triangle[POINTS], pattern[POINTS]; /* of the points that wait */
+    float u[POINTS], v[POINTS];
+    uint8_t round[POINTS];
     int count;
     struct counts *counts;
 };
@@ -101,38 +102,43 @@ static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec
 /* Lights the points that wait and adds what they bring to their rounds. */
 static void settle(struct pixel *p)
 {
-    for (int first = 0; first < p->count; first += 16) {
-        struct pell_points *points = &p->points[first / 16];
-        struct pell_points_light light;
-        for (int i = p->count - first; i < 16; i++)
-            points->mesh[i] = PELL_NO_HIT;
-        pell_renderer_light(p->st->r, points, -1.0f, (float) p->body->spacing, 0, 1, &light);
-        for (int i = 0; i < 16 && first + i < p->count; i++) {
-            const struct pell_vec3 y = vec3(light.position[0][i], light.position[1][i], light.position[2][i]);
-            const struct pell_vec3 n = vec3(light.normal[0][i], light.normal[1][i], light.normal[2][i]), to = vec3_sub(y, p->at);
-            double r, samples;
-            if (!light.there[i] || !(light.irradiance[0][i] + light.irradiance[1][i] + light.irradiance[2][i] > 0.0f))
-                continue;
-            samples = density(p, y, n);
-            r = sqrt((double) vec3_dot(to, to)) / p->strength;
-            for (int c = 0; samples > 0.0 && c < 3; c++)
-                p->sum[p->round[first + i]][c] += p->body->scale[c] * pell_profile_eval(&p->body->profile[c], fmax(r, 1e-9)) *
-                                                  (double) light.irradiance[c][i] / (samples * p->strength * p->strength);
-        }
+    float position[3][POINTS], normal[3][POINTS], irradiance[3][POINTS];
+    bool there[POINTS];
+    const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->pattern, NULL };
+    const struct pell_surface_light out = {
+        .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
+        .position = { position[0], position[1], position[2] },
+        .normal = { normal[0], normal[1], normal[2] },
+        .there = there,
+    };
+
+    pell_services_light_points(p->st->services,
+                               &(struct pell_points_params) { .mix = -1.0f, .spacing = (float) p->body->spacing, .samples = 1 }, &in,
+                               (size_t) p->count, &out);
+    for (int i = 0; i < p->count; i++) {
+        const struct pell_vec3 y = vec3(position[0][i], position[1][i], position[2][i]);
+        const struct pell_vec3 n = vec3(normal[0][i], normal[1][i], normal[2][i]), to = vec3_sub(y, p->at);
+        double r, samples;
+        if (!there[i] || !(irradiance[0][i] + irradiance[1][i] + irradiance[2][i] > 0.0f))
+            continue;
+        samples = density(p, y, n);
+        r = sqrt((double) vec3_dot(to, to)) / p->strength;
+        for (int c = 0; samples > 0.0 && c < 3; c++)
+            p->sum[p->round[i]][c] += p->body->scale[c] * pell_profile_eval(&p->body->profile[c], fmax(r, 1e-9)) *
+                                      (double) irradiance[c][i] / (samples * p->strength * p->strength);
     }
     p->count = 0;
 }
 
 static void add_point(struct pixel *p, int round, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t number)
 {
-    struct pell_points *points = &p->points[p->count / 16];
-    const int i = p->count % 16;
+    const int i = p->count;
 
-    points->mesh[i] = mesh;
-    points->triangle[i] = triangle;
-    points->u[i] = u;
-    points->v[i] = v;
-    points->number[i] = number;
+    p->mesh[i] = mesh;
+    p->triangle[i] = triangle;
+    p->u[i] = u;
+    p->v[i] = v;
+    p->pattern[i] = number;
     p->round[p->count++] = (uint8_t) round;
     if (p->count == POINTS)
         settle(p);
@@ -175,7 +181,7 @@ static void send_probes(struct pixel *p, int round, uint32_t seed)
         open[i] = -1;
     }
     for (int k = 0; left > 0; k++) {
-        pell_rays_closest16(pell_renderer_rays(p->st->r), open, false, &r);
+        pell_rays_closest16(p->st->services->rays, open, false, &r);
         left = 0;
         for (int i = 0; i < PROBES; i++) {
             if (!open[i])
@@ -267,7 +273,7 @@ struct frame_task {
 };
 
 static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, struct pell_vec3 normal, int32_t body, float strength,
-                        struct pixel *p)
+                        uint32_t seed, struct pixel *p)
 {
     const int sampling = st->knobs.sampling;
 
@@ -281,7 +287,7 @@ static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, stru
     p->strength = fmin((double) strength, 1.0);
     p->near_probes = sampling == DI_AREA ? 0.0 : PROBES;
     p->near_areas = sampling == DI_AREA ? PROBES : sampling == DI_BOTH ? AREAS : 0.0;
-    p->seed = pell_place_seed(at, pell_renderer_seed(st->r));
+    p->seed = pell_place_seed(at, seed);
     p->count = 0;
 }
 
@@ -291,7 +297,7 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
     int32_t body[16];
     struct pixel p;
 
-    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), in, at, count, body);
+    pell_bodies_find(t->st->bodies, t->st->services->rays, in, at, count, body);
     p.counts = counts;
     for (int i = 0; i < count && !pell_cancelled(t->st->ctx); i++) {
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
@@ -299,7 +305,7 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
         if (body[i] >= 0 && t->st->bodies->bodies[body[i]].num_triangles > 0) {
             start_pixel(t->st, vec3(in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]]),
                         vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), body[i],
-                        t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, &p);
+                        t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, in->seed, &p);
             estimate(&p, own, light, noise);
         }
         for (int c = 0; c < 3; c++) {
@@ -313,7 +319,7 @@ static void do_row(void *arg, int index, int worker)
 {
     const struct frame_task *t = arg;
     const struct pell_rect r = t->in->rect;
-    const ptrdiff_t row = (r.y0 + t->first + index) * t->in->stride;
+    const ptrdiff_t row = (r.y0 + t->first + index) * t->in->shape.stride;
     ptrdiff_t at[16];
     int n = 0;
 
@@ -335,13 +341,13 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
     struct dipole_state *st = state;
     struct frame_task t = { st, in, out, 0 };
     struct counts sum = { 0 };
-    const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(pell_renderer_pool(st->r));
+    const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
 
-    memset(st->noise[0], 0, 3 * (size_t) in->stride * (size_t) in->height * sizeof(float));
+    memset(st->noise[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
     for (t.first = 0; t.first < rows; t.first += BATCH) {
-        pell_pool_run(pell_renderer_pool(st->r), rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
+        pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         pell_progress(st->ctx, "dipole", fmin(1.0, (double) (t.first + BATCH) / rows));
@@ -375,9 +381,10 @@ static void dipole_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static enum pell_result dipole_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result dipole_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                      void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
     struct dipole_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
@@ -385,13 +392,13 @@ static enum pell_result dipole_create(struct pell_renderer *r, const struct pell
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct dipole_knobs *) knobs;
-    PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+    PELL_TRY(pell_services_bodies(services, &st->bodies));
     res = PELL_ERR_NOMEM;
     st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
-    st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(pell_renderer_pool(r)), sizeof(*st->counts));
+    st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));
     st->noise[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
     if (!st->body || !st->counts || !st->noise[0])
         goto fail;
@@ -434,5 +441,5 @@ static bool dipole_noise(const void *state, const float *planes[3])
 }
 
 const struct pell_method_engine pell_dipole_cpu = {
-    .create = dipole_create, .render = dipole_render, .destroy = dipole_destroy, .times = dipole_times, .noise = dipole_noise
+    .create = dipole_create, .record = dipole_render, .destroy = dipole_destroy, .times = dipole_times, .noise = dipole_noise
 };

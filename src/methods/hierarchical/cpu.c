@@ -17,13 +17,13 @@
 #include "methods/hierarchical/hierarchical.h"
 
 #include "math/vec.h"
-#include "render/renderer.h"
+#include "render/engine.h"
 
 #include <stdio.h>
 #include <string.h>
 
 enum {
-    CHUNK = 64, /* packets of points that a thread takes at a time */
+    CHUNK = 512, /* points that a thread lights at a time */
     LEAST_SAMPLES = 16384,
     ROWS = 2,   /* of pixels that a thread takes at a time */
     BATCH = 32, /* bands between two reports of progress */
@@ -37,7 +37,7 @@ struct body {
 };
 
 struct hierarchical_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct hierarchical_knobs knobs;
     struct pell_bodies *bodies;
@@ -51,7 +51,7 @@ struct light_task {
     const struct hierarchical_state *st;
     struct hierarchical_place *places;
     struct hierarchical_sample *samples;
-    int32_t *there;
+    bool *there;
     size_t count;
     double step; /* mm^2 */
 };
@@ -59,32 +59,35 @@ struct light_task {
 static void light_chunk(void *arg, int index, int worker)
 {
     const struct light_task *t = arg;
+    const size_t first = (size_t) index * CHUNK, left = t->count - first, count = left < CHUNK ? left : CHUNK;
+    uint32_t mesh[CHUNK], triangle[CHUNK], number[CHUNK];
+    float u[CHUNK], v[CHUNK], position[3][CHUNK], normal[3][CHUNK], irradiance[3][CHUNK];
+    const struct pell_surface_points in = { mesh, triangle, u, v, number, NULL };
+    const struct pell_surface_light out = {
+        .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
+        .position = { position[0], position[1], position[2] },
+        .normal = { normal[0], normal[1], normal[2] },
+        .there = t->there + first,
+    };
+    const struct pell_points_params params = { .mix = -1.0f, .spacing = (float) sqrt(t->step),
+                                               .samples = t->st->services->settings->msaa };
 
     (void) worker;
-    for (size_t first = (size_t) index * CHUNK * 16; first < ((size_t) index + 1) * CHUNK * 16 && first < t->count; first += 16) {
-        struct pell_points p;
-        struct pell_points_light light;
-        for (size_t i = 0; i < 16; i++) {
-            const size_t k = first + i;
-            p.mesh[i] = PELL_NO_HIT;
-            p.number[i] = (uint32_t) k;
-            if (k < t->count) {
-                p.mesh[i] = t->places[k].mesh;
-                p.triangle[i] = t->places[k].triangle;
-                p.u[i] = t->places[k].u;
-                p.v[i] = t->places[k].v;
-            }
-        }
-        pell_renderer_light(t->st->r, &p, -1.0f, (float) sqrt(t->step), 0, pell_renderer_samples(t->st->r), &light);
-        for (size_t i = 0; i < 16 && first + i < t->count; i++) {
-            struct hierarchical_sample *s = &t->samples[first + i];
-            t->there[first + i] = light.there[i];
-            s->area = t->places[first + i].area;
-            for (int c = 0; c < 3; c++) {
-                s->position[c] = light.position[c][i];
-                s->normal[c] = light.normal[c][i];
-                s->power[c] = light.irradiance[c][i] * t->places[first + i].area;
-            }
+    for (size_t i = 0; i < count; i++) {
+        mesh[i] = t->places[first + i].mesh;
+        triangle[i] = t->places[first + i].triangle;
+        u[i] = t->places[first + i].u;
+        v[i] = t->places[first + i].v;
+        number[i] = (uint32_t) (first + i);
+    }
+    pell_services_light_points(t->st->services, &params, &in, count, &out);
+    for (size_t i = 0; i < count; i++) {
+        struct hierarchical_sample *s = &t->samples[first + i];
+        s->area = t->places[first + i].area;
+        for (int c = 0; c < 3; c++) {
+            s->position[c] = position[c][i];
+            s->normal[c] = normal[c][i];
+            s->power[c] = irradiance[c][i] * t->places[first + i].area;
         }
     }
 }
@@ -93,17 +96,17 @@ static enum pell_result sample_body(struct hierarchical_state *st, const struct 
                                     struct hierarchical_tree *tree)
 {
     struct light_task t = { .st = st, .count = count, .step = body->area / (double) count };
-    const int chunks = (int) ((count + CHUNK * 16 - 1) / (CHUNK * 16));
+    const int chunks = (int) ((count + CHUNK - 1) / CHUNK);
     size_t kept = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    PELL_TRY(hierarchical_places_make(st->ctx, pell_renderer_pool(st->r), pell_renderer_scene(st->r), body, count, &t.places));
+    PELL_TRY(hierarchical_places_make(st->ctx, st->services->pool, st->services->scene, body, count, &t.places));
     res = PELL_ERR_NOMEM;
     t.samples = pell_alloc_array(st->ctx, count, sizeof(*t.samples));
     t.there = pell_alloc_array(st->ctx, count, sizeof(*t.there));
     if (!t.samples || !t.there)
         goto fail;
-    pell_pool_run(pell_renderer_pool(st->r), chunks, light_chunk, &t);
+    pell_pool_run(st->services->pool, chunks, light_chunk, &t);
     res = PELL_ERR_CANCELLED;
     if (pell_cancelled(st->ctx))
         goto fail;
@@ -121,10 +124,10 @@ fail:
     return res;
 }
 
-static enum pell_result make_body(struct hierarchical_state *st, const struct pell_frame *shape, size_t number, size_t count)
+static enum pell_result make_body(struct hierarchical_state *st, const struct pell_frame_shape *shape, size_t number, size_t count)
 {
     const struct pell_body *from = &st->bodies->bodies[number];
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     struct body *b = &st->body[number];
     const struct pell_frame_material *m = &shape->materials[from->material];
     struct pell_profile *profile;
@@ -167,9 +170,10 @@ static void hierarchical_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static enum pell_result hierarchical_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result hierarchical_create(const struct pell_services *services, const struct pell_frame_shape *shape,
+                                            const void *knobs, void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     struct hierarchical_state *st = pell_zalloc(ctx, sizeof(*st));
     const double start = pell_seconds();
     double wanted = 0.0, share;
@@ -179,10 +183,10 @@ static enum pell_result hierarchical_create(struct pell_renderer *r, const struc
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct hierarchical_knobs *) knobs;
-    PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+    PELL_TRY(pell_services_bodies(services, &st->bodies));
     res = PELL_ERR_NOMEM;
     st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
     if (!st->body)
@@ -361,7 +365,7 @@ static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
     const struct pell_frame *in = t->in;
     int32_t body[16];
 
-    pell_bodies_find(t->st->bodies, pell_renderer_rays(t->st->r), in, at, count, body);
+    pell_bodies_find(t->st->bodies, t->st->services->rays, in, at, count, body);
     for (int i = 0; i < count; i++) {
         const float p[3] = { in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]] };
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
@@ -384,7 +388,7 @@ static void gather_band(void *arg, int index, int worker)
     (void) worker;
     for (int y = y0; y < y1; y++)
         for (int x = r.x0; x < r.x1; x++) {
-            const ptrdiff_t i = y * t->in->stride + x;
+            const ptrdiff_t i = y * t->in->shape.stride + x;
             if (!t->in->material[i])
                 continue;
             at[n++] = i;
@@ -405,7 +409,7 @@ static enum pell_result hierarchical_render(void *state, const struct pell_frame
     const double start = pell_seconds();
 
     for (t.first = 0; t.first < bands; t.first += BATCH) {
-        pell_pool_run(pell_renderer_pool(st->r), bands - t.first < BATCH ? bands - t.first : BATCH, gather_band, &t);
+        pell_pool_run(st->services->pool, bands - t.first < BATCH ? bands - t.first : BATCH, gather_band, &t);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         pell_progress(st->ctx, "hierarchical", fmin(1.0, (double) (t.first + BATCH) / bands));
@@ -430,5 +434,5 @@ static size_t hierarchical_times(const void *state, struct pell_pass_time *times
 }
 
 const struct pell_method_engine pell_hierarchical_cpu = {
-    .create = hierarchical_create, .render = hierarchical_render, .destroy = hierarchical_destroy, .times = hierarchical_times
+    .create = hierarchical_create, .record = hierarchical_render, .destroy = hierarchical_destroy, .times = hierarchical_times
 };

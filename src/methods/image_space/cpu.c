@@ -6,8 +6,8 @@
 
 #include "base/simd.h"
 #include "math/vec.h"
+#include "render/engine.h"
 #include "render/material_id.h"
-#include "render/renderer.h"
 
 #include <string.h>
 
@@ -17,7 +17,7 @@ enum { BAND = 4, PLANES = 11 };
 #define MOST_PIXELS ((size_t) 1 << 28) /* an index of a texel's float is an int */
 
 struct is_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pell_pool *pool;
     const struct is_kernels *kernels;
@@ -87,7 +87,7 @@ static bool same_set(const struct pell_frame_material *a, const struct pell_fram
            memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0;
 }
 
-static enum pell_result make_set(struct is_state *st, const struct pell_frame *shape, size_t i, struct pell_profile *dipole)
+static enum pell_result make_set(struct is_state *st, const struct pell_frame_shape *shape, size_t i, struct pell_profile *dipole)
 {
     const struct pell_frame_material *m = &shape->materials[i];
     const double most = 0.5 * (double) shape->object_height;
@@ -113,7 +113,7 @@ fail:
     return res;
 }
 
-static enum pell_result make_sets(struct is_state *st, const struct pell_frame *shape)
+static enum pell_result make_sets(struct is_state *st, const struct pell_frame_shape *shape)
 {
     struct pell_profile *dipole = pell_calloc(st->ctx, 3, sizeof(*dipole));
     enum pell_result res = PELL_ERR_NOMEM;
@@ -131,7 +131,7 @@ fail:
     return res;
 }
 
-static enum pell_result make_planes(struct is_state *st, const struct pell_frame *shape)
+static enum pell_result make_planes(struct is_state *st, const struct pell_frame_shape *shape)
 {
     struct is_work *w = &st->work;
     const size_t stride = ((size_t) shape->width + IS_BLOCK - 1) / IS_BLOCK * IS_BLOCK + 2 * IS_MARGIN;
@@ -160,9 +160,10 @@ static enum pell_result make_planes(struct is_state *st, const struct pell_frame
     return PELL_OK;
 }
 
-static enum pell_result is_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result is_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                  void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     struct is_state *st = pell_zalloc(ctx, sizeof(*st));
     const struct is_knobs *k = knobs;
     enum pell_result res;
@@ -171,9 +172,9 @@ static enum pell_result is_create(struct pell_renderer *r, const struct pell_fra
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
-    st->pool = pell_renderer_pool(r);
+    st->pool = services->pool;
     st->kernels = pell_is_kernels_tables[pell_simd_best()];
     st->knobs = *k;
     if ((size_t) shape->width * (size_t) shape->height > MOST_PIXELS)
@@ -194,8 +195,8 @@ static enum pell_result is_create(struct pell_renderer *r, const struct pell_fra
     PELL_TRY(make_sets(st, shape));
     w->sets = st->sets;
     if (k->views == IS_VIEWS_LIGHTS) {
-        PELL_TRY(pell_renderer_bodies(r, &st->bodies));
-        PELL_TRY(is_light_views_make(r, st->bodies, k->view_size, st->light_views, &w->num_views));
+        PELL_TRY(pell_services_bodies(services, &st->bodies));
+        PELL_TRY(is_light_views_make(services, st->bodies, k->view_size, st->light_views, &w->num_views));
         w->views = st->views;
     }
     return make_planes(st, shape);
@@ -214,13 +215,13 @@ static void find_bodies(const struct is_state *st, int y)
     int count = 0;
 
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
-        if (pell_material_id(in, y * in->stride + x))
-            at[count++] = y * in->stride + x;
+        if (pell_material_id(in, y * in->shape.stride + x))
+            at[count++] = y * in->shape.stride + x;
         if (count == 0 || (count < 16 && x + 1 < in->rect.x1))
             continue;
-        pell_bodies_find(st->bodies, pell_renderer_rays(st->r), in, at, count, found);
+        pell_bodies_find(st->bodies, st->services->rays, in, at, count, found);
         for (int i = 0; i < count; i++)
-            st->body[y * st->work.texel_stride + at[i] - y * in->stride] = found[i] + 1;
+            st->body[y * st->work.texel_stride + at[i] - y * in->shape.stride] = found[i] + 1;
         count = 0;
     }
 }
@@ -270,13 +271,13 @@ static void find_shift(struct is_state *st, const struct pell_view *eye)
 
     for (int y = in->rect.y0; y < in->rect.y1; y++)
         for (int x = in->rect.x0; x < in->rect.x1; x++) {
-            const ptrdiff_t i = y * in->stride + x;
+            const ptrdiff_t i = y * in->shape.stride + x;
             struct pell_vec3 p;
             float scale;
             if (!pell_material_id(in, i))
                 continue;
             p = vec3_sub(vec3(in->position[0][i], in->position[1][i], in->position[2][i]), eye->origin);
-            scale = in->orthographic ? in->focal_px : in->focal_px / in->depth[i];
+            scale = in->shape.orthographic ? in->shape.focal_px : in->shape.focal_px / in->depth[i];
             st->work.mid_x = (float) x + 0.5f - vec3_dot(p, eye->right) * scale;
             st->work.mid_y = (float) y + 0.5f + vec3_dot(p, eye->up) * scale;
             return;
@@ -284,9 +285,9 @@ static void find_shift(struct is_state *st, const struct pell_view *eye)
 }
 
 /* The views of lights in this frame's eye's coordinates. */
-static void turn_views(struct is_state *st)
+static void turn_views(struct is_state *st, const struct pell_frame *in)
 {
-    const struct pell_view eye = *pell_renderer_eye(st->r);
+    const struct pell_view eye = *in->view;
     const struct pell_vec3 from[3] = { eye.right, vec3_mul(eye.up, -1.0f), eye.forward };
 
     find_shift(st, &eye);
@@ -326,10 +327,10 @@ static enum pell_result is_render(void *state, const struct pell_frame *in, cons
         frame.base[0] = NULL;
     w->in = &frame;
     w->out = out;
-    w->mid_x = 0.5f * (float) in->width;
-    w->mid_y = 0.5f * (float) in->height;
+    w->mid_x = 0.5f * (float) in->shape.width;
+    w->mid_y = 0.5f * (float) in->shape.height;
     if (st->bodies)
-        turn_views(st);
+        turn_views(st, in);
     memset(st->counts, 0, (size_t) bands * sizeof(*st->counts));
     for (int i = 1; i <= IS_MARGIN; i++) {
         memset(w->key + (in->rect.y0 - i) * w->stride + in->rect.x0 - IS_MARGIN, 0, width);
@@ -362,4 +363,4 @@ static size_t is_times(const void *state, struct pell_pass_time *list, size_t si
     return st->num_times < size ? st->num_times : size;
 }
 
-const struct pell_method_engine pell_is_cpu = { .create = is_create, .render = is_render, .destroy = is_destroy, .times = is_times };
+const struct pell_method_engine pell_is_cpu = { .create = is_create, .record = is_render, .destroy = is_destroy, .times = is_times };

@@ -11,6 +11,7 @@
 #include <pellucid/method.h>
 
 struct pell_bodies;
+struct pell_services;
 
 enum is_as { IS_BEST, IS_PAPER };
 enum is_sampling { IS_COMBINED, IS_SEPARATE, IS_IMPORTANCE, IS_UNIFORM };
@@ -67,7 +68,7 @@ struct is_light_view {
 };
 
 /* One view per light that is not an environment, of all translucent surfaces, keys = body + 1. The renderer lends its scene. */
-PELL_NODISCARD enum pell_result is_light_views_make(struct pell_renderer *r, const struct pell_bodies *bodies, int size,
+PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_bodies *bodies, int size,
                                                     struct is_light_view *views, int *count);
 
 extern const struct pell_method_engine pell_is_cpu;

@@ -113,13 +113,13 @@ INLINE vf within(vf x, float most)
 static void is_load(const struct is_work *w, int y)
 {
     const struct pell_frame *in = w->in;
-    const ptrdiff_t from = y * in->stride, to = y * w->stride;
+    const ptrdiff_t from = y * in->shape.stride, to = y * w->stride;
 
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
         const int m = pell_material_id(in, from + x);
         const float z = m ? in->depth[from + x] : 1.0f, safe = z > 1e-30f && z < 1e30f ? z : 1.0f;
         w->key[to + x] = m && w->body ? (float) w->body[y * w->texel_stride + x] : (float) m;
-        w->w[to + x] = in->orthographic ? safe : 1.0f / safe;
+        w->w[to + x] = in->shape.orthographic ? safe : 1.0f / safe;
     }
 }
 
@@ -138,7 +138,7 @@ INLINE vf rise(const struct is_work *w, ptrdiff_t at, ptrdiff_t step, vf key, vf
 static void is_measure(const struct is_work *w, int y)
 {
     const struct pell_frame *in = w->in;
-    const bool parallel = in->orthographic;
+    const bool parallel = in->shape.orthographic;
     const float f = w->focal_px, ty = parallel ? 0.0f : ((float) y + 0.5f - w->mid_y) / f;
 
     for (int block = in->rect.x0 & ~(IS_BLOCK - 1); block < in->rect.x1; block += IS_BLOCK) {
@@ -176,7 +176,7 @@ static void is_measure(const struct is_work *w, int y)
             if (w->key[y * w->stride + x] == 0.0f)
                 continue;
             for (int c = 0; c < 3; c++)
-                t[IS_RED + c] = in->irradiance[c][y * in->stride + x];
+                t[IS_RED + c] = in->irradiance[c][y * in->shape.stride + x];
             t[IS_W] = w->w[y * w->stride + x];
             t[IS_GU] = gu[l];
             t[IS_GV] = gv[l];
@@ -588,7 +588,7 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, vi 
     vi level;
 
     for (int c = 0; c < 3; c++) {
-        const vf base = gather(in->base[c] + p->y * in->stride, at);
+        const vf base = gather(in->base[c] + p->y * in->shape.stride, at);
         const vf albedo = greater(lesser(base, all(IS_ALBEDO_MOST)), all(IS_ALBEDO_LEAST)); /* no number is the most */
         const vf place = (1.0f - root(1.0f - albedo) - first) * ((IS_LEVELS - 1) / (last - first));
         vi low = __builtin_convertvector(greater(lesser(place, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
@@ -702,7 +702,7 @@ INLINE void finish(const struct is_work *w, const struct place *p, const struct 
 INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel, const struct image *images)
 {
     const struct pell_frame *in = w->in;
-    const ptrdiff_t row = y * in->stride;
+    const ptrdiff_t row = y * in->shape.stride;
     _Alignas(64) float result[3][IS_BLOCK] = { { 0 } }, alpha[3][IS_BLOCK] = { { 0 } }, strength[IS_BLOCK];
     _Alignas(64) int32_t index[IS_BLOCK];
     int count = 0;
@@ -763,7 +763,7 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
     for (int c = 0; c < 3; c++)
         for (int l = 0; l < IS_BLOCK; l++)
             if (index[l])
-                w->out->light[c][y * in->stride + block + l] = result[c][l];
+                w->out->light[c][y * in->shape.stride + block + l] = result[c][l];
     return count;
 }
 
@@ -785,7 +785,7 @@ INLINE int gather_row(const struct is_work *w, int y, bool parallel)
 
 static int is_gather(const struct is_work *w, int y)
 {
-    return w->in->orthographic ? gather_row(w, y, true) : gather_row(w, y, false);
+    return w->in->shape.orthographic ? gather_row(w, y, true) : gather_row(w, y, false);
 }
 
 /* --- Reconstruction ------------------------------------------------------------------------------------------------------------------ */
@@ -829,7 +829,7 @@ static void is_rebuild(const struct is_work *w, int y)
         for (int c = 0; c < 3; c++)
             for (int l = 0; l < IS_BLOCK; l++)
                 if (w->key[y * w->stride + block + l] != 0.0f)
-                    w->out->light[c][y * in->stride + block + l] = result[c][l];
+                    w->out->light[c][y * in->shape.stride + block + l] = result[c][l];
     }
 }
 

@@ -5,7 +5,7 @@
 #include "methods/image_space/image_space.h"
 
 #include "math/vec.h"
-#include "render/renderer.h"
+#include "render/services.h"
 
 #include <string.h>
 
@@ -13,14 +13,14 @@
 #define STEEPEST 20.0f    /* 1/cos; what is steeper is left to other views */
 
 struct view_task {
-    const struct pell_renderer *r;
+    const struct pell_services *services;
     const struct pell_bodies *bodies;
     const struct is_light_view *to;
 };
 
 /* The view's frame is x right, y down, z forward. */
-static void write_texel(const struct view_task *t, int i, const struct pell_ray_hit16 *hit, const struct pell_points_light *light,
-                        float *out)
+static void write_texel(const struct view_task *t, int i, const struct pell_ray_hit16 *hit,
+                        const struct pell_points16_light *light, float *out)
 {
     const struct pell_view *v = &t->to->view;
     const struct pell_vec3 p = vec3_sub(vec3(light->position[0][i], light->position[1][i], light->position[2][i]), v->origin);
@@ -52,8 +52,8 @@ static void view_row(void *arg, int y, int worker)
     (void) worker;
     for (int x = 0; x < v->width; x += 16) {
         struct pell_ray_hit16 hit;
-        struct pell_points points;
-        struct pell_points_light light;
+        struct pell_points16 points;
+        struct pell_points16_light light;
         float *out = t->to->texels + IS_TEXEL * ((size_t) y * (size_t) v->width + (size_t) x), spacing = 0.0f;
         int count = 0;
 
@@ -72,7 +72,7 @@ static void view_row(void *arg, int y, int worker)
             hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
             hit.hit.mesh[i] = PELL_NO_HIT;
         }
-        pell_rays_closest16(pell_renderer_rays(t->r), open, true, &hit);
+        pell_rays_closest16(t->services->rays, open, true, &hit);
         for (int i = 0; i < 16; i++) {
             const bool is = open[i] && hit.hit.mesh[i] < t->bodies->num_meshes;
             points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
@@ -85,7 +85,10 @@ static void view_row(void *arg, int y, int worker)
         }
         if (count == 0)
             continue;
-        pell_renderer_light(t->r, &points, -1.0f, spacing / (float) count, 0, pell_renderer_samples(t->r), &light);
+        pell_services_light16(t->services,
+                              &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) count,
+                                                             .samples = t->services->settings->msaa },
+                              &points, NULL, 16, &light);
         for (int i = 0; i < 16; i++)
             if (points.mesh[i] != PELL_NO_HIT)
                 write_texel(t, i, &hit, &light, out + IS_TEXEL * i);
@@ -119,17 +122,17 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
     return v->focal_px > 0.0f && isfinite(v->focal_px);
 }
 
-enum pell_result is_light_views_make(struct pell_renderer *r, const struct pell_bodies *bodies, int size, struct is_light_view *views,
-                                     int *count)
+enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_bodies *bodies, int size,
+                                     struct is_light_view *views, int *count)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
-    const struct pell_scene *scene = pell_renderer_scene(r);
+    struct pell_context *ctx = services->ctx;
+    const struct pell_scene *scene = services->scene;
     size_t left = 0;
 
     *count = 0;
     for (size_t i = 0; i < scene->num_lights; i++) {
         struct is_light_view *to = &views[*count];
-        struct view_task task = { r, bodies, to };
+        struct view_task task = { services, bodies, to };
         struct pell_view v;
         if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || !aim(scene, &scene->lights[i], size, &v))
             continue;
@@ -142,7 +145,7 @@ enum pell_result is_light_views_make(struct pell_renderer *r, const struct pell_
         if (!to->texels)
             return PELL_ERR_NOMEM;
         ++*count;
-        pell_pool_run(pell_renderer_pool(r), size, view_row, &task);
+        pell_pool_run(services->pool, size, view_row, &task);
         if (pell_cancelled(ctx))
             return PELL_ERR_CANCELLED;
     }

@@ -6,6 +6,7 @@
 
 #include "base/simd.h"
 #include "image/color.h"
+#include "render/engine.h"
 #include "scene/layers.h"
 
 #include <string.h>
@@ -128,10 +129,11 @@ static enum pell_result make_workers(struct layered_state *st)
     return PELL_OK;
 }
 
-static enum pell_result layered_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result layered_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                       void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
-    const struct pell_scene *scene = pell_renderer_scene(r);
+    struct pell_context *ctx = services->ctx;
+    const struct pell_scene *scene = services->scene;
     struct layered_state *st = pell_zalloc(ctx, sizeof(*st));
     const struct layered_knobs *k = knobs;
     enum pell_result res;
@@ -139,9 +141,9 @@ static enum pell_result layered_create(struct pell_renderer *r, const struct pel
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
-    st->pool = pell_renderer_pool(r);
+    st->pool = services->pool;
     st->kernels = layered_kernels_tables[pell_simd_best()];
     st->knobs = *k;
     st->work = (struct layered_work){
@@ -188,7 +190,7 @@ static void read_triangle(const struct layered_state *st, const struct layered_m
 static void read_packet(const struct layered_state *st, const struct layered_medium *m, const int32_t *at, int count,
                         struct layered_packet *p, uint32_t mesh[16], uint32_t triangle[16])
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     const struct pell_frame *in = st->in;
     const struct pell_vec3 eye = st->view->origin, forward = st->view->forward;
     _Alignas(64) int32_t of[LAYERED_LANES];
@@ -216,10 +218,10 @@ static void read_packet(const struct layered_state *st, const struct layered_med
         const float y = eye.y - (w * p->corner[0][1][i] + u * p->corner[1][1][i] + v * p->corner[2][1][i]);
         const float z = eye.z - (w * p->corner[0][2][i] + u * p->corner[1][2][i] + v * p->corner[2][2][i]);
         const float far = -(x * forward.x + y * forward.y + z * forward.z), per = 1.0f / fmaxf(sqrtf(x * x + y * y + z * z), 1e-20f);
-        p->spacing[i] = (in->orthographic ? 1.0f : far) / in->focal_px;
-        p->eye[0][i] = in->orthographic ? -forward.x : per * x;
-        p->eye[1][i] = in->orthographic ? -forward.y : per * y;
-        p->eye[2][i] = in->orthographic ? -forward.z : per * z;
+        p->spacing[i] = (in->shape.orthographic ? 1.0f : far) / in->shape.focal_px;
+        p->eye[0][i] = in->shape.orthographic ? -forward.x : per * x;
+        p->eye[1][i] = in->shape.orthographic ? -forward.y : per * y;
+        p->eye[2][i] = in->shape.orthographic ? -forward.z : per * z;
     }
 }
 
@@ -249,7 +251,7 @@ static void set_colors(const struct pell_material *m, const struct pell_scene *s
 
 static void run_packet(const struct layered_state *st, int material, const int32_t *at, int count, struct layered_worker *w)
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     const struct layered_medium *m = &st->media[material];
     struct layered_packet *p = &w->packet;
     uint32_t mesh[16], triangle[16];
@@ -288,7 +290,7 @@ static void run_packet(const struct layered_state *st, int material, const int32
 static void run_band(void *arg, int index, int worker)
 {
     const struct layered_state *st = arg;
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     const struct pell_frame *in = st->in;
     const int y0 = in->rect.y0 + index * BAND, y1 = y0 + BAND < in->rect.y1 ? y0 + BAND : in->rect.y1;
     int32_t at[16];
@@ -299,7 +301,7 @@ static void run_band(void *arg, int index, int worker)
             return;
         for (int y = y0; y < y1; y++)
             for (int x = x0; x < x0 + BAND && x < in->rect.x1; x++) {
-                const ptrdiff_t i = y * in->stride + x;
+                const ptrdiff_t i = y * in->shape.stride + x;
                 const struct pell_mesh *mesh;
                 if (!in->material[i])
                     continue;
@@ -333,9 +335,9 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
 
     st->in = in;
     st->out = out;
-    st->view = pell_renderer_eye(st->r);
+    st->view = in->view;
     for (int i = 0; i < st->num_sources; i++)
-        st->sources[i].fan = st->sources[i].face ? NULL : pell_renderer_fan(st->r, st->sources[i].light);
+        st->sources[i].fan = st->sources[i].face ? NULL : pell_services_light_grid(st->services, st->sources[i].light);
     for (int i = 0; i < pell_pool_threads(st->pool); i++)
         st->workers[i].pixels = st->workers[i].rays = st->workers[i].marches = 0;
     pell_pool_run(st->pool, (in->rect.y1 - in->rect.y0 + BAND - 1) / BAND, run_band, st);
@@ -366,5 +368,5 @@ static size_t layered_times(const void *state, struct pell_pass_time *times, siz
 }
 
 const struct pell_method_engine layered_cpu = {
-    .create = layered_create, .render = layered_render, .destroy = layered_destroy, .times = layered_times
+    .create = layered_create, .record = layered_render, .destroy = layered_destroy, .times = layered_times
 };

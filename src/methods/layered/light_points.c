@@ -74,7 +74,7 @@ fail:
 bool layered_set_power(const struct layered_state *st, const struct layered_source *s, const struct layered_packet *p,
                        struct layered_lamp *lamp)
 {
-    const int sample = pell_renderer_sample(st->r);
+    const int sample = st->in->sample;
     bool some = false;
 
     lamp->away = s->sample.away;
@@ -82,7 +82,7 @@ bool layered_set_power(const struct layered_state *st, const struct layered_sour
         struct pell_emitter_sample one = s->sample;
         float power[3] = { s->power[0], s->power[1], s->power[2] }, scale = s->scale;
         if (s->face) {
-            const uint32_t hash = pell_hash((uint32_t) p->at[i] ^ pell_hash(pell_renderer_seed(st->r)));
+            const uint32_t hash = pell_hash((uint32_t) p->at[i] ^ pell_hash(st->in->seed));
             double u[3];
             spread((double) s->number + (double) sample * s->of + (double) (hash >> 8) * (1.0 / 64.0), u);
             if (!pell_emitters_sample(s->lamp, layered_lane3(p->p, i), u, &one))

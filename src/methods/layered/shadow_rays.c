@@ -67,7 +67,7 @@ static void place_far(const struct layered_medium *m, struct layered_packet *p, 
 
 void layered_find_exits(const struct layered_state *st, const struct layered_medium *m, const uint32_t *mesh, struct layered_worker *w)
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     struct layered_packet *p = &w->packet;
     const bool two = st->knobs.path != LAYERED_PLANES;
     struct rays rays;
@@ -75,7 +75,7 @@ void layered_find_exits(const struct layered_state *st, const struct layered_med
     st->kernels->leave(p, st->size, &rays.r.ray, rays.valid);
     for (int i = 0; i < LAYERED_LANES; i++)
         rays.r.hit.mesh[i] = PELL_NO_HIT;
-    pell_rays_closest16(pell_renderer_rays(st->r), rays.valid, true, &rays.r);
+    pell_rays_closest16(st->services->rays, rays.valid, true, &rays.r);
     w->rays += p->count;
     for (int i = 0; i < p->count; i++) {
         const struct pell_hit16 *h = &rays.r.hit;
@@ -130,7 +130,7 @@ void layered_set_planes(const struct layered_state *st, const struct layered_sou
         return;
     w->rays += count;
     if (!s->fan || !pell_fan_visible16(s->fan, rays.valid, rays.r.ray.ox, rays.r.ray.oy, rays.r.ray.oz, visible)) {
-        pell_rays_occluded16(pell_renderer_rays(st->r), rays.valid, true, &rays.r.ray);
+        pell_rays_occluded16(st->services->rays, rays.valid, true, &rays.r.ray);
         for (int i = 0; i < p->count; i++)
             visible[i] = rays.r.ray.tfar[i] < 0.0f ? 0 : -1;
     }
@@ -149,13 +149,13 @@ struct node {
 static void trace_node(const struct layered_state *st, const struct layered_packet *p, const uint32_t *mesh, struct node *n,
                        struct layered_worker *w)
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
 
     clear(&n->rays);
     for (int i = 0; i < p->count; i++)
         if (n->asked[i])
             aim(&n->rays, i, n->at[i], n->way[i], rounding(p, i), INFINITY);
-    pell_rays_closest16(pell_renderer_rays(st->r), n->rays.valid, true, &n->rays.r);
+    pell_rays_closest16(st->services->rays, n->rays.valid, true, &n->rays.r);
     w->rays += n->rays.count;
     for (int i = 0; i < p->count; i++) {
         const struct pell_hit16 *h = &n->rays.r.hit;
@@ -222,7 +222,7 @@ static void cast_shadows(const struct layered_state *st, const struct layered_pa
     }
     if (rays.count == 0)
         return;
-    pell_rays_occluded16(pell_renderer_rays(st->r), rays.valid, true, &rays.r.ray);
+    pell_rays_occluded16(st->services->rays, rays.valid, true, &rays.r.ray);
     w->rays += rays.count;
     for (int i = 0; i < p->count; i++)
         if (rays.valid[i] && rays.r.ray.tfar[i] < 0.0f)
@@ -242,7 +242,7 @@ static void depths_of(const struct layered_state *st, int material, const struct
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                       struct layered_lamp *lamp, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w)
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     const int material = scene->meshes[mesh[0]].material;
     const float t = st->work.node[node], eta = st->work.refracts ? m->eta : 1.0f;
     struct node n;

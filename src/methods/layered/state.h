@@ -10,7 +10,7 @@
 #include "math/vec.h"
 #include "visibility/light_grid.h"
 #include "lights/light_sampling.h"
-#include "render/renderer.h"
+#include "render/services.h"
 
 /* A place on a lamp, or how to choose one for a pixel. */
 struct layered_source {
@@ -31,7 +31,7 @@ struct layered_worker {
 };
 
 struct layered_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pell_pool *pool;
     const struct layered_kernels *kernels;

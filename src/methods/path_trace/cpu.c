@@ -13,7 +13,7 @@
 
 #include "base/file.h"
 #include "base/hash.h"
-#include "render/camera_view.h"
+#include "render/engine.h"
 
 #include <stdio.h>
 #include <unistd.h>
@@ -35,7 +35,7 @@ enum {
 #define LATE 0.05
 
 struct pt_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pt_method_knobs knobs;
     struct pt_scene *scene;
@@ -91,12 +91,12 @@ static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct
                               k->bounces,
                               k->techniques,
                               st->knobs.surface,
-                              pell_renderer_settings(st->r)->boundary,
-                              pell_renderer_settings(st->r)->seed };
+                              st->services->settings->boundary,
+                              st->services->settings->seed };
     const char *version = pell_version();
-    struct pt_checkpoint_key key = { (uint32_t) in->width, (uint32_t) in->height, (uint32_t) st->num_films, 0, 0 };
+    struct pt_checkpoint_key key = { (uint32_t) in->shape.width, (uint32_t) in->shape.height, (uint32_t) st->num_films, 0, 0 };
 
-    key.scene = pell_scene_hash(pell_renderer_scene(st->r));
+    key.scene = pell_scene_hash(st->services->scene);
     key.run = pell_hash_bytes(1, version, strlen(version));
     key.run = pell_hash_number(key.run, (double) k->roulette);
     for (size_t i = 0; i < PELL_COUNT(words); i++)
@@ -107,7 +107,7 @@ static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct
 static enum pell_result read_checkpoint(struct pt_state *st, const struct pell_frame *in)
 {
     const struct pt_checkpoint_key key = make_key(st, in);
-    const char *path = pell_renderer_checkpoint(st->r)->path;
+    const char *path = st->services->checkpoint->path;
     enum pell_result res;
     uint8_t *data;
     size_t size;
@@ -126,7 +126,7 @@ static enum pell_result read_checkpoint(struct pt_state *st, const struct pell_f
 static void write_checkpoint(struct pt_state *st, const struct pell_frame *in)
 {
     const struct pt_checkpoint_key key = make_key(st, in);
-    const char *path = pell_renderer_checkpoint(st->r)->path;
+    const char *path = st->services->checkpoint->path;
     uint8_t *data;
     size_t size;
 
@@ -159,7 +159,7 @@ static enum pell_result list_places(struct run *run, uint64_t *identity)
         count = 0;
         for (int y = in->rect.y0; y < in->rect.y1; y++)
             for (int x = in->rect.x0; x < in->rect.x1; x++) {
-                const size_t at = (size_t) (y * in->stride + x);
+                const size_t at = (size_t) (y * in->shape.stride + x);
                 if (!in->material[at])
                     continue;
                 if (pass == 1) {
@@ -181,7 +181,7 @@ static enum pell_result start_film(struct run *run)
     struct pt_state *st = run->st;
     struct pt_film *film = run->film;
     const struct pt_film old = *film;
-    const bool kept = st->num_films > 1 || pell_renderer_checkpoint(st->r);
+    const bool kept = st->num_films > 1 || st->services->checkpoint;
     uint64_t identity;
     enum pell_result res;
 
@@ -189,7 +189,7 @@ static enum pell_result start_film(struct run *run)
     if (kept && old.count > 0) {
         if (old.count == film->count && old.identity == identity)
             return PELL_OK;
-        return pell_error(st->ctx, PELL_ERR_INVALID, pell_renderer_checkpoint(st->r)->path,
+        return pell_error(st->ctx, PELL_ERR_INVALID, st->services->checkpoint->path,
                           "name another file, or remove this one to begin anew", "is of another view of this scene");
     }
     film->identity = identity;
@@ -230,15 +230,16 @@ static void start_point(const struct run *run, size_t at, struct pt_point *point
 {
     const struct pell_frame *in = run->in;
     const struct pell_view *v = &run->view;
-    const int x = (int) (at % (size_t) in->stride), y = (int) (at / (size_t) in->stride);
+    const int x = (int) (at % (size_t) in->shape.stride), y = (int) (at / (size_t) in->shape.stride);
     const struct pell_vec3 p = vec3(in->position[0][at], in->position[1][at], in->position[2][at]), to = vec3_sub(v->origin, p);
 
     *point = (struct pt_point){
         .at = p,
-        .toward = in->orthographic ? vec3_mul(v->forward, -1.0f) : vec3_normalize(to),
-        .depth = in->orthographic ? in->depth[at] : vec3_length(to),
+        .toward = in->shape.orthographic ? vec3_mul(v->forward, -1.0f) : vec3_normalize(to),
+        .depth = in->shape.orthographic ? in->depth[at] : vec3_length(to),
         .material = in->material[at],
-        .pixel = (uint32_t) y * (uint32_t) in->width + (uint32_t) x + run->number * (uint32_t) in->width * (uint32_t) in->height,
+        .pixel = (uint32_t) y * (uint32_t) in->shape.width + (uint32_t) x +
+                 run->number * (uint32_t) in->shape.width * (uint32_t) in->shape.height,
     };
 }
 
@@ -299,7 +300,7 @@ static void do_tile(void *arg, int index, int worker)
 /* `done`: of this sample of the multisample. */
 static void show(struct run *run, double done)
 {
-    const double whole = (run->number + fmin(fmax(done, 0.0), 1.0)) / pell_renderer_samples(run->st->r);
+    const double whole = (run->number + fmin(fmax(done, 0.0), 1.0)) / run->in->num_samples;
 
     run->st->shown = fmax(run->st->shown, whole);
     pell_progress(run->st->ctx, "path-trace", run->st->shown);
@@ -328,7 +329,7 @@ static enum pell_result do_round(struct run *run, const struct goal *goal, uint3
     struct pt_state *st = run->st;
     const size_t even = run->film->count / ((size_t) st->threads * TILES);
     size_t tiles;
-    const struct pell_checkpoint *checkpoint = pell_renderer_checkpoint(st->r);
+    const struct pell_checkpoint *checkpoint = st->services->checkpoint;
 
     run->tile = even > TILE ? TILE : even > SMALL_TILE ? even : SMALL_TILE;
     tiles = (run->film->count + run->tile - 1) / run->tile;
@@ -337,7 +338,7 @@ static enum pell_result do_round(struct run *run, const struct goal *goal, uint3
         const double start = pell_seconds();
         double now;
 
-        pell_pool_run(pell_renderer_pool(st->r), (int) count, do_tile, run);
+        pell_pool_run(st->services->pool, (int) count, do_tile, run);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         if (pell_context_interrupted(st->ctx))
@@ -361,7 +362,7 @@ static struct goal make_goal(const struct run *run)
 {
     const struct pt_state *st = run->st;
     const struct pt_method_knobs *k = &st->knobs;
-    const int samples = pell_renderer_samples(st->r), left = samples - (int) run->number;
+    const int samples = run->in->num_samples, left = samples - (int) run->number;
     const bool open = k->error > 0.0f || k->time_limit > 0.0f;
     const int total = k->samples > 0 ? k->samples : PLAIN;
     struct goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
@@ -541,7 +542,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     atomic_store(&st->late, false);
     st->before = count_all(st);
     st->time = (struct pell_pass_time){ .name = "path-trace" };
-    if (!pell_renderer_checkpoint(st->r)) {
+    if (!st->services->checkpoint) {
         for (size_t i = 0; i < st->num_films; i++)
             st->films[i].count = 0;
         return PELL_OK;
@@ -553,13 +554,13 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
 static enum pell_result path_trace_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct pt_state *st = state;
-    const int number = pell_renderer_sample(st->r), samples = pell_renderer_samples(st->r);
+    const int number = in->sample, samples = in->num_samples;
     const double start = pell_seconds();
     struct run run = {
         .st = st,
         .in = in,
         .film = &st->films[st->num_films > 1 ? number : 0],
-        .view = *pell_renderer_eye(st->r),
+        .view = *in->view,
         .number = (uint32_t) number,
     };
     struct pt_counts counts;
@@ -570,12 +571,12 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
     if (number == 0)
         PELL_TRY(start_frame(st, in));
     PELL_TRY(start_film(&run));
-    memset(st->noise[0], 0, 3 * (size_t) in->stride * (size_t) in->height * sizeof(float));
+    memset(st->noise[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     counts = count_all(st);
     PELL_TRY(run_film(&run));
     put_light(&run, out);
     last = number == samples - 1 || pell_context_interrupted(st->ctx);
-    if (pell_renderer_checkpoint(st->r) && last)
+    if (st->services->checkpoint && last)
         write_checkpoint(st, in);
     /* A sample of the multisample in which pixels are black for want of a path would darken those before it. */
     count_range(run.film, &least, &most);
@@ -612,9 +613,10 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static enum pell_result path_trace_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result path_trace_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                          void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
     struct pt_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
@@ -622,12 +624,12 @@ static enum pell_result path_trace_create(struct pell_renderer *r, const struct 
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct pt_method_knobs *) knobs;
     st->knobs.trace.techniques = st->knobs.connections ? PT_ALL : PT_CHANCE | PT_LAMPS;
-    st->threads = pell_pool_threads(pell_renderer_pool(r));
-    st->num_films = pell_renderer_checkpoint(r) ? (size_t) pell_renderer_samples(r) : 1;
+    st->threads = pell_pool_threads(services->pool);
+    st->num_films = services->checkpoint ? (size_t) services->settings->msaa : 1;
     res = PELL_ERR_NOMEM;
     st->films = pell_calloc(ctx, st->num_films, sizeof(*st->films));
     st->walkers = pell_calloc(ctx, (size_t) st->threads, sizeof(*st->walkers));
@@ -636,7 +638,7 @@ static enum pell_result path_trace_create(struct pell_renderer *r, const struct 
         goto fail;
     st->noise[1] = st->noise[0] + pixels;
     st->noise[2] = st->noise[1] + pixels;
-    PELL_TRY(pt_scene_create(r, shape, &st->knobs.trace, &st->scene));
+    PELL_TRY(pt_scene_create(services, &st->knobs.trace, &st->scene));
     for (int i = 0; i < st->threads; i++)
         PELL_TRY(pt_walker_create(st->scene, &st->walkers[i]));
     return PELL_OK;
@@ -666,7 +668,7 @@ static bool path_trace_noise(const void *state, const float *planes[3])
 
 const struct pell_method_engine pell_path_trace_cpu = {
     .create = path_trace_create,
-    .render = path_trace_render,
+    .record = path_trace_render,
     .destroy = path_trace_destroy,
     .times = path_trace_times,
     .noise = path_trace_noise,

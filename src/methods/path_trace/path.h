@@ -125,7 +125,7 @@ struct pt_finish {
 
 struct pt_scene {
     struct pell_context *ctx;
-    struct pell_renderer *r;
+    const struct pell_services *services;
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     struct pt_knobs knobs;

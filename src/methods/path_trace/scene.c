@@ -275,7 +275,7 @@ static void map_range(const struct pell_texture_map *map, float range[2])
 
 static void set_finishes(struct pt_scene *s)
 {
-    const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? pell_renderer_settings(s->r)->boundary == PELL_BOUNDARY_ROUGH
+    const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? s->services->settings->boundary == PELL_BOUNDARY_ROUGH
                                                                  : s->knobs.boundary == PT_BOUNDARY_ROUGH;
 
     for (size_t i = 0; i < s->scene->num_materials; i++) {
@@ -407,7 +407,7 @@ static enum pell_result make_helpers(struct pt_scene *s)
     if (connects)
         PELL_TRY(pell_connector_create(s->ctx, s->scene, s->rays, s->bodies, s->knobs.normals == PT_NORMALS_FLAT, &s->connector));
     if (grid)
-        PELL_TRY(pell_distance_create(s->ctx, pell_renderer_pool(s->r), s->scene, s->bodies, GRID_BYTES, &s->distance));
+        PELL_TRY(pell_distance_create(s->ctx, s->services->pool, s->scene, s->bodies, GRID_BYTES, &s->distance));
     probe_lamps(s);
     return PELL_OK;
 
@@ -415,25 +415,24 @@ fail:
     return res;
 }
 
-enum pell_result pt_scene_create(struct pell_renderer *r, const struct pell_frame *shape, const struct pt_knobs *knobs,
+enum pell_result pt_scene_create(const struct pell_services *services, const struct pt_knobs *knobs,
                                  struct pt_scene **out)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     struct pt_scene *s = pell_zalloc(ctx, sizeof(*s));
     enum pell_result res = PELL_ERR_NOMEM;
 
-    (void) shape;
     *out = NULL;
     if (!s)
         return PELL_ERR_NOMEM;
     s->ctx = ctx;
-    s->r = r;
-    s->scene = pell_renderer_scene(r);
-    s->rays = pell_renderer_rays(r);
+    s->services = services;
+    s->scene = services->scene;
+    s->rays = services->rays;
     s->knobs = *knobs;
     s->deadline = (double) INFINITY;
-    s->seed = pell_renderer_seed(r);
-    PELL_TRY(pell_renderer_bodies(r, &s->bodies));
+    s->seed = pell_settings_seed(services->settings);
+    PELL_TRY(pell_services_bodies(services, &s->bodies));
     res = PELL_ERR_NOMEM;
     s->body = pell_calloc(ctx, s->bodies->count + 1, sizeof(*s->body));
     s->finish = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->finish));

@@ -8,7 +8,7 @@
 #ifndef PELL_PATH_TRACE_TRACE_H
 #define PELL_PATH_TRACE_TRACE_H
 
-#include "render/renderer.h"
+#include "render/services.h"
 
 enum pt_normals { PT_NORMALS_SMOOTH, PT_NORMALS_FLAT };
 enum pt_boundary { PT_BOUNDARY_SETTINGS, PT_BOUNDARY_SMOOTH, PT_BOUNDARY_ROUGH }; /* settings: as struct pell_settings has it */
@@ -39,8 +39,8 @@ struct pt_scene;
 struct pt_walker;
 
 /* PELL_ERR_UNSUPPORTED, with a message that names the material, for those of which only a profile is known. Warns once of each body whose
- * surface is open. `shape`: of the frame that is about to be made; the renderer must outlive the scene. */
-PELL_NODISCARD enum pell_result pt_scene_create(struct pell_renderer *r, const struct pell_frame *shape, const struct pt_knobs *knobs,
+ * surface is open. The services must outlive the scene. */
+PELL_NODISCARD enum pell_result pt_scene_create(const struct pell_services *services, const struct pt_knobs *knobs,
                                                 struct pt_scene **out);
 void pt_scene_destroy(struct pt_scene **scene);
 

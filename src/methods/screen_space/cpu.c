@@ -6,7 +6,7 @@
 #include "methods/screen_space/screen_space.h"
 
 #include "base/simd.h"
-#include "render/renderer.h"
+#include "render/engine.h"
 
 #include <math.h>
 #include <string.h>
@@ -93,7 +93,8 @@ static const struct pell_material_entry *published_for(const struct pell_frame_m
     return NULL;
 }
 
-static enum pell_result find_profile(const struct ss_state *st, const struct pell_frame *shape, size_t index, struct pell_gaussians *g)
+static enum pell_result find_profile(const struct ss_state *st, const struct pell_frame_shape *shape, size_t index,
+                                     struct pell_gaussians *g)
 {
     const struct pell_frame_material *m = &shape->materials[index];
     const struct pell_fit_params params = { .count = st->knobs.gaussians };
@@ -168,7 +169,7 @@ static bool unblurred_first(const struct ss_state *st, const char *name)
 
 /* Writes the chain of a material into the tables. Where the first Gaussian stays unblurred the chain begins with the second: the sum
  * holds the light as it is before the first step. */
-static void make_chain(struct ss_state *st, const struct pell_frame *shape, size_t index)
+static void make_chain(struct ss_state *st, const struct pell_frame_shape *shape, size_t index)
 {
     const struct pell_gaussians *g = &st->profiles[index];
     const int skipped = unblurred_first(st, shape->materials[index].name) ? 1 : 0;
@@ -250,7 +251,7 @@ static void destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static enum pell_result make_tables(struct ss_state *st, const struct pell_frame *shape)
+static enum pell_result make_tables(struct ss_state *st, const struct pell_frame_shape *shape)
 {
     const size_t n = st->num_materials, row = n + 1;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -288,7 +289,7 @@ fail:
     return res;
 }
 
-static enum pell_result make_planes(struct ss_state *st, const struct pell_frame *shape)
+static enum pell_result make_planes(struct ss_state *st, const struct pell_frame_shape *shape)
 {
     struct ss_work *w = &st->work;
     const size_t blocks = ((size_t) shape->width + SS_BLOCK - 1) / SS_BLOCK;
@@ -330,9 +331,9 @@ static enum pell_result make_planes(struct ss_state *st, const struct pell_frame
     return PELL_OK;
 }
 
-static enum pell_result create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     struct ss_state *st = pell_zalloc(ctx, sizeof(*st));
     const struct ss_knobs *k = knobs;
     const bool heights = k->ssslevel > 0.0f || (k->edges == SS_EDGES_PAPER && k->slope == SS_SLOPE_PAPER);
@@ -346,7 +347,7 @@ static enum pell_result create(struct pell_renderer *r, const struct pell_frame 
     if (heights && !(shape->object_height > 0.0f))
         return pell_error(ctx, PELL_ERR_INVALID, "screen-space", "set ssslevel = 0 and foreshortening = surface",
                           "object_height = %g mm, must be positive where depths count in object heights", (double) shape->object_height);
-    st->pool = pell_renderer_pool(r);
+    st->pool = services->pool;
     st->kernels = pell_ss_kernels_tables[pell_simd_best()];
     st->knobs = *k;
     st->num_materials = shape->num_materials;
@@ -629,5 +630,5 @@ static size_t times(const void *state, struct pell_pass_time *list, size_t size)
 }
 
 const struct pell_method_engine pell_ss_cpu = {
-    .create = create, .render = render, .destroy = destroy, .thickness = thickness, .times = times,
+    .create = create, .record = render, .destroy = destroy, .thickness = thickness, .times = times,
 };

@@ -496,7 +496,7 @@ INLINE float paper_slope(const struct ss_work *w, size_t index, int x, int y, in
     }
     if (change > w->maxdd)
         change = w->maxdd;
-    level = w->in->orthographic ? 1.0f : d * w->unit;
+    level = w->in->shape.orthographic ? 1.0f : d * w->unit;
     return level / (level + w->correction * change);
 }
 
@@ -598,7 +598,7 @@ INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, st
 {
     const struct pell_frame *in = w->in;
     const size_t to = (size_t) (y * w->stride + x);
-    const ptrdiff_t from = y * in->stride + x;
+    const ptrdiff_t from = y * in->shape.stride + x;
     const vf zero = { 0 }, one = zero + 1.0f;
     _Alignas(64) float owner[SS_BLOCK] = { 0 }, z[SS_BLOCK] = { 0 }, part[SS_BLOCK], most[SS_BLOCK], least[SS_BLOCK];
     int first, last, count = 0;
@@ -658,7 +658,7 @@ PELL_FETCHING_INLINE void fetch_load(const struct ss_work *w, int x, int y)
 {
     const struct pell_frame *in = w->in;
     const size_t to = (size_t) (y * w->stride + x);
-    const ptrdiff_t from = y * in->stride + x;
+    const ptrdiff_t from = y * in->shape.stride + x;
 
     __builtin_prefetch(in->material + from);
     __builtin_prefetch(in->depth + from);
@@ -851,7 +851,7 @@ INLINE void put(const struct ss_work *w, int x, int y, size_t index, const struc
         if (!w->last) {
             memcpy(&w->sum[i][index], mixed, sizeof(mixed));
         } else {
-            float *out = w->out->light[i] + y * w->in->stride + x;
+            float *out = w->out->light[i] + y * w->in->shape.stride + x;
             if (cell->live == SS_FULL)
                 memcpy(out, mixed, sizeof(mixed));
             else
@@ -980,7 +980,7 @@ static void copy_row(const struct ss_work *w, int y)
 
         for (int l = 0; cell_at(w, block, y)->live != SS_EMPTY && l < SS_BLOCK; l++)
             for (int i = 0; w->key[index + (size_t) l] > 0.0f && i < 3; i++)
-                w->out->light[i][y * w->in->stride + block * SS_BLOCK + l] = w->now[i][index + (size_t) l];
+                w->out->light[i][y * w->in->shape.stride + block * SS_BLOCK + l] = w->now[i][index + (size_t) l];
     }
 }
 

@@ -2,14 +2,14 @@
  * cpu.c - a frame of single scattering: pixels are independent, rows go to the threads. */
 #include "methods/single_scatter/single_scatter.h"
 
-#include "render/renderer.h"
+#include "render/engine.h"
 
 #include <string.h>
 
 enum { BATCH = 16 }; /* rows between two reports of progress */
 
 struct ss_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pell_bodies *bodies;
     struct pell_connector *connector;
@@ -33,7 +33,7 @@ static void do_row(void *arg, int index, int worker)
 {
     const struct frame_task *t = arg;
     const struct pell_frame *in = t->in;
-    const ptrdiff_t row = (in->rect.y0 + t->first + index) * in->stride;
+    const ptrdiff_t row = (in->rect.y0 + t->first + index) * in->shape.stride;
 
     for (ptrdiff_t at = row + in->rect.x0; at < row + in->rect.x1 && !pell_cancelled(t->st->ctx); at++) {
         const bool apart = t->out->single[0] != NULL;
@@ -43,7 +43,7 @@ static void do_row(void *arg, int index, int worker)
             continue;
         x = vec3(in->position[0][at], in->position[1][at], in->position[2][at]);
         toward =
-            in->orthographic ? vec3_mul(t->view->forward, -1.0f) : vec3_normalize(vec3_sub(t->view->origin, x));
+            in->shape.orthographic ? vec3_mul(t->view->forward, -1.0f) : vec3_normalize(vec3_sub(t->view->origin, x));
         ss_estimate(&t->st->world, x, toward, (double) in->depth[at], &t->st->counts[worker], light, noise);
         for (int c = 0; c < 3; c++) {
             t->out->light[c][at] = apart ? 0.0f : light[c];
@@ -57,16 +57,16 @@ static void do_row(void *arg, int index, int worker)
 static enum pell_result ss_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct ss_state *st = state;
-    struct frame_task t = { st, in, out, pell_renderer_eye(st->r), 0 };
+    struct frame_task t = { st, in, out, in->view, 0 };
     struct ss_counts sum = { 0 };
-    const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(pell_renderer_pool(st->r));
+    const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
 
-    memset(st->noise[0], 0, 3 * (size_t) in->stride * (size_t) in->height * sizeof(float));
+    memset(st->noise[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
-    st->world.seed = pell_renderer_seed(st->r);
+    st->world.seed = in->seed;
     for (t.first = 0; t.first < rows; t.first += BATCH) {
-        pell_pool_run(pell_renderer_pool(st->r), rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
+        pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         pell_progress(st->ctx, "single-scatter", fmin(1.0, (double) (t.first + BATCH) / rows));
@@ -104,11 +104,12 @@ static void ss_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static enum pell_result ss_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result ss_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                  void **state)
 {
     const struct ss_knobs *k = knobs;
-    struct pell_context *ctx = pell_renderer_context(r);
-    const struct pell_scene *scene = pell_renderer_scene(r);
+    struct pell_context *ctx = services->ctx;
+    const struct pell_scene *scene = services->scene;
     const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
     struct ss_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
@@ -116,14 +117,14 @@ static enum pell_result ss_create(struct pell_renderer *r, const struct pell_fra
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
-    PELL_TRY(pell_renderer_bodies(r, &st->bodies));
-    PELL_TRY(pell_connector_create(ctx, scene, pell_renderer_rays(r), st->bodies, k->normals == SS_FLAT, &st->connector));
+    PELL_TRY(pell_services_bodies(services, &st->bodies));
+    PELL_TRY(pell_connector_create(ctx, scene, services->rays, st->bodies, k->normals == SS_FLAT, &st->connector));
     PELL_TRY(pell_emitters_create(ctx, scene, &st->emitters));
     res = PELL_ERR_NOMEM;
     st->medium = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->medium));
-    st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(pell_renderer_pool(r)), sizeof(*st->counts));
+    st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));
     st->noise[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
     if (!st->medium || !st->counts || !st->noise[0])
         goto fail;
@@ -134,12 +135,12 @@ static enum pell_result ss_create(struct pell_renderer *r, const struct pell_fra
         if (b->num_triangles == 0)
             continue;
         PELL_TRY(ss_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
-        ss_medium_place(&st->medium[i], scene, pell_renderer_rays(r), st->bodies, (int) i);
+        ss_medium_place(&st->medium[i], scene, services->rays, st->bodies, (int) i);
     }
     st->world = (struct ss_world){
         .ctx = ctx,
         .scene = scene,
-        .rays = pell_renderer_rays(r),
+        .rays = services->rays,
         .bodies = st->bodies,
         .connector = st->connector,
         .emitters = st->emitters,
@@ -172,5 +173,5 @@ static bool ss_noise(const void *state, const float *planes[3])
 }
 
 const struct pell_method_engine pell_single_scatter_cpu = {
-    .create = ss_create, .render = ss_render, .destroy = ss_destroy, .times = ss_times, .noise = ss_noise
+    .create = ss_create, .record = ss_render, .destroy = ss_destroy, .times = ss_times, .noise = ss_noise
 };

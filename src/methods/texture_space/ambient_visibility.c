@@ -72,7 +72,7 @@ static int look(const struct sky *s, struct packet *k)
             k->rays.tfar[i] = FLT_MAX;
             k->rays.mask[i] = PELL_RAY_ALL;
         }
-        pell_rays_occluded16(pell_renderer_rays(s->p->r), k->open, false, &k->rays);
+        pell_rays_occluded16(s->p->services->rays, k->open, false, &k->rays);
         for (int i = 0; i < count; i++)
             s->p->seen[k->at[i]] += k->rays.tfar[i] < 0.0f ? 0.0f : share;
     }
@@ -148,9 +148,9 @@ static void filter_rows(void *arg, int band, int worker)
 
 int64_t ts_sky_look(const struct ts_sky_params *params)
 {
-    struct pell_pool *pool = pell_renderer_pool(params->r);
+    struct pell_pool *pool = params->services->pool;
     const int bands = (params->atlas->height + ROWS - 1) / ROWS, side = ts_sky_side(params->atlas);
-    const int wanted = pell_renderer_settings(params->r)->ambient_samples;
+    const int wanted = params->services->settings->ambient_samples;
     /* A square of 4 x 4 has twice the directions that a pixel has: it stands for more than one. */
     struct sky s = { .p = params, .side = side, .samples = side == 4 ? (wanted + 7) / 8 : (wanted + side * side - 1) / (side * side) };
 

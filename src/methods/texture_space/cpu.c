@@ -8,6 +8,7 @@
 #include "methods/texture_space/state.h"
 
 #include "base/simd.h"
+#include "render/engine.h"
 
 #include <string.h>
 
@@ -46,7 +47,7 @@ static void ts_destroy(void *state)
 
 static bool scaled_strength(const struct ts_state *st, int32_t body)
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
 
     for (size_t i = 0; st->knobs.strength && i < scene->num_meshes; i++)
         if (st->bodies->of_mesh[i] == body) {
@@ -70,7 +71,7 @@ static int border_of(const struct ts_state *st, const struct ts_profile *p, doub
     return (int) fmin(fmax(ceil(reach), 4.0), ceil(0.1 * size));
 }
 
-static enum pell_result make_atlases(struct ts_state *st, const struct pell_frame *shape)
+static enum pell_result make_atlases(struct ts_state *st, const struct pell_frame_shape *shape)
 {
     const struct pell_bodies *b = st->bodies;
     double largest = 0.0;
@@ -85,7 +86,7 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
         struct ts_profile *profile = &st->profiles[body->material];
         struct ts_atlas_params p = {
             .pool = st->pool,
-            .scene = pell_renderer_scene(st->r),
+            .scene = st->services->scene,
             .bodies = b,
             .body = i,
             .name = m->name,
@@ -165,21 +166,22 @@ fail:
     return res;
 }
 
-static enum pell_result ts_create(struct pell_renderer *r, const struct pell_frame *shape, const void *knobs, void **state)
+static enum pell_result ts_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                  void **state)
 {
-    struct pell_context *ctx = pell_renderer_context(r);
+    struct pell_context *ctx = services->ctx;
     struct ts_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
 
     *state = st;
     if (!st)
         return PELL_ERR_NOMEM;
-    st->r = r;
+    st->services = services;
     st->ctx = ctx;
-    st->pool = pell_renderer_pool(r);
+    st->pool = services->pool;
     st->kernels = pell_ts_kernels_tables[pell_simd_best()];
     st->knobs = *(const struct ts_knobs *) knobs;
-    PELL_TRY(pell_renderer_bodies(r, &st->bodies));
+    PELL_TRY(pell_services_bodies(services, &st->bodies));
     st->num_profiles = shape->num_materials;
     st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
     st->profiles = pell_calloc(ctx, shape->num_materials, sizeof(*st->profiles));
@@ -296,7 +298,7 @@ static void store_rows(void *arg, int band, int worker)
 
 static enum pell_result light_body(struct ts_state *st, size_t number)
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     struct ts_body *body = &st->body[number];
     const struct ts_atlas *a = body->atlas;
     struct mapping p = { .st = st, .body = body };
@@ -332,12 +334,12 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
     for (size_t i = 0; i < scene->num_lights; i++) {
         const uint64_t bit = (uint64_t) 1 << (i < 63 ? i : 63);
         struct ts_tsm_params t = {
-            .r = st->r,
+            .services = st->services,
             .bodies = st->bodies,
             .body = (int32_t) number,
             .atlas = a,
             .light = &scene->lights[i],
-            .fan = pell_renderer_fan(st->r, i),
+            .fan = pell_services_light_grid(st->services, i),
             .form = st->knobs.tsm,
             .size = st->knobs.tsm_size,
             .thickest = body->profile->thickest,
@@ -390,7 +392,7 @@ fail:
 /* Lights may come and go while the map stays: once for each number of them that is too many. */
 static void warn_of_lights(struct ts_state *st)
 {
-    const struct pell_scene *scene = pell_renderer_scene(st->r);
+    const struct pell_scene *scene = st->services->scene;
     size_t lights = 0;
 
     for (size_t i = 0; i < scene->num_lights; i++)
@@ -408,13 +410,14 @@ static enum pell_result ts_render(void *state, const struct pell_frame *in, cons
     enum pell_result res;
 
     st->num_times = 0;
-    if (st->lit != pell_renderer_lights(st->r)) {
+    st->in = in;
+    if (st->lit != in->lights_revision) {
         st->lit = 0;
         warn_of_lights(st);
         for (size_t i = 0; i < st->bodies->count; i++)
             if (st->body[i].atlas)
                 PELL_TRY(light_body(st, i));
-        st->lit = pell_renderer_lights(st->r);
+        st->lit = in->lights_revision;
     }
     st->clock = pell_seconds();
     pixels = ts_read_map(st, in, out);
@@ -434,4 +437,4 @@ static size_t ts_times(const void *state, struct pell_pass_time *list, size_t si
     return st->num_times < size ? st->num_times : size;
 }
 
-const struct pell_method_engine pell_ts_cpu = { .create = ts_create, .render = ts_render, .destroy = ts_destroy, .times = ts_times };
+const struct pell_method_engine pell_ts_cpu = { .create = ts_create, .record = ts_render, .destroy = ts_destroy, .times = ts_times };

@@ -17,7 +17,7 @@ struct lighting {
 };
 
 struct texels {
-    struct pell_points points;
+    struct pell_points16 points;
     float ambient[16];
     ptrdiff_t at[16];
     uint32_t part; /* of the samples of lights with extent */
@@ -28,14 +28,19 @@ struct texels {
 static int64_t light_texels(const struct lighting *p, struct texels *k)
 {
     const struct ts_state *st = p->st;
-    struct pell_points_light light;
+    const struct pell_points_params params = {
+        .lights = p->lights,
+        .mix = st->knobs.mix,
+        .spacing = (float) p->atlas->mm_per_texel,
+        .first = k->part * (uint32_t) k->samples,
+        .samples = k->samples,
+    };
+    struct pell_points16_light light;
+    int64_t rays;
 
     if (k->count == 0)
         return 0;
-    for (int i = k->count; i < 16; i++)
-        k->points.mesh[i] = PELL_NO_HIT;
-    pell_renderer_light_of(st->r, p->lights, k->ambient, &k->points, st->knobs.mix, (float) p->atlas->mm_per_texel,
-                           k->part * (uint32_t) k->samples, k->samples, &light);
+    rays = pell_services_light16(st->services, &params, &k->points, k->ambient, k->count, &light);
     for (int i = 0; i < k->count; i++) {
         for (int c = 0; c < 3; c++)
             st->light[c][k->at[i]] = light.irradiance[c][i];
@@ -43,7 +48,7 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
             st->strength[k->at[i]] = light.strength[i];
     }
     k->count = 0;
-    return light.rays;
+    return rays;
 }
 
 /* Light that enters at the texels of charts, 16 at a time. Lights with extent have a pattern of samples for each number of the multisample:
@@ -53,7 +58,7 @@ static void light_rows(void *arg, int band, int worker)
     struct lighting *p = arg;
     const struct ts_state *st = p->st;
     const struct ts_atlas *a = p->atlas;
-    const int side = ts_sky_side(a) > 1 ? 2 : 1, samples = pell_renderer_samples(st->r), parts = side == 1 ? 1 : samples < 4 ? samples : 4;
+    const int side = ts_sky_side(a) > 1 ? 2 : 1, samples = st->in->num_samples, parts = side == 1 ? 1 : samples < 4 ? samples : 4;
     struct texels list[4];
     uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
@@ -112,11 +117,11 @@ void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights
 {
     struct lighting lighting = { .st = st, .atlas = a, .lights = lights, .faces = faces };
 
-    if (has_sky(pell_renderer_scene(st->r), lights)) {
+    if (has_sky(st->services->scene, lights)) {
         const struct ts_sky_params sky = {
-            .r = st->r,
+            .services = st->services,
             .atlas = a,
-            .seed = pell_renderer_seed(st->r),
+            .seed = st->in->seed,
             .seen = st->half[0],
             .spare = st->half[1],
         };

@@ -77,7 +77,7 @@ static void gather_rows(void *arg, int band, int worker)
     (void) worker;
     for (int y = in->rect.y0 + band * TS_ROWS; y < in->rect.y0 + (band + 1) * TS_ROWS && y < in->rect.y1; y++)
         for (int x = in->rect.x0; x < in->rect.x1; x++) {
-            const ptrdiff_t at = y * in->stride + x;
+            const ptrdiff_t at = y * in->shape.stride + x;
             const uint32_t mesh = in->material[at] ? in->mesh[at] : PELL_NO_HIT;
             const int32_t number = mesh < st->bodies->num_meshes ? st->bodies->of_mesh[mesh] : -1;
             const struct ts_body *body = number >= 0 ? &st->body[number] : NULL;

@@ -21,7 +21,8 @@ struct ts_body {
 };
 
 struct ts_state {
-    struct pell_renderer *r; /* borrowed */
+    const struct pell_services *services; /* borrowed */
+    const struct pell_frame *in;          /* that is being made */
     struct pell_context *ctx;
     struct pell_pool *pool;
     const struct ts_kernels *kernels;

@@ -6,7 +6,7 @@
 #define PELL_TEXTURE_SPACE_H
 
 #include "methods/texture_space/kernels.h"
-#include "render/renderer.h"
+#include "render/services.h"
 
 #include <pellucid/method.h>
 
@@ -192,7 +192,7 @@ static inline int ts_block_texels(const struct ts_atlas *a, int y0, int block, u
 /* --- sky.c: how much of the sky texels see ------------------------------------------------------------------------------------------- */
 
 struct ts_sky_params {
-    struct pell_renderer *r;
+    const struct pell_services *services;
     const struct ts_atlas *atlas;
     uint32_t seed;
     float *seen, *spare; /* planes: share of the sky about a texel's geometric normal that is seen, by its cosine; and one to work in */
@@ -258,7 +258,7 @@ enum ts_face {
 };
 
 struct ts_tsm_params {
-    struct pell_renderer *r;
+    const struct pell_services *services;
     const struct pell_bodies *bodies;
     int32_t body;
     const struct ts_atlas *atlas;

@@ -136,7 +136,7 @@ void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm)
 {
     struct faces f = { params, tsm->faces };
 
-    pell_pool_run(pell_renderer_pool(params->r), (int) ((params->atlas->num_triangles + FACES - 1) / FACES), face_chunk, &f);
+    pell_pool_run(params->services->pool, (int) ((params->atlas->num_triangles + FACES - 1) / FACES), face_chunk, &f);
 }
 
 /* Light that enters at A, seen from texel C along the unit `way`: its thickness and what else the blurs ask. */
@@ -270,7 +270,7 @@ static void follow(struct task *t, struct packet *k)
         for (int i = 0; i < 16; i++)
             k->rays.hit.mesh[i] = PELL_NO_HIT;
         if (!ask_fan(t, k))
-            pell_rays_closest16(pell_renderer_rays(t->p->r), k->open, step == 0, &k->rays);
+            pell_rays_closest16(t->p->services->rays, k->open, step == 0, &k->rays);
         for (int i = 0; i < k->count; i++) {
             const uint32_t mesh = k->rays.hit.mesh[i];
             struct spot s;
@@ -530,7 +530,7 @@ static void map_row(void *arg, int y, int worker)
             hit.ray.mask[i] = PELL_RAY_ALL;
             hit.hit.mesh[i] = PELL_NO_HIT;
         }
-        pell_rays_closest16(pell_renderer_rays(t->p->r), open, true, &hit);
+        pell_rays_closest16(t->p->services->rays, open, true, &hit);
         for (int i = 0; i < 16 && x + i < t->view.width; i++) {
             const uint32_t mesh = hit.hit.mesh[i];
             struct map_texel *out = &t->map[(size_t) y * (size_t) t->view.width + (size_t) (x + i)];
@@ -613,8 +613,8 @@ static void gather_found(struct ts_tsm *out, int tiles, size_t kept)
 
 enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays)
 {
-    struct pell_context *ctx = pell_renderer_context(params->r);
-    struct pell_pool *pool = pell_renderer_pool(params->r);
+    struct pell_context *ctx = params->services->ctx;
+    struct pell_pool *pool = params->services->pool;
     const int tiles = (params->atlas->height + TS_TILE - 1) / TS_TILE;
     struct task t = { .p = params, .alpha = alpha, .faces = out->faces, .found = out->texels, .first = out->first, .count = out->count_of };
     int first = 0;
@@ -639,8 +639,8 @@ enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, s
 enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *const lit[3], float *alpha, struct ts_tsm *out,
                               int64_t *rays)
 {
-    struct pell_context *ctx = pell_renderer_context(params->r);
-    struct pell_pool *pool = pell_renderer_pool(params->r);
+    struct pell_context *ctx = params->services->ctx;
+    struct pell_pool *pool = params->services->pool;
     const int tiles = (params->atlas->height + TS_TILE - 1) / TS_TILE;
     const size_t known = out->count;
     struct task t = {

@@ -2,6 +2,8 @@
  * cpu.c - see composite.h. Spec: methods.md, "Every diffusion method answers the same question". */
 #include "render/composite/kernel.h"
 
+#include "render/layers.h"
+
 #include <string.h>
 
 #define ROWS 4 /* rows of one task */
@@ -92,18 +94,12 @@ static void put(float *plane, size_t at, int count, const float *values, float w
 
 static void clear(const struct pell_accumulator *out, size_t at, int count)
 {
-    for (int c = 0; c < 3; c++) {
-        float *const planes[] = { out->color[c],    out->multiple[c],   out->single[c], out->transmission[c],
-                                  out->specular[c], out->irradiance[c], out->normal[c], out->variance[c] };
-        for (size_t i = 0; i < PELL_COUNT(planes); i++)
-            if (planes[i])
-                memset(planes[i] + at, 0, (size_t) count * sizeof(float));
+    for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
+        float *const *planes = pell_output_layer_planes(out, &pell_output_layers[k]);
+        for (int c = 0; c < pell_output_layers[k].components; c++)
+            if (planes[c])
+                memset(planes[c] + at, 0, (size_t) count * sizeof(float));
     }
-    memset(out->alpha + at, 0, (size_t) count * sizeof(float));
-    if (out->depth)
-        memset(out->depth + at, 0, (size_t) count * sizeof(float));
-    if (out->translucent)
-        memset(out->translucent + at, 0, (size_t) count * sizeof(float));
 }
 
 /* Where the thing is translucent, and the noise. It is known of the exitance; what the eye sees of it is scaled as the light itself is.

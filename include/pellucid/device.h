@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pellucid/device.h - what renderers and passes are made on: an engine and the threads that it may use.
+ *
+ *     pell_device_create(ctx, &(struct pell_device_params) { .threads = 4 }, &device);
+ *     pell_renderer_create(device, &renderer);                          // render.h: whole scenes
+ *     pell_pass_create(device, method, knobs, &shape, &pass);           // method.h: a method on the caller's planes
+ *
+ * Ownership  the device borrows the context; whatever is made on a device must be destroyed before it.
+ * Errors     logged once by who detects them; PELL_ERR_DEVICE for an engine that this build or machine does not have.
+ * Threads    renderers and passes of one device may be used from different threads at once, one thread at a time each. They share the
+ *            device's threads, which serve one call at a time: to keep calls from waiting for each other, give each its own device.
+ */
+#ifndef PELLUCID_DEVICE_H
+#define PELLUCID_DEVICE_H
+
+#include <pellucid/context.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum pell_engine { PELL_ENGINE_AUTO, PELL_ENGINE_CPU, PELL_ENGINE_VULKAN };
+
+struct pell_device_params {
+    int threads;             /* [1, 256]; 0: one per core that the process may use */
+    enum pell_engine engine; /* AUTO: cpu where there is no hardware Vulkan device */
+};
+
+struct pell_device;
+
+/* `params` may be NULL: AUTO, one thread per core. On failure *out is NULL. PELL_ERR_DEVICE; PELL_ERR_INVALID: threads out of range. */
+PELL_API PELL_NODISCARD enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_device_params *params,
+                                                            struct pell_device **out);
+/* Sets *device to NULL; destroying &(NULL) does nothing. */
+PELL_API void pell_device_destroy(struct pell_device **device);
+
+/* Never AUTO: the engine that was chosen. */
+PELL_API enum pell_engine pell_device_engine(const struct pell_device *device);
+PELL_API int pell_device_threads(const struct pell_device *device);
+
+/* "auto", "cpu", "vulkan"; "unknown" for any other number. Thread-safe. */
+PELL_API const char *pell_engine_name(enum pell_engine engine);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

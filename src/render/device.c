@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: MIT
+ * device.c - threads and an engine. */
+#include "render/engine.h"
+
+enum pell_engine pell_device_engine(const struct pell_device *device)
+{
+    return device->id;
+}
+
+int pell_device_threads(const struct pell_device *device)
+{
+    return pell_pool_threads(device->pool);
+}
+
+const char *pell_engine_name(enum pell_engine engine)
+{
+    static const char *const names[] = { "auto", "cpu", "vulkan" };
+    return (unsigned) engine < PELL_COUNT(names) ? names[engine] : "unknown";
+}
+
+enum pell_result pell_device_create_with_engine(struct pell_context *ctx, int threads, enum pell_engine id,
+                                                const struct pell_engine_interface *engine, struct pell_device **out)
+{
+    struct pell_device *d = pell_zalloc(ctx, sizeof(*d));
+    enum pell_result res;
+
+    *out = NULL;
+    if (!d)
+        return PELL_ERR_NOMEM;
+    d->ctx = ctx;
+    d->id = id;
+    d->engine = engine;
+    PELL_TRY(pell_pool_create(ctx, threads, &d->pool));
+    *out = d;
+    return PELL_OK;
+
+fail:
+    pell_device_destroy(&d);
+    return res;
+}
+
+enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_device_params *params, struct pell_device **out)
+{
+    static const struct pell_device_params none;
+
+    *out = NULL;
+    if (!params)
+        params = &none;
+    if (params->engine == PELL_ENGINE_VULKAN)
+        return pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "this build has the engine cpu only");
+    return pell_device_create_with_engine(ctx, params->threads, PELL_ENGINE_CPU, &pell_engine_cpu, out);
+}
+
+void pell_device_destroy(struct pell_device **device)
+{
+    struct pell_device *d = *device;
+
+    if (!d)
+        return;
+    *device = NULL;
+    pell_pool_destroy(&d->pool);
+    pell_free(d->ctx, d);
+}

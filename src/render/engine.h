@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * engine.h - the seam between what a frame is (renderer.c, prepare.c, frame.c: order of stages, samples, what depends on what) and what
+ * computes it. An engine owns everything that its stages read and write: scene structures, planes, lights.
+ *
+ * Errors     a stage that fails ends the frame with its result; the engine has logged why.
+ * Threads    one thread at a time per instance, but for what pell_services lends.
+ */
+#ifndef PELL_ENGINE_H
+#define PELL_ENGINE_H
+
+#include "render/services.h"
+
+#define PELL_STAGES_MOST 48
+
+/* A method on one engine. */
+struct pell_method_engine {
+    /* Makes all that outlives a frame. `knobs` is in range; `services` and `shape` hold while the state lives. On failure *state may be
+     * half-built or NULL; `destroy` is called in either case. */
+    enum pell_result (*create)(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                               void **state);
+    /* Fills `out`: the cpu engine at once, others record what will. Allocates nothing. Planes that were asked for are there. */
+    enum pell_result (*record)(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
+    void (*destroy)(void *state); /* takes NULL and a half-built state */
+    /* Light from behind, per material; NULL where the method has none. */
+    const struct pell_thickness_table *(*thickness)(const void *state, size_t material);
+    /* Times of the last render's passes; returns how many (at most `size`). May be NULL. */
+    size_t (*times)(const void *state, struct pell_pass_time *times, size_t size);
+    /* Standard error of each pixel of the last render, in the unit of what comes out; planes as in the frame, the state's own. NULL where
+     * the method has no noise, or does not know it. */
+    bool (*noise)(const void *state, const float *planes[3]);
+};
+
+/* Times of a frame's stages: a row each, made by its first sample. */
+struct pell_stage_notes {
+    struct pell_stage_time rows[PELL_STAGES_MOST];
+    size_t count;
+};
+
+/* Adds a stage's time to its row. Drops it where there is no room for another row. */
+void pell_stage_note(struct pell_stage_notes *notes, const char *name, double seconds, int64_t pixels, int64_t rays, int64_t bytes);
+
+/* The scene's materials as a frame sees them. */
+struct pell_scene_materials {
+    uint16_t *frame_index;               /* per scene material + 1: the frame's material + 1, or 0 */
+    struct pell_frame_material *frame;   /* the translucent ones */
+    size_t count;                        /* of `frame` */
+    float (*total)[3];                   /* per scene material: total reflectance of its profile */
+    const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
+};
+
+/* What holds for all samples of a frame. */
+struct pell_engine_frame {
+    const struct pell_scene *scene;
+    const struct pell_settings *settings;
+    const struct pell_scene_materials *materials;
+    const struct pell_lens *lens;
+    const struct pell_plan *plan;  /* of the frame's method; NULL: nothing scatters */
+    struct pell_rect covered;      /* holds every pixel that any sample may cover */
+    struct pell_stage_notes *notes;
+};
+
+struct pell_engine_sample {
+    const struct pell_engine_frame *frame;
+    struct pell_view view;
+    int number;
+};
+
+/* What a sample's surface says. */
+struct pell_engine_seen {
+    struct pell_rect translucent; /* holds every pixel whose material is not opaque */
+    int64_t translucent_pixels;
+};
+
+/* What the method gave of a sample. */
+struct pell_engine_scattered {
+    bool there;            /* false: the sample has no translucent pixel, or no method runs */
+    const float *noise[3]; /* standard error, as pell_pass_noise has it; NULL: not known */
+};
+
+/* What an engine keeps from frame to frame. What each depends on stands in prepare.c. */
+enum pell_engine_resource {
+    PELL_ENGINE_SCENE,  /* what rays and textures need */
+    PELL_ENGINE_PLANES, /* of a size; made again (what is not there yet) whenever a frame asks for more */
+    PELL_ENGINE_RASTER, /* of a scene and a size */
+    PELL_ENGINE_LIGHTS,
+    PELL_ENGINE_RESOURCES
+};
+
+struct pell_engine_result {
+    const float *display[3];
+    const float *alpha;
+    ptrdiff_t stride;
+    size_t num_channels;
+    float exposure;
+    int64_t invalid;
+    bool covered, lit; /* something is in view; light arrives at it */
+};
+
+struct pell_engine_interface {
+    const char *name;
+    /* What runs a method here; NULL: nothing. */
+    const struct pell_method_engine *(*method)(const struct pell_method *method);
+
+    /* One instance serves one renderer. `close` takes NULL and what `open` left half-built. */
+    enum pell_result (*open)(struct pell_context *ctx, struct pell_pool *pool, void **engine);
+    void (*close)(void *engine);
+
+    /* `frame->plan` is NULL for all but a second call for PELL_ENGINE_PLANES, and its `covered`, `lens` and `notes` are not set. */
+    enum pell_result (*make)(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame);
+    /* Nothing where it is not there. */
+    void (*drop)(void *engine, enum pell_engine_resource resource);
+    /* Fills in rays, engine, light_points and light_grid. Once the scene is made. */
+    void (*lend)(void *engine, struct pell_services *services);
+
+    /* The stages of a sample, in this order; `lit` where the method asks for the plane, `hand_over` where it runs. None allocates. */
+    enum pell_result (*surface)(void *engine, const struct pell_engine_sample *sample, struct pell_engine_seen *seen);
+    enum pell_result (*irradiance)(void *engine, const struct pell_engine_sample *sample);
+    enum pell_result (*lit)(void *engine, const struct pell_engine_sample *sample);
+    /* Fills in the rectangle and the planes. */
+    void (*hand_over)(void *engine, const struct pell_engine_sample *sample, struct pell_frame *in, struct pell_frame_light *out);
+    enum pell_result (*composite)(void *engine, const struct pell_engine_sample *sample, const struct pell_engine_scattered *scattered);
+
+    /* The end of a frame. `average`: only `done` of the planned samples were made, their mean is what counts. */
+    void (*average)(void *engine, int done, int planned);
+    enum pell_result (*post)(void *engine, const struct pell_engine_frame *frame, const struct pell_view *view);
+    /* `channels`: room for PELL_LAYER_CHANNELS (layers.h). The planes hold until the next frame. */
+    void (*read_back)(void *engine, const struct pell_engine_frame *frame, bool noisy, struct pell_channel *channels,
+                      struct pell_engine_result *out);
+};
+
+struct pell_device {
+    struct pell_context *ctx; /* borrowed */
+    struct pell_pool *pool;
+    enum pell_engine id;
+    const struct pell_engine_interface *engine;
+};
+
+extern const struct pell_engine_interface pell_engine_cpu;
+
+/* A device of an engine of one's own: for tests. */
+PELL_NODISCARD enum pell_result pell_device_create_with_engine(struct pell_context *ctx, int threads, enum pell_engine id,
+                                                               const struct pell_engine_interface *engine, struct pell_device **out);
+
+#endif

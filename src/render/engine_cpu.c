@@ -1,0 +1,631 @@
+/* SPDX-License-Identifier: MIT
+ * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
+#include "render/engine_cpu.h"
+
+#include "render/layers.h"
+#include "render/plane_buffers.h"
+#include "render/post/dof.h"
+#include "render/post/stage.h"
+
+#include <string.h>
+
+enum { BLOCKS = 16 }; /* of planes: more than there are reasons to ask for more of them */
+
+struct cpu {
+    struct pell_context *ctx; /* borrowed */
+    struct pell_pool *pool;   /* borrowed */
+
+    /* Of the scene. */
+    const struct pell_scene *scene; /* borrowed */
+    struct pell_rays *rays;
+    struct pell_mips *mips;
+    struct pell_specular_tables *tables;
+    struct pell_compositor *compositor;
+
+    struct pell_lights *lights;
+    const struct pell_settings *settings; /* of the lights; borrowed: the renderer's own */
+
+    struct pell_raster *raster; /* NULL: none, what pixels see is asked of rays */
+    bool rastered;              /* it was looked whether there is one */
+
+    /* Of the size. */
+    bool sized;
+    float *blocks[BLOCKS]; /* own the planes below */
+    int num_blocks;
+    struct pell_surface surface;
+    struct pell_lighting lighting;
+    struct pell_accumulator sum;
+    float *display[3];
+    float *plane[PELL_PLANES][3];    /* of the frame, that no stage keeps: 4 bytes a pixel */
+    float *glow[PELL_BLOOM_PLANES];  /* there once bloom was asked for */
+    float *open[PELL_DOF_PLANES];    /* there once depth of field was asked for */
+    float *open_tiles;
+    double *rows;                    /* 4 a row for post, then 2 a row for the meter */
+
+    struct pell_composite_params composite; /* of the sample that is made */
+    struct pell_post_result post;
+};
+
+static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *pool, void **engine)
+{
+    struct cpu *e = pell_zalloc(ctx, sizeof(*e));
+
+    *engine = e;
+    if (!e)
+        return PELL_ERR_NOMEM;
+    e->ctx = ctx;
+    e->pool = pool;
+    return PELL_OK;
+}
+
+/* --- What outlives a frame ------------------------------------------------------------------------------------------------------- */
+
+static void drop_scene(struct cpu *e)
+{
+    pell_compositor_destroy(&e->compositor);
+    pell_specular_tables_destroy(&e->tables);
+    pell_rays_destroy(&e->rays);
+    pell_mips_destroy(&e->mips);
+    e->surface.mips = NULL;
+    e->scene = NULL;
+}
+
+static enum pell_result make_scene(struct cpu *e, const struct pell_scene *scene)
+{
+    enum pell_result res;
+
+    PELL_TRY(pell_specular_tables_create(e->ctx, scene, &e->tables));
+    PELL_TRY(pell_compositor_create(e->ctx, scene->num_materials, &e->compositor));
+    PELL_TRY(pell_rays_create(e->ctx, scene, e->pool, &e->rays));
+    PELL_TRY(pell_mips_create(e->ctx, scene, e->pool, &e->mips));
+    e->scene = scene;
+    e->surface.mips = e->mips;
+    return PELL_OK;
+
+fail:
+    drop_scene(e);
+    return res;
+}
+
+static void drop_planes(struct cpu *e)
+{
+    pell_surface_finish(e->ctx, &e->surface);
+    for (int i = 0; i < e->num_blocks; i++)
+        pell_free(e->ctx, e->blocks[i]);
+    pell_free(e->ctx, e->open_tiles);
+    pell_free(e->ctx, e->rows);
+    memset(&e->lighting, 0, sizeof(e->lighting));
+    memset(&e->sum, 0, sizeof(e->sum));
+    memset(e->display, 0, sizeof(e->display));
+    memset(e->plane, 0, sizeof(e->plane));
+    memset(e->glow, 0, sizeof(e->glow));
+    memset(e->open, 0, sizeof(e->open));
+    e->num_blocks = 0;
+    e->open_tiles = NULL;
+    e->rows = NULL;
+    e->sized = false;
+}
+
+/* Planes to be allocated in one block: those of a list that are not there yet. */
+struct wanted {
+    float **planes[96];
+    size_t count;
+};
+
+static void want(struct wanted *w, float **planes, int count)
+{
+    for (int c = 0; c < count && !planes[0]; c++)
+        w->planes[w->count + (size_t) c] = &planes[c];
+    w->count += planes[0] ? 0 : (size_t) count;
+}
+
+static enum pell_result allocate(struct cpu *e, const struct pell_settings *s, const struct wanted *w)
+{
+    enum pell_result res;
+
+    if (w->count == 0)
+        return PELL_OK;
+    res = pell_planes_allocate(e->ctx, s->width, s->height, w->planes, w->count);
+    if (res == PELL_OK)
+        e->blocks[e->num_blocks++] = *w->planes[0];
+    return res;
+}
+
+/* Whether the frame has a plane that is none of a stage's own. */
+static bool is_asked(int plane, const struct pell_engine_frame *frame)
+{
+    const struct pell_plane_info *p = pell_plane_at(plane);
+    const struct pell_plan *plan = frame->plan;
+
+    switch (plane) {
+    case PELL_PLANE_DEPTH:
+    case PELL_PLANE_STRENGTH:
+    case PELL_PLANE_BASE:
+    case PELL_PLANE_IRRADIANCE:
+    case PELL_PLANE_NORMAL:
+        return false;
+    }
+    if (p->output)
+        return plan && (plan->gives & p->output) && frame->settings->layers;
+    return !p->need || (plan && (plan->needs & p->need));
+}
+
+/* Those that every frame of the size has, at first; then those that the method and the settings ask for. */
+static enum pell_result make_planes(struct cpu *e, const struct pell_engine_frame *frame)
+{
+    const struct pell_settings *s = frame->settings;
+    const bool gives = frame->plan && frame->plan->gives, hits = frame->plan && (frame->plan->needs & PELL_NEED_HIT);
+    struct wanted w = { .count = 0 };
+    enum pell_result res;
+
+    if (!e->sized)
+        PELL_TRY(pell_surface_allocate(e->ctx, s->width, s->height, &e->surface));
+    want(&w, e->lighting.irradiance, 3);
+    want(&w, e->lighting.through, 3);
+    want(&w, e->lighting.specular, 3);
+    want(&w, e->display, 3);
+    for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
+        const struct pell_output_layer *l = &pell_output_layers[i];
+        if (l->when == PELL_LAYER_ALWAYS || (s->layers && (l->when != PELL_LAYER_SINGLE || gives)))
+            want(&w, pell_output_layer_planes(&e->sum, l), l->components);
+    }
+    for (int i = 0; i < PELL_PLANES; i++)
+        if (is_asked(i, frame))
+            want(&w, e->plane[i], pell_plane_at(i)->components);
+    if (s->bloom > 0.0f)
+        want(&w, e->glow, PELL_BLOOM_PLANES);
+    if (s->dof)
+        want(&w, e->open, PELL_DOF_PLANES);
+    PELL_TRY(allocate(e, s, &w));
+    res = PELL_ERR_NOMEM;
+    if (!e->rows && !(e->rows = pell_calloc(e->ctx, (size_t) s->height * 6, sizeof(*e->rows))))
+        goto fail;
+    if (s->dof && !e->open_tiles && !(e->open_tiles = pell_calloc(e->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
+        goto fail;
+    e->sum.meter = e->rows + (size_t) s->height * 4;
+    e->surface.mips = e->mips;
+    e->surface.lean = true;
+    e->surface.mesh = hits ? (uint32_t *) e->plane[PELL_PLANE_MESH][0] : NULL; /* it keeps what its rays hit for methods that ask */
+    e->surface.triangle = hits ? (uint32_t *) e->plane[PELL_PLANE_TRIANGLE][0] : NULL;
+    e->surface.barycentric[0] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][0] : NULL;
+    e->surface.barycentric[1] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][1] : NULL;
+    e->sized = true;
+    return PELL_OK;
+
+fail:
+    if (!e->sized)
+        drop_planes(e);
+    return res;
+}
+
+static enum pell_result cpu_make(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame)
+{
+    struct cpu *e = engine;
+    const struct pell_settings *s = frame->settings;
+    enum pell_result res = PELL_OK;
+
+    switch (resource) {
+    case PELL_ENGINE_SCENE:
+        return make_scene(e, frame->scene);
+    case PELL_ENGINE_PLANES:
+        return make_planes(e, frame);
+    case PELL_ENGINE_RASTER:
+        if (!e->rastered)
+            res = pell_raster_create(e->ctx, e->scene, s->width, s->height, &e->raster);
+        e->rastered = res == PELL_OK;
+        e->surface.raster = e->raster;
+        return res;
+    case PELL_ENGINE_LIGHTS:
+        e->settings = s;
+        return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
+    case PELL_ENGINE_RESOURCES:
+        break;
+    }
+    return PELL_OK;
+}
+
+static void cpu_drop(void *engine, enum pell_engine_resource resource)
+{
+    struct cpu *e = engine;
+
+    switch (resource) {
+    case PELL_ENGINE_SCENE:
+        drop_scene(e);
+        break;
+    case PELL_ENGINE_PLANES:
+        drop_planes(e);
+        break;
+    case PELL_ENGINE_RASTER:
+        pell_raster_destroy(&e->raster);
+        e->surface.raster = NULL;
+        e->rastered = false;
+        break;
+    case PELL_ENGINE_LIGHTS:
+        pell_lights_destroy(&e->lights);
+        break;
+    case PELL_ENGINE_RESOURCES:
+        break;
+    }
+}
+
+static void cpu_close(void *engine)
+{
+    struct cpu *e = engine;
+
+    for (int i = 0; e && i < PELL_ENGINE_RESOURCES; i++)
+        cpu_drop(e, (enum pell_engine_resource) i);
+    if (e)
+        pell_free(e->ctx, e);
+}
+
+/* --- What methods are lent -------------------------------------------------------------------------------------------------------- */
+
+/* Of a frame's light, all that does not depend on the sample. */
+static struct pell_irradiance_params light_params(const struct cpu *e, float mix)
+{
+    return (struct pell_irradiance_params) {
+        .rays = e->rays,
+        .scene = e->scene,
+        .surface = &e->surface,
+        .tables = e->tables,
+        .mix = mix,
+        .smooth = e->settings->boundary == PELL_BOUNDARY_SMOOTH,
+        .seed = pell_settings_seed(e->settings),
+    };
+}
+
+static int64_t cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                                const struct pell_surface_light *out)
+{
+    const struct cpu *e = engine;
+    struct pell_irradiance_params p = light_params(e, params->mix);
+    int64_t rays = 0;
+
+    p.sample = params->first;
+    p.lights = params->lights;
+    for (size_t first = 0; first < n; first += 16) {
+        const size_t count = n - first < 16 ? n - first : 16;
+        _Alignas(64) float ambient[16] = { 0 };
+        struct pell_points points;
+        struct pell_points_light light;
+
+        for (size_t i = 0; i < 16; i++) {
+            const size_t k = first + (i < count ? i : 0);
+            points.mesh[i] = i < count ? in->mesh[k] : PELL_NO_HIT;
+            points.triangle[i] = in->triangle[k];
+            points.u[i] = in->u[k];
+            points.v[i] = in->v[k];
+            points.number[i] = in->number[k];
+            ambient[i] = in->ambient ? in->ambient[k] : 0.0f;
+        }
+        p.ambient = in->ambient ? ambient : NULL;
+        pell_irradiance_points(e->lights, &p, &points, params->spacing, params->samples, &light);
+        rays += light.rays;
+        for (size_t i = 0; i < count; i++) {
+            for (int c = 0; c < 3; c++) {
+                out->irradiance[c][first + i] = light.irradiance[c][i];
+                if (out->position[c])
+                    out->position[c][first + i] = light.position[c][i];
+                if (out->normal[c])
+                    out->normal[c][first + i] = light.normal[c][i];
+            }
+            if (out->strength)
+                out->strength[first + i] = light.strength[i];
+            if (out->there)
+                out->there[first + i] = light.there[i] != 0;
+        }
+    }
+    return rays;
+}
+
+static const struct pell_fan *cpu_light_grid(void *engine, size_t light)
+{
+    const struct cpu *e = engine;
+
+    return e->lights ? pell_lights_fan(e->lights, light) : NULL;
+}
+
+static void cpu_lend(void *engine, struct pell_services *services)
+{
+    struct cpu *e = engine;
+
+    services->rays = e->rays;
+    services->engine = e;
+    services->light_points = cpu_light_points;
+    services->light_grid = cpu_light_grid;
+}
+
+/* --- The stages of a sample ------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result cpu_surface(void *engine, const struct pell_engine_sample *sample, struct pell_engine_seen *seen)
+{
+    struct cpu *e = engine;
+    const struct pell_surface *s = &e->surface;
+    const double start = pell_seconds();
+    const enum pell_result res = pell_surface_render(e->pool, e->rays, e->scene, &sample->view, &e->surface);
+
+    if (res != PELL_OK)
+        return res;
+    pell_stage_note(sample->frame->notes, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);
+    *seen = (struct pell_engine_seen) { s->translucent, s->translucent_pixels };
+    return PELL_OK;
+}
+
+static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sample *sample)
+{
+    struct cpu *e = engine;
+    const struct pell_engine_frame *f = sample->frame;
+    const struct pell_settings *settings = f->settings;
+    const float mix = f->plan ? f->plan->mix : -1.0f;
+    struct pell_irradiance_params light = light_params(e, mix);
+    const double start = pell_seconds();
+    enum pell_result res;
+
+    light.view = &sample->view;
+    light.thickness = f->plan && (f->plan->needs & PELL_NEED_THROUGH) ? f->materials->thickness : NULL;
+    light.sample = (uint32_t) sample->number;
+    res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
+    if (res != PELL_OK)
+        return res;
+    pell_stage_note(f->notes, "irradiance", pell_seconds() - start, e->surface.covered_pixels, e->lighting.shadow_rays,
+                    e->surface.covered_pixels * 108);
+    e->composite = (struct pell_composite_params) {
+        .scene = e->scene,
+        .view = &sample->view,
+        .surface = &e->surface,
+        .tables = e->tables,
+        .lighting = &e->lighting,
+        .total = (const float(*)[3]) f->materials->total,
+        .mix = mix,
+        .smooth = settings->boundary == PELL_BOUNDARY_SMOOTH,
+        .published = settings->exit == PELL_EXIT_PUBLISHED,
+        .rect = f->covered,
+        .weight = 1.0f / (float) settings->msaa,
+        .first = sample->number == 0,
+    };
+    return PELL_OK;
+}
+
+static enum pell_result cpu_lit(void *engine, const struct pell_engine_sample *sample)
+{
+    struct cpu *e = engine;
+    const double start = pell_seconds();
+    const int64_t pixels = e->surface.translucent_pixels;
+
+    pell_composite_lit(e->pool, e->compositor, &e->composite, e->plane[PELL_PLANE_LIT]);
+    pell_stage_note(sample->frame->notes, "lit", pell_seconds() - start, pixels, 0, pixels * 48);
+    return PELL_OK;
+}
+
+struct remap_task {
+    const struct pell_surface *surface;
+    const struct pell_view *view;
+    const uint16_t *frame_index;
+    uint16_t *out;
+    float *const *position; /* NULL: not asked for */
+};
+
+static void remap_row(void *arg, int index, int worker)
+{
+    const struct remap_task *t = arg;
+    const struct pell_surface *s = t->surface;
+    const int y = s->translucent.y0 + index;
+    const ptrdiff_t row = y * s->stride;
+    (void) worker;
+    for (int x = s->translucent.x0; x < s->translucent.x1; x++)
+        t->out[row + x] = t->frame_index[s->material[row + x]];
+    for (int x = s->translucent.x0; t->position && x < s->translucent.x1; x++) {
+        struct pell_vec3 start, direction, p;
+        if (!t->out[row + x])
+            continue;
+        pell_view_ray(t->view, (float) x, (float) y, &start, &direction);
+        p = vec3_mad(start, s->depth[row + x], direction);
+        t->position[0][row + x] = p.x;
+        t->position[1][row + x] = p.y;
+        t->position[2][row + x] = p.z;
+    }
+}
+
+static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample, struct pell_frame *in, struct pell_frame_light *out)
+{
+    struct cpu *e = engine;
+    const struct pell_surface *s = &e->surface;
+    float *const *const of_stages[PELL_PLANES] = {
+        [PELL_PLANE_DEPTH] = &s->depth,   [PELL_PLANE_STRENGTH] = &s->strength, [PELL_PLANE_BASE] = s->base,
+        [PELL_PLANE_NORMAL] = s->ns,      [PELL_PLANE_IRRADIANCE] = e->lighting.irradiance,
+    };
+    const struct remap_task remap = {
+        .surface = s,
+        .view = &sample->view,
+        .frame_index = sample->frame->materials->frame_index,
+        .out = (uint16_t *) e->plane[PELL_PLANE_MATERIAL][0],
+        .position = is_asked(PELL_PLANE_POSITION, sample->frame) ? e->plane[PELL_PLANE_POSITION] : NULL,
+    };
+
+    pell_pool_run(e->pool, s->translucent.y1 - s->translucent.y0, remap_row, (void *) &remap);
+    in->rect = s->translucent;
+    for (int i = 0; i < PELL_PLANES; i++) {
+        const struct pell_plane_info *p = pell_plane_at(i);
+        float *const *from = of_stages[i] ? of_stages[i] : is_asked(i, sample->frame) ? e->plane[i] : NULL;
+        if (from)
+            memcpy((char *) (p->of_light ? (void *) out : (void *) in) + p->offset, from, (size_t) p->components * sizeof(*from));
+    }
+}
+
+/* The composite of one sample, blurred by its part of the lens. */
+static void composite_through_lens(struct cpu *e, const struct pell_engine_sample *sample)
+{
+    float *const out[] = { e->sum.color[0], e->sum.color[1], e->sum.color[2], e->sum.alpha };
+    const struct pell_engine_frame *f = sample->frame;
+    const struct pell_rect rect = f->covered;
+    const int64_t pixels = (int64_t) (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
+    struct pell_accumulator apart = e->sum;
+    const struct pell_dof_params params = {
+        .surface = &e->surface,
+        .rect = rect,
+        .scale = f->lens->radius / sqrtf((float) f->settings->msaa) * sample->view.focal_px,
+        .focus = f->lens->focus,
+        .first = sample->number == 0,
+    };
+    double start = pell_seconds();
+
+    for (int c = 0; c < 3; c++)
+        apart.color[c] = e->open[c];
+    apart.alpha = e->open[3];
+    for (int c = 0; c < 4 && !params.first; c++)
+        for (int y = rect.y0; y < rect.y1 && rect.x0 < rect.x1; y++)
+            memset(e->open[c] + y * e->surface.stride + rect.x0, 0, (size_t) (rect.x1 - rect.x0) * sizeof(float));
+    pell_composite_render(e->pool, e->compositor, &e->composite, &apart);
+    pell_stage_note(f->notes, "composite", pell_seconds() - start, e->surface.covered_pixels, 0, e->surface.covered_pixels * 64);
+    start = pell_seconds();
+    pell_dof_render(e->pool, &params, e->open, e->open_tiles, out);
+    pell_stage_note(f->notes, "depth of field", pell_seconds() - start, pixels, 0, pixels * 40);
+}
+
+static enum pell_result cpu_composite(void *engine, const struct pell_engine_sample *sample, const struct pell_engine_scattered *scattered)
+{
+    struct cpu *e = engine;
+    const struct pell_plan *plan = sample->frame->plan;
+    struct pell_composite_params *p = &e->composite;
+    const double start = pell_seconds();
+
+    if (scattered->there) {
+        p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
+        p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
+        p->below = plan->below;
+        p->single = is_asked(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE] : NULL;
+        p->reflected = is_asked(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
+        p->noise = scattered->noise[0] ? scattered->noise : NULL;
+    }
+    if (sample->frame->lens->radius > 0.0f) {
+        composite_through_lens(e, sample);
+    } else {
+        pell_composite_render(e->pool, e->compositor, p, &e->sum);
+        pell_stage_note(sample->frame->notes, "composite", pell_seconds() - start, e->surface.covered_pixels, 0,
+                        e->surface.covered_pixels * 64);
+    }
+    return pell_cancelled(e->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+/* --- The end of a frame ------------------------------------------------------------------------------------------------------------ */
+
+static void cpu_average(void *engine, int done, int planned)
+{
+    struct cpu *e = engine;
+    const float up = (float) planned / (float) done;
+    const size_t size = (size_t) e->surface.stride * (size_t) e->surface.height;
+
+    for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
+        const struct pell_output_layer *l = &pell_output_layers[k];
+        float *const *planes = pell_output_layer_planes(&e->sum, l);
+        const float scale = l->power == 2 ? up * up : up;
+        for (int c = 0; c < l->components && l->power > 0; c++)
+            for (size_t i = 0; planes[c] && i < size; i++)
+                planes[c][i] *= scale;
+    }
+}
+
+static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f, const struct pell_view *view)
+{
+    struct cpu *e = engine;
+    const struct pell_post_params params = {
+        .scene = e->scene,
+        .view = view,
+        .lens = f->lens,
+        .lights = e->lights,
+        .settings = f->settings,
+        .width = f->settings->width,
+        .height = f->settings->height,
+        .rect = f->covered,
+        .stride = e->surface.stride,
+        .meter = e->sum.meter,
+        .rows = e->rows,
+        .glow = e->glow,
+    };
+    const int64_t pixels = (int64_t) params.width * params.height;
+    const double start = pell_seconds();
+
+    pell_post_render(e->pool, &params, e->sum.color, e->sum.alpha, e->display, &e->post);
+    if (pell_cancelled(e->ctx))
+        return PELL_ERR_CANCELLED;
+    pell_stage_note(f->notes, "post", pell_seconds() - start - e->post.bloom, pixels, 0, pixels * 44);
+    if (f->settings->bloom > 0.0f)
+        pell_stage_note(f->notes, "bloom", e->post.bloom, pixels, 0, pixels * 36);
+    return PELL_OK;
+}
+
+/* Whether a result has the layer. */
+static bool has_layer(const struct pell_output_layer *l, const struct pell_engine_frame *frame, bool noisy)
+{
+    switch (l->when) {
+    case PELL_LAYER_ALWAYS:
+        return true;
+    case PELL_LAYER_ASKED:
+        return frame->settings->layers;
+    case PELL_LAYER_SINGLE:
+        return frame->settings->layers && frame->plan && (frame->plan->gives & PELL_GIVES_SINGLE);
+    case PELL_LAYER_NOISE:
+        return frame->settings->layers && noisy;
+    }
+    return false;
+}
+
+static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, bool noisy, struct pell_channel *channels,
+                          struct pell_engine_result *out)
+{
+    const struct cpu *e = engine;
+
+    *out = (struct pell_engine_result) {
+        .display = { e->display[0], e->display[1], e->display[2] },
+        .alpha = e->sum.alpha,
+        .stride = e->surface.stride,
+        .exposure = e->post.exposure,
+        .invalid = e->post.invalid,
+        .covered = e->post.covered,
+        .lit = e->post.lit,
+    };
+    for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
+        const struct pell_output_layer *l = &pell_output_layers[k];
+        float *const *planes = pell_output_layer_planes(&e->sum, l);
+        for (int c = 0; c < l->components && has_layer(l, frame, noisy); c++)
+            channels[out->num_channels++] = (struct pell_channel) { l->names[c], planes[c], out->stride, l->full_float };
+    }
+}
+
+double pell_engine_cpu_trace_bare(void *engine, const struct pell_view *view)
+{
+    struct cpu *e = engine;
+
+    return e->rays && e->sized ? pell_surface_trace_bare(e->pool, e->rays, e->scene, view, &e->surface) : 0.0;
+}
+
+void pell_engine_cpu_record_rays(void *engine, struct pell_ray_record *record)
+{
+    struct cpu *e = engine;
+
+    if (e->rays)
+        pell_rays_record(e->rays, record);
+}
+
+static const struct pell_method_engine *cpu_method(const struct pell_method *method)
+{
+    return method->cpu;
+}
+
+const struct pell_engine_interface pell_engine_cpu = {
+    .name = "cpu",
+    .method = cpu_method,
+    .open = cpu_open,
+    .close = cpu_close,
+    .make = cpu_make,
+    .drop = cpu_drop,
+    .lend = cpu_lend,
+    .surface = cpu_surface,
+    .irradiance = cpu_irradiance,
+    .lit = cpu_lit,
+    .hand_over = cpu_hand_over,
+    .composite = cpu_composite,
+    .average = cpu_average,
+    .post = cpu_post,
+    .read_back = cpu_read_back,
+};

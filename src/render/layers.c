@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: MIT
+ * layers.c - the rows. Their order is that of a picture's channels. */
+#include "render/layers.h"
+
+#define AT(member) offsetof(struct pell_accumulator, member)
+
+const struct pell_output_layer pell_output_layers[PELL_OUTPUT_LAYERS] = {
+    { { "R", "G", "B" }, 3, AT(color), PELL_LAYER_ALWAYS, 1, false },
+    { { "A" }, 1, AT(alpha), PELL_LAYER_ALWAYS, 1, false },
+    { { "diffuse.multiple.R", "diffuse.multiple.G", "diffuse.multiple.B" }, 3, AT(multiple), PELL_LAYER_ASKED, 1, false },
+    { { "transmission.R", "transmission.G", "transmission.B" }, 3, AT(transmission), PELL_LAYER_ASKED, 1, false },
+    { { "specular.R", "specular.G", "specular.B" }, 3, AT(specular), PELL_LAYER_ASKED, 1, false },
+    { { "irradiance.R", "irradiance.G", "irradiance.B" }, 3, AT(irradiance), PELL_LAYER_ASKED, 1, false },
+    { { "normal.X", "normal.Y", "normal.Z" }, 3, AT(normal), PELL_LAYER_ASKED, 1, false },
+    { { "depth.Z" }, 1, AT(depth), PELL_LAYER_ASKED, 0, true },
+    { { "translucent.Y" }, 1, AT(translucent), PELL_LAYER_ASKED, 1, false },
+    { { "diffuse.single.R", "diffuse.single.G", "diffuse.single.B" }, 3, AT(single), PELL_LAYER_SINGLE, 1, false },
+    { { "variance.R", "variance.G", "variance.B" }, 3, AT(variance), PELL_LAYER_NOISE, 2, true }, /* squares of small numbers */
+};

@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pass.h - the pass of a renderer, whose materials and knobs were checked before.
+ */
+#ifndef PELL_PASS_H
+#define PELL_PASS_H
+
+#include "render/engine.h"
+
+/* As pell_pass_create, with what the services lend. Materials have profiles and names. `services` is copied. */
+PELL_NODISCARD enum pell_result pell_pass_make(const struct pell_engine_interface *engine, const struct pell_services *services,
+                                               const struct pell_method *method, const void *knobs, const struct pell_frame_shape *shape,
+                                               struct pell_pass **out);
+
+/* PELL_ERR_DEVICE, with a message that says which engines have the method, where this one has not. */
+PELL_NODISCARD enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_engine_interface *engine,
+                                                  const struct pell_method *method);
+
+#endif

@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * services.h - what a method is lent when it is created, for as long as its pass lives. Facts of one frame come in struct pell_frame.
+ *
+ * On a caller's planes there are threads and nothing else: `scene` and all that follows it are NULL. A method with PELL_NEED_SCENE is never
+ * created there.
+ *
+ * Threads    everything here may be used from many threads at once, from inside the pool's tasks, too.
+ */
+#ifndef PELL_SERVICES_H
+#define PELL_SERVICES_H
+
+#include "base/pool.h"
+#include "transport/solids.h"
+#include "render/camera_view.h"
+
+#include <pellucid/method.h>
+#include <pellucid/render.h>
+
+struct pell_fan;
+
+/* n points of the scene's triangles. */
+struct pell_surface_points {
+    const uint32_t *mesh, *triangle; /* mesh PELL_NO_HIT: no point */
+    const float *u, *v;              /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
+    const uint32_t *number;          /* names the patterns in which lights with extent are sampled: points of one number share them */
+    const float *ambient; /* visibility of the environment's smooth rest, where the caller knows it better; NULL: found by rays */
+};
+
+/* What light does at them: arrays of n, the caller's. All but `irradiance` may be NULL. */
+struct pell_surface_light {
+    float *irradiance[3]; /* W/m^2, entered, with albedo^m; of the outer side */
+    float *position[3];   /* mm */
+    float *normal[3];     /* geometric, unit, outward by the order of the triangle's corners */
+    float *strength;      /* of scattering, [0, 1]; 1 where no point is */
+    bool *there;          /* false: no point, or one where the material is cut out by its alpha */
+};
+
+/* What holds for all points of a call. */
+struct pell_points_params {
+    uint64_t lights; /* bit min(i, 63) of each light i of the scene that counts, at least one; 0: all. Their sums are all light */
+    float mix;       /* as in struct pell_plan */
+    float spacing;   /* mm between points, > 0: textures are filtered to it */
+    uint32_t first;  /* number of the multisample, of `samples` whose mean is taken */
+    int samples;
+};
+
+struct pell_services {
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct pell_scene *scene;
+    const struct pell_rays *rays;
+    const uint16_t *frame_index; /* per scene material + 1: the frame's material + 1, or 0 */
+    const struct pell_frame_material *materials;
+    const struct pell_settings *settings;     /* of the frame that is made: where a pass outlives a change they change under it */
+    const struct pell_checkpoint *checkpoint; /* NULL: none */
+    void *engine; /* passed to the functions below, which the engine fills in */
+    int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                            const struct pell_surface_light *out);
+    const struct pell_fan *(*light_grid)(void *engine, size_t light);
+};
+
+/* Light that enters at n points, as the stage "irradiance" finds it at pixels: the same lights, tables and formulas. Runs on the calling
+ * thread and allocates nothing. Returns the number of rays traced. */
+static inline int64_t pell_services_light_points(const struct pell_services *s, const struct pell_points_params *params,
+                                                 const struct pell_surface_points *in, size_t n, const struct pell_surface_light *out)
+{
+    return s->light_points(s->engine, params, in, n, out);
+}
+
+/* Points that are found 16 at a time, as rays are, and their light. */
+struct pell_points16 {
+    uint32_t mesh[16], triangle[16];
+    float u[16], v[16];
+    uint32_t number[16];
+};
+
+struct pell_points16_light {
+    float irradiance[3][16], position[3][16], normal[3][16], strength[16];
+    bool there[16];
+};
+
+/* The same of the first `count` of them; `ambient` may be NULL. */
+static inline int64_t pell_services_light16(const struct pell_services *s, const struct pell_points_params *params,
+                                            const struct pell_points16 *p, const float *ambient, int count,
+                                            struct pell_points16_light *light)
+{
+    const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->number, ambient };
+    const struct pell_surface_light out = {
+        .irradiance = { light->irradiance[0], light->irradiance[1], light->irradiance[2] },
+        .position = { light->position[0], light->position[1], light->position[2] },
+        .normal = { light->normal[0], light->normal[1], light->normal[2] },
+        .strength = light->strength,
+        .there = light->there,
+    };
+
+    return pell_services_light_points(s, params, &in, (size_t) count, &out);
+}
+
+/* What light number `light` of the scene sees (visibility/light_grid.h), during a frame; NULL: it has none, ask the rays. */
+static inline const struct pell_fan *pell_services_light_grid(const struct pell_services *s, size_t light)
+{
+    return s->light_grid(s->engine, light);
+}
+
+/* The scene's bodies over the frame's materials. pell_bodies_destroy when done. */
+static inline PELL_NODISCARD enum pell_result pell_services_bodies(const struct pell_services *s, struct pell_bodies **out)
+{
+    return pell_bodies_create(s->ctx, s->scene, s->frame_index, s->materials, out);
+}
+
+/* The 32 bits that struct pell_frame.seed has. */
+static inline uint32_t pell_settings_seed(const struct pell_settings *settings)
+{
+    const uint64_t seed = (uint64_t) settings->seed;
+
+    return (uint32_t) (seed ^ seed >> 32);
+}
+
+#endif
