@@ -92,7 +92,6 @@ enum pell_result pell_pass_make(const struct pell_engine_interface *engine, cons
     enum pell_result res;
 
     *out = NULL;
-    PELL_TRY(pell_engine_check(ctx, engine, method));
     PELL_TRY(check_shape(ctx, shape));
     res = PELL_ERR_NOMEM;
     p = pell_zalloc(ctx, sizeof(*p));
@@ -158,12 +157,14 @@ static const char *find_missing(unsigned needs, const struct pell_frame *in, con
 {
     for (int i = 0; i < PELL_PLANES; i++) {
         const struct pell_plane_info *p = pell_plane_at(i);
-        void *const *at = (void *const *) ((const char *) (p->of_light ? (const void *) out : (const void *) in) + p->offset);
+        const void *planes[3];
 
         if (p->optional || (p->need && !(needs & p->need)))
             continue;
+        memcpy(planes, (const char *) (p->of_light ? (const void *) out : (const void *) in) + p->offset,
+               (size_t) p->components * sizeof(*planes));
         for (int c = 0; c < p->components; c++)
-            if (!at[c])
+            if (!planes[c])
                 return p->name;
     }
     return NULL;

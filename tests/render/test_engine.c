@@ -131,9 +131,8 @@ static void null_hand_over(void *engine, const struct pell_engine_sample *sample
     in->rect = (struct pell_rect) { 0, 0, WIDTH, HEIGHT };
     for (int i = 0; i < PELL_PLANES; i++) {
         const struct pell_plane_info *p = pell_plane_at(i);
-        void **to = (void **) ((char *) (p->of_light ? (void *) out : (void *) in) + p->offset);
-        for (int c = 0; c < p->components; c++)
-            to[c] = seen.plane;
+        float *const planes[] = { seen.plane, seen.plane, seen.plane };
+        memcpy((char *) (p->of_light ? (void *) out : (void *) in) + p->offset, planes, (size_t) p->components * sizeof(*planes));
     }
     (void) call("hand-over");
 }
