@@ -86,25 +86,6 @@ static struct pell_view sample_view(const struct pell_renderer *r, const struct 
     return view;
 }
 
-void pell_stage_note(struct pell_stage_notes *notes, const char *name, double seconds, int64_t pixels, int64_t rays, int64_t bytes)
-{
-    struct pell_stage_time *s = NULL;
-
-    for (size_t i = 0; i < notes->count && !s; i++)
-        if (strcmp(notes->rows[i].name, name) == 0)
-            s = &notes->rows[i];
-    if (!s) {
-        if (notes->count == PELL_STAGES_MOST)
-            return;
-        s = &notes->rows[notes->count++];
-        *s = (struct pell_stage_time) { .name = name };
-    }
-    s->ms += 1e3 * seconds;
-    s->pixels += pixels;
-    s->rays += rays;
-    s->bytes += bytes;
-}
-
 /* --- One frame ---------------------------------------------------------------------------------------------------------------- */
 
 static void widen(struct pell_rect *rect, int by, int width, int height)
