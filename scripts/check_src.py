@@ -250,10 +250,6 @@ MANY_ARGUMENTS = {
     "src/render/surface/sample16.h:bilinear16": 9,
     "src/scene/gltf/morph.c:add": 9,
 }
-# Files that call each other in a circle, and may.
-CIRCLES = [
-    {"src/render/method_pass.c", "src/render/resources.c", "src/render/renderer.c"},
-]
 
 
 def functions(code):
@@ -321,7 +317,7 @@ def rule_circles(tree):
         reach[name] = seen
     for name in needs:
         circle = {o for o in reach[name] if name in reach.get(o, ())} | {name}
-        if name in reach[name] and not any(circle <= allowed for allowed in CIRCLES):
+        if name in reach[name]:
             calls = ", ".join(f"{w} of {o}" for o, w in sorted(needs[name].items()) if o in circle)
             yield name, 1, f"is in a circle of {len(circle)} files by {calls}"
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * resources.c - what a renderer keeps from frame to frame: one table says what each part depends on, and is all that drops and makes them. */
+ * resources.c - what a renderer keeps from frame to frame: one table says what each part depends on, and is all that drops and makes
+ * them. */
 #include "render/renderer_state.h"
 
 #include "render/frame_material.h"
