@@ -8,6 +8,8 @@
  */
 #include "compare/tile.h"
 
+#include "shared/tone.h"
+
 #include <pellucid/compare.h>
 
 #include <math.h>
@@ -169,7 +171,7 @@ static void show(const struct pell_tone *tone, const float *const light[3], size
         return;
     }
     for (size_t i = 0; i < count; i++) {
-        const float lum = e * (0.2126f * lr[i] + 0.7152f * lg[i] + 0.0722f * lb[i]), y = lum > 0.0f ? lum < 1e12f ? lum : 1e12f : 0.0f;
+        const float lum = e * PELL_LUMINANCE(lr[i], lg[i], lb[i]), y = lum > 0.0f ? lum < 1e12f ? lum : 1e12f : 0.0f;
         const float scale = tone->curve == PELL_COMPARE_LINEAR ? e : e * ((1.0f + y * ws) / (1.0f + y));
         r[i] = unit(scale * lr[i]);
         g[i] = unit(scale * lg[i]);
@@ -346,7 +348,7 @@ static void ssim(const struct pell_tile *t, const float *window, const struct pe
             r[i] = encode(r[i]);
             g[i] = encode(g[i]);
             b[i] = encode(b[i]);
-            luma[i] = 0.2126f * r[i] + 0.7152f * g[i] + 0.0722f * b[i];
+            luma[i] = PELL_LUMINANCE(r[i], g[i], b[i]);
         }
     }
     compare_channel(t, window, planes, rows, map[0]);

@@ -1,16 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * color.h - the sRGB transfer function (IEC 61966-2-1), luminance, and texture look-up.
+ * color.h - tables of the sRGB transfer function (shared/tone.h), luminance, and texture look-up.
  *
  * Threads    all functions are pure and safe; the tables are constant, made by the build (srgb_table.py).
  */
 #ifndef PELL_COLOR_H
 #define PELL_COLOR_H
 
-#include <pellucid/image.h>
+#include "shared/tone.h"
 
-float pell_srgb_decode(float encoded); /* [0, 1] -> [0, 1]; continued linearly outside */
-float pell_srgb_encode(float linear);
+#include <pellucid/image.h>
 
 extern const float pell_srgb_u8[256];    /* exact to the float: decode(i/255) */
 extern const float pell_srgb_fine[4098]; /* decode(i/4096) */
@@ -26,9 +25,8 @@ static inline float pell_srgb_decode_u16(uint16_t value)
 /* Rec.709 luminance of linear RGB. */
 static inline float pell_luminance(const float rgb[3])
 {
-    return 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];
+    return PELL_LUMINANCE(rgb[0], rgb[1], rgb[2]);
 }
-
 
 /* One texel as linear RGBA: grey is copied to R, G, B; missing alpha is 1. x, y must be inside. */
 void pell_image_texel(const struct pell_image *image, int x, int y, float rgba[4]);

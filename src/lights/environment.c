@@ -147,10 +147,9 @@ void pell_environment_irradiance(const struct pell_environment *env, struct pell
               j = j0 < PELL_ENV_NODES - 2 ? j0 : PELL_ENV_NODES - 2;
     const float f = u - (float) i, g = v - (float) j;
     const float weight[4] = { (1.0f - f) * (1.0f - g), f * (1.0f - g), (1.0f - f) * g, f * g };
-    const float r = (q->roughness - PELL_ROUGHNESS_MIN) * ((PELL_ENV_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN));
-    const float rc = r > 0.0f ? r < PELL_ENV_ROUGHNESS - 1 ? r : PELL_ENV_ROUGHNESS - 1 : 0.0f;
-    const int k = (int) rc < PELL_ENV_ROUGHNESS - 2 ? (int) rc : PELL_ENV_ROUGHNESS - 2;
-    const float h = rc - (float) k;
+    const float place = pell_roughness_place(q->roughness, PELL_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
+    const int k = pell_table_cell(place, PELL_ENV_ROUGHNESS);
+    const float h = place - (float) k;
     float e[3] = { 0 }, lobe[3] = { 0 };
 
     for (int corner = 0; corner < 4; corner++) {
@@ -164,7 +163,7 @@ void pell_environment_irradiance(const struct pell_environment *env, struct pell
         for (int c = 0; c < 3; c++) {
             const float a = q->f0 * m[c] + m[3 + c], b = q->f0 * m[6 + c] + m[9 + c];
             e[c] += weight[corner] * node[c];
-            lobe[c] += weight[corner] * (a + h * (b - a));
+            lobe[c] += weight[corner] * pell_lerp(a, b, h);
         }
     }
     for (int c = 0; c < 3; c++)

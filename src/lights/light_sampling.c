@@ -9,6 +9,7 @@
 #include "lights/light_sampling.h"
 #include "image/color.h"
 #include "lights/lights.h"
+#include "shared/light.h"
 
 #include <string.h>
 
@@ -386,8 +387,8 @@ static double estimate(const struct emitter *e, struct pell_vec3 near, double so
     cosine = d2 > 0.0 ? dot(d, wide(lamp->direction)) / sqrt(d2) : 0.0;
     if (e->area > 0.0)
         return e->power * partly(fmax(cosine, 0.0)) / (fmax(d2, soft2) + e->area);
-    return e->power * lamp->scale / fmax(d2, soft2) * partly((double) pell_lamp_window(lamp, (float) fmin(d2, 1e30))) *
-           (lamp->type == PELL_LIGHT_SPOT ? partly((double) pell_lamp_cone(lamp, (float) cosine)) : 1.0);
+    return e->power * lamp->scale / fmax(d2, soft2) * partly((double) pell_light_window((float) fmin(d2, 1e30), lamp->inv_range)) *
+           (lamp->type == PELL_LIGHT_SPOT ? partly((double) pell_light_cone((float) cosine, lamp->spot_scale, lamp->spot_offset)) : 1.0);
 }
 
 static double estimate_all(const struct pell_emitters *e, struct pell_vec3 near, double soft2)
@@ -516,7 +517,7 @@ static void power_along(const struct pell_emitters *e, const struct pell_emitter
     else if (!is_away(l))
         scale = (double) lamp->scale;
     if (lamp->type == PELL_LIGHT_SPOT)
-        scale *= (double) pell_lamp_cone(lamp, vec3_dot(lamp->direction, direction));
+        scale *= (double) pell_light_cone(vec3_dot(lamp->direction, direction), lamp->spot_scale, lamp->spot_offset);
     if (lamp->image && scale > 0.0)
         pell_lamp_slide(lamp, sample->at, direction, place, slide);
     for (int c = 0; c < 3; c++)
@@ -543,7 +544,9 @@ void pell_emitters_power_at(const struct pell_emitters *emitters, const struct p
 double pell_emitters_range(const struct pell_emitters *emitters, int lamp, double distance)
 {
     const struct emitter *l = &emitters->list[lamp];
-    return l->sky || l->lamp.inv_range <= 0.0f ? 1.0 : (double) pell_lamp_window(&l->lamp, (float) fmin(distance * distance, 1e30));
+    if (l->sky || l->lamp.inv_range <= 0.0f)
+        return 1.0;
+    return (double) pell_light_window((float) fmin(distance * distance, 1e30), l->lamp.inv_range);
 }
 
 /* --- Rays that meet lamps ------------------------------------------------------------------------------------------------------- */

@@ -9,6 +9,7 @@
  */
 #include "lights/lights.h"
 
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -122,6 +123,45 @@ bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *lig
     return lamp.power[0] + lamp.power[1] + lamp.power[2] > 0.0f;
 }
 
+_Static_assert((int) PELL_LIGHT_POINT == PELL_LIGHT_DATA_POINT && (int) PELL_LIGHT_SPOT == PELL_LIGHT_DATA_SPOT &&
+                   (int) PELL_LIGHT_DIRECTIONAL == PELL_LIGHT_DATA_DIRECTIONAL && (int) PELL_LIGHT_RECT == PELL_LIGHT_DATA_RECT &&
+                   (int) PELL_LIGHT_DISC == PELL_LIGHT_DATA_DISC,
+               "shared/light_data.h numbers the kinds alike");
+#define AT(member, bytes) (offsetof(struct pell_light_data, member) == (bytes))
+_Static_assert(sizeof(struct pell_light_data) == 112 && AT(direction, 16) && AT(right, 32) && AT(up, 48) && AT(power, 64) &&
+                   AT(spot_scale, 80) && AT(spot_offset, 84) && AT(type, 88) && AT(samples, 92) && AT(environment, 96) && AT(light, 100) &&
+                   AT(image, 104) && AT(flags, 108),
+               "as std430 lays it out");
+
+static struct pell_vec4 vec4(struct pell_vec3 v, float w)
+{
+    return (struct pell_vec4) { v.x, v.y, v.z, w };
+}
+
+struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_lamp *lamp)
+{
+    struct pell_light_data data = {
+        .position = vec4(lamp->position, lamp->scale),
+        .direction = vec4(lamp->direction, lamp->inv_range),
+        .right = vec4(lamp->right, lamp->image_u),
+        .up = vec4(lamp->up, lamp->image_v),
+        .power = { lamp->power[0], lamp->power[1], lamp->power[2], lamp->sample_area },
+        .spot_scale = lamp->spot_scale,
+        .spot_offset = lamp->spot_offset,
+        .type = (int32_t) lamp->type,
+        .samples = lamp->samples,
+        .environment = lamp->environment,
+        .light = lamp->light,
+        .image = -1,
+        .flags = lamp->compact ? PELL_LIGHT_DATA_COMPACT : 0u,
+    };
+
+    for (size_t i = 0; lamp->image && i < scene->num_textures; i++)
+        if (scene->textures[i] == lamp->image)
+            data.image = (int32_t) i;
+    return data;
+}
+
 static int compare_parts(const void *a, const void *b)
 {
     const struct pell_lights_part *p = a, *q = b;
@@ -232,6 +272,12 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
             .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .tables = tables, .pool = pool }));
     }
     PELL_TRY(make_fans(lights, scene));
+    res = PELL_ERR_NOMEM;
+    lights->data = pell_alloc_array(ctx, lights->num_lamps ? lights->num_lamps : 1, sizeof(*lights->data));
+    if (!lights->data)
+        goto fail;
+    for (size_t i = 0; i < lights->num_lamps; i++)
+        lights->data[i] = pell_light_data_of(scene, &lights->lamps[i]);
     pell_specular_tables_destroy(&tables);
     *out = lights;
     return PELL_OK;
@@ -255,6 +301,7 @@ void pell_lights_destroy(struct pell_lights **lights)
     pell_free(l->ctx, l->environments);
     pell_free(l->ctx, l->eta_slot);
     pell_free(l->ctx, l->parts);
+    pell_free(l->ctx, l->data);
     pell_free(l->ctx, l->lamps);
     pell_free(l->ctx, l);
 }

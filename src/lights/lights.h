@@ -11,6 +11,7 @@
 #include "base/hash.h"
 #include "image/color.h"
 #include "lights/specular_tables.h"
+#include "shared/light_data.h"
 #include "visibility/light_grid.h"
 
 #include <pellucid/render.h>
@@ -62,6 +63,7 @@ struct pell_environment {
 struct pell_lights {
     struct pell_context *ctx;
     struct pell_lamp *lamps;
+    struct pell_light_data *data; /* of each lamp */
     size_t num_lamps, capacity;
     struct pell_environment *environments;
     size_t num_environments;
@@ -128,31 +130,11 @@ struct pell_vec3 pell_environment_direction(const struct pell_environment *env, 
 
 /* A light of the scene, no environment, whose face is sampled `samples` times; false where it is dark. */
 bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_lamp *lamp);
+/* What kernels, and shaders, read of a lamp. */
+struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_lamp *lamp);
 /* The slide's colour of light that leaves the lamp at `from` along the unit `direction` and meets `place` (directional: that alone
  * counts); black outside of the picture. */
 void pell_lamp_slide(const struct pell_lamp *lamp, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3]);
-
-/* What KHR_lights_punctual's range leaves at a distance: clamp(1 - (d/range)^4, 0, 1). */
-static inline float pell_lamp_window(const struct pell_lamp *lamp, float d2)
-{
-    const float q = d2 * lamp->inv_range * lamp->inv_range, window = 1.0f - q * q;
-    return window > 0.0f ? window : 0.0f;
-}
-
-/* 1/d^2 in the lamp's unit, with its range. */
-static inline float pell_lamp_falloff(const struct pell_lamp *lamp, float distance)
-{
-    const float d2 = distance * distance;
-    return lamp->scale / (d2 > 1e-6f ? d2 : 1e-6f) * pell_lamp_window(lamp, d2);
-}
-
-/* Of a spot, at that cosine from its axis. */
-static inline float pell_lamp_cone(const struct pell_lamp *lamp, float cosine)
-{
-    float s = cosine * lamp->spot_scale + lamp->spot_offset;
-    s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
-    return s * s;
-}
 
 /* True if some mesh of `object` has `material`. */
 bool pell_lights_part(const struct pell_lights *lights, int object, int material);

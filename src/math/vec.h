@@ -7,10 +7,11 @@
 #ifndef PELL_VEC_H
 #define PELL_VEC_H
 
+#include "shared/language.h" /* PELL_PI_F */
+
 #include <math.h>
 
 #define PELL_PI 3.14159265358979323846
-#define PELL_PI_F 3.14159265f
 
 struct pell_vec3 {
     float x, y, z;

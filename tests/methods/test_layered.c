@@ -392,7 +392,9 @@ static void paths_on_a_slab(void **state)
     (void) state;
     for (int i = 0; i < 2; i++)
         for (int c = 0; c < 3; c++) {
-            layer[i].phase[c] = (struct layered_phase){ .shape = LAYERED_HG, .n = { 0.06f }, .a = { 1.09f }, .b = { 0.6f } };
+            layer[i].phase[c] = (struct pell_phase_terms){
+                .shape = PELL_PHASE_TERMS_HENYEY_GREENSTEIN, .n = { 0.06f }, .a = { 1.09f }, .b = { 0.6f }
+            };
             layer[i].halves[c] = 1.442695f * layer[i].sigma_t[c];
             layer[i].most_halves = fmaxf(layer[i].most_halves, layer[i].halves[c]);
         }

@@ -2,6 +2,7 @@
  * test_specular.c - the lobes and what they leave for the light below. */
 #include "oracle.h"
 
+#include "math/vec.h"
 #include "optics/medium/specular.h"
 
 static const float roughnesses[] = { 0.1f, 0.2f, 0.3f, 0.45f, 0.6f, 0.8f, 1.0f };

@@ -583,6 +583,50 @@ static void the_mix_exponent_colours_what_enters(void **state)
     }
 }
 
+/* Lights as plain data say what the prepared lights say, in their order; the image is its place among the scene's textures. */
+static void plain_data_is_the_light(void **state)
+{
+    static const enum pell_light_type types[] = { PELL_LIGHT_POINT, PELL_LIGHT_SPOT, PELL_LIGHT_DIRECTIONAL,
+                                                  PELL_LIGHT_RECT,  PELL_LIGHT_DISC, PELL_LIGHT_ENVIRONMENT };
+    size_t compact = 0, images = 0;
+    struct rig r;
+    (void) state;
+
+    rig_start(&r, 4, 4);
+    rig_plane(&r, rig_material(&r, true), 0, 0.0f, 10.0f);
+    for (size_t i = 0; i < PELL_COUNT(types); i++) {
+        struct pell_light *light = rig_light(&r, types[i], vec3(1, 2, 5), vec3(0, 0.5f, 0), 1.0f + (float) i);
+        light->range = 40.0f;
+        light->width = light->height = light->radius = 3.0f;
+        if (types[i] == PELL_LIGHT_SPOT || types[i] == PELL_LIGHT_ENVIRONMENT)
+            light->image = add_picture(&r, 64, 32, 0.2f, 500.0f);
+    }
+    OK(pell_pool_create(r.ctx, 2, &r.pool));
+    OK(pell_lights_create(r.ctx, r.scene, &r.settings, r.pool, &r.lights));
+    REQUIRE(r.lights->num_lamps > PELL_COUNT(types));
+    for (size_t i = 0; i < r.lights->num_lamps; i++) {
+        const struct pell_lamp *l = &r.lights->lamps[i];
+        const struct pell_light_data *d = &r.lights->data[i];
+        const float expected[] = { l->position.x, l->position.y, l->position.z, l->scale, l->direction.x, l->direction.y, l->direction.z,
+                                   l->inv_range, l->right.x, l->right.y, l->right.z, l->image_u, l->up.x, l->up.y, l->up.z, l->image_v,
+                                   l->power[0], l->power[1], l->power[2], l->sample_area, l->spot_scale, l->spot_offset };
+        assert_memory_equal(d, expected, sizeof(expected));
+        assert_int_equal(d->type, l->type);
+        assert_int_equal(d->samples, l->samples);
+        assert_int_equal(d->environment, l->environment);
+        assert_int_equal(d->light, l->light);
+        assert_true(d->image < 0 ? l->image == NULL : r.scene->textures[d->image] == l->image);
+        assert_int_equal(d->flags, l->compact ? PELL_LIGHT_DATA_COMPACT : 0u);
+        compact += d->flags != 0;
+        images += d->image >= 0;
+    }
+    REQUIRE(compact > 0 && images == 1);
+    pell_lights_destroy(&r.lights);
+    pell_pool_destroy(&r.pool);
+    pell_scene_destroy(&r.scene);
+    pell_context_destroy(&r.ctx);
+}
+
 static void nth_allocation_fails_cleanly(void **state)
 {
     uint64_t n = 0;
@@ -643,6 +687,7 @@ int main(void)
         cmocka_unit_test(a_highlight_is_the_lobe),
         cmocka_unit_test(what_emits_adds_its_radiance),
         cmocka_unit_test(the_mix_exponent_colours_what_enters),
+        cmocka_unit_test(plain_data_is_the_light),
         cmocka_unit_test(nth_allocation_fails_cleanly),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -15,6 +15,7 @@
 #ifndef PELL_LAYERED_KERNELS_H
 #define PELL_LAYERED_KERNELS_H
 
+#include "shared/phase.h"
 #include "visibility/rays.h"
 
 #include <pellucid/scene.h>
@@ -32,21 +33,13 @@ enum {
 
 /* --- A material ----------------------------------------------------------------------------------------------------------------- */
 
-enum layered_shape { LAYERED_EVEN, LAYERED_HG, LAYERED_SCHLICK, LAYERED_RAYLEIGH, LAYERED_TWO_LOBE };
-
-/* p(c): n, n (a + b c)^(-3/2), n (1 + b c)^-2, n (1 + c^2), and the first two of the second kind. */
-struct layered_phase {
-    int shape;
-    float n[2], a[2], b[2];
-};
-
 struct layered_layer {
     float depth;       /* mm to its bottom; painted: of the number 1 in its tile */
     int pack, channel; /* -1: even */
     float sigma_s[3], sigma_t[3];
     float halves[3], most_halves; /* 1/mm: how often light is halved, sigma_t/ln 2; the largest of them */
     float per_number, middle;     /* painted: mm of a filtered number, see look_up in march.h */
-    struct layered_phase phase[3];
+    struct pell_phase_terms phase[3];
     bool one_phase; /* of all three channels */
 };
 

@@ -261,21 +261,19 @@ INLINE void order_depths(const struct layered_medium *m, vf *depth)
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
 
-INLINE vf lobe(const struct layered_phase *f, int k, vf c)
+INLINE vf lobe(const struct pell_phase_terms *f, int k, vf c)
 {
     const vf x = greater(f->a[k] + f->b[k] * c, all(1e-12f));
-    return f->n[k] / (x * root(x));
+    return PELL_PHASE_HENYEY_GREENSTEIN(f->n[k], x, root(x));
 }
 
-INLINE vf phase_value(const struct layered_phase *f, vf c)
+INLINE vf phase_value(const struct pell_phase_terms *f, vf c)
 {
-    vf x;
-
     switch (f->shape) {
-    case LAYERED_EVEN: return all(f->n[0]);
-    case LAYERED_SCHLICK: x = 1.0f + f->b[0] * c; return f->n[0] / (x * x);
-    case LAYERED_RAYLEIGH: return f->n[0] * (1.0f + c * c);
-    case LAYERED_TWO_LOBE: return lobe(f, 0, c) + lobe(f, 1, c);
+    case PELL_PHASE_TERMS_ISOTROPIC: return all(f->n[0]);
+    case PELL_PHASE_TERMS_SCHLICK: return PELL_PHASE_SCHLICK_OF(f->n[0], 1.0f + f->b[0] * c);
+    case PELL_PHASE_TERMS_RAYLEIGH: return PELL_PHASE_RAYLEIGH_OF(f->n[0], c);
+    case PELL_PHASE_TERMS_TWO_LOBE: return lobe(f, 0, c) + lobe(f, 1, c);
     default: return lobe(f, 0, c);
     }
 }

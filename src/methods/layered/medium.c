@@ -13,40 +13,40 @@
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
 
-static void set_lobe(double g, double weight, struct layered_phase *out, int k)
+static void set_lobe(double g, double weight, struct pell_phase_terms *out, int k)
 {
     out->n[k] = (float) (weight * (1.0 - g * g) / (4.0 * 3.14159265358979323846));
     out->a[k] = (float) (1.0 + g * g);
     out->b[k] = (float) (2.0 * g);
 }
 
-static void set_phase(const struct pell_phase *from, struct layered_phase *out)
+static void set_phase(const struct pell_phase *from, struct pell_phase_terms *out)
 {
     const double even = 1.0 / (4.0 * 3.14159265358979323846);
 
     memset(out, 0, sizeof(*out));
     switch (from->kind) {
     case PELL_PHASE_SCHLICK:
-        out->shape = LAYERED_SCHLICK;
+        out->shape = PELL_PHASE_TERMS_SCHLICK;
         out->n[0] = (float) ((1.0 - from->g[0] * from->g[0]) * even);
         out->b[0] = (float) from->g[0];
         break;
     case PELL_PHASE_RAYLEIGH:
-        out->shape = LAYERED_RAYLEIGH;
+        out->shape = PELL_PHASE_TERMS_RAYLEIGH;
         out->n[0] = (float) (0.75 * even);
         break;
     case PELL_PHASE_TWO_LOBE:
-        out->shape = LAYERED_TWO_LOBE;
+        out->shape = PELL_PHASE_TERMS_TWO_LOBE;
         set_lobe(from->g[0], from->weight, out, 0);
         set_lobe(from->g[1], 1.0 - from->weight, out, 1);
         break;
     default:
-        out->shape = LAYERED_HG;
+        out->shape = PELL_PHASE_TERMS_HENYEY_GREENSTEIN;
         set_lobe(from->g[0], 1.0, out, 0);
         break;
     }
-    if (out->shape != LAYERED_RAYLEIGH && out->shape != LAYERED_TWO_LOBE && from->g[0] == 0.0) {
-        out->shape = LAYERED_EVEN;
+    if (out->shape != PELL_PHASE_TERMS_RAYLEIGH && out->shape != PELL_PHASE_TERMS_TWO_LOBE && from->g[0] == 0.0) {
+        out->shape = PELL_PHASE_TERMS_ISOTROPIC;
         out->n[0] = (float) even;
     }
 }

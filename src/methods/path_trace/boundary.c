@@ -8,6 +8,7 @@
  * through make both ways reciprocal: b_0 W_0 = b_1 W_1 eta^2, W the mean loss of a side. So every boundary is a probability and the white
  * furnace stays white. */
 #include "methods/path_trace/path.h"
+#include "shared/boundary.h"
 
 #include <string.h>
 
@@ -15,17 +16,10 @@
 
 float pt_fresnel(float eta, float cos_i, float *cos_t)
 {
-    const float c = cos_i < 1.0f ? cos_i > 0.0f ? cos_i : 0.0f : 1.0f;
-    const float square = 1.0f - (1.0f - c * c) / (eta * eta);
-    float t, rs, rp;
+    const struct pell_refraction r = pell_refract(eta, cos_i);
 
-    *cos_t = 0.0f;
-    if (!(square > 0.0f))
-        return 1.0f;
-    *cos_t = t = sqrtf(square);
-    rs = (c - eta * t) / (c + eta * t);
-    rp = (eta * c - t) / (eta * c + t);
-    return 0.5f * (rs * rs + rp * rp);
+    *cos_t = r.cos_t;
+    return r.reflectance;
 }
 
 /* --- Facets, in a frame whose z is the normal -------------------------------------------------------------------------------------- */

@@ -6,23 +6,7 @@
 #define PELL_PATH_TRACE_SCALAR_H
 
 #include "math/vec.h"
-
-#include <stdint.h>
-#include <string.h>
-
-static inline int32_t pt_float_bits(float x)
-{
-    int32_t i;
-    memcpy(&i, &x, sizeof(i));
-    return i;
-}
-
-static inline float pt_bits_float(int32_t i)
-{
-    float x;
-    memcpy(&x, &i, sizeof(x));
-    return x;
-}
+#include "shared/phase.h"
 
 #define REAL float
 #define WHOLE int32_t
@@ -32,8 +16,8 @@ static inline float pt_bits_float(int32_t i)
 #define ROOT(x) sqrtf(x)
 #define AS_REAL(i) ((float) (i))
 #define AS_WHOLE(x) ((int32_t) (x))
-#define BITS(x) pt_float_bits(x)
-#define OF_BITS(i) pt_bits_float(i)
+#define BITS(x) pell_float_bits(x)
+#define OF_BITS(i) pell_bits_float(i)
 #include "methods/path_trace/functions.inc"
 #undef REAL
 #undef WHOLE

@@ -3,6 +3,7 @@
 #include "methods/path_trace/wavefront_kernel.h"
 
 #include "math/lanes.h"
+#include "shared/phase.h"
 
 #define REAL vf
 #define WHOLE vi

@@ -16,6 +16,7 @@
 #include "optics/medium/specular.h"
 
 #include "math/quadrature.h"
+#include "math/vec.h"
 
 /* A product rule over the unit square: Gauss and Legendre's over the radius, midpoints over half the turn (the integrand is even). */
 #define RADII 24
@@ -102,13 +103,6 @@ static void round_rule(double (*tan2)(double width, double rest), float width, s
     }
 }
 
-/* Schlick's F is F0 (1 - this) + this, h.v = vh. Weights are read whether they count or not: loops with branches are no vectors. */
-static inline float schlick_bias(float vh)
-{
-    const float d = vh < 1.0f ? 1.0f - vh : 0.0f, d2 = d * d;
-    return d2 * d2 * d;
-}
-
 /* Beckmann's distribution of width m. */
 static double beckmann_tan2(double m, double rest)
 {
@@ -129,7 +123,7 @@ static void kelemen_albedo(const struct rule *rule, float m, float mu, float *sc
     for (int k = 0; k < POINTS; k++) {
         const float vh = s * rule->a[k] + mu * rule->c[k], safe = vh > 1e-7f ? vh : 1e-7f;
         const float f = 2.0f - mu / (safe * rule->c[k]);
-        const float all = f * rule->weight[k], w = vh > 0.0f && f > 0.0f ? all : 0.0f, c = schlick_bias(vh);
+        const float all = f * rule->weight[k], w = vh > 0.0f && f > 0.0f ? all : 0.0f, c = pell_schlick_weight(vh);
         a += w * (1.0f - c);
         b += w * c;
     }
@@ -157,8 +151,8 @@ static void phong_albedo(const struct rule *rule, float alpha, float mu, float *
 
     for (int k = 0; k < POINTS; k++) {
         const float nl = mu * rule->c[k] + s * rule->a[k], lv = along * rule->c[k] + beside * rule->a[k];
-        const float vh2 = 0.5f + 0.5f * lv;
-        const float all = factor * nl * rule->weight[k], w = nl > 0.0f ? all : 0.0f, c = schlick_bias(sqrtf(vh2 > 0.0f ? vh2 : 0.0f));
+        const float vh2 = 0.5f + 0.5f * lv, c = pell_schlick_weight(sqrtf(vh2 > 0.0f ? vh2 : 0.0f));
+        const float all = factor * nl * rule->weight[k], w = nl > 0.0f ? all : 0.0f;
         a += w * (1.0f - c);
         b += w * c;
     }
@@ -184,7 +178,7 @@ static void blinn_albedo(const struct rule *rule, float alpha, float mu, float *
 
     for (int k = 0; k < POINTS; k++) {
         const float vh = s * rule->a[k] + mu * rule->c[k], nl = 2.0f * vh * rule->c[k] - mu;
-        const float all = factor * vh * nl * rule->weight[k], w = vh > 0.0f && nl > 0.0f ? all : 0.0f, c = schlick_bias(vh);
+        const float all = factor * vh * nl * rule->weight[k], w = vh > 0.0f && nl > 0.0f ? all : 0.0f, c = pell_schlick_weight(vh);
         a += w * (1.0f - c);
         b += w * c;
     }
@@ -227,7 +221,7 @@ static void ggx_albedo(const struct rule *rule, float alpha, float mu, float *sc
         const float hz = z * inv, vh = sin_v * x * inv + mu * hz;
         const float nl = 2.0f * vh * hz - mu, sl = sqrtf(a2 + (1.0f - a2) * nl * nl);
         const float g = nl * (mu + sv) / (nl * sv + mu * sl + 1e-30f);
-        const float all = g * rule->weight[k], w = nl > 0.0f ? all : 0.0f, c = schlick_bias(vh);
+        const float all = g * rule->weight[k], w = nl > 0.0f ? all : 0.0f, c = pell_schlick_weight(vh);
         a += w * (1.0f - c);
         b += w * c;
     }
@@ -274,7 +268,7 @@ void pell_specular_table_make(enum pell_specular_model model, struct pell_specul
 
     for (int j = 0; j < PELL_ALBEDO_ROUGHNESS; j++) {
         const float r = PELL_ROUGHNESS_MIN + (1.0f - PELL_ROUGHNESS_MIN) * (float) j / (PELL_ALBEDO_ROUGHNESS - 1);
-        const float width = pell_lobe_width(known, r);
+        const float width = pell_lobe_width((int) known, r);
         if (j == 0 || !lobes[known].fixed)
             lobes[known].rule(width, &rule);
         for (int i = 0; i < PELL_ALBEDO_MU; i++) {

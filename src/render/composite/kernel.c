@@ -2,6 +2,9 @@
  * kernel.c - see lanes.h; compiled once per SIMD level. */
 #include "render/composite/kernel.h"
 
+#include "shared/boundary.h"
+#include "shared/tone.h"
+
 #include <string.h>
 
 #define INLINE static inline __attribute__((always_inline))
@@ -50,23 +53,13 @@ INLINE void view_cosines(const struct pell_composite_row *row, int x, size_t at,
     }
 }
 
-/* Where a roughness lies between the tables' entries. */
-INLINE int roughness_place(float roughness, float *fraction)
-{
-    const float y0 = (roughness - PELL_ROUGHNESS_MIN) * ((PELL_ALBEDO_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN));
-    const float y1 = y0 > 0.0f ? y0 : 0.0f, y = y1 < PELL_ALBEDO_ROUGHNESS - 1 ? y1 : PELL_ALBEDO_ROUGHNESS - 1;
-    const int j0 = (int) y, j = j0 < PELL_ALBEDO_ROUGHNESS - 2 ? j0 : PELL_ALBEDO_ROUGHNESS - 2;
-
-    *fraction = y - (float) j;
-    return j;
-}
-
 /* Tables of one roughness and one F0, over mu: most surfaces have no roughness map. */
 static void make_cut(const struct pell_composite_row *row, const struct pell_composite_material *m, float roughness,
                      struct pell_composite_cut *restrict cut)
 {
+    int j;
     float g;
-    const int j = roughness_place(roughness, &g);
+    pell_roughness_position(roughness, &j, &g);
     const float *restrict t = row->albedo + 2 * (m->model * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS + j);
     const float *n = row->mean + 2 * (m->model * PELL_ALBEDO_ROUGHNESS + j);
 
@@ -85,10 +78,9 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
     int place[LANES], differ = 0;
 
     for (int i = 0; i < LANES; i++) {
-        const float x = sqrtf(mu[i]) * (PELL_ALBEDO_MU - 1);
-        const int k0 = (int) x, k = k0 < PELL_ALBEDO_MU - 2 ? k0 : PELL_ALBEDO_MU - 2;
-        fx[i] = x - (float) k;
-        place[i] = k;
+        const float x = pell_cosine_place(mu[i], PELL_ALBEDO_MU);
+        place[i] = pell_table_cell(x, PELL_ALBEDO_MU);
+        fx[i] = x - (float) place[i];
     }
     for (int i = 0; !even && i < LANES; i++)
         differ |= roughness[i] != roughness[0];
@@ -101,20 +93,22 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
             high[i] = cut->albedo[place[i] + 1];
         }
         for (int i = 0; i < LANES; i++) {
-            albedo[i] = low[i] + fx[i] * (high[i] - low[i]);
+            albedo[i] = pell_lerp(low[i], high[i], fx[i]);
             average[i] = cut->mean;
         }
         return;
     }
     for (int i = 0; i < LANES; i++) {
+        const int model = OF(model);
+        int j;
         float g;
-        const int j = roughness_place(roughness[i], &g), model = OF(model);
+        pell_roughness_position(roughness[i], &j, &g);
         const float *t = row->albedo + 2 * ((model * PELL_ALBEDO_MU + place[i]) * PELL_ALBEDO_ROUGHNESS + j);
         const float *r = t + 2 * PELL_ALBEDO_ROUGHNESS;
         const float *n = row->mean + 2 * (model * PELL_ALBEDO_ROUGHNESS + j), f0 = OF(f0);
         const float near = f0 * (t[0] + g * (t[2] - t[0])) + t[1] + g * (t[3] - t[1]);
         const float beyond = f0 * (r[0] + g * (r[2] - r[0])) + r[1] + g * (r[3] - r[1]);
-        albedo[i] = near + fx[i] * (beyond - near);
+        albedo[i] = pell_lerp(near, beyond, fx[i]);
         average[i] = f0 * (n[0] + g * (n[2] - n[0])) + n[1] + g * (n[3] - n[1]);
     }
 }
@@ -126,7 +120,7 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
     const struct pell_surface *s = row->p->surface;
     const bool published = row->p->published;
     const float *restrict r = s->specular[0] + at, *restrict g = s->specular[1] + at, *restrict b = s->specular[2] + at;
-    const float shared = published ? 0.0f : 1.0f;
+    const float normalized = published ? 0.0f : 1.0f;
     const float *restrict rough = s->roughness + at;
     float albedo[LANES], average[LANES], rho_s[LANES], roughness[LANES];
 
@@ -136,21 +130,18 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
     albedos(row, o, mu, roughness, full, even, cut, albedo, average);
     for (int i = 0; i < LANES; i++)
         rho_s[i] = even ? o->one->rho_s : !full && OF(even) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
-    for (int i = 0; i < LANES; i++) {
-        const float a = albedo[i] < 1.0f ? albedo[i] : 1.0f;
-        const float n = 1.0f - shared * rho_s[i] * (average[i] < 1.0f ? average[i] : 1.0f);
-        factor[i] = (1.0f - rho_s[i] * a) / (PELL_PI_F * (n > 1e-6f ? n : 1e30f));
-    }
+    for (int i = 0; i < LANES; i++)
+        factor[i] = pell_exit_factor(rho_s[i], albedo[i], average[i], normalized);
     for (int i = 0; row->any_smooth && i < LANES; i++)
         if (OF(smooth))
-            factor[i] = pell_boundary_lookup(OF(boundary), mu[i]) / (PELL_PI_F * (published ? 1.0f : OF(boundary_mean)));
+            factor[i] = pell_smooth_exit_factor(pell_boundary_lookup(OF(boundary), mu[i]), published ? 1.0f : OF(boundary_mean));
 }
 
 /* A block; `on` is 1 where a lane is covered. */
 INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, const struct owners *o, const float *restrict on, bool full,
                         bool even, struct pell_composite_cut *restrict cut, struct pell_composite_lanes *restrict result)
 {
-    static const float luminance[3] = { 0.2126f, 0.7152f, 0.0722f };
+    static const float luminance[3] = { PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B };
     const struct pell_composite_params *p = row->p;
     const float *restrict metallic = p->surface->metallic + at;
     const bool radiance = p->radiance;

@@ -182,17 +182,19 @@ static void project_image(const struct pell_lamp *lamp, struct packet *k)
 /* All samples of a lamp; what enters from the front goes to `front`. */
 static void shine(const struct job *job, const struct pell_lamp *lamp, struct packet *k, struct pell_sums *front)
 {
+    const struct pell_light_data *data = &job->lights->data[lamp - job->lights->lamps];
+
     for (int s = 0; s < lamp->samples; s++) {
         const uint32_t n = job->p->sample * (uint32_t) lamp->samples + (uint32_t) s;
         _Alignas(64) int32_t visible[PELL_LANES];
         struct pell_ray16 rays;
 
-        job->kernels->aim(lamp, &k->lanes, pell_sobol0(n), pell_sobol1(n), &k->aim);
+        job->kernels->aim(data, &k->lanes, pell_sobol0(n), pell_sobol1(n), &k->aim);
         if (lamp->image)
             project_image(lamp, k);
         if (k->aim.any_front) {
             if (!pell_ask_light_grid(lamp, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
-                job->kernels->shadow_rays(lamp, &k->lanes, &k->aim, &rays);
+                job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
                 pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
             }
             job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, lamp->environment < 0 && !job->entering, front);
@@ -219,7 +221,7 @@ static void add_reflection(const struct job *job, struct packet *k, const struct
         pell_environment_reflection(env, vec3_normalize(vec3_sub(vec3_mul(n, 2.0f * nv), v)), sqrtf(l->width2[i]), rgb);
         pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->fraction[i], nv, &scale, &bias);
         for (int c = 0; c < 3; c++)
-            k->sums.specular[c][i] += rgb[c] * l->tint[c][i] * saturate(l->f0[c][i] * scale + bias) * k->ambient[i];
+            k->sums.specular[c][i] += rgb[c] * l->tint[c][i] * pell_saturate(l->f0[c][i] * scale + bias) * k->ambient[i];
     }
 }
 

@@ -40,11 +40,6 @@ static inline float max0(float x)
     return x > 0.0f ? x : 0.0f;
 }
 
-static inline float saturate(float x)
-{
-    return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
-}
-
 static inline int count_lanes(const int32_t *mask)
 {
     int n = 0;

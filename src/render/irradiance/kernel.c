@@ -8,6 +8,8 @@
  */
 #include "render/irradiance/kernel.h"
 
+#include "shared/light.h"
+
 #include <float.h>
 #include <string.h>
 
@@ -42,31 +44,33 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
     a->any_back = back != 0;
 }
 
-static void aim_directional(const struct pell_lamp *restrict lamp, struct pell_aim *restrict a)
+static void aim_directional(const struct pell_light_data *restrict light, struct pell_aim *restrict a)
 {
+    const float power[3] = { light->power.x, light->power.y, light->power.z };
+
     for (int i = 0; i < N; i++) {
-        a->lx[i] = -lamp->direction.x;
-        a->ly[i] = -lamp->direction.y;
-        a->lz[i] = -lamp->direction.z;
+        a->lx[i] = -light->direction.x;
+        a->ly[i] = -light->direction.y;
+        a->lz[i] = -light->direction.z;
         a->distance[i] = FLT_MAX;
         a->falloff[i] = 1.0f;
         a->spread[i] = 0.0f;
         for (int c = 0; c < 3; c++)
-            a->intensity[c][i] = lamp->power[c];
+            a->intensity[c][i] = power[c];
     }
 }
 
 /* The far ends, from the middle of the light or from samples over its face. */
-static void place_samples(const struct pell_lamp *restrict lamp, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+static void place_samples(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
                           struct pell_aim *restrict a)
 {
-    const bool disc = lamp->type == PELL_LIGHT_DISC;
+    const bool disc = light->type == PELL_LIGHT_DATA_DISC;
 
-    if (lamp->type != PELL_LIGHT_RECT && !disc) {
+    if (light->type != PELL_LIGHT_DATA_RECT && !disc) {
         for (int i = 0; i < N; i++) {
-            a->sx[i] = lamp->position.x;
-            a->sy[i] = lamp->position.y;
-            a->sz[i] = lamp->position.z;
+            a->sx[i] = light->position.x;
+            a->sy[i] = light->position.y;
+            a->sz[i] = light->position.z;
         }
         return;
     }
@@ -76,26 +80,26 @@ static void place_samples(const struct pell_lamp *restrict lamp, const struct pe
         pell_disc_point(u, v, &x, &y);
         x = disc ? x : 2.0f * u - 1.0f;
         y = disc ? y : 2.0f * v - 1.0f;
-        a->sx[i] = lamp->position.x + x * lamp->right.x + y * lamp->up.x;
-        a->sy[i] = lamp->position.y + x * lamp->right.y + y * lamp->up.y;
-        a->sz[i] = lamp->position.z + x * lamp->right.z + y * lamp->up.z;
+        a->sx[i] = light->position.x + x * light->right.x + y * light->up.x;
+        a->sy[i] = light->position.y + x * light->right.y + y * light->up.y;
+        a->sz[i] = light->position.z + x * light->right.z + y * light->up.z;
     }
 }
 
-static void aim(const struct pell_lamp *restrict lamp, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+static void aim(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
                 struct pell_aim *restrict a)
 {
-    const struct pell_vec3 d = lamp->direction;
-    const float area = lamp->sample_area;
-    const bool flat = lamp->type == PELL_LIGHT_RECT || lamp->type == PELL_LIGHT_DISC;
-    const float cone = lamp->type == PELL_LIGHT_SPOT ? 1.0f : 0.0f;
+    const struct pell_vec4 d = light->direction;
+    const float area = light->power.w, power[3] = { light->power.x, light->power.y, light->power.z };
+    const bool flat = light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
+    const float cone = light->type == PELL_LIGHT_DATA_SPOT ? 1.0f : 0.0f;
 
-    if (lamp->type == PELL_LIGHT_DIRECTIONAL) {
-        aim_directional(lamp, a);
+    if (light->type == PELL_LIGHT_DATA_DIRECTIONAL) {
+        aim_directional(light, a);
         finish_aim(p, a);
         return;
     }
-    place_samples(lamp, p, u0, u1, a);
+    place_samples(light, p, u0, u1, a);
     for (int i = 0; i < N; i++) {
         const float x = a->sx[i] - p->px[i], y = a->sy[i] - p->py[i], z = a->sz[i] - p->pz[i];
         const float d2 = x * x + y * y + z * z, length = sqrtf(d2 > TINY ? d2 : TINY), inv = 1.0f / length;
@@ -103,20 +107,20 @@ static void aim(const struct pell_lamp *restrict lamp, const struct pell_lanes *
         a->ly[i] = y * inv;
         a->lz[i] = z * inv;
         a->distance[i] = length;
-        a->falloff[i] = pell_lamp_falloff(lamp, length);
+        a->falloff[i] = pell_light_falloff(length, light->position.w, light->direction.w);
     }
     for (int i = 0; i < N; i++) {
         /* the cosine at the light: of its face, or against the axis of a spot */
         const float back = -(d.x * a->lx[i] + d.y * a->ly[i] + d.z * a->lz[i]), cosine = back > 0.0f ? back : 0.0f;
-        const float spot = pell_lamp_cone(lamp, back), w = flat ? cosine : cone > 0.0f ? spot : 1.0f;
+        const float spot = pell_light_cone(back, light->spot_scale, light->spot_offset), w = flat ? cosine : cone > 0.0f ? spot : 1.0f;
         for (int c = 0; c < 3; c++)
-            a->intensity[c][i] = lamp->power[c] * w;
+            a->intensity[c][i] = power[c] * w;
         a->spread[i] = area * cosine / (a->distance[i] * a->distance[i]);
     }
     finish_aim(p, a);
 }
 
-static void shadow_rays(const struct pell_lamp *lamp, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
+static void shadow_rays(const struct pell_light_data *light, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                         struct pell_ray16 *restrict r)
 {
     for (int i = 0; i < N; i++) {
@@ -133,7 +137,7 @@ static void shadow_rays(const struct pell_lamp *lamp, const struct pell_lanes *r
         r->id[i] = 0;
         r->flags[i] = 0;
     }
-    if (lamp->type == PELL_LIGHT_DIRECTIONAL)
+    if (light->type == PELL_LIGHT_DATA_DIRECTIONAL)
         for (int i = 0; i < N; i++) {
             r->dx[i] = a->lx[i];
             r->dy[i] = a->ly[i];
@@ -150,9 +154,9 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
     _Alignas(64) int32_t at[N];
 
     for (int i = 0; i < N; i++) {
-        const float c = mu[i] > 0.0f ? mu[i] : 0.0f, x = sqrtf(c < 1.0f ? c : 1.0f) * (PELL_ALBEDO_MU - 1);
-        const int32_t k0 = (int32_t) x, k = k0 < PELL_ALBEDO_MU - 2 ? k0 : PELL_ALBEDO_MU - 2;
-        f[i] = x - (float) k;
+        const float place = pell_cosine_place(pell_saturate(mu[i]), PELL_ALBEDO_MU);
+        const int32_t k = pell_table_cell(place, PELL_ALBEDO_MU);
+        f[i] = place - (float) k;
         at[i] = p->albedo_at[i] + 2 * PELL_ALBEDO_ROUGHNESS * k;
     }
     for (int i = 0; i < N; i++) {
@@ -164,11 +168,9 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
     }
     for (int i = 0; i < N; i++) {
         const float g = p->fraction[i];
-        const float a = near[0][i] + g * (near[2][i] - near[0][i]), b = beyond[0][i] + g * (beyond[2][i] - beyond[0][i]);
-        const float c = near[1][i] + g * (near[3][i] - near[1][i]), d = beyond[1][i] + g * (beyond[3][i] - beyond[1][i]);
-        const float scale = a + f[i] * (b - a), bias = c + f[i] * (d - c), sum = p->fd[i] * scale + bias,
-                    positive = sum > 0.0f ? sum : 0.0f;
-        out[i] = 1.0f - p->rho[i] * (positive < 1.0f ? positive : 1.0f);
+        const float scale = pell_bilinear(near[0][i], near[2][i], beyond[0][i], beyond[2][i], g, f[i]);
+        const float bias = pell_bilinear(near[1][i], near[3][i], beyond[1][i], beyond[3][i], g, f[i]);
+        out[i] = pell_transmittance(p->rho[i], p->fd[i], scale, bias);
     }
     if (p->any_smooth)
         for (int i = 0; i < N; i++) {
@@ -188,7 +190,7 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
         const float hx = a->lx[i] + p->vx[i], hy = a->ly[i] + p->vy[i], hz = a->lz[i] + p->vz[i];
         const float cx = p->ny[i] * hz - p->nz[i] * hy, cy = p->nz[i] * hx - p->nx[i] * hz, cz = p->nx[i] * hy - p->ny[i] * hx;
         const float square = hx * hx + hy * hy + hz * hz;
-        float vh, d;
+        float vh;
         hh[i] = square > 1e-12f ? square : 1e-12f;
         sin2[i] = cx * cx + cy * cy + cz * cz;
         nv[i] = p->nv[i] > 1e-4f ? p->nv[i] : 1e-4f;
@@ -198,8 +200,7 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
          * half vectors, and the lobe is widened by about that patch. (Convolving with a Gaussian adds the variances; a lobe's is half
          * the square of its width.) */
         width2[i] = p->width2[i] + a->spread[i] * (1.0f / 8.0f) / vh;
-        d = vh < 1.0f ? 1.0f - vh : 0.0f;
-        fresnel[i] = d * d * (d * d) * d;
+        fresnel[i] = pell_schlick_weight(vh);
     }
     if (HAS(p, GGX))
         for (int i = 0; i < N; i++)
@@ -235,7 +236,7 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
                     g = ratio < 1.0f && p->lift[i] <= p->epsilon[i] ? ratio : 1.0f;
-        const float lit = nl * g * (1.0f + g - g * g);
+        const float lit = pell_soft_terminator(nl, g);
         mu[i] = nl;
         facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
     }
@@ -346,10 +347,9 @@ static void load_points(const struct pell_lane_source *source, const float *rest
 static void load_roughness(struct pell_lanes *restrict p)
 {
     for (int i = 0; i < N; i++) {
-        const float r = p->roughness[i], width = pell_lobe_width((enum pell_specular_model) p->model[i], r);
-        const float y0 = (r - PELL_ROUGHNESS_MIN) * ((PELL_ALBEDO_ROUGHNESS - 1) / (1.0f - PELL_ROUGHNESS_MIN)), y1 = y0 > 0.0f ? y0 : 0.0f;
-        const float y = y1 < PELL_ALBEDO_ROUGHNESS - 1 ? y1 : PELL_ALBEDO_ROUGHNESS - 1;
-        const int32_t k0 = (int32_t) y, k = k0 < PELL_ALBEDO_ROUGHNESS - 2 ? k0 : PELL_ALBEDO_ROUGHNESS - 2;
+        const float r = p->roughness[i], width = pell_lobe_width(p->model[i], r);
+        const float y = pell_roughness_place(r, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
+        const int32_t k = pell_table_cell(y, PELL_ALBEDO_ROUGHNESS);
         p->width2[i] = width * width;
         p->fraction[i] = y - (float) k;
         p->albedo_at[i] += 2 * k;

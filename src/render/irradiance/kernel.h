@@ -77,7 +77,7 @@ struct pell_shade_kernels {
     void (*load)(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
                  struct pell_lanes *lanes, struct pell_sums *sums);
     /* Directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected image. */
-    void (*aim)(const struct pell_lamp *lamp, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);
+    void (*aim)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);
     /* Adds the light of the front lanes whose `visible` is -1. */
     void (*front)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_aim *aim,
                   const int32_t *visible, bool highlight, struct pell_sums *sums);
@@ -88,7 +88,7 @@ struct pell_shade_kernels {
     void (*store)(const struct pell_lanes *lanes, const struct pell_sums *sums, const int32_t *index, int count,
                   struct pell_lighting *out);
     /* Rays of the front lanes. */
-    void (*shadow_rays)(const struct pell_lamp *lamp, const struct pell_lanes *lanes, const struct pell_aim *aim,
+    void (*shadow_rays)(const struct pell_light_data *light, const struct pell_lanes *lanes, const struct pell_aim *aim,
                         struct pell_ray16 *rays);
 };
 

@@ -13,6 +13,7 @@
 #include "render/irradiance/internal.h"
 
 #include "math/scalar.h"
+#include "shared/light.h"
 
 #include <float.h>
 #include <string.h>
@@ -140,12 +141,11 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
 static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, float opposed, float rgb[3])
 {
     const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
-    const float x = sqrtf(max0(d) / t->max_mm) * (PELL_THICKNESS_STEPS - 1);
-    const int j = (int) smaller(x, PELL_THICKNESS_STEPS - 2);
-    const float f = x - (float) j;
+    const float place = pell_thickness_place(max0(d), t->max_mm, PELL_THICKNESS_STEPS);
+    const int j = pell_table_cell(place, PELL_THICKNESS_STEPS);
 
     for (int c = 0; c < 3; c++)
-        rgb[c] = x < PELL_THICKNESS_STEPS - 1 ? opposed * (t->value[j][c] + f * (t->value[j + 1][c] - t->value[j][c])) : 0.0f;
+        rgb[c] = opposed * pell_thickness_share(t->value[j][c], t->value[j + 1][c], place, PELL_THICKNESS_STEPS);
 }
 
 /* T of lane i's surface toward a cosine. */
@@ -156,7 +156,7 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
     if (l->smooth[i])
         return pell_boundary_lookup(job->tables.boundary + l->boundary_at[i], mu);
     pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->fraction[i], mu, &scale, &bias);
-    return 1.0f - l->rho[i] * saturate(l->fd[i] * scale + bias);
+    return pell_transmittance(l->rho[i], l->fd[i], scale, bias);
 }
 
 void pell_transmit_light(const struct job *job, const struct pell_lamp *lamp, struct packet *k)
@@ -207,8 +207,8 @@ void pell_transmit_light(const struct job *job, const struct pell_lamp *lamp, st
             continue;
         g = lifted ? 1.0f : smaller(1.0f, facing / (mu * larger(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
         pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), 1.0f - max0(same), share);
-        w = transmittance(job, l, i, mu) * mu * g * (1.0f + g - g * g);
-        w *= far ? 1.0f : pell_lamp_falloff(lamp, larger(a->distance[i] - m, 1e-3f));
+        w = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
+        w *= far ? 1.0f : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), lamp->scale, lamp->inv_range);
         for (int c = 0; c < 3; c++)
             k->sums.through[c][i] += smaller(a->intensity[c][i] * w * share[c], 1e25f);
     }

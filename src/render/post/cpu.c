@@ -42,22 +42,12 @@ static void measure_row(void *arg, int index, int worker)
     p->rows[y * PER_ROW + MAXIMUM] = m.maximum;
 }
 
-/* What the curve makes `shown` of, so that a background colour comes out as it was asked for:
- * L (1 + L / white^2) = shown (1 + L), the positive root. */
-static float before_curve(const struct task *t, float shown)
-{
-    const float a = t->white_scale, b = 1.0f - shown;
-    if (!t->curve)
-        return shown;
-    return 2.0f * shown / (b + sqrtf(b * b + 4.0f * a * shown));
-}
-
 /* Radiance that a colour, as it is to be shown, stands for. */
 static void unexpose(const struct task *t, const float shown[3], float rgb[3])
 {
-    const float l = pell_luminance(shown);
+    const float l = pell_luminance(shown), before = t->curve ? pell_tone_before(l, t->white_scale) : l;
     for (int c = 0; c < 3; c++)
-        rgb[c] = l > 0.0f ? shown[c] * (before_curve(t, l) / l) / t->exposure : 0.0f;
+        rgb[c] = l > 0.0f ? shown[c] * (before / l) / t->exposure : 0.0f;
 }
 
 /* What the lens sees of an environment, which is infinitely far away. */

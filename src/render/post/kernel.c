@@ -5,6 +5,7 @@
 #include "render/post/kernel.h"
 
 #include "math/lanes.h"
+#include "shared/tone.h"
 
 #include <float.h>
 
@@ -73,7 +74,7 @@ INLINE void measure_block(float *restrict r, float *restrict g, float *restrict 
         mend(LANES, r, g, b, a, out);
     for (int at = 0; at < LANES; at += WIDTH) {
         const vf given = load(a + at), alpha = select(given > 0.9999f, all(1.0f), given); /* a sum of weights 1/n */
-        const vf l = (0.2126f * load(r + at) + 0.7152f * load(g + at) + 0.0722f * load(b + at)) / select(alpha != 0.0f, alpha, all(1.0f));
+        const vf l = PELL_LUMINANCE(load(r + at), load(g + at), load(b + at)) / select(alpha != 0.0f, alpha, all(1.0f));
         const vi on = (alpha > 0.5f) & (l > 1e-30f);
         const vf counted = select(on, l, all(0.0f)), before = load(largest + at);
         store(a + at, alpha);
@@ -137,9 +138,9 @@ INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], 
                 store(color[c] + at, v[c]);
             }
         }
-        lum = e * (0.2126f * v[0] + 0.7152f * v[1] + 0.0722f * v[2]);
+        lum = e * PELL_LUMINANCE(v[0], v[1], v[2]);
         l = greater(lum, all(0.0f));
-        scale = e * (1.0f + l * t->white_scale) / (1.0f + l * t->curve);
+        scale = PELL_TONE_SCALE(e, l, t->curve, t->white_scale);
         for (int c = 0; c < 3; c++)
             store(display[c] + at, lesser(greater(v[c] * scale, all(0.0f)), all(1.0f)));
     }

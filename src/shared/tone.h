@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * tone.h - luminance, the tone curve, and the sRGB transfer function.
+ *
+ * Reinhard, Stark, Shirley and Ferwerda 2002, "Photographic Tone Reproduction for Digital Images", equation (4):
+ * L_d = L (1 + L / white^2) / (1 + L). IEC 61966-2-1:1999, equations (5) to (8), with the exact junction of the two pieces.
+ */
+#ifndef PELL_SHARED_TONE_H
+#define PELL_SHARED_TONE_H
+
+#include "shared/language.h"
+
+/* Luminance of linear Rec.709 colours; any type with arithmetic. */
+#define PELL_LUMINANCE_R 0.2126f
+#define PELL_LUMINANCE_G 0.7152f
+#define PELL_LUMINANCE_B 0.0722f
+#define PELL_LUMINANCE(r, g, b) (PELL_LUMINANCE_R * (r) + PELL_LUMINANCE_G * (g) + PELL_LUMINANCE_B * (b))
+
+/* What a colour is multiplied by: exposure L_d / L for its exposed luminance L >= 0. curve = 1: Reinhard, white_scale = 1 / white^2;
+ * curve = 0: linear, white_scale = 0. Any type with arithmetic. */
+#define PELL_TONE_SCALE(exposure, l, curve, white_scale) ((exposure) * (1.0f + (l) * (white_scale)) / (1.0f + (l) * (curve)))
+
+/* L of Reinhard's curve that is shown as L_d: the positive root of L (1 + L / white^2) = L_d (1 + L). */
+PELL_SHARED float pell_tone_before(float shown, float white_scale)
+{
+    const float b = 1.0f - shown;
+    return 2.0f * shown / (b + sqrtf(b * b + 4.0f * white_scale * shown));
+}
+
+/* [0, 1] -> [0, 1]; continued linearly outside. */
+PELL_SHARED float pell_srgb_encode(float linear)
+{
+    if (linear <= 0.0031308f)
+        return linear * 12.92f;
+    if (linear > 1.0f)
+        return 1.0f + (linear - 1.0f) * (1.055f / 2.4f);
+    return 1.055f * powf(linear, 1.0f / 2.4f) - 0.055f;
+}
+
+PELL_SHARED float pell_srgb_decode(float encoded)
+{
+    if (encoded <= 0.04045f)
+        return encoded / 12.92f;
+    if (encoded > 1.0f) /* slope of the curve at 1 */
+        return 1.0f + (encoded - 1.0f) * (2.4f / 1.055f);
+    return powf((encoded + 0.055f) / 1.055f, 2.4f);
+}
+
+#endif

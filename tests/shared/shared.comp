@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * shared.comp - every function and macro of src/shared once, as a shader uses them; check_glsl.py compiles it. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+#include "shared/boundary.h"
+#include "shared/light.h"
+#include "shared/light_data.h"
+#include "shared/lobe.h"
+#include "shared/phase.h"
+#include "shared/table.h"
+#include "shared/tone.h"
+
+layout(local_size_x = 64) in;
+
+layout(std430, set = 0, binding = 0) readonly buffer lights_block {
+    pell_light_data lights[];
+};
+layout(std430, set = 0, binding = 1) readonly buffer phases_block {
+    pell_phase_terms phases[];
+};
+layout(std430, set = 0, binding = 2) readonly buffer table_block {
+    float table[];
+};
+layout(std430, set = 0, binding = 3) writeonly buffer result_block {
+    vec4 result[];
+};
+layout(push_constant) uniform push {
+    uint count;
+    int model;
+    float eta, exposure;
+};
+
+float of_table(float place, int entries)
+{
+    const int i = pell_table_cell(place, entries);
+    return pell_lerp(table[i], table[i + 1], place - PELL_TO_FLOAT(i));
+}
+
+float boundary(float mu)
+{
+    const pell_refraction r = pell_refract(eta, mu);
+    const float scale = of_table(pell_cosine_place(pell_saturate(mu), 32), 32), rough = of_table(pell_roughness_place(mu, 0.05f, 16), 16);
+    const float albedo = pell_bilinear(table[0], table[1], table[2], table[3], scale, rough);
+    const float t = pell_transmittance(0.5f, r.reflectance, scale, rough);
+    return t * pell_exit_factor(0.5f, albedo, rough, 1.0f) + pell_smooth_exit_factor(1.0f - r.reflectance, rough) +
+           pell_schlick(0.04f, r.cos_t);
+}
+
+float lobe(float width, float nl, float nv, float sin2, float nh, float hh)
+{
+    const float width2 = width * width;
+    switch (model) {
+    case PELL_LOBE_KELEMEN: return pell_lobe_kelemen(width2, sin2, nh, hh);
+    case PELL_LOBE_PHONG: return pell_lobe_phong(width2, nl, nv, sin2);
+    case PELL_LOBE_BLINN_PHONG: return pell_lobe_blinn_phong(width2, sin2, hh);
+    default: return pell_lobe_ggx(width2, nl, nv, sin2, nh, hh);
+    }
+}
+
+float lit(pell_light_data light, vec3 place)
+{
+    const vec3 way = place - light.position.xyz;
+    const float d = length(way), c = dot(way, light.direction.xyz) / d;
+    const float window = light.image < 0 ? 1.0f : pell_light_window(d * d, light.direction.w);
+    const float cone = light.type == PELL_LIGHT_DATA_SPOT ? pell_light_cone(c, light.spot_scale, light.spot_offset) : window;
+    return pell_soft_terminator(cone * pell_light_falloff(d, light.position.w, light.direction.w), pell_saturate(c));
+}
+
+float scattered(float c)
+{
+    const float g = phases[0].a[0], base = PELL_PHASE_HG_BASE(g, c);
+    return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base));
+}
+
+void main()
+{
+    const uint i = gl_GlobalInvocationID.x;
+    if (i >= count)
+        return;
+    const float x = table[i], place = pell_thickness_place(x, table[0], 512);
+    const float share = pell_thickness_share(table[pell_table_cell(place, 512)], table[i], place, 512);
+    const float width = pell_lobe_width(model, x), value = lobe(width, x, 0.5f, 0.1f, 1.0f, 2.0f) + boundary(x) + scattered(x) + share;
+    const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
+    const pell_light_data light = lights[i];
+    result[i] = vec4(pell_srgb_encode(value * scale), pell_srgb_decode(x), lit(light, vec3(x)),
+                     (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
+}

@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: MIT
+ * test_shared.c - the formulas that C and GLSL share, as C, against closed forms. */
+#include "pell_test.h"
+
+#include "shared/boundary.h"
+#include "shared/light.h"
+#include "shared/lobe.h"
+#include "shared/phase.h"
+#include "shared/table.h"
+#include "shared/tone.h"
+
+#define PI 3.14159265358979323846
+
+static void reflectance_at_its_special_angles(void **state)
+{
+    (void) state;
+    for (double eta = 1.1; eta < 2.6; eta += 0.2) {
+        const double straight = (eta - 1.0) / (eta + 1.0), brewster = 1.0 / sqrt(1.0 + eta * eta);
+        const double s = (1.0 - eta * eta) / (1.0 + eta * eta);
+        REQUIRE_NEAR((double) pell_refract((float) eta, 1.0f).reflectance, straight * straight, 1e-6);
+        REQUIRE_NEAR((double) pell_refract((float) eta, (float) brewster).reflectance, 0.5 * s * s, 1e-6);
+        REQUIRE_NEAR((double) pell_refract((float) eta, 0.0f).reflectance, 1.0, 1e-6);
+        /* from the dense side, on both sides of the critical angle */
+        const double critical = sqrt(1.0 - 1.0 / (eta * eta));
+        REQUIRE(pell_refract((float) (1.0 / eta), (float) (0.99 * critical)).reflectance == 1.0f);
+        REQUIRE(pell_refract((float) (1.0 / eta), (float) (0.99 * critical)).cos_t == 0.0f);
+        REQUIRE(pell_refract((float) (1.0 / eta), (float) fmin(1.0, 1.01 * critical)).reflectance < 1.0f);
+    }
+}
+
+static void refraction_is_snells_and_reversible(void **state)
+{
+    (void) state;
+    for (int i = 1; i <= 50; i++) {
+        const float c = (float) i / 50.0f, eta = 1.33f;
+        const struct pell_refraction in = pell_refract(eta, c), out = pell_refract(1.0f / eta, in.cos_t);
+        REQUIRE_NEAR(1.0 - (double) (in.cos_t * in.cos_t), (1.0 - (double) (c * c)) / (double) (eta * eta), 1e-6);
+        REQUIRE_NEAR((double) out.reflectance, (double) in.reflectance, 5e-5); /* steep where light grazes */
+        REQUIRE_NEAR((double) out.cos_t, (double) c, 1e-5);
+    }
+}
+
+static void schlicks_weight_is_a_fifth_power(void **state)
+{
+    (void) state;
+    for (int i = 0; i <= 20; i++) {
+        const double c = i / 20.0;
+        REQUIRE_NEAR((double) pell_schlick_weight((float) c), pow(1.0 - c, 5.0), 1e-6);
+        REQUIRE_NEAR((double) pell_schlick(0.04f, (float) c), 0.04 + 0.96 * pow(1.0 - c, 5.0), 1e-6);
+    }
+    assert_true(pell_schlick_weight(1.5f) == 0.0f);
+}
+
+static void light_that_enters_and_leaves(void **state)
+{
+    (void) state;
+    REQUIRE_NEAR((double) pell_transmittance(0.8f, 0.04f, 0.5f, 0.25f), 1.0 - 0.8 * 0.27, 1e-6);
+    REQUIRE_NEAR((double) pell_transmittance(1.0f, 0.04f, 50.0f, 0.25f), 0.0, 1e-6); /* the albedo is 1 at most */
+    REQUIRE_NEAR((double) pell_exit_factor(0.8f, 0.3f, 0.2f, 1.0f), (1.0 - 0.24) / (PI * (1.0 - 0.16)), 1e-6);
+    REQUIRE_NEAR((double) pell_exit_factor(0.8f, 0.3f, 0.2f, 0.0f), (1.0 - 0.24) / PI, 1e-6);
+    assert_true(pell_exit_factor(1.0f, 1.0f, 1.0f, 1.0f) == 0.0f);
+    REQUIRE_NEAR((double) pell_smooth_exit_factor(0.9f, 0.75f), 1.2 / PI, 1e-6);
+}
+
+/* l = v = n: h = 2 n, and what is left of each lobe is its distribution's peak. */
+static void lobes_straight_on(void **state)
+{
+    (void) state;
+    for (int i = 1; i <= 10; i++) {
+        const double roughness = 0.1 * i, a2 = pow(roughness, 4.0), m2 = roughness * roughness, n = 0.5 / a2 - 0.5, k = 2.0 / a2 - 2.0;
+        const float ggx = pell_lobe_width(PELL_LOBE_GGX, (float) roughness);
+        const float beckmann = pell_lobe_width(PELL_LOBE_KELEMEN, (float) roughness);
+        REQUIRE_REL((double) pell_lobe_ggx(ggx * ggx, 1.0f, 1.0f, 0.0f, 2.0f, 4.0f), 1.0 / (4.0 * PI * a2), 1e-5);
+        REQUIRE_REL((double) pell_lobe_kelemen(beckmann * beckmann, 0.0f, 2.0f, 4.0f), 1.0 / (4.0 * PI * m2), 1e-5);
+        REQUIRE_REL((double) pell_lobe_phong(ggx * ggx, 1.0f, 1.0f, 0.0f), (n + 2.0) / (2.0 * PI), 1e-5);
+        REQUIRE_REL((double) pell_lobe_blinn_phong(ggx * ggx, 0.0f, 4.0f), (k + 2.0) * (k + 4.0) / (8.0 * PI * (exp2(-0.5 * k) + k)), 1e-5);
+    }
+}
+
+static struct pell_phase_terms terms_of(int shape, double g, double second, double weight)
+{
+    const double even = 1.0 / (4.0 * PI), gs[2] = { g, second }, ws[2] = { weight, 1.0 - weight };
+    struct pell_phase_terms f = { .shape = shape };
+
+    for (int k = 0; k < 2; k++) {
+        f.n[k] = (float) (ws[k] * (1.0 - gs[k] * gs[k]) * even);
+        f.a[k] = (float) (1.0 + gs[k] * gs[k]);
+        f.b[k] = (float) (2.0 * gs[k]);
+    }
+    if (shape == PELL_PHASE_TERMS_ISOTROPIC)
+        f.n[0] = (float) even;
+    if (shape == PELL_PHASE_TERMS_RAYLEIGH)
+        f.n[0] = (float) (0.75 * even);
+    if (shape == PELL_PHASE_TERMS_SCHLICK)
+        f.b[0] = (float) g;
+    return f;
+}
+
+/* 2 pi Int f dc = 1, and the mean of -c. */
+static void phase_functions_hold_all_light(void **state)
+{
+    const double g = 0.6, k = 0.6, schlick = 1.0 / k - (1.0 / (k * k) - 1.0) * atanh(k);
+    const struct {
+        struct pell_phase_terms f;
+        double mean;
+    } cases[] = {
+        { terms_of(PELL_PHASE_TERMS_ISOTROPIC, 0.0, 0.0, 1.0), 0.0 },
+        { terms_of(PELL_PHASE_TERMS_HENYEY_GREENSTEIN, g, 0.0, 1.0), g },
+        { terms_of(PELL_PHASE_TERMS_HENYEY_GREENSTEIN, -g, 0.0, 1.0), -g },
+        { terms_of(PELL_PHASE_TERMS_SCHLICK, k, 0.0, 1.0), schlick },
+        { terms_of(PELL_PHASE_TERMS_RAYLEIGH, 0.0, 0.0, 1.0), 0.0 },
+        { terms_of(PELL_PHASE_TERMS_TWO_LOBE, g, -0.3, 0.7), 0.7 * g - 0.3 * 0.3 },
+    };
+    const int n = 20000;
+    (void) state;
+
+    for (size_t j = 0; j < PELL_COUNT(cases); j++) {
+        double sum = 0.0, mean = 0.0;
+        for (int i = 0; i < n; i++) {
+            const double c = -1.0 + 2.0 * (i + 0.5) / n, f = (double) pell_phase_evaluate(cases[j].f, (float) c);
+            sum += 2.0 * PI * f * 2.0 / n;
+            mean -= 2.0 * PI * f * c * 2.0 / n;
+        }
+        REQUIRE_NEAR(sum, 1.0, 1e-5);
+        REQUIRE_NEAR(mean, cases[j].mean, 1e-5);
+    }
+}
+
+static void henyey_and_greensteins_two_forms_agree(void **state)
+{
+    (void) state;
+    for (double g = -0.9; g < 0.95; g += 0.3)
+        for (double c = -1.0; c <= 1.0; c += 0.125) {
+            const float base = PELL_PHASE_HG_BASE((float) g, (float) -c);
+            const double value = (1.0 - g * g) / (4.0 * PI * pow(1.0 + g * g + 2.0 * g * c, 1.5));
+            REQUIRE_REL((double) PELL_PHASE_HG_VALUE((float) g, base, sqrtf(base)), value, 1e-5);
+            REQUIRE_REL((double) pell_phase_evaluate(terms_of(PELL_PHASE_TERMS_HENYEY_GREENSTEIN, g, 0.0, 1.0), (float) c), value, 5e-5);
+        }
+}
+
+static void places_are_the_entries(void **state)
+{
+    (void) state;
+    for (int n = 2; n <= 512; n *= 2)
+        for (int i = 0; i < n; i++) {
+            const double t = (double) i / (n - 1);
+            REQUIRE_NEAR((double) pell_cosine_place((float) (t * t), n), i, 1e-4);
+            REQUIRE_NEAR((double) pell_thickness_place((float) (7.0 * t * t), 7.0f, n), i, 1e-4);
+            REQUIRE_NEAR((double) pell_roughness_place((float) (0.1 + 0.9 * t), 0.1f, n), i, 1e-4);
+            assert_int_equal(pell_table_cell((float) i + 0.5f, n), i < n - 2 ? i : n - 2);
+        }
+    assert_true(pell_roughness_place(0.0f, 0.1f, 16) == 0.0f);
+    assert_true(pell_roughness_place(2.0f, 0.1f, 16) == 15.0f);
+    assert_int_equal(pell_table_cell(1e30f, 16), 14);
+    assert_int_equal(pell_table_cell(NAN, 16), 14); /* inside of the table, whatever comes */
+    assert_true(pell_saturate(NAN) == 0.0f);
+    REQUIRE_NEAR((double) pell_bilinear(1.0f, 2.0f, 3.0f, 5.0f, 0.25f, 0.5f), 0.5 * (1.25 + 3.5), 1e-6);
+    REQUIRE_NEAR((double) pell_thickness_share(0.5f, 0.25f, 3.25f, 8), 0.5 - 0.25 * 0.25, 1e-6);
+    assert_true(pell_thickness_share(0.5f, 0.25f, 7.0f, 8) == 0.0f); /* beyond the last entry nothing arrives */
+}
+
+static void tone_curve_and_its_inverse(void **state)
+{
+    (void) state;
+    for (float white = 1.0f; white < 9.0f; white *= 2.0f) {
+        const float a = 1.0f / (white * white);
+        REQUIRE_NEAR((double) (white * PELL_TONE_SCALE(1.0f, white, 1.0f, a)), 1.0, 1e-6);
+        for (float l = 0.01f; l <= white; l *= 1.7f) {
+            const double shown = (double) l * (1.0 + (double) l * (double) a) / (1.0 + (double) l);
+            REQUIRE_REL((double) (l * PELL_TONE_SCALE(1.0f, l, 1.0f, a)), shown, 1e-6);
+            REQUIRE_REL((double) pell_tone_before((float) shown, a), (double) l, 1e-4);
+        }
+    }
+    REQUIRE_NEAR((double) PELL_TONE_SCALE(3.0f, 0.7f, 0.0f, 0.0f), 3.0, 1e-6);
+    REQUIRE_NEAR((double) PELL_LUMINANCE(1.0f, 1.0f, 1.0f), 1.0, 1e-6);
+    for (int i = 0; i <= 255; i++)
+        REQUIRE_NEAR((double) pell_srgb_encode(pell_srgb_decode((float) i / 255.0f)), i / 255.0, 1e-6);
+    REQUIRE_NEAR((double) pell_srgb_decode(0.5f), pow((0.5 + 0.055) / 1.055, 2.4), 1e-6);
+}
+
+static void lights_fall_off(void **state)
+{
+    const double inner = 0.9, outer = 0.5, scale = 1.0 / (inner - outer);
+    (void) state;
+    REQUIRE_REL((double) pell_light_falloff(2000.0f, 1e6f, 0.0f), 0.25, 1e-6);
+    REQUIRE_REL((double) pell_light_falloff(50.0f, 1.0f, 0.01f), 15.0 / 16.0 / 2500.0, 1e-6);
+    assert_true(pell_light_window(100.0f * 100.0f, 0.0101f) == 0.0f);
+    for (int i = 0; i <= 10; i++) {
+        const double c = outer + (inner - outer) * i / 10.0;
+        REQUIRE_NEAR((double) pell_light_cone((float) c, (float) scale, (float) (-outer * scale)), i * i / 100.0, 1e-5);
+    }
+    assert_true(pell_light_cone(0.3f, (float) scale, (float) (-outer * scale)) == 0.0f);
+    REQUIRE_NEAR((double) pell_light_cone(1.0f, (float) scale, (float) (-outer * scale)), 1.0, 1e-6);
+}
+
+/* 0 at 0, x at 1, and flat there: light does not show where normals begin to differ. */
+static void soft_terminator_is_smooth(void **state)
+{
+    (void) state;
+    assert_true(pell_soft_terminator(0.7f, 0.0f) == 0.0f && pell_soft_terminator(0.7f, 1.0f) == 0.7f);
+    REQUIRE_NEAR((double) (pell_soft_terminator(1.0f, 1.0f) - pell_soft_terminator(1.0f, 0.99f)) / 0.01, 0.0, 0.03);
+    for (float g = 0.0f; g < 0.95f; g += 0.1f)
+        assert_true(pell_soft_terminator(1.0f, g + 0.1f) > pell_soft_terminator(1.0f, g));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(reflectance_at_its_special_angles),
+        cmocka_unit_test(refraction_is_snells_and_reversible),
+        cmocka_unit_test(schlicks_weight_is_a_fifth_power),
+        cmocka_unit_test(light_that_enters_and_leaves),
+        cmocka_unit_test(lobes_straight_on),
+        cmocka_unit_test(phase_functions_hold_all_light),
+        cmocka_unit_test(henyey_and_greensteins_two_forms_agree),
+        cmocka_unit_test(places_are_the_entries),
+        cmocka_unit_test(tone_curve_and_its_inverse),
+        cmocka_unit_test(lights_fall_off),
+        cmocka_unit_test(soft_terminator_is_smooth),
+    };
+    return cmocka_run_group_tests_name("shared", tests, NULL, NULL);
+}
