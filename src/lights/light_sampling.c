@@ -44,35 +44,6 @@ struct pell_emitters {
     double middle[3], reach; /* of the scene's bounds: centre and half diagonal, mm */
 };
 
-struct double3 {
-    double x, y, z;
-};
-
-static struct double3 wide(struct pell_vec3 a)
-{
-    return (struct double3){ a.x, a.y, a.z };
-}
-
-static struct pell_vec3 narrow(struct double3 a)
-{
-    return vec3((float) a.x, (float) a.y, (float) a.z);
-}
-
-static struct double3 minus(struct pell_vec3 a, struct pell_vec3 b)
-{
-    return (struct double3){ (double) a.x - b.x, (double) a.y - b.y, (double) a.z - b.z };
-}
-
-static double dot(struct double3 a, struct double3 b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-static struct double3 along(struct double3 a, double s, struct double3 b)
-{
-    return (struct double3){ a.x + s * b.x, a.y + s * b.y, a.z + s * b.z };
-}
-
 /* --- The sky -------------------------------------------------------------------------------------------------------------------- */
 
 /* Luminance of a texel as the look-up cleans it. */
@@ -377,14 +348,14 @@ static double partly(double seen)
 static double estimate(const struct emitter *e, struct pell_vec3 near, double soft2)
 {
     const struct pell_lamp *lamp = &e->lamp;
-    struct double3 d;
+    struct pell_dvec3 d;
     double d2, cosine;
 
     if (e->sky || lamp->type == PELL_LIGHT_DIRECTIONAL)
         return e->power;
-    d = minus(near, lamp->position);
-    d2 = dot(d, d);
-    cosine = d2 > 0.0 ? dot(d, wide(lamp->direction)) / sqrt(d2) : 0.0;
+    d = dvec3_between(near, lamp->position);
+    d2 = dvec3_dot(d, d);
+    cosine = d2 > 0.0 ? dvec3_dot(d, dvec3_widen(lamp->direction)) / sqrt(d2) : 0.0;
     if (e->area > 0.0)
         return e->power * partly(fmax(cosine, 0.0)) / (fmax(d2, soft2) + e->area);
     return e->power * lamp->scale / fmax(d2, soft2) * partly((double) pell_light_window((float) fmin(d2, 1e30), lamp->inv_range)) *
@@ -468,7 +439,7 @@ static void place_on(const struct pell_emitters *e, size_t index, double choice,
         const bool disc = lamp->type == PELL_LIGHT_DISC;
         const double r = sqrt(u), x = disc ? r * cos(2.0 * PELL_PI * v) : 2.0 * u - 1.0,
                      y = disc ? r * sin(2.0 * PELL_PI * v) : 2.0 * v - 1.0;
-        out->at = narrow(along(along(wide(lamp->position), x, wide(lamp->right)), y, wide(lamp->up)));
+        out->at = dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_widen(lamp->position), x, dvec3_widen(lamp->right)), y, dvec3_widen(lamp->up)));
         out->pdf = 1.0 / l->area;
     }
 }
@@ -527,13 +498,13 @@ static void power_along(const struct pell_emitters *e, const struct pell_emitter
 void pell_emitters_power_at(const struct pell_emitters *emitters, const struct pell_emitter_sample *sample, struct pell_vec3 target,
                             float power[3])
 {
-    const struct double3 d = minus(target, sample->at);
-    const double length = sqrt(dot(d, d));
+    const struct pell_dvec3 d = dvec3_between(target, sample->at);
+    const double length = sqrt(dvec3_dot(d, d));
     struct pell_vec3 direction = vec3_mul(sample->toward, -1.0f);
     double window = 1.0;
 
     if (!sample->away) {
-        direction = length > 0.0 ? narrow((struct double3){ d.x / length, d.y / length, d.z / length }) : vec3(0.0f, 0.0f, 0.0f);
+        direction = length > 0.0 ? dvec3_narrow((struct pell_dvec3){ d.x / length, d.y / length, d.z / length }) : vec3(0.0f, 0.0f, 0.0f);
         window = pell_emitters_range(emitters, sample->lamp, length);
     }
     power_along(emitters, sample, direction, target, power);
@@ -554,16 +525,17 @@ double pell_emitters_range(const struct pell_emitters *emitters, int lamp, doubl
 /* How far along the ray a rect or disc shows its front; INFINITY: nowhere up to `reach`. */
 static double meets(const struct emitter *l, struct pell_vec3 x, struct pell_vec3 w, double reach)
 {
-    const struct double3 n = wide(l->lamp.direction), right = wide(l->lamp.right), up = wide(l->lamp.up), d = minus(x, l->lamp.position);
-    const double facing = -dot(n, wide(w)), t = facing > 0.0 ? dot(n, d) / facing : -1.0;
-    struct double3 p;
+    const struct pell_dvec3 n = dvec3_widen(l->lamp.direction), right = dvec3_widen(l->lamp.right), up = dvec3_widen(l->lamp.up),
+                            d = dvec3_between(x, l->lamp.position);
+    const double facing = -dvec3_dot(n, dvec3_widen(w)), t = facing > 0.0 ? dvec3_dot(n, d) / facing : -1.0;
+    struct pell_dvec3 p;
     double a, b;
 
     if (!(t > 0.0 && t <= reach))
         return INFINITY;
-    p = along(d, t, wide(w));
-    a = dot(p, right) / dot(right, right);
-    b = dot(p, up) / dot(up, up);
+    p = dvec3_mad(d, t, dvec3_widen(w));
+    a = dvec3_dot(p, right) / dvec3_dot(right, right);
+    b = dvec3_dot(p, up) / dvec3_dot(up, up);
     return (l->lamp.type == PELL_LIGHT_DISC ? a * a + b * b <= 1.0 : fabs(a) <= 1.0 && fabs(b) <= 1.0) ? t : INFINITY;
 }
 
@@ -599,7 +571,7 @@ bool pell_emitters_hit(const struct pell_emitters *emitters, struct pell_vec3 ne
     if (list[at].sky) {
         sample->toward = w;
     } else {
-        sample->at = narrow(along(wide(x), nearest, wide(w)));
+        sample->at = dvec3_narrow(dvec3_mad(dvec3_widen(x), nearest, dvec3_widen(w)));
         sample->normal = list[at].lamp.direction;
     }
     *distance = nearest;
@@ -612,30 +584,30 @@ bool pell_emitters_hit(const struct pell_emitters *emitters, struct pell_vec3 ne
 
 /* Directions from a lamp: all, those of a cone, or by cosine about the normal. */
 struct fan {
-    struct double3 axis;
+    struct pell_dvec3 axis;
     double versed; /* 1 - cosine of the cone's angle; 2: all directions */
     bool cosine;
 };
 
 static struct fan fan_of(const struct emitter *l, struct pell_vec3 centre, double radius, struct pell_vec3 at)
 {
-    const struct double3 d = minus(centre, at);
-    const double d2 = dot(d, d), r2 = radius * radius;
-    struct fan fan = { wide(l->lamp.direction), 2.0, false };
+    const struct pell_dvec3 d = dvec3_between(centre, at);
+    const double d2 = dvec3_dot(d, d), r2 = radius * radius;
+    struct fan fan = { dvec3_widen(l->lamp.direction), 2.0, false };
 
     if (d2 > r2 * (1.0 + 1e-9)) {
         const double length = sqrt(d2);
-        fan.axis = (struct double3){ d.x / length, d.y / length, d.z / length };
+        fan.axis = (struct pell_dvec3){ d.x / length, d.y / length, d.z / length };
         fan.versed = r2 / d2 / (1.0 + sqrt(1.0 - r2 / d2));
     }
     if (l->area > 0.0 && fan.versed > 0.5) {
-        fan.axis = wide(l->lamp.direction);
+        fan.axis = dvec3_widen(l->lamp.direction);
         fan.cosine = true;
     }
     if (l->lamp.type == PELL_LIGHT_SPOT) {
         const double own = 1.0 + (double) l->lamp.spot_offset / (double) l->lamp.spot_scale; /* 1 - cos_outer */
         if (own < fan.versed) {
-            fan.axis = wide(l->lamp.direction);
+            fan.axis = dvec3_widen(l->lamp.direction);
             fan.versed = own;
         }
     }
@@ -644,14 +616,14 @@ static struct fan fan_of(const struct emitter *l, struct pell_vec3 centre, doubl
 
 static double fan_density(const struct fan *fan, struct pell_vec3 direction)
 {
-    const struct double3 w = wide(direction);
-    const double cosine = dot(fan->axis, w), limit = 1.0 - fan->versed;
-    const struct double3 off = along(w, -cosine, fan->axis);
+    const struct pell_dvec3 w = dvec3_widen(direction);
+    const double cosine = dvec3_dot(fan->axis, w), limit = 1.0 - fan->versed;
+    const struct pell_dvec3 off = dvec3_mad(w, -cosine, fan->axis);
 
     if (fan->cosine)
         return fmax(cosine, 0.0) / PELL_PI;
     /* by the sine, which small angles keep; directions are floats */
-    if (limit > 0.0 ? cosine <= 0.0 || dot(off, off) > (1.0 - limit * limit) * (1.0 + 1e-5) : cosine < limit - 1e-6)
+    if (limit > 0.0 ? cosine <= 0.0 || dvec3_dot(off, off) > (1.0 - limit * limit) * (1.0 + 1e-5) : cosine < limit - 1e-6)
         return 0.0;
     return 1.0 / (2.0 * PELL_PI * fan->versed);
 }
@@ -662,9 +634,9 @@ static struct pell_vec3 fan_sample(const struct fan *fan, double u, double v)
                  s = sqrt(fmax(0.0, versed * (2.0 - versed)));
     struct pell_vec3 t, b;
 
-    vec3_basis(narrow(fan->axis), &t, &b);
-    return narrow(along(along((struct double3){ c * fan->axis.x, c * fan->axis.y, c * fan->axis.z }, s * cos(2.0 * PELL_PI * v), wide(t)),
-                        s * sin(2.0 * PELL_PI * v), wide(b)));
+    vec3_basis(dvec3_narrow(fan->axis), &t, &b);
+    return dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_mul(fan->axis, c), s * cos(2.0 * PELL_PI * v), dvec3_widen(t)),
+                                  s * sin(2.0 * PELL_PI * v), dvec3_widen(b)));
 }
 
 bool pell_emitters_emit(const struct pell_emitters *emitters, struct pell_vec3 centre, double radius, const double u[5],
@@ -685,13 +657,14 @@ bool pell_emitters_emit(const struct pell_emitters *emitters, struct pell_vec3 c
     sample->pdf *= share;
     if (sample->away) {
         const double r = radius * sqrt(u[3]);
-        const struct double3 off = { centre.x - emitters->middle[0], centre.y - emitters->middle[1], centre.z - emitters->middle[2] };
-        const double back = radius + emitters->reach + sqrt(dot(off, off));
+        const struct pell_dvec3 off = { centre.x - emitters->middle[0], centre.y - emitters->middle[1], centre.z - emitters->middle[2] };
+        const double back = radius + emitters->reach + sqrt(dvec3_dot(off, off));
         struct pell_vec3 t, b;
         vec3_basis(sample->toward, &t, &b);
         *direction = vec3_mul(sample->toward, -1.0f);
-        *origin = narrow(along(along(along(wide(centre), r * cos(2.0 * PELL_PI * u[4]), wide(t)), r * sin(2.0 * PELL_PI * u[4]), wide(b)),
-                               back, wide(sample->toward)));
+        const struct pell_dvec3 aside = dvec3_mad(dvec3_widen(centre), r * cos(2.0 * PELL_PI * u[4]), dvec3_widen(t));
+        *origin = dvec3_narrow(dvec3_mad(dvec3_mad(aside, r * sin(2.0 * PELL_PI * u[4]), dvec3_widen(b)), back,
+                                         dvec3_widen(sample->toward)));
         *pdf /= PELL_PI * radius * radius;
     } else {
         const struct fan fan = fan_of(l, centre, radius, sample->at);
@@ -711,14 +684,14 @@ double pell_emitters_emit_pdf(const struct pell_emitters *emitters, struct pell_
 {
     const struct emitter *l = &emitters->list[sample->lamp];
     const double share = chance(emitters, sample->lamp, centre, radius * radius), place = place_density(emitters, sample);
-    struct double3 d;
+    struct pell_dvec3 d;
     struct fan fan;
 
     if (!sample->away) {
         fan = fan_of(l, centre, radius, sample->at);
         return share * place * fan_density(&fan, direction);
     }
-    d = minus(target, centre);
-    d = along(d, -dot(d, wide(sample->toward)), wide(sample->toward));
-    return dot(d, d) <= radius * radius * (1.0 + 1e-6) ? share * place / (PELL_PI * radius * radius) : 0.0;
+    d = dvec3_between(target, centre);
+    d = dvec3_mad(d, -dvec3_dot(d, dvec3_widen(sample->toward)), dvec3_widen(sample->toward));
+    return dvec3_dot(d, d) <= radius * radius * (1.0 + 1e-6) ? share * place / (PELL_PI * radius * radius) : 0.0;
 }

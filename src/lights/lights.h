@@ -8,9 +8,9 @@
 #ifndef PELL_LIGHTS_H
 #define PELL_LIGHTS_H
 
-#include "base/hash.h"
 #include "image/color.h"
 #include "lights/specular_tables.h"
+#include "math/sampling.h"
 #include "shared/light_data.h"
 #include "visibility/light_grid.h"
 
@@ -138,42 +138,5 @@ void pell_lamp_slide(const struct pell_lamp *lamp, struct pell_vec3 from, struct
 
 /* True if some mesh of `object` has `material`. */
 bool pell_lights_part(const struct pell_lights *lights, int object, int material);
-
-/* --- Sample patterns: Sobol's first two dimensions, digits scrambled per pixel by XOR (Kollig and Keller 2002) ---------------- */
-
-static inline uint32_t pell_sobol0(uint32_t i)
-{
-    i = i << 16 | i >> 16;
-    i = (i & 0x00ff00ffu) << 8 | (i & 0xff00ff00u) >> 8;
-    i = (i & 0x0f0f0f0fu) << 4 | (i & 0xf0f0f0f0u) >> 4;
-    i = (i & 0x33333333u) << 2 | (i & 0xccccccccu) >> 2;
-    return (i & 0x55555555u) << 1 | (i & 0xaaaaaaaau) >> 1;
-}
-
-static inline uint32_t pell_sobol1(uint32_t i)
-{
-    uint32_t r = 0;
-    for (uint32_t v = 1u << 31; i; i >>= 1, v ^= v >> 1)
-        if (i & 1)
-            r ^= v;
-    return r;
-}
-
-static inline float pell_unit_float(uint32_t x)
-{
-    return (float) (int32_t) (x >> 8) * (1.0f / 16777216.0f);
-}
-
-/* Points of the unit disc from the unit square (Shirley and Chiu 1997), without library calls: |phi| <= pi/4. */
-static inline void pell_disc_point(float u, float v, float *x, float *y)
-{
-    const float a = 2.0f * u - 1.0f, b = 2.0f * v - 1.0f;
-    const float aa = fabsf(a), ab = fabsf(b), big = aa > ab ? a : b, small = aa > ab ? b : a;
-    const float t = 0.785398163f * small / (fabsf(big) > 1e-20f ? big : 1e-20f), t2 = t * t;
-    const float s = t * (1.0f + t2 * (-1.66666667e-1f + t2 * (8.33333333e-3f + t2 * (-1.98412698e-4f + t2 * 2.75573192e-6f))));
-    const float c = 1.0f + t2 * (-0.5f + t2 * (4.16666667e-2f + t2 * (-1.38888889e-3f + t2 * 2.48015873e-5f)));
-    *x = big * (aa > ab ? c : s);
-    *y = big * (aa > ab ? s : c);
-}
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * vec.h - three-component vectors and 4x4 matrices. Pure.
+ * vec.h - three-component vectors, single and double, and 4x4 matrices. Pure.
  *
  * Matrices are column-major (element of row r, column c at m[4 c + r]) and act on column vectors, as in glTF.
  */
@@ -89,6 +89,73 @@ static inline void vec3_basis(struct pell_vec3 n, struct pell_vec3 *t, struct pe
     *t = vec3(1.0f + s * n.x * n.x * a, s * c, -s * n.x);
     *b = vec3(c, s + n.y * n.y * a, -n.y);
 }
+
+/* --- The same in double precision ------------------------------------------------------------------------------------------------ */
+
+struct pell_dvec3 {
+    double x, y, z;
+};
+
+static inline struct pell_dvec3 dvec3(double x, double y, double z)
+{
+    return (struct pell_dvec3) { x, y, z };
+}
+
+static inline struct pell_dvec3 dvec3_load(const float *p)
+{
+    return dvec3((double) p[0], (double) p[1], (double) p[2]);
+}
+
+static inline struct pell_dvec3 dvec3_widen(struct pell_vec3 a)
+{
+    return dvec3((double) a.x, (double) a.y, (double) a.z);
+}
+
+static inline struct pell_vec3 dvec3_narrow(struct pell_dvec3 a)
+{
+    return vec3((float) a.x, (float) a.y, (float) a.z);
+}
+
+static inline struct pell_dvec3 dvec3_sub(struct pell_dvec3 a, struct pell_dvec3 b)
+{
+    return dvec3(a.x - b.x, a.y - b.y, a.z - b.z);
+}
+
+static inline struct pell_dvec3 dvec3_mul(struct pell_dvec3 a, double s)
+{
+    return dvec3(a.x * s, a.y * s, a.z * s);
+}
+
+/* a + s b */
+static inline struct pell_dvec3 dvec3_mad(struct pell_dvec3 a, double s, struct pell_dvec3 b)
+{
+    return dvec3(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z);
+}
+
+static inline double dvec3_dot(struct pell_dvec3 a, struct pell_dvec3 b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static inline struct pell_dvec3 dvec3_cross(struct pell_dvec3 a, struct pell_dvec3 b)
+{
+    return dvec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+
+/* The zero vector stays zero. */
+static inline struct pell_dvec3 dvec3_normalize(struct pell_dvec3 a)
+{
+    const double l = sqrt(dvec3_dot(a, a));
+    return l > 0.0 ? dvec3_mul(a, 1.0 / l) : a;
+}
+
+/* a - b */
+static inline struct pell_dvec3 dvec3_between(struct pell_vec3 a, struct pell_vec3 b)
+{
+    return dvec3_sub(dvec3_widen(a), dvec3_widen(b));
+}
+
+/* --- Matrices ---------------------------------------------------------------------------------------------------------------------- */
 
 static inline struct pell_mat4 mat4_identity(void)
 {

@@ -2,6 +2,8 @@
  * camera_view.c - from a camera to a view, and from a box to the pixels that it may cover. */
 #include "render/camera_view.h"
 
+#include "math/sampling.h"
+
 struct pell_view pell_view_make(const struct pell_camera *camera, int width, int height, float shift_x, float shift_y)
 {
     const struct pell_vec3 forward = vec3_normalize(vec3_load(camera->forward));
@@ -20,25 +22,6 @@ struct pell_view pell_view_make(const struct pell_camera *camera, int width, int
         .right = right,
         .up = vec3_cross(right, forward),
     };
-}
-
-/* Point i of n in the unit disc: a sunflower's seeds, about their mean. The mean square of their radii is that of the disc, 1/2, less
- * that of the n-th part of it. */
-static void lens_point(int i, int n, double point[2])
-{
-    const double golden = PELL_PI * (3.0 - sqrt(5.0));
-    double mean[2] = { 0.0, 0.0 }, square = 0.0, scale;
-
-    for (int k = 0; k < n; k++) {
-        const double r = sqrt((k + 0.5) / n);
-        mean[0] += r * cos(golden * k) / n;
-        mean[1] += r * sin(golden * k) / n;
-        square += r * r / n;
-    }
-    square -= mean[0] * mean[0] + mean[1] * mean[1];
-    scale = sqrt(0.5 * (1.0 - 1.0 / n) / square);
-    point[0] = scale * (sqrt((i + 0.5) / n) * cos(golden * i) - mean[0]);
-    point[1] = scale * (sqrt((i + 0.5) / n) * sin(golden * i) - mean[1]);
 }
 
 static int common_divisor(int a, int b)
@@ -60,7 +43,7 @@ void pell_view_through(struct pell_view *v, const struct pell_lens *lens, int i,
         return;
     while (common_divisor(stride, n) != 1) /* in another order than the places in the pixel */
         stride++;
-    lens_point((int) ((int64_t) i * stride % n), n, p);
+    pell_sunflower_point((int) ((int64_t) i * stride % n), n, p);
     v->origin = vec3_mad(v->origin, (float) (lens->radius * p[0]), v->right);
     v->origin = vec3_mad(v->origin, (float) (lens->radius * p[1]), v->up);
     v->shift_x -= (float) (v->focal_px * lens->radius * p[0] / lens->focus);

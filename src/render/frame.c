@@ -62,25 +62,12 @@ static enum pell_result make_lens(const struct pell_renderer *r, const struct pe
     return PELL_OK;
 }
 
-/* Position of sample i of n in the pixel: one sample in each of n columns and n rows, the rows in the order of the golden section's
- * multiples (4 are the rotated grid). Their mean is the centre, so the picture stays where it is however many there are. */
-static void sample_shift(int i, int n, float *x, float *y)
-{
-    const double golden = 0.6180339887498949, here = golden * (i + 1) - floor(golden * (i + 1));
-    int rank = 0;
-
-    for (int k = 1; k <= n; k++)
-        rank += golden * k - floor(golden * k) < here;
-    *x = ((float) i + 0.5f) / (float) n - 0.5f;
-    *y = ((float) rank + 0.5f) / (float) n - 0.5f;
-}
-
 static struct pell_view sample_view(const struct pell_renderer *r, const struct pell_settings *settings, int sample)
 {
     struct pell_view view;
     float dx, dy;
 
-    sample_shift(sample, settings->msaa, &dx, &dy);
+    pell_golden_grid(sample, settings->msaa, &dx, &dy);
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, dx, dy);
     pell_view_through(&view, &r->lens, sample, settings->msaa);
     return view;

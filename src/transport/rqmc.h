@@ -1,28 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * rqmc.h - numbers of references that sample a pixel in rounds: each round a randomly shifted rank-1 lattice, its randomness a hash of
- * the place and the seed; rounds are independent, so their spread is an honest standard error.
+ * rqmc.h - numbers of references that sample a pixel in batches: each batch is a rank-1 lattice (pell_lattice), shifted by a hash of the
+ * place and the seed; batches are independent, so their spread is an honest standard error.
  */
 #ifndef PELL_ROUNDS_H
 #define PELL_ROUNDS_H
 
-#include "base/hash.h"
-#include "math/vec.h"
+#include "math/sampling.h"
 
 #include <math.h>
 #include <string.h>
-
-static inline double pell_unit(uint32_t x)
-{
-    return (double) x * (1.0 / 4294967296.0);
-}
-
-/* Number `index` of a round's lattice in dimension `d`: multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1), shifted. */
-static inline double pell_lattice(uint32_t round_seed, uint32_t d, uint32_t index)
-{
-    static const uint32_t step[3] = { 3518319155u, 2882110345u, 2360945575u };
-    return pell_unit(pell_hash(round_seed + 0x9e3779b9u * (d + 1)) + index * step[d % 3]);
-}
 
 static inline uint32_t pell_place_seed(struct pell_vec3 at, uint32_t seed)
 {

@@ -9,6 +9,7 @@
 #ifndef PELL_BODY_H
 #define PELL_BODY_H
 
+#include "math/sampling.h"
 #include "math/vec.h"
 #include "visibility/rays.h"
 
@@ -41,14 +42,6 @@ void pell_bodies_destroy(struct pell_bodies **bodies);
 
 /* The triangle at `area` mm^2, in [0, area), along the curve; *f, in [0, 1): how far into it. */
 struct pell_body_triangle pell_body_at(const struct pell_body *body, double area, double *f);
-
-/* Uniform points of a triangle from the unit square: u = barycentric of the second corner, v of the third. */
-static inline void pell_triangle_point(float f, float g, float *u, float *v)
-{
-    const float s = sqrtf(f);
-    *u = s * (1.0f - g);
-    *v = s * g;
-}
 
 /* Which bodies up to 16 pixels of a frame, in->...[at[i]], are on: short rays along their normals ask. Those that find nothing: the
  * first body of the frame's material, or -1. */

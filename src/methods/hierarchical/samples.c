@@ -46,7 +46,7 @@ static void place_candidates(struct eliminator *e, const struct pell_body *body,
     for (uint32_t i = 0; i < count; i++) {
         struct candidate *c = &e->candidates[i];
         const double area = (i + 0.5) * step;
-        double before, f, g = 0.6180339887498949 * i;
+        double before, f, g = PELL_GOLDEN_SECTION * i;
         while (t + 1 < body->num_triangles && body->area_after[t] <= area)
             t++;
         before = t > 0 ? body->area_after[t - 1] : 0.0;

@@ -9,14 +9,13 @@
 #include "methods/image_space/image_space.h"
 
 #include "base/base.h"
-#include "math/vec.h"
+#include "math/sampling.h"
 
 #include <pellucid/inversion.h>
 #include <pellucid/sampling.h>
 
 #include <string.h>
 
-#define GOLDEN 0.3819660112501051 /* turns */
 #define SILVER 0.4142135623730950
 
 int is_importance_samples(const struct is_knobs *k)
@@ -151,7 +150,7 @@ void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *k
     const int count = both ? knobs->samples : uniform ? is_uniform_samples(knobs) : importance, i = uniform ? k - importance : k;
     const int rank = bayer(x % n, y % n, n);
     const double xi = ((double) i + ((double) rank + 0.5) / patterns) / (double) count;
-    const double turn = (double) i * GOLDEN + (double) rank * SILVER + (uniform ? 0.5 * GOLDEN : 0.0);
+    const double turn = (double) i * PELL_GOLDEN_TURN + (double) rank * SILVER + (uniform ? 0.5 * PELL_GOLDEN_TURN : 0.0);
 
     if (both)
         *r_mm = mixture_radius(m, (double) importance / knobs->samples, reach, xi);

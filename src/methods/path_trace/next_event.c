@@ -51,30 +51,30 @@ static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v,
 
 double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance)
 {
-    const struct dvec w = wide(e->w), n = wide(e->hit.ns), ng = wide(e->hit.ng);
-    const double r = (double) s->body[e->body].medium.eta, c = dot(w, n), square = 1.0 - r * r * (1.0 - c * c), cg = dot(w, ng);
+    const struct pell_dvec3 w = dvec3_widen(e->w), n = dvec3_widen(e->hit.ns), ng = dvec3_widen(e->hit.ng);
+    const double r = (double) s->body[e->body].medium.eta, c = dvec3_dot(w, n), square = 1.0 - r * r * (1.0 - c * c), cg = dvec3_dot(w, ng);
     struct pell_vec3 t[2];
-    struct dvec out, moved[2], dw[2], dp[2], dn[2];
+    struct pell_dvec3 out, moved[2], dw[2], dp[2], dn[2];
     double ct, across;
 
     if (!(c > 0.0 && square > 0.0 && cg > 0.0))
         return 0.0;
     ct = sqrt(square);
-    out = mad(scale(r, w), ct - r * c, n);
-    if (!(dot(out, ng) > 0.0))
+    out = dvec3_mad(dvec3_mul(w, r), ct - r * c, n);
+    if (!(dvec3_dot(out, ng) > 0.0))
         return 0.0;
     vec3_basis(e->w, &t[0], &t[1]);
     for (int k = 0; k < 2; k++) {
-        dw[k] = wide(t[k]);
-        dp[k] = mad(scale((double) e->length, dw[k]), -(double) e->length * dot(dw[k], ng) / cg, w);
+        dw[k] = dvec3_widen(t[k]);
+        dp[k] = dvec3_mad(dvec3_mul(dw[k], (double) e->length), -(double) e->length * dvec3_dot(dw[k], ng) / cg, w);
     }
-    pt_normal_at(s, &e->hit, wide(e->hit.p), dp, dn);
+    pt_normal_at(s, &e->hit, dvec3_widen(e->hit.p), dp, dn);
     for (int k = 0; k < 2; k++) {
-        const double dc = dot(dw[k], n) + dot(w, dn[k]), dct = r * r * c * dc / ct;
-        const struct dvec dout = mad(mad(scale(r, dw[k]), dct - r * dc, n), ct - r * c, dn[k]);
-        moved[k] = distance < INFINITY ? mad(dp[k], distance, dout) : dout;
+        const double dc = dvec3_dot(dw[k], n) + dvec3_dot(w, dn[k]), dct = r * r * c * dc / ct;
+        const struct pell_dvec3 dout = dvec3_mad(dvec3_mad(dvec3_mul(dw[k], r), dct - r * dc, n), ct - r * c, dn[k]);
+        moved[k] = distance < INFINITY ? dvec3_mad(dp[k], distance, dout) : dout;
     }
-    across = fabs(dot(cross(moved[0], moved[1]), out));
+    across = fabs(dvec3_dot(dvec3_cross(moved[0], moved[1]), out));
     return across > 1e-30 ? 1.0 / across : 0.0;
 }
 

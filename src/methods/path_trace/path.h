@@ -8,7 +8,6 @@
 #ifndef PELL_PATH_TRACE_PATH_H
 #define PELL_PATH_TRACE_PATH_H
 
-#include "methods/path_trace/dvec.h"
 #include "methods/path_trace/sampler.h"
 #include "methods/path_trace/scalar.h"
 #include "methods/path_trace/trace.h"
@@ -325,6 +324,7 @@ void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct 
  * be mirrored to its side. */
 bool pt_smooth(const struct pt_facing *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong);
 /* Unit shading normal at a place of the hit's triangle, and its changes dn where the place moves by dp in the triangle's plane. */
-struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2]);
+struct pell_dvec3 pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct pell_dvec3 at, const struct pell_dvec3 dp[2],
+                               struct pell_dvec3 dn[2]);
 
 #endif

@@ -555,40 +555,41 @@ bool pt_cross(const struct pt_scene *s, const struct pt_place *place, int body, 
     return true;
 }
 
-struct dvec pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct dvec at, const struct dvec dp[2], struct dvec dn[2])
+struct pell_dvec3 pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct pell_dvec3 at, const struct pell_dvec3 dp[2],
+                               struct pell_dvec3 dn[2])
 {
     const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
     const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
-    struct dvec p[3], n[3], e1, e2, off, sum, normal;
+    struct pell_dvec3 p[3], n[3], e1, e2, off, sum, normal;
     double a, b, c, det, u, v, length;
 
-    dn[0] = dn[1] = (struct dvec){ 0.0, 0.0, 0.0 };
+    dn[0] = dn[1] = (struct pell_dvec3){ 0.0, 0.0, 0.0 };
     if (!hit->bent)
-        return wide(hit->ng);
+        return dvec3_widen(hit->ng);
     for (int k = 0; k < 3; k++) {
-        p[k] = wide(vec3_load(m->position + 3 * (size_t) i[k]));
-        n[k] = wide(vec3_load(m->normal + 3 * (size_t) i[k]));
+        p[k] = dvec3_widen(vec3_load(m->position + 3 * (size_t) i[k]));
+        n[k] = dvec3_widen(vec3_load(m->normal + 3 * (size_t) i[k]));
     }
-    e1 = mad(p[1], -1.0, p[0]);
-    e2 = mad(p[2], -1.0, p[0]);
-    a = dot(e1, e1);
-    b = dot(e1, e2);
-    c = dot(e2, e2);
+    e1 = dvec3_mad(p[1], -1.0, p[0]);
+    e2 = dvec3_mad(p[2], -1.0, p[0]);
+    a = dvec3_dot(e1, e1);
+    b = dvec3_dot(e1, e2);
+    c = dvec3_dot(e2, e2);
     det = a * c - b * b;
     if (!(det > 0.0))
-        return wide(hit->ns);
-    off = mad(at, -1.0, p[0]);
-    u = (dot(off, e1) * c - dot(off, e2) * b) / det;
-    v = (dot(off, e2) * a - dot(off, e1) * b) / det;
-    sum = mad(mad(scale(1.0 - u - v, n[0]), u, n[1]), v, n[2]);
-    length = sqrt(dot(sum, sum));
+        return dvec3_widen(hit->ns);
+    off = dvec3_mad(at, -1.0, p[0]);
+    u = (dvec3_dot(off, e1) * c - dvec3_dot(off, e2) * b) / det;
+    v = (dvec3_dot(off, e2) * a - dvec3_dot(off, e1) * b) / det;
+    sum = dvec3_mad(dvec3_mad(dvec3_mul(n[0], 1.0 - u - v), u, n[1]), v, n[2]);
+    length = sqrt(dvec3_dot(sum, sum));
     if (!(length > 1e-9))
-        return wide(hit->ns);
-    normal = scale(1.0 / length, sum);
+        return dvec3_widen(hit->ns);
+    normal = dvec3_mul(sum, 1.0 / length);
     for (int k = 0; k < 2; k++) {
-        const double f = dot(dp[k], e1), g = dot(dp[k], e2), du = (f * c - g * b) / det, dv = (g * a - f * b) / det;
-        const struct dvec d = mad(scale(du, mad(n[1], -1.0, n[0])), dv, mad(n[2], -1.0, n[0]));
-        dn[k] = scale(1.0 / length, mad(d, -dot(d, normal), normal));
+        const double f = dvec3_dot(dp[k], e1), g = dvec3_dot(dp[k], e2), du = (f * c - g * b) / det, dv = (g * a - f * b) / det;
+        const struct pell_dvec3 d = dvec3_mad(dvec3_mul(dvec3_mad(n[1], -1.0, n[0]), du), dv, dvec3_mad(n[2], -1.0, n[0]));
+        dn[k] = dvec3_mul(dvec3_mad(d, -dvec3_dot(d, normal), normal), 1.0 / length);
     }
     return normal;
 }

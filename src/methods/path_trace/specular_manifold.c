@@ -35,9 +35,9 @@ struct leg {
 struct chain {
     struct kind kind;
     struct leg leg[LINKS];
-    struct dvec w0;           /* from the scatterer */
-    struct dvec at, w;        /* where it is and goes */
-    struct dvec dp[2], dw[2]; /* by turning w0 about t0, t1 */
+    struct pell_dvec3 w0;           /* from the scatterer */
+    struct pell_dvec3 at, w;        /* where it is and goes */
+    struct pell_dvec3 dp[2], dw[2]; /* by turning w0 about t0, t1 */
     struct pell_vec3 from;    /* where rays start */
     struct pt_place place;
     double share; /* Fresnel's */
@@ -57,16 +57,16 @@ struct quest {
     bool connected; /* what one refraction brings is found by connections */
 };
 
-static void start(const struct quest *q, struct dvec w0, struct dvec t0, struct dvec t1, struct chain *c)
+static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3 t0, struct pell_dvec3 t1, struct chain *c)
 {
-    const struct pell_vec3 n = q->at->medium ? vec3(0.0f, 0.0f, 0.0f) : q->at->n, w = narrow(w0);
+    const struct pell_vec3 n = q->at->medium ? vec3(0.0f, 0.0f, 0.0f) : q->at->n, w = dvec3_narrow(w0);
     const bool front = !q->beyond || vec3_dot(w, n) > 0.0f;
 
     c->kind.count = 0;
     c->w0 = c->w = w0;
-    c->at = wide(q->at->x);
+    c->at = dvec3_widen(q->at->x);
     c->from = vec3_mad(q->at->x, front ? q->off : -q->off, n);
-    c->dp[0] = c->dp[1] = (struct dvec){ 0.0, 0.0, 0.0 };
+    c->dp[0] = c->dp[1] = (struct pell_dvec3){ 0.0, 0.0, 0.0 };
     c->dw[0] = t0;
     c->dw[1] = t1;
     c->place = front ? *q->here : *q->beyond;
@@ -82,21 +82,22 @@ static bool next(const struct quest *q, const struct chain *c, double deepest, s
     const float slowest = body >= 0 ? q->s->body[body].medium.slowest : 0.0f;
     const double reach = slowest > 0.0f ? (deepest - c->depth) / (double) slowest : INFINITY;
 
-    return reach > 0.0 && pt_meet(q->s, q->counts, c->from, narrow(c->w), reach < 1e30 ? (float) reach : INFINITY, PELL_RAY_ALL, hit) &&
+    return reach > 0.0 &&
+           pt_meet(q->s, q->counts, c->from, dvec3_narrow(c->w), reach < 1e30 ? (float) reach : INFINITY, PELL_RAY_ALL, hit) &&
            hit->body >= 0;
 }
 
 /* The geometric normal in double: the plane that a chain meets must be the same to more digits than chains are solved to. */
-static struct dvec plane_of(const struct pt_scene *s, const struct pt_hit *hit, struct dvec *corner)
+static struct pell_dvec3 plane_of(const struct pt_scene *s, const struct pt_hit *hit, struct pell_dvec3 *corner)
 {
     const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
     const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
-    const struct dvec a = wide(vec3_load(m->position + 3 * (size_t) i[0]));
-    const struct dvec n = cross(mad(wide(vec3_load(m->position + 3 * (size_t) i[1])), -1.0, a),
-                                mad(wide(vec3_load(m->position + 3 * (size_t) i[2])), -1.0, a));
+    const struct pell_dvec3 a = dvec3_widen(vec3_load(m->position + 3 * (size_t) i[0]));
+    const struct pell_dvec3 n = dvec3_cross(dvec3_mad(dvec3_widen(vec3_load(m->position + 3 * (size_t) i[1])), -1.0, a),
+                                dvec3_mad(dvec3_widen(vec3_load(m->position + 3 * (size_t) i[2])), -1.0, a));
 
     *corner = a;
-    return dot(n, n) > 0.0 ? unit(n) : wide(hit->ng);
+    return dvec3_dot(n, n) > 0.0 ? dvec3_normalize(n) : dvec3_widen(hit->ng);
 }
 
 /* How likely a random chain reflects where both may be. */
@@ -114,33 +115,33 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
 {
     const struct pt_scene *s = q->s;
     const int body = pt_top(&c->place);
-    const bool enter = vec3_dot(narrow(c->w), hit->ng) < 0.0f;
+    const bool enter = vec3_dot(dvec3_narrow(c->w), hit->ng) < 0.0f;
     const double side = enter ? 1.0 : -1.0;
     struct pt_place before, after;
-    struct dvec corner, ng = plane_of(s, hit, &corner), ns, dn[2];
+    struct pell_dvec3 corner, ng = plane_of(s, hit, &corner), ns, dn[2];
     struct leg *leg = &c->leg[c->kind.count];
-    double along = dot(c->w, ng), t, eta, r, cosine, square, ct = 0.0, fresnel;
+    double along = dvec3_dot(c->w, ng), t, eta, r, cosine, square, ct = 0.0, fresnel;
     bool passes;
     float ignored;
 
     if (c->kind.count >= LINKS || !((along < 0.0) == enter) || along == 0.0)
         return false;
-    t = dot(mad(corner, -1.0, c->at), ng) / along;
+    t = dvec3_dot(dvec3_mad(corner, -1.0, c->at), ng) / along;
     if (!(t > 0.0))
         return false;
-    *leg = (struct leg){ body, narrow(c->at), narrow(c->w), (float) t };
+    *leg = (struct leg){ body, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
     if (body >= 0)
         c->depth += t * (double) s->body[body].medium.slowest;
-    c->at = mad(c->at, t, c->w);
+    c->at = dvec3_mad(c->at, t, c->w);
     for (int k = 0; k < 2; k++) {
-        c->dp[k] = mad(c->dp[k], t, c->dw[k]);
-        c->dp[k] = mad(c->dp[k], -dot(c->dp[k], ng) / along, c->w);
+        c->dp[k] = dvec3_mad(c->dp[k], t, c->dw[k]);
+        c->dp[k] = dvec3_mad(c->dp[k], -dvec3_dot(c->dp[k], ng) / along, c->w);
     }
     if (!pt_cross(s, &c->place, hit->body, enter, &before, &after)) { /* light notices nothing */
         if (through && !*through)
             return false;
         c->kind.through[c->kind.count++] = true;
-        c->from = vec3_mad(narrow(c->at), enter ? -hit->unit : hit->unit, hit->ng);
+        c->from = vec3_mad(dvec3_narrow(c->at), enter ? -hit->unit : hit->unit, hit->ng);
         c->odd = true;
         return true;
     }
@@ -150,17 +151,17 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     ns = pt_normal_at(s, hit, c->at, c->dp, dn);
     if (!hit->bent)
         ns = ng;
-    ng = scale(side, ng);
-    ns = scale(side, ns);
-    cosine = -dot(c->w, ns);
+    ng = dvec3_mul(ng, side);
+    ns = dvec3_mul(ns, side);
+    cosine = -dvec3_dot(c->w, ns);
     if (!(cosine > 1e-4)) { /* as the walk does */
         ns = ng;
-        cosine = -dot(c->w, ns);
-        dn[0] = dn[1] = (struct dvec){ 0.0, 0.0, 0.0 };
+        cosine = -dvec3_dot(c->w, ns);
+        dn[0] = dn[1] = (struct pell_dvec3){ 0.0, 0.0, 0.0 };
         c->odd = true;
     }
-    dn[0] = scale(side, dn[0]);
-    dn[1] = scale(side, dn[1]);
+    dn[0] = dvec3_mul(dn[0], side);
+    dn[1] = dvec3_mul(dn[1], side);
     r = 1.0 / eta;
     square = 1.0 - r * r * (1.0 - cosine * cosine);
     fresnel = square > 0.0 ? (double) pt_fresnel((float) eta, (float) cosine, &ignored) : 1.0;
@@ -171,22 +172,22 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     if (passes)
         ct = sqrt(square);
     for (int k = 0; k < 2; k++) {
-        const double dc = -(dot(c->dw[k], ns) + dot(c->w, dn[k]));
+        const double dc = -(dvec3_dot(c->dw[k], ns) + dvec3_dot(c->w, dn[k]));
         if (passes)
-            c->dw[k] = mad(mad(scale(r, c->dw[k]), r * dc - r * r * cosine * dc / ct, ns), r * cosine - ct, dn[k]);
+            c->dw[k] = dvec3_mad(dvec3_mad(dvec3_mul(c->dw[k], r), r * dc - r * r * cosine * dc / ct, ns), r * cosine - ct, dn[k]);
         else
-            c->dw[k] = mad(mad(c->dw[k], 2.0 * dc, ns), 2.0 * cosine, dn[k]);
+            c->dw[k] = dvec3_mad(dvec3_mad(c->dw[k], 2.0 * dc, ns), 2.0 * cosine, dn[k]);
     }
-    c->w = passes ? mad(scale(r, c->w), r * cosine - ct, ns) : mad(c->w, 2.0 * cosine, ns);
-    if ((dot(c->w, ng) < 0.0) != passes) { /* mirrored to its side */
+    c->w = passes ? dvec3_mad(dvec3_mul(c->w, r), r * cosine - ct, ns) : dvec3_mad(c->w, 2.0 * cosine, ns);
+    if ((dvec3_dot(c->w, ng) < 0.0) != passes) { /* mirrored to its side */
         for (int k = 0; k < 2; k++)
-            c->dw[k] = mad(c->dw[k], -2.0 * dot(c->dw[k], ng), ng);
-        c->w = mad(c->w, -2.0 * dot(c->w, ng), ng);
+            c->dw[k] = dvec3_mad(c->dw[k], -2.0 * dvec3_dot(c->dw[k], ng), ng);
+        c->w = dvec3_mad(c->w, -2.0 * dvec3_dot(c->w, ng), ng);
         c->odd = true;
     }
-    c->w = unit(c->w);
+    c->w = dvec3_normalize(c->w);
     c->place = passes ? after : before;
-    c->from = vec3_mad(narrow(c->at), (dot(c->w, ng) > 0.0) == (side > 0.0) ? hit->unit : -hit->unit, hit->ng);
+    c->from = vec3_mad(dvec3_narrow(c->at), (dvec3_dot(c->w, ng) > 0.0) == (side > 0.0) ? hit->unit : -hit->unit, hit->ng);
     c->kind.through[c->kind.count++] = passes;
     return true;
 }
@@ -194,36 +195,36 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
 /* --- A random chain ------------------------------------------------------------------------------------------------------------------ */
 
 /* Half of them about where the lamp is, which light that is refracted has not far to turn to. */
-static struct dvec any_direction(const struct quest *q, struct pt_sampler *sampler)
+static struct pell_dvec3 any_direction(const struct quest *q, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
     const double pick = pt_fine(sampler), u = pt_fine(sampler), phi = 2.0 * PELL_PI * pt_fine(sampler);
-    const struct dvec x = wide(q->at->x), to = mad(wide(s->centre), -1.0, x);
-    const double square = dot(to, to), r2 = s->radius * s->radius;
+    const struct pell_dvec3 x = dvec3_widen(q->at->x), to = dvec3_mad(dvec3_widen(s->centre), -1.0, x);
+    const double square = dvec3_dot(to, to), r2 = s->radius * s->radius;
     double z = 2.0 * u - 1.0, sine = sqrt(fmax(1.0 - z * z, 0.0));
-    struct dvec axis = { 0.0, 0.0, 1.0 };
+    struct pell_dvec3 axis = { 0.0, 0.0, 1.0 };
     struct pell_vec3 t, b;
 
     if (pick < 0.5) {
-        axis = unit(q->lamp.away ? wide(q->lamp.toward) : mad(wide(q->lamp.at), -1.0, x));
+        axis = dvec3_normalize(q->lamp.away ? dvec3_widen(q->lamp.toward) : dvec3_mad(dvec3_widen(q->lamp.at), -1.0, x));
         z = 1.0;
         sine = exp(-7.0 * u);
     } else if (q->here->count == 0 && !q->beyond && square > 1.02 * r2) { /* from outside, toward the bodies */
         z = 1.0 - u * (1.0 - sqrt(1.0 - r2 / square));
         sine = sqrt(fmax(1.0 - z * z, 0.0));
-        axis = unit(to);
+        axis = dvec3_normalize(to);
     }
-    vec3_basis(narrow(axis), &t, &b);
-    return unit(mad(mad(scale(sine * cos(phi), wide(t)), sine * sin(phi), wide(b)), z, axis));
+    vec3_basis(dvec3_narrow(axis), &t, &b);
+    return dvec3_normalize(dvec3_mad(dvec3_mad(dvec3_mul(dvec3_widen(t), sine * cos(phi)), sine * sin(phi), dvec3_widen(b)), z, axis));
 }
 
-static void tangents(struct dvec w, struct dvec *t0, struct dvec *t1)
+static void tangents(struct pell_dvec3 w, struct pell_dvec3 *t0, struct pell_dvec3 *t1)
 {
     struct pell_vec3 t, b;
 
-    vec3_basis(narrow(w), &t, &b);
-    *t0 = unit(mad(wide(t), -dot(wide(t), w), w));
-    *t1 = cross(w, *t0);
+    vec3_basis(dvec3_narrow(w), &t, &b);
+    *t0 = dvec3_normalize(dvec3_mad(dvec3_widen(t), -dvec3_dot(dvec3_widen(t), w), w));
+    *t1 = dvec3_cross(w, *t0);
 }
 
 /* Those that connections find, and those of no surface, are of no use. */
@@ -235,10 +236,10 @@ static bool wanted(const struct quest *q, const struct chain *c)
 static bool random_chain(const struct quest *q, struct pt_sampler *sampler, struct chain *c)
 {
     const double deepest = 1.5 * q->deepest + 0.1; /* what leads to a chain may be longer than it */
-    const struct dvec w = any_direction(q, sampler);
-    struct dvec t0, t1;
+    const struct pell_dvec3 w = any_direction(q, sampler);
+    struct pell_dvec3 t0, t1;
 
-    if (!q->at->medium && !q->beyond && !(vec3_dot(narrow(w), q->at->n) > 0.0f))
+    if (!q->at->medium && !q->beyond && !(vec3_dot(dvec3_narrow(w), q->at->n) > 0.0f))
         return false;
     tangents(w, &t0, &t1);
     start(q, w, t0, t1, c);
@@ -255,9 +256,9 @@ static bool random_chain(const struct quest *q, struct pt_sampler *sampler, stru
 /* --- To the lamp ------------------------------------------------------------------------------------------------------------------ */
 
 /* The same kind of chain in another direction. */
-static bool follow(const struct quest *q, const struct kind *kind, struct dvec w, struct chain *c)
+static bool follow(const struct quest *q, const struct kind *kind, struct pell_dvec3 w, struct chain *c)
 {
-    struct dvec t0, t1;
+    struct pell_dvec3 t0, t1;
 
     tangents(w, &t0, &t1);
     start(q, w, t0, t1, c);
@@ -270,52 +271,52 @@ static bool follow(const struct quest *q, const struct kind *kind, struct dvec w
 }
 
 /* Where the lamp is from the chain's last place. *distance INFINITY: a direction. */
-static struct dvec aim(const struct quest *q, const struct chain *c, double *distance)
+static struct pell_dvec3 aim(const struct quest *q, const struct chain *c, double *distance)
 {
-    struct dvec to = wide(q->lamp.toward);
+    struct pell_dvec3 to = dvec3_widen(q->lamp.toward);
 
     *distance = INFINITY;
     if (!q->lamp.away) {
-        to = mad(wide(q->lamp.at), -1.0, c->at);
-        *distance = sqrt(dot(to, to));
+        to = dvec3_mad(dvec3_widen(q->lamp.at), -1.0, c->at);
+        *distance = sqrt(dvec3_dot(to, to));
     }
-    return unit(to);
+    return dvec3_normalize(to);
 }
 
 static double miss(const struct quest *q, const struct chain *c)
 {
     double distance;
-    const struct dvec off = mad(c->w, -1.0, aim(q, c, &distance));
+    const struct pell_dvec3 off = dvec3_mad(c->w, -1.0, aim(q, c, &distance));
 
-    return sqrt(dot(off, off));
+    return sqrt(dvec3_dot(off, off));
 }
 
 /* The turn of w0 that would bring c to the lamp, were all linear. */
-static bool newton(const struct quest *q, const struct chain *c, struct dvec *by)
+static bool newton(const struct quest *q, const struct chain *c, struct pell_dvec3 *by)
 {
-    struct dvec t0, t1, e0, e1;
+    struct pell_dvec3 t0, t1, e0, e1;
     double distance, a[2][2], r[2], det, x, y;
-    const struct dvec v = aim(q, c, &distance);
+    const struct pell_dvec3 v = aim(q, c, &distance);
 
     if (!(distance > 0.0))
         return false;
     tangents(v, &e0, &e1);
     for (int k = 0; k < 2; k++) {
-        struct dvec d = c->dw[k];
+        struct pell_dvec3 d = c->dw[k];
         if (distance < INFINITY)
-            d = mad(d, 1.0 / distance, mad(c->dp[k], -dot(c->dp[k], v), v));
-        a[0][k] = dot(e0, d);
-        a[1][k] = dot(e1, d);
+            d = dvec3_mad(d, 1.0 / distance, dvec3_mad(c->dp[k], -dvec3_dot(c->dp[k], v), v));
+        a[0][k] = dvec3_dot(e0, d);
+        a[1][k] = dvec3_dot(e1, d);
     }
-    r[0] = -dot(e0, c->w);
-    r[1] = -dot(e1, c->w);
+    r[0] = -dvec3_dot(e0, c->w);
+    r[1] = -dvec3_dot(e1, c->w);
     det = a[0][0] * a[1][1] - a[0][1] * a[1][0];
     x = (r[0] * a[1][1] - r[1] * a[0][1]) / det;
     y = (a[0][0] * r[1] - a[1][0] * r[0]) / det;
     if (!(fabs(x) < 1e9 && fabs(y) < 1e9))
         return false;
     tangents(c->w0, &t0, &t1);
-    *by = mad(scale(x, t0), y, t1);
+    *by = dvec3_mad(dvec3_mul(t0, x), y, t1);
     return true;
 }
 
@@ -327,17 +328,18 @@ static bool solve(const struct quest *q, struct chain *c)
 
     for (int i = 0; i < STEPS; i++) {
         struct chain moved;
-        struct dvec by;
+        struct pell_dvec3 by;
         double step, most;
         bool better = false;
         if (!newton(q, c, &by))
             return false;
-        step = sqrt(dot(by, by));
+        step = sqrt(dvec3_dot(by, by));
         if (step < CONVERGED)
             return off < 1e-3;
         most = fmin(LONGEST / step, 1.0);
         for (int k = 0; k < HALVINGS && !better; k++, most *= 0.5) {
-            better = follow(q, &kind, unit(mad(c->w0, most, by)), &moved) && (miss(q, &moved) < off || (off < 1e-9 && step < 1e-7));
+            better = follow(q, &kind, dvec3_normalize(dvec3_mad(c->w0, most, by)), &moved) &&
+                     (miss(q, &moved) < off || (off < 1e-9 && step < 1e-7));
         }
         if (!better)
             return step < 1e-8 && off < 1e-3; /* as near as rounding lets it */
@@ -349,9 +351,9 @@ static bool solve(const struct quest *q, struct chain *c)
 
 static bool is_same(const struct chain *a, const struct chain *b)
 {
-    const struct dvec off = mad(a->w0, -1.0, b->w0);
+    const struct pell_dvec3 off = dvec3_mad(a->w0, -1.0, b->w0);
 
-    if (a->kind.count != b->kind.count || dot(off, off) > SAME * SAME)
+    if (a->kind.count != b->kind.count || dvec3_dot(off, off) > SAME * SAME)
         return false;
     for (int i = 0; i < a->kind.count; i++)
         if (a->kind.through[i] != b->kind.through[i])
@@ -362,17 +364,17 @@ static bool is_same(const struct chain *a, const struct chain *b)
 /* What comes along a chain, over the probability of its lamp. False: nothing. */
 static bool light_of(const struct quest *q, const struct chain *c, const float beta[3], struct pt_sampler *sampler, double out[3])
 {
-    const struct pell_vec3 w = narrow(c->w0), at = narrow(c->at);
+    const struct pell_vec3 w = dvec3_narrow(c->w0), at = dvec3_narrow(c->at);
     double distance, along;
-    const struct dvec v = aim(q, c, &distance);
+    const struct pell_dvec3 v = aim(q, c, &distance);
     float power[3], values[3];
-    struct dvec moved[2];
+    struct pell_dvec3 moved[2];
 
     if (!(c->depth <= q->deepest))
         return false;
     for (int k = 0; k < 2; k++)
-        moved[k] = distance < INFINITY ? mad(c->dp[k], distance, c->dw[k]) : c->dw[k];
-    along = fabs(dot(cross(moved[0], moved[1]), c->w));
+        moved[k] = distance < INFINITY ? dvec3_mad(c->dp[k], distance, c->dw[k]) : c->dw[k];
+    along = fabs(dvec3_dot(dvec3_cross(moved[0], moved[1]), c->w));
     if (!(along > 1e-30))
         return false;
     pell_emitters_power_at(q->s->emitters, &q->lamp, at, power);
@@ -387,8 +389,8 @@ static bool light_of(const struct quest *q, const struct chain *c, const float b
         for (int k = 0; k < 3; k++)
             out[k] *= (double) passed[k];
     }
-    return out[0] + out[1] + out[2] > 0.0 &&
-           pt_clear(q->s, q->counts, c->from, narrow(v), distance < INFINITY ? (float) (distance * (1.0 - 1e-5)) : INFINITY, PELL_RAY_ALL);
+    return out[0] + out[1] + out[2] > 0.0 && pt_clear(q->s, q->counts, c->from, dvec3_narrow(v),
+                                                      distance < INFINITY ? (float) (distance * (1.0 - 1e-5)) : INFINITY, PELL_RAY_ALL);
 }
 
 void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_place *here,

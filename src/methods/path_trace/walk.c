@@ -364,7 +364,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
         /* Numbers of their own: what enters does not depend on what does not. */
         sampler[count] = pt_sampler_start(s->seed, point->pixel, sample, reflected ? 2 : 0);
         if (!reflected)
-            p.turn = pt_unit(pt_hash(sampler[0].pattern ^ pt_reverse(sample)));
+            p.turn = pell_unit_float(pell_hash(sampler[0].pattern ^ pell_sobol0(sample)));
         *q = p;
         q->sampler = &sampler[count];
         q->out = &out[count];

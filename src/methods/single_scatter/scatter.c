@@ -229,8 +229,8 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
     for (uint32_t i = 0; i < ROUND; i++) {
         const bool by_angle = kind == SS_EQUIANGULAR || (kind == SS_BOTH && i % 2);
         const double u[3] = { pell_lattice(seed, 0, i), pell_lattice(seed, 1, i), pell_lattice(seed, 2, i) };
-        const double xi = kind == SS_BOTH ? (i / 2 + pell_unit(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
-                                          : (i + pell_unit(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
+        const double xi = kind == SS_BOTH ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
+                                          : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
         double depth[3], density = 0.0, s, light[3] = { 0 };
         const struct ss_layer *layer;
         struct pell_emitter_sample lamp;

@@ -13,7 +13,7 @@
 void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f)
 {
     const uint32_t *index = m->index + 3 * (size_t) triangle;
-    struct vec n, e1, e2;
+    struct pell_dvec3 n, e1, e2;
     double length;
 
     memset(f, 0, sizeof(*f));
@@ -21,29 +21,29 @@ void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t 
     f->triangle = triangle;
     for (int k = 0; k < 3; k++)
         memcpy(f->p[k], m->position + 3 * (size_t) index[k], sizeof(f->p[k]));
-    e1 = sub(load(f->p[1]), load(f->p[0]));
-    e2 = sub(load(f->p[2]), load(f->p[0]));
-    n = cross(e1, e2);
-    length = sqrt(dot(n, n));
-    n = length > 0.0 ? scale(n, 1.0 / length) : (struct vec){ 0.0, 0.0, 1.0 };
+    e1 = dvec3_sub(dvec3_load(f->p[1]), dvec3_load(f->p[0]));
+    e2 = dvec3_sub(dvec3_load(f->p[2]), dvec3_load(f->p[0]));
+    n = dvec3_cross(e1, e2);
+    length = sqrt(dvec3_dot(n, n));
+    n = length > 0.0 ? dvec3_mul(n, 1.0 / length) : (struct pell_dvec3){ 0.0, 0.0, 1.0 };
     f->planar = true;
     for (int k = 0; k < 3; k++) {
         const float *v = m->normal + 3 * (size_t) index[k];
-        const struct vec given = load(v);
-        const bool none = !(dot(given, given) > 0.25 && dot(given, given) < 4.0);
-        const struct vec own = flat || none ? n : given, off = sub(own, n);
+        const struct pell_dvec3 given = dvec3_load(v);
+        const bool none = !(dvec3_dot(given, given) > 0.25 && dvec3_dot(given, given) < 4.0);
+        const struct pell_dvec3 own = flat || none ? n : given, off = dvec3_sub(own, n);
         f->n[k][0] = (float) own.x;
         f->n[k][1] = (float) own.y;
         f->n[k][2] = (float) own.z;
         /* As near as floats tell. */
-        f->planar = f->planar && dot(off, off) < 1e-13;
+        f->planar = f->planar && dvec3_dot(off, off) < 1e-13;
     }
 }
 
 static void bound(const struct facet *f, size_t count, struct pell_connect_node *node, int lane)
 {
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, largest = 0.0f;
-    struct vec centre, sum = { 0.0, 0.0, 0.0 }, axis;
+    struct pell_dvec3 centre, sum = { 0.0, 0.0, 0.0 }, axis;
     double radius = 0.0, cosine = 1.0, length;
 
     for (size_t i = 0; i < count; i++)
@@ -53,19 +53,19 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
                 high[j] = LARGER(high[j], f[i].p[k][j]);
                 largest = LARGER(largest, fabsf(f[i].p[k][j]));
             }
-            sum = mad(sum, 1.0, load(f[i].n[k]));
+            sum = dvec3_mad(sum, 1.0, dvec3_load(f[i].n[k]));
         }
     node->x[lane] = 0.5f * (low[0] + high[0]);
     node->y[lane] = 0.5f * (low[1] + high[1]);
     node->z[lane] = 0.5f * (low[2] + high[2]);
-    centre = (struct vec){ (double) node->x[lane], (double) node->y[lane], (double) node->z[lane] };
-    length = sqrt(dot(sum, sum));
-    axis = length > 0.0 ? scale(sum, 1.0 / length) : (struct vec){ 0.0, 0.0, 1.0 };
+    centre = (struct pell_dvec3){ (double) node->x[lane], (double) node->y[lane], (double) node->z[lane] };
+    length = sqrt(dvec3_dot(sum, sum));
+    axis = length > 0.0 ? dvec3_mul(sum, 1.0 / length) : (struct pell_dvec3){ 0.0, 0.0, 1.0 };
     for (size_t i = 0; i < count; i++)
         for (int k = 0; k < 3; k++) {
-            const struct vec d = sub(load(f[i].p[k]), centre), n = load(f[i].n[k]);
-            const double l = sqrt(dot(n, n));
-            const double r = dot(d, d), along = l > 0.0 ? dot(axis, n) / l : -1.0;
+            const struct pell_dvec3 d = dvec3_sub(dvec3_load(f[i].p[k]), centre), n = dvec3_load(f[i].n[k]);
+            const double l = sqrt(dvec3_dot(n, n));
+            const double r = dvec3_dot(d, d), along = l > 0.0 ? dvec3_dot(axis, n) / l : -1.0;
             radius = LARGER(radius, r);
             cosine = SMALLER(cosine, along);
         }
@@ -225,13 +225,14 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
 
 /* Squared distance from x to a triangle: to its plane, an edge or a corner, whichever x projects to (C. Ericson, "Real-Time Collision
  * Detection", 2005, section 5.1.5). */
-static double away_from(const struct facet *f, struct vec x)
+static double away_from(const struct facet *f, struct pell_dvec3 x)
 {
-    const struct vec a = load(f->p[0]), ab = sub(load(f->p[1]), a), ac = sub(load(f->p[2]), a), ax = sub(x, a);
-    const double d1 = dot(ab, ax), d2 = dot(ac, ax), bb = dot(ab, ab), bc = dot(ab, ac), cc = dot(ac, ac);
-    const double d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc, xx = dot(ax, ax);
+    const struct pell_dvec3 a = dvec3_load(f->p[0]), ab = dvec3_sub(dvec3_load(f->p[1]), a), ac = dvec3_sub(dvec3_load(f->p[2]), a),
+                            ax = dvec3_sub(x, a);
+    const double d1 = dvec3_dot(ab, ax), d2 = dvec3_dot(ac, ax), bb = dvec3_dot(ab, ab), bc = dvec3_dot(ab, ac), cc = dvec3_dot(ac, ac);
+    const double d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc, xx = dvec3_dot(ax, ax);
     double va, vb, vc;
-    struct vec n;
+    struct pell_dvec3 n;
 
     if (d1 <= 0.0 && d2 <= 0.0)
         return xx;
@@ -247,18 +248,18 @@ static double away_from(const struct facet *f, struct vec x)
         return xx - d2 * d2 / cc;
     va = d3 * d6 - d5 * d4;
     if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0) {
-        const struct vec edge = sub(ac, ab), bx = sub(ax, ab);
-        const double along = dot(edge, bx);
-        return dot(bx, bx) - along * along / dot(edge, edge);
+        const struct pell_dvec3 edge = dvec3_sub(ac, ab), bx = dvec3_sub(ax, ab);
+        const double along = dvec3_dot(edge, bx);
+        return dvec3_dot(bx, bx) - along * along / dvec3_dot(edge, edge);
     }
-    n = cross(ab, ac);
-    return dot(n, ax) * dot(n, ax) / dot(n, n);
+    n = dvec3_cross(ab, ac);
+    return dvec3_dot(n, ax) * dvec3_dot(n, ax) / dvec3_dot(n, n);
 }
 
 double pell_connector_distance(const struct pell_connector *connector, int body, struct pell_vec3 x, double most)
 {
     const struct tree *t;
-    const struct vec from = widen(x);
+    const struct pell_dvec3 from = dvec3_widen(x);
     uint32_t stack[PELL_CONNECT_STACK];
     double best = most * most;
     int count = 0;

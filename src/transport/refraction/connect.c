@@ -85,7 +85,7 @@ double pell_connector_rounding(const struct pell_connector *connector, int body)
     return body >= 0 && (size_t) body < connector->bodies->count ? connector->trees[body].rounding : 0.0;
 }
 
-static void aim(struct pell_ray_hit16 *r, int lane, struct vec from, struct vec along, double near, double far)
+static void aim(struct pell_ray_hit16 *r, int lane, struct pell_dvec3 from, struct pell_dvec3 along, double near, double far)
 {
     r->ray.ox[lane] = (float) from.x;
     r->ray.oy[lane] = (float) from.y;
@@ -112,11 +112,11 @@ static unsigned free_paths(const struct pell_connector *c, const struct query *q
     for (int i = 0; i < count; i++) {
         const struct path *p = paths[i];
         const double in = e / fmax(p->facing_in, 0.05), out = e / fmax(p->facing_out, 0.01);
-        const struct vec to = p->outside_mm < INFINITY ? sub(q->place, p->at) : p->outside;
+        const struct pell_dvec3 to = p->outside_mm < INFINITY ? dvec3_sub(q->place, p->at) : p->outside;
         const double unit = p->outside_mm < INFINITY ? 1.0 / p->outside_mm : 1.0;
         if (in < p->inside_mm) {
             valid[2 * i] = -1;
-            aim(&r, 2 * i, q->x, sub(p->at, q->x), 0.0, 1.0 - in / p->inside_mm);
+            aim(&r, 2 * i, q->x, dvec3_sub(p->at, q->x), 0.0, 1.0 - in / p->inside_mm);
         }
         if (out < p->outside_mm) {
             valid[2 * i + 1] = -1;
@@ -141,10 +141,10 @@ static void give(const struct query *q, const struct path *p, struct pell_connec
         .triangle = p->facet->triangle,
         .u = (float) fmin(fmax(p->u, 0.0), 1.0),
         .v = (float) fmin(fmax(p->v, 0.0), 1.0),
-        .at = narrow(p->at),
-        .normal = narrow(p->normal),
-        .inside = narrow(p->inside),
-        .outside = narrow(p->outside),
+        .at = dvec3_narrow(p->at),
+        .normal = dvec3_narrow(p->normal),
+        .inside = dvec3_narrow(p->inside),
+        .outside = dvec3_narrow(p->outside),
         .inside_mm = p->inside_mm,
         .outside_mm = p->outside_mm,
         .transmit = fabs(q->eta - 1.0) < NEAR_ONE ? 1.0 : 1.0 - pell_fresnel(q->eta, p->cos_o),
@@ -156,37 +156,37 @@ static void give(const struct query *q, const struct path *p, struct pell_connec
 static int straight(const struct pell_connector *c, int body, const struct query *q, struct pell_connection *out, int64_t *rays)
 {
     _Alignas(64) int valid[16] = { -1 };
-    const struct vec to = q->away ? q->place : sub(q->place, q->x);
-    const double whole = q->away ? INFINITY : sqrt(dot(to, to));
+    const struct pell_dvec3 to = q->away ? q->place : dvec3_sub(q->place, q->x);
+    const double whole = q->away ? INFINITY : sqrt(dvec3_dot(to, to));
     struct pell_ray_hit16 r;
     struct facet f = { .planar = true };
     struct path p = { .facet = &f };
-    struct vec geometric, n;
+    struct pell_dvec3 geometric, n;
     double length;
 
     if (!(whole > 0.0))
         return 0;
     memset(&r, 0, sizeof(r));
-    p.inside = p.outside = q->away ? to : scale(to, 1.0 / whole);
+    p.inside = p.outside = q->away ? to : dvec3_mul(to, 1.0 / whole);
     aim(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, whole));
     pell_rays_closest16(c->rays, valid, false, &r);
     *rays += 1;
     if (r.hit.mesh[0] >= c->bodies->num_meshes || c->bodies->of_mesh[r.hit.mesh[0]] != body)
         return 0;
     pell_connect_fill_facet(&c->scene->meshes[r.hit.mesh[0]], r.hit.mesh[0], r.hit.triangle[0], c->flat, &f);
-    geometric = cross(sub(load(f.p[1]), load(f.p[0])), sub(load(f.p[2]), load(f.p[0])));
-    length = sqrt(dot(geometric, geometric));
-    p.facing_in = p.facing_out = length > 0.0 ? dot(p.inside, geometric) / length : 0.0;
+    geometric = dvec3_cross(dvec3_sub(dvec3_load(f.p[1]), dvec3_load(f.p[0])), dvec3_sub(dvec3_load(f.p[2]), dvec3_load(f.p[0])));
+    length = sqrt(dvec3_dot(geometric, geometric));
+    p.facing_in = p.facing_out = length > 0.0 ? dvec3_dot(p.inside, geometric) / length : 0.0;
     if (!(p.facing_in > 0.0))
         return 0;
     p.u = (double) r.hit.u[0];
     p.v = (double) r.hit.v[0];
-    n = mad(mad(scale(load(f.n[0]), 1.0 - p.u - p.v), p.u, load(f.n[1])), p.v, load(f.n[2]));
-    length = sqrt(dot(n, n));
-    p.normal = length > 0.0 ? scale(n, 1.0 / length) : geometric;
+    n = dvec3_mad(dvec3_mad(dvec3_mul(dvec3_load(f.n[0]), 1.0 - p.u - p.v), p.u, dvec3_load(f.n[1])), p.v, dvec3_load(f.n[2]));
+    length = sqrt(dvec3_dot(n, n));
+    p.normal = length > 0.0 ? dvec3_mul(n, 1.0 / length) : geometric;
     p.inside_mm = (double) r.ray.tfar[0];
     p.outside_mm = q->away ? INFINITY : whole - p.inside_mm;
-    p.at = mad(q->x, p.inside_mm, p.inside);
+    p.at = dvec3_mad(q->x, p.inside_mm, p.inside);
     p.cos_o = 1.0;
     p.spread = q->away ? 1.0 : 1.0 / (whole * whole);
     if (!(p.inside_mm > 0.0) || !(p.outside_mm > 0.0))
@@ -220,17 +220,17 @@ int pell_connect(const struct pell_connector *connector, int body, double eta, s
     q.eta = eta;
     q.grazing = sqrt(fabs(eta * eta - 1.0));
     q.reach = reach;
-    q.x = widen(x);
-    q.place = widen(place);
+    q.x = dvec3_widen(x);
+    q.place = dvec3_widen(place);
     q.away = direction;
     q.count = 0;
     if (!is_place(q.x) || !is_place(q.place))
         return 0;
     if (direction) {
-        const double length = sqrt(dot(q.place, q.place));
+        const double length = sqrt(dvec3_dot(q.place, q.place));
         if (!(length > 0.0))
             return 0;
-        q.place = scale(q.place, 1.0 / length);
+        q.place = dvec3_mul(q.place, 1.0 / length);
     }
     if (fabs(eta - 1.0) < NEAR_ONE) {
         given = straight(connector, body, &q, out, &traced);

@@ -35,54 +35,8 @@ struct pell_connector {
     bool flat;
 };
 
-/* --- Vectors of double -------------------------------------------------------------------------------------------------------- */
-
-struct vec {
-    double x, y, z;
-};
-
-static inline struct vec load(const float *p)
-{
-    return (struct vec){ (double) p[0], (double) p[1], (double) p[2] };
-}
-
-static inline struct vec widen(struct pell_vec3 a)
-{
-    return (struct vec){ (double) a.x, (double) a.y, (double) a.z };
-}
-
-static inline struct pell_vec3 narrow(struct vec a)
-{
-    return vec3((float) a.x, (float) a.y, (float) a.z);
-}
-
-static inline struct vec sub(struct vec a, struct vec b)
-{
-    return (struct vec){ a.x - b.x, a.y - b.y, a.z - b.z };
-}
-
-static inline struct vec mad(struct vec a, double s, struct vec b)
-{
-    return (struct vec){ a.x + s * b.x, a.y + s * b.y, a.z + s * b.z };
-}
-
-static inline struct vec scale(struct vec a, double s)
-{
-    return (struct vec){ a.x * s, a.y * s, a.z * s };
-}
-
-static inline double dot(struct vec a, struct vec b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-static inline struct vec cross(struct vec a, struct vec b)
-{
-    return (struct vec){ a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x };
-}
-
 /* A number, and one that Embree takes. */
-static inline bool is_place(struct vec a)
+static inline bool is_place(struct pell_dvec3 a)
 {
     return fabs(a.x) < FAR && fabs(a.y) < FAR && fabs(a.z) < FAR;
 }
@@ -98,7 +52,7 @@ PELL_NODISCARD enum pell_result pell_connect_build_tree(struct pell_connector *c
 struct path {
     const struct facet *facet;
     double u, v;
-    struct vec at, normal, inside, outside; /* as in a connection */
+    struct pell_dvec3 at, normal, inside, outside; /* as in a connection */
     double inside_mm, outside_mm, spread, cos_o;
     double facing_in, facing_out; /* cosines of both parts with the triangle's own normal */
     double size;                  /* of the triangle */
@@ -107,7 +61,7 @@ struct path {
 struct query {
     double eta, grazing; /* grazing: the largest |k| */
     double reach;
-    struct vec x, place; /* or direction */
+    struct pell_dvec3 x, place; /* or direction */
     bool away;           /* a direction */
     struct path paths[PELL_CONNECTIONS];
     int count;

@@ -23,9 +23,9 @@ static void keep(struct query *q, const struct path *p)
     if (!(p->inside_mm <= q->reach) || !(p->spread < INFINITY) || !(p->inside_mm > 0.0))
         return;
     for (int i = 0; i < q->count; i++) {
-        const struct vec d = sub(q->paths[i].at, p->at);
+        const struct pell_dvec3 d = dvec3_sub(q->paths[i].at, p->at);
         const double near = SAME * fmin(q->paths[i].size, p->size);
-        if (dot(d, d) <= near * near)
+        if (dvec3_dot(d, d) <= near * near)
             return;
     }
     if (q->count == PELL_CONNECTIONS) {
@@ -75,43 +75,43 @@ static double planar_shift(double eta, double below, double above, double apart)
 
 static void solve_planar(struct query *q, const struct facet *f)
 {
-    const struct vec p0 = load(f->p[0]), e1 = sub(load(f->p[1]), p0), e2 = sub(load(f->p[2]), p0);
-    const struct vec cr = cross(e1, e2);
-    const double area2 = dot(cr, cr), inverse = 1.0 / sqrt(area2);
-    const struct vec n = scale(cr, inverse);
-    const double below = -dot(sub(q->x, p0), n);
+    const struct pell_dvec3 p0 = dvec3_load(f->p[0]), e1 = dvec3_sub(dvec3_load(f->p[1]), p0), e2 = dvec3_sub(dvec3_load(f->p[2]), p0);
+    const struct pell_dvec3 cr = dvec3_cross(e1, e2);
+    const double area2 = dvec3_dot(cr, cr), inverse = 1.0 / sqrt(area2);
+    const struct pell_dvec3 n = dvec3_mul(cr, inverse);
+    const double below = -dvec3_dot(dvec3_sub(q->x, p0), n);
     struct path p = { .facet = f, .normal = n };
     double s, apart, cos_i;
-    struct vec foot, along, d, out;
+    struct pell_dvec3 foot, along, d, out;
 
     if (!(below > 0.0))
         return;
-    foot = mad(q->x, below, n);
+    foot = dvec3_mad(q->x, below, n);
     if (q->away) {
-        p.cos_o = dot(q->place, n);
-        along = mad(q->place, -p.cos_o, n);
-        apart = sqrt(dot(along, along));
+        p.cos_o = dvec3_dot(q->place, n);
+        along = dvec3_mad(q->place, -p.cos_o, n);
+        apart = sqrt(dvec3_dot(along, along));
         s = apart / q->eta;
         if (!(p.cos_o > 0.0) || !(s < 1.0))
             return;
         s = below * s / sqrt(1.0 - s * s);
     } else {
-        const struct vec to = sub(q->place, p0);
-        const double above = dot(to, n);
+        const struct pell_dvec3 to = dvec3_sub(q->place, p0);
+        const double above = dvec3_dot(to, n);
         if (!(above > 0.0))
             return;
-        along = sub(mad(q->place, -above, n), foot);
-        apart = sqrt(dot(along, along));
+        along = dvec3_sub(dvec3_mad(q->place, -above, n), foot);
+        apart = sqrt(dvec3_dot(along, along));
         s = planar_shift(q->eta, below, above, apart);
     }
-    p.at = apart > 0.0 ? mad(foot, s / apart, along) : foot;
-    d = sub(p.at, p0);
-    p.u = dot(cross(d, e2), n) * inverse;
-    p.v = dot(cross(e1, d), n) * inverse;
+    p.at = apart > 0.0 ? dvec3_mad(foot, s / apart, along) : foot;
+    d = dvec3_sub(p.at, p0);
+    p.u = dvec3_dot(dvec3_cross(d, e2), n) * inverse;
+    p.v = dvec3_dot(dvec3_cross(e1, d), n) * inverse;
     if (!(p.u >= -BESIDE && p.v >= -BESIDE && p.u + p.v <= 1.0 + BESIDE))
         return;
     p.inside_mm = sqrt(s * s + below * below);
-    p.inside = scale(sub(p.at, q->x), 1.0 / p.inside_mm);
+    p.inside = dvec3_mul(dvec3_sub(p.at, q->x), 1.0 / p.inside_mm);
     cos_i = below / p.inside_mm;
     if (q->away) {
         p.outside = q->place;
@@ -120,17 +120,17 @@ static void solve_planar(struct query *q, const struct facet *f)
     } else {
         /* Rays about the path meet in the plane of incidence and across it. */
         double across, within;
-        out = sub(q->place, p.at);
-        p.outside_mm = sqrt(dot(out, out));
-        p.outside = scale(out, 1.0 / p.outside_mm);
-        p.cos_o = dot(p.outside, n);
+        out = dvec3_sub(q->place, p.at);
+        p.outside_mm = sqrt(dvec3_dot(out, out));
+        p.outside = dvec3_mul(out, 1.0 / p.outside_mm);
+        p.cos_o = dvec3_dot(p.outside, n);
         across = p.inside_mm / q->eta + p.outside_mm;
         within = p.outside_mm * cos_i / p.cos_o + p.inside_mm * p.cos_o / (q->eta * cos_i);
         p.spread = 1.0 / (across * within);
     }
     p.facing_in = cos_i;
     p.facing_out = p.cos_o;
-    p.size = sqrt(fmax(dot(e1, e1), dot(e2, e2)));
+    p.size = sqrt(fmax(dvec3_dot(e1, e1), dvec3_dot(e2, e2)));
     keep(q, &p);
 }
 
@@ -142,9 +142,9 @@ struct curved {
     double eta;
     bool away;
     double ex1, ex2, ey2;    /* p1 = (ex1, 0, 0), p2 = (ex2, ey2, 0) */
-    struct vec axis[3];      /* of the frame, in the world's */
-    struct vec p0, x, place; /* x and the lamp in the frame */
-    struct vec n, nu, nv;    /* normal = n + u nu + v nv, not unit */
+    struct pell_dvec3 axis[3];      /* of the frame, in the world's */
+    struct pell_dvec3 p0, x, place; /* x and the lamp in the frame */
+    struct pell_dvec3 n, nu, nv;    /* normal = n + u nu + v nv, not unit */
     double size, radius;     /* longest side; from the middle to the farthest corner */
     double turn;             /* from the normal in the middle to that of a corner, at most */
     double grazing;
@@ -153,36 +153,36 @@ struct curved {
 };
 
 struct state {
-    struct vec v, l, h, n; /* to x, to the lamp, half vector, normal */
+    struct pell_dvec3 v, l, h, n; /* to x, to the lamp, half vector, normal */
     double inverse_v, inverse_l;
     double r[2]; /* H x n but for its z part */
 };
 
 static inline void look(const struct curved *c, double u, double v, struct state *s)
 {
-    const struct vec p = { u * c->ex1 + v * c->ex2, v * c->ey2, 0.0 }, a = sub(c->x, p);
+    const struct pell_dvec3 p = { u * c->ex1 + v * c->ex2, v * c->ey2, 0.0 }, a = dvec3_sub(c->x, p);
 
-    s->inverse_v = 1.0 / sqrt(dot(a, a));
-    s->v = scale(a, s->inverse_v);
+    s->inverse_v = 1.0 / sqrt(dvec3_dot(a, a));
+    s->v = dvec3_mul(a, s->inverse_v);
     if (c->away) {
         s->inverse_l = 0.0;
         s->l = c->place;
     } else {
-        const struct vec b = sub(c->place, p);
-        s->inverse_l = 1.0 / sqrt(dot(b, b));
-        s->l = scale(b, s->inverse_l);
+        const struct pell_dvec3 b = dvec3_sub(c->place, p);
+        s->inverse_l = 1.0 / sqrt(dvec3_dot(b, b));
+        s->l = dvec3_mul(b, s->inverse_l);
     }
-    s->h = mad(s->l, c->eta, s->v);
-    s->n = mad(mad(c->n, u, c->nu), v, c->nv);
+    s->h = dvec3_mad(s->l, c->eta, s->v);
+    s->n = dvec3_mad(dvec3_mad(c->n, u, c->nu), v, c->nv);
     s->r[0] = s->h.x * s->n.z - s->h.z * s->n.x;
     s->r[1] = s->h.y * s->n.z - s->h.z * s->n.y;
 }
 
 /* Derivative of r along one edge: p by `e`, n by `dn`. */
-static inline void derive(const struct curved *c, const struct state *s, struct vec e, struct vec dn, double out[2])
+static inline void derive(const struct curved *c, const struct state *s, struct pell_dvec3 e, struct pell_dvec3 dn, double out[2])
 {
-    const double ev = dot(e, s->v), el = dot(e, s->l), fv = -c->eta * s->inverse_v, fl = -s->inverse_l;
-    const struct vec dh = { fv * (e.x - ev * s->v.x) + fl * (e.x - el * s->l.x), fv * (e.y - ev * s->v.y) + fl * (e.y - el * s->l.y),
+    const double ev = dvec3_dot(e, s->v), el = dvec3_dot(e, s->l), fv = -c->eta * s->inverse_v, fl = -s->inverse_l;
+    const struct pell_dvec3 dh = { fv * (e.x - ev * s->v.x) + fl * (e.x - el * s->l.x), fv * (e.y - ev * s->v.y) + fl * (e.y - el * s->l.y),
                             fv * (e.z - ev * s->v.z) + fl * (e.z - el * s->l.z) };
 
     out[0] = dh.x * s->n.z + s->h.x * dn.z - dh.z * s->n.x - s->h.z * dn.x;
@@ -191,8 +191,8 @@ static inline void derive(const struct curved *c, const struct state *s, struct 
 
 static double jacobian(const struct curved *c, const struct state *s, double ju[2], double jv[2])
 {
-    derive(c, s, (struct vec){ c->ex1, 0.0, 0.0 }, c->nu, ju);
-    derive(c, s, (struct vec){ c->ex2, c->ey2, 0.0 }, c->nv, jv);
+    derive(c, s, (struct pell_dvec3){ c->ex1, 0.0, 0.0 }, c->nu, ju);
+    derive(c, s, (struct pell_dvec3){ c->ex2, c->ey2, 0.0 }, c->nv, jv);
     return ju[0] * jv[1] - ju[1] * jv[0];
 }
 
@@ -350,60 +350,61 @@ static void search(struct curved *c)
     }
 }
 
-static inline struct vec to_frame(const struct curved *c, struct vec a)
+static inline struct pell_dvec3 to_frame(const struct curved *c, struct pell_dvec3 a)
 {
-    return (struct vec){ dot(a, c->axis[0]), dot(a, c->axis[1]), dot(a, c->axis[2]) };
+    return (struct pell_dvec3){ dvec3_dot(a, c->axis[0]), dvec3_dot(a, c->axis[1]), dvec3_dot(a, c->axis[2]) };
 }
 
-static inline struct vec from_frame(const struct curved *c, struct vec a)
+static inline struct pell_dvec3 from_frame(const struct curved *c, struct pell_dvec3 a)
 {
-    return mad(mad(scale(c->axis[0], a.x), a.y, c->axis[1]), a.z, c->axis[2]);
+    return dvec3_mad(dvec3_mad(dvec3_mul(c->axis[0], a.x), a.y, c->axis[1]), a.z, c->axis[2]);
 }
 
 static void solve_curved(struct query *q, const struct facet *f)
 {
-    const struct vec p0 = load(f->p[0]), e1 = sub(load(f->p[1]), p0), e2 = sub(load(f->p[2]), p0), cr = cross(e1, e2);
-    const double area2 = sqrt(dot(cr, cr)), length = sqrt(dot(e1, e1));
+    const struct pell_dvec3 p0 = dvec3_load(f->p[0]), e1 = dvec3_sub(dvec3_load(f->p[1]), p0), e2 = dvec3_sub(dvec3_load(f->p[2]), p0),
+                            cr = dvec3_cross(e1, e2);
+    const double area2 = sqrt(dvec3_dot(cr, cr)), length = sqrt(dvec3_dot(e1, e1));
     struct curved c = { .facet = f, .eta = q->eta, .away = q->away, .p0 = p0, .grazing = q->grazing };
 
-    c.axis[2] = scale(cr, 1.0 / area2);
-    c.axis[0] = scale(e1, 1.0 / length);
-    c.axis[1] = cross(c.axis[2], c.axis[0]);
-    c.x = to_frame(&c, sub(q->x, p0));
-    c.place = to_frame(&c, q->away ? q->place : sub(q->place, p0));
+    c.axis[2] = dvec3_mul(cr, 1.0 / area2);
+    c.axis[0] = dvec3_mul(e1, 1.0 / length);
+    c.axis[1] = dvec3_cross(c.axis[2], c.axis[0]);
+    c.x = to_frame(&c, dvec3_sub(q->x, p0));
+    c.place = to_frame(&c, q->away ? q->place : dvec3_sub(q->place, p0));
     if (!(c.x.z < 0.0) || !(c.place.z > 0.0))
         return;
     c.ex1 = length;
-    c.ex2 = dot(e2, c.axis[0]);
-    c.ey2 = dot(e2, c.axis[1]);
-    c.size = sqrt(fmax(fmax(length * length, dot(e2, e2)), dot(sub(e2, e1), sub(e2, e1))));
-    c.n = to_frame(&c, load(f->n[0]));
-    c.nu = sub(to_frame(&c, load(f->n[1])), c.n);
-    c.nv = sub(to_frame(&c, load(f->n[2])), c.n);
+    c.ex2 = dvec3_dot(e2, c.axis[0]);
+    c.ey2 = dvec3_dot(e2, c.axis[1]);
+    c.size = sqrt(fmax(fmax(length * length, dvec3_dot(e2, e2)), dvec3_dot(dvec3_sub(e2, e1), dvec3_sub(e2, e1))));
+    c.n = to_frame(&c, dvec3_load(f->n[0]));
+    c.nu = dvec3_sub(to_frame(&c, dvec3_load(f->n[1])), c.n);
+    c.nv = dvec3_sub(to_frame(&c, dvec3_load(f->n[2])), c.n);
     for (int k = 0; k < 3; k++) {
         const double u = (k == 1) - 1.0 / 3.0, v = (k == 2) - 1.0 / 3.0, x = u * c.ex1 + v * c.ex2, y = v * c.ey2;
-        const struct vec dn = mad(scale(c.nu, u), v, c.nv);
+        const struct pell_dvec3 dn = dvec3_mad(dvec3_mul(c.nu, u), v, c.nv);
         c.radius = fmax(c.radius, sqrt(x * x + y * y) * (1.0 + 1e-6));
-        c.turn = fmax(c.turn, sqrt(dot(dn, dn)) * (1.0 + 1e-6));
+        c.turn = fmax(c.turn, sqrt(dvec3_dot(dn, dn)) * (1.0 + 1e-6));
     }
     search(&c);
     for (int i = 0; i < c.roots; i++) {
         struct path p = { .facet = f, .u = c.root[i][0], .v = c.root[i][1], .size = c.size };
-        const struct vec at = { p.u * c.ex1 + p.v * c.ex2, p.v * c.ey2, 0.0 };
+        const struct pell_dvec3 at = { p.u * c.ex1 + p.v * c.ex2, p.v * c.ey2, 0.0 };
         double ju[2], jv[2], det, n, cos_i;
         struct state s;
         look(&c, p.u, p.v, &s);
         det = fabs(jacobian(&c, &s, ju, jv));
-        n = sqrt(dot(s.n, s.n));
-        cos_i = -dot(s.v, s.n) / n;
-        p.cos_o = dot(s.l, s.n) / n;
+        n = sqrt(dvec3_dot(s.n, s.n));
+        cos_i = -dvec3_dot(s.v, s.n) / n;
+        p.cos_o = dvec3_dot(s.l, s.n) / n;
         p.facing_in = -s.v.z;
         p.facing_out = s.l.z;
         if (!(cos_i > 0.0 && p.cos_o > 0.0 && p.facing_in > 0.0 && p.facing_out > 0.0 && s.n.z > 0.0))
             continue;
-        p.at = mad(p0, 1.0, from_frame(&c, at));
-        p.normal = from_frame(&c, scale(s.n, 1.0 / n));
-        p.inside = from_frame(&c, scale(s.v, -1.0));
+        p.at = dvec3_mad(p0, 1.0, from_frame(&c, at));
+        p.normal = from_frame(&c, dvec3_mul(s.n, 1.0 / n));
+        p.inside = from_frame(&c, dvec3_mul(s.v, -1.0));
         p.outside = from_frame(&c, s.l);
         p.inside_mm = 1.0 / s.inverse_v;
         p.outside_mm = q->away ? INFINITY : 1.0 / s.inverse_l;
