@@ -2,7 +2,7 @@
  *
  * simd.h - which build of a kernel file runs on this machine.
  *
- * A kernel file is compiled once per level (src/meson.build, `kernel_levels`) with PELL_SIMD_NAME set to base, v2, v3 or v4, and
+ * A kernel file is compiled once per level (src/meson.build, `kernels`) with PELL_SIMD_NAME set to base, v2, v3 or v4, and
  * exports one constant table of functions named by PELL_SIMD(table). No intrinsics are needed; all levels give the same bits
  * (no contraction of multiply-adds). PELL_SIMD_BASE_ONLY (meson -Dsimd=base) leaves only the first.
  */
