@@ -238,7 +238,7 @@ static enum pell_result measure(struct profiles *b)
     if (b->skin)
         PELL_TRY(time_layers(b));
     for (int i = 0; i < PELL_PROFILE_MODELS; i++)
-        if (pell_profile_model_at((enum pell_profile_model) i))
+        if (pell_profile_model_at((size_t) i))
             PELL_TRY(time_evaluation(b, (enum pell_profile_model) i));
 
 fail:

@@ -16,7 +16,7 @@ ROOMS = ["shared", "base", "math", "optics", "image", "scene", "visibility", "li
 FACES = {"cli", "viewer"}  # programs: they may print and exit
 
 CODE = {".c", ".h"}
-TEXT = CODE | {".py", ".sh", ".build", ".txt", ".md", ".comp", ".vert", ".frag", ".glsl", ".js", ".mjs", ".css"}
+TEXT = CODE | {".in", ".py", ".sh", ".build", ".txt", ".md", ".comp", ".vert", ".frag", ".glsl", ".js", ".mjs", ".css"}
 FOLDERS = [".ci", "bench", "data", "docs", "examples", "fuzz", "include", "scripts", "src", "tests", "tools"]
 WIDTH = 140
 
@@ -194,6 +194,16 @@ def rule_header_guards(tree):
             seen[guard[1]] = name
 
 
+def rule_public_heads(tree):
+    """every public header opens with its units, ownership, errors and threads"""
+    for name, text in tree.files.items():
+        if name.startswith("include/") and name.endswith((".h", ".h.in")):
+            head = text.partition("*/")[0]
+            for word in ("Units", "Ownership", "Errors", "Threads"):
+                if not re.search(rf"^ \* {word} +\S", head, re.MULTILINE):
+                    yield name, 1, f"the comment that it opens with has no line '{word}'"
+
+
 # What a file, a function and a list of arguments of src/ may be long. The lists name what is longer still, with what it may be: they only
 # get shorter.
 FILE_LINES, FUNCTION_LINES, ARGUMENTS = 700, 100, 8
@@ -323,7 +333,7 @@ def rule_circles(tree):
 
 
 RULES = [rule_include_order, rule_banned_calls, rule_licence_line, rule_white_space, rule_finished, rule_no_machine, rule_header_guards,
-         rule_sizes, rule_circles]
+         rule_sizes, rule_circles, rule_public_heads]
 
 
 def check(root):
@@ -334,6 +344,7 @@ def check(root):
 # --- Self-test: (rule that must find it, file, text) ---------------------------------------------------------------------------------
 
 SPDX = "/* SPDX-License-Identifier: MIT */\n"
+HEAD = "/* SPDX-License-Identifier: MIT\n * Units      mm\n * Ownership  none\n * Errors     none\n * Threads    safe\n */\n"
 CLEAN = {
     "src/base/base.h": SPDX + "#ifndef A_H\n#define A_H\n#endif\n",
     "src/methods/one/one.h": SPDX + "#ifndef ONE_H\n#define ONE_H\n#endif\n",
@@ -343,7 +354,7 @@ CLEAN = {
     "src/methods/two/two.h": SPDX + "#ifndef TWO_H\n#define TWO_H\nvoid two_f(void);\nvoid two_g(void) PELL_PURE(1);\n#endif\n",
     "src/methods/two/f.c": SPDX + "/* two_h() */\nvoid two_f(void)\n{\n    two_g();\n}\n",
     "src/cli/main.c": SPDX + '#include "render/camera_view.h"\nvoid f(void)\n{\n    printf("%d", 1);\n    exit(2);\n}\n',
-    "include/pellucid/a.h": SPDX + "#ifndef PUBLIC_A_H\n#define PUBLIC_A_H\n#include <pellucid/common.h>\n#endif\n",
+    "include/pellucid/a.h": HEAD + "#ifndef PUBLIC_A_H\n#define PUBLIC_A_H\n#include <pellucid/common.h>\n#endif\n",
     "Makefile": "# SPDX-License-Identifier: MIT\nall:\n\ttrue\n",
     "scripts/x.sh": "#!/bin/sh\n# SPDX-License-Identifier: MIT\n",
 }
@@ -355,7 +366,7 @@ FAULTS = [
     (rule_include_order, "src/methods/two/bad.c", SPDX + '#include "../one/one.h"\n'),
     (rule_include_order, "src/optics/bad.c", SPDX + '#include "nowhere.h"\n'),
     (rule_include_order, "src/kitchen/bad.c", SPDX),
-    (rule_include_order, "include/pellucid/b.h", SPDX + '#ifndef B_H\n#define B_H\n#include "base/base.h"\n#endif\n'),
+    (rule_include_order, "include/pellucid/b.h", HEAD + '#ifndef B_H\n#define B_H\n#include "base/base.h"\n#endif\n'),
     (rule_licence_line, "src/base/bad.c", "int a;\n"),
     (rule_licence_line, "scripts/bad.py", "#!/usr/bin/env python3\nprint()\n"),
     (rule_licence_line, "src/base/meson.build", "x = 1\n"),
@@ -370,6 +381,9 @@ FAULTS = [
     (rule_no_machine, "docs/bad.md", "see /wo" "rk/main/x\n"),
     (rule_no_machine, "src/base/bad.c", SPDX + 'const char *p = "/ho' 'me/someone/x";\n'),
     (rule_no_machine, "scripts/bad.sh", "# SPDX-License-Identifier: MIT\nget https://deb.deb" "ian.org/x\n"),
+    (rule_public_heads, "include/pellucid/b.h", HEAD.replace("Errors ", "Faults ") + "#ifndef B_H\n#define B_H\n#endif\n"),
+    (rule_public_heads, "include/pellucid/b.h.in", HEAD.replace(" * Units      mm\n", "")),
+    (rule_public_heads, "include/pellucid/b.h", SPDX + "#ifndef B_H\n#define B_H\n/* Units Ownership Errors Threads */\n#endif\n"),
     (rule_header_guards, "src/base/bad.h", SPDX + "int a;\n"),
     (rule_header_guards, "src/math/bad.h", SPDX + "#ifndef A_H\n#define A_H\n#endif\n"),
     (rule_sizes, "src/base/bad.c", SPDX + "/* a */\n" * 700),

@@ -48,7 +48,7 @@ def rule_declared(build):
     if not found:
         return None
     declared = set()
-    for header in (ROOT / "include").rglob("*.h"):
+    for header in [*(ROOT / "include").rglob("*.h"), *(build / "include").rglob("*.h")]:
         text = re.sub(r"/\*.*?\*/", "", header.read_text("utf-8"), flags=re.DOTALL)
         declared |= set(re.findall(r"\bPELL_API\b[^;(\[]*?\b(pell_\w+)\s*[(\[;]", text))
     exported = {name for path in found for _, name, _, _ in symbols(path, "-D", "--extern-only")}

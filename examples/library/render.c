@@ -19,20 +19,14 @@ static void print_message(void *user, const struct pell_message *m)
 
 static enum pell_result choose_method(struct pell_context *ctx, struct pell_renderer *r)
 {
-    static const struct pell_setting settings[] = { { "gaussians", "6", "render.c" } };
     const struct pell_method *method = pell_method_find(ctx, "render.c", "screen-space");
-    enum pell_result res;
     void *knobs;
+    enum pell_result res = method ? pell_method_knobs_create(ctx, method, "gaussians=6", &knobs) : PELL_ERR_INVALID;
 
-    if (!method)
-        return PELL_ERR_INVALID;
-    knobs = malloc(method->knobs_size);
-    if (!knobs)
-        return PELL_ERR_NOMEM;
-    res = pell_method_configure(ctx, method, settings, 1, knobs);
-    if (res == PELL_OK)
-        res = pell_renderer_set_method(r, method, knobs);
-    free(knobs);
+    if (res != PELL_OK)
+        return res;
+    res = pell_renderer_set_method(r, method, knobs); /* copies them */
+    pell_method_knobs_destroy(ctx, &knobs);
     return res;
 }
 
@@ -66,7 +60,7 @@ int main(int argc, char **argv)
     }
     load.size_mm = strtod(argv[2], NULL);
     load.material = argv[3];
-    pell_knobs_default(pell_settings_knobs, &settings);
+    pell_knobs_default(pell_settings_knobs(), &settings);
     settings.width = 320;
     settings.height = 180;
     settings.layers = true;

@@ -175,10 +175,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct pell_context *ctx;
     const unsigned flags = next_byte(&in), more = next_byte(&in);
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.image_pixels = SIDE * SIDE;
     limits.memory_bytes = 64 << 20;
-    pell_knobs_default(pell_compare_knobs, &params);
+    pell_knobs_default(pell_compare_knobs(), &params);
     params.threads = 1;
     params.ppd = 8.0f; /* the default's filter is wider than the picture */
     params.exposures = more & 8 ? 0 : 2; /* 0: as many as the range of the reference asks for, which takes long */

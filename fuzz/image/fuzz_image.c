@@ -54,7 +54,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct pell_context_params params = { .log = count_errors, .log_user = &errors, .limits = &limits };
     struct pell_context *ctx;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.image_pixels = PIXELS_MAX;
     limits.memory_bytes = 32 << 20;
     if (pell_context_create(&params, &ctx) != PELL_OK)

@@ -75,7 +75,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     enum pell_result res;
     uint8_t *text;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.vertices = limits.triangles = 20000;
     limits.nodes = limits.items = 1000;
     limits.image_pixels = 16384;

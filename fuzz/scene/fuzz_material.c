@@ -47,7 +47,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     uint8_t *copy = malloc(size + 1);
     enum pell_result res;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.memory_bytes = 64 << 20;
     require(copy && pell_context_create(&context, &ctx) == PELL_OK);
     memcpy(copy, data, size);

@@ -68,7 +68,7 @@ static inline void load(const char *name, const uint8_t *data, size_t size,
     struct pell_scene *scene;
     uint8_t *copy = malloc(size + 1); /* exact, so that the sanitizer sees a byte too far */
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.memory_bytes = 256 << 20;
     limits.vertices = limits.triangles = 100000;
     limits.nodes = limits.items = 2000;

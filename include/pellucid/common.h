@@ -2,8 +2,11 @@
  *
  * pellucid/common.h - results, export marks and the small types that every header shares.
  *
- * Units everywhere: lengths mm, coefficients 1/mm, angles in radians unless a name ends in _deg, colour linear Rec.709
- * (channel 0, 1, 2 = R, G, B), irradiance and radiant exitance W/m^2, radiance W/(m^2 sr).
+ * Units      everywhere lengths mm, coefficients 1/mm, angles in radians unless a name ends in _deg, colour linear Rec.709
+ *            (channel 0, 1, 2 = R, G, B), irradiance and radiant exitance W/m^2, radiance W/(m^2 sr).
+ * Ownership  strings that are returned are constant.
+ * Errors     enum pell_result, below.
+ * Threads    all functions are pure and safe.
  */
 #ifndef PELLUCID_COMMON_H
 #define PELLUCID_COMMON_H
@@ -11,10 +14,6 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-
-#define PELL_VERSION_MAJOR 0
-#define PELL_VERSION_MINOR 1
-#define PELL_VERSION_PATCH 0
 
 #if defined(__GNUC__)
 #define PELL_API __attribute__((visibility("default")))
@@ -45,9 +44,6 @@ enum pell_result {
 
 /* A short name in English ("invalid value"); never NULL, for any number. Thread-safe. */
 PELL_API const char *pell_result_name(enum pell_result result);
-
-/* "0.1.0". Thread-safe. */
-PELL_API const char *pell_version(void);
 
 /* A half-open rectangle of pixels: x0 <= x < x1, y0 <= y < y1; empty when x0 >= x1 or y0 >= y1. */
 struct pell_rect {

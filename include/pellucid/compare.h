@@ -2,7 +2,7 @@
  *
  * pellucid/compare.h - how far a picture is from a reference, as numbers and as maps.
  *
- *     pell_knobs_default(pell_compare_knobs, &params);
+ *     pell_knobs_default(pell_compare_knobs(), &params);
  *     pell_compare(ctx, &input, &params, &result);      // as often as wanted
  *     pell_comparison_finish(ctx, &result);
  *
@@ -26,7 +26,9 @@
  *            windows of its neighbours both pictures have the reference's value there, or 0.
  * Mask       pixels where the mask is over 0.5. Windows and exposures see the whole picture; only means are restricted.
  *
+ * Units      pictures in any unit of light, the same for both; angles of the eye in degrees; times in seconds.
  * Ownership  planes of the input are borrowed for the call; maps of the result are emptied with pell_comparison_finish.
+ * Errors     enum pell_result, logged once with the value and what is allowed.
  * Threads    calls are independent; each uses a pool of its own. The same bits for any number of threads.
  */
 #ifndef PELLUCID_COMPARE_H
@@ -44,7 +46,7 @@ struct pell_context;
 /* From exposed radiance to the display: Reinhard et al. 2002 on luminance, as `render` does; ACES after Narkowicz 2015; none. */
 enum pell_compare_tonemap { PELL_COMPARE_REINHARD, PELL_COMPARE_ACES, PELL_COMPARE_LINEAR };
 
-/* Defaults, ranges and help: pell_compare_knobs. */
+/* Defaults, ranges and help: pell_compare_knobs(). */
 struct pell_compare_params {
     float ppd;      /* pixels per degree of the eye: distance x pixels/width x pi/180 */
     float exposure; /* of what is shown; 0: 0.18 over the log-average luminance of the reference */
@@ -55,7 +57,8 @@ struct pell_compare_params {
     int threads; /* 0: one per core */
 };
 
-PELL_API extern const struct pell_knob pell_compare_knobs[];
+/* The rows of struct pell_compare_params, ending with {0}. Constant data; thread-safe. */
+PELL_API const struct pell_knob *pell_compare_knobs(void);
 
 struct pell_compare_input {
     int width, height;

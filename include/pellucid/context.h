@@ -2,6 +2,7 @@
  *
  * pellucid/context.h - where messages go, where memory comes from, what the limits are. No global state besides it.
  *
+ * Units      bytes, pixels and counts, as each limit says.
  * Ownership  `pell_context_create` gives, `pell_context_destroy` takes back; all that was made with a context must be destroyed
  *            before it. Callbacks and their user pointers are borrowed for the context's life.
  * Errors     logged once by who detects them.
@@ -12,6 +13,7 @@
 
 #include <pellucid/common.h>
 #include <pellucid/knob.h>
+#include <pellucid/version.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -46,7 +48,7 @@ struct pell_allocator {
     void *user;
 };
 
-/* What files may make the library allocate or do. Defaults, ranges and help: pell_limit_knobs. */
+/* What files may make the library allocate or do. Defaults, ranges and help: pell_limit_knobs(). */
 struct pell_limits {
     int64_t file_bytes;      /* of one file */
     int64_t memory_bytes;    /* all that a context has allocated at one time */
@@ -59,10 +61,11 @@ struct pell_limits {
     int warnings;            /* of one kind that are logged; the rest is counted */
 };
 
-PELL_API extern const struct pell_knob pell_limit_knobs[];
+/* The rows of struct pell_limits, ending with {0}. Constant data; thread-safe. */
+PELL_API const struct pell_knob *pell_limit_knobs(void);
 
 struct pell_context_params {
-    pell_log_fn log;              /* may be NULL */
+    pell_log_fn log;              /* may be NULL; it and its user pointer stay first in every version */
     void *log_user;
     enum pell_log_level log_level; /* messages above it are not reported; 0 is PELL_LOG_INFO where a log is given */
     pell_progress_fn progress;    /* may be NULL */
@@ -73,8 +76,18 @@ struct pell_context_params {
 
 struct pell_context;
 
-/* `params` may be NULL. On failure *out is NULL. */
-PELL_API PELL_NODISCARD enum pell_result pell_context_create(const struct pell_context_params *params, struct pell_context **out);
+/* As pell_context_create, for a program that was built with headers of version `headers` (a PELL_VERSION_NUMBER). For bindings to other
+ * languages, which pass the version that they were written for; C and C++ call pell_context_create. */
+PELL_API PELL_NODISCARD enum pell_result pell_context_create_for(int headers, const struct pell_context_params *params,
+                                                                 struct pell_context **out);
+
+/* Makes a context in *out, NULL on failure; `params` may be NULL. PELL_ERR_UNSUPPORTED, logged, where the library that is running does not
+ * serve programs built with these headers (pellucid/version.h); PELL_ERR_INVALID: one function of the allocator without the other, or
+ * limits out of range; PELL_ERR_NOMEM. Thread-safe. */
+static inline PELL_NODISCARD enum pell_result pell_context_create(const struct pell_context_params *params, struct pell_context **out)
+{
+    return pell_context_create_for(PELL_VERSION_NUMBER, params, out);
+}
 
 /* Sets *ctx to NULL; destroying &(NULL) does nothing. */
 PELL_API void pell_context_destroy(struct pell_context **ctx);

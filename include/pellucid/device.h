@@ -6,6 +6,7 @@
  *     pell_renderer_create(device, &renderer);                          // render.h: whole scenes
  *     pell_pass_create(device, method, knobs, &shape, &pass);           // method.h: a method on the caller's planes
  *
+ * Units      none: threads are counted.
  * Ownership  the device borrows the context; whatever is made on a device must be destroyed before it.
  * Errors     logged once by who detects them; PELL_ERR_DEVICE for an engine that this build or machine does not have.
  * Threads    renderers and passes of one device may be used from different threads at once, one thread at a time each. They share the

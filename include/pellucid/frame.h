@@ -5,6 +5,11 @@
  * A plane holds pixel (x, y) at [y * stride + x], top row first. Rows are 64-byte aligned where the library makes them (stride is a
  * multiple of 16); a caller's own planes may have any stride >= width. Planes that a method did not ask for may be NULL.
  * Where `material` is 0 the other planes hold anything: methods must not let those values (not even NaN) reach a result.
+ *
+ * Units      mm, pixels, irradiance W/m^2, radiance W/(m^2 sr); colour linear Rec.709, 0, 1, 2 = R, G, B.
+ * Ownership  all planes and materials are borrowed from whoever fills the struct.
+ * Errors     this header has no functions: who takes a frame checks it.
+ * Threads    a frame is plain data; a method only reads it, so threads may share it.
  */
 #ifndef PELLUCID_FRAME_H
 #define PELLUCID_FRAME_H

@@ -3,6 +3,7 @@
  * pellucid/gaussians.h - sums of Gaussians, and how profiles are fitted by them.
  *
  * Units      variances mm^2, values 1/mm^2.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */

@@ -5,8 +5,10 @@
  * Formats    read: PNG 1 to 16 bit, JPEG, Radiance HDR, OpenEXR (not DWA, deep, subsampled), PFM; written: PNG, HDR, EXR with
  *            layers, PFM.
  * Layout     interleaved rows, top row first, left to right, no padding.
+ * Units      pixels; colour linear Rec.709 or sRGB-encoded, as each image says.
  * Ownership  what a function fills is emptied with pell_image_finish.
  * Errors     logged with the file, the place, the value and what is allowed; nothing half-written is left behind.
+ * Threads    all functions are safe; an image belongs to one thread while it is written.
  */
 #ifndef PELLUCID_IMAGE_H
 #define PELLUCID_IMAGE_H
@@ -114,8 +116,10 @@ struct pell_write_params {
 PELL_API PELL_NODISCARD enum pell_result pell_image_write(struct pell_context *ctx, const char *path, const char *format,
                                                           const struct pell_write_params *params);
 
-/* Known endings for messages and help: "png", "exr", "hdr", "pfm", NULL. */
-PELL_API extern const char *const pell_write_formats[];
+/* The formats that pell_image_write takes, which are the endings of their files, too: "png", "exr", "hdr", "pfm"; NULL for an index of
+ * pell_write_format_count() or more. Constant data; thread-safe. */
+PELL_API size_t pell_write_format_count(void);
+PELL_API const char *pell_write_format_at(size_t index);
 
 #ifdef __cplusplus
 }

@@ -10,6 +10,7 @@
  * inversion of any profile model, whose total is then the colour to 1e-9.
  *
  * Units      mm, 1/mm; colours linear, [0, 1]. Channel 0, 1, 2 = R, G, B.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     enum pell_result with a fault that names field, value and range; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
@@ -47,8 +48,9 @@ struct pell_albedo_map_row {
     const char *name; /* "van-de-hulst" */
     const char *cite;
 };
-/* NULL for a map out of range. Constant data. */
-PELL_API const struct pell_albedo_map_row *pell_albedo_map_at(enum pell_albedo_map map);
+/* The row of enum pell_albedo_map `index`; NULL for an index of pell_albedo_map_count() or more. Constant data. */
+PELL_API size_t pell_albedo_map_count(void);
+PELL_API const struct pell_albedo_map_row *pell_albedo_map_at(size_t index);
 
 /* The colour of a half-space of reduced albedo `albedo_reduced` in [0, 1]; eta matters to the dipole's map alone. */
 PELL_API double pell_albedo_map_color(enum pell_albedo_map map, double albedo_reduced, double eta);
@@ -87,9 +89,10 @@ struct pell_radius_row {
     const char *name; /* "diffuse" */
     const char *help; /* a sentence */
 };
-/* NULL for a kind out of range. Constant data. */
-PELL_API const struct pell_radius_row *pell_radius_at(enum pell_radius kind);
-/* False if there is none of that name. */
+/* The row of enum pell_radius `index`; NULL for an index of pell_radius_count() or more. Constant data. */
+PELL_API size_t pell_radius_count(void);
+PELL_API const struct pell_radius_row *pell_radius_at(size_t index);
+/* False, and *out unchanged, if there is none of that name. */
 PELL_API bool pell_radius_find(const char *name, enum pell_radius *out);
 
 struct pell_look {

@@ -4,6 +4,7 @@
  *
  * Units      offsets and radii mm, variances mm^2, profiles 1/mm^2; weights carry the profile's total, so that convolving with a kernel
  *            multiplies light by the diffuse reflectance: divide by the total where the texture holds the albedo already.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated, arrays are the caller's.
  */

@@ -5,7 +5,10 @@
  * The row is the only home of these facts; the command line, the scene reader, the documentation and the tests read it.
  * A table is an array of rows that ends with {0}; the values live in a plain struct whose fields the rows point into.
  *
- * Threads    tables are constant; a values struct belongs to its owner.
+ * Units      each row names its own; lengths in mm, angles in degrees where the name says so.
+ * Ownership  tables are constant; a values struct is the caller's memory, of the type that the table is of.
+ * Errors     logged with the name, the value and what is allowed, and for an unknown name the nearest known one; nothing is written then.
+ * Threads    all functions are safe; a values struct belongs to one thread at a time.
  */
 #ifndef PELLUCID_KNOB_H
 #define PELLUCID_KNOB_H
@@ -50,6 +53,15 @@ PELL_API const struct pell_knob *pell_knob_find(const struct pell_knob *knobs, c
  * the text stands ("--set", "scene.json:/render/knobs/lod"). PELL_ERR_INVALID. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                        const char *where, void *values, const char *name, const char *text);
+
+/* The same from a number: a bool takes 0 and 1, an enum the index of a choice, RGB the same number three times. PELL_ERR_INVALID for a
+ * number that is out of range, not finite, or not whole where a whole one is wanted. */
+PELL_API PELL_NODISCARD enum pell_result pell_knob_set_number(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
+                                                              const char *where, void *values, const char *name, double number);
+
+/* The same of an RGB row; PELL_ERR_INVALID for a row of another type. */
+PELL_API PELL_NODISCARD enum pell_result pell_knob_set_rgb(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
+                                                           const char *where, void *values, const char *name, const double rgb[3]);
 
 /* Checks that every value is in its range and finite; logs and returns PELL_ERR_INVALID for the first that isn't. */
 PELL_API PELL_NODISCARD enum pell_result pell_knobs_check(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,

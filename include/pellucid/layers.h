@@ -7,6 +7,7 @@
  *
  * Units      thickness and radii mm, coefficients 1/mm, profiles 1/mm^2, frequencies rad/mm; eta is a layer's own index of refraction.
  * Sides      + is light that comes from above (onto layer 0), - from below.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */

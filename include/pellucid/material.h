@@ -4,6 +4,8 @@
  * stacks of layers.
  *
  * Units      mm, 1/mm; colours linear Rec.709. Channel 0, 1, 2 = R, G, B.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
+ * Errors     enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe.
  */
 #ifndef PELLUCID_MATERIAL_H
@@ -60,8 +62,9 @@ struct pell_material_entry {
     const char *source;      /* where every number comes from */
 };
 
+/* The built-in materials, sorted by name; NULL for an index of pell_material_count() or more. Constant data. */
 PELL_API size_t pell_material_count(void);
-PELL_API const struct pell_material_entry *pell_material_at(size_t index); /* sorted by name; NULL past the end */
+PELL_API const struct pell_material_entry *pell_material_at(size_t index);
 PELL_API const struct pell_material_entry *pell_material_find(const char *name); /* NULL if there is none of that name */
 
 /* Makes *out the entry at another concentration: 1 is the strength its coefficients were given for, 0.5 half of it. sigma_a and

@@ -3,6 +3,8 @@
  * pellucid/medium.h - a homogeneous medium, and what its boundary reflects.
  *
  * Units      mm, 1/mm; eta = n_inside / n_outside. Channel 0, 1, 2 = R, G, B.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
+ * Errors     none: pell_medium_valid says what is out of range; arguments are taken as they are.
  * Threads    all functions are pure and safe.
  */
 #ifndef PELLUCID_MEDIUM_H

@@ -2,7 +2,9 @@
  *
  * pellucid/method.h - one subsurface-scattering technique behind one small interface, and how to run it on your own buffers.
  *
+ * Units      lengths mm, coefficients 1/mm, irradiance and exitance W/m^2, radiance W/(m^2 sr); colour linear Rec.709, 0, 1, 2 = R, G, B.
  * Ownership  `create` gives, `destroy` takes back; every other pointer is borrowed for the call.
+ * Errors     enum pell_result, logged once with the place, the value and what is allowed; *out is NULL on failure.
  * Threads    a pell_method is constant data; a state belongs to one thread at a time.
  */
 #ifndef PELLUCID_METHOD_H
@@ -21,12 +23,13 @@ struct pell_method_engine; /* a method on one engine: private to the library */
 enum pell_kind { PELL_METHOD, PELL_REFERENCE };
 enum pell_quantity { PELL_QUANTITY_EXITANCE, PELL_QUANTITY_RADIANCE };
 
+/* What a method reads of a frame, beside its shape, rect, material and depth. */
 enum pell_need {
-    PELL_NEED_IRRADIANCE = 1 << 0,
-    PELL_NEED_LIT = 1 << 1,
-    PELL_NEED_STRENGTH = 1 << 2,
-    PELL_NEED_NORMAL = 1 << 3,
-    PELL_NEED_POSITION = 1 << 4,
+    PELL_NEED_IRRADIANCE = 1 << 0, /* light that entered the surface, W/m^2 */
+    PELL_NEED_LIT = 1 << 1,        /* the image without scattering, radiance: for methods that blur what is already shaded */
+    PELL_NEED_STRENGTH = 1 << 2,   /* what scales the scattering radius; may be NULL on a caller's planes, too: 1 everywhere */
+    PELL_NEED_NORMAL = 1 << 3,     /* the unit shading normal */
+    PELL_NEED_POSITION = 1 << 4,   /* the point that is seen, mm */
     PELL_NEED_THROUGH = 1 << 5, /* not read by the method: the renderer makes light from behind with the method's thickness tables and
                                  * adds it to M in the composite */
     PELL_NEED_SCENE = 1 << 6,   /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
@@ -72,8 +75,10 @@ struct pell_method {
     bool partial; /* ends early with what it has when interrupted, and keeps its state in the renderer's checkpoint */
 };
 
-/* All built-in methods, NULL-terminated. */
-PELL_API extern const struct pell_method *const pell_methods[];
+/* The built-in methods, in the order in which they are listed; NULL for an index of pell_method_count() or more. Constant data;
+ * thread-safe. */
+PELL_API size_t pell_method_count(void);
+PELL_API const struct pell_method *pell_method_at(size_t index);
 
 /* NULL and a logged message with the nearest name if there is none of that name. `where` says who asked. */
 PELL_API const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name);
@@ -85,6 +90,23 @@ struct pell_setting {
 /* Fills `values` (knobs_size bytes): the defaults of `as`, wherever it stands among the settings, then every other setting in order. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method,
                                                                const struct pell_setting *settings, size_t num_settings, void *values);
+
+/* A method's knobs in *knobs, NULL on failure, from one line of text: "gaussians=6 lod=2". Settings are parted by white space or commas,
+ * the last of one name holds; what has no '=' after a comma belongs to the value before it ("tint=1,0.5,0.2"). "as=paper" chooses the
+ * defaults, wherever it stands. NULL or "": the defaults. The caller gives the knobs back with pell_method_knobs_destroy, with the same
+ * context; renderers and passes copy them. PELL_ERR_INVALID, logged: an unknown name (with the nearest one), a value that is out of range
+ * or not of its type, a word without '='; PELL_ERR_NOMEM. Thread-safe. */
+PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_create(struct pell_context *ctx, const struct pell_method *method,
+                                                                  const char *text, void **knobs);
+/* Sets *knobs to NULL; destroying &(NULL) does nothing. */
+PELL_API void pell_method_knobs_destroy(struct pell_context *ctx, void **knobs);
+
+/* Change one knob, as pell_knob_set and pell_knob_set_number do; untouched on failure. "as" is refused: it chooses the defaults of all
+ * others, when they are made. */
+PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const struct pell_method *method, void *knobs,
+                                                                    const char *name, const char *text);
+PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_number(struct pell_context *ctx, const struct pell_method *method,
+                                                                      void *knobs, const char *name, double number);
 
 /* --- Running a method on the caller's planes ---------------------------------------------------------------------------------- */
 

@@ -4,6 +4,7 @@
  * materials. No scene, no files, no GPU, no global state: numbers in, numbers out.
  *
  * Units      mm, 1/mm, profiles 1/mm^2; eta = n_inside / n_outside. Channel 0, 1, 2 = R, G, B.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     functions that can fail return enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe.
  */

@@ -15,6 +15,7 @@
  * sigma_s (1 - pell_phase_mean_cosine).
  *
  * Units      values 1/sr; they integrate to 1 over the sphere. Directions are unit vectors.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     none after pell_phase_valid; cosines and random numbers out of range are clamped.
  * Threads    all functions are pure and safe.
  */

@@ -3,6 +3,7 @@
  * pellucid/profile.h - radial diffusion profiles R(r): every model, one interface.
  *
  * Units      radii mm, R(r) 1/mm^2.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
@@ -54,9 +55,10 @@ struct pell_profile_model_row {
     const char *limits; /* what it can't do, a sentence */
 };
 
-/* NULL for a model out of range. Constant data. */
-PELL_API const struct pell_profile_model_row *pell_profile_model_at(enum pell_profile_model model);
-/* False if there is none of that name. */
+/* The row of enum pell_profile_model `index`; NULL for an index of pell_profile_model_count() or more. Constant data. */
+PELL_API size_t pell_profile_model_count(void);
+PELL_API const struct pell_profile_model_row *pell_profile_model_at(size_t index);
+/* False, and *out unchanged, if there is none of that name. */
 PELL_API bool pell_profile_model_find(const char *name, enum pell_profile_model *out);
 
 /* --- A profile ---------------------------------------------------------------------------------------------------------------- */

@@ -7,7 +7,9 @@
  *     pell_renderer_set_method(r, method, knobs);       // NULL: no scattering, plain Lambert, to compare with
  *     pell_renderer_render(r, &settings, &picture);     // as often as wanted
  *
+ * Units      lengths mm, irradiance W/m^2, radiance W/(m^2 sr), times seconds or ms by name; colour linear Rec.709.
  * Ownership  the renderer borrows device, scene and method; the picture's planes are the renderer's and hold until the next call on it.
+ * Errors     enum pell_result, logged once with the place, the value and what is allowed; *out is NULL on failure.
  * Threads    one thread at a time per renderer; many renderers may run at once, also on one scene and on one device (device.h).
  */
 #ifndef PELLUCID_RENDER_H
@@ -27,7 +29,7 @@ enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR };
 enum pell_boundary { PELL_BOUNDARY_ROUGH, PELL_BOUNDARY_SMOOTH };
 enum pell_exit { PELL_EXIT_BALANCED, PELL_EXIT_PUBLISHED };
 
-/* Defaults, ranges and help: pell_settings_knobs; fill with pell_knobs_default(pell_settings_knobs, &s). */
+/* Defaults, ranges and help: pell_settings_knobs(); fill with pell_knobs_default(pell_settings_knobs(), &s). */
 struct pell_settings {
     int width, height;
     int msaa;
@@ -47,7 +49,8 @@ struct pell_settings {
     bool layers;  /* make every layer of struct pell_picture, not only R, G, B, A */
 };
 
-PELL_API extern const struct pell_knob pell_settings_knobs[];
+/* The rows of struct pell_settings, ending with {0}. Constant data; thread-safe. */
+PELL_API const struct pell_knob *pell_settings_knobs(void);
 
 struct pell_renderer;
 

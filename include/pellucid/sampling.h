@@ -7,6 +7,8 @@
  *
  * Units      radii mm, densities 1/mm^2, but where a table counts in mean free paths.
  * Random numbers lie in [0, 1); others count as the nearest of these, NaN as 0.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
+ * Errors     enum pell_result where a table is made; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
 #ifndef PELLUCID_SAMPLING_H

@@ -3,6 +3,7 @@
  * pellucid/skin.h - the spectral two-layer skin of Donner and Jensen 2006: from what is in skin to coefficients and colour.
  *
  * Units      mm, 1/mm, wavelengths nm; colours linear Rec.709 under D65.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */

@@ -3,6 +3,8 @@
  * pellucid/spectrum.h - reflectance over the visible spectrum, and the colour that it is.
  *
  * Units      wavelengths nm; colours linear Rec.709 with (1, 1, 1) for a white that reflects everything.
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
+ * Errors     none.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
 #ifndef PELLUCID_SPECTRUM_H

@@ -21,6 +21,7 @@
  * grazing narrow ones reflect mu F (Phong) and mu^2 F (Blinn) instead of F. A highlight that brightens at the rim needs GGX or Kelemen.
  *
  * Units      directions are unit vectors that point away from the surface; mu = n.w in [0, 1]; roughness in [0, 1].
+ * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     none: arguments out of range are clamped.
  * Threads    all functions are pure and safe; nothing is allocated.
  */

@@ -8,7 +8,7 @@
 
 #define AT(field) offsetof(struct pell_limits, field)
 #define GIB (1024.0 * 1024.0 * 1024.0)
-const struct pell_knob pell_limit_knobs[] = {
+static const struct pell_knob limit_knobs[] = {
     { "file-bytes", PELL_KNOB_INT64, "B", AT(file_bytes), { 2 * GIB }, 1, 64 * GIB, NULL, "bytes of one file that is read" },
     { "memory-bytes", PELL_KNOB_INT64, "B", AT(memory_bytes), { 16 * GIB }, 1024 * 1024, 1024 * GIB, NULL,
       "bytes of memory in use at one time" },
@@ -24,13 +24,9 @@ const struct pell_knob pell_limit_knobs[] = {
 };
 #undef AT
 
-const char *pell_version(void)
+const struct pell_knob *pell_limit_knobs(void)
 {
-#define STR_(x) #x
-#define STR(x) STR_(x)
-    return STR(PELL_VERSION_MAJOR) "." STR(PELL_VERSION_MINOR) "." STR(PELL_VERSION_PATCH);
-#undef STR
-#undef STR_
+    return limit_knobs;
 }
 
 const char *pell_result_name(enum pell_result result)
@@ -61,13 +57,32 @@ static void libc_free(void *user, void *ptr)
     free(ptr);
 }
 
-enum pell_result pell_context_create(const struct pell_context_params *params, struct pell_context **out)
+/* A program of another version has its own idea of the parameters' layout: only what comes first is read. */
+static enum pell_result other_version(int headers, const struct pell_context_params *params)
+{
+    char what[160];
+    const struct pell_message m = { PELL_LOG_ERROR, PELL_ERR_UNSUPPORTED, "pellucid", what,
+                                    "recompile the program with the headers of the library that it runs with" };
+
+    if (headers < 0)
+        snprintf(what, sizeof(what), "%d is no version of headers, the library is %s", headers, pell_version_string());
+    else
+        snprintf(what, sizeof(what), "the program was built with headers of version %d.%d.%d, the library is %s", headers / 1000000,
+                 headers / 1000 % 1000, headers % 1000, pell_version_string());
+    if (params && params->log)
+        params->log(params->log_user, &m);
+    return PELL_ERR_UNSUPPORTED;
+}
+
+enum pell_result pell_context_create_for(int headers, const struct pell_context_params *params, struct pell_context **out)
 {
     static const struct pell_context_params none;
     struct pell_allocator allocator = { libc_alloc, libc_free, NULL };
     struct pell_context *ctx;
 
     *out = NULL;
+    if (!pell_version_compatible(headers))
+        return other_version(headers, params);
     if (!params)
         params = &none;
     if (!params->allocator.alloc != !params->allocator.free)
@@ -89,9 +104,9 @@ enum pell_result pell_context_create(const struct pell_context_params *params, s
     ctx->log_level = params->log_level ? params->log_level : PELL_LOG_INFO;
     ctx->progress = params->progress;
     ctx->progress_user = params->progress_user;
-    pell_knobs_default(pell_limit_knobs, &ctx->limits);
+    pell_knobs_default(pell_limit_knobs(), &ctx->limits);
     if (params->limits) {
-        if (pell_knobs_check(ctx, pell_limit_knobs, "limits", params->limits) != PELL_OK) {
+        if (pell_knobs_check(ctx, pell_limit_knobs(), "limits", params->limits) != PELL_OK) {
             pell_context_destroy(&ctx);
             return PELL_ERR_INVALID;
         }

@@ -147,6 +147,44 @@ static bool parse_rgb(const char *text, double rgb[3])
     return n != 2;
 }
 
+/* What a number or a text stands for must be in the row's range; `text` is how the caller wrote it. */
+static enum pell_result store_whole(struct pell_context *ctx, const struct pell_knob *knob, const char *where, const char *text,
+                                    void *values, int64_t whole)
+{
+    void *f = field(knob, values);
+
+    /* Beyond 2^53 the comparison with the bounds, which are doubles, would round. */
+    if (whole > (int64_t) INT53 || whole < -(int64_t) INT53 || !in_range(knob, (double) whole))
+        return bad_value(ctx, knob, where, text, "");
+    if (knob->type == PELL_KNOB_INT64) {
+        *(int64_t *) f = whole;
+        return PELL_OK;
+    }
+    if (whole > INT32_MAX || whole < INT32_MIN)
+        return bad_value(ctx, knob, where, text, "a whole number of 32 bits ");
+    *(int *) f = (int) whole;
+    return PELL_OK;
+}
+
+static enum pell_result store_floats(struct pell_context *ctx, const struct pell_knob *knob, const char *where, const char *text,
+                                     void *values, const double *numbers, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!in_range(knob, numbers[i]) || !isfinite((float) numbers[i]))
+            return bad_value(ctx, knob, where, text, "");
+    for (int i = 0; i < count; i++)
+        ((float *) field(knob, values))[i] = (float) numbers[i];
+    return PELL_OK;
+}
+
+static enum pell_result bad_flag(struct pell_context *ctx, const struct pell_knob *knob, const char *where, const char *text)
+{
+    char shown[SHOWN];
+
+    return pell_error(ctx, PELL_ERR_INVALID, where, knob->help, "%s = %s, must be on or off", knob->name,
+                      pell_printable(text, shown, sizeof(shown)));
+}
+
 enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const char *where, void *values,
                                const char *name, const char *text)
 {
@@ -154,47 +192,29 @@ enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob 
     double number, rgb[3];
     int64_t whole;
     bool flag;
-    void *f;
 
     if (!knob)
         return unknown_knob(ctx, knobs, owner, where, name);
-    f = field(knob, values);
     switch (knob->type) {
     case PELL_KNOB_NONE: break;
     case PELL_KNOB_BOOL:
-        if (!parse_bool(text, &flag)) {
-            char shown[SHOWN];
-            return pell_error(ctx, PELL_ERR_INVALID, where, knob->help, "%s = %s, must be on or off", knob->name,
-                              pell_printable(text, shown, sizeof(shown)));
-        }
-        *(bool *) f = flag;
+        if (!parse_bool(text, &flag))
+            return bad_flag(ctx, knob, where, text);
+        *(bool *) field(knob, values) = flag;
         break;
     case PELL_KNOB_INT:
     case PELL_KNOB_INT64:
         if (!parse_whole(text, &whole))
             return bad_value(ctx, knob, where, text, "a whole number ");
-        /* Beyond 2^53 the comparison with the bounds, which are doubles, would round. */
-        if (whole > (int64_t) INT53 || whole < -(int64_t) INT53 || !in_range(knob, (double) whole))
-            return bad_value(ctx, knob, where, text, "");
-        if (knob->type == PELL_KNOB_INT) {
-            if (whole > INT32_MAX || whole < INT32_MIN)
-                return bad_value(ctx, knob, where, text, "a whole number of 32 bits ");
-            *(int *) f = (int) whole;
-        } else {
-            *(int64_t *) f = whole;
-        }
-        break;
+        return store_whole(ctx, knob, where, text, values, whole);
     case PELL_KNOB_FLOAT:
         if (!pell_parse_number(text, strlen(text), &number))
             return bad_value(ctx, knob, where, text, "a number ");
-        if (!in_range(knob, number) || !isfinite((float) number))
-            return bad_value(ctx, knob, where, text, "");
-        *(float *) f = (float) number;
-        break;
+        return store_floats(ctx, knob, where, text, values, &number, 1);
     case PELL_KNOB_ENUM:
         for (int i = 0; knob->choices[i]; i++) {
             if (strcmp(knob->choices[i], text) == 0) {
-                *(int *) f = i;
+                *(int *) field(knob, values) = i;
                 return PELL_OK;
             }
         }
@@ -202,14 +222,74 @@ enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob 
     case PELL_KNOB_RGB:
         if (!parse_rgb(text, rgb))
             return bad_value(ctx, knob, where, text, "one number or three (r,g,b) ");
-        for (int i = 0; i < 3; i++)
-            if (!in_range(knob, rgb[i]) || !isfinite((float) rgb[i]))
-                return bad_value(ctx, knob, where, text, "");
-        for (int i = 0; i < 3; i++)
-            ((float *) f)[i] = (float) rgb[i];
-        break;
+        return store_floats(ctx, knob, where, text, values, rgb, 3);
     }
     return PELL_OK;
+}
+
+static const char *format_any(double number, char *buffer, size_t size)
+{
+    if (isfinite(number))
+        return pell_format_number(number, false, buffer, size);
+    snprintf(buffer, size, "%s", isnan(number) ? "not a number" : number < 0.0 ? "-infinity" : "infinity");
+    return buffer;
+}
+
+static int count_choices(const struct pell_knob *knob)
+{
+    int count = 0;
+
+    while (knob->choices[count])
+        count++;
+    return count;
+}
+
+enum pell_result pell_knob_set_number(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const char *where,
+                                      void *values, const char *name, double number)
+{
+    const struct pell_knob *knob = pell_knob_find(knobs, name);
+    const bool whole = fabs(number) <= INT53 && number == floor(number);
+    char text[40];
+
+    if (!knob)
+        return unknown_knob(ctx, knobs, owner, where, name);
+    format_any(number, text, sizeof(text));
+    switch (knob->type) {
+    case PELL_KNOB_NONE: break;
+    case PELL_KNOB_BOOL:
+        if (number != 0.0 && number != 1.0)
+            return bad_flag(ctx, knob, where, text);
+        *(bool *) field(knob, values) = number != 0.0;
+        break;
+    case PELL_KNOB_INT:
+    case PELL_KNOB_INT64:
+        return whole ? store_whole(ctx, knob, where, text, values, (int64_t) number)
+                     : bad_value(ctx, knob, where, text, "a whole number ");
+    case PELL_KNOB_FLOAT: return store_floats(ctx, knob, where, text, values, &number, 1);
+    case PELL_KNOB_ENUM:
+        if (!whole || number < 0.0 || number >= count_choices(knob))
+            return bad_choice(ctx, knob, where, text);
+        *(int *) field(knob, values) = (int) number;
+        break;
+    case PELL_KNOB_RGB: return store_floats(ctx, knob, where, text, values, (const double[3]) { number, number, number }, 3);
+    }
+    return PELL_OK;
+}
+
+enum pell_result pell_knob_set_rgb(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const char *where,
+                                   void *values, const char *name, const double rgb[3])
+{
+    const struct pell_knob *knob = pell_knob_find(knobs, name);
+    char part[3][40], text[128];
+
+    if (!knob)
+        return unknown_knob(ctx, knobs, owner, where, name);
+    if (knob->type != PELL_KNOB_RGB)
+        return pell_error(ctx, PELL_ERR_INVALID, where, knob->help, "%s takes one value, three were given", knob->name);
+    for (int i = 0; i < 3; i++)
+        format_any(rgb[i], part[i], sizeof(part[i]));
+    snprintf(text, sizeof(text), "%s,%s,%s", part[0], part[1], part[2]);
+    return store_floats(ctx, knob, where, text, values, rgb, 3);
 }
 
 /* Compared as floats: a bound such as 0.1 that a float can't hold is still allowed. */
@@ -221,7 +301,6 @@ static bool float_in_range(const struct pell_knob *knob, float value)
 static bool value_valid(const struct pell_knob *knob, const void *values)
 {
     const void *f = const_field(knob, values);
-    int count = 0;
 
     switch (knob->type) {
     case PELL_KNOB_NONE: break;
@@ -229,10 +308,7 @@ static bool value_valid(const struct pell_knob *knob, const void *values)
     case PELL_KNOB_INT: return in_range(knob, *(const int *) f);
     case PELL_KNOB_INT64: return *(const int64_t *) f >= knob->min && *(const int64_t *) f <= knob->max;
     case PELL_KNOB_FLOAT: return float_in_range(knob, *(const float *) f);
-    case PELL_KNOB_ENUM:
-        while (knob->choices[count])
-            count++;
-        return *(const int *) f >= 0 && *(const int *) f < count;
+    case PELL_KNOB_ENUM: return *(const int *) f >= 0 && *(const int *) f < count_choices(knob);
     case PELL_KNOB_RGB:
         for (int i = 0; i < 3; i++)
             if (!float_in_range(knob, ((const float *) f)[i]))

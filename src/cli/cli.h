@@ -50,12 +50,12 @@ enum option_group {
     OPTIONS_ALL = 1 << 0, /* --help, --json, --quiet, --log-level: every command has them */
     OPTIONS_SCENE = 1 << 1,
     OPTIONS_METHOD = 1 << 2,
-    OPTIONS_PICTURE = 1 << 3, /* rows of pell_settings_knobs */
+    OPTIONS_PICTURE = 1 << 3, /* rows of pell_settings_knobs() */
     OPTIONS_FILE = 1 << 4,    /* where pictures go */
     OPTIONS_ENGINE = 1 << 5,
     OPTIONS_BENCH = 1 << 6,
     OPTIONS_PROFILE = 1 << 7,
-    OPTIONS_COMPARE = 1 << 8, /* with the rows of pell_compare_knobs */
+    OPTIONS_COMPARE = 1 << 8, /* with the rows of pell_compare_knobs() */
     OPTIONS_CHECK = 1 << 9,
     OPTIONS_REPEATS = 1 << 10, /* of OPTIONS_BENCH, what holds without a scene */
 };
@@ -90,7 +90,7 @@ struct cli {
     } numbers;
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */
-    struct settings_list settings; /* --width 640: rows of pell_settings_knobs */
+    struct settings_list settings; /* --width 640: rows of pell_settings_knobs() */
     struct settings_list common;   /* --samples 64: knobs that methods share under names of their own */
     struct pell_limits limits;     /* --limit NAME=VALUE */
     char command_line[2048];       /* for metadata, without folders of this machine */
@@ -194,7 +194,7 @@ void session_close(struct session *s);
 /* Whether the options and knobs that a scene file gives its picture are right. */
 enum exit_code session_check(struct cli *cli, struct pell_scene *scene);
 json_t *session_stages(const struct pell_picture *picture);
-/* Writes the picture in a format of pell_write_formats, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */
+/* Writes the picture in a format of pell_write_format_at, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */
 PELL_NODISCARD enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_picture *picture,
                                               const char *path, const char *format, uint64_t scene_hash, uint64_t materials_hash);
 /* Where neither the command line nor the scene names one. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * options.c - the command line: one table of options, of which a command takes some groups; knobs of the picture come from
- * pell_settings_knobs, so that each has one row. */
+ * pell_settings_knobs(), so that each has one row. */
 #include "cli/cli.h"
 
 #include <pellucid/compare.h>
@@ -163,11 +163,12 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
     for (size_t i = 0; i < PELL_COUNT(options); i++)
         if ((groups | OPTIONS_ALL) & options[i].groups)
             list[n++] = options[i];
-    for (const struct pell_knob *k = pell_settings_knobs; (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
+    for (const struct pell_knob *k = pell_settings_knobs(); (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "layers") != 0 && /* follows from the format */
-            !((groups & OPTIONS_COMPARE) && pell_knob_find(pell_compare_knobs, k->name))) /* one row for both: the other has more choices */
+            /* One row for both: the other has more choices. */
+            !((groups & OPTIONS_COMPARE) && pell_knob_find(pell_compare_knobs(), k->name)))
             list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };
-    for (const struct pell_knob *k = pell_compare_knobs; (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
+    for (const struct pell_knob *k = pell_compare_knobs(); (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "threads") != 0) /* of the engine's options */
             list[n++] = (struct option) { OPTIONS_COMPARE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };
     return n;
@@ -338,7 +339,7 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
         break;
     case LIMIT:
         if ((code = split(cli, where, text, &value)) == EXIT_OK)
-            res = pell_knob_set(ctx, pell_limit_knobs, "limits", where, &cli->limits, text, value);
+            res = pell_knob_set(ctx, pell_limit_knobs(), "limits", where, &cli->limits, text, value);
         break;
     case NUMBER: res = pell_knob_set(ctx, o->knob, "pellucid", where, &cli->numbers, o->name, text); break;
     case SETTING: res = cli_add_setting(&cli->settings, o->name, text, where); break;

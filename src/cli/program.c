@@ -81,8 +81,8 @@ static enum exit_code choose_command(struct cli *cli, int argc, const char **arg
     }
     if (strcmp(first, "--version") == 0) {
         if (cli->json)
-            return cli_print_json(cli, json_pack("{s:s}", "version", pell_version()));
-        printf("%s %s\n", cli->program->name, pell_version());
+            return cli_print_json(cli, json_pack("{s:s}", "version", pell_version_string()));
+        printf("%s %s\n", cli->program->name, pell_version_string());
         return EXIT_OK;
     }
     if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0 || strcmp(first, "help") == 0) {
@@ -150,7 +150,7 @@ int cli_main(const struct program *program, int argc, char **argv)
     cli.color_err = color && cli.tty;
     cli.color_out = color && isatty(STDOUT_FILENO) == 1;
     cli.warnings = json_array();
-    pell_knobs_default(pell_limit_knobs, &cli.limits);
+    pell_knobs_default(pell_limit_knobs(), &cli.limits);
     code = run(&cli, argc, (const char **) argv);
     if (code != EXIT_OK)
         cli_print_json_error(&cli, code);

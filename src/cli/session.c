@@ -148,9 +148,9 @@ static enum exit_code apply_settings(struct cli *cli, const struct settings_list
 {
     enum pell_result res = PELL_OK;
 
-    pell_knobs_default(pell_settings_knobs, settings);
+    pell_knobs_default(pell_settings_knobs(), settings);
     for (size_t i = 0; res == PELL_OK && i < given->count; i++)
-        res = pell_knob_set(cli->ctx, pell_settings_knobs, "render", given->items[i].where, settings, given->items[i].name,
+        res = pell_knob_set(cli->ctx, pell_settings_knobs(), "render", given->items[i].where, settings, given->items[i].name,
                             given->items[i].value);
     return cli_failed(cli, res);
 }
@@ -373,7 +373,7 @@ enum pell_result session_write(struct cli *cli, const struct session *s, const s
     char seed[32], exposure[40], seconds[32], loading[32], scene[24], materials[24], device[160], knobs[2048], settings[1024];
     /* The same command gives the same bytes of PNG: times and the machine are for EXR alone. */
     const struct pell_attribute attributes[] = {
-        { "pellucid.version", pell_version() },
+        { "pellucid.version", pell_version_string() },
         { "pellucid.command", cli->command_line },
         { "pellucid.method", s->method ? s->method->name : "none" },
         { "pellucid.knobs", knobs },
@@ -389,7 +389,7 @@ enum pell_result session_write(struct cli *cli, const struct session *s, const s
         { "pellucid.load_seconds", loading },
     };
 
-    cli_format_knobs(pell_settings_knobs, &s->settings, settings, sizeof(settings));
+    cli_format_knobs(pell_settings_knobs(), &s->settings, settings, sizeof(settings));
     snprintf(knobs, sizeof(knobs), "none"); /* PNG knows no empty text */
     if (s->method)
         cli_format_knobs(s->method->knobs, s->knobs, knobs, sizeof(knobs));

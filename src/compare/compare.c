@@ -17,7 +17,7 @@
 static const char *const tonemaps[] = { "reinhard", "aces", "linear", NULL };
 
 #define AT(field) offsetof(struct pell_compare_params, field)
-const struct pell_knob pell_compare_knobs[] = {
+static const struct pell_knob compare_knobs[] = {
     { "ppd",
       PELL_KNOB_FLOAT,
       "1",
@@ -68,6 +68,11 @@ const struct pell_knob pell_compare_knobs[] = {
     { 0 }
 };
 #undef AT
+
+const struct pell_knob *pell_compare_knobs(void)
+{
+    return compare_knobs;
+}
 
 enum { MASKED, WHOLE, REGIONS };
 
@@ -538,7 +543,7 @@ static enum pell_result check(struct pell_context *ctx, const struct pell_compar
         return pell_error(ctx, PELL_ERR_INVALID, "compare", NULL,
                           "the pictures are %d x %d pixels, %lld from row to row; must be 1 x 1 to %lld pixels (the limit image-pixels)",
                           in->width, in->height, (long long) in->stride, (long long) limit);
-    return pell_knobs_check(ctx, pell_compare_knobs, "compare", params);
+    return pell_knobs_check(ctx, pell_compare_knobs(), "compare", params);
 }
 
 static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool, struct job *job)

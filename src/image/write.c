@@ -7,9 +7,19 @@
 #include <math.h>
 #include <string.h>
 
-const char *const pell_write_formats[] = { "png", "exr", "hdr", "pfm", NULL };
-
+static const char *const formats[] = { "png", "exr", "hdr", "pfm" };
 static enum pell_result (*const encoders[])(struct pell_writer *w) = { pell_png_encode, pell_exr_encode, pell_hdr_encode, pell_pfm_encode };
+_Static_assert(PELL_COUNT(formats) == PELL_COUNT(encoders), "one encoder per format");
+
+size_t pell_write_format_count(void)
+{
+    return PELL_COUNT(formats);
+}
+
+const char *pell_write_format_at(size_t index)
+{
+    return index < PELL_COUNT(formats) ? formats[index] : NULL;
+}
 
 static enum pell_result check(struct pell_context *ctx, const char *name, const struct pell_write_params *p)
 {
@@ -44,13 +54,13 @@ static enum pell_result find_format(struct pell_context *ctx, const char *path, 
     char shown[64];
 
     for (size_t i = 0; i < count; i++)
-        if (format ? strcmp(format, pell_write_formats[i]) == 0 : pell_path_has_extension(path, pell_write_formats[i])) {
+        if (format ? strcmp(format, formats[i]) == 0 : pell_path_has_extension(path, formats[i])) {
             *index = i;
             return PELL_OK;
         }
     if (!format && strcmp(path, "-") == 0)
         return pell_error(ctx, PELL_ERR_INVALID, path, NULL, "standard output needs a format: png, exr, hdr or pfm");
-    pell_text_suggest(&hint, "", given, pell_write_formats, count);
+    pell_text_suggest(&hint, "", given, formats, count);
     return pell_error(ctx, PELL_ERR_INVALID, path, hint.str, "pictures of format '%s' are not written, must be png, exr, hdr or pfm",
                       pell_printable(given, shown, sizeof(shown)));
 }

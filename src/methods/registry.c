@@ -16,11 +16,13 @@ const struct pell_method *pell_method_find(struct pell_context *ctx, const char 
     char shown[SHOWN];
     size_t count = 0;
 
-    for (size_t i = 0; pell_methods[i]; i++) {
-        if (strcmp(pell_methods[i]->name, name) == 0)
-            return pell_methods[i];
+    for (size_t i = 0; i < pell_method_count(); i++) {
+        const struct pell_method *method = pell_method_at(i);
+
+        if (strcmp(method->name, name) == 0)
+            return method;
         if (count < LISTED)
-            names[count++] = pell_methods[i]->name;
+            names[count++] = method->name;
     }
     pell_text_suggest_or_list(&hint, "known: ", name, names, count);
     pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "there is no method '%s'", pell_printable(name, shown, sizeof(shown)));

@@ -215,7 +215,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     memset(picture, 0, sizeof(*picture));
     if (!r->scene)
         return pell_error(r->ctx, PELL_ERR_INVALID, "render", NULL, "the renderer has no scene");
-    PELL_TRY(pell_knobs_check(r->ctx, pell_settings_knobs, "settings", settings));
+    PELL_TRY(pell_knobs_check(r->ctx, pell_settings_knobs(), "settings", settings));
     if (r->copies.wanted)
         PELL_TRY(pell_copies_plan(r->ctx, &r->copies, settings->width, settings->height));
     r->notes.count = 0;

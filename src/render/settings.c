@@ -12,7 +12,7 @@ static const char *const profiles[] = { "material", "dipole", "better-dipole", "
 _Static_assert(PELL_COUNT(profiles) == PELL_PROFILE_MODELS + 2, "one name per model");
 
 #define AT(field) offsetof(struct pell_settings, field)
-const struct pell_knob pell_settings_knobs[] = {
+static const struct pell_knob settings_knobs[] = {
     { "width", PELL_KNOB_INT, "px", AT(width), { 1280 }, 1, 16384, NULL, "width of the picture" },
     { "height", PELL_KNOB_INT, "px", AT(height), { 720 }, 1, 16384, NULL, "height of the picture" },
     { "msaa", PELL_KNOB_INT, "1", AT(msaa), { 4 }, 1, 64, NULL,
@@ -47,3 +47,8 @@ const struct pell_knob pell_settings_knobs[] = {
       "make every layer (diffuse, transmission, specular, irradiance, depth, normal) beside the picture" },
     {0}
 };
+
+const struct pell_knob *pell_settings_knobs(void)
+{
+    return settings_knobs;
+}

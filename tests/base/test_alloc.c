@@ -58,7 +58,7 @@ static void memory_limit_is_exact_and_given_back(void **state)
     void *a, *b;
     (void) state;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.memory_bytes = 1 << 20;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     a = pell_alloc(ctx, (1 << 20) - 10);
@@ -184,7 +184,7 @@ static void context_refuses_bad_limits_and_half_an_allocator(void **state)
     struct pell_context *ctx = (struct pell_context *) &fault;
     (void) state;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.depth = 0;
     params.allocator = pell_fault_allocator(&fault);
     assert_int_equal(pell_context_create(&params, &ctx), PELL_ERR_INVALID);
@@ -254,7 +254,38 @@ static void every_result_has_a_name_of_its_own(void **state)
             assert_string_not_equal(pell_result_name((enum pell_result) a), pell_result_name((enum pell_result) b));
     }
     assert_string_equal(pell_result_name((enum pell_result) 99), "unknown result");
-    assert_string_equal(pell_version(), PELL_TEST_VERSION); /* the build's number and the header's are one */
+    assert_string_equal(pell_version_string(), PELL_TEST_VERSION); /* the build's number and the header's are one */
+    assert_string_equal(PELL_VERSION_STRING, PELL_TEST_VERSION);
+    assert_int_equal(pell_version_number(), PELL_VERSION_NUMBER);
+}
+
+/* 0.x: another minor version has other structs. The parameters of such a program are not read, but for its log. */
+static void a_program_of_another_version_is_refused_with_one_message(void **state)
+{
+    const int same = PELL_VERSION_NUMBER, minor = PELL_VERSION_NUMBER + 1000, major = PELL_VERSION_NUMBER + 1000000;
+    const int older = PELL_VERSION_MINOR > 0 ? PELL_VERSION_NUMBER - 1000 : PELL_VERSION_NUMBER - 1000000;
+    const int others[] = { minor, major, older, -1, INT32_MIN, INT32_MAX };
+    struct kept_messages kept = { 0 };
+    struct pell_fault fault = { 0 };
+    struct pell_context_params params = { .log = keep_message, .log_user = &kept, .allocator = pell_fault_allocator(&fault) };
+    struct pell_context *ctx;
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(others); i++) {
+        ctx = (struct pell_context *) &fault;
+        assert_false(pell_version_compatible(others[i]));
+        assert_int_equal(pell_context_create_for(others[i], &params, &ctx), PELL_ERR_UNSUPPORTED);
+        assert_null(ctx);
+        assert_int_equal(kept.errors, (int) i + 1);
+        assert_int_equal(kept.code, PELL_ERR_UNSUPPORTED);
+        assert_non_null(strstr(kept.what, "the library is " PELL_VERSION_STRING));
+        assert_non_null(strstr(kept.hint, "recompile"));
+        assert_int_equal(pell_context_create_for(others[i], NULL, &ctx), PELL_ERR_UNSUPPORTED);
+    }
+    assert_int_equal(fault.calls, 0);
+    assert_true(pell_version_compatible(same) && pell_version_compatible(same - PELL_VERSION_PATCH + 999));
+    assert_int_equal(pell_context_create_for(same, &params, &ctx), PELL_OK);
+    pell_context_destroy(&ctx);
 }
 
 /* A scene of a million instances must not make a million lines. */
@@ -265,7 +296,7 @@ static void warnings_of_one_kind_are_limited(void **state)
     struct pell_context *ctx;
     (void) state;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.warnings = 3;
     assert_int_equal(pell_context_create(&(struct pell_context_params){ .log = keep_message, .log_user = &kept, .limits = &limits }, &ctx),
                      PELL_OK);
@@ -316,6 +347,7 @@ int main(void)
         cmocka_unit_test(context_refuses_bad_limits_and_half_an_allocator),
         cmocka_unit_test(messages_pass_the_threshold_and_never_hold_null),
         cmocka_unit_test(every_result_has_a_name_of_its_own),
+        cmocka_unit_test(a_program_of_another_version_is_refused_with_one_message),
         cmocka_unit_test(warnings_of_one_kind_are_limited),
         cmocka_unit_test(large_blocks_are_zero_aligned_and_counted),
     };

@@ -98,8 +98,8 @@ static void limits_have_valid_defaults(void **state)
     struct fixture *f = *state;
     struct pell_limits limits;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
-    assert_int_equal(pell_knobs_check(f->ctx, pell_limit_knobs, "limits", &limits), PELL_OK);
+    pell_knobs_default(pell_limit_knobs(), &limits);
+    assert_int_equal(pell_knobs_check(f->ctx, pell_limit_knobs(), "limits", &limits), PELL_OK);
     assert_memory_equal(&limits, pell_context_limits(f->ctx), sizeof(limits));
 }
 
@@ -231,6 +231,66 @@ static void no_knobs_at_all_is_a_table(void **state)
     assert_string_equal(f->kept.hint, "there are none");
 }
 
+static void numbers_are_taken_by_type_and_refused_untouched(void **state)
+{
+    static const struct {
+        const char *name;
+        double number;
+        const char *what;
+    } bad[] = {
+        { "gaussians", 4.5, "gaussians = 4.5, must be a whole number in [1, 10]" },
+        { "gaussians", 11, "gaussians = 11, must be in [1, 10]" },
+        { "gaussians", NAN, "gaussians = not a number, must be a whole number" },
+        { "bytes", 1e16, "bytes = 1e+16, must be a whole number" },
+        { "bytes", INFINITY, "bytes = infinity, must be a whole number" },
+        { "lod", -INFINITY, "lod = -infinity, must be in [0, 64] px" },
+        { "lod", NAN, "lod = not a number, must be in" },
+        { "lod", 1e300, "must be in [0, 64] px" },
+        { "fast", 2, "fast = 2, must be on or off" },
+        { "fast", NAN, "fast = not a number, must be on or off" },
+        { "through", 3, "through = 3, must be one of slab, gaussian, none" },
+        { "through", -1, "through = -1, must be one of" },
+        { "through", 0.5, "through = 0.5, must be one of" },
+        { "tint", 2, "tint = 2, must be in [0, 1]" },
+        { "tnit", 1, "method test has no knob 'tnit'" },
+    };
+    struct fixture *f = *state;
+
+    for (size_t i = 0; i < PELL_COUNT(bad); i++) {
+        const struct values before = f->v;
+
+        assert_int_equal(pell_knob_set_number(f->ctx, knobs, "method test", "here", &f->v, bad[i].name, bad[i].number), PELL_ERR_INVALID);
+        assert_memory_equal(&before, &f->v, sizeof(before));
+        assert_string_equal(f->kept.where, "here");
+        if (!strstr(f->kept.what, bad[i].what))
+            fail_msg("'%s' says nothing of '%s'", f->kept.what, bad[i].what);
+    }
+    assert_int_equal(pell_knob_set_number(f->ctx, knobs, "t", "", &f->v, "fast", 0), PELL_OK);
+    assert_int_equal(pell_knob_set_number(f->ctx, knobs, "t", "", &f->v, "gaussians", 7), PELL_OK);
+    assert_int_equal(pell_knob_set_number(f->ctx, knobs, "t", "", &f->v, "bytes", 9007199254740992.0), PELL_OK);
+    assert_int_equal(pell_knob_set_number(f->ctx, knobs, "t", "", &f->v, "lod", 0.1), PELL_OK);
+    assert_int_equal(pell_knob_set_number(f->ctx, knobs, "t", "", &f->v, "through", 2), PELL_OK);
+    assert_int_equal(pell_knob_set_number(f->ctx, knobs, "t", "", &f->v, "tint", 0.75), PELL_OK);
+    assert_true(!f->v.fast && f->v.gaussians == 7 && f->v.bytes == INT64_C(9007199254740992) && f->v.lod == 0.1f && f->v.mode == 2);
+    assert_true(f->v.tint[0] == 0.75f && f->v.tint[1] == 0.75f && f->v.tint[2] == 0.75f);
+}
+
+static void three_numbers_are_for_colours_alone(void **state)
+{
+    struct fixture *f = *state;
+    struct values before;
+
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tint", (const double[3]){ 0.25, 0.5, 1 }), PELL_OK);
+    assert_true(f->v.tint[0] == 0.25f && f->v.tint[1] == 0.5f && f->v.tint[2] == 1.0f);
+    before = f->v;
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tint", (const double[3]){ 0, 1.5, NAN }), PELL_ERR_INVALID);
+    assert_non_null(strstr(f->kept.what, "tint = 0,1.5,not a number, must be in [0, 1]"));
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "lod", (const double[3]){ 1, 1, 1 }), PELL_ERR_INVALID);
+    assert_non_null(strstr(f->kept.what, "lod takes one value"));
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tin", (const double[3]){ 1, 1, 1 }), PELL_ERR_INVALID);
+    assert_memory_equal(&before, &f->v, sizeof(before));
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
 
 int main(void)
@@ -244,6 +304,8 @@ int main(void)
         TEST(check_finds_each_kind_of_bad_value),
         TEST(printed_values_read_back),
         TEST(no_knobs_at_all_is_a_table),
+        TEST(numbers_are_taken_by_type_and_refused_untouched),
+        TEST(three_numbers_are_for_colours_alone),
     };
     return cmocka_run_group_tests_name("knob", tests, NULL, NULL);
 }

@@ -52,7 +52,7 @@ static inline void pair_begin(struct pair *p, int width, int height)
         p->in.test[c] = p->plane[TEST][c];
         p->in.reference[c] = p->plane[REFERENCE][c];
     }
-    pell_knobs_default(pell_compare_knobs, &p->params);
+    pell_knobs_default(pell_compare_knobs(), &p->params);
     p->params.threads = 1;
 }
 

@@ -101,7 +101,8 @@ def _(folder):
                 continue  # a pattern, as in src/methods/NAME/
             count += 1
             there = ROOT / ('include/' + name if name.startswith('pellucid/') else name)
-            need(there.exists() or there.with_suffix('.c').exists(), path.name, 'names', name)  # a program by its source
+            made = [there.with_suffix('.c'), there.with_suffix('.h.in')]  # a program by its source, a header by what it is made from
+            need(there.exists() or any(p.exists() for p in made), path.name, 'names', name)
         for target in re.findall(r'(?:^    |`)make ([a-z-]+)', markdown, re.MULTILINE):
             count += 1
             need(target in targets, path.name, 'names make', target)
@@ -422,11 +423,9 @@ def _(folder):
 
 # --- Versions, papers -----------------------------------------------------------------------------------------------------------------
 
-@test('meson.build, the header, CITATION.cff and the program tell the same version, and the changelog has it')
+@test('meson.build, CITATION.cff and the program tell the same version, and the changelog has it')
 def _(folder):
     version = re.search(r"version: '([\d.]+)'", (ROOT / 'meson.build').read_text('utf-8'))[1]
-    header = (ROOT / 'include/pellucid/common.h').read_text('utf-8')
-    need('.'.join(re.findall(r'#define PELL_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)', header)) == version, header[:600])
     need(f'\nversion: {version}\n' in (ROOT / 'CITATION.cff').read_text('utf-8'), 'CITATION.cff')
     need(re.search(rf'^## {re.escape(version)}\b', (ROOT / 'CHANGELOG.md').read_text('utf-8'), re.MULTILINE), 'CHANGELOG.md')
     need(version in text(works(folder, '--version').stdout))

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""check_headers.py INCLUDE C-COMPILER [CXX-COMPILER]: each public header alone as C11 and C++17, and all of them in one file, either order.
+"""check_headers.py INCLUDE MADE C-COMPILER [CXX-COMPILER]: each public header alone as C11 and C++17, and all in one file, either order.
 
 Without a C++ compiler its tests are skipped. A header that declares exported things must do so as C for C++.
 """
@@ -21,24 +21,28 @@ def compiles(command, text):
 
 
 def main():
-    include = pathlib.Path(sys.argv[1])
-    headers = sorted(p.relative_to(include).as_posix() for p in include.rglob("*.h"))
-    languages = {"C11": [*sys.argv[2].split(), "-std=c11", "-xc"]}
-    languages["C++17"] = [*sys.argv[3].split(), "-std=c++17", "-Wold-style-cast", "-xc++"] if sys.argv[3:] and sys.argv[3] else None
+    folders = [pathlib.Path(folder) for folder in sys.argv[1:3]]  # of the source, and of the build, where version.h is made
+    found = {p.relative_to(folder).as_posix(): p for folder in folders for p in folder.rglob("*.h")}
+    headers = sorted(found)
+    languages = {"C11": [*sys.argv[3].split(), "-std=c11", "-xc"]}
+    languages["C++17"] = [*sys.argv[4].split(), "-std=c++17", "-Wold-style-cast", "-xc++"] if sys.argv[4:] and sys.argv[4] else None
     units = {name: [name] for name in headers}
     units["all headers in order, then again"] = headers * 2
     units["all headers backwards"] = headers[::-1]
-    results = [(bool(headers), "there are public headers", "")]
+    every = found["pellucid/pellucid.h"].read_text("utf-8") + found["pellucid/optics.h"].read_text("utf-8")
+    missing = [name for name in headers if f"#include <{name}>" not in every and name != "pellucid/pellucid.h"]
+    results = [(len(headers) > 20, "there are public headers", ""),
+               (not missing, "pellucid.h includes all of them", "\n".join(missing))]
     for language, command in languages.items():
         for title, names in units.items():
             if command is None:
                 results.append((True, f"{title} as {language} # SKIP there is no C++ compiler", ""))
                 continue
             text = "".join(f"#include <{name}>\n" for name in names) + "extern int not_empty;\n"
-            good, errors = compiles([*command, f"-I{include}"], text)
+            good, errors = compiles([*command, *(f"-I{folder}" for folder in folders)], text)
             results.append((good, f"{title} as {language}", errors))
     for name in headers:
-        text = (include / name).read_text("utf-8")
+        text = found[name].read_text("utf-8")
         results.append(("PELL_API" not in text or 'extern "C"' in text, f"{name} declares its functions as C for C++", ""))
     print(f"1..{len(results)}")
     for i, (good, title, errors) in enumerate(results, 1):

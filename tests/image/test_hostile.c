@@ -111,7 +111,7 @@ static void begin_small(struct image_test *t)
     memset(t, 0, sizeof(*t));
     params.log_user = &t->kept;
     params.allocator = pell_fault_allocator(&t->fault);
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.image_pixels = 1 << 18;
     limits.memory_bytes = 64 << 20;
     assert_int_equal(pell_context_create(&params, &t->ctx), PELL_OK);
@@ -230,7 +230,7 @@ static void every_allocation_of_write_and_layers_may_fail(void **state)
     p.params.num_channels = 4;
     p.params.attributes = attributes;
     p.params.num_attributes = 2;
-    for (int i = 0; pell_write_formats[i]; i++) {
+    for (size_t i = 0; i < pell_write_format_count(); i++) {
         const char *path = temp_path("nomem");
         for (uint64_t n = 1;; n++) {
             struct kept_messages kept = { 0 };
@@ -241,7 +241,7 @@ static void every_allocation_of_write_and_layers_may_fail(void **state)
 
             REQUIRE(ctx && n < 1000);
             fault.fail_at = fault.calls + n;
-            res = pell_image_write(ctx, path, pell_write_formats[i], &p.params);
+            res = pell_image_write(ctx, path, pell_write_format_at(i), &p.params);
             done = fault.calls < fault.fail_at;
             assert_int_equal(res, done ? PELL_OK : PELL_ERR_NOMEM);
             assert_int_equal(kept.errors, !done);
@@ -251,7 +251,7 @@ static void every_allocation_of_write_and_layers_may_fail(void **state)
             if (done)
                 break;
         }
-        if (strcmp(pell_write_formats[i], "exr") == 0)
+        if (strcmp(pell_write_format_at(i), "exr") == 0)
             for (uint64_t n = 1;; n++) {
                 struct pell_fault fault = { 0 };
                 struct pell_context *ctx = test_context(&fault, NULL);
@@ -521,7 +521,7 @@ static void limits_of_the_context_hold(void **state)
     const char *path = project_file(VARIANTS "exr/half_zip.exr"), *png = project_file(VARIANTS "png/rgb8.png");
 
     (void) state;
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.image_pixels = 64 * 32 - 1;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(pell_image_read(ctx, path, PELL_ROLE_COLOR, &image), PELL_ERR_INVALID);

@@ -500,11 +500,11 @@ static void not_a_number_is_written_as_0_with_one_warning(void **state)
     (void) state;
     image_test_begin(&t);
     planes_make(&p, 5, 2, not_finite);
-    for (int i = 0; pell_write_formats[i]; i++) {
+    for (size_t i = 0; i < pell_write_format_count(); i++) {
         char name[32];
         const char *path;
         struct pell_image image;
-        snprintf(name, sizeof(name), "nan.%s", pell_write_formats[i]);
+        snprintf(name, sizeof(name), "nan.%s", pell_write_format_at(i));
         path = temp_path(name);
         t.kept.warnings = 0;
         write_ok(&t, path, NULL, &p.params);
@@ -649,12 +649,12 @@ static void the_same_picture_gives_the_same_bytes(void **state)
     (void) state;
     image_test_begin(&t);
     planes_make(&p, 50, 40, pattern);
-    for (int i = 0; pell_write_formats[i]; i++) {
+    for (size_t i = 0; i < pell_write_format_count(); i++) {
         uint8_t *a, *b;
         size_t na, nb;
         const char *one = temp_path("one"), *two = temp_path("two");
-        write_ok(&t, one, pell_write_formats[i], &p.params);
-        write_ok(&t, two, pell_write_formats[i], &p.params);
+        write_ok(&t, one, pell_write_format_at(i), &p.params);
+        write_ok(&t, two, pell_write_format_at(i), &p.params);
         a = file_bytes(one, &na);
         b = file_bytes(two, &nb);
         assert_int_equal(na, nb);

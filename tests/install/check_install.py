@@ -6,6 +6,7 @@ The program knows only what pkg-config tells it. It is built as C11 and, where t
 """
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -47,7 +48,7 @@ class Installed:
 
 
 def check_files(installed, source):
-    public = {p.relative_to(source / "include").as_posix() for p in (source / "include").rglob("*.h")}
+    public = {p.relative_to(source / "include").as_posix() for p in (source / "include").rglob("*.h")} | {"pellucid/version.h"}
     there = {p.as_posix().split("/include/", 1)[1] for p in installed.root.rglob("*.h")}
     if public != there:
         raise Fault(f"public headers {sorted(public ^ there)} are installed wrongly")
@@ -65,10 +66,11 @@ def check_files(installed, source):
 
 def check_version(installed):
     version = run(["pkg-config", "--modversion", "pellucid"], env=installed.env).strip()
-    header = next(installed.root.rglob("pellucid/common.h")).read_text("utf-8")
-    numbers = [line.split()[2] for line in header.splitlines() if line.startswith("#define PELL_VERSION_M") or "PELL_VERSION_PATCH" in line]
-    if version != ".".join(numbers):
-        raise Fault(f"pkg-config says {version}, the header {'.'.join(numbers)}")
+    header = next(installed.root.rglob("pellucid/version.h")).read_text("utf-8")
+    defined = dict(re.findall(r"^#define PELL_VERSION_(\w+) (.*)$", header, re.MULTILINE))
+    numbers = ".".join(defined[name] for name in ("MAJOR", "MINOR", "PATCH"))
+    if not version == numbers == defined["STRING"].strip('"'):
+        raise Fault(f"pkg-config says {version}, the header {numbers} and {defined['STRING']}")
 
 
 def main():

@@ -93,12 +93,12 @@ int main(void)
     params.log = print_message;
     load.aspect = 1;
     snprintf(expected, sizeof(expected), "%d.%d.%d", PELL_VERSION_MAJOR, PELL_VERSION_MINOR, PELL_VERSION_PATCH);
-    if (strcmp(pell_version(), expected) != 0 || fabs(pell_fresnel(1.5, 1.0) - 0.04) > 1e-12)
+    if (strcmp(pell_version_string(), expected) != 0 || fabs(pell_fresnel(1.5, 1.0) - 0.04) > 1e-12)
         return 2;
     if (pell_context_create(&params, &ctx) != PELL_OK)
         return 3;
     method = pell_method_find(ctx, "user.c", "screen-space");
-    pell_knobs_default(pell_settings_knobs, &settings);
+    pell_knobs_default(pell_settings_knobs(), &settings);
     settings.width = settings.height = SIZE;
     if (method && pell_scene_create(ctx, &scene) == PELL_OK && make_ball(scene, 20) == PELL_OK &&
         pell_scene_complete(scene, &load) == PELL_OK && pell_device_create(ctx, &device_params, &device) == PELL_OK &&

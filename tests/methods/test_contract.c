@@ -11,8 +11,8 @@
 #endif
 
 #define FOR_EACH_METHOD(m)                                                                                                         \
-    for (size_t m##_index = 0; pell_methods[m##_index]; m##_index++)                                                               \
-        for (const struct pell_method *m = pell_methods[m##_index]; m; m = NULL)                                                   \
+    for (size_t m##_index = 0; m##_index < pell_method_count(); m##_index++)                                                       \
+        for (const struct pell_method *m = pell_method_at(m##_index); m; m = NULL)                                                 \
             if (m->cpu && m->kind == PELL_METHOD && runs_on_planes(m) && !known_to_fail(m, __func__))
 
 /* 2, 4 and 8 pixels wide at 1 pixel per mm; the channels differ. */
@@ -1037,13 +1037,16 @@ static void thickness_tables_fall_from_the_albedo_to_nothing(void **state)
 static void every_method_says_what_it_is(void **state)
 {
     (void) state;
-    for (size_t i = 0; pell_methods[i]; i++) {
-        const struct pell_method *m = pell_methods[i];
+    assert_true(pell_method_count() > 0);
+    assert_null(pell_method_at(pell_method_count()));
+    assert_null(pell_method_at(SIZE_MAX));
+    for (size_t i = 0; i < pell_method_count(); i++) {
+        const struct pell_method *m = pell_method_at(i);
         assert_true(m->name && m->title && m->cite && m->limits && m->knobs && m->plan && m->knobs_size > 0);
         assert_true(m->cpu || m->vulkan);
         assert_int_equal(strspn(m->name, "abcdefghijklmnopqrstuvwxyz0123456789-"), strlen(m->name));
         for (size_t j = 0; j < i; j++)
-            assert_string_not_equal(m->name, pell_methods[j]->name);
+            assert_string_not_equal(m->name, pell_method_at(j)->name);
         for (const struct pell_knob *k = m->knobs; k->type; k++) {
             assert_true(k->name && k->help && k->unit && k->offset < m->knobs_size);
             assert_ptr_equal(pell_knob_find(m->knobs, k->name), k);

@@ -44,7 +44,7 @@ static void start(struct stage *s, int size, int threads, struct kept_messages *
     OK(pell_scene_create(s->ctx, &s->scene));
     OK(pell_device_create(s->ctx, &params, &s->device));
     OK(pell_renderer_create(s->device, &s->r));
-    pell_knobs_default(pell_settings_knobs, &s->settings);
+    pell_knobs_default(pell_settings_knobs(), &s->settings);
     s->settings.width = s->settings.height = size;
     s->settings.msaa = 1;
     s->settings.exposure = 1.0f;
@@ -490,7 +490,7 @@ static void survives_the_nth_allocation(void **state)
     OK(pell_scene_create(s.ctx, &s.scene));
     OK(pell_device_create(s.ctx, &params, &s.device));
     OK(pell_renderer_create(s.device, &s.r));
-    pell_knobs_default(pell_settings_knobs, &s.settings);
+    pell_knobs_default(pell_settings_knobs(), &s.settings);
     s.settings.width = s.settings.height = 2;
     s.settings.msaa = 1;
     s.settings.layers = true;

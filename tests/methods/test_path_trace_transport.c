@@ -1154,7 +1154,7 @@ static void survives_the_nth_allocation(void **state)
     OK(pell_scene_create(s.ctx, &s.scene));
     OK(pell_device_create(s.ctx, &params, &s.device));
     OK(pell_renderer_create(s.device, &s.r));
-    pell_knobs_default(pell_settings_knobs, &s.settings);
+    pell_knobs_default(pell_settings_knobs(), &s.settings);
     s.settings.width = s.settings.height = 4;
     s.settings.msaa = 1;
     m = rig_medium(&s, 1.0, 0.1, 0.0, 1.4);

@@ -895,7 +895,7 @@ static void frames_allocate_nothing_and_survive_no_memory(void **state)
         OK(pell_scene_create(s.ctx, &s.scene));
         OK(pell_device_create(s.ctx, &params, &s.device));
         OK(pell_renderer_create(s.device, &s.r));
-        pell_knobs_default(pell_settings_knobs, &s.settings);
+        pell_knobs_default(pell_settings_knobs(), &s.settings);
         s.settings.width = s.settings.height = 8;
         s.settings.msaa = 1;
         stage_medium(&s, "skin1", &m);

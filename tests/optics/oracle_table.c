@@ -1301,7 +1301,7 @@ static void models(uint64_t photons)
     for (int table = 0; table < 2; table++) {
         printf("%s| %s |", table ? "\n" : "", table ? "total, % off" : "light misplaced, %");
         for (int model = 0; model < PELL_PROFILE_MODELS; model++)
-            printf(" %s |", pell_profile_model_at((enum pell_profile_model) model)->name);
+            printf(" %s |", pell_profile_model_at((size_t) model)->name);
         printf("\n|---|---|---|---|---|---|\n");
         for (int m = 0; m < CHANNELS / 3; m++) {
             printf("| %s |", media[m]->name);
@@ -1345,7 +1345,7 @@ static int write_curves(const char *path)
         for (int model = 0; model < PELL_PROFILE_MODELS; model++) { /* light per unit of ln r */
             model_of((enum pell_profile_model) model, c, &p);
             for (double r = 0.01; r < 101.0; r *= 1.1)
-                fprintf(file, "curve,%s,%.5g,%.5g\n", pell_profile_model_at((enum pell_profile_model) model)->name, r,
+                fprintf(file, "curve,%s,%.5g,%.5g\n", pell_profile_model_at((size_t) model)->name, r,
                         2.0 * PELL_PI * r * r * pell_profile_eval(&p, r));
         }
         for (int k = 1; k < RINGS - 1; k++) {

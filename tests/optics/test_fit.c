@@ -573,7 +573,7 @@ static void every_model_is_fitted(void **state)
             }
             if (k == 6)
                 print_message("# %s: 6 shared Gaussians %.3g %.3g %.3g %% in %.1f ms; own %.3g %.3g %.3g %%\n",
-                              pell_profile_model_at((enum pell_profile_model) model)->name, 100.0 * report.error[0],
+                              pell_profile_model_at((size_t) model)->name, 100.0 * report.error[0],
                               100.0 * report.error[1], 100.0 * report.error[2], seconds * 1e3, 100.0 * last[0], 100.0 * last[1],
                               100.0 * last[2]);
         }

@@ -218,7 +218,7 @@ static void a_boundary_keeps_black_and_white_and_inverts(void **state)
 
 static bool available(int model)
 {
-    return pell_profile_model_at((enum pell_profile_model) model) != NULL;
+    return pell_profile_model_at((size_t) model) != NULL;
 }
 
 static double total_of(enum pell_profile_model model, const struct pell_medium *m, int channel)
@@ -254,7 +254,7 @@ static void every_model_returns_its_colour(void **state)
                 REQUIRE_NEAR(total, color, 1e-8);
                 worst = fmax(worst, fabs(total - color));
             }
-        print_message("# %s: largest error of a colour %.1g\n", pell_profile_model_at((enum pell_profile_model) model)->name, worst);
+        print_message("# %s: largest error of a colour %.1g\n", pell_profile_model_at((size_t) model)->name, worst);
     }
 }
 
@@ -376,15 +376,15 @@ static void names_and_rows(void **state)
     (void) state;
     for (int kind = 0; kind < PELL_RADII; kind++) {
         enum pell_radius found;
-        const struct pell_radius_row *row = pell_radius_at((enum pell_radius) kind);
+        const struct pell_radius_row *row = pell_radius_at((size_t) kind);
         REQUIRE(row && row->name && row->help);
         REQUIRE(pell_radius_find(row->name, &found) && (int) found == kind);
     }
     for (int map = 0; map < PELL_ALBEDO_MAPS; map++)
-        REQUIRE(pell_albedo_map_at((enum pell_albedo_map) map)->name && pell_albedo_map_at((enum pell_albedo_map) map)->cite);
+        REQUIRE(pell_albedo_map_at((size_t) map)->name && pell_albedo_map_at((size_t) map)->cite);
     enum pell_radius found = PELL_RADIUS_DIFFUSE;
     REQUIRE(!pell_radius_find("mile", &found) && !pell_radius_find(NULL, &found) && found == PELL_RADIUS_DIFFUSE);
-    REQUIRE(!pell_radius_at(PELL_RADII) && !pell_radius_at((enum pell_radius) - 1) && !pell_albedo_map_at(PELL_ALBEDO_MAPS));
+    REQUIRE(!pell_radius_at(PELL_RADII) && !pell_radius_at((size_t) -1) && !pell_albedo_map_at(PELL_ALBEDO_MAPS));
 }
 
 static void a_scaled_radius_scales_the_coefficients(void **state)

@@ -29,13 +29,13 @@ static void models_are_found_by_name(void **state)
     enum pell_profile_model found;
     (void) state;
     for (int i = 0; i < MODELS; i++) {
-        const struct pell_profile_model_row *row = pell_profile_model_at((enum pell_profile_model) i);
+        const struct pell_profile_model_row *row = pell_profile_model_at((size_t) i);
         REQUIRE(row != NULL && row->title && row->cite && row->limits);
         assert_string_equal(row->name, names[i]);
         REQUIRE(pell_profile_model_find(names[i], &found) && (int) found == i);
     }
-    REQUIRE(pell_profile_model_at((enum pell_profile_model) MODELS) == NULL &&
-            pell_profile_model_at((enum pell_profile_model) - 1) == NULL);
+    REQUIRE(pell_profile_model_at((size_t) MODELS) == NULL &&
+            pell_profile_model_at((size_t) -1) == NULL);
     REQUIRE(!pell_profile_model_find("", &found) && !pell_profile_model_find("Dipole", &found));
 }
 

@@ -351,7 +351,7 @@ static void lack_of_memory_is_an_error_and_leaves_nothing_behind(void **state)
         assert_int_equal(atomic_load(&fault.live), 0);
     }
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.memory_bytes = 3000000; /* the mesh takes 2.4 MB of it */
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     s = shapes_scene(ctx);

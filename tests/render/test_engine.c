@@ -257,7 +257,7 @@ static void start(struct stage *s, struct pell_fault *fault)
     stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 100), vec3(0, 0, 0), 2.0f);
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
     stage_complete(s);
-    pell_knobs_default(pell_settings_knobs, &s->settings);
+    pell_knobs_default(pell_settings_knobs(), &s->settings);
     s->settings.width = WIDTH;
     s->settings.height = HEIGHT;
     s->settings.msaa = 1;

@@ -152,7 +152,7 @@ static enum pell_result whole_way(const char *file, struct pell_fault *fault, ui
     struct pell_load_params load = { 0 };
     enum pell_result res;
 
-    pell_knobs_default(pell_settings_knobs, &settings);
+    pell_knobs_default(pell_settings_knobs(), &settings);
     settings.width = 12;
     settings.height = 9;
     settings.msaa = 1;
@@ -165,7 +165,7 @@ static enum pell_result whole_way(const char *file, struct pell_fault *fault, ui
     PELL_TRY(pell_device_create(ctx, &threads, &device));
     PELL_TRY(pell_renderer_create(device, &r));
     PELL_TRY(pell_renderer_set_scene(r, scene));
-    PELL_TRY(pell_renderer_set_method(r, pell_methods[0], NULL));
+    PELL_TRY(pell_renderer_set_method(r, pell_method_at(0), NULL));
     PELL_TRY(pell_renderer_render(r, &settings, &picture));
     PELL_TRY(pell_renderer_check_range(r, &settings));
     calls[1] = fault->calls;
@@ -243,9 +243,9 @@ static void a_renderer_survives_want_of_memory(void **state)
         OK(pell_device_create(ctx, &params, &device));
         OK(pell_renderer_create(device, &r));
         fault.fail_at = fault.calls + n;
-        if (pell_renderer_set_method(r, pell_methods[0], NULL) != PELL_OK) {
+        if (pell_renderer_set_method(r, pell_method_at(0), NULL) != PELL_OK) {
             failed = true;
-            OK(pell_renderer_set_method(r, pell_methods[0], NULL));
+            OK(pell_renderer_set_method(r, pell_method_at(0), NULL));
         }
         if (pell_renderer_set_scene(r, good.scene) != PELL_OK) {
             failed = true;
@@ -318,7 +318,7 @@ static void *run_twin(void *arg)
     struct pell_picture picture;
 
     t->right = pell_renderer_create(t->device, &r) == PELL_OK && pell_renderer_set_scene(r, t->scene) == PELL_OK &&
-               pell_renderer_set_method(r, t->scatter ? pell_methods[0] : NULL, NULL) == PELL_OK;
+               pell_renderer_set_method(r, t->scatter ? pell_method_at(0) : NULL, NULL) == PELL_OK;
     for (int i = 0; i < 3 && t->right; i++) {
         t->right = pell_renderer_render(r, &t->settings, &picture) == PELL_OK;
         if (t->right) {
@@ -474,7 +474,7 @@ static void settings_out_of_range_are_refused(void **state)
     stage_start(&s, 8, 8);
     furnish(&s);
     stage_render(&s);
-    for (const struct pell_knob *k = pell_settings_knobs; k->name; k++) {
+    for (const struct pell_knob *k = pell_settings_knobs(); k->name; k++) {
         double bad[3] = { k->min - 1.0, k->max + 2.0, NAN };
         if (k->type == PELL_KNOB_BOOL)
             continue;

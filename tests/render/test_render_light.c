@@ -146,7 +146,7 @@ static void translucent_ball_in_an_even_sky(void **state)
 static void every_model_and_a_table_show_their_total(void **state)
 {
     static const double r_mm[] = { 0.0, 0.5, 1.5, 3.0 }, R[] = { 0.10, 0.05, 0.01, 0.0 };
-    const struct pell_knob *knob = pell_knob_find(pell_settings_knobs, "profile");
+    const struct pell_knob *knob = pell_knob_find(pell_settings_knobs(), "profile");
 
     (void) state;
     assert_non_null(knob);

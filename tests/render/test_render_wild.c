@@ -193,7 +193,7 @@ static void random_scenes_end_in_numbers(void **state)
     for (uint32_t n = 0; n < 240; n += SLOW ? 6 : 1) {
         uint32_t seed = 12345 + 7919 * n;
         const double size = pow(10.0, uniform(&seed, -2.0, 4.0));
-        const struct pell_method *method = pell_methods[0];
+        const struct pell_method *method = pell_method_at(0);
         double start = busy_seconds();
         enum pell_result res;
         void *knobs = calloc(1, method->knobs_size);
@@ -215,7 +215,7 @@ static void random_scenes_end_in_numbers(void **state)
             stage_camera(&s, point(&seed, size), point(&seed, size), 0.0f, (float) (size * uniform(&seed, 0.01, 10.0)));
         {
             const int width = s.settings.width, height = s.settings.height;
-            random_knobs(pell_settings_knobs, &s.settings, &seed, fixed);
+            random_knobs(pell_settings_knobs(), &s.settings, &seed, fixed);
             s.settings.width = width;
             s.settings.height = height;
         }

@@ -401,7 +401,7 @@ static void deep_and_wide_hierarchies_are_limited(void **state)
     snprintf(json + n, sizeof(json) - n, "{}]}");
     refuse(PELL_ERR_UNSUPPORTED, "/nodes/255", "deeper than 256", json);
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.nodes = 3;
     read_with(&f, &limits, HEAD "\"nodes\":[{},{},{},{}]}", NULL, 0);
     assert_int_equal(f.res, PELL_ERR_FORMAT);
@@ -830,7 +830,7 @@ static void scene_limits_hold_before_memory_is_taken(void **state)
     struct pell_limits limits;
     struct fixture f;
     (void) state;
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.vertices = 10; /* two squares and a half */
     read_with(&f, &limits,
               SQUARE "\"nodes\":[{\"mesh\":0},{\"mesh\":0},{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
@@ -914,7 +914,7 @@ static void wrong_instances_are_refused(void **state)
     memset(square.tangent, 0, sizeof(square.tangent));
     refuse_bytes(PELL_ERR_FORMAT, "/EXT_mesh_gpu_instancing/attributes", "ROTATION 0 has length 0", INSTANCES("\"ROTATION\":2"), &square,
                  sizeof(square));
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.nodes = 2; /* the node and one of its two instances */
     square = make_square();
     read_with(&f, &limits, INSTANCES("\"TRANSLATION\":7"), &square, sizeof(square));

@@ -529,7 +529,7 @@ static void bad_targets_are_refused(void **state)
         refuse_at(PELL_ERR_FORMAT, cases[i].where, cases[i].what, &f, NULL);
     }
     /* work is counted before it is done: 3 targets x 3 vertices and their weights */
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     make_triangle(&f);
     document(&f,
              "\"nodes\":[{\"mesh\":0,\"weights\":[1,1,1]},{\"mesh\":0,\"weights\":[1,1,1]},{\"mesh\":0,\"weights\":[1,1,1]},{\"mesh\":0,"
@@ -895,7 +895,7 @@ static void changed_bytes_are_read_or_refused(void **state)
     struct file f;
     struct fixture x;
     (void) state;
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.memory_bytes = 16 << 20;
     limits.vertices = limits.triangles = 10000;
     make_all(&f);

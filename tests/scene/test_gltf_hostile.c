@@ -21,7 +21,7 @@ static enum pell_result try_bytes(const uint8_t *bytes, size_t size, struct pell
     exact[size] = 0;
     if (!fault)
         fault = &none;
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.vertices = limits.triangles = 100000;
     limits.image_pixels = 1000000;
     params.allocator = pell_fault_allocator(fault);

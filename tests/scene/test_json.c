@@ -99,7 +99,7 @@ static void a_tree_larger_than_the_memory_limit_is_refused_before_it_is_built(vo
         text[i] = i % 2 ? ',' : '0';
     text[0] = '[';
     text[N - 1] = ']';
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.memory_bytes = 16 << 20;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     file = (struct pell_json_file) { .ctx = ctx, .path = "t.json" };

@@ -401,26 +401,26 @@ static void limits_hold_before_memory_is_taken(void **state)
     struct pell_scene *s;
     (void) state;
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.vertices = 7;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(load_text(ctx, "a.obj", CUBE, &bare_mm, &s), PELL_ERR_UNSUPPORTED);
     pell_context_destroy(&ctx);
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.vertices = 23; /* creases split 8 vertices into 24 */
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(load_text(ctx, "a.obj", CUBE, &bare_mm, &s), PELL_ERR_UNSUPPORTED);
     pell_context_destroy(&ctx);
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.triangles = 11;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(load_text(ctx, "a.obj", CUBE, &bare_mm, &s), PELL_ERR_UNSUPPORTED);
     assert_int_equal(kept.errors, 3);
     pell_context_destroy(&ctx);
 
-    pell_knobs_default(pell_limit_knobs, &limits);
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.items = 2;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(load_text(ctx, "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\no 1\nf 1 2 3\no 2\nf 1 2 3\no 3\nf 1 2 3\n", &bare_mm, &s),

@@ -260,7 +260,7 @@ static void a_radius_means_what_its_kind_says(void **state)
         snprintf(text, sizeof(text),
                  SCENE(",\"materials\":{\"*\":{\"color\":[0.3,0.5,0.7],\"radius\":\"2mm\",\"radius_kind\":\"%s\",\"eta\":1.4,"
                        "\"profile\":\"normalized-diffusion\",\"color_from\":\"texture\"}}"),
-                 pell_radius_at((enum pell_radius) kind)->name);
+                 pell_radius_at((size_t) kind)->name);
         s = load(text, NULL);
         const struct pell_material *m = &s->materials[0];
         assert_int_equal(m->color_from, PELL_COLOR_FROM_TEXTURE);

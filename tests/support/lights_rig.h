@@ -40,7 +40,7 @@ static inline void rig_start(struct rig *r, int width, int height)
     r->width = width;
     r->height = height;
     r->threads = 2;
-    pell_knobs_default(pell_settings_knobs, &r->settings);
+    pell_knobs_default(pell_settings_knobs(), &r->settings);
     r->settings.msaa = 1;
     OK(pell_scene_create(r->ctx, &r->scene));
     /* a profile of one Gaussian per channel: share(d) = w exp(-d^2 / 2v) */

@@ -46,7 +46,7 @@ static inline void stage_start_threads(struct stage *s, int width, int height, i
     OK(pell_scene_create(s->ctx, &s->scene));
     OK(pell_device_create(s->ctx, &params, &s->device));
     OK(pell_renderer_create(s->device, &s->r));
-    pell_knobs_default(pell_settings_knobs, &s->settings);
+    pell_knobs_default(pell_settings_knobs(), &s->settings);
     s->settings.width = width;
     s->settings.height = height;
     s->settings.msaa = 1;

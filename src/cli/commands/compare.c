@@ -33,7 +33,7 @@ static bool is_picture(const char *path)
 static const struct pell_setting *picture_setting(const struct cli *cli)
 {
     for (size_t i = 0; i < cli->settings.count; i++) {
-        const struct pell_knob *k = pell_compare_knobs;
+        const struct pell_knob *k = pell_compare_knobs();
         while (k->name && strcmp(k->name, cli->settings.items[i].name) != 0)
             k++;
         if (!k->name)

@@ -121,17 +121,18 @@ enum exit_code command_methods(struct cli *cli)
         return EXIT_USAGE;
     if (cli->json) {
         json_t *list = json_array();
-        for (size_t i = 0; pell_methods[i]; i++)
-            if (!one || pell_methods[i] == one)
-                json_array_append_new(list, method_json(pell_methods[i]));
+        for (size_t i = 0; i < pell_method_count(); i++)
+            if (!one || pell_method_at(i) == one)
+                json_array_append_new(list, method_json(pell_method_at(i)));
         return cli_print_json(cli, json_pack("{s:o}", "methods", list));
     }
     if (one) {
         print_method(cli, one);
         return EXIT_OK;
     }
-    for (size_t i = 0; pell_methods[i]; i++) {
-        const struct pell_method *m = pell_methods[i];
+    for (size_t i = 0; i < pell_method_count(); i++) {
+        const struct pell_method *m = pell_method_at(i);
+
         printf("%-14s %-10s %-10s %s\n", m->name, kinds[m->kind], m->cpu && m->vulkan ? "cpu,vulkan" : m->cpu ? "cpu" : "vulkan", m->title);
     }
     printf("%-14s %-10s %-10s %s\n", "none", "-", "cpu", none_text);
@@ -161,6 +162,17 @@ enum exit_code command_methods(struct cli *cli)
 
 static const char *const read_formats[] = { "png", "jpeg", "hdr", "exr", "pfm", NULL }; /* see pellucid/image.h */
 
+enum { MAX_FORMATS = 16 };
+
+/* All that are written, NULL-terminated. */
+static void write_formats(const char *names[MAX_FORMATS + 1])
+{
+    const size_t count = pell_write_format_count();
+
+    for (size_t i = 0; i <= MAX_FORMATS; i++)
+        names[i] = i < MAX_FORMATS && i < count ? pell_write_format_at(i) : NULL;
+}
+
 static json_t *names_json(const char *const *names)
 {
     json_t *list = json_array();
@@ -179,23 +191,25 @@ static void print_names(const char *head, const char *const *names)
 
 static enum exit_code info_json(struct cli *cli, const char *device, int threads, const char *const *levels)
 {
+    const char *formats[MAX_FORMATS + 1];
     json_t *limits = json_object();
 
-    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++) {
+    write_formats(formats);
+    for (const struct pell_knob *k = pell_limit_knobs(); k->name; k++) {
         const char *field = (const char *) &cli->limits + k->offset;
         json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) field : *(const int *) field));
     }
     return cli_print_json(cli, json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:[],s:o,s:{s:o,s:o},s:i}", "version",
-                                         pell_version(), "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions", ASSERTIONS,
-                                         "sanitized", SANITIZED, "engines", "name", "cpu", "device", device, "threads", threads, "simd",
-                                         pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices", "limits", limits,
-                                         "image_formats", "read", names_json(read_formats), "write", names_json(pell_write_formats),
+                                         pell_version_string(), "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions",
+                                         ASSERTIONS, "sanitized", SANITIZED, "engines", "name", "cpu", "device", device, "threads", threads,
+                                         "simd", pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices", "limits",
+                                         limits, "image_formats", "read", names_json(read_formats), "write", names_json(formats),
                                          "materials", (int) pell_material_count()));
 }
 
 enum exit_code command_info(struct cli *cli)
 {
-    const char *levels[PELL_SIMD_LEVELS + 1] = { NULL };
+    const char *levels[PELL_SIMD_LEVELS + 1] = { NULL }, *formats[MAX_FORMATS + 1];
     struct pell_device_params params = { .threads = cli->numbers.threads };
     struct pell_device *engine;
     char value[64], device[160];
@@ -213,15 +227,16 @@ enum exit_code command_info(struct cli *cli)
         levels[i] = pell_simd_name((enum pell_simd_level) i);
     if (cli->json)
         return info_json(cli, device, threads, levels);
-    printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %d threads, SIMD level %s\n", pell_version(), "built with", COMPILER,
+    printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %d threads, SIMD level %s\n", pell_version_string(), "built with", COMPILER,
            OPTIMIZED ? ", optimized" : ", not optimized", ASSERTIONS ? ", assertions" : "", SANITIZED ? ", sanitizers" : "", "engine cpu",
            device, "", threads, pell_simd_name(pell_simd_best()));
     print_names("SIMD levels", levels);
     printf("%-15s not in this build\n\n", "engine vulkan");
     print_names("reads pictures", read_formats);
-    print_names("writes pictures", pell_write_formats);
+    write_formats(formats);
+    print_names("writes pictures", formats);
     printf("\n%sLimits%s (--limit NAME=VALUE)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
-    for (const struct pell_knob *k = pell_limit_knobs; k->name; k++) {
+    for (const struct pell_knob *k = pell_limit_knobs(); k->name; k++) {
         printf("  %-13s %12s  ", k->name, pell_knob_format(k, &cli->limits, value, sizeof(value)));
         cli_wrap(stdout, 29, 29, k->help);
     }

@@ -23,8 +23,8 @@ static enum exit_code unknown_model(struct cli *cli, const char *option, const c
     size_t n = 0;
 
     for (int i = 0; i < PELL_PROFILE_MODELS; i++)
-        if (pell_profile_model_at((enum pell_profile_model) i))
-            names[n++] = pell_profile_model_at((enum pell_profile_model) i)->name;
+        if (pell_profile_model_at((size_t) i))
+            names[n++] = pell_profile_model_at((size_t) i)->name;
     pell_text_suggest_or_list(&hint, "there is ", name, names, n);
     return cli_usage(cli, option, hint.str, "there is no profile model \"%s\"", name);
 }
@@ -71,7 +71,7 @@ static enum exit_code make_others(struct cli *cli, struct profile_job *job)
     if (!job->others)
         return EXIT_MEMORY;
     for (int i = 0; strcmp(text, "all") == 0 && i < PELL_PROFILE_MODELS && code == EXIT_OK; i++) {
-        struct pell_profile *probe = pell_profile_model_at((enum pell_profile_model) i) ? malloc(sizeof(*probe)) : NULL;
+        struct pell_profile *probe = pell_profile_model_at((size_t) i) ? malloc(sizeof(*probe)) : NULL;
         /* Of all, those that can say something about this medium and boundary. */
         if (probe && pell_profile_make((enum pell_profile_model) i, &job->medium, 0, &job->params, probe) != PELL_ERR_UNSUPPORTED)
             code = compare_with(cli, job, (enum pell_profile_model) i);

@@ -42,15 +42,15 @@ static enum exit_code choose_output(struct cli *cli, struct job *job)
 static enum exit_code choose_format(struct cli *cli, struct job *job)
 {
     const bool to_stdout = strcmp(job->output, "-") == 0;
+    const char *names[16];
     size_t count = 0;
 
-    for (; pell_write_formats[count]; count++)
-        if (cli->format ? strcmp(cli->format, pell_write_formats[count]) == 0
-                        : pell_path_has_extension(job->output, pell_write_formats[count]))
-            job->format = pell_write_formats[count];
+    for (const char *format; count < PELL_COUNT(names) && (format = pell_write_format_at(count)); names[count++] = format)
+        if (cli->format ? strcmp(cli->format, format) == 0 : pell_path_has_extension(job->output, format))
+            job->format = format;
     if (!job->format && cli->format) {
         struct pell_text hint = { .length = 0 };
-        const bool near = pell_text_suggest(&hint, "", cli->format, pell_write_formats, count);
+        const bool near = pell_text_suggest(&hint, "", cli->format, names, count);
         return cli_usage(cli, "--format", near ? hint.str : NULL, "\"%s\", must be png, exr, hdr or pfm", cli->format);
     }
     if (!job->format)

@@ -17,12 +17,12 @@ enum pell_result compare_params(struct cli *cli, struct pell_compare_params *par
 {
     enum pell_result res = PELL_OK;
 
-    pell_knobs_default(pell_compare_knobs, params);
+    pell_knobs_default(pell_compare_knobs(), params);
     params->threads = cli->numbers.threads;
     for (size_t i = 0; res == PELL_OK && i < cli->settings.count; i++) {
         const struct pell_setting *s = &cli->settings.items[i];
-        if (pell_knob_find(pell_compare_knobs, s->name))
-            res = pell_knob_set(cli->ctx, pell_compare_knobs, "compare", s->where, params, s->name, s->value);
+        if (pell_knob_find(pell_compare_knobs(), s->name))
+            res = pell_knob_set(cli->ctx, pell_compare_knobs(), "compare", s->where, params, s->name, s->value);
     }
     return res;
 }
@@ -142,7 +142,7 @@ enum pell_result compare_write_errors(struct cli *cli, const struct pell_compari
         { "relative.Y", r->relative, r->width, true },
         { "ssim.Y", r->ssim, r->width, true },
     };
-    const struct pell_attribute attributes[] = { { "pellucid.version", pell_version() }, { "pellucid.command", cli->command_line } };
+    const struct pell_attribute attributes[] = { { "pellucid.version", pell_version_string() }, { "pellucid.command", cli->command_line } };
     const char *path = folder_file(f, name);
 
     if (!path)

@@ -241,7 +241,7 @@ enum pell_result report_write(struct report *r, json_t *data, const char *path)
     FILE *f;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    json_object_set_new(data, "version", json_string(pell_version()));
+    json_object_set_new(data, "version", json_string(pell_version_string()));
     json_object_set_new(data, "size",
                         json_pack("{s:i,s:i,s:i,s:i,s:i}", "width", r->width, "height", r->height, "factor", r->factor, "across", r->across,
                                   "down", r->down));

@@ -141,8 +141,8 @@ static enum exit_code add_list(struct cli *cli, struct job *job, const char *whe
         if (strcmp(label, "all") != 0 || strcmp(where, "--methods") != 0)
             code = add_run(cli, job, where, label);
         else
-            for (size_t i = 0; pell_methods[i] && code == EXIT_OK; i++)
-                if (pell_methods[i]->kind == PELL_METHOD && (code = add_run(cli, job, where, pell_methods[i]->name)) == EXIT_OK)
+            for (size_t i = 0; i < pell_method_count() && code == EXIT_OK; i++)
+                if (pell_method_at(i)->kind == PELL_METHOD && (code = add_run(cli, job, where, pell_method_at(i)->name)) == EXIT_OK)
                     job->runs[job->num_runs - 1].optional = true;
         rest += n;
     } while (code == EXIT_OK && *rest++ == ',');
@@ -542,7 +542,7 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
             json_object_set_new(job->runs[i].shown, "rel_noise", compare_number(job->rel_noise[i]));
         json_array_append(pictures, job->runs[i].shown);
     }
-    cli_format_knobs(pell_settings_knobs, &s->settings, settings, sizeof(settings));
+    cli_format_knobs(pell_settings_knobs(), &s->settings, settings, sizeof(settings));
     cli_device_name(device, sizeof(device));
     data = json_pack("{s:s,s:o,s:s,s:O,s:o,s:O,s:b,s:o,s:o,s:i,s:I,s:f,s:o}", "kind", "scene", "title",
                      cli_text(pell_path_name(cli->arguments[0])), "command", cli->command_line, "views", job->views, "pictures", pictures,
@@ -647,7 +647,7 @@ static void split_settings(struct cli *cli)
     for (size_t i = 0; i < cli->settings.count; i++) {
         struct pell_setting *s = &cli->settings.items[i];
         /* Pictures are written without a curve, and comparing knows more of them. */
-        if (pell_knob_find(pell_settings_knobs, s->name) && strcmp(s->name, "tonemap") != 0) {
+        if (pell_knob_find(pell_settings_knobs(), s->name) && strcmp(s->name, "tonemap") != 0) {
             cli->settings.items[kept++] = *s;
             continue;
         }

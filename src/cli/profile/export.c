@@ -247,7 +247,7 @@ static enum exit_code export_code(struct cli *cli, const struct profile_job *job
 
     identify(job->name, id);
     snprintf(line, sizeof(line), "%s: %s%s. Made by pellucid %s.", id, job->model, job->params.roughness > 0.0 ? ", rough boundary" : "",
-             pell_version());
+             pell_version_string());
     add_comment(&text, l, line);
     snprintf(line, sizeof(line), "Channels: %s, %s, %s.", job->titles[0], job->titles[1], job->titles[2]);
     add_comment(&text, l, line);

@@ -93,7 +93,7 @@ static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct
                               st->knobs.surface,
                               st->services->settings->boundary,
                               st->services->settings->seed };
-    const char *version = pell_version();
+    const char *version = pell_version_string();
     struct pt_checkpoint_key key = { (uint32_t) in->shape.width, (uint32_t) in->shape.height, (uint32_t) st->num_films, 0, 0 };
 
     key.scene = pell_scene_hash(st->services->scene);

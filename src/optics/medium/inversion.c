@@ -90,9 +90,14 @@ static const struct pell_albedo_map_row map_rows[PELL_ALBEDO_MAPS] = {
                                        "Transport\", SIGGRAPH 2001" },
 };
 
-const struct pell_albedo_map_row *pell_albedo_map_at(enum pell_albedo_map map)
+size_t pell_albedo_map_count(void)
 {
-    return (int) map >= 0 && map < PELL_ALBEDO_MAPS ? &map_rows[map] : NULL;
+    return PELL_ALBEDO_MAPS;
+}
+
+const struct pell_albedo_map_row *pell_albedo_map_at(size_t index)
+{
+    return index < PELL_ALBEDO_MAPS ? &map_rows[index] : NULL;
 }
 
 /* s = h0 + h1 A - sqrt(h2 + h3 A + h4 A^2), the lesser root of 0.139 s^2 - (1.139 + 1.17 A) s + 1 - A = 0, with the six digits that are in
@@ -252,9 +257,14 @@ static const struct pell_radius_row radius_rows[PELL_RADII] = {
     [PELL_RADIUS_CYCLES_SKIN] = { "cycles-skin", "subsurface radius of Cycles, Random Walk (Skin)" },
 };
 
-const struct pell_radius_row *pell_radius_at(enum pell_radius kind)
+size_t pell_radius_count(void)
 {
-    return (int) kind >= 0 && kind < PELL_RADII ? &radius_rows[kind] : NULL;
+    return PELL_RADII;
+}
+
+const struct pell_radius_row *pell_radius_at(size_t index)
+{
+    return index < PELL_RADII ? &radius_rows[index] : NULL;
 }
 
 bool pell_radius_find(const char *name, enum pell_radius *out)

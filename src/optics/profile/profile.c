@@ -19,9 +19,14 @@ static const struct pell_profile_source *const sources[PELL_PROFILE_MODELS] = {
     [PELL_PROFILE_MONTE_CARLO] = &pell_profile_source_monte_carlo,
 };
 
-const struct pell_profile_model_row *pell_profile_model_at(enum pell_profile_model model)
+size_t pell_profile_model_count(void)
 {
-    return (int) model >= 0 && (int) model < PELL_PROFILE_MODELS && sources[model] ? &sources[model]->row : NULL;
+    return PELL_PROFILE_MODELS;
+}
+
+const struct pell_profile_model_row *pell_profile_model_at(size_t index)
+{
+    return index < PELL_PROFILE_MODELS ? &sources[index]->row : NULL;
 }
 
 bool pell_profile_model_find(const char *name, enum pell_profile_model *out)
@@ -43,7 +48,7 @@ enum pell_result pell_profile_make(enum pell_profile_model model, const struct p
     enum pell_result res;
 
     memset(out, 0, sizeof(*out));
-    if (channel < 0 || channel > 2 || !pell_medium_valid(medium, NULL) || !pell_profile_model_at(model))
+    if (channel < 0 || channel > 2 || !pell_medium_valid(medium, NULL) || !pell_profile_model_at((size_t) model))
         return PELL_ERR_INVALID;
     if ((int) p->fresnel < PELL_FRESNEL_EXACT || (int) p->fresnel > PELL_FRESNEL_POLY4 || !(p->roughness >= 0.0 && p->roughness <= 1.0) ||
         !(p->A >= 0.0 && p->A <= PELL_PROFILE_A_MAX))

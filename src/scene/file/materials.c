@@ -185,7 +185,7 @@ static enum pell_result read_look(struct pell_scene_reader *r, const struct pell
     enum pell_result res;
 
     for (int i = 0; i < PELL_RADII; i++)
-        kinds[i] = pell_radius_at((enum pell_radius) i)->name;
+        kinds[i] = pell_radius_at((size_t) i)->name;
     PELL_TRY(pell_json_choice(at, "radius_kind", kinds, PELL_COUNT(kinds), &kind));
     if (pell_json_has(at, "radius_kind"))
         PELL_TRY(pell_json_require(at, "radius"));
@@ -267,7 +267,7 @@ static enum pell_result read_profile(struct pell_scene_reader *r, const struct p
         return PELL_OK;
     if (!json_is_object(profile.value)) {
         for (int i = 0; i < PELL_PROFILE_MODELS; i++)
-            names[i] = pell_profile_model_at((enum pell_profile_model) i)->name;
+            names[i] = pell_profile_model_at((size_t) i)->name;
         PELL_TRY(pell_json_choice(at, "profile", names, PELL_COUNT(names), &model));
         if (pell_json_has(at, "layers") && !has_diffusion(at))
             return pell_json_error(&profile, PELL_ERR_FORMAT, "leave it out, or give coefficients or a preset for methods of diffusion",
