@@ -19,7 +19,7 @@ struct variant {
     bool tsm;
 };
 
-static void add_stages(struct bench *b, const struct pell_picture *p)
+static void add_stages(struct bench *b, const struct pell_render_result *p)
 {
     double blur = 0.0, copy = 0.0;
     struct row *r;
@@ -31,13 +31,13 @@ static void add_stages(struct bench *b, const struct pell_picture *p)
             continue;
         if (strstr(t->name, "blur")) { /* those that only add to the sum, too */
             blur += t->ms;
-            copy += t->copy_ms;
+            copy += t->bandwidth_ms;
         }
         snprintf(text, sizeof(text), "    %s", t->name);
         bench_add_stage(&b->rows, text, t->ms, t);
     }
     if ((r = bench_add(&b->rows, "    all blurs", blur))) {
-        r->copy_ms = copy;
+        r->bandwidth_ms = copy;
         r->ratio = copy > 0.0 ? blur / copy : 0.0;
         r->against = "copy";
     }
@@ -54,7 +54,7 @@ static enum pell_result measure(struct bench *b, const struct variant *v, bool f
 {
     struct pell_scene *scene = b->s.scene;
     double *anew = calloc((size_t) b->repeats, sizeof(*anew)), *warm = calloc((size_t) b->repeats, sizeof(*warm));
-    struct pell_picture p = { 0 };
+    struct pell_render_result p = { 0 };
     struct pell_light *const all = scene->lights;
     const size_t lights = scene->num_lights;
     const int repeats = repeats_of(b, full);

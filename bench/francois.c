@@ -42,7 +42,7 @@ fail:
 /* How long the planes through the surface take that `as=best` makes once a scene: a stage of a first frame. */
 static enum pell_result add_planes(struct bench *b)
 {
-    struct pell_picture p;
+    struct pell_render_result p;
     enum pell_result res;
 
     PELL_TRY(bench_choose(b, "layered", "as=best"));

@@ -21,7 +21,7 @@ static enum pell_result measure(struct bench *b, int size, const char *name, con
     PELL_TRY(bench_measure(b, name, run, &r));
     *ms = r.row ? r.row->ms : 0.0;
     if (r.row) {
-        r.row->ratio = r.row->copy_ms > 0.0 ? r.row->ms / r.row->copy_ms : 0.0;
+        r.row->ratio = r.row->bandwidth_ms > 0.0 ? r.row->ms / r.row->bandwidth_ms : 0.0;
         r.row->against = "copy";
         r.row->items = samples * r.pixels;
     }

@@ -78,7 +78,7 @@ bool bench_is_common(const char *stage)
     return false;
 }
 
-double bench_own_ms(const struct pell_picture *p)
+double bench_own_ms(const struct pell_render_result *p)
 {
     double sum = 0.0;
 
@@ -89,7 +89,7 @@ double bench_own_ms(const struct pell_picture *p)
 
 /* --- Errors --------------------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result keep(struct bench *b, const struct pell_picture *p)
+static enum pell_result keep(struct bench *b, const struct pell_render_result *p)
 {
     const size_t width = (size_t) p->width, height = (size_t) p->height;
 
@@ -108,7 +108,7 @@ static enum pell_result keep(struct bench *b, const struct pell_picture *p)
 
 /* Root mean square difference from the truth over its mean, R, G, B, of pixels that are wholly covered; NAN where there is none of that
  * size. */
-static double error_of(const struct bench *b, const struct pell_picture *p)
+static double error_of(const struct bench *b, const struct pell_render_result *p)
 {
     const size_t size = (size_t) p->width * (size_t) p->height;
     double square = 0.0, sum = 0.0, count = 0.0;
@@ -130,7 +130,7 @@ static double error_of(const struct bench *b, const struct pell_picture *p)
 
 enum pell_result bench_keep_truth(struct bench *b, const char *method, const char *knobs)
 {
-    struct pell_picture p;
+    struct pell_render_result p;
     enum pell_result res;
 
     PELL_TRY(bench_choose(b, method, knobs));
@@ -160,7 +160,7 @@ enum pell_result bench_measure(struct bench *b, const char *name, const struct b
 {
     double *times = calloc((size_t) b->repeats * MAX_STAGES, sizeof(*times)), sum = 0.0, copy = 0.0;
     struct bench_result found = { 0 };
-    struct pell_picture p = { 0 };
+    struct pell_render_result p = { 0 };
     enum pell_result res = times ? PELL_OK : PELL_ERR_NOMEM;
     int64_t rays = 0, bytes = 0;
 
@@ -186,7 +186,7 @@ enum pell_result bench_measure(struct bench *b, const char *name, const struct b
         if (bench_is_common(t->name))
             continue;
         sum += median;
-        copy += t->copy_ms;
+        copy += t->bandwidth_ms;
         bytes += t->bytes;
         rays += t->rays;
         found.pixels = t->pixels > found.pixels ? t->pixels : found.pixels;
@@ -198,7 +198,7 @@ enum pell_result bench_measure(struct bench *b, const char *name, const struct b
         found.row->pixels = found.pixels;
         found.row->rays = rays;
         found.row->bytes = bytes;
-        found.row->copy_ms = copy;
+        found.row->bandwidth_ms = copy;
         found.row->error = run->moving ? (double) NAN : error_of(b, &p);
     }
     if (result)

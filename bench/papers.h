@@ -31,7 +31,7 @@ enum pell_result bench_stretch(struct bench *b, double factor);
 /* Stages that all methods share, whatever they do. */
 bool bench_is_common(const char *stage);
 /* The sum of the others, ms. */
-double bench_own_ms(const struct pell_picture *picture);
+double bench_own_ms(const struct pell_render_result *image);
 
 /* What is timed: a method, knobs as for bench_choose; whether its stages get rows of their own; whether the camera moves from frame to
  * frame, so that nothing is kept and there is no error. */

@@ -53,7 +53,7 @@ static void drop(struct shot *shot)
     shot->light = NULL;
 }
 
-static const struct pell_channel *channel(const struct pell_picture *p, const char *layer, char c)
+static const struct pell_channel *channel(const struct pell_render_result *p, const char *layer, char c)
 {
     char name[64];
 
@@ -68,7 +68,7 @@ static enum pell_result shoot(struct truths *b, int64_t seed, int width, int hei
 {
     static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
     struct pell_settings settings = b->bench->s.settings;
-    struct pell_picture p;
+    struct pell_render_result p;
     const struct pell_channel *mask;
     double begin;
     enum pell_result res;
@@ -151,8 +151,8 @@ static enum pell_result twice(struct truths *b, const char *method, const char *
     return res;
 }
 
-/* A lamp that takes one ray: what is measured shall be of the integral over the surface, not of the lamp. */
-static enum pell_result make_lamp_small(struct truths *b)
+/* A light that takes one ray: what is measured shall be of the integral over the surface, not of the light. */
+static enum pell_result make_source_small(struct truths *b)
 {
     struct pell_light *l = b->bench->s.scene->num_lights > 0 ? &b->bench->s.scene->lights[0] : NULL;
 
@@ -404,7 +404,7 @@ enum pell_result bench_truth(struct bench *bench)
              "%d x %d; milliseconds of processor time, of all threads together; error: root mean square, relative,\n"
              "of the subsurface light; work: seconds times relative variance, %d samples a pixel",
              bench->s.settings.width, bench->s.settings.height, SAMPLES);
-    PELL_TRY(make_lamp_small(b));
+    PELL_TRY(make_source_small(b));
     PELL_TRY(hierarchical(b, &hierarchical_ms));
     PELL_TRY(dipole(b, hierarchical_ms, b->pixels));
     for (size_t i = 0; i < PELL_COUNT(materials); i++) {

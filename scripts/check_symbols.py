@@ -71,7 +71,7 @@ def rule_constant(build):
 
 
 def rule_methods(build):
-    """a method's folder defines one pell_method_NAME, and other names only with its own, or its initials, in front (behind pell_ or not)"""
+    """a method's folder defines one pell_method_NAME; other names begin with NAME, its initials or its first word (behind pell_ or not)"""
     sources, objects = ROOT / "src" / "methods", build / "src" / "methods"
     names = sorted(p.name for p in sources.iterdir() if p.is_dir()) if sources.is_dir() else []
     folders = {}
@@ -82,14 +82,15 @@ def rule_methods(build):
                 folders.setdefault(name, []).append(path)
     if not folders:
         return None
-    bad = []
+    bad, first = [], [folder.split("_")[0] for folder in folders]
     for folder, paths in folders.items():
         names = {name for path in paths for _, name, _, _ in symbols(path, "--extern-only")}
         methods = {name for name in names if name.startswith("pell_method_")}
         if methods != {f"pell_method_{folder}"}:
             bad.append(f"{folder}: defines {', '.join(sorted(methods)) or 'no pell_method_' + folder}")
-        initials = "".join(word[0] for word in folder.split("_"))
-        marks = [folder] + ([initials] if len(initials) > 1 else [])
+        words = folder.split("_")
+        initials = "".join(word[0] for word in words)
+        marks = [folder] + ([initials] if len(initials) > 1 else []) + ([words[0]] if first.count(words[0]) == 1 else [])
         own = tuple(front + mark + "_" for mark in marks for front in ("", "pell_"))
         bad += [f"{folder}: {name}" for name in sorted(names - methods) if not name.startswith(own)]
     return bad

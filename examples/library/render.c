@@ -30,7 +30,7 @@ static enum pell_result choose_method(struct pell_context *ctx, struct pell_rend
     return res;
 }
 
-static void print_picture(const struct pell_picture *p)
+static void print_image(const struct pell_render_result *p)
 {
     const float *rgb[3] = { p->channels[0].data, p->channels[1].data, p->channels[2].data };
     const ptrdiff_t middle = p->height / 2 * p->stride + p->width / 2;
@@ -47,7 +47,7 @@ int main(int argc, char **argv)
 {
     struct pell_load_params load = { .aspect = 16.0f / 9.0f };
     struct pell_settings settings;
-    struct pell_picture picture;
+    struct pell_render_result image;
     struct pell_context *ctx = NULL;
     struct pell_scene *scene = NULL;
     struct pell_device *device = NULL;
@@ -77,12 +77,12 @@ int main(int argc, char **argv)
     if (res == PELL_OK)
         res = choose_method(ctx, renderer);
     if (res == PELL_OK)
-        res = pell_renderer_render(renderer, &settings, &picture);
+        res = pell_renderer_render(renderer, &settings, &image);
     if (res == PELL_OK) {
-        print_picture(&picture);
+        print_image(&image);
         res = pell_image_write(ctx, argv[4], NULL,
-                               &(struct pell_write_params) { .width = picture.width, .height = picture.height,
-                                                             .channels = picture.channels, .num_channels = picture.num_channels });
+                               &(struct pell_write_params) { .width = image.width, .height = image.height,
+                                                             .channels = image.channels, .num_channels = image.num_channels });
     }
     pell_renderer_destroy(&renderer); /* in this order; each takes what is not there */
     pell_device_destroy(&device);

@@ -423,7 +423,7 @@ static void try_inversion(struct bytes *in)
     const enum pell_albedo_map map = (enum pell_albedo_map) whole(in, 0, PELL_ALBEDO_MAPS - 1);
     const enum pell_profile_model model = (enum pell_profile_model) whole(in, -1, PELL_PROFILE_MODELS);
     const struct pell_profile_params params = some_params(in);
-    struct pell_look look = { .kind = (enum pell_radius) whole(in, 0, PELL_RADII) };
+    struct pell_color_and_radius look = { .kind = (enum pell_scatter_radius) whole(in, 0, PELL_SCATTER_RADII) };
     struct pell_medium_fault fault = { .field = NULL };
     struct pell_medium medium;
     struct pell_profile p;
@@ -447,7 +447,7 @@ static void try_inversion(struct bytes *in)
         require(pell_medium_valid(&medium, NULL));
     else
         require(fault.field);
-    if (pell_medium_from_look(&look, model, &params, &medium, NULL) != PELL_OK)
+    if (pell_medium_from_color_and_radius(&look, model, &params, &medium, NULL) != PELL_OK)
         return;
     require(pell_medium_valid(&medium, NULL));
     for (int c = 0; c < 3; c++) {

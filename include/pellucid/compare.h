@@ -26,7 +26,7 @@
  *            windows of its neighbours both pictures have the reference's value there, or 0.
  * Mask       pixels where the mask is over 0.5. Windows and exposures see the whole picture; only means are restricted.
  *
- * Units      pictures in any unit of light, the same for both; angles of the eye in degrees; times in seconds.
+ * Units      pictures in any unit of light, the same for both; angles of the camera in degrees; times in seconds.
  * Ownership  planes of the input are borrowed for the call; maps of the result are emptied with pell_comparison_finish.
  * Errors     enum pell_result, logged once with the value and what is allowed.
  * Threads    calls are independent; each uses a pool of its own. The same bits for any number of threads.
@@ -48,7 +48,7 @@ enum pell_compare_tonemap { PELL_COMPARE_REINHARD, PELL_COMPARE_ACES, PELL_COMPA
 
 /* Defaults, ranges and help: pell_compare_knobs(). */
 struct pell_compare_params {
-    float ppd;      /* pixels per degree of the eye: distance x pixels/width x pi/180 */
+    float ppd;      /* pixels per degree of the camera: distance x pixels/width x pi/180 */
     float exposure; /* of what is shown; 0: 0.18 over the log-average luminance of the reference */
     float white;    /* luminance after exposure that becomes display white (reinhard); 0: the reference's largest, at least 1 */
     int tonemap;    /* enum pell_compare_tonemap */

@@ -96,7 +96,7 @@ PELL_API void pell_context_destroy(struct pell_context **ctx);
 PELL_API void pell_context_cancel(struct pell_context *ctx);
 
 /* What Ctrl-C means: where a picture is being made that may end early (pell_method.partial), it ends soon with what it has
- * (pell_picture.partial), and later calls go on as if nothing had happened; anywhere else the same as pell_context_cancel.
+ * (pell_render_result.partial), and later calls go on as if nothing had happened; anywhere else the same as pell_context_cancel.
  * Async-signal-safe. */
 PELL_API void pell_context_interrupt(struct pell_context *ctx);
 /* Whether a picture that is being made, or else the last one that could end early, has been asked to. Thread-safe. */

@@ -64,7 +64,7 @@ struct pell_frame {
     const float *strength;      /* scales the scattering radius, [0, 1]; NULL: 1 */
     const float *base[3];       /* base colour, where the material is `white`; elsewhere anything. NULL: not known */
     const float *irradiance[3]; /* light that entered, with albedo^m: W/m^2 */
-    const float *lit[3];        /* the composited picture without scattering: W/(m^2 sr) */
+    const float *shaded[3];        /* the composited picture without scattering: W/(m^2 sr) */
     const float *normal[3];     /* unit, shading */
     const float *position[3];   /* mm */
     const uint32_t *mesh, *triangle; /* of the scene, that is seen */
@@ -86,7 +86,7 @@ enum pell_plane {
     PELL_PLANE_STRENGTH,
     PELL_PLANE_BASE,
     PELL_PLANE_IRRADIANCE,
-    PELL_PLANE_LIT,
+    PELL_PLANE_SHADED,
     PELL_PLANE_NORMAL,
     PELL_PLANE_POSITION,
     PELL_PLANE_MESH,
@@ -107,7 +107,7 @@ struct pell_plane_info {
     int components;    /* [1, 3]: as many pointers, each to a plane of its own */
     enum pell_plane_format format;
     unsigned need;     /* the frame has it for methods that ask for one of these bits of enum pell_need; 0: always */
-    unsigned output;   /* the method writes it where its plan has one of these bits of enum pell_gives; 0: always, where `of_light` */
+    unsigned output;   /* the method writes it where its plan has one of these bits of enum pell_output; 0: always, where `of_light` */
     bool optional;     /* may be NULL even where it is asked for */
     bool of_light;     /* a member of struct pell_frame_light */
     size_t offset;     /* of the first pointer, in its struct */

@@ -75,42 +75,44 @@ PELL_API PELL_NODISCARD enum pell_result pell_albedo_of_color(enum pell_profile_
 /* --- Colour and radius ------------------------------------------------------------------------------------------------------------ */
 
 /* What a length means. s(A) = 1.9 - A + 3.5 (A - 0.8)^2, Christensen and Burley 2015. Values are stable. */
-enum pell_radius {
-    PELL_RADIUS_MEAN_FREE_PATH = 0, /* 1/sigma_t', as pell_mean_free_path */
-    PELL_RADIUS_DIFFUSE,            /* diffuse mean free path 1/sigma_tr, as pell_diffuse_mean_free_path */
-    PELL_RADIUS_EXTINCTION,         /* 1/sigma_t: OpenPBR's and Arnold's subsurface radius x scale */
-    PELL_RADIUS_BURLEY,             /* d in exp(-r/d) + exp(-r/(3 d)): 1/(s(A) sigma_t); Disney's scatter distance, Chiang et al. 2016 */
-    PELL_RADIUS_CYCLES,             /* 4 pi/(sigma_t (1 - g)): Cycles' radius of Christensen-Burley and of the random walk */
-    PELL_RADIUS_CYCLES_SKIN, /* 1/(sigma_t (1 - g) sqrt(3 (1 - a))), a the dipole's inverse (Fdr of 3 digits): Cycles' random walk (skin) */
-    PELL_RADII,
+enum pell_scatter_radius {
+    PELL_SCATTER_RADIUS_MEAN_FREE_PATH = 0, /* 1/sigma_t', as pell_mean_free_path */
+    PELL_SCATTER_RADIUS_DIFFUSE,            /* diffuse mean free path 1/sigma_tr, as pell_diffuse_mean_free_path */
+    PELL_SCATTER_RADIUS_EXTINCTION,         /* 1/sigma_t: OpenPBR's and Arnold's subsurface radius x scale */
+    PELL_SCATTER_RADIUS_BURLEY,             /* d in exp(-r/d) + exp(-r/(3 d)): 1/(s(A) sigma_t); Disney's scatter distance, Chiang et al.
+                                             * 2016 */
+    PELL_SCATTER_RADIUS_CYCLES,             /* 4 pi/(sigma_t (1 - g)): Cycles' radius of Christensen-Burley and of the random walk */
+    PELL_SCATTER_RADIUS_CYCLES_SKIN, /* 1/(sigma_t (1 - g) sqrt(3 (1 - a))), a the dipole's inverse (Fdr of 3 digits): Cycles' random walk
+                                      * (skin) */
+    PELL_SCATTER_RADII,
 };
 
-struct pell_radius_row {
+struct pell_scatter_radius_row {
     const char *name; /* "diffuse" */
     const char *help; /* a sentence */
 };
-/* The row of enum pell_radius `index`; NULL for an index of pell_radius_count() or more. Constant data. */
+/* The row of enum pell_scatter_radius `index`; NULL for an index of pell_radius_count() or more. Constant data. */
 PELL_API size_t pell_radius_count(void);
-PELL_API const struct pell_radius_row *pell_radius_at(size_t index);
+PELL_API const struct pell_scatter_radius_row *pell_scatter_radius_at(size_t index);
 /* False, and *out unchanged, if there is none of that name. */
-PELL_API bool pell_radius_find(const char *name, enum pell_radius *out);
+PELL_API bool pell_scatter_radius_find(const char *name, enum pell_scatter_radius *out);
 
-struct pell_look {
+struct pell_color_and_radius {
     double color[3];  /* [0, 1] */
     double radius[3]; /* mm, > 0, of the kind below */
     double g[3];      /* |g| <= PELL_G_MAX */
     double eta;       /* [PELL_ETA_MIN, PELL_ETA_MAX] */
-    enum pell_radius kind;
+    enum pell_scatter_radius kind;
 };
 
 /* The medium whose profile of this model has these colours. *out is zero on failure, *fault (may be NULL) names "color[1]", "radius[0]",
  * "g[2]", "eta" or "kind" with its value and what would do. A diffuse mean free path has no medium at the largest colour, where it is
  * infinite: its radius is refused. `params` may be NULL. */
-PELL_API PELL_NODISCARD enum pell_result pell_medium_from_look(const struct pell_look *look, enum pell_profile_model model,
+PELL_API PELL_NODISCARD enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_radius *look, enum pell_profile_model model,
                                                                const struct pell_profile_params *params, struct pell_medium *out,
                                                                struct pell_medium_fault *fault);
 /* The same by a closed map: the coefficients that another program gives a material of this colour and radius. */
-PELL_API PELL_NODISCARD enum pell_result pell_medium_from_map(const struct pell_look *look, enum pell_albedo_map map,
+PELL_API PELL_NODISCARD enum pell_result pell_medium_from_map(const struct pell_color_and_radius *look, enum pell_albedo_map map,
                                                               struct pell_medium *out, struct pell_medium_fault *fault);
 
 #ifdef __cplusplus

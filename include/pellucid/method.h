@@ -20,36 +20,37 @@ extern "C" {
 
 struct pell_method_engine; /* a method on one engine: private to the library */
 
-enum pell_kind { PELL_METHOD, PELL_REFERENCE };
+enum pell_method_kind { PELL_KIND_METHOD, PELL_KIND_REFERENCE };
 enum pell_quantity { PELL_QUANTITY_EXITANCE, PELL_QUANTITY_RADIANCE };
 
 /* What a method reads of a frame, beside its shape, rect, material and depth. */
 enum pell_need {
     PELL_NEED_IRRADIANCE = 1 << 0, /* light that entered the surface, W/m^2 */
-    PELL_NEED_LIT = 1 << 1,        /* the image without scattering, radiance: for methods that blur what is already shaded */
+    PELL_NEED_SHADED = 1 << 1,        /* the image without scattering, radiance: for methods that blur what is already shaded */
     PELL_NEED_STRENGTH = 1 << 2,   /* what scales the scattering radius; may be NULL on a caller's planes, too: 1 everywhere */
     PELL_NEED_NORMAL = 1 << 3,     /* the unit shading normal */
     PELL_NEED_POSITION = 1 << 4,   /* the point that is seen, mm */
-    PELL_NEED_THROUGH = 1 << 5, /* not read by the method: the renderer makes light from behind with the method's thickness tables and
+    PELL_NEED_TRANSMISSION = 1 << 5, /* not read by the method: the renderer makes light from behind with the method's thickness tables and
                                  * adds it to M in the composite */
     PELL_NEED_SCENE = 1 << 6,   /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
                                  * frames only, not on a caller's planes */
     PELL_NEED_HIT = 1 << 7,     /* with PELL_NEED_SCENE: which point of which triangle a pixel sees */
 };
 
-enum pell_gives {
-    PELL_GIVES_SINGLE = 1 << 0,  /* pell_frame_light.single */
-    PELL_GIVES_SURFACE = 1 << 1, /* pell_frame_light.surface */
+enum pell_output {
+    PELL_OUTPUT_SINGLE = 1 << 0,  /* pell_frame_light.single */
+    PELL_OUTPUT_SURFACE = 1 << 1, /* pell_frame_light.surface */
 };
 
 /* What a set of knobs asks of the frame, and what comes out. */
 struct pell_plan {
     unsigned needs;
-    unsigned gives; /* parts that can be had apart, of PELL_QUANTITY_RADIANCE */
-    bool below;     /* radiance of light that entered alone: the composite adds its specular lobe, as it does to exitance */
+    unsigned outputs; /* parts that can be had apart, of PELL_QUANTITY_RADIANCE */
+    bool excludes_surface_reflection;     /* radiance of light that entered alone: the composite adds its specular lobe, as it does to
+                                           * exitance */
     enum pell_quantity quantity;
     float mix; /* mix exponent for all materials; negative: each material's own */
-    bool relights; /* with PELL_NEED_SCENE: lives on when the lights change, which struct pell_frame.lights_revision tells */
+    bool survives_light_change; /* with PELL_NEED_SCENE: lives on when the lights change, which struct pell_frame.lights_revision tells */
 };
 
 /* What `--stats` and `bench` print of a method's own passes. */
@@ -62,7 +63,7 @@ struct pell_pass_time {
 };
 
 struct pell_method {
-    enum pell_kind kind;
+    enum pell_method_kind kind;
     const char *name;   /* stable id, [a-z0-9-]+; its folder uses underscores */
     const char *title;  /* for people */
     const char *cite;   /* authors, title, venue, year */
@@ -124,7 +125,7 @@ PELL_API const struct pell_plan *pell_pass_plan(const struct pell_pass *pass);
 PELL_API const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *pass, size_t material);
 PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size);
 /* False where the method has no standard error; else planes of the frame's stride, valid until the next render. */
-PELL_API bool pell_pass_noise(const struct pell_pass *pass, const float *planes[3]);
+PELL_API bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[3]);
 PELL_API void pell_pass_destroy(struct pell_pass **pass);
 
 #ifdef __cplusplus

@@ -26,8 +26,8 @@ extern "C" {
 enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR };
 /* How light passes the surface, in and out: by Fresnel's F_t of a smooth boundary, or by rho_dt = 1 - rho_s (albedo of the specular
  * lobe). */
-enum pell_boundary { PELL_BOUNDARY_ROUGH, PELL_BOUNDARY_SMOOTH };
-enum pell_exit { PELL_EXIT_BALANCED, PELL_EXIT_PUBLISHED };
+enum pell_boundary_model { PELL_BOUNDARY_MODEL_ROUGH, PELL_BOUNDARY_MODEL_SMOOTH };
+enum pell_exit_normalization { PELL_EXIT_NORMALIZATION_BALANCED, PELL_EXIT_NORMALIZATION_PUBLISHED };
 
 /* Defaults, ranges and help: pell_settings_knobs(); fill with pell_knobs_default(pell_settings_knobs(), &s). */
 struct pell_settings {
@@ -43,10 +43,10 @@ struct pell_settings {
     float bloom_radius; /* of the wider of its two Gaussians: standard deviation, % of the picture's height */
     bool dof;           /* depth of field: the picture is seen through the camera's lens, one point of it a multisample */
     int tonemap;  /* enum pell_tonemap */
-    int exit;     /* enum pell_exit */
-    int boundary; /* enum pell_boundary */
+    int exit;     /* enum pell_exit_normalization */
+    int boundary; /* enum pell_boundary_model */
     int profile;  /* of media: 0 for each material's own model, else 1 + enum pell_profile_model for all of them */
-    bool layers;  /* make every layer of struct pell_picture, not only R, G, B, A */
+    bool layers;  /* make every layer of struct pell_render_result, not only R, G, B, A */
 };
 
 /* The rows of struct pell_settings, ending with {0}. Constant data; thread-safe. */
@@ -82,10 +82,10 @@ struct pell_stage_time {
     const char *name;
     double ms;
     int64_t pixels, rays, bytes;
-    double copy_ms; /* copying as many bytes on this machine; 0: not measured */
+    double bandwidth_ms; /* copying as many bytes on this machine; 0: not measured */
 };
 
-struct pell_picture {
+struct pell_render_result {
     int width, height;
     ptrdiff_t stride;
     const struct pell_channel *channels; /* linear: "R", "G", "B", "A", "diffuse.multiple.R", ... as EXR layers are named */
@@ -102,11 +102,11 @@ struct pell_picture {
 };
 
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings,
-                                                              struct pell_picture *picture);
+                                                              struct pell_render_result *image);
 
 /* Warns, in the log, where the scene leaves what the method can do: a mean free path larger than the thinnest part or under half a pixel,
- * open or turned surfaces of translucent things. Looks at every triangle; fails for want of memory only. */
-PELL_API PELL_NODISCARD enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct pell_settings *settings);
+ * open or turned surfaces of translucent objects. Looks at every triangle; fails for want of memory only. */
+PELL_API PELL_NODISCARD enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const struct pell_settings *settings);
 
 #ifdef __cplusplus
 }

@@ -28,7 +28,7 @@ struct pell_context;
 /* One run of triangles with one material, in world space. Arrays belong to the scene. */
 struct pell_mesh {
     char *name;
-    int object;   /* things of one file node share a number: closedness and thickness are judged per object */
+    int object;   /* objects of one file node share a number: closedness and thickness are judged per object */
     int material; /* index into the scene's materials; -1 until pell_scene_complete, which then gives marble */
     uint32_t num_vertices, num_triangles;
     float *position;         /* xyz, mm */
@@ -71,10 +71,10 @@ struct pell_scene_layer {
 };
 
 /* What lies under the deepest layer. */
-enum pell_below {
-    PELL_BELOW_STOP,          /* nothing: black */
-    PELL_BELOW_LAST,          /* the last layer goes on */
-    PELL_BELOW_SURFACE_COLOR, /* a Lambert surface of the base colour */
+enum pell_substrate {
+    PELL_SUBSTRATE_STOP,          /* nothing: black */
+    PELL_SUBSTRATE_LAST,          /* the last layer goes on */
+    PELL_SUBSTRATE_SURFACE_COLOR, /* a Lambert surface of the base colour */
 };
 
 #define PELL_LAYERS_MOST 64
@@ -92,7 +92,7 @@ struct pell_material {
     enum pell_profile_model model;
     struct pell_scene_layer *layers; /* top to bottom; the scene's. `gaussians` or `profile`: what they reflect at their mean depths */
     int num_layers;            /* [0, PELL_LAYERS_MOST]; 0: one medium without a bottom */
-    enum pell_below below;
+    enum pell_substrate substrate;
     enum pell_color_from color_from;
     float mix;                            /* m: albedo^m going in, albedo^(1-m) coming out, [0, 1] */
     float strength;                       /* scales the scattering radius, [0, 1] */

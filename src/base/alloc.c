@@ -203,7 +203,7 @@ enum pell_result pell_grow(struct pell_context *ctx, void **array, size_t count,
 
 static void *fault_alloc(void *user, size_t size)
 {
-    struct pell_fault *f = user;
+    struct pell_alloc_fault *f = user;
     const uint64_t call = atomic_fetch_add(&f->calls, 1) + 1;
     void *ptr = NULL;
 
@@ -217,13 +217,13 @@ static void *fault_alloc(void *user, size_t size)
 
 static void fault_free(void *user, void *ptr)
 {
-    struct pell_fault *f = user;
+    struct pell_alloc_fault *f = user;
     if (ptr)
         atomic_fetch_sub(&f->live, 1);
     free(ptr);
 }
 
-struct pell_allocator pell_fault_allocator(struct pell_fault *fault)
+struct pell_allocator pell_failing_allocator(struct pell_alloc_fault *fault)
 {
     return (struct pell_allocator) { fault_alloc, fault_free, fault };
 }

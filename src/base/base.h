@@ -33,14 +33,14 @@ void pell_warn(struct pell_context *ctx, const char *where, const char *hint, co
 void pell_info(struct pell_context *ctx, const char *where, const char *fmt, ...) PELL_PRINTF(3, 4);
 void pell_debug(struct pell_context *ctx, const char *where, const char *fmt, ...) PELL_PRINTF(3, 4);
 /* +1 begins, -1 ends a stretch in which errors but lack of memory are reported as warnings: the caller goes on without what failed. */
-void pell_soften(struct pell_context *ctx, int change);
+void pell_log_downgrade(struct pell_context *ctx, int change);
 void pell_progress(struct pell_context *ctx, const char *task, double fraction);
 bool pell_cancelled(const struct pell_context *ctx);
 
 /* --- context.c --------------------------------------------------------------------------------------------------------------- */
 
 /* +1 begins, -1 ends a stretch of work that can end early with a whole result: it asks pell_context_interrupted from time to time. */
-void pell_partial(struct pell_context *ctx, int change);
+void pell_interruptible(struct pell_context *ctx, int change);
 
 /* --- alloc.c: NULL and one logged message where there is no memory or the context's limit is reached ------------------------ */
 
@@ -60,14 +60,14 @@ uint64_t pell_allocations(const struct pell_context *ctx);                      
 PELL_NODISCARD enum pell_result pell_grow(struct pell_context *ctx, void **array, size_t count, size_t *capacity, size_t size);
 
 /* For tests: an allocator that counts what is live and fails the n-th allocation (counted from 1; 0 never), and every later one
- * too if `sticky`. Zero it, set `fail_at`, hand `pell_fault_allocator(&f)` to a context. */
-struct pell_fault {
+ * too if `sticky`. Zero it, set `fail_at`, hand `pell_failing_allocator(&f)` to a context. */
+struct pell_alloc_fault {
     uint64_t fail_at;
     bool sticky;
     _Atomic uint64_t calls;
     _Atomic int64_t live;
 };
-struct pell_allocator pell_fault_allocator(struct pell_fault *fault);
+struct pell_allocator pell_failing_allocator(struct pell_alloc_fault *fault);
 
 /* --- text.c ------------------------------------------------------------------------------------------------------------------ */
 

@@ -148,7 +148,7 @@ bool pell_context_interrupted(const struct pell_context *ctx)
     return atomic_load_explicit(&ctx->partial, memory_order_relaxed) & 1;
 }
 
-void pell_partial(struct pell_context *ctx, int change)
+void pell_interruptible(struct pell_context *ctx, int change)
 {
     unsigned partial = atomic_load(&ctx->partial), next;
 

@@ -39,7 +39,7 @@ static inline uint64_t pell_hash_number(uint64_t hash, double value)
     return pell_hash_bytes(hash, &value, sizeof(value));
 }
 
-/* All bits hang on all: neighbouring numbers become unlike ones (C. Wellons 2018, "Prospecting for Hash Functions"). */
+/* All bits depend on all: neighbouring numbers become unlike ones (C. Wellons 2018, "Prospecting for Hash Functions"). */
 static inline uint32_t pell_hash(uint32_t x)
 {
     x ^= x >> 16;

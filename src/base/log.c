@@ -84,7 +84,7 @@ void pell_debug(struct pell_context *ctx, const char *where, const char *fmt, ..
     va_end(args);
 }
 
-void pell_soften(struct pell_context *ctx, int change)
+void pell_log_downgrade(struct pell_context *ctx, int change)
 {
     atomic_fetch_add(&ctx->softened, change);
 }

@@ -39,17 +39,17 @@ struct row *bench_add_stage(struct rows *rows, const char *name, double ms, cons
         r->pixels = stage->pixels;
         r->rays = stage->rays;
         r->bytes = stage->bytes;
-        r->copy_ms = stage->copy_ms;
-        r->ratio = stage->copy_ms > 0.0 ? ms / stage->copy_ms : 0.0;
+        r->bandwidth_ms = stage->bandwidth_ms;
+        r->ratio = stage->bandwidth_ms > 0.0 ? ms / stage->bandwidth_ms : 0.0;
         r->against = "copy";
     }
     return r;
 }
 
-enum pell_result bench_frame(struct pell_renderer *renderer, const struct pell_settings *settings, struct pell_picture *picture)
+enum pell_result bench_frame(struct pell_renderer *renderer, const struct pell_settings *settings, struct pell_render_result *image)
 {
-    const enum pell_result res = pell_renderer_render(renderer, settings, picture);
-    return res == PELL_OK && picture->partial ? PELL_ERR_CANCELLED : res;
+    const enum pell_result res = pell_renderer_render(renderer, settings, image);
+    return res == PELL_OK && image->partial ? PELL_ERR_CANCELLED : res;
 }
 
 json_t *bench_json(const struct rows *rows)
@@ -59,7 +59,7 @@ json_t *bench_json(const struct rows *rows)
     for (size_t i = 0; i < rows->count; i++) {
         const struct row *r = &rows->items[i];
         json_t *o = json_pack("{s:s,s:f,s:I,s:I,s:I,s:f}", "name", r->name, "ms", r->ms, "pixels", (json_int_t) r->pixels, "rays",
-                              (json_int_t) r->rays, "bytes", (json_int_t) r->bytes, "copy_ms", r->copy_ms);
+                              (json_int_t) r->rays, "bytes", (json_int_t) r->bytes, "copy_ms", r->bandwidth_ms);
         if (o && r->against) {
             json_object_set_new(o, "ratio", json_real(r->ratio));
             json_object_set_new(o, "ratio_to", json_string(r->against));
@@ -95,7 +95,7 @@ void bench_print(const struct rows *rows, unsigned columns, const char *items)
         if (r->pixels) {
             snprintf(text[1], sizeof(text[1]), "%lld", (long long) r->pixels);
             snprintf(text[2], sizeof(text[2]), "%lld", (long long) r->rays);
-            snprintf(text[3], sizeof(text[3]), "%.2f", r->copy_ms);
+            snprintf(text[3], sizeof(text[3]), "%.2f", r->bandwidth_ms);
         }
         if (r->items && r->ms > 0.0)
             snprintf(text[4], sizeof(text[4]), "%.4g", 1e3 * (double) r->items / r->ms);

@@ -10,7 +10,7 @@
 
 struct row {
     char name[96];
-    double ms, copy_ms, ratio; /* ratio: what the row says it is, 0 where it has none */
+    double ms, bandwidth_ms, ratio; /* ratio: what the row says it is, 0 where it has none */
     const char *against;       /* what `ratio` is a ratio to */
     int64_t pixels, rays, bytes;
     double error;  /* of the result, where it is measured; else NAN */
@@ -33,7 +33,7 @@ enum exit_code bench_answer(struct cli *cli, const char *what, json_t *facts, co
                             const char *setup);
 
 /* A frame; one that Ctrl-C ended early is no measurement: PELL_ERR_CANCELLED. */
-enum pell_result bench_frame(struct pell_renderer *renderer, const struct pell_settings *settings, struct pell_picture *picture);
+enum pell_result bench_frame(struct pell_renderer *renderer, const struct pell_settings *settings, struct pell_render_result *image);
 /* Sorts the values. */
 double bench_median(double *values, int count);
 /* NULL where there is no more room. */

@@ -101,7 +101,7 @@ struct cli {
     struct pell_context *ctx;
     bool color_out, color_err, tty; /* tty: stderr is one */
     bool answered;                  /* an object has gone to stdout */
-    int pictures;                   /* written so far */
+    int images;                   /* written so far */
     bool partial;                   /* the last of them was ended early by Ctrl-C */
     json_t *warnings;               /* array of texts */
     json_t *collected;              /* NULL, or warnings that go to the answer alone: severity, where, what, hint */
@@ -193,9 +193,9 @@ enum exit_code session_move(struct cli *cli, const char *path, double time, stru
 void session_close(struct session *s);
 /* Whether the options and knobs that a scene file gives its picture are right. */
 enum exit_code session_check(struct cli *cli, struct pell_scene *scene);
-json_t *session_stages(const struct pell_picture *picture);
+json_t *session_stages(const struct pell_render_result *image);
 /* Writes the picture in a format of pell_write_format_at, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */
-PELL_NODISCARD enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_picture *picture,
+PELL_NODISCARD enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_render_result *image,
                                               const char *path, const char *format, uint64_t scene_hash, uint64_t materials_hash);
 /* Where neither the command line nor the scene names one. */
 #define CLI_DEFAULT_METHOD "screen-space"

@@ -348,19 +348,19 @@ void session_close(struct session *s)
     s->knobs = NULL;
 }
 
-json_t *session_stages(const struct pell_picture *picture)
+json_t *session_stages(const struct pell_render_result *image)
 {
     json_t *stages = json_array();
 
-    for (size_t i = 0; i < picture->num_stages; i++) {
-        const struct pell_stage_time *t = &picture->stages[i];
+    for (size_t i = 0; i < image->num_stages; i++) {
+        const struct pell_stage_time *t = &image->stages[i];
         json_array_append_new(stages, json_pack("{s:s,s:f,s:I,s:I,s:I,s:f}", "name", t->name, "ms", t->ms, "pixels", (json_int_t) t->pixels,
-                                                "rays", (json_int_t) t->rays, "bytes", (json_int_t) t->bytes, "copy_ms", t->copy_ms));
+                                                "rays", (json_int_t) t->rays, "bytes", (json_int_t) t->bytes, "copy_ms", t->bandwidth_ms));
     }
     return stages;
 }
 
-enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_picture *p, const char *path, const char *format,
+enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_render_result *p, const char *path, const char *format,
                                uint64_t scene_hash, uint64_t materials_hash)
 {
     const bool png = strcmp(format, "png") == 0, transparent = s->scene->background == PELL_BACKGROUND_TRANSPARENT;

@@ -2,13 +2,13 @@
  *
  * environment.c - light from all around: a latitude-longitude picture or a constant, resolved into
  *
- *   lamps       directional lights for the excess over a clamp of the luminance, by cutting the picture where energy times angular
+ *   lights       directional lights for the excess over a clamp of the luminance, by cutting the picture where energy times angular
  *               variance is largest, at the median (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling")
- *   table       what enters at a surface over its normal, for the WHOLE picture but for compact lamps (a sun). A pixel takes
+ *   table       what enters at a surface over its normal, for the WHOLE picture but for compact lights (a sun). A pixel takes
  *
- *                   E(n) = V_amb (table(n) - Sum over broad lamps of P c T) + Sum over all lamps of V_k P c T,     c = max(n.l, 0)
+ *                   E(n) = V_amb (table(n) - Sum over broad lights of P c T) + Sum over all lights of V_k P c T,     c = max(n.l, 0)
  *
- *               so that without occluders the broad lamps cancel and the sum is the picture's irradiance, kinks and all
+ *               so that without occluders the broad lights cancel and the sum is the picture's irradiance, kinks and all
  *   levels      the picture as lobes of growing width see it, for reflection
  *
  * The table integrates over elements: blocks of the picture, halved while they hold much energy, each with its flux and its mean
@@ -174,8 +174,8 @@ struct node_task {
     struct pell_environment *env;
     const struct element *elements;
     size_t count;
-    const struct pell_lamp *lamps;
-    size_t num_lamps;
+    const struct pell_light_source *sources;
+    size_t num_sources;
     const float *kernels; /* of bin b, row r at [b * rows + r] */
     int rows;
 };
@@ -217,9 +217,9 @@ static void make_node_row(void *arg, int j, int worker)
             if (mu > 0.0f)
                 deposit(hist, mu, e->rgb, 1.0f);
         }
-        for (size_t k = 0; k < t->num_lamps; k++) {
-            const float *p = t->lamps[k].power, rgb[4] = { p[0], p[1], p[2] }, mu = -vec3_dot(n, t->lamps[k].direction);
-            if (t->lamps[k].compact && mu > 0.0f)
+        for (size_t k = 0; k < t->num_sources; k++) {
+            const float *p = t->sources[k].power, rgb[4] = { p[0], p[1], p[2] }, mu = -vec3_dot(n, t->sources[k].direction);
+            if (t->sources[k].compact && mu > 0.0f)
                 deposit(hist, mu, rgb, -1.0f);
         }
         for (int c = 0; c < 3; c++) {
@@ -646,13 +646,13 @@ enum pell_result pell_environment_create(struct pell_context *ctx, const struct 
     if (env->image) {
         PELL_TRY(open_workshop(ctx, env, &w));
         pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task){ env, &w.mips[0] });
-        PELL_TRY(pell_environment_lamps(ctx, &w.mips[0], params->index, params->max_lights, out));
+        PELL_TRY(pell_environment_light_sources(ctx, &w.mips[0], params->index, params->max_lights, out));
         PELL_TRY(make_elements(ctx, &w.mips[0], &w.elements, &task.count));
         make_levels(pool, &w, env);
     }
     task.elements = w.elements;
-    task.num_lamps = out->count;
-    task.lamps = out->lamps;
+    task.num_sources = out->count;
+    task.sources = out->sources;
     task.kernels = w.kernels;
     task.rows = env->size / 3;
     pell_pool_run(pool, PELL_ENV_NODES, make_node_row, &task);

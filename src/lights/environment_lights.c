@@ -2,12 +2,12 @@
  *
  * environment_lights.c - directional lights for what of an environment is brighter than a clamp: the picture is cut where energy times
  * angular variance is largest, at the median of the energy (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling"). No
- * random numbers: the same picture gives the same lamps. */
+ * random numbers: the same picture gives the same lights. */
 #include "lights/environment_map.h"
 
 #include <string.h>
 
-#define CLAMP 2.0f   /* times the mean luminance: what lamps leave to the smooth rest */
+#define CLAMP 2.0f   /* times the mean luminance: what lights leave to the smooth rest */
 #define COMPACT 2e-4 /* 1 - |mean direction|: half the variance of the angle; 1.15 degrees */
 
 struct region {
@@ -90,19 +90,19 @@ static bool cut(const struct pell_env_map *m, float clamp, struct region *r, str
 static void add_region(struct pell_environment_lights *out, const struct region *r, int index)
 {
     const double length = region_length(r);
-    struct pell_lamp lamp = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
+    struct pell_light_source source = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
 
     if (!(r->energy > 0.0) || !(length > 1e-6 * r->energy))
         return; /* what shines from all sides alike is left to the table */
-    lamp.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
-    vec3_basis(lamp.direction, &lamp.right, &lamp.up);
-    lamp.compact = 1.0 - length / r->energy < COMPACT;
+    source.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
+    vec3_basis(source.direction, &source.right, &source.up);
+    source.compact = 1.0 - length / r->energy < COMPACT;
     for (int c = 0; c < 3; c++)
-        lamp.power[c] = (float) r->rgb[c];
-    out->lamps[out->count++] = lamp;
+        source.power[c] = (float) r->rgb[c];
+    out->sources[out->count++] = source;
 }
 
-enum pell_result pell_environment_lamps(struct pell_context *ctx, const struct pell_env_map *m, int index, int max_lamps,
+enum pell_result pell_environment_light_sources(struct pell_context *ctx, const struct pell_env_map *m, int index, int max_sources,
                                         struct pell_environment_lights *out)
 {
     struct region *regions;
@@ -118,11 +118,11 @@ enum pell_result pell_environment_lamps(struct pell_context *ctx, const struct p
         mean += row * m->solid_row[y] / (4.0 * PELL_PI);
     }
     clamp = (float) (CLAMP * mean);
-    if (max_lamps < 1 || !(mean > 0.0))
+    if (max_sources < 1 || !(mean > 0.0))
         return PELL_OK;
-    regions = pell_calloc(ctx, (size_t) max_lamps, sizeof(*regions));
-    out->lamps = regions ? pell_calloc(ctx, (size_t) max_lamps, sizeof(*out->lamps)) : NULL;
-    if (!out->lamps) {
+    regions = pell_calloc(ctx, (size_t) max_sources, sizeof(*regions));
+    out->sources = regions ? pell_calloc(ctx, (size_t) max_sources, sizeof(*out->sources)) : NULL;
+    if (!out->sources) {
         pell_free(ctx, regions);
         return PELL_ERR_NOMEM;
     }
@@ -130,7 +130,7 @@ enum pell_result pell_environment_lamps(struct pell_context *ctx, const struct p
     measure(m, clamp, &regions[0]);
     if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
         count = 0; /* even light: nothing to cut out */
-    while (count > 0 && count < max_lamps) {
+    while (count > 0 && count < max_sources) {
         int best = 0;
         double most = -1.0;
         for (int i = 0; i < count; i++) {

@@ -21,9 +21,9 @@ static inline struct pell_vec3 pell_env_map_direction(const struct pell_env_map 
     return vec3(m->sin_row[y] * m->sin_column[x], m->cos_row[y], -m->sin_row[y] * m->cos_column[x]);
 }
 
-/* env_lamps.c: at most `max_lamps` light sources for what is brighter than the rest, of environment `index`. The caller frees out->lamps,
- * which is NULL after a failure. */
-PELL_NODISCARD enum pell_result pell_environment_lamps(struct pell_context *ctx, const struct pell_env_map *map, int index, int max_lamps,
+/* environment_lights.c: at most `max_sources` light sources for what is brighter than the rest, of environment `index`. The caller frees
+ * out->lights, which is NULL after a failure. */
+PELL_NODISCARD enum pell_result pell_environment_light_sources(struct pell_context *ctx, const struct pell_env_map *map, int index, int max_sources,
                                                     struct pell_environment_lights *out);
 
 #endif

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_sampling.c - see emitters.h. What a lamp gives is asked of the irradiance stage's own lamps and look-ups; here are the densities.
+ * light_sampling.c - see light_sampling.h. What a light gives is asked of the irradiance stage's own lights and look-ups; here are the
+ * densities.
  *
- * A lamp is chosen by an estimate of its irradiance at a place, with a tenth of the choices left to all alike, so that none is missed.
+ * A light is chosen by an estimate of its irradiance at a place, with a tenth of the choices left to all alike, so that none is missed.
  * Environments are found by luminance x sin(theta), which between texel centres is taken for bilinear, as the look-up is: cells between
  * four centres, half cells at the poles. Cells of a row are chosen by integers, so that the density is the very chance of a cell.
  */
@@ -13,11 +14,11 @@
 
 #include <string.h>
 
-#define ALIKE 0.1      /* of the choices: for lamps whose estimate is wrong */
-#define UNSEEN 0.1     /* what an estimate leaves of lamps that face away: nearby places may be lit */
-#define SLIDE_STEPS 32 /* a side of the grid that a slide's mean is taken over */
+#define ALIKE 0.1      /* of the choices: for lights whose estimate is wrong */
+#define UNSEEN 0.1     /* what an estimate leaves of lights that face away: nearby places may be lit */
+#define IMAGE_STEPS 32 /* a side of the grid that a projected image's mean is taken over */
 
-struct sky {
+struct environment {
     struct pell_environment env;
     int width, height;  /* of the picture; 0: constant */
     double *rows;       /* share of the rows of cells up to and with each; height + 1 of them */
@@ -26,28 +27,29 @@ struct sky {
     double share, upto; /* of all environments' energy; and of those up to and with this one */
 };
 
-struct emitter {
-    struct pell_lamp lamp; /* but of the sky */
-    bool sky;
-    double power;       /* luminance: of intensity, irradiance, radiance x area, and the sky's mean irradiance */
+struct sampled_light {
+    struct pell_light_source source; /* but of the environment */
+    bool environment;
+    double power;       /* luminance: of intensity, irradiance, radiance x area, and the environment's mean irradiance */
     double area;        /* mm^2 */
     double radiance[3]; /* rect, disc */
 };
 
-struct pell_emitters {
+struct pell_light_sampler {
     struct pell_context *ctx;
-    struct emitter *list;
+    struct sampled_light *list;
     size_t count;
-    struct sky *skies;
+    struct environment *environments;
     size_t num_skies;
-    double soft2;            /* mm^2 that squared distances have at least: lamps at the very place */
+    double soft2;            /* mm^2 that squared distances have at least: lights at the very place */
     double middle[3], reach; /* of the scene's bounds: centre and half diagonal, mm */
 };
 
-/* --- The sky -------------------------------------------------------------------------------------------------------------------- */
+/* --- The environment
+ * -------------------------------------------------------------------------------------------------------------------- */
 
 /* Luminance of a texel as the look-up cleans it. */
-static double texel(const struct sky *s, int x, int y)
+static double texel(const struct environment *s, int x, int y)
 {
     float rgba[4];
 
@@ -60,13 +62,13 @@ static double texel(const struct sky *s, int x, int y)
 }
 
 /* Where rows of cells begin: 0, 1/2h, 3/2h, ..., 1. */
-static double row_start(const struct sky *s, int row)
+static double row_start(const struct environment *s, int row)
 {
     return row == 0 ? 0.0 : row > s->height ? 1.0 : (row - 0.5) / s->height;
 }
 
 /* The four corners of a cell, of the density over (u, v): upper left, upper right, lower left, lower right. */
-static double cell_corners(const struct sky *s, int column, int row, double f[4])
+static double cell_corners(const struct environment *s, int column, int row, double f[4])
 {
     const int next = column + 1 < s->width ? column + 1 : 0, above = row > 0 ? row - 1 : 0, below = row < s->height ? row : s->height - 1;
     const double upper = sin(PELL_PI * row_start(s, row)), lower = row < s->height ? sin(PELL_PI * row_start(s, row + 1)) : 0.0;
@@ -78,7 +80,7 @@ static double cell_corners(const struct sky *s, int column, int row, double f[4]
     return 0.25 * (f[0] + f[1] + f[2] + f[3]);
 }
 
-static enum pell_result make_table(struct pell_context *ctx, struct sky *s)
+static enum pell_result make_table(struct pell_context *ctx, struct environment *s)
 {
     const int w = s->env.image->image.width, h = s->env.image->image.height;
     double *line, sum = 0.0;
@@ -117,7 +119,7 @@ static double linear_sample(double u, double a, double b)
 }
 
 /* Per sr: of (s, t) in [0, 1]^2 of a cell. */
-static double cell_density(const struct sky *k, int column, int row, const double f[4], double mean, double s, double t)
+static double cell_density(const struct environment *k, int column, int row, const double f[4], double mean, double s, double t)
 {
     const uint32_t *columns = k->columns + (size_t) row * (size_t) k->width;
     const double chance = (columns[column] - (column > 0 ? (double) columns[column - 1] : -1.0)) * (1.0 / 4294967296.0);
@@ -128,7 +130,7 @@ static double cell_density(const struct sky *k, int column, int row, const doubl
            (size * 2.0 * PELL_PI * PELL_PI * fmax(sine, 1e-12));
 }
 
-static double sky_density(const struct sky *k, struct pell_vec3 direction)
+static double environment_density(const struct environment *k, struct pell_vec3 direction)
 {
     double f[4], mean, x, y;
     float u, v;
@@ -148,7 +150,7 @@ static double sky_density(const struct sky *k, struct pell_vec3 direction)
     return cell_density(k, column, row, f, mean, x, fmin(fmax(y, 0.0), 1.0));
 }
 
-static struct pell_vec3 sky_sample(const struct sky *k, double u, double v)
+static struct pell_vec3 environment_sample(const struct environment *k, double u, double v)
 {
     int low = 0, high = k->height, row;
     double f[4], s, t, before;
@@ -188,33 +190,33 @@ static struct pell_vec3 sky_sample(const struct sky *k, double u, double v)
                                       row_start(k, row) + t * (row_start(k, row + 1) - row_start(k, row)));
 }
 
-static double skies_density(const struct pell_emitters *e, struct pell_vec3 direction)
+static double skies_density(const struct pell_light_sampler *e, struct pell_vec3 direction)
 {
     double density = 0.0;
 
     for (size_t i = 0; i < e->num_skies; i++)
-        density += e->skies[i].share * sky_density(&e->skies[i], direction);
+        density += e->environments[i].share * environment_density(&e->environments[i], direction);
     return density;
 }
 
-static void skies_radiance(const struct pell_emitters *e, struct pell_vec3 direction, float rgb[3])
+static void skies_radiance(const struct pell_light_sampler *e, struct pell_vec3 direction, float rgb[3])
 {
     memset(rgb, 0, 3 * sizeof(*rgb));
     for (size_t i = 0; i < e->num_skies; i++) {
         float one[3];
-        pell_environment_radiance(&e->skies[i].env, direction, one);
+        pell_environment_radiance(&e->environments[i].env, direction, one);
         for (int c = 0; c < 3; c++)
             rgb[c] += one[c];
     }
 }
 
-static enum pell_result add_skies(struct pell_emitters *e, const struct pell_scene *scene)
+static enum pell_result add_skies(struct pell_light_sampler *e, const struct pell_scene *scene)
 {
-    struct emitter *sky = &e->list[e->count];
+    struct sampled_light *environment = &e->list[e->count];
     double total = 0.0, upto = 0.0;
 
     for (size_t i = 0; i < scene->num_lights; i++) {
-        struct sky *s = &e->skies[e->num_skies];
+        struct environment *s = &e->environments[e->num_skies];
         if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
             continue;
         e->num_skies++; /* finished also where it fails half-way */
@@ -229,60 +231,60 @@ static enum pell_result add_skies(struct pell_emitters *e, const struct pell_sce
     }
     if (!(total > 0.0)) {
         for (size_t i = 0; i < e->num_skies; i++)
-            e->skies[i].share = 0.0;
+            e->environments[i].share = 0.0;
         return PELL_OK;
     }
     for (size_t i = 0; i < e->num_skies; i++) {
-        e->skies[i].share = e->skies[i].energy / total;
-        e->skies[i].upto = upto += e->skies[i].share;
+        e->environments[i].share = e->environments[i].energy / total;
+        e->environments[i].upto = upto += e->environments[i].share;
     }
-    sky->sky = true;
-    sky->power = 0.25 * total;
+    environment->environment = true;
+    environment->power = 0.25 * total;
     e->count++;
     return PELL_OK;
 }
 
-/* --- Lamps ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Lights ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Mean luminance of a slide under its light's colour. */
-static double slide_power(const struct pell_lamp *lamp)
+/* Mean luminance of a projected image under its light's colour. */
+static double image_power(const struct pell_light_source *source)
 {
     double sum = 0.0;
 
-    for (int y = 0; y < SLIDE_STEPS; y++)
-        for (int x = 0; x < SLIDE_STEPS; x++) {
+    for (int y = 0; y < IMAGE_STEPS; y++)
+        for (int x = 0; x < IMAGE_STEPS; x++) {
             float rgba[4];
-            pell_image_sample(&lamp->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, lamp->image->nearest, ((float) x + 0.5f) / SLIDE_STEPS,
-                              ((float) y + 0.5f) / SLIDE_STEPS, rgba);
+            pell_image_sample(&source->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, source->image->nearest, ((float) x + 0.5f) / IMAGE_STEPS,
+                              ((float) y + 0.5f) / IMAGE_STEPS, rgba);
             for (int c = 0; c < 3; c++)
-                rgba[c] = rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) * lamp->power[c] : 0.0f;
+                rgba[c] = rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) * source->power[c] : 0.0f;
             sum += (double) pell_luminance(rgba);
         }
-    return sum / (SLIDE_STEPS * SLIDE_STEPS);
+    return sum / (IMAGE_STEPS * IMAGE_STEPS);
 }
 
-static void add_lamp(struct pell_emitters *e, const struct pell_scene *scene, const struct pell_light *light)
+static void add_light(struct pell_light_sampler *e, const struct pell_scene *scene, const struct pell_light *light)
 {
-    struct emitter *out = &e->list[e->count];
+    struct sampled_light *out = &e->list[e->count];
     const float *p = light->position, *d = light->direction;
 
-    if (!isfinite(p[0] + p[1] + p[2]) || !isfinite(d[0] + d[1] + d[2]) || !pell_lamp_make(scene, light, 1, &out->lamp))
+    if (!isfinite(p[0] + p[1] + p[2]) || !isfinite(d[0] + d[1] + d[2]) || !pell_light_source_make(scene, light, 1, &out->source))
         return;
-    out->area = (double) out->lamp.sample_area;
-    out->power = out->lamp.image ? slide_power(&out->lamp) : (double) pell_luminance(out->lamp.power);
-    if (out->lamp.type == PELL_LIGHT_RECT || out->lamp.type == PELL_LIGHT_DISC) {
+    out->area = (double) out->source.sample_area;
+    out->power = out->source.image ? image_power(&out->source) : (double) pell_luminance(out->source.power);
+    if (out->source.type == PELL_LIGHT_RECT || out->source.type == PELL_LIGHT_DISC) {
         if (!(out->area > 0.0 && out->area < INFINITY))
             return;
         for (int c = 0; c < 3; c++)
-            out->radiance[c] = (double) out->lamp.power[c] / out->area;
+            out->radiance[c] = (double) out->source.power[c] / out->area;
     }
     if (isfinite(out->power))
         e->count++;
 }
 
-enum pell_result pell_emitters_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_emitters **out)
+enum pell_result pell_light_sampler_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_light_sampler **out)
 {
-    struct pell_emitters *e = pell_zalloc(ctx, sizeof(*e));
+    struct pell_light_sampler *e = pell_zalloc(ctx, sizeof(*e));
     const float *low = scene->bounds_min, *high = scene->bounds_max;
     double diagonal2 = 0.0;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -301,68 +303,68 @@ enum pell_result pell_emitters_create(struct pell_context *ctx, const struct pel
     e->reach = diagonal2 > 0.0 ? 0.5 * sqrt(diagonal2) : 1.0;
     e->soft2 = 1e-6 * e->reach * e->reach;
     e->list = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->list));
-    e->skies = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->skies));
-    if (!e->list || !e->skies)
+    e->environments = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->environments));
+    if (!e->list || !e->environments)
         goto fail;
     for (size_t i = 0; i < scene->num_lights; i++)
         if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
-            add_lamp(e, scene, &scene->lights[i]);
+            add_light(e, scene, &scene->lights[i]);
     PELL_TRY(add_skies(e, scene));
     *out = e;
     return PELL_OK;
 
 fail:
-    pell_emitters_destroy(&e);
+    pell_light_sampler_destroy(&e);
     return res;
 }
 
-void pell_emitters_destroy(struct pell_emitters **emitters)
+void pell_light_sampler_destroy(struct pell_light_sampler **light_sampler)
 {
-    struct pell_emitters *e = *emitters;
+    struct pell_light_sampler *e = *light_sampler;
 
     if (!e)
         return;
-    *emitters = NULL;
+    *light_sampler = NULL;
     for (size_t i = 0; i < e->num_skies; i++) {
-        pell_free(e->ctx, e->skies[i].rows);
-        pell_free(e->ctx, e->skies[i].columns);
+        pell_free(e->ctx, e->environments[i].rows);
+        pell_free(e->ctx, e->environments[i].columns);
     }
-    pell_free(e->ctx, e->skies);
+    pell_free(e->ctx, e->environments);
     pell_free(e->ctx, e->list);
     pell_free(e->ctx, e);
 }
 
-size_t pell_emitters_count(const struct pell_emitters *emitters)
+size_t pell_light_sampler_count(const struct pell_light_sampler *light_sampler)
 {
-    return emitters->count;
+    return light_sampler->count;
 }
 
-/* --- Choosing a lamp ------------------------------------------------------------------------------------------------------------ */
+/* --- Choosing a light ------------------------------------------------------------------------------------------------------------ */
 
 static double partly(double seen)
 {
     return UNSEEN + (1.0 - UNSEEN) * seen;
 }
 
-/* What a lamp gives about `near`, W/m^2; `soft2`: the squared distance is this at least. Never 0. */
-static double estimate(const struct emitter *e, struct pell_vec3 near, double soft2)
+/* What a light gives about `near`, W/m^2; `soft2`: the squared distance is this at least. Never 0. */
+static double estimate(const struct sampled_light *e, struct pell_vec3 near, double soft2)
 {
-    const struct pell_lamp *lamp = &e->lamp;
+    const struct pell_light_source *source = &e->source;
     struct pell_dvec3 d;
     double d2, cosine;
 
-    if (e->sky || lamp->type == PELL_LIGHT_DIRECTIONAL)
+    if (e->environment || source->type == PELL_LIGHT_DIRECTIONAL)
         return e->power;
-    d = dvec3_between(near, lamp->position);
+    d = dvec3_between(near, source->position);
     d2 = dvec3_dot(d, d);
-    cosine = d2 > 0.0 ? dvec3_dot(d, dvec3_widen(lamp->direction)) / sqrt(d2) : 0.0;
+    cosine = d2 > 0.0 ? dvec3_dot(d, dvec3_widen(source->direction)) / sqrt(d2) : 0.0;
     if (e->area > 0.0)
         return e->power * partly(fmax(cosine, 0.0)) / (fmax(d2, soft2) + e->area);
-    return e->power * lamp->scale / fmax(d2, soft2) * partly((double) pell_light_window((float) fmin(d2, 1e30), lamp->inv_range)) *
-           (lamp->type == PELL_LIGHT_SPOT ? partly((double) pell_light_cone((float) cosine, lamp->spot_scale, lamp->spot_offset)) : 1.0);
+    return e->power * source->scale / fmax(d2, soft2) * partly((double) pell_light_window((float) fmin(d2, 1e30), source->inv_range)) *
+           (source->type == PELL_LIGHT_SPOT ? partly((double) pell_light_cone((float) cosine, source->spot_scale, source->spot_offset)) : 1.0);
 }
 
-static double estimate_all(const struct pell_emitters *e, struct pell_vec3 near, double soft2)
+static double estimate_all(const struct pell_light_sampler *e, struct pell_vec3 near, double soft2)
 {
     double sum = 0.0;
 
@@ -371,14 +373,14 @@ static double estimate_all(const struct pell_emitters *e, struct pell_vec3 near,
     return sum;
 }
 
-static double chance_of(const struct pell_emitters *e, size_t lamp, struct pell_vec3 near, double soft2, double all)
+static double chance_of(const struct pell_light_sampler *e, size_t source, struct pell_vec3 near, double soft2, double all)
 {
     const double alike = 1.0 / (double) e->count;
-    return all > 0.0 && all < INFINITY ? ALIKE * alike + (1.0 - ALIKE) * estimate(&e->list[lamp], near, soft2) / all : alike;
+    return all > 0.0 && all < INFINITY ? ALIKE * alike + (1.0 - ALIKE) * estimate(&e->list[source], near, soft2) / all : alike;
 }
 
-/* The lamp that *u chooses, which is a fresh number then. */
-static size_t choose(const struct pell_emitters *e, struct pell_vec3 near, double soft2, double *u, double *chance)
+/* The light that *u chooses, which is a fresh number then. */
+static size_t choose(const struct pell_light_sampler *e, struct pell_vec3 near, double soft2, double *u, double *chance)
 {
     const double all = e->count > 1 ? estimate_all(e, near, soft2) : 0.0;
     size_t i = 0;
@@ -393,109 +395,109 @@ static size_t choose(const struct pell_emitters *e, struct pell_vec3 near, doubl
     return i;
 }
 
-static double chance(const struct pell_emitters *e, int lamp, struct pell_vec3 near, double soft2)
+static double chance(const struct pell_light_sampler *e, int source, struct pell_vec3 near, double soft2)
 {
-    return e->count > 1 ? chance_of(e, (size_t) lamp, near, soft2, estimate_all(e, near, soft2)) : 1.0;
+    return e->count > 1 ? chance_of(e, (size_t) source, near, soft2, estimate_all(e, near, soft2)) : 1.0;
 }
 
 /* --- Sampling ------------------------------------------------------------------------------------------------------------------- */
 
-static bool is_delta(const struct emitter *e)
+static bool is_delta(const struct sampled_light *e)
 {
-    return !e->sky && !(e->area > 0.0);
+    return !e->environment && !(e->area > 0.0);
 }
 
-static bool is_away(const struct emitter *e)
+static bool is_away(const struct sampled_light *e)
 {
-    return e->sky || e->lamp.type == PELL_LIGHT_DIRECTIONAL;
+    return e->environment || e->source.type == PELL_LIGHT_DIRECTIONAL;
 }
 
-/* A place on lamp `index`; out->pdf is its own, without the choice. `choice`: which of several environments. */
-static void place_on(const struct pell_emitters *e, size_t index, double choice, double u, double v, struct pell_emitter_sample *out)
+/* A place on light `index`; out->pdf is its own, without the choice. `choice`: which of several environments. */
+static void place_on(const struct pell_light_sampler *e, size_t index, double choice, double u, double v, struct pell_light_sample *out)
 {
-    const struct emitter *l = &e->list[index];
-    const struct pell_lamp *lamp = &l->lamp;
+    const struct sampled_light *l = &e->list[index];
+    const struct pell_light_source *source = &l->source;
 
     memset(out, 0, sizeof(*out));
-    out->lamp = (int) index;
+    out->source = (int) index;
     out->away = is_away(l);
     out->delta = is_delta(l);
     out->pdf = 1.0;
-    if (l->sky) {
+    if (l->environment) {
         size_t k = 0;
-        while (k + 1 < e->num_skies && !(choice < e->skies[k].upto && e->skies[k].share > 0.0))
+        while (k + 1 < e->num_skies && !(choice < e->environments[k].upto && e->environments[k].share > 0.0))
             k++;
-        out->toward = sky_sample(&e->skies[k], u, v);
+        out->toward = environment_sample(&e->environments[k], u, v);
         out->pdf = skies_density(e, out->toward);
         return;
     }
     if (out->away) {
-        out->toward = vec3_mul(lamp->direction, -1.0f);
+        out->toward = vec3_mul(source->direction, -1.0f);
         return;
     }
-    out->at = lamp->position;
-    out->normal = out->delta ? vec3(0.0f, 0.0f, 0.0f) : lamp->direction;
+    out->at = source->position;
+    out->normal = out->delta ? vec3(0.0f, 0.0f, 0.0f) : source->direction;
     if (!out->delta) {
-        const bool disc = lamp->type == PELL_LIGHT_DISC;
+        const bool disc = source->type == PELL_LIGHT_DISC;
         const double r = sqrt(u), x = disc ? r * cos(2.0 * PELL_PI * v) : 2.0 * u - 1.0,
                      y = disc ? r * sin(2.0 * PELL_PI * v) : 2.0 * v - 1.0;
-        out->at = dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_widen(lamp->position), x, dvec3_widen(lamp->right)), y, dvec3_widen(lamp->up)));
+        out->at = dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_widen(source->position), x, dvec3_widen(source->right)), y, dvec3_widen(source->up)));
         out->pdf = 1.0 / l->area;
     }
 }
 
-bool pell_emitters_sample(const struct pell_emitters *emitters, struct pell_vec3 near, const double u[3], struct pell_emitter_sample *out)
+bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const double u[3], struct pell_light_sample *out)
 {
     double choice = u[0], chance;
     size_t i;
 
     memset(out, 0, sizeof(*out));
-    if (emitters->count == 0)
+    if (light_sampler->count == 0)
         return false;
-    i = choose(emitters, near, emitters->soft2, &choice, &chance);
-    place_on(emitters, i, choice, u[1], u[2], out);
+    i = choose(light_sampler, near, light_sampler->soft2, &choice, &chance);
+    place_on(light_sampler, i, choice, u[1], u[2], out);
     out->pdf *= chance;
     return out->pdf > 0.0;
 }
 
 /* The density of a place alone. */
-static double place_density(const struct pell_emitters *e, const struct pell_emitter_sample *sample)
+static double place_density(const struct pell_light_sampler *e, const struct pell_light_sample *sample)
 {
-    const struct emitter *l = &e->list[sample->lamp];
-    return l->sky ? skies_density(e, sample->toward) : is_delta(l) ? 1.0 : 1.0 / l->area;
+    const struct sampled_light *l = &e->list[sample->source];
+    return l->environment ? skies_density(e, sample->toward) : is_delta(l) ? 1.0 : 1.0 / l->area;
 }
 
-double pell_emitters_pdf(const struct pell_emitters *emitters, struct pell_vec3 near, const struct pell_emitter_sample *sample)
+double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const struct pell_light_sample *sample)
 {
-    return chance(emitters, sample->lamp, near, emitters->soft2) * place_density(emitters, sample);
+    return chance(light_sampler, sample->source, near, light_sampler->soft2) * place_density(light_sampler, sample);
 }
 
-/* What lamp gives along a unit direction, without its range. */
-static void power_along(const struct pell_emitters *e, const struct pell_emitter_sample *sample, struct pell_vec3 direction,
+/* What light gives along a unit direction, without its range. */
+static void power_along(const struct pell_light_sampler *e, const struct pell_light_sample *sample, struct pell_vec3 direction,
                         struct pell_vec3 place, float power[3])
 {
-    const struct emitter *l = &e->list[sample->lamp];
-    const struct pell_lamp *lamp = &l->lamp;
+    const struct sampled_light *l = &e->list[sample->source];
+    const struct pell_light_source *source = &l->source;
     float slide[3] = { 1.0f, 1.0f, 1.0f };
     double scale = 1.0;
 
-    if (l->sky) {
+    if (l->environment) {
         skies_radiance(e, sample->toward, power);
         return;
     }
     if (l->area > 0.0)
-        scale = vec3_dot(lamp->direction, direction) > 0.0f ? 1.0 : 0.0;
+        scale = vec3_dot(source->direction, direction) > 0.0f ? 1.0 : 0.0;
     else if (!is_away(l))
-        scale = (double) lamp->scale;
-    if (lamp->type == PELL_LIGHT_SPOT)
-        scale *= (double) pell_light_cone(vec3_dot(lamp->direction, direction), lamp->spot_scale, lamp->spot_offset);
-    if (lamp->image && scale > 0.0)
-        pell_lamp_slide(lamp, sample->at, direction, place, slide);
+        scale = (double) source->scale;
+    if (source->type == PELL_LIGHT_SPOT)
+        scale *= (double) pell_light_cone(vec3_dot(source->direction, direction), source->spot_scale, source->spot_offset);
+    if (source->image && scale > 0.0)
+        pell_light_source_image(source, sample->at, direction, place, slide);
     for (int c = 0; c < 3; c++)
-        power[c] = (float) (scale * (double) slide[c] * (l->area > 0.0 ? l->radiance[c] : (double) lamp->power[c]));
+        power[c] = (float) (scale * (double) slide[c] * (l->area > 0.0 ? l->radiance[c] : (double) source->power[c]));
 }
 
-void pell_emitters_power_at(const struct pell_emitters *emitters, const struct pell_emitter_sample *sample, struct pell_vec3 target,
+void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample, struct pell_vec3 target,
                             float power[3])
 {
     const struct pell_dvec3 d = dvec3_between(target, sample->at);
@@ -505,28 +507,28 @@ void pell_emitters_power_at(const struct pell_emitters *emitters, const struct p
 
     if (!sample->away) {
         direction = length > 0.0 ? dvec3_narrow((struct pell_dvec3){ d.x / length, d.y / length, d.z / length }) : vec3(0.0f, 0.0f, 0.0f);
-        window = pell_emitters_range(emitters, sample->lamp, length);
+        window = pell_light_sampler_range(light_sampler, sample->source, length);
     }
-    power_along(emitters, sample, direction, target, power);
+    power_along(light_sampler, sample, direction, target, power);
     for (int c = 0; c < 3; c++)
         power[c] *= (float) window;
 }
 
-double pell_emitters_range(const struct pell_emitters *emitters, int lamp, double distance)
+double pell_light_sampler_range(const struct pell_light_sampler *light_sampler, int source, double distance)
 {
-    const struct emitter *l = &emitters->list[lamp];
-    if (l->sky || l->lamp.inv_range <= 0.0f)
+    const struct sampled_light *l = &light_sampler->list[source];
+    if (l->environment || l->source.inv_range <= 0.0f)
         return 1.0;
-    return (double) pell_light_window((float) fmin(distance * distance, 1e30), l->lamp.inv_range);
+    return (double) pell_light_window((float) fmin(distance * distance, 1e30), l->source.inv_range);
 }
 
-/* --- Rays that meet lamps ------------------------------------------------------------------------------------------------------- */
+/* --- Rays that meet lights ------------------------------------------------------------------------------------------------------- */
 
 /* How far along the ray a rect or disc shows its front; INFINITY: nowhere up to `reach`. */
-static double meets(const struct emitter *l, struct pell_vec3 x, struct pell_vec3 w, double reach)
+static double meets(const struct sampled_light *l, struct pell_vec3 x, struct pell_vec3 w, double reach)
 {
-    const struct pell_dvec3 n = dvec3_widen(l->lamp.direction), right = dvec3_widen(l->lamp.right), up = dvec3_widen(l->lamp.up),
-                            d = dvec3_between(x, l->lamp.position);
+    const struct pell_dvec3 n = dvec3_widen(l->source.direction), right = dvec3_widen(l->source.right), up = dvec3_widen(l->source.up),
+                            d = dvec3_between(x, l->source.position);
     const double facing = -dvec3_dot(n, dvec3_widen(w)), t = facing > 0.0 ? dvec3_dot(n, d) / facing : -1.0;
     struct pell_dvec3 p;
     double a, b;
@@ -536,19 +538,19 @@ static double meets(const struct emitter *l, struct pell_vec3 x, struct pell_vec
     p = dvec3_mad(d, t, dvec3_widen(w));
     a = dvec3_dot(p, right) / dvec3_dot(right, right);
     b = dvec3_dot(p, up) / dvec3_dot(up, up);
-    return (l->lamp.type == PELL_LIGHT_DISC ? a * a + b * b <= 1.0 : fabs(a) <= 1.0 && fabs(b) <= 1.0) ? t : INFINITY;
+    return (l->source.type == PELL_LIGHT_DISC ? a * a + b * b <= 1.0 : fabs(a) <= 1.0 && fabs(b) <= 1.0) ? t : INFINITY;
 }
 
-bool pell_emitters_hit(const struct pell_emitters *emitters, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w, double reach,
-                       int k, struct pell_emitter_sample *sample, double *distance, float radiance[3], double *pdf)
+bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w, double reach,
+                       int k, struct pell_light_sample *sample, double *distance, float radiance[3], double *pdf)
 {
-    const struct emitter *list = emitters->list;
+    const struct sampled_light *list = light_sampler->list;
     double last = -1.0, nearest = INFINITY;
     size_t last_at = 0, at = 0;
 
     for (; k >= 0; k--) { /* the k-th by (distance, number) */
         nearest = INFINITY;
-        for (size_t i = 0; i < emitters->count; i++) {
+        for (size_t i = 0; i < light_sampler->count; i++) {
             const double t = list[i].area > 0.0 ? meets(&list[i], x, w, reach) : INFINITY;
             if (t < nearest && (t > last || (t == last && i > last_at))) {
                 nearest = t;
@@ -561,104 +563,104 @@ bool pell_emitters_hit(const struct pell_emitters *emitters, struct pell_vec3 ne
         last_at = at;
     }
     if (nearest == INFINITY) {
-        if (k > 0 || reach != INFINITY || emitters->count == 0 || !list[emitters->count - 1].sky)
+        if (k > 0 || reach != INFINITY || light_sampler->count == 0 || !list[light_sampler->count - 1].environment)
             return false;
-        at = emitters->count - 1;
+        at = light_sampler->count - 1;
     }
     memset(sample, 0, sizeof(*sample));
-    sample->lamp = (int) at;
-    sample->away = list[at].sky;
-    if (list[at].sky) {
+    sample->source = (int) at;
+    sample->away = list[at].environment;
+    if (list[at].environment) {
         sample->toward = w;
     } else {
         sample->at = dvec3_narrow(dvec3_mad(dvec3_widen(x), nearest, dvec3_widen(w)));
-        sample->normal = list[at].lamp.direction;
+        sample->normal = list[at].source.direction;
     }
     *distance = nearest;
-    power_along(emitters, sample, vec3_mul(w, -1.0f), x, radiance);
-    *pdf = sample->pdf = pell_emitters_pdf(emitters, near, sample);
+    power_along(light_sampler, sample, vec3_mul(w, -1.0f), x, radiance);
+    *pdf = sample->pdf = pell_light_sampler_pdf(light_sampler, near, sample);
     return true;
 }
 
 /* --- Light that sets out -------------------------------------------------------------------------------------------------------- */
 
-/* Directions from a lamp: all, those of a cone, or by cosine about the normal. */
-struct fan {
+/* Directions from a light: all, those of a cone, or by cosine about the normal. */
+struct grid {
     struct pell_dvec3 axis;
     double versed; /* 1 - cosine of the cone's angle; 2: all directions */
     bool cosine;
 };
 
-static struct fan fan_of(const struct emitter *l, struct pell_vec3 centre, double radius, struct pell_vec3 at)
+static struct grid grid_of(const struct sampled_light *l, struct pell_vec3 centre, double radius, struct pell_vec3 at)
 {
     const struct pell_dvec3 d = dvec3_between(centre, at);
     const double d2 = dvec3_dot(d, d), r2 = radius * radius;
-    struct fan fan = { dvec3_widen(l->lamp.direction), 2.0, false };
+    struct grid grid = { dvec3_widen(l->source.direction), 2.0, false };
 
     if (d2 > r2 * (1.0 + 1e-9)) {
         const double length = sqrt(d2);
-        fan.axis = (struct pell_dvec3){ d.x / length, d.y / length, d.z / length };
-        fan.versed = r2 / d2 / (1.0 + sqrt(1.0 - r2 / d2));
+        grid.axis = (struct pell_dvec3){ d.x / length, d.y / length, d.z / length };
+        grid.versed = r2 / d2 / (1.0 + sqrt(1.0 - r2 / d2));
     }
-    if (l->area > 0.0 && fan.versed > 0.5) {
-        fan.axis = dvec3_widen(l->lamp.direction);
-        fan.cosine = true;
+    if (l->area > 0.0 && grid.versed > 0.5) {
+        grid.axis = dvec3_widen(l->source.direction);
+        grid.cosine = true;
     }
-    if (l->lamp.type == PELL_LIGHT_SPOT) {
-        const double own = 1.0 + (double) l->lamp.spot_offset / (double) l->lamp.spot_scale; /* 1 - cos_outer */
-        if (own < fan.versed) {
-            fan.axis = dvec3_widen(l->lamp.direction);
-            fan.versed = own;
+    if (l->source.type == PELL_LIGHT_SPOT) {
+        const double own = 1.0 + (double) l->source.spot_offset / (double) l->source.spot_scale; /* 1 - cos_outer */
+        if (own < grid.versed) {
+            grid.axis = dvec3_widen(l->source.direction);
+            grid.versed = own;
         }
     }
-    return fan;
+    return grid;
 }
 
-static double fan_density(const struct fan *fan, struct pell_vec3 direction)
+static double grid_density(const struct grid *grid, struct pell_vec3 direction)
 {
     const struct pell_dvec3 w = dvec3_widen(direction);
-    const double cosine = dvec3_dot(fan->axis, w), limit = 1.0 - fan->versed;
-    const struct pell_dvec3 off = dvec3_mad(w, -cosine, fan->axis);
+    const double cosine = dvec3_dot(grid->axis, w), limit = 1.0 - grid->versed;
+    const struct pell_dvec3 off = dvec3_mad(w, -cosine, grid->axis);
 
-    if (fan->cosine)
+    if (grid->cosine)
         return fmax(cosine, 0.0) / PELL_PI;
     /* by the sine, which small angles keep; directions are floats */
     if (limit > 0.0 ? cosine <= 0.0 || dvec3_dot(off, off) > (1.0 - limit * limit) * (1.0 + 1e-5) : cosine < limit - 1e-6)
         return 0.0;
-    return 1.0 / (2.0 * PELL_PI * fan->versed);
+    return 1.0 / (2.0 * PELL_PI * grid->versed);
 }
 
-static struct pell_vec3 fan_sample(const struct fan *fan, double u, double v)
+static struct pell_vec3 grid_sample(const struct grid *grid, double u, double v)
 {
-    const double versed = fan->cosine ? 1.0 - sqrt(1.0 - u) : u * fan->versed, c = 1.0 - versed,
+    const double versed = grid->cosine ? 1.0 - sqrt(1.0 - u) : u * grid->versed, c = 1.0 - versed,
                  s = sqrt(fmax(0.0, versed * (2.0 - versed)));
     struct pell_vec3 t, b;
 
-    vec3_basis(dvec3_narrow(fan->axis), &t, &b);
-    return dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_mul(fan->axis, c), s * cos(2.0 * PELL_PI * v), dvec3_widen(t)),
+    vec3_basis(dvec3_narrow(grid->axis), &t, &b);
+    return dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_mul(grid->axis, c), s * cos(2.0 * PELL_PI * v), dvec3_widen(t)),
                                   s * sin(2.0 * PELL_PI * v), dvec3_widen(b)));
 }
 
-bool pell_emitters_emit(const struct pell_emitters *emitters, struct pell_vec3 centre, double radius, const double u[5],
-                        struct pell_emitter_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
+bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius, const double u[5],
+                        struct pell_light_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
                         double *pdf)
 {
-    const struct emitter *l;
+    const struct sampled_light *l;
     double choice = u[0], share;
     float power[3];
     size_t i;
 
-    if (emitters->count == 0 || !(radius > 0.0 && radius < INFINITY))
+    if (light_sampler->count == 0 || !(radius > 0.0 && radius < INFINITY))
         return false;
-    i = choose(emitters, centre, radius * radius, &choice, &share);
-    l = &emitters->list[i];
-    place_on(emitters, i, choice, u[1], u[2], sample);
+    i = choose(light_sampler, centre, radius * radius, &choice, &share);
+    l = &light_sampler->list[i];
+    place_on(light_sampler, i, choice, u[1], u[2], sample);
     *pdf = sample->pdf;
     sample->pdf *= share;
     if (sample->away) {
         const double r = radius * sqrt(u[3]);
-        const struct pell_dvec3 off = { centre.x - emitters->middle[0], centre.y - emitters->middle[1], centre.z - emitters->middle[2] };
-        const double back = radius + emitters->reach + sqrt(dvec3_dot(off, off));
+        const struct pell_dvec3 off = { centre.x - light_sampler->middle[0], centre.y - light_sampler->middle[1], centre.z - light_sampler->middle[2] };
+        const double back = radius + light_sampler->reach + sqrt(dvec3_dot(off, off));
         struct pell_vec3 t, b;
         vec3_basis(sample->toward, &t, &b);
         *direction = vec3_mul(sample->toward, -1.0f);
@@ -667,29 +669,29 @@ bool pell_emitters_emit(const struct pell_emitters *emitters, struct pell_vec3 c
                                          dvec3_widen(sample->toward)));
         *pdf /= PELL_PI * radius * radius;
     } else {
-        const struct fan fan = fan_of(l, centre, radius, sample->at);
-        *direction = fan_sample(&fan, u[3], u[4]);
+        const struct grid grid = grid_of(l, centre, radius, sample->at);
+        *direction = grid_sample(&grid, u[3], u[4]);
         *origin = sample->at;
-        *pdf *= fan.cosine ? fan_density(&fan, *direction) : 1.0 / (2.0 * PELL_PI * fan.versed);
+        *pdf *= grid.cosine ? grid_density(&grid, *direction) : 1.0 / (2.0 * PELL_PI * grid.versed);
     }
     *pdf *= share;
-    power_along(emitters, sample, *direction, *origin, power);
+    power_along(light_sampler, sample, *direction, *origin, power);
     for (int c = 0; c < 3; c++)
         weight[c] = (double) power[c] * (l->area > 0.0 ? (double) vec3_dot(sample->normal, *direction) : 1.0) / *pdf;
     return *pdf > 0.0 && weight[0] + weight[1] + weight[2] > 0.0;
 }
 
-double pell_emitters_emit_pdf(const struct pell_emitters *emitters, struct pell_vec3 centre, double radius,
-                              const struct pell_emitter_sample *sample, struct pell_vec3 direction, struct pell_vec3 target)
+double pell_light_sampler_emit_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius,
+                              const struct pell_light_sample *sample, struct pell_vec3 direction, struct pell_vec3 target)
 {
-    const struct emitter *l = &emitters->list[sample->lamp];
-    const double share = chance(emitters, sample->lamp, centre, radius * radius), place = place_density(emitters, sample);
+    const struct sampled_light *l = &light_sampler->list[sample->source];
+    const double share = chance(light_sampler, sample->source, centre, radius * radius), place = place_density(light_sampler, sample);
     struct pell_dvec3 d;
-    struct fan fan;
+    struct grid grid;
 
     if (!sample->away) {
-        fan = fan_of(l, centre, radius, sample->at);
-        return share * place * fan_density(&fan, direction);
+        grid = grid_of(l, centre, radius, sample->at);
+        return share * place * grid_density(&grid, direction);
     }
     d = dvec3_between(target, centre);
     d = dvec3_mad(d, -dvec3_dot(d, dvec3_widen(sample->toward)), dvec3_widen(sample->toward));

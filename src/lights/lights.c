@@ -3,8 +3,8 @@
  * lights.c - the lights of a scene made ready: samples, cones, projected images, environments. Units and names follow
  * KHR_lights_punctual where that has the light.
  *
- * A projected image is a slide: the light's colour times the picture looked up where the ray leaves the projector; outside of it is
- * dark. Directional lights throw it in parallel over width x height mm round the position (0: round the whole scene). Rectangles and
+ * A projected image is a projected image: the light's colour times the picture looked up where the ray leaves the projector; outside of it
+ * is dark. Directional lights throw it in parallel over width x height mm round the position (0: round the whole scene). Rectangles and
  * discs shine with the picture on their face, upright and unmirrored to who looks at it.
  */
 #include "lights/lights.h"
@@ -13,75 +13,75 @@
 #include <stdlib.h>
 #include <string.h>
 
-static enum pell_result add_lamp(struct pell_lights *lights, const struct pell_lamp *lamp)
+static enum pell_result add_light(struct pell_lights *lights, const struct pell_light_source *source)
 {
-    void *array = lights->lamps;
-    const enum pell_result res = pell_grow(lights->ctx, &array, lights->num_lamps, &lights->capacity, sizeof(*lights->lamps));
+    void *array = lights->sources;
+    const enum pell_result res = pell_grow(lights->ctx, &array, lights->num_sources, &lights->capacity, sizeof(*lights->sources));
 
-    lights->lamps = array;
+    lights->sources = array;
     if (res == PELL_OK)
-        lights->lamps[lights->num_lamps++] = *lamp;
+        lights->sources[lights->num_sources++] = *source;
     return res;
 }
 
-/* Picture coordinates of a slide: u = 1/2 + x image_u, v = 1/2 - y image_v, with x, y in the plane at distance 1. */
-static void aim_slide(struct pell_lamp *lamp, const struct pell_light *light, const struct pell_scene *scene)
+/* Picture coordinates of a projected image: u = 1/2 + x image_u, v = 1/2 - y image_v, with x, y in the plane at distance 1. */
+static void aim_image(struct pell_light_source *source, const struct pell_light *light, const struct pell_scene *scene)
 {
     const struct pell_image *image = &light->image->image;
     const float aspect = (float) image->width / (float) image->height;
     float fov = light->image_fov, tangent, w = light->width, h = light->height;
 
-    lamp->image = light->image;
+    source->image = light->image;
     if (light->type == PELL_LIGHT_DIRECTIONAL) {
         if (!(w > 0.0f) || !(h > 0.0f)) {
             const struct pell_vec3 lo = vec3_load(scene->bounds_min), hi = vec3_load(scene->bounds_max);
             const float size = vec3_length(vec3_sub(hi, lo));
-            lamp->position = vec3_mul(vec3_add(lo, hi), 0.5f);
+            source->position = vec3_mul(vec3_add(lo, hi), 0.5f);
             h = size > 0.0f && isfinite(size) ? size : 1.0f;
             h = aspect < 1.0f ? h / aspect : h;
             w = h * aspect;
         }
-        lamp->image_u = 1.0f / w;
-        lamp->image_v = 1.0f / h;
+        source->image_u = 1.0f / w;
+        source->image_v = 1.0f / h;
         return;
     }
     if (!(fov > 0.0f))
         fov = light->type == PELL_LIGHT_SPOT ? 2.0f * acosf(fminf(fmaxf(light->cos_outer, -1.0f), 1.0f)) : 0.5f * PELL_PI_F;
     fov = fminf(fmaxf(fov, 1e-3f), 3.1f);
     tangent = tanf(0.5f * fov);
-    lamp->image_v = 0.5f / tangent;
-    lamp->image_u = lamp->image_v / aspect;
+    source->image_v = 0.5f / tangent;
+    source->image_u = source->image_v / aspect;
 }
 
-void pell_lamp_slide(const struct pell_lamp *lamp, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3])
+void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3])
 {
     float rgba[4] = { 0 }, x, y, u, v;
 
-    if (lamp->type == PELL_LIGHT_RECT || lamp->type == PELL_LIGHT_DISC) {
-        const struct pell_vec3 d = vec3_sub(from, lamp->position);
-        x = -0.5f * vec3_dot(d, lamp->right) / vec3_dot(lamp->right, lamp->right); /* unmirrored from the front */
-        y = 0.5f * vec3_dot(d, lamp->up) / vec3_dot(lamp->up, lamp->up);
-    } else if (lamp->type == PELL_LIGHT_DIRECTIONAL) {
-        const struct pell_vec3 d = vec3_sub(place, lamp->position);
-        x = vec3_dot(d, lamp->right) * lamp->image_u;
-        y = vec3_dot(d, lamp->up) * lamp->image_v;
+    if (source->type == PELL_LIGHT_RECT || source->type == PELL_LIGHT_DISC) {
+        const struct pell_vec3 d = vec3_sub(from, source->position);
+        x = -0.5f * vec3_dot(d, source->right) / vec3_dot(source->right, source->right); /* unmirrored from the front */
+        y = 0.5f * vec3_dot(d, source->up) / vec3_dot(source->up, source->up);
+    } else if (source->type == PELL_LIGHT_DIRECTIONAL) {
+        const struct pell_vec3 d = vec3_sub(place, source->position);
+        x = vec3_dot(d, source->right) * source->image_u;
+        y = vec3_dot(d, source->up) * source->image_v;
     } else {
-        const float depth = vec3_dot(direction, lamp->direction), inv = depth > 1e-6f ? 1.0f / depth : 1e12f;
-        x = vec3_dot(direction, lamp->right) * inv * lamp->image_u;
-        y = vec3_dot(direction, lamp->up) * inv * lamp->image_v;
+        const float depth = vec3_dot(direction, source->direction), inv = depth > 1e-6f ? 1.0f / depth : 1e12f;
+        x = vec3_dot(direction, source->right) * inv * source->image_u;
+        y = vec3_dot(direction, source->up) * inv * source->image_v;
     }
     u = 0.5f + x;
     v = 0.5f - y;
     if (u >= 0.0f && u <= 1.0f && v >= 0.0f && v <= 1.0f)
-        pell_image_sample(&lamp->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, lamp->image->nearest, u, v, rgba);
+        pell_image_sample(&source->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, source->image->nearest, u, v, rgba);
     for (int c = 0; c < 3; c++)
         rgb[c] = rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) : 0.0f;
 }
 
-bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_lamp *out)
+bool pell_light_source_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_light_source *out)
 {
     const bool rect = light->type == PELL_LIGHT_RECT, disc = light->type == PELL_LIGHT_DISC;
-    struct pell_lamp lamp = {
+    struct pell_light_source source = {
         .type = light->type,
         .position = vec3_load(light->position),
         .direction = vec3_normalize(vec3_load(light->direction)),
@@ -92,35 +92,35 @@ bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *lig
         .environment = -1,
     };
 
-    if (!(vec3_length(lamp.direction) > 0.0f))
-        lamp.direction = vec3(0.0f, 0.0f, -1.0f);
-    lamp.right = vec3_cross(lamp.direction, lamp.up);
-    if (!(vec3_length(lamp.right) > 1e-4f))
-        vec3_basis(lamp.direction, &lamp.right, &lamp.up);
-    lamp.right = vec3_normalize(lamp.right);
-    lamp.up = vec3_cross(lamp.right, lamp.direction);
-    memcpy(lamp.power, light->power, sizeof(lamp.power));
+    if (!(vec3_length(source.direction) > 0.0f))
+        source.direction = vec3(0.0f, 0.0f, -1.0f);
+    source.right = vec3_cross(source.direction, source.up);
+    if (!(vec3_length(source.right) > 1e-4f))
+        vec3_basis(source.direction, &source.right, &source.up);
+    source.right = vec3_normalize(source.right);
+    source.up = vec3_cross(source.right, source.direction);
+    memcpy(source.power, light->power, sizeof(source.power));
 
     if (light->type == PELL_LIGHT_SPOT) {
         const float width = light->cos_inner - light->cos_outer;
-        lamp.spot_scale = 1.0f / (width > 1e-3f ? width : 1e-3f);
-        lamp.spot_offset = -light->cos_outer * lamp.spot_scale;
+        source.spot_scale = 1.0f / (width > 1e-3f ? width : 1e-3f);
+        source.spot_offset = -light->cos_outer * source.spot_scale;
     }
     if (light->image && light->image->image.pixels)
-        aim_slide(&lamp, light, scene);
+        aim_image(&source, light, scene);
     if (rect || disc) {
         const float hw = rect ? 0.5f * light->width : light->radius, hh = rect ? 0.5f * light->height : light->radius;
-        lamp.samples = samples;
-        lamp.sample_area = (rect ? 4.0f : PELL_PI_F) * hw * hh / (float) lamp.samples;
+        source.samples = samples;
+        source.sample_area = (rect ? 4.0f : PELL_PI_F) * hw * hh / (float) source.samples;
         for (int c = 0; c < 3; c++)
-            lamp.power[c] *= lamp.sample_area;
-        lamp.right = vec3_mul(lamp.right, hw);
-        lamp.up = vec3_mul(lamp.up, hh);
+            source.power[c] *= source.sample_area;
+        source.right = vec3_mul(source.right, hw);
+        source.up = vec3_mul(source.up, hh);
     }
     for (int c = 0; c < 3; c++)
-        lamp.power[c] = lamp.power[c] > 0.0f ? fminf(lamp.power[c], 1e18f) : 0.0f;
-    *out = lamp;
-    return lamp.power[0] + lamp.power[1] + lamp.power[2] > 0.0f;
+        source.power[c] = source.power[c] > 0.0f ? fminf(source.power[c], 1e18f) : 0.0f;
+    *out = source;
+    return source.power[0] + source.power[1] + source.power[2] > 0.0f;
 }
 
 _Static_assert((int) PELL_LIGHT_POINT == PELL_LIGHT_DATA_POINT && (int) PELL_LIGHT_SPOT == PELL_LIGHT_DATA_SPOT &&
@@ -138,26 +138,26 @@ static struct pell_vec4 vec4(struct pell_vec3 v, float w)
     return (struct pell_vec4) { v.x, v.y, v.z, w };
 }
 
-struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_lamp *lamp)
+struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_light_source *source)
 {
     struct pell_light_data data = {
-        .position = vec4(lamp->position, lamp->scale),
-        .direction = vec4(lamp->direction, lamp->inv_range),
-        .right = vec4(lamp->right, lamp->image_u),
-        .up = vec4(lamp->up, lamp->image_v),
-        .power = { lamp->power[0], lamp->power[1], lamp->power[2], lamp->sample_area },
-        .spot_scale = lamp->spot_scale,
-        .spot_offset = lamp->spot_offset,
-        .type = (int32_t) lamp->type,
-        .samples = lamp->samples,
-        .environment = lamp->environment,
-        .light = lamp->light,
+        .position = vec4(source->position, source->scale),
+        .direction = vec4(source->direction, source->inv_range),
+        .right = vec4(source->right, source->image_u),
+        .up = vec4(source->up, source->image_v),
+        .power = { source->power[0], source->power[1], source->power[2], source->sample_area },
+        .spot_scale = source->spot_scale,
+        .spot_offset = source->spot_offset,
+        .type = (int32_t) source->type,
+        .samples = source->samples,
+        .environment = source->environment,
+        .light = source->light,
         .image = -1,
-        .flags = lamp->compact ? PELL_LIGHT_DATA_COMPACT : 0u,
+        .flags = source->compact ? PELL_LIGHT_DATA_COMPACT : 0u,
     };
 
-    for (size_t i = 0; lamp->image && i < scene->num_textures; i++)
-        if (scene->textures[i] == lamp->image)
+    for (size_t i = 0; source->image && i < scene->num_textures; i++)
+        if (scene->textures[i] == source->image)
             data.image = (int32_t) i;
     return data;
 }
@@ -176,23 +176,23 @@ bool pell_lights_part(const struct pell_lights *lights, int object, int material
     return lights->num_parts > 0 && bsearch(&key, lights->parts, lights->num_parts, sizeof(key), compare_parts) != NULL;
 }
 
-#define FANS_MOST 4   /* lamps that get a fan: each holds a copy of the triangles */
-#define FANS_TRIED 16 /* lamps of which it is tried: that one will not do may be known late */
+#define GRIDS_MOST 4   /* lights that get a light grid: each holds a copy of the triangles */
+#define GRIDS_TRIED 16 /* lights of which it is tried: that one will not do may be known late */
 
-static enum pell_result make_fans(struct pell_lights *lights, const struct pell_scene *scene)
+static enum pell_result make_grids(struct pell_lights *lights, const struct pell_scene *scene)
 {
     enum pell_result res = PELL_OK;
     int fans = 0, tried = 0;
 
-    for (size_t i = 0; i < lights->num_lamps && fans < FANS_MOST && tried < FANS_TRIED && res == PELL_OK; i++) {
-        struct pell_lamp *lamp = &lights->lamps[i];
-        if (lamp->environment >= 0 || (lamp->type != PELL_LIGHT_POINT && lamp->type != PELL_LIGHT_SPOT))
+    for (size_t i = 0; i < lights->num_sources && fans < GRIDS_MOST && tried < GRIDS_TRIED && res == PELL_OK; i++) {
+        struct pell_light_source *source = &lights->sources[i];
+        if (source->environment >= 0 || (source->type != PELL_LIGHT_POINT && source->type != PELL_LIGHT_SPOT))
             continue;
         if (pell_cancelled(lights->ctx))
             return PELL_ERR_CANCELLED;
         tried++;
-        res = pell_fan_create(lights->ctx, scene, lamp->position, &lamp->fan);
-        fans += lamp->fan != NULL;
+        res = pell_light_grid_create(lights->ctx, scene, source->position, &source->grid);
+        fans += source->grid != NULL;
     }
     return res;
 }
@@ -220,8 +220,8 @@ static enum pell_result add_environment(struct pell_lights *lights, int number, 
     env->light = number;
     res = pell_environment_create(lights->ctx, light, params, env, &brightest);
     for (size_t i = 0; i < brightest.count && res == PELL_OK; i++)
-        res = add_lamp(lights, &brightest.lamps[i]);
-    pell_free(lights->ctx, brightest.lamps);
+        res = add_light(lights, &brightest.sources[i]);
+    pell_free(lights->ctx, brightest.sources);
     return res;
 }
 
@@ -256,11 +256,11 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
 
     for (size_t i = 0; i < scene->num_lights; i++) {
         const struct pell_light *light = &scene->lights[i];
-        struct pell_lamp lamp;
+        struct pell_light_source source;
         if (light->type != PELL_LIGHT_ENVIRONMENT) {
-            if (pell_lamp_make(scene, light, lights->light_samples, &lamp)) {
-                lamp.light = (int) i;
-                PELL_TRY(add_lamp(lights, &lamp));
+            if (pell_light_source_make(scene, light, lights->light_samples, &source)) {
+                source.light = (int) i;
+                PELL_TRY(add_light(lights, &source));
             }
             continue;
         }
@@ -271,13 +271,13 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
         PELL_TRY(add_environment(lights, (int) i, light, &(struct pell_environment_params) {
             .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .tables = tables, .pool = pool }));
     }
-    PELL_TRY(make_fans(lights, scene));
+    PELL_TRY(make_grids(lights, scene));
     res = PELL_ERR_NOMEM;
-    lights->data = pell_alloc_array(ctx, lights->num_lamps ? lights->num_lamps : 1, sizeof(*lights->data));
+    lights->data = pell_alloc_array(ctx, lights->num_sources ? lights->num_sources : 1, sizeof(*lights->data));
     if (!lights->data)
         goto fail;
-    for (size_t i = 0; i < lights->num_lamps; i++)
-        lights->data[i] = pell_light_data_of(scene, &lights->lamps[i]);
+    for (size_t i = 0; i < lights->num_sources; i++)
+        lights->data[i] = pell_light_data_of(scene, &lights->sources[i]);
     pell_specular_tables_destroy(&tables);
     *out = lights;
     return PELL_OK;
@@ -296,21 +296,21 @@ void pell_lights_destroy(struct pell_lights **lights)
     *lights = NULL;
     for (size_t i = 0; i < l->num_environments; i++)
         pell_environment_finish(l->ctx, &l->environments[i]);
-    for (size_t i = 0; i < l->num_lamps; i++)
-        pell_fan_destroy(&l->lamps[i].fan);
+    for (size_t i = 0; i < l->num_sources; i++)
+        pell_light_grid_destroy(&l->sources[i].grid);
     pell_free(l->ctx, l->environments);
     pell_free(l->ctx, l->eta_slot);
     pell_free(l->ctx, l->parts);
     pell_free(l->ctx, l->data);
-    pell_free(l->ctx, l->lamps);
+    pell_free(l->ctx, l->sources);
     pell_free(l->ctx, l);
 }
 
-const struct pell_fan *pell_lights_fan(const struct pell_lights *lights, size_t light)
+const struct pell_light_grid *pell_lights_grid(const struct pell_lights *lights, size_t light)
 {
-    for (size_t i = 0; i < lights->num_lamps; i++)
-        if (lights->lamps[i].environment < 0 && (size_t) lights->lamps[i].light == light)
-            return lights->lamps[i].fan;
+    for (size_t i = 0; i < lights->num_sources; i++)
+        if (lights->sources[i].environment < 0 && (size_t) lights->sources[i].light == light)
+            return lights->sources[i].grid;
     return NULL;
 }
 

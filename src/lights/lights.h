@@ -2,7 +2,7 @@
  *
  * lights.h - lights made ready for packets of pixels, and the environment's parts.
  *
- * A lamp is a light as the stage loops over it: a light of the scene, or one of the directions that stand for an environment's
+ * A light is a light as the stage loops over it: a light of the scene, or one of the directions that stand for an environment's
  * bright parts.
  */
 #ifndef PELL_LIGHTS_H
@@ -18,7 +18,7 @@
 
 #define PELL_LANES 16
 
-struct pell_lamp {
+struct pell_light_source {
     enum pell_light_type type;  /* never PELL_LIGHT_ENVIRONMENT */
     struct pell_vec3 position, direction; /* direction: unit, the way the light goes */
     struct pell_vec3 right, up; /* unit; rect, disc: times half the extent; right = direction x up */
@@ -33,7 +33,7 @@ struct pell_lamp {
     int environment;            /* index of the environment that it belongs to, -1: none; those make no highlight */
     bool compact;               /* of an environment: its light is left out of the smooth table */
     int light;                  /* of the scene, where it is no environment's */
-    struct pell_fan *fan;       /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */
+    struct pell_light_grid *grid;       /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */
 };
 
 /* --- environment.c ------------------------------------------------------------------------------------------------------------ */
@@ -53,7 +53,7 @@ struct pell_environment {
     float power[3], cos_rotate, sin_rotate;
     int light; /* of the scene */
     /* Irradiance over the normal: E0 = Int L cos, and per model and roughness Int L scale cos, Int L bias cos (optics/medium/specular.h),
-     * and per smooth boundary Int L F_t cos; without the compact lamps. `size` floats a node. */
+     * and per smooth boundary Int L F_t cos; without the compact lights. `size` floats a node. */
     float *nodes;
     int size, model_at[PELL_SPECULAR_MODELS], boundary_at;
     int num_levels; /* 0: the reflection is constant */
@@ -62,9 +62,9 @@ struct pell_environment {
 
 struct pell_lights {
     struct pell_context *ctx;
-    struct pell_lamp *lamps;
-    struct pell_light_data *data; /* of each lamp */
-    size_t num_lamps, capacity;
+    struct pell_light_source *sources;
+    struct pell_light_data *data; /* of each light */
+    size_t num_sources, capacity;
     struct pell_environment *environments;
     size_t num_environments;
     int light_samples, ambient_samples; /* per frame */
@@ -83,14 +83,14 @@ PELL_NODISCARD enum pell_result pell_lights_create(struct pell_context *ctx, con
 void pell_lights_destroy(struct pell_lights **lights);
 
 /* What a light of the scene sees (visibility/light_grid.h), while the lights live; NULL: it has none. */
-const struct pell_fan *pell_lights_fan(const struct pell_lights *lights, size_t light);
+const struct pell_light_grid *pell_lights_grid(const struct pell_lights *lights, size_t light);
 
 /* Radiance of the environment in a direction, for backgrounds; false where the scene has none. */
 bool pell_lights_background(const struct pell_lights *lights, struct pell_vec3 direction, float rgb[3]);
 
 /* Light sources for the brightest parts of an environment. */
 struct pell_environment_lights {
-    struct pell_lamp *lamps;
+    struct pell_light_source *sources;
     size_t count;
 };
 
@@ -101,7 +101,7 @@ struct pell_environment_params {
     struct pell_pool *pool;
 };
 
-/* Resolves a light of the scene (an environment) into `env` and light sources. `env` is zeroed; finish it, and free out->lamps, also after
+/* Resolves a light of the scene (an environment) into `env` and light sources. `env` is zeroed; finish it, and free out->lights, also after
  * a failure. */
 PELL_NODISCARD enum pell_result pell_environment_create(struct pell_context *ctx, const struct pell_light *light,
                                                         const struct pell_environment_params *params, struct pell_environment *env,
@@ -129,12 +129,12 @@ struct pell_vec3 pell_environment_direction(const struct pell_environment *env, 
 /* --- lights.c ----------------------------------------------------------------------------------------------------------------- */
 
 /* A light of the scene, no environment, whose face is sampled `samples` times; false where it is dark. */
-bool pell_lamp_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_lamp *lamp);
-/* What kernels, and shaders, read of a lamp. */
-struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_lamp *lamp);
-/* The slide's colour of light that leaves the lamp at `from` along the unit `direction` and meets `place` (directional: that alone
- * counts); black outside of the picture. */
-void pell_lamp_slide(const struct pell_lamp *lamp, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3]);
+bool pell_light_source_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_light_source *source);
+/* What kernels, and shaders, read of a light. */
+struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_light_source *source);
+/* The projected image's colour of light that leaves the light at `from` along the unit `direction` and meets `place` (directional: that
+ * alone counts); black outside of the picture. */
+void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3]);
 
 /* True if some mesh of `object` has `material`. */
 bool pell_lights_part(const struct pell_lights *lights, int object, int material);

@@ -46,7 +46,7 @@ static bool tell(struct pell_context *ctx, int *found)
     return (*found)++ < pell_context_limits(ctx)->warnings;
 }
 
-enum pell_result pell_renderer_check_range(struct pell_renderer *r, const struct pell_settings *settings)
+enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const struct pell_settings *settings)
 {
     const struct pell_scene *scene = r->scene;
     struct pell_context *ctx = r->ctx;

@@ -25,13 +25,13 @@ static void copy_band(void *arg, int index, int worker)
     memcpy(t->to + (size_t) index * t->band, t->from + (size_t) index * t->band, t->band);
 }
 
-void pell_copies_finish(struct pell_context *ctx, struct pell_copies *c)
+void pell_bandwidth_finish(struct pell_context *ctx, struct pell_bandwidth *c)
 {
     pell_free(ctx, c->block);
-    *c = (struct pell_copies) { .wanted = c->wanted };
+    *c = (struct pell_bandwidth) { .wanted = c->wanted };
 }
 
-enum pell_result pell_copies_plan(struct pell_context *ctx, struct pell_copies *c, int width, int height)
+enum pell_result pell_bandwidth_plan(struct pell_context *ctx, struct pell_bandwidth *c, int width, int height)
 {
     size_t bytes = 4 * sizeof(float) * (size_t) pell_plane_stride(width) * (size_t) height;
 
@@ -39,7 +39,7 @@ enum pell_result pell_copies_plan(struct pell_context *ctx, struct pell_copies *
     bytes = bytes / BANDS / 64 * 64 * BANDS;
     if (c->bytes == bytes)
         return PELL_OK;
-    pell_copies_finish(ctx, c);
+    pell_bandwidth_finish(ctx, c);
     c->block = pell_alloc(ctx, 2 * bytes);
     if (!c->block)
         return PELL_ERR_NOMEM;
@@ -48,17 +48,17 @@ enum pell_result pell_copies_plan(struct pell_context *ctx, struct pell_copies *
     return PELL_OK;
 }
 
-void pell_copies_measure(struct pell_pool *pool, struct pell_copies *c, struct pell_stage_time *stages, size_t num_stages)
+void pell_bandwidth_measure(struct pell_pool *pool, struct pell_bandwidth *c, struct pell_stage_time *stages, size_t num_stages)
 {
     struct task to = { c->block, c->block + c->bytes, c->bytes / BANDS }, fro = { to.to, c->block, to.band };
-    double sorted[PELL_COPIES_ROUNDS], start, rate;
+    double sorted[PELL_BANDWIDTH_RUNS], start, rate;
     int known;
 
     pell_pool_run(pool, BANDS, copy_band, &to);
     start = pell_seconds();
     pell_pool_run(pool, BANDS, copy_band, &fro);
-    c->seconds[c->rounds++ % PELL_COPIES_ROUNDS] = pell_seconds() - start;
-    known = c->rounds < PELL_COPIES_ROUNDS ? (int) c->rounds : PELL_COPIES_ROUNDS;
+    c->seconds[c->runs++ % PELL_BANDWIDTH_RUNS] = pell_seconds() - start;
+    known = c->runs < PELL_BANDWIDTH_RUNS ? (int) c->runs : PELL_BANDWIDTH_RUNS;
     for (int i = 0; i < known; i++) {
         int at = i;
         for (; at > 0 && sorted[at - 1] > c->seconds[i]; at--)
@@ -67,5 +67,5 @@ void pell_copies_measure(struct pell_pool *pool, struct pell_copies *c, struct p
     }
     rate = 2.0 * (double) c->bytes / fmax(sorted[known / 2], 1e-9);
     for (size_t i = 0; i < num_stages; i++)
-        stages[i].copy_ms = 1e3 * (double) stages[i].bytes / rate;
+        stages[i].bandwidth_ms = 1e3 * (double) stages[i].bytes / rate;
 }

@@ -79,7 +79,7 @@ struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_mi
         const double x = d[0] * v->right.x + d[1] * v->right.y + d[2] * v->right.z;
         const double y = d[0] * v->up.x + d[1] * v->up.y + d[2] * v->up.z;
         const double z = d[0] * v->forward.x + d[1] * v->forward.y + d[2] * v->forward.z;
-        /* The inverse of pell_view_ray; a corner so near to the eye's plane that rounding decides its side counts as behind. */
+        /* The inverse of pell_view_ray; a corner so near to the camera's plane that rounding decides its side counts as behind. */
         const double size = fabs(d[0]) + fabs(d[1]) + fabs(d[2]);
         const double scale = v->focal_px / (v->orthographic ? 1.0 : z);
         const double px = x * scale + 0.5 * v->width - 0.5 - v->shift_x, py = 0.5 * v->height - 0.5 - v->shift_y - y * scale;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * camera_view.h - the eye: from pixels to rays and back. Pixel (x, y) has its centre at (x + 1/2, y + 1/2), y down.
+ * camera_view.h - the camera: from pixels to rays and back. Pixel (x, y) has its centre at (x + 1/2, y + 1/2), y down.
  */
 #ifndef PELL_VIEW_H
 #define PELL_VIEW_H
@@ -19,12 +19,12 @@ struct pell_view {
 
 struct pell_view pell_view_make(const struct pell_camera *camera, int width, int height, float shift_x, float shift_y);
 
-/* A thin lens in the eye's plane. A picture through it is the mean of pictures through points of it (Haeberli and Akeley 1990), each the
+/* A thin lens in the camera's plane. A picture through it is the mean of pictures through points of it (Haeberli and Akeley 1990), each the
  * picture of a pinhole there whose pixels meet in the plane in focus: what lies at depth z is spread over a disc that is
  * 2 radius focal_px |1/z - 1/focus| pixels across. Each of n points stands for the n-th part of the lens about it: render/post/dof.h. */
 struct pell_lens {
     float radius; /* mm; 0: a pinhole */
-    float focus;  /* mm from the eye along its axis */
+    float focus;  /* mm from the camera along its axis */
 };
 
 /* Moves a view from the middle of the lens to point i of n, which fill it evenly: their mean is the middle, and with discs of
@@ -47,7 +47,7 @@ static inline void pell_view_ray(const struct pell_view *v, float x, float y, st
 }
 
 /* The rectangle of pixels, with a border of one, that the box may cover, clipped to the picture; the whole picture where the box reaches
- * behind the eye. */
+ * behind the camera. */
 struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_min[3], const float bounds_max[3]);
 
 /* Grows `a` until `b` lies in it, too; those without a pixel add nothing. */

@@ -28,7 +28,7 @@ struct pell_method_engine {
     size_t (*times)(const void *state, struct pell_pass_time *times, size_t size);
     /* Standard error of each pixel of the last render, in the unit of what comes out; planes as in the frame, the state's own. NULL where
      * the method has no noise, or does not know it. */
-    bool (*noise)(const void *state, const float *planes[3]);
+    bool (*standard_error)(const void *state, const float *planes[3]);
 };
 
 /* Times of a frame's stages: a row each, made by its first sample. */
@@ -75,7 +75,7 @@ struct pell_engine_seen {
 /* What the method gave of a sample. */
 struct pell_engine_scattered {
     bool there;            /* false: the sample has no translucent pixel, or no method runs */
-    const float *noise[3]; /* standard error, as pell_pass_noise has it; NULL: not known */
+    const float *standard_error[3]; /* standard error, as pell_pass_standard_error has it; NULL: not known */
 };
 
 /* What an engine keeps from frame to frame. What each depends on stands in prepare.c. */
@@ -94,7 +94,7 @@ struct pell_engine_result {
     size_t num_channels;
     float exposure;
     int64_t invalid;
-    bool covered, lit; /* something is in view; light arrives at it */
+    bool covered, any_light; /* something is in view; light arrives at it */
 };
 
 struct pell_engine_interface {
@@ -113,10 +113,10 @@ struct pell_engine_interface {
     /* Fills in rays, engine, light_points and light_grid. Once the scene is made. */
     void (*lend)(void *engine, struct pell_services *services);
 
-    /* The stages of a sample, in this order; `lit` where the method asks for the plane, `hand_over` where it runs. None allocates. */
+    /* The stages of a sample, in this order; `shade` where the method asks for the plane, `hand_over` where it runs. None allocates. */
     enum pell_result (*surface)(void *engine, const struct pell_engine_sample *sample, struct pell_engine_seen *seen);
     enum pell_result (*irradiance)(void *engine, const struct pell_engine_sample *sample);
-    enum pell_result (*lit)(void *engine, const struct pell_engine_sample *sample);
+    enum pell_result (*shade)(void *engine, const struct pell_engine_sample *sample);
     /* Fills in the rectangle and the planes. */
     void (*hand_over)(void *engine, const struct pell_engine_sample *sample, struct pell_frame *in, struct pell_frame_light *out);
     enum pell_result (*composite)(void *engine, const struct pell_engine_sample *sample, const struct pell_engine_scattered *scattered);

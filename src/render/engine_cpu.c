@@ -146,7 +146,7 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
         return false;
     }
     if (p->output)
-        return plan && (plan->gives & p->output) && frame->settings->layers;
+        return plan && (plan->outputs & p->output) && frame->settings->layers;
     return !p->need || (plan && (plan->needs & p->need));
 }
 
@@ -154,14 +154,14 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
 static enum pell_result make_planes(struct cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
-    const bool gives = frame->plan && frame->plan->gives, hits = frame->plan && (frame->plan->needs & PELL_NEED_HIT);
+    const bool gives = frame->plan && frame->plan->outputs, hits = frame->plan && (frame->plan->needs & PELL_NEED_HIT);
     struct wanted w = { .count = 0 };
     enum pell_result res;
 
     if (!e->sized)
         PELL_TRY(pell_surface_allocate(e->ctx, s->width, s->height, &e->surface));
     want(&w, e->lighting.irradiance, 3);
-    want(&w, e->lighting.through, 3);
+    want(&w, e->lighting.transmitted, 3);
     want(&w, e->lighting.specular, 3);
     want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
@@ -184,7 +184,7 @@ static enum pell_result make_planes(struct cpu *e, const struct pell_engine_fram
         goto fail;
     e->sum.meter = e->rows + (size_t) s->height * 4;
     e->surface.mips = e->mips;
-    e->surface.lean = true;
+    e->surface.omit_uniform = true;
     e->surface.mesh = hits ? (uint32_t *) e->plane[PELL_PLANE_MESH][0] : NULL; /* it keeps what its rays hit for methods that ask */
     e->surface.triangle = hits ? (uint32_t *) e->plane[PELL_PLANE_TRIANGLE][0] : NULL;
     e->surface.barycentric[0] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][0] : NULL;
@@ -269,7 +269,7 @@ static struct pell_irradiance_params light_params(const struct cpu *e, float mix
         .surface = &e->surface,
         .tables = e->tables,
         .mix = mix,
-        .smooth = e->settings->boundary == PELL_BOUNDARY_SMOOTH,
+        .smooth = e->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .seed = pell_settings_seed(e->settings),
     };
 }
@@ -318,11 +318,11 @@ static int64_t cpu_light_points(void *engine, const struct pell_points_params *p
     return rays;
 }
 
-static const struct pell_fan *cpu_light_grid(void *engine, size_t light)
+static const struct pell_light_grid *cpu_light_grid(void *engine, size_t light)
 {
     const struct cpu *e = engine;
 
-    return e->lights ? pell_lights_fan(e->lights, light) : NULL;
+    return e->lights ? pell_lights_grid(e->lights, light) : NULL;
 }
 
 static void cpu_lend(void *engine, struct pell_services *services)
@@ -362,7 +362,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     enum pell_result res;
 
     light.view = &sample->view;
-    light.thickness = f->plan && (f->plan->needs & PELL_NEED_THROUGH) ? f->materials->thickness : NULL;
+    light.thickness = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION) ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
     res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
     if (res != PELL_OK)
@@ -377,8 +377,8 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
         .lighting = &e->lighting,
         .total = (const float(*)[3]) f->materials->total,
         .mix = mix,
-        .smooth = settings->boundary == PELL_BOUNDARY_SMOOTH,
-        .published = settings->exit == PELL_EXIT_PUBLISHED,
+        .smooth = settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
+        .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,
         .rect = f->covered,
         .weight = 1.0f / (float) settings->msaa,
         .first = sample->number == 0,
@@ -386,13 +386,13 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     return PELL_OK;
 }
 
-static enum pell_result cpu_lit(void *engine, const struct pell_engine_sample *sample)
+static enum pell_result cpu_shaded(void *engine, const struct pell_engine_sample *sample)
 {
     struct cpu *e = engine;
     const double start = pell_seconds();
     const int64_t pixels = e->surface.translucent_pixels;
 
-    pell_composite_lit(e->pool, e->compositor, &e->composite, e->plane[PELL_PLANE_LIT]);
+    pell_composite_shaded(e->pool, e->compositor, &e->composite, e->plane[PELL_PLANE_SHADED]);
     pell_stage_note(sample->frame->notes, "lit", pell_seconds() - start, pixels, 0, pixels * 48);
     return PELL_OK;
 }
@@ -492,10 +492,10 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
     if (scattered->there) {
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
         p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
-        p->below = plan->below;
+        p->excludes_surface_reflection = plan->excludes_surface_reflection;
         p->single = is_asked(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE] : NULL;
         p->reflected = is_asked(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
-        p->noise = scattered->noise[0] ? scattered->noise : NULL;
+        p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
     }
     if (sample->frame->lens->radius > 0.0f) {
         composite_through_lens(e, sample);
@@ -563,7 +563,7 @@ static bool has_layer(const struct pell_output_layer *l, const struct pell_engin
     case PELL_LAYER_ASKED:
         return frame->settings->layers;
     case PELL_LAYER_SINGLE:
-        return frame->settings->layers && frame->plan && (frame->plan->gives & PELL_GIVES_SINGLE);
+        return frame->settings->layers && frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE);
     case PELL_LAYER_NOISE:
         return frame->settings->layers && noisy;
     }
@@ -582,7 +582,7 @@ static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, b
         .exposure = e->post.exposure,
         .invalid = e->post.invalid,
         .covered = e->post.covered,
-        .lit = e->post.lit,
+        .any_light = e->post.any_light,
     };
     for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
         const struct pell_output_layer *l = &pell_output_layers[k];
@@ -622,7 +622,7 @@ const struct pell_engine_interface pell_engine_cpu = {
     .lend = cpu_lend,
     .surface = cpu_surface,
     .irradiance = cpu_irradiance,
-    .lit = cpu_lit,
+    .shade = cpu_shaded,
     .hand_over = cpu_hand_over,
     .composite = cpu_composite,
     .average = cpu_average,

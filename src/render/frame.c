@@ -105,8 +105,8 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_engin
     size_t n;
     enum pell_result res;
 
-    if (sample->frame->plan->needs & PELL_NEED_LIT)
-        PELL_TRY(engine->lit(r->engine, sample));
+    if (sample->frame->plan->needs & PELL_NEED_SHADED)
+        PELL_TRY(engine->shade(r->engine, sample));
     engine->hand_over(r->engine, sample, &in, &out);
     start = pell_seconds();
     PELL_TRY(pell_pass_render(r->pass, &in, &out));
@@ -116,7 +116,7 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_engin
         pell_stage_note(&r->notes, times[i].name, times[i].seconds, times[i].pixels, times[i].rays, times[i].bytes);
     if (n == 0)
         pell_stage_note(&r->notes, r->method->name, pell_seconds() - start, seen->translucent_pixels, 0, seen->translucent_pixels * 24);
-    if (pell_pass_noise(r->pass, scattered->noise))
+    if (pell_pass_standard_error(r->pass, scattered->standard_error))
         r->noisy = true;
     return PELL_OK;
 
@@ -152,7 +152,7 @@ static enum pell_result render_samples(struct pell_renderer *r, const struct pel
     enum pell_result res = PELL_OK;
 
     if (may_end)
-        pell_partial(r->ctx, 1);
+        pell_interruptible(r->ctx, 1);
     for (int i = 0; res == PELL_OK && i < msaa; i++) {
         res = render_sample(r, frame, i);
         if (may_end && pell_context_interrupted(r->ctx) && !pell_cancelled(r->ctx) &&
@@ -166,7 +166,7 @@ static enum pell_result render_samples(struct pell_renderer *r, const struct pel
             pell_progress(r->ctx, "render", (double) (i + 1) / msaa);
     }
     if (may_end)
-        pell_partial(r->ctx, -1);
+        pell_interruptible(r->ctx, -1);
     return res;
 }
 
@@ -179,8 +179,8 @@ static struct pell_rect find_covered(const struct pell_renderer *r, const struct
     struct pell_rect covered = scene->ground_mesh >= 0 || s->layers ? all : pell_view_rect(view, scene->bounds_min, scene->bounds_max);
 
     for (int i = 0; r->lens.radius > 0.0f && i < s->msaa; i++) {
-        const struct pell_view through = sample_view(r, s, i);
-        const struct pell_rect rect = pell_view_rect(&through, scene->bounds_min, scene->bounds_max);
+        const struct pell_view lens_view = sample_view(r, s, i);
+        const struct pell_rect rect = pell_view_rect(&lens_view, scene->bounds_min, scene->bounds_max);
         pell_rect_unite(&covered, &rect);
     }
     if (r->lens.radius > 0.0f)
@@ -195,7 +195,7 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
                   pell_scene_has_area(r->scene) ? "check the camera: `pellucid check` prints where the things are"
                                                 : "none of the scene's triangles has an area",
                   "nothing is in view");
-    else if (!result->lit)
+    else if (!result->any_light)
         pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed thing",
                   "no light arrives at what is in view: the picture is black");
     if (result->invalid > 0)
@@ -203,7 +203,7 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
                   (long long) result->invalid);
 }
 
-enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings, struct pell_picture *picture)
+enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings, struct pell_render_result *image)
 {
     const double begin = pell_seconds();
     struct pell_engine_frame frame = { .settings = &r->settings, .materials = &r->materials, .lens = &r->lens, .notes = &r->notes };
@@ -212,12 +212,12 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     bool partial = false;
     enum pell_result res;
 
-    memset(picture, 0, sizeof(*picture));
+    memset(image, 0, sizeof(*image));
     if (!r->scene)
         return pell_error(r->ctx, PELL_ERR_INVALID, "render", NULL, "the renderer has no scene");
     PELL_TRY(pell_knobs_check(r->ctx, pell_settings_knobs(), "settings", settings));
-    if (r->copies.wanted)
-        PELL_TRY(pell_copies_plan(r->ctx, &r->copies, settings->width, settings->height));
+    if (r->bandwidth.wanted)
+        PELL_TRY(pell_bandwidth_plan(r->ctx, &r->bandwidth, settings->width, settings->height));
     r->notes.count = 0;
     r->translucent = (struct pell_rect) { 0 };
     r->noisy = r->scattered = false;
@@ -237,7 +237,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     PELL_TRY(render_samples(r, &frame, &partial));
     PELL_TRY(r->device->engine->post(r->engine, &frame, &view));
     r->device->engine->read_back(r->engine, &frame, r->noisy, r->channels, &result);
-    *picture = (struct pell_picture) {
+    *image = (struct pell_render_result) {
         .width = settings->width,
         .height = settings->height,
         .stride = result.stride,
@@ -253,8 +253,8 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         .rect = r->translucent,
         .partial = partial,
     };
-    if (r->copies.wanted)
-        pell_copies_measure(r->device->pool, &r->copies, r->notes.rows, r->notes.count);
+    if (r->bandwidth.wanted)
+        pell_bandwidth_measure(r->device->pool, &r->bandwidth, r->notes.rows, r->notes.count);
     warn_of_nothing(r, &result);
     return PELL_OK;
 

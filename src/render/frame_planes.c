@@ -13,15 +13,15 @@ static const struct pell_plane_info planes[PELL_PLANES] = {
     [PELL_PLANE_STRENGTH] = { IN(strength), .unit = "1", .components = 1, .need = PELL_NEED_STRENGTH, .optional = true },
     [PELL_PLANE_BASE] = { IN(base), .unit = "1", .components = 3, .optional = true },
     [PELL_PLANE_IRRADIANCE] = { IN(irradiance), .unit = "W/m^2", .components = 3, .need = PELL_NEED_IRRADIANCE },
-    [PELL_PLANE_LIT] = { IN(lit), .unit = "W/(m^2 sr)", .components = 3, .need = PELL_NEED_LIT },
+    [PELL_PLANE_SHADED] = { IN(shaded), .unit = "W/(m^2 sr)", .components = 3, .need = PELL_NEED_SHADED },
     [PELL_PLANE_NORMAL] = { IN(normal), .unit = "1", .components = 3, .need = PELL_NEED_NORMAL },
     [PELL_PLANE_POSITION] = { IN(position), .unit = "mm", .components = 3, .need = PELL_NEED_POSITION },
     [PELL_PLANE_MESH] = { IN(mesh), .unit = "1", .components = 1, .format = PELL_PLANE_U32, .need = PELL_NEED_HIT },
     [PELL_PLANE_TRIANGLE] = { IN(triangle), .unit = "1", .components = 1, .format = PELL_PLANE_U32, .need = PELL_NEED_HIT },
     [PELL_PLANE_BARYCENTRIC] = { IN(barycentric), .unit = "1", .components = 2, .need = PELL_NEED_HIT },
     [PELL_PLANE_LIGHT] = { OUT(light), .unit = "W/m^2 or W/(m^2 sr)", .components = 3 },
-    [PELL_PLANE_SINGLE] = { OUT(single), .unit = "W/(m^2 sr)", .components = 3, .output = PELL_GIVES_SINGLE, .optional = true },
-    [PELL_PLANE_SURFACE] = { OUT(surface), .unit = "W/(m^2 sr)", .components = 3, .output = PELL_GIVES_SURFACE, .optional = true },
+    [PELL_PLANE_SINGLE] = { OUT(single), .unit = "W/(m^2 sr)", .components = 3, .output = PELL_OUTPUT_SINGLE, .optional = true },
+    [PELL_PLANE_SURFACE] = { OUT(surface), .unit = "W/(m^2 sr)", .components = 3, .output = PELL_OUTPUT_SURFACE, .optional = true },
 };
 
 const struct pell_plane_info *pell_plane_at(int plane)

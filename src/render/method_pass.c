@@ -206,9 +206,9 @@ const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *p
     return pass->engine->thickness && material < pass->shape.num_materials ? pass->engine->thickness(pass->state, material) : NULL;
 }
 
-bool pell_pass_noise(const struct pell_pass *pass, const float *planes[3])
+bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[3])
 {
-    return pass->engine->noise && pass->engine->noise(pass->state, planes);
+    return pass->engine->standard_error && pass->engine->standard_error(pass->state, planes);
 }
 
 size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size)

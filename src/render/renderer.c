@@ -24,7 +24,7 @@ const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r)
 
 void pell_renderer_measure_copies(struct pell_renderer *r, bool wanted)
 {
-    r->copies.wanted = wanted;
+    r->bandwidth.wanted = wanted;
 }
 
 enum pell_result pell_renderer_create(struct pell_device *device, struct pell_renderer **out)
@@ -54,7 +54,7 @@ void pell_renderer_destroy(struct pell_renderer **renderer)
     *renderer = NULL;
     pell_renderer_invalidate(r, ~0u);
     r->device->engine->close(r->engine);
-    pell_copies_finish(r->ctx, &r->copies);
+    pell_bandwidth_finish(r->ctx, &r->bandwidth);
     pell_free(r->ctx, r->knobs);
     pell_free(r->ctx, (char *) r->checkpoint.path);
     pell_free(r->ctx, r);

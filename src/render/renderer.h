@@ -12,11 +12,11 @@ const struct pell_services *pell_renderer_services(const struct pell_renderer *r
 /* The running method's pass; NULL before the first frame. */
 const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r);
 
-/* From the next frame on: measure after each how fast this machine copies (milliseconds), for pell_stage_time.copy_ms. */
+/* From the next frame on: measure after each how fast this machine copies (milliseconds), for pell_stage_time.bandwidth_ms. */
 void pell_renderer_measure_copies(struct pell_renderer *r, bool wanted);
 
-/* Of the cpu engine. Traces the last frame's rays from the eye once more and does nothing with them (see pell_surface_trace_bare); 0 before
- * the first frame. */
+/* Of the cpu engine. Traces the last frame's rays from the camera once more and does nothing with them (see pell_surface_trace_bare); 0
+ * before the first frame. */
 double pell_renderer_trace_bare(struct pell_renderer *r);
 /* Of the cpu engine. See pell_rays_record: of the renderer's scene. */
 void pell_renderer_record_rays(struct pell_renderer *r, struct pell_ray_record *record);

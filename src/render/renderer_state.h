@@ -51,7 +51,7 @@ struct pell_renderer {
     bool scattered;               /* the method gave light of a sample */
     struct pell_stage_notes notes;
     struct pell_channel channels[PELL_LAYER_CHANNELS];
-    struct pell_copies copies;
+    struct pell_bandwidth bandwidth;
 };
 
 /* Drops everything that depends on one of these inputs. */

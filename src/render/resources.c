@@ -242,7 +242,7 @@ static unsigned pass_depends(const struct pell_renderer *r)
 {
     const struct pell_plan *plan = r->pass ? pell_pass_plan(r->pass) : NULL;
 
-    return plan && (plan->needs & PELL_NEED_SCENE) && !plan->relights ? PELL_INPUT_LIGHTS : 0;
+    return plan && (plan->needs & PELL_NEED_SCENE) && !plan->survives_light_change ? PELL_INPUT_LIGHTS : 0;
 }
 
 /* --- What depends on what ----------------------------------------------------------------------------------------------------------- */

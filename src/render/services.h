@@ -17,7 +17,7 @@
 #include <pellucid/method.h>
 #include <pellucid/render.h>
 
-struct pell_fan;
+struct pell_light_grid;
 
 /* n points of the scene's triangles. */
 struct pell_surface_points {
@@ -57,7 +57,7 @@ struct pell_services {
     void *engine; /* passed to the functions below, which the engine fills in */
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                             const struct pell_surface_light *out);
-    const struct pell_fan *(*light_grid)(void *engine, size_t light);
+    const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
 };
 
 /* Light that enters at n points, as the stage "irradiance" finds it at pixels: the same lights, tables and formulas. Runs on the calling
@@ -98,15 +98,15 @@ static inline int64_t pell_services_light16(const struct pell_services *s, const
 }
 
 /* What light number `light` of the scene sees (visibility/light_grid.h), during a frame; NULL: it has none, ask the rays. */
-static inline const struct pell_fan *pell_services_light_grid(const struct pell_services *s, size_t light)
+static inline const struct pell_light_grid *pell_services_light_grid(const struct pell_services *s, size_t light)
 {
     return s->light_grid(s->engine, light);
 }
 
-/* The scene's bodies over the frame's materials. pell_bodies_destroy when done. */
-static inline PELL_NODISCARD enum pell_result pell_services_bodies(const struct pell_services *s, struct pell_bodies **out)
+/* The scene's solids over the frame's materials. pell_solids_destroy when done. */
+static inline PELL_NODISCARD enum pell_result pell_services_bodies(const struct pell_services *s, struct pell_solids **out)
 {
-    return pell_bodies_create(s->ctx, s->scene, s->frame_index, s->materials, out);
+    return pell_solids_create(s->ctx, s->scene, s->frame_index, s->materials, out);
 }
 
 /* The 32 bits that struct pell_frame.seed has. */

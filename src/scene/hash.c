@@ -102,7 +102,7 @@ static void add_material(uint64_t *hash, const struct pell_material *m)
     for (int i = 0; i < m->num_layers; i++)
         add_layer(hash, &m->layers[i]);
     if (m->num_layers > 0)
-        add_int(hash, m->below);
+        add_int(hash, m->substrate);
 }
 
 static void add_mesh(uint64_t *hash, const struct pell_mesh *m)

@@ -124,8 +124,8 @@ bool pell_scene_layers_valid(const struct pell_material *m, struct pell_layer_fa
         return bad(fault, m->num_layers, 0, PELL_LAYERS_MOST, "the number of layers");
     if (m->num_layers > 0 && !m->layers)
         return bad(fault, m->num_layers, 0, 0, "the number of layers, without any");
-    if (m->num_layers > 0 && ((int) m->below < 0 || m->below > PELL_BELOW_SURFACE_COLOR))
-        return bad(fault, (int) m->below, 0, PELL_BELOW_SURFACE_COLOR, "what is below the layers");
+    if (m->num_layers > 0 && ((int) m->substrate < 0 || m->substrate > PELL_SUBSTRATE_SURFACE_COLOR))
+        return bad(fault, (int) m->substrate, 0, PELL_SUBSTRATE_SURFACE_COLOR, "what is below the layers");
     for (int i = 0; i < m->num_layers; i++) {
         const struct pell_scene_layer *layer = &m->layers[i];
         const bool endless = i + 1 == m->num_layers && !layer->depth_map.texture;
@@ -297,7 +297,7 @@ static void bottom(const struct pell_material *m, struct pell_medium_layer *out)
 
     for (int c = 0; c < 3; c++) {
         const double color = fmin(fmax((double) m->base_color[c], 0.0), 1.0);
-        const double albedo = m->below == PELL_BELOW_STOP ? 0.0 : pell_albedo_map_invert(PELL_ALBEDO_VAN_DE_HULST, color, 1.0);
+        const double albedo = m->substrate == PELL_SUBSTRATE_STOP ? 0.0 : pell_albedo_map_invert(PELL_ALBEDO_VAN_DE_HULST, color, 1.0);
         medium.sigma_s_reduced[c] = OTHER * albedo;
         medium.sigma_a[c] = OTHER * (1.0 - albedo);
     }
@@ -337,7 +337,7 @@ bool pell_scene_layers_solve(struct pell_material *m, const struct pell_layer_me
 
     for (int i = 0; i < m->num_layers && !endless; i++) {
         const double thickness = measure[i].mean - above;
-        endless = measure[i].mean == (double) INFINITY || (i + 1 == m->num_layers && m->below == PELL_BELOW_LAST);
+        endless = measure[i].mean == (double) INFINITY || (i + 1 == m->num_layers && m->substrate == PELL_SUBSTRATE_LAST);
         if (!endless && !(thickness >= PELL_THICKNESS_MIN))
             continue;
         take(&m->layers[i].medium, m->medium.eta, endless ? (double) INFINITY : fmin(thickness, PELL_THICKNESS_MAX), &layer[count++]);

@@ -378,7 +378,7 @@ static enum pell_result skip_element(struct ply *p, const struct element *e)
     return res;
 }
 
-static enum pell_result read_body(struct ply *p)
+static enum pell_result read_solid(struct ply *p)
 {
     enum pell_result res = PELL_OK;
 
@@ -438,7 +438,7 @@ enum pell_result pell_import_ply(struct pell_import *import, const uint8_t *data
     import->default_mm_per_unit = 0.0;
     PELL_TRY(pell_ply_read_header(p));
     PELL_TRY(pell_ply_check_header(p));
-    PELL_TRY(read_body(p));
+    PELL_TRY(read_solid(p));
     PELL_TRY(build(p));
 
 fail:

@@ -114,9 +114,9 @@ enum pell_result pell_import_texture(struct pell_import *import, const char *whe
     *texture = NULL;
     if (pell_cancelled(import->ctx))
         return PELL_ERR_CANCELLED;
-    pell_soften(import->ctx, 1);
+    pell_log_downgrade(import->ctx, 1);
     res = pell_path_resolve(import->ctx, where, import->root, reference, import->allow_outside, &path);
-    pell_soften(import->ctx, -1);
+    pell_log_downgrade(import->ctx, -1);
     if (res != PELL_OK) {
         if (!fatal(res))
             left_out(import, where, reference);
@@ -126,9 +126,9 @@ enum pell_result pell_import_texture(struct pell_import *import, const char *whe
     t = find_texture(import->scene, key, path);
     if (!t) {
         PELL_TRY(add_keyed(import->scene, path, key, &t));
-        pell_soften(import->ctx, 1);
+        pell_log_downgrade(import->ctx, 1);
         res = pell_image_read(import->ctx, path, role, &t->image);
-        pell_soften(import->ctx, -1);
+        pell_log_downgrade(import->ctx, -1);
         if (fatal(res))
             goto fail;
         if (res != PELL_OK) {
@@ -156,9 +156,9 @@ enum pell_result pell_import_texture_bytes(struct pell_import *import, const cha
         return PELL_ERR_CANCELLED;
     if (!t) {
         PELL_TRY(add_keyed(import->scene, name, key, &t));
-        pell_soften(import->ctx, 1);
+        pell_log_downgrade(import->ctx, 1);
         res = pell_image_decode(import->ctx, name, data, size, role, &t->image);
-        pell_soften(import->ctx, -1);
+        pell_log_downgrade(import->ctx, -1);
         if (fatal(res))
             goto fail;
         if (res != PELL_OK) {

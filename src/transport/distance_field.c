@@ -2,7 +2,7 @@
  *
  * distance_field.c - see distance.h.
  *
- * A body's bounds are cut into cubes. Each holds a lower bound of the distance from its centre c, and distances change no faster than
+ * A solid's bounds are cut into cubes. Each holds a lower bound of the distance from its centre c, and distances change no faster than
  * places do: d(x) >= d(c) - |x - c|. Near surfaces every triangle tells the cubes within a band of it their distance, exactly. Farther
  * away: a surface is in some cube whose centre is no farther than half its diagonal, so that the distance between centres, by an exact
  * transform (Felzenszwalb and Huttenlocher 2012, "Distance Transforms of Sampled Functions"), less that is a bound.
@@ -11,7 +11,7 @@
 
 #include <string.h>
 
-#define MOST_CUBES 6e6  /* of one body: more take longer to fill than they save */
+#define MOST_CUBES 6e6  /* of one solid: more take longer to fill than they save */
 #define STEPS 24        /* what distances are rounded down to, of a cube's side */
 #define BAND 3.0f       /* cubes from a triangle that it tells its distance exactly */
 #define LARGEST 8.0f    /* cubes that a triangle may span before it is cut in four */
@@ -22,7 +22,7 @@
 
 struct pell_distance {
     struct pell_context *ctx;
-    struct pell_distance_grid *grids; /* one a body; size 0: none */
+    struct pell_distance_grid *grids; /* one a solid; size 0: none */
     size_t count;
 };
 
@@ -282,7 +282,7 @@ static void depth_task(void *arg, int y, int worker)
 
 /* --- Grids ------------------------------------------------------------------------------------------------------------------------ */
 
-/* Finds the smallest cubes of which no more than `most` cover the bounds. False: the body has no extent that a grid could have. */
+/* Finds the smallest cubes of which no more than `most` cover the bounds. False: the solid has no extent that a grid could have. */
 static bool cut(struct pell_distance_grid *g, double most)
 {
     double low, high, extent[3], largest = 0.0, magnitude = 0.0;
@@ -314,16 +314,16 @@ static bool cut(struct pell_distance_grid *g, double most)
     return true;
 }
 
-static void bounds_of(const struct pell_scene *scene, const struct pell_body *body, struct pell_distance_grid *g)
+static void bounds_of(const struct pell_scene *scene, const struct pell_solid *solid, struct pell_distance_grid *g)
 {
     for (int k = 0; k < 3; k++) {
         g->low[k] = INFINITY;
         g->high[k] = -INFINITY;
     }
-    for (size_t i = 0; i < body->num_triangles; i++) {
-        const struct pell_mesh *m = &scene->meshes[body->triangles[i].mesh];
+    for (size_t i = 0; i < solid->num_triangles; i++) {
+        const struct pell_mesh *m = &scene->meshes[solid->triangles[i].mesh];
         for (size_t corner = 0; corner < 3; corner++) {
-            const float *p = m->position + 3 * (size_t) m->index[3 * (size_t) body->triangles[i].triangle + corner];
+            const float *p = m->position + 3 * (size_t) m->index[3 * (size_t) solid->triangles[i].triangle + corner];
             for (int k = 0; k < 3; k++) {
                 g->low[k] = fminf(g->low[k], p[k]);
                 g->high[k] = fmaxf(g->high[k], p[k]);
@@ -393,7 +393,7 @@ fail:
 }
 
 enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
-                                      const struct pell_bodies *bodies, size_t bytes, struct pell_distance **out)
+                                      const struct pell_solids *solids, size_t bytes, struct pell_distance **out)
 {
     struct pell_distance *d = pell_zalloc(ctx, sizeof(*d));
     enum pell_result res = PELL_ERR_NOMEM;
@@ -402,13 +402,13 @@ enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool
     if (!d)
         return PELL_ERR_NOMEM;
     d->ctx = ctx;
-    d->count = bodies->count;
-    d->grids = pell_calloc(ctx, bodies->count + 1, sizeof(*d->grids));
+    d->count = solids->count;
+    d->grids = pell_calloc(ctx, solids->count + 1, sizeof(*d->grids));
     if (!d->grids)
         goto fail;
-    for (size_t i = 0; i < bodies->count; i++) {
-        const double share = (double) (bytes / sizeof(*d->grids->steps)) / (double) bodies->count;
-        bounds_of(scene, &bodies->bodies[i], &d->grids[i]);
+    for (size_t i = 0; i < solids->count; i++) {
+        const double share = (double) (bytes / sizeof(*d->grids->steps)) / (double) solids->count;
+        bounds_of(scene, &solids->solids[i], &d->grids[i]);
         if (share >= 1.0 && cut(&d->grids[i], fmin(share, MOST_CUBES)))
             PELL_TRY(fill_grid(ctx, pool, scene, &d->grids[i]));
     }
@@ -433,14 +433,14 @@ void pell_distance_destroy(struct pell_distance **distance)
     pell_free(d->ctx, d);
 }
 
-const struct pell_distance_grid *pell_distance_grid(const struct pell_distance *distance, int body)
+const struct pell_distance_grid *pell_distance_grid(const struct pell_distance *distance, int solid)
 {
-    return body >= 0 && (size_t) body < distance->count && distance->grids[body].steps ? &distance->grids[body] : NULL;
+    return solid >= 0 && (size_t) solid < distance->count && distance->grids[solid].steps ? &distance->grids[solid] : NULL;
 }
 
-float pell_distance_bound(const struct pell_distance *distance, int body, struct pell_vec3 x)
+float pell_distance_bound(const struct pell_distance *distance, int solid, struct pell_vec3 x)
 {
-    const struct pell_distance_grid *g = pell_distance_grid(distance, body);
+    const struct pell_distance_grid *g = pell_distance_grid(distance, solid);
     float away2;
     int32_t at;
 

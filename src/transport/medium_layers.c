@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * medium_layers.c - see strata.h. */
+ * medium_layers.c - see medium_layers.h. */
 #include "transport/medium_layers.h"
 
 #include "base/base.h"
@@ -17,7 +17,7 @@ static const struct pell_material_entry *stack_of(const struct pell_material *m)
     return e && e->kind == PELL_MATERIAL_LAYERS && memcmp(&e->gaussians, &m->gaussians, sizeof(e->gaussians)) == 0 ? e : NULL;
 }
 
-static void set_medium(const struct pell_medium *m, struct pell_stratum *out)
+static void set_medium(const struct pell_medium *m, struct pell_layer_medium *out)
 {
     for (int c = 0; c < 3; c++) {
         out->sigma_s[c] = m->sigma_s_reduced[c] / (1.0 - m->g[c]);
@@ -46,17 +46,17 @@ static void range_of(const struct pell_scene_layer *layer, float *least, float *
         }
 }
 
-static void take_layers(const struct pell_material *m, struct pell_strata *out)
+static void take_layers(const struct pell_material *m, struct pell_medium_layers *out)
 {
     float least = 0.0f, largest = 0.0f;
     double deepest;
 
     out->eta = m->medium.eta;
     out->count = m->num_layers < PELL_LAYERS_MOST ? m->num_layers : PELL_LAYERS_MOST;
-    out->below = m->below;
+    out->substrate = m->substrate;
     for (int i = 0; i < out->count; i++) {
         const struct pell_scene_layer *from = &m->layers[i];
-        struct pell_stratum *to = &out->item[i];
+        struct pell_layer_medium *to = &out->item[i];
         to->name = from->name ? from->name : "";
         set_medium(&from->medium, to);
         memcpy(to->phase, from->phase, sizeof(to->phase));
@@ -80,16 +80,16 @@ static void take_layers(const struct pell_material *m, struct pell_strata *out)
 }
 
 static void take_stack(struct pell_context *ctx, const char *method, const struct pell_material *m,
-                       const struct pell_material_layers *layers, struct pell_strata *out)
+                       const struct pell_material_layers *layers, struct pell_medium_layers *out)
 {
     double depth = 0.0;
 
     out->eta = layers->item[0].medium.eta;
     out->count = layers->count;
-    out->below = PELL_BELOW_LAST;
+    out->substrate = PELL_SUBSTRATE_LAST;
     for (int i = 0; i < out->count; i++) {
         const struct pell_material_layer *from = &layers->item[i];
-        struct pell_stratum *to = &out->item[i];
+        struct pell_layer_medium *to = &out->item[i];
         to->name = from->name;
         set_medium(&from->medium, to);
         memcpy(to->phase, from->phase, sizeof(to->phase));
@@ -101,7 +101,7 @@ static void take_stack(struct pell_context *ctx, const char *method, const struc
     }
 }
 
-enum pell_result pell_strata_make(struct pell_context *ctx, const char *method, const struct pell_material *m, struct pell_strata *out)
+enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m, struct pell_medium_layers *out)
 {
     const struct pell_material_entry *stack = stack_of(m);
 
@@ -120,7 +120,7 @@ enum pell_result pell_strata_make(struct pell_context *ctx, const char *method, 
                           "has a profile but no medium: %s walks by coefficients", method);
     out->eta = m->medium.eta;
     out->count = 1;
-    out->below = PELL_BELOW_LAST;
+    out->substrate = PELL_SUBSTRATE_LAST;
     out->item[0].name = "";
     out->item[0].depth = (double) INFINITY;
     set_medium(&m->medium, &out->item[0]);
@@ -131,14 +131,14 @@ enum pell_result pell_strata_make(struct pell_context *ctx, const char *method, 
 
 /* --- At a point ------------------------------------------------------------------------------------------------------------------ */
 
-void pell_strata_depths(const struct pell_strata *s, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float *depth)
+void pell_medium_layers_depths(const struct pell_medium_layers *s, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float *depth)
 {
     const uint32_t *index = mesh->index + 3 * (size_t) triangle;
     const struct pell_texture_map *last = NULL;
     float rgba[4] = { 0 }, above = 0.0f;
 
     for (int i = 0; i < s->count; i++) {
-        const struct pell_stratum *layer = &s->item[i];
+        const struct pell_layer_medium *layer = &s->item[i];
         float d = (float) layer->depth;
         if (layer->map) {
             const float *uv = mesh->uv[layer->map->uv];

@@ -3,15 +3,15 @@
  * rqmc.h - numbers of references that sample a pixel in batches: each batch is a rank-1 lattice (pell_lattice), shifted by a hash of the
  * place and the seed; batches are independent, so their spread is an honest standard error.
  */
-#ifndef PELL_ROUNDS_H
-#define PELL_ROUNDS_H
+#ifndef PELL_RQMC_H
+#define PELL_RQMC_H
 
 #include "math/sampling.h"
 
 #include <math.h>
 #include <string.h>
 
-static inline uint32_t pell_place_seed(struct pell_vec3 at, uint32_t seed)
+static inline uint32_t pell_point_seed(struct pell_vec3 at, uint32_t seed)
 {
     uint32_t b[3];
 
@@ -20,22 +20,22 @@ static inline uint32_t pell_place_seed(struct pell_vec3 at, uint32_t seed)
 }
 
 /* Sums over rounds. */
-struct pell_rounds {
+struct pell_batches {
     double sum[3], square[3];
     int64_t count;
 };
 
-static inline void pell_rounds_add(struct pell_rounds *s, const double round[3])
+static inline void pell_batches_add(struct pell_batches *s, const double batch[3])
 {
     for (int c = 0; c < 3; c++) {
-        s->sum[c] += round[c];
-        s->square[c] += round[c] * round[c];
+        s->sum[c] += batch[c];
+        s->square[c] += batch[c] * batch[c];
     }
     s->count++;
 }
 
 /* The channels' means and their standard errors. */
-static inline void pell_rounds_measure(const struct pell_rounds *s, double mean[3], double spread[3])
+static inline void pell_batches_measure(const struct pell_batches *s, double mean[3], double spread[3])
 {
     const double n = (double) s->count;
 
@@ -46,11 +46,11 @@ static inline void pell_rounds_measure(const struct pell_rounds *s, double mean[
 }
 
 /* How many rounds make the relative error small enough, as a pilot's say: `least` of them, and `dark` where it found no light. */
-static inline double pell_rounds_needed(const struct pell_rounds *pilot, double error, double least, double dark)
+static inline double pell_batches_needed(const struct pell_batches *pilot, double error, double least, double dark)
 {
     double mean[3], spread[3], largest, n = least;
 
-    pell_rounds_measure(pilot, mean, spread);
+    pell_batches_measure(pilot, mean, spread);
     largest = fmax(mean[0], fmax(mean[1], mean[2]));
     for (int c = 0; largest > 0.0 && c < 3; c++) {
         const double ratio = spread[c] / (error * fmax(mean[c], 1e-3 * largest));

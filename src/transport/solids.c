@@ -13,18 +13,18 @@ struct place {
     double area;
 };
 
-void pell_bodies_destroy(struct pell_bodies **bodies)
+void pell_solids_destroy(struct pell_solids **solids)
 {
-    struct pell_bodies *b = *bodies;
+    struct pell_solids *b = *solids;
 
     if (!b)
         return;
-    *bodies = NULL;
-    for (size_t i = 0; b->bodies && i < b->count; i++) {
-        pell_free(b->ctx, b->bodies[i].triangles);
-        pell_free(b->ctx, b->bodies[i].area_after);
+    *solids = NULL;
+    for (size_t i = 0; b->solids && i < b->count; i++) {
+        pell_free(b->ctx, b->solids[i].triangles);
+        pell_free(b->ctx, b->solids[i].area_after);
     }
-    pell_free(b->ctx, b->bodies);
+    pell_free(b->ctx, b->solids);
     pell_free(b->ctx, b->of_mesh);
     pell_free(b->ctx, b);
 }
@@ -93,11 +93,11 @@ static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_ve
                    (float) ((p[0][2] + p[1][2] + p[2][2]) / 3.0));
 }
 
-/* Lists the triangles of body `number`, in order; its meshes are the `count` at `meshes`. */
-static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_scene *scene, size_t number, const uint32_t *meshes,
+/* Lists the triangles of solid `number`, in order; its meshes are the `count` at `meshes`. */
+static enum pell_result list_triangles(struct pell_solids *b, const struct pell_scene *scene, size_t number, const uint32_t *meshes,
                                        size_t count)
 {
-    struct pell_body *body = &b->bodies[number];
+    struct pell_solid *solid = &b->solids[number];
     struct place *places = NULL;
     struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
     size_t most = 0, n = 0;
@@ -115,9 +115,9 @@ static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_
     }
     size = fmaxf(high.x - low.x, fmaxf(high.y - low.y, high.z - low.z));
     places = pell_alloc_array(b->ctx, most + 1, sizeof(*places));
-    body->triangles = pell_alloc_array(b->ctx, most + 1, sizeof(*body->triangles));
-    body->area_after = pell_alloc_array(b->ctx, most + 1, sizeof(*body->area_after));
-    if (!places || !body->triangles || !body->area_after)
+    solid->triangles = pell_alloc_array(b->ctx, most + 1, sizeof(*solid->triangles));
+    solid->area_after = pell_alloc_array(b->ctx, most + 1, sizeof(*solid->area_after));
+    if (!places || !solid->triangles || !solid->area_after)
         goto fail;
     for (size_t i = 0; i < count; i++)
         for (uint32_t t = 0; t < scene->meshes[meshes[i]].num_triangles; t++) {
@@ -131,11 +131,11 @@ static enum pell_result list_triangles(struct pell_bodies *b, const struct pell_
         }
     qsort(places, n, sizeof(*places), compare);
     for (size_t i = 0; i < n; i++) {
-        body->triangles[i] = (struct pell_body_triangle) { places[i].mesh, places[i].triangle };
-        body->area += places[i].area;
-        body->area_after[i] = body->area;
+        solid->triangles[i] = (struct pell_solid_triangle) { places[i].mesh, places[i].triangle };
+        solid->area += places[i].area;
+        solid->area_after[i] = solid->area;
     }
-    body->num_triangles = n;
+    solid->num_triangles = n;
     res = PELL_OK;
 
 fail:
@@ -143,7 +143,7 @@ fail:
     return res;
 }
 
-/* Bodies of an object: the first of them in a table by the object's number, each with the next of its row. */
+/* Solids of an object: the first of them in a table by the object's number, each with the next of its row. */
 struct by_object {
     int32_t *first, *next;
     size_t mask;
@@ -167,26 +167,26 @@ static enum pell_result by_object_create(struct pell_context *ctx, size_t count,
     return PELL_OK;
 }
 
-/* The body that triangles of a mesh scatter in; it is made if need be. */
-static int32_t body_of(struct pell_bodies *b, const struct by_object *o, const struct pell_frame_material *materials, int object, size_t at,
+/* The solid that triangles of a mesh scatter in; it is made if need be. */
+static int32_t solid_of(struct pell_solids *b, const struct by_object *o, const struct pell_frame_material *materials, int object, size_t at,
                        bool layered)
 {
     int32_t *const row = row_of(o, object);
 
     for (int32_t k = *row; k >= 0; k = o->next[k]) {
-        const struct pell_frame_material *other = &materials[b->bodies[k].material];
-        if (b->bodies[k].object == object && other->profile == materials[at].profile && other->white == materials[at].white &&
-            (b->bodies[k].material == at || (!layered && !b->bodies[k].layered)))
+        const struct pell_frame_material *other = &materials[b->solids[k].material];
+        if (b->solids[k].object == object && other->profile == materials[at].profile && other->white == materials[at].white &&
+            (b->solids[k].material == at || (!layered && !b->solids[k].layered)))
             return k;
     }
     o->next[b->count] = *row;
     *row = (int32_t) b->count;
-    b->bodies[b->count] = (struct pell_body) { .object = object, .material = at, .layered = layered };
+    b->solids[b->count] = (struct pell_solid) { .object = object, .material = at, .layered = layered };
     return (int32_t) b->count++;
 }
 
-/* Meshes in the order of their bodies, each body's in their own. */
-static enum pell_result list_bodies(struct pell_bodies *b, const struct pell_scene *scene)
+/* Meshes in the order of their solids, each solid's in their own. */
+static enum pell_result list_solids(struct pell_solids *b, const struct pell_scene *scene)
 {
     uint32_t *meshes = pell_alloc_array(b->ctx, b->num_meshes + 1, sizeof(*meshes));
     size_t *end = pell_calloc(b->ctx, b->count + 1, sizeof(*end)), at = 0;
@@ -212,10 +212,10 @@ fail:
     return res;
 }
 
-enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_scene *scene, const uint16_t *frame_index,
-                                    const struct pell_frame_material *materials, struct pell_bodies **out)
+enum pell_result pell_solids_create(struct pell_context *ctx, const struct pell_scene *scene, const uint16_t *frame_index,
+                                    const struct pell_frame_material *materials, struct pell_solids **out)
 {
-    struct pell_bodies *b = pell_zalloc(ctx, sizeof(*b));
+    struct pell_solids *b = pell_zalloc(ctx, sizeof(*b));
     struct by_object objects = { NULL, NULL, 0 };
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -225,8 +225,8 @@ enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_
     b->ctx = ctx;
     b->num_meshes = scene->num_meshes;
     b->of_mesh = pell_alloc_array(ctx, scene->num_meshes + 1, sizeof(*b->of_mesh));
-    b->bodies = pell_calloc(ctx, scene->num_meshes + 1, sizeof(*b->bodies));
-    if (!b->of_mesh || !b->bodies)
+    b->solids = pell_calloc(ctx, scene->num_meshes + 1, sizeof(*b->solids));
+    if (!b->of_mesh || !b->solids)
         goto fail;
     PELL_TRY(by_object_create(ctx, scene->num_meshes, &objects));
     for (size_t i = 0; i < scene->num_meshes; i++) {
@@ -234,9 +234,9 @@ enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_
         const size_t at = frame_index[m->material + 1];
         const bool layered = scene->materials[m->material].num_layers > 0;
 
-        b->of_mesh[i] = at == 0 ? -1 : body_of(b, &objects, materials, m->object, at - 1, layered);
+        b->of_mesh[i] = at == 0 ? -1 : solid_of(b, &objects, materials, m->object, at - 1, layered);
     }
-    PELL_TRY(list_bodies(b, scene));
+    PELL_TRY(list_solids(b, scene));
     pell_free(ctx, objects.next);
     pell_free(ctx, objects.first);
     *out = b;
@@ -245,32 +245,32 @@ enum pell_result pell_bodies_create(struct pell_context *ctx, const struct pell_
 fail:
     pell_free(ctx, objects.next);
     pell_free(ctx, objects.first);
-    pell_bodies_destroy(&b);
+    pell_solids_destroy(&b);
     return res;
 }
 
 /* --- Asking ------------------------------------------------------------------------------------------------------------------- */
 
-struct pell_body_triangle pell_body_at(const struct pell_body *body, double area, double *f)
+struct pell_solid_triangle pell_solid_at(const struct pell_solid *solid, double area, double *f)
 {
-    size_t low = 0, high = body->num_triangles - 1;
+    size_t low = 0, high = solid->num_triangles - 1;
     double before, own;
 
     while (low < high) {
         const size_t mid = low + (high - low) / 2;
-        if (body->area_after[mid] > area)
+        if (solid->area_after[mid] > area)
             high = mid;
         else
             low = mid + 1;
     }
-    before = low > 0 ? body->area_after[low - 1] : 0.0;
-    own = body->area_after[low] - before;
+    before = low > 0 ? solid->area_after[low - 1] : 0.0;
+    own = solid->area_after[low] - before;
     *f = own > 0.0 ? (area - before) / own : 0.0;
     *f = *f < 0.0 ? 0.0 : *f < 0.99999994 ? *f : 0.99999994;
-    return body->triangles[low];
+    return solid->triangles[low];
 }
 
-void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *rays, const struct pell_frame *in, const ptrdiff_t *at,
+void pell_solids_find(const struct pell_solids *solids, const struct pell_rays *rays, const struct pell_frame *in, const ptrdiff_t *at,
                       int count, int32_t out[16])
 {
     float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
@@ -306,16 +306,16 @@ void pell_bodies_find(const struct pell_bodies *bodies, const struct pell_rays *
         pell_rays_closest16(rays, open, true, &p);
         any = 0;
         for (int i = 0; i < 16; i++) {
-            if (open[i] && p.hit.mesh[i] < bodies->num_meshes && bodies->of_mesh[p.hit.mesh[i]] >= 0) {
-                out[i] = bodies->of_mesh[p.hit.mesh[i]];
+            if (open[i] && p.hit.mesh[i] < solids->num_meshes && solids->of_mesh[p.hit.mesh[i]] >= 0) {
+                out[i] = solids->of_mesh[p.hit.mesh[i]];
                 open[i] = 0;
             }
             any |= open[i];
         }
     }
     for (int i = 0; any && i < 16; i++)
-        for (size_t k = 0; open[i] && k < bodies->count; k++)
-            if (bodies->bodies[k].material == in->material[at[i]] - 1u) {
+        for (size_t k = 0; open[i] && k < solids->count; k++)
+            if (solids->solids[k].material == in->material[at[i]] - 1u) {
                 out[i] = (int32_t) k;
                 open[i] = 0;
             }

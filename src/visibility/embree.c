@@ -454,7 +454,8 @@ bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray
 
 /* --- The nearest point ---------------------------------------------------------------------------------------------------------- */
 
-#define MORE 1.000001 /* the search goes on a little behind the nearest, so that what is nearest does not hang on the order of the search */
+#define MORE 1.000001 /* the search goes on a little behind the nearest, so that what is nearest does not depend on the order of the
+                       * search */
 
 struct nearest_search {
     const struct pell_rays *rays;

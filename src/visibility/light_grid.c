@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * light_grid.c - see fan.h. What a packet asks is in fan16.c. */
+ * light_grid.c - see light_grid.h. What a packet asks is in light_grid_kernel.c. */
 #include "visibility/light_grid.h"
 
 #include "math/scalar.h"
@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-PELL_SIMD_TABLES(struct pell_fan_kernels, pell_fan_kernels);
+PELL_SIMD_TABLES(struct pell_light_grid_kernels, pell_light_grid_kernels);
 
-#define TRIANGLES_MOST (1u << 18) /* 64 bytes each; a fan of more takes longer to make than one picture gets back */
+#define TRIANGLES_MOST (1u << 18) /* 64 bytes each; a light grid of more takes longer to make than one picture gets back */
 #define SIDE_MOST 2048            /* cells */
 #define PER_CELL 3.0              /* triangles, over all cells */
 #define ENTRIES_MOST 8            /* a triangle, over all: what is larger is better found by boxes */
@@ -21,7 +21,7 @@ PELL_SIMD_TABLES(struct pell_fan_kernels, pell_fan_kernels);
 #define SHORT 24                  /* lists that are sorted by insertion */
 
 /* Of a corner: its place in the picture, and its depth. */
-static struct pell_vec3 project(const struct pell_fan *f, const float *position)
+static struct pell_vec3 project(const struct pell_light_grid *f, const float *position)
 {
     const struct pell_vec3 d = vec3_sub(vec3_load(position), f->apex);
     const float z = vec3_dot(d, f->forward);
@@ -29,8 +29,8 @@ static struct pell_vec3 project(const struct pell_fan *f, const float *position)
     return vec3(vec3_dot(d, f->right) / z, vec3_dot(d, f->up) / z, z);
 }
 
-/* Counts triangles and finds the picture's borders. False: no fan. */
-static bool frame(const struct pell_scene *scene, struct pell_fan *f, size_t *count, float border[4])
+/* Counts triangles and finds the picture's borders. False: no light grid. */
+static bool frame(const struct pell_scene *scene, struct pell_light_grid *f, size_t *count, float border[4])
 {
     const struct pell_vec3 low = vec3_load(scene->bounds_min), high = vec3_load(scene->bounds_max);
     const struct pell_vec3 middle = vec3_sub(vec3_mul(vec3_add(low, high), 0.5f), f->apex);
@@ -64,7 +64,7 @@ static bool frame(const struct pell_scene *scene, struct pell_fan *f, size_t *co
     return *count > 0 && border[1] > border[0] && border[3] > border[2];
 }
 
-static void choose_cells(struct pell_fan *f, size_t count, const float border[4])
+static void choose_cells(struct pell_light_grid *f, size_t count, const float border[4])
 {
     const double w = (double) border[1] - (double) border[0], h = (double) border[3] - (double) border[2];
     const double cells = (double) count / PER_CELL + 1.0, columns = ceil(sqrt(cells * w / h)), rows = ceil(sqrt(cells * h / w));
@@ -91,7 +91,7 @@ struct span {
     float depth, end;
 };
 
-static struct span cells_of(const struct pell_fan *f, const struct pell_mesh *m, size_t triangle)
+static struct span cells_of(const struct pell_light_grid *f, const struct pell_mesh *m, size_t triangle)
 {
     float x0 = INFINITY, x1 = -INFINITY, y0 = INFINITY, y1 = -INFINITY, depth = INFINITY, end = 0.0f;
 
@@ -116,7 +116,7 @@ static struct pell_vec3 side(struct pell_vec3 a, struct pell_vec3 b)
 }
 
 /* False where it is seen from its edge, so that nothing hides behind it. */
-static bool make_triangle(const struct pell_fan *f, const struct pell_mesh *m, size_t triangle, struct pell_fan_triangle *out,
+static bool make_triangle(const struct pell_light_grid *f, const struct pell_mesh *m, size_t triangle, struct pell_light_grid_triangle *out,
                           float *turned)
 {
     const uint32_t *index = m->index + 3 * triangle;
@@ -142,21 +142,21 @@ static bool make_triangle(const struct pell_fan *f, const struct pell_mesh *m, s
 
 static int by_depth(const void *a, const void *b)
 {
-    const struct pell_fan_entry *p = a, *q = b;
+    const struct pell_light_grid_entry *p = a, *q = b;
 
     if (p->depth != q->depth)
         return p->depth < q->depth ? -1 : 1;
-    return (int) (p->triangle & PELL_FAN_NUMBER) - (int) (q->triangle & PELL_FAN_NUMBER);
+    return (int) (p->triangle & PELL_LIGHT_GRID_NUMBER) - (int) (q->triangle & PELL_LIGHT_GRID_NUMBER);
 }
 
-static void sort(struct pell_fan_entry *list, uint32_t count)
+static void sort(struct pell_light_grid_entry *list, uint32_t count)
 {
     if (count > SHORT) {
         qsort(list, count, sizeof(*list), by_depth);
         return;
     }
     for (uint32_t i = 1; i < count; i++) {
-        const struct pell_fan_entry e = list[i];
+        const struct pell_light_grid_entry e = list[i];
         uint32_t k = i;
         for (; k > 0 && by_depth(&list[k - 1], &e) > 0; k--)
             list[k] = list[k - 1];
@@ -165,7 +165,7 @@ static void sort(struct pell_fan_entry *list, uint32_t count)
 }
 
 /* Fills f->first with the number of entries of the cells before each. False: too many, or too many at one place. */
-static bool count_entries(const struct pell_scene *scene, struct pell_fan *f, size_t triangles)
+static bool count_entries(const struct pell_scene *scene, struct pell_light_grid *f, size_t triangles)
 {
     const size_t cells = (size_t) f->columns * (size_t) f->rows, most = ENTRIES_MOST * triangles + 64;
     double squares = 0.0;
@@ -192,7 +192,7 @@ static bool count_entries(const struct pell_scene *scene, struct pell_fan *f, si
     return squares <= LENGTH_MOST * (double) sum;
 }
 
-/* A fan is a gift to speed: it takes the fourth part at most of what the context may still have. */
+/* A light grid is a gift to speed: it takes the fourth part at most of what the context may still have. */
 static bool room_for(const struct pell_context *ctx, size_t bytes)
 {
     const size_t limit = (size_t) pell_context_limits(ctx)->memory_bytes, used = pell_memory_used(ctx);
@@ -201,7 +201,7 @@ static bool room_for(const struct pell_context *ctx, size_t bytes)
 }
 
 /* `starts`: of each cell, the triangles that begin in the cells before: neighbours in the picture are neighbours in memory. */
-static void find_starts(const struct pell_scene *scene, const struct pell_fan *f, uint32_t *starts)
+static void find_starts(const struct pell_scene *scene, const struct pell_light_grid *f, uint32_t *starts)
 {
     const size_t cells = (size_t) f->columns * (size_t) f->rows;
     uint32_t sum = 0;
@@ -221,7 +221,7 @@ static void find_starts(const struct pell_scene *scene, const struct pell_fan *f
     }
 }
 
-static void fill(const struct pell_scene *scene, struct pell_fan *f, uint32_t *starts)
+static void fill(const struct pell_scene *scene, struct pell_light_grid *f, uint32_t *starts)
 {
     const size_t cells = (size_t) f->columns * (size_t) f->rows;
     bool cut;
@@ -231,14 +231,14 @@ static void fill(const struct pell_scene *scene, struct pell_fan *f, uint32_t *s
         for (size_t t = 0; pell_rays_show(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             const uint32_t number = starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
-            f->names[number] = (struct pell_fan_name) { (uint32_t) i, (uint32_t) t, 1.0f };
+            f->names[number] = (struct pell_light_grid_name) { (uint32_t) i, (uint32_t) t, 1.0f };
             if (!make_triangle(f, m, t, &f->triangles[number], &f->names[number].turn))
                 memset(&f->triangles[number], 0, sizeof(f->triangles[number])); /* hides nothing: s is 0 */
             for (int y = s.y0; y <= s.y1; y++)
                 for (int x = s.x0; x <= s.x1; x++) {
-                    const uint32_t begins = (x == s.x0 ? PELL_FAN_LEFT : 0) | (y == s.y0 ? PELL_FAN_LOW : 0);
+                    const uint32_t begins = (x == s.x0 ? PELL_LIGHT_GRID_LEFT : 0) | (y == s.y0 ? PELL_LIGHT_GRID_LOW : 0);
                     f->entries[f->first[(size_t) y * (size_t) f->columns + (size_t) x]++] =
-                        (struct pell_fan_entry) { number | begins, s.depth };
+                        (struct pell_light_grid_entry) { number | begins, s.depth };
                 }
         }
     }
@@ -249,9 +249,9 @@ static void fill(const struct pell_scene *scene, struct pell_fan *f, uint32_t *s
         sort(f->entries + f->first[i], f->first[i + 1] - f->first[i]);
 }
 
-enum pell_result pell_fan_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_vec3 apex, struct pell_fan **out)
+enum pell_result pell_light_grid_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_vec3 apex, struct pell_light_grid **out)
 {
-    struct pell_fan *f = pell_zalloc(ctx, sizeof(*f));
+    struct pell_light_grid *f = pell_zalloc(ctx, sizeof(*f));
     uint32_t *starts = NULL;
     float border[4];
     size_t triangles, cells, fixed;
@@ -261,7 +261,7 @@ enum pell_result pell_fan_create(struct pell_context *ctx, const struct pell_sce
     if (!f)
         return PELL_ERR_NOMEM;
     f->ctx = ctx;
-    f->kernels = pell_fan_kernels_tables[pell_simd_best()];
+    f->kernels = pell_light_grid_kernels_tables[pell_simd_best()];
     f->apex = apex;
     if (!frame(scene, f, &triangles, border))
         goto none;
@@ -291,17 +291,17 @@ none:
     res = PELL_OK;
 fail:
     pell_free(ctx, starts);
-    pell_fan_destroy(&f);
+    pell_light_grid_destroy(&f);
     return res;
 }
 
-void pell_fan_destroy(struct pell_fan **fan)
+void pell_light_grid_destroy(struct pell_light_grid **grid)
 {
-    struct pell_fan *f = *fan;
+    struct pell_light_grid *f = *grid;
 
     if (!f)
         return;
-    *fan = NULL;
+    *grid = NULL;
     pell_free(f->ctx, f->names);
     pell_free(f->ctx, f->triangles);
     pell_free(f->ctx, f->entries);
@@ -309,12 +309,12 @@ void pell_fan_destroy(struct pell_fan **fan)
     pell_free(f->ctx, f);
 }
 
-bool pell_fan_visible16(const struct pell_fan *fan, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible)
+bool pell_light_grid_visible16(const struct pell_light_grid *grid, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible)
 {
-    return fan->kernels->visible(fan, mask, x, y, z, visible);
+    return grid->kernels->visible(grid, mask, x, y, z, visible);
 }
 
-bool pell_fan_closest16(const struct pell_fan *fan, const int32_t *mask, struct pell_ray_hit16 *packet)
+bool pell_light_grid_closest16(const struct pell_light_grid *grid, const int32_t *mask, struct pell_ray_hit16 *packet)
 {
-    return fan->kernels->closest(fan, mask, packet);
+    return grid->kernels->closest(grid, mask, packet);
 }

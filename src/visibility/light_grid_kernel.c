@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_grid_kernel.c - a packet of points asks a fan; compiled once per SIMD level. All levels give the same bits.
+ * light_grid_kernel.c - a packet of points asks a light grid; compiled once per SIMD level. All levels give the same bits.
  *
  * With d the way from the apex to a point, u = d . (a - b) x (a + b) and its like say on which side of the planes through the apex and the
  * triangle's sides the point lies (edge functions: Pineda 1988, "A Parallel Algorithm for Polygon Rasterization"), s = normal . (d - a) on
@@ -26,7 +26,7 @@ struct place {
 };
 
 /* Which cells the packet touches. False: too many, or a point is not before the apex. */
-INLINE bool locate(const struct pell_fan *f, const int32_t *restrict mask, const float *restrict x, const float *restrict y,
+INLINE bool locate(const struct pell_light_grid *f, const int32_t *restrict mask, const float *restrict x, const float *restrict y,
                    const float *restrict z, struct place *restrict p)
 {
     const float right = (float) (f->columns - 1), top = (float) (f->rows - 1);
@@ -75,7 +75,7 @@ INLINE bool locate(const struct pell_fan *f, const int32_t *restrict mask, const
 }
 
 /* s; `inside`: the lanes whose rays meet the triangle's plane within it. */
-INLINE vf meet(const struct pell_fan_triangle *t, const struct place *p, int at, vi *inside)
+INLINE vf meet(const struct pell_light_grid_triangle *t, const struct place *p, int at, vi *inside)
 {
     const vf x = load(p->d[0] + at), y = load(p->d[1] + at), z = load(p->d[2] + at);
     const vf u = x * t->edge[0][0] + y * t->edge[0][1] + z * t->edge[0][2];
@@ -87,7 +87,7 @@ INLINE vf meet(const struct pell_fan_triangle *t, const struct place *p, int at,
            (load(p->at[2] + at) - t->corner[2]) * t->normal[2];
 }
 
-INLINE const uint32_t *list_of(const struct pell_fan *f, int column, int row)
+INLINE const uint32_t *list_of(const struct pell_light_grid *f, int column, int row)
 {
     return f->first + (size_t) row * (size_t) f->columns + (size_t) column;
 }
@@ -100,14 +100,14 @@ struct search {
 
 /* The next triangles that begin between two depths and that no cell had before. They are asked for as they are found, so that their ways
  * from memory overlap. */
-INLINE int find_next(const struct pell_fan *f, const struct place *p, float begin, struct search *s, uint32_t *restrict list)
+INLINE int find_next(const struct pell_light_grid *f, const struct place *p, float begin, struct search *s, uint32_t *restrict list)
 {
     int count = 0;
 
     for (; s->row <= p->y1; s->row++, s->column = p->x0)
         for (; s->column <= p->x1; s->column++, s->next = 0) {
             const uint32_t *first = list_of(f, s->column, s->row), end = first[1];
-            const uint32_t wanted = (s->column > p->x0 ? PELL_FAN_LEFT : 0) | (s->row > p->y0 ? PELL_FAN_LOW : 0);
+            const uint32_t wanted = (s->column > p->x0 ? PELL_LIGHT_GRID_LEFT : 0) | (s->row > p->y0 ? PELL_LIGHT_GRID_LOW : 0);
 
             for (uint32_t e = s->next ? s->next : first[0]; e < end && f->entries[e].depth < p->depth; e++) {
                 const uint32_t triangle = f->entries[e].triangle;
@@ -115,7 +115,7 @@ INLINE int find_next(const struct pell_fan *f, const struct place *p, float begi
                     s->next = e;
                     return count;
                 }
-                list[count] = triangle & PELL_FAN_NUMBER;
+                list[count] = triangle & PELL_LIGHT_GRID_NUMBER;
                 __builtin_prefetch(&f->triangles[list[count]]);
                 count += (triangle & wanted) == wanted && f->entries[e].depth >= begin;
             }
@@ -123,7 +123,7 @@ INLINE int find_next(const struct pell_fan *f, const struct place *p, float begi
     return count;
 }
 
-static bool visible16(const struct pell_fan *f, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible)
+static bool visible16(const struct pell_light_grid *f, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible)
 {
     vi open[LANES / WIDTH];
     uint32_t list[LISTED];
@@ -140,7 +140,7 @@ static bool visible16(const struct pell_fan *f, const int32_t *mask, const float
 
         count = find_next(f, &p, -INFINITY, &search, list);
         for (int i = 0; i < count; i++) {
-            const struct pell_fan_triangle *t = &f->triangles[list[i]];
+            const struct pell_light_grid_triangle *t = &f->triangles[list[i]];
             for (int k = 0, at = 0; k < LANES / WIDTH; k++, at += WIDTH) {
                 vi inside;
                 const vf s = meet(t, &p, at, &inside);
@@ -157,7 +157,7 @@ static bool visible16(const struct pell_fan *f, const int32_t *mask, const float
 }
 
 /* A hit lies the part s / (plane + s) of the way: it is the nearer the smaller s / plane is. */
-static bool closest16(const struct pell_fan *f, const int32_t *mask, struct pell_ray_hit16 *packet)
+static bool closest16(const struct pell_light_grid *f, const int32_t *mask, struct pell_ray_hit16 *packet)
 {
     struct pell_ray16 *ray = &packet->ray;
     struct pell_hit16 *hit = &packet->hit;
@@ -182,7 +182,7 @@ static bool closest16(const struct pell_fan *f, const int32_t *mask, struct pell
     do {
         count = find_next(f, &p, begin, &search, list);
         for (int i = 0; i < count; i++) {
-            const struct pell_fan_triangle *t = &f->triangles[list[i]];
+            const struct pell_light_grid_triangle *t = &f->triangles[list[i]];
             const float per_plane = t->plane > 0.0f ? 1.0f / t->plane : 0.0f;
             for (int at = 0; at < LANES; at += WIDTH) {
                 vi inside, old;
@@ -196,8 +196,8 @@ static bool closest16(const struct pell_fan *f, const int32_t *mask, struct pell
         }
     } while (count == LISTED);
     for (int i = 0; i < LANES; i++) {
-        const struct pell_fan_triangle *t;
-        const struct pell_fan_name *name;
+        const struct pell_light_grid_triangle *t;
+        const struct pell_light_grid_name *name;
         float side[3], sum;
 
         hit->mesh[i] = hit->instance[i] = PELL_NO_HIT;
@@ -221,5 +221,5 @@ static bool closest16(const struct pell_fan *f, const int32_t *mask, struct pell
     return true;
 }
 
-extern const struct pell_fan_kernels PELL_SIMD(pell_fan_kernels);
-const struct pell_fan_kernels PELL_SIMD(pell_fan_kernels) = { visible16, closest16 };
+extern const struct pell_light_grid_kernels PELL_SIMD(pell_light_grid_kernels);
+const struct pell_light_grid_kernels PELL_SIMD(pell_light_grid_kernels) = { visible16, closest16 };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * tile_raster.c - see raster.h: lists of triangles by tile. What is done to triangles and pixels is in raster16.c. */
+ * tile_raster.c - see tile_raster.h: lists of triangles by tile. What is done to triangles and pixels is in tile_raster_kernel.c. */
 #include "visibility/tile_raster.h"
 
 #include <string.h>
@@ -289,7 +289,7 @@ bool pell_raster_tile(const struct pell_raster *raster, int number, struct pell_
     return true;
 }
 
-void pell_raster_meet16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
+void pell_raster_intersect16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
                         struct pell_corners *corners)
 {
     raster->kernels->meet(raster, triangle, packet, corners);

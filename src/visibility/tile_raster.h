@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * tile_raster.h - what an eye sees at every pixel of a picture, without rays: the scene's triangles drawn into tiles, the nearest kept.
+ * tile_raster.h - what a camera sees at every pixel of a picture, without rays: the scene's triangles drawn into tiles, the nearest kept.
  *
- * All rays of an eye start in one point, or run one way. So each triangle is brought before the eye once, and asked only by the pixels that
- * its bounds hold: some nanoseconds a triangle, where a ray takes tens. The answers are those of exact rays: a pixel's middle is tested
- * against planes through the eye and a side that two triangles at this side share to the last bit, so that nothing shows between them; and
- * what is nearest is then met anew by the pixel's own ray.
+ * All rays of a camera start in one point, or run one way. So each triangle is brought before the camera once, and asked only by the pixels
+ * that its bounds hold: some nanoseconds a triangle, where a ray takes tens. The answers are those of exact rays: a pixel's middle is
+ * tested against planes through the camera and a side that two triangles at this side share to the last bit, so that nothing shows between
+ * them; and what is nearest is then met anew by the pixel's own ray.
  *
  * Threads    pell_raster_draw from one at a time; tiles are then asked for from many.
  */
@@ -34,7 +34,7 @@ PELL_NODISCARD enum pell_result pell_raster_create(struct pell_context *ctx, con
                                                    struct pell_raster **out);
 void pell_raster_destroy(struct pell_raster **raster);
 
-/* Brings the scene before an eye. False: rays have to be asked, which are quicker for fewer than `pixels` of a picture with so many
+/* Brings the scene before a camera. False: rays have to be asked, which are quicker for fewer than `pixels` of a picture with so many
  * triangles, or something is too large, too near or no number. Allocates nothing. */
 bool pell_raster_draw(struct pell_raster *raster, struct pell_pool *pool, const struct pell_raster_view *view, int64_t pixels);
 
@@ -59,22 +59,23 @@ struct pell_corners {
 
 /* Meets the triangles of a block with their pixels' rays, which the packet holds: hits of lanes whose triangle is not -1, and tfar. One of
  * them at least; the others get the corners of the first, and PELL_NO_HIT for a mesh. */
-void pell_raster_meet16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
+void pell_raster_intersect16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
                         struct pell_corners *corners);
 
-/* --- Private to raster.c and raster16.c --------------------------------------------------------------------------------------------- */
+/* --- Private to tile_raster.c and tile_raster_kernel.c
+ * --------------------------------------------------------------------------------------------- */
 
 #define PELL_RASTER_CHUNKS 32     /* that triangles are handed out in; as many as keep some threads busy */
-#define PELL_RASTER_BACK 0x8000u  /* of a span's y0: turned away from the eye; closed things hide these */
+#define PELL_RASTER_BACK 0x8000u  /* of a span's y0: turned away from the camera; closed objects hide these */
 
 /* The tiles that a triangle's bounds touch; x0 > x1: none. */
 struct pell_raster_span {
     uint16_t x0, x1, y0, y1;
 };
 
-/* A vertex before the eye, along right, up and forward, and beside it where it is in the scene: who asks for one asks for the other. */
+/* A vertex before the camera, along right, up and forward, and beside it where it is in the scene: who asks for one asks for the other. */
 struct pell_raster_vertex {
-    _Alignas(32) float eye[4]; /* the fourth: nothing */
+    _Alignas(32) float camera[4]; /* the fourth: nothing */
     float scene[4];
 };
 _Static_assert(sizeof(struct pell_raster_vertex) == 32, "two in a cache line");

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * tile_raster_kernel.c - triangles drawn into tiles, 16 of them brought before the eye at once, then each asked by 4 x 4 pixels at a time;
- * compiled once per SIMD level. All levels give the same bits.
+ * tile_raster_kernel.c - triangles drawn into tiles, 16 of them brought before the camera at once, then each asked by 4 x 4 pixels at a
+ * time; compiled once per SIMD level. All levels give the same bits.
  *
- * With a pixel's way d = (x, y, 1) and corners a, b, c before the eye, d . (a - b) x (a + b) and its like say on which side of the planes
- * through the eye and the triangle's sides the pixel's middle lies (Olano and Greer 1997, "Triangle Scan Conversion Using 2D Homogeneous
- * Coordinates": no corner need be divided by its depth, so none need lie before the eye; their signs as in fan16.c). Orthographic corners
- * are (x, y, 1) there. How near a triangle is, 1 / depth or -depth, is linear over the picture; it is counted from a corner, where it is
- * known exactly, and kept between those of the corners.
+ * With a pixel's way d = (x, y, 1) and corners a, b, c before the camera, d . (a - b) x (a + b) and its like say on which side of the
+ * planes through the camera and the triangle's sides the pixel's middle lies (Olano and Greer 1997, "Triangle Scan Conversion Using 2D
+ * Homogeneous Coordinates": no corner need be divided by its depth, so none need lie before the camera; their signs as in
+ * light_grid_kernel.c). Orthographic corners are (x, y, 1) there. How near a triangle is, 1 / depth or -depth, is linear over the picture;
+ * it is counted from a corner, where it is known exactly, and kept between those of the corners.
  */
 #include "visibility/tile_raster.h"
 
@@ -17,11 +17,11 @@
 #include <float.h>
 
 #define LANES 16
-#define NEAREST 1e-6f /* mm; corners that are nearer lie behind the eye */
+#define NEAREST 1e-6f /* mm; corners that are nearer lie behind the camera */
 #define LARGEST 1e12f /* mm; products of three are floats still */
 #define FEW 8         /* blocks that are asked one by one without asking first whether the triangle touches them together */
 
-/* Triangles before the eye: corner k, axis c. */
+/* Triangles before the camera: corner k, axis c. */
 struct corners16 {
     _Alignas(64) float at[3][3][LANES];
 };
@@ -50,9 +50,9 @@ static void vertices(const struct pell_raster_view *view, const float *restrict 
     for (size_t i = 0; i < count; i++) {
         const float px = position[3 * i], py = position[3 * i + 1], pz = position[3 * i + 2];
         const float x = px - v.origin.x, y = py - v.origin.y, z = pz - v.origin.z;
-        out[i].eye[0] = x * v.right.x + y * v.right.y + z * v.right.z;
-        out[i].eye[1] = x * v.up.x + y * v.up.y + z * v.up.z;
-        out[i].eye[2] = x * v.forward.x + y * v.forward.y + z * v.forward.z;
+        out[i].camera[0] = x * v.right.x + y * v.right.y + z * v.right.z;
+        out[i].camera[1] = x * v.up.x + y * v.up.y + z * v.up.z;
+        out[i].camera[2] = x * v.forward.x + y * v.forward.y + z * v.forward.z;
         out[i].scene[0] = px;
         out[i].scene[1] = py;
         out[i].scene[2] = pz;
@@ -64,7 +64,7 @@ INLINE void fetch(const struct pell_raster *r, const uint32_t *restrict list, in
     for (int i = 0; i < LANES; i++) {
         const uint32_t *corners = r->triangles[list[i < count ? i : 0]].vertex;
         for (int k = 0; k < 3; k++) {
-            const float *v = r->vertices[corners[k]].eye;
+            const float *v = r->vertices[corners[k]].camera;
             c->at[k][0][i] = v[0];
             c->at[k][1][i] = v[1];
             c->at[k][2][i] = v[2];
@@ -115,7 +115,7 @@ INLINE void bound(const struct pell_raster *r, const struct corners16 *restrict 
     }
 }
 
-/* Normals, not unit, and six times the volume with the eye, > 0 where a triangle shows its front. */
+/* Normals, not unit, and six times the volume with the camera, > 0 where a triangle shows its front. */
 INLINE void measure(const struct corners16 *restrict c, float flat, float *restrict nx, float *restrict ny, float *restrict volume)
 {
     for (int i = 0; i < LANES; i++) {
@@ -189,7 +189,7 @@ INLINE void set_up(const struct corners16 *restrict c, const struct bounds16 *re
         }
     }
     for (int i = 0; i < LANES; i++) {
-        /* from the farthest corner, which is before the eye */
+        /* from the farthest corner, which is before the camera */
         const float z0 = c->at[0][2][i], z1 = c->at[1][2][i], far = b->far[i], near = b->near[i];
         const float x = z0 == far ? c->at[0][0][i] : z1 == far ? c->at[1][0][i] : c->at[2][0][i];
         const float y = z0 == far ? c->at[0][1][i] : z1 == far ? c->at[1][1][i] : c->at[2][1][i];

@@ -103,7 +103,7 @@ static void growing_arrays_keep_their_items(void **state)
 
 static void failed_growth_leaves_the_array_alone(void **state)
 {
-    struct pell_fault fault = { .fail_at = 3 }; /* the context, the array, its growth */
+    struct pell_alloc_fault fault = { .fail_at = 3 }; /* the context, the array, its growth */
     struct kept_messages kept = { 0 };
     struct pell_context *ctx = test_context(&fault, &kept);
     size_t capacity = 0;
@@ -152,7 +152,7 @@ static void every_failing_allocation_is_survived(void **state)
     for (int sticky = 0; sticky < 2; sticky++) {
         uint64_t n = 1;
         for (;; n++) {
-            struct pell_fault fault = { .fail_at = n, .sticky = sticky };
+            struct pell_alloc_fault fault = { .fail_at = n, .sticky = sticky };
             struct kept_messages kept = { 0 };
             struct pell_context *ctx = test_context(&fault, &kept);
             enum pell_result res;
@@ -179,14 +179,14 @@ static void context_refuses_bad_limits_and_half_an_allocator(void **state)
 {
     struct pell_limits limits;
     struct kept_messages kept = { 0 };
-    struct pell_fault fault = { .fail_at = 0 };
+    struct pell_alloc_fault fault = { .fail_at = 0 };
     struct pell_context_params params = { .log = keep_message, .log_user = &kept, .limits = &limits };
     struct pell_context *ctx = (struct pell_context *) &fault;
     (void) state;
 
     pell_knobs_default(pell_limit_knobs(), &limits);
     limits.depth = 0;
-    params.allocator = pell_fault_allocator(&fault);
+    params.allocator = pell_failing_allocator(&fault);
     assert_int_equal(pell_context_create(&params, &ctx), PELL_ERR_INVALID);
     assert_null(ctx);
     assert_int_equal(fault.live, 0);
@@ -195,7 +195,7 @@ static void context_refuses_bad_limits_and_half_an_allocator(void **state)
     limits.depth = 5;
     params.allocator.free = NULL;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_ERR_INVALID);
-    params.allocator = pell_fault_allocator(&fault);
+    params.allocator = pell_failing_allocator(&fault);
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(pell_context_limits(ctx)->depth, 5);
     pell_context_destroy(&ctx);
@@ -266,8 +266,8 @@ static void a_program_of_another_version_is_refused_with_one_message(void **stat
     const int older = PELL_VERSION_MINOR > 0 ? PELL_VERSION_NUMBER - 1000 : PELL_VERSION_NUMBER - 1000000;
     const int others[] = { minor, major, older, -1, INT32_MIN, INT32_MAX };
     struct kept_messages kept = { 0 };
-    struct pell_fault fault = { 0 };
-    struct pell_context_params params = { .log = keep_message, .log_user = &kept, .allocator = pell_fault_allocator(&fault) };
+    struct pell_alloc_fault fault = { 0 };
+    struct pell_context_params params = { .log = keep_message, .log_user = &kept, .allocator = pell_failing_allocator(&fault) };
     struct pell_context *ctx;
     (void) state;
 

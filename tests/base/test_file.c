@@ -198,7 +198,7 @@ static void read_refuses_a_huge_sparse_file_before_it_allocates(void **state)
 static void read_survives_failing_allocations(void **state)
 {
     struct fixture *f = *state;
-    struct pell_fault fault = { .fail_at = 2 }; /* 1 is the context */
+    struct pell_alloc_fault fault = { .fail_at = 2 }; /* 1 is the context */
     struct kept_messages kept = { 0 };
     struct pell_context *ctx = test_context(&fault, &kept);
     uint8_t *data;

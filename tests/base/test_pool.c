@@ -271,7 +271,7 @@ static void a_pool_without_memory_leaves_nothing(void **state)
 {
     (void) state;
     for (uint64_t n = 2;; n++) {
-        struct pell_fault fault = { .fail_at = n };
+        struct pell_alloc_fault fault = { .fail_at = n };
         struct kept_messages kept = { 0 };
         struct pell_context *ctx = test_context(&fault, &kept);
         struct pell_pool *pool;

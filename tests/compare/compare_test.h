@@ -10,7 +10,7 @@
 enum { TEST, REFERENCE, HALF, PICTURES };
 
 struct pair {
-    struct pell_fault fault;
+    struct pell_alloc_fault fault;
     struct kept_messages kept;
     struct pell_context *ctx;
     int width, height;

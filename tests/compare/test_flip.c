@@ -348,7 +348,7 @@ static void hdr_flip_does_not_depend_on_the_unit(void **state)
 }
 
 /* A thing before black: the median over the whole picture is 0, and no exposure would show anything at 0.85. */
-static void black_around_a_thing_is_no_trap(void **state)
+static void black_around_an_object_is_no_trap(void **state)
 {
     struct pair p;
     (void) state;
@@ -408,7 +408,7 @@ int main(void)
         cmocka_unit_test(the_range_of_exposures_is_that_of_the_paper),
         cmocka_unit_test(hdr_flip_is_the_largest_over_exposures),
         cmocka_unit_test(hdr_flip_does_not_depend_on_the_unit),
-        cmocka_unit_test(black_around_a_thing_is_no_trap),
+        cmocka_unit_test(black_around_an_object_is_no_trap),
         cmocka_unit_test(powers_and_roots_are_right_to_a_millionth),
     };
     return cmocka_run_group_tests_name("compare.flip", tests, NULL, NULL);

@@ -448,7 +448,7 @@ static void every_failing_allocation_is_survived(void **state)
 
     pair_begin(&p, 16, 16);
     for (;; n++) {
-        struct pell_fault fault = { .fail_at = n };
+        struct pell_alloc_fault fault = { .fail_at = n };
         struct pell_context *ctx = test_context(&fault, NULL);
         struct pell_comparison out;
         enum pell_result res;

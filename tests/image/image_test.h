@@ -14,7 +14,7 @@
 
 /* A context with counted memory and kept messages; image_test_end checks that nothing leaked. */
 struct image_test {
-    struct pell_fault fault;
+    struct pell_alloc_fault fault;
     struct kept_messages kept;
     struct pell_context *ctx;
 };

@@ -179,7 +179,7 @@ static void wild_coordinates_stay_inside(void **state)
     free(pixels);
 }
 
-/* A budget far above what is measured (12-25 ns), so that it only fails when look-up became another thing. */
+/* A budget far above what is measured (12-25 ns), so that it only fails when look-up became another object. */
 static void look_up_is_fast(void **state)
 {
     uint8_t *pixels = malloc(1024 * 1024 * 4);

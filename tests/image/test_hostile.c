@@ -110,7 +110,7 @@ static void begin_small(struct image_test *t)
 
     memset(t, 0, sizeof(*t));
     params.log_user = &t->kept;
-    params.allocator = pell_fault_allocator(&t->fault);
+    params.allocator = pell_failing_allocator(&t->fault);
     pell_knobs_default(pell_limit_knobs(), &limits);
     limits.image_pixels = 1 << 18;
     limits.memory_bytes = 64 << 20;
@@ -191,7 +191,7 @@ static void no_memory(const char *name, const uint8_t *data, size_t size)
 {
     for (uint64_t n = 1; n < 1000; n++) {
         struct kept_messages kept = { 0 };
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, &kept);
         struct pell_image image;
         enum pell_result res;
@@ -234,7 +234,7 @@ static void every_allocation_of_write_and_layers_may_fail(void **state)
         const char *path = temp_path("nomem");
         for (uint64_t n = 1;; n++) {
             struct kept_messages kept = { 0 };
-            struct pell_fault fault = { 0 };
+            struct pell_alloc_fault fault = { 0 };
             struct pell_context *ctx = test_context(&fault, &kept);
             enum pell_result res;
             bool done;
@@ -253,7 +253,7 @@ static void every_allocation_of_write_and_layers_may_fail(void **state)
         }
         if (strcmp(pell_write_format_at(i), "exr") == 0)
             for (uint64_t n = 1;; n++) {
-                struct pell_fault fault = { 0 };
+                struct pell_alloc_fault fault = { 0 };
                 struct pell_context *ctx = test_context(&fault, NULL);
                 struct pell_layers layers;
                 bool done;

@@ -55,21 +55,21 @@ static enum pell_result make_ball(struct pell_scene *scene, float radius)
     return PELL_OK;
 }
 
-static int look(const struct pell_picture *picture)
+static int look(const struct pell_render_result *image)
 {
     double inside = 0, outside = 0;
 
-    for (int y = 0; y < picture->height; y++)
-        for (int x = 0; x < picture->width; x++) {
-            const double light = picture->display[1][y * picture->stride + x];
+    for (int y = 0; y < image->height; y++)
+        for (int x = 0; x < image->width; x++) {
+            const double light = image->display[1][y * image->stride + x];
             const double dx = x + 0.5 - SIZE / 2.0, dy = y + 0.5 - SIZE / 2.0;
             if (dx * dx + dy * dy < SIZE * SIZE / 16.0)
                 inside += light;
             else if (!(light >= 0 && light <= 1))
                 outside += 1;
         }
-    printf("mean inside: %.3f, invalid: %d\n", inside / (3.14159265 * SIZE * SIZE / 16.0), (int) picture->invalid);
-    return inside > 0.05 * SIZE * SIZE / 16.0 && outside == 0 && picture->invalid == 0 ? 0 : 1;
+    printf("mean inside: %.3f, invalid: %d\n", inside / (3.14159265 * SIZE * SIZE / 16.0), (int) image->invalid);
+    return inside > 0.05 * SIZE * SIZE / 16.0 && outside == 0 && image->invalid == 0 ? 0 : 1;
 }
 
 int main(void)
@@ -78,7 +78,7 @@ int main(void)
     struct pell_device_params device_params;
     struct pell_load_params load;
     struct pell_settings settings;
-    struct pell_picture picture;
+    struct pell_render_result image;
     struct pell_context *ctx = NULL;
     struct pell_device *device = NULL;
     struct pell_renderer *renderer = NULL;
@@ -104,8 +104,8 @@ int main(void)
         pell_scene_complete(scene, &load) == PELL_OK && pell_device_create(ctx, &device_params, &device) == PELL_OK &&
         pell_renderer_create(device, &renderer) == PELL_OK &&
         pell_renderer_set_scene(renderer, scene) == PELL_OK && pell_renderer_set_method(renderer, method, NULL) == PELL_OK &&
-        pell_renderer_render(renderer, &settings, &picture) == PELL_OK)
-        status = look(&picture);
+        pell_renderer_render(renderer, &settings, &image) == PELL_OK)
+        status = look(&image);
     pell_renderer_destroy(&renderer);
     pell_device_destroy(&device);
     pell_scene_destroy(&scene);

@@ -13,7 +13,7 @@
 #define FOR_EACH_METHOD(m)                                                                                                         \
     for (size_t m##_index = 0; m##_index < pell_method_count(); m##_index++)                                                       \
         for (const struct pell_method *m = pell_method_at(m##_index); m; m = NULL)                                                 \
-            if (m->cpu && m->kind == PELL_METHOD && runs_on_planes(m) && !known_to_fail(m, __func__))
+            if (m->cpu && m->kind == PELL_KIND_METHOD && runs_on_planes(m) && !known_to_fail(m, __func__))
 
 /* 2, 4 and 8 pixels wide at 1 pixel per mm; the channels differ. */
 static const double broad_variance[3] = { 4.0, 16.0, 64.0 };
@@ -82,8 +82,8 @@ static bool known_to_fail(const struct pell_method *m, const char *test)
     } list[] = {
         { "screen-space", "impulse_gives_the_profile", "seven taps far apart leave gaps in what is not smooth" },
         { "screen-space", "a_larger_radius_spreads_more", "spans under 2 pixels are dropped" },
-        { "image-space", "even_light_gives_the_albedo", "what is missing at borders is made up for by count, not by weight" },
-        { "image-space", "white_profiles_give_back_even_light", "the same at the picture's border" },
+        { "image-space", "uniform_light_gives_the_albedo", "what is missing at borders is made up for by count, not by weight" },
+        { "image-space", "white_profiles_give_back_uniform_light", "the same at the picture's border" },
         { "image-space", "any_size_and_any_rectangle", "the same" },
         { "image-space", "no_radius_is_lambert", "the weights of 256 samples sum to one within 0.2 %" },
         { "image-space", "all_albedos_are_legal", "count, not weight" },
@@ -124,7 +124,7 @@ static double even_total(const struct pell_method *method, const struct pell_fra
 }
 
 /* Light that differs from pixel to pixel, in [0, 1]. */
-static float noise(unsigned x, unsigned y, unsigned c)
+static float standard_error(unsigned x, unsigned y, unsigned c)
 {
     unsigned h = x * 374761393u + y * 668265263u + c * 2246822519u + 12345u;
 
@@ -137,7 +137,7 @@ static void light_noise(struct patch *p)
     for (int y = 0; y < p->frame.shape.height; y++)
         for (int x = 0; x < p->frame.shape.width; x++)
             for (int c = 0; c < 3; c++)
-                p->light[c][patch_at(p, x, y)] = noise((unsigned) x, (unsigned) y, (unsigned) c);
+                p->light[c][patch_at(p, x, y)] = standard_error((unsigned) x, (unsigned) y, (unsigned) c);
 }
 
 static size_t patch_floats(const struct patch *p)
@@ -207,7 +207,7 @@ static void light_adds_up(void **state)
             for (int y = 0; y < 50; y++)
                 for (int x = 0; x < 70; x++)
                     for (int c = 0; c < 3; c++) {
-                        const float a = noise((unsigned) x, (unsigned) y, (unsigned) c), b = noise((unsigned) y, (unsigned) x,
+                        const float a = standard_error((unsigned) x, (unsigned) y, (unsigned) c), b = standard_error((unsigned) y, (unsigned) x,
                                                                                                    (unsigned) c + 7);
                         p[i]->light[c][patch_at(p[i], x, y)] = i == 0 ? a : i == 1 ? b : 2.0f * a + 0.5f * b;
                     }
@@ -267,7 +267,7 @@ static void total_light_is_kept(void **state)
         for (int y = 0; y < 180; y++)
             for (int x = 0; x < 200; x++)
                 for (int c = 0; c < 3; c++)
-                    p->light[c][patch_at(p, x, y)] = x > 70 && x < 120 && y > 60 && y < 110 ? noise((unsigned) x, (unsigned) y,
+                    p->light[c][patch_at(p, x, y)] = x > 70 && x < 120 && y > 60 && y < 110 ? standard_error((unsigned) x, (unsigned) y,
                                                                                                     (unsigned) c) : 0.0f;
         patch_run(&at, method, form(method), p);
         for (int c = 0; c < 3; c++)
@@ -277,7 +277,7 @@ static void total_light_is_kept(void **state)
     place_destroy(&at);
 }
 
-static void even_light_gives_the_albedo(void **state)
+static void uniform_light_gives_the_albedo(void **state)
 {
     const struct pell_frame_material m = broad();
     struct bench_place at = place_create(2, NULL, NULL);
@@ -302,7 +302,7 @@ static void even_light_gives_the_albedo(void **state)
     place_destroy(&at);
 }
 
-static void white_profiles_give_back_even_light(void **state)
+static void white_profiles_give_back_uniform_light(void **state)
 {
     struct pell_frame_material m = broad();
     struct bench_place at = place_create(1, NULL, NULL);
@@ -327,12 +327,12 @@ static void rough_scene(struct patch *p, unsigned seed)
     for (int y = 0; y < p->frame.shape.height; y++)
         for (int x = 0; x < p->frame.shape.width; x++) {
             const size_t i = patch_at(p, x, y);
-            const float n = noise((unsigned) x, (unsigned) y, seed), coarse = noise((unsigned) x / 9, (unsigned) y / 7, seed + 1);
+            const float n = standard_error((unsigned) x, (unsigned) y, seed), coarse = standard_error((unsigned) x / 9, (unsigned) y / 7, seed + 1);
             p->material[i] = coarse < 0.2f ? 0 : (uint16_t) (1 + (coarse > 0.7f && p->frame.shape.num_materials > 1));
             p->depth[i] = 500.0f + 20.0f * sinf(0.1f * (float) x) * cosf(0.13f * (float) y) + (coarse > 0.5f ? 30.0f : 0.0f) + 0.3f * n;
             p->strength[i] = coarse > 0.6f ? coarse : 1.0f;
             for (int c = 0; c < 3; c++)
-                p->light[c][i] = noise((unsigned) x, (unsigned) y, seed + 2 + (unsigned) c);
+                p->light[c][i] = standard_error((unsigned) x, (unsigned) y, seed + 2 + (unsigned) c);
         }
 }
 
@@ -780,7 +780,7 @@ static void failed_allocations_leak_nothing(void **state)
     {
         bool done = false;
         for (uint64_t n = 1; !done && n < 200; n++) {
-            struct pell_fault fault = { 0 };
+            struct pell_alloc_fault fault = { 0 };
             struct kept_messages kept = { 0 };
             struct bench_place at = place_create(2, &fault, &kept);
             struct patch *p = patch_create(50, 40, false, 500.0, 500.0, m, 2);
@@ -958,8 +958,8 @@ static void only_planes_of_the_plan_are_read(void **state)
             for (int c = 0; c < 3; c++) {
                 if (!(needs & PELL_NEED_IRRADIANCE))
                     p->frame.irradiance[c] = NULL;
-                if (!(needs & PELL_NEED_LIT))
-                    p->frame.lit[c] = NULL;
+                if (!(needs & PELL_NEED_SHADED))
+                    p->frame.shaded[c] = NULL;
                 if (!(needs & PELL_NEED_NORMAL))
                     p->frame.normal[c] = NULL;
                 if (!(needs & PELL_NEED_POSITION))
@@ -968,7 +968,7 @@ static void only_planes_of_the_plan_are_read(void **state)
             p->frame.strength = NULL;
             assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
             for (int c = 0; c < 3; c++)
-                p->frame.irradiance[c] = p->frame.lit[c] = NULL;
+                p->frame.irradiance[c] = p->frame.shaded[c] = NULL;
             assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_ERR_INVALID);
             pell_pass_destroy(&pass);
             patch_destroy(p);
@@ -989,16 +989,16 @@ static void wild_frames_give_finite_light(void **state)
             /* A sample that was counted on to be far may be near: by the paper's count it then weighs more than one. */
             /* So does all light that the paper's planes find near one another. */
             const bool unbounded = k % 5 == 4 && (strcmp(method->name, "image-space") == 0 || strcmp(method->name, "convolution") == 0);
-            const int w = 1 + (int) (70.0f * noise(k, 1, 1)), h = 1 + (int) (50.0f * noise(k, 2, 1));
+            const int w = 1 + (int) (70.0f * standard_error(k, 1, 1)), h = 1 + (int) (50.0f * standard_error(k, 2, 1));
             struct pell_frame_material m[2] = { broad(), broad() };
             struct patch *p;
             for (int i = 0; i < 3; i++)
-                m[0].gaussians.variance[i] *= pow(10.0, 12.0 * (double) noise(k, 3, 1) - 6.0);
-            p = patch_create(w, h, k % 3 == 0, pow(10.0, 8.0 * (double) noise(k, 4, 1) - 2.0), 500.0, m, 2);
+                m[0].gaussians.variance[i] *= pow(10.0, 12.0 * (double) standard_error(k, 3, 1) - 6.0);
+            p = patch_create(w, h, k % 3 == 0, pow(10.0, 8.0 * (double) standard_error(k, 4, 1) - 2.0), 500.0, m, 2);
             rough_scene(p, k);
             for (int i = 0; i < (int) patch_floats(p); i++)
-                if (noise((unsigned) i, k, 9) < 0.1f)
-                    p->depth[i] = powf(10.0f, 20.0f * noise((unsigned) i, k, 10) - 8.0f);
+                if (standard_error((unsigned) i, k, 9) < 0.1f)
+                    p->depth[i] = powf(10.0f, 20.0f * standard_error((unsigned) i, k, 10) - 8.0f);
             patch_run(&at, method, settings, p);
             for (size_t i = 0; i < patch_floats(p); i++)
                 for (int c = 0; c < 3; c++)
@@ -1021,7 +1021,7 @@ static void thickness_tables_fall_from_the_albedo_to_nothing(void **state)
         struct pell_pass *pass = patch_pass(&at, method, form(method), p);
         const struct pell_thickness_table *t = pell_pass_thickness(pass, 0);
         assert_null(pell_pass_thickness(pass, 1));
-        assert_true(!(pell_pass_plan(pass)->needs & PELL_NEED_THROUGH) || t);
+        assert_true(!(pell_pass_plan(pass)->needs & PELL_NEED_TRANSMISSION) || t);
         for (int c = 0; t && c < 3; c++) {
             REQUIRE(t->value[0][c] <= 1.0f && t->max_mm > 0.0f && isfinite(t->max_mm));
             for (int i = 1; i < PELL_THICKNESS_STEPS; i++)
@@ -1062,8 +1062,8 @@ int main(void)
         cmocka_unit_test(light_adds_up),
         cmocka_unit_test(light_that_moves_moves_the_result),
         cmocka_unit_test(total_light_is_kept),
-        cmocka_unit_test(even_light_gives_the_albedo),
-        cmocka_unit_test(white_profiles_give_back_even_light),
+        cmocka_unit_test(uniform_light_gives_the_albedo),
+        cmocka_unit_test(white_profiles_give_back_uniform_light),
         cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(every_simd_level_gives_the_same_bits),
         cmocka_unit_test(any_size_and_any_rectangle),

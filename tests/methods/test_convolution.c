@@ -23,7 +23,7 @@ static struct pell_frame_material one(double variance)
     return patch_gaussians(1, &variance, weight);
 }
 
-static float noise(unsigned x, unsigned y, unsigned c)
+static float standard_error(unsigned x, unsigned y, unsigned c)
 {
     unsigned h = x * 374761393u + y * 668265263u + c * 2246822519u + 12345u;
 
@@ -142,7 +142,7 @@ static void the_printed_threshold_drops_light(void **state)
         }
 }
 
-/* --- Planes that face the eye ---------------------------------------------------------------------------------------------------- */
+/* --- Planes that face the camera ---------------------------------------------------------------------------------------------------- */
 
 /* A surface at `depth` between two far corners that lie at `low` and `high`, lit beyond the middle column. */
 static struct patch *facing(const struct pell_frame_material *m, bool parallel, double focal, double low, double high, double depth,
@@ -345,7 +345,7 @@ static void a_picture_is_the_sum_over_its_pixels(void **state)
         for (int y = 0; y < H; y++)
             for (int x = 0; x < W; x++)
                 for (int c = 0; c < 3; c++)
-                    p->light[c][patch_at(p, x, y)] = x < 3 ? 1.0f + noise((unsigned) x, (unsigned) y, (unsigned) c) : 0.0f;
+                    p->light[c][patch_at(p, x, y)] = x < 3 ? 1.0f + standard_error((unsigned) x, (unsigned) y, (unsigned) c) : 0.0f;
         patch_run(&at, method(at.ctx), form, p);
         for (int y = 0; y < H; y += 3)
             for (int x = 0; x < W; x++) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_convolution_scenes.c - the convolution method on whole scenes: what lies behind, bodies, planes that move. */
+ * test_convolution_scenes.c - the convolution method on whole scenes: what lies behind, solids, planes that move. */
 #include "scenes.h"
 
 #include "render/renderer.h"
@@ -25,8 +25,8 @@ static double mean_of(const struct shot *a, const struct shot *other, double *rm
     return sum / n;
 }
 
-/* 0: a ball lit from the side; 1: two balls grown together, a concave thing; 2: a sheet, lit from behind. */
-static void thing(struct stage *s, int which, int size)
+/* 0: a ball lit from the side; 1: two balls grown together, a concave object; 2: a sheet, lit from behind. */
+static void object(struct stage *s, int which, int size)
 {
     size_t m;
 
@@ -55,7 +55,7 @@ static void more_planes_come_nearer_to_the_whole_surface(void **state)
         struct shot whole, paper;
         double truth, rms, mean;
         static const char *const printed[] = { "as=paper", "resolution=1", NULL };
-        thing(&s, k, 64);
+        object(&s, k, 64);
         whole = stage_shot_of(&s, "hierarchical", fine);
         truth = mean_of(&whole, NULL, NULL);
         paper = stage_shot_of(&s, "convolution", printed);
@@ -82,14 +82,14 @@ static void more_planes_come_nearer_to_the_whole_surface(void **state)
 }
 
 /* A ray through a ball meets two surfaces: asking for more finds none, whatever the step. */
-static void what_the_eye_sees_counts_once(void **state)
+static void what_the_camera_sees_counts_once(void **state)
 {
     static const char *const two[] = { "surfaces=2", "behind-step=2", NULL }, *const five[] = { "surfaces=5", "behind-step=2", NULL };
     struct stage s;
     struct shot a, b;
 
     (void) state;
-    thing(&s, 0, 50);
+    object(&s, 0, 50);
     a = stage_shot_of(&s, "convolution", two);
     b = stage_shot_of(&s, "convolution", five);
     {
@@ -110,14 +110,14 @@ static void light_stays_in_its_object(void **state)
     require_light_stays_in_its_object("convolution", NULL, false, 0.0f, 16.0f, 16, 6, 8);
 }
 
-/* Nor does a lamp on one object change a bit of another's pixels, whose rectangle in the picture it lies in. */
+/* Nor does a light on one object change a bit of another's pixels, whose rectangle in the picture it lies in. */
 static void light_on_an_object_changes_no_bit_of_another(void **state)
 {
     struct shot shots[2] = { { 0 } };
     int own = 0, other = 0;
 
     (void) state;
-    for (int lamp = 0; lamp < 2; lamp++) {
+    for (int source = 0; source < 2; source++) {
         struct stage s;
         size_t m;
         stage_start(&s, 48, 32);
@@ -126,11 +126,11 @@ static void light_on_an_object_changes_no_bit_of_another(void **state)
         stage_box(&s, m, 1, vec3(2, -8, -4), vec3(10, 8, 0));
         stage_box(&s, m, 1, vec3(-10, 4, -4), vec3(2, 8, 0)); /* goes round the first */
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(30, 40, 60), vec3(0, 0, 0), 2.0f);
-        stage_light(&s, PELL_LIGHT_SPOT, vec3(-4, -4, 30), vec3(-4, -4, 0), lamp ? 5e-2f : 0.0f);
+        stage_light(&s, PELL_LIGHT_SPOT, vec3(-4, -4, 30), vec3(-4, -4, 0), source ? 5e-2f : 0.0f);
         s.scene->lights[1].cos_inner = 0.997f;
         s.scene->lights[1].cos_outer = 0.995f;
         stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 16.0f);
-        shots[lamp] = stage_shot_of(&s, "convolution", NULL);
+        shots[source] = stage_shot_of(&s, "convolution", NULL);
         stage_finish(&s);
     }
     for (int y = 0; y < 32; y++)
@@ -147,7 +147,7 @@ static void light_on_an_object_changes_no_bit_of_another(void **state)
     shot_free(&shots[1]);
 }
 
-/* A thing so small that some samples of the multisample miss it, the first among them: each frame finds what lies behind anew. */
+/* An object so small that some samples of the multisample miss it, the first among them: each frame finds what lies behind anew. */
 static void light_behind_is_of_its_own_frame(void **state)
 {
     static const char *const fine_cells[] = { "behind-step=1", NULL };
@@ -205,7 +205,7 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
         stage_ball(&s, m, 0, vec3(-4, 0, 2), 6.0f, 24);
         stage_ball(&s, m, 1, vec3(4, 0, -2), 6.0f, 24);
         stage_light(&s, PELL_LIGHT_POINT, vec3(60, 40, 5), vec3(0, 0, 0), 5e-3f);
-        stage_sky(&s, 0.2f);
+        stage_environment(&s, 0.2f);
         stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.2f, 0.0f);
         shot = stage_shot_of(&s, "convolution", NULL);
         shot_check(&shot);
@@ -248,7 +248,7 @@ static void planes_slide_without_popping(void **state)
     REQUIRE(jump[1] < 0.005);
 }
 
-/* What lies before thick parts gets none of the light that thin parts of the thing let through: a plate with a block on it, lit from
+/* What lies before thick parts gets none of the light that thin parts of the object let through: a plate with a block on it, lit from
  * behind. (By the mean over both it was a third as bright as the plate.) */
 static void thick_parts_stay_dark_before_light(void **state)
 {
@@ -277,8 +277,8 @@ static void thick_parts_stay_dark_before_light(void **state)
     REQUIRE(thick[1] < 1e-4 * thin[1]);
 }
 
-/* Pixels keep the numbers of bodies in 16 bits. */
-static void too_many_bodies_are_refused_by_name(void **state)
+/* Pixels keep the numbers of solids in 16 bits. */
+static void too_many_solids_are_refused_by_name(void **state)
 {
     struct stage s;
     size_t m;
@@ -301,7 +301,7 @@ static void too_many_bodies_are_refused_by_name(void **state)
     stage_method(&s, "convolution", NULL);
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_UNSUPPORTED);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_UNSUPPORTED);
     assert_string_equal(s.kept.what, "65535 bodies, at most 65534");
     stage_finish(&s);
 }
@@ -331,14 +331,14 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(more_planes_come_nearer_to_the_whole_surface),
-        cmocka_unit_test(what_the_eye_sees_counts_once),
+        cmocka_unit_test(what_the_camera_sees_counts_once),
         cmocka_unit_test(light_stays_in_its_object),
         cmocka_unit_test(light_on_an_object_changes_no_bit_of_another),
         cmocka_unit_test(light_behind_is_of_its_own_frame),
         cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(planes_slide_without_popping),
         cmocka_unit_test(thick_parts_stay_dark_before_light),
-        cmocka_unit_test(too_many_bodies_are_refused_by_name),
+        cmocka_unit_test(too_many_solids_are_refused_by_name),
         cmocka_unit_test(a_frame_allocates_nothing),
     };
 

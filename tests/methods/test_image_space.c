@@ -35,7 +35,7 @@ static struct pell_frame_material medium(const char *name)
     return (struct pell_frame_material) { .name = name, .preset = name, .medium = pell_material_find(name)->medium };
 }
 
-static float noise(unsigned x, unsigned y, unsigned c)
+static float standard_error(unsigned x, unsigned y, unsigned c)
 {
     unsigned h = x * 374761393u + y * 668265263u + c * 2246822519u + 12345u;
 
@@ -309,7 +309,7 @@ static struct patch *ball(const struct pell_frame_material *m)
             const double z = ball_depth(p, x, y);
             p->material[i] = z > 0.0;
             p->depth[i] = z > 0.0 ? (float) z : NAN;
-            for (int c = 0; c < 3; c++) /* a lamp on the left, the shadow of a post, a texture */
+            for (int c = 0; c < 3; c++) /* a light on the left, the shadow of a post, a texture */
                 p->light[c][i] = (float) (fmax(0.0, 0.9 - 0.02 * x) * (x > 30 && x < 38 ? 0.1 : 1.0) *
                                           (0.8 + 0.2 * sin(0.7 * x + c) * cos(0.9 * y)));
         }
@@ -370,7 +370,7 @@ static void make_truth(const struct patch *p, const struct pell_frame_material *
 {
     t->mean = 0.0;
     for (int i = 0, k = 0; i < PLACES; k++) {
-        const int x = (int) (80.0f * noise((unsigned) k, 1, 0)), y = (int) (80.0f * noise((unsigned) k, 2, 0));
+        const int x = (int) (80.0f * standard_error((unsigned) k, 1, 0)), y = (int) (80.0f * standard_error((unsigned) k, 2, 0));
         if (hypot(x - 39.5, y - 39.5) > 0.86 * BALL_MM * BALL_PX)
             continue;
         t->x[i] = x;
@@ -576,7 +576,7 @@ static void reconstruction_leaves_what_is_sharp(void **state)
     (void) state;
     for (int y = 0; y < 60; y++)
         for (int x = 0; x < 60; x++)
-            p->light[0][patch_at(p, x, y)] = noise((unsigned) x, (unsigned) y, 0);
+            p->light[0][patch_at(p, x, y)] = standard_error((unsigned) x, (unsigned) y, 0);
     patch_run(&at, method(at.ctx), NULL, p);
     for (int y = 0; y < 60; y++)
         for (int x = 0; x < 60; x++)
@@ -698,10 +698,10 @@ static void a_texture_says_how_far_light_goes(void **state)
         for (unsigned x = 0; x < MAP_W; x++) {
             const size_t i = patch_at(p, (int) x, (int) y);
             for (unsigned c = 0; c < 3; c++) {
-                maps->base[c][i] = 0.05f + 0.9f * noise(x / 7, y / 6, c);
-                p->light[c][i] = q->light[c][i] = noise(x / 5, y / 9, c + 3) < 0.5f ? 0.1f : 1.0f;
+                maps->base[c][i] = 0.05f + 0.9f * standard_error(x / 7, y / 6, c);
+                p->light[c][i] = q->light[c][i] = standard_error(x / 5, y / 9, c + 3) < 0.5f ? 0.1f : 1.0f;
             }
-            p->strength[i] = q->strength[i] = 0.4f + 0.6f * noise(x / 8, y / 5, 7);
+            p->strength[i] = q->strength[i] = 0.4f + 0.6f * standard_error(x / 8, y / 5, 7);
         }
     for (int c = 0; c < 3; c++)
         p->frame.base[c] = q->frame.base[c] = maps->base[c];

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * test_image_views.c - the image-space method on whole scenes: what the views of lights add to the eye's, against the whole surface. */
+ * test_image_views.c - the image-space method on whole scenes: what the views of lights add to the camera's, against the whole surface. */
 #include "scenes.h"
 
 #include "render/renderer.h"
 
-static const char *const eye[] = { "renormalise=off", "samples=256", "reconstruct=off", NULL };
+static const char *const camera[] = { "renormalise=off", "samples=256", "reconstruct=off", NULL };
 static const char *const lights[] = { "samples=256", "views=eye+lights", "view-size=256", "reconstruct=off", NULL };
 
 /* Mean of R, G and B over pixels that are covered whole; with `other`, the root mean square of the difference, too. */
@@ -28,7 +28,7 @@ static double mean_of(const struct shot *a, const struct shot *other, double *rm
 
 /* 0: a ball, lit from the side; 1: two balls grown together, the crease in view; 2: a sheet, lit from behind; 3: a ball lit through
  * a parallel light from behind and the side. */
-static void thing(struct stage *s, int which, int size)
+static void object(struct stage *s, int which, int size)
 {
     size_t m;
 
@@ -59,9 +59,9 @@ static void views_of_lights_close_the_gap_to_the_whole_surface(void **state)
         struct stage s;
         struct shot whole, one, all;
         double truth, rms[2], seen[2];
-        thing(&s, k, 48);
+        object(&s, k, 48);
         whole = stage_shot_of(&s, "hierarchical", fine);
-        one = stage_shot_of(&s, "image-space", eye);
+        one = stage_shot_of(&s, "image-space", camera);
         all = stage_shot_of(&s, "image-space", lights);
         truth = mean_of(&whole, NULL, NULL);
         seen[0] = mean_of(&one, &whole, &rms[0]);
@@ -93,7 +93,7 @@ static void what_several_views_see_counts_once(void **state)
     stage_light(&s, PELL_LIGHT_POINT, vec3(20, 0, 80), vec3(0, 0, 0), 5e-3f);
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(-40, 10, 60), vec3(0, 0, 0), 2.0f);
     stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
-    one = stage_shot_of(&s, "image-space", eye);
+    one = stage_shot_of(&s, "image-space", camera);
     all = stage_shot_of(&s, "image-space", lights);
     a = b = 0.0;
     for (int y = 14; y < 26; y++)
@@ -110,7 +110,7 @@ static void what_several_views_see_counts_once(void **state)
     stage_finish(&s);
 }
 
-/* With views of lights the method knows bodies: no light goes from one object to another, though they touch. */
+/* With views of lights the method knows solids: no light goes from one object to another, though they touch. */
 static void light_stays_in_its_object(void **state)
 {
     (void) state;
@@ -130,7 +130,7 @@ static void everything_may_change_from_frame_to_frame(void **state)
         struct stage moving;
         for (int k = 0; k < 4; k++) {
             struct stage s;
-            thing(&s, k, 32);
+            object(&s, k, 32);
             if (k == 2)
                 s.scene->materials[0].gaussians.variance[0] = 0.1;
             first[k] = stage_shot_of(&s, "image-space", knobs);
@@ -141,7 +141,7 @@ static void everything_may_change_from_frame_to_frame(void **state)
             for (int k = 3; k >= 0; k--) {
                 struct stage s;
                 struct shot shot;
-                thing(&s, k, 32);
+                object(&s, k, 32);
                 if (k == 2)
                     s.scene->materials[0].gaussians.variance[0] = 0.1;
                 stage_complete(&s);
@@ -159,7 +159,7 @@ static void everything_may_change_from_frame_to_frame(void **state)
     }
 }
 
-/* A lamp among the things, one behind the eye, one without power, an even sky: nothing breaks. */
+/* A light among the objects, one behind the camera, one without power, a uniform environment: nothing breaks. */
 static void odd_lights_are_views_or_none(void **state)
 {
     static const char *const quick[] = { "views=eye+lights", "view-size=48", NULL };
@@ -175,7 +175,7 @@ static void odd_lights_are_views_or_none(void **state)
     stage_light(&s, PELL_LIGHT_POINT, vec3(0, 6.5, 0), vec3(0, 0, 0), 1e-3f);
     stage_light(&s, PELL_LIGHT_RECT, vec3(60, 0, 200), vec3(0, 0, 0), 1.0f);
     stage_light(&s, PELL_LIGHT_DISC, vec3(0, 60, 0), vec3(0, 0, 0), 0.0f);
-    stage_sky(&s, 0.1f);
+    stage_environment(&s, 0.1f);
     for (int i = 0; i < 6; i++)
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(50, (float) i, 10), vec3(0, 0, 0), 0.1f);
     stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.15f, 0.0f);

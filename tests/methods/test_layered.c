@@ -29,7 +29,7 @@ static struct pell_material *give_layers(struct stage *s, const struct test_laye
     m->layers = pell_calloc(s->ctx, (size_t) count, sizeof(*m->layers));
     assert_non_null(m->layers);
     m->num_layers = count;
-    m->below = PELL_BELOW_STOP;
+    m->substrate = PELL_SUBSTRATE_STOP;
     for (int i = 0; i < count; i++) {
         struct pell_scene_layer *l = &m->layers[i];
         l->name = pell_strdup(s->ctx, "layer");
@@ -47,7 +47,7 @@ static struct pell_material *give_layers(struct stage *s, const struct test_laye
 }
 
 /* Single scattering of layers between planes, of light with irradiance 1 across its beam: cosines with the normal inside, and between the
- * directions to the lamp and to the eye inside. */
+ * directions to the light and to the camera inside. */
 static double closed_form(const struct test_layer *list, int count, double mu_o, double mu_i, double cosine)
 {
     const double m = 1.0 / mu_o + 1.0 / mu_i;
@@ -74,11 +74,11 @@ static const struct test_layer fish[3] = {
 static void slab(struct stage *s, double mu_o, double mu_i, double turn)
 {
     const double so = sqrt(1.0 - mu_o * mu_o), si = sqrt(1.0 - mu_i * mu_i);
-    const struct pell_vec3 eye = vec3((float) (100.0 * so), 0.0f, (float) (100.0 * mu_o));
+    const struct pell_vec3 camera = vec3((float) (100.0 * so), 0.0f, (float) (100.0 * mu_o));
 
     stage_box(s, 0, 0, vec3(-300, -300, -80), vec3(300, 300, 0));
     stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3((float) (si * cos(turn)), (float) (si * sin(turn)), (float) mu_i), vec3(0, 0, 0), 1.0f);
-    stage_camera(s, eye, vec3(0, 0, 0), 0.0f, 4.0f);
+    stage_camera(s, camera, vec3(0, 0, 0), 0.0f, 4.0f);
 }
 
 static double cosine_of(double mu_o, double mu_i, double turn)
@@ -251,7 +251,7 @@ static void set_map(struct pell_scene_layer *l, const struct pell_texture *t, in
     l->depth = depth;
 }
 
-static void even_paint(void **state)
+static void uniform_paint(void **state)
 {
     static const char *const knobs[] = { "refraction=none", "samples=9", NULL };
     static const float straight[6] = { 1, 0, 0, 0, 1, 0 };
@@ -344,26 +344,26 @@ static void hostile_paint(void **state)
     const struct pell_texture_map map = { .texture = &texture, .matrix = { straight[0], 0, 0, 0, 1, 0 } };
     struct kept_messages kept;
     struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_strata *strata = calloc(1, sizeof(*strata));
+    struct pell_medium_layers *medium_layers = calloc(1, sizeof(*medium_layers));
     struct layered_medium m;
 
     (void) state;
-    strata->eta = 1.3;
-    strata->count = 2;
-    strata->below = PELL_BELOW_STOP;
-    strata->painted = true;
+    medium_layers->eta = 1.3;
+    medium_layers->count = 2;
+    medium_layers->substrate = PELL_SUBSTRATE_STOP;
+    medium_layers->painted = true;
     for (int i = 0; i < 2; i++)
-        strata->item[i] = (struct pell_stratum){ .name = "", .sigma_s = { 1, 1, 1 }, .sigma_t = { 2, 2, 2 }, .depth = 3.0, .map = &map };
-    OK(layered_medium_make(ctx, strata, "test", LAYERED_AS_MATERIAL, &m));
+        medium_layers->item[i] = (struct pell_layer_medium){ .name = "", .sigma_s = { 1, 1, 1 }, .sigma_t = { 2, 2, 2 }, .depth = 3.0, .map = &map };
+    OK(layered_medium_make(ctx, medium_layers, "test", LAYERED_AS_MATERIAL, &m));
     assert_int_equal(m.packs, 1);
     assert_int_equal(m.pack[0].count, 2);
     REQUIRE(isfinite(m.deepest) && m.deepest >= 0.0f && m.deepest < 1e8f);
     REQUIRE_REL((double) m.layer[0].depth, 3.0, 1e-6); /* 1 is the largest number among them */
     layered_medium_finish(ctx, &m);
     texture.image.width = 0;
-    assert_int_equal(layered_medium_make(ctx, strata, "test", LAYERED_AS_MATERIAL, &m), PELL_ERR_UNSUPPORTED);
+    assert_int_equal(layered_medium_make(ctx, medium_layers, "test", LAYERED_AS_MATERIAL, &m), PELL_ERR_UNSUPPORTED);
     assert_non_null(strstr(kept.what, "map"));
-    free(strata);
+    free(medium_layers);
     pell_context_destroy(&ctx);
 }
 
@@ -386,7 +386,7 @@ static void paths_on_a_slab(void **state)
                                       { .depth = 2.0f, .pack = -1, .sigma_s = { 1, 2, 3 }, .sigma_t = { 1, 2, 5 }, .one_phase = true } };
     const struct layered_medium m = { .count = 2, .layer = layer, .eta = 1.4f, .deepest = 2.0f, .first = 2.0f };
     struct layered_packet *p = NULL;
-    struct layered_lamp lamp;
+    struct layered_light source;
     float trace[11 * 16], light[3][16];
 
     (void) state;
@@ -404,7 +404,7 @@ static void paths_on_a_slab(void **state)
             .samples = 11, .exponential = true, .rest = true, .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f }
         };
         memset(p, 0, sizeof(*p));
-        memset(&lamp, 0, sizeof(lamp));
+        memset(&source, 0, sizeof(source));
         for (int i = 0; i < 16; i++) {
             const double a = 0.09 * i, up = 0.2 + 0.05 * i;
             for (int c = 0; c < 3; c++) {
@@ -413,23 +413,23 @@ static void paths_on_a_slab(void **state)
             }
             p->u[i] = 0.3f;
             p->v[i] = 0.2f;
-            p->eye[0][i] = (float) sin(a);
-            p->eye[2][i] = (float) cos(a);
+            p->camera[0][i] = (float) sin(a);
+            p->camera[2][i] = (float) cos(a);
             p->spacing[i] = 0.1f;
-            lamp.to[1][i] = (float) sqrt(1.0 - up * up);
-            lamp.to[2][i] = (float) up;
-            lamp.planes[i] = lamp.seen[i] = 1.0f;
+            source.to[1][i] = (float) sqrt(1.0 - up * up);
+            source.to[2][i] = (float) up;
+            source.planes[i] = source.seen[i] = 1.0f;
             for (int c = 0; c < 3; c++)
-                lamp.power[c][i] = 1.0f;
+                source.power[c][i] = 1.0f;
         }
         p->count = 16;
-        lamp.away = lamp.any_planes = true;
+        source.away = source.any_planes = true;
         p->trace = trace;
         layered_kernels_tables[level]->start(&work, &m, p);
-        layered_kernels_tables[level]->march(&work, &m, p, &lamp, 1);
+        layered_kernels_tables[level]->march(&work, &m, p, &source, 1);
         for (int i = 0; i < 16; i++)
             for (int k = 0; k < 11; k++) {
-                const double depth = 2.0 * (k + 0.5) / 11, expected = depth / (double) lamp.to[2][i];
+                const double depth = 2.0 * (k + 0.5) / 11, expected = depth / (double) source.to[2][i];
                 REQUIRE_REL((double) trace[k * 16 + i], expected, 1e-5);
             }
         for (int c = 0; c < 3; c++)
@@ -442,7 +442,7 @@ static void paths_on_a_slab(void **state)
         /* The march for any packet says the same as the one for most: a far surface too far away to count asks for it. */
         p->thin = true;
         memset(p->light, 0, sizeof(p->light));
-        layered_kernels_tables[level]->march(&work, &m, p, &lamp, 1);
+        layered_kernels_tables[level]->march(&work, &m, p, &source, 1);
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < 16; i++)
                 REQUIRE_REL((double) p->light[c][i], (double) light[c][i], 1e-5);
@@ -450,7 +450,7 @@ static void paths_on_a_slab(void **state)
     free(p);
 }
 
-/* A ball, straight through: chords say all. What enters at the point that `to_eye` sees in the middle, from the direction `to_lamp`. */
+/* A ball, straight through: chords say all. What enters at the point that `to_camera` sees in the middle, from the direction `to_light`. */
 static double ball_closed_form(double radius, double sigma_s, double sigma_t, double g, double angle)
 {
     const int steps = 20000;
@@ -458,7 +458,7 @@ static double ball_closed_form(double radius, double sigma_s, double sigma_t, do
     const struct pell_phase phase = { PELL_PHASE_HENYEY_GREENSTEIN, { g, 0.0 }, 0.0 };
     double sum = 0.0;
 
-    for (int i = 0; i < steps; i++) { /* the eye looks along a diameter; the lamp is `angle` away from the eye */
+    for (int i = 0; i < steps; i++) { /* the camera looks along a diameter; the light is `angle` away from the camera */
         const double x = (i + 0.5) * h, r = radius - x, b = r * cosine; /* place at height r on the axis */
         const double out = -b + sqrt(b * b + radius * radius - r * r);
         sum += h * exp(-sigma_t * (x + out));
@@ -466,7 +466,7 @@ static double ball_closed_form(double radius, double sigma_s, double sigma_t, do
     return sum * sigma_s * pell_phase_value(&phase, cosine);
 }
 
-/* The middle of a ball, with a lamp at an angle from the eye. */
+/* The middle of a ball, with a light at an angle from the camera. */
 static double ball_layered(double radius, double sigma_s, double sigma_t, double g, double angle, const char *const *knobs)
 {
     const struct test_layer one = { 1.0, sigma_s, sigma_t, { PELL_PHASE_HENYEY_GREENSTEIN, { g, 0.0 }, 0.0 } };
@@ -476,7 +476,7 @@ static double ball_layered(double radius, double sigma_s, double sigma_t, double
 
     stage_start(&s, 4, 4);
     m = give_layers(&s, &one, 1, 1.4);
-    m->below = PELL_BELOW_LAST;
+    m->substrate = PELL_SUBSTRATE_LAST;
     stage_ball(&s, 0, 0, vec3(0, 0, 0), (float) radius, 40);
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, (float) sin(angle), (float) cos(angle)), vec3(0, 0, 0), 1.0f);
     stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 0.02f * (float) radius);
@@ -596,7 +596,7 @@ static void planes(void **state)
     pell_context_destroy(&c.ctx);
 }
 
-/* --- Lamps, sheets, threads ----------------------------------------------------------------------------------------------------- */
+/* --- Lights, sheets, threads ----------------------------------------------------------------------------------------------------- */
 
 /* A sheet without another side, lit from behind: light comes in where the layers end. */
 static void sheet(void **state)
@@ -637,7 +637,7 @@ static void slab_from_behind(void **state)
         tau += h * sigma_t;
     }
     stage_start(&s, 6, 6);
-    give_layers(&s, two, 2, 1.4)->below = PELL_BELOW_LAST;
+    give_layers(&s, two, 2, 1.4)->substrate = PELL_SUBSTRATE_LAST;
     stage_box(&s, 0, 0, vec3(-200, -200, -2), vec3(200, 200, 0));
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.8f, -0.6f), vec3(0, 0, 0), 1.0f);
     stage_camera(&s, vec3(60, 0, 80), vec3(0, 0, 0), 0.0f, 4.0f);
@@ -657,15 +657,15 @@ static void bottom(void **state)
     (void) state;
     stage_start(&s, 6, 6);
     m = give_layers(&s, &one, 1, 1.4);
-    m->below = PELL_BELOW_SURFACE_COLOR;
+    m->substrate = PELL_SUBSTRATE_SURFACE_COLOR;
     m->base_color[0] = m->base_color[1] = m->base_color[2] = 0.6f;
     slab(&s, mu_o, mu_i, 1.0);
     REQUIRE_REL(mean_of(&s, knobs), 0.6 / PELL_PI * mu_i * exp(-0.8 * 0.7 * (1.0 / mu_o + 1.0 / mu_i)), 1e-3);
     stage_finish(&s);
 }
 
-/* Lamps of every kind add up, and any number of threads gives the same bits. */
-static void lamps_and_threads(void **state)
+/* Lights of every kind add up, and any number of threads gives the same bits. */
+static void lights_and_threads(void **state)
 {
     static const char *const knobs[] = { "samples=8", "lamps=3", NULL };
     struct shot one[8] = { { 0 } };
@@ -710,12 +710,12 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(homogeneous),     cmocka_unit_test(three_layers),
         cmocka_unit_test(refracting_slab), cmocka_unit_test(phases),
-        cmocka_unit_test(clear_and_many),  cmocka_unit_test(even_paint),
+        cmocka_unit_test(clear_and_many),  cmocka_unit_test(uniform_paint),
         cmocka_unit_test(uv_of_any_kind),  cmocka_unit_test(hostile_paint),
         cmocka_unit_test(paths_on_a_slab), cmocka_unit_test(balls),
         cmocka_unit_test(terminator),      cmocka_unit_test(planes),
         cmocka_unit_test(sheet),           cmocka_unit_test(slab_from_behind),
-        cmocka_unit_test(bottom),          cmocka_unit_test(lamps_and_threads),
+        cmocka_unit_test(bottom),          cmocka_unit_test(lights_and_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -183,12 +183,12 @@ static void every_failing_allocation_is_survived(void **state)
     (void) state;
 
     for (; res != PELL_OK && fail_at < 100; fail_at++) {
-        struct pell_fault fault = { .fail_at = fail_at + 1 }; /* the first is the context */
+        struct pell_alloc_fault fault = { .fail_at = fail_at + 1 }; /* the first is the context */
         struct pell_context *ctx;
         const struct pell_method *method;
         void *knobs = &fault;
 
-        assert_int_equal(pell_context_create(&(struct pell_context_params) { .allocator = pell_fault_allocator(&fault) }, &ctx), PELL_OK);
+        assert_int_equal(pell_context_create(&(struct pell_context_params) { .allocator = pell_failing_allocator(&fault) }, &ctx), PELL_OK);
         method = pell_method_find(ctx, "test", "screen-space");
         res = pell_method_knobs_create(ctx, method, "gaussians=6 lod=2", &knobs);
         assert_true(res == PELL_OK || (res == PELL_ERR_NOMEM && !knobs));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_path_chains.c - light of delta lamps over chains of smooth surfaces: closed forms of slabs, refractive connections, and the white
- * furnace made of delta lamps, in which no class of paths may be missing. Seeds are fixed; statistical tests allow 3.5 standard errors. */
+ * test_path_chains.c - light of delta lights over chains of smooth surfaces: closed forms of slabs, refractive connections, and the white
+ * furnace made of delta lights, in which no class of paths may be missing. Seeds are fixed; statistical tests allow 3.5 standard errors. */
 #include "path_trace_rig.h"
 
 #include "methods/path_trace/path.h"
@@ -60,20 +60,20 @@ static void make_clear(struct stage *s)
 
 /* --- Closed forms ------------------------------------------------------------------------------------------------------------------ */
 
-/* What scatters once in a wide slab under a directional lamp, seen along the normal: light and eye may both have been reflected inside,
+/* What scatters once in a wide slab under a directional light, seen along the normal: light and eye may both have been reflected inside,
  * any number of times. */
 static double slab_single(double sigma_s, double sigma_t, double thickness, double eta, double mu_out)
 {
     const double mu = sqrt(1.0 - (1.0 - mu_out * mu_out) / (eta * eta)), r = pell_fresnel(eta, mu_out), r0 = pell_fresnel(eta, 1.0);
     const double light = mu_out * (1.0 - r) / mu / (1.0 - r * r * exp(-2.0 * sigma_t * thickness / mu));
-    const double eye = (1.0 - r0) / (eta * eta) / (1.0 - r0 * r0 * exp(-2.0 * sigma_t * thickness));
+    const double camera = (1.0 - r0) / (eta * eta) / (1.0 - r0 * r0 * exp(-2.0 * sigma_t * thickness));
     double sum = 0.0;
 
     for (int i = 0; i < 1000; i++) {
         const double z = thickness * (i + 0.5) / 1000.0, up = 2.0 * thickness - z;
         sum += (exp(-sigma_t * z) + r0 * exp(-sigma_t * up)) * (exp(-sigma_t * z / mu) + r * exp(-sigma_t * up / mu));
     }
-    return sum * thickness / 1000.0 * light * eye * sigma_s / (4.0 * PELL_PI);
+    return sum * thickness / 1000.0 * light * camera * sigma_s / (4.0 * PELL_PI);
 }
 
 static void slabs_reflect_inside(void **state)
@@ -139,7 +139,7 @@ static void slabs_light_what_is_below(void **state)
     stage_finish(&s);
 }
 
-/* A gray floor below a clear slab, which its lamp reaches by chains alone. */
+/* A gray floor below a clear slab, which its light reaches by chains alone. */
 static struct pt_scene *floor_below_slab(struct stage *s, struct pt_knobs *knobs)
 {
     size_t m, floor;
@@ -245,10 +245,10 @@ static void chains_are_connections(void **state)
     }
 }
 
-/* --- A white furnace of delta lamps ------------------------------------------------------------------------------------------------ */
+/* --- A white furnace of delta lights ------------------------------------------------------------------------------------------------ */
 
-/* Lamps evenly all around, which give what a sky of radiance 1 gives. */
-static void many_lamps(struct stage *s, int count)
+/* Lights evenly all around, which give what an environment of radiance 1 gives. */
+static void many_lights(struct stage *s, int count)
 {
     for (int i = 0; i < count; i++) {
         const double z = 1.0 - 2.0 * (i + 0.5) / count, phi = 2.399963229728653 * i, sine = sqrt(1.0 - z * z);
@@ -257,16 +257,16 @@ static void many_lamps(struct stage *s, int count)
     }
 }
 
-enum things { NOTHING, NESTED, NESTED_ROUGH, BONE, FLOOR, PARTLY_ROUGH };
+enum objects { NOTHING, NESTED, NESTED_ROUGH, BONE, FLOOR, PARTLY_ROUGH };
 
-static void furnace_stage(struct stage *s, enum things things)
+static void furnace_stage(struct stage *s, enum objects objects)
 {
     size_t m, other;
 
     plain_stage(s);
-    m = rig_medium(s, things == NESTED_ROUGH ? 0.05 : 0.4, 0.0, 0.0, things == NESTED_ROUGH ? 1.2 : 1.4);
-    s->scene->materials[m].roughness = things == PARTLY_ROUGH ? 0.6f : 0.0f;
-    if (things == PARTLY_ROUGH) { /* one body of two materials: its upper half is smooth */
+    m = rig_medium(s, objects == NESTED_ROUGH ? 0.05 : 0.4, 0.0, 0.0, objects == NESTED_ROUGH ? 1.2 : 1.4);
+    s->scene->materials[m].roughness = objects == PARTLY_ROUGH ? 0.6f : 0.0f;
+    if (objects == PARTLY_ROUGH) { /* one solid of two materials: its upper half is smooth */
         struct pell_mesh *mesh;
         stage_ball(s, m, 0, vec3(0, 0, 0), 3.0f, 16);
         stage_ball(s, m, 0, vec3(0, 0, 0), 3.0f, 16);
@@ -288,40 +288,40 @@ static void furnace_stage(struct stage *s, enum things things)
         return;
     }
     stage_ball(s, m, 0, vec3(0, 0, 0), 3.0f, 24);
-    if (things == NESTED || things == NESTED_ROUGH) {
+    if (objects == NESTED || objects == NESTED_ROUGH) {
         other = rig_medium(s, 0.8, 0.0, 0.0, 1.7);
-        s->scene->materials[other].roughness = things == NESTED_ROUGH ? 1.0f : 0.0f;
+        s->scene->materials[other].roughness = objects == NESTED_ROUGH ? 1.0f : 0.0f;
         stage_ball(s, other, 1, vec3(0.3f, 0.5f, 0.5f), 1.5f, 16);
-    } else if (things == BONE) {
+    } else if (objects == BONE) {
         stage_opaque(s, 1.0f, &other);
         stage_ball(s, other, 1, vec3(0.3f, 0.5f, 0.5f), 1.5f, 16);
-    } else if (things == FLOOR) {
+    } else if (objects == FLOOR) {
         stage_opaque(s, 0.6f, &other);
         stage_box(s, other, 1, vec3(-12, -12, -4.5f), vec3(12, 12, -3.5f));
     }
 }
 
-/* The same body under a sky, which walks meet by chance. Of what passes without a scattering, only smooth surfaces on its way, a delta lamp
- * shows nothing: samples whose walk did that have exactly what the sky has, and are taken off. */
-static void furnaces_of_delta_lamps(void **state)
+/* The same solid under an environment, which walks meet by chance. Of what passes without a scattering, only smooth surfaces on its way, a
+ * delta light shows nothing: samples whose walk did that have exactly what the environment has, and are taken off. */
+static void furnaces_of_delta_lights(void **state)
 {
     static const char *const names[] = { "ball", "nested", "nested, rough", "bone", "over a gray floor", "upper half smooth" };
 
     (void) state;
-    for (int things = 0; things < (int) PELL_COUNT(names); things++) {
+    for (int objects = 0; objects < (int) PELL_COUNT(names); objects++) {
         struct pt_knobs knobs = rig_knobs();
-        struct rig_mean lamps, sky, clear;
+        struct rig_mean sources, environment, clear;
         struct stage s;
         char name[96];
 
-        knobs.boundary = things == NESTED_ROUGH || things == PARTLY_ROUGH ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
-        furnace_stage(&s, (enum things) things);
-        many_lamps(&s, 128);
-        lamps = measure(&s, knobs, PT_ALL, 0.9f, 0.4f, FEWER(6000));
+        knobs.boundary = objects == NESTED_ROUGH || objects == PARTLY_ROUGH ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
+        furnace_stage(&s, (enum objects) objects);
+        many_lights(&s, 128);
+        sources = measure(&s, knobs, PT_ALL, 0.9f, 0.4f, FEWER(6000));
         stage_finish(&s);
-        furnace_stage(&s, (enum things) things);
-        stage_sky(&s, 1.0f);
-        sky = measure(&s, knobs, PT_CHANCE, 0.9f, 0.4f, FEWER(5000));
+        furnace_stage(&s, (enum objects) objects);
+        stage_environment(&s, 1.0f);
+        environment = measure(&s, knobs, PT_CHANCE, 0.9f, 0.4f, FEWER(5000));
         for (size_t i = 0; i < s.scene->num_materials; i++) /* nothing scatters: what is left went straight through */
             for (int c = 0; c < 3; c++) {
                 s.scene->materials[i].medium.sigma_a[c] = s.scene->materials[i].medium.sigma_s_reduced[c];
@@ -330,16 +330,16 @@ static void furnaces_of_delta_lamps(void **state)
         make_clear(&s);
         clear = measure(&s, knobs, PT_CHANCE, 0.9f, 0.4f, FEWER(4000));
         stage_finish(&s);
-        if (things == NESTED_ROUGH || things == PARTLY_ROUGH) { /* rough surfaces scatter, too: no part of it can be taken off by parts */
-            snprintf(name, sizeof(name), "%s, of lamps against the sky, one scattering", names[things]);
-            require_mean(name, lamps.mean[1][1], hypot(lamps.error[1][1], sky.error[1][1]), sky.mean[1][1], 0.01 * sky.mean[1][1]);
+        if (objects == NESTED_ROUGH || objects == PARTLY_ROUGH) { /* rough surfaces scatter, too: no part of it can be taken off by parts */
+            snprintf(name, sizeof(name), "%s, of lamps against the sky, one scattering", names[objects]);
+            require_mean(name, sources.mean[1][1], hypot(sources.error[1][1], environment.error[1][1]), environment.mean[1][1], 0.01 * environment.mean[1][1]);
             continue;
         }
         for (int part = 0; part < 2; part++) {
-            const double bar = hypot(lamps.error[part][1], hypot(sky.error[part][1], part == 0 ? clear.error[0][1] : 0.0));
-            const double expected = sky.mean[part][1] - (part == 0 ? clear.mean[0][1] : 0.0);
-            snprintf(name, sizeof(name), "%s, of lamps against the sky, %s", names[things], part ? "one scattering" : "the rest");
-            require_mean(name, lamps.mean[part][1], bar, expected, 0.02 * expected);
+            const double bar = hypot(sources.error[part][1], hypot(environment.error[part][1], part == 0 ? clear.error[0][1] : 0.0));
+            const double expected = environment.mean[part][1] - (part == 0 ? clear.mean[0][1] : 0.0);
+            snprintf(name, sizeof(name), "%s, of lamps against the sky, %s", names[objects], part ? "one scattering" : "the rest");
+            require_mean(name, sources.mean[part][1], bar, expected, 0.02 * expected);
         }
     }
 }
@@ -352,7 +352,7 @@ int main(void)
         cmocka_unit_test(cancelled_trials_end),
         cmocka_unit_test(late_trials_end),
         cmocka_unit_test(chains_are_connections),
-        cmocka_unit_test(furnaces_of_delta_lamps),
+        cmocka_unit_test(furnaces_of_delta_lights),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -322,7 +322,7 @@ static void survives_the_nth_allocation(void **state)
     fill(films, pixels);
     assert_int_equal(pt_checkpoint_encode(plain, &key, films, &data, &size), PELL_OK);
     for (uint64_t at = 1; !done; at++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, NULL);
         enum pell_result res;
 

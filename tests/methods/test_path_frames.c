@@ -26,7 +26,7 @@ static void watch(void *user, const char *task, double fraction)
         pell_context_interrupt(i->ctx);
 }
 
-/* A small marble ball, part of which another hides, under a sky and a directional lamp; `kept` and `interruption` may be NULL. */
+/* A small marble ball, part of which another hides, under an environment and a directional light; `kept` and `interruption` may be NULL. */
 static void start(struct stage *s, int size, int threads, struct kept_messages *kept, struct interruption *interruption)
 {
     const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
@@ -54,14 +54,14 @@ static void start(struct stage *s, int size, int threads, struct kept_messages *
     stage_medium(s, "skin1", &other);
     stage_ball(s, m, 0, vec3(0, 0, 0), 2.0f, 24);
     stage_ball(s, other, 1, vec3(2, 2, 2), 1.5f, 24);
-    stage_sky(s, 1.0f);
+    stage_environment(s, 1.0f);
     stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(80, 30, 60), vec3(0, 0, 0), 3.0f);
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 4.6f);
 }
 
 static const char *const quick[] = { "samples=8", "acceleration=none", "bounces=8", NULL };
 
-static int plane_of(const struct pell_picture *p, const char *name)
+static int plane_of(const struct pell_render_result *p, const char *name)
 {
     for (size_t i = 0; i < p->num_channels; i++)
         if (strcmp(p->channels[i].name, name) == 0)
@@ -102,7 +102,7 @@ static void frames_start_anew(void **state)
     b = stage_shot(&s);
     stage_method(&s, "none", NULL);
     stage_render(&s);
-    assert_int_equal(plane_of(&s.picture, "diffuse.single.R"), -1);
+    assert_int_equal(plane_of(&s.image, "diffuse.single.R"), -1);
     c = stage_shot_of(&s, "path-trace", quick);
     assert_true(shot_equal(&a, &b));
     assert_true(shot_equal(&a, &c));
@@ -132,14 +132,14 @@ static void layers_add_up_to_the_picture(void **state)
         for (int c = 0; c < 3; c++)
             for (size_t i = 0; i < shot[t].size; i++) {
                 double sum = 0.0;
-                if (shot[t].data[SHOT_A * shot[t].size + i] < 1.0f) /* the sky behind */
+                if (shot[t].data[SHOT_A * shot[t].size + i] < 1.0f) /* the environment behind */
                     continue;
                 for (int k = 0; k < 4; k++) {
                     char name[32];
                     double part;
                     snprintf(name, sizeof(name), "%s%c", names[k], "RGB"[c]);
-                    assert_true(plane_of(&s.picture, name) >= 0);
-                    part = (double) shot[t].data[(size_t) plane_of(&s.picture, name) * shot[t].size + i];
+                    assert_true(plane_of(&s.image, name) >= 0);
+                    part = (double) shot[t].data[(size_t) plane_of(&s.image, name) * shot[t].size + i];
                     parts[t][k] += part;
                     sum += part;
                 }
@@ -172,18 +172,18 @@ static void layers_add_up_to_the_picture(void **state)
 /* The root of the mean squared relative error bar, of luminance summed over channels, over all pixels that the method had. */
 static double said_error(const struct stage *s, const struct shot *shot, int *pixels)
 {
-    const float *noise[3];
+    const float *standard_error[3];
     double square = 0.0, mean = 0.0;
     int n = 0;
 
-    assert_true(pell_pass_noise(pell_renderer_pass(s->r), noise));
+    assert_true(pell_pass_standard_error(pell_renderer_pass(s->r), standard_error));
     for (int pass = 0; pass < 2; pass++)
         for (int y = 0; y < shot->height; y++)
             for (int x = 0; x < shot->width; x++) {
                 double light = 0.0, error = 0.0;
                 for (size_t c = 0; c < 3; c++) {
                     light += ((const double[]){ 0.2126, 0.7152, 0.0722 })[c] * shot_at(shot, c, x, y);
-                    error += ((const double[]){ 0.2126, 0.7152, 0.0722 })[c] * (double) noise[c][y * s->picture.stride + x];
+                    error += ((const double[]){ 0.2126, 0.7152, 0.0722 })[c] * (double) standard_error[c][y * s->image.stride + x];
                 }
                 if (!(error > 0.0))
                     continue;
@@ -234,12 +234,12 @@ static void error_bars_are_honest(void **state)
     start(&s, 8, 2, NULL, NULL);
     s.scene->materials[0].rho_s = s.scene->materials[1].rho_s = 0.0f;
     for (int k = 0; k < 2; k++) {
-        const float *noise[3];
+        const float *standard_error[3];
         s.settings.seed = 10 + k;
         shot[k] = stage_shot_of(&s, "path-trace", knobs);
-        assert_true(pell_pass_noise(pell_renderer_pass(s.r), noise));
+        assert_true(pell_pass_standard_error(pell_renderer_pass(s.r), standard_error));
         for (int i = 0; i < 3 * 64; i++)
-            bars[k][i] = (double) noise[i / 64][i % 64 / 8 * s.picture.stride + i % 8];
+            bars[k][i] = (double) standard_error[i / 64][i % 64 / 8 * s.image.stride + i % 8];
     }
     for (int i = 0; i < 3 * 64; i++)
         if (bars[0][i] > 0.0) {
@@ -268,7 +268,7 @@ static void a_time_limit_ends_it(void **state)
     for (int k = 0; k < 2; k++) {
         const double begin = pell_seconds();
         shot = stage_shot_of(&s, "path-trace", k ? briefest : brief);
-        assert_false(s.picture.partial);
+        assert_false(s.image.partial);
         REQUIRE(pell_seconds() - begin < 30.0);             /* with scene and grid, on a machine that does other things, too */
         REQUIRE(shot_at(&shot, SHOT_MULTIPLE, 3, 3) > 0.0); /* one sample at least */
         shot_free(&shot);
@@ -309,7 +309,7 @@ static void a_run_goes_on_to_the_same_bits(void **state)
         s.settings.msaa = 3;
         OK(pell_renderer_set_checkpoint(s.r, &checkpoint));
         shot = stage_shot_of(&s, "path-trace", some);
-        assert_int_equal(s.picture.partial, run < runs - 1);
+        assert_int_equal(s.image.partial, run < runs - 1);
         shot_check(&shot);
         assert_int_equal(access(path, R_OK), 0);
         if (run == runs - 1)
@@ -323,9 +323,9 @@ static void a_run_goes_on_to_the_same_bits(void **state)
     OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint){ path, 100.0 }));
     shot = stage_shot_of(&s, "path-trace", some);
     assert_true(shot_equal(&whole, &shot));
-    for (size_t i = 0; i < s.picture.num_stages; i++)
-        if (strcmp(s.picture.stages[i].name, "path-trace") == 0)
-            assert_int_equal(s.picture.stages[i].rays, 0);
+    for (size_t i = 0; i < s.image.num_stages; i++)
+        if (strcmp(s.image.stages[i].name, "path-trace") == 0)
+            assert_int_equal(s.image.stages[i].rays, 0);
     shot_free(&shot);
     shot_free(&whole);
     stage_finish(&s);
@@ -386,7 +386,7 @@ static void a_picture_that_was_ended_is_whole(void **state)
         start(&s, 12, 1, NULL, &interruption);
         s.settings.msaa = 4;
         shot = stage_shot_of(&s, "path-trace", some);
-        assert_true(s.picture.partial);
+        assert_true(s.image.partial);
         assert_true(pell_context_interrupted(s.ctx) && !pell_cancelled(s.ctx));
         shot_check(&shot);
         REQUIRE_NEAR(shot_at(&shot, SHOT_A, 6, 6), 1.0, 1e-6);
@@ -416,7 +416,7 @@ static void other_methods_are_cancelled(void **state)
     stage_method(&s, "screen-space", NULL);
     pell_context_interrupt(s.ctx);
     assert_true(pell_cancelled(s.ctx) && !pell_context_interrupted(s.ctx));
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_CANCELLED);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_CANCELLED);
     stage_finish(&s);
 }
 
@@ -439,12 +439,12 @@ static enum pell_result go_on(const char *path, int change, struct kept_messages
     if (change == 3)
         s.settings.width = 7;
     if (change == 4)
-        s.settings.boundary = PELL_BOUNDARY_SMOOTH;
+        s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
     stage_method(&s, change == 6 ? "dipole" : "path-trace", change == 6 ? NULL : change == 5 ? &more[0] : least);
     OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint){ path, 100.0 }));
-    res = pell_renderer_render(s.r, &s.settings, &s.picture);
+    res = pell_renderer_render(s.r, &s.settings, &s.image);
     stage_finish(&s);
     return res;
 }
@@ -478,7 +478,7 @@ static void files_of_another_run_are_refused_and_kept(void **state)
 static void survives_the_nth_allocation(void **state)
 {
     const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
-    struct pell_fault fault = { 0 };
+    struct pell_alloc_fault fault = { 0 };
     struct stage s = { 0 };
     bool done = false;
     char path[512];
@@ -504,7 +504,7 @@ static void survives_the_nth_allocation(void **state)
         stage_method(&s, "path-trace", (const char *const[]){ "samples=1", "bounces=4", "acceleration=none", NULL }); /* a new pass */
         fault.fail_at = fault.calls + at;
         if (pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint){ path, 100.0 }) == PELL_OK)
-            switch (pell_renderer_render(s.r, &s.settings, &s.picture)) {
+            switch (pell_renderer_render(s.r, &s.settings, &s.image)) {
             case PELL_OK: done = fault.calls < fault.fail_at; break;
             case PELL_ERR_NOMEM: break;
             default: fail_msg("allocation %d gave another error: %s", (int) at, s.kept.what);

@@ -133,7 +133,7 @@ static void rough_boundaries_sample_their_density(void **state)
         double expected[2 * CELLS][TURNS] = { { 0 } }, total = 0.0, worst = 0.0;
         int got[2 * CELLS][TURNS] = { { 0 } };
         struct pt_rough rough;
-        struct pt_facing at = { .ns = ns, .ng = ng, .side = cases[k].side };
+        struct pt_shading_frame at = { .ns = ns, .ng = ng, .side = cases[k].side };
         const float sine = sqrtf(1.0f - cases[k].mu * cases[k].mu);
         vec3_basis(ng, &t, &b);
         at.o = vec3_add(vec3_mul(t, sine), vec3_mul(ng, cases[k].mu));
@@ -149,12 +149,12 @@ static void rough_boundaries_sample_their_density(void **state)
                         (double) pt_rough_density(&rough, &at, w) * 2.0 * PELL_PI / (CELLS * (INTEGRATE / 8) * INTEGRATE);
                 }
         for (int i = 0; i < samples; i++) {
-            bool through;
-            const struct pell_vec3 w = pt_rough_sample(&rough, &at, &s, &through);
+            bool transmitted;
+            const struct pell_vec3 w = pt_rough_sample(&rough, &at, &s, &transmitted);
             const double z = (double) vec3_dot(w, ng), phi = atan2((double) vec3_dot(w, b), (double) vec3_dot(w, t));
             const int row = (int) fmin((z + 1.0) * CELLS, 2.0 * CELLS - 1.0),
                       turn = (int) ((phi < 0.0 ? phi + 2.0 * PELL_PI : phi) / (2.0 * PELL_PI) * TURNS);
-            REQUIRE((z < 0.0) == through);
+            REQUIRE((z < 0.0) == transmitted);
             REQUIRE_NEAR((double) vec3_length(w), 1.0, 1e-5);
             got[row][turn < TURNS ? turn : TURNS - 1]++;
         }
@@ -208,7 +208,7 @@ static void white_furnace(void **state)
         const char *name;
         bool rough;
         double eta, g;
-        int rings, things;
+        int rings, objects;
     } cases[] = {
         { "smooth", false, 1.3, 0.0, 32, 0 },
         { "matched", false, 1.0, 0.7, 32, 0 },
@@ -239,18 +239,18 @@ static void white_furnace(void **state)
                 s.scene->materials[m].medium.sigma_s_reduced[c] *= 1.0 + c;
             s.scene->materials[m].roughness = 0.6f;
             stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, cases[k].rings);
-            if (cases[k].things == 1) {
+            if (cases[k].objects == 1) {
                 index = rig_medium(&s, 2.0, 0.0, 0.3, 1.7);
                 s.scene->materials[index].roughness = 0.6f;
                 stage_ball(&s, index, 1, vec3(0.3f, 0.5f, 0.5f), 1.5f, cases[k].rings);
-            } else if (cases[k].things == 2) {
+            } else if (cases[k].objects == 2) {
                 stage_opaque(&s, 1.0f, &index);
                 stage_ball(&s, index, 1, vec3(0.3f, 0.5f, 0.5f), 1.5f, cases[k].rings);
-            } else if (cases[k].things == 3) {
+            } else if (cases[k].objects == 3) {
                 stage_opaque(&s, 1.0f, &index);
                 stage_ball(&s, index, 1, vec3(5.3f, 0.5f, 1.5f), 2.0f, cases[k].rings);
             }
-            stage_sky(&s, 1.0f);
+            stage_environment(&s, 1.0f);
             look_along(&s, 7.0f);
             knobs.boundary = cases[k].rough ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
             knobs.techniques = all ? PT_ALL : PT_CHANCE;
@@ -263,7 +263,7 @@ static void white_furnace(void **state)
             for (int c = 0; c < 3; c++)
                 REQUIRE_NEAR(r.mean[3][c], 1.0, SIGMAS * r.error[3][c] + (all ? 1e-3 : 2e-5));
             /* Every single sample is, but where what the surface reflects goes on by chance. */
-            if (!all && cases[k].things != 3)
+            if (!all && cases[k].objects != 3)
                 REQUIRE(r.error[3][1] < 1e-5);
             pt_scene_destroy(&scene);
             stage_finish(&s);
@@ -272,7 +272,8 @@ static void white_furnace(void **state)
 
 /* --- Slabs --------------------------------------------------------------------------------------------------------------------------- */
 
-/* What of light at normal incidence comes back (`back`) or through: a wide slab under an even sky whose other half is hidden by black. */
+/* What of light at normal incidence comes back (`back`) or through: a wide slab under a uniform environment whose other half is hidden by
+ * black. */
 static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], double g, double eta, double thickness, bool back,
                              int samples, unsigned acceleration)
 {
@@ -297,7 +298,7 @@ static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], d
         stage_box(&s, black, 1, vec3(-9 * wide, -9 * wide, -3 * d), vec3(9 * wide, 9 * wide, -2 * d));
     else
         stage_box(&s, black, 1, vec3(-9 * wide, -9 * wide, d), vec3(9 * wide, 9 * wide, 2 * d));
-    stage_sky(&s, 1.0f);
+    stage_environment(&s, 1.0f);
     look_along(&s, 7.0f);
     knobs.acceleration = (int) acceleration;
     knobs.techniques = PT_CHANCE;
@@ -344,15 +345,15 @@ static void slabs_of_the_oracle(void **state)
     {
         const double alpha = oracle_number(row, "alpha"), tau = oracle_number(row, "optical_thickness"), eta = oracle_number(row, "n");
         const struct rig_mean back = slab(alpha, 1.0 - alpha, 0.0, eta, tau, true, n, PT_ACCELERATION_NONE);
-        const struct rig_mean through = slab(alpha, 1.0 - alpha, 0.0, eta, tau, false, n, PT_ACCELERATION_NONE);
+        const struct rig_mean transmitted = slab(alpha, 1.0 - alpha, 0.0, eta, tau, false, n, PT_ACCELERATION_NONE);
         snprintf(name, sizeof(name), "slab n %g, tau %g, albedo %.4f: R", eta, tau, alpha);
         require_slab(name, &back, oracle_number(row, "mc_R"), oracle_number(row, "mc_R_se"), 0);
         snprintf(name, sizeof(name), "slab n %g, tau %g, albedo %.4f: R of one scattering", eta, tau, alpha);
         require_slab(name, &back, oracle_number(row, "mc_R_single"), oracle_number(row, "mc_R_se"), 1);
         snprintf(name, sizeof(name), "slab n %g, tau %g, albedo %.4f: T", eta, tau, alpha);
-        require_slab(name, &through, oracle_number(row, "mc_T"), oracle_number(row, "mc_T_se"), 0);
+        require_slab(name, &transmitted, oracle_number(row, "mc_T"), oracle_number(row, "mc_T_se"), 0);
         if (alpha == 1.0) /* the same walks, and none is lost */
-            REQUIRE_NEAR(back.mean[0][1] + back.mean[1][1] + through.mean[0][1] + through.mean[1][1], 1.0, 1e-5);
+            REQUIRE_NEAR(back.mean[0][1] + back.mean[1][1] + transmitted.mean[0][1] + transmitted.mean[1][1], 1.0, 1e-5);
     }
     json_decref(root);
 }
@@ -390,20 +391,20 @@ static void slabs_of_the_literature(void **state)
 {
     const int n = FEWER(4000);
     const struct rig_mean back = slab(9.0, 1.0, 0.75, 1.0, 0.2, true, n, PT_ACCELERATION_NONE);
-    const struct rig_mean through = slab(9.0, 1.0, 0.75, 1.0, 0.2, false, n, PT_ACCELERATION_NONE);
+    const struct rig_mean transmitted = slab(9.0, 1.0, 0.75, 1.0, 0.2, false, n, PT_ACCELERATION_NONE);
     const struct rig_mean deep = slab(9.0, 1.0, 0.0, 1.5, 3.0, true, n, PT_ACCELERATION_NONE);
     const struct rig_mean matched = slab(0.3, 0.7, 0.0, 1.0, 25.0, true, n, PT_ACCELERATION_NONE);
 
     (void) state;
     require_slab("van de Hulst, R", &back, 0.09739, 1e-5, 0);
-    require_slab("van de Hulst, T", &through, 0.66096, 1e-5, 0);
+    require_slab("van de Hulst, T", &transmitted, 0.66096, 1e-5, 0);
     require_slab("Giovanelli, R of what entered", &deep, 0.2289645, 6e-5, 0);
     require_slab("Chandrasekhar, albedo 0.3", &matched, 0.0572143506, 1e-8, 0);
 }
 
 /* --- The grid, and what a sample depends on --------------------------------------------------------------------------------------- */
 
-/* A scene with a bit of all: a ball of chromatic medium with g, a bone, a white wall, a point lamp and a rectangle. */
+/* A scene with a bit of all: a ball of chromatic medium with g, a bone, a white wall, a point light and a rectangle. */
 static void busy_stage(struct stage *s, struct pt_knobs *knobs, bool rough, size_t *material)
 {
     struct pell_light *l;
@@ -443,7 +444,7 @@ static void require_same(const char *name, const struct rig_mean *a, const struc
     }
 }
 
-/* The same numbers give the same walk. Which scatterers look for lamps follows from what the grid knows: with them the means agree. */
+/* The same numbers give the same walk. Which scatterers look for lights follows from what the grid knows: with them the means agree. */
 static void grid_is_the_plain_walk(void **state)
 {
     const int samples = FEWER(800);
@@ -459,7 +460,7 @@ static void grid_is_the_plain_walk(void **state)
     (void) state;
     for (int all = 0; all < 2; all++) {
         busy_stage(&s, &knobs, all == 1, &m);
-        knobs.techniques = all ? PT_ALL : PT_CHANCE | PT_LAMPS;
+        knobs.techniques = all ? PT_ALL : PT_CHANCE | PT_LIGHTS;
         for (int k = 0; k < 2; k++) {
             knobs.acceleration = k == 0 ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE;
             scene[k] = rig_scene(&s, &knobs);
@@ -493,7 +494,7 @@ static void grid_is_the_plain_walk(void **state)
 }
 
 /* Walks side by side are walks one by one, to the last bit, at every SIMD level: with channels alike and not, forward ones, ones that
- * absorb, nested bodies, lamps of all kinds. */
+ * absorb, nested solids, lights of all kinds. */
 static void lanes_are_the_plain_walk(void **state)
 {
     enum { N = SLOW ? 40 : 300 };
@@ -593,7 +594,7 @@ static struct rig_mean with_techniques(struct stage *s, struct pt_knobs knobs, u
     return r;
 }
 
-/* A ball under one lamp. */
+/* A ball under one light. */
 static void lit_ball(struct stage *s, struct pt_knobs *knobs, bool rough, double sigma, double sigma_a, enum pell_light_type type,
                      float size, int rings)
 {
@@ -615,7 +616,7 @@ static void lit_ball(struct stage *s, struct pt_knobs *knobs, bool rough, double
     knobs->boundary = rough ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
 }
 
-/* A large lamp: walks meet it by chance, or it is looked for, or both. Coarse balls, too, whose interpolated normals differ much. */
+/* A large light: walks meet it by chance, or it is looked for, or both. Coarse balls, too, whose interpolated normals differ much. */
 static void every_complete_set_agrees(void **state)
 {
     static const struct {
@@ -647,12 +648,12 @@ static void every_complete_set_agrees(void **state)
                      cases[k].rings, cases[k].normals, part);
             require_same(name, &all, &chance, part);
         }
-        /* What is sought alone lacks the light that was reflected inside a smooth body before it scattered: a little. */
+        /* What is sought alone lacks the light that was reflected inside a smooth solid before it scattered: a little. */
         if (cases[k].rough)
             require_same("sought alone against chance", &sought, &chance, 1);
         REQUIRE(sought.mean[1][1] <= chance.mean[1][1] + SIGMAS * hypot(sought.error[1][1], chance.error[1][1]));
         if (cases[k].rough) {
-            const struct rig_mean surfaces = with_techniques(&s, knobs, PT_CHANCE | PT_LAMPS, &at, 900000, FEWER(4000));
+            const struct rig_mean surfaces = with_techniques(&s, knobs, PT_CHANCE | PT_LIGHTS, &at, 900000, FEWER(4000));
             require_same("rough, lamps at the boundary against near connections", &surfaces, &all, 0);
             require_same("rough, the surface's own", &surfaces, &all, 2);
         }
@@ -661,7 +662,7 @@ static void every_complete_set_agrees(void **state)
 }
 
 /* A small rectangle of the point's intensity is the point, for every technique. */
-static void small_lamps_are_points(void **state)
+static void small_lights_are_points(void **state)
 {
     (void) state;
     for (int rough = 0; rough < 2; rough++) {
@@ -685,13 +686,13 @@ static void small_lamps_are_points(void **state)
     }
 }
 
-/* Under a point, connections and paths from the lamp share the light out; without connections the paths from the lamp find it all but
+/* Under a point, connections and paths from the light share the light out; without connections the paths from the light find it all but
  * what scattered once. */
-static void paths_from_lamps_are_connections(void **state)
+static void paths_from_lights_are_connections(void **state)
 {
     struct pt_knobs knobs;
     struct stage s;
-    struct rig_mean all, lamps, connections;
+    struct rig_mean all, sources, connections;
     struct pt_point at;
 
     (void) state;
@@ -699,14 +700,14 @@ static void paths_from_lamps_are_connections(void **state)
     stage_render(&s);
     at = on_ball(&s, 4.0f, 0.9f, 0.4f);
     all = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_CHAIN, &at, 0, FEWER(3000));
-    lamps = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_CONNECT | PT_CHAIN), &at, 0, FEWER(12000));
+    sources = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_CONNECT | PT_CHAIN), &at, 0, FEWER(12000));
     connections = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_LIGHT | PT_CHAIN), &at, 0, FEWER(3000));
     print_message("# of the light that scattered more than once %.2f %% was reflected before\n",
                   100.0 * (1.0 - connections.mean[0][1] / all.mean[0][1]));
-    require_same("paths from lamps against connections", &lamps, &all, 0);
-    REQUIRE(lamps.mean[1][1] == 0.0);
+    require_same("paths from lamps against connections", &sources, &all, 0);
+    REQUIRE(sources.mean[1][1] == 0.0);
     assert_int_equal(s.kept.warnings, 0);
-    REQUIRE(with_techniques(&s, knobs, PT_CHANCE | PT_LAMPS, &at, 0, 10).mean[0][1] == 0.0);
+    REQUIRE(with_techniques(&s, knobs, PT_CHANCE | PT_LIGHTS, &at, 0, 10).mean[0][1] == 0.0);
     assert_int_equal(s.kept.warnings, 1); /* black, and it says so */
     REQUIRE(all.mean[1][1] == connections.mean[1][1]);
     REQUIRE(SLOW || connections.mean[0][1] < all.mean[0][1]);
@@ -747,7 +748,7 @@ static void layers_are_boxes(void **state)
         } else {
             stage_box(&s, m, 0, vec3(-wide, -wide, -deep), vec3(wide, wide, 0.0f));
         }
-        stage_sky(&s, 1.0f);
+        stage_environment(&s, 1.0f);
         look_along(&s, 7.0f);
         knobs.acceleration = PT_ACCELERATION_NONE;
         knobs.techniques = PT_CHANCE;
@@ -763,8 +764,8 @@ static void layers_are_boxes(void **state)
 
 static const double painted_optics[3][3] = { { 2.0, 2.6, 0.25 }, { 6.0, 6.6, 0.4 }, { 1.0, 1.5, 0.8 } };
 
-/* A slab with layers, lit by the sky and a lamp, at a place. kind 0: even; 1: painted, with another value far from there. */
-static struct rig_mean layered_slab(int kind, int count, const float *depth, enum pell_below below, double eta, uint32_t first, int n)
+/* A slab with layers, lit by the environment and a light, at a place. kind 0: even; 1: painted, with another value far from there. */
+static struct rig_mean layered_slab(int kind, int count, const float *depth, enum pell_substrate substrate, double eta, uint32_t first, int n)
 {
     struct pt_knobs knobs = rig_knobs();
     struct rig_mean r;
@@ -776,14 +777,15 @@ static struct rig_mean layered_slab(int kind, int count, const float *depth, enu
     plain_stage(&s);
     stage_medium(&s, "marble", &m);
     s.scene->materials[m].medium.eta = eta;
-    layers_set(s.scene, m, count, painted_optics, depth, below);
+    layers_set(s.scene, m, count, painted_optics, depth, substrate);
     stage_box(&s, m, 0, vec3(-400.0f, -400.0f, -300.0f), vec3(400.0f, 400.0f, 0.0f));
     layers_unwrap(s.scene);
     for (int i = 0; kind == 1 && i < count; i++)
         layers_paint(s.scene, m, i, 2, 2, 1, (const float[4]){ 1.0f, 1.0f, 1.0f, 0.25f })->nearest = true;
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.6f, 0.8f), vec3(0, 0, 0), 1.0f);
     look_along(&s, 7.0f);
-    knobs.acceleration = kind == 1 && below == PELL_BELOW_STOP ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE; /* large grids take time */
+    knobs.acceleration = kind == 1 && substrate == PELL_SUBSTRATE_STOP ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE; /* large grids take
+                                                                                                                       * time */
     scene = rig_scene(&s, &knobs);
     at = rig_point(vec3(-20.013f, -10.007f, 0.0f), vec3(-20.013f, -10.007f, 500.0f), 5);
     r = rig_measure(scene, &at, first, n);
@@ -793,11 +795,11 @@ static struct rig_mean layered_slab(int kind, int count, const float *depth, enu
 }
 
 /* Painted with what is even: the same walks. */
-static void painted_layers_are_even_ones(void **state)
+static void painted_layers_are_uniform_ones(void **state)
 {
     static const float depth[3] = { 0.5f, 1.0f, 3.0f };
-    const struct rig_mean a = layered_slab(0, 3, depth, PELL_BELOW_LAST, 1.3, 0, FEWER(400));
-    const struct rig_mean b = layered_slab(1, 3, depth, PELL_BELOW_LAST, 1.3, 0, FEWER(400));
+    const struct rig_mean a = layered_slab(0, 3, depth, PELL_SUBSTRATE_LAST, 1.3, 0, FEWER(400));
+    const struct rig_mean b = layered_slab(1, 3, depth, PELL_SUBSTRATE_LAST, 1.3, 0, FEWER(400));
     (void) state;
 
     REQUIRE(a.mean[0][1] > 0.0 && a.mean[1][1] > 0.0);
@@ -806,7 +808,7 @@ static void painted_layers_are_even_ones(void **state)
             REQUIRE(a.mean[part][c] == b.mean[part][c]);
 }
 
-/* Below layers that end it is black: by what light scatters once between matched indices, in closed form, and by a body of one medium
+/* Below layers that end it is black: by what light scatters once between matched indices, in closed form, and by a solid of one medium
  * with something black in it. */
 static void what_is_below_is_black(void **state)
 {
@@ -824,14 +826,14 @@ static void what_is_below_is_black(void **state)
         optical += painted_optics[i][1] * d;
     }
     for (int kind = 0; kind < 2; kind++) {
-        r[kind] = layered_slab(kind, 3, depth, PELL_BELOW_STOP, 1.0, 0, n);
+        r[kind] = layered_slab(kind, 3, depth, PELL_SUBSTRATE_STOP, 1.0, 0, n);
         print_message("# %s layers over black: %.5g +- %.2g, expected %.5g\n", kind ? "painted" : "even", r[kind].mean[1][1],
                       r[kind].error[1][1], expected);
         REQUIRE_NEAR(r[kind].mean[1][1], expected, 4.0 * r[kind].error[1][1] + 1e-9);
         REQUIRE(r[kind].error[1][1] < (SLOW ? 0.1 : 0.03) * expected);
         assert_int_equal(r[kind].counts.lost, 0);
     }
-    r[0] = layered_slab(0, 1, &depth[1], PELL_BELOW_STOP, 1.3, 0, n);
+    r[0] = layered_slab(0, 1, &depth[1], PELL_SUBSTRATE_STOP, 1.3, 0, n);
     {
         struct pt_knobs knobs = rig_knobs();
         struct pt_scene *scene;
@@ -841,7 +843,7 @@ static void what_is_below_is_black(void **state)
         plain_stage(&s);
         stage_medium(&s, "marble", &m);
         s.scene->materials[m].medium.eta = 1.3;
-        layers_set(s.scene, m, 1, painted_optics, &depth[1], PELL_BELOW_LAST);
+        layers_set(s.scene, m, 1, painted_optics, &depth[1], PELL_SUBSTRATE_LAST);
         stage_opaque(&s, 0.0f, &black);
         stage_box(&s, m, 0, vec3(-400.0f, -400.0f, -300.0f), vec3(400.0f, 400.0f, 0.0f));
         stage_box(&s, black, 1, vec3(-399.0f, -399.0f, -299.0f), vec3(399.0f, 399.0f, -depth[1]));
@@ -876,7 +878,7 @@ static void open_surfaces(void **state)
         m = rig_medium(&s, 1.0, 0.0, 0.0, 1.4);
         stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 16);
         s.scene->meshes[0].num_triangles = s.scene->meshes[0].num_triangles * 3 / 4;
-        stage_sky(&s, 1.0f);
+        stage_environment(&s, 1.0f);
         look_along(&s, 7.0f);
         knobs.acceleration = grid ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE;
         stage_method(&s, NULL, NULL);
@@ -926,7 +928,7 @@ static void surfaces_that_cross_are_counted(void **state)
             stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 16);
             stage_ball(&s, m, cases[k].object, vec3(cases[k].apart, 0, 0), 3.0f, 16);
         }
-        stage_sky(&s, 1.0f);
+        stage_environment(&s, 1.0f);
         look_along(&s, 7.0f);
         scene = rig_scene(&s, &knobs);
         at = on_ball(&s, 3.0f, 0.4f, 0.3f);
@@ -939,8 +941,8 @@ static void surfaces_that_cross_are_counted(void **state)
     }
 }
 
-/* Surfaces of one body or two that cross, lie in each other or on each other, one of them inside out: under lamps of all kinds every sample
- * ends, is a number, and some light comes; by walks side by side the same. */
+/* Surfaces of one solid or two that cross, lie in each other or on each other, one of them inside out: under lights of all kinds every
+ * sample ends, is a number, and some light comes; by walks side by side the same. */
 static void surfaces_that_cross_are_lit(void **state)
 {
     (void) state;
@@ -964,7 +966,7 @@ static void surfaces_that_cross_are_lit(void **state)
                 i[0] = i[1];
                 i[1] = first;
             }
-        stage_sky(&s, 0.1f);
+        stage_environment(&s, 0.1f);
         stage_light(&s, PELL_LIGHT_POINT, vec3(5, 5, 12), vec3(0, 0, 0), 0.001f);
         stage_light(&s, PELL_LIGHT_RECT, vec3(-8, 5, 12), vec3(0, 0, 0), 1.0f)->width = 3.0f;
         look_along(&s, 7.0f);
@@ -1001,7 +1003,7 @@ static void maps_are_told(void **state)
     plain_stage(&s);
     m = rig_medium(&s, 0.5, 0.0, 0.0, 1.4);
     stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 8);
-    stage_sky(&s, 1.0f);
+    stage_environment(&s, 1.0f);
     look_along(&s, 7.0f);
     scene = rig_scene(&s, &knobs);
     pt_scene_destroy(&scene);
@@ -1032,7 +1034,7 @@ static void paint_roughness(struct stage *s, size_t material, int width, int hei
 }
 
 /* A map of one number is that number, to the bit; where it varies, from smooth on, too, the furnace stays white, by walks alone and with
- * lamps looked for; what it says at a place is what is done there. */
+ * lights looked for; what it says at a place is what is done there. */
 static void roughness_maps_are_read(void **state)
 {
     static const float one[1] = { 0.5f }, varied[8] = { 1.0f, 0.1f, 0.6f, 0.0f, 0.3f, 0.9f, 0.02f, 0.7f }, halves[2] = { 0.25f, 1.0f };
@@ -1058,8 +1060,8 @@ static void roughness_maps_are_read(void **state)
             paint_roughness(&s, m, 2, 1, halves);
         else if (maps[k])
             paint_roughness(&s, m, maps[k] == varied ? 4 : 1, maps[k] == varied ? 2 : 1, maps[k]);
-        stage_sky(&s, 1.0f);
-        if (k == 5) /* one lamp, seen in the surface */
+        stage_environment(&s, 1.0f);
+        if (k == 5) /* one light, seen in the surface */
             stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.0f, 1.0f), vec3(0, 0, 0), 1.0f);
         look_along(&s, 7.0f);
         knobs.boundary = PT_BOUNDARY_ROUGH;
@@ -1097,7 +1099,7 @@ static void bounds_are_counted(void **state)
     plain_stage(&s);
     m = rig_medium(&s, 5.0, 0.0, 0.0, 1.4);
     stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 24);
-    stage_sky(&s, 1.0f);
+    stage_environment(&s, 1.0f);
     look_along(&s, 7.0f);
     knobs.bounces = 10;
     knobs.techniques = PT_CHANCE;
@@ -1122,7 +1124,7 @@ static void profiles_without_a_medium_are_refused(void **state)
     plain_stage(&s);
     stage_gaussians(&s, 1.0, &m);
     stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 8);
-    stage_sky(&s, 1.0f);
+    stage_environment(&s, 1.0f);
     look_along(&s, 7.0f);
     stage_render(&s);
     assert_int_equal(pt_scene_create(pell_renderer_services(s.r), &knobs, &scene), PELL_ERR_UNSUPPORTED);
@@ -1130,7 +1132,7 @@ static void profiles_without_a_medium_are_refused(void **state)
     assert_string_equal(s.kept.where, "marble");
     assert_non_null(strstr(s.kept.what, "no medium"));
     s.scene->materials[m].gaussians.count = 0; /* a surface below layers is no medium either */
-    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_BELOW_SURFACE_COLOR);
+    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_SUBSTRATE_SURFACE_COLOR);
     assert_int_equal(pt_scene_create(pell_renderer_services(s.r), &knobs, &scene), PELL_ERR_UNSUPPORTED);
     assert_null(scene);
     assert_non_null(strstr(s.kept.what, "a surface below its layers"));
@@ -1141,7 +1143,7 @@ static void survives_the_nth_allocation(void **state)
 {
     const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
     struct pt_knobs knobs = rig_knobs();
-    struct pell_fault fault = { 0 };
+    struct pell_alloc_fault fault = { 0 };
     struct pt_scene *scene = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
     struct stage s;
@@ -1159,7 +1161,7 @@ static void survives_the_nth_allocation(void **state)
     s.settings.msaa = 1;
     m = rig_medium(&s, 1.0, 0.1, 0.0, 1.4);
     s.scene->materials[m].roughness = 0.5f;
-    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_BELOW_STOP);
+    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_SUBSTRATE_STOP);
     layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]){ 1.0f, 0.5f });
     stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 6);
     stage_light(&s, PELL_LIGHT_POINT, vec3(8, 10, 16), vec3(0, 0, 0), 0.001f);
@@ -1208,10 +1210,10 @@ int main(void)
         cmocka_unit_test(lanes_are_the_plain_walk),
         cmocka_unit_test(a_sample_depends_on_its_numbers_alone),
         cmocka_unit_test(every_complete_set_agrees),
-        cmocka_unit_test(small_lamps_are_points),
-        cmocka_unit_test(paths_from_lamps_are_connections),
+        cmocka_unit_test(small_lights_are_points),
+        cmocka_unit_test(paths_from_lights_are_connections),
         cmocka_unit_test(layers_are_boxes),
-        cmocka_unit_test(painted_layers_are_even_ones),
+        cmocka_unit_test(painted_layers_are_uniform_ones),
         cmocka_unit_test(what_is_below_is_black),
         cmocka_unit_test(open_surfaces),
         cmocka_unit_test(surfaces_that_cross_are_counted),

@@ -10,7 +10,7 @@
 struct reference {
     const char *name;
     const char *const *knobs;
-    double noise; /* relative standard error that the knobs ask for */
+    double standard_error; /* relative standard error that the knobs ask for */
 };
 
 static const char *const fine[] = { "error=0.02", "density=16", NULL };
@@ -21,8 +21,8 @@ static const struct reference references[] = { { "hierarchical", fine, 0.0 }, { 
 /* The picture's error bar at a pixel that the method states, of its radiance; 0 where it has none. */
 static double bar_at(const struct stage *s, size_t c, int x, int y)
 {
-    const float *noise[3];
-    return pell_pass_noise(pell_renderer_pass(s->r), noise) ? (double) noise[c][y * s->picture.stride + x] / PELL_PI : 0.0;
+    const float *standard_error[3];
+    return pell_pass_standard_error(pell_renderer_pass(s->r), standard_error) ? (double) standard_error[c][y * s->image.stride + x] / PELL_PI : 0.0;
 }
 
 static bool inside(const struct shot *shot, int x, int y)
@@ -37,8 +37,8 @@ static bool inside(const struct shot *shot, int x, int y)
 
 /* --- Closed forms ----------------------------------------------------------------------------------------------------------------- */
 
-/* On a ball the area within a chord r is pi r^2, so in an even sky every point gives the profile's light within the diameter. */
-static void ball_in_an_even_sky(void **state)
+/* On a ball the area within a chord r is pi r^2, so in a uniform environment every point gives the profile's light within the diameter. */
+static void ball_in_a_uniform_environment(void **state)
 {
     static const double radii[] = { 2.0, 8.0, 30.0 };
 
@@ -55,7 +55,7 @@ static void ball_in_an_even_sky(void **state)
             stage_start(&s, 12, 12);
             stage_gaussians(&s, 1.0, &m);
             stage_ball(&s, m, 0, vec3(0, 0, 0), (float) radius, 96);
-            stage_sky(&s, 1.0f);
+            stage_environment(&s, 1.0f);
             stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, (float) (2.2 * radius));
             shot = stage_shot_of(&s, references[n].name, references[n].knobs);
             for (int y = 0; y < 12; y++)
@@ -74,7 +74,7 @@ static void ball_in_an_even_sky(void **state)
             print_message("# %s, ball of %g mm: mean %.5f %.5f %.5f of the closed form, worst pixel off by %.4f beyond 5 bars\n",
                           references[n].name, radius, mean[0] / count, mean[1] / count, mean[2] / count, worst);
             for (int c = 0; c < 3; c++)
-                REQUIRE_NEAR(mean[c] / count, 1.0, 0.005 + 0.5 * references[n].noise);
+                REQUIRE_NEAR(mean[c] / count, 1.0, 0.005 + 0.5 * references[n].standard_error);
             REQUIRE(worst < 0.015);
             shot_free(&shot);
             stage_finish(&s);
@@ -115,7 +115,7 @@ static void step_of_light_on_a_plane(void **state)
         print_message("# %s, step of light: %.4f of the step at most (beyond 5 bars), %.4f root mean square\n", references[n].name, worst,
                       sqrt(square / (48 * 3)));
         REQUIRE(worst < 0.025);
-        REQUIRE(sqrt(square / (48 * 3)) < 0.01 + references[n].noise);
+        REQUIRE(sqrt(square / (48 * 3)) < 0.01 + references[n].standard_error);
         shot_free(&shot);
         stage_finish(&s);
     }
@@ -123,16 +123,16 @@ static void step_of_light_on_a_plane(void **state)
 
 /* --- Against each other ------------------------------------------------------------------------------------------------------------- */
 
-/* The lit side of a thing of milk-like size, on black. `thing` 0: ball, 1: sheet thinner than light goes. */
-static void lit_thing(struct stage *s, int size, int threads, int thing, size_t *material)
+/* The lit side of an object of milk-like size, on black. `object` 0: ball, 1: sheet thinner than light goes. */
+static void shaded_object(struct stage *s, int size, int threads, int object, size_t *material)
 {
     stage_start_threads(s, size, size, threads);
     stage_medium(s, "marble", material);
-    if (thing == 0)
+    if (object == 0)
         stage_ball(s, *material, 0, vec3(0, 0, 0), 5.0f, 48);
     else
         stage_box(s, *material, 0, vec3(-6, -6, -1), vec3(6, 6, 0));
-    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(80, 30, thing ? -60 : 60), vec3(0, 0, 0), 3.0f);
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(80, 30, object ? -60 : 60), vec3(0, 0, 0), 3.0f);
     stage_light(s, PELL_LIGHT_POINT, vec3(-20, 30, 40), vec3(0, 0, 0), 2e-3f);
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 8.0f);
 }
@@ -168,13 +168,13 @@ static void all_ways_agree(void **state)
     static const char *const *const knobs[] = { fine, area, probe, mixed };
 
     (void) state;
-    for (int thing = 0; thing < 2; thing++) {
+    for (int object = 0; object < 2; object++) {
         struct stage s;
         struct shot shot[4];
         const int size = 8;
         size_t m;
 
-        lit_thing(&s, size, 2, thing, &m);
+        shaded_object(&s, size, 2, object, &m);
         for (int k = 0; k < 4; k++) {
             double bars[300], ratio, rms;
             shot[k] = stage_shot_of(&s, k == 0 ? "hierarchical" : "dipole", knobs[k]);
@@ -183,7 +183,7 @@ static void all_ways_agree(void **state)
             for (int i = 0; i < size * size * 3; i++)
                 bars[i] = bar_at(&s, (size_t) (i % 3), i / 3 % size, i / 3 / size);
             rms = distance(&shot[0], &shot[k], bars, 0.01, &ratio);
-            print_message("# thing %d: hierarchical / dipole with %s: mean %.5f, %.3f bars apart\n", thing,
+            print_message("# thing %d: hierarchical / dipole with %s: mean %.5f, %.3f bars apart\n", object,
                           knobs[k][2] ? knobs[k][2] : "both", ratio, rms);
             REQUIRE_NEAR(ratio, 1.0, 0.025); /* few pixels: noise */
             REQUIRE(rms < 1.6);
@@ -236,7 +236,8 @@ static void the_bunny(void **state)
     stage_finish(&s);
 }
 
-/* Gaussians in the profile's place: on a ball in an even sky what lies within the diameter is the fit's, and little from the dipole's. */
+/* Gaussians in the profile's place: on a ball in a uniform environment what lies within the diameter is the fit's, and little from the
+ * dipole's. */
 static void gaussians_in_the_profiles_place(void **state)
 {
     static const int counts[] = { 1, 4, 8 };
@@ -258,7 +259,7 @@ static void gaussians_in_the_profiles_place(void **state)
         stage_start(&s, 12, 12);
         stage_medium(&s, "marble", &m);
         stage_ball(&s, m, 0, vec3(0, 0, 0), 2.0f, 64);
-        stage_sky(&s, 1.0f);
+        stage_environment(&s, 1.0f);
         stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 4.4f);
         OK(pell_fit_medium(&s.scene->materials[m].medium, &params, &g, NULL));
         itself = stage_shot_of(&s, "hierarchical", fine);
@@ -292,20 +293,20 @@ static void error_bars_are_honest(void **state)
     int count = 0;
     struct stage s;
     struct shot truth, shot;
-    const float *noise[3];
+    const float *standard_error[3];
     size_t m;
 
     (void) state;
-    lit_thing(&s, 8, 2, 0, &m);
+    shaded_object(&s, 8, 2, 0, &m);
     truth = stage_shot_of(&s, "dipole", many);
     for (int k = 0; k < 2; k++) {
         s.settings.seed = 17;
         shot = stage_shot_of(&s, "dipole", k ? many : few);
-        assert_true(pell_pass_noise(pell_renderer_pass(s.r), noise));
+        assert_true(pell_pass_standard_error(pell_renderer_pass(s.r), standard_error));
         for (int y = 0; y < 8; y++)
             for (int x = 0; x < 8; x++)
                 for (size_t c = 0; inside(&shot, x, y) && c < 3; c++) {
-                    const double e = (double) noise[c][y * s.picture.stride + x] / PELL_PI;
+                    const double e = (double) standard_error[c][y * s.image.stride + x] / PELL_PI;
                     said[k] += e;
                     if (k == 0) {
                         const double z = (shot_at(&shot, c, x, y) - shot_at(&truth, c, x, y)) / e;
@@ -342,8 +343,8 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
             struct stage s;
             struct shot shot;
             size_t m;
-            lit_thing(&s, SLOW ? 6 : 12, threads, 0, &m);
-            stage_sky(&s, 0.3f);
+            shaded_object(&s, SLOW ? 6 : 12, threads, 0, &m);
+            stage_environment(&s, 0.3f);
             stage_light(&s, PELL_LIGHT_RECT, vec3(-60, 0, 60), vec3(0, 0, 0), 3.0f);
             shot = stage_shot_of(&s, references[n].name, references[n].knobs);
             shot_require_same(&first, &shot);
@@ -361,7 +362,7 @@ static void new_settings_light_anew(void **state)
     size_t m;
 
     (void) state;
-    lit_thing(&s, 8, 2, 0, &m);
+    shaded_object(&s, 8, 2, 0, &m);
     stage_light(&s, PELL_LIGHT_RECT, vec3(-60, 0, 60), vec3(0, 0, 0), 3.0f);
     s.settings.light_samples = 1;
     a = stage_shot_of(&s, "hierarchical", fine);
@@ -401,7 +402,7 @@ static void survives_the_nth_allocation(void **state)
     for (size_t n = 0; n < 2; n++) {
         bool done = false;
         for (uint64_t at = 1; !done; at++) {
-            struct pell_fault fault = { 0 };
+            struct pell_alloc_fault fault = { 0 };
             struct stage s = { 0 };
             size_t m;
             const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
@@ -420,7 +421,7 @@ static void survives_the_nth_allocation(void **state)
             OK(pell_renderer_set_scene(s.r, s.scene));
             stage_method(&s, references[n].name, (const char *const[]){ n ? "most=128" : "most=64", NULL });
             fault.fail_at = fault.calls + at;
-            switch (pell_renderer_render(s.r, &s.settings, &s.picture)) {
+            switch (pell_renderer_render(s.r, &s.settings, &s.image)) {
             case PELL_OK: done = fault.calls < fault.fail_at; break;
             case PELL_ERR_NOMEM: break;
             default: fail_msg("allocation %d gave another error", (int) at);
@@ -442,7 +443,7 @@ int main(void)
     };
     /* Numbers need many samples and run the same code: not under sanitizers, where they take minutes. */
     const struct CMUnitTest numbers[] = {
-        cmocka_unit_test(ball_in_an_even_sky),
+        cmocka_unit_test(ball_in_a_uniform_environment),
         cmocka_unit_test(step_of_light_on_a_plane),
         cmocka_unit_test(all_ways_agree),
         cmocka_unit_test(the_bunny),

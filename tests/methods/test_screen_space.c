@@ -143,7 +143,7 @@ static void the_default_lod_is_the_smallest_under_half_a_percent(void **state)
     static const char *const q[] = { "lod=0.5", "lod=1", "lod=1.25", "lod=1.5", "lod=1.75", "lod=2", "lod=3", "lod=100" };
     const struct pell_frame_material materials[3] = { skin(), marble(), single(1.0) };
     struct bench_place at = place_create(2, NULL, NULL);
-    struct ss_knobs defaults;
+    struct screen_knobs defaults;
     double used = 0.0, smaller = 0.0;
 
     (void) state;
@@ -657,7 +657,7 @@ static void spans_follow_ssslevel_and_correction_as_in_figure_7_5(void **state)
 }
 
 /* Contract tests that the paper's form fails by design: light at the mask's border is not kept, and spans are those of the receiver. */
-static void the_papers_form_keeps_even_light_and_fails_where_it_must(void **state)
+static void the_papers_form_keeps_uniform_light_and_fails_where_it_must(void **state)
 {
     static const char *const paper[] = { "as=paper", NULL };
     const struct pell_frame_material m = single(9.0);
@@ -774,7 +774,7 @@ static void thickness_is_the_sum_of_gaussians(void **state)
 
     (void) state;
     assert_non_null(t);
-    assert_true(pell_pass_plan(pass)->needs & PELL_NEED_THROUGH);
+    assert_true(pell_pass_plan(pass)->needs & PELL_NEED_TRANSMISSION);
     for (int c = 0; c < 3; c++) {
         for (double d = 0.0; d < (double) t->max_mm; d += 0.037) {
             const double place = (PELL_THICKNESS_STEPS - 1) * sqrt(d / (double) t->max_mm);
@@ -789,7 +789,7 @@ static void thickness_is_the_sum_of_gaussians(void **state)
     pell_pass_destroy(&pass);
     pass = patch_pass(&at, method(at.ctx), off, p);
     assert_null(pell_pass_thickness(pass, 0));
-    assert_false(pell_pass_plan(pass)->needs & PELL_NEED_THROUGH);
+    assert_false(pell_pass_plan(pass)->needs & PELL_NEED_TRANSMISSION);
     pell_pass_destroy(&pass);
     patch_destroy(p);
     place_destroy(&at);
@@ -802,7 +802,7 @@ static void depths_in_object_heights_need_a_height(void **state)
     struct kept_messages kept = { 0 };
     struct bench_place at = place_create(1, NULL, &kept);
     struct patch *p = patch_create(8, 8, true, 1.0, 100.0, &m, 1);
-    struct ss_knobs knobs;
+    struct screen_knobs knobs;
     struct pell_pass *pass;
 
     (void) state;
@@ -834,7 +834,7 @@ int main(void)
         cmocka_unit_test(setting_the_derived_ssslevel_changes_nothing),
         cmocka_unit_test(table_7_1_follows_from_the_weights),
         cmocka_unit_test(spans_follow_ssslevel_and_correction_as_in_figure_7_5),
-        cmocka_unit_test(the_papers_form_keeps_even_light_and_fails_where_it_must),
+        cmocka_unit_test(the_papers_form_keeps_uniform_light_and_fails_where_it_must),
         cmocka_unit_test(the_papers_skin_is_its_four_gaussians_with_the_first_unblurred),
         cmocka_unit_test(published_sets_are_for_their_own_media_only),
         cmocka_unit_test(thickness_is_the_sum_of_gaussians),

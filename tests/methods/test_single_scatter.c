@@ -6,20 +6,20 @@
 #include "methods/single_scatter/single_scatter.h"
 #include "render/renderer.h"
 
-/* What the method's state holds, made by hand: one body, of material 0. */
+/* What the method's state holds, made by hand: one solid, of material 0. */
 struct rig {
     struct kept_messages kept;
     struct pell_context *ctx;
     struct pell_scene *scene;
     struct pell_pool *pool;
     struct pell_rays *rays;
-    struct pell_bodies *bodies;
+    struct pell_solids *solids;
     struct pell_connector *connector;
-    struct pell_emitters *emitters;
-    struct ss_medium medium;
-    struct ss_layer layer[4]; /* of media made by hand */
-    struct ss_counts counts;
-    struct ss_world world;
+    struct pell_light_sampler *light_sampler;
+    struct single_medium medium;
+    struct single_layer layer[4]; /* of media made by hand */
+    struct single_counts counts;
+    struct single_world world;
 };
 
 static void rig_start(struct rig *r)
@@ -49,18 +49,18 @@ static void rig_build(struct rig *r, int normals, int refraction, int distance, 
     if (!r->rays) {
         OK(pell_scene_complete(r->scene, &bare));
         OK(pell_rays_create(r->ctx, r->scene, r->pool, &r->rays));
-        OK(pell_bodies_create(r->ctx, r->scene, index, &material, &r->bodies));
-        OK(pell_emitters_create(r->ctx, r->scene, &r->emitters));
+        OK(pell_solids_create(r->ctx, r->scene, index, &material, &r->solids));
+        OK(pell_light_sampler_create(r->ctx, r->scene, &r->light_sampler));
     }
     pell_connector_destroy(&r->connector);
-    OK(pell_connector_create(r->ctx, r->scene, r->rays, r->bodies, normals == SS_FLAT, &r->connector));
-    r->world = (struct ss_world){
+    OK(pell_connector_create(r->ctx, r->scene, r->rays, r->solids, normals == SINGLE_FLAT, &r->connector));
+    r->world = (struct single_world){
         .ctx = r->ctx,
         .scene = r->scene,
         .rays = r->rays,
-        .bodies = r->bodies,
+        .solids = r->solids,
         .connector = r->connector,
-        .emitters = r->emitters,
+        .light_sampler = r->light_sampler,
         .medium = &r->medium,
         .seed = 7,
         .knobs = { .error = error, .most = 2000000, .distance = distance, .refraction = refraction, .normals = normals },
@@ -69,9 +69,9 @@ static void rig_build(struct rig *r, int normals, int refraction, int distance, 
 
 static void rig_finish(struct rig *r)
 {
-    pell_emitters_destroy(&r->emitters);
+    pell_light_sampler_destroy(&r->light_sampler);
     pell_connector_destroy(&r->connector);
-    pell_bodies_destroy(&r->bodies);
+    pell_solids_destroy(&r->solids);
     pell_rays_destroy(&r->rays);
     pell_pool_destroy(&r->pool);
     pell_scene_destroy(&r->scene);
@@ -96,11 +96,11 @@ static void mean_over_places(struct rig *r, struct pell_vec3 toward, int places,
     for (int c = 0; c < 3; c++)
         mean[c] = bar[c] = 0.0;
     for (int k = 0; k < places; k++) {
-        float light[3], noise[3];
-        ss_estimate(&r->world, vec3(0.37f * (float) k, 0.11f * (float) k, 0.0f), toward, 100.0, &r->counts, light, noise);
+        float light[3], standard_error[3];
+        single_estimate(&r->world, vec3(0.37f * (float) k, 0.11f * (float) k, 0.0f), toward, 100.0, &r->counts, light, standard_error);
         for (int c = 0; c < 3; c++) {
             mean[c] += (double) light[c] / places;
-            bar[c] += (double) noise[c] * (double) noise[c] / (places * places);
+            bar[c] += (double) standard_error[c] * (double) standard_error[c] / (places * places);
         }
     }
     for (int c = 0; c < 3; c++)
@@ -118,7 +118,7 @@ static void within(const char *what, double found, double bar, double expected, 
 /* --- Slabs -------------------------------------------------------------------------------------------------------------------- */
 
 /* Single scattering of layers between planes without refraction, of light with irradiance 1 across its beam: the mu are cosines with the
- * normal, `cosine` that between the directions to the lamp and to the eye. A layer: thickness, sigma_s, sigma_t, Schlick's k. */
+ * normal, `cosine` that between the directions to the light and to the camera. A layer: thickness, sigma_s, sigma_t, Schlick's k. */
 static double layers_closed_form(const double (*layer)[4], int count, double mu_o, double mu_i, double cosine)
 {
     const double m = 1.0 / mu_o + 1.0 / mu_i;
@@ -147,22 +147,22 @@ static double other_k(double k, double cosine, double other)
 static void three_layers(void **state)
 {
     const double mu_o = 0.9, mu_i = 0.7, cosine = 0.5, side = sqrt(1.0 - mu_o * mu_o), x = (cosine - mu_o * mu_i) / side;
-    const struct pell_vec3 to_eye = vec3((float) side, 0.0f, (float) mu_o);
-    const struct pell_vec3 to_lamp = vec3((float) x, (float) sqrt(1.0 - mu_i * mu_i - x * x), (float) mu_i);
+    const struct pell_vec3 to_camera = vec3((float) side, 0.0f, (float) mu_o);
+    const struct pell_vec3 to_light = vec3((float) x, (float) sqrt(1.0 - mu_i * mu_i - x * x), (float) mu_i);
     double mean[3], bar[3];
 
     (void) state;
     REQUIRE_REL(layers_closed_form(fish, 3, mu_o, mu_i, 0.3), FISH, 1e-8);
     REQUIRE_REL(layers_closed_form(fish, 1, mu_o, mu_i, 0.3), FISH_FIRST, 1e-8);
     for (int count = 1; count <= 3; count += 2)
-        for (int distance = SS_BOTH; distance <= SS_TRANSMITTANCE; distance++) {
+        for (int distance = SINGLE_BOTH; distance <= SINGLE_TRANSMITTANCE; distance++) {
             struct rig r;
             double bottom = 0.0;
             rig_start(&r);
             r.medium.eta = 1.33; /* which is not asked for */
             r.medium.layers = count + 1;
             for (int i = 0; i <= count; i++) {
-                struct ss_layer *l = &r.medium.layer[i];
+                struct single_layer *l = &r.medium.layer[i];
                 bottom += i < count ? fish[i][0] : INFINITY;
                 l->bottom = bottom;
                 for (int c = 0; c < 3; c++) { /* below them it is black */
@@ -173,9 +173,9 @@ static void three_layers(void **state)
                 }
             }
             rig_box(&r, 400.0f, 100.0f);
-            rig_light(&r, PELL_LIGHT_DIRECTIONAL, to_lamp, vec3(0, 0, 0), 1.0f);
-            rig_build(&r, SS_SMOOTH, SS_NONE, distance, SLOW ? 0.01f : 0.004f);
-            mean_over_places(&r, to_eye, SLOW ? 1 : 3, mean, bar);
+            rig_light(&r, PELL_LIGHT_DIRECTIONAL, to_light, vec3(0, 0, 0), 1.0f);
+            rig_build(&r, SINGLE_SMOOTH, SINGLE_NONE, distance, SLOW ? 0.01f : 0.004f);
+            mean_over_places(&r, to_camera, SLOW ? 1 : 3, mean, bar);
             within(count == 1 ? "one layer" : "three layers", mean[1], bar[1], count == 1 ? FISH_FIRST : FISH, SLOW ? 0.03 : 0.004);
             rig_finish(&r);
         }
@@ -186,7 +186,7 @@ static void layers_of_a_material(void **state)
 {
     const struct pell_material_entry *e = pell_material_find("fish");
     const double mu_o = 0.8, mu_i = 0.6, cosine = mu_o * mu_i;
-    const struct pell_vec3 to_eye = vec3(0.6f, 0.0f, 0.8f), to_lamp = vec3(0.0f, 0.8f, 0.6f);
+    const struct pell_vec3 to_camera = vec3(0.6f, 0.0f, 0.8f), to_light = vec3(0.0f, 0.8f, 0.6f);
     struct pell_material *m;
     double mean[3], bar[3];
     struct rig r;
@@ -196,12 +196,12 @@ static void layers_of_a_material(void **state)
     rig_start(&r);
     m = &r.scene->materials[0];
     OK(pell_material_apply(r.scene, 0, "test", "fish"));
-    OK(ss_medium_make(r.ctx, m, &r.medium));
+    OK(single_medium_make(r.ctx, m, &r.medium));
     assert_int_equal(r.medium.layers, e->layers.count);
     rig_box(&r, 400.0f, 100.0f);
-    rig_light(&r, PELL_LIGHT_DIRECTIONAL, to_lamp, vec3(0, 0, 0), 1.0f);
-    rig_build(&r, SS_SMOOTH, SS_NONE, SS_BOTH, SLOW ? 0.05f : 0.02f);
-    mean_over_places(&r, to_eye, 2, mean, bar);
+    rig_light(&r, PELL_LIGHT_DIRECTIONAL, to_light, vec3(0, 0, 0), 1.0f);
+    rig_build(&r, SINGLE_SMOOTH, SINGLE_NONE, SINGLE_BOTH, SLOW ? 0.05f : 0.02f);
+    mean_over_places(&r, to_camera, 2, mean, bar);
     for (int c = 0; c < 3; c++) {
         double layer[3][4];
         for (int i = 0; i < 3; i++) {
@@ -215,10 +215,10 @@ static void layers_of_a_material(void **state)
     }
     /* What is only a profile is refused by name. */
     m->gaussians.weight[0][0] *= 1.5;
-    ss_medium_finish(r.ctx, &r.medium);
-    assert_int_equal(ss_medium_make(r.ctx, m, &r.medium), PELL_ERR_UNSUPPORTED);
+    single_medium_finish(r.ctx, &r.medium);
+    assert_int_equal(single_medium_make(r.ctx, m, &r.medium), PELL_ERR_UNSUPPORTED);
     assert_non_null(strstr(r.kept.what, "coefficients"));
-    ss_medium_finish(r.ctx, &r.medium);
+    single_medium_finish(r.ctx, &r.medium);
     rig_finish(&r);
 }
 
@@ -238,7 +238,7 @@ static void light_of_painted(int painted, const float depth[3], float at, double
     }
     rig_start(&r);
     r.scene->materials[0].medium.eta = 1.33;
-    layers_set(r.scene, 0, 3, optics, painted ? full : depth, PELL_BELOW_STOP);
+    layers_set(r.scene, 0, 3, optics, painted ? full : depth, PELL_SUBSTRATE_STOP);
     for (int i = 0; painted && i < 3; i++) {
         const float here = depth[i] / full[i];
         const float share[4] = { painted == 3 ? 0.5f : here, here, painted == 2 ? 0.0f : painted == 3 ? 0.5f : here, here };
@@ -247,20 +247,20 @@ static void light_of_painted(int painted, const float depth[3], float at, double
     rig_box(&r, 400.0f, 100.0f);
     layers_unwrap(r.scene);
     rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3((float) x, (float) sqrt(1.0 - mu_i * mu_i - x * x), (float) mu_i), vec3(0, 0, 0), 1.0f);
-    rig_build(&r, SS_SMOOTH, SS_NONE, SS_BOTH, SLOW ? 0.05f : 0.01f);
-    OK(ss_medium_make(r.ctx, &r.scene->materials[0], &r.medium));
+    rig_build(&r, SINGLE_SMOOTH, SINGLE_NONE, SINGLE_BOTH, SLOW ? 0.05f : 0.01f);
+    OK(single_medium_make(r.ctx, &r.scene->materials[0], &r.medium));
     assert_int_equal(r.medium.layers, 4);
     REQUIRE((r.medium.painting != NULL) == (painted >= 2));
-    ss_medium_place(&r.medium, r.scene, r.rays, r.bodies, 0);
+    single_medium_place(&r.medium, r.scene, r.rays, r.solids, 0);
     {
-        float value[3], noise[3];
-        ss_estimate(&r.world, vec3(at, 0.25f * at, 0.0f), vec3((float) side, 0.0f, (float) mu_o), 100.0, &r.counts, value, noise);
+        float value[3], standard_error[3];
+        single_estimate(&r.world, vec3(at, 0.25f * at, 0.0f), vec3((float) side, 0.0f, (float) mu_o), 100.0, &r.counts, value, standard_error);
         for (int c = 0; c < 3; c++) {
             light[c] = (double) value[c];
-            bar[c] = (double) noise[c];
+            bar[c] = (double) standard_error[c];
         }
     }
-    ss_medium_finish(r.ctx, &r.medium);
+    single_medium_finish(r.ctx, &r.medium);
     rig_finish(&r);
 }
 
@@ -289,7 +289,7 @@ static void painted_layers(void **state)
         REQUIRE_REL(found[c], even[c], 1e-4);
 }
 
-/* Homogeneous, through a refracting surface: sunlight in closed form; a point lamp by quadrature over the ray, the lamp's beams by the
+/* Homogeneous, through a refracting surface: sunlight in closed form; a point light by quadrature over the ray, the light's beams by the
  * difference of two rays, found by bisection. */
 static double at_depth(double eta, double high, double deep, double angle)
 {
@@ -297,7 +297,7 @@ static double at_depth(double eta, double high, double deep, double angle)
     return high * tan(angle) + deep * s / sqrt(1.0 - s * s);
 }
 
-static double slab_by_quadrature(const struct ss_layer *l, int c, double eta, double mu_o, const struct pell_vec3 *lamp, double thick)
+static double slab_by_quadrature(const struct single_layer *l, int c, double eta, double mu_o, const struct pell_vec3 *source, double thick)
 {
     const double so = sqrt(1.0 - mu_o * mu_o) / eta, co = sqrt(1.0 - so * so), end = fmin(thick / co, 40.0 / l->sigma_t[c]);
     const int steps = 4000;
@@ -305,11 +305,11 @@ static double slab_by_quadrature(const struct ss_layer *l, int c, double eta, do
 
     for (int k = 0; k < steps; k++) {
         const double s = (k + 0.5) / steps * end, deep = s * co;
-        const double dx = (double) lamp->x + s * so, dy = (double) lamp->y, apart = hypot(dx, dy); /* the ray goes to -x */
+        const double dx = (double) source->x + s * so, dy = (double) source->y, apart = hypot(dx, dy); /* the ray goes to -x */
         double low = 0.0, high = 1.5707, angle, si, ci, h = 1e-5, rise, beam, cosine;
         for (int i = 0; i < 60; i++) {
             const double mid = 0.5 * (low + high);
-            if (at_depth(eta, (double) lamp->z, deep, mid) < apart)
+            if (at_depth(eta, (double) source->z, deep, mid) < apart)
                 low = mid;
             else
                 high = mid;
@@ -317,9 +317,9 @@ static double slab_by_quadrature(const struct ss_layer *l, int c, double eta, do
         angle = 0.5 * (low + high);
         si = sin(angle) / eta;
         ci = sqrt(1.0 - si * si);
-        rise = (at_depth(eta, (double) lamp->z, deep, angle + h) - at_depth(eta, (double) lamp->z, deep, angle - h)) / (2.0 * h);
+        rise = (at_depth(eta, (double) source->z, deep, angle + h) - at_depth(eta, (double) source->z, deep, angle - h)) / (2.0 * h);
         beam = 1e6 * sin(angle) / (apart * rise * ci) * (1.0 - pell_fresnel(eta, cos(angle)));
-        cosine = so * si * (dx / apart) + co * ci; /* between the way back to the eye, (so, 0, co), and that to the lamp */
+        cosine = so * si * (dx / apart) + co * ci; /* between the way back to the camera, (so, 0, co), and that to the light */
         sum += end / steps * l->sigma_s[c] * pell_phase_value(&l->phase[c], cosine) * beam * exp(-l->sigma_t[c] * (s + deep / ci));
     }
     return sum * (1.0 - pell_fresnel(eta, mu_o)) / (eta * eta);
@@ -328,33 +328,33 @@ static double slab_by_quadrature(const struct ss_layer *l, int c, double eta, do
 static void slab_that_refracts(void **state)
 {
     const double eta = 1.4, mu_o = 0.75;
-    const struct pell_vec3 to_eye = vec3((float) sqrt(1.0 - mu_o * mu_o), 0.0f, (float) mu_o);
+    const struct pell_vec3 to_camera = vec3((float) sqrt(1.0 - mu_o * mu_o), 0.0f, (float) mu_o);
 
     (void) state;
     for (int sun = 0; sun < 2; sun++)
-        for (int distance = SS_BOTH; distance <= SS_EQUIANGULAR; distance++) {
-            const struct pell_vec3 lamp = sun ? vec3_normalize(vec3(-0.5f, 0.3f, 0.8f)) : vec3(-1.5f, 1.0f, 4.0f);
-            float light[3], noise[3];
+        for (int distance = SINGLE_BOTH; distance <= SINGLE_EQUIANGULAR; distance++) {
+            const struct pell_vec3 source = sun ? vec3_normalize(vec3(-0.5f, 0.3f, 0.8f)) : vec3(-1.5f, 1.0f, 4.0f);
+            float light[3], standard_error[3];
             struct rig r;
             rig_start(&r);
             rig_box(&r, 300.0f, 3.0f);
-            rig_light(&r, sun ? PELL_LIGHT_DIRECTIONAL : PELL_LIGHT_POINT, lamp, vec3(0, 0, 0), 1.0f);
-            rig_build(&r, SS_SMOOTH, SS_EXACT, distance, SLOW ? 0.03f : 0.01f);
-            ss_estimate(&r.world, vec3(0, 0, 0), to_eye, 100.0, &r.counts, light, noise);
+            rig_light(&r, sun ? PELL_LIGHT_DIRECTIONAL : PELL_LIGHT_POINT, source, vec3(0, 0, 0), 1.0f);
+            rig_build(&r, SINGLE_SMOOTH, SINGLE_EXACT, distance, SLOW ? 0.03f : 0.01f);
+            single_estimate(&r.world, vec3(0, 0, 0), to_camera, 100.0, &r.counts, light, standard_error);
             for (int c = 0; c < 3; c++) {
-                const struct ss_layer *l = &r.medium.layer[0];
+                const struct single_layer *l = &r.medium.layer[0];
                 double expected;
                 if (sun) {
-                    const double mu = (double) lamp.z, ti = sqrt(1.0 - (1.0 - mu * mu) / (eta * eta)),
+                    const double mu = (double) source.z, ti = sqrt(1.0 - (1.0 - mu * mu) / (eta * eta)),
                                  to = sqrt(1.0 - (1.0 - mu_o * mu_o) / (eta * eta));
                     const double m = 1.0 / ti + 1.0 / to, sigma = l->sigma_t[c];
-                    const double cosine = ((double) to_eye.x * (double) lamp.x) / (eta * eta) + ti * to;
+                    const double cosine = ((double) to_camera.x * (double) source.x) / (eta * eta) + ti * to;
                     expected = (1.0 - pell_fresnel(eta, mu)) * (1.0 - pell_fresnel(eta, mu_o)) / (eta * eta) * mu / ti * l->sigma_s[c] *
                                pell_phase_value(&l->phase[c], cosine) / to * -expm1(-sigma * 3.0 * m) / (sigma * m);
                 } else {
-                    expected = slab_by_quadrature(l, c, eta, mu_o, &lamp, 3.0);
+                    expected = slab_by_quadrature(l, c, eta, mu_o, &source, 3.0);
                 }
-                within(sun ? "slab under a sun" : "slab under a point", (double) light[c], (double) noise[c], expected, SLOW ? 0.08 : 0.03);
+                within(sun ? "slab under a sun" : "slab under a point", (double) light[c], (double) standard_error[c], expected, SLOW ? 0.08 : 0.03);
             }
             rig_finish(&r);
         }
@@ -401,7 +401,7 @@ static struct trial leave(const struct rig *r, struct pell_vec3 x, struct pell_v
     return t;
 }
 
-/* Where the eye above sees the thing, and the normal there. */
+/* Where the camera above sees the object, and the normal there. */
 static struct trial seen_at(const struct rig *r, float x, float y, bool flat)
 {
     struct trial t = leave(r, vec3(x, y, 20.0f), vec3(0, 0, -1), flat);
@@ -419,7 +419,7 @@ static double number(uint64_t *state)
     return (double) ((z ^ (z >> 31)) >> 11) * 0x1p-53;
 }
 
-/* Against the light: the eye's ray, a place by chance, a direction by chance, out, and there the lamp is met or not. */
+/* Against the light: the camera's ray, a place by chance, a direction by chance, out, and there the light is met or not. */
 static void ball_by_brute_force(void **state)
 {
     const double eta = 1.4, radius = 8.0;
@@ -427,10 +427,10 @@ static void ball_by_brute_force(void **state)
 
     (void) state;
     for (int flat = 0; flat < 2; flat++)
-        for (int sky = 0; sky < 2; sky++) {
+        for (int environment = 0; environment < 2; environment++) {
             const struct pell_vec3 middle = vec3(-25.0f, 30.0f, 20.0f), towards = vec3_normalize(vec3_mul(middle, -1.0f));
             struct pell_vec3 side, up;
-            struct pell_light *lamp;
+            struct pell_light *source;
             struct rig r;
             rig_start(&r);
             shapes_ball(r.scene, 0, vec3(0, 0, 0), (float) radius, flat ? 14 : 64);
@@ -438,30 +438,30 @@ static void ball_by_brute_force(void **state)
                 r.medium.layer[0].sigma_s[c] *= 0.4;
                 r.medium.layer[0].sigma_t[c] *= 0.4;
             }
-            if (sky) {
-                lamp = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, -1), 0.7f);
+            if (environment) {
+                source = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, -1), 0.7f);
             } else {
-                lamp = rig_light(&r, PELL_LIGHT_RECT, middle, vec3(0, 0, 0), 2.0f);
-                lamp->width = 50.0f;
-                lamp->height = 40.0f;
+                source = rig_light(&r, PELL_LIGHT_RECT, middle, vec3(0, 0, 0), 2.0f);
+                source->width = 50.0f;
+                source->height = 40.0f;
             }
-            up = vec3_load(lamp->up);
+            up = vec3_load(source->up);
             side = vec3_cross(towards, up);
-            rig_build(&r, flat ? SS_FLAT : SS_SMOOTH, SS_EXACT, SS_BOTH, SLOW ? 0.05f : 0.025f);
+            rig_build(&r, flat ? SINGLE_FLAT : SINGLE_SMOOTH, SINGLE_EXACT, SINGLE_BOTH, SLOW ? 0.05f : 0.025f);
             for (int k = 0; k < (SLOW ? 1 : 2); k++) {
                 const struct pell_vec3 from = vec3_mul(vec3_normalize(vec3(0.3f * (float) k - 0.35f, 0.13f, 1.0f)), 20.0f);
-                const struct pell_vec3 to_eye = vec3(0, 0, 1);
+                const struct pell_vec3 to_camera = vec3(0, 0, 1);
                 const int64_t trials = SLOW ? 12000 : 24000;
                 const struct trial top = seen_at(&r, 0.4f * from.x, 0.4f * from.y, flat);
                 const struct pell_vec3 at = top.at, n = top.n;
                 struct pell_vec3 w;
                 struct trial whole;
-                float light[3], noise[3];
+                float light[3], standard_error[3];
                 double sum[3] = { 0 }, square[3] = { 0 }, cos_o, cos_i;
-                ss_estimate(&r.world, at, to_eye, 100.0, &r.counts, light, noise);
-                cos_o = (double) vec3_dot(n, to_eye);
+                single_estimate(&r.world, at, to_camera, 100.0, &r.counts, light, standard_error);
+                cos_o = (double) vec3_dot(n, to_camera);
                 cos_i = sqrt(1.0 - (1.0 - cos_o * cos_o) / (eta * eta));
-                w = vec3_normalize(vec3_mad(vec3_mul(to_eye, (float) (-1.0 / eta)), (float) (cos_o / eta - cos_i), n));
+                w = vec3_normalize(vec3_mad(vec3_mul(to_camera, (float) (-1.0 / eta)), (float) (cos_o / eta - cos_i), n));
                 whole = leave(&r, at, w, flat);
                 REQUIRE(whole.out);
                 for (int64_t t = 0; t < trials; t++) {
@@ -479,7 +479,7 @@ static void ball_by_brute_force(void **state)
                     if (!(ci > 0.0) || !(co2 > 0.0))
                         continue;
                     out = vec3_mad(vec3_mul(d, (float) eta), (float) (sqrt(co2) - eta * ci), o.n);
-                    if (sky) {
+                    if (environment) {
                         seen = 0.7;
                     } else {
                         const double facing = -(double) vec3_dot(out, towards);
@@ -490,7 +490,7 @@ static void ball_by_brute_force(void **state)
                     }
                     seen *= eta * eta * (1.0 - pell_fresnel(1.0 / eta, ci)) * 4.0 * PELL_PI * whole.length;
                     for (int c = 0; seen > 0.0 && c < 3; c++) {
-                        const struct ss_layer *l = &r.medium.layer[0];
+                        const struct single_layer *l = &r.medium.layer[0];
                         const double v = seen * l->sigma_s[c] * pell_phase_value(&l->phase[c], -(double) vec3_dot(w, d)) *
                                          exp(-l->sigma_t[c] * (s + o.length));
                         sum[c] += v;
@@ -500,11 +500,11 @@ static void ball_by_brute_force(void **state)
                 for (int c = 0; c < 3; c++) {
                     const double scale = (1.0 - pell_fresnel(eta, cos_o)) / (eta * eta), mean = sum[c] / (double) trials;
                     const double bar = scale * sqrt((square[c] / (double) trials - mean * mean) / (double) trials);
-                    const double both = sqrt(bar * bar + (double) noise[c] * (double) noise[c]);
+                    const double both = sqrt(bar * bar + (double) standard_error[c] * (double) standard_error[c]);
                     print_message("# ball (%s), %s: %.5g +- %.2g, by brute force %.5g +- %.2g: %.1f bars\n", flat ? "flat" : "smooth",
-                                  sky ? "sky" : "rect", (double) light[c], (double) noise[c], scale * mean, bar,
+                                  environment ? "sky" : "rect", (double) light[c], (double) standard_error[c], scale * mean, bar,
                                   ((double) light[c] - scale * mean) / both);
-                    REQUIRE((double) noise[c] < (SLOW ? 0.3 : 0.15) * (double) light[c] && bar < (SLOW ? 0.3 : 0.15) * scale * mean);
+                    REQUIRE((double) standard_error[c] < (SLOW ? 0.3 : 0.15) * (double) light[c] && bar < (SLOW ? 0.3 : 0.15) * scale * mean);
                     REQUIRE_NEAR((double) light[c], scale * mean, 3.5 * both + 2e-3 * scale * mean);
                 }
             }
@@ -528,12 +528,12 @@ static void all_ways_agree(void **state)
     rig_light(&r, PELL_LIGHT_POINT, vec3(-3, 5, -16), vec3(0, 0, 0), 0.05f); /* from behind */
     for (int k = 0; k < 3; k++) {
         double mean[3], bar[3], sum = 0.0, weight = 0.0;
-        for (int distance = SS_BOTH; distance <= SS_EQUIANGULAR; distance++) {
-            float light[3], noise[3];
-            rig_build(&r, SS_SMOOTH, SS_EXACT, distance, 0.06f);
-            ss_estimate(&r.world, seen_at(&r, 4.0f * (float) k - 4.1f, 1.3f, false).at, vec3(0, 0, 1), 100.0, &r.counts, light, noise);
+        for (int distance = SINGLE_BOTH; distance <= SINGLE_EQUIANGULAR; distance++) {
+            float light[3], standard_error[3];
+            rig_build(&r, SINGLE_SMOOTH, SINGLE_EXACT, distance, 0.06f);
+            single_estimate(&r.world, seen_at(&r, 4.0f * (float) k - 4.1f, 1.3f, false).at, vec3(0, 0, 1), 100.0, &r.counts, light, standard_error);
             mean[distance] = (double) light[1];
-            bar[distance] = (double) noise[1];
+            bar[distance] = (double) standard_error[1];
             sum += mean[distance] / (bar[distance] * bar[distance]);
             weight += 1.0 / (bar[distance] * bar[distance]);
         }
@@ -550,17 +550,17 @@ static void all_ways_agree(void **state)
     REQUIRE(bars / count < 3.0);
 
     /* Other seeds: the spread of what they find, in bars. */
-    rig_build(&r, SS_SMOOTH, SS_EXACT, SS_BOTH, 0.15f);
+    rig_build(&r, SINGLE_SMOOTH, SINGLE_EXACT, SINGLE_BOTH, 0.15f);
     {
         const int seeds = SLOW ? 12 : 30;
         double sum = 0.0, square = 0.0, bar2 = 0.0, spread;
         for (int i = 0; i < seeds; i++) {
-            float light[3], noise[3];
+            float light[3], standard_error[3];
             r.world.seed = (uint32_t) (1000 + i);
-            ss_estimate(&r.world, seen_at(&r, 2.3f, 1.1f, false).at, vec3(0, 0, 1), 100.0, &r.counts, light, noise);
+            single_estimate(&r.world, seen_at(&r, 2.3f, 1.1f, false).at, vec3(0, 0, 1), 100.0, &r.counts, light, standard_error);
             sum += (double) light[1] / seeds;
             square += (double) light[1] * (double) light[1] / seeds;
-            bar2 += (double) noise[1] * (double) noise[1] / seeds;
+            bar2 += (double) standard_error[1] * (double) standard_error[1] / seeds;
         }
         spread = sqrt((square - sum * sum) * seeds / (seeds - 1.0) / bar2);
         print_message("# %d seeds: %.5g, they spread by %.2f bars\n", seeds, sum, spread);
@@ -572,27 +572,27 @@ static void all_ways_agree(void **state)
 static void what_can_t_be_seen(void **state)
 {
     const struct pell_vec3 odd[] = { vec3(NAN, 0, 8), vec3(0, 0, 8000), vec3(0, 0, 0), vec3(INFINITY, 0, 0) };
-    float light[3], noise[3];
+    float light[3], standard_error[3];
     struct rig r;
 
     (void) state;
     rig_start(&r);
     shapes_ball(r.scene, 0, vec3(0, 0, 0), 8.0f, 12);
-    rig_build(&r, SS_SMOOTH, SS_EXACT, SS_BOTH, 0.1f);
-    ss_estimate(&r.world, vec3(0, 0, 8), vec3(0, 0, 1), 10.0, &r.counts, light, noise);
-    REQUIRE(light[0] == 0.0f && noise[0] == 0.0f); /* no lamps */
+    rig_build(&r, SINGLE_SMOOTH, SINGLE_EXACT, SINGLE_BOTH, 0.1f);
+    single_estimate(&r.world, vec3(0, 0, 8), vec3(0, 0, 1), 10.0, &r.counts, light, standard_error);
+    REQUIRE(light[0] == 0.0f && standard_error[0] == 0.0f); /* no lights */
     rig_finish(&r);
     rig_start(&r);
     shapes_ball(r.scene, 0, vec3(0, 0, 0), 8.0f, 12);
     rig_light(&r, PELL_LIGHT_POINT, vec3(0, 10, 20), vec3(0, 0, 0), 0.01f);
-    rig_build(&r, SS_SMOOTH, SS_EXACT, SS_BOTH, 0.1f);
+    rig_build(&r, SINGLE_SMOOTH, SINGLE_EXACT, SINGLE_BOTH, 0.1f);
     for (size_t i = 0; i < PELL_COUNT(odd); i++) {
-        ss_estimate(&r.world, odd[i], vec3(0, 0, 1), 10.0, &r.counts, light, noise);
+        single_estimate(&r.world, odd[i], vec3(0, 0, 1), 10.0, &r.counts, light, standard_error);
         REQUIRE(light[0] == 0.0f && light[1] == 0.0f && light[2] == 0.0f);
     }
     for (int c = 0; c < 3; c++)
         r.medium.layer[0].sigma_s[c] = 0.0;
-    ss_estimate(&r.world, vec3(0, 0, 8), vec3(0, 0, 1), 10.0, &r.counts, light, noise);
+    single_estimate(&r.world, vec3(0, 0, 8), vec3(0, 0, 1), 10.0, &r.counts, light, standard_error);
     REQUIRE(light[0] == 0.0f && light[1] == 0.0f && light[2] == 0.0f);
     rig_finish(&r);
 }
@@ -601,7 +601,7 @@ static void what_can_t_be_seen(void **state)
 
 static const char *const quick[] = { "error=0.3", "most=128", NULL };
 
-/* A thing of two lamps, one behind; `apart`: the layers are asked for. */
+/* An object of two lights, one behind; `apart`: the layers are asked for. */
 static void set_scene(struct stage *s, int threads, bool apart)
 {
     size_t m;
@@ -637,7 +637,7 @@ static void kept_apart(void **state)
 {
     struct stage s;
     struct shot whole, layers;
-    const float *noise[3];
+    const float *standard_error[3];
     size_t single = SIZE_MAX, multiple = SIZE_MAX;
 
     (void) state;
@@ -646,20 +646,20 @@ static void kept_apart(void **state)
     stage_finish(&s);
     set_scene(&s, 2, true);
     layers = stage_shot_of(&s, "single-scatter", quick);
-    for (size_t i = 0; i < s.picture.num_channels; i++) {
-        if (strcmp(s.picture.channels[i].name, "diffuse.single.G") == 0)
+    for (size_t i = 0; i < s.image.num_channels; i++) {
+        if (strcmp(s.image.channels[i].name, "diffuse.single.G") == 0)
             single = i;
-        if (strcmp(s.picture.channels[i].name, "diffuse.multiple.G") == 0)
+        if (strcmp(s.image.channels[i].name, "diffuse.multiple.G") == 0)
             multiple = i;
     }
     REQUIRE(single != SIZE_MAX && multiple != SIZE_MAX);
-    REQUIRE(pell_pass_noise(pell_renderer_pass(s.r), noise));
+    REQUIRE(pell_pass_standard_error(pell_renderer_pass(s.r), standard_error));
     for (int y = 0; y < 6; y++)
         for (int x = 0; x < 6; x++) {
             REQUIRE_NEAR(shot_at(&layers, SHOT_G, x, y), shot_at(&whole, SHOT_G, x, y), 1e-6 * shot_at(&whole, SHOT_G, x, y));
             REQUIRE_NEAR(shot_at(&layers, single, x, y), shot_at(&whole, SHOT_G, x, y), 1e-6 * shot_at(&whole, SHOT_G, x, y));
             REQUIRE(shot_at(&layers, multiple, x, y) == 0.0);
-            REQUIRE(noise[1][y * s.picture.stride + x] >= 0.0f);
+            REQUIRE(standard_error[1][y * s.image.stride + x] >= 0.0f);
         }
     shot_free(&whole);
     shot_free(&layers);
@@ -695,7 +695,7 @@ static void a_profile_alone_is_refused(void **state)
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
     stage_method(&s, "single-scatter", quick);
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_UNSUPPORTED);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_UNSUPPORTED);
     stage_finish(&s);
 }
 
@@ -705,7 +705,7 @@ static void survives_the_nth_allocation(void **state)
 
     (void) state;
     for (uint64_t at = 1; !done; at++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct stage s = { 0 };
         size_t m;
         const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
@@ -717,7 +717,7 @@ static void survives_the_nth_allocation(void **state)
         s.settings.width = s.settings.height = 2;
         s.settings.msaa = 1;
         stage_medium(&s, "marble", &m);
-        layers_set(s.scene, m, 1, (const double[1][3]){ { 1.0, 2.0, 0.1 } }, (const float[1]){ 0.5f }, PELL_BELOW_STOP);
+        layers_set(s.scene, m, 1, (const double[1][3]){ { 1.0, 2.0, 0.1 } }, (const float[1]){ 0.5f }, PELL_SUBSTRATE_STOP);
         layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]){ 1.0f, 0.5f });
         stage_box(&s, m, 0, vec3(-1, -1, -1), vec3(1, 1, 1));
         layers_unwrap(s.scene);
@@ -727,7 +727,7 @@ static void survives_the_nth_allocation(void **state)
         OK(pell_renderer_set_scene(s.r, s.scene));
         stage_method(&s, "single-scatter", (const char *const[]){ "error=1", "most=128", NULL });
         fault.fail_at = fault.calls + at;
-        switch (pell_renderer_render(s.r, &s.settings, &s.picture)) {
+        switch (pell_renderer_render(s.r, &s.settings, &s.image)) {
         case PELL_OK: done = fault.calls < fault.fail_at; break;
         case PELL_ERR_NOMEM: break;
         default: fail_msg("allocation %d gave another error", (int) at);

@@ -321,7 +321,7 @@ static void no_seam_shows_on_a_solid_in_many_charts(void **state)
     REQUIRE(s[0].rms[0] <= 1.1 * s[0].rms[1]);
 }
 
-static void even_light_gives_the_albedo(void **state)
+static void uniform_light_gives_the_albedo(void **state)
 {
     (void) state;
     for (int paper = 0; paper < 2; paper++) {
@@ -333,7 +333,7 @@ static void even_light_gives_the_albedo(void **state)
         stage_start(&s, 40, 40);
         stage_gaussians(&s, 0.5, &m);
         stage_ball(&s, m, 0, vec3(0, 0, 0), 10.0f, 24);
-        stage_sky(&s, 1.0f);
+        stage_environment(&s, 1.0f);
         stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 22.0f);
         shot = stage_shot_of(&s, "texture-space", paper ? as_paper : best);
         for (int y = 0; y < 40; y++)
@@ -354,7 +354,7 @@ static void even_light_gives_the_albedo(void **state)
 
 /* --- Light that comes through ------------------------------------------------------------------------------------------------------ */
 
-static double through_slab(const char *material, double thick, const char *const *knobs, size_t channel)
+static double transmission_of_slab(const char *material, double thick, const char *const *knobs, size_t channel)
 {
     struct stage s;
     struct shot shot;
@@ -373,7 +373,7 @@ static double through_slab(const char *material, double thick, const char *const
     return out;
 }
 
-static void a_slab_lit_from_behind_is_the_slab_integral(void **state)
+static void transmission_of_a_slab_is_the_slab_integral(void **state)
 {
     static const char *const rays[] = { "size=128", NULL }, *const map[] = { "size=128", "tsm=map", "tsm-size=256", NULL };
     static const char *const gaussian[] = { "size=128", "through=gaussian", NULL };
@@ -399,9 +399,9 @@ static void a_slab_lit_from_behind_is_the_slab_integral(void **state)
         OK(pell_stack_totals(&stack, 1, out, NULL));
         for (int i = 0; i < g.count; i++)
             sum += g.weight[i][1] * exp(-thick[k] * thick[k] / (2.0 * g.variance[i]));
-        by_ray = through_slab("marble", thick[k], rays, 1);
-        by_map = through_slab("marble", thick[k], map, 1);
-        by_sum = through_slab("marble", thick[k], gaussian, 1);
+        by_ray = transmission_of_slab("marble", thick[k], rays, 1);
+        by_map = transmission_of_slab("marble", thick[k], map, 1);
+        by_sum = transmission_of_slab("marble", thick[k], gaussian, 1);
         print_message(
             "# %g mm of marble, green: the slab lets through %.4f, here %.4f (ray), %.4f (map); the Gaussians' sum %.4f, here %.4f\n",
             thick[k], out[PELL_STACK_T_PLUS], by_ray, by_map, sum, by_sum);
@@ -412,7 +412,7 @@ static void a_slab_lit_from_behind_is_the_slab_integral(void **state)
     free(profiles);
 }
 
-static void lights_add_up_with_what_comes_through(void **state)
+static void lights_add_up_with_transmission(void **state)
 {
     static const char *const own[] = { "size=128", NULL }, *const sum[] = { "size=128", "lights=sum", NULL };
     double worst[2];
@@ -430,7 +430,7 @@ static void lights_add_up_with_what_comes_through(void **state)
                 stage_light(&s, PELL_LIGHT_POINT, vec3(5, 3, -40), vec3(0, 0, 0), 3e-3f);
             if (i != 0)
                 stage_light(&s, PELL_LIGHT_POINT, vec3(-20, 10, 30), vec3(0, 0, 0), 2e-3f);
-            stage_sky(&s, i == 0 ? 0.1f : i == 1 ? 0.2f : 0.3f);
+            stage_environment(&s, i == 0 ? 0.1f : i == 1 ? 0.2f : 0.3f);
             stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 22.0f);
             shots[i] = stage_shot_of(&s, "texture-space", k ? sum : own);
             stage_finish(&s);
@@ -535,7 +535,7 @@ static void shell(struct stage *s, size_t material, double outer, double inner)
     shapes_bound(s->scene, m);
 }
 
-static void a_shell_lit_from_behind_is_nearly_a_slab(void **state)
+static void transmission_of_a_shell_is_nearly_that_of_a_slab(void **state)
 {
     static const char *const by[][4] = { { "size=128", NULL }, { "size=128", "tsm=map", "tsm-size=256", NULL } };
     struct pell_stack stack = { .count = 1 };
@@ -611,7 +611,7 @@ static void a_shell_glows_where_it_faces_the_light_in_its_own_shadow(void **stat
     stage_finish(&s);
 }
 
-/* Light from the side on a ball: what the eye sees by this method and by the sum over the whole surface. */
+/* Light from the side on a ball: what the camera sees by this method and by the sum over the whole surface. */
 static void a_ball_is_like_the_sum_over_its_surface(void **state)
 {
     static const char *const fine[] = { "size=256", NULL }, *const whole[] = { "density=16", NULL };
@@ -803,7 +803,7 @@ static void the_same_bits_for_any_number_of_threads(void **state)
         stage_gaussians(&s, 0.5, &m);
         stage_ball(&s, m, 0, vec3(0, 0, 0), 6.0f, 24);
         stage_light(&s, PELL_LIGHT_DISC, vec3(40, 10, -30), vec3(0, 0, 0), 30.0f);
-        stage_sky(&s, 0.2f);
+        stage_environment(&s, 0.2f);
         stage_camera(&s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
         shots[k] = stage_shot_of(&s, "texture-space", knobs);
         stage_finish(&s);
@@ -829,7 +829,7 @@ static void other_samples_of_the_lights_light_it_anew(void **state)
         stage_ball(&s, m, 1, vec3(0, 9, 0), 2.0f, 12);
         stage_light(&s, PELL_LIGHT_DISC, vec3(40, 10, -30), vec3(0, 0, 0), 30.0f);
         stage_light(&s, PELL_LIGHT_POINT, vec3(-40, 10, 30), vec3(0, 0, 0), 3e-3f);
-        stage_sky(&s, 0.2f);
+        stage_environment(&s, 0.2f);
         stage_camera(&s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
         s.settings.seed = k;
         shots[k] = stage_shot_of(&s, "texture-space", knobs);
@@ -849,7 +849,7 @@ static void other_samples_of_the_lights_light_it_anew(void **state)
 }
 
 /* The map stays when lights come and go. */
-static void more_lights_than_shine_through_are_told_of(void **state)
+static void more_transmitted_lights_than_fit_are_reported(void **state)
 {
     static const char *const knobs[] = { "size=64", NULL };
     struct stage s;
@@ -887,7 +887,7 @@ static void frames_allocate_nothing_and_survive_no_memory(void **state)
 
     (void) state;
     for (uint64_t n = 1; res != PELL_OK; n += SLOW ? 7 : 3) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct stage s = { 0 };
         const struct pell_device_params params = { .threads = 1, .engine = PELL_ENGINE_CPU };
         size_t m;
@@ -905,15 +905,15 @@ static void frames_allocate_nothing_and_survive_no_memory(void **state)
         stage_complete(&s);
         OK(pell_renderer_set_scene(s.r, s.scene));
         stage_method(&s, NULL, NULL);
-        OK(pell_renderer_render(s.r, &s.settings, &s.picture)); /* all but the method is there */
+        OK(pell_renderer_render(s.r, &s.settings, &s.image)); /* all but the method is there */
         stage_method(&s, "texture-space", knobs);
         fault.fail_at = fault.calls + n;
-        res = pell_renderer_render(s.r, &s.settings, &s.picture);
+        res = pell_renderer_render(s.r, &s.settings, &s.image);
         assert_true(res == PELL_OK || res == PELL_ERR_NOMEM);
         fault.fail_at = 0;
         if (res == PELL_OK) {
             const uint64_t calls = fault.calls;
-            OK(pell_renderer_render(s.r, &s.settings, &s.picture));
+            OK(pell_renderer_render(s.r, &s.settings, &s.image));
             assert_true(fault.calls == calls);
             print_message("# there are %d allocations at most\n", (int) n - 1);
         }
@@ -930,11 +930,11 @@ int main(void)
         cmocka_unit_test(no_seam_shows_on_a_sheet_that_is_cut),
         cmocka_unit_test(light_goes_round_the_edges_of_a_cube),
         cmocka_unit_test(no_seam_shows_on_a_solid_in_many_charts),
-        cmocka_unit_test(even_light_gives_the_albedo),
-        cmocka_unit_test(a_slab_lit_from_behind_is_the_slab_integral),
-        cmocka_unit_test(lights_add_up_with_what_comes_through),
+        cmocka_unit_test(uniform_light_gives_the_albedo),
+        cmocka_unit_test(transmission_of_a_slab_is_the_slab_integral),
+        cmocka_unit_test(lights_add_up_with_transmission),
         cmocka_unit_test(what_comes_round_and_through_a_ball_counts_once),
-        cmocka_unit_test(a_shell_lit_from_behind_is_nearly_a_slab),
+        cmocka_unit_test(transmission_of_a_shell_is_nearly_that_of_a_slab),
         cmocka_unit_test(a_shell_glows_where_it_faces_the_light_in_its_own_shadow),
         cmocka_unit_test(a_ball_is_like_the_sum_over_its_surface),
         cmocka_unit_test(layouts_of_no_use_become_planar_charts),
@@ -944,7 +944,7 @@ int main(void)
         cmocka_unit_test(strength_scales_the_radius),
         cmocka_unit_test(the_same_bits_for_any_number_of_threads),
         cmocka_unit_test(other_samples_of_the_lights_light_it_anew),
-        cmocka_unit_test(more_lights_than_shine_through_are_told_of),
+        cmocka_unit_test(more_transmitted_lights_than_fit_are_reported),
         cmocka_unit_test(frames_allocate_nothing_and_survive_no_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -12,7 +12,7 @@ enum { SIZE = 160, TEXELS = 768, VIEWS = 2 };
 #define NEAR 3     /* px from a seam, and from silhouettes, on which all differs */
 #define HIDDEN 1.5 /* mm behind what is seen */
 
-static const struct pell_vec3 eye[VIEWS] = { { 20, 0, 200 }, { -190, 15, -70 } }, middle = { 0, 12, 0 };
+static const struct pell_vec3 camera[VIEWS] = { { 20, 0, 200 }, { -190, 15, -70 } }, middle = { 0, 12, 0 };
 
 static void head(struct stage *s)
 {
@@ -28,7 +28,7 @@ static void head(struct stage *s)
     for (size_t i = 0; i < s->scene->num_meshes; i++)
         s->scene->meshes[i].material = m;
     stage_light(s, PELL_LIGHT_POINT, vec3(-120, 90, 120), vec3(0, 0, 0), 3e-2f);
-    stage_camera(s, eye[0], middle, 0.0f, TALL);
+    stage_camera(s, camera[0], middle, 0.0f, TALL);
     s->settings.layers = true;
     OK(pell_renderer_set_scene(s->r, s->scene));
     s->set = true;
@@ -59,7 +59,7 @@ static void mark(bool *near, int x, int y)
 
 static void look(struct stage *s, int view)
 {
-    stage_camera(s, eye[view], middle, 0.0f, TALL);
+    stage_camera(s, camera[view], middle, 0.0f, TALL);
 }
 
 /* Marks the pixels near a seam where it is seen. */
@@ -82,12 +82,12 @@ static void mark_seams(struct stage *s, const struct shot *shots, int charts, bo
 {
     struct ts_atlas_params params = { .pool = pell_renderer_services(s->r)->pool, .scene = s->scene, .name = "head",
                                       .size = TEXELS, .border = 1 };
-    struct pell_bodies *bodies;
+    struct pell_solids *solids;
     struct ts_atlas *a;
 
-    OK(pell_services_bodies(pell_renderer_services(s->r), &bodies));
-    assert_int_equal(bodies->count, 1);
-    params.bodies = bodies;
+    OK(pell_services_bodies(pell_renderer_services(s->r), &solids));
+    assert_int_equal(solids->count, 1);
+    params.solids = solids;
     params.charts = charts;
     OK(ts_atlas_make(s->ctx, &params, &a));
     memset(near, 0, VIEWS * sizeof(*near));
@@ -103,7 +103,7 @@ static void mark_seams(struct stage *s, const struct shot *shots, int charts, bo
         }
     }
     ts_atlas_destroy(&a);
-    pell_bodies_destroy(&bodies);
+    pell_solids_destroy(&solids);
 }
 
 static bool is_inside(const struct shot *shot, int x, int y)

@@ -25,7 +25,7 @@ struct planes {
 };
 
 struct tally { /* of light that entered */
-    double reflected, through, reflected_error, through_error;
+    double reflected, through, reflected_error, transmission_error;
     double ring[8], ring_error[8]; /* of what is reflected, by the edges asked for */
 };
 
@@ -115,7 +115,7 @@ static struct tally photons(const struct planes *p, const double *edge, int ring
     }
     t.reflected /= count;
     t.through /= count;
-    t.through_error = sqrt((square[0] / count - t.through * t.through) / count);
+    t.transmission_error = sqrt((square[0] / count - t.through * t.through) / count);
     t.reflected_error = sqrt((square[1] / count - t.reflected * t.reflected) / count);
     for (int k = 0; k < rings; k++) {
         const double area = PELL_PI * (edge[k + 1] * edge[k + 1] - edge[k] * edge[k]);
@@ -146,7 +146,7 @@ static void photons_are_right(void **state)
 
     (void) state;
     require_within("van de Hulst, R by photons", a.reflected, a.reflected_error, 0.09739, 1e-5);
-    require_within("van de Hulst, T by photons", a.through, a.through_error, 0.66096, 1e-5);
+    require_within("van de Hulst, T by photons", a.through, a.transmission_error, 0.66096, 1e-5);
     require_within("Giovanelli, R by photons", b.reflected, b.reflected_error, 0.2289645, 6e-5);
 }
 
@@ -307,9 +307,9 @@ static size_t plate_medium(struct stage *s, const struct plate *p, double eta)
     return rig_medium(s, p->sigma_s, p->sigma_a, p->g, eta);
 }
 
-/* What of light at normal incidence comes back from plates, or through them: under an even sky whose other half is hidden. `boxes`: one box
- * each, close together in a clear one with the boundary. Otherwise one box whose medium is layered by the distance below its surface: the
- * plates have to be the same from either side, or the last very deep. */
+/* What of light at normal incidence comes back from plates, or through them: under a uniform environment whose other half is hidden.
+ * `boxes`: one box each, close together in a clear one with the boundary. Otherwise one box whose medium is layered by the distance below
+ * its surface: the plates have to be the same from either side, or the last very deep. */
 static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int samples)
 {
     struct pt_knobs knobs = rig_knobs();
@@ -341,18 +341,18 @@ static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int 
     }
     stage_box(&s, black, 1, vec3(-9 * half, -9 * half, back ? -3 * (float) deep : (float) deep),
               vec3(9 * half, 9 * half, back ? -2 * (float) deep : 2 * (float) deep));
-    stage_sky(&s, 1.0f);
+    stage_environment(&s, 1.0f);
     stage_camera(&s, vec3(0, 0, 500), vec3(0, 0, 0), 0.0f, 7.0f);
     knobs.techniques = PT_CHANCE;
     scene = rig_scene(&s, &knobs);
     if (!boxes) {
-        struct pt_medium *medium = &scene->body[0].medium;
+        struct pt_medium *medium = &scene->solid[0].medium;
         medium->layers = (p->count + 1) / 2;
         if (p->count == 2)
             medium->layers = 2; /* over a deep rest */
         from = 0.0;
         medium->slowest = INFINITY;
-        medium->even = medium->layers == 1;
+        medium->homogeneous = medium->layers == 1;
         pell_free(s.ctx, medium->layer);
         pell_free(s.ctx, medium->depth);
         medium->layer = pell_calloc(s.ctx, (size_t) medium->layers, sizeof(*medium->layer));
@@ -416,7 +416,7 @@ static void stacks_of_layers(void **state)
             r = stack(&cases[k].planes, cases[k].boxes, back != 0, FEWER(1500));
             snprintf(name, sizeof(name), "%s, %c", cases[k].name, back ? 'R' : 'T');
             require_within(name, r.mean[3][1] - r.mean[2][1], r.error[3][1], back ? t.reflected : t.through,
-                           back ? t.reflected_error : t.through_error);
+                           back ? t.reflected_error : t.transmission_error);
         }
     }
 }
@@ -425,8 +425,8 @@ static void stacks_of_layers(void **state)
 
 static size_t channel_named(const struct stage *s, const char *name)
 {
-    for (size_t i = 0; i < s->picture.num_channels; i++)
-        if (strcmp(s->picture.channels[i].name, name) == 0)
+    for (size_t i = 0; i < s->image.num_channels; i++)
+        if (strcmp(s->image.channels[i].name, name) == 0)
             return i;
     fail_msg("no channel %s", name);
     return 0;
@@ -437,17 +437,17 @@ static void single_scattering_of_a_ball(void **state)
 {
     enum { SIZE = 6 };
     static const char *const knobs[] = { SLOW ? "error=0.2" : "error=0.08", "most=20000", NULL };
-    static const enum pell_light_type lamps[] = { PELL_LIGHT_DIRECTIONAL, PELL_LIGHT_POINT, PELL_LIGHT_RECT };
+    static const enum pell_light_type sources[] = { PELL_LIGHT_DIRECTIONAL, PELL_LIGHT_POINT, PELL_LIGHT_RECT };
     const float tall = 9.0f, radius = 4.0f;
 
     (void) state;
-    for (size_t k = 0; k < PELL_COUNT(lamps); k++) {
+    for (size_t k = 0; k < PELL_COUNT(sources); k++) {
         struct pt_knobs walk = rig_knobs();
         double sum[2] = { 0 }, bar[2] = { 0 }, square = 0.0, worst = 0.0;
         struct pt_scene *scene;
         struct stage s;
         struct shot shot;
-        const float *noise[3];
+        const float *standard_error[3];
         double quoted[SIZE * SIZE];
         size_t m, single;
         float brightest = 0.0f;
@@ -456,16 +456,16 @@ static void single_scattering_of_a_ball(void **state)
         stage_start_threads(&s, SIZE, SIZE, 1);
         m = rig_medium(&s, 1.2, 0.15, 0.4, 1.4);
         stage_ball(&s, m, 0, vec3(0, 0, 0), radius, 48);
-        stage_light(&s, lamps[k], vec3(8, 10, 16), vec3(0, 0, 0), k == 1 ? 1e-3f : 1.0f);
+        stage_light(&s, sources[k], vec3(8, 10, 16), vec3(0, 0, 0), k == 1 ? 1e-3f : 1.0f);
         s.scene->lights[0].width = s.scene->lights[0].height = 12.0f;
         stage_camera(&s, vec3(0, 0, 500), vec3(0, 0, 0), 0.0f, tall);
         s.settings.layers = true;
         shot = stage_shot_of(&s, "single-scatter", knobs);
         single = channel_named(&s, "diffuse.single.G");
-        assert_true(pell_pass_noise(pell_renderer_pass(s.r), noise));
+        assert_true(pell_pass_standard_error(pell_renderer_pass(s.r), standard_error));
         for (int i = 0; i < SIZE * SIZE; i++) {
             brightest = fmaxf(brightest, (float) shot_at(&shot, single, i % SIZE, i / SIZE));
-            quoted[i] = (double) noise[1][i / SIZE * s.picture.stride + i % SIZE];
+            quoted[i] = (double) standard_error[1][i / SIZE * s.image.stride + i % SIZE];
         }
         scene = rig_scene(&s, &walk);
         for (int i = 0; i < SIZE * SIZE; i++) {
@@ -525,15 +525,15 @@ static void two_seeds(void **state)
     m = rig_medium(&s, 1.5, 0.3, 0.3, 1.4);
     stage_ball(&s, m, 0, vec3(0, 0, 0), 4.0f, 32);
     stage_light(&s, PELL_LIGHT_POINT, vec3(8, 10, 16), vec3(0, 0, 0), 1e-3f);
-    stage_sky(&s, 0.3f);
+    stage_environment(&s, 0.3f);
     stage_camera(&s, vec3(0, 0, 500), vec3(0, 0, 0), 0.0f, 8.4f);
     for (int k = 0; k < 2; k++) {
-        const float *noise[3];
+        const float *standard_error[3];
         s.settings.seed = 31 + k;
         shot[k] = stage_shot_of(&s, "path-trace", knobs);
-        assert_true(pell_pass_noise(pell_renderer_pass(s.r), noise));
+        assert_true(pell_pass_standard_error(pell_renderer_pass(s.r), standard_error));
         for (int i = 0; i < SIZE * SIZE; i++)
-            bars[k][i] = (double) noise[1][i / SIZE * s.picture.stride + i % SIZE];
+            bars[k][i] = (double) standard_error[1][i / SIZE * s.image.stride + i % SIZE];
     }
     for (int i = 0; i < SIZE * SIZE; i++)
         if (bars[0][i] > 0.0 || bars[1][i] > 0.0) {

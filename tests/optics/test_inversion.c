@@ -70,7 +70,7 @@ static void similarity_goes_both_ways(void **state)
 
 /* Spherical albedo of a half-space without a boundary, isotropic: 1 - 2 sqrt(1 - alpha) Int H mu dmu (Chandrasekhar 1960, III), H by
  * iteration of 1/H = sqrt(1 - alpha) + alpha/2 Int mu' H(mu')/(mu + mu') dmu' on a midpoint rule in sqrt(mu). */
-static double even_light(double alpha)
+static double uniform_light(double alpha)
 {
     enum { N = 200 };
     double h[N], mu[N], w[N], sum = 0.0;
@@ -139,7 +139,7 @@ static void photons_find_the_exact_solution(void **state)
     (void) state;
     walk(0.0, 20000, color);
     for (int k = 0; k < ALBEDOS; k++)
-        REQUIRE_NEAR(color[k], even_light(albedos[k]), 0.01); /* 3 sigma */
+        REQUIRE_NEAR(color[k], uniform_light(albedos[k]), 0.01); /* 3 sigma */
 }
 
 /* The errors that pellucid/inversion.h states, and no less than half of them: the numbers there are measurements. */
@@ -149,7 +149,7 @@ static void maps_err_by_what_the_header_says(void **state)
     double hulst = 0.0, hulst_relative = 0.0, chiang = 0.0, chiang_end = 0.0, any = 0.0, forward = 0.0;
     (void) state;
     for (int k = 1; k < 60; k++) {
-        const double alpha = k < 40 ? k / 40.0 : 1.0 - 0.025 * pow(0.8, k - 39), truth = even_light(alpha);
+        const double alpha = k < 40 ? k / 40.0 : 1.0 - 0.025 * pow(0.8, k - 39), truth = uniform_light(alpha);
         hulst = fmax(hulst, fabs(pell_albedo_map_color(PELL_ALBEDO_VAN_DE_HULST, alpha, 1.0) - truth));
         hulst_relative = fmax(hulst_relative, fabs(pell_albedo_map_color(PELL_ALBEDO_VAN_DE_HULST, alpha, 1.0) / truth - 1.0));
         const double c = pell_albedo_map_color(PELL_ALBEDO_CHIANG, alpha, 1.0);
@@ -302,33 +302,33 @@ static void looks_come_back(void **state)
         for (size_t r = 0; available(models[model]) && r < PELL_COUNT(radii); r++)
             for (size_t k = 0; k < PELL_COUNT(levels); k++)
                 for (int kind = 0; kind < 2; kind++) {
-                    const struct pell_look look = {
+                    const struct pell_color_and_radius look = {
                         .color = { levels[k], levels[(k + 2) % 7], levels[(k + 5) % 7] },
                         .radius = { radii[r], 3.0 * radii[r], 0.2 * radii[r] },
                         .g = { 0.8, 0.0, -0.5 },
                         .eta = etas[k % PELL_COUNT(etas)],
-                        .kind = (enum pell_radius) kind,
+                        .kind = (enum pell_scatter_radius) kind,
                     };
                     struct pell_medium m;
                     struct pell_medium_fault fault;
-                    const enum pell_result res = pell_medium_from_look(&look, (enum pell_profile_model) models[model], NULL, &m, &fault);
+                    const enum pell_result res = pell_medium_from_color_and_radius(&look, (enum pell_profile_model) models[model], NULL, &m, &fault);
                     if (res == PELL_ERR_INVALID) { /* next to white a short diffuse mean free path wants more than PELL_SIGMA_MAX */
-                        REQUIRE(kind == PELL_RADIUS_DIFFUSE && radii[r] < 0.01 && fault.value < fault.min && fault.min < 0.01);
+                        REQUIRE(kind == PELL_SCATTER_RADIUS_DIFFUSE && radii[r] < 0.01 && fault.value < fault.min && fault.min < 0.01);
                         continue;
                     }
                     assert_int_equal(res, PELL_OK);
                     REQUIRE(pell_medium_valid(&m, NULL));
                     for (int c = 0; c < 3; c++) {
                         REQUIRE_NEAR(total_of((enum pell_profile_model) models[model], &m, c), look.color[c], 1e-8);
-                        REQUIRE_REL(kind == PELL_RADIUS_DIFFUSE ? pell_diffuse_mean_free_path(&m, c) : pell_mean_free_path(&m, c),
+                        REQUIRE_REL(kind == PELL_SCATTER_RADIUS_DIFFUSE ? pell_diffuse_mean_free_path(&m, c) : pell_mean_free_path(&m, c),
                                     look.radius[c], 1e-6);
                         REQUIRE(m.g[c] == look.g[c] && m.eta == look.eta);
                     }
                 }
 }
 
-static const struct pell_look skin = {
-    .color = { 0.8, 0.5, 0.35 }, .radius = { 1.0, 0.2, 0.1 }, .g = { 0.0, 0.6, -0.3 }, .eta = 1.4, .kind = PELL_RADIUS_EXTINCTION
+static const struct pell_color_and_radius skin = {
+    .color = { 0.8, 0.5, 0.35 }, .radius = { 1.0, 0.2, 0.1 }, .g = { 0.0, 0.6, -0.3 }, .eta = 1.4, .kind = PELL_SCATTER_RADIUS_EXTINCTION
 };
 
 /* sigma_t of a channel. */
@@ -341,10 +341,10 @@ static double extinction(const struct pell_medium *m, int c)
 static void radii_of_other_programs_keep_their_meaning(void **state)
 {
     (void) state;
-    for (int kind = 0; kind < PELL_RADII; kind++) {
-        struct pell_look look = skin;
+    for (int kind = 0; kind < PELL_SCATTER_RADII; kind++) {
+        struct pell_color_and_radius look = skin;
         struct pell_medium m;
-        look.kind = (enum pell_radius) kind;
+        look.kind = (enum pell_scatter_radius) kind;
         assert_int_equal(pell_medium_from_map(&look, PELL_ALBEDO_VAN_DE_HULST, &m, NULL), PELL_OK);
         REQUIRE(pell_medium_valid(&m, NULL));
         for (int c = 0; c < 3; c++) {
@@ -352,17 +352,17 @@ static void radii_of_other_programs_keep_their_meaning(void **state)
                          r = look.radius[c];
             const double s = 4.09712 + 4.20863 * A - sqrt(9.59217 + 41.6808 * A + 17.7126 * A * A);
             REQUIRE_NEAR(alpha, (1.0 - s * s) / (1.0 - g * s * s), 6e-5);
-            if (kind == PELL_RADIUS_MEAN_FREE_PATH)
+            if (kind == PELL_SCATTER_RADIUS_MEAN_FREE_PATH)
                 REQUIRE_REL(pell_mean_free_path(&m, c), r, 1e-12);
-            if (kind == PELL_RADIUS_DIFFUSE)
+            if (kind == PELL_SCATTER_RADIUS_DIFFUSE)
                 REQUIRE_REL(pell_diffuse_mean_free_path(&m, c), r, 1e-12);
-            if (kind == PELL_RADIUS_EXTINCTION)
+            if (kind == PELL_SCATTER_RADIUS_EXTINCTION)
                 REQUIRE_REL(sigma_t, 1.0 / r, 1e-12);
-            if (kind == PELL_RADIUS_BURLEY)
+            if (kind == PELL_SCATTER_RADIUS_BURLEY)
                 REQUIRE_REL(sigma_t, 1.0 / (r * (1.9 - A + 3.5 * (A - 0.8) * (A - 0.8))), 1e-12);
-            if (kind == PELL_RADIUS_CYCLES)
+            if (kind == PELL_SCATTER_RADIUS_CYCLES)
                 REQUIRE_REL(sigma_t * (1.0 - g), 4.0 * PELL_PI / r, 1e-12);
-            if (kind == PELL_RADIUS_CYCLES_SKIN) { /* the dipole's total at a is the colour */
+            if (kind == PELL_SCATTER_RADIUS_CYCLES_SKIN) { /* the dipole's total at a is the colour */
                 const double rest = pow(1.0 / (sigma_t * (1.0 - g) * r), 2.0), f = pell_fresnel_diffuse(look.eta, PELL_FRESNEL_POLY3);
                 const double A43 = 4.0 / 3.0 * (1.0 + f) / (1.0 - f), root = sqrt(rest);
                 REQUIRE_NEAR(0.5 * (1.0 - rest / 3.0) * (1.0 + exp(-A43 * root)) * exp(-root), A, 1e-9);
@@ -374,30 +374,30 @@ static void radii_of_other_programs_keep_their_meaning(void **state)
 static void names_and_rows(void **state)
 {
     (void) state;
-    for (int kind = 0; kind < PELL_RADII; kind++) {
-        enum pell_radius found;
-        const struct pell_radius_row *row = pell_radius_at((size_t) kind);
+    for (int kind = 0; kind < PELL_SCATTER_RADII; kind++) {
+        enum pell_scatter_radius found;
+        const struct pell_scatter_radius_row *row = pell_scatter_radius_at((size_t) kind);
         REQUIRE(row && row->name && row->help);
-        REQUIRE(pell_radius_find(row->name, &found) && (int) found == kind);
+        REQUIRE(pell_scatter_radius_find(row->name, &found) && (int) found == kind);
     }
     for (int map = 0; map < PELL_ALBEDO_MAPS; map++)
         REQUIRE(pell_albedo_map_at((size_t) map)->name && pell_albedo_map_at((size_t) map)->cite);
-    enum pell_radius found = PELL_RADIUS_DIFFUSE;
-    REQUIRE(!pell_radius_find("mile", &found) && !pell_radius_find(NULL, &found) && found == PELL_RADIUS_DIFFUSE);
-    REQUIRE(!pell_radius_at(PELL_RADII) && !pell_radius_at((size_t) -1) && !pell_albedo_map_at(PELL_ALBEDO_MAPS));
+    enum pell_scatter_radius found = PELL_SCATTER_RADIUS_DIFFUSE;
+    REQUIRE(!pell_scatter_radius_find("mile", &found) && !pell_scatter_radius_find(NULL, &found) && found == PELL_SCATTER_RADIUS_DIFFUSE);
+    REQUIRE(!pell_scatter_radius_at(PELL_SCATTER_RADII) && !pell_scatter_radius_at((size_t) -1) && !pell_albedo_map_at(PELL_ALBEDO_MAPS));
 }
 
 static void a_scaled_radius_scales_the_coefficients(void **state)
 {
     (void) state;
-    for (int kind = 0; kind < PELL_RADII; kind++) {
-        struct pell_look look = skin;
+    for (int kind = 0; kind < PELL_SCATTER_RADII; kind++) {
+        struct pell_color_and_radius look = skin;
         struct pell_medium mm, cm;
-        look.kind = (enum pell_radius) kind;
-        assert_int_equal(pell_medium_from_look(&look, PELL_PROFILE_DIPOLE, NULL, &mm, NULL), PELL_OK);
+        look.kind = (enum pell_scatter_radius) kind;
+        assert_int_equal(pell_medium_from_color_and_radius(&look, PELL_PROFILE_DIPOLE, NULL, &mm, NULL), PELL_OK);
         for (int c = 0; c < 3; c++)
             look.radius[c] *= 0.1;
-        assert_int_equal(pell_medium_from_look(&look, PELL_PROFILE_DIPOLE, NULL, &cm, NULL), PELL_OK);
+        assert_int_equal(pell_medium_from_color_and_radius(&look, PELL_PROFILE_DIPOLE, NULL, &cm, NULL), PELL_OK);
         for (int c = 0; c < 3; c++) {
             REQUIRE_REL(cm.sigma_a[c], 10.0 * mm.sigma_a[c], 1e-12);
             REQUIRE_REL(cm.sigma_s_reduced[c], 10.0 * mm.sigma_s_reduced[c], 1e-12);
@@ -416,7 +416,7 @@ static void what_is_out_of_range_is_named(void **state)
                                                          { "radius[0]", "radius[1]", "radius[2]" },
                                                          { "g[0]", "g[1]", "g[2]" },
                                                          { "eta", "eta", "eta" } };
-                struct pell_look look = skin;
+                struct pell_color_and_radius look = skin;
                 struct pell_medium m;
                 struct pell_medium_fault fault;
                 double *const at[4] = { &look.color[c], &look.radius[c], &look.g[c], &look.eta };
@@ -425,7 +425,7 @@ static void what_is_out_of_range_is_named(void **state)
                 *at[field] = odd[i];
                 for (int way = 0; way < 2; way++) {
                     const enum pell_result res = way ? pell_medium_from_map(&look, PELL_ALBEDO_CHIANG, &m, &fault)
-                                                     : pell_medium_from_look(&look, PELL_PROFILE_DIPOLE, NULL, &m, &fault);
+                                                     : pell_medium_from_color_and_radius(&look, PELL_PROFILE_DIPOLE, NULL, &m, &fault);
                     assert_int_equal(res, fine ? PELL_OK : PELL_ERR_INVALID);
                     if (fine)
                         continue;
@@ -434,28 +434,28 @@ static void what_is_out_of_range_is_named(void **state)
                     REQUIRE(m.eta == 0.0 && m.sigma_a[0] == 0.0 && m.sigma_s_reduced[2] == 0.0);
                 }
             }
-    struct pell_look white = skin, wild = skin;
+    struct pell_color_and_radius white = skin, wild = skin;
     struct pell_medium m;
     struct pell_medium_fault fault;
     white.color[1] = 1.0;
-    white.kind = PELL_RADIUS_DIFFUSE;
-    assert_int_equal(pell_medium_from_look(&white, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_ERR_INVALID);
+    white.kind = PELL_SCATTER_RADIUS_DIFFUSE;
+    assert_int_equal(pell_medium_from_color_and_radius(&white, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_ERR_INVALID);
     assert_string_equal(fault.field, "radius[1]");
-    white.kind = PELL_RADIUS_MEAN_FREE_PATH;
-    assert_int_equal(pell_medium_from_look(&white, PELL_PROFILE_DIPOLE, NULL, &m, NULL), PELL_OK);
+    white.kind = PELL_SCATTER_RADIUS_MEAN_FREE_PATH;
+    assert_int_equal(pell_medium_from_color_and_radius(&white, PELL_PROFILE_DIPOLE, NULL, &m, NULL), PELL_OK);
     REQUIRE(m.sigma_a[1] == 0.0 && m.sigma_s_reduced[1] == 1.0 / white.radius[1]);
-    wild.kind = (enum pell_radius) 77;
-    assert_int_equal(pell_medium_from_look(&wild, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_ERR_INVALID);
+    wild.kind = (enum pell_scatter_radius) 77;
+    assert_int_equal(pell_medium_from_color_and_radius(&wild, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_ERR_INVALID);
     assert_string_equal(fault.field, "kind");
     wild = skin;
     assert_int_equal(pell_medium_from_map(&wild, PELL_ALBEDO_MAPS, &m, &fault), PELL_ERR_INVALID);
     assert_string_equal(fault.field, "map");
     wild.radius[2] = 1e7; /* a mean free path of ten kilometres */
-    assert_int_equal(pell_medium_from_look(&wild, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_ERR_INVALID);
+    assert_int_equal(pell_medium_from_color_and_radius(&wild, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_ERR_INVALID);
     assert_string_equal(fault.field, "radius[2]");
     REQUIRE(fault.max < 1e7 && fault.max > 1e5);
     wild.radius[2] = fault.max;
-    assert_int_equal(pell_medium_from_look(&wild, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_OK);
+    assert_int_equal(pell_medium_from_color_and_radius(&wild, PELL_PROFILE_DIPOLE, NULL, &m, &fault), PELL_OK);
     REQUIRE(pell_medium_valid(&m, NULL));
     for (size_t i = 0; i < PELL_COUNT(odd); i++) {
         double albedo = 5.0;

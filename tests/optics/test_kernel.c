@@ -222,7 +222,7 @@ static void tables_hold_the_light(void **state)
     assert_int_equal(pell_kernel_table_radius(&p, value, 0), PELL_ERR_INVALID);
 }
 
-static void a_sphere_that_is_large_is_lambert_and_a_small_one_is_even(void **state)
+static void a_sphere_that_is_large_is_lambert_and_a_small_one_is_uniform(void **state)
 {
     const struct pell_profile p = dipole(0.05, 1.2);
     static float texel[64 * 64];
@@ -264,7 +264,7 @@ int main(void)
         cmocka_unit_test(dipoles_lose_less_with_each_rank),
         cmocka_unit_test(separable_parameters_out_of_range_are_refused),
         cmocka_unit_test(tables_hold_the_light),
-        cmocka_unit_test(a_sphere_that_is_large_is_lambert_and_a_small_one_is_even),
+        cmocka_unit_test(a_sphere_that_is_large_is_lambert_and_a_small_one_is_uniform),
     };
     return cmocka_run_group_tests_name("optics.kernel", tests, NULL, NULL);
 }

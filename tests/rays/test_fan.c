@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_fan.c - what a lamp's fan answers, against every triangle tried one by one, against rays, and where there is none. */
+ * test_fan.c - what a light's light grid answers, against every triangle tried one by one, against rays, and where there is none. */
 #include "shapes.h"
 
 #include "visibility/light_grid.h"
@@ -10,12 +10,12 @@ struct points {
     _Alignas(64) float x[16], y[16], z[16];
 };
 
-static struct pell_fan *fan_of(const struct pell_scene *s, struct pell_vec3 apex)
+static struct pell_light_grid *grid_of(const struct pell_scene *s, struct pell_vec3 apex)
 {
-    struct pell_fan *fan;
+    struct pell_light_grid *grid;
 
-    assert_int_equal(pell_fan_create(s->ctx, s, apex, &fan), PELL_OK);
-    return fan;
+    assert_int_equal(pell_light_grid_create(s->ctx, s, apex, &grid), PELL_OK);
+    return grid;
 }
 
 /* Neighbours within `size` mm of a point. */
@@ -77,12 +77,12 @@ static void points_see_the_apex_where_no_triangle_of_all_is_between(void **state
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *s = shapes_scene(ctx);
     const struct pell_mesh *m = soup(s, TRIANGLES);
-    struct pell_fan *fan = fan_of(s, apex);
+    struct pell_light_grid *grid = grid_of(s, apex);
     uint32_t seed = 3;
     int compared = 0, hidden = 0, near_ones = 0;
 
     (void) state;
-    assert_non_null(fan);
+    assert_non_null(grid);
     for (int n = 0; n < PACKETS; n++) {
         const float ax = 100.0f * shapes_random(&seed), ay = 100.0f * shapes_random(&seed), az = 100.0f * shapes_random(&seed);
         const struct pell_vec3 about = vec3(ax, ay, az);
@@ -98,8 +98,8 @@ static void points_see_the_apex_where_no_triangle_of_all_is_between(void **state
             r.ray.oz[i] = p.z[i];
             r.ray.tfar[i] = i % 2 ? 1.0f : 0.1f;
         }
-        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
-        assert_true(pell_fan_closest16(fan, all, &r));
+        assert_true(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
+        assert_true(pell_light_grid_closest16(grid, all, &r));
         for (int i = 0; i < 16; i++) {
             const double o[3] = { (double) p.x[i], (double) p.y[i], (double) p.z[i] };
             const double d[3] = { (double) apex.x - o[0], (double) apex.y - o[1], (double) apex.z - o[2] };
@@ -140,8 +140,8 @@ static void points_see_the_apex_where_no_triangle_of_all_is_between(void **state
     assert_true(compared > 3000);
     assert_true(hidden > 500 && compared - hidden > 500);
     assert_true(near_ones > 300);
-    pell_fan_destroy(&fan);
-    pell_fan_destroy(&fan);
+    pell_light_grid_destroy(&grid);
+    pell_light_grid_destroy(&grid);
     pell_scene_destroy(&s);
     pell_context_destroy(&ctx);
 }
@@ -153,11 +153,11 @@ static void nothing_slips_through_between_triangles(void **state)
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *s = shapes_scene(ctx);
     const struct pell_mesh *m = shapes_ball(s, 0, vec3(0.3f, -0.2f, 0.1f), 10.0f, 40);
-    struct pell_fan *fan = fan_of(s, apex);
+    struct pell_light_grid *grid = grid_of(s, apex);
     int asked = 0;
 
     (void) state;
-    assert_non_null(fan);
+    assert_non_null(grid);
     for (size_t k = 0; k < 3 * (size_t) m->num_triangles; k++) {
         const size_t next = k % 3 == 2 ? k - 2 : k + 1;
         const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) m->index[k]);
@@ -174,12 +174,12 @@ static void nothing_slips_through_between_triangles(void **state)
             p.y[i] = behind.y;
             p.z[i] = behind.z;
         }
-        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+        assert_true(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
         for (int i = 0; i < 16; i++, asked++)
             assert_int_equal(visible[i], 0);
     }
     assert_true(asked > 20000);
-    pell_fan_destroy(&fan);
+    pell_light_grid_destroy(&grid);
     pell_scene_destroy(&s);
     pell_context_destroy(&ctx);
 }
@@ -197,12 +197,12 @@ static void lanes_that_are_off_stay_off_and_levels_agree(void **state)
     memset(hits, 0, sizeof(hits));
     for (size_t k = 0; k < PELL_COUNT(levels); k++) {
         uint32_t seed = 5;
-        struct pell_fan *fan;
+        struct pell_light_grid *grid;
 
         setenv("PELL_SIMD", levels[k], 1);
-        fan = fan_of(s, vec3(50.0f, 60.0f, -300.0f));
+        grid = grid_of(s, vec3(50.0f, 60.0f, -300.0f));
         unsetenv("PELL_SIMD");
-        assert_non_null(fan);
+        assert_non_null(grid);
         for (int n = 0; n < 100; n++) {
             _Alignas(64) int32_t mask[16], visible[16];
             struct pell_ray_hit16 r;
@@ -219,8 +219,8 @@ static void lanes_that_are_off_stay_off_and_levels_agree(void **state)
                 r.ray.oz[i] = p.z[i];
                 r.ray.tfar[i] = 0.5f;
             }
-            assert_true(pell_fan_visible16(fan, mask, p.x, p.y, p.z, visible));
-            assert_true(pell_fan_closest16(fan, mask, &r));
+            assert_true(pell_light_grid_visible16(grid, mask, p.x, p.y, p.z, visible));
+            assert_true(pell_light_grid_closest16(grid, mask, &r));
             for (int i = 0; i < 16; i++)
                 if (!mask[i]) {
                     assert_int_equal(visible[i], 0);
@@ -234,7 +234,7 @@ static void lanes_that_are_off_stay_off_and_levels_agree(void **state)
             assert_memory_equal(first[n], visible, sizeof(visible));
             assert_memory_equal(&hits[n], &r, sizeof(r));
         }
-        pell_fan_destroy(&fan);
+        pell_light_grid_destroy(&grid);
     }
     pell_scene_destroy(&s);
     pell_context_destroy(&ctx);
@@ -244,54 +244,54 @@ static void there_is_none_where_rays_do_better(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *s = shapes_scene(ctx);
-    struct pell_fan *fan;
+    struct pell_light_grid *grid;
     _Alignas(64) int32_t visible[16];
     struct points p;
     uint32_t seed = 1;
 
     (void) state;
-    assert_null(fan_of(s, vec3(0, 0, 10))); /* nothing there */
+    assert_null(grid_of(s, vec3(0, 0, 10))); /* nothing there */
     shapes_ball(s, 0, vec3(0, 0, 0), 1.0f, 12);
-    assert_null(fan_of(s, vec3(0, 0, 0)));
-    assert_null(fan_of(s, vec3(0.5f, 0.2f, 0.5f))); /* inside it */
-    assert_null(fan_of(s, vec3(0, 0, NAN)));
-    assert_null(fan_of(s, vec3(INFINITY, 0, 0)));
-    fan = fan_of(s, vec3(0, 0, 10));
-    assert_non_null(fan);
+    assert_null(grid_of(s, vec3(0, 0, 0)));
+    assert_null(grid_of(s, vec3(0.5f, 0.2f, 0.5f))); /* inside it */
+    assert_null(grid_of(s, vec3(0, 0, NAN)));
+    assert_null(grid_of(s, vec3(INFINITY, 0, 0)));
+    grid = grid_of(s, vec3(0, 0, 10));
+    assert_non_null(grid);
     spread(&seed, vec3(0, 0, 0), 2.0f, &p); /* no neighbours */
-    assert_false(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
-    spread(&seed, vec3(0, 0, 12.0f), 0.1f, &p); /* behind the lamp */
-    assert_false(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+    assert_false(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
+    spread(&seed, vec3(0, 0, 12.0f), 0.1f, &p); /* behind the light */
+    assert_false(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
     spread(&seed, vec3(40.0f, 0, 1.0f), 0.01f, &p); /* beside the picture */
-    assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+    assert_true(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
     for (int i = 0; i < 16; i++)
         assert_int_equal(visible[i], -1);
-    pell_fan_destroy(&fan);
+    pell_light_grid_destroy(&grid);
 
     shapes_ball(s, 0, vec3(30000.0f, 0, 0), 0.5f, 60); /* most triangles lie in one cell */
-    assert_null(fan_of(s, vec3(15000.0f, 0, 30000.0f)));
+    assert_null(grid_of(s, vec3(15000.0f, 0, 30000.0f)));
     pell_scene_destroy(&s);
 
     s = shapes_scene(ctx);
     shapes_quad(s, 0, vec3(0, 0, 0), vec3(1, 0, 0), vec3(0, 1, 0));
-    fan = fan_of(s, vec3(0, 0, 10));
-    assert_non_null(fan);
-    pell_fan_destroy(&fan);
+    grid = grid_of(s, vec3(0, 0, 10));
+    assert_non_null(grid);
+    pell_light_grid_destroy(&grid);
     s->materials[0].alpha_mask = true;
     s->materials[0].alpha_cutoff = 0.5f;
     s->materials[0].base_color[3] = 0.25f; /* all of it is cut out */
-    assert_null(fan_of(s, vec3(0, 0, 10)));
+    assert_null(grid_of(s, vec3(0, 0, 10)));
     s->materials[0].base_color[3] = 1.0f;
     s->meshes[0].color = pell_calloc(ctx, 4, 4 * sizeof(float)); /* some of it may be */
-    assert_null(fan_of(s, vec3(0, 0, 10)));
+    assert_null(grid_of(s, vec3(0, 0, 10)));
     s->materials[0].alpha_mask = false;
     s->meshes[0].position[2] = NAN;
-    assert_null(fan_of(s, vec3(0, 0, 10)));
+    assert_null(grid_of(s, vec3(0, 0, 10)));
     pell_scene_destroy(&s);
     pell_context_destroy(&ctx);
 }
 
-/* Points as far above their triangles as the lighting lifts them for an eye at 10 mm; the lamp is at 3 m. */
+/* Points as far above their triangles as the lighting lifts them for a camera at 10 mm; the light is at 3 m. */
 static void a_far_apex_leaves_the_surface_its_light(void **state)
 {
     const struct pell_vec3 way = vec3_normalize(vec3(0.6f, 0.3f, 0.74f));
@@ -299,16 +299,16 @@ static void a_far_apex_leaves_the_surface_its_light(void **state)
     struct pell_scene *s = shapes_scene(ctx);
     const struct pell_mesh *m = shapes_ball(s, 0, vec3(0.3f, -0.2f, 0.1f), 50.0f, 40);
     const struct pell_vec3 apex = vec3_mul(way, 3200.0f);
-    struct pell_fan *fan;
+    struct pell_light_grid *grid;
     uint32_t seed = 1;
     int asked = 0;
 
     (void) state;
-    assert_null(fan_of(s, apex)); /* more than 8 sizes away */
+    assert_null(grid_of(s, apex)); /* more than 8 sizes away */
     shapes_quad(s, 0, vec3_mul(way, -330.0f), vec3(10.0f, 0, 0), vec3(0, 10.0f, 0));
     m = &s->meshes[0];
-    fan = fan_of(s, apex);
-    assert_non_null(fan);
+    grid = grid_of(s, apex);
+    assert_non_null(grid);
     for (size_t t = 0; t < m->num_triangles; t++) {
         const uint32_t *index = m->index + 3 * t;
         const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) index[0]);
@@ -327,12 +327,12 @@ static void a_far_apex_leaves_the_surface_its_light(void **state)
             p.y[i] = at.y;
             p.z[i] = at.z;
         }
-        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
+        assert_true(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
         for (int i = 0; i < 16; i++, asked++)
             assert_int_equal(visible[i], -1);
     }
     assert_true(asked > 30000);
-    pell_fan_destroy(&fan);
+    pell_light_grid_destroy(&grid);
     pell_scene_destroy(&s);
     pell_context_destroy(&ctx);
 }
@@ -346,7 +346,7 @@ static void several_meshes_answer_as_rays_do(void **state)
     const size_t opaque = shapes_material(s, true), hidden = shapes_material(s, true);
     struct pell_pool *pool;
     struct pell_rays *rays;
-    struct pell_fan *fan;
+    struct pell_light_grid *grid;
     uint32_t seed = 11;
     int met[6] = { 0 }, open = 0, differ = 0, compared = 0;
 
@@ -362,8 +362,8 @@ static void several_meshes_answer_as_rays_do(void **state)
     shapes_mesh(s, 0, 3, 0);
     assert_int_equal(pell_pool_create(ctx, 1, &pool), PELL_OK);
     assert_int_equal(pell_rays_create(ctx, s, pool, &rays), PELL_OK);
-    fan = fan_of(s, apex);
-    assert_non_null(fan);
+    grid = grid_of(s, apex);
+    assert_non_null(grid);
     for (int n = 0; n < 2000; n++) {
         const float x = 36.0f * shapes_random(&seed) - 18.0f, y = 36.0f * shapes_random(&seed) - 18.0f;
         _Alignas(64) int32_t visible[16];
@@ -384,8 +384,8 @@ static void several_meshes_answer_as_rays_do(void **state)
         }
         mine = r;
         pell_rays_closest16(rays, all, true, &r);
-        assert_true(pell_fan_visible16(fan, all, p.x, p.y, p.z, visible));
-        assert_true(pell_fan_closest16(fan, all, &mine));
+        assert_true(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
+        assert_true(pell_light_grid_closest16(grid, all, &mine));
         for (int i = 0; i < 16; i++) {
             const bool hit = r.hit.mesh[i] != PELL_NO_HIT;
             compared++;
@@ -404,7 +404,7 @@ static void several_meshes_answer_as_rays_do(void **state)
         }
     }
     assert_true(differ * 1000 < compared && open > 1000 && met[0] > 1000 && met[2] > 100 && met[3] + met[4] + met[5] == 0);
-    pell_fan_destroy(&fan);
+    pell_light_grid_destroy(&grid);
     pell_rays_destroy(&rays);
     pell_pool_destroy(&pool);
     pell_scene_destroy(&s);
@@ -429,7 +429,7 @@ static void triangles_that_cover_all_are_given_up_at_once(void **state)
     shapes_bound(s, m);
     before = pell_memory_used(ctx);
     begin = pell_seconds();
-    assert_null(fan_of(s, vec3(0, 0, 200.0f)));
+    assert_null(grid_of(s, vec3(0, 0, 200.0f)));
     assert_true(pell_seconds() - begin < 2.0);
     assert_int_equal(pell_memory_used(ctx), before);
     pell_scene_destroy(&s);
@@ -453,10 +453,10 @@ static void where_memory_is_short_there_is_none_and_no_error(void **state)
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     s = shapes_scene(ctx);
     shapes_ball(s, 0, vec3(0, 0, 0), 10.0f, 120);
-    assert_null(fan_of(s, vec3(0, 0, 100.0f)));
+    assert_null(grid_of(s, vec3(0, 0, 100.0f)));
     rest = pell_alloc(ctx, (size_t) limits.memory_bytes - pell_memory_used(ctx) - (32 << 10)); /* not even room for counting */
     assert_non_null(rest);
-    assert_null(fan_of(s, vec3(0, 0, 100.0f)));
+    assert_null(grid_of(s, vec3(0, 0, 100.0f)));
     assert_int_equal(kept.errors + kept.warnings, 0);
     pell_free(ctx, rest);
     pell_scene_destroy(&s);
@@ -469,17 +469,17 @@ static void running_out_of_memory_is_reported(void **state)
 
     (void) state;
     for (uint64_t n = 1; !built; n++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, NULL);
         struct pell_scene *s = shapes_scene(ctx);
-        struct pell_fan *fan;
+        struct pell_light_grid *grid;
 
         shapes_ball(s, 0, vec3(0, 0, 0), 1.0f, 8);
         fault.fail_at = atomic_load(&fault.calls) + n;
-        built = pell_fan_create(ctx, s, vec3(0, 0, 10), &fan) == PELL_OK;
-        assert_true(built || !fan);
+        built = pell_light_grid_create(ctx, s, vec3(0, 0, 10), &grid) == PELL_OK;
+        assert_true(built || !grid);
         assert_true(!built || n == 7);
-        pell_fan_destroy(&fan);
+        pell_light_grid_destroy(&grid);
         pell_scene_destroy(&s);
         pell_context_destroy(&ctx);
         assert_int_equal(atomic_load(&fault.live), 0);

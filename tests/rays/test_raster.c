@@ -78,7 +78,7 @@ static bool draw(struct pell_raster *r, struct pell_pool *pool, const struct pel
             }
             if (!any)
                 continue;
-            pell_raster_meet16(r, tile.triangle + 16 * k, &p, &corners);
+            pell_raster_intersect16(r, tile.triangle + 16 * k, &p, &corners);
             for (int i = 0; i < 16; i++) {
                 const int x = x0 + i % BLOCK, y = y0 + i / BLOCK;
                 if (x < width && y < height && tile.triangle[16 * k + i] >= 0)
@@ -194,7 +194,7 @@ static void what_is_drawn_is_what_rays_meet(void **state)
             struct pell_vec3 from, to;
             float focal;
             bool orthographic;
-        } eyes[] = {
+        } cameras[] = {
             { { 70, 90, 310 }, { 0, 0, 0 }, 200.0f, false },
             { { -500, 20, -900 }, { 3, 2, 1 }, 900.0f, false },
             { { 5, -4, 3 }, { 40, 10, 20 }, 60.0f, false },       /* inside */
@@ -217,10 +217,10 @@ static void what_is_drawn_is_what_rays_meet(void **state)
             soup(s, 0, 4000, 0.004f); /* smaller than pixels */
             shapes_ball(s, 0, vec3(-10, 0, 0), 1e-3f, 8);
         }
-        for (size_t i = 0; i < PELL_COUNT(eyes); i++) {
-            struct pell_raster_view v = look(eyes[i].from, eyes[i].to, eyes[i].orthographic, eyes[i].focal, 131, 97);
-            if (eyes[i].orthographic && scene == 2)
-                continue; /* the floor crosses the eye's plane: see there_is_none */
+        for (size_t i = 0; i < PELL_COUNT(cameras); i++) {
+            struct pell_raster_view v = look(cameras[i].from, cameras[i].to, cameras[i].orthographic, cameras[i].focal, 131, 97);
+            if (cameras[i].orthographic && scene == 2)
+                continue; /* the floor crosses the camera's plane: see there_is_none */
             v.left += 0.13f;
             v.top -= 0.31f;
             covered += compare(s, &v, 131, 97);
@@ -362,7 +362,7 @@ static void rays_are_asked_where_they_do_better(void **state)
     assert_null(raster); /* more triangles than pixels */
     assert_int_equal(pell_raster_create(ctx, s, 256, 256, &raster), PELL_OK);
     assert_true(pell_raster_draw(raster, pool, &v, 256 * 256));
-    assert_false(pell_raster_draw(raster, pool, &v, 100)); /* likewise, of the pixels that the thing may cover */
+    assert_false(pell_raster_draw(raster, pool, &v, 100)); /* likewise, of the pixels that the object may cover */
     assert_false(pell_raster_draw(raster, pool, &flat, 256 * 256));
     for (size_t i = 0; i < PELL_COUNT(wild); i++) {
         const float kept = m->position[40];
@@ -402,7 +402,7 @@ static void running_out_of_memory_is_reported(void **state)
 
     (void) state;
     for (uint64_t n = 1; !built; n++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, NULL);
         struct pell_scene *s = shapes_scene(ctx);
         struct pell_raster *raster;

@@ -335,7 +335,7 @@ static void lack_of_memory_is_an_error_and_leaves_nothing_behind(void **state)
 
     (void) state;
     for (uint64_t n = 1; !built; n++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         ctx = test_context(&fault, NULL);
         s = shapes_scene(ctx);
         shapes_ball(s, 0, vec3(0, 0, 0), 1.0f, 8);
@@ -477,7 +477,7 @@ static void the_nearest_point_is_the_nearest_of_all(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Of equally near ones the first, whatever the tree looks like: the corners of a fan, and two meshes in one place. */
+/* Of equally near ones the first, whatever the tree looks like: the corners of a light grid, and two meshes in one place. */
 static void ties_go_to_the_first(void **state)
 {
     for (int order = 0; order < 2; order++) {

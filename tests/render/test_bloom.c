@@ -6,14 +6,14 @@
 #include "render/plane_buffers.h"
 #include "render/post/bloom.h"
 
-struct picture {
+struct image {
     struct pell_context *ctx;
     struct pell_pool *pool;
     struct pell_bloom_params params;
     float *plane[2], *scratch[PELL_BLOOM_PLANES];
 };
 
-static void start(struct picture *p, int width, int height, float share, float sigma, int threads)
+static void start(struct image *p, int width, int height, float share, float sigma, int threads)
 {
     float **planes[] = { &p->plane[0], &p->plane[1], &p->scratch[0], &p->scratch[1], &p->scratch[2] };
 
@@ -23,24 +23,24 @@ static void start(struct picture *p, int width, int height, float share, float s
     p->params = (struct pell_bloom_params){ width, height, pell_plane_stride(width), share, sigma };
 }
 
-static void finish(struct picture *p)
+static void finish(struct image *p)
 {
     pell_free(p->ctx, p->plane[0]);
     pell_pool_destroy(&p->pool);
     pell_context_destroy(&p->ctx);
 }
 
-static float *at(struct picture *p, int plane, int x, int y)
+static float *at(struct image *p, int plane, int x, int y)
 {
     return p->plane[plane] + y * p->params.stride + x;
 }
 
-static void spread(struct picture *p)
+static void spread(struct image *p)
 {
     pell_bloom_render(p->pool, &p->params, p->plane, 2, p->scratch);
 }
 
-static double total(struct picture *p, int plane)
+static double total(struct image *p, int plane)
 {
     double sum = 0.0;
     for (int y = 0; y < p->params.height; y++)
@@ -65,7 +65,7 @@ static void a_point_is_spread_as_stated(void **state)
             const double sigma = sigmas[i], b = 0.25;
             const int cx = places[k][0], cy = places[k][1];
             double worst = 0.0, sum = 0.0, second = 0.0;
-            struct picture p;
+            struct image p;
             start(&p, 320, 240, (float) b, (float) sigma, 2);
             *at(&p, 0, cx, cy) = 1000.0f;
             spread(&p);
@@ -88,7 +88,7 @@ static void a_point_is_spread_as_stated(void **state)
         }
 }
 
-static void light_is_kept_and_even_light_stays(void **state)
+static void light_is_kept_and_uniform_light_stays(void **state)
 {
     static const int sizes[][2] = { { 1, 1 }, { 2, 1 }, { 1, 9 }, { 17, 5 }, { 64, 64 }, { 131, 77 }, { 160, 96 } };
     static const float sigmas[] = { 0.0f, 0.3f, 1.0f, 7.0f, 40.0f, 4000.0f };
@@ -98,7 +98,7 @@ static void light_is_kept_and_even_light_stays(void **state)
         for (size_t i = 0; i < sizeof(sigmas) / sizeof(sigmas[0]); i++) {
             const int w = sizes[k][0], h = sizes[k][1];
             double before, after;
-            struct picture p;
+            struct image p;
             start(&p, w, h, 0.6f, sigmas[i], 2);
             for (int y = 0; y < h; y++)
                 for (int x = 0; x < w; x++) {
@@ -122,7 +122,7 @@ static void light_is_kept_and_even_light_stays(void **state)
 
 static void threads_do_not_matter(void **state)
 {
-    struct picture one, four;
+    struct image one, four;
     (void) state;
     start(&one, 203, 150, 0.2f, 11.0f, 1);
     start(&four, 203, 150, 0.2f, 11.0f, 4);
@@ -141,7 +141,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_point_is_spread_as_stated),
-        cmocka_unit_test(light_is_kept_and_even_light_stays),
+        cmocka_unit_test(light_is_kept_and_uniform_light_stays),
         cmocka_unit_test(threads_do_not_matter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_connect.c - refractive connections against closed forms, finite differences, and light that is traced in from the lamp. */
+ * test_connect.c - refractive connections against closed forms, finite differences, and light that is traced in from the light. */
 #include "connect_rig.h"
 #include "slow.h"
 
@@ -75,7 +75,7 @@ static void check(const struct rig *r, const struct pell_connection *c, double e
 
 /* --- Closed forms ------------------------------------------------------------------------------------------------------------- */
 
-/* Through a plane: one path, to be found once also where x, lamp and the corners of triangles stand above each other. */
+/* Through a plane: one path, to be found once also where x, light and the corners of triangles stand above each other. */
 static void plane(void **state)
 {
     static const double etas[] = { 1.0, 1.3, 1.5, 0.75, 1.0005, 2.4 };
@@ -184,7 +184,7 @@ static const struct pell_connection *same_path(const struct pell_connection *lis
     return best;
 }
 
-/* How the direction at the lamp, or the place in the beam, moves with x, anew for each triangle that light stays in. */
+/* How the direction at the light, or the place in the beam, moves with x, anew for each triangle that light stays in. */
 static void spread_by_differences(void **state)
 {
     const double eta = 1.4;
@@ -245,15 +245,15 @@ static void spread_by_differences(void **state)
 
 /* --- How many ----------------------------------------------------------------------------------------------------------------- */
 
-/* Paths into a ball lie in the plane of x, lamp and centre: roots of one equation in the angle, told apart by brute force. */
-static int count_on_circle(double eta, double radius, const double x[2], const double lamp[2], bool away, double *nearest)
+/* Paths into a ball lie in the plane of x, light and centre: roots of one equation in the angle, told apart by brute force. */
+static int count_on_circle(double eta, double radius, const double x[2], const double source[2], bool away, double *nearest)
 {
     double before = 0.0, best = INFINITY;
     int count = 0;
 
     for (int k = 0; k <= 20000; k++) {
         const double t = 2.0 * PELL_PI * k / 20000.0, n[2] = { cos(t), sin(t) }, p[2] = { radius * n[0], radius * n[1] };
-        double w[2] = { away ? lamp[0] : lamp[0] - p[0], away ? lamp[1] : lamp[1] - p[1] }, in[2] = { x[0] - p[0], x[1] - p[1] }, l, f;
+        double w[2] = { away ? source[0] : source[0] - p[0], away ? source[1] : source[1] - p[1] }, in[2] = { x[0] - p[0], x[1] - p[1] }, l, f;
         l = hypot(w[0], w[1]);
         w[0] /= l;
         w[1] /= l;
@@ -291,11 +291,11 @@ static void how_many_in_a_ball(void **state)
         const bool away = k % 2;
         const struct pell_vec3 d = vec3_normalize(in_ball(&random)), x = vec3_mul(in_ball(&random), 9.8f);
         const struct pell_vec3 side = vec3_sub(x, vec3_mul(d, vec3_dot(x, d))), place = away ? d : vec3_mul(d, 30.0f);
-        const double flat_x[2] = { (double) vec3_dot(x, d), (double) vec3_length(side) }, lamp[2] = { away ? 1.0 : 30.0, 0.0 };
+        const double flat_x[2] = { (double) vec3_dot(x, d), (double) vec3_length(side) }, source[2] = { away ? 1.0 : 30.0, 0.0 };
         struct pell_connection c[16];
         double nearest;
         const int n = pell_connect(r.connector, 0, eta, x, place, away, INFINITY, c, 16, NULL);
-        const int expected = count_on_circle(eta, radius, flat_x, lamp, away, &nearest);
+        const int expected = count_on_circle(eta, radius, flat_x, source, away, &nearest);
         for (int i = 0; i < n; i++)
             check(&r, &c[i], eta, x, place, away, false);
         counts[expected < 8 ? expected : 7]++;
@@ -406,7 +406,7 @@ static void no_path_is_missing(void **state)
         }
 }
 
-/* --- Light from the lamp ------------------------------------------------------------------------------------------------------ */
+/* --- Light from the light ------------------------------------------------------------------------------------------------------ */
 
 #define PROBES 24
 
@@ -553,7 +553,7 @@ static void light_that_enters(void **state)
 
 /* --- In the way, and what is no query ----------------------------------------------------------------------------------------- */
 
-static void things_in_the_way(void **state)
+static void objects_in_the_way(void **state)
 {
     struct pell_connection c[4];
     struct rig r;
@@ -599,33 +599,33 @@ static void hostile(void **state)
     for (int flat = 0; flat < 2; flat++) {
         rig_build(&r, flat);
         for (int away = 0; away < 2; away++) {
-            const struct pell_vec3 in = vec3(0, 1, 3), lamp = vec3(0, 3, 20);
-            assert_int_equal(pell_connect(r.connector, -1, 1.3, in, lamp, away, INFINITY, c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 1, 1.3, in, lamp, away, INFINITY, c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, lamp, away, 0.0, c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, lamp, away, NAN, c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, lamp, away, INFINITY, c, 0, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, lamp, away, INFINITY, c, -1, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, NAN, in, lamp, away, INFINITY, c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, 0.0, in, lamp, away, INFINITY, c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, -1.3, in, lamp, away, INFINITY, c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, 0, INFINITY, in, lamp, away, INFINITY, c, 4, NULL), 0);
+            const struct pell_vec3 in = vec3(0, 1, 3), source = vec3(0, 3, 20);
+            assert_int_equal(pell_connect(r.connector, -1, 1.3, in, source, away, INFINITY, c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 1, 1.3, in, source, away, INFINITY, c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, source, away, 0.0, c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, source, away, NAN, c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, source, away, INFINITY, c, 0, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, 1.3, in, source, away, INFINITY, c, -1, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, NAN, in, source, away, INFINITY, c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, 0.0, in, source, away, INFINITY, c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, -1.3, in, source, away, INFINITY, c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, 0, INFINITY, in, source, away, INFINITY, c, 4, NULL), 0);
             for (size_t i = 0; i < PELL_COUNT(odd); i++)
                 for (int eta = 0; eta < 3; eta++) {
                     const double index = eta == 0 ? 1.0 : eta == 1 ? 1.5 : 0.7;
                     const struct pell_vec3 strange = vec3(odd[i], odd[(i + 1) % PELL_COUNT(odd)], odd[(i + 2) % PELL_COUNT(odd)]);
-                    int n = pell_connect(r.connector, 0, index, strange, lamp, away, INFINITY, c, 4, NULL);
+                    int n = pell_connect(r.connector, 0, index, strange, source, away, INFINITY, c, 4, NULL);
                     REQUIRE(n >= 0 && n <= 4);
                     n = pell_connect(r.connector, 0, index, in, strange, away, INFINITY, c, 4, NULL);
                     REQUIRE(n >= 0 && n <= 4);
                     for (int k = 0; k < n; k++)
                         REQUIRE(isfinite(c[k].spread) && isfinite(c[k].inside_mm) && c[k].transmit >= 0.0 && c[k].transmit <= 1.0);
                 }
-            /* Outside, on the surface, and a lamp inside: nothing, or at most a path as short as rounding is long. */
+            /* Outside, on the surface, and a light inside: nothing, or at most a path as short as rounding is long. */
             for (int eta = 0; eta < 2; eta++) {
                 const double index = eta ? 1.4 : 1.0;
-                assert_int_equal(pell_connect(r.connector, 0, index, vec3(0, 3, 12), lamp, away, INFINITY, c, 4, NULL), 0);
-                assert_int_equal(pell_connect(r.connector, 0, index, vec3(0, -30, 0), lamp, away, INFINITY, c, 4, NULL), 0);
+                assert_int_equal(pell_connect(r.connector, 0, index, vec3(0, 3, 12), source, away, INFINITY, c, 4, NULL), 0);
+                assert_int_equal(pell_connect(r.connector, 0, index, vec3(0, -30, 0), source, away, INFINITY, c, 4, NULL), 0);
                 if (!away) {
                     assert_int_equal(pell_connect(r.connector, 0, index, in, vec3(0, 2, 2), away, INFINITY, c, 4, NULL), 0);
                     assert_int_equal(pell_connect(r.connector, 0, index, in, in, away, INFINITY, c, 4, NULL), 0);
@@ -729,7 +729,7 @@ static void survives_the_nth_allocation(void **state)
     for (uint64_t at = 1, done = 0; !done; at++) {
         static const uint16_t index[8] = { 0, 1 };
         const struct pell_frame_material material = { .medium = { .eta = 1.3 }, .name = "test" };
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct rig r = { 0 };
         enum pell_result res;
         r.ctx = test_context(&fault, NULL);
@@ -737,9 +737,9 @@ static void survives_the_nth_allocation(void **state)
         OK(pell_pool_create(r.ctx, 1, &r.pool));
         shapes_ball(r.scene, 0, vec3(0, 0, 0), 1.0f, 4);
         OK(pell_rays_create(r.ctx, r.scene, r.pool, &r.rays));
-        OK(pell_bodies_create(r.ctx, r.scene, index, &material, &r.bodies));
+        OK(pell_solids_create(r.ctx, r.scene, index, &material, &r.solids));
         fault.fail_at = fault.calls + at;
-        res = pell_connector_create(r.ctx, r.scene, r.rays, r.bodies, true, &r.connector);
+        res = pell_connector_create(r.ctx, r.scene, r.rays, r.solids, true, &r.connector);
         done = res == PELL_OK;
         REQUIRE(done || (res == PELL_ERR_NOMEM && !r.connector));
         fault.fail_at = 0;
@@ -757,7 +757,7 @@ int main(void)
         cmocka_unit_test(how_many_in_a_ball),
         cmocka_unit_test(no_path_is_missing),
         cmocka_unit_test(light_that_enters),
-        cmocka_unit_test(things_in_the_way),
+        cmocka_unit_test(objects_in_the_way),
         cmocka_unit_test(hostile),
         cmocka_unit_test(how_far_the_surface_is),
         cmocka_unit_test(wild_normals),

@@ -8,16 +8,16 @@
 
 #define POINTS (SLOW ? 300 : 1500)
 
-struct thing {
+struct object {
     struct stage s;
     struct pell_pool *pool;
     struct pell_rays *rays;
-    struct pell_bodies *bodies;
+    struct pell_solids *solids;
     struct pell_distance *distance;
 };
 
 /* Every translucent material of the scene scatters as its own. */
-static void finish_thing(struct thing *t, size_t bytes)
+static void finish_object(struct object *t, size_t bytes)
 {
     struct pell_frame_material materials[8];
     uint16_t frame_index[9] = { 0 };
@@ -32,21 +32,21 @@ static void finish_thing(struct thing *t, size_t bytes)
         }
     OK(pell_pool_create(t->s.ctx, 2, &t->pool));
     OK(pell_rays_create(t->s.ctx, t->s.scene, t->pool, &t->rays));
-    OK(pell_bodies_create(t->s.ctx, t->s.scene, frame_index, materials, &t->bodies));
-    OK(pell_distance_create(t->s.ctx, t->pool, t->s.scene, t->bodies, bytes, &t->distance));
+    OK(pell_solids_create(t->s.ctx, t->s.scene, frame_index, materials, &t->solids));
+    OK(pell_distance_create(t->s.ctx, t->pool, t->s.scene, t->solids, bytes, &t->distance));
 }
 
-static void drop_thing(struct thing *t)
+static void drop_object(struct object *t)
 {
     pell_distance_destroy(&t->distance);
-    pell_bodies_destroy(&t->bodies);
+    pell_solids_destroy(&t->solids);
     pell_rays_destroy(&t->rays);
     pell_pool_destroy(&t->pool);
     stage_finish(&t->s);
 }
 
-/* Whether x is in a closed body: the first of its faces along some direction is seen from behind. */
-static bool is_inside(const struct thing *t, int body, struct pell_vec3 x)
+/* Whether x is in a closed solid: the first of its faces along some direction is seen from behind. */
+static bool is_inside(const struct object *t, int solid, struct pell_vec3 x)
 {
     static const int valid[16] = { -1 };
     struct pell_ray_hit16 p;
@@ -63,13 +63,13 @@ static bool is_inside(const struct thing *t, int body, struct pell_vec3 x)
     p.ray.tfar[0] = INFINITY;
     p.ray.mask[0] = PELL_RAY_TRANSLUCENT;
     pell_rays_closest16(t->rays, one, false, &p);
-    return p.hit.mesh[0] != PELL_NO_HIT && t->bodies->of_mesh[p.hit.mesh[0]] == body &&
+    return p.hit.mesh[0] != PELL_NO_HIT && t->solids->of_mesh[p.hit.mesh[0]] == solid &&
            0.36f * p.hit.ngx[0] - 0.48f * p.hit.ngy[0] + 0.8f * p.hit.ngz[0] > 0.0f;
 }
 
 /* The bound at random points of the scene's bounds and around: never more than the distance to the nearest triangle of all. Returns the
- * mean share of the distance that it keeps, of points inside of the body at least `deep` mm below its surfaces. */
-static double check_bounds(const struct thing *t, int body, double deep)
+ * mean share of the distance that it keeps, of points inside of the solid at least `deep` mm below its surfaces. */
+static double check_bounds(const struct object *t, int solid, double deep)
 {
     const float *low = t->s.scene->bounds_min, *high = t->s.scene->bounds_max;
     double sum = 0.0;
@@ -86,11 +86,11 @@ static double check_bounds(const struct thing *t, int body, double deep)
             *(k == 0 ? &x.x : k == 1 ? &x.y : &x.z) = at;
         }
         assert_true(pell_rays_closest_point(t->rays, x, INFINITY, NULL, 0, &near));
-        bound = pell_distance_bound(t->distance, body, x);
+        bound = pell_distance_bound(t->distance, solid, x);
         if (!(bound >= 0.0f && (double) bound <= near.distance))
             fail_msg("bound %.9g, distance %.9g at %.9g %.9g %.9g", (double) bound, near.distance, (double) x.x, (double) x.y,
                      (double) x.z);
-        if (near.distance >= deep && is_inside(t, body, x)) {
+        if (near.distance >= deep && is_inside(t, solid, x)) {
             sum += (double) bound / near.distance;
             n++;
         }
@@ -140,7 +140,7 @@ static void no_bound_is_more_than_the_distance(void **state)
         for (int shape = 0; shape < 4; shape++) {
             const float s = sizes[k].scale, o = sizes[k].offset;
             const struct pell_vec3 at = vec3(o, -0.5f * o, 0.0f);
-            struct thing t;
+            struct object t;
             size_t material, opaque, other;
             double kept;
 
@@ -153,34 +153,34 @@ static void no_bound_is_more_than_the_distance(void **state)
             if (shape == 1)
                 stage_box(&t.s, material, 0, vec3(o - 50.0f * s, -0.5f * o - 50.0f * s, -0.25f * s),
                           vec3(o + 50.0f * s, -0.5f * o + 50.0f * s, 0.25f * s));
-            if (shape >= 2) { /* with a bone, or another body, inside */
+            if (shape >= 2) { /* with a bone, or another solid, inside */
                 stage_box(&t.s, material, 0, vec3(o - 20.0f * s, -0.5f * o - 20.0f * s, -20.0f * s),
                           vec3(o + 20.0f * s, -0.5f * o + 20.0f * s, 20.0f * s));
                 stage_ball(&t.s, shape == 2 ? opaque : other, 1, at, 8.0f * s, 16);
             }
-            finish_thing(&t, shape == 1 ? 2u << 20 : 1u << 18);
-            for (int body = 0; body < (shape == 3 ? 2 : 1); body++) {
+            finish_object(&t, shape == 1 ? 2u << 20 : 1u << 18);
+            for (int solid = 0; solid < (shape == 3 ? 2 : 1); solid++) {
                 const double deep = (shape == 1 ? 0.15 : 4.0) * (double) s;
-                kept = check_bounds(&t, body, deep);
-                print_message("# %s, shape %d, body %d: %.3f of the distance kept at %g mm and deeper\n", sizes[k].name, shape, body, kept,
+                kept = check_bounds(&t, solid, deep);
+                print_message("# %s, shape %d, body %d: %.3f of the distance kept at %g mm and deeper\n", sizes[k].name, shape, solid, kept,
                               deep);
                 if (k < 3) /* far away, places are no finer than floats */
                     REQUIRE(kept > (shape == 1 ? 0.2 : 0.65));
             }
-            drop_thing(&t);
+            drop_object(&t);
         }
 }
 
 static void outside_of_bounds_is_nothing(void **state)
 {
-    struct thing t;
+    struct object t;
     size_t material;
 
     (void) state;
     stage_start(&t.s, 4, 4);
     stage_medium(&t.s, "marble", &material);
     stage_box(&t.s, material, 0, vec3(-10, -10, -10), vec3(10, 10, 10));
-    finish_thing(&t, 1u << 20);
+    finish_object(&t, 1u << 20);
     REQUIRE(pell_distance_bound(t.distance, 0, vec3(0, 0, 0)) > 8.0f);
     assert_true(pell_distance_bound(t.distance, 0, vec3(10.01f, 0, 0)) == 0.0f);
     assert_true(pell_distance_bound(t.distance, 0, vec3(0, NAN, 0)) == 0.0f);
@@ -194,7 +194,7 @@ static void outside_of_bounds_is_nothing(void **state)
         x[k] = -10.0f;
         assert_true(pell_distance_bound(t.distance, 0, vec3_load(x)) == 0.0f);
     }
-    drop_thing(&t);
+    drop_object(&t);
 }
 
 /* As little memory as asked for; none at all is an answer of 0. */
@@ -202,7 +202,7 @@ static void memory_is_kept_to(void **state)
 {
     (void) state;
     for (size_t bytes = 0; bytes <= 1u << 22; bytes = bytes ? 16 * bytes : 1) {
-        struct thing t;
+        struct object t;
         size_t material, before, after;
         float bound;
 
@@ -210,7 +210,7 @@ static void memory_is_kept_to(void **state)
         stage_medium(&t.s, "marble", &material);
         stage_box(&t.s, material, 0, vec3(-10, -10, -10), vec3(10, 10, 10));
         stage_box(&t.s, material, 1, vec3(20, -10, -1), vec3(40, 10, 1));
-        finish_thing(&t, bytes);
+        finish_object(&t, bytes);
         before = pell_memory_used(t.s.ctx);
         bound = pell_distance_bound(t.distance, 0, vec3(0.1f, 0.1f, 0.1f));
         pell_distance_destroy(&t.distance);
@@ -218,27 +218,27 @@ static void memory_is_kept_to(void **state)
         print_message("# %zu bytes allowed: %zu used, bound %.4g\n", bytes, before - after, (double) bound);
         REQUIRE(before - after <= bytes + 1024);
         REQUIRE(bytes < 4096 || bound > 4.0f);
-        drop_thing(&t);
+        drop_object(&t);
     }
 }
 
 /* The same answer for any number of threads, and from many at once. */
 static void threads_agree(void **state)
 {
-    struct thing t;
+    struct object t;
     size_t material;
 
     (void) state;
     stage_start(&t.s, 4, 4);
     stage_medium(&t.s, "marble", &material);
     stage_ball(&t.s, material, 0, vec3(0, 0, 0), 20.0f, 24);
-    finish_thing(&t, 1u << 18);
+    finish_object(&t, 1u << 18);
     for (int threads = 1; threads <= 4; threads += 3) {
         struct pell_pool *pool;
         struct pell_distance *other;
         uint32_t random = 3;
         OK(pell_pool_create(t.s.ctx, threads, &pool));
-        OK(pell_distance_create(t.s.ctx, pool, t.s.scene, t.bodies, 1u << 18, &other));
+        OK(pell_distance_create(t.s.ctx, pool, t.s.scene, t.solids, 1u << 18, &other));
         for (int i = 0; i < 20000; i++) {
             float x[3];
             for (int k = 0; k < 3; k++)
@@ -248,13 +248,13 @@ static void threads_agree(void **state)
         pell_distance_destroy(&other);
         pell_pool_destroy(&pool);
     }
-    drop_thing(&t);
+    drop_object(&t);
 }
 
 static void survives_the_nth_allocation(void **state)
 {
-    struct thing t;
-    struct pell_fault fault = { 0 };
+    struct object t;
+    struct pell_alloc_fault fault = { 0 };
     struct pell_context *ctx = test_context(&fault, NULL);
     enum pell_result res = PELL_ERR_NOMEM;
     size_t material;
@@ -263,20 +263,20 @@ static void survives_the_nth_allocation(void **state)
     stage_start(&t.s, 4, 4);
     stage_medium(&t.s, "marble", &material);
     stage_ball(&t.s, material, 0, vec3(0, 0, 0), 20.0f, 8);
-    finish_thing(&t, 1u << 12);
+    finish_object(&t, 1u << 12);
     for (uint64_t n = 1; res != PELL_OK; n++) {
         const int64_t live = fault.live;
         struct pell_distance *d;
         fault.calls = 0;
         fault.fail_at = n;
-        res = pell_distance_create(ctx, t.pool, t.s.scene, t.bodies, 1u << 12, &d);
+        res = pell_distance_create(ctx, t.pool, t.s.scene, t.solids, 1u << 12, &d);
         fault.fail_at = 0;
         REQUIRE(res == PELL_OK || (res == PELL_ERR_NOMEM && !d));
         pell_distance_destroy(&d);
         assert_true(fault.live == live);
     }
     pell_context_destroy(&ctx);
-    drop_thing(&t);
+    drop_object(&t);
 }
 
 /* The well-known scan, 100 mm tall. Prints what building costs. */
@@ -285,7 +285,7 @@ static void the_bunny(void **state)
     static const char file[] = "/usr/share/glmark2/models/bunny.obj";
     const struct pell_load_params params = { .size_mm = 100.0, .bare = true };
     const size_t bytes = SLOW ? 1u << 20 : 8u << 20;
-    struct thing t;
+    struct object t;
     struct pell_scene *scene;
     struct timespec from, to;
 
@@ -298,17 +298,17 @@ static void the_bunny(void **state)
     OK(pell_scene_load(t.s.ctx, file, &params, &scene));
     pell_scene_destroy(&t.s.scene);
     t.s.scene = scene;
-    finish_thing(&t, 16);
+    finish_object(&t, 16);
     pell_distance_destroy(&t.distance);
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &from);
-    OK(pell_distance_create(t.s.ctx, t.pool, t.s.scene, t.bodies, bytes, &t.distance));
+    OK(pell_distance_create(t.s.ctx, t.pool, t.s.scene, t.solids, bytes, &t.distance));
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &to);
-    print_message("# bunny: %zu triangles, %.3f CPU seconds\n", t.bodies->bodies[0].num_triangles,
+    print_message("# bunny: %zu triangles, %.3f CPU seconds\n", t.solids->solids[0].num_triangles,
                   (double) (to.tv_sec - from.tv_sec) + 1e-9 * (double) (to.tv_nsec - from.tv_nsec));
     for (double deep = 0.25; deep < 20.0; deep *= 8.0)
         print_message("# %.3f of the distance kept at %g mm and deeper\n", check_bounds(&t, 0, deep), deep);
     REQUIRE(check_bounds(&t, 0, 4.0) > (SLOW ? 0.5 : 0.75));
-    drop_thing(&t);
+    drop_object(&t);
 }
 
 int main(void)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_emitters.c - lamps sampled one by one, against closed forms, against each other's ways and against the irradiance stage. */
+ * test_emitters.c - lights sampled one by one, against closed forms, against each other's ways and against the irradiance stage. */
 #include "lights_rig.h"
 
 #include "image/color.h"
@@ -21,7 +21,7 @@ static void even(int dimensions, int i, double shift, double *u)
     }
 }
 
-/* Numbers that look random (the mixer of Steele et al. 2014): where lamps are chosen in turn, even ones beat against the choice. */
+/* Numbers that look random (the mixer of Steele et al. 2014): where lights are chosen in turn, even ones beat against the choice. */
 static void random_numbers(int dimensions, int i, double *u)
 {
     for (int k = 0; k < dimensions; k++) {
@@ -32,7 +32,7 @@ static void random_numbers(int dimensions, int i, double *u)
     }
 }
 
-static struct pell_texture *picture(struct rig *r, int width, int height, const float *rgb)
+static struct pell_texture *image(struct rig *r, int width, int height, const float *rgb)
 {
     struct pell_texture *t = NULL;
     const size_t size = 3 * sizeof(float) * (size_t) width * (size_t) height;
@@ -44,7 +44,7 @@ static struct pell_texture *picture(struct rig *r, int width, int height, const 
 }
 
 /* Dark blue above, dim below, and one bright texel of a sun. */
-static struct pell_texture *sky_picture(struct rig *r)
+static struct pell_texture *environment_picture(struct rig *r)
 {
     float rgb[16 * 8 * 3];
 
@@ -54,20 +54,20 @@ static struct pell_texture *sky_picture(struct rig *r)
         rgb[3 * i + 2] = i < 64 ? 0.4f : 0.01f;
     }
     rgb[3 * 37] = rgb[3 * 37 + 1] = rgb[3 * 37 + 2] = 60.0f;
-    return picture(r, 16, 8, rgb);
+    return image(r, 16, 8, rgb);
 }
 
-static struct pell_emitters *emitters_of(struct rig *r)
+static struct pell_light_sampler *light_sampler_of(struct rig *r)
 {
-    struct pell_emitters *e;
+    struct pell_light_sampler *e;
 
     rig_bounds(r->scene);
-    OK(pell_emitters_create(r->ctx, r->scene, &e));
+    OK(pell_light_sampler_create(r->ctx, r->scene, &e));
     return e;
 }
 
 /* What a sample brings to a plane at p, over the density of the sample. */
-static void arrives(const struct pell_emitters *e, const struct pell_emitter_sample *s, struct pell_vec3 p, struct pell_vec3 n,
+static void arrives(const struct pell_light_sampler *e, const struct pell_light_sample *s, struct pell_vec3 p, struct pell_vec3 n,
                     double out[3], struct pell_vec3 *toward, double *per_sr)
 {
     const struct pell_vec3 d = vec3_sub(s->at, p);
@@ -76,7 +76,7 @@ static void arrives(const struct pell_emitters *e, const struct pell_emitter_sam
     double w, cosine = 1.0;
 
     *toward = s->away ? s->toward : vec3_normalize(d);
-    pell_emitters_power_at(e, s, p, power);
+    pell_light_sampler_power_at(e, s, p, power);
     w = fmax(0.0, (double) vec3_dot(*toward, n));
     if (!s->delta && !s->away)
         cosine = fmax(0.0, -(double) vec3_dot(*toward, s->normal));
@@ -87,25 +87,25 @@ static void arrives(const struct pell_emitters *e, const struct pell_emitter_sam
         out[c] = w * (double) power[c] / s->pdf;
 }
 
-/* Irradiance of a plane by sampling lamps (0), by looking round (1: lamps with extent alone), by both with the balance heuristic (2). */
-static void irradiance(const struct pell_emitters *e, struct pell_vec3 p, struct pell_vec3 n, int way, int samples, double out[3])
+/* Irradiance of a plane by sampling lights (0), by looking round (1: lights with extent alone), by both with the balance heuristic (2). */
+static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, struct pell_vec3 n, int way, int samples, double out[3])
 {
     struct pell_vec3 t, b;
 
     vec3_basis(n, &t, &b);
     out[0] = out[1] = out[2] = 0.0;
     for (int i = 0; i < samples; i++) {
-        struct pell_emitter_sample s;
+        struct pell_light_sample s;
         struct pell_vec3 w;
         double u[5], one[3], density, distance, pdf, r, c;
         float radiance[3];
 
-        if (pell_emitters_count(e) > 1)
+        if (pell_light_sampler_count(e) > 1)
             random_numbers(5, i, u);
         else
             even(5, i, 0.123, u);
-        if (way != 1 && pell_emitters_sample(e, p, u, &s)) {
-            REQUIRE_REL(pell_emitters_pdf(e, p, &s), s.pdf, 1e-3);
+        if (way != 1 && pell_light_sampler_sample(e, p, u, &s)) {
+            REQUIRE_REL(pell_light_sampler_pdf(e, p, &s), s.pdf, 1e-3);
             arrives(e, &s, p, n, one, &w, &density);
             c = fmax(0.0, (double) vec3_dot(w, n)) / PELL_PI;
             for (int k = 0; k < 3; k++)
@@ -117,7 +117,7 @@ static void irradiance(const struct pell_emitters *e, struct pell_vec3 p, struct
         c = sqrt(1.0 - u[3]);
         w = vec3_add(vec3_mul(n, (float) c),
                      vec3_add(vec3_mul(t, (float) (r * cos(2.0 * PELL_PI * u[4]))), vec3_mul(b, (float) (r * sin(2.0 * PELL_PI * u[4])))));
-        for (int k = 0; pell_emitters_hit(e, p, p, w, INFINITY, k, &s, &distance, radiance, &pdf); k++) {
+        for (int k = 0; pell_light_sampler_hit(e, p, p, w, INFINITY, k, &s, &distance, radiance, &pdf); k++) {
             const double facing = s.away ? 1.0 : -(double) vec3_dot(w, s.normal);
             density = s.away ? pdf : pdf * distance * distance / facing;
             assert_true(s.pdf == pdf && !s.delta);
@@ -131,16 +131,16 @@ static void irradiance(const struct pell_emitters *e, struct pell_vec3 p, struct
 
 /* --- Closed forms ----------------------------------------------------------------------------------------------------------------- */
 
-/* Each lamp alone, on a plane's point: point E = I cos/d^2; directional E cos; a rectangle by Lambert's polygon; a disc that faces along
+/* Each light alone, on a plane's point: point E = I cos/d^2; directional E cos; a rectangle by Lambert's polygon; a disc that faces along
  * the normal pi L R^2/(R^2 + h^2) on its axis; a constant sky pi L. */
-static void lamps_give_what_formulas_say(void **state)
+static void lights_are_what_formulas_say(void **state)
 {
     const struct pell_vec3 p = vec3(3, -2, 1), n = vec3(0, 0, 1);
 
     (void) state;
     for (int kind = 0; kind < 6; kind++) {
         struct rig r;
-        struct pell_emitters *e;
+        struct pell_light_sampler *e;
         struct pell_light *l;
         double expected = 0.0, got[3];
 
@@ -177,8 +177,8 @@ static void lamps_give_what_formulas_say(void **state)
             break;
         default: rig_light(&r, PELL_LIGHT_ENVIRONMENT, p, n, 2.0f); expected = 2.0 * PELL_PI;
         }
-        e = emitters_of(&r);
-        assert_int_equal(pell_emitters_count(e), 1);
+        e = light_sampler_of(&r);
+        assert_int_equal(pell_light_sampler_count(e), 1);
         for (int way = 0; way < 3; way++) {
             if (way == 1 && kind < 3)
                 continue;
@@ -187,18 +187,18 @@ static void lamps_give_what_formulas_say(void **state)
             REQUIRE_REL(got[0], expected, way == 1 ? 0.01 : kind < 3 ? 1e-5 : 3e-3);
             REQUIRE_REL(got[2], 0.25 * got[0], 1e-5);
         }
-        pell_emitters_destroy(&e);
+        pell_light_sampler_destroy(&e);
         rig_finish(&r);
     }
 }
 
-/* The same scene, every lamp with all that it can have, through the irradiance stage. */
-static void lamps_give_what_the_irradiance_stage_says(void **state)
+/* The same scene, every light with all that it can have, through the irradiance stage. */
+static void light_samples_are_what_the_irradiance_stage_says(void **state)
 {
     (void) state;
     for (int kind = 0; kind < 8; kind++) {
         struct rig r;
-        struct pell_emitters *e;
+        struct pell_light_sampler *e;
         struct pell_light *l = NULL;
         double worst = 0.0, largest = 0.0;
 
@@ -236,16 +236,16 @@ static void lamps_give_what_the_irradiance_stage_says(void **state)
         default:
             l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
             l->rotate = kind == 6 ? 1.0f : -2.2f;
-            l->image = sky_picture(&r);
+            l->image = environment_picture(&r);
         }
         if (kind < 3 || kind == 4) {
             float rgb[4 * 3 * 3];
             for (int i = 0; i < 36; i++)
                 rgb[i] = 0.2f + 0.11f * (float) (i * 7 % 13);
-            l->image = picture(&r, 4, 3, rgb);
+            l->image = image(&r, 4, 3, rgb);
         }
         rig_render(&r);
-        e = emitters_of(&r);
+        e = light_sampler_of(&r);
         for (int y = 0; y < 12; y++)
             for (int x = 0; x < 12; x++) {
                 double got[3];
@@ -259,14 +259,14 @@ static void lamps_give_what_the_irradiance_stage_says(void **state)
         print_message("# lamp %d: off by %.2g of the largest irradiance, %.4g\n", kind, worst / largest, largest);
         REQUIRE(largest > 0.0);
         REQUIRE(worst < (kind < 3 ? 1e-5 : 0.012) * largest);
-        pell_emitters_destroy(&e);
+        pell_light_sampler_destroy(&e);
         rig_finish(&r);
     }
 }
 
 /* --- Densities -------------------------------------------------------------------------------------------------------------------- */
 
-static void many_lamps(struct rig *r)
+static void many_lights(struct rig *r)
 {
     struct pell_light *l;
 
@@ -278,7 +278,7 @@ static void many_lamps(struct rig *r)
     l = rig_light(r, PELL_LIGHT_DISC, vec3(25, 2, 45), vec3(0, 0, 0), 4.0f); /* seen through the rectangle in part */
     l->radius = 10.0f;
     l = rig_light(r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 0.7f);
-    l->image = sky_picture(r);
+    l->image = environment_picture(r);
     rig_light(r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 0.05f);
 }
 
@@ -288,13 +288,13 @@ static void both_ways_have_one_mean(void **state)
     const struct pell_vec3 to_point = vec3_sub(vec3(0, 40, 40), p);
     const double d = (double) vec3_length(to_point), by_point = 1e3 / (d * d) * (double) vec3_dot(to_point, n) / d;
     struct rig r;
-    struct pell_emitters *e;
+    struct pell_light_sampler *e;
     double sampled[3], met[3], both[3];
 
     (void) state;
-    many_lamps(&r);
-    e = emitters_of(&r);
-    assert_int_equal(pell_emitters_count(e), 4);
+    many_lights(&r);
+    e = light_sampler_of(&r);
+    assert_int_equal(pell_light_sampler_count(e), 4);
     irradiance(e, p, n, 0, 2 * SAMPLES, sampled);
     irradiance(e, p, n, 1, 4 * SAMPLES, met);
     irradiance(e, p, n, 2, 2 * SAMPLES, both);
@@ -304,16 +304,16 @@ static void both_ways_have_one_mean(void **state)
         REQUIRE_REL(met[c], both[c], 0.02);
         REQUIRE_REL(both[c], sampled[c], 0.01);
     }
-    pell_emitters_destroy(&e);
+    pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }
 
 /* Densities over all directions make 1, and samples fall where they say. */
-static void a_sky_is_sampled_by_its_density(void **state)
+static void an_environment_is_sampled_by_its_density(void **state)
 {
     enum { ROWS = 8, COLUMNS = 16 };
     struct rig r;
-    struct pell_emitters *e;
+    struct pell_light_sampler *e;
     struct pell_light *l;
     double share[ROWS][COLUMNS] = { { 0 } }, total = 0.0, chi2 = 0.0, ratio_low = INFINITY, ratio_high = 0.0;
     int count[ROWS][COLUMNS] = { { 0 } }, bins = 0;
@@ -323,19 +323,19 @@ static void a_sky_is_sampled_by_its_density(void **state)
     rig_start(&r, 4, 4);
     rig_plane(&r, rig_material(&r, true), 0, 0.0f, 50.0f);
     l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
-    l->image = sky_picture(&r);
+    l->image = environment_picture(&r);
     l->rotate = 0.4f;
-    e = emitters_of(&r);
+    e = light_sampler_of(&r);
     for (int y = 0; y < 400; y++)
         for (int x = 0; x < 800; x++) {
             const double height = 1.0 - 2.0 * (y + 0.5) / 400, azimuth = 2.0 * PELL_PI * (x + 0.5) / 800,
                          ring = sqrt(1.0 - height * height);
             const struct pell_vec3 w = vec3((float) (ring * sin(azimuth)), (float) height, (float) (-ring * cos(azimuth)));
-            struct pell_emitter_sample s;
+            struct pell_light_sample s;
             double distance, pdf;
             float radiance[3];
-            assert_true(pell_emitters_hit(e, p, p, w, INFINITY, 0, &s, &distance, radiance, &pdf));
-            assert_false(pell_emitters_hit(e, p, p, w, INFINITY, 1, &s, &distance, radiance, &pdf));
+            assert_true(pell_light_sampler_hit(e, p, p, w, INFINITY, 0, &s, &distance, radiance, &pdf));
+            assert_false(pell_light_sampler_hit(e, p, p, w, INFINITY, 1, &s, &distance, radiance, &pdf));
             assert_true(s.away && distance == INFINITY);
             share[y * ROWS / 400][x * COLUMNS / 800] += pdf * 4.0 * PELL_PI / (400 * 800);
             total += pdf * 4.0 * PELL_PI / (400 * 800);
@@ -348,10 +348,10 @@ static void a_sky_is_sampled_by_its_density(void **state)
     REQUIRE_NEAR(total, 1.0, 2e-3);
     REQUIRE(ratio_high < 3.0 * ratio_low);
     for (int i = 0; i < SAMPLES; i++) {
-        struct pell_emitter_sample s;
+        struct pell_light_sample s;
         double u[3], y;
         random_numbers(3, i, u);
-        assert_true(pell_emitters_sample(e, p, u, &s));
+        assert_true(pell_light_sampler_sample(e, p, u, &s));
         REQUIRE_NEAR((double) vec3_length(s.toward), 1.0, 1e-5);
         y = fmin(fmax((1.0 - (double) s.toward.y) / 2.0, 0.0), 0.999999);
         count[(int) (y * ROWS)][(int) (fmod(atan2((double) s.toward.x, -(double) s.toward.z) / (2.0 * PELL_PI) + 1.0, 1.0) * COLUMNS)]++;
@@ -366,17 +366,17 @@ static void a_sky_is_sampled_by_its_density(void **state)
     print_message("# chi^2 = %.1f over %d bins\n", chi2, bins);
     REQUIRE(bins > 20);
     REQUIRE(chi2 < bins + 4.0 * sqrt(2.0 * bins));
-    pell_emitters_destroy(&e);
+    pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }
 
-/* A rectangle in front of a disc in front of the sky: each is met, in order, from the front alone and within reach. */
-static void lamps_hide_nothing(void **state)
+/* A rectangle in front of a disc in front of the environment: each is met, in order, from the front alone and within reach. */
+static void lights_hide_nothing(void **state)
 {
     const struct pell_vec3 p = vec3(0, 0, 0), up = vec3(0, 0, 1);
     struct rig r;
-    struct pell_emitters *e;
-    struct pell_emitter_sample s;
+    struct pell_light_sampler *e;
+    struct pell_light_sample s;
     double distance, pdf;
     float radiance[3];
 
@@ -386,25 +386,25 @@ static void lamps_hide_nothing(void **state)
     rig_light(&r, PELL_LIGHT_RECT, vec3(1, 0, 10), vec3(1, 0, 0), 3.0f);
     r.scene->lights[1].width = r.scene->lights[1].height = 5.0f;
     rig_light(&r, PELL_LIGHT_ENVIRONMENT, p, up, 0.5f);
-    e = emitters_of(&r);
+    e = light_sampler_of(&r);
     for (int k = 0; k < 3; k++) {
-        assert_true(pell_emitters_hit(e, p, p, up, INFINITY, k, &s, &distance, radiance, &pdf));
+        assert_true(pell_light_sampler_hit(e, p, p, up, INFINITY, k, &s, &distance, radiance, &pdf));
         assert_true(distance == (k == 0 ? 10.0 : k == 1 ? 20.0 : INFINITY));
         REQUIRE_REL(radiance[0], k == 0 ? 3.0 : k == 1 ? 2.0 : 0.5, 1e-6);
     }
-    assert_false(pell_emitters_hit(e, p, p, up, INFINITY, 3, &s, &distance, radiance, &pdf));
-    assert_true(pell_emitters_hit(e, p, p, up, 12.0, 0, &s, &distance, radiance, &pdf));
-    assert_false(pell_emitters_hit(e, p, p, up, 12.0, 1, &s, &distance, radiance, &pdf));
-    assert_false(pell_emitters_hit(e, p, p, up, 9.0, 0, &s, &distance, radiance, &pdf));
-    assert_true(pell_emitters_hit(e, p, vec3(0, 0, 30), vec3(0, 0, -1), INFINITY, 0, &s, &distance, radiance, &pdf));
+    assert_false(pell_light_sampler_hit(e, p, p, up, INFINITY, 3, &s, &distance, radiance, &pdf));
+    assert_true(pell_light_sampler_hit(e, p, p, up, 12.0, 0, &s, &distance, radiance, &pdf));
+    assert_false(pell_light_sampler_hit(e, p, p, up, 12.0, 1, &s, &distance, radiance, &pdf));
+    assert_false(pell_light_sampler_hit(e, p, p, up, 9.0, 0, &s, &distance, radiance, &pdf));
+    assert_true(pell_light_sampler_hit(e, p, vec3(0, 0, 30), vec3(0, 0, -1), INFINITY, 0, &s, &distance, radiance, &pdf));
     assert_true(s.away); /* both backs */
-    pell_emitters_destroy(&e);
+    pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }
 
 /* --- Light that sets out ----------------------------------------------------------------------------------------------------------- */
 
-static void rays_of_lamps_carry_the_flux(void **state)
+static void rays_of_lights_carry_the_flux(void **state)
 {
     const struct pell_vec3 centre = vec3(1, 2, 3);
     const double radius = 6.0;
@@ -412,7 +412,7 @@ static void rays_of_lamps_carry_the_flux(void **state)
     (void) state;
     for (int kind = 0; kind < 9; kind++) {
         struct rig r;
-        struct pell_emitters *e;
+        struct pell_light_sampler *e;
         struct pell_light *l;
         double expected = 0.0, sum[3] = { 0 };
         int missed = 0;
@@ -455,32 +455,32 @@ static void rays_of_lamps_carry_the_flux(void **state)
             expected = 4.0 * PELL_PI * PELL_PI * 36.0 * 2.0;
             break;
         default: { /* pi r^2 times the integral of the picture over the sphere, here by the look-up itself */
-            struct pell_emitter_sample s;
+            struct pell_light_sample s;
             double distance, pdf;
             float radiance[3];
             l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, centre, vec3(0, 0, 0), 2.0f);
-            l->image = sky_picture(&r);
-            e = emitters_of(&r);
+            l->image = environment_picture(&r);
+            e = light_sampler_of(&r);
             for (int i = 0; i < 200000; i++) {
                 double u[2];
                 even(2, i, 0.0, u);
                 const double y = 1.0 - 2.0 * u[0], ring = sqrt(1.0 - y * y);
-                assert_true(pell_emitters_hit(
+                assert_true(pell_light_sampler_hit(
                     e, centre, centre,
                     vec3((float) (ring * cos(6.283185307179586 * u[1])), (float) y, (float) (ring * sin(6.283185307179586 * u[1]))),
                     INFINITY, 0, &s, &distance, radiance, &pdf));
                 expected += (double) radiance[0] * 4.0 * PELL_PI / 200000.0 * PELL_PI * 36.0;
             }
-            pell_emitters_destroy(&e);
+            pell_light_sampler_destroy(&e);
         }
         }
-        e = emitters_of(&r);
+        e = light_sampler_of(&r);
         for (int i = 0; i < SAMPLES; i++) {
-            struct pell_emitter_sample s;
+            struct pell_light_sample s;
             struct pell_vec3 origin, direction, off;
             double u[5], weight[3], pdf, along;
             even(5, i, 0.7, u);
-            if (!pell_emitters_emit(e, centre, radius, u, &s, &origin, &direction, weight, &pdf))
+            if (!pell_light_sampler_emit(e, centre, radius, u, &s, &origin, &direction, weight, &pdf))
                 continue;
             REQUIRE_NEAR((double) vec3_length(direction), 1.0, 1e-5);
             REQUIRE(pdf > 0.0 && isfinite(pdf));
@@ -492,7 +492,7 @@ static void rays_of_lamps_carry_the_flux(void **state)
                 continue;
             }
             if (i % 16 == 0)
-                REQUIRE_REL(pell_emitters_emit_pdf(e, centre, radius, &s, direction, vec3_mad(origin, (float) along, direction)), pdf,
+                REQUIRE_REL(pell_light_sampler_emit_pdf(e, centre, radius, &s, direction, vec3_mad(origin, (float) along, direction)), pdf,
                             2e-3);
             if (s.away)
                 REQUIRE(along > 2.0 * radius);
@@ -504,7 +504,7 @@ static void rays_of_lamps_carry_the_flux(void **state)
         REQUIRE(kind < 6 ? missed == 0 : missed < SAMPLES);
         if (kind != 8)
             REQUIRE_REL(sum[2], 0.25 * sum[0], 1e-5);
-        pell_emitters_destroy(&e);
+        pell_light_sampler_destroy(&e);
         rig_finish(&r);
     }
 }
@@ -516,22 +516,22 @@ static void nothing_shines_and_nothing_breaks(void **state)
     const float wild[8] = { NAN, INFINITY, -INFINITY, -1.0f, 0.0f, 1e-30f, 1e30f, 1e15f };
     float rgb[6 * 3 * 3];
     struct rig r;
-    struct pell_emitters *e;
+    struct pell_light_sampler *e;
     struct pell_light *l;
-    struct pell_emitter_sample s;
+    struct pell_light_sample s;
     struct pell_vec3 origin, direction;
     double u[5] = { 0.5, 0.5, 0.5, 0.5, 0.5 }, weight[3], pdf, distance;
     float power[3];
 
     (void) state;
-    rig_start(&r, 4, 4); /* no lamps, no meshes */
-    e = emitters_of(&r);
-    assert_int_equal(pell_emitters_count(e), 0);
-    assert_false(pell_emitters_sample(e, vec3(0, 0, 0), u, &s));
-    assert_false(pell_emitters_hit(e, vec3(0, 0, 0), vec3(0, 0, 0), vec3(0, 0, 1), INFINITY, 0, &s, &distance, power, &pdf));
-    assert_false(pell_emitters_emit(e, vec3(0, 0, 0), 1.0, u, &s, &origin, &direction, weight, &pdf));
-    pell_emitters_destroy(&e);
-    pell_emitters_destroy(&e);
+    rig_start(&r, 4, 4); /* no lights, no meshes */
+    e = light_sampler_of(&r);
+    assert_int_equal(pell_light_sampler_count(e), 0);
+    assert_false(pell_light_sampler_sample(e, vec3(0, 0, 0), u, &s));
+    assert_false(pell_light_sampler_hit(e, vec3(0, 0, 0), vec3(0, 0, 0), vec3(0, 0, 1), INFINITY, 0, &s, &distance, power, &pdf));
+    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), 1.0, u, &s, &origin, &direction, weight, &pdf));
+    pell_light_sampler_destroy(&e);
+    pell_light_sampler_destroy(&e);
 
     /* Dark ones are none. */
     for (int k = 0; k < 6; k++)
@@ -544,70 +544,70 @@ static void nothing_shines_and_nothing_breaks(void **state)
     rig_light(&r, PELL_LIGHT_POINT, vec3(NAN, 0, 10), vec3(0, 0, 0), 1.0f);
     l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
     memset(rgb, 0, sizeof(rgb));
-    l->image = picture(&r, 1, 1, rgb);
-    e = emitters_of(&r);
-    assert_int_equal(pell_emitters_count(e), 0);
-    pell_emitters_destroy(&e);
+    l->image = image(&r, 1, 1, rgb);
+    e = light_sampler_of(&r);
+    assert_int_equal(pell_light_sampler_count(e), 0);
+    pell_light_sampler_destroy(&e);
 
     /* Wild ones: nothing that comes out is NaN. */
     for (int k = 0; k < 54; k++)
         rgb[k] = wild[k * 5 % 8];
     l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
-    l->image = picture(&r, 6, 3, rgb);
+    l->image = image(&r, 6, 3, rgb);
     rig_light(&r, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e30f)->range = 1e-20f;
     rig_light(&r, PELL_LIGHT_SPOT, vec3(0, 0, 0), vec3(0, 0, 0), 1.0f)->cos_inner = 0.1f; /* below cos_outer, no direction */
     l = rig_light(&r, PELL_LIGHT_RECT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
     l->width = l->height = 1e-6f;
     l = rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
     l->image = r.scene->lights[r.scene->num_lights - 4].image;
-    e = emitters_of(&r);
-    print_message("# %zu lamps left\n", pell_emitters_count(e));
-    assert_true(pell_emitters_count(e) >= 4);
+    e = light_sampler_of(&r);
+    print_message("# %zu lamps left\n", pell_light_sampler_count(e));
+    assert_true(pell_light_sampler_count(e) >= 4);
     for (int i = 0; i < 4000; i++) {
         const struct pell_vec3 at[4] = { vec3(0, 0, 0), vec3(1e-12f, 0, 0), vec3(3, 2, 1), vec3(1e9f, -1e9f, 1e9f) };
         even(5, i, 0.0, u);
         if (i < 32)
             for (int k = 0; k < 5; k++)
                 u[k] = i >> k & 1 ? 1.0 - 1e-16 : 0.0;
-        if (pell_emitters_sample(e, at[i % 4], u, &s)) {
+        if (pell_light_sampler_sample(e, at[i % 4], u, &s)) {
             REQUIRE(s.pdf > 0.0);
             for (int k = 0; k < 4; k++) {
-                pell_emitters_power_at(e, &s, at[k], power);
+                pell_light_sampler_power_at(e, &s, at[k], power);
                 for (int c = 0; c < 3; c++)
                     REQUIRE(power[c] >= 0.0f && !isnan(power[c]));
             }
             if (s.away)
-                for (int k = 0; pell_emitters_hit(e, at[1], at[2], s.toward, INFINITY, k, &s, &distance, power, &pdf); k++)
+                for (int k = 0; pell_light_sampler_hit(e, at[1], at[2], s.toward, INFINITY, k, &s, &distance, power, &pdf); k++)
                     REQUIRE(pdf >= 0.0 && power[0] >= 0.0f && !isnan(power[0]));
         }
-        if (pell_emitters_emit(e, at[i % 4], i % 3 ? 1e-3 : 100.0, u, &s, &origin, &direction, weight, &pdf))
+        if (pell_light_sampler_emit(e, at[i % 4], i % 3 ? 1e-3 : 100.0, u, &s, &origin, &direction, weight, &pdf))
             REQUIRE(pdf > 0.0 && weight[0] >= 0.0 && weight[1] >= 0.0 && weight[2] >= 0.0 && !isnan(weight[0] + weight[1] + weight[2]));
     }
-    assert_false(pell_emitters_emit(e, vec3(0, 0, 0), 0.0, u, &s, &origin, &direction, weight, &pdf));
-    assert_false(pell_emitters_emit(e, vec3(0, 0, 0), (double) NAN, u, &s, &origin, &direction, weight, &pdf));
-    pell_emitters_destroy(&e);
+    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), 0.0, u, &s, &origin, &direction, weight, &pdf));
+    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), (double) NAN, u, &s, &origin, &direction, weight, &pdf));
+    pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }
 
 static void survives_the_nth_allocation(void **state)
 {
     struct rig r;
-    struct pell_fault fault = { 0 };
+    struct pell_alloc_fault fault = { 0 };
     struct pell_context *ctx = test_context(&fault, NULL);
     enum pell_result res = PELL_ERR_NOMEM;
 
     (void) state;
-    many_lamps(&r);
+    many_lights(&r);
     rig_bounds(r.scene);
     for (uint64_t n = 1; res != PELL_OK; n++) {
         const int64_t live = fault.live;
-        struct pell_emitters *e;
+        struct pell_light_sampler *e;
         fault.calls = 0;
         fault.fail_at = n;
-        res = pell_emitters_create(ctx, r.scene, &e);
+        res = pell_light_sampler_create(ctx, r.scene, &e);
         fault.fail_at = 0;
         REQUIRE(res == PELL_OK || (res == PELL_ERR_NOMEM && !e));
-        pell_emitters_destroy(&e);
+        pell_light_sampler_destroy(&e);
         assert_true(fault.live == live);
     }
     pell_context_destroy(&ctx);
@@ -617,12 +617,12 @@ static void survives_the_nth_allocation(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lamps_give_what_formulas_say),
-        cmocka_unit_test(lamps_give_what_the_irradiance_stage_says),
+        cmocka_unit_test(lights_are_what_formulas_say),
+        cmocka_unit_test(light_samples_are_what_the_irradiance_stage_says),
         cmocka_unit_test(both_ways_have_one_mean),
-        cmocka_unit_test(a_sky_is_sampled_by_its_density),
-        cmocka_unit_test(lamps_hide_nothing),
-        cmocka_unit_test(rays_of_lamps_carry_the_flux),
+        cmocka_unit_test(an_environment_is_sampled_by_its_density),
+        cmocka_unit_test(lights_hide_nothing),
+        cmocka_unit_test(rays_of_lights_carry_the_flux),
         cmocka_unit_test(nothing_shines_and_nothing_breaks),
         cmocka_unit_test(survives_the_nth_allocation),
     };

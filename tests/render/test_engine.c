@@ -13,7 +13,7 @@ static struct {
     const char *fail;     /* the call of this name fails */
     int empty;            /* samples, from the first, that see nothing translucent */
     unsigned needs;       /* of the method */
-    bool relights;
+    bool survives_light_change;
     struct pell_frame in; /* of the method's last sample */
     int firsts;
     float plane[PIXELS];
@@ -117,7 +117,7 @@ static enum pell_result null_irradiance(void *engine, const struct pell_engine_s
     return call("irradiance");
 }
 
-static enum pell_result null_lit(void *engine, const struct pell_engine_sample *sample)
+static enum pell_result null_shade(void *engine, const struct pell_engine_sample *sample)
 {
     (void) engine;
     (void) sample;
@@ -167,7 +167,7 @@ static void null_read_back(void *engine, const struct pell_engine_frame *frame, 
     (void) frame;
     REQUIRE(!noisy);
     channels[0] = (struct pell_channel) { "R", seen.plane, 16, false };
-    *out = (struct pell_engine_result) { .stride = 16, .num_channels = 1, .exposure = 2.0f, .covered = true, .lit = true };
+    *out = (struct pell_engine_result) { .stride = 16, .num_channels = 1, .exposure = 2.0f, .covered = true, .any_light = true };
     (void) call("read-back");
 }
 
@@ -181,7 +181,7 @@ static const struct pell_engine_interface null_engine = {
     .lend = null_lend,
     .surface = null_surface,
     .irradiance = null_irradiance,
-    .lit = null_lit,
+    .shade = null_shade,
     .hand_over = null_hand_over,
     .composite = null_composite,
     .average = null_average,
@@ -231,7 +231,7 @@ static void probe_destroy(void *state)
 static void probe_plan(const void *knobs, struct pell_plan *plan)
 {
     (void) knobs;
-    *plan = (struct pell_plan) { .needs = seen.needs, .mix = -1.0f, .relights = seen.relights };
+    *plan = (struct pell_plan) { .needs = seen.needs, .mix = -1.0f, .survives_light_change = seen.survives_light_change };
 }
 
 static const struct pell_knob probe_knobs[] = { { "gain", PELL_KNOB_FLOAT, "1", 0, { 0.25 }, 0, 1, NULL, "factor" }, { 0 } };
@@ -243,13 +243,13 @@ static const struct pell_method probe_method = {
 
 /* --- Tests -------------------------------------------------------------------------------------------------------------------------- */
 
-static void start(struct stage *s, struct pell_fault *fault)
+static void start(struct stage *s, struct pell_alloc_fault *fault)
 {
     size_t m;
 
     memset(&seen, 0, sizeof(seen));
     memset(s, 0, sizeof(*s));
-    seen.needs = PELL_NEED_IRRADIANCE | PELL_NEED_LIT;
+    seen.needs = PELL_NEED_IRRADIANCE | PELL_NEED_SHADED;
     s->ctx = test_context(fault, &s->kept);
     OK(pell_scene_create(s->ctx, &s->scene));
     stage_gaussians(s, 1.0, &m);
@@ -297,12 +297,12 @@ static void a_frame_runs_its_stages_in_order(void **state)
     REQUIRE(seen.in.view != NULL && !seen.in.first);
     assert_int_equal(seen.in.shape.width, WIDTH);
     assert_int_equal(seen.in.shape.num_materials, 1);
-    assert_int_equal(s.picture.num_channels, 1);
-    assert_int_equal(s.picture.rect.x1, WIDTH);
-    REQUIRE(s.picture.exposure == 2.0f);
-    for (size_t i = 0; i < s.picture.num_stages; i++)
-        if (strcmp(s.picture.stages[i].name, "surface") == 0)
-            REQUIRE(s.picture.stages[i].ms == 1500.0 && s.picture.stages[i].rays == 3);
+    assert_int_equal(s.image.num_channels, 1);
+    assert_int_equal(s.image.rect.x1, WIDTH);
+    REQUIRE(s.image.exposure == 2.0f);
+    for (size_t i = 0; i < s.image.num_stages; i++)
+        if (strcmp(s.image.stages[i].name, "surface") == 0)
+            REQUIRE(s.image.stages[i].ms == 1500.0 && s.image.stages[i].rays == 3);
     stage_finish(&s);
 }
 
@@ -335,7 +335,7 @@ static void a_change_makes_anew_what_depends_on_it(void **state)
     s.scene->cameras[0].fov *= 0.5f;
     assert_string_equal(again(&s), "destroy create planes ");
     s.settings.exposure = 3.0f;
-    s.settings.exit = PELL_EXIT_PUBLISHED;
+    s.settings.exit = PELL_EXIT_NORMALIZATION_PUBLISHED;
     assert_string_equal(again(&s), "planes ");
     s.settings.seed = 4;
     assert_string_equal(again(&s), "-lights lights planes ");
@@ -369,10 +369,10 @@ static void lights_take_a_pass_with_them_that_keeps_their_light(void **state)
     take_calls();
     s.settings.light_samples++;
     assert_string_equal(again(&s), "destroy -lights lights create planes ");
-    seen.relights = true;
+    seen.survives_light_change = true;
     OK(pell_renderer_set_method(s.r, &probe_method, NULL));
     again(&s);
-    s.settings.boundary = PELL_BOUNDARY_SMOOTH;
+    s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
     assert_string_equal(again(&s), "-lights lights planes ");
     stage_finish(&s);
 }
@@ -385,21 +385,21 @@ static void errors_of_every_stage_end_the_frame(void **state)
 
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(names); i++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         const char *calls, *last;
 
         start(&s, &fault);
         start_renderer(&s);
         seen.fail = names[i];
-        assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_FORMAT);
-        assert_null(s.picture.channels);
+        assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_FORMAT);
+        assert_null(s.image.channels);
         calls = take_calls();
         last = strstr(calls, names[i]);
         REQUIRE(last != NULL);
         last += strlen(names[i]) + 1;
         REQUIRE(*last == '\0' || strcmp(last, "destroy ") == 0);
         seen.fail = NULL;
-        OK(pell_renderer_render(s.r, &s.settings, &s.picture));
+        OK(pell_renderer_render(s.r, &s.settings, &s.image));
         REQUIRE(strstr(take_calls(), "read-back ") != NULL);
         stage_finish(&s);
         assert_int_equal(fault.live, 0);
@@ -408,7 +408,7 @@ static void errors_of_every_stage_end_the_frame(void **state)
     start_renderer(&s);
     seen.fail = "scene";
     assert_int_equal(pell_renderer_set_scene(s.r, s.scene), PELL_ERR_FORMAT);
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_INVALID);
     REQUIRE(strstr(s.kept.what, "no scene"));
     stage_finish(&s);
 }
@@ -420,7 +420,7 @@ static void survives_the_nth_allocation(void **state)
 
     (void) state;
     for (n = 1; !done && n < 200; n++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct stage s;
         enum pell_result res;
 
@@ -434,7 +434,7 @@ static void survives_the_nth_allocation(void **state)
         if (res == PELL_OK)
             res = pell_renderer_set_method(s.r, &probe_method, NULL);
         if (res == PELL_OK)
-            res = pell_renderer_render(s.r, &s.settings, &s.picture);
+            res = pell_renderer_render(s.r, &s.settings, &s.image);
         done = res == PELL_OK;
         if (!done)
             assert_int_equal(res, PELL_ERR_NOMEM);
@@ -447,7 +447,7 @@ static void survives_the_nth_allocation(void **state)
 
 static void a_frame_allocates_nothing(void **state)
 {
-    struct pell_fault fault = { 0 };
+    struct pell_alloc_fault fault = { 0 };
     struct stage s;
     uint64_t calls;
 

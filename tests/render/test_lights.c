@@ -217,8 +217,8 @@ static void occluders_throw_exact_shadows(void **state)
     }
 }
 
-/* A slide through a point light: the picture appears on the plane, not mirrored, black outside. */
-static void a_slide_is_projected(void **state)
+/* A projected image through a point light: the picture appears on the plane, not mirrored, black outside. */
+static void an_image_is_projected(void **state)
 {
     static uint8_t pixels[4 * 2 * 3] = { 255, 0, 0, 0,   255, 0, 0, 0,   255, 255, 255, 255, /* upper row: red green blue white */
                                          0,   0, 0, 255, 0,   0, 0, 255, 0,   0,   0,   255 };
@@ -359,8 +359,8 @@ static void brute_irradiance(const struct rig *r, const struct texel *texels, si
     }
 }
 
-/* The sum of lamps and smooth rest is the picture's irradiance on an unshadowed sphere. */
-static void check_environment(const char *file, int lamps, float rho_s, float roughness, bool smooth, float rotate)
+/* The sum of lights and smooth rest is the picture's irradiance on an unshadowed sphere. */
+static void check_environment(const char *file, int sources, float rho_s, float roughness, bool smooth, float rotate)
 {
     struct pell_texture *texture;
     struct pell_light *l;
@@ -381,12 +381,12 @@ static void check_environment(const char *file, int lamps, float rho_s, float ro
     l->image = texture;
     l->rotate = rotate;
     r.smooth = smooth;
-    r.settings.environment_lights = lamps;
+    r.settings.environment_lights = sources;
     r.settings.ambient_samples = 1;
     r.settings.boundary = smooth;
     rig_render(&r);
     texels = list_texels(&r.scene->lights[0], &count);
-    for (int k = 0; k < (lamps == 24 && !SLOW ? 2 : 1); k++) /* from both sides: the camera is turned by turning the light */
+    for (int k = 0; k < (sources == 24 && !SLOW ? 2 : 1); k++) /* from both sides: the camera is turned by turning the light */
         for (int y = 2; y < SIZE; y += SLOW ? 31 : 13)
             for (int x = 2; x < SIZE; x += SLOW ? 31 : 13) {
                 double want[3];
@@ -405,7 +405,7 @@ static void check_environment(const char *file, int lamps, float rho_s, float ro
                     REQUIRE_REL(got, want[c], 5e-3);
                 }
             }
-    print_message("# %s, %d lamps, rho_s %.1f: largest error %.3f %%\n", strrchr(file, '/') + 1, lamps, (double) rho_s, 100.0 * worst);
+    print_message("# %s, %d lamps, rho_s %.1f: largest error %.3f %%\n", strrchr(file, '/') + 1, sources, (double) rho_s, 100.0 * worst);
     free(texels);
     rig_finish(&r);
 }
@@ -425,7 +425,7 @@ static void environment_sums_to_the_pictures_irradiance_sunset(void **state)
     check_environment(shared_file("assets/environments/venice_sunset_1k.hdr"), 5, 0.0f, 0.4f, false, 0.0f);
 }
 
-static struct pell_texture *add_picture(struct rig *r, int width, int height, float sky, float sun)
+static struct pell_texture *add_picture(struct rig *r, int width, int height, float environment, float sun)
 {
     struct pell_texture *t;
     float *p;
@@ -434,14 +434,14 @@ static struct pell_texture *add_picture(struct rig *r, int width, int height, fl
     p = pell_calloc(r->ctx, (size_t) width * (size_t) height * 3, sizeof(float));
     t->image.pixels = p;
     for (int i = 0; i < width * height * 3; i++)
-        p[i] = i / 3 / width < height / 2 ? sky : 0.1f * sky;
+        p[i] = i / 3 / width < height / 2 ? environment : 0.1f * environment;
     for (int c = 0; c < 3; c++)
         p[3 * ((size_t) (height / 4) * (size_t) width + (size_t) (width / 3)) + (size_t) c] += sun * (1.0f - 0.2f * (float) c);
     return t;
 }
 
-/* A one-texel sun ten times as strong as the sky: its terminator is the hardest case for a table over the normal. */
-static void a_sun_in_a_dim_sky_keeps_the_bound(void **state)
+/* A one-texel sun ten times as strong as the environment: its terminator is the hardest case for a table over the normal. */
+static void a_sun_in_a_dim_environment_keeps_the_bound(void **state)
 {
     struct pell_light *l;
     struct rig r;
@@ -472,7 +472,7 @@ static void a_sun_in_a_dim_sky_keeps_the_bound(void **state)
     rig_finish(&r);
 }
 
-/* The sun's shadow is as dark as the sky's share, and the sky is dimmed by what hides it. */
+/* The sun's shadow is as dark as the environment's share, and the environment is dimmed by what hides it. */
 static void environment_shadows(void **state)
 {
     struct pell_light *l;
@@ -493,8 +493,8 @@ static void environment_shadows(void **state)
     rig_finish(&r);
 }
 
-/* Reflection of an even sky by a perfect mirror-like metal is the sky; environments' lamps make no second highlight. */
-static void a_metal_sphere_in_an_even_sky_reflects_it(void **state)
+/* Reflection of a uniform environment by a perfect mirror-like metal is the environment; environments' lights make no second highlight. */
+static void a_metal_sphere_reflects_a_uniform_environment(void **state)
 {
     for (int model = 0; model < PELL_SPECULAR_MODELS; model++) {
         struct rig r;
@@ -603,9 +603,9 @@ static void plain_data_is_the_light(void **state)
     }
     OK(pell_pool_create(r.ctx, 2, &r.pool));
     OK(pell_lights_create(r.ctx, r.scene, &r.settings, r.pool, &r.lights));
-    REQUIRE(r.lights->num_lamps > PELL_COUNT(types));
-    for (size_t i = 0; i < r.lights->num_lamps; i++) {
-        const struct pell_lamp *l = &r.lights->lamps[i];
+    REQUIRE(r.lights->num_sources > PELL_COUNT(types));
+    for (size_t i = 0; i < r.lights->num_sources; i++) {
+        const struct pell_light_source *l = &r.lights->sources[i];
         const struct pell_light_data *d = &r.lights->data[i];
         const float expected[] = { l->position.x, l->position.y, l->position.z, l->scale, l->direction.x, l->direction.y, l->direction.z,
                                    l->inv_range, l->right.x, l->right.y, l->right.z, l->image_u, l->up.x, l->up.y, l->up.z, l->image_v,
@@ -632,7 +632,7 @@ static void nth_allocation_fails_cleanly(void **state)
     uint64_t n = 0;
     (void) state;
     for (enum pell_result res = PELL_ERR_NOMEM; res != PELL_OK;) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct rig r;
         struct pell_pool *pool;
         struct pell_lights *lights;
@@ -676,14 +676,14 @@ int main(void)
         cmocka_unit_test(a_rectangle_is_clipped_at_the_horizon),
         cmocka_unit_test(a_disc_on_its_axis),
         cmocka_unit_test(occluders_throw_exact_shadows),
-        cmocka_unit_test(a_slide_is_projected),
+        cmocka_unit_test(an_image_is_projected),
         cmocka_unit_test(a_textured_rectangle_shines_in_its_colours),
         cmocka_unit_test(constant_environment),
         cmocka_unit_test(environment_sums_to_the_pictures_irradiance_studio),
         cmocka_unit_test(environment_sums_to_the_pictures_irradiance_sunset),
-        cmocka_unit_test(a_sun_in_a_dim_sky_keeps_the_bound),
+        cmocka_unit_test(a_sun_in_a_dim_environment_keeps_the_bound),
         cmocka_unit_test(environment_shadows),
-        cmocka_unit_test(a_metal_sphere_in_an_even_sky_reflects_it),
+        cmocka_unit_test(a_metal_sphere_reflects_a_uniform_environment),
         cmocka_unit_test(a_highlight_is_the_lobe),
         cmocka_unit_test(what_emits_adds_its_radiance),
         cmocka_unit_test(the_mix_exponent_colours_what_enters),

@@ -46,7 +46,7 @@ static double slab_under(const struct pell_light *l, struct pell_vec3 p, double 
     return sum;
 }
 
-static void slab_lit_from_behind_by_every_light(void **state)
+static void slab_transmits_every_light(void **state)
 {
     static const float thicknesses[] = { 0.5f, 2.0f, 5.0f };
     (void) state;
@@ -64,15 +64,15 @@ static void slab_lit_from_behind_by_every_light(void **state)
             for (int x = 1; x < SIZE; x += 6)
                 for (int c = 0; c < 3; c++) {
                     const double want = slab_under(&r.scene->lights[0], rig_point(&r, x, 13), thicknesses[j], c);
-                    REQUIRE_NEAR(r.light.through[c][rig_at(&r, x, 13)], want, 4e-3 * want + 1e-6);
+                    REQUIRE_NEAR(r.light.transmitted[c][rig_at(&r, x, 13)], want, 4e-3 * want + 1e-6);
                     REQUIRE(r.light.irradiance[c][rig_at(&r, x, 13)] == 0.0f);
                 }
-            REQUIRE(r.light.through[0][rig_at(&r, SIZE / 2, SIZE / 2)] > 0.0f);
+            REQUIRE(r.light.transmitted[0][rig_at(&r, SIZE / 2, SIZE / 2)] > 0.0f);
             rig_finish(&r);
         }
 }
 
-static struct pell_texture *add_sky(struct rig *r)
+static struct pell_texture *add_environment(struct rig *r)
 {
     struct pell_texture *t;
     float *p;
@@ -93,11 +93,11 @@ static struct pell_texture *add_sky(struct rig *r)
 }
 
 /* Under even light the thin slab shows share(t) pi L; under a picture, share(t) times what enters a slab turned round. */
-static void slab_lit_from_behind_by_an_environment(void **state)
+static void slab_transmits_an_environment(void **state)
 {
     (void) state;
-    for (int picture = 0; picture < 2; picture++) {
-        float entered[3] = { 0 }, through[3] = { 0 };
+    for (int image = 0; image < 2; image++) {
+        float entered[3] = { 0 }, transmitted[3] = { 0 };
         for (int turned = 0; turned < 2; turned++) {
             struct pell_light *l;
             struct rig r;
@@ -105,22 +105,22 @@ static void slab_lit_from_behind_by_an_environment(void **state)
             r.settings.ambient_samples = 16;
             l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.5f);
             l->power[1] = l->power[2] = 1.5f;
-            l->image = picture ? add_sky(&r) : NULL;
+            l->image = image ? add_environment(&r) : NULL;
             l->rotate = turned ? PELL_PI_F : 0.0f; /* about y: what was below is above */
             rig_render(&r);
             for (int c = 0; c < 3; c++)
-                *(turned ? &entered[c] : &through[c]) = (turned ? r.light.irradiance : r.light.through)[c][rig_at(&r, SIZE / 2, SIZE / 2)];
+                *(turned ? &entered[c] : &transmitted[c]) = (turned ? r.light.irradiance : r.light.transmitted)[c][rig_at(&r, SIZE / 2, SIZE / 2)];
             rig_finish(&r);
         }
         for (int c = 0; c < 3; c++) {
-            REQUIRE_REL(through[c], entered[c] * table_share(2.0, c), 5e-3);
-            if (!picture)
+            REQUIRE_REL(transmitted[c], entered[c] * table_share(2.0, c), 5e-3);
+            if (!image)
                 REQUIRE_REL(entered[c], 1.5 * PELL_PI, 1e-3);
         }
     }
 }
 
-static void slide_shows_through_the_slab(void **state)
+static void a_projected_image_shows_through_the_slab(void **state)
 {
     struct pell_texture *t;
     struct pell_light *l;
@@ -139,7 +139,7 @@ static void slide_shows_through_the_slab(void **state)
     rig_render(&r);
     for (int x = 0; x < SIZE; x++) {
         const bool right = rig_point(&r, x, 5).x < 0.0f; /* along the light's way, +z, the right is -x */
-        const float got = r.light.through[0][rig_at(&r, x, 5)];
+        const float got = r.light.transmitted[0][rig_at(&r, x, 5)];
         REQUIRE_NEAR(got, right ? table_share(1.0, 0) : 0.0, 1e-3);
         lit += right;
         dark += !right;
@@ -171,8 +171,8 @@ static void inner_objects(void **state)
                 rig_box(&r, cases[k].material, cases[k].object, vec3(-8, -8, 2), vec3(8, 8, 4));
             rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0.1f, 0, -1), vec3(0, 0, 0), 1.0f);
             rig_render(&r);
-            inside = r.light.through[0][rig_at(&r, SIZE / 2, SIZE / 2)];
-            outside = r.light.through[0][rig_at(&r, 1, 1)];
+            inside = r.light.transmitted[0][rig_at(&r, SIZE / 2, SIZE / 2)];
+            outside = r.light.transmitted[0][rig_at(&r, 1, 1)];
             REQUIRE_REL(outside, table_share(6.0, 0) / sqrt(1.01), 1e-3);
             if (cases[k].passes)
                 REQUIRE_REL(inside, outside, 1e-3);
@@ -190,12 +190,12 @@ static void a_shadow_on_the_far_side_blocks(void **state)
     rig_box(&r, rig_material(&r, true), 1, vec3(-50, -50, -30), vec3(0, 50, -29));
     rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -1), vec3(0, 0, 0), 1.0f);
     rig_render(&r);
-    REQUIRE(r.light.through[0][rig_at(&r, 2, 9)] == 0.0f);
-    REQUIRE_REL(r.light.through[0][rig_at(&r, SIZE - 3, 9)], table_share(1.0, 0), 1e-3);
+    REQUIRE(r.light.transmitted[0][rig_at(&r, 2, 9)] == 0.0f);
+    REQUIRE_REL(r.light.transmitted[0][rig_at(&r, SIZE - 3, 9)], table_share(1.0, 0), 1e-3);
     rig_finish(&r);
 }
 
-static void opaque_things_let_nothing_through(void **state)
+static void opaque_objects_transmit_nothing(void **state)
 {
     struct rig r;
     (void) state;
@@ -207,7 +207,7 @@ static void opaque_things_let_nothing_through(void **state)
     }
     rig_render(&r);
     for (int x = 0; x < SIZE; x++)
-        REQUIRE(r.light.through[1][rig_at(&r, x, x)] == 0.0f);
+        REQUIRE(r.light.transmitted[1][rig_at(&r, x, x)] == 0.0f);
     rig_finish(&r);
 }
 
@@ -224,7 +224,7 @@ static void falls_with_thickness_for_every_light(void **state)
             l->width = l->height = l->radius = 1.0f;
             rig_render(&r);
             for (int c = 0; c < 3; c++) {
-                const float got = r.light.through[c][rig_at(&r, SIZE / 2, SIZE / 2)];
+                const float got = r.light.transmitted[c][rig_at(&r, SIZE / 2, SIZE / 2)];
                 REQUIRE(got >= 0.0f && got <= last[c]);
                 REQUIRE(t > 20.0f ? got == 0.0f : t < 2.0f ? got > 0.0f : true);
                 last[c] = got;
@@ -267,7 +267,7 @@ static void start_everything(struct rig *r, unsigned lights)
         l->radius = 20.0f;
         l->cos_inner = 0.99f;
         l->cos_outer = 0.97f;
-        l->image = k == 5 && lights & PICTURE ? add_sky(r) : NULL;
+        l->image = k == 5 && lights & PICTURE ? add_environment(r) : NULL;
     }
 }
 
@@ -345,9 +345,9 @@ static void everything_turned_looks_the_same(void **state)
                 continue;
             covered++;
             for (int c = 0; c < 3; c++) {
-                const double e = a.light.irradiance[c][i], t = a.light.through[c][i];
+                const double e = a.light.irradiance[c][i], t = a.light.transmitted[c][i];
                 /* edges of shadows and of facets may fall to the other side */
-                differ += fabs(b.light.irradiance[c][i] - e) > 1e-3 * (e + 0.01) || fabs(b.light.through[c][i] - t) > 1e-3 * (t + 0.01) ||
+                differ += fabs(b.light.irradiance[c][i] - e) > 1e-3 * (e + 0.01) || fabs(b.light.transmitted[c][i] - t) > 1e-3 * (t + 0.01) ||
                           fabs(b.light.specular[c][i] - a.light.specular[c][i]) > 2e-3 * (a.light.specular[c][i] + 0.01);
                 front += e;
                 behind += t;
@@ -413,8 +413,8 @@ static void the_terminator_is_smooth(void **state)
         rig_render(&r);
         for (int x = 4; x < width - 4; x++) {
             const size_t i = rig_at(&r, x, row);
-            const double n = rig_normal(&r, x, row).x, e = r.light.irradiance[0][i], t = r.light.through[0][i];
-            const double before = r.light.irradiance[0][i - 1] + (double) r.light.through[0][i - 1];
+            const double n = rig_normal(&r, x, row).x, e = r.light.irradiance[0][i], t = r.light.transmitted[0][i];
+            const double before = r.light.irradiance[0][i - 1] + (double) r.light.transmitted[0][i - 1];
             REQUIRE(isfinite(e) && isfinite(t) && e >= 0.0 && t >= 0.0);
             REQUIRE_NEAR(e, fmax(n, 0.0), 8e-3);
             REQUIRE(n > 0.01 ? t == 0.0 : true);
@@ -425,7 +425,7 @@ static void the_terminator_is_smooth(void **state)
         if (getenv("PELL_PROFILE"))
             for (int x = 0; x < width; x++)
                 print_message("# %g %g %g %g\n", (double) radii[k], (double) rig_normal(&r, x, row).x,
-                              (double) r.light.irradiance[0][rig_at(&r, x, row)], (double) r.light.through[0][rig_at(&r, x, row)]);
+                              (double) r.light.irradiance[0][rig_at(&r, x, row)], (double) r.light.transmitted[0][rig_at(&r, x, row)]);
         rig_finish(&r);
     }
 }
@@ -455,7 +455,7 @@ static void a_wall_between_terminators(void **state)
             const double m_mm = (1.5 - (double) c.x) / (double) to.x, cosine = (double) (tilt * to.x - up * to.z);
             const double want = wall ? table_share(m_mm + (m_mm * cosine - m_mm) * (double) tilt, 0) * (double) to.x : 0.0;
             REQUIRE(r.light.irradiance[0][rig_at(&r, x, SIZE / 2)] == 0.0f);
-            REQUIRE_NEAR(r.light.through[0][rig_at(&r, x, SIZE / 2)], want, 0.02 * want);
+            REQUIRE_NEAR(r.light.transmitted[0][rig_at(&r, x, SIZE / 2)], want, 0.02 * want);
             REQUIRE(!wall || want > 1e-3);
         }
         rig_finish(&r);
@@ -508,12 +508,12 @@ static void a_frame_allocates_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(slab_lit_from_behind_by_every_light),
-        cmocka_unit_test(slab_lit_from_behind_by_an_environment),
-        cmocka_unit_test(slide_shows_through_the_slab),
+        cmocka_unit_test(slab_transmits_every_light),
+        cmocka_unit_test(slab_transmits_an_environment),
+        cmocka_unit_test(a_projected_image_shows_through_the_slab),
         cmocka_unit_test(inner_objects),
         cmocka_unit_test(a_shadow_on_the_far_side_blocks),
-        cmocka_unit_test(opaque_things_let_nothing_through),
+        cmocka_unit_test(opaque_objects_transmit_nothing),
         cmocka_unit_test(falls_with_thickness_for_every_light),
         cmocka_unit_test(lights_add_up),
         cmocka_unit_test(everything_turned_looks_the_same),

@@ -25,7 +25,7 @@ static void furnish(struct stage *s)
     stage_box(s, paint, 2, vec3(-60, -30, -40), vec3(60, -20, 40));
     stage_light(s, PELL_LIGHT_RECT, vec3(-80, 100, 90), vec3(0, 0, 0), 20.0f);
     stage_light(s, PELL_LIGHT_POINT, vec3(70, 40, -60), vec3(0, 0, 0), 0.02f);
-    stage_sky(s, 0.3f);
+    stage_environment(s, 0.3f);
     stage_camera(s, vec3(0, 30, 260), vec3(0, -5, 0), 0.35f, 0.0f);
     s->settings.light_samples = 4;
     s->settings.ambient_samples = 4;
@@ -61,9 +61,9 @@ static void no_allocation_after_the_first_frame(void **state)
             stage_camera(&s, vec3(-14, 0, 24), vec3(-14, 0, 0), 0.35f, 0.0f); /* filling the picture */
             stage_render(&s);
             s.settings.exposure = 0.0f; /* what post alone reads */
-            s.settings.exit = PELL_EXIT_PUBLISHED;
+            s.settings.exit = PELL_EXIT_NORMALIZATION_PUBLISHED;
             stage_render(&s);
-            s.settings.exit = PELL_EXIT_BALANCED;
+            s.settings.exit = PELL_EXIT_NORMALIZATION_BALANCED;
             if (pell_allocations(s.ctx) != before)
                 fail_msg("%s, layers %d: %llu allocations", cases[k].method, layers,
                          (unsigned long long) (pell_allocations(s.ctx) - before));
@@ -101,7 +101,7 @@ static void write_file(const char *name, const char *text)
     fclose(f);
 }
 
-/* A scene file with meshes of two materials, a colour map, an environment and a slide. */
+/* A scene file with meshes of two materials, a colour map, an environment and a projected image. */
 static void write_scene_files(void)
 {
     static const float grey[4 * 2 * 3] = { 1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 50, 50, 50 };
@@ -125,29 +125,29 @@ static void write_scene_files(void)
           f);
     fclose(f);
     write_file("thing.mtl", "newmtl one\nKd 1 0.8 0.6\nmap_Kd map.png\nnewmtl two\nKd 0.5 0.5 0.5\n");
-    for (int sky = 0; sky < 2; sky++) {
+    for (int environment = 0; environment < 2; environment++) {
         char text[1024];
         snprintf(text, sizeof(text),
                  "{\"pellucid\": 1, \"mesh\": \"thing.obj\", \"unit\": \"1mm\", \"ground\": true,"
                  " \"camera\": {\"from\": [30, 30, 60], \"to\": [0, 0, 0], \"fov_deg\": 30},"
                  " \"lights\": [%s{\"type\": \"point\", \"at\": [30, 50, 60], \"intensity\": [0.01, 0.01, 0.01]}],"
                  " \"materials\": {\"one\": {\"preset\": \"skin\"}, \"two\": {\"preset\": \"marble\"}}}",
-                 sky ? "{\"type\": \"environment\", \"image\": \"sky.hdr\"}, " : "");
-        write_file(sky ? "sky.json" : "scene.json", text);
+                 environment ? "{\"type\": \"environment\", \"image\": \"sky.hdr\"}, " : "");
+        write_file(environment ? "sky.json" : "scene.json", text);
     }
 }
 
 /* Load, render with a method, write. Returns the first failure. */
-static enum pell_result whole_way(const char *file, struct pell_fault *fault, uint64_t calls[3])
+static enum pell_result whole_way(const char *file, struct pell_alloc_fault *fault, uint64_t calls[3])
 {
-    struct pell_context_params params = { .allocator = pell_fault_allocator(fault) };
+    struct pell_context_params params = { .allocator = pell_failing_allocator(fault) };
     const struct pell_device_params threads = { .threads = 2 };
     struct pell_context *ctx = NULL;
     struct pell_scene *scene = NULL;
     struct pell_device *device = NULL;
     struct pell_renderer *r = NULL;
     struct pell_settings settings;
-    struct pell_picture picture;
+    struct pell_render_result image;
     struct pell_write_params write = { .width = 12, .height = 9 };
     struct pell_load_params load = { 0 };
     enum pell_result res;
@@ -166,11 +166,11 @@ static enum pell_result whole_way(const char *file, struct pell_fault *fault, ui
     PELL_TRY(pell_renderer_create(device, &r));
     PELL_TRY(pell_renderer_set_scene(r, scene));
     PELL_TRY(pell_renderer_set_method(r, pell_method_at(0), NULL));
-    PELL_TRY(pell_renderer_render(r, &settings, &picture));
-    PELL_TRY(pell_renderer_check_range(r, &settings));
+    PELL_TRY(pell_renderer_render(r, &settings, &image));
+    PELL_TRY(pell_renderer_check_assumptions(r, &settings));
     calls[1] = fault->calls;
-    write.channels = picture.channels;
-    write.num_channels = picture.num_channels;
+    write.channels = image.channels;
+    write.num_channels = image.num_channels;
     PELL_TRY(pell_image_write(ctx, work_file("out.exr"), NULL, &write));
     calls[2] = fault->calls;
 
@@ -191,12 +191,12 @@ static void nth_allocation_fails_from_file_to_file(void **state)
     write_scene_files();
     for (int k = 0; k < 2; k++) {
         uint64_t calls[3] = { 0 }, tried = 0;
-        struct pell_fault none = { 0 };
+        struct pell_alloc_fault none = { 0 };
         OK(whole_way(scenes[k], &none, calls));
         assert_int_equal(none.live, 0);
         /* Every one; of the second scene, whose environment takes time to be made, some. */
         for (uint64_t n = 1; n <= calls[2]; n += k ? (SLOW ? 23 : 7) : SLOW && n > calls[0] ? 5 : 1) {
-            struct pell_fault fault = { .fail_at = n, .sticky = n % 2 == 0 };
+            struct pell_alloc_fault fault = { .fail_at = n, .sticky = n % 2 == 0 };
             uint64_t ignored[3];
             enum pell_result res;
             unlink(work_file("out.exr"));
@@ -231,12 +231,12 @@ static void a_renderer_survives_want_of_memory(void **state)
     furnish(&good);
     expected = stage_shot_of(&good, "screen-space", NULL);
     for (n = 1; n < 200; n += 3) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, NULL);
         const struct pell_device_params params = { .threads = 2 };
         struct pell_device *device;
         struct pell_renderer *r;
-        struct pell_picture picture;
+        struct pell_render_result image;
         struct shot shot;
         bool failed = false;
 
@@ -251,11 +251,11 @@ static void a_renderer_survives_want_of_memory(void **state)
             failed = true;
             OK(pell_renderer_set_scene(r, good.scene));
         }
-        if (pell_renderer_render(r, &good.settings, &picture) != PELL_OK) {
+        if (pell_renderer_render(r, &good.settings, &image) != PELL_OK) {
             failed = true;
-            OK(pell_renderer_render(r, &good.settings, &picture));
+            OK(pell_renderer_render(r, &good.settings, &image));
         }
-        shot = shot_copy(&picture);
+        shot = shot_copy(&image);
         REQUIRE(shot_equal(&shot, &expected));
         shot_free(&shot);
         pell_renderer_destroy(&r);
@@ -315,14 +315,14 @@ static void *run_twin(void *arg)
 {
     struct twin *t = arg;
     struct pell_renderer *r;
-    struct pell_picture picture;
+    struct pell_render_result image;
 
     t->right = pell_renderer_create(t->device, &r) == PELL_OK && pell_renderer_set_scene(r, t->scene) == PELL_OK &&
                pell_renderer_set_method(r, t->scatter ? pell_method_at(0) : NULL, NULL) == PELL_OK;
     for (int i = 0; i < 3 && t->right; i++) {
-        t->right = pell_renderer_render(r, &t->settings, &picture) == PELL_OK;
+        t->right = pell_renderer_render(r, &t->settings, &image) == PELL_OK;
         if (t->right) {
-            struct shot shot = shot_copy(&picture);
+            struct shot shot = shot_copy(&image);
             t->right = shot_equal(&shot, t->expected);
             shot_free(&shot);
         }
@@ -392,7 +392,7 @@ static void a_picture_has_no_history(void **state)
         a = stage_shot(&fresh);
         if (i == 3) {
             OK(pell_renderer_set_scene(old.r, other.scene));
-            OK(pell_renderer_render(old.r, &old.settings, &old.picture));
+            OK(pell_renderer_render(old.r, &old.settings, &old.image));
             OK(pell_renderer_set_scene(old.r, old.scene));
         }
         old.settings = fresh.settings;
@@ -411,7 +411,7 @@ static void a_picture_has_no_history(void **state)
     stage_finish(&old);
 }
 
-/* What lay beside the thing in the frame before is gone, however near its depth is. */
+/* What lay beside the object in the frame before is gone, however near its depth is. */
 static void a_method_sees_nothing_of_the_frame_before(void **state)
 {
     struct stage s[2];
@@ -489,7 +489,7 @@ static void settings_out_of_range_are_refused(void **state)
         for (int i = 0; i < (k->type == PELL_KNOB_FLOAT ? 3 : 2); i++) {
             struct pell_settings settings = s.settings;
             void *field = (char *) &settings + k->offset;
-            struct pell_picture picture;
+            struct pell_render_result image;
             if (k->type == PELL_KNOB_FLOAT)
                 *(float *) field = (float) bad[i];
             else if (k->type == PELL_KNOB_INT64)
@@ -497,7 +497,7 @@ static void settings_out_of_range_are_refused(void **state)
             else
                 *(int *) field = (int) bad[i];
             s.kept.errors = 0;
-            if (pell_renderer_render(s.r, &settings, &picture) != PELL_ERR_INVALID)
+            if (pell_renderer_render(s.r, &settings, &image) != PELL_ERR_INVALID)
                 fail_msg("%s = %g is not refused", k->name, bad[i]);
             assert_int_equal(s.kept.errors, 1);
             REQUIRE(strstr(s.kept.what, k->name) || strstr(s.kept.where, k->name));
@@ -543,7 +543,7 @@ static void cameras_that_show_nothing_are_refused(void **state)
         c->fov = cases[i].fov;
         c->ortho_height = cases[i].ortho;
         s.kept.errors = 0;
-        if (pell_renderer_render(s.r, &s.settings, &s.picture) != PELL_ERR_INVALID || s.kept.errors != 1 ||
+        if (pell_renderer_render(s.r, &s.settings, &s.image) != PELL_ERR_INVALID || s.kept.errors != 1 ||
             !strstr(s.kept.what, cases[i].what))
             fail_msg("camera %zu: %d errors, \"%s\", expected one about %s", i, s.kept.errors, s.kept.what, cases[i].what);
         *c = good;
@@ -564,12 +564,12 @@ static void what_is_missing_is_named(void **state)
     furnish(&s);
     assert_int_equal(pell_device_create(s.ctx, &vulkan, &device), PELL_ERR_DEVICE);
     assert_null(device);
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_INVALID);
     REQUIRE(strstr(s.kept.what, "no scene"));
     stage_render(&s);
     OK(pell_renderer_set_scene(s.r, NULL));
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
-    OK(pell_renderer_check_range(s.r, &s.settings));
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_INVALID);
+    OK(pell_renderer_check_assumptions(s.r, &s.settings));
     OK(pell_scene_create(s.ctx, &empty));
     assert_int_equal(pell_renderer_set_scene(s.r, empty), PELL_ERR_INVALID);
     REQUIRE(strstr(s.kept.what, "camera"));
@@ -581,7 +581,7 @@ static void what_is_missing_is_named(void **state)
     stage_finish(&s);
 }
 
-/* Blocks of pixels that a thing covers in part are another way's work than empty ones. */
+/* Blocks of pixels that an object covers in part are another way's work than empty ones. */
 static void a_background_of_one_colour_is_shown_flat(void **state)
 {
     struct stage s;
@@ -610,7 +610,7 @@ static void a_background_of_one_colour_is_shown_flat(void **state)
 }
 
 /* A scene of lights and a camera alone shows its background. */
-static void a_scene_without_things_is_its_background(void **state)
+static void a_scene_without_objects_is_its_background(void **state)
 {
     struct stage s;
     struct shot shot;
@@ -619,7 +619,7 @@ static void a_scene_without_things_is_its_background(void **state)
     (void) state;
     stage_start(&s, 19, 11);
     stage_medium(&s, "marble", &index);
-    stage_sky(&s, 1.0f);
+    stage_environment(&s, 1.0f);
     stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
     s.scene->background_color[0] = 0.5f;
     OK(pell_renderer_set_scene(s.r, s.scene));
@@ -638,7 +638,7 @@ static void a_scene_without_things_is_its_background(void **state)
     shot = stage_shot(&s);
     REQUIRE_NEAR(shot_at(&shot, SHOT_G, 9, 5), 1.0, 1e-5);
     shot_free(&shot);
-    OK(pell_renderer_check_range(s.r, &s.settings));
+    OK(pell_renderer_check_assumptions(s.r, &s.settings));
     stage_finish(&s);
 }
 
@@ -670,11 +670,11 @@ static void cancelling_ends_a_frame_soon(void **state)
     OK(pell_renderer_set_scene(s.r, s.scene));
     start = pell_seconds();
     assert_int_equal(pthread_create(&thread, NULL, cancel_soon, s.ctx), 0);
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_CANCELLED);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_CANCELLED);
     pthread_join(thread, NULL);
     print_message("# ended after %.2f s\n", pell_seconds() - start);
     REQUIRE(pell_seconds() - start < 5.0);
-    assert_null(s.picture.channels);
+    assert_null(s.image.channels);
     assert_int_equal(s.kept.errors, 0);
     stage_finish(&s);
 }
@@ -735,7 +735,7 @@ static enum pell_result probe_render(void *state, const struct pell_frame *in, c
         for (int x = in->rect.x0; x < in->rect.x1; x++) {
             const ptrdiff_t i = y * in->shape.stride + x;
             for (int c = 0; c < 3 && in->material[i]; c++)
-                out->light[c][i] = gain * ((probe.needs & PELL_NEED_LIT) ? in->lit[c][i] : in->irradiance[c][i]);
+                out->light[c][i] = gain * ((probe.needs & PELL_NEED_SHADED) ? in->shaded[c][i] : in->irradiance[c][i]);
             if (in->material[i] && in->position[0]) /* the camera of `furnish_plane` is at z = 100 and looks along -z */
                 probe.positions_agree =
                     probe.positions_agree && fabsf(in->position[2][i] - (100.0f - in->depth[i])) < 1e-3f &&
@@ -788,11 +788,11 @@ static void a_method_needs_only_three_functions(void **state)
     memset(&probe, 0, sizeof(probe));
     stage_start(&s, 32, 24);
     furnish_plane(&s);
-    probe.needs = PELL_NEED_IRRADIANCE | PELL_NEED_POSITION | PELL_NEED_THROUGH;
+    probe.needs = PELL_NEED_IRRADIANCE | PELL_NEED_POSITION | PELL_NEED_TRANSMISSION;
     OK(pell_renderer_set_method(s.r, &probe_method, NULL));
     stage_render(&s);
     REQUIRE(probe.positions_agree);
-    REQUIRE_REL((double) s.picture.channels[0].data[12 * s.picture.stride + 16], 0.25 * 2.0 / PELL_PI, 1e-5);
+    REQUIRE_REL((double) s.image.channels[0].data[12 * s.image.stride + 16], 0.25 * 2.0 / PELL_PI, 1e-5);
     assert_int_equal(probe.creates, 1);
     stage_render(&s);
     assert_int_equal(probe.creates, 1);
@@ -810,11 +810,11 @@ static void a_method_needs_only_three_functions(void **state)
     stage_render(&s);
     REQUIRE(probe.positions_agree && probe.hits_agree);
 
-    probe.needs = PELL_NEED_LIT;
+    probe.needs = PELL_NEED_SHADED;
     probe.quantity = PELL_QUANTITY_RADIANCE;
     OK(pell_renderer_set_method(s.r, &probe_method, NULL));
     stage_render(&s);
-    REQUIRE_REL((double) s.picture.channels[0].data[12 * s.picture.stride + 16], 0.25 * 0.8 * 2.0 / PELL_PI, 1e-5);
+    REQUIRE_REL((double) s.image.channels[0].data[12 * s.image.stride + 16], 0.25 * 0.8 * 2.0 / PELL_PI, 1e-5);
     stage_finish(&s);
     assert_int_equal(probe.destroys, probe.creates);
 }
@@ -833,10 +833,10 @@ static void a_failing_method_fails_the_frame_alone(void **state)
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
     s.set = true;
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_INVALID);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_INVALID);
     probe.fail_create = false;
     probe.fail_render = true;
-    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.picture), PELL_ERR_FORMAT);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_FORMAT);
     probe.fail_render = false;
     stage_render(&s);
     stage_finish(&s);
@@ -858,7 +858,7 @@ int main(void)
         cmocka_unit_test(cameras_that_show_nothing_are_refused),
         cmocka_unit_test(what_is_missing_is_named),
         cmocka_unit_test(a_background_of_one_colour_is_shown_flat),
-        cmocka_unit_test(a_scene_without_things_is_its_background),
+        cmocka_unit_test(a_scene_without_objects_is_its_background),
         cmocka_unit_test(cancelling_ends_a_frame_soon),
         cmocka_unit_test(a_method_needs_only_three_functions),
         cmocka_unit_test(a_failing_method_fails_the_frame_alone),

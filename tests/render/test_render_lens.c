@@ -129,7 +129,7 @@ static void without_it_nothing_changes(void **state)
 static void refuse(struct stage *s, const char *what)
 {
     memset(&s->kept, 0, sizeof(s->kept));
-    assert_int_equal(pell_renderer_render(s->r, &s->settings, &s->picture), PELL_ERR_INVALID);
+    assert_int_equal(pell_renderer_render(s->r, &s->settings, &s->image), PELL_ERR_INVALID);
     if (!strstr(s->kept.what, what))
         fail_msg("said \"%s\", wanted \"%s\"", s->kept.what, what);
 }
@@ -166,7 +166,7 @@ static void lenses_that_cannot_be_are_refused(void **state)
     stage_finish(&s);
 }
 
-/* Methods that ask where the eye is: the light of a sample is as it is seen from that point of the lens. */
+/* Methods that ask where the camera is: the light of a sample is as it is seen from that point of the lens. */
 static void methods_see_through_the_lens(void **state)
 {
     static const char *const names[] = { "screen-space", "image-space" };
@@ -207,7 +207,7 @@ static void bloom_keeps_light_and_lies_over_any_background(void **state)
     stage_start(&s, 128, 96);
     stage_opaque(&s, 1.0f, &white);
     stage_ball(&s, white, 0, vec3(0, 0, -500), 30.0f, 24);
-    stage_sky(&s, 1.0f);
+    stage_environment(&s, 1.0f);
     stage_camera(&s, vec3(0, 0, 0), vec3(0, 0, -1), 0.3f, 0.0f);
     s.settings.msaa = 2;
     s.settings.tonemap = PELL_TONEMAP_LINEAR;
@@ -231,7 +231,7 @@ static void bloom_keeps_light_and_lies_over_any_background(void **state)
         worst = fmax(worst, fabs(over - (double) laid.data[SHOT_R * laid.size + i]));
     }
     REQUIRE(worst < 1e-5);
-    assert_string_equal(s.picture.stages[s.picture.num_stages - 1].name, "bloom");
+    assert_string_equal(s.image.stages[s.image.num_stages - 1].name, "bloom");
     shot_free(&black);
     shot_free(&clear);
     shot_free(&laid);

@@ -8,11 +8,11 @@ static const char *const off[] = { "through=off", NULL };
 /* --- Known radiance ---------------------------------------------------------------------------------------------------------------- */
 
 /* A thick block whose face z = 0 fills the picture of a camera `tilt` radians off its normal, under a directional light of `e` at
- * `lean`. */
-static void facing_block(struct stage *s, size_t material, double tilt, double lean, float e)
+ * `omit_uniform`. */
+static void facing_block(struct stage *s, size_t material, double tilt, double omit_uniform, float e)
 {
     stage_box(s, material, 0, vec3(-300, -300, -200), vec3(300, 300, 0));
-    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100.0f * (float) sin(lean), 0, 100.0f * (float) cos(lean)), vec3(0, 0, 0), e);
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100.0f * (float) sin(omit_uniform), 0, 100.0f * (float) cos(omit_uniform)), vec3(0, 0, 0), e);
     stage_camera(s, vec3(0, 100.0f * (float) sin(tilt), 100.0f * (float) cos(tilt)), vec3(0, 0, 0), 0.0f, 40.0f);
 }
 
@@ -20,28 +20,28 @@ static void white_lambert_plane(void **state)
 {
     (void) state;
     for (int k = 0; k < 16; k++) {
-        const double tilt = k & 1 ? 0.7 : 0.0, lean = k & 2 ? 1.1 : 0.0;
+        const double tilt = k & 1 ? 0.7 : 0.0, omit_uniform = k & 2 ? 1.1 : 0.0;
         struct stage s;
         struct shot shot;
         size_t m;
 
         stage_start(&s, 32, 32);
         stage_opaque(&s, 1.0f, &m);
-        facing_block(&s, m, tilt, lean, 3.0f);
-        s.settings.exit = k & 4 ? PELL_EXIT_PUBLISHED : PELL_EXIT_BALANCED;
-        s.settings.boundary = k & 8 ? PELL_BOUNDARY_SMOOTH : PELL_BOUNDARY_ROUGH;
+        facing_block(&s, m, tilt, omit_uniform, 3.0f);
+        s.settings.exit = k & 4 ? PELL_EXIT_NORMALIZATION_PUBLISHED : PELL_EXIT_NORMALIZATION_BALANCED;
+        s.settings.boundary = k & 8 ? PELL_BOUNDARY_MODEL_SMOOTH : PELL_BOUNDARY_MODEL_ROUGH;
         shot = stage_shot_of(&s, "screen-space", NULL);
         for (int y = 0; y < 32; y += 5)
             for (int x = 0; x < 32; x += 5)
                 for (size_t c = 0; c < 3; c++)
-                    REQUIRE_REL(shot_at(&shot, c, x, y), 3.0 * cos(lean) / PELL_PI, 1e-5);
+                    REQUIRE_REL(shot_at(&shot, c, x, y), 3.0 * cos(omit_uniform) / PELL_PI, 1e-5);
         shot_free(&shot);
         stage_finish(&s);
     }
 }
 
 /* In even light a plane gives its profile's total, whatever the method does to it. */
-static void translucent_plane_in_even_light(void **state)
+static void translucent_plane_in_uniform_light(void **state)
 {
     static const double total[3] = { 0.8, 0.7, 0.6 };
     const double eta = 1.5;
@@ -49,9 +49,9 @@ static void translucent_plane_in_even_light(void **state)
 
     (void) state;
     for (int k = 0; k < 32; k++) {
-        const double tilt = k & 1 ? 0.7 : 0.0, lean = k & 2 ? 1.1 : 0.0;
+        const double tilt = k & 1 ? 0.7 : 0.0, omit_uniform = k & 2 ? 1.1 : 0.0;
         const bool published = k & 4, smooth = k & 8;
-        const double in = smooth ? 1.0 - pell_fresnel(eta, cos(lean)) : 1.0, out = smooth ? 1.0 - pell_fresnel(eta, cos(tilt)) : 1.0;
+        const double in = smooth ? 1.0 - pell_fresnel(eta, cos(omit_uniform)) : 1.0, out = smooth ? 1.0 - pell_fresnel(eta, cos(tilt)) : 1.0;
         const double norm = smooth && !published ? pell_fresnel_exit_norm(eta) : 1.0;
         struct stage s;
         struct shot shot;
@@ -59,14 +59,14 @@ static void translucent_plane_in_even_light(void **state)
 
         stage_start(&s, 48, 48);
         stage_gaussians(&s, 0.5, &m)->medium.eta = eta;
-        facing_block(&s, m, tilt, lean, 3.0f);
-        s.settings.exit = published ? PELL_EXIT_PUBLISHED : PELL_EXIT_BALANCED;
-        s.settings.boundary = smooth ? PELL_BOUNDARY_SMOOTH : PELL_BOUNDARY_ROUGH;
+        facing_block(&s, m, tilt, omit_uniform, 3.0f);
+        s.settings.exit = published ? PELL_EXIT_NORMALIZATION_PUBLISHED : PELL_EXIT_NORMALIZATION_BALANCED;
+        s.settings.boundary = smooth ? PELL_BOUNDARY_MODEL_SMOOTH : PELL_BOUNDARY_MODEL_ROUGH;
         shot = stage_shot_of(&s, k & 16 ? "screen-space" : "none", NULL);
         for (int y = 0; y < 48; y++)
             for (int x = 0; x < 48; x++)
                 for (size_t c = 0; c < 3; c++) {
-                    const double expected = total[c] * 3.0 * cos(lean) * in * out / (PELL_PI * norm);
+                    const double expected = total[c] * 3.0 * cos(omit_uniform) * in * out / (PELL_PI * norm);
                     worst = fmax(worst, fabs(shot_at(&shot, c, x, y) / expected - 1.0));
                 }
         shot_free(&shot);
@@ -77,12 +77,12 @@ static void translucent_plane_in_even_light(void **state)
     print_message("# differs from the closed form by %.5f at most\n", worst);
 }
 
-/* What a ball of 20 mm shows in an even sky of radiance 1: mean, smallest and largest of pixels that it covers wholly. */
+/* What a ball of 20 mm shows in a uniform environment of radiance 1: mean, smallest and largest of pixels that it covers wholly. */
 struct seen {
     double mean, low, high;
 };
 
-static struct seen in_even_sky(struct stage *s, size_t material, const char *method, const char *const *knobs, size_t channel)
+static struct seen in_uniform_environment(struct stage *s, size_t material, const char *method, const char *const *knobs, size_t channel)
 {
     struct seen seen = { 0.0, INFINITY, 0.0 };
     struct shot shot;
@@ -90,7 +90,7 @@ static struct seen in_even_sky(struct stage *s, size_t material, const char *met
 
     if (!s->set) {
         stage_ball(s, material, 0, vec3(0, 0, 0), 20.0f, 96);
-        stage_sky(s, 1.0f);
+        stage_environment(s, 1.0f);
         stage_camera(s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 44.0f);
         s->settings.ambient_samples = SLOW ? 16 : 64;
     }
@@ -111,8 +111,8 @@ static struct seen in_even_sky(struct stage *s, size_t material, const char *met
     return seen;
 }
 
-/* A closed form of all light there is: a convex body in an even sky shows its profile's total everywhere. */
-static void translucent_ball_in_an_even_sky(void **state)
+/* A closed form of all light there is: a convex solid in a uniform environment shows its profile's total everywhere. */
+static void translucent_ball_in_a_uniform_environment(void **state)
 {
     static const char *const entries[] = { "spectralon", "marble", "ketchup" };
 
@@ -126,7 +126,7 @@ static void translucent_ball_in_an_even_sky(void **state)
             const struct pell_medium *medium = &s.scene->materials[m].medium;
             const struct pell_dipole d = pell_dipole_make(medium->sigma_a[c], medium->sigma_s_reduced[c], medium->eta, PELL_FRESNEL_EXACT);
             const double total = pell_dipole_total(&d);
-            const struct seen none = in_even_sky(&s, m, "none", NULL, c), moved = in_even_sky(&s, m, "screen-space", off, c);
+            const struct seen none = in_uniform_environment(&s, m, "none", NULL, c), moved = in_uniform_environment(&s, m, "screen-space", off, c);
             print_message("# %s %zu: total %.5f; none %.4f %.4f %.4f, screen-space mean %.4f, from %.4f to %.4f of it\n", entries[k], c,
                           total, none.mean / total, none.low / total, none.high / total, moved.mean / total, moved.low / total,
                           moved.high / total);
@@ -140,7 +140,7 @@ static void translucent_ball_in_an_even_sky(void **state)
     }
 }
 
-/* A white body under a specular lobe that takes nothing away shows the sky's own radiance. */
+/* A white solid under a specular lobe that takes nothing away shows the environment's own radiance. */
 /* The same for each model of the profile, asked for by the picture or by the material, and for a table of a user: what the renderer
  * takes for the total is what the method spreads. */
 static void every_model_and_a_table_show_their_total(void **state)
@@ -175,8 +175,8 @@ static void every_model_and_a_table_show_their_total(void **state)
                 m->model = model;
             assert_string_equal(knob->choices[1 + model], pell_profile_model_at(model)->name);
         }
-        none = in_even_sky(&s, index, "none", NULL, 0);
-        moved = in_even_sky(&s, index, "screen-space", off, 0);
+        none = in_uniform_environment(&s, index, "none", NULL, 0);
+        moved = in_uniform_environment(&s, index, "screen-space", off, 0);
         print_message("# %s: total %.5f, none %.5f, screen-space %.5f\n", table ? "table" : pell_profile_model_at(model)->name,
                       pell_profile_total(&profile), none.mean, moved.mean);
         REQUIRE_REL(none.low, pell_profile_total(&profile), 3e-3);
@@ -186,7 +186,7 @@ static void every_model_and_a_table_show_their_total(void **state)
     }
 }
 
-static void white_body_with_highlights_in_an_even_sky(void **state)
+static void white_solid_with_highlights_in_a_uniform_environment(void **state)
 {
     static const float roughness[] = { 0.1f, 0.3f, 0.6f, 1.0f };
 
@@ -210,7 +210,7 @@ static void white_body_with_highlights_in_an_even_sky(void **state)
         material->rho_s = 1.0f;
         material->roughness = roughness[k % 4];
         material->specular = model;
-        seen = in_even_sky(&s, m, translucent ? "screen-space" : "none", off, 1);
+        seen = in_uniform_environment(&s, m, translucent ? "screen-space" : "none", off, 1);
         print_message("# %s %s, roughness %.1f: mean %.4f, from %.4f to %.4f\n", translucent ? "translucent" : "opaque",
                       pell_specular_name(model), (double) material->roughness, seen.mean, seen.low, seen.high);
         REQUIRE_NEAR(seen.mean, 1.0, 0.01);
@@ -288,7 +288,7 @@ static void half_lit_plane_is_the_analytic_step(void **state)
 
 /* --- Every kind of light ----------------------------------------------------------------------------------------------------------- */
 
-enum { KIND_SKY = 5, KIND_SKY_IMAGE, KIND_SLIDE_SPOT, KIND_SLIDE_POINT, KIND_SLIDE_RECT, KINDS };
+enum { KIND_ENVIRONMENT = 5, KIND_ENVIRONMENT_IMAGE, KIND_IMAGE_SPOT, KIND_IMAGE_POINT, KIND_IMAGE_RECT, KINDS };
 static const char *const kind_names[KINDS] = { "point", "spot", "directional", "rectangle", "disc", "sky", "sky with a picture",
                                                "slide in a spot", "slide in a point", "picture on a rectangle" };
 
@@ -311,9 +311,9 @@ static struct pell_light *add_kind(struct stage *s, int kind, struct pell_vec3 a
     struct pell_light *l = stage_light(s, types[kind], at, vec3(0, 0, 0), points ? 0.01f * power : power);
 
     l->power[1] *= 0.5f;
-    if (kind >= KIND_SKY_IMAGE)
+    if (kind >= KIND_ENVIRONMENT_IMAGE)
         l->image = add_image(s);
-    if (kind == KIND_SLIDE_POINT)
+    if (kind == KIND_IMAGE_POINT)
         l->image_fov = 0.6f;
     return l;
 }
@@ -343,7 +343,7 @@ static void lights_add_up(void **state)
     (void) state;
     for (int kind = 0; kind < KINDS; kind++) {
         struct shot shot[3];
-        double largest = 0.0, through = 0.0;
+        double largest = 0.0, transmitted = 0.0;
 
         for (int i = 0; i < 3; i++) { /* A, B, both */
             struct stage s;
@@ -359,13 +359,13 @@ static void lights_add_up(void **state)
                 for (int x = 0; x < 80; x++) {
                     const double a = shot_at(&shot[0], p, x, y), b = shot_at(&shot[1], p, x, y), both = shot_at(&shot[2], p, x, y);
                     if (p >= SHOT_TRANSMISSION && p < SHOT_SPECULAR)
-                        through = fmax(through, a);
+                        transmitted = fmax(transmitted, a);
                     if (!(fabs(a + b - both) <= 2e-5 * both + 1e-7))
                         fail_msg("%s: plane %zu of pixel %d, %d: %.9g + %.9g is not %.9g", kind_names[kind], p, x, y, a, b, both);
                     largest = fmax(largest, both);
                 }
         REQUIRE(largest > 0.01);
-        if (!(through > 1e-4)) /* the light is behind the plate */
+        if (!(transmitted > 1e-4)) /* the light is behind the plate */
             fail_msg("%s: nothing comes from behind", kind_names[kind]);
         for (int i = 0; i < 3; i++)
             shot_free(&shot[i]);
@@ -387,14 +387,14 @@ static void a_picture_turns_with_its_scene(void **state)
 {
     (void) state;
     for (int kind = 0; kind < KINDS; kind++)
-        for (int side = 0; side < (kind == KIND_SKY || kind == KIND_SKY_IMAGE ? 1 : 2); side++) {
-            const bool sky = kind == KIND_SKY || kind == KIND_SKY_IMAGE;
-            const struct pell_vec3 axis = sky ? vec3(0, 1, 0) : vec3(1, 2, -1.5f);
+        for (int side = 0; side < (kind == KIND_ENVIRONMENT || kind == KIND_ENVIRONMENT_IMAGE ? 1 : 2); side++) {
+            const bool environment = kind == KIND_ENVIRONMENT || kind == KIND_ENVIRONMENT_IMAGE;
+            const struct pell_vec3 axis = environment ? vec3(0, 1, 0) : vec3(1, 2, -1.5f);
             const double angle = 0.9;
-            struct shot shot[3]; /* as it is; turned; turned, with a sky that was left behind */
+            struct shot shot[3]; /* as it is; turned; turned, with an environment that was left behind */
             struct difference d;
 
-            if (SLOW && !sky && side != kind % 2)
+            if (SLOW && !environment && side != kind % 2)
                 continue;
             for (int i = 0; i < 3; i++) {
                 struct stage s;
@@ -403,8 +403,8 @@ static void a_picture_turns_with_its_scene(void **state)
                 furnish(&s);
                 s.settings.layers = false;
                 s.settings.light_samples = 16;
-                s.settings.ambient_samples = sky ? 256 : 4;
-                s.settings.environment_lights = sky ? 64 : 8;
+                s.settings.ambient_samples = environment ? 256 : 4;
+                s.settings.environment_lights = environment ? 64 : 8;
                 l = add_kind(&s, kind, sides[side], 1.0f);
                 for (size_t m = 0; m < s.scene->num_meshes && i; m++)
                     for (uint32_t v = 0; v < s.scene->meshes[m].num_vertices; v++) {
@@ -419,7 +419,7 @@ static void a_picture_turns_with_its_scene(void **state)
                     turn(c->position, axis, angle);
                     turn(c->forward, axis, angle);
                     turn(c->up, axis, angle);
-                    l->rotate = sky && i == 1 ? (float) angle : 0.0f;
+                    l->rotate = environment && i == 1 ? (float) angle : 0.0f;
                 }
                 shot[i] = stage_shot_of(&s, "screen-space", NULL);
                 stage_finish(&s);
@@ -427,10 +427,10 @@ static void a_picture_turns_with_its_scene(void **state)
             d = shot_difference(&shot[0], &shot[1]);
             print_message("# %s %s: differ by %.2g root mean square, %.2g at most; %lld of %lld values by over 1 %%\n", kind_names[kind],
                           side ? "behind" : "in front", d.rms, d.largest, (long long) d.over, (long long) d.count);
-            /* Single pixels at edges of things and of shadows may fall to the other side. */
-            REQUIRE(d.over <= d.count / (sky ? 4 : 200)); /* a sky's rays are turned otherwise */
+            /* Single pixels at edges of objects and of shadows may fall to the other side. */
+            REQUIRE(d.over <= d.count / (environment ? 4 : 200)); /* an environment's rays are turned otherwise */
             REQUIRE(d.rms < 0.02);
-            if (kind == KIND_SKY_IMAGE)
+            if (kind == KIND_ENVIRONMENT_IMAGE)
                 REQUIRE(shot_difference(&shot[0], &shot[2]).rms > 5.0 * d.rms);
             for (int i = 0; i < 3; i++)
                 shot_free(&shot[i]);
@@ -452,7 +452,7 @@ static double shown_in_the_middle(const char *entry, double power)
     else
         stage_opaque(&s, 1.0f, &m);
     stage_ball(&s, m, 0, vec3(0, 0, 0), 20.0f, 32);
-    stage_sky(&s, (float) power);
+    stage_environment(&s, (float) power);
     stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 50.0f);
     s.settings.exposure = 0.0f;
     shot = stage_shot_of(&s, "screen-space", NULL);
@@ -484,10 +484,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(white_lambert_plane),
-        cmocka_unit_test(translucent_plane_in_even_light),
-        cmocka_unit_test(translucent_ball_in_an_even_sky),
+        cmocka_unit_test(translucent_plane_in_uniform_light),
+        cmocka_unit_test(translucent_ball_in_a_uniform_environment),
         cmocka_unit_test(every_model_and_a_table_show_their_total),
-        cmocka_unit_test(white_body_with_highlights_in_an_even_sky),
+        cmocka_unit_test(white_solid_with_highlights_in_a_uniform_environment),
         cmocka_unit_test(half_lit_plane_is_the_analytic_step),
         cmocka_unit_test(lights_add_up),
         cmocka_unit_test(a_picture_turns_with_its_scene),

@@ -299,7 +299,7 @@ static void multisampling_does_not_move_the_picture(void **state)
         stage_start(&s, 64, 64);
         stage_opaque(&s, 1.0f, &m);
         stage_ball(&s, m, 0, vec3(0, 0, 0), 20.0f, 64);
-        stage_sky(&s, 1.0f);
+        stage_environment(&s, 1.0f);
         stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 44.0f);
         s.settings.msaa = samples[k];
         shot = stage_shot_of(&s, "none", NULL);
@@ -325,7 +325,7 @@ static void multisampling_does_not_move_the_picture(void **state)
     }
 }
 
-/* In an even sky all of a body has one radiance, so each edge pixel must have just its coverage of it: neither halo nor rim. */
+/* In a uniform environment all of a solid has one radiance, so each edge pixel must have just its coverage of it: neither halo nor rim. */
 static void edges_neither_lose_nor_borrow_light(void **state)
 {
     static const int samples[] = { 1, 2, 4, 8 };
@@ -341,7 +341,7 @@ static void edges_neither_lose_nor_borrow_light(void **state)
             stage_start(&s, 100, 100);
             total = pell_gaussians_total(&stage_gaussians(&s, 0.5, &m)->gaussians, 1);
             stage_ball(&s, m, 0, vec3(0, 0, 0), 20.0f, 96);
-            stage_sky(&s, 1.0f);
+            stage_environment(&s, 1.0f);
             stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 44.0f);
             s.settings.msaa = samples[k];
             shot = stage_shot_of(&s, method ? "screen-space" : "none", off);
@@ -447,7 +447,7 @@ static void touching_materials_do_not_bleed(void **state)
 
 /* --- Tessellation ------------------------------------------------------------------------------------------------------------------ */
 
-static struct shot tessellated(int rings, bool sky)
+static struct shot tessellated(int rings, bool environment)
 {
     struct stage s;
     struct shot shot;
@@ -456,8 +456,8 @@ static struct shot tessellated(int rings, bool sky)
     stage_start(&s, 128, 128);
     stage_gaussians(&s, 0.3, &m);
     stage_ball(&s, m, 0, vec3(0, 0, 0), 20.0f, rings);
-    if (sky)
-        stage_sky(&s, 1.0f);
+    if (environment)
+        stage_environment(&s, 1.0f);
     else
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(80, 60, 60), vec3(0, 0, 0), 3.0f);
     stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 48.0f);
@@ -489,11 +489,11 @@ static void tessellations_of_a_sphere_converge(void **state)
     static const int rings[] = { 16, 32, 128 };
 
     (void) state;
-    for (int sky = 0; sky < 2; sky++) {
+    for (int environment = 0; environment < 2; environment++) {
         struct shot shot[3];
         double rms[2], fine;
         for (int i = 0; i < 3; i++)
-            shot[i] = tessellated(rings[i], sky);
+            shot[i] = tessellated(rings[i], environment);
         fine = facet(&shot[2]);
         for (int i = 0; i < 2; i++) { /* over pixels that both cover wholly and whose neighbours do */
             double sum = 0.0;
@@ -507,21 +507,21 @@ static void tessellations_of_a_sphere_converge(void **state)
                 }
             rms[i] = sqrt(sum / count);
             print_message("# %s, %d rings: %.4f from %d rings; largest second difference %.4f, there %.4f\n",
-                          sky ? "even sky" : "one light", rings[i], rms[i], rings[2], facet(&shot[i]), fine);
+                          environment ? "even sky" : "one light", rings[i], rms[i], rings[2], facet(&shot[i]), fine);
             REQUIRE(facet(&shot[i]) < (i ? 1.5 : 2.5) * fine + 0.01);
         }
         REQUIRE(rms[1] < 0.6 * rms[0] + 1e-4);
         REQUIRE(rms[1] < 0.01);
         for (int i = 0; i < 3; i++) {
-            /* No dark silhouette: under an even sky the last whole pixel is as bright as the middle. */
+            /* No dark silhouette: under a uniform environment the last whole pixel is as bright as the middle. */
             double darkest = INFINITY;
-            for (int y = 0; y < 128 && sky; y++)
+            for (int y = 0; y < 128 && environment; y++)
                 for (int x = 0; x < 128; x++)
                     if (shot_at(&shot[i], SHOT_A, x, y) == 1.0)
                         darkest = fmin(darkest, shot_at(&shot[i], SHOT_G, x, y) / shot_at(&shot[2], SHOT_G, 64, 64));
-            if (sky)
+            if (environment)
                 print_message("# even sky, %d rings: the darkest pixel is %.4f of the middle\n", rings[i], darkest);
-            REQUIRE(!sky || darkest > 0.97);
+            REQUIRE(!environment || darkest > 0.97);
             shot_free(&shot[i]);
         }
     }

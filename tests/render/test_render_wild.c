@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_render_wild.c - the whole renderer at the ends of its ranges: random scenes, extreme coefficients, tiny and huge things, cameras
+ * test_render_wild.c - the whole renderer at the ends of its ranges: random scenes, extreme coefficients, tiny and huge objects, cameras
  * anywhere; and what it warns of. A pixel that is no number, or a picture that never ends, is a bug whatever the scene. */
 #include "stage.h"
 
@@ -12,9 +12,9 @@ static void render_both(struct stage *s, const char *what)
         struct shot shot;
         stage_method(s, k ? "screen-space" : "none", k == 2 ? paper : NULL);
         stage_render(s);
-        if (s->picture.invalid)
-            fail_msg("%s, method %d: %lld pixels are no number", what, k, (long long) s->picture.invalid);
-        shot = shot_copy(&s->picture);
+        if (s->image.invalid)
+            fail_msg("%s, method %d: %lld pixels are no number", what, k, (long long) s->image.invalid);
+        shot = shot_copy(&s->image);
         shot_check(&shot);
         shot_free(&shot);
     }
@@ -125,7 +125,7 @@ static void random_material(struct stage *s, uint32_t *seed)
     m->double_sided = pick(seed, 2);
 }
 
-static void random_thing(struct stage *s, uint32_t *seed, int object, double size)
+static void random_object(struct stage *s, uint32_t *seed, int object, double size)
 {
     const size_t material = (size_t) pick(seed, (int) s->scene->num_materials);
     const struct pell_vec3 at = point(seed, size);
@@ -206,7 +206,7 @@ static void random_scenes_end_in_numbers(void **state)
         for (int i = 1 + pick(&seed, 3); i > 0; i--)
             random_material(&s, &seed);
         for (int i = 1 + pick(&seed, 4); i > 0; i--)
-            random_thing(&s, &seed, i, size);
+            random_object(&s, &seed, i, size);
         for (int i = pick(&seed, 4); i > 0; i--)
             random_light(&s, &seed, size);
         if (pick(&seed, 3))
@@ -229,11 +229,11 @@ static void random_scenes_end_in_numbers(void **state)
         OK(pell_renderer_set_method(s.r, pick(&seed, 8) ? method : NULL, knobs));
         stage_complete(&s);
         OK(pell_renderer_set_scene(s.r, s.scene));
-        res = pell_renderer_render(s.r, &s.settings, &s.picture);
+        res = pell_renderer_render(s.r, &s.settings, &s.image);
         if (res == PELL_OK) {
-            struct shot shot = shot_copy(&s.picture);
-            if (s.picture.invalid)
-                fail_msg("scene %u: %lld pixels are no number", n, (long long) s.picture.invalid);
+            struct shot shot = shot_copy(&s.image);
+            if (s.image.invalid)
+                fail_msg("scene %u: %lld pixels are no number", n, (long long) s.image.invalid);
             shot_check(&shot);
             shot_free(&shot);
         } else if (res == PELL_ERR_INVALID && s.kept.errors > 0) {
@@ -242,7 +242,7 @@ static void random_scenes_end_in_numbers(void **state)
         } else {
             fail_msg("scene %u: %s: %s", n, pell_result_name(res), s.kept.what);
         }
-        OK(pell_renderer_check_range(s.r, &s.settings));
+        OK(pell_renderer_check_assumptions(s.r, &s.settings));
         s.kept.errors = 0;
         free(knobs);
         start = busy_seconds() - start;
@@ -279,7 +279,7 @@ static void extreme_coefficients(void **state)
             material->medium.sigma_s_reduced[c] = values[k / 4 % 4];
         }
         material->medium.eta = k & 16 ? 4.0 : 1.0;
-        s.settings.boundary = k & 16 ? PELL_BOUNDARY_SMOOTH : PELL_BOUNDARY_ROUGH;
+        s.settings.boundary = k & 16 ? PELL_BOUNDARY_MODEL_SMOOTH : PELL_BOUNDARY_MODEL_ROUGH;
         if (pell_medium_valid(&material->medium, &fault)) {
             snprintf(what, sizeof(what), "sigma_a %g, sigma_s' %g, eta %g", values[k % 4], values[k / 4 % 4], material->medium.eta);
             stage_ball(&s, m, 0, vec3(0, 0, 0), 20.0f, 12);
@@ -293,7 +293,7 @@ static void extreme_coefficients(void **state)
 }
 
 /* The same scene in sizes from a micrometre to a kilometre, with its medium: it looks the same. */
-static void tiny_and_huge_things(void **state)
+static void tiny_and_huge_objects(void **state)
 {
     static const float scales[] = { 1.0f, 1e-4f, 1e-2f, 1e2f, 5e4f };
     struct shot first = { 0 };
@@ -364,7 +364,7 @@ static void cameras_anywhere(void **state)
     stage_box(&s, paint, 1, vec3(-60, -30, -60), vec3(60, -20, 60));
     stage_light(&s, PELL_LIGHT_POINT, vec3(-60, 60, 60), vec3(0, 0, 0), 0.02f);
     stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 0.02f); /* inside the ball */
-    stage_sky(&s, 0.2f);
+    stage_environment(&s, 0.2f);
     s.settings.msaa = 2;
     s.settings.light_samples = s.settings.ambient_samples = 2;
     for (size_t i = 0; i < PELL_COUNT(cases); i++) {
@@ -376,7 +376,7 @@ static void cameras_anywhere(void **state)
 
 /* --- Forms of a scene ---------------------------------------------------------------------------------------------------------------- */
 
-static void opaque_things_alone_need_no_method(void **state)
+static void opaque_objects_alone_need_no_method(void **state)
 {
     struct shot none, moved;
     struct stage s;
@@ -394,7 +394,7 @@ static void opaque_things_alone_need_no_method(void **state)
     shot_free(&moved);
     moved = stage_shot_of(&s, "screen-space", paper);
     REQUIRE(shot_equal(&none, &moved));
-    OK(pell_renderer_check_range(s.r, &s.settings));
+    OK(pell_renderer_check_assumptions(s.r, &s.settings));
     assert_int_equal(s.kept.warnings, 0);
     shot_free(&none);
     shot_free(&moved);
@@ -507,7 +507,7 @@ static unsigned warned(bool closed, bool outward, float radius, float distance, 
     }
     OK(pell_renderer_set_scene(s.r, s.scene));
     s.kept.warnings = 0;
-    OK(pell_renderer_check_range(s.r, &s.settings));
+    OK(pell_renderer_check_assumptions(s.r, &s.settings));
     assert_int_equal(s.kept.errors, 0);
     for (size_t i = 0; i < PELL_COUNT(warnings); i++)
         if (s.kept.warnings && strstr(s.kept.last_warning, warnings[i]))
@@ -517,7 +517,7 @@ static unsigned warned(bool closed, bool outward, float radius, float distance, 
     return bits;
 }
 
-/* Of many things alike some are named, the rest is counted. */
+/* Of many objects alike some are named, the rest is counted. */
 static void warnings_are_counted_where_there_are_many(void **state)
 {
     struct stage s;
@@ -535,7 +535,7 @@ static void warnings_are_counted_where_there_are_many(void **state)
     OK(pell_renderer_set_scene(s.r, s.scene));
     s.kept.warnings = 0;
     limit = pell_context_limits(s.ctx)->warnings;
-    OK(pell_renderer_check_range(s.r, &s.settings));
+    OK(pell_renderer_check_assumptions(s.r, &s.settings));
     REQUIRE(limit < 100);
     assert_in_range(s.kept.warnings, limit + 1, limit + 2);
     REQUIRE(strstr(s.kept.last_warning, "more warnings about open surfaces"));
@@ -561,9 +561,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(random_scenes_end_in_numbers),
         cmocka_unit_test(extreme_coefficients),
-        cmocka_unit_test(tiny_and_huge_things),
+        cmocka_unit_test(tiny_and_huge_objects),
         cmocka_unit_test(cameras_anywhere),
-        cmocka_unit_test(opaque_things_alone_need_no_method),
+        cmocka_unit_test(opaque_objects_alone_need_no_method),
         cmocka_unit_test(opaque_and_masked_and_translucent_in_one_picture),
         cmocka_unit_test(as_in_the_paper),
         cmocka_unit_test(each_warning_where_it_belongs),

@@ -53,7 +53,7 @@ static void nth_allocation_fails_cleanly(void **state)
 {
     (void) state;
     for (uint64_t n = 1; n < 20; n++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, NULL);
         struct pell_scene *scene = make_scene(ctx, 3);
         struct pell_specular_tables *tables;

@@ -289,20 +289,20 @@ static void what_was_there_in_the_last_frame_is_gone(void **state)
 static struct pell_scene *rich_scene(struct pell_context *ctx)
 {
     struct pell_scene *s = shapes_scene(ctx);
-    uint8_t *noise = pell_alloc(ctx, 64 * 64 * 3);
+    uint8_t *standard_error = pell_alloc(ctx, 64 * 64 * 3);
     uint32_t seed = 5;
     struct pell_texture *t;
 
-    assert_non_null(noise);
+    assert_non_null(standard_error);
     for (int i = 0; i < 64 * 64 * 3; i++)
-        noise[i] = (uint8_t) (128.0f + 127.0f * (shapes_random(&seed) - 0.5f));
+        standard_error[i] = (uint8_t) (128.0f + 127.0f * (shapes_random(&seed) - 0.5f));
     shapes_ball(s, 0, vec3(0, 0, 0), 10.0f, 12);
     for (int i = 0; i < 6; i++) {
         const size_t m = shapes_material(s, i % 2 == 0);
         struct pell_material *material = &s->materials[m];
-        t = shapes_texture(s, 64, 64, 3, i % 2 == 0, noise);
+        t = shapes_texture(s, 64, 64, 3, i % 2 == 0, standard_error);
         material->base_color_map.texture = t;
-        t = shapes_texture(s, 63, 64, 3, false, noise);
+        t = shapes_texture(s, 63, 64, 3, false, standard_error);
         material->normal_map.texture = material->strength_map.texture = material->roughness_map.texture = t;
         material->metallic_map = material->roughness_map;
         material->metallic = 1.0f;
@@ -310,7 +310,7 @@ static struct pell_scene *rich_scene(struct pell_context *ctx)
         material->emissive[0] = i == 3 ? 2.0f : 0.0f;
         shapes_quad(s, m, vec3(-12.0f + 4.0f * (float) i, 2.0f * (float) i - 6.0f, 3.0f), vec3(2, 0, (float) i - 2), vec3(0.3f, 7, 1));
     }
-    pell_free(ctx, noise);
+    pell_free(ctx, standard_error);
     return s;
 }
 
@@ -413,7 +413,7 @@ static void drawn_and_traced_are_one_picture(void **state)
                 for (ptrdiff_t i = 0; i < first.stride * height; i++)
                     if (first.material[i])
                         assert_true(first.depth[i] == s.surface.depth[i] && first.ns[0][i] == s.surface.ns[0][i] &&
-                                    first.lift[i] == s.surface.lift[i] && first.base[1][i] == s.surface.base[1][i]);
+                                    first.terminator_offset[i] == s.surface.terminator_offset[i] && first.base[1][i] == s.surface.base[1][i]);
             }
             if (level + 1 < PELL_COUNT(levels))
                 pell_raster_destroy(&raster);
@@ -425,7 +425,7 @@ static void drawn_and_traced_are_one_picture(void **state)
                 continue;
             uneven += fabsf(first.depth[i] - traced.depth[i]) > 1e-3f || fabsf(first.ng[0][i] - traced.ng[0][i]) > 1e-3f ||
                       fabsf(first.ns[1][i] - traced.ns[1][i]) > 1e-3f || fabsf(first.base[0][i] - traced.base[0][i]) > 2e-3f ||
-                      fabsf(first.lift[i] - traced.lift[i]) > 1e-4f || fabsf(first.roughness[i] - traced.roughness[i]) > 2e-3f;
+                      fabsf(first.terminator_offset[i] - traced.terminator_offset[i]) > 1e-4f || fabsf(first.roughness[i] - traced.roughness[i]) > 2e-3f;
         }
         assert_true(traced.covered_pixels > 500);
         assert_true(differ <= 3);
@@ -780,7 +780,7 @@ static void lack_of_memory_leaves_nothing_behind(void **state)
 
     (void) state;
     for (uint64_t n = 1; !done; n++) {
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, NULL);
         struct stage s = stage_of(ctx, rich_scene(ctx), 1);
         enum pell_result res;

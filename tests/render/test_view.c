@@ -55,7 +55,7 @@ static void rectangles_hold_every_pixel_that_sees_the_box(void **state)
     (void) state;
     for (int n = 0; n < 400; n++) {
         const int w = sizes[n % 4][0], h = sizes[n % 4][1];
-        struct pell_vec3 eye, at;
+        struct pell_vec3 camera, at;
         struct pell_rect rect, tight = { w, h, 0, 0 };
         struct pell_view v;
         float r[8];
@@ -63,9 +63,9 @@ static void rectangles_hold_every_pixel_that_sees_the_box(void **state)
             seed = seed * 1664525u + 1013904223u;
             r[i] = (float) (seed >> 8) / 16777216.0f - 0.5f;
         }
-        eye = vec3(60.0f * r[0], 60.0f * r[1], 60.0f * r[2]);
+        camera = vec3(60.0f * r[0], 60.0f * r[1], 60.0f * r[2]);
         at = vec3(20.0f * r[3], 20.0f * r[4], 20.0f * r[5]);
-        struct pell_camera c = camera_at(eye, vec3_sub(at, eye), 0.7f, n % 3 ? 0.0f : 25.0f);
+        struct pell_camera c = camera_at(camera, vec3_sub(at, camera), 0.7f, n % 3 ? 0.0f : 25.0f);
         v = pell_view_make(&c, w, h, r[6], r[7]);
         rect = pell_view_rect(&v, low, high);
         assert_true(rect.x0 >= 0 && rect.y0 >= 0 && rect.x1 <= w && rect.y1 <= h);
@@ -112,7 +112,7 @@ static void boxes_behind_around_and_empty(void **state)
     assert_true(r.x0 >= r.x1);
     r = pell_view_rect(&w, (float[]) { -1, -1, 2 }, (float[]) { 1, 1, 3 });
     assert_true(r.x0 >= r.x1);
-    r = pell_view_rect(&v, (float[]) { -1, -1, -1 }, (float[]) { 1, 1, 3 }); /* the eye is in it */
+    r = pell_view_rect(&v, (float[]) { -1, -1, -1 }, (float[]) { 1, 1, 3 }); /* the camera is in it */
     assert_true(r.x0 == 0 && r.y0 == 0 && r.x1 == 64 && r.y1 == 48);
     r = pell_view_rect(&w, (float[]) { -1, -1, -1 }, (float[]) { 1, 1, 3 }); /* 2 mm of 10 mm: still tight */
     assert_in_range(r.y1 - r.y0, 9, 13);

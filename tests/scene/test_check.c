@@ -108,7 +108,7 @@ static void an_object_that_is_there_twice_is_found(void **state)
 }
 
 /* A box and the same box turned about their middle: sums of their corners are alike. */
-static void two_things_that_cross_are_no_copies(void **state)
+static void two_objects_that_cross_are_no_copies(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 1.0, .bare = true };
     struct checked c = check("plus.obj",
@@ -172,7 +172,7 @@ static void fins_flips_and_flat_triangles_are_found(void **state)
     finish(&c);
 }
 
-static void things_are_judged_one_by_one(void **state)
+static void objects_are_judged_one_by_one(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
     struct checked c = check("two.obj", "o a\n" CUBE "o b\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3 -2 -1\n", &params, NULL);
@@ -205,7 +205,7 @@ static void media_that_do_not_fit_their_object_are_named(void **state)
 {
     const struct pell_load_params small = { .mm_per_unit = 0.5, .bare = true }, tiny = { .mm_per_unit = 0.01, .bare = true };
     static const struct memory_file files[] = { { "cube.obj", CUBE }, { NULL, NULL } };
-    struct checked c = check("cube.obj", CUBE, &small, NULL); /* marble: 0.46 mm in a thing of 0.17 mm */
+    struct checked c = check("cube.obj", CUBE, &small, NULL); /* marble: 0.46 mm in an object of 0.17 mm */
     (void) state;
 
     assert_int_equal(find(&c, "diffusion does not hold")->severity, PELL_SEVERITY_WARNING);
@@ -268,7 +268,7 @@ static void many_problems_of_one_kind_are_counted(void **state)
 static void every_failed_allocation_is_survived(void **state)
 {
     enum pell_result res = PELL_ERR_NOMEM;
-    struct pell_fault fault = { 0 };
+    struct pell_alloc_fault fault = { 0 };
     struct pell_context *ctx = test_context(&fault, NULL);
     struct pell_scene *s;
     struct pell_scene_report report;
@@ -326,10 +326,10 @@ int main(void)
         cmocka_unit_test(an_open_cube_has_its_boundary_counted),
         cmocka_unit_test(a_cube_without_area_is_said_to_have_none),
         cmocka_unit_test(an_object_that_is_there_twice_is_found),
-        cmocka_unit_test(two_things_that_cross_are_no_copies),
+        cmocka_unit_test(two_objects_that_cross_are_no_copies),
         cmocka_unit_test(a_camera_inside_an_object_is_found),
         cmocka_unit_test(fins_flips_and_flat_triangles_are_found),
-        cmocka_unit_test(things_are_judged_one_by_one),
+        cmocka_unit_test(objects_are_judged_one_by_one),
         cmocka_unit_test(two_meshes_of_one_object_close_each_other),
         cmocka_unit_test(media_that_do_not_fit_their_object_are_named),
         cmocka_unit_test(textures_without_coordinates_are_found),

@@ -3,7 +3,7 @@
 #include "gltf_test.h"
 
 struct fixture {
-    struct pell_fault fault;
+    struct pell_alloc_fault fault;
     struct kept_messages kept;
     struct pell_context *ctx;
     struct pell_scene *scene;
@@ -14,7 +14,7 @@ static void read_with(struct fixture *f, const struct pell_limits *limits, const
 {
     struct pell_context_params params = { .log = keep_message, .log_user = &f->kept, .limits = limits };
     memset(f, 0, sizeof(*f));
-    params.allocator = pell_fault_allocator(&f->fault);
+    params.allocator = pell_failing_allocator(&f->fault);
     assert_int_equal(pell_context_create(&params, &f->ctx), PELL_OK);
     f->res = import_glb(f->ctx, json, bin, bin_size, &f->scene);
 }
@@ -98,7 +98,7 @@ static void strips_turn_every_second_triangle(void **state)
 static void fans_and_lists_without_indices_are_drawn(void **state)
 {
     const struct square square = make_square();
-    static const uint32_t fan[] = { 1, 2, 0, 2, 3, 0 }, strip[] = { 0, 1, 2, 1, 3, 2 }, list[] = { 0, 1, 2 };
+    static const uint32_t grid[] = { 1, 2, 0, 2, 3, 0 }, strip[] = { 0, 1, 2, 1, 3, 2 }, list[] = { 0, 1, 2 };
     struct fixture f;
     (void) state;
     read_ok(&f,
@@ -106,7 +106,7 @@ static void fans_and_lists_without_indices_are_drawn(void **state)
                             "{\"attributes\":{\"POSITION\":0},\"mode\":5},{\"attributes\":{\"POSITION\":0}}]}]}",
             &square, sizeof(square));
     assert_int_equal(f.scene->num_meshes, 3);
-    require_triangles(&f, 0, fan, 2);
+    require_triangles(&f, 0, grid, 2);
     require_triangles(&f, 1, strip, 2);
     require_triangles(&f, 2, list, 1); /* four corners: the last is left out, with a warning */
     assert_int_equal(f.kept.warnings, 1);

@@ -5,7 +5,7 @@
 #include <pellucid/material.h>
 
 struct fixture {
-    struct pell_fault fault;
+    struct pell_alloc_fault fault;
     struct kept_messages kept;
     struct pell_context *ctx;
     struct pell_scene *scene;
@@ -388,7 +388,7 @@ static void head_is_skin_with_its_texture(void **state)
     unload(&f);
 }
 
-static void lantern_is_experimental_and_has_a_lamp(void **state)
+static void lantern_is_experimental_and_has_a_light(void **state)
 {
     struct fixture f;
     int papers = 0, bulbs = 0;
@@ -452,7 +452,7 @@ int main(void)
         cmocka_unit_test(scatter_spheres_are_the_measured_media),
         cmocka_unit_test(statues_are_marble),
         cmocka_unit_test(head_is_skin_with_its_texture),
-        cmocka_unit_test(lantern_is_experimental_and_has_a_lamp),
+        cmocka_unit_test(lantern_is_experimental_and_has_a_light),
         cmocka_unit_test(mirrored_tangents_keep_their_sign),
         cmocka_unit_test(default_scene_is_the_one_named),
     };

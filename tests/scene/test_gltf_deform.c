@@ -56,7 +56,7 @@ static const char *document(struct file *f, const char *rest)
 }
 
 struct fixture {
-    struct pell_fault fault;
+    struct pell_alloc_fault fault;
     struct kept_messages kept;
     struct pell_context *ctx;
     struct pell_scene *scene;
@@ -75,7 +75,7 @@ static void read_limited(struct fixture *x, const struct file *f, const struct p
     memcpy(exact, glb, size);
     exact[size] = 0;
     memset(x, 0, sizeof(*x));
-    params.allocator = pell_fault_allocator(&x->fault);
+    params.allocator = pell_failing_allocator(&x->fault);
     assert_int_equal(pell_context_create(&params, &x->ctx), PELL_OK);
     assert_int_equal(pell_scene_create(x->ctx, &x->scene), PELL_OK);
     import.ctx = x->ctx;

@@ -4,10 +4,10 @@
 #include "slow.h"
 
 /* A file may be damaged and still read; if not, one error says why. Small limits keep each try short. */
-static enum pell_result try_bytes(const uint8_t *bytes, size_t size, struct pell_fault *fault)
+static enum pell_result try_bytes(const uint8_t *bytes, size_t size, struct pell_alloc_fault *fault)
 {
     struct kept_messages kept = { 0 };
-    struct pell_fault none = { 0 };
+    struct pell_alloc_fault none = { 0 };
     struct pell_limits limits;
     struct pell_context_params params = { .log = keep_message, .log_user = &kept, .limits = &limits };
     struct pell_context *ctx;
@@ -24,7 +24,7 @@ static enum pell_result try_bytes(const uint8_t *bytes, size_t size, struct pell
     pell_knobs_default(pell_limit_knobs(), &limits);
     limits.vertices = limits.triangles = 100000;
     limits.image_pixels = 1000000;
-    params.allocator = pell_fault_allocator(fault);
+    params.allocator = pell_failing_allocator(fault);
     res = pell_context_create(&params, &ctx);
     if (res == PELL_OK) {
         res = import_bytes(ctx, "test.glb", ".", exact, size, &scene);
@@ -53,7 +53,7 @@ static void every_failing_allocation_is_reported_and_leaks_nothing(void **state)
     uint8_t *glb = make_glb(RICH_JSON, &square, sizeof(square), &size);
     (void) state;
     while (res != PELL_OK) {
-        struct pell_fault fault = { .fail_at = ++n };
+        struct pell_alloc_fault fault = { .fail_at = ++n };
         res = try_bytes(glb, size, &fault);
         if (res != PELL_OK && res != PELL_ERR_NOMEM)
             fail_msg("allocation %llu failed: result %d, allowed: out of memory", (unsigned long long) n, res);

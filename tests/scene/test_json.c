@@ -4,7 +4,7 @@
 #include "scene/file/json.h"
 
 struct fixture {
-    struct pell_fault fault;
+    struct pell_alloc_fault fault;
     struct kept_messages kept;
     struct pell_context *ctx;
     struct pell_json_file file;

@@ -473,7 +473,7 @@ static void every_failed_allocation_is_survived(void **state)
     (void) state;
 
     for (uint64_t n = 1; res != PELL_OK; n++) {
-        struct pell_fault fault = { .fail_at = n };
+        struct pell_alloc_fault fault = { .fail_at = n };
         struct pell_context *ctx = test_context(&fault, NULL);
         struct pell_scene *s = NULL;
         if (!ctx)

@@ -245,7 +245,7 @@ static void lying_headers_are_refused_at_once(void **state)
 
     for (size_t i = 0; i < PELL_COUNT(bad); i++) {
         struct kept_messages kept = { 0 };
-        struct pell_fault fault = { 0 };
+        struct pell_alloc_fault fault = { 0 };
         struct pell_context *ctx = test_context(&fault, &kept);
         struct pell_scene *s;
         const double start = busy_seconds();
@@ -302,7 +302,7 @@ static void every_failed_allocation_is_survived(void **state)
 
     write_all(&w, BIG);
     for (uint64_t n = 1; res != PELL_OK; n++) {
-        struct pell_fault fault = { .fail_at = n };
+        struct pell_alloc_fault fault = { .fail_at = n };
         struct pell_context *ctx = test_context(&fault, NULL);
         struct pell_scene *s = NULL;
         if (!ctx)

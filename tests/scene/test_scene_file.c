@@ -254,13 +254,13 @@ static void a_radius_means_what_its_kind_says(void **state)
     static const double color[] = { 0.3, 0.5, 0.7 };
     (void) state;
 
-    for (int kind = 0; kind < PELL_RADII; kind++) {
+    for (int kind = 0; kind < PELL_SCATTER_RADII; kind++) {
         char text[512];
         struct pell_scene *s;
         snprintf(text, sizeof(text),
                  SCENE(",\"materials\":{\"*\":{\"color\":[0.3,0.5,0.7],\"radius\":\"2mm\",\"radius_kind\":\"%s\",\"eta\":1.4,"
                        "\"profile\":\"normalized-diffusion\",\"color_from\":\"texture\"}}"),
-                 pell_radius_at((size_t) kind)->name);
+                 pell_scatter_radius_at((size_t) kind)->name);
         s = load(text, NULL);
         const struct pell_material *m = &s->materials[0];
         assert_int_equal(m->color_from, PELL_COLOR_FROM_TEXTURE);
@@ -268,9 +268,9 @@ static void a_radius_means_what_its_kind_says(void **state)
             struct pell_profile p;
             assert_int_equal(pell_profile_make(m->model, &m->medium, c, NULL, &p), PELL_OK);
             REQUIRE_NEAR(pell_profile_total(&p), color[c], 1e-8);
-            if (kind == PELL_RADIUS_MEAN_FREE_PATH)
+            if (kind == PELL_SCATTER_RADIUS_MEAN_FREE_PATH)
                 REQUIRE_REL(pell_mean_free_path(&m->medium, c), 2.0, 1e-9);
-            if (kind == PELL_RADIUS_DIFFUSE)
+            if (kind == PELL_SCATTER_RADIUS_DIFFUSE)
                 REQUIRE_REL(pell_diffuse_mean_free_path(&m->medium, c), 2.0, 1e-9);
         }
         finish(s);
@@ -959,7 +959,7 @@ static void every_failed_allocation_is_survived(void **state)
     for (size_t k = 0; k < PELL_COUNT(good); k++) {
         enum pell_result res = PELL_ERR_NOMEM;
         for (uint64_t n = 1; res != PELL_OK; n++) {
-            struct pell_fault fault = { .fail_at = n };
+            struct pell_alloc_fault fault = { .fail_at = n };
             struct pell_context *ctx = test_context(&fault, NULL);
             struct pell_scene *s = NULL;
             if (!ctx)

@@ -137,7 +137,7 @@ static void coefficients_and_phases(void **state)
                       "{\"sigma_a\":[1,1,1],\"sigma_t\":[4,4,4],\"phase\":\"two-lobe\",\"g\":[0.9,-0.3],\"weight\":0.75}]");
     assert_int_equal(s->materials[0].num_layers, 4);
     assert_false(s->materials[0].opaque);
-    assert_int_equal(s->materials[0].below, PELL_BELOW_LAST);
+    assert_int_equal(s->materials[0].substrate, PELL_SUBSTRATE_LAST);
     REQUIRE_NEAR(s->materials[0].medium.eta, 1.35, 0.0);
     assert_null(s->materials[0].preset);
     l = s->materials[0].layers;
@@ -174,7 +174,7 @@ static void depths_by_pictures(void **state)
                       "{" SIGMA ",\"depth\":\"baseColor.a\",\"depth_scale\":\"20mm\"},"
                       "{" SIGMA ",\"depth\":\"good.pfm\",\"depth_scale\":\"50mm\"}]");
     l = s->materials[0].layers;
-    assert_int_equal(s->materials[0].below, PELL_BELOW_STOP);
+    assert_int_equal(s->materials[0].substrate, PELL_SUBSTRATE_STOP);
     assert_int_equal(l[1].depth_map.channel, 2);
     REQUIRE_NEAR((double) l[1].depth, 4.0, 1e-6);
     assert_false(l[0].depth_map.texture->image.srgb); /* numbers */
@@ -284,7 +284,7 @@ static void crossings_are_counted_and_warned_of_once(void **state)
     "{\"sigma_s\":[6,3,2],\"sigma_a\":[0.6,0.6,0.6],\"phase\":\"schlick\",\"g\":0.4,\"depth\":\"2mm\"},"                                \
     "{\"sigma_s\":[1,1,2],\"sigma_a\":[0.5,0.5,0.5],\"phase\":\"schlick\",\"g\":0.8%s}]"
 
-static void even_layers_reflect_what_the_preset_does(void **state)
+static void uniform_layers_reflect_what_the_preset_does(void **state)
 {
     const struct pell_material_entry *fish = pell_material_find("fish");
     static const char *const ends[2][2] = { { "\"depth\":\"1.5mm\"", "" }, /* the mean of this map is 1.5 mm, too */
@@ -439,7 +439,7 @@ static void wrong_values_of_built_scenes_are_refused(void **state)
         case 8: l[1].depth_map.uv = PELL_UV_SETS; break;
         case 9: l[1].depth_map.channel = 1; break;
         case 10: l[1].depth_map.matrix[2] = INFINITY; break;
-        case 11: m->below = (enum pell_below) 3; break;
+        case 11: m->substrate = (enum pell_substrate) 3; break;
         case 12: case 13: case 14: break;
         case 15: l[1].depth = 2e6f; break;
         case 16: l[1].depth_inverse = true; ((float *) l[1].depth_map.texture->image.pixels)[0] = 1.5f; break;
@@ -471,21 +471,21 @@ static void layers_are_allocated_and_solved(void **state)
     assert_int_equal(pell_material_allocate_layers(s, 0, -1), PELL_ERR_INVALID);
     assert_int_equal(pell_material_allocate_layers(s, 0, PELL_LAYERS_MOST + 1), PELL_ERR_INVALID);
     assert_int_equal(m->num_layers, 3);
-    for (int below = PELL_BELOW_STOP; below <= PELL_BELOW_SURFACE_COLOR; below++) {
+    for (int below = PELL_SUBSTRATE_STOP; below <= PELL_SUBSTRATE_SURFACE_COLOR; below++) {
         double total;
         static double last;
-        m->below = (enum pell_below) below;
+        m->substrate = (enum pell_substrate) below;
         OK(pell_material_solve_layers(s, 0));
         total = pell_gaussians_total(&m->gaussians, 0);
         REQUIRE(total > 0.05 && total < 1.0);
-        REQUIRE(below == PELL_BELOW_STOP || total > last); /* black, then more of the medium, then white */
+        REQUIRE(below == PELL_SUBSTRATE_STOP || total > last); /* black, then more of the medium, then white */
         REQUIRE_REL(m->medium.sigma_s_reduced[1], 1.0, 1e-12);
         last = total;
     }
     for (int i = 0; i < 3; i++)
         for (int c = 0; c < 3; c++)
             m->layers[i].medium.sigma_s_reduced[c] = 0.0;
-    m->below = PELL_BELOW_STOP;
+    m->substrate = PELL_SUBSTRATE_STOP;
     assert_int_equal(pell_material_solve_layers(s, 0), PELL_ERR_INVALID);
     assert_int_equal(m->gaussians.count, 0);
     assert_true(pell_medium_valid(&m->medium, NULL));
@@ -525,7 +525,7 @@ static void the_hash_knows_all_of_a_layer(void **state)
     CHANGED(l[1].depth_map.uv = 1);
     CHANGED(l[1].depth_map.matrix[2] = 0.5f);
     CHANGED(((float *) l[1].depth_map.texture->image.pixels)[1] = 0.5f);
-    CHANGED(s->materials[0].below = PELL_BELOW_LAST);
+    CHANGED(s->materials[0].substrate = PELL_SUBSTRATE_LAST);
     CHANGED(OK(pell_material_allocate_layers(s, 0, 0)));
 #undef CHANGED
     pell_scene_destroy(&s);
@@ -540,7 +540,7 @@ int main(void)
         cmocka_unit_test(one_picture_paints_four_layers),
         cmocka_unit_test(broken_maps_are_refused_with_their_place),
         cmocka_unit_test(crossings_are_counted_and_warned_of_once),
-        cmocka_unit_test(even_layers_reflect_what_the_preset_does),
+        cmocka_unit_test(uniform_layers_reflect_what_the_preset_does),
         cmocka_unit_test(later_words_win),
         cmocka_unit_test(as_many_as_there_may_be),
         cmocka_unit_test(wrong_values_of_built_scenes_are_refused),

@@ -17,7 +17,7 @@ struct rig {
     struct pell_scene *scene;
     struct pell_pool *pool;
     struct pell_rays *rays;
-    struct pell_bodies *bodies;
+    struct pell_solids *solids;
     struct pell_connector *connector;
 };
 
@@ -37,16 +37,16 @@ static inline void rig_build(struct rig *r, bool flat)
 
     if (!r->rays)
         OK(pell_rays_create(r->ctx, r->scene, r->pool, &r->rays));
-    if (!r->bodies)
-        OK(pell_bodies_create(r->ctx, r->scene, index, &material, &r->bodies));
+    if (!r->solids)
+        OK(pell_solids_create(r->ctx, r->scene, index, &material, &r->solids));
     pell_connector_destroy(&r->connector);
-    OK(pell_connector_create(r->ctx, r->scene, r->rays, r->bodies, flat, &r->connector));
+    OK(pell_connector_create(r->ctx, r->scene, r->rays, r->solids, flat, &r->connector));
 }
 
 static inline void rig_finish(struct rig *r)
 {
     pell_connector_destroy(&r->connector);
-    pell_bodies_destroy(&r->bodies);
+    pell_solids_destroy(&r->solids);
     pell_rays_destroy(&r->rays);
     pell_pool_destroy(&r->pool);
     pell_scene_destroy(&r->scene);

@@ -15,13 +15,13 @@
 
 /* sigma_s, sigma_t (the same in all channels) and Schlick's k; depths in mm. */
 static inline void layers_set(struct pell_scene *scene, size_t material, int count, const double (*optics)[3], const float *depth,
-                              enum pell_below below)
+                              enum pell_substrate substrate)
 {
     struct pell_material *m = &scene->materials[material];
 
     assert_int_equal(pell_material_allocate_layers(scene, material, count), PELL_OK);
     m->opaque = false;
-    m->below = below;
+    m->substrate = substrate;
     for (int i = 0; i < count; i++) {
         struct pell_scene_layer *l = &m->layers[i];
         l->depth = depth[i];

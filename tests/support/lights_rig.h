@@ -101,7 +101,7 @@ static inline size_t rig_plane(struct rig *r, size_t material, int object, float
     return m;
 }
 
-/* A closed sphere about a point; inward: turned inside out. */
+/* A closed sphere about a point; inward: with inverted normals. */
 static inline size_t rig_sphere(struct rig *r, size_t material, int object, struct pell_vec3 centre, float radius, int rings)
 {
     const int columns = 2 * rings;
@@ -192,8 +192,8 @@ static inline void rig_render(struct rig *r)
 {
     const struct pell_thickness_table *thickness[8] = { 0 };
     struct pell_lighting *l = &r->light;
-    float **planes[] = { &l->irradiance[0], &l->irradiance[1], &l->irradiance[2], &l->through[0], &l->through[1],
-                         &l->through[2],    &l->specular[0],   &l->specular[1],   &l->specular[2] };
+    float **planes[] = { &l->irradiance[0], &l->irradiance[1], &l->irradiance[2], &l->transmitted[0], &l->transmitted[1],
+                         &l->transmitted[2],    &l->specular[0],   &l->specular[1],   &l->specular[2] };
     struct pell_irradiance_params p;
 
     rig_clear(r);

@@ -52,7 +52,7 @@ static inline struct patch *patch_create(int width, int height, bool orthographi
         .material = p->material, .depth = p->depth, .strength = p->strength,
     };
     for (int c = 0; c < 3; c++) {
-        p->frame.irradiance[c] = p->frame.lit[c] = p->light[c];
+        p->frame.irradiance[c] = p->frame.shaded[c] = p->light[c];
         p->frame.normal[c] = p->normal[c];
         p->frame.position[c] = p->position[c];
         p->out.light[c] = p->result[c];
@@ -134,7 +134,7 @@ struct bench_place {
     struct pell_device *device;
 };
 
-static inline struct bench_place place_create(int threads, struct pell_fault *fault, struct kept_messages *kept)
+static inline struct bench_place place_create(int threads, struct pell_alloc_fault *fault, struct kept_messages *kept)
 {
     struct bench_place at = { 0 };
     const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };

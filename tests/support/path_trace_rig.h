@@ -52,9 +52,9 @@ static inline struct pt_scene *rig_scene(struct stage *s, const struct pt_knobs 
     return scene;
 }
 
-static inline struct pt_point rig_point(struct pell_vec3 at, struct pell_vec3 eye, uint32_t pixel)
+static inline struct pt_point rig_point(struct pell_vec3 at, struct pell_vec3 camera, uint32_t pixel)
 {
-    const struct pell_vec3 to = vec3_sub(eye, at);
+    const struct pell_vec3 to = vec3_sub(camera, at);
 
     return (struct pt_point){ .at = at, .toward = vec3_normalize(to), .depth = vec3_length(to), .material = 1, .pixel = pixel };
 }

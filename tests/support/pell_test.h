@@ -95,12 +95,12 @@ static inline void keep_message(void *user, const struct pell_message *m)
 }
 
 /* A context whose allocator counts and whose messages are kept; `fault` and `kept` may be NULL. */
-static inline struct pell_context *test_context(struct pell_fault *fault, struct kept_messages *kept)
+static inline struct pell_context *test_context(struct pell_alloc_fault *fault, struct kept_messages *kept)
 {
     struct pell_context_params params = { 0 };
     struct pell_context *ctx;
     if (fault)
-        params.allocator = pell_fault_allocator(fault);
+        params.allocator = pell_failing_allocator(fault);
     if (kept) {
         params.log = keep_message;
         params.log_user = kept;

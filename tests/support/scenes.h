@@ -6,9 +6,9 @@
 #include "stage.h"
 
 /* No light goes from one object to another, though they touch; within one object it does. Boxes on both sides of x = 0, the right one lit
- * (`whole`: one box in their place, where light has to go along the surface); a camera over x = `eye` sees `width` mm in `size` pixels, of
- * which (px, py) lies on the left. */
-static inline void require_light_stays_in_its_object(const char *method, const char *const *knobs, bool whole, float eye, float width,
+ * (`whole`: one box in their place, where light has to go along the surface); a camera over x = `camera` sees `width` mm in `size` pixels,
+ * of which (px, py) lies on the left. */
+static inline void require_light_stays_in_its_object(const char *method, const char *const *knobs, bool whole, float camera, float width,
                                                      int size, int px, int py)
 {
     double seen[2];
@@ -25,7 +25,7 @@ static inline void require_light_stays_in_its_object(const char *method, const c
         stage_light(&s, PELL_LIGHT_SPOT, vec3(5, 0, 30), vec3(5, 0, 0), 3e-3f);
         s.scene->lights[0].cos_inner = 0.995f;
         s.scene->lights[0].cos_outer = 0.99f; /* lights x > 0 only */
-        stage_camera(&s, vec3(eye, 0, 20), vec3(eye, 0, 0), 0.0f, width);
+        stage_camera(&s, vec3(camera, 0, 20), vec3(camera, 0, 0), 0.0f, width);
         shot = stage_shot_of(&s, method, knobs);
         seen[object] = shot_at(&shot, 0, px, py);
         shot_free(&shot);

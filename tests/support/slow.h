@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * slow.h - SLOW is 1 under the address and thread sanitizers, which make everything some five times slower: tests that try very many
- * things try fewer there - and what bounds on time are judged by, so that other work of the machine does not count. */
+ * objects try fewer there - and what bounds on time are judged by, so that other work of the machine does not count. */
 #ifndef PELL_TEST_SLOW_H
 #define PELL_TEST_SLOW_H
 

@@ -19,7 +19,7 @@ struct stage {
     struct pell_device *device;
     struct pell_renderer *r;
     struct pell_settings settings;
-    struct pell_picture picture;
+    struct pell_render_result image;
     bool set; /* the renderer has the scene */
 };
 
@@ -140,7 +140,7 @@ static inline struct pell_light *stage_light(struct stage *s, enum pell_light_ty
     return l;
 }
 
-static inline struct pell_light *stage_sky(struct stage *s, float radiance)
+static inline struct pell_light *stage_environment(struct stage *s, float radiance)
 {
     return stage_light(s, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, -1), radiance);
 }
@@ -205,10 +205,10 @@ static inline void stage_render(struct stage *s)
         OK(pell_renderer_set_scene(s->r, s->scene));
         s->set = true;
     }
-    OK(pell_renderer_render(s->r, &s->settings, &s->picture));
+    OK(pell_renderer_render(s->r, &s->settings, &s->image));
 }
 
-static inline struct shot shot_copy(const struct pell_picture *p)
+static inline struct shot shot_copy(const struct pell_render_result *p)
 {
     struct shot shot = {
         .width = p->width, .height = p->height, .planes = p->num_channels + 3, .exposure = p->exposure, .invalid = p->invalid
@@ -230,8 +230,8 @@ static inline struct shot shot_copy(const struct pell_picture *p)
 static inline struct shot stage_shot(struct stage *s)
 {
     stage_render(s);
-    assert_int_equal(s->picture.invalid, 0);
-    return shot_copy(&s->picture);
+    assert_int_equal(s->image.invalid, 0);
+    return shot_copy(&s->image);
 }
 
 static inline struct shot stage_shot_of(struct stage *s, const char *method, const char *const *knobs)

@@ -17,7 +17,7 @@ static enum pell_result warm_frames(struct cli *cli, struct session *s, struct p
                                     struct rows *stages)
 {
     double *frames = calloc((size_t) repeats * (MAX_STAGES + 1), sizeof(*frames));
-    struct pell_picture p = { 0 };
+    struct pell_render_result p = { 0 };
     enum pell_result res = frames ? PELL_OK : PELL_ERR_NOMEM;
 
     for (int i = 0; i < repeats && res == PELL_OK; i++) {
@@ -66,7 +66,7 @@ static enum pell_result one_thread(struct cli *cli, struct session *s, int repea
 {
     struct pell_device *device = NULL;
     struct pell_renderer *r = NULL;
-    struct pell_picture p;
+    struct pell_render_result p;
     enum pell_result res = pell_device_create(cli->ctx, &(struct pell_device_params) { .threads = 1 }, &device);
 
     if (res == PELL_OK)
@@ -96,7 +96,7 @@ static enum pell_result measure(struct cli *cli, struct session *s, struct rows 
 {
     const int repeats = cli->numbers.repeats;
     const struct pell_camera camera = s->scene->cameras[0];
-    struct pell_picture p;
+    struct pell_render_result p;
     struct row *r;
     double cold, warm, one, far;
     enum pell_result res;
@@ -204,7 +204,7 @@ static enum exit_code find_scene(struct cli *cli, const char *what, char *path, 
     return unknown_bench(cli, what, folder);
 }
 
-/* Part of the picture that the scene's things cover. */
+/* Part of the picture that the scene's objects cover. */
 static double covered(const struct session *s, const struct rows *rows)
 {
     for (size_t i = 0; i < rows->count; i++)

@@ -7,7 +7,7 @@
 #include <string.h>
 
 static const char *const severities[] = { "note", "warning", "error" };
-static const char *const below_names[] = { "stop", "last", "surface-color" }; /* in the order of enum pell_below */
+static const char *const substrate_names[] = { "stop", "last", "surface-color" }; /* in the order of enum pell_substrate */
 
 static json_t *bounds_json(const struct pell_scene_report *r)
 {
@@ -63,7 +63,7 @@ static json_t *material_json(const struct pell_material *m)
         return o;
     if (m->num_layers > 0) {
         json_object_set_new(o, "layers", layers_json(m));
-        json_object_set_new(o, "below", json_string(below_names[m->below]));
+        json_object_set_new(o, "below", json_string(substrate_names[m->substrate]));
         json_object_set_new(o, "diffusion_shows", json_string(shown_of_layers(m)));
     }
     json_object_set_new(o, "profile", json_string(m->profile                 ? "table"
@@ -205,7 +205,7 @@ static void print_layers(const struct pell_material *m)
             printf("    %-18s painted above the bottom of a layer above it at %lld of %lld texels: the upper one wins\n", "",
                    (long long) measure[i].crossings, (long long) texels);
     }
-    printf("    below them: %s; methods of diffusion show %s\n", below_names[m->below], shown_of_layers(m));
+    printf("    below them: %s; methods of diffusion show %s\n", substrate_names[m->substrate], shown_of_layers(m));
 }
 
 static void print_more(size_t count, size_t shown)

@@ -27,12 +27,12 @@ struct section {
     struct cli *cli;
     const struct pell_scene *scene;
     const struct pell_material *material;
-    struct pell_strata strata;
+    struct pell_medium_layers medium_layers;
     double line[4]; /* texture coordinates */
     int uv;         /* the set that it runs in */
     double down_to; /* mm, 0: to be found */
     struct place places[SAMPLES];
-    double x[SAMPLES], through[SAMPLES];           /* mm along the surface; to the other side of the solid. Not finite: there is none */
+    double x[SAMPLES], across[SAMPLES];           /* mm along the surface; to the other side of the solid. Not finite: there is none */
     double bottoms[PELL_LAYERS_MOST + 2][SAMPLES]; /* the surface, then the bottoms of the layers, then the end of the picture */
 };
 
@@ -100,7 +100,7 @@ static enum exit_code read_options(struct section *s)
         return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, "--cross-section", "give one layers, coefficients or a preset",
                                           s->material ? "the material is opaque: there is nothing below its surface"
                                                       : "no material lets light in: there is nothing below a surface"));
-    return cli_failed(cli, pell_strata_make(cli->ctx, "check", s->material, &s->strata));
+    return cli_failed(cli, pell_medium_layers_make(cli->ctx, "check", s->material, &s->medium_layers));
 }
 
 /* --- Along the line ----------------------------------------------------------------------------------------------------------- */
@@ -178,9 +178,9 @@ static void cut_surface(struct section *s)
 {
     const int material = (int) (s->material - s->scene->materials);
 
-    for (int i = 0; i < s->strata.count; i++)
-        if (s->strata.item[i].map)
-            s->uv = s->strata.item[i].map->uv;
+    for (int i = 0; i < s->medium_layers.count; i++)
+        if (s->medium_layers.item[i].map)
+            s->uv = s->medium_layers.item[i].map->uv;
     for (size_t i = 0; i < s->scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &s->scene->meshes[i];
         for (uint32_t k = 0; mesh->material == material && mesh->uv[s->uv] && k < mesh->num_triangles; k++)
@@ -202,7 +202,7 @@ static enum pell_result look_through(struct section *s)
         struct pell_ray ray = { .tnear = 1e-4f, .tfar = INFINITY, .mask = PELL_RAY_ALL };
         struct pell_hit hit;
         const float p[3] = { at->position.x, at->position.y, at->position.z }, n[3] = { at->normal.x, at->normal.y, at->normal.z };
-        s->through[i] = (double) NAN;
+        s->across[i] = (double) NAN;
         if (!at->mesh)
             continue;
         for (int c = 0; c < 3; c++) {
@@ -211,7 +211,7 @@ static enum pell_result look_through(struct section *s)
             ray.tnear = fmaxf(ray.tnear, 4e-6f * fabsf(p[c]));
         }
         if (pell_rays_closest(rays, &ray, &hit))
-            s->through[i] = (double) hit.t;
+            s->across[i] = (double) hit.t;
     }
 
 fail:
@@ -242,37 +242,37 @@ static int measure(struct section *s)
         if (at->mesh) {
             last = at;
             found++;
-            pell_strata_depths(&s->strata, at->mesh, at->triangle, at->u, at->v, depth);
+            pell_medium_layers_depths(&s->medium_layers, at->mesh, at->triangle, at->u, at->v, depth);
         }
-        for (int k = 0; k < s->strata.count; k++)
+        for (int k = 0; k < s->medium_layers.count; k++)
             s->bottoms[k + 1][i] = at->mesh ? (double) depth[k] : (double) NAN;
     }
     return found;
 }
 
 /* Layers that are the same everywhere need no surface. */
-static void measure_even(struct section *s)
+static void measure_uniform(struct section *s)
 {
     for (int i = 0; i < SAMPLES; i++) {
         s->x[i] = EVEN_LENGTH * i / (SAMPLES - 1);
-        s->through[i] = (double) NAN;
-        for (int k = 0; k < s->strata.count; k++)
-            s->bottoms[k + 1][i] = s->strata.item[k].depth;
+        s->across[i] = (double) NAN;
+        for (int k = 0; k < s->medium_layers.count; k++)
+            s->bottoms[k + 1][i] = s->medium_layers.item[k].depth;
     }
 }
 
 /* How deep there is something to see: the deepest bottom, no deeper than the solid; where there is no bottom, five mean free paths more. */
 static double choose_depth(const struct section *s)
 {
-    const struct pell_stratum *lowest = &s->strata.item[s->strata.count - 1];
+    const struct pell_layer_medium *lowest = &s->medium_layers.item[s->medium_layers.count - 1];
     double deepest = 0.0, solid = 0.0, path = 0.0;
 
     for (int i = 0; i < SAMPLES; i++) {
-        for (int k = 1; k <= s->strata.count; k++)
+        for (int k = 1; k <= s->medium_layers.count; k++)
             if (isfinite(s->bottoms[k][i]))
                 deepest = fmax(deepest, s->bottoms[k][i]);
-        if (isfinite(s->through[i]))
-            solid = fmax(solid, s->through[i]);
+        if (isfinite(s->across[i]))
+            solid = fmax(solid, s->across[i]);
     }
     for (int c = 0; c < 3; c++)
         if (lowest->sigma_t[c] >= PELL_SIGMA_T_MIN)
@@ -290,19 +290,19 @@ static const enum plot_color layer_colors[] = { PLOT_ORANGE, PLOT_RED, PLOT_SKY,
 
 static const char *name_of(const struct section *s, int layer, char text[96])
 {
-    const char *name = s->strata.item[layer].name;
+    const char *name = s->medium_layers.item[layer].name;
     char shown[80];
 
     if (name && name[0])
         snprintf(text, 96, "%s", pell_printable(name, shown, sizeof(shown)));
     else
-        snprintf(text, 96, s->strata.count > 1 ? "layer %d" : "medium", layer);
+        snprintf(text, 96, s->medium_layers.count > 1 ? "layer %d" : "medium", layer);
     return text;
 }
 
 static void clip_to(struct section *s, double bottom)
 {
-    const int below = s->strata.count + 1;
+    const int below = s->medium_layers.count + 1;
 
     for (int i = 0; i < SAMPLES; i++) {
         s->bottoms[0][i] = 0.0;
@@ -323,38 +323,38 @@ static bool visible(const struct section *s, int layer, double bottom)
 
 static enum pell_result draw(struct section *s, double length)
 {
-    static const char *const belows[] = { "nothing below: black", "the last layer goes on", "a surface of the base colour" };
+    static const char *const substrates[] = { "nothing below: black", "the last layer goes on", "a surface of the base colour" };
     struct plot_curve curves[MAX_CURVES] = { 0 };
     struct plot_panel panel = { .x = { .label = "along the surface, mm", .max = length },
                                 .y = { .label = "depth, mm", .down = true, .max = s->down_to },
                                 .curves = curves,
                                 .legend = true };
     char names[PELL_LAYERS_MOST][96], title[160], caption[240], shown[96];
-    const int count = s->strata.count;
+    const int count = s->medium_layers.count;
 
     clip_to(s, s->down_to);
     for (int k = 0; k <= count; k++) {
         struct plot_curve *c = &curves[panel.num_curves];
         *c = (struct plot_curve){ .x = s->x, .y = s->bottoms[k + 1], .base = s->bottoms[k], .count = SAMPLES };
-        c->color = s->strata.below == PELL_BELOW_STOP ? PLOT_BLACK : PLOT_GREY;
+        c->color = s->medium_layers.substrate == PELL_SUBSTRATE_STOP ? PLOT_BLACK : PLOT_GREY;
         if (k < count)
             c->color = layer_colors[k % (int) PELL_COUNT(layer_colors)];
-        c->label = k < count ? name_of(s, k, names[k]) : belows[s->strata.below];
-        if (k == count && s->strata.below == PELL_BELOW_LAST)
+        c->label = k < count ? name_of(s, k, names[k]) : substrates[s->medium_layers.substrate];
+        if (k == count && s->medium_layers.substrate == PELL_SUBSTRATE_LAST)
             c->color = layer_colors[(count - 1) % (int) PELL_COUNT(layer_colors)];
         panel.num_curves += visible(s, k, s->down_to);
     }
     curves[panel.num_curves] = (struct plot_curve){
-        .x = s->x, .y = s->through, .count = SAMPLES, .color = PLOT_BLACK, .line = PLOT_DASHED, .label = "other side of the solid"
+        .x = s->x, .y = s->across, .count = SAMPLES, .color = PLOT_BLACK, .line = PLOT_DASHED, .label = "other side of the solid"
     };
     for (int i = 0; i < SAMPLES; i++)
-        if (s->through[i] <= s->down_to) {
+        if (s->across[i] <= s->down_to) {
             panel.num_curves++;
             break;
         }
     snprintf(title, sizeof(title), "Layers below the surface of %s",
              s->material->name && s->material->name[0] ? pell_printable(s->material->name, shown, sizeof(shown)) : "the material");
-    if (s->strata.painted)
+    if (s->medium_layers.painted)
         snprintf(caption, sizeof(caption),
                  "From texture coordinates %.4g, %.4g to %.4g, %.4g. \u00b7 Depth is drawn %.3g times as large as length.", s->line[0],
                  s->line[1], s->line[2], s->line[3], 330.0 / s->down_to / (780.0 / length));
@@ -373,7 +373,7 @@ static void add_answer(const struct section *s, double length, json_t **answer)
     json_t *layers = json_array();
     char name[96];
 
-    for (int k = 1; k <= s->strata.count; k++) {
+    for (int k = 1; k <= s->medium_layers.count; k++) {
         double low = INFINITY, high = -INFINITY, sum = 0.0;
         int n = 0;
         for (int i = 0; i < SAMPLES; i++)
@@ -400,7 +400,7 @@ static enum exit_code cut(struct section *s, json_t **answer)
 
     if (code != EXIT_OK)
         return code;
-    if (s->strata.painted) {
+    if (s->medium_layers.painted) {
         cut_surface(s);
         length = 0.0;
         if (measure(s) < 2)
@@ -412,7 +412,7 @@ static enum exit_code cut(struct section *s, json_t **answer)
             length = isnan(s->x[i]) ? length : fmax(length, s->x[i]);
         res = look_through(s);
     } else {
-        measure_even(s);
+        measure_uniform(s);
     }
     if (res == PELL_OK) {
         length = fmax(length, 1e-6);

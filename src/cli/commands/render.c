@@ -17,7 +17,7 @@ struct job {
     char output[4096];
     const char *format;
     uint64_t scene_hash, materials_hash; /* 0 unless the format keeps them */
-    struct pell_picture picture;         /* the last one */
+    struct pell_render_result image;         /* the last one */
     json_t *images;                      /* of a turntable or of frames: their names */
     struct {
         double from, step;
@@ -124,14 +124,14 @@ static void numbered(const char *path, int number, int count, char *out, size_t 
 
 /* --- Writing ------------------------------------------------------------------------------------------------------------------ */
 
-static void print_stats(const struct pell_picture *p)
+static void print_stats(const struct pell_render_result *p)
 {
     fprintf(stderr, "%-28s %9s %10s %10s %9s %7s\n", "stage", "ms", "pixels", "rays", "copy ms", "ratio");
     for (size_t i = 0; i < p->num_stages; i++) {
         const struct pell_stage_time *t = &p->stages[i];
         fprintf(stderr, "%-28s %9.2f %10lld %10lld ", t->name, t->ms, (long long) t->pixels, (long long) t->rays);
-        if (t->copy_ms > 0.0)
-            fprintf(stderr, "%9.2f %7.1f\n", t->copy_ms, t->ms / t->copy_ms);
+        if (t->bandwidth_ms > 0.0)
+            fprintf(stderr, "%9.2f %7.1f\n", t->bandwidth_ms, t->ms / t->bandwidth_ms);
         else
             fprintf(stderr, "%9s %7s\n", "-", "-");
     }
@@ -145,16 +145,16 @@ static enum exit_code render_one(struct cli *cli, struct job *job, const char *p
 
     if ((code = cli_spare_input(cli, "--output", path)) != EXIT_OK)
         return code;
-    res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->picture);
+    res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
     cli_progress_end(cli);
     if (res == PELL_OK)
-        res = session_write(cli, &job->session, &job->picture, path, job->format, job->scene_hash, job->materials_hash);
+        res = session_write(cli, &job->session, &job->image, path, job->format, job->scene_hash, job->materials_hash);
     if (res != PELL_OK)
         return cli_failed(cli, res);
-    cli->pictures++;
-    cli->partial = job->picture.partial;
+    cli->images++;
+    cli->partial = job->image.partial;
     if (cli->stats && !cli->json)
-        print_stats(&job->picture);
+        print_stats(&job->image);
     return cli->partial ? EXIT_INTERRUPTED : EXIT_OK;
 }
 
@@ -190,7 +190,7 @@ static enum exit_code render_turntable(struct cli *cli, struct job *job)
         code = render_one(cli, job, path);
         json_array_append_new(job->images, cli_text(path));
         cli_progress(cli, "render", 1.0);
-        job->session.settings.exposure = job->picture.exposure; /* or the pictures would flicker */
+        job->session.settings.exposure = job->image.exposure; /* or the pictures would flicker */
     }
     scene->cameras[0] = camera;
     return code;
@@ -225,7 +225,7 @@ static enum exit_code render_frames(struct cli *cli, struct job *job)
         code = render_one(cli, job, path);
         json_array_append_new(job->images, cli_text(path));
         cli_progress(cli, "render", 1.0);
-        job->session.settings.exposure = job->picture.exposure; /* or the pictures would flicker */
+        job->session.settings.exposure = job->image.exposure; /* or the pictures would flicker */
     }
     return code;
 }
@@ -261,7 +261,7 @@ static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
 static enum exit_code answer(struct cli *cli, const struct job *job)
 {
     const struct session *s = &job->session;
-    const struct pell_picture *p = &job->picture;
+    const struct pell_render_result *p = &job->image;
     const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_device_engine(s->device));
     const int threads = pell_device_threads(s->device);
     char shown[256];
@@ -304,7 +304,7 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK) {
         job.session.settings.layers = strcmp(job.format, "exr") == 0;
         hash_scene(&job);
-        code = cli_failed(cli, pell_renderer_check_range(job.session.renderer, &job.session.settings));
+        code = cli_failed(cli, pell_renderer_check_assumptions(job.session.renderer, &job.session.settings));
     }
     if (code == EXIT_OK)
         code = cli->numbers.turntable > 0 ? render_turntable(cli, &job)

@@ -64,7 +64,7 @@ struct report;
 PELL_NODISCARD enum pell_result report_open(struct cli *cli, int width, int height, struct report **out);
 /* Adds three planes of linear light (16 bit floats in the report) or a map of [0, 1] (8 bit). `*id` is a new JSON text, by which the
  * report's data names them. */
-PELL_NODISCARD enum pell_result report_picture(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id);
+PELL_NODISCARD enum pell_result report_image(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id);
 PELL_NODISCARD enum pell_result report_map(struct report *r, const float *map, ptrdiff_t stride, json_t **id);
 /* One way of looking at the pictures and the numbers that go with it; `mask` NULL: all pixels. `r`: of the first method. */
 json_t *report_view(struct report *r, const char *id, const char *title, const char *text, const struct pell_compare_input *in,

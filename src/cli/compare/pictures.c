@@ -264,7 +264,7 @@ fail:
 /* --- Comparing ---------------------------------------------------------------------------------------------------------------- */
 
 /* The reference's own standard error tells of the light that its method made: that is in these two layers. */
-static bool knows_noise(const struct task *t)
+static bool knows_standard_error(const struct task *t)
 {
     return !t->half.path && t->reference.variance[0] && t->reference.variance[1] && t->reference.variance[2] &&
            (strcmp(t->layer, SUBSURFACE) == 0 || strcmp(t->layer, "R,G,B") == 0 || strcmp(t->layer, "diffuse.multiple") == 0);
@@ -288,7 +288,7 @@ static struct pell_compare_input input_of(const struct task *t, bool whole)
         in.test[c] = full ? t->test.full[c] : t->test.rgb[c];
         in.reference[c] = full ? t->reference.full[c] : t->reference.rgb[c];
         in.half[c] = full ? t->half.full[c] : t->half.rgb[c];
-        in.variance[c] = knows_noise(t) ? t->reference.variance[c] : NULL;
+        in.variance[c] = knows_standard_error(t) ? t->reference.variance[c] : NULL;
     }
     return in;
 }
@@ -334,7 +334,7 @@ static const struct pell_metrics *whole_of(const struct task *t)
 static json_t *answer_json(struct cli *cli, const struct task *t)
 {
     const struct pell_comparison *r = &t->result;
-    const bool display = t->test.display, noise = t->half.path || knows_noise(t);
+    const bool display = t->test.display, noise = t->half.path || knows_standard_error(t);
     json_t *method = compare_metrics(&r->masked, display), *reference, *o;
 
     json_object_set_new(method, "name", cli_text(t->test.path));
@@ -396,7 +396,7 @@ static void answer_text(const struct cli *cli, const struct task *t)
     row("flip", both, m->flip, w->flip);
     if (!t->test.display)
         row("flip hdr", both, m->flip_hdr, w->flip_hdr);
-    if (t->half.path || knows_noise(t)) {
+    if (t->half.path || knows_standard_error(t)) {
         row("noise, mse", both, m->noise_mse, w->noise_mse);
         row("noise, rel mse", both, m->noise_rel_mse, w->noise_rel_mse);
     }
@@ -415,7 +415,7 @@ static enum pell_result report_reference(struct cli *cli, struct report *report,
     enum pell_result res;
 
     if (!in->half[0])
-        return report_picture(report, in->reference, in->stride, id);
+        return report_image(report, in->reference, in->stride, id);
     planes = pell_alloc_array(cli->ctx, all, 3 * sizeof(float));
     if (!planes)
         return PELL_ERR_NOMEM;
@@ -424,7 +424,7 @@ static enum pell_result report_reference(struct cli *cli, struct report *report,
             planes[c * all + i] = 0.5f * (in->reference[c][i] + in->half[c][i]);
         mean[c] = planes + c * all;
     }
-    res = report_picture(report, mean, in->stride, id);
+    res = report_image(report, mean, in->stride, id);
     pell_free(cli->ctx, planes);
     return res;
 }
@@ -463,7 +463,7 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
         if (!again) {
             PELL_TRY(report_reference(cli, report, &in, &id));
             json_object_set_new(json_object_get(reference, "data"), view, id);
-            PELL_TRY(report_picture(report, in.test, in.stride, &id));
+            PELL_TRY(report_image(report, in.test, in.stride, &id));
             json_object_set_new(json_object_get(test, "data"), view, id);
             PELL_TRY(report_map(report, r->flip, r->width, &id));
             json_object_set_new(json_object_get(test, "flip"), view, id);
@@ -477,7 +477,7 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
     data =
         json_pack("{s:s,s:o,s:s,s:O,s:[O,O],s:O,s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(t->test.path)), "command",
                   cli->command_line, "views", views, "pictures", reference, test, "warnings", cli->warnings, "display", (int) display,
-                  "rel_noise", t->half.path || knows_noise(t) ? compare_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
+                  "rel_noise", t->half.path || knows_standard_error(t) ? compare_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
     if (!data || !(path = folder_file(f, "report.html"))) {
         res = data ? PELL_ERR_INVALID : PELL_ERR_NOMEM;
         goto fail;

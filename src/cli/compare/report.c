@@ -129,7 +129,7 @@ static enum pell_result put_packed(struct report *r, size_t size, json_t **id)
     return pell_cancelled(r->cli->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
-enum pell_result report_picture(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id)
+enum pell_result report_image(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id)
 {
     const size_t all = (size_t) r->across * (size_t) r->down;
 

@@ -142,7 +142,7 @@ static enum exit_code add_list(struct cli *cli, struct job *job, const char *whe
             code = add_run(cli, job, where, label);
         else
             for (size_t i = 0; i < pell_method_count() && code == EXIT_OK; i++)
-                if (pell_method_at(i)->kind == PELL_METHOD && (code = add_run(cli, job, where, pell_method_at(i)->name)) == EXIT_OK)
+                if (pell_method_at(i)->kind == PELL_KIND_METHOD && (code = add_run(cli, job, where, pell_method_at(i)->name)) == EXIT_OK)
                     job->runs[job->num_runs - 1].optional = true;
         rest += n;
     } while (code == EXIT_OK && *rest++ == ',');
@@ -220,13 +220,13 @@ static enum exit_code configure(struct cli *cli, const struct job *job, const st
     if (res != PELL_OK)
         return res == PELL_ERR_NOMEM ? EXIT_MEMORY : cli_failed(cli, res);
     run->method->plan(run->values, &plan);
-    run->mixes = plan.quantity == PELL_QUANTITY_RADIANCE && !plan.below && !(plan.gives & PELL_GIVES_SURFACE);
+    run->mixes = plan.quantity == PELL_QUANTITY_RADIANCE && !plan.excludes_surface_reflection && !(plan.outputs & PELL_OUTPUT_SURFACE);
     return EXIT_OK;
 }
 
 /* --- Light -------------------------------------------------------------------------------------------------------------------- */
 
-static const float *channel(const struct pell_picture *p, const char *layer, const char *name)
+static const float *channel(const struct pell_render_result *p, const char *layer, const char *name)
 {
     char full[64];
 
@@ -238,7 +238,7 @@ static const float *channel(const struct pell_picture *p, const char *layer, con
 }
 
 /* Adds a plane of the picture to one without padding, where the mask (NULL: everywhere) is. */
-static void add_plane(const struct job *job, const struct pell_picture *p, const float *from, const float *mask, float *to)
+static void add_plane(const struct job *job, const struct pell_render_result *p, const float *from, const float *mask, float *to)
 {
     for (int y = 0; from && y < job->height; y++)
         for (int x = 0; x < job->width; x++) {
@@ -249,7 +249,7 @@ static void add_plane(const struct job *job, const struct pell_picture *p, const
 }
 
 /* The pixels that count are those of the first reference. */
-static enum exit_code make_mask(struct cli *cli, struct job *job, const struct pell_picture *p)
+static enum exit_code make_mask(struct cli *cli, struct job *job, const struct pell_render_result *p)
 {
     const float *from = channel(p, "translucent", "Y");
     const size_t all = (size_t) job->width * (size_t) job->height;
@@ -267,7 +267,7 @@ static enum exit_code make_mask(struct cli *cli, struct job *job, const struct p
     return EXIT_OK;
 }
 
-static enum pell_result take_light(struct cli *cli, const struct job *job, const struct run *run, const struct pell_picture *p,
+static enum pell_result take_light(struct cli *cli, const struct job *job, const struct run *run, const struct pell_render_result *p,
                                    struct light *l)
 {
     static const char *const names[3] = { "R", "G", "B" };
@@ -389,7 +389,7 @@ static double cpu_seconds(void)
     return clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t) == 0 ? (double) t.tv_sec + 1e-9 * (double) t.tv_nsec : 0.0;
 }
 
-static json_t *describe(const struct job *job, const struct run *run, const struct pell_picture *p)
+static json_t *describe(const struct job *job, const struct run *run, const struct pell_render_result *p)
 {
     const struct pell_method *m = run->method;
     const bool reference = run < job->runs + job->num_references;
@@ -407,7 +407,7 @@ static json_t *describe(const struct job *job, const struct run *run, const stru
                      "cpu_seconds", run->cpu_seconds, "stages", session_stages(p), "mixes", (int) run->mixes);
 }
 
-static enum pell_result write_run(struct cli *cli, struct job *job, struct run *run, const struct pell_picture *p)
+static enum pell_result write_run(struct cli *cli, struct job *job, struct run *run, const struct pell_render_result *p)
 {
     struct session as = job->session;
     const char *path;
@@ -428,34 +428,34 @@ static enum pell_result write_run(struct cli *cli, struct job *job, struct run *
 static enum pell_result render(struct cli *cli, struct job *job, struct run *run, struct light *l)
 {
     struct session *s = &job->session;
-    struct pell_picture picture;
+    struct pell_render_result image;
     const double start = cpu_seconds();
     json_t *id;
     enum pell_result res;
 
     PELL_TRY(pell_renderer_set_method(s->renderer, run->method, run->values));
-    PELL_TRY(pell_renderer_render(s->renderer, &s->settings, &picture));
-    run->seconds = picture.seconds;
+    PELL_TRY(pell_renderer_render(s->renderer, &s->settings, &image));
+    run->seconds = image.seconds;
     run->cpu_seconds = cpu_seconds() - start;
     cli_progress_end(cli);
-    if (picture.partial) /* ended early: half of a comparison is none */
+    if (image.partial) /* ended early: half of a comparison is none */
         return PELL_ERR_CANCELLED;
     if (!job->mask) {
-        job->width = picture.width;
-        job->height = picture.height;
-        job->params.exposure = s->settings.exposure = picture.exposure; /* what it was given, or metered: for all that follow */
-        if (make_mask(cli, job, &picture) != EXIT_OK)
+        job->width = image.width;
+        job->height = image.height;
+        job->params.exposure = s->settings.exposure = image.exposure; /* what it was given, or metered: for all that follow */
+        if (make_mask(cli, job, &image) != EXIT_OK)
             return cli->error.there ? cli->error.code : PELL_ERR_NOMEM;
         if (cli->output)
             PELL_TRY(report_open(cli, job->width, job->height, &job->report));
     }
-    PELL_TRY(write_run(cli, job, run, &picture));
-    PELL_TRY(take_light(cli, job, run, &picture, l));
-    run->shown = describe(job, run, &picture);
+    PELL_TRY(write_run(cli, job, run, &image));
+    PELL_TRY(take_light(cli, job, run, &image, l));
+    run->shown = describe(job, run, &image);
     if (!run->shown)
         return PELL_ERR_NOMEM;
     for (int view = 0; job->report && view < VIEWS; view++) {
-        PELL_TRY(report_picture(job->report, (const float *const *) l->rgb[view], job->width, &id));
+        PELL_TRY(report_image(job->report, (const float *const *) l->rgb[view], job->width, &id));
         json_object_set_new(child(run->shown, "data"), view_names[view], id);
     }
 fail:
@@ -534,18 +534,18 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
     const struct session *s = &job->session;
     char settings[1024], device[160];
     const char *path = folder_file(&job->folder, "report.html");
-    json_t *data, *pictures = json_array();
+    json_t *data, *images = json_array();
     enum pell_result res;
 
     for (size_t i = 0; i < job->num_runs; i++) {
         if (i < job->num_references)
             json_object_set_new(job->runs[i].shown, "rel_noise", compare_number(job->rel_noise[i]));
-        json_array_append(pictures, job->runs[i].shown);
+        json_array_append(images, job->runs[i].shown);
     }
     cli_format_knobs(pell_settings_knobs(), &s->settings, settings, sizeof(settings));
     cli_device_name(device, sizeof(device));
     data = json_pack("{s:s,s:o,s:s,s:O,s:o,s:O,s:b,s:o,s:o,s:i,s:I,s:f,s:o}", "kind", "scene", "title",
-                     cli_text(pell_path_name(cli->arguments[0])), "command", cli->command_line, "views", job->views, "pictures", pictures,
+                     cli_text(pell_path_name(cli->arguments[0])), "command", cli->command_line, "views", job->views, "pictures", images,
                      "warnings", cli->warnings, "display", 0, "settings", cli_text(settings), "device", cli_text(device), "threads",
                      pell_device_threads(s->device), "translucent_pixels", (json_int_t) job->translucent, "load_seconds",
                      s->load_seconds, "material", cli_text(cli->material ? pell_path_name(cli->material) : ""));
@@ -688,7 +688,7 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
         code = cli_failed(cli, pell_renderer_set_method(s->renderer, job->runs[0].method, job->runs[0].values));
     }
     if (code == EXIT_OK)
-        code = cli_failed(cli, pell_renderer_check_range(s->renderer, &s->settings));
+        code = cli_failed(cli, pell_renderer_check_assumptions(s->renderer, &s->settings));
     if (code == EXIT_OK && cli->output) {
         job->scene_hash = pell_scene_hash(s->scene);
         job->materials_hash = pell_scene_hash_materials(s->scene);

@@ -11,7 +11,7 @@
 
 #include <pellucid/method.h>
 
-struct pell_bodies;
+struct pell_solids;
 struct pell_pool;
 
 enum conv_as { CONV_BEST, CONV_PAPER };
@@ -69,7 +69,7 @@ void convolution_response_make(const struct conv_radial *r, const struct convolu
 /* The radius, mm, with all but `share` of the light of every channel inside. */
 double convolution_reach(const struct conv_radial r[3], double share);
 
-/* --- sources.c: what the eye sees, and what lies behind it ------------------------------------------------------------------------ */
+/* --- sources.c: what the camera sees, and what lies behind it ------------------------------------------------------------------------ */
 
 #define CONV_SURFACES_MOST 8
 
@@ -79,21 +79,21 @@ struct conv_front {
     float *area;                  /* mm^2 that a pixel covers */
     float *enters[3], *leaves[3]; /* what light weighs where it enters a pixel, and where it leaves */
     float *place;                 /* among the planes: number of the nearer, and how far on to the next */
-    float *lean;                  /* sqrt(1 - |n . d|); where |n . d| is over 1, 1 - |n . d| */
+    float *slant;                  /* sqrt(1 - |n . d|); where |n . d| is over 1, 1 - |n . d| */
     ptrdiff_t stride;
 };
 
 struct conv_behind {
     int step, width, height, layers;
     uint16_t *group; /* [layer][cell] */
-    float *depth, *area, *lean, *place, *light[3];
+    float *depth, *area, *slant, *place, *light[3];
     float *enters[3], *close[3]; /* what light weighs behind, and what it weighs at the place of the pixel before it */
 };
 
 struct conv_sources {
     const struct pell_services *services;
     const struct conv_kernels *kernels;
-    const struct pell_bodies *bodies; /* NULL: no scene, materials are groups */
+    const struct pell_solids *solids; /* NULL: no scene, materials are groups */
     const struct pell_frame *in;
     struct pell_view view;
     float far_depth; /* behind all */
@@ -111,7 +111,7 @@ void convolution_sources_aim(struct conv_sources *s);
 
 /* --- spectra.c: planes and the spectra of their kernels ----------------------------------------------------------------------------- */
 
-/* What the spectra of a group hang on. */
+/* What the spectra of a group depend on. */
 struct conv_layout {
     size_t group;
     int planes;                   /* in use */

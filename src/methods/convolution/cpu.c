@@ -30,7 +30,7 @@ static void convolution_destroy(void *state)
     pell_free(st->ctx, st->job.tables[0]);
     pell_free(st->ctx, st->occupied);
     pell_free(st->ctx, st->lit);
-    pell_free(st->ctx, st->even);
+    pell_free(st->ctx, st->uniform);
     pell_free(st->ctx, st->scratch);
     pell_free(st->ctx, st->scratch_memory);
     pell_free(st->ctx, st->half);
@@ -44,7 +44,7 @@ static void convolution_destroy(void *state)
     pell_free(st->ctx, st->front_memory);
     pell_free(st->ctx, st->tables);
     pell_free(st->ctx, st->radial);
-    pell_bodies_destroy(&st->bodies);
+    pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
 }
 
@@ -63,7 +63,7 @@ static enum pell_result make_materials(struct convolution_state *st, const struc
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < shape->num_materials; i++)
         convolution_radial_make(&shape->materials[i], st->tables + i * 3 * CONV_RADIAL_FLOATS, st->radial[i]);
-    st->num_groups = st->bodies ? st->bodies->count : shape->num_materials;
+    st->num_groups = st->solids ? st->solids->count : shape->num_materials;
     return PELL_OK;
 }
 
@@ -83,8 +83,8 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
     if (!f->group || !st->front_memory || !st->rows || !st->there || !st->ray_counts)
         return PELL_ERR_NOMEM;
     f->area = st->front_memory;
-    f->lean = f->area + size;
-    f->place = f->lean + size;
+    f->slant = f->area + size;
+    f->place = f->slant + size;
     for (size_t c = 0; c < 3; c++) {
         f->enters[c] = f->place + (1 + c) * size;
         f->leaves[c] = f->place + (4 + c) * size;
@@ -92,7 +92,7 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
     b->step = 1 << st->knobs.behind_step;
     b->width = (shape->width + b->step - 1) / b->step;
     b->height = (shape->height + b->step - 1) / b->step;
-    b->layers = st->bodies ? st->knobs.surfaces - 1 : 0;
+    b->layers = st->solids ? st->knobs.surfaces - 1 : 0;
     if (b->layers == 0)
         return PELL_OK;
     cells = (size_t) b->width * (size_t) b->height * (size_t) b->layers;
@@ -102,8 +102,8 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
         return PELL_ERR_NOMEM;
     b->depth = st->behind_memory;
     b->area = b->depth + cells;
-    b->lean = b->area + cells;
-    b->place = b->lean + cells;
+    b->slant = b->area + cells;
+    b->place = b->slant + cells;
     for (size_t c = 0; c < 3; c++) {
         b->light[c] = b->place + (1 + c) * cells;
         b->enters[c] = b->place + (4 + c) * cells;
@@ -112,7 +112,7 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
     return PELL_OK;
 }
 
-static bool is_even(const struct convolution_state *st)
+static bool is_uniform(const struct convolution_state *st)
 {
     return st->knobs.borders == CONV_BORDERS_EVEN || (st->knobs.borders == CONV_BORDERS_AUTO && st->knobs.surfaces == 1);
 }
@@ -126,7 +126,7 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     size_t scratch, each, table;
 
     st->num_images = st->knobs.planes + (st->knobs.restore == CONV_BETWEEN ? st->knobs.planes - 1 : 0);
-    st->num_images += st->bodies && st->knobs.apart ? st->knobs.planes : 0;
+    st->num_images += st->solids && st->knobs.apart ? st->knobs.planes : 0;
     st->image_size = (size_t) round_up(width, L) * bands * CONV_BAND;
     st->half_size = ((size_t) across / 32 + 1) * bands * CONV_BAND * E;
     if (st->step > 1)
@@ -134,8 +134,8 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     st->half = pell_alloc_array(st->ctx, st->half_size, (size_t) st->num_images * sizeof(float));
     st->occupied = pell_calloc(st->ctx, bands, (size_t) st->num_images);
     st->lit = pell_calloc(st->ctx, bands, sizeof(*st->lit));
-    if (is_even(st))
-        st->even = pell_alloc_array(st->ctx, (size_t) shape->width * (size_t) shape->height, sizeof(float));
+    if (is_uniform(st))
+        st->uniform = pell_alloc_array(st->ctx, (size_t) shape->width * (size_t) shape->height, sizeof(float));
     each = pell_fft_buffer(across > down ? across : down);
     scratch = ((size_t) st->num_images + 2) * each;
     if (scratch < convolution_spectra_scratch(width, height))
@@ -146,7 +146,7 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     table = 3 * (size_t) (across > down ? across : down) + 4096;
     st->job.tables[0] = pell_alloc_array(st->ctx, table, 2 * sizeof(float));
     if ((st->step > 1 && !st->images) || !st->half || !st->occupied || !st->lit || !st->scratch || !st->scratch_memory ||
-        !st->job.tables[0] || (is_even(st) && !st->even))
+        !st->job.tables[0] || (is_uniform(st) && !st->uniform))
         return PELL_ERR_NOMEM;
     st->job.tables[1] = st->job.tables[0] + table;
     for (int i = 0; i < workers; i++)
@@ -184,15 +184,15 @@ static enum pell_result convolution_create(const struct pell_services *services,
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%lld pixels with the rows' ends, at most %d",
                           (long long) shape->stride * shape->height, INT32_MAX);
     if (st->knobs.surfaces > 1)
-        PELL_TRY(pell_services_bodies(services, &st->bodies));
-    if ((st->bodies ? st->bodies->count : shape->num_materials) >= UINT16_MAX) /* groups are kept in 16 bits, 0 is none */
+        PELL_TRY(pell_services_bodies(services, &st->solids));
+    if ((st->solids ? st->solids->count : shape->num_materials) >= UINT16_MAX) /* groups are kept in 16 bits, 0 is none */
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", "join objects, or use hierarchical", "%zu bodies, at most %d",
-                          st->bodies ? st->bodies->count : shape->num_materials, UINT16_MAX - 1);
+                          st->solids ? st->solids->count : shape->num_materials, UINT16_MAX - 1);
     PELL_TRY(make_materials(st, shape));
     PELL_TRY(make_sources(st, shape));
     PELL_TRY(make_images(st, shape));
     st->sources.services = services;
-    st->sources.bodies = st->bodies;
+    st->sources.solids = st->solids;
     st->sources.kernels = st->kernels;
     return PELL_OK;
 
@@ -213,8 +213,8 @@ static void group_row(void *arg, int index, int worker)
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
         const ptrdiff_t i = y * in->shape.stride + x;
         group[x] = pell_material_id(in, i);
-        if (group[x] && st->bodies)
-            group[x] = in->mesh[i] < st->bodies->num_meshes ? (uint16_t) (st->bodies->of_mesh[in->mesh[i]] + 1) : 0;
+        if (group[x] && st->solids)
+            group[x] = in->mesh[i] < st->solids->num_meshes ? (uint16_t) (st->solids->of_mesh[in->mesh[i]] + 1) : 0;
     }
 }
 
@@ -244,7 +244,7 @@ static void note_time(struct convolution_state *st, int which, double *from, int
     *from = now;
 }
 
-static void convolve(struct convolution_state *st, int channel, bool even)
+static void convolve(struct convolution_state *st, int channel, bool uniform)
 {
     struct conv_job *j = &st->job;
     const int images = j->layout.planes + j->between + j->behind;
@@ -254,7 +254,7 @@ static void convolve(struct convolution_state *st, int channel, bool even)
     int lit = 0;
 
     j->channel = channel;
-    j->even = even;
+    j->uniform = uniform;
     convolution_spread(st);
     for (int i = 0; i < images; i++) {
         j->lit[i] = false;
@@ -276,7 +276,7 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     double clock = pell_seconds();
 
     j->group = group;
-    j->radial = st->radial[st->bodies ? st->bodies->bodies[group].material : group];
+    j->radial = st->radial[st->solids ? st->solids->solids[group].material : group];
     convolution_find_extent(st);
     if (j->extent.pixels == 0)
         return PELL_OK;
@@ -286,7 +286,7 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     j->block = (ptrdiff_t) j->layout.height * E;
     j->bands = (j->layout.height + CONV_BAND - 1) / CONV_BAND;
     j->column_blocks = j->layout.across / 32 + 1;
-    j->divide = is_even(st);
+    j->divide = is_uniform(st);
     pell_fft_init(&j->across, j->layout.across, j->tables[0]);
     pell_fft_init(&j->down, j->layout.down, j->tables[1]);
     convolution_place(st);
@@ -345,7 +345,7 @@ static enum pell_result convolution_render(void *state, const struct pell_frame 
     st->sources.in = st->job.in = in;
     st->job.out = out;
     pell_pool_run(st->pool, in->rect.y1 - in->rect.y0, group_row, st);
-    if (st->bodies)
+    if (st->solids)
         convolution_sources_aim(&st->sources);
     pell_pool_run(st->pool, in->rect.y1 - in->rect.y0, front_row, st);
     note_time(st, CONV_T_AREAS, &clock, (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0),

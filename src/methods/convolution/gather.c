@@ -66,11 +66,11 @@ static void divide_row(const struct convolution_state *st, int y, const float *s
 
     for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++) {
         const ptrdiff_t at = y * st->sources.front.stride + x, to = y * j->in->shape.stride + x;
-        const float even = st->even[at];
+        const float uniform = st->uniform[at];
         float m;
         if (st->sources.front.group[at] != j->group + 1)
             continue;
-        m = even > 0.0f ? sum[x - j->extent.rect.x0] / even : j->in->irradiance[j->channel][to];
+        m = uniform > 0.0f ? sum[x - j->extent.rect.x0] / uniform : j->in->irradiance[j->channel][to];
         m = r->total * (m < j->extent.brightest[j->channel] ? m : j->extent.brightest[j->channel]);
         j->out->light[j->channel][to] = m > 0.0f ? m : 0.0f;
     }
@@ -85,7 +85,7 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     const int width = rect->x1 - rect->x0;
     const ptrdiff_t at = y * f->stride + rect->x0;
     const uint16_t own = (uint16_t) (j->group + 1), *group = f->group + at;
-    float *out = j->even ? st->even + at : j->divide ? sum : j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
+    float *out = j->uniform ? st->uniform + at : j->divide ? sum : j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
     int x0, x1;
 
     find_reached(st, y, &x0, &x1);
@@ -96,7 +96,7 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
                         out);
     if (j->edges[j->channel].fade > 0.0f)
         st->kernels->edges(&j->edges[j->channel], y, rect->x0, rect->x1, out - rect->x0);
-    if (j->divide && !j->even)
+    if (j->divide && !j->uniform)
         divide_row(st, y, sum);
 }
 

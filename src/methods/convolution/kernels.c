@@ -191,13 +191,13 @@ INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi
     }
 }
 
-INLINE vf lean_of(vf cosine)
+INLINE vf slant_of(vf cosine)
 {
     const vf f = greater(cosine, all(CONV_LEAST_COS)), rest = 1.0f - f;
     return select(f < 1.0f, root(greater(rest, all(0.0f))), rest);
 }
 
-static void cover(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *lean)
+static void cover(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *slant)
 {
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
@@ -206,24 +206,24 @@ static void cover(const struct conv_depths *d, int y, int from, int to, bool by_
         if (!any(own != 0))
             continue;
         depth = select(own != 0, depth, all(1.0f));
-        f = by_depth ? facing(d, x, y, depth, own, (vi){ 0 } + 1) : load_some(lean + x, n);
+        f = by_depth ? facing(d, x, y, depth, own, (vi){ 0 } + 1) : load_some(slant + x, n);
         mm = (d->parallel ? all(1.0f) : depth) / d->focal_px;
         store_some(area + x, mm * mm / greater(f, all(CONV_LEAST_COS)), n);
-        store_some(lean + x, lean_of(f), n);
+        store_some(slant + x, slant_of(f), n);
     }
 }
 
-static void far_leans(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *lean, float *far)
+static void far_slants(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *slant, float *far)
 {
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
         const vi is = which(d->group + y * d->group_stride + x, own, n);
-        const vf self = load_some(lean + x, n), depth = select(is, load_some(d->depth + y * d->stride + x, n), all(1.0f));
+        const vf self = load_some(slant + x, n), depth = select(is, load_some(d->depth + y * d->stride + x, n), all(1.0f));
         const vf step = d->median_px / (d->parallel ? all(1.0f) : depth), part = within(step - 0.5f, 0.0f, 1.0f);
         vf out = self;
         if (any(is & (self > 0.0f) & (part > 0.0f))) {
             const vi by = INTS(within(step + 0.5f, 1.0f, 65536.0f));
-            const vf over = lesser(lean_of(facing(d, x, y, depth, (vi){ 0 } + own, by)), self);
+            const vf over = lesser(slant_of(facing(d, x, y, depth, (vi){ 0 } + own, by)), self);
             out = select((self > 0.0f) & (part > 0.0f), mix_of(self, over, part), self);
         }
         store_some(far + x, out, n);
@@ -238,9 +238,9 @@ struct row {
     vf part;
 };
 
-INLINE struct row row_of(vf lean, int rows)
+INLINE struct row row_of(vf slant, int rows)
 {
-    const vf s = greater(lean, all(0.0f)) * (float) ((rows - 1) / 0.994987437);
+    const vf s = greater(slant, all(0.0f)) * (float) ((rows - 1) / 0.994987437);
     const vi low = INTS(lesser(s, all((float) (rows - 2))));
 
     return (struct row){ low, within(s - FLOATS(low), 0.0f, 1.0f) };
@@ -263,18 +263,18 @@ INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
  * of the factor where light enters, half where it leaves; by its lean, on the mean over places: all where it enters, as a pixel that leans
  * alone has no neighbours that give it more. What is near knows the pixel's own lean, what is farther that over some distance. */
 static void weigh(const struct conv_weights *w, int count, const uint16_t *group, uint16_t own, const float *place, const float *area,
-                  const float *lean, const float *far, float *const enters[3], float *const leaves[3])
+                  const float *slant, const float *far, float *const enters[3], float *const leaves[3])
 {
     enum { SIZE = sizeof(struct conv_response) / (4 * sizeof(float)) };
 
     for (int i = 0; i < count; i += WIDTH) {
         const int n = count - i;
         const vi is = group ? which(group + i, own, n) : (vi) (lanes_from(0.0f) < all((float) n));
-        const vf p = select(is, load_some(place + i, n), all(0.0f)), self = select(is, load_some(lean + i, n), all(0.0f));
+        const vf p = select(is, load_some(place + i, n), all(0.0f)), self = select(is, load_some(slant + i, n), all(0.0f));
         const vf over = select(is, load_some(far + i, n), all(0.0f)), a = select(is, load_some(area + i, n), all(1.0f));
         const vi plane = INTS(p), next = choose(plane < w->planes - 1, plane + 1, plane);
         const vf t = p - FLOATS(plane), u = t * (float) (CONV_PHASES - 1), pixels = within(a * w->per_unit2, 1e-4f, 1e5f);
-        const struct row at = row_of(self, CONV_LEANS), own_at = row_of(self, CONV_FINE), far_at = row_of(over, CONV_FINE);
+        const struct row at = row_of(self, CONV_SLANTS), own_at = row_of(self, CONV_FINE), far_at = row_of(over, CONV_FINE);
         const vi b = INTS(lesser(u, all((float) (CONV_PHASES - 2))));
         const vf fu = u - FLOATS(b), sideways = select(self < 0.0f, 1.0f - self, all(1.0f));
         const vf narrow = pick(w->pixel, plane), wide = pick(w->pixel, next);
@@ -726,7 +726,7 @@ static void mix(const struct conv_mix *m, int block)
 extern const struct conv_kernels PELL_SIMD(convolution_kernels);
 const struct conv_kernels PELL_SIMD(convolution_kernels) = {
     .cover = cover,
-    .far = far_leans,
+    .far = far_slants,
     .weigh = weigh,
     .share = share,
     .spread = spread,

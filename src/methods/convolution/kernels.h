@@ -12,15 +12,15 @@
 
 enum { CONV_PLANES = 16, CONV_IMAGES = 3 * CONV_PLANES - 1 };
 enum { CONV_ROWS_OCTAVE = 32, CONV_OCTAVES = 52, CONV_ROWS = CONV_ROWS_OCTAVE * CONV_OCTAVES };
-enum { CONV_PHASES = 17, CONV_LEANS = 16, CONV_FINE = 64, CONV_DISTANCES = 128 };
+enum { CONV_PHASES = 17, CONV_SLANTS = 16, CONV_FINE = 64, CONV_DISTANCES = 128 };
 #define CONV_LEAST_COS 0.01f /* what leans more counts as this */
 
 /* How much of its light a flat surface gets back by planes and images between them, over what it should: by the place between two planes,
- * t = i/(CONV_PHASES - 1), and the lean, sqrt(1 - cos) = i/(CONV_LEANS - 1) of the largest, or i/(CONV_FINE - 1). Rows hold what linear
+ * t = i/(CONV_PHASES - 1), and the lean, sqrt(1 - cos) = i/(CONV_SLANTS - 1) of the largest, or i/(CONV_FINE - 1). Rows hold what linear
  * interpolation to the next needs. */
 struct conv_response {
     /* 1/sqrt of it, as a part of its mean over the places: what it is, and more a phase on, a lean on, and by both. */
-    float place[(CONV_LEANS - 1) * (CONV_PHASES - 1)][4];
+    float place[(CONV_SLANTS - 1) * (CONV_PHASES - 1)][4];
     /* What comes from less, and from more, than the distance with half of the light; and what should; how much more of both a row on. */
     float near[CONV_FINE - 1][4], far[CONV_FINE - 1][4];
 };
@@ -36,7 +36,7 @@ struct conv_depths {
     float median_px;                    /* pixels at a depth of 1 that `far` is about */
 };
 
-/* What weights hang on. */
+/* What weights depend on. */
 struct conv_weights {
     int planes;
     bool plain;         /* areas alone */
@@ -122,14 +122,14 @@ struct conv_mix {
 };
 
 struct conv_kernels {
-    /* Areas, mm^2, and leans of pixels [from, to) of row y: by their neighbours' depths, or by |n . d|, which `lean` holds. */
-    void (*cover)(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *lean);
+    /* Areas, mm^2, and leans of pixels [from, to) of row y: by their neighbours' depths, or by |n . d|, which `slant` holds. */
+    void (*cover)(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *slant);
     /* Leans over some distance: no more than a pixel's own, and its own where that distance lies in the pixel. */
-    void (*far)(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *lean, float *far);
+    void (*far)(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *slant, float *far);
     /* What light weighs where it enters and where it leaves. `group` NULL: all of them; where it is not `own` nothing is read, and what is
      * written means nothing. `leaves` may be NULL. */
     void (*weigh)(const struct conv_weights *w, int count, const uint16_t *group, uint16_t own, const float *place, const float *area,
-                  const float *lean, const float *far, float *const enters[3], float *const leaves[3]);
+                  const float *slant, const float *far, float *const enters[3], float *const leaves[3]);
     /* Light behind, at q, and the pixel before it, at p; distances under 0: there is none. `close`: in, what it weighs as if it were in
      * front; out, the part of that which goes there, and enters, what stays behind. */
     void (*share)(const struct conv_shares *s, int count, const float *p, const float *q, const float *distance, float *const enters[3],

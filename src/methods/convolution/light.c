@@ -13,7 +13,7 @@
 
 /* What weighing a row needs: of pixels, and of cells behind. */
 struct buffers {
-    float *far, *front, *behind, *distance, *lean, *over;
+    float *far, *front, *behind, *distance, *slant, *over;
 };
 
 static struct buffers buffers_of(const struct convolution_state *st, int worker)
@@ -43,9 +43,9 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
         const int px = (x0 + i) * b->step, x = px > rect->x0 ? px : rect->x0;
         const ptrdiff_t pixel = y * f->stride + x;
         const bool is = group[i] == own, before = is && x < rect->x1 && f->group[pixel] == own;
-        const float lean = is ? b->lean[at + (size_t) i] : 0.0f;
-        to->lean[i] = lean < 0.0f ? lean : 0.0f;
-        to->over[i] = before ? fminf(lean, to->far[x - rect->x0]) : lean;
+        const float slant = is ? b->slant[at + (size_t) i] : 0.0f;
+        to->slant[i] = slant < 0.0f ? slant : 0.0f;
+        to->over[i] = before ? fminf(slant, to->far[x - rect->x0]) : slant;
         to->behind[i] = is ? b->place[at + (size_t) i] : 0.0f;
         to->front[i] = before ? f->place[pixel] : 0.0f;
         to->distance[i] = before ? fmaxf(b->depth[at + (size_t) i] - j->in->depth[y * j->in->shape.stride + x], 0.0f) : -1.0f;
@@ -54,13 +54,13 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
         for (int c = 0; c < 3; c++)
             memset(close[c], 0, (size_t) count * sizeof(float));
     if (!j->behind) {
-        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->lean + at, b->lean + at, enters, NULL);
+        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->slant + at, b->slant + at, enters, NULL);
         return;
     }
     /* Kernels that begin at some distance know nothing of leans. */
-    kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, to->lean, to->lean, enters, NULL);
+    kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, to->slant, to->slant, enters, NULL);
     if (j->layout.planes > 1) {
-        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->lean + at, to->over, close, NULL);
+        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->slant + at, to->over, close, NULL);
         kernels->share(&j->shares, count, to->front, to->behind, to->distance, enters, close);
     }
 }
@@ -80,8 +80,8 @@ static void weigh_row(void *arg, int index, int worker)
     float *const enters[3] = { f->enters[0] + at, f->enters[1] + at, f->enters[2] + at };
     float *const leaves[3] = { f->leaves[0] + at, f->leaves[1] + at, f->leaves[2] + at };
 
-    st->kernels->far(&depths, y, rect->x0, rect->x1, own, f->lean + y * f->stride, to.far - rect->x0);
-    st->kernels->weigh(&j->weights, rect->x1 - rect->x0, f->group + at, own, f->place + at, f->area + at, f->lean + at, to.far, enters,
+    st->kernels->far(&depths, y, rect->x0, rect->x1, own, f->slant + y * f->stride, to.far - rect->x0);
+    st->kernels->weigh(&j->weights, rect->x1 - rect->x0, f->group + at, own, f->place + at, f->area + at, f->slant + at, to.far, enters,
                        leaves);
     for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++)
         weigh_behind(st, &to, ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width, j->x0 / b->step,
@@ -240,7 +240,7 @@ static void spread_front(const struct convolution_state *st, const struct band *
         const ptrdiff_t at = py * f->stride + j->x0;
         s.x1 = is ? rect->x1 - j->x0 : 0;
         st->kernels->spread(&s, f->group + at, f->place + at, f->enters[j->channel] + at,
-                            j->even ? NULL : j->in->irradiance[j->channel] + py * j->in->shape.stride + j->x0,
+                            j->uniform ? NULL : j->in->irradiance[j->channel] + py * j->in->shape.stride + j->x0,
                             to->images + (y - to->y0) * j->stride, to->marks, ends);
     }
     widen_row(to, ends, y);
@@ -299,7 +299,7 @@ static void spread_behind(const struct convolution_state *st, const struct band 
     for (int x = first; x < end; x += CELLS) {
         const size_t at = row + (size_t) x;
         const int count = end - x < CELLS ? end - x : CELLS, column = (x * b->step - j->x0) / st->step;
-        const float *light = j->even ? NULL : b->light[j->channel] + at, *close = b->close[j->channel] + at;
+        const float *light = j->uniform ? NULL : b->light[j->channel] + at, *close = b->close[j->channel] + at;
         float place[CELLS];
         bool any = false;
         spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, b->group + at, b->place + at, b->enters[j->channel] + at,

@@ -140,7 +140,7 @@ static void plan(const void *values, struct pell_plan *plan)
 
 extern const struct pell_method pell_method_convolution;
 const struct pell_method pell_method_convolution = {
-    .kind = PELL_METHOD,
+    .kind = PELL_KIND_METHOD,
     .name = "convolution",
     .title = "Convolution of light on planes through the object",
     .cite = "Adolfo Munoz, Jose I. Echevarria, Francisco J. Seron and Diego Gutierrez, Convolution-Based Simulation of Homogeneous "

@@ -218,7 +218,7 @@ static double response_at(const struct conv_radial *r, const struct convolution_
 
 static double between_rows(const double *table, double at)
 {
-    const int low = at < CONV_LEANS - 2 ? (int) at : CONV_LEANS - 2;
+    const int low = at < CONV_SLANTS - 2 ? (int) at : CONV_SLANTS - 2;
 
     return table[low] + (at - low) * (table[low + 1] - table[low]);
 }
@@ -226,13 +226,13 @@ static double between_rows(const double *table, double at)
 void convolution_response_make(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, struct conv_response *out)
 {
     const double half = half_distance(r);
-    double place[CONV_LEANS][CONV_PHASES], mean[CONV_LEANS], far[CONV_LEANS], true_far[CONV_LEANS];
+    double place[CONV_SLANTS][CONV_PHASES], mean[CONV_SLANTS], far[CONV_SLANTS], true_far[CONV_SLANTS];
     double near_row[CONV_FINE][2], far_row[CONV_FINE][2];
 
-    for (int j = 0; j < CONV_LEANS; j++) {
+    for (int j = 0; j < CONV_SLANTS; j++) {
         mean[j] = far[j] = true_far[j] = 0.0;
         for (int i = 0; 2 * i < CONV_PHASES; i++) { /* the other half is the same */
-            const double s = j * sqrt(1.0 - (double) CONV_LEAST_COS) / (CONV_LEANS - 1), c = 1.0 - s * s;
+            const double s = j * sqrt(1.0 - (double) CONV_LEAST_COS) / (CONV_SLANTS - 1), c = 1.0 - s * s;
             double beyond = 0.0, share = 1.0;
             if (k->restore != CONV_LOST)
                 share = response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1), half, &beyond,
@@ -243,12 +243,12 @@ void convolution_response_make(const struct conv_radial *r, const struct convolu
         for (int i = 0; i < CONV_PHASES; i++)
             mean[j] += place[j][i];
     }
-    for (int j = CONV_LEANS - 1; j >= 0; j--) {
+    for (int j = CONV_SLANTS - 1; j >= 0; j--) {
         mean[j] /= mean[0];
         for (int i = 0; i < CONV_PHASES; i++)
             place[j][i] /= mean[j];
     }
-    for (int j = 0; j + 1 < CONV_LEANS; j++)
+    for (int j = 0; j + 1 < CONV_SLANTS; j++)
         for (int i = 0; i + 1 < CONV_PHASES; i++) {
             const double low = place[j][i], along = place[j][i + 1] - low, up = place[j + 1][i] - low;
             const double row[4] = { low, along, up, place[j + 1][i + 1] - low - along - up };
@@ -256,7 +256,7 @@ void convolution_response_make(const struct conv_radial *r, const struct convolu
                 out->place[j * (CONV_PHASES - 1) + i][n] = (float) row[n];
         }
     for (int i = 0; i < CONV_FINE; i++) {
-        const double at = i * (double) (CONV_LEANS - 1) / (CONV_FINE - 1), all = 1.0 / pow(between_rows(mean, at), 2.0);
+        const double at = i * (double) (CONV_SLANTS - 1) / (CONV_FINE - 1), all = 1.0 / pow(between_rows(mean, at), 2.0);
         near_row[i][0] = all * (1.0 - between_rows(far, at));
         near_row[i][1] = 1.0 - between_rows(true_far, at);
         far_row[i][0] = all * between_rows(far, at);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * sources.c - samples of the surface: pixels, and what rays meet that come back through them from behind the things. Each has the area that
- * its pixel, or cell of pixels, covers: depth^2/f^2 / |n . d| of the ray d whose part along the view axis is 1, or 1/f^2 / |n . axis| where
- * rays are parallel.
+ * sources.c - samples of the surface: pixels, and what rays meet that come back through them from behind the objects. Each has the area
+ * that its pixel, or cell of pixels, covers: depth^2/f^2 / |n . d| of the ray d whose part along the view axis is 1, or 1/f^2 / |n . axis|
+ * where rays are parallel.
  */
 #include "methods/convolution/convolution.h"
 
@@ -11,7 +11,8 @@
 
 #include <string.h>
 
-/* --- What the eye sees --------------------------------------------------------------------------------------------------------------- */
+/* --- What the camera sees
+ * --------------------------------------------------------------------------------------------------------------- */
 
 /* mm that a pixel is wide. */
 static float pixel_at(const struct pell_frame *in, float depth)
@@ -19,13 +20,13 @@ static float pixel_at(const struct pell_frame *in, float depth)
     return (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
 }
 
-/* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the eye from the side of the picture. */
-static void cover(const struct pell_frame *in, float depth, float facing, float *area, float *lean)
+/* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the camera from the side of the picture. */
+static void cover(const struct pell_frame *in, float depth, float facing, float *area, float *slant)
 {
     const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = pixel_at(in, depth);
 
     *area = mm * mm / f;
-    *lean = f < 1.0f ? sqrtf(1.0f - f) : 1.0f - f;
+    *slant = f < 1.0f ? sqrtf(1.0f - f) : 1.0f - f;
 }
 
 struct conv_depths convolution_depths(const struct conv_sources *s, float median)
@@ -72,12 +73,12 @@ void convolution_front_row(const struct conv_sources *s, int y)
     const struct pell_frame *in = s->in;
     const struct conv_front *f = &s->front;
     const struct pell_view *v = &s->view;
-    const struct pell_scene *scene = s->bodies ? s->services->scene : NULL;
+    const struct pell_scene *scene = s->solids ? s->services->scene : NULL;
     const struct conv_depths depths = convolution_depths(s, 0.0f);
     uint32_t mesh = PELL_NO_HIT, triangle = 0;
     float across = 0.0f, first = 0.0f; /* n . d of the triangle: linear along the row */
 
-    for (int x = in->rect.x0; x < in->rect.x1 && s->bodies; x++) {
+    for (int x = in->rect.x0; x < in->rect.x1 && s->solids; x++) {
         const ptrdiff_t at = y * in->shape.stride + x, to = y * f->stride + x;
         if (!f->group[to])
             continue;
@@ -91,9 +92,9 @@ void convolution_front_row(const struct conv_sources *s, int y)
             first = vec3_dot(d, n);
             across = v->orthographic ? 0.0f : vec3_dot(v->right, n) / v->focal_px;
         }
-        f->lean[to] = fabsf(first + (float) x * across);
+        f->slant[to] = fabsf(first + (float) x * across);
     }
-    s->kernels->cover(&depths, y, in->rect.x0, in->rect.x1, !s->bodies, f->area + y * f->stride, f->lean + y * f->stride);
+    s->kernels->cover(&depths, y, in->rect.x0, in->rect.x1, !s->solids, f->area + y * f->stride, f->slant + y * f->stride);
 }
 
 /* --- What lies behind ---------------------------------------------------------------------------------------------------------------- */
@@ -118,7 +119,7 @@ void convolution_sources_aim(struct conv_sources *s)
 /* Cells of a row that have pixels, up to 16 at a time. */
 struct cells {
     int x[16], count;
-    float front[16]; /* the farthest that the eye sees there */
+    float front[16]; /* the farthest that the camera sees there */
     uint16_t group[16];
     struct pell_vec3 direction[16];
 };
@@ -129,22 +130,22 @@ static float cell_middle(const struct conv_behind *b, int cell)
 }
 
 static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, float depth,
-                       const struct pell_points16_light *light, int32_t body)
+                       const struct pell_points16_light *light, int32_t solid)
 {
     const struct conv_behind *b = &s->behind;
     const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
     const struct pell_vec3 n = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
 
-    cover(s->in, depth, fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->lean[to]);
+    cover(s->in, depth, fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
     b->area[to] *= (float) (b->step * b->step);
     b->depth[to] = depth;
-    b->group[to] = (uint16_t) (body + 1);
+    b->group[to] = (uint16_t) (solid + 1);
     for (int k = 0; k < 3; k++)
         b->light[k][to] = light->irradiance[k][i];
 }
 
-/* Whether a hit is of what the eye sees, and a pixel already: a triangle of one of the cell's pixels, or one that faces the eye and is no
- * farther than they are. */
+/* Whether a hit is of what the camera sees, and a pixel already: a triangle of one of the cell's pixels, or one that faces the camera and
+ * is no farther than they are. */
 static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, int cell_y, const struct pell_ray_hit16 *hit, float depth)
 {
     const struct pell_frame *in = s->in;
@@ -198,7 +199,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         }
         pell_rays_closest16(s->services->rays, open, true, &hit);
         for (int i = 0; i < 16; i++) {
-            bool is = open[i] && hit.hit.mesh[i] < s->bodies->num_meshes;
+            bool is = open[i] && hit.hit.mesh[i] < s->solids->num_meshes;
             depth[i] = s->far_depth - hit.ray.tfar[i];
             is = is && !is_seen(s, c, i, cell_y, &hit, depth[i]);
             open[i] = is ? -1 : 0;
@@ -218,8 +219,8 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
             &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples }, &points,
             NULL, 16, &light);
         for (int i = 0; i < c->count; i++)
-            if (open[i] && light.there[i] && s->bodies->of_mesh[points.mesh[i]] >= 0)
-                put_sample(s, c, i, layer, cell_y, depth[i], &light, s->bodies->of_mesh[points.mesh[i]]);
+            if (open[i] && light.there[i] && s->solids->of_mesh[points.mesh[i]] >= 0)
+                put_sample(s, c, i, layer, cell_y, depth[i], &light, s->solids->of_mesh[points.mesh[i]]);
     }
     return rays;
 }

@@ -36,7 +36,7 @@ struct convolution_state {
     struct pell_pool *pool;
     const struct conv_kernels *kernels;
     struct convolution_knobs knobs;
-    struct pell_bodies *bodies; /* or NULL */
+    struct pell_solids *solids; /* or NULL */
     const struct pell_frame_material *materials;
     size_t num_materials, num_groups;
     struct conv_radial (*radial)[3]; /* of materials */
@@ -53,7 +53,7 @@ struct convolution_state {
     int step; /* pixels to one of an image */
     int num_images;
     float *images; /* of planes that are smaller than the picture */
-    float *half, **scratch, *scratch_memory, *even;
+    float *half, **scratch, *scratch_memory, *uniform;
     size_t image_size, half_size; /* of one */
     unsigned char *occupied;      /* [band][image] */
     struct pell_rect *lit;        /* of bands: where their light is, pixels of images */
@@ -76,7 +76,7 @@ struct convolution_state {
         ptrdiff_t block;                         /* of half spectra */
         int between, behind;                     /* images between planes, and of light from behind */
         int bands, column_blocks, behind_blocks; /* blocks of columns: of all, and of those that light from behind has a part in */
-        bool even;                               /* of light 1, to divide by */
+        bool uniform;                               /* of light 1, to divide by */
         bool divide;
         struct pell_rect reached; /* pixels of images that light comes to; beyond it what transforms leave is rounding */
         struct pell_fft across, down;

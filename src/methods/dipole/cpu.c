@@ -4,7 +4,7 @@
  *
  * Two ways to find y, both counted per area of the surface:
  *
- * - area: uniform over the whole body, p = 1/area.
+ * - area: uniform over the whole solid, p = 1/area.
  * - probes (King et al. 2013): an axis a (the normal half of the time, each tangent a quarter), a channel, a radius r as that channel's R
  *   is spread, an angle; then every surface that the line along a at that place meets within a sphere about x is a y. Each y is found by
  *   any axis and channel, so p = Sum_a P_a |n_y . a| Sum_c P_c p_c(distance of y from the axis a through x).
@@ -34,7 +34,7 @@ enum {
     BATCH = 16,   /* rows between two reports of progress */
 };
 
-struct body {
+struct solid {
     const struct pell_profile *profile;
     double scale[3]; /* of R: 1, or white */
     struct dipole_radii radii;
@@ -50,19 +50,19 @@ struct dipole_state {
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct dipole_knobs knobs;
-    struct pell_bodies *bodies;
-    struct body *body; /* of each */
+    struct pell_solids *solids;
+    struct solid *solid; /* of each */
     struct counts *counts;
-    float *noise[3]; /* planes of the frame's stride */
+    float *standard_error[3]; /* planes of the frame's stride */
     struct pell_pass_time time;
 };
 
 /* What is found for a pixel, by rounds. */
 struct pixel {
     const struct dipole_state *st;
-    const struct pell_body *surface;
-    const struct body *body;
-    int32_t number; /* of the body */
+    const struct pell_solid *surface;
+    const struct solid *solid;
+    int32_t number; /* of the solid */
     struct pell_vec3 at, axis[3];
     double strength;
     double near_probes, near_areas; /* samples of each way in a round */
@@ -70,7 +70,7 @@ struct pixel {
     double sum[TOGETHER][3];
     uint32_t mesh[POINTS], triangle[POINTS], pattern[POINTS]; /* of the points that wait */
     float u[POINTS], v[POINTS];
-    uint8_t round[POINTS];
+    uint8_t batch[POINTS];
     int count;
     struct counts *counts;
 };
@@ -81,7 +81,7 @@ struct pixel {
 static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec3 n)
 {
     static const double share[3] = { 0.25, 0.25, 0.5 };
-    const struct dipole_radii *radii = &p->body->radii;
+    const struct dipole_radii *radii = &p->solid->radii;
     const struct pell_vec3 to = vec3_sub(y, p->at);
     const double s2 = p->strength * p->strength, d2 = (double) vec3_dot(to, to) / s2;
     double sum = p->near_areas / p->surface->area;
@@ -113,7 +113,7 @@ static void settle(struct pixel *p)
     };
 
     pell_services_light_points(p->st->services,
-                               &(struct pell_points_params) { .mix = -1.0f, .spacing = (float) p->body->spacing, .samples = 1 }, &in,
+                               &(struct pell_points_params) { .mix = -1.0f, .spacing = (float) p->solid->spacing, .samples = 1 }, &in,
                                (size_t) p->count, &out);
     for (int i = 0; i < p->count; i++) {
         const struct pell_vec3 y = vec3(position[0][i], position[1][i], position[2][i]);
@@ -124,13 +124,13 @@ static void settle(struct pixel *p)
         samples = density(p, y, n);
         r = sqrt((double) vec3_dot(to, to)) / p->strength;
         for (int c = 0; samples > 0.0 && c < 3; c++)
-            p->sum[p->round[i]][c] += p->body->scale[c] * pell_profile_eval(&p->body->profile[c], fmax(r, 1e-9)) *
+            p->sum[p->batch[i]][c] += p->solid->scale[c] * pell_profile_eval(&p->solid->profile[c], fmax(r, 1e-9)) *
                                       (double) irradiance[c][i] / (samples * p->strength * p->strength);
     }
     p->count = 0;
 }
 
-static void add_point(struct pixel *p, int round, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t number)
+static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t number)
 {
     const int i = p->count;
 
@@ -139,16 +139,16 @@ static void add_point(struct pixel *p, int round, uint32_t mesh, uint32_t triang
     p->u[i] = u;
     p->v[i] = v;
     p->pattern[i] = number;
-    p->round[p->count++] = (uint8_t) round;
+    p->batch[p->count++] = (uint8_t) batch;
     if (p->count == POINTS)
         settle(p);
 }
 
 /* --- Finding points ------------------------------------------------------------------------------------------------------------------ */
 
-static void send_probes(struct pixel *p, int round, uint32_t seed)
+static void send_probes(struct pixel *p, int batch, uint32_t seed)
 {
-    const struct dipole_radii *radii = &p->body->radii;
+    const struct dipole_radii *radii = &p->solid->radii;
     const double reach = radii->largest * p->strength;
     _Alignas(64) int open[16];
     struct pell_ray_hit16 r;
@@ -189,8 +189,8 @@ static void send_probes(struct pixel *p, int round, uint32_t seed)
             open[i] = r.hit.mesh[i] != PELL_NO_HIT ? -1 : 0;
             if (!open[i])
                 continue;
-            if (p->st->bodies->of_mesh[r.hit.mesh[i]] == p->number)
-                add_point(p, round, r.hit.mesh[i], r.hit.triangle[i], r.hit.u[i], r.hit.v[i], pell_hash(seed ^ (uint32_t) (i + 64 * k)));
+            if (p->st->solids->of_mesh[r.hit.mesh[i]] == p->number)
+                add_point(p, batch, r.hit.mesh[i], r.hit.triangle[i], r.hit.u[i], r.hit.v[i], pell_hash(seed ^ (uint32_t) (i + 64 * k)));
             r.ray.tnear[i] = r.ray.tfar[i] * (1.0f + 2e-6f) + 1e-6f * (float) reach;
             r.ray.tfar[i] = end[i];
             if (k + 1 == HITS || !(r.ray.tnear[i] < end[i])) {
@@ -202,22 +202,22 @@ static void send_probes(struct pixel *p, int round, uint32_t seed)
     }
 }
 
-static void spread_areas(struct pixel *p, int round, uint32_t seed, int count)
+static void spread_areas(struct pixel *p, int batch, uint32_t seed, int count)
 {
     for (int i = 0; i < count; i++) {
         const double area = pell_lattice(seed, 3, (uint32_t) i) * p->surface->area;
         double f;
         float u, v;
-        const struct pell_body_triangle at = pell_body_at(p->surface, area, &f);
+        const struct pell_solid_triangle at = pell_solid_at(p->surface, area, &f);
         /* The place inside the triangle has numbers of its own: the fraction that is left of the first has few digits. */
         pell_triangle_point((float) pell_lattice(seed, 4, (uint32_t) i), (float) pell_lattice(seed, 5, (uint32_t) i), &u, &v);
-        add_point(p, round, at.mesh, at.triangle, u, v, pell_hash(seed ^ 0x51ed270bu ^ (uint32_t) i));
+        add_point(p, batch, at.mesh, at.triangle, u, v, pell_hash(seed ^ 0x51ed270bu ^ (uint32_t) i));
     }
 }
 
 /* --- A pixel -------------------------------------------------------------------------------------------------------------------- */
 
-static void run_rounds(struct pixel *p, uint32_t first, int64_t count, struct pell_rounds *s)
+static void run_batches(struct pixel *p, uint32_t first, int64_t count, struct pell_batches *s)
 {
     memset(s, 0, sizeof(*s));
     while (s->count < count && !((s->count & 255) == 0 && pell_cancelled(p->st->ctx))) {
@@ -230,36 +230,36 @@ static void run_rounds(struct pixel *p, uint32_t first, int64_t count, struct pe
         }
         settle(p);
         for (int i = 0; i < TOGETHER; i++)
-            pell_rounds_add(s, p->sum[i]);
+            pell_batches_add(s, p->sum[i]);
     }
 }
 
-static void estimate(struct pixel *p, const float own[3], float out[3], float noise[3])
+static void estimate(struct pixel *p, const float own[3], float out[3], float standard_error[3])
 {
     const struct dipole_knobs *k = &p->st->knobs;
-    const int a_round = (int) (p->near_probes + p->near_areas);
-    const double most = fmax((double) k->most / a_round, LEAST);
+    const int a_batch = (int) (p->near_probes + p->near_areas);
+    const double most = fmax((double) k->most / a_batch, LEAST);
     double mean[3], spread[3], needed;
-    struct pell_rounds pilot, s;
+    struct pell_batches pilot, s;
 
-    if (p->body->radii.channels == 0 || !(p->strength > 1.0 / 1024.0)) {
+    if (p->solid->radii.channels == 0 || !(p->strength > 1.0 / 1024.0)) {
         for (int c = 0; c < 3; c++) {
-            out[c] = (float) (p->body->scale[c] * pell_profile_total(&p->body->profile[c]) * (double) own[c]);
-            noise[c] = 0.0f;
+            out[c] = (float) (p->solid->scale[c] * pell_profile_total(&p->solid->profile[c]) * (double) own[c]);
+            standard_error[c] = 0.0f;
         }
         return;
     }
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
-    run_rounds(p, 0, PILOT, &pilot);
-    needed = pell_rounds_needed(&pilot, (double) k->error, LEAST, DARK);
-    run_rounds(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
-    pell_rounds_measure(&s, mean, spread);
+    run_batches(p, 0, PILOT, &pilot);
+    needed = pell_batches_needed(&pilot, (double) k->error, LEAST, DARK);
+    run_batches(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
+    pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
         out[c] = (float) mean[c];
-        noise[c] = (float) spread[c];
+        standard_error[c] = (float) spread[c];
     }
     p->counts->pixels++;
-    p->counts->samples += (pilot.count + s.count) * a_round;
+    p->counts->samples += (pilot.count + s.count) * a_batch;
     p->counts->over += needed > most;
 }
 
@@ -272,45 +272,45 @@ struct frame_task {
     int first; /* row */
 };
 
-static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, struct pell_vec3 normal, int32_t body, float strength,
+static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, struct pell_vec3 normal, int32_t solid, float strength,
                         uint32_t seed, struct pixel *p)
 {
     const int sampling = st->knobs.sampling;
 
     p->st = st;
-    p->surface = &st->bodies->bodies[body];
-    p->body = &st->body[body];
-    p->number = body;
+    p->surface = &st->solids->solids[solid];
+    p->solid = &st->solid[solid];
+    p->number = solid;
     p->at = at;
     p->axis[2] = vec3_normalize(normal);
     vec3_basis(p->axis[2], &p->axis[0], &p->axis[1]);
     p->strength = fmin((double) strength, 1.0);
     p->near_probes = sampling == DI_AREA ? 0.0 : PROBES;
     p->near_areas = sampling == DI_AREA ? PROBES : sampling == DI_BOTH ? AREAS : 0.0;
-    p->seed = pell_place_seed(at, seed);
+    p->seed = pell_point_seed(at, seed);
     p->count = 0;
 }
 
 static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, struct counts *counts)
 {
     const struct pell_frame *in = t->in;
-    int32_t body[16];
+    int32_t solid[16];
     struct pixel p;
 
-    pell_bodies_find(t->st->bodies, t->st->services->rays, in, at, count, body);
+    pell_solids_find(t->st->solids, t->st->services->rays, in, at, count, solid);
     p.counts = counts;
     for (int i = 0; i < count && !pell_cancelled(t->st->ctx); i++) {
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
-        float light[3] = { 0 }, noise[3] = { 0 };
-        if (body[i] >= 0 && t->st->bodies->bodies[body[i]].num_triangles > 0) {
+        float light[3] = { 0 }, standard_error[3] = { 0 };
+        if (solid[i] >= 0 && t->st->solids->solids[solid[i]].num_triangles > 0) {
             start_pixel(t->st, vec3(in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]]),
-                        vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), body[i],
+                        vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), solid[i],
                         t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, in->seed, &p);
-            estimate(&p, own, light, noise);
+            estimate(&p, own, light, standard_error);
         }
         for (int c = 0; c < 3; c++) {
             t->out->light[c][at[i]] = light[c];
-            t->st->noise[c][at[i]] = noise[c];
+            t->st->standard_error[c][at[i]] = standard_error[c];
         }
     }
 }
@@ -344,7 +344,7 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
     const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
 
-    memset(st->noise[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
+    memset(st->standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
     for (t.first = 0; t.first < rows; t.first += BATCH) {
         pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
@@ -374,10 +374,10 @@ static void dipole_destroy(void *state)
 
     if (!st)
         return;
-    pell_free(st->ctx, st->noise[0]);
+    pell_free(st->ctx, st->standard_error[0]);
     pell_free(st->ctx, st->counts);
-    pell_free(st->ctx, st->body);
-    pell_bodies_destroy(&st->bodies);
+    pell_free(st->ctx, st->solid);
+    pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
 }
 
@@ -395,18 +395,18 @@ static enum pell_result dipole_create(const struct pell_services *services, cons
     st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct dipole_knobs *) knobs;
-    PELL_TRY(pell_services_bodies(services, &st->bodies));
+    PELL_TRY(pell_services_bodies(services, &st->solids));
     res = PELL_ERR_NOMEM;
-    st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
+    st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));
-    st->noise[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
-    if (!st->body || !st->counts || !st->noise[0])
+    st->standard_error[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
+    if (!st->solid || !st->counts || !st->standard_error[0])
         goto fail;
-    st->noise[1] = st->noise[0] + pixels;
-    st->noise[2] = st->noise[1] + pixels;
-    for (size_t i = 0; i < st->bodies->count; i++) {
-        const struct pell_frame_material *m = &shape->materials[st->bodies->bodies[i].material];
-        struct body *b = &st->body[i];
+    st->standard_error[1] = st->standard_error[0] + pixels;
+    st->standard_error[2] = st->standard_error[1] + pixels;
+    for (size_t i = 0; i < st->solids->count; i++) {
+        const struct pell_frame_material *m = &shape->materials[st->solids->solids[i].material];
+        struct solid *b = &st->solid[i];
         b->profile = m->profile;
         dipole_radii_make(m, &b->radii);
         b->spacing = 0.05 * fmax(b->radii.largest, 1e-6);
@@ -436,10 +436,10 @@ static bool dipole_noise(const void *state, const float *planes[3])
     const struct dipole_state *st = state;
 
     for (int c = 0; c < 3; c++)
-        planes[c] = st->noise[c];
+        planes[c] = st->standard_error[c];
     return true;
 }
 
 const struct pell_method_engine pell_dipole_cpu = {
-    .create = dipole_create, .record = dipole_render, .destroy = dipole_destroy, .times = dipole_times, .noise = dipole_noise
+    .create = dipole_create, .record = dipole_render, .destroy = dipole_destroy, .times = dipole_times, .standard_error = dipole_noise
 };

@@ -59,7 +59,7 @@ static void plan(const void *values, struct pell_plan *plan)
 
 extern const struct pell_method pell_method_dipole;
 const struct pell_method pell_method_dipole = {
-    .kind = PELL_REFERENCE,
+    .kind = PELL_KIND_REFERENCE,
     .name = "dipole",
     .title = "Diffusion over the whole surface, by Monte Carlo",
     .cite = "Henrik Wann Jensen, Stephen R. Marschner, Marc Levoy and Pat Hanrahan, A Practical Model for Subsurface Light Transport, "

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - samples over each body's surface, light that enters at them, and the walk of a pixel through their octree.
+ * cpu.c - samples over each solid's surface, light that enters at them, and the walk of a pixel through their octree.
  *
  * N = area / A samples, a Poisson disc set, stand for about A each (samples.c).
  *
@@ -30,7 +30,7 @@ enum {
 };
 #define REACH 2.0f /* of the near window, in distances of samples */
 
-struct body {
+struct solid {
     struct hierarchical_radial radial;
     struct hierarchical_tree tree;
     float cell, reach2, full; /* mm^2: mean of a sample, of the window, and Int w dA on a plane */
@@ -40,8 +40,8 @@ struct hierarchical_state {
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct hierarchical_knobs knobs;
-    struct pell_bodies *bodies;
-    struct body *body; /* of each */
+    struct pell_solids *solids;
+    struct solid *solid; /* of each */
     struct pell_pass_time time;
 };
 
@@ -92,15 +92,15 @@ static void light_chunk(void *arg, int index, int worker)
     }
 }
 
-static enum pell_result sample_body(struct hierarchical_state *st, const struct pell_body *body, size_t count,
+static enum pell_result sample_solid(struct hierarchical_state *st, const struct pell_solid *solid, size_t count,
                                     struct hierarchical_tree *tree)
 {
-    struct light_task t = { .st = st, .count = count, .step = body->area / (double) count };
+    struct light_task t = { .st = st, .count = count, .step = solid->area / (double) count };
     const int chunks = (int) ((count + CHUNK - 1) / CHUNK);
     size_t kept = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    PELL_TRY(hierarchical_places_make(st->ctx, st->services->pool, st->services->scene, body, count, &t.places));
+    PELL_TRY(hierarchical_places_make(st->ctx, st->services->pool, st->services->scene, solid, count, &t.places));
     res = PELL_ERR_NOMEM;
     t.samples = pell_alloc_array(st->ctx, count, sizeof(*t.samples));
     t.there = pell_alloc_array(st->ctx, count, sizeof(*t.there));
@@ -124,11 +124,11 @@ fail:
     return res;
 }
 
-static enum pell_result make_body(struct hierarchical_state *st, const struct pell_frame_shape *shape, size_t number, size_t count)
+static enum pell_result make_solid(struct hierarchical_state *st, const struct pell_frame_shape *shape, size_t number, size_t count)
 {
-    const struct pell_body *from = &st->bodies->bodies[number];
+    const struct pell_solid *from = &st->solids->solids[number];
     const struct pell_scene *scene = st->services->scene;
-    struct body *b = &st->body[number];
+    struct solid *b = &st->solid[number];
     const struct pell_frame_material *m = &shape->materials[from->material];
     struct pell_profile *profile;
     double across = 0.0, distance, reach;
@@ -148,7 +148,7 @@ static enum pell_result make_body(struct hierarchical_state *st, const struct pe
     PELL_TRY(hierarchical_radial_fit(st->ctx, m, st->knobs.gaussians, profile));
     PELL_TRY(hierarchical_radial_make(st->ctx, profile, m->white, distance / 8.0, 16.0 * across, reach, distance / sqrt(PELL_PI),
                                       &b->radial));
-    PELL_TRY(sample_body(st, from, count, &b->tree));
+    PELL_TRY(sample_solid(st, from, count, &b->tree));
 
 fail:
     pell_free(st->ctx, profile);
@@ -161,12 +161,12 @@ static void hierarchical_destroy(void *state)
 
     if (!st)
         return;
-    for (size_t i = 0; st->body && i < st->bodies->count; i++) {
-        hierarchical_radial_finish(&st->body[i].radial);
-        hierarchical_tree_finish(&st->body[i].tree);
+    for (size_t i = 0; st->solid && i < st->solids->count; i++) {
+        hierarchical_radial_finish(&st->solid[i].radial);
+        hierarchical_tree_finish(&st->solid[i].tree);
     }
-    pell_free(st->ctx, st->body);
-    pell_bodies_destroy(&st->bodies);
+    pell_free(st->ctx, st->solid);
+    pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
 }
 
@@ -186,14 +186,14 @@ static enum pell_result hierarchical_create(const struct pell_services *services
     st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct hierarchical_knobs *) knobs;
-    PELL_TRY(pell_services_bodies(services, &st->bodies));
+    PELL_TRY(pell_services_bodies(services, &st->solids));
     res = PELL_ERR_NOMEM;
-    st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
-    if (!st->body)
+    st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
+    if (!st->solid)
         goto fail;
     for (int pass = 0; pass < 2; pass++)
-        for (size_t i = 0; i < st->bodies->count; i++) {
-            const struct pell_body *b = &st->bodies->bodies[i];
+        for (size_t i = 0; i < st->solids->count; i++) {
+            const struct pell_solid *b = &st->solids->solids[i];
             const double length = hierarchical_radial_length(&shape->materials[b->material]);
             const double n = fmax(b->area * (double) st->knobs.density / (PELL_PI * length * length), LEAST_SAMPLES);
             if (b->num_triangles == 0)
@@ -203,17 +203,17 @@ static enum pell_result hierarchical_create(const struct pell_services *services
                 continue;
             }
             share = fmin(1.0, (double) st->knobs.most / wanted);
-            PELL_TRY(make_body(st, shape, i, (size_t) fmax(64.0, n * share)));
-            samples += st->body[i].tree.num_samples;
-            bytes += st->body[i].tree.num_samples * sizeof(struct hierarchical_sample) +
-                     st->body[i].tree.num_nodes * sizeof(struct hierarchical_node) +
-                     ((size_t) st->body[i].radial.count + 2) * sizeof(*st->body[i].radial.node);
+            PELL_TRY(make_solid(st, shape, i, (size_t) fmax(64.0, n * share)));
+            samples += st->solid[i].tree.num_samples;
+            bytes += st->solid[i].tree.num_samples * sizeof(struct hierarchical_sample) +
+                     st->solid[i].tree.num_nodes * sizeof(struct hierarchical_node) +
+                     ((size_t) st->solid[i].radial.count + 2) * sizeof(*st->solid[i].radial.node);
         }
     if (wanted > (double) st->knobs.most)
         pell_warn(ctx, "hierarchical", "raise the knob most, or lower density",
                   "%.0f samples would be as dense as asked for, %d are taken: light on the scale of the mean free path is smoothed", wanted,
                   st->knobs.most);
-    pell_info(ctx, "hierarchical", "%zu samples on %zu bodies, %.1f MB, made in %.3f s", samples, st->bodies->count, 1e-6 * (double) bytes,
+    pell_info(ctx, "hierarchical", "%zu samples on %zu bodies, %.1f MB, made in %.3f s", samples, st->solids->count, 1e-6 * (double) bytes,
               pell_seconds() - start);
     return PELL_OK;
 
@@ -270,7 +270,7 @@ static inline float box_distance2(const struct hierarchical_node *n, const float
     return sum;
 }
 
-static void add_samples(const struct body *b, const struct hierarchical_node *n, const float *p, float inverse2, float *sum,
+static void add_samples(const struct solid *b, const struct hierarchical_node *n, const float *p, float inverse2, float *sum,
                         struct near *near)
 {
     for (uint32_t i = n->first; i < n->first + n->count; i++) {
@@ -298,7 +298,7 @@ static inline float ramp(float low, float high, float x)
 }
 
 /* How much the samples in the window look like a smooth surface without a border, 0 to 1. */
-static float smooth_surface(const struct body *b, const struct near *n)
+static float smooth_surface(const struct solid *b, const struct near *n)
 {
     const float cover = n->area / b->full;
     float length;
@@ -309,7 +309,7 @@ static float smooth_surface(const struct body *b, const struct near *n)
     return ramp(0.8f, 0.95f, length) * ramp(0.5f, 0.75f, cover) * (1.0f - ramp(1.35f, 1.6f, cover));
 }
 
-static void gather(const struct hierarchical_state *st, const struct body *b, const float p[3], float strength, const float own[3],
+static void gather(const struct hierarchical_state *st, const struct solid *b, const float p[3], float strength, const float own[3],
                    float out[3])
 {
     const struct hierarchical_node *nodes = b->tree.nodes;
@@ -363,15 +363,15 @@ struct frame_task {
 static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
 {
     const struct pell_frame *in = t->in;
-    int32_t body[16];
+    int32_t solid[16];
 
-    pell_bodies_find(t->st->bodies, t->st->services->rays, in, at, count, body);
+    pell_solids_find(t->st->solids, t->st->services->rays, in, at, count, solid);
     for (int i = 0; i < count; i++) {
         const float p[3] = { in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]] };
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
         float light[3] = { 0 };
-        if (body[i] >= 0)
-            gather(t->st, &t->st->body[body[i]], p, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own, light);
+        if (solid[i] >= 0)
+            gather(t->st, &t->st->solid[solid[i]], p, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own, light);
         for (int c = 0; c < 3; c++)
             t->out->light[c][at[i]] = light[c];
     }

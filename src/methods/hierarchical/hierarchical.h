@@ -59,12 +59,12 @@ struct hierarchical_place {
     float area; /* mm^2 that it stands for */
 };
 
-/* `count` places, in the order of the body's curve, that keep a distance from one another; *out is the caller's. 72 bytes for each of two
+/* `count` places, in the order of the solid's curve, that keep a distance from one another; *out is the caller's. 72 bytes for each of two
  * candidates a place are needed meanwhile. The same bits for any number of threads. */
 PELL_NODISCARD enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
-                                                         const struct pell_body *body, size_t count, struct hierarchical_place **out);
+                                                         const struct pell_solid *solid, size_t count, struct hierarchical_place **out);
 
-/* --- tree.c: samples of a body's surface, and their octree ----------------------------------------------------------------------- */
+/* --- tree.c: samples of a solid's surface, and their octree ----------------------------------------------------------------------- */
 
 struct hierarchical_sample {
     float position[3], normal[3];

@@ -86,7 +86,7 @@ static void plan(const void *values, struct pell_plan *plan)
 
 extern const struct pell_method pell_method_hierarchical;
 const struct pell_method pell_method_hierarchical = {
-    .kind = PELL_REFERENCE,
+    .kind = PELL_KIND_REFERENCE,
     .name = "hierarchical",
     .title = "Diffusion over the whole surface, by an octree of samples",
     .cite = "Henrik Wann Jensen and Juan Buhler, A Rapid Hierarchical Rendering Technique for Translucent Materials, SIGGRAPH, 2002",

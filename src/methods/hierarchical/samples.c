@@ -3,7 +3,7 @@
  * samples.c - places of samples, no two near one another: sample elimination (C. Yuksel, "Sample Elimination for Generating Poisson Disk
  * Sample Sets", Computer Graphics Forum 34(2), 2015).
  *
- * Candidates lie along the body's curve through its triangles at equal steps of area; inside a triangle the place along the curve is one
+ * Candidates lie along the solid's curve through its triangles at equal steps of area; inside a triangle the place along the curve is one
  * coordinate of the unit square, and multiples of the golden section are the other. Then the candidate with the most, and nearest,
  * neighbours goes, again and again. Last, every candidate's equal share of the surface goes to the samples around it, by distance, so that
  * each sample's area is as large as it is alone: sums over samples are right on every scale, where plain counts differ by a percent from
@@ -38,22 +38,22 @@ struct eliminator {
 
 /* --- Candidates ----------------------------------------------------------------------------------------------------------------- */
 
-static void place_candidates(struct eliminator *e, const struct pell_body *body, uint32_t count)
+static void place_candidates(struct eliminator *e, const struct pell_solid *solid, uint32_t count)
 {
-    const double step = body->area / count;
+    const double step = solid->area / count;
     size_t t = 0;
 
     for (uint32_t i = 0; i < count; i++) {
         struct candidate *c = &e->candidates[i];
         const double area = (i + 0.5) * step;
         double before, f, g = PELL_GOLDEN_SECTION * i;
-        while (t + 1 < body->num_triangles && body->area_after[t] <= area)
+        while (t + 1 < solid->num_triangles && solid->area_after[t] <= area)
             t++;
-        before = t > 0 ? body->area_after[t - 1] : 0.0;
-        f = fmin(fmax((area - before) / (body->area_after[t] - before), 0.0), 1.0);
+        before = t > 0 ? solid->area_after[t - 1] : 0.0;
+        f = fmin(fmax((area - before) / (solid->area_after[t] - before), 0.0), 1.0);
         g -= floor(g);
-        c->place.mesh = body->triangles[t].mesh;
-        c->place.triangle = body->triangles[t].triangle;
+        c->place.mesh = solid->triangles[t].mesh;
+        c->place.triangle = solid->triangles[t].triangle;
         pell_triangle_point((float) f, (float) g, &c->place.u, &c->place.v);
 
         const struct pell_mesh *mesh = &e->scene->meshes[c->place.mesh];
@@ -314,10 +314,10 @@ static enum pell_result share_areas(struct pell_context *ctx, struct pell_pool *
 /* --- All of it -------------------------------------------------------------------------------------------------------------------- */
 
 enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
-                                          const struct pell_body *body, size_t count, struct hierarchical_place **out)
+                                          const struct pell_solid *solid, size_t count, struct hierarchical_place **out)
 {
     const size_t many = count * RATIO;
-    const double radius = sqrt(body->area / (2.0 * sqrt(3.0) * (double) count)); /* of the densest packing of discs */
+    const double radius = sqrt(solid->area / (2.0 * sqrt(3.0) * (double) count)); /* of the densest packing of discs */
     struct eliminator e = { .scene = scene, .mask = 1023 };
     struct hierarchical_place *places = NULL;
     size_t kept = 0;
@@ -339,14 +339,14 @@ enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_
     /* Cells number 2^21 a side at most. */
     e.reach = (float) fmax(2.0 * radius, 1e-30);
     e.low[0] = e.low[1] = e.low[2] = INFINITY;
-    place_candidates(&e, body, (uint32_t) many);
+    place_candidates(&e, solid, (uint32_t) many);
     for (size_t i = 0; i < many; i++)
         for (int k = 0; k < 3; k++)
             e.low[k] = fminf(e.low[k], e.candidates[i].position[k]);
     e.least = (float) (2.0 * radius * 0.65 * (1.0 - pow((double) count / (double) many, 1.5)));
     sort_buckets(&e, (uint32_t) many);
     PELL_TRY(eliminate(ctx, pool, &e, (uint32_t) many, (uint32_t) count));
-    PELL_TRY(share_areas(ctx, pool, &e, (uint32_t) many, body->area));
+    PELL_TRY(share_areas(ctx, pool, &e, (uint32_t) many, solid->area));
     for (size_t i = 0; i < many; i++)
         if (e.at[i] < e.left) {
             places[kept] = e.candidates[i].place;

@@ -24,11 +24,11 @@ struct is_state {
     struct is_knobs knobs;
     struct is_set *sets;
     size_t num_sets;
-    struct pell_bodies *bodies; /* for views of lights, or NULL */
+    struct pell_solids *solids; /* for views of lights, or NULL */
     struct is_light_view light_views[IS_VIEWS_MOST];
     struct is_view views[IS_VIEWS_MOST];
     float *memory, *texels;
-    int32_t *body;
+    int32_t *solid;
     int64_t *counts; /* of bands */
     struct is_work work;
     void (*row)(const struct is_work *w, int y); /* what the running pass does; NULL: gather */
@@ -52,10 +52,10 @@ static void is_destroy(void *state)
         }
     for (int i = 0; i < IS_VIEWS_MOST; i++)
         pell_free(st->ctx, st->light_views[i].texels);
-    pell_bodies_destroy(&st->bodies);
+    pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st->sets);
     pell_free(st->ctx, st->counts);
-    pell_free(st->ctx, st->body);
+    pell_free(st->ctx, st->solid);
     pell_free(st->ctx, st->texels);
     pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st);
@@ -146,9 +146,9 @@ static enum pell_result make_planes(struct is_state *st, const struct pell_frame
     st->counts = pell_calloc(st->ctx, (size_t) shape->height / BAND + 2, sizeof(*st->counts));
     if (!st->memory || !st->texels || !st->counts)
         return PELL_ERR_NOMEM;
-    if (st->bodies) {
-        st->body = pell_calloc(st->ctx, (size_t) shape->width * (size_t) shape->height, sizeof(*st->body));
-        if (!st->body)
+    if (st->solids) {
+        st->solid = pell_calloc(st->ctx, (size_t) shape->width * (size_t) shape->height, sizeof(*st->solid));
+        if (!st->solid)
             return PELL_ERR_NOMEM;
     }
     for (size_t i = 0; i < PLANES; i++)
@@ -156,7 +156,7 @@ static enum pell_result make_planes(struct is_state *st, const struct pell_frame
     for (size_t i = 0; i < size; i++)
         st->memory[size + i] = 1.0f; /* w is divided by, where there is nothing, too */
     w->texels = st->texels;
-    w->body = st->body;
+    w->solid = st->solid;
     return PELL_OK;
 }
 
@@ -195,8 +195,8 @@ static enum pell_result is_create(const struct pell_services *services, const st
     PELL_TRY(make_sets(st, shape));
     w->sets = st->sets;
     if (k->views == IS_VIEWS_LIGHTS) {
-        PELL_TRY(pell_services_bodies(services, &st->bodies));
-        PELL_TRY(is_light_views_make(services, st->bodies, k->view_size, st->light_views, &w->num_views));
+        PELL_TRY(pell_services_bodies(services, &st->solids));
+        PELL_TRY(is_light_views_make(services, st->solids, k->view_size, st->light_views, &w->num_views));
         w->views = st->views;
     }
     return make_planes(st, shape);
@@ -207,7 +207,7 @@ fail:
 
 /* --- A frame ------------------------------------------------------------------------------------------------------------------- */
 
-static void find_bodies(const struct is_state *st, int y)
+static void find_solids(const struct is_state *st, int y)
 {
     const struct pell_frame *in = st->work.in;
     ptrdiff_t at[16];
@@ -219,9 +219,9 @@ static void find_bodies(const struct is_state *st, int y)
             at[count++] = y * in->shape.stride + x;
         if (count == 0 || (count < 16 && x + 1 < in->rect.x1))
             continue;
-        pell_bodies_find(st->bodies, st->services->rays, in, at, count, found);
+        pell_solids_find(st->solids, st->services->rays, in, at, count, found);
         for (int i = 0; i < count; i++)
-            st->body[y * st->work.texel_stride + at[i] - y * in->shape.stride] = found[i] + 1;
+            st->solid[y * st->work.texel_stride + at[i] - y * in->shape.stride] = found[i] + 1;
         count = 0;
     }
 }
@@ -238,8 +238,8 @@ static void run_rows(void *arg, int index, int worker)
         if (st->row == st->kernels->load) {
             memset(w->key + y * w->stride + rect->x0 - IS_MARGIN, 0, IS_MARGIN * sizeof(float));
             memset(w->key + y * w->stride + rect->x1, 0, IS_MARGIN * sizeof(float));
-            if (st->bodies)
-                find_bodies(st, y);
+            if (st->solids)
+                find_solids(st, y);
         }
         if (st->row)
             st->row(w, y);
@@ -265,7 +265,7 @@ static void note_time(struct is_state *st, const char *name, double *from, int64
 }
 
 /* Where in their pixels the rays of this frame go through: positions tell. */
-static void find_shift(struct is_state *st, const struct pell_view *eye)
+static void find_shift(struct is_state *st, const struct pell_view *camera)
 {
     const struct pell_frame *in = st->work.in;
 
@@ -276,10 +276,10 @@ static void find_shift(struct is_state *st, const struct pell_view *eye)
             float scale;
             if (!pell_material_id(in, i))
                 continue;
-            p = vec3_sub(vec3(in->position[0][i], in->position[1][i], in->position[2][i]), eye->origin);
+            p = vec3_sub(vec3(in->position[0][i], in->position[1][i], in->position[2][i]), camera->origin);
             scale = in->shape.orthographic ? in->shape.focal_px : in->shape.focal_px / in->depth[i];
-            st->work.mid_x = (float) x + 0.5f - vec3_dot(p, eye->right) * scale;
-            st->work.mid_y = (float) y + 0.5f + vec3_dot(p, eye->up) * scale;
+            st->work.mid_x = (float) x + 0.5f - vec3_dot(p, camera->right) * scale;
+            st->work.mid_y = (float) y + 0.5f + vec3_dot(p, camera->up) * scale;
             return;
         }
 }
@@ -287,10 +287,10 @@ static void find_shift(struct is_state *st, const struct pell_view *eye)
 /* The views of lights in this frame's eye's coordinates. */
 static void turn_views(struct is_state *st, const struct pell_frame *in)
 {
-    const struct pell_view eye = *in->view;
-    const struct pell_vec3 from[3] = { eye.right, vec3_mul(eye.up, -1.0f), eye.forward };
+    const struct pell_view camera = *in->view;
+    const struct pell_vec3 from[3] = { camera.right, vec3_mul(camera.up, -1.0f), camera.forward };
 
-    find_shift(st, &eye);
+    find_shift(st, &camera);
     for (int i = 0; i < st->work.num_views; i++) {
         const struct pell_view *v = &st->light_views[i].view;
         const struct pell_vec3 to[3] = { v->right, vec3_mul(v->up, -1.0f), v->forward };
@@ -305,7 +305,7 @@ static void turn_views(struct is_state *st, const struct pell_frame *in)
         for (int k = 0; k < 3; k++) {
             for (int j = 0; j < 3; j++)
                 out->rotate[k][j] = vec3_dot(to[k], from[j]);
-            out->shift[k] = vec3_dot(to[k], vec3_sub(eye.origin, v->origin));
+            out->shift[k] = vec3_dot(to[k], vec3_sub(camera.origin, v->origin));
         }
     }
 }
@@ -329,7 +329,7 @@ static enum pell_result is_render(void *state, const struct pell_frame *in, cons
     w->out = out;
     w->mid_x = 0.5f * (float) in->shape.width;
     w->mid_y = 0.5f * (float) in->shape.height;
-    if (st->bodies)
+    if (st->solids)
         turn_views(st, in);
     memset(st->counts, 0, (size_t) bands * sizeof(*st->counts));
     for (int i = 1; i <= IS_MARGIN; i++) {

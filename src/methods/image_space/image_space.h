@@ -10,13 +10,13 @@
 
 #include <pellucid/method.h>
 
-struct pell_bodies;
+struct pell_solids;
 struct pell_services;
 
 enum is_as { IS_BEST, IS_PAPER };
 enum is_sampling { IS_COMBINED, IS_SEPARATE, IS_IMPORTANCE, IS_UNIFORM };
 enum is_tile { IS_TILE_1, IS_TILE_2, IS_TILE_4, IS_TILE_8 };
-enum is_views { IS_VIEWS_EYE, IS_VIEWS_LIGHTS };
+enum is_views { IS_VIEWS_CAMERA, IS_VIEWS_LIGHTS };
 enum is_renormalise { IS_AS_VIEWS_ASK, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
 enum is_spread { IS_SPREAD_MATERIAL, IS_SPREAD_ALBEDO };
 enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
@@ -67,8 +67,8 @@ struct is_light_view {
     float *texels; /* owned; size x size of IS_TEXEL floats */
 };
 
-/* One view per light that is not an environment, of all translucent surfaces, keys = body + 1. The renderer lends its scene. */
-PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_bodies *bodies, int size,
+/* One view per light that is not an environment, of all translucent surfaces, keys = solid + 1. The renderer lends its scene. */
+PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids, int size,
                                                     struct is_light_view *views, int *count);
 
 extern const struct pell_method_engine pell_is_cpu;

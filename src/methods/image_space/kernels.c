@@ -108,7 +108,7 @@ INLINE vf within(vf x, float most)
     return greater(lesser(x, all(most)), all(-most)); /* no number becomes `most` */
 }
 
-/* --- The eye's irradiance image ---------------------------------------------------------------------------------------------------- */
+/* --- The camera's irradiance image ---------------------------------------------------------------------------------------------------- */
 
 static void is_load(const struct is_work *w, int y)
 {
@@ -118,7 +118,7 @@ static void is_load(const struct is_work *w, int y)
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
         const int m = pell_material_id(in, from + x);
         const float z = m ? in->depth[from + x] : 1.0f, safe = z > 1e-30f && z < 1e30f ? z : 1.0f;
-        w->key[to + x] = m && w->body ? (float) w->body[y * w->texel_stride + x] : (float) m;
+        w->key[to + x] = m && w->solid ? (float) w->solid[y * w->texel_stride + x] : (float) m;
         w->w[to + x] = in->shape.orthographic ? safe : 1.0f / safe;
     }
 }
@@ -188,7 +188,7 @@ static void is_measure(const struct is_work *w, int y)
 
 /* --- Samples ----------------------------------------------------------------------------------------------------------------------- */
 
-/* What the samples of a vector of pixels share. Vectors are in the eye's frame: x right, y down, z forward, mm. */
+/* What the samples of a vector of pixels share. Vectors are in the camera's frame: x right, y down, z forward, mm. */
 struct place {
     vf key;
     vi x;  /* column */
@@ -214,7 +214,7 @@ struct sums {
     vf light[3], weight[3], count;
 };
 
-/* The plane through x_o in which a view's samples lie, in the view's frame: tangent for the eye, as in the paper; facing the view for
+/* The plane through x_o in which a view's samples lie, in the view's frame: tangent for the camera, as in the paper; facing the view for
  * lights, as rays of a light reach every point of the surface then (a tangent plane that turns away from the light is met by few), and r is
  * never less than r'. */
 struct samples_plane {
@@ -229,7 +229,7 @@ struct image {
     struct pell_rect rect;
     bool parallel;
     float f, cx, cy; /* column = f X/Z + cx */
-    const struct is_view *view; /* NULL: the eye's */
+    const struct is_view *view; /* NULL: the camera's */
 };
 
 /* The row of a squared radius, in units of length^2, and the place in it. */
@@ -257,7 +257,7 @@ INLINE vf plane_at(const vf texel[8], vf du, vf dv)
     return texel[IS_W] + texel[IS_GU] * du + texel[IS_GV] * dv;
 }
 
-/* Where in the eye's image a point of the tangent plane is looked up. */
+/* Where in the camera's image a point of the tangent plane is looked up. */
 struct aim {
     vf scale, du, dv; /* px a mm at the point; from the pixel that asks, px */
     vi at, there, own;
@@ -265,7 +265,7 @@ struct aim {
 
 /* `o`: a point of the tangent plane, counted from x_o; everything is relative to the pixel, as radii may be far under the precision of a
  * depth. */
-INLINE void eye_aims(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, struct aim *to)
+INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, struct aim *to)
 {
     const struct pell_rect *r = &w->in->rect;
     const float f = w->focal_px;
@@ -283,8 +283,8 @@ INLINE void eye_aims(const struct is_work *w, const struct place *p, const vf o[
     to->dv = dv;
 }
 
-/* The point that the eye sees where it sees point `o` of the tangent plane, counted from x_o. */
-INLINE void eye_finds(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, const struct aim *aim,
+/* The point that the camera sees where it sees point `o` of the tangent plane, counted from x_o. */
+INLINE void camera_finds(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, const struct aim *aim,
                       struct found *to)
 {
     const float f = w->focal_px;
@@ -374,7 +374,7 @@ INLINE void make_plane(const struct image *m, const struct place *p, struct samp
     tangents(to->n, to->s, to->q);
 }
 
-/* As eye_finds, for sample (x, y), mm, in the view of a light. */
+/* As camera_finds, for sample (x, y), mm, in the view of a light. */
 INLINE void light_finds(const struct image *m, const struct samples_plane *n, const struct place *p, vf x, vf y, struct found *to)
 {
     vf there[3], du, dv, plane, z, ratio, texel[8];
@@ -514,9 +514,9 @@ INLINE void in_plane(const struct place *p, vf x, vf y, vf o[3])
         o[k] = x * p->s[k] + y * p->q[k];
 }
 
-/* Sums over the samples of pixels of one material, in the eye's image alone. Texels of a wide profile lie all over the outer caches: they
- * are asked for AHEAD samples at a time, which takes a fifth of the time off. */
-INLINE void sample_eye(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, vi live,
+/* Sums over the samples of pixels of one material, in the camera's image alone. Texels of a wide profile lie all over the outer caches:
+ * they are asked for AHEAD samples at a time, which takes a fifth of the time off. */
+INLINE void sample_camera(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, vi live,
                        bool parallel, bool varies, struct sums *s)
 {
     struct aim aims[AHEAD];
@@ -527,7 +527,7 @@ INLINE void sample_eye(const struct is_work *w, const struct place *p, const str
         for (int k = 0; k < count; k++) {
             take_sample(p, offset, from + k, varies, &x, &y, &share);
             in_plane(p, x, y, o);
-            eye_aims(w, p, o, parallel, &aims[k]);
+            camera_aims(w, p, o, parallel, &aims[k]);
         }
         for (int k = 0; k < count; k++)
             for (int l = 0; l < WIDTH; l++)
@@ -537,7 +537,7 @@ INLINE void sample_eye(const struct is_work *w, const struct place *p, const str
             vi counted = { 0 };
             take_sample(p, offset, from + k, varies, &x, &y, &share);
             in_plane(p, x, y, o);
-            eye_finds(w, p, o, parallel, &aims[k], &f);
+            camera_finds(w, p, o, parallel, &aims[k], &f);
             f.there &= live & (share > 0.0f);
             add(set, p, &f, share * jacobian_share(w, f.jacobian), varies, s, &counted);
             s->count += select(counted, all(1.0f), all(0.0f));
@@ -560,8 +560,8 @@ INLINE void sample_all(const struct is_work *w, const struct place *p, const str
                 struct aim aim;
                 vf o[3];
                 in_plane(p, x, y, o);
-                eye_aims(w, p, o, parallel, &aim);
-                eye_finds(w, p, o, parallel, &aim, &f);
+                camera_aims(w, p, o, parallel, &aim);
+                camera_finds(w, p, o, parallel, &aim, &f);
             } else {
                 light_finds(&images[v], &planes[v], p, x, y, &f);
             }
@@ -625,9 +625,9 @@ INLINE void sample(const struct is_work *w, struct place *p, const struct is_set
     if (w->num_views > 0)
         sample_all(w, p, set, offset, live, parallel, varies, images, planes, s);
     else if (varies)
-        sample_eye(w, p, set, offset, live, parallel, true, s);
+        sample_camera(w, p, set, offset, live, parallel, true, s);
     else
-        sample_eye(w, p, set, offset, live, parallel, false, s);
+        sample_camera(w, p, set, offset, live, parallel, false, s);
 }
 
 /* The pixels of a vector: rays, planes, tangents. */

@@ -47,7 +47,7 @@ struct is_set {
     float quarter[3];   /* mm: radius with a quarter of the channel's light inside */
 };
 
-/* A view other than the eye's: P_view = rotate P_eye + shift, both in mm with x right, y down, z forward. */
+/* A view other than the camera's: P_view = rotate P_eye + shift, both in mm with x right, y down, z forward. */
 struct is_view {
     const float *texels;
     int size;         /* square */
@@ -61,16 +61,16 @@ struct is_work {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
     ptrdiff_t stride;  /* of the planes below, which have margins of IS_MARGIN pixels and rows */
-    float *key, *w, *gu, *gv, *flat; /* of the eye's pixels; key 0: none */
+    float *key, *w, *gu, *gv, *flat; /* of the camera's pixels; key 0: none */
     float *alpha[3], *light[3]; /* how much a pixel takes part in the reconstruction, and its M */
-    float *texels;     /* the eye's irradiance image */
+    float *texels;     /* the camera's irradiance image */
     ptrdiff_t texel_stride; /* texels in a row */
-    const int32_t *body; /* of pixels, texel_stride apart; NULL: materials are keys */
+    const int32_t *solid; /* of pixels, texel_stride apart; NULL: materials are keys */
     const struct is_set *sets; /* of materials */
     int samples, importance; /* of each view; importance samples among them, which come first */
     int tile;                /* 1, 2, 4, 8 */
     const struct is_view *views;
-    int num_views;     /* without the eye's */
+    int num_views;     /* without the camera's */
     bool jacobian, inverted; /* of the Jacobian: at all, as misprinted */
     bool reconstruct;
     int renormalise;   /* enum is_renormalise, never IS_AS_VIEWS_ASK */

@@ -29,7 +29,7 @@ static const struct pell_knob knobs[] = {
       "radii as the profile is spread, uniform on a disc, or half and half: from one common distribution, or as in the paper two sets" },
     { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
       "side of the tile of pixels that have samples of their own; 1: all pixels have the same" },
-    { "views", PELL_KNOB_ENUM, "1", AT(views), { IS_VIEWS_EYE }, 0, 0, views_names,
+    { "views", PELL_KNOB_ENUM, "1", AT(views), { IS_VIEWS_CAMERA }, 0, 0, views_names,
       "where light is looked up: in what the eye sees, or in what each light sees, too" },
     { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the lights' irradiance images" },
     { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_AS_VIEWS_ASK }, 0, 0, renormalise_names,
@@ -76,7 +76,7 @@ static void plan(const void *values, struct pell_plan *plan)
 
 extern const struct pell_method pell_method_image_space;
 const struct pell_method pell_method_image_space = {
-    .kind = PELL_METHOD,
+    .kind = PELL_KIND_METHOD,
     .name = "image-space",
     .title = "Importance sampling of the profile in irradiance images",
     .cite = "Tom Mertens, Jan Kautz, Philippe Bekaert, Frank Van Reeth and Hans-Peter Seidel, Efficient Rendering of Local Subsurface "

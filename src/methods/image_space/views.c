@@ -9,12 +9,12 @@
 
 #include <string.h>
 
-#define WIDEST 1.0471976f /* half the view of a light that stands among the things: 60 degrees */
+#define WIDEST 1.0471976f /* half the view of a light that stands among the objects: 60 degrees */
 #define STEEPEST 20.0f    /* 1/cos; what is steeper is left to other views */
 
 struct view_task {
     const struct pell_services *services;
-    const struct pell_bodies *bodies;
+    const struct pell_solids *solids;
     const struct is_light_view *to;
 };
 
@@ -29,9 +29,9 @@ static void write_texel(const struct view_task *t, int i, const struct pell_ray_
     const float n[3] = { vec3_dot(normal, v->right), -vec3_dot(normal, v->up), vec3_dot(normal, v->forward) };
     const float plane = n[0] * at[0] + n[1] * at[1] + n[2] * at[2];
     const float distance = sqrtf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
-    const int32_t body = t->bodies->of_mesh[hit->hit.mesh[i]];
+    const int32_t solid = t->solids->of_mesh[hit->hit.mesh[i]];
 
-    if (body < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * STEEPEST < 1.0f : fabsf(plane) * STEEPEST < distance) ||
+    if (solid < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * STEEPEST < 1.0f : fabsf(plane) * STEEPEST < distance) ||
         !(v->orthographic || at[2] > 0.0f))
         return;
     for (int c = 0; c < 3; c++)
@@ -40,7 +40,7 @@ static void write_texel(const struct view_task *t, int i, const struct pell_ray_
     out[IS_GU] = (v->orthographic ? -n[0] / n[2] : n[0] / plane) / v->focal_px;
     out[IS_GV] = (v->orthographic ? -n[1] / n[2] : n[1] / plane) / v->focal_px;
     out[IS_H] = 1.0f / fabsf(v->orthographic ? n[2] : plane);
-    out[IS_KEY] = (float) (body + 1);
+    out[IS_KEY] = (float) (solid + 1);
 }
 
 static void view_row(void *arg, int y, int worker)
@@ -74,7 +74,7 @@ static void view_row(void *arg, int y, int worker)
         }
         pell_rays_closest16(t->services->rays, open, true, &hit);
         for (int i = 0; i < 16; i++) {
-            const bool is = open[i] && hit.hit.mesh[i] < t->bodies->num_meshes;
+            const bool is = open[i] && hit.hit.mesh[i] < t->solids->num_meshes;
             points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
             points.triangle[i] = hit.hit.triangle[i];
             points.u[i] = hit.hit.u[i];
@@ -122,7 +122,7 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
     return v->focal_px > 0.0f && isfinite(v->focal_px);
 }
 
-enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_bodies *bodies, int size,
+enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids, int size,
                                      struct is_light_view *views, int *count)
 {
     struct pell_context *ctx = services->ctx;
@@ -132,7 +132,7 @@ enum pell_result is_light_views_make(const struct pell_services *services, const
     *count = 0;
     for (size_t i = 0; i < scene->num_lights; i++) {
         struct is_light_view *to = &views[*count];
-        struct view_task task = { services, bodies, to };
+        struct view_task task = { services, solids, to };
         struct pell_view v;
         if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || !aim(scene, &scene->lights[i], size, &v))
             continue;

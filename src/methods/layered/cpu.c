@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - layered on the cpu engine: its life, and packets of pixels. The march is in march.c and usual.c.
+ * cpu.c - layered on the cpu engine: its life, and packets of pixels. The march is in march.c and march_fast.c.
  */
 #include "methods/layered/state.h"
 
@@ -28,22 +28,22 @@ static void layered_destroy(void *state)
         pell_free(st->ctx, w->packet.uv);
         pell_free(st->ctx, w->packet.place);
         for (int k = 0; k < LAYERED_GROUP; k++)
-            pell_free(st->ctx, w->lamps[k].depth);
+            pell_free(st->ctx, w->sources[k].depth);
     }
     pell_free(st->ctx, st->workers);
+    pell_free(st->ctx, st->light_points);
+    for (size_t i = 0; i < st->num_sources; i++)
+        pell_light_sampler_destroy(&st->sources[i]);
     pell_free(st->ctx, st->sources);
-    for (size_t i = 0; i < st->num_lamps; i++)
-        pell_emitters_destroy(&st->lamps[i]);
-    pell_free(st->ctx, st->lamps);
     for (size_t i = 0; st->planes && i < st->num_meshes; i++)
         pell_free(st->ctx, st->planes[i]);
     pell_free(st->ctx, st->planes);
     for (size_t i = 0; st->media && i < st->num_materials; i++)
         layered_medium_finish(st->ctx, &st->media[i]);
-    for (size_t i = 0; st->strata && i < st->num_materials; i++)
-        pell_free(st->ctx, st->strata[i]);
+    for (size_t i = 0; st->medium_layers && i < st->num_materials; i++)
+        pell_free(st->ctx, st->medium_layers[i]);
     pell_free(st->ctx, st->media);
-    pell_free(st->ctx, st->strata);
+    pell_free(st->ctx, st->medium_layers);
     pell_free(st->ctx, st);
 }
 
@@ -78,25 +78,25 @@ static enum pell_result make_media(struct layered_state *st, const struct pell_s
 {
     enum pell_result res = PELL_ERR_NOMEM;
 
-    st->strata = pell_calloc(st->ctx, scene->num_materials + 1, sizeof(*st->strata));
+    st->medium_layers = pell_calloc(st->ctx, scene->num_materials + 1, sizeof(*st->medium_layers));
     st->media = pell_calloc(st->ctx, scene->num_materials + 1, sizeof(*st->media));
-    if (!st->strata || !st->media)
+    if (!st->medium_layers || !st->media)
         goto fail;
     st->num_materials = scene->num_materials;
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         const struct pell_material *m;
         struct layered_medium *medium;
-        if (!layered_scatters(scene, mesh) || st->strata[mesh->material])
+        if (!layered_scatters(scene, mesh) || st->medium_layers[mesh->material])
             continue;
         m = &scene->materials[mesh->material];
         warn_of_steps(st, m);
         medium = &st->media[mesh->material];
-        st->strata[mesh->material] = pell_alloc(st->ctx, sizeof(**st->strata));
-        if (!st->strata[mesh->material])
+        st->medium_layers[mesh->material] = pell_alloc(st->ctx, sizeof(**st->medium_layers));
+        if (!st->medium_layers[mesh->material])
             goto fail;
-        PELL_TRY(pell_strata_make(st->ctx, "layered", m, st->strata[mesh->material]));
-        PELL_TRY(layered_medium_make(st->ctx, st->strata[mesh->material], m->name, st->knobs.under, medium));
+        PELL_TRY(pell_medium_layers_make(st->ctx, "layered", m, st->medium_layers[mesh->material]));
+        PELL_TRY(layered_medium_make(st->ctx, st->medium_layers[mesh->material], m->name, st->knobs.under, medium));
         st->most_layers = medium->count > st->most_layers ? medium->count : st->most_layers;
         st->most_packs = medium->packs > st->most_packs ? medium->packs : st->most_packs;
         res = PELL_ERR_NOMEM;
@@ -121,8 +121,8 @@ static enum pell_result make_workers(struct layered_state *st)
         if (!w->packet.uv || !w->packet.place)
             return PELL_ERR_NOMEM;
         for (int k = 0; k < LAYERED_GROUP; k++) {
-            w->lamps[k].depth = pell_calloc(st->ctx, (size_t) (LAYERED_NODES * st->most_layers + 1), LAYERED_LANES * sizeof(float));
-            if (!w->lamps[k].depth)
+            w->sources[k].depth = pell_calloc(st->ctx, (size_t) (LAYERED_NODES * st->most_layers + 1), LAYERED_LANES * sizeof(float));
+            if (!w->sources[k].depth)
                 return PELL_ERR_NOMEM;
         }
     }
@@ -159,7 +159,7 @@ static enum pell_result layered_create(const struct pell_services *services, con
     st->bands = (shape->height + BAND - 1) / BAND;
     PELL_TRY(make_media(st, scene));
     PELL_TRY(layered_fit(st, scene));
-    PELL_TRY(layered_make_lamps(st, scene));
+    PELL_TRY(layered_make_lights(st, scene));
     PELL_TRY(make_workers(st));
     return PELL_OK;
 
@@ -192,7 +192,7 @@ static void read_packet(const struct layered_state *st, const struct layered_med
 {
     const struct pell_scene *scene = st->services->scene;
     const struct pell_frame *in = st->in;
-    const struct pell_vec3 eye = st->view->origin, forward = st->view->forward;
+    const struct pell_vec3 camera = st->view->origin, forward = st->view->forward;
     _Alignas(64) int32_t of[LAYERED_LANES];
 
     p->count = count;
@@ -214,14 +214,14 @@ static void read_packet(const struct layered_state *st, const struct layered_med
     }
     for (int i = 0; i < LAYERED_LANES; i++) {
         const float u = p->u[i], v = p->v[i], w = 1.0f - u - v;
-        const float x = eye.x - (w * p->corner[0][0][i] + u * p->corner[1][0][i] + v * p->corner[2][0][i]);
-        const float y = eye.y - (w * p->corner[0][1][i] + u * p->corner[1][1][i] + v * p->corner[2][1][i]);
-        const float z = eye.z - (w * p->corner[0][2][i] + u * p->corner[1][2][i] + v * p->corner[2][2][i]);
+        const float x = camera.x - (w * p->corner[0][0][i] + u * p->corner[1][0][i] + v * p->corner[2][0][i]);
+        const float y = camera.y - (w * p->corner[0][1][i] + u * p->corner[1][1][i] + v * p->corner[2][1][i]);
+        const float z = camera.z - (w * p->corner[0][2][i] + u * p->corner[1][2][i] + v * p->corner[2][2][i]);
         const float far = -(x * forward.x + y * forward.y + z * forward.z), per = 1.0f / fmaxf(sqrtf(x * x + y * y + z * z), 1e-20f);
         p->spacing[i] = (in->shape.orthographic ? 1.0f : far) / in->shape.focal_px;
-        p->eye[0][i] = in->shape.orthographic ? -forward.x : per * x;
-        p->eye[1][i] = in->shape.orthographic ? -forward.y : per * y;
-        p->eye[2][i] = in->shape.orthographic ? -forward.z : per * z;
+        p->camera[0][i] = in->shape.orthographic ? -forward.x : per * x;
+        p->camera[1][i] = in->shape.orthographic ? -forward.y : per * y;
+        p->camera[2][i] = in->shape.orthographic ? -forward.z : per * z;
     }
 }
 
@@ -260,18 +260,18 @@ static void run_packet(const struct layered_state *st, int material, const int32
     read_packet(st, m, at, count, p, mesh, triangle);
     st->kernels->start(&st->work, m, p);
     layered_find_exits(st, m, mesh, w);
-    if (m->below == PELL_BELOW_SURFACE_COLOR && !m->bottomless)
+    if (m->substrate == PELL_SUBSTRATE_SURFACE_COLOR && !m->bottomless)
         set_colors(&scene->materials[material], scene, p, mesh, triangle);
-    for (int i = 0; i < st->num_sources; i++) {
-        struct layered_lamp *lamp = &w->lamps[waiting];
-        if (layered_set_power(st, &st->sources[i], p, lamp)) {
-            layered_set_planes(st, &st->sources[i], p, w, lamp);
-            for (int k = 0; k < LAYERED_NODES && lamp->any_nodes; k++)
-                layered_set_node(st, m, p, lamp, mesh, triangle, k, w);
+    for (int i = 0; i < st->num_light_points; i++) {
+        struct layered_light *source = &w->sources[waiting];
+        if (layered_set_power(st, &st->light_points[i], p, source)) {
+            layered_set_planes(st, &st->light_points[i], p, w, source);
+            for (int k = 0; k < LAYERED_NODES && source->any_nodes; k++)
+                layered_set_node(st, m, p, source, mesh, triangle, k, w);
             waiting++;
         }
-        if (waiting == LAYERED_GROUP || (waiting > 0 && i + 1 == st->num_sources)) {
-            st->kernels->march(&st->work, m, p, w->lamps, waiting);
+        if (waiting == LAYERED_GROUP || (waiting > 0 && i + 1 == st->num_light_points)) {
+            st->kernels->march(&st->work, m, p, w->sources, waiting);
             w->marches += (int64_t) waiting * count;
             waiting = 0;
         }
@@ -336,8 +336,8 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
     st->in = in;
     st->out = out;
     st->view = in->view;
-    for (int i = 0; i < st->num_sources; i++)
-        st->sources[i].fan = st->sources[i].face ? NULL : pell_services_light_grid(st->services, st->sources[i].light);
+    for (int i = 0; i < st->num_light_points; i++)
+        st->light_points[i].grid = st->light_points[i].face ? NULL : pell_services_light_grid(st->services, st->light_points[i].light);
     for (int i = 0; i < pell_pool_threads(st->pool); i++)
         st->workers[i].pixels = st->workers[i].rays = st->workers[i].marches = 0;
     pell_pool_run(st->pool, (in->rect.y1 - in->rect.y0 + BAND - 1) / BAND, run_band, st);

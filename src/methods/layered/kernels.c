@@ -110,7 +110,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
 {
     const float eta = work->refracts ? m->eta : 1.0f;
     const vf u = load(p->u + lane), v = load(p->v + lane);
-    vf at[3], n[3], s[3], facet[3], eye[3], way[3], corner[3], e1[3], e2[3], a[3], b[3], square, h, co, ci, down, facing, f = { 0 };
+    vf at[3], n[3], s[3], facet[3], camera[3], way[3], corner[3], e1[3], e2[3], a[3], b[3], square, h, co, ci, down, facing, f = { 0 };
     vi fine;
 
     mean3(p->corner, 3, lane, u, v, at);
@@ -120,7 +120,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     load3(p->corner[0], lane, corner);
     load3(p->corner[1], lane, e1);
     load3(p->corner[2], lane, e2);
-    load3(p->eye, lane, eye);
+    load3(p->camera, lane, camera);
     for (int k = 0; k < 3; k++) {
         e1[k] -= corner[k];
         e2[k] -= corner[k];
@@ -137,8 +137,8 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     unit3(n);
     unit3(s);
     unit3(facet);
-    facing = dot3(facet, eye);
-    co = dot3(n, eye);
+    facing = dot3(facet, camera);
+    co = dot3(n, camera);
     fine = (dot3(n, n) > 0.5f) & (co > 1e-3f); /* else a normal that looks away from where its triangle is seen */
     for (int k = 0; k < 3; k++)
         n[k] = select(fine, n[k], select(facing < 0.0f, -facet[k], facet[k]));
@@ -149,7 +149,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
         f = 0.5f * (rs * rs + rp * rp);
     }
     for (int k = 0; k < 3; k++)
-        way[k] = (co / eta - ci) * n[k] - eye[k] / eta;
+        way[k] = (co / eta - ci) * n[k] - camera[k] / eta;
     down = -dot3(s, way);
     fine = down > -1e3f; /* else no plane */
     for (int k = 0; k < 3; k++)
@@ -224,20 +224,20 @@ static void layered_leave(const struct layered_packet *p, float size, struct pel
         valid[i] = i < p->count ? -1 : 0;
 }
 
-static int layered_see(const struct layered_packet *p, int path, bool shadows, struct layered_lamp *lamp, struct pell_ray16 *r,
+static int layered_see(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *r,
                        int32_t *valid)
 {
     int planes = 0, nodes = 0, rays = 0;
 
     for (int lane = 0; lane < LANES; lane += WIDTH) {
-        vf at[3], facet[3], to[3], normal[3], eye[3], far = all(INFINITY), front, facing, share, lit = { 0 }, off;
+        vf at[3], facet[3], to[3], normal[3], camera[3], far = all(INFINITY), front, facing, share, lit = { 0 }, off;
         vi asks;
         load3(p->p, lane, at);
         load3(p->facet, lane, facet);
         load3(p->n, lane, normal);
-        load3(p->eye, lane, eye);
-        load3(lamp->to, lane, to);
-        if (!lamp->away) {
+        load3(p->camera, lane, camera);
+        load3(source->to, lane, to);
+        if (!source->away) {
             vf distance, per;
             for (int k = 0; k < 3; k++)
                 to[k] -= at[k];
@@ -247,7 +247,7 @@ static int layered_see(const struct layered_packet *p, int path, bool shadows, s
                 to[k] *= per;
             far = 0.9999f * distance;
         }
-        front = select(dot3(facet, eye) < 0.0f, all(-1.0f), all(1.0f));
+        front = select(dot3(facet, camera) < 0.0f, all(-1.0f), all(1.0f));
         facing = front * dot3(facet, to);
         share = all(path == LAYERED_RAYS ? 0.0f : 1.0f);
         if (path == LAYERED_PLANES_RAYS) {
@@ -255,9 +255,9 @@ static int layered_see(const struct layered_packet *p, int path, bool shadows, s
             share = (vf) ((vi) (x * x * (3.0f - 2.0f * x)) & (facing > 0.0f));
         }
         for (int c = 0; c < 3; c++)
-            lit += load(lamp->power[c] + lane);
-        store(lamp->planes + lane, share);
-        store(lamp->seen + lane, all(1.0f));
+            lit += load(source->power[c] + lane);
+        store(source->planes + lane, share);
+        store(source->seen + lane, all(1.0f));
         off = front * rounding(at);
         for (int k = 0; k < 3; k++)
             at[k] += off * facet[k];
@@ -271,16 +271,16 @@ static int layered_see(const struct layered_packet *p, int path, bool shadows, s
             rays += on && asks[i];
         }
     }
-    lamp->any_planes = planes != 0;
-    lamp->any_nodes = nodes != 0;
+    source->any_planes = planes != 0;
+    source->any_nodes = nodes != 0;
     return rays;
 }
 
 static void layered_march(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                          const struct layered_lamp *lamps, int count)
+                          const struct layered_light *sources, int count)
 {
-    if (!PELL_SIMD(layered_march_usual)(work, m, p, lamps, count))
-        PELL_SIMD(layered_march_any)(work, m, p, lamps, count);
+    if (!PELL_SIMD(layered_march_fast)(work, m, p, sources, count))
+        PELL_SIMD(layered_march_any)(work, m, p, sources, count);
 }
 
 extern const struct layered_kernels PELL_SIMD(layered_kernels);

@@ -2,9 +2,10 @@
  *
  * kernels.h - the march below 16 pixels at once, and what it works on.
  *
- * Below a pixel's point P light is looked for at N places M = P + x v, x = (i + 1/2) L/N along the ray of the eye below the surface. The
- * own surface of a place is the one it is seen through (near: its depth is x rate), or, where the body is thin, the one that the ray leaves
- * through (far: its depth is (exit - x) exit_rate), whichever is nearer. A lamp's path to M enters at K, cos_K from the normal there:
+ * Below a pixel's point P light is looked for at N places M = P + x v, x = (i + 1/2) L/N along the ray of the camera below the surface. The
+ * own surface of a place is the one it is seen through (near: its depth is x rate), or, where the solid is thin, the one that the ray
+ * leaves through (far: its depth is (exit - x) exit_rate), whichever is nearer. A light's path to M enters at K, cos_K from the normal
+ * there:
  *
  *     by planes   n_M = normalize((1 - t) n_P + t n_SP), Q_M = P + t h n_P, |KM| = |(Q_M - M) . n_M| / max(n_M . w, 0.05)   (9), (10)
  *     by nodes    rays from a few places of the march, what they find is interpolated between them
@@ -22,8 +23,8 @@
 
 enum {
     LAYERED_LANES = 16,
-    LAYERED_NODES = 5, /* rays of a lamp's sample to a pixel's march */
-    LAYERED_GROUP = 8, /* lamps' samples in one march */
+    LAYERED_NODES = 5, /* rays of a light's sample to a pixel's march */
+    LAYERED_GROUP = 8, /* lights' samples in one march */
     LAYERED_LEVELS = 16,
 };
 #define LAYERED_FAR 1e30f        /* mm: no bottom, no exit */
@@ -62,7 +63,7 @@ struct layered_medium {
     float eta;
     float deepest; /* mm that a march goes down: the deepest bottom, or where the last layer lets nothing through */
     float first;   /* 1/mm: sigma_t of the first layer, the smallest of its channels */
-    int below;     /* enum pell_below */
+    int substrate;     /* enum pell_substrate */
     float rest[3]; /* 1/mm, as halves: of paths below the deepest layer that go on to another surface */
     bool bottomless;
 };
@@ -86,7 +87,7 @@ struct layered_triangle {
 struct layered_packet {
     _Alignas(64) float corner[3][3][16], normal[3][3][16], plane[3][4][16]; /* of the triangle's corners; plane: n_SP, h */
     float u[16], v[16];                                                     /* barycentric */
-    float eye[3][16];                                                       /* unit, toward the eye */
+    float camera[3][16];                                                       /* unit, toward the camera */
     float spacing[16];                                                      /* mm that a pixel covers */
     float p[3][16], n[3][16], facet[3][16], s[3][16], h[16], w[3][16];      /* P, n_P, the triangle's normal, n_SP, h, the way inward */
     float rate[16], length[16], gain[16];
@@ -97,21 +98,21 @@ struct layered_packet {
     int count;
     bool thin, shows_bottom; /* some lane's far surface counts; some lane has a color */
     float light[3][16];      /* out: radiance */
-    /* out, where `trace` is not NULL: |KM| of every sample of the first lamp, [sample][16] */
+    /* out, where `trace` is not NULL: |KM| of every sample of the first light, [sample][16] */
     float *trace;
     float *uv;                   /* raw texture coordinates of the corners: [pack][3][2][16] */
     struct layered_place *place; /* of packs */
 };
 
-/* A lamp's sample as 16 pixels see it. */
-struct layered_lamp {
+/* A light's sample as 16 pixels see it. */
+struct layered_light {
     bool away;
     _Alignas(64) float to[3][16]; /* the place; away: the unit direction */
     float power[3][16];           /* irradiance across the beam; else that times squared mm. 0: none */
     float planes[16];             /* share of the path by planes, [0, 1]; the rest is by nodes */
     float seen[16];               /* by planes: 1, or 0 in shadow */
     bool any_planes, any_nodes;
-    /* Of nodes: |KM|, cosine at K, how much of the beam is there (with 1/d^2), the way to the lamp inside. */
+    /* Of nodes: |KM|, cosine at K, how much of the beam is there (with 1/d^2), the way to the light inside. */
     float km[LAYERED_NODES][16], cosine[LAYERED_NODES][16], beam[LAYERED_NODES][16], way[LAYERED_NODES][3][16];
     float *depth; /* of layers at K: [node][layer][16]; owned by the worker */
 };
@@ -129,14 +130,14 @@ struct layered_kernels {
     void (*fill)(const struct layered_triangle *t, int packs, const int32_t *of, struct layered_packet *p);
     /* Fills everything from the triangle: up to `length` by depth alone, without an exit. */
     void (*start)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p);
-    /* The eye's rays inside the body, from P on. */
+    /* The camera's rays inside the solid, from P on. */
     void (*leave)(const struct layered_packet *p, float size, struct pell_ray16 *rays, int32_t *valid);
-    /* How much of each lane's path goes by planes (`path`: enum layered_path), and rays from P to the lamp, which is `seen` if nothing is
+    /* How much of each lane's path goes by planes (`path`: enum layered_path), and rays from P to the light, which is `seen` if nothing is
      * in their way. Returns how many are valid. */
-    int (*see)(const struct layered_packet *p, int path, bool shadows, struct layered_lamp *lamp, struct pell_ray16 *rays, int32_t *valid);
-    /* Adds the light of `count` lamps, at most LAYERED_GROUP, to p->light. */
+    int (*see)(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *rays, int32_t *valid);
+    /* Adds the light of `count` lights, at most LAYERED_GROUP, to p->light. */
     void (*march)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                  const struct layered_lamp *lamps, int count);
+                  const struct layered_light *sources, int count);
 };
 
 #endif

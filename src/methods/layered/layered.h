@@ -26,20 +26,20 @@ struct layered_knobs {
     int path;       /* enum layered_path */
     int planes;     /* enum layered_planes */
     float epsilon;
-    int lamps;
+    int sources;
     int under; /* enum layered_under */
     bool shadows;
 };
 
 /* --- medium.c: a material's layers as the march reads them ---------------------------------------------------------------------- */
 
-PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_strata *strata, const char *name, int under,
+PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_medium_layers *medium_layers, const char *name, int under,
                                                     struct layered_medium *out);
 void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m);
 
-/* --- planes.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */
+/* --- plane_grid.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */
 
-/* Vertices of one body - the meshes of one object that have the same material - and what else stands for its surface. */
+/* Vertices of one solid - the meshes of one object that have the same material - and what else stands for its surface. */
 struct layered_cloud {
     struct pell_context *ctx;
     struct pell_pool *pool;

@@ -7,7 +7,7 @@
 
 /* --- A step --------------------------------------------------------------------------------------------------------------------- */
 
-/* What all lamps share at a place M. */
+/* What all lights share at a place M. */
 struct step {
     float t;
     vf x, per_x, step; /* mm from P, and 1 over it; length of the step */
@@ -18,11 +18,11 @@ struct step {
     vf bottom[MOST];             /* of layers at M */
     vf part[MOST], before[MOST]; /* mm of the step in a layer, and of its first half */
     int list[MOST], listed;      /* layers that some lane is in */
-    vf tau[3], through[3];       /* of the eye's ray at the start of the step, and in it */
+    vf tau[3], step_tau[3];       /* of the camera's ray at the start of the step, and in it */
     vf alive, hidden;            /* 1 or 0: light is seen from here; the step ends below the deepest layer */
 };
 
-/* A lamp's path to M. */
+/* A light's path to M. */
 struct path {
     vf km, cosine, per, rise; /* |KM|, cosine at K and one over it, d|KM|/dx */
     vf beam;                  /* irradiance is power times this */
@@ -44,7 +44,7 @@ INLINE void find_layers(const struct layered_work *work, const struct layered_me
 
     s->listed = 0;
     for (int c = 0; c < 3; c++)
-        s->through[c] = all(0.0f);
+        s->step_tau[c] = all(0.0f);
     for (int j = 0; j < m->count; j++) {
         const vf bottom = s->bottom[j];
         vf part, before;
@@ -63,19 +63,19 @@ INLINE void find_layers(const struct layered_work *work, const struct layered_me
         s->list[s->listed++] = j;
         covered += part;
         for (int c = 0; c < 3; c++)
-            s->through[c] += part * m->layer[j].halves[c];
+            s->step_tau[c] += part * m->layer[j].halves[c];
     }
     s->hidden = (vf) ((vi) all(1.0f) & (s->step - covered > 1e-3f * s->step));
 }
 
-/* By planes, (9) and (10). `enters`: K of the step before, from which the lamp is seen. */
-INLINE void by_planes(const struct layered_work *work, const struct layered_medium *m, const struct layered_lamp *lamp, int lane,
+/* By planes, (9) and (10). `enters`: K of the step before, from which the light is seen. */
+INLINE void by_planes(const struct layered_work *work, const struct layered_medium *m, const struct layered_light *source, int lane,
                       const struct step *s, vf enters[3], struct path *path)
 {
     vf to[3], k[3], cosine, c, d2 = all(1.0f);
 
-    load3(lamp->to, lane, to);
-    if (!lamp->away) {
+    load3(source->to, lane, to);
+    if (!source->away) {
         vf length;
         for (int i = 0; i < 3; i++)
             to[i] -= work->refracts ? enters[i] : s->at[i];
@@ -84,7 +84,7 @@ INLINE void by_planes(const struct layered_work *work, const struct layered_medi
             to[i] *= length;
     }
     cosine = dot3(s->plane, to);
-    path->beam = load(lamp->seen + lane);
+    path->beam = load(source->seen + lane);
     if (work->refracts) {
         const float eta = m->eta, per = 1.0f / eta;
         const vf co = between(cosine, 1e-4f, 1.0f), ci = root(1.0f - (1.0f - co * co) * (per * per));
@@ -107,9 +107,9 @@ INLINE void by_planes(const struct layered_work *work, const struct layered_medi
     path->rise = path->km * s->per_x;
     for (int i = 0; i < 3; i++)
         k[i] = s->at[i] + path->km * path->way[i];
-    if (!lamp->away) {
+    if (!source->away) {
         vf away[3];
-        load3(lamp->to, lane, away);
+        load3(source->to, lane, away);
         for (int i = 0; i < 3; i++) {
             away[i] -= k[i];
             enters[i] = k[i];
@@ -145,21 +145,21 @@ INLINE void depths_at(const struct layered_medium *m, const struct layered_packe
 
 /* |KM| between nodes k and k + 1: a parabola by the slopes on both sides, for chords of what is round rise like roots; between the
  * two. */
-INLINE vf bent(const struct layered_work *work, const struct layered_lamp *lamp, int lane, int k, float t)
+INLINE vf bent(const struct layered_work *work, const struct layered_light *source, int lane, int k, float t)
 {
     const float *at = work->node;
-    const vf a = load(lamp->km[k] + lane), b = load(lamp->km[k + 1] + lane), slope = (b - a) * (1.0f / (at[k + 1] - at[k]));
+    const vf a = load(source->km[k] + lane), b = load(source->km[k + 1] + lane), slope = (b - a) * (1.0f / (at[k + 1] - at[k]));
     vf bend = { 0 };
     float sides = 0.0f;
 
     t = t > at[k] ? t < at[k + 1] ? t : at[k + 1] : at[k];
     if (k > 0) {
-        const vf before = (a - load(lamp->km[k - 1] + lane)) * (1.0f / (at[k] - at[k - 1]));
+        const vf before = (a - load(source->km[k - 1] + lane)) * (1.0f / (at[k] - at[k - 1]));
         bend += (slope - before) * (1.0f / (at[k + 1] - at[k - 1]));
         sides += 1.0f;
     }
     if (k + 2 < LAYERED_NODES) {
-        const vf after = (load(lamp->km[k + 2] + lane) - b) * (1.0f / (at[k + 2] - at[k + 1]));
+        const vf after = (load(source->km[k + 2] + lane) - b) * (1.0f / (at[k + 2] - at[k + 1]));
         bend += (after - slope) * (1.0f / (at[k + 2] - at[k]));
         sides += 1.0f;
     }
@@ -168,7 +168,7 @@ INLINE vf bent(const struct layered_work *work, const struct layered_lamp *lamp,
 }
 
 /* Between the nodes about t. */
-INLINE void by_nodes(const struct layered_work *work, const struct layered_medium *m, const struct layered_lamp *lamp, int lane,
+INLINE void by_nodes(const struct layered_work *work, const struct layered_medium *m, const struct layered_light *source, int lane,
                      const struct ray *ray, const struct step *s, struct path *path)
 {
     vf unit;
@@ -179,22 +179,22 @@ INLINE void by_nodes(const struct layered_work *work, const struct layered_mediu
         k++;
     f = (s->t - work->node[k]) / (work->node[k + 1] - work->node[k]);
     f = f > 0.0f ? f < 1.0f ? f : 1.0f : 0.0f;
-#define BETWEEN(what) (load(lamp->what[k] + lane) + f * (load(lamp->what[k + 1] + lane) - load(lamp->what[k] + lane)))
-    path->km = bent(work, lamp, lane, k, s->t);
+#define BETWEEN(what) (load(source->what[k] + lane) + f * (load(source->what[k + 1] + lane) - load(source->what[k] + lane)))
+    path->km = bent(work, source, lane, k, s->t);
     path->cosine = BETWEEN(cosine);
     path->per = 1.0f / path->cosine;
     path->beam = BETWEEN(beam);
-    path->rise = (load(lamp->km[k + 1] + lane) - load(lamp->km[k] + lane)) * ray->per_length * (1.0f / (work->node[k + 1] - work->node[k]));
+    path->rise = (load(source->km[k + 1] + lane) - load(source->km[k] + lane)) * ray->per_length * (1.0f / (work->node[k + 1] - work->node[k]));
 #undef BETWEEN
     path->rise = between(path->rise, -1.0f, 20.0f);
     for (int i = 0; i < 3; i++)
-        path->way[i] = load(lamp->way[k][i] + lane) + f * (load(lamp->way[k + 1][i] + lane) - load(lamp->way[k][i] + lane));
+        path->way[i] = load(source->way[k][i] + lane) + f * (load(source->way[k + 1][i] + lane) - load(source->way[k][i] + lane));
     unit = 1.0f / root(greater(dot3(path->way, path->way), all(1e-12f)));
     for (int i = 0; i < 3; i++)
         path->way[i] *= unit;
     for (int j = 0; j < m->count; j++) {
-        const vf here = load(lamp->depth + (k * m->count + j) * LANES + lane);
-        const vf there = load(lamp->depth + ((k + 1) * m->count + j) * LANES + lane);
+        const vf here = load(source->depth + (k * m->count + j) * LANES + lane);
+        const vf there = load(source->depth + ((k + 1) * m->count + j) * LANES + lane);
         path->bottom[j] = here + f * (there - here);
     }
 }
@@ -287,7 +287,7 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
         vf phase = phase_value(&layer->phase[0], cosine);
         for (int c = 0; c < 3; c++) {
             const vf z = rate * part * layer->halves[c], y = 0.5f * z, up = passed[c] + y;
-            const vf tau = start[c] + select(s->far, rate * s->through[c] - up, up);
+            const vf tau = start[c] + select(s->far, rate * s->step_tau[c] - up, up);
             vf value;
             if (c > 0 && !layer->one_phase)
                 phase = phase_value(&layer->phase[c], cosine);
@@ -309,8 +309,8 @@ INLINE void show_bottom(const struct layered_work *work, const struct step *s, c
     const vf facing = greater(dot3(s->own, path->way), all(0.0f)), rate = work->exponential ? 1.0f + path->rise : all(1.0f);
 
     for (int c = 0; c < 3; c++) {
-        const vf back = work->exponential ? path->rise * 0.5f * s->through[c] : all(0.0f);
-        sum[c] += meets * path->beam * colour[c] * base[c] * facing * halving(s->tau[c] + light[c] - back + rate * s->through[c]);
+        const vf back = work->exponential ? path->rise * 0.5f * s->step_tau[c] : all(0.0f);
+        sum[c] += meets * path->beam * colour[c] * base[c] * facing * halving(s->tau[c] + light[c] - back + rate * s->step_tau[c]);
     }
 }
 
@@ -356,15 +356,15 @@ INLINE void find_place(const struct layered_medium *m, const struct layered_pack
 }
 
 INLINE void light_step(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p, int lane,
-                       const struct ray *ray, const struct step *s, const struct layered_lamp *lamp, vf enters[3], vf meets, float *trace,
+                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vf meets, float *trace,
                        vf sum[3])
 {
     vf colour[3], light[3];
     struct path path;
 
-    load3(lamp->power, lane, colour);
-    if (lamp->any_planes) {
-        by_planes(work, m, lamp, lane, s, enters, &path);
+    load3(source->power, lane, colour);
+    if (source->any_planes) {
+        by_planes(work, m, source, lane, s, enters, &path);
         if (trace)
             store(trace, path.km);
         if (m->packs > 0)
@@ -373,13 +373,13 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
             for (int j = 0; j < m->count; j++)
                 path.bottom[j] = s->bottom[j];
     }
-    if (lamp->any_nodes) {
+    if (source->any_nodes) {
         const struct path planes = path;
-        by_nodes(work, m, lamp, lane, ray, s, &path);
-        if (lamp->any_planes)
-            mix_paths(m, load(lamp->planes + lane), &planes, &path);
+        by_nodes(work, m, source, lane, ray, s, &path);
+        if (source->any_planes)
+            mix_paths(m, load(source->planes + lane), &planes, &path);
     }
-    attenuation(work, m, s, &path, lamp->any_nodes || p->thin, light);
+    attenuation(work, m, s, &path, source->any_nodes || p->thin, light);
     scatter(work, m, ray, s, &path, light, colour, sum);
     if (p->shows_bottom && any(meets > 0.0f)) {
         vf base[3];
@@ -389,7 +389,7 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
 }
 
 static void march_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                        const struct layered_lamp *lamps, int count, int lane)
+                        const struct layered_light *sources, int count, int lane)
 {
     const int n = work->samples;
     vf sum[3] = { { 0 } }, enters[LAYERED_GROUP][3], gain = load(p->gain + lane);
@@ -430,10 +430,10 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
             meets = (vf) ((vi) s.alive & ((s.hidden > 0.0f) | ends));
         }
         for (int l = 0; l < count; l++)
-            light_step(work, m, p, lane, &ray, &s, &lamps[l], enters[l], meets,
+            light_step(work, m, p, lane, &ray, &s, &sources[l], enters[l], meets,
                        p->trace && l == 0 ? p->trace + (ptrdiff_t) i * LANES + lane : NULL, sum);
         for (int c = 0; c < 3; c++)
-            s.tau[c] += s.through[c];
+            s.tau[c] += s.step_tau[c];
         if (work->exponential || p->shows_bottom)
             s.alive *= 1.0f - s.hidden;
     }
@@ -444,8 +444,8 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
 }
 
 void PELL_SIMD(layered_march_any)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                                  const struct layered_lamp *lamps, int count)
+                                  const struct layered_light *sources, int count)
 {
     for (int lane = 0; lane < p->count; lane += WIDTH)
-        march_lanes(work, m, p, lamps, count, lane);
+        march_lanes(work, m, p, sources, count, lane);
 }

@@ -280,9 +280,9 @@ INLINE vf phase_value(const struct pell_phase_terms *f, vf c)
 
 /* march.c: for any packet. */
 void PELL_SIMD(layered_march_any)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                                  const struct layered_lamp *lamps, int count);
-/* usual.c: for most packets of most pictures; false: this is none of them. */
-bool PELL_SIMD(layered_march_usual)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                                    const struct layered_lamp *lamps, int count);
+                                  const struct layered_light *sources, int count);
+/* march_fast.c: for most packets of most pictures; false: this is none of them. */
+bool PELL_SIMD(layered_march_fast)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+                                    const struct layered_light *sources, int count);
 
 #endif

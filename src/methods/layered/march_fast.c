@@ -2,7 +2,7 @@
  *
  * march_fast.c - the march of layered below most packets of most pictures; compiled once per level of base/simd.h.
  *
- * It does what march.c does, for light by planes alone, of thick bodies, refracted, integrated exactly, through a few layers that one
+ * It does what march.c does, for light by planes alone, of thick solids, refracted, integrated exactly, through a few layers that one
  * picture paints. Sums over layers are by the differences of neighbours:
  *
  *     Sum sigma_j |reach in j| = reach sigma_n + Sum (sigma_j - sigma_(j+1)) min(reach, bottom_j)
@@ -11,21 +11,21 @@
  */
 #include "methods/layered/march.h"
 
-#define USUAL 4 /* layers, at most */
+#define FAST 4 /* layers, at most */
 
-INLINE bool is_usual(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
-                     const struct layered_lamp *lamps, int count)
+INLINE bool is_fast(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
+                     const struct layered_light *sources, int count)
 {
-    bool usual = work->exponential && work->refracts && work->rest && !p->thin && !p->shows_bottom && m->count <= USUAL && m->packs <= 1;
+    bool usual = work->exponential && work->refracts && work->rest && !p->thin && !p->shows_bottom && m->count <= FAST && m->packs <= 1;
 
     for (int l = 0; l < count; l++)
-        usual = usual && !lamps[l].any_nodes;
+        usual = usual && !sources[l].any_nodes;
     for (int i = 0; usual && m->packs > 0 && i < m->pack[0].count; i++)
         usual = m->pack[0].layer[i] == i;
     return usual;
 }
 
-/* A lamp as the march goes on: the way to it from where its light came in last. */
+/* A light as the march goes on: the way to it from where its light came in last. */
 struct beam {
     vf to[3], square;  /* mm; away: unit */
     vf seen, light[3]; /* of an irradiance of 1 */
@@ -36,10 +36,10 @@ struct entry {
     vf km, per, strength, way[3];
 };
 
-INLINE void enter(const struct layered_lamp *lamp, int lane, float eta, const vf at[3], const vf plane[3], vf down, struct beam *beam,
+INLINE void enter(const struct layered_light *source, int lane, float eta, const vf at[3], const vf plane[3], vf down, struct beam *beam,
                   struct entry *entry)
 {
-    const vf unit = lamp->away ? all(1.0f) : inverse_root(greater(beam->square, all(1e-12f)));
+    const vf unit = source->away ? all(1.0f) : inverse_root(greater(beam->square, all(1e-12f)));
     const float per = 1.0f / eta;
     vf cosine, co, ci, ss, sp, both, turn, top;
 
@@ -56,9 +56,9 @@ INLINE void enter(const struct layered_lamp *lamp, int lane, float eta, const vf
     turn = ci - cosine * per;
     for (int k = 0; k < 3; k++)
         entry->way[k] = beam->to[k] * (unit * per) + turn * plane[k];
-    if (!lamp->away) {
+    if (!source->away) {
         vf place[3];
-        load3(lamp->to, lane, place);
+        load3(source->to, lane, place);
         for (int k = 0; k < 3; k++)
             beam->to[k] = place[k] - (at[k] + entry->km * entry->way[k]);
         beam->square = greater(dot3(beam->to, beam->to), all(1e-6f));
@@ -67,8 +67,8 @@ INLINE void enter(const struct layered_lamp *lamp, int lane, float eta, const vf
     entry->strength = (vf) ((vi) (top / (both * both * beam->square)) & (cosine > 0.0f));
 }
 
-INLINE void usual_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                        const struct layered_lamp *lamps, int count, int lane, const int layers)
+INLINE void fast_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+                        const struct layered_light *sources, int count, int lane, const int layers)
 {
     const struct layered_pack *pack = m->packs > 0 ? &m->pack[0] : NULL;
     const struct layered_place *place = p->place;
@@ -78,7 +78,7 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
     const vf per_length = 1.0f / greater(length, all(1e-20f)), rise = rate * length * (1.0f / (float) n);
     vf at[3], way[3], normal[3], turn[3], lag[3], gu[3], gv[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
     vf tau[3] = { { 0 } }, alive = all(1.0f), h = load(p->h + lane), gain = load(p->gain + lane);
-    vf bottom[USUAL], part[USUAL];
+    vf bottom[FAST], part[FAST];
     struct beam beams[LAYERED_GROUP];
     struct entry entries[LAYERED_GROUP];
 
@@ -100,14 +100,14 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
     load3(place->gv, lane, gv);
     for (int l = 0; l < count; l++) {
         struct beam *b = &beams[l];
-        load3(lamps[l].to, lane, b->to);
-        b->seen = load(lamps[l].seen + lane);
+        load3(sources[l].to, lane, b->to);
+        b->seen = load(sources[l].seen + lane);
         b->square = all(1.0f);
         for (int k = 0; k < 3; k++) {
-            b->to[k] -= (vf) ((vi) at[k] & (lamps[l].away ? 0 : -1));
+            b->to[k] -= (vf) ((vi) at[k] & (sources[l].away ? 0 : -1));
             b->light[k] = all(0.0f);
         }
-        if (!lamps[l].away)
+        if (!sources[l].away)
             b->square = dot3(b->to, b->to);
     }
     for (int j = 0; j < layers; j++)
@@ -116,7 +116,7 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
     for (int i = 0; i < n; i++) {
         const float t = ((float) i + 0.5f) / (float) n;
         const vf x = length * t, low = rise * (float) i, middle = x * rate, high = rise * (float) (i + 1);
-        vf plane[3], m_at[3], numbers[4], slope, unit, down, above = low, above_middle = low, through[3], half[3];
+        vf plane[3], m_at[3], numbers[4], slope, unit, down, above = low, above_middle = low, step_tau[3], half[3];
         unsigned listed = 0;
 
         for (int k = 0; k < 3; k++) {
@@ -129,7 +129,7 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
             plane[k] *= unit;
         down = slope * x;
         for (int l = 0; l < count; l++)
-            enter(&lamps[l], lane, m->eta, m_at, plane, down, &beams[l], &entries[l]);
+            enter(&sources[l], lane, m->eta, m_at, plane, down, &beams[l], &entries[l]);
         if (pack) {
             vf over = { 0 };
             look_up(m, pack, place, lane, painted, u + x * du, v + x * dv, numbers);
@@ -140,7 +140,7 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
             }
         }
         for (int c = 0; c < 3; c++)
-            through[c] = half[c] = all(0.0f);
+            step_tau[c] = half[c] = all(0.0f);
 #pragma GCC unroll 4
         for (int j = 0; j < layers; j++) {
             const vf end = lesser(greater(bottom[j], low), high), end_middle = lesser(end, middle);
@@ -149,7 +149,7 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
                 const vf before = (end_middle - above_middle) * per_rate;
                 listed |= 1u << j;
                 for (int c = 0; c < 3; c++) {
-                    through[c] += part[j] * layer[j].halves[c];
+                    step_tau[c] += part[j] * layer[j].halves[c];
                     half[c] += before * layer[j].halves[c];
                 }
             }
@@ -158,7 +158,7 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
         }
         for (int l = 0; l < count && listed; l++) {
             struct beam *b = &beams[l];
-            vf reach, cosine, faster, start[3], other[USUAL] = { { 0 } }, over = { 0 };
+            vf reach, cosine, faster, start[3], other[FAST] = { { 0 } }, over = { 0 };
             struct entry e = entries[l];
 
             if (p->trace && l == 0)
@@ -198,7 +198,7 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
             }
         }
         for (int c = 0; c < 3; c++)
-            tau[c] += through[c];
+            tau[c] += step_tau[c];
         alive = (vf) ((vi) alive & ~(high - above > 1e-3f * rise));
         if (!any(alive > 0.0f))
             break;
@@ -206,23 +206,23 @@ INLINE void usual_lanes(const struct layered_work *work, const struct layered_me
     for (int c = 0; c < 3; c++) {
         vf light = { 0 };
         for (int l = 0; l < count; l++)
-            light += load(lamps[l].power[c] + lane) * beams[l].light[c];
+            light += load(sources[l].power[c] + lane) * beams[l].light[c];
         light *= gain;
         store(p->light[c] + lane, load(p->light[c] + lane) + select((light >= 0.0f) & (light < 1e30f), light, all(0.0f)));
     }
 }
 
-bool PELL_SIMD(layered_march_usual)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                                    const struct layered_lamp *lamps, int count)
+bool PELL_SIMD(layered_march_fast)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
+                                    const struct layered_light *sources, int count)
 {
-    if (!is_usual(work, m, p, lamps, count))
+    if (!is_fast(work, m, p, sources, count))
         return false;
     for (int lane = 0; lane < p->count; lane += WIDTH)
         switch (m->count) {
-        case 1: usual_lanes(work, m, p, lamps, count, lane, 1); break;
-        case 2: usual_lanes(work, m, p, lamps, count, lane, 2); break;
-        case 3: usual_lanes(work, m, p, lamps, count, lane, 3); break;
-        default: usual_lanes(work, m, p, lamps, count, lane, 4); break;
+        case 1: fast_lanes(work, m, p, sources, count, lane, 1); break;
+        case 2: fast_lanes(work, m, p, sources, count, lane, 2); break;
+        case 3: fast_lanes(work, m, p, sources, count, lane, 3); break;
+        default: fast_lanes(work, m, p, sources, count, lane, 4); break;
         }
     return true;
 }

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-#define OPAQUE_DEPTH 14.0f /* optical depth of the ray of the eye that a march without a bottom goes to: e^-14 */
+#define OPAQUE_DEPTH 14.0f /* optical depth of the ray of the camera that a march without a bottom goes to: e^-14 */
 #define BLACK 1e4f         /* 1/mm */
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
@@ -22,18 +22,18 @@ static void set_lobe(double g, double weight, struct pell_phase_terms *out, int 
 
 static void set_phase(const struct pell_phase *from, struct pell_phase_terms *out)
 {
-    const double even = 1.0 / (4.0 * 3.14159265358979323846);
+    const double uniform = 1.0 / (4.0 * 3.14159265358979323846);
 
     memset(out, 0, sizeof(*out));
     switch (from->kind) {
     case PELL_PHASE_SCHLICK:
         out->shape = PELL_PHASE_TERMS_SCHLICK;
-        out->n[0] = (float) ((1.0 - from->g[0] * from->g[0]) * even);
+        out->n[0] = (float) ((1.0 - from->g[0] * from->g[0]) * uniform);
         out->b[0] = (float) from->g[0];
         break;
     case PELL_PHASE_RAYLEIGH:
         out->shape = PELL_PHASE_TERMS_RAYLEIGH;
-        out->n[0] = (float) (0.75 * even);
+        out->n[0] = (float) (0.75 * uniform);
         break;
     case PELL_PHASE_TWO_LOBE:
         out->shape = PELL_PHASE_TERMS_TWO_LOBE;
@@ -47,7 +47,7 @@ static void set_phase(const struct pell_phase *from, struct pell_phase_terms *ou
     }
     if (out->shape != PELL_PHASE_TERMS_RAYLEIGH && out->shape != PELL_PHASE_TERMS_TWO_LOBE && from->g[0] == 0.0) {
         out->shape = PELL_PHASE_TERMS_ISOTROPIC;
-        out->n[0] = (float) even;
+        out->n[0] = (float) uniform;
     }
 }
 
@@ -129,10 +129,10 @@ static void pair(const struct layered_level *l, const uint16_t *numbers, uint16_
         }
 }
 
-static void read_layer(const struct pell_stratum *stratum, struct layered_layer *layer, const struct layered_level *l, uint16_t *numbers)
+static void read_layer(const struct pell_layer_medium *layer_medium, struct layered_layer *layer, const struct layered_level *l, uint16_t *numbers)
 {
-    struct pell_texture_map map = *stratum->map;
-    const double depth = fmin(stratum->depth, (double) PELL_LAYER_DEPTH_MAX);
+    struct pell_texture_map map = *layer_medium->map;
+    const double depth = fmin(layer_medium->depth, (double) PELL_LAYER_DEPTH_MAX);
     float largest = 0.0f;
 
     memcpy(map.matrix, (const float[6]){ 1, 0, 0, 0, 1, 0 }, sizeof(map.matrix));
@@ -141,7 +141,7 @@ static void read_layer(const struct pell_stratum *stratum, struct layered_layer 
             for (int x = 0; x < l->width; x++) {
                 float rgba[4] = { 0 }, share;
                 pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
-                share = pell_layer_share(rgba[map.channel], stratum->inverse);
+                share = pell_layer_share(rgba[map.channel], layer_medium->inverse);
                 share = share < 1e6f ? share : 0.0f; /* no number, too */
                 if (pass == 0)
                     largest = share > largest ? share : largest;
@@ -154,7 +154,7 @@ static void read_layer(const struct pell_stratum *stratum, struct layered_layer 
     layer->middle = (float) (depth * (double) largest * 32768.0 / 65535.0);
 }
 
-static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_strata *strata, struct layered_medium *m,
+static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_medium_layers *medium_layers, struct layered_medium *m,
                                   struct layered_pack *p)
 {
     const struct pell_image *image = &p->map->texture->image;
@@ -175,7 +175,7 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
     p->texels = pell_calloc(ctx, (size_t) texels, 8 * sizeof(*p->texels));
     if (numbers && p->texels) {
         for (int k = 0; k < p->count; k++)
-            read_layer(&strata->item[p->layer[k]], &m->layer[p->layer[k]], &p->level[0], numbers);
+            read_layer(&medium_layers->item[p->layer[k]], &m->layer[p->layer[k]], &p->level[0], numbers);
         for (int i = 0; i < p->levels; i++) {
             if (i > 0)
                 shrink(&p->level[i - 1], &p->level[i], numbers);
@@ -209,25 +209,25 @@ static void set_depths(struct layered_medium *m, bool bottomless)
     m->deepest = fminf(painted + reach, LAYERED_FAR);
 }
 
-enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_strata *strata, const char *name, int under,
+enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_medium_layers *medium_layers, const char *name, int under,
                                      struct layered_medium *out)
 {
-    const int below = under == LAYERED_STOP    ? PELL_BELOW_STOP
-                      : under == LAYERED_LAST  ? PELL_BELOW_LAST
-                      : under == LAYERED_COLOR ? PELL_BELOW_SURFACE_COLOR
-                                               : (int) strata->below;
+    const int substrate = under == LAYERED_STOP    ? PELL_SUBSTRATE_STOP
+                      : under == LAYERED_LAST  ? PELL_SUBSTRATE_LAST
+                      : under == LAYERED_COLOR ? PELL_SUBSTRATE_SURFACE_COLOR
+                                               : (int) medium_layers->substrate;
     enum pell_result res = PELL_ERR_NOMEM;
 
     memset(out, 0, sizeof(*out));
-    out->count = strata->count;
-    out->eta = (float) strata->eta;
-    out->below = below;
-    out->layer = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->layer));
-    out->pack = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->pack));
+    out->count = medium_layers->count;
+    out->eta = (float) medium_layers->eta;
+    out->substrate = substrate;
+    out->layer = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->layer));
+    out->pack = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->pack));
     if (!out->layer || !out->pack)
         goto fail;
-    for (int i = 0; i < strata->count; i++) {
-        const struct pell_stratum *from = &strata->item[i];
+    for (int i = 0; i < medium_layers->count; i++) {
+        const struct pell_layer_medium *from = &medium_layers->item[i];
         struct layered_layer *to = &out->layer[i];
         to->pack = -1;
         to->depth = (float) fmin(from->depth, (double) LAYERED_FAR);
@@ -240,12 +240,12 @@ enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell
             set_phase(&from->phase[c], &to->phase[c]);
             to->one_phase = to->one_phase && memcmp(&to->phase[c], &to->phase[0], sizeof(to->phase[0])) == 0;
         }
-        if (from->map && !(i + 1 == strata->count && below == PELL_BELOW_LAST))
+        if (from->map && !(i + 1 == medium_layers->count && substrate == PELL_SUBSTRATE_LAST))
             choose_pack(out, from->map, i);
     }
     for (int k = 0; k < out->packs; k++)
-        PELL_TRY(make_pack(ctx, name, strata, out, &out->pack[k]));
-    if (below == PELL_BELOW_LAST)
+        PELL_TRY(make_pack(ctx, name, medium_layers, out, &out->pack[k]));
+    if (substrate == PELL_SUBSTRATE_LAST)
         out->layer[out->count - 1].depth = LAYERED_FAR;
     set_depths(out, out->layer[out->count - 1].depth >= LAYERED_FAR);
     out->first = fminf(out->layer[0].sigma_t[0], fminf(out->layer[0].sigma_t[1], out->layer[0].sigma_t[2]));

@@ -5,8 +5,8 @@
  *
  *     L(P) = F_t(w_o)/eta^2 Int sigma_s(M) p(w_in, w_out) E_K e^(-tau(K M)) e^(-tau(M P)) dM
  *
- * M on the ray of the eye below the surface; K where the light to M enters, by planes that approximate the surface. What differs from the
- * paper: README.md.
+ * M on the ray of the camera below the surface; K where the light to M enters, by planes that approximate the surface. What differs from
+ * the paper: README.md.
  */
 #include "methods/layered/layered.h"
 
@@ -71,7 +71,7 @@ static const struct pell_knob knobs[] = {
     { "lamps",
       PELL_KNOB_INT,
       "1",
-      AT(lamps),
+      AT(sources),
       { 4 },
       1,
       256,
@@ -93,7 +93,7 @@ static void paper(void *values)
     k->refraction = LAYERED_NONE;
     k->path = LAYERED_PLANES;
     k->planes = LAYERED_BY_VERTEX;
-    k->lamps = 1;
+    k->sources = 1;
     k->under = LAYERED_STOP;
     k->shadows = false;
 }
@@ -103,8 +103,8 @@ static void plan(const void *values, struct pell_plan *plan)
     (void) values;
     *plan = (struct pell_plan){
         .needs = PELL_NEED_SCENE | PELL_NEED_HIT,
-        .gives = PELL_GIVES_SINGLE,
-        .below = true,
+        .outputs = PELL_OUTPUT_SINGLE,
+        .excludes_surface_reflection = true,
         .quantity = PELL_QUANTITY_RADIANCE,
         .mix = -1.0f,
     };
@@ -112,7 +112,7 @@ static void plan(const void *values, struct pell_plan *plan)
 
 extern const struct pell_method pell_method_layered;
 const struct pell_method pell_method_layered = {
-    .kind = PELL_METHOD,
+    .kind = PELL_KIND_METHOD,
     .name = "layered",
     .title = "Single scattering in painted layers: subsurface texture mapping",
     .cite = "Guillaume Francois, Sumanta Pattanaik, Kadi Bouatouch and Gaspard Breton, Subsurface Texture Mapping, IRISA research report, "

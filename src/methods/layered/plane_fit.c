@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * plane_fit.c - what stands for the surface of each body when planes are fitted to it. The fit is in planes.c. */
+ * plane_fit.c - what stands for the surface of each solid when planes are fitted to it. The fit is in plane_grid.c. */
 #include "methods/layered/state.h"
 
 #include <string.h>
@@ -76,12 +76,12 @@ static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct
         weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* of no triangle, or of large ones alone */
 }
 
-/* All meshes of one body, of which `first` is the first. */
-static enum pell_result fit_body(struct layered_state *st, const struct pell_scene *scene, size_t first)
+/* All meshes of one solid, of which `first` is the first. */
+static enum pell_result fit_solid(struct layered_state *st, const struct pell_scene *scene, size_t first)
 {
-    const struct pell_mesh *body = &scene->meshes[first];
+    const struct pell_mesh *solid = &scene->meshes[first];
     struct layered_cloud cloud = { .ctx = st->ctx, .pool = st->pool };
-    const float sigma = st->media[body->material].first;
+    const float sigma = st->media[solid->material].first;
     float(*plane)[4] = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
     size_t at = 0, most = 0, parts = 0;
@@ -89,14 +89,14 @@ static enum pell_result fit_body(struct layered_state *st, const struct pell_sce
     cloud.radius = sigma > 0.0f ? -logf(st->knobs.epsilon) / sigma : INFINITY;
     cloud.radius = cloud.radius < st->size ? cloud.radius : st->size;
     for (size_t i = first; i < scene->num_meshes; i++) {
-        cloud.fitted += layered_same_body(&scene->meshes[i], body) ? scene->meshes[i].num_vertices : 0;
-        if (layered_same_body(&scene->meshes[i], body) && st->knobs.planes == LAYERED_BY_AREA && cloud.radius > 0.0f)
+        cloud.fitted += layered_same_solid(&scene->meshes[i], solid) ? scene->meshes[i].num_vertices : 0;
+        if (layered_same_solid(&scene->meshes[i], solid) && st->knobs.planes == LAYERED_BY_AREA && cloud.radius > 0.0f)
             parts += count_parts(&scene->meshes[i], cloud.radius);
     }
     parts = parts <= MOST_PARTS ? parts : 0;
     most = cloud.fitted + parts;
     if (most > UINT32_MAX)
-        return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, body->name, NULL, "layered: an object of %zu vertices", cloud.fitted);
+        return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, solid->name, NULL, "layered: an object of %zu vertices", cloud.fitted);
     cloud.position = pell_alloc_array(st->ctx, most + 1, 3 * sizeof(float));
     cloud.normal = pell_alloc_array(st->ctx, most + 1, 3 * sizeof(float));
     cloud.weight = pell_alloc_array(st->ctx, most + 1, sizeof(float));
@@ -106,7 +106,7 @@ static enum pell_result fit_body(struct layered_state *st, const struct pell_sce
     cloud.count = cloud.fitted;
     for (size_t i = first; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        if (!layered_same_body(m, body))
+        if (!layered_same_solid(m, solid))
             continue;
         memcpy(cloud.position + 3 * at, m->position, 3 * (size_t) m->num_vertices * sizeof(float));
         memcpy(cloud.normal + 3 * at, m->normal, 3 * (size_t) m->num_vertices * sizeof(float));
@@ -128,7 +128,7 @@ static enum pell_result fit_body(struct layered_state *st, const struct pell_sce
     at = 0;
     for (size_t i = first; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        if (!layered_same_body(m, body))
+        if (!layered_same_solid(m, solid))
             continue;
         st->planes[i] = pell_alloc_array(st->ctx, (size_t) m->num_vertices + 1, sizeof(*plane));
         if (!st->planes[i])
@@ -157,7 +157,7 @@ enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *
     st->num_meshes = scene->num_meshes;
     for (size_t i = 0; i < scene->num_meshes; i++)
         if (layered_scatters(scene, &scene->meshes[i]) && !st->planes[i])
-            PELL_TRY(fit_body(st, scene, i));
+            PELL_TRY(fit_solid(st, scene, i));
     st->fit_seconds = pell_seconds() - start;
     return PELL_OK;
 

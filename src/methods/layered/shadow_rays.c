@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * shadow_rays.c - the rays of a packet: where the eye's leave the solid, and the ways of light to places of the march. */
+ * shadow_rays.c - the rays of a packet: where the camera's leave the solid, and the ways of light to places of the march. */
 #include "methods/layered/state.h"
 
 #include <string.h>
@@ -39,7 +39,7 @@ static float rounding(const struct layered_packet *p, int i)
     return LAYERED_ROUNDING * fmaxf(fmaxf(fabsf(p->p[0][i]), fabsf(p->p[1][i])), fmaxf(fabsf(p->p[2][i]), 1e-3f));
 }
 
-/* --- The way of the eye --------------------------------------------------------------------------------------------------------- */
+/* --- The way of the camera --------------------------------------------------------------------------------------------------------- */
 
 /* Maps seen from the far surface: they run on from where the ray leaves. */
 static void place_far(const struct layered_medium *m, struct layered_packet *p, int i, const struct pell_mesh *mesh, uint32_t triangle,
@@ -86,7 +86,7 @@ void layered_find_exits(const struct layered_state *st, const struct layered_med
             continue;
         facing = h->ngx[i] * way.x + h->ngy[i] * way.y + h->ngz[i] * way.z;
         p->ends_deep[i] = -(p->length[i] < rays.r.ray.tfar[i]);
-        if (facing > 0.0f && two && layered_same_body(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]])) {
+        if (facing > 0.0f && two && layered_same_solid(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]])) {
             struct pell_vec3 n = layered_normal_at(&scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
             float rate = vec3_dot(n, way), end = fminf(p->length[i], rays.r.ray.tfar[i]);
             if (!(rate > LAYERED_GRAZING))
@@ -107,36 +107,36 @@ void layered_find_exits(const struct layered_state *st, const struct layered_med
 
 /* --- Light ---------------------------------------------------------------------------------------------------------------------- */
 
-static struct pell_vec3 toward(const struct layered_lamp *lamp, int i, struct pell_vec3 from, float *distance)
+static struct pell_vec3 toward(const struct layered_light *source, int i, struct pell_vec3 from, float *distance)
 {
-    struct pell_vec3 d = layered_lane3(lamp->to, i);
+    struct pell_vec3 d = layered_lane3(source->to, i);
 
     *distance = INFINITY;
-    if (lamp->away)
+    if (source->away)
         return d;
     d = vec3_sub(d, from);
     *distance = fmaxf(vec3_length(d), 1e-6f);
     return vec3_mul(d, 1.0f / *distance);
 }
 
-void layered_set_planes(const struct layered_state *st, const struct layered_source *s, const struct layered_packet *p,
-                        struct layered_worker *w, struct layered_lamp *lamp)
+void layered_set_planes(const struct layered_state *st, const struct layered_light_point *s, const struct layered_packet *p,
+                        struct layered_worker *w, struct layered_light *source)
 {
     _Alignas(64) int32_t visible[LAYERED_LANES];
     struct rays rays;
-    const int count = st->kernels->see(p, st->knobs.path, st->knobs.shadows, lamp, &rays.r.ray, rays.valid);
+    const int count = st->kernels->see(p, st->knobs.path, st->knobs.shadows, source, &rays.r.ray, rays.valid);
 
     if (count == 0)
         return;
     w->rays += count;
-    if (!s->fan || !pell_fan_visible16(s->fan, rays.valid, rays.r.ray.ox, rays.r.ray.oy, rays.r.ray.oz, visible)) {
+    if (!s->grid || !pell_light_grid_visible16(s->grid, rays.valid, rays.r.ray.ox, rays.r.ray.oy, rays.r.ray.oz, visible)) {
         pell_rays_occluded16(st->services->rays, rays.valid, true, &rays.r.ray);
         for (int i = 0; i < p->count; i++)
             visible[i] = rays.r.ray.tfar[i] < 0.0f ? 0 : -1;
     }
     for (int i = 0; i < p->count; i++)
         if (rays.valid[i] && !visible[i])
-            lamp->seen[i] = 0.0f;
+            source->seen[i] = 0.0f;
 }
 
 /* One node of the lanes that ask for some: places of the march, and where light comes into the solid on its way there. */
@@ -161,7 +161,7 @@ static void trace_node(const struct layered_state *st, const struct layered_pack
         const struct pell_hit16 *h = &n->rays.r.hit;
         const struct pell_vec3 g = vec3(h->ngx[i], h->ngy[i], h->ngz[i]);
         n->there[i] = n->asked[i] && h->mesh[i] != PELL_NO_HIT && vec3_dot(g, n->way[i]) > 0.0f &&
-                      layered_same_body(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]]);
+                      layered_same_solid(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]]);
         if (!n->there[i])
             continue;
         n->k[i] = vec3_mad(n->at[i], n->rays.r.ray.tfar[i], n->way[i]);
@@ -172,14 +172,14 @@ static void trace_node(const struct layered_state *st, const struct layered_pack
 }
 
 /* Light bends where it came in: along the ray that it takes from there to M, as if that were found from M. */
-static void bend_node(const struct layered_packet *p, const struct layered_lamp *lamp, float eta, struct node *n)
+static void bend_node(const struct layered_packet *p, const struct layered_light *source, float eta, struct node *n)
 {
     for (int i = 0; i < p->count; i++) {
         float distance, co, ci;
         struct pell_vec3 to;
         if (!n->there[i])
             continue;
-        to = toward(lamp, i, n->k[i], &distance);
+        to = toward(source, i, n->k[i], &distance);
         co = vec3_dot(n->n[i], to);
         if (!(co > 0.0f))
             continue;
@@ -189,7 +189,7 @@ static void bend_node(const struct layered_packet *p, const struct layered_lamp 
 }
 
 /* Behind a sheet that has no other side light comes in where its layers end. */
-static void open_sheet(const struct layered_medium *m, const struct layered_packet *p, const struct layered_lamp *lamp,
+static void open_sheet(const struct layered_medium *m, const struct layered_packet *p, const struct layered_light *source,
                        const struct node *n, float deepest, float t, int i, float *km, float *beam)
 {
     const float under = -vec3_dot(layered_lane3(p->n, i), n->way[i]), depth = t * p->length[i] * p->rate[i];
@@ -200,11 +200,11 @@ static void open_sheet(const struct layered_medium *m, const struct layered_pack
     if (m->bottomless || n->rays.r.hit.mesh[i] != PELL_NO_HIT || !(under > 0.0f))
         return;
     *km = fmaxf(deepest - depth, 0.0f) / fmaxf(under, LAYERED_GRAZING);
-    toward(lamp, i, vec3_mad(n->at[i], *km, n->way[i]), &distance);
-    *beam = lamp->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
+    toward(source, i, vec3_mad(n->at[i], *km, n->way[i]), &distance);
+    *beam = source->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
 }
 
-static void cast_shadows(const struct layered_state *st, const struct layered_packet *p, struct layered_lamp *lamp, const struct node *n,
+static void cast_shadows(const struct layered_state *st, const struct layered_packet *p, struct layered_light *source, const struct node *n,
                          int node, struct layered_worker *w)
 {
     struct rays rays;
@@ -213,12 +213,12 @@ static void cast_shadows(const struct layered_state *st, const struct layered_pa
     for (int i = 0; i < p->count; i++) {
         struct pell_vec3 from = n->k[i], to;
         float distance;
-        if (!n->asked[i] || !(lamp->beam[node][i] > 0.0f))
+        if (!n->asked[i] || !(source->beam[node][i] > 0.0f))
             continue;
         if (!n->there[i])
-            from = vec3_mad(n->at[i], lamp->km[node][i], n->way[i]);
-        to = toward(lamp, i, from, &distance);
-        aim(&rays, i, from, to, 2.0f * rounding(p, i), lamp->away ? INFINITY : 0.9999f * distance);
+            from = vec3_mad(n->at[i], source->km[node][i], n->way[i]);
+        to = toward(source, i, from, &distance);
+        aim(&rays, i, from, to, 2.0f * rounding(p, i), source->away ? INFINITY : 0.9999f * distance);
     }
     if (rays.count == 0)
         return;
@@ -226,7 +226,7 @@ static void cast_shadows(const struct layered_state *st, const struct layered_pa
     w->rays += rays.count;
     for (int i = 0; i < p->count; i++)
         if (rays.valid[i] && rays.r.ray.tfar[i] < 0.0f)
-            lamp->beam[node][i] = 0.0f;
+            source->beam[node][i] = 0.0f;
 }
 
 static void depths_of(const struct layered_state *st, int material, const struct pell_mesh *mesh, uint32_t triangle, float u, float v,
@@ -234,13 +234,13 @@ static void depths_of(const struct layered_state *st, int material, const struct
 {
     const struct layered_medium *m = &st->media[material];
 
-    pell_strata_depths(st->strata[material], mesh, triangle, u, v, depth);
+    pell_medium_layers_depths(st->medium_layers[material], mesh, triangle, u, v, depth);
     for (int j = 0; j < m->count; j++)
         depth[j] = fminf(j + 1 == m->count && m->bottomless ? LAYERED_FAR : depth[j], LAYERED_FAR);
 }
 
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
-                      struct layered_lamp *lamp, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w)
+                      struct layered_light *source, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w)
 {
     const struct pell_scene *scene = st->services->scene;
     const int material = scene->meshes[mesh[0]].material;
@@ -249,50 +249,50 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
 
     for (int i = 0; i < p->count; i++) {
         float distance;
-        n.asked[i] = lamp->planes[i] < 1.0f && lamp->power[0][i] + lamp->power[1][i] + lamp->power[2][i] > 0.0f;
+        n.asked[i] = source->planes[i] < 1.0f && source->power[0][i] + source->power[1][i] + source->power[2][i] > 0.0f;
         n.at[i] = vec3_mad(layered_lane3(p->p, i), t * p->length[i], layered_lane3(p->w, i));
-        n.way[i] = toward(lamp, i, n.at[i], &distance);
+        n.way[i] = toward(source, i, n.at[i], &distance);
     }
     trace_node(st, p, mesh, &n, w);
     if (eta != 1.0f) {
-        bend_node(p, lamp, eta, &n);
+        bend_node(p, source, eta, &n);
         trace_node(st, p, mesh, &n, w);
     }
     for (int i = 0; i < LAYERED_LANES; i++) {
         const struct pell_hit16 *h = &n.rays.r.hit;
         float depth[PELL_LAYERS_MOST], distance, co;
-        lamp->km[node][i] = lamp->beam[node][i] = 0.0f;
-        lamp->cosine[node][i] = 1.0f;
+        source->km[node][i] = source->beam[node][i] = 0.0f;
+        source->cosine[node][i] = 1.0f;
         for (int k = 0; k < 3; k++)
-            lamp->way[node][k][i] = k == 0;
+            source->way[node][k][i] = k == 0;
         for (int j = 0; j < m->count; j++)
-            lamp->depth[(node * m->count + j) * LAYERED_LANES + i] = m->layer[j].depth;
+            source->depth[(node * m->count + j) * LAYERED_LANES + i] = m->layer[j].depth;
         if (i >= p->count || !n.asked[i])
             continue;
-        lamp->way[node][0][i] = n.way[i].x;
-        lamp->way[node][1][i] = n.way[i].y;
-        lamp->way[node][2][i] = n.way[i].z;
+        source->way[node][0][i] = n.way[i].x;
+        source->way[node][1][i] = n.way[i].y;
+        source->way[node][2][i] = n.way[i].z;
         if (n.there[i]) {
-            const struct pell_vec3 to = toward(lamp, i, n.k[i], &distance);
+            const struct pell_vec3 to = toward(source, i, n.k[i], &distance);
             co = vec3_dot(n.n[i], to);
-            lamp->km[node][i] = n.rays.r.ray.tfar[i];
-            lamp->cosine[node][i] = fmaxf(vec3_dot(n.n[i], n.way[i]), LAYERED_GRAZING);
+            source->km[node][i] = n.rays.r.ray.tfar[i];
+            source->cosine[node][i] = fmaxf(vec3_dot(n.n[i], n.way[i]), LAYERED_GRAZING);
             if (co > 0.0f) {
                 const float ci = sqrtf(1.0f - (1.0f - co * co) / (eta * eta));
-                lamp->beam[node][i] = eta == 1.0f ? 1.0f : (float) (1.0 - pell_fresnel((double) eta, (double) fminf(co, 1.0f))) * co / ci;
-                lamp->beam[node][i] *= lamp->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
+                source->beam[node][i] = eta == 1.0f ? 1.0f : (float) (1.0 - pell_fresnel((double) eta, (double) fminf(co, 1.0f))) * co / ci;
+                source->beam[node][i] *= source->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
             }
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i], depth);
         } else {
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
-            open_sheet(m, p, lamp, &n, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i, &lamp->km[node][i], &lamp->beam[node][i]);
-            lamp->cosine[node][i] = 1e6f;
+            open_sheet(m, p, source, &n, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i, &source->km[node][i], &source->beam[node][i]);
+            source->cosine[node][i] = 1e6f;
         }
         for (int j = 0; j < m->count && m->packs > 0; j++)
-            lamp->depth[(node * m->count + j) * LAYERED_LANES + i] = depth[j];
+            source->depth[(node * m->count + j) * LAYERED_LANES + i] = depth[j];
     }
     if (st->knobs.shadows)
-        cast_shadows(st, p, lamp, &n, node, w);
+        cast_shadows(st, p, source, &n, node, w);
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * state.h - layered on the cpu engine: what outlives a frame, and the steps of a packet. For cpu.c, fit.c, lamps.c and paths.c alone.
+ * state.h - layered on the cpu engine: what outlives a frame, and the steps of a packet. For cpu.c, plane_fit.c, light_points.c and
+ * shadow_rays.c alone.
  */
 #ifndef PELL_LAYERED_STATE_H
 #define PELL_LAYERED_STATE_H
@@ -12,21 +13,21 @@
 #include "lights/light_sampling.h"
 #include "render/services.h"
 
-/* A place on a lamp, or how to choose one for a pixel. */
-struct layered_source {
-    const struct pell_emitters *lamp; /* alone in its set */
-    struct pell_emitter_sample sample;
+/* A place on a light, or how to choose one for a pixel. */
+struct layered_light_point {
+    const struct pell_light_sampler *source; /* alone in its set */
+    struct pell_light_sample sample;
     bool face;                  /* chosen for each pixel */
-    bool even;                  /* `power` is all that there is to say */
+    bool uniform;                  /* `power` is all that there is to say */
     size_t light;               /* of the scene */
-    const struct pell_fan *fan; /* the frame's; what the lamp sees, NULL: rays */
+    const struct pell_light_grid *grid; /* the frame's; what the light sees, NULL: rays */
     int number, of;
     float power[3], scale;
 };
 
 struct layered_worker {
     struct layered_packet packet;
-    struct layered_lamp lamps[LAYERED_GROUP];
+    struct layered_light sources[LAYERED_GROUP];
     int64_t pixels, rays, marches;
 };
 
@@ -37,15 +38,15 @@ struct layered_state {
     const struct layered_kernels *kernels;
     struct layered_knobs knobs;
     struct layered_work work;
-    struct pell_strata **strata; /* of the scene's materials, where a mesh asks for it */
+    struct pell_medium_layers **medium_layers; /* of the scene's materials, where a mesh asks for it */
     struct layered_medium *media;
     size_t num_materials;
     float (**planes)[4]; /* of meshes */
     size_t num_meshes;
-    struct pell_emitters **lamps;
-    size_t num_lamps;
-    struct layered_source *sources;
-    int num_sources;
+    struct pell_light_sampler **sources;
+    size_t num_sources;
+    struct layered_light_point *light_points;
+    int num_light_points;
     struct layered_worker *workers;
     int most_layers, most_packs;
     float size; /* mm: of the scene */
@@ -65,7 +66,7 @@ static inline bool layered_scatters(const struct pell_scene *scene, const struct
     return mesh->material >= 0 && !scene->materials[mesh->material].opaque && mesh->num_triangles > 0;
 }
 
-static inline bool layered_same_body(const struct pell_mesh *a, const struct pell_mesh *b)
+static inline bool layered_same_solid(const struct pell_mesh *a, const struct pell_mesh *b)
 {
     return a->object == b->object && a->material == b->material;
 }
@@ -97,29 +98,30 @@ static inline void layered_map_uv(const struct pell_texture_map *map, const stru
     out[1] = m[3] * u + m[4] * v + m[5];
 }
 
-/* --- fit.c: planes of the vertices of all bodies -------------------------------------------------------------------------------- */
+/* --- plane_fit.c: planes of the vertices of all solids -------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene);
 
-/* --- lamps.c: places on the scene's lamps --------------------------------------------------------------------------------------- */
+/* --- light_points.c: places on the scene's lights
+ * --------------------------------------------------------------------------------------- */
 
-PELL_NODISCARD enum pell_result layered_make_lamps(struct layered_state *st, const struct pell_scene *scene);
+PELL_NODISCARD enum pell_result layered_make_lights(struct layered_state *st, const struct pell_scene *scene);
 
 /* What the source sends to each pixel. False: nothing. */
-bool layered_set_power(const struct layered_state *st, const struct layered_source *s, const struct layered_packet *p,
-                       struct layered_lamp *lamp);
+bool layered_set_power(const struct layered_state *st, const struct layered_light_point *s, const struct layered_packet *p,
+                       struct layered_light *source);
 
-/* --- paths.c: rays of a packet -------------------------------------------------------------------------------------------------- */
+/* --- shadow_rays.c: rays of a packet -------------------------------------------------------------------------------------------------- */
 
-/* Where the eye's rays leave the solid: marches end there, and in thin parts layers count from there, too. */
+/* Where the camera's rays leave the solid: marches end there, and in thin parts layers count from there, too. */
 void layered_find_exits(const struct layered_state *st, const struct layered_medium *m, const uint32_t *mesh, struct layered_worker *w);
 
-/* How much of a lane's path goes by planes, and whether the lamp sees P. */
-void layered_set_planes(const struct layered_state *st, const struct layered_source *s, const struct layered_packet *p,
-                        struct layered_worker *w, struct layered_lamp *lamp);
+/* How much of a lane's path goes by planes, and whether the light sees P. */
+void layered_set_planes(const struct layered_state *st, const struct layered_light_point *s, const struct layered_packet *p,
+                        struct layered_worker *w, struct layered_light *source);
 
-/* A lamp's node, of the lanes that ask for some: how light comes to that place of the march. */
+/* A light's node, of the lanes that ask for some: how light comes to that place of the march. */
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
-                      struct layered_lamp *lamp, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w);
+                      struct layered_light *source, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w);
 
 #endif

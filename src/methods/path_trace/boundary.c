@@ -120,8 +120,8 @@ void pt_rough_make(float alpha, float eta, struct pt_rough *out)
         out->lost_sum[side][PT_ROUGH_CELLS - 1] = 1.0f;
     }
     both = mean[0] + mean[1] * (double) eta * (double) eta;
-    out->lost_through[0] = (float) (mean[1] * (double) eta * (double) eta / both);
-    out->lost_through[1] = (float) (mean[0] / both);
+    out->lost_in_transmission[0] = (float) (mean[1] * (double) eta * (double) eta / both);
+    out->lost_in_transmission[1] = (float) (mean[0] / both);
 }
 
 static float albedo_at(const struct pt_rough *r, int side, float mu)
@@ -157,7 +157,7 @@ static struct pell_vec3 to_local(struct pell_vec3 w, struct pell_vec3 t, struct 
     return vec3(vec3_dot(w, t), vec3_dot(w, b), vec3_dot(w, n));
 }
 
-struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_facing *at, struct pt_sampler *s, bool *through)
+struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shading_frame *at, struct pt_sampler *s, bool *transmitted)
 {
     const float eta = relative(r, at->side);
     struct pell_vec3 t, b, o, m, w;
@@ -173,41 +173,41 @@ struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_facin
     f = pt_fresnel(eta, c, &cos_t);
     u = pt_random(s);
     v = pt_random(s);
-    *through = u >= f;
-    w = *through ? refract(o, m, eta, c, cos_t) : reflect(o, m, c);
-    w.z = *through ? -w.z : w.z; /* up from here on */
+    *transmitted = u >= f;
+    w = *transmitted ? refract(o, m, eta, c, cos_t) : reflect(o, m, c);
+    w.z = *transmitted ? -w.z : w.z; /* up from here on */
     kept = c > 0.0f && w.z > 1e-7f && v < masking(r->alpha, w.z);
     if (!kept) {
-        const float share = r->lost_through[at->side];
+        const float share = r->lost_in_transmission[at->side];
         u = pt_random(s);
         v = pt_random(s);
-        *through = u < share;
-        u = *through ? u / share : (u - share) / (1.0f - share);
-        w = lost_direction(r, *through ? 1 - at->side : at->side, fminf(u, 0.99999994f), v);
+        *transmitted = u < share;
+        u = *transmitted ? u / share : (u - share) / (1.0f - share);
+        w = lost_direction(r, *transmitted ? 1 - at->side : at->side, fminf(u, 0.99999994f), v);
     }
-    w.z = *through ? -w.z : w.z;
+    w.z = *transmitted ? -w.z : w.z;
     w = vec3_normalize(vec3_add(vec3_add(vec3_mul(t, w.x), vec3_mul(b, w.y)), vec3_mul(at->ns, w.z)));
-    return pt_to_side(w, at->ng, !*through);
+    return pt_to_side(w, at->ng, !*transmitted);
 }
 
 /* The same by the shading normal alone; local directions. */
-static float density(const struct pt_rough *r, int side, struct pell_vec3 o, struct pell_vec3 w, bool through)
+static float density(const struct pt_rough *r, int side, struct pell_vec3 o, struct pell_vec3 w, bool transmitted)
 {
-    const float eta = relative(r, side), up = through ? -w.z : w.z;
+    const float eta = relative(r, side), up = transmitted ? -w.z : w.z;
     struct pell_vec3 h;
     float single = 0.0f, c, cw, f, cos_t, mu, rest, share;
     int cell;
 
     if (!(up > 1e-7f && o.z > 0.0f))
         return 0.0f;
-    h = through ? vec3_mul(vec3_mad(o, eta, w), -1.0f) : vec3_add(o, w);
+    h = transmitted ? vec3_mul(vec3_mad(o, eta, w), -1.0f) : vec3_add(o, w);
     h = vec3_normalize(h.z < 0.0f ? vec3_mul(h, -1.0f) : h);
     c = vec3_dot(o, h);
     cw = vec3_dot(w, h);
-    if (c > 0.0f && (cw < 0.0f) == through && h.z > 0.0f) {
+    if (c > 0.0f && (cw < 0.0f) == transmitted && h.z > 0.0f) {
         f = pt_fresnel(eta, c, &cos_t);
         single = masking(r->alpha, o.z) * facets(r->alpha, h.z) / o.z * masking(r->alpha, up);
-        if (through) {
+        if (transmitted) {
             const float d = c + eta * cw;
             single *= d * d > 0.0f ? (1.0f - f) * c * eta * eta * -cw / (d * d) : 0.0f;
         } else {
@@ -218,35 +218,35 @@ static float density(const struct pt_rough *r, int side, struct pell_vec3 o, str
     cell = (int) (mu * PT_ROUGH_CELLS);
     cell = cell < PT_ROUGH_CELLS - 1 ? cell : PT_ROUGH_CELLS - 1;
     rest = 1.0f - albedo_at(r, side, o.z);
-    share = through ? r->lost_through[side] : 1.0f - r->lost_through[side];
-    return single + rest * share * r->lost[through ? 1 - side : side][cell] * mu / PELL_PI_F;
+    share = transmitted ? r->lost_in_transmission[side] : 1.0f - r->lost_in_transmission[side];
+    return single + rest * share * r->lost[transmitted ? 1 - side : side][cell] * mu / PELL_PI_F;
 }
 
-float pt_rough_density(const struct pt_rough *r, const struct pt_facing *at, struct pell_vec3 w)
+float pt_rough_density(const struct pt_rough *r, const struct pt_shading_frame *at, struct pell_vec3 w)
 {
     const float c = vec3_dot(w, at->ng);
     const struct pell_vec3 mirrored = vec3_mad(w, -2.0f * c, at->ng);
-    const bool through = c < 0.0f;
+    const bool transmitted = c < 0.0f;
     struct pell_vec3 t, b, o;
 
     vec3_basis(at->ns, &t, &b);
     o = to_local(at->o, t, b, at->ns);
-    return density(r, at->side, o, to_local(w, t, b, at->ns), through) +
-           (vec3_dot(at->ns, at->ng) < 0.999999f ? density(r, at->side, o, to_local(mirrored, t, b, at->ns), through) : 0.0f);
+    return density(r, at->side, o, to_local(w, t, b, at->ns), transmitted) +
+           (vec3_dot(at->ns, at->ng) < 0.999999f ? density(r, at->side, o, to_local(mirrored, t, b, at->ns), transmitted) : 0.0f);
 }
 
-bool pt_smooth(const struct pt_facing *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong)
+bool pt_smooth(const struct pt_shading_frame *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong)
 {
     const float c = vec3_dot(at->o, at->ns);
     float cos_t;
-    bool through;
+    bool transmitted;
     struct pell_vec3 to;
 
     *fresnel = pt_fresnel(eta, c, &cos_t);
-    through = u >= *fresnel;
-    to = through ? vec3_mad(vec3_mul(at->o, -1.0f / eta), c / eta - cos_t, at->ns) : vec3_sub(vec3_mul(at->ns, 2.0f * c), at->o);
+    transmitted = u >= *fresnel;
+    to = transmitted ? vec3_mad(vec3_mul(at->o, -1.0f / eta), c / eta - cos_t, at->ns) : vec3_sub(vec3_mul(at->ns, 2.0f * c), at->o);
     to = vec3_normalize(to);
-    *w = pt_to_side(to, at->ng, !through);
-    *wrong = (vec3_dot(to, at->ng) > 0.0f) == through;
-    return through;
+    *w = pt_to_side(to, at->ng, !transmitted);
+    *wrong = (vec3_dot(to, at->ng) > 0.0f) == transmitted;
+    return transmitted;
 }

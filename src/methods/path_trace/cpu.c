@@ -45,7 +45,7 @@ struct pt_state {
     size_t num_films;
     uint32_t *places; /* of the film's pixels in the planes */
     size_t places_capacity;
-    float *noise[3];
+    float *standard_error[3];
     struct pell_pass_time time;
     struct pt_counts before; /* of all frames before this */
     double begin, written;   /* of the frame; of the last checkpoint */
@@ -130,13 +130,13 @@ static void write_checkpoint(struct pt_state *st, const struct pell_frame *in)
     uint8_t *data;
     size_t size;
 
-    pell_soften(st->ctx, 1);
+    pell_log_downgrade(st->ctx, 1);
     if (pt_checkpoint_encode(st->ctx, &key, st->films, &data, &size) == PELL_OK) {
         if (pell_file_write(st->ctx, path, data, size) != PELL_OK)
             pell_warn(st->ctx, path, NULL, "the checkpoint was not written, the work goes on");
         pell_free(st->ctx, data);
     }
-    pell_soften(st->ctx, -1);
+    pell_log_downgrade(st->ctx, -1);
     st->written = pell_seconds();
 }
 
@@ -327,11 +327,11 @@ static double progress_of(const struct goal *g, double samples)
 static enum pell_result do_round(struct run *run, const struct goal *goal, uint32_t from, size_t *batch)
 {
     struct pt_state *st = run->st;
-    const size_t even = run->film->count / ((size_t) st->threads * TILES);
+    const size_t homogeneous = run->film->count / ((size_t) st->threads * TILES);
     size_t tiles;
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
 
-    run->tile = even > TILE ? TILE : even > SMALL_TILE ? even : SMALL_TILE;
+    run->tile = homogeneous > TILE ? TILE : homogeneous > SMALL_TILE ? homogeneous : SMALL_TILE;
     tiles = (run->film->count + run->tile - 1) / run->tile;
     for (run->first = 0; run->first < tiles;) {
         const size_t left = tiles - run->first, count = left < *batch ? left : *batch;
@@ -470,7 +470,7 @@ static void put_light(const struct run *run, const struct pell_frame_light *out)
             else if (traced(st))
                 light += p->sum[PT_SURFACE][c];
             out->light[c][at] = (float) (light / n);
-            st->noise[c][at] = (float) error[c];
+            st->standard_error[c][at] = (float) error[c];
         }
     }
 }
@@ -571,7 +571,7 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
     if (number == 0)
         PELL_TRY(start_frame(st, in));
     PELL_TRY(start_film(&run));
-    memset(st->noise[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
+    memset(st->standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     counts = count_all(st);
     PELL_TRY(run_film(&run));
     put_light(&run, out);
@@ -608,7 +608,7 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st->films);
     pell_free(st->ctx, st->places);
     pell_free(st->ctx, st->kept);
-    pell_free(st->ctx, st->noise[0]);
+    pell_free(st->ctx, st->standard_error[0]);
     pt_scene_destroy(&st->scene);
     pell_free(st->ctx, st);
 }
@@ -627,17 +627,17 @@ static enum pell_result path_trace_create(const struct pell_services *services, 
     st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct pt_method_knobs *) knobs;
-    st->knobs.trace.techniques = st->knobs.connections ? PT_ALL : PT_CHANCE | PT_LAMPS;
+    st->knobs.trace.techniques = st->knobs.connections ? PT_ALL : PT_CHANCE | PT_LIGHTS;
     st->threads = pell_pool_threads(services->pool);
     st->num_films = services->checkpoint ? (size_t) services->settings->msaa : 1;
     res = PELL_ERR_NOMEM;
     st->films = pell_calloc(ctx, st->num_films, sizeof(*st->films));
     st->walkers = pell_calloc(ctx, (size_t) st->threads, sizeof(*st->walkers));
-    st->noise[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
-    if (!st->films || !st->walkers || !st->noise[0])
+    st->standard_error[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
+    if (!st->films || !st->walkers || !st->standard_error[0])
         goto fail;
-    st->noise[1] = st->noise[0] + pixels;
-    st->noise[2] = st->noise[1] + pixels;
+    st->standard_error[1] = st->standard_error[0] + pixels;
+    st->standard_error[2] = st->standard_error[1] + pixels;
     PELL_TRY(pt_scene_create(services, &st->knobs.trace, &st->scene));
     for (int i = 0; i < st->threads; i++)
         PELL_TRY(pt_walker_create(st->scene, &st->walkers[i]));
@@ -657,12 +657,12 @@ static size_t path_trace_times(const void *state, struct pell_pass_time *times, 
     return 1;
 }
 
-static bool path_trace_noise(const void *state, const float *planes[3])
+static bool path_trace_standard_error(const void *state, const float *planes[3])
 {
     const struct pt_state *st = state;
 
     for (int c = 0; c < 3; c++)
-        planes[c] = st->noise[c];
+        planes[c] = st->standard_error[c];
     return true;
 }
 
@@ -671,5 +671,5 @@ const struct pell_method_engine pell_path_trace_cpu = {
     .record = path_trace_render,
     .destroy = path_trace_destroy,
     .times = path_trace_times,
-    .noise = path_trace_noise,
+    .standard_error = path_trace_standard_error,
 };

@@ -6,7 +6,7 @@
 #include "methods/path_trace/path.h"
 
 /* A flight that ended by chance at `length`: does a surface come first? */
-static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from,
+static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
                     struct pell_vec3 w, float length, float *safe, struct pt_hit *hit)
 {
     if (length < *safe) {
@@ -14,8 +14,8 @@ static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int body
         *safe -= length;
         return false;
     }
-    if (s->body[body].grid) {
-        const float bound = pell_distance_bound(s->distance, body, x);
+    if (s->solid[solid].grid) {
+        const float bound = pell_distance_bound(s->distance, solid, x);
         if (length < bound) {
             counts->steps_without_ray++;
             *safe = bound - length;
@@ -23,16 +23,16 @@ static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int body
         }
     }
     *safe = 0.0f;
-    return pt_meet(s, counts, from, w, length, PELL_RAY_ALL, hit);
+    return pt_intersect(s, counts, from, w, length, PELL_RAY_ALL, hit);
 }
 
-bool pt_outside(const struct pt_body *b, struct pell_vec3 x, float margin)
+bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin)
 {
     return x.x < b->lo.x - margin || x.x > b->hi.x + margin || x.y < b->lo.y - margin || x.y > b->hi.y + margin || x.z < b->lo.z - margin ||
            x.z > b->hi.z + margin;
 }
 
-float pt_way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w)
+float pt_exit_distance(const struct pt_solid *b, struct pell_vec3 x, struct pell_vec3 w)
 {
     const float tx = w.x > 0.0f ? (b->hi.x - x.x) / w.x : w.x < 0.0f ? (b->lo.x - x.x) / w.x : INFINITY;
     const float ty = w.y > 0.0f ? (b->hi.y - x.y) / w.y : w.y < 0.0f ? (b->lo.y - x.y) / w.y : INFINITY;
@@ -41,7 +41,7 @@ float pt_way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w
     return fmaxf(fminf(tx, fminf(ty, tz)), 0.0f);
 }
 
-void pt_pass_by(const struct pt_coefficients *m, float length, float beta[3])
+void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3])
 {
     float sum = 0.0f, passed = 0.0f, t[3];
 
@@ -74,12 +74,12 @@ static void collide(const struct pt_coefficients *m, float length, float beta[3]
         beta[c] = density > 0.0f ? beta[c] * m->sigma_s[c] * t[c] * (sum / density) : 0.0f;
 }
 
-static void fly_even(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from,
-                     struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out)
+static void sample_homogeneous(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
+                     struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
-    const struct pt_body *b = &s->body[body];
+    const struct pt_solid *b = &s->solid[solid];
     const struct pt_coefficients *m = &b->medium.layer[0];
-    const int c = m->gray ? 0 : pt_choose(beta, pt_random(sampler));
+    const int c = m->gray ? 0 : pt_sample_channel(beta, pt_random(sampler));
     const float depth = -pt_log(pt_chance(sampler));
     float length = m->sigma_t[c] > 0.0f ? depth * m->mean_free_path[c] : INFINITY;
 
@@ -88,20 +88,20 @@ static void fly_even(const struct pt_scene *s, struct pt_counts *counts, int bod
         length = INFINITY;
         *safe = 0.0f;
     }
-    out->met = stopped(s, counts, body, x, from, w, length, safe, &out->hit);
+    out->met = stopped(s, counts, solid, x, from, w, length, safe, &out->hit);
     if (out->met) {
         out->length = out->hit.t;
         out->x = out->hit.p;
-        pt_pass_by(m, out->length, beta);
+        pt_attenuate(m, out->length, beta);
         return;
     }
     out->length = length;
     out->x = vec3_mad(x, length, w);
     if (length == INFINITY || pt_outside(b, out->x, 4.0f * s->unit)) {
         out->lost = true;
-        out->length = pt_outside(b, x, 0.0f) ? 0.0f : pt_way_out(b, x, w);
+        out->length = pt_outside(b, x, 0.0f) ? 0.0f : pt_exit_distance(b, x, w);
         out->x = vec3_mad(x, out->length, w);
-        pt_pass_by(m, out->length, beta);
+        pt_attenuate(m, out->length, beta);
         return;
     }
     collide(m, length, beta);
@@ -110,20 +110,20 @@ static void fly_even(const struct pt_scene *s, struct pt_counts *counts, int bod
 /* --- Layers ------------------------------------------------------------------------------------------------------------------------ */
 
 /* NULL: below the layers, where light is gone. */
-static const struct pt_coefficients *layer_at(const struct pt_scene *s, int body, struct pell_vec3 x)
+static const struct pt_coefficients *layer_at(const struct pt_scene *s, int solid, struct pell_vec3 x)
 {
-    const struct pt_medium *m = &s->body[body].medium;
+    const struct pt_medium *m = &s->solid[solid].medium;
     const struct pt_coefficients *lowest = m->ends ? NULL : &m->layer[m->layers - 1];
-    const float bound = s->body[body].grid ? pell_distance_bound(s->distance, body, x) : 0.0f;
+    const float bound = s->solid[solid].grid ? pell_distance_bound(s->distance, solid, x) : 0.0f;
     struct pell_nearest nearest;
     int i = 0;
 
-    if (bound >= m->deepest || !pell_rays_closest_point(s->rays, x, m->deepest, s->bodies->of_mesh, body, &nearest))
+    if (bound >= m->deepest || !pell_rays_closest_point(s->rays, x, m->deepest, s->solids->of_mesh, solid, &nearest))
         return lowest;
     if (m->painting) {
         float depth[PELL_LAYERS_MOST];
-        pell_strata_depths(&m->painting->strata, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
-        i = pell_strata_at(&m->painting->strata, depth, (float) nearest.distance);
+        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
+        i = pell_medium_layers_at(&m->painting->medium_layers, depth, (float) nearest.distance);
         return i < 0 ? NULL : &m->layer[i];
     }
     while (i < m->layers && nearest.distance >= (double) m->depth[i])
@@ -133,19 +133,19 @@ static const struct pt_coefficients *layer_at(const struct pt_scene *s, int body
 
 /* A way that light at x can go before it is below the layers, at least the least one worth a step; 0: it is there. Without an end below
  * the layers: any. Painted bottoms go up and down: half of the distance to them. */
-static float room(const struct pt_scene *s, int body, struct pell_vec3 x)
+static float room(const struct pt_scene *s, int solid, struct pell_vec3 x)
 {
-    const struct pt_medium *m = &s->body[body].medium;
+    const struct pt_medium *m = &s->solid[solid].medium;
     struct pell_nearest nearest;
     double bottom = (double) m->deepest, gap;
 
     if (!m->ends)
         return INFINITY;
-    if (!pell_rays_closest_point(s->rays, x, m->deepest, s->bodies->of_mesh, body, &nearest))
+    if (!pell_rays_closest_point(s->rays, x, m->deepest, s->solids->of_mesh, solid, &nearest))
         return 0.0f;
     if (m->painting) {
         float depth[PELL_LAYERS_MOST];
-        pell_strata_depths(&m->painting->strata, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
+        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
         bottom = (double) depth[m->layers - 1];
     }
     gap = bottom - nearest.distance;
@@ -154,7 +154,7 @@ static float room(const struct pt_scene *s, int body, struct pell_vec3 x)
     return (float) fmax(m->painting ? 0.5 * gap : gap, (m->painting ? 2e-3 : 1e-4) * (double) m->deepest);
 }
 
-static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, float beta[3], struct pt_flight *out)
+static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, float beta[3], struct pt_free_path *out)
 {
     beta[0] = beta[1] = beta[2] = 0.0f;
     out->medium = &m->layer[m->layers - 1];
@@ -163,22 +163,22 @@ static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, 
 }
 
 /* Flights between collisions, real ones or not. One ray finds the surface, as far as it was asked for. */
-static void fly_layers(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from,
-                       struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out)
+static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
+                       struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
-    const struct pt_body *b = &s->body[body];
+    const struct pt_solid *b = &s->solid[solid];
     const float most = fmaxf(b->medium.largest[0], fmaxf(b->medium.largest[1], b->medium.largest[2]));
     float length = 0.0f;
 
     for (;;) {
-        const float free = room(s, body, x), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        const float free = room(s, solid, x), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
         const float step = fminf(chance, free);
         float sum = 0.0f, real = 0.0f, p;
         if (free == 0.0f) {
             absorb(&b->medium, x, length, beta, out);
             return;
         }
-        out->met = stopped(s, counts, body, x, from, w, step < 1e30f ? step : INFINITY, safe, &out->hit);
+        out->met = stopped(s, counts, solid, x, from, w, step < 1e30f ? step : INFINITY, safe, &out->hit);
         if (out->met) {
             out->length = length + out->hit.t;
             out->x = out->hit.p;
@@ -188,14 +188,14 @@ static void fly_layers(const struct pt_scene *s, struct pt_counts *counts, int b
         out->length = length + step;
         if (!(step < 1e30f) || pt_outside(b, out->x, 4.0f * s->unit)) {
             out->lost = true;
-            out->x = vec3_mad(x, pt_outside(b, x, 0.0f) ? 0.0f : pt_way_out(b, x, w), w);
+            out->x = vec3_mad(x, pt_outside(b, x, 0.0f) ? 0.0f : pt_exit_distance(b, x, w), w);
             return;
         }
         length += step;
         x = from = out->x;
         if (free < chance) /* what is left of the flight is as long as a new one */
             continue;
-        out->medium = layer_at(s, body, x);
+        out->medium = layer_at(s, solid, x);
         if (!out->medium) {
             absorb(&b->medium, x, length, beta, out);
             return;
@@ -215,39 +215,39 @@ static void fly_layers(const struct pt_scene *s, struct pt_counts *counts, int b
     }
 }
 
-void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
-            float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out)
+void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
+            float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
     out->met = out->lost = false;
-    if (s->body[body].medium.even)
-        fly_even(s, counts, body, x, from, w, beta, safe, sampler, out);
+    if (s->solid[solid].medium.homogeneous)
+        sample_homogeneous(s, counts, solid, x, from, w, beta, safe, sampler, out);
     else
-        fly_layers(s, counts, body, x, from, w, beta, safe, sampler, out);
+        sample_layers(s, counts, solid, x, from, w, beta, safe, sampler, out);
 }
 
 /* Layers: ratio tracking (Novak et al. 2014, "Residual Ratio Tracking for Estimating Attenuation in Participating Media"). */
-void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
+void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
              float out[3])
 {
-    const struct pt_medium *m = &s->body[body >= 0 ? body : 0].medium;
+    const struct pt_medium *m = &s->solid[solid >= 0 ? solid : 0].medium;
     const float most = fmaxf(m->largest[0], fmaxf(m->largest[1], m->largest[2]));
 
     out[0] = out[1] = out[2] = 1.0f;
-    if (body < 0)
+    if (solid < 0)
         return;
     for (int c = 0; c < 3; c++)
-        out[c] = m->even ? pt_exp(-m->layer[0].sigma_t[c] * reach) : 1.0f;
-    if (m->even || !(most > 0.0f || m->ends))
+        out[c] = m->homogeneous ? pt_exp(-m->layer[0].sigma_t[c] * reach) : 1.0f;
+    if (m->homogeneous || !(most > 0.0f || m->ends))
         return;
     for (float at = 0.0f;;) {
         const struct pt_coefficients *k;
-        const float free = room(s, body, vec3_mad(x, at, w)), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        const float free = room(s, solid, vec3_mad(x, at, w)), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
         at += fminf(chance, free);
         if (!(at < reach) && free > 0.0f)
             return;
         if (free < chance && free > 0.0f)
             continue;
-        k = free > 0.0f ? layer_at(s, body, vec3_mad(x, at, w)) : NULL;
+        k = free > 0.0f ? layer_at(s, solid, vec3_mad(x, at, w)) : NULL;
         if (!k) {
             out[0] = out[1] = out[2] = 0.0f;
             return;

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * light_path.c - paths from delta lamps through smooth boundaries, joined to the walk inside media (Veach and Guibas 1994, Lafortune and
+ * light_path.c - paths from delta lights through smooth boundaries, joined to the walk inside media (Veach and Guibas 1994, Lafortune and
  * Willems 1996), for the light that no connection finds: that which was reflected inside, or crossed more than one surface, before it was
  * first scattered.
  *
- * Who finds a path is settled by its form, so that nothing is weighed and nothing counted twice. Seen from the lamp, the first edge between
- * two scatterings with no surface on it is where the light's path is joined to the walk; a path whose light came in by one refraction
- * alone and was scattered is the connections'. So a light's path ends where it would go on without a surface, and there is one join a path.
- * What neither finds has a smooth surface on every edge (a rough one ends a light's path): chain.c.
+ * Who finds a path is settled by its form, so that nothing is weighed and nothing counted twice. Seen from the light, the first edge
+ * between two scatterings with no surface on it is where the light's path is joined to the walk; a path whose light came in by one
+ * refraction alone and was scattered is the connections'. So a light's path ends where it would go on without a surface, and there is one
+ * join a path. What neither finds has a smooth surface on every edge (a rough one ends a light's path): specular_manifold.c.
  *
  * Light is carried as flux. With interpolated normals a surface passes other flux than the walk's radiance says, by the ratio of cosines
  * that makes both agree (Veach 1996, "Non-symmetric Scattering in Light Transport Algorithms"). */
@@ -14,11 +14,11 @@
 
 #include <string.h>
 
-#define LIGHT_EVENTS 64  /* of a light's path at most; what is carried so far is some 1e-30 in bodies that absorb or scatter at all */
+#define LIGHT_EVENTS 64  /* of a light's path at most; what is carried so far is some 1e-30 in solids that absorb or scatter at all */
 #define LIGHT_LEAST 1e-2 /* share of the weight below which paths go on by chance */
 #define JOIN_SHARE 1e-2  /* joins of less than this times the typical radiance are made by chance */
 
-static void scattered(struct pt_walker *w, const struct pt_scatterer *at, float length, const float power[3], int body)
+static void scattered(struct pt_walker *w, const struct pt_scatterer *at, float length, const float power[3], int solid)
 {
     struct pt_light_vertex *v;
 
@@ -27,24 +27,24 @@ static void scattered(struct pt_walker *w, const struct pt_scatterer *at, float 
     v = &w->vertex[w->vertices++];
     v->at = *at;
     v->length = length;
-    v->body = body;
+    v->solid = solid;
     for (int c = 0; c < 3; c++)
         v->power[c] = power[c];
 }
 
 /* Passes or reflects at a smooth surface. False: the path ends. */
-static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct pt_place *place, struct pt_sampler *sampler,
+static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct pt_medium_stack *place, struct pt_sampler *sampler,
                     struct pell_vec3 *x, struct pell_vec3 *from, struct pell_vec3 *w, float power[3], bool *refracted)
 {
     const bool enter = vec3_dot(*w, hit->ng) < 0.0f;
     const float side = enter ? 1.0f : -1.0f;
-    struct pt_facing at = { vec3_mul(*w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), enter ? 0 : 1 };
-    struct pt_place before, after;
+    struct pt_shading_frame at = { vec3_mul(*w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), enter ? 0 : 1 };
+    struct pt_medium_stack before, after;
     float eta, fresnel, in, out, ratio;
     bool wrong;
 
     *refracted = false;
-    if (!pt_cross(s, place, hit->body, enter, &before, &after)) {
+    if (!pt_cross(s, place, hit->solid, enter, &before, &after)) {
         *x = hit->p;
         *from = pt_leave(hit, *w);
         return true;
@@ -85,58 +85,58 @@ static bool survives(float power[3], float start, struct pt_sampler *sampler)
 
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler)
 {
-    struct pt_place place = { 0 };
-    struct pell_emitter_sample lamp;
+    struct pt_medium_stack place = { 0 };
+    struct pell_light_sample source;
     struct pell_vec3 x, from, dir;
     double u[5], weight[3], pdf;
     float power[3], before[3], start, safe = 0.0f;
-    int surfaces = 0; /* since the lamp, or the last scattering */
+    int surfaces = 0; /* since the light, or the last scattering */
     bool first = true, entered_once = false, beam;
 
     w->vertices = 0;
     for (int k = 0; k < 5; k++)
         u[k] = (double) pt_random(sampler);
-    if (!pell_emitters_emit(s->emitters, s->centre, s->radius, u, &lamp, &x, &dir, weight, &pdf) || !lamp.delta)
+    if (!pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &source, &x, &dir, weight, &pdf) || !source.delta)
         return;
     from = x;
     for (int c = 0; c < 3; c++)
         power[c] = (float) weight[c];
     start = fmaxf(power[0], fmaxf(power[1], power[2]));
     for (int event = 0; event < LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES && survives(power, start, sampler); event++) {
-        const int body = pt_top(&place);
+        const int solid = pt_top(&place);
         struct pt_scatterer at = { .w = dir };
-        struct pt_flight flight = { .met = false };
+        struct pt_free_path free_path = { .met = false };
         bool refracted;
-        if (body < 0) {
-            flight.met = pt_meet(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &flight.hit);
-            if (!flight.met)
+        if (solid < 0) {
+            free_path.met = pt_intersect(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &free_path.hit);
+            if (!free_path.met)
                 return;
             if (first)
                 for (int c = 0; c < 3; c++)
-                    power[c] *= (float) pell_emitters_range(s->emitters, lamp.lamp, (double) flight.hit.t);
+                    power[c] *= (float) pell_light_sampler_range(s->light_sampler, source.source, (double) free_path.hit.t);
             first = false;
         } else {
             memcpy(before, power, sizeof(before));
-            pt_fly(s, &w->counts, body, x, from, dir, power, &safe, sampler, &flight);
+            pt_sample_distance(s, &w->counts, solid, x, from, dir, power, &safe, sampler, &free_path);
         }
-        /* All of the beam in a body of one medium, wherever this flight ended. */
-        beam = body >= 0 && s->body[body].medium.even && surfaces > 0 && !flight.lost && !(entered_once && s->body[body].connects);
+        /* All of the beam in a solid of one medium, wherever this flight ended. */
+        beam = solid >= 0 && s->solid[solid].medium.homogeneous && surfaces > 0 && !free_path.lost && !(entered_once && s->solid[solid].connects);
         if (beam) {
-            struct pt_hit hit = flight.hit;
-            if (flight.met || pt_meet(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &hit)) {
+            struct pt_hit hit = free_path.hit;
+            if (free_path.met || pt_intersect(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &hit)) {
                 at.x = x;
-                at.medium = &s->body[body].medium.layer[0];
-                scattered(w, &at, flight.met ? flight.length : hit.t, before, body);
+                at.medium = &s->solid[solid].medium.layer[0];
+                scattered(w, &at, free_path.met ? free_path.length : hit.t, before, solid);
             }
         }
-        if (flight.lost) {
+        if (free_path.lost) {
             place.count = 0;
-            x = from = flight.x;
+            x = from = free_path.x;
             surfaces++;
             continue;
         }
-        if (flight.met && flight.hit.body >= 0) {
-            if (!surface(s, &flight.hit, &place, sampler, &x, &from, &dir, power, &refracted))
+        if (free_path.met && free_path.hit.solid >= 0) {
+            if (!surface(s, &free_path.hit, &place, sampler, &x, &from, &dir, power, &refracted))
                 return;
             entered_once = surfaces == 0 && refracted && w->vertices == 0;
             surfaces++;
@@ -144,20 +144,20 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
             continue;
         }
         /* Scattered: by the medium, or by something opaque. */
-        if (surfaces == 0 || (entered_once && body >= 0 && s->body[body].connects))
+        if (surfaces == 0 || (entered_once && solid >= 0 && s->solid[solid].connects))
             return;
-        at.x = flight.x;
-        at.medium = flight.medium;
-        if (flight.met) {
+        at.x = free_path.x;
+        at.medium = free_path.medium;
+        if (free_path.met) {
             float albedo[3], u2 = pt_random(sampler), v2 = pt_random(sampler), r = sqrtf(u2);
             struct pell_vec3 t, b;
             at.medium = NULL;
-            at.n = vec3_dot(dir, flight.hit.ng) > 0.0f ? vec3_mul(flight.hit.ng, -1.0f) : flight.hit.ng;
-            at.x = pt_leave(&flight.hit, at.n);
-            pt_albedo(s, &flight.hit, albedo);
+            at.n = vec3_dot(dir, free_path.hit.ng) > 0.0f ? vec3_mul(free_path.hit.ng, -1.0f) : free_path.hit.ng;
+            at.x = pt_leave(&free_path.hit, at.n);
+            pt_albedo(s, &free_path.hit, albedo);
             for (int c = 0; c < 3; c++)
                 power[c] *= albedo[c];
-            scattered(w, &at, 0.0f, power, body);
+            scattered(w, &at, 0.0f, power, solid);
             vec3_basis(at.n, &t, &b);
             dir = vec3_normalize(
                 vec3_add(vec3_add(vec3_mul(t, r * cosf(2.0f * PELL_PI_F * v2)), vec3_mul(b, r * sinf(2.0f * PELL_PI_F * v2))),
@@ -167,8 +167,8 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
             if (!(power[0] + power[1] + power[2] > 0.0f))
                 return;
             if (!beam)
-                scattered(w, &at, 0.0f, power, body);
-            pt_phase_sample(flight.medium, dir, sampler, power, &dir);
+                scattered(w, &at, 0.0f, power, solid);
+            pt_phase_sample(free_path.medium, dir, sampler, power, &dir);
         }
         x = from = at.x;
         surfaces = 0;
@@ -193,7 +193,7 @@ static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_
     if (pick < 0.5) {
         t = along + apart * tan(from + (to - from) * u);
     } else {
-        const double sigma = (double) m->sigma_t[pt_choose(v->power, (float) (2.0 * pick - 1.0))];
+        const double sigma = (double) m->sigma_t[pt_sample_channel(v->power, (float) (2.0 * pick - 1.0))];
         t = sigma * length > 1e-6 ? -log(1.0 - u * (1.0 - exp(-sigma * length))) / sigma : u * length;
     }
     t = fmin(fmax(t, 0.0), length);
@@ -207,20 +207,20 @@ static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_
     return vec3_mad(v->at.x, (float) t, v->at.w);
 }
 
-void pt_join(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int body,
+void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
              const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3])
 {
     struct pt_sampler own = *sampler;
-    const double n = (double) pt_index(s, body), least = JOIN_SHARE * s->typical;
+    const double n = (double) pt_index(s, solid), least = JOIN_SHARE * s->typical;
 
-    own.at = PT_EVEN_NUMBERS;
+    own.at = PT_QUASI_RANDOM_NUMBERS;
     own.state = pt_mix(sampler->state ^ 0x14057b7ef767814fu);
     for (int i = 0; i < count; i++) {
         const struct pt_light_vertex *v = &vertex[i];
         struct pell_vec3 to, way;
         float here[3], there[3], passed[3], light[3], power[3] = { v->power[0], v->power[1], v->power[2] };
         float square, distance, most = 0.0f, chance = 1.0f;
-        if (v->body != body)
+        if (v->solid != solid)
             continue;
         to = vec3_sub(v->length > 0.0f ? beam_place(v, at->x, &own, power) : v->at.x, at->x);
         square = vec3_dot(to, to);
@@ -230,7 +230,7 @@ void pt_join(const struct pt_scene *s, struct pt_counts *counts, const struct pt
         way = vec3_mul(to, 1.0f / distance);
         pt_scatter_values(at, way, here);
         pt_scatter_values(&v->at, vec3_mul(way, -1.0f), there);
-        pt_pass(s, body, at->x, way, distance, &own, passed);
+        pt_transmittance(s, solid, at->x, way, distance, &own, passed);
         for (int c = 0; c < 3; c++) {
             light[c] = beta[c] * here[c] * passed[c] * there[c] * power[c] / (square * (float) (n * n));
             most = fmaxf(most, light[c]);
@@ -242,7 +242,7 @@ void pt_join(const struct pt_scene *s, struct pt_counts *counts, const struct pt
             if (pt_fine(&own) >= (double) chance)
                 continue;
         }
-        if (!pt_clear(s, counts, at->x, way, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
+        if (!pt_unoccluded(s, counts, at->x, way, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
             continue;
         for (int c = 0; c < 3; c++)
             sum[c] += (double) (light[c] / chance);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * medium.c - what fills a body: coefficients as they are, not reduced, with the phase function that the material knows. */
+ * medium.c - what fills a solid: coefficients as they are, not reduced, with the phase function that the material knows. */
 #include "methods/path_trace/path.h"
 
 #include <string.h>
 
-static void set_coefficients(const struct pell_stratum *l, struct pt_coefficients *out)
+static void set_coefficients(const struct pell_layer_medium *l, struct pt_coefficients *out)
 {
     out->hg = true;
     out->gray = true;
@@ -26,61 +26,61 @@ static void set_coefficients(const struct pell_stratum *l, struct pt_coefficient
         out->gray = out->gray && out->sigma_s[c] == out->sigma_s[0] && out->sigma_t[c] == out->sigma_t[0] && out->alike;
 }
 
-/* Layers of no thickness are left out, but where something is painted: there numbers are those of the strata. */
-static void fill(const struct pell_strata *strata, struct pt_medium *out)
+/* Layers of no thickness are left out, but where something is painted: there numbers are those of the medium layers. */
+static void fill(const struct pell_medium_layers *medium_layers, struct pt_medium *out)
 {
     float above = 0.0f;
 
-    out->ends = strata->below != PELL_BELOW_LAST;
-    for (int i = 0; i < strata->count && above < INFINITY; i++) {
-        const bool endless = i + 1 == strata->count && !out->ends;
-        const float bottom = endless ? INFINITY : (float) strata->item[i].depth;
+    out->ends = medium_layers->substrate != PELL_SUBSTRATE_LAST;
+    for (int i = 0; i < medium_layers->count && above < INFINITY; i++) {
+        const bool endless = i + 1 == medium_layers->count && !out->ends;
+        const float bottom = endless ? INFINITY : (float) medium_layers->item[i].depth;
         if (!out->painting && !(bottom > above))
             continue;
-        set_coefficients(&strata->item[i], &out->layer[out->layers]);
+        set_coefficients(&medium_layers->item[i], &out->layer[out->layers]);
         out->depth[out->layers++] = bottom;
         out->deepest = fmaxf(out->deepest, bottom < INFINITY ? bottom : above);
         above = out->painting ? 0.0f : bottom;
     }
     out->ends = out->ends && !(above == INFINITY);
     if (out->painting)
-        out->deepest = (float) strata->deepest;
+        out->deepest = (float) medium_layers->deepest;
     if (out->layers == 0) { /* nothing but what is below */
-        set_coefficients(&strata->item[0], &out->layer[0]);
+        set_coefficients(&medium_layers->item[0], &out->layer[0]);
         out->layers = 1;
     }
-    out->even = out->layers == 1 && !out->ends;
+    out->homogeneous = out->layers == 1 && !out->ends;
 }
 
 enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_material *m,
                                 struct pt_medium *out)
 {
-    struct pell_strata *strata = pell_zalloc(ctx, sizeof(*strata));
+    struct pell_medium_layers *medium_layers = pell_zalloc(ctx, sizeof(*medium_layers));
     enum pell_result res = PELL_ERR_NOMEM;
 
     memset(out, 0, sizeof(*out));
-    if (!strata)
+    if (!medium_layers)
         return PELL_ERR_NOMEM;
-    PELL_TRY(pell_strata_make(ctx, "path-trace", m, strata));
-    if (strata->below == PELL_BELOW_SURFACE_COLOR) {
+    PELL_TRY(pell_medium_layers_make(ctx, "path-trace", m, medium_layers));
+    if (medium_layers->substrate == PELL_SUBSTRATE_SURFACE_COLOR) {
         res = pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "\"below\": \"stop\" or \"last\"",
                          "has a surface below its layers, where path-trace reflects no light");
         goto fail;
     }
     res = PELL_ERR_NOMEM;
-    out->layer = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->layer));
-    out->depth = pell_calloc(ctx, (size_t) strata->count, sizeof(*out->depth));
-    if (strata->painted && !(strata->count == 1 && strata->below == PELL_BELOW_LAST)) {
+    out->layer = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->layer));
+    out->depth = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->depth));
+    if (medium_layers->painted && !(medium_layers->count == 1 && medium_layers->substrate == PELL_SUBSTRATE_LAST)) {
         out->painting = pell_zalloc(ctx, sizeof(*out->painting));
         if (!out->painting)
             goto fail;
-        out->painting->strata = *strata;
+        out->painting->medium_layers = *medium_layers;
         out->painting->meshes = scene->meshes;
     }
     if (!out->layer || !out->depth)
         goto fail;
-    fill(strata, out);
-    out->eta = (float) strata->eta;
+    fill(medium_layers, out);
+    out->eta = (float) medium_layers->eta;
     out->slowest = INFINITY;
     for (int i = 0; i < out->layers; i++)
         for (int c = 0; c < 3; c++) {
@@ -90,7 +90,7 @@ enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scen
     res = PELL_OK;
 
 fail:
-    pell_free(ctx, strata);
+    pell_free(ctx, medium_layers);
     return res;
 }
 
@@ -124,7 +124,7 @@ void pt_phase_values(const struct pt_coefficients *m, struct pell_vec3 w, struct
 
 float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struct pt_sampler *s, float beta[3], struct pell_vec3 *out)
 {
-    const int c = m->alike ? 0 : pt_choose(beta, pt_random(s)); /* the channel by what it carries */
+    const int c = m->alike ? 0 : pt_sample_channel(beta, pt_random(s)); /* the channel by what it carries */
     const float u = pt_random(s), v = pt_random(s), sum = beta[0] + beta[1] + beta[2];
     float cosine, to[3], values[3], mixed, scale;
 

@@ -57,8 +57,8 @@ static void plan(const void *values, struct pell_plan *plan)
 
     *plan = (struct pell_plan){
         .needs = PELL_NEED_POSITION | PELL_NEED_SCENE,
-        .gives = PELL_GIVES_SINGLE | (k->surface == PT_SURFACE_TRACED ? PELL_GIVES_SURFACE : 0u),
-        .below = k->surface == PT_SURFACE_LOBE,
+        .outputs = PELL_OUTPUT_SINGLE | (k->surface == PT_SURFACE_TRACED ? PELL_OUTPUT_SURFACE : 0u),
+        .excludes_surface_reflection = k->surface == PT_SURFACE_LOBE,
         .quantity = PELL_QUANTITY_RADIANCE,
         .mix = -1.0f,
     };
@@ -66,7 +66,7 @@ static void plan(const void *values, struct pell_plan *plan)
 
 extern const struct pell_method pell_method_path_trace;
 const struct pell_method pell_method_path_trace = {
-    .kind = PELL_REFERENCE,
+    .kind = PELL_KIND_REFERENCE,
     .name = "path-trace",
     .title = "Volumetric path tracing, the truth",
     .cite = "Eric P. Lafortune and Yves D. Willems, Rendering Participating Media with Bidirectional Path Tracing, Eurographics Workshop "

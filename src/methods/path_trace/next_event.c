@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * next_event.c - lamps that are looked for: at surfaces in the open, and inside media by refractive connections
- * (transport/refraction/connect.h). Lamps with extent are found by walks that meet them, too: the balance heuristic (Veach and Guibas 1995)
- * shares them out.
+ * next_event.c - lights that are looked for: at surfaces in the open, and inside media by refractive connections
+ * (transport/refraction/connect.h). Lights with extent are found by walks that meet them, too: the balance heuristic (Veach and Guibas
+ * 1995) shares them out.
  *
  * How a beam widens is taken from the walk's own refraction, by its differentials (Igehy 1999, "Tracing Ray Differentials"): with normals
- * interpolated over flat triangles the beam of the light and that of the eye differ, and only one of them agrees with the walk. */
+ * interpolated over flat triangles the beam of the light and that of the camera differ, and only one of them agrees with the walk. */
 #include "methods/path_trace/path.h"
 
 #define FAR 12.0  /* mean free paths beyond which no lobe is made for a rough boundary */
@@ -52,7 +52,7 @@ static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v,
 double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance)
 {
     const struct pell_dvec3 w = dvec3_widen(e->w), n = dvec3_widen(e->hit.ns), ng = dvec3_widen(e->hit.ng);
-    const double r = (double) s->body[e->body].medium.eta, c = dvec3_dot(w, n), square = 1.0 - r * r * (1.0 - c * c), cg = dvec3_dot(w, ng);
+    const double r = (double) s->solid[e->solid].medium.eta, c = dvec3_dot(w, n), square = 1.0 - r * r * (1.0 - c * c), cg = dvec3_dot(w, ng);
     struct pell_vec3 t[2];
     struct pell_dvec3 out, moved[2], dw[2], dp[2], dn[2];
     double ct, across;
@@ -80,26 +80,26 @@ double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distanc
 
 /* --- Connections -------------------------------------------------------------------------------------------------------------------- */
 
-static double lamp_share(const struct pt_scene *s, const struct pell_emitter_sample *lamp)
+static double source_share(const struct pt_scene *s, const struct pell_light_sample *source)
 {
-    return lamp->away && !lamp->delta ? s->sky_share : 1.0;
+    return source->away && !source->delta ? s->environment_share : 1.0;
 }
 
-double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_emitter_sample *lamp)
+double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source)
 {
-    return exp(-PT_REACH * (double) (s->body[e->body].medium.slowest * e->length)) * (double) e->share * lamp_share(s, lamp);
+    return exp(-PT_REACH * (double) (s->solid[e->solid].medium.slowest * e->length)) * (double) e->share * source_share(s, source);
 }
 
 double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
 {
-    const struct pt_medium *m = &s->body[e->body].medium;
+    const struct pt_medium *m = &s->solid[e->solid].medium;
     double sum = 0.0, mixed = 0.0, passed = 0.0;
     float values[3];
 
     pt_scatter_values(&e->from, e->w, values);
     for (int c = 0; c < 3; c++) {
         const double there = (double) e->beta[c] * (double) values[c];
-        const double sigma = (double) (m->even ? m->layer[0].sigma_t[c] : m->slowest);
+        const double sigma = (double) (m->homogeneous ? m->layer[0].sigma_t[c] : m->slowest);
         sum += (double) e->beta[c];
         mixed += there;
         passed += there * exp(-sigma * (double) e->length);
@@ -107,10 +107,10 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
     return sum > 0.0 && mixed > 0.0 ? mixed / sum * (passed / mixed) * (double) e->transmit : 0.0;
 }
 
-static void connection(const struct pt_scene *s, const struct pt_scatterer *at, const float beta[3], int body, float share,
-                       const struct pell_connection *c, const struct pell_emitter_sample *lamp, struct pt_sampler *sampler, double sum[3])
+static void connection(const struct pt_scene *s, const struct pt_scatterer *at, const float beta[3], int solid, float share,
+                       const struct pell_connection *c, const struct pell_light_sample *source, struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .body = body, .w = c->inside, .share = share };
+    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .solid = solid, .w = c->inside, .share = share };
     float power[3], values[3], passed[3];
     double scale, beam, reach;
 
@@ -118,23 +118,23 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
     e.transmit = (float) c->transmit;
     pt_hit_at(s, c->mesh, c->triangle, c->u, c->v, c->inside, &e.hit);
     beam = pt_beam(s, &e, c->outside_mm);
-    reach = pt_exit_looked(s, &e, lamp);
+    reach = pt_exit_looked(s, &e, source);
     if (!(beam > 0.0))
         return;
-    scale = beam * c->transmit / (reach * lamp->pdf);
-    if (!lamp->delta) {
-        const double facing = lamp->away ? 1.0 : -(double) vec3_dot(lamp->normal, c->outside);
+    scale = beam * c->transmit / (reach * source->pdf);
+    if (!source->delta) {
+        const double facing = source->away ? 1.0 : -(double) vec3_dot(source->normal, c->outside);
         if (!(facing > 0.0))
             return;
         scale *= facing;
         if (s->knobs.techniques & PT_CHANCE) {
-            const double found = lamp->pdf * reach, met = pt_exit_density(s, &e) * beam * facing;
+            const double found = source->pdf * reach, met = pt_exit_density(s, &e) * beam * facing;
             scale *= found / (found + met);
         }
     }
-    pell_emitters_power_at(s->emitters, lamp, c->at, power);
+    pell_light_sampler_power_at(s->light_sampler, source, c->at, power);
     pt_scatter_values(at, c->inside, values);
-    pt_pass(s, body, at->x, c->inside, e.length, sampler, passed);
+    pt_transmittance(s, solid, at->x, c->inside, e.length, sampler, passed);
     for (int k = 0; k < 3; k++)
         sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * scale;
 }
@@ -150,22 +150,22 @@ static bool has_turn(float share, float *turn)
 }
 
 /* How far connections from here look; the numbers that follow are for them. */
-static float draw_reach(const struct pt_scene *s, int body, const struct pt_sampler *walk, struct pt_sampler *own)
+static float draw_reach(const struct pt_scene *s, int solid, const struct pt_sampler *walk, struct pt_sampler *own)
 {
     *own = pt_own_numbers(walk, PT_LOOK_SALT);
-    return -pt_log(pt_chance(own)) * s->body[body].ask;
+    return -pt_log(pt_chance(own)) * s->solid[solid].ask;
 }
 
-bool pt_asks(const struct pt_scene *s, int body, struct pell_vec3 x, float *safe, float share, float *turn,
+bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
              const struct pt_sampler *sampler)
 {
     struct pt_sampler own;
-    const float reach = draw_reach(s, body, sampler, &own);
+    const float reach = draw_reach(s, solid, sampler, &own);
 
     if (!(reach > *safe))
         return false;
-    if (s->body[body].grid) {
-        const float bound = pell_distance_bound(s->distance, body, x);
+    if (s->solid[solid].grid) {
+        const float bound = pell_distance_bound(s->distance, solid, x);
         *safe = fmaxf(*safe, bound);
         if (!(reach > bound))
             return false;
@@ -173,31 +173,31 @@ bool pt_asks(const struct pt_scene *s, int body, struct pell_vec3 x, float *safe
     return has_turn(share, turn);
 }
 
-void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
                       float share, const struct pt_sampler *sampler, double sum[3])
 {
-    const struct pt_medium *m = &s->body[body].medium;
+    const struct pt_medium *m = &s->solid[solid].medium;
     struct pell_connection found[PELL_CONNECTIONS];
-    struct pell_emitter_sample lamp;
+    struct pell_light_sample source;
     struct pt_sampler own;
-    const float reach = draw_reach(s, body, sampler, &own);
+    const float reach = draw_reach(s, solid, sampler, &own);
     double u[3];
     int count;
 
     for (int k = 0; k < 3; k++)
         u[k] = pt_fine(&own);
-    if (!pell_emitters_sample(s->emitters, at->x, u, &lamp) || !(lamp.pdf > 0.0) || pt_fine(&own) >= lamp_share(s, &lamp))
+    if (!pell_light_sampler_sample(s->light_sampler, at->x, u, &source) || !(source.pdf > 0.0) || pt_fine(&own) >= source_share(s, &source))
         return;
     counts->connections++;
-    count = pell_connect(s->connector, body, (double) m->eta, at->x, lamp.away ? lamp.toward : lamp.at, lamp.away, (double) reach, found,
+    count = pell_connect(s->connector, solid, (double) m->eta, at->x, source.away ? source.toward : source.at, source.away, (double) reach, found,
                          PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
-        connection(s, at, beta, body, share, &found[i], &lamp, &own, sum);
+        connection(s, at, beta, solid, share, &found[i], &source, &own, sum);
 }
 
 /* --- Near connections, for rough boundaries ------------------------------------------------------------------------------------------ */
 
-/* From a scatterer light of a lamp comes in a lobe about the way that it would come through a smooth boundary, as wide as facets tilt it:
+/* From a scatterer light of a light comes in a lobe about the way that it would come through a smooth boundary, as wide as facets tilt it:
  * a facet's tilt t turns the way inside by t |eta cos_i - cos_o| / eta. */
 struct lobes {
     int count;
@@ -205,17 +205,17 @@ struct lobes {
     double width[PT_LOBES], share[PT_LOBES];
 };
 
-static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x,
-                       const struct pell_emitter_sample *lamp, struct lobes *out)
+static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x,
+                       const struct pell_light_sample *source, struct lobes *out)
 {
-    const struct pt_medium *m = &s->body[body].medium;
+    const struct pt_medium *m = &s->solid[solid].medium;
     const double reach = m->slowest > 0.0f ? FAR / (double) m->slowest : INFINITY, eta = (double) m->eta;
     struct pell_connection found[PT_LOBES];
     double sum = 0.0;
 
     counts->connections++;
     out->count =
-        pell_connect(s->connector, body, eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, found, PT_LOBES, &counts->rays);
+        pell_connect(s->connector, solid, eta, x, source->away ? source->toward : source->at, source->away, reach, found, PT_LOBES, &counts->rays);
     for (int i = 0; i < out->count; i++) {
         const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),
                      to = (double) vec3_dot(found[i].outside, found[i].normal);
@@ -266,32 +266,32 @@ static double near_density(const struct lobes *l, const struct pt_scatterer *at,
 }
 
 /* How often a scatterer asks: it depends on the place alone. */
-static double asked(const struct pt_scene *s, int body, struct pell_vec3 x, float share)
+static double asked(const struct pt_scene *s, int solid, struct pell_vec3 x, float share)
 {
-    const struct pt_body *b = &s->body[body];
-    const double bound = b->grid ? (double) pell_distance_bound(s->distance, body, x) : 0.0;
+    const struct pt_solid *b = &s->solid[solid];
+    const double bound = b->grid ? (double) pell_distance_bound(s->distance, solid, x) : 0.0;
 
     return (double) share * exp(-PT_REACH * (double) b->medium.slowest * bound);
 }
 
-double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_emitter_sample *lamp)
+double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_light_sample *source)
 {
     struct lobes lobes;
 
-    make_lobes(s, counts, e->body, e->from.x, lamp, &lobes);
-    return asked(s, e->body, e->from.x, e->share) * near_density(&lobes, &e->from, e->w, e->beta);
+    make_lobes(s, counts, e->solid, e->from.x, source, &lobes);
+    return asked(s, e->solid, e->from.x, e->share) * near_density(&lobes, &e->from, e->w, e->beta);
 }
 
-void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
                       float share, float *turn, const struct pt_sampler *sampler, double sum[3])
 {
     struct pt_sampler own = pt_own_numbers(sampler, 0x2545f4914f6cdd1du);
-    const double asks = asked(s, body, at->x, share);
-    struct pell_emitter_sample lamp;
+    const double asks = asked(s, solid, at->x, share);
+    struct pell_light_sample source;
     const struct pt_rough *rough;
-    struct pt_facing facing;
+    struct pt_shading_frame facing;
     struct lobes lobes;
-    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .body = body, .share = share, .transmit = 1.0f };
+    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .solid = solid, .share = share, .transmit = 1.0f };
     struct pell_vec3 v;
     double u[3], distance = INFINITY, kernel, per_sr, density, scale = 1.0;
     float power[3], values[3], passed[3];
@@ -300,9 +300,9 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int bo
         return;
     for (int k = 0; k < 3; k++)
         u[k] = pt_fine(&own);
-    if (!pell_emitters_sample(s->emitters, at->x, u, &lamp) || !(lamp.pdf > 0.0) || (lamp.away && !lamp.delta))
+    if (!pell_light_sampler_sample(s->light_sampler, at->x, u, &source) || !(source.pdf > 0.0) || (source.away && !source.delta))
         return;
-    make_lobes(s, counts, body, at->x, &lamp, &lobes);
+    make_lobes(s, counts, solid, at->x, &source, &lobes);
     if (lobes.count > 0 && pt_fine(&own) < LOBES) {
         e.w = lobes_sample(&lobes, &own);
     } else {
@@ -310,16 +310,16 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int bo
         e.w = pt_scatter_sample(at, &own, ignored);
     }
     density = near_density(&lobes, at, e.w, beta);
-    if (!(density > 0.0) || !pt_meet(s, counts, at->x, e.w, INFINITY, PELL_RAY_ALL, &e.hit) || e.hit.body != body ||
+    if (!(density > 0.0) || !pt_intersect(s, counts, at->x, e.w, INFINITY, PELL_RAY_ALL, &e.hit) || e.hit.solid != solid ||
         !(vec3_dot(e.w, e.hit.ng) > 0.0f))
         return;
-    rough = pt_rough_find(s, &e.hit, s->body[body].medium.eta);
+    rough = pt_rough_find(s, &e.hit, s->solid[solid].medium.eta);
     if (!rough)
         return;
     e.length = e.hit.t;
-    v = lamp.toward;
-    if (!lamp.away) {
-        const struct pell_vec3 to = vec3_sub(lamp.at, e.hit.p);
+    v = source.toward;
+    if (!source.away) {
+        const struct pell_vec3 to = vec3_sub(source.at, e.hit.p);
         distance = (double) vec3_length(to);
         if (!(distance > 0.0))
             return;
@@ -328,47 +328,47 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int bo
     }
     if (!(vec3_dot(v, e.hit.ng) > 0.0f))
         return;
-    facing = (struct pt_facing){ vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
+    facing = (struct pt_shading_frame){ vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
     if (!(vec3_dot(facing.o, facing.ns) > 1e-4f))
         facing.ns = facing.ng;
     kernel = (double) pt_rough_density(rough, &facing, v);
     per_sr = 1.0;
-    if (!lamp.delta) {
-        scale *= -(double) vec3_dot(lamp.normal, v);
+    if (!source.delta) {
+        scale *= -(double) vec3_dot(source.normal, v);
         if (!(scale > 0.0))
             return;
         if (s->knobs.techniques & PT_CHANCE) {
-            const double found = asks * density * lamp.pdf, met = pt_exit_density(s, &e) * kernel * scale;
+            const double found = asks * density * source.pdf, met = pt_exit_density(s, &e) * kernel * scale;
             per_sr = found / (found + met);
         }
     }
-    pell_emitters_power_at(s->emitters, &lamp, e.hit.p, power);
+    pell_light_sampler_power_at(s->light_sampler, &source, e.hit.p, power);
     if (!(kernel > 0.0) || !(power[0] + power[1] + power[2] > 0.0f) ||
-        !pt_clear(s, counts, pt_leave(&e.hit, v), v, lamp.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        !pt_unoccluded(s, counts, pt_leave(&e.hit, v), v, source.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     pt_scatter_values(at, e.w, values);
-    pt_pass(s, body, at->x, e.w, e.length, &own, passed);
+    pt_transmittance(s, solid, at->x, e.w, e.length, &own, passed);
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (asks * density * lamp.pdf);
+        sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (asks * density * source.pdf);
 }
 
 /* --- Surfaces ------------------------------------------------------------------------------------------------------------------------ */
 
-void pt_lamps(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
-              const struct pt_facing *at, int open, bool skies, const float beta[3], struct pt_sampler *sampler, double sum[3])
+void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
+              const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler, double sum[3])
 {
-    struct pell_emitter_sample lamp;
+    struct pell_light_sample source;
     struct pell_vec3 v;
     double u[3], distance = INFINITY, scale, kernel, per_sr;
     float power[3], facing;
 
     for (int k = 0; k < 3; k++)
         u[k] = pt_fine(sampler);
-    if (!pell_emitters_sample(s->emitters, hit->p, u, &lamp) || !(lamp.pdf > 0.0) || (skies && (!lamp.away || lamp.delta)))
+    if (!pell_light_sampler_sample(s->light_sampler, hit->p, u, &source) || !(source.pdf > 0.0) || (environments && (!source.away || source.delta)))
         return;
-    v = lamp.toward;
-    if (!lamp.away) {
-        const struct pell_vec3 to = vec3_sub(lamp.at, hit->p);
+    v = source.toward;
+    if (!source.away) {
+        const struct pell_vec3 to = vec3_sub(source.at, hit->p);
         distance = (double) vec3_length(to);
         if (!(distance > 0.0))
             return;
@@ -380,20 +380,20 @@ void pt_lamps(const struct pt_scene *s, struct pt_counts *counts, const struct p
     kernel = rough ? (double) pt_rough_density(rough, at, v) : (double) (facing / PELL_PI_F);
     if (!(kernel > 0.0))
         return;
-    scale = lamp.away ? 1.0 : 1.0 / (distance * distance);
-    if (!lamp.delta) {
-        const double turned = lamp.away ? 1.0 : -(double) vec3_dot(lamp.normal, v);
+    scale = source.away ? 1.0 : 1.0 / (distance * distance);
+    if (!source.delta) {
+        const double turned = source.away ? 1.0 : -(double) vec3_dot(source.normal, v);
         if (!(turned > 0.0))
             return;
         scale *= turned;
-        per_sr = lamp.pdf / scale;
+        per_sr = source.pdf / scale;
         if (s->knobs.techniques & PT_CHANCE)
             scale *= per_sr / (per_sr + kernel);
     }
-    pell_emitters_power_at(s->emitters, &lamp, hit->p, power);
+    pell_light_sampler_power_at(s->light_sampler, &source, hit->p, power);
     if (!(power[0] + power[1] + power[2] > 0.0f) ||
-        !pt_clear(s, counts, pt_leave(hit, v), v, lamp.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        !pt_unoccluded(s, counts, pt_leave(hit, v), v, source.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (beta[k] * power[k]) * kernel * scale / lamp.pdf;
+        sum[k] += (double) (beta[k] * power[k]) * kernel * scale / source.pdf;
 }

@@ -17,10 +17,10 @@
 #include "lights/light_sampling.h"
 #include "transport/medium_layers.h"
 
-#define PT_NEST 8   /* bodies in bodies that a path keeps account of */
-#define PT_LOBES 16 /* about connections of a point with a lamp's place: the nearest ones */
+#define PT_NEST 8   /* solids in solids that a path keeps account of */
+#define PT_LOBES 16 /* about connections of a point with a light's place: the nearest ones */
 #define PT_ROUGH_CELLS 64
-#define PT_LIGHT_VERTICES 8 /* of a path from a lamp that are kept */
+#define PT_LIGHT_VERTICES 8 /* of a path from a light that are kept */
 
 /* --- boundary.c ----------------------------------------------------------------------------------------------------------------- */
 
@@ -30,7 +30,7 @@ struct pt_rough {
     float albedo[2][PT_ROUGH_CELLS + 1]; /* over mu = i / cells: what single bounces between facets return, both ways together */
     float lost[2][PT_ROUGH_CELLS];       /* density, over mu^2, of the directions in which the rest leaves on a side: it sums to 1 */
     float lost_sum[2][PT_ROUGH_CELLS];   /* of the cells up to and with this one */
-    float lost_through[2];               /* share of the rest that goes through */
+    float lost_in_transmission[2];               /* share of the rest that goes through */
 };
 
 /* The share of light that reflects; cos_i on the side that it comes from, eta = n_transmitted / n_incident. *cos_t: of the refracted. */
@@ -39,15 +39,15 @@ float pt_fresnel(float eta, float cos_i, float *cos_t);
 void pt_rough_make(float alpha, float eta, struct pt_rough *out);
 
 /* A way of light at a surface: toward `o`, by the surface's normals, shading's and geometric, both on o's side. */
-struct pt_facing {
+struct pt_shading_frame {
     struct pell_vec3 o, ns, ng;
     int side; /* 0: o is outside */
 };
 
 /* Where light goes on. The density is what pt_rough_density says, the weight is 1. *through: it passed. */
-struct pell_vec3 pt_rough_sample(const struct pt_rough *rough, const struct pt_facing *at, struct pt_sampler *s, bool *through);
+struct pell_vec3 pt_rough_sample(const struct pt_rough *rough, const struct pt_shading_frame *at, struct pt_sampler *s, bool *transmitted);
 /* Per sr; w tells by its side of ng whether it passed. */
-float pt_rough_density(const struct pt_rough *rough, const struct pt_facing *at, struct pell_vec3 w);
+float pt_rough_density(const struct pt_rough *rough, const struct pt_shading_frame *at, struct pell_vec3 w);
 
 /* Mirrors w about the plane of ng if it lies on the wrong side: shading normals send light there. `above`: it belongs on ng's side. */
 static inline struct pell_vec3 pt_to_side(struct pell_vec3 w, struct pell_vec3 ng, bool above)
@@ -71,20 +71,20 @@ struct pt_coefficients {
 };
 
 /* Where layers are by maps. */
-struct pt_painting {
-    struct pell_strata strata;
+struct pt_layer_maps {
+    struct pell_medium_layers medium_layers;
     const struct pell_mesh *meshes; /* the scene's */
 };
 
-/* What fills a body: one set of coefficients, or layers by the distance below the surface. */
+/* What fills a solid: one set of coefficients, or layers by the distance below the surface. */
 struct pt_medium {
     float eta;
-    bool even;                     /* one layer without a bottom */
+    bool homogeneous;                     /* one layer without a bottom */
     bool ends;                     /* below the layers light is gone */
     int layers;                    /* >= 1 */
     struct pt_coefficients *layer; /* the medium's own, as all that follows */
     float *depth;                  /* mm, of the bottom of each, where nothing is painted; the last's may be INFINITY */
-    struct pt_painting *painting;  /* NULL: the same all over */
+    struct pt_layer_maps *painting;  /* NULL: the same all over */
     float deepest;                 /* mm: below it nothing changes any more */
     float largest[3];              /* of sigma_t over the layers */
     float slowest;                 /* least sigma_t of all channels and layers */
@@ -103,21 +103,21 @@ float pt_phase_sample(const struct pt_coefficients *c, struct pell_vec3 w, struc
 
 /* --- scene.c -------------------------------------------------------------------------------------------------------------------- */
 
-struct pt_body {
+struct pt_solid {
     struct pt_medium medium;
     bool smooth, rough; /* its boundary is, all over */
     bool closed;
     bool grid;               /* the distance grid holds */
-    bool connects;           /* lamps are looked for through its boundary, smooth all over */
+    bool connects;           /* lights are looked for through its boundary, smooth all over */
     bool near;               /* the same, rough all over */
     bool lanes;              /* walks go side by side in it */
     float ask;               /* mm; how far connections look is -ask log u */
-    float share;             /* of the scatterings after the first at which lamps are looked for */
+    float share;             /* of the scatterings after the first at which lights are looked for */
     struct pell_vec3 lo, hi; /* bounds */
 };
 
-/* How rough a material's boundary is: where its map says different things, in even steps of roughness. */
-struct pt_finish {
+/* How rough a material's boundary is: where its map says different objects, in even steps of roughness. */
+struct pt_roughness_step {
     float low, high; /* roughness; what is below the least rough one is smooth. Both 0: smooth all over */
     int steps;       /* 1: no map, or one of one number */
 };
@@ -128,23 +128,23 @@ struct pt_scene {
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     struct pt_knobs knobs;
-    struct pell_bodies *bodies;
-    struct pt_body *body;   /* one each */
+    struct pell_solids *solids;
+    struct pt_solid *solid;   /* one each */
     struct pt_rough *rough; /* of (material, index ratio) pairs that occur */
     size_t num_rough;
-    struct pt_finish *finish; /* of a scene material's boundary */
-    struct pell_emitters *emitters;
+    struct pt_roughness_step *finish; /* of a scene material's boundary */
+    struct pell_light_sampler *light_sampler;
     struct pell_connector *connector; /* NULL: not needed */
     struct pell_distance *distance;   /* NULL: no grid */
-    struct pell_vec3 centre;          /* of a sphere about all bodies */
+    struct pell_vec3 centre;          /* of a sphere about all solids */
     double radius;
     double typical;  /* radiance of that order is seen */
     double deadline; /* of pell_seconds() */
     double brightest;
-    bool light_paths, chains; /* of delta lamps */
-    double sky_share;         /* of what is looked for of the environment: an even one is met by chance as well */
+    bool light_paths, chains; /* of delta lights */
+    double environment_share;         /* of what is looked for of the environment: an even one is met by chance as well */
     uint32_t seed;
-    float unit; /* mm: some rounding errors of the largest coordinate of a body */
+    float unit; /* mm: some rounding errors of the largest coordinate of a solid */
 };
 
 /* A triangle that a ray met. */
@@ -154,7 +154,7 @@ struct pt_hit {
     struct pell_vec3 p, ng, ns; /* outward, unit; ns is ng where the knob says flat */
     bool bent;                  /* ns varies */
     float unit;                 /* mm: how far rays start from it, some rounding errors of its corners */
-    int body;                   /* -1: opaque */
+    int solid;                   /* -1: opaque */
     int material;               /* scene's */
 };
 
@@ -165,10 +165,10 @@ const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_h
 /* A place of a triangle; w stands in for a normal where it has none. All but t. */
 void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out);
 /* Whether something is met; `reach` mm. */
-bool pt_meet(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
+bool pt_intersect(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
              struct pt_hit *out);
 /* Whether nothing of `mask` is between. */
-bool pt_clear(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask);
+bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask);
 /* A start for rays from a surface to a side of it. */
 static inline struct pell_vec3 pt_leave(const struct pt_hit *hit, struct pell_vec3 w)
 {
@@ -177,34 +177,35 @@ static inline struct pell_vec3 pt_leave(const struct pt_hit *hit, struct pell_ve
 /* Base colour of something opaque at a hit. */
 void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3]);
 
-/* Where a path is: bodies that it entered, the last on top. */
-struct pt_place {
+/* Where a path is: solids that it entered, the last on top. */
+struct pt_medium_stack {
     int count;
-    int16_t body[PT_NEST];
+    int16_t solid[PT_NEST];
 };
 
-static inline int pt_top(const struct pt_place *p)
+static inline int pt_top(const struct pt_medium_stack *p)
 {
-    return p->count > 0 ? p->body[p->count - 1] : -1;
+    return p->count > 0 ? p->solid[p->count - 1] : -1;
 }
 
-static inline float pt_index(const struct pt_scene *s, int body)
+static inline float pt_index(const struct pt_scene *s, int solid)
 {
-    return body >= 0 ? s->body[body].medium.eta : 1.0f;
+    return solid >= 0 ? s->solid[solid].medium.eta : 1.0f;
 }
 
-/* The places on both sides of a body's surface that light meets at `place`; `enter`: it goes against the outward normal. False: it is
- * inside already, and the surface is passed. What leaves a body that it never entered is taken to have been inside. */
-bool pt_cross(const struct pt_scene *s, const struct pt_place *place, int body, bool enter, struct pt_place *before,
-              struct pt_place *after);
+/* The places on both sides of a solid's surface that light meets at `place`; `enter`: it goes against the outward normal. False: it is
+ * inside already, and the surface is passed. What leaves a solid that it never entered is taken to have been inside. */
+bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before,
+              struct pt_medium_stack *after);
 
-/* --- flight.c ------------------------------------------------------------------------------------------------------------------- */
+/* --- distance_sampling.c
+ * ------------------------------------------------------------------------------------------------------------------- */
 
-/* One flight through a body. */
-struct pt_flight {
+/* One flight through a solid. */
+struct pt_free_path {
     struct pell_vec3 x; /* where it ends */
     bool met;           /* a surface: `hit` */
-    bool lost;          /* left the body through no surface */
+    bool lost;          /* left the solid through no surface */
     float length;
     const struct pt_coefficients *medium; /* of what it scatters in */
     struct pt_hit hit;
@@ -212,19 +213,20 @@ struct pt_flight {
 
 /* From x along w, by the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. Rays start at
  * `from`: x, or just off the surface that x is on. *safe: a distance from x that is known to be free of surfaces; becomes what is left. */
-void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int body, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
-            float beta[3], float *safe, struct pt_sampler *sampler, struct pt_flight *out);
-bool pt_outside(const struct pt_body *b, struct pell_vec3 x, float margin);
+void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
+            float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out);
+bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin);
 /* The distance at which a ray leaves the bounds; x is inside. */
-float pt_way_out(const struct pt_body *b, struct pell_vec3 x, struct pell_vec3 w);
+float pt_exit_distance(const struct pt_solid *b, struct pell_vec3 x, struct pell_vec3 w);
 /* What is left of the weights after `length` without a collision; by the density of having passed. */
-void pt_pass_by(const struct pt_coefficients *m, float length, float beta[3]);
-/* What a body (-1: the open) lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an
+void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3]);
+/* What a solid (-1: the open) lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an
  * estimate. */
-void pt_pass(const struct pt_scene *s, int body, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
+void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
              float out[3]);
 
-/* --- lamps.c: light that is looked for ----------------------------------------------------------------------------------------------- */
+/* --- next_event.c: light that is looked for
+ * ----------------------------------------------------------------------------------------------- */
 
 /* Where a walk scattered: in a medium, at something opaque, or at a rough boundary. */
 struct pt_scatterer {
@@ -232,7 +234,7 @@ struct pt_scatterer {
     const struct pt_coefficients *medium; /* NULL: a surface */
     struct pell_vec3 n;                   /* of a surface: unit, on the walk's side */
     const struct pt_rough *rough;         /* NULL: opaque */
-    const struct pt_facing *facing;       /* rough */
+    const struct pt_shading_frame *facing;       /* rough */
 };
 
 /* Share per sr of what scatters toward the unit direction v. */
@@ -240,21 +242,21 @@ void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float 
 /* A direction that it scatters to; something opaque by the cosine, rough boundaries never. beta becomes what it is after a medium's. */
 struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_sampler *s, float beta[3]);
 
-/* A walk that leaves a smooth body from a scatterer straight to a lamp, and what decides between the ways of finding that lamp. */
+/* A walk that leaves a smooth solid from a scatterer straight to a light, and what decides between the ways of finding that light. */
 struct pt_exit {
     struct pt_scatterer from;
     float beta[3]; /* before it scattered, the collision counted */
-    int body;
+    int solid;
     struct pt_hit hit;  /* where it leaves */
     struct pell_vec3 w; /* unit, from the scatterer to it */
     float length, transmit;
-    float share; /* of the scatterers at which lamps are looked for */
+    float share; /* of the scatterers at which lights are looked for */
 };
 
 /* Numbers for a question beside the walk, whose own stay as they are. */
 static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, uint64_t salt)
 {
-    return (struct pt_sampler){ .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_EVEN_NUMBERS };
+    return (struct pt_sampler){ .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_QUASI_RANDOM_NUMBERS };
 }
 
 /* Solid angle at the scatterer per area across the beam at `distance` mm beyond the boundary (INFINITY: per solid angle outside); 0 where
@@ -262,39 +264,42 @@ static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, ui
 double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance);
 /* Density by which the walk goes this way, per sr at the scatterer; the same for whoever asks. */
 double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e);
-/* Probability by which pt_connect_lamps looks for a lamp this way. */
-double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_emitter_sample *lamp);
+/* Probability by which pt_connect_lights looks for a light this way. */
+double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source);
 
 #define PT_REACH 0.5                      /* of the extinction: how far connections look */
 #define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the numbers by which they do */
 
-/* Whether a scatterer looks for lamps through a smooth boundary: `share` of those from which connections may reach it do, evenly along the
+/* Whether a scatterer looks for lights through a smooth boundary: `share` of those from which connections may reach it do, evenly along the
  * walk. *safe: mm around x without a surface, what becomes known of it; *turn: in [0, 1), whose turn it is. */
-bool pt_asks(const struct pt_scene *s, int body, struct pell_vec3 x, float *safe, float share, float *turn,
+bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
              const struct pt_sampler *sampler);
-/* Light of lamps at a scatterer inside a body that asks, or at a share of them: adds to sum. beta: the weights with the collision. Through
- * smooth boundaries by connections, through rough ones near them (but for the environment); the walk's own numbers stay as they are. */
-void pt_connect_lamps(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+/* Light of lights at a scatterer inside a solid that asks, or at a share of them: adds to sum. beta: the weights with the collision.
+ * Through smooth boundaries by connections, through rough ones near them (but for the environment); the walk's own numbers stay as they
+ * are. */
+void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
                       float share, const struct pt_sampler *sampler, double sum[3]);
-void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int body, const struct pt_scatterer *at, const float beta[3],
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
                       float share, float *turn, const struct pt_sampler *sampler, double sum[3]);
-/* Density by which pt_connect_rough would have gone from the walk's scatterer e->from along e->w for the lamp's place, and asked at all. */
-double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_emitter_sample *lamp);
+/* Density by which pt_connect_rough would have gone from the walk's scatterer e->from along e->w for the light's place, and asked at
+ * all. */
+double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_light_sample *source);
 
-/* Light of lamps at a surface in the open, and what the walk does there: a rough boundary's, or Lambert's (rough NULL). `open`: the side of
- * at->ng that is in the open, +1 or -1. `skies`: of the environment alone. */
-void pt_lamps(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
-              const struct pt_facing *at, int open, bool skies, const float beta[3], struct pt_sampler *sampler, double sum[3]);
+/* Light of lights at a surface in the open, and what the walk does there: a rough boundary's, or Lambert's (rough NULL). `open`: the side
+ * of at->ng that is in the open, +1 or -1. `environments`: of the environment alone. */
+void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
+              const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler, double sum[3]);
 
-/* --- light.c: paths from lamps ------------------------------------------------------------------------------------------------------- */
+/* --- light_path.c: paths from lights
+ * ------------------------------------------------------------------------------------------------------- */
 
-/* Where light of a delta lamp was scattered that no refractive connection finds, or a beam of it through a body of one medium, anywhere
+/* Where light of a delta light was scattered that no refractive connection finds, or a beam of it through a solid of one medium, anywhere
  * along which it may scatter: at.x is where it begins. */
 struct pt_light_vertex {
     struct pt_scatterer at; /* at.w: the way the light goes */
     float power[3];         /* after the collision, of a beam at its beginning, without the phase function: mm^2 W/m^2 */
     float length;           /* mm, of a beam; 0: a place */
-    int body;
+    int solid;
 };
 
 struct pt_walker {
@@ -302,27 +307,28 @@ struct pt_walker {
     struct pt_counts counts;
     struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
     int vertices;
-    struct pt_side *side; /* NULL: walks are one after the other */
+    struct pt_wavefront *side; /* NULL: walks are one after the other */
 };
 
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);
 /* Joins a scatterer of the walk to the light's: adds to sum. */
-void pt_join(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int body,
+void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
              const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3]);
 
-/* --- chain.c: delta lamps over smooth surfaces --------------------------------------------------------------------------------------- */
+/* --- specular_manifold.c: delta lights over smooth surfaces
+ * --------------------------------------------------------------------------------------- */
 
-/* Light of delta lamps at a scatterer that comes over any number of smooth surfaces, but for what one refraction brings where connections
+/* Light of delta lights at a scatterer that comes over any number of smooth surfaces, but for what one refraction brings where connections
  * find that: adds to sum. here: where the walk is; beyond: of a rough boundary, what is on its other side, else NULL; off: mm from
  * at->x at which rays start; safe: mm around it without a surface. */
-void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_place *here,
-               const struct pt_place *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3]);
+void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_medium_stack *here,
+               const struct pt_medium_stack *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3]);
 
 /* --- Smooth boundaries: boundary.c, scene.c ------------------------------------------------------------------------------------------ */
 
 /* Refracts or reflects at a smooth boundary by the random number u: true where it passes. *w becomes the new way, unit. *wrong: it had to
  * be mirrored to its side. */
-bool pt_smooth(const struct pt_facing *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong);
+bool pt_smooth(const struct pt_shading_frame *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong);
 /* Unit shading normal at a place of the hit's triangle, and its changes dn where the place moves by dp in the triangle's plane. */
 struct pell_dvec3 pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct pell_dvec3 at, const struct pell_dvec3 dp[2],
                                struct pell_dvec3 dn[2]);

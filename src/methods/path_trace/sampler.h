@@ -10,7 +10,7 @@
 
 #include "math/sampling.h"
 
-#define PT_EVEN_NUMBERS 16
+#define PT_QUASI_RANDOM_NUMBERS 16
 
 struct pt_sampler {
     uint64_t state;
@@ -42,7 +42,7 @@ static inline uint32_t pt_bits(struct pt_sampler *s)
     return (uint32_t) (pt_mix(s->state += 0x9e3779b97f4a7c15u) >> 32);
 }
 
-static inline float pt_even(struct pt_sampler *s)
+static inline float pt_quasi_random(struct pt_sampler *s)
 {
     uint32_t seed, i;
 
@@ -68,17 +68,17 @@ static inline float pt_chance_of(uint32_t bits)
 
 static inline float pt_chance(struct pt_sampler *s)
 {
-    return s->at < PT_EVEN_NUMBERS ? 1.0f - pt_even(s) : pt_chance_of(pt_bits(s));
+    return s->at < PT_QUASI_RANDOM_NUMBERS ? 1.0f - pt_quasi_random(s) : pt_chance_of(pt_bits(s));
 }
 
 /* In [0, 1). */
 static inline float pt_random(struct pt_sampler *s)
 {
-    return s->at < PT_EVEN_NUMBERS ? pt_even(s) : pell_unit_float(pt_bits(s));
+    return s->at < PT_QUASI_RANDOM_NUMBERS ? pt_quasi_random(s) : pell_unit_float(pt_bits(s));
 }
 
 /* A channel by what it carries, u in [0, 1). */
-static inline int pt_choose(const float beta[3], float u)
+static inline int pt_sample_channel(const float beta[3], float u)
 {
     int c = 0;
 

@@ -21,17 +21,17 @@ static float extent(struct pell_vec3 p)
     return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
 }
 
-/* --- Bodies ----------------------------------------------------------------------------------------------------------------------- */
+/* --- Solids ----------------------------------------------------------------------------------------------------------------------- */
 
-static const struct pell_mesh *mesh_of(const struct pt_scene *s, size_t body, size_t triangle)
+static const struct pell_mesh *mesh_of(const struct pt_scene *s, size_t solid, size_t triangle)
 {
-    return &s->scene->meshes[s->bodies->bodies[body].triangles[triangle].mesh];
+    return &s->scene->meshes[s->solids->solids[solid].triangles[triangle].mesh];
 }
 
 static void bound(const struct pt_scene *s, size_t i)
 {
-    const struct pell_body *b = &s->bodies->bodies[i];
-    struct pt_body *out = &s->body[i];
+    const struct pell_solid *b = &s->solids->solids[i];
+    struct pt_solid *out = &s->solid[i];
 
     out->lo = vec3(INFINITY, INFINITY, INFINITY);
     out->hi = vec3(-INFINITY, -INFINITY, -INFINITY);
@@ -60,12 +60,12 @@ static enum pell_result inspect(struct pt_scene *s)
     pell_scene_objects(scene, order, order + scene->num_meshes);
     for (size_t i = 0, told = SIZE_MAX; i < scene->num_meshes; i++) {
         const uint32_t m = order[i];
-        const int body = m < s->bodies->num_meshes ? s->bodies->of_mesh[m] : -1;
+        const int solid = m < s->solids->num_meshes ? s->solids->of_mesh[m] : -1;
         rank += i > 0 && scene->meshes[m].object != scene->meshes[order[i - 1]].object;
-        if (body < 0 || rank >= report.num_objects)
+        if (solid < 0 || rank >= report.num_objects)
             continue;
         const struct pell_object_report *o = &report.objects[rank];
-        s->body[body].closed = o->closed;
+        s->solid[solid].closed = o->closed;
         if (told != rank && !o->closed)
             pell_warn(
                 s->ctx, o->name, "close it: a medium needs an inside",
@@ -91,13 +91,13 @@ static float share_of(const struct pt_coefficients *m)
     return fminf(SHARE * (1.0f - 0.7f * fmaxf(m->g[1], 0.0f)) + 0.5f * sqrtf(fmaxf(1.0f - albedo, 0.0f)), 1.0f);
 }
 
-static enum pell_result make_each_body(struct pt_scene *s)
+static enum pell_result make_each_solid(struct pt_scene *s)
 {
     struct pell_vec3 lo = vec3(INFINITY, INFINITY, INFINITY), hi = vec3(-INFINITY, -INFINITY, -INFINITY);
 
-    for (size_t i = 0; i < s->bodies->count; i++) {
-        struct pt_body *b = &s->body[i];
-        const struct pell_body *from = &s->bodies->bodies[i];
+    for (size_t i = 0; i < s->solids->count; i++) {
+        struct pt_solid *b = &s->solid[i];
+        const struct pell_solid *from = &s->solids->solids[i];
         enum pell_result res;
         if (from->num_triangles == 0)
             continue;
@@ -107,7 +107,7 @@ static enum pell_result make_each_body(struct pt_scene *s)
         b->share = share_of(&b->medium.layer[b->medium.layers - 1]);
         b->smooth = b->rough = true;
         for (size_t t = 0; t < from->num_triangles; t++) {
-            const struct pt_finish *f = &s->finish[mesh_of(s, i, t)->material];
+            const struct pt_roughness_step *f = &s->finish[mesh_of(s, i, t)->material];
             const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
             b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);
             b->rough = b->rough && !matched && f->low >= SMOOTH_ROUGHNESS;
@@ -146,13 +146,13 @@ static void tell_maps(const struct pt_scene *s, const bool *used)
     }
 }
 
-static enum pell_result make_bodies(struct pt_scene *s)
+static enum pell_result make_solids(struct pt_scene *s)
 {
     bool *used = pell_calloc(s->ctx, s->scene->num_materials + 1, sizeof(*used));
-    enum pell_result res = used ? make_each_body(s) : PELL_ERR_NOMEM;
+    enum pell_result res = used ? make_each_solid(s) : PELL_ERR_NOMEM;
 
-    for (size_t i = 0; i < s->bodies->count && res == PELL_OK; i++)
-        for (size_t t = 0; t < s->bodies->bodies[i].num_triangles; t++)
+    for (size_t i = 0; i < s->solids->count && res == PELL_OK; i++)
+        for (size_t t = 0; t < s->solids->solids[i].num_triangles; t++)
             used[mesh_of(s, i, t)->material] = true;
     if (res == PELL_OK)
         tell_maps(s, used);
@@ -180,7 +180,7 @@ static enum pell_result add_rough(struct pt_scene *s, float alpha, float eta)
 }
 
 /* A step of a finish, and back. */
-static float step_alpha(const struct pt_finish *f, int step)
+static float step_alpha(const struct pt_roughness_step *f, int step)
 {
     const float r = f->steps > 1 ? f->low + (f->high - f->low) * ((float) step / (float) (f->steps - 1)) : f->high;
 
@@ -204,7 +204,7 @@ static void texel_at(const struct pt_scene *s, const struct pt_hit *hit, const s
 
 float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
 {
-    const struct pt_finish *f = &s->finish[hit->material];
+    const struct pt_roughness_step *f = &s->finish[hit->material];
     const struct pell_material *m = &s->scene->materials[hit->material];
     float texel[4], step = 0.0f;
 
@@ -226,7 +226,7 @@ const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_h
     return NULL;
 }
 
-static enum pell_result add_finish(struct pt_scene *s, const struct pt_finish *f, float eta)
+static enum pell_result add_finish(struct pt_scene *s, const struct pt_roughness_step *f, float eta)
 {
     enum pell_result res = PELL_OK;
 
@@ -240,15 +240,15 @@ static enum pell_result make_boundaries(struct pt_scene *s)
 {
     enum pell_result res = PELL_OK;
 
-    for (size_t i = 0; i < s->bodies->count; i++)
-        for (size_t t = 0; t < s->bodies->bodies[i].num_triangles; t++) {
+    for (size_t i = 0; i < s->solids->count; i++)
+        for (size_t t = 0; t < s->solids->solids[i].num_triangles; t++) {
             const int m = mesh_of(s, i, t)->material;
             if (s->finish[m].high < SMOOTH_ROUGHNESS || (t > 0 && m == mesh_of(s, i, t - 1)->material))
                 continue;
-            PELL_TRY(add_finish(s, &s->finish[m], s->body[i].medium.eta));
-            for (size_t k = 0; k < s->bodies->count; k++)
-                if (k != i && s->body[k].medium.eta > 0.0f)
-                    PELL_TRY(add_finish(s, &s->finish[m], s->body[i].medium.eta / s->body[k].medium.eta));
+            PELL_TRY(add_finish(s, &s->finish[m], s->solid[i].medium.eta));
+            for (size_t k = 0; k < s->solids->count; k++)
+                if (k != i && s->solid[k].medium.eta > 0.0f)
+                    PELL_TRY(add_finish(s, &s->finish[m], s->solid[i].medium.eta / s->solid[k].medium.eta));
         }
 fail:
     return res;
@@ -275,13 +275,13 @@ static void map_range(const struct pell_texture_map *map, float range[2])
 
 static void set_finishes(struct pt_scene *s)
 {
-    const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? s->services->settings->boundary == PELL_BOUNDARY_ROUGH
+    const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? s->services->settings->boundary == PELL_BOUNDARY_MODEL_ROUGH
                                                                  : s->knobs.boundary == PT_BOUNDARY_ROUGH;
 
     for (size_t i = 0; i < s->scene->num_materials; i++) {
         const struct pell_material *m = &s->scene->materials[i];
         const float r = rough && !m->opaque ? fminf(m->roughness, 1.0f) : 0.0f;
-        struct pt_finish *f = &s->finish[i];
+        struct pt_roughness_step *f = &s->finish[i];
         float range[2] = { 1.0f, 1.0f };
         if (r >= SMOOTH_ROUGHNESS && m->roughness_map.texture) {
             map_range(&m->roughness_map, range);
@@ -295,12 +295,12 @@ static void set_finishes(struct pt_scene *s)
     }
 }
 
-/* --- Lamps -------------------------------------------------------------------------------------------------------------------------- */
+/* --- Lights -------------------------------------------------------------------------------------------------------------------------- */
 
-static void probe_lamps(struct pt_scene *s)
+static void probe_lights(struct pt_scene *s)
 {
     struct pt_sampler q = pt_sampler_start(s->seed, 0, 0, 99);
-    double flux = 0.0, uneven = 0.0, skies = 0.0;
+    double flux = 0.0, uneven = 0.0, environments = 0.0;
 
     for (size_t i = 0; i < s->scene->num_lights; i++) {
         const struct pell_light *l = &s->scene->lights[i];
@@ -312,34 +312,34 @@ static void probe_lamps(struct pt_scene *s)
     for (int i = 0; s->radius > 0.0 && i < PROBES; i++) {
         double u[5], weight[3], pdf, distance;
         struct pell_vec3 origin, direction;
-        struct pell_emitter_sample sample;
+        struct pell_light_sample sample;
         float radiance[3];
         for (int k = 0; k < 5; k++)
             u[k] = pt_fine(&q);
-        if (pell_emitters_emit(s->emitters, s->centre, s->radius, u, &sample, &origin, &direction, weight, &pdf))
+        if (pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &sample, &origin, &direction, weight, &pdf))
             flux += fmax(weight[0], fmax(weight[1], weight[2])) / PROBES;
-        if (pell_emitters_sample(s->emitters, s->centre, u, &sample) && sample.away && !sample.delta) {
+        if (pell_light_sampler_sample(s->light_sampler, s->centre, u, &sample) && sample.away && !sample.delta) {
             uneven += sample.pdf * 4.0 * PELL_PI;
-            skies += 1.0;
+            environments += 1.0;
         }
         direction = vec3((float) (2.0 * u[0] - 1.0), (float) (2.0 * u[1] - 1.0), (float) (2.0 * u[2] - 1.0));
         direction = vec3_normalize(direction);
-        for (int k = 0; pell_emitters_hit(s->emitters, s->centre, s->centre, direction, INFINITY, k, &sample, &distance, radiance, &pdf);
+        for (int k = 0; pell_light_sampler_hit(s->light_sampler, s->centre, s->centre, direction, INFINITY, k, &sample, &distance, radiance, &pdf);
              k++)
             for (int c = 0; c < 3; c++)
                 s->brightest = fmax(s->brightest, (double) radiance[c]);
     }
-    /* The density's mean over the lamps' own samples, against that of an even sky. The choice of the lamp in it makes skies that matter
-     * less look evener, which is right, too. */
-    s->sky_share = skies > 0.0 ? fmin(fmax((uneven / skies - 1.5) / 10.0, 0.0), 1.0) : 1.0;
-    for (size_t i = 0; s->light_paths && i < s->bodies->count; i++)
-        if (s->bodies->bodies[i].num_triangles > 0 && !s->body[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT))) {
+    /* The density's mean over the lights' own samples, against that of a uniform environment. The choice of the light in it makes skies
+     * that matter less look evener, which is right, too. */
+    s->environment_share = environments > 0.0 ? fmin(fmax((uneven / environments - 1.5) / 10.0, 0.0), 1.0) : 1.0;
+    for (size_t i = 0; s->light_paths && i < s->solids->count; i++)
+        if (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT))) {
             pell_warn(s->ctx, "path-trace", "leave the knob connections on",
                       "point, spot and directional lamps light nothing below smooth surfaces: no path meets them by chance");
             break;
         }
-    for (size_t i = 0; i < s->bodies->count; i++)
-        s->chains = s->chains || (s->bodies->bodies[i].num_triangles > 0 && !s->body[i].rough);
+    for (size_t i = 0; i < s->solids->count; i++)
+        s->chains = s->chains || (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough);
     s->chains = s->chains && s->light_paths && (s->knobs.techniques & PT_CHAIN) && s->radius > 0.0;
     s->light_paths = s->light_paths && (s->knobs.techniques & PT_LIGHT) && s->radius > 0.0;
     s->typical = s->radius > 0.0 ? flux / (4.0 * PELL_PI * PELL_PI * s->radius * s->radius) : 0.0;
@@ -371,20 +371,20 @@ void pt_scene_destroy(struct pt_scene **scene)
     *scene = NULL;
     pell_distance_destroy(&s->distance);
     pell_connector_destroy(&s->connector);
-    pell_emitters_destroy(&s->emitters);
+    pell_light_sampler_destroy(&s->light_sampler);
     pell_free(s->ctx, s->rough);
     pell_free(s->ctx, s->finish);
-    for (size_t i = 0; s->body && i < s->bodies->count; i++)
-        pt_medium_finish(s->ctx, &s->body[i].medium);
-    pell_free(s->ctx, s->body);
-    pell_bodies_destroy(&s->bodies);
+    for (size_t i = 0; s->solid && i < s->solids->count; i++)
+        pt_medium_finish(s->ctx, &s->solid[i].medium);
+    pell_free(s->ctx, s->solid);
+    pell_solids_destroy(&s->solids);
     pell_free(s->ctx, s);
 }
 
-/* That the kernel of steps.h knows. */
+/* That the kernel of wavefront_kernel.h knows. */
 static bool from_one_medium(const struct pt_medium *m)
 {
-    return m->even && m->layers == 1 && m->layer[0].hg && m->slowest > 1e-12f && m->slowest < INFINITY;
+    return m->homogeneous && m->layers == 1 && m->layer[0].hg && m->slowest > 1e-12f && m->slowest < INFINITY;
 }
 
 static enum pell_result make_helpers(struct pt_scene *s)
@@ -392,10 +392,10 @@ static enum pell_result make_helpers(struct pt_scene *s)
     bool connects = false, grid = false;
     enum pell_result res;
 
-    PELL_TRY(pell_emitters_create(s->ctx, s->scene, &s->emitters));
-    for (size_t i = 0; i < s->bodies->count; i++) {
-        struct pt_body *b = &s->body[i];
-        const bool looked = (s->knobs.techniques & PT_CONNECT) && pell_emitters_count(s->emitters) > 0;
+    PELL_TRY(pell_light_sampler_create(s->ctx, s->scene, &s->light_sampler));
+    for (size_t i = 0; i < s->solids->count; i++) {
+        struct pt_solid *b = &s->solid[i];
+        const bool looked = (s->knobs.techniques & PT_CONNECT) && pell_light_sampler_count(s->light_sampler) > 0;
         b->connects = b->smooth && looked;
         b->near = b->rough && looked;
         b->lanes = s->knobs.acceleration != PT_ACCELERATION_NONE && from_one_medium(&b->medium);
@@ -405,10 +405,10 @@ static enum pell_result make_helpers(struct pt_scene *s)
         grid = grid || b->grid;
     }
     if (connects)
-        PELL_TRY(pell_connector_create(s->ctx, s->scene, s->rays, s->bodies, s->knobs.normals == PT_NORMALS_FLAT, &s->connector));
+        PELL_TRY(pell_connector_create(s->ctx, s->scene, s->rays, s->solids, s->knobs.normals == PT_NORMALS_FLAT, &s->connector));
     if (grid)
-        PELL_TRY(pell_distance_create(s->ctx, s->services->pool, s->scene, s->bodies, GRID_BYTES, &s->distance));
-    probe_lamps(s);
+        PELL_TRY(pell_distance_create(s->ctx, s->services->pool, s->scene, s->solids, GRID_BYTES, &s->distance));
+    probe_lights(s);
     return PELL_OK;
 
 fail:
@@ -432,14 +432,14 @@ enum pell_result pt_scene_create(const struct pell_services *services, const str
     s->knobs = *knobs;
     s->deadline = (double) INFINITY;
     s->seed = pell_settings_seed(services->settings);
-    PELL_TRY(pell_services_bodies(services, &s->bodies));
+    PELL_TRY(pell_services_bodies(services, &s->solids));
     res = PELL_ERR_NOMEM;
-    s->body = pell_calloc(ctx, s->bodies->count + 1, sizeof(*s->body));
+    s->solid = pell_calloc(ctx, s->solids->count + 1, sizeof(*s->solid));
     s->finish = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->finish));
-    if (!s->body || !s->finish)
+    if (!s->solid || !s->finish)
         goto fail;
     set_finishes(s);
-    PELL_TRY(make_bodies(s));
+    PELL_TRY(make_solids(s));
     PELL_TRY(make_boundaries(s));
     PELL_TRY(inspect(s));
     PELL_TRY(make_helpers(s));
@@ -483,11 +483,11 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
             out->bent = true;
         }
     }
-    out->body = mesh < s->bodies->num_meshes ? s->bodies->of_mesh[mesh] : -1;
+    out->solid = mesh < s->solids->num_meshes ? s->solids->of_mesh[mesh] : -1;
     out->material = m->material;
 }
 
-bool pt_meet(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
+bool pt_intersect(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
              struct pt_hit *out)
 {
     const struct pell_ray ray = { { x.x, x.y, x.z }, 0.0f, { w.x, w.y, w.z }, reach, mask };
@@ -501,7 +501,7 @@ bool pt_meet(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec
     return true;
 }
 
-bool pt_clear(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask)
+bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask)
 {
     const struct pell_ray ray = { { x.x, x.y, x.z }, 0.0f, { w.x, w.y, w.z }, reach, mask };
 
@@ -528,26 +528,26 @@ void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
 
 /* --- Places ----------------------------------------------------------------------------------------------------------------------- */
 
-bool pt_cross(const struct pt_scene *s, const struct pt_place *place, int body, bool enter, struct pt_place *before, struct pt_place *after)
+bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before, struct pt_medium_stack *after)
 {
-    struct pt_place without = { 0 }, with;
+    struct pt_medium_stack without = { 0 }, with;
     bool inside = false;
 
     for (int i = 0; i < place->count; i++)
-        inside = inside || place->body[i] == body;
+        inside = inside || place->solid[i] == solid;
     for (int i = 0; !inside && !enter && i < place->count; i++) /* one closed surface of several media: it is the one that was entered */
-        if (s->bodies->bodies[place->body[i]].object == s->bodies->bodies[body].object)
-            body = place->body[i];
+        if (s->solids->solids[place->solid[i]].object == s->solids->solids[solid].object)
+            solid = place->solid[i];
     inside = false;
 
     for (int i = 0; i < place->count; i++) {
-        inside = inside || place->body[i] == body;
-        if (place->body[i] != body)
-            without.body[without.count++] = place->body[i];
+        inside = inside || place->solid[i] == solid;
+        if (place->solid[i] != solid)
+            without.solid[without.count++] = place->solid[i];
     }
     with = inside ? *place : without;
     if (!inside && with.count < PT_NEST)
-        with.body[with.count++] = (int16_t) body;
+        with.solid[with.count++] = (int16_t) solid;
     if (enter && inside)
         return false;
     *before = enter ? without : with;

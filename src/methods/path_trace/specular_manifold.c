@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * specular_manifold.c - light of delta lamps that reaches a scatterer over a chain of smooth surfaces: reflected inside, through several
- * bodies, onto something opaque as a caustic.
+ * specular_manifold.c - light of delta lights that reaches a scatterer over a chain of smooth surfaces: reflected inside, through several
+ * solids, onto something opaque as a caustic.
  *
  * Of what directions lead over surfaces to a point there are finitely many, and no random direction is one. So a random one is turned until
- * it hits the lamp (Newton's method on the direction alone, by the differentials of the chain), and what is found there is divided by the
+ * it hits the light (Newton's method on the direction alone, by the differentials of the chain), and what is found there is divided by the
  * probability of finding it, of which a number of trials until it is found again is an unbiased estimate of the inverse (Zeltner, Georgiev
  * and Jakob 2020, "Specular Manifold Sampling for Rendering High-Frequency Caustics and Glints", section 4.2). Which solution a direction
  * leads to need not be known, nor how many there are; that each has directions about it that lead there is enough. */
@@ -23,11 +23,11 @@
 /* What surfaces do, one after the other: the kind of a chain. */
 struct kind {
     int count;
-    bool through[LINKS];
+    bool transmitted[LINKS];
 };
 
 struct leg {
-    int body; /* -1: open */
+    int solid; /* -1: open */
     struct pell_vec3 x, w;
     float length;
 };
@@ -39,7 +39,7 @@ struct chain {
     struct pell_dvec3 at, w;        /* where it is and goes */
     struct pell_dvec3 dp[2], dw[2]; /* by turning w0 about t0, t1 */
     struct pell_vec3 from;    /* where rays start */
-    struct pt_place place;
+    struct pt_medium_stack place;
     double share; /* Fresnel's */
     double depth; /* least optical thickness */
     bool odd;     /* something that refractive connections do not know */
@@ -50,9 +50,9 @@ struct quest {
     const struct pt_scene *s;
     struct pt_counts *counts;
     const struct pt_scatterer *at;
-    const struct pt_place *here, *beyond; /* on both sides of a surface; beyond NULL: not there */
+    const struct pt_medium_stack *here, *beyond; /* on both sides of a surface; beyond NULL: not there */
     float off;                            /* mm: how far from a surface rays start */
-    struct pell_emitter_sample lamp;
+    struct pell_light_sample source;
     double deepest; /* optical thickness */
     bool connected; /* what one refraction brings is found by connections */
 };
@@ -75,16 +75,16 @@ static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3
     c->odd = false;
 }
 
-/* The next surface of a body, no deeper than `deepest`. */
+/* The next surface of a solid, no deeper than `deepest`. */
 static bool next(const struct quest *q, const struct chain *c, double deepest, struct pt_hit *hit)
 {
-    const int body = pt_top(&c->place);
-    const float slowest = body >= 0 ? q->s->body[body].medium.slowest : 0.0f;
+    const int solid = pt_top(&c->place);
+    const float slowest = solid >= 0 ? q->s->solid[solid].medium.slowest : 0.0f;
     const double reach = slowest > 0.0f ? (deepest - c->depth) / (double) slowest : INFINITY;
 
     return reach > 0.0 &&
-           pt_meet(q->s, q->counts, c->from, dvec3_narrow(c->w), reach < 1e30 ? (float) reach : INFINITY, PELL_RAY_ALL, hit) &&
-           hit->body >= 0;
+           pt_intersect(q->s, q->counts, c->from, dvec3_narrow(c->w), reach < 1e30 ? (float) reach : INFINITY, PELL_RAY_ALL, hit) &&
+           hit->solid >= 0;
 }
 
 /* The geometric normal in double: the plane that a chain meets must be the same to more digits than chains are solved to. */
@@ -101,23 +101,23 @@ static struct pell_dvec3 plane_of(const struct pt_scene *s, const struct pt_hit 
 }
 
 /* How likely a random chain reflects where both may be. */
-static double reflects(const struct quest *q, const struct chain *c, const struct pt_place *after, double fresnel)
+static double reflects(const struct quest *q, const struct chain *c, const struct pt_medium_stack *after, double fresnel)
 {
     if (!(fresnel > 1e-7))
         return 0.0;
     if (c->kind.count == 0 && q->connected && after->count == 0)
-        return 0.9; /* what goes through is found by connections, but for what meets another body */
+        return 0.9; /* what goes through is found by connections, but for what meets another solid */
     return fmin(fmax(fresnel, 0.2), 0.8);
 }
 
 /* Goes on at a surface: as `through` says, or at random (NULL). False: it can't. */
-static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hit, const bool *through, struct pt_sampler *sampler)
+static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hit, const bool *transmitted, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
-    const int body = pt_top(&c->place);
+    const int solid = pt_top(&c->place);
     const bool enter = vec3_dot(dvec3_narrow(c->w), hit->ng) < 0.0f;
     const double side = enter ? 1.0 : -1.0;
-    struct pt_place before, after;
+    struct pt_medium_stack before, after;
     struct pell_dvec3 corner, ng = plane_of(s, hit, &corner), ns, dn[2];
     struct leg *leg = &c->leg[c->kind.count];
     double along = dvec3_dot(c->w, ng), t, eta, r, cosine, square, ct = 0.0, fresnel;
@@ -129,18 +129,18 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     t = dvec3_dot(dvec3_mad(corner, -1.0, c->at), ng) / along;
     if (!(t > 0.0))
         return false;
-    *leg = (struct leg){ body, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
-    if (body >= 0)
-        c->depth += t * (double) s->body[body].medium.slowest;
+    *leg = (struct leg){ solid, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
+    if (solid >= 0)
+        c->depth += t * (double) s->solid[solid].medium.slowest;
     c->at = dvec3_mad(c->at, t, c->w);
     for (int k = 0; k < 2; k++) {
         c->dp[k] = dvec3_mad(c->dp[k], t, c->dw[k]);
         c->dp[k] = dvec3_mad(c->dp[k], -dvec3_dot(c->dp[k], ng) / along, c->w);
     }
-    if (!pt_cross(s, &c->place, hit->body, enter, &before, &after)) { /* light notices nothing */
-        if (through && !*through)
+    if (!pt_cross(s, &c->place, hit->solid, enter, &before, &after)) { /* light notices nothing */
+        if (transmitted && !*transmitted)
             return false;
-        c->kind.through[c->kind.count++] = true;
+        c->kind.transmitted[c->kind.count++] = true;
         c->from = vec3_mad(dvec3_narrow(c->at), enter ? -hit->unit : hit->unit, hit->ng);
         c->odd = true;
         return true;
@@ -165,7 +165,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     r = 1.0 / eta;
     square = 1.0 - r * r * (1.0 - cosine * cosine);
     fresnel = square > 0.0 ? (double) pt_fresnel((float) eta, (float) cosine, &ignored) : 1.0;
-    passes = through ? *through : fresnel < 1.0 && (double) pt_random(sampler) >= reflects(q, c, &after, fresnel);
+    passes = transmitted ? *transmitted : fresnel < 1.0 && (double) pt_random(sampler) >= reflects(q, c, &after, fresnel);
     if (passes && !(square > 0.0 && fresnel < 1.0))
         return false;
     c->share *= passes ? 1.0 - fresnel : fresnel;
@@ -188,13 +188,13 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     c->w = dvec3_normalize(c->w);
     c->place = passes ? after : before;
     c->from = vec3_mad(dvec3_narrow(c->at), (dvec3_dot(c->w, ng) > 0.0) == (side > 0.0) ? hit->unit : -hit->unit, hit->ng);
-    c->kind.through[c->kind.count++] = passes;
+    c->kind.transmitted[c->kind.count++] = passes;
     return true;
 }
 
 /* --- A random chain ------------------------------------------------------------------------------------------------------------------ */
 
-/* Half of them about where the lamp is, which light that is refracted has not far to turn to. */
+/* Half of them about where the light is, which light that is refracted has not far to turn to. */
 static struct pell_dvec3 any_direction(const struct quest *q, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
@@ -206,10 +206,10 @@ static struct pell_dvec3 any_direction(const struct quest *q, struct pt_sampler 
     struct pell_vec3 t, b;
 
     if (pick < 0.5) {
-        axis = dvec3_normalize(q->lamp.away ? dvec3_widen(q->lamp.toward) : dvec3_mad(dvec3_widen(q->lamp.at), -1.0, x));
+        axis = dvec3_normalize(q->source.away ? dvec3_widen(q->source.toward) : dvec3_mad(dvec3_widen(q->source.at), -1.0, x));
         z = 1.0;
         sine = exp(-7.0 * u);
-    } else if (q->here->count == 0 && !q->beyond && square > 1.02 * r2) { /* from outside, toward the bodies */
+    } else if (q->here->count == 0 && !q->beyond && square > 1.02 * r2) { /* from outside, toward the solids */
         z = 1.0 - u * (1.0 - sqrt(1.0 - r2 / square));
         sine = sqrt(fmax(1.0 - z * z, 0.0));
         axis = dvec3_normalize(to);
@@ -230,7 +230,7 @@ static void tangents(struct pell_dvec3 w, struct pell_dvec3 *t0, struct pell_dve
 /* Those that connections find, and those of no surface, are of no use. */
 static bool wanted(const struct quest *q, const struct chain *c)
 {
-    return c->kind.count > 0 && c->place.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.through[0] && !c->odd);
+    return c->kind.count > 0 && c->place.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.transmitted[0] && !c->odd);
 }
 
 static bool random_chain(const struct quest *q, struct pt_sampler *sampler, struct chain *c)
@@ -253,7 +253,7 @@ static bool random_chain(const struct quest *q, struct pt_sampler *sampler, stru
     }
 }
 
-/* --- To the lamp ------------------------------------------------------------------------------------------------------------------ */
+/* --- To the light ------------------------------------------------------------------------------------------------------------------ */
 
 /* The same kind of chain in another direction. */
 static bool follow(const struct quest *q, const struct kind *kind, struct pell_dvec3 w, struct chain *c)
@@ -264,20 +264,20 @@ static bool follow(const struct quest *q, const struct kind *kind, struct pell_d
     start(q, w, t0, t1, c);
     for (int i = 0; i < kind->count; i++) {
         struct pt_hit hit;
-        if (!next(q, c, (double) INFINITY, &hit) || !turn(q, c, &hit, &kind->through[i], NULL))
+        if (!next(q, c, (double) INFINITY, &hit) || !turn(q, c, &hit, &kind->transmitted[i], NULL))
             return false;
     }
     return c->place.count == 0;
 }
 
-/* Where the lamp is from the chain's last place. *distance INFINITY: a direction. */
+/* Where the light is from the chain's last place. *distance INFINITY: a direction. */
 static struct pell_dvec3 aim(const struct quest *q, const struct chain *c, double *distance)
 {
-    struct pell_dvec3 to = dvec3_widen(q->lamp.toward);
+    struct pell_dvec3 to = dvec3_widen(q->source.toward);
 
     *distance = INFINITY;
-    if (!q->lamp.away) {
-        to = dvec3_mad(dvec3_widen(q->lamp.at), -1.0, c->at);
+    if (!q->source.away) {
+        to = dvec3_mad(dvec3_widen(q->source.at), -1.0, c->at);
         *distance = sqrt(dvec3_dot(to, to));
     }
     return dvec3_normalize(to);
@@ -291,7 +291,7 @@ static double miss(const struct quest *q, const struct chain *c)
     return sqrt(dvec3_dot(off, off));
 }
 
-/* The turn of w0 that would bring c to the lamp, were all linear. */
+/* The turn of w0 that would bring c to the light, were all linear. */
 static bool newton(const struct quest *q, const struct chain *c, struct pell_dvec3 *by)
 {
     struct pell_dvec3 t0, t1, e0, e1;
@@ -320,7 +320,7 @@ static bool newton(const struct quest *q, const struct chain *c, struct pell_dve
     return true;
 }
 
-/* From a random chain to one that hits the lamp. */
+/* From a random chain to one that hits the light. */
 static bool solve(const struct quest *q, struct chain *c)
 {
     const struct kind kind = c->kind;
@@ -356,12 +356,12 @@ static bool is_same(const struct chain *a, const struct chain *b)
     if (a->kind.count != b->kind.count || dvec3_dot(off, off) > SAME * SAME)
         return false;
     for (int i = 0; i < a->kind.count; i++)
-        if (a->kind.through[i] != b->kind.through[i])
+        if (a->kind.transmitted[i] != b->kind.transmitted[i])
             return false;
     return true;
 }
 
-/* What comes along a chain, over the probability of its lamp. False: nothing. */
+/* What comes along a chain, over the probability of its light. False: nothing. */
 static bool light_of(const struct quest *q, const struct chain *c, const float beta[3], struct pt_sampler *sampler, double out[3])
 {
     const struct pell_vec3 w = dvec3_narrow(c->w0), at = dvec3_narrow(c->at);
@@ -377,27 +377,27 @@ static bool light_of(const struct quest *q, const struct chain *c, const float b
     along = fabs(dvec3_dot(dvec3_cross(moved[0], moved[1]), c->w));
     if (!(along > 1e-30))
         return false;
-    pell_emitters_power_at(q->s->emitters, &q->lamp, at, power);
+    pell_light_sampler_power_at(q->s->light_sampler, &q->source, at, power);
     pt_scatter_values(q->at, w, values);
     for (int k = 0; k < 3; k++)
-        out[k] = (double) (beta[k] * values[k] * power[k]) * c->share / (along * q->lamp.pdf * exp(-REACH * c->depth));
+        out[k] = (double) (beta[k] * values[k] * power[k]) * c->share / (along * q->source.pdf * exp(-REACH * c->depth));
     for (int i = 0; i < c->kind.count; i++) {
         float passed[3];
-        if (c->leg[i].body < 0)
+        if (c->leg[i].solid < 0)
             continue;
-        pt_pass(q->s, c->leg[i].body, c->leg[i].x, c->leg[i].w, c->leg[i].length, sampler, passed);
+        pt_transmittance(q->s, c->leg[i].solid, c->leg[i].x, c->leg[i].w, c->leg[i].length, sampler, passed);
         for (int k = 0; k < 3; k++)
             out[k] *= (double) passed[k];
     }
-    return out[0] + out[1] + out[2] > 0.0 && pt_clear(q->s, q->counts, c->from, dvec3_narrow(v),
+    return out[0] + out[1] + out[2] > 0.0 && pt_unoccluded(q->s, q->counts, c->from, dvec3_narrow(v),
                                                       distance < INFINITY ? (float) (distance * (1.0 - 1e-5)) : INFINITY, PELL_RAY_ALL);
 }
 
-void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_place *here,
-               const struct pt_place *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3])
+void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_medium_stack *here,
+               const struct pt_medium_stack *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3])
 {
     struct pt_sampler own = pt_own_numbers(walk, 0x9fb21c651e98df25u);
-    const int body = pt_top(here);
+    const int solid = pt_top(here);
     struct quest q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond, .off = off };
     const double least = CHAIN_SHARE * s->typical;
     struct chain found, again;
@@ -406,15 +406,15 @@ void pt_chains(const struct pt_scene *s, struct pt_counts *counts, const struct 
 
     q.deepest = -log(pt_fine(&own)) / REACH;
     if (at->medium) {
-        const double slowest = (double) s->body[body].medium.slowest, most_deep = 1.5 * q.deepest + 0.1;
+        const double slowest = (double) s->solid[solid].medium.slowest, most_deep = 1.5 * q.deepest + 0.1;
         if (slowest * (double) safe > most_deep ||
-            (s->body[body].grid && slowest * (double) pell_distance_bound(s->distance, body, at->x) > most_deep))
+            (s->solid[solid].grid && slowest * (double) pell_distance_bound(s->distance, solid, at->x) > most_deep))
             return;
     }
-    q.connected = !beyond && here->count == 1 && s->body[body].connects;
+    q.connected = !beyond && here->count == 1 && s->solid[solid].connects;
     for (int k = 0; k < 3; k++)
         u[k] = pt_fine(&own);
-    if (!pell_emitters_sample(s->emitters, at->x, u, &q.lamp) || !(q.lamp.pdf > 0.0) || !q.lamp.delta)
+    if (!pell_light_sampler_sample(s->light_sampler, at->x, u, &q.source) || !(q.source.pdf > 0.0) || !q.source.delta)
         return;
     if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !light_of(&q, &found, beta, &own, light))
         return;

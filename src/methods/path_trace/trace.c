@@ -13,13 +13,13 @@ enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker
     if (!w)
         return PELL_ERR_NOMEM;
     w->ctx = scene->ctx;
-    return scene->knobs.acceleration != PT_ACCELERATION_NONE ? pt_side_create(scene, &w->side) : PELL_OK;
+    return scene->knobs.acceleration != PT_ACCELERATION_NONE ? pt_wavefront_create(scene, &w->side) : PELL_OK;
 }
 
 void pt_walker_destroy(struct pt_walker **walker)
 {
     if (*walker) {
-        pt_side_destroy((*walker)->ctx, &(*walker)->side);
+        pt_wavefront_destroy((*walker)->ctx, &(*walker)->side);
         pell_free((*walker)->ctx, *walker);
     }
     *walker = NULL;
@@ -54,7 +54,7 @@ void pt_trace_jobs(const struct pt_scene *s, struct pt_walker *walker, struct pt
     bool there = false;
 
     if (walker->side) {
-        pt_side_trace(s, walker, jobs, count);
+        pt_wavefront_trace(s, walker, jobs, count);
         return;
     }
     for (int i = 0; i < count; i++) {

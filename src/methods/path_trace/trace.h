@@ -17,11 +17,11 @@ enum pt_acceleration { PT_ACCELERATION_NONE, PT_ACCELERATION_LANES, PT_ACCELERAT
 
 /* Ways by which light is found; tests switch them off one by one. */
 enum pt_technique {
-    PT_CHANCE = 1 << 0,  /* the walk meets a lamp with extent, or the environment */
-    PT_LAMPS = 1 << 1,   /* lamps are sampled at surfaces: rough boundaries, opaque things */
-    PT_CONNECT = 1 << 2, /* lamps are sampled inside media, through smooth boundaries */
-    PT_LIGHT = 1 << 3,   /* paths from the lamps are joined to the walk inside media */
-    PT_CHAIN = 1 << 4,   /* chains of smooth surfaces are solved for, from scatterers to delta lamps */
+    PT_CHANCE = 1 << 0,  /* the walk meets a light with extent, or the environment */
+    PT_LIGHTS = 1 << 1,   /* lights are sampled at surfaces: rough boundaries, opaque objects */
+    PT_CONNECT = 1 << 2, /* lights are sampled inside media, through smooth boundaries */
+    PT_LIGHT = 1 << 3,   /* paths from the lights are joined to the walk inside media */
+    PT_CHAIN = 1 << 4,   /* chains of smooth surfaces are solved for, from scatterers to delta lights */
     PT_ALL = 31,
 };
 
@@ -38,7 +38,7 @@ struct pt_knobs {
 struct pt_scene;
 struct pt_walker;
 
-/* PELL_ERR_UNSUPPORTED, with a message that names the material, for those of which only a profile is known. Warns once of each body whose
+/* PELL_ERR_UNSUPPORTED, with a message that names the material, for those of which only a profile is known. Warns once of each solid whose
  * surface is open. The services must outlive the scene. */
 PELL_NODISCARD enum pell_result pt_scene_create(const struct pell_services *services, const struct pt_knobs *knobs,
                                                 struct pt_scene **out);
@@ -58,9 +58,9 @@ struct pt_counts {
     int64_t late;               /* chains given up at the deadline: their samples are no good */
     int64_t cut;                /* paths ended by the knob bounces */
     double cut_weight;          /* that these still carried, as a share of a path's: (R + G + B)/3, sum. Times the brightest radiance that a
-                                * lamp shows, over the samples, it limits what the bound cost where no delta lamp is */
-    int64_t crossed; /* closed surfaces met out of order: entered while inside the body, or left while outside (they cross or touch) */
-    int64_t lost;    /* walks that left a body through no surface (open or crossing ones, rounding), or found none at the pixel */
+                                * light shows, over the samples, it limits what the bound cost where no delta light is */
+    int64_t crossed; /* closed surfaces met out of order: entered while inside the solid, or left while outside (they cross or touch) */
+    int64_t lost;    /* walks that left a solid through no surface (open or crossing ones, rounding), or found none at the pixel */
 };
 
 PELL_NODISCARD enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker **out);
@@ -70,16 +70,16 @@ const struct pt_counts *pt_walker_counts(const struct pt_walker *walker);
 /* Where a pixel's paths begin. */
 struct pt_point {
     struct pell_vec3 at;     /* mm, on the surface that the pixel sees (struct pell_frame.position) */
-    struct pell_vec3 toward; /* unit, to the eye */
-    float depth;             /* mm, from the eye along the ray: how far back from `at` nothing may be in the way, > 0 */
+    struct pell_vec3 toward; /* unit, to the camera */
+    float depth;             /* mm, from the camera along the ray: how far back from `at` nothing may be in the way, > 0 */
     uint16_t material;       /* frame's material + 1, as in struct pell_frame */
     uint32_t pixel;          /* number of the pixel, its own, whatever the frame's stride: names its random numbers */
 };
 
-/* Radiance, W/(m^2 sr), toward the eye, by what light did on its way (the sum is the picture):
+/* Radiance, W/(m^2 sr), toward the camera, by what light did on its way (the sum is the picture):
  *     single    entered and scattered exactly once
  *     multiple  entered and scattered more than once; also what passed unscattered, or was reflected by something opaque inside or behind
- *     surface   reflected at the surface without entering any body */
+ *     surface   reflected at the surface without entering any solid */
 struct pt_light {
     double multiple[3], single[3], surface[3];
 };
@@ -96,7 +96,7 @@ void pt_trace_jobs(const struct pt_scene *scene, struct pt_walker *walker, struc
 void pt_trace(const struct pt_scene *scene, struct pt_walker *walker, const struct pt_point *point, uint32_t first, int count,
               struct pt_light *out);
 
-/* The brightest radiance that a lamp with extent shows, or the environment at some hundred places; 0: there is none. */
+/* The brightest radiance that a light with extent shows, or the environment at some hundred places; 0: there is none. */
 double pt_scene_brightest(const struct pt_scene *scene);
 
 #endif

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * walk.c - paths from the eye.
+ * walk.c - paths from the camera.
  *
  * A walk keeps its weight at boundaries (path.h) and loses at collisions what the medium absorbs; below `roulette` it goes on by chance.
- * Lamps are looked for where it scatters (lamps.c, chain.c), paths from lamps are joined there (light.c), and where it leaves it meets
- * lamps by chance. At the pixel's own surface a smooth boundary is split: what it reflects and what enters are both followed. */
+ * Lights are looked for where it scatters (next_event.c, specular_manifold.c), paths from lights are joined there (light_path.c), and where
+ * it leaves it meets lights by chance. At the pixel's own surface a smooth boundary is split: what it reflects and what enters are both
+ * followed. */
 #include "methods/path_trace/walk.h"
 
 #include <string.h>
@@ -20,29 +21,29 @@ static void add(struct pt_walk *p, const double light[3], int scattered)
 
 /* --- In the open ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Lamps that the way through the open meets before `reach`. */
-static void meet_lamps(struct pt_walk *p, double reach)
+/* Lights that the way through the open meets before `reach`. */
+static void hit_lights(struct pt_walk *p, double reach)
 {
     const struct pt_scene *s = p->s;
-    struct pell_emitter_sample lamp;
+    struct pell_light_sample source;
     double distance, pdf;
     float radiance[3];
     const struct pell_vec3 from = p->last == PT_LAST_SURFACE ? p->surface : p->last == PT_LAST_EXIT ? p->exit.from.x : p->x;
 
     if (!(s->knobs.techniques & PT_CHANCE))
         return;
-    for (int k = 0; pell_emitters_hit(s->emitters, from, p->x, p->w, reach, k, &lamp, &distance, radiance, &pdf); k++) {
-        const double facing = lamp.away ? 1.0 : -(double) vec3_dot(lamp.normal, p->w);
+    for (int k = 0; pell_light_sampler_hit(s->light_sampler, from, p->x, p->w, reach, k, &source, &distance, radiance, &pdf); k++) {
+        const double facing = source.away ? 1.0 : -(double) vec3_dot(source.normal, p->w);
         double met = 0.0, found = 0.0, light[3];
-        if (p->last == PT_LAST_SURFACE && p->looked && !lamp.away) {
+        if (p->last == PT_LAST_SURFACE && p->looked && !source.away) {
             met = pt_exit_density(s, &p->exit) * (double) p->density * facing / (distance * distance);
-            found = pell_emitters_pdf(s->emitters, p->exit.from.x, &lamp) * pt_rough_looked(s, p->counts, &p->exit, &lamp);
-        } else if (p->last == PT_LAST_SURFACE && (s->knobs.techniques & PT_LAMPS)) {
-            met = (double) p->density * (lamp.away ? 1.0 : facing / (distance * distance));
+            found = pell_light_sampler_pdf(s->light_sampler, p->exit.from.x, &source) * pt_rough_looked(s, p->counts, &p->exit, &source);
+        } else if (p->last == PT_LAST_SURFACE && (s->knobs.techniques & PT_LIGHTS)) {
+            met = (double) p->density * (source.away ? 1.0 : facing / (distance * distance));
             found = pdf;
         } else if (p->last == PT_LAST_EXIT) {
             met = pt_exit_density(s, &p->exit) * pt_beam(s, &p->exit, distance) * facing;
-            found = pdf * pt_exit_looked(s, &p->exit, &lamp);
+            found = pdf * pt_exit_looked(s, &p->exit, &source);
         }
         for (int c = 0; c < 3; c++)
             light[c] = (double) (p->beta[c] * radiance[c]) * (found > 0.0 ? met / (met + found) : 1.0);
@@ -50,8 +51,8 @@ static void meet_lamps(struct pt_walk *p, double reach)
     }
 }
 
-/* What is looked for at a scatterer in a medium, at something opaque in it, or (body < 0) at something opaque in the open. */
-void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int body, enum pt_asked asked)
+/* What is looked for at a scatterer in a medium, at something opaque in it, or (solid < 0) at something opaque in the open. */
+void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, enum pt_connection asked)
 {
     const struct pt_scene *s = p->s;
     double sum[3] = { 0.0, 0.0, 0.0 };
@@ -60,26 +61,26 @@ void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int body, en
     p->tight = p->tight && p->crossed;
     p->crossed = false;
     if (p->tight && s->chains) {
-        pt_chains(s, p->counts, at, &p->place, NULL, 0.0f, p->safe, p->beta, p->sampler, sum);
+        pt_specular_manifold(s, p->counts, at, &p->place, NULL, 0.0f, p->safe, p->beta, p->sampler, sum);
         add(p, sum, p->scattered);
         memset(sum, 0, sizeof(sum));
     }
-    if (body >= 0 && (s->body[body].connects || s->body[body].near) && p->place.count == 1) {
-        const float share = p->scattered <= 1 ? 1.0f : s->body[body].share;
-        if (!s->body[body].connects)
-            pt_connect_rough(s, p->counts, body, at, p->beta, share, &p->turn, p->sampler, sum);
-        else if (asked == PT_ASKED_YES || (asked == PT_ASKED_NOT && pt_asks(s, body, at->x, &p->safe, share, &p->turn, p->sampler)))
-            pt_connect_lamps(s, p->counts, body, at, p->beta, share, p->sampler, sum);
+    if (solid >= 0 && (s->solid[solid].connects || s->solid[solid].near) && p->place.count == 1) {
+        const float share = p->scattered <= 1 ? 1.0f : s->solid[solid].share;
+        if (!s->solid[solid].connects)
+            pt_connect_rough(s, p->counts, solid, at, p->beta, share, &p->turn, p->sampler, sum);
+        else if (asked == PT_CONNECTION_YES || (asked == PT_CONNECTION_NOT && pt_should_connect(s, solid, at->x, &p->safe, share, &p->turn, p->sampler)))
+            pt_connect_lights(s, p->counts, solid, at, p->beta, share, p->sampler, sum);
         add(p, sum, p->scattered);
         p->exit.from = *at;
-        p->exit.body = body;
+        p->exit.solid = solid;
         p->exit.share = share;
         memcpy(p->exit.beta, p->beta, sizeof(p->beta));
         p->leaving = true;
     }
     if (p->vertices > 0) {
         memset(sum, 0, sizeof(sum));
-        pt_join(s, p->counts, p->vertex, p->vertices, body, at, p->beta, p->sampler, sum);
+        pt_connect_paths(s, p->counts, p->vertex, p->vertices, solid, at, p->beta, p->sampler, sum);
         add(p, sum, 2);
     }
 }
@@ -87,9 +88,9 @@ void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int body, en
 static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
 {
     const struct pt_scene *s = p->s;
-    const int body = pt_top(&p->place);
+    const int solid = pt_top(&p->place);
     const struct pell_vec3 n = vec3_dot(p->w, hit->ng) > 0.0f ? vec3_mul(hit->ng, -1.0f) : hit->ng;
-    const struct pt_facing at = { vec3_mul(p->w, -1.0f), n, n, 0 };
+    const struct pt_shading_frame at = { vec3_mul(p->w, -1.0f), n, n, 0 };
     struct pell_vec3 t, b;
     float albedo[3], u, v, r, phi;
 
@@ -99,13 +100,13 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
         p->beta[c] *= albedo[c];
     p->safe = 0.0f;
     p->last = PT_LAST_NONE;
-    if (body < 0 && (s->knobs.techniques & PT_LAMPS)) {
+    if (solid < 0 && (s->knobs.techniques & PT_LIGHTS)) {
         double sum[3] = { 0.0, 0.0, 0.0 };
-        pt_lamps(s, p->counts, hit, NULL, &at, 1, false, p->beta, p->sampler, sum);
+        pt_next_event(s, p->counts, hit, NULL, &at, 1, false, p->beta, p->sampler, sum);
         add(p, sum, p->scattered);
     }
     const struct pt_scatterer from = { vec3_mad(hit->p, hit->unit, n), p->w, NULL, n, NULL, NULL };
-    pt_scattered(p, &from, body, PT_ASKED_NOT);
+    pt_scattered(p, &from, solid, PT_CONNECTION_NOT);
     u = pt_random(p->sampler);
     v = pt_random(p->sampler);
     r = sqrtf(u);
@@ -114,7 +115,7 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
     p->w = vec3_normalize(vec3_add(vec3_add(vec3_mul(t, r * cosf(phi)), vec3_mul(b, r * sinf(phi))), vec3_mul(n, sqrtf(1.0f - u))));
     p->x = hit->p;
     p->from = vec3_mad(hit->p, hit->unit, n);
-    if (body < 0) {
+    if (solid < 0) {
         p->last = PT_LAST_SURFACE;
         p->density = fmaxf(vec3_dot(p->w, n), 0.0f) / PELL_PI_F;
         p->surface = hit->p;
@@ -125,8 +126,8 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
 /* --- Boundaries ------------------------------------------------------------------------------------------------------------------- */
 
 struct boundary {
-    struct pt_facing at;
-    struct pt_place before, after;
+    struct pt_shading_frame at;
+    struct pt_medium_stack before, after;
     const struct pt_rough *rough;
     float eta; /* after / before */
     bool enter, flat;
@@ -136,11 +137,11 @@ struct boundary {
 static bool look(const struct pt_walk *p, const struct pt_hit *hit, struct boundary *b)
 {
     const float side = vec3_dot(p->w, hit->ng) < 0.0f ? 1.0f : -1.0f;
-    const bool closed = p->s->body[hit->body].closed; /* the inner side of an open one is seen through its hole */
+    const bool closed = p->s->solid[hit->solid].closed; /* the inner side of an open one is seen through its hole */
     float outward;
 
     b->enter = side > 0.0f;
-    if (!pt_cross(p->s, &p->place, hit->body, b->enter, &b->before, &b->after)) {
+    if (!pt_cross(p->s, &p->place, hit->solid, b->enter, &b->before, &b->after)) {
         p->counts->crossed += closed;
         return false;
     }
@@ -148,16 +149,16 @@ static bool look(const struct pt_walk *p, const struct pt_hit *hit, struct bound
     b->eta = pt_index(p->s, pt_top(&b->after)) / pt_index(p->s, pt_top(&b->before));
     outward = b->enter ? b->eta : 1.0f / b->eta;
     b->rough = pt_rough_find(p->s, hit, outward);
-    b->at = (struct pt_facing){ vec3_mul(p->w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), b->enter ? 0 : 1 };
+    b->at = (struct pt_shading_frame){ vec3_mul(p->w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), b->enter ? 0 : 1 };
     b->flat = !(vec3_dot(b->at.o, b->at.ns) > 1e-4f);
     if (b->flat)
         b->at.ns = b->at.ng;
     return true;
 }
 
-static void go_on(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, bool through)
+static void go_on(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, bool transmitted)
 {
-    p->place = through ? b->after : b->before;
+    p->place = transmitted ? b->after : b->before;
     p->x = hit->p;
     p->from = pt_leave(hit, p->w);
     p->safe = 0.0f;
@@ -169,29 +170,29 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
 {
     const struct pt_scene *s = p->s;
     const int open = b->before.count == 0 ? 1 : b->after.count == 0 ? -1 : 0;
-    const bool looked = p->leaving && open < 0 && b->before.count == 1; /* for lamps but the sky, from where the walk scattered */
+    const bool looked = p->leaving && open < 0 && b->before.count == 1; /* for lights but the environment, from where the walk scattered */
     const struct pell_vec3 came = p->w;
-    bool through;
+    bool transmitted;
 
-    if (open != 0 && (s->knobs.techniques & PT_LAMPS)) {
+    if (open != 0 && (s->knobs.techniques & PT_LIGHTS)) {
         double sum[3] = { 0.0, 0.0, 0.0 };
-        pt_lamps(s, p->counts, hit, b->rough, &b->at, open, looked, p->beta, p->sampler, sum);
+        pt_next_event(s, p->counts, hit, b->rough, &b->at, open, looked, p->beta, p->sampler, sum);
         add(p, sum, p->scattered);
     }
     if (s->chains) {
         const struct pt_scatterer at = { hit->p, came, NULL, b->at.ng, b->rough, &b->at };
         double sum[3] = { 0.0, 0.0, 0.0 };
-        pt_chains(s, p->counts, &at, &b->before, &b->after, hit->unit, 0.0f, p->beta, p->sampler, sum);
+        pt_specular_manifold(s, p->counts, &at, &b->before, &b->after, hit->unit, 0.0f, p->beta, p->sampler, sum);
         add(p, sum, p->scattered);
     }
-    p->tight = true; /* a lamp's path ends at rough surfaces */
-    p->w = pt_rough_sample(b->rough, &b->at, p->sampler, &through);
+    p->tight = true; /* a light's path ends at rough surfaces */
+    p->w = pt_rough_sample(b->rough, &b->at, p->sampler, &transmitted);
     p->last = PT_LAST_NONE;
-    if ((through ? b->after : b->before).count == 0) {
+    if ((transmitted ? b->after : b->before).count == 0) {
         p->last = PT_LAST_SURFACE;
         p->density = pt_rough_density(b->rough, &b->at, p->w);
         p->surface = hit->p;
-        p->looked = looked && through;
+        p->looked = looked && transmitted;
         if (p->looked) {
             p->exit.hit = *hit;
             p->exit.w = came;
@@ -199,7 +200,7 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
             p->exit.transmit = 1.0f;
         }
     }
-    go_on(p, hit, b, through);
+    go_on(p, hit, b, transmitted);
 }
 
 static void smooth_boundary(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, float u, float length)
@@ -207,20 +208,20 @@ static void smooth_boundary(struct pt_walk *p, const struct pt_hit *hit, const s
     const struct pell_vec3 came = p->w;
     const bool leaving = p->leaving && b->after.count == 0 && b->before.count == 1 && !b->flat;
     float fresnel;
-    bool wrong, through = pt_smooth(&b->at, b->eta, u, &p->w, &fresnel, &wrong);
+    bool wrong, transmitted = pt_smooth(&b->at, b->eta, u, &p->w, &fresnel, &wrong);
 
     p->last = PT_LAST_NONE;
-    if (leaving && through && !wrong) {
+    if (leaving && transmitted && !wrong) {
         p->last = PT_LAST_EXIT;
         p->exit.hit = *hit;
         p->exit.w = came;
         p->exit.length = length;
         p->exit.transmit = 1.0f - fresnel;
     }
-    go_on(p, hit, b, through);
+    go_on(p, hit, b, transmitted);
 }
 
-static void meet_body(struct pt_walk *p, const struct pt_hit *hit, float length)
+static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
 {
     struct boundary b;
 
@@ -258,8 +259,8 @@ static bool roulette(struct pt_walk *p)
 
 bool pt_met(struct pt_walk *p, const struct pt_hit *hit, float length)
 {
-    if (hit->body >= 0)
-        meet_body(p, hit, length);
+    if (hit->solid >= 0)
+        hit_solid(p, hit, length);
     else
         reflect_opaque(p, hit);
     return roulette(p);
@@ -284,8 +285,8 @@ void pt_cut(struct pt_counts *counts, const float beta[3])
 bool pt_walk_on(struct pt_walk *p)
 {
     const struct pt_scene *s = p->s;
-    const int body = pt_top(&p->place);
-    struct pt_flight flight;
+    const int solid = pt_top(&p->place);
+    struct pt_free_path free_path;
 
     if (p->bounces % LOOK == 0 && pt_stopped(s))
         return false;
@@ -293,31 +294,31 @@ bool pt_walk_on(struct pt_walk *p)
         pt_cut(p->counts, p->beta);
         return false;
     }
-    if (body < 0) {
+    if (solid < 0) {
         struct pt_hit hit;
-        const bool met = pt_meet(s, p->counts, p->from, p->w, INFINITY, PELL_RAY_ALL, &hit);
-        meet_lamps(p, met ? (double) hit.t : INFINITY);
+        const bool met = pt_intersect(s, p->counts, p->from, p->w, INFINITY, PELL_RAY_ALL, &hit);
+        hit_lights(p, met ? (double) hit.t : INFINITY);
         return met && pt_met(p, &hit, hit.t);
     }
-    pt_fly(s, p->counts, body, p->x, p->from, p->w, p->beta, &p->safe, p->sampler, &flight);
-    if (flight.met)
-        return pt_met(p, &flight.hit, flight.length);
-    if (flight.lost) {
-        pt_left(p, flight.x);
+    pt_sample_distance(s, p->counts, solid, p->x, p->from, p->w, p->beta, &p->safe, p->sampler, &free_path);
+    if (free_path.met)
+        return pt_met(p, &free_path.hit, free_path.length);
+    if (free_path.lost) {
+        pt_left(p, free_path.x);
         return true;
     }
     p->counts->scatterings++;
     p->scattered++;
-    p->x = p->from = flight.x;
+    p->x = p->from = free_path.x;
     if (!(p->beta[0] + p->beta[1] + p->beta[2] > 0.0f))
         return false;
-    const struct pt_scatterer at = { flight.x, p->w, flight.medium, { 0.0f, 0.0f, 0.0f }, NULL, NULL };
-    pt_scattered(p, &at, body, PT_ASKED_NOT);
-    pt_phase_sample(flight.medium, p->w, p->sampler, p->beta, &p->w);
+    const struct pt_scatterer at = { free_path.x, p->w, free_path.medium, { 0.0f, 0.0f, 0.0f }, NULL, NULL };
+    pt_scattered(p, &at, solid, PT_CONNECTION_NOT);
+    pt_phase_sample(free_path.medium, p->w, p->sampler, p->beta, &p->w);
     return roulette(p);
 }
 
-/* --- The eye ---------------------------------------------------------------------------------------------------------------------- */
+/* --- The camera ---------------------------------------------------------------------------------------------------------------------- */
 
 /* The surface at the pixel's point: rays from farther and farther back, as the point lies on it to rounding only. */
 bool pt_find(const struct pt_scene *s, struct pt_counts *counts, const struct pt_point *point, struct pt_hit *hit)
@@ -327,7 +328,7 @@ bool pt_find(const struct pt_scene *s, struct pt_counts *counts, const struct pt
 
     for (float e = 2e-5f; e < 2e-2f; e *= 8.0f) {
         const float back = fminf(e * most, point->depth);
-        if (pt_meet(s, counts, vec3_mad(point->at, back, point->toward), w, 2.0f * back, PELL_RAY_TRANSLUCENT, hit) && hit->body >= 0)
+        if (pt_intersect(s, counts, vec3_mad(point->at, back, point->toward), w, 2.0f * back, PELL_RAY_TRANSLUCENT, hit) && hit->solid >= 0)
             return true;
     }
     return false;
@@ -355,7 +356,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
     }
     p.vertex = walker->vertex;
     p.vertices = walker->vertices;
-    if (!look(&p, hit, &b)) /* never: the eye is in no body yet */
+    if (!look(&p, hit, &b)) /* never: the camera is in no solid yet */
         return 0;
     p.entered = b.before.count > 0;
     for (int reflected = 0; reflected < (b.rough ? 1 : 2); reflected++) {

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * wavefront.c - sixteen walks at once. Where all that happens is flights and scatterings the kernel of steps.h takes them on together;
- * at surfaces, in the open, in layers and where lamps are looked for each goes on by itself, as walk.c has it. A walk that is over makes
- * room for the next. What comes of a sample does not depend on its neighbours: the bits are those of one walk after the other. */
+ * wavefront.c - sixteen walks at once. Where all that happens is flights and scatterings the kernel of wavefront_kernel.h takes them on
+ * together; at surfaces, in the open, in layers and where lights are looked for each goes on by itself, as walk.c has it. A walk that is
+ * over makes room for the next. What comes of a sample does not depend on its neighbours: the bits are those of one walk after the
+ * other. */
 #include "methods/path_trace/wavefront_kernel.h"
 #include "methods/path_trace/walk.h"
 
@@ -17,12 +18,12 @@ struct slot {
     struct pt_job *job;
 };
 
-struct pt_side {
-    struct pt_steps w;
+struct pt_wavefront {
+    struct pt_wavefront_lanes w;
     struct pell_ray_hit16 rays;
     struct slot slot[PT_LANES + 1]; /* the last: a walk that waits for a free lane */
-    const struct pt_steps_kernels *k;
-    int key[PT_LANES]; /* of where a walk is: the body, and whether it is in that alone */
+    const struct pt_wavefront_kernels *k;
+    int key[PT_LANES]; /* of where a walk is: the solid, and whether it is in that alone */
     uint32_t live;
     uint32_t fresh;  /* rays start at the walk's own place, not at x: it comes from a surface */
     uint32_t single; /* every scatterer is looked at by itself */
@@ -37,17 +38,17 @@ struct pt_side {
     bool there;
 };
 
-enum pell_result pt_side_create(const struct pt_scene *s, struct pt_side **out)
+enum pell_result pt_wavefront_create(const struct pt_scene *s, struct pt_wavefront **out)
 {
-    struct pt_side *d = *out = pell_zalloc(s->ctx, sizeof(*d));
+    struct pt_wavefront *d = *out = pell_zalloc(s->ctx, sizeof(*d));
 
     if (!d)
         return PELL_ERR_NOMEM;
-    d->k = pt_steps_kernels_tables[pell_simd_best()];
+    d->k = pt_wavefront_kernels_tables[pell_simd_best()];
     return PELL_OK;
 }
 
-void pt_side_destroy(struct pell_context *ctx, struct pt_side **side)
+void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **side)
 {
     pell_free(ctx, *side);
     *side = NULL;
@@ -55,9 +56,9 @@ void pt_side_destroy(struct pell_context *ctx, struct pt_side **side)
 
 /* --- Walks in lanes and by themselves ------------------------------------------------------------------------------------------------ */
 
-static bool connects(const struct pt_side *d, const struct pt_walk *p)
+static bool connects(const struct pt_wavefront *d, const struct pt_walk *p)
 {
-    return p->place.count == 1 && d->s->body[pt_top(&p->place)].connects;
+    return p->place.count == 1 && d->s->solid[pt_top(&p->place)].connects;
 }
 
 static int key_of(const struct pt_walk *p)
@@ -65,9 +66,9 @@ static int key_of(const struct pt_walk *p)
     return 2 * pt_top(&p->place) + (p->place.count == 1);
 }
 
-static void take(struct pt_side *d, int l)
+static void take(struct pt_wavefront *d, int l)
 {
-    struct pt_steps *w = &d->w;
+    struct pt_wavefront_lanes *w = &d->w;
     struct pt_walk *p = &d->slot[l].p;
     struct pell_vec3 came = { w->came[0][l], w->came[1][l], w->came[2][l] };
 
@@ -84,19 +85,19 @@ static void take(struct pt_side *d, int l)
         return;
     p->from = p->x;
     if (connects(d, p)) {
-        const int body = pt_top(&p->place);
-        p->exit.from = (struct pt_scatterer){ .x = p->x, .w = came, .medium = &d->s->body[body].medium.layer[0] };
-        p->exit.body = body;
-        p->exit.share = p->scattered <= 1 ? 1.0f : d->s->body[body].share;
+        const int solid = pt_top(&p->place);
+        p->exit.from = (struct pt_scatterer){ .x = p->x, .w = came, .medium = &d->s->solid[solid].medium.layer[0] };
+        p->exit.solid = solid;
+        p->exit.share = p->scattered <= 1 ? 1.0f : d->s->solid[solid].share;
         for (int c = 0; c < 3; c++)
             p->exit.beta[c] = w->collided[c][l];
         p->leaving = true;
     }
 }
 
-static void give(struct pt_side *d, int l)
+static void give(struct pt_wavefront *d, int l)
 {
-    struct pt_steps *w = &d->w;
+    struct pt_wavefront_lanes *w = &d->w;
     struct slot *slot = &d->slot[l];
     const struct pt_walk *p = &slot->p;
     const float x[3] = { p->x.x, p->x.y, p->x.z }, way[3] = { p->w.x, p->w.y, p->w.z };
@@ -121,7 +122,7 @@ static void give(struct pt_side *d, int l)
     d->single |= bit; /* until it scattered */
 }
 
-static void finish(struct pt_side *d, int l)
+static void finish(struct pt_wavefront *d, int l)
 {
     pt_light_add(&d->slot[l].job->light, &d->slot[l].light);
     d->live &= ~(1u << l);
@@ -130,14 +131,14 @@ static void finish(struct pt_side *d, int l)
 /* Goes on alone until lanes can take it. False: it is over. */
 static bool alone(const struct pt_scene *s, struct pt_walk *p)
 {
-    while (!(p->place.count > 0 && s->body[pt_top(&p->place)].lanes))
+    while (!(p->place.count > 0 && s->solid[pt_top(&p->place)].lanes))
         if (!pt_walk_on(p))
             return false;
     return true;
 }
 
 /* After what happened to it by itself. */
-static void back(struct pt_side *d, int l, bool lives)
+static void back(struct pt_wavefront *d, int l, bool lives)
 {
     if (lives && alone(d->s, &d->slot[l].p))
         give(d, l);
@@ -146,7 +147,7 @@ static void back(struct pt_side *d, int l, bool lives)
 }
 
 /* Few walks are faster by themselves. */
-static void finish_alone(struct pt_side *d)
+static void finish_alone(struct pt_wavefront *d)
 {
     for (; d->live; d->live &= d->live - 1) {
         const int l = __builtin_ctz(d->live);
@@ -166,7 +167,7 @@ static void point_at_own(struct slot *slot)
     slot->p.vertex = slot->vertex;
 }
 
-static void load_slot(struct pt_side *d, int l, const struct pt_walk *p, const struct pt_sampler *sampler, const struct pt_light *light,
+static void load_slot(struct pt_wavefront *d, int l, const struct pt_walk *p, const struct pt_sampler *sampler, const struct pt_light *light,
                       struct pt_job *job)
 {
     struct slot *slot = &d->slot[l];
@@ -181,7 +182,7 @@ static void load_slot(struct pt_side *d, int l, const struct pt_walk *p, const s
 }
 
 /* Begins samples until one has a walk for the lane. False: there is none left. */
-static bool fill(struct pt_side *d, int l)
+static bool fill(struct pt_wavefront *d, int l)
 {
     if (d->waits) {
         struct slot *from = &d->slot[PT_LANES];
@@ -234,14 +235,14 @@ static int bits(uint32_t set)
     return (int) ((set & 0xffu) + (set >> 8));
 }
 
-static struct pt_steps_place place_of(const struct pt_scene *s, int body, bool one)
+static struct pt_wavefront_place place_of(const struct pt_scene *s, int solid, bool one)
 {
-    const struct pt_body *b = &s->body[body];
+    const struct pt_solid *b = &s->solid[solid];
     const float margin = 4.0f * s->unit;
 
-    return (struct pt_steps_place){
+    return (struct pt_wavefront_place){
         .m = &b->medium.layer[0],
-        .grid = b->grid ? pell_distance_grid(s->distance, body) : NULL,
+        .grid = b->grid ? pell_distance_grid(s->distance, solid) : NULL,
         .lo = { b->lo.x - margin, b->lo.y - margin, b->lo.z - margin },
         .hi = { b->hi.x + margin, b->hi.y + margin, b->hi.z + margin },
         .roulette = s->knobs.roulette,
@@ -253,9 +254,9 @@ static struct pt_steps_place place_of(const struct pt_scene *s, int body, bool o
 }
 
 /* Of flights that may have met a surface those that did, which are dealt with. */
-static uint32_t meet(struct pt_side *d, uint32_t set)
+static uint32_t meet(struct pt_wavefront *d, uint32_t set)
 {
-    const struct pt_steps *w = &d->w;
+    const struct pt_wavefront_lanes *w = &d->w;
     struct pell_ray_hit16 *r = &d->rays;
     _Alignas(64) int valid[PELL_PACKET];
     uint32_t met = 0;
@@ -296,29 +297,29 @@ static uint32_t meet(struct pt_side *d, uint32_t set)
         take(d, l);
         pt_hit_at(d->s, r->hit.mesh[l], r->hit.triangle[l], r->hit.u[l], r->hit.v[l], p->w, &hit);
         hit.t = r->ray.tfar[l];
-        pt_pass_by(&d->s->body[pt_top(&p->place)].medium.layer[0], hit.t, p->beta);
+        pt_attenuate(&d->s->solid[pt_top(&p->place)].medium.layer[0], hit.t, p->beta);
         back(d, l, pt_met(p, &hit, hit.t));
     }
     return met;
 }
 
-/* A flight that left the body through no surface. */
-static void leave(struct pt_side *d, int l)
+/* A flight that left the solid through no surface. */
+static void leave(struct pt_wavefront *d, int l)
 {
     struct pt_walk *p = &d->slot[l].p;
-    const struct pt_body *b;
+    const struct pt_solid *b;
     float length;
 
     take(d, l);
-    b = &d->s->body[pt_top(&p->place)];
-    length = pt_outside(b, p->x, 0.0f) ? 0.0f : pt_way_out(b, p->x, p->w);
-    pt_pass_by(&b->medium.layer[0], length, p->beta);
+    b = &d->s->solid[pt_top(&p->place)];
+    length = pt_outside(b, p->x, 0.0f) ? 0.0f : pt_exit_distance(b, p->x, p->w);
+    pt_attenuate(&b->medium.layer[0], length, p->beta);
     pt_left(p, vec3_mad(p->x, length, p->w));
     back(d, l, true);
 }
 
 /* Looks for light at a scatterer. */
-static void look(struct pt_side *d, int l, int body, bool asks)
+static void look(struct pt_wavefront *d, int l, int solid, bool asks)
 {
     struct pt_walk *p = &d->slot[l].p;
     const struct pt_scatterer *at;
@@ -326,21 +327,21 @@ static void look(struct pt_side *d, int l, int body, bool asks)
     d->since &= ~(1u << l);
     take(d, l);
     p->from = p->x;
-    at = &(struct pt_scatterer){ .x = p->x, .w = p->w, .medium = &d->s->body[body].medium.layer[0] };
-    pt_scattered(p, at, body, asks ? PT_ASKED_YES : PT_ASKED_NO);
+    at = &(struct pt_scatterer){ .x = p->x, .w = p->w, .medium = &d->s->solid[solid].medium.layer[0] };
+    pt_scattered(p, at, solid, asks ? PT_CONNECTION_YES : PT_CONNECTION_NO);
     d->w.turn[l] = p->turn;
-    if (!p->tight && p->vertices == 0 && !d->s->body[body].near)
+    if (!p->tight && p->vertices == 0 && !d->s->solid[solid].near)
         d->single &= ~(1u << l);
 }
 
-/* One step of walks in one body. */
-static void step(struct pt_side *d, int body, bool one, uint32_t set)
+/* One step of walks in one solid. */
+static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
 {
     struct pt_counts *counts = &d->walker->counts;
-    const struct pt_steps_place place = place_of(d->s, body, one);
+    const struct pt_wavefront_place place = place_of(d->s, solid, one);
     uint32_t cut, lost, gone, rays, asks;
 
-    rays = d->k->fly(&d->w, &place, set, &cut);
+    rays = d->k->sample_distance(&d->w, &place, set, &cut);
     for (uint32_t left = cut; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
         pt_cut(counts, (const float[3]){ d->w.beta[0][l], d->w.beta[1][l], d->w.beta[2][l] });
@@ -362,7 +363,7 @@ static void step(struct pt_side *d, int body, bool one, uint32_t set)
     set &= ~gone;
     for (uint32_t left = (asks | d->single) & set; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        look(d, l, body, asks >> l & 1);
+        look(d, l, solid, asks >> l & 1);
     }
     d->fresh &= ~set;
     d->since |= set;
@@ -370,9 +371,9 @@ static void step(struct pt_side *d, int body, bool one, uint32_t set)
         finish(d, __builtin_ctz(left));
 }
 
-void pt_side_trace(const struct pt_scene *s, struct pt_walker *walker, struct pt_job *jobs, int count)
+void pt_wavefront_trace(const struct pt_scene *s, struct pt_walker *walker, struct pt_job *jobs, int count)
 {
-    struct pt_side *d = walker->side;
+    struct pt_wavefront *d = walker->side;
 
     d->s = s;
     d->walker = walker;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * wavefront_kernel.c - see steps.h; compiled once per level of base/simd.h. */
+ * wavefront_kernel.c - see wavefront_kernel.h; compiled once per level of base/simd.h. */
 #include "methods/path_trace/wavefront_kernel.h"
 
 #include "math/lanes.h"
@@ -82,12 +82,12 @@ INLINE vq half_bits(void)
 }
 
 /* The next bits of some lanes, those that take even numbers apart: their set. */
-INLINE uint32_t draw(struct pt_steps *w, uint32_t set, int32_t *bits, float *even)
+INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, float *homogeneous)
 {
     uint32_t early = 0;
 
     EACH(l)
-        early |= set_of(whole(w->at + l) < PT_EVEN_NUMBERS, l);
+        early |= set_of(whole(w->at + l) < PT_QUASI_RANDOM_NUMBERS, l);
     early &= set;
     EACH(l) {
         vq half[2];
@@ -104,22 +104,22 @@ INLINE uint32_t draw(struct pt_steps *w, uint32_t set, int32_t *bits, float *eve
     }
     for (uint32_t left = early; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        even[l] = pt_even(w->sampler[l]);
+        homogeneous[l] = pt_quasi_random(w->sampler[l]);
         w->at[l] = w->sampler[l]->at;
     }
     return early;
 }
 
 /* In [0, 1), as pt_random. */
-INLINE void uniform(struct pt_steps *w, uint32_t set, float *out)
+INLINE void uniform(struct pt_wavefront_lanes *w, uint32_t set, float *out)
 {
     _Alignas(64) int32_t bits[PT_LANES];
-    _Alignas(64) float even[PT_LANES] = { 0 };
-    const uint32_t early = draw(w, set, bits, even);
+    _Alignas(64) float homogeneous[PT_LANES] = { 0 };
+    const uint32_t early = draw(w, set, bits, homogeneous);
 
     EACH(l) {
         const vf late = __builtin_convertvector(whole(bits + l) >> 8 & 0xffffff, vf) * (1.0f / 16777216.0f);
-        store(out + l, early ? select(mask_of(early, l), load(even + l), late) : late);
+        store(out + l, early ? select(mask_of(early, l), load(homogeneous + l), late) : late);
     }
 }
 
@@ -129,20 +129,20 @@ INLINE vf chance_of(vi bits)
 }
 
 /* In (0, 1], as pt_chance. */
-INLINE void chance(struct pt_steps *w, uint32_t set, float *out)
+INLINE void chance(struct pt_wavefront_lanes *w, uint32_t set, float *out)
 {
     _Alignas(64) int32_t bits[PT_LANES];
-    _Alignas(64) float even[PT_LANES] = { 0 };
-    const uint32_t early = draw(w, set, bits, even);
+    _Alignas(64) float homogeneous[PT_LANES] = { 0 };
+    const uint32_t early = draw(w, set, bits, homogeneous);
 
     EACH(l) {
         const vf late = chance_of(whole(bits + l));
-        store(out + l, early ? select(mask_of(early, l), 1.0f - load(even + l), late) : late);
+        store(out + l, early ? select(mask_of(early, l), 1.0f - load(homogeneous + l), late) : late);
     }
 }
 
-/* What the channel, chosen as by pt_choose, has of `of`. */
-INLINE void choose(const struct pt_steps *w, const float *u, const float of[3], float *out)
+/* What the channel, chosen as by pt_sample_channel, has of `of`. */
+INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const float of[3], float *out)
 {
     EACH(l) {
         const vf b0 = load(w->beta[0] + l), b1 = load(w->beta[1] + l), b2 = load(w->beta[2] + l), t = load(u + l) * (b0 + b1 + b2);
@@ -154,7 +154,7 @@ INLINE void choose(const struct pt_steps *w, const float *u, const float of[3], 
 /* --- Distances -------------------------------------------------------------------------------------------------------------------- */
 
 /* As pell_distance_bound; 0 for lanes that do not ask. */
-INLINE void bound(const struct pell_distance_grid *g, const struct pt_steps *w, uint32_t set, float *out)
+INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_lanes *w, uint32_t set, float *out)
 {
     _Alignas(64) int32_t cube[PT_LANES];
     _Alignas(64) float away2[PT_LANES], steps[PT_LANES];
@@ -184,7 +184,7 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_steps *w, 
 
 /* --- Steps ------------------------------------------------------------------------------------------------------------------------- */
 
-static uint32_t fly(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on, uint32_t *cut)
+static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *cut)
 {
     const struct pt_coefficients *m = p->m;
     _Alignas(64) float u[PT_LANES], path[PT_LANES], near[PT_LANES];
@@ -225,8 +225,8 @@ static uint32_t fly(struct pt_steps *w, const struct pt_steps_place *p, uint32_t
     return rays;
 }
 
-/* Scatterers whose turn it is, as pt_asks. */
-static uint32_t look(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on)
+/* Scatterers whose turn it is, as pt_should_connect. */
+static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on)
 {
     _Alignas(64) float reach[PT_LANES], near[PT_LANES];
     uint32_t asks = 0, turns = 0;
@@ -263,7 +263,7 @@ static uint32_t look(struct pt_steps *w, const struct pt_steps_place *p, uint32_
     return turns;
 }
 
-static uint32_t collide(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on, uint32_t *lost, uint32_t *gone)
+static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *lost, uint32_t *gone)
 {
     const struct pt_coefficients *m = p->m;
 
@@ -305,7 +305,7 @@ static uint32_t collide(struct pt_steps *w, const struct pt_steps_place *p, uint
     return p->connects && on ? look(w, p, on) : 0;
 }
 
-static uint32_t scatter(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on)
+static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on)
 {
     const struct pt_coefficients *m = p->m;
     _Alignas(64) float u[PT_LANES], v[PT_LANES], g[PT_LANES] = { 0 };
@@ -362,5 +362,5 @@ static uint32_t scatter(struct pt_steps *w, const struct pt_steps_place *p, uint
     return dead;
 }
 
-extern const struct pt_steps_kernels PELL_SIMD(pt_steps_kernels);
-const struct pt_steps_kernels PELL_SIMD(pt_steps_kernels) = { .fly = fly, .collide = collide, .scatter = scatter };
+extern const struct pt_wavefront_kernels PELL_SIMD(pt_wavefront_kernels);
+const struct pt_wavefront_kernels PELL_SIMD(pt_wavefront_kernels) = { .sample_distance = sample_distance, .collide = collide, .scatter = scatter };

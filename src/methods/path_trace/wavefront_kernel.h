@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * wavefront_kernel.h - the steps of sixteen walks side by side, each lane the bits that the walk alone would have (walk.c, flight.c,
- * medium.c): in bodies of one medium, Henyey and Greenstein's, that all channels see. What happens at surfaces, and what is looked for at
- * scatterers, is of one walk at a time (side_by_side.c).
+ * wavefront_kernel.h - the steps of sixteen walks side by side, each lane the bits that the walk alone would have (walk.c,
+ * distance_sampling.c, medium.c): in solids of one medium, Henyey and Greenstein's, that all channels see. What happens at surfaces, and
+ * what is looked for at scatterers, is of one walk at a time (wavefront.c).
  */
 #ifndef PELL_PATH_TRACE_STEPS_H
 #define PELL_PATH_TRACE_STEPS_H
@@ -13,7 +13,7 @@
 enum { PT_LANES = 16 };
 
 /* Lanes in sets: bits of an uint32_t, lane 0 the lowest. */
-struct pt_steps {
+struct pt_wavefront_lanes {
     _Alignas(64) float x[3][PT_LANES];
     float w[3][PT_LANES];
     float beta[3][PT_LANES];
@@ -27,7 +27,7 @@ struct pt_steps {
 };
 
 /* What all lanes of a call have in common. */
-struct pt_steps_place {
+struct pt_wavefront_place {
     const struct pt_coefficients *m;
     const struct pell_distance_grid *grid; /* NULL: none */
     float lo[3], hi[3];                    /* bounds, with a margin */
@@ -36,16 +36,16 @@ struct pt_steps_place {
     bool connects;
 };
 
-struct pt_steps_kernels {
+struct pt_wavefront_kernels {
     /* Free flights: length, and safe. Lanes that need a ray; *cut: that had too many steps, which do nothing else. */
-    uint32_t (*fly)(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on, uint32_t *cut);
-    /* Moves lanes that met nothing to where they scatter. *lost: not moved, they left the body; *gone: nothing is left. Of the others:
-     * lanes whose turn it is to look for lamps. */
-    uint32_t (*collide)(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on, uint32_t *lost, uint32_t *gone);
+    uint32_t (*sample_distance)(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *cut);
+    /* Moves lanes that met nothing to where they scatter. *lost: not moved, they left the solid; *gone: nothing is left. Of the others:
+     * lanes whose turn it is to look for lights. */
+    uint32_t (*collide)(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *lost, uint32_t *gone);
     /* Phase function and roulette: lanes that are over. */
-    uint32_t (*scatter)(struct pt_steps *w, const struct pt_steps_place *p, uint32_t on);
+    uint32_t (*scatter)(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on);
 };
 
-PELL_SIMD_TABLES(struct pt_steps_kernels, pt_steps_kernels);
+PELL_SIMD_TABLES(struct pt_wavefront_kernels, pt_wavefront_kernels);
 
 #endif

@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-PELL_SIMD_TABLES(struct ss_kernels, pell_ss_kernels);
+PELL_SIMD_TABLES(struct screen_kernels, pell_ss_kernels);
 
 enum {
     BAND = 8,    /* rows that a thread takes at a time */
@@ -20,7 +20,7 @@ enum {
 #define AHEAD_PX2 20.0 /* variance in pixels above which the first blur is made in several steps, each of four times the variance before */
 
 struct band {
-    struct ss_seen seen;
+    struct screen_seen seen;
     int64_t active[2];  /* pixels that were blurred, by axis */
     double seconds[2];
 };
@@ -30,32 +30,32 @@ struct spent { /* on a step */
     int64_t active;
 };
 
-struct ss_state {
+struct screen_state {
     struct pell_context *ctx; /* borrowed, as is the pool */
     struct pell_pool *pool;
-    const struct ss_kernels *kernels;
-    struct ss_knobs knobs;
+    const struct screen_kernels *kernels;
+    struct screen_knobs knobs;
     size_t num_materials;
     struct pell_gaussians *profiles;       /* of each material */
     struct pell_thickness_table *thickness; /* of each material, or NULL */
     int steps;                             /* of the longest chain, without those ahead */
-    float *variance;                       /* see struct ss_work; SS_AHEAD rows come first */
+    float *variance;                       /* see struct screen_work; SCREEN_PREBLUR rows come first */
     float *least_added;                    /* of the steps of this frame */
     float (*blend)[3];
     float (*total)[3];
     double variance_max;                   /* of a first step */
     float *memory;                         /* all planes */
-    struct ss_cell *cells;
-    struct ss_extent *extents;
+    struct screen_cell *cells;
+    struct screen_extent *extents;
     uint16_t *run; /* of each block of a row: how many smooth rows ended here */
     float *tangents;                       /* of columns, then of rows */
     struct band *bands;
     float *rows;                           /* of each worker: three, for what is blurred down and not yet across */
-    struct ss_work work, next;             /* of the step that goes down, and of the one that goes across behind it */
+    struct screen_work work, next;             /* of the step that goes down, and of the one that goes across behind it */
     float *const *from, *const *to;        /* planes of what is blurred across: by the one step, and by the other */
     bool down, across;                     /* what the running pass does */
-    void (*row)(const struct ss_work *w, int y); /* or this */
-    struct pell_pass_time times[1 + SS_STEPS];
+    void (*row)(const struct screen_work *w, int y); /* or this */
+    struct pell_pass_time times[1 + SCREEN_STEPS];
     size_t num_times;
 };
 
@@ -93,12 +93,12 @@ static const struct pell_material_entry *published_for(const struct pell_frame_m
     return NULL;
 }
 
-static enum pell_result find_profile(const struct ss_state *st, const struct pell_frame_shape *shape, size_t index,
+static enum pell_result find_profile(const struct screen_state *st, const struct pell_frame_shape *shape, size_t index,
                                      struct pell_gaussians *g)
 {
     const struct pell_frame_material *m = &shape->materials[index];
     const struct pell_fit_params params = { .count = st->knobs.gaussians };
-    const struct pell_material_entry *published = st->knobs.profile == SS_PROFILE_PUBLISHED ? published_for(m) : NULL;
+    const struct pell_material_entry *published = st->knobs.profile == SCREEN_PROFILE_PUBLISHED ? published_for(m) : NULL;
 
     if (published) { /* white: the medium's colour is its own profile's */
         *g = published->gaussians;
@@ -125,7 +125,7 @@ static enum pell_result find_profile(const struct ss_state *st, const struct pel
 }
 
 /* Sum_i w_i exp(-d^2 / (2 v_i)) of a channel, as a share of nothing: with w_i, so at most the channel's total. */
-static double through(const struct pell_gaussians *g, int channel, double scale2, double d)
+static double transmission(const struct pell_gaussians *g, int channel, double scale2, double d)
 {
     double sum = 0.0;
 
@@ -144,7 +144,7 @@ static void make_thickness(const struct pell_gaussians *g, double scale2, struct
         double low = 0.0, high = g->count > 0 ? sqrt(2.0 * scale2 * g->variance[g->count - 1] * log(1e4)) : 0.0;
         for (int i = 0; total > 0.0 && i < 60; i++) {
             const double mid = 0.5 * (low + high);
-            if (through(g, c, scale2, mid) > 1e-4 * total)
+            if (transmission(g, c, scale2, mid) > 1e-4 * total)
                 low = mid;
             else
                 high = mid;
@@ -156,30 +156,30 @@ static void make_thickness(const struct pell_gaussians *g, double scale2, struct
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
         const double f = (double) i / (PELL_THICKNESS_STEPS - 1), d = (double) t->max_mm * f * f;
         for (int c = 0; c < 3; c++)
-            t->value[i][c] = scale2 > 0.0 ? (float) through(g, c, scale2, d) : 0.0f;
+            t->value[i][c] = scale2 > 0.0 ? (float) transmission(g, c, scale2, d) : 0.0f;
     }
 }
 
 /* --- The chain of blurs -------------------------------------------------------------------------------------------------------- */
 
-static bool unblurred_first(const struct ss_state *st, const char *name)
+static bool unblurred_first(const struct screen_state *st, const char *name)
 {
-    return st->knobs.first == SS_FIRST_UNBLURRED || (st->knobs.first == SS_FIRST_SKIN && starts(name, "skin"));
+    return st->knobs.first == SCREEN_FIRST_UNBLURRED || (st->knobs.first == SCREEN_FIRST_SKIN && starts(name, "skin"));
 }
 
 /* Writes the chain of a material into the tables. Where the first Gaussian stays unblurred the chain begins with the second: the sum
  * holds the light as it is before the first step. */
-static void make_chain(struct ss_state *st, const struct pell_frame_shape *shape, size_t index)
+static void make_chain(struct screen_state *st, const struct pell_frame_shape *shape, size_t index)
 {
     const struct pell_gaussians *g = &st->profiles[index];
     const int skipped = unblurred_first(st, shape->materials[index].name) ? 1 : 0;
     const size_t row = st->num_materials + 1, m = index + 1;
     const double first = skipped < g->count ? g->variance[skipped] : 0.0;
 
-    for (int i = 0; i < SS_AHEAD; i++)
-        st->variance[(size_t) i * row + m] = (float) (first * pow(4.0, i - SS_AHEAD));
+    for (int i = 0; i < SCREEN_PREBLUR; i++)
+        st->variance[(size_t) i * row + m] = (float) (first * pow(4.0, i - SCREEN_PREBLUR));
     for (int i = 0; i < st->steps; i++) {
-        const size_t at = (size_t) (SS_AHEAD + i) * row + m;
+        const size_t at = (size_t) (SCREEN_PREBLUR + i) * row + m;
         if (i + skipped < g->count) {
             st->variance[at] = (float) g->variance[i + skipped];
             pell_ss_blend(g, i + skipped, st->blend[at]);
@@ -194,27 +194,27 @@ static void make_chain(struct ss_state *st, const struct pell_frame_shape *shape
 }
 
 /* How many steps to make ahead of the first, and the first that blurs any pixel. */
-static void choose_steps(const struct ss_state *st, float scale, int *ahead, int *first)
+static void choose_steps(const struct screen_state *st, float scale, int *preblur, int *first)
 {
     const size_t row = st->num_materials + 1;
     double px2 = st->variance_max * (double) scale;
     int step;
 
-    *ahead = 0;
-    for (; st->knobs.edges == SS_EDGES_SURFACE && px2 > AHEAD_PX2 && *ahead < SS_AHEAD; px2 /= 4.0)
-        ++*ahead;
-    for (step = SS_AHEAD - *ahead; step < SS_AHEAD + st->steps; step++) {
+    *preblur = 0;
+    for (; st->knobs.edges == SCREEN_EDGES_SURFACE && px2 > AHEAD_PX2 && *preblur < SCREEN_PREBLUR; px2 /= 4.0)
+        ++*preblur;
+    for (step = SCREEN_PREBLUR - *preblur; step < SCREEN_PREBLUR + st->steps; step++) {
         bool any = false;
         for (size_t m = 1; m < row && !any; m++)
             any = st->variance[(size_t) step * row + m] * scale > st->work.skip;
         if (any)
             break;
     }
-    *first = step - (SS_AHEAD - *ahead);
+    *first = step - (SCREEN_PREBLUR - *preblur);
 }
 
 /* What each step of the frame, or one before it, adds least. */
-static void find_least(struct ss_state *st, const float *variance, int steps)
+static void find_least(struct screen_state *st, const float *variance, int steps)
 {
     const size_t row = st->num_materials + 1;
 
@@ -229,9 +229,9 @@ static void find_least(struct ss_state *st, const float *variance, int steps)
 
 /* --- Life ---------------------------------------------------------------------------------------------------------------------- */
 
-static void destroy(void *state)
+static void screen_destroy(void *state)
 {
-    struct ss_state *st = state;
+    struct screen_state *st = state;
 
     if (!st)
         return;
@@ -251,7 +251,7 @@ static void destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static enum pell_result make_tables(struct ss_state *st, const struct pell_frame_shape *shape)
+static enum pell_result make_tables(struct screen_state *st, const struct pell_frame_shape *shape)
 {
     const size_t n = st->num_materials, row = n + 1;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -262,21 +262,21 @@ static enum pell_result make_tables(struct ss_state *st, const struct pell_frame
     for (size_t i = 0; i < n; i++) {
         struct pell_gaussians *g = &st->profiles[i];
         PELL_TRY(find_profile(st, shape, i, g));
-        if (shape->materials[i].white || st->knobs.input == SS_INPUT_LIT)
+        if (shape->materials[i].white || st->knobs.input == SCREEN_INPUT_SHADED)
             whiten(g);
         if (g->count - unblurred_first(st, shape->materials[i].name) > st->steps)
             st->steps = g->count - unblurred_first(st, shape->materials[i].name);
     }
     res = PELL_ERR_NOMEM;
-    st->variance = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->variance));
-    st->least_added = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->least_added));
-    st->blend = pell_calloc(st->ctx, (size_t) (SS_AHEAD + st->steps) * row, sizeof(*st->blend));
+    st->variance = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->variance));
+    st->least_added = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->least_added));
+    st->blend = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->blend));
     st->total = pell_calloc(st->ctx, row, sizeof(*st->total));
     if (!st->variance || !st->least_added || !st->blend || !st->total)
         goto fail;
     for (size_t i = 0; i < n; i++)
         make_chain(st, shape, i);
-    if (st->knobs.through == SS_THROUGH_GAUSSIAN) {
+    if (st->knobs.transmission == SCREEN_TRANSMISSION_GAUSSIAN) {
         st->thickness = pell_calloc(st->ctx, n, sizeof(*st->thickness));
         if (!st->thickness)
             goto fail;
@@ -289,11 +289,11 @@ fail:
     return res;
 }
 
-static enum pell_result make_planes(struct ss_state *st, const struct pell_frame_shape *shape)
+static enum pell_result make_planes(struct screen_state *st, const struct pell_frame_shape *shape)
 {
-    struct ss_work *w = &st->work;
-    const size_t blocks = ((size_t) shape->width + SS_BLOCK - 1) / SS_BLOCK;
-    const size_t stride = ((blocks + 2) | 1) * SS_BLOCK, size = stride * ((size_t) shape->height + 2);
+    struct screen_work *w = &st->work;
+    const size_t blocks = ((size_t) shape->width + SCREEN_BLOCK - 1) / SCREEN_BLOCK;
+    const size_t stride = ((blocks + 2) | 1) * SCREEN_BLOCK, size = stride * ((size_t) shape->height + 2);
     float *plane;
 
     st->memory = pell_calloc(st->ctx, size, PLANES * sizeof(float));
@@ -315,7 +315,7 @@ static enum pell_result make_planes(struct ss_state *st, const struct pell_frame
         st->tangents[x] = ((float) x + 0.5f - 0.5f * (float) shape->width) * w->depth_mm;
     for (int y = 0; y < shape->height; y++)
         st->tangents[stride + (size_t) y] = ((float) y + 0.5f - 0.5f * (float) shape->height) * w->depth_mm;
-    plane = st->memory + stride + SS_BLOCK;
+    plane = st->memory + stride + SCREEN_BLOCK;
     w->key = plane;
     w->depth = plane + size;
     w->scale = plane + 2 * size;
@@ -331,14 +331,14 @@ static enum pell_result make_planes(struct ss_state *st, const struct pell_frame
     return PELL_OK;
 }
 
-static enum pell_result create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state)
+static enum pell_result screen_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state)
 {
     struct pell_context *ctx = services->ctx;
-    struct ss_state *st = pell_zalloc(ctx, sizeof(*st));
-    const struct ss_knobs *k = knobs;
-    const bool heights = k->ssslevel > 0.0f || (k->edges == SS_EDGES_PAPER && k->slope == SS_SLOPE_PAPER);
+    struct screen_state *st = pell_zalloc(ctx, sizeof(*st));
+    const struct screen_knobs *k = knobs;
+    const bool heights = k->ssslevel > 0.0f || (k->edges == SCREEN_EDGES_PAPER && k->slope == SCREEN_SLOPE_PAPER);
     enum pell_result res;
-    struct ss_work *w;
+    struct screen_work *w;
 
     *state = st;
     if (!st)
@@ -361,11 +361,11 @@ static enum pell_result create(const struct pell_services *services, const struc
         const double ratio = (double) k->ssslevel / pell_ss_level((double) shape->focal_px, (double) shape->object_height);
         w->ratio2 = (float) fmin(fmax(ratio * ratio, 1e-12), 1e12);
     }
-    w->skip = 1.0f / (SS_SPAN * SS_SPAN * k->lod * k->lod);
+    w->skip = 1.0f / (SCREEN_SPAN * SCREEN_SPAN * k->lod * k->lod);
     w->correction = k->correction;
     w->maxdd = k->maxdd;
     w->unit = shape->object_height > 0.0f ? 1.0f / shape->object_height : 1.0f;
-    w->forms = (k->edges == SS_EDGES_PAPER ? SS_FORM_PAPER_EDGES : 0) | (k->slope == SS_SLOPE_PAPER ? SS_FORM_PAPER_SLOPE : 0);
+    w->forms = (k->edges == SCREEN_EDGES_PAPER ? SCREEN_FORM_PAPER_EDGES : 0) | (k->slope == SCREEN_SLOPE_PAPER ? SCREEN_FORM_PAPER_SLOPE : 0);
     PELL_TRY(make_tables(st, shape));
     PELL_TRY(make_planes(st, shape));
     w->total = (const float (*)[3]) st->total;
@@ -379,21 +379,21 @@ fail:
 
 static void run_load(void *arg, int index, int worker)
 {
-    struct ss_state *st = arg;
-    struct ss_work *w = &st->work;
+    struct screen_state *st = arg;
+    struct screen_work *w = &st->work;
     struct band *band = &st->bands[index];
     const int y0 = w->in->rect.y0 + index * BAND, y1 = y0 + BAND < w->in->rect.y1 ? y0 + BAND : w->in->rect.y1;
 
     (void) worker;
-    band->seen = (struct ss_seen) { 0 };
+    band->seen = (struct screen_seen) { 0 };
     for (int y = y0; y < y1; y++) {
-        struct ss_seen seen;
+        struct screen_seen seen;
         float *const planes[4] = { w->key, w->depth, w->length[0], w->length[1] };
 
         /* Nothing of the frame before may be seen beside the rectangle. */
         for (int i = 0; i < 4; i++) {
-            memset(planes[i] + y * w->stride + (w->block0 - 1) * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
-            memset(planes[i] + y * w->stride + w->block1 * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
+            memset(planes[i] + y * w->stride + (w->block0 - 1) * SCREEN_BLOCK, 0, SCREEN_BLOCK * sizeof(float));
+            memset(planes[i] + y * w->stride + w->block1 * SCREEN_BLOCK, 0, SCREEN_BLOCK * sizeof(float));
         }
         st->kernels->load(w, y, &seen);
         band->seen.pixels += seen.pixels;
@@ -406,7 +406,7 @@ static void run_load(void *arg, int index, int worker)
 
 static void run_rows(void *arg, int index, int worker)
 {
-    struct ss_state *st = arg;
+    struct screen_state *st = arg;
     const struct pell_rect *rect = &st->work.in->rect;
     const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
 
@@ -415,7 +415,7 @@ static void run_rows(void *arg, int index, int worker)
         st->row(&st->work, y);
 }
 
-static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y))
+static void pass(struct screen_state *st, void (*row)(const struct screen_work *w, int y))
 {
     const struct pell_rect *rect = &st->work.in->rect;
 
@@ -427,11 +427,11 @@ static void pass(struct ss_state *st, void (*row)(const struct ss_work *w, int y
  * alone, while it is still at hand. */
 static void run_blurs(void *arg, int index, int worker)
 {
-    struct ss_state *st = arg;
-    const struct ss_work *w = &st->work;
+    struct screen_state *st = arg;
+    const struct screen_work *w = &st->work;
     const struct pell_rect *rect = &w->in->rect;
     const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
-    float *rows = st->rows + (size_t) worker * 3 * (size_t) w->stride + SS_BLOCK;
+    float *rows = st->rows + (size_t) worker * 3 * (size_t) w->stride + SCREEN_BLOCK;
     float *const between[3] = { rows, rows + w->stride, rows + 2 * w->stride };
     struct band *band = &st->bands[index];
 
@@ -454,7 +454,7 @@ static void run_blurs(void *arg, int index, int worker)
 }
 
 /* Adds what it took and did to the steps. */
-static void blur(struct ss_state *st, bool down, bool across, struct spent *spent)
+static void blur(struct screen_state *st, bool down, bool across, struct spent *spent)
 {
     const struct pell_rect *rect = &st->work.in->rect;
     const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND, step = down ? st->work.step : st->next.step - 1;
@@ -487,20 +487,20 @@ static void blur(struct ss_state *st, bool down, bool across, struct spent *spen
 }
 
 /* How far it is, along each axis, from a block to one that is not smooth: wide blurs may leave out more where they meet no edge. */
-static void find_clear(struct ss_state *st)
+static void find_clear(struct screen_state *st)
 {
-    const struct ss_work *w = &st->work;
+    const struct screen_work *w = &st->work;
     const struct pell_rect *rect = &w->in->rect;
     const int blocks = w->block1 - w->block0;
 
     for (int back = 0; back < 2; back++) {
         memset(st->run, 0, (size_t) blocks * sizeof(*st->run));
         for (int i = 0; i < rect->y1 - rect->y0; i++) {
-            struct ss_cell *row = &w->cells[(ptrdiff_t) (back ? rect->y1 - 1 - i : rect->y0 + i) * w->blocks + w->block0];
+            struct screen_cell *row = &w->cells[(ptrdiff_t) (back ? rect->y1 - 1 - i : rect->y0 + i) * w->blocks + w->block0];
             int along = 0;
             for (int j = 0; j < blocks; j++) {
-                const int b = back ? blocks - 1 - j : j, pixels = (along < 4000 ? along : 4000) * SS_BLOCK;
-                struct ss_cell *cell = &row[b];
+                const int b = back ? blocks - 1 - j : j, pixels = (along < 4000 ? along : 4000) * SCREEN_BLOCK;
+                struct screen_cell *cell = &row[b];
                 if (!cell->smooth) {
                     cell->clear[0] = cell->clear[1] = 0;
                     along = st->run[b] = 0;
@@ -515,22 +515,22 @@ static void find_clear(struct ss_state *st)
     }
 }
 
-static struct ss_seen load(struct ss_state *st)
+static struct screen_seen load(struct screen_state *st)
 {
-    const struct ss_work *w = &st->work;
+    const struct screen_work *w = &st->work;
     const struct pell_rect *rect = &w->in->rect;
     const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND;
-    const size_t width = (size_t) (w->block1 - w->block0) * SS_BLOCK * sizeof(float);
+    const size_t width = (size_t) (w->block1 - w->block0) * SCREEN_BLOCK * sizeof(float);
     float *const planes[2] = { w->key, w->depth }; /* that a row's neighbours are asked for */
-    struct ss_seen all = { 0 };
+    struct screen_seen all = { 0 };
 
     for (int i = 0; i < 2; i++) {
-        memset(planes[i] + (rect->y0 - 1) * w->stride + w->block0 * SS_BLOCK, 0, width);
-        memset(planes[i] + rect->y1 * w->stride + w->block0 * SS_BLOCK, 0, width);
+        memset(planes[i] + (rect->y0 - 1) * w->stride + w->block0 * SCREEN_BLOCK, 0, width);
+        memset(planes[i] + rect->y1 * w->stride + w->block0 * SCREEN_BLOCK, 0, width);
     }
     pell_pool_run(st->pool, bands, run_load, st);
     for (int i = 0; i < bands; i++) {
-        const struct ss_seen *s = &st->bands[i].seen;
+        const struct screen_seen *s = &st->bands[i].seen;
         all.pixels += s->pixels;
         all.scale = s->scale > all.scale ? s->scale : all.scale;
         all.last = s->last > all.last ? s->last : all.last;
@@ -540,30 +540,30 @@ static struct ss_seen load(struct ss_state *st)
     return all;
 }
 
-static void note_time(struct ss_state *st, const char *name, double seconds, int64_t pixels, int64_t bytes)
+static void note_time(struct screen_state *st, const char *name, double seconds, int64_t pixels, int64_t bytes)
 {
     st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = seconds, .pixels = pixels, .bytes = bytes };
 }
 
-static const char *step_name(int step, int ahead)
+static const char *step_name(int step, int preblur)
 {
     static const char *const names[PELL_GAUSSIANS_MAX] = { "blur 1", "blur 2", "blur 3", "blur 4", "blur 5",
                                                            "blur 6", "blur 7", "blur 8", "blur 9", "blur 10" };
 
-    return step < ahead ? "blur ahead" : names[step - ahead];
+    return step < preblur ? "blur ahead" : names[step - preblur];
 }
 
-static enum pell_result render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+static enum pell_result screen_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
-    struct ss_state *st = state;
-    struct ss_work *w = &st->work;
-    const struct ss_kernels *k = st->kernels;
+    struct screen_state *st = state;
+    struct screen_work *w = &st->work;
+    const struct screen_kernels *k = st->kernels;
     const size_t row = st->num_materials + 1;
     struct pell_frame frame = *in;
-    struct ss_seen seen;
+    struct screen_seen seen;
     const double start = pell_seconds();
-    struct spent spent[SS_STEPS] = { { 0 } };
-    int ahead, first, steps;
+    struct spent spent[SCREEN_STEPS] = { { 0 } };
+    int preblur, first, steps;
 
     st->num_times = 0;
     if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
@@ -572,18 +572,18 @@ static enum pell_result render(void *state, const struct pell_frame *in, const s
         frame.strength = NULL;
     w->in = &frame;
     w->out = out;
-    w->light = st->knobs.input == SS_INPUT_LIT ? frame.lit : frame.irradiance;
-    w->block0 = frame.rect.x0 / SS_BLOCK;
-    w->block1 = (frame.rect.x1 + SS_BLOCK - 1) / SS_BLOCK;
+    w->light = st->knobs.input == SCREEN_INPUT_SHADED ? frame.shaded : frame.irradiance;
+    w->block0 = frame.rect.x0 / SCREEN_BLOCK;
+    w->block1 = (frame.rect.x1 + SCREEN_BLOCK - 1) / SCREEN_BLOCK;
 
     seen = load(st);
     w->several = seen.first != seen.last;
     pass(st, k->measure);
     find_clear(st);
-    choose_steps(st, seen.scale, &ahead, &first);
-    w->variance = st->variance + (size_t) (SS_AHEAD - ahead) * row;
-    w->blend = (const float (*)[3]) st->blend + (size_t) (SS_AHEAD - ahead) * row;
-    steps = ahead + st->steps;
+    choose_steps(st, seen.scale, &preblur, &first);
+    w->variance = st->variance + (size_t) (SCREEN_PREBLUR - preblur) * row;
+    w->blend = (const float (*)[3]) st->blend + (size_t) (SCREEN_PREBLUR - preblur) * row;
+    steps = preblur + st->steps;
     find_least(st, w->variance, steps);
     note_time(st, "load", pell_seconds() - start, seen.pixels, (int64_t) seen.pixels * 40);
 
@@ -606,7 +606,7 @@ static enum pell_result render(void *state, const struct pell_frame *in, const s
         st->from = swap;
     }
     for (int step = first; step < steps; step++)
-        note_time(st, step_name(step, ahead), spent[step].seconds, spent[step].active, spent[step].active * 32);
+        note_time(st, step_name(step, preblur), spent[step].seconds, spent[step].active, spent[step].active * 32);
     w->in = NULL;
     w->out = NULL;
     w->light = NULL;
@@ -615,14 +615,14 @@ static enum pell_result render(void *state, const struct pell_frame *in, const s
 
 static const struct pell_thickness_table *thickness(const void *state, size_t material)
 {
-    const struct ss_state *st = state;
+    const struct screen_state *st = state;
 
     return st->thickness && material < st->num_materials ? &st->thickness[material] : NULL;
 }
 
 static size_t times(const void *state, struct pell_pass_time *list, size_t size)
 {
-    const struct ss_state *st = state;
+    const struct screen_state *st = state;
 
     for (size_t i = 0; i < st->num_times && i < size; i++)
         list[i] = st->times[i];
@@ -630,5 +630,5 @@ static size_t times(const void *state, struct pell_pass_time *list, size_t size)
 }
 
 const struct pell_method_engine pell_ss_cpu = {
-    .create = create, .record = render, .destroy = destroy, .thickness = thickness, .times = times,
+    .create = screen_create, .record = screen_render, .destroy = screen_destroy, .thickness = thickness, .times = times,
 };

@@ -119,20 +119,20 @@ struct block {
     bool wide;               /* and they are far above a pixel's */
     bool bare;               /* and nothing was blurred before */
     float after, before;     /* then: mm^2 after and before the step */
-    _Alignas(64) float afters[SS_BLOCK], befores[SS_BLOCK]; /* else */
+    _Alignas(64) float afters[SCREEN_BLOCK], befores[SCREEN_BLOCK]; /* else */
     int active;              /* lanes that are blurred */
     int count, stride;       /* taps on each side, and their distance in pixels */
-    float lean;              /* of the line of taps along y, see struct ss_cell */
+    float skew;              /* of the line of taps along y, see struct screen_cell */
 };
 
 /* Variance that the chain reaches with `step`, in mm^2. */
-INLINE float variance_of(const struct ss_work *w, int step, int owner)
+INLINE float variance_of(const struct screen_work *w, int step, int owner)
 {
     return w->variance[(size_t) step * (w->num_materials + 1) + (size_t) owner];
 }
 
 /* Variance before the running step where a material's pixels have this scale; returns whether the step blurs them. */
-INLINE bool applied(const struct ss_work *w, int owner, float scale, float *before)
+INLINE bool applied(const struct screen_work *w, int owner, float scale, float *before)
 {
     float last = 0.0f;
 
@@ -145,7 +145,7 @@ INLINE bool applied(const struct ss_work *w, int owner, float scale, float *befo
 }
 
 /* Which lanes the step blurs, and by what. False where it blurs none. */
-INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *cell, struct block *b)
+INLINE bool choose(const struct screen_work *w, size_t index, const struct screen_cell *cell, struct block *b)
 {
     const float *scale = &w->scale[index], *key = &w->key[index];
     bool low, high;
@@ -153,7 +153,7 @@ INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *
 
     b->uniform = false;
     b->active = 0;
-    if (cell->owner != SS_MIXED) {
+    if (cell->owner != SCREEN_MIXED) {
         /* Most blocks are blurred by each step so far. */
         if (cell->pixels > 0 && w->least_added[(size_t) w->step * (w->num_materials + 1) + cell->owner] * cell->scale[0] > w->skip) {
             b->uniform = true;
@@ -172,7 +172,7 @@ INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *
             return high;
         }
     }
-    for (int l = 0; l < SS_BLOCK; l++) {
+    for (int l = 0; l < SCREEN_BLOCK; l++) {
         const bool on = applied(w, (int) key[l], scale[l], &before);
         b->active += on;
         b->afters[l] = on ? variance_of(w, w->step, (int) key[l]) : 0.0f;
@@ -182,15 +182,15 @@ INLINE bool choose(const struct ss_work *w, size_t index, const struct ss_cell *
 }
 
 /* Whether a line of taps stays in smooth blocks. Those of a leaning line are within the columns that it runs through. */
-INLINE bool is_clear(const struct ss_work *w, int block, int axis, const struct ss_cell *cell, float lean, float reach)
+INLINE bool is_clear(const struct screen_work *w, int block, int axis, const struct screen_cell *cell, float skew, float reach)
 {
     int beside;
 
     if (!(reach < (float) cell->clear[axis]))
         return false;
-    if (axis == 0 || lean == 0.0f)
+    if (axis == 0 || skew == 0.0f)
         return true;
-    beside = (int) (fabsf(lean) * reach * (1.0f / SS_BLOCK)) + 1;
+    beside = (int) (fabsf(skew) * reach * (1.0f / SCREEN_BLOCK)) + 1;
     if (block - beside < w->block0 || block + beside >= w->block1)
         return false;
     for (int k = -beside; k <= beside; k++)
@@ -200,7 +200,7 @@ INLINE bool is_clear(const struct ss_work *w, int block, int axis, const struct 
 }
 
 /* How many taps, how far apart. */
-INLINE void space(const struct ss_work *w, size_t index, int block, int axis, const struct ss_cell *cell, struct block *b)
+INLINE void space(const struct screen_work *w, size_t index, int block, int axis, const struct screen_cell *cell, struct block *b)
 {
     float most = 0.0f, least = 1e30f, reach, step, dense;
 
@@ -212,7 +212,7 @@ INLINE void space(const struct ss_work *w, size_t index, int block, int axis, co
         b->wide = low > WIDE;
         b->bare = !(b->before > 0.0f);
     } else {
-        for (int l = 0; l < SS_BLOCK; l++) {
+        for (int l = 0; l < SCREEN_BLOCK; l++) {
             const float to_px = w->to_px[axis][index + (size_t) l];
             const float low = b->befores[l] * to_px, add = (b->afters[l] - b->befores[l]) * to_px;
             if (!(b->afters[l] > 0.0f))
@@ -224,10 +224,10 @@ INLINE void space(const struct ss_work *w, size_t index, int block, int axis, co
     }
     most += 0.1f; /* what the grid adds at most */
     reach = K_REACH * sqrtf(most > S2_MIN ? most : S2_MIN);
-    b->lean = fabsf(cell->lean) * reach < 0.5f ? 0.0f : cell->lean; /* under half a pixel to the side all taps are upright */
+    b->skew = fabsf(cell->skew) * reach < 0.5f ? 0.0f : cell->skew; /* under half a pixel to the side all taps are upright */
     /* Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then. */
     step = 1.5f * sqrtf(least);
-    dense = is_clear(w, block, axis, cell, b->lean, reach) ? reach
+    dense = is_clear(w, block, axis, cell, b->skew, reach) ? reach
             : reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
     step = step < dense ? step : dense;
     b->stride = step >= 2.0f ? (step < 65536.0f ? (int) step : 65536) : 1;
@@ -239,11 +239,11 @@ INLINE void space(const struct ss_work *w, size_t index, int block, int axis, co
 enum { JOBS = 8 };
 
 struct job {
-    const struct ss_cell *cell;
+    const struct screen_cell *cell;
     int x, low, high; /* the block's first pixel; taps on either side that are inside */
     struct block b;
-    _Alignas(64) float fall[SS_BLOCK], share[SS_BLOCK]; /* see struct centre; of a tap's weight in what comes out */
-    _Alignas(64) float weight[SS_BLOCK], light[3][SS_BLOCK]; /* gathered */
+    _Alignas(64) float fall[SCREEN_BLOCK], share[SCREEN_BLOCK]; /* see struct centre; of a tap's weight in what comes out */
+    _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* gathered */
 };
 
 struct gathered {
@@ -311,7 +311,7 @@ INLINE void upright_tap(const struct around *a, struct lane_taps *side, ptrdiff_
 /* The taps of a block's pixels; those of the two sides in pairs, as most blocks have as many. Between the points of two pixels lies
  * h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; its length, squared, is that along the axis squared and
  * dz^2 (1 + t^2), t of the other axis. The first is linear in the tap's z. */
-INLINE void upright(const struct ss_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c, bool several,
+INLINE void upright(const struct screen_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c, bool several,
                     bool parallel, struct gathered *g)
 {
     const float pace = (float) job->b.stride;
@@ -320,16 +320,16 @@ INLINE void upright(const struct ss_work *w, const struct around *a, int axis, c
     const vf grow = c->fall * (pace * w->depth_mm), shift = c->fall * (pace * w->fixed_mm);
     const vf slope = c->fall * c->tan[axis], fixed = (vf) { 0 } - c->depth * slope;
     const int pairs = fewer(job->low, job->high);
-    struct lane_taps back = { 0, slope, fixed }, ahead = back; /* left of the first pixel lies the padding */
+    struct lane_taps back = { 0, slope, fixed }, preblur = back; /* left of the first pixel lies the padding */
 
     for (int j = 0; j < pairs; j++) {
         upright_tap(a, &back, -step, -grow, -shift, aslant2, c, several, parallel, g);
-        upright_tap(a, &ahead, step, grow, shift, aslant2, c, several, parallel, g);
+        upright_tap(a, &preblur, step, grow, shift, aslant2, c, several, parallel, g);
     }
     for (int j = pairs; j < job->low; j++)
         upright_tap(a, &back, -step, -grow, -shift, aslant2, c, several, parallel, g);
     for (int j = pairs; j < job->high; j++)
-        upright_tap(a, &ahead, step, grow, shift, aslant2, c, several, parallel, g);
+        upright_tap(a, &preblur, step, grow, shift, aslant2, c, several, parallel, g);
 }
 
 /* The same down a line that leans: x falls by b->lean pixels as y grows by one. The two taps of a pair lie opposite each other. */
@@ -347,7 +347,7 @@ struct lean_place {
 INLINE struct lean_place lean_place(const struct block *b, int j, const struct centre *c, const struct leaning *l)
 {
     const int py = b->stride * j;
-    const float exact = -b->lean * (float) py;
+    const float exact = -b->skew * (float) py;
     const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
     const float ox = (float) px, oy = (float) py, beside = ox - exact;
 
@@ -356,18 +356,18 @@ INLINE struct lean_place lean_place(const struct block *b, int j, const struct c
 }
 
 /* `x` is the block's. Taps beside what is translucent are moved to where there is nothing. */
-INLINE void leaning_tap(const struct ss_work *w, const struct around *a, int x, int px, int py, vf aslant, const struct lean_place *place,
+INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int x, int px, int py, vf aslant, const struct lean_place *place,
                         const struct centre *c, const struct leaning *l, bool several, struct gathered *g)
 {
-    const bool in = x + px + SS_BLOCK > w->block0 * SS_BLOCK && x + px < w->block1 * SS_BLOCK;
-    const ptrdiff_t at = (in ? px : (w->block0 - 1) * SS_BLOCK - x) + py * w->stride;
+    const bool in = x + px + SCREEN_BLOCK > w->block0 * SCREEN_BLOCK && x + px < w->block1 * SCREEN_BLOCK;
+    const ptrdiff_t at = (in ? px : (w->block0 - 1) * SCREEN_BLOCK - x) + py * w->stride;
     const vf z = load(a->depth + at), h = z * l->grow + l->shift, fall = (z - c->depth) * c->fall;
     const vf y = fall * (h * aslant + fall * l->ray2) + h * h * place->apart2;
 
     weigh(a, at, greater(y - place->beside2, (vf) { 0 }), c, several, g);
 }
 
-INLINE void leaning_line(const struct ss_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,
+INLINE void skewed_line(const struct screen_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,
                          bool several, struct gathered *g)
 {
     const struct leaning l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * w->depth_mm,
@@ -386,12 +386,12 @@ INLINE void leaning_line(const struct ss_work *w, const struct around *a, vf acr
 }
 
 /* Scales of the kernel for each pixel of a block. */
-INLINE void scale_kernel(const struct ss_work *w, size_t index, int axis, struct job *job)
+INLINE void scale_kernel(const struct screen_work *w, size_t index, int axis, struct job *job)
 {
     const struct block *b = &job->b;
     const vf zero = { 0 }, one = zero + 1.0f;
 
-    for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+    for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
         const size_t at = index + (size_t) part;
         const vf to_px = load(w->to_px[axis] + at), length = load(w->length[axis] + at);
         const vf a = select(length > zero, length, one);
@@ -406,10 +406,10 @@ INLINE void scale_kernel(const struct ss_work *w, size_t index, int axis, struct
 }
 
 /* Sums up a block's taps. */
-INLINE void gather(const struct ss_work *w, int y, int axis, bool leans, bool several, bool parallel, const float *const row[3],
+INLINE void gather(const struct screen_work *w, int y, int axis, bool skews, bool several, bool parallel, const float *const row[3],
                    struct job *job)
 {
-    for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+    for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
         const size_t at = (size_t) (y * w->stride + job->x + part);
         const struct centre c = {
             .key = load(w->key + at),
@@ -421,8 +421,8 @@ INLINE void gather(const struct ss_work *w, int y, int axis, bool leans, bool se
                                   { row[0] + job->x + part, row[1] + job->x + part, row[2] + job->x + part } };
         struct gathered g = { { 0 }, { { 0 }, { 0 }, { 0 } } };
 
-        if (leans)
-            leaning_line(w, &a, load(w->length[0] + at) * c.fall, job, &c, several, &g);
+        if (skews)
+            skewed_line(w, &a, load(w->length[0] + at) * c.fall, job, &c, several, &g);
         else
             upright(w, &a, axis, job, &c, several, parallel, &g);
         store(job->weight + part, g.weight);
@@ -432,24 +432,24 @@ INLINE void gather(const struct ss_work *w, int y, int axis, bool leans, bool se
 }
 
 /* Functions of their own: registers are dealt out for their loops alone. */
-static __attribute__((noinline)) void gather_along_x(const struct ss_work *w, int y, const float *const row[3], struct job *job)
+static __attribute__((noinline)) void gather_along_x(const struct screen_work *w, int y, const float *const row[3], struct job *job)
 {
     gather(w, y, 0, false, false, false, row, job);
 }
 
-static __attribute__((noinline)) void gather_along_y(const struct ss_work *w, int y, const float *const row[3], struct job *job)
+static __attribute__((noinline)) void gather_along_y(const struct screen_work *w, int y, const float *const row[3], struct job *job)
 {
     gather(w, y, 1, false, false, false, row, job);
 }
 
-static __attribute__((noinline)) void gather_leaning(const struct ss_work *w, int y, const float *const row[3], struct job *job)
+static __attribute__((noinline)) void gather_leaning(const struct screen_work *w, int y, const float *const row[3], struct job *job)
 {
     gather(w, y, 1, true, false, false, row, job);
 }
 
-static __attribute__((noinline)) void gather_any(const struct ss_work *w, int y, int axis, const float *const row[3], struct job *job)
+static __attribute__((noinline)) void gather_any(const struct screen_work *w, int y, int axis, const float *const row[3], struct job *job)
 {
-    if (axis == 1 && job->b.lean != 0.0f)
+    if (axis == 1 && job->b.skew != 0.0f)
         gather(w, y, 1, true, true, false, row, job);
     else
         gather(w, y, axis, false, true, w->depth_mm == 0.0f, row, job);
@@ -457,11 +457,11 @@ static __attribute__((noinline)) void gather_any(const struct ss_work *w, int y,
 
 /* What comes out of a block. Light that a tap would have brought but does not (it is outside, of another material, or too far along the
  * surface) stays where it is: a pixel keeps 1 - Sum of weights of its own. */
-INLINE void settle(const struct job *job, const float *const row[3], float (*restrict result)[SS_BLOCK])
+INLINE void settle(const struct job *job, const float *const row[3], float (*restrict result)[SCREEN_BLOCK])
 {
     const vf one = (vf) { 0 } + 1.0f;
 
-    for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+    for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
         vf share = load(job->share + part);
         const vf weight = load(job->weight + part) * share;
         vf keep = one - weight;
@@ -478,12 +478,12 @@ INLINE void settle(const struct job *job, const float *const row[3], float (*res
 /* --- The paper's taps ---------------------------------------------------------------------------------------------------------- */
 
 /* Span in pixels over that of a facing surface. */
-INLINE float paper_slope(const struct ss_work *w, size_t index, int x, int y, int axis)
+INLINE float paper_slope(const struct screen_work *w, size_t index, int x, int y, int axis)
 {
     const float d = w->depth[index];
     float change, level;
 
-    if (!(w->forms & SS_FORM_PAPER_SLOPE)) {
+    if (!(w->forms & SCREEN_FORM_PAPER_SLOPE)) {
         const float mm = d * w->depth_mm + w->fixed_mm;
         return w->length[axis][index] > 0.0f ? mm / w->length[axis][index] : 0.0f;
     }
@@ -501,19 +501,19 @@ INLINE float paper_slope(const struct ss_work *w, size_t index, int x, int y, in
 }
 
 /* Listing 7.1 with taps outside the mask left out: seven bilinear taps over +-span. */
-INLINE int gather_listing(const struct ss_work *w, size_t index, int x, int y, int axis, const struct ss_cell *cell,
-                          const float *const row[3], float (*restrict result)[SS_BLOCK], float *restrict on)
+INLINE int gather_listing(const struct screen_work *w, size_t index, int x, int y, int axis, const struct screen_cell *cell,
+                          const float *const row[3], float (*restrict result)[SCREEN_BLOCK], float *restrict on)
 {
     static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
-    const int low = axis == 0 ? w->block0 * SS_BLOCK : w->in->rect.y0, high = axis == 0 ? w->block1 * SS_BLOCK : w->in->rect.y1;
+    const int low = axis == 0 ? w->block0 * SCREEN_BLOCK : w->in->rect.y0, high = axis == 0 ? w->block1 * SCREEN_BLOCK : w->in->rect.y1;
     const int here = axis == 0 ? x : y;
     const ptrdiff_t pace = axis == 0 ? 1 : w->stride;
     struct block b;
     const bool any = choose(w, index, cell, &b);
 
-    for (int l = 0; l < SS_BLOCK; l++)
+    for (int l = 0; l < SCREEN_BLOCK; l++)
         on[l] = any && w->scale[index + (size_t) l] > 0.0f && (b.uniform || b.afters[l] > 0.0f) ? 1.0f : 0.0f;
-    for (int l = 0; any && l < SS_BLOCK; l++) {
+    for (int l = 0; any && l < SCREEN_BLOCK; l++) {
         const size_t at = index + (size_t) l;
         const int place = axis == 0 ? here + l : here;
         float sum[3] = { 0 }, all = 0.0f, span;
@@ -522,7 +522,7 @@ INLINE int gather_listing(const struct ss_work *w, size_t index, int x, int y, i
             result[i][l] = row[i][x + l];
         if (!(on[l] > 0.0f))
             continue;
-        span = SS_SPAN * sqrtf((b.uniform ? b.after - b.before : b.afters[l] - b.befores[l]) * w->scale[at]);
+        span = SCREEN_SPAN * sqrtf((b.uniform ? b.after - b.before : b.afters[l] - b.befores[l]) * w->scale[at]);
         span *= paper_slope(w, at, x + l, y, axis);
         if (span > 262144.0f)
             span = 262144.0f;
@@ -547,27 +547,27 @@ INLINE int gather_listing(const struct ss_work *w, size_t index, int x, int y, i
 
 /* --- Rows ---------------------------------------------------------------------------------------------------------------------- */
 
-INLINE struct ss_cell *cell_at(const struct ss_work *w, int block, int y)
+INLINE struct screen_cell *cell_at(const struct screen_work *w, int block, int y)
 {
     return &w->cells[(size_t) y * (size_t) w->blocks + (size_t) block];
 }
 
 /* Looks at the materials of a block, of which lanes x0 to x1 lie in the rectangle. */
-INLINE void find_owners(const struct ss_work *w, ptrdiff_t from, int x0, int x1, float *restrict owners, struct ss_cell *cell, int *low,
+INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int x1, float *restrict owners, struct screen_cell *cell, int *low,
                         int *high)
 {
     const uint16_t *material = w->in->material + from;
     int first = 0, last = 0, count = 0;
-    uint64_t words[SS_BLOCK / 4];
+    uint64_t words[SCREEN_BLOCK / 4];
 
     memset(words, 0, sizeof(words));
-    if (x1 - x0 == SS_BLOCK)
+    if (x1 - x0 == SCREEN_BLOCK)
         memcpy(words, material, sizeof(words));
     if (words[0] && words[0] == words[1] && words[0] == words[2] && words[0] == words[3] && words[0] == material[0] * 0x0001000100010001u &&
         pell_material_id(w->in, from)) {
         first = last = material[0];
-        count = SS_BLOCK;
-        for (int l = 0; l < SS_BLOCK; l++)
+        count = SCREEN_BLOCK;
+        for (int l = 0; l < SCREEN_BLOCK; l++)
             owners[l] = (float) first;
     } else {
         for (int l = x0; l < x1; l++) {
@@ -580,8 +580,8 @@ INLINE void find_owners(const struct ss_work *w, ptrdiff_t from, int x0, int x1,
     }
     *low = first;
     *high = last;
-    *cell = (struct ss_cell) { .live = count == 0 ? SS_EMPTY : count == SS_BLOCK ? SS_FULL : SS_SOME,
-                               .owner = first == last ? (uint16_t) first : SS_MIXED,
+    *cell = (struct screen_cell) { .live = count == 0 ? SCREEN_EMPTY : count == SCREEN_BLOCK ? SCREEN_FULL : SCREEN_SOME,
+                               .owner = first == last ? (uint16_t) first : SCREEN_MIXED,
                                .pixels = (uint8_t) count };
 }
 
@@ -594,24 +594,24 @@ PELL_FETCHING_INLINE void fetch3_to_write(float *const plane[3], size_t at)
 }
 
 /* Copies a block of the caller's planes. */
-INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, struct ss_cell *cell, struct ss_seen *seen)
+INLINE void load_block(const struct screen_work *w, int x, int y, int x0, int x1, struct screen_cell *cell, struct screen_seen *seen)
 {
     const struct pell_frame *in = w->in;
     const size_t to = (size_t) (y * w->stride + x);
     const ptrdiff_t from = y * in->shape.stride + x;
     const vf zero = { 0 }, one = zero + 1.0f;
-    _Alignas(64) float owner[SS_BLOCK] = { 0 }, z[SS_BLOCK] = { 0 }, part[SS_BLOCK], most[SS_BLOCK], least[SS_BLOCK];
+    _Alignas(64) float owner[SCREEN_BLOCK] = { 0 }, z[SCREEN_BLOCK] = { 0 }, part[SCREEN_BLOCK], most[SCREEN_BLOCK], least[SCREEN_BLOCK];
     int first, last, count = 0;
 
     find_owners(w, from, x0, x1, owner, cell, &first, &last);
     memcpy(&w->key[to], owner, sizeof(owner));
-    if (cell->live == SS_EMPTY) {
+    if (cell->live == SCREEN_EMPTY) {
         memcpy(&w->depth[to], z, sizeof(z));
         return;
     }
-    for (int l = 0; l < SS_BLOCK; l++)
+    for (int l = 0; l < SCREEN_BLOCK; l++)
         part[l] = 1.0f;
-    if (cell->live == SS_FULL) {
+    if (cell->live == SCREEN_FULL) {
         memcpy(z, in->depth + from, sizeof(z));
         if (in->strength)
             memcpy(part, in->strength + from, sizeof(part));
@@ -621,7 +621,7 @@ INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, st
             part[l] = owner[l] > 0.0f && in->strength ? in->strength[from + l] : 1.0f;
         }
     }
-    for (int lane = 0; lane < SS_BLOCK; lane += WIDTH) {
+    for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH) {
         const vf depth = load(z + lane), strength = load(part + lane);
         const vi good = (depth > zero) & (depth < 1e12f);
         const vf d = select(good, depth, zero), mm = d * w->depth_mm + w->fixed_mm, s = lesser(strength, one);
@@ -638,11 +638,11 @@ INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, st
     cell->scale[1] = top(most);
     for (int i = 0; i < 3; i++) {
         float *light = &w->now[i][to];
-        if (cell->live == SS_FULL && cell->owner != SS_MIXED) {
-            for (int lane = 0; lane < SS_BLOCK; lane += WIDTH)
+        if (cell->live == SCREEN_FULL && cell->owner != SCREEN_MIXED) {
+            for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH)
                 store(light + lane, load(w->light[i] + from + lane) * w->total[first][i]);
         } else {
-            memset(light, 0, SS_BLOCK * sizeof(float));
+            memset(light, 0, SCREEN_BLOCK * sizeof(float));
             for (int l = x0; l < x1; l++)
                 if (owner[l] > 0.0f)
                     light[l] = w->light[i][from + l] * w->total[(int) owner[l]][i];
@@ -654,7 +654,7 @@ INLINE void load_block(const struct ss_work *w, int x, int y, int x0, int x1, st
     seen->scale = cell->scale[1] > seen->scale ? cell->scale[1] : seen->scale;
 }
 
-PELL_FETCHING_INLINE void fetch_load(const struct ss_work *w, int x, int y)
+PELL_FETCHING_INLINE void fetch_load(const struct screen_work *w, int x, int y)
 {
     const struct pell_frame *in = w->in;
     const size_t to = (size_t) (y * w->stride + x);
@@ -672,20 +672,20 @@ PELL_FETCHING_INLINE void fetch_load(const struct ss_work *w, int x, int y)
     fetch3_to_write(w->now, to);
 }
 
-static PELL_FETCHING void load_row(const struct ss_work *w, int y, struct ss_seen *seen)
+static PELL_FETCHING void load_row(const struct screen_work *w, int y, struct screen_seen *seen)
 {
     const struct pell_rect *rect = &w->in->rect;
 
-    struct ss_extent *extent = &w->extents[y];
+    struct screen_extent *extent = &w->extents[y];
 
-    *seen = (struct ss_seen) { 0 };
-    *extent = (struct ss_extent) { w->block1, w->block0 };
+    *seen = (struct screen_seen) { 0 };
+    *extent = (struct screen_extent) { w->block1, w->block0 };
     for (int b = w->block0; b < w->block1; b++) {
-        const int x = b * SS_BLOCK, x0 = rect->x0 > x ? rect->x0 - x : 0, x1 = rect->x1 - x < SS_BLOCK ? rect->x1 - x : SS_BLOCK;
+        const int x = b * SCREEN_BLOCK, x0 = rect->x0 > x ? rect->x0 - x : 0, x1 = rect->x1 - x < SCREEN_BLOCK ? rect->x1 - x : SCREEN_BLOCK;
         if (y + 1 < rect->y1)
             fetch_load(w, x, y + 1);
         load_block(w, x, y, x0, x1, cell_at(w, b, y), seen);
-        if (cell_at(w, b, y)->live != SS_EMPTY) {
+        if (cell_at(w, b, y)->live != SCREEN_EMPTY) {
             extent->begin = fewer(extent->begin, b);
             extent->end = b + 1;
         }
@@ -699,12 +699,12 @@ static PELL_FETCHING void load_row(const struct ss_work *w, int y, struct ss_see
 
 /* Change of depth per pixel from its one-sided differences: the central difference, but at most twice the smaller of the two (the
  * monotonised central limiter of van Leer 1977), so that a jump in depth beside the pixel does not count as its slope. */
-INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
+INLINE vf limited(vf back, vf preblur, vi has_back, vi has_preblur)
 {
-    const vf zero = { 0 }, a = select(has_back, back, ahead), b = select(has_ahead, ahead, back);
+    const vf zero = { 0 }, a = select(has_back, back, preblur), b = select(has_preblur, preblur, back);
     const vf size_a = select(a < zero, -a, a), size_b = select(b < zero, -b, b), least = 2.0f * select(size_a < size_b, size_a, size_b);
     const vf mean = 0.5f * (a + b), size = select(mean < zero, -mean, mean), low = select(size < least, size, least);
-    const vi slopes = (has_back | has_ahead) & (a * b > zero);
+    const vi slopes = (has_back | has_preblur) & (a * b > zero);
 
     return select(slopes, select(mean < zero, -low, low), zero);
 }
@@ -712,7 +712,7 @@ INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
 /* Lets leans be where they hardly change along the row, and fades them out within LEAN_FADE blocks of where they do: a lean is one number
  * for a block, since lanes of a vector read the same row, and blocks that lean differently would show as steps in the picture. So
  * planes have round Gaussians however they slant; curved surfaces have upright second passes. cell->to_px[0][0] holds the raw leans. */
-static void fade_leans(const struct ss_work *w, int y)
+static void fade_leans(const struct screen_work *w, int y)
 {
     enum { AT_ONCE = 48, MORE = AT_ONCE + 2 * LEAN_FADE };
     const int begin = w->extents[y].begin, end = w->extents[y].end;
@@ -724,9 +724,9 @@ static void fade_leans(const struct ss_work *w, int y)
         for (int i = 0; i < MORE; i++) {
             const int at = first - LEAN_FADE + i;
             const bool within_row = at >= begin && at + 1 < end && i < blocks + 2 * LEAN_FADE;
-            const struct ss_cell *cell = cell_at(w, within_row ? at : begin, y);
+            const struct screen_cell *cell = cell_at(w, within_row ? at : begin, y);
             const float by = within_row ? fabsf(cell[1].to_px[0][0] - cell->to_px[0][0]) * (1.0f / LEAN_CHANGE) : 0.0f;
-            change[i] = !within_row || cell->live == SS_EMPTY || cell[1].live == SS_EMPTY ? 0.0f : by < 1.0f ? by : 1.0f;
+            change[i] = !within_row || cell->live == SCREEN_EMPTY || cell[1].live == SCREEN_EMPTY ? 0.0f : by < 1.0f ? by : 1.0f;
         }
         for (int k = 1 - LEAN_FADE; k < LEAN_FADE; k++) {
             const float near = 1.0f - (float) (k < 0 ? -k - 1 : k) * (1.0f / LEAN_FADE);
@@ -734,12 +734,12 @@ static void fade_leans(const struct ss_work *w, int y)
                 worst[i] = change[LEAN_FADE + i + k] * near > worst[i] ? change[LEAN_FADE + i + k] * near : worst[i];
         }
         for (int i = 0; i < blocks; i++) {
-            struct ss_cell *cell = cell_at(w, first + i, y);
-            if (cell->live == SS_EMPTY)
+            struct screen_cell *cell = cell_at(w, first + i, y);
+            if (cell->live == SCREEN_EMPTY)
                 continue;
-            cell->lean = cell->to_px[0][0] * (1.0f - worst[i]);
-            if (cell->lean < LEAN_MIN && cell->lean > -LEAN_MIN)
-                cell->lean = 0.0f;
+            cell->skew = cell->to_px[0][0] * (1.0f - worst[i]);
+            if (cell->skew < LEAN_MIN && cell->skew > -LEAN_MIN)
+                cell->skew = 0.0f;
         }
     }
 }
@@ -747,16 +747,16 @@ static void fade_leans(const struct ss_work *w, int y)
 /* The two directions of the passes on the surface: Tx, from a pixel to the next along x, and D = Ty - lean Tx at right angles to it, so
  * that two passes make a round Gaussian on a surface of any slope. First Tx.Tx, Ty.Ty and Tx.Ty of each pixel, in the planes that their
  * lengths will take, and the mean lean of each block; then the lengths of Tx and D. */
-static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
+static PELL_FETCHING void measure_row(const struct screen_work *w, int y)
 {
     const vf zero = { 0 }, one = zero + 1.0f;
     const float ty = w->rows_tan[y], ty2 = 1.0f + ty * ty;
 
     for (int block = w->block0; block < w->block1; block++) {
-        struct ss_cell *cell = cell_at(w, block, y);
-        const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
+        struct screen_cell *cell = cell_at(w, block, y);
+        const size_t index = (size_t) (y * w->stride + block * SCREEN_BLOCK);
         const size_t below = index + (size_t) w->stride, next = below + (size_t) w->stride; /* there is a margin */
-        _Alignas(64) float leans[SS_BLOCK];
+        _Alignas(64) float skews[SCREEN_BLOCK];
         float mean;
         vi rough = { 0 };
 
@@ -767,17 +767,17 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
             pell_fetch_to_write(w->length[axis] + below);
             pell_fetch_to_write(w->to_px[axis] + below);
         }
-        if (cell->live == SS_EMPTY) {
-            memset(&w->length[0][index], 0, SS_BLOCK * sizeof(float));
-            memset(&w->length[1][index], 0, SS_BLOCK * sizeof(float));
+        if (cell->live == SCREEN_EMPTY) {
+            memset(&w->length[0][index], 0, SCREEN_BLOCK * sizeof(float));
+            memset(&w->length[1][index], 0, SCREEN_BLOCK * sizeof(float));
             cell->smooth = false;
             continue;
         }
-        for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+        for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
             const size_t at = index + (size_t) part;
             const float *key = w->key + at, *depth = w->depth + at;
             const vf z = load(depth), own = load(key), mm = z * w->depth_mm + w->fixed_mm;
-            const vf tx = load(w->columns_tan + block * SS_BLOCK + part), ray2 = tx * tx + ty2;
+            const vf tx = load(w->columns_tan + block * SCREEN_BLOCK + part), ray2 = tx * tx + ty2;
             const vf left = z - load(depth - 1), right = load(depth + 1) - z;
             const vf above = z - load(depth - w->stride), under = load(depth + w->stride) - z;
             const vf dx = limited(left, right, load(key - 1) == own, load(key + 1) == own);
@@ -792,24 +792,24 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
             store(w->length[0] + at, select(on, x2, zero));
             store(w->length[1] + at, select(on, y2, zero));
             store(w->to_px[0] + at, select(on, both, zero));
-            store(leans + part, select(on, both / select(on, x2, one), zero));
+            store(skews + part, select(on, both / select(on, x2, one), zero));
         }
-        cell->smooth = cell->live == SS_FULL && cell->owner != SS_MIXED && !any(rough);
-        mean = cell->pixels > 0 ? sum_of(leans) / (float) cell->pixels : 0.0f;
+        cell->smooth = cell->live == SCREEN_FULL && cell->owner != SCREEN_MIXED && !any(rough);
+        mean = cell->pixels > 0 ? sum_of(skews) / (float) cell->pixels : 0.0f;
         cell->to_px[0][0] = mean < LEAN_MAX ? (mean > -LEAN_MAX ? mean : -LEAN_MAX) : LEAN_MAX;
     }
     fade_leans(w, y);
     for (int block = w->extents[y].begin; block < w->extents[y].end; block++) {
-        struct ss_cell *cell = cell_at(w, block, y);
-        const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
-        _Alignas(64) float most[2][SS_BLOCK], least[2][SS_BLOCK];
+        struct screen_cell *cell = cell_at(w, block, y);
+        const size_t index = (size_t) (y * w->stride + block * SCREEN_BLOCK);
+        _Alignas(64) float most[2][SCREEN_BLOCK], least[2][SCREEN_BLOCK];
 
-        if (cell->live == SS_EMPTY)
+        if (cell->live == SCREEN_EMPTY)
             continue;
-        for (int part = 0; part < SS_BLOCK; part += WIDTH) {
+        for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
             const size_t at = index + (size_t) part;
             const vf x2 = load(w->length[0] + at), xy = load(w->to_px[0] + at);
-            const vf d2 = load(w->length[1] + at) + cell->lean * (cell->lean * x2 - 2.0f * xy);
+            const vf d2 = load(w->length[1] + at) + cell->skew * (cell->skew * x2 - 2.0f * xy);
             const vf mm = load(w->depth + at) * w->depth_mm + w->fixed_mm, facing = load(w->scale + at) * (mm * mm);
             for (int axis = 0; axis < 2; axis++) {
                 const vf size2 = axis == 0 ? x2 : d2;
@@ -830,20 +830,20 @@ static PELL_FETCHING void measure_row(const struct ss_work *w, int y)
 
 /* Blends the step's result into the sum. Where a pixel left the step out, its weight goes to the last result, or, as in the paper (`on`),
  * to all that the sum holds. */
-INLINE void put(const struct ss_work *w, int x, int y, size_t index, const struct ss_cell *cell, float (*restrict light)[SS_BLOCK],
+INLINE void put(const struct screen_work *w, int x, int y, size_t index, const struct screen_cell *cell, float (*restrict light)[SCREEN_BLOCK],
                 const float *on)
 {
     const size_t row = (size_t) w->step * (w->num_materials + 1);
     float *const *before = w->fresh ? w->now : w->sum;
 
     for (int i = 0; i < 3; i++) {
-        _Alignas(64) float mixed[SS_BLOCK], shares[SS_BLOCK];
+        _Alignas(64) float mixed[SCREEN_BLOCK], shares[SCREEN_BLOCK];
 
-        if (cell->owner == SS_MIXED)
-            for (int l = 0; l < SS_BLOCK; l++)
+        if (cell->owner == SCREEN_MIXED)
+            for (int l = 0; l < SCREEN_BLOCK; l++)
                 shares[l] = w->blend[row + (size_t) w->key[index + (size_t) l]][i];
-        for (int part = 0; part < SS_BLOCK; part += WIDTH) {
-            vf share = cell->owner == SS_MIXED ? load(shares + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
+        for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
+            vf share = cell->owner == SCREEN_MIXED ? load(shares + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
             if (on)
                 share *= load(on + part);
             store(mixed + part, load(before[i] + index + part) * (1.0f - share) + load(&light[i][part]) * share);
@@ -852,10 +852,10 @@ INLINE void put(const struct ss_work *w, int x, int y, size_t index, const struc
             memcpy(&w->sum[i][index], mixed, sizeof(mixed));
         } else {
             float *out = w->out->light[i] + y * w->in->shape.stride + x;
-            if (cell->live == SS_FULL)
+            if (cell->live == SCREEN_FULL)
                 memcpy(out, mixed, sizeof(mixed));
             else
-                for (int l = 0; l < SS_BLOCK; l++)
+                for (int l = 0; l < SCREEN_BLOCK; l++)
                     if (w->key[index + (size_t) l] > 0.0f)
                         out[l] = mixed[l];
         }
@@ -869,11 +869,11 @@ INLINE int within(int pixels, const struct block *b)
 }
 
 /* Where a block's taps are, and their scales. */
-PELL_FETCHING_INLINE void prepare(const struct ss_work *w, int block, int y, int axis, const float *const from[3], float *const to[3],
+PELL_FETCHING_INLINE void prepare(const struct screen_work *w, int block, int y, int axis, const float *const from[3], float *const to[3],
                                   struct job *job)
 {
-    const struct ss_extent *extent = &w->extents[y];
-    const int x = block * SS_BLOCK;
+    const struct screen_extent *extent = &w->extents[y];
+    const int x = block * SCREEN_BLOCK;
     const size_t index = (size_t) (y * w->stride + x), below = index + (size_t) w->stride;
     int before, behind;
 
@@ -890,13 +890,13 @@ PELL_FETCHING_INLINE void prepare(const struct ss_work *w, int block, int y, int
     } else {
         fetch3_to_write(w->sum, below);
     }
-    if ((w->forms & SS_FORM_PAPER_EDGES) || !choose(w, index, job->cell, &job->b)) {
+    if ((w->forms & SCREEN_FORM_PAPER_EDGES) || !choose(w, index, job->cell, &job->b)) {
         job->b.active = 0;
         return;
     }
     space(w, index, block, axis, job->cell, &job->b);
-    before = axis == 0 ? x + SS_BLOCK - 1 - extent->begin * SS_BLOCK : y - w->in->rect.y0;
-    behind = axis == 0 ? extent->end * SS_BLOCK - 1 - x : w->in->rect.y1 - 1 - y;
+    before = axis == 0 ? x + SCREEN_BLOCK - 1 - extent->begin * SCREEN_BLOCK : y - w->in->rect.y0;
+    behind = axis == 0 ? extent->end * SCREEN_BLOCK - 1 - x : w->in->rect.y1 - 1 - y;
     job->low = within(before, &job->b);
     job->high = within(behind, &job->b);
     if (axis == 1 && (job->b.count + 1) * (int64_t) job->b.stride <= behind) { /* the row that the block below reaches for the first time */
@@ -910,10 +910,10 @@ PELL_FETCHING_INLINE void prepare(const struct ss_work *w, int block, int y, int
 }
 
 /* One pass over row y: along x, or along y and into the sum. `from` and `to` are rows, at pixel 0. */
-PELL_FETCHING_INLINE int blur_row(const struct ss_work *w, int y, int axis, const float *const from[3], float *const to[3])
+PELL_FETCHING_INLINE int blur_row(const struct screen_work *w, int y, int axis, const float *const from[3], float *const to[3])
 {
     const int begin = w->extents[y].begin, end = w->extents[y].end;
-    const bool paper = w->forms & SS_FORM_PAPER_EDGES;
+    const bool paper = w->forms & SCREEN_FORM_PAPER_EDGES;
     struct job jobs[JOBS];
     int active = 0;
 
@@ -921,7 +921,7 @@ PELL_FETCHING_INLINE int blur_row(const struct ss_work *w, int y, int axis, cons
         int count = 0;
 
         for (; block < end && count < JOBS; block++)
-            if (cell_at(w, block, y)->live != SS_EMPTY)
+            if (cell_at(w, block, y)->live != SCREEN_EMPTY)
                 prepare(w, block, y, axis, from, to, &jobs[count++]);
         for (int k = 0; k < count; k++)
             if (jobs[k].b.active == 0)
@@ -930,14 +930,14 @@ PELL_FETCHING_INLINE int blur_row(const struct ss_work *w, int y, int axis, cons
                 gather_any(w, y, axis, from, &jobs[k]);
             else if (axis == 0)
                 gather_along_x(w, y, from, &jobs[k]);
-            else if (jobs[k].b.lean != 0.0f)
+            else if (jobs[k].b.skew != 0.0f)
                 gather_leaning(w, y, from, &jobs[k]);
             else
                 gather_along_y(w, y, from, &jobs[k]);
         for (int k = 0; k < count; k++) {
             const int x = jobs[k].x;
             const size_t index = (size_t) (y * w->stride + x);
-            _Alignas(64) float result[3][SS_BLOCK], on[SS_BLOCK];
+            _Alignas(64) float result[3][SCREEN_BLOCK], on[SCREEN_BLOCK];
             int blurred = jobs[k].b.active;
 
             if (paper)
@@ -958,33 +958,33 @@ PELL_FETCHING_INLINE int blur_row(const struct ss_work *w, int y, int axis, cons
     return active;
 }
 
-static PELL_FETCHING int across_row(const struct ss_work *w, int y, const float *const from[3], float *const to[3])
+static PELL_FETCHING int across_row(const struct screen_work *w, int y, const float *const from[3], float *const to[3])
 {
     return blur_row(w, y, 0, from, to);
 }
 
-static PELL_FETCHING int down_row(const struct ss_work *w, int y, const float *const from[3], float *const to[3])
+static PELL_FETCHING int down_row(const struct screen_work *w, int y, const float *const from[3], float *const to[3])
 {
     /* What the pass along x reads of `to` beside what is written. */
     for (int block = w->extents[y].begin - 1; block <= w->extents[y].end; block++)
-        if (block < w->extents[y].begin || block == w->extents[y].end || cell_at(w, block, y)->live == SS_EMPTY)
+        if (block < w->extents[y].begin || block == w->extents[y].end || cell_at(w, block, y)->live == SCREEN_EMPTY)
             for (int i = 0; !w->last && i < 3; i++)
-                memset(to[i] + block * SS_BLOCK, 0, SS_BLOCK * sizeof(float));
+                memset(to[i] + block * SCREEN_BLOCK, 0, SCREEN_BLOCK * sizeof(float));
     return blur_row(w, y, 1, from, to);
 }
 
-static void copy_row(const struct ss_work *w, int y)
+static void copy_row(const struct screen_work *w, int y)
 {
     for (int block = w->block0; block < w->block1; block++) {
-        const size_t index = (size_t) (y * w->stride + block * SS_BLOCK);
+        const size_t index = (size_t) (y * w->stride + block * SCREEN_BLOCK);
 
-        for (int l = 0; cell_at(w, block, y)->live != SS_EMPTY && l < SS_BLOCK; l++)
+        for (int l = 0; cell_at(w, block, y)->live != SCREEN_EMPTY && l < SCREEN_BLOCK; l++)
             for (int i = 0; w->key[index + (size_t) l] > 0.0f && i < 3; i++)
-                w->out->light[i][y * w->in->shape.stride + block * SS_BLOCK + l] = w->now[i][index + (size_t) l];
+                w->out->light[i][y * w->in->shape.stride + block * SCREEN_BLOCK + l] = w->now[i][index + (size_t) l];
     }
 }
 
-extern const struct ss_kernels PELL_SIMD(pell_ss_kernels);
-const struct ss_kernels PELL_SIMD(pell_ss_kernels) = {
+extern const struct screen_kernels PELL_SIMD(pell_ss_kernels);
+const struct screen_kernels PELL_SIMD(pell_ss_kernels) = {
     .load = load_row, .measure = measure_row, .across = across_row, .down = down_row, .copy = copy_row,
 };

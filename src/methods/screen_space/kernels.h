@@ -11,31 +11,31 @@
 
 #include <pellucid/frame.h>
 
-enum { SS_BLOCK = 16, SS_AHEAD = 8, SS_STEPS = PELL_GAUSSIANS_MAX + SS_AHEAD };
-enum ss_live { SS_EMPTY = 0, SS_SOME, SS_FULL };
-enum { SS_MIXED = 0xffff }; /* as a block's material: there are several in it */
+enum { SCREEN_BLOCK = 16, SCREEN_PREBLUR = 8, SCREEN_STEPS = PELL_GAUSSIANS_MAX + SCREEN_PREBLUR };
+enum screen_live { SCREEN_EMPTY = 0, SCREEN_SOME, SCREEN_FULL };
+enum { SCREEN_MIXED = 0xffff }; /* as a block's material: there are several in it */
 
-#define SS_SPAN 2.88675135f /* 3/sqrt(1.08): the listing's 7 taps over +-span have a standard deviation of span/SS_SPAN */
+#define SCREEN_SPAN 2.88675135f /* 3/sqrt(1.08): the listing's 7 taps over +-span have a standard deviation of span/SS_SPAN */
 
 /* What is known of a block of 16 pixels in a row. The smallest and largest values are those of pixels that can be blurred. */
-struct ss_cell {
-    uint16_t owner;     /* the material of all its translucent pixels, or SS_MIXED */
-    uint8_t live;       /* enum ss_live */
+struct screen_cell {
+    uint16_t owner;     /* the material of all its translucent pixels, or SCREEN_MIXED */
+    uint8_t live;       /* enum screen_live */
     uint8_t pixels;     /* that can be blurred */
     float scale[2];     /* smallest, largest */
     float to_px[2][2];  /* of each axis: smallest, largest */
     bool smooth;        /* full, of one material, and nowhere a jump in depth */
     uint16_t clear[2];  /* pixels before and behind it, along each axis, that are of smooth blocks alone */
-    float lean;         /* of the second pass: pixels that x falls as y grows by one */
+    float skew;         /* of the second pass: pixels that x falls as y grows by one */
 };
 
 /* The blocks of a row from the first to behind the last that holds anything translucent. */
-struct ss_extent {
+struct screen_extent {
     int begin, end;
 };
 
 /* One frame's work; the same for all rows and threads. */
-struct ss_work {
+struct screen_work {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
     const float *const *light; /* three planes of the caller: what is blurred */
@@ -44,8 +44,8 @@ struct ss_work {
     int blocks;                /* in a row of the picture */
     float *key, *depth, *scale, *length[2], *to_px[2]; /* see `load` and `measure` */
     float *now[3], *half[3], *sum[3];       /* light as it was loaded; blurred, see cpu.c; the weighted sum */
-    struct ss_cell *cells; /* [y * blocks + block] */
-    struct ss_extent *extents; /* of each row */
+    struct screen_cell *cells; /* [y * blocks + block] */
+    struct screen_extent *extents; /* of each row */
     const float *columns_tan, *rows_tan; /* slopes of the rays through columns (with a margin) and rows */
     size_t num_materials;
     const float (*total)[3];   /* of each material's profile; all zeros for material 0, which is none */
@@ -56,37 +56,37 @@ struct ss_work {
     float ratio2;              /* scales all variances: (ssslevel / derived)^2 */
     float skip;                /* px^2: a step that adds less is left out */
     float correction, maxdd, unit; /* foreshortening of the paper: unit is 1/mm of depth */
-    int forms;                 /* enum ss_form */
+    int forms;                 /* enum screen_form */
     int step;
     bool several;              /* more than one material in this frame */
     bool fresh;                /* nothing is in `sum` yet */
     bool last;                 /* the sum goes to `out` */
 };
 
-enum ss_form {
-    SS_FORM_PAPER_EDGES = 1,
-    SS_FORM_PAPER_SLOPE = 2,
+enum screen_form {
+    SCREEN_FORM_PAPER_EDGES = 1,
+    SCREEN_FORM_PAPER_SLOPE = 2,
 };
 
-struct ss_seen { /* by ss_load in one row */
+struct screen_seen { /* by screen_load in one row */
     float scale;          /* the largest: px^2 per mm^2 */
     int first, last;      /* smallest and largest material, 0 where there is none */
     int pixels;           /* that are translucent */
 };
 
-struct ss_kernels {
+struct screen_kernels {
     /* Copies row y of the caller's planes: key = material, depth, scale = px^2 per mm^2 of the variances (with strength), now = light
      * times the profile's total. */
-    void (*load)(const struct ss_work *w, int y, struct ss_seen *seen);
+    void (*load)(const struct screen_work *w, int y, struct screen_seen *seen);
     /* Which blocks are smooth; length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to
      * it; to_px[0], [1] = px^2 per mm^2 of the variances along them. */
-    void (*measure)(const struct ss_work *w, int y);
+    void (*measure)(const struct screen_work *w, int y);
     /* The two passes of a step over row y, which `from` and `to` point at (pixel 0): they return the number of pixels that were blurred.
      * `down` reads the rows around it, too, puts what comes of it into the sum as well, and in the last step into `out` alone. */
-    int (*across)(const struct ss_work *w, int y, const float *const from[3], float *const to[3]);
-    int (*down)(const struct ss_work *w, int y, const float *const from[3], float *const to[3]);
+    int (*across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
+    int (*down)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
     /* now -> `out`, where no step blurs anything. */
-    void (*copy)(const struct ss_work *w, int y);
+    void (*copy)(const struct screen_work *w, int y);
 };
 
 #endif

@@ -15,22 +15,22 @@ static const char *const profile_names[] = { "material", "published", NULL };
 static const char *const input_names[] = { "diffuse", "lit", NULL };
 static const char *const first_names[] = { "blurred", "unblurred", "skin", NULL };
 static const char *const form_names[] = { "surface", "paper", NULL };
-static const char *const through_names[] = { "off", "gaussian", NULL };
+static const char *const transmission_names[] = { "off", "gaussian", NULL };
 
-#define AT(field) offsetof(struct ss_knobs, field)
+#define AT(field) offsetof(struct screen_knobs, field)
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { SS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { SCREEN_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 4 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
-    { "profile", PELL_KNOB_ENUM, "1", AT(profile), { SS_PROFILE_MATERIAL }, 0, 0, profile_names,
+    { "profile", PELL_KNOB_ENUM, "1", AT(profile), { SCREEN_PROFILE_MATERIAL }, 0, 0, profile_names,
       "published: skin1, skin2 and marble by their coefficients get the four Gaussians of the paper's table 7.1, in their colour" },
-    { "input", PELL_KNOB_ENUM, "1", AT(input), { SS_INPUT_DIFFUSE }, 0, 0, input_names,
+    { "input", PELL_KNOB_ENUM, "1", AT(input), { SCREEN_INPUT_DIFFUSE }, 0, 0, input_names,
       "what is blurred: the irradiance, or as in the paper the lit picture with its highlights" },
-    { "first", PELL_KNOB_ENUM, "1", AT(first), { SS_FIRST_BLURRED }, 0, 0, first_names,
+    { "first", PELL_KNOB_ENUM, "1", AT(first), { SCREEN_FIRST_BLURRED }, 0, 0, first_names,
       "unblurred: light as it is stands for the narrowest Gaussian; skin: only for materials called skin*" },
-    { "edges", PELL_KNOB_ENUM, "1", AT(edges), { SS_EDGES_SURFACE }, 0, 0, form_names,
+    { "edges", PELL_KNOB_ENUM, "1", AT(edges), { SCREEN_EDGES_SURFACE }, 0, 0, form_names,
       "surface: taps weigh by their distance in space and no light is lost; paper: seven taps on the screen, inside the mask" },
-    { "foreshortening", PELL_KNOB_ENUM, "1", AT(slope), { SS_SLOPE_SURFACE }, 0, 0, form_names,
+    { "foreshortening", PELL_KNOB_ENUM, "1", AT(slope), { SCREEN_SLOPE_SURFACE }, 0, 0, form_names,
       "with edges = paper: spans by the surface's slope, or by correction and maxdd" },
     { "ssslevel", PELL_KNOB_FLOAT, "1", AT(ssslevel), { 0 }, 0, 1e5, NULL,
       "scattering level for depths in object heights; 0: derived, so that the profile has its size in mm" },
@@ -40,7 +40,7 @@ static const struct pell_knob knobs[] = {
       "limit of the depth's change per pixel, with foreshortening = paper" },
     { "lod", PELL_KNOB_FLOAT, "1/px", AT(lod), { 1.75 }, 0.01, 100, NULL, "a Gaussian is left out where its span is under 1/lod pixels" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
-    { "through", PELL_KNOB_ENUM, "1", AT(through), { SS_THROUGH_GAUSSIAN }, 0, 0, through_names,
+    { "through", PELL_KNOB_ENUM, "1", AT(transmission), { SCREEN_TRANSMISSION_GAUSSIAN }, 0, 0, transmission_names,
       "light from behind: none, or by thickness d as the sum of w exp(-d^2/(2 v))" },
     { 0 },
 };
@@ -48,44 +48,44 @@ static const struct pell_knob knobs[] = {
 
 static void paper(void *values)
 {
-    struct ss_knobs *k = values;
+    struct screen_knobs *k = values;
 
-    k->as = SS_PAPER;
-    k->profile = SS_PROFILE_PUBLISHED;
-    k->input = SS_INPUT_LIT;
-    k->first = SS_FIRST_SKIN;
-    k->edges = SS_EDGES_PAPER;
-    k->slope = SS_SLOPE_PAPER;
+    k->as = SCREEN_PAPER;
+    k->profile = SCREEN_PROFILE_PUBLISHED;
+    k->input = SCREEN_INPUT_SHADED;
+    k->first = SCREEN_FIRST_SKIN;
+    k->edges = SCREEN_EDGES_PAPER;
+    k->slope = SCREEN_SLOPE_PAPER;
     k->ssslevel = 31.5f;
     k->correction = 800.0f;
     k->maxdd = 0.001f;
     k->lod = 0.5f;
-    k->through = SS_THROUGH_OFF;
+    k->transmission = SCREEN_TRANSMISSION_OFF;
 }
 
 static void plan(const void *values, struct pell_plan *plan)
 {
-    const struct ss_knobs *k = values;
+    const struct screen_knobs *k = values;
 
     *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
-    if (k->input == SS_INPUT_LIT)
-        *plan = (struct pell_plan) { .needs = PELL_NEED_LIT, .quantity = PELL_QUANTITY_RADIANCE, .mix = 1.0f };
+    if (k->input == SCREEN_INPUT_SHADED)
+        *plan = (struct pell_plan) { .needs = PELL_NEED_SHADED, .quantity = PELL_QUANTITY_RADIANCE, .mix = 1.0f };
     if (k->strength)
         plan->needs |= PELL_NEED_STRENGTH;
-    if (k->through == SS_THROUGH_GAUSSIAN)
-        plan->needs |= PELL_NEED_THROUGH;
+    if (k->transmission == SCREEN_TRANSMISSION_GAUSSIAN)
+        plan->needs |= PELL_NEED_TRANSMISSION;
 }
 
 extern const struct pell_method pell_method_screen_space;
 const struct pell_method pell_method_screen_space = {
-    .kind = PELL_METHOD,
+    .kind = PELL_KIND_METHOD,
     .name = "screen-space",
     .title = "Screen-space diffusion by Gaussian blurs",
     .cite = "Jorge Jimenez and Diego Gutierrez, Screen-Space Subsurface Scattering, GPU Pro, 2010",
     .limits = "Light moves only between points that the camera sees, along the surface, or from behind straight through; light that would "
               "come from or go to a hidden part stays where it fell.",
     .knobs = knobs,
-    .knobs_size = sizeof(struct ss_knobs),
+    .knobs_size = sizeof(struct screen_knobs),
     .paper = paper,
     .plan = plan,
     .cpu = &pell_ss_cpu,

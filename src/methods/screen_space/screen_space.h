@@ -7,27 +7,27 @@
 
 #include <pellucid/method.h>
 
-enum ss_as { SS_BEST, SS_PAPER };
-enum ss_profile { SS_PROFILE_MATERIAL, SS_PROFILE_PUBLISHED };
-enum ss_input { SS_INPUT_DIFFUSE, SS_INPUT_LIT };
-enum ss_first { SS_FIRST_BLURRED, SS_FIRST_UNBLURRED, SS_FIRST_SKIN };
-enum ss_edges { SS_EDGES_SURFACE, SS_EDGES_PAPER };
-enum ss_slope { SS_SLOPE_SURFACE, SS_SLOPE_PAPER };
-enum ss_through { SS_THROUGH_OFF, SS_THROUGH_GAUSSIAN };
+enum screen_as { SCREEN_BEST, SCREEN_PAPER };
+enum screen_profile { SCREEN_PROFILE_MATERIAL, SCREEN_PROFILE_PUBLISHED };
+enum screen_input { SCREEN_INPUT_DIFFUSE, SCREEN_INPUT_SHADED };
+enum screen_first { SCREEN_FIRST_BLURRED, SCREEN_FIRST_UNBLURRED, SCREEN_FIRST_SKIN };
+enum screen_edges { SCREEN_EDGES_SURFACE, SCREEN_EDGES_PAPER };
+enum screen_slope { SCREEN_SLOPE_SURFACE, SCREEN_SLOPE_PAPER };
+enum screen_transmission { SCREEN_TRANSMISSION_OFF, SCREEN_TRANSMISSION_GAUSSIAN };
 
-struct ss_knobs {
-    int as;        /* enum ss_as */
+struct screen_knobs {
+    int as;        /* enum screen_as */
     int gaussians;
-    int profile;   /* enum ss_profile */
-    int input;     /* enum ss_input */
-    int first;     /* enum ss_first */
-    int edges;     /* enum ss_edges */
-    int slope;     /* enum ss_slope */
+    int profile;   /* enum screen_profile */
+    int input;     /* enum screen_input */
+    int first;     /* enum screen_first */
+    int edges;     /* enum screen_edges */
+    int slope;     /* enum screen_slope */
     float ssslevel;
     float correction, maxdd;
     float lod;
     bool strength;
-    int through;   /* enum ss_through */
+    int transmission;   /* enum screen_transmission */
 };
 
 /* The paper's ssslevel for which a Gaussian's standard deviation on the screen is its projected one: span in pixels = ssslevel

@@ -8,21 +8,21 @@
 
 enum { BATCH = 16 }; /* rows between two reports of progress */
 
-struct ss_state {
+struct single_state {
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
-    struct pell_bodies *bodies;
+    struct pell_solids *solids;
     struct pell_connector *connector;
-    struct pell_emitters *emitters;
-    struct ss_medium *medium; /* of each body */
-    struct ss_world world;    /* of all that */
-    struct ss_counts *counts;
-    float *noise[3]; /* planes of the frame's stride */
+    struct pell_light_sampler *light_sampler;
+    struct single_medium *medium; /* of each solid */
+    struct single_world world;    /* of all that */
+    struct single_counts *counts;
+    float *standard_error[3]; /* planes of the frame's stride */
     struct pell_pass_time time;
 };
 
 struct frame_task {
-    const struct ss_state *st;
+    const struct single_state *st;
     const struct pell_frame *in;
     const struct pell_frame_light *out;
     const struct pell_view *view;
@@ -38,31 +38,31 @@ static void do_row(void *arg, int index, int worker)
     for (ptrdiff_t at = row + in->rect.x0; at < row + in->rect.x1 && !pell_cancelled(t->st->ctx); at++) {
         const bool apart = t->out->single[0] != NULL;
         struct pell_vec3 x, toward;
-        float light[3], noise[3];
+        float light[3], standard_error[3];
         if (!in->material[at])
             continue;
         x = vec3(in->position[0][at], in->position[1][at], in->position[2][at]);
         toward =
             in->shape.orthographic ? vec3_mul(t->view->forward, -1.0f) : vec3_normalize(vec3_sub(t->view->origin, x));
-        ss_estimate(&t->st->world, x, toward, (double) in->depth[at], &t->st->counts[worker], light, noise);
+        single_estimate(&t->st->world, x, toward, (double) in->depth[at], &t->st->counts[worker], light, standard_error);
         for (int c = 0; c < 3; c++) {
             t->out->light[c][at] = apart ? 0.0f : light[c];
             if (apart)
                 t->out->single[c][at] = light[c];
-            t->st->noise[c][at] = noise[c];
+            t->st->standard_error[c][at] = standard_error[c];
         }
     }
 }
 
-static enum pell_result ss_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+static enum pell_result single_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
-    struct ss_state *st = state;
+    struct single_state *st = state;
     struct frame_task t = { st, in, out, in->view, 0 };
-    struct ss_counts sum = { 0 };
+    struct single_counts sum = { 0 };
     const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
 
-    memset(st->noise[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
+    memset(st->standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
     st->world.seed = in->seed;
     for (t.first = 0; t.first < rows; t.first += BATCH) {
@@ -87,31 +87,31 @@ static enum pell_result ss_render(void *state, const struct pell_frame *in, cons
     return PELL_OK;
 }
 
-static void ss_destroy(void *state)
+static void single_destroy(void *state)
 {
-    struct ss_state *st = state;
+    struct single_state *st = state;
 
     if (!st)
         return;
-    pell_free(st->ctx, st->noise[0]);
+    pell_free(st->ctx, st->standard_error[0]);
     pell_free(st->ctx, st->counts);
-    for (size_t i = 0; st->medium && i < st->bodies->count; i++)
-        ss_medium_finish(st->ctx, &st->medium[i]);
+    for (size_t i = 0; st->medium && i < st->solids->count; i++)
+        single_medium_finish(st->ctx, &st->medium[i]);
     pell_free(st->ctx, st->medium);
-    pell_emitters_destroy(&st->emitters);
+    pell_light_sampler_destroy(&st->light_sampler);
     pell_connector_destroy(&st->connector);
-    pell_bodies_destroy(&st->bodies);
+    pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
 }
 
-static enum pell_result ss_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+static enum pell_result single_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
                                   void **state)
 {
-    const struct ss_knobs *k = knobs;
+    const struct single_knobs *k = knobs;
     struct pell_context *ctx = services->ctx;
     const struct pell_scene *scene = services->scene;
     const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
-    struct ss_state *st = pell_zalloc(ctx, sizeof(*st));
+    struct single_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
 
     *state = st;
@@ -119,31 +119,31 @@ static enum pell_result ss_create(const struct pell_services *services, const st
         return PELL_ERR_NOMEM;
     st->services = services;
     st->ctx = ctx;
-    PELL_TRY(pell_services_bodies(services, &st->bodies));
-    PELL_TRY(pell_connector_create(ctx, scene, services->rays, st->bodies, k->normals == SS_FLAT, &st->connector));
-    PELL_TRY(pell_emitters_create(ctx, scene, &st->emitters));
+    PELL_TRY(pell_services_bodies(services, &st->solids));
+    PELL_TRY(pell_connector_create(ctx, scene, services->rays, st->solids, k->normals == SINGLE_FLAT, &st->connector));
+    PELL_TRY(pell_light_sampler_create(ctx, scene, &st->light_sampler));
     res = PELL_ERR_NOMEM;
-    st->medium = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->medium));
+    st->medium = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->medium));
     st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));
-    st->noise[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
-    if (!st->medium || !st->counts || !st->noise[0])
+    st->standard_error[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
+    if (!st->medium || !st->counts || !st->standard_error[0])
         goto fail;
-    st->noise[1] = st->noise[0] + pixels;
-    st->noise[2] = st->noise[1] + pixels;
-    for (size_t i = 0; i < st->bodies->count; i++) {
-        const struct pell_body *b = &st->bodies->bodies[i];
+    st->standard_error[1] = st->standard_error[0] + pixels;
+    st->standard_error[2] = st->standard_error[1] + pixels;
+    for (size_t i = 0; i < st->solids->count; i++) {
+        const struct pell_solid *b = &st->solids->solids[i];
         if (b->num_triangles == 0)
             continue;
-        PELL_TRY(ss_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
-        ss_medium_place(&st->medium[i], scene, services->rays, st->bodies, (int) i);
+        PELL_TRY(single_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
+        single_medium_place(&st->medium[i], scene, services->rays, st->solids, (int) i);
     }
-    st->world = (struct ss_world){
+    st->world = (struct single_world){
         .ctx = ctx,
         .scene = scene,
         .rays = services->rays,
-        .bodies = st->bodies,
+        .solids = st->solids,
         .connector = st->connector,
-        .emitters = st->emitters,
+        .light_sampler = st->light_sampler,
         .medium = st->medium,
         .knobs = *k,
     };
@@ -153,9 +153,9 @@ fail:
     return res;
 }
 
-static size_t ss_times(const void *state, struct pell_pass_time *times, size_t size)
+static size_t single_times(const void *state, struct pell_pass_time *times, size_t size)
 {
-    const struct ss_state *st = state;
+    const struct single_state *st = state;
 
     if (size < 1 || !st->time.name)
         return 0;
@@ -163,15 +163,15 @@ static size_t ss_times(const void *state, struct pell_pass_time *times, size_t s
     return 1;
 }
 
-static bool ss_noise(const void *state, const float *planes[3])
+static bool single_standard_error(const void *state, const float *planes[3])
 {
-    const struct ss_state *st = state;
+    const struct single_state *st = state;
 
     for (int c = 0; c < 3; c++)
-        planes[c] = st->noise[c];
+        planes[c] = st->standard_error[c];
     return true;
 }
 
 const struct pell_method_engine pell_single_scatter_cpu = {
-    .create = ss_create, .record = ss_render, .destroy = ss_destroy, .times = ss_times, .noise = ss_noise
+    .create = single_create, .record = single_render, .destroy = single_destroy, .times = single_times, .standard_error = single_standard_error
 };

@@ -13,9 +13,9 @@ static const char *const distance_names[] = { "both", "transmittance", "equiangu
 static const char *const refraction_names[] = { "exact", "none", NULL };
 static const char *const normals_names[] = { "smooth", "flat", NULL };
 
-#define AT(field) offsetof(struct ss_knobs, field)
+#define AT(field) offsetof(struct single_knobs, field)
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { SS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { SINGLE_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
     { "error",
       PELL_KNOB_FLOAT,
       "1",
@@ -30,7 +30,7 @@ static const struct pell_knob knobs[] = {
       PELL_KNOB_ENUM,
       "1",
       AT(distance),
-      { SS_BOTH },
+      { SINGLE_BOTH },
       0,
       0,
       distance_names,
@@ -40,7 +40,7 @@ static const struct pell_knob knobs[] = {
       PELL_KNOB_ENUM,
       "1",
       AT(refraction),
-      { SS_EXACT },
+      { SINGLE_EXACT },
       0,
       0,
       refraction_names,
@@ -49,7 +49,7 @@ static const struct pell_knob knobs[] = {
       PELL_KNOB_ENUM,
       "1",
       AT(normals),
-      { SS_SMOOTH },
+      { SINGLE_SMOOTH },
       0,
       0,
       normals_names,
@@ -60,10 +60,10 @@ static const struct pell_knob knobs[] = {
 
 static void paper(void *values)
 {
-    struct ss_knobs *k = values;
+    struct single_knobs *k = values;
 
-    k->as = SS_PAPER;
-    k->distance = SS_TRANSMITTANCE;
+    k->as = SINGLE_PAPER;
+    k->distance = SINGLE_TRANSMITTANCE;
 }
 
 static void plan(const void *values, struct pell_plan *plan)
@@ -71,8 +71,8 @@ static void plan(const void *values, struct pell_plan *plan)
     (void) values;
     *plan = (struct pell_plan){
         .needs = PELL_NEED_POSITION | PELL_NEED_SCENE,
-        .gives = PELL_GIVES_SINGLE,
-        .below = true,
+        .outputs = PELL_OUTPUT_SINGLE,
+        .excludes_surface_reflection = true,
         .quantity = PELL_QUANTITY_RADIANCE,
         .mix = -1.0f,
     };
@@ -80,7 +80,7 @@ static void plan(const void *values, struct pell_plan *plan)
 
 extern const struct pell_method pell_method_single_scatter;
 const struct pell_method pell_method_single_scatter = {
-    .kind = PELL_REFERENCE,
+    .kind = PELL_KIND_REFERENCE,
     .name = "single-scatter",
     .title = "Light scattered once, exactly",
     .cite = "Bruce Walter, Shuang Zhao, Nicolas Holzschuch and Kavita Bala, Single Scattering in Refractive Media with Triangle Mesh "
@@ -90,7 +90,7 @@ const struct pell_method pell_method_single_scatter = {
     .limits = "Light that scatters more than once, or that is reflected inside before or after it scatters, is not in it. The boundary is "
               "smooth, whatever the material's roughness; maps of colour and strength are not looked at.",
     .knobs = knobs,
-    .knobs_size = sizeof(struct ss_knobs),
+    .knobs_size = sizeof(struct single_knobs),
     .paper = paper,
     .plan = plan,
     .cpu = &pell_single_scatter_cpu,

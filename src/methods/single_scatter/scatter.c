@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * scatter.c - light scattered once, at places along the refracted ray of the eye.
+ * scatter.c - light scattered once, at places along the refracted ray of the camera.
  *
  *     L = F_t(w_o)/eta^2 Int_0^S sigma_s e^(-tau(s)) Sum_paths p(w_i, w) E e^(-tau_i) ds
  *
- * S: where the ray leaves the body; paths: all ways of refraction to the lamp (transport/refraction/connect.h); E: irradiance of the beam,
- * perpendicular to it, of which the boundary lets F_t through. A place s is drawn for a lamp's place:
+ * S: where the ray leaves the solid; paths: all ways of refraction to the light (transport/refraction/connect.h); E: irradiance of the
+ * beam, perpendicular to it, of which the boundary lets F_t through. A place s is drawn for a light's place:
  *
  * - by transmittance: a channel is chosen, then its optical depth;
- * - at equal angles as seen from the lamp's place (Kulla and Fajardo 2012), which stands still for where its light comes from; evenly, for
- *   lamps without a place.
+ * - at equal angles as seen from the light's place (Kulla and Fajardo 2012), which stands still for where its light comes from; evenly, for
+ *   lights without a place.
  *
  * Both count by the balance heuristic (Veach and Guibas 1995). A round takes as many of each, and rounds are independent: their spread is
  * the standard error. A round's randomness is a hash of the point's place and of the seed. */
@@ -26,25 +26,25 @@ enum {
     DARK = 16,  /* rounds where the pilot found no light */
 };
 
-/* The refracted ray of the eye, below the surface. */
+/* The refracted ray of the camera, below the surface. */
 struct ray {
-    const struct ss_world *world;
-    const struct ss_medium *medium;
-    int body;
+    const struct single_world *world;
+    const struct single_medium *medium;
+    int solid;
     double eta;
     struct pell_vec3 at, w; /* w: inward */
     double transmit;        /* F_t / eta^2 */
-    struct ss_way way;
+    struct single_way way;
     double length;        /* of the way */
     double shade[3];      /* 1 - e^-tau of all of it */
     int lit[3], channels; /* that scatter */
-    struct ss_counts *counts;
+    struct single_counts *counts;
 };
 
 /* --- Entering ----------------------------------------------------------------------------------------------------------------- */
 
-static bool closest(const struct ss_world *world, struct pell_vec3 from, struct pell_vec3 w, double near, double far,
-                    struct ss_counts *counts, struct pell_ray_hit16 *r)
+static bool closest(const struct single_world *world, struct pell_vec3 from, struct pell_vec3 w, double near, double far,
+                    struct single_counts *counts, struct pell_ray_hit16 *r)
 {
     _Alignas(64) int valid[16] = { -1 };
 
@@ -63,8 +63,8 @@ static bool closest(const struct ss_world *world, struct pell_vec3 from, struct 
     return r->hit.mesh[0] != PELL_NO_HIT;
 }
 
-/* Finds the triangle that the eye sees, and where its ray goes below. */
-static bool enter(const struct ss_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct ss_counts *counts,
+/* Finds the triangle that the camera sees, and where its ray goes below. */
+static bool enter(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct single_counts *counts,
                   struct ray *ray)
 {
     const double size = fmax(fmax((double) fabsf(at.x), (double) fabsf(at.y)), (double) fabsf(at.z)) + depth;
@@ -80,14 +80,14 @@ static bool enter(const struct ss_world *world, struct pell_vec3 at, struct pell
         if (closest(world, vec3_mad(at, (float) fmin(e, 0.5 * depth), toward), vec3_mul(toward, -1.0f), 0.0, 2.0 * e, counts, &r))
             break;
     }
-    if (r.hit.mesh[0] >= world->bodies->num_meshes || world->bodies->of_mesh[r.hit.mesh[0]] < 0)
+    if (r.hit.mesh[0] >= world->solids->num_meshes || world->solids->of_mesh[r.hit.mesh[0]] < 0)
         return false;
     memset(ray, 0, sizeof(*ray));
     ray->world = world;
     ray->counts = counts;
-    ray->body = world->bodies->of_mesh[r.hit.mesh[0]];
-    ray->medium = &world->medium[ray->body];
-    ray->eta = world->knobs.refraction == SS_NONE ? 1.0 : ray->medium->eta;
+    ray->solid = world->solids->of_mesh[r.hit.mesh[0]];
+    ray->medium = &world->medium[ray->solid];
+    ray->eta = world->knobs.refraction == SINGLE_NONE ? 1.0 : ray->medium->eta;
     u = r.hit.u[0];
     v = r.hit.v[0];
     m = &world->scene->meshes[r.hit.mesh[0]];
@@ -97,13 +97,13 @@ static bool enter(const struct ss_world *world, struct pell_vec3 at, struct pell
         vec3_mad(vec3_mad(ray->at, u, vec3_load(m->position + 3 * (size_t) index[1])), v, vec3_load(m->position + 3 * (size_t) index[2]));
     geometric = vec3_normalize(vec3(r.hit.ngx[0], r.hit.ngy[0], r.hit.ngz[0]));
     n = geometric;
-    if (world->knobs.normals == SS_SMOOTH) {
+    if (world->knobs.normals == SINGLE_SMOOTH) {
         n = vec3_mul(vec3_load(m->normal + 3 * (size_t) index[0]), 1.0f - u - v);
         n = vec3_mad(vec3_mad(n, u, vec3_load(m->normal + 3 * (size_t) index[1])), v, vec3_load(m->normal + 3 * (size_t) index[2]));
         n = vec3_normalize(n);
     }
     facing = (double) vec3_dot(geometric, toward);
-    if (!(facing > 0.0)) /* seen from within, or turned inside out */
+    if (!(facing > 0.0)) /* seen from within, or with inverted normals */
         return false;
     cos_o = (double) vec3_dot(n, toward);
     if (!(cos_o > 0.0)) { /* a normal that looks away from where its triangle is seen */
@@ -120,7 +120,7 @@ static bool enter(const struct ss_world *world, struct pell_vec3 at, struct pell
     if (!(facing > 0.0))
         return false;
     ray->transmit = ray->eta == 1.0 ? 1.0 : (1.0 - pell_fresnel(ray->eta, cos_o)) / (ray->eta * ray->eta);
-    e = pell_connector_rounding(world->connector, ray->body) / fmax(facing, 0.02);
+    e = pell_connector_rounding(world->connector, ray->solid) / fmax(facing, 0.02);
     ray->length = closest(world, ray->at, ray->w, e, INFINITY, counts, &r) ? (double) r.ray.tfar[0] : INFINITY;
     return true;
 }
@@ -128,7 +128,7 @@ static bool enter(const struct ss_world *world, struct pell_vec3 at, struct pell
 /* --- Along the ray ------------------------------------------------------------------------------------------------------------ */
 
 /* Of a place by transmittance, 1/mm; `layer` and the optical depths are the place's. */
-static double transmittance_density(const struct ray *ray, const struct ss_layer *layer, const double depth[3])
+static double transmittance_density(const struct ray *ray, const struct single_layer *layer, const double depth[3])
 {
     double sum = 0.0;
 
@@ -145,24 +145,24 @@ static double transmittance_place(const struct ray *ray, double pick, double xi)
 
     if (!(ray->shade[c] > 1e-9))
         return xi * ray->length;
-    return ss_way_find(&ray->way, ray->medium, c, -log1p(-xi * ray->shade[c]));
+    return single_way_find(&ray->way, ray->medium, c, -log1p(-xi * ray->shade[c]));
 }
 
-/* Angles under which a lamp's place sees the way. */
+/* Angles under which a light's place sees the way. */
 struct angles {
-    bool even;         /* no place, or one on the ray: evenly by length */
+    bool uniform;         /* no place, or one on the ray: evenly by length */
     double foot, away; /* mm along the ray, and from it */
     double first, all;
 };
 
-static struct angles angles_of(const struct ray *ray, const struct pell_emitter_sample *lamp)
+static struct angles angles_of(const struct ray *ray, const struct pell_light_sample *source)
 {
-    struct angles a = { .even = true };
+    struct angles a = { .uniform = true };
     struct pell_vec3 to, beside;
 
-    if (lamp->away)
+    if (source->away)
         return a;
-    to = vec3_sub(lamp->at, ray->at);
+    to = vec3_sub(source->at, ray->at);
     a.foot = (double) vec3_dot(to, ray->w);
     beside = vec3_mad(to, (float) -a.foot, ray->w);
     a.away = (double) vec3_length(beside);
@@ -170,23 +170,23 @@ static struct angles angles_of(const struct ray *ray, const struct pell_emitter_
         return a;
     a.first = atan(-a.foot / a.away);
     a.all = atan((ray->length - a.foot) / a.away) - a.first;
-    a.even = !(a.all > 1e-9);
+    a.uniform = !(a.all > 1e-9);
     return a;
 }
 
 static double angle_density(const struct ray *ray, const struct angles *a, double s)
 {
-    return a->even ? 1.0 / ray->length : a->away / (a->all * (a->away * a->away + (s - a->foot) * (s - a->foot)));
+    return a->uniform ? 1.0 / ray->length : a->away / (a->all * (a->away * a->away + (s - a->foot) * (s - a->foot)));
 }
 
 static double angle_place(const struct ray *ray, const struct angles *a, double xi)
 {
-    const double s = a->even ? xi * ray->length : a->foot + a->away * tan(a->first + xi * a->all);
+    const double s = a->uniform ? xi * ray->length : a->foot + a->away * tan(a->first + xi * a->all);
     return fmin(fmax(s, 0.0), ray->length);
 }
 
-/* What a lamp's place brings from a place s of the ray, per mm, to each channel. */
-static void bring(const struct ray *ray, const struct pell_emitter_sample *lamp, double s, const struct ss_layer *layer,
+/* What a light's place brings from a place s of the ray, per mm, to each channel. */
+static void bring(const struct ray *ray, const struct pell_light_sample *source, double s, const struct single_layer *layer,
                   const double depth[3], double out[3])
 {
     const struct pell_vec3 x = vec3_mad(ray->at, (float) s, ray->w), back = vec3_mul(ray->w, -1.0f);
@@ -197,21 +197,21 @@ static void bring(const struct ray *ray, const struct pell_emitter_sample *lamp,
     for (int i = 0; i < ray->medium->layers; i++)
         for (int k = 0; k < ray->channels; k++)
             slowest = fmin(slowest, ray->medium->layer[i].sigma_t[ray->lit[k]]);
-    reach = slowest > 0.0 ? SS_OPAQUE / slowest : INFINITY;
-    n = pell_connect(ray->world->connector, ray->body, ray->eta, x, lamp->away ? lamp->toward : lamp->at, lamp->away, reach, paths,
+    reach = slowest > 0.0 ? SINGLE_OPAQUE / slowest : INFINITY;
+    n = pell_connect(ray->world->connector, ray->solid, ray->eta, x, source->away ? source->toward : source->at, source->away, reach, paths,
                      PELL_CONNECTIONS, &ray->counts->rays);
     for (int i = 0; i < n; i++) {
         const struct pell_connection *p = &paths[i];
         const double cosine = (double) vec3_dot(p->inside, back);
         double beam = p->spread * p->transmit;
         float power[3];
-        struct ss_way way;
-        if (!lamp->away && !lamp->delta)
-            beam *= fmax(0.0, -(double) vec3_dot(lamp->normal, p->outside));
-        pell_emitters_power_at(ray->world->emitters, lamp, p->at, power);
+        struct single_way way;
+        if (!source->away && !source->delta)
+            beam *= fmax(0.0, -(double) vec3_dot(source->normal, p->outside));
+        pell_light_sampler_power_at(ray->world->light_sampler, source, p->at, power);
         if (!(beam > 0.0) || !(power[0] + power[1] + power[2] > 0.0f))
             continue;
-        ss_way_make(ray->world->connector, ray->body, ray->medium, x, p->inside, p->inside_mm, &way);
+        single_way_make(ray->world->connector, ray->solid, ray->medium, x, p->inside, p->inside_mm, &way);
         if (way.stretch[way.count - 1].end < p->inside_mm)
             continue;
         for (int k = 0; k < ray->channels; k++) {
@@ -227,27 +227,27 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
     const int kind = ray->world->knobs.distance;
 
     for (uint32_t i = 0; i < ROUND; i++) {
-        const bool by_angle = kind == SS_EQUIANGULAR || (kind == SS_BOTH && i % 2);
+        const bool by_angle = kind == SINGLE_EQUIANGULAR || (kind == SINGLE_BOTH && i % 2);
         const double u[3] = { pell_lattice(seed, 0, i), pell_lattice(seed, 1, i), pell_lattice(seed, 2, i) };
-        const double xi = kind == SS_BOTH ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
+        const double xi = kind == SINGLE_BOTH ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
                                           : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
         double depth[3], density = 0.0, s, light[3] = { 0 };
-        const struct ss_layer *layer;
-        struct pell_emitter_sample lamp;
+        const struct single_layer *layer;
+        struct pell_light_sample source;
         struct angles angles;
-        if (!pell_emitters_sample(ray->world->emitters, ray->at, u, &lamp) || !(lamp.pdf > 0.0))
+        if (!pell_light_sampler_sample(ray->world->light_sampler, ray->at, u, &source) || !(source.pdf > 0.0))
             continue;
-        angles = angles_of(ray, &lamp);
+        angles = angles_of(ray, &source);
         s = by_angle ? angle_place(ray, &angles, xi) : transmittance_place(ray, pell_lattice(seed, 3, i), xi);
-        layer = &ray->medium->layer[ray->way.stretch[ss_way_at(&ray->way, ray->medium, s, depth)].layer];
-        if (kind != SS_EQUIANGULAR)
+        layer = &ray->medium->layer[ray->way.stretch[single_way_at(&ray->way, ray->medium, s, depth)].layer];
+        if (kind != SINGLE_EQUIANGULAR)
             density += transmittance_density(ray, layer, depth);
-        if (kind != SS_TRANSMITTANCE)
+        if (kind != SINGLE_TRANSMITTANCE)
             density += angle_density(ray, &angles, s);
-        density *= lamp.pdf * (kind == SS_BOTH ? ROUND / 2 : ROUND);
+        density *= source.pdf * (kind == SINGLE_BOTH ? ROUND / 2 : ROUND);
         if (!(density > 0.0))
             continue;
-        bring(ray, &lamp, s, layer, depth, light);
+        bring(ray, &source, s, layer, depth, light);
         for (int c = 0; c < 3; c++)
             sum[c] += ray->transmit * light[c] / density;
     }
@@ -256,32 +256,32 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
 
 /* --- As many as are needed ---------------------------------------------------------------------------------------------------- */
 
-static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int64_t count, struct pell_rounds *s)
+static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int64_t count, struct pell_batches *s)
 {
     memset(s, 0, sizeof(*s));
     while (s->count < count && !((s->count & 255) == 0 && pell_cancelled(ray->world->ctx))) {
-        double round[3] = { 0 };
-        run_round(ray, pell_hash(seed ^ pell_hash(first + (uint32_t) s->count)), round);
-        pell_rounds_add(s, round);
+        double batch[3] = { 0 };
+        run_round(ray, pell_hash(seed ^ pell_hash(first + (uint32_t) s->count)), batch);
+        pell_batches_add(s, batch);
     }
 }
 
-void ss_estimate(const struct ss_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct ss_counts *counts,
-                 float out[3], float noise[3])
+void single_estimate(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct single_counts *counts,
+                 float out[3], float standard_error[3])
 {
     const double most = fmax((double) world->knobs.most / ROUND, LEAST);
-    const uint32_t seed = pell_place_seed(at, world->seed);
+    const uint32_t seed = pell_point_seed(at, world->seed);
     double mean[3], spread[3], needed, whole[3];
-    struct pell_rounds pilot, s;
+    struct pell_batches pilot, s;
     struct ray ray;
 
     for (int c = 0; c < 3; c++)
-        out[c] = noise[c] = 0.0f;
+        out[c] = standard_error[c] = 0.0f;
     counts->pixels++;
-    if (!isfinite(at.x + at.y + at.z) || !(depth > 0.0 && depth < 1e15) || pell_emitters_count(world->emitters) == 0 ||
+    if (!isfinite(at.x + at.y + at.z) || !(depth > 0.0 && depth < 1e15) || pell_light_sampler_count(world->light_sampler) == 0 ||
         !enter(world, at, toward, depth, counts, &ray))
         return;
-    ss_way_make(world->connector, ray.body, ray.medium, ray.at, ray.w, ray.length, &ray.way);
+    single_way_make(world->connector, ray.solid, ray.medium, ray.at, ray.w, ray.length, &ray.way);
     ray.length = ray.way.stretch[ray.way.count - 1].end;
     for (int c = 0; c < 3; c++) {
         bool scatters = false;
@@ -292,17 +292,17 @@ void ss_estimate(const struct ss_world *world, struct pell_vec3 at, struct pell_
     }
     if (ray.channels == 0 || !(ray.length > 0.0 && ray.length < INFINITY))
         return;
-    ss_way_at(&ray.way, ray.medium, ray.length, whole);
+    single_way_at(&ray.way, ray.medium, ray.length, whole);
     for (int c = 0; c < 3; c++)
         ray.shade[c] = -expm1(-whole[c]);
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
     run_rounds(&ray, seed, 0, PILOT, &pilot);
-    needed = pell_rounds_needed(&pilot, (double) world->knobs.error, LEAST, DARK);
+    needed = pell_batches_needed(&pilot, (double) world->knobs.error, LEAST, DARK);
     run_rounds(&ray, seed, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
-    pell_rounds_measure(&s, mean, spread);
+    pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
         out[c] = (float) mean[c];
-        noise[c] = (float) spread[c];
+        standard_error[c] = (float) spread[c];
     }
     counts->over += needed > most;
 }

@@ -17,20 +17,20 @@ enum { ROWS = 16, SIDE_MOST = 4 };
 #define FINE 131072  /* texels of a map whose squares are 4 x 4 */
 #define COARSE 32768 /* of one that goes without */
 
-struct sky {
-    const struct ts_sky_params *p;
+struct ambient {
+    const struct ts_ambient_params *p;
     float *from, *to; /* of the filter */
     int side, samples;
     bool down;
     _Atomic int64_t rays;
 };
 
-int ts_sky_side(const struct ts_atlas *a)
+int ts_ambient_side(const struct ts_atlas *a)
 {
     return a->inner >= FINE ? 4 : a->inner >= COARSE ? 2 : 1;
 }
 
-uint32_t ts_sky_part(int side, int x, int y)
+uint32_t ts_ambient_part(int side, int x, int y)
 {
     /* Neighbours get parts that lie far apart: the last digits first. */
     const uint32_t u = (uint32_t) (x % side), v = (uint32_t) (y % side), w = u ^ v;
@@ -47,7 +47,7 @@ struct packet {
     int count;
 };
 
-static int look(const struct sky *s, struct packet *k)
+static int look(const struct ambient *s, struct packet *k)
 {
     const float share = 1.0f / (float) s->samples;
     const int count = k->count;
@@ -82,7 +82,7 @@ static int look(const struct sky *s, struct packet *k)
 
 static void look_rows(void *arg, int band, int worker)
 {
-    struct sky *s = arg;
+    struct ambient *s = arg;
     const struct ts_atlas *a = s->p->atlas;
     struct packet k;
     int64_t rays = 0;
@@ -97,7 +97,7 @@ static void look_rows(void *arg, int band, int worker)
                 /* Squares of a tile of 4 x 4 share out a longer pattern, so that what one misses the next ones have. */
                 const uint32_t name = (uint32_t) (y / tile * a->width + x / tile);
                 const uint32_t part =
-                    ts_sky_part(s->side, x, y) + (uint32_t) square * (tile > 1 ? ts_sky_part(4, x / s->side, y / s->side) : 0);
+                    ts_ambient_part(s->side, x, y) + (uint32_t) square * (tile > 1 ? ts_ambient_part(4, x / s->side, y / s->side) : 0);
                 const int i = k.count;
                 float largest;
                 s->p->seen[at] = 0.0f;
@@ -120,7 +120,7 @@ static void look_rows(void *arg, int band, int worker)
 /* A tent of twice the square's side, along or down: of each side's parts every one weighs the same. */
 static void filter_rows(void *arg, int band, int worker)
 {
-    const struct sky *s = arg;
+    const struct ambient *s = arg;
     const struct ts_atlas *a = s->p->atlas;
     const ptrdiff_t pitch = s->down ? a->stride : 1;
 
@@ -146,13 +146,13 @@ static void filter_rows(void *arg, int band, int worker)
             }
 }
 
-int64_t ts_sky_look(const struct ts_sky_params *params)
+int64_t ts_ambient_look(const struct ts_ambient_params *params)
 {
     struct pell_pool *pool = params->services->pool;
-    const int bands = (params->atlas->height + ROWS - 1) / ROWS, side = ts_sky_side(params->atlas);
+    const int bands = (params->atlas->height + ROWS - 1) / ROWS, side = ts_ambient_side(params->atlas);
     const int wanted = params->services->settings->ambient_samples;
     /* A square of 4 x 4 has twice the directions that a pixel has: it stands for more than one. */
-    struct sky s = { .p = params, .side = side, .samples = side == 4 ? (wanted + 7) / 8 : (wanted + side * side - 1) / (side * side) };
+    struct ambient s = { .p = params, .side = side, .samples = side == 4 ? (wanted + 7) / 8 : (wanted + side * side - 1) / (side * side) };
 
     pell_pool_run(pool, bands, look_rows, &s);
     for (int down = 0; side > 1 && down < 2; down++) {

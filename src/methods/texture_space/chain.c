@@ -15,7 +15,7 @@ enum { CHUNK = 4096 };
 
 struct chain {
     struct ts_state *st;
-    const struct ts_body *body;
+    const struct ts_solid *solid;
     float *const *now; /* what is blurred next: st->light at first, st->now later */
     int planes;        /* of what the chain starts with */
     int level;         /* in the profile */
@@ -26,7 +26,7 @@ struct chain {
 static void blur_rows(void *arg, int band, int worker)
 {
     const struct chain *p = arg;
-    const struct ts_atlas *a = p->body->atlas;
+    const struct ts_atlas *a = p->solid->atlas;
 
     (void) worker;
     for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
@@ -43,7 +43,7 @@ static void start_rows(void *arg, int band, int worker)
 {
     const struct chain *p = arg;
     struct ts_state *st = p->st;
-    const struct ts_atlas *a = p->body->atlas;
+    const struct ts_atlas *a = p->solid->atlas;
 
     (void) worker;
     for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
@@ -56,9 +56,9 @@ static void start_rows(void *arg, int band, int worker)
                 else
                     memset(st->now[c] + at, 0, n * sizeof(float));
             for (ptrdiff_t i = at; i < at + (ptrdiff_t) n; i++) {
-                const float lx = st->work.length[0][i], ly = st->work.length[1][i], lean = st->knobs.stretch ? a->lean[i] * lx : 0.0f;
+                const float lx = st->work.length[0][i], ly = st->work.length[1][i], skew = st->knobs.stretch ? a->skew[i] * lx : 0.0f;
                 st->now[4][i] = lx > 0.0f ? 1.0f / lx : 0.0f;
-                st->now[5][i] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + lean * lean) : 0.0f;
+                st->now[5][i] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
             }
         }
 }
@@ -67,14 +67,14 @@ static void thin_out(void *arg, int chunk, int worker)
 {
     const struct chain *p = arg;
     struct ts_state *st = p->st;
-    const struct ts_profile *profile = p->body->profile;
+    const struct ts_profile *profile = p->solid->profile;
     const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
     const bool linear = st->knobs.fade == TS_FADE_LINEAR;
     const float reach = FADE * (float) sqrt(profile->variance[p->level]), falloff = -0.5f / (float) profile->variance[p->level];
 
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
-        struct ts_through_texel *t = &st->tsm.texels[i];
+        struct ts_transmitted_texel *t = &st->tsm.texels[i];
         const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
         /* Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)). */
         float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
@@ -82,13 +82,13 @@ static void thin_out(void *arg, int chunk, int worker)
         t->share[0] = t->share[1] = t->share[2] = 0.0f;
         if (!(alpha > 0.0f) || !(strength > 0.0f))
             continue;
-        ts_profile_through(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->share);
+        ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->share);
         for (int c = 0; c < 3; c++)
             t->share[c] *= near;
     }
 }
 
-static void add_through(void *arg, int chunk, int worker)
+static void add_transmission(void *arg, int chunk, int worker)
 {
     const struct chain *p = arg;
     struct ts_state *st = p->st;
@@ -98,14 +98,14 @@ static void add_through(void *arg, int chunk, int worker)
 
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
-        const struct ts_through_texel *t = &st->tsm.texels[i];
+        const struct ts_transmitted_texel *t = &st->tsm.texels[i];
         float rgb[3];
         if (!(t->share[0] > 0.0f || t->share[1] > 0.0f || t->share[2] > 0.0f))
             continue;
-        ts_read(p->body->atlas, &t->from, planes, 3, rgb);
+        ts_read(p->solid->atlas, &t->from, planes, 3, rgb);
         if (t->part > 0.0f) {
             float also[3];
-            ts_read(p->body->atlas, &t->also, planes, 3, also);
+            ts_read(p->solid->atlas, &t->also, planes, 3, also);
             for (int c = 0; c < 3; c++)
                 rgb[c] += t->part * (also[c] - rgb[c]);
         }
@@ -143,7 +143,7 @@ static void reach_of(const struct chain *p, const struct blur *b, int *blurred, 
     w.after = (float) b->after;
     for (int k = 0; k < 2; k++)
         reach[k] = floorf(st->kernels->reach(&w, st->least[k]));
-    aside = ceilf(reach[1] * st->lean);
+    aside = ceilf(reach[1] * st->skew);
     if (w.planes > 4 || !(reach[0] + reach[1] + aside + 1.0f < (float) TS_FAR))
         return;
     *blurred = (int) fmaxf(reach[1], aside);
@@ -155,7 +155,7 @@ static void blur_planes(struct chain *p, const struct blur *b, int64_t *texels)
 {
     struct ts_state *st = p->st;
     struct ts_work *w = &st->work;
-    const struct ts_atlas *a = p->body->atlas;
+    const struct ts_atlas *a = p->solid->atlas;
     int blurred, filled;
 
     reach_of(p, b, &blurred, &filled);
@@ -185,7 +185,7 @@ static void fill_for(struct chain *p, const struct blur *next, int planes)
 
     if (next)
         reach_of(p, next, &blurred, &filled);
-    ts_fill(p->st, p->body->atlas, p->now, planes, filled > 1 ? filled : 1);
+    ts_fill(p->st, p->solid->atlas, p->now, planes, filled > 1 ? filled : 1);
 }
 
 /* Before the first blur: what is blurred is in `from`. */
@@ -197,7 +197,7 @@ static void start(struct chain *p, float *const *from, int planes)
     p->now = from;
     if (st->work.planes == 6) {
         p->planes = planes;
-        ts_rows(st, p->body->atlas->height, start_rows, p);
+        ts_rows(st, p->solid->atlas->height, start_rows, p);
         p->now = st->now;
     }
 }
@@ -222,8 +222,8 @@ static bool reaches(const struct chain *p, const struct blur *b)
 
 static int list_levels(const struct chain *p, bool local, struct level *out)
 {
-    const struct ts_profile *profile = p->body->profile;
-    const double finest = 1.0 / (p->body->atlas->mm_per_texel * p->body->atlas->mm_per_texel);
+    const struct ts_profile *profile = p->solid->profile;
+    const double finest = 1.0 / (p->solid->atlas->mm_per_texel * p->solid->atlas->mm_per_texel);
     double before = 0.0;
     int count = 0, unblurred = -1;
 
@@ -257,7 +257,7 @@ static void sum_rows(void *arg, int band, int worker)
 {
     const struct chain *p = arg;
     const struct ts_state *st = p->st;
-    const struct ts_atlas *a = p->body->atlas;
+    const struct ts_atlas *a = p->solid->atlas;
 
     (void) worker;
     for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
@@ -271,11 +271,11 @@ static void sum_rows(void *arg, int band, int worker)
             }
 }
 
-void ts_chain(struct ts_state *st, const struct ts_body *body, const struct ts_chain_params *params)
+void ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params)
 {
-    struct chain chain = { .st = st, .body = body, .scaled = params->scaled }, *p = &chain;
-    const bool through = params->through;
-    const int planes = through ? 4 : 3, chunks = (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
+    struct chain chain = { .st = st, .solid = solid, .scaled = params->scaled }, *p = &chain;
+    const bool transmission = params->transmission;
+    const int planes = transmission ? 4 : 3, chunks = (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
     struct level levels[TS_LEVELS];
     int number = 0, count;
 
@@ -286,31 +286,31 @@ void ts_chain(struct ts_state *st, const struct ts_body *body, const struct ts_c
         const struct blur *b = &levels[i].blur;
         int64_t texels = 0;
         p->level = levels[i].number;
-        if (through)
+        if (transmission)
             pell_pool_run(st->pool, chunks, thin_out, p);
         if (levels[i].blurs) {
             blur_planes(p, b, &texels);
-            if (through || i + 1 < count)
+            if (transmission || i + 1 < count)
                 fill_for(p, next_blur(levels, i + 1, count), planes);
             ts_note_time(st, level_name(number++), texels, 8 * texels * st->work.planes, 0);
         } else if (b->weight) {
             for (int c = 0; c < 3; c++)
                 st->work.weight[c] = (float) b->weight[c];
-            ts_rows(st, p->body->atlas->height, sum_rows, p);
-            ts_note_time(st, "unblurred", p->body->atlas->inner, 36 * p->body->atlas->inner, 0);
+            ts_rows(st, p->solid->atlas->height, sum_rows, p);
+            ts_note_time(st, "unblurred", p->solid->atlas->inner, 36 * p->solid->atlas->inner, 0);
         }
-        if (through) {
-            pell_pool_run(st->pool, chunks, add_through, p);
+        if (transmission) {
+            pell_pool_run(st->pool, chunks, add_transmission, p);
             ts_note_time(st, "through", (int64_t) st->tsm.count, (int64_t) st->tsm.count * 80, 0);
         }
     }
 }
 
-void ts_soften(struct ts_state *st, const struct ts_body *body)
+void ts_soften(struct ts_state *st, const struct ts_solid *solid)
 {
     static const double whole[3] = { 1.0, 1.0, 1.0 };
-    struct chain chain = { .st = st, .body = body }, *p = &chain;
-    const struct blur blur = { 0.0, SOFT * SOFT * body->profile->widest * body->profile->widest, whole };
+    struct chain chain = { .st = st, .solid = solid }, *p = &chain;
+    const struct blur blur = { 0.0, SOFT * SOFT * solid->profile->widest * solid->profile->widest, whole };
     int64_t texels;
 
     start(p, st->behind, 3);

@@ -16,7 +16,7 @@ PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
 enum { LIGHTS_MOST = 16 };
 #define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear reading adds on the average */
-#define SIZE_LEAST 32.0             /* texels, of small things beside large ones */
+#define SIZE_LEAST 32.0             /* texels, of small objects beside large ones */
 #define TAPS_REACH 3.46             /* standard deviations */
 #define COVERED 0.6
 #define STRENGTH_LEAST 1e-3f
@@ -29,10 +29,10 @@ static void ts_destroy(void *state)
 
     if (!st)
         return;
-    for (size_t i = 0; st->body && i < st->bodies->count; i++) {
-        ts_atlas_destroy(&st->body[i].atlas);
-        if (st->body[i].map)
-            pell_free(st->ctx, st->body[i].map - 4 * TS_MARGIN);
+    for (size_t i = 0; st->solid && i < st->solids->count; i++) {
+        ts_atlas_destroy(&st->solid[i].atlas);
+        if (st->solid[i].map)
+            pell_free(st->ctx, st->solid[i].map - 4 * TS_MARGIN);
     }
     for (size_t i = 0; st->profiles && i < st->num_profiles; i++)
         ts_profile_finish(st->ctx, &st->profiles[i]);
@@ -40,17 +40,17 @@ static void ts_destroy(void *state)
     pell_free(st->ctx, st->cells);
     pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st->profiles);
-    pell_free(st->ctx, st->body);
-    pell_bodies_destroy(&st->bodies);
+    pell_free(st->ctx, st->solid);
+    pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
 }
 
-static bool scaled_strength(const struct ts_state *st, int32_t body)
+static bool scaled_strength(const struct ts_state *st, int32_t solid)
 {
     const struct pell_scene *scene = st->services->scene;
 
     for (size_t i = 0; st->knobs.strength && i < scene->num_meshes; i++)
-        if (st->bodies->of_mesh[i] == body) {
+        if (st->solids->of_mesh[i] == solid) {
             const struct pell_material *m = &scene->materials[scene->meshes[i].material];
             if (m->strength != 1.0f || m->strength_map.texture)
                 return true;
@@ -73,37 +73,37 @@ static int border_of(const struct ts_state *st, const struct ts_profile *p, doub
 
 static enum pell_result make_atlases(struct ts_state *st, const struct pell_frame_shape *shape)
 {
-    const struct pell_bodies *b = st->bodies;
+    const struct pell_solids *b = st->solids;
     double largest = 0.0;
     enum pell_result res;
 
     for (size_t i = 0; i < b->count; i++)
-        largest = fmax(largest, b->bodies[i].area);
+        largest = fmax(largest, b->solids[i].area);
     for (size_t i = 0; i < b->count; i++) {
-        const struct pell_body *body = &b->bodies[i];
-        const struct pell_frame_material *m = &shape->materials[body->material];
-        const double share = largest > 0.0 ? sqrt(body->area / largest) : 0.0;
-        struct ts_profile *profile = &st->profiles[body->material];
+        const struct pell_solid *solid = &b->solids[i];
+        const struct pell_frame_material *m = &shape->materials[solid->material];
+        const double share = largest > 0.0 ? sqrt(solid->area / largest) : 0.0;
+        struct ts_profile *profile = &st->profiles[solid->material];
         struct ts_atlas_params p = {
             .pool = st->pool,
             .scene = st->services->scene,
-            .bodies = b,
-            .body = i,
+            .solids = b,
+            .solid = i,
             .name = m->name,
             .charts = st->knobs.charts,
             .size = (int) fmin(fmax(ceil(st->knobs.size * share), SIZE_LEAST), st->knobs.size),
         };
-        if (body->num_triangles == 0)
+        if (solid->num_triangles == 0)
             continue;
         if (profile->count == 0)
             PELL_TRY(ts_profile_make(st->ctx, m, &st->knobs, profile));
-        st->body[i].profile = profile;
-        p.border = border_of(st, profile, body->area, p.size);
-        PELL_TRY(ts_atlas_make(st->ctx, &p, &st->body[i].atlas));
-        st->body[i].map = pell_calloc(st->ctx, 4 * st->body[i].atlas->size, sizeof(float));
-        if (!st->body[i].map)
+        st->solid[i].profile = profile;
+        p.border = border_of(st, profile, solid->area, p.size);
+        PELL_TRY(ts_atlas_make(st->ctx, &p, &st->solid[i].atlas));
+        st->solid[i].map = pell_calloc(st->ctx, 4 * st->solid[i].atlas->size, sizeof(float));
+        if (!st->solid[i].map)
             return PELL_ERR_NOMEM;
-        st->body[i].map += 4 * TS_MARGIN;
+        st->solid[i].map += 4 * TS_MARGIN;
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
     }
@@ -116,8 +116,8 @@ fail:
 /* Planes of the largest atlas serve all. */
 static enum pell_result make_planes(struct ts_state *st)
 {
-    const bool seven = st->knobs.kernel == TS_KERNEL_SEVEN, through = st->knobs.tsm != TS_TSM_OFF;
-    const struct ts_atlas **atlases = pell_calloc(st->ctx, st->bodies->count + 1, sizeof(*atlases));
+    const bool seven = st->knobs.kernel == TS_KERNEL_SEVEN, transmission = st->knobs.tsm != TS_TSM_OFF;
+    const struct ts_atlas **atlases = pell_calloc(st->ctx, st->solids->count + 1, sizeof(*atlases));
     size_t size = 0, cells = 0, count = 0, planes = 0;
     bool strength = false;
     float **list[TS_LIT + 2 * TS_PLANES + 9];
@@ -125,8 +125,8 @@ static enum pell_result make_planes(struct ts_state *st)
 
     if (!atlases)
         return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < st->bodies->count; i++) {
-        const struct ts_atlas *a = st->body[i].atlas;
+    for (size_t i = 0; i < st->solids->count; i++) {
+        const struct ts_atlas *a = st->solid[i].atlas;
         if (!a)
             continue;
         atlases[count++] = a;
@@ -134,15 +134,15 @@ static enum pell_result make_planes(struct ts_state *st)
         cells = (size_t) a->blocks * (size_t) a->height > cells ? (size_t) a->blocks * (size_t) a->height : cells;
         strength |= scaled_strength(st, (int32_t) i);
     }
-    for (int i = 0; i < (through ? 4 : 3); i++)
+    for (int i = 0; i < (transmission ? 4 : 3); i++)
         list[planes++] = &st->light[i];
-    for (int i = 0; i < (seven ? 6 : through ? 4 : 3); i++) {
+    for (int i = 0; i < (seven ? 6 : transmission ? 4 : 3); i++) {
         list[planes++] = &st->now[i];
         list[planes++] = &st->half[i];
     }
     for (int i = 0; i < 3; i++)
         list[planes++] = &st->sum[i];
-    for (int i = 0; i < 3 && through && st->knobs.soften; i++)
+    for (int i = 0; i < 3 && transmission && st->knobs.soften; i++)
         list[planes++] = &st->behind[i];
     if (strength)
         list[planes++] = &st->strength;
@@ -157,7 +157,7 @@ static enum pell_result make_planes(struct ts_state *st)
         goto fail;
     for (size_t i = 0; i < planes; i++)
         *list[i] = st->memory + i * size + TS_MARGIN;
-    if (through)
+    if (transmission)
         PELL_TRY(ts_tsm_allocate(st->ctx, atlases, count, st->knobs.tsm == TS_TSM_MAP ? st->knobs.tsm_size : 0, &st->tsm));
     res = PELL_OK;
 
@@ -181,11 +181,11 @@ static enum pell_result ts_create(const struct pell_services *services, const st
     st->pool = services->pool;
     st->kernels = pell_ts_kernels_tables[pell_simd_best()];
     st->knobs = *(const struct ts_knobs *) knobs;
-    PELL_TRY(pell_services_bodies(services, &st->bodies));
+    PELL_TRY(pell_services_bodies(services, &st->solids));
     st->num_profiles = shape->num_materials;
-    st->body = pell_calloc(ctx, st->bodies->count + 1, sizeof(*st->body));
+    st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     st->profiles = pell_calloc(ctx, shape->num_materials, sizeof(*st->profiles));
-    if (!st->body || !st->profiles)
+    if (!st->solid || !st->profiles)
         return PELL_ERR_NOMEM;
     PELL_TRY(make_atlases(st, shape));
     return make_planes(st);
@@ -209,7 +209,7 @@ static void scale_lengths(struct ts_state *st, const struct ts_atlas *a, bool st
         for (int b = 0; b < a->blocks; b++) {
             struct ts_cell *cell = &st->cells[(ptrdiff_t) y * a->blocks + b];
             *cell = a->cells[(ptrdiff_t) y * a->blocks + b];
-            cell->lean = st->knobs.stretch ? cell->lean : 0.0f;
+            cell->skew = st->knobs.stretch ? cell->skew : 0.0f;
             cell->least[0] = cell->least[1] = cell->most[0] = cell->most[1] = 0.0f;
             for (int i = 0; i < 2 * TS_BLOCK; i++) {
                 const ptrdiff_t at = y * a->stride + b * TS_BLOCK + i / 2;
@@ -231,15 +231,15 @@ static void scale_lengths(struct ts_state *st, const struct ts_atlas *a, bool st
 
 struct mapping {
     struct ts_state *st;
-    const struct ts_body *body;
+    const struct ts_solid *solid;
 };
 
-/* What is added to begins with nothing. Planes are any body's: of another nothing may be seen in the rest. */
+/* What is added to begins with nothing. Planes are any solid's: of another nothing may be seen in the rest. */
 static void clear_rows(void *arg, int band, int worker)
 {
     const struct mapping *p = arg;
     const struct ts_state *st = p->st;
-    const struct ts_atlas *a = p->body->atlas;
+    const struct ts_atlas *a = p->solid->atlas;
     float *const added[6] = { st->sum[0], st->sum[1], st->sum[2], st->behind[0], st->behind[1], st->behind[2] };
     const ptrdiff_t from = band * TS_ROWS * a->stride - (band == 0 ? TS_MARGIN : 0);
     const ptrdiff_t to = (band + 1) * TS_ROWS < a->height ? (band + 1) * TS_ROWS * a->stride : (ptrdiff_t) a->size - TS_MARGIN;
@@ -250,35 +250,35 @@ static void clear_rows(void *arg, int band, int worker)
             for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
                 memset(added[c] + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
                        (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float));
-    for (int c = 0; c < TS_PLANES && st->bodies->count > 1; c++)
+    for (int c = 0; c < TS_PLANES && st->solids->count > 1; c++)
         if (st->now[c]) {
             memset(st->now[c] + from, 0, (size_t) (to - from) * sizeof(float));
             memset(st->half[c] + from, 0, (size_t) (to - from) * sizeof(float));
         }
-    for (int c = 0; c < TS_LIT && st->bodies->count > 1; c++)
+    for (int c = 0; c < TS_LIT && st->solids->count > 1; c++)
         if (st->light[c])
             memset(st->light[c] + from, 0, (size_t) (to - from) * sizeof(float));
 }
 
-/* What blurs reach hangs on the shortest texels. */
+/* What blurs reach depends on the shortest texels. */
 static void find_least(struct ts_state *st, const struct ts_atlas *a)
 {
     st->least[0] = st->least[1] = INFINITY;
-    st->lean = 0.0f;
+    st->skew = 0.0f;
     for (ptrdiff_t i = 0; i < (ptrdiff_t) a->blocks * a->height; i++) {
         const struct ts_cell *cell = &st->work.cells[i];
         if (!(cell->most[0] > 0.0f))
             continue;
         for (int k = 0; k < 2; k++)
             st->least[k] = fminf(st->least[k], cell->least[k]);
-        st->lean = fmaxf(st->lean, fabsf(cell->lean));
+        st->skew = fmaxf(st->skew, fabsf(cell->skew));
     }
 }
 
 static void store_rows(void *arg, int band, int worker)
 {
     const struct mapping *p = arg;
-    const struct ts_atlas *a = p->body->atlas;
+    const struct ts_atlas *a = p->solid->atlas;
 
     (void) worker;
     for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
@@ -288,7 +288,7 @@ static void store_rows(void *arg, int band, int worker)
                 if (a->cells[(ptrdiff_t) y * a->blocks + b].near > TS_READ_FAR)
                     continue;
                 for (ptrdiff_t at = first; at < first + TS_BLOCK; at++) {
-                    float *out = p->body->map + 4 * at;
+                    float *out = p->solid->map + 4 * at;
                     for (int c = 0; c < 3; c++)
                         out[c] = p->st->sum[c][at];
                     out[3] = a->key[at];
@@ -296,16 +296,16 @@ static void store_rows(void *arg, int band, int worker)
             }
 }
 
-static enum pell_result light_body(struct ts_state *st, size_t number)
+static enum pell_result light_solid(struct ts_state *st, size_t number)
 {
     const struct pell_scene *scene = st->services->scene;
-    struct ts_body *body = &st->body[number];
-    const struct ts_atlas *a = body->atlas;
-    struct mapping p = { .st = st, .body = body };
+    struct ts_solid *solid = &st->solid[number];
+    const struct ts_atlas *a = solid->atlas;
+    struct mapping p = { .st = st, .solid = solid };
     struct ts_chain_params chain = { .local = true };
     uint64_t rest = 0;
     int shining = 0;
-    bool comes_through = false;
+    bool is_transmitted = false;
     enum pell_result res;
 
     st->clock = pell_seconds();
@@ -335,15 +335,15 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
         const uint64_t bit = (uint64_t) 1 << (i < 63 ? i : 63);
         struct ts_tsm_params t = {
             .services = st->services,
-            .bodies = st->bodies,
-            .body = (int32_t) number,
+            .solids = st->solids,
+            .solid = (int32_t) number,
             .atlas = a,
             .light = &scene->lights[i],
-            .fan = pell_services_light_grid(st->services, i),
+            .grid = pell_services_light_grid(st->services, i),
             .form = st->knobs.tsm,
             .size = st->knobs.tsm_size,
-            .thickest = body->profile->thickest,
-            .falloff = body->profile->widest,
+            .thickest = solid->profile->thickest,
+            .falloff = solid->profile->widest,
         };
         int64_t rays = 0;
         if (pell_cancelled(st->ctx))
@@ -365,19 +365,19 @@ static enum pell_result light_body(struct ts_state *st, size_t number)
             PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
             ts_note_time(st, "tsm", 0, 0, rays);
         }
-        chain.through = true;
-        ts_chain(st, body, &chain);
-        comes_through = true;
+        chain.transmission = true;
+        ts_chain(st, solid, &chain);
+        is_transmitted = true;
         chain.local = st->knobs.lights == TS_LIGHTS_OWN;
     }
     st->tsm.count = 0;
     if (st->knobs.lights == TS_LIGHTS_OWN && rest)
         ts_light_map(st, a, rest, NULL);
-    chain.through = false;
+    chain.transmission = false;
     if (chain.local && rest)
-        ts_chain(st, body, &chain);
-    if (comes_through && st->knobs.soften)
-        ts_soften(st, body);
+        ts_chain(st, solid, &chain);
+    if (is_transmitted && st->knobs.soften)
+        ts_soften(st, solid);
     ts_fill(st, a, st->sum, 3, TS_READ_FAR);
     ts_rows(st, a->height, store_rows, &p);
     ts_note_time(st, "start", a->inner, a->inner * 28, 0);
@@ -414,9 +414,9 @@ static enum pell_result ts_render(void *state, const struct pell_frame *in, cons
     if (st->lit != in->lights_revision) {
         st->lit = 0;
         warn_of_lights(st);
-        for (size_t i = 0; i < st->bodies->count; i++)
-            if (st->body[i].atlas)
-                PELL_TRY(light_body(st, i));
+        for (size_t i = 0; i < st->solids->count; i++)
+            if (st->solid[i].atlas)
+                PELL_TRY(light_solid(st, i));
         st->lit = in->lights_revision;
     }
     st->clock = pell_seconds();

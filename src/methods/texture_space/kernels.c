@@ -74,7 +74,7 @@ INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pa
 }
 
 /* The same up or down a line that leans; `x` is the block's. */
-INLINE void leaning_side(const struct ts_work *w, ptrdiff_t from, int x, int sign, int stride, float lean, int count, int planes, vf key,
+INLINE void skewed_side(const struct ts_work *w, ptrdiff_t from, int x, int sign, int stride, float skew, int count, int planes, vf key,
                          vf fall, vf tilt, struct gathered *g)
 {
     const float pace = 0.5f * (float) stride;
@@ -82,7 +82,7 @@ INLINE void leaning_side(const struct ts_work *w, ptrdiff_t from, int x, int sig
 
     for (int j = 1; j <= count; j++) {
         const int py = sign * stride * j;
-        const float exact = -lean * (float) py;
+        const float exact = -skew * (float) py;
         const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
         const ptrdiff_t at = from + px + py * w->stride;
         vf here, weight;
@@ -137,7 +137,7 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
     const float add_least = on_grid1(w->after, cell->most[axis], w->grid) - before;
     const float smooth = before < add_least ? before : add_least, reach = reach_of(add_most);
     float space;
-    bool leans;
+    bool skews;
     int stride, count;
 
     if (!(reach > 0.0f)) {
@@ -150,7 +150,7 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
     stride = space >= 2.0f ? (space < 4096.0f ? (int) space : 4096) : 1;
     count = reach < (float) (TAPS_MOST * stride) ? (int) (reach / (float) stride) : TAPS_MOST;
     count = count > 0 ? count : 1;
-    leans = axis == 1 && fabsf(cell->lean) * reach >= 0.5f; /* under half a texel to the side all taps are upright */
+    skews = axis == 1 && fabsf(cell->skew) * reach >= 0.5f; /* under half a texel to the side all taps are upright */
     ask_for(w, index, y, axis, axis == 1 ? count * stride : 0, planes);
     low = low / stride < count ? low / stride : count;
     high = high / stride < count ? high / stride : count;
@@ -168,9 +168,9 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
         g.weight = select(there, length, one) * (1.0f - K_END);
         for (int c = 0; c < planes; c++)
             g.light[c] = g.weight * load(w->from[c] + at);
-        if (leans) {
-            leaning_side(w, at, x + part, -1, stride, cell->lean, low, planes, key, fall, -tilt, &g);
-            leaning_side(w, at, x + part, 1, stride, cell->lean, high, planes, key, fall, tilt, &g);
+        if (skews) {
+            skewed_side(w, at, x + part, -1, stride, cell->skew, low, planes, key, fall, -tilt, &g);
+            skewed_side(w, at, x + part, 1, stride, cell->skew, high, planes, key, fall, tilt, &g);
         } else {
             side(w, at, -stride * pitch, 0.5f * (float) stride, low, axis, planes, key, fall, -tilt, &g);
             side(w, at, stride * pitch, 0.5f * (float) stride, high, axis, planes, key, fall, tilt, &g);

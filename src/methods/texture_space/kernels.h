@@ -17,7 +17,7 @@ enum { TS_BLOCK = 16, TS_MARGIN = 16, TS_PLANES = 6, TS_FAR = 255 };
 /* What is known of a block of texels in a row: lengths of those of charts. */
 struct ts_cell {
     float least[2], most[2]; /* mm per texel along x, and at right angles to that */
-    float lean;              /* the line at right angles to x goes this many texels back along x as y grows by one */
+    float skew;              /* the line at right angles to x goes this many texels back along x as y grows by one */
     int near;                /* texels, along the longer axis, from the nearest of them to one inside a chart; none is of a chart: TS_FAR */
 };
 

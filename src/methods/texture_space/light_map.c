@@ -58,7 +58,7 @@ static void light_rows(void *arg, int band, int worker)
     struct lighting *p = arg;
     const struct ts_state *st = p->st;
     const struct ts_atlas *a = p->atlas;
-    const int side = ts_sky_side(a) > 1 ? 2 : 1, samples = st->in->num_samples, parts = side == 1 ? 1 : samples < 4 ? samples : 4;
+    const int side = ts_ambient_side(a) > 1 ? 2 : 1, samples = st->in->num_samples, parts = side == 1 ? 1 : samples < 4 ? samples : 4;
     struct texels list[4];
     uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
@@ -80,7 +80,7 @@ static void light_rows(void *arg, int band, int worker)
             for (int t = 0; t < count; t++) {
                 const int x = block * TS_BLOCK + texels[t] % TS_BLOCK, y = y0 + texels[t] / TS_BLOCK;
                 const ptrdiff_t i = y * a->stride + x;
-                struct texels *k = &list[ts_sky_part(side, x, y) % (uint32_t) parts];
+                struct texels *k = &list[ts_ambient_part(side, x, y) % (uint32_t) parts];
                 if (p->faces && p->faces[a->source[i]] & TS_FACE_DARK)
                     continue;
                 k->points.mesh[k->count] = a->triangles[a->source[i]].mesh;
@@ -99,7 +99,7 @@ static void light_rows(void *arg, int band, int worker)
     atomic_fetch_add_explicit(&p->rays, rays, memory_order_relaxed);
 }
 
-static bool has_sky(const struct pell_scene *scene, uint64_t lights)
+static bool has_environment(const struct pell_scene *scene, uint64_t lights)
 {
     for (size_t i = 0; i < scene->num_lights; i++)
         if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT && (lights == 0 || (lights >> (i < 63 ? i : 63) & 1)))
@@ -117,15 +117,15 @@ void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights
 {
     struct lighting lighting = { .st = st, .atlas = a, .lights = lights, .faces = faces };
 
-    if (has_sky(st->services->scene, lights)) {
-        const struct ts_sky_params sky = {
+    if (has_environment(st->services->scene, lights)) {
+        const struct ts_ambient_params ambient = {
             .services = st->services,
             .atlas = a,
             .seed = st->in->seed,
             .seen = st->half[0],
             .spare = st->half[1],
         };
-        const int64_t rays = ts_sky_look(&sky);
+        const int64_t rays = ts_ambient_look(&ambient);
         ts_note_time(st, "map sky", a->inner, a->inner * 24, rays);
     }
     light_charts(&lighting);

@@ -17,7 +17,7 @@ static const char *const charts_names[] = { "auto", "uv", "planar", NULL };
 static const char *const kernel_names[] = { "dense", "seven", NULL };
 static const char *const first_names[] = { "blurred", "unblurred", NULL };
 static const char *const tsm_names[] = { "ray", "map", "off", NULL };
-static const char *const through_names[] = { "slab", "gaussian", NULL };
+static const char *const transmission_names[] = { "slab", "gaussian", NULL };
 static const char *const fade_names[] = { "overlap", "linear", NULL };
 static const char *const lights_names[] = { "own", "sum", NULL };
 
@@ -101,11 +101,11 @@ static const struct pell_knob knobs[] = {
     { "through",
       PELL_KNOB_ENUM,
       "1",
-      AT(through),
-      { TS_THROUGH_SLAB },
+      AT(transmission),
+      { TS_TRANSMISSION_SLAB },
       0,
       0,
-      through_names,
+      transmission_names,
       "what comes through: as through a slab of the medium, or by the paper's sum of w exp(-d^2/(2 v)); Gaussians alone have no slab" },
     { "fade",
       PELL_KNOB_ENUM,
@@ -149,7 +149,7 @@ static void paper(void *values)
     k->border = 0;
     k->first = TS_FIRST_UNBLURRED;
     k->tsm = TS_TSM_MAP;
-    k->through = TS_THROUGH_GAUSSIAN;
+    k->transmission = TS_TRANSMISSION_GAUSSIAN;
     k->fade = TS_FADE_LINEAR;
     k->soften = false;
     k->lights = TS_LIGHTS_SUM;
@@ -162,14 +162,14 @@ static void plan(const void *values, struct pell_plan *plan)
     const struct ts_knobs *k = values;
 
     *plan =
-        (struct pell_plan){ .needs = PELL_NEED_SCENE | PELL_NEED_HIT, .quantity = PELL_QUANTITY_EXITANCE, .mix = k->mix, .relights = true };
+        (struct pell_plan){ .needs = PELL_NEED_SCENE | PELL_NEED_HIT, .quantity = PELL_QUANTITY_EXITANCE, .mix = k->mix, .survives_light_change = true };
     if (k->first == TS_FIRST_UNBLURRED)
         plan->needs |= PELL_NEED_IRRADIANCE;
 }
 
 extern const struct pell_method pell_method_texture_space;
 const struct pell_method pell_method_texture_space = {
-    .kind = PELL_METHOD,
+    .kind = PELL_KIND_METHOD,
     .name = "texture-space",
     .title = "Diffusion in texture space with translucent shadow maps",
     .cite = "Eugene d'Eon, David Luebke and Eric Enderton, Efficient Rendering of Human Skin, Eurographics Symposium on Rendering, 2007",

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #define RATIO_MOST 4.0     /* of the variances of one blur and the next: section 5.1 */
-#define THROUGH_LEAST 1e-5 /* of the total: thicker parts are dark */
+#define TRANSMISSION_LEAST 1e-5 /* of the total: thicker parts are dark */
 #define SLAB_LEAST 0.1     /* mm, the range of the spec's tables */
 #define SLAB_MOST 50.0
 
@@ -64,7 +64,7 @@ static void make_chain(const struct pell_gaussians *g, double narrow, struct ts_
     }
 }
 
-static double gaussian_through(const struct ts_profile *p, int channel, double d)
+static double gaussian_transmission(const struct ts_profile *p, int channel, double d)
 {
     double sum = 0.0;
 
@@ -73,17 +73,17 @@ static double gaussian_through(const struct ts_profile *p, int channel, double d
     return sum;
 }
 
-/* Where less than THROUGH_LEAST of a channel's total comes through. */
+/* Where less than TRANSMISSION_LEAST of a channel's total comes through. */
 static double gaussian_end(const struct ts_profile *p)
 {
     double far = 0.0;
 
     for (int c = 0; c < 3; c++) {
-        const double total = gaussian_through(p, c, 0.0);
+        const double total = gaussian_transmission(p, c, 0.0);
         double low = 0.0, high = 6.0 * p->widest;
         for (int i = 0; total > 0.0 && i < 50; i++) {
             const double mid = 0.5 * (low + high);
-            if (gaussian_through(p, c, mid) > THROUGH_LEAST * total)
+            if (gaussian_transmission(p, c, mid) > TRANSMISSION_LEAST * total)
                 low = mid;
             else
                 high = mid;
@@ -167,7 +167,7 @@ static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_f
         double most = 0.0;
         for (int c = 0; c < 3; c++)
             most = fmax(most, slab_total(m, c, mid));
-        if (most > THROUGH_LEAST)
+        if (most > TRANSMISSION_LEAST)
             low = mid;
         else
             high = mid;
@@ -210,7 +210,7 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
         pell_debug(ctx, m->name, "%d blurs without weight keep the ratio of variances at most %g", out->added, RATIO_MOST);
     out->widest = sqrt(out->variance[out->count - 1]);
     out->thickest = gaussian_end(out);
-    if (knobs->through == TS_THROUGH_SLAB && knobs->tsm != TS_TSM_OFF && m->gaussians.count == 0 && isfinite(narrowest(m)))
+    if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && m->gaussians.count == 0 && isfinite(narrowest(m)))
         return make_slabs(ctx, m, out);
     return PELL_OK;
 }
@@ -221,7 +221,7 @@ void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p)
     p->share = NULL;
 }
 
-void ts_profile_through(const struct ts_profile *p, int i, float d, float opposed, float share[3])
+void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float share[3])
 {
     const float v = (float) p->variance[i], e = d * d < 80.0f * v ? expf(-d * d / (2.0f * v)) : 0.0f;
 

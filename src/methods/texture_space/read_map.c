@@ -32,9 +32,9 @@ static void look_around(const struct ts_atlas *a, const float *map, const struct
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
 }
 
-static void read_map(const struct ts_body *body, uint32_t triangle, float u, float v, float rgb[3])
+static void read_map(const struct ts_solid *solid, uint32_t triangle, float u, float v, float rgb[3])
 {
-    const struct ts_atlas *a = body->atlas;
+    const struct ts_atlas *a = solid->atlas;
     const struct ts_place p = ts_atlas_place(a, triangle, u, v);
     const float w[4] = { (1.0f - p.fx) * (1.0f - p.fy), p.fx * (1.0f - p.fy), (1.0f - p.fx) * p.fy, p.fx * p.fy };
     const float *t;
@@ -43,7 +43,7 @@ static void read_map(const struct ts_body *body, uint32_t triangle, float u, flo
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     if (p.at < 0)
         return;
-    t = body->map + 4 * (ptrdiff_t) p.at;
+    t = solid->map + 4 * (ptrdiff_t) p.at;
     for (int i = 0; i < 4; i++) {
         const float *at = t + 4 * (i % 2 + i / 2 * a->stride);
         if (at[3] != p.key)
@@ -53,7 +53,7 @@ static void read_map(const struct ts_body *body, uint32_t triangle, float u, flo
             rgb[c] += w[i] * at[c];
     }
     if (!(sum > 1e-6f)) {
-        look_around(a, body->map, &p, rgb);
+        look_around(a, solid->map, &p, rgb);
         return;
     }
     for (int c = 0; c < 3; c++)
@@ -79,17 +79,17 @@ static void gather_rows(void *arg, int band, int worker)
         for (int x = in->rect.x0; x < in->rect.x1; x++) {
             const ptrdiff_t at = y * in->shape.stride + x;
             const uint32_t mesh = in->material[at] ? in->mesh[at] : PELL_NO_HIT;
-            const int32_t number = mesh < st->bodies->num_meshes ? st->bodies->of_mesh[mesh] : -1;
-            const struct ts_body *body = number >= 0 ? &st->body[number] : NULL;
+            const int32_t number = mesh < st->solids->num_meshes ? st->solids->of_mesh[mesh] : -1;
+            const struct ts_solid *solid = number >= 0 ? &st->solid[number] : NULL;
             float rgb[3] = { 0 };
             if (!in->material[at])
                 continue;
             pixels++;
-            if (body && body->atlas) {
-                read_map(body, body->atlas->first[mesh] + in->triangle[at], in->barycentric[0][at], in->barycentric[1][at], rgb);
+            if (solid && solid->atlas) {
+                read_map(solid, solid->atlas->first[mesh] + in->triangle[at], in->barycentric[0][at], in->barycentric[1][at], rgb);
                 if (st->knobs.first == TS_FIRST_UNBLURRED)
-                    for (int i = 0, done = 0; i < body->profile->count && !done; i++) {
-                        const double *weight = body->profile->weight[i];
+                    for (int i = 0, done = 0; i < solid->profile->count && !done; i++) {
+                        const double *weight = solid->profile->weight[i];
                         done = weight[0] > 0.0 || weight[1] > 0.0 || weight[2] > 0.0;
                         for (int c = 0; c < 3; c++)
                             rgb[c] += (float) weight[c] * in->irradiance[c][at];

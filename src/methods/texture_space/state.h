@@ -14,7 +14,7 @@ enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 8, TS_LIT = 4, TS_READ_FAR = 6 };
 /* TS_ROWS: that a thread takes in one go. TS_READ_FAR: texels from the inside of charts that pixels read at most: look_around's, and the
  * four about a place. */
 
-struct ts_body {
+struct ts_solid {
     struct ts_atlas *atlas;
     const struct ts_profile *profile; /* of its material */
     float *map;                       /* R, G, B of M and the chart, per texel; begins at texel (0, 0) */
@@ -27,9 +27,9 @@ struct ts_state {
     struct pell_pool *pool;
     const struct ts_kernels *kernels;
     struct ts_knobs knobs;
-    struct pell_bodies *bodies;
-    struct ts_body *body;
-    struct ts_profile *profiles; /* of materials; a body's alone are made */
+    struct pell_solids *solids;
+    struct ts_solid *solid;
+    struct ts_profile *profiles; /* of materials; a solid's alone are made */
     size_t num_profiles;
     struct ts_tsm tsm;
     float *memory;        /* of the planes below, at texel (0, 0) of any atlas */
@@ -42,7 +42,7 @@ struct ts_state {
     uint64_t lit;  /* the lights' number; 0: not yet */
     size_t warned; /* how many lights there were when they were counted */
     struct ts_work work;
-    float least[2], lean; /* lengths of the body's shortest texels; and the most that a block leans */
+    float least[2], skew; /* lengths of the solid's shortest texels; and the most that a block leans */
     struct pell_pass_time times[TS_TIMES];
     size_t num_times;
     double clock;
@@ -93,14 +93,14 @@ void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *
 
 struct ts_chain_params {
     bool local;   /* add what leaves on the side where it entered */
-    bool through; /* add transmitted light, by the alpha in st->light[3] */
+    bool transmission; /* add transmitted light, by the alpha in st->light[3] */
     bool scaled;  /* distances are scaled by st->strength */
 };
 
 /* Blurs what is in st->light. */
-void ts_chain(struct ts_state *st, const struct ts_body *body, const struct ts_chain_params *params);
+void ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params);
 /* Transmitted light is at least as smooth as its way is long: blurs st->behind into the sum. */
-void ts_soften(struct ts_state *st, const struct ts_body *body);
+void ts_soften(struct ts_state *st, const struct ts_solid *solid);
 
 /* --- read_map.c ------------------------------------------------------------------------------------------------------------------ */
 

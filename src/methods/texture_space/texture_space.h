@@ -15,7 +15,7 @@ enum ts_charts { TS_CHARTS_AUTO, TS_CHARTS_UV, TS_CHARTS_PLANAR };
 enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN };
 enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
 enum ts_form { TS_TSM_RAY, TS_TSM_MAP, TS_TSM_OFF };
-enum ts_through { TS_THROUGH_SLAB, TS_THROUGH_GAUSSIAN };
+enum ts_transmission { TS_TRANSMISSION_SLAB, TS_TRANSMISSION_GAUSSIAN };
 enum ts_fade { TS_FADE_OVERLAP, TS_FADE_LINEAR };
 enum ts_lights { TS_LIGHTS_OWN, TS_LIGHTS_SUM };
 
@@ -30,7 +30,7 @@ struct ts_knobs {
     int first;    /* enum ts_first */
     int tsm;      /* enum ts_form */
     int tsm_size; /* px */
-    int through;  /* enum ts_through */
+    int transmission;  /* enum ts_transmission */
     int fade;     /* enum ts_fade */
     bool soften;
     int lights; /* enum ts_lights */
@@ -82,8 +82,8 @@ struct ts_atlas {
     struct pell_context *ctx;
     const struct pell_scene *scene; /* borrowed */
     uint32_t num_triangles;
-    struct ts_triangle *triangles; /* numbered through the body's meshes */
-    uint32_t *first;               /* per scene mesh: its first triangle's number; UINT32_MAX: not of this body */
+    struct ts_triangle *triangles; /* numbered through the solid's meshes */
+    uint32_t *first;               /* per scene mesh: its first triangle's number; UINT32_MAX: not of this solid */
     float (*corners)[6];           /* per triangle: x, y of its corners, in texels; a texel's middle is at + 1/2 */
     int32_t *chart;                /* per triangle: 1, 2, ...; 0: it has no area */
     uint32_t *twin;                /* per half-edge 3 t + k, from corner k to the next: the one across, or UINT32_MAX */
@@ -97,7 +97,7 @@ struct ts_atlas {
     uint32_t *source; /* per texel of a chart: the triangle; UINT32_MAX: none */
     float *bary[2];
     float *length[2];          /* mm from texel to texel along x, and at right angles to that; 0 without chart */
-    float *lean;               /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
+    float *skew;               /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
     float *tilt[2];            /* what taps weigh more per texel along x, and at right angles: it makes up for how these lines bend */
     int64_t inner;             /* texels of charts, borders apart */
     struct ts_border *borders; /* while they are made */
@@ -118,8 +118,8 @@ struct ts_atlas {
 struct ts_atlas_params {
     struct pell_pool *pool;
     const struct pell_scene *scene;
-    const struct pell_bodies *bodies;
-    size_t body;
+    const struct pell_solids *solids;
+    size_t solid;
     const char *name; /* for messages */
     int size, border, charts;
 };
@@ -189,9 +189,10 @@ static inline int ts_block_texels(const struct ts_atlas *a, int y0, int block, u
     return count;
 }
 
-/* --- sky.c: how much of the sky texels see ------------------------------------------------------------------------------------------- */
+/* --- ambient_visibility.c: how much of the sky texels see
+ * ------------------------------------------------------------------------------------------- */
 
-struct ts_sky_params {
+struct ts_ambient_params {
     const struct pell_services *services;
     const struct ts_atlas *atlas;
     uint32_t seed;
@@ -199,10 +200,10 @@ struct ts_sky_params {
 };
 
 /* Texels of a square that share a pattern of samples, along a side; and which part of it a texel has, under side^2. */
-int ts_sky_side(const struct ts_atlas *a);
-uint32_t ts_sky_part(int side, int x, int y);
+int ts_ambient_side(const struct ts_atlas *a);
+uint32_t ts_ambient_part(int side, int x, int y);
 /* At texels of charts. Returns the rays that it took. Allocates nothing. */
-int64_t ts_sky_look(const struct ts_sky_params *params);
+int64_t ts_ambient_look(const struct ts_ambient_params *params);
 
 /* --- profile.c: the Gaussians of a material ------------------------------------------------------------------------------------------ */
 
@@ -225,11 +226,12 @@ PELL_NODISCARD enum pell_result ts_profile_make(struct pell_context *ctx, const 
                                                 struct ts_profile *out);
 void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
 /* What level `i` brings from behind through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, 0 none. */
-void ts_profile_through(const struct ts_profile *p, int i, float d, float opposed, float share[3]);
+void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float share[3]);
 
-/* --- tsm.c: where light that comes through enters ------------------------------------------------------------------------------------- */
+/* --- translucent_shadow_map.c: where light that comes through enters
+ * ------------------------------------------------------------------------------------- */
 
-struct ts_through_texel {
+struct ts_transmitted_texel {
     int32_t at;           /* the texel C */
     struct ts_place from; /* A */
     struct ts_place also; /* another A, whose light is `part` of it, [0, 1] */
@@ -244,7 +246,7 @@ struct ts_through_texel {
 };
 
 struct ts_tsm {
-    struct ts_through_texel *texels; /* room for all */
+    struct ts_transmitted_texel *texels; /* room for all */
     size_t count;
     int *num;              /* per TS_TILE rows: texels of charts */
     int *first, *count_of; /* per TS_TILE rows, while it is made */
@@ -259,11 +261,11 @@ enum ts_face {
 
 struct ts_tsm_params {
     const struct pell_services *services;
-    const struct pell_bodies *bodies;
-    int32_t body;
+    const struct pell_solids *solids;
+    int32_t solid;
     const struct ts_atlas *atlas;
     const struct pell_light *light;
-    const struct pell_fan *fan; /* what it sees; NULL: ask the rays */
+    const struct pell_light_grid *grid; /* what it sees; NULL: ask the rays */
     int form, size;             /* enum ts_form; of the map, px */
     double thickest;            /* mm */
     double falloff;             /* mm: alpha is exp(-d/falloff) */
@@ -281,7 +283,7 @@ void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm);
  * Allocates nothing. */
 PELL_NODISCARD enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays);
 /* The same with what enters of that light alone known: ways that end in the dark go on to where there is light, and those of texels that
- * face it in the body's own shadow join the list. After ts_tsm_make. */
+ * face it in the solid's own shadow join the list. After ts_tsm_make. */
 PELL_NODISCARD enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *const lit[3], float *alpha,
                                              struct ts_tsm *out, int64_t *rays);
 

@@ -11,7 +11,7 @@
 #include <string.h>
 
 enum { CHUNK = 1024, FACES = 4096, PARTS_MOST = 16 };
-#define WIDEST 1.2f  /* half the view of a light that stands among the things */
+#define WIDEST 1.2f  /* half the view of a light that stands among the objects */
 #define AWAY 4.0f    /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
 #define ASKEW 0.95f  /* a way that meets a face at a smaller cosine is no measure of the distance from it */
 #define GRAZING 0.15f /* a face that light meets at a smaller cosine is lit in part */
@@ -19,7 +19,7 @@ enum { CHUNK = 1024, FACES = 4096, PARTS_MOST = 16 };
 #define OBLIQUE 4.0f /* rays go this many times the thickness at which nothing comes through */
 
 struct map_texel {
-    uint32_t triangle; /* of the body; UINT32_MAX: the light sees something else */
+    uint32_t triangle; /* of the solid; UINT32_MAX: the light sees something else */
     float u, v;
 };
 
@@ -27,7 +27,7 @@ struct task {
     const struct ts_tsm_params *p;
     float *alpha;
     const uint8_t *faces;
-    struct ts_through_texel *found; /* of TS_TILE rows at first[row / TS_TILE] */
+    struct ts_transmitted_texel *found; /* of TS_TILE rows at first[row / TS_TILE] */
     const int *first;               /* per TS_TILE rows */
     int *count;
     const float *const *lit; /* what enters of this light alone; NULL: not known yet */
@@ -141,7 +141,7 @@ void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm)
 
 /* Light that enters at A, seen from texel C along the unit `way`: its thickness and what else the blurs ask. */
 static void pass_through(const struct task *t, ptrdiff_t at, const struct spot *c, uint32_t triangle, float u, float v,
-                         struct pell_vec3 way, struct pell_vec3 light, struct ts_through_texel *out, bool *is)
+                         struct pell_vec3 way, struct pell_vec3 light, struct ts_transmitted_texel *out, bool *is)
 {
     const struct ts_atlas *a = t->p->atlas;
     const struct spot s = spot_of(a, triangle, u, v);
@@ -163,7 +163,7 @@ static void pass_through(const struct task *t, ptrdiff_t at, const struct spot *
         const float dx = (float) (near[0] - x) + out->from.fx, dy = (float) (near[1] - y) + out->from.fy;
         const ptrdiff_t there = a->key[from] == out->from.key ? from : at;
         const float lx = 0.5f * (length[0][at] + length[0][there]), ly = 0.5f * (length[1][at] + length[1][there]);
-        const float along = (dx + 0.5f * (a->lean[at] + a->lean[there]) * dy) * lx;
+        const float along = (dx + 0.5f * (a->skew[at] + a->skew[there]) * dy) * lx;
         out->apart = sqrtf(along * along + dy * ly * dy * ly);
         out->round = true;
     } else {
@@ -189,7 +189,7 @@ struct packet {
     float left[16]; /* mm to go at most */
     bool to_light;
     ptrdiff_t at[16];
-    uint32_t triangle[16]; /* where the way has left the body; UINT32_MAX: nowhere yet */
+    uint32_t triangle[16]; /* where the way has left the solid; UINT32_MAX: nowhere yet */
     float u[16], v[16];
     size_t known[16]; /* a way that goes on: which of the list it is */
     int count;
@@ -225,15 +225,15 @@ static void begin(const struct task *t, struct packet *k, ptrdiff_t at, const st
     set_out(k, i, s, outside);
 }
 
-/* What the fan says of ways to the light. False: it doesn't know, or rounds too much: ask the rays. */
-static bool ask_fan(const struct task *t, struct packet *k)
+/* What the light grid says of ways to the light. False: it doesn't know, or rounds too much: ask the rays. */
+static bool ask_grid(const struct task *t, struct packet *k)
 {
     struct pell_ray16 *ray = &k->rays.ray;
     const struct pell_vec3 apex = vec3_load(t->p->light->position);
     float whole[16], tfar[16];
     bool known;
 
-    if (!k->to_light || !t->p->fan)
+    if (!k->to_light || !t->p->grid)
         return false;
     for (int i = 0; i < 16; i++) {
         const struct pell_vec3 way = vec3(apex.x - ray->ox[i], apex.y - ray->oy[i], apex.z - ray->oz[i]);
@@ -241,7 +241,7 @@ static bool ask_fan(const struct task *t, struct packet *k)
         tfar[i] = ray->tfar[i];
         ray->tfar[i] = k->open[i] ? tfar[i] / whole[i] : 0.0f;
     }
-    known = pell_fan_closest16(t->p->fan, k->open, &k->rays);
+    known = pell_light_grid_closest16(t->p->grid, k->open, &k->rays);
     for (int i = 0; i < 16; i++)
         ray->tfar[i] = known && k->rays.hit.mesh[i] != PELL_NO_HIT ? ray->tfar[i] * whole[i] : tfar[i];
     return known;
@@ -255,8 +255,8 @@ static bool is_lit(const struct task *t, uint32_t triangle, float u, float v)
     return ts_read(t->p->atlas, &place, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f;
 }
 
-/* Follows the ways, each to where it leaves the body: for good or into light where the light is known, else for the first time. Those that
- * another thing is in end nowhere. */
+/* Follows the ways, each to where it leaves the solid: for good or into light where the light is known, else for the first time. Those that
+ * another object is in end nowhere. */
 static void follow(struct task *t, struct packet *k)
 {
     const struct ts_atlas *a = t->p->atlas;
@@ -269,7 +269,7 @@ static void follow(struct task *t, struct packet *k)
         any = false;
         for (int i = 0; i < 16; i++)
             k->rays.hit.mesh[i] = PELL_NO_HIT;
-        if (!ask_fan(t, k))
+        if (!ask_grid(t, k))
             pell_rays_closest16(t->p->services->rays, k->open, step == 0, &k->rays);
         for (int i = 0; i < k->count; i++) {
             const uint32_t mesh = k->rays.hit.mesh[i];
@@ -282,7 +282,7 @@ static void follow(struct task *t, struct packet *k)
             k->open[i] = 0;
             if (mesh == PELL_NO_HIT)
                 continue;
-            if (mesh >= t->p->bodies->num_meshes || t->p->bodies->of_mesh[mesh] != t->p->body) {
+            if (mesh >= t->p->solids->num_meshes || t->p->solids->of_mesh[mesh] != t->p->solid) {
                 k->triangle[i] = UINT32_MAX;
                 continue;
             }
@@ -350,9 +350,9 @@ static void ray_texels(struct task *t, ptrdiff_t first, int tile, const uint8_t 
 
 /* A second ray of some texels that are known to have light from behind. */
 struct second {
-    bool (*wants)(const struct task *t, const struct ts_through_texel *c);
-    struct pell_vec3 (*way)(const struct task *t, const struct ts_through_texel *c, const struct spot *s, float *far);
-    void (*end)(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out);
+    bool (*wants)(const struct task *t, const struct ts_transmitted_texel *c);
+    struct pell_vec3 (*way)(const struct task *t, const struct ts_transmitted_texel *c, const struct spot *s, float *far);
+    void (*end)(struct task *t, const struct packet *k, int lane, struct ts_transmitted_texel *out);
     bool to_light;
 };
 
@@ -365,7 +365,7 @@ static void ask_again(struct task *t, int chunk, const struct second *second)
     memset(&k, 0, sizeof(k));
     k.to_light = second->to_light;
     for (size_t n = (size_t) chunk * CHUNK;; n++) {
-        const struct ts_through_texel *c = n < end ? &t->found[n] : NULL;
+        const struct ts_transmitted_texel *c = n < end ? &t->found[n] : NULL;
         if (c && second->wants(t, c)) {
             const struct spot s = flat_spot(a, a->source[c->at], a->bary[0][c->at], a->bary[1][c->at]);
             float far;
@@ -385,20 +385,20 @@ static void ask_again(struct task *t, int chunk, const struct second *second)
 }
 
 /* Ways whose end is in the dark go on from there. */
-static bool ends_in_the_dark(const struct task *t, const struct ts_through_texel *c)
+static bool ends_in_the_dark(const struct task *t, const struct ts_transmitted_texel *c)
 {
     float rgb[3];
 
     return !(ts_read(t->p->atlas, &c->from, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f);
 }
 
-static struct pell_vec3 to_light(const struct task *t, const struct ts_through_texel *c, const struct spot *s, float *far)
+static struct pell_vec3 to_light(const struct task *t, const struct ts_transmitted_texel *c, const struct spot *s, float *far)
 {
     (void) c;
     return toward(t->p->light, s->at, far);
 }
 
-static void end_in_light(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out)
+static void end_in_light(struct task *t, const struct packet *k, int lane, struct ts_transmitted_texel *out)
 {
     const struct spot c = spot_at(t->p->atlas, k->at[lane]);
     bool is = false;
@@ -420,12 +420,12 @@ static void go_on(void *arg, int chunk, int worker)
 }
 
 /* What the light's way tells of the nearest face that is lit, a way at right angles to that face tells better. */
-static bool meets_askew(const struct task *t, const struct ts_through_texel *c)
+static bool meets_askew(const struct task *t, const struct ts_transmitted_texel *c)
 {
     return t->alpha[c->at] > 0.0f && c->cosine < ASKEW;
 }
 
-static struct pell_vec3 to_face(const struct task *t, const struct ts_through_texel *c, const struct spot *s, float *far)
+static struct pell_vec3 to_face(const struct task *t, const struct ts_transmitted_texel *c, const struct spot *s, float *far)
 {
     (void) t;
     (void) s;
@@ -434,10 +434,10 @@ static struct pell_vec3 to_face(const struct task *t, const struct ts_through_te
 }
 
 /* The less that end is lit the more the first one counts: at the edge of the light one goes over into the other. */
-static void end_at_face(struct task *t, const struct packet *k, int lane, struct ts_through_texel *out)
+static void end_at_face(struct task *t, const struct packet *k, int lane, struct ts_transmitted_texel *out)
 {
     const float before = t->alpha[out->at];
-    struct ts_through_texel other = *out;
+    struct ts_transmitted_texel other = *out;
     struct pell_vec3 light;
     struct spot c;
     float far, f;
@@ -471,7 +471,7 @@ static void approach(void *arg, int chunk, int worker)
 
 /* --- The map --------------------------------------------------------------------------------------------------------------------- */
 
-/* What the light sees of the body, in a square that just holds it; false where that shows nothing. */
+/* What the light sees of the solid, in a square that just holds it; false where that shows nothing. */
 static bool aim(const struct ts_tsm_params *p, struct pell_view *v)
 {
     struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY }, middle, way;
@@ -535,7 +535,7 @@ static void map_row(void *arg, int y, int worker)
             const uint32_t mesh = hit.hit.mesh[i];
             struct map_texel *out = &t->map[(size_t) y * (size_t) t->view.width + (size_t) (x + i)];
             *out = (struct map_texel){ .triangle = UINT32_MAX };
-            if (mesh < t->p->bodies->num_meshes && t->p->bodies->of_mesh[mesh] == t->p->body)
+            if (mesh < t->p->solids->num_meshes && t->p->solids->of_mesh[mesh] == t->p->solid)
                 *out = (struct map_texel){ a->first[mesh] + hit.hit.triangle[i], hit.hit.u[i], hit.hit.v[i] };
         }
     }

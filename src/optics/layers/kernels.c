@@ -30,19 +30,19 @@ static void response(const struct pell_slab *y, const double *s, int n, double *
     const double s0 = y->scale[0], s1 = y->scale[1], most = gap < 0.0 ? y->growth_max : 708.0;
     for (int i = 0; i < n; i++) {
         const double kappa = sqrt(sigma2 + s[i] * s[i]), reach = fall * kappa, g = lanes_exp(reach < most ? reach : most);
-        const double enter = half * lanes_exp(l * kappa), through = leave * (gap < 0.0 ? 1.0 / g : g);
+        const double enter = half * lanes_exp(l * kappa), transmittance = leave * (gap < 0.0 ? 1.0 / g : g);
         const double e0 = 1.0 + lanes_exp(z0 * kappa), e1 = 1.0 + lanes_exp(z1 * kappa), series = 1.0 / lanes_absorbed(L2 * kappa);
         rp[i] = s0 * enter * e0 * series * lanes_absorbed(fabs(rp_a) * kappa);
         rm[i] = s1 * enter * e1 * series * lanes_absorbed(fabs(rm_a) * kappa);
-        tp[i] = s0 * through * e1 * series * lanes_absorbed(tp_a * kappa);
-        tm[i] = s1 * through * e0 * series * lanes_absorbed(tm_a * kappa);
+        tp[i] = s0 * transmittance * e1 * series * lanes_absorbed(tp_a * kappa);
+        tm[i] = s1 * transmittance * e0 * series * lanes_absorbed(tm_a * kappa);
     }
     for (int side = 0; side < 2; side++) {
         if (!y->clear[side])
             continue;
         for (int i = 0; i < n; i++) {
             f[side ? PELL_STACK_R_MINUS : PELL_STACK_R_PLUS][i] = 0.0;
-            f[side ? PELL_STACK_T_MINUS : PELL_STACK_T_PLUS][i] = y->through[side];
+            f[side ? PELL_STACK_T_MINUS : PELL_STACK_T_PLUS][i] = y->transmittance[side];
         }
     }
 }

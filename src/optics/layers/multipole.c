@@ -192,7 +192,7 @@ enum pell_result pell_slabs_prepare(const struct pell_stack *s, int channel, str
             const double zb = y->zb[1 - side], bound = y->albedo * cosh(zb * y->sigma_tr);
             y->clear[side] = y->l >= y->d + zb;
             if (y->clear[side]) {
-                y->through[side] = 1.0 - (1.0 - fmin(bound, 1.0)) * y->d / (y->l - zb);
+                y->transmittance[side] = 1.0 - (1.0 - fmin(bound, 1.0)) * y->d / (y->l - zb);
                 out->flags |= PELL_STACK_CLEAR;
             }
         }
@@ -226,7 +226,7 @@ struct pell_response pell_slab_response(const struct pell_slab *y, double s)
     const double leave = 0.5 * y->albedo * exp(fmin(-gap * (y->straight ? y->sigma_tr : kappa), y->growth_max));
     for (int side = 0; side < 2; side++) {
         if (y->clear[side]) {
-            f.t[side] = y->through[side];
+            f.t[side] = y->transmittance[side];
             continue;
         }
         const double near = y->zb[side], far = y->zb[1 - side];
@@ -318,7 +318,7 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
     if (y->l >= y->d) /* a pole on the far side itself has no value there */
         return PELL_ERR_UNSUPPORTED;
     const int side = part == PELL_STACK_R_MINUS || part == PELL_STACK_T_MINUS;
-    const bool through = part == PELL_STACK_T_PLUS || part == PELL_STACK_T_MINUS;
+    const bool transmittance = part == PELL_STACK_T_PLUS || part == PELL_STACK_T_MINUS;
     if (isinf(y->d)) {
         if (part == PELL_STACK_R_PLUS)
             *out = y->albedo / (4.0 * PELL_PI) *
@@ -334,7 +334,7 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
         double pair = 0.0;
         for (int i = n; i >= -n; i -= n > 0 ? 2 * n : 1) { /* n, then -n */
             const double zr = i * period + real, zv = i * period + image;
-            pair += through ? pell_pole_value(y->d - zr, y->sigma_tr, r_mm) - pell_pole_value(y->d - zv, y->sigma_tr, r_mm)
+            pair += transmittance ? pell_pole_value(y->d - zr, y->sigma_tr, r_mm) - pell_pole_value(y->d - zv, y->sigma_tr, r_mm)
                             : pell_pole_value(zr, y->sigma_tr, r_mm) - pell_pole_value(zv, y->sigma_tr, r_mm);
         }
         sum += pair;

@@ -248,30 +248,30 @@ enum pell_result pell_albedo_of_color(enum pell_profile_model model, const struc
 
 /* --- Colour and radius ---------------------------------------------------------------------------------------------------------- */
 
-static const struct pell_radius_row radius_rows[PELL_RADII] = {
-    [PELL_RADIUS_MEAN_FREE_PATH] = { "mean-free-path", "reduced mean free path 1/sigma_t'" },
-    [PELL_RADIUS_DIFFUSE] = { "diffuse", "diffuse mean free path 1/sigma_tr" },
-    [PELL_RADIUS_EXTINCTION] = { "extinction", "mean free path 1/sigma_t: subsurface radius of OpenPBR and Arnold" },
-    [PELL_RADIUS_BURLEY] = { "burley", "shape d of normalized diffusion: Disney's scatter distance" },
-    [PELL_RADIUS_CYCLES] = { "cycles", "subsurface radius of Cycles, Christensen-Burley and Random Walk" },
-    [PELL_RADIUS_CYCLES_SKIN] = { "cycles-skin", "subsurface radius of Cycles, Random Walk (Skin)" },
+static const struct pell_scatter_radius_row radius_rows[PELL_SCATTER_RADII] = {
+    [PELL_SCATTER_RADIUS_MEAN_FREE_PATH] = { "mean-free-path", "reduced mean free path 1/sigma_t'" },
+    [PELL_SCATTER_RADIUS_DIFFUSE] = { "diffuse", "diffuse mean free path 1/sigma_tr" },
+    [PELL_SCATTER_RADIUS_EXTINCTION] = { "extinction", "mean free path 1/sigma_t: subsurface radius of OpenPBR and Arnold" },
+    [PELL_SCATTER_RADIUS_BURLEY] = { "burley", "shape d of normalized diffusion: Disney's scatter distance" },
+    [PELL_SCATTER_RADIUS_CYCLES] = { "cycles", "subsurface radius of Cycles, Christensen-Burley and Random Walk" },
+    [PELL_SCATTER_RADIUS_CYCLES_SKIN] = { "cycles-skin", "subsurface radius of Cycles, Random Walk (Skin)" },
 };
 
 size_t pell_radius_count(void)
 {
-    return PELL_RADII;
+    return PELL_SCATTER_RADII;
 }
 
-const struct pell_radius_row *pell_radius_at(size_t index)
+const struct pell_scatter_radius_row *pell_scatter_radius_at(size_t index)
 {
-    return index < PELL_RADII ? &radius_rows[index] : NULL;
+    return index < PELL_SCATTER_RADII ? &radius_rows[index] : NULL;
 }
 
-bool pell_radius_find(const char *name, enum pell_radius *out)
+bool pell_scatter_radius_find(const char *name, enum pell_scatter_radius *out)
 {
-    for (int i = 0; name && i < PELL_RADII; i++)
+    for (int i = 0; name && i < PELL_SCATTER_RADII; i++)
         if (strcmp(radius_rows[i].name, name) == 0) {
-            *out = (enum pell_radius) i;
+            *out = (enum pell_scatter_radius) i;
             return true;
         }
     return false;
@@ -281,9 +281,9 @@ static const char *const color_names[3] = { "color[0]", "color[1]", "color[2]" }
 static const char *const radius_names[3] = { "radius[0]", "radius[1]", "radius[2]" };
 static const char *const g_names[3] = { "g[0]", "g[1]", "g[2]" };
 
-static bool look_valid(const struct pell_look *look, struct pell_medium_fault *fault)
+static bool look_valid(const struct pell_color_and_radius *look, struct pell_medium_fault *fault)
 {
-    if (!pell_in_range("kind", (double) (int) look->kind, 0.0, PELL_RADII - 1, fault) ||
+    if (!pell_in_range("kind", (double) (int) look->kind, 0.0, PELL_SCATTER_RADII - 1, fault) ||
         !pell_in_range("eta", look->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
         return false;
     for (int c = 0; c < 3; c++)
@@ -295,17 +295,17 @@ static bool look_valid(const struct pell_look *look, struct pell_medium_fault *f
 }
 
 /* sigma_t' times the radius: what the radius stands for in reduced mean free paths. */
-static double reduced_per_radius(const struct pell_look *look, int c, double albedo_reduced)
+static double reduced_per_radius(const struct pell_color_and_radius *look, int c, double albedo_reduced)
 {
     const double A = look->color[c], g = look->g[c], rest = 1.0 - albedo_reduced;
     const double reduced_per_extinction = (1.0 - g) / (1.0 - g * rest); /* 1 - alpha g */
 
     switch (look->kind) {
-    case PELL_RADIUS_DIFFUSE: return 1.0 / sqrt(3.0 * rest);
-    case PELL_RADIUS_EXTINCTION: return reduced_per_extinction;
-    case PELL_RADIUS_BURLEY: return reduced_per_extinction / (1.9 - A + 3.5 * (A - 0.8) * (A - 0.8));
-    case PELL_RADIUS_CYCLES: return 4.0 * PELL_PI * reduced_per_extinction / (1.0 - g);
-    case PELL_RADIUS_CYCLES_SKIN: {
+    case PELL_SCATTER_RADIUS_DIFFUSE: return 1.0 / sqrt(3.0 * rest);
+    case PELL_SCATTER_RADIUS_EXTINCTION: return reduced_per_extinction;
+    case PELL_SCATTER_RADIUS_BURLEY: return reduced_per_extinction / (1.9 - A + 3.5 * (A - 0.8) * (A - 0.8));
+    case PELL_SCATTER_RADIUS_CYCLES: return 4.0 * PELL_PI * reduced_per_extinction / (1.0 - g);
+    case PELL_SCATTER_RADIUS_CYCLES_SKIN: {
         const double white = 0.995; /* where its inversion ends, at 1 - a = 1e-6 */
         const double a = A < white ? invert_dipole(A, clamped_fdr(look->eta, PELL_FRESNEL_POLY3)) : 1.0 - 1e-6;
         return reduced_per_extinction / ((1.0 - g) * sqrt(3.0 * (1.0 - a)));
@@ -315,7 +315,7 @@ static double reduced_per_radius(const struct pell_look *look, int c, double alb
 }
 
 /* One channel of the medium from its albedo. */
-static bool set_channel(const struct pell_look *look, int c, double albedo_reduced, struct pell_medium *out,
+static bool set_channel(const struct pell_color_and_radius *look, int c, double albedo_reduced, struct pell_medium *out,
                         struct pell_medium_fault *fault)
 {
     const double scale = reduced_per_radius(look, c, albedo_reduced), sigma_t = scale / look->radius[c];
@@ -333,7 +333,7 @@ static bool set_channel(const struct pell_look *look, int c, double albedo_reduc
     return true;
 }
 
-enum pell_result pell_medium_from_look(const struct pell_look *look, enum pell_profile_model model,
+enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_radius *look, enum pell_profile_model model,
                                        const struct pell_profile_params *params, struct pell_medium *out, struct pell_medium_fault *fault)
 {
     struct pell_medium m = { .eta = look->eta };
@@ -356,7 +356,7 @@ enum pell_result pell_medium_from_look(const struct pell_look *look, enum pell_p
     return PELL_OK;
 }
 
-enum pell_result pell_medium_from_map(const struct pell_look *look, enum pell_albedo_map map, struct pell_medium *out,
+enum pell_result pell_medium_from_map(const struct pell_color_and_radius *look, enum pell_albedo_map map, struct pell_medium *out,
                                       struct pell_medium_fault *fault)
 {
     struct pell_medium m = { .eta = look->eta };

@@ -19,7 +19,7 @@ struct task {
     const struct pell_compositor *c;
     const struct pell_composite_params *p;
     const struct pell_accumulator *out;
-    float *const *lit;
+    float *const *shaded;
     struct pell_composite_row row; /* of any y */
 };
 
@@ -73,9 +73,9 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
         };
         for (int k = 0; k < 3; k++)
             out->total[k] = m->opaque ? 1.0f : p->total[i][k];
-        out->even = pell_surface_is_even(m);
-        if (out->even) {
-            const struct pell_surface_even e = pell_surface_even(m);
+        out->uniform = pell_surface_is_uniform(m);
+        if (out->uniform) {
+            const struct pell_surface_uniform e = pell_surface_uniform(m);
             out->roughness = e.roughness;
             out->rho_s = (e.specular[0] + e.specular[1] + e.specular[2]) * (1.0f / 3.0f);
         }
@@ -102,7 +102,7 @@ static void clear(const struct pell_accumulator *out, size_t at, int count)
     }
 }
 
-/* Where the thing is translucent, and the noise. It is known of the exitance; what the eye sees of it is scaled as the light itself is.
+/* Where the object is translucent, and the noise. It is known of the exitance; what the camera sees of it is scaled as the light itself is.
  * Samples are independent, so that the variance of their mean is the sum of theirs, each by its weight squared. */
 static void put_noise(const struct task *t, size_t at, int count, const struct pell_composite_lanes *l)
 {
@@ -117,7 +117,7 @@ static void put_noise(const struct task *t, size_t at, int count, const struct p
         for (int i = 0; i < count; i++) {
             const float light = p->exitance ? p->exitance[c][at + (size_t) i] : 0.0f;
             const float scale = p->radiance ? 1.0f : light > 0.0f ? l->multiple[c][i] / light : 0.0f;
-            const float error = p->noise && translucent[i] > 0.0f ? scale * p->noise[c][at + (size_t) i] : 0.0f;
+            const float error = p->standard_error && translucent[i] > 0.0f ? scale * p->standard_error[c][at + (size_t) i] : 0.0f;
             values[i] = error * error;
         }
         put(t->out->variance[c], at, count, values, p->weight * p->weight, p->first);
@@ -175,7 +175,7 @@ PELL_FETCHING_INLINE void fetch(const struct task *t, size_t at)
     for (int c = 0; c < 3; c++) {
         __builtin_prefetch(p->surface->ns[c] + at);
         __builtin_prefetch(p->lighting->irradiance[c] + at);
-        __builtin_prefetch(p->lighting->through[c] + at);
+        __builtin_prefetch(p->lighting->transmitted[c] + at);
         __builtin_prefetch(p->lighting->specular[c] + at);
         if (p->exitance)
             __builtin_prefetch(p->exitance[c] + at);
@@ -252,7 +252,7 @@ static void lit_rows(void *arg, int band, int worker)
                 continue;
             for (int c = 0; c < 3; c++)
                 for (int i = 0; i < count; i++)
-                    t->lit[c][at + (size_t) i] = l.multiple[c][i] + l.specular[c][i];
+                    t->shaded[c][at + (size_t) i] = l.multiple[c][i] + l.specular[c][i];
         }
     }
 }
@@ -280,11 +280,11 @@ void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, co
         pell_pool_run(pool, (params->rect.y1 - params->rect.y0 + ROWS - 1) / ROWS, composite_rows, &t);
 }
 
-void pell_composite_lit(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const lit[3])
+void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const shaded[3])
 {
     struct task t = make_task(c, params);
     const struct pell_rect r = params->surface->translucent;
-    t.lit = lit;
+    t.shaded = shaded;
     if (r.y1 > r.y0)
         pell_pool_run(pool, (r.y1 - r.y0 + ROWS - 1) / ROWS, lit_rows, &t);
 }

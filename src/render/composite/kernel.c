@@ -72,7 +72,7 @@ static void make_cut(const struct pell_composite_row *row, const struct pell_com
 
 /* Directional albedo toward mu, and its mean, of each lane. */
 INLINE void albedos(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, const float *restrict roughness,
-                    bool full, bool even, struct pell_composite_cut *restrict cut, float *restrict albedo, float *restrict average)
+                    bool full, bool uniform, struct pell_composite_cut *restrict cut, float *restrict albedo, float *restrict average)
 {
     float fx[LANES], low[LANES], high[LANES];
     int place[LANES], differ = 0;
@@ -82,10 +82,10 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
         place[i] = pell_table_cell(x, PELL_ALBEDO_MU);
         fx[i] = x - (float) place[i];
     }
-    for (int i = 0; !even && i < LANES; i++)
+    for (int i = 0; !uniform && i < LANES; i++)
         differ |= roughness[i] != roughness[0];
     if (full && !differ) {
-        const float same = even ? o->one->roughness : roughness[0];
+        const float same = uniform ? o->one->roughness : roughness[0];
         if (cut->material != o->one || cut->roughness != same)
             make_cut(row, o->one, same, cut);
         for (int i = 0; i < LANES; i++) {
@@ -113,9 +113,9 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
     }
 }
 
-/* Factor from radiant exitance to radiance toward the eye: T / (pi n). */
+/* Factor from radiant exitance to radiance toward the camera: T / (pi n). */
 INLINE void exit_factors(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, size_t at, bool full,
-                         bool even, struct pell_composite_cut *restrict cut, float *restrict factor)
+                         bool uniform, struct pell_composite_cut *restrict cut, float *restrict factor)
 {
     const struct pell_surface *s = row->p->surface;
     const bool published = row->p->published;
@@ -125,11 +125,11 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
     float albedo[LANES], average[LANES], rho_s[LANES], roughness[LANES];
 
     /* Planes may hold anything where a material is even: what they hold is read, and not taken. */
-    for (int i = 0; !even && i < LANES; i++)
-        roughness[i] = OF(even) ? OF(roughness) : rough[i];
-    albedos(row, o, mu, roughness, full, even, cut, albedo, average);
+    for (int i = 0; !uniform && i < LANES; i++)
+        roughness[i] = OF(uniform) ? OF(roughness) : rough[i];
+    albedos(row, o, mu, roughness, full, uniform, cut, albedo, average);
     for (int i = 0; i < LANES; i++)
-        rho_s[i] = even ? o->one->rho_s : !full && OF(even) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
+        rho_s[i] = uniform ? o->one->rho_s : !full && OF(uniform) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
     for (int i = 0; i < LANES; i++)
         factor[i] = pell_exit_factor(rho_s[i], albedo[i], average[i], normalized);
     for (int i = 0; row->any_smooth && i < LANES; i++)
@@ -139,7 +139,7 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
 
 /* A block; `on` is 1 where a lane is covered. */
 INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, const struct owners *o, const float *restrict on, bool full,
-                        bool even, struct pell_composite_cut *restrict cut, struct pell_composite_lanes *restrict result)
+                        bool uniform, struct pell_composite_cut *restrict cut, struct pell_composite_lanes *restrict result)
 {
     static const float luminance[3] = { PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B };
     const struct pell_composite_params *p = row->p;
@@ -157,19 +157,19 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
         arriving[i] = 0.0f;
     }
     view_cosines(row, x, at, mu);
-    exit_factors(row, o, mu, at, full, even, cut, factor);
+    exit_factors(row, o, mu, at, full, uniform, cut, factor);
     for (int i = 0; i < LANES; i++) {
         if (full && o->one->in_metal == 0.0f)
             metal[i] = 1.0f;
         else
             metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
         finished[i] = radiance ? scatters[i] : 0.0f; /* a picture already, */
-        shines[i] = radiance && !p->below ? scatters[i] : 0.0f; /* with its specular part */
+        shines[i] = radiance && !p->excludes_surface_reflection ? scatters[i] : 0.0f; /* with its specular part */
         behind[i] = radiance ? 0.0f : scatters[i] * on[i];
     }
 
     for (int c = 0; c < 3; c++) {
-        const float *restrict e = p->lighting->irradiance[c] + at, *restrict through = p->lighting->through[c] + at;
+        const float *restrict e = p->lighting->irradiance[c] + at, *restrict transmitted = p->lighting->transmitted[c] + at;
         const float *restrict spec = p->lighting->specular[c] + at, *restrict base = p->surface->base[c] + at;
         const float *light = p->exitance ? p->exitance[c] + at : e;
         float out[LANES], in[LANES], total[LANES], multiple[LANES], transmission[LANES], specular[LANES];
@@ -181,7 +181,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
         for (int i = 0; i < LANES; i++) {
             const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * out[i];
             /* All is read, then chosen: what is off may be no number and must not be multiplied away. */
-            const float moved = light[i], still = total[i] * e[i], back = k * through[i], shine = spec[i];
+            const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];
             const float front = k * (scatters[i] > 0.0f ? moved : still), met = luminance[c] * e[i] / (a > 0.02f ? a : 0.02f);
             multiple[i] = on[i] > 0.0f ? front : 0.0f;
             transmission[i] = behind[i] > 0.0f ? back : 0.0f;
@@ -215,7 +215,7 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
         o.one = &row->materials[material[0] - 1];
         for (int i = 0; i < LANES; i++)
             on[i] = 1.0f;
-        if (o.one->even)
+        if (o.one->uniform)
             shade_block(row, x, at, &o, on, true, true, cut, result);
         else
             shade_block(row, x, at, &o, on, true, false, cut, result);

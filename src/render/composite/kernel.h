@@ -22,7 +22,7 @@ struct pell_composite_material {
     float in_metal;              /* 1 where the irradiance holds 1 - metallic, too */
     float scatters;              /* 1: exitance is the method's; 0: total times irradiance */
     float total[3];
-    bool even;                   /* see pell_surface_is_even */
+    bool uniform;                   /* see pell_surface_is_uniform */
     float roughness, rho_s;      /* then */
 };
 

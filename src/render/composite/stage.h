@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * stage.h - stage "composite": from radiant exitance to radiance at the eye, added up over the multisamples.
+ * stage.h - stage "composite": from radiant exitance to radiance at the camera, added up over the multisamples.
  *
  *     L_o = T(w_o) / (pi n) albedo^(1-m) (M + through) + specular
  *
@@ -30,9 +30,9 @@ struct pell_composite_params {
     const struct pell_lighting *lighting;
     const float *const *exitance;     /* M of translucent pixels, or their finished radiance where `radiance`; NULL: no scattering */
     bool radiance;
-    bool below;                       /* `radiance` is of what entered alone: the specular lobe is added to it */
+    bool excludes_surface_reflection;                       /* `radiance` is of what entered alone: the specular lobe is added to it */
     const float *const *single, *const *reflected; /* parts that `exitance` does not hold (struct pell_frame_light); NULL: none */
-    const float *const *noise;        /* standard error of `exitance`, in its unit; NULL: none */
+    const float *const *standard_error;        /* standard error of `exitance`, in its unit; NULL: none */
     const float (*total)[3];          /* per scene material: total reflectance of its profile, for pixels without scattering */
     float mix;                        /* plan's; negative: each material's own */
     bool smooth, published;
@@ -50,7 +50,7 @@ void pell_compositor_destroy(struct pell_compositor **compositor);
 void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
                            const struct pell_accumulator *out);
 
-/* The picture without scattering, at covered pixels: what a method with PELL_NEED_LIT blurs. Takes `exitance` as NULL. */
-void pell_composite_lit(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const lit[3]);
+/* The picture without scattering, at covered pixels: what a method with PELL_NEED_SHADED blurs. Takes `exitance` as NULL. */
+void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const shaded[3]);
 
 #endif

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lamps and samples. What lies
- * between pixels and a point or spot lamp is asked of the lamp's fan (visibility/light_grid.h), where it has one and the pixels are
- * neighbours, else of rays.
+ * cpu.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lights and samples. What lies
+ * between pixels and a point or spot light is asked of the light's light grid (visibility/light_grid.h), where it has one and the pixels
+ * are neighbours, else of rays.
  */
 #include "render/irradiance/internal.h"
 
@@ -114,7 +114,7 @@ static void load_packet(const struct job *job, struct packet *k, const int32_t *
 {
     const struct pell_surface *s = job->p->surface;
     const struct pell_material *some[PELL_LANES];
-    struct pell_lane_source source = { .view = job->p->view, .surface = s, .seed = job->p->seed, .place = place };
+    struct pell_lane_input input = { .view = job->p->view, .surface = s, .seed = job->p->seed, .place = place };
     uint32_t differ = 0;
 
     for (int i = 0; i < PELL_LANES; i++) {
@@ -125,16 +125,16 @@ static void load_packet(const struct job *job, struct packet *k, const int32_t *
     set_materials(job, k);
     if (k->single) {
         const struct pell_material *m = &job->p->scene->materials[k->material[0]];
-        if (!m->opaque && m->metallic == 0.0f && pell_surface_is_even(m))
-            source.plain = m;
-    } else if (s->lean) {
+        if (!m->opaque && m->metallic == 0.0f && pell_surface_is_uniform(m))
+            input.plain = m;
+    } else if (s->omit_uniform) {
         for (int i = 0; i < PELL_LANES; i++) {
             const struct pell_material *m = &job->p->scene->materials[k->material[i]];
             some[i] = pell_surface_is_plain(m) ? m : NULL;
         }
-        source.some = some;
+        input.some = some;
     }
-    job->kernels->load(&source, k->index, x, y, &k->lanes, &k->sums);
+    job->kernels->load(&input, k->index, x, y, &k->lanes, &k->sums);
     color_entering(job, k);
     if (s->any_emissive)
         for (int c = 0; c < 3; c++)
@@ -159,10 +159,10 @@ static void fill_packet(const struct job *job, struct packet *k, int x0, int y0,
     load_packet(job, k, x, y, NULL);
 }
 
-/* --- Lamps -------------------------------------------------------------------------------------------------------------------- */
+/* --- Lights -------------------------------------------------------------------------------------------------------------------- */
 
-/* The slide's colour on the way to each lane. */
-static void project_image(const struct pell_lamp *lamp, struct packet *k)
+/* The projected image's colour on the way to each lane. */
+static void project_image(const struct pell_light_source *source, struct packet *k)
 {
     struct pell_aim *a = &k->aim;
 
@@ -170,7 +170,7 @@ static void project_image(const struct pell_lamp *lamp, struct packet *k)
         float rgb[3];
         if (!(a->front[i] | a->back[i]))
             continue;
-        pell_lamp_slide(lamp, vec3(a->sx[i], a->sy[i], a->sz[i]), vec3(-a->lx[i], -a->ly[i], -a->lz[i]),
+        pell_light_source_image(source, vec3(a->sx[i], a->sy[i], a->sz[i]), vec3(-a->lx[i], -a->ly[i], -a->lz[i]),
                         vec3(k->lanes.px[i], k->lanes.py[i], k->lanes.pz[i]), rgb);
         for (int c = 0; c < 3; c++)
             a->intensity[c][i] *= rgb[c];
@@ -179,30 +179,30 @@ static void project_image(const struct pell_lamp *lamp, struct packet *k)
     }
 }
 
-/* All samples of a lamp; what enters from the front goes to `front`. */
-static void shine(const struct job *job, const struct pell_lamp *lamp, struct packet *k, struct pell_sums *front)
+/* All samples of a light; what enters from the front goes to `front`. */
+static void shine(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front)
 {
-    const struct pell_light_data *data = &job->lights->data[lamp - job->lights->lamps];
+    const struct pell_light_data *data = &job->lights->data[source - job->lights->sources];
 
-    for (int s = 0; s < lamp->samples; s++) {
-        const uint32_t n = job->p->sample * (uint32_t) lamp->samples + (uint32_t) s;
+    for (int s = 0; s < source->samples; s++) {
+        const uint32_t n = job->p->sample * (uint32_t) source->samples + (uint32_t) s;
         _Alignas(64) int32_t visible[PELL_LANES];
         struct pell_ray16 rays;
 
         job->kernels->aim(data, &k->lanes, pell_sobol0(n), pell_sobol1(n), &k->aim);
-        if (lamp->image)
-            project_image(lamp, k);
+        if (source->image)
+            project_image(source, k);
         if (k->aim.any_front) {
-            if (!pell_ask_light_grid(lamp, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
+            if (!pell_ask_light_grid(source, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
                 job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
                 pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
             }
-            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, lamp->environment < 0 && !job->entering, front);
+            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, source->environment < 0 && !job->entering, front);
         }
-        if (lamp->environment >= 0 && !lamp->compact)
+        if (source->environment >= 0 && !source->compact)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         if (k->aim.any_back)
-            pell_transmit_light(job, lamp, k);
+            pell_transmit_light(job, source, k);
     }
 }
 
@@ -244,7 +244,8 @@ static void environments(const struct job *job, struct packet *k)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         origin[i] = vec3(l->ox[i], l->oy[i], l->oz[i]);
-        normal[i] = vec3(l->gx[i], l->gy[i], l->gz[i]); /* geometric: on a convex mesh all of the sky is seen, however coarse it is */
+        normal[i] = vec3(l->gx[i], l->gy[i], l->gz[i]); /* geometric: on a convex mesh all of the environment is seen, however coarse it
+                                                         * is */
     }
     if (job->entering && job->p->ambient)
         for (int i = 0; i < PELL_LANES; i++)
@@ -255,9 +256,9 @@ static void environments(const struct job *job, struct packet *k)
         struct pell_sums sums = { 0 };
         if (!counts(job, lights->environments[e].light))
             continue;
-        for (size_t j = 0; j < lights->num_lamps; j++)
-            if (lights->lamps[j].environment == (int) e)
-                shine(job, &lights->lamps[j], k, &sums);
+        for (size_t j = 0; j < lights->num_sources; j++)
+            if (lights->sources[j].environment == (int) e)
+                shine(job, &lights->sources[j], k, &sums);
         for (int i = 0; i < k->count; i++) {
             const struct pell_env_query query = lane_query(job, k, i);
             float rgb[3];
@@ -276,9 +277,9 @@ static void environments(const struct job *job, struct packet *k)
 
 static void shade_packet(const struct job *job, struct packet *k)
 {
-    for (size_t j = 0; j < job->lights->num_lamps; j++)
-        if (job->lights->lamps[j].environment < 0 && counts(job, job->lights->lamps[j].light))
-            shine(job, &job->lights->lamps[j], k, &k->sums);
+    for (size_t j = 0; j < job->lights->num_sources; j++)
+        if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
+            shine(job, &job->lights->sources[j], k, &k->sums);
     environments(job, k);
 }
 
@@ -338,7 +339,7 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
 {
     const ptrdiff_t stride = job->p->surface->stride;
     const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
-    float *const *const planes[3] = { job->out->irradiance, job->out->through, job->out->specular };
+    float *const *const planes[3] = { job->out->irradiance, job->out->transmitted, job->out->specular };
 
     for (int k = 0; k < 3; k++)
         for (int c = 0; c < 3; c++)
@@ -359,13 +360,13 @@ PELL_FETCHING_INLINE void fetch(const struct job *job, int x0, int y0, int part)
         return;
     for (int c = 0; x < s->stride && c < 3; c++) {
         pell_fetch_to_write(job->out->irradiance[c] + at);
-        pell_fetch_to_write(job->out->through[c] + at);
+        pell_fetch_to_write(job->out->transmitted[c] + at);
         pell_fetch_to_write(job->out->specular[c] + at);
     }
     if (x + TILE_W >= job->rect.x1)
         return;
     __builtin_prefetch(s->depth + at + TILE_W);
-    __builtin_prefetch(s->lift + at + TILE_W);
+    __builtin_prefetch(s->terminator_offset + at + TILE_W);
     for (int c = 0; c < 3; c++) {
         __builtin_prefetch(s->ng[c] + at + TILE_W);
         __builtin_prefetch(s->ns[c] + at + TILE_W);
@@ -389,7 +390,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         return;
     for (int c = 0; c < 3; c++) {
         out.irradiance[c] = tile.planes[0][c];
-        out.through[c] = tile.planes[1][c];
+        out.transmitted[c] = tile.planes[1][c];
         out.specular[c] = tile.planes[2][c];
     }
     if (list.count < TILE_W * TILE_H)

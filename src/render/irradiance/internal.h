@@ -81,7 +81,7 @@ static inline struct pell_env_query lane_query(const struct job *job, const stru
 /* visible = mask where nothing is in the way. */
 void pell_trace_occlusion(const struct job *job, struct packet *k, const int32_t *mask, struct pell_ray16 *rays, int32_t *visible);
 /* The same for points that a light may reach, where the light has a grid and the points are neighbours; else false. */
-bool pell_ask_light_grid(const struct pell_lamp *lamp, struct packet *k, const int32_t *mask, const float *x, const float *y,
+bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *k, const int32_t *mask, const float *x, const float *y,
                          const float *z, int32_t *visible);
 /* Share of cosine-distributed directions about the normal that see nothing. */
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_vec3 *origin,
@@ -90,7 +90,7 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
 /* --- transmission.c -------------------------------------------------------------------------------------------------------------- */
 
 /* Adds what a light behind the lanes of k->aim.back sends through thin parts. */
-void pell_transmit_light(const struct job *job, const struct pell_lamp *lamp, struct packet *k);
+void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct packet *k);
 /* The same of the environments' low-frequency remainder: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k);
 

@@ -35,7 +35,7 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
         a->gl[i] = gl;
         a->nl[i] = nl;
         /* A lifted point lies on the smooth surface: its own triangle does not decide what faces the light. */
-        a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->lift[i] > p->epsilon[i])) & -(int32_t) (nl > 0.0f);
+        a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->terminator_offset[i] > p->epsilon[i])) & -(int32_t) (nl > 0.0f);
         a->back[i] = lit & p->deep[i] & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
         front |= a->front[i];
         back |= a->back[i];
@@ -231,19 +231,19 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
 static void front(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                   const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
 {
-    _Alignas(64) float mu[N], through[N], facing[N];
+    _Alignas(64) float mu[N], transmitted[N], facing[N];
 
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
-                    g = ratio < 1.0f && p->lift[i] <= p->epsilon[i] ? ratio : 1.0f;
+                    g = ratio < 1.0f && p->terminator_offset[i] <= p->epsilon[i] ? ratio : 1.0f;
         const float lit = pell_soft_terminator(nl, g);
         mu[i] = nl;
         facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
     }
-    transmittance(t, p, mu, through);
+    transmittance(t, p, mu, transmitted);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float add = a->intensity[c][i] * a->falloff[i] * through[i] * facing[i], kept = add < BIG ? add : BIG;
+            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * facing[i], kept = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
         }
     if (highlight)
@@ -253,14 +253,14 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
 static void unshadowed(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                        struct pell_sums *restrict sums)
 {
-    _Alignas(64) float mu[N], through[N];
+    _Alignas(64) float mu[N], transmitted[N];
 
     for (int i = 0; i < N; i++)
         mu[i] = a->nl[i] > 0.0f ? a->nl[i] : 0.0f;
-    transmittance(t, p, mu, through);
+    transmittance(t, p, mu, transmitted);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float add = a->intensity[c][i] * a->falloff[i] * through[i] * mu[i];
+            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * mu[i];
             sums->unshadowed[c][i] += add < BIG ? add : BIG;
         }
 }
@@ -290,16 +290,16 @@ static inline void gather(const float *restrict plane, const int32_t *restrict i
         out[i] = plane[index[i]];
 }
 
-static void load_place(const struct pell_lane_source *source, const float *restrict depth, const int32_t *restrict x,
+static void load_place(const struct pell_lane_input *input, const float *restrict depth, const int32_t *restrict x,
                        const int32_t *restrict y, struct pell_lanes *restrict p)
 {
-    const struct pell_view v = *source->view;
-    const uint32_t seed = pell_hash(source->seed);
+    const struct pell_view v = *input->view;
+    const uint32_t seed = pell_hash(input->seed);
     const float ortho = v.orthographic ? 1.0f : 0.0f, inv = 1.0f / v.focal_px;
     const float cx = (0.5f + v.shift_x - 0.5f * (float) v.width) * inv, cy = (0.5f * (float) v.height - 0.5f - v.shift_y) * inv;
 
     for (int i = 0; i < N; i++) {
-        /* pell_view_ray: a perspective ray spreads with depth, an orthographic one starts beside the eye */
+        /* pell_view_ray: a perspective ray spreads with depth, an orthographic one starts beside the camera */
         const float sx = (float) x[i] * inv + cx, sy = cy - (float) y[i] * inv, spread = ortho + (1.0f - ortho) * depth[i];
         const float dx = (1.0f - ortho) * sx, dy = (1.0f - ortho) * sy;
         const float wx = v.forward.x + dx * v.right.x + dy * v.up.x, wy = v.forward.y + dx * v.right.y + dy * v.up.y;
@@ -325,16 +325,16 @@ static void load_place(const struct pell_lane_source *source, const float *restr
 }
 
 /* The same for points that no eye sees. */
-static void load_points(const struct pell_lane_source *source, const float *restrict depth, const int32_t *restrict index,
+static void load_points(const struct pell_lane_input *input, const float *restrict depth, const int32_t *restrict index,
                         const int32_t *restrict x, const int32_t *restrict y, struct pell_lanes *restrict p)
 {
-    const uint32_t seed = pell_hash(source->seed);
+    const uint32_t seed = pell_hash(input->seed);
 
     for (int i = 0; i < N; i++) {
         const uint32_t hash = pell_hash((uint32_t) x[i] ^ pell_hash((uint32_t) y[i] ^ seed));
-        p->px[i] = source->place[0][index[i]];
-        p->py[i] = source->place[1][index[i]];
-        p->pz[i] = source->place[2][index[i]];
+        p->px[i] = input->place[0][index[i]];
+        p->py[i] = input->place[1][index[i]];
+        p->pz[i] = input->place[2][index[i]];
         p->vx[i] = p->gx[i];
         p->vy[i] = p->gy[i];
         p->vz[i] = p->gz[i];
@@ -361,16 +361,16 @@ static void load_material(const float base[3][N], const float *restrict metallic
 {
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float body = base[c][i] * (1.0f - metallic[i]);
+            const float solid = base[c][i] * (1.0f - metallic[i]);
             p->f0[c][i] = p->fd[i] + metallic[i] * (base[c][i] - p->fd[i]);
-            p->albedo[c][i] = p->opaque[i] ? body : 1.0f;
+            p->albedo[c][i] = p->opaque[i] ? solid : 1.0f;
         }
 }
 
 /* What the planes would say of this material. */
 static void load_plain(const struct pell_material *m, struct pell_lanes *restrict p)
 {
-    const struct pell_surface_even e = pell_surface_even(m);
+    const struct pell_surface_uniform e = pell_surface_uniform(m);
 
     for (int i = 0; i < N; i++)
         p->roughness[i] = e.roughness;
@@ -386,10 +386,10 @@ static void load_plain(const struct pell_material *m, struct pell_lanes *restric
 static void load_some(const struct pell_material *const *some, float base[3][N], float *restrict metallic, struct pell_lanes *restrict p)
 {
     for (int i = 0; some && i < N; i++) {
-        struct pell_surface_even e;
+        struct pell_surface_uniform e;
         if (!some[i])
             continue;
-        e = pell_surface_even(some[i]);
+        e = pell_surface_uniform(some[i]);
         metallic[i] = 0.0f;
         p->roughness[i] = e.roughness;
         for (int c = 0; c < 3; c++) {
@@ -399,16 +399,16 @@ static void load_some(const struct pell_material *const *some, float base[3][N],
     }
 }
 
-static void load(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
+static void load(const struct pell_lane_input *input, const int32_t *index, const int32_t *x, const int32_t *y,
                  struct pell_lanes *restrict p, struct pell_sums *restrict sums)
 {
-    const struct pell_surface *s = source->surface;
+    const struct pell_surface *s = input->surface;
     const ptrdiff_t rows = square(index);
     _Alignas(64) float depth[N], metallic[N], base[3][N];
 
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
-            sums->irradiance[c][i] = sums->specular[c][i] = sums->through[c][i] = sums->unshadowed[c][i] = 0.0f;
+            sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = 0.0f;
     gather(s->depth, index, rows, depth);
     gather(s->ng[0], index, rows, p->gx);
     gather(s->ng[1], index, rows, p->gy);
@@ -416,9 +416,9 @@ static void load(const struct pell_lane_source *source, const int32_t *index, co
     gather(s->ns[0], index, rows, p->nx);
     gather(s->ns[1], index, rows, p->ny);
     gather(s->ns[2], index, rows, p->nz);
-    gather(s->lift, index, rows, p->lift);
-    if (source->plain) {
-        load_plain(source->plain, p);
+    gather(s->terminator_offset, index, rows, p->terminator_offset);
+    if (input->plain) {
+        load_plain(input->plain, p);
     } else {
         gather(s->roughness, index, rows, p->roughness);
         gather(s->metallic, index, rows, metallic);
@@ -426,19 +426,19 @@ static void load(const struct pell_lane_source *source, const int32_t *index, co
             gather(s->base[c], index, rows, base[c]);
             gather(s->specular[c], index, rows, p->tint[c]);
         }
-        load_some(source->some, base, metallic, p);
+        load_some(input->some, base, metallic, p);
         load_material((const float(*)[N]) base, metallic, p);
     }
-    if (source->place)
-        load_points(source, depth, index, x, y, p);
+    if (input->place)
+        load_points(input, depth, index, x, y, p);
     else
-        load_place(source, depth, x, y, p);
+        load_place(input, depth, x, y, p);
     load_roughness(p);
     for (int i = 0; i < N; i++) {
         const float gn = p->gx[i] * p->nx[i] + p->gy[i] * p->ny[i] + p->gz[i] * p->nz[i];
-        p->ox[i] = p->px[i] + (p->lift[i] + p->epsilon[i]) * p->gx[i];
-        p->oy[i] = p->py[i] + (p->lift[i] + p->epsilon[i]) * p->gy[i];
-        p->oz[i] = p->pz[i] + (p->lift[i] + p->epsilon[i]) * p->gz[i];
+        p->ox[i] = p->px[i] + (p->terminator_offset[i] + p->epsilon[i]) * p->gx[i];
+        p->oy[i] = p->py[i] + (p->terminator_offset[i] + p->epsilon[i]) * p->gy[i];
+        p->oz[i] = p->pz[i] + (p->terminator_offset[i] + p->epsilon[i]) * p->gz[i];
         p->nv[i] = p->nx[i] * p->vx[i] + p->ny[i] * p->vy[i] + p->nz[i] * p->vz[i];
         p->gn[i] = gn > 1e-3f ? gn : 1e-3f;
     }
@@ -459,15 +459,15 @@ static void store(const struct pell_lanes *restrict p, const struct pell_sums *r
                   struct pell_lighting *out)
 {
     const ptrdiff_t rows = count == N ? square(index) : 0;
-    _Alignas(64) float irradiance[N], through[N];
+    _Alignas(64) float irradiance[N], transmitted[N];
 
     for (int c = 0; c < 3; c++) {
         for (int i = 0; i < N; i++) {
             irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
-            through[i] = sums->through[c][i] * p->albedo[c][i];
+            transmitted[i] = sums->transmitted[c][i] * p->albedo[c][i];
         }
         scatter(irradiance, index, count, rows, out->irradiance[c]);
-        scatter(through, index, count, rows, out->through[c]);
+        scatter(transmitted, index, count, rows, out->transmitted[c]);
         scatter(sums->specular[c], index, count, rows, out->specular[c]);
     }
 }

@@ -15,10 +15,10 @@ struct pell_lanes {
     float ox[16], oy[16], oz[16];              /* lifted off the surface on the viewer's side */
     float gx[16], gy[16], gz[16];              /* geometric normal */
     float nx[16], ny[16], nz[16];              /* shading normal */
-    float vx[16], vy[16], vz[16];              /* toward the eye */
+    float vx[16], vy[16], vz[16];              /* toward the camera */
     float nv[16], gn[16];                      /* n.v, ng.n */
     float epsilon[16];
-    float lift[16];                            /* see struct pell_surface */
+    float terminator_offset[16];                            /* see struct pell_surface */
     float rho[16], fd[16];                     /* rho_s, F0 of the dielectric: what enters */
     float tint[3][16], f0[3][16];              /* the highlight */
     float width2[16];                          /* of the lobe */
@@ -37,7 +37,7 @@ struct pell_lanes {
     unsigned models;                           /* bit 1 << model of each that some lane has */
 };
 
-/* One sample of one lamp, seen from each lane. */
+/* One sample of one light, seen from each lane. */
 struct pell_aim {
     _Alignas(64) float lx[16], ly[16], lz[16]; /* unit, from the point to the light */
     float sx[16], sy[16], sz[16];              /* the far end; directional: unused */
@@ -51,7 +51,7 @@ struct pell_aim {
 };
 
 /* Where lanes are read from. */
-struct pell_lane_source {
+struct pell_lane_input {
     const struct pell_view *view;
     const struct pell_surface *surface;
     uint32_t seed;
@@ -62,8 +62,8 @@ struct pell_lane_source {
 };
 
 struct pell_sums {
-    _Alignas(64) float irradiance[3][16], specular[3][16], through[3][16];
-    float unshadowed[3][16]; /* of an environment's lamps that are in its smooth table, too */
+    _Alignas(64) float irradiance[3][16], specular[3][16], transmitted[3][16];
+    float unshadowed[3][16]; /* of an environment's lights that are in its smooth table, too */
 };
 
 /* The start of the tables, for gathers. */
@@ -74,7 +74,7 @@ struct pell_shade_tables {
 struct pell_shade_kernels {
     /* Clears the sums and fills the lanes from the surface's planes at index[i], pixel (x[i], y[i]). fd, model, opaque, albedo_at (of
      * roughness 0), boundary_at, smooth, deep and valid are there already. */
-    void (*load)(const struct pell_lane_source *source, const int32_t *index, const int32_t *x, const int32_t *y,
+    void (*load)(const struct pell_lane_input *input, const int32_t *index, const int32_t *x, const int32_t *y,
                  struct pell_lanes *lanes, struct pell_sums *sums);
     /* Directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected image. */
     void (*aim)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);

@@ -9,8 +9,8 @@
 
 /* The planes of 16 points. */
 struct planes {
-    _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16], lift[16];
-    float place[3][16], irradiance[3][16], through[3][16], mirrored[3][16];
+    _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16], terminator_offset[16];
+    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16];
     uint16_t material[16];
 };
 
@@ -122,7 +122,7 @@ void pell_irradiance_points(const struct pell_lights *lights, const struct pell_
     if (!some)
         return;
     surface = (struct pell_surface) {
-        .material = s.material, .depth = s.depth, .roughness = s.roughness, .metallic = s.metallic, .strength = s.strength, .lift = s.lift,
+        .material = s.material, .depth = s.depth, .roughness = s.roughness, .metallic = s.metallic, .strength = s.strength, .terminator_offset = s.terminator_offset,
     };
     lighting = (struct pell_lighting) { .shadow_rays = 0 };
     for (int c = 0; c < 3; c++) {
@@ -131,7 +131,7 @@ void pell_irradiance_points(const struct pell_lights *lights, const struct pell_
         surface.base[c] = s.base[c];
         surface.specular[c] = s.specular[c];
         lighting.irradiance[c] = s.irradiance[c];
-        lighting.through[c] = s.through[c];
+        lighting.transmitted[c] = s.transmitted[c];
         lighting.specular[c] = s.mirrored[c];
     }
     pell_surface_look(params->surface, params->scene, spacing, &packet, some, &surface);

@@ -15,11 +15,11 @@ void pell_trace_occlusion(const struct job *job, struct packet *k, const int32_t
     k->rays += count_lanes(mask);
 }
 
-/* The same for points that a lamp may light, where the lamp has a fan and the points are neighbours. */
-bool pell_ask_light_grid(const struct pell_lamp *lamp, struct packet *k, const int32_t *mask, const float *x, const float *y,
+/* The same for points that a light may light, where the light has a light grid and the points are neighbours. */
+bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *k, const int32_t *mask, const float *x, const float *y,
                          const float *z, int32_t *visible)
 {
-    if (!lamp->fan || !pell_fan_visible16(lamp->fan, mask, x, y, z, visible))
+    if (!source->grid || !pell_light_grid_visible16(source->grid, mask, x, y, z, visible))
         return false;
     k->rays += count_lanes(mask);
     return true;

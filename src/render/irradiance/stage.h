@@ -19,7 +19,7 @@
 
 struct pell_lighting {
     float *irradiance[3]; /* W/m^2, entered, with albedo^m */
-    float *through[3];    /* W/m^2, radiant exitance of light from behind; 0 where nothing comes through */
+    float *transmitted[3];    /* W/m^2, radiant exitance of light from behind; 0 where nothing comes through */
     float *specular[3];   /* W/(m^2 sr), with what the surface itself emits */
     int64_t shadow_rays;
 };
@@ -63,7 +63,7 @@ struct pell_points_light {
     int rays;                       /* traced for it */
 };
 
-/* What pell_irradiance_render gives at pixels, at any points: the same lamps, tables and formulas, the mean over `samples` numbers of the
+/* What pell_irradiance_render gives at pixels, at any points: the same lights, tables and formulas, the mean over `samples` numbers of the
  * multisample from params->sample on. params->surface is any surface that was allocated, its view is not read; textures are filtered to
  * `spacing` mm, > 0. Allocates nothing; safe from many threads. */
 void pell_irradiance_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points *points,

@@ -25,7 +25,7 @@ struct exits {
     _Alignas(64) int32_t found[PELL_LANES];
     struct pell_vec3 point[PELL_LANES]; /* A, mm */
     struct pell_vec3 geometric[PELL_LANES], normal[PELL_LANES];
-    float lift[PELL_LANES]; /* of the smooth surface over the triangle, mm */
+    float terminator_offset[PELL_LANES]; /* of the smooth surface over the triangle, mm */
 };
 
 /* Where rays into the solid start: just under the triangle. */
@@ -36,14 +36,14 @@ static struct pell_vec3 inside(const struct pell_lanes *l, int i)
 
 /* Of a hit: its interpolated normal, and how far the smooth surface lies above the triangle there, as in struct pell_surface.lift. */
 static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric,
-                        struct pell_vec3 *normal, float *lift)
+                        struct pell_vec3 *normal, float *terminator_offset)
 {
     const uint32_t *index = mesh->index + (size_t) 3 * triangle;
     const float w[3] = { 1.0f - u - v, u, v };
     struct pell_vec3 at = { 0 }, n = { 0 }, sum = { 0 };
 
     *normal = geometric;
-    *lift = 0.0f;
+    *terminator_offset = 0.0f;
     if (!mesh->normal)
         return;
     for (int k = 0; k < 3; k++) {
@@ -58,7 +58,7 @@ static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u
     n = vec3_normalize(n);
     if (vec3_dot(n, geometric) > 0.0f) {
         *normal = n;
-        *lift = max0(vec3_dot(sum, geometric));
+        *terminator_offset = max0(vec3_dot(sum, geometric));
     }
 }
 
@@ -82,11 +82,11 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
 
 /* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
  * way: not found. `depth`: how many shells of the same object inside it a ray is in (they are passed: what was entered is left again
- * first), -1: it has yet to enter the solid. `lamp`: that the rays run to; NULL: they run inward from the surface. */
-static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_lamp *lamp, struct pell_ray_hit16 *r,
+ * first), -1: it has yet to enter the solid. `source`: that the rays run to; NULL: they run inward from the surface. */
+static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_light_source *source, struct pell_ray_hit16 *r,
                        int *depth, struct exits *out)
 {
-    const bool coherent = !lamp || lamp->samples == 1; /* samples of a large light go apart */
+    const bool coherent = !source || source->samples == 1; /* samples of a large light go apart */
     const struct pell_scene *scene = job->p->scene;
     _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES];
     float limit[PELL_LANES];
@@ -98,7 +98,7 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
     memcpy(open, mask, sizeof(open));
     for (int step = 0; step < STEPS; step++) {
         int any = 0;
-        if (step > 0 || !lamp || !lamp->fan || !pell_fan_closest16(lamp->fan, open, r))
+        if (step > 0 || !source || !source->grid || !pell_light_grid_closest16(source->grid, open, r))
             pell_rays_closest16(job->p->rays, open, coherent, r);
         k->rays += count_lanes(open);
         for (int i = 0; i < PELL_LANES; i++) {
@@ -116,7 +116,7 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
                 out->found[i] = -1;
                 out->point[i] = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
                 out->geometric[i] = ng;
-                hit_surface(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng, &out->normal[i], &out->lift[i]);
+                hit_surface(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng, &out->normal[i], &out->terminator_offset[i]);
             } else {
                 depth[i] += !leaves ? 1 : depth[i] > 0 ? -1 : 0;
                 inner[i] = any = -1;
@@ -159,11 +159,11 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
     return pell_transmittance(l->rho[i], l->fd[i], scale, bias);
 }
 
-void pell_transmit_light(const struct job *job, const struct pell_lamp *lamp, struct packet *k)
+void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_aim *a = &k->aim;
-    const bool far = lamp->type == PELL_LIGHT_DIRECTIONAL;
+    const bool far = source->type == PELL_LIGHT_DIRECTIONAL;
     _Alignas(64) int32_t visible[PELL_LANES];
     struct pell_ray_hit16 r;
     struct pell_ray16 rays;
@@ -182,20 +182,21 @@ void pell_transmit_light(const struct job *job, const struct pell_lamp *lamp, st
         depth[i] = out ? -1 : 0;
         set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
-    find_exits(job, k, a->back, lamp, &r, depth, &exits);
+    find_exits(job, k, a->back, source, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
         if (exits.found[i])
-            o = vec3_mad(exits.point[i], exits.lift[i] + l->epsilon[i], exits.geometric[i]);
+            o = vec3_mad(exits.point[i], exits.terminator_offset[i] + l->epsilon[i], exits.geometric[i]);
         set_ray(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
     }
-    if (!pell_ask_light_grid(lamp, k, exits.found, rays.ox, rays.oy, rays.oz, visible))
+    if (!pell_ask_light_grid(source, k, exits.found, rays.ox, rays.oy, rays.oz, visible))
         pell_trace_occlusion(job, k, exits.found, &rays, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        const bool lifted = visible[i] && exits.lift[i] > l->epsilon[i]; /* the triangle does not decide what faces the light */
+        const bool lifted = visible[i] && exits.terminator_offset[i] > l->epsilon[i]; /* the triangle does not decide what faces the
+                                                                                       * light */
         float share[3], m, facing, mu, g, w, same;
         if (!visible[i])
             continue;
@@ -208,26 +209,26 @@ void pell_transmit_light(const struct job *job, const struct pell_lamp *lamp, st
         g = lifted ? 1.0f : smaller(1.0f, facing / (mu * larger(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
         pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), 1.0f - max0(same), share);
         w = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
-        w *= far ? 1.0f : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), lamp->scale, lamp->inv_range);
+        w *= far ? 1.0f : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
         for (int c = 0; c < 3; c++)
-            k->sums.through[c][i] += smaller(a->intensity[c][i] * w * share[c], 1e25f);
+            k->sums.transmitted[c][i] += smaller(a->intensity[c][i] * w * share[c], 1e25f);
     }
 }
 
-/* The smooth rest at a normal: the table without the environment's broad lamps. */
+/* The smooth rest at a normal: the table without the environment's broad lights. */
 static void smooth_rest(const struct job *job, const struct packet *k, int i, int index, struct pell_vec3 n, float rgb[3])
 {
     const struct pell_env_query query = lane_query(job, k, i);
 
     pell_environment_irradiance(&job->lights->environments[index], n, &query, rgb);
-    for (size_t j = 0; j < job->lights->num_lamps; j++) {
-        const struct pell_lamp *lamp = &job->lights->lamps[j];
-        const float mu = -vec3_dot(n, lamp->direction);
-        if (lamp->environment != index || lamp->compact || !(mu > 0.0f))
+    for (size_t j = 0; j < job->lights->num_sources; j++) {
+        const struct pell_light_source *source = &job->lights->sources[j];
+        const float mu = -vec3_dot(n, source->direction);
+        if (source->environment != index || source->compact || !(mu > 0.0f))
             continue;
         const float w = mu * transmittance(job, &k->lanes, i, mu);
         for (int c = 0; c < 3; c++)
-            rgb[c] -= w * lamp->power[c];
+            rgb[c] -= w * source->power[c];
     }
     for (int c = 0; c < 3; c++)
         rgb[c] = max0(rgb[c]);
@@ -257,7 +258,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
     for (int i = 0; i < PELL_LANES; i++) {
         normal[i] = exits.found[i] ? exits.geometric[i] : vec3(0.0f, 0.0f, 1.0f);
         if (exits.found[i])
-            origin[i] = vec3_mad(exits.point[i], exits.lift[i] + l->epsilon[i], exits.geometric[i]);
+            origin[i] = vec3_mad(exits.point[i], exits.terminator_offset[i] + l->epsilon[i], exits.geometric[i]);
     }
     pell_ambient_visibility(job, k, exits.found, origin, normal, 0x3c6ef372u, visible);
     for (int i = 0; i < PELL_LANES; i++) {
@@ -269,7 +270,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         for (size_t e = 0; e < job->lights->num_environments; e++) {
             smooth_rest(job, k, i, (int) e, exits.normal[i], rest);
             for (int c = 0; c < 3; c++)
-                k->sums.through[c][i] += rest[c] * visible[i] * share[c];
+                k->sums.transmitted[c][i] += rest[c] * visible[i] * share[c];
         }
     }
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bloom.h - light that a lens, an eye or a film scatters: part of stage "post".
+ * bloom.h - light that a lens, a camera or a film scatters: part of stage "post".
  *
  * A share b of the light of each pixel is spread over two Gaussians, half of it each, of standard deviations sigma and sigma / 4:
  *

@@ -8,7 +8,7 @@
 #include <float.h>
 
 #define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
-#define SKY_WHITE 16.0   /* an environment behind the thing may be brighter than the thing by far */
+#define ENVIRONMENT_WHITE 16.0   /* an environment behind the object may be brighter than the object by far */
 #define METER_FACTOR 3.0 /* at most this times the key's exposure */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
@@ -59,13 +59,13 @@ static bool environment(const struct task *t, int x, int y, float rgb[3])
     for (int i = 0; i < n; i++) {
         struct pell_view view = *t->p->view;
         struct pell_vec3 start, direction;
-        float sky[3];
+        float environment[3];
         pell_view_through(&view, t->p->lens, i, n);
         pell_view_ray(&view, (float) x, (float) y, &start, &direction);
-        if (!pell_lights_background(t->p->lights, vec3_normalize(direction), sky))
+        if (!pell_lights_background(t->p->lights, vec3_normalize(direction), environment))
             return false;
         for (int c = 0; c < 3; c++)
-            rgb[c] += sky[c] / (float) n;
+            rgb[c] += environment[c] / (float) n;
     }
     return true;
 }
@@ -219,7 +219,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     if (!(t.exposure > 0.0f && t.exposure < 1e30f))
         t.exposure = 1.0f;
     if (!(t.white > 0.0f))
-        t.white = (float) fmax(maximum * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? SKY_WHITE : 1.0);
+        t.white = (float) fmax(maximum * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? ENVIRONMENT_WHITE : 1.0);
     t.white_scale = 1.0f / (t.white * t.white);
     prepare_background(&t);
     pell_pool_run(pool, params->height, finish_row, &t);
@@ -231,7 +231,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
         .white = t.white,
         .invalid = (int64_t) invalid,
         .covered = met_count > 0.0,
-        .lit = met > 0.0 || maximum > 0.0,
+        .any_light = met > 0.0 || maximum > 0.0,
         .bloom = settings->bloom > 0.0f ? pell_seconds() - start : 0.0,
     };
 }

@@ -7,8 +7,8 @@
  *
  *     radius = radius of the part x focal_px x |1/z - 1/focus|,  of the lens' radius / sqrt(n),
  *
- * and where discs of different depths meet, the nearer ones lie over the farther ones, by as much of the pixel as they cover. Sharp things
- * do not bleed, whatever is behind or before them. What a near thing hides is not in the sample's picture and is taken to be like what is
+ * and where discs of different depths meet, the nearer ones lie over the farther ones, by as much of the pixel as they cover. Sharp objects
+ * do not bleed, whatever is behind or before them. What a near object hides is not in the sample's picture and is taken to be like what is
  * seen beside it, within the disc; with more samples the discs are smaller, and so is this guess.
  *
  * Discs end softly, within a pixel. Their radius is cut at PELL_DOF_MOST pixels: a hundred times that of one of 64 samples.

@@ -128,13 +128,13 @@ INLINE void put(const float v[3], int count, float *const planes[3], int x)
 INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], const float *alpha, float *const display[3], int x)
 {
     for (int at = x; at < x + LANES; at += WIDTH) {
-        const vf a = load(alpha + at), through = 1.0f - a, e = t->exposure / select(a > t->straight, a, all(1.0f));
+        const vf a = load(alpha + at), transparency = 1.0f - a, e = t->exposure / select(a > t->straight, a, all(1.0f));
         vf v[3], lum, l, scale;
 
         for (int c = 0; c < 3; c++) {
             v[c] = load(color[c] + at);
             if (t->lay) {
-                v[c] += through * t->behind[c];
+                v[c] += transparency * t->behind[c];
                 store(color[c] + at, v[c]);
             }
         }

@@ -32,7 +32,7 @@ struct pell_post_params {
 struct pell_post_result {
     float exposure, white;
     int64_t invalid;
-    bool covered, lit; /* something is in view; light arrives at it */
+    bool covered, any_light; /* something is in view; light arrives at it */
     double bloom;      /* seconds of it */
 };
 

@@ -35,7 +35,8 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
     float **const planes[PLANES] = {
         &surface->depth, &surface->ng[0], &surface->ng[1], &surface->ng[2], &surface->ns[0], &surface->ns[1], &surface->ns[2],
         &surface->base[0], &surface->base[1], &surface->base[2], &surface->roughness, &surface->metallic, &surface->specular[0],
-        &surface->specular[1], &surface->specular[2], &surface->strength, &surface->lift, &surface->emissive[0], &surface->emissive[1],
+        &surface->specular[1], &surface->specular[2], &surface->strength, &surface->terminator_offset,
+        &surface->emissive[0], &surface->emissive[1],
     };
     struct scratch *scratch;
     size_t stride, pixels, bytes;
@@ -164,7 +165,7 @@ void pell_surface_look(const struct pell_surface *like, const struct pell_scene 
     out->width = out->height = SURFACE_PACKET_SIDE;
     out->stride = SURFACE_PACKET_SIDE;
     out->mips = like->mips;
-    out->lean = like->lean;
+    out->omit_uniform = like->omit_uniform;
     out->any_emissive = false;
     out->mesh = NULL;
     scratch->kernels->look(&job, packet, hits);

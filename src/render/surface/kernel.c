@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * kernel.c - 16 rays from the eye, and what their hits look like; compiled once per SIMD level.
+ * kernel.c - 16 rays from the camera, and what their hits look like; compiled once per SIMD level.
  *
  * Vertex data is fetched lane by lane; all else is loops over 16 lanes that the compiler turns into vectors. Lanes of a packet that
  * hit one mesh are worked on together, nearly always all of them; the other lanes run along on data of the first and are not stored.
@@ -39,7 +39,7 @@ struct hits {
     const struct pell_corners *corners; /* of the triangles, where they are known */
     float16 w0, w1, w2; /* barycentric weights */
     const struct pell_ray_hit16 *packet;
-    const struct pell_view *eye;
+    const struct pell_view *camera;
     float16 footprint; /* k^2 / |Ng . D| */
     bool has_footprint;
     struct vec16 view;        /* unit, to the viewer */
@@ -49,7 +49,7 @@ struct hits {
 
 struct shaded {
     struct vec16 ng, ns;
-    float16 base[3], specular[3], emissive[3], roughness, metallic, strength, lift;
+    float16 base[3], specular[3], emissive[3], roughness, metallic, strength, terminator_offset;
 };
 
 static inline float dot(const struct vec16 *a, const struct vec16 *b, int i)
@@ -124,7 +124,7 @@ static const struct uv16 *coordinates(struct hits *h, int set)
         return out;
     h->has_uv[set] = true;
     if (!h->has_footprint)
-        measure_footprint(h->eye, h->packet, h);
+        measure_footprint(h->camera, h->packet, h);
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < LANES; i++) {
             const float *p = h->mesh->uv[set] + 2 * (size_t) h->vertex[k][i];
@@ -232,7 +232,7 @@ static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
 /* How far, along n, the hit lies under the smooth surface that the normals v of its triangle suggest: the mean of its projections onto the
  * three tangent planes, those below it left out (Hanika 2021, "Hacking the Shadow Terminator"). Shadow rays that start up there do not
  * show the triangles of a coarse mesh as dark facets where light grazes. */
-static void lifts(const struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict n, float *restrict out)
+static void terminator_offsets(const struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict n, float *restrict out)
 {
     const struct vec16 *p;
     struct vec16 fetched[3], at, sum = { { 0 } };
@@ -423,7 +423,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     h.decode = job->decode;
     h.lanes = lanes;
     h.packet = p;
-    h.eye = job->view;
+    h.camera = job->view;
     h.has_footprint = false;
     memset(h.has_uv, 0, sizeof(h.has_uv));
     prepare(p, &h);
@@ -438,7 +438,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     geometric_normals(&p->hit, &h, &s->ng);
     corners(&h, mesh->normal, 3, normals);
     shading_normals(&h, normals, &s->ng, &s->ns);
-    lifts(&h, normals, &s->ng, s->lift);
+    terminator_offsets(&h, normals, &s->ng, s->terminator_offset);
     shade_material(&h, job->out->any_emissive, s);
 }
 
@@ -485,7 +485,7 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
             memcpy(out->barycentric[0] + at, p->hit.u + k, ROW);
             memcpy(out->barycentric[1] + at, p->hit.v + k, ROW);
         }
-        memcpy(out->lift + at, s->lift + k, ROW);
+        memcpy(out->terminator_offset + at, s->terminator_offset + k, ROW);
         if (out->any_emissive)
             for (int c = 0; c < 3; c++)
                 memcpy(out->emissive[c] + at, s->emissive[c] + k, ROW);
@@ -504,7 +504,7 @@ PELL_FETCHING_INLINE void fetch(const struct pell_surface *out, int x, int y)
     pell_fetch_to_write(out->material + at);
     pell_fetch_to_write(out->depth + at);
     pell_fetch_to_write(out->strength + at);
-    pell_fetch_to_write(out->lift + at);
+    pell_fetch_to_write(out->terminator_offset + at);
     for (int c = 0; c < 3; c++) {
         pell_fetch_to_write(out->ng[c] + at);
         pell_fetch_to_write(out->ns[c] + at);
@@ -529,7 +529,7 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
 {
     uint16_t material[LANES] = { 0 };
     uint32_t translucent = 0;
-    bool plain = job->out->lean;
+    bool plain = job->out->omit_uniform;
     struct shaded s;
 
     for (uint32_t left = hits; left;) {
@@ -633,7 +633,7 @@ static PELL_FETCHING void trace_tile(const struct surface_job *job, int number)
         if (!hits)
             continue;
         aim(job->view, x, y, &p.ray);
-        pell_raster_meet16(raster, triangle, &p, &corners);
+        pell_raster_intersect16(raster, triangle, &p, &corners);
         see(job, x, y, y1 - y < SURFACE_PACKET_SIDE ? y1 - y : SURFACE_PACKET_SIDE, &p, &corners, hits, &band);
     }
     job->bands[number] = band;

@@ -65,11 +65,11 @@ static inline uint64_t source_texel(const struct halving *h, int x, int y)
 /* Mean of four, field by field: sums of four 16 bit numbers fit where every other field is left out. */
 static inline uint64_t mean4(uint64_t a, uint64_t b, uint64_t c, uint64_t d)
 {
-    const uint64_t even = 0x0000ffff0000ffffull, half = 0x0000000200000002ull;
-    const uint64_t low = (a & even) + (b & even) + (c & even) + (d & even) + half;
-    const uint64_t high = (a >> 16 & even) + (b >> 16 & even) + (c >> 16 & even) + (d >> 16 & even) + half;
+    const uint64_t uniform = 0x0000ffff0000ffffull, half = 0x0000000200000002ull;
+    const uint64_t low = (a & uniform) + (b & uniform) + (c & uniform) + (d & uniform) + half;
+    const uint64_t high = (a >> 16 & uniform) + (b >> 16 & uniform) + (c >> 16 & uniform) + (d >> 16 & uniform) + half;
 
-    return (low >> 2 & even) | (high >> 2 & even) << 16;
+    return (low >> 2 & uniform) | (high >> 2 & uniform) << 16;
 }
 
 /* Colours with straight alpha are weighted by it, so that what is transparent does not bleed. */

@@ -32,8 +32,10 @@ struct pell_surface {
     float *metallic;     /* [0, 1] */
     float *specular[3];  /* rho_s x map x tint: scales the specular lobe */
     float *strength;     /* of scattering, [0, 1] */
-    bool lean;           /* the caller's: leave base, roughness, metallic and specular unwritten where pell_surface_is_plain says it all */
-    float *lift;         /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays start */
+    bool omit_uniform;           /* the caller's: leave base, roughness, metallic and specular unwritten where pell_surface_is_plain says it
+                                  * all */
+    float *terminator_offset;         /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays
+                                       * start */
     float *emissive[3];  /* radiance; written where `any_emissive` */
     uint32_t *mesh, *triangle; /* of the scene, that was hit. The caller's planes, set after pell_surface_allocate; NULL: not asked for */
     float *barycentric[2];     /* with them: u, v as in struct pell_hit16 */
@@ -45,9 +47,9 @@ struct pell_surface {
     void *scratch; /* private: per task, made in pell_surface_allocate so that a frame allocates nothing */
 };
 
-/* Whether roughness, metallic and specular are the same wherever a material is seen, as in pell_surface_even: who finds a whole block of it
- * can leave five planes unread. */
-static inline bool pell_surface_is_even(const struct pell_material *m)
+/* Whether roughness, metallic and specular are the same wherever a material is seen, as in pell_surface_uniform: who finds a whole block of
+ * it can leave five planes unread. */
+static inline bool pell_surface_is_uniform(const struct pell_material *m)
 {
     return !m->roughness_map.texture && !m->metallic_map.texture && !m->rho_s_map.texture && !m->specular_color_map.texture;
 }
@@ -55,16 +57,16 @@ static inline bool pell_surface_is_even(const struct pell_material *m)
 /* Even, and of no colour or metal of its own: light that enters and leaves meets nothing of the four that the material does not say. */
 static inline bool pell_surface_is_plain(const struct pell_material *m)
 {
-    return !m->opaque && m->metallic == 0.0f && m->color_from != PELL_COLOR_FROM_TEXTURE && pell_surface_is_even(m);
+    return !m->opaque && m->metallic == 0.0f && m->color_from != PELL_COLOR_FROM_TEXTURE && pell_surface_is_uniform(m);
 }
 
-struct pell_surface_even {
+struct pell_surface_uniform {
     float roughness, metallic, specular[3];
 };
 
-static inline struct pell_surface_even pell_surface_even(const struct pell_material *m)
+static inline struct pell_surface_uniform pell_surface_uniform(const struct pell_material *m)
 {
-    return (struct pell_surface_even) {
+    return (struct pell_surface_uniform) {
         .roughness = m->roughness < 0.03f ? 0.03f : m->roughness > 1.0f ? 1.0f : m->roughness,
         .metallic = m->metallic < 0.0f ? 0.0f : m->metallic > 1.0f ? 1.0f : m->metallic,
         .specular = { m->rho_s * m->specular_color[0], m->rho_s * m->specular_color[1], m->rho_s * m->specular_color[2] },
@@ -79,8 +81,8 @@ PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, cons
                                                     const struct pell_view *view, struct pell_surface *surface);
 
 /* The surface at 16 hits that no pixel need see, as if seen along packet->ray from pixels of `spacing` mm: bits of `hits` say which count.
- * `out` is a surface of 4 x 4 pixels with a stride of 4 whose planes are the caller's; mips, tables and `lean` are those of `like`, which
- * was allocated. No emission. Allocates nothing; safe from many threads. */
+ * `out` is a surface of 4 x 4 pixels with a stride of 4 whose planes are the caller's; mips, tables and `omit_uniform` are those of `like`,
+ * which was allocated. No emission. Allocates nothing; safe from many threads. */
 void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing,
                        const struct pell_ray_hit16 *packet, uint32_t hits, struct pell_surface *out);
 

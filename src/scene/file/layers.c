@@ -276,7 +276,7 @@ static enum pell_result copy_layers(struct pell_scene_reader *r, const struct pe
 
 static bool same_below(const struct pell_material *a, const struct pell_material *b)
 {
-    return a->below == b->below && a->medium.eta == b->medium.eta && memcmp(a->base_color, b->base_color, sizeof(a->base_color)) == 0;
+    return a->substrate == b->substrate && a->medium.eta == b->medium.eta && memcmp(a->base_color, b->base_color, sizeof(a->base_color)) == 0;
 }
 
 static void warn_of_crossings(const struct pell_json *list, const struct pell_material *m, const struct pell_layer_measure *measure,
@@ -297,14 +297,14 @@ static void warn_of_crossings(const struct pell_json *list, const struct pell_ma
 
 enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struct pell_json *at, bool own, size_t material)
 {
-    static const char *const below_names[] = { "stop", "last", "surface-color" }; /* in the order of enum pell_below */
+    static const char *const substrate_names[] = { "stop", "last", "surface-color" }; /* in the order of enum pell_substrate */
     struct pell_material *m = &r->scene->materials[material];
     const struct pell_material *other;
     struct pell_layer_measure measure[PELL_LAYERS_MOST];
     struct painted all;
     struct pell_json list;
     float above = 0.0f;
-    int below = PELL_BELOW_LAST, count;
+    int below = PELL_SUBSTRATE_LAST, count;
     int64_t texels;
     enum pell_result res;
 
@@ -312,13 +312,13 @@ enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struc
     PELL_TRY(pell_json_array(at, "layers", 1, PELL_LAYERS_MOST, &list));
     if (!list.value)
         return PELL_OK;
-    PELL_TRY(pell_json_choice(at, "below", below_names, PELL_COUNT(below_names), &below));
+    PELL_TRY(pell_json_choice(at, "below", substrate_names, PELL_COUNT(substrate_names), &below));
     count = (int) pell_json_count(&list);
     if (all.count > ((size_t) count + 3) / 4)
         return pell_json_error(&all.depths, PELL_ERR_FORMAT, "a picture paints four layers, one in each channel",
                                "has %zu pictures for %d layers", all.count, count);
     PELL_TRY(pell_material_allocate_layers(r->scene, material, count));
-    m->below = (enum pell_below) below;
+    m->substrate = (enum pell_substrate) below;
     other = r->layers == list.value ? &r->scene->materials[r->layers_of] : NULL;
     if (other && other->num_layers == count && same_below(other, m)) {
         if (own) {

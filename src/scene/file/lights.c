@@ -66,7 +66,7 @@ fail:
 }
 
 /* All but environments. */
-static enum pell_result read_lamp(struct pell_scene_reader *r, const struct pell_json *at, struct pell_light *l)
+static enum pell_result read_source(struct pell_scene_reader *r, const struct pell_json *at, struct pell_light *l)
 {
     const bool area = l->type == PELL_LIGHT_RECT || l->type == PELL_LIGHT_DISC;
     const char *power = powers[l->type];
@@ -134,7 +134,7 @@ static enum pell_result read_light(struct pell_scene_reader *r, const struct pel
     if (light.type == PELL_LIGHT_ENVIRONMENT)
         PELL_TRY(read_environment(r, at, &light));
     else
-        PELL_TRY(read_lamp(r, at, &light));
+        PELL_TRY(read_source(r, at, &light));
     PELL_TRY(pell_scene_add_light(r->scene, *name ? name : light_names[type], &index));
     light.name = r->scene->lights[index].name;
     r->scene->lights[index] = light;

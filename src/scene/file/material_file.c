@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * material_file.c - material files, and coefficients from the colour that a thing shall have. */
+ * material_file.c - material files, and coefficients from the colour that an object shall have. */
 #include "base/file.h"
 #include "scene/file/json.h"
 #include "scene/scene.h"

@@ -178,14 +178,14 @@ static enum pell_result read_lengths(const struct pell_json *parent, const char 
 /* "color" with a length: the medium that has this colour by the material's model of the profile. */
 static enum pell_result read_look(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
 {
-    const char *key = length_key(at), *kinds[PELL_RADII];
-    struct pell_look look = { .eta = m->medium.eta };
+    const char *key = length_key(at), *kinds[PELL_SCATTER_RADII];
+    struct pell_color_and_radius look = { .eta = m->medium.eta };
     struct pell_medium_fault fault;
-    int kind = PELL_RADIUS_MEAN_FREE_PATH;
+    int kind = PELL_SCATTER_RADIUS_MEAN_FREE_PATH;
     enum pell_result res;
 
-    for (int i = 0; i < PELL_RADII; i++)
-        kinds[i] = pell_radius_at((size_t) i)->name;
+    for (int i = 0; i < PELL_SCATTER_RADII; i++)
+        kinds[i] = pell_scatter_radius_at((size_t) i)->name;
     PELL_TRY(pell_json_choice(at, "radius_kind", kinds, PELL_COUNT(kinds), &kind));
     if (pell_json_has(at, "radius_kind"))
         PELL_TRY(pell_json_require(at, "radius"));
@@ -194,9 +194,9 @@ static enum pell_result read_look(struct pell_scene_reader *r, const struct pell
     PELL_TRY(pell_json_require(at, "color"));
     PELL_TRY(pell_json_numbers(at, "color", 3, 0.0, 1.0, look.color));
     PELL_TRY(read_lengths(at, key, look.radius));
-    look.kind = (enum pell_radius) kind;
+    look.kind = (enum pell_scatter_radius) kind;
     forget_preset(r, m);
-    if (pell_medium_from_look(&look, m->model, NULL, &m->medium, &fault) != PELL_OK)
+    if (pell_medium_from_color_and_radius(&look, m->model, NULL, &m->medium, &fault) != PELL_OK)
         return pell_json_error(at, PELL_ERR_FORMAT, "another colour, length or profile can do it",
                                "has no medium: %s is %g, allowed with the rest: [%g, %g]", fault.field ? fault.field : "color", fault.value,
                                fault.min, fault.max);

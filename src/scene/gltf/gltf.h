@@ -2,7 +2,7 @@
  *
  * gltf.h - what the files of the glTF 2.0 reader share.
  *
- *     gltf/read.c      containers (.gltf, .glb), the version, the order of things
+ *     gltf/read.c      containers (.gltf, .glb), the version, the order of objects
  *     gltf.c           warnings, extensions, indices
  *     gltf/transform.c matrices of nodes
  *     gltf/vertices.c  arrays of vertices
@@ -249,7 +249,7 @@ PELL_NODISCARD enum pell_result gltf_read_scene(struct gltf *g);
 struct pell_mat4 gltf_compose(const double t[3], const double q[4], const double s[3]);
 /* The matrix from a node's space to the world's, of any node; made once. */
 PELL_NODISCARD enum pell_result gltf_node_world(struct gltf *g, int64_t node, const struct pell_mat4 **out);
-/* False where all is pulled into a line or a point: scale 0 is a common way to hide things. */
+/* False where all is pulled into a line or a point: scale 0 is a common way to hide objects. */
 bool gltf_has_area(const struct pell_mat4 *world);
 /* False where a quaternion has no direction. */
 bool gltf_normalize_quaternion(double q[4], double *length);

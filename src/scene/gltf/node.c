@@ -253,7 +253,7 @@ fail:
     return res;
 }
 
-/* What hangs on one node. */
+/* What depends on one node. */
 static enum pell_result read_node(struct gltf *g, const struct pell_json *node, const struct pell_mat4 *world)
 {
     struct pell_json extensions, light_at, instancing;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * read.c - reads a glTF 2.0 file: the containers .gltf and .glb (section 4 of the specification), the version, and the order of things.
+ * read.c - reads a glTF 2.0 file: the containers .gltf and .glb (section 4 of the specification), the version, and the order of objects.
  */
 #include "scene/gltf/gltf.h"
 

@@ -340,11 +340,11 @@ enum pell_result pell_mtl_library(struct pell_mtl *mtl, const char *place, const
     PELL_TRY(pell_names_enter(&mtl->libraries, reference, strlen(reference), &number, &fresh));
     if (!fresh)
         return PELL_OK;
-    pell_soften(ctx, 1);
+    pell_log_downgrade(ctx, 1);
     res = pell_path_resolve(ctx, place, import->root, reference, import->allow_outside, &path);
     if (res == PELL_OK)
         res = pell_file_read(ctx, path, &data, &size);
-    pell_soften(ctx, -1);
+    pell_log_downgrade(ctx, -1);
     if (res == PELL_ERR_NOMEM || res == PELL_ERR_CANCELLED)
         goto fail;
     if (res != PELL_OK) {

@@ -562,7 +562,7 @@ fail:
     return res;
 }
 
-/* Materials that no library defines are marble, as things without a material are. */
+/* Materials that no library defines are marble, as objects without a material are. */
 static enum pell_result settle_materials(struct obj *o)
 {
     enum pell_result res;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bvh.c - the hierarchy of spheres with cones of normals over a body's triangles, and how far from them a place is. */
+ * bvh.c - the hierarchy of spheres with cones of normals over a solid's triangles, and how far from them a place is. */
 #include "transport/refraction/internal.h"
 
 #include <string.h>
@@ -8,7 +8,7 @@
 #define LANES PELL_CONNECT_CHILDREN
 #define LEAF PELL_CONNECT_LEAF
 #define NOTHING PELL_CONNECT_NOTHING
-#define NORMAL_WEIGHT 0.125 /* of a unit of normal when the hierarchy is split, in sizes of the body */
+#define NORMAL_WEIGHT 0.125 /* of a unit of normal when the hierarchy is split, in sizes of the solid */
 
 void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f)
 {
@@ -190,21 +190,21 @@ static uint32_t build(struct tree *t, size_t first, size_t count, float weight)
 
 enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number)
 {
-    const struct pell_body *body = &c->bodies->bodies[number];
+    const struct pell_solid *solid = &c->solids->solids[number];
     struct tree *t = &c->trees[number];
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, size = 0.0f, largest = 0.0f;
 
-    if (body->num_triangles == 0)
+    if (solid->num_triangles == 0)
         return PELL_OK;
-    if (body->num_triangles >= LEAF)
-        return pell_error(c->ctx, PELL_ERR_UNSUPPORTED, c->scene->path, NULL, "%zu triangles are too many", body->num_triangles);
-    t->facets = pell_alloc_array(c->ctx, body->num_triangles, sizeof(*t->facets));
-    t->nodes = pell_calloc(c->ctx, count_nodes(body->num_triangles), sizeof(*t->nodes));
+    if (solid->num_triangles >= LEAF)
+        return pell_error(c->ctx, PELL_ERR_UNSUPPORTED, c->scene->path, NULL, "%zu triangles are too many", solid->num_triangles);
+    t->facets = pell_alloc_array(c->ctx, solid->num_triangles, sizeof(*t->facets));
+    t->nodes = pell_calloc(c->ctx, count_nodes(solid->num_triangles), sizeof(*t->nodes));
     if (!t->facets || !t->nodes)
         return PELL_ERR_NOMEM;
-    t->num_facets = body->num_triangles;
+    t->num_facets = solid->num_triangles;
     for (size_t i = 0; i < t->num_facets; i++) {
-        pell_connect_fill_facet(&c->scene->meshes[body->triangles[i].mesh], body->triangles[i].mesh, body->triangles[i].triangle, c->flat,
+        pell_connect_fill_facet(&c->scene->meshes[solid->triangles[i].mesh], solid->triangles[i].mesh, solid->triangles[i].triangle, c->flat,
                                 &t->facets[i]);
         for (int k = 0; k < 3; k++)
             for (int j = 0; j < 3; j++) {
@@ -256,7 +256,7 @@ static double away_from(const struct facet *f, struct pell_dvec3 x)
     return dvec3_dot(n, ax) * dvec3_dot(n, ax) / dvec3_dot(n, n);
 }
 
-double pell_connector_distance(const struct pell_connector *connector, int body, struct pell_vec3 x, double most)
+double pell_connector_distance(const struct pell_connector *connector, int solid, struct pell_vec3 x, double most)
 {
     const struct tree *t;
     const struct pell_dvec3 from = dvec3_widen(x);
@@ -264,9 +264,9 @@ double pell_connector_distance(const struct pell_connector *connector, int body,
     double best = most * most;
     int count = 0;
 
-    if (body < 0 || (size_t) body >= connector->bodies->count || connector->trees[body].num_facets == 0 || !(most > 0.0) || !is_place(from))
+    if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || !(most > 0.0) || !is_place(from))
         return most;
-    t = &connector->trees[body];
+    t = &connector->trees[solid];
     stack[count++] = 0;
     while (count > 0) {
         const struct pell_connect_node *node = &t->nodes[stack[--count]];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * bvh_kernel.c - see connect_find.h; compiled once per level of base/simd.h. What is bounded is the half vector of connect.c. */
+ * bvh_kernel.c - see bvh_kernel.h; compiled once per level of base/simd.h. What is bounded is the half vector of connect.c. */
 #include "transport/refraction/bvh_kernel.h"
 
 #include "math/lanes.h"

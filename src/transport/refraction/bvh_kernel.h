@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * bvh_kernel.h - the hierarchy over a body's triangles in which connections are looked for (connect_tree.c), 16 children a node, and the
- * kernel that goes through it (connect_find.c).
+ * bvh_kernel.h - the hierarchy over a solid's triangles in which connections are looked for (bvh.c), 16 children a node, and the
+ * kernel that goes through it (bvh_kernel.c).
  */
 #ifndef PELL_CONNECT_FIND_H
 #define PELL_CONNECT_FIND_H

@@ -2,13 +2,13 @@
  *
  * connect.c - see connect.h.
  *
- * With w_v the direction from a place P of the surface to x inside and w_l from P to the lamp, P refracts where the half vector
+ * With w_v the direction from a place P of the surface to x inside and w_l from P to the light, P refracts where the half vector
  *
  *     H = eta w_v + w_l = -k n,    |eta - 1| <= |k| <= sqrt(|eta^2 - 1|)
  *
  * is along the normal n (Walter et al. 2007, "Microfacet Models for Refraction", eq. (16); the greatest k is that of grazing light). A
- * hierarchy of spheres with cones of normals (connect_tree.c, connect_find.c) bounds H over a whole part of the surface, and leaves out
- * what can't refract. The sides on which x and the lamp are follow from k. What is left are single triangles (connect_solve.c). */
+ * hierarchy of spheres with cones of normals (bvh.c, bvh_kernel.c) bounds H over a whole part of the surface, and leaves out
+ * what can't refract. The sides on which x and the light are follow from k. What is left are single triangles (solve.c). */
 #include "transport/refraction/internal.h"
 
 #include <string.h>
@@ -22,7 +22,7 @@ void pell_connector_destroy(struct pell_connector **connector)
     if (!c)
         return;
     *connector = NULL;
-    for (size_t i = 0; c->trees && i < c->bodies->count; i++) {
+    for (size_t i = 0; c->trees && i < c->solids->count; i++) {
         pell_free(c->ctx, c->trees[i].facets);
         pell_free(c->ctx, c->trees[i].nodes);
     }
@@ -31,7 +31,7 @@ void pell_connector_destroy(struct pell_connector **connector)
 }
 
 enum pell_result pell_connector_create(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_rays *rays,
-                                       const struct pell_bodies *bodies, bool flat, struct pell_connector **out)
+                                       const struct pell_solids *solids, bool flat, struct pell_connector **out)
 {
     struct pell_connector *c = pell_zalloc(ctx, sizeof(*c));
     enum pell_result res = PELL_ERR_NOMEM;
@@ -41,14 +41,14 @@ enum pell_result pell_connector_create(struct pell_context *ctx, const struct pe
         return PELL_ERR_NOMEM;
     c->ctx = ctx;
     c->rays = rays;
-    c->bodies = bodies;
+    c->solids = solids;
     c->scene = scene;
     c->flat = flat;
     c->kernels = pell_connect_kernels_tables[pell_simd_best()];
-    c->trees = pell_calloc(ctx, bodies->count + 1, sizeof(*c->trees));
+    c->trees = pell_calloc(ctx, solids->count + 1, sizeof(*c->trees));
     if (!c->trees)
         goto fail;
-    for (size_t i = 0; i < bodies->count; i++)
+    for (size_t i = 0; i < solids->count; i++)
         PELL_TRY(pell_connect_build_tree(c, i));
     *out = c;
     return PELL_OK;
@@ -80,9 +80,9 @@ static void find(struct query *q, const struct tree *t, const struct pell_connec
 
 /* --- What is in the way ------------------------------------------------------------------------------------------------------- */
 
-double pell_connector_rounding(const struct pell_connector *connector, int body)
+double pell_connector_rounding(const struct pell_connector *connector, int solid)
 {
-    return body >= 0 && (size_t) body < connector->bodies->count ? connector->trees[body].rounding : 0.0;
+    return solid >= 0 && (size_t) solid < connector->solids->count ? connector->trees[solid].rounding : 0.0;
 }
 
 static void aim(struct pell_ray_hit16 *r, int lane, struct pell_dvec3 from, struct pell_dvec3 along, double near, double far)
@@ -153,7 +153,7 @@ static void give(const struct query *q, const struct path *p, struct pell_connec
 }
 
 /* With one index there is one path, straight on, and the rays themselves say where. */
-static int straight(const struct pell_connector *c, int body, const struct query *q, struct pell_connection *out, int64_t *rays)
+static int straight(const struct pell_connector *c, int solid, const struct query *q, struct pell_connection *out, int64_t *rays)
 {
     _Alignas(64) int valid[16] = { -1 };
     const struct pell_dvec3 to = q->away ? q->place : dvec3_sub(q->place, q->x);
@@ -171,7 +171,7 @@ static int straight(const struct pell_connector *c, int body, const struct query
     aim(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, whole));
     pell_rays_closest16(c->rays, valid, false, &r);
     *rays += 1;
-    if (r.hit.mesh[0] >= c->bodies->num_meshes || c->bodies->of_mesh[r.hit.mesh[0]] != body)
+    if (r.hit.mesh[0] >= c->solids->num_meshes || c->solids->of_mesh[r.hit.mesh[0]] != solid)
         return 0;
     pell_connect_fill_facet(&c->scene->meshes[r.hit.mesh[0]], r.hit.mesh[0], r.hit.triangle[0], c->flat, &f);
     geometric = dvec3_cross(dvec3_sub(dvec3_load(f.p[1]), dvec3_load(f.p[0])), dvec3_sub(dvec3_load(f.p[2]), dvec3_load(f.p[0])));
@@ -192,7 +192,7 @@ static int straight(const struct pell_connector *c, int body, const struct query
     if (!(p.inside_mm > 0.0) || !(p.outside_mm > 0.0))
         return 0;
     {
-        const double near = c->trees[body].rounding / fmax(p.facing_out, 0.01);
+        const double near = c->trees[solid].rounding / fmax(p.facing_out, 0.01);
         if (near < p.outside_mm) {
             memset(&r, 0, sizeof(r));
             aim(&r, 0, p.at, p.outside, near, p.outside_mm);
@@ -206,7 +206,7 @@ static int straight(const struct pell_connector *c, int body, const struct query
     return 1;
 }
 
-int pell_connect(const struct pell_connector *connector, int body, double eta, struct pell_vec3 x, struct pell_vec3 place, bool direction,
+int pell_connect(const struct pell_connector *connector, int solid, double eta, struct pell_vec3 x, struct pell_vec3 place, bool direction,
                  double reach, struct pell_connection *out, int max, int64_t *rays)
 {
     struct query q;
@@ -214,7 +214,7 @@ int pell_connect(const struct pell_connector *connector, int body, double eta, s
     int64_t traced = 0;
     int given = 0;
 
-    if (body < 0 || (size_t) body >= connector->bodies->count || connector->trees[body].num_facets == 0 || max <= 0 || !(reach > 0.0) ||
+    if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || max <= 0 || !(reach > 0.0) ||
         !(eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
         return 0;
     q.eta = eta;
@@ -233,12 +233,12 @@ int pell_connect(const struct pell_connector *connector, int body, double eta, s
         q.place = dvec3_mul(q.place, 1.0 / length);
     }
     if (fabs(eta - 1.0) < NEAR_ONE) {
-        given = straight(connector, body, &q, out, &traced);
+        given = straight(connector, solid, &q, out, &traced);
         if (rays)
             *rays += traced;
         return given;
     }
-    find(&q, &connector->trees[body], connector->kernels);
+    find(&q, &connector->trees[solid], connector->kernels);
     for (int i = 0; i < q.count; i++) {
         int at = i;
         for (; at > 0 && order[at - 1]->inside_mm > q.paths[i].inside_mm; at--)
@@ -247,7 +247,7 @@ int pell_connect(const struct pell_connector *connector, int body, double eta, s
     }
     for (int first = 0; first < q.count && given < max; first += 8) {
         const int n = q.count - first < 8 ? q.count - first : 8;
-        const unsigned open = free_paths(connector, &q, connector->trees[body].rounding, order + first, n);
+        const unsigned open = free_paths(connector, &q, connector->trees[solid].rounding, order + first, n);
         traced += 2 * n;
         for (int i = 0; i < n && given < max; i++)
             if (open >> i & 1)

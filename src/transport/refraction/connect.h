@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * connect.h - light of a place outside that reaches a point inside a body through its smooth boundary: every place on the surface where
+ * connect.h - light of a place outside that reaches a point inside a solid through its smooth boundary: every place on the surface where
  * the ray refracts from one to the other (Walter et al. 2009, "Single Scattering in Refractive Media with Triangle Mesh Boundaries").
  *
  * The surface is closed and its triangles go counter-clockwise seen from outside; where it is not so, connections are missing, and none is
@@ -16,7 +16,7 @@ struct pell_connector;
 /* `flat`: refract by the triangles' own normals, else by the vertices' normals interpolated. Things must outlive the connector. Some 260
  * bytes a triangle. */
 PELL_NODISCARD enum pell_result pell_connector_create(struct pell_context *ctx, const struct pell_scene *scene,
-                                                      const struct pell_rays *rays, const struct pell_bodies *bodies, bool flat,
+                                                      const struct pell_rays *rays, const struct pell_solids *solids, bool flat,
                                                       struct pell_connector **out);
 void pell_connector_destroy(struct pell_connector **connector);
 
@@ -40,17 +40,17 @@ struct pell_connection {
  * triangles make as many paths as it is concentrated there: some places of a coarse ball have over 16, few over 64. */
 #define PELL_CONNECTIONS 256
 
-/* All connections of x, inside body `body` whose index relative to outside is `eta`, with a place (direction: `place` is the unit
+/* All connections of x, inside solid `solid` whose index relative to outside is `eta`, with a place (direction: `place` is the unit
  * direction towards it) with inside_mm up to `reach`; at most `max` of them, nearest first. Neither part is in the way of anything: the
  * outside part of no surface at all, the inside part of no surface. Returns how many. `rays` (may be NULL): + rays traced. None for a
- * body that is not there, an index outside [PELL_ETA_MIN, PELL_ETA_MAX], or what is no number. Thread-safe. */
-int pell_connect(const struct pell_connector *connector, int body, double eta, struct pell_vec3 x, struct pell_vec3 place, bool direction,
+ * solid that is not there, an index outside [PELL_ETA_MIN, PELL_ETA_MAX], or what is no number. Thread-safe. */
+int pell_connect(const struct pell_connector *connector, int solid, double eta, struct pell_vec3 x, struct pell_vec3 place, bool direction,
                  double reach, struct pell_connection *out, int max, int64_t *rays);
 
-/* mm of rounding in where rays meet a body's surface: nothing nearer to it is in the way. 0 for a body that is not there. */
-double pell_connector_rounding(const struct pell_connector *connector, int body);
+/* mm of rounding in where rays meet a solid's surface: nothing nearer to it is in the way. 0 for a solid that is not there. */
+double pell_connector_rounding(const struct pell_connector *connector, int solid);
 
-/* Distance, mm, from x to the nearest triangle of a body, at most `most`. `most` for a body that is not there. Thread-safe. */
-double pell_connector_distance(const struct pell_connector *connector, int body, struct pell_vec3 x, double most);
+/* Distance, mm, from x to the nearest triangle of a solid, at most `most`. `most` for a solid that is not there. Thread-safe. */
+double pell_connector_distance(const struct pell_connector *connector, int solid, struct pell_vec3 x, double most);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * internal.h - what the files of connect.h share: connect_tree.c builds the hierarchy and measures distances in it, connect_solve.c
+ * internal.h - what the files of connect.h share: bvh.c builds the hierarchy and measures distances in it, solve.c
  * finds where light refracts in one triangle, connect.c asks both and what is in the way.
  */
 #ifndef PELL_CONNECT_PARTS_H
@@ -28,9 +28,9 @@ struct tree {
 struct pell_connector {
     struct pell_context *ctx;
     const struct pell_rays *rays;
-    const struct pell_bodies *bodies;
+    const struct pell_solids *solids;
     const struct pell_scene *scene;
-    struct tree *trees; /* one a body */
+    struct tree *trees; /* one a solid */
     const struct pell_connect_kernels *kernels;
     bool flat;
 };
@@ -41,12 +41,12 @@ static inline bool is_place(struct pell_dvec3 a)
     return fabs(a.x) < FAR && fabs(a.y) < FAR && fabs(a.z) < FAR;
 }
 
-/* --- connect_tree.c ----------------------------------------------------------------------------------------------------------- */
+/* --- bvh.c ----------------------------------------------------------------------------------------------------------- */
 
 void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f);
-PELL_NODISCARD enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t body);
+PELL_NODISCARD enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t solid);
 
-/* --- connect_solve.c: paths through one triangle ------------------------------------------------------------------------------ */
+/* --- solve.c: paths through one triangle ------------------------------------------------------------------------------ */
 
 /* A path that refracts; whether anything is in its way is not asked yet. */
 struct path {

@@ -41,7 +41,7 @@ static void keep(struct query *q, const struct path *p)
     q->paths[at] = *p;
 }
 
-/* Distance of x's foot, along the plane, to where light refracts: x is `below` the plane, the lamp `above` it, their feet `apart`. */
+/* Distance of x's foot, along the plane, to where light refracts: x is `below` the plane, the light `above` it, their feet `apart`. */
 static double planar_shift(double eta, double below, double above, double apart)
 {
     const double straight = apart * below / (below + above);
@@ -143,7 +143,7 @@ struct curved {
     bool away;
     double ex1, ex2, ey2;    /* p1 = (ex1, 0, 0), p2 = (ex2, ey2, 0) */
     struct pell_dvec3 axis[3];      /* of the frame, in the world's */
-    struct pell_dvec3 p0, x, place; /* x and the lamp in the frame */
+    struct pell_dvec3 p0, x, place; /* x and the light in the frame */
     struct pell_dvec3 n, nu, nv;    /* normal = n + u nu + v nv, not unit */
     double size, radius;     /* longest side; from the middle to the farthest corner */
     double turn;             /* from the normal in the middle to that of a corner, at most */
@@ -153,7 +153,7 @@ struct curved {
 };
 
 struct state {
-    struct pell_dvec3 v, l, h, n; /* to x, to the lamp, half vector, normal */
+    struct pell_dvec3 v, l, h, n; /* to x, to the light, half vector, normal */
     double inverse_v, inverse_l;
     double r[2]; /* H x n but for its z part */
 };
@@ -234,7 +234,7 @@ static void refine(struct curved *c, double u, double v)
 
 /* A part of the triangle: its corner, and how far its sides go along u and v (below 0: the middle one of four, turned round). */
 struct part {
-    double u, v, side, near; /* near: its size over its distance to x or the lamp, whichever is nearer */
+    double u, v, side, near; /* near: its size over its distance to x or the light, whichever is nearer */
     int depth;
 };
 
@@ -408,7 +408,7 @@ static void solve_curved(struct query *q, const struct facet *f)
         p.outside = from_frame(&c, s.l);
         p.inside_mm = 1.0 / s.inverse_v;
         p.outside_mm = q->away ? INFINITY : 1.0 / s.inverse_l;
-        /* |d lamp / d(u, v)| |d r / d x| / |d r / d(u, v)|, x in the plane across the path. */
+        /* |d light / d(u, v)| |d r / d x| / |d r / d(u, v)|, x in the plane across the path. */
         p.spread = area2 * p.facing_out * (q->away ? 1.0 : s.inverse_l * s.inverse_l) * q->eta * q->eta * s.inverse_v * s.inverse_v *
                    s.n.z * cos_i * n / det;
         keep(q, &p);

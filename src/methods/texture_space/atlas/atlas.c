@@ -49,7 +49,7 @@ static enum pell_result list_triangles(struct ts_atlas_build *b)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < scene->num_meshes; i++) {
         a->first[i] = NONE;
-        if (b->p->bodies->of_mesh[i] != (int32_t) b->p->body)
+        if (b->p->solids->of_mesh[i] != (int32_t) b->p->solid)
             continue;
         b->meshes[b->num_meshes++] = (uint32_t) i;
         a->first[i] = (uint32_t) count;

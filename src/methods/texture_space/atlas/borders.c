@@ -404,7 +404,7 @@ enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far
         a->first_run[y] = count;
         for (int block = 0; block < a->blocks; block++) {
             struct ts_cell *c = &a->cells[(ptrdiff_t) y * a->blocks + block];
-            float lean = 0.0f, count_of = 0.0f;
+            float skew = 0.0f, count_of = 0.0f;
             c->near = TS_FAR;
             for (int l = 0; l < TS_BLOCK; l++) {
                 const ptrdiff_t at = y * a->stride + block * TS_BLOCK + l;
@@ -412,11 +412,11 @@ enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far
                     c->least[i] = c->most[i] > 0.0f ? fminf(c->least[i], a->length[i][at]) : a->length[i][at];
                     c->most[i] = fmaxf(c->most[i], a->length[i][at]);
                 }
-                lean += a->source[at] != NONE ? a->lean[at] : 0.0f;
+                skew += a->source[at] != NONE ? a->skew[at] : 0.0f;
                 count_of += a->source[at] != NONE ? 1.0f : 0.0f;
                 c->near = a->key[at] > 0.0f && far[at] < c->near ? far[at] : c->near;
             }
-            c->lean = count_of > 0.0f ? lean / count_of : 0.0f;
+            c->skew = count_of > 0.0f ? skew / count_of : 0.0f;
             if (c->most[0] > 0.0f && !open)
                 a->runs[count++].from = (int16_t) block;
             open = c->most[0] > 0.0f;

@@ -243,7 +243,7 @@ static void grow_chart(struct ts_atlas_build *b, struct cover *g, uint32_t seed,
 
 /* What is left over between charts is too narrow to be blurred in charts of its own: its triangles join those beside them, one by one,
  * while they face the axis at all and hide nothing. */
-static void join_small(struct ts_atlas_build *b, struct cover *g, struct ts_flat_chart *charts)
+static void connect_small(struct ts_atlas_build *b, struct cover *g, struct ts_flat_chart *charts)
 {
     struct ts_atlas *a = b->a;
     bool any = true;
@@ -333,7 +333,7 @@ enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *ord
     res = PELL_ERR_CANCELLED;
     if (pell_cancelled(b->ctx))
         goto fail;
-    join_small(b, &cover, charts);
+    connect_small(b, &cover, charts);
     count = flatten_charts(b, charts, count);
     a->num_charts = (int) count;
     PELL_TRY(ts_atlas_pack(b, charts, count, &scale));

@@ -20,14 +20,14 @@ static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign,
 {
     const struct ts_atlas *a = b->a;
     const ptrdiff_t from = y * a->stride + x;
-    const float lean = axis == 0 ? 0.0f : a->cells[(ptrdiff_t) y * a->blocks + x / TS_BLOCK].lean;
+    const float skew = axis == 0 ? 0.0f : a->cells[(ptrdiff_t) y * a->blocks + x / TS_BLOCK].skew;
     float last = a->length[axis][from];
     int done = 0;
 
     out->length = 0.0f;
     out->end = b->place[from];
     for (int j = 1; j <= steps; j++) {
-        const int px = axis == 0 ? x + sign * j : x + (int) floorf(0.5f - lean * (float) (sign * j)), py = axis == 0 ? y : y + sign * j;
+        const int px = axis == 0 ? x + sign * j : x + (int) floorf(0.5f - skew * (float) (sign * j)), py = axis == 0 ? y : y + sign * j;
         const ptrdiff_t at = py * a->stride + px;
         if (px < 0 || py < 0 || px >= a->width || py >= a->height || a->key[at] != a->key[from])
             break;
@@ -84,7 +84,7 @@ static void tilt_rows(void *arg, int band, int worker)
             e[1] = vec3_sub(p[2], p[0]);
             along = vec3_mad(vec3_mul(e[0], (float) f.u[1]), (float) f.v[1], e[1]);
             down = vec3_mad(vec3_mul(e[0], (float) f.u[2]), (float) f.v[2], e[1]);
-            down = vec3_mad(down, -a->lean[at], along);
+            down = vec3_mad(down, -a->skew[at], along);
             a->tilt[0][at] = tilt_of(bend_of(b, x, y, 1, steps), along, a->length[0][at], TILT_MOST / (float) steps);
             a->tilt[1][at] = tilt_of(bend_of(b, x, y, 0, steps), down, a->length[1][at], TILT_MOST / (float) steps);
         }

@@ -101,10 +101,10 @@ static inline void row_of(const struct ts_flat *f, double y, int *x0, int *x1)
     *x1 = high > -1.0 ? (int) high : -1;
 }
 
-/* How a triangle lies in the layout: mm from texel to texel along x, and at right angles to that, where a step along y goes `lean` texels
+/* How a triangle lies in the layout: mm from texel to texel along x, and at right angles to that, where a step along y goes `skew` texels
  * along x, too. */
 struct ts_metric {
-    float length[2], lean;
+    float length[2], skew;
 };
 
 static inline struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triangle, float u, float v)

@@ -13,7 +13,7 @@
 enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b)
 {
     struct ts_atlas *a = b->a;
-    float **const planes[] = { &a->key, &a->bary[0], &a->bary[1], &a->length[0], &a->length[1], &a->lean, &a->tilt[0], &a->tilt[1] };
+    float **const planes[] = { &a->key, &a->bary[0], &a->bary[1], &a->length[0], &a->length[1], &a->skew, &a->tilt[0], &a->tilt[1] };
     float *block;
 
     if (a->key)
@@ -46,11 +46,11 @@ struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const 
     for (int i = 0; i < 2; i++)
         way[i] = vec3_mad(vec3_mul(e[0], (float) f->u[1 + i]), (float) f->v[1 + i], e[1]);
     square = vec3_dot(way[0], way[0]);
-    m.lean = square > 0.0f ? vec3_dot(way[0], way[1]) / square : 0.0f;
-    if (!(fabsf(m.lean) < LEAN_MOST))
-        m.lean = 0.0f;
+    m.skew = square > 0.0f ? vec3_dot(way[0], way[1]) / square : 0.0f;
+    if (!(fabsf(m.skew) < LEAN_MOST))
+        m.skew = 0.0f;
     m.length[0] = fminf(fmaxf(vec3_length(way[0]), LENGTH_LEAST), LENGTH_MOST);
-    m.length[1] = fminf(fmaxf(vec3_length(vec3_mad(way[1], -m.lean, way[0])), LENGTH_LEAST), LENGTH_MOST);
+    m.length[1] = fminf(fmaxf(vec3_length(vec3_mad(way[1], -m.skew, way[0])), LENGTH_LEAST), LENGTH_MOST);
     return m;
 }
 
@@ -58,7 +58,7 @@ void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metri
 {
     a->length[0][at] = m->length[0];
     a->length[1][at] = m->length[1];
-    a->lean[at] = m->lean;
+    a->skew[at] = m->skew;
 }
 
 static void set_texel(struct ts_atlas *a, ptrdiff_t at, uint32_t t, double u, double v, const struct ts_metric *m)
