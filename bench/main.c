@@ -10,7 +10,10 @@ static enum exit_code run(struct cli *cli);
 
 #define PICTURE OPTIONS_PICTURE
 #define SCENE (OPTIONS_ENGINE | OPTIONS_BENCH)
-#define COMMAND(name, summary, options) { name, "", summary, "", "  pellucid-bench " name " --repeats 1\n", options, 0, 0, run }
+#define COMMAND(name, summary, options)                                                                                                    \
+    {                                                                                                                                      \
+        name, "", summary, "", "  pellucid-bench " name " --repeats 1\n", options, 0, 0, run                                               \
+    }
 
 /* Each has its row in `benches`. */
 static const struct command commands[] = {
@@ -80,13 +83,13 @@ static enum exit_code run(struct cli *cli)
     if (code == EXIT_OK && renders) {
         scene_path(row->name, path, sizeof(path));
         b.path = path;
-        cli->quiet = true; /* of frames there is nothing to report */
+        cli->quiet = true;                         /* of frames there is nothing to report */
         cli->stats = !(row->columns & BENCH_WORK); /* times are compared with copies, which would count as processor time */
         code = bench_open(&b, row->material);
     }
     if (code == EXIT_OK && renders)
-        facts = json_pack("{s:s,s:i}", "engine", pell_engine_name(pell_device_engine(b.s.device)), "threads",
-                          pell_device_threads(b.s.device));
+        facts =
+            json_pack("{s:s,s:i}", "engine", pell_engine_name(pell_device_engine(b.s.device)), "threads", pell_device_threads(b.s.device));
     if (code == EXIT_OK)
         code = cli_failed(cli, row->run(&b));
     if (facts) {

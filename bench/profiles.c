@@ -95,16 +95,16 @@ static enum pell_result time_fit(struct profiles *b, int k, bool shared, const c
 }
 
 /* One channel; into `sets`, or `R` at radii. */
-static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_solver solver, const double *r, double *R,
-                              void *workspace, size_t size, struct pell_stack_sets *sets)
+static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_solver solver, const double *r, double *R, void *workspace,
+                              size_t size, struct pell_stack_sets *sets)
 {
     double *const out[PELL_STACK_PARTS] = { R, NULL, NULL, NULL };
 
     if (solver == HANKEL)
         return pell_stack_hankel(stack, c, r, LAYER_RADII, out, NULL);
-    return pell_stack_gaussians(
-        stack, c, &(struct pell_stack_gaussians_params){ .analytic = solver == ANALYTIC, .reflectance_only = true }, workspace,
-        size, sets);
+    return pell_stack_gaussians(stack, c,
+                                &(struct pell_stack_gaussians_params) { .analytic = solver == ANALYTIC, .reflectance_only = true },
+                                workspace, size, sets);
 }
 
 /* Milliseconds of R for the three channels by one of the solvers: Hankel at LAYER_RADII radii, the others to a sum of Gaussians for any
@@ -112,7 +112,7 @@ static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_
 static enum pell_result time_solver(const struct pell_context *ctx, const struct pell_material_layers *layers, enum stack_solver solver,
                                     int repeats, double *ms, struct pell_profile out[3])
 {
-    const size_t size = pell_stack_workspace_size(&(struct pell_stack_gaussians_params){ .reflectance_only = true });
+    const size_t size = pell_stack_workspace_size(&(struct pell_stack_gaussians_params) { .reflectance_only = true });
     struct pell_stack *stack = calloc(1, sizeof(*stack));
     struct pell_stack_sets *sets = malloc(sizeof(*sets));
     void *workspace = malloc(size);

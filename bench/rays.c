@@ -230,8 +230,8 @@ int main(int argc, char **argv)
         PELL_TRY(pell_scene_load(ctx, path, &load, &scene));
         for (size_t i = 0; i < scene->num_materials; i++) { /* its own maps are not what is compared */
             struct pell_material *m = &scene->materials[i];
-            m->base_color_map.texture = m->normal_map.texture = m->roughness_map.texture = m->metallic_map.texture =
-                m->rho_s_map.texture = m->specular_color_map.texture = m->strength_map.texture = m->emissive_map.texture = NULL;
+            m->base_color_map.texture = m->normal_map.texture = m->roughness_map.texture = m->metallic_map.texture = m->rho_s_map.texture =
+                m->specular_color_map.texture = m->strength_map.texture = m->emissive_map.texture = NULL;
         }
     } else {
         PELL_TRY(make_ball(ctx, &scene));
@@ -287,9 +287,9 @@ int main(int argc, char **argv)
         best_of(start, &maps_ms);
     }
 
-    printf("%u triangles, %lld rays, %lld pixels hit (%.2f of %d x %d), %d threads, %d x %d textures\n",
-           scene->meshes[0].num_triangles, (long long) surface.rays, (long long) surface.covered_pixels,
-           (double) surface.covered_pixels / (WIDTH * HEIGHT), WIDTH, HEIGHT, threads, texture, texture);
+    printf("%u triangles, %lld rays, %lld pixels hit (%.2f of %d x %d), %d threads, %d x %d textures\n", scene->meshes[0].num_triangles,
+           (long long) surface.rays, (long long) surface.covered_pixels, (double) surface.covered_pixels / (WIDTH * HEIGHT), WIDTH, HEIGHT,
+           threads, texture, texture);
     printf("build              %8.2f ms   bare %.2f ms\n", build * 1e3, bare_build * 1e3);
     printf("making rays        %8.2f ms\n", made_ms);
     printf("bare Embree        %8.2f ms   %.1f Mray/s\n", bare_ms, (double) surface.rays / bare_ms * 1e-3);

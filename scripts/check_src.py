@@ -210,8 +210,8 @@ FILE_LINES, FUNCTION_LINES, ARGUMENTS = 700, 100, 8
 LONG_FILES = {
     "src/cli/compare/scene.c": 757,
     "src/methods/convolution/kernels.c": 739,
-    "src/methods/image_space/kernels.c": 837,
-    "src/methods/screen_space/kernels.c": 990,
+    "src/methods/image_space/kernels.c": 838,
+    "src/methods/screen_space/kernels.c": 997,
     "src/methods/texture_space/translucent_shadow_map.c": 719,
     "src/lights/light_sampling.c": 721,
 }

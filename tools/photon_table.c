@@ -8,12 +8,12 @@
  *
  * Results depend on seed and number of photons only: batches are summed in their order, whoever walked them and however often the
  * program was stopped. */
-#include "optics/photon/table.h"
 #include "base/base.h"
 #include "base/file.h"
 #include "base/pool.h"
 #include "math/vec.h"
 #include "optics/photon/photon.h"
+#include "optics/photon/table.h"
 
 #include <pellucid/inversion.h>
 
@@ -159,7 +159,7 @@ static void walk_batch(void *arg, int index, int worker)
     memset(t, 0, sizeof(*t));
     t->powers = w->powers;
     t->photon = UINT64_MAX;
-    w->sums[index] = (struct pell_photon_sums){ 0 };
+    w->sums[index] = (struct pell_photon_sums) { 0 };
     pell_photon_walk(&w->stack, w->state->seed * PELL_TABLE_G + (uint64_t) w->ig, batch * photons, photons, NULL, touch, t,
                      &w->sums[index]);
     for (int b = 0; b < ALL; b++)
@@ -205,15 +205,15 @@ static enum pell_result walk_all(struct pell_context *ctx, struct pell_pool *poo
         w.ig = ig;
         w.first = s->done[ig];
         w.powers = &powers[ig];
-        w.stack = (struct pell_photon_stack){ .count = 1,
-                                              .layer = { { 0.0, 1.0, g, axis_eta[PELL_TABLE_ETA - 1], INFINITY } },
-                                              .n_above = 1.0,
-                                              .n_below = 1.0,
-                                              .mu_min = 1.0,
-                                              .mu_max = 1.0,
-                                              .inside = true,
-                                              .roulette = (int) (32.0 / (1.0 - g)),
-                                              .collisions_max = (int) (65536.0 / (1.0 - g)) };
+        w.stack = (struct pell_photon_stack) { .count = 1,
+                                               .layer = { { 0.0, 1.0, g, axis_eta[PELL_TABLE_ETA - 1], INFINITY } },
+                                               .n_above = 1.0,
+                                               .n_below = 1.0,
+                                               .mu_min = 1.0,
+                                               .mu_max = 1.0,
+                                               .inside = true,
+                                               .roulette = (int) (32.0 / (1.0 - g)),
+                                               .collisions_max = (int) (65536.0 / (1.0 - g)) };
         pell_pool_run(pool, count, walk_batch, &w);
         if (pell_cancelled(ctx))
             goto save; /* the group is walked again */

@@ -24,7 +24,7 @@ static void light_the_wall(void)
 {
     for (int y = 0; y < HEIGHT; y++)
         for (int x = 0; x < WIDTH; x++) {
-            material[y * WIDTH + x] = 1; /* the first of the frame's materials; 0 is for what is not translucent */
+            material[y * WIDTH + x] = 1;   /* the first of the frame's materials; 0 is for what is not translucent */
             depth[y * WIDTH + x] = 500.0f; /* mm */
             for (int c = 0; c < CHANNELS; c++)
                 irradiance[c][y * WIDTH + x] = x >= WIDTH / 2 ? LIGHT : 0.0f;
@@ -46,10 +46,17 @@ int main(void)
     const struct pell_material_entry *marble = pell_material_find("marble");
     const struct pell_frame_material wall = { .medium = marble->medium, .name = marble->name };
     const struct pell_frame frame = {
-        .shape = { .width = WIDTH, .height = HEIGHT, .stride = WIDTH, .orthographic = true, .focal_px = PIXELS_PER_MM,
-                   .materials = &wall, .num_materials = 1 },
+        .shape = { .width = WIDTH,
+                   .height = HEIGHT,
+                   .stride = WIDTH,
+                   .orthographic = true,
+                   .focal_px = PIXELS_PER_MM,
+                   .materials = &wall,
+                   .num_materials = 1 },
         .rect = { 0, 0, WIDTH, HEIGHT },
-        .material = material, .depth = depth, .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
+        .material = material,
+        .depth = depth,
+        .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
     };
     const struct pell_frame_light light = { { exitance[0], exitance[1], exitance[2] } };
     struct pell_context *ctx = NULL;

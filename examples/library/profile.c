@@ -11,8 +11,8 @@
 enum { GAUSSIANS = 4 };
 
 static const struct pell_medium wax = {
-    .sigma_a = { 0.006, 0.03, 0.12 },       /* 1/mm */
-    .sigma_s_reduced = { 1.4, 1.25, 1.1 },  /* 1/mm, already times (1 - g) */
+    .sigma_a = { 0.006, 0.03, 0.12 },      /* 1/mm */
+    .sigma_s_reduced = { 1.4, 1.25, 1.1 }, /* 1/mm, already times (1 - g) */
     .eta = 1.44,
 };
 

@@ -80,9 +80,10 @@ int main(int argc, char **argv)
         res = pell_renderer_render(renderer, &settings, &image);
     if (res == PELL_OK) {
         print_image(&image);
-        res = pell_image_write(ctx, argv[4], NULL,
-                               &(struct pell_write_params) { .width = image.width, .height = image.height,
-                                                             .channels = image.channels, .num_channels = image.num_channels });
+        res = pell_image_write(
+            ctx, argv[4], NULL,
+            &(struct pell_write_params) {
+                .width = image.width, .height = image.height, .channels = image.channels, .num_channels = image.num_channels });
     }
     pell_renderer_destroy(&renderer); /* in this order; each takes what is not there */
     pell_device_destroy(&device);

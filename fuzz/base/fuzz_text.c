@@ -25,7 +25,7 @@ static const struct pell_knob knobs[] = {
     { "number", PELL_KNOB_FLOAT, "1", AT(number), { 1 }, -1e30, 1e30, NULL, "" },
     { "mode", PELL_KNOB_ENUM, "1", AT(mode), { 0 }, 0, 0, modes, "" },
     { "rgb", PELL_KNOB_RGB, "1", AT(rgb), { 1, 1, 1 }, 0, 1e6, NULL, "" },
-    {0}
+    { 0 },
 };
 #undef AT
 

@@ -39,8 +39,8 @@ static unsigned next_byte(struct bytes *in)
 /* Any bits, a value that arithmetic stumbles over, or one of light. */
 static float value(struct bytes *in)
 {
-    static const float odd[] = { 0.0f,  -0.0f,    1.0f,      -1.0f,     0.5f,  1e-45f, 1.17549435e-38f, 3.40282347e38f, -3.40282347e38f,
-                                 1e15f, INFINITY, -INFINITY, NAN, 1e-20f, 1e20f,  65504.0f };
+    static const float odd[] = { 0.0f,  -0.0f,    1.0f,      -1.0f, 0.5f,   1e-45f, 1.17549435e-38f, 3.40282347e38f, -3.40282347e38f,
+                                 1e15f, INFINITY, -INFINITY, NAN,   1e-20f, 1e20f,  65504.0f };
     const unsigned form = next_byte(in);
     float x;
     uint8_t raw[sizeof(x)];
@@ -180,7 +180,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     limits.memory_bytes = 64 << 20;
     pell_knobs_default(pell_compare_knobs(), &params);
     params.threads = 1;
-    params.ppd = 8.0f; /* the default's filter is wider than the picture */
+    params.ppd = 8.0f;                   /* the default's filter is wider than the picture */
     params.exposures = more & 8 ? 0 : 2; /* 0: as many as the range of the reference asks for, which takes long */
     if (flags & 1) {
         params.ppd = knob(&in, 1.0f, 70.0f);

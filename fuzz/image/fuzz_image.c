@@ -37,7 +37,7 @@ static void check_image(struct pell_context *ctx, struct pell_image *image)
     require(image->channels >= 1 && image->channels <= 4 && image->pixels);
     for (size_t i = 0; i < PELL_COUNT(where); i++) {
         float rgba[4];
-        pell_image_sample(image, (enum pell_wrap) (i % 3), PELL_WRAP_REPEAT, i % 2, where[i], where[PELL_COUNT(where) - 1 - i], rgba);
+        pell_image_sample(image, (enum pell_wrap)(i % 3), PELL_WRAP_REPEAT, i % 2, where[i], where[PELL_COUNT(where) - 1 - i], rgba);
         require(isfinite(rgba[0]) && isfinite(rgba[3]));
     }
     if (pell_image_to_float(ctx, image) != PELL_OK)

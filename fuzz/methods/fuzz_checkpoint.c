@@ -35,7 +35,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct pt_film films[2];
     enum pell_result res;
 
-    if (pell_context_create(&(struct pell_context_params){ .log = count_errors, .log_user = &errors }, &ctx) != PELL_OK)
+    if (pell_context_create(&(struct pell_context_params) { .log = count_errors, .log_user = &errors }, &ctx) != PELL_OK)
         return 0;
     res = pt_checkpoint_decode(ctx, "fuzz", data, size, &key, films);
     require((res == PELL_OK) == (errors == 0) && errors <= 1);

@@ -32,8 +32,8 @@ static void check_printed(struct pell_context *ctx, const struct pell_method *me
     void *again;
 
     for (const struct pell_knob *k = method->knobs; k->type; k++) {
-        length += (size_t) snprintf(text + length, sizeof(text) - length, "%s=%s ", k->name,
-                                    pell_knob_format(k, knobs, value, sizeof(value)));
+        length +=
+            (size_t) snprintf(text + length, sizeof(text) - length, "%s=%s ", k->name, pell_knob_format(k, knobs, value, sizeof(value)));
         require(length < sizeof(text));
     }
     require(pell_method_knobs_create(ctx, method, text, &again) == PELL_OK);

@@ -89,7 +89,7 @@ static struct pell_medium some_medium(struct bytes *in)
 static struct pell_profile_params some_params(struct bytes *in)
 {
     const unsigned flags = next_byte(in);
-    struct pell_profile_params params = { .fresnel = (enum pell_fresnel_model) (flags & 3), .without_single = flags & 4 };
+    struct pell_profile_params params = { .fresnel = (enum pell_fresnel_model)(flags & 3), .without_single = flags & 4 };
 
     if (flags & 8)
         params.roughness = number(in, 0.0, 1.0);
@@ -392,7 +392,8 @@ static void try_stack_gaussians(struct bytes *in)
 static void try_phase(struct bytes *in)
 {
     const struct pell_phase p = { .kind = (enum pell_phase_kind) whole(in, 0, PELL_PHASE_KINDS),
-                                  .g = { signed_number(in, PELL_G_MAX), signed_number(in, PELL_G_MAX) }, .weight = number(in, 0.0, 1.0) };
+                                  .g = { signed_number(in, PELL_G_MAX), signed_number(in, PELL_G_MAX) },
+                                  .weight = number(in, 0.0, 1.0) };
     const double cosine = signed_number(in, 1.0), xi = number(in, 0.0, 1.0), xi2 = number(in, 0.0, 1.0), w_i[3] = { 0.0, 0.6, -0.8 };
     const double k = pell_phase_schlick_k(cosine);
     struct pell_medium_fault fault;
@@ -513,8 +514,10 @@ static void try_kernel(struct bytes *in)
 {
     enum { TEXELS = 32 };
     const double end = number(in, 0.0, 1e6);
-    const struct pell_separable_params params = { .taps = whole(in, 0, PELL_KERNEL_TAPS_MAX + 2), .rank = whole(in, 0, 4),
-                                                  .extent_mm = number(in, 0.0, 1e6), .spread = number(in, 1.0, 4.0) };
+    const struct pell_separable_params params = { .taps = whole(in, 0, PELL_KERNEL_TAPS_MAX + 2),
+                                                  .rank = whole(in, 0, 4),
+                                                  .extent_mm = number(in, 0.0, 1e6),
+                                                  .spread = number(in, 1.0, 4.0) };
     struct pell_separable *kernel = malloc(sizeof(*kernel));
     struct pell_profile *p = malloc(3 * sizeof(*p));
     float texel[TEXELS];
@@ -545,9 +548,9 @@ static void try_kernel(struct bytes *in)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static void (*const tries[])(struct bytes *) = { try_profile, try_table, try_dipole,    try_fit,      try_shared_fit,
-                                                     try_stack,   try_hankel, try_stack_gaussians, try_phase, try_inversion,
-                                                     try_material, try_skin, try_kernel };
+    static void (*const tries[])(struct bytes *) = { try_profile,  try_table,  try_dipole,          try_fit,   try_shared_fit,
+                                                     try_stack,    try_hankel, try_stack_gaussians, try_phase, try_inversion,
+                                                     try_material, try_skin,   try_kernel };
     struct bytes in = { data, data + size };
 
     tries[next_byte(&in) % (sizeof(tries) / sizeof(tries[0]))](&in);

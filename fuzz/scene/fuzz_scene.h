@@ -57,8 +57,8 @@ static inline enum pell_result read_nothing(void *user, struct pell_context *ctx
 
 /* Loads the bytes as the file `name`; other files come from `read` (NULL: there are none). */
 static inline void load(const char *name, const uint8_t *data, size_t size,
-                 enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size),
-                 const struct pell_load_params *params)
+                        enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size),
+                        const struct pell_load_params *params)
 {
     struct pell_limits limits;
     int errors = 0;

@@ -65,17 +65,17 @@ struct pell_compare_input {
     ptrdiff_t stride; /* floats from row to row, of every plane */
     /* Linear Rec.709 in any unit of light; the three pointers may be one. */
     const float *test[3], *reference[3];
-    const float *half[3]; /* NULL, or the other half of the reference: `reference` is the first */
+    const float *half[3];     /* NULL, or the other half of the reference: `reference` is the first */
     const float *variance[3]; /* NULL, or the reference's, squared standard errors; not looked at where there are halves */
-    const float *mask;    /* NULL: every pixel counts */
-    bool display;         /* numbers are what a display shows, in [0, 1]: no exposure, no curve, no HDR-FLIP */
+    const float *mask;        /* NULL: every pixel counts */
+    bool display;             /* numbers are what a display shows, in [0, 1]: no exposure, no curve, no HDR-FLIP */
 };
 
 struct pell_metrics {
-    int64_t pixels; /* that count; 0: all numbers are 0 */
-    double mse, rel_mse; /* without the reference's noise, not below 0; rel_mse is infinite where the reference is all black */
-    double noise_mse, noise_rel_mse; /* what was taken off: 0 without halves or a variance */
-    double floor;        /* e of rel_mse, in the unit of the pictures */
+    int64_t pixels;                   /* that count; 0: all numbers are 0 */
+    double mse, rel_mse;              /* without the reference's noise, not below 0; rel_mse is infinite where the reference is all black */
+    double noise_mse, noise_rel_mse;  /* what was taken off: 0 without halves or a variance */
+    double floor;                     /* e of rel_mse, in the unit of the pictures */
     double mae, bias[3], rel_bias[3]; /* rel_bias: 0 where the reference's mean is */
     double ssim, ssim_rgb[3];
     double flip, flip_hdr; /* flip_hdr: 0 of display pictures */

@@ -50,27 +50,27 @@ struct pell_allocator {
 
 /* What files may make the library allocate or do. Defaults, ranges and help: pell_limit_knobs(). */
 struct pell_limits {
-    int64_t file_bytes;      /* of one file */
-    int64_t memory_bytes;    /* all that a context has allocated at one time */
-    int64_t image_pixels;    /* of one image */
-    int64_t vertices;        /* of a scene, after instancing */
-    int64_t triangles;       /* of a scene, after instancing */
-    int nodes;               /* of one file, and after instancing */
-    int depth;               /* of hierarchies and of nested JSON */
-    int items;               /* meshes, materials, textures, accessors, lights: of each kind */
-    int warnings;            /* of one kind that are logged; the rest is counted */
+    int64_t file_bytes;   /* of one file */
+    int64_t memory_bytes; /* all that a context has allocated at one time */
+    int64_t image_pixels; /* of one image */
+    int64_t vertices;     /* of a scene, after instancing */
+    int64_t triangles;    /* of a scene, after instancing */
+    int nodes;            /* of one file, and after instancing */
+    int depth;            /* of hierarchies and of nested JSON */
+    int items;            /* meshes, materials, textures, accessors, lights: of each kind */
+    int warnings;         /* of one kind that are logged; the rest is counted */
 };
 
 /* The rows of struct pell_limits, ending with {0}. Constant data; thread-safe. */
 PELL_API const struct pell_knob *pell_limit_knobs(void);
 
 struct pell_context_params {
-    pell_log_fn log;              /* may be NULL; it and its user pointer stay first in every version */
+    pell_log_fn log; /* may be NULL; it and its user pointer stay first in every version */
     void *log_user;
     enum pell_log_level log_level; /* messages above it are not reported; 0 is PELL_LOG_INFO where a log is given */
-    pell_progress_fn progress;    /* may be NULL */
+    pell_progress_fn progress;     /* may be NULL */
     void *progress_user;
-    struct pell_allocator allocator; /* {0}: the C library's */
+    struct pell_allocator allocator;  /* {0}: the C library's */
     const struct pell_limits *limits; /* copied; NULL: the defaults */
 };
 

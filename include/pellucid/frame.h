@@ -36,13 +36,13 @@ struct pell_frame_material {
 
 /* What is known before any pixel: a pass is made for one shape and lives while it holds. */
 struct pell_frame_shape {
-    int width, height;      /* px, [1, 65536] */
-    ptrdiff_t stride;       /* floats from row to row, >= width */
+    int width, height; /* px, [1, 65536] */
+    ptrdiff_t stride;  /* floats from row to row, >= width */
     bool orthographic;
-    float focal_px;         /* perspective: pixels per mm at depth d is focal_px / d; orthographic: pixels per mm */
-    float object_height;    /* mm, of what is looked at: the unit of depth in papers that count it in object heights */
+    float focal_px;      /* perspective: pixels per mm at depth d is focal_px / d; orthographic: pixels per mm */
+    float object_height; /* mm, of what is looked at: the unit of depth in papers that count it in object heights */
     const struct pell_frame_material *materials;
-    size_t num_materials;   /* [1, PELL_FRAME_MATERIALS] */
+    size_t num_materials; /* [1, PELL_FRAME_MATERIALS] */
 };
 
 struct pell_view;
@@ -51,22 +51,22 @@ struct pell_frame {
     struct pell_frame_shape shape;
 
     /* Facts of this sample of the frame. A caller with planes of its own may leave all of them 0. */
-    int sample, num_samples;  /* number of the multisample in [0, num_samples), and how many the frame has */
-    bool first;               /* the frame's first sample that the method runs for: samples without a translucent pixel are skipped */
-    uint32_t seed;            /* of the method's own random numbers */
-    uint64_t lights_revision; /* changes whenever the scene's lights or their samples change; 0: no scene */
+    int sample, num_samples;      /* number of the multisample in [0, num_samples), and how many the frame has */
+    bool first;                   /* the frame's first sample that the method runs for: samples without a translucent pixel are skipped */
+    uint32_t seed;                /* of the method's own random numbers */
+    uint64_t lights_revision;     /* changes whenever the scene's lights or their samples change; 0: no scene */
     const struct pell_view *view; /* camera of this sample, private to the library; NULL: no scene */
 
     /* The pixels: planes, one row each of pell_plane_at. */
-    struct pell_rect rect;      /* holds every pixel whose material is not 0, inside the picture */
-    const uint16_t *material;   /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0 */
-    const float *depth;         /* mm along the view axis, > 0 */
-    const float *strength;      /* scales the scattering radius, [0, 1]; NULL: 1 */
-    const float *base[3];       /* base colour, where the material is `white`; elsewhere anything. NULL: not known */
-    const float *irradiance[3]; /* light that entered, with albedo^m: W/m^2 */
-    const float *shaded[3];        /* the composited picture without scattering: W/(m^2 sr) */
-    const float *normal[3];     /* unit, shading */
-    const float *position[3];   /* mm */
+    struct pell_rect rect;           /* holds every pixel whose material is not 0, inside the picture */
+    const uint16_t *material;        /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0 */
+    const float *depth;              /* mm along the view axis, > 0 */
+    const float *strength;           /* scales the scattering radius, [0, 1]; NULL: 1 */
+    const float *base[3];            /* base colour, where the material is `white`; elsewhere anything. NULL: not known */
+    const float *irradiance[3];      /* light that entered, with albedo^m: W/m^2 */
+    const float *shaded[3];          /* the composited picture without scattering: W/(m^2 sr) */
+    const float *normal[3];          /* unit, shading */
+    const float *position[3];        /* mm */
     const uint32_t *mesh, *triangle; /* of the scene, that is seen */
     const float *barycentric[2];     /* u, v: the point is (1 - u - v) p0 + u p1 + v p2 */
 };
@@ -102,15 +102,15 @@ enum pell_plane_format { PELL_PLANE_F32, PELL_PLANE_U16, PELL_PLANE_U32 };
 
 /* What is to know of a plane. The row is the only home of these facts: allocation, hand-over and checks read it. */
 struct pell_plane_info {
-    const char *name;  /* of the member of struct pell_frame or struct pell_frame_light */
-    const char *unit;  /* "1" for a pure number */
-    int components;    /* [1, 3]: as many pointers, each to a plane of its own */
+    const char *name; /* of the member of struct pell_frame or struct pell_frame_light */
+    const char *unit; /* "1" for a pure number */
+    int components;   /* [1, 3]: as many pointers, each to a plane of its own */
     enum pell_plane_format format;
-    unsigned need;     /* the frame has it for methods that ask for one of these bits of enum pell_need; 0: always */
-    unsigned output;   /* the method writes it where its plan has one of these bits of enum pell_output; 0: always, where `of_light` */
-    bool optional;     /* may be NULL even where it is asked for */
-    bool of_light;     /* a member of struct pell_frame_light */
-    size_t offset;     /* of the first pointer, in its struct */
+    unsigned need;   /* the frame has it for methods that ask for one of these bits of enum pell_need; 0: always */
+    unsigned output; /* the method writes it where its plan has one of these bits of enum pell_output; 0: always, where `of_light` */
+    bool optional;   /* may be NULL even where it is asked for */
+    bool of_light;   /* a member of struct pell_frame_light */
+    size_t offset;   /* of the first pointer, in its struct */
 };
 
 /* NULL for a number that is no plane. Constant; thread-safe. */

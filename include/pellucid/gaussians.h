@@ -20,7 +20,7 @@ extern "C" {
 
 /* R_c(r) = Sum_i weight[i][c] exp(-r^2/(2 variance[i])) / (2 pi variance[i]); variances shared by the channels and rising. */
 struct pell_gaussians {
-    int count; /* 1..PELL_GAUSSIANS_MAX; 0: none */
+    int count;                            /* 1..PELL_GAUSSIANS_MAX; 0: none */
     double variance[PELL_GAUSSIANS_MAX];  /* mm^2 */
     double weight[PELL_GAUSSIANS_MAX][3]; /* Sum over i = the channel's total reflectance */
 };
@@ -33,8 +33,7 @@ PELL_API double pell_gaussians_total(const struct pell_gaussians *g, int channel
 
 /* One channel as a profile, in closed form: values, transform, share inside a radius. PELL_ERR_INVALID (and *out zero) for a channel,
  * count or variance out of range, a weight outside [0, 1], or a total over 1 by more than PELL_PROFILE_TOTAL_SLACK. */
-PELL_API PELL_NODISCARD enum pell_result pell_profile_from_gaussians(const struct pell_gaussians *g, int channel,
-                                                                     struct pell_profile *out);
+PELL_API PELL_NODISCARD enum pell_result pell_profile_from_gaussians(const struct pell_gaussians *g, int channel, struct pell_profile *out);
 
 /* What a fit reports: error (10) of d'Eon et al. 2007, sqrt(Int r (R - G)^2 dr) / sqrt(Int r R^2 dr), as a fraction. */
 struct pell_fit_report {

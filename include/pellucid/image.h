@@ -62,7 +62,7 @@ PELL_API void pell_image_finish(struct pell_context *ctx, struct pell_image *ima
 
 /* One channel over the display window, top row first; 0 outside the data window. Numbers as they are in the file: may be infinite, NaN. */
 struct pell_layer {
-    char *name; /* "R", "diffuse.multiple.G"; of a file with several parts: "part.R" */
+    char *name;  /* "R", "diffuse.multiple.G"; of a file with several parts: "part.R" */
     float *data; /* width * height */
 };
 

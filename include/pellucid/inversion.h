@@ -108,9 +108,10 @@ struct pell_color_and_radius {
 /* The medium whose profile of this model has these colours. *out is zero on failure, *fault (may be NULL) names "color[1]", "radius[0]",
  * "g[2]", "eta" or "kind" with its value and what would do. A diffuse mean free path has no medium at the largest colour, where it is
  * infinite: its radius is refused. `params` may be NULL. */
-PELL_API PELL_NODISCARD enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_radius *look, enum pell_profile_model model,
-                                                               const struct pell_profile_params *params, struct pell_medium *out,
-                                                               struct pell_medium_fault *fault);
+PELL_API PELL_NODISCARD enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_radius *look,
+                                                                           enum pell_profile_model model,
+                                                                           const struct pell_profile_params *params,
+                                                                           struct pell_medium *out, struct pell_medium_fault *fault);
 /* The same by a closed map: the coefficients that another program gives a material of this colour and radius. */
 PELL_API PELL_NODISCARD enum pell_result pell_medium_from_map(const struct pell_color_and_radius *look, enum pell_albedo_map map,
                                                               struct pell_medium *out, struct pell_medium_fault *fault);

@@ -44,10 +44,10 @@ PELL_API PELL_NODISCARD enum pell_result pell_kernel_chain_make(const struct pel
 #define PELL_KERNEL_RANK_MAX 3
 
 struct pell_separable_params {
-    int taps;          /* odd, 3..PELL_KERNEL_TAPS_MAX; 0: 25 */
-    int rank;          /* 1..PELL_KERNEL_RANK_MAX pairs of passes; 0: 1 */
-    double extent_mm;  /* half the width; 0: the largest radius with 98 % of a channel's light inside it */
-    double spread;     /* [1, 4]: offsets grow as |i|^spread, so that taps are dense near the centre; 0: 2 */
+    int taps;         /* odd, 3..PELL_KERNEL_TAPS_MAX; 0: 25 */
+    int rank;         /* 1..PELL_KERNEL_RANK_MAX pairs of passes; 0: 1 */
+    double extent_mm; /* half the width; 0: the largest radius with 98 % of a channel's light inside it */
+    double spread;    /* [1, 4]: offsets grow as |i|^spread, so that taps are dense near the centre; 0: 2 */
 };
 
 /* R(sqrt(x^2 + y^2)) ~ Sum_k sign[k][c] a_kc(x) a_kc(y), the best of its rank in the squares of the differences (an eigenvalue problem, as

@@ -32,7 +32,7 @@ enum pell_knob_type {
 };
 
 struct pell_knob {
-    const char *name;           /* stable, [a-z0-9-]+ */
+    const char *name; /* stable, [a-z0-9-]+ */
     enum pell_knob_type type;
     const char *unit;           /* "1" for a pure number, "mm", "px", ... */
     size_t offset;              /* of the field in the values struct */

@@ -101,10 +101,10 @@ PELL_API PELL_NODISCARD enum pell_result pell_stack_profile(const struct pell_st
 
 /* How the algebra of Gaussians is done; zeroes are the defaults. */
 struct pell_stack_gaussians_params {
-    bool analytic;      /* slabs by the closed-form pole fits of appendix A (energy kept): signed poles, so signed weights, too */
-    double variance;    /* of the narrow Gaussian, mm^2; 0: the least of (d'Eon's bound, sharpened) min(l, d - l)^2/64 over layers */
-    int block;          /* powers 0..block one by one, then in octaves of block/2: even, 8..PELL_STACK_BLOCK_MAX; 0: 32 */
-    double energy_loss; /* at which the series over bounces between layers ends, [1e-15, 0.1]; 0: 1e-6 */
+    bool analytic;         /* slabs by the closed-form pole fits of appendix A (energy kept): signed poles, so signed weights, too */
+    double variance;       /* of the narrow Gaussian, mm^2; 0: the least of (d'Eon's bound, sharpened) min(l, d - l)^2/64 over layers */
+    int block;             /* powers 0..block one by one, then in octaves of block/2: even, 8..PELL_STACK_BLOCK_MAX; 0: 32 */
+    double energy_loss;    /* at which the series over bounces between layers ends, [1e-15, 0.1]; 0: 1e-6 */
     bool reflectance_only; /* R+ alone, at less than half the cost; the other parts are empty */
 };
 
@@ -115,11 +115,11 @@ struct pell_stack_gaussians_params {
 /* One channel's responses as sets of Gaussians with common variances, all multiples of the narrow one, and weights >= 0 (but for
  * `analytic`). 130 KiB. */
 struct pell_stack_sets {
-    double narrow;   /* the variance of the narrow Gaussian, mm^2 */
-    int count;       /* Gaussians of each set */
-    int terms;       /* of the longest series over bounces */
-    unsigned flags;  /* enum pell_stack_flags */
-    double clipped;  /* largest share of a part in negative weights that became 0 (the rest is scaled to the total): what error remains
+    double narrow;  /* the variance of the narrow Gaussian, mm^2 */
+    int count;      /* Gaussians of each set */
+    int terms;      /* of the longest series over bounces */
+    unsigned flags; /* enum pell_stack_flags */
+    double clipped; /* largest share of a part in negative weights that became 0 (the rest is scaled to the total): what error remains
                         where a thin slab lies under a strongly reflecting boundary, whose R(r) is negative far out */
     double variance[PELL_STACK_SET_MAX]; /* mm^2, rising, > 0 */
     double weight[PELL_STACK_PARTS][PELL_STACK_SET_MAX];

@@ -45,21 +45,21 @@ struct pell_material_layers {
 
 /* One entry of data/materials, built in. Constant data. */
 struct pell_material_entry {
-    const char *name;   /* "wholemilk" */
-    const char *title;  /* "Whole milk" */
+    const char *name;  /* "wholemilk" */
+    const char *title; /* "Whole milk" */
     enum pell_material_kind kind;
-    const char *family; /* whose numbers these are: "Jensen et al. 2001", or "artistic"; lists are grouped by it; may be "" */
-    struct pell_medium medium;         /* MEDIUM at `concentration`; else eta only, coefficients 0 */
-    double concentration;              /* MEDIUM: strength relative to what was given, 1 where nobody diluted it; else 0 */
-    double dilution;                   /* how many times the sample was diluted when it was measured; 0: not that kind of measurement */
-    struct pell_gaussians gaussians;   /* not MEDIUM */
+    const char *family;              /* whose numbers these are: "Jensen et al. 2001", or "artistic"; lists are grouped by it; may be "" */
+    struct pell_medium medium;       /* MEDIUM at `concentration`; else eta only, coefficients 0 */
+    double concentration;            /* MEDIUM: strength relative to what was given, 1 where nobody diluted it; else 0 */
+    double dilution;                 /* how many times the sample was diluted when it was measured; 0: not that kind of measurement */
+    struct pell_gaussians gaussians; /* not MEDIUM */
     struct pell_material_layers layers; /* LAYERS */
-    double color[3];         /* what it looks like where nothing else says: diffuse reflectance or base colour, [0, 1] */
-    double roughness;        /* of its specular lobe, (0, 1] */
-    double mix;              /* mix exponent of a colour texture, [0, 1] */
-    bool color_from_texture; /* base colour textures apply (skin presets), else the profile's own colour */
-    const char *note;        /* "artistic", or what a user should know; may be "" */
-    const char *source;      /* where every number comes from */
+    double color[3];                    /* what it looks like where nothing else says: diffuse reflectance or base colour, [0, 1] */
+    double roughness;                   /* of its specular lobe, (0, 1] */
+    double mix;                         /* mix exponent of a colour texture, [0, 1] */
+    bool color_from_texture;            /* base colour textures apply (skin presets), else the profile's own colour */
+    const char *note;                   /* "artistic", or what a user should know; may be "" */
+    const char *source;                 /* where every number comes from */
 };
 
 /* The built-in materials, sorted by name; NULL for an index of pell_material_count() or more. Constant data. */

@@ -16,9 +16,9 @@
 extern "C" {
 #endif
 
-#define PELL_SIGMA_MAX 1e6   /* largest coefficient: a mean free path of a nanometre */
+#define PELL_SIGMA_MAX 1e6    /* largest coefficient: a mean free path of a nanometre */
 #define PELL_SIGMA_T_MIN 1e-6 /* smallest sigma_a + sigma_s_reduced: a mean free path of a kilometre */
-#define PELL_G_MAX 0.9999    /* largest |g| */
+#define PELL_G_MAX 0.9999     /* largest |g| */
 #define PELL_ETA_MIN 0.25
 #define PELL_ETA_MAX 4.0
 

@@ -25,16 +25,16 @@ enum pell_quantity { PELL_QUANTITY_EXITANCE, PELL_QUANTITY_RADIANCE };
 
 /* What a method reads of a frame, beside its shape, rect, material and depth. */
 enum pell_need {
-    PELL_NEED_IRRADIANCE = 1 << 0, /* light that entered the surface, W/m^2 */
-    PELL_NEED_SHADED = 1 << 1,        /* the image without scattering, radiance: for methods that blur what is already shaded */
-    PELL_NEED_STRENGTH = 1 << 2,   /* what scales the scattering radius; may be NULL on a caller's planes, too: 1 everywhere */
-    PELL_NEED_NORMAL = 1 << 3,     /* the unit shading normal */
-    PELL_NEED_POSITION = 1 << 4,   /* the point that is seen, mm */
+    PELL_NEED_IRRADIANCE = 1 << 0,   /* light that entered the surface, W/m^2 */
+    PELL_NEED_SHADED = 1 << 1,       /* the image without scattering, radiance: for methods that blur what is already shaded */
+    PELL_NEED_STRENGTH = 1 << 2,     /* what scales the scattering radius; may be NULL on a caller's planes, too: 1 everywhere */
+    PELL_NEED_NORMAL = 1 << 3,       /* the unit shading normal */
+    PELL_NEED_POSITION = 1 << 4,     /* the point that is seen, mm */
     PELL_NEED_TRANSMISSION = 1 << 5, /* not read by the method: the renderer makes light from behind with the method's thickness tables and
                                  * adds it to M in the composite */
-    PELL_NEED_SCENE = 1 << 6,   /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
+    PELL_NEED_SCENE = 1 << 6,        /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
                                  * frames only, not on a caller's planes */
-    PELL_NEED_HIT = 1 << 7,     /* with PELL_NEED_SCENE: which point of which triangle a pixel sees */
+    PELL_NEED_HIT = 1 << 7,          /* with PELL_NEED_SCENE: which point of which triangle a pixel sees */
 };
 
 enum pell_output {
@@ -45,11 +45,11 @@ enum pell_output {
 /* What a set of knobs asks of the frame, and what comes out. */
 struct pell_plan {
     unsigned needs;
-    unsigned outputs; /* parts that can be had apart, of PELL_QUANTITY_RADIANCE */
-    bool excludes_surface_reflection;     /* radiance of light that entered alone: the composite adds its specular lobe, as it does to
+    unsigned outputs;                 /* parts that can be had apart, of PELL_QUANTITY_RADIANCE */
+    bool excludes_surface_reflection; /* radiance of light that entered alone: the composite adds its specular lobe, as it does to
                                            * exitance */
     enum pell_quantity quantity;
-    float mix; /* mix exponent for all materials; negative: each material's own */
+    float mix;                  /* mix exponent for all materials; negative: each material's own */
     bool survives_light_change; /* with PELL_NEED_SCENE: lives on when the lights change, which struct pell_frame.lights_revision tells */
 };
 
@@ -57,17 +57,17 @@ struct pell_plan {
 struct pell_pass_time {
     const char *name; /* constant */
     double seconds;
-    int64_t pixels;   /* that the pass wrote */
-    int64_t bytes;    /* that it must read and write at least once */
-    int64_t rays;     /* that it traced */
+    int64_t pixels; /* that the pass wrote */
+    int64_t bytes;  /* that it must read and write at least once */
+    int64_t rays;   /* that it traced */
 };
 
 struct pell_method {
     enum pell_method_kind kind;
-    const char *name;   /* stable id, [a-z0-9-]+; its folder uses underscores */
-    const char *title;  /* for people */
-    const char *cite;   /* authors, title, venue, year */
-    const char *limits; /* what it can't do, a sentence or two */
+    const char *name;              /* stable id, [a-z0-9-]+; its folder uses underscores */
+    const char *title;             /* for people */
+    const char *cite;              /* authors, title, venue, year */
+    const char *limits;            /* what it can't do, a sentence or two */
     const struct pell_knob *knobs; /* ends with {0}; a row called "as" (enum "best", "paper") comes first */
     size_t knobs_size;
     void (*paper)(void *knobs); /* changes the defaults to what the paper ran */

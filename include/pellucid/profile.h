@@ -64,7 +64,7 @@ PELL_API bool pell_profile_model_find(const char *name, enum pell_profile_model 
 /* --- A profile ---------------------------------------------------------------------------------------------------------------- */
 
 #define PELL_PROFILE_NODES 512
-#define PELL_PROFILE_PARAMETERS 40 /* of a closed form: a count and two for each of PELL_GAUSSIANS_MAX Gaussians take 21 */
+#define PELL_PROFILE_PARAMETERS 40    /* of a closed form: a count and two for each of PELL_GAUSSIANS_MAX Gaussians take 21 */
 #define PELL_PROFILE_TOTAL_SLACK 1e-6 /* how much more than 1 a total given from outside may be: rounded weights and tables */
 
 /* What a profile is made of inside; callers read none of it but through the functions below. */
@@ -79,10 +79,10 @@ enum pell_profile_kind {
 /* One channel's R(r): the flux that leaves at a distance r from where a unit of flux entered, 1/mm^2; R >= 0, Int 2 pi r R dr <= 1.
  * A value of fixed size (20 KiB) without pointers: copy it, keep it, nothing to free. The fields belong to the library. */
 struct pell_profile {
-    int kind;         /* enum pell_profile_kind */
-    double total;     /* Int_0^inf 2 pi r R dr, [0, 1] */
+    int kind;                                  /* enum pell_profile_kind */
+    double total;                              /* Int_0^inf 2 pi r R dr, [0, 1] */
     double parameter[PELL_PROFILE_PARAMETERS]; /* of a closed form */
-    int count;        /* nodes in use */
+    int count;                                 /* nodes in use */
     double r[PELL_PROFILE_NODES], value[PELL_PROFILE_NODES], slope[PELL_PROFILE_NODES];
     double inside[PELL_PROFILE_NODES]; /* flux inside r */
 };
@@ -109,9 +109,9 @@ struct pell_profile_fault {
     double value, min, max; /* value found (of "total": up to that row), and what is allowed */
 };
 
-#define PELL_PROFILE_RADIUS_MAX 1e12 /* mm */
-#define PELL_PROFILE_STEP_MIN 1e-12  /* mm between two rows, which may also be no closer than 1e-12 of the radius */
-#define PELL_PROFILE_R_MAX 1e24      /* 1/mm^2 */
+#define PELL_PROFILE_RADIUS_MAX 1e12  /* mm */
+#define PELL_PROFILE_STEP_MIN 1e-12   /* mm between two rows, which may also be no closer than 1e-12 of the radius */
+#define PELL_PROFILE_R_MAX 1e24       /* 1/mm^2 */
 #define PELL_PROFILE_TOTAL_MIN 1e-290 /* a profile with less light than this has none, whatever it is made of */
 
 /* A user's own table: `count` >= 2 rows of rising radius r_mm[0] >= 0 (mm) and R >= 0 (1/mm^2), interpolated by a cubic that is

@@ -37,16 +37,16 @@ struct pell_settings {
     int ambient_samples;
     int environment_lights;
     int64_t seed;
-    float exposure;  /* 0: key 0.18 over the log-average luminance of what is covered */
-    float white;     /* luminance after exposure that becomes display white; 0: the picture's largest */
+    float exposure;     /* 0: key 0.18 over the log-average luminance of what is covered */
+    float white;        /* luminance after exposure that becomes display white; 0: the picture's largest */
     float bloom;        /* share of the light that the lens scatters, [0, 1]; 0: none */
     float bloom_radius; /* of the wider of its two Gaussians: standard deviation, % of the picture's height */
     bool dof;           /* depth of field: the picture is seen through the camera's lens, one point of it a multisample */
-    int tonemap;  /* enum pell_tonemap */
-    int exit;     /* enum pell_exit_normalization */
-    int boundary; /* enum pell_boundary_model */
-    int profile;  /* of media: 0 for each material's own model, else 1 + enum pell_profile_model for all of them */
-    bool layers;  /* make every layer of struct pell_render_result, not only R, G, B, A */
+    int tonemap;        /* enum pell_tonemap */
+    int exit;           /* enum pell_exit_normalization */
+    int boundary;       /* enum pell_boundary_model */
+    int profile;        /* of media: 0 for each material's own model, else 1 + enum pell_profile_model for all of them */
+    bool layers;        /* make every layer of struct pell_render_result, not only R, G, B, A */
 };
 
 /* The rows of struct pell_settings, ending with {0}. Constant data; thread-safe. */
@@ -95,8 +95,8 @@ struct pell_render_result {
     const struct pell_stage_time *stages;
     size_t num_stages;
     double seconds;
-    int64_t invalid;      /* pixels that came out as NaN or infinite and were set to 0: 0 unless something is wrong */
-    float exposure;       /* that was applied */
+    int64_t invalid;       /* pixels that came out as NaN or infinite and were set to 0: 0 unless something is wrong */
+    float exposure;        /* that was applied */
     struct pell_rect rect; /* of translucent pixels */
     bool partial;          /* pell_context_interrupt ended it early: whole, but with fewer samples than were asked for */
 };

@@ -91,7 +91,7 @@ struct pell_material {
     struct pell_profile *profile; /* of R, G and B; the scene's */
     enum pell_profile_model model;
     struct pell_scene_layer *layers; /* top to bottom; the scene's. `gaussians` or `profile`: what they reflect at their mean depths */
-    int num_layers;            /* [0, PELL_LAYERS_MOST]; 0: one medium without a bottom */
+    int num_layers;                  /* [0, PELL_LAYERS_MOST]; 0: one medium without a bottom */
     enum pell_substrate substrate;
     enum pell_color_from color_from;
     float mix;                            /* m: albedo^m going in, albedo^(1-m) coming out, [0, 1] */
@@ -101,13 +101,13 @@ struct pell_material {
     /* The surface. */
     float base_color[4]; /* linear; alpha is compared with alpha_cutoff where alpha_mask */
     struct pell_texture_map base_color_map;
-    float metallic, roughness;               /* [0, 1]; roughness is perceptual: alpha = roughness^2 */
-    struct pell_texture_map metallic_map;    /* `channel` */
-    struct pell_texture_map roughness_map;   /* `channel` */
+    float metallic, roughness;             /* [0, 1]; roughness is perceptual: alpha = roughness^2 */
+    struct pell_texture_map metallic_map;  /* `channel` */
+    struct pell_texture_map roughness_map; /* `channel` */
     enum pell_specular_model specular;
-    float rho_s;                             /* scales the specular lobe, [0, 1] */
-    float specular_color[3];                 /* tints it */
-    struct pell_texture_map rho_s_map;       /* `channel` */
+    float rho_s;                       /* scales the specular lobe, [0, 1] */
+    float specular_color[3];           /* tints it */
+    struct pell_texture_map rho_s_map; /* `channel` */
     struct pell_texture_map specular_color_map;
     struct pell_texture_map normal_map;
     float normal_scale;
@@ -130,16 +130,16 @@ enum pell_light_type {
 struct pell_light {
     enum pell_light_type type;
     char *name;
-    float position[3];                /* mm; not for directional and environment */
-    float direction[3];               /* unit, the way the light goes */
-    float up[3];                      /* unit, at right angles to direction: the v axis of a rect and of pictures points against it */
-    float power[3];                   /* see the types */
-    float cos_inner, cos_outer;       /* spot: full power inside, none outside, smooth between */
-    float width, height, radius;      /* mm; rect, disc */
-    float range;                      /* mm, 0: none (KHR_lights_punctual's cut-off) */
-    struct pell_texture *image;       /* environment: latitude-longitude, +y up, its centre at -z; others: projected. May be NULL */
-    float image_fov;                  /* of a projected image, vertical, radians; spot: 0 takes the cone */
-    float rotate;                     /* environment: radians about y */
+    float position[3];           /* mm; not for directional and environment */
+    float direction[3];          /* unit, the way the light goes */
+    float up[3];                 /* unit, at right angles to direction: the v axis of a rect and of pictures points against it */
+    float power[3];              /* see the types */
+    float cos_inner, cos_outer;  /* spot: full power inside, none outside, smooth between */
+    float width, height, radius; /* mm; rect, disc */
+    float range;                 /* mm, 0: none (KHR_lights_punctual's cut-off) */
+    struct pell_texture *image;  /* environment: latitude-longitude, +y up, its centre at -z; others: projected. May be NULL */
+    float image_fov;             /* of a projected image, vertical, radians; spot: 0 takes the cone */
+    float rotate;                /* environment: radians about y */
 };
 
 struct pell_camera {
@@ -187,27 +187,27 @@ struct pell_scene {
     size_t num_options;
 
     /* private */
-    bool animated;                          /* some file of it has animations */
-    bool from_file;                         /* bad values are a file's fault, not the caller's */
-    size_t capacity[6];                     /* of the arrays above */
+    bool animated;                           /* some file of it has animations */
+    bool from_file;                          /* bad values are a file's fault, not the caller's */
+    size_t capacity[6];                      /* of the arrays above */
     int64_t total_vertices, total_triangles; /* allocated so far, against the limits */
-    uint32_t *texture_slots;                /* hash of texture keys, holds index + 1 */
+    uint32_t *texture_slots;                 /* hash of texture keys, holds index + 1 */
     size_t num_texture_slots;
 };
 
 /* --- Reading ------------------------------------------------------------------------------------------------------------------ */
 
 struct pell_load_params {
-    double mm_per_unit;   /* > 0: what one unit of the file is; 0: the format's own (glTF 1 m), else refused */
-    double size_mm;       /* > 0: scale so that the largest extent of the bounds is this; not with mm_per_unit */
-    const char *material; /* built-in name or material file for everything; NULL: as the file says, marble where it says nothing */
-    const char *camera;   /* name of a camera of the file; NULL: its first, else framing from the bounds */
-    double time;          /* seconds into an animation of glTF files, which holds its first pose before it begins and its last after */
-    bool timed;           /* `time` is given, though it may be 0: it stands above a scene file's. Without any time rest poses are drawn */
+    double mm_per_unit;    /* > 0: what one unit of the file is; 0: the format's own (glTF 1 m), else refused */
+    double size_mm;        /* > 0: scale so that the largest extent of the bounds is this; not with mm_per_unit */
+    const char *material;  /* built-in name or material file for everything; NULL: as the file says, marble where it says nothing */
+    const char *camera;    /* name of a camera of the file; NULL: its first, else framing from the bounds */
+    double time;           /* seconds into an animation of glTF files, which holds its first pose before it begins and its last after */
+    bool timed;            /* `time` is given, though it may be 0: it stands above a scene file's. Without any time rest poses are drawn */
     const char *animation; /* which one: its name in the file, or its number from 0; NULL: as a scene file says, else the first */
-    float aspect;         /* width / height of the picture, for framing; 0: 16/9 */
-    bool allow_outside;   /* let files refer to files outside the scene's folder */
-    bool bare;            /* add no default lights, no default camera, no ground: `check` */
+    float aspect;          /* width / height of the picture, for framing; 0: 16/9 */
+    bool allow_outside;    /* let files refer to files outside the scene's folder */
+    bool bare;             /* add no default lights, no default camera, no ground: `check` */
 };
 
 /* Reads .gltf, .glb, .obj, .ply or a scene .json (told apart by content where it can be), completes it: normals, tangents where maps
@@ -234,9 +234,9 @@ struct pell_object_report {
     int components;
     bool closed, outward; /* outward: positive enclosed volume */
     double volume_mm3, area_mm2;
-    double thickness_mm;  /* 2 * volume / area scaled: a mean thickness; 0 where open */
-    bool holds_camera;    /* closed, and the first camera stands inside it */
-    int coincident;       /* index of an earlier object whose surface lies exactly here; -1: none */
+    double thickness_mm; /* 2 * volume / area scaled: a mean thickness; 0 where open */
+    bool holds_camera;   /* closed, and the first camera stands inside it */
+    int coincident;      /* index of an earlier object whose surface lies exactly here; -1: none */
 };
 
 struct pell_scene_report {

@@ -14,7 +14,7 @@
 /* In front of every block; a whole alignment unit, so that the block keeps its alignment. */
 struct header {
     size_t size;
-    size_t mapped;  /* bytes of the system's pages from `pages` on, of which it is a part; 0: the allocator's */
+    size_t mapped; /* bytes of the system's pages from `pages` on, of which it is a part; 0: the allocator's */
     void *pages;
     char pad[64 - 2 * sizeof(size_t) - sizeof(void *)];
 };

@@ -16,10 +16,10 @@
 
 /* Evaluates `expr`; on failure keeps it in `res` (which the function declares) and jumps to its label `fail`. The only macro that
  * hides control flow. */
-#define PELL_TRY(expr)                                                                                                             \
-    do {                                                                                                                           \
-        if ((res = (expr)) != PELL_OK)                                                                                             \
-            goto fail;                                                                                                             \
+#define PELL_TRY(expr)                                                                                                                     \
+    do {                                                                                                                                   \
+        if ((res = (expr)) != PELL_OK)                                                                                                     \
+            goto fail;                                                                                                                     \
     } while (0)
 
 #define PELL_COUNT(array) (sizeof(array) / sizeof((array)[0]))
@@ -44,17 +44,17 @@ void pell_interruptible(struct pell_context *ctx, int change);
 
 /* --- alloc.c: NULL and one logged message where there is no memory or the context's limit is reached ------------------------ */
 
-void *pell_alloc(struct pell_context *ctx, size_t size);                        /* uninitialised, 64-byte aligned; size 0 gives a pointer */
-void *pell_zalloc(struct pell_context *ctx, size_t size);                       /* zeroed */
-void *pell_calloc(struct pell_context *ctx, size_t count, size_t size);         /* zeroed, checked against overflow */
-void *pell_alloc_array(struct pell_context *ctx, size_t count, size_t size);    /* uninitialised, checked against overflow */
+void *pell_alloc(struct pell_context *ctx, size_t size);                     /* uninitialised, 64-byte aligned; size 0 gives a pointer */
+void *pell_zalloc(struct pell_context *ctx, size_t size);                    /* zeroed */
+void *pell_calloc(struct pell_context *ctx, size_t count, size_t size);      /* zeroed, checked against overflow */
+void *pell_alloc_array(struct pell_context *ctx, size_t count, size_t size); /* uninitialised, checked against overflow */
 /* Grows (or shrinks) an array; `ptr` may be NULL. On failure NULL, and `ptr` is still valid. */
 void *pell_realloc_array(struct pell_context *ctx, void *ptr, size_t count, size_t size);
-void pell_free(struct pell_context *ctx, void *ptr);                            /* ptr may be NULL */
+void pell_free(struct pell_context *ctx, void *ptr); /* ptr may be NULL */
 char *pell_strdup(struct pell_context *ctx, const char *text);
 char *pell_strndup(struct pell_context *ctx, const char *text, size_t length);
-size_t pell_memory_used(const struct pell_context *ctx);                        /* bytes allocated now */
-uint64_t pell_allocations(const struct pell_context *ctx);                      /* calls so far: tests that a frame makes none */
+size_t pell_memory_used(const struct pell_context *ctx);   /* bytes allocated now */
+uint64_t pell_allocations(const struct pell_context *ctx); /* calls so far: tests that a frame makes none */
 
 /* Makes room for one more in a growing array: doubles *capacity from 8. The element is at array[count]. */
 PELL_NODISCARD enum pell_result pell_grow(struct pell_context *ctx, void **array, size_t count, size_t *capacity, size_t size);

@@ -8,6 +8,7 @@
 
 #define AT(field) offsetof(struct pell_limits, field)
 #define GIB (1024.0 * 1024.0 * 1024.0)
+/* clang-format off */
 static const struct pell_knob limit_knobs[] = {
     { "file-bytes", PELL_KNOB_INT64, "B", AT(file_bytes), { 2 * GIB }, 1, 64 * GIB, NULL, "bytes of one file that is read" },
     { "memory-bytes", PELL_KNOB_INT64, "B", AT(memory_bytes), { 16 * GIB }, 1024 * 1024, 1024 * GIB, NULL,
@@ -20,8 +21,9 @@ static const struct pell_knob limit_knobs[] = {
     { "items", PELL_KNOB_INT, "1", AT(items), { 1e6 }, 1, 1e8, NULL, "meshes, materials, textures, accessors or lights of one file, each" },
     { "warnings", PELL_KNOB_INT, "1", AT(warnings), { 20 }, 1, 1e6, NULL,
       "warnings of one kind that are printed before the rest is counted" },
-    {0}
+    {0},
 };
+/* clang-format on */
 #undef AT
 
 const struct pell_knob *pell_limit_knobs(void)

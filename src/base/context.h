@@ -23,7 +23,7 @@ struct pell_context {
     _Atomic uint64_t allocations;
     atomic_bool cancelled;
     _Atomic unsigned partial; /* pell_interruptible: twice the stretches that run, + 1 where they, or the last of them, were asked to end */
-    _Atomic int softened; /* pell_log_downgrade */
+    _Atomic int softened;     /* pell_log_downgrade */
     /* How often each warning came, by its format; guarded by log_lock. Kinds beyond the table are not counted. */
     struct {
         const char *format;
@@ -32,7 +32,7 @@ struct pell_context {
     /* Files that were read: a hash table, at most half full, of devices and numbers, 0 and 0 where free; guarded by log_lock. */
     struct pell_file_id {
         uint64_t device, number;
-    } *files;
+    } * files;
     size_t num_files, file_slots;
 };
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * file.c - whole files in and out, and the only place that decides which files a scene may refer to. */
 #define _XOPEN_SOURCE 700 /* realpath */
-#include "base/context.h"
 #include "base/file.h"
+#include "base/context.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -50,9 +50,9 @@ static enum pell_result failed(struct pell_context *ctx, const char *path, const
 
 static const char *kind(mode_t mode)
 {
-    return S_ISDIR(mode)    ? "a folder"
-           : S_ISFIFO(mode) ? "a pipe"
-           : S_ISSOCK(mode) ? "a socket"
+    return S_ISDIR(mode)                    ? "a folder"
+           : S_ISFIFO(mode)                 ? "a pipe"
+           : S_ISSOCK(mode)                 ? "a socket"
            : S_ISCHR(mode) || S_ISBLK(mode) ? "a device"
                                             : "of an unknown kind";
 }

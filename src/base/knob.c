@@ -263,8 +263,7 @@ enum pell_result pell_knob_set_number(struct pell_context *ctx, const struct pel
         break;
     case PELL_KNOB_INT:
     case PELL_KNOB_INT64:
-        return whole ? store_whole(ctx, knob, where, text, values, (int64_t) number)
-                     : bad_value(ctx, knob, where, text, "a whole number ");
+        return whole ? store_whole(ctx, knob, where, text, values, (int64_t) number) : bad_value(ctx, knob, where, text, "a whole number ");
     case PELL_KNOB_FLOAT: return store_floats(ctx, knob, where, text, values, &number, 1);
     case PELL_KNOB_ENUM:
         if (!whole || number < 0.0 || number >= count_choices(knob))

@@ -40,12 +40,12 @@ const char *pell_simd_name(enum pell_simd_level level);
 
 /* Declares the tables of all levels and an array of them: PELL_SIMD_TABLES(struct pell_blur_kernels, pell_blur_kernels). */
 #if defined(__x86_64__) && !defined(PELL_SIMD_BASE_ONLY)
-#define PELL_SIMD_TABLES(type, name)                                                                                               \
-    extern const type name##_base, name##_v2, name##_v3, name##_v4;                                                                \
+#define PELL_SIMD_TABLES(type, name)                                                                                                       \
+    extern const type name##_base, name##_v2, name##_v3, name##_v4;                                                                        \
     static const type *const name##_tables[PELL_SIMD_LEVELS] = { &name##_base, &name##_v2, &name##_v3, &name##_v4 }
 #else
-#define PELL_SIMD_TABLES(type, name)                                                                                               \
-    extern const type name##_base;                                                                                                 \
+#define PELL_SIMD_TABLES(type, name)                                                                                                       \
+    extern const type name##_base;                                                                                                         \
     static const type *const name##_tables[PELL_SIMD_LEVELS] = { &name##_base, &name##_base, &name##_base, &name##_base }
 #endif
 

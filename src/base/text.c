@@ -34,7 +34,7 @@ void pell_text_cut(struct pell_text *text, size_t length)
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
 enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */
-enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 }; /* bytes that must be left for a list of names to go on */
+enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };  /* bytes that must be left for a list of names to go on */
 
 static int lower(char c)
 {
@@ -138,8 +138,11 @@ bool pell_text_suggest(struct pell_text *text, const char *before, const char *n
         n = with_piece(name, candidates, count, found);
     for (size_t i = 0; i < n; i++) {
         char shown[3 * NAME_MAX_BYTES];
-        pell_text_add(text, "%s\"%s%s\"", i == 0 ? "did you mean " : i + 1 < n ? ", " : " or ", before,
-                      pell_printable(found[i], shown, sizeof(shown)));
+        pell_text_add(text, "%s\"%s%s\"",
+                      i == 0      ? "did you mean "
+                      : i + 1 < n ? ", "
+                                  : " or ",
+                      before, pell_printable(found[i], shown, sizeof(shown)));
     }
     pell_text_add(text, "%s", n > 0 ? "?" : "");
     return n > 0;
@@ -237,7 +240,7 @@ enum { DIGITS = 800 };
 struct decimal {
     char digits[DIGITS + 32]; /* without leading zeros; room for an exponent */
     size_t count;
-    uint64_t value;  /* of the digits while they are 19 or fewer */
+    uint64_t value;   /* of the digits while they are 19 or fewer */
     int64_t exponent; /* of ten, that scales the digits read as a whole number */
     bool negative;
 };

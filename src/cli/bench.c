@@ -130,8 +130,8 @@ enum exit_code bench_answer(struct cli *cli, const char *what, json_t *facts, co
     cli_device_name(device, sizeof(device));
     snprintf(build, sizeof(build), "%s, SIMD level %s", pell_version_string(), pell_simd_name(pell_simd_best()));
     if (cli->json) {
-        json_t *answer = json_pack("{s:o,s:s,s:s,s:i}", "bench", cli_text(what), "device", device, "build", build, "repeats",
-                                   cli->numbers.repeats);
+        json_t *answer =
+            json_pack("{s:o,s:s,s:s,s:i}", "bench", cli_text(what), "device", device, "build", build, "repeats", cli->numbers.repeats);
         if (answer && facts)
             json_object_update(answer, facts);
         json_decref(facts);

@@ -11,7 +11,7 @@
 struct row {
     char name[96];
     double ms, bandwidth_ms, ratio; /* ratio: what the row says it is, 0 where it has none */
-    const char *against;       /* what `ratio` is a ratio to */
+    const char *against;            /* what `ratio` is a ratio to */
     int64_t pixels, rays, bytes;
     double error;  /* of the result, where it is measured; else NAN */
     int64_t items; /* radii or samples that `ms` is for; 0: none */

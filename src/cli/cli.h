@@ -101,7 +101,7 @@ struct cli {
     struct pell_context *ctx;
     bool color_out, color_err, tty; /* tty: stderr is one */
     bool answered;                  /* an object has gone to stdout */
-    int images;                   /* written so far */
+    int images;                     /* written so far */
     bool partial;                   /* the last of them was ended early by Ctrl-C */
     json_t *warnings;               /* array of texts */
     json_t *collected;              /* NULL, or warnings that go to the answer alone: severity, where, what, hint */
@@ -113,8 +113,8 @@ struct cli {
     struct {
         double begin, shown;   /* seconds */
         double fraction, from; /* now; at `begin` */
-        int part, parts; /* of a longer job, 0 parts: the task is the job */
-        int width;       /* of the open line on a terminal, 0: none */
+        int part, parts;       /* of a longer job, 0 parts: the task is the job */
+        int width;             /* of the open line on a terminal, 0: none */
     } progress;
 };
 

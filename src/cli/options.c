@@ -11,6 +11,7 @@
 #include <string.h>
 
 #define NUMBER(field) offsetof(struct cli, numbers.field) - offsetof(struct cli, numbers)
+/* clang-format off */
 static const struct pell_knob number_knobs[] = {
     { "threads", PELL_KNOB_INT, "1", NUMBER(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },
     { "turntable", PELL_KNOB_INT, "1", NUMBER(turntable), { 0 }, 0, 100000, NULL,
@@ -19,8 +20,9 @@ static const struct pell_knob number_knobs[] = {
     { "points", PELL_KNOB_INT, "1", NUMBER(points), { 0 }, 0, 4096, NULL, "radii, evenly spaced in log r; 0: 13 in a table, 64 elsewhere" },
     { "taps", PELL_KNOB_INT, "1", NUMBER(taps), { 25 }, 3, PELL_KERNEL_TAPS_MAX, NULL,
       "of the separable kernel that --export writes, an odd number" },
-    {0}
+    {0},
 };
+/* clang-format on */
 #undef NUMBER
 
 enum kind { HELP, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING, COMMON };
@@ -128,8 +130,8 @@ static const struct option options[] = {
     { OPTIONS_COMPARE, 'o', "output", "FOLDER",
       "writes report.html, metrics.json, error maps of two pictures, or of a scene every picture as EXR with its errors", TEXT, AT(output),
       NULL },
-    { OPTIONS_CHECK, 0, "cross-section", "FILE", "a picture of the layers below a line of the surface: svg, pdf or png by its ending",
-      TEXT, AT(check.cross_section), NULL },
+    { OPTIONS_CHECK, 0, "cross-section", "FILE", "a picture of the layers below a line of the surface: svg, pdf or png by its ending", TEXT,
+      AT(check.cross_section), NULL },
     { OPTIONS_CHECK, 0, "line", "U,V,U,V",
       "where the cross-section is cut: from one place of the painted picture to another, 0,0 is its upper left corner; otherwise "
       "0,0.5,1,0.5",

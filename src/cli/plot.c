@@ -61,7 +61,7 @@ static void fold(cairo_t *cr, const char *text, double width, struct pell_text *
     static const char dot[] = " \u00b7 ";
     struct pell_text line = { .length = 0 };
 
-    *out = (struct pell_text){ .length = 0 };
+    *out = (struct pell_text) { .length = 0 };
     while (*text) {
         const size_t rest = strcspn(text, "\n"), blank = strcspn(text, " \n");
         const char *next = strstr(text, dot);
@@ -77,7 +77,7 @@ static void fold(cairo_t *cr, const char *text, double width, struct pell_text *
         pell_text_add(&line, "%s", part);
         if (before > 0 && text_width(cr, line.str) > width) {
             pell_text_add(out, "\n");
-            line = (struct pell_text){ .length = 0 };
+            line = (struct pell_text) { .length = 0 };
             while (*part && part[0] == ' ')
                 memmove(part, part + 1, strlen(part));
             pell_text_add(&line, "%s", part);
@@ -90,7 +90,7 @@ static void fold(cairo_t *cr, const char *text, double width, struct pell_text *
             text += sizeof(dot) - 1;
         } else if (*text == '\n') {
             pell_text_add(out, "\n");
-            line = (struct pell_text){ .length = 0 };
+            line = (struct pell_text) { .length = 0 };
             text++;
         }
     }
@@ -158,7 +158,7 @@ static size_t log_ticks(const struct plot_axis *a, struct tick ticks[MAX_TICKS])
             struct tick *t = &ticks[n];
             if (v < a->min * (1.0 - 1e-9) || v > a->max * (1.0 + 1e-9))
                 continue;
-            *t = (struct tick){ .value = v };
+            *t = (struct tick) { .value = v };
             n++;
             if (m == 1 && (d - first) % step == 0 && plain)
                 name_number(v, t->text);

@@ -44,8 +44,8 @@ enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char 
             if (*seconds > 0.0 && *seconds <= 1e8)
                 return EXIT_OK;
         }
-    return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "30s, 5min or 2h",
-                                      "\"%s\", must be a time above 0 with its unit", text));
+    return cli_failed(
+        cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "30s, 5min or 2h", "\"%s\", must be a time above 0 with its unit", text));
 }
 
 /* "1%" -> 0.01. */
@@ -58,8 +58,8 @@ static enum exit_code parse_percent(struct cli *cli, const char *where, const ch
         if (*share > 0.0 && *share <= 1.0)
             return EXIT_OK;
     }
-    return cli_failed(
-        cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "1% or 0.5%", "\"%s\" is no percentage above 0 and up to 100", text));
+    return cli_failed(cli,
+                      pell_error(cli->ctx, PELL_ERR_INVALID, where, "1% or 0.5%", "\"%s\" is no percentage above 0 and up to 100", text));
 }
 
 /* Sets the knobs that common options stand for. */
@@ -105,8 +105,10 @@ static enum exit_code merge_scene_options(const struct pell_scene *scene, struct
 
         if (strcmp(o->name, "method") == 0)
             *method = (struct pell_setting) { o->name, o->value, o->where };
-        else if (cli_add_setting(knob ? knobs : is_common(o->name) ? common : settings, knob ? o->name + 6 : o->name, o->value, o->where) !=
-                 PELL_OK)
+        else if (cli_add_setting(knob                 ? knobs
+                                 : is_common(o->name) ? common
+                                                      : settings,
+                                 knob ? o->name + 6 : o->name, o->value, o->where) != PELL_OK)
             return EXIT_MEMORY;
     }
     return EXIT_OK;
@@ -360,8 +362,8 @@ json_t *session_stages(const struct pell_render_result *image)
     return stages;
 }
 
-enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_render_result *p, const char *path, const char *format,
-                               uint64_t scene_hash, uint64_t materials_hash)
+enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_render_result *p, const char *path,
+                               const char *format, uint64_t scene_hash, uint64_t materials_hash)
 {
     const bool png = strcmp(format, "png") == 0, transparent = s->scene->background == PELL_BACKGROUND_TRANSPARENT;
     const struct pell_channel display[4] = {

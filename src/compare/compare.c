@@ -65,7 +65,7 @@ static const struct pell_knob compare_knobs[] = {
       NULL,
       "what relative errors are blind to, as a share of the reference's mean luminance" },
     { "threads", PELL_KNOB_INT, "1", AT(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },
-    { 0 }
+    { 0 },
 };
 #undef AT
 
@@ -265,7 +265,7 @@ static void choose_tone(struct job *job, const struct survey *all)
 
     job->tone.curve = p->tonemap;
     if (job->in->display) {
-        job->tone = (struct pell_tone){ PELL_COMPARE_LINEAR, 1.0f, 0.0f };
+        job->tone = (struct pell_tone) { PELL_COMPARE_LINEAR, 1.0f, 0.0f };
         job->out->exposure = job->out->white = 1.0f;
         return;
     }

@@ -23,8 +23,8 @@ struct exr_file {
 /* One part, checked. */
 struct part {
     int index;
-    bool tiled, bare; /* not compressed */
-    int32_t lines, tile_width, tile_height; /* of one chunk */
+    bool tiled, bare;                                /* not compressed */
+    int32_t lines, tile_width, tile_height;          /* of one chunk */
     int64_t data_x, data_y, data_width, data_height; /* data window, relative to the display window's corner */
     int width, height;                               /* display window */
     const exr_attr_chlist_t *channels;
@@ -159,8 +159,8 @@ static enum pell_result check_chunks(struct exr_file *f, struct part *p)
         if ((err = exr_get_scanlines_per_chunk(f->exr, p->index, &p->lines)) != EXR_ERR_SUCCESS)
             return exr_failed(f, "scan lines", err);
         if (p->lines < 1)
-            return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL,
-                              "OpenEXR: %d scan lines in a chunk, must be 1 or more", p->lines);
+            return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL, "OpenEXR: %d scan lines in a chunk, must be 1 or more",
+                              p->lines);
         width = (uint64_t) p->data_width;
         height = (uint64_t) p->lines;
     }
@@ -443,7 +443,8 @@ static void warn_primaries(struct exr_file *f, int index)
     memcpy(v, &c, sizeof(v));
     for (int i = 0; i < 8; i++)
         if (!(fabsf(v[i] - rec709[i]) < 0.005f)) {
-            pell_warn(f->ctx, f->src->name, "convert it to linear Rec.709", "OpenEXR: the primaries are not those of Rec.709; colours are "
+            pell_warn(f->ctx, f->src->name, "convert it to linear Rec.709",
+                      "OpenEXR: the primaries are not those of Rec.709; colours are "
                       "taken as if they were");
             return;
         }

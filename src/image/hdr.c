@@ -21,8 +21,8 @@ struct reader {
 
 static enum pell_result damaged(struct reader *r, const char *what)
 {
-    return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, "the file is damaged: write it again",
-                      "Radiance HDR: %s at byte %zu of %zu", what, r->at, r->src->size);
+    return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, "the file is damaged: write it again", "Radiance HDR: %s at byte %zu of %zu",
+                      what, r->at, r->src->size);
 }
 
 /* The next header line without its end; false if the file ends in it or it is too long. */
@@ -80,8 +80,8 @@ static enum pell_result header(struct reader *r)
                 return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, "convert it with ra_xyze -r",
                                   "Radiance HDR: pixels in CIE XYZ (32-bit_rle_xyze) are not read, must be 32-bit_rle_rgbe");
             if (strcmp(format, "32-bit_rle_rgbe") != 0)
-                return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, NULL,
-                                  "Radiance HDR: FORMAT is '%s', must be 32-bit_rle_rgbe", pell_printable(format, shown, sizeof(shown)));
+                return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, NULL, "Radiance HDR: FORMAT is '%s', must be 32-bit_rle_rgbe",
+                                  pell_printable(format, shown, sizeof(shown)));
         } else if (strncmp(line, "EXPOSURE=", 9) == 0 || strncmp(line, "COLORCORR=", 10) == 0) {
             /* Both say what the pixels were multiplied with, and accumulate. */
             const bool exposure = line[0] == 'E';
@@ -296,8 +296,7 @@ static size_t encode_runs(const uint8_t *in, size_t n, uint8_t *out)
         size_t start = x, run = 0;
         /* the next run of 4 or more */
         while (start < n) {
-            for (run = 1; run < 127 && start + run < n && in[start + run] == in[start]; run++) {
-            }
+            for (run = 1; run < 127 && start + run < n && in[start + run] == in[start]; run++) {}
             if (run >= 4)
                 break;
             start += run;

@@ -45,7 +45,11 @@ enum pell_result pell_image_make(struct pell_context *ctx, const char *name, int
     if (!pixels)
         return PELL_ERR_NOMEM;
     *image = (struct pell_image) {
-        .width = (int) width, .height = (int) height, .channels = channels, .type = type, .pixels = pixels,
+        .width = (int) width,
+        .height = (int) height,
+        .channels = channels,
+        .type = type,
+        .pixels = pixels,
     };
     return PELL_OK;
 }

@@ -96,8 +96,8 @@ static enum pell_result check_frame(struct pell_context *ctx, const struct pell_
     if (res != PELL_OK)
         return res;
     if (f->scans > SCANS_MAX)
-        return pell_error(ctx, PELL_ERR_INVALID, src->name, "write it as baseline JPEG", "JPEG: %d scans, the limit is %d",
-                          f->scans, SCANS_MAX);
+        return pell_error(ctx, PELL_ERR_INVALID, src->name, "write it as baseline JPEG", "JPEG: %d scans, the limit is %d", f->scans,
+                          SCANS_MAX);
     /* Progressive: libjpeg keeps 2 bytes per coefficient of all planes. */
     pixels = (uint64_t) (f->width + 16) * (uint64_t) (f->height + 16);
     planes = (uint64_t) f->components;

@@ -88,8 +88,8 @@ enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_sou
     }
     has_trns = err == 0;
     choose_layout(&ihdr, has_trns, &channels, &fmt);
-    PELL_TRY(pell_image_make(ctx, src->name, ihdr.width, ihdr.height, channels,
-                             ihdr.bit_depth == 16 ? PELL_PIXEL_U16 : PELL_PIXEL_U8, image));
+    PELL_TRY(
+        pell_image_make(ctx, src->name, ihdr.width, ihdr.height, channels, ihdr.bit_depth == 16 ? PELL_PIXEL_U16 : PELL_PIXEL_U8, image));
     bytes = (size_t) ihdr.width * ihdr.height * (size_t) channels * pell_pixel_size(image->type);
     if ((err = spng_decoded_image_size(png, fmt, &raw)) || raw != bytes) {
         res = err ? png_error(ctx, src->name, "header", err)
@@ -215,8 +215,9 @@ static void fill_row(struct pell_writer *w, int channels, int y, float *values, 
 enum pell_result pell_png_encode(struct pell_writer *w)
 {
     const struct pell_write_params *p = w->params;
-    const int channels = p->num_channels < 3 ? 1
-                         : p->num_channels > 3 && p->channels[3].name && strcmp(p->channels[3].name, "A") == 0 ? 4 : 3;
+    const int channels = p->num_channels < 3                                                                   ? 1
+                         : p->num_channels > 3 && p->channels[3].name && strcmp(p->channels[3].name, "A") == 0 ? 4
+                                                                                                               : 3;
     const int bits = p->png_bits == 16 ? 16 : 8;
     const size_t count = (size_t) p->width * (size_t) channels;
     struct spng_ihdr ihdr = { .width = (uint32_t) p->width, .height = (uint32_t) p->height, .bit_depth = (uint8_t) bits };

@@ -24,9 +24,7 @@ static inline void spread(int channels, const float v[4], float rgba[4])
         memcpy(rgba, v, 3 * sizeof(*v));
         rgba[3] = 1.0f;
         break;
-    default:
-        memcpy(rgba, v, 4 * sizeof(*v));
-        break;
+    default: memcpy(rgba, v, 4 * sizeof(*v)); break;
     }
 }
 
@@ -78,16 +76,14 @@ static inline int fold(enum pell_wrap wrap, int i, int size)
     if (i >= 0 && i < size)
         return i;
     switch (wrap) {
-    case PELL_WRAP_REPEAT:
-        return i < 0 ? i + size : i - size;
+    case PELL_WRAP_REPEAT: return i < 0 ? i + size : i - size;
     case PELL_WRAP_MIRROR:
         /* coordinate() leaves [-1, 2 size] */
         if (i < 0)
             return -1 - i;
         i -= size;
         return i < size ? size - 1 - i : 0;
-    case PELL_WRAP_CLAMP:
-        break;
+    case PELL_WRAP_CLAMP: break;
     }
     return i < 0 ? 0 : size - 1;
 }

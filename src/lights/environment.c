@@ -291,7 +291,7 @@ static enum pell_result make_map(struct pell_context *ctx, const struct pell_env
 {
     const size_t rows = (size_t) height, columns = (size_t) width;
 
-    *m = (struct pell_env_map){ .width = width, .height = height };
+    *m = (struct pell_env_map) { .width = width, .height = height };
     m->rgb = pell_alloc_array(ctx, 3 * rows * columns, sizeof(float));
     m->sin_row = m->rgb ? pell_alloc_array(ctx, 3 * rows + 2 * columns, sizeof(float)) : NULL;
     if (!m->sin_row)
@@ -395,7 +395,7 @@ static double block_element(const struct pell_env_map *m, int x0, int y0, int si
             total += l;
         }
     if (total > 0.0)
-        *e = (struct element){
+        *e = (struct element) {
             (float) (d[0] / total), (float) (d[1] / total), (float) (d[2] / total), 0.0f, { (float) rgb[0], (float) rgb[1], (float) rgb[2] }
         };
     return total;
@@ -459,7 +459,7 @@ static void make_ring(const struct pell_env_map *m, float *block, struct ring_ma
 {
     const size_t stride = 2 * (size_t) m->width + WIDE, size = stride * (size_t) m->height;
 
-    *r = (struct ring_map){
+    *r = (struct ring_map) {
         .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block, block + size, block + 2 * size }
     };
     r->sin_column = block + 3 * size;
@@ -603,7 +603,7 @@ static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_
             i++;
         make_ring(&w->mips[i], w->ring, &ring);
         pell_pool_run(pool, env->levels[k].height, filter_row,
-                      &(struct lobe_task){ env, &ring, &env->levels[k], level_roughness[k] * level_roughness[k], level_sizes[k].reach });
+                      &(struct lobe_task) { env, &ring, &env->levels[k], level_roughness[k] * level_roughness[k], level_sizes[k].reach });
     }
     env->num_levels = PELL_ENV_LEVELS;
 }
@@ -639,13 +639,13 @@ enum pell_result pell_environment_create(struct pell_context *ctx, const struct 
     struct node_task task = { .env = env };
     enum pell_result res;
 
-    *out = (struct pell_environment_lights){ 0 };
+    *out = (struct pell_environment_lights) { 0 };
     pell_environment_aim(env, light);
     PELL_TRY(allocate_table(ctx, tables, env, &w.kernels));
     make_kernels(tables, env, w.kernels);
     if (env->image) {
         PELL_TRY(open_workshop(ctx, env, &w));
-        pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task){ env, &w.mips[0] });
+        pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task) { env, &w.mips[0] });
         PELL_TRY(pell_environment_light_sources(ctx, &w.mips[0], params->index, params->max_lights, out));
         PELL_TRY(make_elements(ctx, &w.mips[0], &w.elements, &task.count));
         make_levels(pool, &w, env);

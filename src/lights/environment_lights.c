@@ -103,14 +103,14 @@ static void add_region(struct pell_environment_lights *out, const struct region 
 }
 
 enum pell_result pell_environment_light_sources(struct pell_context *ctx, const struct pell_env_map *m, int index, int max_sources,
-                                        struct pell_environment_lights *out)
+                                                struct pell_environment_lights *out)
 {
     struct region *regions;
     double mean = 0.0;
     float clamp;
     int count = 1;
 
-    *out = (struct pell_environment_lights){ 0 };
+    *out = (struct pell_environment_lights) { 0 };
     for (int y = 0; y < m->height; y++) {
         double row = 0.0;
         for (int x = 0; x < m->width; x++)
@@ -126,7 +126,7 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
         pell_free(ctx, regions);
         return PELL_ERR_NOMEM;
     }
-    regions[0] = (struct region){ .x1 = m->width, .y1 = m->height };
+    regions[0] = (struct region) { .x1 = m->width, .y1 = m->height };
     measure(m, clamp, &regions[0]);
     if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
         count = 0; /* even light: nothing to cut out */

@@ -11,8 +11,8 @@
 struct pell_env_map {
     int width, height;
     float *rgb;
-    float *sin_row, *cos_row; /* of the polar angle; cos_row is y */
-    float *solid_row;         /* solid angle of a texel */
+    float *sin_row, *cos_row;       /* of the polar angle; cos_row is y */
+    float *solid_row;               /* solid angle of a texel */
     float *sin_column, *cos_column; /* of the azimuth in world space: x = sin, z = -cos, times sin_row */
 };
 
@@ -23,7 +23,7 @@ static inline struct pell_vec3 pell_env_map_direction(const struct pell_env_map 
 
 /* environment_lights.c: at most `max_sources` light sources for what is brighter than the rest, of environment `index`. The caller frees
  * out->lights, which is NULL after a failure. */
-PELL_NODISCARD enum pell_result pell_environment_light_sources(struct pell_context *ctx, const struct pell_env_map *map, int index, int max_sources,
-                                                    struct pell_environment_lights *out);
+PELL_NODISCARD enum pell_result pell_environment_light_sources(struct pell_context *ctx, const struct pell_env_map *map, int index,
+                                                               int max_sources, struct pell_environment_lights *out);
 
 #endif

@@ -254,8 +254,8 @@ static double image_power(const struct pell_light_source *source)
     for (int y = 0; y < IMAGE_STEPS; y++)
         for (int x = 0; x < IMAGE_STEPS; x++) {
             float rgba[4];
-            pell_image_sample(&source->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, source->image->nearest, ((float) x + 0.5f) / IMAGE_STEPS,
-                              ((float) y + 0.5f) / IMAGE_STEPS, rgba);
+            pell_image_sample(&source->image->image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, source->image->nearest,
+                              ((float) x + 0.5f) / IMAGE_STEPS, ((float) y + 0.5f) / IMAGE_STEPS, rgba);
             for (int c = 0; c < 3; c++)
                 rgba[c] = rgba[c] > 0.0f ? fminf(rgba[c], 1e10f) * source->power[c] : 0.0f;
             sum += (double) pell_luminance(rgba);
@@ -361,7 +361,8 @@ static double estimate(const struct sampled_light *e, struct pell_vec3 near, dou
     if (e->area > 0.0)
         return e->power * partly(fmax(cosine, 0.0)) / (fmax(d2, soft2) + e->area);
     return e->power * source->scale / fmax(d2, soft2) * partly((double) pell_light_window((float) fmin(d2, 1e30), source->inv_range)) *
-           (source->type == PELL_LIGHT_SPOT ? partly((double) pell_light_cone((float) cosine, source->spot_scale, source->spot_offset)) : 1.0);
+           (source->type == PELL_LIGHT_SPOT ? partly((double) pell_light_cone((float) cosine, source->spot_scale, source->spot_offset))
+                                            : 1.0);
 }
 
 static double estimate_all(const struct pell_light_sampler *e, struct pell_vec3 near, double soft2)
@@ -441,12 +442,14 @@ static void place_on(const struct pell_light_sampler *e, size_t index, double ch
         const bool disc = source->type == PELL_LIGHT_DISC;
         const double r = sqrt(u), x = disc ? r * cos(2.0 * PELL_PI * v) : 2.0 * u - 1.0,
                      y = disc ? r * sin(2.0 * PELL_PI * v) : 2.0 * v - 1.0;
-        out->at = dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_widen(source->position), x, dvec3_widen(source->right)), y, dvec3_widen(source->up)));
+        out->at =
+            dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_widen(source->position), x, dvec3_widen(source->right)), y, dvec3_widen(source->up)));
         out->pdf = 1.0 / l->area;
     }
 }
 
-bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const double u[3], struct pell_light_sample *out)
+bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const double u[3],
+                               struct pell_light_sample *out)
 {
     double choice = u[0], chance;
     size_t i;
@@ -497,8 +500,8 @@ static void power_along(const struct pell_light_sampler *e, const struct pell_li
         power[c] = (float) (scale * (double) slide[c] * (l->area > 0.0 ? l->radiance[c] : (double) source->power[c]));
 }
 
-void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample, struct pell_vec3 target,
-                            float power[3])
+void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample,
+                                 struct pell_vec3 target, float power[3])
 {
     const struct pell_dvec3 d = dvec3_between(target, sample->at);
     const double length = sqrt(dvec3_dot(d, d));
@@ -506,7 +509,7 @@ void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler,
     double window = 1.0;
 
     if (!sample->away) {
-        direction = length > 0.0 ? dvec3_narrow((struct pell_dvec3){ d.x / length, d.y / length, d.z / length }) : vec3(0.0f, 0.0f, 0.0f);
+        direction = length > 0.0 ? dvec3_narrow((struct pell_dvec3) { d.x / length, d.y / length, d.z / length }) : vec3(0.0f, 0.0f, 0.0f);
         window = pell_light_sampler_range(light_sampler, sample->source, length);
     }
     power_along(light_sampler, sample, direction, target, power);
@@ -541,8 +544,8 @@ static double meets(const struct sampled_light *l, struct pell_vec3 x, struct pe
     return (l->source.type == PELL_LIGHT_DISC ? a * a + b * b <= 1.0 : fabs(a) <= 1.0 && fabs(b) <= 1.0) ? t : INFINITY;
 }
 
-bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w, double reach,
-                       int k, struct pell_light_sample *sample, double *distance, float radiance[3], double *pdf)
+bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w,
+                            double reach, int k, struct pell_light_sample *sample, double *distance, float radiance[3], double *pdf)
 {
     const struct sampled_light *list = light_sampler->list;
     double last = -1.0, nearest = INFINITY;
@@ -599,7 +602,7 @@ static struct grid grid_of(const struct sampled_light *l, struct pell_vec3 centr
 
     if (d2 > r2 * (1.0 + 1e-9)) {
         const double length = sqrt(d2);
-        grid.axis = (struct pell_dvec3){ d.x / length, d.y / length, d.z / length };
+        grid.axis = (struct pell_dvec3) { d.x / length, d.y / length, d.z / length };
         grid.versed = r2 / d2 / (1.0 + sqrt(1.0 - r2 / d2));
     }
     if (l->area > 0.0 && grid.versed > 0.5) {
@@ -642,8 +645,8 @@ static struct pell_vec3 grid_sample(const struct grid *grid, double u, double v)
 }
 
 bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius, const double u[5],
-                        struct pell_light_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
-                        double *pdf)
+                             struct pell_light_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
+                             double *pdf)
 {
     const struct sampled_light *l;
     double choice = u[0], share;
@@ -659,14 +662,15 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
     sample->pdf *= share;
     if (sample->away) {
         const double r = radius * sqrt(u[3]);
-        const struct pell_dvec3 off = { centre.x - light_sampler->middle[0], centre.y - light_sampler->middle[1], centre.z - light_sampler->middle[2] };
+        const struct pell_dvec3 off = { centre.x - light_sampler->middle[0], centre.y - light_sampler->middle[1],
+                                        centre.z - light_sampler->middle[2] };
         const double back = radius + light_sampler->reach + sqrt(dvec3_dot(off, off));
         struct pell_vec3 t, b;
         vec3_basis(sample->toward, &t, &b);
         *direction = vec3_mul(sample->toward, -1.0f);
         const struct pell_dvec3 aside = dvec3_mad(dvec3_widen(centre), r * cos(2.0 * PELL_PI * u[4]), dvec3_widen(t));
-        *origin = dvec3_narrow(dvec3_mad(dvec3_mad(aside, r * sin(2.0 * PELL_PI * u[4]), dvec3_widen(b)), back,
-                                         dvec3_widen(sample->toward)));
+        *origin =
+            dvec3_narrow(dvec3_mad(dvec3_mad(aside, r * sin(2.0 * PELL_PI * u[4]), dvec3_widen(b)), back, dvec3_widen(sample->toward)));
         *pdf /= PELL_PI * radius * radius;
     } else {
         const struct grid grid = grid_of(l, centre, radius, sample->at);
@@ -682,7 +686,7 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
 }
 
 double pell_light_sampler_emit_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius,
-                              const struct pell_light_sample *sample, struct pell_vec3 direction, struct pell_vec3 target)
+                                   const struct pell_light_sample *sample, struct pell_vec3 direction, struct pell_vec3 target)
 {
     const struct sampled_light *l = &light_sampler->list[sample->source];
     const double share = chance(light_sampler, sample->source, centre, radius * radius), place = place_density(light_sampler, sample);

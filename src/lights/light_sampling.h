@@ -21,7 +21,8 @@
 struct pell_light_sampler;
 
 /* The scene must live as long as the set. A scene without lights makes an empty set. */
-PELL_NODISCARD enum pell_result pell_light_sampler_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_light_sampler **out);
+PELL_NODISCARD enum pell_result pell_light_sampler_create(struct pell_context *ctx, const struct pell_scene *scene,
+                                                          struct pell_light_sampler **out);
 void pell_light_sampler_destroy(struct pell_light_sampler **light_sampler);
 size_t pell_light_sampler_count(const struct pell_light_sampler *light_sampler);
 
@@ -38,22 +39,24 @@ struct pell_light_sample {
 
 /* `u`: three numbers in [0, 1), of more than 24 bits; `near`: where light is wanted; lights are chosen by what they would give there, none
  * is left out. False: no light. */
-bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const double u[3], struct pell_light_sample *out);
+bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const double u[3],
+                               struct pell_light_sample *out);
 
 /* sample->pdf as pell_light_sampler_sample(near) would give it. */
-double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const struct pell_light_sample *sample);
+double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 near,
+                              const struct pell_light_sample *sample);
 
 /* What a sample sends to `target`, the first surface that its light meets (ranges and slides ask how far and where), in the measure of
  * its kind. 0 behind rects and discs. */
-void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample, struct pell_vec3 target,
-                            float power[3]);
+void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample,
+                                 struct pell_vec3 target, float power[3]);
 
 /* What the ray from `x` along the unit direction `w` sees where nothing is in the way up to `reach` mm (INFINITY: to the environment):
  * the rects and discs whose fronts it meets, nearest first, then the environment; each by its number `k` from 0. All of them count, for
  * lights hide nothing: ask k = 0, 1, ... until false. *pdf: density with which pell_light_sampler_sample(near) finds that place, in the
  * sample's measure; *distance mm, INFINITY for the environment. */
-bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w, double reach,
-                       int k, struct pell_light_sample *sample, double *distance, float radiance[3], double *pdf);
+bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w,
+                            double reach, int k, struct pell_light_sample *sample, double *distance, float radiance[3], double *pdf);
 
 /* A ray of light into the sphere about `centre`, for paths that begin at lights. `u`: five numbers. `weight`: what the light sends along
  * the ray over the density of the ray, W x 1e6 (mm^2 W/m^2): the mean over rays of weight is the flux into the sphere, or more where a ray
@@ -61,12 +64,12 @@ bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, stru
  * no ray this time, which counts as one of weight 0. The origin of rays from afar is outside of the scene. What comes with the first
  * surface on the way is not in the weight yet: multiply by pell_light_sampler_range. */
 bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius, const double u[5],
-                        struct pell_light_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
-                        double *pdf);
+                             struct pell_light_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
+                             double *pdf);
 /* The density with which pell_light_sampler_emit gives the ray along the unit `direction` from the place of `sample` (away: towards
  * `target`), 0 where it doesn't. */
 double pell_light_sampler_emit_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius,
-                              const struct pell_light_sample *sample, struct pell_vec3 direction, struct pell_vec3 target);
+                                   const struct pell_light_sample *sample, struct pell_vec3 direction, struct pell_vec3 target);
 /* What a light's range leaves of its light at `distance` mm, [0, 1]; 1 for lights without. */
 double pell_light_sampler_range(const struct pell_light_sampler *light_sampler, int source, double distance);
 

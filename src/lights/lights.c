@@ -53,7 +53,8 @@ static void aim_image(struct pell_light_source *source, const struct pell_light 
     source->image_u = source->image_v / aspect;
 }
 
-void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3])
+void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction,
+                             struct pell_vec3 place, float rgb[3])
 {
     float rgba[4] = { 0 }, x, y, u, v;
 
@@ -251,7 +252,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
     if (!lights->environments)
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++)
-        lights->parts[lights->num_parts++] = (struct pell_lights_part){ scene->meshes[i].object, scene->meshes[i].material };
+        lights->parts[lights->num_parts++] = (struct pell_lights_part) { scene->meshes[i].object, scene->meshes[i].material };
     qsort(lights->parts, lights->num_parts, sizeof(*lights->parts), compare_parts);
 
     for (size_t i = 0; i < scene->num_lights; i++) {
@@ -268,8 +269,10 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
             PELL_TRY(pell_specular_tables_create(ctx, scene, &tables));
             choose_etas(lights, tables);
         }
-        PELL_TRY(add_environment(lights, (int) i, light, &(struct pell_environment_params) {
-            .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .tables = tables, .pool = pool }));
+        PELL_TRY(add_environment(
+            lights, (int) i, light,
+            &(struct pell_environment_params) {
+                .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .tables = tables, .pool = pool }));
     }
     PELL_TRY(make_grids(lights, scene));
     res = PELL_ERR_NOMEM;

@@ -19,29 +19,29 @@
 #define PELL_LANES 16
 
 struct pell_light_source {
-    enum pell_light_type type;  /* never PELL_LIGHT_ENVIRONMENT */
+    enum pell_light_type type;            /* never PELL_LIGHT_ENVIRONMENT */
     struct pell_vec3 position, direction; /* direction: unit, the way the light goes */
-    struct pell_vec3 right, up; /* unit; rect, disc: times half the extent; right = direction x up */
-    float power[3];             /* W/sr; W/m^2; rect and disc: radiance x area / samples, so that power cos / d^2 is irradiance */
-    float scale;                /* what 1/d_mm^2 is multiplied by: 1e6 for W/sr, 1 for areas */
+    struct pell_vec3 right, up;           /* unit; rect, disc: times half the extent; right = direction x up */
+    float power[3];                       /* W/sr; W/m^2; rect and disc: radiance x area / samples, so that power cos / d^2 is irradiance */
+    float scale;                          /* what 1/d_mm^2 is multiplied by: 1e6 for W/sr, 1 for areas */
     float spot_scale, spot_offset;
-    float inv_range;            /* 0: no cut-off */
-    float sample_area;          /* mm^2 that one sample stands for; 0 for lights without extent */
+    float inv_range;   /* 0: no cut-off */
+    float sample_area; /* mm^2 that one sample stands for; 0 for lights without extent */
     int samples;
     const struct pell_texture *image;
-    float image_u, image_v;     /* from the plane at distance 1 (directional: from mm) to the picture's halves */
-    int environment;            /* index of the environment that it belongs to, -1: none; those make no highlight */
-    bool compact;               /* of an environment: its light is left out of the smooth table */
-    int light;                  /* of the scene, where it is no environment's */
-    struct pell_light_grid *grid;       /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */
+    float image_u, image_v;       /* from the plane at distance 1 (directional: from mm) to the picture's halves */
+    int environment;              /* index of the environment that it belongs to, -1: none; those make no highlight */
+    bool compact;                 /* of an environment: its light is left out of the smooth table */
+    int light;                    /* of the scene, where it is no environment's */
+    struct pell_light_grid *grid; /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */
 };
 
 /* --- environment.c ------------------------------------------------------------------------------------------------------------ */
 
-#define PELL_ENV_NODES 129    /* a side of the octahedral table over the normal */
-#define PELL_ENV_ROUGHNESS 8  /* roughness levels of the table */
-#define PELL_ENV_ETAS 8       /* indices of refraction with a table of their own for smooth boundaries */
-#define PELL_ENV_LEVELS 7     /* of the reflection's prefiltered maps */
+#define PELL_ENV_NODES 129   /* a side of the octahedral table over the normal */
+#define PELL_ENV_ROUGHNESS 8 /* roughness levels of the table */
+#define PELL_ENV_ETAS 8      /* indices of refraction with a table of their own for smooth boundaries */
+#define PELL_ENV_LEVELS 7    /* of the reflection's prefiltered maps */
 
 struct pell_env_level {
     int width, height;
@@ -73,7 +73,7 @@ struct pell_lights {
     /* (object, material) of every mesh, sorted: which solids a pixel's material belongs to. */
     struct pell_lights_part {
         int object, material;
-    } *parts;
+    } * parts;
     size_t num_parts;
 };
 
@@ -134,7 +134,8 @@ bool pell_light_source_make(const struct pell_scene *scene, const struct pell_li
 struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_light_source *source);
 /* The projected image's colour of light that leaves the light at `from` along the unit `direction` and meets `place` (directional: that
  * alone counts); black outside of the picture. */
-void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction, struct pell_vec3 place, float rgb[3]);
+void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction,
+                             struct pell_vec3 place, float rgb[3]);
 
 /* True if some mesh of `object` has `material`. */
 bool pell_lights_part(const struct pell_lights *lights, int object, int material);

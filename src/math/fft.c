@@ -77,7 +77,7 @@ void pell_fft_init(struct pell_fft *plan, int n, float *table)
 {
     int left = n;
 
-    *plan = (struct pell_fft){ .n = n, .twiddle = table, .kernels = pell_fft_kernels_tables[pell_simd_best()] };
+    *plan = (struct pell_fft) { .n = n, .twiddle = table, .kernels = pell_fft_kernels_tables[pell_simd_best()] };
     plan->num_stages = factor(n, plan->radix);
     for (int i = 0; i < plan->num_stages; i++) {
         const int r = plan->radix[i], m = left / r;

@@ -18,7 +18,7 @@ struct cx {
 
 INLINE struct cx get(const float *p, int swap)
 {
-    return (struct cx){ load(p + swap), load(p + (LANES - swap)) };
+    return (struct cx) { load(p + swap), load(p + (LANES - swap)) };
 }
 
 INLINE void put(float *p, int swap, struct cx a)
@@ -29,34 +29,34 @@ INLINE void put(float *p, int swap, struct cx a)
 
 INLINE struct cx add(struct cx a, struct cx b)
 {
-    return (struct cx){ a.re + b.re, a.im + b.im };
+    return (struct cx) { a.re + b.re, a.im + b.im };
 }
 
 INLINE struct cx sub(struct cx a, struct cx b)
 {
-    return (struct cx){ a.re - b.re, a.im - b.im };
+    return (struct cx) { a.re - b.re, a.im - b.im };
 }
 
 INLINE struct cx scaled(struct cx a, float s)
 {
-    return (struct cx){ a.re * s, a.im * s };
+    return (struct cx) { a.re * s, a.im * s };
 }
 
 /* a + i b and a - i b */
 INLINE struct cx add_i(struct cx a, struct cx b)
 {
-    return (struct cx){ a.re - b.im, a.im + b.re };
+    return (struct cx) { a.re - b.im, a.im + b.re };
 }
 
 INLINE struct cx sub_i(struct cx a, struct cx b)
 {
-    return (struct cx){ a.re + b.im, a.im - b.re };
+    return (struct cx) { a.re + b.im, a.im - b.re };
 }
 
 INLINE struct cx turn(struct cx a, const float *w)
 {
     const float c = w[0], s = w[1];
-    return (struct cx){ a.re * c - a.im * s, a.re * s + a.im * c };
+    return (struct cx) { a.re * c - a.im * s, a.re * s + a.im * c };
 }
 
 /* --- Small transforms, in place ------------------------------------------------------------------------------------------------------ */
@@ -106,12 +106,12 @@ INLINE void dft8(struct cx *x)
     dft4(o);
     x[0] = add(e[0], o[0]);
     x[4] = sub(e[0], o[0]);
-    t = (struct cx){ (o[1].re + o[1].im) * h, (o[1].im - o[1].re) * h };
+    t = (struct cx) { (o[1].re + o[1].im) * h, (o[1].im - o[1].re) * h };
     x[1] = add(e[1], t);
     x[5] = sub(e[1], t);
     x[2] = sub_i(e[2], o[2]);
     x[6] = add_i(e[2], o[2]);
-    t = (struct cx){ (o[3].im - o[3].re) * h, -(o[3].re + o[3].im) * h };
+    t = (struct cx) { (o[3].im - o[3].re) * h, -(o[3].re + o[3].im) * h };
     x[3] = add(e[3], t);
     x[7] = sub(e[3], t);
 }
@@ -220,7 +220,7 @@ static void transpose(const float *in, ptrdiff_t in_stride, float *out, ptrdiff_
             for (int i = 0; i < 4; i++)
                 memcpy(t[i], in + (ty + i) * in_stride + tx, sizeof(t[i]));
             for (int j = 0; j < 4; j++)
-                store(out + (tx + j) * out_stride + ty, (vf){ t[0][j], t[1][j], t[2][j], t[3][j] });
+                store(out + (tx + j) * out_stride + ty, (vf) { t[0][j], t[1][j], t[2][j], t[3][j] });
         }
 }
 #endif
@@ -249,7 +249,7 @@ static void join(const float *tiles, int n, int k0, int count, float *z)
             const struct cx b = { load(tiles + 512 + LANES * k + l), load(tiles + 768 + LANES * k + l) };
             put(here + l, 0, add_i(a, b));
             if (k0 + k > 0 && 2 * (k0 + k) < n)
-                put(there + l, 0, (struct cx){ a.re + b.im, b.re - a.im });
+                put(there + l, 0, (struct cx) { a.re + b.im, b.re - a.im });
         }
     }
 }

@@ -9,7 +9,7 @@
 
 #include <stddef.h>
 
-#define PELL_HANKEL_MAX 512        /* frequencies */
+#define PELL_HANKEL_MAX 512 /* frequencies */
 #define PELL_HANKEL_OVERSAMPLE_MAX 4
 #define PELL_HANKEL_FINE_MAX (PELL_HANKEL_MAX * PELL_HANKEL_OVERSAMPLE_MAX)
 
@@ -17,7 +17,7 @@
 struct pell_hankel {
     int count, oversample;
     double step;
-    double re[PELL_HANKEL_MAX / 2 + 1], im[PELL_HANKEL_MAX / 2 + 1]; /* the kernel's spectrum times the shift of the grids */
+    double re[PELL_HANKEL_MAX / 2 + 1], im[PELL_HANKEL_MAX / 2 + 1];         /* the kernel's spectrum times the shift of the grids */
     double cosine[PELL_HANKEL_FINE_MAX / 2], sine[PELL_HANKEL_FINE_MAX / 2]; /* of 2 pi k/(count oversample) */
 };
 

@@ -43,7 +43,7 @@ INLINE void store(float *p, vf v)
 
 INLINE vf all(float x)
 {
-    return (vf){ 0 } + x;
+    return (vf) { 0 } + x;
 }
 
 INLINE vf select(vi mask, vf a, vf b)

@@ -13,7 +13,7 @@
 
 /* Minimise |sum_j w_j column[j] - rhs|^2 over w_j >= 0 and, if fixed_sum, sum_j w_j = sum (which must be positive). */
 struct pell_nnls {
-    int count; /* of columns, and their length: reduce a tall matrix to its R by QR first */
+    int count;                                   /* of columns, and their length: reduce a tall matrix to its R by QR first */
     double column[PELL_NNLS_MAX][PELL_NNLS_MAX]; /* column[j][row] */
     double rhs[PELL_NNLS_MAX];
     bool fixed_sum;
@@ -24,9 +24,9 @@ struct pell_nnls {
  * Directions are columns of N: e_free[i] without fixed_sum, e_free[i] - e_pivot with it. (columns N) = Q R. */
 struct pell_nnls_solution {
     double w[PELL_NNLS_MAX];
-    int rank;                /* number of directions */
-    int pivot;               /* the weight that takes what is left of the sum, -1 without fixed_sum */
-    int free[PELL_NNLS_MAX]; /* `rank` indices of the other weights that are not held at 0 */
+    int rank;                               /* number of directions */
+    int pivot;                              /* the weight that takes what is left of the sum, -1 without fixed_sum */
+    int free[PELL_NNLS_MAX];                /* `rank` indices of the other weights that are not held at 0 */
     double q[PELL_NNLS_MAX][PELL_NNLS_MAX]; /* q[direction][row] */
     double r[PELL_NNLS_MAX][PELL_NNLS_MAX]; /* r[i][j], upper triangular */
 };

@@ -12,8 +12,8 @@
 struct pell_view {
     int width, height;
     bool orthographic;
-    float focal_px;      /* see struct pell_frame */
-    float shift_x, shift_y; /* of the sample inside the pixel, from its centre, in (-1/2, 1/2) pixels */
+    float focal_px;                              /* see struct pell_frame */
+    float shift_x, shift_y;                      /* of the sample inside the pixel, from its centre, in (-1/2, 1/2) pixels */
     struct pell_vec3 origin, forward, right, up; /* unit, orthogonal; right x up = -forward */
 };
 

@@ -17,8 +17,7 @@
 struct pell_method_engine {
     /* Makes all that outlives a frame. `knobs` is in range; `services` and `shape` hold while the state lives. On failure *state may be
      * half-built or NULL; `destroy` is called in either case. */
-    enum pell_result (*create)(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
-                               void **state);
+    enum pell_result (*create)(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state);
     /* Fills `out`: the cpu engine at once, others record what will. Allocates nothing. Planes that were asked for are there. */
     enum pell_result (*record)(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
     void (*destroy)(void *state); /* takes NULL and a half-built state */
@@ -42,10 +41,10 @@ void pell_stage_note(struct pell_stage_notes *notes, const char *name, double se
 
 /* The scene's materials as a frame sees them. */
 struct pell_scene_materials {
-    uint16_t *frame_index;               /* per scene material + 1: the frame's material + 1, or 0 */
-    struct pell_frame_material *frame;   /* the translucent ones */
-    size_t count;                        /* of `frame` */
-    float (*total)[3];                   /* per scene material: total reflectance of its profile */
+    uint16_t *frame_index;                         /* per scene material + 1: the frame's material + 1, or 0 */
+    struct pell_frame_material *frame;             /* the translucent ones */
+    size_t count;                                  /* of `frame` */
+    float (*total)[3];                             /* per scene material: total reflectance of its profile */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
 };
 
@@ -55,8 +54,8 @@ struct pell_engine_frame {
     const struct pell_settings *settings;
     const struct pell_scene_materials *materials;
     const struct pell_lens *lens;
-    const struct pell_plan *plan;  /* of the frame's method; NULL: nothing scatters */
-    struct pell_rect covered;      /* holds every pixel that any sample may cover */
+    const struct pell_plan *plan; /* of the frame's method; NULL: nothing scatters */
+    struct pell_rect covered;     /* holds every pixel that any sample may cover */
     struct pell_stage_notes *notes;
 };
 
@@ -74,7 +73,7 @@ struct pell_engine_seen {
 
 /* What the method gave of a sample. */
 struct pell_engine_scattered {
-    bool there;            /* false: the sample has no translucent pixel, or no method runs */
+    bool there;                     /* false: the sample has no translucent pixel, or no method runs */
     const float *standard_error[3]; /* standard error, as pell_pass_standard_error has it; NULL: not known */
 };
 

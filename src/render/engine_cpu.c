@@ -36,11 +36,11 @@ struct cpu {
     struct pell_lighting lighting;
     struct pell_accumulator sum;
     float *display[3];
-    float *plane[PELL_PLANES][3];    /* of the frame, that no stage keeps: 4 bytes a pixel */
-    float *glow[PELL_BLOOM_PLANES];  /* there once bloom was asked for */
-    float *open[PELL_DOF_PLANES];    /* there once depth of field was asked for */
+    float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */
+    float *glow[PELL_BLOOM_PLANES]; /* there once bloom was asked for */
+    float *open[PELL_DOF_PLANES];   /* there once depth of field was asked for */
     float *open_tiles;
-    double *rows;                    /* 4 a row for post, then 2 a row for the meter */
+    double *rows; /* 4 a row for post, then 2 a row for the meter */
 
     struct pell_composite_params composite; /* of the sample that is made */
     struct pell_post_result post;
@@ -142,8 +142,7 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
     case PELL_PLANE_STRENGTH:
     case PELL_PLANE_BASE:
     case PELL_PLANE_IRRADIANCE:
-    case PELL_PLANE_NORMAL:
-        return false;
+    case PELL_PLANE_NORMAL: return false;
     }
     if (p->output)
         return plan && (plan->outputs & p->output) && frame->settings->layers;
@@ -205,21 +204,16 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
     enum pell_result res = PELL_OK;
 
     switch (resource) {
-    case PELL_ENGINE_SCENE:
-        return make_scene(e, frame->scene);
-    case PELL_ENGINE_PLANES:
-        return make_planes(e, frame);
+    case PELL_ENGINE_SCENE: return make_scene(e, frame->scene);
+    case PELL_ENGINE_PLANES: return make_planes(e, frame);
     case PELL_ENGINE_RASTER:
         if (!e->rastered)
             res = pell_raster_create(e->ctx, e->scene, s->width, s->height, &e->raster);
         e->rastered = res == PELL_OK;
         e->surface.raster = e->raster;
         return res;
-    case PELL_ENGINE_LIGHTS:
-        e->settings = s;
-        return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
-    case PELL_ENGINE_RESOURCES:
-        break;
+    case PELL_ENGINE_LIGHTS: e->settings = s; return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
+    case PELL_ENGINE_RESOURCES: break;
     }
     return PELL_OK;
 }
@@ -229,22 +223,15 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
     struct cpu *e = engine;
 
     switch (resource) {
-    case PELL_ENGINE_SCENE:
-        drop_scene(e);
-        break;
-    case PELL_ENGINE_PLANES:
-        drop_planes(e);
-        break;
+    case PELL_ENGINE_SCENE: drop_scene(e); break;
+    case PELL_ENGINE_PLANES: drop_planes(e); break;
     case PELL_ENGINE_RASTER:
         pell_raster_destroy(&e->raster);
         e->surface.raster = NULL;
         e->rastered = false;
         break;
-    case PELL_ENGINE_LIGHTS:
-        pell_lights_destroy(&e->lights);
-        break;
-    case PELL_ENGINE_RESOURCES:
-        break;
+    case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
+    case PELL_ENGINE_RESOURCES: break;
     }
 }
 
@@ -431,8 +418,11 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
     struct cpu *e = engine;
     const struct pell_surface *s = &e->surface;
     float *const *const of_stages[PELL_PLANES] = {
-        [PELL_PLANE_DEPTH] = &s->depth,   [PELL_PLANE_STRENGTH] = &s->strength, [PELL_PLANE_BASE] = s->base,
-        [PELL_PLANE_NORMAL] = s->ns,      [PELL_PLANE_IRRADIANCE] = e->lighting.irradiance,
+        [PELL_PLANE_DEPTH] = &s->depth,
+        [PELL_PLANE_STRENGTH] = &s->strength,
+        [PELL_PLANE_BASE] = s->base,
+        [PELL_PLANE_NORMAL] = s->ns,
+        [PELL_PLANE_IRRADIANCE] = e->lighting.irradiance,
     };
     const struct remap_task remap = {
         .surface = s,
@@ -558,14 +548,10 @@ static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f
 static bool has_layer(const struct pell_output_layer *l, const struct pell_engine_frame *frame, bool noisy)
 {
     switch (l->when) {
-    case PELL_LAYER_ALWAYS:
-        return true;
-    case PELL_LAYER_ASKED:
-        return frame->settings->layers;
-    case PELL_LAYER_SINGLE:
-        return frame->settings->layers && frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE);
-    case PELL_LAYER_NOISE:
-        return frame->settings->layers && noisy;
+    case PELL_LAYER_ALWAYS: return true;
+    case PELL_LAYER_ASKED: return frame->settings->layers;
+    case PELL_LAYER_SINGLE: return frame->settings->layers && frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE);
+    case PELL_LAYER_NOISE: return frame->settings->layers && noisy;
     }
     return false;
 }

@@ -24,8 +24,7 @@ static enum pell_result check_camera(struct pell_context *ctx, const struct pell
     if (!finite3(c->position))
         return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "position = %g, %g, %g mm, must be finite", (double) c->position[0],
                           (double) c->position[1], (double) c->position[2]);
-    if (!finite3(c->forward) || !finite3(c->up) ||
-        !(vec3_length(vec3_cross(forward, vec3_normalize(vec3_load(c->up)))) > 1e-6f))
+    if (!finite3(c->forward) || !finite3(c->up) || !(vec3_length(vec3_cross(forward, vec3_normalize(vec3_load(c->up)))) > 1e-6f))
         return pell_error(ctx, PELL_ERR_INVALID, name, NULL,
                           "forward = %g, %g, %g and up = %g, %g, %g, must have a length and not be parallel", (double) c->forward[0],
                           (double) c->forward[1], (double) c->forward[2], (double) c->up[0], (double) c->up[1], (double) c->up[2]);

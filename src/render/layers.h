@@ -19,7 +19,7 @@ struct pell_output_layer {
     int components;       /* [1, 3] */
     size_t offset;        /* of the first plane's pointer in struct pell_accumulator */
     enum pell_output_layer_when when;
-    int power;            /* samples are added with their weight to this power; 0: not added */
+    int power; /* samples are added with their weight to this power; 0: not added */
     bool full_float;
 };
 

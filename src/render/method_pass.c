@@ -22,7 +22,10 @@ enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_e
     if (engine->method(method))
         return PELL_OK;
     return pell_error(ctx, PELL_ERR_DEVICE, method->name, NULL, "has no engine %s, only %s", engine->name,
-                      method->cpu && method->vulkan ? "cpu and vulkan" : method->cpu ? "cpu" : method->vulkan ? "vulkan" : "none");
+                      method->cpu && method->vulkan ? "cpu and vulkan"
+                      : method->cpu                 ? "cpu"
+                      : method->vulkan              ? "vulkan"
+                                                    : "none");
 }
 
 static enum pell_result check_shape(struct pell_context *ctx, const struct pell_frame_shape *s)
@@ -186,8 +189,8 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
         return pell_error(ctx, PELL_ERR_INVALID, "frame", "make a new pass where the size, camera or materials change",
                           "the frame's shape is not the one that the pass was made for");
     if (r.x0 < 0 || r.y0 < 0 || r.x1 > in->shape.width || r.y1 > in->shape.height)
-        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "rect (%d, %d) to (%d, %d), must lie in the picture of %d x %d", r.x0,
-                          r.y0, r.x1, r.y1, in->shape.width, in->shape.height);
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "rect (%d, %d) to (%d, %d), must lie in the picture of %d x %d", r.x0, r.y0,
+                          r.x1, r.y1, in->shape.width, in->shape.height);
     missing = find_missing(pass->plan.needs, in, out);
     if (missing)
         return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "plane %s is not there, method %s needs it", missing, pass->method->name);

@@ -23,14 +23,14 @@ enum pell_input {
 };
 
 struct pell_renderer {
-    struct pell_context *ctx;    /* borrowed */
-    struct pell_device *device;  /* borrowed */
-    void *engine;                /* instance of the device's */
+    struct pell_context *ctx;   /* borrowed */
+    struct pell_device *device; /* borrowed */
+    void *engine;               /* instance of the device's */
 
     /* Inputs. */
-    const struct pell_scene *scene;   /* borrowed */
-    const struct pell_method *method; /* borrowed; NULL: none */
-    void *knobs;                      /* owned copy */
+    const struct pell_scene *scene;    /* borrowed */
+    const struct pell_method *method;  /* borrowed; NULL: none */
+    void *knobs;                       /* owned copy */
     struct pell_checkpoint checkpoint; /* owned path; NULL: none */
     struct pell_settings settings;
     float focal_px;

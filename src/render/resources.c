@@ -69,7 +69,7 @@ fail:
 
 static enum pell_profile_model model_of(const struct pell_material *m, int setting)
 {
-    return setting > 0 ? (enum pell_profile_model) (setting - 1) : m->model;
+    return setting > 0 ? (enum pell_profile_model)(setting - 1) : m->model;
 }
 
 /* Materials with one profile share it: the profile is large, and some models take their time. */
@@ -249,8 +249,8 @@ static unsigned pass_depends(const struct pell_renderer *r)
 
 /* Each may use those above it, and is dropped before them. */
 static const struct resource {
-    unsigned depends; /* on these of enum pell_input, */
-    unsigned (*more)(const struct pell_renderer *r); /* and on these; NULL: no more */
+    unsigned depends;                                  /* on these of enum pell_input, */
+    unsigned (*more)(const struct pell_renderer *r);   /* and on these; NULL: no more */
     enum pell_result (*make)(struct pell_renderer *r); /* leaves nothing behind where it fails */
     void (*drop)(struct pell_renderer *r);
 } resources[] = {
@@ -260,8 +260,8 @@ static const struct resource {
     { PELL_INPUT_SIZE, NULL, make_planes, drop_planes },
     { PELL_INPUT_SCENE | PELL_INPUT_SIZE, NULL, make_raster, drop_raster },
     { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS, NULL, make_lights, drop_lights },
-    { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_SIZE | PELL_INPUT_CAMERA | PELL_INPUT_PROFILE,
-      pass_depends, make_pass, drop_pass },
+    { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_SIZE | PELL_INPUT_CAMERA | PELL_INPUT_PROFILE, pass_depends,
+      make_pass, drop_pass },
 };
 enum { OF_SCENE = 2 /* the first that depend on the scene alone */ };
 

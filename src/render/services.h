@@ -11,8 +11,8 @@
 #define PELL_SERVICES_H
 
 #include "base/pool.h"
-#include "transport/solids.h"
 #include "render/camera_view.h"
+#include "transport/solids.h"
 
 #include <pellucid/method.h>
 #include <pellucid/render.h>
@@ -54,7 +54,7 @@ struct pell_services {
     const struct pell_frame_material *materials;
     const struct pell_settings *settings;     /* of the frame that is made: where a pass outlives a change they change under it */
     const struct pell_checkpoint *checkpoint; /* NULL: none */
-    void *engine; /* passed to the functions below, which the engine fills in */
+    void *engine;                             /* passed to the functions below, which the engine fills in */
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                             const struct pell_surface_light *out);
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);

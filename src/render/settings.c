@@ -12,6 +12,7 @@ static const char *const profiles[] = { "material", "dipole", "better-dipole", "
 _Static_assert(PELL_COUNT(profiles) == PELL_PROFILE_MODELS + 2, "one name per model");
 
 #define AT(field) offsetof(struct pell_settings, field)
+/* clang-format off */
 static const struct pell_knob settings_knobs[] = {
     { "width", PELL_KNOB_INT, "px", AT(width), { 1280 }, 1, 16384, NULL, "width of the picture" },
     { "height", PELL_KNOB_INT, "px", AT(height), { 720 }, 1, 16384, NULL, "height of the picture" },
@@ -45,8 +46,9 @@ static const struct pell_knob settings_knobs[] = {
       "how diffusion profiles are made from coefficients, for all materials; material leaves each its own" },
     { "layers", PELL_KNOB_BOOL, "1", AT(layers), { 0 }, 0, 1, NULL,
       "make every layer (diffuse, transmission, specular, irradiance, depth, normal) beside the picture" },
-    {0}
+    {0},
 };
+/* clang-format on */
 
 const struct pell_knob *pell_settings_knobs(void)
 {

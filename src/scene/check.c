@@ -338,9 +338,8 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
     parts = pell_alloc_array(k->ctx, t.num_parts, sizeof(*parts));
     res = PELL_ERR_NOMEM;
     if (o->name && parts) {
-        k->likeness[k->report->num_objects] = (struct likeness) {
-            .triangles = t.num_triangles, .object = k->report->num_objects, .meshes = meshes, .num_meshes = count
-        };
+        k->likeness[k->report->num_objects] =
+            (struct likeness) { .triangles = t.num_triangles, .object = k->report->num_objects, .meshes = meshes, .num_meshes = count };
         k->report->num_objects++;
         o->material = k->scene->meshes[meshes[0]].material;
         pell_topology_parts(&t, k->scene, parts);

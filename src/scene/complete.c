@@ -15,8 +15,8 @@ static bool in_range(double value, double min, double max)
     return value >= min && value <= max;
 }
 
-static enum pell_result bad_value(struct pell_scene *scene, const char *kind, const char *name, const char *field, double value,
-                                  double min, double max)
+static enum pell_result bad_value(struct pell_scene *scene, const char *kind, const char *name, const char *field, double value, double min,
+                                  double max)
 {
     struct pell_text where = { 0 };
     char shown[96];
@@ -239,8 +239,8 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
         { "emission green", m->emissive[1], 0, 1e12f },
         { "emission blue", m->emissive[2], 0, 1e12f },
     };
-    const struct pell_texture_map *const maps[] = { &m->strength_map,  &m->base_color_map,     &m->metallic_map, &m->roughness_map,
-                                                    &m->rho_s_map,     &m->specular_color_map, &m->normal_map,   &m->emissive_map };
+    const struct pell_texture_map *const maps[] = { &m->strength_map, &m->base_color_map,     &m->metallic_map, &m->roughness_map,
+                                                    &m->rho_s_map,    &m->specular_color_map, &m->normal_map,   &m->emissive_map };
     enum pell_result res = check_medium(scene, m);
 
     for (size_t i = 0; res == PELL_OK && i < PELL_COUNT(numbers); i++)

@@ -28,7 +28,7 @@ struct pell_import {
     const char *path;         /* as the user gave it: for messages */
     const char *root;         /* folder that external files must lie under */
     bool allow_outside;
-    bool needed;              /* who asks for a picture refuses one that can't be used */
+    bool needed; /* who asks for a picture refuses one that can't be used */
     struct pell_moment moment;
     double default_mm_per_unit; /* set by the importer: glTF 1000; 0: the format has no unit */
     size_t animations;          /* set by the importer: how many the file has */
@@ -44,9 +44,8 @@ PELL_NODISCARD enum pell_result pell_import_ply(struct pell_import *import, cons
 PELL_NODISCARD enum pell_result pell_import_texture(struct pell_import *import, const char *where, const char *reference,
                                                     enum pell_image_role role, struct pell_texture **texture);
 /* The same from bytes (data URIs, GLB buffer views); `name` is for messages. */
-PELL_NODISCARD enum pell_result pell_import_texture_bytes(struct pell_import *import, const char *where, const char *name,
-                                                          const void *data, size_t size, enum pell_image_role role,
-                                                          struct pell_texture **texture);
+PELL_NODISCARD enum pell_result pell_import_texture_bytes(struct pell_import *import, const char *where, const char *name, const void *data,
+                                                          size_t size, enum pell_image_role role, struct pell_texture **texture);
 
 /* The texture itself if its sampler is the one asked for or nobody has asked yet, else one that shares its pixels. */
 PELL_NODISCARD enum pell_result pell_texture_sampler(struct pell_scene *scene, struct pell_texture *texture, enum pell_wrap wrap_u,

@@ -12,7 +12,7 @@
 #include <string.h>
 
 #define LOOK_UPS ((int64_t) 1 << 24) /* to measure a material; of larger maps every second, third, ... texel */
-#define OTHER 1e3 /* 1/mm: extinction of the medium that stands for what is below the layers */
+#define OTHER 1e3                    /* 1/mm: extinction of the medium that stands for what is below the layers */
 
 void pell_layer_texel(const struct pell_texture_map *map, float u, float v, float rgba[4])
 {
@@ -182,7 +182,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
         step++;
     for (int i = 0; i < m->num_layers; i++)
         if (with[i])
-            out[i] = (struct pell_layer_measure){ (double) INFINITY, 0.0, 0.0, 0 };
+            out[i] = (struct pell_layer_measure) { (double) INFINITY, 0.0, 0.0, 0 };
     for (int y = step / 2 < image->height ? step / 2 : 0; y < image->height; y += step)
         for (int x = step / 2 < image->width ? step / 2 : 0; x < image->width; x += step) {
             const struct pell_texture_map *last = NULL;
@@ -232,7 +232,7 @@ int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_lay
     }
     for (int i = 0; !grid && i < m->num_layers; i++) {
         above = fmaxf(above, m->layers[i].depth);
-        out[i] = (struct pell_layer_measure){ (double) above, (double) above, (double) above, 0 };
+        out[i] = (struct pell_layer_measure) { (double) above, (double) above, (double) above, 0 };
     }
     if (!grid)
         return 0;

@@ -93,14 +93,12 @@ static enum pell_result refuse(struct pell_context *ctx, const char *path, const
     static const struct {
         const char *magic, *extension, *what;
     } others[] = {
-        { "Kaydara FBX", "fbx", "an FBX file" },     { "BLENDER", "blend", "a Blender file" },
-        { "solid ", "stl", "an STL file" },          { "PXR-USDC", "usd", "a USD file" },
-        { "#usda", "usda", "a USD file" },           { "PK\x03\x04", "usdz", "a zip archive" },
-        { "OFF", "off", "an OFF file" },             { "<?xml", "dae", "an XML file" },
-        { "\x89PNG", "png", "a picture" },           { "\xff\xd8\xff", "jpg", "a picture" },
-        { "\x76\x2f\x31\x01", "exr", "a picture" }, { "#?RADIANCE", "hdr", "a picture" },
+        { "Kaydara FBX", "fbx", "an FBX file" }, { "BLENDER", "blend", "a Blender file" },   { "solid ", "stl", "an STL file" },
+        { "PXR-USDC", "usd", "a USD file" },     { "#usda", "usda", "a USD file" },          { "PK\x03\x04", "usdz", "a zip archive" },
+        { "OFF", "off", "an OFF file" },         { "<?xml", "dae", "an XML file" },          { "\x89PNG", "png", "a picture" },
+        { "\xff\xd8\xff", "jpg", "a picture" },  { "\x76\x2f\x31\x01", "exr", "a picture" }, { "#?RADIANCE", "hdr", "a picture" },
     };
-    const char *what = size == 0                               ? "an empty file"
+    const char *what = size == 0                              ? "an empty file"
                        : pell_path_has_extension(path, "glb") ? "no GLB, which begins with \"glTF\""
                        : pell_path_has_extension(path, "ply") ? "no PLY, which begins with \"ply\""
                                                               : "no format that is known here";
@@ -196,7 +194,7 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
     import.root = folder;
     PELL_TRY(format == PELL_SCENE_GLTF  ? pell_import_gltf(&import, data, size)
              : format == PELL_SCENE_OBJ ? pell_import_obj(&import, data, size)
-                                    : pell_import_ply(&import, data, size));
+                                        : pell_import_ply(&import, data, size));
     PELL_TRY(find_unit(&import, scale, &mm));
     for (int i = 0; i < 3; i++)
         matrix.m[5 * i] = mm;

@@ -12,7 +12,7 @@ struct pell_names {
         char *text;
         size_t length;
         uint64_t hash;
-    } *names;
+    } * names;
     size_t count, capacity;
     uint32_t *slots;
     size_t num_slots;

@@ -88,12 +88,8 @@ static double decode(const struct ply *p, const uint8_t *at, enum type type)
     case T_UINT16: return (double) (uint16_t) low;
     case T_INT32: return (double) (int32_t) low;
     case T_UINT32: return (double) low;
-    case T_FLOAT:
-        memcpy(&f, &low, sizeof(f));
-        return (double) f;
-    case T_DOUBLE:
-        memcpy(&d, &bits, sizeof(d));
-        return d;
+    case T_FLOAT: memcpy(&f, &low, sizeof(f)); return (double) f;
+    case T_DOUBLE: memcpy(&d, &bits, sizeof(d)); return d;
     default: return 0.0;
     }
 }

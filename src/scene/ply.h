@@ -5,8 +5,8 @@
 #ifndef PELL_SCENE_PLY_H
 #define PELL_SCENE_PLY_H
 
-#include "scene/obj/lex.h"
 #include "scene/mesh/polygon.h"
+#include "scene/obj/lex.h"
 #include "scene/scene.h"
 
 enum type { T_INT8, T_UINT8, T_INT16, T_UINT16, T_INT32, T_UINT32, T_FLOAT, T_DOUBLE, T_NONE };

@@ -37,12 +37,31 @@ static enum role role_of(enum kind kind, const char *word, size_t length, bool l
     static const struct {
         const char *name;
         enum role role;
-    } names[] = { { "x", R_X },           { "y", R_Y },           { "z", R_Z },         { "nx", R_NX },        { "ny", R_NY },
-                  { "nz", R_NZ },         { "u", R_U },           { "v", R_V },         { "s", R_U },          { "t", R_V },
-                  { "texture_u", R_U },   { "texture_v", R_V },   { "texture_s", R_U }, { "texture_t", R_V },  { "red", R_RED },
-                  { "green", R_GREEN },   { "blue", R_BLUE },     { "alpha", R_ALPHA }, { "r", R_RED },        { "g", R_GREEN },
-                  { "b", R_BLUE },        { "a", R_ALPHA },       { "diffuse_red", R_RED },
-                  { "diffuse_green", R_GREEN },                   { "diffuse_blue", R_BLUE } };
+    } names[] = { { "x", R_X },
+                  { "y", R_Y },
+                  { "z", R_Z },
+                  { "nx", R_NX },
+                  { "ny", R_NY },
+                  { "nz", R_NZ },
+                  { "u", R_U },
+                  { "v", R_V },
+                  { "s", R_U },
+                  { "t", R_V },
+                  { "texture_u", R_U },
+                  { "texture_v", R_V },
+                  { "texture_s", R_U },
+                  { "texture_t", R_V },
+                  { "red", R_RED },
+                  { "green", R_GREEN },
+                  { "blue", R_BLUE },
+                  { "alpha", R_ALPHA },
+                  { "r", R_RED },
+                  { "g", R_GREEN },
+                  { "b", R_BLUE },
+                  { "a", R_ALPHA },
+                  { "diffuse_red", R_RED },
+                  { "diffuse_green", R_GREEN },
+                  { "diffuse_blue", R_BLUE } };
 
     if (kind == K_FACE && list && (pell_word_is(word, length, "vertex_indices") || pell_word_is(word, length, "vertex_index")))
         return R_FACE;

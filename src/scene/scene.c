@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * scene.c - scenes as plain data: making, growing and destroying one, built-in materials, transforms. */
+#include "scene/scene.h"
 #include "base/file.h"
 #include "scene/layers.h"
-#include "scene/scene.h"
 
 #include <string.h>
 
@@ -118,8 +118,7 @@ enum pell_result pell_scene_add_mesh(struct pell_scene *scene, const char *name,
 {
     void *array = scene->meshes;
     char *copy;
-    const enum pell_result res =
-        add(scene, MESHES, "meshes", &array, scene->num_meshes, sizeof(scene->meshes[0]), name, &copy);
+    const enum pell_result res = add(scene, MESHES, "meshes", &array, scene->num_meshes, sizeof(scene->meshes[0]), name, &copy);
 
     scene->meshes = array;
     if (res != PELL_OK)
@@ -140,8 +139,7 @@ enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *n
     struct pell_material *m;
     void *array = scene->materials;
     char *copy;
-    const enum pell_result res =
-        add(scene, MATERIALS, "materials", &array, scene->num_materials, sizeof(scene->materials[0]), name, &copy);
+    const enum pell_result res = add(scene, MATERIALS, "materials", &array, scene->num_materials, sizeof(scene->materials[0]), name, &copy);
 
     scene->materials = array;
     if (res != PELL_OK)
@@ -190,8 +188,7 @@ enum pell_result pell_scene_add_light(struct pell_scene *scene, const char *name
 {
     void *array = scene->lights;
     char *copy;
-    const enum pell_result res =
-        add(scene, LIGHTS, "lights", &array, scene->num_lights, sizeof(scene->lights[0]), name, &copy);
+    const enum pell_result res = add(scene, LIGHTS, "lights", &array, scene->num_lights, sizeof(scene->lights[0]), name, &copy);
 
     scene->lights = array;
     if (res != PELL_OK)
@@ -205,8 +202,7 @@ enum pell_result pell_scene_add_camera(struct pell_scene *scene, const char *nam
 {
     void *array = scene->cameras;
     char *copy;
-    const enum pell_result res =
-        add(scene, CAMERAS, "cameras", &array, scene->num_cameras, sizeof(scene->cameras[0]), name, &copy);
+    const enum pell_result res = add(scene, CAMERAS, "cameras", &array, scene->num_cameras, sizeof(scene->cameras[0]), name, &copy);
 
     scene->cameras = array;
     if (res != PELL_OK)
@@ -221,8 +217,7 @@ enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *nam
     void *array = scene->options;
     struct pell_scene_option *o;
     char *copy;
-    const enum pell_result res =
-        add(scene, OPTIONS, "render options", &array, scene->num_options, sizeof(scene->options[0]), name, &copy);
+    const enum pell_result res = add(scene, OPTIONS, "render options", &array, scene->num_options, sizeof(scene->options[0]), name, &copy);
 
     scene->options = array;
     if (res != PELL_OK)
@@ -274,8 +269,8 @@ enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint3
     return PELL_OK;
 }
 
-static enum pell_result grow_floats(struct pell_context *ctx, float **array, uint32_t count, int each, const uint32_t *from,
-                                    uint32_t more, size_t pad)
+static enum pell_result grow_floats(struct pell_context *ctx, float **array, uint32_t count, int each, const uint32_t *from, uint32_t more,
+                                    size_t pad)
 {
     float *grown;
 

@@ -39,8 +39,8 @@ bool pell_material_is_path(const char *name_or_path);
 
 /* What a scene file asks for beyond load parameters. */
 struct pell_extras {
-    bool studio;         /* the default lights, though there are others */
-    bool no_lights;      /* the file says that there are none: add none */
+    bool studio;    /* the default lights, though there are others */
+    bool no_lights; /* the file says that there are none: add none */
     bool ground;
     int ground_material; /* -1: the neutral one */
     float aspect;        /* of the picture that the file asks for; 0: it doesn't say */

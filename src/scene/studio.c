@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#define FRAMED 0.8f          /* share of the picture that the bounds fill */
+#define FRAMED 0.8f /* share of the picture that the bounds fill */
 #define FRAME_FOV_DEG 20.0f
 #define DEFAULT_ASPECT (16.0f / 9.0f)
 

@@ -144,8 +144,8 @@ fail:
     return res;
 }
 
-enum pell_result pell_import_texture_bytes(struct pell_import *import, const char *where, const char *name, const void *data,
-                                           size_t size, enum pell_image_role role, struct pell_texture **texture)
+enum pell_result pell_import_texture_bytes(struct pell_import *import, const char *where, const char *name, const void *data, size_t size,
+                                           enum pell_image_role role, struct pell_texture **texture)
 {
     const uint64_t key = hash_bytes(texture_key(name, (int) role), data, size);
     struct pell_texture *t = find_texture(import->scene, key, name);
@@ -173,8 +173,8 @@ fail:
     return res;
 }
 
-enum pell_result pell_texture_sampler(struct pell_scene *scene, struct pell_texture *texture, enum pell_wrap wrap_u,
-                                      enum pell_wrap wrap_v, bool nearest, struct pell_texture **out)
+enum pell_result pell_texture_sampler(struct pell_scene *scene, struct pell_texture *texture, enum pell_wrap wrap_u, enum pell_wrap wrap_v,
+                                      bool nearest, struct pell_texture **out)
 {
     const int sampler[3] = { (int) wrap_u, (int) wrap_v, nearest };
     struct pell_texture *t = texture;

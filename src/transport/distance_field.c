@@ -348,11 +348,11 @@ static void span_meshes(const struct fill *f)
             }
         for (int j = 0; j < 3; j++)
             meets = meets && high[j] >= g->low[j] - (BAND + 1.0f) * g->side && low[j] <= g->high[j] + (BAND + 2.0f) * g->side;
-        f->spans[k] = (struct span){ INT32_MAX, -1 };
+        f->spans[k] = (struct span) { INT32_MAX, -1 };
         if (meets) {
             const double from = floor(((double) low[2] - (double) g->low[2]) / (double) g->side - (double) BAND - 1.0);
             const double to = ((double) high[2] - (double) g->low[2]) / (double) g->side + (double) BAND + 2.0;
-            f->spans[k] = (struct span){ (int) fmax(from, -1.0), (int) fmin(to, g->size[2]) };
+            f->spans[k] = (struct span) { (int) fmax(from, -1.0), (int) fmin(to, g->size[2]) };
         }
     }
 }

@@ -101,7 +101,8 @@ static void take_stack(struct pell_context *ctx, const char *method, const struc
     }
 }
 
-enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m, struct pell_medium_layers *out)
+enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m,
+                                         struct pell_medium_layers *out)
 {
     const struct pell_material_entry *stack = stack_of(m);
 
@@ -125,13 +126,14 @@ enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *m
     out->item[0].depth = (double) INFINITY;
     set_medium(&m->medium, &out->item[0]);
     for (int c = 0; c < 3; c++)
-        out->item[0].phase[c] = (struct pell_phase){ PELL_PHASE_HENYEY_GREENSTEIN, { m->medium.g[c], 0.0 }, 0.0 };
+        out->item[0].phase[c] = (struct pell_phase) { PELL_PHASE_HENYEY_GREENSTEIN, { m->medium.g[c], 0.0 }, 0.0 };
     return PELL_OK;
 }
 
 /* --- At a point ------------------------------------------------------------------------------------------------------------------ */
 
-void pell_medium_layers_depths(const struct pell_medium_layers *s, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float *depth)
+void pell_medium_layers_depths(const struct pell_medium_layers *s, const struct pell_mesh *mesh, uint32_t triangle, float u, float v,
+                               float *depth)
 {
     const uint32_t *index = mesh->index + 3 * (size_t) triangle;
     const struct pell_texture_map *last = NULL;

@@ -11,8 +11,8 @@
 #include <pellucid/scene.h>
 
 struct pell_layer_medium {
-    const char *name;                   /* "" : none */
-    double sigma_s[3], sigma_t[3];      /* 1/mm; sigma_s is not reduced */
+    const char *name;              /* "" : none */
+    double sigma_s[3], sigma_t[3]; /* 1/mm; sigma_s is not reduced */
     struct pell_phase phase[3];
     double depth;                       /* mm from the surface to its bottom, which rises where none is painted; where a map is, its 1.
                                          * The last's may be INFINITY */
@@ -32,12 +32,13 @@ struct pell_medium_layers {
 /* Of the scene's own layers (struct pell_material.layers), else of the built-in stack or medium that the material is made of. Errors:
  * PELL_ERR_UNSUPPORTED, naming the material, where it has a profile but no medium. `method`: who asks, for messages. */
 PELL_NODISCARD enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m,
-                                                 struct pell_medium_layers *out);
+                                                        struct pell_medium_layers *out);
 
 /* Depths of all layers' bottoms below a point of a triangle of `mesh`, mm, each at least the one before it (layers that cross are pushed
  * down: the upper one wins). u, v: barycentric as in struct pell_hit. A mesh without the map's texture coordinates is white all over.
  * Safe from many threads. */
-void pell_medium_layers_depths(const struct pell_medium_layers *s, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float *depth);
+void pell_medium_layers_depths(const struct pell_medium_layers *s, const struct pell_mesh *mesh, uint32_t triangle, float u, float v,
+                               float *depth);
 
 /* The layer at a distance below the surface, by depths as above; -1: below the deepest. */
 static inline int pell_medium_layers_at(const struct pell_medium_layers *s, const float *depth, float distance)

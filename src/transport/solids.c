@@ -168,8 +168,8 @@ static enum pell_result by_object_create(struct pell_context *ctx, size_t count,
 }
 
 /* The solid that triangles of a mesh scatter in; it is made if need be. */
-static int32_t solid_of(struct pell_solids *b, const struct by_object *o, const struct pell_frame_material *materials, int object, size_t at,
-                       bool layered)
+static int32_t solid_of(struct pell_solids *b, const struct by_object *o, const struct pell_frame_material *materials, int object,
+                        size_t at, bool layered)
 {
     int32_t *const row = row_of(o, object);
 

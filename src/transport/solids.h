@@ -22,7 +22,7 @@ struct pell_solid {
     size_t num_triangles;
     struct pell_solid_triangle {
         uint32_t mesh, triangle;
-    } *triangles;       /* along a space-filling curve */
+    } * triangles;      /* along a space-filling curve */
     double *area_after; /* mm^2: of the triangles up to and with this one */
     double area;        /* mm^2 */
 };

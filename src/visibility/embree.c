@@ -12,7 +12,7 @@
 #include <string.h>
 
 /* The packets are Embree's own, under our names: no copying. */
-#define SAME(type, field, rtc_type, rtc_field)                                                                                     \
+#define SAME(type, field, rtc_type, rtc_field)                                                                                             \
     _Static_assert(offsetof(struct type, field) == offsetof(struct rtc_type, rtc_field), "layout of " #field)
 SAME(pell_ray16, ox, RTCRay16, org_x);
 SAME(pell_ray16, oy, RTCRay16, org_y);
@@ -66,7 +66,7 @@ struct pell_rays {
     struct surface *surfaces; /* one a mesh */
     _Atomic int64_t bytes;    /* that Embree holds */
     atomic_bool over_limit;
-    _Atomic int error; /* first enum RTCError */
+    _Atomic int error;              /* first enum RTCError */
     struct pell_ray_record *record; /* borrowed; NULL: none */
 };
 
@@ -98,7 +98,7 @@ static void filter(const struct RTCFilterFunctionNArguments *args)
 {
     const struct surface *s = args->geometryUserPtr;
     const unsigned n = args->N;
-    const float *hit = (const float *) args->hit;                         /* planes of n: Ng x, y, z, u, v, primID, ... */
+    const float *hit = (const float *) args->hit; /* planes of n: Ng x, y, z, u, v, primID, ... */
     const uint32_t *triangle = (const uint32_t *) args->hit + 5 * (size_t) n;
     const uint32_t *mask = (const uint32_t *) args->ray + 9 * (size_t) n; /* planes of n, in the order of struct pell_ray16 */
 
@@ -148,10 +148,8 @@ static bool on_progress(void *user, double fraction)
 static enum pell_result check(const struct pell_rays *rays, const struct pell_scene *scene, enum RTCError code)
 {
     switch (code) {
-    case RTC_ERROR_NONE:
-        return PELL_OK;
-    case RTC_ERROR_CANCELLED:
-        return PELL_ERR_CANCELLED;
+    case RTC_ERROR_NONE: return PELL_OK;
+    case RTC_ERROR_CANCELLED: return PELL_ERR_CANCELLED;
     case RTC_ERROR_OUT_OF_MEMORY:
         if (rays && atomic_load(&rays->over_limit))
             return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, "raise the limit memory-bytes if the machine has more",
@@ -160,8 +158,7 @@ static enum pell_result check(const struct pell_rays *rays, const struct pell_sc
         return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, NULL, "out of memory while building the ray structure");
     case RTC_ERROR_UNSUPPORTED_CPU:
         return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree does not run on this processor");
-    default:
-        return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree reports error %d", (int) code);
+    default: return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree reports error %d", (int) code);
     }
 }
 
@@ -353,8 +350,15 @@ void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool c
 static struct RTCRay single_ray(const struct pell_ray *ray)
 {
     return (struct RTCRay) {
-        .org_x = ray->origin[0], .org_y = ray->origin[1], .org_z = ray->origin[2], .tnear = ray->tnear, .dir_x = ray->direction[0],
-        .dir_y = ray->direction[1], .dir_z = ray->direction[2], .tfar = ray->tfar, .mask = ray->mask,
+        .org_x = ray->origin[0],
+        .org_y = ray->origin[1],
+        .org_z = ray->origin[2],
+        .tnear = ray->tnear,
+        .dir_x = ray->direction[0],
+        .dir_y = ray->direction[1],
+        .dir_z = ray->direction[2],
+        .tfar = ray->tfar,
+        .mask = ray->mask,
     };
 }
 
@@ -454,7 +458,8 @@ bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray
 
 /* --- The nearest point ---------------------------------------------------------------------------------------------------------- */
 
-#define MORE 1.000001 /* the search goes on a little behind the nearest, so that what is nearest does not depend on the order of the
+#define MORE                                                                                                                               \
+    1.000001 /* the search goes on a little behind the nearest, so that what is nearest does not depend on the order of the
                        * search */
 
 struct nearest_search {
@@ -536,8 +541,8 @@ static bool try_triangle(struct RTCPointQueryFunctionArguments *args)
         f[k] = (double) m->position[3 * (size_t) index[2] + k] - a;
     }
     d2 = to_triangle(d, e, f, &u, &v);
-    if (!(d2 <= s->best2) || (d2 == s->best2 && s->mesh != PELL_NO_HIT &&
-                              (args->geomID > s->mesh || (args->geomID == s->mesh && args->primID >= s->triangle))))
+    if (!(d2 <= s->best2) ||
+        (d2 == s->best2 && s->mesh != PELL_NO_HIT && (args->geomID > s->mesh || (args->geomID == s->mesh && args->primID >= s->triangle))))
         return false;
     s->best2 = d2;
     s->u = u;
@@ -555,8 +560,12 @@ bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, f
                              struct pell_nearest *out)
 {
     struct nearest_search s = {
-        .rays = rays, .of_mesh = of_mesh, .which = which, .x = { (double) x.x, (double) x.y, (double) x.z },
-        .best2 = (double) radius * (double) radius, .mesh = PELL_NO_HIT,
+        .rays = rays,
+        .of_mesh = of_mesh,
+        .which = which,
+        .x = { (double) x.x, (double) x.y, (double) x.z },
+        .best2 = (double) radius * (double) radius,
+        .mesh = PELL_NO_HIT,
     };
     struct RTCPointQuery query = { .x = x.x, .y = x.y, .z = x.z, .time = 0.0f, .radius = (float) ((double) radius * MORE) };
     struct RTCPointQueryContext context;

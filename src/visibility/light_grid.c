@@ -105,8 +105,11 @@ static struct span cells_of(const struct pell_light_grid *f, const struct pell_m
         depth = p.z < depth ? p.z : depth;
         end = p.z > end ? p.z : end;
     }
-    return (struct span) { clamp(x0 - f->margin_x, f->columns - 1), clamp(x1 + f->margin_x, f->columns - 1),
-                           clamp(y0 - f->margin_y, f->rows - 1), clamp(y1 + f->margin_y, f->rows - 1), depth * (1.0f - 1e-5f),
+    return (struct span) { clamp(x0 - f->margin_x, f->columns - 1),
+                           clamp(x1 + f->margin_x, f->columns - 1),
+                           clamp(y0 - f->margin_y, f->rows - 1),
+                           clamp(y1 + f->margin_y, f->rows - 1),
+                           depth * (1.0f - 1e-5f),
                            end * (1.0f + 1e-5f) };
 }
 
@@ -249,7 +252,8 @@ static void fill(const struct pell_scene *scene, struct pell_light_grid *f, uint
         sort(f->entries + f->first[i], f->first[i + 1] - f->first[i]);
 }
 
-enum pell_result pell_light_grid_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_vec3 apex, struct pell_light_grid **out)
+enum pell_result pell_light_grid_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_vec3 apex,
+                                        struct pell_light_grid **out)
 {
     struct pell_light_grid *f = pell_zalloc(ctx, sizeof(*f));
     uint32_t *starts = NULL;
@@ -309,7 +313,8 @@ void pell_light_grid_destroy(struct pell_light_grid **grid)
     pell_free(f->ctx, f);
 }
 
-bool pell_light_grid_visible16(const struct pell_light_grid *grid, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible)
+bool pell_light_grid_visible16(const struct pell_light_grid *grid, const int32_t *mask, const float *x, const float *y, const float *z,
+                               int32_t *visible)
 {
     return grid->kernels->visible(grid, mask, x, y, z, visible);
 }

@@ -22,13 +22,14 @@ struct pell_light_grid;
  * lies beside, behind or around the apex, or so far from it that floats don't tell triangles apart, a surface has holes cut by alpha,
  * triangles are many or of very different sizes, or memory is short */
 PELL_NODISCARD enum pell_result pell_light_grid_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_vec3 apex,
-                                                struct pell_light_grid **out);
+                                                       struct pell_light_grid **out);
 void pell_light_grid_destroy(struct pell_light_grid **grid);
 
 /* For lanes of `mask` (-1 or 0; 64-byte aligned, as are the points): visible = mask where nothing lies between the apex and the point; what
  * lies at the point, to rounding, or within the 10000th part next to the apex does not count. False: the points are too far apart, or not
  * all before the apex, and `visible` holds anything. */
-bool pell_light_grid_visible16(const struct pell_light_grid *grid, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible);
+bool pell_light_grid_visible16(const struct pell_light_grid *grid, const int32_t *mask, const float *x, const float *y, const float *z,
+                               int32_t *visible);
 
 /* As pell_rays_closest16 for rays that start at ox, oy, oz and run toward the apex, which is at 1: direction, tnear and mask are not read.
  * Sets tfar and the hit of lanes that meet something before their tfar, and the mesh of all. False as above. */
@@ -57,11 +58,12 @@ struct pell_light_grid_name {
 
 struct pell_light_grid_entry {
     uint32_t triangle; /* number and bits */
-    float depth; /* where it begins */
+    float depth;       /* where it begins */
 };
 
 struct pell_light_grid_kernels {
-    bool (*visible)(const struct pell_light_grid *grid, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible);
+    bool (*visible)(const struct pell_light_grid *grid, const int32_t *mask, const float *x, const float *y, const float *z,
+                    int32_t *visible);
     bool (*closest)(const struct pell_light_grid *grid, const int32_t *mask, struct pell_ray_hit16 *packet);
 };
 
@@ -69,11 +71,11 @@ struct pell_light_grid {
     struct pell_context *ctx;
     const struct pell_light_grid_kernels *kernels;
     struct pell_vec3 apex, forward, right, up;
-    float thick; /* mm along the axis, of the triangle that has most */
+    float thick;                   /* mm along the axis, of the triangle that has most */
     float left, low, per_x, per_y; /* column = (x/z - left) per_x */
     float margin_x, margin_y;      /* cells, round a triangle */
     int columns, rows;
-    uint32_t *first;               /* entry of each cell, and the end of the last one */
+    uint32_t *first;                       /* entry of each cell, and the end of the last one */
     struct pell_light_grid_entry *entries; /* nearest first */
     struct pell_light_grid_triangle *triangles;
     struct pell_light_grid_name *names; /* of the triangles */

@@ -13,10 +13,10 @@
 #include "math/lanes.h"
 
 #define LANES 16
-#define CELLS 16       /* that a packet may touch */
-#define LISTED 64      /* triangles at a time */
-#define NEAR 9999.0f   /* of a way that is 10000 long, what does not lie next to the apex */
-#define WHOLE 0.9999f  /* the same of 1 */
+#define CELLS 16      /* that a packet may touch */
+#define LISTED 64     /* triangles at a time */
+#define NEAR 9999.0f  /* of a way that is 10000 long, what does not lie next to the apex */
+#define WHOLE 0.9999f /* the same of 1 */
 
 struct place {
     _Alignas(64) float d[3][LANES]; /* from the apex */
@@ -123,7 +123,8 @@ INLINE int find_next(const struct pell_light_grid *f, const struct place *p, flo
     return count;
 }
 
-static bool visible16(const struct pell_light_grid *f, const int32_t *mask, const float *x, const float *y, const float *z, int32_t *visible)
+static bool visible16(const struct pell_light_grid *f, const int32_t *mask, const float *x, const float *y, const float *z,
+                      int32_t *visible)
 {
     vi open[LANES / WIDTH];
     uint32_t list[LISTED];

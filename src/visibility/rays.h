@@ -99,7 +99,7 @@ struct pell_ray_record {
     struct pell_ray *rays; /* the caller's */
     bool *occlusion;       /* of which it was asked only whether anything is in the way */
     size_t capacity;
-    _Atomic size_t count;  /* all that came: beyond the capacity they are not kept */
+    _Atomic size_t count; /* all that came: beyond the capacity they are not kept */
 };
 
 /* NULL stops it. While no query runs. */

@@ -10,7 +10,7 @@ PELL_SIMD_TABLES(struct pell_raster_kernels, pell_raster_kernels);
 #define VERTICES 4096        /* of one task */
 #define ENTRIES_A_TRIANGLE 2 /* tiles that triangles touch, over all; those that lie in many layers are found by boxes */
 #define ENTRIES_A_TILE 16
-#define PER_PIXEL 1.5        /* triangles; where there are more rays are quicker */
+#define PER_PIXEL 1.5 /* triangles; where there are more rays are quicker */
 
 static int tiles_of(int pixels)
 {
@@ -290,7 +290,7 @@ bool pell_raster_tile(const struct pell_raster *raster, int number, struct pell_
 }
 
 void pell_raster_intersect16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
-                        struct pell_corners *corners)
+                             struct pell_corners *corners)
 {
     raster->kernels->meet(raster, triangle, packet, corners);
 }

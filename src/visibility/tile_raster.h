@@ -60,13 +60,13 @@ struct pell_corners {
 /* Meets the triangles of a block with their pixels' rays, which the packet holds: hits of lanes whose triangle is not -1, and tfar. One of
  * them at least; the others get the corners of the first, and PELL_NO_HIT for a mesh. */
 void pell_raster_intersect16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
-                        struct pell_corners *corners);
+                             struct pell_corners *corners);
 
 /* --- Private to tile_raster.c and tile_raster_kernel.c
  * --------------------------------------------------------------------------------------------- */
 
-#define PELL_RASTER_CHUNKS 32     /* that triangles are handed out in; as many as keep some threads busy */
-#define PELL_RASTER_BACK 0x8000u  /* of a span's y0: turned away from the camera; closed objects hide these */
+#define PELL_RASTER_CHUNKS 32    /* that triangles are handed out in; as many as keep some threads busy */
+#define PELL_RASTER_BACK 0x8000u /* of a span's y0: turned away from the camera; closed objects hide these */
 
 /* The tiles that a triangle's bounds touch; x0 > x1: none. */
 struct pell_raster_span {
@@ -98,15 +98,15 @@ struct pell_raster {
     const struct pell_scene *scene;
     int width, height, columns, rows; /* pixels; tiles */
     struct pell_raster_view view;
-    float *slope_x, *slope_y;         /* of columns and rows of pixels, whole tiles */
+    float *slope_x, *slope_y; /* of columns and rows of pixels, whole tiles */
     size_t num_vertices, num_triangles;
     struct pell_raster_vertex *vertices;
     struct pell_raster_triangle *triangles;
-    uint32_t *first_triangle;         /* of a mesh */
+    uint32_t *first_triangle; /* of a mesh */
     uint32_t *first_vertex;
-    struct pell_raster_span *spans;   /* of triangles */
-    uint32_t *counts;                 /* [chunk][2 tile + back]: entries, then where a chunk's begin in the list */
-    uint32_t *first;                  /* [2 tile + back], and the end of the last: where a list begins in `entries` */
+    struct pell_raster_span *spans; /* of triangles */
+    uint32_t *counts;               /* [chunk][2 tile + back]: entries, then where a chunk's begin in the list */
+    uint32_t *first;                /* [2 tile + back], and the end of the last: where a list begins in `entries` */
     uint32_t *entries;
     size_t capacity;
     atomic_bool fails;

@@ -157,12 +157,11 @@ static bool spans(const struct pell_raster *r, size_t first, size_t end, struct 
         for (int i = 0; i < count; i++) {
             const bool none = b.x0[i] > b.x1[i] || b.y0[i] > b.y1[i] || volume[i] == 0.0f;
             const unsigned back = volume[i] < 0.0f ? PELL_RASTER_BACK : 0;
-            out[t + (size_t) i] = none ? (struct pell_raster_span) { 1, 0, 1, 0 }
-                                       : (struct pell_raster_span) {
-                                             (uint16_t) (b.x0[i] / PELL_RASTER_TILE), (uint16_t) (b.x1[i] / PELL_RASTER_TILE),
-                                             (uint16_t) ((unsigned) (b.y0[i] / PELL_RASTER_TILE) | back),
-                                             (uint16_t) (b.y1[i] / PELL_RASTER_TILE)
-                                         };
+            out[t + (size_t) i] =
+                none ? (struct pell_raster_span) { 1, 0, 1, 0 }
+                     : (struct pell_raster_span) { (uint16_t) (b.x0[i] / PELL_RASTER_TILE), (uint16_t) (b.x1[i] / PELL_RASTER_TILE),
+                                                   (uint16_t) ((unsigned) (b.y0[i] / PELL_RASTER_TILE) | back),
+                                                   (uint16_t) (b.y1[i] / PELL_RASTER_TILE) };
         }
     }
     return true;

@@ -298,7 +298,7 @@ static void warnings_of_one_kind_are_limited(void **state)
 
     pell_knobs_default(pell_limit_knobs(), &limits);
     limits.warnings = 3;
-    assert_int_equal(pell_context_create(&(struct pell_context_params){ .log = keep_message, .log_user = &kept, .limits = &limits }, &ctx),
+    assert_int_equal(pell_context_create(&(struct pell_context_params) { .log = keep_message, .log_user = &kept, .limits = &limits }, &ctx),
                      PELL_OK);
     for (int i = 0; i < 100; i++)
         pell_warn(ctx, "a.obj", NULL, "face %d is odd", i);

@@ -518,8 +518,8 @@ static void paths_fall_apart_right(void **state)
 {
     static const struct {
         const char *path, *folder, *name;
-    } cases[] = { { "a", ".", "a" },       { "a/b", "a", "b" },   { "/a", "/", "a" }, { "//a", "/", "a" },
-                  { "a//b", "a", "b" },    { "../a", "..", "a" }, { "", ".", "" },    { "a/", "a", "" } };
+    } cases[] = { { "a", ".", "a" },    { "a/b", "a", "b" },   { "/a", "/", "a" }, { "//a", "/", "a" },
+                  { "a//b", "a", "b" }, { "../a", "..", "a" }, { "", ".", "" },    { "a/", "a", "" } };
     struct fixture *f = *state;
 
     for (size_t i = 0; i < PELL_COUNT(cases); i++) {

@@ -25,7 +25,7 @@ static const struct pell_knob knobs[] = {
     { "tenth", PELL_KNOB_FLOAT, "1", AT(tenth), { 0.1 }, 0.1, 0.3, NULL, "bounds that no float can hold" },
     { "through", PELL_KNOB_ENUM, "1", AT(mode), { 1 }, 0, 0, modes, "light from behind" },
     { "tint", PELL_KNOB_RGB, "1", AT(tint), { 1, 0.5, 0.25 }, 0, 1, NULL, "colour" },
-    {0}
+    { 0 },
 };
 #undef AT
 
@@ -175,14 +175,14 @@ static void check_finds_each_kind_of_bad_value(void **state)
     const struct values good = f->v;
     unsigned char two = 2;
 
-#define BAD(change, text)                                                                                                          \
-    do {                                                                                                                           \
-        f->v = good;                                                                                                               \
-        change;                                                                                                                    \
-        assert_int_equal(pell_knobs_check(f->ctx, knobs, "method test", &f->v), PELL_ERR_INVALID);                                 \
-        if (!strstr(f->kept.what, text))                                                                                           \
-            fail_msg("'%s' says nothing of '%s'", f->kept.what, text);                                                             \
-        assert_string_equal(f->kept.where, "method test");                                                                         \
+#define BAD(change, text)                                                                                                                  \
+    do {                                                                                                                                   \
+        f->v = good;                                                                                                                       \
+        change;                                                                                                                            \
+        assert_int_equal(pell_knobs_check(f->ctx, knobs, "method test", &f->v), PELL_ERR_INVALID);                                         \
+        if (!strstr(f->kept.what, text))                                                                                                   \
+            fail_msg("'%s' says nothing of '%s'", f->kept.what, text);                                                                     \
+        assert_string_equal(f->kept.where, "method test");                                                                                 \
     } while (0)
     BAD(memcpy(&f->v.fast, &two, 1), "fast holds 2");
     BAD(f->v.gaussians = 11, "gaussians = 11");
@@ -215,14 +215,14 @@ static void printed_values_read_back(void **state)
     assert_string_equal(pell_knob_format(&knobs[3], &f->v, text, sizeof(text)), "0.1");
     assert_string_equal(pell_knob_format(&knobs[5], &f->v, text, sizeof(text)), "gaussian");
     assert_string_equal(pell_knob_format(&knobs[2], &f->v, text, 4), "100"); /* cut, terminated */
-    f->v.mode = 12; /* not a choice: no text, no read past the list */
+    f->v.mode = 12;                                                          /* not a choice: no text, no read past the list */
     assert_string_equal(pell_knob_format(&knobs[5], &f->v, text, sizeof(text)), "");
     f->v.mode = 0;
 }
 
 static void no_knobs_at_all_is_a_table(void **state)
 {
-    static const struct pell_knob none[] = { {0} };
+    static const struct pell_knob none[] = { { 0 } };
     struct fixture *f = *state;
 
     pell_knobs_default(none, NULL);
@@ -280,14 +280,14 @@ static void three_numbers_are_for_colours_alone(void **state)
     struct fixture *f = *state;
     struct values before;
 
-    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tint", (const double[3]){ 0.25, 0.5, 1 }), PELL_OK);
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tint", (const double[3]) { 0.25, 0.5, 1 }), PELL_OK);
     assert_true(f->v.tint[0] == 0.25f && f->v.tint[1] == 0.5f && f->v.tint[2] == 1.0f);
     before = f->v;
-    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tint", (const double[3]){ 0, 1.5, NAN }), PELL_ERR_INVALID);
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tint", (const double[3]) { 0, 1.5, NAN }), PELL_ERR_INVALID);
     assert_non_null(strstr(f->kept.what, "tint = 0,1.5,not a number, must be in [0, 1]"));
-    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "lod", (const double[3]){ 1, 1, 1 }), PELL_ERR_INVALID);
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "lod", (const double[3]) { 1, 1, 1 }), PELL_ERR_INVALID);
     assert_non_null(strstr(f->kept.what, "lod takes one value"));
-    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tin", (const double[3]){ 1, 1, 1 }), PELL_ERR_INVALID);
+    assert_int_equal(pell_knob_set_rgb(f->ctx, knobs, "t", "", &f->v, "tin", (const double[3]) { 1, 1, 1 }), PELL_ERR_INVALID);
     assert_memory_equal(&before, &f->v, sizeof(before));
 }
 

@@ -34,15 +34,18 @@ static void nearest_finds_slips_and_pieces_only(void **state)
     static const struct {
         const char *typed, *says;
     } cases[] = {
-        { "wholmilk", "did you mean \"wholemilk\"?" },               /* one left out */
-        { "marbel", "did you mean \"marble\"?" },                    /* two swapped */
-        { "MARBLE", "did you mean \"marble\"?" },                    /* case */
-        { "Ketchap", "did you mean \"ketchup\"?" },                  /* one other */
-        { "jades", "did you mean \"jade\"?" },                       /* one too many */
+        { "wholmilk", "did you mean \"wholemilk\"?" },             /* one left out */
+        { "marbel", "did you mean \"marble\"?" },                  /* two swapped */
+        { "MARBLE", "did you mean \"marble\"?" },                  /* case */
+        { "Ketchap", "did you mean \"ketchup\"?" },                /* one other */
+        { "jades", "did you mean \"jade\"?" },                     /* one too many */
         { "milk", "did you mean \"skimmilk\" or \"wholemilk\"?" }, /* a piece of two; the shorter first */
-        { "whole", "did you mean \"wholemilk\"?" },                  /* a beginning */
-        { "skin", "did you mean \"skin1\"?" },                       /* the first of two equally near */
-        { "granite", "" },   { "xyzw", "" }, { "", "" }, { "ab", "" },
+        { "whole", "did you mean \"wholemilk\"?" },                /* a beginning */
+        { "skin", "did you mean \"skin1\"?" },                     /* the first of two equally near */
+        { "granite", "" },
+        { "xyzw", "" },
+        { "", "" },
+        { "ab", "" },
         { "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa", "" },
     };
     (void) state;
@@ -90,12 +93,12 @@ static void printable_keeps_good_utf8_and_masks_the_rest(void **state)
         { "\x1b[31mred", "?[31mred" },
         { "gr\xc3\xbc\xc3\x9f\x65 \xe2\x82\xac \xf0\x9f\x90\xb0", "gr\xc3\xbc\xc3\x9f\x65 \xe2\x82\xac \xf0\x9f\x90\xb0" },
         { "\xff\xfe", "??" },
-        { "cut \xe2\x82", "cut ??" },               /* ends inside a character */
-        { "\xc0\xaf", "??" },                       /* overlong */
-        { "\xe0\x80\x80", "???" },                  /* overlong */
-        { "\xed\xa0\x80", "???" },                  /* a surrogate */
-        { "\xf4\x90\x80\x80", "????" },             /* above U+10FFFF */
-        { "\xc2\x85", "??" },                       /* a C1 control */
+        { "cut \xe2\x82", "cut ??" },              /* ends inside a character */
+        { "\xc0\xaf", "??" },                      /* overlong */
+        { "\xe0\x80\x80", "???" },                 /* overlong */
+        { "\xed\xa0\x80", "???" },                 /* a surrogate */
+        { "\xf4\x90\x80\x80", "????" },            /* above U+10FFFF */
+        { "\xc2\x85", "??" },                      /* a C1 control */
         { "a\xe2\x80\xaegpj.exe", "a???gpj.exe" }, /* right-to-left override */
     };
     char buffer[64];
@@ -108,7 +111,8 @@ static void printable_keeps_good_utf8_and_masks_the_rest(void **state)
 
 static void printable_cuts_long_texts_between_characters(void **state)
 {
-    static const char text[] = "ab\xe2\x82\xac\xe2\x82\xac\xe2\x82\xac" "defgh";
+    static const char text[] = "ab\xe2\x82\xac\xe2\x82\xac\xe2\x82\xac"
+                               "defgh";
     char buffer[32];
     (void) state;
 
@@ -131,9 +135,37 @@ static void printable_cuts_long_texts_between_characters(void **state)
 
 static void numbers_refuse_what_is_not_wholly_a_number(void **state)
 {
-    static const char *const bad[] = { "",     " 1",   "1 ",  "\t1", "1\n",  "nan",  "inf",  "-inf", "infinity", "NaN", "0x10", "0x1p3",
-                                       "1,5",  "1e",   "1e+", "e5",  ".",    "-",    "+",    "-.",   "1.2.3",    "1e5.0", "1f",  "--1",
-                                       "+-1",  "1e999", "-1e999", "1'000", "1_000", "\xd9\xa1", "1e99999999999999999999999" };
+    static const char *const bad[] = { "",
+                                       " 1",
+                                       "1 ",
+                                       "\t1",
+                                       "1\n",
+                                       "nan",
+                                       "inf",
+                                       "-inf",
+                                       "infinity",
+                                       "NaN",
+                                       "0x10",
+                                       "0x1p3",
+                                       "1,5",
+                                       "1e",
+                                       "1e+",
+                                       "e5",
+                                       ".",
+                                       "-",
+                                       "+",
+                                       "-.",
+                                       "1.2.3",
+                                       "1e5.0",
+                                       "1f",
+                                       "--1",
+                                       "+-1",
+                                       "1e999",
+                                       "-1e999",
+                                       "1'000",
+                                       "1_000",
+                                       "\xd9\xa1",
+                                       "1e99999999999999999999999" };
     double value = 42;
     (void) state;
 
@@ -161,6 +193,7 @@ static void numbers_are_exact(void **state)
     static const struct {
         const char *text;
         double value;
+        /* clang-format off */
     } cases[] = {
         { "0", 0 }, { "-0", 0 }, { "+1", 1 }, { ".5", .5 }, { "5.", 5 }, { "00012.500", 12.5 }, { "1e3", 1000 }, { "1E+3", 1000 },
         { "1e-3", 1e-3 }, { "0.1", 0.1 }, { "123456789012345678", 123456789012345678.0 }, { "9007199254740993", 9007199254740992.0 },
@@ -169,6 +202,7 @@ static void numbers_are_exact(void **state)
         { "0e99999999999999999999", 0 },
         { "1e-99999999999999999999", 0 }, { "6.02214076e23", 6.02214076e23 }, { "1e22", 1e22 }, { "1e23", 1e23 }, { "8.5e-23", 8.5e-23 },
     };
+    /* clang-format on */
     double value;
     (void) state;
 
@@ -267,9 +301,14 @@ static void numbers_print_shortest_and_read_back(void **state)
         double value;
         bool single;
         const char *text;
-    } cases[] = { { 0.1, false, "0.1" },   { 0.1f, true, "0.1" }, { 1.0 / 3, false, "0.3333333333333333" },
-                  { 1e300, false, "1e+300" }, { -2, false, "-2" },   { 16777216, true, "16777216" },
-                  { 5e-324, false, "4.94065645841247e-324" }, { 0.2 + 0.1, false, "0.30000000000000004" } };
+    } cases[] = { { 0.1, false, "0.1" },
+                  { 0.1f, true, "0.1" },
+                  { 1.0 / 3, false, "0.3333333333333333" },
+                  { 1e300, false, "1e+300" },
+                  { -2, false, "-2" },
+                  { 16777216, true, "16777216" },
+                  { 5e-324, false, "4.94065645841247e-324" },
+                  { 0.2 + 0.1, false, "0.30000000000000004" } };
     char buffer[40];
     uint64_t seed = 7;
     (void) state;
@@ -294,8 +333,9 @@ static void numbers_print_shortest_and_read_back(void **state)
 
 static void integers_stop_at_64_bits(void **state)
 {
-    static const char *const bad[] = { "", "+", "-", "1.0", "1e3", " 1", "1 ", "0x1", "9223372036854775808", "-9223372036854775809",
-                                       "99999999999999999999999999" };
+    static const char *const bad[] = {
+        "", "+", "-", "1.0", "1e3", " 1", "1 ", "0x1", "9223372036854775808", "-9223372036854775809", "99999999999999999999999999"
+    };
     int64_t value = 0;
     (void) state;
 
@@ -319,8 +359,9 @@ static void lengths_of_all_units_are_exact(void **state)
         const char *text;
         double mm;
     } cases[] = {
-        { "70mm", 70 }, { "7 cm", 70 }, { "0.07m", 70 }, { "1e3um", 1 }, { "2in", 50.8 }, { "1km", 1e6 }, { "250nm", 250e-6 },
-        { "3\xc2\xb5m", 3e-3 }, { "3\xce\xbcm", 3e-3 }, { "1e-3m", 1 }, { "+5mm", 5 }, { ".5in", 12.7 }, { "1e3   mm", 1000 },
+        { "70mm", 70 }, { "7 cm", 70 },      { "0.07m", 70 },        { "1e3um", 1 },         { "2in", 50.8 },
+        { "1km", 1e6 }, { "250nm", 250e-6 }, { "3\xc2\xb5m", 3e-3 }, { "3\xce\xbcm", 3e-3 }, { "1e-3m", 1 },
+        { "+5mm", 5 },  { ".5in", 12.7 },    { "1e3   mm", 1000 },
     };
     struct kept_messages kept = { 0 };
     struct pell_context *ctx = test_context(NULL, &kept);
@@ -356,9 +397,9 @@ static void lengths_without_a_unit_are_refused_with_a_hint(void **state)
 
 static void lengths_must_be_finite_and_above_zero(void **state)
 {
-    static const char *const bad[] = { "",     "mm",    " 70mm", "70mm ", "-1mm",   "0mm",   "nanmm",    "infmm",   "1e308km", "1e-323nm",
-                                       "70 m m",
-                                       "7 0mm", "70MM",  "70\tmm", "0x10mm", "1e5000mm", "70\xff", "70mm\n", "1,5mm" };
+    static const char *const bad[] = { "",       "mm",       " 70mm",    "70mm ",  "-1mm",  "0mm",  "nanmm",
+                                       "infmm",  "1e308km",  "1e-323nm", "70 m m", "7 0mm", "70MM", "70\tmm",
+                                       "0x10mm", "1e5000mm", "70\xff",   "70mm\n", "1,5mm" };
     struct kept_messages kept = { 0 };
     struct pell_context *ctx = test_context(NULL, &kept);
     double mm = -1;

@@ -47,7 +47,7 @@ static inline void pair_begin(struct pair *p, int width, int height)
         for (int c = 0; c < 3; c++)
             REQUIRE(p->plane[i][c] = calloc((size_t) width * (size_t) height, sizeof(float)));
     REQUIRE(p->mask = calloc((size_t) width * (size_t) height, sizeof(float)));
-    p->in = (struct pell_compare_input){ .width = width, .height = height, .stride = width };
+    p->in = (struct pell_compare_input) { .width = width, .height = height, .stride = width };
     for (int c = 0; c < 3; c++) {
         p->in.test[c] = p->plane[TEST][c];
         p->in.reference[c] = p->plane[REFERENCE][c];

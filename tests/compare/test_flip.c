@@ -184,7 +184,7 @@ static void flip_is_what_its_paper_defines(void **state)
 static void constant_pictures_have_closed_forms(void **state)
 {
     static const double colors[][3] = {
-        { 0, 0, 0 }, { 1, 1, 1 }, { 0, 1, 0 }, { 0, 0, 1 }, { 1, 0, 0 }, { 0.2, 0.5, 0.1 }, { 0.001, 0.002, 0.001 }
+        { 0, 0, 0 }, { 1, 1, 1 }, { 0, 1, 0 }, { 0, 0, 1 }, { 1, 0, 0 }, { 0.2, 0.5, 0.1 }, { 0.001, 0.002, 0.001 },
     };
     struct pair p;
     (void) state;
@@ -381,10 +381,10 @@ static void powers_and_roots_are_right_to_a_millionth(void **state)
     (void) state;
 
     for (int i = 0; i < N; i++)
-        x[i] = i < 8 ? (float[]){ 0.0f, 1.0f, 1e4f, 0.5f, 2.0f, 1e-20f, 0.70710678f, 0.70710684f }[i]
+        x[i] = i < 8 ? (float[]) { 0.0f, 1.0f, 1e4f, 0.5f, 2.0f, 1e-20f, 0.70710678f, 0.70710684f }[i]
                      : (float) pow(10.0, 10.0 * noise(i, 0, 0, 1) - 6.0);
     for (int k = 0; k < 5; k++) {
-        const float e = (float[]){ 0.7f, 0.5f, 1.0f, 1.0f / 2.4f, 0.03f }[k];
+        const float e = (float[]) { 0.7f, 0.5f, 1.0f, 1.0f / 2.4f, 0.03f }[k];
         pell_tile_tables[0]->power(x, e, power, N);
         for (int i = 0; i < N; i++)
             REQUIRE_REL(power[i], pow((double) x[i], (double) e), 2e-6);

@@ -98,8 +98,8 @@ static double sample_exact(const struct pell_image *image, enum pell_wrap wu, en
     double x = u * image->width, y = v * image->height, sum = 0;
 
     if (nearest)
-        return (double) p[(wrapped(wv, (long) floor(y), image->height) * image->width +
-                           wrapped(wu, (long) floor(x), image->width)) * 3 + c];
+        return (
+            double) p[(wrapped(wv, (long) floor(y), image->height) * image->width + wrapped(wu, (long) floor(x), image->width)) * 3 + c];
     x -= 0.5;
     y -= 0.5;
     for (int j = 0; j < 2; j++)
@@ -121,7 +121,7 @@ static void samples_follow_the_definition(void **state)
     for (int i = 0; i < 7 * 5 * 3; i++)
         pixels[i] = pattern(i, 3, 1);
     for (int i = 0; i < 20000; i++) {
-        const enum pell_wrap wu = (enum pell_wrap) (i % 3), wv = (enum pell_wrap) (i / 3 % 3);
+        const enum pell_wrap wu = (enum pell_wrap)(i % 3), wv = (enum pell_wrap)(i / 3 % 3);
         float u, v;
         seed = seed * 1664525 + 1013904223;
         u = (float) (int) (seed >> 12) / 131072.0f - 4.0f;
@@ -159,8 +159,9 @@ static void texel_centres_give_the_texel(void **state)
 /* Whatever a mesh holds as uv must stay inside the picture: run under the address sanitizer. */
 static void wild_coordinates_stay_inside(void **state)
 {
-    static const float wild[] = { 0,        -0.0f,   1,     -1,        1e9f,      -1e9f,     1e30f,      -1e30f,   INFINITY, -INFINITY, NAN,
-                                  16777215, -16777215, 1e-30f, -1e-30f, 0.99999994f, 1.0000001f, 2.0f, -2.0f, 1e7f + 0.5f, -4.9999995f };
+    static const float wild[] = { 0,       -0.0f,       1,          -1,   1e9f,     -1e9f,       1e30f,
+                                  -1e30f,  INFINITY,    -INFINITY,  NAN,  16777215, -16777215,   1e-30f,
+                                  -1e-30f, 0.99999994f, 1.0000001f, 2.0f, -2.0f,    1e7f + 0.5f, -4.9999995f };
     uint8_t *pixels = malloc(3 * 2 * 4); /* on the heap, so that a step outside is seen */
     struct pell_image image = { 3, 2, 4, PELL_PIXEL_U8, true, pixels };
     float out[4];
@@ -172,7 +173,7 @@ static void wild_coordinates_stay_inside(void **state)
         for (size_t j = 0; j < PELL_COUNT(wild); j++)
             for (int wrap = 0; wrap < 9; wrap++)
                 for (int nearest = 0; nearest < 2; nearest++) {
-                    pell_image_sample(&image, (enum pell_wrap) (wrap % 3), (enum pell_wrap) (wrap / 3), nearest, wild[i], wild[j], out);
+                    pell_image_sample(&image, (enum pell_wrap)(wrap % 3), (enum pell_wrap)(wrap / 3), nearest, wild[i], wild[j], out);
                     for (int c = 0; c < 4; c++)
                         REQUIRE_NEAR(out[c], 1, 1e-5);
                 }
@@ -209,14 +210,10 @@ static void look_up_is_fast(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(curve_is_the_standards),
-        cmocka_unit_test(curve_goes_on_outside_0_1),
-        cmocka_unit_test(tables_are_the_curve),
-        cmocka_unit_test(texels_are_spread_by_layout),
-        cmocka_unit_test(samples_follow_the_definition),
-        cmocka_unit_test(texel_centres_give_the_texel),
-        cmocka_unit_test(wild_coordinates_stay_inside),
-        cmocka_unit_test(look_up_is_fast),
+        cmocka_unit_test(curve_is_the_standards),        cmocka_unit_test(curve_goes_on_outside_0_1),
+        cmocka_unit_test(tables_are_the_curve),          cmocka_unit_test(texels_are_spread_by_layout),
+        cmocka_unit_test(samples_follow_the_definition), cmocka_unit_test(texel_centres_give_the_texel),
+        cmocka_unit_test(wild_coordinates_stay_inside),  cmocka_unit_test(look_up_is_fast),
     };
     return cmocka_run_group_tests_name("image.color", tests, NULL, NULL);
 }

@@ -70,7 +70,9 @@ static bool decodes(struct image_test *t, const char *name, const uint8_t *data,
 static size_t image_bytes(const struct pell_image *image)
 {
     return (size_t) image->width * (size_t) image->height * (size_t) image->channels *
-           (image->type == PELL_PIXEL_F32 ? 4 : image->type == PELL_PIXEL_U16 ? 2 : 1);
+           (image->type == PELL_PIXEL_F32   ? 4
+            : image->type == PELL_PIXEL_U16 ? 2
+                                            : 1);
 }
 
 /* Cut anywhere: refused, or (where only what follows the picture is missing) the very same picture. */
@@ -304,9 +306,9 @@ static void other_formats_are_named_with_the_fix(void **state)
         const char *bytes, *name;
         size_t size;
     } files[] = {
-        { "GIF89a..........", "GIF", 16 },         { "BM..............", "BMP", 16 },   { "II*\0............", "TIFF", 16 },
-        { "RIFF....WEBPVP8 ", "WebP", 16 },        { "\xabKTX 20\xbb....", "KTX2", 12 }, { "DDS ............", "DDS", 16 },
-        { "....ftypavif....", "AVIF", 16 },        { "8BPS............", "Photoshop", 16 },
+        { "GIF89a..........", "GIF", 16 },  { "BM..............", "BMP", 16 },       { "II*\0............", "TIFF", 16 },
+        { "RIFF....WEBPVP8 ", "WebP", 16 }, { "\xabKTX 20\xbb....", "KTX2", 12 },    { "DDS ............", "DDS", 16 },
+        { "....ftypavif....", "AVIF", 16 }, { "8BPS............", "Photoshop", 16 },
     };
     struct image_test t;
     struct pell_image image;

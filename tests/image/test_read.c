@@ -28,9 +28,9 @@ static void exr_variants_hold_the_pattern(void **state)
         const char *name;
         double tolerance;
     } files[] = {
-        { "float_none", 0 }, { "float_zip", 0 }, { "half_none", 4.9e-4 }, { "half_rle", 4.9e-4 }, { "half_zips", 4.9e-4 },
-        { "half_zip", 4.9e-4 }, { "half_piz", 4.9e-4 }, { "half_pxr24", 4.9e-4 }, { "half_b44", 0.12 }, { "half_b44a", 0.12 },
-        { "half_zip_tiled16", 4.9e-4 }, { "half_zip_rgb_plus_Z_id", 4.9e-4 },
+        { "float_none", 0 },     { "float_zip", 0 },     { "half_none", 4.9e-4 },        { "half_rle", 4.9e-4 },
+        { "half_zips", 4.9e-4 }, { "half_zip", 4.9e-4 }, { "half_piz", 4.9e-4 },         { "half_pxr24", 4.9e-4 },
+        { "half_b44", 0.12 },    { "half_b44a", 0.12 },  { "half_zip_tiled16", 4.9e-4 }, { "half_zip_rgb_plus_Z_id", 4.9e-4 },
     };
     struct image_test t;
     struct pell_image ref;
@@ -268,8 +268,9 @@ static void exr_deep_is_refused(void **state)
 
 static void hdr_variants_hold_the_pattern(void **state)
 {
-    static const char *const names[] = { "new_rle", "old_rle", "flat_uncompressed", "bottom_up_plusY", "flipped_minusX",
-                                         "narrow_7_wide_flat", "exposure_4_header" };
+    static const char *const names[] = { "new_rle",          "old_rle",        "flat_uncompressed",
+                                         "bottom_up_plusY",  "flipped_minusX", "narrow_7_wide_flat",
+                                         "exposure_4_header" };
     struct image_test t;
     struct pell_image ref, first = { 0 };
 
@@ -313,8 +314,8 @@ static struct pell_image decode_ok(struct image_test *t, const void *data, size_
 /* All eight orders of rows and columns of a 3 x 2 picture whose red channel is 1 + x + 3 y. */
 static void hdr_all_eight_orientations(void **state)
 {
-    static const char *const lines[] = { "-Y 2 +X 3", "-Y 2 -X 3", "+Y 2 +X 3", "+Y 2 -X 3", "+X 3 -Y 2",
-                                         "-X 3 -Y 2", "+X 3 +Y 2", "-X 3 +Y 2" };
+    static const char *const lines[] = { "-Y 2 +X 3", "-Y 2 -X 3", "+Y 2 +X 3", "+Y 2 -X 3",
+                                         "+X 3 -Y 2", "-X 3 -Y 2", "+X 3 +Y 2", "-X 3 +Y 2" };
     struct image_test t;
 
     (void) state;
@@ -401,8 +402,8 @@ static void png_variants_hold_the_pattern(void **state)
         enum pell_pixel_type type;
         int grey;
     } files[] = {
-        { "gray8", 1, -1, PELL_PIXEL_U8, 1 },  { "gray16", 1, -1, PELL_PIXEL_U16, 1 }, { "gray_alpha8", 2, 1, PELL_PIXEL_U8, 1 },
-        { "rgb8", 3, -1, PELL_PIXEL_U8, 0 },   { "rgb16", 3, -1, PELL_PIXEL_U16, 0 },  { "rgba8", 4, 3, PELL_PIXEL_U8, 0 },
+        { "gray8", 1, -1, PELL_PIXEL_U8, 1 },      { "gray16", 1, -1, PELL_PIXEL_U16, 1 }, { "gray_alpha8", 2, 1, PELL_PIXEL_U8, 1 },
+        { "rgb8", 3, -1, PELL_PIXEL_U8, 0 },       { "rgb16", 3, -1, PELL_PIXEL_U16, 0 },  { "rgba8", 4, 3, PELL_PIXEL_U8, 0 },
         { "rgba8_adam7", 4, 3, PELL_PIXEL_U8, 0 },
     };
     struct image_test t;
@@ -585,7 +586,7 @@ static void jpeg_variants_come_near_the_pattern(void **state)
         double mean; /* of 255, what the quality and 4:2:0 of each cost */
         int channels;
     } files[] = {
-        { "jpeg/rgb_444_q95.jpg", 3, 3 },      { "jpeg/rgb_420_q90.jpg", 10, 3 }, { "jpeg/progressive.jpg", 10, 3 },
+        { "jpeg/rgb_444_q95.jpg", 3, 3 },     { "jpeg/rgb_420_q90.jpg", 10, 3 }, { "jpeg/progressive.jpg", 10, 3 },
         { "jpeg/restart_markers.jpg", 5, 3 }, { "jpeg/cmyk.jpg", 2, 3 },
     };
     struct image_test t;
@@ -667,8 +668,8 @@ static void jpeg_every_subsampling_and_odd_size(void **state)
             struct pell_image image;
             for (int i = 0; i < 20 * 20; i++)
                 memcpy(pixels + 3 * i, sampling == TJSAMP_GRAY ? "\x80\x80\x80" : "\xc8\x64\x32", 3);
-            assert_int_equal(tjCompress2(jpeg, pixels, size, 0, size + 1, TJPF_RGB, &file, &bytes, sampling, 95,
-                                         size % 2 ? TJFLAG_PROGRESSIVE : 0), 0);
+            assert_int_equal(
+                tjCompress2(jpeg, pixels, size, 0, size + 1, TJPF_RGB, &file, &bytes, sampling, 95, size % 2 ? TJFLAG_PROGRESSIVE : 0), 0);
             image = decode_ok(&t, file, bytes, PELL_ROLE_COLOR);
             assert_int_equal(image.width, size);
             assert_int_equal(image.height, size + 1);

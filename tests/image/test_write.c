@@ -95,11 +95,19 @@ static void exr_chunks_that_zip_does_not_shrink_are_right(void **state)
 
 static void exr_layers_and_attributes_come_back(void **state)
 {
-    static const char *const names[] = { "R", "G", "B", "A", "diffuse.multiple.R", "diffuse.multiple.G", "diffuse.multiple.B", "depth.Z",
+    static const char *const names[] = { "R",
+                                         "G",
+                                         "B",
+                                         "A",
+                                         "diffuse.multiple.R",
+                                         "diffuse.multiple.G",
+                                         "diffuse.multiple.B",
+                                         "depth.Z",
                                          "a.layer.with.a.name.of.more.than.thirty-one.characters.R" };
     static const struct pell_attribute attributes[] = { { "method", "screen-space" },
                                                         { "pellucid.a-name-of-more-than-thirty-one-characters", "1" },
-                                                        { "comment", "caf\xc3\xa9" }, { "empty", "" } };
+                                                        { "comment", "caf\xc3\xa9" },
+                                                        { "empty", "" } };
     const char *path = temp_path("layers.exr");
     struct image_test t;
     struct planes p;
@@ -114,8 +122,12 @@ static void exr_layers_and_attributes_come_back(void **state)
     planes_make(&p, 33, 20, wide_range);
     for (size_t i = 0; i < PELL_COUNT(names); i++)
         channels[i] = (struct pell_channel) { .name = names[i], .data = p.data[i % 4], .stride = 33, .full_float = i == 7 };
-    params = (struct pell_write_params) { .width = 33, .height = 20, .channels = channels, .num_channels = PELL_COUNT(names),
-                                          .attributes = attributes, .num_attributes = PELL_COUNT(attributes) };
+    params = (struct pell_write_params) { .width = 33,
+                                          .height = 20,
+                                          .channels = channels,
+                                          .num_channels = PELL_COUNT(names),
+                                          .attributes = attributes,
+                                          .num_attributes = PELL_COUNT(attributes) };
     write_ok(&t, path, NULL, &params);
     assert_int_equal(pell_exr_read(t.ctx, path, &layers), PELL_OK);
     assert_int_equal(layers.count, PELL_COUNT(names));
@@ -344,8 +356,9 @@ static void png_codes_survive(void **state)
         const int count = bits == 8 ? 256 : 65536, width = 256, height = 9 * count / 256;
         float *data = malloc((size_t) width * (size_t) height * sizeof(*data));
         const struct pell_channel channel = { "Y", data, width, false };
-        const struct pell_write_params params = { .width = width, .height = height, .channels = &channel, .num_channels = 1,
-                                                  .png_bits = bits };
+        const struct pell_write_params params = {
+            .width = width, .height = height, .channels = &channel, .num_channels = 1, .png_bits = bits
+        };
         struct pell_image image;
         REQUIRE(data);
         for (int i = 0; i < width * height; i++) {
@@ -560,14 +573,14 @@ static void wrong_arguments_are_refused_by_name(void **state)
     (void) state;
     image_test_begin(&t);
     planes_make(&p, 4, 4, pattern);
-#define REFUSED(file, format, change, text)                                                                                        \
-    do {                                                                                                                           \
-        params = p.params;                                                                                                         \
-        change;                                                                                                                    \
-        t.kept.what[0] = '\0';                                                                                                     \
-        assert_int_equal(pell_image_write(t.ctx, file, format, &params), PELL_ERR_INVALID);                                         \
-        if (!strstr(t.kept.what, text))                                                                                            \
-            fail_msg("'%s' does not say '%s'", t.kept.what, text);                                                                 \
+#define REFUSED(file, format, change, text)                                                                                                \
+    do {                                                                                                                                   \
+        params = p.params;                                                                                                                 \
+        change;                                                                                                                            \
+        t.kept.what[0] = '\0';                                                                                                             \
+        assert_int_equal(pell_image_write(t.ctx, file, format, &params), PELL_ERR_INVALID);                                                \
+        if (!strstr(t.kept.what, text))                                                                                                    \
+            fail_msg("'%s' does not say '%s'", t.kept.what, text);                                                                         \
     } while (0)
     REFUSED(temp_path("a.pgn"), NULL, (void) 0, "pgn");
     REQUIRE(strstr(t.kept.hint, "png"));

@@ -102,9 +102,8 @@ int main(void)
     settings.width = settings.height = SIZE;
     if (method && pell_scene_create(ctx, &scene) == PELL_OK && make_ball(scene, 20) == PELL_OK &&
         pell_scene_complete(scene, &load) == PELL_OK && pell_device_create(ctx, &device_params, &device) == PELL_OK &&
-        pell_renderer_create(device, &renderer) == PELL_OK &&
-        pell_renderer_set_scene(renderer, scene) == PELL_OK && pell_renderer_set_method(renderer, method, NULL) == PELL_OK &&
-        pell_renderer_render(renderer, &settings, &image) == PELL_OK)
+        pell_renderer_create(device, &renderer) == PELL_OK && pell_renderer_set_scene(renderer, scene) == PELL_OK &&
+        pell_renderer_set_method(renderer, method, NULL) == PELL_OK && pell_renderer_render(renderer, &settings, &image) == PELL_OK)
         status = look(&image);
     pell_renderer_destroy(&renderer);
     pell_device_destroy(&device);

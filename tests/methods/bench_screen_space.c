@@ -59,7 +59,10 @@ int main(int argc, char **argv)
 {
     static const double variance[4] = { 0.0362, 0.1144, 0.4555, 3.4833 };
     static const double weight[4][3] = {
-        { 0.0544, 0.1245, 0.2177 }, { 0.2436, 0.2435, 0.1890 }, { 0.3105, 0.3158, 0.3742 }, { 0.3913, 0.3161, 0.2189 }
+        { 0.0544, 0.1245, 0.2177 },
+        { 0.2436, 0.2435, 0.1890 },
+        { 0.3105, 0.3158, 0.3742 },
+        { 0.3913, 0.3161, 0.2189 },
     };
     const struct pell_frame_material m = patch_gaussians(4, variance, weight);
     const int threads = argc > 1 ? atoi(argv[1]) : 2;

@@ -10,9 +10,9 @@
 #define PAPER 0 /* 1: the methods as their papers ran them */
 #endif
 
-#define FOR_EACH_METHOD(m)                                                                                                         \
-    for (size_t m##_index = 0; m##_index < pell_method_count(); m##_index++)                                                       \
-        for (const struct pell_method *m = pell_method_at(m##_index); m; m = NULL)                                                 \
+#define FOR_EACH_METHOD(m)                                                                                                                 \
+    for (size_t m##_index = 0; m##_index < pell_method_count(); m##_index++)                                                               \
+        for (const struct pell_method *m = pell_method_at(m##_index); m; m = NULL)                                                         \
             if (m->cpu && m->kind == PELL_KIND_METHOD && runs_on_planes(m) && !known_to_fail(m, __func__))
 
 /* 2, 4 and 8 pixels wide at 1 pixel per mm; the channels differ. */
@@ -207,8 +207,8 @@ static void light_adds_up(void **state)
             for (int y = 0; y < 50; y++)
                 for (int x = 0; x < 70; x++)
                     for (int c = 0; c < 3; c++) {
-                        const float a = standard_error((unsigned) x, (unsigned) y, (unsigned) c), b = standard_error((unsigned) y, (unsigned) x,
-                                                                                                   (unsigned) c + 7);
+                        const float a = standard_error((unsigned) x, (unsigned) y, (unsigned) c),
+                                    b = standard_error((unsigned) y, (unsigned) x, (unsigned) c + 7);
                         p[i]->light[c][patch_at(p[i], x, y)] = i == 0 ? a : i == 1 ? b : 2.0f * a + 0.5f * b;
                     }
             patch_run(&at, method, form(method), p[i]);
@@ -241,8 +241,8 @@ static void light_that_moves_moves_the_result(void **state)
         for (size_t s = 0; s < PELL_COUNT(shifts); s++) {
             const int dx = shifts[s][0], dy = shifts[s][1];
             patch_light(q, 0.0f, 0.0f, 0.0f);
-            q->light[0][patch_at(q, 75 + dx, 70 + dy)] = q->light[1][patch_at(q, 76 + dx, 70 + dy)] = q->light[2][patch_at(q, 75 + dx,
-                                                                                                                           71 + dy)] = 1.0f;
+            q->light[0][patch_at(q, 75 + dx, 70 + dy)] = q->light[1][patch_at(q, 76 + dx, 70 + dy)] =
+                q->light[2][patch_at(q, 75 + dx, 71 + dy)] = 1.0f;
             patch_run(&at, method, form(method), q);
             for (int c = 0; c < 3; c++)
                 for (int y = 20; y < 120; y++)
@@ -267,8 +267,8 @@ static void total_light_is_kept(void **state)
         for (int y = 0; y < 180; y++)
             for (int x = 0; x < 200; x++)
                 for (int c = 0; c < 3; c++)
-                    p->light[c][patch_at(p, x, y)] = x > 70 && x < 120 && y > 60 && y < 110 ? standard_error((unsigned) x, (unsigned) y,
-                                                                                                    (unsigned) c) : 0.0f;
+                    p->light[c][patch_at(p, x, y)] =
+                        x > 70 && x < 120 && y > 60 && y < 110 ? standard_error((unsigned) x, (unsigned) y, (unsigned) c) : 0.0f;
         patch_run(&at, method, form(method), p);
         for (int c = 0; c < 3; c++)
             REQUIRE_REL(patch_sum(p, p->result, c), patch_sum(p, p->light, c) * even_total(method, &m, c), 0.003);
@@ -327,7 +327,8 @@ static void rough_scene(struct patch *p, unsigned seed)
     for (int y = 0; y < p->frame.shape.height; y++)
         for (int x = 0; x < p->frame.shape.width; x++) {
             const size_t i = patch_at(p, x, y);
-            const float n = standard_error((unsigned) x, (unsigned) y, seed), coarse = standard_error((unsigned) x / 9, (unsigned) y / 7, seed + 1);
+            const float n = standard_error((unsigned) x, (unsigned) y, seed),
+                        coarse = standard_error((unsigned) x / 9, (unsigned) y / 7, seed + 1);
             p->material[i] = coarse < 0.2f ? 0 : (uint16_t) (1 + (coarse > 0.7f && p->frame.shape.num_materials > 1));
             p->depth[i] = 500.0f + 20.0f * sinf(0.1f * (float) x) * cosf(0.13f * (float) y) + (coarse > 0.5f ? 30.0f : 0.0f) + 0.3f * n;
             p->strength[i] = coarse > 0.6f ? coarse : 1.0f;
@@ -543,7 +544,9 @@ static void settings_are_read_and_as_comes_first(void **state)
     assert_null(pell_method_find(ctx, "--method", "screenspace"));
     assert_int_equal(kept.errors, 1);
     assert_non_null(strstr(kept.hint, "screen-space"));
-    assert_null(pell_method_find(ctx, "--method", "\x01" "zzzzzzzzzzzzzzzzzzzz"));
+    assert_null(pell_method_find(ctx, "--method",
+                                 "\x01"
+                                 "zzzzzzzzzzzzzzzzzzzz"));
     pell_context_destroy(&ctx);
 }
 
@@ -646,7 +649,7 @@ static void no_radius_is_lambert(void **state)
 static void all_albedos_are_legal(void **state)
 {
     static const double coefficients[][2] = {
-        { 1.0, 0.0 }, { 0.0, 1.0 }, { 1e-6, 0.0 }, { 1e6, 0.0 }, { 0.0, 1e6 }, { 1e6, 1e6 }, { 1e-7, 1e-6 }, { 1e-3, 50.0 }
+        { 1.0, 0.0 }, { 0.0, 1.0 }, { 1e-6, 0.0 }, { 1e6, 0.0 }, { 0.0, 1e6 }, { 1e6, 1e6 }, { 1e-7, 1e-6 }, { 1e-3, 50.0 },
     };
     struct bench_place at = place_create(1, NULL, NULL);
 
@@ -864,8 +867,9 @@ static void two_renderers_run_at_once(void **state)
         struct racer racers[3];
         pthread_t threads[2];
         for (int i = 0; i < 3; i++) {
-            racers[i] = (struct racer) { .method = method, .at = place_create(2, NULL, NULL), .p = patch_create(160, 120, false, 900.0,
-                                                                                                                500.0, &m, 1) };
+            racers[i] = (struct racer) { .method = method,
+                                         .at = place_create(2, NULL, NULL),
+                                         .p = patch_create(160, 120, false, 900.0, 500.0, &m, 1) };
             rough_scene(racers[i].p, 61);
         }
         for (int i = 0; i < 2; i++)

@@ -232,7 +232,10 @@ static void splitting_in_halves_loses_light(void **state)
         int channel;
         double spacing, left;
     } cases[] = {
-        { "wholemilk", 0, 1.0, 0.790 }, { "wholemilk", 0, 5.0, 0.570 }, { "marble", 1, 1.0, 0.769 }, { "marble", 1, 5.0, 0.547 }
+        { "wholemilk", 0, 1.0, 0.790 },
+        { "wholemilk", 0, 5.0, 0.570 },
+        { "marble", 1, 1.0, 0.769 },
+        { "marble", 1, 5.0, 0.547 },
     };
     static const char *const paper[] = { "as=paper", "surfaces=1", "borders=open", "planes=2", "resolution=1", "threshold=0", NULL };
     static const char *const best[] = { "surfaces=1", "borders=open", "planes=2", NULL };

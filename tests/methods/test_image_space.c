@@ -163,10 +163,10 @@ static void tables_are_the_profile(void **state)
                 lost = fmax(lost, 1.0 - pell_profile_cdf(&profile[c], last));
                 for (int row = 0; row < IS_ROWS; row++)
                     for (int f = 1; f < 4; f++) {
-                        const double square = exp2(row / IS_ROWS_OCTAVE - IS_OCTAVES) *
-                                              (1.0 + (row % IS_ROWS_OCTAVE + 0.25 * f) / IS_ROWS_OCTAVE);
-                        const double r = sqrt(square / (double) set.per_length2), seen = (double) set.rows[row][c] +
-                                                                                         0.25 * f * (double) set.rows[row][4 + c];
+                        const double square =
+                            exp2(row / IS_ROWS_OCTAVE - IS_OCTAVES) * (1.0 + (row % IS_ROWS_OCTAVE + 0.25 * f) / IS_ROWS_OCTAVE);
+                        const double r = sqrt(square / (double) set.per_length2),
+                                     seen = (double) set.rows[row][c] + 0.25 * f * (double) set.rows[row][4 + c];
                         const double exact = pell_profile_pdf(&profile[c], r) / (double) set.per_length2;
                         if (r < far)
                             worst = fmax(worst, fabs(seen / exact - 1.0));
@@ -310,8 +310,8 @@ static struct patch *ball(const struct pell_frame_material *m)
             p->material[i] = z > 0.0;
             p->depth[i] = z > 0.0 ? (float) z : NAN;
             for (int c = 0; c < 3; c++) /* a light on the left, the shadow of a post, a texture */
-                p->light[c][i] = (float) (fmax(0.0, 0.9 - 0.02 * x) * (x > 30 && x < 38 ? 0.1 : 1.0) *
-                                          (0.8 + 0.2 * sin(0.7 * x + c) * cos(0.9 * y)));
+                p->light[c][i] =
+                    (float) (fmax(0.0, 0.9 - 0.02 * x) * (x > 30 && x < 38 ? 0.1 : 1.0) * (0.8 + 0.2 * sin(0.7 * x + c) * cos(0.9 * y)));
         }
     return p;
 }
@@ -426,8 +426,8 @@ static void many_samples_converge_to_the_visible_surface(void **state)
             xy += (n - slope_x) * (log(error[n]) / log(4.0) - slope_y);
         }
         print_message("# %s: rms error %.4f at 4 samples, %.4f at 16, %.4f at 64, %.4f at 256, %.4f at 1024, %.4f at 4096, bias %.4f; "
-                      "slope %.2f to 1024\n", sampling[k], error[0], error[1], error[2], error[3], error[4], most > 5 ? error[5] : 0.0,
-                      bias, xy / xx);
+                      "slope %.2f to 1024\n",
+                      sampling[k], error[0], error[1], error[2], error[3], error[4], most > 5 ? error[5] : 0.0, bias, xy / xx);
         if (k == 0) {
             REQUIRE(xy / xx < -0.5);
             REQUIRE(error[most - 1] < 0.01);
@@ -516,8 +516,9 @@ static void combined_samples_beat_either_kind_at_a_shadow(void **state)
         }
         rms[k] = sqrt(rms[k] / (64 * 64 * 3));
         print_message("# 16 samples, %s: rms error over rms of M %.3f 6 to 8 mm into the shadow, %.3f 4 to 6, %.3f 2 to 4, %.3f 0 to 2, "
-                      "%.3f in the light; relative %.4f\n", sampling[k], sqrt(square[0] / value[0]), sqrt(square[1] / value[1]),
-                      sqrt(square[2] / value[2]), sqrt(square[3] / value[3]), sqrt(square[4] / value[4]), rms[k]);
+                      "%.3f in the light; relative %.4f\n",
+                      sampling[k], sqrt(square[0] / value[0]), sqrt(square[1] / value[1]), sqrt(square[2] / value[2]),
+                      sqrt(square[3] / value[3]), sqrt(square[4] / value[4]), rms[k]);
     }
     for (int k = 0; k < 2; k++)
         REQUIRE(rms[2] < rms[k]);

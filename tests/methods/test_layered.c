@@ -16,7 +16,7 @@ struct test_layer {
 
 static struct pell_phase schlick(double k)
 {
-    return (struct pell_phase){ PELL_PHASE_SCHLICK, { k, 0.0 }, 0.0 };
+    return (struct pell_phase) { PELL_PHASE_SCHLICK, { k, 0.0 }, 0.0 };
 }
 
 /* Gives material 0 layers, alike in all channels; depths are sums of thicknesses. */
@@ -225,7 +225,7 @@ static void clear_and_many(void **state)
     }
     for (int count = 32; count <= PELL_LAYERS_MOST; count += 32) {
         for (int i = 0; i < count; i++)
-            many[i] = (struct test_layer){ 0.02 + 0.001 * i, 0.5 + 0.3 * (i % 4), 1.0 + 0.5 * (i % 4), schlick(0.1 * (i % 7)) };
+            many[i] = (struct test_layer) { 0.02 + 0.001 * i, 0.5 + 0.3 * (i % 4), 1.0 + 0.5 * (i % 4), schlick(0.1 * (i % 7)) };
         REQUIRE_REL(slab_mean(many, count, 1.4, 0.8, 0.7, 0.5, knobs), closed_form(many, count, 0.8, 0.7, cosine_of(0.8, 0.7, 0.5)), 2e-4);
     }
 }
@@ -246,7 +246,7 @@ static struct pell_texture *paint(struct stage *s, const uint8_t red[64], const 
 
 static void set_map(struct pell_scene_layer *l, const struct pell_texture *t, int channel, const float matrix[6], float depth)
 {
-    l->depth_map = (struct pell_texture_map){ .texture = t, .channel = channel };
+    l->depth_map = (struct pell_texture_map) { .texture = t, .channel = channel };
     memcpy(l->depth_map.matrix, matrix, sizeof(l->depth_map.matrix));
     l->depth = depth;
 }
@@ -340,7 +340,7 @@ static void hostile_paint(void **state)
 {
     static const float straight[6] = { 1, 0, 0, 0, 1, 0 };
     float pixels[4 * 4] = { NAN, -3.0f, INFINITY, 0.5f, -INFINITY, 1e30f, 1.0f, 0.0f };
-    struct pell_texture texture = { .name = (char[]){ "map" }, .image = { 4, 4, 1, PELL_PIXEL_F32, false, pixels } };
+    struct pell_texture texture = { .name = (char[]) { "map" }, .image = { 4, 4, 1, PELL_PIXEL_F32, false, pixels } };
     const struct pell_texture_map map = { .texture = &texture, .matrix = { straight[0], 0, 0, 0, 1, 0 } };
     struct kept_messages kept;
     struct pell_context *ctx = test_context(NULL, &kept);
@@ -353,7 +353,8 @@ static void hostile_paint(void **state)
     medium_layers->substrate = PELL_SUBSTRATE_STOP;
     medium_layers->painted = true;
     for (int i = 0; i < 2; i++)
-        medium_layers->item[i] = (struct pell_layer_medium){ .name = "", .sigma_s = { 1, 1, 1 }, .sigma_t = { 2, 2, 2 }, .depth = 3.0, .map = &map };
+        medium_layers->item[i] =
+            (struct pell_layer_medium) { .name = "", .sigma_s = { 1, 1, 1 }, .sigma_t = { 2, 2, 2 }, .depth = 3.0, .map = &map };
     OK(layered_medium_make(ctx, medium_layers, "test", LAYERED_AS_MATERIAL, &m));
     assert_int_equal(m.packs, 1);
     assert_int_equal(m.pack[0].count, 2);
@@ -392,9 +393,8 @@ static void paths_on_a_slab(void **state)
     (void) state;
     for (int i = 0; i < 2; i++)
         for (int c = 0; c < 3; c++) {
-            layer[i].phase[c] = (struct pell_phase_terms){
-                .shape = PELL_PHASE_TERMS_HENYEY_GREENSTEIN, .n = { 0.06f }, .a = { 1.09f }, .b = { 0.6f }
-            };
+            layer[i].phase[c] =
+                (struct pell_phase_terms) { .shape = PELL_PHASE_TERMS_HENYEY_GREENSTEIN, .n = { 0.06f }, .a = { 1.09f }, .b = { 0.6f } };
             layer[i].halves[c] = 1.442695f * layer[i].sigma_t[c];
             layer[i].most_halves = fmaxf(layer[i].most_halves, layer[i].halves[c]);
         }

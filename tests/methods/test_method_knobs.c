@@ -123,7 +123,7 @@ static void a_value_may_have_commas(void **state)
         { "as", PELL_KNOB_ENUM, "1", 0, { 0 }, 0, 0, choices, "" },
         { "tint", PELL_KNOB_RGB, "1", sizeof(float), { 1, 1, 1 }, 0, 1, NULL, "" },
         { "lod", PELL_KNOB_FLOAT, "1", 4 * sizeof(float), { 1 }, 0, 9, NULL, "" },
-        {0}
+        { 0 },
     };
     static const char *const texts[] = { "tint=0.5,0.25,0.125 lod=2", "tint=0.5, 0.25 ,0.125,lod=2", "lod=2 tint=0.5,0.25,0.125, " };
     const struct pell_method method = { .name = "tinted", .knobs = rows, .knobs_size = 5 * sizeof(float) };
@@ -162,8 +162,14 @@ static void errors_name_the_knob_the_value_and_what_is_allowed(void **state)
     refuse(f, "gaussians==6", "gaussians = =6, must be", "");
     refuse(f, "\"gaussians=6\"", "has no knob '\"gaussians'", "");
     refuse(f, "{[(gaussians=6", "has no knob", "");
-    refuse(f, "ga\xff\x80=6", "has no knob 'ga?" "?'", "");
-    refuse(f, "gaussians=\x01\xfe", "gaussians = ?" "?, must be", "");
+    refuse(f, "ga\xff\x80=6",
+           "has no knob 'ga?"
+           "?'",
+           "");
+    refuse(f, "gaussians=\x01\xfe",
+           "gaussians = ?"
+           "?, must be",
+           "");
     assert_non_null(longest);
     for (size_t i = 0; i < 100000; i++)
         longest[i] = "x=,y "[i % 5];

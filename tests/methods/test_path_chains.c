@@ -332,7 +332,8 @@ static void furnaces_of_delta_lights(void **state)
         stage_finish(&s);
         if (objects == NESTED_ROUGH || objects == PARTLY_ROUGH) { /* rough surfaces scatter, too: no part of it can be taken off by parts */
             snprintf(name, sizeof(name), "%s, of lamps against the sky, one scattering", names[objects]);
-            require_mean(name, sources.mean[1][1], hypot(sources.error[1][1], environment.error[1][1]), environment.mean[1][1], 0.01 * environment.mean[1][1]);
+            require_mean(name, sources.mean[1][1], hypot(sources.error[1][1], environment.error[1][1]), environment.mean[1][1],
+                         0.01 * environment.mean[1][1]);
             continue;
         }
         for (int part = 0; part < 2; part++) {
@@ -347,12 +348,8 @@ static void furnaces_of_delta_lights(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(slabs_reflect_inside),
-        cmocka_unit_test(slabs_light_what_is_below),
-        cmocka_unit_test(cancelled_trials_end),
-        cmocka_unit_test(late_trials_end),
-        cmocka_unit_test(chains_are_connections),
-        cmocka_unit_test(furnaces_of_delta_lights),
+        cmocka_unit_test(slabs_reflect_inside), cmocka_unit_test(slabs_light_what_is_below), cmocka_unit_test(cancelled_trials_end),
+        cmocka_unit_test(late_trials_end),      cmocka_unit_test(chains_are_connections),    cmocka_unit_test(furnaces_of_delta_lights),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -124,8 +124,8 @@ static void picture_error_is_the_root_mean_square(void **state)
     (void) state;
     for (int i = 0; i < 100; i++) {
         const double bright = i % 2 ? 1.5 : 0.5, dark = i % 2 ? 2e-6 : 0.0;
-        REQUIRE(pt_pixel_add(&p[0], &(struct pt_light){ .multiple = { bright, bright, bright } }, false));
-        REQUIRE(pt_pixel_add(&p[1], &(struct pt_light){ .single = { dark, dark, dark } }, false));
+        REQUIRE(pt_pixel_add(&p[0], &(struct pt_light) { .multiple = { bright, bright, bright } }, false));
+        REQUIRE(pt_pixel_add(&p[1], &(struct pt_light) { .single = { dark, dark, dark } }, false));
     }
     /* sqrt(100 (1/2)^2 / (100 99)) and 1e-6 / 0.5 of it, over 1 and over (1 + 1e-6)/2 / 100. */
     REQUIRE_REL(pt_film_error(&film, false), sqrt((1.0 + pow(2e-6 / 0.01 / (1.0 + 1e-6) * 2.0, 2.0)) / 2.0) * 0.5 / sqrt(99.0), 1e-9);
@@ -144,9 +144,9 @@ static void fill(struct pt_film films[3], struct pt_pixel pixels[27])
             const struct pt_light light = random_light();
             REQUIRE(pt_pixel_add(&pixels[i], &light, true));
         }
-    films[0] = (struct pt_film){ .count = 20, .identity = 1, .pixels = pixels };
-    films[1] = (struct pt_film){ .count = 0 };
-    films[2] = (struct pt_film){ .count = 7, .identity = 3, .pixels = pixels + 20 };
+    films[0] = (struct pt_film) { .count = 20, .identity = 1, .pixels = pixels };
+    films[1] = (struct pt_film) { .count = 0 };
+    films[2] = (struct pt_film) { .count = 7, .identity = 3, .pixels = pixels + 20 };
 }
 
 static void films_are_read_as_they_were_written(void **state)
@@ -243,9 +243,9 @@ static void files_of_something_else_are_refused_by_name(void **state)
     assert_int_equal(pt_checkpoint_encode(ctx, &key, films, &data, &size), PELL_OK);
     other.width = 6;
     refused(data, size, &other, PELL_ERR_INVALID, "5 x 4");
-    refused(data, size, &(struct pt_checkpoint_key){ 5, 4, 2, 77, 99 }, PELL_ERR_INVALID, "msaa 3");
-    refused(data, size, &(struct pt_checkpoint_key){ 5, 4, 3, 78, 99 }, PELL_ERR_INVALID, "scene");
-    refused(data, size, &(struct pt_checkpoint_key){ 5, 4, 3, 77, 98 }, PELL_ERR_INVALID, "knobs");
+    refused(data, size, &(struct pt_checkpoint_key) { 5, 4, 2, 77, 99 }, PELL_ERR_INVALID, "msaa 3");
+    refused(data, size, &(struct pt_checkpoint_key) { 5, 4, 3, 78, 99 }, PELL_ERR_INVALID, "scene");
+    refused(data, size, &(struct pt_checkpoint_key) { 5, 4, 3, 77, 98 }, PELL_ERR_INVALID, "knobs");
     data[8] = 2;
     mend_hash(data, size);
     refused(data, size, &key, PELL_ERR_INVALID, "version 2");

@@ -182,8 +182,8 @@ static double said_error(const struct stage *s, const struct shot *shot, int *pi
             for (int x = 0; x < shot->width; x++) {
                 double light = 0.0, error = 0.0;
                 for (size_t c = 0; c < 3; c++) {
-                    light += ((const double[]){ 0.2126, 0.7152, 0.0722 })[c] * shot_at(shot, c, x, y);
-                    error += ((const double[]){ 0.2126, 0.7152, 0.0722 })[c] * (double) standard_error[c][y * s->image.stride + x];
+                    light += ((const double[]) { 0.2126, 0.7152, 0.0722 })[c] * shot_at(shot, c, x, y);
+                    error += ((const double[]) { 0.2126, 0.7152, 0.0722 })[c] * (double) standard_error[c][y * s->image.stride + x];
                 }
                 if (!(error > 0.0))
                     continue;
@@ -320,7 +320,7 @@ static void a_run_goes_on_to_the_same_bits(void **state)
     /* What is finished is not made again. */
     start(&s, 8, 2, NULL, NULL);
     s.settings.msaa = 3;
-    OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint){ path, 100.0 }));
+    OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint) { path, 100.0 }));
     shot = stage_shot_of(&s, "path-trace", some);
     assert_true(shot_equal(&whole, &shot));
     for (size_t i = 0; i < s.image.num_stages; i++)
@@ -350,9 +350,9 @@ static void more_can_be_asked_for_later(void **state)
         temporary_name(path, sizeof(path));
         for (int run = 0; run < 2; run++) {
             start(&s, 6, 2, NULL, NULL);
-            OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint){ path, 100.0 }));
+            OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint) { path, 100.0 }));
             shot = stage_shot_of(&s, "path-trace",
-                                 run == 0 ? (const char *const[]){ "samples=7", "acceleration=none", "bounces=8", NULL }
+                                 run == 0 ? (const char *const[]) { "samples=7", "acceleration=none", "bounces=8", NULL }
                                  : k      ? error
                                           : more);
             if (run == 1)
@@ -443,7 +443,7 @@ static enum pell_result go_on(const char *path, int change, struct kept_messages
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
     stage_method(&s, change == 6 ? "dipole" : "path-trace", change == 6 ? NULL : change == 5 ? &more[0] : least);
-    OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint){ path, 100.0 }));
+    OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint) { path, 100.0 }));
     res = pell_renderer_render(s.r, &s.settings, &s.image);
     stage_finish(&s);
     return res;
@@ -501,9 +501,9 @@ static void survives_the_nth_allocation(void **state)
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
     for (uint64_t at = 1; !done; at++) {
-        stage_method(&s, "path-trace", (const char *const[]){ "samples=1", "bounces=4", "acceleration=none", NULL }); /* a new pass */
+        stage_method(&s, "path-trace", (const char *const[]) { "samples=1", "bounces=4", "acceleration=none", NULL }); /* a new pass */
         fault.fail_at = fault.calls + at;
-        if (pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint){ path, 100.0 }) == PELL_OK)
+        if (pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint) { path, 100.0 }) == PELL_OK)
             switch (pell_renderer_render(s.r, &s.settings, &s.image)) {
             case PELL_OK: done = fault.calls < fault.fail_at; break;
             case PELL_ERR_NOMEM: break;

@@ -533,7 +533,7 @@ static void lanes_are_the_plain_walk(void **state)
             pt_trace(scene[1], w, &at, 5, N, lanes);
             assert_memory_equal(plain, lanes, sizeof(plain));
             for (int i = 0; i < 2 * N; i++) /* among others */
-                jobs[i] = (struct pt_job){ .point = i % 2 ? &at : &other, .sample = 5u + (uint32_t) (i / 2) };
+                jobs[i] = (struct pt_job) { .point = i % 2 ? &at : &other, .sample = 5u + (uint32_t) (i / 2) };
             pt_trace_jobs(scene[1], w, jobs, 2 * N);
             for (int i = 0; i < N; i++)
                 assert_memory_equal(&plain[i], &jobs[2 * i + 1].light, sizeof(plain[i]));
@@ -765,7 +765,8 @@ static void layers_are_boxes(void **state)
 static const double painted_optics[3][3] = { { 2.0, 2.6, 0.25 }, { 6.0, 6.6, 0.4 }, { 1.0, 1.5, 0.8 } };
 
 /* A slab with layers, lit by the environment and a light, at a place. kind 0: even; 1: painted, with another value far from there. */
-static struct rig_mean layered_slab(int kind, int count, const float *depth, enum pell_substrate substrate, double eta, uint32_t first, int n)
+static struct rig_mean layered_slab(int kind, int count, const float *depth, enum pell_substrate substrate, double eta, uint32_t first,
+                                    int n)
 {
     struct pt_knobs knobs = rig_knobs();
     struct rig_mean r;
@@ -781,7 +782,7 @@ static struct rig_mean layered_slab(int kind, int count, const float *depth, enu
     stage_box(&s, m, 0, vec3(-400.0f, -400.0f, -300.0f), vec3(400.0f, 400.0f, 0.0f));
     layers_unwrap(s.scene);
     for (int i = 0; kind == 1 && i < count; i++)
-        layers_paint(s.scene, m, i, 2, 2, 1, (const float[4]){ 1.0f, 1.0f, 1.0f, 0.25f })->nearest = true;
+        layers_paint(s.scene, m, i, 2, 2, 1, (const float[4]) { 1.0f, 1.0f, 1.0f, 0.25f })->nearest = true;
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.6f, 0.8f), vec3(0, 0, 0), 1.0f);
     look_along(&s, 7.0f);
     knobs.acceleration = kind == 1 && substrate == PELL_SUBSTRATE_STOP ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE; /* large grids take
@@ -1024,7 +1025,7 @@ static void paint_roughness(struct stage *s, size_t material, int width, int hei
     struct pell_texture *t;
 
     OK(pell_scene_add_texture(s->scene, "roughness", &t));
-    t->image = (struct pell_image){ .width = width, .height = height, .channels = 1, .type = PELL_PIXEL_F32 };
+    t->image = (struct pell_image) { .width = width, .height = height, .channels = 1, .type = PELL_PIXEL_F32 };
     t->image.pixels = pell_alloc_array(s->scene->ctx, (size_t) width * (size_t) height, sizeof(float));
     assert_non_null(t->image.pixels);
     memcpy(t->image.pixels, number, (size_t) width * (size_t) height * sizeof(float));
@@ -1132,7 +1133,7 @@ static void profiles_without_a_medium_are_refused(void **state)
     assert_string_equal(s.kept.where, "marble");
     assert_non_null(strstr(s.kept.what, "no medium"));
     s.scene->materials[m].gaussians.count = 0; /* a surface below layers is no medium either */
-    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_SUBSTRATE_SURFACE_COLOR);
+    layers_set(s.scene, m, 1, painted_optics, (const float[1]) { 1.0f }, PELL_SUBSTRATE_SURFACE_COLOR);
     assert_int_equal(pt_scene_create(pell_renderer_services(s.r), &knobs, &scene), PELL_ERR_UNSUPPORTED);
     assert_null(scene);
     assert_non_null(strstr(s.kept.what, "a surface below its layers"));
@@ -1161,8 +1162,8 @@ static void survives_the_nth_allocation(void **state)
     s.settings.msaa = 1;
     m = rig_medium(&s, 1.0, 0.1, 0.0, 1.4);
     s.scene->materials[m].roughness = 0.5f;
-    layers_set(s.scene, m, 1, painted_optics, (const float[1]){ 1.0f }, PELL_SUBSTRATE_STOP);
-    layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]){ 1.0f, 0.5f });
+    layers_set(s.scene, m, 1, painted_optics, (const float[1]) { 1.0f }, PELL_SUBSTRATE_STOP);
+    layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]) { 1.0f, 0.5f });
     stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 6);
     stage_light(&s, PELL_LIGHT_POINT, vec3(8, 10, 16), vec3(0, 0, 0), 0.001f);
     look_along(&s, 7.0f);

@@ -22,7 +22,9 @@ static const struct reference references[] = { { "hierarchical", fine, 0.0 }, { 
 static double bar_at(const struct stage *s, size_t c, int x, int y)
 {
     const float *standard_error[3];
-    return pell_pass_standard_error(pell_renderer_pass(s->r), standard_error) ? (double) standard_error[c][y * s->image.stride + x] / PELL_PI : 0.0;
+    return pell_pass_standard_error(pell_renderer_pass(s->r), standard_error)
+               ? (double) standard_error[c][y * s->image.stride + x] / PELL_PI
+               : 0.0;
 }
 
 static bool inside(const struct shot *shot, int x, int y)
@@ -419,7 +421,7 @@ static void survives_the_nth_allocation(void **state)
             stage_camera(&s, vec3(0, 0, 9), vec3(0, 0, 0), 0.0f, 1.0f);
             stage_complete(&s);
             OK(pell_renderer_set_scene(s.r, s.scene));
-            stage_method(&s, references[n].name, (const char *const[]){ n ? "most=128" : "most=64", NULL });
+            stage_method(&s, references[n].name, (const char *const[]) { n ? "most=128" : "most=64", NULL });
             fault.fail_at = fault.calls + at;
             switch (pell_renderer_render(s.r, &s.settings, &s.image)) {
             case PELL_OK: done = fault.calls < fault.fail_at; break;

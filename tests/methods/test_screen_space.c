@@ -10,11 +10,17 @@
 
 static const double skin_variance[4] = { 0.0064, 0.0516, 0.2719, 2.0062 };
 static const double skin_weight[4][3] = {
-    { 0.2405, 0.4474, 0.6157 }, { 0.1158, 0.3661, 0.3439 }, { 0.1836, 0.1864, 0.0 }, { 0.46, 0.0, 0.0402 }
+    { 0.2405, 0.4474, 0.6157 },
+    { 0.1158, 0.3661, 0.3439 },
+    { 0.1836, 0.1864, 0.0 },
+    { 0.46, 0.0, 0.0402 },
 };
 static const double marble_variance[4] = { 0.0362, 0.1144, 0.4555, 3.4833 };
 static const double marble_weight[4][3] = {
-    { 0.0544, 0.1245, 0.2177 }, { 0.2436, 0.2435, 0.1890 }, { 0.3105, 0.3158, 0.3742 }, { 0.3913, 0.3161, 0.2189 }
+    { 0.0544, 0.1245, 0.2177 },
+    { 0.2436, 0.2435, 0.1890 },
+    { 0.3105, 0.3158, 0.3742 },
+    { 0.3913, 0.3161, 0.2189 },
 };
 
 static const struct pell_method *method(struct pell_context *ctx)
@@ -235,8 +241,7 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
             const double along = tilt_error(&at, &m, degrees, turns[t], true, true);
             const double perspective = tilt_error(&at, &m, degrees, turns[t], false, false);
             print_message("# tilt %2d, turned by %2.0f degrees: step across the slope %.4f, perspective %.4f, along it %.4f\n", degrees,
-                          turns[t],
-                          across, perspective, along);
+                          turns[t], across, perspective, along);
             REQUIRE(fmax(fmax(across, perspective), along) < (turns[t] == 0.0 || turns[t] == 90.0 ? 0.0015 : degrees < 70 ? 0.01 : 0.03));
         }
     }
@@ -250,7 +255,7 @@ static double ball_area(double radius, double x, double y, double px)
 
     for (int s = 0; s < 64; s++) {
         const double X = x + ((s % 8 + 0.5) / 8.0 - 0.5) * px, Y = y + ((s / 8 + 0.5) / 8.0 - 0.5) * px,
-            z2 = radius * radius - X * X - Y * Y;
+                     z2 = radius * radius - X * X - Y * Y;
         if (z2 > 0.0)
             sum += fmin(radius / sqrt(z2), 200.0) / 64.0;
     }
@@ -280,8 +285,8 @@ static void ball_sums(const struct bench_place *at, const struct pell_frame_mate
         for (int y = 0; y < size; y++)
             for (int x = 0; x < size; x++) {
                 const size_t i = patch_at(p, x, y);
-                const double area = p->material[i] ? ball_area(radius, (x + 0.5 - 0.5 * size) / scale, (y + 0.5 - 0.5 * size) / scale,
-                                                               1.0 / scale) : 0.0;
+                const double area =
+                    p->material[i] ? ball_area(radius, (x + 0.5 - 0.5 * size) / scale, (y + 0.5 - 0.5 * size) / scale, 1.0 / scale) : 0.0;
                 in[c] += area * (double) p->light[c][i];
                 out[c] += area * (double) p->result[c][i];
             }
@@ -368,7 +373,7 @@ static struct patch *lit_disc(const struct pell_frame_material *m, int size, dou
             int hits = 0;
             for (int s = 0; s < 256; s++) {
                 const double X = (x + (s % 16 + 0.5) / 16.0 - 0.5 * size) * depth / focal,
-                    Y = (y + (s / 16 + 0.5) / 16.0 - 0.5 * size) * depth / focal;
+                             Y = (y + (s / 16 + 0.5) / 16.0 - 0.5 * size) * depth / focal;
                 hits += X * X + Y * Y < 49.0;
             }
             for (int c = 0; c < 3; c++)
@@ -387,10 +392,9 @@ static void twice_the_distance_or_half_the_pixels_change_little(void **state)
         for (double scale = 1.0; scale < (SLOW ? 5.0 : 20.0); scale *= 2.0) {
             const int n = (int) (24.0 * scale);
             /* Near; twice as far; as near, with half the pixels; twice as far with twice the focal length. */
-            struct patch *p[4] = { lit_disc(&materials[k], 2 * n, 2.0 * scale * 300.0, 300.0), lit_disc(&materials[k], n,
-                                                                                                        2.0 * scale * 300.0, 600.0),
-                                   lit_disc(&materials[k], n, scale * 300.0, 300.0), lit_disc(&materials[k], 2 * n, 4.0 * scale * 300.0,
-                                                                                              600.0) };
+            struct patch *p[4] = { lit_disc(&materials[k], 2 * n, 2.0 * scale * 300.0, 300.0),
+                                   lit_disc(&materials[k], n, 2.0 * scale * 300.0, 600.0), lit_disc(&materials[k], n, scale * 300.0, 300.0),
+                                   lit_disc(&materials[k], 2 * n, 4.0 * scale * 300.0, 600.0) };
             double far = 0.0, coarse = 0.0, zoomed = 0.0, squares = 0.0;
             for (int i = 0; i < 4; i++)
                 patch_run(&at, method(at.ctx), NULL, p[i]);
@@ -439,8 +443,8 @@ static void a_dolly_does_not_pop(void **state)
             patch_run(&at, method(at.ctx), NULL, p);
             for (int x = HALF / 2; x < ACROSS - HALF / 2; x++)
                 for (int c = 0; c < 3; c++) {
-                    const double e = (double) p->result[c][patch_at(p, x, 12)] - half_lit(&materials[k].gaussians, c,
-                                                                                          (x + 0.5 - HALF) / scale);
+                    const double e =
+                        (double) p->result[c][patch_at(p, x, 12)] - half_lit(&materials[k].gaussians, c, (x + 0.5 - HALF) / scale);
                     if (frames > 0 && fabs(e - before[c][x]) > worst) {
                         worst = fabs(e - before[c][x]);
                         worst_scale = scale;
@@ -450,8 +454,7 @@ static void a_dolly_does_not_pop(void **state)
             patch_destroy(p);
         }
         print_message("# %s, %d frames from 12 to 0.2 px/mm: largest pop %.5f of the step, at %.2f px/mm\n", k ? "marble" : "skin", frames,
-                      worst,
-                      worst_scale);
+                      worst, worst_scale);
         REQUIRE(worst < 0.004);
     }
     place_destroy(&at);
@@ -581,8 +584,9 @@ static void table_7_1_follows_from_the_weights(void **state)
         { { 1.0, 1.0, 1.0 }, { 0.8173, 0.6616, 0.4647 }, { 0.5101, 0.4617, 0.4791 }, { 0.3913, 0.3161, 0.2189 } },
     };
     const struct pell_frame_material materials[2] = { skin(), marble() };
-    const struct pell_gaussians none = { .count = 3, .variance = { 1.0, 2.0, 3.0 }, .weight = { { 0.0 }, { 0.5, 0.0, 0.0 }, { 0.5, 1.0,
-                                                                                                                              0.0 } } };
+    const struct pell_gaussians none = { .count = 3,
+                                         .variance = { 1.0, 2.0, 3.0 },
+                                         .weight = { { 0.0 }, { 0.5, 0.0, 0.0 }, { 0.5, 1.0, 0.0 } } };
     float blend[3];
 
     (void) state;
@@ -648,8 +652,7 @@ static void spans_follow_ssslevel_and_correction_as_in_figure_7_5(void **state)
                 REQUIRE(seen[axis] < 1.03 * expected[axis] * expected[axis] + 0.25 / 0.12);
             }
             print_message("# ssslevel %5.2f, correction %4.0f: span %5.2f x %5.2f px, by the formula %5.2f x %5.2f\n", levels[l],
-                          corrections[k],
-                          sqrt(seen[0]), sqrt(seen[1]), expected[0], expected[1]);
+                          corrections[k], sqrt(seen[0]), sqrt(seen[1]), expected[0], expected[1]);
             patch_destroy(p);
         }
     }
@@ -732,7 +735,8 @@ static void published_sets_are_for_their_own_media_only(void **state)
     static const char *const published[] = { "profile=published", NULL };
     const double one[3] = { 1.0, 1.0, 1.0 };
     const struct pell_material_entry *stone = pell_material_find("marble"), *layered = pell_material_find("skin-3layer");
-    const struct pell_frame_material white = { .name = "white", .medium = stone->medium,
+    const struct pell_frame_material white = { .name = "white",
+                                               .medium = stone->medium,
                                                .gaussians = pell_material_find("marble-4gaussian")->gaussians };
     const struct pell_frame_material by_preset = { .name = "marble", .preset = "marble", .medium = stone->medium };
     struct pell_frame_material others[] = {
@@ -748,8 +752,8 @@ static void published_sets_are_for_their_own_media_only(void **state)
 
     (void) state;
     for (int c = 0; c < 3; c++) {
-        const struct pell_dipole d = pell_dipole_make(stone->medium.sigma_a[c], stone->medium.sigma_s_reduced[c], stone->medium.eta,
-                                                      PELL_FRESNEL_EXACT);
+        const struct pell_dipole d =
+            pell_dipole_make(stone->medium.sigma_a[c], stone->medium.sigma_s_reduced[c], stone->medium.eta, PELL_FRESNEL_EXACT);
         total[c] = pell_dipole_total(&d);
         assert_true(total[c] < 0.999);
     }

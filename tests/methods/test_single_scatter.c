@@ -36,7 +36,7 @@ static void rig_start(struct rig *r)
     for (int c = 0; c < 3; c++) {
         r->medium.layer[0].sigma_s[c] = 0.3 + 0.3 * c;
         r->medium.layer[0].sigma_t[c] = 0.5 + 0.4 * c;
-        r->medium.layer[0].phase[c] = (struct pell_phase){ PELL_PHASE_HENYEY_GREENSTEIN, { 0.5 - 0.4 * c, 0.0 }, 0.0 };
+        r->medium.layer[0].phase[c] = (struct pell_phase) { PELL_PHASE_HENYEY_GREENSTEIN, { 0.5 - 0.4 * c, 0.0 }, 0.0 };
     }
 }
 
@@ -54,7 +54,7 @@ static void rig_build(struct rig *r, int normals, int refraction, int distance, 
     }
     pell_connector_destroy(&r->connector);
     OK(pell_connector_create(r->ctx, r->scene, r->rays, r->solids, normals == SINGLE_FLAT, &r->connector));
-    r->world = (struct single_world){
+    r->world = (struct single_world) {
         .ctx = r->ctx,
         .scene = r->scene,
         .rays = r->rays,
@@ -169,7 +169,7 @@ static void three_layers(void **state)
                     l->sigma_s[c] = i < count ? fish[i][1] : 0.0;
                     l->sigma_t[c] = i < count ? fish[i][2] : 1e4;
                     l->phase[c] =
-                        (struct pell_phase){ PELL_PHASE_SCHLICK, { i < count ? other_k(fish[i][3], 0.3, cosine) : 0.0, 0.0 }, 0.0 };
+                        (struct pell_phase) { PELL_PHASE_SCHLICK, { i < count ? other_k(fish[i][3], 0.3, cosine) : 0.0, 0.0 }, 0.0 };
                 }
             }
             rig_box(&r, 400.0f, 100.0f);
@@ -254,7 +254,8 @@ static void light_of_painted(int painted, const float depth[3], float at, double
     single_medium_place(&r.medium, r.scene, r.rays, r.solids, 0);
     {
         float value[3], standard_error[3];
-        single_estimate(&r.world, vec3(at, 0.25f * at, 0.0f), vec3((float) side, 0.0f, (float) mu_o), 100.0, &r.counts, value, standard_error);
+        single_estimate(&r.world, vec3(at, 0.25f * at, 0.0f), vec3((float) side, 0.0f, (float) mu_o), 100.0, &r.counts, value,
+                        standard_error);
         for (int c = 0; c < 3; c++) {
             light[c] = (double) value[c];
             bar[c] = (double) standard_error[c];
@@ -274,7 +275,7 @@ static void painted_layers(void **state)
     within("even layers of a scene", even[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
     light_of_painted(1, oracle, 101.0f, found, bar);
     for (int c = 0; c < 3; c++)
-        REQUIRE(found[c] == even[c]); /* bit by bit */
+        REQUIRE(found[c] == even[c]);                /* bit by bit */
     light_of_painted(2, oracle, 101.0f, found, bar); /* below the point the left half and the lower right are painted alike */
     within("painted layers", found[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
     for (int c = 0; c < 3; c++)
@@ -354,7 +355,8 @@ static void slab_that_refracts(void **state)
                 } else {
                     expected = slab_by_quadrature(l, c, eta, mu_o, &source, 3.0);
                 }
-                within(sun ? "slab under a sun" : "slab under a point", (double) light[c], (double) standard_error[c], expected, SLOW ? 0.08 : 0.03);
+                within(sun ? "slab under a sun" : "slab under a point", (double) light[c], (double) standard_error[c], expected,
+                       SLOW ? 0.08 : 0.03);
             }
             rig_finish(&r);
         }
@@ -504,7 +506,8 @@ static void ball_by_brute_force(void **state)
                     print_message("# ball (%s), %s: %.5g +- %.2g, by brute force %.5g +- %.2g: %.1f bars\n", flat ? "flat" : "smooth",
                                   environment ? "sky" : "rect", (double) light[c], (double) standard_error[c], scale * mean, bar,
                                   ((double) light[c] - scale * mean) / both);
-                    REQUIRE((double) standard_error[c] < (SLOW ? 0.3 : 0.15) * (double) light[c] && bar < (SLOW ? 0.3 : 0.15) * scale * mean);
+                    REQUIRE((double) standard_error[c] < (SLOW ? 0.3 : 0.15) * (double) light[c] &&
+                            bar < (SLOW ? 0.3 : 0.15) * scale * mean);
                     REQUIRE_NEAR((double) light[c], scale * mean, 3.5 * both + 2e-3 * scale * mean);
                 }
             }
@@ -531,7 +534,8 @@ static void all_ways_agree(void **state)
         for (int distance = SINGLE_BOTH; distance <= SINGLE_EQUIANGULAR; distance++) {
             float light[3], standard_error[3];
             rig_build(&r, SINGLE_SMOOTH, SINGLE_EXACT, distance, 0.06f);
-            single_estimate(&r.world, seen_at(&r, 4.0f * (float) k - 4.1f, 1.3f, false).at, vec3(0, 0, 1), 100.0, &r.counts, light, standard_error);
+            single_estimate(&r.world, seen_at(&r, 4.0f * (float) k - 4.1f, 1.3f, false).at, vec3(0, 0, 1), 100.0, &r.counts, light,
+                            standard_error);
             mean[distance] = (double) light[1];
             bar[distance] = (double) standard_error[1];
             sum += mean[distance] / (bar[distance] * bar[distance]);
@@ -717,15 +721,15 @@ static void survives_the_nth_allocation(void **state)
         s.settings.width = s.settings.height = 2;
         s.settings.msaa = 1;
         stage_medium(&s, "marble", &m);
-        layers_set(s.scene, m, 1, (const double[1][3]){ { 1.0, 2.0, 0.1 } }, (const float[1]){ 0.5f }, PELL_SUBSTRATE_STOP);
-        layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]){ 1.0f, 0.5f });
+        layers_set(s.scene, m, 1, (const double[1][3]) { { 1.0, 2.0, 0.1 } }, (const float[1]) { 0.5f }, PELL_SUBSTRATE_STOP);
+        layers_paint(s.scene, m, 0, 2, 1, 1, (const float[2]) { 1.0f, 0.5f });
         stage_box(&s, m, 0, vec3(-1, -1, -1), vec3(1, 1, 1));
         layers_unwrap(s.scene);
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 9), vec3(0, 0, 0), 3.0f);
         stage_camera(&s, vec3(0, 0, 9), vec3(0, 0, 0), 0.0f, 1.0f);
         stage_complete(&s);
         OK(pell_renderer_set_scene(s.r, s.scene));
-        stage_method(&s, "single-scatter", (const char *const[]){ "error=1", "most=128", NULL });
+        stage_method(&s, "single-scatter", (const char *const[]) { "error=1", "most=128", NULL });
         fault.fail_at = fault.calls + at;
         switch (pell_renderer_render(s.r, &s.settings, &s.image)) {
         case PELL_OK: done = fault.calls < fault.fail_at; break;

@@ -66,7 +66,7 @@ static struct pell_mesh *sheet(struct stage *s, size_t material, enum layout lay
                 lay_out(layout, x, y, 2 * (j >= n / 2) + (i >= n / 2), m->uv[0] + 2 * (first + k));
             }
             for (uint32_t k = 0; k < 6; k++)
-                index[k] = first + ((const uint32_t[]){ 0, 1, 2, 0, 2, 3 })[k];
+                index[k] = first + ((const uint32_t[]) { 0, 1, 2, 0, 2, 3 })[k];
         }
     shapes_bound(s->scene, m);
     return m;
@@ -467,7 +467,7 @@ static struct likeness likeness_of(const struct shot *a, const struct shot *b)
                 square += pow(shot_at(a, 0, x, y) - shot_at(b, 0, x, y), 2.0);
                 n++;
             }
-    return (struct likeness){ sum[0] / sum[1], sqrt(square / n) / (sum[1] / n) };
+    return (struct likeness) { sum[0] / sum[1], sqrt(square / n) / (sum[1] / n) };
 }
 
 /* A ball not much wider than light goes, lit from behind. Round it comes half as much light again as straight through it, and the two are

@@ -80,8 +80,9 @@ static void mark_edge(const struct stage *s, const struct shot *shot, struct pel
 
 static void mark_seams(struct stage *s, const struct shot *shots, int charts, bool near[VIEWS][SIZE * SIZE])
 {
-    struct ts_atlas_params params = { .pool = pell_renderer_services(s->r)->pool, .scene = s->scene, .name = "head",
-                                      .size = TEXELS, .border = 1 };
+    struct ts_atlas_params params = {
+        .pool = pell_renderer_services(s->r)->pool, .scene = s->scene, .name = "head", .size = TEXELS, .border = 1
+    };
     struct pell_solids *solids;
     struct ts_atlas *a;
 
@@ -98,8 +99,8 @@ static void mark_seams(struct stage *s, const struct shot *shots, int charts, bo
             const struct pell_mesh *m = &a->scene->meshes[t->mesh];
             const uint32_t *index = m->index + 3 * (size_t) t->triangle;
             if (is_seam(a, half))
-                mark_edge(s, &shots[view], vec3_load(m->position + 3 * index[half % 3]),
-                          vec3_load(m->position + 3 * index[(half + 1) % 3]), near[view]);
+                mark_edge(s, &shots[view], vec3_load(m->position + 3 * index[half % 3]), vec3_load(m->position + 3 * index[(half + 1) % 3]),
+                          near[view]);
         }
     }
     ts_atlas_destroy(&a);
@@ -175,10 +176,10 @@ static void print(const char *what, const struct errors *e)
  * rest. */
 static void no_seam_shows_on_a_head(void **state)
 {
-    static const char *const sets[2][2][5] = { { { "size=768", "tsm=off", "charts=planar", NULL },
-                                                 { "size=768", "tsm=off", "charts=planar", "border=0", NULL } },
-                                               { { "size=768", "tsm=off", "charts=uv", NULL },
-                                                 { "size=768", "tsm=off", "charts=uv", "border=0", NULL } } };
+    static const char *const sets[2][2][5] = {
+        { { "size=768", "tsm=off", "charts=planar", NULL }, { "size=768", "tsm=off", "charts=planar", "border=0", NULL } },
+        { { "size=768", "tsm=off", "charts=uv", NULL }, { "size=768", "tsm=off", "charts=uv", "border=0", NULL } },
+    };
     static const int charts[2] = { TS_CHARTS_PLANAR, TS_CHARTS_UV };
     static const char *const whole[] = { "most=400000", NULL };
     static bool near[2][VIEWS][SIZE * SIZE];

@@ -330,7 +330,7 @@ static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int 
     for (int l = 0; l < p->count; l++)
         m[l] = plate_medium(&s, &p->plate[l], p->eta);
     if (boxes)
-        clear = plate_medium(&s, &(struct plate){ 0.0, 1e-6, 0.0, 0.0 }, p->eta);
+        clear = plate_medium(&s, &(struct plate) { 0.0, 1e-6, 0.0, 0.0 }, p->eta);
     stage_opaque(&s, 0.0f, &black);
     stage_box(&s, boxes ? clear : m[0], 0, vec3(-half, -half, -(float) deep - gap * (float) (p->count + 1)), vec3(half, half, 0.0f));
     for (int l = 0; boxes && l < p->count; l++) {
@@ -388,7 +388,7 @@ static void stacks_of_layers(void **state)
     static const struct plate over[] = { { 0.3, 6.0, 0.4, 0.6 }, { 60.0, 2.0, 0.15, 0.0 } };
     static const struct plate sandwich[] = { { 0.4, 5.0, 0.1, 0.7 }, { 0.8, 1.0, 0.3, 0.0 }, { 0.4, 5.0, 0.1, 0.7 } };
     static const struct plate five[] = {
-        { 0.2, 5.0, 0.1, 0.7 }, { 0.3, 1.0, 0.3, 0.0 }, { 0.5, 4.0, 0.0, 0.3 }, { 0.3, 1.0, 0.3, 0.0 }, { 0.2, 5.0, 0.1, 0.7 }
+        { 0.2, 5.0, 0.1, 0.7 }, { 0.3, 1.0, 0.3, 0.0 }, { 0.5, 4.0, 0.0, 0.3 }, { 0.3, 1.0, 0.3, 0.0 }, { 0.2, 5.0, 0.1, 0.7 },
     };
     static const struct plate two[] = { { 0.3, 6.0, 0.4, 0.6 }, { 1.0, 2.0, 0.15, 0.0 } };
     static const struct plate tissue[] = { { 1.0, 10.0, 0.1, 0.9 }, { 1.0, 1.0, 0.1, 0.0 }, { 2.0, 1.0, 0.2, 0.7 } };

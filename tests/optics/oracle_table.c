@@ -59,7 +59,7 @@ static void begin(const char *file, const char *keys, const char *what, const ch
 {
     if (row_count == ROWS_MAX)
         fail_msg("more than %d rows", ROWS_MAX);
-    rows[row_count++] = (struct row){ file, keys, what, kind, 0, 0.0, tolerance };
+    rows[row_count++] = (struct row) { file, keys, what, kind, 0, 0.0, tolerance };
 }
 
 /* One number, in units of `scale`. */
@@ -148,7 +148,7 @@ static void profile_of(const struct pell_medium *m, int c, struct pell_profile *
 
 static struct pell_medium grey(double sigma_a, double sigma_s, double eta)
 {
-    return (struct pell_medium){ { sigma_a, sigma_a, sigma_a }, { sigma_s, sigma_s, sigma_s }, { 0.0, 0.0, 0.0 }, eta };
+    return (struct pell_medium) { { sigma_a, sigma_a, sigma_a }, { sigma_s, sigma_s, sigma_s }, { 0.0, 0.0, 0.0 }, eta };
 }
 
 /* --- Files ------------------------------------------------------------------------------------------------------------------------ */
@@ -882,15 +882,15 @@ static void walk(const struct pell_photon_stack *s, uint64_t photons, uint64_t s
 
 static struct pell_photon_stack medium_of_photons(double sigma_a, double sigma_s, double g, double n, double thickness)
 {
-    return (struct pell_photon_stack){ .count = 1,
-                                       .layer = { { sigma_a, sigma_s, g, n, thickness } },
-                                       .n_above = 1.0,
-                                       .n_below = 1.0,
-                                       .mu_min = 1.0,
-                                       .mu_max = 1.0,
-                                       .inside = true,
-                                       .roulette = 64,
-                                       .collisions_max = 100000 };
+    return (struct pell_photon_stack) { .count = 1,
+                                        .layer = { { sigma_a, sigma_s, g, n, thickness } },
+                                        .n_above = 1.0,
+                                        .n_below = 1.0,
+                                        .mu_min = 1.0,
+                                        .mu_max = 1.0,
+                                        .inside = true,
+                                        .roulette = 64,
+                                        .collisions_max = 100000 };
 }
 
 /* Our photons beside a number with an error of its own, in standard errors of both. */

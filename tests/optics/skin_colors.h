@@ -65,14 +65,10 @@ struct published_skin {
  * camera's. Clusters: centroids of the facial skin of 120 people, 45/0 geometry, "Proposed shade guide for human facial skin", IADR
  * abstract 120461, 2009. */
 static const struct published_skin published_skins[PUBLISHED_SKINS] = {
-    { "light skin", "ColorChecker", { 65.67, 13.68, 16.90 }, 9.0, 5.0 },
-    { "dark skin", "ColorChecker", { 38.02, 11.80, 13.66 }, 6.5, 2.5 },
-    { "skin1", "Jensen et al. 2001", { 58.09, 14.9, 22.5 }, 11.0, 3.5 },
-    { "skin2", "Jensen et al. 2001", { 74.43, 8.1, 14.1 }, 7.0, 6.0 },
-    { "cluster 1", "IADR 2009", { 52.5, 17.0, 18.9 }, 11.0, 3.0 },
-    { "cluster 2", "IADR 2009", { 37.7, 17.2, 14.7 }, 12.0, 3.5 },
-    { "cluster 3", "IADR 2009", { 49.4, 22.0, 12.3 }, 15.5, 5.0 },
-    { "cluster 4", "IADR 2009", { 41.5, 25.5, 13.3 }, 20.0, 9.5 },
+    { "light skin", "ColorChecker", { 65.67, 13.68, 16.90 }, 9.0, 5.0 }, { "dark skin", "ColorChecker", { 38.02, 11.80, 13.66 }, 6.5, 2.5 },
+    { "skin1", "Jensen et al. 2001", { 58.09, 14.9, 22.5 }, 11.0, 3.5 }, { "skin2", "Jensen et al. 2001", { 74.43, 8.1, 14.1 }, 7.0, 6.0 },
+    { "cluster 1", "IADR 2009", { 52.5, 17.0, 18.9 }, 11.0, 3.0 },       { "cluster 2", "IADR 2009", { 37.7, 17.2, 14.7 }, 12.0, 3.5 },
+    { "cluster 3", "IADR 2009", { 49.4, 22.0, 12.3 }, 15.5, 5.0 },       { "cluster 4", "IADR 2009", { 41.5, 25.5, 13.3 }, 20.0, 9.5 },
     { "cluster 5", "IADR 2009", { 26.7, 14.6, 14.7 }, 12.0, 5.5 },
 };
 

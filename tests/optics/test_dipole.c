@@ -12,7 +12,8 @@ static double shell(double log_r, const void *dipole)
     return 2.0 * PELL_PI * r * r * pell_dipole_rd(dipole, r);
 }
 
-static const double samples[][3] = { /* sigma_a, sigma_s_reduced, eta */
+static const double samples[][3] = {
+    /* sigma_a, sigma_s_reduced, eta */
     { 0.0041, 2.62, 1.5 }, { 0.0, 20.4, 1.3 }, { 1.45, 0.03, 1.3 }, { 0.48, 1.01, 1.0 }, { 1e-5, 7e3, 2.5 }, { 2e-6, 1e-6, 4.0 },
 };
 
@@ -21,7 +22,8 @@ static void oracle_table(void **state)
     json_t *root = oracle_load("dipole.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "table"), i, row) {
+    json_array_foreach(oracle_get(root, "table"), i, row)
+    {
         const double sa = oracle_number(row, "sigma_a"), ss = oracle_number(row, "sigma_sp"), eta = oracle_number(row, "eta");
         const struct pell_dipole d = pell_dipole_make(sa, ss, eta, PELL_FRESNEL_POLY3);
         const struct pell_dipole x = pell_dipole_make(sa, ss, eta, PELL_FRESNEL_EXACT);
@@ -36,7 +38,8 @@ static void oracle_table(void **state)
         REQUIRE_REL(x.zv, oracle_number(row, "zv_exact_fresnel"), ROUNDED);
         REQUIRE_REL(pell_dipole_total(&d), oracle_number(row, "Rd_closed"), ROUNDED);
         REQUIRE_REL(pell_dipole_total(&x), oracle_number(row, "Rd_closed_exact_fresnel"), ROUNDED);
-        json_array_foreach (oracle_get(row, "r_mm"), k, radius) {
+        json_array_foreach(oracle_get(row, "r_mm"), k, radius)
+        {
             const double r = json_number_value(radius);
             REQUIRE_REL(pell_dipole_rd(&d, r), oracle_at(row, "R", k), ROUNDED);
             REQUIRE_REL(pell_dipole_cdf(&d, r), oracle_at(row, "cdf", k), ROUNDED);
@@ -52,14 +55,16 @@ static void oracle_quantiles(void **state)
     json_t *root = oracle_load("sampling.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "sampling"), i, row) {
+    json_array_foreach(oracle_get(root, "sampling"), i, row)
+    {
         const double sa = oracle_number(row, "sigma_a"), ss = oracle_number(row, "sigma_sp");
         const struct pell_dipole d = pell_dipole_make(sa, ss, oracle_number(row, "eta"), PELL_FRESNEL_POLY3);
         const double real = exp(-d.sigma_tr * d.zr), virtual = exp(-d.sigma_tr * d.zv);
         json_t *xi;
         size_t k;
         REQUIRE_REL(real / (real + virtual), oracle_number(row, "threshold_real"), ROUNDED);
-        json_array_foreach (oracle_get(row, "xi"), k, xi) {
+        json_array_foreach(oracle_get(row, "xi"), k, xi)
+        {
             const double p = json_number_value(xi);
             REQUIRE_NEAR(pell_dipole_cdf(&d, oracle_at(row, "r_of_full_cdf", k)), p, 2e-9);
         }

@@ -60,7 +60,8 @@ static void every_optimum_of_the_oracle_is_reached(void **state)
     double worst = 0.0, seconds[9] = { 0 };
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "rows"), i, row) {
+    json_array_foreach(oracle_get(root, "rows"), i, row)
+    {
         const struct pell_dipole d = dipole_of_row(row, oracle_number(row, "eta"), PELL_FRESNEL_POLY3);
         for (int k = 1; k <= 8; k++)
             for (int free = 0; free < 2; free++) {
@@ -96,7 +97,8 @@ static void errors_over_albedo(void **state)
     json_t *root = oracle_load("gaussians_claims.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "error_versus_albedo_eta1.3"), i, row) {
+    json_array_foreach(oracle_get(root, "error_versus_albedo_eta1.3"), i, row)
+    {
         const double alpha = oracle_number(row, "alpha");
         const struct pell_dipole d = pell_dipole_make(1.0 - alpha, alpha, 1.3, PELL_FRESNEL_POLY3);
         for (int k = 2; k <= 8; k += 2)
@@ -120,22 +122,22 @@ static void errors_over_eta(void **state)
         double sigma_a, sigma_s;
         int count;
     } cases[] = {
-        { "spectralon_B_k4", 0.0, 14.9, 4 },  { "chicken2_B_k4", 0.2, 0.32, 4 },   { "marble_G_k4", 0.0041, 2.62, 4 },
-        { "marble_G_k8", 0.0041, 2.62, 8 },   { "marble_R_k4", 0.0021, 2.19, 4 },  { "marble_B_k8", 0.0071, 3.0, 8 },
+        { "spectralon_B_k4", 0.0, 14.9, 4 }, { "chicken2_B_k4", 0.2, 0.32, 4 },  { "marble_G_k4", 0.0041, 2.62, 4 },
+        { "marble_G_k8", 0.0041, 2.62, 8 },  { "marble_R_k4", 0.0021, 2.19, 4 }, { "marble_B_k8", 0.0071, 3.0, 8 },
     };
     json_t *root = oracle_load("gaussians_claims.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "hypotheses"), i, row)
-        for (size_t c = 0; c < PELL_COUNT(cases); c++) {
-            const double eta = oracle_number(row, "eta");
-            const bool free = !json_is_true(oracle_get(row, "constraint"));
-            const struct pell_dipole d = pell_dipole_make(cases[c].sigma_a, cases[c].sigma_s, eta, PELL_FRESNEL_POLY3);
-            struct pell_gaussians g;
-            struct pell_fit_report report;
-            requires_fit(&d, cases[c].count, free, &g, &report);
-            REQUIRE_REL(report.error[0], 0.01 * oracle_number(row, cases[c].key), 1e-3);
-        }
+    json_array_foreach(oracle_get(root, "hypotheses"), i, row) for (size_t c = 0; c < PELL_COUNT(cases); c++)
+    {
+        const double eta = oracle_number(row, "eta");
+        const bool free = !json_is_true(oracle_get(row, "constraint"));
+        const struct pell_dipole d = pell_dipole_make(cases[c].sigma_a, cases[c].sigma_s, eta, PELL_FRESNEL_POLY3);
+        struct pell_gaussians g;
+        struct pell_fit_report report;
+        requires_fit(&d, cases[c].count, free, &g, &report);
+        REQUIRE_REL(report.error[0], 0.01 * oracle_number(row, cases[c].key), 1e-3);
+    }
     REQUIRE(i > 0);
     json_decref(root);
 }
@@ -477,16 +479,17 @@ static void fits_over_a_range_are_the_oracles(void **state)
     json_t *root = oracle_load("gaussians_ranges.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "rows"), i, row) {
+    json_array_foreach(oracle_get(root, "rows"), i, row)
+    {
         const char *material = json_string_value(oracle_get(row, "material"));
         const int c = strcmp(material, "marble") == 0 ? 1 : 2;
         const struct pell_medium *m = &pell_material_find(material)->medium;
-        const struct pell_dipole d =
-            pell_dipole_make(m->sigma_a[c], m->sigma_s_reduced[c], oracle_number(row, "eta"), PELL_FRESNEL_POLY3);
+        const struct pell_dipole d = pell_dipole_make(m->sigma_a[c], m->sigma_s_reduced[c], oracle_number(row, "eta"), PELL_FRESNEL_POLY3);
         for (int k = 4; k <= 8; k += 4) {
             if (k == 8 && !json_object_get(row, "k8_own"))
                 continue;
-            const struct pell_fit_params params = { .count = k, .r_max_mm = oracle_number(row, "r_max_mm"),
+            const struct pell_fit_params params = { .count = k,
+                                                    .r_max_mm = oracle_number(row, "r_max_mm"),
                                                     .free_energy = strcmp(json_string_value(oracle_get(row, "mode")), "free") == 0 };
             struct pell_gaussians g;
             struct pell_fit_report report;
@@ -573,9 +576,8 @@ static void every_model_is_fitted(void **state)
             }
             if (k == 6)
                 print_message("# %s: 6 shared Gaussians %.3g %.3g %.3g %% in %.1f ms; own %.3g %.3g %.3g %%\n",
-                              pell_profile_model_at((size_t) model)->name, 100.0 * report.error[0],
-                              100.0 * report.error[1], 100.0 * report.error[2], seconds * 1e3, 100.0 * last[0], 100.0 * last[1],
-                              100.0 * last[2]);
+                              pell_profile_model_at((size_t) model)->name, 100.0 * report.error[0], 100.0 * report.error[1],
+                              100.0 * report.error[2], seconds * 1e3, 100.0 * last[0], 100.0 * last[1], 100.0 * last[2]);
         }
     }
 }

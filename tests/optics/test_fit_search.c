@@ -70,8 +70,8 @@ static void not_beaten(const char *name, const struct pell_medium *m, uint64_t *
 }
 
 /* The 12 media of Jensen et al. 2001. */
-static const char *const measured[] = { "apple", "chicken1", "chicken2", "cream", "ketchup", "marble",
-                                        "potato", "skimmilk", "skin1", "skin2", "spectralon", "wholemilk" };
+static const char *const measured[] = { "apple",  "chicken1", "chicken2", "cream", "ketchup",    "marble",
+                                        "potato", "skimmilk", "skin1",    "skin2", "spectralon", "wholemilk" };
 
 static void random_starts_do_not_beat_measured_media(void **state)
 {

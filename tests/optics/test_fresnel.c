@@ -96,7 +96,8 @@ static void oracle_rows(void **state)
     json_t *root = oracle_load("dipole.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "fresnel"), i, row) {
+    json_array_foreach(oracle_get(root, "fresnel"), i, row)
+    {
         double eta = oracle_number(row, "eta"); /* 0.7692307692 and 0.6666666667 stand for 1/1.3 and 1/1.5 */
         eta = fabs(eta - 1.0 / 1.3) < 1e-9 ? 1.0 / 1.3 : fabs(eta - 1.0 / 1.5) < 1e-9 ? 1.0 / 1.5 : eta;
         const double exact = oracle_number(row, "Fdr_exact"), f = pell_fresnel_diffuse(eta, PELL_FRESNEL_EXACT);
@@ -195,7 +196,7 @@ static void rough_boundary_has_the_right_limits(void **state)
         for (int k = 0; k <= 50; k++) {
             const double rho = pell_fresnel_diffuse_rough(n, k / 50.0);
             REQUIRE(rho >= 0.0 && rho <= smooth && rho <= last + 4e-5); /* facets that face the light reflect less */
-            if (n >= 1.0) /* what enters diffusely and what leaves are in balance */
+            if (n >= 1.0)                                               /* what enters diffusely and what leaves are in balance */
                 REQUIRE_NEAR((1.0 - rho) * n * n, 1.0 - pell_fresnel_diffuse_rough(1.0 / n, k / 50.0), 1e-12);
             last = rho;
         }

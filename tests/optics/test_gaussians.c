@@ -53,7 +53,8 @@ static void appendix_a_is_the_oracles(void **state)
     json_t *root = oracle_load("appendix_a.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "pole"), i, row) {
+    json_array_foreach(oracle_get(root, "pole"), i, row)
+    {
         const double x = oracle_number(row, "x");
         double v[4], w[4];
         static const struct {
@@ -76,7 +77,8 @@ static void appendix_a_is_the_oracles(void **state)
         REQUIRE_REL(pell_gaussian_set_total(w, 4), 0.5 * exp(-x) * oracle_number(row, "sum_over_2pi"), 1e-6);
     }
     assert_int_equal(i, 17);
-    json_array_foreach (oracle_get(root, "dipole_eta1_3"), i, row) {
+    json_array_foreach(oracle_get(root, "dipole_eta1_3"), i, row)
+    {
         /* the oracle's dipoles take the best C from a table over x, by interpolation */
         static const char *const errors[] = { "err_percent_printed", "err_percent_best_C_free", "err_percent_best_C_constrained" };
         const double alpha = oracle_number(row, "alpha");
@@ -137,15 +139,15 @@ static void the_mixture_on_given_variances_keeps_energy_and_moment(void **state)
         for (int j = 0; j < N; j++)
             v[j] = 0.02 * (j + 1);
         assert_int_equal(pell_pole_gaussians_at(1.0, xs[i], v, w, N), PELL_OK);
-                const double low = log(v[0]), high = log(v[N - 1]);
+        const double low = log(v[0]), high = log(v[N - 1]);
         for (int j = 0; j < N; j++)
             REQUIRE(w[j] >= 0.0);
         REQUIRE_REL(pell_gaussian_set_total(w, N), 0.5 * exp(-xs[i]), 1e-12);
         /* Int w dv and Int v w dv: below the first and above the last all counts at these variances */
         const double below = pell_integrate(mixing_density, &xs[i], low - 12.0, low, 0.0, 1e-12, NULL);
         const double inside = pell_integrate(mixing_density, &xs[i], low, high, 0.0, 1e-12, NULL);
-        const double moment = pell_integrate(mixing_moment, &xs[i], low, high, 0.0, 1e-12, NULL) + below * v[0]
-                 + (0.5 * exp(-xs[i]) - inside - below) * v[N - 1];
+        const double moment = pell_integrate(mixing_moment, &xs[i], low, high, 0.0, 1e-12, NULL) + below * v[0] +
+                              (0.5 * exp(-xs[i]) - inside - below) * v[N - 1];
         REQUIRE_REL(pell_gaussian_set_moment(v, w, N), 2.0 * moment, 1e-9);
     }
     double v[4] = { 0.0, 0.5, 1.0, 4.0 }, w[4];
@@ -191,7 +193,8 @@ static void distance_of_published_sets_is_the_oracles(void **state)
     const struct pell_gaussians *four = &pell_material_find("skin-4gaussian")->gaussians;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "jimenez_skin4_vs_gpugems_six"), i, row) {
+    json_array_foreach(oracle_get(root, "jimenez_skin4_vs_gpugems_six"), i, row)
+    {
         double a[10], b[10];
         for (int k = 0; k < 10; k++) {
             a[k] = six->weight[k][i];

@@ -311,7 +311,8 @@ static void looks_come_back(void **state)
                     };
                     struct pell_medium m;
                     struct pell_medium_fault fault;
-                    const enum pell_result res = pell_medium_from_color_and_radius(&look, (enum pell_profile_model) models[model], NULL, &m, &fault);
+                    const enum pell_result res =
+                        pell_medium_from_color_and_radius(&look, (enum pell_profile_model) models[model], NULL, &m, &fault);
                     if (res == PELL_ERR_INVALID) { /* next to white a short diffuse mean free path wants more than PELL_SIGMA_MAX */
                         REQUIRE(kind == PELL_SCATTER_RADIUS_DIFFUSE && radii[r] < 0.01 && fault.value < fault.min && fault.min < 0.01);
                         continue;

@@ -184,8 +184,10 @@ static void dipoles_lose_less_with_each_rank(void **state)
 static void separable_parameters_out_of_range_are_refused(void **state)
 {
     static const struct pell_separable_params bad[] = {
-        { .taps = 4 }, { .taps = -1 }, { .taps = 67 }, { .taps = 1 }, { .rank = 4 }, { .rank = -1 }, { .extent_mm = -1.0 },
-        { .extent_mm = NAN }, { .extent_mm = INFINITY }, { .spread = 0.5 }, { .spread = 5.0 }, { .spread = NAN },
+        { .taps = 4 },         { .taps = -1 },       { .taps = 67 },
+        { .taps = 1 },         { .rank = 4 },        { .rank = -1 },
+        { .extent_mm = -1.0 }, { .extent_mm = NAN }, { .extent_mm = INFINITY },
+        { .spread = 0.5 },     { .spread = 5.0 },    { .spread = NAN },
     };
     const struct pell_profile p[3] = { dipole(0.1, 1.0), dipole(0.1, 1.0), dipole(0.1, 1.0) };
     (void) state;

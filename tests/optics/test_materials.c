@@ -71,8 +71,8 @@ static void the_table_is_the_files_of_data(void **state)
             if (!coefficients)
                 continue;
             REQUIRE(e->medium.sigma_a[c] == oracle_at(file, "sigma_a", c) && e->medium.g[c] == oracle_at(file, "g", c));
-            REQUIRE(e->medium.sigma_s_reduced[c] == (reduced ? oracle_at(file, "sigma_s_reduced", c)
-                                                             : oracle_at(file, "sigma_s", c) * (1.0 - oracle_at(file, "g", c))));
+            REQUIRE(e->medium.sigma_s_reduced[c] ==
+                    (reduced ? oracle_at(file, "sigma_s_reduced", c) : oracle_at(file, "sigma_s", c) * (1.0 - oracle_at(file, "g", c))));
         }
         if (variances)
             assert_int_equal((size_t) e->gaussians.count, json_array_size(variances));
@@ -93,7 +93,8 @@ static void measured_coefficients_are_jensens(void **state)
     json_t *root = oracle_load("dipole.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "table"), i, row) {
+    json_array_foreach(oracle_get(root, "table"), i, row)
+    {
         const struct pell_material_entry *e = pell_material_find(json_string_value(oracle_get(row, "material")));
         const int c = (int) (strchr("RGB", json_string_value(oracle_get(row, "channel"))[0]) - "RGB");
         assert_non_null(e);
@@ -142,10 +143,10 @@ static void solutions_are_narasimhans(void **state)
     json_t *root = expect_load("tests/expect/narasimhan2006.json"), *row;
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "materials"), i, row) {
+    json_array_foreach(oracle_get(root, "materials"), i, row)
+    {
         char name[64];
-        const struct pell_material_entry *e =
-            pell_material_find(name_of(json_string_value(oracle_get(row, "name")), name, sizeof(name)));
+        const struct pell_material_entry *e = pell_material_find(name_of(json_string_value(oracle_get(row, "name")), name, sizeof(name)));
         if (!e)
             fail_msg("%s is not there", name);
         assert_int_equal(e->kind, PELL_MATERIAL_MEDIUM);
@@ -245,7 +246,8 @@ static void three_layers_of_skin_reflect_what_the_oracle_says(void **state)
     (void) state;
     pell_material_stack(&e->layers, &stack);
     stack.fresnel = PELL_FRESNEL_POLY4;
-    json_array_foreach (oracle_get(root, "skin"), i, row) {
+    json_array_foreach(oracle_get(root, "skin"), i, row)
+    {
         const int c = (int) (strchr("RGB", json_string_value(oracle_get(row, "channel"))[0]) - "RGB");
         double out[PELL_STACK_PARTS];
         if (oracle_number(row, "layers") != 3)
@@ -344,8 +346,8 @@ static void layered_entries_hold_their_stack_solved(void **state)
             REQUIRE(report.error[c] < 0.06);
             for (double r = 0.0; r < 3.0; r += 0.25) {
                 const double scale = sqrt(g.variance[2]);
-                if (!(fabs(pell_gaussians_eval(&e->gaussians, c, r * scale) - pell_gaussians_eval(&g, c, r * scale))
-                      <= 5e-3 * pell_gaussians_eval(&g, c, 0.0)))
+                if (!(fabs(pell_gaussians_eval(&e->gaussians, c, r * scale) - pell_gaussians_eval(&g, c, r * scale)) <=
+                      5e-3 * pell_gaussians_eval(&g, c, 0.0)))
                     fail_msg("%s: channel %d: the file's profile is not the stack's; write what `pellucid materials` finds", e->name, c);
             }
         }
@@ -387,7 +389,8 @@ static void published_gaussians_are_those_of_the_papers(void **state)
     size_t i;
     (void) state;
     assert_int_equal(six->count, 6);
-    json_array_foreach (oracle_get(oracle_get(root, "seed003_eq16"), "gems_skin_totals"), i, row) {
+    json_array_foreach(oracle_get(oracle_get(root, "seed003_eq16"), "gems_skin_totals"), i, row)
+    {
         const double d = oracle_number(row, "d_mm");
         for (int c = 0; c < 3; c++) {
             double beyond = 0.0;
@@ -404,7 +407,8 @@ static void published_gaussians_are_those_of_the_papers(void **state)
         for (int k = 0; k < 3; k++)
             REQUIRE_REL(four->variance[k + 1] / four->variance[k], oracle_at(table, "variance_ratios", (size_t) k), ROUNDED);
     }
-    json_array_foreach (oracle_get(claims, "jimenez_skin4_vs_gpugems_six"), i, row) {
+    json_array_foreach(oracle_get(claims, "jimenez_skin4_vs_gpugems_six"), i, row)
+    {
         const struct pell_gaussians *four = &pell_material_find("skin-4gaussian")->gaussians;
         double mean = 0.0;
         for (int k = 0; k < 4; k++)

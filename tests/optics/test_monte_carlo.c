@@ -19,7 +19,7 @@ static const struct pell_photon_table *const table = &pell_photon_table_data;
 static struct pell_medium medium_of(double albedo_reduced, double g, double eta, double sigma_t_reduced)
 {
     const double s = albedo_reduced * sigma_t_reduced, a = sigma_t_reduced - s;
-    return (struct pell_medium){ { a, a, a }, { s, s, s }, { g, g, g }, eta };
+    return (struct pell_medium) { { a, a, a }, { s, s, s }, { g, g, g }, eta };
 }
 
 static void make(const struct pell_medium *m, bool without_single, struct pell_profile *p)
@@ -67,7 +67,7 @@ static double once_at_one(double t, const void *arg)
 static void single_scattering_has_its_closed_form(void **state)
 {
     static const double cases[][2] = {
-        { 0.0, 1.0 }, { 0.0, 1.4 }, { 0.8, 1.3 }, { -0.7, 1.5 }, { 0.99, 1.1 }, { 0.3, 0.5 }, { -0.95, 4.0 }
+        { 0.0, 1.0 }, { 0.0, 1.4 }, { 0.8, 1.3 }, { -0.7, 1.5 }, { 0.99, 1.1 }, { 0.3, 0.5 }, { -0.95, 4.0 },
     };
     (void) state;
     REQUIRE_NEAR(pell_single_total(0.0, 1.0), 0.5 * (1.0 - log(2.0)), 1e-9); /* Chandrasekhar 1960 */
@@ -221,7 +221,7 @@ static double mean_of(const double *x, double *error)
 static void photons_between_the_nodes(void **state)
 {
     static const double places[][3] = {
-        { 0.95, 0.12, 1.36 }, { 0.6, 0.4, 1.05 }, { 0.99, 0.6, 1.45 }, { 0.85, 0.78, 1.33 }, { 0.8, -0.15, 1.6 }
+        { 0.95, 0.12, 1.36 }, { 0.6, 0.4, 1.05 }, { 0.99, 0.6, 1.45 }, { 0.85, 0.78, 1.33 }, { 0.8, -0.15, 1.6 },
     };
     double largest = 0.0;
     (void) state;

@@ -98,14 +98,14 @@ static void run(const struct pell_photon_stack *stack, const struct count *setup
 
 static struct pell_photon_stack half_space(double sigma_a, double sigma_s, double g, double eta)
 {
-    return (struct pell_photon_stack){ .count = 1,
-                                       .layer = { { sigma_a, sigma_s, g, eta, INFINITY } },
-                                       .n_above = 1.0,
-                                       .n_below = 1.0,
-                                       .mu_min = 1.0,
-                                       .mu_max = 1.0,
-                                       .inside = true,
-                                       .collisions_max = 20000 };
+    return (struct pell_photon_stack) { .count = 1,
+                                        .layer = { { sigma_a, sigma_s, g, eta, INFINITY } },
+                                        .n_above = 1.0,
+                                        .n_below = 1.0,
+                                        .mu_min = 1.0,
+                                        .mu_max = 1.0,
+                                        .inside = true,
+                                        .collisions_max = 20000 };
 }
 
 static struct pell_photon_stack slab(double sigma_a, double sigma_s, double g, double n, double d)
@@ -246,13 +246,13 @@ static void clear_plates_follow_fresnel(void **state)
         RESULT(back, straight[0]);
         REQUIRE_WITHIN(through, (1.0 - 0.04) / (1.0 + 0.04) * (s.inside ? 1.0 / 0.96 : 1.0), 0.0);
         REQUIRE_NEAR(through.mean + back.mean, 1.0, 1e-12);
-        s = (struct pell_photon_stack){ .count = 3,
-                                        .layer = { { 0, 0, 0, 1.5, 0.2 }, { 0, 0, 0, 1.5, 0.3 }, { 0, 0, 0, 1.5, 0.5 } },
-                                        .n_above = 1.0,
-                                        .n_below = 1.0,
-                                        .mu_min = 1.0,
-                                        .mu_max = 1.0,
-                                        .collisions_max = 10 };
+        s = (struct pell_photon_stack) { .count = 3,
+                                         .layer = { { 0, 0, 0, 1.5, 0.2 }, { 0, 0, 0, 1.5, 0.3 }, { 0, 0, 0, 1.5, 0.5 } },
+                                         .n_above = 1.0,
+                                         .n_below = 1.0,
+                                         .mu_min = 1.0,
+                                         .mu_max = 1.0,
+                                         .collisions_max = 10 };
     }
     /* From a diffuse sky the plate's face reflects what pell_fresnel_diffuse says; black behind it. */
     s = half_space(1.0, 0.0, 0.0, 1.5);

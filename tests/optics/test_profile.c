@@ -13,7 +13,7 @@ PELL_SIMD_TABLES(struct pell_profile_kernels, pell_profile_kernels);
 
 static struct pell_medium medium_of(double sigma_a, double sigma_s, double eta)
 {
-    return (struct pell_medium){ { sigma_a, sigma_a, sigma_a }, { sigma_s, sigma_s, sigma_s }, { 0.0, 0.0, 0.0 }, eta };
+    return (struct pell_medium) { { sigma_a, sigma_a, sigma_a }, { sigma_s, sigma_s, sigma_s }, { 0.0, 0.0, 0.0 }, eta };
 }
 
 static void dipole_is_the_oracles(void **state)
@@ -221,7 +221,7 @@ static void wrong_gaussians_are_refused(void **state)
     g = skin;
     g.weight[0][0] += 0.001; /* sums to 1.001 */
     REQUIRE(pell_profile_from_gaussians(&g, 0, &p) == PELL_ERR_INVALID);
-    g = (struct pell_gaussians){ 0 };
+    g = (struct pell_gaussians) { 0 };
     REQUIRE(pell_profile_from_gaussians(&g, 0, &p) == PELL_OK && p.total == 0.0 && pell_profile_eval(&p, 0.0) == 0.0);
 }
 

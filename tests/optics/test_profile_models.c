@@ -10,7 +10,7 @@
 
 static struct pell_medium medium_of(double sigma_a, double sigma_s, double g, double eta)
 {
-    return (struct pell_medium){ { sigma_a, sigma_a, sigma_a }, { sigma_s, sigma_s, sigma_s }, { g, g, g }, eta };
+    return (struct pell_medium) { { sigma_a, sigma_a, sigma_a }, { sigma_s, sigma_s, sigma_s }, { g, g, g }, eta };
 }
 
 static void make(enum pell_profile_model model, const struct pell_medium *m, bool without_single, struct pell_profile *out)
@@ -34,8 +34,7 @@ static void models_are_found_by_name(void **state)
         assert_string_equal(row->name, names[i]);
         REQUIRE(pell_profile_model_find(names[i], &found) && (int) found == i);
     }
-    REQUIRE(pell_profile_model_at((size_t) MODELS) == NULL &&
-            pell_profile_model_at((size_t) -1) == NULL);
+    REQUIRE(pell_profile_model_at((size_t) MODELS) == NULL && pell_profile_model_at((size_t) -1) == NULL);
     REQUIRE(!pell_profile_model_find("", &found) && !pell_profile_model_find("Dipole", &found));
 }
 

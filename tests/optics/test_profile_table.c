@@ -266,6 +266,7 @@ static void tails_behind_nodes(void **state)
 
 int main(void)
 {
+    /* clang-format off */
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(falling_tables_fall),    cmocka_unit_test(rings_gaps_and_zeros_are_legal),
         cmocka_unit_test(two_rows_are_enough),    cmocka_unit_test(wild_tables_stay_in_bounds),
@@ -274,5 +275,6 @@ int main(void)
         cmocka_unit_test(long_tables_are_merged), cmocka_unit_test(noisy_tables_keep_their_light),
         cmocka_unit_test(transforms_of_tables),   cmocka_unit_test(tails_behind_nodes),
     };
+    /* clang-format on */
     return cmocka_run_group_tests_name("optics.profile_table", tests, NULL, NULL);
 }

@@ -138,8 +138,8 @@ static void tables_are_close_to_their_models(void **state)
                 worst_pdf = fmax(worst_pdf, fabs(pell_sampling_table_pdf(&table, albedo, r) / pell_profile_pdf(&p, r) - 1.0));
             }
         }
-        print_message("# %s: distribution %.1e, radius %.1e, density %.1e\n", pell_profile_model_at((size_t) k)->name,
-                      worst, worst_r, worst_pdf);
+        print_message("# %s: distribution %.1e, radius %.1e, density %.1e\n", pell_profile_model_at((size_t) k)->name, worst, worst_r,
+                      worst_pdf);
         REQUIRE(worst < 5e-4 && worst_r < 0.03 && worst_pdf < 0.02);
     }
 }

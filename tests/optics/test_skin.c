@@ -109,7 +109,8 @@ static void published_samples_are_met(void **state)
     const struct pell_skin base = pell_skin_default();
     size_t i;
     (void) state;
-    json_array_foreach (oracle_get(root, "samples"), i, row) {
+    json_array_foreach(oracle_get(root, "samples"), i, row)
+    {
         const double nm = oracle_number(row, "wavelength_nm");
         struct pell_skin s = base;
         s.melanin = 1.0, s.melanin_blend = 1.0, s.haemoglobin = 1.0, s.oxygenation = 1.0;

@@ -64,8 +64,9 @@ static void phongs_lobes_are_normalised(void **state)
                 sum += 2.0 * PELL_PI * pell_specular_value(models[m], r, 1.0, up, l, up) * cos(a) * sin(a) * s * PELL_PI / 40000;
             }
             REQUIRE_NEAR(sum, 1.0, 1e-6);
-            REQUIRE_NEAR(peak, models[m] == PELL_SPECULAR_PHONG ? (n + 2.0) / (2.0 * PELL_PI)
-                                                                : (n + 2.0) * (n + 4.0) / (8.0 * PELL_PI * (pow(2.0, -0.5 * n) + n)),
+            REQUIRE_NEAR(peak,
+                         models[m] == PELL_SPECULAR_PHONG ? (n + 2.0) / (2.0 * PELL_PI)
+                                                          : (n + 2.0) * (n + 4.0) / (8.0 * PELL_PI * (pow(2.0, -0.5 * n) + n)),
                          1e-12 * peak);
             for (int k = 1; alpha < 0.05 && k <= 8; k++) {
                 const double half = 0.25 * k * alpha, l[3] = { sin(2.0 * half), 0.0, cos(2.0 * half) };
@@ -313,7 +314,7 @@ static void models_have_names_and_others_are_ggx(void **state)
         for (int j = 0; j < i; j++)
             assert_string_not_equal(pell_specular_name((enum pell_specular_model) i), pell_specular_name((enum pell_specular_model) j));
     assert_string_equal(pell_specular_name((enum pell_specular_model) 7), "ggx");
-    assert_string_equal(pell_specular_name((enum pell_specular_model) -1), "ggx");
+    assert_string_equal(pell_specular_name((enum pell_specular_model) - 1), "ggx");
     pell_specular_table_make((enum pell_specular_model) 7, &odd);
     pell_specular_table_make(PELL_SPECULAR_GGX, &ggx);
     assert_memory_equal(&odd, &ggx, sizeof(odd));

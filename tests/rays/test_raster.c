@@ -10,8 +10,11 @@
 /* An eye at `from` looking at `to`; `focal` in pixels, orthographic: pixels a mm. */
 static struct pell_raster_view look(struct pell_vec3 from, struct pell_vec3 to, bool orthographic, float focal, int width, int height)
 {
-    struct pell_raster_view v = { .origin = from, .orthographic = orthographic, .focal = focal,
-                                  .left = 0.5f - 0.5f * (float) width, .top = 0.5f * (float) height - 0.5f };
+    struct pell_raster_view v = { .origin = from,
+                                  .orthographic = orthographic,
+                                  .focal = focal,
+                                  .left = 0.5f - 0.5f * (float) width,
+                                  .top = 0.5f * (float) height - 0.5f };
 
     v.forward = vec3_normalize(vec3_sub(to, from));
     v.right = vec3_normalize(vec3_cross(v.forward, vec3(0.1f, 1.0f, 0.05f)));
@@ -83,7 +86,8 @@ static bool draw(struct pell_raster *r, struct pell_pool *pool, const struct pel
                 const int x = x0 + i % BLOCK, y = y0 + i / BLOCK;
                 if (x < width && y < height && tile.triangle[16 * k + i] >= 0)
                     out->hits[y * width + x] = (struct pell_hit) { p.ray.tfar[i], { p.hit.ngx[i], p.hit.ngy[i], p.hit.ngz[i] },
-                                                                   p.hit.u[i], p.hit.v[i], p.hit.mesh[i], p.hit.triangle[i] };
+                                                                   p.hit.u[i],    p.hit.v[i],
+                                                                   p.hit.mesh[i], p.hit.triangle[i] };
             }
         }
     }
@@ -195,12 +199,10 @@ static void what_is_drawn_is_what_rays_meet(void **state)
             float focal;
             bool orthographic;
         } cameras[] = {
-            { { 70, 90, 310 }, { 0, 0, 0 }, 200.0f, false },
-            { { -500, 20, -900 }, { 3, 2, 1 }, 900.0f, false },
-            { { 5, -4, 3 }, { 40, 10, 20 }, 60.0f, false },       /* inside */
-            { { 30, 30.5f, -8 }, { 0, 0, 0 }, 30.0f, false },     /* amidst, wide: much lies beside and behind */
-            { { 40, -300, 200 }, { 0, 0, 0 }, 1.3f, true },
-            { { 0, 0, 50000 }, { 0, 0, 0 }, 60000.0f, false },    /* from afar */
+            { { 70, 90, 310 }, { 0, 0, 0 }, 200.0f, false },  { { -500, 20, -900 }, { 3, 2, 1 }, 900.0f, false },
+            { { 5, -4, 3 }, { 40, 10, 20 }, 60.0f, false },   /* inside */
+            { { 30, 30.5f, -8 }, { 0, 0, 0 }, 30.0f, false }, /* amidst, wide: much lies beside and behind */
+            { { 40, -300, 200 }, { 0, 0, 0 }, 1.3f, true },   { { 0, 0, 50000 }, { 0, 0, 0 }, 60000.0f, false }, /* from afar */
         };
 
         if (scene == 0) {
@@ -388,8 +390,9 @@ static void rays_are_asked_where_they_do_better(void **state)
         shapes_quad(s, 0, vec3(0, 0, (float) i), vec3(1000, 0, 0), vec3(0, 1000, 0));
     assert_int_equal(pell_raster_create(ctx, s, 256, 256, &raster), PELL_OK);
     assert_non_null(raster);
-    assert_false(pell_raster_draw(raster, pool, &(struct pell_raster_view) { { 0, 0, 500 }, { 0, 0, -1 }, { 1, 0, 0 }, { 0, 1, 0 }, false,
-                                                                            100.0f, -128.0f, 128.0f }, 256 * 256));
+    assert_false(pell_raster_draw(
+        raster, pool, &(struct pell_raster_view) { { 0, 0, 500 }, { 0, 0, -1 }, { 1, 0, 0 }, { 0, 1, 0 }, false, 100.0f, -128.0f, 128.0f },
+        256 * 256));
     pell_raster_destroy(&raster);
     pell_pool_destroy(&pool);
     pell_scene_destroy(&s);

@@ -142,8 +142,8 @@ static void a_triangle_soup_is_seen_as_trying_every_triangle_does(void **state)
             REQUIRE_NEAR(p.hit.ngy[i], ng.y, 1e-3 * vec3_length(ng));
             REQUIRE_NEAR(p.hit.ngz[i], ng.z, 1e-3 * vec3_length(ng));
             for (int c = 0; c < 3; c++)
-                REQUIRE_NEAR((1.0f - p.hit.u[i] - p.hit.v[i]) * v0[c] + p.hit.u[i] * v1[c] + p.hit.v[i] * v2[c],
-                             o[c] + nearest * d[c], 1e-2);
+                REQUIRE_NEAR((1.0f - p.hit.u[i] - p.hit.v[i]) * v0[c] + p.hit.u[i] * v1[c] + p.hit.v[i] * v2[c], o[c] + nearest * d[c],
+                             1e-2);
         }
     }
     assert_true(compared > 3000);
@@ -210,8 +210,8 @@ static void masked_alpha_makes_holes_for_both_kinds_of_rays(void **state)
     ((struct pell_texture *) s->materials[leaf].base_color_map.texture)->nearest = true;
 
     rays = build(ctx, s);
-    assert_int_equal(seen(rays, vec3(-0.5f, 0.5f, 0), vec3(0, 0, 1), PELL_RAY_ALL), 0);  /* upper left: there */
-    assert_int_equal(seen(rays, vec3(0.5f, 0.5f, 0), vec3(0, 0, 1), PELL_RAY_ALL), 1);   /* upper right: a hole */
+    assert_int_equal(seen(rays, vec3(-0.5f, 0.5f, 0), vec3(0, 0, 1), PELL_RAY_ALL), 0); /* upper left: there */
+    assert_int_equal(seen(rays, vec3(0.5f, 0.5f, 0), vec3(0, 0, 1), PELL_RAY_ALL), 1);  /* upper right: a hole */
     assert_int_equal(seen(rays, vec3(-0.5f, -0.5f, 0), vec3(0, 0, 1), PELL_RAY_ALL), 1);
     assert_int_equal(seen(rays, vec3(0.5f, -0.5f, 0), vec3(0, 0, 1), PELL_RAY_ALL), 0);
     assert_int_equal(seen(rays, vec3(0.5f, 0.5f, 15), vec3(0, 0, -1), PELL_RAY_ALL), -1); /* from behind, through the hole */

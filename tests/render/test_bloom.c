@@ -20,7 +20,7 @@ static void start(struct image *p, int width, int height, float share, float sig
     p->ctx = test_context(NULL, NULL);
     assert_int_equal(pell_pool_create(p->ctx, threads, &p->pool), PELL_OK);
     assert_int_equal(pell_planes_allocate(p->ctx, width, height, planes, 5), PELL_OK);
-    p->params = (struct pell_bloom_params){ width, height, pell_plane_stride(width), share, sigma };
+    p->params = (struct pell_bloom_params) { width, height, pell_plane_stride(width), share, sigma };
 }
 
 static void finish(struct image *p)

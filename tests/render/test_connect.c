@@ -253,7 +253,8 @@ static int count_on_circle(double eta, double radius, const double x[2], const d
 
     for (int k = 0; k <= 20000; k++) {
         const double t = 2.0 * PELL_PI * k / 20000.0, n[2] = { cos(t), sin(t) }, p[2] = { radius * n[0], radius * n[1] };
-        double w[2] = { away ? source[0] : source[0] - p[0], away ? source[1] : source[1] - p[1] }, in[2] = { x[0] - p[0], x[1] - p[1] }, l, f;
+        double w[2] = { away ? source[0] : source[0] - p[0], away ? source[1] : source[1] - p[1] }, in[2] = { x[0] - p[0], x[1] - p[1] }, l,
+               f;
         l = hypot(w[0], w[1]);
         w[0] /= l;
         w[1] /= l;

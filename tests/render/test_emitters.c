@@ -38,7 +38,7 @@ static struct pell_texture *image(struct rig *r, int width, int height, const fl
     const size_t size = 3 * sizeof(float) * (size_t) width * (size_t) height;
 
     OK(pell_scene_add_texture(r->scene, "picture", &t));
-    t->image = (struct pell_image){ width, height, 3, PELL_PIXEL_F32, false, pell_alloc(r->ctx, size) };
+    t->image = (struct pell_image) { width, height, 3, PELL_PIXEL_F32, false, pell_alloc(r->ctx, size) };
     memcpy(t->image.pixels, rgb, size);
     return t;
 }

@@ -9,10 +9,10 @@ enum { WIDTH = 4, HEIGHT = 3, PIXELS = 16 * HEIGHT };
 
 /* What the engine and its method were asked for, and what they answer. */
 static struct {
-    char calls[2048];     /* names in order, a space after each */
-    const char *fail;     /* the call of this name fails */
-    int empty;            /* samples, from the first, that see nothing translucent */
-    unsigned needs;       /* of the method */
+    char calls[2048]; /* names in order, a space after each */
+    const char *fail; /* the call of this name fails */
+    int empty;        /* samples, from the first, that see nothing translucent */
+    unsigned needs;   /* of the method */
     bool survives_light_change;
     struct pell_frame in; /* of the method's last sample */
     int firsts;
@@ -237,8 +237,14 @@ static void probe_plan(const void *knobs, struct pell_plan *plan)
 static const struct pell_knob probe_knobs[] = { { "gain", PELL_KNOB_FLOAT, "1", 0, { 0.25 }, 0, 1, NULL, "factor" }, { 0 } };
 static const struct pell_method_engine probe_engine = { .create = probe_create, .record = probe_record, .destroy = probe_destroy };
 static const struct pell_method probe_method = {
-    .name = "probe", .title = "Probe", .cite = "none", .limits = "none", .knobs = probe_knobs, .knobs_size = sizeof(float),
-    .plan = probe_plan, .vulkan = &probe_engine,
+    .name = "probe",
+    .title = "Probe",
+    .cite = "none",
+    .limits = "none",
+    .knobs = probe_knobs,
+    .knobs_size = sizeof(float),
+    .plan = probe_plan,
+    .vulkan = &probe_engine,
 };
 
 /* --- Tests -------------------------------------------------------------------------------------------------------------------------- */
@@ -379,7 +385,7 @@ static void lights_take_a_pass_with_them_that_keeps_their_light(void **state)
 
 static void errors_of_every_stage_end_the_frame(void **state)
 {
-    static const char *const names[] = { "planes", "raster",    "lights", "create", "surface",
+    static const char *const names[] = { "planes", "raster",     "lights", "create",    "surface",
                                          "lit",    "irradiance", "record", "composite", "post" };
     struct stage s;
 
@@ -464,8 +470,9 @@ static void a_frame_allocates_nothing(void **state)
 static void a_method_without_the_engine_is_refused_with_those_it_has(void **state)
 {
     const struct pell_frame_material wall = { .gaussians = { .count = 1, .variance = { 1.0 } }, .name = "wall" };
-    const struct pell_frame_shape shape = { .width = WIDTH, .height = HEIGHT, .stride = WIDTH, .focal_px = 1.0f, .materials = &wall,
-                                            .num_materials = 1 };
+    const struct pell_frame_shape shape = {
+        .width = WIDTH, .height = HEIGHT, .stride = WIDTH, .focal_px = 1.0f, .materials = &wall, .num_materials = 1
+    };
     struct pell_pass *pass;
     struct stage s;
 

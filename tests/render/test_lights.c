@@ -228,7 +228,7 @@ static void an_image_is_projected(void **state)
     (void) state;
     start_plane(&r);
     OK(pell_scene_add_texture(r.scene, "slide", &texture));
-    texture->image = (struct pell_image){ 4, 2, 3, PELL_PIXEL_U8, false, NULL };
+    texture->image = (struct pell_image) { 4, 2, 3, PELL_PIXEL_U8, false, NULL };
     texture->image.pixels = pell_alloc(r.ctx, sizeof(pixels));
     memcpy(texture->image.pixels, pixels, sizeof(pixels));
     texture->nearest = true;
@@ -264,7 +264,7 @@ static void a_textured_rectangle_shines_in_its_colours(void **state)
     start_plane(&r);
     r.settings.light_samples = 1024;
     OK(pell_scene_add_texture(r.scene, "face", &texture));
-    texture->image = (struct pell_image){ 2, 1, 3, PELL_PIXEL_U8, false, NULL };
+    texture->image = (struct pell_image) { 2, 1, 3, PELL_PIXEL_U8, false, NULL };
     texture->image.pixels = pell_alloc(r.ctx, sizeof(pixels));
     memcpy(texture->image.pixels, pixels, sizeof(pixels));
     texture->nearest = true;
@@ -331,7 +331,7 @@ static struct texel *list_texels(const struct pell_light *light, size_t *count)
             struct texel *o = &t[(*count)++];
             float rgba[4];
             pell_image_texel(image, x, y, rgba);
-            *o = (struct texel){ (float) (sin(polar) * sin(a)), (float) cos(polar), (float) (-sin(polar) * cos(a)), { 0 } };
+            *o = (struct texel) { (float) (sin(polar) * sin(a)), (float) cos(polar), (float) (-sin(polar) * cos(a)), { 0 } };
             for (int c = 0; c < 3; c++)
                 o->rgb[c] = (float) (rgba[c] * light->power[c] * solid);
         }
@@ -430,7 +430,7 @@ static struct pell_texture *add_picture(struct rig *r, int width, int height, fl
     struct pell_texture *t;
     float *p;
     OK(pell_scene_add_texture(r->scene, "made", &t));
-    t->image = (struct pell_image){ width, height, 3, PELL_PIXEL_F32, false, NULL };
+    t->image = (struct pell_image) { width, height, 3, PELL_PIXEL_F32, false, NULL };
     p = pell_calloc(r->ctx, (size_t) width * (size_t) height * 3, sizeof(float));
     t->image.pixels = p;
     for (int i = 0; i < width * height * 3; i++)
@@ -511,8 +511,7 @@ static void a_metal_sphere_reflects_a_uniform_environment(void **state)
         rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 2.0f);
         rig_render(&r);
         /* the pixel's middle lies half a pixel beside the sphere's; narrow Blinn lobes lose as mu^2 does */
-        REQUIRE_REL(r.light.specular[0][rig_at(&r, SIZE / 2, SIZE / 2)], 2.0 * material_albedo_f0(r.tables, m, 1.0f, 1.0f, 0.1f),
-                    2e-3);
+        REQUIRE_REL(r.light.specular[0][rig_at(&r, SIZE / 2, SIZE / 2)], 2.0 * material_albedo_f0(r.tables, m, 1.0f, 1.0f, 0.1f), 2e-3);
         REQUIRE(r.light.irradiance[0][rig_at(&r, SIZE / 2, SIZE / 2)] == 0.0f); /* a metal has nothing below */
         rig_finish(&r);
     }
@@ -607,9 +606,10 @@ static void plain_data_is_the_light(void **state)
     for (size_t i = 0; i < r.lights->num_sources; i++) {
         const struct pell_light_source *l = &r.lights->sources[i];
         const struct pell_light_data *d = &r.lights->data[i];
-        const float expected[] = { l->position.x, l->position.y, l->position.z, l->scale, l->direction.x, l->direction.y, l->direction.z,
-                                   l->inv_range, l->right.x, l->right.y, l->right.z, l->image_u, l->up.x, l->up.y, l->up.z, l->image_v,
-                                   l->power[0], l->power[1], l->power[2], l->sample_area, l->spot_scale, l->spot_offset };
+        const float expected[] = { l->position.x,  l->position.y,  l->position.z, l->scale,      l->direction.x, l->direction.y,
+                                   l->direction.z, l->inv_range,   l->right.x,    l->right.y,    l->right.z,     l->image_u,
+                                   l->up.x,        l->up.y,        l->up.z,       l->image_v,    l->power[0],    l->power[1],
+                                   l->power[2],    l->sample_area, l->spot_scale, l->spot_offset };
         assert_memory_equal(d, expected, sizeof(expected));
         assert_int_equal(d->type, l->type);
         assert_int_equal(d->samples, l->samples);

@@ -78,7 +78,7 @@ static struct pell_texture *add_environment(struct rig *r)
     float *p;
     const int width = 512, height = 256;
     OK(pell_scene_add_texture(r->scene, "sky", &t));
-    t->image = (struct pell_image){ width, height, 3, PELL_PIXEL_F32, false, NULL };
+    t->image = (struct pell_image) { width, height, 3, PELL_PIXEL_F32, false, NULL };
     p = pell_calloc(r->ctx, (size_t) width * (size_t) height * 3, sizeof(float));
     t->image.pixels = p;
     for (int y = 0; y < height; y++)
@@ -109,7 +109,8 @@ static void slab_transmits_an_environment(void **state)
             l->rotate = turned ? PELL_PI_F : 0.0f; /* about y: what was below is above */
             rig_render(&r);
             for (int c = 0; c < 3; c++)
-                *(turned ? &entered[c] : &transmitted[c]) = (turned ? r.light.irradiance : r.light.transmitted)[c][rig_at(&r, SIZE / 2, SIZE / 2)];
+                *(turned ? &entered[c] : &transmitted[c]) =
+                    (turned ? r.light.irradiance : r.light.transmitted)[c][rig_at(&r, SIZE / 2, SIZE / 2)];
             rig_finish(&r);
         }
         for (int c = 0; c < 3; c++) {
@@ -129,7 +130,7 @@ static void a_projected_image_shows_through_the_slab(void **state)
     (void) state;
     start_slab(&r, 1.0f);
     OK(pell_scene_add_texture(r.scene, "half", &t));
-    t->image = (struct pell_image){ 2, 1, 1, PELL_PIXEL_F32, false, pell_zalloc(r.ctx, 2 * sizeof(float)) };
+    t->image = (struct pell_image) { 2, 1, 1, PELL_PIXEL_F32, false, pell_zalloc(r.ctx, 2 * sizeof(float)) };
     ((float *) t->image.pixels)[1] = 1.0f;
     t->nearest = true;
     l = rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -1), vec3(0, 0, 0), 1.0f);
@@ -347,7 +348,8 @@ static void everything_turned_looks_the_same(void **state)
             for (int c = 0; c < 3; c++) {
                 const double e = a.light.irradiance[c][i], t = a.light.transmitted[c][i];
                 /* edges of shadows and of facets may fall to the other side */
-                differ += fabs(b.light.irradiance[c][i] - e) > 1e-3 * (e + 0.01) || fabs(b.light.transmitted[c][i] - t) > 1e-3 * (t + 0.01) ||
+                differ += fabs(b.light.irradiance[c][i] - e) > 1e-3 * (e + 0.01) ||
+                          fabs(b.light.transmitted[c][i] - t) > 1e-3 * (t + 0.01) ||
                           fabs(b.light.specular[c][i] - a.light.specular[c][i]) > 2e-3 * (a.light.specular[c][i] + 0.01);
                 front += e;
                 behind += t;
@@ -443,7 +445,7 @@ static void a_wall_between_terminators(void **state)
         rig_start(&r, SIZE, SIZE);
         m = rig_material(&r, false);
         floor = rig_box(&r, m, 0, vec3(-0.5f, -0.5f, 0), vec3(0.5f, 0.5f, 1)); /* small, so that it is not lifted far */
-        for (int k = 16; k < 20; k++) /* its upper side */
+        for (int k = 16; k < 20; k++)                                          /* its upper side */
             vec3_store(vec3(-tilt, 0.0f, up), &r.scene->meshes[floor].normal[3 * k]);
         if (wall)
             rig_box(&r, m, 0, vec3(1, -20, 1), vec3(1.5f, 20, 6));
@@ -496,7 +498,7 @@ static void a_frame_allocates_nothing(void **state)
     (void) state;
     start_everything(&r, EVERY | PICTURE_MOSTLY);
     rig_render(&r);
-    p = (struct pell_irradiance_params){
+    p = (struct pell_irradiance_params) {
         .rays = r.rays, .scene = r.scene, .view = &r.view, .surface = &r.surface, .tables = r.tables, .mix = -1.0f
     };
     before = pell_allocations(r.ctx);

@@ -764,8 +764,14 @@ static const struct pell_knob probe_knobs[] = {
 };
 static const struct pell_method_engine probe_engine = { .create = probe_create, .record = probe_render, .destroy = probe_destroy };
 static const struct pell_method probe_method = {
-    .name = "probe", .title = "Probe", .cite = "none", .limits = "none", .knobs = probe_knobs, .knobs_size = sizeof(struct probe_knobs),
-    .plan = probe_plan, .cpu = &probe_engine,
+    .name = "probe",
+    .title = "Probe",
+    .cite = "none",
+    .limits = "none",
+    .knobs = probe_knobs,
+    .knobs_size = sizeof(struct probe_knobs),
+    .plan = probe_plan,
+    .cpu = &probe_engine,
 };
 
 static void furnish_plane(struct stage *s)

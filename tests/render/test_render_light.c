@@ -12,7 +12,8 @@ static const char *const off[] = { "through=off", NULL };
 static void facing_block(struct stage *s, size_t material, double tilt, double omit_uniform, float e)
 {
     stage_box(s, material, 0, vec3(-300, -300, -200), vec3(300, 300, 0));
-    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100.0f * (float) sin(omit_uniform), 0, 100.0f * (float) cos(omit_uniform)), vec3(0, 0, 0), e);
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100.0f * (float) sin(omit_uniform), 0, 100.0f * (float) cos(omit_uniform)), vec3(0, 0, 0),
+                e);
     stage_camera(s, vec3(0, 100.0f * (float) sin(tilt), 100.0f * (float) cos(tilt)), vec3(0, 0, 0), 0.0f, 40.0f);
 }
 
@@ -51,7 +52,8 @@ static void translucent_plane_in_uniform_light(void **state)
     for (int k = 0; k < 32; k++) {
         const double tilt = k & 1 ? 0.7 : 0.0, omit_uniform = k & 2 ? 1.1 : 0.0;
         const bool published = k & 4, smooth = k & 8;
-        const double in = smooth ? 1.0 - pell_fresnel(eta, cos(omit_uniform)) : 1.0, out = smooth ? 1.0 - pell_fresnel(eta, cos(tilt)) : 1.0;
+        const double in = smooth ? 1.0 - pell_fresnel(eta, cos(omit_uniform)) : 1.0,
+                     out = smooth ? 1.0 - pell_fresnel(eta, cos(tilt)) : 1.0;
         const double norm = smooth && !published ? pell_fresnel_exit_norm(eta) : 1.0;
         struct stage s;
         struct shot shot;
@@ -126,7 +128,8 @@ static void translucent_ball_in_a_uniform_environment(void **state)
             const struct pell_medium *medium = &s.scene->materials[m].medium;
             const struct pell_dipole d = pell_dipole_make(medium->sigma_a[c], medium->sigma_s_reduced[c], medium->eta, PELL_FRESNEL_EXACT);
             const double total = pell_dipole_total(&d);
-            const struct seen none = in_uniform_environment(&s, m, "none", NULL, c), moved = in_uniform_environment(&s, m, "screen-space", off, c);
+            const struct seen none = in_uniform_environment(&s, m, "none", NULL, c),
+                              moved = in_uniform_environment(&s, m, "screen-space", off, c);
             print_message("# %s %zu: total %.5f; none %.4f %.4f %.4f, screen-space mean %.4f, from %.4f to %.4f of it\n", entries[k], c,
                           total, none.mean / total, none.low / total, none.high / total, moved.mean / total, moved.low / total,
                           moved.high / total);
@@ -151,7 +154,7 @@ static void every_model_and_a_table_show_their_total(void **state)
     (void) state;
     assert_non_null(knob);
     for (int k = 0; k < 2 * PELL_PROFILE_MODELS + 1; k += SLOW ? 5 : 1) { /* one model each way, and the table */
-        const enum pell_profile_model model = (enum pell_profile_model) (k % PELL_PROFILE_MODELS);
+        const enum pell_profile_model model = (enum pell_profile_model)(k % PELL_PROFILE_MODELS);
         const bool table = k == 2 * PELL_PROFILE_MODELS;
         struct pell_profile profile;
         struct pell_material *m;
@@ -192,7 +195,7 @@ static void white_solid_with_highlights_in_a_uniform_environment(void **state)
 
     (void) state;
     for (int k = 0; k < 4 * PELL_SPECULAR_MODELS; k++) {
-        const enum pell_specular_model model = (enum pell_specular_model) (k / 4);
+        const enum pell_specular_model model = (enum pell_specular_model)(k / 4);
         const bool translucent = (k + k / 4) % 2; /* each model both ways, every roughness both ways */
         struct pell_material *material;
         struct seen seen;
@@ -289,8 +292,16 @@ static void half_lit_plane_is_the_analytic_step(void **state)
 /* --- Every kind of light ----------------------------------------------------------------------------------------------------------- */
 
 enum { KIND_ENVIRONMENT = 5, KIND_ENVIRONMENT_IMAGE, KIND_IMAGE_SPOT, KIND_IMAGE_POINT, KIND_IMAGE_RECT, KINDS };
-static const char *const kind_names[KINDS] = { "point", "spot", "directional", "rectangle", "disc", "sky", "sky with a picture",
-                                               "slide in a spot", "slide in a point", "picture on a rectangle" };
+static const char *const kind_names[KINDS] = { "point",
+                                               "spot",
+                                               "directional",
+                                               "rectangle",
+                                               "disc",
+                                               "sky",
+                                               "sky with a picture",
+                                               "slide in a spot",
+                                               "slide in a point",
+                                               "picture on a rectangle" };
 
 static struct pell_texture *add_image(struct stage *s)
 {

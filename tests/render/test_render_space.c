@@ -62,7 +62,10 @@ static void metres_centimetres_millimetres_and_formats_agree(void **state)
     static const struct {
         const char *name;
         double mm, said;
-    } files[] = { { "mm.obj", 1.0, 1.0 }, { "cm.obj", 10.0, 10.0 }, { "m.obj", 1000.0, 1000.0 }, { "ball.gltf", 1000.0, 0.0 },
+    } files[] = { { "mm.obj", 1.0, 1.0 },
+                  { "cm.obj", 10.0, 10.0 },
+                  { "m.obj", 1000.0, 1000.0 },
+                  { "ball.gltf", 1000.0, 0.0 },
                   { "inch.obj", 25.4, 25.4 } };
     struct stage maker;
     struct pell_mesh *ball;

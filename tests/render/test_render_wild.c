@@ -65,25 +65,16 @@ static void random_knobs(const struct pell_knob *knobs, void *values, uint32_t *
         if (left)
             continue;
         switch (k->type) {
-        case PELL_KNOB_BOOL:
-            *(bool *) field = pick(seed, 2);
-            break;
-        case PELL_KNOB_INT:
-            *(int *) field = (int) wild(seed, k->min, k->max);
-            break;
-        case PELL_KNOB_INT64:
-            *(int64_t *) field = (int64_t) wild(seed, k->min, k->max);
-            break;
-        case PELL_KNOB_FLOAT:
-            *(float *) field = (float) wild(seed, k->min, k->max);
-            break;
+        case PELL_KNOB_BOOL: *(bool *) field = pick(seed, 2); break;
+        case PELL_KNOB_INT: *(int *) field = (int) wild(seed, k->min, k->max); break;
+        case PELL_KNOB_INT64: *(int64_t *) field = (int64_t) wild(seed, k->min, k->max); break;
+        case PELL_KNOB_FLOAT: *(float *) field = (float) wild(seed, k->min, k->max); break;
         case PELL_KNOB_ENUM:
             while (k->choices[choices])
                 choices++;
             *(int *) field = pick(seed, choices);
             break;
-        default:
-            break;
+        default: break;
         }
     }
 }
@@ -132,15 +123,9 @@ static void random_object(struct stage *s, uint32_t *seed, int object, double si
     const float radius = (float) (size * uniform(seed, 0.1, 1.0));
 
     switch (pick(seed, 4)) {
-    case 0:
-        stage_ball(s, material, object, at, radius, 3 + pick(seed, 12));
-        break;
-    case 1:
-        stage_box(s, material, object, at, vec3_add(at, vec3(radius, (float) wild(seed, 1e-6 * size, size), radius)));
-        break;
-    case 2: /* open */
-        shapes_quad(s->scene, material, at, vec3(radius, 0, 0), vec3(0, 0.5f * radius, radius))->object = object;
-        break;
+    case 0: stage_ball(s, material, object, at, radius, 3 + pick(seed, 12)); break;
+    case 1: stage_box(s, material, object, at, vec3_add(at, vec3(radius, (float) wild(seed, 1e-6 * size, size), radius))); break;
+    case 2: /* open */ shapes_quad(s->scene, material, at, vec3(radius, 0, 0), vec3(0, 0.5f * radius, radius))->object = object; break;
     default: { /* triangles anyhow, some of them points or lines */
         struct pell_mesh *m = shapes_mesh(s->scene, material, 12, 10);
         m->object = object;
@@ -419,7 +404,7 @@ static void opaque_and_masked_and_translucent_in_one_picture(void **state)
     masked->alpha_cutoff = 0.5f;
     masked->double_sided = true;
     masked->base_color_map =
-        (struct pell_texture_map){ .texture = shapes_texture(s.scene, 2, 2, 4, true, holes), .matrix = { 1, 0, 0, 0, 1, 0 } };
+        (struct pell_texture_map) { .texture = shapes_texture(s.scene, 2, 2, 4, true, holes), .matrix = { 1, 0, 0, 0, 1, 0 } };
     stage_ball(&s, skin, 0, vec3(-15, 0, 0), 18.0f, 24);
     stage_ball(&s, paint, 1, vec3(25, 0, 0), 18.0f, 24);
     shapes_quad(s.scene, leaf, vec3(-15, 0, 40), vec3(12, 0, 0), vec3(0, 12, 0))->object = 2;

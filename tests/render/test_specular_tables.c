@@ -30,7 +30,7 @@ static void materials_find_their_own_tables(void **state)
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(etas); i++) {
         scene->materials[i].medium.eta = etas[i];
-        scene->materials[i].specular = (enum pell_specular_model) (i % (PELL_SPECULAR_MODELS + 1)); /* one too many */
+        scene->materials[i].specular = (enum pell_specular_model)(i % (PELL_SPECULAR_MODELS + 1)); /* one too many */
     }
     for (int k = 0; k < PELL_SPECULAR_MODELS; k++)
         pell_specular_table_make((enum pell_specular_model) k, &lobe[k]);

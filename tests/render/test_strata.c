@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * test_strata.c - what lies below each point of a surface: layers of scenes, of presets, of plain media; painted depths. */
 #include "layers_rig.h"
-#include "transport/medium_layers.h"
 #include "shapes.h"
+#include "transport/medium_layers.h"
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)
 
@@ -47,7 +47,8 @@ static void uniform_layers(void **state)
 
     OK(pell_medium_layers_make(ctx, "test", &s->materials[0], &medium_layers));
     assert_int_equal(medium_layers.count, 3);
-    REQUIRE(!medium_layers.painted && medium_layers.substrate == PELL_SUBSTRATE_STOP && medium_layers.eta == s->materials[0].medium.eta && medium_layers.deepest == 3.0);
+    REQUIRE(!medium_layers.painted && medium_layers.substrate == PELL_SUBSTRATE_STOP && medium_layers.eta == s->materials[0].medium.eta &&
+            medium_layers.deepest == 3.0);
     for (int i = 0; i < 3; i++) {
         assert_null(medium_layers.item[i].map);
         assert_string_equal(medium_layers.item[i].name, "");
@@ -185,7 +186,8 @@ static void presets_and_media(void **state)
     OK(pell_material_apply(s, 0, "test", "fish"));
     OK(pell_medium_layers_make(ctx, "test", m, &medium_layers));
     assert_int_equal(medium_layers.count, fish->layers.count);
-    REQUIRE(medium_layers.substrate == PELL_SUBSTRATE_LAST && medium_layers.item[medium_layers.count - 1].depth == (double) INFINITY && medium_layers.eta == fish->medium.eta);
+    REQUIRE(medium_layers.substrate == PELL_SUBSTRATE_LAST && medium_layers.item[medium_layers.count - 1].depth == (double) INFINITY &&
+            medium_layers.eta == fish->medium.eta);
     for (int i = 0; i < medium_layers.count; i++) {
         const struct pell_material_layer *l = &fish->layers.item[i];
         assert_string_equal(medium_layers.item[i].name, l->name);
@@ -195,7 +197,8 @@ static void presets_and_media(void **state)
     OK(pell_material_apply(s, 0, "test", "wholemilk"));
     OK(pell_medium_layers_make(ctx, "test", m, &medium_layers));
     REQUIRE(medium_layers.count == 1 && medium_layers.item[0].depth == (double) INFINITY && medium_layers.eta == milk->medium.eta);
-    REQUIRE_NEAR(medium_layers.item[0].sigma_t[0], milk->medium.sigma_a[0] + milk->medium.sigma_s_reduced[0] / (1.0 - milk->medium.g[0]), 1e-12);
+    REQUIRE_NEAR(medium_layers.item[0].sigma_t[0], milk->medium.sigma_a[0] + milk->medium.sigma_s_reduced[0] / (1.0 - milk->medium.g[0]),
+                 1e-12);
     /* Layers of its own stand above a preset's. */
     OK(pell_material_apply(s, 0, "test", "fish"));
     layers_set(s, 0, 2, optics, depths, PELL_SUBSTRATE_LAST);
@@ -212,7 +215,7 @@ static void presets_and_media(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(uniform_layers),          cmocka_unit_test(maps_are_filtered_as_textures_are),
+        cmocka_unit_test(uniform_layers),       cmocka_unit_test(maps_are_filtered_as_textures_are),
         cmocka_unit_test(the_upper_layer_wins), cmocka_unit_test(maps_of_one_value_are_uniform),
         cmocka_unit_test(presets_and_media),
     };

@@ -33,8 +33,9 @@ static void add_mips(struct stage *s)
 /* From z = `distance` along -z; `height` > 0: orthographic, else 0.5 radians. */
 static void render(struct stage *s, int width, int height, float distance, float ortho)
 {
-    const struct pell_camera c = { .position = { 0, 0, distance }, .forward = { 0, 0, -1 }, .up = { 0, 1, 0 }, .fov = 0.5f,
-                                   .ortho_height = ortho };
+    const struct pell_camera c = {
+        .position = { 0, 0, distance }, .forward = { 0, 0, -1 }, .up = { 0, 1, 0 }, .fov = 0.5f, .ortho_height = ortho
+    };
 
     pell_surface_finish(s->ctx, &s->surface);
     s->view = pell_view_make(&c, width, height, 0.0f, 0.0f);
@@ -325,9 +326,10 @@ static uint64_t hash_plane(uint64_t h, const void *data, size_t row, size_t stri
 /* Of all that is defined: other planes where nothing was hit are not. */
 static uint64_t hash_surface(const struct pell_surface *s)
 {
-    const float *const planes[] = { s->depth, s->ng[0], s->ng[1], s->ng[2], s->ns[0], s->ns[1], s->ns[2], s->base[0], s->base[1],
-                                    s->base[2], s->roughness, s->metallic, s->specular[0], s->specular[1], s->specular[2], s->strength,
-                                    s->emissive[0], s->emissive[1], s->emissive[2] };
+    const float *const planes[] = { s->depth,     s->ng[0],       s->ng[1],       s->ng[2],       s->ns[0],
+                                    s->ns[1],     s->ns[2],       s->base[0],     s->base[1],     s->base[2],
+                                    s->roughness, s->metallic,    s->specular[0], s->specular[1], s->specular[2],
+                                    s->strength,  s->emissive[0], s->emissive[1], s->emissive[2] };
     uint64_t h = hash_plane(0xcbf29ce484222325ull, s->material, (size_t) s->width * 2, (size_t) s->stride * 2, s->height);
 
     for (int y = 0; y < s->height; y++)
@@ -413,7 +415,8 @@ static void drawn_and_traced_are_one_picture(void **state)
                 for (ptrdiff_t i = 0; i < first.stride * height; i++)
                     if (first.material[i])
                         assert_true(first.depth[i] == s.surface.depth[i] && first.ns[0][i] == s.surface.ns[0][i] &&
-                                    first.terminator_offset[i] == s.surface.terminator_offset[i] && first.base[1][i] == s.surface.base[1][i]);
+                                    first.terminator_offset[i] == s.surface.terminator_offset[i] &&
+                                    first.base[1][i] == s.surface.base[1][i]);
             }
             if (level + 1 < PELL_COUNT(levels))
                 pell_raster_destroy(&raster);
@@ -425,7 +428,8 @@ static void drawn_and_traced_are_one_picture(void **state)
                 continue;
             uneven += fabsf(first.depth[i] - traced.depth[i]) > 1e-3f || fabsf(first.ng[0][i] - traced.ng[0][i]) > 1e-3f ||
                       fabsf(first.ns[1][i] - traced.ns[1][i]) > 1e-3f || fabsf(first.base[0][i] - traced.base[0][i]) > 2e-3f ||
-                      fabsf(first.terminator_offset[i] - traced.terminator_offset[i]) > 1e-4f || fabsf(first.roughness[i] - traced.roughness[i]) > 2e-3f;
+                      fabsf(first.terminator_offset[i] - traced.terminator_offset[i]) > 1e-4f ||
+                      fabsf(first.roughness[i] - traced.roughness[i]) > 2e-3f;
         }
         assert_true(traced.covered_pixels > 500);
         assert_true(differ <= 3);
@@ -642,14 +646,14 @@ static void magnified_textures_are_what_a_look_up_one_by_one_gives(void **state)
         struct pell_texture *t = NULL;
         struct pell_texture_map *map = &scene->materials[0].base_color_map;
         struct stage s;
-        const enum pell_pixel_type type = (enum pell_pixel_type) (n / 2 % 3);
+        const enum pell_pixel_type type = (enum pell_pixel_type)(n / 2 % 3);
         double worst = 0.0;
 
         assert_int_equal(pell_scene_add_texture(scene, "t", &t), PELL_OK);
         t->image = (struct pell_image) { .width = 5, .height = 4, .srgb = n % 2 && type != PELL_PIXEL_F32 };
         fill(ctx, &t->image, type, 1 + n / 6 % 4, &seed);
-        t->wrap_u = (enum pell_wrap) (n / 24 % 3);
-        t->wrap_v = (enum pell_wrap) ((n / 24 + n) % 3);
+        t->wrap_u = (enum pell_wrap)(n / 24 % 3);
+        t->wrap_v = (enum pell_wrap)((n / 24 + n) % 3);
         shapes_quad(scene, 0, vec3(0, 0, 0), vec3(10, 0, 0), vec3(0, 10, 0));
         map->texture = t;
         for (int k = 0; k < 6; k++)
@@ -678,7 +682,7 @@ static void shrunk_textures_show_their_mean_and_do_not_alias(void **state)
     (void) state;
     for (int n = 0; n < 2 * 3 * 2; n++) {
         const int w = sizes[n % 2][0], h = sizes[n % 2][1];
-        const enum pell_pixel_type type = (enum pell_pixel_type) (n / 2 % 3);
+        const enum pell_pixel_type type = (enum pell_pixel_type)(n / 2 % 3);
         struct pell_context *ctx = test_context(NULL, NULL);
         struct pell_scene *scene = shapes_scene(ctx);
         struct pell_texture *t = NULL;

@@ -86,8 +86,7 @@ static inline enum pell_result import_glb(struct pell_context *ctx, const char *
 }
 
 /* A 2 x 2 picture: PNG, RGB: red, green / blue, white. */
-#define TINY_PNG                                                                                                                   \
-    "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAEklEQVR42mP4z8DAAMIM/4EAAB/uBfvxq7p3AAAAAElFTkSuQmCC"
+#define TINY_PNG "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAEklEQVR42mP4z8DAAMIM/4EAAB/uBfvxq7p3AAAAAElFTkSuQmCC"
 
 #define CORNERS 4
 
@@ -120,58 +119,57 @@ static inline struct square make_square(void)
 }
 
 /* The buffer and its views: view 0 to 8 are the members of struct square in their order. */
-#define SQUARE_BUFFERS                                                                                                             \
-    "\"buffers\":[{\"byteLength\":260}],"                                                                                          \
-    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},"                        \
-    "{\"buffer\":0,\"byteOffset\":96,\"byteLength\":64},{\"buffer\":0,\"byteOffset\":160,\"byteLength\":32},"                      \
-    "{\"buffer\":0,\"byteOffset\":192,\"byteLength\":16},{\"buffer\":0,\"byteOffset\":208,\"byteLength\":12},"                     \
-    "{\"buffer\":0,\"byteOffset\":220,\"byteLength\":4},{\"buffer\":0,\"byteOffset\":224,\"byteLength\":12},"                      \
+#define SQUARE_BUFFERS                                                                                                                     \
+    "\"buffers\":[{\"byteLength\":260}],"                                                                                                  \
+    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},"                                \
+    "{\"buffer\":0,\"byteOffset\":96,\"byteLength\":64},{\"buffer\":0,\"byteOffset\":160,\"byteLength\":32},"                              \
+    "{\"buffer\":0,\"byteOffset\":192,\"byteLength\":16},{\"buffer\":0,\"byteOffset\":208,\"byteLength\":12},"                             \
+    "{\"buffer\":0,\"byteOffset\":220,\"byteLength\":4},{\"buffer\":0,\"byteOffset\":224,\"byteLength\":12},"                              \
     "{\"buffer\":0,\"byteOffset\":236,\"byteLength\":24}],"
 
-#define SQUARE_ACCESSORS                                                                                                           \
-    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                                      \
-    "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                                                     \
-    "{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC4\"},"                                                     \
-    "{\"bufferView\":3,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},"                                                     \
-    "{\"bufferView\":4,\"componentType\":5121,\"normalized\":true,\"count\":4,\"type\":\"VEC4\"},"                                 \
-    "{\"bufferView\":5,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"},"                                                   \
-    "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"sparse\":{\"count\":1,"                              \
-    "\"indices\":{\"bufferView\":6,\"componentType\":5123},\"values\":{\"bufferView\":7}}},"                                       \
+#define SQUARE_ACCESSORS                                                                                                                   \
+    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                                              \
+    "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"                                                             \
+    "{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC4\"},"                                                             \
+    "{\"bufferView\":3,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},"                                                             \
+    "{\"bufferView\":4,\"componentType\":5121,\"normalized\":true,\"count\":4,\"type\":\"VEC4\"},"                                         \
+    "{\"bufferView\":5,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"},"                                                           \
+    "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"sparse\":{\"count\":1,"                                      \
+    "\"indices\":{\"bufferView\":6,\"componentType\":5123},\"values\":{\"bufferView\":7}}},"                                               \
     "{\"bufferView\":8,\"componentType\":5126,\"count\":2,\"type\":\"VEC3\"}],"
 
 /* Most of what the reader reads, in about 5 kB. */
-#define RICH_JSON                                                                                                                  \
-    "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\",\"KHR_texture_transform\"],"                     \
-    "\"scene\":0,\"scenes\":[{\"name\":\"main\",\"nodes\":[0,4]}],"                                                                \
-    "\"nodes\":[{\"name\":\"top\",\"translation\":[1,2,3],\"rotation\":[0,0.70710678,0,0.70710678],\"scale\":[-2,1,1],"            \
-    "\"children\":[1,2,3],\"mesh\":0},"                                                                                            \
-    "{\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1],\"mesh\":1,\"extensions\":{\"EXT_mesh_gpu_instancing\":"                        \
-    "{\"attributes\":{\"TRANSLATION\":7}}}},"                                                                                      \
-    "{\"camera\":0},{\"extensions\":{\"KHR_lights_punctual\":{\"light\":0}}},"                                                     \
-    "{\"camera\":1,\"extensions\":{\"KHR_lights_punctual\":{\"light\":1}}}],"                                                      \
-    "\"cameras\":[{\"type\":\"perspective\",\"name\":\"front\",\"perspective\":{\"yfov\":0.5,\"znear\":0.1}},"                     \
-    "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":2,\"znear\":0.1,\"zfar\":9}}],"                              \
-    "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\",\"color\":[1,0.5,0.25],\"intensity\":8,"              \
-    "\"range\":4,\"spot\":{\"innerConeAngle\":0.2,\"outerConeAngle\":0.4}},{\"type\":\"directional\",\"intensity\":3}]}},"         \
-    SQUARE_BUFFERS SQUARE_ACCESSORS                                                                                                \
-    "\"meshes\":[{\"name\":\"one\",\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TANGENT\":2,"                    \
-    "\"TEXCOORD_0\":3,\"TEXCOORD_1\":3,\"COLOR_0\":4},\"indices\":5,\"material\":0},"                                              \
-    "{\"attributes\":{\"POSITION\":6},\"mode\":5}]},"                                                                              \
-    "{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":6,\"material\":1},{\"attributes\":{\"POSITION\":0},\"mode\":1}]}],"\
-    "\"images\":[{\"uri\":\"data:image/png;base64," TINY_PNG "\"}],"                                                               \
-    "\"samplers\":[{\"wrapS\":33071,\"wrapT\":33648,\"magFilter\":9728},{}],"                                                      \
-    "\"textures\":[{\"sampler\":0,\"source\":0},{\"sampler\":1,\"source\":0}],"                                                    \
-    "\"materials\":[{\"name\":\"wax\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,0.6,0.7,0.8],\"metallicFactor\":0.1,"     \
-    "\"roughnessFactor\":0.2,\"baseColorTexture\":{\"index\":0,\"texCoord\":1,\"extensions\":{\"KHR_texture_transform\":"          \
-    "{\"offset\":[0.25,0.5],\"rotation\":0.3,\"scale\":[2,3],\"texCoord\":0}}},\"metallicRoughnessTexture\":{\"index\":1}},"       \
-    "\"normalTexture\":{\"index\":0,\"scale\":0.5},\"emissiveFactor\":[1,0.5,0],\"emissiveTexture\":{\"index\":1},"                \
-    "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"doubleSided\":true,\"extensions\":{\"KHR_materials_emissive_strength\":"        \
-    "{\"emissiveStrength\":4},\"KHR_materials_ior\":{\"ior\":1.4},\"KHR_materials_specular\":{\"specularFactor\":0.7,"             \
-    "\"specularTexture\":{\"index\":1},\"specularColorFactor\":[1,0.9,0.8],\"specularColorTexture\":{\"index\":0}},"               \
-    "\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":1},\"KHR_materials_volume\":"                           \
-    "{\"attenuationDistance\":0.001,\"attenuationColor\":[0.5,0.25,0.125]},\"KHR_materials_volume_scatter\":"                      \
-    "{\"multiscatterColor\":[0.5,0.6,0.7],\"scatterAnisotropy\":0.2}}},"                                                           \
-    "{\"name\":\"paper\",\"extensions\":{\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":0.6,"               \
+#define RICH_JSON                                                                                                                          \
+    "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\",\"KHR_texture_transform\"],"                             \
+    "\"scene\":0,\"scenes\":[{\"name\":\"main\",\"nodes\":[0,4]}],"                                                                        \
+    "\"nodes\":[{\"name\":\"top\",\"translation\":[1,2,3],\"rotation\":[0,0.70710678,0,0.70710678],\"scale\":[-2,1,1],"                    \
+    "\"children\":[1,2,3],\"mesh\":0},"                                                                                                    \
+    "{\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1],\"mesh\":1,\"extensions\":{\"EXT_mesh_gpu_instancing\":"                                \
+    "{\"attributes\":{\"TRANSLATION\":7}}}},"                                                                                              \
+    "{\"camera\":0},{\"extensions\":{\"KHR_lights_punctual\":{\"light\":0}}},"                                                             \
+    "{\"camera\":1,\"extensions\":{\"KHR_lights_punctual\":{\"light\":1}}}],"                                                              \
+    "\"cameras\":[{\"type\":\"perspective\",\"name\":\"front\",\"perspective\":{\"yfov\":0.5,\"znear\":0.1}},"                             \
+    "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":2,\"znear\":0.1,\"zfar\":9}}],"                                      \
+    "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"spot\",\"color\":[1,0.5,0.25],\"intensity\":8,"                      \
+    "\"range\":4,\"spot\":{\"innerConeAngle\":0.2,\"outerConeAngle\":0.4}},{\"type\":\"directional\",\"intensity\":3}]}}," SQUARE_BUFFERS  \
+        SQUARE_ACCESSORS "\"meshes\":[{\"name\":\"one\",\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TANGENT\":2,"       \
+    "\"TEXCOORD_0\":3,\"TEXCOORD_1\":3,\"COLOR_0\":4},\"indices\":5,\"material\":0},"                                                      \
+    "{\"attributes\":{\"POSITION\":6},\"mode\":5}]},"                                                                                      \
+    "{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":6,\"material\":1},{\"attributes\":{\"POSITION\":0},\"mode\":1}]}],"        \
+    "\"images\":[{\"uri\":\"data:image/png;base64," TINY_PNG "\"}],"                                                                       \
+    "\"samplers\":[{\"wrapS\":33071,\"wrapT\":33648,\"magFilter\":9728},{}],"                                                              \
+    "\"textures\":[{\"sampler\":0,\"source\":0},{\"sampler\":1,\"source\":0}],"                                                            \
+    "\"materials\":[{\"name\":\"wax\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,0.6,0.7,0.8],\"metallicFactor\":0.1,"             \
+    "\"roughnessFactor\":0.2,\"baseColorTexture\":{\"index\":0,\"texCoord\":1,\"extensions\":{\"KHR_texture_transform\":"                  \
+    "{\"offset\":[0.25,0.5],\"rotation\":0.3,\"scale\":[2,3],\"texCoord\":0}}},\"metallicRoughnessTexture\":{\"index\":1}},"               \
+    "\"normalTexture\":{\"index\":0,\"scale\":0.5},\"emissiveFactor\":[1,0.5,0],\"emissiveTexture\":{\"index\":1},"                        \
+    "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"doubleSided\":true,\"extensions\":{\"KHR_materials_emissive_strength\":"                \
+    "{\"emissiveStrength\":4},\"KHR_materials_ior\":{\"ior\":1.4},\"KHR_materials_specular\":{\"specularFactor\":0.7,"                     \
+    "\"specularTexture\":{\"index\":1},\"specularColorFactor\":[1,0.9,0.8],\"specularColorTexture\":{\"index\":0}},"                       \
+    "\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":1},\"KHR_materials_volume\":"                                   \
+    "{\"attenuationDistance\":0.001,\"attenuationColor\":[0.5,0.25,0.125]},\"KHR_materials_volume_scatter\":"                              \
+    "{\"multiscatterColor\":[0.5,0.6,0.7],\"scatterAnisotropy\":0.2}}},"                                                                   \
+    "{\"name\":\"paper\",\"extensions\":{\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":0.6,"                       \
     "\"diffuseTransmissionColorFactor\":[0.9,0.8,0.7]}}}]}"
 
 #endif

@@ -216,7 +216,7 @@ static void media_that_do_not_fit_their_object_are_named(void **state)
     c = check(
         "s.json",
         "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"size\":\"90mm\",\"materials\":{\"*\":{\"sigma_a\":[1,1,1],\"sigma_s_reduced\":[0,0,0]}}}",
-        &(struct pell_load_params){ .bare = true }, files);
+        &(struct pell_load_params) { .bare = true }, files);
     find(&c, "only absorbs");
     finish(&c);
     c = check("s.json", "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"size\":\"90mm\",\"materials\":{\"*\":{\"opaque\":true}}}",

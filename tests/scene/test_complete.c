@@ -95,7 +95,8 @@ static void normals_weigh_faces_by_area_times_angle(void **state)
     REQUIRE_NEAR(vec3_dot(normal_at_origin("v 0 0 0\nv 1 0 0\nv 0 1 0\nv -1 0 -1\nf 1 2 3\nf 1 3 4\n"), whole), 1.0, 1e-6);
     /* Cut in halves through the corner the front has half the area at half the angle twice: half the weight. */
     REQUIRE_NEAR(vec3_dot(normal_at_origin("v 0 0 0\nv 1 0 0\nv 0 1 0\nv -1 0 -1\nv 0.5 0.5 0\nf 1 2 5\nf 1 5 3\nf 1 3 4\n"),
-                          vec3_normalize(vec3_add(half, side))), 1.0, 1e-6);
+                          vec3_normalize(vec3_add(half, side))),
+                 1.0, 1e-6);
 }
 
 static void degenerate_triangles_do_not_hurt(void **state)

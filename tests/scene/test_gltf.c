@@ -83,9 +83,9 @@ static void strips_turn_every_second_triangle(void **state)
     } bin = { { { 0, 0, 0 }, { 1, 0, 0 }, { 0, 1, 0 }, { 1, 1, 0 } }, { 0, 1, 2, 3, 3, 3, 3, 2, 1 } };
     static const char json[] =
         HEAD ONE_NODE "\"buffers\":[{\"byteLength\":66}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,"
-        "\"byteLength\":18}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"
-        "{\"bufferView\":1,\"componentType\":5123,\"count\":9,\"type\":\"SCALAR\"}],"
-        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,\"mode\":5}]}]}";
+                      "\"byteLength\":18}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"
+                      "{\"bufferView\":1,\"componentType\":5123,\"count\":9,\"type\":\"SCALAR\"}],"
+                      "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,\"mode\":5}]}]}";
     /* triangle 6 of the strip (even) is 3 2 1 */
     static const uint32_t want[] = { 0, 1, 2, 1, 3, 2, 3, 2, 1 };
     struct fixture f;
@@ -581,11 +581,13 @@ static void factors_out_of_range_are_cut_with_a_warning(void **state)
 
 static void broken_pictures_are_warnings_that_name_them(void **state)
 {
+    /* clang-format off */
     static const char *const images[] = {
         "{\"uri\":\"data:image/png;base64,%%%\"}",  "{\"uri\":\"data:image/png;base64,AAAA\"}", "{\"uri\":\"absent.png\"}",
         "{\"uri\":\"http://example.com/a.png\"}",   "{\"uri\":\"\"}",                             "{\"uri\":\"%00\"}",
         "{\"uri\":\"../../../../etc/passwd\"}",     "{\"bufferView\":0,\"mimeType\":\"image/png\"}", "{}",
     };
+    /* clang-format on */
     const struct square square = make_square();
     struct fixture f;
     char json[4096];
@@ -899,8 +901,8 @@ static void rare_forms_are_read(void **state)
 
 static void wrong_instances_are_refused(void **state)
 {
-#define INSTANCES(attributes)                                                                                                      \
-    SQUARE "\"nodes\":[{\"mesh\":0,\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{" attributes "}}}}],"                 \
+#define INSTANCES(attributes)                                                                                                              \
+    SQUARE "\"nodes\":[{\"mesh\":0,\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{" attributes "}}}}],"                      \
            "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":5}]}]}"
     struct square square = make_square();
     struct pell_limits limits;

@@ -67,7 +67,7 @@ static void read_limited(struct fixture *x, const struct file *f, const struct p
                          uint64_t fail_at)
 {
     struct pell_context_params params = { .log = keep_message, .log_user = &x->kept, .log_level = PELL_LOG_WARNING, .limits = limits };
-    struct pell_import import = { .path = "test.glb", .root = ".", .moment = moment ? *moment : (struct pell_moment){ 0 } };
+    struct pell_import import = { .path = "test.glb", .root = ".", .moment = moment ? *moment : (struct pell_moment) { 0 } };
     size_t size;
     uint8_t *glb = make_glb(f->json, f->bin, f->size, &size), *exact = malloc(size + 1);
 
@@ -97,7 +97,7 @@ static void finish(struct fixture *x)
 /* `time` below 0: the rest pose. */
 static void read_at(struct fixture *x, const struct file *f, double time)
 {
-    read_limited(x, f, &(struct pell_moment){ .timed = time >= 0.0, .time = time }, NULL, 0);
+    read_limited(x, f, &(struct pell_moment) { .timed = time >= 0.0, .time = time }, NULL, 0);
     if (x->res != PELL_OK)
         fail_msg("refused: %s: %s", x->kept.where, x->kept.what);
 }
@@ -728,15 +728,15 @@ static void animations_are_chosen_by_name_or_number(void **state)
         t, a, t, b);
     document(&f, rest);
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
-        read_limited(&x, &f, &(struct pell_moment){ .timed = true, .animation = cases[i].name, .where = "--animation" }, NULL, 0);
+        read_limited(&x, &f, &(struct pell_moment) { .timed = true, .animation = cases[i].name, .where = "--animation" }, NULL, 0);
         assert_int_equal(x.res, PELL_OK);
         require_vec(x.scene->meshes[0].position, cases[i].x, 0, 0, 0.0);
         finish(&x);
     }
     refuse_at(PELL_ERR_INVALID, "--animation", "no animation \"wlak\"", &f,
-              &(struct pell_moment){ .timed = true, .animation = "wlak", .where = "--animation" });
+              &(struct pell_moment) { .timed = true, .animation = "wlak", .where = "--animation" });
     refuse_at(PELL_ERR_INVALID, "--animation", "which has 2", &f,
-              &(struct pell_moment){ .timed = true, .animation = "2", .where = "--animation" });
+              &(struct pell_moment) { .timed = true, .animation = "2", .where = "--animation" });
 }
 
 /* An arm of two nodes, the second a joint: what an animation turns, a skin follows. */
@@ -827,7 +827,7 @@ static void bad_animations_are_refused(void **state)
         put(&f, 5126, "VEC3", false, values, 24, 2);
         FLOATS(&f, "SCALAR", thirds, 3);
         document(&f, cases[i].rest);
-        refuse_at(PELL_ERR_FORMAT, cases[i].where, cases[i].what, &f, &(struct pell_moment){ .timed = true, .time = 1.0 });
+        refuse_at(PELL_ERR_FORMAT, cases[i].where, cases[i].what, &f, &(struct pell_moment) { .timed = true, .time = 1.0 });
     }
 }
 

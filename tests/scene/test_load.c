@@ -25,8 +25,9 @@ static struct attempt try_text(const char *name, const char *text, const struct 
     return a;
 }
 
-#define TRIANGLE_PLY "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n" \
-                     "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+#define TRIANGLE_PLY                                                                                                                       \
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"                      \
+    "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 
 static void a_mesh_without_a_unit_is_refused_with_the_reason(void **state)
 {
@@ -179,7 +180,9 @@ static void material_files_need_only_their_optics(void **state)
         REQUIRE_NEAR(e.color[0], pell_dipole_total(&d), 1e-12); /* what it looks like follows from its optics */
     }
     assert_int_equal(read_material("{\"name\":\"x\",\"sigma_a\":[0.1,0.2,0.3],\"sigma_s\":[1,2,4],\"g\":0.75,\"eta\":1.5,\"mix\":1,"
-                                   "\"color_from\":\"texture\",\"color\":[0.1,0.2,0.3],\"roughness\":0.9}", &e, NULL), PELL_OK);
+                                   "\"color_from\":\"texture\",\"color\":[0.1,0.2,0.3],\"roughness\":0.9}",
+                                   &e, NULL),
+                     PELL_OK);
     REQUIRE_NEAR(e.medium.sigma_s_reduced[2], 1.0, 1e-15);
     REQUIRE_NEAR(e.medium.g[1], 0.75, 0);
     assert_true(e.color_from_texture);

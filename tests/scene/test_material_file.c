@@ -55,9 +55,10 @@ static void another_medium_can_be_diluted_by_name(void **state)
     REQUIRE(e.medium.eta == 1.4 && e.medium.sigma_a[0] == milk->medium.sigma_a[0]);
 }
 
-#define SKIN3 "{\"name\":\"epidermis\",\"thickness_mm\":0.25,\"sigma_a\":[0.21,0.21,0.5],\"sigma_s_reduced\":[4.8,6,6.5]}," \
-              "{\"name\":\"upper\",\"thickness_mm\":0.2,\"sigma_a\":[0.016,0.019,0.03],\"sigma_s_reduced\":[3.2,4,4.6]}," \
-              "{\"thickness_mm\":\"infinite\",\"sigma_a\":[0.0085,0.1,2.5],\"sigma_s_reduced\":[0.45,0.47,0.48]}"
+#define SKIN3                                                                                                                              \
+    "{\"name\":\"epidermis\",\"thickness_mm\":0.25,\"sigma_a\":[0.21,0.21,0.5],\"sigma_s_reduced\":[4.8,6,6.5]},"                          \
+    "{\"name\":\"upper\",\"thickness_mm\":0.2,\"sigma_a\":[0.016,0.019,0.03],\"sigma_s_reduced\":[3.2,4,4.6]},"                            \
+    "{\"thickness_mm\":\"infinite\",\"sigma_a\":[0.0085,0.1,2.5],\"sigma_s_reduced\":[0.45,0.47,0.48]}"
 
 /* Solved when read: the same numbers as the built-in entry's, which stand in its file. */
 static void a_stack_is_solved_when_read(void **state)
@@ -77,7 +78,8 @@ static void a_stack_is_solved_when_read(void **state)
         REQUIRE_NEAR(e.color[c], pell_gaussians_total(&e.gaussians, c), 1e-12);
     }
     reads("{\"layers\":[{\"thickness_mm\":1,\"sigma_a\":[0,0,0],\"sigma_s\":[1,2,3],\"phase\":\"rayleigh\"}],"
-          "\"variances\":[0.1,1],\"weights\":[[0.1,0.2,0.3],[0.2,0.2,0.2]]}", &e);
+          "\"variances\":[0.1,1],\"weights\":[[0.1,0.2,0.3],[0.2,0.2,0.2]]}",
+          &e);
     REQUIRE(e.gaussians.count == 2 && e.layers.item[0].phase[0].kind == PELL_PHASE_RAYLEIGH);
     REQUIRE_NEAR(pell_gaussians_total(&e.gaussians, 1), 0.4, 1e-15); /* given: not scaled, not solved again */
     reads("{\"layers\":[{\"thickness_mm\":1,\"sigma_a\":[1,1,1],\"sigma_s\":[8,8,8],\"phase\":\"schlick\",\"g\":0.8}]}", &e);
@@ -176,12 +178,14 @@ static void broken_files_are_refused_with_place_and_reason(void **state)
 
 static void slips_of_the_pen_find_the_nearest_of_many_names(void **state)
 {
+    /* clang-format off */
     static const char *const slips[][2] = {
         { "regular-mlik", "regular-milk" }, { "skin3layer", "skin-3layer" },   { "esspresso", "espresso" },
         { "head-and-shoulders", "head-and-shoulders-shampoo" },                { "jaed", "jade" },
         { "budwiser-beer", "budweiser-beer" }, { "Merlot", "merlot" },         { "pacific-ocean", "pacific-ocean-surface-water" },
         { "apple_juice", "apple-juice" },      { "grapefruit", "ruby-grapefruit-juice" },
     };
+    /* clang-format on */
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(slips); i++) {
         struct kept_messages kept = { 0 };

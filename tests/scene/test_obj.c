@@ -102,8 +102,8 @@ static void concave_polygons_are_covered_once(void **state)
 {
     static const float ell[][2] = { { 0, 0 }, { 3, 0 }, { 3, 1 }, { 1, 1 }, { 1, 3 }, { 0, 3 } };
     static const float arrow[][2] = { { 0, 0 }, { 2, -1 }, { 1, 0 }, { 2, 1 } };
-    static const float comb[][2] = { { 0, 0 }, { 7, 0 }, { 7, 3 }, { 6, 3 }, { 6, 1 }, { 5, 1 }, { 5, 3 }, { 4, 3 }, { 4, 1 }, { 3, 1 },
-                                     { 3, 3 }, { 2, 3 }, { 2, 1 }, { 1, 1 }, { 1, 3 }, { 0, 3 } };
+    static const float comb[][2] = { { 0, 0 }, { 7, 0 }, { 7, 3 }, { 6, 3 }, { 6, 1 }, { 5, 1 }, { 5, 3 }, { 4, 3 },
+                                     { 4, 1 }, { 3, 1 }, { 3, 3 }, { 2, 3 }, { 2, 1 }, { 1, 1 }, { 1, 3 }, { 0, 3 } };
     static const float straight[][2] = { { 0, 0 }, { 1, 0 }, { 2, 0 }, { 2, 1 }, { 2, 2 }, { 1, 2 }, { 0, 2 }, { 0, 1 } };
     float star[2 * 37][2], circle[1000][2];
     (void) state;
@@ -123,8 +123,8 @@ static void concave_polygons_are_covered_once(void **state)
             cut_and_compare(arrow, PELL_COUNT(arrow), plane, backward);
             cut_and_compare(comb, PELL_COUNT(comb), plane, backward);
             cut_and_compare(straight, PELL_COUNT(straight), plane, backward);
-            cut_and_compare((const float (*)[2]) star, PELL_COUNT(star), plane, backward);
-            cut_and_compare((const float (*)[2]) circle, PELL_COUNT(circle), plane, backward);
+            cut_and_compare((const float(*)[2]) star, PELL_COUNT(star), plane, backward);
+            cut_and_compare((const float(*)[2]) circle, PELL_COUNT(circle), plane, backward);
         }
 }
 
@@ -224,7 +224,10 @@ static void write_png(const char *name, int channels)
 {
     static const float values[4] = { 0.25f, 0.5f, 0.75f, 1.0f };
     const struct pell_channel rgba[4] = {
-        { "R", values, 2, false }, { "G", values, 2, false }, { "B", values, 2, false }, { "A", values, 2, false }
+        { "R", values, 2, false },
+        { "G", values, 2, false },
+        { "B", values, 2, false },
+        { "A", values, 2, false },
     };
     const struct pell_write_params params = { .width = 2, .height = 2, .channels = rgba, .num_channels = (size_t) channels };
     struct pell_context *ctx = test_context(NULL, NULL);

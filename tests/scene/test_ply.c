@@ -346,12 +346,9 @@ static void spheres_of_two_byte_orders_and_text_agree(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(all_encodings_give_the_same),
-        cmocka_unit_test(strips_turn_every_other_triangle),
-        cmocka_unit_test(lying_headers_are_refused_at_once),
-        cmocka_unit_test(damaged_files_end_well),
-        cmocka_unit_test(every_failed_allocation_is_survived),
-        cmocka_unit_test(spheres_of_two_byte_orders_and_text_agree),
+        cmocka_unit_test(all_encodings_give_the_same),         cmocka_unit_test(strips_turn_every_other_triangle),
+        cmocka_unit_test(lying_headers_are_refused_at_once),   cmocka_unit_test(damaged_files_end_well),
+        cmocka_unit_test(every_failed_allocation_is_survived), cmocka_unit_test(spheres_of_two_byte_orders_and_text_agree),
     };
     return cmocka_run_group_tests_name("ply", tests, NULL, NULL);
 }

@@ -12,14 +12,14 @@
 
 /* A triangle of 1 m whose node goes 4 m along x in two seconds ("walk"), or stands at 4 m ("stand"). */
 #define WALK                                                                                                                               \
-    "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":68,\"uri\":\"data:;base64," \
-    "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAEAAAAAAAAAAAAAAAAAAAIBAAAAAAAAAAAA=\"}],"                                  \
-    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,\"byteLength\":8},{\"buffer\":0," \
-    "\"byteOffset\":44,\"byteLength\":24}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}," \
-    "{\"bufferView\":1,\"componentType\":5126,\"count\":2,\"type\":\"SCALAR\"},{\"bufferView\":2,\"componentType\":5126,\"count\":2," \
-    "\"type\":\"VEC3\"}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],\"nodes\":[{\"mesh\":0}],\"animations\":[" \
-    "{\"name\":\"walk\",\"samplers\":[{\"input\":1,\"output\":2}],\"channels\":[{\"sampler\":0,\"target\":{\"node\":0,\"path\":" \
-    "\"translation\"}}]},{\"name\":\"stand\",\"samplers\":[{\"input\":1,\"output\":2,\"interpolation\":\"STEP\"}],\"channels\":[" \
+    "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":68,\"uri\":\"data:;base64,"                                             \
+    "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAEAAAAAAAAAAAAAAAAAAAIBAAAAAAAAAAAA=\"}],"                                    \
+    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,\"byteLength\":8},{\"buffer\":0,"                   \
+    "\"byteOffset\":44,\"byteLength\":24}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},"        \
+    "{\"bufferView\":1,\"componentType\":5126,\"count\":2,\"type\":\"SCALAR\"},{\"bufferView\":2,\"componentType\":5126,\"count\":2,"      \
+    "\"type\":\"VEC3\"}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],\"nodes\":[{\"mesh\":0}],\"animations\":["      \
+    "{\"name\":\"walk\",\"samplers\":[{\"input\":1,\"output\":2}],\"channels\":[{\"sampler\":0,\"target\":{\"node\":0,\"path\":"           \
+    "\"translation\"}}]},{\"name\":\"stand\",\"samplers\":[{\"input\":1,\"output\":2,\"interpolation\":\"STEP\"}],\"channels\":["          \
     "{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"translation\"}}]}]}"
 
 static const struct memory_file files[] = {
@@ -85,7 +85,8 @@ static void meshes_are_placed_in_their_own_units(void **state)
 static void positions_are_in_mesh_units_or_say_their_own(void **state)
 {
     struct pell_scene *s = load(SCENE(",\"camera\":{\"from\":[0,\"5cm\",8],\"to\":[0,5,0],\"up\":[0,1,1],\"fov_deg\":30},"
-                                      "\"lights\":[{\"type\":\"point\",\"at\":[1,2,\"-3mm\"],\"intensity\":5}]"), NULL);
+                                      "\"lights\":[{\"type\":\"point\",\"at\":[1,2,\"-3mm\"],\"intensity\":5}]"),
+                                NULL);
     (void) state;
 
     REQUIRE_NEAR(s->cameras[0].position[1], 50.0, 1e-4);
@@ -327,7 +328,8 @@ static void other_ways_to_name_a_material_work(void **state)
     REQUIRE_NEAR(s->materials[0].base_color[2], 0.1, 1e-6);
     finish(s);
     s = load("{\"pellucid\":1,\"meshes\":[{\"path\":\"cube.obj\",\"material\":\"mine\"},{\"path\":\"cube.obj\",\"material\":\"apple\"}],"
-             "\"unit\":\"1cm\",\"materials\":{\"mine\":{\"preset\":\"cream\"}},\"ground\":\"mine\"}", NULL);
+             "\"unit\":\"1cm\",\"materials\":{\"mine\":{\"preset\":\"cream\"}},\"ground\":\"mine\"}",
+             NULL);
     assert_string_equal(s->materials[s->meshes[0].material].preset, "cream");
     assert_string_equal(s->materials[s->meshes[1].material].preset, "apple");
     assert_int_equal(s->meshes[2].material, s->meshes[0].material);
@@ -339,7 +341,10 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
 {
     static const float values[4] = { 0.25f, 0.5f, 0.75f, 1.0f };
     const struct pell_channel rgba[4] = {
-        { "R", values, 2, false }, { "G", values, 2, false }, { "B", values, 2, false }, { "A", values, 2, false }
+        { "R", values, 2, false },
+        { "G", values, 2, false },
+        { "B", values, 2, false },
+        { "A", values, 2, false },
     };
     const struct pell_write_params params = { .width = 2, .height = 2, .channels = rgba, .num_channels = 4 };
     struct kept_messages kept = { 0 };
@@ -420,9 +425,12 @@ static void backgrounds_and_options_are_kept(void **state)
              NULL);
     static const struct {
         const char *name, *value, *where;
-    } want[] = { { "method", "screen-space", "s.json:/render/method" }, { "width", "400", "s.json:/render/width" },
-                 { "height", "800", "s.json:/render/height" },          { "exposure", "0.125", "s.json:/render/exposure" },
-                 { "layers", "true", "s.json:/render/layers" },         { "knobs/lod", "0.5", "s.json:/render/knobs/lod" },
+    } want[] = { { "method", "screen-space", "s.json:/render/method" },
+                 { "width", "400", "s.json:/render/width" },
+                 { "height", "800", "s.json:/render/height" },
+                 { "exposure", "0.125", "s.json:/render/exposure" },
+                 { "layers", "true", "s.json:/render/layers" },
+                 { "knobs/lod", "0.5", "s.json:/render/knobs/lod" },
                  { "knobs/tint", "1,0.5,0.25", "s.json:/render/knobs/tint" } };
     (void) state;
 
@@ -548,8 +556,8 @@ static const struct {
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\",\"phase\":\"mie\"}]"), "s.json:/materials/*/layers/0/phase",
       "hg, schlick, rayleigh, two-lobe", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\",\"g\":1}]"), "s.json:/materials/*/layers/0/g", "is 1", "" },
-    { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\",\"g\":[0.1,0.2]}]"), "s.json:/materials/*/layers/0/g",
-      "an array of 2, allowed", "" },
+    { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\",\"g\":[0.1,0.2]}]"), "s.json:/materials/*/layers/0/g", "an array of 2, allowed",
+      "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\",\"phase\":\"rayleigh\",\"g\":0}]"), "s.json:/materials/*/layers/0/g",
       "does not belong", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\",\"phase\":\"two-lobe\"}]"), "s.json:/materials/*/layers/0", "has no \"g\"", "" },
@@ -557,11 +565,11 @@ static const struct {
       "s.json:/materials/*/layers/0/weight", "is 2", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\",\"weight\":0.5}]"), "s.json:/materials/*/layers/0/weight",
       "belongs to the phase function", "" },
-    { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\"}],\"below\":\"nothing\""), "s.json:/materials/*/below",
-      "stop, last, surface-color", "" },
+    { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\"}],\"below\":\"nothing\""), "s.json:/materials/*/below", "stop, last, surface-color",
+      "" },
     { OF_ALL("\"below\":\"stop\""), "s.json:/materials/*/below", "stands without layers", "" },
-    { OF_ALL("\"layers\":[{" SIGMA "}],\"depths\":[\"a.png\",\"b.png\"]"), "s.json:/materials/*/depths",
-      "has 2 pictures for 1 layers", "" },
+    { OF_ALL("\"layers\":[{" SIGMA "}],\"depths\":[\"a.png\",\"b.png\"]"), "s.json:/materials/*/depths", "has 2 pictures for 1 layers",
+      "" },
     { OF_ALL("\"layers\":[{" SIGMA "}],\"depths\":[\"a.png\"]"), "s.json:/materials/*/layers/0", "must have depth_scale", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\"}],\"profile\":\"dipole\""), "s.json:/materials/*/profile",
       "layers have one of their own", "" },
@@ -569,8 +577,8 @@ static const struct {
     { SCENE(",\"materials\":{\"*\":{\"profile\":\"multipole\"}}"), "s.json:/materials/*/profile", "photon-beam, monte-carlo", "" },
     { SCENE(",\"materials\":{\"*\":{\"preset\":\"skin-6gaussian\",\"profile\":\"photon-beam\"}}"), "s.json:/materials/*/profile",
       "this material has none", "coefficients" },
-    { SCENE(",\"materials\":{\"*\":{\"preset\":\"leaf\",\"profile\":\"dipole\"}}"), "s.json:/materials/*/profile",
-      "this material has none", "" },
+    { SCENE(",\"materials\":{\"*\":{\"preset\":\"leaf\",\"profile\":\"dipole\"}}"), "s.json:/materials/*/profile", "this material has none",
+      "" },
     { SCENE(",\"materials\":{\"*\":{\"profile\":3}}"), "s.json:/materials/*/profile", "is 3", "" },
     { SCENE(",\"materials\":{\"*\":{\"profile\":{}}}"), "s.json:/materials/*/profile", "\"table\"", "" },
     { SCENE(",\"materials\":{\"*\":{\"profile\":{\"tabel\":\"wax.csv\"}}}"), "s.json:/materials/*/profile/tabel", "unknown key",
@@ -638,7 +646,8 @@ static void same_keys(const json_t *schema, const struct pell_scene_keys *table)
     for (size_t i = 0; i < table->count; i++)
         if (!json_object_get(properties, table->keys[i]))
             fail_msg("the schema's %s has no %s", table->object, table->keys[i]);
-    json_object_foreach(properties, key, value) {
+    json_object_foreach(properties, key, value)
+    {
         size_t i = 0;
         while (i < table->count && strcmp(key, table->keys[i]) != 0)
             i++;
@@ -658,8 +667,7 @@ static void schema_and_reader_know_the_same_keys(void **state)
         same_keys(schema, t);
     for (size_t i = 0; i < PELL_LIGHT_KINDS; i++, objects++)
         same_keys(schema, &pell_light_keys[i]);
-    json_object_foreach(defs, name, value)
-        objects -= json_object_get(value, "properties") != NULL;
+    json_object_foreach(defs, name, value) objects -= json_object_get(value, "properties") != NULL;
     assert_int_equal(objects, 1); /* the root: every object of the schema has a table */
     json_decref(schema);
 }
@@ -717,7 +725,8 @@ static bool valid_object(const json_t *schema, const json_t *root, const json_t 
     const char *key;
     json_t *value;
 
-    json_object_foreach((json_t *) v, key, value) {
+    json_object_foreach((json_t *) v, key, value)
+    {
         const json_t *s = json_object_get(properties, key);
         if (!s)
             s = additional;
@@ -732,7 +741,8 @@ static bool valid(const json_t *schema, const json_t *root, const json_t *v)
     const char *word;
     json_t *s;
 
-    json_object_foreach((json_t *) schema, word, s) {
+    json_object_foreach((json_t *) schema, word, s)
+    {
         bool ok = true;
         if (strcmp(word, "$ref") == 0) {
             assert_int_equal(strncmp(json_string_value(s), "#/$defs/", 8), 0);

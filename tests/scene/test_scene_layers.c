@@ -60,10 +60,18 @@ static void write_pfm(struct folder *f, const char *name, const float value[4])
 
 static void folder_start(struct folder *f)
 {
-    static const float bytes[4][4] = { { 0.0f, 0.25f, 0.5f, 1.0f }, { 0.1f, 0.3f, 0.6f, 1.0f }, { 0.2f, 0.2f, 0.7f, 1.0f },
-                                       { 0.3f, 0.4f, 0.8f, 0.9f } };
-    static const float half[4][4] = { { 0.5f, 2.0f, 3.0f, 0.25f }, { 0.5f, 2.0f, 3.0f, 0.25f }, { 0.5f, 2.0f, 3.0f, 0.25f },
-                                      { 1.5f, 2.0f, 3.0f, 0.25f } };
+    static const float bytes[4][4] = {
+        { 0.0f, 0.25f, 0.5f, 1.0f },
+        { 0.1f, 0.3f, 0.6f, 1.0f },
+        { 0.2f, 0.2f, 0.7f, 1.0f },
+        { 0.3f, 0.4f, 0.8f, 0.9f },
+    };
+    static const float half[4][4] = {
+        { 0.5f, 2.0f, 3.0f, 0.25f },
+        { 0.5f, 2.0f, 3.0f, 0.25f },
+        { 0.5f, 2.0f, 3.0f, 0.25f },
+        { 1.5f, 2.0f, 3.0f, 0.25f },
+    };
 
     memset(f, 0, sizeof(*f));
     f->ctx = test_context(NULL, &f->kept);
@@ -85,8 +93,8 @@ static void folder_start(struct folder *f)
 
 static void folder_finish(struct folder *f)
 {
-    static const char *const names[] = { "c.obj",    "four.png", "four16.png",  "grey.png",  "half.exr",  "full.exr",
-                                         "good.pfm", "nan.pfm",  "endless.pfm", "below.pfm", "empty.pfm", "broken.png", "s.json" };
+    static const char *const names[] = { "c.obj",   "four.png",    "four16.png", "grey.png",  "half.exr",   "full.exr", "good.pfm",
+                                         "nan.pfm", "endless.pfm", "below.pfm",  "empty.pfm", "broken.png", "s.json" };
     char path[512];
 
     for (size_t i = 0; i < PELL_COUNT(names); i++) {
@@ -280,8 +288,8 @@ static void crossings_are_counted_and_warned_of_once(void **state)
 /* --- What methods of diffusion see -------------------------------------------------------------------------------------------- */
 
 #define FISH                                                                                                                               \
-    "\"eta\":%g,\"layers\":[{\"sigma_s\":[2,1,1],\"sigma_a\":[0.6,0.6,0.6],\"phase\":\"schlick\",\"g\":0.25,%s},"                        \
-    "{\"sigma_s\":[6,3,2],\"sigma_a\":[0.6,0.6,0.6],\"phase\":\"schlick\",\"g\":0.4,\"depth\":\"2mm\"},"                                \
+    "\"eta\":%g,\"layers\":[{\"sigma_s\":[2,1,1],\"sigma_a\":[0.6,0.6,0.6],\"phase\":\"schlick\",\"g\":0.25,%s},"                          \
+    "{\"sigma_s\":[6,3,2],\"sigma_a\":[0.6,0.6,0.6],\"phase\":\"schlick\",\"g\":0.4,\"depth\":\"2mm\"},"                                   \
     "{\"sigma_s\":[1,1,2],\"sigma_a\":[0.5,0.5,0.5],\"phase\":\"schlick\",\"g\":0.8%s}]"
 
 static void uniform_layers_reflect_what_the_preset_does(void **state)
@@ -430,7 +438,7 @@ static void wrong_values_of_built_scenes_are_refused(void **state)
         switch (i) {
         case 0: l[0].medium.sigma_a[1] = -1.0; break;
         case 1: l[0].medium.sigma_s_reduced[1] = (double) NAN; break;
-        case 2: l[1].medium.g[2] = 0.5; break;  /* not the phase function's */
+        case 2: l[1].medium.g[2] = 0.5; break; /* not the phase function's */
         case 3: l[1].phase[0].kind = PELL_PHASE_KINDS; break;
         case 4: l[1].phase[0].g[0] = 1.0; break;
         case 5: l[2].depth = NAN; break;
@@ -440,9 +448,14 @@ static void wrong_values_of_built_scenes_are_refused(void **state)
         case 9: l[1].depth_map.channel = 1; break;
         case 10: l[1].depth_map.matrix[2] = INFINITY; break;
         case 11: m->substrate = (enum pell_substrate) 3; break;
-        case 12: case 13: case 14: break;
+        case 12:
+        case 13:
+        case 14: break;
         case 15: l[1].depth = 2e6f; break;
-        case 16: l[1].depth_inverse = true; ((float *) l[1].depth_map.texture->image.pixels)[0] = 1.5f; break;
+        case 16:
+            l[1].depth_inverse = true;
+            ((float *) l[1].depth_map.texture->image.pixels)[0] = 1.5f;
+            break;
         default: break;
         }
         res = pell_scene_complete(s, &(struct pell_load_params) { .bare = true });
@@ -509,9 +522,9 @@ static void the_hash_knows_all_of_a_layer(void **state)
 #define CHANGED(change)                                                                                                                    \
     do {                                                                                                                                   \
         change;                                                                                                                            \
-        seen[count] = pell_scene_hash_materials(s);                                                                                       \
+        seen[count] = pell_scene_hash_materials(s);                                                                                        \
         for (int k = 0; k < count; k++)                                                                                                    \
-            REQUIRE(seen[k] != seen[count]);                                                                                              \
+            REQUIRE(seen[k] != seen[count]);                                                                                               \
         count++;                                                                                                                           \
     } while (0)
     CHANGED((void) 0);

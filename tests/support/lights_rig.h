@@ -97,7 +97,7 @@ static inline size_t rig_plane(struct rig *r, size_t material, int object, float
         mesh->position[3 * k + 2] = z;
         mesh->normal[3 * k + 2] = 1.0f;
     }
-    memcpy(mesh->index, (const uint32_t[]){ 0, 1, 2, 0, 2, 3 }, 6 * sizeof(uint32_t));
+    memcpy(mesh->index, (const uint32_t[]) { 0, 1, 2, 0, 2, 3 }, 6 * sizeof(uint32_t));
     return m;
 }
 
@@ -120,7 +120,7 @@ static inline size_t rig_sphere(struct rig *r, size_t material, int object, stru
     for (int i = 0; i < rings; i++)
         for (int j = 0; j < columns; j++) {
             const uint32_t a = (uint32_t) (i * (columns + 1) + j), b = a + (uint32_t) columns + 1;
-            memcpy(index, (const uint32_t[]){ a, b, b + 1, a, b + 1, a + 1 }, 6 * sizeof(*index));
+            memcpy(index, (const uint32_t[]) { a, b, b + 1, a, b + 1, a + 1 }, 6 * sizeof(*index));
             index += 6;
         }
     return m;
@@ -192,8 +192,8 @@ static inline void rig_render(struct rig *r)
 {
     const struct pell_thickness_table *thickness[8] = { 0 };
     struct pell_lighting *l = &r->light;
-    float **planes[] = { &l->irradiance[0], &l->irradiance[1], &l->irradiance[2], &l->transmitted[0], &l->transmitted[1],
-                         &l->transmitted[2],    &l->specular[0],   &l->specular[1],   &l->specular[2] };
+    float **planes[] = { &l->irradiance[0],  &l->irradiance[1], &l->irradiance[2], &l->transmitted[0], &l->transmitted[1],
+                         &l->transmitted[2], &l->specular[0],   &l->specular[1],   &l->specular[2] };
     struct pell_irradiance_params p;
 
     rig_clear(r);
@@ -217,7 +217,7 @@ static inline void rig_render(struct rig *r)
     }
     for (size_t i = 0; i < r->scene->num_materials && i < PELL_COUNT(thickness); i++)
         thickness[i] = r->scene->materials[i].opaque ? NULL : &r->table;
-    p = (struct pell_irradiance_params){
+    p = (struct pell_irradiance_params) {
         .rays = r->rays,
         .scene = r->scene,
         .view = &r->view,

@@ -37,19 +37,27 @@ static inline struct patch *patch_create(int width, int height, bool orthographi
 {
     struct patch *p = calloc(1, sizeof(*p));
     const size_t stride = (size_t) width + 3, size = stride * (size_t) height; /* odd on purpose: any stride will do */
-    float **const planes[] = { &p->depth,     &p->strength,  &p->light[0],    &p->light[1],    &p->light[2],    &p->normal[0],
-                               &p->normal[1], &p->normal[2], &p->position[0], &p->position[1], &p->position[2], &p->result[0],
-                               &p->result[1], &p->result[2] };
+    float **const planes[] = { &p->depth,       &p->strength,  &p->light[0],  &p->light[1],    &p->light[2],
+                               &p->normal[0],   &p->normal[1], &p->normal[2], &p->position[0], &p->position[1],
+                               &p->position[2], &p->result[0], &p->result[1], &p->result[2] };
 
     p->memory = calloc(size * PELL_COUNT(planes) + 1, sizeof(float));
     p->material = calloc(size + 1, sizeof(*p->material));
     for (size_t i = 0; i < PELL_COUNT(planes); i++)
         *planes[i] = p->memory + i * size;
     p->frame = (struct pell_frame) {
-        .shape = { .width = width, .height = height, .stride = (ptrdiff_t) stride, .orthographic = orthographic,
-                   .focal_px = (float) focal, .object_height = 200.0f, .materials = materials, .num_materials = num_materials },
+        .shape = { .width = width,
+                   .height = height,
+                   .stride = (ptrdiff_t) stride,
+                   .orthographic = orthographic,
+                   .focal_px = (float) focal,
+                   .object_height = 200.0f,
+                   .materials = materials,
+                   .num_materials = num_materials },
         .rect = { 0, 0, width, height },
-        .material = p->material, .depth = p->depth, .strength = p->strength,
+        .material = p->material,
+        .depth = p->depth,
+        .strength = p->strength,
     };
     for (int c = 0; c < 3; c++) {
         p->frame.irradiance[c] = p->frame.shaded[c] = p->light[c];

@@ -14,12 +14,12 @@
 
 static inline struct pt_knobs rig_knobs(void)
 {
-    return (struct pt_knobs){ .normals = PT_NORMALS_SMOOTH,
-                              .boundary = PT_BOUNDARY_SMOOTH,
-                              .acceleration = PT_ACCELERATION_NONE,
-                              .bounces = 100000,
-                              .roulette = 0.1f,
-                              .techniques = PT_ALL };
+    return (struct pt_knobs) { .normals = PT_NORMALS_SMOOTH,
+                               .boundary = PT_BOUNDARY_SMOOTH,
+                               .acceleration = PT_ACCELERATION_NONE,
+                               .bounces = 100000,
+                               .roulette = 0.1f,
+                               .techniques = PT_ALL };
 }
 
 /* A medium of its own: real coefficients, 1/mm. */
@@ -56,7 +56,7 @@ static inline struct pt_point rig_point(struct pell_vec3 at, struct pell_vec3 ca
 {
     const struct pell_vec3 to = vec3_sub(camera, at);
 
-    return (struct pt_point){ .at = at, .toward = vec3_normalize(to), .depth = vec3_length(to), .material = 1, .pixel = pixel };
+    return (struct pt_point) { .at = at, .toward = vec3_normalize(to), .depth = vec3_length(to), .material = 1, .pixel = pixel };
 }
 
 /* Mean over samples of a part, its standard error, and the relative variance of a sample. */

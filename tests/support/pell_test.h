@@ -25,20 +25,20 @@
 #include "base/base.h"
 
 /* |a - b| <= tolerance, with both values printed. */
-#define REQUIRE_NEAR(a, b, tolerance)                                                                                              \
-    do {                                                                                                                           \
-        const double a_ = (a), b_ = (b), t_ = (tolerance);                                                                         \
-        if (!(fabs(a_ - b_) <= t_))                                                                                                \
-            fail_msg("%s = %.12g, %s = %.12g: differ by %.3g, allowed %.3g", #a, a_, #b, b_, fabs(a_ - b_), t_);                   \
+#define REQUIRE_NEAR(a, b, tolerance)                                                                                                      \
+    do {                                                                                                                                   \
+        const double a_ = (a), b_ = (b), t_ = (tolerance);                                                                                 \
+        if (!(fabs(a_ - b_) <= t_))                                                                                                        \
+            fail_msg("%s = %.12g, %s = %.12g: differ by %.3g, allowed %.3g", #a, a_, #b, b_, fabs(a_ - b_), t_);                           \
     } while (0)
 
 /* |a - b| <= tolerance |b|. */
-#define REQUIRE_REL(a, b, tolerance) REQUIRE_NEAR(a, b, (tolerance) * fabs(b))
+#define REQUIRE_REL(a, b, tolerance) REQUIRE_NEAR(a, b, (tolerance) *fabs(b))
 
-#define REQUIRE(expr)                                                                                                              \
-    do {                                                                                                                           \
-        if (!(expr))                                                                                                               \
-            fail_msg("%s does not hold", #expr);                                                                                   \
+#define REQUIRE(expr)                                                                                                                      \
+    do {                                                                                                                                   \
+        if (!(expr))                                                                                                                       \
+            fail_msg("%s does not hold", #expr);                                                                                           \
     } while (0)
 
 /* "ROOT/NAME" in one of a few static buffers; ROOT is the environment's, or where the variable is not set `otherwise`. */

@@ -33,8 +33,21 @@ struct shot {
 };
 
 /* Planes of a shot without layers, and with. */
-enum { SHOT_R, SHOT_G, SHOT_B, SHOT_A, SHOT_SHOWN, SHOT_MULTIPLE = 4, SHOT_TRANSMISSION = 7, SHOT_SPECULAR = 10, SHOT_IRRADIANCE = 13,
-       SHOT_NORMAL = 16, SHOT_DEPTH = 19, SHOT_TRANSLUCENT = 20, SHOT_SHOWN_LAYERS = 21 };
+enum {
+    SHOT_R,
+    SHOT_G,
+    SHOT_B,
+    SHOT_A,
+    SHOT_SHOWN,
+    SHOT_MULTIPLE = 4,
+    SHOT_TRANSMISSION = 7,
+    SHOT_SPECULAR = 10,
+    SHOT_IRRADIANCE = 13,
+    SHOT_NORMAL = 16,
+    SHOT_DEPTH = 19,
+    SHOT_TRANSLUCENT = 20,
+    SHOT_SHOWN_LAYERS = 21
+};
 
 static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
 {

@@ -43,8 +43,8 @@ static json_t *layers_json(const struct pell_material *m)
                       "mean_cosine", cli_numbers(l->medium.g, 3), "phase", phases[l->phase[0].kind], "painted",
                       (int) (l->depth_map.texture != NULL));
         if (measure[i].max < (double) INFINITY)
-            json_object_set_new(o, "depth_mm", json_pack("{s:f,s:f,s:f}", "min", measure[i].min, "mean", measure[i].mean, "max",
-                                                         measure[i].max));
+            json_object_set_new(o, "depth_mm",
+                                json_pack("{s:f,s:f,s:f}", "min", measure[i].min, "mean", measure[i].mean, "max", measure[i].max));
         if (l->depth_map.texture)
             json_object_set_new(o, "map", cli_text(l->depth_map.texture->name));
         json_object_set_new(o, "crossing_texels", json_integer((json_int_t) measure[i].crossings));
@@ -66,9 +66,10 @@ static json_t *material_json(const struct pell_material *m)
         json_object_set_new(o, "below", json_string(substrate_names[m->substrate]));
         json_object_set_new(o, "diffusion_shows", json_string(shown_of_layers(m)));
     }
-    json_object_set_new(o, "profile", json_string(m->profile                 ? "table"
-                                                  : m->gaussians.count > 0 ? "gaussians"
-                                                                           : pell_profile_model_at(m->model)->name));
+    json_object_set_new(o, "profile",
+                        json_string(m->profile               ? "table"
+                                    : m->gaussians.count > 0 ? "gaussians"
+                                                             : pell_profile_model_at(m->model)->name));
     if (m->profile) {
         const double total[3] = { pell_profile_total(&m->profile[0]), pell_profile_total(&m->profile[1]),
                                   pell_profile_total(&m->profile[2]) };
@@ -93,11 +94,10 @@ static json_t *material_json(const struct pell_material *m)
 static json_t *object_json(const struct pell_object_report *o)
 {
     return json_pack("{s:o,s:I,s:b,s:b,s:i,s:I,s:I,s:I,s:I,s:f,s:f,s:f,s:b,s:i}", "name", cli_text(o->name), "triangles",
-                     (json_int_t) o->triangles,
-                     "closed", (int) o->closed, "outward", (int) o->outward, "components", o->components, "boundary_edges",
-                     (json_int_t) o->boundary_edges, "nonmanifold_edges", (json_int_t) o->nonmanifold_edges, "flipped_edges",
-                     (json_int_t) o->flipped_edges, "degenerate_triangles", (json_int_t) o->degenerate_triangles, "volume_mm3",
-                     o->volume_mm3, "area_mm2", o->area_mm2, "thickness_mm", o->thickness_mm, "holds_camera",
+                     (json_int_t) o->triangles, "closed", (int) o->closed, "outward", (int) o->outward, "components", o->components,
+                     "boundary_edges", (json_int_t) o->boundary_edges, "nonmanifold_edges", (json_int_t) o->nonmanifold_edges,
+                     "flipped_edges", (json_int_t) o->flipped_edges, "degenerate_triangles", (json_int_t) o->degenerate_triangles,
+                     "volume_mm3", o->volume_mm3, "area_mm2", o->area_mm2, "thickness_mm", o->thickness_mm, "holds_camera",
                      (int) o->holds_camera, "coincident", o->coincident);
 }
 
@@ -145,7 +145,8 @@ static void print_problems(const struct cli *cli, const struct pell_scene_report
     json_t *m;
     size_t n;
 
-    json_array_foreach(notes ? NULL : cli->collected, n, m) {
+    json_array_foreach(notes ? NULL : cli->collected, n, m)
+    {
         const char *where = json_string_value(json_object_get(m, "where")), *hint = json_string_value(json_object_get(m, "hint"));
         char text[4096];
         snprintf(text, sizeof(text), "%s%s%s%s%s", where, where[0] ? ": " : "", json_string_value(json_object_get(m, "what")),
@@ -222,10 +223,10 @@ static void print_section(const struct cli *cli, const json_t *section)
     size_t i;
 
     printf("\n%sCross-section%s\n  %s, %.4g mm, down to %.4g mm: %s\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0),
-           shown(json_string_value(json_object_get(section, "material")), name),
-           json_number_value(json_object_get(section, "length_mm")), json_number_value(json_object_get(section, "down_to_mm")),
-           cli->check.cross_section);
-    json_array_foreach(layers, i, layer) {
+           shown(json_string_value(json_object_get(section, "material")), name), json_number_value(json_object_get(section, "length_mm")),
+           json_number_value(json_object_get(section, "down_to_mm")), cli->check.cross_section);
+    json_array_foreach(layers, i, layer)
+    {
         const json_t *depth = json_object_get(layer, "depth_mm");
         printf("  %-20s ", shown(json_string_value(json_object_get(layer, "name")), name));
         if (depth)
@@ -259,10 +260,11 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
     for (size_t i = 0; i < scene->num_materials && i < most; i++) {
         const struct pell_material *m = &scene->materials[i];
         const bool preset = m->preset && m->preset[0];
-        printf("  %-20s %s\n", shown(m->name, name), m->opaque            ? "opaque"
-                                                          : m->num_layers > 0 ? "layers"
-                                                          : preset            ? m->preset
-                                                                              : "coefficients of the file");
+        printf("  %-20s %s\n", shown(m->name, name),
+               m->opaque           ? "opaque"
+               : m->num_layers > 0 ? "layers"
+               : preset            ? m->preset
+                                   : "coefficients of the file");
         if (m->num_layers > 0 && !m->opaque)
             print_layers(m);
     }

@@ -4,8 +4,8 @@
 
 #include "cli/plot.h"
 #include "math/vec.h"
-#include "visibility/rays.h"
 #include "transport/medium_layers.h"
+#include "visibility/rays.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -32,7 +32,7 @@ struct section {
     int uv;         /* the set that it runs in */
     double down_to; /* mm, 0: to be found */
     struct place places[SAMPLES];
-    double x[SAMPLES], across[SAMPLES];           /* mm along the surface; to the other side of the solid. Not finite: there is none */
+    double x[SAMPLES], across[SAMPLES];            /* mm along the surface; to the other side of the solid. Not finite: there is none */
     double bottoms[PELL_LAYERS_MOST + 2][SAMPLES]; /* the surface, then the bottoms of the layers, then the end of the picture */
 };
 
@@ -120,7 +120,7 @@ static void set_place(const struct pell_mesh *mesh, uint32_t triangle, const dou
 
     if (!(length > 0.0))
         return;
-    *out = (struct place){
+    *out = (struct place) {
         .mesh = mesh,
         .triangle = triangle,
         .u = (float) w[1],
@@ -335,7 +335,7 @@ static enum pell_result draw(struct section *s, double length)
     clip_to(s, s->down_to);
     for (int k = 0; k <= count; k++) {
         struct plot_curve *c = &curves[panel.num_curves];
-        *c = (struct plot_curve){ .x = s->x, .y = s->bottoms[k + 1], .base = s->bottoms[k], .count = SAMPLES };
+        *c = (struct plot_curve) { .x = s->x, .y = s->bottoms[k + 1], .base = s->bottoms[k], .count = SAMPLES };
         c->color = s->medium_layers.substrate == PELL_SUBSTRATE_STOP ? PLOT_BLACK : PLOT_GREY;
         if (k < count)
             c->color = layer_colors[k % (int) PELL_COUNT(layer_colors)];
@@ -344,7 +344,7 @@ static enum pell_result draw(struct section *s, double length)
             c->color = layer_colors[(count - 1) % (int) PELL_COUNT(layer_colors)];
         panel.num_curves += visible(s, k, s->down_to);
     }
-    curves[panel.num_curves] = (struct plot_curve){
+    curves[panel.num_curves] = (struct plot_curve) {
         .x = s->x, .y = s->across, .count = SAMPLES, .color = PLOT_BLACK, .line = PLOT_DASHED, .label = "other side of the solid"
     };
     for (int i = 0; i < SAMPLES; i++)
@@ -362,7 +362,7 @@ static enum pell_result draw(struct section *s, double length)
         snprintf(caption, sizeof(caption), "The same everywhere: no layer is painted.");
     return plot_write(
         s->cli->ctx, s->cli->check.cross_section,
-        &(struct plot){
+        &(struct plot) {
             .title = title, .caption = caption, .width = 860, .height = 440, .columns = 1, .rows = 1, .share = { 1.0 }, .panels = &panel });
 }
 

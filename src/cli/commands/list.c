@@ -96,7 +96,9 @@ static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
 static void print_method(const struct cli *cli, const struct pell_method *m)
 {
     printf("%s%s%s - %s (%s; %s)\n", cli_style(cli, stdout, 1), m->name, cli_style(cli, stdout, 0), m->title, kinds[m->kind],
-           m->cpu && m->vulkan ? "cpu, vulkan" : m->cpu ? "cpu" : "vulkan");
+           m->cpu && m->vulkan ? "cpu, vulkan"
+           : m->cpu            ? "cpu"
+                               : "vulkan");
     cli_wrap(stdout, 0, 0, m->cite);
     if (m->limits) {
         fputs("\nLimits: ", stdout);

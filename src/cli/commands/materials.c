@@ -85,8 +85,8 @@ static json_t *material_json(const struct pell_material_entry *e)
     o = json_pack("{s:o,s:o,s:s,s:o,s:o,s:o,s:o,s:f,s:f,s:f,s:o,s:o,s:o,s:s}", "name", cli_text(e->name), "title", cli_text(e->title),
                   "kind", kinds[e->kind], "family", cli_text(e->family), "sigma_a", cli_numbers(e->medium.sigma_a, 3), "sigma_s_reduced",
                   cli_numbers(e->medium.sigma_s_reduced, 3), "g", cli_numbers(e->medium.g, 3), "eta", e->medium.eta, "roughness",
-                  e->roughness, "mix", e->mix, "source", cli_text(e->source), "note", cli_text(e->note), "color",
-                  cli_numbers(e->color, 3), "srgb", hex);
+                  e->roughness, "mix", e->mix, "source", cli_text(e->source), "note", cli_text(e->note), "color", cli_numbers(e->color, 3),
+                  "srgb", hex);
     if (!o)
         return NULL;
     if (e->kind == PELL_MATERIAL_MEDIUM) {

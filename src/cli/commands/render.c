@@ -17,7 +17,7 @@ struct job {
     char output[4096];
     const char *format;
     uint64_t scene_hash, materials_hash; /* 0 unless the format keeps them */
-    struct pell_render_result image;         /* the last one */
+    struct pell_render_result image;     /* the last one */
     json_t *images;                      /* of a turntable or of frames: their names */
     struct {
         double from, step;
@@ -58,7 +58,9 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
                          "\"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
     if (to_stdout && (cli->json || cli->numbers.turntable > 0 || cli->frames))
         return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s",
-                         cli->json ? "--json" : cli->frames ? "--frames" : "--turntable");
+                         cli->json     ? "--json"
+                         : cli->frames ? "--frames"
+                                       : "--turntable");
     return EXIT_OK;
 }
 
@@ -246,8 +248,7 @@ static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
         return cli_usage(cli, "--checkpoint", NULL, "is of one picture: it does not go with %s", cli->frames ? "--frames" : "--turntable");
     if (!method || !method->partial)
         return cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", method ? method->name : "none");
-    if (cli->checkpoint_every &&
-        (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
+    if (cli->checkpoint_every && (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
         return code;
     if ((code = check_writable(cli, "--checkpoint", cli->checkpoint)) != EXIT_OK)
         return code;

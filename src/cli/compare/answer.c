@@ -116,9 +116,9 @@ static enum pell_result write_map(struct cli *cli, const struct pell_comparison 
             planes[c * all + i] = table[k][c];
     }
     for (int c = 0; c < 3; c++)
-        channels[c] = (struct pell_channel){ (const char *[]){ "R", "G", "B" }[c], planes + (size_t) c * all, r->width, false };
+        channels[c] = (struct pell_channel) { (const char *[]) { "R", "G", "B" }[c], planes + (size_t) c * all, r->width, false };
     res = pell_image_write(cli->ctx, path, NULL,
-                           &(struct pell_write_params){ .width = r->width, .height = r->height, .channels = channels, .num_channels = 3 });
+                           &(struct pell_write_params) { .width = r->width, .height = r->height, .channels = channels, .num_channels = 3 });
     pell_free(cli->ctx, planes);
     return res;
 }
@@ -148,11 +148,11 @@ enum pell_result compare_write_errors(struct cli *cli, const struct pell_compari
     if (!path)
         return PELL_ERR_INVALID;
     return pell_image_write(cli->ctx, path, NULL,
-                            &(struct pell_write_params){ .width = r->width,
-                                                         .height = r->height,
-                                                         .channels = channels,
-                                                         .num_channels = PELL_COUNT(channels),
-                                                         .attributes = attributes,
-                                                         .num_attributes = PELL_COUNT(attributes),
-                                                         .compression = PELL_EXR_ZIP });
+                            &(struct pell_write_params) { .width = r->width,
+                                                          .height = r->height,
+                                                          .channels = channels,
+                                                          .num_channels = PELL_COUNT(channels),
+                                                          .attributes = attributes,
+                                                          .num_attributes = PELL_COUNT(attributes),
+                                                          .compression = PELL_EXR_ZIP });
 }

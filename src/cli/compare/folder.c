@@ -18,7 +18,7 @@ enum pell_result folder_begin(struct pell_context *ctx, const char *path, struct
     struct stat st;
     size_t n = strlen(path);
 
-    *f = (struct output_folder){ .ctx = ctx };
+    *f = (struct output_folder) { .ctx = ctx };
     if (n > 4000)
         return pell_error(ctx, PELL_ERR_INVALID, "--output", NULL, "a name of %zu bytes is too long", n);
     while (n > 1 && path[n - 1] == '/')

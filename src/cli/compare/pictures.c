@@ -160,7 +160,7 @@ static void find_masks(struct source *s)
     s->alpha = find_channel(&s->layers, "", "A");
     s->translucent = find_channel(&s->layers, "translucent", "Y");
     for (int c = 0; c < 3; c++)
-        s->variance[c] = find_channel(&s->layers, "variance", (const char *[]){ "R", "G", "B" }[c]);
+        s->variance[c] = find_channel(&s->layers, "variance", (const char *[]) { "R", "G", "B" }[c]);
 }
 
 /* A mask has no layers to choose from. */
@@ -175,7 +175,7 @@ static enum pell_result read_source(struct cli *cli, const char *path, bool is_m
     s->path = path;
     PELL_TRY(pell_file_read(cli->ctx, path, &data, &size));
     if (!is_mask && size >= 4 && memcmp(data, exr, 4) == 0) {
-        PELL_TRY(pell_exr_decode_layers(cli->ctx, &(struct pell_source){ path, data, size, PELL_ROLE_RAW }, &s->layers));
+        PELL_TRY(pell_exr_decode_layers(cli->ctx, &(struct pell_source) { path, data, size, PELL_ROLE_RAW }, &s->layers));
         find_masks(s);
         goto fail;
     }
@@ -474,10 +474,10 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
         }
         json_object_set_new(json_object_get(test, "metrics"), view, compare_metrics(whole ? whole_of(t) : &r->masked, display));
     }
-    data =
-        json_pack("{s:s,s:o,s:s,s:O,s:[O,O],s:O,s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(t->test.path)), "command",
-                  cli->command_line, "views", views, "pictures", reference, test, "warnings", cli->warnings, "display", (int) display,
-                  "rel_noise", t->half.path || knows_standard_error(t) ? compare_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
+    data = json_pack("{s:s,s:o,s:s,s:O,s:[O,O],s:O,s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(t->test.path)),
+                     "command", cli->command_line, "views", views, "pictures", reference, test, "warnings", cli->warnings, "display",
+                     (int) display, "rel_noise",
+                     t->half.path || knows_standard_error(t) ? compare_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
     if (!data || !(path = folder_file(f, "report.html"))) {
         res = data ? PELL_ERR_INVALID : PELL_ERR_NOMEM;
         goto fail;

@@ -182,8 +182,8 @@ json_t *report_view(struct report *r, const char *id, const char *title, const c
     if (in->mask && report_map(r, in->mask, in->stride, &mask) != PELL_OK)
         return NULL;
     o = json_pack("{s:s,s:s,s:s,s:o,s:s,s:f,s:f,s:I}", "id", id, "title", title, "text", text, "mask", mask, "tonemap",
-                  in->display ? "linear" : curves[params->tonemap], "floor", m->floor, "ppd",
-                  (double) params->ppd, "pixels", (json_int_t) m->pixels);
+                  in->display ? "linear" : curves[params->tonemap], "floor", m->floor, "ppd", (double) params->ppd, "pixels",
+                  (json_int_t) m->pixels);
     if (o)
         compare_add_shown(o, result, in->display);
     return o;

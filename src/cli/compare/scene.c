@@ -295,7 +295,7 @@ static enum pell_result take_light(struct cli *cli, const struct job *job, const
 static void drop_light(struct cli *cli, struct light *l)
 {
     pell_free(cli->ctx, l->planes);
-    *l = (struct light){ NULL };
+    *l = (struct light) { NULL };
 }
 
 /* All light of a reference's translucent pixels, for methods that mix. */
@@ -547,8 +547,8 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
     data = json_pack("{s:s,s:o,s:s,s:O,s:o,s:O,s:b,s:o,s:o,s:i,s:I,s:f,s:o}", "kind", "scene", "title",
                      cli_text(pell_path_name(cli->arguments[0])), "command", cli->command_line, "views", job->views, "pictures", images,
                      "warnings", cli->warnings, "display", 0, "settings", cli_text(settings), "device", cli_text(device), "threads",
-                     pell_device_threads(s->device), "translucent_pixels", (json_int_t) job->translucent, "load_seconds",
-                     s->load_seconds, "material", cli_text(cli->material ? pell_path_name(cli->material) : ""));
+                     pell_device_threads(s->device), "translucent_pixels", (json_int_t) job->translucent, "load_seconds", s->load_seconds,
+                     "material", cli_text(cli->material ? pell_path_name(cli->material) : ""));
     res = !data ? PELL_ERR_NOMEM : !path ? PELL_ERR_INVALID : report_write(job->report, data, path);
     json_decref(data);
     return res;
@@ -664,7 +664,7 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
     enum exit_code code;
 
     job->set = cli->knobs; /* they are of several methods: the session's own must not see them */
-    cli->knobs = (struct settings_list){ 0 };
+    cli->knobs = (struct settings_list) { 0 };
     code = choose_runs(cli, job);
     for (size_t i = 0; i < job->num_runs && code == EXIT_OK; i++)
         code = configure(cli, job, NULL, &job->runs[i]);

@@ -48,7 +48,7 @@ static enum pell_result make_kernel(const struct profile_job *job, int taps, str
     if (k->fit && k->fit->shared.count > 0)
         res = pell_kernel_chain_make(&k->fit->shared, &k->chain);
     if (res == PELL_OK)
-        res = pell_separable_make(job->profile->R, &(struct pell_separable_params){ .taps = taps }, &k->separable);
+        res = pell_separable_make(job->profile->R, &(struct pell_separable_params) { .taps = taps }, &k->separable);
     for (int c = 0; c < 3; c++)
         k->r_max = fmax(k->r_max, pell_profile_sample(&job->profile->R[c], 0.99));
     for (int c = 0; c < 3 && res == PELL_OK; c++) {
@@ -252,9 +252,9 @@ static enum exit_code export_code(struct cli *cli, const struct profile_job *job
     snprintf(line, sizeof(line), "Channels: %s, %s, %s.", job->titles[0], job->titles[1], job->titles[2]);
     add_comment(&text, l, line);
     if (job->has_medium) {
-        snprintf(line, sizeof(line), "eta %g; sigma_a %g %g %g, sigma_s' %g %g %g 1/mm.", job->medium.eta,
-                 job->medium.sigma_a[0], job->medium.sigma_a[1], job->medium.sigma_a[2], job->medium.sigma_s_reduced[0],
-                 job->medium.sigma_s_reduced[1], job->medium.sigma_s_reduced[2]);
+        snprintf(line, sizeof(line), "eta %g; sigma_a %g %g %g, sigma_s' %g %g %g 1/mm.", job->medium.eta, job->medium.sigma_a[0],
+                 job->medium.sigma_a[1], job->medium.sigma_a[2], job->medium.sigma_s_reduced[0], job->medium.sigma_s_reduced[1],
+                 job->medium.sigma_s_reduced[2]);
         add_comment(&text, l, line);
     }
     if (l == C)

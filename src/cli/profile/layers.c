@@ -70,7 +70,7 @@ enum exit_code profile_open_layers(struct cli *cli, struct profile_job *job, con
         return code;
     job->slab = !isinf(layers->item[layers->count - 1].thickness_mm);
     for (int c = 0; c < 3; c++)
-        questions[c] = (struct stack_question){ .where = job->name, .layers = layers, .channel = c };
+        questions[c] = (struct stack_question) { .where = job->name, .layers = layers, .channel = c };
     return solve_all(cli, job, questions);
 }
 
@@ -202,9 +202,9 @@ static enum exit_code open_wavelength(struct cli *cli, struct profile_job *job, 
     set_layer(&both, 1, &dermis, skin->eta, INFINITY);
     /* Each alone has the neighbour that it has in the stack: between them no index changes. */
     return solve_all(cli, job,
-                     (struct stack_question[3]){ { .where = job->name, .layers = &alone[0], .eta_below = skin->eta },
-                                                 { .where = job->name, .layers = &alone[1], .eta_above = skin->eta },
-                                                 { .where = job->name, .layers = &both } });
+                     (struct stack_question[3]) { { .where = job->name, .layers = &alone[0], .eta_below = skin->eta },
+                                                  { .where = job->name, .layers = &alone[1], .eta_above = skin->eta },
+                                                  { .where = job->name, .layers = &both } });
 }
 
 enum exit_code profile_open_skin(struct cli *cli, struct profile_job *job)

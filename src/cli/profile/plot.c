@@ -57,7 +57,7 @@ static struct plot_curve *add_curve(struct sheet *sheet, int panel, const char *
 
     if (!y)
         return NULL;
-    *c = (struct plot_curve){ .label = label, .x = sheet->x, .y = y, .count = SAMPLES, .color = color, .line = line };
+    *c = (struct plot_curve) { .label = label, .x = sheet->x, .y = y, .count = SAMPLES, .color = color, .line = line };
     p->curves = sheet->curves[panel];
     p->num_curves++;
     return c;
@@ -155,12 +155,12 @@ static struct plot_axis value_axis(const struct sheet *sheet, int columns)
 
     extent_of(sheet, 0, columns, &low, &high);
     if (!(high > 0.0))
-        return sheet->weighted ? (struct plot_axis){ weighted, false, 0.0, 1.0 } : (struct plot_axis){ plain, true, 1e-3, 1.0 };
+        return sheet->weighted ? (struct plot_axis) { weighted, false, 0.0, 1.0 } : (struct plot_axis) { plain, true, 1e-3, 1.0 };
     if (sheet->weighted)
-        return (struct plot_axis){ weighted, false, 0.0, 1.06 * high };
+        return (struct plot_axis) { weighted, false, 0.0, 1.06 * high };
     high = pow(10.0, ceil(2.0 * log10(1.1 * high)) / 2.0);
     low = pow(10.0, floor(log10(fmax(low, fmin(sheet->least, RANGE * high)))));
-    return (struct plot_axis){ plain, true, low, high };
+    return (struct plot_axis) { plain, true, low, high };
 }
 
 /* Differences are drawn where light is: what the outermost hundredths of it do must not squeeze the rest. */
@@ -179,9 +179,9 @@ static struct plot_axis difference_axis(const struct sheet *sheet, int columns, 
                     high = fmax(high, fabs(sheet->curves[panel][j].y[i]));
     }
     if (sheet->weighted)
-        return (struct plot_axis){ label, false, -1.15 * fmax(high, 1e-6), 1.15 * fmax(high, 1e-6) };
+        return (struct plot_axis) { label, false, -1.15 * fmax(high, 1e-6), 1.15 * fmax(high, 1e-6) };
     high = fmin(fmax(1.15 * high, least), models ? 100.0 : 50.0);
-    return (struct plot_axis){ label, false, -high, high };
+    return (struct plot_axis) { label, false, -high, high };
 }
 
 /* --- Panels ------------------------------------------------------------------------------------------------------------------- */
@@ -202,15 +202,15 @@ static bool fill_one(struct sheet *sheet)
 
     for (int c = 0; c < 3 && good; c++)
         good =
-            add_value(sheet, 0, &(struct subject){ .profile = &job->profile->R[c] }, sheet->job->titles[c], channel_colors[c], PLOT_SOLID);
+            add_value(sheet, 0, &(struct subject) { .profile = &job->profile->R[c] }, sheet->job->titles[c], channel_colors[c], PLOT_SOLID);
     for (int c = 0; c < 3 && job->slab && good; c++)
-        good = add_value(sheet, 0, &(struct subject){ .profile = &job->profile->T[c] }, transmitted[c], channel_colors[c], PLOT_DASHED);
+        good = add_value(sheet, 0, &(struct subject) { .profile = &job->profile->T[c] }, transmitted[c], channel_colors[c], PLOT_DASHED);
     name_fit(sheet, 0);
     for (int c = 0; c < 3 && fit && good; c++)
-        good = add_value(sheet, 0, &(struct subject){ .gaussians = &fit->sum[c] }, c ? NULL : sheet->labels[0], PLOT_BLACK, PLOT_DOTTED);
+        good = add_value(sheet, 0, &(struct subject) { .gaussians = &fit->sum[c] }, c ? NULL : sheet->labels[0], PLOT_BLACK, PLOT_DOTTED);
     for (int c = 0; c < 3 && fit && good; c++)
-        good = add_difference(sheet, 1, &(struct subject){ .gaussians = &fit->sum[c] }, &(struct subject){ .profile = &job->profile->R[c] },
-                              sheet->job->titles[c], channel_colors[c], PLOT_SOLID);
+        good = add_difference(sheet, 1, &(struct subject) { .gaussians = &fit->sum[c] },
+                              &(struct subject) { .profile = &job->profile->R[c] }, sheet->job->titles[c], channel_colors[c], PLOT_SOLID);
     return good;
 }
 
@@ -238,7 +238,7 @@ static bool add_photons(struct sheet *sheet, int c, const struct candidate *one)
     struct pell_profile *multiple = malloc(sizeof(*multiple));
 
     if (!curve || !x || !error || !multiple ||
-        pell_profile_make(PELL_PROFILE_MONTE_CARLO, m, c, &(struct pell_profile_params){ .without_single = true }, multiple) != PELL_OK) {
+        pell_profile_make(PELL_PROFILE_MONTE_CARLO, m, c, &(struct pell_profile_params) { .without_single = true }, multiple) != PELL_OK) {
         free(multiple);
         return false;
     }
@@ -356,7 +356,7 @@ enum exit_code profile_plot(struct cli *cli, const struct profile_job *job)
         sheet->job = job;
         sheet->weighted = cli->profile.weighted;
         choose_x(sheet);
-        x = (struct plot_axis){ "r, mm", !sheet->weighted, sheet->from, sheet->to };
+        x = (struct plot_axis) { "r, mm", !sheet->weighted, sheet->from, sheet->to };
         good = columns == 1 ? fill_one(sheet) : fill_column(sheet, 0) && fill_column(sheet, 1) && fill_column(sheet, 2);
         snprintf(sheet->difference_label, sizeof(sheet->difference_label), "%s%s, %s", models ? "from " : "error of the fit",
                  models ? profile_reference(job)->name : "", sheet->weighted ? "1/mm" : "%");
@@ -376,14 +376,14 @@ enum exit_code profile_plot(struct cli *cli, const struct profile_job *job)
     }
     if (good)
         code = cli_failed(cli, plot_write(cli->ctx, cli->output,
-                                          &(struct plot){ .title = title.str,
-                                                          .caption = caption.str,
-                                                          .width = columns > 1 ? 1180.0 : 760.0,
-                                                          .height = rows > 1 ? 640.0 : 520.0,
-                                                          .columns = columns,
-                                                          .rows = rows,
-                                                          .share = { rows > 1 ? 0.68 : 1.0, 0.32 },
-                                                          .panels = sheet->panels }));
+                                          &(struct plot) { .title = title.str,
+                                                           .caption = caption.str,
+                                                           .width = columns > 1 ? 1180.0 : 760.0,
+                                                           .height = rows > 1 ? 640.0 : 520.0,
+                                                           .columns = columns,
+                                                           .rows = rows,
+                                                           .share = { rows > 1 ? 0.68 : 1.0, 0.32 },
+                                                           .panels = sheet->panels }));
     for (size_t i = 0; sheet && i < sheet->num_values; i++)
         free(sheet->values[i]);
     free(sheet);

@@ -6,9 +6,7 @@
 
 #include <stdlib.h>
 
-const char *const stack_solver_names[] = {
-    [STACK_HANKEL] = "hankel", [STACK_GAUSSIANS] = "gaussian", [STACK_ANALYTIC] = "analytic", NULL
-};
+const char *const stack_solver_names[] = { [STACK_HANKEL] = "hankel", [STACK_GAUSSIANS] = "gaussian", [STACK_ANALYTIC] = "analytic", NULL };
 
 const char *stack_warning(unsigned flags)
 {

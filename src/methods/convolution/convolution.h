@@ -79,7 +79,7 @@ struct conv_front {
     float *area;                  /* mm^2 that a pixel covers */
     float *enters[3], *leaves[3]; /* what light weighs where it enters a pixel, and where it leaves */
     float *place;                 /* among the planes: number of the nearer, and how far on to the next */
-    float *slant;                  /* sqrt(1 - |n . d|); where |n . d| is over 1, 1 - |n . d| */
+    float *slant;                 /* sqrt(1 - |n . d|); where |n . d| is over 1, 1 - |n . d| */
     ptrdiff_t stride;
 };
 

@@ -161,8 +161,8 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     return PELL_OK;
 }
 
-static enum pell_result convolution_create(const struct pell_services *services, const struct pell_frame_shape *shape,
-                                           const void *knobs, void **state)
+static enum pell_result convolution_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                           void **state)
 {
     struct pell_context *ctx = services->ctx;
     struct convolution_state *st = pell_zalloc(ctx, sizeof(*st));
@@ -340,7 +340,7 @@ static enum pell_result convolution_render(void *state, const struct pell_frame 
     enum pell_result res;
 
     for (int i = 0; i < CONV_TIMES; i++)
-        st->times[i] = (struct pell_pass_time){ .name = names[i] };
+        st->times[i] = (struct pell_pass_time) { .name = names[i] };
     st->timed = true;
     st->sources.in = st->job.in = in;
     st->job.out = out;

@@ -67,7 +67,7 @@ INLINE vi groups_of(const uint16_t *group, int n)
 /* Which of the first n are `own`. */
 INLINE vi which(const uint16_t *group, uint16_t own, int n)
 {
-    return (groups_of(group, n) == (vi){ 0 } + own) & (lanes_from(0.0f) < all((float) n));
+    return (groups_of(group, n) == (vi) { 0 } + own) & (lanes_from(0.0f) < all((float) n));
 }
 
 /* table[at] of each lane: by loads, which beat gathers on many machines and never lose much; and so do loads of the numbers beat taking a
@@ -176,7 +176,7 @@ INLINE vf slope(const struct conv_depths *d, vf here, vi own, vi at, vi group_at
 INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi by)
 {
     const vf here = d->parallel ? depth : 1.0f / depth, px = lanes_from((float) x);
-    const vi column = INTS(lesser(px, all((float) (d->x1 - 1)))), row = (vi){ 0 } + y;
+    const vi column = INTS(lesser(px, all((float) (d->x1 - 1)))), row = (vi) { 0 } + y;
     const vf gu =
         d->focal_px * slope(d, here, own, row * (int32_t) d->stride, row * (int32_t) d->group_stride, column, by, 1, 1, d->x0, d->x1);
     const vf gv = d->focal_px * slope(d, here, own, column, column, row, by, d->stride, d->group_stride, d->y0, d->y1);
@@ -206,7 +206,7 @@ static void cover(const struct conv_depths *d, int y, int from, int to, bool by_
         if (!any(own != 0))
             continue;
         depth = select(own != 0, depth, all(1.0f));
-        f = by_depth ? facing(d, x, y, depth, own, (vi){ 0 } + 1) : load_some(slant + x, n);
+        f = by_depth ? facing(d, x, y, depth, own, (vi) { 0 } + 1) : load_some(slant + x, n);
         mm = (d->parallel ? all(1.0f) : depth) / d->focal_px;
         store_some(area + x, mm * mm / greater(f, all(CONV_LEAST_COS)), n);
         store_some(slant + x, slant_of(f), n);
@@ -223,7 +223,7 @@ static void far_slants(const struct conv_depths *d, int y, int from, int to, uin
         vf out = self;
         if (any(is & (self > 0.0f) & (part > 0.0f))) {
             const vi by = INTS(within(step + 0.5f, 1.0f, 65536.0f));
-            const vf over = lesser(slant_of(facing(d, x, y, depth, (vi){ 0 } + own, by)), self);
+            const vf over = lesser(slant_of(facing(d, x, y, depth, (vi) { 0 } + own, by)), self);
             out = select((self > 0.0f) & (part > 0.0f), mix_of(self, over, part), self);
         }
         store_some(far + x, out, n);
@@ -243,7 +243,7 @@ INLINE struct row row_of(vf slant, int rows)
     const vf s = greater(slant, all(0.0f)) * (float) ((rows - 1) / 0.994987437);
     const vi low = INTS(lesser(s, all((float) (rows - 2))));
 
-    return (struct row){ low, within(s - FLOATS(low), 0.0f, 1.0f) };
+    return (struct row) { low, within(s - FLOATS(low), 0.0f, 1.0f) };
 }
 
 /* Pixels of a plane are not as wide as those at the depth itself, t between two planes whose pixels are p and q mm wide. `cosine` is 1
@@ -469,7 +469,7 @@ static void expand(const float *top, const float *bottom, float part, int width,
 INLINE vf value_at(const float *value, float per_median2, vf radius2)
 {
     const vi bits = (vi) (radius2 * per_median2), row = (bits >> 18) - ((127 - CONV_OCTAVES / 2) << 5);
-    const vi safe = choose(row < 0, (vi){ 0 }, choose(row > CONV_ROWS, (vi){ 0 } + CONV_ROWS, row));
+    const vi safe = choose(row < 0, (vi) { 0 }, choose(row > CONV_ROWS, (vi) { 0 } + CONV_ROWS, row));
     const vf part = select(row < 0, all(0.0f), FLOATS(bits & 0x3ffff) * (1.0f / 262144.0f));
 
     return select(row >= CONV_ROWS, all(0.0f), mix_of(pick(value, safe), pick(value, safe + 1), part));
@@ -502,7 +502,7 @@ INLINE struct spot spot_of(vf place)
 {
     const vf plane = FLOATS(INTS(place)), t = place - plane;
 
-    return (struct spot){ plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
+    return (struct spot) { plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
 }
 
 /* Share of the light of one that planes and images between them take to the other; `next`: R a plane on over R. */

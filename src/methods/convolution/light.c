@@ -21,7 +21,7 @@ static struct buffers buffers_of(const struct convolution_state *st, int worker)
     const size_t size = (size_t) st->job.in->shape.width + 16;
     float *first = st->scratch[worker];
 
-    return (struct buffers){ first, first + size, first + 2 * size, first + 3 * size, first + 4 * size, first + 5 * size };
+    return (struct buffers) { first, first + size, first + 2 * size, first + 3 * size, first + 4 * size, first + 5 * size };
 }
 
 /* What light behind weighs in a row of cells [x0, x1), the first of layer's memory at `row`, before row y of pixels. Kept apart, as much of
@@ -113,7 +113,7 @@ static void set_weights(struct convolution_state *st)
 {
     struct conv_job *j = &st->job;
 
-    j->weights = (struct conv_weights){
+    j->weights = (struct conv_weights) {
         .planes = j->layout.planes,
         .plain = st->knobs.restore == CONV_LOST || j->divide,
         .by_response = st->knobs.restore == CONV_RESPONSE,
@@ -122,7 +122,7 @@ static void set_weights(struct convolution_state *st)
         .per_unit2 = 1.0f / (j->layout.unit * j->layout.unit),
         .response = { j->set->response[0], j->set->response[1], j->set->response[2] },
     };
-    j->shares = (struct conv_shares){
+    j->shares = (struct conv_shares) {
         .arrives = { j->arrives[0][0], j->arrives[1][0], j->arrives[2][0] },
         .over = { j->arrives_over[0], j->arrives_over[1], j->arrives_over[2] },
         .per_widest = 1.0f / j->widest,
@@ -141,7 +141,7 @@ static void set_edges(struct convolution_state *st, int c)
     const float spacing = lay->planes > 1 ? (lay->depth[lay->planes - 1] - lay->depth[0]) / (float) (lay->planes - 1) : 0.0f;
     double squares[SIDE * SIDE];
 
-    *s = (struct conv_edges){
+    *s = (struct conv_edges) {
         .depth = j->in->depth,
         .light = j->in->irradiance[c],
         .group = f->group,
@@ -335,7 +335,7 @@ static void spread_band(void *arg, int band, int worker)
     for (int i = st->step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* others are written whole */
         memset(to.images + (size_t) i * to.size, 0, to.size * sizeof(float));
     memset(to.marks, 0, (size_t) st->num_images);
-    *to.lit = (struct pell_rect){ INT_MAX, INT_MAX, 0, 0 };
+    *to.lit = (struct pell_rect) { INT_MAX, INT_MAX, 0, 0 };
     for (int y = y0; y < to.y1; y++)
         spread_front(st, &to, y);
     for (int k = 0; k < b->layers; k++)
@@ -358,7 +358,7 @@ void convolution_spread(struct convolution_state *st)
             widen(&all, st->lit[i].x0, st->lit[i].y0);
             widen(&all, st->lit[i].x1 - 1, st->lit[i].y1 - 1);
         }
-    j->reached = (struct pell_rect){ 0 };
+    j->reached = (struct pell_rect) { 0 };
     if (all.x0 < all.x1)
-        j->reached = (struct pell_rect){ all.x0 - across, all.y0 - down, all.x1 + across, all.y1 + down };
+        j->reached = (struct pell_rect) { all.x0 - across, all.y0 - down, all.x1 + across, all.y1 + down };
 }

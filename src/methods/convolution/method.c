@@ -51,7 +51,14 @@ static const struct pell_knob knobs[] = {
       0,
       restore_names,
       "what splitting and gathering lose: keep it in images between planes, divide by what a flat surface gets back, or lose it" },
-    { "threshold", PELL_KNOB_FLOAT, "1", AT(threshold), { 0.0001 }, 0, 0.5, NULL,
+    { "threshold",
+      PELL_KNOB_FLOAT,
+      "1",
+      AT(threshold),
+      { 0.0001 },
+      0,
+      0.5,
+      NULL,
       "leave out pairs of planes that exchange less than this" },
     { "threshold-by",
       PELL_KNOB_ENUM,
@@ -133,7 +140,7 @@ static void plan(const void *values, struct pell_plan *plan)
 {
     const struct convolution_knobs *k = values;
 
-    *plan = (struct pell_plan){ .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
+    *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
     if (k->surfaces > 1)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_HIT;
 }

@@ -65,7 +65,7 @@ static void make_channel(const struct pell_frame_material *m, int c, float *memo
 {
     const double total = pell_profile_total(&m->profile[c]), median = total > 0.0 ? pell_profile_sample(&m->profile[c], 0.5) : 0.0;
 
-    *r = (struct conv_radial){
+    *r = (struct conv_radial) {
         .profile = &m->profile[c],
         .scale = m->white && total > 0.0 ? (float) (1.0 / total) : 1.0f,
         .total = m->white ? 1.0f : (float) total,

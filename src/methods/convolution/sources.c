@@ -33,7 +33,7 @@ struct conv_depths convolution_depths(const struct conv_sources *s, float median
 {
     const struct pell_frame *in = s->in;
 
-    return (struct conv_depths){
+    return (struct conv_depths) {
         .depth = in->depth,
         .group = s->front.group,
         .stride = in->shape.stride,
@@ -215,9 +215,8 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         if (there == 0)
             break;
         rays += (int) pell_services_light16(
-            s->services,
-            &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples }, &points,
-            NULL, 16, &light);
+            s->services, &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples },
+            &points, NULL, 16, &light);
         for (int i = 0; i < c->count; i++)
             if (open[i] && light.there[i] && s->solids->of_mesh[points.mesh[i]] >= 0)
                 put_sample(s, c, i, layer, cell_y, depth[i], &light, s->solids->of_mesh[points.mesh[i]]);

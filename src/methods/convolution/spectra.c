@@ -160,14 +160,14 @@ static void add(struct maker *m, const struct conv_radial *r, double h, float pi
     const int step = own || h_px < 8.0 ? 1 : h_px < 16.0 ? 2 : h_px < 32.0 ? 4 : 8;
     const int columns = m->layout->across / step / 2 + (step == 1), rows = m->layout->down / step / 2 + (step == 1);
 
-    *to = (struct conv_spectrum){
+    *to = (struct conv_spectrum) {
         .data = m->memory + *used,
         .block = (ptrdiff_t) rows * PELL_FFT_LANES,
         .blocks = (columns + PELL_FFT_LANES - 1) / PELL_FFT_LANES,
         .rows = rows,
     };
     *used += (size_t) to->blocks * (size_t) to->block;
-    m->list[m->count++] = (struct kernel){
+    m->list[m->count++] = (struct kernel) {
         .radial = r,
         .distance2 = (float) (h * h),
         .pixel = pixel,
@@ -198,7 +198,7 @@ static void list_channel(struct maker *m, const struct convolution_knobs *k, con
         add(m, r, 0.0, lay->pixel[i], lay->unit, true, &out->own[c][i], used);
     for (int i = 0; i < n; i++) {
         const double h = (double) lay->behind[c][i];
-        out->behind[c][i] = (struct conv_spectrum){ .data = NULL };
+        out->behind[c][i] = (struct conv_spectrum) { .data = NULL };
         if (h >= 0.0 && is_kept(k, r, h))
             add(m, r, h, lay->pixel[i], lay->unit, !(h > 0.0), &out->behind[c][i], used);
     }
@@ -212,7 +212,7 @@ static void list_channel(struct maker *m, const struct convolution_knobs *k, con
             if (keep && (!equal || from == 0))
                 add(m, r, h, equal ? lay->unit : pixel, lay->unit, false, s, used);
             out->kept[c] += keep;
-            out->pairs[c][at] = (struct conv_pair){
+            out->pairs[c][at] = (struct conv_pair) {
                 .from = from,
                 .to = to,
                 .spectrum = keep ? s : NULL,

@@ -76,7 +76,7 @@ struct convolution_state {
         ptrdiff_t block;                         /* of half spectra */
         int between, behind;                     /* images between planes, and of light from behind */
         int bands, column_blocks, behind_blocks; /* blocks of columns: of all, and of those that light from behind has a part in */
-        bool uniform;                               /* of light 1, to divide by */
+        bool uniform;                            /* of light 1, to divide by */
         bool divide;
         struct pell_rect reached; /* pixels of images that light comes to; beyond it what transforms leave is rounding */
         struct pell_fft across, down;

@@ -358,7 +358,7 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
         sum.cut += st->counts[i].cut;
         sum.over += st->counts[i].over;
     }
-    st->time = (struct pell_pass_time){ "dipole.sample", pell_seconds() - start, sum.pixels, sum.pixels * 52 };
+    st->time = (struct pell_pass_time) { "dipole.sample", pell_seconds() - start, sum.pixels, sum.pixels * 52 };
     if (sum.pixels > 0)
         pell_info(st->ctx, "dipole", "%.0f samples per pixel; %.2f %% of the pixels stopped at the knob most",
                   (double) sum.samples / (double) sum.pixels, 100.0 * (double) sum.over / (double) sum.pixels);

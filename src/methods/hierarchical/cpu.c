@@ -69,8 +69,7 @@ static void light_chunk(void *arg, int index, int worker)
         .normal = { normal[0], normal[1], normal[2] },
         .there = t->there + first,
     };
-    const struct pell_points_params params = { .mix = -1.0f, .spacing = (float) sqrt(t->step),
-                                               .samples = t->st->services->settings->msaa };
+    const struct pell_points_params params = { .mix = -1.0f, .spacing = (float) sqrt(t->step), .samples = t->st->services->settings->msaa };
 
     (void) worker;
     for (size_t i = 0; i < count; i++) {
@@ -93,7 +92,7 @@ static void light_chunk(void *arg, int index, int worker)
 }
 
 static enum pell_result sample_solid(struct hierarchical_state *st, const struct pell_solid *solid, size_t count,
-                                    struct hierarchical_tree *tree)
+                                     struct hierarchical_tree *tree)
 {
     struct light_task t = { .st = st, .count = count, .step = solid->area / (double) count };
     const int chunks = (int) ((count + CHUNK - 1) / CHUNK);
@@ -146,8 +145,8 @@ static enum pell_result make_solid(struct hierarchical_state *st, const struct p
     if (!profile)
         return PELL_ERR_NOMEM;
     PELL_TRY(hierarchical_radial_fit(st->ctx, m, st->knobs.gaussians, profile));
-    PELL_TRY(hierarchical_radial_make(st->ctx, profile, m->white, distance / 8.0, 16.0 * across, reach, distance / sqrt(PELL_PI),
-                                      &b->radial));
+    PELL_TRY(
+        hierarchical_radial_make(st->ctx, profile, m->white, distance / 8.0, 16.0 * across, reach, distance / sqrt(PELL_PI), &b->radial));
     PELL_TRY(sample_solid(st, from, count, &b->tree));
 
 fail:
@@ -170,8 +169,8 @@ static void hierarchical_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static enum pell_result hierarchical_create(const struct pell_services *services, const struct pell_frame_shape *shape,
-                                            const void *knobs, void **state)
+static enum pell_result hierarchical_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                            void **state)
 {
     struct pell_context *ctx = services->ctx;
     struct hierarchical_state *st = pell_zalloc(ctx, sizeof(*st));
@@ -414,7 +413,7 @@ static enum pell_result hierarchical_render(void *state, const struct pell_frame
             return PELL_ERR_CANCELLED;
         pell_progress(st->ctx, "hierarchical", fmin(1.0, (double) (t.first + BATCH) / bands));
     }
-    st->time = (struct pell_pass_time){
+    st->time = (struct pell_pass_time) {
         .name = "hierarchical.gather",
         .seconds = pell_seconds() - start,
         .pixels = (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0),

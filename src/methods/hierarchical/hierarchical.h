@@ -47,8 +47,7 @@ PELL_NODISCARD enum pell_result hierarchical_radial_fit(struct pell_context *ctx
 /* R is that of `profile`, R, G and B. From radii of `low` to `high` mm; the window of `reach` mm about a point, discs of `disc` mm. `r` is
  * zeroed; finish it after a failure, too. */
 PELL_NODISCARD enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_profile profile[3], bool white,
-                                                         double low, double high, double reach, double disc,
-                                                         struct hierarchical_radial *r);
+                                                         double low, double high, double reach, double disc, struct hierarchical_radial *r);
 void hierarchical_radial_finish(struct hierarchical_radial *r);
 
 /* --- samples.c: where samples lie ------------------------------------------------------------------------------------------------- */

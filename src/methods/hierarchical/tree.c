@@ -152,7 +152,7 @@ enum pell_result hierarchical_tree_make(struct pell_context *ctx, struct hierarc
         for (int k = 0; k < 3; k++)
             size = fmaxf(size, samples[i].position[k] - low[k]);
     for (size_t i = 0; i < num_samples; i++) {
-        keys[i] = (struct key){ 0, (uint32_t) i };
+        keys[i] = (struct key) { 0, (uint32_t) i };
         for (int k = 0; k < 3; k++) {
             const float f = size > 0.0f ? (samples[i].position[k] - low[k]) / size : 0.0f;
             keys[i].code |= spread((uint64_t) (f * 2097151.0f)) << k;

@@ -23,7 +23,7 @@ enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
 enum is_misprint { IS_AS_MEANT, IS_MISPRINT_TWO_PI, IS_MISPRINT_JACOBIAN, IS_MISPRINT_ONE_NUMBER };
 
 struct is_knobs {
-    int as;          /* enum is_as */
+    int as; /* enum is_as */
     int samples;
     int sampling;    /* enum is_sampling */
     int tile;        /* enum is_tile */
@@ -31,9 +31,9 @@ struct is_knobs {
     int view_size;   /* px */
     int renormalise; /* enum is_renormalise */
     bool jacobian, reconstruct, strength;
-    int spread;      /* enum is_spread */
-    int profile;     /* enum is_profile */
-    int misprint;    /* enum is_misprint */
+    int spread;   /* enum is_spread */
+    int profile;  /* enum is_profile */
+    int misprint; /* enum is_misprint */
 };
 
 /* --- samples.c: the sample set of a material ------------------------------------------------------------------------------------ */

@@ -75,8 +75,8 @@ INLINE void gather8(const float *p, const vi *at, vf out[8])
     for (int half = 0; half < 8; half += 4) {
         __m256 rows[4], a, b, c, d;
         for (int k = 0; k < 4; k++)
-            rows[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + index[k] + half)),
-                                           _mm_loadu_ps(p + index[k + 4] + half), 1);
+            rows[k] =
+                _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + index[k] + half)), _mm_loadu_ps(p + index[k + 4] + half), 1);
         a = _mm256_unpacklo_ps(rows[0], rows[1]);
         b = _mm256_unpackhi_ps(rows[0], rows[1]);
         c = _mm256_unpacklo_ps(rows[2], rows[3]);
@@ -191,11 +191,11 @@ static void is_measure(const struct is_work *w, int y)
 /* What the samples of a vector of pixels share. Vectors are in the camera's frame: x right, y down, z forward, mm. */
 struct place {
     vf key;
-    vi x;  /* column */
+    vi x; /* column */
     int y;
-    vf t[2], z, h, per_h; /* ray, plane, 1/h */
+    vf t[2], z, h, per_h;       /* ray, plane, 1/h */
     vf at[3], n[3], s[3], q[3]; /* x_o; unit: normal, tangents */
-    vf strength, per_length2; /* 1/(length strength)^2 */
+    vf strength, per_length2;   /* 1/(length strength)^2 */
     vf quarter[3];
     /* Where each pixel has a level of its own: its offsets, its rows, those of each channel and the part of the next level's; densities. */
     vi offset, density, rows[3];
@@ -228,7 +228,7 @@ struct image {
     ptrdiff_t stride;
     struct pell_rect rect;
     bool parallel;
-    float f, cx, cy; /* column = f X/Z + cx */
+    float f, cx, cy;            /* column = f X/Z + cx */
     const struct is_view *view; /* NULL: the camera's */
 };
 
@@ -285,7 +285,7 @@ INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf
 
 /* The point that the camera sees where it sees point `o` of the tangent plane, counted from x_o. */
 INLINE void camera_finds(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, const struct aim *aim,
-                      struct found *to)
+                         struct found *to)
 {
     const float f = w->focal_px;
     const vf du = aim->du, dv = aim->dv;
@@ -468,8 +468,7 @@ INLINE vf between_levels(const struct is_set *set, const struct place *p, int c,
 }
 
 /* Adds a sample that was found; `share`: of its 1/density, or of the sum over views of it. */
-INLINE void add(const struct is_set *set, const struct place *p, const struct found *f, vf share, bool varies, struct sums *s,
-                vi *counted)
+INLINE void add(const struct is_set *set, const struct place *p, const struct found *f, vf share, bool varies, struct sums *s, vi *counted)
 {
     const vf square = (f->to[0] * f->to[0] + f->to[1] * f->to[1] + f->to[2] * f->to[2]) * p->per_length2;
     vi good = f->there & in_table(square);
@@ -517,7 +516,7 @@ INLINE void in_plane(const struct place *p, vf x, vf y, vf o[3])
 /* Sums over the samples of pixels of one material, in the camera's image alone. Texels of a wide profile lie all over the outer caches:
  * they are asked for AHEAD samples at a time, which takes a fifth of the time off. */
 INLINE void sample_camera(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, vi live,
-                       bool parallel, bool varies, struct sums *s)
+                          bool parallel, bool varies, struct sums *s)
 {
     struct aim aims[AHEAD];
 
@@ -775,8 +774,10 @@ INLINE int gather_row(const struct is_work *w, int y, bool parallel)
     images[0] = (struct image) { w->texels, w->texel_stride, w->in->rect, parallel, w->focal_px, w->mid_x - 0.5f, w->mid_y - 0.5f, NULL };
     for (int v = 0; v < w->num_views; v++) {
         const struct is_view *from = &w->views[v];
-        images[v + 1] = (struct image) { from->texels, from->size, { 0, 0, from->size, from->size }, from->orthographic, from->focal_px,
-                                         from->centre_px, from->centre_px, from };
+        images[v + 1] = (struct image) {
+            from->texels,    from->size, { 0, 0, from->size, from->size }, from->orthographic, from->focal_px, from->centre_px,
+            from->centre_px, from
+        };
     }
     for (int block = w->in->rect.x0 & ~(IS_BLOCK - 1); block < w->in->rect.x1; block += IS_BLOCK)
         count += gather_block(w, block, y, parallel, images);

@@ -35,22 +35,22 @@ enum is_level { IS_UNIFORM_AT, IS_BROAD2_AT, IS_REACH2_AT, IS_QUARTER_AT, IS_LEV
 
 /* The samples of a material, and what they are weighed by. Offsets and rows of the material itself come first, then those of the levels. */
 struct is_set {
-    float *offset;      /* owned or another's: [(y mod n) * samples + k][3][16 lanes]: x, y in the tangent plane, mm, and 1/density */
-    float (*rows)[8];   /* likewise */
+    float *offset;            /* owned or another's: [(y mod n) * samples + k][3][16 lanes]: x, y in the tangent plane, mm, and 1/density */
+    float (*rows)[8];         /* likewise */
     float (*level)[IS_LEVEL]; /* likewise; of each level; NULL: there are none */
     bool owned;
-    float per_length2;  /* 1/mm^2 */
-    float reach2;       /* R'^2 in the unit of the tables */
-    float uniform;      /* N_u p_u in that unit, at r = 0 */
-    float broad2;       /* p_u falls with (1 + r^2/broad2)^2; 0: it is uniform up to R' */
-    float scale[3];     /* M of even light of 1 */
-    float quarter[3];   /* mm: radius with a quarter of the channel's light inside */
+    float per_length2; /* 1/mm^2 */
+    float reach2;      /* R'^2 in the unit of the tables */
+    float uniform;     /* N_u p_u in that unit, at r = 0 */
+    float broad2;      /* p_u falls with (1 + r^2/broad2)^2; 0: it is uniform up to R' */
+    float scale[3];    /* M of even light of 1 */
+    float quarter[3];  /* mm: radius with a quarter of the channel's light inside */
 };
 
 /* A view other than the camera's: P_view = rotate P_eye + shift, both in mm with x right, y down, z forward. */
 struct is_view {
     const float *texels;
-    int size;         /* square */
+    int size; /* square */
     bool orthographic;
     float focal_px, centre_px;
     float rotate[3][3], shift[3];
@@ -60,21 +60,21 @@ struct is_view {
 struct is_work {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
-    ptrdiff_t stride;  /* of the planes below, which have margins of IS_MARGIN pixels and rows */
+    ptrdiff_t stride;                /* of the planes below, which have margins of IS_MARGIN pixels and rows */
     float *key, *w, *gu, *gv, *flat; /* of the camera's pixels; key 0: none */
-    float *alpha[3], *light[3]; /* how much a pixel takes part in the reconstruction, and its M */
-    float *texels;     /* the camera's irradiance image */
-    ptrdiff_t texel_stride; /* texels in a row */
-    const int32_t *solid; /* of pixels, texel_stride apart; NULL: materials are keys */
-    const struct is_set *sets; /* of materials */
-    int samples, importance; /* of each view; importance samples among them, which come first */
-    int tile;                /* 1, 2, 4, 8 */
+    float *alpha[3], *light[3];      /* how much a pixel takes part in the reconstruction, and its M */
+    float *texels;                   /* the camera's irradiance image */
+    ptrdiff_t texel_stride;          /* texels in a row */
+    const int32_t *solid;            /* of pixels, texel_stride apart; NULL: materials are keys */
+    const struct is_set *sets;       /* of materials */
+    int samples, importance;         /* of each view; importance samples among them, which come first */
+    int tile;                        /* 1, 2, 4, 8 */
     const struct is_view *views;
-    int num_views;     /* without the camera's */
+    int num_views;           /* without the camera's */
     bool jacobian, inverted; /* of the Jacobian: at all, as misprinted */
     bool reconstruct;
-    int renormalise;   /* enum is_renormalise, never IS_AS_VIEWS_ASK */
-    float factor;      /* of all results */
+    int renormalise; /* enum is_renormalise, never IS_AS_VIEWS_ASK */
+    float factor;    /* of all results */
     float focal_px;
     float mid_x, mid_y; /* half the picture, px */
 };

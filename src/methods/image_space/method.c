@@ -22,6 +22,7 @@ static const char *const profile_names[] = { "material", "dipole", NULL };
 static const char *const misprint_names[] = { "none", "two-pi", "jacobian", "one-number", NULL };
 
 #define AT(field) offsetof(struct is_knobs, field)
+/* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { IS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 16 }, 1, 16384, NULL, "samples per pixel and view" },
@@ -48,6 +49,7 @@ static const struct pell_knob knobs[] = {
       "undo a correction of the paper's equations: 1/(2 pi) in (9), Jacobian of (8) inverted, one random number for two choices" },
     { 0 },
 };
+/* clang-format on */
 #undef AT
 
 static void paper(void *values)

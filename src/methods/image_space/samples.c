@@ -120,8 +120,8 @@ static double misprinted_radius(const struct pell_frame_material *m, int k, doub
     for (int c = 0; c < 3; c++) {
         if (!lit[c] || pick-- > 0)
             continue;
-        const struct pell_dipole d = pell_dipole_make(m->medium.sigma_a[c], m->medium.sigma_s_reduced[c], m->medium.eta,
-                                                      PELL_FRESNEL_EXACT);
+        const struct pell_dipole d =
+            pell_dipole_make(m->medium.sigma_a[c], m->medium.sigma_s_reduced[c], m->medium.eta, PELL_FRESNEL_EXACT);
         return pell_pole_sample(xi < pell_dipole_real_share(&d) ? d.zr : d.zv, d.sigma_tr, xi);
     }
     return 0.0;
@@ -256,7 +256,7 @@ static void fill(const struct pell_frame_material *m, const struct is_knobs *kno
                 is_set_sample(m, knobs, reach, x, y, k, &r, &turns);
                 r = fmin(r, 1e15);
                 square = r * r / (length * length);
-                density = importance * density_at((const float (*)[8]) rows, square);
+                density = importance * density_at((const float(*)[8]) rows, square);
                 density += other_density(set, square);
                 for (int l = 0; l < IS_BLOCK; l += n) {
                     to[l] = (float) (r * cos(2.0 * PELL_PI * turns));
@@ -294,8 +294,8 @@ static bool model_of(const struct pell_frame_material *m, struct pell_profile *s
 }
 
 /* The material with all channels of one albedo and mean free paths as they were. */
-static enum pell_result level_profile(struct pell_context *ctx, enum pell_profile_model model, double albedo,
-                                      struct pell_frame_material *m, struct pell_profile *out)
+static enum pell_result level_profile(struct pell_context *ctx, enum pell_profile_model model, double albedo, struct pell_frame_material *m,
+                                      struct pell_profile *out)
 {
     for (int c = 0; c < 3; c++) {
         const double sigma_t = m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c];

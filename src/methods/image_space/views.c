@@ -19,8 +19,8 @@ struct view_task {
 };
 
 /* The view's frame is x right, y down, z forward. */
-static void write_texel(const struct view_task *t, int i, const struct pell_ray_hit16 *hit,
-                        const struct pell_points16_light *light, float *out)
+static void write_texel(const struct view_task *t, int i, const struct pell_ray_hit16 *hit, const struct pell_points16_light *light,
+                        float *out)
 {
     const struct pell_view *v = &t->to->view;
     const struct pell_vec3 p = vec3_sub(vec3(light->position[0][i], light->position[1][i], light->position[2][i]), v->origin);
@@ -85,10 +85,10 @@ static void view_row(void *arg, int y, int worker)
         }
         if (count == 0)
             continue;
-        pell_services_light16(t->services,
-                              &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) count,
-                                                             .samples = t->services->settings->msaa },
-                              &points, NULL, 16, &light);
+        pell_services_light16(
+            t->services,
+            &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) count, .samples = t->services->settings->msaa },
+            &points, NULL, 16, &light);
         for (int i = 0; i < 16; i++)
             if (points.mesh[i] != PELL_NO_HIT)
                 write_texel(t, i, &hit, &light, out + IS_TEXEL * i);

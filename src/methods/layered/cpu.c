@@ -146,7 +146,7 @@ static enum pell_result layered_create(const struct pell_services *services, con
     st->pool = services->pool;
     st->kernels = layered_kernels_tables[pell_simd_best()];
     st->knobs = *k;
-    st->work = (struct layered_work){
+    st->work = (struct layered_work) {
         .samples = k->samples,
         .exponential = k->march == LAYERED_EXPONENTIAL,
         .refracts = k->refraction == LAYERED_PLANAR,
@@ -347,10 +347,10 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
     }
     st->num_times = 0;
     if (st->fit_seconds >= 0.0) {
-        st->times[st->num_times++] = (struct pell_pass_time){ .name = "planes", .seconds = st->fit_seconds, .bytes = st->fitted * 44 };
+        st->times[st->num_times++] = (struct pell_pass_time) { .name = "planes", .seconds = st->fit_seconds, .bytes = st->fitted * 44 };
         st->fit_seconds = -1.0;
     }
-    st->times[st->num_times++] = (struct pell_pass_time){
+    st->times[st->num_times++] = (struct pell_pass_time) {
         .name = "layered", .seconds = pell_seconds() - start, .pixels = pixels, .bytes = pixels * 30, .rays = rays
     };
     st->in = NULL;

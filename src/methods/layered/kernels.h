@@ -63,7 +63,7 @@ struct layered_medium {
     float eta;
     float deepest; /* mm that a march goes down: the deepest bottom, or where the last layer lets nothing through */
     float first;   /* 1/mm: sigma_t of the first layer, the smallest of its channels */
-    int substrate;     /* enum pell_substrate */
+    int substrate; /* enum pell_substrate */
     float rest[3]; /* 1/mm, as halves: of paths below the deepest layer that go on to another surface */
     bool bottomless;
 };
@@ -87,7 +87,7 @@ struct layered_triangle {
 struct layered_packet {
     _Alignas(64) float corner[3][3][16], normal[3][3][16], plane[3][4][16]; /* of the triangle's corners; plane: n_SP, h */
     float u[16], v[16];                                                     /* barycentric */
-    float camera[3][16];                                                       /* unit, toward the camera */
+    float camera[3][16];                                                    /* unit, toward the camera */
     float spacing[16];                                                      /* mm that a pixel covers */
     float p[3][16], n[3][16], facet[3][16], s[3][16], h[16], w[3][16];      /* P, n_P, the triangle's normal, n_SP, h, the way inward */
     float rate[16], length[16], gain[16];
@@ -134,7 +134,8 @@ struct layered_kernels {
     void (*leave)(const struct layered_packet *p, float size, struct pell_ray16 *rays, int32_t *valid);
     /* How much of each lane's path goes by planes (`path`: enum layered_path), and rays from P to the light, which is `seen` if nothing is
      * in their way. Returns how many are valid. */
-    int (*see)(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *rays, int32_t *valid);
+    int (*see)(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *rays,
+               int32_t *valid);
     /* Adds the light of `count` lights, at most LAYERED_GROUP, to p->light. */
     void (*march)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                   const struct layered_light *sources, int count);

@@ -33,8 +33,8 @@ struct layered_knobs {
 
 /* --- medium.c: a material's layers as the march reads them ---------------------------------------------------------------------- */
 
-PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_medium_layers *medium_layers, const char *name, int under,
-                                                    struct layered_medium *out);
+PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_medium_layers *medium_layers,
+                                                    const char *name, int under, struct layered_medium *out);
 void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m);
 
 /* --- plane_grid.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */

@@ -20,7 +20,8 @@ static void spread(double number, double u[3])
     u[2] = fraction(0.5 + number * 0.5497004779019703);
 }
 
-static void add_light(struct layered_state *st, const struct pell_scene *scene, size_t index, const struct pell_light_sampler *source, int each)
+static void add_light(struct layered_state *st, const struct pell_scene *scene, size_t index, const struct pell_light_sampler *source,
+                      int each)
 {
     const struct pell_light *light = &scene->lights[index];
     const bool environment = light->type == PELL_LIGHT_ENVIRONMENT;
@@ -32,7 +33,9 @@ static void add_light(struct layered_state *st, const struct pell_scene *scene, 
         const struct pell_vec3 nowhere = { 0 };
         double u[3];
         spread((double) i, u);
-        *s = (struct layered_light_point){ .source = source, .face = face && each > 1, .number = i, .of = count, .scale = 1.0f, .light = index };
+        *s = (struct layered_light_point) {
+            .source = source, .face = face && each > 1, .number = i, .of = count, .scale = 1.0f, .light = index
+        };
         if (!pell_light_sampler_sample(source, nowhere, u, &s->sample))
             continue;
         s->uniform = !light->image && (s->sample.away || (light->type == PELL_LIGHT_POINT && !(light->range > 0.0f)));

@@ -18,7 +18,7 @@ struct step {
     vf bottom[MOST];             /* of layers at M */
     vf part[MOST], before[MOST]; /* mm of the step in a layer, and of its first half */
     int list[MOST], listed;      /* layers that some lane is in */
-    vf tau[3], step_tau[3];       /* of the camera's ray at the start of the step, and in it */
+    vf tau[3], step_tau[3];      /* of the camera's ray at the start of the step, and in it */
     vf alive, hidden;            /* 1 or 0: light is seen from here; the step ends below the deepest layer */
 };
 
@@ -184,7 +184,8 @@ INLINE void by_nodes(const struct layered_work *work, const struct layered_mediu
     path->cosine = BETWEEN(cosine);
     path->per = 1.0f / path->cosine;
     path->beam = BETWEEN(beam);
-    path->rise = (load(source->km[k + 1] + lane) - load(source->km[k] + lane)) * ray->per_length * (1.0f / (work->node[k + 1] - work->node[k]));
+    path->rise =
+        (load(source->km[k + 1] + lane) - load(source->km[k] + lane)) * ray->per_length * (1.0f / (work->node[k + 1] - work->node[k]));
 #undef BETWEEN
     path->rise = between(path->rise, -1.0f, 20.0f);
     for (int i = 0; i < 3; i++)
@@ -321,7 +322,7 @@ INLINE void find_place(const struct layered_medium *m, const struct layered_pack
     vf blend[3], length, near = s->x * ray->rate;
 
     s->depth = near;
-    s->far = (vi){ 0 };
+    s->far = (vi) { 0 };
     if (p->thin) {
         const vf beyond = (ray->exit - s->x) * ray->exit_rate;
         s->far = beyond < near;
@@ -356,8 +357,8 @@ INLINE void find_place(const struct layered_medium *m, const struct layered_pack
 }
 
 INLINE void light_step(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p, int lane,
-                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vf meets, float *trace,
-                       vf sum[3])
+                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vf meets,
+                       float *trace, vf sum[3])
 {
     vf colour[3], light[3];
     struct path path;
@@ -426,7 +427,7 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
         find_place(m, p, lane, &ray, &s);
         find_layers(work, m, &ray, &s);
         if (p->shows_bottom) {
-            const vi ends = i + 1 == n ? load_int(p->ends_deep + lane) : (vi){ 0 };
+            const vi ends = i + 1 == n ? load_int(p->ends_deep + lane) : (vi) { 0 };
             meets = (vf) ((vi) s.alive & ((s.hidden > 0.0f) | ends));
         }
         for (int l = 0; l < count; l++)

@@ -47,22 +47,22 @@ INLINE vi load_int(const int32_t *p)
 #else
 INLINE vf low2(vf a, vf b)
 {
-    return (vf){ a[0], b[0], a[1], b[1] };
+    return (vf) { a[0], b[0], a[1], b[1] };
 }
 
 INLINE vf high2(vf a, vf b)
 {
-    return (vf){ a[2], b[2], a[3], b[3] };
+    return (vf) { a[2], b[2], a[3], b[3] };
 }
 
 INLINE vf low4(vf a, vf b)
 {
-    return (vf){ a[0], a[1], b[0], b[1] };
+    return (vf) { a[0], a[1], b[0], b[1] };
 }
 
 INLINE vf high4(vf a, vf b)
 {
-    return (vf){ a[2], a[3], b[2], b[3] };
+    return (vf) { a[2], a[3], b[2], b[3] };
 }
 #endif
 
@@ -283,6 +283,6 @@ void PELL_SIMD(layered_march_any)(const struct layered_work *work, const struct 
                                   const struct layered_light *sources, int count);
 /* march_fast.c: for most packets of most pictures; false: this is none of them. */
 bool PELL_SIMD(layered_march_fast)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                                    const struct layered_light *sources, int count);
+                                   const struct layered_light *sources, int count);
 
 #endif

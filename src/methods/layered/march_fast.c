@@ -14,7 +14,7 @@
 #define FAST 4 /* layers, at most */
 
 INLINE bool is_fast(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
-                     const struct layered_light *sources, int count)
+                    const struct layered_light *sources, int count)
 {
     bool usual = work->exponential && work->refracts && work->rest && !p->thin && !p->shows_bottom && m->count <= FAST && m->packs <= 1;
 
@@ -68,7 +68,7 @@ INLINE void enter(const struct layered_light *source, int lane, float eta, const
 }
 
 INLINE void fast_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                        const struct layered_light *sources, int count, int lane, const int layers)
+                       const struct layered_light *sources, int count, int lane, const int layers)
 {
     const struct layered_pack *pack = m->packs > 0 ? &m->pack[0] : NULL;
     const struct layered_place *place = p->place;
@@ -213,7 +213,7 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
 }
 
 bool PELL_SIMD(layered_march_fast)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
-                                    const struct layered_light *sources, int count)
+                                   const struct layered_light *sources, int count)
 {
     if (!is_fast(work, m, p, sources, count))
         return false;

@@ -129,13 +129,14 @@ static void pair(const struct layered_level *l, const uint16_t *numbers, uint16_
         }
 }
 
-static void read_layer(const struct pell_layer_medium *layer_medium, struct layered_layer *layer, const struct layered_level *l, uint16_t *numbers)
+static void read_layer(const struct pell_layer_medium *layer_medium, struct layered_layer *layer, const struct layered_level *l,
+                       uint16_t *numbers)
 {
     struct pell_texture_map map = *layer_medium->map;
     const double depth = fmin(layer_medium->depth, (double) PELL_LAYER_DEPTH_MAX);
     float largest = 0.0f;
 
-    memcpy(map.matrix, (const float[6]){ 1, 0, 0, 0, 1, 0 }, sizeof(map.matrix));
+    memcpy(map.matrix, (const float[6]) { 1, 0, 0, 0, 1, 0 }, sizeof(map.matrix));
     for (int pass = 0; pass < 2; pass++)
         for (int y = 0; y < l->height; y++)
             for (int x = 0; x < l->width; x++) {
@@ -154,8 +155,8 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
     layer->middle = (float) (depth * (double) largest * 32768.0 / 65535.0);
 }
 
-static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_medium_layers *medium_layers, struct layered_medium *m,
-                                  struct layered_pack *p)
+static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_medium_layers *medium_layers,
+                                  struct layered_medium *m, struct layered_pack *p)
 {
     const struct pell_image *image = &p->map->texture->image;
     uint16_t *numbers;
@@ -166,7 +167,7 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
                           "layered: the depth map %s has %d x %d texels, at least one and at most 2^28",
                           p->map->texture->name ? p->map->texture->name : "", image->width, image->height);
     for (int w = image->width, h = image->height;; w = w > 1 ? w / 2 : 1, h = h > 1 ? h / 2 : 1) {
-        p->level[p->levels++] = (struct layered_level){ (int32_t) texels, w + 2, w, h };
+        p->level[p->levels++] = (struct layered_level) { (int32_t) texels, w + 2, w, h };
         texels += (int64_t) (w + 2) * (h + 2);
         if ((w == 1 && h == 1) || p->levels == LAYERED_LEVELS || p->map->texture->nearest)
             break;
@@ -213,9 +214,9 @@ enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell
                                      struct layered_medium *out)
 {
     const int substrate = under == LAYERED_STOP    ? PELL_SUBSTRATE_STOP
-                      : under == LAYERED_LAST  ? PELL_SUBSTRATE_LAST
-                      : under == LAYERED_COLOR ? PELL_SUBSTRATE_SURFACE_COLOR
-                                               : (int) medium_layers->substrate;
+                          : under == LAYERED_LAST  ? PELL_SUBSTRATE_LAST
+                          : under == LAYERED_COLOR ? PELL_SUBSTRATE_SURFACE_COLOR
+                                                   : (int) medium_layers->substrate;
     enum pell_result res = PELL_ERR_NOMEM;
 
     memset(out, 0, sizeof(*out));

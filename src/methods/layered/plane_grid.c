@@ -152,8 +152,8 @@ static enum pell_result make_grid(struct fit *f, double size)
     for (size_t i = 0; i < c->count; i++) {
         const float *p = c->position + 3 * i, *n = c->normal + 3 * i;
         f->sorted[i] =
-            (struct entry){ key_of(place(f, 0, (double) p[0]), place(f, 1, (double) p[1]), place(f, 2, (double) p[2]), look_of(n)),
-                            (uint32_t) i };
+            (struct entry) { key_of(place(f, 0, (double) p[0]), place(f, 1, (double) p[1]), place(f, 2, (double) p[2]), look_of(n)),
+                             (uint32_t) i };
     }
     qsort(f->sorted, c->count, sizeof(*f->sorted), compare);
     make_cells(f);

@@ -287,7 +287,8 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
         } else {
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
-            open_sheet(m, p, source, &n, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i, &source->km[node][i], &source->beam[node][i]);
+            open_sheet(m, p, source, &n, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i, &source->km[node][i],
+                       &source->beam[node][i]);
             source->cosine[node][i] = 1e6f;
         }
         for (int j = 0; j < m->count && m->packs > 0; j++)

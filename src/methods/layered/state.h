@@ -8,18 +8,18 @@
 
 #include "methods/layered/layered.h"
 
-#include "math/vec.h"
-#include "visibility/light_grid.h"
 #include "lights/light_sampling.h"
+#include "math/vec.h"
 #include "render/services.h"
+#include "visibility/light_grid.h"
 
 /* A place on a light, or how to choose one for a pixel. */
 struct layered_light_point {
     const struct pell_light_sampler *source; /* alone in its set */
     struct pell_light_sample sample;
-    bool face;                  /* chosen for each pixel */
-    bool uniform;                  /* `power` is all that there is to say */
-    size_t light;               /* of the scene */
+    bool face;                          /* chosen for each pixel */
+    bool uniform;                       /* `power` is all that there is to say */
+    size_t light;                       /* of the scene */
     const struct pell_light_grid *grid; /* the frame's; what the light sees, NULL: rays */
     int number, of;
     float power[3], scale;

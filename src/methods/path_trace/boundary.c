@@ -7,8 +7,8 @@
  * (Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks", here for both sides of a dielectric). The shares that go
  * through make both ways reciprocal: b_0 W_0 = b_1 W_1 eta^2, W the mean loss of a side. So every boundary is a probability and the white
  * furnace stays white. */
-#include "methods/path_trace/path.h"
 #include "shared/boundary.h"
+#include "methods/path_trace/path.h"
 
 #include <string.h>
 

@@ -19,8 +19,8 @@
 #include <unistd.h>
 
 enum {
-    TOGETHER = 4,  /* samples of a round, from the fourth on */
-    TILE = 512,    /* pixels of a task at most: many walks, so that lanes are seldom free */
+    TOGETHER = 4, /* samples of a round, from the fourth on */
+    TILE = 512,   /* pixels of a task at most: many walks, so that lanes are seldom free */
     SMALL_TILE = 32,
     TILES = 16,    /* for each thread in a picture, where tiles are not the smallest */
     JOBS = 1024,   /* samples that are traced in one call */
@@ -189,8 +189,8 @@ static enum pell_result start_film(struct run *run)
     if (kept && old.count > 0) {
         if (old.count == film->count && old.identity == identity)
             return PELL_OK;
-        return pell_error(st->ctx, PELL_ERR_INVALID, st->services->checkpoint->path,
-                          "name another file, or remove this one to begin anew", "is of another view of this scene");
+        return pell_error(st->ctx, PELL_ERR_INVALID, st->services->checkpoint->path, "name another file, or remove this one to begin anew",
+                          "is of another view of this scene");
     }
     film->identity = identity;
     if (film->count > film->capacity) {
@@ -233,7 +233,7 @@ static void start_point(const struct run *run, size_t at, struct pt_point *point
     const int x = (int) (at % (size_t) in->shape.stride), y = (int) (at / (size_t) in->shape.stride);
     const struct pell_vec3 p = vec3(in->position[0][at], in->position[1][at], in->position[2][at]), to = vec3_sub(v->origin, p);
 
-    *point = (struct pt_point){
+    *point = (struct pt_point) {
         .at = p,
         .toward = in->shape.orthographic ? vec3_mul(v->forward, -1.0f) : vec3_normalize(to),
         .depth = in->shape.orthographic ? in->depth[at] : vec3_length(to),
@@ -541,7 +541,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     atomic_store(&st->invalid, false);
     atomic_store(&st->late, false);
     st->before = count_all(st);
-    st->time = (struct pell_pass_time){ .name = "path-trace" };
+    st->time = (struct pell_pass_time) { .name = "path-trace" };
     if (!st->services->checkpoint) {
         for (size_t i = 0; i < st->num_films; i++)
             st->films[i].count = 0;

@@ -75,7 +75,7 @@ static void collide(const struct pt_coefficients *m, float length, float beta[3]
 }
 
 static void sample_homogeneous(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
-                     struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
+                               struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
     const struct pt_solid *b = &s->solid[solid];
     const struct pt_coefficients *m = &b->medium.layer[0];
@@ -122,7 +122,8 @@ static const struct pt_coefficients *layer_at(const struct pt_scene *s, int soli
         return lowest;
     if (m->painting) {
         float depth[PELL_LAYERS_MOST];
-        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
+        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v,
+                                  depth);
         i = pell_medium_layers_at(&m->painting->medium_layers, depth, (float) nearest.distance);
         return i < 0 ? NULL : &m->layer[i];
     }
@@ -145,7 +146,8 @@ static float room(const struct pt_scene *s, int solid, struct pell_vec3 x)
         return 0.0f;
     if (m->painting) {
         float depth[PELL_LAYERS_MOST];
-        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
+        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v,
+                                  depth);
         bottom = (double) depth[m->layers - 1];
     }
     gap = bottom - nearest.distance;
@@ -164,7 +166,7 @@ static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, 
 
 /* Flights between collisions, real ones or not. One ray finds the surface, as far as it was asked for. */
 static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
-                       struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
+                          struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
     const struct pt_solid *b = &s->solid[solid];
     const float most = fmaxf(b->medium.largest[0], fmaxf(b->medium.largest[1], b->medium.largest[2]));
@@ -215,8 +217,8 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
     }
 }
 
-void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
-            float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
+void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
+                        struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
     out->met = out->lost = false;
     if (s->solid[solid].medium.homogeneous)
@@ -227,7 +229,7 @@ void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int 
 
 /* Layers: ratio tracking (Novak et al. 2014, "Residual Ratio Tracking for Estimating Attenuation in Participating Media"). */
 void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
-             float out[3])
+                      float out[3])
 {
     const struct pt_medium *m = &s->solid[solid >= 0 ? solid : 0].medium;
     const float most = fmaxf(m->largest[0], fmaxf(m->largest[1], m->largest[2]));

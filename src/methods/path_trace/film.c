@@ -30,7 +30,7 @@ bool pt_pixel_add(struct pt_pixel *p, const struct pt_light *light, bool traced)
     if (!finite)
         light = &black;
     judged(sums, traced, sum);
-    judged((const double *const[PT_PARTS]){ light->multiple, light->single, light->surface }, traced, x);
+    judged((const double *const[PT_PARTS]) { light->multiple, light->single, light->surface }, traced, x);
     for (int c = 0; c < 4; c++) {
         const double apart = before > 0.0 ? x[c] - sum[c] / before : 0.0;
         p->spread[c] += apart * apart * (before / after);
@@ -48,7 +48,7 @@ void pt_pixel_measure(const struct pt_pixel *p, bool traced, double mean[4], dou
 {
     const double n = p->count;
 
-    judged((const double *const[PT_PARTS]){ p->sum[PT_MULTIPLE], p->sum[PT_SINGLE], p->sum[PT_SURFACE] }, traced, mean);
+    judged((const double *const[PT_PARTS]) { p->sum[PT_MULTIPLE], p->sum[PT_SINGLE], p->sum[PT_SURFACE] }, traced, mean);
     for (int c = 0; c < 4; c++) {
         mean[c] = n > 0.0 ? mean[c] / n : 0.0;
         error[c] = n > 1.0 ? sqrt(p->spread[c] / (n * (n - 1.0))) : 0.0;

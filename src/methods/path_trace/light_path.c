@@ -120,7 +120,8 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
             pt_sample_distance(s, &w->counts, solid, x, from, dir, power, &safe, sampler, &free_path);
         }
         /* All of the beam in a solid of one medium, wherever this flight ended. */
-        beam = solid >= 0 && s->solid[solid].medium.homogeneous && surfaces > 0 && !free_path.lost && !(entered_once && s->solid[solid].connects);
+        beam = solid >= 0 && s->solid[solid].medium.homogeneous && surfaces > 0 && !free_path.lost &&
+               !(entered_once && s->solid[solid].connects);
         if (beam) {
             struct pt_hit hit = free_path.hit;
             if (free_path.met || pt_intersect(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &hit)) {
@@ -208,7 +209,7 @@ static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_
 }
 
 void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
-             const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3])
+                      const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3])
 {
     struct pt_sampler own = *sampler;
     const double n = (double) pt_index(s, solid), least = JOIN_SHARE * s->typical;

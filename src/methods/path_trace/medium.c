@@ -134,7 +134,7 @@ float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struc
         return 1.0f / (4.0f * PELL_PI_F);
     }
     cosine = m->hg ? pt_hg_cosine(m->g[c], u) : (float) -pell_phase_sample_cosine(&m->phase[c], (double) u);
-    pt_turned((const float[3]){ w.x, w.y, w.z }, fminf(fmaxf(cosine, -1.0f), 1.0f), v, to);
+    pt_turned((const float[3]) { w.x, w.y, w.z }, fminf(fmaxf(cosine, -1.0f), 1.0f), v, to);
     *out = vec3_load(to);
     pt_phase_values(m, w, *out, values);
     if (m->alike)

@@ -13,6 +13,7 @@ static const char *const boundary_names[] = { "settings", "smooth", "rough", NUL
 static const char *const acceleration_names[] = { "none", "lanes", "grid", NULL };
 
 #define AT(field) offsetof(struct pt_method_knobs, field)
+/* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { PT_BEST }, 0, 0, as_names,
       "the best this method can do, or a plain walk, which finds lamps by chance and from rough surfaces only" },
@@ -39,6 +40,7 @@ static const struct pell_knob knobs[] = {
       "lamps are looked for from inside, through the surface, and paths from lamps are joined to paths from the eye" },
     { 0 },
 };
+/* clang-format on */
 #undef AT
 
 /* J. T. Kajiya 1986, H. E. Rushmeier 1988: what a path tracer of the books does. */
@@ -55,7 +57,7 @@ static void plan(const void *values, struct pell_plan *plan)
 {
     const struct pt_method_knobs *k = values;
 
-    *plan = (struct pell_plan){
+    *plan = (struct pell_plan) {
         .needs = PELL_NEED_POSITION | PELL_NEED_SCENE,
         .outputs = PELL_OUTPUT_SINGLE | (k->surface == PT_SURFACE_TRACED ? PELL_OUTPUT_SURFACE : 0u),
         .excludes_surface_reflection = k->surface == PT_SURFACE_LOBE,

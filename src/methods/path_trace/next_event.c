@@ -52,7 +52,8 @@ static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v,
 double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance)
 {
     const struct pell_dvec3 w = dvec3_widen(e->w), n = dvec3_widen(e->hit.ns), ng = dvec3_widen(e->hit.ng);
-    const double r = (double) s->solid[e->solid].medium.eta, c = dvec3_dot(w, n), square = 1.0 - r * r * (1.0 - c * c), cg = dvec3_dot(w, ng);
+    const double r = (double) s->solid[e->solid].medium.eta, c = dvec3_dot(w, n), square = 1.0 - r * r * (1.0 - c * c),
+                 cg = dvec3_dot(w, ng);
     struct pell_vec3 t[2];
     struct pell_dvec3 out, moved[2], dw[2], dp[2], dn[2];
     double ct, across;
@@ -157,7 +158,7 @@ static float draw_reach(const struct pt_scene *s, int solid, const struct pt_sam
 }
 
 bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
-             const struct pt_sampler *sampler)
+                       const struct pt_sampler *sampler)
 {
     struct pt_sampler own;
     const float reach = draw_reach(s, solid, sampler, &own);
@@ -174,7 +175,7 @@ bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, 
 }
 
 void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
-                      float share, const struct pt_sampler *sampler, double sum[3])
+                       float share, const struct pt_sampler *sampler, double sum[3])
 {
     const struct pt_medium *m = &s->solid[solid].medium;
     struct pell_connection found[PELL_CONNECTIONS];
@@ -189,8 +190,8 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
     if (!pell_light_sampler_sample(s->light_sampler, at->x, u, &source) || !(source.pdf > 0.0) || pt_fine(&own) >= source_share(s, &source))
         return;
     counts->connections++;
-    count = pell_connect(s->connector, solid, (double) m->eta, at->x, source.away ? source.toward : source.at, source.away, (double) reach, found,
-                         PELL_CONNECTIONS, &counts->rays);
+    count = pell_connect(s->connector, solid, (double) m->eta, at->x, source.away ? source.toward : source.at, source.away, (double) reach,
+                         found, PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
         connection(s, at, beta, solid, share, &found[i], &source, &own, sum);
 }
@@ -214,8 +215,8 @@ static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int s
     double sum = 0.0;
 
     counts->connections++;
-    out->count =
-        pell_connect(s->connector, solid, eta, x, source->away ? source->toward : source->at, source->away, reach, found, PT_LOBES, &counts->rays);
+    out->count = pell_connect(s->connector, solid, eta, x, source->away ? source->toward : source->at, source->away, reach, found, PT_LOBES,
+                              &counts->rays);
     for (int i = 0; i < out->count; i++) {
         const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),
                      to = (double) vec3_dot(found[i].outside, found[i].normal);
@@ -328,7 +329,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     }
     if (!(vec3_dot(v, e.hit.ng) > 0.0f))
         return;
-    facing = (struct pt_shading_frame){ vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
+    facing = (struct pt_shading_frame) { vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
     if (!(vec3_dot(facing.o, facing.ns) > 1e-4f))
         facing.ns = facing.ng;
     kernel = (double) pt_rough_density(rough, &facing, v);
@@ -355,7 +356,8 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
 /* --- Surfaces ------------------------------------------------------------------------------------------------------------------------ */
 
 void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
-              const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler, double sum[3])
+                   const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler,
+                   double sum[3])
 {
     struct pell_light_sample source;
     struct pell_vec3 v;
@@ -364,7 +366,8 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
 
     for (int k = 0; k < 3; k++)
         u[k] = pt_fine(sampler);
-    if (!pell_light_sampler_sample(s->light_sampler, hit->p, u, &source) || !(source.pdf > 0.0) || (environments && (!source.away || source.delta)))
+    if (!pell_light_sampler_sample(s->light_sampler, hit->p, u, &source) || !(source.pdf > 0.0) ||
+        (environments && (!source.away || source.delta)))
         return;
     v = source.toward;
     if (!source.away) {

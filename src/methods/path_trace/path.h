@@ -8,14 +8,14 @@
 #ifndef PELL_PATH_TRACE_PATH_H
 #define PELL_PATH_TRACE_PATH_H
 
+#include "lights/light_sampling.h"
 #include "methods/path_trace/sampler.h"
 #include "methods/path_trace/scalar.h"
 #include "methods/path_trace/trace.h"
-#include "visibility/rays.h"
-#include "transport/refraction/connect.h"
 #include "transport/distance_field.h"
-#include "lights/light_sampling.h"
 #include "transport/medium_layers.h"
+#include "transport/refraction/connect.h"
+#include "visibility/rays.h"
 
 #define PT_NEST 8   /* solids in solids that a path keeps account of */
 #define PT_LOBES 16 /* about connections of a point with a light's place: the nearest ones */
@@ -30,7 +30,7 @@ struct pt_rough {
     float albedo[2][PT_ROUGH_CELLS + 1]; /* over mu = i / cells: what single bounces between facets return, both ways together */
     float lost[2][PT_ROUGH_CELLS];       /* density, over mu^2, of the directions in which the rest leaves on a side: it sums to 1 */
     float lost_sum[2][PT_ROUGH_CELLS];   /* of the cells up to and with this one */
-    float lost_in_transmission[2];               /* share of the rest that goes through */
+    float lost_in_transmission[2];       /* share of the rest that goes through */
 };
 
 /* The share of light that reflects; cos_i on the side that it comes from, eta = n_transmitted / n_incident. *cos_t: of the refracted. */
@@ -79,15 +79,15 @@ struct pt_layer_maps {
 /* What fills a solid: one set of coefficients, or layers by the distance below the surface. */
 struct pt_medium {
     float eta;
-    bool homogeneous;                     /* one layer without a bottom */
-    bool ends;                     /* below the layers light is gone */
-    int layers;                    /* >= 1 */
-    struct pt_coefficients *layer; /* the medium's own, as all that follows */
-    float *depth;                  /* mm, of the bottom of each, where nothing is painted; the last's may be INFINITY */
-    struct pt_layer_maps *painting;  /* NULL: the same all over */
-    float deepest;                 /* mm: below it nothing changes any more */
-    float largest[3];              /* of sigma_t over the layers */
-    float slowest;                 /* least sigma_t of all channels and layers */
+    bool homogeneous;               /* one layer without a bottom */
+    bool ends;                      /* below the layers light is gone */
+    int layers;                     /* >= 1 */
+    struct pt_coefficients *layer;  /* the medium's own, as all that follows */
+    float *depth;                   /* mm, of the bottom of each, where nothing is painted; the last's may be INFINITY */
+    struct pt_layer_maps *painting; /* NULL: the same all over */
+    float deepest;                  /* mm: below it nothing changes any more */
+    float largest[3];               /* of sigma_t over the layers */
+    float slowest;                  /* least sigma_t of all channels and layers */
 };
 
 /* PELL_ERR_UNSUPPORTED, logged, for materials that have no medium, or a surface below their layers. `out` is to be finished whatever
@@ -129,7 +129,7 @@ struct pt_scene {
     const struct pell_rays *rays;
     struct pt_knobs knobs;
     struct pell_solids *solids;
-    struct pt_solid *solid;   /* one each */
+    struct pt_solid *solid; /* one each */
     struct pt_rough *rough; /* of (material, index ratio) pairs that occur */
     size_t num_rough;
     struct pt_roughness_step *finish; /* of a scene material's boundary */
@@ -142,7 +142,7 @@ struct pt_scene {
     double deadline; /* of pell_seconds() */
     double brightest;
     bool light_paths, chains; /* of delta lights */
-    double environment_share;         /* of what is looked for of the environment: an even one is met by chance as well */
+    double environment_share; /* of what is looked for of the environment: an even one is met by chance as well */
     uint32_t seed;
     float unit; /* mm: some rounding errors of the largest coordinate of a solid */
 };
@@ -154,7 +154,7 @@ struct pt_hit {
     struct pell_vec3 p, ng, ns; /* outward, unit; ns is ng where the knob says flat */
     bool bent;                  /* ns varies */
     float unit;                 /* mm: how far rays start from it, some rounding errors of its corners */
-    int solid;                   /* -1: opaque */
+    int solid;                  /* -1: opaque */
     int material;               /* scene's */
 };
 
@@ -166,7 +166,7 @@ const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_h
 void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out);
 /* Whether something is met; `reach` mm. */
 bool pt_intersect(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
-             struct pt_hit *out);
+                  struct pt_hit *out);
 /* Whether nothing of `mask` is between. */
 bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask);
 /* A start for rays from a surface to a side of it. */
@@ -213,8 +213,8 @@ struct pt_free_path {
 
 /* From x along w, by the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. Rays start at
  * `from`: x, or just off the surface that x is on. *safe: a distance from x that is known to be free of surfaces; becomes what is left. */
-void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from, struct pell_vec3 w,
-            float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out);
+void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
+                        struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out);
 bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin);
 /* The distance at which a ray leaves the bounds; x is inside. */
 float pt_exit_distance(const struct pt_solid *b, struct pell_vec3 x, struct pell_vec3 w);
@@ -223,18 +223,18 @@ void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3]);
 /* What a solid (-1: the open) lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an
  * estimate. */
 void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
-             float out[3]);
+                      float out[3]);
 
 /* --- next_event.c: light that is looked for
  * ----------------------------------------------------------------------------------------------- */
 
 /* Where a walk scattered: in a medium, at something opaque, or at a rough boundary. */
 struct pt_scatterer {
-    struct pell_vec3 x, w;                /* w: the way the walk came. x opaque: just off the surface */
-    const struct pt_coefficients *medium; /* NULL: a surface */
-    struct pell_vec3 n;                   /* of a surface: unit, on the walk's side */
-    const struct pt_rough *rough;         /* NULL: opaque */
-    const struct pt_shading_frame *facing;       /* rough */
+    struct pell_vec3 x, w;                 /* w: the way the walk came. x opaque: just off the surface */
+    const struct pt_coefficients *medium;  /* NULL: a surface */
+    struct pell_vec3 n;                    /* of a surface: unit, on the walk's side */
+    const struct pt_rough *rough;          /* NULL: opaque */
+    const struct pt_shading_frame *facing; /* rough */
 };
 
 /* Share per sr of what scatters toward the unit direction v. */
@@ -256,7 +256,7 @@ struct pt_exit {
 /* Numbers for a question beside the walk, whose own stay as they are. */
 static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, uint64_t salt)
 {
-    return (struct pt_sampler){ .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_QUASI_RANDOM_NUMBERS };
+    return (struct pt_sampler) { .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_QUASI_RANDOM_NUMBERS };
 }
 
 /* Solid angle at the scatterer per area across the beam at `distance` mm beyond the boundary (INFINITY: per solid angle outside); 0 where
@@ -267,18 +267,18 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e);
 /* Probability by which pt_connect_lights looks for a light this way. */
 double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source);
 
-#define PT_REACH 0.5                      /* of the extinction: how far connections look */
+#define PT_REACH 0.5                     /* of the extinction: how far connections look */
 #define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the numbers by which they do */
 
 /* Whether a scatterer looks for lights through a smooth boundary: `share` of those from which connections may reach it do, evenly along the
  * walk. *safe: mm around x without a surface, what becomes known of it; *turn: in [0, 1), whose turn it is. */
 bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
-             const struct pt_sampler *sampler);
+                       const struct pt_sampler *sampler);
 /* Light of lights at a scatterer inside a solid that asks, or at a share of them: adds to sum. beta: the weights with the collision.
  * Through smooth boundaries by connections, through rough ones near them (but for the environment); the walk's own numbers stay as they
  * are. */
 void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
-                      float share, const struct pt_sampler *sampler, double sum[3]);
+                       float share, const struct pt_sampler *sampler, double sum[3]);
 void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
                       float share, float *turn, const struct pt_sampler *sampler, double sum[3]);
 /* Density by which pt_connect_rough would have gone from the walk's scatterer e->from along e->w for the light's place, and asked at
@@ -288,7 +288,8 @@ double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const
 /* Light of lights at a surface in the open, and what the walk does there: a rough boundary's, or Lambert's (rough NULL). `open`: the side
  * of at->ng that is in the open, +1 or -1. `environments`: of the environment alone. */
 void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
-              const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler, double sum[3]);
+                   const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler,
+                   double sum[3]);
 
 /* --- light_path.c: paths from lights
  * ------------------------------------------------------------------------------------------------------- */
@@ -313,7 +314,7 @@ struct pt_walker {
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);
 /* Joins a scatterer of the walk to the light's: adds to sum. */
 void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
-             const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3]);
+                      const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3]);
 
 /* --- specular_manifold.c: delta lights over smooth surfaces
  * --------------------------------------------------------------------------------------- */
@@ -321,8 +322,9 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
 /* Light of delta lights at a scatterer that comes over any number of smooth surfaces, but for what one refraction brings where connections
  * find that: adds to sum. here: where the walk is; beyond: of a rough boundary, what is on its other side, else NULL; off: mm from
  * at->x at which rays start; safe: mm around it without a surface. */
-void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_medium_stack *here,
-               const struct pt_medium_stack *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3]);
+void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at,
+                          const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float off, float safe,
+                          const float beta[3], const struct pt_sampler *walk, double sum[3]);
 
 /* --- Smooth boundaries: boundary.c, scene.c ------------------------------------------------------------------------------------------ */
 

@@ -13,7 +13,7 @@
 #define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
 #define SHARE 0.1f             /* where scattering goes all ways; forward ones follow each other */
 #define PROBES 256
-#define FINISHES 48.0f      /* steps of roughness, from 0 to 1, that maps are rounded to */
+#define FINISHES 48.0f /* steps of roughness, from 0 to 1, that maps are rounded to */
 #define MOST_TEXELS (1u << 20)
 
 static float extent(struct pell_vec3 p)
@@ -324,7 +324,8 @@ static void probe_lights(struct pt_scene *s)
         }
         direction = vec3((float) (2.0 * u[0] - 1.0), (float) (2.0 * u[1] - 1.0), (float) (2.0 * u[2] - 1.0));
         direction = vec3_normalize(direction);
-        for (int k = 0; pell_light_sampler_hit(s->light_sampler, s->centre, s->centre, direction, INFINITY, k, &sample, &distance, radiance, &pdf);
+        for (int k = 0;
+             pell_light_sampler_hit(s->light_sampler, s->centre, s->centre, direction, INFINITY, k, &sample, &distance, radiance, &pdf);
              k++)
             for (int c = 0; c < 3; c++)
                 s->brightest = fmax(s->brightest, (double) radiance[c]);
@@ -415,8 +416,7 @@ fail:
     return res;
 }
 
-enum pell_result pt_scene_create(const struct pell_services *services, const struct pt_knobs *knobs,
-                                 struct pt_scene **out)
+enum pell_result pt_scene_create(const struct pell_services *services, const struct pt_knobs *knobs, struct pt_scene **out)
 {
     struct pell_context *ctx = services->ctx;
     struct pt_scene *s = pell_zalloc(ctx, sizeof(*s));
@@ -488,7 +488,7 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
 }
 
 bool pt_intersect(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
-             struct pt_hit *out)
+                  struct pt_hit *out)
 {
     const struct pell_ray ray = { { x.x, x.y, x.z }, 0.0f, { w.x, w.y, w.z }, reach, mask };
     struct pell_hit hit;
@@ -528,7 +528,8 @@ void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
 
 /* --- Places ----------------------------------------------------------------------------------------------------------------------- */
 
-bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before, struct pt_medium_stack *after)
+bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before,
+              struct pt_medium_stack *after)
 {
     struct pt_medium_stack without = { 0 }, with;
     bool inside = false;
@@ -563,7 +564,7 @@ struct pell_dvec3 pt_normal_at(const struct pt_scene *s, const struct pt_hit *hi
     struct pell_dvec3 p[3], n[3], e1, e2, off, sum, normal;
     double a, b, c, det, u, v, length;
 
-    dn[0] = dn[1] = (struct pell_dvec3){ 0.0, 0.0, 0.0 };
+    dn[0] = dn[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
     if (!hit->bent)
         return dvec3_widen(hit->ng);
     for (int k = 0; k < 3; k++) {

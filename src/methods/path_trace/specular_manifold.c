@@ -38,7 +38,7 @@ struct chain {
     struct pell_dvec3 w0;           /* from the scatterer */
     struct pell_dvec3 at, w;        /* where it is and goes */
     struct pell_dvec3 dp[2], dw[2]; /* by turning w0 about t0, t1 */
-    struct pell_vec3 from;    /* where rays start */
+    struct pell_vec3 from;          /* where rays start */
     struct pt_medium_stack place;
     double share; /* Fresnel's */
     double depth; /* least optical thickness */
@@ -51,7 +51,7 @@ struct quest {
     struct pt_counts *counts;
     const struct pt_scatterer *at;
     const struct pt_medium_stack *here, *beyond; /* on both sides of a surface; beyond NULL: not there */
-    float off;                            /* mm: how far from a surface rays start */
+    float off;                                   /* mm: how far from a surface rays start */
     struct pell_light_sample source;
     double deepest; /* optical thickness */
     bool connected; /* what one refraction brings is found by connections */
@@ -66,7 +66,7 @@ static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3
     c->w0 = c->w = w0;
     c->at = dvec3_widen(q->at->x);
     c->from = vec3_mad(q->at->x, front ? q->off : -q->off, n);
-    c->dp[0] = c->dp[1] = (struct pell_dvec3){ 0.0, 0.0, 0.0 };
+    c->dp[0] = c->dp[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
     c->dw[0] = t0;
     c->dw[1] = t1;
     c->place = front ? *q->here : *q->beyond;
@@ -94,7 +94,7 @@ static struct pell_dvec3 plane_of(const struct pt_scene *s, const struct pt_hit 
     const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
     const struct pell_dvec3 a = dvec3_widen(vec3_load(m->position + 3 * (size_t) i[0]));
     const struct pell_dvec3 n = dvec3_cross(dvec3_mad(dvec3_widen(vec3_load(m->position + 3 * (size_t) i[1])), -1.0, a),
-                                dvec3_mad(dvec3_widen(vec3_load(m->position + 3 * (size_t) i[2])), -1.0, a));
+                                            dvec3_mad(dvec3_widen(vec3_load(m->position + 3 * (size_t) i[2])), -1.0, a));
 
     *corner = a;
     return dvec3_dot(n, n) > 0.0 ? dvec3_normalize(n) : dvec3_widen(hit->ng);
@@ -129,7 +129,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     t = dvec3_dot(dvec3_mad(corner, -1.0, c->at), ng) / along;
     if (!(t > 0.0))
         return false;
-    *leg = (struct leg){ solid, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
+    *leg = (struct leg) { solid, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
     if (solid >= 0)
         c->depth += t * (double) s->solid[solid].medium.slowest;
     c->at = dvec3_mad(c->at, t, c->w);
@@ -157,7 +157,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     if (!(cosine > 1e-4)) { /* as the walk does */
         ns = ng;
         cosine = -dvec3_dot(c->w, ns);
-        dn[0] = dn[1] = (struct pell_dvec3){ 0.0, 0.0, 0.0 };
+        dn[0] = dn[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
         c->odd = true;
     }
     dn[0] = dvec3_mul(dn[0], side);
@@ -389,12 +389,14 @@ static bool light_of(const struct quest *q, const struct chain *c, const float b
         for (int k = 0; k < 3; k++)
             out[k] *= (double) passed[k];
     }
-    return out[0] + out[1] + out[2] > 0.0 && pt_unoccluded(q->s, q->counts, c->from, dvec3_narrow(v),
-                                                      distance < INFINITY ? (float) (distance * (1.0 - 1e-5)) : INFINITY, PELL_RAY_ALL);
+    return out[0] + out[1] + out[2] > 0.0 &&
+           pt_unoccluded(q->s, q->counts, c->from, dvec3_narrow(v), distance < INFINITY ? (float) (distance * (1.0 - 1e-5)) : INFINITY,
+                         PELL_RAY_ALL);
 }
 
-void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at, const struct pt_medium_stack *here,
-               const struct pt_medium_stack *beyond, float off, float safe, const float beta[3], const struct pt_sampler *walk, double sum[3])
+void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at,
+                          const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float off, float safe,
+                          const float beta[3], const struct pt_sampler *walk, double sum[3])
 {
     struct pt_sampler own = pt_own_numbers(walk, 0x9fb21c651e98df25u);
     const int solid = pt_top(here);

@@ -76,7 +76,7 @@ void pt_trace(const struct pt_scene *s, struct pt_walker *walker, const struct p
     for (int begin = 0; begin < count; begin += (int) PELL_COUNT(jobs)) {
         const int n = count - begin < (int) PELL_COUNT(jobs) ? count - begin : (int) PELL_COUNT(jobs);
         for (int i = 0; i < n; i++)
-            jobs[i] = (struct pt_job){ .point = point, .sample = first + (uint32_t) (begin + i) };
+            jobs[i] = (struct pt_job) { .point = point, .sample = first + (uint32_t) (begin + i) };
         pt_trace_jobs(s, walker, jobs, n);
         for (int i = 0; i < n; i++)
             out[begin + i] = jobs[i].light;

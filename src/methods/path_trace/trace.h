@@ -18,7 +18,7 @@ enum pt_acceleration { PT_ACCELERATION_NONE, PT_ACCELERATION_LANES, PT_ACCELERAT
 /* Ways by which light is found; tests switch them off one by one. */
 enum pt_technique {
     PT_CHANCE = 1 << 0,  /* the walk meets a light with extent, or the environment */
-    PT_LIGHTS = 1 << 1,   /* lights are sampled at surfaces: rough boundaries, opaque objects */
+    PT_LIGHTS = 1 << 1,  /* lights are sampled at surfaces: rough boundaries, opaque objects */
     PT_CONNECT = 1 << 2, /* lights are sampled inside media, through smooth boundaries */
     PT_LIGHT = 1 << 3,   /* paths from the lights are joined to the walk inside media */
     PT_CHAIN = 1 << 4,   /* chains of smooth surfaces are solved for, from scatterers to delta lights */
@@ -40,8 +40,7 @@ struct pt_walker;
 
 /* PELL_ERR_UNSUPPORTED, with a message that names the material, for those of which only a profile is known. Warns once of each solid whose
  * surface is open. The services must outlive the scene. */
-PELL_NODISCARD enum pell_result pt_scene_create(const struct pell_services *services, const struct pt_knobs *knobs,
-                                                struct pt_scene **out);
+PELL_NODISCARD enum pell_result pt_scene_create(const struct pell_services *services, const struct pt_knobs *knobs, struct pt_scene **out);
 void pt_scene_destroy(struct pt_scene **scene);
 
 /* pell_seconds() after which what may take long is given up; INFINITY, as it is at first: never. While no walk runs. */

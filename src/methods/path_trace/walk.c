@@ -69,7 +69,8 @@ void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, e
         const float share = p->scattered <= 1 ? 1.0f : s->solid[solid].share;
         if (!s->solid[solid].connects)
             pt_connect_rough(s, p->counts, solid, at, p->beta, share, &p->turn, p->sampler, sum);
-        else if (asked == PT_CONNECTION_YES || (asked == PT_CONNECTION_NOT && pt_should_connect(s, solid, at->x, &p->safe, share, &p->turn, p->sampler)))
+        else if (asked == PT_CONNECTION_YES ||
+                 (asked == PT_CONNECTION_NOT && pt_should_connect(s, solid, at->x, &p->safe, share, &p->turn, p->sampler)))
             pt_connect_lights(s, p->counts, solid, at, p->beta, share, p->sampler, sum);
         add(p, sum, p->scattered);
         p->exit.from = *at;
@@ -149,7 +150,7 @@ static bool look(const struct pt_walk *p, const struct pt_hit *hit, struct bound
     b->eta = pt_index(p->s, pt_top(&b->after)) / pt_index(p->s, pt_top(&b->before));
     outward = b->enter ? b->eta : 1.0f / b->eta;
     b->rough = pt_rough_find(p->s, hit, outward);
-    b->at = (struct pt_shading_frame){ vec3_mul(p->w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), b->enter ? 0 : 1 };
+    b->at = (struct pt_shading_frame) { vec3_mul(p->w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), b->enter ? 0 : 1 };
     b->flat = !(vec3_dot(b->at.o, b->at.ns) > 1e-4f);
     if (b->flat)
         b->at.ns = b->at.ng;

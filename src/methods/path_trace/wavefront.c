@@ -3,8 +3,8 @@
  * together; at surfaces, in the open, in layers and where lights are looked for each goes on by itself, as walk.c has it. A walk that is
  * over makes room for the next. What comes of a sample does not depend on its neighbours: the bits are those of one walk after the
  * other. */
-#include "methods/path_trace/wavefront_kernel.h"
 #include "methods/path_trace/walk.h"
+#include "methods/path_trace/wavefront_kernel.h"
 
 #include <string.h>
 
@@ -86,7 +86,7 @@ static void take(struct pt_wavefront *d, int l)
     p->from = p->x;
     if (connects(d, p)) {
         const int solid = pt_top(&p->place);
-        p->exit.from = (struct pt_scatterer){ .x = p->x, .w = came, .medium = &d->s->solid[solid].medium.layer[0] };
+        p->exit.from = (struct pt_scatterer) { .x = p->x, .w = came, .medium = &d->s->solid[solid].medium.layer[0] };
         p->exit.solid = solid;
         p->exit.share = p->scattered <= 1 ? 1.0f : d->s->solid[solid].share;
         for (int c = 0; c < 3; c++)
@@ -167,8 +167,8 @@ static void point_at_own(struct slot *slot)
     slot->p.vertex = slot->vertex;
 }
 
-static void load_slot(struct pt_wavefront *d, int l, const struct pt_walk *p, const struct pt_sampler *sampler, const struct pt_light *light,
-                      struct pt_job *job)
+static void load_slot(struct pt_wavefront *d, int l, const struct pt_walk *p, const struct pt_sampler *sampler,
+                      const struct pt_light *light, struct pt_job *job)
 {
     struct slot *slot = &d->slot[l];
 
@@ -240,7 +240,7 @@ static struct pt_wavefront_place place_of(const struct pt_scene *s, int solid, b
     const struct pt_solid *b = &s->solid[solid];
     const float margin = 4.0f * s->unit;
 
-    return (struct pt_wavefront_place){
+    return (struct pt_wavefront_place) {
         .m = &b->medium.layer[0],
         .grid = b->grid ? pell_distance_grid(s->distance, solid) : NULL,
         .lo = { b->lo.x - margin, b->lo.y - margin, b->lo.z - margin },
@@ -327,7 +327,7 @@ static void look(struct pt_wavefront *d, int l, int solid, bool asks)
     d->since &= ~(1u << l);
     take(d, l);
     p->from = p->x;
-    at = &(struct pt_scatterer){ .x = p->x, .w = p->w, .medium = &d->s->solid[solid].medium.layer[0] };
+    at = &(struct pt_scatterer) { .x = p->x, .w = p->w, .medium = &d->s->solid[solid].medium.layer[0] };
     pt_scattered(p, at, solid, asks ? PT_CONNECTION_YES : PT_CONNECTION_NO);
     d->w.turn[l] = p->turn;
     if (!p->tight && p->vertices == 0 && !d->s->solid[solid].near)
@@ -344,7 +344,7 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
     rays = d->k->sample_distance(&d->w, &place, set, &cut);
     for (uint32_t left = cut; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        pt_cut(counts, (const float[3]){ d->w.beta[0][l], d->w.beta[1][l], d->w.beta[2][l] });
+        pt_cut(counts, (const float[3]) { d->w.beta[0][l], d->w.beta[1][l], d->w.beta[2][l] });
         finish(d, l);
     }
     set &= ~cut;

@@ -40,7 +40,7 @@ INLINE vi mask_of(uint32_t set, int l)
 {
     static const int32_t bit[16] = { 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768 };
 
-    return (((vi){ 0 } + (int32_t) (set >> l)) & whole(bit)) != 0;
+    return (((vi) { 0 } + (int32_t) (set >> l)) & whole(bit)) != 0;
 }
 
 INLINE uint32_t set_of(vi mask, int l)
@@ -87,13 +87,14 @@ INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, 
     uint32_t early = 0;
 
     EACH(l)
-        early |= set_of(whole(w->at + l) < PT_QUASI_RANDOM_NUMBERS, l);
+    early |= set_of(whole(w->at + l) < PT_QUASI_RANDOM_NUMBERS, l);
     early &= set;
-    EACH(l) {
+    EACH(l)
+    {
         vq half[2];
         for (int k = 0; k < 2; k++) {
             uint64_t *state = w->state + l + k * (WIDTH / 2);
-            const vq on = (vq) ((((vq){ 0 } + ((set & ~early) >> (l + k * (WIDTH / 2)))) & half_bits()) != 0);
+            const vq on = (vq) ((((vq) { 0 } + ((set & ~early) >> (l + k * (WIDTH / 2)))) & half_bits()) != 0);
             vq s;
             memcpy(&s, state, sizeof(s));
             s += on & GOLDEN;
@@ -117,7 +118,8 @@ INLINE void uniform(struct pt_wavefront_lanes *w, uint32_t set, float *out)
     _Alignas(64) float homogeneous[PT_LANES] = { 0 };
     const uint32_t early = draw(w, set, bits, homogeneous);
 
-    EACH(l) {
+    EACH(l)
+    {
         const vf late = __builtin_convertvector(whole(bits + l) >> 8 & 0xffffff, vf) * (1.0f / 16777216.0f);
         store(out + l, early ? select(mask_of(early, l), load(homogeneous + l), late) : late);
     }
@@ -135,7 +137,8 @@ INLINE void chance(struct pt_wavefront_lanes *w, uint32_t set, float *out)
     _Alignas(64) float homogeneous[PT_LANES] = { 0 };
     const uint32_t early = draw(w, set, bits, homogeneous);
 
-    EACH(l) {
+    EACH(l)
+    {
         const vf late = chance_of(whole(bits + l));
         store(out + l, early ? select(mask_of(early, l), 1.0f - load(homogeneous + l), late) : late);
     }
@@ -144,7 +147,8 @@ INLINE void chance(struct pt_wavefront_lanes *w, uint32_t set, float *out)
 /* What the channel, chosen as by pt_sample_channel, has of `of`. */
 INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const float of[3], float *out)
 {
-    EACH(l) {
+    EACH(l)
+    {
         const vf b0 = load(w->beta[0] + l), b1 = load(w->beta[1] + l), b2 = load(w->beta[2] + l), t = load(u + l) * (b0 + b1 + b2);
         const vi second = t >= b0, third = second & (t - b0 >= b1), two = third & (b2 > 0.0f), one = second & ~two & (b1 > 0.0f);
         store(out + l, select(two, all(of[2]), select(one, all(of[1]), all(of[0]))));
@@ -159,14 +163,15 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
     _Alignas(64) int32_t cube[PT_LANES];
     _Alignas(64) float away2[PT_LANES], steps[PT_LANES];
 
-    EACH(l) {
+    EACH(l)
+    {
         vi inside = mask_of(set, l), at[3];
         vf off[3];
         for (int k = 0; k < 3; k++)
             inside &= (load(w->x[k] + l) >= g->low[k]) & (load(w->x[k] + l) <= g->high[k]);
         for (int k = 0; k < 3; k++) {
             const vf x = select(inside, load(w->x[k] + l), all(g->low[k]));
-            const vi i = __builtin_convertvector((x - g->low[k]) * g->inverse_side, vi), last = (vi){ 0 } + (g->size[k] - 1);
+            const vi i = __builtin_convertvector((x - g->low[k]) * g->inverse_side, vi), last = (vi) { 0 } + (g->size[k] - 1);
             at[k] = (i & (i < last)) | (last & ~(i < last));
             off[k] = x - (g->low[k] + (__builtin_convertvector(at[k], vf) + 0.5f) * g->side);
         }
@@ -176,7 +181,8 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
     }
     for (int l = 0; l < PT_LANES; l++)
         steps[l] = (float) g->steps[cube[l]];
-    EACH(l) {
+    EACH(l)
+    {
         const vf known = load(steps + l) * g->unit, away = root(load(away2 + l)), b = known - (away + 5e-7f * (known + away));
         store(out + l, select(mask_of(set, l) & (b > 0.0f), b, all(0.0f)));
     }
@@ -191,7 +197,8 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     uint32_t asks = 0, rays = 0;
 
     *cut = 0;
-    EACH(l) {
+    EACH(l)
+    {
         const vi bounces = whole(w->bounces + l);
         *cut |= set_of(bounces >= p->bounces, l) & on;
         keep(w->bounces + l, bounces - mask_of(on, l));
@@ -199,13 +206,14 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     on &= ~*cut;
     if (m->gray) {
         EACH(l)
-            store(path + l, all(m->mean_free_path[0]));
+        store(path + l, all(m->mean_free_path[0]));
     } else {
         uniform(w, on, u);
         choose(w, u, m->mean_free_path, path);
     }
     chance(w, on, u);
-    EACH(l) {
+    EACH(l)
+    {
         const vf length = -lanes_log(load(u + l)) * load(path + l), safe = load(w->safe + l);
         const vi free = length < safe, mask = mask_of(on, l);
         store(w->length + l, length);
@@ -216,7 +224,8 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
         return 0;
     if (p->grid)
         bound(p->grid, w, asks, near);
-    EACH(l) {
+    EACH(l)
+    {
         const vf safe = p->grid ? load(near + l) - load(w->length + l) : all(0.0f);
         const vi mask = mask_of(asks, l), free = safe > 0.0f;
         put(w->safe + l, mask, select(free, safe, all(0.0f)));
@@ -231,7 +240,8 @@ static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_pla
     _Alignas(64) float reach[PT_LANES], near[PT_LANES];
     uint32_t asks = 0, turns = 0;
 
-    EACH(l) {
+    EACH(l)
+    {
         vq half[2];
         for (int k = 0; k < 2; k++) {
             vq s, at;
@@ -249,12 +259,14 @@ static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_pla
         return 0;
     if (p->grid) {
         bound(p->grid, w, asks, near);
-        EACH(l) {
+        EACH(l)
+        {
             put(w->safe + l, mask_of(asks, l), greater(load(near + l), load(w->safe + l)));
             asks &= set_of(load(reach + l) > load(near + l), l) | ~(((1u << WIDTH) - 1u) << l);
         }
     }
-    EACH(l) {
+    EACH(l)
+    {
         const vf turn = load(w->turn + l) + select(whole(w->scattered + l) <= 1, all(1.0f), all(p->share));
         const vi mask = mask_of(asks, l), has = turn >= 1.0f;
         put(w->turn + l, mask, select(has, turn - 1.0f, turn));
@@ -268,7 +280,8 @@ static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_
     const struct pt_coefficients *m = p->m;
 
     *lost = *gone = 0;
-    EACH(l) {
+    EACH(l)
+    {
         const vf length = load(w->length + l);
         vi mask = mask_of(on, l), out = ~(length < 1e30f);
         vf to[3], beta[3], t[3], sum;
@@ -317,7 +330,8 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
     }
     uniform(w, on, u);
     uniform(w, on, v);
-    EACH(l) {
+    EACH(l)
+    {
         const vi mask = mask_of(on, l);
         vf from[3], to[3], beta[3], now;
         for (int k = 0; k < 3; k++) {
@@ -352,7 +366,8 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
     if (!low)
         return dead;
     uniform(w, low, u);
-    EACH(l) {
+    EACH(l)
+    {
         const vf now = load(v + l), scale = p->roulette / now;
         const vi mask = mask_of(low, l), over = load(u + l) * p->roulette >= now;
         for (int c = 0; c < 3; c++)
@@ -363,4 +378,5 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
 }
 
 extern const struct pt_wavefront_kernels PELL_SIMD(pt_wavefront_kernels);
-const struct pt_wavefront_kernels PELL_SIMD(pt_wavefront_kernels) = { .sample_distance = sample_distance, .collide = collide, .scatter = scatter };
+const struct pt_wavefront_kernels
+    PELL_SIMD(pt_wavefront_kernels) = { .sample_distance = sample_distance, .collide = collide, .scatter = scatter };

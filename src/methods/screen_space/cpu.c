@@ -21,7 +21,7 @@ enum {
 
 struct band {
     struct screen_seen seen;
-    int64_t active[2];  /* pixels that were blurred, by axis */
+    int64_t active[2]; /* pixels that were blurred, by axis */
     double seconds[2];
 };
 
@@ -36,24 +36,24 @@ struct screen_state {
     const struct screen_kernels *kernels;
     struct screen_knobs knobs;
     size_t num_materials;
-    struct pell_gaussians *profiles;       /* of each material */
+    struct pell_gaussians *profiles;        /* of each material */
     struct pell_thickness_table *thickness; /* of each material, or NULL */
-    int steps;                             /* of the longest chain, without those ahead */
-    float *variance;                       /* see struct screen_work; SCREEN_PREBLUR rows come first */
-    float *least_added;                    /* of the steps of this frame */
+    int steps;                              /* of the longest chain, without those ahead */
+    float *variance;                        /* see struct screen_work; SCREEN_PREBLUR rows come first */
+    float *least_added;                     /* of the steps of this frame */
     float (*blend)[3];
     float (*total)[3];
-    double variance_max;                   /* of a first step */
-    float *memory;                         /* all planes */
+    double variance_max; /* of a first step */
+    float *memory;       /* all planes */
     struct screen_cell *cells;
     struct screen_extent *extents;
-    uint16_t *run; /* of each block of a row: how many smooth rows ended here */
-    float *tangents;                       /* of columns, then of rows */
+    uint16_t *run;   /* of each block of a row: how many smooth rows ended here */
+    float *tangents; /* of columns, then of rows */
     struct band *bands;
-    float *rows;                           /* of each worker: three, for what is blurred down and not yet across */
-    struct screen_work work, next;             /* of the step that goes down, and of the one that goes across behind it */
-    float *const *from, *const *to;        /* planes of what is blurred across: by the one step, and by the other */
-    bool down, across;                     /* what the running pass does */
+    float *rows;                                     /* of each worker: three, for what is blurred down and not yet across */
+    struct screen_work work, next;                   /* of the step that goes down, and of the one that goes across behind it */
+    float *const *from, *const *to;                  /* planes of what is blurred across: by the one step, and by the other */
+    bool down, across;                               /* what the running pass does */
     void (*row)(const struct screen_work *w, int y); /* or this */
     struct pell_pass_time times[1 + SCREEN_STEPS];
     size_t num_times;
@@ -331,7 +331,8 @@ static enum pell_result make_planes(struct screen_state *st, const struct pell_f
     return PELL_OK;
 }
 
-static enum pell_result screen_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state)
+static enum pell_result screen_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                      void **state)
 {
     struct pell_context *ctx = services->ctx;
     struct screen_state *st = pell_zalloc(ctx, sizeof(*st));
@@ -365,10 +366,11 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     w->correction = k->correction;
     w->maxdd = k->maxdd;
     w->unit = shape->object_height > 0.0f ? 1.0f / shape->object_height : 1.0f;
-    w->forms = (k->edges == SCREEN_EDGES_PAPER ? SCREEN_FORM_PAPER_EDGES : 0) | (k->slope == SCREEN_SLOPE_PAPER ? SCREEN_FORM_PAPER_SLOPE : 0);
+    w->forms =
+        (k->edges == SCREEN_EDGES_PAPER ? SCREEN_FORM_PAPER_EDGES : 0) | (k->slope == SCREEN_SLOPE_PAPER ? SCREEN_FORM_PAPER_SLOPE : 0);
     PELL_TRY(make_tables(st, shape));
     PELL_TRY(make_planes(st, shape));
-    w->total = (const float (*)[3]) st->total;
+    w->total = (const float(*)[3]) st->total;
     return PELL_OK;
 
 fail:
@@ -582,7 +584,7 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     find_clear(st);
     choose_steps(st, seen.scale, &preblur, &first);
     w->variance = st->variance + (size_t) (SCREEN_PREBLUR - preblur) * row;
-    w->blend = (const float (*)[3]) st->blend + (size_t) (SCREEN_PREBLUR - preblur) * row;
+    w->blend = (const float(*)[3]) st->blend + (size_t) (SCREEN_PREBLUR - preblur) * row;
     steps = preblur + st->steps;
     find_least(st, w->variance, steps);
     note_time(st, "load", pell_seconds() - start, seen.pixels, (int64_t) seen.pixels * 40);
@@ -630,5 +632,9 @@ static size_t times(const void *state, struct pell_pass_time *list, size_t size)
 }
 
 const struct pell_method_engine pell_ss_cpu = {
-    .create = screen_create, .record = screen_render, .destroy = screen_destroy, .thickness = thickness, .times = times,
+    .create = screen_create,
+    .record = screen_render,
+    .destroy = screen_destroy,
+    .thickness = thickness,
+    .times = times,
 };

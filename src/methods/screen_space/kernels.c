@@ -74,9 +74,9 @@ INLINE float sum_of(const float *v)
 #define JUMP 4.0f   /* change of depth from a pixel to the next, in pixels' sizes, that may be a silhouette */
 #define CREASE 0.5f /* change of that change which wide gaps would miss */
 #define TAPS_DENSE 48.0f
-#define K_NORM 0.401802782f  /* sqrt(variance) / integral */
+#define K_NORM 0.401802782f       /* sqrt(variance) / integral */
 #define K_SCALE_ROOT 0.214667712f /* sqrt(sqrt(B2) variance / 16) */
-#define K_REACH 3.549853f    /* 3.4 / sqrt(variance): the support in standard deviations */
+#define K_REACH 3.549853f         /* 3.4 / sqrt(variance): the support in standard deviations */
 /* Under 0.6 pixels a sampled Gaussian loses variance. Such a blur is the one of 0.6 pixels, mixed with the unblurred pixel. */
 #define S2_MIN 0.36f
 #define S2_MIN_VARIANCE 0.347397f /* that K, sampled at whole pixels, has there */
@@ -115,14 +115,14 @@ INLINE vf grid_difference(vf u1, vf u0)
 
 /* What the taps of a block need to know. */
 struct block {
-    bool uniform;            /* all lanes have the same variances */
-    bool wide;               /* and they are far above a pixel's */
-    bool bare;               /* and nothing was blurred before */
-    float after, before;     /* then: mm^2 after and before the step */
+    bool uniform;                                                   /* all lanes have the same variances */
+    bool wide;                                                      /* and they are far above a pixel's */
+    bool bare;                                                      /* and nothing was blurred before */
+    float after, before;                                            /* then: mm^2 after and before the step */
     _Alignas(64) float afters[SCREEN_BLOCK], befores[SCREEN_BLOCK]; /* else */
-    int active;              /* lanes that are blurred */
-    int count, stride;       /* taps on each side, and their distance in pixels */
-    float skew;              /* of the line of taps along y, see struct screen_cell */
+    int active;                                                     /* lanes that are blurred */
+    int count, stride;                                              /* taps on each side, and their distance in pixels */
+    float skew;                                                     /* of the line of taps along y, see struct screen_cell */
 };
 
 /* Variance that the chain reaches with `step`, in mm^2. */
@@ -227,8 +227,7 @@ INLINE void space(const struct screen_work *w, size_t index, int block, int axis
     b->skew = fabsf(cell->skew) * reach < 0.5f ? 0.0f : cell->skew; /* under half a pixel to the side all taps are upright */
     /* Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then. */
     step = 1.5f * sqrtf(least);
-    dense = is_clear(w, block, axis, cell, b->skew, reach) ? reach
-            : reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
+    dense = is_clear(w, block, axis, cell, b->skew, reach) ? reach : reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
     step = step < dense ? step : dense;
     b->stride = step >= 2.0f ? (step < 65536.0f ? (int) step : 65536) : 1;
     b->count = reach < 262144.0f ? (int) (reach / (float) b->stride) : 262144;
@@ -242,7 +241,7 @@ struct job {
     const struct screen_cell *cell;
     int x, low, high; /* the block's first pixel; taps on either side that are inside */
     struct block b;
-    _Alignas(64) float fall[SCREEN_BLOCK], share[SCREEN_BLOCK]; /* see struct centre; of a tap's weight in what comes out */
+    _Alignas(64) float fall[SCREEN_BLOCK], share[SCREEN_BLOCK];      /* see struct centre; of a tap's weight in what comes out */
     _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* gathered */
 };
 
@@ -311,8 +310,8 @@ INLINE void upright_tap(const struct around *a, struct lane_taps *side, ptrdiff_
 /* The taps of a block's pixels; those of the two sides in pairs, as most blocks have as many. Between the points of two pixels lies
  * h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; its length, squared, is that along the axis squared and
  * dz^2 (1 + t^2), t of the other axis. The first is linear in the tap's z. */
-INLINE void upright(const struct screen_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c, bool several,
-                    bool parallel, struct gathered *g)
+INLINE void upright(const struct screen_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c,
+                    bool several, bool parallel, struct gathered *g)
 {
     const float pace = (float) job->b.stride;
     const ptrdiff_t step = job->b.stride * (axis == 0 ? 1 : w->stride);
@@ -338,9 +337,9 @@ struct leaning {
 };
 
 struct lean_place {
-    vf aslant;                   /* 2 (x tx + y ty) */
-    vf beside2;                  /* from the line that the tap stands for, along x */
-    float apart2;                /* from the pixel, px^2 */
+    vf aslant;    /* 2 (x tx + y ty) */
+    vf beside2;   /* from the line that the tap stands for, along x */
+    float apart2; /* from the pixel, px^2 */
     int px, py;
 };
 
@@ -356,8 +355,8 @@ INLINE struct lean_place lean_place(const struct block *b, int j, const struct c
 }
 
 /* `x` is the block's. Taps beside what is translucent are moved to where there is nothing. */
-INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int x, int px, int py, vf aslant, const struct lean_place *place,
-                        const struct centre *c, const struct leaning *l, bool several, struct gathered *g)
+INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int x, int px, int py, vf aslant,
+                        const struct lean_place *place, const struct centre *c, const struct leaning *l, bool several, struct gathered *g)
 {
     const bool in = x + px + SCREEN_BLOCK > w->block0 * SCREEN_BLOCK && x + px < w->block1 * SCREEN_BLOCK;
     const ptrdiff_t at = (in ? px : (w->block0 - 1) * SCREEN_BLOCK - x) + py * w->stride;
@@ -368,7 +367,7 @@ INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int
 }
 
 INLINE void skewed_line(const struct screen_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,
-                         bool several, struct gathered *g)
+                        bool several, struct gathered *g)
 {
     const struct leaning l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * w->depth_mm,
                                c->fall * w->fixed_mm };
@@ -417,8 +416,9 @@ INLINE void gather(const struct screen_work *w, int y, int axis, bool skews, boo
             .fall = load(job->fall + part),
             .tan = { load(w->columns_tan + job->x + part), (vf) { 0 } + w->rows_tan[y] },
         };
-        const struct around a = { w->key + at, w->depth + at, w->length[axis] + at,
-                                  { row[0] + job->x + part, row[1] + job->x + part, row[2] + job->x + part } };
+        const struct around a = {
+            w->key + at, w->depth + at, w->length[axis] + at, { row[0] + job->x + part, row[1] + job->x + part, row[2] + job->x + part }
+        };
         struct gathered g = { { 0 }, { { 0 }, { 0 }, { 0 } } };
 
         if (skews)
@@ -553,8 +553,8 @@ INLINE struct screen_cell *cell_at(const struct screen_work *w, int block, int y
 }
 
 /* Looks at the materials of a block, of which lanes x0 to x1 lie in the rectangle. */
-INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int x1, float *restrict owners, struct screen_cell *cell, int *low,
-                        int *high)
+INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int x1, float *restrict owners, struct screen_cell *cell,
+                        int *low, int *high)
 {
     const uint16_t *material = w->in->material + from;
     int first = 0, last = 0, count = 0;
@@ -580,9 +580,11 @@ INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int
     }
     *low = first;
     *high = last;
-    *cell = (struct screen_cell) { .live = count == 0 ? SCREEN_EMPTY : count == SCREEN_BLOCK ? SCREEN_FULL : SCREEN_SOME,
-                               .owner = first == last ? (uint16_t) first : SCREEN_MIXED,
-                               .pixels = (uint8_t) count };
+    *cell = (struct screen_cell) { .live = count == 0              ? SCREEN_EMPTY
+                                           : count == SCREEN_BLOCK ? SCREEN_FULL
+                                                                   : SCREEN_SOME,
+                                   .owner = first == last ? (uint16_t) first : SCREEN_MIXED,
+                                   .pixels = (uint8_t) count };
 }
 
 /* Rows are too short for the processor to foresee their next lines, and there are many planes: each block asks for what the one below it
@@ -681,7 +683,8 @@ static PELL_FETCHING void load_row(const struct screen_work *w, int y, struct sc
     *seen = (struct screen_seen) { 0 };
     *extent = (struct screen_extent) { w->block1, w->block0 };
     for (int b = w->block0; b < w->block1; b++) {
-        const int x = b * SCREEN_BLOCK, x0 = rect->x0 > x ? rect->x0 - x : 0, x1 = rect->x1 - x < SCREEN_BLOCK ? rect->x1 - x : SCREEN_BLOCK;
+        const int x = b * SCREEN_BLOCK, x0 = rect->x0 > x ? rect->x0 - x : 0,
+                  x1 = rect->x1 - x < SCREEN_BLOCK ? rect->x1 - x : SCREEN_BLOCK;
         if (y + 1 < rect->y1)
             fetch_load(w, x, y + 1);
         load_block(w, x, y, x0, x1, cell_at(w, b, y), seen);
@@ -830,8 +833,8 @@ static PELL_FETCHING void measure_row(const struct screen_work *w, int y)
 
 /* Blends the step's result into the sum. Where a pixel left the step out, its weight goes to the last result, or, as in the paper (`on`),
  * to all that the sum holds. */
-INLINE void put(const struct screen_work *w, int x, int y, size_t index, const struct screen_cell *cell, float (*restrict light)[SCREEN_BLOCK],
-                const float *on)
+INLINE void put(const struct screen_work *w, int x, int y, size_t index, const struct screen_cell *cell,
+                float (*restrict light)[SCREEN_BLOCK], const float *on)
 {
     const size_t row = (size_t) w->step * (w->num_materials + 1);
     float *const *before = w->fresh ? w->now : w->sum;
@@ -986,5 +989,9 @@ static void copy_row(const struct screen_work *w, int y)
 
 extern const struct screen_kernels PELL_SIMD(pell_ss_kernels);
 const struct screen_kernels PELL_SIMD(pell_ss_kernels) = {
-    .load = load_row, .measure = measure_row, .across = across_row, .down = down_row, .copy = copy_row,
+    .load = load_row,
+    .measure = measure_row,
+    .across = across_row,
+    .down = down_row,
+    .copy = copy_row,
 };

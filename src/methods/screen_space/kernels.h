@@ -19,14 +19,14 @@ enum { SCREEN_MIXED = 0xffff }; /* as a block's material: there are several in i
 
 /* What is known of a block of 16 pixels in a row. The smallest and largest values are those of pixels that can be blurred. */
 struct screen_cell {
-    uint16_t owner;     /* the material of all its translucent pixels, or SCREEN_MIXED */
-    uint8_t live;       /* enum screen_live */
-    uint8_t pixels;     /* that can be blurred */
-    float scale[2];     /* smallest, largest */
-    float to_px[2][2];  /* of each axis: smallest, largest */
-    bool smooth;        /* full, of one material, and nowhere a jump in depth */
-    uint16_t clear[2];  /* pixels before and behind it, along each axis, that are of smooth blocks alone */
-    float skew;         /* of the second pass: pixels that x falls as y grows by one */
+    uint16_t owner;    /* the material of all its translucent pixels, or SCREEN_MIXED */
+    uint8_t live;      /* enum screen_live */
+    uint8_t pixels;    /* that can be blurred */
+    float scale[2];    /* smallest, largest */
+    float to_px[2][2]; /* of each axis: smallest, largest */
+    bool smooth;       /* full, of one material, and nowhere a jump in depth */
+    uint16_t clear[2]; /* pixels before and behind it, along each axis, that are of smooth blocks alone */
+    float skew;        /* of the second pass: pixels that x falls as y grows by one */
 };
 
 /* The blocks of a row from the first to behind the last that holds anything translucent. */
@@ -38,29 +38,29 @@ struct screen_extent {
 struct screen_work {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
-    const float *const *light; /* three planes of the caller: what is blurred */
-    ptrdiff_t stride;          /* of the planes below */
-    int block0, block1;        /* blocks that hold the rectangle */
-    int blocks;                /* in a row of the picture */
+    const float *const *light;                         /* three planes of the caller: what is blurred */
+    ptrdiff_t stride;                                  /* of the planes below */
+    int block0, block1;                                /* blocks that hold the rectangle */
+    int blocks;                                        /* in a row of the picture */
     float *key, *depth, *scale, *length[2], *to_px[2]; /* see `load` and `measure` */
-    float *now[3], *half[3], *sum[3];       /* light as it was loaded; blurred, see cpu.c; the weighted sum */
-    struct screen_cell *cells; /* [y * blocks + block] */
-    struct screen_extent *extents; /* of each row */
-    const float *columns_tan, *rows_tan; /* slopes of the rays through columns (with a margin) and rows */
+    float *now[3], *half[3], *sum[3];                  /* light as it was loaded; blurred, see cpu.c; the weighted sum */
+    struct screen_cell *cells;                         /* [y * blocks + block] */
+    struct screen_extent *extents;                     /* of each row */
+    const float *columns_tan, *rows_tan;               /* slopes of the rays through columns (with a margin) and rows */
     size_t num_materials;
-    const float (*total)[3];   /* of each material's profile; all zeros for material 0, which is none */
-    const float *variance;     /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
-    const float *least_added;  /* likewise: mm^2 that the step, or one before it, adds least */
-    const float (*blend)[3];   /* likewise: share of the step's result in the sum */
-    float depth_mm, fixed_mm;  /* mm per pixel = depth * depth_mm + fixed_mm */
-    float ratio2;              /* scales all variances: (ssslevel / derived)^2 */
-    float skip;                /* px^2: a step that adds less is left out */
+    const float (*total)[3];       /* of each material's profile; all zeros for material 0, which is none */
+    const float *variance;         /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
+    const float *least_added;      /* likewise: mm^2 that the step, or one before it, adds least */
+    const float (*blend)[3];       /* likewise: share of the step's result in the sum */
+    float depth_mm, fixed_mm;      /* mm per pixel = depth * depth_mm + fixed_mm */
+    float ratio2;                  /* scales all variances: (ssslevel / derived)^2 */
+    float skip;                    /* px^2: a step that adds less is left out */
     float correction, maxdd, unit; /* foreshortening of the paper: unit is 1/mm of depth */
-    int forms;                 /* enum screen_form */
+    int forms;                     /* enum screen_form */
     int step;
-    bool several;              /* more than one material in this frame */
-    bool fresh;                /* nothing is in `sum` yet */
-    bool last;                 /* the sum goes to `out` */
+    bool several; /* more than one material in this frame */
+    bool fresh;   /* nothing is in `sum` yet */
+    bool last;    /* the sum goes to `out` */
 };
 
 enum screen_form {
@@ -69,9 +69,9 @@ enum screen_form {
 };
 
 struct screen_seen { /* by screen_load in one row */
-    float scale;          /* the largest: px^2 per mm^2 */
-    int first, last;      /* smallest and largest material, 0 where there is none */
-    int pixels;           /* that are translucent */
+    float scale;     /* the largest: px^2 per mm^2 */
+    int first, last; /* smallest and largest material, 0 where there is none */
+    int pixels;      /* that are translucent */
 };
 
 struct screen_kernels {

@@ -18,6 +18,7 @@ static const char *const form_names[] = { "surface", "paper", NULL };
 static const char *const transmission_names[] = { "off", "gaussian", NULL };
 
 #define AT(field) offsetof(struct screen_knobs, field)
+/* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { SCREEN_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 4 }, 1, PELL_GAUSSIANS_MAX, NULL,
@@ -44,6 +45,7 @@ static const struct pell_knob knobs[] = {
       "light from behind: none, or by thickness d as the sum of w exp(-d^2/(2 v))" },
     { 0 },
 };
+/* clang-format on */
 #undef AT
 
 static void paper(void *values)

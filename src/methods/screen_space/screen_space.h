@@ -16,18 +16,18 @@ enum screen_slope { SCREEN_SLOPE_SURFACE, SCREEN_SLOPE_PAPER };
 enum screen_transmission { SCREEN_TRANSMISSION_OFF, SCREEN_TRANSMISSION_GAUSSIAN };
 
 struct screen_knobs {
-    int as;        /* enum screen_as */
+    int as; /* enum screen_as */
     int gaussians;
-    int profile;   /* enum screen_profile */
-    int input;     /* enum screen_input */
-    int first;     /* enum screen_first */
-    int edges;     /* enum screen_edges */
-    int slope;     /* enum screen_slope */
+    int profile; /* enum screen_profile */
+    int input;   /* enum screen_input */
+    int first;   /* enum screen_first */
+    int edges;   /* enum screen_edges */
+    int slope;   /* enum screen_slope */
     float ssslevel;
     float correction, maxdd;
     float lod;
     bool strength;
-    int transmission;   /* enum screen_transmission */
+    int transmission; /* enum screen_transmission */
 };
 
 /* The paper's ssslevel for which a Gaussian's standard deviation on the screen is its projected one: span in pixels = ssslevel

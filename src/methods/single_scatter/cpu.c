@@ -42,8 +42,7 @@ static void do_row(void *arg, int index, int worker)
         if (!in->material[at])
             continue;
         x = vec3(in->position[0][at], in->position[1][at], in->position[2][at]);
-        toward =
-            in->shape.orthographic ? vec3_mul(t->view->forward, -1.0f) : vec3_normalize(vec3_sub(t->view->origin, x));
+        toward = in->shape.orthographic ? vec3_mul(t->view->forward, -1.0f) : vec3_normalize(vec3_sub(t->view->origin, x));
         single_estimate(&t->st->world, x, toward, (double) in->depth[at], &t->st->counts[worker], light, standard_error);
         for (int c = 0; c < 3; c++) {
             t->out->light[c][at] = apart ? 0.0f : light[c];
@@ -77,7 +76,7 @@ static enum pell_result single_render(void *state, const struct pell_frame *in, 
         sum.rays += st->counts[i].rays;
         sum.over += st->counts[i].over;
     }
-    st->time = (struct pell_pass_time){
+    st->time = (struct pell_pass_time) {
         .name = "single-scatter", .seconds = pell_seconds() - start, .pixels = sum.pixels, .bytes = sum.pixels * 40, .rays = sum.rays
     };
     if (sum.pixels > 0)
@@ -105,7 +104,7 @@ static void single_destroy(void *state)
 }
 
 static enum pell_result single_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
-                                  void **state)
+                                      void **state)
 {
     const struct single_knobs *k = knobs;
     struct pell_context *ctx = services->ctx;
@@ -137,7 +136,7 @@ static enum pell_result single_create(const struct pell_services *services, cons
         PELL_TRY(single_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
         single_medium_place(&st->medium[i], scene, services->rays, st->solids, (int) i);
     }
-    st->world = (struct single_world){
+    st->world = (struct single_world) {
         .ctx = ctx,
         .scene = scene,
         .rays = services->rays,
@@ -172,6 +171,8 @@ static bool single_standard_error(const void *state, const float *planes[3])
     return true;
 }
 
-const struct pell_method_engine pell_single_scatter_cpu = {
-    .create = single_create, .record = single_render, .destroy = single_destroy, .times = single_times, .standard_error = single_standard_error
-};
+const struct pell_method_engine pell_single_scatter_cpu = { .create = single_create,
+                                                            .record = single_render,
+                                                            .destroy = single_destroy,
+                                                            .times = single_times,
+                                                            .standard_error = single_standard_error };

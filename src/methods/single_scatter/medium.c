@@ -30,7 +30,7 @@ static void fill(const struct pell_medium_layers *medium_layers, bool painted, s
     }
     if (medium_layers->substrate == PELL_SUBSTRATE_LAST || above == (double) INFINITY)
         return;
-    out->layer[out->layers] = (struct single_layer){ .bottom = (double) INFINITY };
+    out->layer[out->layers] = (struct single_layer) { .bottom = (double) INFINITY };
     for (int c = 0; c < 3; c++)
         out->layer[out->layers].sigma_t[c] = BLACK;
     out->layers++;
@@ -71,7 +71,7 @@ void single_medium_finish(struct pell_context *ctx, struct single_medium *medium
 }
 
 void single_medium_place(struct single_medium *medium, const struct pell_scene *scene, const struct pell_rays *rays,
-                     const struct pell_solids *solids, int solid)
+                         const struct pell_solids *solids, int solid)
 {
     struct single_painting *p = medium->painting;
     double area = 0.0, painted[PELL_UV_SETS] = { 0 };
@@ -168,7 +168,8 @@ static int painted_at(const struct single_medium *m, int solid, struct pell_vec3
 
 /* Bottoms go up and down at any rate, so a distance to them is no bound: a step is 0.7 of it, at most two texels or a 64th of the
  * deepest. Where the layer is another at its end, the first crossing is looked for by halving. */
-static void make_painted(const struct single_medium *m, int solid, struct pell_vec3 x, struct pell_vec3 w, double length, struct single_way *out)
+static void make_painted(const struct single_medium *m, int solid, struct pell_vec3 x, struct pell_vec3 w, double length,
+                         struct single_way *out)
 {
     const double deepest = m->painting->medium_layers.deepest, fine = 1e-5 * deepest + 1e-9;
     const double most = fmax(fmin(2.0 * m->painting->texel, deepest), deepest / 64.0);
@@ -224,8 +225,8 @@ static int layer_at(const struct single_medium *m, double below)
     return layer;
 }
 
-void single_way_make(const struct pell_connector *connector, int solid, const struct single_medium *m, struct pell_vec3 x, struct pell_vec3 w,
-                 double length, struct single_way *out)
+void single_way_make(const struct pell_connector *connector, int solid, const struct single_medium *m, struct pell_vec3 x,
+                     struct pell_vec3 w, double length, struct single_way *out)
 {
     double at = 0.0, start = 0.0, thinnest = INFINITY, deepest, least, below;
     int layer;

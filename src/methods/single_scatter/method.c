@@ -69,7 +69,7 @@ static void paper(void *values)
 static void plan(const void *values, struct pell_plan *plan)
 {
     (void) values;
-    *plan = (struct pell_plan){
+    *plan = (struct pell_plan) {
         .needs = PELL_NEED_POSITION | PELL_NEED_SCENE,
         .outputs = PELL_OUTPUT_SINGLE,
         .excludes_surface_reflection = true,

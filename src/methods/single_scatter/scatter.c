@@ -64,8 +64,8 @@ static bool closest(const struct single_world *world, struct pell_vec3 from, str
 }
 
 /* Finds the triangle that the camera sees, and where its ray goes below. */
-static bool enter(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct single_counts *counts,
-                  struct ray *ray)
+static bool enter(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth,
+                  struct single_counts *counts, struct ray *ray)
 {
     const double size = fmax(fmax((double) fabsf(at.x), (double) fabsf(at.y)), (double) fabsf(at.z)) + depth;
     struct pell_vec3 n, geometric, in;
@@ -150,7 +150,7 @@ static double transmittance_place(const struct ray *ray, double pick, double xi)
 
 /* Angles under which a light's place sees the way. */
 struct angles {
-    bool uniform;         /* no place, or one on the ray: evenly by length */
+    bool uniform;      /* no place, or one on the ray: evenly by length */
     double foot, away; /* mm along the ray, and from it */
     double first, all;
 };
@@ -230,7 +230,7 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
         const bool by_angle = kind == SINGLE_EQUIANGULAR || (kind == SINGLE_BOTH && i % 2);
         const double u[3] = { pell_lattice(seed, 0, i), pell_lattice(seed, 1, i), pell_lattice(seed, 2, i) };
         const double xi = kind == SINGLE_BOTH ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
-                                          : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
+                                              : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
         double depth[3], density = 0.0, s, light[3] = { 0 };
         const struct single_layer *layer;
         struct pell_light_sample source;
@@ -266,8 +266,8 @@ static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int
     }
 }
 
-void single_estimate(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct single_counts *counts,
-                 float out[3], float standard_error[3])
+void single_estimate(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth,
+                     struct single_counts *counts, float out[3], float standard_error[3])
 {
     const double most = fmax((double) world->knobs.most / ROUND, LEAST);
     const uint32_t seed = pell_point_seed(at, world->seed);

@@ -5,9 +5,9 @@
 #ifndef PELL_SINGLE_SCATTER_H
 #define PELL_SINGLE_SCATTER_H
 
-#include "transport/refraction/connect.h"
 #include "lights/light_sampling.h"
 #include "transport/medium_layers.h"
+#include "transport/refraction/connect.h"
 
 #include <pellucid/method.h>
 
@@ -58,7 +58,7 @@ PELL_NODISCARD enum pell_result single_medium_make(struct pell_context *ctx, con
 void single_medium_finish(struct pell_context *ctx, struct single_medium *medium);
 /* What a painted medium needs to know of the solid that it fills; borrowed. */
 void single_medium_place(struct single_medium *medium, const struct pell_scene *scene, const struct pell_rays *rays,
-                     const struct pell_solids *solids, int solid);
+                         const struct pell_solids *solids, int solid);
 
 /* A straight way through a solid. */
 struct single_way {
@@ -72,8 +72,8 @@ struct single_way {
 
 /* `length` mm from x along the unit w, or as far as any light comes. Where a layer is crossed is found by steps of the distance to it,
  * within 1e-4 of the thinnest layer; painted ones by steps of 0.7 of that or two texels, then by halving to 1e-5 of the deepest. */
-void single_way_make(const struct pell_connector *connector, int solid, const struct single_medium *m, struct pell_vec3 x, struct pell_vec3 w,
-                 double length, struct single_way *out);
+void single_way_make(const struct pell_connector *connector, int solid, const struct single_medium *m, struct pell_vec3 x,
+                     struct pell_vec3 w, double length, struct single_way *out);
 /* The stretch that holds a place at `s` mm, and the optical depths there. */
 int single_way_at(const struct single_way *way, const struct single_medium *m, double s, double depth[3]);
 /* The place where channel c has an optical depth in [0, all of it). */
@@ -102,8 +102,8 @@ struct single_counts {
 /* Radiance that light scattered once inside sends from the surface at `at` along `toward` (unit, to the camera, which is at least `depth`
  * mm away), W/(m^2 sr), and its standard error. Of no solid, or none that light enters: 0. Depends on these arguments and the seed
  * alone. */
-void single_estimate(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth, struct single_counts *counts,
-                 float out[3], float standard_error[3]);
+void single_estimate(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth,
+                     struct single_counts *counts, float out[3], float standard_error[3]);
 
 extern const struct pell_method_engine pell_single_scatter_cpu;
 

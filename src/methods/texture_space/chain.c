@@ -236,7 +236,7 @@ static int list_levels(const struct chain *p, bool local, struct level *out)
         const bool still = p->st->knobs.first == TS_FIRST_UNBLURRED && i <= unblurred;
         if (none && (still || (profile->variance[i] - before) * finest < WEIGHTLESS_LEAST))
             continue;
-        out[count] = (struct level){ i, false, { before, profile->variance[i], local && !none && !still ? weight : NULL } };
+        out[count] = (struct level) { i, false, { before, profile->variance[i], local && !none && !still ? weight : NULL } };
         out[count].blurs = !still && reaches(p, &out[count].blur);
         before = still ? before : profile->variance[i];
         count++;

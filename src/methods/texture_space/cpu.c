@@ -310,7 +310,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
 
     st->clock = pell_seconds();
     ts_rows(st, a->height, clear_rows, &p);
-    st->work = (struct ts_work){
+    st->work = (struct ts_work) {
         .width = a->width,
         .height = a->height,
         .blocks = a->blocks,

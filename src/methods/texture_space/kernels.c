@@ -28,7 +28,7 @@
 
 INLINE vf kernel(vf y)
 {
-    const vf a = lesser(y, (vf){ 0 } + Y_SHIFT) - 1.0f;
+    const vf a = lesser(y, (vf) { 0 } + Y_SHIFT) - 1.0f;
     vf k = (a * a + 1.0f) * 0.5f;
 
     k *= k;
@@ -40,7 +40,7 @@ INLINE vf kernel(vf y)
 /* Variance in texels^2 that the chain has added where a texel is 1/density mm long; what reading the map adds is left out. */
 INLINE vf on_grid(float variance, vf density2, float grid)
 {
-    return greater(density2 * variance - grid, (vf){ 0 });
+    return greater(density2 * variance - grid, (vf) { 0 });
 }
 
 INLINE float on_grid1(float variance, float length, float grid)
@@ -65,7 +65,7 @@ INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pa
         here = load(w->length[axis] + at);
         distance += (last + here) * pace;
         last = here;
-        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf){ 0 });
+        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
@@ -75,7 +75,7 @@ INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pa
 
 /* The same up or down a line that leans; `x` is the block's. */
 INLINE void skewed_side(const struct ts_work *w, ptrdiff_t from, int x, int sign, int stride, float skew, int count, int planes, vf key,
-                         vf fall, vf tilt, struct gathered *g)
+                        vf fall, vf tilt, struct gathered *g)
 {
     const float pace = 0.5f * (float) stride;
     vf last = load(w->length[1] + from), distance = { 0 };
@@ -91,7 +91,7 @@ INLINE void skewed_side(const struct ts_work *w, ptrdiff_t from, int x, int sign
         here = load(w->length[1] + at);
         distance += (last + here) * pace;
         last = here;
-        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf){ 0 });
+        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)

@@ -161,8 +161,9 @@ static void plan(const void *values, struct pell_plan *plan)
 {
     const struct ts_knobs *k = values;
 
-    *plan =
-        (struct pell_plan){ .needs = PELL_NEED_SCENE | PELL_NEED_HIT, .quantity = PELL_QUANTITY_EXITANCE, .mix = k->mix, .survives_light_change = true };
+    *plan = (struct pell_plan) {
+        .needs = PELL_NEED_SCENE | PELL_NEED_HIT, .quantity = PELL_QUANTITY_EXITANCE, .mix = k->mix, .survives_light_change = true
+    };
     if (k->first == TS_FIRST_UNBLURRED)
         plan->needs |= PELL_NEED_IRRADIANCE;
 }

@@ -8,9 +8,9 @@
 
 #include <string.h>
 
-#define RATIO_MOST 4.0     /* of the variances of one blur and the next: section 5.1 */
+#define RATIO_MOST 4.0          /* of the variances of one blur and the next: section 5.1 */
 #define TRANSMISSION_LEAST 1e-5 /* of the total: thicker parts are dark */
-#define SLAB_LEAST 0.1     /* mm, the range of the spec's tables */
+#define SLAB_LEAST 0.1          /* mm, the range of the spec's tables */
 #define SLAB_MOST 50.0
 
 /* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */

@@ -65,7 +65,7 @@ static inline void ts_note_time(struct ts_state *st, const char *name, int64_t p
     if (i < TS_TIMES) {
         struct pell_pass_time *t = &st->times[i];
         if (i == st->num_times) {
-            *t = (struct pell_pass_time){ .name = name };
+            *t = (struct pell_pass_time) { .name = name };
             st->num_times++;
         }
         t->seconds += now - st->clock;
@@ -92,9 +92,9 @@ void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *
 /* --- chain.c --------------------------------------------------------------------------------------------------------------------- */
 
 struct ts_chain_params {
-    bool local;   /* add what leaves on the side where it entered */
+    bool local;        /* add what leaves on the side where it entered */
     bool transmission; /* add transmitted light, by the alpha in st->light[3] */
-    bool scaled;  /* distances are scaled by st->strength */
+    bool scaled;       /* distances are scaled by st->strength */
 };
 
 /* Blurs what is in st->light. */

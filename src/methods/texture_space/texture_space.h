@@ -27,11 +27,11 @@ struct ts_knobs {
     int border; /* texels */
     int kernel; /* enum ts_kernel */
     bool stretch;
-    int first;    /* enum ts_first */
-    int tsm;      /* enum ts_form */
-    int tsm_size; /* px */
-    int transmission;  /* enum ts_transmission */
-    int fade;     /* enum ts_fade */
+    int first;        /* enum ts_first */
+    int tsm;          /* enum ts_form */
+    int tsm_size;     /* px */
+    int transmission; /* enum ts_transmission */
+    int fade;         /* enum ts_fade */
     bool soften;
     int lights; /* enum ts_lights */
     bool strength;
@@ -236,8 +236,8 @@ struct ts_transmitted_texel {
     struct ts_place from; /* A */
     struct ts_place also; /* another A, whose light is `part` of it, [0, 1] */
     float part;
-    float m;              /* mm from C to A, straight */
-    float apart;          /* the same along the surface in one chart, else straight, too */
+    float m;     /* mm from C to A, straight */
+    float apart; /* the same along the surface in one chart, else straight, too */
     struct pell_vec3 normal;
     float cosine;   /* between the normal at A and the way there */
     float opposed;  /* how far the normals at A and C oppose, [0, 1] */
@@ -266,9 +266,9 @@ struct ts_tsm_params {
     const struct ts_atlas *atlas;
     const struct pell_light *light;
     const struct pell_light_grid *grid; /* what it sees; NULL: ask the rays */
-    int form, size;             /* enum ts_form; of the map, px */
-    double thickest;            /* mm */
-    double falloff;             /* mm: alpha is exp(-d/falloff) */
+    int form, size;                     /* enum ts_form; of the map, px */
+    double thickest;                    /* mm */
+    double falloff;                     /* mm: alpha is exp(-d/falloff) */
 };
 
 /* Room for any of these atlases. Finish it also after a failure. `map_size` 0: none. */

@@ -11,12 +11,12 @@
 #include <string.h>
 
 enum { CHUNK = 1024, FACES = 4096, PARTS_MOST = 16 };
-#define WIDEST 1.2f  /* half the view of a light that stands among the objects */
-#define AWAY 4.0f    /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
-#define ASKEW 0.95f  /* a way that meets a face at a smaller cosine is no measure of the distance from it */
+#define WIDEST 1.2f   /* half the view of a light that stands among the objects */
+#define AWAY 4.0f     /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
+#define ASKEW 0.95f   /* a way that meets a face at a smaller cosine is no measure of the distance from it */
 #define GRAZING 0.15f /* a face that light meets at a smaller cosine is lit in part */
-#define DARK 1e-4f   /* a normal whose cosine against the light is under -DARK faces away whatever rounding does */
-#define OBLIQUE 4.0f /* rays go this many times the thickness at which nothing comes through */
+#define DARK 1e-4f    /* a normal whose cosine against the light is under -DARK faces away whatever rounding does */
+#define OBLIQUE 4.0f  /* rays go this many times the thickness at which nothing comes through */
 
 struct map_texel {
     uint32_t triangle; /* of the solid; UINT32_MAX: the light sees something else */
@@ -28,7 +28,7 @@ struct task {
     float *alpha;
     const uint8_t *faces;
     struct ts_transmitted_texel *found; /* of TS_TILE rows at first[row / TS_TILE] */
-    const int *first;               /* per TS_TILE rows */
+    const int *first;                   /* per TS_TILE rows */
     int *count;
     const float *const *lit; /* what enters of this light alone; NULL: not known yet */
     size_t known;            /* texels that were found before it was */
@@ -487,7 +487,7 @@ static bool aim(const struct ts_tsm_params *p, struct pell_view *v)
     }
     middle = vec3_mul(vec3_add(low, high), 0.5f);
     radius = 0.5f * vec3_length(vec3_sub(high, low)) * 1.0001f;
-    *v = (struct pell_view){ .width = p->size, .height = p->size };
+    *v = (struct pell_view) { .width = p->size, .height = p->size };
     if (!(radius > 0.0f && radius < 1e15f))
         return false;
     if (p->light->type == PELL_LIGHT_DIRECTIONAL) {
@@ -534,9 +534,9 @@ static void map_row(void *arg, int y, int worker)
         for (int i = 0; i < 16 && x + i < t->view.width; i++) {
             const uint32_t mesh = hit.hit.mesh[i];
             struct map_texel *out = &t->map[(size_t) y * (size_t) t->view.width + (size_t) (x + i)];
-            *out = (struct map_texel){ .triangle = UINT32_MAX };
+            *out = (struct map_texel) { .triangle = UINT32_MAX };
             if (mesh < t->p->solids->num_meshes && t->p->solids->of_mesh[mesh] == t->p->solid)
-                *out = (struct map_texel){ a->first[mesh] + hit.hit.triangle[i], hit.hit.u[i], hit.hit.v[i] };
+                *out = (struct map_texel) { a->first[mesh] + hit.hit.triangle[i], hit.hit.u[i], hit.hit.v[i] };
         }
     }
     atomic_fetch_add_explicit(&t->rays, t->view.width, memory_order_relaxed);

@@ -52,14 +52,14 @@ bool pell_fit_start(const struct pell_dipole *dipole, int count, bool free_energ
 /* Ranges in which every intermediate value of a fit is finite; wider than any valid medium's. NaN fails. */
 static bool dipole_valid(const struct pell_dipole *d)
 {
-    return d->albedo_reduced >= 0.0 && d->albedo_reduced <= 1.0 && d->zr >= 1e-9 && d->zr <= 1e9 && d->zv >= d->zr
-           && d->zv <= 1e3 * d->zr && d->sigma_tr >= 0.0 && d->sigma_tr * d->zr <= 2.0;
+    return d->albedo_reduced >= 0.0 && d->albedo_reduced <= 1.0 && d->zr >= 1e-9 && d->zr <= 1e9 && d->zv >= d->zr &&
+           d->zv <= 1e3 * d->zr && d->sigma_tr >= 0.0 && d->sigma_tr * d->zr <= 2.0;
 }
 
 static bool params_valid(const struct pell_fit_params *params)
 {
-    return params->count >= 1 && params->count <= PELL_GAUSSIANS_MAX && params->r_max_mm >= 0.0 && params->r_max_mm < INFINITY
-           && (params->r_max_mm == 0.0 || params->r_max_mm >= 1e-12);
+    return params->count >= 1 && params->count <= PELL_GAUSSIANS_MAX && params->r_max_mm >= 0.0 && params->r_max_mm < INFINITY &&
+           (params->r_max_mm == 0.0 || params->r_max_mm >= 1e-12);
 }
 
 /* A free fit may lose light, but not make any: its weights at these variances sum to 1 at most. */
@@ -93,8 +93,8 @@ static void deliver(const struct pell_fit_work *w, const int *order, const doubl
     report->evaluations = w->evaluations;
 }
 
-static void fit_dipoles(const struct pell_dipole *dipoles, int channels, const int *order, const struct pell_fit_params *params,
-                        bool table, struct pell_gaussians *out, struct pell_fit_report *report)
+static void fit_dipoles(const struct pell_dipole *dipoles, int channels, const int *order, const struct pell_fit_params *params, bool table,
+                        struct pell_gaussians *out, struct pell_fit_report *report)
 {
     struct pell_fit_target t;
     struct pell_fit_work w;

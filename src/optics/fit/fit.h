@@ -21,14 +21,14 @@ _Static_assert(PELL_NNLS_MAX >= FIT_COUNT_MAX, "one projection holds all weights
 struct pell_fit_target {
     int channels, nodes;
     bool free_energy;
-    bool closed;                   /* integrals from 0 to infinity without a weight: inner products of Gaussians are known */
-    double unit;                   /* mm */
-    double low, high;              /* log variances of any use */
-    double r2[FIT_NODES];          /* r^2 */
-    double root[FIT_NODES];        /* square root of the node's weight r dr */
-    double rhs[3][FIT_NODES];      /* root * R / norm */
-    double total[3], norm[3];      /* in the unit, the norm being sqrt(Int r R^2 dr) */
-    double most[3];                /* > 0: what free weights may sum to, as a multiple of the total; 0: anything */
+    bool closed;              /* integrals from 0 to infinity without a weight: inner products of Gaussians are known */
+    double unit;              /* mm */
+    double low, high;         /* log variances of any use */
+    double r2[FIT_NODES];     /* r^2 */
+    double root[FIT_NODES];   /* square root of the node's weight r dr */
+    double rhs[3][FIT_NODES]; /* root * R / norm */
+    double total[3], norm[3]; /* in the unit, the norm being sqrt(Int r R^2 dr) */
+    double most[3];           /* > 0: what free weights may sum to, as a multiple of the total; 0: anything */
 };
 
 /* Dipoles with albedo > 0, taken with albedo 1: errors don't depend on it. r_max_mm as in struct pell_fit_params. */
@@ -49,18 +49,18 @@ struct pell_fit_work {
     const struct pell_fit_target *t;
     const struct pell_fit_kernels *k;
     int count, evaluations;
-    bool rough;                                           /* by inner products */
-    bool ready;                                           /* the rest belongs to `x` */
-    double x[FIT_COUNT_MAX], v[FIT_COUNT_MAX];            /* v = exp(x) */
-    double q[FIT_COUNT_MAX][FIT_NODES];                   /* orthonormal basis of the Gaussians; rough: the Gaussians */
-    double slope[FIT_COUNT_MAX][FIT_NODES];               /* d Gaussian / d log variance */
-    double q_slope[FIT_COUNT_MAX][FIT_COUNT_MAX];         /* q_slope[i][k] = q[k] . slope[i] */
+    bool rough;                                   /* by inner products */
+    bool ready;                                   /* the rest belongs to `x` */
+    double x[FIT_COUNT_MAX], v[FIT_COUNT_MAX];    /* v = exp(x) */
+    double q[FIT_COUNT_MAX][FIT_NODES];           /* orthonormal basis of the Gaussians; rough: the Gaussians */
+    double slope[FIT_COUNT_MAX][FIT_NODES];       /* d Gaussian / d log variance */
+    double q_slope[FIT_COUNT_MAX][FIT_COUNT_MAX]; /* q_slope[i][k] = q[k] . slope[i] */
     struct pell_nnls_solution best[3];
     double residual[3][FIT_NODES];
-    double factor[FIT_COUNT_MAX][FIT_COUNT_MAX];          /* rough: Cholesky factor of the Gaussians' inner products */
-    double along[3][FIT_COUNT_MAX];                       /* rough: the channel in the basis that this factor stands for */
-    double with_slope[3][FIT_COUNT_MAX];                  /* rough: its inner products with the slopes */
-    bool curved;                                          /* rough: the rest of this belongs to `x` */
+    double factor[FIT_COUNT_MAX][FIT_COUNT_MAX]; /* rough: Cholesky factor of the Gaussians' inner products */
+    double along[3][FIT_COUNT_MAX];              /* rough: the channel in the basis that this factor stands for */
+    double with_slope[3][FIT_COUNT_MAX];         /* rough: its inner products with the slopes */
+    bool curved;                                 /* rough: the rest of this belongs to `x` */
     double rows[FIT_COUNT_MAX][FIT_COUNT_MAX], f[FIT_COUNT_MAX + 1];
     double cost;
 };

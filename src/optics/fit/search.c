@@ -10,11 +10,11 @@
 #include <math.h>
 #include <string.h>
 
-#define SCAN 32     /* variances tried for a new Gaussian */
-#define STARTS 3    /* of them improved by Levenberg-Marquardt */
-#define KEEP 2      /* optima that live on to the next count */
-#define ROUGH 1e-9  /* a channel's cost above which the rough way has digits enough to search */
-#define FINE 1e-6   /* and to finish */
+#define SCAN 32    /* variances tried for a new Gaussian */
+#define STARTS 3   /* of them improved by Levenberg-Marquardt */
+#define KEEP 2     /* optima that live on to the next count */
+#define ROUGH 1e-9 /* a channel's cost above which the rough way has digits enough to search */
+#define FINE 1e-6  /* and to finish */
 
 /* --- Projection ---------------------------------------------------------------------------------------------------------------- */
 

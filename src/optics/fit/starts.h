@@ -8,6 +8,7 @@
 #ifndef PELL_OPTICS_FIT_STARTS_H
 #define PELL_OPTICS_FIT_STARTS_H
 
+/* clang-format off */
 static const float fit_starts[2][55][8][3] = {
     {
         { { 0.648f, 0.051f, -0.056f }, { -1.246f, -0.254f, 0.073f }, { -0.300f, 0.131f, 0.045f }, { 0.015f, 0.085f, -0.020f },
@@ -234,5 +235,6 @@ static const float fit_starts[2][55][8][3] = {
           { -0.006f, 0.009f, 0.010f }, { 0.012f, 0.011f, 0.007f }, { -0.004f, 0.005f, 0.004f }, { 0.008f, 0.004f, -0.000f } },
     },
 };
+/* clang-format on */
 
 #endif

@@ -13,11 +13,11 @@
 #include <math.h>
 #include <string.h>
 
-#define STEP 0.125        /* of log r */
-#define STEP_ERROR 0.08   /* for an error alone */
-#define STEP_ENDS 0.04    /* where the integrals end at r_max: Gregory's weights err by its sixth power */
-#define INSIDE 1e-3       /* share of the light inside the radius where nodes and variances begin to matter */
-#define CENTRE 0.05       /* a profile without bound at r = 0 is weighted by r^2/(r^2 + q^2), q the radius with this share inside */
+#define STEP 0.125      /* of log r */
+#define STEP_ERROR 0.08 /* for an error alone */
+#define STEP_ENDS 0.04  /* where the integrals end at r_max: Gregory's weights err by its sixth power */
+#define INSIDE 1e-3     /* share of the light inside the radius where nodes and variances begin to matter */
+#define CENTRE 0.05     /* a profile without bound at r = 0 is weighted by r^2/(r^2 + q^2), q the radius with this share inside */
 
 /* Nodes from a to b in the unit, and their weights; `taper` is q or 0. */
 static void place(struct pell_fit_target *t, double a, double b, double step, bool ends, double taper)
@@ -183,8 +183,8 @@ double pell_gaussians_error(const struct pell_gaussians *g, int channel, const s
     struct pell_fit_target t;
     double sum = 0.0;
 
-    if (channel < 0 || channel > 2 || g->count < 0 || g->count > PELL_GAUSSIANS_MAX || !(r_max_mm >= 0.0)
-        || !(pell_profile_total(profile) > 0.0) || !pell_fit_target_profiles(&profile, 1, &params, STEP_ERROR, &t))
+    if (channel < 0 || channel > 2 || g->count < 0 || g->count > PELL_GAUSSIANS_MAX || !(r_max_mm >= 0.0) ||
+        !(pell_profile_total(profile) > 0.0) || !pell_fit_target_profiles(&profile, 1, &params, STEP_ERROR, &t))
         return NAN;
     for (int i = 0; i < t.nodes; i++) {
         const double value = pell_gaussians_eval(g, channel, sqrt(t.r2[i]) * t.unit) * t.unit * t.unit;

@@ -28,8 +28,8 @@ static double or_one(double eta)
 /* Ratio of a layer's index to that on its other side: side 0 top, 1 bottom. */
 static double relative_eta(const struct pell_stack *s, int i, int side)
 {
-    const double other = side == 0 ? (i > 0 ? s->layer[i - 1].eta : or_one(s->eta_above))
-                                   : (i + 1 < s->count ? s->layer[i + 1].eta : or_one(s->eta_below));
+    const double other =
+        side == 0 ? (i > 0 ? s->layer[i - 1].eta : or_one(s->eta_above)) : (i + 1 < s->count ? s->layer[i + 1].eta : or_one(s->eta_below));
     return s->layer[i].eta / other;
 }
 
@@ -39,18 +39,18 @@ bool pell_stack_valid(const struct pell_stack *s, struct pell_stack_fault *fault
         *fault = (struct pell_stack_fault) { .layer = -1, .channel = -1 };
     if (!in_range(-1, -1, "count", s->count, 1, PELL_LAYERS_MAX, fault))
         return false;
-    if (!in_range(-1, -1, "fresnel", (double) s->fresnel, PELL_FRESNEL_EXACT, PELL_FRESNEL_POLY4, fault)
-        || !in_range(-1, -1, "eta_above", or_one(s->eta_above), PELL_ETA_MIN, PELL_ETA_MAX, fault)
-        || !in_range(-1, -1, "eta_below", or_one(s->eta_below), PELL_ETA_MIN, PELL_ETA_MAX, fault))
+    if (!in_range(-1, -1, "fresnel", (double) s->fresnel, PELL_FRESNEL_EXACT, PELL_FRESNEL_POLY4, fault) ||
+        !in_range(-1, -1, "eta_above", or_one(s->eta_above), PELL_ETA_MIN, PELL_ETA_MAX, fault) ||
+        !in_range(-1, -1, "eta_below", or_one(s->eta_below), PELL_ETA_MIN, PELL_ETA_MAX, fault))
         return false;
     for (int i = 0; i < s->count; i++) {
         const struct pell_medium_layer *y = &s->layer[i];
         for (int c = 0; c < 3; c++)
-            if (!in_range(i, c, "sigma_a", y->sigma_a[c], 0.0, PELL_SIGMA_MAX, fault)
-                || !in_range(i, c, "sigma_s_reduced", y->sigma_s_reduced[c], 0.0, PELL_SIGMA_MAX, fault)
-                || !in_range(i, c, "sigma_a + sigma_s_reduced", y->sigma_a[c] + y->sigma_s_reduced[c], PELL_SIGMA_T_MIN,
-                             2.0 * PELL_SIGMA_MAX, fault)
-                || !in_range(i, c, "g", y->g[c], -PELL_G_MAX, PELL_G_MAX, fault))
+            if (!in_range(i, c, "sigma_a", y->sigma_a[c], 0.0, PELL_SIGMA_MAX, fault) ||
+                !in_range(i, c, "sigma_s_reduced", y->sigma_s_reduced[c], 0.0, PELL_SIGMA_MAX, fault) ||
+                !in_range(i, c, "sigma_a + sigma_s_reduced", y->sigma_a[c] + y->sigma_s_reduced[c], PELL_SIGMA_T_MIN, 2.0 * PELL_SIGMA_MAX,
+                          fault) ||
+                !in_range(i, c, "g", y->g[c], -PELL_G_MAX, PELL_G_MAX, fault))
                 return false;
         if (!in_range(i, -1, "eta", y->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
             return false;
@@ -59,12 +59,12 @@ bool pell_stack_valid(const struct pell_stack *s, struct pell_stack_fault *fault
             return false;
     }
     for (int i = 0; i < s->count; i++) {
-        if (!in_range(i, -1, "eta / eta above it", relative_eta(s, i, 0), PELL_ETA_MIN, PELL_ETA_MAX, fault)
-            || !in_range(i, -1, "eta / eta below it", relative_eta(s, i, 1), PELL_ETA_MIN, PELL_ETA_MAX, fault)
-            || !in_range(i, -1, "roughness", s->roughness[i], 0.0, 1.0, fault))
+        if (!in_range(i, -1, "eta / eta above it", relative_eta(s, i, 0), PELL_ETA_MIN, PELL_ETA_MAX, fault) ||
+            !in_range(i, -1, "eta / eta below it", relative_eta(s, i, 1), PELL_ETA_MIN, PELL_ETA_MAX, fault) ||
+            !in_range(i, -1, "roughness", s->roughness[i], 0.0, 1.0, fault))
             return false;
-        if ((s->A[i][0] != 0.0 && !in_range(i, -1, "A[0]", s->A[i][0], 1.0, 1e6, fault))
-            || (s->A[i][1] != 0.0 && !in_range(i, -1, "A[1]", s->A[i][1], 1.0, 1e6, fault)))
+        if ((s->A[i][0] != 0.0 && !in_range(i, -1, "A[0]", s->A[i][0], 1.0, 1e6, fault)) ||
+            (s->A[i][1] != 0.0 && !in_range(i, -1, "A[1]", s->A[i][1], 1.0, 1e6, fault)))
             return false;
     }
     return in_range(s->count, -1, "roughness", s->roughness[s->count], 0.0, 1.0, fault);
@@ -311,8 +311,8 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
         *dipoles = 0;
     if (res != PELL_OK)
         return res;
-    if (p.count != 1 || (int) part < 0 || part >= PELL_STACK_PARTS || !(fabs(r_mm) <= 1e100) || !(tolerance >= 1e-14 && tolerance <= 1.0)
-        || dipoles_max < 1 || dipoles_max > 100001)
+    if (p.count != 1 || (int) part < 0 || part >= PELL_STACK_PARTS || !(fabs(r_mm) <= 1e100) || !(tolerance >= 1e-14 && tolerance <= 1.0) ||
+        dipoles_max < 1 || dipoles_max > 100001)
         return PELL_ERR_INVALID;
     const struct pell_slab *y = &p.slab[0];
     if (y->l >= y->d) /* a pole on the far side itself has no value there */
@@ -335,7 +335,7 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
         for (int i = n; i >= -n; i -= n > 0 ? 2 * n : 1) { /* n, then -n */
             const double zr = i * period + real, zv = i * period + image;
             pair += transmittance ? pell_pole_value(y->d - zr, y->sigma_tr, r_mm) - pell_pole_value(y->d - zv, y->sigma_tr, r_mm)
-                            : pell_pole_value(zr, y->sigma_tr, r_mm) - pell_pole_value(zv, y->sigma_tr, r_mm);
+                                  : pell_pole_value(zr, y->sigma_tr, r_mm) - pell_pole_value(zv, y->sigma_tr, r_mm);
         }
         sum += pair;
         /* Pairs fall as n^-3 at worst, beyond where they still see r: what follows is less than n/2 of the last. */

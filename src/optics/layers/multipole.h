@@ -11,16 +11,16 @@
 
 /* A side is how light enters: 0 from above (+), 1 from below (-). */
 struct pell_slab {
-    double albedo;   /* alpha' */
-    double sigma_tr; /* 1/mm */
-    double l;        /* reduced mean free path, mm */
-    double d;        /* mm, INFINITY: half-space */
-    double zb[2];    /* extrapolation distance at [0] top, [1] bottom */
-    bool clear[2];   /* PELL_STACK_CLEAR for light of that side */
+    double albedo;           /* alpha' */
+    double sigma_tr;         /* 1/mm */
+    double l;                /* reduced mean free path, mm */
+    double d;                /* mm, INFINITY: half-space */
+    double zb[2];            /* extrapolation distance at [0] top, [1] bottom */
+    bool clear[2];           /* PELL_STACK_CLEAR for light of that side */
     double transmittance[2]; /* of a clear side: its transmittance at every frequency */
-    double scale[2]; /* of all light of that side; below 1 where a thin slab's closed form is over 1 in all */
-    double growth_max; /* bound of (l - d) kappa, so that products over a stack stay numbers where other factors are 0 */
-    bool straight;   /* PELL_STACK_WIDENED: the factor of T^ that grows, exp((l - d) kappa), is held at its value for s = 0 */
+    double scale[2];         /* of all light of that side; below 1 where a thin slab's closed form is over 1 in all */
+    double growth_max;       /* bound of (l - d) kappa, so that products over a stack stay numbers where other factors are 0 */
+    bool straight;           /* PELL_STACK_WIDENED: the factor of T^ that grows, exp((l - d) kappa), is held at its value for s = 0 */
 };
 
 struct pell_slabs {

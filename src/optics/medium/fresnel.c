@@ -31,8 +31,8 @@ static double outside(double n)
     if (n < 1.05)
         return n > 1.0 ? pell_integrate(weighted_reflectance, &n, 0.0, 1.0, 1e-15, 1e-13, NULL) : 0.0;
     const double n2 = n * n, n4 = n2 * n2, p = n2 + 1.0, m = n2 - 1.0;
-    return 0.5 + (n - 1.0) * (3.0 * n + 1.0) / (6.0 * (n + 1.0) * (n + 1.0)) + n2 * m * m / (p * p * p) * log((n - 1.0) / (n + 1.0))
-           - 2.0 * n2 * n * (n2 + 2.0 * n - 1.0) / (p * (n4 - 1.0)) + 8.0 * n4 * (n4 + 1.0) / (p * (n4 - 1.0) * (n4 - 1.0)) * log(n);
+    return 0.5 + (n - 1.0) * (3.0 * n + 1.0) / (6.0 * (n + 1.0) * (n + 1.0)) + n2 * m * m / (p * p * p) * log((n - 1.0) / (n + 1.0)) -
+           2.0 * n2 * n * (n2 + 2.0 * n - 1.0) / (p * (n4 - 1.0)) + 8.0 * n4 * (n4 + 1.0) / (p * (n4 - 1.0) * (n4 - 1.0)) * log(n);
 }
 
 /* Beyond a ratio of 3 the polynomials leave what was fitted, and from 3.8 on they exceed 1: they stay what they are at 3. */

@@ -334,7 +334,8 @@ static bool set_channel(const struct pell_color_and_radius *look, int c, double 
 }
 
 enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_radius *look, enum pell_profile_model model,
-                                       const struct pell_profile_params *params, struct pell_medium *out, struct pell_medium_fault *fault)
+                                                   const struct pell_profile_params *params, struct pell_medium *out,
+                                                   struct pell_medium_fault *fault)
 {
     struct pell_medium m = { .eta = look->eta };
 

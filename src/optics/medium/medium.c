@@ -17,10 +17,10 @@ bool pell_medium_valid(const struct pell_medium *m, struct pell_medium_fault *fa
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
     for (int c = 0; c < 3; c++)
-        if (!pell_in_range(names[0][c], m->sigma_a[c], 0.0, PELL_SIGMA_MAX, fault)
-            || !pell_in_range(names[1][c], m->sigma_s_reduced[c], 0.0, PELL_SIGMA_MAX, fault)
-            || !pell_in_range(names[2][c], m->sigma_a[c] + m->sigma_s_reduced[c], PELL_SIGMA_T_MIN, 2.0 * PELL_SIGMA_MAX, fault)
-            || !pell_in_range(names[3][c], m->g[c], -PELL_G_MAX, PELL_G_MAX, fault))
+        if (!pell_in_range(names[0][c], m->sigma_a[c], 0.0, PELL_SIGMA_MAX, fault) ||
+            !pell_in_range(names[1][c], m->sigma_s_reduced[c], 0.0, PELL_SIGMA_MAX, fault) ||
+            !pell_in_range(names[2][c], m->sigma_a[c] + m->sigma_s_reduced[c], PELL_SIGMA_T_MIN, 2.0 * PELL_SIGMA_MAX, fault) ||
+            !pell_in_range(names[3][c], m->g[c], -PELL_G_MAX, PELL_G_MAX, fault))
             return false;
     return pell_in_range("eta", m->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault);
 }

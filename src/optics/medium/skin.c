@@ -17,16 +17,24 @@
 struct pell_skin pell_skin_default(void)
 {
     return (struct pell_skin) {
-        .melanin = 0.025, .melanin_blend = 0.2, .haemoglobin = 0.012, .oxygenation = 0.75, .epidermis_mm = 0.1, .eta = 1.4,
+        .melanin = 0.025,
+        .melanin_blend = 0.2,
+        .haemoglobin = 0.012,
+        .oxygenation = 0.75,
+        .epidermis_mm = 0.1,
+        .eta = 1.4,
     };
 }
 
 bool pell_skin_valid(const struct pell_skin *skin, struct pell_medium_fault *fault)
 {
     const struct pell_medium_fault fields[] = {
-        { "melanin", skin->melanin, 0.0, 1.0 },         { "melanin_blend", skin->melanin_blend, 0.0, 1.0 },
-        { "haemoglobin", skin->haemoglobin, 0.0, 1.0 }, { "oxygenation", skin->oxygenation, 0.0, 1.0 },
-        { "epidermis_mm", skin->epidermis_mm, 0.01, 1.0 }, { "eta", skin->eta, 1.0, 2.0 },
+        { "melanin", skin->melanin, 0.0, 1.0 },
+        { "melanin_blend", skin->melanin_blend, 0.0, 1.0 },
+        { "haemoglobin", skin->haemoglobin, 0.0, 1.0 },
+        { "oxygenation", skin->oxygenation, 0.0, 1.0 },
+        { "epidermis_mm", skin->epidermis_mm, 0.01, 1.0 },
+        { "eta", skin->eta, 1.0, 2.0 },
     };
 
     if (fault)

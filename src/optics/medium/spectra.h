@@ -8,9 +8,9 @@
 
 enum { PELL_HAEMOGLOBIN_STEP = 2, PELL_HAEMOGLOBIN_ROWS = 201 };
 
-extern const double pell_cie1931[PELL_WAVELENGTHS][3];              /* xbar, ybar, zbar */
-extern const double pell_d65[PELL_WAVELENGTHS][1];                  /* relative power */
-extern const double pell_haemoglobin[PELL_HAEMOGLOBIN_ROWS][2];     /* HbO2, Hb: decadic molar extinction, 1/(cm M) */
+extern const double pell_cie1931[PELL_WAVELENGTHS][3];          /* xbar, ybar, zbar */
+extern const double pell_d65[PELL_WAVELENGTHS][1];              /* relative power */
+extern const double pell_haemoglobin[PELL_HAEMOGLOBIN_ROWS][2]; /* HbO2, Hb: decadic molar extinction, 1/(cm M) */
 
 /* Sensitivity of a channel of linear Rec.709 under D65 at a sample, scaled such that they sum to 1 over the samples; negative in places. */
 void pell_spectrum_weights(double weight[PELL_WAVELENGTHS][3]);

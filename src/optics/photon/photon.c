@@ -316,7 +316,7 @@ void pell_photon_walk(const struct pell_photon_stack *stack, uint64_t seed, uint
         const struct pell_photon_layer *l = &stack->layer[i];
         const double sigma_t = l->sigma_a + l->sigma_s;
         slices[i] =
-            (struct slice){ depth, depth + l->thickness, sigma_t, 1.0 / sigma_t, sigma_t > 0.0 ? l->sigma_s / sigma_t : 1.0, l->g, l->n };
+            (struct slice) { depth, depth + l->thickness, sigma_t, 1.0 / sigma_t, sigma_t > 0.0 ? l->sigma_s / sigma_t : 1.0, l->g, l->n };
         depth += l->thickness;
     }
     for (uint64_t i = first; i < first + count; i++) {

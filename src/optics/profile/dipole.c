@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * dipole.c - the classical dipole as a profile. */
-#include "math/vec.h"
 #include "optics/medium/dipole.h"
+#include "math/vec.h"
 #include "optics/profile/shape.h"
 
 static enum pell_result make(const struct pell_medium *medium, int channel, const struct pell_profile_params *params,

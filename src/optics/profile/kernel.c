@@ -77,8 +77,8 @@ enum pell_result pell_kernel_chain_make(const struct pell_gaussians *g, struct p
 
 /* --- Separable kernels --------------------------------------------------------------------------------------------------------- */
 
-#define CELLS 96  /* of half an axis, edges at the cubes of equal steps */
-#define BLOCK 6   /* vectors that are iterated for the first three */
+#define CELLS 96 /* of half an axis, edges at the cubes of equal steps */
+#define BLOCK 6  /* vectors that are iterated for the first three */
 
 /* R over the quadrant, times the roots of the cells' areas: a symmetric matrix whose eigenvectors are the factors. */
 struct quadrant {
@@ -268,8 +268,8 @@ enum pell_result pell_separable_make(const struct pell_profile profiles[3], cons
     for (int c = 0; c < 3; c++)
         if (p->extent_mm == 0.0)
             extent = fmax(extent, pell_profile_total(&profiles[c]) > 0.0 ? pell_profile_sample(&profiles[c], 0.98) : 0.0);
-    if (out->taps < 3 || out->taps > PELL_KERNEL_TAPS_MAX || out->taps % 2 == 0 || out->rank < 1 || out->rank > PELL_KERNEL_RANK_MAX
-        || !(spread >= 1.0) || !(spread <= 4.0) || !(extent >= 1e-100) || !(extent <= 1e100))
+    if (out->taps < 3 || out->taps > PELL_KERNEL_TAPS_MAX || out->taps % 2 == 0 || out->rank < 1 || out->rank > PELL_KERNEL_RANK_MAX ||
+        !(spread >= 1.0) || !(spread <= 4.0) || !(extent >= 1e-100) || !(extent <= 1e100))
         goto invalid;
     out->extent_mm = extent;
     for (int i = 0, half = out->taps / 2; i <= half; i++) {

@@ -23,8 +23,8 @@ typedef void (*pell_beam_kernel)(const struct pell_beam *beam, double r, double 
 
 struct pell_profile_kernels {
     pell_profile_kernel of_kind[PELL_PROFILE_KINDS]; /* by enum pell_profile_kind; r and R may be the same array */
-    pell_beam_kernel beam_multiple; /* r in reduced mean free paths */
-    pell_beam_kernel beam_single;   /* r in mean free paths 1/sigma_t; less the factor of medium and phase function */
+    pell_beam_kernel beam_multiple;                  /* r in reduced mean free paths */
+    pell_beam_kernel beam_single;                    /* r in mean free paths 1/sigma_t; less the factor of medium and phase function */
 };
 
 const struct pell_profile_kernels *pell_profile_kernels_best(void);

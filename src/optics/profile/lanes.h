@@ -49,7 +49,7 @@ LANES_INLINE struct lanes_power lanes_power(double x)
     memcpy(&bits, &t, sizeof(bits));
     bits = (bits + 1023) << 52; /* what is above the integer falls off the top */
     memcpy(&scale, &bits, sizeof(scale));
-    return (struct lanes_power){ scale, q };
+    return (struct lanes_power) { scale, q };
 }
 
 /* exp(-x), x >= 0. */

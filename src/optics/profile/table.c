@@ -11,7 +11,7 @@
 static enum pell_result refuse(struct pell_profile_fault *fault, size_t row, const char *field, double value, double min, double max)
 {
     if (fault)
-        *fault = (struct pell_profile_fault){ row, field, value, min, max };
+        *fault = (struct pell_profile_fault) { row, field, value, min, max };
     return PELL_ERR_INVALID;
 }
 
@@ -24,7 +24,7 @@ struct walk {
 
 static struct walk walk_make(const double *r, const double *R, size_t count)
 {
-    return (struct walk){ r, R, count, 0, { pell_nodes_slope(r, R, count, 0), pell_nodes_slope(r, R, count, 1) } };
+    return (struct walk) { r, R, count, 0, { pell_nodes_slope(r, R, count, 0), pell_nodes_slope(r, R, count, 1) } };
 }
 
 static void walk_on(struct walk *w)
@@ -113,7 +113,7 @@ enum pell_result pell_profile_from_table(const double *r_mm, const double *R, si
 
     memset(out, 0, sizeof(*out));
     if (fault)
-        *fault = (struct pell_profile_fault){ 0 };
+        *fault = (struct pell_profile_fault) { 0 };
     if (count < 2)
         return refuse(fault, count, "rows", (double) count, 2.0, (double) (SIZE_MAX / 2));
     for (size_t i = 0; i < count; i++) {

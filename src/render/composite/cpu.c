@@ -67,7 +67,9 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
             .model = t->model[i],
             .smooth = p->smooth && !m->opaque,
             .out_exponent = !m->opaque && texture ? 1.0f - mix : 0.0f,
-            .in_exponent = m->opaque ? 1.0f : texture ? mix : 0.0f,
+            .in_exponent = m->opaque ? 1.0f
+                           : texture ? mix
+                                     : 0.0f,
             .in_metal = m->opaque ? 1.0f : 0.0f,
             .scatters = p->exitance && !m->opaque ? 1.0f : 0.0f,
         };
@@ -280,7 +282,8 @@ void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, co
         pell_pool_run(pool, (params->rect.y1 - params->rect.y0 + ROWS - 1) / ROWS, composite_rows, &t);
 }
 
-void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const shaded[3])
+void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
+                           float *const shaded[3])
 {
     struct task t = make_task(c, params);
     const struct pell_rect r = params->surface->translucent;

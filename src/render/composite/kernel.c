@@ -11,8 +11,8 @@
 
 /* What lanes have of their materials: of one material for all in a `full` block, which is what most blocks are. */
 struct owners {
-    const struct pell_composite_material *one;       /* of all lanes where `full` */
-    const struct pell_composite_material *m[LANES];  /* else */
+    const struct pell_composite_material *one;      /* of all lanes where `full` */
+    const struct pell_composite_material *m[LANES]; /* else */
 };
 
 #define OF(field) (full ? o->one->field : o->m[i]->field)
@@ -163,7 +163,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
             metal[i] = 1.0f;
         else
             metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
-        finished[i] = radiance ? scatters[i] : 0.0f; /* a picture already, */
+        finished[i] = radiance ? scatters[i] : 0.0f;                                  /* a picture already, */
         shines[i] = radiance && !p->excludes_surface_reflection ? scatters[i] : 0.0f; /* with its specular part */
         behind[i] = radiance ? 0.0f : scatters[i] * on[i];
     }

@@ -6,24 +6,24 @@
 #define PELL_COMPOSITE_LANES_H
 
 #include "base/simd.h"
-#include "render/composite/stage.h"
 #include "lights/specular_tables.h"
+#include "render/composite/stage.h"
 
 #define LANES 16
 
 /* What a pixel needs of its material. */
 struct pell_composite_material {
     float f0, boundary_mean;
-    const float *boundary;       /* transmittance table of a smooth boundary, where `smooth` */
+    const float *boundary; /* transmittance table of a smooth boundary, where `smooth` */
     int model;
     bool smooth;
-    float out_exponent;          /* of the base colour on the way out: 1 - m; 0 where the texture gives no colour */
-    float in_exponent;           /* that the irradiance holds: m, or 1 */
-    float in_metal;              /* 1 where the irradiance holds 1 - metallic, too */
-    float scatters;              /* 1: exitance is the method's; 0: total times irradiance */
+    float out_exponent; /* of the base colour on the way out: 1 - m; 0 where the texture gives no colour */
+    float in_exponent;  /* that the irradiance holds: m, or 1 */
+    float in_metal;     /* 1 where the irradiance holds 1 - metallic, too */
+    float scatters;     /* 1: exitance is the method's; 0: total times irradiance */
     float total[3];
-    bool uniform;                   /* see pell_surface_is_uniform */
-    float roughness, rho_s;      /* then */
+    bool uniform;           /* see pell_surface_is_uniform */
+    float roughness, rho_s; /* then */
 };
 
 struct pell_composite_row {
@@ -37,9 +37,9 @@ struct pell_composite_row {
 
 /* Radiance of 16 pixels in its three parts; lanes that are off hold 0. */
 struct pell_composite_lanes {
-    float on[LANES];                 /* 1 or 0 */
+    float on[LANES]; /* 1 or 0 */
     float multiple[3][LANES], transmission[3][LANES], specular[3][LANES];
-    float arriving[LANES];           /* luminance of the irradiance without albedo */
+    float arriving[LANES]; /* luminance of the irradiance without albedo */
 };
 
 /* The specular tables cut at the last roughness that a whole block had; all zeros at first. */

@@ -16,10 +16,10 @@
 struct pell_accumulator {
     float *color[3], *alpha;
     float *multiple[3], *single[3], *transmission[3], *specular[3], *irradiance[3], *normal[3];
-    float *depth; /* of the first sample that hit something */
-    float *variance[3];  /* of the mean over the samples, of the scattered light in `multiple`; 0 where there is no noise */
-    float *translucent;  /* share of the samples on a translucent material, with whatever method */
-    double *meter; /* per row: summed luminance of the irradiance that arrives, without albedo, and the number of pixels it is of */
+    float *depth;       /* of the first sample that hit something */
+    float *variance[3]; /* of the mean over the samples, of the scattered light in `multiple`; 0 where there is no noise */
+    float *translucent; /* share of the samples on a translucent material, with whatever method */
+    double *meter;      /* per row: summed luminance of the irradiance that arrives, without albedo, and the number of pixels it is of */
 };
 
 struct pell_composite_params {
@@ -28,17 +28,17 @@ struct pell_composite_params {
     const struct pell_surface *surface;
     const struct pell_specular_tables *tables;
     const struct pell_lighting *lighting;
-    const float *const *exitance;     /* M of translucent pixels, or their finished radiance where `radiance`; NULL: no scattering */
+    const float *const *exitance; /* M of translucent pixels, or their finished radiance where `radiance`; NULL: no scattering */
     bool radiance;
-    bool excludes_surface_reflection;                       /* `radiance` is of what entered alone: the specular lobe is added to it */
+    bool excludes_surface_reflection;              /* `radiance` is of what entered alone: the specular lobe is added to it */
     const float *const *single, *const *reflected; /* parts that `exitance` does not hold (struct pell_frame_light); NULL: none */
-    const float *const *standard_error;        /* standard error of `exitance`, in its unit; NULL: none */
-    const float (*total)[3];          /* per scene material: total reflectance of its profile, for pixels without scattering */
-    float mix;                        /* plan's; negative: each material's own */
+    const float *const *standard_error;            /* standard error of `exitance`, in its unit; NULL: none */
+    const float (*total)[3];                       /* per scene material: total reflectance of its profile, for pixels without scattering */
+    float mix;                                     /* plan's; negative: each material's own */
     bool smooth, published;
     struct pell_rect rect; /* holds every pixel that any sample may cover; the accumulator is written there and nowhere else */
     float weight;
-    bool first;                       /* overwrite the accumulator instead of adding to it */
+    bool first; /* overwrite the accumulator instead of adding to it */
 };
 
 /* Holds what a composite needs of each material, so that a frame allocates nothing. */
@@ -51,6 +51,7 @@ void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, co
                            const struct pell_accumulator *out);
 
 /* The picture without scattering, at covered pixels: what a method with PELL_NEED_SHADED blurs. Takes `exitance` as NULL. */
-void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params, float *const shaded[3]);
+void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
+                           float *const shaded[3]);
 
 #endif

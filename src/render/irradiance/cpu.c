@@ -171,7 +171,7 @@ static void project_image(const struct pell_light_source *source, struct packet 
         if (!(a->front[i] | a->back[i]))
             continue;
         pell_light_source_image(source, vec3(a->sx[i], a->sy[i], a->sz[i]), vec3(-a->lx[i], -a->ly[i], -a->lz[i]),
-                        vec3(k->lanes.px[i], k->lanes.py[i], k->lanes.pz[i]), rgb);
+                                vec3(k->lanes.px[i], k->lanes.py[i], k->lanes.pz[i]), rgb);
         for (int c = 0; c < 3; c++)
             a->intensity[c][i] *= rgb[c];
         if (!(a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i] > 0.0f))

@@ -67,7 +67,7 @@ static inline void set_ray(struct pell_ray16 *r, int i, struct pell_vec3 o, stru
 static inline struct pell_env_query lane_query(const struct job *job, const struct packet *k, int i)
 {
     const size_t material = k->material[i];
-    return (struct pell_env_query){
+    return (struct pell_env_query) {
         .model = (enum pell_specular_model) job->p->tables->model[material],
         .roughness = k->lanes.roughness[i],
         .f0 = k->lanes.fd[i],

@@ -7,8 +7,8 @@
 #define PELL_SHADE_H
 
 #include "base/simd.h"
-#include "visibility/rays.h"
 #include "render/irradiance/stage.h"
+#include "visibility/rays.h"
 
 struct pell_lanes {
     _Alignas(64) float px[16], py[16], pz[16]; /* the point */
@@ -18,23 +18,23 @@ struct pell_lanes {
     float vx[16], vy[16], vz[16];              /* toward the camera */
     float nv[16], gn[16];                      /* n.v, ng.n */
     float epsilon[16];
-    float terminator_offset[16];                            /* see struct pell_surface */
-    float rho[16], fd[16];                     /* rho_s, F0 of the dielectric: what enters */
-    float tint[3][16], f0[3][16];              /* the highlight */
-    float width2[16];                          /* of the lobe */
-    float fraction[16];                        /* of the roughness */
-    int32_t albedo_at[16];                     /* into tables->albedo, flat */
-    int32_t boundary_at[16];                   /* smooth: into tables->boundaries, flat, in floats */
-    int32_t model[16];                         /* of the lobe: enum pell_specular_model */
-    int32_t smooth[16];                        /* -1 or 0 */
-    int32_t deep[16];                          /* -1: light from behind may come through */
+    float terminator_offset[16];  /* see struct pell_surface */
+    float rho[16], fd[16];        /* rho_s, F0 of the dielectric: what enters */
+    float tint[3][16], f0[3][16]; /* the highlight */
+    float width2[16];             /* of the lobe */
+    float fraction[16];           /* of the roughness */
+    int32_t albedo_at[16];        /* into tables->albedo, flat */
+    int32_t boundary_at[16];      /* smooth: into tables->boundaries, flat, in floats */
+    int32_t model[16];            /* of the lobe: enum pell_specular_model */
+    int32_t smooth[16];           /* -1 or 0 */
+    int32_t deep[16];             /* -1: light from behind may come through */
     int32_t opaque[16];
-    float albedo[3][16];                       /* of the colour that enters */
+    float albedo[3][16]; /* of the colour that enters */
     float roughness[16];
     int32_t valid[16];
     uint32_t hash[2][16];
     int any_smooth, any_deep;
-    unsigned models;                           /* bit 1 << model of each that some lane has */
+    unsigned models; /* bit 1 << model of each that some lane has */
 };
 
 /* One sample of one light, seen from each lane. */
@@ -42,11 +42,11 @@ struct pell_aim {
     _Alignas(64) float lx[16], ly[16], lz[16]; /* unit, from the point to the light */
     float sx[16], sy[16], sz[16];              /* the far end; directional: unused */
     float distance[16];
-    float intensity[3][16];                    /* irradiance on a facing surface = intensity falloff */
+    float intensity[3][16]; /* irradiance on a facing surface = intensity falloff */
     float falloff[16];
-    float gl[16], nl[16];                      /* ng.l, n.l */
-    float spread[16];                          /* solid angle that the sample stands for, sr */
-    int32_t front[16], back[16];               /* -1: light may reach this side */
+    float gl[16], nl[16];        /* ng.l, n.l */
+    float spread[16];            /* solid angle that the sample stands for, sr */
+    int32_t front[16], back[16]; /* -1: light may reach this side */
     int any_front, any_back;
 };
 
@@ -74,8 +74,8 @@ struct pell_shade_tables {
 struct pell_shade_kernels {
     /* Clears the sums and fills the lanes from the surface's planes at index[i], pixel (x[i], y[i]). fd, model, opaque, albedo_at (of
      * roughness 0), boundary_at, smooth, deep and valid are there already. */
-    void (*load)(const struct pell_lane_input *input, const int32_t *index, const int32_t *x, const int32_t *y,
-                 struct pell_lanes *lanes, struct pell_sums *sums);
+    void (*load)(const struct pell_lane_input *input, const int32_t *index, const int32_t *x, const int32_t *y, struct pell_lanes *lanes,
+                 struct pell_sums *sums);
     /* Directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected image. */
     void (*aim)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);
     /* Adds the light of the front lanes whose `visible` is -1. */
@@ -85,8 +85,7 @@ struct pell_shade_kernels {
     void (*unshadowed)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_aim *aim,
                        struct pell_sums *sums);
     /* Writes the sums of `count` lanes, with albedo, to the planes. */
-    void (*store)(const struct pell_lanes *lanes, const struct pell_sums *sums, const int32_t *index, int count,
-                  struct pell_lighting *out);
+    void (*store)(const struct pell_lanes *lanes, const struct pell_sums *sums, const int32_t *index, int count, struct pell_lighting *out);
     /* Rays of the front lanes. */
     void (*shadow_rays)(const struct pell_light_data *light, const struct pell_lanes *lanes, const struct pell_aim *aim,
                         struct pell_ray16 *rays);

@@ -9,14 +9,15 @@
 
 /* The planes of 16 points. */
 struct planes {
-    _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16], terminator_offset[16];
+    _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16],
+        terminator_offset[16];
     float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16];
     uint16_t material[16];
 };
 
 /* Places and outward normals of the points, and rays that look at them from outside. Returns which there are. */
-static uint32_t place_points(const struct pell_scene *scene, const struct pell_points *p, struct pell_ray_hit16 *packet,
-                             struct planes *s, struct pell_points_light *out)
+static uint32_t place_points(const struct pell_scene *scene, const struct pell_points *p, struct pell_ray_hit16 *packet, struct planes *s,
+                             struct pell_points_light *out)
 {
     uint32_t some = 0;
 
@@ -122,7 +123,12 @@ void pell_irradiance_points(const struct pell_lights *lights, const struct pell_
     if (!some)
         return;
     surface = (struct pell_surface) {
-        .material = s.material, .depth = s.depth, .roughness = s.roughness, .metallic = s.metallic, .strength = s.strength, .terminator_offset = s.terminator_offset,
+        .material = s.material,
+        .depth = s.depth,
+        .roughness = s.roughness,
+        .metallic = s.metallic,
+        .strength = s.strength,
+        .terminator_offset = s.terminator_offset,
     };
     lighting = (struct pell_lighting) { .shadow_rays = 0 };
     for (int c = 0; c < 3; c++) {

@@ -18,9 +18,9 @@
 #include <pellucid/render.h>
 
 struct pell_lighting {
-    float *irradiance[3]; /* W/m^2, entered, with albedo^m */
-    float *transmitted[3];    /* W/m^2, radiant exitance of light from behind; 0 where nothing comes through */
-    float *specular[3];   /* W/(m^2 sr), with what the surface itself emits */
+    float *irradiance[3];  /* W/m^2, entered, with albedo^m */
+    float *transmitted[3]; /* W/m^2, radiant exitance of light from behind; 0 where nothing comes through */
+    float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
     int64_t shadow_rays;
 };
 
@@ -29,14 +29,14 @@ struct pell_irradiance_params {
     const struct pell_scene *scene;
     const struct pell_view *view;
     const struct pell_surface *surface;
-    const struct pell_specular_tables *tables;                /* of pell_specular_tables_create */
-    const struct pell_thickness_table *const *thickness;      /* per scene material, entries may be NULL; NULL: no light from behind */
-    float mix;                                                /* plan's; negative: each material's own */
-    const float *ambient;                                     /* of pell_irradiance_points: visibility of the environment's smooth rest at
+    const struct pell_specular_tables *tables;           /* of pell_specular_tables_create */
+    const struct pell_thickness_table *const *thickness; /* per scene material, entries may be NULL; NULL: no light from behind */
+    float mix;                                           /* plan's; negative: each material's own */
+    const float *ambient;                                /* of pell_irradiance_points: visibility of the environment's smooth rest at
                                                                * the points; NULL: found by rays */
-    uint64_t lights;                                          /* bit min(i, 63) of each light i of the scene that counts; 0: all */
-    bool smooth;                                              /* boundary: Fresnel's F_t in place of rho_dt */
-    uint32_t sample;                                          /* number of the multisample: varies the sample patterns */
+    uint64_t lights;                                     /* bit min(i, 63) of each light i of the scene that counts; 0: all */
+    bool smooth;                                         /* boundary: Fresnel's F_t in place of rho_dt */
+    uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;
 };
 

@@ -83,8 +83,8 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
 /* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
  * way: not found. `depth`: how many shells of the same object inside it a ray is in (they are passed: what was entered is left again
  * first), -1: it has yet to enter the solid. `source`: that the rays run to; NULL: they run inward from the surface. */
-static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_light_source *source, struct pell_ray_hit16 *r,
-                       int *depth, struct exits *out)
+static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_light_source *source,
+                       struct pell_ray_hit16 *r, int *depth, struct exits *out)
 {
     const bool coherent = !source || source->samples == 1; /* samples of a large light go apart */
     const struct pell_scene *scene = job->p->scene;

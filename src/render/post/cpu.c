@@ -7,9 +7,9 @@
 
 #include <float.h>
 
-#define KEY 0.18         /* of a middle grey (Reinhard et al. 2002) */
-#define ENVIRONMENT_WHITE 16.0   /* an environment behind the object may be brighter than the object by far */
-#define METER_FACTOR 3.0 /* at most this times the key's exposure */
+#define KEY 0.18               /* of a middle grey (Reinhard et al. 2002) */
+#define ENVIRONMENT_WHITE 16.0 /* an environment behind the object may be brighter than the object by far */
+#define METER_FACTOR 3.0       /* at most this times the key's exposure */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
 
@@ -176,8 +176,8 @@ static void prepare_background(struct task *t)
     float black[3] = { 0.0f };
 
     *tone = (struct pell_post_tone) { t->exposure, kind == PELL_BACKGROUND_TRANSPARENT ? 0.0f : FLT_MAX, curve, curve * t->white_scale };
-    t->plain = kind == PELL_BACKGROUND_COLOR || kind == PELL_BACKGROUND_TRANSPARENT ||
-               (kind == PELL_BACKGROUND_IMAGE && !scene->background_image);
+    t->plain =
+        kind == PELL_BACKGROUND_COLOR || kind == PELL_BACKGROUND_TRANSPARENT || (kind == PELL_BACKGROUND_IMAGE && !scene->background_image);
     tone->lay = t->plain && kind != PELL_BACKGROUND_TRANSPARENT;
     if (!tone->lay)
         return;

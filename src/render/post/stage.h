@@ -22,18 +22,18 @@ struct pell_post_params {
     const struct pell_lights *lights; /* for an environment as background */
     const struct pell_settings *settings;
     int width, height;
-    struct pell_rect rect;            /* of the composite: outside it color and alpha hold nothing and become the background */
+    struct pell_rect rect; /* of the composite: outside it color and alpha hold nothing and become the background */
     ptrdiff_t stride;
-    const double *meter;              /* of the composite: 2 numbers a row */
-    double *rows;                     /* scratch: 4 numbers a row */
-    float *const *glow;               /* scratch: PELL_BLOOM_PLANES planes; not read without bloom */
+    const double *meter; /* of the composite: 2 numbers a row */
+    double *rows;        /* scratch: 4 numbers a row */
+    float *const *glow;  /* scratch: PELL_BLOOM_PLANES planes; not read without bloom */
 };
 
 struct pell_post_result {
     float exposure, white;
     int64_t invalid;
     bool covered, any_light; /* something is in view; light arrives at it */
-    double bloom;      /* seconds of it */
+    double bloom;            /* seconds of it */
 };
 
 /* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure), with bloom; `display` gets the

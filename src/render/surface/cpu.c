@@ -32,12 +32,14 @@ static size_t tasks_of(int width, int height)
 
 enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int height, struct pell_surface *surface)
 {
+    /* clang-format off */
     float **const planes[PLANES] = {
         &surface->depth, &surface->ng[0], &surface->ng[1], &surface->ng[2], &surface->ns[0], &surface->ns[1], &surface->ns[2],
         &surface->base[0], &surface->base[1], &surface->base[2], &surface->roughness, &surface->metallic, &surface->specular[0],
         &surface->specular[1], &surface->specular[2], &surface->strength, &surface->terminator_offset,
         &surface->emissive[0], &surface->emissive[1],
     };
+    /* clang-format on */
     struct scratch *scratch;
     size_t stride, pixels, bytes;
     float *next;
@@ -112,7 +114,13 @@ static bool draw(struct pell_pool *pool, const struct surface_job *job)
 {
     const struct pell_view *v = job->view;
     const struct pell_raster_view view = {
-        v->origin, v->forward, v->right, v->up, v->orthographic, v->focal_px, 0.5f + v->shift_x - 0.5f * (float) v->width,
+        v->origin,
+        v->forward,
+        v->right,
+        v->up,
+        v->orthographic,
+        v->focal_px,
+        0.5f + v->shift_x - 0.5f * (float) v->width,
         0.5f * (float) v->height - 0.5f - v->shift_y,
     };
     const int64_t pixels = (int64_t) (job->rect.x1 - job->rect.x0) * (job->rect.y1 - job->rect.y0);
@@ -154,12 +162,13 @@ double pell_surface_trace_bare(struct pell_pool *pool, const struct pell_rays *r
     return pell_seconds() - start;
 }
 
-void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing,
-                       const struct pell_ray_hit16 *packet, uint32_t hits, struct pell_surface *out)
+void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing, const struct pell_ray_hit16 *packet,
+                       uint32_t hits, struct pell_surface *out)
 {
     const struct scratch *scratch = like->scratch;
-    const struct pell_view view = { .width = SURFACE_PACKET_SIDE, .height = SURFACE_PACKET_SIDE, .orthographic = true,
-                                    .focal_px = 1.0f / spacing };
+    const struct pell_view view = {
+        .width = SURFACE_PACKET_SIDE, .height = SURFACE_PACKET_SIDE, .orthographic = true, .focal_px = 1.0f / spacing
+    };
     const struct surface_job job = { .scene = scene, .view = &view, .out = out, .decode = &scratch->decode };
 
     out->width = out->height = SURFACE_PACKET_SIDE;

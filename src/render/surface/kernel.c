@@ -8,9 +8,9 @@
  * pixel at that depth: depth / focal (perspective) or 1 / focal (orthographic). With Embree's Ng, twice the triangle's area long, a
  * texture of w x h texels has 2 |uv area| w h k^2 / |Ng . D| texels in the pixel; half the binary logarithm is the level of the
  * pyramid (Williams 1983). */
+#include "render/surface/kernel.h"
 #include "image/color.h"
 #include "math/scalar.h"
-#include "render/surface/kernel.h"
 #include "render/surface/sample16.h"
 
 #include <float.h>
@@ -33,16 +33,16 @@ struct hits {
     const struct pell_material *material;
     const struct pyramid *const *pyramids; /* by map; NULL: no mips were made */
     const struct surface_decode *decode;
-    uint32_t lanes;                        /* bit i: lane i is one of these */
-    int16lanes on;                         /* the same, -1 or 0 */
+    uint32_t lanes; /* bit i: lane i is one of these */
+    int16lanes on;  /* the same, -1 or 0 */
     uint32_t vertex[3][LANES];
     const struct pell_corners *corners; /* of the triangles, where they are known */
-    float16 w0, w1, w2; /* barycentric weights */
+    float16 w0, w1, w2;                 /* barycentric weights */
     const struct pell_ray_hit16 *packet;
     const struct pell_view *camera;
     float16 footprint; /* k^2 / |Ng . D| */
     bool has_footprint;
-    struct vec16 view;        /* unit, to the viewer */
+    struct vec16 view; /* unit, to the viewer */
     struct uv16 uv[PELL_UV_SETS];
     bool has_uv[PELL_UV_SETS];
 };

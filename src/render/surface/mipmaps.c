@@ -122,8 +122,8 @@ static void halve_float_row(const struct halving *h, int y)
             out[c] = 0.0f;
         for (int j = 0; j < ty.count; j++)
             for (int i = 0; i < tx.count; i++) {
-                const float *texel = (const float *) from->pixels +
-                                     ((size_t) (2 * y + j) * (size_t) from->width + (size_t) (2 * x + i)) * (size_t) n;
+                const float *texel =
+                    (const float *) from->pixels + ((size_t) (2 * y + j) * (size_t) from->width + (size_t) (2 * x + i)) * (size_t) n;
                 for (int c = 0; c < n; c++)
                     out[c] += (float) ty.weight[j] * (float) tx.weight[i] * (1.0f / 4294967296.0f) * texel[c];
             }

@@ -22,22 +22,14 @@ enum surface_map {
 static inline const struct pell_texture_map *surface_map(const struct pell_material *m, enum surface_map map)
 {
     switch (map) {
-    case SURFACE_MAP_BASE:
-        return &m->base_color_map;
-    case SURFACE_MAP_NORMAL:
-        return &m->normal_map;
-    case SURFACE_MAP_ROUGHNESS:
-        return &m->roughness_map;
-    case SURFACE_MAP_METALLIC:
-        return &m->metallic_map;
-    case SURFACE_MAP_RHO_S:
-        return &m->rho_s_map;
-    case SURFACE_MAP_SPECULAR:
-        return &m->specular_color_map;
-    case SURFACE_MAP_STRENGTH:
-        return &m->strength_map;
-    default:
-        return &m->emissive_map;
+    case SURFACE_MAP_BASE: return &m->base_color_map;
+    case SURFACE_MAP_NORMAL: return &m->normal_map;
+    case SURFACE_MAP_ROUGHNESS: return &m->roughness_map;
+    case SURFACE_MAP_METALLIC: return &m->metallic_map;
+    case SURFACE_MAP_RHO_S: return &m->rho_s_map;
+    case SURFACE_MAP_SPECULAR: return &m->specular_color_map;
+    case SURFACE_MAP_STRENGTH: return &m->strength_map;
+    default: return &m->emissive_map;
     }
 }
 
@@ -50,7 +42,7 @@ struct pyramid {
     struct pell_image image; /* level 0, borrowed */
     int levels;
     int width[SURFACE_MIP_LEVELS], height[SURFACE_MIP_LEVELS];
-    uint64_t *texels[SURFACE_MIP_LEVELS];       /* from 1 on; NULL for float pictures */
+    uint64_t *texels[SURFACE_MIP_LEVELS];         /* from 1 on; NULL for float pictures */
     struct pell_image floats[SURFACE_MIP_LEVELS]; /* from 1 on, float pictures */
 };
 

@@ -87,9 +87,8 @@ static inline uint64_t rgb_texel(const uint8_t *rgb, const uint16_t *table, size
 }
 
 /* out = bilinear look-up in each lane's level, for 8 and 16 bit pictures. Lanes that are not in `lanes` get something finite. */
-static void bilinear16(const struct pyramid *p, const struct pell_texture *t, const struct surface_decode *decode,
-                       const float *restrict u, const float *restrict v, const int32_t *restrict level, uint32_t lanes,
-                       unsigned channels, float16 *restrict out)
+static void bilinear16(const struct pyramid *p, const struct pell_texture *t, const struct surface_decode *decode, const float *restrict u,
+                       const float *restrict v, const int32_t *restrict level, uint32_t lanes, unsigned channels, float16 *restrict out)
 {
     const struct pell_image *image = &p->image;
     const uint8_t *rgb = image->type == PELL_PIXEL_U8 && image->channels == 3 ? image->pixels : NULL;

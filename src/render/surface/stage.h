@@ -8,8 +8,8 @@
 #ifndef PELL_SURFACE_H
 #define PELL_SURFACE_H
 
-#include "visibility/tile_raster.h"
 #include "render/camera_view.h"
+#include "visibility/tile_raster.h"
 
 /* What is made once a scene: the pictures of its textures at smaller sizes, so that far surfaces don't alias. */
 struct pell_mips;
@@ -23,27 +23,27 @@ struct pell_surface {
     ptrdiff_t stride;
     const struct pell_mips *mips; /* borrowed: the caller sets it after pell_surface_allocate; NULL: textures alias where they shrink */
     struct pell_raster *raster;   /* likewise: of the scene and this size; NULL: what pixels see is asked of rays */
-    uint16_t *material;  /* scene material + 1; 0: nothing. A scene of more than 65534 materials is refused */
-    float *depth;        /* mm along the view axis */
-    float *ng[3];        /* geometric normal, unit, on the side of the viewer */
-    float *ns[3];        /* shading normal, unit, after the normal map; bent to the viewer's side where interpolation turned it away */
-    float *base[3];      /* base colour, linear: factor x map x vertex colour */
-    float *roughness;    /* perceptual, [0.03, 1] */
-    float *metallic;     /* [0, 1] */
-    float *specular[3];  /* rho_s x map x tint: scales the specular lobe */
-    float *strength;     /* of scattering, [0, 1] */
-    bool omit_uniform;           /* the caller's: leave base, roughness, metallic and specular unwritten where pell_surface_is_plain says it
+    uint16_t *material;           /* scene material + 1; 0: nothing. A scene of more than 65534 materials is refused */
+    float *depth;                 /* mm along the view axis */
+    float *ng[3];                 /* geometric normal, unit, on the side of the viewer */
+    float *ns[3];             /* shading normal, unit, after the normal map; bent to the viewer's side where interpolation turned it away */
+    float *base[3];           /* base colour, linear: factor x map x vertex colour */
+    float *roughness;         /* perceptual, [0.03, 1] */
+    float *metallic;          /* [0, 1] */
+    float *specular[3];       /* rho_s x map x tint: scales the specular lobe */
+    float *strength;          /* of scattering, [0, 1] */
+    bool omit_uniform;        /* the caller's: leave base, roughness, metallic and specular unwritten where pell_surface_is_plain says it
                                   * all */
-    float *terminator_offset;         /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays
+    float *terminator_offset; /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays
                                        * start */
-    float *emissive[3];  /* radiance; written where `any_emissive` */
+    float *emissive[3];       /* radiance; written where `any_emissive` */
     uint32_t *mesh, *triangle; /* of the scene, that was hit. The caller's planes, set after pell_surface_allocate; NULL: not asked for */
     float *barycentric[2];     /* with them: u, v as in struct pell_hit16 */
-    bool any_emissive;   /* some material of the scene emits */
-    struct pell_rect covered;     /* holds every pixel that hit something */
+    bool any_emissive;         /* some material of the scene emits */
+    struct pell_rect covered;  /* holds every pixel that hit something */
     struct pell_rect translucent; /* holds every pixel whose material is not opaque */
     int64_t covered_pixels, translucent_pixels;
-    int64_t rays; /* traced, or drawn in their place: pixels that were looked through */
+    int64_t rays;  /* traced, or drawn in their place: pixels that were looked through */
     void *scratch; /* private: per task, made in pell_surface_allocate so that a frame allocates nothing */
 };
 
@@ -67,8 +67,12 @@ struct pell_surface_uniform {
 static inline struct pell_surface_uniform pell_surface_uniform(const struct pell_material *m)
 {
     return (struct pell_surface_uniform) {
-        .roughness = m->roughness < 0.03f ? 0.03f : m->roughness > 1.0f ? 1.0f : m->roughness,
-        .metallic = m->metallic < 0.0f ? 0.0f : m->metallic > 1.0f ? 1.0f : m->metallic,
+        .roughness = m->roughness < 0.03f  ? 0.03f
+                     : m->roughness > 1.0f ? 1.0f
+                                           : m->roughness,
+        .metallic = m->metallic < 0.0f   ? 0.0f
+                    : m->metallic > 1.0f ? 1.0f
+                                         : m->metallic,
         .specular = { m->rho_s * m->specular_color[0], m->rho_s * m->specular_color[1], m->rho_s * m->specular_color[2] },
     };
 }
@@ -83,8 +87,8 @@ PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, cons
 /* The surface at 16 hits that no pixel need see, as if seen along packet->ray from pixels of `spacing` mm: bits of `hits` say which count.
  * `out` is a surface of 4 x 4 pixels with a stride of 4 whose planes are the caller's; mips, tables and `omit_uniform` are those of `like`,
  * which was allocated. No emission. Allocates nothing; safe from many threads. */
-void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing,
-                       const struct pell_ray_hit16 *packet, uint32_t hits, struct pell_surface *out);
+void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing, const struct pell_ray_hit16 *packet,
+                       uint32_t hits, struct pell_surface *out);
 
 /* Traces a ray for each pixel that the stage looks through and looks at no hit: what is left is the ray library, to compare the stage with.
  * Leaves the planes alone. Returns seconds. */

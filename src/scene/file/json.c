@@ -40,12 +40,8 @@ static enum pell_result scan(const struct pell_json_file *file, const char *text
     for (size_t i = 0; i < size; i++) {
         const char c = text[i];
         switch (c) {
-        case '"':
-            i = skip_string(text, size, i);
-            break;
-        case '\n':
-            line++;
-            break;
+        case '"': i = skip_string(text, size, i); break;
+        case '\n': line++; break;
         case '{':
         case '[':
             bytes += c == '{' ? BYTES_PER_OBJECT : BYTES_PER_ARRAY;
@@ -57,17 +53,10 @@ static enum pell_result scan(const struct pell_json_file *file, const char *text
             }
             break;
         case '}':
-        case ']':
-            depth--;
-            break;
-        case ',':
-            bytes += BYTES_PER_VALUE;
-            break;
-        case ':':
-            bytes += BYTES_PER_KEY;
-            break;
-        default:
-            break;
+        case ']': depth--; break;
+        case ',': bytes += BYTES_PER_VALUE; break;
+        case ':': bytes += BYTES_PER_KEY; break;
+        default: break;
         }
     }
     if (bytes > (uint64_t) limits->memory_bytes)
@@ -335,8 +324,8 @@ enum pell_result pell_json_array(const struct pell_json *parent, const char *key
         return wrong_type(out, "an array");
     count = json_array_size(out->value);
     if (count < min || count > max)
-        return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, NULL,
-                               "has %zu elements, allowed: %zu to %zu", count, min, max);
+        return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, NULL, "has %zu elements, allowed: %zu to %zu",
+                               count, min, max);
     return PELL_OK;
 }
 

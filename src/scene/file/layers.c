@@ -7,8 +7,8 @@
 #include <math.h>
 #include <string.h>
 
-const char *const pell_layer_keys[PELL_LAYER_KEYS] = { "name", "sigma_a", "sigma_s", "sigma_t", "phase", "g", "weight", "depth",
-                                                       "depth_scale", "depth_encoding" };
+const char *const pell_layer_keys[PELL_LAYER_KEYS] = { "name", "sigma_a", "sigma_s", "sigma_t",     "phase",
+                                                       "g",    "weight",  "depth",   "depth_scale", "depth_encoding" };
 
 #define DEPTHS_MOST ((PELL_LAYERS_MOST + 3) / 4)
 
@@ -163,7 +163,7 @@ static enum pell_result take_map(struct pell_scene_reader *r, const struct pell_
     layer->depth_inverse = inverse == 1;
     if (!pell_layer_has_channel(&layer->depth_map.texture->image, layer->depth_map.channel))
         return pell_json_error(place, PELL_ERR_FORMAT, NULL, "has no channel %c: the picture has %d", "rgba"[layer->depth_map.channel],
-                               layer->depth_map.texture->image.channels);
+                               layer -> depth_map.texture->image.channels);
     if (!pell_layer_texels_valid(layer, &fault))
         return pell_json_error(place, PELL_ERR_FORMAT, "NaN and infinity are refused, too", "%s is %g, allowed: [%g, %g]", fault.field,
                                fault.value, fault.min, fault.max);
@@ -276,7 +276,8 @@ static enum pell_result copy_layers(struct pell_scene_reader *r, const struct pe
 
 static bool same_below(const struct pell_material *a, const struct pell_material *b)
 {
-    return a->substrate == b->substrate && a->medium.eta == b->medium.eta && memcmp(a->base_color, b->base_color, sizeof(a->base_color)) == 0;
+    return a->substrate == b->substrate && a->medium.eta == b->medium.eta &&
+           memcmp(a->base_color, b->base_color, sizeof(a->base_color)) == 0;
 }
 
 static void warn_of_crossings(const struct pell_json *list, const struct pell_material *m, const struct pell_layer_measure *measure,

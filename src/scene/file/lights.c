@@ -13,14 +13,13 @@ KEYS(disc_keys, "type", "name", "at", "to", "up", "radius", "radiance", "project
 KEYS(environment_keys, "type", "name", "image", "color", "scale", "rotate_deg");
 KEYS(studio_keys, "studio");
 
-#define ROW(object, keys) { object, keys, PELL_COUNT(keys) }
+#define ROW(object, keys)                                                                                                                  \
+    {                                                                                                                                      \
+        object, keys, PELL_COUNT(keys)                                                                                                     \
+    }
 const struct pell_scene_keys pell_light_keys[PELL_LIGHT_KINDS] = {
-    ROW("light_point", point_keys),
-    ROW("light_spot", spot_keys),
-    ROW("light_directional", directional_keys),
-    ROW("light_rect", rect_keys),
-    ROW("light_disc", disc_keys),
-    ROW("light_environment", environment_keys),
+    ROW("light_point", point_keys),   ROW("light_spot", spot_keys), ROW("light_directional", directional_keys),
+    ROW("light_rect", rect_keys),     ROW("light_disc", disc_keys), ROW("light_environment", environment_keys),
     ROW("light_studio", studio_keys),
 };
 

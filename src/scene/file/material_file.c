@@ -15,9 +15,29 @@ bool pell_material_is_path(const char *text)
     return strchr(text, '/') || pell_path_has_extension(text, "json");
 }
 
-static const char *const material_keys[] = { "$schema", "name", "title", "kind", "family", "sigma_a", "sigma_s_reduced", "sigma_s", "g",
-                                             "eta", "concentration", "same_medium_as", "dilution", "variances", "weights",
-                                             "same_profile_as", "layers", "skin", "color", "roughness", "mix", "color_from", "note",
+static const char *const material_keys[] = { "$schema",
+                                             "name",
+                                             "title",
+                                             "kind",
+                                             "family",
+                                             "sigma_a",
+                                             "sigma_s_reduced",
+                                             "sigma_s",
+                                             "g",
+                                             "eta",
+                                             "concentration",
+                                             "same_medium_as",
+                                             "dilution",
+                                             "variances",
+                                             "weights",
+                                             "same_profile_as",
+                                             "layers",
+                                             "skin",
+                                             "color",
+                                             "roughness",
+                                             "mix",
+                                             "color_from",
+                                             "note",
                                              "source" };
 static const char *const layer_keys[] = { "name", "thickness_mm", "sigma_a", "sigma_s_reduced", "sigma_s", "phase", "g", "eta" };
 static const char *const skin_keys[] = { "melanin", "melanin_blend", "haemoglobin", "oxygenation", "epidermis_mm", "eta" };
@@ -357,13 +377,13 @@ static enum pell_result refuse(const struct pell_json *root, const char *const *
 static enum pell_result read_entry(const struct pell_json *root, struct pell_material_entry *e)
 {
     static const char *const kinds[] = { "medium", "gaussians", "layers" }, *const sources[] = { "profile", "texture" };
-    static const char *const coefficients[] = { "sigma_a", "sigma_s", "sigma_s_reduced", "g", "concentration", "same_medium_as",
-                                                "dilution", NULL };
+    static const char *const coefficients[] = { "sigma_a",       "sigma_s",        "sigma_s_reduced", "g",
+                                                "concentration", "same_medium_as", "dilution",        NULL };
     static const char *const sums[] = { "variances", "weights", "same_profile_as", NULL }, *const same[] = { "same_profile_as", NULL };
     static const char *const stacks[] = { "layers", "skin", NULL };
-    int kind = has(root, "layers") || has(root, "skin")                  ? PELL_MATERIAL_LAYERS
+    int kind = has(root, "layers") || has(root, "skin")                 ? PELL_MATERIAL_LAYERS
                : has(root, "variances") || has(root, "same_profile_as") ? PELL_MATERIAL_GAUSSIANS
-                                                                         : PELL_MATERIAL_MEDIUM;
+                                                                        : PELL_MATERIAL_MEDIUM;
     int color_from;
     enum pell_result res;
 

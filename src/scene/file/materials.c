@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
  * materials.c - the materials of a scene file, laid over those of the mesh files. */
-#include "scene/layers.h"
-#include "scene/names.h"
 #include "scene/file/profile_table.h"
 #include "scene/file/scene_file.h"
+#include "scene/layers.h"
+#include "scene/names.h"
 
 #include <pellucid/inversion.h>
 
 #include <string.h>
 
 const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
-    "preset",      "sigma_a", "sigma_s_reduced", "sigma_s",  "g",            "eta", "color",    "mean_free_path", "layers",   "radius",
-    "radius_kind", "profile", "color_from",      "textures", "normal_scale", "mix", "strength", "roughness",      "specular", "opaque",
-    "depths",      "depth_scale", "depth_encoding", "below",
+    "preset",   "sigma_a",   "sigma_s_reduced", "sigma_s", "g",          "eta",         "color",          "mean_free_path",
+    "layers",   "radius",    "radius_kind",     "profile", "color_from", "textures",    "normal_scale",   "mix",
+    "strength", "roughness", "specular",        "opaque",  "depths",     "depth_scale", "depth_encoding", "below",
 };
 const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
 
@@ -113,8 +113,8 @@ static enum pell_result read_strength(struct pell_scene_reader *r, const struct 
     if (own.texture)
         m->strength_map = own;
     else
-        pell_json_warn(&at, NULL, "material \"%s\" has no texture %.*s: its strength stays %g", m->name,
-                       (int) (strrchr(text, '.') - text), text, (double) m->strength);
+        pell_json_warn(&at, NULL, "material \"%s\" has no texture %.*s: its strength stays %g", m->name, (int) (strrchr(text, '.') - text),
+                       text, (double) m->strength);
     return PELL_OK;
 
 fail:
@@ -476,9 +476,8 @@ enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struc
     for (size_t i = 0; all.value && i < r->scene->num_materials; i++)
         PELL_TRY(pell_scene_overlay(r, &all, i));
     PELL_TRY(index_names(r, &b));
-    json_object_foreach((json_t *) materials.value, name, value)
-        if (strcmp(name, "*") != 0)
-            PELL_TRY(overlay_named(r, &materials, name, &b));
+    json_object_foreach((json_t *) materials.value, name, value) if (strcmp(name, "*") != 0)
+        PELL_TRY(overlay_named(r, &materials, name, &b));
 
 fail:
     pell_names_finish(&b.names);

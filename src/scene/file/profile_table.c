@@ -18,7 +18,7 @@ struct table {
     struct pell_context *ctx;
     const char *path;
     const char *at, *end;
-    int64_t line; /* of `at`, counted from 1 */
+    int64_t line;         /* of `at`, counted from 1 */
     int columns;          /* of the profile that are there: 2 or 4 */
     int cells;            /* of every line; 0: none was read */
     int column_of[CELLS]; /* of a line's cells, or SKIP */

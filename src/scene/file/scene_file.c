@@ -10,14 +10,17 @@
 /* --- Keys: with those of scene_light.c and scene_material.c the only list ----------------------------------------------------- */
 
 #define KEYS(name, ...) static const char *const name[] = { __VA_ARGS__ }
-KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "camera", "lights", "materials",
-     "background", "ground", "render");
+KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "camera", "lights", "materials", "background",
+     "ground", "render");
 KEYS(mesh_keys, "path", "unit", "size", "translate", "rotate_deg", "scale", "material");
 KEYS(camera_keys, "from", "to", "up", "fov_deg", "ortho_height", "focus", "f_number");
 KEYS(background_keys, "color", "image", "ground");
 KEYS(render_keys, "method", "width", "height", "knobs"); /* and any other option of the command line: who renders knows them */
 
-#define ROW(object, keys) { object, keys, PELL_COUNT(keys) }
+#define ROW(object, keys)                                                                                                                  \
+    {                                                                                                                                      \
+        object, keys, PELL_COUNT(keys)                                                                                                     \
+    }
 const struct pell_scene_keys pell_scene_keys[] = {
     ROW("", root_keys),
     ROW("mesh", mesh_keys),
@@ -373,13 +376,15 @@ static enum pell_result read_render(struct pell_scene_reader *r, const struct pe
     PELL_TRY(pell_json_object(root, "render", &render));
     if (!render.value)
         return PELL_OK;
-    json_object_foreach((json_t *) render.value, key, value) {
+    json_object_foreach((json_t *) render.value, key, value)
+    {
         const struct pell_json at = pell_json_get(&render, key);
         if (strcmp(key, "knobs") != 0)
             PELL_TRY(add_option(r, &at, "", key));
     }
     PELL_TRY(pell_json_object(&render, "knobs", &knobs));
-    json_object_foreach((json_t *) knobs.value, key, value) {
+    json_object_foreach((json_t *) knobs.value, key, value)
+    {
         const struct pell_json at = pell_json_get(&knobs, key);
         PELL_TRY(add_option(r, &at, "knobs/", key));
     }
@@ -472,7 +477,7 @@ enum pell_result pell_read_scene_file(const struct pell_loader *loader, const ch
 
     *out = NULL;
     r.import =
-        (struct pell_import){ .ctx = loader->ctx, .path = path, .root = loader->root, .allow_outside = loader->params->allow_outside };
+        (struct pell_import) { .ctx = loader->ctx, .path = path, .root = loader->root, .allow_outside = loader->params->allow_outside };
     PELL_TRY(pell_json_parse(&r.file, data, size));
     root = pell_json_root(&r.file);
     PELL_TRY(pell_json_is_object(&root));

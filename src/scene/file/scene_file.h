@@ -13,9 +13,9 @@ struct pell_scene_reader {
     struct pell_context *ctx;
     const struct pell_loader *loader;
     struct pell_json_file file;
-    struct pell_scene *scene;    /* what has been read so far, in mm */
-    struct pell_import import;   /* for pictures */
-    struct pell_scale scale;     /* of the top level */
+    struct pell_scene *scene;  /* what has been read so far, in mm */
+    struct pell_import import; /* for pictures */
+    struct pell_scale scale;   /* of the top level */
     struct pell_moment moment;
     struct pell_text moment_where;
     char animation[24];          /* a number, as text */

@@ -176,8 +176,7 @@ enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const stru
 
     if (res != PELL_OK || *texture)
         return res;
-    return pell_json_error(at, PELL_ERR_FORMAT, NULL, "the picture \"%s\" can't be read",
-                           pell_printable(reference, shown, sizeof(shown)));
+    return pell_json_error(at, PELL_ERR_FORMAT, NULL, "the picture \"%s\" can't be read", pell_printable(reference, shown, sizeof(shown)));
 }
 
 enum pell_result pell_scene_need_picture_at(struct pell_scene_reader *r, const struct pell_json *parent, const char *key,

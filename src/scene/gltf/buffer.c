@@ -294,8 +294,8 @@ static enum pell_result check_range(const struct pell_json *at, const struct glt
     if (end <= view->size)
         return PELL_OK;
     return pell_json_error(at, PELL_ERR_FORMAT, NULL,
-                           "%" PRIu32 " elements of %" PRIu32 " bytes from byteOffset %" PRId64 " at a stride of %" PRIu32
-                           " need %" PRIu64 " bytes, but the buffer view has %" PRIu64,
+                           "%" PRIu32 " elements of %" PRIu32 " bytes from byteOffset %" PRId64 " at a stride of %" PRIu32 " need %" PRIu64
+                           " bytes, but the buffer view has %" PRIu64,
                            count, element, offset, stride, end, view->size);
 }
 
@@ -433,17 +433,17 @@ enum pell_result gltf_attribute(struct gltf *g, const struct pell_json *parent, 
 /* --- Reading: loops over memory that is known to be there ------------------------------------------------------------------- */
 
 /* Section 3.11 of the specification: c/127 and c/32767 are limited from below, so that -128 is -1, too. */
-#define CONVERT(name, ctype, scale, low)                                                                                           \
-    static void name(const uint8_t *data, size_t stride, size_t count, int components, bool normalized, float *out)                \
-    {                                                                                                                              \
-        const float divisor = normalized ? (scale) : 1.0f, lowest = normalized ? (low) : -3.4028234e38f;                           \
-        for (size_t i = 0; i < count; i++, data += stride)                                                                         \
-            for (int c = 0; c < components; c++) {                                                                                 \
-                ctype x;                                                                                                           \
-                memcpy(&x, data + (size_t) c * sizeof(x), sizeof(x));                                                              \
-                const float f = (float) x / divisor;                                                                               \
-                *out++ = f < lowest ? lowest : f;                                                                                  \
-            }                                                                                                                      \
+#define CONVERT(name, ctype, scale, low)                                                                                                   \
+    static void name(const uint8_t *data, size_t stride, size_t count, int components, bool normalized, float *out)                        \
+    {                                                                                                                                      \
+        const float divisor = normalized ? (scale) : 1.0f, lowest = normalized ? (low) : -3.4028234e38f;                                   \
+        for (size_t i = 0; i < count; i++, data += stride)                                                                                 \
+            for (int c = 0; c < components; c++) {                                                                                         \
+                ctype x;                                                                                                                   \
+                memcpy(&x, data + (size_t) c * sizeof(x), sizeof(x));                                                                      \
+                const float f = (float) x / divisor;                                                                                       \
+                *out++ = f < lowest ? lowest : f;                                                                                          \
+            }                                                                                                                              \
     }
 CONVERT(convert_i8, int8_t, 127.0f, -1.0f)
 CONVERT(convert_u8, uint8_t, 255.0f, 0.0f)

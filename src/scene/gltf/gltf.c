@@ -54,10 +54,10 @@ const char *gltf_name(const struct pell_json *element, const char *kind, char *b
 /* --- Extensions ------------------------------------------------------------------------------------------------------------- */
 
 enum treatment {
-    READ,        /* wholly */
-    READ_DRAFT,  /* read, mentioned once as experimental */
-    LEFT_OUT,    /* changes the look only: one warning, also where it is required */
-    REFUSED,     /* refused where required; else a warning where something uses it */
+    READ,       /* wholly */
+    READ_DRAFT, /* read, mentioned once as experimental */
+    LEFT_OUT,   /* changes the look only: one warning, also where it is required */
+    REFUSED,    /* refused where required; else a warning where something uses it */
 };
 
 /* The only list of extensions. Bits of gltf.extensions_said count its rows. */

@@ -21,8 +21,8 @@
 #ifndef PELL_GLTF_H
 #define PELL_GLTF_H
 
-#include "scene/import.h"
 #include "scene/file/json.h"
+#include "scene/import.h"
 
 /* Kinds of warnings: each is printed `limits.warnings` times, then counted. */
 enum gltf_warning {
@@ -68,7 +68,7 @@ struct gltf_accessor {
     bool ready;
     bool normalized;
     enum gltf_type type;
-    int components;      /* 1..4, or 16: MAT4, column by column */
+    int components; /* 1..4, or 16: MAT4, column by column */
     uint32_t count;
     uint32_t stride;     /* bytes from element to element */
     const uint8_t *data; /* NULL: all zeros */
@@ -126,7 +126,7 @@ struct gltf_track {
 struct gltf_skin {
     struct pell_mat4 *matrix; /* joint's place x inverse bind matrix */
     uint32_t num_joints;
-    bool ready, flat;         /* flat: nothing of it has an area */
+    bool ready, flat; /* flat: nothing of it has an area */
 };
 
 /* Where and how a mesh is drawn. */
@@ -156,7 +156,7 @@ struct gltf {
     struct gltf_track *track; /* per accessor, where an animation plays */
     struct gltf_pose *pose;   /* per node; NULL: the file's rest pose */
     double time;
-    int64_t deformed;         /* vertices that morph targets and skins have moved, each time counted */
+    int64_t deformed;  /* vertices that morph targets and skins have moved, each time counted */
     int64_t *material; /* index into the scene's, -1: not read yet */
 
     int next_object;
@@ -219,8 +219,8 @@ PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, co
 PELL_NODISCARD enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *primitive, struct gltf_primitive *p,
                                                    int64_t *count);
 /* The weights of `count` targets: the animation's, else the node's, else the mesh's. *weights is owned by the caller, NULL if all are 0. */
-PELL_NODISCARD enum pell_result gltf_morph_weights(struct gltf *g, const struct pell_json *mesh, const struct pell_json *node,
-                                                   size_t count, double **weights);
+PELL_NODISCARD enum pell_result gltf_morph_weights(struct gltf *g, const struct pell_json *mesh, const struct pell_json *node, size_t count,
+                                                   double **weights);
 /* Adds the targets to a mesh that is as the file has it. Normals and tangents that the targets leave behind are emptied. */
 PELL_NODISCARD enum pell_result gltf_morph(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p,
                                            const double *weights, size_t count, struct pell_mesh *mesh);

@@ -180,7 +180,8 @@ static void set_medium(struct gltf *g, const struct pell_json *at, const struct 
     else
         gltf_warn(g, GLTF_WARN_MATERIAL, at, "add KHR_materials_volume_scatter, or a preset in a scene file",
                   "material \"%s\" transmits diffusely but does not say how it scatters: marble's extinction with its own colour is used "
-                  "(experimental)", m->name);
+                  "(experimental)",
+                  m->name);
 }
 
 static enum pell_result read_ior(struct gltf *g, const struct pell_json *at, struct pell_material *m)
@@ -350,11 +351,13 @@ fail:
 /* Names the extensions of a material that are not drawn, also where the file forgot to list them as used. */
 static enum pell_result mention_extensions(struct gltf *g, const struct pell_json *at)
 {
+    /* clang-format off */
     static const char *const ignored[] = {
         "KHR_materials_unlit",       "KHR_materials_clearcoat",  "KHR_materials_sheen",
         "KHR_materials_iridescence", "KHR_materials_anisotropy", "KHR_materials_dispersion",
         "KHR_materials_pbrSpecularGlossiness",
     };
+    /* clang-format on */
     for (size_t i = 0; i < PELL_COUNT(ignored); i++) {
         struct pell_json extensions, extension;
         const enum pell_result res = gltf_extension(at, ignored[i], &extensions, &extension);

@@ -58,8 +58,16 @@ static enum pell_result parse_primitive(struct gltf *g, const struct pell_json *
     int64_t mode = MODE_TRIANGLES;
     enum pell_result res;
 
-    *p = (struct gltf_primitive) { .position = -1, .normal = -1, .tangent = -1, .color = -1, .uv = { -1, -1, -1, -1 }, .indices = -1,
-                                   .material = -1, .joints = { -1, -1 }, .weights = { -1, -1 }, .targets = p->targets };
+    *p = (struct gltf_primitive) { .position = -1,
+                                   .normal = -1,
+                                   .tangent = -1,
+                                   .color = -1,
+                                   .uv = { -1, -1, -1, -1 },
+                                   .indices = -1,
+                                   .material = -1,
+                                   .joints = { -1, -1 },
+                                   .weights = { -1, -1 },
+                                   .targets = p->targets };
     PELL_TRY(pell_json_is_object(at));
     PELL_TRY(pell_json_require(at, "attributes"));
     PELL_TRY(pell_json_object(at, "attributes", &attributes));
@@ -433,13 +441,11 @@ static bool any_normal(const struct pell_mesh *mesh)
 }
 
 /* The vertices as the file has them, morphed, and placed. */
-static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p,
-                                      const struct shape *shape, const struct gltf_placing *placing, const double *weights, size_t targets,
-                                      struct pell_mesh *mesh)
+static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const struct shape *shape,
+                                      const struct gltf_placing *placing, const double *weights, size_t targets, struct pell_mesh *mesh)
 {
     static const struct pell_mat4 identity = { { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 } };
-    const struct pell_mat4 *world =
-        placing->skin || memcmp(placing->world, &identity, sizeof(identity)) == 0 ? NULL : placing->world;
+    const struct pell_mat4 *world = placing->skin || memcmp(placing->world, &identity, sizeof(identity)) == 0 ? NULL : placing->world;
     enum pell_result res;
 
     gltf_read_floats(shape->position, false, mesh->position);

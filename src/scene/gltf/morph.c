@@ -28,7 +28,7 @@ enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *prim
     for (size_t i = 0; i < (size_t) n; i++) {
         const struct pell_json at = pell_json_at(&targets, i);
         struct gltf_target *t = &p->targets[i];
-        *t = (struct gltf_target){ -1, -1, -1 };
+        *t = (struct gltf_target) { -1, -1, -1 };
         PELL_TRY(pell_json_is_object(&at));
         PELL_TRY(gltf_index(&at, "POSITION", &g->accessors, &t->position));
         PELL_TRY(gltf_index(&at, "NORMAL", &g->accessors, &t->normal));

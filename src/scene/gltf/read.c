@@ -37,10 +37,10 @@ static enum pell_result open_arrays(struct gltf *g)
         struct pell_json *out;
         size_t max;
     } arrays[] = {
-        { "buffers", &g->buffers, items },     { "bufferViews", &g->views, items },   { "accessors", &g->accessors, items },
-        { "images", &g->images, items },       { "samplers", &g->samplers, items },   { "textures", &g->textures, items },
-        { "materials", &g->materials, items }, { "meshes", &g->meshes, items },       { "nodes", &g->nodes, (size_t) g->limits->nodes },
-        { "scenes", &g->scenes, items },       { "cameras", &g->cameras, items },     { "skins", &g->skins, items },
+        { "buffers", &g->buffers, items },       { "bufferViews", &g->views, items }, { "accessors", &g->accessors, items },
+        { "images", &g->images, items },         { "samplers", &g->samplers, items }, { "textures", &g->textures, items },
+        { "materials", &g->materials, items },   { "meshes", &g->meshes, items },     { "nodes", &g->nodes, (size_t) g->limits->nodes },
+        { "scenes", &g->scenes, items },         { "cameras", &g->cameras, items },   { "skins", &g->skins, items },
         { "animations", &g->animations, items },
     };
     enum pell_result res;

@@ -18,10 +18,22 @@ struct pell_mat4 gltf_compose(const double t[3], const double q[4], const double
 {
     const double x = q[0], y = q[1], z = q[2], w = q[3];
     return (struct pell_mat4) { {
-        s[0] * (1 - 2 * (y * y + z * z)), s[0] * 2 * (x * y + z * w), s[0] * 2 * (x * z - y * w), 0,
-        s[1] * 2 * (x * y - z * w), s[1] * (1 - 2 * (x * x + z * z)), s[1] * 2 * (y * z + x * w), 0,
-        s[2] * 2 * (x * z + y * w), s[2] * 2 * (y * z - x * w), s[2] * (1 - 2 * (x * x + y * y)), 0,
-        t[0], t[1], t[2], 1,
+        s[0] * (1 - 2 * (y * y + z * z)),
+        s[0] * 2 * (x * y + z * w),
+        s[0] * 2 * (x * z - y * w),
+        0,
+        s[1] * 2 * (x * y - z * w),
+        s[1] * (1 - 2 * (x * x + z * z)),
+        s[1] * 2 * (y * z + x * w),
+        0,
+        s[2] * 2 * (x * z + y * w),
+        s[2] * 2 * (y * z - x * w),
+        s[2] * (1 - 2 * (x * x + y * y)),
+        0,
+        t[0],
+        t[1],
+        t[2],
+        1,
     } };
 }
 
@@ -66,8 +78,8 @@ static enum pell_result local_matrix(struct gltf *g, const struct pell_json *nod
     if (fabs(length - 1.0) > 1e-3)
         gltf_warn(g, GLTF_WARN_NODE, &rotation_at, NULL, "the quaternion has length %g instead of 1 and is normalised", length);
     *out = gltf_compose(pose && pose->moved[GLTF_TRANSLATION] ? pose->value[GLTF_TRANSLATION] : t,
-                   pose && pose->moved[GLTF_ROTATION] ? pose->value[GLTF_ROTATION] : q,
-                   pose && pose->moved[GLTF_SCALE] ? pose->value[GLTF_SCALE] : s);
+                        pose && pose->moved[GLTF_ROTATION] ? pose->value[GLTF_ROTATION] : q,
+                        pose && pose->moved[GLTF_SCALE] ? pose->value[GLTF_SCALE] : s);
     return PELL_OK;
 
 fail:

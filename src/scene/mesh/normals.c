@@ -15,7 +15,7 @@ struct normals {
     const struct pell_topology *t;
     uint32_t *group; /* per corner (half-edge that starts there): union-find, then the group's number; UINT32_MAX: degenerate triangle */
     uint32_t num_groups;
-    float *sum;      /* xyz per group, unit after `add_up` */
+    float *sum; /* xyz per group, unit after `add_up` */
 };
 
 static uint32_t root(uint32_t *parent, uint32_t i)

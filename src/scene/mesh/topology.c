@@ -261,9 +261,8 @@ enum pell_result pell_topology_make(struct pell_topology *t, const struct pell_s
             triangles += scene->meshes[meshes[m]].num_triangles;
         }
         if (vertices > INT32_MAX || triangles > INT32_MAX / 3) {
-            res = pell_error(t->ctx, PELL_ERR_UNSUPPORTED, scene->path, NULL,
-                             "an object of %llu vertices and %llu triangles is too large", (unsigned long long) vertices,
-                             (unsigned long long) triangles);
+            res = pell_error(t->ctx, PELL_ERR_UNSUPPORTED, scene->path, NULL, "an object of %llu vertices and %llu triangles is too large",
+                             (unsigned long long) vertices, (unsigned long long) triangles);
             goto fail;
         }
     }
@@ -337,7 +336,8 @@ void pell_topology_parts(const struct pell_topology *t, const struct pell_scene 
                 for (int c = 0; c < 3; c++)
                     p[k][c] = mesh->position[3 * (size_t) mesh->index[3 * (size_t) i + k] + c] - parts[number].min[c];
             parts[number].volume += (p[0][0] * (p[1][1] * p[2][2] - p[1][2] * p[2][1]) + p[0][1] * (p[1][2] * p[2][0] - p[1][0] * p[2][2]) +
-                                     p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0])) / 6.0;
+                                     p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0])) /
+                                    6.0;
         }
     }
     for (uint32_t e = 0, end; e < t->num_halves; e = end) {
@@ -362,8 +362,8 @@ void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_
             const uint32_t middle = low + width < count ? low + width : count, high = middle + width < count ? middle + width : count;
             uint32_t a = low, b = middle;
             for (uint32_t i = low; i < high; i++)
-                scratch[i] = b >= high || (a < middle && scene->meshes[order[a]].object <= scene->meshes[order[b]].object) ? order[a++]
-                                                                                                                    : order[b++];
+                scratch[i] =
+                    b >= high || (a < middle && scene->meshes[order[a]].object <= scene->meshes[order[b]].object) ? order[a++] : order[b++];
         }
         memcpy(order, scratch, count * sizeof(*order));
     }

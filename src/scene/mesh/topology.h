@@ -13,23 +13,23 @@
 struct pell_topology {
     struct pell_context *ctx;
     size_t num_meshes;
-    const uint32_t *mesh;     /* the object's meshes, as indices into the scene; borrowed */
-    uint32_t *first_vertex;   /* of each mesh, num_meshes + 1: vertices and triangles are numbered through the object */
+    const uint32_t *mesh;   /* the object's meshes, as indices into the scene; borrowed */
+    uint32_t *first_vertex; /* of each mesh, num_meshes + 1: vertices and triangles are numbered through the object */
     uint32_t *first_triangle;
     uint32_t num_vertices, num_triangles, num_positions;
-    uint32_t *weld;           /* per vertex: number of its position, in order of first appearance */
-    uint32_t *corner;         /* per half-edge 3 t + k: the position that it starts from; it ends at the next corner's */
-    float *face; /* per triangle: the cross product of two edges (normal times twice the area) over `scale`^2; 0 if degenerate */
-    double scale;             /* largest extent of the object */
-    uint32_t *half;           /* half-edges of the triangles that are not degenerate, sorted so that those of an edge are neighbours */
+    uint32_t *weld;   /* per vertex: number of its position, in order of first appearance */
+    uint32_t *corner; /* per half-edge 3 t + k: the position that it starts from; it ends at the next corner's */
+    float *face;      /* per triangle: the cross product of two edges (normal times twice the area) over `scale`^2; 0 if degenerate */
+    double scale;     /* largest extent of the object */
+    uint32_t *half;   /* half-edges of the triangles that are not degenerate, sorted so that those of an edge are neighbours */
     uint32_t num_halves;
     uint32_t num_degenerate;
-    uint32_t *part;           /* per triangle: number of the connected part; UINT32_MAX if degenerate */
+    uint32_t *part; /* per triangle: number of the connected part; UINT32_MAX if degenerate */
     uint32_t num_parts;
 };
 
-PELL_NODISCARD enum pell_result pell_topology_make(struct pell_topology *topology, const struct pell_scene *scene,
-                                                   const uint32_t *meshes, size_t num_meshes);
+PELL_NODISCARD enum pell_result pell_topology_make(struct pell_topology *topology, const struct pell_scene *scene, const uint32_t *meshes,
+                                                   size_t num_meshes);
 void pell_topology_finish(struct pell_topology *topology);
 
 static inline uint32_t pell_half_next(uint32_t half)
@@ -52,8 +52,8 @@ uint32_t pell_topology_edge(const struct pell_topology *topology, uint32_t first
 
 /* Per connected part. */
 struct pell_part {
-    bool closed;    /* every edge is passed as often one way as the other */
-    double volume;  /* enclosed, signed: positive where normals point outward; in the meshes' units */
+    bool closed;   /* every edge is passed as often one way as the other */
+    double volume; /* enclosed, signed: positive where normals point outward; in the meshes' units */
     double min[3], max[3];
 };
 /* `parts` has num_parts elements. */

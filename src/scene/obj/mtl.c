@@ -45,11 +45,11 @@ void pell_mtl_finish(struct pell_mtl *mtl)
 struct reader {
     struct pell_mtl *mtl;
     struct pell_lex lex;
-    const char *path;    /* for messages */
-    const char *folder;  /* of the library below the OBJ file's, ends in '/' or is empty */
+    const char *path;   /* for messages */
+    const char *folder; /* of the library below the OBJ file's, ends in '/' or is empty */
     struct pell_material *m;
-    char *alpha_map;     /* map_d of the current material, owned */
-    char *color_map;     /* map_Kd of it */
+    char *alpha_map; /* map_d of the current material, owned */
+    char *color_map; /* map_Kd of it */
     bool height_warned, alpha_warned;
 };
 

@@ -3,10 +3,10 @@
  *
  * One pass over the text collects triangles of (v, vt, vn); then each mesh, one per object ("o") and material, gets a vertex for each
  * different triple. Smoothing groups are ignored: missing normals are made with a crease angle. */
+#include "scene/mesh/polygon.h"
+#include "scene/obj/corners.h"
 #include "scene/obj/lex.h"
 #include "scene/obj/mtl.h"
-#include "scene/obj/corners.h"
-#include "scene/mesh/polygon.h"
 
 #include "image/color.h"
 
@@ -20,7 +20,7 @@ struct run {
 
 struct part {
     uint32_t object, material;
-    uint32_t name;           /* number among the names, or UINT32_MAX */
+    uint32_t name; /* number among the names, or UINT32_MAX */
     uint32_t first_run, last_run;
     size_t triangles;
 };
@@ -48,7 +48,7 @@ struct obj {
     struct target *targets; /* per material, [0] for none */
     size_t num_targets, cap_targets;
     uint32_t object, name, group, material, part; /* of the next face; part UINT32_MAX: not known */
-    int64_t lines, points, surfaces, thin;         /* left out */
+    int64_t lines, points, surfaces, thin;        /* left out */
 };
 
 static const char *where(const struct obj *o, struct pell_text *text)
@@ -264,7 +264,7 @@ static enum pell_result find_part(struct obj *o)
         if (res != PELL_OK)
             return res;
         o->parts[o->num_parts] =
-            (struct part){ o->object, o->material, o->name != UINT32_MAX ? o->name : o->group, UINT32_MAX, UINT32_MAX, 0 };
+            (struct part) { o->object, o->material, o->name != UINT32_MAX ? o->name : o->group, UINT32_MAX, UINT32_MAX, 0 };
         o->targets[slot] = (struct target) { o->object, (uint32_t) o->num_parts++ };
     }
     o->part = o->targets[slot].part;
@@ -602,8 +602,13 @@ static void finish(struct obj *o)
 
 enum pell_result pell_import_obj(struct pell_import *import, const uint8_t *data, size_t size)
 {
-    struct obj o = { .import = import, .ctx = import->ctx, .lex = { (const char *) data, (const char *) data + size, 1 },
-                     .name = UINT32_MAX, .group = UINT32_MAX, .material = NO_MATERIAL, .part = UINT32_MAX };
+    struct obj o = { .import = import,
+                     .ctx = import->ctx,
+                     .lex = { (const char *) data, (const char *) data + size, 1 },
+                     .name = UINT32_MAX,
+                     .group = UINT32_MAX,
+                     .material = NO_MATERIAL,
+                     .part = UINT32_MAX };
     enum pell_result res = PELL_OK;
     int64_t next_look = 0;
 

@@ -25,7 +25,7 @@ void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t 
     e2 = dvec3_sub(dvec3_load(f->p[2]), dvec3_load(f->p[0]));
     n = dvec3_cross(e1, e2);
     length = sqrt(dvec3_dot(n, n));
-    n = length > 0.0 ? dvec3_mul(n, 1.0 / length) : (struct pell_dvec3){ 0.0, 0.0, 1.0 };
+    n = length > 0.0 ? dvec3_mul(n, 1.0 / length) : (struct pell_dvec3) { 0.0, 0.0, 1.0 };
     f->planar = true;
     for (int k = 0; k < 3; k++) {
         const float *v = m->normal + 3 * (size_t) index[k];
@@ -58,9 +58,9 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
     node->x[lane] = 0.5f * (low[0] + high[0]);
     node->y[lane] = 0.5f * (low[1] + high[1]);
     node->z[lane] = 0.5f * (low[2] + high[2]);
-    centre = (struct pell_dvec3){ (double) node->x[lane], (double) node->y[lane], (double) node->z[lane] };
+    centre = (struct pell_dvec3) { (double) node->x[lane], (double) node->y[lane], (double) node->z[lane] };
     length = sqrt(dvec3_dot(sum, sum));
-    axis = length > 0.0 ? dvec3_mul(sum, 1.0 / length) : (struct pell_dvec3){ 0.0, 0.0, 1.0 };
+    axis = length > 0.0 ? dvec3_mul(sum, 1.0 / length) : (struct pell_dvec3) { 0.0, 0.0, 1.0 };
     for (size_t i = 0; i < count; i++)
         for (int k = 0; k < 3; k++) {
             const struct pell_dvec3 d = dvec3_sub(dvec3_load(f[i].p[k]), centre), n = dvec3_load(f[i].n[k]);
@@ -204,8 +204,8 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
         return PELL_ERR_NOMEM;
     t->num_facets = solid->num_triangles;
     for (size_t i = 0; i < t->num_facets; i++) {
-        pell_connect_fill_facet(&c->scene->meshes[solid->triangles[i].mesh], solid->triangles[i].mesh, solid->triangles[i].triangle, c->flat,
-                                &t->facets[i]);
+        pell_connect_fill_facet(&c->scene->meshes[solid->triangles[i].mesh], solid->triangles[i].mesh, solid->triangles[i].triangle,
+                                c->flat, &t->facets[i]);
         for (int k = 0; k < 3; k++)
             for (int j = 0; j < 3; j++) {
                 low[j] = fminf(low[j], t->facets[i].p[k][j]);
@@ -264,7 +264,8 @@ double pell_connector_distance(const struct pell_connector *connector, int solid
     double best = most * most;
     int count = 0;
 
-    if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || !(most > 0.0) || !is_place(from))
+    if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || !(most > 0.0) ||
+        !is_place(from))
         return most;
     t = &connector->trees[solid];
     stack[count++] = 0;

@@ -32,9 +32,9 @@ struct pell_connect_search {
     const struct pell_connect_node *nodes;
     float x[3], place[3]; /* or a direction */
     float eta, grazing, reach;
-    bool away;            /* a direction */
-    bool narrow;          /* the half vector is more than rounding */
-    int count;            /* on the stack; 1 at the start, with node 0 */
+    bool away;   /* a direction */
+    bool narrow; /* the half vector is more than rounding */
+    int count;   /* on the stack; 1 at the start, with node 0 */
     uint32_t stack[PELL_CONNECT_STACK];
 };
 

@@ -136,7 +136,7 @@ static unsigned free_paths(const struct pell_connector *c, const struct query *q
 
 static void give(const struct query *q, const struct path *p, struct pell_connection *out)
 {
-    *out = (struct pell_connection){
+    *out = (struct pell_connection) {
         .mesh = p->facet->mesh,
         .triangle = p->facet->triangle,
         .u = (float) fmin(fmax(p->u, 0.0), 1.0),

@@ -7,8 +7,8 @@
 #define PELL_CONNECT_PARTS_H
 
 #include "math/scalar.h"
-#include "transport/refraction/connect.h"
 #include "transport/refraction/bvh_kernel.h"
+#include "transport/refraction/connect.h"
 
 #define FAR 1e15 /* mm: no place is beyond */
 
@@ -62,7 +62,7 @@ struct query {
     double eta, grazing; /* grazing: the largest |k| */
     double reach;
     struct pell_dvec3 x, place; /* or direction */
-    bool away;           /* a direction */
+    bool away;                  /* a direction */
     struct path paths[PELL_CONNECTIONS];
     int count;
 };

@@ -141,12 +141,12 @@ struct curved {
     const struct facet *facet;
     double eta;
     bool away;
-    double ex1, ex2, ey2;    /* p1 = (ex1, 0, 0), p2 = (ex2, ey2, 0) */
+    double ex1, ex2, ey2;           /* p1 = (ex1, 0, 0), p2 = (ex2, ey2, 0) */
     struct pell_dvec3 axis[3];      /* of the frame, in the world's */
     struct pell_dvec3 p0, x, place; /* x and the light in the frame */
     struct pell_dvec3 n, nu, nv;    /* normal = n + u nu + v nv, not unit */
-    double size, radius;     /* longest side; from the middle to the farthest corner */
-    double turn;             /* from the normal in the middle to that of a corner, at most */
+    double size, radius;            /* longest side; from the middle to the farthest corner */
+    double turn;                    /* from the normal in the middle to that of a corner, at most */
     double grazing;
     double root[12][2];
     int roots;
@@ -183,7 +183,7 @@ static inline void derive(const struct curved *c, const struct state *s, struct 
 {
     const double ev = dvec3_dot(e, s->v), el = dvec3_dot(e, s->l), fv = -c->eta * s->inverse_v, fl = -s->inverse_l;
     const struct pell_dvec3 dh = { fv * (e.x - ev * s->v.x) + fl * (e.x - el * s->l.x), fv * (e.y - ev * s->v.y) + fl * (e.y - el * s->l.y),
-                            fv * (e.z - ev * s->v.z) + fl * (e.z - el * s->l.z) };
+                                   fv * (e.z - ev * s->v.z) + fl * (e.z - el * s->l.z) };
 
     out[0] = dh.x * s->n.z + s->h.x * dn.z - dh.z * s->n.x - s->h.z * dn.x;
     out[1] = dh.y * s->n.z + s->h.y * dn.z - dh.z * s->n.y - s->h.z * dn.y;
@@ -191,8 +191,8 @@ static inline void derive(const struct curved *c, const struct state *s, struct 
 
 static double jacobian(const struct curved *c, const struct state *s, double ju[2], double jv[2])
 {
-    derive(c, s, (struct pell_dvec3){ c->ex1, 0.0, 0.0 }, c->nu, ju);
-    derive(c, s, (struct pell_dvec3){ c->ex2, c->ey2, 0.0 }, c->nv, jv);
+    derive(c, s, (struct pell_dvec3) { c->ex1, 0.0, 0.0 }, c->nu, ju);
+    derive(c, s, (struct pell_dvec3) { c->ex2, c->ey2, 0.0 }, c->nv, jv);
     return ju[0] * jv[1] - ju[1] * jv[0];
 }
 
@@ -272,8 +272,8 @@ static int quarter(const struct curved *c, const struct part *part, struct part 
     for (int i = 0; i < QUARTERS; i++)
         if (open[i])
             out[count++] =
-                (struct part){ part->u + 0.5 * part->side * (double) at[i][0], part->v + 0.5 * part->side * (double) at[i][1],
-                               0.5 * part->side * (double) at[i][2], c->size * fabs((double) half) * (double) near[i], part->depth + 1 };
+                (struct part) { part->u + 0.5 * part->side * (double) at[i][0], part->v + 0.5 * part->side * (double) at[i][1],
+                                0.5 * part->side * (double) at[i][2], c->size * fabs((double) half) * (double) near[i], part->depth + 1 };
     return count;
 }
 
@@ -328,7 +328,7 @@ static void search(struct curved *c)
     struct state s;
 
     look(c, 1.0 / 3.0, 1.0 / 3.0, &s);
-    stack[count++] = (struct part){ 0.0, 0.0, 1.0, c->size * fmax(s.inverse_v, s.inverse_l), 0 };
+    stack[count++] = (struct part) { 0.0, 0.0, 1.0, c->size * fmax(s.inverse_v, s.inverse_l), 0 };
     while (count > 0) {
         const struct part p = stack[--count];
         const bool last = p.depth == DEPTH || looked >= PARTS;
@@ -352,7 +352,7 @@ static void search(struct curved *c)
 
 static inline struct pell_dvec3 to_frame(const struct curved *c, struct pell_dvec3 a)
 {
-    return (struct pell_dvec3){ dvec3_dot(a, c->axis[0]), dvec3_dot(a, c->axis[1]), dvec3_dot(a, c->axis[2]) };
+    return (struct pell_dvec3) { dvec3_dot(a, c->axis[0]), dvec3_dot(a, c->axis[1]), dvec3_dot(a, c->axis[2]) };
 }
 
 static inline struct pell_dvec3 from_frame(const struct curved *c, struct pell_dvec3 a)

@@ -67,7 +67,7 @@ static enum pell_result list_triangles(struct ts_atlas_build *b)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < b->num_meshes; i++)
         for (uint32_t t = 0; t < scene->meshes[b->meshes[i]].num_triangles; t++)
-            a->triangles[a->first[b->meshes[i]] + t] = (struct ts_triangle){ b->meshes[i], t };
+            a->triangles[a->first[b->meshes[i]] + t] = (struct ts_triangle) { b->meshes[i], t };
     for (uint32_t t = 0; t < a->num_triangles; t++) {
         struct pell_vec3 p[3];
         double e[2][3], n[3];

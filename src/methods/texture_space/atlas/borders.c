@@ -38,7 +38,7 @@ static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_
 
     if (p->at < 0)
         return false;
-    *border = (struct ts_border){ .at = (int32_t) at, .from = p->at };
+    *border = (struct ts_border) { .at = (int32_t) at, .from = p->at };
     for (int k = 0; k < 4; k++) {
         const ptrdiff_t from = p->at + k % 2 + k / 2 * a->stride;
         if (a->source[from] != NONE && a->key[from] == p->key)
@@ -132,7 +132,7 @@ static void put_part(struct ts_part *list, int32_t *count, ptrdiff_t at, float w
             list[i].weight += weight;
             return;
         }
-    list[(*count)++] = (struct ts_part){ (int32_t) at, weight };
+    list[(*count)++] = (struct ts_part) { (int32_t) at, weight };
 }
 
 /* Beside a seam some of the four texels around a place are borders themselves. What these stand for lies across the seam again: without it
@@ -192,7 +192,7 @@ enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b)
         border->first = (int32_t) count;
         border->parts = parts;
         for (int32_t k = 0; k < parts; k++)
-            a->parts[count++] = (struct ts_part){ list[k].at, list[k].weight / sum };
+            a->parts[count++] = (struct ts_part) { list[k].at, list[k].weight / sum };
     }
     res = PELL_OK;
 
@@ -210,7 +210,7 @@ static struct ts_fill fill_of(const struct ts_border *b)
 {
     const float *w = b->weight;
 
-    return (struct ts_fill){
+    return (struct ts_fill) {
         .at = b->at,
         .from = b->parts > 0 ? b->first : b->from,
         .x = (uint16_t) ((w[1] + w[3]) * TS_WHOLE + 0.5f),

@@ -327,7 +327,7 @@ enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *ord
         PELL_TRY(pell_grow(b->ctx, &array, count, &capacity, sizeof(*charts)));
         charts = array;
         charts[count] =
-            (struct ts_flat_chart){ .number = (int32_t) count + 1, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY } };
+            (struct ts_flat_chart) { .number = (int32_t) count + 1, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY } };
         grow_chart(b, &cover, seed, &charts[count++], order);
     }
     res = PELL_ERR_CANCELLED;

@@ -112,8 +112,8 @@ struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t t, float u, fl
     const float fx = floorf(x), fy = floorf(y);
 
     if (!a->chart[t] || !(fx >= 0.0f && fy >= 0.0f && fx < (float) a->width && fy < (float) (a->height - 1)))
-        return (struct ts_place){ .at = -1 };
-    return (struct ts_place){
+        return (struct ts_place) { .at = -1 };
+    return (struct ts_place) {
         .at = (int32_t) ((ptrdiff_t) fy * a->stride + (ptrdiff_t) fx),
         .key = (float) a->chart[t],
         .fx = x - fx,
