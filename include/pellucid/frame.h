@@ -59,7 +59,9 @@ struct pell_frame {
 
     /* The pixels: planes, one row each of pell_plane_at. */
     struct pell_rect rect;           /* holds every pixel whose material is not 0, inside the picture */
-    const uint16_t *material;        /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0 */
+    const uint16_t *material;        /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0. Light goes between pixels of one
+                                 * number only: objects of one medium that must not light each other need a material each, which may
+                                 * share a profile; parts of one object, seen apart or not, share a number */
     const float *depth;              /* mm along the view axis, > 0 */
     const float *strength;           /* scales the scattering radius, [0, 1]; NULL: 1 */
     const float *base[3];            /* base colour, where the material is `white`; elsewhere anything. NULL: not known */

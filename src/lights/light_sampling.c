@@ -481,7 +481,7 @@ static void power_along(const struct pell_light_sampler *e, const struct pell_li
 {
     const struct sampled_light *l = &e->list[sample->source];
     const struct pell_light_source *source = &l->source;
-    float slide[3] = { 1.0f, 1.0f, 1.0f };
+    float projected[3] = { 1.0f, 1.0f, 1.0f };
     double scale = 1.0;
 
     if (l->environment) {
@@ -495,9 +495,9 @@ static void power_along(const struct pell_light_sampler *e, const struct pell_li
     if (source->type == PELL_LIGHT_SPOT)
         scale *= (double) pell_light_cone(vec3_dot(source->direction, direction), source->spot_scale, source->spot_offset);
     if (source->image && scale > 0.0)
-        pell_light_source_image(source, sample->at, direction, place, slide);
+        pell_light_source_image(source, sample->at, direction, place, projected);
     for (int c = 0; c < 3; c++)
-        power[c] = (float) (scale * (double) slide[c] * (l->area > 0.0 ? l->radiance[c] : (double) source->power[c]));
+        power[c] = (float) (scale * (double) projected[c] * (l->area > 0.0 ? l->radiance[c] : (double) source->power[c]));
 }
 
 void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample,

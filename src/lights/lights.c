@@ -183,9 +183,9 @@ bool pell_lights_part(const struct pell_lights *lights, int object, int material
 static enum pell_result make_grids(struct pell_lights *lights, const struct pell_scene *scene)
 {
     enum pell_result res = PELL_OK;
-    int fans = 0, tried = 0;
+    int grids = 0, tried = 0;
 
-    for (size_t i = 0; i < lights->num_sources && fans < GRIDS_MOST && tried < GRIDS_TRIED && res == PELL_OK; i++) {
+    for (size_t i = 0; i < lights->num_sources && grids < GRIDS_MOST && tried < GRIDS_TRIED && res == PELL_OK; i++) {
         struct pell_light_source *source = &lights->sources[i];
         if (source->environment >= 0 || (source->type != PELL_LIGHT_POINT && source->type != PELL_LIGHT_SPOT))
             continue;
@@ -193,7 +193,7 @@ static enum pell_result make_grids(struct pell_lights *lights, const struct pell
             return PELL_ERR_CANCELLED;
         tried++;
         res = pell_light_grid_create(lights->ctx, scene, source->position, &source->grid);
-        fans += source->grid != NULL;
+        grids += source->grid != NULL;
     }
     return res;
 }

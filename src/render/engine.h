@@ -41,12 +41,20 @@ void pell_stage_note(struct pell_stage_notes *notes, const char *name, double se
 
 /* The scene's materials as a frame sees them. */
 struct pell_scene_materials {
-    uint16_t *frame_index;                         /* per scene material + 1: the frame's material + 1, or 0 */
-    struct pell_frame_material *frame;             /* the translucent ones */
-    size_t count;                                  /* of `frame` */
-    float (*total)[3];                             /* per scene material: total reflectance of its profile */
+    uint16_t *frame_index;             /* per scene material + 1: the frame's material + 1, or 0 */
+    struct pell_frame_material *frame; /* the translucent ones */
+    size_t count;                      /* of `frame`, without what follows: */
+    size_t count_apart;                /* with the copies for further objects of a material */
+    uint16_t *of_mesh; /* per mesh: the frame's material + 1 that its object alone has, or 0; NULL: no two objects share a material */
+    float (*total)[3]; /* per scene material: total reflectance of its profile */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
 };
+
+/* Whether the method knows objects by their materials alone, and some share one: of_mesh is what the frame's plane `material` holds. */
+static inline bool pell_objects_apart(const struct pell_scene_materials *m, const struct pell_plan *plan)
+{
+    return m->of_mesh && plan && !(plan->needs & PELL_NEED_SCENE);
+}
 
 /* What holds for all samples of a frame. */
 struct pell_engine_frame {

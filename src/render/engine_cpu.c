@@ -154,6 +154,7 @@ static enum pell_result make_planes(struct cpu *e, const struct pell_engine_fram
 {
     const struct pell_settings *s = frame->settings;
     const bool gives = frame->plan && frame->plan->outputs, hits = frame->plan && (frame->plan->needs & PELL_NEED_HIT);
+    const bool apart = pell_objects_apart(frame->materials, frame->plan);
     struct wanted w = { .count = 0 };
     enum pell_result res;
 
@@ -171,6 +172,8 @@ static enum pell_result make_planes(struct cpu *e, const struct pell_engine_fram
     for (int i = 0; i < PELL_PLANES; i++)
         if (is_asked(i, frame))
             want(&w, e->plane[i], pell_plane_at(i)->components);
+    if (apart)
+        want(&w, e->plane[PELL_PLANE_MESH], 1);
     if (s->bloom > 0.0f)
         want(&w, e->glow, PELL_BLOOM_PLANES);
     if (s->dof)
@@ -184,7 +187,8 @@ static enum pell_result make_planes(struct cpu *e, const struct pell_engine_fram
     e->sum.meter = e->rows + (size_t) s->height * 4;
     e->surface.mips = e->mips;
     e->surface.omit_uniform = true;
-    e->surface.mesh = hits ? (uint32_t *) e->plane[PELL_PLANE_MESH][0] : NULL; /* it keeps what its rays hit for methods that ask */
+    /* It keeps what its rays hit for methods that ask, and the mesh where that says which object it is. */
+    e->surface.mesh = hits || apart ? (uint32_t *) e->plane[PELL_PLANE_MESH][0] : NULL;
     e->surface.triangle = hits ? (uint32_t *) e->plane[PELL_PLANE_TRIANGLE][0] : NULL;
     e->surface.barycentric[0] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][0] : NULL;
     e->surface.barycentric[1] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][1] : NULL;
@@ -388,6 +392,7 @@ struct remap_task {
     const struct pell_surface *surface;
     const struct pell_view *view;
     const uint16_t *frame_index;
+    const uint16_t *of_mesh; /* NULL: frame_index says it */
     uint16_t *out;
     float *const *position; /* NULL: not asked for */
 };
@@ -401,6 +406,9 @@ static void remap_row(void *arg, int index, int worker)
     (void) worker;
     for (int x = s->translucent.x0; x < s->translucent.x1; x++)
         t->out[row + x] = t->frame_index[s->material[row + x]];
+    for (int x = s->translucent.x0; t->of_mesh && x < s->translucent.x1; x++)
+        if (t->out[row + x])
+            t->out[row + x] = t->of_mesh[s->mesh[row + x]];
     for (int x = s->translucent.x0; t->position && x < s->translucent.x1; x++) {
         struct pell_vec3 start, direction, p;
         if (!t->out[row + x])
@@ -428,6 +436,7 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
         .surface = s,
         .view = &sample->view,
         .frame_index = sample->frame->materials->frame_index,
+        .of_mesh = pell_objects_apart(sample->frame->materials, sample->frame->plan) ? sample->frame->materials->of_mesh : NULL,
         .out = (uint16_t *) e->plane[PELL_PLANE_MATERIAL][0],
         .position = is_asked(PELL_PLANE_POSITION, sample->frame) ? e->plane[PELL_PLANE_POSITION] : NULL,
     };

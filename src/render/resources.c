@@ -4,6 +4,7 @@
 #include "render/renderer_state.h"
 
 #include "render/frame_material.h"
+#include "render/object_materials.h"
 #include "render/pass.h"
 #include "render/plane_buffers.h"
 
@@ -17,6 +18,7 @@ static void drop_materials(struct pell_renderer *r)
 
     pell_free(r->ctx, m->frame_index);
     pell_free(r->ctx, m->frame);
+    pell_free(r->ctx, m->of_mesh);
     pell_free(r->ctx, m->total);
     pell_free(r->ctx, m->thickness);
     memset(m, 0, sizeof(*m));
@@ -60,6 +62,7 @@ static enum pell_result make_materials(struct pell_renderer *r)
         PELL_TRY(pell_frame_material_check(r->ctx, m->name, f));
         out->frame_index[i + 1] = (uint16_t) ++out->count;
     }
+    PELL_TRY(pell_object_materials_make(r->ctx, scene, out));
     return PELL_OK;
 
 fail:
@@ -125,6 +128,9 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         for (int c = 0; c < 3; c++)
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
     }
+    for (size_t i = 0; r->materials.of_mesh && i < scene->num_meshes; i++)
+        if (r->materials.of_mesh[i])
+            frame[r->materials.of_mesh[i] - 1].profile = frame[index[scene->meshes[i].material + 1] - 1].profile;
     return PELL_OK;
 
 fail:
@@ -202,6 +208,9 @@ static void drop_lights(struct pell_renderer *r)
 
 struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const struct pell_view *view)
 {
+    struct pell_plan plan;
+
+    r->method->plan(r->knobs, &plan);
     return (struct pell_frame_shape) {
         .width = view->width,
         .height = view->height,
@@ -210,20 +219,21 @@ struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const
         .focal_px = view->focal_px,
         .object_height = r->scene->bounds_max[1] - r->scene->bounds_min[1],
         .materials = r->materials.frame,
-        .num_materials = r->materials.count,
+        .num_materials = pell_objects_apart(&r->materials, &plan) ? r->materials.count_apart : r->materials.count,
     };
 }
 
 static enum pell_result make_pass(struct pell_renderer *r)
 {
     const struct pell_view view = pell_view_make(&r->scene->cameras[0], r->settings.width, r->settings.height, 0.0f, 0.0f);
-    const struct pell_frame_shape shape = pell_renderer_shape(r, &view);
     struct pell_scene_materials *m = &r->materials;
+    struct pell_frame_shape shape;
     enum pell_result res;
 
     memset(m->thickness, 0, r->scene->num_materials * sizeof(*m->thickness));
     if (!r->method || m->count == 0)
         return PELL_OK;
+    shape = pell_renderer_shape(r, &view);
     r->services.checkpoint = r->checkpoint.path ? &r->checkpoint : NULL;
     res = pell_pass_make(r->device->engine, &r->services, r->method, r->knobs, &shape, &r->pass);
     for (size_t i = 0; res == PELL_OK && i < r->scene->num_materials; i++)

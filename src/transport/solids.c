@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * solids.c - see body.h. */
+ * solids.c - see solids.h. */
 #include "transport/solids.h"
 
 #include <stdlib.h>

@@ -479,8 +479,9 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
             memcpy(out->metallic + at, s->metallic + k, ROW);
         }
         memcpy(out->strength + at, s->strength + k, ROW);
-        if (out->mesh) {
+        if (out->mesh)
             memcpy(out->mesh + at, p->hit.mesh + k, ROW);
+        if (out->triangle) {
             memcpy(out->triangle + at, p->hit.triangle + k, ROW);
             memcpy(out->barycentric[0] + at, p->hit.u + k, ROW);
             memcpy(out->barycentric[1] + at, p->hit.v + k, ROW);

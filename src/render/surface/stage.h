@@ -38,7 +38,7 @@ struct pell_surface {
                                        * start */
     float *emissive[3];       /* radiance; written where `any_emissive` */
     uint32_t *mesh, *triangle; /* of the scene, that was hit. The caller's planes, set after pell_surface_allocate; NULL: not asked for */
-    float *barycentric[2];     /* with them: u, v as in struct pell_hit16 */
+    float *barycentric[2];     /* with `triangle`: u, v as in struct pell_hit16 */
     bool any_emissive;         /* some material of the scene emits */
     struct pell_rect covered;  /* holds every pixel that hit something */
     struct pell_rect translucent; /* holds every pixel whose material is not opaque */

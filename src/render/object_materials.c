@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: MIT
+ * object_materials.c - see object_materials.h. */
+#include "render/object_materials.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* A mesh by what it is made of and what it is part of. */
+struct part {
+    int material, object;
+    uint32_t mesh;
+};
+
+static int compare(const void *a, const void *b)
+{
+    const struct part *p = a, *q = b;
+
+    if (p->material != q->material)
+        return p->material < q->material ? -1 : 1;
+    if (p->object != q->object)
+        return p->object < q->object ? -1 : 1;
+    return p->mesh < q->mesh ? -1 : p->mesh > q->mesh;
+}
+
+/* Whether part i is the first of an object whose material an object before it has, too. */
+static bool is_further(const struct part *parts, size_t i)
+{
+    return i > 0 && parts[i].material == parts[i - 1].material && parts[i].object != parts[i - 1].object;
+}
+
+/* Lists the meshes of translucent materials in order; returns how many. */
+static size_t list_parts(const struct pell_scene *scene, const struct pell_scene_materials *m, struct part *parts)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_mesh *mesh = &scene->meshes[i];
+        if (mesh->material >= 0 && (size_t) mesh->material < scene->num_materials && m->frame_index[mesh->material + 1])
+            parts[n++] = (struct part) { mesh->material, mesh->object, (uint32_t) i };
+    }
+    qsort(parts, n, sizeof(*parts), compare);
+    return n;
+}
+
+enum pell_result pell_object_materials_make(struct pell_context *ctx, const struct pell_scene *scene, struct pell_scene_materials *m)
+{
+    struct part *parts = pell_alloc_array(ctx, scene->num_meshes + 1, sizeof(*parts));
+    struct pell_frame_material *frame;
+    size_t n, further = 0, room;
+    uint16_t id = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    m->count_apart = m->count;
+    if (!parts)
+        goto fail;
+    n = list_parts(scene, m, parts);
+    for (size_t i = 0; i < n; i++)
+        further += is_further(parts, i);
+    res = PELL_OK;
+    if (further == 0)
+        goto fail;
+    room = PELL_FRAME_MATERIALS - m->count;
+    if (further > room) {
+        pell_warn(ctx, scene->path, "give neighbours materials of their own",
+                  "%zu pairs of an object and its material, screen-space methods tell %d apart: light may go between the other objects",
+                  m->count + further, PELL_FRAME_MATERIALS);
+        further = room;
+    }
+    res = PELL_ERR_NOMEM;
+    frame = pell_realloc_array(ctx, m->frame, m->count + further + 1, sizeof(*m->frame));
+    if (!frame)
+        goto fail;
+    m->frame = frame;
+    m->of_mesh = pell_calloc(ctx, scene->num_meshes, sizeof(*m->of_mesh));
+    if (!m->of_mesh)
+        goto fail;
+    for (size_t i = 0; i < n; i++) {
+        const uint16_t own = m->frame_index[parts[i].material + 1];
+        if (i == 0 || parts[i].material != parts[i - 1].material || is_further(parts, i))
+            id = own;
+        if (is_further(parts, i) && m->count_apart < m->count + further) {
+            m->frame[m->count_apart] = m->frame[own - 1];
+            id = (uint16_t) ++m->count_apart;
+        }
+        m->of_mesh[parts[i].mesh] = id;
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(ctx, parts);
+    return res;
+}
