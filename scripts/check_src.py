@@ -289,6 +289,50 @@ def rule_sizes(tree):
                 yield name, n, f"{function}() takes {arguments} arguments, {most} are allowed: a struct says more"
 
 
+# Words that the field does not use for what is meant here, and its own: docs/guide/conventions.md, "Glossary".
+WORDS = [(re.compile(words, re.IGNORECASE), better) for words, better in [
+    (r"(?<![A-Za-z])lamps?(?![A-Za-z])", "light"),
+    (r"(?<![A-Za-z])strat(?:a|um)(?![A-Za-z])", "medium layers"),
+    (r"(?<![A-Za-z])emitters(?![A-Za-z])", "light sampling"),
+    (r"(?<![A-Za-z])bodies(?![A-Za-z])", "solids"),
+    (r"\ba (?:\w+ )?thing\b|\bthe (?:\w+ )?thing\b|\bthings (?:are|that|with|without|many|get)\b", "object"),
+    (r"\bthe eye(?:'s)?\b", "camera"),
+    (r"(?<!triangle )(?<!or )(?<!and )(?<!for )\bfans?\b(?! of)", "light grid"),
+    (r"\brelights?\b", "survives light change"),
+    (r"\bslides?\b", "projected image"),
+    (r"\bhangs on\b", "depends on"),
+    (r"\bturned inside out\b|\b(?:its|the) inside out\b", "with inverted normals"),
+    (r"\blight from behind\b|\bcomes through\b", "transmission, transmitted light"),
+    (r"\bis told\b", "is reported"),
+]]
+WORDS_KEPT = [(re.compile(where), re.compile(words, re.IGNORECASE), why) for where, words, why in [
+    (r"scripts/check_src\.py", r".", "holds the words"),
+    (r"CHANGELOG\.md|docs/adr/.*", r".", "history"),
+    (r"data/.*|examples/.*|tests/assets/.*", r".", "names that the authors of assets gave"),
+    (r"scripts/(?:make|draw)_.*", r".", "anatomy of animals, names of lights in drawn scenes"),
+    (r"src/compare/.*|docs/guide/compare\.md", r"eye", "FLIP models a viewer's eye"),
+    (r".*", r"[\"'`]lamps?|lamps?=|`lamps`|lamps[\"']", "the knob `lamps` of layered, names of lights in files"),
+    (r"src/scene/(?:gltf|mesh)/.*", r"fan", "triangle fans"),
+    (r"src/scene/ply\..*|tests/scene/test_ply\.c", r"bod", "the data part of a file"),
+    (r"tests/render/meson\.build|tests/rays/meson\.build", r".", "names of test programs"),
+]]
+# Prose that still has such words: the list only gets shorter.
+WORDS_LEFT = re.compile(r"README\.md|docs/guide/.*|src/.*README\.md|tests/.*|bench/.*|src/cli/compare/report/.*")
+
+
+def rule_words(tree):
+    """identifiers, comments and messages use the field's words"""
+    for name, text in tree.files.items():
+        if WORDS_LEFT.fullmatch(name):
+            continue
+        kept = [words for where, words, _ in WORDS_KEPT if where.fullmatch(name)]
+        for n, line in lines(text):
+            for words, better in WORDS:
+                found = words.search(line)
+                if found and not any(k.search(line) for k in kept):
+                    yield name, n, f"'{found[0]}': say {better}"
+
+
 def declared_names(header):
     """Functions and constants that a header without comments declares for other files."""
     for part in re.split(r"[;{}]", re.sub(r"(?m)^\s*#(?:.*\\\n)*.*", "", header)):
@@ -333,7 +377,7 @@ def rule_circles(tree):
 
 
 RULES = [rule_include_order, rule_banned_calls, rule_licence_line, rule_white_space, rule_finished, rule_no_machine, rule_header_guards,
-         rule_sizes, rule_circles, rule_public_heads]
+         rule_sizes, rule_circles, rule_public_heads, rule_words]
 
 
 def check(root):
@@ -391,7 +435,13 @@ FAULTS = [
     (rule_sizes, "src/base/bad.c",
      SPDX + "static int f(int a, int b, int c, int d,\n             int e, int g, int h, int (*i)(int, int), int j)\n{\n}\n"),
     (rule_circles, "src/methods/two/bad.c", SPDX + "void two_g(void)\n{\n    two_f();\n}\n"),
-] + [(rule_banned_calls, "src/base/bad.c", SPDX + f"void f(void)\n{{\n    {name} (x);\n}}\n") for name in BANNED] + [
+]
+FAULTS += [(rule_words, "src/base/bad.c", SPDX + f"/* {words} */\n") for words in [
+    "a lamp", "pell_lamp_create", "num_lamps", "strata", "pell_stratum", "emitters.h", "two bodies", "the largest thing", "a thing",
+    "things that are closed", "what the eye sees", "the light's fan", "relights", "a slide", "hangs on it", "turned inside out",
+    "has the inside out", "light from behind", "what comes through", "is told"]]
+FAULTS += [(rule_banned_calls, "src/base/bad.c", SPDX + f"void f(void)\n{{\n    {name} (x);\n}}\n") for name in BANNED]
+FAULTS += [
     (rule_banned_calls, "src/optics/bad.c", SPDX + 'void f(void)\n{\n    g("/*"); exit(1); g("*/");\n}\n'),
 ]
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 CLOSING = r'''.SH LENGTHS
-A length always carries its unit: 70mm, 7cm, 0.07m, 2in. A bare number is refused: how deep light goes into a thing is a length, and
+A length always carries its unit: 70mm, 7cm, 0.07m, 2in. A bare number is refused: how deep light goes into an object is a length, and
 without a scale the picture would be arbitrary.
 .SH OUTPUT
 Results go to standard output, messages and progress to standard error. With
@@ -99,7 +99,7 @@ def page(program):
     helps = {name: split_help(say(program, name, '--help')) for name in commands(program)}
     yield '.\\" SPDX-License-Identifier: MIT\n.\\" Made by docs/man/make_man.py from the program\'s --help.\n'
     yield f'.TH PELLUCID 1 "" "pellucid {version}" "User commands"\n.SH NAME\n'
-    yield 'pellucid \\- renders translucent things from measured optics\n.SH SYNOPSIS\n'
+    yield 'pellucid \\- renders translucent objects from measured optics\n.SH SYNOPSIS\n'
     for _, usage, *_ in helps.values():
         yield f'.B {escape(usage.split(" ", 1)[0])}\n{escape(usage.split(" ", 1)[1])}\n.br\n'
     yield '.B pellucid\n\\-\\-help | \\-\\-version\n.SH COMMANDS\n'

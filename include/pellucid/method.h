@@ -30,8 +30,8 @@ enum pell_need {
     PELL_NEED_STRENGTH = 1 << 2,     /* what scales the scattering radius; may be NULL on a caller's planes, too: 1 everywhere */
     PELL_NEED_NORMAL = 1 << 3,       /* the unit shading normal */
     PELL_NEED_POSITION = 1 << 4,     /* the point that is seen, mm */
-    PELL_NEED_TRANSMISSION = 1 << 5, /* not read by the method: the renderer makes light from behind with the method's thickness tables and
-                                 * adds it to M in the composite */
+    PELL_NEED_TRANSMISSION = 1 << 5, /* not read by the method: the renderer computes transmission with the method's thickness tables and
+                                      * adds it to M in the composite */
     PELL_NEED_SCENE = 1 << 6,        /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
                                  * frames only, not on a caller's planes */
     PELL_NEED_HIT = 1 << 7,          /* with PELL_NEED_SCENE: which point of which triangle a pixel sees */

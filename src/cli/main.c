@@ -5,10 +5,11 @@
 static const struct command commands[] = {
     { "render", "INPUT", "one picture of a scene or a mesh, a turntable of them, or an animation",
       "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, or a scene file (.json). A plain mesh needs no scene file: it gets a camera that "
-      "frames it, a studio of three soft lights, a grey backdrop and, with --material, something to be made of.\n"
+      "frames it, a studio of three soft lights, a grey backdrop and the material that --material names.\n"
       "\n"
-      "glTF says its unit (the metre). OBJ and PLY don't: say how large the thing is (--size 70mm, its largest extent) or what one unit of "
-      "the file is (--unit 1mm), since how deep light goes into a thing depends on it.\n"
+      "glTF says its unit (the metre). OBJ and PLY don't: say how large the object is (--size 70mm, its largest extent) or what one unit "
+      "of "
+      "the file is (--unit 1mm), since how deep light goes into an object depends on it.\n"
       "\n"
       "Options of the command line win over those of a scene file. PNG shows the exposed picture; EXR, HDR and PFM hold linear radiance "
       "without exposure, and EXR also holds all layers.\n",
@@ -95,7 +96,7 @@ int main(int argc, char **argv)
 {
     static const struct program program = {
         .name = "pellucid",
-        .about = "renders translucent things from measured optics",
+        .about = "renders translucent objects from measured optics",
         .start = "Start here\n"
                  "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n\n",
         .commands = commands,

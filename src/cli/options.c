@@ -15,7 +15,7 @@
 static const struct pell_knob number_knobs[] = {
     { "threads", PELL_KNOB_INT, "1", NUMBER(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },
     { "turntable", PELL_KNOB_INT, "1", NUMBER(turntable), { 0 }, 0, 100000, NULL,
-      "so many pictures round the thing, numbered before the name's ending, all exposed as the first; 0: one picture" },
+      "this many pictures around the object, numbered before the name's ending, all exposed as the first; 0: one picture" },
     { "repeats", PELL_KNOB_INT, "1", NUMBER(repeats), { 15 }, 1, 10000, NULL, "warm frames to take the median of" },
     { "points", PELL_KNOB_INT, "1", NUMBER(points), { 0 }, 0, 4096, NULL, "radii, evenly spaced in log r; 0: 13 in a table, 64 elsewhere" },
     { "taps", PELL_KNOB_INT, "1", NUMBER(taps), { 25 }, 3, PELL_KERNEL_TAPS_MAX, NULL,
@@ -40,9 +40,9 @@ struct option {
 static const struct option options[] = {
     { OPTIONS_SCENE, 0, "material", "NAME|FILE", "what everything is made of: a built-in name (`pellucid materials`) or a material file",
       TEXT, AT(material), NULL },
-    { OPTIONS_SCENE, 0, "size", "LENGTH", "the largest extent of the thing, with its unit: 70mm", TEXT, AT(size), NULL },
+    { OPTIONS_SCENE, 0, "size", "LENGTH", "the largest extent of the object, with its unit: 70mm", TEXT, AT(size), NULL },
     { OPTIONS_SCENE, 0, "unit", "LENGTH", "what one unit of the mesh file is: 1mm", TEXT, AT(unit), NULL },
-    { OPTIONS_SCENE, 0, "camera", "NAME", "a camera of the file; otherwise its first, or one that frames the thing", TEXT, AT(camera),
+    { OPTIONS_SCENE, 0, "camera", "NAME", "a camera of the file; default: its first, or one that frames the object", TEXT, AT(camera),
       NULL },
     { OPTIONS_SCENE, 0, "time", "SECONDS", "time of the animation of glTF files; otherwise the scene file's, or they are drawn at rest",
       TEXT, AT(time), NULL },

@@ -227,7 +227,7 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
 
     *params = (struct pell_load_params) { .material = cli->material, .camera = cli->camera, .allow_outside = cli->allow_outside };
     if (cli->size && cli->unit)
-        return cli_usage(cli, "--size", "give one of them", "--size and --unit both say how large the thing is");
+        return cli_usage(cli, "--size", "give one of them", "--size and --unit both say how large the object is");
     if (cli->size && (res = pell_parse_length(cli->ctx, "--size", cli->size, &params->size_mm)) != PELL_OK)
         return cli_failed(cli, res);
     if (cli->unit && (res = pell_parse_length(cli->ctx, "--unit", cli->unit, &params->mm_per_unit)) != PELL_OK)

@@ -46,7 +46,7 @@ bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, s
 double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 near,
                               const struct pell_light_sample *sample);
 
-/* What a sample sends to `target`, the first surface that its light meets (ranges and slides ask how far and where), in the measure of
+/* What a sample sends to `target`, the first surface that its light meets (for range and projected image), in the measure of
  * its kind. 0 behind rects and discs. */
 void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample,
                                  struct pell_vec3 target, float power[3]);

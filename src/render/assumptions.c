@@ -50,10 +50,10 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
 {
     const struct pell_scene *scene = r->scene;
     struct pell_context *ctx = r->ctx;
-    static const char *const kinds[KINDS] = { "open surfaces",           "surfaces turned inside out",
-                                              "mean free paths",         "scattering too small to see",
-                                              "things without an area",  "things that are there twice",
-                                              "things around the camera" };
+    static const char *const kinds[KINDS] = {
+        "open surfaces",           "surfaces with inverted normals", "mean free paths",          "scattering too small to see",
+        "objects without an area", "objects that coincide",          "objects around the camera"
+    };
     const int limit = pell_context_limits(ctx)->warnings;
     struct pell_scene_report report = { 0 };
     int found[KINDS] = { 0 };
@@ -68,7 +68,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         return res;
     for (size_t i = 0; i < report.num_objects; i++) {
         const struct pell_object_report *o = &report.objects[i];
-        const char *place = o->name[0] ? o->name : "a thing without a name";
+        const char *place = o->name[0] ? o->name : "an unnamed object";
         const struct pell_material *m;
         double mfp, widest;
         char other[96];
@@ -79,7 +79,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         reach(m, &mfp, &widest);
         if (o->degenerate_triangles == o->triangles) {
             if (tell(ctx, &found[FLAT]))
-                pell_warn(ctx, place, NULL, "none of its triangles has an area: nothing of it can be seen");
+                pell_warn(ctx, place, NULL, "none of its triangles has an area: the object is invisible");
             continue;
         }
         if (o->coincident >= 0 && tell(ctx, &found[TWICE]))
@@ -87,15 +87,15 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
                       pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
         if (o->holds_camera && tell(ctx, &found[HOLDS]))
             pell_warn(ctx, place, "move the camera, or check its unit against the mesh's",
-                      "the camera is inside it: what is seen is its inner side");
+                      "the camera is inside the object and sees its inner side");
         if (!o->closed && tell(ctx, &found[OPEN]))
-            pell_warn(ctx, place, "close it, or light from behind will be wrong",
-                      "the surface is open (%lld boundary edges): a translucent thing needs an inside", (long long) o->boundary_edges);
+            pell_warn(ctx, place, "close it: transmission needs a closed surface",
+                      "the surface is open (%lld boundary edges): a translucent object needs an inside", (long long) o->boundary_edges);
         if (o->closed && !o->outward && tell(ctx, &found[TURNED]))
-            pell_warn(ctx, place, "turn its faces round", "the surface is turned inside out");
+            pell_warn(ctx, place, "flip its faces", "the surface has inverted normals");
         if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && tell(ctx, &found[THIN]))
-            pell_warn(ctx, place, "check --size or --unit: diffusion holds for things many mean free paths thick",
-                      "the mean free path of %s, %.3g mm, is longer than the thing is thick (%.3g mm)",
+            pell_warn(ctx, place, "check --size or --unit: diffusion holds for objects many mean free paths thick",
+                      "the mean free path of %s, %.3g mm, is longer than the object is thick (%.3g mm)",
                       m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
         if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && tell(ctx, &found[UNSEEN]))
             pell_warn(ctx, place, "render it larger, or check --size or --unit",

@@ -21,7 +21,7 @@ struct pell_method_engine {
     /* Fills `out`: the cpu engine at once, others record what will. Allocates nothing. Planes that were asked for are there. */
     enum pell_result (*record)(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
     void (*destroy)(void *state); /* takes NULL and a half-built state */
-    /* Light from behind, per material; NULL where the method has none. */
+    /* Thickness tables of transmission, per material; NULL where the method has none. */
     const struct pell_thickness_table *(*thickness)(const void *state, size_t material);
     /* Times of the last render's passes; returns how many (at most `size`). May be NULL. */
     size_t (*times)(const void *state, struct pell_pass_time *times, size_t size);

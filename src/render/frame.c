@@ -191,12 +191,12 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
 {
     if (!result->covered)
         pell_warn(r->ctx, "render",
-                  pell_scene_has_area(r->scene) ? "check the camera: `pellucid check` prints where the things are"
+                  pell_scene_has_area(r->scene) ? "check the camera: `pellucid check` prints where the objects are"
                                                 : "none of the scene's triangles has an area",
                   "nothing is in view");
     else if (!result->any_light)
-        pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed thing",
-                  "no light arrives at what is in view: the picture is black");
+        pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed object",
+                  "no light reaches the visible surfaces: the picture is black");
     if (result->invalid > 0)
         pell_warn(r->ctx, "render", "please report the scene", "%lld pixels came out as no number and were set to 0",
                   (long long) result->invalid);

@@ -104,7 +104,7 @@ static inline const struct pell_light_grid *pell_services_light_grid(const struc
 }
 
 /* The scene's solids over the frame's materials. pell_solids_destroy when done. */
-static inline PELL_NODISCARD enum pell_result pell_services_bodies(const struct pell_services *s, struct pell_solids **out)
+static inline PELL_NODISCARD enum pell_result pell_services_solids(const struct pell_services *s, struct pell_solids **out)
 {
     return pell_solids_create(s->ctx, s->scene, s->frame_index, s->materials, out);
 }

@@ -42,12 +42,12 @@ struct check {
     enum pell_severity severity[KINDS]; /* the worst of those that are only counted */
 };
 
-/* What the problems of a kind are about, where only their number is told. */
+/* What the problems of a kind are about, where only their number is reported. */
 static const char *const kinds[KINDS] = {
     [OPEN] = "objects that are open",
     [NONMANIFOLD] = "objects with edges of more than two triangles",
     [FLIPPED] = "objects with triangles that face opposite ways",
-    [INWARD] = "objects with their inside out",
+    [INWARD] = "objects with inverted normals",
     [DEGENERATE] = "objects with triangles without an area",
     [COINCIDENT] = "objects that lie where another does",
     [CAMERA] = "objects that hold the camera",
@@ -173,11 +173,11 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
         PELL_TRY(add(k, FLIPPED, PELL_SEVERITY_WARNING, where, "%lld edges lie between triangles that face opposite ways",
                      (long long) o->flipped_edges));
     if (o->closed && o->volume_mm3 < 0.0)
-        PELL_TRY(add(k, INWARD, PELL_SEVERITY_WARNING, where, "has its inside out: it encloses %.4g mm^3", o->volume_mm3));
+        PELL_TRY(add(k, INWARD, PELL_SEVERITY_WARNING, where, "has inverted normals: it encloses %.4g mm^3", o->volume_mm3));
     if (o->degenerate_triangles)
         PELL_TRY(add(k, DEGENERATE, o->degenerate_triangles == o->triangles ? PELL_SEVERITY_WARNING : PELL_SEVERITY_NOTE, where,
                      "%lld of %lld triangles have no area%s", (long long) o->degenerate_triangles, (long long) o->triangles,
-                     o->degenerate_triangles == o->triangles ? ": nothing of it can be seen" : ""));
+                     o->degenerate_triangles == o->triangles ? ": the object is invisible" : ""));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
     if (path > size)
@@ -501,7 +501,7 @@ static enum pell_result check_size(struct check *k)
     if (extent >= 0.1f && extent <= 1e5f)
         return PELL_OK;
     return add(k, SIZE, PELL_SEVERITY_WARNING, "scene",
-               "the largest extent is %g mm, which is %s for a translucent thing; is the unit right?", (double) extent,
+               "the largest extent is %g mm, which is %s for a translucent object; is the unit right?", (double) extent,
                extent < 0.1f ? "tiny" : "huge");
 }
 

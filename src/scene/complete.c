@@ -326,7 +326,7 @@ static bool inside(const struct pell_part *a, const struct pell_part *b)
     return true;
 }
 
-/* True for a closed part that is inside out. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
+/* True for a closed part that faces inward. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
  * fast on files of very many parts, only the largest ones are taken for possible hosts. */
 static void find_inverted(const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
 {
@@ -416,7 +416,7 @@ static enum pell_result turn_outward(struct pell_scene *scene, const struct pell
     }
     *any = true;
     pell_text_add(&where, "%s: \"%s\"", scene->path, pell_printable(name, shown, sizeof(shown)));
-    pell_warn(ctx, where.str, NULL, "%u closed surface%s had the inside out and %s turned", count, count > 1 ? "s" : "",
+    pell_warn(ctx, where.str, NULL, "%u closed surface%s had inverted normals and %s flipped", count, count > 1 ? "s" : "",
               count > 1 ? "were" : "was");
     res = PELL_OK;
 
@@ -523,7 +523,7 @@ static void warn_of_size(struct pell_scene *scene)
 
     if (extent < 0.1f || extent > 1e5f)
         pell_warn(scene->ctx, scene->path, "is the unit or size right? --size 70mm: the largest extent; --unit 1mm: what one unit is",
-                  "the largest extent is %g mm, which is %s for a translucent thing", (double) extent, extent < 0.1f ? "tiny" : "huge");
+                  "the largest extent is %g mm, which is %s for a translucent object", (double) extent, extent < 0.1f ? "tiny" : "huge");
 }
 
 enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params, const struct pell_extras *extras)

@@ -60,7 +60,7 @@ def _(folder):
     for more in ([], ['--material', 'marble'], ['-m', 'none']):
         said = flat(works(folder, 'render', 'flat.obj', '--size', '10mm', *SMALL, *more, '-o', 'a.png').stderr)
         need('nothing is in view none of the scene\'s triangles has an area' in said and 'camera' not in said, said)
-    need('have no area: nothing of it can be seen' in flat(works(folder, 'check', 'flat.obj', '--size', '10mm').stdout))
+    need('have no area: the object is invisible' in flat(works(folder, 'check', 'flat.obj', '--size', '10mm').stdout))
 
 
 @test('a broken picture: left out where something stands in its place, else refused, once')

@@ -303,7 +303,7 @@ def _(folder):
 SCENE, BALL = object(), ['bunny.obj', '--size', '70mm']
 MESSAGES = {
     'the surface is open': ['render', 'open.obj', '--size', '70mm', *SMALL],
-    'is longer than the thing is thick': ['render', 'bunny.obj', '--size', '1mm', '--material', 'chicken1', *SMALL],
+    'is longer than the object is thick': ['render', 'bunny.obj', '--size', '1mm', '--material', 'chicken1', *SMALL],
     'no scattering can be seen': ['render', 'bunny.obj', '--size', '9m', *SMALL],
     'no material is translucent': [SCENE, {'materials': {'*': {'opaque': True}}}],
     'no material is called': [SCENE, {'materials': {'Skim': {'preset': 'skin'}}}],

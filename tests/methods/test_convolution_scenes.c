@@ -302,7 +302,7 @@ static void too_many_solids_are_refused_by_name(void **state)
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
     assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_UNSUPPORTED);
-    assert_string_equal(s.kept.what, "65535 bodies, at most 65534");
+    assert_string_equal(s.kept.what, "65535 solids, at most 65534");
     stage_finish(&s);
 }
 

@@ -86,7 +86,7 @@ static void mark_seams(struct stage *s, const struct shot *shots, int charts, bo
     struct pell_solids *solids;
     struct ts_atlas *a;
 
-    OK(pell_services_bodies(pell_renderer_services(s->r), &solids));
+    OK(pell_services_solids(pell_renderer_services(s->r), &solids));
     assert_int_equal(solids->count, 1);
     params.solids = solids;
     params.charts = charts;

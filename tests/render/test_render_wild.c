@@ -460,7 +460,7 @@ static void as_in_the_paper(void **state)
 
 /* --- Warnings ------------------------------------------------------------------------------------------------------------------------ */
 
-static const char *const warnings[] = { "is open", "inside out", "mean free path", "no scattering can be seen" };
+static const char *const warnings[] = { "is open", "inverted normals", "mean free path", "no scattering can be seen" };
 
 /* What check_range says of a ball or box: a bit for each of the warnings. */
 static unsigned warned(bool closed, bool outward, float radius, float distance, double sigma, bool scatters, bool opaque)
@@ -532,7 +532,7 @@ static void each_warning_where_it_belongs(void **state)
     (void) state;
     assert_int_equal(warned(true, true, 20.0f, 200.0f, 1.0, true, false), 0);   /* a good scene */
     assert_int_equal(warned(false, true, 20.0f, 200.0f, 1.0, true, false), 1);  /* a sheet */
-    assert_int_equal(warned(true, false, 20.0f, 200.0f, 1.0, true, false), 2);  /* inside out */
+    assert_int_equal(warned(true, false, 20.0f, 200.0f, 1.0, true, false), 2);  /* inverted normals */
     assert_int_equal(warned(true, true, 20.0f, 200.0f, 0.01, true, false), 4);  /* 100 mm from event to event */
     assert_int_equal(warned(true, true, 20.0f, 200.0f, 1e3, true, false), 8);   /* micrometres */
     assert_int_equal(warned(true, true, 20.0f, 4000.0f, 1.0, true, false), 0);  /* 20 times as far: 5 mm are 0.6 px */

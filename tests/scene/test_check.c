@@ -211,7 +211,7 @@ static void media_that_do_not_fit_their_object_are_named(void **state)
     assert_int_equal(find(&c, "diffusion does not hold")->severity, PELL_SEVERITY_WARNING);
     finish(&c);
     c = check("cube.obj", CUBE, &tiny, NULL);
-    find(&c, "tiny for a translucent thing");
+    find(&c, "tiny for a translucent object");
     finish(&c);
     c = check(
         "s.json",

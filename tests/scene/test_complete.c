@@ -146,7 +146,7 @@ static void what_is_inside_out_is_turned_with_its_normals(void **state)
 
     REQUIRE_NEAR(volume(&s->meshes[0]), 1.0, 1e-6);
     assert_int_equal(kept.warnings, 1);
-    assert_non_null(strstr(kept.last_warning, "inside out"));
+    assert_non_null(strstr(kept.last_warning, "inverted normals"));
     finish(s);
 
     soup = sphere_obj(12, 5.0, true, true);

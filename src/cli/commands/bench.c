@@ -52,7 +52,7 @@ static enum pell_result bare_rays(struct session *s, struct rows *rows, int repe
         times[i] = 1e3 * pell_renderer_trace_bare(s->renderer);
     bare = bench_median(times, repeats);
     free(times);
-    r = bench_add(rows, "rays from the eye alone", bare);
+    r = bench_add(rows, "camera rays alone", bare);
     for (size_t i = 0; r && bare > 0.0 && i < rows->count; i++)
         if (strcmp(rows->items[i].name, "surface") == 0) {
             rows->items[i].ratio = rows->items[i].ms / (bare * s->settings.msaa);

@@ -176,7 +176,7 @@ static void print_object(const struct pell_object_report *o)
            o->degenerate_triangles == o->triangles ? "no area"
            : o->closed                             ? "closed"
                                                    : "open",
-           o->closed && !o->outward ? ", inside out" : "");
+           o->closed && !o->outward ? ", inverted normals" : "");
     if (o->components > 1)
         printf(", %d parts", o->components);
     if (o->thickness_mm > 0.0)

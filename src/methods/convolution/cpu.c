@@ -184,9 +184,9 @@ static enum pell_result convolution_create(const struct pell_services *services,
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%lld pixels with the rows' ends, at most %d",
                           (long long) shape->stride * shape->height, INT32_MAX);
     if (st->knobs.surfaces > 1)
-        PELL_TRY(pell_services_bodies(services, &st->solids));
+        PELL_TRY(pell_services_solids(services, &st->solids));
     if ((st->solids ? st->solids->count : shape->num_materials) >= UINT16_MAX) /* groups are kept in 16 bits, 0 is none */
-        return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", "join objects, or use hierarchical", "%zu bodies, at most %d",
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", "join objects, or use hierarchical", "%zu solids, at most %d",
                           st->solids ? st->solids->count : shape->num_materials, UINT16_MAX - 1);
     PELL_TRY(make_materials(st, shape));
     PELL_TRY(make_sources(st, shape));

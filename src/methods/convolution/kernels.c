@@ -671,7 +671,7 @@ static void load_plane(const struct conv_mix *m, int i, int y, float *to)
     }
 }
 
-/* Light from behind, by the kernel of its distance. */
+/* Light that enters on the far side, by the kernel of its distance. */
 static void mix_behind(const struct conv_mix *m, int block, int y, int k)
 {
     for (int i = 0; i < m->behind; i++) {

@@ -111,11 +111,11 @@ struct conv_pair {
 
 struct conv_mix {
     int height;                                    /* frequencies in a column */
-    int planes, between, behind;                   /* images: planes, those between planes, then light from behind on planes */
+    int planes, between, behind;                   /* images: planes, those between planes, then transmitted light on planes */
     const struct conv_spectrum *own[CONV_PLANES];  /* of planes */
     const struct conv_spectrum *next[CONV_PLANES]; /* of plane i to i + 1, or NULL */
     float next_factor[CONV_PLANES];
-    const struct conv_spectrum *behind_own[CONV_PLANES]; /* of light from behind on its own plane, or NULL */
+    const struct conv_spectrum *behind_own[CONV_PLANES]; /* of transmitted light on its own plane, or NULL */
     const struct conv_pair *pairs;
     int num_pairs;
     float *column[CONV_IMAGES]; /* elements of struct pell_fft; NULL: an image without light whose result is not asked for */

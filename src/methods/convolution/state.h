@@ -74,8 +74,8 @@ struct convolution_state {
         int channel, x0, y0;                     /* of the images' first pixel, in the picture's pixels */
         ptrdiff_t stride;                        /* of images */
         ptrdiff_t block;                         /* of half spectra */
-        int between, behind;                     /* images between planes, and of light from behind */
-        int bands, column_blocks, behind_blocks; /* blocks of columns: of all, and of those that light from behind has a part in */
+        int between, behind;                     /* images between planes, and of transmitted light */
+        int bands, column_blocks, behind_blocks; /* blocks of columns: of all, and of those with transmitted light */
         bool uniform;                            /* of light 1, to divide by */
         bool divide;
         struct pell_rect reached; /* pixels of images that light comes to; beyond it what transforms leave is rounding */

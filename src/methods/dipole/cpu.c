@@ -395,7 +395,7 @@ static enum pell_result dipole_create(const struct pell_services *services, cons
     st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct dipole_knobs *) knobs;
-    PELL_TRY(pell_services_bodies(services, &st->solids));
+    PELL_TRY(pell_services_solids(services, &st->solids));
     res = PELL_ERR_NOMEM;
     st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));

@@ -185,7 +185,7 @@ static enum pell_result hierarchical_create(const struct pell_services *services
     st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct hierarchical_knobs *) knobs;
-    PELL_TRY(pell_services_bodies(services, &st->solids));
+    PELL_TRY(pell_services_solids(services, &st->solids));
     res = PELL_ERR_NOMEM;
     st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     if (!st->solid)
@@ -212,7 +212,7 @@ static enum pell_result hierarchical_create(const struct pell_services *services
         pell_warn(ctx, "hierarchical", "raise the knob most, or lower density",
                   "%.0f samples would be as dense as asked for, %d are taken: light on the scale of the mean free path is smoothed", wanted,
                   st->knobs.most);
-    pell_info(ctx, "hierarchical", "%zu samples on %zu bodies, %.1f MB, made in %.3f s", samples, st->solids->count, 1e-6 * (double) bytes,
+    pell_info(ctx, "hierarchical", "%zu samples on %zu solids, %.1f MB, made in %.3f s", samples, st->solids->count, 1e-6 * (double) bytes,
               pell_seconds() - start);
     return PELL_OK;
 

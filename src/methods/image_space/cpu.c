@@ -195,7 +195,7 @@ static enum pell_result is_create(const struct pell_services *services, const st
     PELL_TRY(make_sets(st, shape));
     w->sets = st->sets;
     if (k->views == IS_VIEWS_LIGHTS) {
-        PELL_TRY(pell_services_bodies(services, &st->solids));
+        PELL_TRY(pell_services_solids(services, &st->solids));
         PELL_TRY(is_light_views_make(services, st->solids, k->view_size, st->light_views, &w->num_views));
         w->views = st->views;
     }
@@ -284,7 +284,7 @@ static void find_shift(struct is_state *st, const struct pell_view *camera)
         }
 }
 
-/* The views of lights in this frame's eye's coordinates. */
+/* The views of lights in this frame's camera coordinates. */
 static void turn_views(struct is_state *st, const struct pell_frame *in)
 {
     const struct pell_view camera = *in->view;

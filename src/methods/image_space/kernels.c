@@ -124,7 +124,7 @@ static void is_load(const struct is_work *w, int y)
 }
 
 /* The rise of w from a pixel to the next along `step`: the mean of both sides, limited to twice the smaller one, so that a jump in depth
- * is no slope; of one side where only that is of the same thing. */
+ * is no slope; of one side where only that is of the same object. */
 INLINE vf rise(const struct is_work *w, ptrdiff_t at, ptrdiff_t step, vf key, vf here)
 {
     const vi before = load(w->key + at - step) == key, after = load(w->key + at + step) == key;

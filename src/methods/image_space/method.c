@@ -31,11 +31,11 @@ static const struct pell_knob knobs[] = {
     { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
       "side of the tile of pixels that have samples of their own; 1: all pixels have the same" },
     { "views", PELL_KNOB_ENUM, "1", AT(views), { IS_VIEWS_CAMERA }, 0, 0, views_names,
-      "where light is looked up: in what the eye sees, or in what each light sees, too" },
+      "where light is looked up: in the camera's view, or in the views of the lights, too" },
     { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the lights' irradiance images" },
     { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_AS_VIEWS_ASK }, 0, 0, renormalise_names,
       "for samples that miss: make the weights of the others sum to one, scale by their count as in the paper, or lose the light; auto: "
-      "weight for the eye alone, off where lights see the rest" },
+      "weight for the camera alone, off where lights see the rest" },
     { "jacobian", PELL_KNOB_BOOL, "1", AT(jacobian), { 1 }, 0, 1, NULL, "weigh by area on the surface over area in the tangent plane" },
     { "reconstruct", PELL_KNOB_BOOL, "1", AT(reconstruct), { 1 }, 0, 1, NULL,
       "mean over the tile along the surface, where light spreads further than it" },

@@ -514,15 +514,15 @@ static void report(struct pt_state *st, const struct run *run)
         pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", least * films, error,
                   (double) (now.scatterings - st->before.scatterings) / samples, (double) (now.rays - st->before.rays) / samples);
     if (lights > 0.0)
-        snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of what lamps with extent give", missing * lights);
+        snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of the light of area lights", missing * lights);
     if (cut > 0)
         pell_warn(st->ctx, "path-trace", "raise the knob bounces", "%.3g %% of the paths were cut, with %.3g %% of the weight%s",
                   100.0 * (double) cut / samples, 100.0 * missing, bound);
     if (lost > 0)
-        pell_warn(st->ctx, "path-trace", "`pellucid check` tells where surfaces are open",
-                  "%.3g %% of the paths left a body through no surface", 100.0 * (double) lost / samples);
+        pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
+                  "%.3g %% of the paths left a solid without crossing its surface", 100.0 * (double) lost / samples);
     if ((double) crossed > CROSSED * samples)
-        pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between bodies",
+        pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between solids",
                   "surfaces cross themselves or touch others: %.3g in 100 paths met one from the wrong side",
                   100.0 * (double) crossed / samples);
     if (given_up > 0)

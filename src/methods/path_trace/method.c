@@ -16,7 +16,7 @@ static const char *const acceleration_names[] = { "none", "lanes", "grid", NULL 
 /* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { PT_BEST }, 0, 0, as_names,
-      "the best this method can do, or a plain walk, which finds lamps by chance and from rough surfaces only" },
+      "best: all techniques; else a plain random walk, which hits lights only by chance or connects to them from rough surfaces" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 0 }, 0, 1 << 30, NULL,
       "samples per pixel, rounded up to whole rounds of msaa; 0: until error or time-limit is reached, or 64 where neither is set" },
     { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0 }, 0, 1, NULL,
@@ -37,7 +37,7 @@ static const struct pell_knob knobs[] = {
       "walks one by one, or many side by side (lanes), or these with a grid of distances to the surface, so that steps deep inside need no "
       "ray; the first two have the same bits, a grid has other noise of the same size" },
     { "connections", PELL_KNOB_BOOL, "1", AT(connections), { 1 }, 0, 1, NULL,
-      "lamps are looked for from inside, through the surface, and paths from lamps are joined to paths from the eye" },
+      "connect points inside to lights through the surface, and paths from lights to paths from the camera" },
     { 0 },
 };
 /* clang-format on */

@@ -336,7 +336,7 @@ static void probe_lights(struct pt_scene *s)
     for (size_t i = 0; s->light_paths && i < s->solids->count; i++)
         if (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT))) {
             pell_warn(s->ctx, "path-trace", "leave the knob connections on",
-                      "point, spot and directional lamps light nothing below smooth surfaces: no path meets them by chance");
+                      "point, spot and directional lights do not light media below smooth surfaces: no path hits them by chance");
             break;
         }
     for (size_t i = 0; i < s->solids->count; i++)
@@ -432,7 +432,7 @@ enum pell_result pt_scene_create(const struct pell_services *services, const str
     s->knobs = *knobs;
     s->deadline = (double) INFINITY;
     s->seed = pell_settings_seed(services->settings);
-    PELL_TRY(pell_services_bodies(services, &s->solids));
+    PELL_TRY(pell_services_solids(services, &s->solids));
     res = PELL_ERR_NOMEM;
     s->solid = pell_calloc(ctx, s->solids->count + 1, sizeof(*s->solid));
     s->finish = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->finish));

@@ -42,7 +42,7 @@ static const struct pell_knob knobs[] = {
     { "lod", PELL_KNOB_FLOAT, "1/px", AT(lod), { 1.75 }, 0.01, 100, NULL, "a Gaussian is left out where its span is under 1/lod pixels" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "through", PELL_KNOB_ENUM, "1", AT(transmission), { SCREEN_TRANSMISSION_GAUSSIAN }, 0, 0, transmission_names,
-      "light from behind: none, or by thickness d as the sum of w exp(-d^2/(2 v))" },
+      "transmission: none, or by thickness d as the sum of w exp(-d^2/(2 v))" },
     { 0 },
 };
 /* clang-format on */

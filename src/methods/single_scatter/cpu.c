@@ -118,7 +118,7 @@ static enum pell_result single_create(const struct pell_services *services, cons
         return PELL_ERR_NOMEM;
     st->services = services;
     st->ctx = ctx;
-    PELL_TRY(pell_services_bodies(services, &st->solids));
+    PELL_TRY(pell_services_solids(services, &st->solids));
     PELL_TRY(pell_connector_create(ctx, scene, services->rays, st->solids, k->normals == SINGLE_FLAT, &st->connector));
     PELL_TRY(pell_light_sampler_create(ctx, scene, &st->light_sampler));
     res = PELL_ERR_NOMEM;

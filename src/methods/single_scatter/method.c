@@ -34,8 +34,7 @@ static const struct pell_knob knobs[] = {
       0,
       0,
       distance_names,
-      "places along the ray: by what light the medium lets through, at equal angles as the lamp sees them, or both by the balance "
-      "heuristic" },
+      "sample points along the ray: by the medium's transmittance, at equal angles seen from the light, or both by the balance heuristic" },
     { "refraction",
       PELL_KNOB_ENUM,
       "1",

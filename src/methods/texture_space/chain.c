@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-#define FADE 6.0f             /* standard deviations at which light from behind counts in full */
+#define FADE 6.0f             /* standard deviations at which transmitted light counts in full */
 #define SOFT (1.0 / 3.0)      /* of the widest blur's width */
 #define WEIGHTLESS_LEAST 0.05 /* texels^2: a blur without weight that reaches no further is left out */
 

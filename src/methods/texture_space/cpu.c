@@ -181,7 +181,7 @@ static enum pell_result ts_create(const struct pell_services *services, const st
     st->pool = services->pool;
     st->kernels = pell_ts_kernels_tables[pell_simd_best()];
     st->knobs = *(const struct ts_knobs *) knobs;
-    PELL_TRY(pell_services_bodies(services, &st->solids));
+    PELL_TRY(pell_services_solids(services, &st->solids));
     st->num_profiles = shape->num_materials;
     st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     st->profiles = pell_calloc(ctx, shape->num_materials, sizeof(*st->profiles));

@@ -6,7 +6,7 @@
  *     M(C) = Sum_i w_i B_i(C) + Sum over lights Sum_i w_i exp(-d_i^2/(2 v_i)) fade_i B_i(A),      B_i = irradiance * G(v_i)
  *
  * The surface is laid out flat; each B_i is a pair of blurs of B_(i-1) there, as wide as the stretch of the layout asks. A is where light
- * that comes through to C entered, d_i how thick it is there. What differs from the paper: README.md.
+ * that is transmitted to C entered, d_i how thick it is there. What differs from the paper: README.md.
  */
 #include "methods/texture_space/texture_space.h"
 
@@ -32,7 +32,7 @@ static const struct pell_knob knobs[] = {
       16,
       8192,
       NULL,
-      "side of the map of the largest thing; smaller things get smaller ones, of the same fineness" },
+      "side of the largest object's map; smaller objects get smaller maps with the same texel density" },
     { "gaussians",
       PELL_KNOB_INT,
       "1",
@@ -96,7 +96,7 @@ static const struct pell_knob knobs[] = {
       0,
       0,
       tsm_names,
-      "where light that comes through entered: by rays, by the light's map, or leave it out" },
+      "where transmitted light entered: found by rays, by the light's shadow map, or off: no transmission" },
     { "tsm-size", PELL_KNOB_INT, "px", AT(tsm_size), { 1024 }, 16, 8192, NULL, "side of the lights' maps" },
     { "through",
       PELL_KNOB_ENUM,
@@ -106,7 +106,7 @@ static const struct pell_knob knobs[] = {
       0,
       0,
       transmission_names,
-      "what comes through: as through a slab of the medium, or by the paper's sum of w exp(-d^2/(2 v)); Gaussians alone have no slab" },
+      "transmission: through a slab of the medium, or the paper's sum of w exp(-d^2/(2 v)); Gaussians without a medium have no slab" },
     { "fade",
       PELL_KNOB_ENUM,
       "1",
@@ -115,8 +115,8 @@ static const struct pell_knob knobs[] = {
       0,
       0,
       fade_names,
-      "how light from behind fades where blurs bring it, too: by what they bring of it, or over six widths as in the paper" },
-    { "soften", PELL_KNOB_BOOL, "1", AT(soften), { 1 }, 0, 1, NULL, "blur what comes through by a third of the widest blur's width" },
+      "how transmitted light fades where the blurs carry it, too: by the share that they carry, or over six widths as in the paper" },
+    { "soften", PELL_KNOB_BOOL, "1", AT(soften), { 1 }, 0, 1, NULL, "blur transmitted light by a third of the widest blur's width" },
     { "lights",
       PELL_KNOB_ENUM,
       "1",
@@ -125,7 +125,7 @@ static const struct pell_knob knobs[] = {
       0,
       0,
       lights_names,
-      "what comes through by a light's thickness: that light alone, or as in the paper the sum of all" },
+      "light transmitted through a light's thickness: that light alone, or the sum of all lights as in the paper" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "mix",
       PELL_KNOB_FLOAT,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * profile.c - the chain of Gaussians that a material is blurred by, checked against the paper's rules, and what comes through by thickness.
+ * profile.c - the chain of Gaussians that a material is blurred by, checked against the paper's rules, and transmission by thickness.
  */
 #include "methods/texture_space/texture_space.h"
 
@@ -73,7 +73,7 @@ static double gaussian_transmission(const struct ts_profile *p, int channel, dou
     return sum;
 }
 
-/* Where less than TRANSMISSION_LEAST of a channel's total comes through. */
+/* Where less than TRANSMISSION_LEAST of a channel's total is transmitted. */
 static double gaussian_end(const struct ts_profile *p)
 {
     double far = 0.0;
@@ -150,7 +150,7 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
     return PELL_OK;
 }
 
-/* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is what comes through. */
+/* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is its transmission. */
 static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, struct ts_profile *p)
 {
     const size_t size = pell_stack_workspace_size(NULL);

@@ -35,7 +35,7 @@ struct ts_state {
     float *memory;        /* of the planes below, at texel (0, 0) of any atlas */
     float *light[TS_LIT]; /* that entered, and alpha */
     float *now[TS_PLANES], *half[TS_PLANES], *sum[3];
-    float *behind[3]; /* what comes through, before it is softened */
+    float *behind[3]; /* transmitted light, before it is softened */
     float *strength;
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;

@@ -216,9 +216,9 @@ struct ts_profile {
     double weight[TS_LEVELS][3]; /* 0: only for the ratio */
     int added;                   /* that have no weight */
     double widest;               /* sqrt of the last variance, mm */
-    double thickest;             /* mm: beyond it nothing comes through */
+    double thickest;             /* mm: beyond it nothing is transmitted */
     bool slab;                   /* a table is there */
-    /* Share of level i of what comes through a slab d = thickest (row/(TS_THICK - 1))^2 mm thick. */
+    /* Share of level i of the transmission through a slab d = thickest (row/(TS_THICK - 1))^2 mm thick. */
     float (*share)[TS_LEVELS][3];
 };
 
@@ -228,8 +228,7 @@ void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
 /* What level `i` brings from behind through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, 0 none. */
 void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float share[3]);
 
-/* --- translucent_shadow_map.c: where light that comes through enters
- * ------------------------------------------------------------------------------------- */
+/* --- translucent_shadow_map.c: where transmitted light enters --- */
 
 struct ts_transmitted_texel {
     int32_t at;           /* the texel C */
@@ -279,7 +278,7 @@ void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm);
 void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm);
 /* Which triangles face away from the light. Before ts_tsm_make. */
 void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm);
-/* Fills `alpha` at all texels of charts (0: nothing comes through) and lists those that face away from the light and that it comes through.
+/* Fills `alpha` at all texels of charts (0: no transmission) and lists those that face away from the light and receive transmitted light.
  * Allocates nothing. */
 PELL_NODISCARD enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays);
 /* The same with what enters of that light alone known: ways that end in the dark go on to where there is light, and those of texels that

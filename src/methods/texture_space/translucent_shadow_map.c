@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * translucent_shadow_map.c - for a light, where what comes through at each texel entered: by a map of what the light sees, the paper's
+ * translucent_shadow_map.c - for a light, where the light transmitted to each texel entered: by a map of what the light sees, the paper's
  * translucent shadow map, or by a ray toward the light.
  */
 #include "methods/texture_space/texture_space.h"
@@ -16,7 +16,7 @@ enum { CHUNK = 1024, FACES = 4096, PARTS_MOST = 16 };
 #define ASKEW 0.95f   /* a way that meets a face at a smaller cosine is no measure of the distance from it */
 #define GRAZING 0.15f /* a face that light meets at a smaller cosine is lit in part */
 #define DARK 1e-4f    /* a normal whose cosine against the light is under -DARK faces away whatever rounding does */
-#define OBLIQUE 4.0f  /* rays go this many times the thickness at which nothing comes through */
+#define OBLIQUE 4.0f  /* rays go this many times the thickness at which nothing is transmitted */
 
 struct map_texel {
     uint32_t triangle; /* of the solid; UINT32_MAX: the light sees something else */
@@ -348,7 +348,7 @@ static void ray_texels(struct task *t, ptrdiff_t first, int tile, const uint8_t 
     }
 }
 
-/* A second ray of some texels that are known to have light from behind. */
+/* A second ray of some texels that are known to have transmitted light. */
 struct second {
     bool (*wants)(const struct task *t, const struct ts_transmitted_texel *c);
     struct pell_vec3 (*way)(const struct task *t, const struct ts_transmitted_texel *c, const struct spot *s, float *far);

@@ -324,7 +324,7 @@ static void load_place(const struct pell_lane_input *input, const float *restric
     }
 }
 
-/* The same for points that no eye sees. */
+/* The same for points that the camera does not see. */
 static void load_points(const struct pell_lane_input *input, const float *restrict depth, const int32_t *restrict index,
                         const int32_t *restrict x, const int32_t *restrict y, struct pell_lanes *restrict p)
 {

@@ -27,7 +27,7 @@ struct pell_lanes {
     int32_t boundary_at[16];      /* smooth: into tables->boundaries, flat, in floats */
     int32_t model[16];            /* of the lobe: enum pell_specular_model */
     int32_t smooth[16];           /* -1 or 0 */
-    int32_t deep[16];             /* -1: light from behind may come through */
+    int32_t deep[16];             /* -1: light may be transmitted from the far side */
     int32_t opaque[16];
     float albedo[3][16]; /* of the colour that enters */
     float roughness[16];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * stage.h - stage "irradiance": light that enters at each pixel, light from behind, and the specular reflection, over all lights.
+ * stage.h - stage "irradiance": irradiance, transmitted light and specular reflection at each pixel, summed over all lights.
  *
  *     E(x) = albedo^m Sum over lights of L_i T(n . w_i) max(n . w_i, 0) V        T: rho_dt, or Fresnel's F_t of a smooth boundary
  *     through(x) = albedo^m Sum over lights of table(d) E(A)                     A: where the light enters the solid, see below
@@ -19,7 +19,7 @@
 
 struct pell_lighting {
     float *irradiance[3];  /* W/m^2, entered, with albedo^m */
-    float *transmitted[3]; /* W/m^2, radiant exitance of light from behind; 0 where nothing comes through */
+    float *transmitted[3]; /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
     float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
     int64_t shadow_rays;
 };
@@ -30,7 +30,7 @@ struct pell_irradiance_params {
     const struct pell_view *view;
     const struct pell_surface *surface;
     const struct pell_specular_tables *tables;           /* of pell_specular_tables_create */
-    const struct pell_thickness_table *const *thickness; /* per scene material, entries may be NULL; NULL: no light from behind */
+    const struct pell_thickness_table *const *thickness; /* per scene material, entries may be NULL; NULL: no transmission */
     float mix;                                           /* plan's; negative: each material's own */
     const float *ambient;                                /* of pell_irradiance_points: visibility of the environment's smooth rest at
                                                                * the points; NULL: found by rays */

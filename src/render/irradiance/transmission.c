@@ -5,7 +5,7 @@
  *
  *     d = lerp(m, m cos, max(0, -n_A.n_C)),   cos = -n_C.l     (held over half of -ng.l: a normal map can't make a slab thin)
  *
- * and table(d) E(A) comes through. Where A faces the same way as C the light that enters at A is already part of the irradiance near
+ * and table(d) E(A) is transmitted. Where A faces the same way as C the light that enters at A is already part of the irradiance near
  * C, which the method spreads along the surface; counting it again would draw a bright line just behind the terminator. So the light
  * is scaled by 1 - max(0, n_A.n_C): 1 for every slab, wedge and ear, 0 where both ends meet at the terminator.
  * n_A is the interpolated normal, T at A takes C's roughness and specular strength, and albedo is C's.
@@ -178,7 +178,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
         float limit;
         cosine[i] = larger(larger(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
-        limit = reach / cosine[i]; /* d >= m cos: nothing comes through beyond */
+        limit = reach / cosine[i]; /* d >= m cos: nothing is transmitted beyond */
         depth[i] = out ? -1 : 0;
         set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
@@ -234,7 +234,7 @@ static void smooth_rest(const struct job *job, const struct packet *k, int i, in
         rgb[c] = max0(rgb[c]);
 }
 
-/* What of the smooth rest comes through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
+/* The smooth remainder's transmission through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;

@@ -36,7 +36,7 @@ enum gltf_warning {
     GLTF_WARNINGS
 };
 
-/* Things that are said once a file. */
+/* Messages that are logged once per file. */
 enum gltf_once {
     GLTF_ONCE_JOINT_SETS,
     GLTF_ONCE_WEIGHTS,

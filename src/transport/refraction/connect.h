@@ -13,7 +13,7 @@
 
 struct pell_connector;
 
-/* `flat`: refract by the triangles' own normals, else by the vertices' normals interpolated. Things must outlive the connector. Some 260
+/* `flat`: refract by the triangles' own normals, else by the vertices' normals interpolated. Arguments must outlive the connector. Some 260
  * bytes a triangle. */
 PELL_NODISCARD enum pell_result pell_connector_create(struct pell_context *ctx, const struct pell_scene *scene,
                                                       const struct pell_rays *rays, const struct pell_solids *solids, bool flat,

@@ -56,7 +56,7 @@ static enum pell_result list_triangles(struct ts_atlas_build *b)
         count += scene->meshes[i].num_triangles;
     }
     if (count > UINT32_MAX / 8)
-        return pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->p->name, NULL, "%zu triangles, at most %u in a thing", count, UINT32_MAX / 8);
+        return pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->p->name, NULL, "%zu triangles, at most %u in an object", count, UINT32_MAX / 8);
     a->num_triangles = (uint32_t) count;
     a->triangles = pell_alloc_array(b->ctx, count + 1, sizeof(*a->triangles));
     a->corners = pell_calloc(b->ctx, count + 1, sizeof(*a->corners));
