@@ -30,6 +30,7 @@ struct pell_frame_material {
     const char *name;                   /* for messages; not NULL */
     const char *preset;                 /* the built-in medium (pell_material_find) of whose coefficients the profile is made; NULL: none,
                                          * or a profile or Gaussians of its own */
+    float strength; /* scales the scattering radius in methods that read no plane `strength` (PELL_NEED_STRENGTH), [0, 1]; 0: 1 */
 };
 
 #define PELL_FRAME_MATERIALS 4095

@@ -57,6 +57,7 @@ static enum pell_result make_materials(struct pell_renderer *r)
         if (m->profile)
             f->gaussians.count = 0; /* the profile, not its coefficients or a published set, is what scatters */
         f->white = m->color_from == PELL_COLOR_FROM_TEXTURE;
+        f->strength = fmaxf(m->strength, 1.0f / 1024.0f);
         f->name = m->preset && m->preset[0] ? m->preset : m->name;
         f->preset = !m->profile && m->gaussians.count == 0 ? m->preset : NULL;
         PELL_TRY(pell_frame_material_check(r->ctx, m->name, f));

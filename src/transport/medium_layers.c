@@ -101,18 +101,33 @@ static void take_stack(struct pell_context *ctx, const char *method, const struc
     }
 }
 
+/* A strength scales all lengths of the medium, the layers' depths among them, as diffusion methods scale the radii of what they reflect. */
+static void scale_lengths(struct pell_medium_layers *out, float strength)
+{
+    const double s = fmin(fmax((double) strength, 1.0 / 1024.0), 1.0);
+
+    out->deepest *= s;
+    for (int i = 0; i < out->count; i++) {
+        out->item[i].depth *= s;
+        for (int c = 0; c < 3; c++) {
+            out->item[i].sigma_s[c] /= s;
+            out->item[i].sigma_t[c] /= s;
+        }
+    }
+}
+
 enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m,
                                          struct pell_medium_layers *out)
 {
     const struct pell_material_entry *stack = stack_of(m);
 
     memset(out, 0, sizeof(*out));
-    if (m->num_layers > 0) {
-        take_layers(m, out);
-        return PELL_OK;
-    }
-    if (stack) {
-        take_stack(ctx, method, m, &stack->layers, out);
+    if (m->num_layers > 0 || stack) {
+        if (m->num_layers > 0)
+            take_layers(m, out);
+        else
+            take_stack(ctx, method, m, &stack->layers, out);
+        scale_lengths(out, m->strength);
         return PELL_OK;
     }
     if (m->profile || m->gaussians.count > 0)
@@ -127,6 +142,7 @@ enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *m
     set_medium(&m->medium, &out->item[0]);
     for (int c = 0; c < 3; c++)
         out->item[0].phase[c] = (struct pell_phase) { PELL_PHASE_HENYEY_GREENSTEIN, { m->medium.g[c], 0.0 }, 0.0 };
+    scale_lengths(out, m->strength);
     return PELL_OK;
 }
 

@@ -53,10 +53,55 @@ static void objects_that_share_a_material_do_not_share_light(void **state)
     REQUIRE(bleed >= 2); /* parts of one object exchange light across the gap: the scene is one in which it shows */
 }
 
+/* A ball and a slab of a medium whose light goes `reach` times as far as marble's, at a strength. */
+static struct shot shot_of_strength(const struct pell_method *method, enum pell_engine engine, double reach, float strength)
+{
+    struct pell_material *m;
+    struct stage s;
+    struct shot shot;
+    size_t material;
+
+    stage_start(&s, 32, 24);
+    assert_int_equal(pell_device_engine(s.device), engine);
+    m = stage_medium(&s, "marble", &material);
+    m->gaussians.count = 0;
+    for (int c = 0; c < 3; c++) {
+        m->medium.sigma_a[c] /= reach;
+        m->medium.sigma_s_reduced[c] /= reach;
+    }
+    m->strength = strength;
+    stage_box(&s, material, 0, vec3(-12.0f, -30.0f, -30.0f), vec3(12.0f, 30.0f, 0.0f));
+    stage_light(&s, PELL_LIGHT_POINT, vec3(-8.0f, 0.0f, 6.0f), vec3(0, 0, 0), 50.0f);
+    stage_camera(&s, vec3(0.0f, 0.0f, 200.0f), vec3(0, 0, 0), 0.0f, 24.0f);
+    shot = stage_shot_of(&s, method->name, method_form(method));
+    stage_finish(&s);
+    return shot;
+}
+
+/* A constant strength is a medium in which light goes as much less far: for methods that walk by coefficients to the bit, as 1/2 is exact;
+ * for those with profiles to what their tables hold. */
+static void a_constant_strength_scales_every_method(void **state)
+{
+    (void) state;
+    FOR_EACH_METHOD_AND_ENGINE(method, engine)
+    {
+        struct shot half = shot_of_strength(method, engine, 2.0, 0.5f), plain = shot_of_strength(method, engine, 1.0, 1.0f);
+        struct shot full = shot_of_strength(method, engine, 2.0, 1.0f);
+        const struct difference d = shot_difference(&plain, &half), ignored = shot_difference(&plain, &full);
+        print_message("# %s: rms %.5f, %.5f where strength is left out\n", method->name, d.rms, ignored.rms);
+        REQUIRE(ignored.rms > 0.0);
+        REQUIRE(d.rms <= 0.25 * ignored.rms);
+        shot_free(&half);
+        shot_free(&plain);
+        shot_free(&full);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(objects_that_share_a_material_do_not_share_light),
+        cmocka_unit_test(a_constant_strength_scales_every_method),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -47,6 +47,7 @@ enum { CONV_LINE_OCTAVE = 8, CONV_LINE_ROWS = CONV_LINE_OCTAVE * CONV_OCTAVES };
 /* One channel. */
 struct conv_radial {
     const struct pell_profile *profile;
+    double radius; /* scales the profile's radii: the material's constant strength, (0, 1] */
     float scale;   /* of the profile: 1, or one over its total */
     float total;   /* M of even light of 1 */
     bool point;    /* light does not spread */

@@ -63,10 +63,12 @@ static double integrate_line(const struct conv_radial *r, double distance2)
 
 static void make_channel(const struct pell_frame_material *m, int c, float *memory, struct conv_radial *r)
 {
-    const double total = pell_profile_total(&m->profile[c]), median = total > 0.0 ? pell_profile_sample(&m->profile[c], 0.5) : 0.0;
+    const double radius = m->strength > 0.0f ? fmin((double) m->strength, 1.0) : 1.0, total = pell_profile_total(&m->profile[c]);
+    const double median = total > 0.0 ? radius * pell_profile_sample(&m->profile[c], 0.5) : 0.0;
 
     *r = (struct conv_radial) {
         .profile = &m->profile[c],
+        .radius = radius,
         .scale = m->white && total > 0.0 ? (float) (1.0 / total) : 1.0f,
         .total = m->white ? 1.0f : (float) total,
         .point = !(median > 1e-12 && median < 1e12),
@@ -79,7 +81,8 @@ static void make_channel(const struct pell_frame_material *m, int c, float *memo
     if (r->point)
         return;
     for (int i = 0; i <= CONV_ROWS; i++) {
-        const double R = pell_profile_eval(r->profile, sqrt(radius2_at(r, i, CONV_ROWS_OCTAVE))) * (double) r->scale;
+        const double at = sqrt(radius2_at(r, i, CONV_ROWS_OCTAVE)) / radius;
+        const double R = pell_profile_eval(r->profile, at) / (radius * radius) * (double) r->scale;
         r->value[i] = R < 1e37 ? (float) R : 1e37f;
     }
     for (int i = 0; i <= CONV_LINE_ROWS; i++)
@@ -98,13 +101,13 @@ double convolution_reach(const struct conv_radial r[3], double share)
 
     for (int c = 0; c < 3; c++)
         if (!r[c].point)
-            reach = fmax(reach, pell_profile_sample(r[c].profile, 1.0 - share));
+            reach = fmax(reach, r[c].radius * pell_profile_sample(r[c].profile, 1.0 - share));
     return reach;
 }
 
 double convolution_radial_beyond(const struct conv_radial *r, double h)
 {
-    return r->point ? (h > 0.0 ? 0.0 : (double) r->total) : (double) r->total * (1.0 - pell_profile_cdf(r->profile, h));
+    return r->point ? (h > 0.0 ? 0.0 : (double) r->total) : (double) r->total * (1.0 - pell_profile_cdf(r->profile, h / r->radius));
 }
 
 /* --- Squares ------------------------------------------------------------------------------------------------------------------------- */
@@ -117,7 +120,7 @@ static double in_corner(const struct conv_radial *r, double x, double y, const d
     for (int side = 0; side < 2; side++) {
         const double a = side ? y : x, b = side ? x : y, angle = atan2(b, a);
         for (int i = 0; i < NODES; i++)
-            sum += weight[i] * angle * pell_profile_cdf(r->profile, a / cos(angle * node[i]));
+            sum += weight[i] * angle * pell_profile_cdf(r->profile, a / (cos(angle * node[i]) * r->radius));
     }
     return (double) r->total * sum / (2.0 * PELL_PI);
 }
