@@ -287,12 +287,12 @@ def _(folder):
         need(part in shown, part, shown)
 
 
-@test('check tells what is wrong with a thing, on stdout alone')
+@test('check reports what is wrong with an object, on stdout alone')
 def _(folder):
     vertices, faces = sphere()
     write_obj(folder / 'open.obj', vertices, faces[:-20])
     write_obj(folder / 'inside.obj', vertices, [f[::-1] for f in faces])
-    for name, size, material, part in (('open.obj', '70mm', 'wholemilk', 'open'), ('inside.obj', '70mm', 'wholemilk', 'inside'),
+    for name, size, material, part in (('open.obj', '70mm', 'wholemilk', 'open'), ('inside.obj', '70mm', 'wholemilk', 'inverted normals'),
                                        ('bunny.obj', '0.2mm', 'chicken1', 'is the size right'), ('bunny.obj', '5km', 'marble', 'unit')):
         done = works(folder, 'check', name, '--size', size, '--material', material)
         need(part in ' '.join(text(done.stdout).split()) and '\n0 problems' not in text(done.stdout), name, done.stdout)
