@@ -520,7 +520,7 @@ static void report(struct pt_state *st, const struct run *run)
                   100.0 * (double) cut / samples, 100.0 * missing, bound);
     if (lost > 0)
         pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
-                  "%.3g %% of the paths left a solid without crossing its surface", 100.0 * (double) lost / samples);
+                  "%.3g %% of the paths left a solid without meeting its surface", 100.0 * (double) lost / samples);
     if ((double) crossed > CROSSED * samples)
         pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between solids",
                   "surfaces cross themselves or touch others: %.3g in 100 paths met one from the wrong side",
