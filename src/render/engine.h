@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * engine.h - the seam between what a frame is (renderer.c, prepare.c, frame.c: order of stages, samples, what depends on what) and what
+ * engine.h - the seam between what a frame is (renderer.c, resources.c, frame.c: order of stages, samples, what depends on what) and what
  * computes it. An engine owns everything that its stages read and write: scene structures, planes, lights.
  *
  * Errors     a stage that fails ends the frame with its result; the engine has logged why.
@@ -85,7 +85,7 @@ struct pell_engine_scattered {
     const float *standard_error[3]; /* standard error, as pell_pass_standard_error has it; NULL: not known */
 };
 
-/* What an engine keeps from frame to frame. What each depends on stands in prepare.c. */
+/* What an engine keeps from frame to frame. What each depends on stands in resources.c. */
 enum pell_engine_resource {
     PELL_ENGINE_SCENE,  /* what rays and textures need */
     PELL_ENGINE_PLANES, /* of a size; made again (what is not there yet) whenever a frame asks for more */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * renderer_state.h - what a renderer holds from frame to frame: for renderer.c (which sets inputs), prepare.c (which makes what depends on
- * them) and frame.c alone.
+ * renderer_state.h - what a renderer holds from frame to frame: for renderer.c (which sets inputs), resources.c (which makes what depends
+ * on them) and frame.c alone.
  */
 #ifndef PELL_RENDERER_STATE_H
 #define PELL_RENDERER_STATE_H
@@ -36,7 +36,7 @@ struct pell_renderer {
     float focal_px;
     bool orthographic;
 
-    /* What was made of them: see prepare.c. */
+    /* What was made of them: see resources.c. */
     unsigned made; /* bit i: resource i */
     struct pell_scene_materials materials;
     struct pell_profile **profiles; /* per frame material: what was made for it, of three channels, or NULL */

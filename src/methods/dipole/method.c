@@ -11,30 +11,19 @@ static const char *const as_names[] = { "best", "paper", NULL };
 static const char *const sampling_names[] = { "both", "probes", "area", NULL };
 
 #define AT(field) offsetof(struct dipole_knobs, field)
+/* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { DI_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
-    { "error",
-      PELL_KNOB_FLOAT,
-      "1",
-      AT(error),
-      { 0.02 },
-      1e-4,
-      1,
-      NULL,
+    { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0.02 }, 1e-4, 1, NULL,
       "samples are taken so that the standard error of each channel of a pixel is about this share of it" },
     { "most", PELL_KNOB_INT, "1", AT(most), { 65536 }, 128, 1000000000, NULL, "samples per pixel at most" },
-    { "sampling",
-      PELL_KNOB_ENUM,
-      "1",
-      AT(sampling),
-      { DI_BOTH },
-      0,
-      0,
-      sampling_names,
-      "where light is looked for: by probe rays around the point, all over the surface, or by both, weighed by the balance heuristic" },
+    { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { DI_BOTH }, 0, 0, sampling_names,
+      "where light is looked for: by probe rays around the point, all over the surface, or by both, weighed by the balance "
+      "heuristic" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { 0 },
 };
+/* clang-format on */
 #undef AT
 
 static void paper(void *values)

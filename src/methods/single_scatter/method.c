@@ -14,47 +14,22 @@ static const char *const refraction_names[] = { "exact", "none", NULL };
 static const char *const normals_names[] = { "smooth", "flat", NULL };
 
 #define AT(field) offsetof(struct single_knobs, field)
+/* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { SINGLE_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
-    { "error",
-      PELL_KNOB_FLOAT,
-      "1",
-      AT(error),
-      { 0.02 },
-      1e-4,
-      1,
-      NULL,
+    { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0.02 }, 1e-4, 1, NULL,
       "samples are taken so that the standard error of each channel of a pixel is about this share of it" },
     { "most", PELL_KNOB_INT, "1", AT(most), { 65536 }, 128, 1000000000, NULL, "samples per pixel at most" },
-    { "distance",
-      PELL_KNOB_ENUM,
-      "1",
-      AT(distance),
-      { SINGLE_BOTH },
-      0,
-      0,
-      distance_names,
-      "sample points along the ray: by the medium's transmittance, at equal angles seen from the light, or both by the balance heuristic" },
-    { "refraction",
-      PELL_KNOB_ENUM,
-      "1",
-      AT(refraction),
-      { SINGLE_EXACT },
-      0,
-      0,
-      refraction_names,
+    { "distance", PELL_KNOB_ENUM, "1", AT(distance), { SINGLE_BOTH }, 0, 0, distance_names,
+      "sample points along the ray: by the medium's transmittance, at equal angles seen from the light, or both by the balance "
+      "heuristic" },
+    { "refraction", PELL_KNOB_ENUM, "1", AT(refraction), { SINGLE_EXACT }, 0, 0, refraction_names,
       "at the surface by its index, both ways; or none: light goes straight through and nothing is reflected" },
-    { "normals",
-      PELL_KNOB_ENUM,
-      "1",
-      AT(normals),
-      { SINGLE_SMOOTH },
-      0,
-      0,
-      normals_names,
+    { "normals", PELL_KNOB_ENUM, "1", AT(normals), { SINGLE_SMOOTH }, 0, 0, normals_names,
       "that refract: the vertices' interpolated, or each triangle's own" },
     { 0 },
 };
+/* clang-format on */
 #undef AT
 
 static void paper(void *values)
