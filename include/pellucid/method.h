@@ -62,6 +62,16 @@ struct pell_pass_time {
     int64_t rays;   /* that it traced */
 };
 
+/* Inputs of a scene's materials that a method may leave out. */
+enum pell_ignored {
+    PELL_IGNORES_STRENGTH_MAP = 1 << 0, /* how far light goes varies over the surface; the constant strength is never ignored */
+    PELL_IGNORES_COLOR_MAP = 1 << 1,    /* of materials whose colour comes from a texture */
+    PELL_IGNORES_NORMAL_MAP = 1 << 2,   /* where light enters and leaves; the specular lobe always has it */
+};
+
+/* "strength map" and so on; NULL for a number that is none of enum pell_ignored. Constant; thread-safe. */
+PELL_API const char *pell_ignored_name(unsigned input);
+
 struct pell_method {
     enum pell_method_kind kind;
     const char *name;              /* stable id, [a-z0-9-]+; its folder uses underscores */
@@ -73,7 +83,8 @@ struct pell_method {
     void (*paper)(void *knobs); /* changes the defaults to what the paper ran */
     void (*plan)(const void *knobs, struct pell_plan *plan);
     const struct pell_method_engine *cpu, *vulkan; /* NULL: not on this engine */
-    bool partial; /* ends early with what it has when interrupted, and keeps its state in the renderer's checkpoint */
+    unsigned ignores; /* enum pell_ignored: whatever its knobs say. A renderer warns where a scene has one of these */
+    bool partial;     /* ends early with what it has when interrupted, and keeps its state in the renderer's checkpoint */
 };
 
 /* The built-in methods, in the order in which they are listed; NULL for an index of pell_method_count() or more. Constant data;

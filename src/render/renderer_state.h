@@ -60,6 +60,8 @@ void pell_renderer_invalidate(struct pell_renderer *r, unsigned inputs);
 PELL_NODISCARD enum pell_result pell_renderer_prepare_scene(struct pell_renderer *r);
 /* Takes these settings, and makes everything that a frame of them needs and that is not there yet. */
 PELL_NODISCARD enum pell_result pell_renderer_prepare(struct pell_renderer *r, const struct pell_settings *s, const struct pell_view *view);
+/* Names the inputs of the scene's translucent materials that the method ignores. There are a scene and a method. */
+void pell_renderer_warn_ignored(const struct pell_renderer *r);
 /* The shape of the method's frames: what does not change from sample to sample. There is a method. */
 struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const struct pell_view *view);
 

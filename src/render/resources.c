@@ -234,6 +234,7 @@ static enum pell_result make_pass(struct pell_renderer *r)
     memset(m->thickness, 0, r->scene->num_materials * sizeof(*m->thickness));
     if (!r->method || m->count == 0)
         return PELL_OK;
+    pell_renderer_warn_ignored(r);
     shape = pell_renderer_shape(r, &view);
     r->services.checkpoint = r->checkpoint.path ? &r->checkpoint : NULL;
     res = pell_pass_make(r->device->engine, &r->services, r->method, r->knobs, &shape, &r->pass);

@@ -97,11 +97,73 @@ static void a_constant_strength_scales_every_method(void **state)
     }
 }
 
+/* A slab whose material has, of one input, a map that varies (`varied`) or a constant. */
+static struct shot shot_of_input(const struct pell_method *method, enum pell_engine engine, unsigned input, bool varied)
+{
+    static const uint8_t steps[2 * 2 * 4] = { 250, 120, 40, 255, 60, 200, 130, 255, 30, 90, 220, 255, 180, 40, 90, 255 };
+    uint8_t pixels[sizeof(steps)];
+    struct pell_mesh *mesh;
+    struct pell_material *m;
+    struct pell_texture_map map = { .matrix = { 1, 0, 0, 0, 1, 0 } };
+    struct stage s;
+    struct shot shot;
+    size_t material;
+
+    stage_start(&s, 32, 24);
+    assert_int_equal(pell_device_engine(s.device), engine);
+    for (size_t i = 0; i < sizeof(pixels); i++)
+        pixels[i] = varied ? steps[i] : input == PELL_IGNORES_NORMAL_MAP && i % 4 == 2 ? 255 : 128;
+    map.texture = shapes_texture(s.scene, 2, 2, 4, false, pixels);
+    m = stage_medium(&s, "marble", &material);
+    switch (input) {
+    case PELL_IGNORES_STRENGTH_MAP: m->strength_map = map; break;
+    case PELL_IGNORES_COLOR_MAP:
+        m->color_from = PELL_COLOR_FROM_TEXTURE;
+        m->base_color_map = map;
+        break;
+    case PELL_IGNORES_NORMAL_MAP: m->normal_map = map; break;
+    }
+    mesh = shapes_box(s.scene, material, vec3(-12.0f, -30.0f, -30.0f), vec3(12.0f, 30.0f, 0.0f));
+    mesh->uv[0] = pell_calloc(s.ctx, mesh->num_vertices, 2 * sizeof(float));
+    for (uint32_t i = 0; i < mesh->num_vertices; i++) {
+        mesh->uv[0][2 * i] = 0.5f + mesh->position[3 * i] / 26.0f;
+        mesh->uv[0][2 * i + 1] = 0.5f + mesh->position[3 * i + 1] / 26.0f;
+    }
+    stage_light(&s, PELL_LIGHT_POINT, vec3(-8.0f, 0.0f, 6.0f), vec3(0, 0, 0), 50.0f);
+    stage_camera(&s, vec3(0.0f, 0.0f, 200.0f), vec3(0, 0, 0), 0.0f, 24.0f);
+    shot = stage_shot_of(&s, method->name, method_form(method));
+    if (varied) {
+        const bool warned = strstr(s.kept.last_warning, pell_ignored_name(input)) != NULL;
+        if (warned != ((method->ignores & input) != 0))
+            fail_msg("%s: %s and its warning do not agree: \"%s\"", method->name, pell_ignored_name(input), s.kept.last_warning);
+    }
+    stage_finish(&s);
+    return shot;
+}
+
+/* What a method says that it ignores changes no bit, and a warning names it; what it does not say changes the picture. */
+static void methods_say_what_they_ignore(void **state)
+{
+    (void) state;
+    FOR_EACH_METHOD_AND_ENGINE(method, engine)
+    {
+        for (unsigned input = 1; pell_ignored_name(input); input <<= 1) {
+            struct shot varied = shot_of_input(method, engine, input, true), constant = shot_of_input(method, engine, input, false);
+            const bool same = shot_equal(&varied, &constant);
+            if (same != ((method->ignores & input) != 0))
+                fail_msg("%s %s its %s", method->name, same ? "ignores" : "reads", pell_ignored_name(input));
+            shot_free(&varied);
+            shot_free(&constant);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(objects_that_share_a_material_do_not_share_light),
         cmocka_unit_test(a_constant_strength_scales_every_method),
+        cmocka_unit_test(methods_say_what_they_ignore),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -990,36 +990,6 @@ static void surfaces_that_cross_are_lit(void **state)
     }
 }
 
-/* Maps that paths do not look at are told, by the material's name; those that nothing would look at either are not. */
-static void maps_are_told(void **state)
-{
-    struct pt_knobs knobs = rig_knobs();
-    struct pell_texture *texture;
-    struct pt_scene *scene;
-    struct stage s;
-    size_t m;
-    int before;
-
-    (void) state;
-    plain_stage(&s);
-    m = rig_medium(&s, 0.5, 0.0, 0.0, 1.4);
-    stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 8);
-    stage_environment(&s, 1.0f);
-    look_along(&s, 7.0f);
-    scene = rig_scene(&s, &knobs);
-    pt_scene_destroy(&scene);
-    OK(pell_scene_add_texture(s.scene, "map", &texture));
-    s.scene->materials[m].normal_map.texture = s.scene->materials[m].roughness_map.texture = texture;
-    s.scene->materials[m].base_color_map.texture = texture; /* a measured medium's own colour stays */
-    before = s.kept.warnings;
-    scene = rig_scene(&s, &knobs);
-    assert_int_equal(s.kept.warnings - before, 1);
-    assert_non_null(strstr(s.kept.last_warning, "does not look at its maps: normal"));
-    assert_null(strstr(s.kept.last_warning, "roughness")); /* of a smooth boundary */
-    pt_scene_destroy(&scene);
-    stage_finish(&s);
-}
-
 static void paint_roughness(struct stage *s, size_t material, int width, int height, const float *number)
 {
     struct pell_texture *t;
@@ -1219,7 +1189,6 @@ int main(void)
         cmocka_unit_test(open_surfaces),
         cmocka_unit_test(surfaces_that_cross_are_counted),
         cmocka_unit_test(surfaces_that_cross_are_lit),
-        cmocka_unit_test(maps_are_told),
         cmocka_unit_test(roughness_maps_are_read),
         cmocka_unit_test(bounds_are_counted),
         cmocka_unit_test(profiles_without_a_medium_are_refused),

@@ -88,4 +88,5 @@ const struct pell_method pell_method_layered = {
     .paper = paper,
     .plan = plan,
     .cpu = &layered_cpu,
+    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR_MAP | PELL_IGNORES_NORMAL_MAP,
 };

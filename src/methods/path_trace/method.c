@@ -81,5 +81,6 @@ const struct pell_method pell_method_path_trace = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_path_trace_cpu,
+    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR_MAP | PELL_IGNORES_NORMAL_MAP,
     .partial = true,
 };

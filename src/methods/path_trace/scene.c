@@ -91,7 +91,7 @@ static float share_of(const struct pt_coefficients *m)
     return fminf(SHARE * (1.0f - 0.7f * fmaxf(m->g[1], 0.0f)) + 0.5f * sqrtf(fmaxf(1.0f - albedo, 0.0f)), 1.0f);
 }
 
-static enum pell_result make_each_solid(struct pt_scene *s)
+static enum pell_result make_solids(struct pt_scene *s)
 {
     struct pell_vec3 lo = vec3(INFINITY, INFINITY, INFINITY), hi = vec3(-INFINITY, -INFINITY, -INFINITY);
 
@@ -122,42 +122,6 @@ static enum pell_result make_each_solid(struct pt_scene *s)
         s->radius = 0.5 * (double) vec3_length(vec3_sub(hi, lo)) * 1.0001 + 1e-6;
     }
     return PELL_OK;
-}
-
-/* Maps of translucent materials that paths do not look at: by name, once a material. */
-static void tell_maps(const struct pt_scene *s, const bool *used)
-{
-    for (size_t i = 0; i < s->scene->num_materials; i++) {
-        const struct pell_material *m = &s->scene->materials[i];
-        const struct {
-            bool there;
-            const char *name;
-        } maps[] = {
-            { m->base_color_map.texture && m->color_from == PELL_COLOR_FROM_TEXTURE, "base colour" },
-            { m->strength_map.texture != NULL, "strength" },
-            { m->normal_map.texture != NULL, "normal" },
-        };
-        char list[64] = "";
-        for (size_t k = 0; used[i] && k < PELL_COUNT(maps); k++)
-            if (maps[k].there)
-                snprintf(list + strlen(list), sizeof(list) - strlen(list), "%s%s", list[0] ? ", " : "", maps[k].name);
-        if (list[0])
-            pell_warn(s->ctx, m->name, "compare by scenes without them", "path-trace does not look at its maps: %s", list);
-    }
-}
-
-static enum pell_result make_solids(struct pt_scene *s)
-{
-    bool *used = pell_calloc(s->ctx, s->scene->num_materials + 1, sizeof(*used));
-    enum pell_result res = used ? make_each_solid(s) : PELL_ERR_NOMEM;
-
-    for (size_t i = 0; i < s->solids->count && res == PELL_OK; i++)
-        for (size_t t = 0; t < s->solids->solids[i].num_triangles; t++)
-            used[mesh_of(s, i, t)->material] = true;
-    if (res == PELL_OK)
-        tell_maps(s, used);
-    pell_free(s->ctx, used);
-    return res;
 }
 
 /* --- Boundaries --------------------------------------------------------------------------------------------------------------------- */

@@ -68,4 +68,5 @@ const struct pell_method pell_method_single_scatter = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_single_scatter_cpu,
+    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR_MAP | PELL_IGNORES_NORMAL_MAP,
 };
