@@ -49,12 +49,13 @@ enum {
     SHOT_SHOWN_LAYERS = 21
 };
 
-static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
+/* `fault` counts the context's allocations; NULL: nobody does. */
+static inline void stage_start_with(struct stage *s, int width, int height, int threads, struct pell_alloc_fault *fault)
 {
     const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
 
     memset(s, 0, sizeof(*s));
-    s->ctx = test_context(NULL, &s->kept);
+    s->ctx = test_context(fault, &s->kept);
     assert_non_null(s->ctx);
     OK(pell_scene_create(s->ctx, &s->scene));
     OK(pell_device_create(s->ctx, &params, &s->device));
@@ -65,6 +66,11 @@ static inline void stage_start_threads(struct stage *s, int width, int height, i
     s->settings.msaa = 1;
     s->settings.exposure = 1.0f;
     s->scene->background_color[0] = s->scene->background_color[1] = s->scene->background_color[2] = 0.0f;
+}
+
+static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
+{
+    stage_start_with(s, width, height, threads, NULL);
 }
 
 static inline void stage_start(struct stage *s, int width, int height)
