@@ -22,8 +22,8 @@
  * Noise      a reference that was made by sampling comes with the variance of its pixels, or as two halves, b1 and b2: b is their mean,
  *            (b1 - b2)^2/4 estimates its variance. What that adds to mse and rel_mse is taken off (of rel_mse, whose denominator has
  *            noise, too, to first order in the variance). The other metrics can't be freed of it.
- * Not finite a pixel with NaN or infinity in any channel of either picture counts nowhere but in `bad_test` and `bad_reference`; in the
- *            windows of its neighbours both pictures have the reference's value there, or 0.
+ * Bad pixels a pixel with NaN or infinity in any channel of either picture, or with a variance below 0, counts nowhere but in `bad_test`
+ *            and `bad_reference`; in the windows of its neighbours both pictures have the reference's value there, or 0.
  * Mask       pixels where the mask is over 0.5. Windows and exposures see the whole picture; only means are restricted.
  *
  * Units      pictures in any unit of light, the same for both; angles of the camera in degrees; times in seconds.
@@ -83,7 +83,7 @@ struct pell_metrics {
 
 struct pell_comparison {
     struct pell_metrics masked, whole; /* the same without a mask */
-    int64_t bad_test, bad_reference;   /* pixels that are not finite; of either half */
+    int64_t bad_test, bad_reference;   /* bad pixels; of either half */
     float exposure, white;             /* that were used */
     /* HDR-FLIP: log2 of the first and last exposure, how many, and whether more than half of the reference is black, so that the median
      * of what is not black was taken. */

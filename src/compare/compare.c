@@ -94,7 +94,7 @@ static void read_pixel(const struct pell_compare_input *in, size_t at, struct pi
         p->reference[c] = 0.5 * (b1 + b2);
         p->variance[c] = in->variance[0] && !in->half[0] ? in->variance[c][at] : 0.25 * (b1 - b2) * (b1 - b2);
         p->bad_test |= !isfinite(p->test[c]);
-        p->bad_reference |= !isfinite(p->reference[c]) || !isfinite(p->variance[c]);
+        p->bad_reference |= !isfinite(p->reference[c]) || !isfinite(p->variance[c]) || p->variance[c] < 0.0;
     }
     for (int c = 0; c < 3 && (p->bad_test || p->bad_reference); c++) {
         p->reference[c] = p->bad_reference ? 0.0 : p->reference[c];

@@ -227,6 +227,10 @@ static void the_references_noise_is_not_charged(void **state)
         p.plane[HALF][1][77] = NAN;
         pair_compare(&p);
         REQUIRE(p.out.bad_reference == 1 && p.out.whole.pixels == 400 * 300 - 1 && isfinite(p.out.whole.mse));
+        p.plane[HALF][1][78] = -1e38f; /* no variance is negative */
+        pair_compare(&p);
+        REQUIRE(p.out.bad_reference == 2 && p.out.whole.pixels == 400 * 300 - 2);
+        REQUIRE_REL(p.out.whole.noise_mse, variance, 1e-5);
         for (int c = 0; c < 3; c++)
             p.in.variance[c] = NULL;
     }

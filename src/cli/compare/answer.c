@@ -37,7 +37,8 @@ enum pell_result compare_run(struct cli *cli, const char *test, const char *refe
     if (out->bad_test > 0)
         pell_warn(cli->ctx, test, NULL, "%lld pixels are not finite; they are left out of all numbers", (long long) out->bad_test);
     if (out->bad_reference > 0)
-        pell_warn(cli->ctx, reference, NULL, "%lld pixels of the reference are not finite; they are left out of all numbers",
+        pell_warn(cli->ctx, reference, NULL,
+                  "%lld pixels of the reference are not finite or have a negative variance; they are left out of all numbers",
                   (long long) out->bad_reference);
     if (out->whole.pixels == 0)
         res = pell_error(cli->ctx, PELL_ERR_INVALID, test, NULL, "no pixel of both pictures is finite");
