@@ -28,8 +28,10 @@ int main(void)
                 if (i % 16 == 0) /* as the points of one pixel: near each other */
                     where = vec3_normalize(in_ball(&random));
                 d = vec3_normalize(vec3_mad(where, 0.03f, in_ball(&random)));
-                found += pell_connect(r.connector, 0, 1.3, vec3_mul(d, near_surface ? 38.0f : 20.0f), vec3(30, 70, 20), false,
-                                      near_surface ? 6.0 : INFINITY, paths, PATHS, &rays);
+                found += pell_connect(r.connector,
+                                      &(struct pell_connection_query) { 0, 1.3, vec3_mul(d, near_surface ? 38.0f : 20.0f), vec3(30, 70, 20),
+                                                                        false, near_surface ? 6.0 : INFINITY },
+                                      paths, PATHS, &rays);
             }
             us = 1e6 * ((double) clock() - start) / CLOCKS_PER_SEC / QUERIES;
             printf("%u triangles, %s normals, %s: %.2f us a query, %.2f paths, %.2f rays\n", r.scene->meshes[0].num_triangles,

@@ -4,11 +4,10 @@
  * densities.
  *
  * A light is chosen by an estimate of its irradiance at a place, with a tenth of the choices left to all alike, so that none is missed.
- * Environments are found by luminance x sin(theta), which between texel centres is taken for bilinear, as the look-up is: cells between
- * four centres, half cells at the poles. Cells of a row are chosen by integers, so that the density is the very chance of a cell.
  */
 #include "lights/light_sampling.h"
 #include "image/color.h"
+#include "lights/environment_sampling.h"
 #include "lights/lights.h"
 #include "shared/light.h"
 
@@ -17,15 +16,6 @@
 #define ALIKE 0.1      /* of the choices: for lights whose estimate is wrong */
 #define UNSEEN 0.1     /* what an estimate leaves of lights that face away: nearby places may be lit */
 #define IMAGE_STEPS 32 /* a side of the grid that a projected image's mean is taken over */
-
-struct environment {
-    struct pell_environment env;
-    int width, height;  /* of the picture; 0: constant */
-    double *rows;       /* share of the rows of cells up to and with each; height + 1 of them */
-    uint32_t *columns;  /* of each row: 2^32 times the share of the cells up to and with each, less 1 */
-    double energy;      /* luminance over the sphere, sr W/(m^2 sr) */
-    double share, upto; /* of all environments' energy; and of those up to and with this one */
-};
 
 struct sampled_light {
     struct pell_light_source source; /* but of the environment */
@@ -39,210 +29,10 @@ struct pell_light_sampler {
     struct pell_context *ctx;
     struct sampled_light *list;
     size_t count;
-    struct environment *environments;
-    size_t num_skies;
-    double soft2;            /* mm^2 that squared distances have at least: lights at the very place */
-    double middle[3], reach; /* of the scene's bounds: centre and half diagonal, mm */
+    struct pell_environment_sampler environments; /* the last of the list, where they shine */
+    double soft2;                                 /* mm^2 that squared distances have at least: lights at the very place */
+    double middle[3], reach;                      /* of the scene's bounds: centre and half diagonal, mm */
 };
-
-/* --- The environment
- * -------------------------------------------------------------------------------------------------------------------- */
-
-/* Luminance of a texel as the look-up cleans it. */
-static double texel(const struct environment *s, int x, int y)
-{
-    float rgba[4];
-
-    pell_image_texel(&s->env.image->image, x, y, rgba);
-    for (int c = 0; c < 3; c++) {
-        const float v = rgba[c] * s->env.power[c];
-        rgba[c] = v > 0.0f ? v < 1e15f ? v : 1e15f : 0.0f;
-    }
-    return (double) pell_luminance(rgba);
-}
-
-/* Where rows of cells begin: 0, 1/2h, 3/2h, ..., 1. */
-static double row_start(const struct environment *s, int row)
-{
-    return row == 0 ? 0.0 : row > s->height ? 1.0 : (row - 0.5) / s->height;
-}
-
-/* The four corners of a cell, of the density over (u, v): upper left, upper right, lower left, lower right. */
-static double cell_corners(const struct environment *s, int column, int row, double f[4])
-{
-    const int next = column + 1 < s->width ? column + 1 : 0, above = row > 0 ? row - 1 : 0, below = row < s->height ? row : s->height - 1;
-    const double upper = sin(PELL_PI * row_start(s, row)), lower = row < s->height ? sin(PELL_PI * row_start(s, row + 1)) : 0.0;
-
-    f[0] = upper > 0.0 ? upper * texel(s, column, above) : 0.0;
-    f[1] = upper > 0.0 ? upper * texel(s, next, above) : 0.0;
-    f[2] = lower > 0.0 ? lower * texel(s, column, below) : 0.0;
-    f[3] = lower > 0.0 ? lower * texel(s, next, below) : 0.0;
-    return 0.25 * (f[0] + f[1] + f[2] + f[3]);
-}
-
-static enum pell_result make_table(struct pell_context *ctx, struct environment *s)
-{
-    const int w = s->env.image->image.width, h = s->env.image->image.height;
-    double *line, sum = 0.0;
-
-    s->width = w;
-    s->height = h;
-    s->rows = pell_alloc_array(ctx, (size_t) h + 1, sizeof(*s->rows));
-    s->columns = s->rows ? pell_alloc_array(ctx, ((size_t) h + 1) * (size_t) w, sizeof(*s->columns)) : NULL;
-    line = s->columns ? pell_alloc_array(ctx, (size_t) w, sizeof(*line)) : NULL;
-    if (!line)
-        return PELL_ERR_NOMEM;
-    for (int y = 0; y <= h; y++) {
-        uint32_t *columns = s->columns + (size_t) y * (size_t) w;
-        double f[4], total = 0.0;
-        for (int x = 0; x < w; x++)
-            line[x] = total += cell_corners(s, x, y, f);
-        /* Each cell gets one of the 2^32 numbers at least. */
-        for (int x = 0; x < w; x++) {
-            const double share = x == w - 1 ? 1.0 : total > 0.0 ? line[x] / total : (x + 1.0) / w;
-            columns[x] = (uint32_t) (share * (4294967296.0 - w)) + (uint32_t) x;
-        }
-        s->rows[y] = sum += total / w * (row_start(s, y + 1) - row_start(s, y));
-    }
-    pell_free(ctx, line);
-    for (int y = 0; y <= h && sum > 0.0; y++)
-        s->rows[y] = y == h ? 1.0 : s->rows[y] / sum;
-    s->energy = sum * 2.0 * PELL_PI * PELL_PI;
-    return PELL_OK;
-}
-
-/* A number in [0, 1] of a density that goes from a to b linearly. */
-static double linear_sample(double u, double a, double b)
-{
-    const double root = sqrt(a * a + u * (b * b - a * a));
-    return a + root > 0.0 ? fmin(u * (a + b) / (a + root), 1.0) : u;
-}
-
-/* Per sr: of (s, t) in [0, 1]^2 of a cell. */
-static double cell_density(const struct environment *k, int column, int row, const double f[4], double mean, double s, double t)
-{
-    const uint32_t *columns = k->columns + (size_t) row * (size_t) k->width;
-    const double chance = (columns[column] - (column > 0 ? (double) columns[column - 1] : -1.0)) * (1.0 / 4294967296.0);
-    const double high = row_start(k, row), size = row_start(k, row + 1) - high, sine = sin(PELL_PI * (high + t * size));
-    const double value = (1.0 - t) * ((1.0 - s) * f[0] + s * f[1]) + t * ((1.0 - s) * f[2] + s * f[3]);
-
-    return (k->rows[row] - (row > 0 ? k->rows[row - 1] : 0.0)) * chance * (mean > 0.0 ? value / mean : 1.0) * k->width /
-           (size * 2.0 * PELL_PI * PELL_PI * fmax(sine, 1e-12));
-}
-
-static double environment_density(const struct environment *k, struct pell_vec3 direction)
-{
-    double f[4], mean, x, y;
-    float u, v;
-    int column, row;
-
-    if (k->width == 0)
-        return 0.25 / PELL_PI;
-    pell_environment_place(&k->env, direction, &u, &v);
-    x = (double) u * k->width - 0.5;
-    y = (double) v * k->height + 0.5;
-    column = (int) floor(x);
-    x -= column;
-    column = (column + k->width) % k->width;
-    row = (int) fmin(fmax(floor(y), 0.0), k->height);
-    y = row == 0 ? 2.0 * (double) v * k->height : row == k->height ? 2.0 * (y - row) : y - row;
-    mean = cell_corners(k, column, row, f);
-    return cell_density(k, column, row, f, mean, x, fmin(fmax(y, 0.0), 1.0));
-}
-
-static struct pell_vec3 environment_sample(const struct environment *k, double u, double v)
-{
-    int low = 0, high = k->height, row;
-    double f[4], s, t, before;
-    uint64_t number;
-
-    if (k->width == 0) {
-        const double y = 1.0 - 2.0 * u, r = sqrt(fmax(0.0, 1.0 - y * y));
-        return vec3((float) (r * cos(2.0 * PELL_PI * v)), (float) y, (float) (r * sin(2.0 * PELL_PI * v)));
-    }
-    while (low < high) {
-        const int middle = (low + high) / 2;
-        if (k->rows[middle] > u)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    row = low;
-    before = row > 0 ? k->rows[row - 1] : 0.0;
-    t = fmin(fmax((u - before) / (k->rows[row] - before), 0.0), 1.0);
-    v *= 4294967296.0;
-    number = (uint64_t) v;
-    low = 0;
-    high = k->width - 1;
-    while (low < high) {
-        const int middle = (low + high) / 2;
-        if (k->columns[(size_t) row * (size_t) k->width + (size_t) middle] >= number)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    before = low > 0 ? (double) k->columns[(size_t) row * (size_t) k->width + (size_t) low - 1] + 1.0 : 0.0;
-    s = fmin(fmax((v - before) / ((double) k->columns[(size_t) row * (size_t) k->width + (size_t) low] + 1.0 - before), 0.0), 1.0);
-    cell_corners(k, low, row, f);
-    t = linear_sample(t, f[0] + f[1], f[2] + f[3]);
-    s = linear_sample(s, (1.0 - t) * f[0] + t * f[2], (1.0 - t) * f[1] + t * f[3]);
-    return pell_environment_direction(&k->env, (low + 0.5 + s) / k->width,
-                                      row_start(k, row) + t * (row_start(k, row + 1) - row_start(k, row)));
-}
-
-static double skies_density(const struct pell_light_sampler *e, struct pell_vec3 direction)
-{
-    double density = 0.0;
-
-    for (size_t i = 0; i < e->num_skies; i++)
-        density += e->environments[i].share * environment_density(&e->environments[i], direction);
-    return density;
-}
-
-static void skies_radiance(const struct pell_light_sampler *e, struct pell_vec3 direction, float rgb[3])
-{
-    memset(rgb, 0, 3 * sizeof(*rgb));
-    for (size_t i = 0; i < e->num_skies; i++) {
-        float one[3];
-        pell_environment_radiance(&e->environments[i].env, direction, one);
-        for (int c = 0; c < 3; c++)
-            rgb[c] += one[c];
-    }
-}
-
-static enum pell_result add_skies(struct pell_light_sampler *e, const struct pell_scene *scene)
-{
-    struct sampled_light *environment = &e->list[e->count];
-    double total = 0.0, upto = 0.0;
-
-    for (size_t i = 0; i < scene->num_lights; i++) {
-        struct environment *s = &e->environments[e->num_skies];
-        if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
-            continue;
-        e->num_skies++; /* finished also where it fails half-way */
-        pell_environment_aim(&s->env, &scene->lights[i]);
-        s->energy = 4.0 * PELL_PI * (double) pell_luminance(s->env.power);
-        if (s->env.image && s->energy > 0.0) {
-            const enum pell_result res = make_table(e->ctx, s);
-            if (res != PELL_OK)
-                return res;
-        }
-        total += s->energy;
-    }
-    if (!(total > 0.0)) {
-        for (size_t i = 0; i < e->num_skies; i++)
-            e->environments[i].share = 0.0;
-        return PELL_OK;
-    }
-    for (size_t i = 0; i < e->num_skies; i++) {
-        e->environments[i].share = e->environments[i].energy / total;
-        e->environments[i].upto = upto += e->environments[i].share;
-    }
-    environment->environment = true;
-    environment->power = 0.25 * total;
-    e->count++;
-    return PELL_OK;
-}
 
 /* --- Lights ---------------------------------------------------------------------------------------------------------------------- */
 
@@ -303,13 +93,14 @@ enum pell_result pell_light_sampler_create(struct pell_context *ctx, const struc
     e->reach = diagonal2 > 0.0 ? 0.5 * sqrt(diagonal2) : 1.0;
     e->soft2 = 1e-6 * e->reach * e->reach;
     e->list = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->list));
-    e->environments = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->environments));
-    if (!e->list || !e->environments)
+    if (!e->list)
         goto fail;
     for (size_t i = 0; i < scene->num_lights; i++)
         if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
             add_light(e, scene, &scene->lights[i]);
-    PELL_TRY(add_skies(e, scene));
+    PELL_TRY(pell_environment_sampler_make(ctx, scene, &e->environments));
+    if (e->environments.irradiance > 0.0)
+        e->list[e->count++] = (struct sampled_light) { .environment = true, .power = e->environments.irradiance };
     *out = e;
     return PELL_OK;
 
@@ -325,11 +116,7 @@ void pell_light_sampler_destroy(struct pell_light_sampler **light_sampler)
     if (!e)
         return;
     *light_sampler = NULL;
-    for (size_t i = 0; i < e->num_skies; i++) {
-        pell_free(e->ctx, e->environments[i].rows);
-        pell_free(e->ctx, e->environments[i].columns);
-    }
-    pell_free(e->ctx, e->environments);
+    pell_environment_sampler_finish(e->ctx, &e->environments);
     pell_free(e->ctx, e->list);
     pell_free(e->ctx, e);
 }
@@ -425,11 +212,8 @@ static void place_on(const struct pell_light_sampler *e, size_t index, double ch
     out->delta = is_delta(l);
     out->pdf = 1.0;
     if (l->environment) {
-        size_t k = 0;
-        while (k + 1 < e->num_skies && !(choice < e->environments[k].upto && e->environments[k].share > 0.0))
-            k++;
-        out->toward = environment_sample(&e->environments[k], u, v);
-        out->pdf = skies_density(e, out->toward);
+        out->toward = pell_environment_sampler_sample(&e->environments, choice, u, v);
+        out->pdf = pell_environment_sampler_density(&e->environments, out->toward);
         return;
     }
     if (out->away) {
@@ -467,7 +251,7 @@ bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, s
 static double place_density(const struct pell_light_sampler *e, const struct pell_light_sample *sample)
 {
     const struct sampled_light *l = &e->list[sample->source];
-    return l->environment ? skies_density(e, sample->toward) : is_delta(l) ? 1.0 : 1.0 / l->area;
+    return l->environment ? pell_environment_sampler_density(&e->environments, sample->toward) : is_delta(l) ? 1.0 : 1.0 / l->area;
 }
 
 double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const struct pell_light_sample *sample)
@@ -485,7 +269,7 @@ static void power_along(const struct pell_light_sampler *e, const struct pell_li
     double scale = 1.0;
 
     if (l->environment) {
-        skies_radiance(e, sample->toward, power);
+        pell_environment_sampler_radiance(&e->environments, sample->toward, power);
         return;
     }
     if (l->area > 0.0)
@@ -545,8 +329,9 @@ static double meets(const struct sampled_light *l, struct pell_vec3 x, struct pe
 }
 
 bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w,
-                            double reach, int k, struct pell_light_sample *sample, double *distance, float radiance[3], double *pdf)
+                            double reach, int k, struct pell_light_hit *hit)
 {
+    struct pell_light_sample *sample = &hit->sample;
     const struct sampled_light *list = light_sampler->list;
     double last = -1.0, nearest = INFINITY;
     size_t last_at = 0, at = 0;
@@ -579,9 +364,9 @@ bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, stru
         sample->at = dvec3_narrow(dvec3_mad(dvec3_widen(x), nearest, dvec3_widen(w)));
         sample->normal = list[at].source.direction;
     }
-    *distance = nearest;
-    power_along(light_sampler, sample, vec3_mul(w, -1.0f), x, radiance);
-    *pdf = sample->pdf = pell_light_sampler_pdf(light_sampler, near, sample);
+    hit->distance = nearest;
+    power_along(light_sampler, sample, vec3_mul(w, -1.0f), x, hit->radiance);
+    sample->pdf = pell_light_sampler_pdf(light_sampler, near, sample);
     return true;
 }
 
@@ -619,20 +404,6 @@ static struct grid grid_of(const struct sampled_light *l, struct pell_vec3 centr
     return grid;
 }
 
-static double grid_density(const struct grid *grid, struct pell_vec3 direction)
-{
-    const struct pell_dvec3 w = dvec3_widen(direction);
-    const double cosine = dvec3_dot(grid->axis, w), limit = 1.0 - grid->versed;
-    const struct pell_dvec3 off = dvec3_mad(w, -cosine, grid->axis);
-
-    if (grid->cosine)
-        return fmax(cosine, 0.0) / PELL_PI;
-    /* by the sine, which small angles keep; directions are floats */
-    if (limit > 0.0 ? cosine <= 0.0 || dvec3_dot(off, off) > (1.0 - limit * limit) * (1.0 + 1e-5) : cosine < limit - 1e-6)
-        return 0.0;
-    return 1.0 / (2.0 * PELL_PI * grid->versed);
-}
-
 static struct pell_vec3 grid_sample(const struct grid *grid, double u, double v)
 {
     const double versed = grid->cosine ? 1.0 - sqrt(1.0 - u) : u * grid->versed, c = 1.0 - versed,
@@ -645,9 +416,9 @@ static struct pell_vec3 grid_sample(const struct grid *grid, double u, double v)
 }
 
 bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius, const double u[5],
-                             struct pell_light_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
-                             double *pdf)
+                             struct pell_light_ray *out)
 {
+    struct pell_light_sample *sample = &out->sample;
     const struct sampled_light *l;
     double choice = u[0], share;
     float power[3];
@@ -658,7 +429,7 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
     i = choose(light_sampler, centre, radius * radius, &choice, &share);
     l = &light_sampler->list[i];
     place_on(light_sampler, i, choice, u[1], u[2], sample);
-    *pdf = sample->pdf;
+    out->pdf = sample->pdf;
     sample->pdf *= share;
     if (sample->away) {
         const double r = radius * sqrt(u[3]);
@@ -667,37 +438,21 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
         const double back = radius + light_sampler->reach + sqrt(dvec3_dot(off, off));
         struct pell_vec3 t, b;
         vec3_basis(sample->toward, &t, &b);
-        *direction = vec3_mul(sample->toward, -1.0f);
+        out->direction = vec3_mul(sample->toward, -1.0f);
         const struct pell_dvec3 aside = dvec3_mad(dvec3_widen(centre), r * cos(2.0 * PELL_PI * u[4]), dvec3_widen(t));
-        *origin =
+        out->origin =
             dvec3_narrow(dvec3_mad(dvec3_mad(aside, r * sin(2.0 * PELL_PI * u[4]), dvec3_widen(b)), back, dvec3_widen(sample->toward)));
-        *pdf /= PELL_PI * radius * radius;
+        out->pdf /= PELL_PI * radius * radius;
     } else {
         const struct grid grid = grid_of(l, centre, radius, sample->at);
-        *direction = grid_sample(&grid, u[3], u[4]);
-        *origin = sample->at;
-        *pdf *= grid.cosine ? grid_density(&grid, *direction) : 1.0 / (2.0 * PELL_PI * grid.versed);
+        out->direction = grid_sample(&grid, u[3], u[4]);
+        out->origin = sample->at;
+        out->pdf *=
+            grid.cosine ? fmax(dvec3_dot(grid.axis, dvec3_widen(out->direction)), 0.0) / PELL_PI : 1.0 / (2.0 * PELL_PI * grid.versed);
     }
-    *pdf *= share;
-    power_along(light_sampler, sample, *direction, *origin, power);
+    out->pdf *= share;
+    power_along(light_sampler, sample, out->direction, out->origin, power);
     for (int c = 0; c < 3; c++)
-        weight[c] = (double) power[c] * (l->area > 0.0 ? (double) vec3_dot(sample->normal, *direction) : 1.0) / *pdf;
-    return *pdf > 0.0 && weight[0] + weight[1] + weight[2] > 0.0;
-}
-
-double pell_light_sampler_emit_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius,
-                                   const struct pell_light_sample *sample, struct pell_vec3 direction, struct pell_vec3 target)
-{
-    const struct sampled_light *l = &light_sampler->list[sample->source];
-    const double share = chance(light_sampler, sample->source, centre, radius * radius), place = place_density(light_sampler, sample);
-    struct pell_dvec3 d;
-    struct grid grid;
-
-    if (!sample->away) {
-        grid = grid_of(l, centre, radius, sample->at);
-        return share * place * grid_density(&grid, direction);
-    }
-    d = dvec3_between(target, centre);
-    d = dvec3_mad(d, -dvec3_dot(d, dvec3_widen(sample->toward)), dvec3_widen(sample->toward));
-    return dvec3_dot(d, d) <= radius * radius * (1.0 + 1e-6) ? share * place / (PELL_PI * radius * radius) : 0.0;
+        out->weight[c] = (double) power[c] * (l->area > 0.0 ? (double) vec3_dot(sample->normal, out->direction) : 1.0) / out->pdf;
+    return out->pdf > 0.0 && out->weight[0] + out->weight[1] + out->weight[2] > 0.0;
 }

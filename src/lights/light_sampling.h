@@ -51,25 +51,33 @@ double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, st
 void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler, const struct pell_light_sample *sample,
                                  struct pell_vec3 target, float power[3]);
 
+/* What a ray sees of a light. */
+struct pell_light_hit {
+    struct pell_light_sample sample; /* the place; pdf: with which pell_light_sampler_sample(near) finds it */
+    double distance;                 /* mm; INFINITY: the environment */
+    float radiance[3];
+};
+
 /* What the ray from `x` along the unit direction `w` sees where nothing is in the way up to `reach` mm (INFINITY: to the environment):
  * the rects and discs whose fronts it meets, nearest first, then the environment; each by its number `k` from 0. All of them count, for
- * lights hide nothing: ask k = 0, 1, ... until false. *pdf: density with which pell_light_sampler_sample(near) finds that place, in the
- * sample's measure; *distance mm, INFINITY for the environment. */
+ * lights hide nothing: ask k = 0, 1, ... until false. */
 bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, struct pell_vec3 x, struct pell_vec3 w,
-                            double reach, int k, struct pell_light_sample *sample, double *distance, float radiance[3], double *pdf);
+                            double reach, int k, struct pell_light_hit *hit);
 
-/* A ray of light into the sphere about `centre`, for paths that begin at lights. `u`: five numbers. `weight`: what the light sends along
- * the ray over the density of the ray, W x 1e6 (mm^2 W/m^2): the mean over rays of weight is the flux into the sphere, or more where a ray
- * may miss it. *pdf: that density; per sr (point, spot), per mm^2 (directional), per mm^2 sr (others), with the choice of the light. False:
- * no ray this time, which counts as one of weight 0. The origin of rays from afar is outside of the scene. What comes with the first
- * surface on the way is not in the weight yet: multiply by pell_light_sampler_range. */
+/* A ray of light. */
+struct pell_light_ray {
+    struct pell_light_sample sample; /* where it sets out */
+    struct pell_vec3 origin, direction;
+    double weight[3]; /* what the light sends along it over its density, W x 1e6 (mm^2 W/m^2) */
+    double pdf;       /* per sr (point, spot), per mm^2 (directional), per mm^2 sr (others), with the choice of the light */
+};
+
+/* A ray of light into the sphere about `centre`, for paths that begin at lights. `u`: five numbers. The mean over rays of weight is the
+ * flux into the sphere, or more where a ray may miss it. False: no ray this time, which counts as one of weight 0. The origin of rays from
+ * afar is outside of the scene. What comes with the first surface on the way is not in the weight yet: multiply by
+ * pell_light_sampler_range. */
 bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius, const double u[5],
-                             struct pell_light_sample *sample, struct pell_vec3 *origin, struct pell_vec3 *direction, double weight[3],
-                             double *pdf);
-/* The density with which pell_light_sampler_emit gives the ray along the unit `direction` from the place of `sample` (away: towards
- * `target`), 0 where it doesn't. */
-double pell_light_sampler_emit_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 centre, double radius,
-                                   const struct pell_light_sample *sample, struct pell_vec3 direction, struct pell_vec3 target);
+                             struct pell_light_ray *out);
 /* What a light's range leaves of its light at `distance` mm, [0, 1]; 1 for lights without. */
 double pell_light_sampler_range(const struct pell_light_sampler *light_sampler, int source, double distance);
 

@@ -96,9 +96,9 @@ static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, s
     out[0] = out[1] = out[2] = 0.0;
     for (int i = 0; i < samples; i++) {
         struct pell_light_sample s;
+        struct pell_light_hit hit;
         struct pell_vec3 w;
-        double u[5], one[3], density, distance, pdf, r, c;
-        float radiance[3];
+        double u[5], one[3], density, r, c;
 
         if (pell_light_sampler_count(e) > 1)
             random_numbers(5, i, u);
@@ -117,12 +117,12 @@ static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, s
         c = sqrt(1.0 - u[3]);
         w = vec3_add(vec3_mul(n, (float) c),
                      vec3_add(vec3_mul(t, (float) (r * cos(2.0 * PELL_PI * u[4]))), vec3_mul(b, (float) (r * sin(2.0 * PELL_PI * u[4])))));
-        for (int k = 0; pell_light_sampler_hit(e, p, p, w, INFINITY, k, &s, &distance, radiance, &pdf); k++) {
-            const double facing = s.away ? 1.0 : -(double) vec3_dot(w, s.normal);
-            density = s.away ? pdf : pdf * distance * distance / facing;
-            assert_true(s.pdf == pdf && !s.delta);
+        for (int k = 0; pell_light_sampler_hit(e, p, p, w, INFINITY, k, &hit); k++) {
+            const double facing = hit.sample.away ? 1.0 : -(double) vec3_dot(w, hit.sample.normal);
+            density = hit.sample.pdf * (hit.sample.away ? 1.0 : hit.distance * hit.distance / facing);
+            assert_false(hit.sample.delta);
             for (int j = 0; j < 3; j++)
-                out[j] += PELL_PI * (double) radiance[j] * (way == 2 ? c / PELL_PI / (c / PELL_PI + density) : 1.0);
+                out[j] += PELL_PI * (double) hit.radiance[j] * (way == 2 ? c / PELL_PI / (c / PELL_PI + density) : 1.0);
         }
     }
     for (int c = 0; c < 3; c++)
@@ -331,17 +331,16 @@ static void an_environment_is_sampled_by_its_density(void **state)
             const double height = 1.0 - 2.0 * (y + 0.5) / 400, azimuth = 2.0 * PELL_PI * (x + 0.5) / 800,
                          ring = sqrt(1.0 - height * height);
             const struct pell_vec3 w = vec3((float) (ring * sin(azimuth)), (float) height, (float) (-ring * cos(azimuth)));
-            struct pell_light_sample s;
-            double distance, pdf;
-            float radiance[3];
-            assert_true(pell_light_sampler_hit(e, p, p, w, INFINITY, 0, &s, &distance, radiance, &pdf));
-            assert_false(pell_light_sampler_hit(e, p, p, w, INFINITY, 1, &s, &distance, radiance, &pdf));
-            assert_true(s.away && distance == INFINITY);
+            struct pell_light_hit hit;
+            assert_true(pell_light_sampler_hit(e, p, p, w, INFINITY, 0, &hit));
+            assert_false(pell_light_sampler_hit(e, p, p, w, INFINITY, 1, &hit));
+            assert_true(hit.sample.away && hit.distance == INFINITY);
+            const double pdf = hit.sample.pdf;
             share[y * ROWS / 400][x * COLUMNS / 800] += pdf * 4.0 * PELL_PI / (400 * 800);
             total += pdf * 4.0 * PELL_PI / (400 * 800);
             if (pdf > 0.0) {
-                ratio_low = fmin(ratio_low, (double) pell_luminance(radiance) / pdf);
-                ratio_high = fmax(ratio_high, (double) pell_luminance(radiance) / pdf);
+                ratio_low = fmin(ratio_low, (double) pell_luminance(hit.radiance) / pdf);
+                ratio_high = fmax(ratio_high, (double) pell_luminance(hit.radiance) / pdf);
             }
         }
     print_message("# density over the sphere: %.6f; radiance over density from %.4g to %.4g\n", total, ratio_low, ratio_high);
@@ -376,9 +375,7 @@ static void lights_hide_nothing(void **state)
     const struct pell_vec3 p = vec3(0, 0, 0), up = vec3(0, 0, 1);
     struct rig r;
     struct pell_light_sampler *e;
-    struct pell_light_sample s;
-    double distance, pdf;
-    float radiance[3];
+    struct pell_light_hit hit;
 
     (void) state;
     rig_start(&r, 4, 4);
@@ -388,21 +385,88 @@ static void lights_hide_nothing(void **state)
     rig_light(&r, PELL_LIGHT_ENVIRONMENT, p, up, 0.5f);
     e = light_sampler_of(&r);
     for (int k = 0; k < 3; k++) {
-        assert_true(pell_light_sampler_hit(e, p, p, up, INFINITY, k, &s, &distance, radiance, &pdf));
-        assert_true(distance == (k == 0 ? 10.0 : k == 1 ? 20.0 : INFINITY));
-        REQUIRE_REL(radiance[0], k == 0 ? 3.0 : k == 1 ? 2.0 : 0.5, 1e-6);
+        assert_true(pell_light_sampler_hit(e, p, p, up, INFINITY, k, &hit));
+        assert_true(hit.distance == (k == 0 ? 10.0 : k == 1 ? 20.0 : INFINITY));
+        REQUIRE_REL(hit.radiance[0], k == 0 ? 3.0 : k == 1 ? 2.0 : 0.5, 1e-6);
     }
-    assert_false(pell_light_sampler_hit(e, p, p, up, INFINITY, 3, &s, &distance, radiance, &pdf));
-    assert_true(pell_light_sampler_hit(e, p, p, up, 12.0, 0, &s, &distance, radiance, &pdf));
-    assert_false(pell_light_sampler_hit(e, p, p, up, 12.0, 1, &s, &distance, radiance, &pdf));
-    assert_false(pell_light_sampler_hit(e, p, p, up, 9.0, 0, &s, &distance, radiance, &pdf));
-    assert_true(pell_light_sampler_hit(e, p, vec3(0, 0, 30), vec3(0, 0, -1), INFINITY, 0, &s, &distance, radiance, &pdf));
-    assert_true(s.away); /* both backs */
+    assert_false(pell_light_sampler_hit(e, p, p, up, INFINITY, 3, &hit));
+    assert_true(pell_light_sampler_hit(e, p, p, up, 12.0, 0, &hit));
+    assert_false(pell_light_sampler_hit(e, p, p, up, 12.0, 1, &hit));
+    assert_false(pell_light_sampler_hit(e, p, p, up, 9.0, 0, &hit));
+    assert_true(pell_light_sampler_hit(e, p, vec3(0, 0, 30), vec3(0, 0, -1), INFINITY, 0, &hit));
+    assert_true(hit.sample.away); /* both backs */
     pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }
 
 /* --- Light that sets out ----------------------------------------------------------------------------------------------------------- */
+
+/* pi r^2 times the integral of the picture over the sphere, here by the look-up itself. */
+static double environment_flux(struct rig *r, struct pell_vec3 centre)
+{
+    struct pell_light_sampler *e = light_sampler_of(r);
+    double sum = 0.0;
+
+    for (int i = 0; i < 200000; i++) {
+        struct pell_light_hit hit;
+        double u[2];
+        even(2, i, 0.0, u);
+        const double y = 1.0 - 2.0 * u[0], ring = sqrt(1.0 - y * y), azimuth = 2.0 * PELL_PI * u[1];
+        const struct pell_vec3 w = vec3((float) (ring * cos(azimuth)), (float) y, (float) (ring * sin(azimuth)));
+        assert_true(pell_light_sampler_hit(e, centre, centre, w, INFINITY, 0, &hit));
+        sum += (double) hit.radiance[0] * 4.0 * PELL_PI / 200000.0 * PELL_PI * 36.0;
+    }
+    pell_light_sampler_destroy(&e);
+    return sum;
+}
+
+/* Adds a light of a kind, and returns its flux into the sphere of radius 6 mm about `centre`, by a closed form where there is one. */
+static double add_light_of_known_flux(struct rig *r, int kind, struct pell_vec3 centre)
+{
+    struct pell_light *l;
+    double expected = 0.0;
+
+    switch (kind) {
+    case 0: /* I Omega */
+        rig_light(r, PELL_LIGHT_POINT, vec3(1, 2, 13), centre, 2.0f);
+        expected = 2e6 * 2.0 * PELL_PI * (1.0 - 0.8);
+        break;
+    case 1: /* inside: all of it */
+        rig_light(r, PELL_LIGHT_POINT, vec3(1, 2, 4), centre, 2.0f);
+        expected = 2e6 * 4.0 * PELL_PI;
+        break;
+    case 2: /* a cone narrower than the sphere; s^2 between has a third of its width */
+    case 3:
+        l = rig_light(r, PELL_LIGHT_SPOT, vec3(1, 2, 13), centre, 2.0f);
+        l->cos_inner = kind == 2 ? 0.98f : 0.75f; /* and one wider: all in the sphere is full */
+        l->cos_outer = kind == 2 ? 0.95f : 0.5f;
+        expected = kind == 2 ? 2e6 * 2.0 * PELL_PI * (0.02 + 0.03 / 3.0) : 2e6 * 2.0 * PELL_PI * 0.2;
+        break;
+    case 4:
+        rig_light(r, PELL_LIGHT_DIRECTIONAL, vec3(5, 5, 5), centre, 2.0f);
+        expected = 2.0 * PELL_PI * 36.0;
+        break;
+    case 5: /* pi r^2 L Omega, Omega = 4 asin(ab / sqrt((a^2 + h^2)(b^2 + h^2))) of a rectangle 2a x 2b */
+        l = rig_light(r, PELL_LIGHT_RECT, vec3(1, 2, 23), centre, 2.0f);
+        l->width = 10.0f;
+        l->height = 20.0f;
+        expected = PELL_PI * 36.0 * 2.0 * 4.0 * asin(5.0 * 10.0 / sqrt((25.0 + 400.0) * (100.0 + 400.0)));
+        break;
+    case 6: /* near: by cosine, and many miss */
+        l = rig_light(r, PELL_LIGHT_DISC, vec3(1, 2, 10), centre, 2.0f);
+        l->radius = 5.0f;
+        expected = PELL_PI * 36.0 * 2.0 * 2.0 * PELL_PI * (1.0 - 7.0 / sqrt(25.0 + 49.0));
+        break;
+    case 7:
+        rig_light(r, PELL_LIGHT_ENVIRONMENT, centre, vec3(0, 0, 0), 2.0f);
+        expected = 4.0 * PELL_PI * PELL_PI * 36.0 * 2.0;
+        break;
+    default:
+        rig_light(r, PELL_LIGHT_ENVIRONMENT, centre, vec3(0, 0, 0), 2.0f)->image = environment_picture(r);
+        expected = environment_flux(r, centre);
+    }
+    return expected;
+}
 
 static void rays_of_lights_carry_the_flux(void **state)
 {
@@ -413,91 +477,33 @@ static void rays_of_lights_carry_the_flux(void **state)
     for (int kind = 0; kind < 9; kind++) {
         struct rig r;
         struct pell_light_sampler *e;
-        struct pell_light *l;
-        double expected = 0.0, sum[3] = { 0 };
+        double expected, sum[3] = { 0 };
         int missed = 0;
 
         rig_start(&r, 4, 4);
         rig_sphere(&r, rig_material(&r, true), 0, centre, 6.0f, 12);
-        switch (kind) {
-        case 0: /* I Omega */
-            rig_light(&r, PELL_LIGHT_POINT, vec3(1, 2, 13), centre, 2.0f);
-            expected = 2e6 * 2.0 * PELL_PI * (1.0 - 0.8);
-            break;
-        case 1: /* inside: all of it */
-            rig_light(&r, PELL_LIGHT_POINT, vec3(1, 2, 4), centre, 2.0f);
-            expected = 2e6 * 4.0 * PELL_PI;
-            break;
-        case 2: /* a cone narrower than the sphere; s^2 between has a third of its width */
-        case 3:
-            l = rig_light(&r, PELL_LIGHT_SPOT, vec3(1, 2, 13), centre, 2.0f);
-            l->cos_inner = kind == 2 ? 0.98f : 0.75f; /* and one wider: all in the sphere is full */
-            l->cos_outer = kind == 2 ? 0.95f : 0.5f;
-            expected = kind == 2 ? 2e6 * 2.0 * PELL_PI * (0.02 + 0.03 / 3.0) : 2e6 * 2.0 * PELL_PI * 0.2;
-            break;
-        case 4:
-            rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(5, 5, 5), centre, 2.0f);
-            expected = 2.0 * PELL_PI * 36.0;
-            break;
-        case 5: /* pi r^2 L Omega, Omega = 4 asin(ab / sqrt((a^2 + h^2)(b^2 + h^2))) of a rectangle 2a x 2b */
-            l = rig_light(&r, PELL_LIGHT_RECT, vec3(1, 2, 23), centre, 2.0f);
-            l->width = 10.0f;
-            l->height = 20.0f;
-            expected = PELL_PI * 36.0 * 2.0 * 4.0 * asin(5.0 * 10.0 / sqrt((25.0 + 400.0) * (100.0 + 400.0)));
-            break;
-        case 6: /* near: by cosine, and many miss */
-            l = rig_light(&r, PELL_LIGHT_DISC, vec3(1, 2, 10), centre, 2.0f);
-            l->radius = 5.0f;
-            expected = PELL_PI * 36.0 * 2.0 * 2.0 * PELL_PI * (1.0 - 7.0 / sqrt(25.0 + 49.0));
-            break;
-        case 7:
-            rig_light(&r, PELL_LIGHT_ENVIRONMENT, centre, vec3(0, 0, 0), 2.0f);
-            expected = 4.0 * PELL_PI * PELL_PI * 36.0 * 2.0;
-            break;
-        default: { /* pi r^2 times the integral of the picture over the sphere, here by the look-up itself */
-            struct pell_light_sample s;
-            double distance, pdf;
-            float radiance[3];
-            l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, centre, vec3(0, 0, 0), 2.0f);
-            l->image = environment_picture(&r);
-            e = light_sampler_of(&r);
-            for (int i = 0; i < 200000; i++) {
-                double u[2];
-                even(2, i, 0.0, u);
-                const double y = 1.0 - 2.0 * u[0], ring = sqrt(1.0 - y * y);
-                assert_true(pell_light_sampler_hit(
-                    e, centre, centre,
-                    vec3((float) (ring * cos(6.283185307179586 * u[1])), (float) y, (float) (ring * sin(6.283185307179586 * u[1]))),
-                    INFINITY, 0, &s, &distance, radiance, &pdf));
-                expected += (double) radiance[0] * 4.0 * PELL_PI / 200000.0 * PELL_PI * 36.0;
-            }
-            pell_light_sampler_destroy(&e);
-        }
-        }
+        expected = add_light_of_known_flux(&r, kind, centre);
         e = light_sampler_of(&r);
         for (int i = 0; i < SAMPLES; i++) {
-            struct pell_light_sample s;
-            struct pell_vec3 origin, direction, off;
-            double u[5], weight[3], pdf, along;
+            struct pell_light_ray ray;
+            struct pell_vec3 off;
+            double u[5], along;
             even(5, i, 0.7, u);
-            if (!pell_light_sampler_emit(e, centre, radius, u, &s, &origin, &direction, weight, &pdf))
+            if (!pell_light_sampler_emit(e, centre, radius, u, &ray))
                 continue;
-            REQUIRE_NEAR((double) vec3_length(direction), 1.0, 1e-5);
-            REQUIRE(pdf > 0.0 && isfinite(pdf));
-            off = vec3_sub(centre, origin);
-            along = (double) vec3_dot(off, direction);
-            off = vec3_mad(off, (float) -along, direction);
+            REQUIRE_NEAR((double) vec3_length(ray.direction), 1.0, 1e-5);
+            REQUIRE(ray.pdf > 0.0 && isfinite(ray.pdf));
+            off = vec3_sub(centre, ray.origin);
+            along = (double) vec3_dot(off, ray.direction);
+            off = vec3_mad(off, (float) -along, ray.direction);
             if ((kind != 1 && along < 0.0) || (double) vec3_length(off) > radius * 1.001) {
                 missed++;
                 continue;
             }
-            if (i % 16 == 0)
-                REQUIRE_REL(pell_light_sampler_emit_pdf(e, centre, radius, &s, direction, vec3_mad(origin, (float) along, direction)), pdf,
-                            2e-3);
-            if (s.away)
+            if (ray.sample.away)
                 REQUIRE(along > 2.0 * radius);
             for (int c = 0; c < 3; c++)
-                sum[c] += weight[c] / SAMPLES;
+                sum[c] += ray.weight[c] / SAMPLES;
         }
         print_message("# lamp %d: %.6f of the flux; %d of %d rays missed\n", kind, sum[0] / expected, missed, SAMPLES);
         REQUIRE_REL(sum[0], expected, kind == 6 ? 0.01 : 4e-3);
@@ -519,8 +525,9 @@ static void nothing_shines_and_nothing_breaks(void **state)
     struct pell_light_sampler *e;
     struct pell_light *l;
     struct pell_light_sample s;
-    struct pell_vec3 origin, direction;
-    double u[5] = { 0.5, 0.5, 0.5, 0.5, 0.5 }, weight[3], pdf, distance;
+    struct pell_light_hit hit;
+    struct pell_light_ray ray;
+    double u[5] = { 0.5, 0.5, 0.5, 0.5, 0.5 };
     float power[3];
 
     (void) state;
@@ -528,8 +535,8 @@ static void nothing_shines_and_nothing_breaks(void **state)
     e = light_sampler_of(&r);
     assert_int_equal(pell_light_sampler_count(e), 0);
     assert_false(pell_light_sampler_sample(e, vec3(0, 0, 0), u, &s));
-    assert_false(pell_light_sampler_hit(e, vec3(0, 0, 0), vec3(0, 0, 0), vec3(0, 0, 1), INFINITY, 0, &s, &distance, power, &pdf));
-    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), 1.0, u, &s, &origin, &direction, weight, &pdf));
+    assert_false(pell_light_sampler_hit(e, vec3(0, 0, 0), vec3(0, 0, 0), vec3(0, 0, 1), INFINITY, 0, &hit));
+    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), 1.0, u, &ray));
     pell_light_sampler_destroy(&e);
     pell_light_sampler_destroy(&e);
 
@@ -577,14 +584,15 @@ static void nothing_shines_and_nothing_breaks(void **state)
                     REQUIRE(power[c] >= 0.0f && !isnan(power[c]));
             }
             if (s.away)
-                for (int k = 0; pell_light_sampler_hit(e, at[1], at[2], s.toward, INFINITY, k, &s, &distance, power, &pdf); k++)
-                    REQUIRE(pdf >= 0.0 && power[0] >= 0.0f && !isnan(power[0]));
+                for (int k = 0; pell_light_sampler_hit(e, at[1], at[2], s.toward, INFINITY, k, &hit); k++)
+                    REQUIRE(hit.sample.pdf >= 0.0 && hit.radiance[0] >= 0.0f && !isnan(hit.radiance[0]));
         }
-        if (pell_light_sampler_emit(e, at[i % 4], i % 3 ? 1e-3 : 100.0, u, &s, &origin, &direction, weight, &pdf))
-            REQUIRE(pdf > 0.0 && weight[0] >= 0.0 && weight[1] >= 0.0 && weight[2] >= 0.0 && !isnan(weight[0] + weight[1] + weight[2]));
+        if (pell_light_sampler_emit(e, at[i % 4], i % 3 ? 1e-3 : 100.0, u, &ray))
+            REQUIRE(ray.pdf > 0.0 && ray.weight[0] >= 0.0 && ray.weight[1] >= 0.0 && ray.weight[2] >= 0.0 &&
+                    !isnan(ray.weight[0] + ray.weight[1] + ray.weight[2]));
     }
-    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), 0.0, u, &s, &origin, &direction, weight, &pdf));
-    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), (double) NAN, u, &s, &origin, &direction, weight, &pdf));
+    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), 0.0, u, &ray));
+    assert_false(pell_light_sampler_emit(e, vec3(0, 0, 0), (double) NAN, u, &ray));
     pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }

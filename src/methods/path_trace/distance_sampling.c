@@ -6,8 +6,8 @@
 #include "methods/path_trace/path.h"
 
 /* A flight that ended by chance at `length`: does a surface come first? */
-static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
-                    struct pell_vec3 w, float length, float *safe, struct pt_hit *hit)
+static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float length, float *safe,
+                    struct pt_hit *hit)
 {
     if (length < *safe) {
         counts->steps_without_ray++;
@@ -15,7 +15,7 @@ static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int soli
         return false;
     }
     if (s->solid[solid].grid) {
-        const float bound = pell_distance_bound(s->distance, solid, x);
+        const float bound = pell_distance_bound(s->distance, solid, ray->x);
         if (length < bound) {
             counts->steps_without_ray++;
             *safe = bound - length;
@@ -23,7 +23,7 @@ static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int soli
         }
     }
     *safe = 0.0f;
-    return pt_intersect(s, counts, from, w, length, PELL_RAY_ALL, hit);
+    return pt_intersect(s, counts, ray->from, ray->w, length, PELL_RAY_ALL, hit);
 }
 
 bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin)
@@ -74,8 +74,8 @@ static void collide(const struct pt_coefficients *m, float length, float beta[3]
         beta[c] = density > 0.0f ? beta[c] * m->sigma_s[c] * t[c] * (sum / density) : 0.0f;
 }
 
-static void sample_homogeneous(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
-                               struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
+static void sample_homogeneous(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3],
+                               float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
     const struct pt_solid *b = &s->solid[solid];
     const struct pt_coefficients *m = &b->medium.layer[0];
@@ -88,7 +88,7 @@ static void sample_homogeneous(const struct pt_scene *s, struct pt_counts *count
         length = INFINITY;
         *safe = 0.0f;
     }
-    out->met = stopped(s, counts, solid, x, from, w, length, safe, &out->hit);
+    out->met = stopped(s, counts, solid, ray, length, safe, &out->hit);
     if (out->met) {
         out->length = out->hit.t;
         out->x = out->hit.p;
@@ -96,11 +96,11 @@ static void sample_homogeneous(const struct pt_scene *s, struct pt_counts *count
         return;
     }
     out->length = length;
-    out->x = vec3_mad(x, length, w);
+    out->x = vec3_mad(ray->x, length, ray->w);
     if (length == INFINITY || pt_outside(b, out->x, 4.0f * s->unit)) {
         out->lost = true;
-        out->length = pt_outside(b, x, 0.0f) ? 0.0f : pt_exit_distance(b, x, w);
-        out->x = vec3_mad(x, out->length, w);
+        out->length = pt_outside(b, ray->x, 0.0f) ? 0.0f : pt_exit_distance(b, ray->x, ray->w);
+        out->x = vec3_mad(ray->x, out->length, ray->w);
         pt_attenuate(m, out->length, beta);
         return;
     }
@@ -165,41 +165,42 @@ static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, 
 }
 
 /* Flights between collisions, real ones or not. One ray finds the surface, as far as it was asked for. */
-static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
-                          struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
+static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3],
+                          float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
+    struct pt_ray r = *ray;
     const struct pt_solid *b = &s->solid[solid];
     const float most = fmaxf(b->medium.largest[0], fmaxf(b->medium.largest[1], b->medium.largest[2]));
     float length = 0.0f;
 
     for (;;) {
-        const float free = room(s, solid, x), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        const float free = room(s, solid, r.x), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
         const float step = fminf(chance, free);
         float sum = 0.0f, real = 0.0f, p;
         if (free == 0.0f) {
-            absorb(&b->medium, x, length, beta, out);
+            absorb(&b->medium, r.x, length, beta, out);
             return;
         }
-        out->met = stopped(s, counts, solid, x, from, w, step < 1e30f ? step : INFINITY, safe, &out->hit);
+        out->met = stopped(s, counts, solid, &r, step < 1e30f ? step : INFINITY, safe, &out->hit);
         if (out->met) {
             out->length = length + out->hit.t;
             out->x = out->hit.p;
             return;
         }
-        out->x = vec3_mad(x, step, w);
+        out->x = vec3_mad(r.x, step, r.w);
         out->length = length + step;
         if (!(step < 1e30f) || pt_outside(b, out->x, 4.0f * s->unit)) {
             out->lost = true;
-            out->x = vec3_mad(x, pt_outside(b, x, 0.0f) ? 0.0f : pt_exit_distance(b, x, w), w);
+            out->x = vec3_mad(r.x, pt_outside(b, r.x, 0.0f) ? 0.0f : pt_exit_distance(b, r.x, r.w), r.w);
             return;
         }
         length += step;
-        x = from = out->x;
+        r.x = r.from = out->x;
         if (free < chance) /* what is left of the flight is as long as a new one */
             continue;
-        out->medium = layer_at(s, solid, x);
+        out->medium = layer_at(s, solid, r.x);
         if (!out->medium) {
-            absorb(&b->medium, x, length, beta, out);
+            absorb(&b->medium, r.x, length, beta, out);
             return;
         }
         for (int c = 0; c < 3; c++) {
@@ -217,14 +218,14 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
     }
 }
 
-void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
-                        struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
+void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
+                        struct pt_sampler *sampler, struct pt_free_path *out)
 {
     out->met = out->lost = false;
     if (s->solid[solid].medium.homogeneous)
-        sample_homogeneous(s, counts, solid, x, from, w, beta, safe, sampler, out);
+        sample_homogeneous(s, counts, solid, ray, beta, safe, sampler, out);
     else
-        sample_layers(s, counts, solid, x, from, w, beta, safe, sampler, out);
+        sample_layers(s, counts, solid, ray, beta, safe, sampler, out);
 }
 
 /* Layers: ratio tracking (Novak et al. 2014, "Residual Ratio Tracking for Estimating Attenuation in Participating Media"). */

@@ -18,35 +18,32 @@
 #define LIGHT_LEAST 1e-2 /* share of the weight below which paths go on by chance */
 #define JOIN_SHARE 1e-2  /* joins of less than this times the typical radiance are made by chance */
 
-static void scattered(struct pt_walker *w, const struct pt_scatterer *at, float length, const float power[3], int solid)
+static void scattered(struct pt_walker *w, const struct pt_scatterer *at, const float power[3], float length, int solid)
 {
     struct pt_light_vertex *v;
 
     if (w->vertices >= PT_LIGHT_VERTICES)
         return;
     v = &w->vertex[w->vertices++];
-    v->at = *at;
-    v->length = length;
-    v->solid = solid;
-    for (int c = 0; c < 3; c++)
-        v->power[c] = power[c];
+    *v = (struct pt_light_vertex) { *at, length, solid };
+    memcpy(v->at.beta, power, sizeof(v->at.beta));
 }
 
 /* Passes or reflects at a smooth surface. False: the path ends. */
 static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct pt_medium_stack *place, struct pt_sampler *sampler,
-                    struct pell_vec3 *x, struct pell_vec3 *from, struct pell_vec3 *w, float power[3], bool *refracted)
+                    struct pt_ray *ray, float power[3], bool *refracted)
 {
-    const bool enter = vec3_dot(*w, hit->ng) < 0.0f;
+    const bool enter = vec3_dot(ray->w, hit->ng) < 0.0f;
     const float side = enter ? 1.0f : -1.0f;
-    struct pt_shading_frame at = { vec3_mul(*w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), enter ? 0 : 1 };
+    struct pt_shading_frame at = { vec3_mul(ray->w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), enter ? 0 : 1 };
     struct pt_medium_stack before, after;
     float eta, fresnel, in, out, ratio;
     bool wrong;
 
     *refracted = false;
     if (!pt_cross(s, place, hit->solid, enter, &before, &after)) {
-        *x = hit->p;
-        *from = pt_leave(hit, *w);
+        ray->x = hit->p;
+        ray->from = pt_leave(hit, ray->w);
         return true;
     }
     eta = pt_index(s, pt_top(&after)) / pt_index(s, pt_top(&before));
@@ -55,89 +52,76 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct p
     if (!(vec3_dot(at.o, at.ns) > 0.0f))
         at.ns = at.ng;
     in = vec3_dot(at.o, at.ns) / vec3_dot(at.o, at.ng);
-    *refracted = pt_smooth(&at, eta, pt_random(sampler), w, &fresnel, &wrong);
+    *refracted = pt_smooth(&at, eta, pt_random(sampler), &ray->w, &fresnel, &wrong);
     if (wrong)
         return false;
-    out = fabsf(vec3_dot(*w, at.ng)) / fmaxf(fabsf(vec3_dot(*w, at.ns)), 1e-6f);
+    out = fabsf(vec3_dot(ray->w, at.ng)) / fmaxf(fabsf(vec3_dot(ray->w, at.ns)), 1e-6f);
     ratio = in * out;
     for (int c = 0; c < 3; c++)
         power[c] *= ratio;
     *place = *refracted ? after : before;
-    *x = hit->p;
-    *from = pt_leave(hit, *w);
-    return true;
-}
-
-static bool survives(float power[3], float start, struct pt_sampler *sampler)
-{
-    const float now = fmaxf(power[0], fmaxf(power[1], power[2])), least = (float) LIGHT_LEAST * start;
-
-    if (!(now > 0.0f))
-        return false;
-    if (now >= least)
-        return true;
-    if (pt_random(sampler) * least >= now)
-        return false;
-    for (int c = 0; c < 3; c++)
-        power[c] *= least / now;
+    ray->x = hit->p;
+    ray->from = pt_leave(hit, ray->w);
     return true;
 }
 
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler)
 {
     struct pt_medium_stack place = { 0 };
-    struct pell_light_sample source;
-    struct pell_vec3 x, from, dir;
-    double u[5], weight[3], pdf;
-    float power[3], before[3], start, safe = 0.0f;
+    struct pell_light_ray light;
+    struct pt_ray ray;
+    double u[5];
+    float power[3], before[3], least, safe = 0.0f;
     int surfaces = 0; /* since the light, or the last scattering */
     bool first = true, entered_once = false, beam;
 
     w->vertices = 0;
     for (int k = 0; k < 5; k++)
         u[k] = (double) pt_random(sampler);
-    if (!pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &source, &x, &dir, weight, &pdf) || !source.delta)
+    if (!pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &light) || !light.sample.delta)
         return;
-    from = x;
+    ray = (struct pt_ray) { light.origin, light.origin, light.direction };
     for (int c = 0; c < 3; c++)
-        power[c] = (float) weight[c];
-    start = fmaxf(power[0], fmaxf(power[1], power[2]));
-    for (int event = 0; event < LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES && survives(power, start, sampler); event++) {
+        power[c] = (float) light.weight[c];
+    least = (float) LIGHT_LEAST * fmaxf(power[0], fmaxf(power[1], power[2]));
+    for (int event = 0; event < LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES &&
+                        pt_roulette(power, fmaxf(power[0], fmaxf(power[1], power[2])), least, sampler);
+         event++) {
         const int solid = pt_top(&place);
-        struct pt_scatterer at = { .w = dir };
+        struct pt_scatterer at = { .w = ray.w };
         struct pt_free_path free_path = { .met = false };
         bool refracted;
         if (solid < 0) {
-            free_path.met = pt_intersect(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &free_path.hit);
+            free_path.met = pt_intersect(s, &w->counts, ray.from, ray.w, INFINITY, PELL_RAY_ALL, &free_path.hit);
             if (!free_path.met)
                 return;
             if (first)
                 for (int c = 0; c < 3; c++)
-                    power[c] *= (float) pell_light_sampler_range(s->light_sampler, source.source, (double) free_path.hit.t);
+                    power[c] *= (float) pell_light_sampler_range(s->light_sampler, light.sample.source, (double) free_path.hit.t);
             first = false;
         } else {
             memcpy(before, power, sizeof(before));
-            pt_sample_distance(s, &w->counts, solid, x, from, dir, power, &safe, sampler, &free_path);
+            pt_sample_distance(s, &w->counts, solid, &ray, power, &safe, sampler, &free_path);
         }
         /* All of the beam in a solid of one medium, wherever this flight ended. */
         beam = solid >= 0 && s->solid[solid].medium.homogeneous && surfaces > 0 && !free_path.lost &&
                !(entered_once && s->solid[solid].connects);
         if (beam) {
             struct pt_hit hit = free_path.hit;
-            if (free_path.met || pt_intersect(s, &w->counts, from, dir, INFINITY, PELL_RAY_ALL, &hit)) {
-                at.x = x;
+            if (free_path.met || pt_intersect(s, &w->counts, ray.from, ray.w, INFINITY, PELL_RAY_ALL, &hit)) {
+                at.x = ray.x;
                 at.medium = &s->solid[solid].medium.layer[0];
-                scattered(w, &at, free_path.met ? free_path.length : hit.t, before, solid);
+                scattered(w, &at, before, free_path.met ? free_path.length : hit.t, solid);
             }
         }
         if (free_path.lost) {
             place.count = 0;
-            x = from = free_path.x;
+            ray.x = ray.from = free_path.x;
             surfaces++;
             continue;
         }
         if (free_path.met && free_path.hit.solid >= 0) {
-            if (!surface(s, &free_path.hit, &place, sampler, &x, &from, &dir, power, &refracted))
+            if (!surface(s, &free_path.hit, &place, sampler, &ray, power, &refracted))
                 return;
             entered_once = surfaces == 0 && refracted && w->vertices == 0;
             surfaces++;
@@ -150,28 +134,24 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
         at.x = free_path.x;
         at.medium = free_path.medium;
         if (free_path.met) {
-            float albedo[3], u2 = pt_random(sampler), v2 = pt_random(sampler), r = sqrtf(u2);
-            struct pell_vec3 t, b;
+            float albedo[3];
             at.medium = NULL;
-            at.n = vec3_dot(dir, free_path.hit.ng) > 0.0f ? vec3_mul(free_path.hit.ng, -1.0f) : free_path.hit.ng;
+            at.n = vec3_dot(ray.w, free_path.hit.ng) > 0.0f ? vec3_mul(free_path.hit.ng, -1.0f) : free_path.hit.ng;
             at.x = pt_leave(&free_path.hit, at.n);
             pt_albedo(s, &free_path.hit, albedo);
             for (int c = 0; c < 3; c++)
                 power[c] *= albedo[c];
-            scattered(w, &at, 0.0f, power, solid);
-            vec3_basis(at.n, &t, &b);
-            dir = vec3_normalize(
-                vec3_add(vec3_add(vec3_mul(t, r * cosf(2.0f * PELL_PI_F * v2)), vec3_mul(b, r * sinf(2.0f * PELL_PI_F * v2))),
-                         vec3_mul(at.n, sqrtf(1.0f - u2))));
+            scattered(w, &at, power, 0.0f, solid);
+            ray.w = pt_scatter_sample(&at, sampler, NULL);
             safe = 0.0f;
         } else {
             if (!(power[0] + power[1] + power[2] > 0.0f))
                 return;
             if (!beam)
-                scattered(w, &at, 0.0f, power, solid);
-            pt_phase_sample(free_path.medium, dir, sampler, power, &dir);
+                scattered(w, &at, power, 0.0f, solid);
+            pt_phase_sample(free_path.medium, ray.w, sampler, power, &ray.w);
         }
-        x = from = at.x;
+        ray.x = ray.from = at.x;
         surfaces = 0;
         entered_once = false;
     }
@@ -188,38 +168,36 @@ static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_
     const struct pell_vec3 beside = vec3_mad(off, (float) -along, v->at.w);
     const double apart = fmax((double) vec3_length(beside), 1e-6 * length);
     const double from = atan(-along / apart), to = atan((length - along) / apart);
-    const double sum = (double) (v->power[0] + v->power[1] + v->power[2]);
+    const double sum = (double) (v->at.beta[0] + v->at.beta[1] + v->at.beta[2]);
     double t, density;
 
     if (pick < 0.5) {
         t = along + apart * tan(from + (to - from) * u);
     } else {
-        const double sigma = (double) m->sigma_t[pt_sample_channel(v->power, (float) (2.0 * pick - 1.0))];
+        const double sigma = (double) m->sigma_t[pt_sample_channel(v->at.beta, (float) (2.0 * pick - 1.0))];
         t = sigma * length > 1e-6 ? -log(1.0 - u * (1.0 - exp(-sigma * length))) / sigma : u * length;
     }
     t = fmin(fmax(t, 0.0), length);
     density = 0.5 * apart / ((to - from) * (apart * apart + (t - along) * (t - along)));
     for (int c = 0; c < 3; c++) {
-        const double sigma = (double) m->sigma_t[c], share = (double) v->power[c] / sum;
+        const double sigma = (double) m->sigma_t[c], share = (double) v->at.beta[c] / sum;
         density += 0.5 * share * (sigma * length > 1e-6 ? sigma * exp(-sigma * t) / (1.0 - exp(-sigma * length)) : 1.0 / length);
     }
     for (int c = 0; c < 3; c++)
-        power[c] = (float) ((double) (v->power[c] * m->sigma_s[c]) * exp(-(double) m->sigma_t[c] * t) / density);
+        power[c] = (float) ((double) (v->at.beta[c] * m->sigma_s[c]) * exp(-(double) m->sigma_t[c] * t) / density);
     return vec3_mad(v->at.x, (float) t, v->at.w);
 }
 
 void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
-                      const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3])
+                      const struct pt_scatterer *at, const struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_sampler own = *sampler;
+    struct pt_sampler own = { .state = pt_mix(sampler->state ^ 0x14057b7ef767814fu), .at = PT_QUASI_RANDOM_NUMBERS };
     const double n = (double) pt_index(s, solid), least = JOIN_SHARE * s->typical;
 
-    own.at = PT_QUASI_RANDOM_NUMBERS;
-    own.state = pt_mix(sampler->state ^ 0x14057b7ef767814fu);
     for (int i = 0; i < count; i++) {
         const struct pt_light_vertex *v = &vertex[i];
         struct pell_vec3 to, way;
-        float here[3], there[3], passed[3], light[3], power[3] = { v->power[0], v->power[1], v->power[2] };
+        float here[3], there[3], passed[3], light[3], power[3] = { v->at.beta[0], v->at.beta[1], v->at.beta[2] };
         float square, distance, most = 0.0f, chance = 1.0f;
         if (v->solid != solid)
             continue;
@@ -233,7 +211,7 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
         pt_scatter_values(&v->at, vec3_mul(way, -1.0f), there);
         pt_transmittance(s, solid, at->x, way, distance, &own, passed);
         for (int c = 0; c < 3; c++) {
-            light[c] = beta[c] * here[c] * passed[c] * there[c] * power[c] / (square * (float) (n * n));
+            light[c] = at->beta[c] * here[c] * passed[c] * there[c] * power[c] / (square * (float) (n * n));
             most = fmaxf(most, light[c]);
         }
         if (!(most > 0.0f))

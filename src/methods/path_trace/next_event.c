@@ -39,8 +39,9 @@ struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_samp
 }
 
 /* Density of v, per sr, by the walk's weights. */
-static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v, const float beta[3])
+static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v)
 {
+    const float *beta = at->beta;
     float values[3];
 
     pt_scatter_values(at, v, values);
@@ -79,6 +80,27 @@ double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distanc
     return across > 1e-30 ? 1.0 / across : 0.0;
 }
 
+/* --- Lights -------------------------------------------------------------------------------------------------------------------------- */
+
+bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sampler *sampler, struct pell_light_sample *source)
+{
+    double u[3];
+
+    for (int k = 0; k < 3; k++)
+        u[k] = pt_fine(sampler);
+    return pell_light_sampler_sample(s->light_sampler, x, u, source);
+}
+
+/* The unit direction from x to a light's place, and mm to it (INFINITY: away). False: x is the place. */
+static bool toward(const struct pell_light_sample *source, struct pell_vec3 x, struct pell_vec3 *v, double *distance)
+{
+    *v = source->away ? source->toward : vec3_sub(source->at, x);
+    *distance = source->away ? INFINITY : (double) vec3_length(*v);
+    if (!source->away)
+        *v = vec3_mul(*v, (float) (1.0 / *distance));
+    return *distance > 0.0;
+}
+
 /* --- Connections -------------------------------------------------------------------------------------------------------------------- */
 
 static double source_share(const struct pt_scene *s, const struct pell_light_sample *source)
@@ -99,19 +121,19 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
 
     pt_scatter_values(&e->from, e->w, values);
     for (int c = 0; c < 3; c++) {
-        const double there = (double) e->beta[c] * (double) values[c];
+        const double there = (double) e->from.beta[c] * (double) values[c];
         const double sigma = (double) (m->homogeneous ? m->layer[0].sigma_t[c] : m->slowest);
-        sum += (double) e->beta[c];
+        sum += (double) e->from.beta[c];
         mixed += there;
         passed += there * exp(-sigma * (double) e->length);
     }
     return sum > 0.0 && mixed > 0.0 ? mixed / sum * (passed / mixed) * (double) e->transmit : 0.0;
 }
 
-static void connection(const struct pt_scene *s, const struct pt_scatterer *at, const float beta[3], int solid, float share,
-                       const struct pell_connection *c, const struct pell_light_sample *source, struct pt_sampler *sampler, double sum[3])
+static void connection(const struct pt_scene *s, const struct pt_scatterer *at, int solid, float share, const struct pell_connection *c,
+                       const struct pell_light_sample *source, struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .solid = solid, .w = c->inside, .share = share };
+    struct pt_exit e = { .from = *at, .solid = solid, .w = c->inside, .share = share };
     float power[3], values[3], passed[3];
     double scale, beam, reach;
 
@@ -137,7 +159,7 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
     pt_scatter_values(at, c->inside, values);
     pt_transmittance(s, solid, at->x, c->inside, e.length, sampler, passed);
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * scale;
+        sum[k] += (double) (at->beta[k] * values[k] * passed[k] * power[k]) * scale;
 }
 
 /* One of 1/share of those that ask, evenly along the walk. */
@@ -174,26 +196,25 @@ bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, 
     return has_turn(share, turn);
 }
 
-void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
-                       float share, const struct pt_sampler *sampler, double sum[3])
+void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+                       const struct pt_sampler *sampler, double sum[3])
 {
     const struct pt_medium *m = &s->solid[solid].medium;
     struct pell_connection found[PELL_CONNECTIONS];
     struct pell_light_sample source;
     struct pt_sampler own;
     const float reach = draw_reach(s, solid, sampler, &own);
-    double u[3];
     int count;
 
-    for (int k = 0; k < 3; k++)
-        u[k] = pt_fine(&own);
-    if (!pell_light_sampler_sample(s->light_sampler, at->x, u, &source) || !(source.pdf > 0.0) || pt_fine(&own) >= source_share(s, &source))
+    if (!pt_sample_light(s, at->x, &own, &source) || pt_fine(&own) >= source_share(s, &source))
         return;
     counts->connections++;
-    count = pell_connect(s->connector, solid, (double) m->eta, at->x, source.away ? source.toward : source.at, source.away, (double) reach,
+    count = pell_connect(s->connector,
+                         &(struct pell_connection_query) { solid, (double) m->eta, at->x, source.away ? source.toward : source.at,
+                                                           source.away, (double) reach },
                          found, PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
-        connection(s, at, beta, solid, share, &found[i], &source, &own, sum);
+        connection(s, at, solid, share, &found[i], &source, &own, sum);
 }
 
 /* --- Near connections, for rough boundaries ------------------------------------------------------------------------------------------ */
@@ -215,8 +236,9 @@ static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int s
     double sum = 0.0;
 
     counts->connections++;
-    out->count = pell_connect(s->connector, solid, eta, x, source->away ? source->toward : source->at, source->away, reach, found, PT_LOBES,
-                              &counts->rays);
+    out->count = pell_connect(
+        s->connector, &(struct pell_connection_query) { solid, eta, x, source->away ? source->toward : source->at, source->away, reach },
+        found, PT_LOBES, &counts->rays);
     for (int i = 0; i < out->count; i++) {
         const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),
                      to = (double) vec3_dot(found[i].outside, found[i].normal);
@@ -259,9 +281,9 @@ static struct pell_vec3 lobes_sample(const struct lobes *l, struct pt_sampler *s
     return vec3_normalize(vec3_add(vec3_add(vec3_mul(t, (float) (r * cos(phi))), vec3_mul(b, (float) (r * sin(phi)))), l->w[i]));
 }
 
-static double near_density(const struct lobes *l, const struct pt_scatterer *at, struct pell_vec3 w, const float beta[3])
+static double near_density(const struct lobes *l, const struct pt_scatterer *at, struct pell_vec3 w)
 {
-    const double spread = scatter_density(at, w, beta);
+    const double spread = scatter_density(at, w);
 
     return l->count > 0 ? LOBES * lobes_density(l, w) + (1.0 - LOBES) * spread : spread;
 }
@@ -280,11 +302,11 @@ double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const
     struct lobes lobes;
 
     make_lobes(s, counts, e->solid, e->from.x, source, &lobes);
-    return asked(s, e->solid, e->from.x, e->share) * near_density(&lobes, &e->from, e->w, e->beta);
+    return asked(s, e->solid, e->from.x, e->share) * near_density(&lobes, &e->from, e->w);
 }
 
-void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
-                      float share, float *turn, const struct pt_sampler *sampler, double sum[3])
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+                      float *turn, const struct pt_sampler *sampler, double sum[3])
 {
     struct pt_sampler own = pt_own_numbers(sampler, 0x2545f4914f6cdd1du);
     const double asks = asked(s, solid, at->x, share);
@@ -292,25 +314,23 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     const struct pt_rough *rough;
     struct pt_shading_frame facing;
     struct lobes lobes;
-    struct pt_exit e = { .from = *at, .beta = { beta[0], beta[1], beta[2] }, .solid = solid, .share = share, .transmit = 1.0f };
+    struct pt_exit e = { .from = *at, .solid = solid, .share = share, .transmit = 1.0f };
     struct pell_vec3 v;
-    double u[3], distance = INFINITY, kernel, per_sr, density, scale = 1.0;
+    double distance, kernel, per_sr = 1.0, density, scale = 1.0;
     float power[3], values[3], passed[3];
 
     if (!has_turn((float) asks, turn))
         return;
-    for (int k = 0; k < 3; k++)
-        u[k] = pt_fine(&own);
-    if (!pell_light_sampler_sample(s->light_sampler, at->x, u, &source) || !(source.pdf > 0.0) || (source.away && !source.delta))
+    if (!pt_sample_light(s, at->x, &own, &source) || (source.away && !source.delta))
         return;
     make_lobes(s, counts, solid, at->x, &source, &lobes);
     if (lobes.count > 0 && pt_fine(&own) < LOBES) {
         e.w = lobes_sample(&lobes, &own);
     } else {
-        float ignored[3] = { beta[0], beta[1], beta[2] };
+        float ignored[3] = { at->beta[0], at->beta[1], at->beta[2] };
         e.w = pt_scatter_sample(at, &own, ignored);
     }
-    density = near_density(&lobes, at, e.w, beta);
+    density = near_density(&lobes, at, e.w);
     if (!(density > 0.0) || !pt_intersect(s, counts, at->x, e.w, INFINITY, PELL_RAY_ALL, &e.hit) || e.hit.solid != solid ||
         !(vec3_dot(e.w, e.hit.ng) > 0.0f))
         return;
@@ -318,22 +338,14 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     if (!rough)
         return;
     e.length = e.hit.t;
-    v = source.toward;
-    if (!source.away) {
-        const struct pell_vec3 to = vec3_sub(source.at, e.hit.p);
-        distance = (double) vec3_length(to);
-        if (!(distance > 0.0))
-            return;
-        v = vec3_mul(to, (float) (1.0 / distance));
-        scale = 1.0 / (distance * distance);
-    }
-    if (!(vec3_dot(v, e.hit.ng) > 0.0f))
+    if (!toward(&source, e.hit.p, &v, &distance) || !(vec3_dot(v, e.hit.ng) > 0.0f))
         return;
+    if (!source.away)
+        scale = 1.0 / (distance * distance);
     facing = (struct pt_shading_frame) { vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
     if (!(vec3_dot(facing.o, facing.ns) > 1e-4f))
         facing.ns = facing.ng;
     kernel = (double) pt_rough_density(rough, &facing, v);
-    per_sr = 1.0;
     if (!source.delta) {
         scale *= -(double) vec3_dot(source.normal, v);
         if (!(scale > 0.0))
@@ -350,37 +362,26 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     pt_scatter_values(at, e.w, values);
     pt_transmittance(s, solid, at->x, e.w, e.length, &own, passed);
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (asks * density * source.pdf);
+        sum[k] += (double) (at->beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (asks * density * source.pdf);
 }
 
 /* --- Surfaces ------------------------------------------------------------------------------------------------------------------------ */
 
-void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
-                   const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler,
-                   double sum[3])
+void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_scatterer *at, int open,
+                   bool environments, struct pt_sampler *sampler, double sum[3])
 {
     struct pell_light_sample source;
     struct pell_vec3 v;
-    double u[3], distance = INFINITY, scale, kernel, per_sr;
+    double distance, scale, kernel, per_sr;
     float power[3], facing;
 
-    for (int k = 0; k < 3; k++)
-        u[k] = pt_fine(sampler);
-    if (!pell_light_sampler_sample(s->light_sampler, hit->p, u, &source) || !(source.pdf > 0.0) ||
-        (environments && (!source.away || source.delta)))
+    if (!pt_sample_light(s, hit->p, sampler, &source) || (environments && (!source.away || source.delta)) ||
+        !toward(&source, hit->p, &v, &distance))
         return;
-    v = source.toward;
-    if (!source.away) {
-        const struct pell_vec3 to = vec3_sub(source.at, hit->p);
-        distance = (double) vec3_length(to);
-        if (!(distance > 0.0))
-            return;
-        v = vec3_mul(to, (float) (1.0 / distance));
-    }
-    facing = vec3_dot(v, at->ng);
+    facing = vec3_dot(v, at->n);
     if (!(facing * (float) open > 0.0f))
         return;
-    kernel = rough ? (double) pt_rough_density(rough, at, v) : (double) (facing / PELL_PI_F);
+    kernel = at->rough ? (double) pt_rough_density(at->rough, at->facing, v) : (double) (facing / PELL_PI_F);
     if (!(kernel > 0.0))
         return;
     scale = source.away ? 1.0 : 1.0 / (distance * distance);
@@ -398,5 +399,5 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
         !pt_unoccluded(s, counts, pt_leave(hit, v), v, source.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (beta[k] * power[k]) * kernel * scale / source.pdf;
+        sum[k] += (double) (at->beta[k] * power[k]) * kernel * scale / source.pdf;
 }

@@ -198,8 +198,12 @@ static inline float pt_index(const struct pt_scene *s, int solid)
 bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before,
               struct pt_medium_stack *after);
 
-/* --- distance_sampling.c
- * ------------------------------------------------------------------------------------------------------------------- */
+/* --- distance_sampling.c -------------------------------------------------------------------------------------------------------- */
+
+/* A way from x along w. Rays start at `from`: x, or just off the surface that x is on. */
+struct pt_ray {
+    struct pell_vec3 x, from, w;
+};
 
 /* One flight through a solid. */
 struct pt_free_path {
@@ -211,10 +215,10 @@ struct pt_free_path {
     struct pt_hit hit;
 };
 
-/* From x along w, by the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. Rays start at
- * `from`: x, or just off the surface that x is on. *safe: a distance from x that is known to be free of surfaces; becomes what is left. */
-void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x, struct pell_vec3 from,
-                        struct pell_vec3 w, float beta[3], float *safe, struct pt_sampler *sampler, struct pt_free_path *out);
+/* By the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. *safe: a distance from x that is
+ * known to be free of surfaces; becomes what is left. */
+void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
+                        struct pt_sampler *sampler, struct pt_free_path *out);
 bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin);
 /* The distance at which a ray leaves the bounds; x is inside. */
 float pt_exit_distance(const struct pt_solid *b, struct pell_vec3 x, struct pell_vec3 w);
@@ -225,8 +229,7 @@ void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3]);
 void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
                       float out[3]);
 
-/* --- next_event.c: light that is looked for
- * ----------------------------------------------------------------------------------------------- */
+/* --- next_event.c: light that is looked for ------------------------------------------------------------------------------------- */
 
 /* Where a walk scattered: in a medium, at something opaque, or at a rough boundary. */
 struct pt_scatterer {
@@ -235,23 +238,38 @@ struct pt_scatterer {
     struct pell_vec3 n;                    /* of a surface: unit, on the walk's side */
     const struct pt_rough *rough;          /* NULL: opaque */
     const struct pt_shading_frame *facing; /* rough */
+    float off;                             /* mm: how far from a rough boundary rays start */
+    float beta[3];                         /* the weights with the collision; a light's path has power here, mm^2 W/m^2 */
 };
 
 /* Share per sr of what scatters toward the unit direction v. */
 void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float out[3]);
-/* A direction that it scatters to; something opaque by the cosine, rough boundaries never. beta becomes what it is after a medium's. */
+/* A direction that it scatters to; something opaque by the cosine, rough boundaries never. beta (of a medium) becomes what it is after. */
 struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_sampler *s, float beta[3]);
 
 /* A walk that leaves a smooth solid from a scatterer straight to a light, and what decides between the ways of finding that light. */
 struct pt_exit {
     struct pt_scatterer from;
-    float beta[3]; /* before it scattered, the collision counted */
     int solid;
     struct pt_hit hit;  /* where it leaves */
     struct pell_vec3 w; /* unit, from the scatterer to it */
     float length, transmit;
     float share; /* of the scatterers at which lights are looked for */
 };
+
+/* Weights of `now` on the whole that are below `least` go on by chance, and are `least` then. False: they don't. */
+static inline bool pt_roulette(float beta[3], float now, float least, struct pt_sampler *sampler)
+{
+    if (!(now > 0.0f))
+        return false;
+    if (now >= least)
+        return true;
+    if (pt_random(sampler) * least >= now)
+        return false;
+    for (int c = 0; c < 3; c++)
+        beta[c] *= least / now;
+    return true;
+}
 
 /* Numbers for a question beside the walk, whose own stay as they are. */
 static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, uint64_t salt)
@@ -267,6 +285,9 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e);
 /* Probability by which pt_connect_lights looks for a light this way. */
 double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source);
 
+/* A place on a light that is chosen for what is at x. False: no light. */
+bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sampler *sampler, struct pell_light_sample *source);
+
 #define PT_REACH 0.5                     /* of the extinction: how far connections look */
 #define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the numbers by which they do */
 
@@ -274,31 +295,27 @@ double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const s
  * walk. *safe: mm around x without a surface, what becomes known of it; *turn: in [0, 1), whose turn it is. */
 bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
                        const struct pt_sampler *sampler);
-/* Light of lights at a scatterer inside a solid that asks, or at a share of them: adds to sum. beta: the weights with the collision.
- * Through smooth boundaries by connections, through rough ones near them (but for the environment); the walk's own numbers stay as they
- * are. */
-void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
-                       float share, const struct pt_sampler *sampler, double sum[3]);
-void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, const float beta[3],
-                      float share, float *turn, const struct pt_sampler *sampler, double sum[3]);
+/* Light of lights at a scatterer inside a solid that asks, or at a share of them: adds to sum. Through smooth boundaries by connections,
+ * through rough ones near them (but for the environment); the walk's own numbers stay as they are. */
+void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+                       const struct pt_sampler *sampler, double sum[3]);
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+                      float *turn, const struct pt_sampler *sampler, double sum[3]);
 /* Density by which pt_connect_rough would have gone from the walk's scatterer e->from along e->w for the light's place, and asked at
  * all. */
 double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_light_sample *source);
 
-/* Light of lights at a surface in the open, and what the walk does there: a rough boundary's, or Lambert's (rough NULL). `open`: the side
- * of at->ng that is in the open, +1 or -1. `environments`: of the environment alone. */
-void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_rough *rough,
-                   const struct pt_shading_frame *at, int open, bool environments, const float beta[3], struct pt_sampler *sampler,
-                   double sum[3]);
+/* Light of lights at a surface in the open, and what the walk does there: a rough boundary's, or Lambert's. `open`: the side of at->n that
+ * is in the open, +1 or -1. `environments`: of the environment alone. */
+void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_scatterer *at, int open,
+                   bool environments, struct pt_sampler *sampler, double sum[3]);
 
-/* --- light_path.c: paths from lights
- * ------------------------------------------------------------------------------------------------------- */
+/* --- light_path.c: paths from lights -------------------------------------------------------------------------------------------- */
 
 /* Where light of a delta light was scattered that no refractive connection finds, or a beam of it through a solid of one medium, anywhere
  * along which it may scatter: at.x is where it begins. */
 struct pt_light_vertex {
-    struct pt_scatterer at; /* at.w: the way the light goes */
-    float power[3];         /* after the collision, of a beam at its beginning, without the phase function: mm^2 W/m^2 */
+    struct pt_scatterer at; /* at.w: the way the light goes; at.beta: of a beam at its beginning, without the phase function */
     float length;           /* mm, of a beam; 0: a place */
     int solid;
 };
@@ -314,17 +331,16 @@ struct pt_walker {
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);
 /* Joins a scatterer of the walk to the light's: adds to sum. */
 void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
-                      const struct pt_scatterer *at, const float beta[3], const struct pt_sampler *sampler, double sum[3]);
+                      const struct pt_scatterer *at, const struct pt_sampler *sampler, double sum[3]);
 
-/* --- specular_manifold.c: delta lights over smooth surfaces
- * --------------------------------------------------------------------------------------- */
+/* --- specular_manifold.c: delta lights over smooth surfaces --------------------------------------------------------------------- */
 
 /* Light of delta lights at a scatterer that comes over any number of smooth surfaces, but for what one refraction brings where connections
- * find that: adds to sum. here: where the walk is; beyond: of a rough boundary, what is on its other side, else NULL; off: mm from
- * at->x at which rays start; safe: mm around it without a surface. */
+ * find that: adds to sum. here: where the walk is; beyond: of a rough boundary, what is on its other side, else NULL; safe: mm
+ * around it without a surface. */
 void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at,
-                          const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float off, float safe,
-                          const float beta[3], const struct pt_sampler *walk, double sum[3]);
+                          const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float safe,
+                          const struct pt_sampler *walk, double sum[3]);
 
 /* --- Smooth boundaries: boundary.c, scene.c ------------------------------------------------------------------------------------------ */
 

@@ -274,25 +274,24 @@ static void probe_lights(struct pt_scene *s)
             s->brightest = fmax(s->brightest, (double) l->power[c]);
     }
     for (int i = 0; s->radius > 0.0 && i < PROBES; i++) {
-        double u[5], weight[3], pdf, distance;
-        struct pell_vec3 origin, direction;
+        double u[5];
+        struct pell_vec3 direction;
         struct pell_light_sample sample;
-        float radiance[3];
+        struct pell_light_ray ray;
+        struct pell_light_hit hit;
         for (int k = 0; k < 5; k++)
             u[k] = pt_fine(&q);
-        if (pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &sample, &origin, &direction, weight, &pdf))
-            flux += fmax(weight[0], fmax(weight[1], weight[2])) / PROBES;
+        if (pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &ray))
+            flux += fmax(ray.weight[0], fmax(ray.weight[1], ray.weight[2])) / PROBES;
         if (pell_light_sampler_sample(s->light_sampler, s->centre, u, &sample) && sample.away && !sample.delta) {
             uneven += sample.pdf * 4.0 * PELL_PI;
             environments += 1.0;
         }
         direction = vec3((float) (2.0 * u[0] - 1.0), (float) (2.0 * u[1] - 1.0), (float) (2.0 * u[2] - 1.0));
         direction = vec3_normalize(direction);
-        for (int k = 0;
-             pell_light_sampler_hit(s->light_sampler, s->centre, s->centre, direction, INFINITY, k, &sample, &distance, radiance, &pdf);
-             k++)
+        for (int k = 0; pell_light_sampler_hit(s->light_sampler, s->centre, s->centre, direction, INFINITY, k, &hit); k++)
             for (int c = 0; c < 3; c++)
-                s->brightest = fmax(s->brightest, (double) radiance[c]);
+                s->brightest = fmax(s->brightest, (double) hit.radiance[c]);
     }
     /* The density's mean over the lights' own samples, against that of a uniform environment. The choice of the light in it makes skies
      * that matter less look evener, which is right, too. */

@@ -51,7 +51,6 @@ struct quest {
     struct pt_counts *counts;
     const struct pt_scatterer *at;
     const struct pt_medium_stack *here, *beyond; /* on both sides of a surface; beyond NULL: not there */
-    float off;                                   /* mm: how far from a surface rays start */
     struct pell_light_sample source;
     double deepest; /* optical thickness */
     bool connected; /* what one refraction brings is found by connections */
@@ -65,7 +64,7 @@ static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3
     c->kind.count = 0;
     c->w0 = c->w = w0;
     c->at = dvec3_widen(q->at->x);
-    c->from = vec3_mad(q->at->x, front ? q->off : -q->off, n);
+    c->from = vec3_mad(q->at->x, front ? q->at->off : -q->at->off, n);
     c->dp[0] = c->dp[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
     c->dw[0] = t0;
     c->dw[1] = t1;
@@ -362,7 +361,7 @@ static bool is_same(const struct chain *a, const struct chain *b)
 }
 
 /* What comes along a chain, over the probability of its light. False: nothing. */
-static bool light_of(const struct quest *q, const struct chain *c, const float beta[3], struct pt_sampler *sampler, double out[3])
+static bool light_of(const struct quest *q, const struct chain *c, struct pt_sampler *sampler, double out[3])
 {
     const struct pell_vec3 w = dvec3_narrow(c->w0), at = dvec3_narrow(c->at);
     double distance, along;
@@ -380,7 +379,7 @@ static bool light_of(const struct quest *q, const struct chain *c, const float b
     pell_light_sampler_power_at(q->s->light_sampler, &q->source, at, power);
     pt_scatter_values(q->at, w, values);
     for (int k = 0; k < 3; k++)
-        out[k] = (double) (beta[k] * values[k] * power[k]) * c->share / (along * q->source.pdf * exp(-REACH * c->depth));
+        out[k] = (double) (q->at->beta[k] * values[k] * power[k]) * c->share / (along * q->source.pdf * exp(-REACH * c->depth));
     for (int i = 0; i < c->kind.count; i++) {
         float passed[3];
         if (c->leg[i].solid < 0)
@@ -395,15 +394,15 @@ static bool light_of(const struct quest *q, const struct chain *c, const float b
 }
 
 void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at,
-                          const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float off, float safe,
-                          const float beta[3], const struct pt_sampler *walk, double sum[3])
+                          const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float safe,
+                          const struct pt_sampler *walk, double sum[3])
 {
     struct pt_sampler own = pt_own_numbers(walk, 0x9fb21c651e98df25u);
     const int solid = pt_top(here);
-    struct quest q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond, .off = off };
+    struct quest q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond };
     const double least = CHAIN_SHARE * s->typical;
     struct chain found, again;
-    double u[3], light[3], most, chance = 1.0;
+    double light[3], most, chance = 1.0;
     int trials = 0;
 
     q.deepest = -log(pt_fine(&own)) / REACH;
@@ -414,11 +413,9 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
             return;
     }
     q.connected = !beyond && here->count == 1 && s->solid[solid].connects;
-    for (int k = 0; k < 3; k++)
-        u[k] = pt_fine(&own);
-    if (!pell_light_sampler_sample(s->light_sampler, at->x, u, &q.source) || !(q.source.pdf > 0.0) || !q.source.delta)
+    if (!pt_sample_light(s, at->x, &own, &q.source) || !q.source.delta)
         return;
-    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !light_of(&q, &found, beta, &own, light))
+    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !light_of(&q, &found, &own, light))
         return;
     most = fmax(light[0], fmax(light[1], light[2]));
     if (most < least) {

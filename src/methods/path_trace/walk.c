@@ -25,28 +25,27 @@ static void add(struct pt_walk *p, const double light[3], int scattered)
 static void hit_lights(struct pt_walk *p, double reach)
 {
     const struct pt_scene *s = p->s;
-    struct pell_light_sample source;
-    double distance, pdf;
-    float radiance[3];
+    struct pell_light_hit hit;
+    const struct pell_light_sample *source = &hit.sample;
     const struct pell_vec3 from = p->last == PT_LAST_SURFACE ? p->surface : p->last == PT_LAST_EXIT ? p->exit.from.x : p->x;
 
     if (!(s->knobs.techniques & PT_CHANCE))
         return;
-    for (int k = 0; pell_light_sampler_hit(s->light_sampler, from, p->x, p->w, reach, k, &source, &distance, radiance, &pdf); k++) {
-        const double facing = source.away ? 1.0 : -(double) vec3_dot(source.normal, p->w);
+    for (int k = 0; pell_light_sampler_hit(s->light_sampler, from, p->x, p->w, reach, k, &hit); k++) {
+        const double facing = source->away ? 1.0 : -(double) vec3_dot(source->normal, p->w);
         double met = 0.0, found = 0.0, light[3];
-        if (p->last == PT_LAST_SURFACE && p->looked && !source.away) {
-            met = pt_exit_density(s, &p->exit) * (double) p->density * facing / (distance * distance);
-            found = pell_light_sampler_pdf(s->light_sampler, p->exit.from.x, &source) * pt_rough_looked(s, p->counts, &p->exit, &source);
+        if (p->last == PT_LAST_SURFACE && p->looked && !source->away) {
+            met = pt_exit_density(s, &p->exit) * (double) p->density * facing / (hit.distance * hit.distance);
+            found = pell_light_sampler_pdf(s->light_sampler, p->exit.from.x, source) * pt_rough_looked(s, p->counts, &p->exit, source);
         } else if (p->last == PT_LAST_SURFACE && (s->knobs.techniques & PT_LIGHTS)) {
-            met = (double) p->density * (source.away ? 1.0 : facing / (distance * distance));
-            found = pdf;
+            met = (double) p->density * (source->away ? 1.0 : facing / (hit.distance * hit.distance));
+            found = source->pdf;
         } else if (p->last == PT_LAST_EXIT) {
-            met = pt_exit_density(s, &p->exit) * pt_beam(s, &p->exit, distance) * facing;
-            found = pdf * pt_exit_looked(s, &p->exit, &source);
+            met = pt_exit_density(s, &p->exit) * pt_beam(s, &p->exit, hit.distance) * facing;
+            found = source->pdf * pt_exit_looked(s, &p->exit, source);
         }
         for (int c = 0; c < 3; c++)
-            light[c] = (double) (p->beta[c] * radiance[c]) * (found > 0.0 ? met / (met + found) : 1.0);
+            light[c] = (double) (p->beta[c] * hit.radiance[c]) * (found > 0.0 ? met / (met + found) : 1.0);
         add(p, light, p->scattered);
     }
 }
@@ -61,27 +60,26 @@ void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, e
     p->tight = p->tight && p->crossed;
     p->crossed = false;
     if (p->tight && s->chains) {
-        pt_specular_manifold(s, p->counts, at, &p->place, NULL, 0.0f, p->safe, p->beta, p->sampler, sum);
+        pt_specular_manifold(s, p->counts, at, &p->place, NULL, p->safe, p->sampler, sum);
         add(p, sum, p->scattered);
         memset(sum, 0, sizeof(sum));
     }
     if (solid >= 0 && (s->solid[solid].connects || s->solid[solid].near) && p->place.count == 1) {
         const float share = p->scattered <= 1 ? 1.0f : s->solid[solid].share;
         if (!s->solid[solid].connects)
-            pt_connect_rough(s, p->counts, solid, at, p->beta, share, &p->turn, p->sampler, sum);
+            pt_connect_rough(s, p->counts, solid, at, share, &p->turn, p->sampler, sum);
         else if (asked == PT_CONNECTION_YES ||
                  (asked == PT_CONNECTION_NOT && pt_should_connect(s, solid, at->x, &p->safe, share, &p->turn, p->sampler)))
-            pt_connect_lights(s, p->counts, solid, at, p->beta, share, p->sampler, sum);
+            pt_connect_lights(s, p->counts, solid, at, share, p->sampler, sum);
         add(p, sum, p->scattered);
         p->exit.from = *at;
         p->exit.solid = solid;
         p->exit.share = share;
-        memcpy(p->exit.beta, p->beta, sizeof(p->beta));
         p->leaving = true;
     }
     if (p->vertices > 0) {
         memset(sum, 0, sizeof(sum));
-        pt_connect_paths(s, p->counts, p->vertex, p->vertices, solid, at, p->beta, p->sampler, sum);
+        pt_connect_paths(s, p->counts, p->vertex, p->vertices, solid, at, p->sampler, sum);
         add(p, sum, 2);
     }
 }
@@ -91,31 +89,24 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
     const struct pt_scene *s = p->s;
     const int solid = pt_top(&p->place);
     const struct pell_vec3 n = vec3_dot(p->w, hit->ng) > 0.0f ? vec3_mul(hit->ng, -1.0f) : hit->ng;
-    const struct pt_shading_frame at = { vec3_mul(p->w, -1.0f), n, n, 0 };
-    struct pell_vec3 t, b;
-    float albedo[3], u, v, r, phi;
+    struct pt_scatterer at = { vec3_mad(hit->p, hit->unit, n), p->w, .n = n };
+    float albedo[3];
 
     p->mixed = true;
     pt_albedo(s, hit, albedo);
     for (int c = 0; c < 3; c++)
-        p->beta[c] *= albedo[c];
+        at.beta[c] = p->beta[c] *= albedo[c];
     p->safe = 0.0f;
     p->last = PT_LAST_NONE;
     if (solid < 0 && (s->knobs.techniques & PT_LIGHTS)) {
         double sum[3] = { 0.0, 0.0, 0.0 };
-        pt_next_event(s, p->counts, hit, NULL, &at, 1, false, p->beta, p->sampler, sum);
+        pt_next_event(s, p->counts, hit, &at, 1, false, p->sampler, sum);
         add(p, sum, p->scattered);
     }
-    const struct pt_scatterer from = { vec3_mad(hit->p, hit->unit, n), p->w, NULL, n, NULL, NULL };
-    pt_scattered(p, &from, solid, PT_CONNECTION_NOT);
-    u = pt_random(p->sampler);
-    v = pt_random(p->sampler);
-    r = sqrtf(u);
-    phi = 2.0f * PELL_PI_F * v;
-    vec3_basis(n, &t, &b);
-    p->w = vec3_normalize(vec3_add(vec3_add(vec3_mul(t, r * cosf(phi)), vec3_mul(b, r * sinf(phi))), vec3_mul(n, sqrtf(1.0f - u))));
+    pt_scattered(p, &at, solid, PT_CONNECTION_NOT);
+    p->w = pt_scatter_sample(&at, p->sampler, NULL);
     p->x = hit->p;
-    p->from = vec3_mad(hit->p, hit->unit, n);
+    p->from = at.x;
     if (solid < 0) {
         p->last = PT_LAST_SURFACE;
         p->density = fmaxf(vec3_dot(p->w, n), 0.0f) / PELL_PI_F;
@@ -172,18 +163,17 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
     const struct pt_scene *s = p->s;
     const int open = b->before.count == 0 ? 1 : b->after.count == 0 ? -1 : 0;
     const bool looked = p->leaving && open < 0 && b->before.count == 1; /* for lights but the environment, from where the walk scattered */
-    const struct pell_vec3 came = p->w;
+    const struct pt_scatterer at = { hit->p, p->w, NULL, b->at.ng, b->rough, &b->at, hit->unit, { p->beta[0], p->beta[1], p->beta[2] } };
     bool transmitted;
 
     if (open != 0 && (s->knobs.techniques & PT_LIGHTS)) {
         double sum[3] = { 0.0, 0.0, 0.0 };
-        pt_next_event(s, p->counts, hit, b->rough, &b->at, open, looked, p->beta, p->sampler, sum);
+        pt_next_event(s, p->counts, hit, &at, open, looked, p->sampler, sum);
         add(p, sum, p->scattered);
     }
     if (s->chains) {
-        const struct pt_scatterer at = { hit->p, came, NULL, b->at.ng, b->rough, &b->at };
         double sum[3] = { 0.0, 0.0, 0.0 };
-        pt_specular_manifold(s, p->counts, &at, &b->before, &b->after, hit->unit, 0.0f, p->beta, p->sampler, sum);
+        pt_specular_manifold(s, p->counts, &at, &b->before, &b->after, 0.0f, p->sampler, sum);
         add(p, sum, p->scattered);
     }
     p->tight = true; /* a light's path ends at rough surfaces */
@@ -196,7 +186,7 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
         p->looked = looked && transmitted;
         if (p->looked) {
             p->exit.hit = *hit;
-            p->exit.w = came;
+            p->exit.w = at.w;
             p->exit.length = length;
             p->exit.transmit = 1.0f;
         }
@@ -245,17 +235,7 @@ static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
 
 static bool roulette(struct pt_walk *p)
 {
-    const float now = (p->beta[0] + p->beta[1] + p->beta[2]) * (1.0f / 3.0f), least = p->s->knobs.roulette;
-
-    if (!(now > 0.0f))
-        return false;
-    if (now >= least)
-        return true;
-    if (pt_random(p->sampler) * least >= now)
-        return false;
-    for (int c = 0; c < 3; c++)
-        p->beta[c] *= least / now;
-    return true;
+    return pt_roulette(p->beta, (p->beta[0] + p->beta[1] + p->beta[2]) * (1.0f / 3.0f), p->s->knobs.roulette, p->sampler);
 }
 
 bool pt_met(struct pt_walk *p, const struct pt_hit *hit, float length)
@@ -301,7 +281,7 @@ bool pt_walk_on(struct pt_walk *p)
         hit_lights(p, met ? (double) hit.t : INFINITY);
         return met && pt_met(p, &hit, hit.t);
     }
-    pt_sample_distance(s, p->counts, solid, p->x, p->from, p->w, p->beta, &p->safe, p->sampler, &free_path);
+    pt_sample_distance(s, p->counts, solid, &(struct pt_ray) { p->x, p->from, p->w }, p->beta, &p->safe, p->sampler, &free_path);
     if (free_path.met)
         return pt_met(p, &free_path.hit, free_path.length);
     if (free_path.lost) {
@@ -313,7 +293,7 @@ bool pt_walk_on(struct pt_walk *p)
     p->x = p->from = free_path.x;
     if (!(p->beta[0] + p->beta[1] + p->beta[2] > 0.0f))
         return false;
-    const struct pt_scatterer at = { free_path.x, p->w, free_path.medium, { 0.0f, 0.0f, 0.0f }, NULL, NULL };
+    const struct pt_scatterer at = { free_path.x, p->w, free_path.medium, .beta = { p->beta[0], p->beta[1], p->beta[2] } };
     pt_scattered(p, &at, solid, PT_CONNECTION_NOT);
     pt_phase_sample(free_path.medium, p->w, p->sampler, p->beta, &p->w);
     return roulette(p);

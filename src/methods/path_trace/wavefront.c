@@ -90,7 +90,7 @@ static void take(struct pt_wavefront *d, int l)
         p->exit.solid = solid;
         p->exit.share = p->scattered <= 1 ? 1.0f : d->s->solid[solid].share;
         for (int c = 0; c < 3; c++)
-            p->exit.beta[c] = w->collided[c][l];
+            p->exit.from.beta[c] = w->collided[c][l];
         p->leaving = true;
     }
 }
@@ -322,13 +322,12 @@ static void leave(struct pt_wavefront *d, int l)
 static void look(struct pt_wavefront *d, int l, int solid, bool asks)
 {
     struct pt_walk *p = &d->slot[l].p;
-    const struct pt_scatterer *at;
 
     d->since &= ~(1u << l);
     take(d, l);
     p->from = p->x;
-    at = &(struct pt_scatterer) { .x = p->x, .w = p->w, .medium = &d->s->solid[solid].medium.layer[0] };
-    pt_scattered(p, at, solid, asks ? PT_CONNECTION_YES : PT_CONNECTION_NO);
+    const struct pt_scatterer at = { p->x, p->w, &d->s->solid[solid].medium.layer[0], .beta = { p->beta[0], p->beta[1], p->beta[2] } };
+    pt_scattered(p, &at, solid, asks ? PT_CONNECTION_YES : PT_CONNECTION_NO);
     d->w.turn[l] = p->turn;
     if (!p->tight && p->vertices == 0 && !d->s->solid[solid].near)
         d->single &= ~(1u << l);

@@ -198,8 +198,10 @@ static void bring(const struct ray *ray, const struct pell_light_sample *source,
         for (int k = 0; k < ray->channels; k++)
             slowest = fmin(slowest, ray->medium->layer[i].sigma_t[ray->lit[k]]);
     reach = slowest > 0.0 ? SINGLE_OPAQUE / slowest : INFINITY;
-    n = pell_connect(ray->world->connector, ray->solid, ray->eta, x, source->away ? source->toward : source->at, source->away, reach, paths,
-                     PELL_CONNECTIONS, &ray->counts->rays);
+    n = pell_connect(
+        ray->world->connector,
+        &(struct pell_connection_query) { ray->solid, ray->eta, x, source->away ? source->toward : source->at, source->away, reach }, paths,
+        PELL_CONNECTIONS, &ray->counts->rays);
     for (int i = 0; i < n; i++) {
         const struct pell_connection *p = &paths[i];
         const double cosine = (double) vec3_dot(p->inside, back);

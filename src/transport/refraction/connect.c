@@ -206,27 +206,29 @@ static int straight(const struct pell_connector *c, int solid, const struct quer
     return 1;
 }
 
-int pell_connect(const struct pell_connector *connector, int solid, double eta, struct pell_vec3 x, struct pell_vec3 place, bool direction,
-                 double reach, struct pell_connection *out, int max, int64_t *rays)
+int pell_connect(const struct pell_connector *connector, const struct pell_connection_query *query, struct pell_connection *out, int max,
+                 int64_t *rays)
 {
+    const int solid = query->solid;
+    const double eta = query->eta;
     struct query q;
     const struct path *order[PELL_CONNECTIONS];
     int64_t traced = 0;
     int given = 0;
 
-    if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || max <= 0 || !(reach > 0.0) ||
-        !(eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
+    if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || max <= 0 ||
+        !(query->reach > 0.0) || !(eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
         return 0;
     q.eta = eta;
     q.grazing = sqrt(fabs(eta * eta - 1.0));
-    q.reach = reach;
-    q.x = dvec3_widen(x);
-    q.place = dvec3_widen(place);
-    q.away = direction;
+    q.reach = query->reach;
+    q.x = dvec3_widen(query->x);
+    q.place = dvec3_widen(query->place);
+    q.away = query->away;
     q.count = 0;
     if (!is_place(q.x) || !is_place(q.place))
         return 0;
-    if (direction) {
+    if (q.away) {
         const double length = sqrt(dvec3_dot(q.place, q.place));
         if (!(length > 0.0))
             return 0;

@@ -40,12 +40,21 @@ struct pell_connection {
  * triangles make as many paths as it is concentrated there: some places of a coarse ball have over 16, few over 64. */
 #define PELL_CONNECTIONS 256
 
-/* All connections of x, inside solid `solid` whose index relative to outside is `eta`, with a place (direction: `place` is the unit
- * direction towards it) with inside_mm up to `reach`; at most `max` of them, nearest first. Neither part is in the way of anything: the
- * outside part of no surface at all, the inside part of no surface. Returns how many. `rays` (may be NULL): + rays traced. None for a
- * solid that is not there, an index outside [PELL_ETA_MIN, PELL_ETA_MAX], or what is no number. Thread-safe. */
-int pell_connect(const struct pell_connector *connector, int solid, double eta, struct pell_vec3 x, struct pell_vec3 place, bool direction,
-                 double reach, struct pell_connection *out, int max, int64_t *rays);
+/* What is to be connected through the surface of a solid. */
+struct pell_connection_query {
+    int solid;
+    double eta;             /* its index relative to outside */
+    struct pell_vec3 x;     /* inside */
+    struct pell_vec3 place; /* outside */
+    bool away;              /* `place` is the unit direction towards it */
+    double reach;           /* mm: of inside_mm */
+};
+
+/* All connections, at most `max` of them, nearest first. Neither part is in the way of anything: the outside part of no surface at all, the
+ * inside part of no surface. Returns how many. `rays` (may be NULL): + rays traced. None for a solid that is not there, an index outside
+ * [PELL_ETA_MIN, PELL_ETA_MAX], or what is no number. Thread-safe. */
+int pell_connect(const struct pell_connector *connector, const struct pell_connection_query *query, struct pell_connection *out, int max,
+                 int64_t *rays);
 
 /* mm of rounding in where rays meet a solid's surface: nothing nearer to it is in the way. 0 for a solid that is not there. */
 double pell_connector_rounding(const struct pell_connector *connector, int solid);
