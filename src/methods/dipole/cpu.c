@@ -17,6 +17,7 @@
 #include "methods/dipole/dipole.h"
 
 #include "math/vec.h"
+#include "methods/reference_frame.h"
 #include "render/engine.h"
 #include "transport/rqmc.h"
 
@@ -47,14 +48,13 @@ struct counts {
 };
 
 struct dipole_state {
+    struct reference_frame frame;         /* first */
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct dipole_knobs knobs;
     struct pell_solids *solids;
     struct solid *solid; /* of each */
     struct counts *counts;
-    float *standard_error[3]; /* planes of the frame's stride */
-    struct pell_pass_time time;
 };
 
 /* What is found for a pixel, by rounds. */
@@ -310,7 +310,7 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
         }
         for (int c = 0; c < 3; c++) {
             t->out->light[c][at[i]] = light[c];
-            t->st->standard_error[c][at[i]] = standard_error[c];
+            t->st->frame.standard_error[c][at[i]] = standard_error[c];
         }
     }
 }
@@ -344,7 +344,7 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
     const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
 
-    memset(st->standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
+    memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
     for (t.first = 0; t.first < rows; t.first += BATCH) {
         pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
@@ -358,7 +358,7 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
         sum.cut += st->counts[i].cut;
         sum.over += st->counts[i].over;
     }
-    st->time = (struct pell_pass_time) { "dipole.sample", pell_seconds() - start, sum.pixels, sum.pixels * 52 };
+    st->frame.time = (struct pell_pass_time) { "dipole.sample", pell_seconds() - start, sum.pixels, sum.pixels * 52 };
     if (sum.pixels > 0)
         pell_info(st->ctx, "dipole", "%.0f samples per pixel; %.2f %% of the pixels stopped at the knob most",
                   (double) sum.samples / (double) sum.pixels, 100.0 * (double) sum.over / (double) sum.pixels);
@@ -374,7 +374,7 @@ static void dipole_destroy(void *state)
 
     if (!st)
         return;
-    pell_free(st->ctx, st->standard_error[0]);
+    pell_free(st->ctx, st->frame.standard_error[0]);
     pell_free(st->ctx, st->counts);
     pell_free(st->ctx, st->solid);
     pell_solids_destroy(&st->solids);
@@ -385,7 +385,6 @@ static enum pell_result dipole_create(const struct pell_services *services, cons
                                       void **state)
 {
     struct pell_context *ctx = services->ctx;
-    const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
     struct dipole_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
 
@@ -399,11 +398,9 @@ static enum pell_result dipole_create(const struct pell_services *services, cons
     res = PELL_ERR_NOMEM;
     st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));
-    st->standard_error[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
-    if (!st->solid || !st->counts || !st->standard_error[0])
+    if (!st->solid || !st->counts)
         goto fail;
-    st->standard_error[1] = st->standard_error[0] + pixels;
-    st->standard_error[2] = st->standard_error[1] + pixels;
+    PELL_TRY(reference_make_planes(ctx, shape, &st->frame));
     for (size_t i = 0; i < st->solids->count; i++) {
         const struct pell_frame_material *m = &shape->materials[st->solids->solids[i].material];
         struct solid *b = &st->solid[i];
@@ -421,25 +418,8 @@ fail:
     return res;
 }
 
-static size_t dipole_times(const void *state, struct pell_pass_time *times, size_t size)
-{
-    const struct dipole_state *st = state;
-
-    if (size < 1 || !st->time.name)
-        return 0;
-    times[0] = st->time;
-    return 1;
-}
-
-static bool dipole_noise(const void *state, const float *planes[3])
-{
-    const struct dipole_state *st = state;
-
-    for (int c = 0; c < 3; c++)
-        planes[c] = st->standard_error[c];
-    return true;
-}
-
-const struct pell_method_engine pell_dipole_cpu = {
-    .create = dipole_create, .record = dipole_render, .destroy = dipole_destroy, .times = dipole_times, .standard_error = dipole_noise
-};
+const struct pell_method_engine pell_dipole_cpu = { .create = dipole_create,
+                                                    .record = dipole_render,
+                                                    .destroy = dipole_destroy,
+                                                    .times = reference_times,
+                                                    .standard_error = reference_standard_error };

@@ -17,6 +17,7 @@
 #include "methods/hierarchical/hierarchical.h"
 
 #include "math/vec.h"
+#include "methods/reference_frame.h"
 #include "render/engine.h"
 
 #include <stdio.h>
@@ -37,12 +38,12 @@ struct solid {
 };
 
 struct hierarchical_state {
+    struct reference_frame frame;         /* first */
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct hierarchical_knobs knobs;
     struct pell_solids *solids;
     struct solid *solid; /* of each */
-    struct pell_pass_time time;
 };
 
 /* --- Samples -------------------------------------------------------------------------------------------------------------------- */
@@ -413,25 +414,15 @@ static enum pell_result hierarchical_render(void *state, const struct pell_frame
             return PELL_ERR_CANCELLED;
         pell_progress(st->ctx, "hierarchical", fmin(1.0, (double) (t.first + BATCH) / bands));
     }
-    st->time = (struct pell_pass_time) {
+    st->frame.time = (struct pell_pass_time) {
         .name = "hierarchical.gather",
         .seconds = pell_seconds() - start,
         .pixels = (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0),
     };
-    st->time.bytes = st->time.pixels * 52;
+    st->frame.time.bytes = st->frame.time.pixels * 52;
     return PELL_OK;
 }
 
-static size_t hierarchical_times(const void *state, struct pell_pass_time *times, size_t size)
-{
-    const struct hierarchical_state *st = state;
-
-    if (size < 1 || !st->time.name)
-        return 0;
-    times[0] = st->time;
-    return 1;
-}
-
 const struct pell_method_engine pell_hierarchical_cpu = {
-    .create = hierarchical_create, .record = hierarchical_render, .destroy = hierarchical_destroy, .times = hierarchical_times
+    .create = hierarchical_create, .record = hierarchical_render, .destroy = hierarchical_destroy, .times = reference_times
 };

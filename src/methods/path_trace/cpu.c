@@ -13,6 +13,7 @@
 
 #include "base/file.h"
 #include "base/hash.h"
+#include "methods/reference_frame.h"
 #include "render/engine.h"
 
 #include <stdio.h>
@@ -35,6 +36,7 @@ enum {
 #define LATE 0.05
 
 struct pt_state {
+    struct reference_frame frame;         /* first */
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pt_method_knobs knobs;
@@ -45,8 +47,6 @@ struct pt_state {
     size_t num_films;
     uint32_t *places; /* of the film's pixels in the planes */
     size_t places_capacity;
-    float *standard_error[3];
-    struct pell_pass_time time;
     struct pt_counts before; /* of all frames before this */
     double begin, written;   /* of the frame; of the last checkpoint */
     double shown;            /* progress */
@@ -470,7 +470,7 @@ static void put_light(const struct run *run, const struct pell_frame_light *out)
             else if (traced(st))
                 light += p->sum[PT_SURFACE][c];
             out->light[c][at] = (float) (light / n);
-            st->standard_error[c][at] = (float) error[c];
+            st->frame.standard_error[c][at] = (float) error[c];
         }
     }
 }
@@ -541,7 +541,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     atomic_store(&st->invalid, false);
     atomic_store(&st->late, false);
     st->before = count_all(st);
-    st->time = (struct pell_pass_time) { .name = "path-trace" };
+    st->frame.time = (struct pell_pass_time) { .name = "path-trace" };
     if (!st->services->checkpoint) {
         for (size_t i = 0; i < st->num_films; i++)
             st->films[i].count = 0;
@@ -571,7 +571,7 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
     if (number == 0)
         PELL_TRY(start_frame(st, in));
     PELL_TRY(start_film(&run));
-    memset(st->standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
+    memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     counts = count_all(st);
     PELL_TRY(run_film(&run));
     put_light(&run, out);
@@ -584,10 +584,10 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
         return PELL_ERR_CANCELLED;
     if (last)
         report(st, &run);
-    st->time.seconds = pell_seconds() - start;
-    st->time.pixels = (int64_t) run.film->count;
-    st->time.bytes = (int64_t) (run.film->count * (sizeof(struct pt_pixel) + 40));
-    st->time.rays = count_all(st).rays - counts.rays;
+    st->frame.time.seconds = pell_seconds() - start;
+    st->frame.time.pixels = (int64_t) run.film->count;
+    st->frame.time.bytes = (int64_t) (run.film->count * (sizeof(struct pt_pixel) + 40));
+    st->frame.time.rays = count_all(st).rays - counts.rays;
     return PELL_OK;
 
 fail:
@@ -608,7 +608,7 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st->films);
     pell_free(st->ctx, st->places);
     pell_free(st->ctx, st->kept);
-    pell_free(st->ctx, st->standard_error[0]);
+    pell_free(st->ctx, st->frame.standard_error[0]);
     pt_scene_destroy(&st->scene);
     pell_free(st->ctx, st);
 }
@@ -617,7 +617,6 @@ static enum pell_result path_trace_create(const struct pell_services *services, 
                                           void **state)
 {
     struct pell_context *ctx = services->ctx;
-    const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
     struct pt_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
 
@@ -633,11 +632,9 @@ static enum pell_result path_trace_create(const struct pell_services *services, 
     res = PELL_ERR_NOMEM;
     st->films = pell_calloc(ctx, st->num_films, sizeof(*st->films));
     st->walkers = pell_calloc(ctx, (size_t) st->threads, sizeof(*st->walkers));
-    st->standard_error[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
-    if (!st->films || !st->walkers || !st->standard_error[0])
+    if (!st->films || !st->walkers)
         goto fail;
-    st->standard_error[1] = st->standard_error[0] + pixels;
-    st->standard_error[2] = st->standard_error[1] + pixels;
+    PELL_TRY(reference_make_planes(ctx, shape, &st->frame));
     PELL_TRY(pt_scene_create(services, &st->knobs.trace, &st->scene));
     for (int i = 0; i < st->threads; i++)
         PELL_TRY(pt_walker_create(st->scene, &st->walkers[i]));
@@ -647,29 +644,10 @@ fail:
     return res;
 }
 
-static size_t path_trace_times(const void *state, struct pell_pass_time *times, size_t size)
-{
-    const struct pt_state *st = state;
-
-    if (size < 1 || !st->time.name)
-        return 0;
-    times[0] = st->time;
-    return 1;
-}
-
-static bool path_trace_standard_error(const void *state, const float *planes[3])
-{
-    const struct pt_state *st = state;
-
-    for (int c = 0; c < 3; c++)
-        planes[c] = st->standard_error[c];
-    return true;
-}
-
 const struct pell_method_engine pell_path_trace_cpu = {
     .create = path_trace_create,
     .record = path_trace_render,
     .destroy = path_trace_destroy,
-    .times = path_trace_times,
-    .standard_error = path_trace_standard_error,
+    .times = reference_times,
+    .standard_error = reference_standard_error,
 };

@@ -2,6 +2,7 @@
  * cpu.c - a frame of single scattering: pixels are independent, rows go to the threads. */
 #include "methods/single_scatter/single_scatter.h"
 
+#include "methods/reference_frame.h"
 #include "render/engine.h"
 
 #include <string.h>
@@ -9,6 +10,7 @@
 enum { BATCH = 16 }; /* rows between two reports of progress */
 
 struct single_state {
+    struct reference_frame frame;         /* first */
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pell_solids *solids;
@@ -17,8 +19,6 @@ struct single_state {
     struct single_medium *medium; /* of each solid */
     struct single_world world;    /* of all that */
     struct single_counts *counts;
-    float *standard_error[3]; /* planes of the frame's stride */
-    struct pell_pass_time time;
 };
 
 struct frame_task {
@@ -48,7 +48,7 @@ static void do_row(void *arg, int index, int worker)
             t->out->light[c][at] = apart ? 0.0f : light[c];
             if (apart)
                 t->out->single[c][at] = light[c];
-            t->st->standard_error[c][at] = standard_error[c];
+            t->st->frame.standard_error[c][at] = standard_error[c];
         }
     }
 }
@@ -61,7 +61,7 @@ static enum pell_result single_render(void *state, const struct pell_frame *in, 
     const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
 
-    memset(st->standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
+    memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
     st->world.seed = in->seed;
     for (t.first = 0; t.first < rows; t.first += BATCH) {
@@ -76,7 +76,7 @@ static enum pell_result single_render(void *state, const struct pell_frame *in, 
         sum.rays += st->counts[i].rays;
         sum.over += st->counts[i].over;
     }
-    st->time = (struct pell_pass_time) {
+    st->frame.time = (struct pell_pass_time) {
         .name = "single-scatter", .seconds = pell_seconds() - start, .pixels = sum.pixels, .bytes = sum.pixels * 40, .rays = sum.rays
     };
     if (sum.pixels > 0)
@@ -92,7 +92,7 @@ static void single_destroy(void *state)
 
     if (!st)
         return;
-    pell_free(st->ctx, st->standard_error[0]);
+    pell_free(st->ctx, st->frame.standard_error[0]);
     pell_free(st->ctx, st->counts);
     for (size_t i = 0; st->medium && i < st->solids->count; i++)
         single_medium_finish(st->ctx, &st->medium[i]);
@@ -109,7 +109,6 @@ static enum pell_result single_create(const struct pell_services *services, cons
     const struct single_knobs *k = knobs;
     struct pell_context *ctx = services->ctx;
     const struct pell_scene *scene = services->scene;
-    const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
     struct single_state *st = pell_zalloc(ctx, sizeof(*st));
     enum pell_result res;
 
@@ -124,11 +123,9 @@ static enum pell_result single_create(const struct pell_services *services, cons
     res = PELL_ERR_NOMEM;
     st->medium = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->medium));
     st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));
-    st->standard_error[0] = pell_calloc(ctx, 3 * pixels, sizeof(float));
-    if (!st->medium || !st->counts || !st->standard_error[0])
+    if (!st->medium || !st->counts)
         goto fail;
-    st->standard_error[1] = st->standard_error[0] + pixels;
-    st->standard_error[2] = st->standard_error[1] + pixels;
+    PELL_TRY(reference_make_planes(ctx, shape, &st->frame));
     for (size_t i = 0; i < st->solids->count; i++) {
         const struct pell_solid *b = &st->solids->solids[i];
         if (b->num_triangles == 0)
@@ -152,27 +149,8 @@ fail:
     return res;
 }
 
-static size_t single_times(const void *state, struct pell_pass_time *times, size_t size)
-{
-    const struct single_state *st = state;
-
-    if (size < 1 || !st->time.name)
-        return 0;
-    times[0] = st->time;
-    return 1;
-}
-
-static bool single_standard_error(const void *state, const float *planes[3])
-{
-    const struct single_state *st = state;
-
-    for (int c = 0; c < 3; c++)
-        planes[c] = st->standard_error[c];
-    return true;
-}
-
 const struct pell_method_engine pell_single_scatter_cpu = { .create = single_create,
                                                             .record = single_render,
                                                             .destroy = single_destroy,
-                                                            .times = single_times,
-                                                            .standard_error = single_standard_error };
+                                                            .times = reference_times,
+                                                            .standard_error = reference_standard_error };

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * reference_frame.h - what a reference, which is one pass of the CPU, knows of its last frame beside the light.
+ */
+#ifndef PELL_METHODS_REFERENCE_FRAME_H
+#define PELL_METHODS_REFERENCE_FRAME_H
+
+#include "base/base.h"
+
+#include <pellucid/method.h>
+
+/* The first member of the method's state: the functions below are those of struct pell_method_engine. */
+struct reference_frame {
+    struct pell_pass_time time; /* name NULL: none yet */
+    float *standard_error[3];   /* planes of the frame's stride, in one block; NULL: not known */
+};
+
+static inline size_t reference_times(const void *state, struct pell_pass_time *times, size_t size)
+{
+    const struct reference_frame *f = state;
+
+    if (size < 1 || !f->time.name)
+        return 0;
+    times[0] = f->time;
+    return 1;
+}
+
+static inline bool reference_standard_error(const void *state, const float *planes[3])
+{
+    const struct reference_frame *f = state;
+
+    for (int c = 0; c < 3; c++)
+        planes[c] = f->standard_error[c];
+    return true;
+}
+
+static inline PELL_NODISCARD enum pell_result reference_make_planes(struct pell_context *ctx, const struct pell_frame_shape *shape,
+                                                                    struct reference_frame *f)
+{
+    const size_t pixels = (size_t) shape->stride * (size_t) shape->height;
+    float *block = pell_calloc(ctx, 3 * pixels, sizeof(float));
+
+    for (int c = 0; block && c < 3; c++)
+        f->standard_error[c] = block + (size_t) c * pixels;
+    return block ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+#endif
