@@ -269,44 +269,9 @@ static int64_t cpu_light_points(void *engine, const struct pell_points_params *p
                                 const struct pell_surface_light *out)
 {
     const struct cpu *e = engine;
-    struct pell_irradiance_params p = light_params(e, params->mix);
-    int64_t rays = 0;
+    const struct pell_irradiance_params p = light_params(e, params->mix);
 
-    p.sample = params->first;
-    p.lights = params->lights;
-    for (size_t first = 0; first < n; first += 16) {
-        const size_t count = n - first < 16 ? n - first : 16;
-        _Alignas(64) float ambient[16] = { 0 };
-        struct pell_points points;
-        struct pell_points_light light;
-
-        for (size_t i = 0; i < 16; i++) {
-            const size_t k = first + (i < count ? i : 0);
-            points.mesh[i] = i < count ? in->mesh[k] : PELL_NO_HIT;
-            points.triangle[i] = in->triangle[k];
-            points.u[i] = in->u[k];
-            points.v[i] = in->v[k];
-            points.number[i] = in->number[k];
-            ambient[i] = in->ambient ? in->ambient[k] : 0.0f;
-        }
-        p.ambient = in->ambient ? ambient : NULL;
-        pell_irradiance_points(e->lights, &p, &points, params->spacing, params->samples, &light);
-        rays += light.rays;
-        for (size_t i = 0; i < count; i++) {
-            for (int c = 0; c < 3; c++) {
-                out->irradiance[c][first + i] = light.irradiance[c][i];
-                if (out->position[c])
-                    out->position[c][first + i] = light.position[c][i];
-                if (out->normal[c])
-                    out->normal[c][first + i] = light.normal[c][i];
-            }
-            if (out->strength)
-                out->strength[first + i] = light.strength[i];
-            if (out->there)
-                out->there[first + i] = light.there[i] != 0;
-        }
-    }
-    return rays;
+    return pell_irradiance_points(e->lights, &p, params, in, n, out);
 }
 
 static const struct pell_light_grid *cpu_light_grid(void *engine, size_t light)

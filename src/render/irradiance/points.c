@@ -15,39 +15,36 @@ struct planes {
     uint16_t material[16];
 };
 
-/* Places and outward normals of the points, and rays that look at them from outside. Returns which there are. */
-static uint32_t place_points(const struct pell_scene *scene, const struct pell_points *p, struct pell_ray_hit16 *packet, struct planes *s,
-                             struct pell_points_light *out)
+/* Places of the points from `first` on, and rays that look at them from outside, against their normals. Returns which there are. */
+static uint32_t place_points(const struct pell_scene *scene, const struct pell_surface_points *p, size_t first, size_t count,
+                             struct pell_ray_hit16 *packet, struct planes *s)
 {
     uint32_t some = 0;
 
     memset(packet, 0, sizeof(*packet));
-    for (int i = 0; i < 16; i++) {
-        const bool is = p->mesh[i] < scene->num_meshes && p->triangle[i] < scene->meshes[p->mesh[i]].num_triangles;
+    for (size_t i = 0; i < 16; i++) {
+        const size_t k = first + (i < count ? i : 0);
+        const bool is = i < count && p->mesh[k] < scene->num_meshes && p->triangle[k] < scene->meshes[p->mesh[k]].num_triangles;
         struct pell_vec3 at = { 0 }, g = { 0 }, n = { 0.0f, 0.0f, 1.0f };
         float largest = 0.0f;
 
         if (is) {
-            const struct pell_mesh *mesh = &scene->meshes[p->mesh[i]];
-            const uint32_t *index = mesh->index + 3 * (size_t) p->triangle[i];
+            const struct pell_mesh *mesh = &scene->meshes[p->mesh[k]];
+            const uint32_t *index = mesh->index + 3 * (size_t) p->triangle[k];
             const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
             const struct pell_vec3 b = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a);
             const struct pell_vec3 c = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a);
             const struct pell_vec3 ends[3] = { a, vec3_add(a, b), vec3_add(a, c) };
-            at = vec3_mad(vec3_mad(a, p->u[i], b), p->v[i], c);
+            at = vec3_mad(vec3_mad(a, p->u[k], b), p->v[k], c);
             g = vec3_cross(b, c);
             n = vec3_normalize(g);
-            for (int k = 0; k < 3; k++)
-                largest = fmaxf(largest, fmaxf(fabsf(ends[k].x), fmaxf(fabsf(ends[k].y), fabsf(ends[k].z))));
+            for (int j = 0; j < 3; j++)
+                largest = fmaxf(largest, fmaxf(fabsf(ends[j].x), fmaxf(fabsf(ends[j].y), fabsf(ends[j].z))));
             some |= 1u << i;
         }
-        out->there[i] = -(int32_t) is;
-        s->place[0][i] = out->position[0][i] = at.x;
-        s->place[1][i] = out->position[1][i] = at.y;
-        s->place[2][i] = out->position[2][i] = at.z;
-        out->normal[0][i] = n.x;
-        out->normal[1][i] = n.y;
-        out->normal[2][i] = n.z;
+        s->place[0][i] = at.x;
+        s->place[1][i] = at.y;
+        s->place[2][i] = at.z;
         packet->ray.dx[i] = -n.x;
         packet->ray.dy[i] = -n.y;
         packet->ray.dz[i] = -n.z;
@@ -55,17 +52,17 @@ static uint32_t place_points(const struct pell_scene *scene, const struct pell_p
         packet->hit.ngx[i] = g.x;
         packet->hit.ngy[i] = g.y;
         packet->hit.ngz[i] = g.z;
-        packet->hit.u[i] = p->u[i];
-        packet->hit.v[i] = p->v[i];
-        packet->hit.triangle[i] = p->triangle[i];
-        packet->hit.mesh[i] = is ? p->mesh[i] : PELL_NO_HIT;
+        packet->hit.u[i] = p->u[k];
+        packet->hit.v[i] = p->v[k];
+        packet->hit.triangle[i] = p->triangle[k];
+        packet->hit.mesh[i] = is ? p->mesh[k] : PELL_NO_HIT;
     }
     return some;
 }
 
 /* Where alpha may cut the surface away, a short ray says whether it is there. */
 static uint32_t drop_cut_out(const struct pell_irradiance_params *params, const struct planes *s, uint32_t some,
-                             struct pell_ray_hit16 *packet, struct pell_points_light *out)
+                             struct pell_ray_hit16 *packet, int64_t *rays)
 {
     const struct pell_scene *scene = params->scene;
     _Alignas(64) int ask[16];
@@ -92,9 +89,8 @@ static uint32_t drop_cut_out(const struct pell_irradiance_params *params, const 
     }
     pell_rays_occluded16(params->rays, ask, false, &r);
     for (int i = 0; i < 16; i++) {
-        out->rays += ask[i] != 0;
+        *rays += ask[i] != 0;
         if (ask[i] && r.tfar[i] >= 0.0f) {
-            out->there[i] = 0;
             packet->hit.mesh[i] = PELL_NO_HIT;
             some &= ~(1u << i);
         }
@@ -102,27 +98,15 @@ static uint32_t drop_cut_out(const struct pell_irradiance_params *params, const 
     return some;
 }
 
-void pell_irradiance_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points *points,
-                            float spacing, int samples, struct pell_points_light *out)
+/* Lights the points from `first` on, at most 16. Returns the number of rays. */
+static int64_t light16(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points_params *what,
+                       const struct pell_surface_points *in, size_t first, size_t count, const struct pell_surface_light *out)
 {
     struct pell_irradiance_params one = *params;
     struct pell_ray_hit16 packet;
-    struct pell_surface surface;
-    struct pell_lighting lighting;
+    struct pell_lighting lighting = { .shadow_rays = 0 };
     struct planes s;
-    const float *const place[3] = { s.place[0], s.place[1], s.place[2] };
-    uint32_t some;
-
-    out->rays = 0;
-    for (int i = 0; i < 16; i++)
-        out->strength[i] = 1.0f;
-    memset(out->irradiance, 0, sizeof(out->irradiance));
-    memset(&s, 0, sizeof(s));
-    some = place_points(params->scene, points, &packet, &s, out);
-    some = drop_cut_out(params, &s, some, &packet, out);
-    if (!some)
-        return;
-    surface = (struct pell_surface) {
+    struct pell_surface surface = {
         .material = s.material,
         .depth = s.depth,
         .roughness = s.roughness,
@@ -130,7 +114,20 @@ void pell_irradiance_points(const struct pell_lights *lights, const struct pell_
         .strength = s.strength,
         .terminator_offset = s.terminator_offset,
     };
-    lighting = (struct pell_lighting) { .shadow_rays = 0 };
+    const float *const place[3] = { s.place[0], s.place[1], s.place[2] };
+    const float *const inward[3] = { packet.ray.dx, packet.ray.dy, packet.ray.dz };
+    _Alignas(64) float ambient[16] = { 0 }, mean[3][16] = { { 0 } };
+    uint32_t number[16], some;
+    int64_t rays = 0;
+
+    memset(&s, 0, sizeof(s));
+    some = place_points(params->scene, in, first, count, &packet, &s);
+    some = drop_cut_out(params, &s, some, &packet, &rays);
+    for (size_t i = 0; i < 16; i++) {
+        const size_t k = first + (i < count ? i : 0);
+        number[i] = in->number[k];
+        ambient[i] = in->ambient ? in->ambient[k] : 0.0f;
+    }
     for (int c = 0; c < 3; c++) {
         surface.ng[c] = s.ng[c];
         surface.ns[c] = s.ns[c];
@@ -140,18 +137,43 @@ void pell_irradiance_points(const struct pell_lights *lights, const struct pell_
         lighting.transmitted[c] = s.transmitted[c];
         lighting.specular[c] = s.mirrored[c];
     }
-    pell_surface_look(params->surface, params->scene, spacing, &packet, some, &surface);
-    for (int i = 0; i < 16; i++)
-        if (some >> i & 1)
-            out->strength[i] = s.strength[i];
+    if (some)
+        pell_surface_look(params->surface, params->scene, what->spacing, &packet, some, &surface);
     one.surface = &surface;
     one.thickness = NULL;
-    for (int k = 0; k < samples; k++) {
-        one.sample = params->sample + (uint32_t) k;
-        pell_irradiance_at(lights, &one, place, points->number, &lighting);
-        out->rays += (int) lighting.shadow_rays;
+    one.ambient = in->ambient ? ambient : NULL;
+    one.lights = what->lights;
+    for (int k = 0; some && k < what->samples; k++) {
+        one.sample = what->first + (uint32_t) k;
+        pell_irradiance_at(lights, &one, place, number, &lighting);
+        rays += lighting.shadow_rays;
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < 16; i++)
-                out->irradiance[c][i] += some >> i & 1 ? s.irradiance[c][i] / (float) samples : 0.0f;
+                mean[c][i] += some >> i & 1 ? s.irradiance[c][i] / (float) what->samples : 0.0f;
     }
+    for (size_t i = 0; i < count; i++) {
+        for (int c = 0; c < 3; c++) {
+            out->irradiance[c][first + i] = mean[c][i];
+            if (out->position[c])
+                out->position[c][first + i] = s.place[c][i];
+            if (out->normal[c])
+                out->normal[c][first + i] = -inward[c][i];
+        }
+        if (out->strength)
+            out->strength[first + i] = some >> i & 1 ? s.strength[i] : 1.0f;
+        if (out->there)
+            out->there[first + i] = some >> i & 1;
+    }
+    return rays;
+}
+
+int64_t pell_irradiance_points(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                               const struct pell_points_params *what, const struct pell_surface_points *in, size_t n,
+                               const struct pell_surface_light *out)
+{
+    int64_t rays = 0;
+
+    for (size_t first = 0; first < n; first += 16)
+        rays += light16(lights, params, what, in, first, n - first < 16 ? n - first : 16, out);
+    return rays;
 }

@@ -13,6 +13,7 @@
 
 #include "lights/lights.h"
 #include "lights/specular_tables.h"
+#include "render/services.h"
 #include "render/surface/stage.h"
 
 #include <pellucid/render.h>
@@ -46,28 +47,11 @@ PELL_NODISCARD enum pell_result pell_irradiance_render(struct pell_pool *pool, s
 
 /* --- points.c: light that enters anywhere --------------------------------------------------------------------------------------- */
 
-/* 16 points of a scene's triangles. Lanes whose mesh is PELL_NO_HIT are none. */
-struct pell_points {
-    _Alignas(64) uint32_t mesh[16];
-    uint32_t triangle[16];
-    float u[16], v[16];  /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
-    uint32_t number[16]; /* names the patterns in which lights with extent are sampled: points of one number share them */
-};
-
-struct pell_points_light {
-    _Alignas(64) int32_t there[16]; /* -1; 0: no point, or one where the material is cut out by its alpha */
-    float position[3][16];          /* mm */
-    float normal[3][16];            /* geometric, unit, outward by the order of the triangle's corners */
-    float irradiance[3][16];        /* W/m^2, entered, with albedo^m; of the outer side */
-    float strength[16];             /* of scattering, [0, 1]; 1 where no point is */
-    int rays;                       /* traced for it */
-};
-
-/* What pell_irradiance_render gives at pixels, at any points: the same lights, tables and formulas, the mean over `samples` numbers of the
- * multisample from params->sample on. params->surface is any surface that was allocated, its view is not read; textures are filtered to
- * `spacing` mm, > 0. Allocates nothing; safe from many threads. */
-void pell_irradiance_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points *points,
-                            float spacing, int samples, struct pell_points_light *out);
+/* What pell_irradiance_render gives at pixels, at any points (pell_services_light_points): the same lights, tables and formulas.
+ * params->surface is any surface that was allocated, its view is not read; `what` comes in place of params' sample and lights. */
+int64_t pell_irradiance_points(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                               const struct pell_points_params *what, const struct pell_surface_points *in, size_t n,
+                               const struct pell_surface_light *out);
 
 /* --- cpu.c, for points.c ------------------------------------------------------------------------------------------------------------- */
 
