@@ -36,25 +36,12 @@ void bench_close(struct bench *b)
 enum pell_result bench_choose(struct bench *b, const char *method, const char *knobs)
 {
     const struct pell_method *m = pell_method_find(b->cli->ctx, "bench", method);
-    struct pell_setting settings[8];
-    char text[256], *next = NULL;
-    void *values = m ? calloc(1, m->knobs_size) : NULL;
-    size_t n = 0;
-    enum pell_result res = m ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
+    void *values = NULL;
+    enum pell_result res = m ? pell_method_knobs_create(b->cli->ctx, m, knobs, &values) : PELL_ERR_INVALID;
 
-    snprintf(text, sizeof(text), "%s", knobs);
-    for (char *word = strtok_r(text, " ", &next); word && n < PELL_COUNT(settings); word = strtok_r(NULL, " ", &next)) {
-        char *equals = strchr(word, '=');
-        if (!equals)
-            continue;
-        *equals = '\0';
-        settings[n++] = (struct pell_setting) { word, equals + 1, "bench" };
-    }
-    if (values)
-        res = pell_method_configure(b->cli->ctx, m, settings, n, values);
     if (res == PELL_OK)
         res = pell_renderer_set_method(b->s.renderer, m, values);
-    free(values);
+    pell_method_knobs_destroy(b->cli->ctx, &values);
     return res;
 }
 

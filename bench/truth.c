@@ -16,7 +16,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 enum {
     SAMPLES = 4, /* a pixel, of path-trace */
@@ -42,9 +41,7 @@ struct shot {
 
 static double processor_ms(void)
 {
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return 1e3 * (double) t.tv_sec + 1e-6 * (double) t.tv_nsec;
+    return 1e3 * cli_cpu_seconds();
 }
 
 static void drop(struct shot *shot)
@@ -53,19 +50,9 @@ static void drop(struct shot *shot)
     shot->light = NULL;
 }
 
-static const struct pell_channel *channel(const struct pell_render_result *p, const char *layer, char c)
-{
-    char name[64];
-
-    snprintf(name, sizeof(name), "%s.%c", layer, c);
-    for (size_t i = 0; i < p->num_channels; i++)
-        if (strcmp(p->channels[i].name, name) == 0)
-            return &p->channels[i];
-    return NULL;
-}
-
 static enum pell_result shoot(struct truths *b, int64_t seed, int width, int height, struct shot *shot)
 {
+    static const char *const names[3] = { "R", "G", "B" };
     static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
     struct pell_settings settings = b->bench->s.settings;
     struct pell_render_result p;
@@ -88,7 +75,7 @@ static enum pell_result shoot(struct truths *b, int64_t seed, int width, int hei
         shot->rays += strcmp(p.stages[i].name, "path-trace") == 0 ? p.stages[i].rays : 0;
     shot->size = (size_t) width * (size_t) height;
     shot->light = calloc(shot->size, sizeof(*shot->light));
-    mask = channel(&p, "translucent", 'Y');
+    mask = cli_channel(&p, "translucent", "Y");
     if (!shot->light || !mask)
         return PELL_ERR_NOMEM;
     b->pixels = 0;
@@ -100,7 +87,7 @@ static enum pell_result shoot(struct truths *b, int64_t seed, int width, int hei
             b->pixels++;
             for (size_t k = 0; k < PELL_COUNT(cli_subsurface_layers); k++)
                 for (int c = 0; c < 3; c++) {
-                    const struct pell_channel *part = channel(&p, cli_subsurface_layers[k], "RGB"[c]);
+                    const struct pell_channel *part = cli_channel(&p, cli_subsurface_layers[k], names[c]);
                     *to += part ? weight[c] * (double) part->data[y * part->stride + x] : 0.0;
                 }
         }

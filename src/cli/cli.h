@@ -133,10 +133,13 @@ void cli_finish(struct cli *cli);
 bool cli_given(const struct cli *cli, const char *option);
 void cli_free_settings(struct settings_list *list);
 PELL_NODISCARD enum pell_result cli_add_setting(struct settings_list *list, const char *name, const char *value, const char *where);
+PELL_NODISCARD enum pell_result cli_append_settings(struct settings_list *to, const struct settings_list *from);
+/* Adds "NAME=VALUE", and cuts the text in two; `where` names the option. */
+enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const char *where, char *text);
 /* The text as `name=value name=value` of a table of knobs. */
 void cli_format_knobs(const struct pell_knob *knobs, const void *values, char *text, size_t size);
 
-/* --- report.c ----------------------------------------------------------------------------------------------------------------- */
+/* --- messages.c --------------------------------------------------------------------------------------------------------------- */
 
 /* A usage error: printed (or kept for JSON), EXIT_USAGE. */
 enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, const char *fmt, ...) PELL_PRINTF(4, 5);
@@ -194,6 +197,10 @@ void session_close(struct session *s);
 /* Whether the options and knobs that a scene file gives its picture are right. */
 enum exit_code session_check(struct cli *cli, struct pell_scene *scene);
 json_t *session_stages(const struct pell_render_result *image);
+/* A channel of a layer ("": of the picture itself), or NULL. */
+const struct pell_channel *cli_channel(const struct pell_render_result *image, const char *layer, const char *name);
+/* Of the processor, of all threads together. */
+double cli_cpu_seconds(void);
 /* Writes the picture in a format of pell_write_format_at, with what is known of how it was made; hashes are of EXR alone (0 elsewhere). */
 PELL_NODISCARD enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_render_result *image,
                                               const char *path, const char *format, uint64_t scene_hash, uint64_t materials_hash);

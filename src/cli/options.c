@@ -281,6 +281,15 @@ void cli_finish(struct cli *cli)
     json_decref(cli->collected);
 }
 
+enum pell_result cli_append_settings(struct settings_list *to, const struct settings_list *from)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < from->count && res == PELL_OK; i++)
+        res = cli_add_setting(to, from->items[i].name, from->items[i].value, from->items[i].where);
+    return res;
+}
+
 /* Splits "NAME=VALUE" at its first '='. */
 static enum exit_code split(struct cli *cli, const char *option, char *text, const char **value)
 {
@@ -293,6 +302,14 @@ static enum exit_code split(struct cli *cli, const char *option, char *text, con
     *equals = '\0';
     *value = equals + 1;
     return EXIT_OK;
+}
+
+enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const char *where, char *text)
+{
+    const char *value = NULL;
+    const enum exit_code code = split(cli, where, text, &value);
+
+    return code == EXIT_OK ? cli_failed(cli, cli_add_setting(list, text, value, where)) : code;
 }
 
 static enum exit_code set_log_level(struct cli *cli, const char *text)
@@ -335,10 +352,7 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
         *field = strdup(text);
         res = *field ? PELL_OK : PELL_ERR_NOMEM;
         break;
-    case KNOB:
-        if ((code = split(cli, where, text, &value)) == EXIT_OK)
-            res = cli_add_setting(&cli->knobs, text, value, where);
-        break;
+    case KNOB: code = cli_add_pair(cli, &cli->knobs, where, text); break;
     case LIMIT:
         if ((code = split(cli, where, text, &value)) == EXIT_OK)
             res = pell_knob_set(ctx, pell_limit_knobs(), "limits", where, &cli->limits, text, value);

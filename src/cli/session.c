@@ -7,6 +7,7 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
 
@@ -111,14 +112,6 @@ static enum exit_code merge_scene_options(const struct pell_scene *scene, struct
                                  knob ? o->name + 6 : o->name, o->value, o->where) != PELL_OK)
             return EXIT_MEMORY;
     }
-    return EXIT_OK;
-}
-
-static enum exit_code append(struct settings_list *to, const struct settings_list *from)
-{
-    for (size_t i = 0; i < from->count; i++)
-        if (cli_add_setting(to, from->items[i].name, from->items[i].value, from->items[i].where) != PELL_OK)
-            return EXIT_MEMORY;
     return EXIT_OK;
 }
 
@@ -274,11 +267,11 @@ static enum exit_code configure(struct cli *cli, struct session *s)
         method = (struct pell_setting) { "method", cli->method, "--method" };
     }
     if (code == EXIT_OK)
-        code = append(&settings, &cli->settings);
+        code = cli_failed(cli, cli_append_settings(&settings, &cli->settings));
     if (code == EXIT_OK)
-        code = append(&knobs, &cli->knobs);
+        code = cli_failed(cli, cli_append_settings(&knobs, &cli->knobs));
     if (code == EXIT_OK)
-        code = append(&common, &cli->common);
+        code = cli_failed(cli, cli_append_settings(&common, &cli->common));
     if (code == EXIT_OK)
         code = apply_settings(cli, &settings, &s->settings);
     if (code == EXIT_OK)
@@ -360,6 +353,23 @@ json_t *session_stages(const struct pell_render_result *image)
                                                 "rays", (json_int_t) t->rays, "bytes", (json_int_t) t->bytes, "copy_ms", t->bandwidth_ms));
     }
     return stages;
+}
+
+const struct pell_channel *cli_channel(const struct pell_render_result *image, const char *layer, const char *name)
+{
+    char full[64];
+
+    snprintf(full, sizeof(full), "%s%s%s", layer, layer[0] ? "." : "", name);
+    for (size_t i = 0; i < image->num_channels; i++)
+        if (strcmp(image->channels[i].name, full) == 0)
+            return &image->channels[i];
+    return NULL;
+}
+
+double cli_cpu_seconds(void)
+{
+    struct timespec t;
+    return clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t) == 0 ? (double) t.tv_sec + 1e-9 * (double) t.tv_nsec : 0.0;
 }
 
 enum pell_result session_write(struct cli *cli, const struct session *s, const struct pell_render_result *p, const char *path,

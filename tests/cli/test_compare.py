@@ -379,7 +379,7 @@ REFUSALS = {  # arguments: exit code, what is said
     (*SCENE, '--methods', 'all,screen-space'): (2, 'named twice'),
     (*SCENE, '--methods', 'hierarchical'): (2, 'is the reference'),
     (*SCENE, '--methods', 'screen-space:gausians=6'): (2, 'gaussians'),
-    (*SCENE, '--methods', 'screen-space:gaussians'): (2, 'must be KNOB=VALUE'),
+    (*SCENE, '--methods', 'screen-space:gaussians'): (2, 'must be NAME=VALUE'),
     (*SCENE, '--methods', 'screen-space:gaussians=99'): (2, '[1, 10]'),
     (*SCENE, '--methods', 'none:a=b'): (2, 'has no knob'),
     (*SCENE, '--methods', 'x' * 400): (2, ''),

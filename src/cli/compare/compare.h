@@ -11,12 +11,42 @@
 
 #include <pellucid/compare.h>
 
-/* --- compare_pictures.c, compare_scene.c: the two commands ------------------------------------------------------------------------ */
+/* --- pictures.c, scene.c: the two commands ------------------------------------------------------------------------ */
 
 enum exit_code compare_pictures(struct cli *cli);
 enum exit_code compare_scene(struct cli *cli);
 
-/* --- compare_folder.c: a folder that appears whole or not at all ------------------------------------------------------------------- */
+/* --- runs.c: what `compare INPUT` renders -------------------------------------------------------------------------------------------- */
+
+#define MAX_RUNS 24
+#define MAX_REFERENCES 2
+
+/* One rendering: a method under some knobs. */
+struct run {
+    const struct pell_method *method; /* NULL: none */
+    char label[200];                  /* as it was asked for: "screen-space:as=paper" */
+    char file[200];                   /* the same, as a name of a file */
+    struct settings_list knobs;       /* of the label */
+    void *values;
+    bool optional; /* one of all: left out where it does not run on this engine */
+    bool mixes;    /* gives a finished picture: its subsurface light can't be told from what the surface reflects */
+    double seconds, cpu_seconds;
+    json_t *answer, *shown; /* in metrics.json, in the report */
+};
+
+struct run_list {
+    struct run list[MAX_RUNS]; /* references come first */
+    size_t count, num_references;
+    struct settings_list set; /* --set */
+};
+
+/* As --reference, --methods and --set say; takes the knobs of `cli`. */
+enum exit_code runs_choose(struct cli *cli, struct run_list *runs);
+/* Leaves out of `all` what does not run on the session's engine, and gives the others the knobs of its scene, too. */
+enum exit_code runs_open(struct cli *cli, struct run_list *runs, const struct session *s);
+void runs_finish(struct run_list *runs);
+
+/* --- folder.c: a folder that appears whole or not at all ------------------------------------------------------------------- */
 
 struct output_folder {
     struct pell_context *ctx;
@@ -35,7 +65,7 @@ PELL_NODISCARD enum pell_result folder_commit(struct output_folder *f);
 /* Takes away what was not committed. */
 void folder_drop(struct output_folder *f);
 
-/* --- compare_answer.c: numbers ------------------------------------------------------------------------------------------------------ */
+/* --- answer.c: numbers ------------------------------------------------------------------------------------------------------ */
 
 /* What the command line and a table of knobs say; `exposure` 0 where neither does. */
 PELL_NODISCARD enum pell_result compare_params(struct cli *cli, struct pell_compare_params *params);
@@ -53,7 +83,7 @@ PELL_NODISCARD enum pell_result compare_write_errors(struct cli *cli, const stru
                                                      const char *name);
 PELL_NODISCARD enum pell_result compare_write_json(struct cli *cli, const json_t *answer, struct output_folder *f);
 
-/* --- compare_report.c: report.html ---------------------------------------------------------------------------------------------------- */
+/* --- report.c: report.html ---------------------------------------------------------------------------------------------------- */
 
 /* Pictures larger than this are shown reduced by a whole factor in the report, which states it; numbers are always of the full size. */
 #define REPORT_PIXELS (1 << 20)

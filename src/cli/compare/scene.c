@@ -10,28 +10,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-#define DEFAULT_REFERENCE "hierarchical"
-#define MAX_RUNS 24
-#define MAX_REFERENCES 2
 #define LOUD 0.1 /* noise of a reference that is warned of */
 
 enum { PART, WHOLE, VIEWS }; /* the subsurface light of translucent pixels; all light of all pixels */
 static const char *const view_names[VIEWS] = { "part", "whole" };
-
-/* One rendering: a method under some knobs. */
-struct run {
-    const struct pell_method *method; /* NULL: none */
-    char label[200];                  /* as it was asked for: "screen-space:as=paper" */
-    char file[200];                   /* the same, as a name of a file */
-    struct settings_list knobs;       /* of the label */
-    void *values;
-    bool optional; /* one of all: left out where it does not run on this engine */
-    bool mixes;    /* gives a finished picture: its subsurface light can't be told from what the surface reflects */
-    double seconds, cpu_seconds;
-    json_t *answer, *shown; /* in metrics.json, in the report */
-};
 
 /* What a picture is compared by, rows without padding. */
 struct light {
@@ -42,9 +25,7 @@ struct light {
 
 struct job {
     struct session session;
-    struct settings_list set;  /* --set */
-    struct run runs[MAX_RUNS]; /* references come first */
-    size_t num_runs, num_references;
+    struct run_list runs;
     struct pell_compare_params params;
     struct output_folder folder;
     struct report *report;
@@ -58,206 +39,28 @@ struct job {
     json_t *methods, *views, *model_error, *shown_as;
 };
 
-/* --- Who is compared ---------------------------------------------------------------------------------------------------------- */
-
-static const struct pell_knob *find_knob(const struct pell_method *method, const char *name)
-{
-    return method ? pell_knob_find(method->knobs, name) : NULL;
-}
-
-static bool on_engine(const struct session *s, const struct pell_method *method)
-{
-    return pell_device_engine(s->device) == PELL_ENGINE_VULKAN ? method->vulkan != NULL : method->cpu != NULL;
-}
-
-/* Two labels may give one name of a file. */
-static void name_file(struct job *job, struct run *run)
-{
-    size_t n = 0;
-
-    for (const char *c = run->label; *c && n < 150; c++, n++)
-        run->file[n] = strchr("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_", *c) && (n > 0 || *c != '.') ? *c : '-';
-    run->file[n] = '\0';
-    for (size_t i = 0, number = 2; i < job->num_runs; i++)
-        if (&job->runs[i] != run && strcmp(job->runs[i].file, run->file) == 0) {
-            snprintf(run->file + n, sizeof(run->file) - n, "-%zu", number++);
-            i = (size_t) -1; /* again from the first */
-        }
-}
-
-static enum exit_code add_run(struct cli *cli, struct job *job, const char *where, const char *label)
-{
-    struct run *run = &job->runs[job->num_runs];
-    char text[sizeof(run->label)], *next, *name;
-
-    if (strlen(label) >= sizeof(run->label))
-        return cli_usage(cli, where, NULL, "\"%.60s...\" is too long", label);
-    for (size_t i = 0; i < job->num_runs; i++)
-        if (strcmp(job->runs[i].label, label) == 0)
-            return cli_usage(
-                cli, where, "set a knob of one of them: NAME:KNOB=VALUE",
-                i < job->num_references && strcmp(where, "--methods") == 0 ? "\"%s\" is the reference" : "\"%s\" is named twice", label);
-    if (job->num_runs == MAX_RUNS)
-        return cli_usage(cli, where, NULL, "more than %d methods and references", MAX_RUNS);
-    memcpy(run->label, label, strlen(label) + 1);
-    memcpy(text, label, strlen(label) + 1);
-    next = strchr(text, ':');
-    if (next)
-        *next++ = '\0';
-    if (strcmp(text, "none") == 0 && strcmp(where, "--reference") == 0)
-        return cli_usage(cli, where, NULL, "none scatters nothing: it can't be the reference");
-    if (strcmp(text, "none") != 0 && !(run->method = pell_method_find(cli->ctx, where, text)))
-        return cli_failed(cli, PELL_ERR_INVALID);
-    job->num_runs++;
-    while ((name = next)) {
-        char *equals = strchr(name, '=');
-        next = strchr(name, ':');
-        if (next)
-            *next++ = '\0';
-        if (!equals || equals == name || (next && equals > next))
-            return cli_usage(cli, where, NULL, "\"%s\" in \"%s\", must be KNOB=VALUE", name, label);
-        *equals = '\0';
-        if (!run->method)
-            return cli_usage(cli, where, NULL, "method none has no knob \"%s\"", name);
-        if (cli_add_setting(&run->knobs, name, equals + 1, where) != PELL_OK)
-            return EXIT_MEMORY;
-    }
-    name_file(job, run);
-    return EXIT_OK;
-}
-
-/* "all", or names with commas between. */
-static enum exit_code add_list(struct cli *cli, struct job *job, const char *where, const char *list)
-{
-    enum exit_code code = EXIT_OK;
-    const char *rest = list;
-
-    do {
-        const size_t n = strcspn(rest, ",");
-        char label[256];
-        snprintf(label, sizeof(label), "%.*s", (int) (n < 255 ? n : 255), rest);
-        if (n == 0)
-            return cli_usage(cli, where, "`pellucid methods` lists them", "\"%s\", a name is missing", list);
-        if (strcmp(label, "all") != 0 || strcmp(where, "--methods") != 0)
-            code = add_run(cli, job, where, label);
-        else
-            for (size_t i = 0; i < pell_method_count() && code == EXIT_OK; i++)
-                if (pell_method_at(i)->kind == PELL_KIND_METHOD && (code = add_run(cli, job, where, pell_method_at(i)->name)) == EXIT_OK)
-                    job->runs[job->num_runs - 1].optional = true;
-        rest += n;
-    } while (code == EXIT_OK && *rest++ == ',');
-    return code;
-}
-
-/* A knob of --set is for the methods that have it; references take theirs in --reference. */
-static enum exit_code check_set(struct cli *cli, const struct job *job)
-{
-    for (size_t k = 0; k < job->set.count; k++) {
-        const char *name = job->set.items[k].name, *names[256];
-        struct pell_text hint = { .length = 0 };
-        size_t n = 0;
-        bool known = false;
-
-        for (size_t i = job->num_references; i < job->num_runs; i++) {
-            const struct pell_method *m = job->runs[i].method;
-            known = known || find_knob(m, name);
-            for (const struct pell_knob *row = m ? m->knobs : NULL; row && row->name && n < PELL_COUNT(names); row++)
-                names[n++] = row->name;
-        }
-        if (known)
-            continue;
-        for (size_t i = 0; i < job->num_references && hint.length == 0; i++)
-            if (find_knob(job->runs[i].method, name))
-                pell_text_add(&hint, "for the reference: --reference %s:%s=%.60s", job->runs[i].label, name, job->set.items[k].value);
-        if (hint.length == 0)
-            pell_text_suggest(&hint, "", name, names, n);
-        return cli_usage(cli, "--set", hint.length > 0 ? hint.str : "`pellucid methods NAME` lists its knobs",
-                         "no method that is compared has a knob \"%s\"", name);
-    }
-    return EXIT_OK;
-}
-
-static enum exit_code choose_runs(struct cli *cli, struct job *job)
-{
-    enum exit_code code = add_list(cli, job, "--reference", cli->compare.reference ? cli->compare.reference : DEFAULT_REFERENCE);
-
-    job->num_references = job->num_runs;
-    if (code == EXIT_OK && job->num_references > MAX_REFERENCES)
-        return cli_usage(cli, "--reference", "the first is what methods are measured against, the second what the first is",
-                         "%zu names, must be one or two", job->num_references);
-    if (code == EXIT_OK)
-        code = add_list(cli, job, "--methods", cli->compare.methods ? cli->compare.methods : "all");
-    return code == EXIT_OK ? check_set(cli, job) : code;
-}
-
-/* The scene file's knobs where they are of this method, then --set, then the label's, which win. `scene` may be NULL. */
-static enum exit_code configure(struct cli *cli, const struct job *job, const struct pell_scene *scene, struct run *run)
-{
-    const bool reference = run < job->runs + job->num_references;
-    const char *own = CLI_DEFAULT_METHOD;
-    struct settings_list list = { 0 };
-    struct pell_plan plan = { 0 };
-    enum pell_result res = PELL_OK;
-
-    if (!run->method)
-        return EXIT_OK;
-    for (size_t i = 0; scene && i < scene->num_options; i++)
-        if (strcmp(scene->options[i].name, "method") == 0)
-            own = scene->options[i].value;
-    for (size_t i = 0; scene && res == PELL_OK && i < scene->num_options; i++)
-        if (strncmp(scene->options[i].name, "knobs/", 6) == 0 && strcmp(own, run->method->name) == 0)
-            res = cli_add_setting(&list, scene->options[i].name + 6, scene->options[i].value, scene->options[i].where);
-    for (size_t i = 0; !reference && res == PELL_OK && i < job->set.count; i++)
-        if (find_knob(run->method, job->set.items[i].name))
-            res = cli_add_setting(&list, job->set.items[i].name, job->set.items[i].value, job->set.items[i].where);
-    for (size_t i = 0; res == PELL_OK && i < run->knobs.count; i++)
-        res = cli_add_setting(&list, run->knobs.items[i].name, run->knobs.items[i].value, run->knobs.items[i].where);
-    if (!run->values && !(run->values = calloc(1, run->method->knobs_size)))
-        res = PELL_ERR_NOMEM;
-    if (res == PELL_OK)
-        res = pell_method_configure(cli->ctx, run->method, list.items, list.count, run->values);
-    cli_free_settings(&list);
-    if (res != PELL_OK)
-        return res == PELL_ERR_NOMEM ? EXIT_MEMORY : cli_failed(cli, res);
-    run->method->plan(run->values, &plan);
-    run->mixes = plan.quantity == PELL_QUANTITY_RADIANCE && !plan.excludes_surface_reflection && !(plan.outputs & PELL_OUTPUT_SURFACE);
-    return EXIT_OK;
-}
-
 /* --- Light -------------------------------------------------------------------------------------------------------------------- */
 
-static const float *channel(const struct pell_render_result *p, const char *layer, const char *name)
-{
-    char full[64];
-
-    snprintf(full, sizeof(full), "%s%s%s", layer, layer[0] ? "." : "", name);
-    for (size_t i = 0; i < p->num_channels; i++)
-        if (strcmp(p->channels[i].name, full) == 0)
-            return p->channels[i].data;
-    return NULL;
-}
-
-/* Adds a plane of the picture to one without padding, where the mask (NULL: everywhere) is. */
-static void add_plane(const struct job *job, const struct pell_render_result *p, const float *from, const float *mask, float *to)
+/* Adds a channel of the picture (NULL: nothing) to a plane without padding, where the mask (NULL: everywhere) is. */
+static void add_plane(const struct job *job, const struct pell_channel *from, const float *mask, float *to)
 {
     for (int y = 0; from && y < job->height; y++)
         for (int x = 0; x < job->width; x++) {
             const size_t at = (size_t) y * (size_t) job->width + (size_t) x;
             if (!mask || mask[at] > 0.5f)
-                to[at] += from[y * p->stride + x];
+                to[at] += from->data[y * from->stride + x];
         }
 }
 
 /* The pixels that count are those of the first reference. */
 static enum exit_code make_mask(struct cli *cli, struct job *job, const struct pell_render_result *p)
 {
-    const float *from = channel(p, "translucent", "Y");
     const size_t all = (size_t) job->width * (size_t) job->height;
 
     job->mask = pell_calloc(cli->ctx, all, sizeof(float));
     if (!job->mask)
         return EXIT_MEMORY;
-    add_plane(job, p, from, NULL, job->mask);
+    add_plane(job, cli_channel(p, "translucent", "Y"), NULL, job->mask);
     for (size_t i = 0; i < all; i++)
         job->translucent += job->mask[i] > 0.5f;
     if (job->translucent == 0)
@@ -272,7 +75,7 @@ static enum pell_result take_light(struct cli *cli, const struct job *job, const
 {
     static const char *const names[3] = { "R", "G", "B" };
     const size_t all = (size_t) job->width * (size_t) job->height;
-    const bool noisy = channel(p, "variance", "R") != NULL;
+    const bool noisy = cli_channel(p, "variance", "R") != NULL;
 
     l->planes = pell_calloc(cli->ctx, all, (noisy ? 9 : 6) * sizeof(float));
     if (!l->planes)
@@ -281,13 +84,13 @@ static enum pell_result take_light(struct cli *cli, const struct job *job, const
         l->rgb[PART][c] = l->planes + c * all;
         l->rgb[WHOLE][c] = l->planes + (3 + c) * all;
         l->variance[c] = noisy ? l->planes + (6 + c) * all : NULL;
-        add_plane(job, p, channel(p, "", names[c]), NULL, l->rgb[WHOLE][c]);
+        add_plane(job, cli_channel(p, "", names[c]), NULL, l->rgb[WHOLE][c]);
         if (run->mixes)
-            add_plane(job, p, channel(p, "", names[c]), job->mask, l->rgb[PART][c]);
+            add_plane(job, cli_channel(p, "", names[c]), job->mask, l->rgb[PART][c]);
         for (size_t k = 0; !run->mixes && k < PELL_COUNT(cli_subsurface_layers); k++)
-            add_plane(job, p, channel(p, cli_subsurface_layers[k], names[c]), job->mask, l->rgb[PART][c]);
+            add_plane(job, cli_channel(p, cli_subsurface_layers[k], names[c]), job->mask, l->rgb[PART][c]);
         if (noisy)
-            add_plane(job, p, channel(p, "variance", names[c]), NULL, l->variance[c]);
+            add_plane(job, cli_channel(p, "variance", names[c]), NULL, l->variance[c]);
     }
     return PELL_OK;
 }
@@ -304,10 +107,10 @@ static enum pell_result masked_light(struct cli *cli, struct job *job, size_t re
     const size_t all = (size_t) job->width * (size_t) job->height;
 
     if (!job->masked) {
-        job->masked = pell_alloc_array(cli->ctx, all, job->num_references * 3 * sizeof(float));
+        job->masked = pell_alloc_array(cli->ctx, all, job->runs.num_references * 3 * sizeof(float));
         if (!job->masked)
             return PELL_ERR_NOMEM;
-        for (size_t k = 0; k < 3 * job->num_references; k++)
+        for (size_t k = 0; k < 3 * job->runs.num_references; k++)
             for (size_t i = 0; i < all; i++)
                 job->masked[k * all + i] = job->mask[i] > 0.5f ? job->references[k / 3].rgb[WHOLE][k % 3][i] : 0.0f;
     }
@@ -350,7 +153,7 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
         }
         if (view == PART && run->mixes)
             PELL_TRY(masked_light(cli, job, reference, in.reference));
-        PELL_TRY(compare_run(cli, run->label, job->runs[reference].label, &in, &job->params, &result));
+        PELL_TRY(compare_run(cli, run->label, job->runs.list[reference].label, &in, &job->params, &result));
         if (view == PART) {
             compare_add_metrics(answer, m, false);
             if (r->variance[0] && !run->mixes)
@@ -363,7 +166,7 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
         if (job->report) {
             json_object_set_new(child(run->shown, key), view_names[view], compare_metrics(m, false));
             if ((res = report_map(job->report, result.flip, result.width, &id)) == PELL_OK)
-                json_object_set_new(child(child(run->shown, "flip"), job->runs[reference].label), view_names[view], id);
+                json_object_set_new(child(child(run->shown, "flip"), job->runs.list[reference].label), view_names[view], id);
             if (res == PELL_OK && json_array_size(job->views) == (size_t) view && !run->mixes)
                 json_array_append_new(job->views,
                                       report_view(job->report, view_names[view], view == PART ? "Subsurface light" : "Whole picture",
@@ -383,24 +186,18 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
 
 /* --- Rendering ---------------------------------------------------------------------------------------------------------------- */
 
-static double cpu_seconds(void)
-{
-    struct timespec t;
-    return clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t) == 0 ? (double) t.tv_sec + 1e-9 * (double) t.tv_nsec : 0.0;
-}
-
 static json_t *describe(const struct job *job, const struct run *run, const struct pell_render_result *p)
 {
     const struct pell_method *m = run->method;
-    const bool reference = run < job->runs + job->num_references;
+    const bool reference = run < job->runs.list + job->runs.num_references;
     char knobs[2048] = "";
 
     if (m)
         cli_format_knobs(m->knobs, run->values, knobs, sizeof(knobs));
     return json_pack("{s:o,s:s,s:s,s:s,s:s,s:o,s:s,s:f,s:f,s:o,s:b}", "name", cli_text(run->label), "role",
-                     !reference         ? "method"
-                     : run == job->runs ? "reference"
-                                        : "truth",
+                     !reference              ? "method"
+                     : run == job->runs.list ? "reference"
+                                             : "truth",
                      "title", m ? m->title : "No scattering: light leaves where it enters", "cite",
                      m ? m->cite : "J. H. Lambert, Photometria, 1760", "limits", m ? m->limits : "For comparison.", "knobs",
                      cli_text(knobs), "engine", pell_engine_name(pell_device_engine(job->session.device)), "seconds", run->seconds,
@@ -429,14 +226,14 @@ static enum pell_result render(struct cli *cli, struct job *job, struct run *run
 {
     struct session *s = &job->session;
     struct pell_render_result image;
-    const double start = cpu_seconds();
+    const double start = cli_cpu_seconds();
     json_t *id;
     enum pell_result res;
 
     PELL_TRY(pell_renderer_set_method(s->renderer, run->method, run->values));
     PELL_TRY(pell_renderer_render(s->renderer, &s->settings, &image));
     run->seconds = image.seconds;
-    run->cpu_seconds = cpu_seconds() - start;
+    run->cpu_seconds = cli_cpu_seconds() - start;
     cli_progress_end(cli);
     if (image.partial) /* ended early: half of a comparison is none */
         return PELL_ERR_CANCELLED;
@@ -474,26 +271,26 @@ static enum pell_result render_all(struct cli *cli, struct job *job)
 {
     enum pell_result res = PELL_OK;
 
-    cli->progress.parts = (int) job->num_runs;
-    for (size_t i = 0; i < job->num_runs && res == PELL_OK; i++) {
-        struct run *run = &job->runs[i];
-        struct light own = { NULL }, *l = i < job->num_references ? &job->references[i] : &own;
+    cli->progress.parts = (int) job->runs.count;
+    for (size_t i = 0; i < job->runs.count && res == PELL_OK; i++) {
+        struct run *run = &job->runs.list[i];
+        struct light own = { NULL }, *l = i < job->runs.num_references ? &job->references[i] : &own;
 
         cli->progress.part = (int) i;
         cli->progress.fraction = 2.0; /* another task: the speed of the one before says nothing of it */
         PELL_TRY(render(cli, job, run, l));
         run->answer = run_json(job, run);
-        if (i >= job->num_references) {
+        if (i >= job->runs.num_references) {
             json_object_set_new(run->answer, "against", json_string("reference"));
             if (run->mixes)
                 json_object_set_new(run->answer, "light", json_string("all of translucent pixels"));
             PELL_TRY(measure(cli, job, run, l, 0, "metrics", run->answer));
-            if (job->num_references > 1)
+            if (job->runs.num_references > 1)
                 PELL_TRY(measure(cli, job, run, l, 1, "total", child(run->answer, "total_error")));
             json_array_append(job->methods, run->answer);
         } else if (i == 1) { /* the first against the second: what the model that both share can't do */
-            job->model_error = json_pack("{s:o,s:o}", "name", cli_text(job->runs[0].label), "against", cli_text(run->label));
-            PELL_TRY(measure(cli, job, &job->runs[0], &job->references[0], 1, "model", job->model_error));
+            job->model_error = json_pack("{s:o,s:o}", "name", cli_text(job->runs.list[0].label), "against", cli_text(run->label));
+            PELL_TRY(measure(cli, job, &job->runs.list[0], &job->references[0], 1, "model", job->model_error));
         }
     fail:
         drop_light(cli, &own);
@@ -509,8 +306,8 @@ static json_t *answer_json(struct cli *cli, struct job *job)
 {
     json_t *o, *references[MAX_REFERENCES];
 
-    for (size_t i = 0; i < job->num_references; i++) {
-        references[i] = job->runs[i].answer;
+    for (size_t i = 0; i < job->runs.num_references; i++) {
+        references[i] = job->runs.list[i].answer;
         json_object_set_new(references[i], "rel_noise", compare_number(job->rel_noise[i]));
     }
     o = json_pack("{s:O,s:O,s:i,s:i,s:I,s:f,s:f,s:f,s:i,s:O}", "reference", references[0], "methods", job->methods, "width", job->width,
@@ -520,7 +317,7 @@ static json_t *answer_json(struct cli *cli, struct job *job)
     if (!o)
         return NULL;
     json_object_update(o, json_object_get(job->shown_as, view_names[PART])); /* exposure, white, hdr_exposures */
-    if (job->num_references > 1) {
+    if (job->runs.num_references > 1) {
         json_object_set(o, "truth", references[1]);
         json_object_set(o, "model_error", job->model_error);
     }
@@ -537,10 +334,10 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
     json_t *data, *images = json_array();
     enum pell_result res;
 
-    for (size_t i = 0; i < job->num_runs; i++) {
-        if (i < job->num_references)
-            json_object_set_new(job->runs[i].shown, "rel_noise", compare_number(job->rel_noise[i]));
-        json_array_append(images, job->runs[i].shown);
+    for (size_t i = 0; i < job->runs.count; i++) {
+        if (i < job->runs.num_references)
+            json_object_set_new(job->runs.list[i].shown, "rel_noise", compare_number(job->rel_noise[i]));
+        json_array_append(images, job->runs.list[i].shown);
     }
     cli_format_knobs(pell_settings_knobs(), &s->settings, settings, sizeof(settings));
     cli_device_name(device, sizeof(device));
@@ -582,59 +379,47 @@ static void print_head(const struct cli *cli, const char *title, bool times)
 
 static void answer_text(const struct cli *cli, const struct job *job)
 {
-    const bool two = job->num_references > 1;
+    const bool two = job->runs.num_references > 1;
     char a[256], title[400];
 
     printf("%s%s%s, %d x %d, %lld translucent pixels\n", cli_style(cli, stdout, 1),
            pell_printable(pell_path_name(cli->arguments[0]), a, sizeof(a)), cli_style(cli, stdout, 0), job->width, job->height,
            (long long) job->translucent);
-    for (size_t i = 0; i < job->num_references; i++) {
-        printf("%s: %s, %.3f s, ", i == 0 ? "reference" : "its own reference", job->runs[i].label, job->runs[i].seconds);
+    for (size_t i = 0; i < job->runs.num_references; i++) {
+        printf("%s: %s, %.3f s, ", i == 0 ? "reference" : "its own reference", job->runs.list[i].label, job->runs.list[i].seconds);
         if (isnan(job->rel_noise[i]))
             puts("it does not tell its noise");
         else
             printf("noise %.2f %%, taken off the errors\n", 100.0 * job->rel_noise[i]);
     }
-    snprintf(title, sizeof(title), "Subsurface light of translucent pixels, against %s", job->runs[0].label);
+    snprintf(title, sizeof(title), "Subsurface light of translucent pixels, against %s", job->runs.list[0].label);
     print_head(cli, title, true);
-    for (size_t i = job->num_references; i < job->num_runs; i++)
-        print_row(job->runs[i].label, job->runs[i].answer, job->runs[i].seconds);
+    for (size_t i = job->runs.num_references; i < job->runs.count; i++)
+        print_row(job->runs.list[i].label, job->runs.list[i].answer, job->runs.list[i].seconds);
     print_head(cli, "Whole picture", false);
-    for (size_t i = job->num_references; i < job->num_runs; i++)
-        print_row(job->runs[i].label, json_object_get(job->runs[i].answer, "whole"), -1.0);
+    for (size_t i = job->runs.num_references; i < job->runs.count; i++)
+        print_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "whole"), -1.0);
     if (two) {
-        snprintf(title, sizeof(title), "Error of the model, and with it all error, of the subsurface light against %s", job->runs[1].label);
+        snprintf(title, sizeof(title), "Error of the model, and with it all error, of the subsurface light against %s",
+                 job->runs.list[1].label);
         print_head(cli, title, false);
-        print_row(job->runs[0].label, job->model_error, -1.0);
-        for (size_t i = job->num_references; i < job->num_runs; i++)
-            print_row(job->runs[i].label, json_object_get(job->runs[i].answer, "total_error"), -1.0);
+        print_row(job->runs.list[0].label, job->model_error, -1.0);
+        for (size_t i = job->runs.num_references; i < job->runs.count; i++)
+            print_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "total_error"), -1.0);
     }
-    for (size_t i = job->num_references; i < job->num_runs; i++)
-        if (job->runs[i].mixes)
-            printf("\n%s gives finished pictures: compared is all light of translucent pixels.\n", job->runs[i].label);
+    for (size_t i = job->runs.num_references; i < job->runs.count; i++)
+        if (job->runs.list[i].mixes)
+            printf("\n%s gives finished pictures: compared is all light of translucent pixels.\n", job->runs.list[i].label);
     if (cli->output)
         printf("\n%s%sreport.html\n", pell_printable(cli->output, a, sizeof(a)), cli->output[strlen(cli->output) - 1] == '/' ? "" : "/");
 }
 
 static void warn_of_noise(struct cli *cli, const struct job *job)
 {
-    for (size_t i = 0; i < job->num_references; i++)
+    for (size_t i = 0; i < job->runs.num_references; i++)
         if (job->rel_noise[i] > LOUD)
-            pell_warn(cli->ctx, job->runs[i].label, "give it more samples, a smaller error or more time",
+            pell_warn(cli->ctx, job->runs.list[i].label, "give it more samples, a smaller error or more time",
                       "its noise is %.0f %%: smaller errors than that are uncertain", 100.0 * job->rel_noise[i]);
-}
-
-/* Of `all`, what does not run here. */
-static void leave_out(struct job *job)
-{
-    size_t kept = 0;
-
-    for (size_t i = 0; i < job->num_runs; i++)
-        if (job->runs[i].optional && !on_engine(&job->session, job->runs[i].method))
-            free(job->runs[i].values);
-        else
-            job->runs[kept++] = job->runs[i];
-    job->num_runs = kept;
 }
 
 /* --- The command -------------------------------------------------------------------------------------------------------------- */
@@ -663,29 +448,16 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
     struct session *s = &job->session;
     enum exit_code code;
 
-    job->set = cli->knobs; /* they are of several methods: the session's own must not see them */
-    cli->knobs = (struct settings_list) { 0 };
-    code = choose_runs(cli, job);
-    for (size_t i = 0; i < job->num_runs && code == EXIT_OK; i++)
-        code = configure(cli, job, NULL, &job->runs[i]);
+    code = runs_choose(cli, &job->runs);
     if (code == EXIT_OK)
         split_settings(cli);
     if (code == EXIT_OK)
         code = session_open(cli, cli->arguments[0], s);
     if (code == EXIT_OK)
-        leave_out(job);
-    if (code == EXIT_OK && job->num_runs == job->num_references)
-        code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, "--methods", "name one", "no method runs on engine %s",
-                                          pell_engine_name(pell_device_engine(s->device))));
-    for (size_t i = 0; i < job->num_runs && code == EXIT_OK; i++) {
-        code = configure(cli, job, s->scene, &job->runs[i]);
-        if (code == EXIT_OK && job->runs[i].method && !on_engine(s, job->runs[i].method))
-            code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, job->runs[i].label, NULL, "has no engine %s",
-                                              pell_engine_name(pell_device_engine(s->device))));
-    }
+        code = runs_open(cli, &job->runs, s);
     if (code == EXIT_OK) {
         s->settings.layers = true;
-        code = cli_failed(cli, pell_renderer_set_method(s->renderer, job->runs[0].method, job->runs[0].values));
+        code = cli_failed(cli, pell_renderer_set_method(s->renderer, job->runs.list[0].method, job->runs.list[0].values));
     }
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_renderer_check_assumptions(s->renderer, &s->settings));
@@ -699,15 +471,9 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
 
 static void finish(struct cli *cli, struct job *job)
 {
-    for (size_t i = 0; i < job->num_runs; i++) {
-        cli_free_settings(&job->runs[i].knobs);
-        free(job->runs[i].values);
-        json_decref(job->runs[i].answer);
-        json_decref(job->runs[i].shown);
-    }
+    runs_finish(&job->runs);
     for (size_t i = 0; i < MAX_REFERENCES; i++)
         drop_light(cli, &job->references[i]);
-    cli_free_settings(&job->set);
     pell_free(cli->ctx, job->mask);
     pell_free(cli->ctx, job->masked);
     json_decref(job->methods);
