@@ -18,22 +18,6 @@ struct normals {
     float *sum; /* xyz per group, unit after `add_up` */
 };
 
-static uint32_t root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b)
-{
-    a = root(parent, a);
-    b = root(parent, b);
-    parent[a < b ? b : a] = a < b ? a : b;
-}
-
 static bool smooth(const struct pell_topology *t, uint32_t a, uint32_t b)
 {
     const struct pell_vec3 m = vec3_normalize(vec3_load(t->face + 3 * (size_t) (a / 3)));
@@ -53,14 +37,14 @@ static void find_groups(struct normals *n)
             const uint32_t a = t->half[i], b = t->half[i + 1];
             if (pell_half_start(t, a) == pell_half_start(t, b) || !smooth(t, a, b))
                 continue;
-            join(n->group, a, pell_half_next(b));
-            join(n->group, pell_half_next(a), b);
+            pell_union_join(n->group, a, pell_half_next(b));
+            pell_union_join(n->group, pell_half_next(a), b);
         }
     }
     /* Roots have the lowest number of their group. */
     for (uint32_t i = 0; i < 3 * t->num_triangles; i++)
         if (n->group[i] != UINT32_MAX)
-            n->group[i] = root(n->group, i);
+            n->group[i] = pell_union_root(n->group, i);
     n->num_groups = 0;
     for (uint32_t i = 0; i < 3 * t->num_triangles; i++)
         if (n->group[i] != UINT32_MAX)

@@ -191,7 +191,7 @@ uint32_t pell_topology_edge(const struct pell_topology *t, uint32_t first)
     return end;
 }
 
-static uint32_t root(uint32_t *parent, uint32_t i)
+uint32_t pell_union_root(uint32_t *parent, uint32_t i)
 {
     while (parent[i] != i) {
         parent[i] = parent[parent[i]];
@@ -200,7 +200,13 @@ static uint32_t root(uint32_t *parent, uint32_t i)
     return i;
 }
 
-/* The lower number becomes the root, so that parts are numbered in the file's order. */
+void pell_union_join(uint32_t *parent, uint32_t a, uint32_t b)
+{
+    a = pell_union_root(parent, a);
+    b = pell_union_root(parent, b);
+    parent[a < b ? b : a] = a < b ? a : b;
+}
+
 static void find_parts(struct pell_topology *t)
 {
     t->num_parts = 0;
@@ -208,13 +214,11 @@ static void find_parts(struct pell_topology *t)
         t->part[i] = i;
     for (uint32_t e = 0, end; e < t->num_halves; e = end) {
         end = pell_topology_edge(t, e);
-        for (uint32_t i = e + 1; i < end; i++) {
-            const uint32_t a = root(t->part, t->half[e] / 3), b = root(t->part, t->half[i] / 3);
-            t->part[a < b ? b : a] = a < b ? a : b;
-        }
+        for (uint32_t i = e + 1; i < end; i++)
+            pell_union_join(t->part, t->half[e] / 3, t->half[i] / 3);
     }
     for (uint32_t i = 0; i < t->num_triangles; i++)
-        t->part[i] = root(t->part, i);
+        t->part[i] = pell_union_root(t->part, i);
     for (uint32_t i = 0; i < t->num_triangles; i++) {
         if (degenerate(t, i))
             t->part[i] = UINT32_MAX;

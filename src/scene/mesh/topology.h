@@ -66,4 +66,8 @@ uint32_t *pell_sort_keys(const uint32_t *keys, size_t words, uint32_t *order, ui
 /* The scene's meshes sorted by (object, index): an object is a run. `order` has num_meshes elements. */
 void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
 
+/* Union-find over numbers that are their own parents at first. The lower number becomes the root: sets are numbered in the file's order. */
+uint32_t pell_union_root(uint32_t *parent, uint32_t i);
+void pell_union_join(uint32_t *parent, uint32_t a, uint32_t b);
+
 #endif
