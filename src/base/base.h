@@ -77,7 +77,6 @@ struct pell_text {
     size_t length;
 };
 void pell_text_add(struct pell_text *text, const char *fmt, ...) PELL_PRINTF(2, 3);
-void pell_text_cut(struct pell_text *text, size_t length); /* back to a length it had */
 
 /* Adds what of `candidates` (NULL: none at that place) `name` may have meant: the nearest (edit distance with transpositions, case
  * ignored), `did you mean "marble"?`, or those that it is a piece of, `did you mean "skimmilk" or "wholemilk"?`; `before` ("--") stands

@@ -23,14 +23,6 @@ void pell_text_add(struct pell_text *text, const char *fmt, ...)
         text->length += (size_t) n < room ? (size_t) n : room - 1;
 }
 
-void pell_text_cut(struct pell_text *text, size_t length)
-{
-    if (length < text->length) {
-        text->length = length;
-        text->str[length] = '\0';
-    }
-}
-
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
 enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */

@@ -20,10 +20,6 @@ static void text_truncates_and_stays_terminated(void **state)
     assert_int_equal(strlen(text.str), text.length);
     pell_text_add(&text, "more");
     assert_int_equal(text.length, sizeof(text.str) - 1);
-    pell_text_cut(&text, 3);
-    assert_string_equal(text.str, "a-7");
-    pell_text_cut(&text, 100); /* never grows */
-    assert_int_equal(text.length, 3);
 }
 
 /* --- nearest names --- */
