@@ -193,123 +193,167 @@ static struct pell_view look(const struct pell_scene *s)
     return pell_view_make(&camera, WIDTH, HEIGHT, 0.0f, 0.0f);
 }
 
+/* What is given, and what is made of it. */
+struct bench {
+    const char *path; /* NULL: a ball */
+    double size;
+    int threads, texture;
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    struct pell_scene *scene;
+    struct pell_rays *rays;
+    struct pell_mips *mips;
+    struct pell_surface surface;
+    struct pell_view view;
+    RTCDevice device;
+    RTCScene bare;
+};
+
+/* Milliseconds; of what is done several times the least. */
+struct times {
+    double bare_build, build, made, bare, rays, plain, mips, maps, aliased;
+};
+
+static void read_options(struct bench *b, int argc, char **argv)
+{
+    for (int i = 1; i + 1 < argc; i += 2) {
+        if (strcmp(argv[i], "--mesh") == 0)
+            b->path = argv[i + 1];
+        else if (strcmp(argv[i], "--size") == 0)
+            b->size = strtod(argv[i + 1], NULL);
+        else if (strcmp(argv[i], "--threads") == 0)
+            b->threads = atoi(argv[i + 1]);
+        else if (strcmp(argv[i], "--texture") == 0)
+            b->texture = atoi(argv[i + 1]);
+    }
+}
+
+static enum pell_result open_scene(struct bench *b)
+{
+    const struct pell_load_params load = { .size_mm = b->size, .material = "wholemilk", .bare = true };
+    enum pell_result res;
+
+    if (!b->path)
+        return make_ball(b->ctx, &b->scene);
+    PELL_TRY(pell_scene_load(b->ctx, b->path, &load, &b->scene));
+    for (size_t i = 0; i < b->scene->num_materials; i++) { /* its own maps are not what is compared */
+        struct pell_material *m = &b->scene->materials[i];
+        m->base_color_map.texture = m->normal_map.texture = m->roughness_map.texture = m->metallic_map.texture = m->rho_s_map.texture =
+            m->specular_color_map.texture = m->strength_map.texture = m->emissive_map.texture = NULL;
+    }
+fail:
+    return res;
+}
+
+static enum pell_result time_surface(struct bench *b, double *best)
+{
+    const double start = pell_seconds();
+    const enum pell_result res = pell_surface_render(b->pool, b->rays, b->scene, &b->view, &b->surface);
+
+    best_of(start, best);
+    return res;
+}
+
+/* Building, and rays of a frame without maps: bare ones, ours, and the surface stage. */
+static enum pell_result time_rays(struct bench *b, struct times *t)
+{
+    const struct pell_rect rect = pell_view_rect(&b->view, b->scene->bounds_min, b->scene->bounds_max);
+    double *const best[3] = { &t->made, &t->bare, &t->rays };
+    enum pell_result res;
+
+    t->bare_build = pell_seconds();
+    b->device = rtcNewDevice(NULL);
+    b->bare = bare_scene(b->device, b->scene);
+    t->bare_build = (pell_seconds() - t->bare_build) * 1e3;
+    t->build = pell_seconds();
+    PELL_TRY(pell_rays_create(b->ctx, b->scene, b->pool, &b->rays));
+    t->build = (pell_seconds() - t->build) * 1e3;
+    PELL_TRY(pell_surface_allocate(b->ctx, WIDTH, HEIGHT, &b->surface));
+    for (int i = 0; i < ROUNDS; i++) {
+        struct bare kinds[3] = {
+            { NULL, NULL, &b->view, rect, { 0 } },
+            { b->bare, NULL, &b->view, rect, { 0 } },
+            { NULL, b->rays, &b->view, rect, { 0 } },
+        };
+        for (int k = 0; k < 3; k++) {
+            const double start = pell_seconds();
+            pell_pool_run(b->pool, HEIGHT / 8, bare_band, &kinds[k]);
+            best_of(start, best[k]);
+        }
+        PELL_TRY(time_surface(b, &t->plain));
+    }
+fail:
+    return res;
+}
+
+/* The surface stage with three maps, with and without mips. */
+static enum pell_result time_maps(struct bench *b, struct times *t)
+{
+    struct pell_texture *maps[3];
+    enum pell_result res;
+
+    PELL_TRY(add_texture(b->scene, "color", b->texture, true, 100, 100, &maps[0]));
+    PELL_TRY(add_texture(b->scene, "normal", b->texture, false, 120, 16, &maps[1]));
+    PELL_TRY(add_texture(b->scene, "spec", b->texture, false, 50, 100, &maps[2]));
+    b->scene->materials[0].base_color_map.texture = maps[0];
+    if (b->scene->meshes[0].tangent)
+        b->scene->materials[0].normal_map.texture = maps[1];
+    b->scene->materials[0].rho_s_map.texture = maps[2];
+    t->mips = pell_seconds();
+    PELL_TRY(pell_mips_create(b->ctx, b->scene, b->pool, &b->mips));
+    t->mips = (pell_seconds() - t->mips) * 1e3;
+    for (int i = 0; i < ROUNDS; i++) {
+        b->surface.mips = NULL;
+        PELL_TRY(time_surface(b, &t->aliased));
+        b->surface.mips = b->mips;
+        PELL_TRY(time_surface(b, &t->maps));
+    }
+fail:
+    return res;
+}
+
+static void print_times(const struct bench *b, const struct times *t)
+{
+    const double rays = (double) b->surface.rays, pixels = (double) b->surface.covered_pixels;
+
+    printf("%u triangles, %.0f rays, %.0f pixels hit (%.2f of %d x %d), %d threads, %d x %d textures\n", b->scene->meshes[0].num_triangles,
+           rays, pixels, pixels / (WIDTH * HEIGHT), WIDTH, HEIGHT, b->threads, b->texture, b->texture);
+    printf("build              %8.2f ms   bare %.2f ms\n", t->build, t->bare_build);
+    printf("making rays        %8.2f ms\n", t->made);
+    printf("bare Embree        %8.2f ms   %.1f Mray/s\n", t->bare, rays / t->bare * 1e-3);
+    printf("rays               %8.2f ms   %.3f of bare\n", t->rays, t->rays / t->bare);
+    printf("surface            %8.2f ms   %.3f of bare, %.1f ns a pixel more\n", t->plain, t->plain / t->bare,
+           (t->plain - t->bare) * 1e6 / pixels);
+    printf("surface, 3 maps    %8.2f ms   %.3f of bare; without mips %.2f ms; making mips %.1f ms\n", t->maps, t->maps / t->bare,
+           t->aliased, t->mips);
+}
+
 int main(int argc, char **argv)
 {
     const struct pell_context_params params = { .log = log_message };
-    const char *path = NULL;
-    double size = 200.0, made_ms = INFINITY, bare_ms = INFINITY, rays_ms = INFINITY, plain_ms = INFINITY, maps_ms = INFINITY;
-    double aliased_ms = INFINITY, mips_ms, bare_build, build, start;
-    int threads = 2, texture = 4096;
-    struct pell_context *ctx = NULL;
-    struct pell_pool *pool = NULL;
-    struct pell_scene *scene = NULL;
-    struct pell_rays *rays = NULL;
-    struct pell_mips *mips = NULL;
-    struct pell_surface surface = { 0 };
-    struct pell_texture *maps[3];
-    struct pell_view view;
-    struct pell_rect rect;
-    RTCDevice device = NULL;
-    RTCScene bare = NULL;
+    struct bench b = { .size = 200.0, .threads = 2, .texture = 4096 };
+    struct times t = { .made = INFINITY, .bare = INFINITY, .rays = INFINITY, .plain = INFINITY, .maps = INFINITY, .aliased = INFINITY };
     enum pell_result res;
 
-    for (int i = 1; i + 1 < argc; i += 2) {
-        if (strcmp(argv[i], "--mesh") == 0)
-            path = argv[i + 1];
-        else if (strcmp(argv[i], "--size") == 0)
-            size = strtod(argv[i + 1], NULL);
-        else if (strcmp(argv[i], "--threads") == 0)
-            threads = atoi(argv[i + 1]);
-        else if (strcmp(argv[i], "--texture") == 0)
-            texture = atoi(argv[i + 1]);
-    }
-    PELL_TRY(pell_context_create(&params, &ctx));
-    PELL_TRY(pell_pool_create(ctx, threads, &pool));
-    if (path) {
-        const struct pell_load_params load = { .size_mm = size, .material = "wholemilk", .bare = true };
-        PELL_TRY(pell_scene_load(ctx, path, &load, &scene));
-        for (size_t i = 0; i < scene->num_materials; i++) { /* its own maps are not what is compared */
-            struct pell_material *m = &scene->materials[i];
-            m->base_color_map.texture = m->normal_map.texture = m->roughness_map.texture = m->metallic_map.texture = m->rho_s_map.texture =
-                m->specular_color_map.texture = m->strength_map.texture = m->emissive_map.texture = NULL;
-        }
-    } else {
-        PELL_TRY(make_ball(ctx, &scene));
-    }
-    view = look(scene);
-
-    bare_build = pell_seconds();
-    device = rtcNewDevice(NULL);
-    bare = bare_scene(device, scene);
-    bare_build = pell_seconds() - bare_build;
-    rect = pell_view_rect(&view, scene->bounds_min, scene->bounds_max);
-    build = pell_seconds();
-    PELL_TRY(pell_rays_create(ctx, scene, pool, &rays));
-    build = pell_seconds() - build;
-    PELL_TRY(pell_surface_allocate(ctx, WIDTH, HEIGHT, &surface));
-
-    for (int i = 0; i < ROUNDS; i++) {
-        const struct bare kinds[3] = {
-            { NULL, NULL, &view, rect, { 0 } },
-            { bare, NULL, &view, rect, { 0 } },
-            { NULL, rays, &view, rect, { 0 } },
-        };
-        double *const best[3] = { &made_ms, &bare_ms, &rays_ms };
-        for (int k = 0; k < 3; k++) {
-            struct bare b = kinds[k];
-            start = pell_seconds();
-            pell_pool_run(pool, HEIGHT / 8, bare_band, &b);
-            best_of(start, best[k]);
-        }
-        start = pell_seconds();
-        PELL_TRY(pell_surface_render(pool, rays, scene, &view, &surface));
-        best_of(start, &plain_ms);
-    }
-
-    PELL_TRY(add_texture(scene, "color", texture, true, 100, 100, &maps[0]));
-    PELL_TRY(add_texture(scene, "normal", texture, false, 120, 16, &maps[1]));
-    PELL_TRY(add_texture(scene, "spec", texture, false, 50, 100, &maps[2]));
-    scene->materials[0].base_color_map.texture = maps[0];
-    if (scene->meshes[0].tangent)
-        scene->materials[0].normal_map.texture = maps[1];
-    scene->materials[0].rho_s_map.texture = maps[2];
-    mips_ms = pell_seconds();
-    PELL_TRY(pell_mips_create(ctx, scene, pool, &mips));
-    mips_ms = (pell_seconds() - mips_ms) * 1e3;
-    for (int i = 0; i < ROUNDS; i++) {
-        surface.mips = NULL;
-        start = pell_seconds();
-        PELL_TRY(pell_surface_render(pool, rays, scene, &view, &surface));
-        best_of(start, &aliased_ms);
-        surface.mips = mips;
-        start = pell_seconds();
-        PELL_TRY(pell_surface_render(pool, rays, scene, &view, &surface));
-        best_of(start, &maps_ms);
-    }
-
-    printf("%u triangles, %lld rays, %lld pixels hit (%.2f of %d x %d), %d threads, %d x %d textures\n", scene->meshes[0].num_triangles,
-           (long long) surface.rays, (long long) surface.covered_pixels, (double) surface.covered_pixels / (WIDTH * HEIGHT), WIDTH, HEIGHT,
-           threads, texture, texture);
-    printf("build              %8.2f ms   bare %.2f ms\n", build * 1e3, bare_build * 1e3);
-    printf("making rays        %8.2f ms\n", made_ms);
-    printf("bare Embree        %8.2f ms   %.1f Mray/s\n", bare_ms, (double) surface.rays / bare_ms * 1e-3);
-    printf("rays               %8.2f ms   %.3f of bare\n", rays_ms, rays_ms / bare_ms);
-    printf("surface            %8.2f ms   %.3f of bare, %.1f ns a pixel more\n", plain_ms, plain_ms / bare_ms,
-           (plain_ms - bare_ms) * 1e6 / (double) surface.covered_pixels);
-    printf("surface, 3 maps    %8.2f ms   %.3f of bare; without mips %.2f ms; making mips %.1f ms\n", maps_ms, maps_ms / bare_ms,
-           aliased_ms, mips_ms);
-    res = PELL_OK;
+    read_options(&b, argc, argv);
+    PELL_TRY(pell_context_create(&params, &b.ctx));
+    PELL_TRY(pell_pool_create(b.ctx, b.threads, &b.pool));
+    PELL_TRY(open_scene(&b));
+    b.view = look(b.scene);
+    PELL_TRY(time_rays(&b, &t));
+    PELL_TRY(time_maps(&b, &t));
+    print_times(&b, &t);
 
 fail:
-    pell_surface_finish(ctx, &surface);
-    pell_mips_destroy(&mips);
-    pell_rays_destroy(&rays);
-    if (bare)
-        rtcReleaseScene(bare);
-    if (device)
-        rtcReleaseDevice(device);
-    pell_scene_destroy(&scene);
-    pell_pool_destroy(&pool);
-    pell_context_destroy(&ctx);
+    pell_surface_finish(b.ctx, &b.surface);
+    pell_mips_destroy(&b.mips);
+    pell_rays_destroy(&b.rays);
+    if (b.bare)
+        rtcReleaseScene(b.bare);
+    if (b.device)
+        rtcReleaseDevice(b.device);
+    pell_scene_destroy(&b.scene);
+    pell_pool_destroy(&b.pool);
+    pell_context_destroy(&b.ctx);
     return res == PELL_OK ? 0 : 1;
 }

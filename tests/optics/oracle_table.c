@@ -901,9 +901,9 @@ static void within(const double x[BATCHES], double theirs, double error)
     note(ours, theirs, hypot(ours_error, error));
 }
 
-static void compare_photons(json_t *root)
+static void compare_photon_slabs(json_t *root)
 {
-    json_t *row = oracle_get(root, "van_de_hulst"), *list;
+    json_t *row = oracle_get(root, "van_de_hulst");
     size_t i;
     double sum[BATCHES];
     begin("montecarlo", "van_de_hulst", "R and T of a slab by our photons", "standard errors", 3.0);
@@ -958,8 +958,13 @@ static void compare_photons(json_t *root)
         relative(total[RP], oracle_number(row, "multipole_R"));
         relative(total[TP], oracle_number(row, "multipole_T"));
     }
+}
 
-    list = oracle_get(oracle_get(root, "semi_infinite_eta1.3_total_albedo"), "table");
+static void compare_albedos(json_t *root)
+{
+    json_t *row, *list = oracle_get(oracle_get(root, "semi_infinite_eta1.3_total_albedo"), "table");
+    size_t i;
+
     begin("montecarlo", "semi_infinite_eta1.3_total_albedo", "33 totals by transport", "standard errors", 3.0);
     json_array_foreach(list, i, row)
         note(pell_half_space_albedo(oracle_number(row, "alpha"), 1.3), oracle_number(row, "mc_R"), oracle_number(row, "mc_se"));
@@ -986,6 +991,13 @@ static void compare_photons(json_t *root)
             note(once ? p.total - q.total : p.total, oracle_number(row, once ? "mc_R_single" : "mc_R"), 1.0);
         }
     }
+}
+
+static void compare_radial_profiles(json_t *root)
+{
+    json_t *row;
+    size_t i;
+
     for (int way = 0; way < 2; way++) {
         begin("montecarlo", "radial_profiles",
               way ? "rings of six media: light that the monte-carlo model misplaces"
@@ -1021,6 +1033,13 @@ static void compare_photons(json_t *root)
         pell_profile_make(PELL_PROFILE_PHOTON_BEAM, &m, 0, &multiple, &q) != PELL_OK)
         p.total = NAN;
     relative((p.total - q.total) * 1.1, oracle_number(oracle_get(root, "single_scatter_matched_check"), "exact_R1_over_alpha"));
+}
+
+static void compare_photons(json_t *root)
+{
+    compare_photon_slabs(root);
+    compare_albedos(root);
+    compare_radial_profiles(root);
 }
 
 /* --- Errata ----------------------------------------------------------------------------------------------------------------------- */
