@@ -208,19 +208,15 @@ def rule_public_heads(tree):
 # get shorter.
 FILE_LINES, FUNCTION_LINES, ARGUMENTS = 700, 100, 8
 LONG_FILES = {
-    "src/cli/compare/scene.c": 757,
     "src/methods/convolution/kernels.c": 739,
     "src/methods/image_space/kernels.c": 838,
     "src/methods/screen_space/kernels.c": 997,
     "src/methods/texture_space/translucent_shadow_map.c": 719,
-    "src/lights/light_sampling.c": 721,
 }
 LONG_FUNCTIONS = {
     "src/methods/layered/march_fast.c:fast_lanes": 144,
-    "src/render/frame.c:pell_renderer_render": 101,
 }
 MANY_ARGUMENTS = {
-    "src/compare/tile.c:uniform": 9,
     "src/math/fft.c:pell_fft_rows": 10,
     "src/math/fft.c:pell_fft_rows_back": 10,
     "src/methods/convolution/kernels.c:gather": 10,
@@ -233,16 +229,6 @@ MANY_ARGUMENTS = {
     "src/methods/image_space/samples.c:make_levels": 9,
     "src/methods/layered/march.c:light_step": 11,
     "src/methods/layered/shadow_rays.c:open_sheet": 9,
-    "src/methods/path_trace/specular_manifold.c:pt_specular_manifold": 10,
-    "src/methods/path_trace/distance_sampling.c:sample_homogeneous": 10,
-    "src/methods/path_trace/distance_sampling.c:sample_layers": 10,
-    "src/methods/path_trace/distance_sampling.c:pt_sample_distance": 10,
-    "src/methods/path_trace/distance_sampling.c:stopped": 9,
-    "src/methods/path_trace/next_event.c:connection": 9,
-    "src/methods/path_trace/next_event.c:pt_connect_rough": 9,
-    "src/methods/path_trace/next_event.c:pt_next_event": 10,
-    "src/methods/path_trace/light_path.c:pt_connect_paths": 9,
-    "src/methods/path_trace/light_path.c:surface": 9,
     "src/methods/screen_space/kernels.c:gather_listing": 9,
     "src/methods/screen_space/kernels.c:leaning_tap": 11,
     "src/methods/screen_space/kernels.c:upright_tap": 10,
@@ -250,15 +236,6 @@ MANY_ARGUMENTS = {
     "src/methods/texture_space/kernels.c:skewed_side": 12,
     "src/methods/texture_space/kernels.c:side": 11,
     "src/methods/texture_space/translucent_shadow_map.c:pass_through": 10,
-    "src/render/composite/kernel.c:albedos": 9,
-    "src/render/composite/kernel.c:shade_block": 9,
-    "src/transport/refraction/connect.c:pell_connect": 10,
-    "src/lights/light_sampling.c:pell_light_sampler_emit": 9,
-    "src/lights/light_sampling.c:pell_light_sampler_hit": 10,
-    "src/lights/environment.c:add_row": 9,
-    "src/render/renderer.c:pell_renderer_light_of": 9,
-    "src/render/surface/sample16.h:bilinear16": 9,
-    "src/scene/gltf/morph.c:add": 9,
 }
 
 

@@ -220,9 +220,10 @@ static void filter_rows(const struct pell_tile *t, const struct pell_flip_filter
 }
 
 /* One row of filtered y, x - y, y - z to L, a, b, a and b times L/100 (Hunt). */
-static void uniform(const struct pell_flip_filters *f, const float *restrict y, const float *restrict rg, const float *restrict by0,
-                    const float *restrict by1, float *restrict out_l, float *restrict out_a, float *restrict out_b, int count)
+static void uniform(const struct pell_flip_filters *f, float line[4][W], float *out, int count)
 {
+    const float *restrict y = line[0], *restrict rg = line[1], *restrict by0 = line[2], *restrict by1 = line[3];
+    float *restrict out_l = out + EYE_L * W * H, *restrict out_a = out + EYE_A * W * H, *restrict out_b = out + EYE_B * W * H;
     const float *m = f->to_xyz, *inverse = f->from_xyz, w0 = f->blue_yellow_weight[0], w1 = f->blue_yellow_weight[1];
 
     for (int i = 0; i < count; i++) {
@@ -257,7 +258,7 @@ static void see(const struct pell_tile *t, const struct pell_flip_filters *f, co
         even(in + ROW_RG * plane, W, f->red_green, f->red_green_radius, line[1], n);
         even(in + ROW_BY0 * plane, W, f->blue_yellow[0], f->blue_yellow_radius, line[2], n);
         even(in + ROW_BY1 * plane, W, f->blue_yellow[1], f->blue_yellow_radius, line[3], n);
-        uniform(f, line[0], line[1], line[2], line[3], out + EYE_L * W * H, out + EYE_A * W * H, out + EYE_B * W * H, n);
+        uniform(f, line, out, n);
 
         even(in + ROW_EDGE * plane, W, f->smooth, f->feature_radius, line[0], n);
         odd(in + ROW_SMOOTH * plane, W, f->edge, f->feature_radius, line[1], n);

@@ -474,10 +474,17 @@ static void make_ring(const struct pell_env_map *m, float *block, struct ring_ma
     }
 }
 
-/* Adds columns [from, to) of row j, weighted; `a`, `b`: the cosine of the angle between is a + b cos(difference of azimuth). */
-static void add_row(const struct ring_map *m, int j, int from, int to, const float azimuth[2], float a, float b, float a2,
-                    float sums[4][WIDE])
+/* A lobe about a direction, to be summed along a row of the picture. */
+struct row_lobe {
+    float azimuth[2]; /* its sine and cosine */
+    float a, b;       /* the cosine of the angle between is a + b cos(difference of azimuth) */
+    float a2;         /* alpha^2 */
+};
+
+/* Adds columns [from, to) of row j, weighted. */
+static void add_row(const struct ring_map *m, int j, int from, int to, const struct row_lobe *lobe, float sums[4][WIDE])
 {
+    const float *azimuth = lobe->azimuth, a = lobe->a, b = lobe->b, a2 = lobe->a2;
     const size_t row = (size_t) j * m->stride;
     const float solid = m->map->solid_row[j] * a2;
 
@@ -502,7 +509,7 @@ static void filter_row(void *arg, int y, int worker)
     const struct lobe_task *t = arg;
     const struct ring_map *m = t->from;
     const double polar = PELL_PI * (y + 0.5) / t->to->height;
-    const float st = (float) sin(polar), ct = (float) cos(polar), a2 = t->alpha * t->alpha, limit = cosf(t->reach);
+    const float st = (float) sin(polar), ct = (float) cos(polar), limit = cosf(t->reach);
     const int j0 = (int) floor((polar - t->reach) / PELL_PI * m->height), j1 = (int) ceil((polar + t->reach) / PELL_PI * m->height);
 
     (void) worker;
@@ -510,21 +517,19 @@ static void filter_row(void *arg, int y, int worker)
         const int middle = (int) ((x + 0.5) / t->to->width * m->width);
         float *out = t->to->rgb + 3 * ((size_t) y * (size_t) t->to->width + (size_t) x);
         const double turn = 2.0 * PELL_PI * ((x + 0.5) / t->to->width - 0.5);
-        const float azimuth[2] = { (float) (sin(turn) * t->env->cos_rotate - cos(turn) * t->env->sin_rotate),
-                                   (float) (sin(turn) * t->env->sin_rotate + cos(turn) * t->env->cos_rotate) };
+        struct row_lobe lobe = { { (float) (sin(turn) * t->env->cos_rotate - cos(turn) * t->env->sin_rotate),
+                                   (float) (sin(turn) * t->env->sin_rotate + cos(turn) * t->env->cos_rotate) },
+                                 .a2 = t->alpha * t->alpha };
         float sums[4][WIDE] = { { 0 } }, total[4] = { 0 };
         for (int j = j0 < 0 ? 0 : j0; j < j1 && j < m->height; j++) {
             /* how far round the row does the lobe reach? */
-            const float a = ct * m->map->cos_row[j], b = st * m->map->sin_row[j];
+            const float a = lobe.a = ct * m->map->cos_row[j], b = lobe.b = st * m->map->sin_row[j];
             const float c = b > 1e-9f ? (limit - a) / b : limit > a ? 2.0f : -2.0f;
             const int reach = c <= -1.0f ? m->width : c < 1.0f ? (int) (acosf(c) / (2.0f * PELL_PI_F) * (float) m->width) + 1 : 0;
-            if (c >= 1.0f)
-                continue;
-            if (2 * reach + 1 >= m->width)
-                add_row(m, j, 0, m->width, azimuth, a, b, a2, sums);
-            else
-                add_row(m, j, (middle - reach + m->width) % m->width, (middle - reach + m->width) % m->width + 2 * reach + 1, azimuth, a, b,
-                        a2, sums);
+            const bool whole = 2 * reach + 1 >= m->width;
+            const int from = whole ? 0 : (middle - reach + m->width) % m->width;
+            if (c < 1.0f)
+                add_row(m, j, from, from + (whole ? m->width : 2 * reach + 1), &lobe, sums);
         }
         for (int c = 0; c < 4; c++)
             for (int k = 0; k < WIDE; k++)

@@ -35,8 +35,7 @@ bool pell_light_grid_visible16(const struct pell_light_grid *grid, const int32_t
  * Sets tfar and the hit of lanes that meet something before their tfar, and the mesh of all. False as above. */
 bool pell_light_grid_closest16(const struct pell_light_grid *grid, const int32_t *mask, struct pell_ray_hit16 *packet);
 
-/* --- Private to light_grid.c and light_grid_kernel.c
- * -------------------------------------------------------------------------------------------------- */
+/* --- Private to light_grid.c and light_grid_kernel.c -------------------------------------------------------------------------- */
 
 /* Of an entry's triangle: the bits over its number. A packet that touches several cells meets a triangle in the first of them alone. */
 #define PELL_LIGHT_GRID_LEFT (1u << 30) /* its bounds begin in this column */

@@ -62,8 +62,7 @@ struct pell_corners {
 void pell_raster_intersect16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
                              struct pell_corners *corners);
 
-/* --- Private to tile_raster.c and tile_raster_kernel.c
- * --------------------------------------------------------------------------------------------- */
+/* --- Private to tile_raster.c and tile_raster_kernel.c ------------------------------------------------------------------------ */
 
 #define PELL_RASTER_CHUNKS 32    /* that triangles are handed out in; as many as keep some threads busy */
 #define PELL_RASTER_BACK 0x8000u /* of a span's y0: turned away from the camera; closed objects hide these */

@@ -70,9 +70,9 @@ static void make_cut(const struct pell_composite_row *row, const struct pell_com
     cut->mean = m->f0 * (n[0] + g * (n[2] - n[0])) + n[1] + g * (n[3] - n[1]);
 }
 
-/* Directional albedo toward mu, and its mean, of each lane. */
+/* Directional albedo toward mu, albedo[0], and its mean, albedo[1], of each lane. */
 INLINE void albedos(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, const float *restrict roughness,
-                    bool full, bool uniform, struct pell_composite_cut *restrict cut, float *restrict albedo, float *restrict average)
+                    bool full, bool uniform, struct pell_composite_cut *restrict cut, float (*restrict albedo)[LANES])
 {
     float fx[LANES], low[LANES], high[LANES];
     int place[LANES], differ = 0;
@@ -93,8 +93,8 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
             high[i] = cut->albedo[place[i] + 1];
         }
         for (int i = 0; i < LANES; i++) {
-            albedo[i] = pell_lerp(low[i], high[i], fx[i]);
-            average[i] = cut->mean;
+            albedo[0][i] = pell_lerp(low[i], high[i], fx[i]);
+            albedo[1][i] = cut->mean;
         }
         return;
     }
@@ -108,8 +108,8 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
         const float *n = row->mean + 2 * (model * PELL_ALBEDO_ROUGHNESS + j), f0 = OF(f0);
         const float near = f0 * (t[0] + g * (t[2] - t[0])) + t[1] + g * (t[3] - t[1]);
         const float beyond = f0 * (r[0] + g * (r[2] - r[0])) + r[1] + g * (r[3] - r[1]);
-        albedo[i] = pell_lerp(near, beyond, fx[i]);
-        average[i] = f0 * (n[0] + g * (n[2] - n[0])) + n[1] + g * (n[3] - n[1]);
+        albedo[0][i] = pell_lerp(near, beyond, fx[i]);
+        albedo[1][i] = f0 * (n[0] + g * (n[2] - n[0])) + n[1] + g * (n[3] - n[1]);
     }
 }
 
@@ -122,27 +122,28 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
     const float *restrict r = s->specular[0] + at, *restrict g = s->specular[1] + at, *restrict b = s->specular[2] + at;
     const float normalized = published ? 0.0f : 1.0f;
     const float *restrict rough = s->roughness + at;
-    float albedo[LANES], average[LANES], rho_s[LANES], roughness[LANES];
+    float albedo[2][LANES], rho_s[LANES], roughness[LANES];
 
     /* Planes may hold anything where a material is even: what they hold is read, and not taken. */
     for (int i = 0; !uniform && i < LANES; i++)
         roughness[i] = OF(uniform) ? OF(roughness) : rough[i];
-    albedos(row, o, mu, roughness, full, uniform, cut, albedo, average);
+    albedos(row, o, mu, roughness, full, uniform, cut, albedo);
     for (int i = 0; i < LANES; i++)
         rho_s[i] = uniform ? o->one->rho_s : !full && OF(uniform) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
     for (int i = 0; i < LANES; i++)
-        factor[i] = pell_exit_factor(rho_s[i], albedo[i], average[i], normalized);
+        factor[i] = pell_exit_factor(rho_s[i], albedo[0][i], albedo[1][i], normalized);
     for (int i = 0; row->any_smooth && i < LANES; i++)
         if (OF(smooth))
             factor[i] = pell_smooth_exit_factor(pell_boundary_lookup(OF(boundary), mu[i]), published ? 1.0f : OF(boundary_mean));
 }
 
 /* A block; `on` is 1 where a lane is covered. */
-INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, const struct owners *o, const float *restrict on, bool full,
+INLINE void shade_block(const struct pell_composite_row *row, int x, const struct owners *o, const float *restrict on, bool full,
                         bool uniform, struct pell_composite_cut *restrict cut, struct pell_composite_lanes *restrict result)
 {
     static const float luminance[3] = { PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B };
     const struct pell_composite_params *p = row->p;
+    const size_t at = (size_t) ((ptrdiff_t) row->y * p->surface->stride + x);
     const float *restrict metallic = p->surface->metallic + at;
     const bool radiance = p->radiance;
     float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
@@ -199,8 +200,8 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, size_t at, 
 static bool shade(const struct pell_composite_row *row, int x, struct pell_composite_cut *cut, struct pell_composite_lanes *result)
 {
     const struct pell_surface *s = row->p->surface;
-    const size_t at = (size_t) ((ptrdiff_t) row->y * s->stride + x);
-    const uint16_t *restrict material = s->material + at; /* rows are whole blocks; none beside the picture is covered */
+    const uint16_t *restrict material =
+        s->material + (ptrdiff_t) row->y * s->stride + x; /* rows are whole blocks; none beside the picture is covered */
     struct owners o;
     float on[LANES];
     unsigned any = 0, differ = 0;
@@ -216,9 +217,9 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
         for (int i = 0; i < LANES; i++)
             on[i] = 1.0f;
         if (o.one->uniform)
-            shade_block(row, x, at, &o, on, true, true, cut, result);
+            shade_block(row, x, &o, on, true, true, cut, result);
         else
-            shade_block(row, x, at, &o, on, true, false, cut, result);
+            shade_block(row, x, &o, on, true, false, cut, result);
         return true;
     }
     for (int i = 0; i < LANES; i++) {
@@ -226,7 +227,7 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
         on[i] = id ? 1.0f : 0.0f;
         o.m[i] = &row->materials[id ? id - 1 : 0];
     }
-    shade_block(row, x, at, &o, on, false, false, cut, result);
+    shade_block(row, x, &o, on, false, false, cut, result);
     return true;
 }
 

@@ -87,8 +87,8 @@ static inline uint64_t rgb_texel(const uint8_t *rgb, const uint16_t *table, size
 }
 
 /* out = bilinear look-up in each lane's level, for 8 and 16 bit pictures. Lanes that are not in `lanes` get something finite. */
-static void bilinear16(const struct pyramid *p, const struct pell_texture *t, const struct surface_decode *decode, const float *restrict u,
-                       const float *restrict v, const int32_t *restrict level, uint32_t lanes, unsigned channels, float16 *restrict out)
+static void bilinear16(const struct pyramid *p, const struct pell_texture *t, const struct surface_decode *decode,
+                       const float16 *restrict uv, const int32_t *restrict level, uint32_t lanes, unsigned channels, float16 *restrict out)
 {
     const struct pell_image *image = &p->image;
     const uint8_t *rgb = image->type == PELL_PIXEL_U8 && image->channels == 3 ? image->pixels : NULL;
@@ -102,8 +102,8 @@ static void bilinear16(const struct pyramid *p, const struct pell_texture *t, co
         w[i] = p->width[level[i]];
         h[i] = p->height[level[i]];
     }
-    axis16(t->wrap_u, u, w, x0, x1, fx);
-    axis16(t->wrap_v, v, h, y0, y1, fy);
+    axis16(t->wrap_u, uv[0], w, x0, x1, fx);
+    axis16(t->wrap_v, uv[1], h, y0, y1, fy);
     for (int i = 0; i < LANES; i++) {
         weight[0][i] = (1.0f - fx[i]) * (1.0f - fy[i]) * (1.0f / 65535.0f);
         weight[1][i] = fx[i] * (1.0f - fy[i]) * (1.0f / 65535.0f);
@@ -149,13 +149,13 @@ static void bilinear16(const struct pyramid *p, const struct pell_texture *t, co
 }
 
 /* Float pictures, and textures that are not to be filtered: one by one. */
-static void one_by_one(const struct pyramid *p, const struct pell_texture *t, const float *u, const float *v, const int32_t *level,
-                       uint32_t lanes, unsigned channels, float16 *restrict out)
+static void one_by_one(const struct pyramid *p, const struct pell_texture *t, const float16 *uv, const int32_t *level, uint32_t lanes,
+                       unsigned channels, float16 *restrict out)
 {
     for (uint32_t left = lanes; left; left &= left - 1) {
         const int i = __builtin_ctz(left);
         float rgba[4];
-        pell_image_sample(level[i] ? &p->floats[level[i]] : &p->image, t->wrap_u, t->wrap_v, t->nearest, u[i], v[i], rgba);
+        pell_image_sample(level[i] ? &p->floats[level[i]] : &p->image, t->wrap_u, t->wrap_v, t->nearest, uv[0][i], uv[1][i], rgba);
         for (int c = 0; c < 4; c++)
             if (channels >> c & 1)
                 out[c][i] = rgba[c];
@@ -164,7 +164,7 @@ static void one_by_one(const struct pyramid *p, const struct pell_texture *t, co
 
 /* Looks up `channels` (bits) of a map for `lanes`; others get something finite. */
 static void sample16(const struct pyramid *p, const struct pell_texture_map *map, const struct surface_decode *decode,
-                     const struct uv16 *uv, uint32_t lanes, unsigned channels, float16 *restrict rgba)
+                     const struct uv16 *at, uint32_t lanes, unsigned channels, float16 *restrict rgba)
 {
     const struct pell_texture *t = map->texture;
     const float *m = map->matrix, scale = fabsf(m[0] * m[4] - m[1] * m[3]) * (float) p->image.width * (float) p->image.height;
@@ -172,15 +172,15 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
     const bool floats = p->image.type == PELL_PIXEL_F32, huge = p->image.width * (int64_t) p->image.height > INT32_MAX;
     const bool slow = t->nearest || floats || huge;
     const float last = t->nearest || (huge && !floats) ? 0.0f : (float) (p->levels - 1);
-    float16 u, v, blend, area, log_area;
+    float16 uv[2], blend, area, log_area;
     int16lanes first, second, mixed;
     uint32_t both = 0;
 
     for (int i = 0; i < LANES; i++) {
-        const float tu = m[0] * uv->u[i] + m[1] * uv->v[i] + m[2], tv = m[3] * uv->u[i] + m[4] * uv->v[i] + m[5];
-        u[i] = fabsf(tu) < 16777216.0f ? tu : 0.0f; /* NaN, and what has no fraction left */
-        v[i] = fabsf(tv) < 16777216.0f ? tv : 0.0f;
-        area[i] = uv->area[i] * scale;
+        const float tu = m[0] * at->u[i] + m[1] * at->v[i] + m[2], tv = m[3] * at->u[i] + m[4] * at->v[i] + m[5];
+        uv[0][i] = fabsf(tu) < 16777216.0f ? tu : 0.0f; /* NaN, and what has no fraction left */
+        uv[1][i] = fabsf(tv) < 16777216.0f ? tv : 0.0f;
+        area[i] = at->area[i] * scale;
         area[i] = area[i] > 1.0f ? area[i] : 1.0f;
     }
     rough_log2(area, log_area);
@@ -199,17 +199,17 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
     both &= lanes;
     if (slow) {
         memset(rgba, 0, 4 * sizeof(*rgba));
-        one_by_one(p, t, u, v, first, lanes, channels, rgba);
+        one_by_one(p, t, uv, first, lanes, channels, rgba);
     } else {
-        bilinear16(p, t, decode, u, v, first, lanes, channels, rgba);
+        bilinear16(p, t, decode, uv, first, lanes, channels, rgba);
     }
     if (both) {
         float16 more[4];
         if (slow) {
             memset(more, 0, sizeof(more));
-            one_by_one(p, t, u, v, second, both, channels, more);
+            one_by_one(p, t, uv, second, both, channels, more);
         } else {
-            bilinear16(p, t, decode, u, v, second, both, channels, more);
+            bilinear16(p, t, decode, uv, second, both, channels, more);
         }
         for (int c = 0; c < 4; c++)
             if (channels >> c & 1)

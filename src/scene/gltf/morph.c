@@ -86,11 +86,12 @@ fail:
     return res;
 }
 
-/* out += weight x deltas, xyz each, of `size` floats a vertex. `scratch` is room for 3 floats a vertex. */
+/* out += weight x deltas, xyz each. `scratch` is room for 3 floats a vertex. */
 static enum pell_result add(struct gltf *g, const struct pell_json *target, const char *key, int64_t index, double weight, uint32_t count,
-                            float *scratch, float *out, size_t size)
+                            float *scratch, float *out)
 {
     const bool position = strcmp(key, "POSITION") == 0;
+    const size_t size = strcmp(key, "TANGENT") == 0 ? 4 : 3;
     const struct pell_json at = pell_json_get(target, key);
     const struct gltf_accessor *a;
     const float w = (float) weight;
@@ -131,11 +132,11 @@ enum pell_result gltf_morph(struct gltf *g, const struct pell_json *primitive, c
         if (pell_cancelled(g->ctx))
             res = PELL_ERR_CANCELLED;
         if (res == PELL_OK && t->position >= 0)
-            res = add(g, &at, "POSITION", t->position, weights[i], mesh->num_vertices, scratch, mesh->position, 3);
+            res = add(g, &at, "POSITION", t->position, weights[i], mesh->num_vertices, scratch, mesh->position);
         if (res == PELL_OK && t->normal >= 0 && p->normal >= 0)
-            res = add(g, &at, "NORMAL", t->normal, weights[i], mesh->num_vertices, scratch, mesh->normal, 3);
+            res = add(g, &at, "NORMAL", t->normal, weights[i], mesh->num_vertices, scratch, mesh->normal);
         if (res == PELL_OK && t->tangent >= 0 && mesh->tangent)
-            res = add(g, &at, "TANGENT", t->tangent, weights[i], mesh->num_vertices, scratch, mesh->tangent, 4);
+            res = add(g, &at, "TANGENT", t->tangent, weights[i], mesh->num_vertices, scratch, mesh->tangent);
         no_normal |= t->position >= 0 && t->normal < 0 && p->normal >= 0;
         no_tangent |= t->position >= 0 && t->tangent < 0;
     }
