@@ -7,7 +7,7 @@
  * Where `material` is 0 the other planes are undefined: those values (even NaN) must not affect a result.
  *
  * Units      mm, pixels, irradiance W/m^2, radiance W/(m^2 sr); colour linear Rec.709, 0, 1, 2 = R, G, B.
- * Ownership  all planes and materials are borrowed from whoever fills the struct.
+ * Ownership  all planes and materials are borrowed from the caller that fills the struct.
  * Errors     this header has no functions; functions that take a frame check it.
  * Threads    a frame is plain data; a method only reads it, so threads may share it.
  */

@@ -119,8 +119,8 @@ def _(folder):
 def _(folder):
     furnish(folder)
     for arguments, code, words in (
-            (['--cross-section', 'layers.jpg'], 2, '.svg, .pdf or .png'), (['--line', '0,0,1,1'], 2, 'none is asked for'),
-            (['--down-to', '2mm'], 2, 'none is asked for'),
+            (['--cross-section', 'layers.jpg'], 2, '.svg, .pdf or .png'), (['--line', '0,0,1,1'], 2, 'needs --cross-section'),
+            (['--down-to', '2mm'], 2, 'needs --cross-section'),
             (['--layers-of', 'Skin'], 2, 'cross-section'), (['--cross-section', 'painted.json'], 2, 'must end'),
             (['--cross-section', 'a.png', '--line', '0,0,1'], 2, 'four numbers'),
             (['--cross-section', 'a.png', '--line', '0,0,0,0'], 2, 'different'),

@@ -105,7 +105,7 @@ static enum exit_code add_run(struct cli *cli, struct job *job, const char *wher
     if (next)
         *next++ = '\0';
     if (strcmp(text, "none") == 0 && strcmp(where, "--reference") == 0)
-        return cli_usage(cli, where, NULL, "none scatters nothing: it can't be the reference");
+        return cli_usage(cli, where, NULL, "none computes no scattering: it can't be the reference");
     if (strcmp(text, "none") != 0 && !(run->method = pell_method_find(cli->ctx, where, text)))
         return cli_failed(cli, PELL_ERR_INVALID);
     job->num_runs++;
@@ -183,7 +183,7 @@ static enum exit_code choose_runs(struct cli *cli, struct job *job)
 
     job->num_references = job->num_runs;
     if (code == EXIT_OK && job->num_references > MAX_REFERENCES)
-        return cli_usage(cli, "--reference", "the first is what methods are measured against, the second what the first is",
+        return cli_usage(cli, "--reference", "methods are measured against the first, the first against the second",
                          "%zu names, must be one or two", job->num_references);
     if (code == EXIT_OK)
         code = add_list(cli, job, "--methods", cli->compare.methods ? cli->compare.methods : "all");
@@ -263,7 +263,7 @@ static enum exit_code make_mask(struct cli *cli, struct job *job, const struct p
     if (job->translucent == 0)
         return cli_failed(cli,
                           pell_error(cli->ctx, PELL_ERR_INVALID, job->session.scene->path, "give it a --material, or look at another part",
-                                     "no pixel shows anything translucent: there is nothing to compare"));
+                                     "no pixel shows a translucent object: there is nothing to compare"));
     return EXIT_OK;
 }
 
@@ -621,7 +621,7 @@ static void warn_of_noise(struct cli *cli, const struct job *job)
     for (size_t i = 0; i < job->num_references; i++)
         if (job->rel_noise[i] > LOUD)
             pell_warn(cli->ctx, job->runs[i].label, "give it more samples, a smaller error or more time",
-                      "its noise is %.0f %%: smaller errors than that are uncertain", 100.0 * job->rel_noise[i]);
+                      "its noise is %.0f %%: smaller errors are uncertain", 100.0 * job->rel_noise[i]);
 }
 
 /* Of `all`, what does not run here. */
