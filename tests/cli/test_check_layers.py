@@ -136,7 +136,7 @@ def _(folder):
     (folder / 'plain.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'bunny.obj', 'unit': '1mm',
                                                    'materials': {'*': {'opaque': True}}}))
     done = run(folder, 'check', 'plain.json', '--cross-section', 'a.png')
-    need(done.returncode == 2 and b'lets light in' in done.stderr, done.returncode, done.stderr)
+    need(done.returncode == 2 and b'no material is translucent' in done.stderr, done.returncode, done.stderr)
 
 
 @test('the painted solids are closed, outward, of one piece, of the size they should be')

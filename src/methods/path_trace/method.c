@@ -43,7 +43,7 @@ static const struct pell_knob knobs[] = {
 /* clang-format on */
 #undef AT
 
-/* J. T. Kajiya 1986, H. E. Rushmeier 1988: what a path tracer of the books does. */
+/* Textbook path tracing: J. T. Kajiya 1986, H. E. Rushmeier 1988. */
 static void paper(void *values)
 {
     struct pt_method_knobs *k = values;
