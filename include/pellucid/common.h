@@ -4,7 +4,7 @@
  *
  * Units      everywhere lengths mm, coefficients 1/mm, angles in radians unless a name ends in _deg, colour linear Rec.709
  *            (channel 0, 1, 2 = R, G, B), irradiance and radiant exitance W/m^2, radiance W/(m^2 sr).
- * Ownership  strings that are returned are constant.
+ * Ownership  returned strings are constant.
  * Errors     enum pell_result, below.
  * Threads    all functions are pure and safe.
  */
@@ -29,16 +29,16 @@
 extern "C" {
 #endif
 
-/* What a function that can fail returns. Whoever detects an error logs it once, through the context; whoever passes it on is
- * silent. Values are stable. */
+/* Result of a function that can fail. The function that detects an error logs it once, through the context; callers that pass it on
+ * do not. Values are stable. */
 enum pell_result {
     PELL_OK = 0,
-    PELL_ERR_INVALID = -1,     /* an argument or a value of the user is out of range */
+    PELL_ERR_INVALID = -1,     /* an argument or a user's value is out of range */
     PELL_ERR_NOMEM = -2,       /* out of memory, or over the memory limit */
     PELL_ERR_IO = -3,          /* a file can't be opened, read or written */
     PELL_ERR_FORMAT = -4,      /* a file is damaged or breaks its format's rules */
-    PELL_ERR_UNSUPPORTED = -5, /* well formed, but not something this build can do */
-    PELL_ERR_DEVICE = -6,      /* the engine or device asked for is not there, or was lost */
+    PELL_ERR_UNSUPPORTED = -5, /* well formed, but not supported by this build */
+    PELL_ERR_DEVICE = -6,      /* the requested engine or device does not exist, or was lost */
     PELL_ERR_CANCELLED = -7,   /* the context's cancel flag was raised */
 };
 

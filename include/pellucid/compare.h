@@ -1,35 +1,35 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/compare.h - how far a picture is from a reference, as numbers and as maps.
+ * pellucid/compare.h - the difference of an image from a reference, as numbers and as maps.
  *
  *     pell_knobs_default(pell_compare_knobs(), &params);
- *     pell_compare(ctx, &input, &params, &result);      // as often as wanted
+ *     pell_compare(ctx, &input, &params, &result);      // any number of times
  *     pell_comparison_finish(ctx, &result);
  *
- * With t the test picture, b the reference, d = t - b, and means over the pixels that count and the three channels:
+ * With t the test image, b the reference, d = t - b, and means over the pixels that count and the three channels:
  *
- *     mse      mean d^2                                   in the picture's unit, squared
+ *     mse      mean d^2                                   in the image's unit, squared
  *     rel_mse  mean d^2 / (b^2 + e^2),                    e = floor x the mean of |luminance| of b over the pixels that count
  *     mae      mean |d|
- *     bias     mean d, by channel;  rel_bias  that over the mean of b
- *     ssim     Wang et al. 2004: Gaussian window 11 x 11, sigma 1.5, K1 = 0.01, K2 = 0.03, of what is shown, sRGB-encoded in [0, 1]:
- *              `ssim` of its luma (Rec.709 weights), `ssim_rgb` by channel; as there, the mean is over windows that lie inside
- *     flip     Andersson et al. 2020, of what is shown: 0 alike to 1
+ *     bias     mean d, by channel;  rel_bias  bias divided by the mean of b
+ *     ssim     Wang et al. 2004: Gaussian window 11 x 11, sigma 1.5, K1 = 0.01, K2 = 0.03, of the displayed images, sRGB-encoded in [0, 1]:
+ *              `ssim` of its luma (Rec.709 weights), `ssim_rgb` by channel; as published, the mean is over windows inside the image
+ *     flip     Andersson et al. 2020, of the displayed images: 0 (identical) to 1
  *     flip_hdr Andersson et al. 2021: the largest FLIP over a range of exposures through the ACES curve of Narkowicz 2015
  *
- * What is shown is the picture times an exposure through a tone curve, the same for both: they are metered on the reference.
+ * A displayed image is the image times an exposure, mapped by a tone curve. Both images use the same, metered on the reference.
  *
- * Noise      a reference that was made by sampling comes with the variance of its pixels, or as two halves, b1 and b2: b is their mean,
- *            (b1 - b2)^2/4 estimates its variance. What that adds to mse and rel_mse is taken off (of rel_mse, whose denominator has
- *            noise, too, to first order in the variance). The other metrics can't be freed of it.
- * Bad pixels a pixel with NaN or infinity in any channel of either picture, or with a variance below 0, counts nowhere but in `bad_test`
- *            and `bad_reference`; in the windows of its neighbours both pictures have the reference's value there, or 0.
- * Mask       pixels where the mask is over 0.5. Windows and exposures see the whole picture; only means are restricted.
+ * Noise      a sampled reference has the variance of its pixels, or two halves, b1 and b2: then b is their mean, and (b1 - b2)^2/4
+ *            estimates its variance. The contribution of the variance is subtracted from mse and rel_mse (from rel_mse, whose
+ *            denominator has noise, too, to first order). It can't be subtracted from the other metrics.
+ * Bad pixels pixels with NaN or infinity in any channel of either image, or with a negative variance, are excluded and counted in
+ *            `bad_test` and `bad_reference`; in windows of their neighbours both images have the reference's value there, or 0.
+ * Mask       pixels where the mask is over 0.5. Windows and exposures use the whole image; only means are restricted.
  *
- * Units      pictures in any unit of light, the same for both; angles of the camera in degrees; times in seconds.
- * Ownership  planes of the input are borrowed for the call; maps of the result are emptied with pell_comparison_finish.
+ * Units      images in any unit of light, the same for both; angles of the camera in degrees; times in seconds.
+ * Ownership  planes of the input are borrowed for the call; maps of the result are released with pell_comparison_finish.
  * Errors     enum pell_result, logged once with the value and what is allowed.
- * Threads    calls are independent; each uses a pool of its own. The same bits for any number of threads.
+ * Threads    calls are independent; each has its own thread pool. The same bits for any number of threads.
  */
 #ifndef PELLUCID_COMPARE_H
 #define PELLUCID_COMPARE_H
@@ -49,7 +49,7 @@ enum pell_compare_tonemap { PELL_COMPARE_REINHARD, PELL_COMPARE_ACES, PELL_COMPA
 /* Defaults, ranges and help: pell_compare_knobs(). */
 struct pell_compare_params {
     float ppd;      /* pixels per degree of the camera: distance x pixels/width x pi/180 */
-    float exposure; /* of what is shown; 0: 0.18 over the log-average luminance of the reference */
+    float exposure; /* of the displayed images; 0: 0.18 over the log-average luminance of the reference */
     float white;    /* luminance after exposure that becomes display white (reinhard); 0: the reference's largest, at least 1 */
     int tonemap;    /* enum pell_compare_tonemap */
     int exposures;  /* of HDR-FLIP; 0: as in its paper, one per stop, at least 2 */
@@ -63,37 +63,37 @@ PELL_API const struct pell_knob *pell_compare_knobs(void);
 struct pell_compare_input {
     int width, height;
     ptrdiff_t stride; /* floats from row to row, of every plane */
-    /* Linear Rec.709 in any unit of light; the three pointers may be one. */
+    /* Linear Rec.709 in any unit of light; the three pointers may be equal. */
     const float *test[3], *reference[3];
     const float *half[3];     /* NULL, or the other half of the reference: `reference` is the first */
-    const float *variance[3]; /* NULL, or the reference's, squared standard errors; not looked at where there are halves */
+    const float *variance[3]; /* NULL, or squared standard errors of the reference; ignored if there are halves */
     const float *mask;        /* NULL: every pixel counts */
-    bool display;             /* numbers are what a display shows, in [0, 1]: no exposure, no curve, no HDR-FLIP */
+    bool display;             /* values are display values in [0, 1]: no exposure, no curve, no HDR-FLIP */
 };
 
 struct pell_metrics {
-    int64_t pixels;                   /* that count; 0: all numbers are 0 */
+    int64_t pixels;                   /* number that count; 0: all numbers are 0 */
     double mse, rel_mse;              /* without the reference's noise, not below 0; rel_mse is infinite where the reference is all black */
-    double noise_mse, noise_rel_mse;  /* what was taken off: 0 without halves or a variance */
-    double floor;                     /* e of rel_mse, in the unit of the pictures */
-    double mae, bias[3], rel_bias[3]; /* rel_bias: 0 where the reference's mean is */
+    double noise_mse, noise_rel_mse;  /* the subtracted amounts: 0 without halves or a variance */
+    double floor;                     /* e of rel_mse, in the unit of the images */
+    double mae, bias[3], rel_bias[3]; /* rel_bias: 0 where the reference's mean is 0 */
     double ssim, ssim_rgb[3];
-    double flip, flip_hdr; /* flip_hdr: 0 of display pictures */
+    double flip, flip_hdr; /* flip_hdr: 0 for display images */
 };
 
 struct pell_comparison {
     struct pell_metrics masked, whole; /* the same without a mask */
-    int64_t bad_test, bad_reference;   /* bad pixels; of either half */
-    float exposure, white;             /* that were used */
-    /* HDR-FLIP: log2 of the first and last exposure, how many, and whether more than half of the reference is black, so that the median
-     * of what is not black was taken. */
+    int64_t bad_test, bad_reference;   /* number of bad pixels; in either half */
+    float exposure, white;             /* the values used */
+    /* HDR-FLIP: log2 of the first and last exposure, their number, and whether more than half of the reference is black, so that the
+     * median of the other pixels was used. */
     double hdr_start, hdr_stop;
     int hdr_exposures;
     bool hdr_above_black;
     double seconds;
     int width, height;
-    /* Maps, rows without padding, finite. `relative`: (Y_t - Y_b)/(|Y_b| + e), signed. NULL on failure; flip_hdr also of display
-     * pictures. */
+    /* Maps, rows without padding, finite. `relative`: (Y_t - Y_b)/(|Y_b| + e), signed. NULL on failure; flip_hdr also for
+     * display images. */
     float *relative, *ssim, *flip, *flip_hdr;
 };
 
@@ -104,11 +104,11 @@ PELL_API PELL_NODISCARD enum pell_result pell_compare(struct pell_context *ctx, 
 
 PELL_API void pell_comparison_finish(struct pell_context *ctx, struct pell_comparison *comparison);
 
-/* Colours of maps, sRGB-encoded in [0, 1]. Values outside are taken as the nearest end, NaN as 0. Thread-safe. */
+/* Colours of maps, sRGB-encoded in [0, 1]. Values are clamped to the range, NaN counts as 0. Thread-safe. */
 
-/* magma (Smith and van der Walt 2015, CC0) for [0, 1]: dark is alike. */
+/* magma (Smith and van der Walt 2015, CC0) for [0, 1]: dark is no difference. */
 PELL_API void pell_color_magma(float value, float srgb[3]);
-/* Blue, grey, red for [-1, 1] (Moreland 2009): too dark, alike, too bright. */
+/* Blue, grey, red for [-1, 1] (Moreland 2009): too dark, equal, too bright. */
 PELL_API void pell_color_diverging(float value, float srgb[3]);
 
 #ifdef __cplusplus

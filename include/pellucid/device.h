@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/device.h - what renderers and passes are made on: an engine and the threads that it may use.
+ * pellucid/device.h - an engine and its threads, on which renderers and passes are created.
  *
  *     pell_device_create(ctx, &(struct pell_device_params) { .threads = 4 }, &device);
  *     pell_renderer_create(device, &renderer);                          // render.h: whole scenes
  *     pell_pass_create(device, method, knobs, &shape, &pass);           // method.h: a method on the caller's planes
  *
- * Units      none: threads are counted.
- * Ownership  the device borrows the context; whatever is made on a device must be destroyed before it.
- * Errors     logged once by who detects them; PELL_ERR_DEVICE for an engine that this build or machine does not have.
+ * Units      none; a number of threads.
+ * Ownership  the device borrows the context; everything created on a device must be destroyed before it.
+ * Errors     logged once by the function that detects them; PELL_ERR_DEVICE for an engine that this build or machine does not have.
  * Threads    renderers and passes of one device may be used from different threads at once, one thread at a time each. They share the
  *            device's threads, which serve one call at a time: to keep calls from waiting for each other, give each its own device.
  */
@@ -36,7 +36,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_device_create(struct pell_context 
 /* Sets *device to NULL; destroying &(NULL) does nothing. */
 PELL_API void pell_device_destroy(struct pell_device **device);
 
-/* Never AUTO: the engine that was chosen. */
+/* The engine that was chosen; never AUTO. */
 PELL_API enum pell_engine pell_device_engine(const struct pell_device *device);
 PELL_API int pell_device_threads(const struct pell_device *device);
 

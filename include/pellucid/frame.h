@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/frame.h - what a method sees of one view of one scene, on the cpu engine: planes of floats.
+ * pellucid/frame.h - the input of a method for one view of one scene, on the cpu engine: planes of floats.
  *
- * A plane holds pixel (x, y) at [y * stride + x], top row first. Rows are 64-byte aligned where the library makes them (stride is a
- * multiple of 16); a caller's own planes may have any stride >= width. Planes that a method did not ask for may be NULL.
- * Where `material` is 0 the other planes hold anything: methods must not let those values (not even NaN) reach a result.
+ * A plane holds pixel (x, y) at [y * stride + x], top row first. Rows that the library allocates are 64-byte aligned (stride is a
+ * multiple of 16); a caller's own planes may have any stride >= width. Planes that a method does not need may be NULL.
+ * Where `material` is 0 the other planes are undefined: those values (even NaN) must not affect a result.
  *
  * Units      mm, pixels, irradiance W/m^2, radiance W/(m^2 sr); colour linear Rec.709, 0, 1, 2 = R, G, B.
- * Ownership  all planes and materials are borrowed from whoever fills the struct.
- * Errors     this header has no functions: who takes a frame checks it.
+ * Ownership  all planes and materials are borrowed from the caller that fills the struct.
+ * Errors     this header has no functions; functions that take a frame check it.
  * Threads    a frame is plain data; a method only reads it, so threads may share it.
  */
 #ifndef PELLUCID_FRAME_H
@@ -20,28 +20,28 @@
 extern "C" {
 #endif
 
-/* What a method must know of one translucent material. */
+/* Properties of one translucent material. */
 struct pell_frame_material {
     struct pell_medium medium;
-    struct pell_gaussians gaussians;    /* count > 0: the profile is this sum, as it is */
-    const struct pell_profile *profile; /* of R, G and B, borrowed; NULL: of `gaussians`, or the dipole of `medium`: methods never see
-                                         * NULL */
-    bool white;                         /* normalise each channel's profile to 1: the colour comes with the irradiance */
+    struct pell_gaussians gaussians;    /* count > 0: the profile is exactly this sum */
+    const struct pell_profile *profile; /* of R, G and B, borrowed; NULL: from `gaussians`, or the dipole of `medium`; never NULL in a
+                                         * frame that a method reads */
+    bool white;                         /* normalise each channel's profile to 1: the irradiance includes the colour */
     const char *name;                   /* for messages; not NULL */
-    const char *preset;                 /* the built-in medium (pell_material_find) of whose coefficients the profile is made; NULL: none,
-                                         * or a profile or Gaussians of its own */
+    const char *preset;                 /* the built-in medium (pell_material_find) that the profile is computed from; NULL: none, or
+                                         * the material has its own profile or Gaussians */
     float strength; /* scales the scattering radius in methods that read no plane `strength` (PELL_NEED_STRENGTH), [0, 1]; 0: 1 */
 };
 
 #define PELL_FRAME_MATERIALS 4095
 
-/* What is known before any pixel: a pass is made for one shape and lives while it holds. */
+/* The properties of a frame that do not depend on pixels: a pass is created for one shape. */
 struct pell_frame_shape {
     int width, height; /* px, [1, 65536] */
     ptrdiff_t stride;  /* floats from row to row, >= width */
     bool orthographic;
     float focal_px;      /* perspective: pixels per mm at depth d is focal_px / d; orthographic: pixels per mm */
-    float object_height; /* mm, of what is looked at: the unit of depth in papers that count it in object heights */
+    float object_height; /* mm; for papers that measure depth in object heights */
     const struct pell_frame_material *materials;
     size_t num_materials; /* [1, PELL_FRAME_MATERIALS] */
 };
@@ -51,31 +51,32 @@ struct pell_view;
 struct pell_frame {
     struct pell_frame_shape shape;
 
-    /* Facts of this sample of the frame. A caller with planes of its own may leave all of them 0. */
-    int sample, num_samples;      /* number of the multisample in [0, num_samples), and how many the frame has */
+    /* Properties of this sample of the frame. A caller with its own planes may leave all of them 0. */
+    int sample, num_samples;      /* number of the multisample in [0, num_samples), and their count */
     bool first;                   /* the frame's first sample that the method runs for: samples without a translucent pixel are skipped */
     uint32_t seed;                /* of the method's own random numbers */
     uint64_t lights_revision;     /* changes whenever the scene's lights or their samples change; 0: no scene */
     const struct pell_view *view; /* camera of this sample, private to the library; NULL: no scene */
 
     /* The pixels: planes, one row each of pell_plane_at. */
-    struct pell_rect rect;           /* holds every pixel whose material is not 0, inside the picture */
-    const uint16_t *material;        /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0. Light goes between pixels of one
-                                 * number only: objects of one medium that must not light each other need a material each, which may
-                                 * share a profile; parts of one object, seen apart or not, share a number */
+    struct pell_rect rect;           /* contains every pixel whose material is not 0; inside the image */
+    const uint16_t *material;        /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0. Only pixels with equal
+                                 * numbers exchange light: separate objects of one medium need a material each, which may share a
+                                 * profile; all parts of one object share a number */
     const float *depth;              /* mm along the view axis, > 0 */
     const float *strength;           /* scales the scattering radius, [0, 1]; NULL: 1 */
-    const float *base[3];            /* base colour, where the material is `white`; elsewhere anything. NULL: not known */
-    const float *irradiance[3];      /* light that entered, with albedo^m: W/m^2 */
-    const float *shaded[3];          /* the composited picture without scattering: W/(m^2 sr) */
+    const float *base[3];            /* base colour, where the material is `white`; undefined elsewhere. NULL: not known */
+    const float *irradiance[3];      /* irradiance that enters, times albedo^m: W/m^2 */
+    const float *shaded[3];          /* the composited image without scattering: W/(m^2 sr) */
     const float *normal[3];          /* unit, shading */
     const float *position[3];        /* mm */
-    const uint32_t *mesh, *triangle; /* of the scene, that is seen */
+    const uint32_t *mesh, *triangle; /* numbers in the scene, of the visible triangle */
     const float *barycentric[2];     /* u, v: the point is (1 - u - v) p0 + u p1 + v p2 */
 };
 
-/* What a method writes, at pixels whose material is not 0, inside the frame's rect; planes as in the frame, never the frame's own.
- * A method whose plan gives a part apart (struct pell_plan) leaves it out of `light` where its planes are there; else `light` has it. */
+/* The output of a method at pixels whose material is not 0, inside the frame's rect; planes as in the frame, never the frame's own.
+ * If the plan of a method has separate outputs (struct pell_plan), `light` excludes those whose planes are not NULL and includes the
+ * others. */
 struct pell_frame_light {
     float *light[3];   /* radiant exitance M, W/m^2, or radiance, W/(m^2 sr): struct pell_plan says which */
     float *single[3];  /* scattered once below the surface, radiance; may be NULL */
@@ -103,20 +104,20 @@ enum pell_plane {
 
 enum pell_plane_format { PELL_PLANE_F32, PELL_PLANE_U16, PELL_PLANE_U32 };
 
-/* What is to know of a plane. The row is the only home of these facts: allocation, hand-over and checks read it. */
+/* Properties of a plane. They are defined only here: allocation, transfer and checks read this row. */
 struct pell_plane_info {
     const char *name; /* of the member of struct pell_frame or struct pell_frame_light */
     const char *unit; /* "1" for a pure number */
-    int components;   /* [1, 3]: as many pointers, each to a plane of its own */
+    int components;   /* [1, 3]: the number of pointers, each to a separate plane */
     enum pell_plane_format format;
-    unsigned need;   /* the frame has it for methods that ask for one of these bits of enum pell_need; 0: always */
-    unsigned output; /* the method writes it where its plan has one of these bits of enum pell_output; 0: always, where `of_light` */
-    bool optional;   /* may be NULL even where it is asked for */
+    unsigned need;   /* present for methods that need one of these bits of enum pell_need; 0: always */
+    unsigned output; /* written if the plan has one of these bits of enum pell_output; 0: always, if `of_light` */
+    bool optional;   /* may be NULL even if it is needed */
     bool of_light;   /* a member of struct pell_frame_light */
     size_t offset;   /* of the first pointer, in its struct */
 };
 
-/* NULL for a number that is no plane. Constant; thread-safe. */
+/* NULL for an invalid number. Constant; thread-safe. */
 PELL_API const struct pell_plane_info *pell_plane_at(int plane);
 
 #define PELL_THICKNESS_STEPS 512

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/gaussians.h - sums of Gaussians, and how profiles are fitted by them.
+ * pellucid/gaussians.h - sums of Gaussians, and fits of profiles by them.
  *
  * Units      variances mm^2, values 1/mm^2.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
@@ -35,7 +35,7 @@ PELL_API double pell_gaussians_total(const struct pell_gaussians *g, int channel
  * count or variance out of range, a weight outside [0, 1], or a total over 1 by more than PELL_PROFILE_TOTAL_SLACK. */
 PELL_API PELL_NODISCARD enum pell_result pell_profile_from_gaussians(const struct pell_gaussians *g, int channel, struct pell_profile *out);
 
-/* What a fit reports: error (10) of d'Eon et al. 2007, sqrt(Int r (R - G)^2 dr) / sqrt(Int r R^2 dr), as a fraction. */
+/* Report of a fit: error (10) of d'Eon et al. 2007, sqrt(Int r (R - G)^2 dr) / sqrt(Int r R^2 dr), as a fraction. */
 struct pell_fit_report {
     double error[3];
     int evaluations;
@@ -43,7 +43,7 @@ struct pell_fit_report {
 
 struct pell_fit_params {
     int count;        /* 1..PELL_GAUSSIANS_MAX */
-    bool free_energy; /* false: weights of a channel sum to the profile's total exactly; true: to what fits best, at most 1 */
+    bool free_energy; /* false: weights of a channel sum to the profile's total exactly; true: to the total that fits best, at most 1 */
     double r_max_mm;  /* if > 0: the integrals of the error end here; 0: at infinity */
 };
 
@@ -52,10 +52,10 @@ struct pell_fit_params {
 PELL_API PELL_NODISCARD enum pell_result pell_fit_dipole(const struct pell_dipole *dipole, const struct pell_fit_params *params,
                                                          struct pell_gaussians *out, struct pell_fit_report *report);
 
-/* One channel's best sum of Gaussians for any profile; writes weight[i][0], all of them >= 0. Variances of their own for three channels:
- * three calls, three sums. A profile that rises without bound towards r = 0 (normalized diffusion: as 1/r) has no error (10), as the
- * integral of r R^2 diverges there: its integrals have the weight r^2/(r^2 + q^2), q the radius with 1/20 of its light inside (the smallest
- * of the channels' where variances are shared), so that this light is kept and not resolved. */
+/* One channel's best sum of Gaussians for any profile; writes weight[i][0], all of them >= 0. For separate variances of three
+ * channels call it three times. For a profile that is unbounded at r = 0 (normalized diffusion: as 1/r) error (10) is undefined, because
+ * the integral of r R^2 diverges: its integrals have the weight r^2/(r^2 + q^2), q the radius with 1/20 of its light inside (the smallest
+ * of the channels' where variances are shared): this light is kept, but not resolved. */
 PELL_API PELL_NODISCARD enum pell_result pell_fit_profile(const struct pell_profile *profile, const struct pell_fit_params *params,
                                                           struct pell_gaussians *out, struct pell_fit_report *report);
 
@@ -69,8 +69,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_fit_profiles(const struct pell_pro
 PELL_API PELL_NODISCARD enum pell_result pell_fit_medium(const struct pell_medium *medium, const struct pell_fit_params *params,
                                                          struct pell_gaussians *out, struct pell_fit_report *report);
 
-/* Error (10) of one channel against any profile, as a fraction, by the integrals that fits use (see pell_fit_profile); r_max_mm as in
- * struct pell_fit_params. NAN for a profile without light (or with so little, under 1e-290, that its values are no normal numbers) and for
+/* Error (10) of one channel against any profile, as a fraction, by the integrals of the fits (see pell_fit_profile); r_max_mm as in
+ * struct pell_fit_params. NAN for a profile without light (or with less than 1e-290, whose values are subnormal) and for
  * arguments out of range. */
 PELL_API double pell_gaussians_error(const struct pell_gaussians *g, int channel, const struct pell_profile *profile, double r_max_mm);
 
@@ -105,7 +105,7 @@ PELL_API double pell_gaussian_set_moment(const double *variance, const double *w
 PELL_API double pell_gaussian_set_inner(const double *variance_a, const double *weight_a, size_t count_a, const double *variance_b,
                                         const double *weight_b, size_t count_b);
 
-/* Error (10) of set B against set A in closed form; below about 1e-7 rounding is all there is. NAN if A is 0. */
+/* Error (10) of set B against set A in closed form; below about 1e-7 it is rounding error. NAN if A is 0. */
 PELL_API double pell_gaussian_set_error(const double *variance_a, const double *weight_a, size_t count_a, const double *variance_b,
                                         const double *weight_b, size_t count_b);
 
@@ -114,25 +114,26 @@ PELL_API void pell_gaussian_set_convolve(const double *variance_a, const double 
                                          const double *weight_b, size_t count_b, double *variance, double *weight);
 
 /* `targets` >= 1 rising variances for pell_gaussian_set_reduce: geometric from the smallest to the largest variance of nonzero weight
- * (one target: the mean). PELL_ERR_INVALID if there is none above 0, or something is not finite. */
+ * (one target: the mean). PELL_ERR_INVALID if no variance is above 0, or a value is not finite. */
 PELL_API PELL_NODISCARD enum pell_result pell_gaussian_set_targets(const double *variance, const double *weight, size_t count,
                                                                    double *target, size_t targets);
 
-/* Reduces a set to the rising variances `target`: each Gaussian's weight is spread over its two neighbours in proportion to nearness, so
- * that energy and second moment stay exactly; out[i] is the weight of target[i]. Weights beyond the first or last target go to that one
- * whole: energy stays, the moment does not. d'Eon et al. 2007, section 4. O(count log targets). */
+/* Reduces a set to the rising variances `target`: each Gaussian's weight is split between its two neighbours by distance, so
+ * that energy and second moment are kept exactly; out[i] is the weight of target[i]. Weights beyond the first or last target go entirely to
+ * that one: energy is kept, the moment is not. d'Eon et al. 2007, section 4. O(count log targets). */
 PELL_API void pell_gaussian_set_reduce(const double *variance, const double *weight, size_t count, const double *target, size_t targets,
                                        double *out);
 
 /* A pole (see pell_pole_appendix_a) is exactly a mixture of Gaussians of positive weight,
  *     Int_0^inf w(v) G(v, r) dv,   w(v) = z exp(-s^2 v/2 - z^2/(2 v))/(2 v sqrt(2 pi v)),
- * here cut into `count` >= 1 Gaussians of rising variance without any optimiser: a trapezoidal sum in log v, whose step balances what is
- * cut off against what lies between nodes. The total exp(-s |z|)/2 is kept exactly; error (10) falls faster than exp(-2 sqrt(count)).
+ * here discretised into `count` >= 1 Gaussians of rising variance without an optimiser: a trapezoidal sum in log v, whose step balances the
+ * truncation error against the error between nodes. The total exp(-s |z|)/2 is kept exactly; error (10) falls faster than exp(-2
+ * sqrt(count)).
  * z_mm != 0; a negative depth negates the weights. PELL_ERR_INVALID out of range. */
 PELL_API PELL_NODISCARD enum pell_result pell_pole_gaussians(double z_mm, double sigma_tr, double *variance, double *weight, size_t count);
 
-/* The same mixture on `count` given rising variances >= 0: w(v) dv is spread as pell_gaussian_set_reduce does, by closed forms, so
- * energy is exact whatever the variances, and the weights have the sign of z. */
+/* The same mixture on `count` given rising variances >= 0: w(v) dv is split as in pell_gaussian_set_reduce, by closed forms, so
+ * energy is exact for any variances, and the weights have the sign of z. */
 PELL_API PELL_NODISCARD enum pell_result pell_pole_gaussians_at(double z_mm, double sigma_tr, const double *variance, double *weight,
                                                                 size_t count);
 

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/image.h - pixels in memory, and the file formats they come from and go to.
+ * pellucid/image.h - images in memory, and reading and writing image files.
  *
  * Formats    read: PNG 1 to 16 bit, JPEG, Radiance HDR, OpenEXR (not DWA, deep, subsampled), PFM; written: PNG, HDR, EXR with
  *            layers, PFM.
  * Layout     interleaved rows, top row first, left to right, no padding.
  * Units      pixels; colour linear Rec.709 or sRGB-encoded, as each image says.
- * Ownership  what a function fills is emptied with pell_image_finish.
- * Errors     logged with the file, the place, the value and what is allowed; nothing half-written is left behind.
+ * Ownership  an image that a function fills is released with pell_image_finish.
+ * Errors     logged with the file, the place, the value and what is allowed; no partial file is left behind.
  * Threads    all functions are safe; an image belongs to one thread while it is written.
  */
 #ifndef PELLUCID_IMAGE_H
@@ -23,11 +23,11 @@ struct pell_context;
 
 enum pell_pixel_type { PELL_PIXEL_U8, PELL_PIXEL_U16, PELL_PIXEL_F32 };
 
-/* What the numbers of a file mean; decided by who uses the picture, never guessed from its content. */
+/* Meaning of the values of a file. The caller defines it; it is never guessed from the content. */
 enum pell_image_role {
     PELL_ROLE_COLOR, /* 8 and 16 bit integers are sRGB-encoded; floats are linear */
     PELL_ROLE_DATA,  /* normals, roughness, masks, lengths: linear, never passed through a colour transform */
-    PELL_ROLE_RAW,   /* as COLOR, but floats stay as they are in the file, to be measured: NaN, infinity, premultiplied alpha too */
+    PELL_ROLE_RAW,   /* as COLOR, but floats stay as stored, for measurements: also NaN, infinity, premultiplied alpha */
 };
 
 struct pell_image {
@@ -38,18 +38,18 @@ struct pell_image {
     void *pixels;
 };
 
-/* How coordinates outside [0, 1) are brought back. */
+/* Handling of coordinates outside [0, 1). */
 enum pell_wrap { PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, PELL_WRAP_MIRROR };
 
-/* Reads a file by its content (the name's ending is not trusted). Limits: image-pixels, file-bytes, memory-bytes. `image` is {0} on
- * failure. The layout is the narrowest that holds the file: grey stays 1 channel, a palette becomes 8 bit RGB(A), a key colour alpha.
- * Float files are made finite (NaN 0, infinity +-65504, with a warning) unless RAW. EXR: R, G, B (A), else Y (A), else the first layer with
- * R, G, B, else an only channel, over the display window; 0 outside the data window; COLOR: divided by an alpha in (0, 1), for EXR's is
+/* Reads a file by its content (the file name's extension is ignored). Limits: image-pixels, file-bytes, memory-bytes. `image` is {0} on
+ * failure. The layout is the narrowest that holds the file: grey stays 1 channel, a palette becomes 8 bit RGB(A), a key colour alpha. Float
+ * files are made finite (NaN 0, infinity +-65504, with a warning) unless RAW. EXR: R, G, B (A), else Y (A), else the first layer with R, G,
+ * B, else a single channel, over the display window; 0 outside the data window; COLOR: divided by an alpha in (0, 1), because EXR's is
  * premultiplied. HDR: divided by EXPOSURE and COLORCORR. CMYK JPEG: converted without a profile, with a warning. */
 PELL_API PELL_NODISCARD enum pell_result pell_image_read(struct pell_context *ctx, const char *path, enum pell_image_role role,
                                                          struct pell_image *image);
 
-/* The same from memory; `name` is for messages. */
+/* The same from memory; `name` is used in messages. */
 PELL_API PELL_NODISCARD enum pell_result pell_image_decode(struct pell_context *ctx, const char *name, const void *data, size_t size,
                                                            enum pell_image_role role, struct pell_image *image);
 
@@ -60,7 +60,7 @@ PELL_API void pell_image_finish(struct pell_context *ctx, struct pell_image *ima
 
 /* --- All channels of an OpenEXR file -------------------------------------------------------------------------------------------- */
 
-/* One channel over the display window, top row first; 0 outside the data window. Numbers as they are in the file: may be infinite, NaN. */
+/* One channel over the display window, top row first; 0 outside the data window. Values as stored: may be infinite or NaN. */
 struct pell_layer {
     char *name;  /* "R", "diffuse.multiple.G"; of a file with several parts: "part.R" */
     float *data; /* width * height */
@@ -78,13 +78,13 @@ struct pell_layers {
     struct pell_layer_attribute *attributes; /* the text attributes of the first part, sorted by name */
 };
 
-/* `layers` is {0} on failure; emptied with pell_layers_finish. */
+/* `layers` is {0} on failure; release it with pell_layers_finish. */
 PELL_API PELL_NODISCARD enum pell_result pell_exr_read(struct pell_context *ctx, const char *path, struct pell_layers *layers);
 PELL_API void pell_layers_finish(struct pell_context *ctx, struct pell_layers *layers);
 
 /* --- Writing ------------------------------------------------------------------------------------------------------------------ */
 
-/* One channel of a picture to write: floats, `stride` floats from row to row. */
+/* One channel of an image to write: floats, `stride` floats from row to row. */
 struct pell_channel {
     const char *name; /* EXR: "R", "diffuse.multiple.G", "depth.Z" */
     const float *data;
@@ -109,14 +109,14 @@ struct pell_write_params {
     int png_bits; /* 8 (also 0) or 16 */
 };
 
-/* Writes `path` in the format of its ending, or of `format` ("png", "exr", "hdr", "pfm") where that is not NULL (path "-" needs it).
+/* Writes `path` in the format of its extension, or of `format` ("png", "exr", "hdr", "pfm") where that is not NULL (path "-" needs it).
  * PNG: values are display-referred in [0, 1] and are sRGB-encoded here, with a fixed ordered dither of under one step; other formats
- * hold the numbers as they are, or the nearest their type can hold (half: +-65504; HDR: 0 and up), counted in one warning. NaN and
+ * hold the values as they are, clamped to the range of their type (half: +-65504; HDR: 0 and up), counted in one warning. NaN and
  * infinity are written as 0 and counted in one warning. Atomic. */
 PELL_API PELL_NODISCARD enum pell_result pell_image_write(struct pell_context *ctx, const char *path, const char *format,
                                                           const struct pell_write_params *params);
 
-/* The formats that pell_image_write takes, which are the endings of their files, too: "png", "exr", "hdr", "pfm"; NULL for an index of
+/* The formats that pell_image_write takes, which are also the file extensions: "png", "exr", "hdr", "pfm"; NULL for an index of
  * pell_write_format_count() or more. Constant data; thread-safe. */
 PELL_API size_t pell_write_format_count(void);
 PELL_API const char *pell_write_format_at(size_t index);

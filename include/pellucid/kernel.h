@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/kernel.h - profiles in the forms that a renderer convolves with: taps of a Gaussian blur, separable kernels, lookup tables.
+ * pellucid/kernel.h - profiles in forms for convolution in a renderer: taps of a Gaussian blur, separable kernels, lookup tables.
  *
- * Units      offsets and radii mm, variances mm^2, profiles 1/mm^2; weights carry the profile's total, so that convolving with a kernel
- *            multiplies light by the diffuse reflectance: divide by the total where the texture holds the albedo already.
+ * Units      offsets and radii mm, variances mm^2, profiles 1/mm^2; weights include the profile's total, so that convolving with a kernel
+ *            multiplies light by the diffuse reflectance: divide by the total if a texture holds the albedo.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
  * Errors     enum pell_result; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated, arrays are the caller's.
@@ -26,17 +26,17 @@ extern "C" {
  * the Gaussian G(v, r). With 7 taps they reach 2.7 standard deviations. */
 PELL_API PELL_NODISCARD enum pell_result pell_kernel_gaussian_taps(double variance_mm2, int taps, double *offset_mm, double *weight);
 
-/* A chain of blurs, each of the one before (d'Eon et al. 2007, section 5.4): blur i widens by step[i] = variance[i] - variance[i - 1],
- * and adding into one target, target = lerp(target, blurred, blend[i]) per channel, gives Sum weight[i][c] blurred_i / total after the
- * last: blend[i][c] = weight[i][c] / Sum_{j <= i} weight[j][c] (0 while that sum is 0). */
+/* A chain of blurs, each applied to the preceding result (d'Eon et al. 2007, section 5.4): blur i widens by step[i] = variance[i] -
+ * variance[i - 1], and adding into one target, target = lerp(target, blurred, blend[i]) per channel, gives Sum weight[i][c] blurred_i /
+ * total after the last: blend[i][c] = weight[i][c] / Sum_{j <= i} weight[j][c] (0 while that sum is 0). */
 struct pell_kernel_chain {
     int count;
     double step_mm2[PELL_GAUSSIANS_MAX]; /* >= 0 */
     double blend[PELL_GAUSSIANS_MAX][3]; /* [0, 1] */
-    double total[3];                     /* what is left to multiply with */
+    double total[3];                     /* factor for the result of the chain */
 };
 
-/* PELL_ERR_INVALID unless variances rise, all is finite and weights are >= 0. */
+/* PELL_ERR_INVALID unless variances rise, all values are finite and weights are >= 0. */
 PELL_API PELL_NODISCARD enum pell_result pell_kernel_chain_make(const struct pell_gaussians *g, struct pell_kernel_chain *out);
 
 /* --- Separable kernels --------------------------------------------------------------------------------------------------------- */
@@ -62,10 +62,10 @@ struct pell_separable {
     double sign[PELL_KERNEL_RANK_MAX][3];                         /* 1 or -1; 0 for a channel without light */
     double total[3];   /* Sum_k sign (Sum_i weight)^2: the profile's total exactly, the light outside the extent included */
     double outside[3]; /* share of the light outside the square of the extent */
-    double error[3];   /* sqrt(Int (R - separable)^2 / Int R^2) over the square, before it is cut into taps: what the rank costs */
+    double error[3];   /* sqrt(Int (R - separable)^2 / Int R^2) over the square, before discretisation into taps: the error of the rank */
 };
 
-/* `params` may be NULL. PELL_ERR_INVALID for parameters out of range, or three profiles without light. A profile without bound at r = 0
+/* `params` may be NULL. PELL_ERR_INVALID for parameters out of range, or three profiles without light. A profile that is unbounded at r = 0
  * is averaged over the finest cells. Needs about 100 KiB of stack and milliseconds. */
 PELL_API PELL_NODISCARD enum pell_result pell_separable_make(const struct pell_profile profiles[3],
                                                              const struct pell_separable_params *params, struct pell_separable *out);
@@ -84,8 +84,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_kernel_table_ring(const struct pel
 /* Radii with equal light between them: texel i holds pell_profile_sample at (i + 1/2)/count, mm; for importance sampling. */
 PELL_API PELL_NODISCARD enum pell_result pell_kernel_table_radius(const struct pell_profile *profile, float *texel, size_t count);
 
-/* Scattering pre-integrated around a ring (Penner 2011, "Pre-Integrated Skin Shading", SIGGRAPH course): what a sphere of radius rho, lit
- * from afar by an irradiance of 1, sends out at an angle theta from the light, along a great circle,
+/* Scattering pre-integrated around a ring (Penner 2011, "Pre-Integrated Skin Shading", SIGGRAPH course): the radiant exitance of a sphere
+ * of radius rho under a directional light of irradiance 1, at an angle theta from the light, along a great circle,
  *     D(theta, rho) = total Int_-pi^pi max(cos(theta + x), 0) R(2 rho |sin(x/2)|) dx / Int_-pi^pi R(2 rho |sin(x/2)|) dx.
  * texel[j * width + i]: cos theta = -1 + 2 (i + 1/2)/width, 1/rho = curvature_max (j + 1/2)/height, 1/mm. */
 PELL_API PELL_NODISCARD enum pell_result pell_kernel_table_sphere(const struct pell_profile *profile, double curvature_max, float *texel,

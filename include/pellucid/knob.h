@@ -2,12 +2,12 @@
  *
  * pellucid/knob.h - one row per knob: its name, unit, range, default and help.
  *
- * The row is the only home of these facts; the command line, the scene reader, the documentation and the tests read it.
- * A table is an array of rows that ends with {0}; the values live in a plain struct whose fields the rows point into.
+ * These properties are defined only in the row; the command line, the scene reader, the documentation and the tests read it.
+ * A table is an array of rows that ends with {0}; the values are in a plain struct; each row has the offset of its field.
  *
- * Units      each row names its own; lengths in mm, angles in degrees where the name says so.
- * Ownership  tables are constant; a values struct is the caller's memory, of the type that the table is of.
- * Errors     logged with the name, the value and what is allowed, and for an unknown name the nearest known one; nothing is written then.
+ * Units      given in each row; lengths in mm, angles in degrees if the name says so.
+ * Ownership  tables are constant; a values struct is the caller's memory, of the type that belongs to the table.
+ * Errors     logged with the name, the value and what is allowed, and for an unknown name the nearest known one; values are then unchanged.
  * Threads    all functions are safe; a values struct belongs to one thread at a time.
  */
 #ifndef PELLUCID_KNOB_H
@@ -39,7 +39,7 @@ struct pell_knob {
     double def[3];              /* default; an enum's index; [1] and [2] only for RGB */
     double min, max;            /* inclusive; unused for BOOL and ENUM */
     const char *const *choices; /* NULL-terminated, ENUM only */
-    const char *help;           /* one sentence without a full stop; says what 0 or a special value means */
+    const char *help;           /* one sentence without a full stop; explains 0 and special values */
 };
 
 /* Writes every default of `knobs` into `values`. */
@@ -49,25 +49,25 @@ PELL_API void pell_knobs_default(const struct pell_knob *knobs, void *values);
 PELL_API const struct pell_knob *pell_knob_find(const struct pell_knob *knobs, const char *name);
 
 /* Parses `text` and writes it into `values`. On failure `values` is untouched and a message with the value, the range allowed and
- * (for an unknown name) the nearest known name is logged; `owner` names the table in it ("method screen-space"); `where` says where
- * the text stands ("--set", "scene.json:/render/knobs/lod"). PELL_ERR_INVALID. */
+ * (for an unknown name) the nearest known name is logged; `owner` names the table in it ("method screen-space"); `where` is the
+ * place of the text ("--set", "scene.json:/render/knobs/lod"). PELL_ERR_INVALID. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                        const char *where, void *values, const char *name, const char *text);
 
 /* The same from a number: a bool takes 0 and 1, an enum the index of a choice, RGB the same number three times. PELL_ERR_INVALID for a
- * number that is out of range, not finite, or not whole where a whole one is wanted. */
+ * number that is out of range, not finite, or not whole where an integer is required. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set_number(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                               const char *where, void *values, const char *name, double number);
 
-/* The same of an RGB row; PELL_ERR_INVALID for a row of another type. */
+/* The same for an RGB row; PELL_ERR_INVALID for a row of another type. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set_rgb(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                            const char *where, void *values, const char *name, const double rgb[3]);
 
-/* Checks that every value is in its range and finite; logs and returns PELL_ERR_INVALID for the first that isn't. */
+/* Checks that every value is in its range and finite; logs and returns PELL_ERR_INVALID for the first that is not. */
 PELL_API PELL_NODISCARD enum pell_result pell_knobs_check(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                           const void *values);
 
-/* The value as text that pell_knob_set would take; truncated to `size` bytes, always terminated. Returns `buffer`. */
+/* The value as text that pell_knob_set accepts; truncated to `size` bytes, always terminated. Returns `buffer`. */
 PELL_API const char *pell_knob_format(const struct pell_knob *knob, const void *values, char *buffer, size_t size);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/material.h - the materials that are built in (data/materials): measured media and solutions, published sums of Gaussians,
+ * pellucid/material.h - the built-in materials (data/materials): measured media and solutions, published sums of Gaussians,
  * stacks of layers.
  *
  * Units      mm, 1/mm; colours linear Rec.709. Channel 0, 1, 2 = R, G, B.
@@ -21,9 +21,9 @@ extern "C" {
 
 /* Values are stable. */
 enum pell_material_kind {
-    PELL_MATERIAL_MEDIUM,    /* coefficients: `medium` holds */
-    PELL_MATERIAL_GAUSSIANS, /* a published sum of Gaussians: `gaussians` holds, normalised to white; colour comes from textures */
-    PELL_MATERIAL_LAYERS,    /* a stack: `layers` holds, and `gaussians` what it reflects, with the total in the weights */
+    PELL_MATERIAL_MEDIUM,    /* coefficients, in `medium` */
+    PELL_MATERIAL_GAUSSIANS, /* a published sum of Gaussians, in `gaussians`, normalised to white; textures give the colour */
+    PELL_MATERIAL_LAYERS,    /* a stack, in `layers`; `gaussians` is its reflectance profile, with the total in the weights */
 };
 
 #define PELL_MATERIAL_LAYERS_MAX 8
@@ -31,10 +31,10 @@ enum pell_material_kind {
 
 /* One layer of a material. */
 struct pell_material_layer {
-    char name[32];              /* "epidermis"; for people */
+    char name[32];              /* "epidermis"; a label */
     double thickness_mm;        /* [1e-6, 1e6]; INFINITY for a last layer without a bottom */
     struct pell_medium medium;  /* its g is the mean cosine of `phase`; its eta is against the outside of the stack */
-    struct pell_phase phase[3]; /* per channel; scatters evenly where only the reduced coefficient is known */
+    struct pell_phase phase[3]; /* per channel; isotropic where only the reduced coefficient is known */
 };
 
 /* Layers from top to bottom, in air. */
@@ -48,18 +48,18 @@ struct pell_material_entry {
     const char *name;  /* "wholemilk" */
     const char *title; /* "Whole milk" */
     enum pell_material_kind kind;
-    const char *family;              /* whose numbers these are: "Jensen et al. 2001", or "artistic"; lists are grouped by it; may be "" */
-    struct pell_medium medium;       /* MEDIUM at `concentration`; else eta only, coefficients 0 */
-    double concentration;            /* MEDIUM: strength relative to what was given, 1 where nobody diluted it; else 0 */
-    double dilution;                 /* how many times the sample was diluted when it was measured; 0: not that kind of measurement */
-    struct pell_gaussians gaussians; /* not MEDIUM */
+    const char *family;                 /* origin of the numbers: "Jensen et al. 2001", or "artistic"; lists are grouped by it; may be "" */
+    struct pell_medium medium;          /* MEDIUM at `concentration`; else eta only, coefficients 0 */
+    double concentration;               /* MEDIUM: relative to the source's, 1 if undiluted; else 0 */
+    double dilution;                    /* dilution factor of the measured sample; 0: not that kind of measurement */
+    struct pell_gaussians gaussians;    /* not MEDIUM */
     struct pell_material_layers layers; /* LAYERS */
-    double color[3];                    /* what it looks like where nothing else says: diffuse reflectance or base colour, [0, 1] */
+    double color[3];                    /* default colour: diffuse reflectance or base colour, [0, 1] */
     double roughness;                   /* of its specular lobe, (0, 1] */
     double mix;                         /* mix exponent of a colour texture, [0, 1] */
     bool color_from_texture;            /* base colour textures apply (skin presets), else the profile's own colour */
-    const char *note;                   /* "artistic", or what a user should know; may be "" */
-    const char *source;                 /* where every number comes from */
+    const char *note;                   /* "artistic", or a note for users; may be "" */
+    const char *source;                 /* source of every number */
 };
 
 /* The built-in materials, sorted by name; NULL for an index of pell_material_count() or more. Constant data. */
@@ -67,23 +67,23 @@ PELL_API size_t pell_material_count(void);
 PELL_API const struct pell_material_entry *pell_material_at(size_t index);
 PELL_API const struct pell_material_entry *pell_material_find(const char *name); /* NULL if there is none of that name */
 
-/* Makes *out the entry at another concentration: 1 is the strength its coefficients were given for, 0.5 half of it. sigma_a and
+/* Sets *out to the entry at another concentration, relative to that of its coefficients. sigma_a and
  * sigma_s are proportional to it (Narasimhan et al. 2006, section 3; single particles do not shade each other), g and eta stay, and so
- * does the diffuse reflectance; what the water itself absorbs is left out. `out` may be `entry`. PELL_ERR_INVALID, *out unchanged: no
+ * does the diffuse reflectance; absorption by the water itself is not included. `out` may be `entry`. PELL_ERR_INVALID, *out unchanged: no
  * medium, a concentration not in (0, PELL_CONCENTRATION_MAX], or coefficients that leave the range of pell_medium_valid. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_dilute(const struct pell_material_entry *entry, double concentration,
                                                               struct pell_material_entry *out);
 
-/* The stack for the solvers of pellucid/layers.h, which also say whether it is valid (pell_stack_valid). More layers than there may be
- * are left out. */
+/* The stack for the solvers of pellucid/layers.h, which also check it (pell_stack_valid). Layers beyond the maximum
+ * are dropped. */
 struct pell_stack;
 PELL_API void pell_material_stack(const struct pell_material_layers *layers, struct pell_stack *out);
 
 #define PELL_MATERIAL_LAYERS_GAUSSIANS 6
 
-/* What a stack reflects as a sum of PELL_MATERIAL_LAYERS_GAUSSIANS Gaussians with shared variances: its profiles by the Hankel solver
- * (pell_stack_profile), fitted with each channel's total kept (pell_fit_profiles). Some seven milliseconds and 230 KiB of stack. `report`
- * may be NULL. PELL_ERR_INVALID, *out untouched: no valid stack, or one that reflects nothing. */
+/* The reflectance profile of a stack as a sum of PELL_MATERIAL_LAYERS_GAUSSIANS Gaussians with shared variances: its profiles by the Hankel
+ * solver (pell_stack_profile), fitted with each channel's total kept (pell_fit_profiles). Some seven milliseconds and 230 KiB of stack.
+ * `report` may be NULL. PELL_ERR_INVALID, *out untouched: no valid stack, or one without reflectance. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_solve(const struct pell_material_layers *layers, struct pell_gaussians *out,
                                                              struct pell_fit_report *report);
 

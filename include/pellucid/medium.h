@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/medium.h - a homogeneous medium, and what its boundary reflects.
+ * pellucid/medium.h - a homogeneous medium, and the reflectance of its boundary.
  *
  * Units      mm, 1/mm; eta = n_inside / n_outside. Channel 0, 1, 2 = R, G, B.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
- * Errors     none: pell_medium_valid says what is out of range; arguments are taken as they are.
+ * Errors     none: pell_medium_valid reports values out of range; arguments of the other functions are not checked.
  * Threads    all functions are pure and safe.
  */
 #ifndef PELLUCID_MEDIUM_H
@@ -26,7 +26,7 @@ extern "C" {
 struct pell_medium {
     double sigma_a[3];         /* absorption, [0, PELL_SIGMA_MAX] */
     double sigma_s_reduced[3]; /* sigma_s (1 - g), [0, PELL_SIGMA_MAX]; sigma_a + sigma_s_reduced >= PELL_SIGMA_T_MIN */
-    double g[3];               /* mean cosine, |g| <= PELL_G_MAX; for methods that see single scattering; 0 where only reduced is known */
+    double g[3];               /* mean cosine, |g| <= PELL_G_MAX; for single scattering; 0 if only sigma_s_reduced is known */
     double eta;                /* [PELL_ETA_MIN, PELL_ETA_MAX] */
 };
 
@@ -51,20 +51,20 @@ PELL_API double pell_fresnel(double eta, double cos_i);
 enum pell_fresnel_model { PELL_FRESNEL_EXACT, PELL_FRESNEL_POLY3, PELL_FRESNEL_POLY4 };
 
 /* Fdr: reflectance averaged over a diffuse (cosine) hemisphere, with the literature's convention: eta = n_inside/n_outside > 1 is
- * light that meets the boundary from INSIDE, Fdr(n) = 2 Int_0^1 pell_fresnel(1/n, mu) mu dmu. Light from outside on the same
+ * light incident on the boundary from INSIDE, Fdr(n) = 2 Int_0^1 pell_fresnel(1/n, mu) mu dmu. Light from outside on the same
  * boundary: pell_fresnel_diffuse(1/n). */
 PELL_API double pell_fresnel_diffuse(double eta, enum pell_fresnel_model model);
 
-/* The same of a rough boundary: reflectance averaged over a diffuse hemisphere, eta and its convention as in pell_fresnel_diffuse (eta > 1:
- * light from INSIDE), roughness in [0, 1] clamped; GGX facets, alpha = roughness^2. A = (1 + rho_d)/(1 - rho_d) as for a smooth boundary
+/* The same for a rough boundary: reflectance averaged over a diffuse hemisphere, eta and its convention as in pell_fresnel_diffuse (eta >
+ * 1: light from INSIDE), roughness in [0, 1] clamped; GGX facets, alpha = roughness^2. A = (1 + rho_d)/(1 - rho_d) as for a smooth boundary
  * (Donner and Jensen 2005, section 5). From outside it is 2 Int albedo(mu) mu dmu of the lobe with Fresnel's F (not Schlick's), so that
- * what does not reflect enters, as rho_dt says; from inside it follows by reciprocity, (1 - rho_d(n)) n^2 = 1 - rho_d(1/n), which holds
- * for any boundary that absorbs nothing. roughness 0 is pell_fresnel_diffuse(eta, PELL_FRESNEL_EXACT) to the last digit; else within
- * 4e-5, in some microseconds. NaN if eta is not in [PELL_ETA_MIN, PELL_ETA_MAX]. */
+ * light that is not reflected enters, as in rho_dt; from inside it follows by reciprocity, (1 - rho_d(n)) n^2 = 1 - rho_d(1/n), which holds
+ * for any boundary without absorption. roughness 0 is pell_fresnel_diffuse(eta, PELL_FRESNEL_EXACT) to the last digit; else within 4e-5, in
+ * some microseconds. NaN if eta is not in [PELL_ETA_MIN, PELL_ETA_MAX]. */
 PELL_API double pell_fresnel_diffuse_rough(double eta, double roughness);
 
 /* 2 Int_0^1 (1 - pell_fresnel(eta, mu)) mu dmu = 1 - Fdr(1/eta), the mean transmittance for diffuse light from outside. Dividing the
- * exit transmittance by it keeps the energy of light that has already left: L = (1 - F) M / (pi pell_fresnel_exit_norm(eta)). */
+ * exit transmittance by it conserves the energy of light that has already left: L = (1 - F) M / (pi pell_fresnel_exit_norm(eta)). */
 PELL_API double pell_fresnel_exit_norm(double eta);
 
 #ifdef __cplusplus

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/method.h - one subsurface-scattering technique behind one small interface, and how to run it on your own buffers.
+ * pellucid/method.h - the interface of a subsurface-scattering method, and functions to run it on your own buffers.
  *
  * Units      lengths mm, coefficients 1/mm, irradiance and exitance W/m^2, radiance W/(m^2 sr); colour linear Rec.709, 0, 1, 2 = R, G, B.
- * Ownership  `create` gives, `destroy` takes back; every other pointer is borrowed for the call.
+ * Ownership  `create` transfers ownership to the caller, `destroy` releases it; every other pointer is borrowed for the call.
  * Errors     enum pell_result, logged once with the place, the value and what is allowed; *out is NULL on failure.
  * Threads    a pell_method is constant data; a state belongs to one thread at a time.
  */
@@ -18,23 +18,22 @@
 extern "C" {
 #endif
 
-struct pell_method_engine; /* a method on one engine: private to the library */
+struct pell_method_engine; /* implementation of a method for one engine: private to the library */
 
 enum pell_method_kind { PELL_KIND_METHOD, PELL_KIND_REFERENCE };
 enum pell_quantity { PELL_QUANTITY_EXITANCE, PELL_QUANTITY_RADIANCE };
 
-/* What a method reads of a frame, beside its shape, rect, material and depth. */
+/* Inputs that a method reads from a frame in addition to its shape, rect, material and depth. */
 enum pell_need {
-    PELL_NEED_IRRADIANCE = 1 << 0,   /* light that entered the surface, W/m^2 */
-    PELL_NEED_SHADED = 1 << 1,       /* the image without scattering, radiance: for methods that blur what is already shaded */
-    PELL_NEED_STRENGTH = 1 << 2,     /* what scales the scattering radius; may be NULL on a caller's planes, too: 1 everywhere */
+    PELL_NEED_IRRADIANCE = 1 << 0,   /* irradiance that enters the surface, W/m^2 */
+    PELL_NEED_SHADED = 1 << 1,       /* the image without scattering, radiance: for methods that blur the shaded image */
+    PELL_NEED_STRENGTH = 1 << 2,     /* the scale of the scattering radius; may also be NULL on a caller's planes: 1 everywhere */
     PELL_NEED_NORMAL = 1 << 3,       /* the unit shading normal */
-    PELL_NEED_POSITION = 1 << 4,     /* the point that is seen, mm */
+    PELL_NEED_POSITION = 1 << 4,     /* the visible point, mm */
     PELL_NEED_TRANSMISSION = 1 << 5, /* not read by the method: the renderer computes transmission with the method's thickness tables and
                                       * adds it to M in the composite */
-    PELL_NEED_SCENE = 1 << 6,        /* the renderer's own scene and lights: the method reads what no plane holds. It runs in the renderer's
-                                 * frames only, not on a caller's planes */
-    PELL_NEED_HIT = 1 << 7,          /* with PELL_NEED_SCENE: which point of which triangle a pixel sees */
+    PELL_NEED_SCENE = 1 << 6,        /* the renderer's scene and lights, beyond the planes. The method does not run on a caller's planes */
+    PELL_NEED_HIT = 1 << 7,          /* with PELL_NEED_SCENE: the triangle and the barycentric coordinates of a pixel */
 };
 
 enum pell_output {
@@ -42,49 +41,49 @@ enum pell_output {
     PELL_OUTPUT_SURFACE = 1 << 1, /* pell_frame_light.surface */
 };
 
-/* What a set of knobs asks of the frame, and what comes out. */
+/* The inputs and outputs of a method with a set of knobs. */
 struct pell_plan {
     unsigned needs;
-    unsigned outputs;                 /* parts that can be had apart, of PELL_QUANTITY_RADIANCE */
-    bool excludes_surface_reflection; /* radiance of light that entered alone: the composite adds its specular lobe, as it does to
+    unsigned outputs;                 /* separate outputs, of PELL_QUANTITY_RADIANCE */
+    bool excludes_surface_reflection; /* radiance of light that entered only: the composite adds its specular lobe, as it does to
                                            * exitance */
     enum pell_quantity quantity;
     float mix;                  /* mix exponent for all materials; negative: each material's own */
-    bool survives_light_change; /* with PELL_NEED_SCENE: lives on when the lights change, which struct pell_frame.lights_revision tells */
+    bool survives_light_change; /* with PELL_NEED_SCENE: is kept when the lights change (struct pell_frame.lights_revision) */
 };
 
-/* What `--stats` and `bench` print of a method's own passes. */
+/* Measurements of a method's own passes, for `--stats` and `bench`. */
 struct pell_pass_time {
     const char *name; /* constant */
     double seconds;
-    int64_t pixels; /* that the pass wrote */
-    int64_t bytes;  /* that it must read and write at least once */
-    int64_t rays;   /* that it traced */
+    int64_t pixels; /* written by the pass */
+    int64_t bytes;  /* that it must read or write at least once */
+    int64_t rays;   /* traced by the pass */
 };
 
-/* Inputs of a scene's materials that a method may leave out. */
+/* Inputs of a scene's materials that a method may ignore. */
 enum pell_ignored {
-    PELL_IGNORES_STRENGTH_MAP = 1 << 0, /* how far light goes varies over the surface; the constant strength is never ignored */
-    PELL_IGNORES_COLOR_MAP = 1 << 1,    /* of materials whose colour comes from a texture */
-    PELL_IGNORES_NORMAL_MAP = 1 << 2,   /* where light enters and leaves; the specular lobe always has it */
+    PELL_IGNORES_STRENGTH_MAP = 1 << 0, /* varies the scattering radius over the surface; the constant strength is never ignored */
+    PELL_IGNORES_COLOR_MAP = 1 << 1,    /* the colour of materials that take it from a texture */
+    PELL_IGNORES_NORMAL_MAP = 1 << 2,   /* for light that enters and leaves; the specular lobe always uses it */
 };
 
-/* "strength map" and so on; NULL for a number that is none of enum pell_ignored. Constant; thread-safe. */
+/* "strength map" and so on; NULL for a number that is not in enum pell_ignored. Constant; thread-safe. */
 PELL_API const char *pell_ignored_name(unsigned input);
 
 struct pell_method {
     enum pell_method_kind kind;
     const char *name;              /* stable id, [a-z0-9-]+; its folder uses underscores */
-    const char *title;             /* for people */
+    const char *title;             /* display name */
     const char *cite;              /* authors, title, venue, year */
-    const char *limits;            /* what it can't do, a sentence or two */
+    const char *limits;            /* limitations, a sentence or two */
     const struct pell_knob *knobs; /* ends with {0}; a row called "as" (enum "best", "paper") comes first */
     size_t knobs_size;
-    void (*paper)(void *knobs); /* changes the defaults to what the paper ran */
+    void (*paper)(void *knobs); /* changes the defaults to the published settings */
     void (*plan)(const void *knobs, struct pell_plan *plan);
-    const struct pell_method_engine *cpu, *vulkan; /* NULL: not on this engine */
-    unsigned ignores; /* enum pell_ignored: whatever its knobs say. A renderer warns where a scene has one of these */
-    bool partial;     /* ends early with what it has when interrupted, and keeps its state in the renderer's checkpoint */
+    const struct pell_method_engine *cpu, *vulkan; /* NULL: not available */
+    unsigned ignores;                              /* enum pell_ignored, for all knobs. A renderer warns if a scene has one of these */
+    bool partial; /* interruptible: ends early with a partial result, and stores its state in the renderer's checkpoint */
 };
 
 /* The built-in methods, in the order in which they are listed; NULL for an index of pell_method_count() or more. Constant data;
@@ -92,20 +91,20 @@ struct pell_method {
 PELL_API size_t pell_method_count(void);
 PELL_API const struct pell_method *pell_method_at(size_t index);
 
-/* NULL and a logged message with the nearest name if there is none of that name. `where` says who asked. */
+/* NULL and a logged message with the nearest name if there is no such method. `where` names the origin of the name. */
 PELL_API const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name);
 
 struct pell_setting {
     const char *name, *value, *where;
 };
 
-/* Fills `values` (knobs_size bytes): the defaults of `as`, wherever it stands among the settings, then every other setting in order. */
+/* Fills `values` (knobs_size bytes): the defaults of `as`, at any position among the settings, then every other setting in order. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method,
                                                                const struct pell_setting *settings, size_t num_settings, void *values);
 
-/* A method's knobs in *knobs, NULL on failure, from one line of text: "gaussians=6 lod=2". Settings are parted by white space or commas,
- * the last of one name holds; what has no '=' after a comma belongs to the value before it ("tint=1,0.5,0.2"). "as=paper" chooses the
- * defaults, wherever it stands. NULL or "": the defaults. The caller gives the knobs back with pell_method_knobs_destroy, with the same
+/* A method's knobs in *knobs, NULL on failure, from one line of text: "gaussians=6 lod=2". Settings are separated by white space or commas;
+ * the last of one name is used. Text without '=' after a comma belongs to the preceding value ("tint=1,0.5,0.2"). "as=paper" selects the
+ * defaults, at any position. NULL or "": the defaults. The caller releases the knobs with pell_method_knobs_destroy, with the same
  * context; renderers and passes copy them. PELL_ERR_INVALID, logged: an unknown name (with the nearest one), a value that is out of range
  * or not of its type, a word without '='; PELL_ERR_NOMEM. Thread-safe. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_create(struct pell_context *ctx, const struct pell_method *method,
@@ -113,8 +112,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_create(struct pell_co
 /* Sets *knobs to NULL; destroying &(NULL) does nothing. */
 PELL_API void pell_method_knobs_destroy(struct pell_context *ctx, void **knobs);
 
-/* Change one knob, as pell_knob_set and pell_knob_set_number do; untouched on failure. "as" is refused: it chooses the defaults of all
- * others, when they are made. */
+/* Change one knob, as pell_knob_set and pell_knob_set_number do; unchanged on failure. "as" is refused: it selects the defaults of all
+ * others at creation. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const struct pell_method *method, void *knobs,
                                                                     const char *name, const char *text);
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_number(struct pell_context *ctx, const struct pell_method *method,
@@ -124,9 +123,9 @@ PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_number(struct pel
 
 struct pell_pass;
 
-/* Makes all that outlives a frame. `shape` is copied, materials included; `knobs` may be NULL: defaults. The device must outlive the pass.
- * PELL_ERR_UNSUPPORTED for a method that needs a scene (PELL_NEED_SCENE), PELL_ERR_DEVICE for one that the device's engine does not have,
- * PELL_ERR_INVALID for a shape or knobs out of range. On failure *out is NULL. */
+/* Creates everything that is kept between frames. `shape` is copied, materials included; `knobs` may be NULL: defaults. The device must
+ * outlive the pass. PELL_ERR_UNSUPPORTED for a method that needs a scene (PELL_NEED_SCENE), PELL_ERR_DEVICE for one that the device's
+ * engine does not implement, PELL_ERR_INVALID for a shape or knobs out of range. On failure *out is NULL. */
 PELL_API PELL_NODISCARD enum pell_result pell_pass_create(struct pell_device *device, const struct pell_method *method, const void *knobs,
                                                           const struct pell_frame_shape *shape, struct pell_pass **out);
 /* `in` must have the pass's shape and the planes that its plan needs; `out` three planes. Allocates nothing. */
@@ -135,7 +134,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_pass_render(struct pell_pass *pass
 PELL_API const struct pell_plan *pell_pass_plan(const struct pell_pass *pass);
 PELL_API const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *pass, size_t material);
 PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size);
-/* False where the method has no standard error; else planes of the frame's stride, valid until the next render. */
+/* False if the method has no standard error; else planes of the frame's stride, valid until the next render. */
 PELL_API bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[3]);
 PELL_API void pell_pass_destroy(struct pell_pass **pass);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * pellucid/optics.h - the optics tier: from optical coefficients to diffusion profiles, layers, sums of Gaussians, sampling and
- * materials. No scene, no files, no GPU, no global state: numbers in, numbers out.
+ * materials. No scene, no files, no GPU, no global state.
  *
  * Units      mm, 1/mm, profiles 1/mm^2; eta = n_inside / n_outside. Channel 0, 1, 2 = R, G, B.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/phase.h - phase functions: how light is spread by one scattering event.
+ * pellucid/phase.h - phase functions: the angular distribution of light after one scattering event.
  *
  * Convention  ONE for all of them: cos_theta is the cosine between the direction toward the light, w_i, and the direction toward the
- *             viewer, w_o, which both point AWAY from the point of scattering. Light that goes straight on has w_o = -w_i and cos_theta =
- *             -1; light that returns to where it came from has cos_theta = 1. Signs of g and k are everybody's: above 0 is forward.
+ *             viewer, w_o, which both point AWAY from the point of scattering. Unscattered light has w_o = -w_i and cos_theta =
+ *             -1; backscattered light has cos_theta = 1. Signs of g and k are the usual ones: above 0 is forward.
  *
  *     Henyey and Greenstein 1941   p = (1 - g^2) / (4 pi (1 + g^2 + 2 g cos_theta)^(3/2))
  *     Schlick (Blasi et al. 1993)  p = (1 - k^2) / (4 pi (1 + k cos_theta)^2)
  *     Rayleigh                     p = 3 (1 + cos_theta^2) / (16 pi)
  *     two lobes                    w HG(g[0]) + (1 - w) HG(g[1])
  *
- * Schlick's k is not the mean cosine (0.25 has 0.169, 0.4 has 0.276, 0.8 has 0.632): whatever needs sigma_s' uses
+ * Schlick's k is not the mean cosine (0.25 has 0.169, 0.4 has 0.276, 0.8 has 0.632): sigma_s' is
  * sigma_s (1 - pell_phase_mean_cosine).
  *
  * Units      values 1/sr; they integrate to 1 over the sphere. Directions are unit vectors.
@@ -31,30 +31,30 @@ extern "C" {
 /* Values are stable. */
 enum pell_phase_kind { PELL_PHASE_HENYEY_GREENSTEIN = 0, PELL_PHASE_SCHLICK, PELL_PHASE_RAYLEIGH, PELL_PHASE_TWO_LOBE, PELL_PHASE_KINDS };
 
-/* { 0 } scatters evenly. */
+/* { 0 } is isotropic. */
 struct pell_phase {
     enum pell_phase_kind kind;
-    double g[2];   /* g[0]: g, or Schlick's k; g[1]: of the second lobe; |.| <= PELL_G_MAX. Rayleigh's has none */
+    double g[2];   /* g[0]: g, or Schlick's k; g[1]: of the second lobe; |.| <= PELL_G_MAX. unused for Rayleigh */
     double weight; /* of the first of two lobes, [0, 1] */
 };
 
-/* Whether a phase function is in range; if not, *fault (may be NULL) says which field is out of which range. */
+/* Whether a phase function is in range; if not, *fault (may be NULL) holds the field and its range. */
 PELL_API bool pell_phase_valid(const struct pell_phase *p, struct pell_medium_fault *fault);
 
 /* p(cos_theta), 1/sr. It is the density of pell_phase_sample, too: samples need no weight. */
 PELL_API double pell_phase_value(const struct pell_phase *p, double cos_theta);
-/* Share of the light that is scattered farther from straight on than cos_theta: 0 at 1 (straight back), 1 at -1 (straight on). */
+/* Share of the light that is scattered by a larger angle than cos_theta: 0 at 1 (backward), 1 at -1 (forward). */
 PELL_API double pell_phase_cdf(const struct pell_phase *p, double cos_theta);
 /* Mean of -cos_theta, which is what the literature calls g. */
 PELL_API double pell_phase_mean_cosine(const struct pell_phase *p);
 
-/* cos_theta with the share xi of the light farther from straight on: the inverse of pell_phase_cdf. With two lobes the lobe is chosen by
+/* cos_theta with the share xi of the light at larger scattering angles: the inverse of pell_phase_cdf. With two lobes the lobe is chosen by
  * the same number, so that only the distribution of cos_theta is that of the sum. xi in [0, 1]. */
 PELL_API double pell_phase_sample_cosine(const struct pell_phase *p, double xi);
 /* A direction toward the viewer for light from w_i, from two independent numbers in [0, 1]; returns its density, 1/sr. */
 PELL_API double pell_phase_sample(const struct pell_phase *p, double xi1, double xi2, const double w_i[3], double w_o[3]);
 
-/* Schlick's k with a given mean cosine, |mean_cosine| < 1; what lies beyond |k| = PELL_G_MAX is clamped to it. */
+/* Schlick's k with a given mean cosine, |mean_cosine| < 1; |k| is clamped to PELL_G_MAX. */
 PELL_API double pell_phase_schlick_k(double mean_cosine);
 
 #ifdef __cplusplus

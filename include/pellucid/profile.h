@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/profile.h - radial diffusion profiles R(r): every model, one interface.
+ * pellucid/profile.h - radial diffusion profiles R(r) of all models behind one interface.
  *
  * Units      radii mm, R(r) 1/mm^2.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
@@ -31,43 +31,43 @@ PELL_API double pell_dipole_cdf(const struct pell_dipole *d, double r_mm); /* sh
 
 /* --- Half-space ----------------------------------------------------------------------------------------------------------------- */
 
-/* Share of the light that enters at right angles and leaves again, for isotropic scattering behind a smooth boundary: exact transport
+/* Share of the light at normal incidence that leaves again, for isotropic scattering behind a smooth boundary: exact transport
  * (Chandrasekhar's H functions with internal reflection), no diffusion; error below 1e-6. `albedo` = alpha' in [0, 1] stands in for
  * anisotropic media by similarity. NAN out of range. 0.1 ms. */
 PELL_API double pell_half_space_albedo(double albedo, double eta);
 
 /* --- Models ------------------------------------------------------------------------------------------------------------------- */
 
-/* Ways from coefficients to R(r). Values are stable. */
+/* Models of R(r). Values are stable. */
 enum pell_profile_model {
     PELL_PROFILE_DIPOLE = 0,           /* Jensen et al. 2001 */
     PELL_PROFILE_BETTER_DIPOLE,        /* d'Eon 2012 */
     PELL_PROFILE_NORMALIZED_DIFFUSION, /* Christensen and Burley 2015 */
     PELL_PROFILE_PHOTON_BEAM,          /* Habel et al. 2013 */
-    PELL_PROFILE_MONTE_CARLO,          /* a table made by photons */
+    PELL_PROFILE_MONTE_CARLO,          /* a table of simulated photons */
     PELL_PROFILE_MODELS,
 };
 
 struct pell_profile_model_row {
-    const char *name;   /* "better-dipole": what --profile takes */
-    const char *title;  /* for people */
+    const char *name;   /* "better-dipole": a value of --profile */
+    const char *title;  /* display name */
     const char *cite;   /* authors, title, venue, year */
-    const char *limits; /* what it can't do, a sentence */
+    const char *limits; /* limitations, a sentence */
 };
 
 /* The row of enum pell_profile_model `index`; NULL for an index of pell_profile_model_count() or more. Constant data. */
 PELL_API size_t pell_profile_model_count(void);
 PELL_API const struct pell_profile_model_row *pell_profile_model_at(size_t index);
-/* False, and *out unchanged, if there is none of that name. */
+/* False, and *out unchanged, if there is no such model. */
 PELL_API bool pell_profile_model_find(const char *name, enum pell_profile_model *out);
 
 /* --- A profile ---------------------------------------------------------------------------------------------------------------- */
 
 #define PELL_PROFILE_NODES 512
 #define PELL_PROFILE_PARAMETERS 40    /* of a closed form: a count and two for each of PELL_GAUSSIANS_MAX Gaussians take 21 */
-#define PELL_PROFILE_TOTAL_SLACK 1e-6 /* how much more than 1 a total given from outside may be: rounded weights and tables */
+#define PELL_PROFILE_TOTAL_SLACK 1e-6 /* by which a caller's total may exceed 1: rounded weights and tables */
 
-/* What a profile is made of inside; callers read none of it but through the functions below. */
+/* Internal representation of a profile; callers use the functions below. */
 enum pell_profile_kind {
     PELL_PROFILE_KIND_POLES = 0, /* closed form */
     PELL_PROFILE_KIND_BURLEY,    /* closed form */
@@ -77,7 +77,7 @@ enum pell_profile_kind {
 };
 
 /* One channel's R(r): the flux that leaves at a distance r from where a unit of flux entered, 1/mm^2; R >= 0, Int 2 pi r R dr <= 1.
- * A value of fixed size (20 KiB) without pointers: copy it, keep it, nothing to free. The fields belong to the library. */
+ * A value of fixed size (20 KiB) without pointers that may be copied; there is nothing to free. The fields are private. */
 struct pell_profile {
     int kind;                                  /* enum pell_profile_kind */
     double total;                              /* Int_0^inf 2 pi r R dr, [0, 1] */
@@ -89,13 +89,13 @@ struct pell_profile {
 
 #define PELL_PROFILE_A_MAX 1e4
 
-/* What a model is made with, beside the medium; zeroes are the defaults. What a model has no use for it refuses: PELL_ERR_UNSUPPORTED. */
+/* Parameters of a model besides the medium; zeroes are the defaults. A model refuses those it does not use: PELL_ERR_UNSUPPORTED. */
 struct pell_profile_params {
-    enum pell_fresnel_model fresnel; /* how Fdr of a smooth boundary is computed; dipole, better-dipole, photon-beam */
+    enum pell_fresnel_model fresnel; /* model of Fdr for a smooth boundary; dipole, better-dipole, photon-beam */
     double roughness;                /* of the boundary, [0, 1]; 0: smooth. Changes A by pell_fresnel_diffuse_rough, exact Fresnel only;
                                         dipole, better-dipole, photon-beam (its single scattering leaves through a smooth one) */
-    double A;                        /* (0, PELL_PROFILE_A_MAX]: in place of what boundary and eta give; dipole; 0: none */
-    bool without_single;             /* monte-carlo, photon-beam: leave single scattering out */
+    double A;                        /* (0, PELL_PROFILE_A_MAX]: instead of the value from boundary and eta; dipole; 0: none */
+    bool without_single;             /* monte-carlo, photon-beam: exclude single scattering */
 };
 
 /* One channel of a medium under a model. `params` may be NULL. PELL_ERR_INVALID: the medium is not valid, or the channel, model or
@@ -104,19 +104,19 @@ PELL_API PELL_NODISCARD enum pell_result pell_profile_make(enum pell_profile_mod
                                                            const struct pell_profile_params *params, struct pell_profile *out);
 
 struct pell_profile_fault {
-    size_t row;             /* the first one that is wrong; for "total" the one at which there is too much light */
+    size_t row;             /* the first faulty one; for "total" the one at which the light exceeds the limit */
     const char *field;      /* "rows", "r_mm", "R", "total": constant text */
-    double value, min, max; /* value found (of "total": up to that row), and what is allowed */
+    double value, min, max; /* the value (of "total": up to that row), and the allowed range */
 };
 
 #define PELL_PROFILE_RADIUS_MAX 1e12  /* mm */
-#define PELL_PROFILE_STEP_MIN 1e-12   /* mm between two rows, which may also be no closer than 1e-12 of the radius */
+#define PELL_PROFILE_STEP_MIN 1e-12   /* mm between two rows, whose distance must also be at least 1e-12 of the radius */
 #define PELL_PROFILE_R_MAX 1e24       /* 1/mm^2 */
-#define PELL_PROFILE_TOTAL_MIN 1e-290 /* a profile with less light than this has none, whatever it is made of */
+#define PELL_PROFILE_TOTAL_MIN 1e-290 /* a profile with less light than this counts as 0 */
 
 /* A user's own table: `count` >= 2 rows of rising radius r_mm[0] >= 0 (mm) and R >= 0 (1/mm^2), interpolated by a cubic that is
- * monotone wherever the rows are; R(r_mm[0]) holds towards 0, and 0 beyond the last row. More than PELL_PROFILE_NODES rows are merged:
- * nodes at rows, values such that the light between nodes and the total stay what they were. Refused (PELL_ERR_INVALID, with *fault if
+ * monotone wherever the rows are; R is R(r_mm[0]) below the first row, and 0 beyond the last. More than PELL_PROFILE_NODES rows are merged:
+ * nodes at rows, values such that the light between nodes and the total are unchanged. Refused (PELL_ERR_INVALID, with *fault if
  * not NULL, *out zero) unless Int 2 pi r R dr <= 1 (+ PELL_PROFILE_TOTAL_SLACK). */
 PELL_API PELL_NODISCARD enum pell_result pell_profile_from_table(const double *r_mm, const double *R, size_t count,
                                                                  struct pell_profile *out, struct pell_profile_fault *fault);

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/sampling.h - importance sampling of profiles: exactly for the dipole, by tables of inverse distributions for any model.
+ * pellucid/sampling.h - importance sampling of profiles: exact for the dipole, by tables of inverse distributions for any model.
  *
  * Densities are per unit area of the plane: a radius r and a uniform angle have the joint density p(r), and Int 2 pi r p dr = 1. Any
  * single profile is sampled by pell_profile_sample (profile.h), to rounding and with one random number.
  *
- * Units      radii mm, densities 1/mm^2, but where a table counts in mean free paths.
+ * Units      radii mm, densities 1/mm^2; tables in mean free paths.
  * Random numbers lie in [0, 1); others count as the nearest of these, NaN as 0.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
- * Errors     enum pell_result where a table is made; nothing is logged here: the caller knows the names.
+ * Errors     enum pell_result when a table is created; nothing is logged here: the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
 #ifndef PELLUCID_SAMPLING_H
@@ -33,7 +33,7 @@ PELL_API double pell_dipole_real_share(const struct pell_dipole *d);
  * without a medium. */
 PELL_API double pell_dipole_sample(const struct pell_dipole *d, double xi_pole, double xi_radius);
 
-/* The same with one random number, stretched to [0, 1) again after the choice. (The paper uses it as it is, which bends the distribution by
+/* The same with one random number, rescaled to [0, 1) after the choice. (The paper does not rescale it, which changes the distribution by
  * up to 0.22.) */
 PELL_API double pell_dipole_sample_one(const struct pell_dipole *d, double xi);
 
@@ -45,12 +45,12 @@ PELL_API double pell_dipole_pdf(const struct pell_dipole *d, double r_mm);
 #define PELL_SAMPLING_ALBEDOS 64
 #define PELL_SAMPLING_QUANTILES 128
 
-/* Inverse distributions of one model's profile for all albedos alpha' in [0, 1] at a fixed eta and g, in mean free paths 1/sigma_t': what a
- * texture of albedos is sampled with. A value of fixed size (129 KiB) without pointers; the fields may be uploaded as they are.
+/* Inverse distributions of one model's profile for all albedos alpha' in [0, 1] at a fixed eta and g, in mean free paths 1/sigma_t', for
+ * sampling with textured albedos. A value of fixed size (129 KiB) without pointers; the fields may be uploaded as they are.
  *
  * Row i is for alpha' = 1 - (i/(PELL_SAMPLING_ALBEDOS - 1))^4. Column j is for xi/(1 - xi) = exp(t), t from -PELL_SAMPLING_REACH to
  * PELL_SAMPLING_REACH in equal steps, and holds log r and its derivative by t. Between columns log r is a monotone cubic, beyond them
- * straight (a power of xi or 1 - xi); between rows it is mixed linearly in i. */
+ * linear (a power of xi or 1 - xi); between rows it is interpolated linearly in i. */
 #define PELL_SAMPLING_REACH 14.0
 struct pell_sampling_table {
     double log_r[PELL_SAMPLING_ALBEDOS][PELL_SAMPLING_QUANTILES];
@@ -66,8 +66,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_sampling_table_make(enum pell_prof
 /* Radius in mean free paths. `albedo` outside [0, 1] counts as the nearest, NaN as 0. */
 PELL_API double pell_sampling_table_sample(const struct pell_sampling_table *t, double albedo, double xi);
 
-/* Density, per square mean free path, of exactly what the function above returns (not of the model it stands for), so that an estimator
- * which divides by it has no bias from the table. r >= 0 in mean free paths; 0 at r = 0. */
+/* Density, per square mean free path, of exactly the samples of the function above (not of the model), so that an estimator
+ * that divides by it has no bias from the table. r >= 0 in mean free paths; 0 at r = 0. */
 PELL_API double pell_sampling_table_pdf(const struct pell_sampling_table *t, double albedo, double r);
 
 #ifdef __cplusplus

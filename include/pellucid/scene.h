@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/scene.h - what is rendered: meshes, materials, lights, a camera. Plain data in millimetres after import.
+ * pellucid/scene.h - a scene: meshes, materials, lights, cameras. Plain data in millimetres after import.
  *
- * Axes       right-handed, y up; a camera looks along its forward vector. UV (0, 0) is the upper left of a picture, v runs down.
+ * Axes       right-handed, y up; a camera looks along its forward vector. UV (0, 0) is the upper left of an image, v runs down.
  * Units      mm, linear Rec.709; intensity W/sr, irradiance W/m^2, radiance W/(m^2 sr). Point-light fall-off counts in metres.
- * Ownership  a scene owns all that it points to. Build one with pell_scene_create and the pell_scene_add_* functions, or read one
- *            with pell_scene_load. While a renderer has it, nothing may change but its first camera's values, between frames.
- * Errors     logged with file, place, value and what is allowed; the scene is destroyed by its owner also after a failure.
+ * Ownership  a scene owns everything that it points to. Build one with pell_scene_create and the pell_scene_add_* functions, or read one
+ *            with pell_scene_load. While a renderer uses it, only the values of its first camera may change, between frames.
+ * Errors     logged with file, place, value and what is allowed; the owner destroys the scene also after a failure.
  * Threads    one thread builds a scene; many may read it.
  */
 #ifndef PELLUCID_SCENE_H
@@ -28,28 +28,28 @@ struct pell_context;
 /* One run of triangles with one material, in world space. Arrays belong to the scene. */
 struct pell_mesh {
     char *name;
-    int object;   /* objects of one file node share a number: closedness and thickness are judged per object */
-    int material; /* index into the scene's materials; -1 until pell_scene_complete, which then gives marble */
+    int object;   /* meshes of one file node share a number: closedness and thickness are tested per object */
+    int material; /* index into the scene's materials; -1: pell_scene_complete sets marble */
     uint32_t num_vertices, num_triangles;
     float *position;         /* xyz, mm */
     float *normal;           /* xyz, unit */
     float *tangent;          /* xyz, and w = +-1: bitangent = w cross(normal, tangent); NULL if no map needs it */
-    float *uv[PELL_UV_SETS]; /* uv, NULL if that set is not there */
+    float *uv[PELL_UV_SETS]; /* uv, NULL if the set does not exist */
     float *color;            /* rgba, linear, multiplies the base colour; may be NULL */
-    uint32_t *index;         /* 3 a triangle, counter-clockwise seen from outside */
+    uint32_t *index;         /* 3 per triangle, counter-clockwise seen from outside */
 };
 
 struct pell_texture {
-    char *name; /* file or place it came from, for messages */
+    char *name; /* its file or place, for messages */
     struct pell_image image;
     enum pell_wrap wrap_u, wrap_v;
     bool nearest;
     bool shared;  /* private: the pixels belong to another texture of the scene */
-    bool sampled; /* private: somebody relies on the sampler */
+    bool sampled; /* private: the sampler is in use */
     uint64_t key; /* private: of the importers' cache, 0 none */
 };
 
-/* How a surface looks a texture up: uv' = matrix (u, v, 1). */
+/* Look-up of a texture by a surface: uv' = matrix (u, v, 1). */
 struct pell_texture_map {
     const struct pell_texture *texture; /* NULL: none */
     int uv;                             /* UV set, [0, PELL_UV_SETS) */
@@ -59,44 +59,44 @@ struct pell_texture_map {
 
 enum pell_color_from { PELL_COLOR_FROM_PROFILE, PELL_COLOR_FROM_TEXTURE };
 
-/* A layer of the medium below a surface, painted or even: from the bottom of the layer above it (of the first: from the surface) down to
- * its own depth. Francois et al. (2006), section 3. */
+/* A layer of the medium below a surface, with a constant or texture-mapped depth: from the bottom of the layer above it (the first: from
+ * the surface) down to its own depth. Francois et al. (2006), section 3. */
 struct pell_scene_layer {
     char *name;
-    struct pell_medium medium;         /* its index is not read: light refracts at the surface alone. g: the phase's mean cosine */
+    struct pell_medium medium;         /* its eta is ignored: light refracts only at the surface. g: the phase's mean cosine */
     struct pell_phase phase[3];        /* of R, G and B */
-    float depth;                       /* mm from the surface to its bottom, >= 0; with a map: where the map is 1. INFINITY: no bottom */
-    struct pell_texture_map depth_map; /* `channel` of it times `depth`: integers are in [0, 1], floats at least 0 */
-    bool depth_inverse;                /* 1 - map, of floats in [0, 1]: white is thin */
+    float depth;                       /* mm from the surface to its bottom, >= 0; with a map: for a map value of 1. INFINITY: no bottom */
+    struct pell_texture_map depth_map; /* its `channel` times `depth`: integers are in [0, 1], floats at least 0 */
+    bool depth_inverse;                /* use 1 - map, floats in [0, 1]: white is thin */
 };
 
-/* What lies under the deepest layer. */
+/* The medium or surface under the deepest layer. */
 enum pell_substrate {
-    PELL_SUBSTRATE_STOP,          /* nothing: black */
-    PELL_SUBSTRATE_LAST,          /* the last layer goes on */
-    PELL_SUBSTRATE_SURFACE_COLOR, /* a Lambert surface of the base colour */
+    PELL_SUBSTRATE_STOP,          /* black */
+    PELL_SUBSTRATE_LAST,          /* the last layer continues */
+    PELL_SUBSTRATE_SURFACE_COLOR, /* a Lambertian surface of the base colour */
 };
 
 #define PELL_LAYERS_MOST 64
 
 struct pell_material {
     char *name;
-    char *preset; /* name of the built-in entry that it came from; may be NULL */
-    bool opaque;  /* no light passes below the surface: Lambert */
+    char *preset; /* name of its built-in entry; may be NULL */
+    bool opaque;  /* no light passes below the surface: Lambertian */
 
     /* Below the surface. The profile is `profile` if that is not NULL (a user's table, a stack of layers), else `gaussians` if their
      * count is not 0 (published sets), else `model` of `medium`. */
     struct pell_medium medium;
     struct pell_gaussians gaussians;
-    struct pell_profile *profile; /* of R, G and B; the scene's */
+    struct pell_profile *profile; /* of R, G and B; owned by the scene */
     enum pell_profile_model model;
-    struct pell_scene_layer *layers; /* top to bottom; the scene's. `gaussians` or `profile`: what they reflect at their mean depths */
+    struct pell_scene_layer *layers; /* top to bottom; owned by the scene. `gaussians` or `profile`: their profile at mean depths */
     int num_layers;                  /* [0, PELL_LAYERS_MOST]; 0: one medium without a bottom */
     enum pell_substrate substrate;
     enum pell_color_from color_from;
-    float mix;                            /* m: albedo^m going in, albedo^(1-m) coming out, [0, 1] */
+    float mix;                            /* m: albedo^m for light that enters, albedo^(1-m) for light that leaves, [0, 1] */
     float strength;                       /* scales the scattering radius, [0, 1] */
-    struct pell_texture_map strength_map; /* `channel` of it multiplies `strength` */
+    struct pell_texture_map strength_map; /* its `channel` multiplies `strength` */
 
     /* The surface. */
     float base_color[4]; /* linear; alpha is compared with alpha_cutoff where alpha_mask */
@@ -124,33 +124,33 @@ enum pell_light_type {
     PELL_LIGHT_DIRECTIONAL, /* power: irradiance on a facing plane */
     PELL_LIGHT_RECT,        /* power: radiance of its front */
     PELL_LIGHT_DISC,        /* power: radiance of its front */
-    PELL_LIGHT_ENVIRONMENT, /* power: scales the image's radiance, or is the radiance */
+    PELL_LIGHT_ENVIRONMENT, /* power: factor of the image's radiance, or the radiance */
 };
 
 struct pell_light {
     enum pell_light_type type;
     char *name;
     float position[3];           /* mm; not for directional and environment */
-    float direction[3];          /* unit, the way the light goes */
-    float up[3];                 /* unit, at right angles to direction: the v axis of a rect and of pictures points against it */
+    float direction[3];          /* unit, in which the light travels */
+    float up[3];                 /* unit, perpendicular to direction: the v axis of a rect and of images points against it */
     float power[3];              /* see the types */
     float cos_inner, cos_outer;  /* spot: full power inside, none outside, smooth between */
     float width, height, radius; /* mm; rect, disc */
     float range;                 /* mm, 0: none (KHR_lights_punctual's cut-off) */
     struct pell_texture *image;  /* environment: latitude-longitude, +y up, its centre at -z; others: projected. May be NULL */
-    float image_fov;             /* of a projected image, vertical, radians; spot: 0 takes the cone */
+    float image_fov;             /* of a projected image, vertical, radians; spot: 0 is the cone */
     float rotate;                /* environment: radians about y */
 };
 
 struct pell_camera {
     char *name;
     float position[3];
-    float forward[3], up[3]; /* unit, at right angles */
+    float forward[3], up[3]; /* unit, perpendicular */
     float fov;               /* vertical, radians; unused where ortho_height > 0 */
     float ortho_height;      /* mm; 0: perspective */
     /* The lens, for depth of field: a thin one whose focal length is that of `fov` on a frame 24 mm high, 12 mm / tan(fov / 2), and whose
      * diameter is the focal length over the f-number. Not for orthographic cameras. */
-    float focus;    /* mm from the camera along `forward` to what is sharp; 0: to the middle of the bounds */
+    float focus;    /* focus distance along `forward`, mm; 0: to the centre of the bounds */
     float f_number; /* 0: 2.8 */
 };
 
@@ -180,15 +180,15 @@ struct pell_scene {
     float background_color[3]; /* as shown: 1 is display white */
     struct pell_texture *background_image;
 
-    float bounds_min[3], bounds_max[3]; /* of all meshes but made ground, mm */
-    int ground_mesh;                    /* index of the made ground, or -1 */
-    double mm_per_unit;                 /* of the first mesh file: what one of its units was taken for */
+    float bounds_min[3], bounds_max[3]; /* of all meshes but the generated ground, mm */
+    int ground_mesh;                    /* index of the generated ground, or -1 */
+    double mm_per_unit;                 /* unit of the first mesh file */
     struct pell_scene_option *options;
     size_t num_options;
 
     /* private */
-    bool animated;                           /* some file of it has animations */
-    bool from_file;                          /* bad values are a file's fault, not the caller's */
+    bool animated;                           /* one of its files has animations */
+    bool from_file;                          /* invalid values come from a file, not from the caller */
     size_t capacity[6];                      /* of the arrays above */
     int64_t total_vertices, total_triangles; /* allocated so far, against the limits */
     uint32_t *texture_slots;                 /* hash of texture keys, holds index + 1 */
@@ -198,19 +198,19 @@ struct pell_scene {
 /* --- Reading ------------------------------------------------------------------------------------------------------------------ */
 
 struct pell_load_params {
-    double mm_per_unit;    /* > 0: what one unit of the file is; 0: the format's own (glTF 1 m), else refused */
+    double mm_per_unit;    /* > 0: length of one unit of the file; 0: that of the format (glTF 1 m), else refused */
     double size_mm;        /* > 0: scale so that the largest extent of the bounds is this; not with mm_per_unit */
-    const char *material;  /* built-in name or material file for everything; NULL: as the file says, marble where it says nothing */
-    const char *camera;    /* name of a camera of the file; NULL: its first, else framing from the bounds */
-    double time;           /* seconds into an animation of glTF files, which holds its first pose before it begins and its last after */
-    bool timed;            /* `time` is given, though it may be 0: it stands above a scene file's. Without any time rest poses are drawn */
-    const char *animation; /* which one: its name in the file, or its number from 0; NULL: as a scene file says, else the first */
-    float aspect;          /* width / height of the picture, for framing; 0: 16/9 */
+    const char *material;  /* built-in name or material file for everything; NULL: as in the file, default marble */
+    const char *camera;    /* name of a camera of the file; NULL: its first, else framed from the bounds */
+    double time;           /* seconds into an animation of glTF files; before it the first pose is used, after it the last */
+    bool timed;            /* `time` is given, even if it is 0, and overrides a scene file's. Without a time rest poses are used */
+    const char *animation; /* its name in the file, or its number from 0; NULL: as in the scene file, else the first */
+    float aspect;          /* width / height of the image, for framing; 0: 16/9 */
     bool allow_outside;    /* let files refer to files outside the scene's folder */
     bool bare;             /* add no default lights, no default camera, no ground: `check` */
 };
 
-/* Reads .gltf, .glb, .obj, .ply or a scene .json (told apart by content where it can be), completes it: normals, tangents where maps
+/* Reads .gltf, .glb, .obj, .ply or a scene .json (distinguished by content where possible), and completes it: normals, tangents where maps
  * need them, default lights, camera and material. Without a unit OBJ and PLY are refused (PELL_ERR_INVALID). */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params,
                                                          struct pell_scene **out);
@@ -226,7 +226,7 @@ struct pell_problem {
     char *where, *what;
 };
 
-/* Per object: what its surface is like. */
+/* Properties of one object's surface. */
 struct pell_object_report {
     char *name;
     int material;
@@ -234,9 +234,9 @@ struct pell_object_report {
     int components;
     bool closed, outward; /* outward: positive enclosed volume */
     double volume_mm3, area_mm2;
-    double thickness_mm; /* 2 * volume / area scaled: a mean thickness; 0 where open */
-    bool holds_camera;   /* closed, and the first camera stands inside it */
-    int coincident;      /* index of an earlier object whose surface lies exactly here; -1: none */
+    double thickness_mm; /* 2 * volume / area scaled: a mean thickness; 0 if open */
+    bool holds_camera;   /* closed, and the first camera is inside it */
+    int coincident;      /* index of an earlier object with exactly the same surface; -1: none */
 };
 
 struct pell_scene_report {
@@ -248,7 +248,7 @@ struct pell_scene_report {
     float bounds_min[3], bounds_max[3];
 };
 
-/* Looks at closedness, orientation, scale and values. The report is emptied with pell_scene_report_finish. */
+/* Checks closedness, orientation, scale and values. The report is released with pell_scene_report_finish. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_scene_report *report);
 PELL_API void pell_scene_report_finish(struct pell_context *ctx, struct pell_scene_report *report);
 
@@ -267,25 +267,25 @@ PELL_API PELL_NODISCARD enum pell_result pell_scene_add_camera(struct pell_scene
 /* Allocates a mesh's position, normal and index arrays (zeroed); limits vertices and triangles are checked over the whole scene. */
 PELL_API PELL_NODISCARD enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint32_t vertices, uint32_t triangles);
 
-/* Turns a material into a built-in entry: medium or Gaussians, colour, roughness, mix. `where` names the place that asked. */
+/* Sets a material to a built-in entry: medium or Gaussians, colour, roughness, mix. `where` names the origin of the name. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, const char *where,
                                                              const char *entry);
 
-/* Gives a material `count` [0, PELL_LAYERS_MOST] layers in place of those it had, zeroed but for the maps' transforms: clear, of no depth.
- * Their names are freed with pell_scene_destroy: leave them NULL, or copies by the context's allocator. */
+/* Gives a material `count` [0, PELL_LAYERS_MOST] layers instead of its present ones, zeroed but for the maps' transforms: clear, of depth
+ * 0. Their names are freed with pell_scene_destroy: leave them NULL, or copies by the context's allocator. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t material, int count);
 
-/* Makes `gaussians` what the layers of a material reflect at their mean depths over their maps, under a boundary of medium.eta, and the
- * medium's coefficients their mean. PELL_ERR_INVALID: no layers, values out of range, or layers that send no light back; only of these
- * the medium is set all the same. */
+/* Sets `gaussians` to the reflectance profile of a material's layers at the mean depths of their maps, under a boundary of medium.eta, and
+ * the medium's coefficients to their mean. PELL_ERR_INVALID: no layers, values out of range, or layers without reflectance; in the last
+ * case the medium is set nevertheless. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t material);
 
-/* Computes bounds, makes missing normals (area- and angle-weighted) and tangents, checks every index and value. Call once after
+/* Computes bounds and missing normals (area- and angle-weighted) and tangents, checks every index and value. Call once after
  * building, before rendering. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params);
 
-/* 64 bits that stay the same while the content does, wherever the files lie: meshes, textures, materials, lights, background, camera; or
- * materials and their textures alone. No defence against an adversary. */
+/* A 64-bit hash of the content, independent of the location of files: meshes, textures, materials, lights, background, camera; or of
+ * materials and their textures only. Not cryptographic. */
 PELL_API uint64_t pell_scene_hash(const struct pell_scene *scene);
 PELL_API uint64_t pell_scene_hash_materials(const struct pell_scene *scene);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/skin.h - the spectral two-layer skin of Donner and Jensen 2006: from what is in skin to coefficients and colour.
+ * pellucid/skin.h - the spectral two-layer skin of Donner and Jensen 2006: coefficients and colour from the composition of skin.
  *
  * Units      mm, 1/mm, wavelengths nm; colours linear Rec.709 under D65.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
@@ -17,8 +17,8 @@
 extern "C" {
 #endif
 
-/* What a piece of skin is made of: an epidermis with melanin on a dermis with blood that has no bottom. In people melanin goes from 0.01
- * to 0.45 and haemoglobin from 0.005 to 0.1. */
+/* Composition of skin: an epidermis with melanin on an infinitely deep dermis with blood. Human skin has melanin from 0.01 to 0.45 and
+ * haemoglobin from 0.005 to 0.1. */
 struct pell_skin {
     double melanin;       /* C_m: volume fraction of melanosomes in the epidermis, [0, 1] */
     double melanin_blend; /* beta_m: share of brown eumelanin, the rest is red pheomelanin, [0, 1] */
@@ -28,8 +28,8 @@ struct pell_skin {
     double eta;           /* of both layers, [1, 2] */
 };
 
-/* Light skin: melanin 0.025, blend 0.2, haemoglobin 0.012, epidermis 0.1 mm (people have 0.05 to 0.15; the paper 0.25, which gives greyer
- * skin than theirs), and the paper's oxygenation 0.75 and eta 1.4. */
+/* Light skin: melanin 0.025, blend 0.2, haemoglobin 0.012, epidermis 0.1 mm (human skin has 0.05 to 0.15; the paper uses 0.25, which gives
+ * greyer skin), and the paper's oxygenation 0.75 and eta 1.4. */
 PELL_API struct pell_skin pell_skin_default(void);
 
 /* The first field out of range (NaN included) with its value and range, or true. `fault` may be NULL. */
@@ -44,16 +44,16 @@ struct pell_skin_coefficients {
 PELL_API PELL_NODISCARD enum pell_result pell_skin_at(const struct pell_skin *skin, double wavelength_nm,
                                                       struct pell_skin_coefficients *epidermis, struct pell_skin_coefficients *dermis);
 
-/* Share of the light that entered which leaves again, at the wavelengths of pell_spectrum_to_rgb: the multipole of the epidermis on the
- * dipole of the dermis (Donner and Jensen 2005), without what the surface itself mirrors. PELL_ERR_INVALID as above. */
+/* Share of the entering light that leaves again, at the wavelengths of pell_spectrum_to_rgb: the multipole of the epidermis on the
+ * dipole of the dermis (Donner and Jensen 2005), without surface reflection. PELL_ERR_INVALID as above. */
 PELL_API PELL_NODISCARD enum pell_result pell_skin_reflectance(const struct pell_skin *skin, double reflectance[PELL_WAVELENGTHS]);
 
-/* The colour of that reflectance; a channel that leaves Rec.709 is clamped to 0. */
+/* The colour of that reflectance; a channel outside Rec.709 is clamped to 0. */
 PELL_API PELL_NODISCARD enum pell_result pell_skin_color(const struct pell_skin *skin, double rgb[3]);
 
-/* Both layers with coefficients per channel, "epidermis" and "dermis", such that they reflect pell_skin_color: means of the spectral
- * coefficients, weighted with D65 and the positive part of the channel's sensitivity; then the absorption of both layers times a factor
- * of the channel, as a mean of absorptions would be too dark (0.4 to 0.9 where skin is light). PELL_ERR_INVALID as above. */
+/* Both layers with coefficients per channel, "epidermis" and "dermis", such that their colour is pell_skin_color: means of the spectral
+ * coefficients, weighted with D65 and the positive part of the channel's sensitivity; then the absorption of both layers is multiplied
+ * by a factor per channel (0.4 to 0.9 for light skin), because a mean of absorptions is too dark. PELL_ERR_INVALID as above. */
 PELL_API PELL_NODISCARD enum pell_result pell_skin_layers(const struct pell_skin *skin, struct pell_material_layers *out);
 
 #ifdef __cplusplus

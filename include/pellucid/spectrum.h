@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/spectrum.h - reflectance over the visible spectrum, and the colour that it is.
+ * pellucid/spectrum.h - the colour of a spectral reflectance.
  *
  * Units      wavelengths nm; colours linear Rec.709 with (1, 1, 1) for a white that reflects everything.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
@@ -22,7 +22,7 @@ extern "C" {
 #define PELL_WAVELENGTH_STEP 5.0
 
 /* The colour of a surface of this reflectance under D65 for the CIE 1931 observer (sum over the samples; CIE 15:2004, section 7). White
- * is (1, 1, 1) to rounding and a grey is grey. A saturated reflectance may have a negative channel: it lies outside of Rec.709. */
+ * is (1, 1, 1) to rounding and a grey is grey. A saturated reflectance may have a negative channel: it is outside Rec.709. */
 PELL_API void pell_spectrum_to_rgb(const double reflectance[PELL_WAVELENGTHS], double rgb[3]);
 
 #ifdef __cplusplus

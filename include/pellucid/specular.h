@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/specular.h - rough surfaces: specular lobes, what they reflect of all light, and what they leave for the medium below.
+ * pellucid/specular.h - rough surfaces: specular lobes, their albedo, and the light that remains for the medium below.
  *
  *     GGX      f = rho_s D G F / (4 (n.l)(n.v)), alpha = roughness^2, height-correlated Smith G   (Walter et al. 2007; Heitz 2014, eq. 99)
  *     Kelemen  f = rho_s D F / (h.h), h = l + v not normalised, D = exp(-tan^2 a/m^2) / (pi m^2 cos^4 a), m = roughness
@@ -11,14 +11,15 @@
  *              (Blinn 1977; the factor is exact: 1/Int cos^n(t/2) cos t dw, so that the albedo is 1 there, too)
  *     rho_dt(mu, m) = 1 - rho_s albedo(mu, m)    albedo: Int f n.l dl for rho_s = 1
  *
- * F is Schlick's of h.v with F0 = ((eta - 1)/(eta + 1))^2 of a dielectric, or a metal's. All that a lobe does not reflect enters: what
- * single scattering between facets loses counts as entering light, so that nothing is lost or made.
+ * F is Schlick's of h.v with F0 = ((eta - 1)/(eta + 1))^2 of a dielectric, or a metal's. All light that a lobe does not reflect enters: the
+ * energy that single scattering between facets loses counts as transmitted, so energy is conserved.
  *
- * Phong's two lobes serve the pictures of papers that used them. cos^n of the half angle falls off like Beckmann's exp(-tan^2/alpha^2)
- * (Walter et al. 2007), alpha = roughness^2 as for GGX; the angle from the mirror direction is twice the half angle, hence the quarter,
- * and one roughness is one width of highlight. n runs from 0 at roughness 1, an even 1/pi where l.r > 0 or n.h > 0, to 2.5e6 (Blinn) or
- * 6.2e5 (Phong) at the smallest roughness. Both are reciprocal and never reflect more than arrives, but they are no facets: towards
- * grazing narrow ones reflect mu F (Phong) and mu^2 F (Blinn) instead of F. A highlight that brightens at the rim needs GGX or Kelemen.
+ * The two Phong lobes serve to reproduce images of papers that used them. cos^n of the half angle falls off like Beckmann's
+ * exp(-tan^2/alpha^2) (Walter et al. 2007), alpha = roughness^2 as for GGX; the angle from the mirror direction is twice the half angle,
+ * hence the quarter, and the same roughness gives the same width of highlight. n runs from 0 at roughness 1, a constant 1/pi where l.r > 0
+ * or n.h > 0, to 2.5e6 (Blinn) or 6.2e5 (Phong) at the smallest roughness. Both are reciprocal and never reflect more than arrives, but
+ * they are not microfacet models: at grazing angles narrow lobes reflect mu F (Phong) and mu^2 F (Blinn) instead of F. A highlight that
+ * brightens at the rim needs GGX or Kelemen.
  *
  * Units      directions are unit vectors that point away from the surface; mu = n.w in [0, 1]; roughness in [0, 1].
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
@@ -38,11 +39,11 @@ extern "C" {
 enum pell_specular_model { PELL_SPECULAR_GGX, PELL_SPECULAR_KELEMEN, PELL_SPECULAR_PHONG, PELL_SPECULAR_BLINN_PHONG };
 
 #define PELL_SPECULAR_MODELS 4
-#define PELL_ALBEDO_MU 64        /* entries over mu: entry i is mu = (i / 63)^2, fine where light grazes */
+#define PELL_ALBEDO_MU 64        /* entries over mu: entry i is mu = (i / 63)^2, denser at grazing angles */
 #define PELL_ALBEDO_ROUGHNESS 32 /* entries over roughness in [PELL_ROUGHNESS_MIN, 1] */
-#define PELL_ROUGHNESS_MIN 0.03f /* narrower lobes are drawn this wide */
+#define PELL_ROUGHNESS_MIN 0.03f /* smaller values are clamped to it */
 
-/* "ggx", "kelemen", "phong", "blinn-phong"; static. Another value is taken for PELL_SPECULAR_GGX, here and below. */
+/* "ggx", "kelemen", "phong", "blinn-phong"; static. Other values count as PELL_SPECULAR_GGX, here and below. */
 PELL_API const char *pell_specular_name(enum pell_specular_model model);
 
 /* f for rho_s = 1 and F from f0, 1/sr; 0 where l or v is not above the surface. */
@@ -50,7 +51,7 @@ PELL_API double pell_specular_value(enum pell_specular_model model, double rough
                                     const double v[3]);
 
 /* The albedo of a lobe over mu and roughness, for every F0 at once: Schlick's F is linear in F0, so albedo = F0 scale + bias. A value
- * of fixed size (17 KiB) without pointers; it depends on the model alone. `albedo` holds what a renderer looks up, `mean` its
+ * of fixed size (17 KiB) without pointers; it depends on the model alone. `albedo` holds the directional albedo, `mean` its
  * cosine-weighted average 2 Int albedo mu dmu. */
 struct pell_specular_table {
     float albedo[PELL_ALBEDO_MU][PELL_ALBEDO_ROUGHNESS][2]; /* scale, bias */

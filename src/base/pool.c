@@ -124,7 +124,7 @@ enum pell_result pell_pool_create(struct pell_context *ctx, int threads, struct 
         struct worker *w = &pool->workers[i - 1];
         *w = (struct worker) { .pool = pool, .index = i };
         if (pthread_create(&w->thread, NULL, worker_main, w) != 0) {
-            pell_error(ctx, PELL_ERR_NOMEM, NULL, "ask for fewer threads", "thread %d of %d can't be started", i + 1, threads);
+            pell_error(ctx, PELL_ERR_NOMEM, NULL, "use fewer threads", "thread %d of %d can't be started", i + 1, threads);
             pell_pool_destroy(&pool);
             return PELL_ERR_NOMEM;
         }

@@ -391,8 +391,7 @@ enum pell_result pell_parse_length(struct pell_context *ctx, const char *where, 
             pell_text_add(&hint, "write the unit behind it, as in %smm or %scm", shown, shown);
         else
             pell_text_add(&hint, "write a positive number and its unit, as in 70mm");
-        return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "'%s' has no unit, so it could mean anything; units are " UNIT_NAMES,
-                          shown);
+        return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "'%s' has no unit; units are " UNIT_NAMES, shown);
     }
     while (start > 0 && is_unit_byte(text[start - 1]))
         start--;

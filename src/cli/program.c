@@ -37,10 +37,9 @@ static void print_usage(const struct program *program, FILE *file)
         fprintf(file, "  %-18s %s\n", head, program->commands[i].summary);
     }
     fprintf(file,
-            "\n  --help             this text; `%s COMMAND --help` tells all about one\n"
+            "\n  --help             this text; `%s COMMAND --help` lists its options\n"
             "  --version          the version\n\n"
-            "%s"
-            "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not there,\n"
+            "%sExit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available,\n"
             "5 out of memory, 130 interrupted.\n",
             program->name, program->start);
 }

@@ -20,16 +20,16 @@ static const char *const tonemaps[] = { "reinhard", "aces", "linear", NULL };
 /* clang-format off */
 static const struct pell_knob compare_knobs[] = {
     { "ppd", PELL_KNOB_FLOAT, "1", AT(ppd), { 67.0206432765 }, 1, 400, NULL,
-      "pixels per degree of the eye, for FLIP; the default is 3840 pixels over 0.7 m, seen from 0.7 m" },
+      "pixels per degree of the viewer, for FLIP; the default is 3840 pixels over 0.7 m, seen from 0.7 m" },
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,
-      "factor from radiance to display, for SSIM and FLIP; 0 meters the reference" },
+      "factor from radiance to display, for SSIM and FLIP; 0: metered from the reference" },
     { "white", PELL_KNOB_FLOAT, "1", AT(white), { 0 }, 0, 1e12, NULL,
-      "luminance after exposure that becomes display white; 0 takes the reference's brightest" },
+      "luminance after exposure that becomes display white; 0: the reference's largest" },
     { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_COMPARE_REINHARD }, 0, 0, tonemaps,
       "curve from exposed radiance to the display, for SSIM and FLIP" },
     { "exposures", PELL_KNOB_INT, "1", AT(exposures), { 0 }, 0, EXPOSURES_MAX, NULL, "of HDR-FLIP; 0: one per stop, as in its paper" },
     { "floor", PELL_KNOB_FLOAT, "1", AT(floor), { 0.01 }, 1e-6, 1, NULL,
-      "what relative errors are blind to, as a share of the reference's mean luminance" },
+      "added to the denominator of relative errors, as a share of the reference's mean luminance" },
     { "threads", PELL_KNOB_INT, "1", AT(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },
     { 0 },
 };

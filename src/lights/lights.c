@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * lights.c - the lights of a scene made ready: samples, cones, projected images, environments. Units and names follow
- * KHR_lights_punctual where that has the light.
+ * lights.c - prepares the lights of a scene: samples, cones, projected images, environments. Units and names follow KHR_lights_punctual
+ * where it has the light.
  *
- * A projected image is a projected image: the light's colour times the picture looked up where the ray leaves the projector; outside of it
- * is dark. Directional lights throw it in parallel over width x height mm round the position (0: round the whole scene). Rectangles and
- * discs shine with the picture on their face, upright and unmirrored to who looks at it.
+ * A projected image multiplies the light's colour, looked up where the ray leaves the projector; outside the image the light is 0.
+ * Directional lights project it in parallel over width x height mm around the position (0: over the whole scene). Rectangles and discs
+ * have the image on their face, upright and unmirrored for a viewer.
  */
 #include "lights/lights.h"
 

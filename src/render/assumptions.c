@@ -83,14 +83,14 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
             continue;
         }
         if (o->coincident >= 0 && tell(ctx, &found[TWICE]))
-            pell_warn(ctx, place, "remove one of them", "lies exactly where \"%s\" does, so that each hides the other",
+            pell_warn(ctx, place, "remove one of them", "has exactly the same surface as \"%s\": each hides the other",
                       pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
         if (o->holds_camera && tell(ctx, &found[HOLDS]))
-            pell_warn(ctx, place, "move the camera, or check its unit against the mesh's",
-                      "the camera is inside the object and sees its inner side");
+            pell_warn(ctx, place, "move the camera, or check its unit against the mesh's", "the camera is inside the object");
         if (!o->closed && tell(ctx, &found[OPEN]))
             pell_warn(ctx, place, "close it: transmission needs a closed surface",
-                      "the surface is open (%lld boundary edges): a translucent object needs an inside", (long long) o->boundary_edges);
+                      "the surface is open (%lld boundary edges): a translucent object needs a closed surface",
+                      (long long) o->boundary_edges);
         if (o->closed && !o->outward && tell(ctx, &found[TURNED]))
             pell_warn(ctx, place, "flip its faces", "the surface has inverted normals");
         if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && tell(ctx, &found[THIN]))
@@ -99,7 +99,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
                       m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
         if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && tell(ctx, &found[UNSEEN]))
             pell_warn(ctx, place, "render it larger, or check --size or --unit",
-                      "light goes %.3g mm under the surface of %s, which is %.2g pixels here: no scattering can be seen", widest,
+                      "light travels %.3g mm below the surface of %s, which is %.2g pixels here: scattering is not visible", widest,
                       m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
     }
     for (int k = 0; k < KINDS; k++)

@@ -198,7 +198,7 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
         pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed object",
                   "no light reaches the visible surfaces: the picture is black");
     if (result->invalid > 0)
-        pell_warn(r->ctx, "render", "please report the scene", "%lld pixels came out as no number and were set to 0",
+        pell_warn(r->ctx, "render", "please report the scene", "%lld pixels were not finite and were set to 0",
                   (long long) result->invalid);
 }
 

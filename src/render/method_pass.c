@@ -193,7 +193,7 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
                           r.x1, r.y1, in->shape.width, in->shape.height);
     missing = find_missing(pass->plan.needs, in, out);
     if (missing)
-        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "plane %s is not there, method %s needs it", missing, pass->method->name);
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "plane %s is NULL, but method %s needs it", missing, pass->method->name);
     if (r.x0 >= r.x1 || r.y0 >= r.y1)
         return PELL_OK;
     return pass->engine->record(pass->state, in, out);

@@ -62,7 +62,7 @@ enum pell_result pell_object_materials_make(struct pell_context *ctx, const stru
     room = PELL_FRAME_MATERIALS - m->count;
     if (further > room) {
         pell_warn(ctx, scene->path, "give neighbours materials of their own",
-                  "%zu pairs of an object and its material, screen-space methods tell %d apart: light may go between the other objects",
+                  "%zu pairs of an object and its material, screen-space methods distinguish %d: the other objects may exchange light",
                   m->count + further, PELL_FRAME_MATERIALS);
         further = room;
     }

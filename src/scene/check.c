@@ -314,7 +314,7 @@ static enum pell_result find_coincident(struct check *k)
             continue;
         objects[l->object].coincident = (int) l[-1].object;
         PELL_TRY(add(k, COINCIDENT, PELL_SEVERITY_WARNING, name_place("object", objects[l->object].name, &text),
-                     "lies exactly where \"%s\" does, so that each hides the other: remove one of them",
+                     "has exactly the same surface as \"%s\": each hides the other: remove one of them",
                      pell_printable(objects[l[-1].object].name, other, sizeof(other))));
     }
     return PELL_OK;

@@ -207,7 +207,7 @@ static enum pell_result check_layers(struct pell_scene *scene, const struct pell
     texels = pell_scene_layers_measure(m, measure);
     for (int i = 0; i < m->num_layers; i++)
         if (measure[i].crossings > 0) {
-            pell_warn(scene->ctx, m->name, "where layers cross the upper one wins",
+            pell_warn(scene->ctx, m->name, "where layers cross, the upper one takes precedence",
                       "the bottom of layer %d lies above that of a layer above it at %lld of %lld texels", i,
                       (long long) measure[i].crossings, (long long) texels);
             break;

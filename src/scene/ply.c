@@ -116,7 +116,7 @@ static enum pell_result read_failed(struct ply *p, const char *kind, int64_t row
         return ends_early(p, kind, row);
     length = pell_lex_word(&p->lex, &word);
     memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
-    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "\"%s\" stands where a number of %s %lld must be",
+    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "\"%s\" instead of a number of %s %lld",
                       pell_printable(copy, shown, sizeof(shown)), kind, (long long) row);
 }
 

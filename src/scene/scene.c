@@ -415,7 +415,7 @@ enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t mat
     pell_scene_layers_measure(m, measure);
     if (!pell_scene_layers_solve(m, measure))
         return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL,
-                          "the layers send no light back that a sum of Gaussians could stand for");
+                          "the layers reflect no light, so there is no sum of Gaussians for them");
     return PELL_OK;
 }
 

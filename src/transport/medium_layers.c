@@ -133,7 +133,7 @@ enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *m
     if (m->profile || m->gaussians.count > 0)
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name,
                           "give it a medium: coefficients, layers, or a built-in material that has some",
-                          "has a profile but no medium: %s walks by coefficients", method);
+                          "has a profile but no medium: %s needs scattering coefficients", method);
     out->eta = m->medium.eta;
     out->count = 1;
     out->substrate = PELL_SUBSTRATE_LAST;

@@ -119,8 +119,8 @@ def _(folder):
 def _(folder):
     furnish(folder)
     for arguments, code, words in (
-            (['--cross-section', 'layers.jpg'], 2, '.svg, .pdf or .png'), (['--line', '0,0,1,1'], 2, 'none is asked for'),
-            (['--down-to', '2mm'], 2, 'none is asked for'),
+            (['--cross-section', 'layers.jpg'], 2, '.svg, .pdf or .png'), (['--line', '0,0,1,1'], 2, 'needs --cross-section'),
+            (['--down-to', '2mm'], 2, 'needs --cross-section'),
             (['--layers-of', 'Skin'], 2, 'cross-section'), (['--cross-section', 'painted.json'], 2, 'must end'),
             (['--cross-section', 'a.png', '--line', '0,0,1'], 2, 'four numbers'),
             (['--cross-section', 'a.png', '--line', '0,0,0,0'], 2, 'different'),
@@ -136,7 +136,7 @@ def _(folder):
     (folder / 'plain.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'bunny.obj', 'unit': '1mm',
                                                    'materials': {'*': {'opaque': True}}}))
     done = run(folder, 'check', 'plain.json', '--cross-section', 'a.png')
-    need(done.returncode == 2 and b'lets light in' in done.stderr, done.returncode, done.stderr)
+    need(done.returncode == 2 and b'no material is translucent' in done.stderr, done.returncode, done.stderr)
 
 
 @test('the painted solids are closed, outward, of one piece, of the size they should be')

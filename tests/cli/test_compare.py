@@ -391,7 +391,7 @@ REFUSALS = {  # arguments: exit code, what is said
     (*SCENE, '--layer', 'R,G,B'): (2, 'goes with two pictures'),
     (*SCENE, '--mask', 'alpha'): (2, 'goes with two pictures'),
     (*SCENE, '--engine', 'vulkan'): (4, ''),
-    (*SCENE, '-o', 'b.pfm'): (3, 'is no folder'),
+    (*SCENE, '-o', 'b.pfm'): (3, 'is not a folder'),
     (*SCENE, '--width', '8', '--height', '8', '--msaa', '1', '--light-samples', '1', '-o', 'no/such'): (3, "can't be made"),
     ('a.pfm', 'b.pfm', '--methods', 'all'): (2, 'two pictures are given'),
     ('a.pfm', 'b.pfm', '--width', '40'): (2, 'two pictures are given'),
@@ -419,7 +419,7 @@ REFUSALS = {  # arguments: exit code, what is said
     ('a.pfm', 'b.pfm', '--threads', '257'): (2, '[0, 256]'),
     ('a.pfm', 'b.pfm', '--limit', 'image-pixels=1199'): (3, 'image-pixels'),
     ('a.pfm', 'b.pfm', '--limit', 'memory-bytes=1048576'): (5, 'memory'),
-    ('a.pfm', 'b.pfm', '-o', 'b.pfm'): (3, 'is no folder'),
+    ('a.pfm', 'b.pfm', '-o', 'b.pfm'): (3, 'is not a folder'),
     ('a.pfm', 'b.pfm', '-o', 'no/such'): (3, "can't be made"),
     ('a.pfm', 'b.pfm', '-o', 'x' * 5000): (2, 'too long'),
 }

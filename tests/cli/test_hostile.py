@@ -107,7 +107,7 @@ def _(folder):
     for knobs, warned in ((['march=sum'], True), (['march=sum', 'samples=50'], False), ([], False)):
         given = [a for k in knobs for a in ('--set', k)]
         said = flat(works(folder, 'render', 's.json', '-m', 'layered', *given, *SMALL, '-o', 'a.png').stderr)
-        need(('pass over layer "skin"' in said) == warned, knobs, said)
+        need(('skip layer "skin"' in said) == warned, knobs, said)
     need(run(folder, 'render', 's.json', '-m', 'layered', '--set', 'epsilon=1e-6', *SMALL, '-o', 'a.png').returncode == 2)
 
 

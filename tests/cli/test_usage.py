@@ -28,8 +28,8 @@ FAULTS = {
     'no input': (['render'], 2, 'INPUT', ''),
     'two inputs': (['render', 'a.obj', 'b.obj'], 2, 'b.obj', ''),
     'an empty input': (['render', ''], 2, 'empty', ''),
-    'a mesh without a unit': (['render', 'bunny.obj', '-o', 'out.png'], 2, 'how large', '--size 70mm'),
-    'checking a mesh without a unit': (['check', 'bunny.obj'], 2, 'how large', '--size 70mm'),
+    'a mesh without a unit': (['render', 'bunny.obj', '-o', 'out.png'], 2, 'have no unit', '--size 70mm'),
+    'checking a mesh without a unit': (['check', 'bunny.obj'], 2, 'have no unit', '--size 70mm'),
     'a size without a unit': (['render', 'bunny.obj', '--size', '70'], 2, "'70' has no unit", '70mm'),
     'a size that is no number': (['render', 'bunny.obj', '--size', 'nanmm'], 2, 'nanmm', ''),
     'a size of nothing': (['render', 'bunny.obj', '--size', '0mm'], 2, '0mm', ''),
@@ -365,7 +365,7 @@ def _(folder):
         need({'help', 'json', 'quiet', 'log-level'} <= own, command, own)
         for option in set().union(*every.values()):
             done = run(folder, command, f'--{option}', '--no-such-option')
-            known = b'--no-such-option' in done.stderr or done.stdout or b'--' + option.encode() + b': there is no such' not in done.stderr
+            known = b'--no-such-option' in done.stderr or done.stdout or b'--' + option.encode() + b': unknown option' not in done.stderr
             need(bool(known) == (option in own), f'{command} --{option}', done.stderr)
 
 

@@ -460,7 +460,7 @@ static void as_in_the_paper(void **state)
 
 /* --- Warnings ------------------------------------------------------------------------------------------------------------------------ */
 
-static const char *const warnings[] = { "is open", "inverted normals", "mean free path", "no scattering can be seen" };
+static const char *const warnings[] = { "is open", "inverted normals", "mean free path", "scattering is not visible" };
 
 /* What check_range says of a ball or box: a bit for each of the warnings. */
 static unsigned warned(bool closed, bool outward, float radius, float distance, double sigma, bool scatters, bool opaque)

@@ -103,7 +103,7 @@ static void an_object_that_is_there_twice_is_found(void **state)
     assert_int_equal(c.report.objects[0].coincident, -1);
     assert_int_equal(c.report.objects[1].coincident, 0);
     assert_int_equal(c.report.objects[2].coincident, -1);
-    assert_string_equal(find(&c, "exactly where \"first\"")->where, "object \"second\"");
+    assert_string_equal(find(&c, "the same surface as \"first\"")->where, "object \"second\"");
     finish(&c);
 }
 

@@ -39,7 +39,7 @@ static void a_mesh_without_a_unit_is_refused_with_the_reason(void **state)
         const struct attempt a = try_text(names[i], texts[i], NULL);
         assert_int_equal(a.res, PELL_ERR_INVALID);
         assert_string_equal(a.kept.where, names[i]);
-        assert_non_null(strstr(a.kept.what, "do not say how large they are"));
+        assert_non_null(strstr(a.kept.what, "files have no unit"));
         assert_non_null(strstr(a.kept.hint, "--size 70mm"));
         assert_non_null(strstr(a.kept.hint, "--unit 1mm"));
     }

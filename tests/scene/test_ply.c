@@ -237,7 +237,7 @@ static void lying_headers_are_refused_at_once(void **state)
         { "ply\nformat ascii 1.0\nelement vertex 3\n" XYZ "element face 1\n" LIST "end_header\n0 0 0\n1 0 nan\n0 1 0\n3 0 1 2\n",
           "z is nan", PELL_ERR_FORMAT },
         { "ply\nformat ascii 1.0\nelement vertex 3\n" XYZ "element face 1\n" LIST "end_header\n0 0 0\n1 0 oops\n0 1 0\n3 0 1 2\n",
-          "\"oops\" stands where", PELL_ERR_FORMAT },
+          "\"oops\" instead of", PELL_ERR_FORMAT },
         { "ply\nformat ascii 1.0\nelement vertex 3\n" XYZ "element face 1\n" LIST "end_header\n0 0 0\n1 0 0\n0 1 0\n3 0",
           "the file ends here", PELL_ERR_FORMAT },
     };

@@ -99,7 +99,7 @@ static enum exit_code read_options(struct section *s)
     if (!s->material || s->material->opaque)
         return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, "--cross-section", "give one layers, coefficients or a preset",
                                           s->material ? "the material is opaque: there is nothing below its surface"
-                                                      : "no material lets light in: there is nothing below a surface"));
+                                                      : "no material is translucent: there is nothing below a surface"));
     return cli_failed(cli, pell_medium_layers_make(cli->ctx, "check", s->material, &s->medium_layers));
 }
 
@@ -404,10 +404,9 @@ static enum exit_code cut(struct section *s, json_t **answer)
         cut_surface(s);
         length = 0.0;
         if (measure(s) < 2)
-            return cli_failed(s->cli,
-                              pell_error(s->cli->ctx, PELL_ERR_INVALID, "--line", "0,0 is the upper left corner of the painted picture",
-                                         "the line from %g, %g to %g, %g meets no surface of the material", s->line[0], s->line[1],
-                                         s->line[2], s->line[3]));
+            return cli_failed(s->cli, pell_error(s->cli->ctx, PELL_ERR_INVALID, "--line", "0,0 is the upper left corner of the depth map",
+                                                 "the line from %g, %g to %g, %g meets no surface of the material", s->line[0], s->line[1],
+                                                 s->line[2], s->line[3]));
         for (int i = 0; i < SAMPLES; i++)
             length = isnan(s->x[i]) ? length : fmax(length, s->x[i]);
         res = look_through(s);
@@ -431,7 +430,7 @@ enum exit_code check_layers_options(struct cli *cli)
 
     for (size_t i = 0; !path && i < PELL_COUNT(idle); i++)
         if (idle[i][1])
-            return cli_usage(cli, idle[i][0], "add --cross-section layers.png", "is about a cross-section, and none is asked for");
+            return cli_usage(cli, idle[i][0], "add --cross-section layers.png", "needs --cross-section");
     if (path && !plot_can_write(path))
         return cli_usage(cli, "--cross-section", NULL, "\"%s\", a plot must end in .svg, .pdf or .png", path);
     if (path && strcmp(path, cli->arguments[0]) == 0)

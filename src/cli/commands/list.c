@@ -108,7 +108,7 @@ static void print_method(const struct cli *cli, const struct pell_method *m)
 }
 
 /* What -m none does: no row of the registry. */
-static const char none_text[] = "no scattering: Lambert of the same colour, to compare with";
+static const char none_text[] = "no scattering: Lambertian of the same colour, for comparison";
 
 enum exit_code command_methods(struct cli *cli)
 {

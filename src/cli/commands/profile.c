@@ -607,7 +607,7 @@ static enum exit_code check_options(struct cli *cli)
     if (cli->output && cli->num_arguments && strcmp(cli->output, cli->arguments[0]) == 0)
         return cli_usage(cli, "--output", NULL, "\"%s\" is the input", cli->output);
     if (cli->profile.weighted && (!cli->output || text))
-        return cli_usage(cli, "--weighted", "add -o profile.svg", "is a way to plot, and no plot is asked for");
+        return cli_usage(cli, "--weighted", "add -o profile.svg", "needs a plot (-o)");
     return refuse_idle(cli);
 }
 

@@ -26,7 +26,7 @@ enum pell_result folder_begin(struct pell_context *ctx, const char *path, struct
     memcpy(f->path, path, n);
     f->there = stat(f->path, &st) == 0;
     if (f->there && !S_ISDIR(st.st_mode))
-        return pell_error(ctx, PELL_ERR_IO, path, hint, "is there, and is no folder");
+        return pell_error(ctx, PELL_ERR_IO, path, hint, "exists and is not a folder");
     snprintf(f->partial, sizeof(f->partial), "%s%s.partial-XXXXXX", f->path, f->there ? "/" : "");
     if (mkdtemp(f->partial))
         return PELL_OK;

@@ -52,7 +52,7 @@ static enum exit_code add_run(struct cli *cli, struct run_list *runs, const char
     if (next)
         *next++ = '\0';
     if (strcmp(text, "none") == 0 && strcmp(where, "--reference") == 0)
-        return cli_usage(cli, where, NULL, "none scatters nothing: it can't be the reference");
+        return cli_usage(cli, where, NULL, "none computes no scattering: it can't be the reference");
     if (strcmp(text, "none") != 0 && !(run->method = pell_method_find(cli->ctx, where, text)))
         return cli_failed(cli, PELL_ERR_INVALID);
     runs->count++;
@@ -162,7 +162,7 @@ enum exit_code runs_choose(struct cli *cli, struct run_list *runs)
     cli->knobs = (struct settings_list) { 0 };
     runs->num_references = runs->count;
     if (code == EXIT_OK && runs->num_references > MAX_REFERENCES)
-        return cli_usage(cli, "--reference", "the first is what methods are measured against, the second what the first is",
+        return cli_usage(cli, "--reference", "methods are measured against the first, the first against the second",
                          "%zu names, must be one or two", runs->num_references);
     if (code == EXIT_OK)
         code = add_list(cli, runs, "--methods", cli->compare.methods ? cli->compare.methods : "all");

@@ -66,7 +66,7 @@ static enum exit_code make_mask(struct cli *cli, struct job *job, const struct p
     if (job->translucent == 0)
         return cli_failed(cli,
                           pell_error(cli->ctx, PELL_ERR_INVALID, job->session.scene->path, "give it a --material, or look at another part",
-                                     "no pixel shows anything translucent: there is nothing to compare"));
+                                     "no pixel shows a translucent object: there is nothing to compare"));
     return EXIT_OK;
 }
 

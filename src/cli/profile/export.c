@@ -315,7 +315,7 @@ enum exit_code profile_export(struct cli *cli, const struct profile_job *job)
     enum pell_result res = make_kernel(job, cli->numbers.taps, &kernel);
 
     if (res != PELL_OK)
-        return cli_failed(cli, pell_error(cli->ctx, res, "--export", NULL, "%s gives no kernel (%s): has it any light?", job->name,
+        return cli_failed(cli, pell_error(cli->ctx, res, "--export", NULL, "%s gives no kernel (%s): its reflectance may be 0", job->name,
                                           pell_result_name(res)));
     return l == JSON ? export_json(cli, job, &kernel) : export_code(cli, job, l, &kernel);
 }

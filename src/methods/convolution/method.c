@@ -23,16 +23,16 @@ static const char *const borders_names[] = { "auto", "open", "even", NULL };
 #define AT(field) offsetof(struct convolution_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { CONV_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
-    { "planes", PELL_KNOB_INT, "1", AT(planes), { 4 }, 2, CONV_PLANES, NULL, "planes across the depth of what is seen" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { CONV_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
+    { "planes", PELL_KNOB_INT, "1", AT(planes), { 4 }, 2, CONV_PLANES, NULL, "planes across the depth of the visible object" },
     { "placement", PELL_KNOB_ENUM, "1", AT(placement), { CONV_EQUAL }, 0, 0, placement_names,
-      "equally far apart, or closer where there is more surface" },
+      "equally spaced, or denser where there is more surface" },
     { "split", PELL_KNOB_ENUM, "1", AT(split), { CONV_LINEAR }, 0, 0, split_names,
-      "how light is divided between the two planes around it: by distance, or half and half as in the paper" },
+      "division of light between the two nearest planes: by distance, or half and half as in the paper" },
     { "restore", PELL_KNOB_ENUM, "1", AT(restore), { CONV_BETWEEN }, 0, 0, restore_names,
-      "what splitting and gathering lose: keep it in images between planes, divide by what a flat surface gets back, or lose it" },
+      "energy lost by splitting and gathering: keep it in images between planes, divide by the response of a flat surface, or lose it" },
     { "threshold", PELL_KNOB_FLOAT, "1", AT(threshold), { 0.0001 }, 0, 0.5, NULL,
-      "leave out pairs of planes that exchange less than this" },
+      "skip pairs of planes that exchange less than this" },
     { "threshold-by", PELL_KNOB_ENUM, "1", AT(threshold_by), { CONV_BY_ENERGY }, 0, 0, threshold_names,
       "share of the light, or R over R(0) as in the paper" },
     { "resolution", PELL_KNOB_ENUM, "1", AT(resolution), { CONV_FULL }, 0, 0, resolution_names, "of the planes, of the picture's" },
@@ -40,7 +40,7 @@ static const struct pell_knob knobs[] = {
     { "surfaces", PELL_KNOB_INT, "1", AT(surfaces), { 2 }, 1, CONV_SURFACES_MOST, NULL,
       "crossings of a view ray whose light is found: the visible one, the last one, and those before that; 1 needs no scene" },
     { "behind-step", PELL_KNOB_ENUM, "px", AT(behind_step), { CONV_EVERY_2 }, 0, 0, step_names,
-      "distance of the rays that look for surfaces behind" },
+      "spacing of the rays that find hidden surfaces" },
     { "apart", PELL_KNOB_BOOL, "1", AT(apart), { 1 }, 0, 1, NULL,
       "keep light that enters on the far side in its own image, at its mean distance from the plane; off: one image, as in the "
       "paper" },
@@ -86,9 +86,8 @@ const struct pell_method pell_method_convolution = {
     .title = "Convolution of light on planes through the object",
     .cite = "Adolfo Munoz, Jose I. Echevarria, Francisco J. Seron and Diego Gutierrez, Convolution-Based Simulation of Homogeneous "
             "Subsurface Scattering, Computer Graphics Forum 30(8), 2011",
-    .limits =
-        "Distances along the view are as coarse as the planes, so what leans is smoothed. One profile for a material: strength maps are "
-        "not read.",
+    .limits = "Distances along the view direction are as coarse as the planes, so tilted surfaces are smoothed. A material has one "
+              "profile: strength maps are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct convolution_knobs),
     .paper = paper,

@@ -13,13 +13,12 @@ static const char *const sampling_names[] = { "both", "probes", "area", NULL };
 #define AT(field) offsetof(struct dipole_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { DI_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { DI_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0.02 }, 1e-4, 1, NULL,
-      "samples are taken so that the standard error of each channel of a pixel is about this share of it" },
+      "target for the standard error of each channel of a pixel, relative to its value" },
     { "most", PELL_KNOB_INT, "1", AT(most), { 65536 }, 128, 1000000000, NULL, "samples per pixel at most" },
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { DI_BOTH }, 0, 0, sampling_names,
-      "where light is looked for: by probe rays around the point, all over the surface, or by both, weighed by the balance "
-      "heuristic" },
+      "sampling of the surface: by probe rays around the point, uniformly, or both, weighted by the balance heuristic" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { 0 },
 };
@@ -52,10 +51,10 @@ const struct pell_method pell_method_dipole = {
     .name = "dipole",
     .title = "Diffusion over the whole surface, by Monte Carlo",
     .cite = "Henrik Wann Jensen, Stephen R. Marschner, Marc Levoy and Pat Hanrahan, A Practical Model for Subsurface Light Transport, "
-            "SIGGRAPH, 2001; Alan King, Christopher Kulla, Alejandro Conty and Marcos Fajardo, BSSRDF Importance Sampling, SIGGRAPH talks, "
-            "2013",
-    .limits = "Slow: the error falls with the square root of the time. Assumes, as every diffusion profile does, that each point's "
-              "surroundings are a half-space: thin and sharply curved parts differ from transport.",
+            "SIGGRAPH, 2001; Alan King, Christopher Kulla, Alejandro Conty and Marcos Fajardo, BSSRDF Importance Sampling, SIGGRAPH "
+            "talks, 2013",
+    .limits = "Slow: the error falls with the square root of the time. Assumes a half-space around each point, as every diffusion "
+              "profile does: thin and sharply curved parts differ from transport.",
     .knobs = knobs,
     .knobs_size = sizeof(struct dipole_knobs),
     .paper = paper,

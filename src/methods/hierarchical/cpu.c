@@ -211,7 +211,7 @@ static enum pell_result hierarchical_create(const struct pell_services *services
         }
     if (wanted > (double) st->knobs.most)
         pell_warn(ctx, "hierarchical", "raise the knob most, or lower density",
-                  "%.0f samples would be as dense as asked for, %d are taken: light on the scale of the mean free path is smoothed", wanted,
+                  "the density needs %.0f samples, %d are used: light on the scale of the mean free path is smoothed", wanted,
                   st->knobs.most);
     pell_info(ctx, "hierarchical", "%zu samples on %zu solids, %.1f MB, made in %.3f s", samples, st->solids->count, 1e-6 * (double) bytes,
               pell_seconds() - start);

@@ -13,18 +13,17 @@ static const char *const near_names[] = { "corrected", "plain", NULL };
 #define AT(field) offsetof(struct hierarchical_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { HI_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { HI_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "error", PELL_KNOB_FLOAT, "sr", AT(error), { 0.1 }, 1e-6, 10, NULL,
-      "a cluster of samples counts as one where its area is seen under a smaller solid angle than this" },
+      "a cluster of samples counts as one if its area subtends a smaller solid angle than this" },
     { "density", PELL_KNOB_FLOAT, "1", AT(density), { 4 }, 0.01, 1000, NULL,
-      "samples on a disc whose radius has a quarter of the profile's light inside, of the channel in which it is narrowest" },
+      "samples on a disc that contains a quarter of the light of the narrowest channel's profile" },
     { "most", PELL_KNOB_INT, "1", AT(most), { 4000000 }, 64, 100000000, NULL,
-      "samples of the whole scene at most; fewer than `density` asks for are reported" },
+      "maximum number of samples in the scene; if `density` needs more, that is reported" },
     { "near", PELL_KNOB_ENUM, "1", AT(near), { HI_NEAR_CORRECTED }, 0, 0, near_names,
-      "light of the nearest samples: as much as a smooth surface returns, or the plain sum" },
+      "light of the nearest samples: corrected to the response of a smooth surface, or the plain sum" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 0 }, 0, PELL_GAUSSIANS_MAX, NULL,
-      "0: the profile itself; else the sum of so many Gaussians that is fitted to it; a profile given as Gaussians keeps its "
-      "own" },
+      "0: the profile itself; else the best-fitting sum of this number of Gaussians; a profile given as Gaussians keeps its own" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { 0 },
 };
@@ -58,8 +57,8 @@ const struct pell_method pell_method_hierarchical = {
     .name = "hierarchical",
     .title = "Diffusion over the whole surface, by an octree of samples",
     .cite = "Henrik Wann Jensen and Juan Buhler, A Rapid Hierarchical Rendering Technique for Translucent Materials, SIGGRAPH, 2002",
-    .limits = "Assumes, as every diffusion profile does, that each point's surroundings are a half-space: thin and sharply curved parts "
-              "differ from transport. Detail of the light finer than the distance of samples is smoothed.",
+    .limits = "Assumes a half-space around each point, as every diffusion profile does: thin and sharply curved parts differ from "
+              "transport. Irradiance detail finer than the sample distance is smoothed.",
     .knobs = knobs,
     .knobs_size = sizeof(struct hierarchical_knobs),
     .paper = paper,

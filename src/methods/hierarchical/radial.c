@@ -78,7 +78,7 @@ enum pell_result hierarchical_radial_fit(struct pell_context *ctx, const struct 
     return PELL_OK;
 
 fail:
-    return pell_error(ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or ask for fewer Gaussians",
+    return pell_error(ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or use fewer Gaussians",
                       "no sum of %d Gaussians fits this material's profile", gaussians);
 }
 

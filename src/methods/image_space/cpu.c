@@ -104,8 +104,8 @@ static enum pell_result make_set(struct is_state *st, const struct pell_frame_sh
     PELL_TRY(published_profile(st, m, dipole, &with));
     reach = is_reach(&with);
     if (most > 0.0 && reach > most && is_uniform_samples(&st->knobs) > 0)
-        pell_warn(st->ctx, m->name, "light that goes further is found by few samples: take more of them, or hierarchical",
-                  "99 %% of its light stays within %.3g mm, more than half the object: broad samples are spread as for %.3g mm", reach,
+        pell_warn(st->ctx, m->name, "few samples find light from farther away: use more samples, or hierarchical",
+                  "99 %% of its light stays within %.3g mm, more than half the object: uniform samples are placed as for %.3g mm", reach,
                   most);
     return is_set_make(st->ctx, &with, &st->knobs, most > 0.0 ? fmin(most, 1e15) : 1e15, &st->sets[i]);
 

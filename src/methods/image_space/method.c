@@ -24,27 +24,27 @@ static const char *const misprint_names[] = { "none", "two-pi", "jacobian", "one
 #define AT(field) offsetof(struct is_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { IS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { IS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 16 }, 1, 16384, NULL, "samples per pixel and view" },
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { IS_COMBINED }, 0, 0, sampling_names,
-      "radii as the profile is spread, uniform on a disc, or half and half: from one common distribution, or as in the paper two sets" },
+      "radii by the profile, uniform on a disc, or half of each: from one common distribution, or as in the paper from two" },
     { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
-      "side of the tile of pixels that have samples of their own; 1: all pixels have the same" },
+      "side of the tile of pixels with different samples; 1: all pixels have the same" },
     { "views", PELL_KNOB_ENUM, "1", AT(views), { IS_VIEWS_CAMERA }, 0, 0, views_names,
-      "where light is looked up: in the camera's view, or in the views of the lights, too" },
+      "irradiance images: the camera's view, or also the views of the lights" },
     { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the lights' irradiance images" },
     { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_AS_VIEWS_ASK }, 0, 0, renormalise_names,
       "for samples that miss: make the weights of the others sum to one, scale by their count as in the paper, or lose the light; auto: "
-      "weight for the camera alone, off where lights see the rest" },
+      "weight for the camera alone, off with views of lights" },
     { "jacobian", PELL_KNOB_BOOL, "1", AT(jacobian), { 1 }, 0, 1, NULL, "weigh by area on the surface over area in the tangent plane" },
     { "reconstruct", PELL_KNOB_BOOL, "1", AT(reconstruct), { 1 }, 0, 1, NULL,
-      "mean over the tile along the surface, where light spreads further than it" },
+      "mean over the tile along the surface, if light spreads farther than the tile" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "spread", PELL_KNOB_ENUM, "1", AT(spread), { IS_SPREAD_MATERIAL }, 0, 0, spread_names,
-      "how far light goes below a colour texture: as far as the material says, or at each pixel as far as a medium of its colour and the "
-      "material's mean free path would carry it" },
+      "scattering distance below a colour texture: the material's, or at each pixel that of a medium with the pixel's colour and the "
+      "material's mean free path" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { IS_PROFILE_MATERIAL }, 0, 0, profile_names,
-      "the material's own, or the dipole wherever there are coefficients" },
+      "the material's own, or the dipole of its coefficients" },
     { "misprint", PELL_KNOB_ENUM, "1", AT(misprint), { IS_AS_MEANT }, 0, 0, misprint_names,
       "undo a correction of the paper's equations: 1/(2 pi) in (9), Jacobian of (8) inverted, one random number for two choices" },
     { 0 },
@@ -83,8 +83,8 @@ const struct pell_method pell_method_image_space = {
     .title = "Importance sampling of the profile in irradiance images",
     .cite = "Tom Mertens, Jan Kautz, Philippe Bekaert, Frank Van Reeth and Hans-Peter Seidel, Efficient Rendering of Local Subsurface "
             "Scattering, Pacific Graphics, 2003",
-    .limits = "Light that entered where no irradiance image sees is not found (views = eye+lights sees most of it). Few samples leave a "
-              "pattern where light is uneven and the profile wide.",
+    .limits = "Light that enters outside the irradiance images is missing (views = eye+lights includes most of it). Few samples "
+              "leave a pattern where the irradiance varies and the profile is wide.",
     .knobs = knobs,
     .knobs_size = sizeof(struct is_knobs),
     .paper = paper,

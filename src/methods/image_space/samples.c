@@ -358,7 +358,7 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
             profiles += IS_LEVELS;
         else
             pell_warn(ctx, m->name, "give it coefficients, and a profile dipole, better-dipole or normalized-diffusion",
-                      "has no profile for each albedo: light goes equally far below all colours");
+                      "has no profile for each albedo: the scattering distance is the same below all colours");
     }
     set_reach(m, knobs, length, reach, set);
     for (int c = 0; c < 3; c++)

@@ -68,8 +68,8 @@ static void warn_of_steps(const struct layered_state *st, const struct pell_mate
         deepest = fmax(deepest, measure[i].max);
     }
     if (deepest > thinnest * st->knobs.samples)
-        pell_warn(st->ctx, "layered", "raise samples, or march=exponential, which sees every layer",
-                  "steps of %.3g mm pass over layer \"%s\" of \"%s\", which is %.3g mm thick: march=sum wants more than %.0f samples",
+        pell_warn(st->ctx, "layered", "raise samples, or use march=exponential, which includes every layer",
+                  "steps of %.3g mm skip layer \"%s\" of \"%s\", which is %.3g mm thick: march=sum needs more than %.0f samples",
                   deepest / st->knobs.samples, pell_printable(name, layer, sizeof(layer)), pell_printable(m->name, shown, sizeof(shown)),
                   thinnest, ceil(deepest / thinnest));
 }

@@ -22,23 +22,22 @@ static const char *const under_names[] = { "material", "stop", "last", "surface-
 #define AT(field) offsetof(struct layered_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { LAYERED_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
-    { "samples", PELL_KNOB_INT, "1", AT(samples), { 20 }, 1, 4096, NULL, "places along the ray below the surface" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { LAYERED_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
+    { "samples", PELL_KNOB_INT, "1", AT(samples), { 20 }, 1, 4096, NULL, "sample points along the ray below the surface" },
     { "march", PELL_KNOB_ENUM, "1", AT(march), { LAYERED_EXPONENTIAL }, 0, 0, march_names,
-      "each step's integral by the layers that it goes through, or as in the paper the value of the one at its middle" },
+      "integral of each step over the layers that it crosses, or as in the paper the value at its midpoint" },
     { "refraction", PELL_KNOB_ENUM, "1", AT(refraction), { LAYERED_PLANAR }, 0, 0, refraction_names,
       "refract camera rays at the surface and light at the plane where it enters; none: rays go straight, nothing is reflected" },
     { "light-path", PELL_KNOB_ENUM, "1", AT(path), { LAYERED_PLANES_RAYS }, 0, 0, path_names,
-      "where light enters: by planes, but by rays where it comes from below the horizon; by planes alone, as in the paper; by "
-      "rays alone" },
+      "entry points of light: by planes, and by rays for light from below the horizon; by planes alone, as in the paper; by rays alone" },
     { "planes", PELL_KNOB_ENUM, "1", AT(planes), { LAYERED_BY_AREA }, 0, 0, planes_names,
-      "that stand for the surface: fitted to the vertices around, each for its area, or all alike; or each vertex's own" },
+      "planes that approximate the surface: fitted to nearby vertices, weighted by area or equally; or each vertex's tangent plane" },
     { "epsilon", PELL_KNOB_FLOAT, "1", AT(epsilon), { 0.05 }, 1e-3, 0.9, NULL,
       "planes are fitted out to where the first layer transmits this share of the light; below 1e-3 distant geometry would "
       "count" },
     { "lamps", PELL_KNOB_INT, "1", AT(sources), { 4 }, 1, 256, NULL,
       "sample points on each area light; an environment gets four times as many directions" },
-    { "below", PELL_KNOB_ENUM, "1", AT(under), { LAYERED_AS_MATERIAL }, 0, 0, under_names, "what lies below the deepest layer" },
+    { "below", PELL_KNOB_ENUM, "1", AT(under), { LAYERED_AS_MATERIAL }, 0, 0, under_names, "substrate below the deepest layer" },
     { "shadows", PELL_KNOB_BOOL, "1", AT(shadows), { 1 }, 0, 1, NULL, "trace shadow rays between the lights and the surface" },
     { 0 },
 };
@@ -76,13 +75,11 @@ extern const struct pell_method pell_method_layered;
 const struct pell_method pell_method_layered = {
     .kind = PELL_KIND_METHOD,
     .name = "layered",
-    .title = "Single scattering in painted layers: subsurface texture mapping",
+    .title = "Subsurface texture mapping: single scattering in layers",
     .cite = "Guillaume Francois, Sumanta Pattanaik, Kadi Bouatouch and Gaspard Breton, Subsurface Texture Mapping, IRISA research report, "
             "2006",
-    .limits =
-        "Light that scatters more than once is not in it, so dense media are too dark. Where light enters is found by planes that stand "
-        "for the surface: wrong where it bends within a few mean free paths. The boundary is smooth; maps of colour and strength are "
-        "not looked at.",
+    .limits = "Multiple scattering is not included, so dense media are too dark. Planes approximate the surface where light enters, which "
+              "is wrong where it curves within a few mean free paths. The boundary is smooth; colour and strength maps are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct layered_knobs),
     .paper = paper,

@@ -133,7 +133,7 @@ static void write_checkpoint(struct pt_state *st, const struct pell_frame *in)
     pell_log_downgrade(st->ctx, 1);
     if (pt_checkpoint_encode(st->ctx, &key, st->films, &data, &size) == PELL_OK) {
         if (pell_file_write(st->ctx, path, data, size) != PELL_OK)
-            pell_warn(st->ctx, path, NULL, "the checkpoint was not written, the work goes on");
+            pell_warn(st->ctx, path, NULL, "the checkpoint was not written; the render continues");
         pell_free(st->ctx, data);
     }
     pell_log_downgrade(st->ctx, -1);
@@ -520,16 +520,17 @@ static void report(struct pt_state *st, const struct run *run)
                   100.0 * (double) cut / samples, 100.0 * missing, bound);
     if (lost > 0)
         pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
-                  "%.3g %% of the paths left a solid without meeting its surface", 100.0 * (double) lost / samples);
+                  "%.3g %% of the paths left a solid without hitting its surface", 100.0 * (double) lost / samples);
     if ((double) crossed > CROSSED * samples)
         pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between solids",
-                  "surfaces cross themselves or touch others: %.3g in 100 paths met one from the wrong side",
+                  "surfaces cross themselves or touch others: %.3g in 100 paths hit one from the wrong side",
                   100.0 * (double) crossed / samples);
     if (given_up > 0)
-        pell_warn(st->ctx, "path-trace", "make the mesh finer", "%lld of %lld chains of surfaces were too hard to find again",
-                  (long long) given_up, (long long) chains);
+        pell_warn(st->ctx, "path-trace", "make the mesh finer",
+                  "%lld of %lld specular manifold solutions were not found again and were dropped", (long long) given_up,
+                  (long long) chains);
     if (atomic_load(&st->invalid))
-        pell_warn(st->ctx, "path-trace", "please report the scene", "samples that are no number were taken as black");
+        pell_warn(st->ctx, "path-trace", "please report the scene", "samples that were not finite were set to 0");
     if (least == 0 && most > 0)
         pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample: the others are black");
 }

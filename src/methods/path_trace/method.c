@@ -16,26 +16,26 @@ static const char *const acceleration_names[] = { "none", "lanes", "grid", NULL 
 /* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { PT_BEST }, 0, 0, as_names,
-      "best: all techniques; else a plain random walk, which hits lights only by chance or connects to them from rough surfaces" },
+      "best: all techniques; else unidirectional path tracing, which finds lights by random hits or connects to them from rough surfaces" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 0 }, 0, 1 << 30, NULL,
       "samples per pixel, rounded up to whole rounds of msaa; 0: until error or time-limit is reached, or 64 where neither is set" },
     { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0 }, 0, 1, NULL,
-      "ends where the picture's relative error is this: root mean square over its pixels, of luminance; 0: not asked for" },
+      "ends when the image's relative error reaches this: root mean square over its pixels, of luminance; 0: not used" },
     { "time-limit", PELL_KNOB_FLOAT, "s", AT(time_limit), { 0 }, 0, 1e8, NULL,
-      "ends before the round of samples that would take longer, after one round (a sample for each of msaa) at least; 0: no limit" },
+      "ends before the round of samples that would exceed it, but after at least one round (a sample for each of msaa); 0: no limit" },
     { "surface", PELL_KNOB_ENUM, "1", AT(surface), { PT_SURFACE_LOBE }, 0, 0, surface_names,
-      "what the surface reflects: the specular lobe that all methods share, or traced like all other light" },
+      "surface reflection: the specular lobe that all methods share, or traced like all other light" },
     { "normals", PELL_KNOB_ENUM, "1", AT(trace.normals), { PT_NORMALS_SMOOTH }, 0, 0, normals_names,
-      "by which light is refracted: those of the vertices, or of the triangles" },
+      "normals for refraction: interpolated from the vertices, or those of the triangles" },
     { "boundary", PELL_KNOB_ENUM, "1", AT(trace.boundary), { PT_BOUNDARY_SETTINGS }, 0, 0, boundary_names,
-      "a smooth or rough dielectric, or as the picture's setting of that name says" },
+      "a smooth or rough dielectric, or the render setting of that name" },
     { "bounces", PELL_KNOB_INT, "1", AT(trace.bounces), { 65536 }, 1, 1 << 30, NULL,
-      "scatterings and surfaces of a path at most; what that leaves out is reported" },
+      "maximum number of scattering events and surfaces of a path; the lost share is reported" },
     { "roulette", PELL_KNOB_FLOAT, "1", AT(trace.roulette), { 0.1 }, 1e-6, 1, NULL,
-      "a path that carries less than this share goes on by chance" },
+      "threshold of Russian roulette: relative weight of a path" },
     { "acceleration", PELL_KNOB_ENUM, "1", AT(trace.acceleration), { PT_ACCELERATION_GRID }, 0, 0, acceleration_names,
-      "walks one by one, or many side by side (lanes), or these with a grid of distances to the surface, so that steps deep inside need no "
-      "ray; the first two have the same bits, a grid has other noise of the same size" },
+      "walks one by one; lanes: many walks vectorised; grid: lanes with a grid of distances to the surface, so that steps deep "
+      "inside need no ray; the first two give the same bits, a grid different noise of the same size" },
     { "connections", PELL_KNOB_BOOL, "1", AT(connections), { 1 }, 0, 1, NULL,
       "connect points inside to lights through the surface, and paths from lights to paths from the camera" },
     { 0 },
@@ -43,7 +43,7 @@ static const struct pell_knob knobs[] = {
 /* clang-format on */
 #undef AT
 
-/* J. T. Kajiya 1986, H. E. Rushmeier 1988: what a path tracer of the books does. */
+/* Textbook path tracing: J. T. Kajiya 1986, H. E. Rushmeier 1988. */
 static void paper(void *values)
 {
     struct pt_method_knobs *k = values;
@@ -70,12 +70,12 @@ extern const struct pell_method pell_method_path_trace;
 const struct pell_method pell_method_path_trace = {
     .kind = PELL_KIND_REFERENCE,
     .name = "path-trace",
-    .title = "Volumetric path tracing, the truth",
+    .title = "Volumetric path tracing, ground truth",
     .cite = "Eric P. Lafortune and Yves D. Willems, Rendering Participating Media with Bidirectional Path Tracing, Eurographics Workshop "
             "on Rendering, 1996; Eric Veach, Robust Monte Carlo Methods for Light Transport Simulation, PhD thesis, Stanford University, "
             "1997",
-    .limits = "Slow: the error falls with the square root of the time. Needs coefficients, not a profile alone, and closed meshes; open "
-              "ones are reported.",
+    .limits = "Slow: the error falls with the square root of the time. Needs coefficients, not only a profile, and closed meshes; "
+              "open ones are reported.",
     .knobs = knobs,
     .knobs_size = sizeof(struct pt_method_knobs),
     .paper = paper,

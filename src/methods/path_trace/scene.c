@@ -68,7 +68,7 @@ static enum pell_result inspect(struct pt_scene *s)
         s->solid[solid].closed = o->closed;
         if (told != rank && !o->closed)
             pell_warn(
-                s->ctx, o->name, "close it: a medium needs an inside",
+                s->ctx, o->name, "close it: a medium needs a closed surface",
                 "the surface is open (%lld boundary edges): path-trace ends the medium where light finds no surface inside its bounds",
                 (long long) o->boundary_edges);
         told = rank;

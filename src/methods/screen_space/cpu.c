@@ -119,7 +119,7 @@ static enum pell_result find_profile(const struct screen_state *st, const struct
         }
     }
     if (pell_fit_profiles(m->profile, &params, g, NULL) != PELL_OK)
-        return pell_error(st->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or ask for fewer Gaussians",
+        return pell_error(st->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or use fewer Gaussians",
                           "no sum of %d Gaussians fits this material's profile", params.count);
     return PELL_OK;
 }

@@ -20,17 +20,17 @@ static const char *const transmission_names[] = { "off", "gaussian", NULL };
 #define AT(field) offsetof(struct screen_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { SCREEN_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { SCREEN_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 4 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { SCREEN_PROFILE_MATERIAL }, 0, 0, profile_names,
       "published: skin1, skin2 and marble by their coefficients get the four Gaussians of the paper's table 7.1, in their colour" },
     { "input", PELL_KNOB_ENUM, "1", AT(input), { SCREEN_INPUT_DIFFUSE }, 0, 0, input_names,
-      "what is blurred: the irradiance, or as in the paper the lit picture with its highlights" },
+      "blurred quantity: the irradiance, or as in the paper the shaded image with its highlights" },
     { "first", PELL_KNOB_ENUM, "1", AT(first), { SCREEN_FIRST_BLURRED }, 0, 0, first_names,
-      "unblurred: light as it is stands for the narrowest Gaussian; skin: only for materials called skin*" },
+      "unblurred: the irradiance replaces the narrowest Gaussian; skin: only for materials named skin*" },
     { "edges", PELL_KNOB_ENUM, "1", AT(edges), { SCREEN_EDGES_SURFACE }, 0, 0, form_names,
-      "surface: taps weigh by their distance in space and no light is lost; paper: seven taps on the screen, inside the mask" },
+      "surface: taps are weighted by their distance in space and energy is conserved; paper: seven taps on the screen, inside the mask" },
     { "foreshortening", PELL_KNOB_ENUM, "1", AT(slope), { SCREEN_SLOPE_SURFACE }, 0, 0, form_names,
       "with edges = paper: spans by the surface's slope, or by correction and maxdd" },
     { "ssslevel", PELL_KNOB_FLOAT, "1", AT(ssslevel), { 0 }, 0, 1e5, NULL,
@@ -84,8 +84,8 @@ const struct pell_method pell_method_screen_space = {
     .name = "screen-space",
     .title = "Screen-space diffusion by Gaussian blurs",
     .cite = "Jorge Jimenez and Diego Gutierrez, Screen-Space Subsurface Scattering, GPU Pro, 2010",
-    .limits = "Light moves only between points that the camera sees, along the surface, or from behind straight through; light that would "
-              "come from or go to a hidden part stays where it fell.",
+    .limits = "Light is exchanged only between visible points, along the surface; transmitted light goes straight through. Light "
+              "that would come from or go to hidden surface stays where it arrives.",
     .knobs = knobs,
     .knobs_size = sizeof(struct screen_knobs),
     .paper = paper,

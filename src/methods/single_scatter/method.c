@@ -16,17 +16,16 @@ static const char *const normals_names[] = { "smooth", "flat", NULL };
 #define AT(field) offsetof(struct single_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { SINGLE_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { SINGLE_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0.02 }, 1e-4, 1, NULL,
-      "samples are taken so that the standard error of each channel of a pixel is about this share of it" },
+      "target for the standard error of each channel of a pixel, relative to its value" },
     { "most", PELL_KNOB_INT, "1", AT(most), { 65536 }, 128, 1000000000, NULL, "samples per pixel at most" },
     { "distance", PELL_KNOB_ENUM, "1", AT(distance), { SINGLE_BOTH }, 0, 0, distance_names,
-      "sample points along the ray: by the medium's transmittance, at equal angles seen from the light, or both by the balance "
-      "heuristic" },
+      "distance sampling along the ray: by transmittance, equiangular about the light, or both by the balance heuristic" },
     { "refraction", PELL_KNOB_ENUM, "1", AT(refraction), { SINGLE_EXACT }, 0, 0, refraction_names,
-      "at the surface by its index, both ways; or none: light goes straight through and nothing is reflected" },
+      "refraction at the surface in both directions; none: light goes straight through and nothing is reflected" },
     { "normals", PELL_KNOB_ENUM, "1", AT(normals), { SINGLE_SMOOTH }, 0, 0, normals_names,
-      "that refract: the vertices' interpolated, or each triangle's own" },
+      "normals for refraction: interpolated from the vertices, or those of the triangles" },
     { 0 },
 };
 /* clang-format on */
@@ -56,13 +55,13 @@ extern const struct pell_method pell_method_single_scatter;
 const struct pell_method pell_method_single_scatter = {
     .kind = PELL_KIND_REFERENCE,
     .name = "single-scatter",
-    .title = "Light scattered once, exactly",
+    .title = "Single scattering, exact",
     .cite = "Bruce Walter, Shuang Zhao, Nicolas Holzschuch and Kavita Bala, Single Scattering in Refractive Media with Triangle Mesh "
             "Boundaries, SIGGRAPH, 2009; Christopher Kulla and Marcos Fajardo, Importance Sampling Techniques for Path Tracing in "
             "Participating "
             "Media, EGSR, 2012",
-    .limits = "Light that scatters more than once, or that is reflected inside before or after it scatters, is not in it. The boundary is "
-              "smooth, whatever the material's roughness; maps of colour and strength are not looked at.",
+    .limits = "Multiple scattering and internal reflections before or after the scattering event are not included. The boundary is "
+              "smooth, whatever the material's roughness; colour and strength maps are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct single_knobs),
     .paper = paper,

@@ -24,7 +24,7 @@ static const char *const lights_names[] = { "own", "sum", NULL };
 #define AT(field) offsetof(struct ts_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
-    { "as", PELL_KNOB_ENUM, "1", AT(as), { TS_BEST }, 0, 0, as_names, "the best this method can do, or what the paper ran" },
+    { "as", PELL_KNOB_ENUM, "1", AT(as), { TS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "size", PELL_KNOB_INT, "texels", AT(size), { 1024 }, 16, 8192, NULL,
       "side of the largest object's map; smaller objects get smaller maps with the same texel density" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 6 }, 1, PELL_GAUSSIANS_MAX, NULL,
@@ -33,29 +33,28 @@ static const struct pell_knob knobs[] = {
       "the layout: by the texture coordinates, or by planar charts; auto: planar where coordinates are missing, overlap or are "
       "of no use" },
     { "border", PELL_KNOB_INT, "texels", AT(border), { -1 }, -1, 512, NULL,
-      "how far charts go on beyond their edges, over the neighbouring charts, so that blurs cross seams; 0: seams show; -1: as "
+      "width of the border in which charts continue over their neighbours, so that blurs cross seams; 0: seams show; -1: as "
       "far as the widest blur reaches, up to a tenth of the map" },
     { "kernel", PELL_KNOB_ENUM, "1", AT(kernel), { TS_KERNEL_DENSE }, 0, 0, kernel_names,
-      "dense: taps at texels, weighed by their distance along the surface; seven: the paper's taps by the blurred stretch map" },
+      "dense: taps at texels, weighted by their distance along the surface; seven: the paper's taps by the blurred stretch map" },
     { "stretch", PELL_KNOB_BOOL, "1", AT(stretch), { 1 }, 0, 1, NULL,
-      "correct blurs by how the layout is stretched; off: one scale for the whole map, as before the paper" },
+      "correct blurs for the stretch of the layout; off: one scale for the whole map" },
     { "first", PELL_KNOB_ENUM, "1", AT(first), { TS_FIRST_BLURRED }, 0, 0, first_names,
-      "unblurred: light as the pixel receives it stands for the narrowest Gaussian" },
+      "unblurred: the pixel's irradiance replaces the narrowest Gaussian" },
     { "tsm", PELL_KNOB_ENUM, "1", AT(tsm), { TS_TSM_RAY }, 0, 0, tsm_names,
-      "where transmitted light entered: found by rays, by the light's shadow map, or off: no transmission" },
+      "entry points of transmitted light: by rays, or by the light's shadow map; off: no transmission" },
     { "tsm-size", PELL_KNOB_INT, "px", AT(tsm_size), { 1024 }, 16, 8192, NULL, "side of the lights' maps" },
     { "through", PELL_KNOB_ENUM, "1", AT(transmission), { TS_TRANSMISSION_SLAB }, 0, 0, transmission_names,
       "transmission: through a slab of the medium, or the paper's sum of w exp(-d^2/(2 v)); Gaussians without a medium have no "
       "slab" },
     { "fade", PELL_KNOB_ENUM, "1", AT(fade), { TS_FADE_OVERLAP }, 0, 0, fade_names,
-      "how transmitted light fades where the blurs carry it, too: by the share that they carry, or over six widths as in the "
-      "paper" },
+      "transmitted light that the blurs contain, too: subtract their share, or fade over six widths as in the paper" },
     { "soften", PELL_KNOB_BOOL, "1", AT(soften), { 1 }, 0, 1, NULL, "blur transmitted light by a third of the widest blur's width" },
     { "lights", PELL_KNOB_ENUM, "1", AT(lights), { TS_LIGHTS_OWN }, 0, 0, lights_names,
-      "light transmitted through a light's thickness: that light alone, or the sum of all lights as in the paper" },
+      "light transmitted through the thickness of one light: that light's, or that of all lights as in the paper" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "mix", PELL_KNOB_FLOAT, "1", AT(mix), { -1 }, -1, 1, NULL,
-      "share of the colour that acts on light going in; negative: the material's" },
+      "share of the colour that is applied before scattering, as an exponent; negative: the material's" },
     { 0 },
 };
 /* clang-format on */
@@ -95,8 +94,8 @@ const struct pell_method pell_method_texture_space = {
     .name = "texture-space",
     .title = "Diffusion in texture space with translucent shadow maps",
     .cite = "Eugene d'Eon, David Luebke and Eric Enderton, Efficient Rendering of Human Skin, Eurographics Symposium on Rendering, 2007",
-    .limits = "Light moves along the surface, or straight through from where a light shines on it; what comes round or across a hollow "
-              "does not. An environment does not shine through thin parts, and of other lights the first 16 do.",
+    .limits = "Light travels along the surface, or straight through from a lit point; light around or across a hollow is missing. "
+              "Transmission includes the first 16 lights, but not environments.",
     .knobs = knobs,
     .knobs_size = sizeof(struct ts_knobs),
     .paper = paper,

@@ -199,7 +199,7 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
 
     memset(out, 0, sizeof(*out));
     if (g.count == 0 && pell_fit_profiles(m->profile, &params, &g, NULL) != PELL_OK)
-        return pell_error(ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or ask for fewer Gaussians",
+        return pell_error(ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or use fewer Gaussians",
                           "no sum of %d Gaussians fits this material's profile", params.count);
     if (m->white)
         whiten(&g);

@@ -11,7 +11,7 @@
  * inner products, Int r G_i G_j dr = 1/(4 pi^2 (v_i + v_j)), in a tenth of the time; rounding leaves it about 1e-14 of Int r R^2 dr, so it
  * searches, and finishes where the error is above 0.1 %.
  *
- * Starts: of one dipole, the optimum as a function of its two parameters (fit_starts.h). Else the optima of one Gaussian less plus one
+ * Starts: of one dipole, the optimum as a function of its two parameters (starts.h). Else the optima of one Gaussian less plus one
  * more, put where a scan over its variance finds the cost smallest.
  */
 #include <pellucid/gaussians.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * starts_domain.h - the coordinates of fit_starts.h, both in [-1, 1]: of x = sigma_tr zr in [0, sqrt 3], with room for the bend that
+ * starts_domain.h - the coordinates of starts.h, both in [-1, 1]: of x = sigma_tr zr in [0, sqrt 3], with room for the bend that
  * absorption makes, and of q = zv/zr. */
 #ifndef PELL_OPTICS_FIT_STARTS_DOMAIN_H
 #define PELL_OPTICS_FIT_STARTS_DOMAIN_H

@@ -66,7 +66,7 @@ const struct pell_profile_source pell_profile_source_better_dipole = {
         .name = "better-dipole",
         .title = "Better dipole",
         .cite = "E. d'Eon, \"A Better Dipole\", 2012",
-        .limits = "Light scattered more than once only; too little of it near the point of entry.",
+        .limits = "Multiple scattering only; too little of it near the point of entry.",
     },
     .make = make,
 };

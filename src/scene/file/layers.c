@@ -292,7 +292,7 @@ static void warn_of_crossings(const struct pell_json *list, const struct pell_ma
             pell_text_add(&text, "%s layer %d (\"%s\") at %.3g %% of the texels", told > 1 ? "," : "", i,
                           pell_printable(m->layers[i].name, shown, sizeof(shown)), 100.0 * (double) measure[i].crossings / (double) texels);
     if (told > 0)
-        pell_json_warn(list, "where layers cross the upper one wins: paint depths that grow from layer to layer",
+        pell_json_warn(list, "where layers cross, the upper one takes precedence: paint depths that grow from layer to layer",
                        "the bottom lies above that of a layer above:%s%s", text.str, told > 4 ? ", and more" : "");
 }
 
@@ -338,7 +338,7 @@ enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struc
     warn_of_crossings(&list, m, measure, texels);
     if (own && !pell_scene_layers_solve(m, measure))
         pell_json_warn(&list, "methods of diffusion show the mean of their coefficients",
-                       "the layers send no light back that a sum of Gaussians could stand for");
+                       "the layers reflect no light, so there is no sum of Gaussians for them");
     return PELL_OK;
 
 fail:

@@ -369,7 +369,8 @@ static enum pell_result read_normals(struct gltf *g, const struct pell_json *at,
     if (p->normal < 0) {
         if (gltf_once(g, GLTF_ONCE_NO_NORMALS)) {
             struct pell_text where;
-            pell_info(g->ctx, pell_json_where(at, &where), "no normals: they are made, smooth but for creases (glTF asks for flat ones)");
+            pell_info(g->ctx, pell_json_where(at, &where),
+                      "no normals: they are computed, smooth but for creases (glTF specifies flat ones)");
         }
         return PELL_OK;
     }

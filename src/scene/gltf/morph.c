@@ -146,7 +146,7 @@ enum pell_result gltf_morph(struct gltf *g, const struct pell_json *primitive, c
     if (no_normal) {
         if (gltf_once(g, GLTF_ONCE_MORPH_NORMALS)) {
             struct pell_text where;
-            pell_info(g->ctx, pell_json_where(&targets, &where), "morph targets without normals: they are made anew");
+            pell_info(g->ctx, pell_json_where(&targets, &where), "morph targets without normals: normals are recomputed");
         }
         memset(mesh->normal, 0, (size_t) mesh->num_vertices * 3 * sizeof(float));
     }

@@ -234,7 +234,7 @@ static void read_opacity(struct reader *r, bool inverse)
     read_numbers(r, inverse ? "Tr" : "d", 1, 0.0f, 1.0f, &d);
     if ((inverse ? 1.0f - d : d) < 1.0f && !r->alpha_warned) {
         r->alpha_warned = true;
-        pell_warn(r->mtl->import->ctx, where(r, &text), NULL, "see-through material \"%s\" is drawn as opaque", r->m->name);
+        pell_warn(r->mtl->import->ctx, where(r, &text), NULL, "transparent material \"%s\" is rendered as opaque", r->m->name);
     }
 }
 
@@ -348,7 +348,7 @@ enum pell_result pell_mtl_library(struct pell_mtl *mtl, const char *place, const
     if (res == PELL_ERR_NOMEM || res == PELL_ERR_CANCELLED)
         goto fail;
     if (res != PELL_OK) {
-        pell_warn(ctx, place, NULL, "the material library \"%s\" can't be read; its materials count as not given",
+        pell_warn(ctx, place, NULL, "the material library \"%s\" can't be read; its materials are missing",
                   pell_printable(reference, shown, sizeof(shown)));
         res = PELL_OK;
         goto fail;
