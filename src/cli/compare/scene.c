@@ -419,7 +419,7 @@ static void warn_of_noise(struct cli *cli, const struct job *job)
     for (size_t i = 0; i < job->runs.num_references; i++)
         if (job->rel_noise[i] > LOUD)
             pell_warn(cli->ctx, job->runs.list[i].label, "give it more samples, a smaller error or more time",
-                      "its noise is %.0f %%: smaller errors than that are uncertain", 100.0 * job->rel_noise[i]);
+                      "its noise is %.0f %%: smaller errors are uncertain", 100.0 * job->rel_noise[i]);
 }
 
 /* --- The command -------------------------------------------------------------------------------------------------------------- */
