@@ -62,11 +62,16 @@ struct pell_pass_time {
     int64_t rays;   /* that it traced */
 };
 
-/* Inputs of a scene's materials that a method may leave out. */
+/* Inputs of a scene's materials that a method may leave out of the light that scatters. */
 enum pell_ignored {
-    PELL_IGNORES_STRENGTH_MAP = 1 << 0, /* how far light goes varies over the surface; the constant strength is never ignored */
-    PELL_IGNORES_COLOR_MAP = 1 << 1,    /* of materials whose colour comes from a texture */
-    PELL_IGNORES_NORMAL_MAP = 1 << 2,   /* where light enters and leaves; the specular lobe always has it */
+    PELL_IGNORES_STRENGTH_MAP = 1 << 0,  /* how far light goes varies over the surface; the constant strength is never ignored */
+    PELL_IGNORES_COLOR = 1 << 1,         /* map and constant, of materials whose colour comes from a texture */
+    PELL_IGNORES_MIX = 1 << 2,           /* of the same materials: where the colour acts */
+    PELL_IGNORES_NORMAL_MAP = 1 << 3,    /* where light enters and leaves; the specular lobe always has it */
+    PELL_IGNORES_ROUGHNESS = 1 << 4,     /* map and constant: the boundary is smooth where light enters and leaves */
+    PELL_IGNORES_SPECULAR = 1 << 5,      /* the lobe's strength, colour and model: the index of refraction says what enters and leaves */
+    PELL_IGNORES_PROFILE_MODEL = 1 << 6, /* light goes by the medium's coefficients */
+    PELL_IGNORES_DEPTH_MAPS = 1 << 7,    /* of layers: what they reflect at their mean depths is what counts */
 };
 
 /* "strength map" and so on; NULL for a number that is none of enum pell_ignored. Constant; thread-safe. */
@@ -83,8 +88,9 @@ struct pell_method {
     void (*paper)(void *knobs); /* changes the defaults to what the paper ran */
     void (*plan)(const void *knobs, struct pell_plan *plan);
     const struct pell_method_engine *cpu, *vulkan; /* NULL: not on this engine */
-    unsigned ignores; /* enum pell_ignored: whatever its knobs say. A renderer warns where a scene has one of these */
-    bool partial;     /* ends early with what it has when interrupted, and keeps its state in the renderer's checkpoint */
+    unsigned
+        ignores;  /* enum pell_ignored: whatever its knobs say. A renderer warns of maps and colours of the scene that are among these */
+    bool partial; /* ends early with what it has when interrupted, and keeps its state in the renderer's checkpoint */
 };
 
 /* The built-in methods, in the order in which they are listed; NULL for an index of pell_method_count() or more. Constant data;
