@@ -101,6 +101,10 @@ PELL_API const struct pell_method *pell_method_at(size_t index);
 /* NULL and a logged message with the nearest name if there is none of that name. `where` says who asked. */
 PELL_API const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name);
 
+/* Whether it runs with these knobs on a caller's planes (pell_pass_create); else it needs a renderer's scene (PELL_NEED_SCENE). `knobs` is
+ * not NULL. Thread-safe. */
+PELL_API bool pell_method_runs_on_planes(const struct pell_method *method, const void *knobs);
+
 struct pell_setting {
     const char *name, *value, *where;
 };

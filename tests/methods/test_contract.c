@@ -53,12 +53,12 @@ static const char *const *fine_form(const struct pell_method *m)
 static const char *needs_scene(const struct pell_method *m)
 {
     void *knobs = calloc(1, m->knobs_size);
-    struct pell_plan plan;
+    bool runs;
 
     patch_configure(NULL, m, form(m), knobs);
-    m->plan(knobs, &plan);
+    runs = pell_method_runs_on_planes(m, knobs);
     free(knobs);
-    return plan.needs & PELL_NEED_SCENE ? "needs a scene: see contract_scene" : NULL;
+    return runs ? NULL : "needs a scene: see contract_scene";
 }
 
 /* Of either form, whichever is built: what makes a method run on planes. */
