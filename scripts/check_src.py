@@ -291,7 +291,6 @@ WORDS_KEPT = [(re.compile(where), re.compile(words, re.IGNORECASE), why) for whe
     (r".*", r"[\"'`]lamps?|lamps?=|`lamps`|lamps[\"']", "the knob `lamps` of layered, names of lights in files"),
     (r"src/scene/(?:gltf|mesh)/.*", r"fan", "triangle fans"),
     (r"src/scene/ply\..*|tests/scene/test_ply\.c", r"bod", "the data part of a file"),
-    (r"tests/render/meson\.build|tests/rays/meson\.build", r".", "names of test programs"),
 ]]
 # Prose that still has such words: the list only gets shorter.
 WORDS_LEFT = re.compile(r"tests/.*|bench/.*|src/cli/compare/report/.*")

@@ -61,11 +61,16 @@ struct pell_pass_time {
     int64_t rays;   /* traced by the pass */
 };
 
-/* Inputs of a scene's materials that a method may ignore. */
+/* Inputs of a scene's materials that a method may ignore when it scatters light. */
 enum pell_ignored {
-    PELL_IGNORES_STRENGTH_MAP = 1 << 0, /* varies the scattering radius over the surface; the constant strength is never ignored */
-    PELL_IGNORES_COLOR_MAP = 1 << 1,    /* the colour of materials that take it from a texture */
-    PELL_IGNORES_NORMAL_MAP = 1 << 2,   /* for light that enters and leaves; the specular lobe always uses it */
+    PELL_IGNORES_STRENGTH_MAP = 1 << 0,  /* varies the scattering radius over the surface; the constant strength is never ignored */
+    PELL_IGNORES_COLOR = 1 << 1,         /* map and constant, of materials that take their colour from a texture */
+    PELL_IGNORES_MIX = 1 << 2,           /* of the same materials: where the colour acts */
+    PELL_IGNORES_NORMAL_MAP = 1 << 3,    /* for light that enters and leaves; the specular lobe always uses it */
+    PELL_IGNORES_ROUGHNESS = 1 << 4,     /* map and constant: the boundary is smooth where light enters and leaves */
+    PELL_IGNORES_SPECULAR = 1 << 5,      /* the lobe's strength, colour and model: transmission follows from the index of refraction */
+    PELL_IGNORES_PROFILE_MODEL = 1 << 6, /* the medium's coefficients are used instead */
+    PELL_IGNORES_DEPTH_MAPS = 1 << 7,    /* of layers: a profile at their mean depths is used instead */
 };
 
 /* "strength map" and so on; NULL for a number that is not in enum pell_ignored. Constant; thread-safe. */
@@ -82,8 +87,8 @@ struct pell_method {
     void (*paper)(void *knobs); /* changes the defaults to the published settings */
     void (*plan)(const void *knobs, struct pell_plan *plan);
     const struct pell_method_engine *cpu, *vulkan; /* NULL: not available */
-    unsigned ignores;                              /* enum pell_ignored, for all knobs. A renderer warns if a scene has one of these */
-    bool partial; /* interruptible: ends early with a partial result, and stores its state in the renderer's checkpoint */
+    unsigned ignores; /* enum pell_ignored, for all knobs. A renderer warns if a scene has such a map or colour */
+    bool partial;     /* interruptible: ends early with a partial result, and stores its state in the renderer's checkpoint */
 };
 
 /* The built-in methods, in the order in which they are listed; NULL for an index of pell_method_count() or more. Constant data;
@@ -93,6 +98,10 @@ PELL_API const struct pell_method *pell_method_at(size_t index);
 
 /* NULL and a logged message with the nearest name if there is no such method. `where` names the origin of the name. */
 PELL_API const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name);
+
+/* Whether it runs with these knobs on a caller's planes (pell_pass_create); else it needs a renderer's scene (PELL_NEED_SCENE). `knobs` is
+ * not NULL. Thread-safe. */
+PELL_API bool pell_method_runs_on_planes(const struct pell_method *method, const void *knobs);
 
 struct pell_setting {
     const char *name, *value, *where;

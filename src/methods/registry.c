@@ -29,6 +29,14 @@ const struct pell_method *pell_method_find(struct pell_context *ctx, const char 
     return NULL;
 }
 
+bool pell_method_runs_on_planes(const struct pell_method *method, const void *knobs)
+{
+    struct pell_plan plan;
+
+    method->plan(knobs, &plan);
+    return !(plan.needs & PELL_NEED_SCENE);
+}
+
 enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method, const struct pell_setting *settings,
                                        size_t num_settings, void *values)
 {

@@ -223,9 +223,17 @@ def _(folder):
 def _(folder):
     every, one = (one_object(works(folder, 'methods', *more, '--json'))['methods'] for more in ([], ['screen-space']))
     need(one == [m for m in every if m['name'] == 'screen-space'] and len(one) == 1, one)
+    column = [line.split()[3] for line in text(works(folder, 'methods').stdout).splitlines()]
+    need(column == [m['runs_on'] for m in every] + ['-'], column)
+    need(next(m for m in every if m['name'] == 'convolution')['ignores'] == ['strength map', "layers' depth maps"], every)
     for method in every:
-        keys(method, 'name title kind engines citation knobs')
+        keys(method, 'name title kind engines runs_on ignores citation knobs')
+        need((method['runs_on'] == 'planes') == (method['name'] in ('screen-space', 'image-space')), method)
+        need(method.get('planes_with') == ('surfaces=1' if method['name'] == 'convolution' else None), method)
         need(method['kind'] in ('method', 'reference') and 'cpu' in method['engines'] and method['knobs'][0]['name'] == 'as', method)
+        shown = text(works(folder, 'methods', method['name']).stdout)
+        need('Runs on: ' + {'planes': 'planes', 'scene': 'a whole scene'}[method['runs_on']] in shown, shown)
+        need(', '.join(method['ignores']) in ' '.join(shown.split()), shown)
         for knob in method['knobs']:
             keys(knob, 'name unit type default min max help')
             if knob['type'] in ('int', 'float'):

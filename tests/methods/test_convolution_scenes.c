@@ -190,31 +190,6 @@ static void light_behind_is_of_its_own_frame(void **state)
     REQUIRE(there > 5);
 }
 
-static void any_number_of_threads_gives_the_same_bits(void **state)
-{
-    struct shot first = { 0 };
-
-    (void) state;
-    for (int threads = 1; threads <= 3; threads++) {
-        struct stage s;
-        struct shot shot;
-        size_t m;
-        stage_start_threads(&s, 70, 50, threads);
-        s.settings.msaa = 2;
-        stage_gaussians(&s, 0.5, &m);
-        stage_ball(&s, m, 0, vec3(-4, 0, 2), 6.0f, 24);
-        stage_ball(&s, m, 1, vec3(4, 0, -2), 6.0f, 24);
-        stage_light(&s, PELL_LIGHT_POINT, vec3(60, 40, 5), vec3(0, 0, 0), 5e-3f);
-        stage_environment(&s, 0.2f);
-        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.2f, 0.0f);
-        shot = stage_shot_of(&s, "convolution", NULL);
-        shot_check(&shot);
-        shot_require_same(&first, &shot);
-        stage_finish(&s);
-    }
-    shot_free(&first);
-}
-
 /* The camera goes round a box: planes slide through it. The mean light must go as smoothly as that of what they stand for. */
 static void planes_slide_without_popping(void **state)
 {
@@ -335,7 +310,6 @@ int main(void)
         cmocka_unit_test(light_stays_in_its_object),
         cmocka_unit_test(light_on_an_object_changes_no_bit_of_another),
         cmocka_unit_test(light_behind_is_of_its_own_frame),
-        cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(planes_slide_without_popping),
         cmocka_unit_test(thick_parts_stay_dark_before_light),
         cmocka_unit_test(too_many_solids_are_refused_by_name),

@@ -334,28 +334,6 @@ static void light_stays_in_its_object(void **state)
         require_light_stays_in_its_object(references[n].name, references[n].knobs, false, -1.0f, 1.0f, 8, 4, 4);
 }
 
-/* --- What every method owes --------------------------------------------------------------------------------------------------------- */
-
-static void any_number_of_threads_gives_the_same_bits(void **state)
-{
-    (void) state;
-    for (size_t n = 0; n < 2; n++) {
-        struct shot first = { 0 };
-        for (int threads = 1; threads <= 3; threads += SLOW ? 2 : 1) {
-            struct stage s;
-            struct shot shot;
-            size_t m;
-            shaded_object(&s, SLOW ? 6 : 12, threads, 0, &m);
-            stage_environment(&s, 0.3f);
-            stage_light(&s, PELL_LIGHT_RECT, vec3(-60, 0, 60), vec3(0, 0, 0), 3.0f);
-            shot = stage_shot_of(&s, references[n].name, references[n].knobs);
-            shot_require_same(&first, &shot);
-            stage_finish(&s);
-        }
-        shot_free(&first);
-    }
-}
-
 /* A change of the lights alone must not show the light of before. */
 static void new_settings_light_anew(void **state)
 {
@@ -437,7 +415,6 @@ static void survives_the_nth_allocation(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(new_settings_light_anew),
         cmocka_unit_test(planes_alone_are_refused),
         cmocka_unit_test(survives_the_nth_allocation),

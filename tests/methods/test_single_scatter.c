@@ -606,34 +606,17 @@ static void what_can_t_be_seen(void **state)
 static const char *const quick[] = { "error=0.3", "most=128", NULL };
 
 /* An object of two lights, one behind; `apart`: the layers are asked for. */
-static void set_scene(struct stage *s, int threads, bool apart)
+static void set_scene(struct stage *s, bool apart)
 {
     size_t m;
 
-    stage_start_threads(s, 6, 6, threads);
+    stage_start(s, 6, 6);
     stage_medium(s, "skimmilk", &m);
     stage_ball(s, m, 0, vec3(0, 0, 0), 8.0f, 16);
     stage_light(s, PELL_LIGHT_POINT, vec3(12, 16, 20), vec3(0, 0, 0), 0.01f);
     stage_light(s, PELL_LIGHT_RECT, vec3(-10, 8, -20), vec3(0, 0, 0), 3.0f);
     stage_camera(s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
     s->settings.layers = apart;
-}
-
-static void any_number_of_threads_gives_the_same_bits(void **state)
-{
-    struct shot first = { 0 };
-
-    (void) state;
-    for (int threads = 1; threads <= 3; threads++) {
-        struct stage s;
-        struct shot shot;
-        set_scene(&s, threads, false);
-        shot = stage_shot_of(&s, "single-scatter", quick);
-        shot_require_same(&first, &shot);
-        stage_finish(&s);
-    }
-    REQUIRE(shot_at(&first, SHOT_R, 3, 3) > 0.0);
-    shot_free(&first);
 }
 
 /* The picture is the same whether or not single scattering is kept apart, and then it is all there is below the surface. */
@@ -645,10 +628,10 @@ static void kept_apart(void **state)
     size_t single = SIZE_MAX, multiple = SIZE_MAX;
 
     (void) state;
-    set_scene(&s, 2, false);
+    set_scene(&s, false);
     whole = stage_shot_of(&s, "single-scatter", quick);
     stage_finish(&s);
-    set_scene(&s, 2, true);
+    set_scene(&s, true);
     layers = stage_shot_of(&s, "single-scatter", quick);
     for (size_t i = 0; i < s.image.num_channels; i++) {
         if (strcmp(s.image.channels[i].name, "diffuse.single.G") == 0)
@@ -751,7 +734,6 @@ int main(void)
         cmocka_unit_test(ball_by_brute_force),
         cmocka_unit_test(all_ways_agree),
         cmocka_unit_test(what_can_t_be_seen),
-        cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
         cmocka_unit_test(kept_apart),
         cmocka_unit_test(planes_alone_are_refused),
         cmocka_unit_test(a_profile_alone_is_refused),

@@ -790,29 +790,6 @@ static void strength_scales_the_radius(void **state)
     shot_free(&shots[1]);
 }
 
-static void the_same_bits_for_any_number_of_threads(void **state)
-{
-    static const char *const knobs[] = { "size=128", NULL };
-    struct shot shots[2];
-
-    (void) state;
-    for (int k = 0; k < 2; k++) {
-        struct stage s;
-        size_t m;
-        stage_start_threads(&s, 40, 30, k ? 3 : 1);
-        stage_gaussians(&s, 0.5, &m);
-        stage_ball(&s, m, 0, vec3(0, 0, 0), 6.0f, 24);
-        stage_light(&s, PELL_LIGHT_DISC, vec3(40, 10, -30), vec3(0, 0, 0), 30.0f);
-        stage_environment(&s, 0.2f);
-        stage_camera(&s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
-        shots[k] = stage_shot_of(&s, "texture-space", knobs);
-        stage_finish(&s);
-    }
-    assert_true(shot_equal(&shots[0], &shots[1]));
-    shot_free(&shots[0]);
-    shot_free(&shots[1]);
-}
-
 /* A map outlives the light that was on it. */
 static void other_samples_of_the_lights_light_it_anew(void **state)
 {
@@ -942,7 +919,6 @@ int main(void)
         cmocka_unit_test(a_medium_that_scatters_nothing_is_black),
         cmocka_unit_test(two_objects_that_touch_do_not_bleed),
         cmocka_unit_test(strength_scales_the_radius),
-        cmocka_unit_test(the_same_bits_for_any_number_of_threads),
         cmocka_unit_test(other_samples_of_the_lights_light_it_anew),
         cmocka_unit_test(more_transmitted_lights_than_fit_are_reported),
         cmocka_unit_test(frames_allocate_nothing_and_survive_no_memory),

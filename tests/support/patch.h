@@ -142,15 +142,21 @@ struct bench_place {
     struct pell_device *device;
 };
 
-static inline struct bench_place place_create(int threads, struct pell_alloc_fault *fault, struct kept_messages *kept)
+static inline struct bench_place place_create_on(enum pell_engine engine, int threads, struct pell_alloc_fault *fault,
+                                                 struct kept_messages *kept)
 {
     struct bench_place at = { 0 };
-    const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
+    const struct pell_device_params params = { .threads = threads, .engine = engine };
 
     at.ctx = test_context(fault, kept);
     assert_non_null(at.ctx);
     assert_int_equal(pell_device_create(at.ctx, &params, &at.device), PELL_OK);
     return at;
+}
+
+static inline struct bench_place place_create(int threads, struct pell_alloc_fault *fault, struct kept_messages *kept)
+{
+    return place_create_on(PELL_ENGINE_CPU, threads, fault, kept);
 }
 
 static inline void place_destroy(struct bench_place *at)

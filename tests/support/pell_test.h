@@ -75,13 +75,15 @@ static inline const char *shared_file(const char *name)
 struct kept_messages {
     int errors, warnings;
     enum pell_result code;
-    char where[512], what[1024], hint[512]; /* of the last error */
-    char last_warning[1024];
+    char where[512], what[1024], hint[512];      /* of the last error */
+    char last_warning[1024], all_warnings[4096]; /* a line each */
 };
 
 static inline void keep_message(void *user, const struct pell_message *m)
 {
     struct kept_messages *k = user;
+    size_t n;
+
     if (m->level == PELL_LOG_ERROR) {
         k->errors++;
         k->code = m->code;
@@ -91,6 +93,8 @@ static inline void keep_message(void *user, const struct pell_message *m)
     } else if (m->level == PELL_LOG_WARNING) {
         k->warnings++;
         snprintf(k->last_warning, sizeof(k->last_warning), "%s: %s", m->where, m->what);
+        n = strlen(k->all_warnings);
+        snprintf(k->all_warnings + n, sizeof(k->all_warnings) - n, "%s: %s\n", m->where, m->what);
     }
 }
 

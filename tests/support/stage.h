@@ -50,9 +50,10 @@ enum {
 };
 
 /* `fault` counts the context's allocations; NULL: nobody does. */
-static inline void stage_start_with(struct stage *s, int width, int height, int threads, struct pell_alloc_fault *fault)
+static inline void stage_start_on(struct stage *s, enum pell_engine engine, int width, int height, int threads,
+                                  struct pell_alloc_fault *fault)
 {
-    const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
+    const struct pell_device_params params = { .threads = threads, .engine = engine };
 
     memset(s, 0, sizeof(*s));
     s->ctx = test_context(fault, &s->kept);
@@ -70,7 +71,7 @@ static inline void stage_start_with(struct stage *s, int width, int height, int 
 
 static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
 {
-    stage_start_with(s, width, height, threads, NULL);
+    stage_start_on(s, PELL_ENGINE_CPU, width, height, threads, NULL);
 }
 
 static inline void stage_start(struct stage *s, int width, int height)

@@ -19,6 +19,57 @@ static json_t *engines_of(const struct pell_method *m)
     return engines;
 }
 
+static const char *engine_names(const struct pell_method *m)
+{
+    return m->cpu && m->vulkan ? "cpu, vulkan" : m->cpu ? "cpu" : "vulkan";
+}
+
+/* What a method runs on: planes of the caller, or a whole scene. `with`: the setting of one knob that makes planes enough. */
+struct runs_on {
+    const char *name; /* "planes", "scene" */
+    char with[80];    /* "" where there is none, or none is needed */
+};
+
+/* Whether planes are enough with one knob set, all others at their defaults. */
+static bool runs_on_planes_with(const struct cli *cli, const struct pell_method *m, const char *setting)
+{
+    void *knobs;
+    bool runs;
+
+    if (pell_method_knobs_create(cli->ctx, m, setting, &knobs) != PELL_OK)
+        return false;
+    runs = pell_method_runs_on_planes(m, knobs);
+    pell_method_knobs_destroy(cli->ctx, &knobs);
+    return runs;
+}
+
+static struct runs_on find_runs_on(const struct cli *cli, const struct pell_method *m)
+{
+    struct runs_on r = { .name = runs_on_planes_with(cli, m, NULL) ? "planes" : "scene" };
+
+    for (const struct pell_knob *k = m->knobs; r.name[0] == 's' && k->name; k++) {
+        for (int i = 0; k->type == PELL_KNOB_ENUM ? k->choices[i] != NULL : i < 1; i++) {
+            if (k->type == PELL_KNOB_ENUM)
+                snprintf(r.with, sizeof(r.with), "%s=%s", k->name, k->choices[i]);
+            else
+                snprintf(r.with, sizeof(r.with), "%s=%.9g", k->name, k->min);
+            if (runs_on_planes_with(cli, m, r.with))
+                return r;
+        }
+    }
+    r.with[0] = '\0';
+    return r;
+}
+
+static json_t *ignored_by(const struct pell_method *m)
+{
+    json_t *list = json_array();
+    for (unsigned input = 1; pell_ignored_name(input); input <<= 1)
+        if (m->ignores & input)
+            json_array_append_new(list, json_string(pell_ignored_name(input)));
+    return list;
+}
+
 static json_t *knob_default(const struct pell_knob *k)
 {
     switch (k->type) {
@@ -61,13 +112,16 @@ static json_t *knob_json(const struct pell_knob *k)
     return o;
 }
 
-static json_t *method_json(const struct pell_method *m)
+static json_t *method_json(const struct cli *cli, const struct pell_method *m)
 {
+    const struct runs_on on = find_runs_on(cli, m);
     json_t *knobs = json_array();
+
     for (const struct pell_knob *k = m->knobs; k->name; k++)
         json_array_append_new(knobs, knob_json(k));
-    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s,s:o}", "name", m->name, "title", m->title, "kind", kinds[m->kind], "engines", engines_of(m),
-                     "citation", m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
+    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s*,s:o,s:s,s:s,s:o}", "name", m->name, "title", m->title, "kind", kinds[m->kind], "engines",
+                     engines_of(m), "runs_on", on.name, "planes_with", on.with[0] ? on.with : NULL, "ignores", ignored_by(m), "citation",
+                     m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
 }
 
 static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
@@ -95,15 +149,23 @@ static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
 
 static void print_method(const struct cli *cli, const struct pell_method *m)
 {
+    const struct runs_on on = find_runs_on(cli, m);
+    char line[256] = "";
+
     printf("%s%s%s - %s (%s; %s)\n", cli_style(cli, stdout, 1), m->name, cli_style(cli, stdout, 0), m->title, kinds[m->kind],
-           m->cpu && m->vulkan ? "cpu, vulkan"
-           : m->cpu            ? "cpu"
-                               : "vulkan");
+           engine_names(m));
     cli_wrap(stdout, 0, 0, m->cite);
     if (m->limits) {
         fputs("\nLimits: ", stdout);
         cli_wrap(stdout, 8, 8, m->limits);
     }
+    printf("\nRuns on: %s%s%s\n", on.name[0] == 'p' ? "planes of a frame" : "a whole scene", on.with[0] ? "; on planes with " : "",
+           on.with);
+    for (unsigned input = 1; pell_ignored_name(input); input <<= 1)
+        if (m->ignores & input)
+            snprintf(line + strlen(line), sizeof(line) - strlen(line), "%s%s", line[0] ? ", " : "", pell_ignored_name(input));
+    fputs("Ignores of a material: ", stdout);
+    cli_wrap(stdout, 23, 23, line[0] ? line : "nothing");
     print_knobs(cli, m->knobs);
 }
 
@@ -114,6 +176,7 @@ enum exit_code command_methods(struct cli *cli)
 {
     const char *name = cli->num_arguments > 0 ? cli->arguments[0] : NULL;
     const struct pell_method *one = NULL;
+    int width = 0;
 
     if (name && strcmp(name, "none") == 0 && !cli->json) {
         printf("none - %s\n", none_text);
@@ -125,19 +188,21 @@ enum exit_code command_methods(struct cli *cli)
         json_t *list = json_array();
         for (size_t i = 0; i < pell_method_count(); i++)
             if (!one || pell_method_at(i) == one)
-                json_array_append_new(list, method_json(pell_method_at(i)));
+                json_array_append_new(list, method_json(cli, pell_method_at(i)));
         return cli_print_json(cli, json_pack("{s:o}", "methods", list));
     }
     if (one) {
         print_method(cli, one);
         return EXIT_OK;
     }
+    for (size_t i = 0; i < pell_method_count(); i++)
+        width = (int) strlen(engine_names(pell_method_at(i))) > width ? (int) strlen(engine_names(pell_method_at(i))) : width;
     for (size_t i = 0; i < pell_method_count(); i++) {
         const struct pell_method *m = pell_method_at(i);
 
-        printf("%-14s %-10s %-10s %s\n", m->name, kinds[m->kind], m->cpu && m->vulkan ? "cpu,vulkan" : m->cpu ? "cpu" : "vulkan", m->title);
+        printf("%-14s %-9s %-*s %-6s %s\n", m->name, kinds[m->kind], width, engine_names(m), find_runs_on(cli, m).name, m->title);
     }
-    printf("%-14s %-10s %-10s %s\n", "none", "-", "cpu", none_text);
+    printf("%-14s %-9s %-*s %-6s %s\n", "none", "-", width, "cpu", "-", none_text);
     return EXIT_OK;
 }
 

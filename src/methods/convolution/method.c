@@ -93,5 +93,5 @@ const struct pell_method pell_method_convolution = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_convolution_cpu,
-    .ignores = PELL_IGNORES_STRENGTH_MAP,
+    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_DEPTH_MAPS,
 };

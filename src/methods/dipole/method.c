@@ -60,4 +60,5 @@ const struct pell_method pell_method_dipole = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_dipole_cpu,
+    .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

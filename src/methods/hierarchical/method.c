@@ -64,4 +64,5 @@ const struct pell_method pell_method_hierarchical = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_hierarchical_cpu,
+    .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

@@ -90,4 +90,5 @@ const struct pell_method pell_method_image_space = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_is_cpu,
+    .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

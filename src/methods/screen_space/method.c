@@ -91,4 +91,5 @@ const struct pell_method pell_method_screen_space = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_ss_cpu,
+    .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

@@ -67,5 +67,6 @@ const struct pell_method pell_method_single_scatter = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_single_scatter_cpu,
-    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR_MAP | PELL_IGNORES_NORMAL_MAP,
+    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS |
+               PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,
 };

@@ -101,4 +101,5 @@ const struct pell_method pell_method_texture_space = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_ts_cpu,
+    .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

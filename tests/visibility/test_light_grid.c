@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_fan.c - what a light's light grid answers, against every triangle tried one by one, against rays, and where there is none. */
+ * test_light_grid.c - what a light's light grid answers, against every triangle tried one by one, against rays, and where there is none. */
 #include "shapes.h"
 
 #include "visibility/light_grid.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_view.c - pixels to rays and boxes to pixels. */
+ * test_camera_view.c - pixels to rays and boxes to pixels. */
 #include "pell_test.h"
 
 #include "render/camera_view.h"

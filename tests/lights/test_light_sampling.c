@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_emitters.c - lights sampled one by one, against closed forms, against each other's ways and against the irradiance stage. */
+ * test_light_sampling.c - lights sampled one by one, against closed forms, against each other's ways and against the irradiance stage. */
 #include "lights_rig.h"
 
 #include "image/color.h"

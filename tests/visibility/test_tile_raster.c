@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_raster.c - what is drawn, against what rays meet, from outside, inside and amidst; and where rays have to be asked. */
+ * test_tile_raster.c - what is drawn, against what rays meet, from outside, inside and amidst; and where rays have to be asked. */
 #include "shapes.h"
 
 #include "visibility/tile_raster.h"

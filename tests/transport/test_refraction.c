@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_connect.c - refractive connections against closed forms, finite differences, and light that is traced in from the light. */
+ * test_refraction.c - refractive connections against closed forms, finite differences, and light that is traced in from the light. */
 #include "connect_rig.h"
 #include "slow.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_lights_behind.c - light from behind through thin parts, and what must hold for all lights together. */
+ * test_transmission.c - light from behind through thin parts, and what must hold for all lights together. */
 #include "lights_rig.h"
 
 #define SIZE (SLOW ? 16 : 32)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_specular.c - the tables of lobes and boundaries that a scene's materials share. */
+ * test_specular_tables.c - the tables of lobes and boundaries that a scene's materials share. */
 #include "pell_test.h"
 
 #include "specular_lookup.h"

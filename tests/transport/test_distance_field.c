@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_distance.c - lower bounds of distances hold everywhere, and are worth asking for. */
+ * test_distance_field.c - lower bounds of distances hold everywhere, and are worth asking for. */
 #include "solids.h"
 
 #include "transport/distance_field.h"

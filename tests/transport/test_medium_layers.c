@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_strata.c - what lies below each point of a surface: layers of scenes, of presets, of plain media; painted depths. */
+ * test_medium_layers.c - what lies below each point of a surface: layers of scenes, of presets, of plain media; painted depths. */
 #include "layers_rig.h"
 #include "shapes.h"
 #include "transport/medium_layers.h"

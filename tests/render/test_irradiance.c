@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_lights.c - light that enters from the front, against closed forms and brute force. */
+ * test_irradiance.c - light that enters from the front, against closed forms and brute force. */
 #include "lights_rig.h"
 #include "specular_lookup.h"
 
