@@ -19,6 +19,7 @@ static enum exit_code run(struct cli *cli);
 static const struct command commands[] = {
     COMMAND("profiles", "fits, layers and R(r): renders nothing", OPTIONS_REPEATS),
     COMMAND("truth", "what the references cost for what error, in processor time", SCENE | PICTURE),
+    COMMAND("truth-gap", "light that leaves a surface and enters again: by samples and bounces", SCENE | PICTURE),
     COMMAND("mertens", "image-space by samples, size and radius, and others in the same time", SCENE),
     COMMAND("munoz-2", "convolution by threshold, figure 2 of its paper", SCENE | PICTURE),
     COMMAND("munoz-3", "convolution by resolution, figure 3, and filling the picture", SCENE | PICTURE),
@@ -37,6 +38,7 @@ static const struct row_of {
 } benches[] = {
     { "profiles", bench_profiles, NULL, NULL, BENCH_ERROR, "R(r)/s" },
     { "truth", bench_truth, "wholemilk", "seed", BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR | BENCH_WORK, NULL },
+    { "truth-gap", bench_indirect, NULL, "bounces", 0, NULL },
     { "mertens", bench_mertens, NULL, NULL, BENCH_PIXELS | BENCH_ERROR, "samples/s" },
     { "munoz-2", bench_munoz_2, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
     { "munoz-3", bench_munoz_3, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },

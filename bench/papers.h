@@ -56,6 +56,7 @@ enum pell_result bench_keep_truth(struct bench *b, const char *method, const cha
 
 enum pell_result bench_profiles(struct bench *b);
 enum pell_result bench_truth(struct bench *b);
+enum pell_result bench_indirect(struct bench *b);
 enum pell_result bench_mertens(struct bench *b);
 enum pell_result bench_munoz_2(struct bench *b);
 enum pell_result bench_munoz_3(struct bench *b);

@@ -35,6 +35,19 @@ PELL_API double pell_dipole_cdf(const struct pell_dipole *d, double r_mm); /* sh
  * (Chandrasekhar's H functions with internal reflection), no diffusion; error below 1e-6. `albedo` = alpha' in [0, 1] stands in for
  * anisotropic media by similarity. NAN out of range. 0.1 ms. */
 PELL_API double pell_half_space_albedo(double albedo, double eta);
+/* The same of light that comes in along the cosine mu, in (0, 1], outside: share of what enters. */
+PELL_API double pell_half_space_albedo_at(double albedo, double eta, double mu);
+
+/* How reflectance grows with the angle: light that enters along the cosine m behind the boundary is returned by R(1) (1 + slope (1 - m)).
+ * By reciprocity, light that was diffuse leaves in proportion to the same factor. */
+struct pell_half_space_angle {
+    double slope; /* least squares over all directions that enter */
+    double mean;  /* of the factor, over diffuse light that enters */
+};
+
+/* Of the medium with isotropic scattering whose half-space returns `total`, in (0, 1), of the light at right angles; else slope 0, mean 1.
+ * 3 ms. */
+PELL_API struct pell_half_space_angle pell_half_space_angle_of(double total, double eta);
 
 /* --- Models ------------------------------------------------------------------------------------------------------------------- */
 

@@ -37,6 +37,9 @@ struct pell_settings {
     int light_samples;
     int ambient_samples;
     int environment_lights;
+    int bounces; /* of indirect light */
+    int indirect_samples;
+    bool angles;
     int64_t seed;
     float exposure;     /* factor from radiance to display; 0: metered (docs/adr/0005) */
     float white;        /* luminance after exposure that becomes display white; 0: the image's largest */

@@ -9,6 +9,7 @@
 #ifndef PELL_ENGINE_H
 #define PELL_ENGINE_H
 
+#include "render/angle.h"
 #include "render/services.h"
 
 #define PELL_STAGES_MOST 48
@@ -47,6 +48,7 @@ struct pell_scene_materials {
     size_t count_apart;                /* with the copies for further objects of a material */
     uint16_t *of_mesh; /* per mesh: the frame's material + 1 that its object alone has, or 0; NULL: no two objects share a material */
     float (*total)[3]; /* per scene material: total reflectance of its profile */
+    struct pell_angle *angle;                      /* per scene material */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
 };
 
@@ -91,6 +93,8 @@ enum pell_engine_resource {
     PELL_ENGINE_PLANES, /* of a size; made again (what is not there yet) whenever a frame asks for more */
     PELL_ENGINE_RASTER, /* of a scene and a size */
     PELL_ENGINE_LIGHTS,
+    PELL_ENGINE_LINKS,    /* along which surfaces light each other */
+    PELL_ENGINE_INDIRECT, /* what the lights send along the links */
     PELL_ENGINE_RESOURCES
 };
 
@@ -113,7 +117,7 @@ struct pell_engine_interface {
     enum pell_result (*open)(struct pell_context *ctx, struct pell_pool *pool, void **engine);
     void (*close)(void *engine);
 
-    /* `frame->plan` is NULL for all but a second call for PELL_ENGINE_PLANES, and its `covered`, `lens` and `notes` are not set. */
+    /* `frame->plan` is NULL for all but a second call for PELL_ENGINE_PLANES, and its `covered` and `lens` are not set. */
     enum pell_result (*make)(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame);
     /* Nothing where it is not there. */
     void (*drop)(void *engine, enum pell_engine_resource resource);

@@ -2,6 +2,7 @@
  * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
 #include "render/engine_cpu.h"
 
+#include "render/indirect/stage.h"
 #include "render/layers.h"
 #include "render/plane_buffers.h"
 #include "render/post/dof.h"
@@ -23,7 +24,11 @@ struct cpu {
     struct pell_compositor *compositor;
 
     struct pell_lights *lights;
+    const struct pell_angle *angle;       /* of the materials; borrowed: the renderer's own */
     const struct pell_settings *settings; /* of the lights; borrowed: the renderer's own */
+
+    struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
+    bool lit;                       /* it has the light of these lights */
 
     struct pell_raster *raster; /* NULL: none, what pixels see is asked of rays */
     bool rastered;              /* it was looked whether there is one */
@@ -112,8 +117,12 @@ struct wanted {
     size_t count;
 };
 
+/* Nothing where they are there, or wanted already. */
 static void want(struct wanted *w, float **planes, int count)
 {
+    for (size_t i = 0; i < w->count; i++)
+        if (w->planes[i] == planes)
+            return;
     for (int c = 0; c < count && !planes[0]; c++)
         w->planes[w->count + (size_t) c] = &planes[c];
     w->count += planes[0] ? 0 : (size_t) count;
@@ -153,7 +162,7 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
 static enum pell_result make_planes(struct cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
-    const bool gives = frame->plan && frame->plan->outputs, hits = frame->plan && (frame->plan->needs & PELL_NEED_HIT);
+    const bool gives = frame->plan && frame->plan->outputs, hits = s->bounces > 0 || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
     const bool apart = pell_objects_apart(frame->materials, frame->plan);
     struct wanted w = { .count = 0 };
     enum pell_result res;
@@ -172,8 +181,12 @@ static enum pell_result make_planes(struct cpu *e, const struct pell_engine_fram
     for (int i = 0; i < PELL_PLANES; i++)
         if (is_asked(i, frame))
             want(&w, e->plane[i], pell_plane_at(i)->components);
-    if (apart)
+    if (apart || hits)
         want(&w, e->plane[PELL_PLANE_MESH], 1);
+    if (hits) {
+        want(&w, e->plane[PELL_PLANE_TRIANGLE], 1);
+        want(&w, e->plane[PELL_PLANE_BARYCENTRIC], 2);
+    }
     if (s->bloom > 0.0f)
         want(&w, e->glow, PELL_BLOOM_PLANES);
     if (s->dof)
@@ -201,6 +214,44 @@ fail:
     return res;
 }
 
+static int64_t cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                                const struct pell_surface_light *out);
+
+static enum pell_result make_links(struct cpu *e, const struct pell_engine_frame *frame)
+{
+    const struct pell_settings *s = frame->settings;
+    const double start = pell_seconds();
+    enum pell_result res;
+    const struct pell_indirect_params params = {
+        .scene = e->scene,
+        .rays = e->rays,
+        .tables = e->tables,
+        .smooth = s->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
+        .samples = s->indirect_samples,
+        .seed = pell_settings_seed(s),
+    };
+
+    if (s->bounces == 0)
+        return PELL_OK;
+    res = pell_indirect_create(e->ctx, e->pool, &params, &e->indirect);
+    pell_stage_note(frame->notes, "indirect links", pell_seconds() - start, 0, 0, 0);
+    return res;
+}
+
+static enum pell_result make_indirect(struct cpu *e, const struct pell_engine_frame *frame)
+{
+    const struct pell_indirect_lights lights = { cpu_light_points, e };
+    const double start = pell_seconds();
+    enum pell_result res;
+
+    if (!e->indirect)
+        return PELL_OK;
+    res = pell_indirect_solve(e->indirect, e->pool, &lights, (const float(*)[3]) frame->materials->total, frame->settings->bounces);
+    e->lit = res == PELL_OK;
+    pell_stage_note(frame->notes, "indirect light", pell_seconds() - start, 0, 0, 0);
+    return res;
+}
+
 static enum pell_result cpu_make(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame)
 {
     struct cpu *e = engine;
@@ -216,7 +267,12 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
         e->rastered = res == PELL_OK;
         e->surface.raster = e->raster;
         return res;
-    case PELL_ENGINE_LIGHTS: e->settings = s; return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
+    case PELL_ENGINE_LIGHTS:
+        e->settings = s;
+        e->angle = frame->materials->angle;
+        return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
+    case PELL_ENGINE_LINKS: return make_links(e, frame);
+    case PELL_ENGINE_INDIRECT: return make_indirect(e, frame);
     case PELL_ENGINE_RESOURCES: break;
     }
     return PELL_OK;
@@ -235,6 +291,8 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
         e->rastered = false;
         break;
     case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
+    case PELL_ENGINE_LINKS: pell_indirect_destroy(&e->indirect); break;
+    case PELL_ENGINE_INDIRECT: e->lit = false; break;
     case PELL_ENGINE_RESOURCES: break;
     }
 }
@@ -261,6 +319,8 @@ static struct pell_irradiance_params light_params(const struct cpu *e, float mix
         .tables = e->tables,
         .mix = mix,
         .smooth = e->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
+        .angle = e->settings->angles ? e->angle : NULL,
+        .indirect = e->lit ? e->indirect : NULL,
         .seed = pell_settings_seed(e->settings),
     };
 }
@@ -332,6 +392,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
         .tables = e->tables,
         .lighting = &e->lighting,
         .total = (const float(*)[3]) f->materials->total,
+        .angle = settings->angles ? f->materials->angle : NULL,
         .mix = mix,
         .smooth = settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,

@@ -202,6 +202,15 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
                   (long long) result->invalid);
 }
 
+/* What no row has yet. */
+static void note_preparation(struct pell_renderer *r, double seconds)
+{
+    for (size_t i = 0; i < r->notes.count; i++)
+        seconds -= 1e-3 * (double) r->notes.rows[i].ms;
+    if (seconds > 1e-4)
+        pell_stage_note(&r->notes, "prepare", seconds, 0, 0, 0);
+}
+
 enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings, struct pell_render_result *image)
 {
     const double begin = pell_seconds();
@@ -227,8 +236,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);
     PELL_TRY(make_lens(r, settings, &r->lens));
     PELL_TRY(pell_renderer_prepare(r, settings, &view));
-    if (pell_seconds() - begin > 1e-4)
-        pell_stage_note(&r->notes, "prepare", pell_seconds() - begin, 0, 0, 0);
+    note_preparation(r, pell_seconds() - begin);
 
     frame.scene = r->scene;
     frame.plan = r->pass ? pell_pass_plan(r->pass) : NULL;

@@ -20,6 +20,7 @@ enum pell_input {
     PELL_INPUT_CAMERA = 1 << 4, /* its projection: where it stands is each frame's own affair */
     PELL_INPUT_LIGHTS = 1 << 5, /* the settings that say how they are sampled */
     PELL_INPUT_PROFILE = 1 << 6,
+    PELL_INPUT_BOUNCES = 1 << 7, /* of indirect light, and what its links depend on */
 };
 
 struct pell_renderer {

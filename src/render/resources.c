@@ -20,6 +20,7 @@ static void drop_materials(struct pell_renderer *r)
     pell_free(r->ctx, m->frame);
     pell_free(r->ctx, m->of_mesh);
     pell_free(r->ctx, m->total);
+    pell_free(r->ctx, m->angle);
     pell_free(r->ctx, m->thickness);
     memset(m, 0, sizeof(*m));
 }
@@ -37,8 +38,9 @@ static enum pell_result make_materials(struct pell_renderer *r)
     out->frame_index = pell_calloc(r->ctx, n + 1, sizeof(*out->frame_index));
     out->frame = pell_calloc(r->ctx, n, sizeof(*out->frame));
     out->total = pell_calloc(r->ctx, n, sizeof(*out->total));
+    out->angle = pell_calloc(r->ctx, n, sizeof(*out->angle));
     out->thickness = pell_calloc(r->ctx, n, sizeof(*out->thickness));
-    if (!out->frame_index || !out->frame || !out->total || !out->thickness)
+    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness)
         goto fail;
     for (size_t i = 0; i < n; i++) {
         const struct pell_material *m = &scene->materials[i];
@@ -91,6 +93,23 @@ static void drop_profiles(struct pell_renderer *r)
     r->profiles = NULL;
 }
 
+/* A profile that is made white keeps its total of diffuse light; one of a medium keeps that of light at right angles. */
+static void fill_angle(const struct pell_frame_material *m, struct pell_angle *out)
+{
+    const double eta = (double) m->medium.eta;
+
+    out->inverse_eta2 = (float) (1.0 / (eta * eta));
+    for (int c = 0; c < 3; c++) {
+        const struct pell_half_space_angle a = pell_half_space_angle_of(pell_profile_total(&m->profile[c]), eta);
+        const double scale = m->white ? 1.0 / a.mean : 1.0;
+        out->enter_base[c] = (float) scale;
+        out->enter_slope[c] = (float) (scale * a.slope);
+        out->enter_mean[c] = (float) (scale * a.mean);
+        out->leave_base[c] = (float) (1.0 / a.mean);
+        out->leave_slope[c] = (float) (a.slope / a.mean);
+    }
+}
+
 /* Gives every translucent material its profile, and says how much light each reflects. */
 static enum pell_result make_profiles(struct pell_renderer *r)
 {
@@ -126,6 +145,10 @@ static enum pell_result make_profiles(struct pell_renderer *r)
             PELL_TRY(pell_frame_material_profile(r->ctx, m->name, &frame[at - 1], model_of(m, setting), r->profiles[at - 1]));
             frame[at - 1].profile = r->profiles[at - 1];
         }
+        if (k < i)
+            r->materials.angle[i] = r->materials.angle[k];
+        if (r->settings.angles && (k == i || frame[at - 1].white != frame[index[k + 1] - 1].white))
+            fill_angle(&frame[at - 1], &r->materials.angle[i]);
         for (int c = 0; c < 3; c++)
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
     }
@@ -143,7 +166,9 @@ fail:
 
 static enum pell_result make_in_engine(struct pell_renderer *r, enum pell_engine_resource resource, const struct pell_plan *plan)
 {
-    const struct pell_engine_frame frame = { .scene = r->scene, .settings = &r->settings, .materials = &r->materials, .plan = plan };
+    const struct pell_engine_frame frame = {
+        .scene = r->scene, .settings = &r->settings, .materials = &r->materials, .plan = plan, .notes = &r->notes
+    };
 
     return r->device->engine->make(r->engine, resource, &frame);
 }
@@ -205,6 +230,26 @@ static void drop_lights(struct pell_renderer *r)
     r->device->engine->drop(r->engine, PELL_ENGINE_LIGHTS);
 }
 
+static enum pell_result make_links(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_LINKS, NULL);
+}
+
+static void drop_links(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_LINKS);
+}
+
+static enum pell_result make_indirect(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_INDIRECT, NULL);
+}
+
+static void drop_indirect(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_INDIRECT);
+}
+
 /* --- The method's pass ------------------------------------------------------------------------------------------------------------- */
 
 struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const struct pell_view *view)
@@ -254,7 +299,7 @@ static unsigned pass_depends(const struct pell_renderer *r)
 {
     const struct pell_plan *plan = r->pass ? pell_pass_plan(r->pass) : NULL;
 
-    return plan && (plan->needs & PELL_NEED_SCENE) && !plan->survives_light_change ? PELL_INPUT_LIGHTS : 0;
+    return plan && (plan->needs & PELL_NEED_SCENE) && !plan->survives_light_change ? PELL_INPUT_LIGHTS | PELL_INPUT_BOUNCES : 0;
 }
 
 /* --- What depends on what ----------------------------------------------------------------------------------------------------------- */
@@ -272,6 +317,8 @@ static const struct resource {
     { PELL_INPUT_SIZE, NULL, make_planes, drop_planes },
     { PELL_INPUT_SCENE | PELL_INPUT_SIZE, NULL, make_raster, drop_raster },
     { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS, NULL, make_lights, drop_lights },
+    { PELL_INPUT_SCENE | PELL_INPUT_BOUNCES, NULL, make_links, drop_links },
+    { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS | PELL_INPUT_PROFILE | PELL_INPUT_BOUNCES, NULL, make_indirect, drop_indirect },
     { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_SIZE | PELL_INPUT_CAMERA | PELL_INPUT_PROFILE, pass_depends,
       make_pass, drop_pass },
 };
@@ -324,8 +371,12 @@ static unsigned find_changes(const struct pell_renderer *r, const struct pell_se
     if (old->light_samples != s->light_samples || old->ambient_samples != s->ambient_samples ||
         old->environment_lights != s->environment_lights || old->msaa != s->msaa || old->boundary != s->boundary || old->seed != s->seed)
         changes |= PELL_INPUT_LIGHTS;
+    if (old->bounces != s->bounces || old->indirect_samples != s->indirect_samples || old->boundary != s->boundary || old->seed != s->seed)
+        changes |= PELL_INPUT_BOUNCES;
     if (old->profile != s->profile)
         changes |= PELL_INPUT_PROFILE;
+    if (old->angles != s->angles)
+        changes |= PELL_INPUT_PROFILE | PELL_INPUT_LIGHTS;
     return changes;
 }
 

@@ -25,13 +25,15 @@ struct pell_surface_points {
     const float *u, *v;              /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
     const uint32_t *number;          /* names the patterns in which lights with extent are sampled: points of one number share them */
     const float *ambient; /* visibility of the environment's smooth rest, where the caller knows it better; NULL: found by rays */
+    const bool *back;     /* of the side from which the triangle's corners run clockwise; NULL: of none */
 };
 
 /* What light does at them: arrays of n, the caller's. All but `irradiance` may be NULL. */
 struct pell_surface_light {
-    float *irradiance[3]; /* W/m^2, entered, with albedo^m; of the outer side */
+    float *irradiance[3]; /* W/m^2, entered, with albedo^m; of the outer side, or the back */
     float *position[3];   /* mm */
     float *normal[3];     /* geometric, unit, outward by the order of the triangle's corners */
+    float *albedo[3];     /* albedo^m: what the irradiance is multiplied by */
     float *strength;      /* of scattering, [0, 1]; 1 where no point is */
     bool *there;          /* false: no point, or one where the material is cut out by its alpha */
 };

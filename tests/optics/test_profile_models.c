@@ -2,9 +2,11 @@
  *
  * test_profile_models.c - every model against photons, against transport, and against what must hold for all of them. */
 #include "oracle.h"
+#include "slow.h"
 
 #include "math/quadrature.h"
 #include "math/vec.h"
+#include "optics/photon/photon.h"
 
 #define MODELS PELL_PROFILE_MODELS
 
@@ -145,6 +147,86 @@ static void a_half_space_without_absorption_returns_all(void **state)
     REQUIRE(pell_half_space_albedo(0.0, 1.3) == 0.0);
     REQUIRE(isnan(pell_half_space_albedo(-1e-9, 1.3)) && isnan(pell_half_space_albedo(NAN, 1.3)) &&
             isnan(pell_half_space_albedo(0.5, 0.2)) && isnan(pell_half_space_albedo(1.1, 1.3)) && isnan(pell_half_space_albedo(0.5, NAN)));
+}
+
+/* --- Angles ------------------------------------------------------------------------------------------------------------------------- */
+
+struct left {
+    double sum, square;
+};
+
+static void count_left(void *user, const struct pell_photon_exit *e)
+{
+    struct left *l = user;
+
+    if (e->collisions > 0) {
+        l->sum += e->weight;
+        l->square += e->weight * e->weight;
+    }
+}
+
+/* A half-space under a beam at an angle, and photons that walk through it. */
+static void slanted_light_returns_what_photons_say(void **state)
+{
+    static const double albedos[] = { 0.5, 0.95, 0.999 }, cosines[] = { 0.05, 0.3, 0.7, 1.0 };
+    enum { PHOTONS = SLOW ? 4000 : 60000 };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(albedos); i++)
+        for (size_t j = 0; j < PELL_COUNT(cosines); j++) {
+            const struct pell_photon_stack s = {
+                .count = 1,
+                .layer = { { 1.0 - albedos[i], albedos[i], 0.0, 1.4, INFINITY } },
+                .n_above = 1.0,
+                .n_below = 1.0,
+                .mu_min = cosines[j],
+                .mu_max = cosines[j],
+                .inside = true,
+                .roulette = 200,
+                .collisions_max = 1 << 18,
+            };
+            struct pell_photon_sums sums = { .lost = 0.0 };
+            struct left left = { 0.0, 0.0 };
+            double mean, error;
+
+            assert_null(pell_photon_fault(&s));
+            pell_photon_walk(&s, 5 + i, 0, PHOTONS, count_left, NULL, &left, &sums);
+            mean = left.sum / PHOTONS;
+            error = sqrt(fmax(left.square / PHOTONS - mean * mean, 0.0) / PHOTONS);
+            REQUIRE_NEAR(pell_half_space_albedo_at(albedos[i], 1.4, cosines[j]), mean, 3.5 * error);
+        }
+    REQUIRE_REL(pell_half_space_albedo_at(0.8, 1.33, 1.0), pell_half_space_albedo(0.8, 1.33), 1e-14);
+    REQUIRE_NEAR(pell_half_space_albedo_at(1.0, 1.5, 0.2), 1.0, 1e-12);
+    REQUIRE(isnan(pell_half_space_albedo_at(0.5, 1.3, 0.0)) && isnan(pell_half_space_albedo_at(0.5, 1.3, 1.1)) &&
+            isnan(pell_half_space_albedo_at(2.0, 1.3, 1.0)));
+}
+
+/* One number a medium: how far R(mu) is from the line, and the mean from an integral over directions. */
+static void a_slope_says_what_all_angles_return(void **state)
+{
+    static const double etas[] = { 1.2, 1.33, 1.5, 2.0 };
+    (void) state;
+
+    for (double albedo = 0.3; albedo < 0.9999; albedo += (1.0 - albedo) * 0.35)
+        for (size_t i = 0; i < PELL_COUNT(etas); i++) {
+            const double eta = etas[i], total = pell_half_space_albedo(albedo, eta);
+            const struct pell_half_space_angle a = pell_half_space_angle_of(total, eta);
+            double entered = 0.0, returned = 0.0;
+
+            for (int k = 0; k < 50; k++) {
+                const double mu = (k + 0.5) / 50.0, inside = sqrt(1.0 - (1.0 - mu * mu) / (eta * eta));
+                const double exact = pell_half_space_albedo_at(albedo, eta, mu) / total, w = mu * (1.0 - pell_fresnel(eta, mu));
+                REQUIRE_REL(1.0 + a.slope * (1.0 - inside), exact, eta < 1.3 ? 0.03 : 0.015);
+                entered += w;
+                returned += w * exact;
+            }
+            REQUIRE(a.slope > 0.0);
+            REQUIRE_REL(a.mean, returned / entered, 4e-3);
+        }
+    const struct pell_half_space_angle none[] = { pell_half_space_angle_of(1.0, 1.4), pell_half_space_angle_of(0.0, 1.4),
+                                                  pell_half_space_angle_of(NAN, 1.4), pell_half_space_angle_of(0.5, 1e9) };
+    for (size_t i = 0; i < PELL_COUNT(none); i++)
+        REQUIRE(none[i].slope == 0.0 && none[i].mean == 1.0);
 }
 
 /* --- Better dipole --------------------------------------------------------------------------------------------------------------- */
@@ -426,6 +508,8 @@ int main(void)
         cmocka_unit_test(radial_profiles_of_photons),
         cmocka_unit_test(totals_of_photons),
         cmocka_unit_test(a_half_space_without_absorption_returns_all),
+        cmocka_unit_test(slanted_light_returns_what_photons_say),
+        cmocka_unit_test(a_slope_says_what_all_angles_return),
         cmocka_unit_test(better_dipole_has_the_oracles_moments),
         cmocka_unit_test(normalized_diffusion_is_the_papers),
         cmocka_unit_test(normalized_diffusion_is_good_without_a_boundary),

@@ -64,7 +64,7 @@ static enum pell_result null_open(struct pell_context *ctx, struct pell_pool *po
 
 static enum pell_result null_make(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame)
 {
-    static const char *const names[] = { "scene", "planes", "raster", "lights" };
+    static const char *const names[] = { "scene", "planes", "raster", "lights", "links", "indirect" };
     struct null_engine *e = engine;
     enum pell_result res = call(names[resource]);
 
@@ -76,7 +76,7 @@ static enum pell_result null_make(void *engine, enum pell_engine_resource resour
 
 static void null_drop(void *engine, enum pell_engine_resource resource)
 {
-    static const char *const names[] = { "-scene", "-planes", "-raster", "-lights" };
+    static const char *const names[] = { "-scene", "-planes", "-raster", "-lights", "-links", "-indirect" };
     struct null_engine *e = engine;
 
     (void) call(names[resource]);
@@ -290,7 +290,7 @@ static void a_frame_runs_its_stages_in_order(void **state)
     s.settings.seed = ((int64_t) 5 << 32) + 9;
     seen.empty = 1;
     stage_render(&s);
-    assert_string_equal(take_calls(), "planes raster lights create planes "
+    assert_string_equal(take_calls(), "planes raster lights links indirect create planes "
                                       "surface irradiance composite "
                                       "surface irradiance lit hand-over record composite "
                                       "surface irradiance lit hand-over record composite "
@@ -344,10 +344,12 @@ static void a_change_makes_anew_what_depends_on_it(void **state)
     s.settings.exit = PELL_EXIT_NORMALIZATION_PUBLISHED;
     assert_string_equal(again(&s), "planes ");
     s.settings.seed = 4;
-    assert_string_equal(again(&s), "-lights lights planes ");
+    assert_string_equal(again(&s), "-indirect -links -lights lights links indirect planes ");
     assert_int_equal(seen.in.lights_revision, 2);
     s.settings.profile = 2;
-    assert_string_equal(again(&s), "destroy create planes ");
+    assert_string_equal(again(&s), "destroy -indirect indirect create planes ");
+    s.settings.bounces = 3;
+    assert_string_equal(again(&s), "-indirect -links links indirect planes ");
     s.settings.layers = true;
     assert_string_equal(again(&s), "destroy -raster -planes planes raster create planes ");
     s.settings.width++;
@@ -355,9 +357,9 @@ static void a_change_makes_anew_what_depends_on_it(void **state)
     OK(pell_renderer_set_method(s.r, &probe_method, NULL));
     assert_string_equal(again(&s), "destroy create planes ");
     OK(pell_renderer_set_scene(s.r, s.scene));
-    assert_string_equal(again(&s), "destroy -lights -raster -scene scene raster lights create planes ");
+    assert_string_equal(again(&s), "destroy -indirect -links -lights -raster -scene scene raster lights links indirect create planes ");
     OK(pell_renderer_set_scene(s.r, NULL));
-    assert_string_equal(take_calls(), "destroy -lights -raster -scene ");
+    assert_string_equal(take_calls(), "destroy -indirect -links -lights -raster -scene ");
     stage_finish(&s);
     assert_string_equal(take_calls(), "-planes ");
 }
@@ -374,12 +376,12 @@ static void lights_take_a_pass_with_them_that_keeps_their_light(void **state)
     stage_render(&s);
     take_calls();
     s.settings.light_samples++;
-    assert_string_equal(again(&s), "destroy -lights lights create planes ");
+    assert_string_equal(again(&s), "destroy -indirect -lights lights indirect create planes ");
     seen.survives_light_change = true;
     OK(pell_renderer_set_method(s.r, &probe_method, NULL));
     again(&s);
     s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
-    assert_string_equal(again(&s), "-lights lights planes ");
+    assert_string_equal(again(&s), "-indirect -links -lights lights links indirect planes ");
     stage_finish(&s);
 }
 

@@ -158,6 +158,7 @@ static enum pell_result whole_way(const char *file, struct pell_alloc_fault *fau
     settings.msaa = 1;
     settings.light_samples = settings.ambient_samples = 1;
     settings.environment_lights = 2;
+    settings.indirect_samples = 64;
     settings.layers = true;
     PELL_TRY(pell_context_create(&params, &ctx));
     PELL_TRY(pell_scene_load(ctx, work_file(file), &load, &scene));

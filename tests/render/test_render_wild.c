@@ -208,6 +208,7 @@ static void random_scenes_end_in_numbers(void **state)
         s.settings.msaa = 1 + pick(&seed, 3);
         s.settings.light_samples = 1 + pick(&seed, 4);
         s.settings.ambient_samples = 1 + pick(&seed, 4);
+        s.settings.indirect_samples = 64 + pick(&seed, 400);
         s.settings.environment_lights = pick(&seed, 4);
         s.scene->background = (enum pell_background) pick(&seed, 4);
         random_knobs(method->knobs, knobs, &seed, none);

@@ -8,6 +8,8 @@
  *
  *     u(mu) = S(mu, 1) + 2 pi Int_0^1 S(mu, mu') mu' F(mu') u(mu') dmu'        total = 2 pi Int_0^1 mu (1 - F) u dmu
  *
+ * Light that enters along another cosine mu_0 has S(mu, mu_0) in the place of S(mu, 1).
+ *
  * Both are solved at Gauss-Legendre nodes, split at the critical angle. H uses the same nodes as u, which makes a medium without absorption
  * return 1 whatever the number of nodes. */
 #include "math/quadrature.h"
@@ -17,7 +19,7 @@
 #include <math.h>
 #include <stdbool.h>
 
-enum { GAUSS = 12, MOST = 2 * GAUSS };
+enum { GAUSS = 12, MOST = 2 * GAUSS, ANGLES = 8 };
 
 /* x^2 draws nodes towards the lower end, where H and F have roots. */
 static int place(double eta, double mu[MOST], double weight[MOST])
@@ -74,35 +76,64 @@ static void solve(double m[MOST][MOST], double *b, int n)
     }
 }
 
-double pell_half_space_total(double albedo, double absorbed, double eta)
+/* Cosine behind the boundary of light that comes in along mu; 0 where none does. */
+static double refracted(double eta, double mu)
 {
-    double mu[MOST], weight[MOST], h[MOST], u[MOST], m[MOST][MOST], total = 0.0;
-    const int n = place(eta, mu, weight);
-    const double root = sqrt(absorbed);
+    const double square = 1.0 - (1.0 - mu * mu) / (eta * eta);
+    return square > 0.0 ? sqrt(square) : 0.0;
+}
 
-    for (int i = 0; i < n; i++)
-        h[i] = (1.0 + 2.0 * mu[i]) / (1.0 + 2.0 * mu[i] * root); /* Hapke's approximation */
+/* H at the nodes of one medium. */
+struct half_space {
+    double mu[MOST], weight[MOST], h[MOST], albedo, root, eta;
+    int n;
+};
+
+static void make(double albedo, double absorbed, double eta, struct half_space *s)
+{
+    s->n = place(eta, s->mu, s->weight);
+    s->albedo = albedo;
+    s->root = sqrt(absorbed);
+    s->eta = eta;
+    for (int i = 0; i < s->n; i++)
+        s->h[i] = (1.0 + 2.0 * s->mu[i]) / (1.0 + 2.0 * s->mu[i] * s->root); /* Hapke's approximation */
     for (int round = 0; round < 200; round++) {
         double next[MOST], change = 0.0;
-        for (int i = 0; i < n; i++) {
-            next[i] = 0.5 * (h[i] + 1.0 / inverse_h(mu[i], albedo, root, mu, weight, h, n));
-            change = fmax(change, fabs(next[i] / h[i] - 1.0));
+        for (int i = 0; i < s->n; i++) {
+            next[i] = 0.5 * (s->h[i] + 1.0 / inverse_h(s->mu[i], albedo, s->root, s->mu, s->weight, s->h, s->n));
+            change = fmax(change, fabs(next[i] / s->h[i] - 1.0));
         }
-        for (int i = 0; i < n; i++)
-            h[i] = next[i];
+        for (int i = 0; i < s->n; i++)
+            s->h[i] = next[i];
         if (change < 1e-14)
             break;
     }
-    const double down = 1.0 / inverse_h(1.0, albedo, root, mu, weight, h, n), k = 0.25 * albedo / PELL_PI;
-    for (int i = 0; i < n; i++) {
-        u[i] = k * h[i] * down / (mu[i] + 1.0);
-        for (int j = 0; j < n; j++)
-            m[i][j] = (i == j) - k * h[i] * h[j] / (mu[i] + mu[j]) * 2.0 * PELL_PI * mu[j] * weight[j] * pell_fresnel(1.0 / eta, mu[j]);
+}
+
+/* Share of the light that entered along the cosine `inside` which leaves. */
+static double returned(const struct half_space *s, double inside)
+{
+    const double down = 1.0 / inverse_h(inside, s->albedo, s->root, s->mu, s->weight, s->h, s->n), k = 0.25 * s->albedo / PELL_PI;
+    double u[MOST], m[MOST][MOST], total = 0.0;
+
+    for (int i = 0; i < s->n; i++) {
+        u[i] = k * s->h[i] * down / (s->mu[i] + inside);
+        for (int j = 0; j < s->n; j++)
+            m[i][j] = (i == j) - k * s->h[i] * s->h[j] / (s->mu[i] + s->mu[j]) * 2.0 * PELL_PI * s->mu[j] * s->weight[j] *
+                                     pell_fresnel(1.0 / s->eta, s->mu[j]);
     }
-    solve(m, u, n);
-    for (int i = 0; i < n; i++)
-        total += 2.0 * PELL_PI * weight[i] * mu[i] * (1.0 - pell_fresnel(1.0 / eta, mu[i])) * u[i];
+    solve(m, u, s->n);
+    for (int i = 0; i < s->n; i++)
+        total += 2.0 * PELL_PI * s->weight[i] * s->mu[i] * (1.0 - pell_fresnel(1.0 / s->eta, s->mu[i])) * u[i];
     return fmin(1.0, fmax(0.0, total));
+}
+
+double pell_half_space_total(double albedo, double absorbed, double eta)
+{
+    struct half_space s;
+
+    make(albedo, absorbed, eta, &s);
+    return returned(&s, 1.0);
 }
 
 double pell_half_space_albedo(double albedo, double eta)
@@ -110,4 +141,59 @@ double pell_half_space_albedo(double albedo, double eta)
     if (!(albedo >= 0.0 && albedo <= 1.0 && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
         return NAN;
     return pell_half_space_total(albedo, 1.0 - albedo, eta);
+}
+
+double pell_half_space_albedo_at(double albedo, double eta, double mu)
+{
+    struct half_space s;
+
+    if (!(albedo >= 0.0 && albedo <= 1.0 && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX && mu > 0.0 && mu <= 1.0))
+        return NAN;
+    make(albedo, 1.0 - albedo, eta, &s);
+    return returned(&s, refracted(eta, mu));
+}
+
+/* The medium that returns `total` of the light at right angles: what absorbs, by its logarithm; the more of it, the less returns. False
+ * position, Illinois (Dowell and Jarratt 1971, "A Modified Regula Falsi Method"). */
+static void make_of_total(double total, double eta, struct half_space *s)
+{
+    double at[2] = { log(1e-12), 0.0 }, over[2] = { 1.0 - total, -total };
+    int last = -1;
+
+    for (int i = 0; i < 60; i++) {
+        const double here = (at[0] * over[1] - at[1] * over[0]) / (over[1] - over[0]), absorbed = exp(here);
+        double by;
+        int end;
+        make(1.0 - absorbed, absorbed, eta, s);
+        by = returned(s, 1.0) - total;
+        if (fabs(by) < 1e-6 * total)
+            return;
+        end = by < 0.0;
+        at[end] = here;
+        over[end] = by;
+        over[!end] *= end == last ? 0.5 : 1.0;
+        last = end;
+    }
+}
+
+struct pell_half_space_angle pell_half_space_angle_of(double total, double eta)
+{
+    double mu[ANGLES], weight[ANGLES], product = 0.0, square = 0.0, entered = 0.0, off = 0.0;
+    struct pell_half_space_angle a = { 0.0, 1.0 };
+    struct half_space s;
+
+    if (!(total > 0.0 && total < 1.0 && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
+        return a;
+    make_of_total(total, eta, &s);
+    pell_gauss_legendre(ANGLES, mu, weight);
+    for (int i = 0; i < ANGLES; i++) {
+        const double inside = refracted(eta, mu[i]), w = weight[i] * 2.0 * mu[i] * (1.0 - pell_fresnel(eta, mu[i])), x = 1.0 - inside;
+        product += w * x * (returned(&s, inside) / total - 1.0);
+        square += w * x * x;
+        entered += w;
+        off += w * x;
+    }
+    a.slope = square > 0.0 ? product / square : 0.0;
+    a.mean = 1.0 + a.slope * off / entered;
+    return a;
 }

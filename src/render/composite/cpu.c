@@ -73,8 +73,13 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
             .in_metal = m->opaque ? 1.0f : 0.0f,
             .scatters = p->exitance && !m->opaque ? 1.0f : 0.0f,
         };
-        for (int k = 0; k < 3; k++)
+        out->inverse_eta2 = p->angle && !m->opaque ? p->angle[i].inverse_eta2 : 1.0f;
+        for (int k = 0; k < 3; k++) {
             out->total[k] = m->opaque ? 1.0f : p->total[i][k];
+            out->leave_base[k] = p->angle && !m->opaque ? p->angle[i].leave_base[k] : 1.0f;
+            out->leave_slope[k] = p->angle && !m->opaque ? p->angle[i].leave_slope[k] : 0.0f;
+        }
+        row->any_angle = row->any_angle || (p->angle && !m->opaque);
         out->uniform = pell_surface_is_uniform(m);
         if (out->uniform) {
             const struct pell_surface_uniform e = pell_surface_uniform(m);

@@ -147,7 +147,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     const float *restrict metallic = p->surface->metallic + at;
     const bool radiance = p->radiance;
     float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
-    float behind[LANES];
+    float behind[LANES], off[LANES];
     float arriving[LANES]; /* results are local until they are whole: nothing else can point at them */
 
     for (int i = 0; i < LANES; i++) {
@@ -158,6 +158,8 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
         arriving[i] = 0.0f;
     }
     view_cosines(row, x, at, mu);
+    for (int i = 0; i < LANES; i++)
+        off[i] = row->any_angle ? pell_angle_off(OF(inverse_eta2), mu[i]) : 0.0f;
     exit_factors(row, o, mu, at, full, uniform, cut, factor);
     for (int i = 0; i < LANES; i++) {
         if (full && o->one->in_metal == 0.0f)
@@ -180,7 +182,8 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
         for (int i = 0; i < LANES; i++)
             total[i] = OF(total[c]);
         for (int i = 0; i < LANES; i++) {
-            const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * out[i];
+            const float angle = OF(leave_base[c]) + OF(leave_slope[c]) * off[i];
+            const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
             /* All is read, then chosen: what is off may be no number and must not be multiplied away. */
             const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];
             const float front = k * (scatters[i] > 0.0f ? moved : still), met = luminance[c] * e[i] / (a > 0.02f ? a : 0.02f);

@@ -22,14 +22,16 @@ struct pell_composite_material {
     float in_metal;     /* 1 where the irradiance holds 1 - metallic, too */
     float scatters;     /* 1: exitance is the method's; 0: total times irradiance */
     float total[3];
-    bool uniform;           /* see pell_surface_is_uniform */
-    float roughness, rho_s; /* then */
+    float inverse_eta2, leave_base[3], leave_slope[3]; /* see render/angle.h */
+    bool uniform;                                      /* see pell_surface_is_uniform */
+    float roughness, rho_s;                            /* then */
 };
 
 struct pell_composite_row {
     const struct pell_composite_params *p;
     const struct pell_composite_material *materials;
     const float *albedo, *mean;  /* of the specular tables: [model][mu][roughness][2], [model][roughness][2] */
+    bool any_angle;              /* some factor is not 1 */
     bool any_smooth;             /* some material has a smooth boundary */
     bool any_texture, any_power; /* some exponent is not 0; some is not 0, 1/2 or 1 */
     int y;

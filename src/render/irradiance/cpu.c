@@ -7,6 +7,7 @@
 #include "render/irradiance/internal.h"
 
 #include "math/scalar.h"
+#include "render/indirect/stage.h"
 
 #include <float.h>
 #include <string.h>
@@ -33,6 +34,7 @@ static float entering_albedo(float base, float m)
 /* What a lane takes from its material. */
 struct traits {
     int32_t albedo_at, boundary_at, smooth, model, opaque, deep;
+    const struct pell_angle *angle;
     float fd;
     bool textured;
 };
@@ -50,9 +52,20 @@ static struct traits material_traits(const struct job *job, size_t material)
         .model = t->model[material],
         .opaque = -(int32_t) m->opaque,
         .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
+        .angle = job->p->angle && !m->opaque ? &job->p->angle[material] : NULL,
         .fd = t->boundaries[t->boundary[material]].f0,
         .textured = !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE,
     };
+}
+
+static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angle)
+{
+    l->inverse_eta2[i] = angle ? angle->inverse_eta2 : 1.0f;
+    for (int c = 0; c < 3; c++) {
+        l->enter_base[c][i] = angle ? angle->enter_base[c] : 1.0f;
+        l->enter_slope[c][i] = angle ? angle->enter_slope[c] : 0.0f;
+        l->enter_mean[c][i] = angle ? angle->enter_mean[c] : 1.0f;
+    }
 }
 
 /* Fills what lanes take from their materials; where all have the one that all of the packet before had, it is still there, but for what
@@ -68,7 +81,7 @@ static void set_materials(const struct job *job, struct packet *k)
         return;
     }
     k->held = k->single ? (int64_t) k->material[0] : -1;
-    l->any_smooth = l->any_deep = 0;
+    l->any_smooth = l->any_deep = l->any_angle = 0;
     l->models = 0;
     k->textured = false;
     for (int i = 0; i < PELL_LANES; i++) {
@@ -85,6 +98,8 @@ static void set_materials(const struct job *job, struct packet *k)
         l->any_smooth |= t.smooth;
         l->models |= 1u << t.model;
         l->any_deep |= t.deep;
+        l->any_angle |= t.angle != NULL;
+        set_angle(l, i, t.angle);
     }
 }
 
@@ -264,13 +279,42 @@ static void environments(const struct job *job, struct packet *k)
             float rgb[3];
             pell_environment_irradiance(&lights->environments[e], vec3(l->nx[i], l->ny[i], l->nz[i]), &query, rgb);
             for (int c = 0; c < 3; c++)
-                k->sums.irradiance[c][i] += max0(sums.irradiance[c][i] + k->ambient[i] * (rgb[c] - sums.unshadowed[c][i]));
+                k->sums.irradiance[c][i] +=
+                    max0(sums.irradiance[c][i] + k->ambient[i] * l->enter_mean[c][i] * (rgb[c] - sums.unshadowed[c][i]));
         }
         if (!job->entering)
             add_reflection(job, k, &lights->environments[e]);
     }
     if (l->any_deep)
         pell_transmit_environment(job, k);
+}
+
+/* --- Indirect light ----------------------------------------------------------------------------------------------------------- */
+
+/* Whether a lane is seen from the side from which the corners of its triangle run clockwise. */
+static bool sees_back(const struct job *job, const struct packet *k, int i)
+{
+    const struct pell_mesh *mesh = &job->p->scene->meshes[job->p->surface->mesh[k->index[i]]];
+    const uint32_t *index = mesh->index + 3 * (size_t) job->p->surface->triangle[k->index[i]];
+    const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
+    const struct pell_vec3 b = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a);
+    const struct pell_vec3 c = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a);
+
+    return vec3_dot(vec3_cross(b, c), vec3(k->lanes.gx[i], k->lanes.gy[i], k->lanes.gz[i])) < 0.0f;
+}
+
+static void add_indirect(const struct job *job, struct packet *k)
+{
+    const struct pell_surface *s = job->p->surface;
+
+    for (int i = 0; i < k->count; i++) {
+        const int32_t at = k->index[i];
+        float rgb[3];
+        pell_indirect_at(job->p->indirect, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at],
+                         k->lanes.opaque[i] && sees_back(job, k, i), rgb);
+        for (int c = 0; c < 3; c++)
+            k->sums.irradiance[c][i] += rgb[c] * k->lanes.enter_mean[c][i];
+    }
 }
 
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
@@ -281,6 +325,8 @@ static void shade_packet(const struct job *job, struct packet *k)
         if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
     environments(job, k);
+    if (job->p->indirect && counts(job, 0))
+        add_indirect(job, k);
 }
 
 /* First the blocks that are covered as a whole, each a packet, then the pixels of the others. Their materials are kept beside them: to read
@@ -409,7 +455,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
 }
 
 void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const float *const place[3],
-                        const uint32_t number[PELL_LANES], struct pell_lighting *out)
+                        const uint32_t number[PELL_LANES], struct pell_lighting *out, float albedo[3][PELL_LANES])
 {
     const struct pell_specular_tables *t = params->tables;
     const struct job job = {
@@ -444,6 +490,9 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     load_packet(&job, &k, x, y, place);
     shade_packet(&job, &k);
     job.kernels->store(&k.lanes, &k.sums, k.index, k.count, out);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < k.count; i++)
+            albedo[c][k.index[i]] = k.lanes.albedo[c][i];
     out->shadow_rays = k.rays;
 }
 

@@ -231,7 +231,7 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
 static void front(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                   const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
 {
-    _Alignas(64) float mu[N], transmitted[N], facing[N];
+    _Alignas(64) float mu[N], transmitted[N], facing[N], off[N];
 
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
@@ -241,7 +241,15 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
         facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
     }
     transmittance(t, p, mu, transmitted);
-    for (int c = 0; c < 3; c++)
+    for (int i = 0; p->any_angle && i < N; i++)
+        off[i] = pell_angle_off(p->inverse_eta2[i], mu[i]);
+    for (int c = 0; p->any_angle && c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float factor = p->enter_base[c][i] + p->enter_slope[c][i] * off[i];
+            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * facing[i], kept = add < BIG ? add : BIG;
+            sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
+        }
+    for (int c = 0; !p->any_angle && c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * facing[i], kept = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;

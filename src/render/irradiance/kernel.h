@@ -33,7 +33,8 @@ struct pell_lanes {
     float roughness[16];
     int32_t valid[16];
     uint32_t hash[2][16];
-    int any_smooth, any_deep;
+    float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
+    int any_smooth, any_deep, any_angle;
     unsigned models; /* bit 1 << model of each that some lane has */
 };
 

@@ -37,7 +37,7 @@ static uint32_t place_points(const struct pell_scene *scene, const struct pell_s
             const struct pell_vec3 ends[3] = { a, vec3_add(a, b), vec3_add(a, c) };
             at = vec3_mad(vec3_mad(a, p->u[k], b), p->v[k], c);
             g = vec3_cross(b, c);
-            n = vec3_normalize(g);
+            n = vec3_normalize(p->back && p->back[k] ? vec3_mul(g, -1.0f) : g);
             for (int j = 0; j < 3; j++)
                 largest = fmaxf(largest, fmaxf(fabsf(ends[j].x), fmaxf(fabsf(ends[j].y), fabsf(ends[j].z))));
             some |= 1u << i;
@@ -116,7 +116,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     };
     const float *const place[3] = { s.place[0], s.place[1], s.place[2] };
     const float *const inward[3] = { packet.ray.dx, packet.ray.dy, packet.ray.dz };
-    _Alignas(64) float ambient[16] = { 0 }, mean[3][16] = { { 0 } };
+    _Alignas(64) float ambient[16] = { 0 }, mean[3][16] = { { 0 } }, albedo[3][16] = { { 0 } };
     uint32_t number[16], some;
     int64_t rays = 0;
 
@@ -139,13 +139,17 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     }
     if (some)
         pell_surface_look(params->surface, params->scene, what->spacing, &packet, some, &surface);
+    surface.mesh = packet.hit.mesh;
+    surface.triangle = packet.hit.triangle;
+    surface.barycentric[0] = packet.hit.u;
+    surface.barycentric[1] = packet.hit.v;
     one.surface = &surface;
     one.thickness = NULL;
     one.ambient = in->ambient ? ambient : NULL;
     one.lights = what->lights;
     for (int k = 0; some && k < what->samples; k++) {
         one.sample = what->first + (uint32_t) k;
-        pell_irradiance_at(lights, &one, place, number, &lighting);
+        pell_irradiance_at(lights, &one, place, number, &lighting, albedo);
         rays += lighting.shadow_rays;
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < 16; i++)
@@ -154,6 +158,8 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     for (size_t i = 0; i < count; i++) {
         for (int c = 0; c < 3; c++) {
             out->irradiance[c][first + i] = mean[c][i];
+            if (out->albedo[c])
+                out->albedo[c][first + i] = albedo[c][i];
             if (out->position[c])
                 out->position[c][first + i] = s.place[c][i];
             if (out->normal[c])

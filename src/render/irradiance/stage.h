@@ -13,6 +13,7 @@
 
 #include "lights/lights.h"
 #include "lights/specular_tables.h"
+#include "render/angle.h"
 #include "render/services.h"
 #include "render/surface/stage.h"
 
@@ -25,6 +26,8 @@ struct pell_lighting {
     int64_t shadow_rays;
 };
 
+struct pell_indirect;
+
 struct pell_irradiance_params {
     const struct pell_rays *rays;
     const struct pell_scene *scene;
@@ -32,11 +35,14 @@ struct pell_irradiance_params {
     const struct pell_surface *surface;
     const struct pell_specular_tables *tables;           /* of pell_specular_tables_create */
     const struct pell_thickness_table *const *thickness; /* per scene material, entries may be NULL; NULL: no transmission */
+    const struct pell_angle *angle;                      /* per scene material; NULL: no factors */
     float mix;                                           /* plan's; negative: each material's own */
     const float *ambient;                                /* of pell_irradiance_points: visibility of the environment's smooth rest at
                                                                * the points; NULL: found by rays */
     uint64_t lights;                                     /* bit min(i, 63) of each light i of the scene that counts; 0: all */
     bool smooth;                                         /* boundary: Fresnel's F_t in place of rho_dt */
+    const struct pell_indirect *indirect;                /* light that left a surface and enters again (indirect/stage.h), counted with
+                                                               * the scene's first light; the surface has its hits then. NULL: none */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;
 };
@@ -56,8 +62,8 @@ int64_t pell_irradiance_points(const struct pell_lights *lights, const struct pe
 /* --- cpu.c, for points.c ------------------------------------------------------------------------------------------------------------- */
 
 /* The light of up to 16 points in space: params->surface has 4 x 4 pixels with a stride of 4 and is as pell_surface_look leaves it, with
- * material 0 where no point is; `place` mm. Fills out->irradiance where a point is; its other planes hold anything then. */
+ * material 0 where no point is; `place` mm. Fills `albedo` and out->irradiance where a point is; its other planes hold anything then. */
 void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const float *const place[3],
-                        const uint32_t number[PELL_LANES], struct pell_lighting *out);
+                        const uint32_t number[PELL_LANES], struct pell_lighting *out, float albedo[3][PELL_LANES]);
 
 #endif

@@ -1,0 +1,93 @@
+/* SPDX-License-Identifier: MIT
+ * indirect.c - `pellucid-bench truth-gap`: time of indirect light: links of a first frame by samples, moved lights by bounces, and the
+ * stage "irradiance" of a frame that keeps both, beside the same without. */
+#include "papers.h"
+
+#include <string.h>
+
+static double stage_ms(const struct pell_render_result *image, const char *name)
+{
+    for (size_t i = 0; i < image->num_stages; i++)
+        if (strcmp(image->stages[i].name, name) == 0)
+            return image->stages[i].ms;
+    return 0.0;
+}
+
+/* Medians over the repeats of a stage of frames that `change` was done before; NULL: nothing. */
+static enum pell_result measure(struct bench *b, const char *stage, void (*change)(struct pell_settings *s), double *ms)
+{
+    double values[64];
+    const int repeats = b->repeats < 64 ? b->repeats : 64;
+    enum pell_result res;
+
+    for (int i = 0; i < repeats; i++) {
+        struct pell_render_result p;
+        if (change)
+            change(&b->s.settings);
+        PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
+        values[i] = stage_ms(&p, stage);
+    }
+    *ms = bench_median(values, repeats);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static void new_links(struct pell_settings *s)
+{
+    s->seed++;
+}
+
+/* Lights are made anew when how they are sampled changes. */
+static void new_lights(struct pell_settings *s)
+{
+    s->environment_lights = s->environment_lights == 24 ? 25 : 24;
+}
+
+static void add(struct bench *b, const char *name, double ms, double to, const char *against)
+{
+    struct row *r = bench_add(&b->rows, name, ms);
+
+    if (r && against) {
+        r->ratio = ms / to;
+        r->against = against;
+    }
+}
+
+enum pell_result bench_indirect(struct bench *b)
+{
+    static const int samples[] = { 4096, 16384, 65536 }, bounces[] = { 1, 8, 64 };
+    double first = 0.0, still = 0.0, ms;
+    enum pell_result res;
+    char name[96];
+
+    PELL_TRY(bench_choose(b, "none", ""));
+    snprintf(b->setup, sizeof(b->setup), "%d x %d pixels, %d threads; medians of %d frames", b->s.settings.width, b->s.settings.height,
+             pell_device_threads(pell_renderer_device(b->s.renderer)), b->repeats);
+    b->s.settings.bounces = 8;
+    for (size_t i = 0; i < PELL_COUNT(samples); i++) {
+        b->s.settings.indirect_samples = samples[i];
+        PELL_TRY(measure(b, "indirect links", new_links, &ms));
+        snprintf(name, sizeof(name), "first frame: links, %d samples", samples[i]);
+        first = i == 0 ? ms : first;
+        add(b, name, ms, first, i > 0 ? "4096 samples" : NULL);
+    }
+    b->s.settings.indirect_samples = samples[1];
+    for (size_t i = 0; i < PELL_COUNT(bounces); i++) {
+        b->s.settings.bounces = bounces[i];
+        PELL_TRY(measure(b, "indirect light", new_lights, &ms));
+        snprintf(name, sizeof(name), "lights moved: %d bounce%s", bounces[i], bounces[i] > 1 ? "s" : "");
+        first = i == 0 ? ms : first;
+        add(b, name, ms, first, i > 0 ? "1 bounce" : NULL);
+    }
+    for (int on = 0; on < 2; on++) {
+        b->s.settings.bounces = on ? 8 : 0;
+        PELL_TRY(measure(b, "irradiance", NULL, &ms));
+        still = on ? still : ms;
+        add(b, on ? "every frame: irradiance with it" : "every frame: irradiance without", ms, still, on ? "without" : NULL);
+    }
+
+fail:
+    return res;
+}

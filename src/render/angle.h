@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * angle.h - how what a translucent medium returns depends on the angle of the light: profiles are of light at right angles. A factor
+ * base + slope (1 - m), m the cosine behind the boundary, for light that enters and for light that leaves
+ * (pell_half_space_angle_of in pellucid/profile.h).
+ */
+#ifndef PELL_ANGLE_H
+#define PELL_ANGLE_H
+
+#include <math.h>
+
+struct pell_angle {
+    float inverse_eta2; /* 1/eta^2; 0: no refraction, and no factor: all bases are 1, all slopes 0 */
+    float enter_base[3], enter_slope[3];
+    float enter_mean[3];                 /* of light that is diffuse */
+    float leave_base[3], leave_slope[3]; /* mean over diffuse light: 1 */
+};
+
+/* 1 - m, of a cosine outside. */
+static inline float pell_angle_off(float inverse_eta2, float mu)
+{
+    const float square = 1.0f - (1.0f - mu * mu) * inverse_eta2;
+    return 1.0f - sqrtf(square > 0.0f ? square : 0.0f);
+}
+
+#endif

@@ -1,0 +1,256 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cells.c - triangles larger than the distance of samples are cut into cells, four for one; samples are spread over cells and triangles
+ * by their area, one for each square of the spacing; and the cell around a point is found.
+ */
+#include "render/indirect/internal.h"
+
+#define CUTS (1u << 17) /* at most; what is left over stays whole */
+#define DEPTH 12        /* cuts of a triangle at most */
+
+struct cutter {
+    struct pell_indirect *in;
+    struct indirect_spacing *spacing;
+    bool dry;     /* count alone */
+    double count; /* samples so far, not whole */
+    double first; /* whole samples before it */
+    uint32_t mesh, triangle;
+    struct pell_vec3 corner[3];
+    int sides;
+    size_t cuts;
+    size_t room_cells, room_extra, room_samples;
+    enum pell_result res;
+};
+
+static struct pell_vec3 point_of(const struct cutter *c, const float at[2])
+{
+    const struct pell_vec3 *p = c->corner;
+    return vec3_mad(vec3_mad(vec3_mul(p[0], 1.0f - at[0] - at[1]), at[0], p[1]), at[1], p[2]);
+}
+
+static void grow(struct cutter *c, void **array, size_t count, size_t *room, size_t size)
+{
+    if (c->res == PELL_OK)
+        c->res = pell_grow(c->in->ctx, array, count, room, size);
+}
+
+static void add_sample(struct cutter *c, float u, float v, float spacing, bool back)
+{
+    struct pell_indirect *in = c->in;
+    const struct pell_mesh *mesh = &in->p.scene->meshes[c->mesh];
+    const struct indirect_place place = indirect_place_at(mesh, c->triangle, u, v);
+    const struct pell_vec3 n = vec3_normalize(vec3_cross(vec3_sub(c->corner[1], c->corner[0]), vec3_sub(c->corner[2], c->corner[0])));
+    const float side = back ? -1.0f : 1.0f;
+
+    grow(c, (void **) &in->samples, in->num_samples + 1, &c->room_samples, sizeof(*in->samples));
+    if (c->res == PELL_OK && in->num_samples < INDIRECT_SAMPLES_MOST)
+        in->samples[in->num_samples++] = (struct indirect_sample) {
+            .mesh = c->mesh,
+            .triangle = c->triangle,
+            .u = u,
+            .v = v,
+            .position = place.position,
+            .normal = vec3_mul(n, side),
+            .smooth = vec3_mul(vec3_normalize(place.normal), side),
+            .spacing = spacing,
+            .material = (uint32_t) mesh->material,
+            .back = back,
+        };
+}
+
+/* The samples of a piece of `area` mm^2. Places along its first side follow how much of a sample is over, those across multiples of the
+ * golden section. */
+static void spread_samples(struct cutter *c, const float corner[3][2], double area, float spacing)
+{
+    const double before = c->count, share = area / ((double) spacing * (double) spacing);
+
+    c->count = before + share;
+    while (!c->dry && c->res == PELL_OK && c->first + 0.5 <= c->count) {
+        const double f = share > 0.0 ? fmin(fmax((c->first + 0.5 - before) / share, 0.0), 1.0) : 0.5;
+        double g = PELL_GOLDEN_SECTION * c->first;
+        float a, b, at[2];
+        g -= floor(g);
+        pell_triangle_point((float) f, (float) g, &a, &b);
+        for (int k = 0; k < 2; k++)
+            at[k] = (1.0f - a - b) * corner[0][k] + a * corner[1][k] + b * corner[2][k];
+        for (int side = 0; side < c->sides; side++)
+            add_sample(c, at[0], at[1], spacing, side == 1);
+        c->first += 1.0;
+    }
+}
+
+static uint32_t add_knot(struct cutter *c, const float at[2])
+{
+    struct pell_indirect *in = c->in;
+
+    grow(c, (void **) &in->extra, in->num_extra + 1, &c->room_extra, sizeof(*in->extra));
+    if (c->res != PELL_OK)
+        return 0;
+    in->extra[in->num_extra] = (struct indirect_knot) { c->mesh, c->triangle, at[0], at[1] };
+    return (uint32_t) (in->num_mesh_knots + in->num_extra++);
+}
+
+/* The four parts of a triangle with these corners: at each of them, and between the middles of the sides that lie across from them. */
+static void quarter(const float corner[3][2], float part[4][3][2])
+{
+    float middle[3][2];
+
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 2; k++)
+            middle[i][k] = 0.5f * (corner[(i + 1) % 3][k] + corner[(i + 2) % 3][k]);
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 2; k++) {
+            part[i][i][k] = corner[i][k];
+            part[i][(i + 1) % 3][k] = middle[(i + 2) % 3][k];
+            part[i][(i + 2) % 3][k] = middle[(i + 1) % 3][k];
+            part[3][i][k] = middle[i][k];
+        }
+}
+
+/* Cuts a piece that is too large. `cell`: its number, or INDIRECT_NONE where it is the triangle itself, and has none yet; then a cell is
+ * made for it if it is cut. Returns its number. */
+static uint32_t cut(struct cutter *c, const float corner[3][2], const uint32_t knot[3], uint32_t cell, int depth)
+{
+    const float centre[2] = { (corner[0][0] + corner[1][0] + corner[2][0]) / 3.0f, (corner[0][1] + corner[1][1] + corner[2][1]) / 3.0f };
+    const struct pell_vec3 p[3] = { point_of(c, corner[0]), point_of(c, corner[1]), point_of(c, corner[2]) };
+    const float spacing = indirect_spacing_at(c->spacing, point_of(c, centre));
+    struct pell_indirect *in = c->in;
+    float longest = 0.0f, part[4][3][2];
+    uint32_t middle[3] = { 0 }, child;
+
+    for (int i = 0; i < 3; i++)
+        longest = fmaxf(longest, vec3_length(vec3_sub(p[i], p[(i + 1) % 3])));
+    if (!(longest > 2.0f * spacing) || depth == DEPTH || c->cuts == CUTS || c->res != PELL_OK) {
+        spread_samples(c, corner, 0.5 * (double) vec3_length(vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0]))), spacing);
+        return cell;
+    }
+    c->cuts++;
+    quarter(corner, part);
+    if (c->dry) {
+        for (int i = 0; i < 4; i++)
+            cut(c, part[i], knot, 0, depth + 1);
+        return cell;
+    }
+    for (int i = 0; i < 3; i++)
+        middle[i] = add_knot(c, part[3][i]);
+    grow(c, (void **) &in->cells, in->num_cells + 5, &c->room_cells, sizeof(*in->cells));
+    if (c->res != PELL_OK)
+        return cell;
+    if (cell == INDIRECT_NONE)
+        in->cells[cell = (uint32_t) in->num_cells++] = (struct indirect_cell) { 0, { knot[0], knot[1], knot[2] } };
+    child = (uint32_t) in->num_cells;
+    in->cells[cell].child = child;
+    in->num_cells += 4;
+    for (int i = 0; i < 3; i++) {
+        struct indirect_cell *q = &in->cells[child + (uint32_t) i];
+        *q = (struct indirect_cell) { 0, { 0 } };
+        q->knot[i] = knot[i];
+        q->knot[(i + 1) % 3] = middle[(i + 2) % 3];
+        q->knot[(i + 2) % 3] = middle[(i + 1) % 3];
+    }
+    in->cells[child + 3] = (struct indirect_cell) { 0, { middle[0], middle[1], middle[2] } };
+    for (uint32_t i = 0; i < 4; i++) {
+        const struct indirect_cell q = in->cells[child + i];
+        cut(c, part[i], q.knot, child + i, depth + 1);
+    }
+    return cell;
+}
+
+static void cut_mesh(struct cutter *c, uint32_t number)
+{
+    static const float whole[3][2] = { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } };
+    struct pell_indirect *in = c->in;
+    const struct pell_scene *scene = in->p.scene;
+    const struct pell_mesh *mesh = &scene->meshes[number];
+    const uint32_t first = in->meshes[number].first_knot;
+
+    c->mesh = number;
+    c->sides = scene->materials[mesh->material].opaque ? 2 : 1;
+    for (uint32_t t = 0; t < mesh->num_triangles && c->res == PELL_OK; t++) {
+        const uint32_t *index = mesh->index + 3 * (size_t) t, knot[3] = { first + index[0], first + index[1], first + index[2] };
+        uint32_t cell;
+        c->triangle = t;
+        for (int i = 0; i < 3; i++)
+            c->corner[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
+        cell = cut(c, whole, knot, INDIRECT_NONE, 0);
+        if (!c->dry)
+            in->roots[in->meshes[number].first_root + t] = cell;
+    }
+}
+
+/* Samples of both passes: the first counts them, so that the second keeps to their number. */
+static double cut_all(struct cutter *c)
+{
+    const struct pell_scene *scene = c->in->p.scene;
+    double all = 0.0;
+
+    for (uint32_t i = 0; i < scene->num_meshes && c->res == PELL_OK; i++) {
+        const double before = c->count;
+        if (!indirect_shown(scene, &scene->meshes[i]))
+            continue;
+        cut_mesh(c, i);
+        all += (c->count - before) * c->sides;
+        if (pell_cancelled(c->in->ctx))
+            c->res = PELL_ERR_CANCELLED;
+    }
+    return all;
+}
+
+enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_spacing *spacing)
+{
+    const struct pell_scene *scene = in->p.scene;
+    struct cutter c = { .in = in, .spacing = spacing, .dry = true, .res = PELL_OK };
+    uint64_t knots = 0, roots = 0;
+    double count;
+
+    if (!(in->meshes = pell_calloc(in->ctx, scene->num_meshes, sizeof(*in->meshes))))
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        if (knots + scene->meshes[i].num_vertices >= UINT32_MAX / 4 || roots + scene->meshes[i].num_triangles >= UINT32_MAX / 4)
+            return pell_error(in->ctx, PELL_ERR_UNSUPPORTED, scene->path, "set bounces to 0", "too many vertices for indirect light");
+        in->meshes[i] = (struct indirect_mesh) { (uint32_t) knots, (uint32_t) roots };
+        knots += scene->meshes[i].num_vertices;
+        roots += scene->meshes[i].num_triangles;
+    }
+    in->num_mesh_knots = (size_t) knots;
+    in->num_roots = (size_t) roots;
+    if (!(in->roots = pell_alloc_array(in->ctx, in->num_roots, sizeof(*in->roots))))
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < in->num_roots; i++)
+        in->roots[i] = INDIRECT_NONE;
+    count = cut_all(&c);
+    if (count > 0.0)
+        spacing->scale = (float) sqrt(count / in->p.samples);
+    c.dry = false;
+    c.count = 0.0;
+    c.cuts = 0;
+    cut_all(&c);
+    in->num_knots = in->num_mesh_knots + in->num_extra;
+    return c.res;
+}
+
+void indirect_find(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t knot[3], float weight[3])
+{
+    const struct indirect_mesh *m = &in->meshes[mesh];
+    const uint32_t *index = in->p.scene->meshes[mesh].index + 3 * (size_t) triangle;
+    uint32_t cell = in->roots[m->first_root + triangle];
+    float w[3] = { 1.0f - u - v, u, v };
+
+    if (cell == INDIRECT_NONE) {
+        for (int i = 0; i < 3; i++) {
+            knot[i] = m->first_knot + index[i];
+            weight[i] = w[i];
+        }
+        return;
+    }
+    while (in->cells[cell].child) {
+        const int at = w[0] >= 0.5f ? 0 : w[1] >= 0.5f ? 1 : w[2] >= 0.5f ? 2 : 3;
+        for (int i = 0; i < 3; i++)
+            w[i] = at == 3 ? 1.0f - 2.0f * w[i] : i == at ? 2.0f * w[i] - 1.0f : 2.0f * w[i];
+        cell = in->cells[cell].child + (uint32_t) at;
+    }
+    for (int i = 0; i < 3; i++) {
+        knot[i] = in->cells[cell].knot[i];
+        weight[i] = w[i];
+    }
+}

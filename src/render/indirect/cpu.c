@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * cpu.c - the stage: what samples receive and send on, bounce by bounce, and what points between them receive.
+ */
+#include "render/indirect/internal.h"
+
+#include <string.h>
+
+#define CHUNK 256 /* samples or knots of a task */
+
+void pell_indirect_destroy(struct pell_indirect **indirect)
+{
+    struct pell_indirect *in = *indirect;
+
+    if (!in)
+        return;
+    pell_free(in->ctx, in->meshes);
+    pell_free(in->ctx, in->roots);
+    pell_free(in->ctx, in->cells);
+    pell_free(in->ctx, in->extra);
+    pell_free(in->ctx, in->samples);
+    pell_free(in->ctx, in->links);
+    pell_free(in->ctx, in->enter);
+    pell_free(in->ctx, in->near);
+    pell_free(in->ctx, in->direct);
+    pell_free(in->ctx, in->albedo);
+    pell_free(in->ctx, in->gathered);
+    pell_free(in->ctx, in->leaving);
+    pell_free(in->ctx, in->value);
+    pell_free(in->ctx, in);
+    *indirect = NULL;
+}
+
+/* Whether some ray of a sample met a surface that can light it. */
+static bool any_link(const struct pell_indirect *in)
+{
+    for (size_t i = 0; i < in->num_samples * INDIRECT_RAYS; i++)
+        if (in->links[i].factor)
+            return true;
+    return false;
+}
+
+enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_indirect_params *params,
+                                      struct pell_indirect **out)
+{
+    struct pell_indirect *in = pell_zalloc(ctx, sizeof(*in));
+    struct indirect_spacing spacing;
+    enum pell_result res;
+
+    *out = in;
+    if (!in)
+        return PELL_ERR_NOMEM;
+    in->ctx = ctx;
+    in->p = *params;
+    in->sides = 1;
+    for (size_t i = 0; i < params->scene->num_meshes; i++)
+        if (params->scene->materials[params->scene->meshes[i].material].opaque)
+            in->sides = 2;
+    indirect_spacing_make(params->scene, &spacing);
+    PELL_TRY(indirect_cells_make(in, &spacing));
+    PELL_TRY(indirect_near_make(in, pool, &spacing));
+    PELL_TRY(indirect_links_make(in, pool));
+    if (!any_link(in)) {
+        pell_indirect_destroy(out);
+        return PELL_OK;
+    }
+    res = PELL_ERR_NOMEM;
+    in->direct = pell_alloc_array(ctx, in->num_samples, sizeof(*in->direct));
+    in->albedo = pell_alloc_array(ctx, in->num_samples, sizeof(*in->albedo));
+    in->gathered = pell_alloc_array(ctx, in->num_samples, sizeof(*in->gathered));
+    in->leaving = pell_alloc_array(ctx, in->num_samples, sizeof(*in->leaving));
+    in->value = pell_calloc(ctx, (size_t) in->sides * in->num_knots, sizeof(*in->value));
+    if (!in->direct || !in->albedo || !in->gathered || !in->leaving || !in->value)
+        goto fail;
+    return PELL_OK;
+
+fail:
+    pell_indirect_destroy(out);
+    return res;
+}
+
+/* --- Light ------------------------------------------------------------------------------------------------------------------------ */
+
+struct solve {
+    struct pell_indirect *in;
+    const struct pell_indirect_lights *lights;
+    const float (*total)[3];
+};
+
+/* Light that enters at 16 samples. Textures are filtered to the samples' distance. */
+static void light16(const struct solve *s, size_t first, size_t count)
+{
+    struct pell_indirect *in = s->in;
+    float irradiance[3][16], albedo[3][16];
+    uint32_t mesh[16], triangle[16], number[16];
+    float u[16], v[16];
+    bool back[16];
+    const struct pell_points_params params = { .mix = 1.0f, .spacing = in->samples[first].spacing, .samples = 1 };
+    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number, .back = back };
+    const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
+                                            .albedo = { albedo[0], albedo[1], albedo[2] } };
+
+    for (size_t i = 0; i < count; i++) {
+        const struct indirect_sample *q = &in->samples[first + i];
+        mesh[i] = q->mesh;
+        triangle[i] = q->triangle;
+        u[i] = q->u;
+        v[i] = q->v;
+        number[i] = (uint32_t) (first + i);
+        back[i] = q->back;
+    }
+    s->lights->light_points(s->lights->engine, &params, &points, count, &out);
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t material = in->samples[first + i].material;
+        const bool opaque = in->p.scene->materials[material].opaque;
+        for (int c = 0; c < 3; c++) {
+            const float total = opaque ? 1.0f : s->total[material][c];
+            in->direct[first + i][c] = total * irradiance[c][i];
+            in->albedo[first + i][c] = total * albedo[c][i];
+        }
+    }
+}
+
+static void light_chunk(void *arg, int index, int worker)
+{
+    const struct solve *s = arg;
+    const size_t first = (size_t) index * CHUNK, end = first + CHUNK < s->in->num_samples ? first + CHUNK : s->in->num_samples;
+
+    (void) worker;
+    for (size_t i = first; i < end; i += 16)
+        light16(s, i, end - i < 16 ? end - i : 16);
+}
+
+static void gather_chunk(void *arg, int index, int worker)
+{
+    const struct solve *s = arg;
+    struct pell_indirect *in = s->in;
+    const size_t first = (size_t) index * CHUNK, end = first + CHUNK < in->num_samples ? first + CHUNK : in->num_samples;
+
+    (void) worker;
+    for (size_t i = first; i < end; i++) {
+        const struct indirect_link *links = &in->links[i * INDIRECT_RAYS];
+        const float *enter = in->enter[in->samples[i].material];
+        float sum[3] = { 0.0f, 0.0f, 0.0f };
+        for (int k = 0; k < INDIRECT_RAYS; k++) {
+            const float w = enter[k] * (float) links[k].factor;
+            const float *light = in->leaving[links[k].sample];
+            for (int c = 0; c < 3; c++)
+                sum[c] += w * light[c];
+        }
+        memcpy(in->gathered[i], sum, sizeof(sum));
+    }
+}
+
+static void knot_chunk(void *arg, int index, int worker)
+{
+    const struct solve *s = arg;
+    struct pell_indirect *in = s->in;
+    const size_t count = (size_t) in->sides * in->num_knots, first = (size_t) index * CHUNK;
+
+    (void) worker;
+    for (size_t i = first; i < first + CHUNK && i < count; i++) {
+        const struct indirect_near *near = &in->near[i];
+        float sum[3] = { 0.0f, 0.0f, 0.0f };
+        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++)
+            for (int c = 0; c < 3; c++)
+                sum[c] += near->weight[k] * in->gathered[near->sample[k]][c];
+        memcpy(in->value[i], sum, sizeof(sum));
+    }
+}
+
+static int chunks_of(size_t count)
+{
+    return (int) ((count + CHUNK - 1) / CHUNK);
+}
+
+enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool *pool, const struct pell_indirect_lights *lights,
+                                     const float (*total)[3], int bounces)
+{
+    struct solve s = { in, lights, total };
+
+    pell_pool_run(pool, chunks_of(in->num_samples), light_chunk, &s);
+    for (int n = 0; n < bounces; n++) {
+        for (size_t i = 0; i < in->num_samples; i++)
+            for (int c = 0; c < 3; c++)
+                in->leaving[i][c] = in->direct[i][c] + (n > 0 ? in->albedo[i][c] * in->gathered[i][c] : 0.0f);
+        pell_pool_run(pool, chunks_of(in->num_samples), gather_chunk, &s);
+    }
+    pell_pool_run(pool, chunks_of((size_t) in->sides * in->num_knots), knot_chunk, &s);
+    return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+void pell_indirect_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3])
+{
+    const struct pell_scene *scene = in->p.scene;
+    uint32_t knot[3];
+    float weight[3];
+
+    memset(rgb, 0, 3 * sizeof(*rgb));
+    if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles || (back && in->sides == 1))
+        return;
+    indirect_find(in, mesh, triangle, u, v, knot, weight);
+    for (int i = 0; i < 3; i++)
+        for (int c = 0; c < 3; c++)
+            rgb[c] += weight[i] * in->value[(back ? in->num_knots : 0) + knot[i]][c];
+}

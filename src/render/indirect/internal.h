@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * internal.h - what the files of this stage share. Private to the folder.
+ */
+#ifndef RENDER_INDIRECT_INTERNAL_H
+#define RENDER_INDIRECT_INTERNAL_H
+
+#include "render/indirect/stage.h"
+
+#include "math/sampling.h"
+#include "math/vec.h"
+
+#define INDIRECT_RAYS 96 /* of a sample */
+#define INDIRECT_NONE UINT32_MAX
+
+/* A place of a surface that gathers light, and that lights others. */
+struct indirect_sample {
+    uint32_t mesh, triangle;
+    float u, v;                        /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
+    struct pell_vec3 position, normal; /* mm; of the triangle, on its side */
+    struct pell_vec3 smooth;           /* the vertices' normals, interpolated, on its side */
+    float spacing;                     /* mm to the next samples */
+    uint32_t material;                 /* of the scene */
+    bool back;                         /* on the side from which the triangle's corners run clockwise */
+};
+
+/* A triangle that was cut into four, again and again. A leaf has no children. */
+struct indirect_cell {
+    uint32_t child;   /* first of four: at corners 0, 1, 2, and the middle one. 0: none */
+    uint32_t knot[3]; /* at its corners */
+};
+
+/* A knot that is no vertex of a mesh. */
+struct indirect_knot {
+    uint32_t mesh, triangle;
+    float u, v;
+};
+
+struct indirect_mesh {
+    uint32_t first_knot; /* of vertex 0 */
+    uint32_t first_root; /* roots[first_root + triangle]: cell of the triangle, or INDIRECT_NONE. INDIRECT_NONE: no triangle is cut */
+};
+
+/* What light can go along: to which sample, and the exit factor there in steps of 1/INDIRECT_STEPS. */
+#define INDIRECT_STEPS 180.0f
+#define INDIRECT_SAMPLES_MOST (1u << 24)
+struct indirect_link {
+    uint32_t sample : 24, factor : 8; /* factor 0: to nowhere */
+};
+
+/* Samples near a knot, and their weights, which sum to 1. */
+#define INDIRECT_NEAR 10
+struct indirect_near {
+    uint32_t sample[INDIRECT_NEAR];
+    float weight[INDIRECT_NEAR]; /* 0 behind the last */
+};
+
+struct pell_indirect {
+    struct pell_context *ctx;
+    struct pell_indirect_params p;
+
+    struct indirect_mesh *meshes;
+    uint32_t *roots;
+    struct indirect_cell *cells;
+    struct indirect_knot *extra; /* knots behind those of the meshes */
+    size_t num_roots, num_cells, num_extra, num_mesh_knots, num_knots;
+
+    struct indirect_sample *samples;
+    size_t num_samples;
+    struct indirect_link *links;   /* [sample][INDIRECT_RAYS] */
+    float (*enter)[INDIRECT_RAYS]; /* per scene material: T of each ray's direction */
+
+    int sides;                  /* 2: knots have back sides, too, behind all front sides */
+    struct indirect_near *near; /* [side][knot] */
+
+    /* Of the lights. */
+    float (*direct)[3], (*albedo)[3]; /* of samples: light that enters; rho times the base colour */
+    float (*gathered)[3], (*leaving)[3];
+    float (*value)[3]; /* [side][knot] */
+};
+
+/* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */
+struct indirect_place {
+    struct pell_vec3 position, normal;
+};
+static inline struct indirect_place indirect_place_at(const struct pell_mesh *mesh, uint32_t triangle, float u, float v)
+{
+    const uint32_t *index = mesh->index + 3 * (size_t) triangle;
+    const float w[3] = { 1.0f - u - v, u, v };
+    struct indirect_place p = { { 0.0f, 0.0f, 0.0f }, { 0.0f, 0.0f, 0.0f } };
+
+    for (int k = 0; k < 3; k++) {
+        p.position = vec3_mad(p.position, w[k], vec3_load(mesh->position + 3 * (size_t) index[k]));
+        p.normal = vec3_mad(p.normal, w[k], vec3_load(mesh->normal + 3 * (size_t) index[k]));
+    }
+    return p;
+}
+
+/* Whether a mesh takes part. */
+static inline bool indirect_shown(const struct pell_scene *scene, const struct pell_mesh *mesh)
+{
+    bool cut;
+    return mesh->num_triangles > 0 && pell_rays_show(scene, mesh, &cut);
+}
+
+/* --- spacing.c: how far samples lie apart ------------------------------------------------------------------------------------------- */
+
+#define INDIRECT_BOXES 256
+
+/* Boxes of objects, and the distance of samples on each. */
+struct indirect_spacing {
+    struct indirect_box {
+        struct pell_vec3 low, high;
+        float spacing;
+    } box[INDIRECT_BOXES];
+    int count;
+    float scale;
+};
+
+void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spacing *out);
+/* mm, > 0. As fine as the nearest object asks for, coarser the farther it is. */
+float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p);
+
+/* --- cells.c: large triangles cut into cells, samples and knots --------------------------------------------------------------------- */
+
+/* Fills meshes, roots, cells, extra and samples. The caller frees them with the rest. */
+PELL_NODISCARD enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_spacing *spacing);
+/* The knots around a point of a triangle, and the point's barycentric coordinates between them. */
+void indirect_find(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t knot[3], float weight[3]);
+
+/* --- near.c: the samples around each knot ------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result indirect_near_make(struct pell_indirect *in, struct pell_pool *pool,
+                                                   const struct indirect_spacing *spacing);
+
+/* --- links.c: what each sample sees -------------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result indirect_links_make(struct pell_indirect *in, struct pell_pool *pool);
+
+#endif

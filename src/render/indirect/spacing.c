@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * spacing.c - how far samples lie apart: a share of each object's size on it, and coarser with the distance from it on what is beside it,
+ * so that a wide ground is fine where something stands and coarse elsewhere.
+ */
+#include "render/indirect/internal.h"
+
+#define PARTS 80.0f  /* of a box's diagonal: the spacing on it */
+#define GROWTH 0.15f /* of the spacing with the distance */
+
+static void widen(struct indirect_box *box, const struct pell_mesh *mesh)
+{
+    for (uint32_t i = 0; i < mesh->num_vertices; i++) {
+        const struct pell_vec3 p = vec3_load(mesh->position + 3 * (size_t) i);
+        box->low = vec3(fminf(box->low.x, p.x), fminf(box->low.y, p.y), fminf(box->low.z, p.z));
+        box->high = vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
+    }
+}
+
+void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spacing *out)
+{
+    int object[INDIRECT_BOXES];
+
+    out->count = 0;
+    out->scale = 1.0f;
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_mesh *mesh = &scene->meshes[i];
+        int k = 0;
+
+        if (!indirect_shown(scene, mesh))
+            continue;
+        while (k < out->count && object[k] != mesh->object)
+            k++;
+        if (k == INDIRECT_BOXES) /* the last box is of all objects that have none */
+            k--;
+        if (k == out->count) {
+            object[k] = mesh->object;
+            out->box[k] = (struct indirect_box) { vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY), 0.0f };
+            out->count++;
+        }
+        widen(&out->box[k], mesh);
+    }
+    for (int k = 0; k < out->count; k++)
+        out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / PARTS, 1e-30f);
+}
+
+float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p)
+{
+    float least = INFINITY;
+
+    for (int k = 0; k < s->count; k++) {
+        const struct indirect_box *b = &s->box[k];
+        const struct pell_vec3 d =
+            vec3(fmaxf(fmaxf(b->low.x - p.x, p.x - b->high.x), 0.0f), fmaxf(fmaxf(b->low.y - p.y, p.y - b->high.y), 0.0f),
+                 fmaxf(fmaxf(b->low.z - p.z, p.z - b->high.z), 0.0f));
+        least = fminf(least, b->spacing + GROWTH * vec3_length(d));
+    }
+    return least * s->scale;
+}

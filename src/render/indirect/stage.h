@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stage.h - stage "indirect": light that leaves a surface and enters again, at another place of the same solid, at another object, at the
+ * ground.
+ *
+ *     E_i(x) = Int T(w.n) L(x, w) (w.n) dw,   L(x, w) = T_out(w) / (pi n_out) M(y),   M(y) = rho(y) (E(y) + E_i(y))
+ *
+ * y is what the ray from x along w meets. Radiosity (Goral et al. 1984) on samples of the surfaces: each gathers over rays, and where each
+ * ray ends is kept, as a link to the sample there, so that lights may change at the cost of a sum over the links. What the samples receive
+ * is interpolated to knots, the vertices of the meshes and of large triangles that are cut into smaller ones, and from knots to any point
+ * of a triangle, as in irradiance caching (Ward et al. 1988).
+ *
+ * rho is the total diffuse reflectance: light leaves where it entered, not spread by the profile. Highlights, and light that is transmitted
+ * through thin parts, light nothing.
+ */
+#ifndef PELL_INDIRECT_H
+#define PELL_INDIRECT_H
+
+#include "lights/specular_tables.h"
+#include "render/services.h"
+#include "render/surface/stage.h"
+
+struct pell_indirect;
+
+struct pell_indirect_params {
+    const struct pell_scene *scene;
+    const struct pell_rays *rays;
+    const struct pell_specular_tables *tables;
+    bool smooth;   /* boundary of translucent materials: Fresnel's F_t in place of rho_dt */
+    int samples;   /* of all surfaces, about */
+    uint32_t seed; /* of the rays' directions */
+};
+
+/* Samples and links: what does not depend on lights. *out is NULL where no surface can light another. Borrows what `params` points to. The
+ * same bits for any number of threads. */
+PELL_NODISCARD enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool *pool,
+                                                     const struct pell_indirect_params *params, struct pell_indirect **out);
+void pell_indirect_destroy(struct pell_indirect **indirect);
+
+/* Light that the scene's lights send to points, without indirect light: pell_services.light_points and its first argument. */
+struct pell_indirect_lights {
+    int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                            const struct pell_surface_light *out);
+    void *engine;
+};
+
+/* `total`: per scene material, the total reflectance of its profile. `bounces` >= 1: how often light leaves and enters again. */
+PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indirect, struct pell_pool *pool,
+                                                    const struct pell_indirect_lights *lights, const float (*total)[3], int bounces);
+
+/* Indirect light that enters at a point of a triangle, without its albedo: W/m^2. `back`: at the side from which the triangle's corners run
+ * clockwise; translucent materials have none. A mesh or triangle that there is not has no light. */
+void pell_indirect_at(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3]);
+
+#endif

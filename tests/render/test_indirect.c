@@ -1,0 +1,351 @@
+/* SPDX-License-Identifier: MIT
+ * test_indirect.c - light that leaves a surface and enters again: closed forms of radiosity, and what must hold for all of it; and how much
+ * of it by its angle. */
+#include "stage.h"
+
+#include <stdatomic.h>
+
+#define SIZE (SLOW ? 12 : 24)
+#define SAMPLES (SLOW ? 2048 : 16384)
+
+/* Light that enters at a pixel, of channel `c`, with the surface's base colour. */
+static double light_at(const struct shot *shot, int x, int y, size_t c)
+{
+    return shot_at(shot, SHOT_IRRADIANCE + c, x, y);
+}
+
+static struct shot shot_with(struct stage *s, int bounces)
+{
+    s->settings.layers = true;
+    s->settings.bounces = bounces;
+    s->settings.indirect_samples = SAMPLES;
+    return stage_shot_of(s, "none", NULL);
+}
+
+/* Mean over all covered pixels. */
+static double mean_light(const struct shot *shot, size_t c)
+{
+    double sum = 0.0, covered = 0.0;
+
+    for (int y = 0; y < shot->height; y++)
+        for (int x = 0; x < shot->width; x++) {
+            sum += light_at(shot, x, y, c);
+            covered += shot_at(shot, SHOT_A, x, y);
+        }
+    return covered > 0.0 ? sum / covered : 0.0;
+}
+
+/* A light in the middle of a closed sphere of reflectance rho lights it evenly, E0; with each bounce there is rho times as much: after
+ * n of them E0 (1 - rho^(n+1))/(1 - rho). Seen from inside, by triangles that face outward and inward. */
+static void an_integrating_sphere_sums_the_geometric_series(void **state)
+{
+    static const float rho[3] = { 0.2f, 0.5f, 0.9f };
+    static const int bounces[] = { 1, 2, 8, 64 };
+    (void) state;
+
+    for (int inward = 0; inward < 2; inward++) {
+        struct stage s;
+        struct shot direct, all;
+        struct pell_material *m;
+        size_t material;
+
+        stage_start(&s, SIZE, SIZE);
+        m = stage_opaque(&s, 1.0f, &material);
+        memcpy(m->base_color, rho, sizeof(rho));
+        stage_ball(&s, material, 0, vec3(0, 0, 0), 50.0f, 24);
+        for (uint32_t i = 0; inward && i < s.scene->meshes[0].num_triangles; i++) {
+            uint32_t *index = s.scene->meshes[0].index + 3 * i, first = index[0];
+            index[0] = index[1];
+            index[1] = first;
+        }
+        for (uint32_t i = 0; inward && i < 3 * s.scene->meshes[0].num_vertices; i++)
+            s.scene->meshes[0].normal[i] *= -1.0f;
+        stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
+        stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 1.5f, 0.0f);
+        direct = shot_with(&s, 0);
+        for (size_t k = 0; k < PELL_COUNT(bounces); k++) {
+            all = shot_with(&s, bounces[k]);
+            for (size_t c = 0; c < 3; c++) {
+                const double r = (double) rho[c], want = (1.0 - pow(r, bounces[k] + 1)) / (1.0 - r);
+                REQUIRE_REL(mean_light(&all, c) / mean_light(&direct, c), want, bounces[k] > 8 ? 0.015 : 0.01);
+                REQUIRE_REL(light_at(&all, SIZE / 2, SIZE / 2, c) / light_at(&direct, SIZE / 2, SIZE / 2, c), want, 0.03);
+            }
+            shot_free(&all);
+        }
+        shot_free(&direct);
+        stage_finish(&s);
+    }
+}
+
+/* Share of what a square of side 2 a sends evenly that meets a small parallel one, `h` over its middle (Howell, "A Catalog of Radiation
+ * Heat Transfer Configuration Factors", B-3, four times). */
+static double parallel_factor(double a, double h)
+{
+    const double x = a / h, r = sqrt(1.0 + x * x);
+    return 4.0 / (2.0 * PELL_PI) * 2.0 * x / r * atan(x / r);
+}
+
+/* A tile of 2 mm at height z that faces up or down, and a camera close before it. */
+static void add_tile(struct stage *s, size_t material, float z, bool up)
+{
+    const float side = up ? 1.0f : -1.0f;
+
+    shapes_quad(s->scene, material, vec3(0, 0, z), vec3(1, 0, 0), vec3(0, side, 0))->object = 1;
+    stage_camera(s, vec3(0, 0, z + 5.0f * side), vec3(0, 0, z), 0.1f, 0.0f);
+}
+
+/* Light from below meets the lower face of a plate, and from there a small tile that faces up; one above, which faces the plate's dark
+ * side, gets none. */
+static void a_plate_lights_what_faces_it_and_lets_nothing_through(void **state)
+{
+    static const float heights[] = { 12.0f, 30.0f, 80.0f };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(heights); k++)
+        for (int above = 0; above < 2; above++) {
+            struct stage s;
+            struct shot shot;
+            size_t material;
+
+            stage_start(&s, SIZE, SIZE);
+            stage_opaque(&s, 0.8f, &material);
+            shapes_quad(s.scene, material, vec3(0, 0, 0), vec3(50, 0, 0), vec3(0, -50, 0))->object = 0; /* faces down */
+            add_tile(&s, material, above ? heights[k] : -heights[k], !above);
+            stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -500), vec3(0, 0, 0), 2.0f);
+            shot = shot_with(&s, 1);
+            REQUIRE_NEAR(light_at(&shot, SIZE / 2, SIZE / 2, 1) / (0.8 * 0.8 * 2.0),
+                         above ? 0.0 : parallel_factor(50.0, (double) heights[k]), above ? 1e-6 : 0.03);
+            shot_free(&shot);
+            stage_finish(&s);
+        }
+}
+
+/* Light along a floor meets a long wall of height H alone. A point of the floor at the distance d from its foot sees
+ * (1 - d/sqrt(d^2 + H^2))/2 of the hemisphere, by cosine, taken up by it; the wall is red. */
+static void a_red_wall_reddens_the_floor_before_it(void **state)
+{
+    static const float places[] = { 10.0f, 25.0f, 60.0f };
+    const double height = 40.0;
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(places); k++) {
+        const float d = places[k];
+        const double share = 0.5 * (1.0 - (double) d / sqrt((double) d * (double) d + height * height));
+        struct stage s;
+        struct shot shot;
+        size_t red, white;
+
+        stage_start(&s, SIZE, SIZE);
+        stage_opaque(&s, 0.1f, &red)->base_color[0] = 0.8f;
+        stage_opaque(&s, 0.5f, &white);
+        shapes_quad(s.scene, red, vec3(0, 0, 20), vec3(0, 2000, 0), vec3(0, 0, 20))->object = 0; /* faces +x */
+        shapes_quad(s.scene, white, vec3(60, 0, 0), vec3(60, 0, 0), vec3(0, 60, 0))->object = 1; /* faces +z */
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(900, 0, 0), vec3(0, 0, 0), 3.0f);
+        stage_camera(&s, vec3(d, 0, 30), vec3(d, 0, 0), 0.0f, 1.0f);
+        shot = shot_with(&s, 1);
+        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 0), 0.5 * 0.8 * 3.0 * share, SLOW ? 0.15 : 0.06);
+        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 1), 0.5 * 0.1 * 3.0 * share, SLOW ? 0.15 : 0.06);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
+/* A pit, whose walls light each other, over a ground. */
+static void start_pit(struct stage *s, int threads, struct pell_alloc_fault *fault)
+{
+    size_t stone, ground;
+
+    stage_start_on(s, PELL_ENGINE_CPU, SIZE, SIZE, threads, fault);
+    stage_medium(s, "marble", &stone);
+    stage_opaque(s, 0.5f, &ground);
+    stage_box(s, stone, 0, vec3(-20, -20, 0), vec3(-5, 20, 20));
+    stage_box(s, stone, 1, vec3(5, -20, 0), vec3(20, 20, 20));
+    shapes_quad(s->scene, ground, vec3(0, 0, -1), vec3(200, 0, 0), vec3(0, 200, 0))->object = 2;
+    stage_light(s, PELL_LIGHT_POINT, vec3(0, 0, 60), vec3(0, 0, 0), 2e-3f);
+    stage_light(s, PELL_LIGHT_RECT, vec3(80, 0, 80), vec3(0, 0, 0), 1.0f);
+    stage_environment(s, 0.1f);
+    stage_camera(s, vec3(0, -20, 100), vec3(0, 0, 0), 0.8f, 0.0f);
+}
+
+static void bits_are_those_of_any_number_of_threads_and_of_a_new_renderer(void **state)
+{
+    static const int threads[] = { 1, 2, 7 };
+    struct shot first = { .data = NULL }, one;
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(threads); k++) {
+        struct stage s;
+        start_pit(&s, threads[k], NULL);
+        if (k == 1) { /* what was made for other settings is made again */
+            one = shot_with(&s, 1);
+            shot_free(&one);
+            s.settings.seed = 7;
+            one = shot_with(&s, 8);
+            shot_free(&one);
+            s.settings.seed = 0;
+        }
+        one = shot_with(&s, 8);
+        shot_check(&one);
+        if (first.data) {
+            assert_true(shot_equal(&first, &one));
+            shot_free(&one);
+        } else {
+            first = one;
+        }
+        stage_finish(&s);
+    }
+    shot_free(&first);
+}
+
+static void more_bounces_are_more_light_and_none_is_none(void **state)
+{
+    static const int bounces[] = { 0, 1, 2, 8 };
+    double before = 0.0;
+    struct stage s;
+    (void) state;
+
+    start_pit(&s, 2, NULL);
+    for (size_t k = 0; k < PELL_COUNT(bounces); k++) {
+        struct shot shot = shot_with(&s, bounces[k]);
+        const double light = mean_light(&shot, 1);
+        print_message("# %d bounces: %g\n", bounces[k], light);
+        REQUIRE(light > before * 1.002);
+        before = light;
+        shot_free(&shot);
+    }
+    stage_finish(&s);
+}
+
+/* No part of a convex solid sees another. */
+static void a_convex_solid_keeps_its_bits(void **state)
+{
+    struct stage s;
+    struct shot none, many;
+    size_t material;
+    (void) state;
+
+    stage_start(&s, SIZE, SIZE);
+    stage_medium(&s, "wholemilk", &material);
+    stage_ball(&s, material, 0, vec3(0, 0, 0), 20.0f, 12);
+    stage_light(&s, PELL_LIGHT_POINT, vec3(30, 60, 60), vec3(0, 0, 0), 2e-3f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.5f, 0.0f);
+    none = shot_with(&s, 0);
+    many = shot_with(&s, 8);
+    assert_true(shot_equal(&none, &many));
+    shot_free(&none);
+    shot_free(&many);
+    stage_finish(&s);
+}
+
+/* What a method asks of points of the scene has it, once, however the lights are split. */
+static void points_have_it_as_pixels_have(void **state)
+{
+    static const char *const methods[] = { "screen-space", "hierarchical", "texture-space", "convolution", "image-space" };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(methods); k++) {
+        double light[2];
+        struct stage s;
+        start_pit(&s, 2, NULL);
+        for (int n = 0; n < 2; n++) {
+            struct shot shot;
+            double sum = 0.0;
+            s.settings.layers = true;
+            s.settings.bounces = n * 8;
+            s.settings.indirect_samples = SAMPLES;
+            shot = stage_shot_of(&s, methods[k], NULL);
+            for (size_t i = 0; i < shot.size; i++)
+                if (shot.data[SHOT_TRANSLUCENT * shot.size + i] > 0.5f)
+                    sum += (double) shot.data[SHOT_MULTIPLE * shot.size + i];
+            light[n] = sum;
+            shot_free(&shot);
+        }
+        print_message("# %s: %.3f times the light\n", methods[k], light[1] / light[0]);
+        REQUIRE(light[1] > 1.02 * light[0] && light[1] < 1.6 * light[0]);
+        stage_finish(&s);
+    }
+}
+
+/* A flat medium under a directional light at one angle, seen at another: what enters, and what leaves, by the factor of its own angle. */
+static void a_flat_medium_returns_light_by_its_angle(void **state)
+{
+    static const float away[] = { 0.0f, 0.6f, 3.0f }; /* tangents */
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(away); i++)
+        for (size_t j = 0; j < PELL_COUNT(away); j++) {
+            struct shot shot[2];
+            struct pell_material *m;
+            struct stage s;
+            size_t medium;
+
+            stage_start(&s, SIZE, SIZE);
+            m = stage_medium(&s, "skin1", &medium);
+            stage_box(&s, medium, 0, vec3(-500, -500, -100), vec3(500, 500, 0));
+            stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(900 * away[i], 0, 900), vec3(0, 0, 0), 2.0f);
+            stage_camera(&s, vec3(0, 900 * away[j], 900), vec3(0, 0, 0), 0.0f, 10.0f);
+            for (int on = 0; on < 2; on++) {
+                s.settings.angles = on;
+                shot[on] = shot_with(&s, 0);
+            }
+            for (size_t c = 0; c < 3; c++) {
+                struct pell_profile profile;
+                struct pell_half_space_angle a;
+                const double in = 1.0 / sqrt(1.0 + (double) away[i] * (double) away[i]);
+                const double out = 1.0 / sqrt(1.0 + (double) away[j] * (double) away[j]), eta = (double) m->medium.eta;
+                OK(pell_profile_make(PELL_PROFILE_DIPOLE, &m->medium, (int) c, NULL, &profile));
+                a = pell_half_space_angle_of(pell_profile_total(&profile), eta);
+                REQUIRE(a.slope > 0.05);
+                const double enters = 1.0 + a.slope * (1.0 - sqrt(1.0 - (1.0 - in * in) / (eta * eta)));
+                const double leaves = (1.0 + a.slope * (1.0 - sqrt(1.0 - (1.0 - out * out) / (eta * eta)))) / a.mean;
+                REQUIRE_REL(light_at(&shot[1], SIZE / 2, SIZE / 2, c) / light_at(&shot[0], SIZE / 2, SIZE / 2, c), enters, 1e-4);
+                REQUIRE_REL(shot_at(&shot[1], c, SIZE / 2, SIZE / 2) / shot_at(&shot[0], c, SIZE / 2, SIZE / 2), enters * leaves, 1e-4);
+            }
+            shot_free(&shot[0]);
+            shot_free(&shot[1]);
+            stage_finish(&s);
+        }
+}
+
+static void every_failing_allocation_is_survived(void **state)
+{
+    (void) state;
+
+    for (uint64_t at = 1;; at++) {
+        struct pell_alloc_fault fault = { 0 };
+        enum pell_result res;
+        struct stage s;
+
+        start_pit(&s, 1, &fault);
+        s.settings.bounces = 2;
+        s.settings.indirect_samples = 512;
+        stage_complete(&s);
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        fault.fail_at = atomic_load(&fault.calls) + at;
+        res = pell_renderer_render(s.r, &s.settings, &s.image);
+        fault.fail_at = 0;
+        REQUIRE(res == PELL_OK || res == PELL_ERR_NOMEM);
+        OK(pell_renderer_render(s.r, &s.settings, &s.image));
+        stage_finish(&s);
+        assert_int_equal(fault.live, 0);
+        if (res == PELL_OK)
+            break;
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(an_integrating_sphere_sums_the_geometric_series),
+        cmocka_unit_test(a_plate_lights_what_faces_it_and_lets_nothing_through),
+        cmocka_unit_test(a_red_wall_reddens_the_floor_before_it),
+        cmocka_unit_test(bits_are_those_of_any_number_of_threads_and_of_a_new_renderer),
+        cmocka_unit_test(more_bounces_are_more_light_and_none_is_none),
+        cmocka_unit_test(a_convex_solid_keeps_its_bits),
+        cmocka_unit_test(points_have_it_as_pixels_have),
+        cmocka_unit_test(a_flat_medium_returns_light_by_its_angle),
+        cmocka_unit_test(every_failing_allocation_is_survived),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
