@@ -9,7 +9,7 @@ import time
 
 from cli_test import PROGRAM, ROOT, SANITIZED, clean_environment, main, need, one_object, run, test, text, works
 
-NAMES = ['profiles', 'truth', 'mertens', 'munoz-2', 'munoz-3', 'munoz-5', 'deon-1', 'francois-2']
+NAMES = ['profiles', 'truth', 'truth-gap', 'mertens', 'munoz-2', 'munoz-3', 'munoz-5', 'deon-1', 'francois-2']
 TINY = ['--width', '48', '--height', '27', '--light-samples', '2', '--threads', '2']
 
 
@@ -41,7 +41,7 @@ def _(folder):
             done = run(folder, name, *idle)
             need(done.returncode == 2 and idle[0].encode() in done.stderr and not done.stdout, name, idle, done.stderr)
     for name, option in (('profiles', '--width'), ('profiles', '--threads'), ('mertens', '--width'), ('deon-1', '--height'),
-                         ('francois-2', '--width'), ('truth', '--seed')):
+                         ('francois-2', '--width'), ('truth', '--seed'), ('truth-gap', '--bounces')):
         done = run(folder, name, option, '64')
         need(done.returncode == 2 and option.encode() in done.stderr and not done.stdout, name, option, done.stderr)
     done = run(folder, 'profils')

@@ -208,7 +208,7 @@ enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_s
     for (size_t i = 0; i < scene->num_meshes; i++) {
         if (knots + scene->meshes[i].num_vertices >= UINT32_MAX / 4 || roots + scene->meshes[i].num_triangles >= UINT32_MAX / 4)
             return pell_error(in->ctx, PELL_ERR_UNSUPPORTED, scene->path, "set bounces to 0", "too many vertices for indirect light");
-        in->meshes[i] = (struct indirect_mesh) { (uint32_t) knots, (uint32_t) roots };
+        in->meshes[i] = (struct indirect_mesh) { .first_knot = (uint32_t) knots, .first_root = (uint32_t) roots };
         knots += scene->meshes[i].num_vertices;
         roots += scene->meshes[i].num_triangles;
     }
@@ -226,6 +226,12 @@ enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_s
     c.cuts = 0;
     cut_all(&c);
     in->num_knots = in->num_mesh_knots + in->num_extra;
+    in->num_values = in->num_knots + in->num_extra;
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        if (scene->materials[scene->meshes[i].material].opaque) {
+            in->meshes[i].first_back = (uint32_t) in->num_values;
+            in->num_values += scene->meshes[i].num_vertices;
+        }
     return c.res;
 }
 

@@ -52,10 +52,6 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
         return PELL_ERR_NOMEM;
     in->ctx = ctx;
     in->p = *params;
-    in->sides = 1;
-    for (size_t i = 0; i < params->scene->num_meshes; i++)
-        if (params->scene->materials[params->scene->meshes[i].material].opaque)
-            in->sides = 2;
     indirect_spacing_make(params->scene, &spacing);
     PELL_TRY(indirect_cells_make(in, &spacing));
     PELL_TRY(indirect_near_make(in, pool, &spacing));
@@ -69,7 +65,7 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->albedo = pell_alloc_array(ctx, in->num_samples, sizeof(*in->albedo));
     in->gathered = pell_alloc_array(ctx, in->num_samples, sizeof(*in->gathered));
     in->leaving = pell_alloc_array(ctx, in->num_samples, sizeof(*in->leaving));
-    in->value = pell_calloc(ctx, (size_t) in->sides * in->num_knots, sizeof(*in->value));
+    in->value = pell_calloc(ctx, in->num_values, sizeof(*in->value));
     if (!in->direct || !in->albedo || !in->gathered || !in->leaving || !in->value)
         goto fail;
     return PELL_OK;
@@ -156,7 +152,7 @@ static void knot_chunk(void *arg, int index, int worker)
 {
     const struct solve *s = arg;
     struct pell_indirect *in = s->in;
-    const size_t count = (size_t) in->sides * in->num_knots, first = (size_t) index * CHUNK;
+    const size_t count = in->num_values, first = (size_t) index * CHUNK;
 
     (void) worker;
     for (size_t i = first; i < first + CHUNK && i < count; i++) {
@@ -186,7 +182,7 @@ enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool 
                 in->leaving[i][c] = in->direct[i][c] + (n > 0 ? in->albedo[i][c] * in->gathered[i][c] : 0.0f);
         pell_pool_run(pool, chunks_of(in->num_samples), gather_chunk, &s);
     }
-    pell_pool_run(pool, chunks_of((size_t) in->sides * in->num_knots), knot_chunk, &s);
+    pell_pool_run(pool, chunks_of(in->num_values), knot_chunk, &s);
     return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
@@ -197,10 +193,11 @@ void pell_indirect_at(const struct pell_indirect *in, uint32_t mesh, uint32_t tr
     float weight[3];
 
     memset(rgb, 0, 3 * sizeof(*rgb));
-    if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles || (back && in->sides == 1))
+    if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles ||
+        (back && !scene->materials[scene->meshes[mesh].material].opaque))
         return;
     indirect_find(in, mesh, triangle, u, v, knot, weight);
     for (int i = 0; i < 3; i++)
         for (int c = 0; c < 3; c++)
-            rgb[c] += weight[i] * in->value[(back ? in->num_knots : 0) + knot[i]][c];
+            rgb[c] += weight[i] * in->value[indirect_value_of(in, mesh, knot[i], back)][c];
 }

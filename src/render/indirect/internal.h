@@ -38,6 +38,7 @@ struct indirect_knot {
 
 struct indirect_mesh {
     uint32_t first_knot; /* of vertex 0 */
+    uint32_t first_back; /* the same of the back sides, where its material is opaque */
     uint32_t first_root; /* roots[first_root + triangle]: cell of the triangle, or INDIRECT_NONE. INDIRECT_NONE: no triangle is cut */
 };
 
@@ -64,19 +65,19 @@ struct pell_indirect {
     struct indirect_cell *cells;
     struct indirect_knot *extra; /* knots behind those of the meshes */
     size_t num_roots, num_cells, num_extra, num_mesh_knots, num_knots;
+    size_t num_values; /* knots, then the back sides of extra knots, then those of opaque meshes' vertices */
 
     struct indirect_sample *samples;
     size_t num_samples;
     struct indirect_link *links;   /* [sample][INDIRECT_RAYS] */
     float (*enter)[INDIRECT_RAYS]; /* per scene material: T of each ray's direction */
 
-    int sides;                  /* 2: knots have back sides, too, behind all front sides */
-    struct indirect_near *near; /* [side][knot] */
+    struct indirect_near *near; /* of each value */
 
     /* Of the lights. */
     float (*direct)[3], (*albedo)[3]; /* of samples: light that enters; rho times the base colour */
     float (*gathered)[3], (*leaving)[3];
-    float (*value)[3]; /* [side][knot] */
+    float (*value)[3];
 };
 
 /* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */
@@ -105,7 +106,7 @@ static inline bool indirect_shown(const struct pell_scene *scene, const struct p
 
 /* --- spacing.c: how far samples lie apart ------------------------------------------------------------------------------------------- */
 
-#define INDIRECT_BOXES 256
+#define INDIRECT_BOXES 64
 
 /* Boxes of objects, and the distance of samples on each. */
 struct indirect_spacing {
@@ -127,6 +128,15 @@ float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p);
 PELL_NODISCARD enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_spacing *spacing);
 /* The knots around a point of a triangle, and the point's barycentric coordinates between them. */
 void indirect_find(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t knot[3], float weight[3]);
+
+/* Number of a knot's value on one side of a mesh. */
+static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t mesh, uint32_t knot, bool back)
+{
+    if (!back)
+        return knot;
+    return knot < in->num_mesh_knots ? in->meshes[mesh].first_back + (size_t) (knot - in->meshes[mesh].first_knot)
+                                     : in->num_knots + (knot - in->num_mesh_knots);
+}
 
 /* --- near.c: the samples around each knot ------------------------------------------------------------------------------------------- */
 

@@ -61,7 +61,7 @@ static struct indirect_link link_of(const struct pell_indirect *in, const struct
         return (struct indirect_link) { 0, 0 };
     indirect_find(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], knot, weight);
     for (int k = 0; k < 3; k++) {
-        const struct indirect_near *near = &in->near[(mu < 0.0f ? in->num_knots : 0) + knot[k]];
+        const struct indirect_near *near = &in->near[indirect_value_of(in, h->mesh[i], knot[k], mu < 0.0f)];
         for (int j = 0; j < INDIRECT_NEAR && near->weight[j] > 0.0f; j++) {
             const struct pell_vec3 to = vec3_sub(in->samples[near->sample[j]].position, at);
             const float d2 = vec3_dot(to, to);

@@ -19,7 +19,7 @@ struct search {
     const struct indirect_spacing *spacing;
     uint32_t *order;
     uint8_t *axis; /* of the range whose middle it is */
-    int side;
+    bool back;
 };
 
 static float along(struct pell_vec3 p, int axis)
@@ -150,16 +150,16 @@ static void find_knot(const struct search *s, uint32_t mesh, struct indirect_pla
     const int material = scene->meshes[mesh].material;
     struct query q = {
         .position = place.position,
-        .normal = vec3_mul(vec3_normalize(place.normal), s->side ? -1.0f : 1.0f),
+        .normal = vec3_mul(vec3_normalize(place.normal), s->back ? -1.0f : 1.0f),
         .material = (uint32_t) material,
-        .back = s->side == 1,
+        .back = s->back,
         .spacing = indirect_spacing_at(s->spacing, place.position),
     };
 
-    if (s->side == 1 && !scene->materials[material].opaque)
+    if (s->back && !scene->materials[material].opaque)
         return;
     find_near(s, &q);
-    s->in->near[(size_t) s->side * s->in->num_knots + knot] = q.found;
+    s->in->near[indirect_value_of(s->in, mesh, knot, s->back)] = q.found;
 }
 
 static void near_chunk(void *arg, int index, int worker)
@@ -195,14 +195,16 @@ enum pell_result indirect_near_make(struct pell_indirect *in, struct pell_pool *
 
     s.order = pell_alloc_array(in->ctx, in->num_samples, sizeof(*s.order));
     s.axis = pell_calloc(in->ctx, in->num_samples, sizeof(*s.axis));
-    in->near = pell_calloc(in->ctx, (size_t) in->sides * in->num_knots, sizeof(*in->near));
+    in->near = pell_calloc(in->ctx, in->num_values, sizeof(*in->near));
     if (!s.order || !s.axis || !in->near)
         goto fail;
     for (size_t i = 0; i < in->num_samples; i++)
         s.order[i] = (uint32_t) i;
     build(&s, 0, (uint32_t) in->num_samples);
-    for (s.side = 0; s.side < in->sides; s.side++)
+    for (int side = 0; side < 2; side++) {
+        s.back = side == 1;
         pell_pool_run(pool, (int) ((in->num_knots + CHUNK - 1) / CHUNK), near_chunk, &s);
+    }
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
