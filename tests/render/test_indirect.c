@@ -155,7 +155,7 @@ static void start_pit(struct stage *s, int threads, struct pell_alloc_fault *fau
 {
     size_t stone, ground;
 
-    stage_start_on(s, PELL_ENGINE_CPU, SIZE, SIZE, threads, fault);
+    stage_start_on(s, PELL_ENGINE_CPU, 24, 24, threads, fault); /* inside of it is seen */
     stage_medium(s, "marble", &stone);
     stage_opaque(s, 0.5f, &ground);
     stage_box(s, stone, 0, vec3(-20, -20, 0), vec3(-5, 20, 20));
