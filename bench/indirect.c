@@ -62,7 +62,7 @@ enum pell_result bench_indirect(struct bench *b)
     enum pell_result res;
     char name[96];
 
-    PELL_TRY(bench_choose(b, "none", ""));
+    PELL_TRY(pell_renderer_set_method(b->s.renderer, NULL, NULL));
     snprintf(b->setup, sizeof(b->setup), "%d x %d pixels, %d threads; medians of %d frames", b->s.settings.width, b->s.settings.height,
              pell_device_threads(pell_renderer_device(b->s.renderer)), b->repeats);
     b->s.settings.bounces = 8;

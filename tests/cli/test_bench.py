@@ -64,6 +64,15 @@ def _(folder):
     need('three layers, Hankel' in shown and ' x ' in shown and 'one thread' in shown, shown)
 
 
+@test('truth-gap on a tiny picture: links, lights and frames, with ratios')
+def _(folder):
+    answer = one_object(works(folder, 'truth-gap', *TINY, '--repeats', '1', '--json'))
+    rows = {r['name']: r for r in answer['rows']}
+    need(all(rows[f'first frame: links, {n} samples']['ms'] > 0 for n in (4096, 16384, 65536)), rows)
+    need(rows['lights moved: 8 bounces']['ratio_to'] == '1 bounce' and rows['lights moved: 64 bounces']['ms'] > 0, rows)
+    need(rows['every frame: irradiance with it']['ratio'] > 0, rows)
+
+
 @test('munoz-3 on a tiny picture: its stages, resolutions, radii and errors')
 def _(folder):
     if SANITIZED:
