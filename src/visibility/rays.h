@@ -51,6 +51,23 @@ enum pell_ray_mask {
     PELL_RAY_ALL = 3u,
 };
 
+/* Ray i of a packet, from o along d, that meets all surfaces up to tfar. */
+static inline void pell_ray16_set(struct pell_ray16 *r, int i, struct pell_vec3 o, struct pell_vec3 d, float tfar)
+{
+    r->ox[i] = o.x;
+    r->oy[i] = o.y;
+    r->oz[i] = o.z;
+    r->dx[i] = d.x;
+    r->dy[i] = d.y;
+    r->dz[i] = d.z;
+    r->tnear[i] = 0.0f;
+    r->tfar[i] = tfar;
+    r->time[i] = 0.0f;
+    r->mask[i] = PELL_RAY_ALL;
+    r->id[i] = (uint32_t) i;
+    r->flags[i] = 0;
+}
+
 struct pell_rays;
 
 PELL_NODISCARD enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool,

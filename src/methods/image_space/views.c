@@ -62,13 +62,7 @@ static void view_row(void *arg, int y, int worker)
             struct pell_vec3 start, direction;
             pell_view_ray(v, (float) (x + i), (float) y, &start, &direction);
             open[i] = x + i < v->width ? -1 : 0;
-            hit.ray.ox[i] = start.x;
-            hit.ray.oy[i] = start.y;
-            hit.ray.oz[i] = start.z;
-            hit.ray.dx[i] = direction.x;
-            hit.ray.dy[i] = direction.y;
-            hit.ray.dz[i] = direction.z;
-            hit.ray.tfar[i] = INFINITY;
+            pell_ray16_set(&hit.ray, i, start, direction, INFINITY);
             hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
             hit.hit.mesh[i] = PELL_NO_HIT;
         }

@@ -520,14 +520,7 @@ static void map_row(void *arg, int y, int worker)
             struct pell_vec3 start, direction;
             pell_view_ray(&t->view, (float) (x + i), (float) y, &start, &direction);
             open[i] = x + i < t->view.width ? -1 : 0;
-            hit.ray.ox[i] = start.x;
-            hit.ray.oy[i] = start.y;
-            hit.ray.oz[i] = start.z;
-            hit.ray.dx[i] = direction.x;
-            hit.ray.dy[i] = direction.y;
-            hit.ray.dz[i] = direction.z;
-            hit.ray.tfar[i] = INFINITY;
-            hit.ray.mask[i] = PELL_RAY_ALL;
+            pell_ray16_set(&hit.ray, i, start, direction, INFINITY);
             hit.hit.mesh[i] = PELL_NO_HIT;
         }
         pell_rays_closest16(t->p->services->rays, open, true, &hit);

@@ -79,7 +79,6 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
             out->leave_base[k] = p->angle && !m->opaque ? p->angle[i].leave_base[k] : 1.0f;
             out->leave_slope[k] = p->angle && !m->opaque ? p->angle[i].leave_slope[k] : 0.0f;
         }
-        row->any_angle = row->any_angle || (p->angle && !m->opaque);
         out->uniform = pell_surface_is_uniform(m);
         if (out->uniform) {
             const struct pell_surface_uniform e = pell_surface_uniform(m);

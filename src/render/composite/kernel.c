@@ -159,7 +159,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     }
     view_cosines(row, x, at, mu);
     for (int i = 0; i < LANES; i++)
-        off[i] = row->any_angle ? pell_angle_off(OF(inverse_eta2), mu[i]) : 0.0f;
+        off[i] = pell_angle_off(OF(inverse_eta2), mu[i]);
     exit_factors(row, o, mu, at, full, uniform, cut, factor);
     for (int i = 0; i < LANES; i++) {
         if (full && o->one->in_metal == 0.0f)

@@ -31,7 +31,6 @@ struct pell_composite_row {
     const struct pell_composite_params *p;
     const struct pell_composite_material *materials;
     const float *albedo, *mean;  /* of the specular tables: [model][mu][roughness][2], [model][roughness][2] */
-    bool any_angle;              /* some factor is not 1 */
     bool any_smooth;             /* some material has a smooth boundary */
     bool any_texture, any_power; /* some exponent is not 0; some is not 0, 1/2 or 1 */
     int y;

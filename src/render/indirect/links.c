@@ -97,15 +97,7 @@ static void link_sample(const struct directions *d, uint32_t number)
             const float x = cosine * d->x[k] - sine * d->y[k], y = sine * d->x[k] + cosine * d->y[k];
             const struct pell_vec3 w = vec3_mad(vec3_mad(vec3_mul(s->normal, d->z[k]), x, t), y, b);
             valid[i] = -1;
-            r.ray.ox[i] = o.x;
-            r.ray.oy[i] = o.y;
-            r.ray.oz[i] = o.z;
-            r.ray.dx[i] = w.x;
-            r.ray.dy[i] = w.y;
-            r.ray.dz[i] = w.z;
-            r.ray.tfar[i] = INFINITY;
-            r.ray.mask[i] = PELL_RAY_ALL;
-            r.ray.id[i] = (uint32_t) i;
+            pell_ray16_set(&r.ray, i, o, w, INFINITY);
             r.hit.mesh[i] = PELL_NO_HIT;
         }
         pell_rays_closest16(in->p.rays, valid, false, &r);

@@ -81,7 +81,7 @@ static void set_materials(const struct job *job, struct packet *k)
         return;
     }
     k->held = k->single ? (int64_t) k->material[0] : -1;
-    l->any_smooth = l->any_deep = l->any_angle = 0;
+    l->any_smooth = l->any_deep = 0;
     l->models = 0;
     k->textured = false;
     for (int i = 0; i < PELL_LANES; i++) {
@@ -98,7 +98,6 @@ static void set_materials(const struct job *job, struct packet *k)
         l->any_smooth |= t.smooth;
         l->models |= 1u << t.model;
         l->any_deep |= t.deep;
-        l->any_angle |= t.angle != NULL;
         set_angle(l, i, t.angle);
     }
 }

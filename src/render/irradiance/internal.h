@@ -48,22 +48,6 @@ static inline int count_lanes(const int32_t *mask)
     return n;
 }
 
-static inline void set_ray(struct pell_ray16 *r, int i, struct pell_vec3 o, struct pell_vec3 d, float tfar)
-{
-    r->ox[i] = o.x;
-    r->oy[i] = o.y;
-    r->oz[i] = o.z;
-    r->dx[i] = d.x;
-    r->dy[i] = d.y;
-    r->dz[i] = d.z;
-    r->tnear[i] = 0.0f;
-    r->tfar[i] = tfar;
-    r->time[i] = 0.0f;
-    r->mask[i] = PELL_RAY_ALL;
-    r->id[i] = (uint32_t) i;
-    r->flags[i] = 0;
-}
-
 static inline struct pell_env_query lane_query(const struct job *job, const struct packet *k, int i)
 {
     const size_t material = k->material[i];

@@ -241,17 +241,12 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
         facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
     }
     transmittance(t, p, mu, transmitted);
-    for (int i = 0; p->any_angle && i < N; i++)
+    for (int i = 0; i < N; i++)
         off[i] = pell_angle_off(p->inverse_eta2[i], mu[i]);
-    for (int c = 0; p->any_angle && c < 3; c++)
+    for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float factor = p->enter_base[c][i] + p->enter_slope[c][i] * off[i];
             const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * facing[i], kept = add < BIG ? add : BIG;
-            sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
-        }
-    for (int c = 0; !p->any_angle && c < 3; c++)
-        for (int i = 0; i < N; i++) {
-            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * facing[i], kept = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
         }
     if (highlight)

@@ -34,7 +34,7 @@ struct pell_lanes {
     int32_t valid[16];
     uint32_t hash[2][16];
     float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
-    int any_smooth, any_deep, any_angle;
+    int any_smooth, any_deep;
     unsigned models; /* bit 1 << model of each that some lane has */
 };
 

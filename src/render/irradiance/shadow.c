@@ -45,7 +45,7 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
             pell_disc_point(pell_unit_float(u0 ^ pell_hash(k->lanes.hash[0][i] ^ salt)),
                             pell_unit_float(u1 ^ pell_hash(k->lanes.hash[1][i] ^ salt)), &x, &y);
             z = sqrtf(max0(1.0f - x * x - y * y));
-            set_ray(&rays, i, origin[i], vec3_mad(vec3_mad(vec3_mul(normal[i], z), x, t[i]), y, b[i]), FLT_MAX);
+            pell_ray16_set(&rays, i, origin[i], vec3_mad(vec3_mad(vec3_mul(normal[i], z), x, t[i]), y, b[i]), FLT_MAX);
         }
         pell_trace_occlusion(job, k, mask, &rays, visible);
         for (int i = 0; i < PELL_LANES; i++)

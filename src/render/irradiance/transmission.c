@@ -71,7 +71,7 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
     for (int i = 0; i < PELL_LANES; i++) {
         const float e = 4.0f * l->epsilon[i];
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]);
-        set_ray(&probe.ray, i, vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), e, g), vec3_mul(g, -1.0f), 2.0f * e);
+        pell_ray16_set(&probe.ray, i, vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), e, g), vec3_mul(g, -1.0f), 2.0f * e);
         probe.hit.mesh[i] = probe.hit.instance[i] = PELL_NO_HIT;
     }
     pell_rays_closest16(job->p->rays, mask, true, &probe);
@@ -180,7 +180,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         cosine[i] = larger(larger(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
         limit = reach / cosine[i]; /* d >= m cos: nothing is transmitted beyond */
         depth[i] = out ? -1 : 0;
-        set_ray(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
+        pell_ray16_set(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
     find_exits(job, k, a->back, source, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
@@ -189,7 +189,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
         if (exits.found[i])
             o = vec3_mad(exits.point[i], exits.terminator_offset[i] + l->epsilon[i], exits.geometric[i]);
-        set_ray(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
+        pell_ray16_set(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
     }
     if (!pell_ask_light_grid(source, k, exits.found, rays.ox, rays.oy, rays.oz, visible))
         pell_trace_occlusion(job, k, exits.found, &rays, visible);
@@ -247,8 +247,8 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
         origin[i] = inside(l, i);
-        set_ray(&r.ray, i, origin[i], vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
-                l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
+        pell_ray16_set(&r.ray, i, origin[i], vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
+                       l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
         exits.found[i] = l->valid[i] & l->deep[i];
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
