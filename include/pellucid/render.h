@@ -40,6 +40,7 @@ struct pell_settings {
     int bounces; /* of indirect light */
     int indirect_samples;
     bool angles;
+    bool curvature;
     int64_t seed;
     float exposure;     /* factor from radiance to display; 0: metered (docs/adr/0005) */
     float white;        /* luminance after exposure that becomes display white; 0: the image's largest */

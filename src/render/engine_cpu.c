@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
 #include "render/engine_cpu.h"
+#include "render/curvature/stage.h"
 
 #include "render/indirect/stage.h"
 #include "render/layers.h"
@@ -26,6 +27,8 @@ struct cpu {
     struct pell_lights *lights;
     const struct pell_angle *angle;       /* of the materials; borrowed: the renderer's own */
     const struct pell_settings *settings; /* of the lights; borrowed: the renderer's own */
+
+    struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
 
     struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
     bool lit;                       /* it has the light of these lights */
@@ -162,7 +165,8 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
 static enum pell_result make_planes(struct cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
-    const bool gives = frame->plan && frame->plan->outputs, hits = s->bounces > 0 || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
+    const bool gives = frame->plan && frame->plan->outputs,
+               hits = s->bounces > 0 || s->curvature || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
     const bool apart = pell_objects_apart(frame->materials, frame->plan);
     struct wanted w = { .count = 0 };
     enum pell_result res;
@@ -172,6 +176,8 @@ static enum pell_result make_planes(struct cpu *e, const struct pell_engine_fram
     want(&w, e->lighting.irradiance, 3);
     want(&w, e->lighting.transmitted, 3);
     want(&w, e->lighting.specular, 3);
+    if (s->curvature)
+        want(&w, &e->lighting.curvature, 1);
     want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
         const struct pell_output_layer *l = &pell_output_layers[i];
@@ -216,6 +222,29 @@ fail:
 
 static int64_t cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                                 const struct pell_surface_light *out);
+
+/* Of materials that are scaled by their coefficients alone; sums of Gaussians and profiles from files have none. */
+static enum pell_result make_curvature(struct cpu *e, const struct pell_engine_frame *frame)
+{
+    const struct pell_scene_materials *m = frame->materials;
+    const double start = pell_seconds();
+    struct pell_curvature_medium *media;
+    enum pell_result res;
+
+    if (!frame->settings->curvature)
+        return PELL_OK;
+    if (!(media = pell_calloc(e->ctx, e->scene->num_materials + 1, sizeof(*media))))
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < e->scene->num_materials; i++) {
+        const struct pell_frame_material *f = m->frame_index[i + 1] ? &m->frame[m->frame_index[i + 1] - 1] : NULL;
+        if (f && f->gaussians.count == 0 && !e->scene->materials[i].profile)
+            media[i] = (struct pell_curvature_medium) { &f->medium, f->profile };
+    }
+    res = pell_curvature_create(e->ctx, e->pool, e->scene, media, &e->curvature);
+    pell_free(e->ctx, media);
+    pell_stage_note(frame->notes, "curvature", pell_seconds() - start, 0, 0, 0);
+    return res;
+}
 
 static enum pell_result make_links(struct cpu *e, const struct pell_engine_frame *frame)
 {
@@ -271,6 +300,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
         e->settings = s;
         e->angle = frame->materials->angle;
         return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
+    case PELL_ENGINE_CURVATURE: return make_curvature(e, frame);
     case PELL_ENGINE_LINKS: return make_links(e, frame);
     case PELL_ENGINE_INDIRECT: return make_indirect(e, frame);
     case PELL_ENGINE_RESOURCES: break;
@@ -291,6 +321,7 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
         e->rastered = false;
         break;
     case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
+    case PELL_ENGINE_CURVATURE: pell_curvature_destroy(&e->curvature); break;
     case PELL_ENGINE_LINKS: pell_indirect_destroy(&e->indirect); break;
     case PELL_ENGINE_INDIRECT: e->lit = false; break;
     case PELL_ENGINE_RESOURCES: break;
@@ -320,6 +351,7 @@ static struct pell_irradiance_params light_params(const struct cpu *e, float mix
         .mix = mix,
         .smooth = e->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .angle = e->settings->angles ? e->angle : NULL,
+        .curvature = e->curvature,
         .indirect = e->lit ? e->indirect : NULL,
         .seed = pell_settings_seed(e->settings),
     };
@@ -393,6 +425,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
         .lighting = &e->lighting,
         .total = (const float(*)[3]) f->materials->total,
         .angle = settings->angles ? f->materials->angle : NULL,
+        .path = e->curvature ? pell_curvature_paths(e->curvature) : NULL,
         .mix = mix,
         .smooth = settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,

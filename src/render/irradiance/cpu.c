@@ -7,6 +7,7 @@
 #include "render/irradiance/internal.h"
 
 #include "math/scalar.h"
+#include "render/curvature/stage.h"
 #include "render/indirect/stage.h"
 
 #include <float.h>
@@ -83,6 +84,7 @@ static void set_materials(const struct job *job, struct packet *k)
     k->held = k->single ? (int64_t) k->material[0] : -1;
     l->any_smooth = l->any_deep = 0;
     l->models = 0;
+    memset(l->shift, 0, sizeof(l->shift));
     k->textured = false;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!k->single)
@@ -316,16 +318,50 @@ static void add_indirect(const struct job *job, struct packet *k)
     }
 }
 
+/* --- Curvature ----------------------------------------------------------------------------------------------------------------- */
+
+/* What curvature does to light that enters: to that of a direction before the lights are added up, and to all of it afterwards. */
+static void bend(const struct job *job, struct packet *k, float gain[3][PELL_LANES])
+{
+    const struct pell_surface *s = job->p->surface;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        const int32_t at = k->index[i];
+        struct pell_curvature_effect e = { 0.0f, { 1.0f, 1.0f, 1.0f }, { 0.0f } };
+        if (!k->lanes.opaque[i])
+            pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
+        if (job->out->curvature)
+            job->out->curvature[at] = e.curvature;
+        for (int c = 0; c < 3; c++) {
+            gain[c][i] = e.gain[c];
+            k->lanes.shift[c][i] = e.shift[c];
+        }
+    }
+}
+
+static void scale(const float gain[3][PELL_LANES], struct packet *k)
+{
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < k->count; i++)
+            k->sums.irradiance[c][i] *= gain[c][i];
+}
+
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
 
 static void shade_packet(const struct job *job, struct packet *k)
 {
+    float gain[3][PELL_LANES];
+
+    if (job->p->curvature)
+        bend(job, k, gain);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
     environments(job, k);
     if (job->p->indirect && counts(job, 0))
         add_indirect(job, k);
+    if (job->p->curvature)
+        scale(gain, k);
 }
 
 /* First the blocks that are covered as a whole, each a packet, then the pixels of the others. Their materials are kept beside them: to read

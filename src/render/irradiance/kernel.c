@@ -246,7 +246,8 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float factor = p->enter_base[c][i] + p->enter_slope[c][i] * off[i];
-            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * facing[i], kept = add < BIG ? add : BIG;
+            const float bent = facing[i] + p->shift[c][i] * (1.0f - 3.0f * mu[i] * mu[i]), enters = bent > 0.0f ? bent : 0.0f;
+            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * enters, kept = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
         }
     if (highlight)

@@ -33,6 +33,7 @@ struct pell_lanes {
     float roughness[16];
     int32_t valid[16];
     uint32_t hash[2][16];
+    float shift[3][16]; /* mean free path over radius of curvature, refracted (curvature/stage.h) */
     float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
     int any_smooth, any_deep;
     unsigned models; /* bit 1 << model of each that some lane has */

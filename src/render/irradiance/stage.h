@@ -23,9 +23,11 @@ struct pell_lighting {
     float *irradiance[3];  /* W/m^2, entered, with albedo^m */
     float *transmitted[3]; /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
     float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
+    float *curvature;      /* 1/mm, of translucent surfaces; 0 of others. NULL: not asked for */
     int64_t shadow_rays;
 };
 
+struct pell_curvature;
 struct pell_indirect;
 
 struct pell_irradiance_params {
@@ -41,6 +43,8 @@ struct pell_irradiance_params {
                                                                * the points; NULL: found by rays */
     uint64_t lights;                                     /* bit min(i, 63) of each light i of the scene that counts; 0: all */
     bool smooth;                                         /* boundary: Fresnel's F_t in place of rho_dt */
+    const struct pell_curvature *curvature;              /* scales what enters translucent surfaces, which have their hits then. NULL:
+                                                               * nothing is scaled */
     const struct pell_indirect *indirect;                /* light that left a surface and enters again (indirect/stage.h), counted with
                                                                * the scene's first light; the surface has its hits then. NULL: none */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */

@@ -1,0 +1,209 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * grid.c - area and curvature of an object's surface, summed over a grid that has nodes only where the surface is.
+ */
+#include "render/curvature/internal.h"
+
+#include "scene/mesh/topology.h"
+
+#define PIECES_MOST 512 /* along a side of a triangle */
+#define PIECE 0.5f      /* of a cell: longer edges and triangles are cut into pieces */
+#define SIDE 1024       /* nodes along an axis; a grid's step makes a quarter of them the most */
+#define LEAST_ROOM 4096
+#define CREASE (PELL_PI / 3.0) /* as for normals that a file does not have */
+
+static uint64_t key_of(size_t number, const int at[3])
+{
+    return 1u + (((uint64_t) number * SIDE + (uint64_t) at[0]) * SIDE + (uint64_t) at[1]) * SIDE + (uint64_t) at[2];
+}
+
+static struct curvature_node *find(struct curvature_node *node, size_t room, uint64_t key)
+{
+    /* Fibonacci hashing (Knuth 1998, 6.4). */
+    size_t i = (size_t) (key * 0x9e3779b97f4a7c15u >> 20) & (room - 1);
+
+    while (node[i].key && node[i].key != key)
+        i = (i + 1) & (room - 1);
+    return &node[i];
+}
+
+static enum pell_result widen(struct curvature_grid *g)
+{
+    const size_t room = g->room ? 2 * g->room : LEAST_ROOM;
+    struct curvature_node *node = pell_calloc(g->ctx, room, sizeof(*node));
+
+    if (!node)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < g->room; i++)
+        if (g->node[i].key)
+            *find(node, room, g->node[i].key) = g->node[i];
+    pell_free(g->ctx, g->node);
+    g->node = node;
+    g->room = room;
+    return PELL_OK;
+}
+
+/* The node before a point, and how far on it lies. */
+static void place(const struct curvature_patch *patch, struct pell_vec3 p, int at[3], float part[3])
+{
+    const float x[3] = { (p.x - patch->low.x) / patch->step, (p.y - patch->low.y) / patch->step, (p.z - patch->low.z) / patch->step };
+
+    for (int k = 0; k < 3; k++) {
+        const float f = fminf(fmaxf(x[k], 0.0f), SIDE - 2.0f);
+        at[k] = (int) f;
+        part[k] = f - (float) at[k];
+    }
+}
+
+enum pell_result curvature_grid_add(struct curvature_grid *g, const struct curvature_patch *patch, size_t number, struct pell_vec3 p,
+                                    double area, double turn)
+{
+    int base[3];
+    float part[3];
+
+    place(patch, p, base, part);
+    while (2 * (g->count + 8) > g->room)
+        if (widen(g) != PELL_OK)
+            return PELL_ERR_NOMEM;
+    for (int i = 0; i < 8; i++) {
+        const int at[3] = { base[0] + (i & 1), base[1] + (i >> 1 & 1), base[2] + (i >> 2) };
+        const double w = (double) (i & 1 ? part[0] : 1.0f - part[0]) * (double) (i & 2 ? part[1] : 1.0f - part[1]) *
+                         (double) (i & 4 ? part[2] : 1.0f - part[2]);
+        const uint64_t key = key_of(number, at);
+        struct curvature_node *n;
+        if (!(w > 0.0))
+            continue;
+        n = find(g->node, g->room, key);
+        g->count += n->key == 0;
+        n->key = key;
+        n->area += w * area;
+        n->turn += w * turn;
+    }
+    return PELL_OK;
+}
+
+float curvature_grid_at(const struct curvature_grid *g, const struct curvature_patch *patch, size_t number, struct pell_vec3 p)
+{
+    double area = 0.0, turn = 0.0;
+    int base[3];
+    float part[3];
+
+    place(patch, p, base, part);
+    for (int i = 0; i < 8 && g->room; i++) {
+        const int at[3] = { base[0] + (i & 1), base[1] + (i >> 1 & 1), base[2] + (i >> 2) };
+        const double w = (double) (i & 1 ? part[0] : 1.0f - part[0]) * (double) (i & 2 ? part[1] : 1.0f - part[1]) *
+                         (double) (i & 4 ? part[2] : 1.0f - part[2]);
+        const struct curvature_node *n = find(g->node, g->room, key_of(number, at));
+        area += w * n->area;
+        turn += w * n->turn;
+    }
+    return area > 0.0 ? (float) (0.5 * turn / area) : 0.0f;
+}
+
+/* --- What an object adds ---------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result add_triangle(struct curvature_grid *g, const struct curvature_patch *patch, size_t number,
+                                     const struct pell_vec3 p[3])
+{
+    const struct pell_vec3 a = vec3_sub(p[1], p[0]), b = vec3_sub(p[2], p[0]);
+    const double area = 0.5 * (double) vec3_length(vec3_cross(a, b));
+    const float longest = fmaxf(fmaxf(vec3_length(a), vec3_length(b)), vec3_length(vec3_sub(b, a)));
+    const int n = (int) fminf(fmaxf(ceilf(longest / (PIECE * patch->step)), 1.0f), PIECES_MOST);
+    const float third = 1.0f / (3.0f * (float) n);
+
+    /* The middles of n^2 equal triangles: those that point as the whole does, and those between. */
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < 2 * (n - i) - 1; j++) {
+            const float u = (float) (3 * i + 1 + (j & 1)) * third, v = (float) (3 * (j / 2) + 1 + (j & 1)) * third;
+            if (curvature_grid_add(g, patch, number, vec3_mad(vec3_mad(p[0], u, a), v, b), area / ((double) n * n), 0.0) != PELL_OK)
+                return PELL_ERR_NOMEM;
+        }
+    return PELL_OK;
+}
+
+/* Dihedral angle at an edge between two faces, positive where it is convex; `along`: as the first face passes it. */
+static double dihedral(const float *first, const float *second, struct pell_vec3 along)
+{
+    const struct pell_dvec3 a = dvec3_normalize(dvec3_load(first)), b = dvec3_normalize(dvec3_load(second));
+    const struct pell_dvec3 d = dvec3_normalize(dvec3_widen(along));
+
+    return atan2(dvec3_dot(dvec3_cross(a, b), d), dvec3_dot(a, b));
+}
+
+static enum pell_result add_edge(struct curvature_grid *g, const struct curvature_patch *patch, size_t number, struct pell_vec3 a,
+                                 struct pell_vec3 along, double angle)
+{
+    const float length = vec3_length(along);
+    const int n = (int) fminf(fmaxf(ceilf(length / (PIECE * patch->step)), 1.0f), PIECES_MOST);
+
+    for (int i = 0; i < n; i++)
+        if (curvature_grid_add(g, patch, number, vec3_mad(a, ((float) i + 0.5f) / (float) n, along), 0.0, (double) length * angle / n) !=
+            PELL_OK)
+            return PELL_ERR_NOMEM;
+    return PELL_OK;
+}
+
+/* An edge between two faces that are turned the same way. Of borders, and where more faces meet, nothing can be said. */
+struct edge {
+    struct pell_vec3 from, along;
+    double angle;
+};
+
+static bool edge_of(const struct pell_topology *t, const float *const *at, uint32_t first, uint32_t end, struct edge *out)
+{
+    const uint32_t a = t->half[first], b = t->half[end - 1];
+
+    if (end - first != 2 || pell_half_start(t, a) == pell_half_start(t, b))
+        return false;
+    out->from = vec3_load(at[pell_half_start(t, a)]);
+    out->along = vec3_sub(vec3_load(at[pell_half_end(t, a)]), out->from);
+    out->angle = dihedral(t->face + 3 * (size_t) (a / 3), t->face + 3 * (size_t) (b / 3), out->along);
+    return out->angle != 0.0;
+}
+
+/* Mean length of the edges that are no creases, by how much they turn: the mesh knows nothing finer. 0 where all is flat or creased. */
+static float smooth_length(const struct pell_topology *t, const float *const *at)
+{
+    double sum = 0.0, weight = 0.0;
+    struct edge e;
+
+    for (uint32_t i = 0, end; i < t->num_halves; i = end) {
+        end = pell_topology_edge(t, i);
+        if (edge_of(t, at, i, end, &e) && fabs(e.angle) < CREASE) {
+            const double length = (double) vec3_length(e.along), turn = length * fabs(e.angle);
+            sum += turn * length;
+            weight += turn;
+        }
+    }
+    return weight > 0.0 ? (float) (sum / weight) : 0.0f;
+}
+
+enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_patch *patch, size_t number, const struct pell_scene *scene,
+                                   const struct pell_topology *t)
+{
+    const float **at = pell_alloc_array(g->ctx, t->num_positions, sizeof(*at)); /* of each position: the last vertex there */
+    enum pell_result res = PELL_ERR_NOMEM;
+    struct edge e;
+
+    if (!at)
+        return PELL_ERR_NOMEM;
+    for (size_t m = 0; m < t->num_meshes; m++)
+        for (uint32_t v = 0; v < scene->meshes[t->mesh[m]].num_vertices; v++)
+            at[t->weld[t->first_vertex[m] + v]] = scene->meshes[t->mesh[m]].position + 3 * (size_t) v;
+    patch->step = fmaxf(patch->step, smooth_length(t, at));
+    for (uint32_t i = 0; i < t->num_triangles; i++) {
+        const uint32_t *corner = t->corner + 3 * (size_t) i;
+        const struct pell_vec3 p[3] = { vec3_load(at[corner[0]]), vec3_load(at[corner[1]]), vec3_load(at[corner[2]]) };
+        PELL_TRY(add_triangle(g, patch, number, p));
+    }
+    for (uint32_t i = 0, end; i < t->num_halves; i = end) {
+        end = pell_topology_edge(t, i);
+        if (edge_of(t, at, i, end, &e))
+            PELL_TRY(add_edge(g, patch, number, e.from, e.along, e.angle));
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(g->ctx, at);
+    return res;
+}

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stage.h - stage "curvature": by how much more a convex, and less a hollow, surface of a translucent object returns than its profile says
+ * (pell_curvature_gain in pellucid/profile.h). Light that enters is scaled by it.
+ *
+ * Mean curvature is a measure of the mesh, half of the sum of length times dihedral angle over its edges (Cohen-Steiner and Morvan 2003),
+ * per area, both averaged over the distance that light goes in the material: bumps that light blurs away count for nothing. A vertex keeps
+ * its value; triangles that are larger than the distance ask at each point.
+ */
+#ifndef PELL_CURVATURE_H
+#define PELL_CURVATURE_H
+
+#include "base/pool.h"
+#include "scene/scene.h"
+
+struct pell_curvature;
+
+/* `media`: per scene material, of R, G and B, and their profiles; NULL where there is no gain. *out is NULL where no material has one, or
+ * nothing is curved. Borrows `scene`. The same bits for any number of threads. */
+struct pell_curvature_medium {
+    const struct pell_medium *medium;
+    const struct pell_profile *profile;
+};
+PELL_NODISCARD enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                                      const struct pell_curvature_medium *media, struct pell_curvature **out);
+void pell_curvature_destroy(struct pell_curvature **curvature);
+
+/* Mean free path over index of the scene's materials, R, G and B, mm: by reciprocity light that leaves along the cosine mu is seen as if
+ * scaled by 1 + shift (1/mu - 3 mu), shift = pell_curvature_shift(curvature, path). 0 where there is no effect. */
+const float (*pell_curvature_paths(const struct pell_curvature *curvature))[3];
+
+#define PELL_CURVATURE_SHIFT 0.3f /* at most, so that no light turns negative */
+static inline float pell_curvature_shift(float curvature, float path)
+{
+    const float shift = curvature * path;
+    return shift > PELL_CURVATURE_SHIFT ? PELL_CURVATURE_SHIFT : shift < -PELL_CURVATURE_SHIFT ? -PELL_CURVATURE_SHIFT : shift;
+}
+
+/* Mean curvature at a point of a triangle, 1/mm; 0 for opaque materials, and where there is no such triangle. */
+float pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v);
+
+/* What it does to light that enters there. `gain`: factor of all of it. `shift`: light that falls along the cosine mu is scattered first one
+ * mean free path on along its refracted direction, beside the place where it enters; on a curved surface more of it arrives where it falls
+ * flat than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which over a ball is as much. */
+struct pell_curvature_effect {
+    float curvature, gain[3], shift[3];
+};
+void pell_curvature_effect_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v,
+                              struct pell_curvature_effect *out);
+
+#endif

@@ -1,0 +1,290 @@
+/* SPDX-License-Identifier: MIT
+ * test_curvature.c - mean curvature of meshes against that of the solids they stand for, and what it does to light: against diffusion solved
+ * on a grid of radii, against conservation, and against path-trace on a ball. */
+#include "stage.h"
+
+#include "math/vec.h"
+#include "render/curvature/stage.h"
+
+#include <pellucid/profile.h>
+
+#include <stdatomic.h>
+
+#define SIZE 24
+
+/* --- The gain -------------------------------------------------------------------------------------------------------------------- */
+
+static void medium_of(struct pell_medium *m, double sigma_a, double sigma_s_reduced, double eta)
+{
+    *m = (struct pell_medium) { .eta = eta };
+    for (int c = 0; c < 3; c++) {
+        m->sigma_a[c] = sigma_a;
+        m->sigma_s_reduced[c] = sigma_s_reduced;
+    }
+}
+
+enum { NODES = 40000 };
+
+/* What leaves a ball, or a hollow in a large body, of radius a, of a source spread evenly at depth z0: u'' = s^2 u for u = r phi on a grid,
+ * u = 0 in the middle (far away, about a hollow) and at the distance zb beyond the surface, by elimination (Thomas 1949). The flux through
+ * the surface is a u' - u there. */
+static double escape_on_a_grid(double a, double z0, double zb, double s, bool hollow)
+{
+    static double u[NODES + 1], upper[NODES + 1];
+    const double low = hollow ? a - zb : 0.0, high = hollow ? a + z0 + 30.0 / s : a + zb, h = (high - low) / NODES;
+    const double source = hollow ? a + z0 : a - z0, where = (source - low) / h;
+    double at, value, slope;
+    int i;
+
+    upper[0] = u[0] = 0.0;
+    for (i = 1; i < NODES; i++) {
+        /* The shell's 1/(4 pi r) per unit of D, shared between the two nodes beside it. */
+        const double near = 1.0 - fabs(where - i), f = near > 0.0 ? near / h / source : 0.0;
+        const double d = -(2.0 / (h * h) + s * s) - upper[i - 1] / (h * h);
+        upper[i] = 1.0 / (h * h) / d;
+        u[i] = (-f - u[i - 1] / (h * h)) / d;
+    }
+    u[NODES] = 0.0;
+    for (i = NODES - 1; i > 0; i--)
+        u[i] -= upper[i] * u[i + 1];
+    at = (a - low) / h;
+    i = (int) at;
+    value = u[i] + (at - i) * (u[i + 1] - u[i]);
+    slope = (u[i + 1] - u[i]) / h;
+    return fabs(a * slope - value);
+}
+
+static void gains_are_what_diffusion_says(void **state)
+{
+    static const double absorption[] = { 0.002, 0.05, 0.5 }, radii[] = { 8.0, 20.0, 100.0 };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(absorption); i++)
+        for (size_t k = 0; k < PELL_COUNT(radii); k++)
+            for (int hollow = 0; hollow < 2; hollow++) {
+                struct pell_medium m;
+                struct pell_profile p;
+                double A, z0, zb, s, plane, want;
+
+                medium_of(&m, absorption[i], 1.0, 1.4);
+                OK(pell_profile_make(PELL_PROFILE_DIPOLE, &m, 0, NULL, &p));
+                z0 = 1.0 / (absorption[i] + 1.0);
+                A = (1.0 + pell_fresnel_diffuse(1.4, PELL_FRESNEL_EXACT)) / (1.0 - pell_fresnel_diffuse(1.4, PELL_FRESNEL_EXACT));
+                zb = 2.0 * A * z0 / 3.0;
+                s = sqrt(3.0 * absorption[i] / z0);
+                plane = exp(-s * (z0 + zb)) * cosh(s * zb);
+                want = escape_on_a_grid(radii[k], z0, zb, s, hollow) / plane / pell_profile_cdf(&p, 2.0 * radii[k]);
+                REQUIRE_REL(pell_curvature_gain(&m, 0, &p, (hollow ? -1.0 : 1.0) / radii[k]), want, 2e-3);
+                REQUIRE(hollow ? want < 1.0 : want > 1.0);
+            }
+}
+
+/* All light leaves a ball that does not absorb: the gain makes up for what no chord reaches, and a plane has none. */
+static void nothing_is_lost_without_absorption(void **state)
+{
+    (void) state;
+
+    for (double radius = 10.0; radius < 2000.0; radius *= 3.0) {
+        struct pell_medium m;
+        struct pell_profile p;
+        medium_of(&m, 1e-9, 1.0, 1.3);
+        OK(pell_profile_make(PELL_PROFILE_DIPOLE, &m, 1, NULL, &p));
+        REQUIRE_REL(pell_curvature_gain(&m, 1, &p, 1.0 / radius) * pell_profile_cdf(&p, 2.0 * radius), 1.0, 1e-3);
+        REQUIRE(pell_curvature_gain(&m, 1, &p, 0.0) == 1.0 && pell_curvature_gain(&m, 1, &p, (double) NAN) == 1.0);
+    }
+}
+
+/* --- Meshes ----------------------------------------------------------------------------------------------------------------------- */
+
+/* A scene of one object, of marble. */
+static struct pell_curvature *curvature_of(struct stage *s, struct pell_profile profile[3])
+{
+    const struct pell_medium *medium = &s->scene->materials[0].medium;
+    struct pell_curvature_medium media = { medium, profile };
+    struct pell_curvature *out = NULL;
+    struct pell_pool *pool = NULL;
+
+    for (int c = 0; c < 3; c++)
+        OK(pell_profile_make(PELL_PROFILE_DIPOLE, medium, c, NULL, &profile[c]));
+    OK(pell_pool_create(s->ctx, 2, &pool));
+    OK(pell_curvature_create(s->ctx, pool, s->scene, &media, &out));
+    pell_pool_destroy(&pool);
+    return out;
+}
+
+static void a_ball_has_one_over_its_radius(void **state)
+{
+    static const float radii[] = { 15.0f, 60.0f };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(radii); k++)
+        for (int rings = 12; rings <= 96; rings *= 8) {
+            struct pell_profile profile[3];
+            struct pell_curvature *curvature;
+            struct stage s;
+            size_t material;
+
+            stage_start(&s, SIZE, SIZE);
+            stage_medium(&s, "marble", &material);
+            stage_ball(&s, material, 0, vec3(3, 4, 5), radii[k], rings);
+            curvature = curvature_of(&s, profile);
+            for (uint32_t t = 0; t < s.scene->meshes[0].num_triangles; t++)
+                REQUIRE_REL(pell_curvature_at(curvature, 0, t, 0.3f, 0.3f) * radii[k], 1.0, rings < 20 ? 0.2 : 0.03);
+            REQUIRE(pell_curvature_at(curvature, 1, 0, 0.3f, 0.3f) == 0.0f);
+            REQUIRE(pell_curvature_at(curvature, 0, UINT32_MAX, 0.3f, 0.3f) == 0.0f);
+            pell_curvature_destroy(&curvature);
+            stage_finish(&s);
+        }
+}
+
+/* A cube turns by a quarter at each of its edges: pi/4 for each mm of them is the integral of its mean curvature. Away from the edges it is
+ * flat, to the bit. */
+static void a_cube_is_curved_along_its_edges(void **state)
+{
+    const float side = 100.0f;
+    const int n = 250;
+    struct pell_profile profile[3];
+    struct pell_curvature *curvature;
+    double sum = 0.0;
+    struct stage s;
+    size_t material;
+    (void) state;
+
+    stage_start(&s, SIZE, SIZE);
+    stage_medium(&s, "marble", &material);
+    stage_box(&s, material, 0, vec3(0, 0, 0), vec3(side, side, side));
+    curvature = curvature_of(&s, profile);
+    for (uint32_t t = 0; t < s.scene->meshes[0].num_triangles; t++)
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n - i; j++)
+                sum += (double) pell_curvature_at(curvature, 0, t, ((float) i + 0.33f) / (float) n, ((float) j + 0.33f) / (float) n);
+    sum *= 0.5 * (double) (side * side) / (0.5 * n * (n + 1));
+    REQUIRE_REL(sum, 12.0 * (double) side * PELL_PI / 4.0, 0.1);
+    REQUIRE(pell_curvature_at(curvature, 0, 0, 0.35f, 0.3f) == 0.0f);
+    pell_curvature_destroy(&curvature);
+    stage_finish(&s);
+}
+
+/* --- Light ------------------------------------------------------------------------------------------------------------------------ */
+
+/* Light along the axis of a ball of radius a: in the middle of the picture enters gain (1 - 2 l/(eta a)) of what enters a plane, and leaves
+ * (1 - 2 l/(eta a)) again. */
+static void a_ball_lit_from_the_front_has_the_closed_form(void **state)
+{
+    const float radius = 30.0f;
+    struct shot shot[2];
+    struct pell_material *m;
+    struct stage s;
+    size_t material;
+    (void) state;
+
+    stage_start(&s, SIZE + 1, SIZE + 1);
+    m = stage_medium(&s, "skin1", &material);
+    stage_ball(&s, material, 0, vec3(0, 0, 0), radius, 128);
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 900), vec3(0, 0, 0), 2.0f);
+    stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 10.0f);
+    s.settings.layers = true;
+    for (int on = 0; on < 2; on++) {
+        s.settings.curvature = on;
+        shot[on] = stage_shot_of(&s, "none", NULL);
+    }
+    for (size_t c = 0; c < 3; c++) {
+        const double path = 1.0 / (m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c]), bent = 1.0 - 2.0 * path / (m->medium.eta * 30.0);
+        struct pell_profile p;
+        double gain;
+        OK(pell_profile_make(PELL_PROFILE_DIPOLE, &m->medium, (int) c, NULL, &p));
+        gain = pell_curvature_gain(&m->medium, (int) c, &p, 1.0 / (double) radius);
+        REQUIRE(gain > 1.02);
+        REQUIRE_REL(shot_at(&shot[1], SHOT_IRRADIANCE + c, SIZE / 2, SIZE / 2) / shot_at(&shot[0], SHOT_IRRADIANCE + c, SIZE / 2, SIZE / 2),
+                    gain * bent, 5e-3);
+        REQUIRE_REL(shot_at(&shot[1], c, SIZE / 2, SIZE / 2) / shot_at(&shot[0], c, SIZE / 2, SIZE / 2), gain * bent * bent, 5e-3);
+    }
+    shot_free(&shot[0]);
+    shot_free(&shot[1]);
+    stage_finish(&s);
+}
+
+static double mean_of(const struct shot *shot, size_t c)
+{
+    double sum = 0.0;
+
+    for (int y = 0; y < shot->height; y++)
+        for (int x = 0; x < shot->width; x++)
+            sum += shot_at(shot, c, x, y) - shot_at(shot, SHOT_SPECULAR + c, x, y);
+    return sum;
+}
+
+/* A ball of 20 mm under even light, ten mean free paths thick for red: the planar profile is a tenth to a quarter too dark. */
+static void a_ball_under_even_light_is_as_bright_as_path_traced(void **state)
+{
+    static const char *const traced[] = { "samples=64", NULL };
+    struct shot truth, off, on;
+    struct stage s;
+    size_t material;
+    (void) state;
+
+    stage_start(&s, SIZE, SIZE);
+    stage_medium(&s, "skin1", &material);
+    stage_ball(&s, material, 0, vec3(0, 0, 0), 10.0f, 48);
+    stage_environment(&s, 1.0f);
+    stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 22.0f);
+    s.settings.layers = s.settings.angles = true;
+    s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+    s.settings.curvature = false;
+    truth = stage_shot_of(&s, "path-trace", traced);
+    off = stage_shot_of(&s, "hierarchical", NULL);
+    s.settings.curvature = true;
+    on = stage_shot_of(&s, "hierarchical", NULL);
+    for (size_t c = 0; c < 3; c++) {
+        REQUIRE(mean_of(&off, c) / mean_of(&truth, c) < 0.95);
+        REQUIRE_REL(mean_of(&on, c) / mean_of(&truth, c), 1.0, 0.05);
+    }
+    shot_free(&truth);
+    shot_free(&off);
+    shot_free(&on);
+    stage_finish(&s);
+}
+
+static void every_failing_allocation_is_survived(void **state)
+{
+    (void) state;
+
+    for (uint64_t at = 1;; at++) {
+        struct pell_alloc_fault fault = { 0 };
+        enum pell_result res;
+        struct stage s;
+        size_t material;
+
+        stage_start_on(&s, PELL_ENGINE_CPU, 8, 8, 1, &fault);
+        stage_medium(&s, "marble", &material);
+        stage_ball(&s, material, 0, vec3(0, 0, 0), 10.0f, 8);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 900), vec3(0, 0, 0), 2.0f);
+        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 22.0f);
+        s.settings.curvature = true;
+        stage_complete(&s);
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        fault.fail_at = atomic_load(&fault.calls) + at;
+        res = pell_renderer_render(s.r, &s.settings, &s.image);
+        fault.fail_at = 0;
+        REQUIRE(res == PELL_OK || res == PELL_ERR_NOMEM);
+        OK(pell_renderer_render(s.r, &s.settings, &s.image));
+        stage_finish(&s);
+        assert_int_equal(fault.live, 0);
+        if (res == PELL_OK)
+            break;
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(gains_are_what_diffusion_says),
+        cmocka_unit_test(nothing_is_lost_without_absorption),
+        cmocka_unit_test(a_ball_has_one_over_its_radius),
+        cmocka_unit_test(a_cube_is_curved_along_its_edges),
+        cmocka_unit_test(a_ball_lit_from_the_front_has_the_closed_form),
+        cmocka_unit_test(a_ball_under_even_light_is_as_bright_as_path_traced),
+        cmocka_unit_test(every_failing_allocation_is_survived),
+    };
+    return cmocka_run_group_tests_name("render.curvature", tests, NULL, NULL);
+}
