@@ -149,10 +149,10 @@ PELL_API double pell_profile_pdf(const struct pell_profile *p, double r_mm);
 /* Two-dimensional Fourier (Hankel) transform at a radial frequency s in rad/mm, 2 pi Int J0(s r) R(r) r dr; total at s = 0. */
 PELL_API double pell_profile_transform(const struct pell_profile *p, double s);
 
-/* By how much more the surface of a solid returns than its profile over straight distances says, where the mean curvature is `curvature`
- * (1/mm, (k1 + k2)/2, positive where it is convex): exact diffusion in a ball, or around a hollow, of that radius under even light, over the
- * share of the profile that the sphere's chords reach. 1 on a plane. Radii under about six mean free paths count as that. `medium` is that of
- * `profile`. 0.3 us. */
+/* By how much more the surface of a solid returns than its profile over straight distances says, where the mean curvature is
+ * `curvature` (1/mm, (k1 + k2)/2, positive where it is convex): exact diffusion in a ball, or around a hollow, of that radius under even
+ * light, over the share of the profile that the sphere's chords reach. 1 on a plane. Radii under about six mean free paths count as
+ * that. `medium` is that of `profile`. 0.3 us. */
 PELL_API double pell_curvature_gain(const struct pell_medium *medium, int channel, const struct pell_profile *profile, double curvature);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_curvature.c - mean curvature of meshes against that of the solids they stand for, and what it does to light: against diffusion solved
- * on a grid of radii, against conservation, and against path-trace on a ball. */
+ * test_curvature.c - mean curvature of meshes against that of the solids they stand for, and what it does to light: against diffusion
+ * solved on a grid of radii, against conservation, and against path-trace on a ball. */
 #include "stage.h"
 
 #include "math/vec.h"
@@ -26,7 +26,7 @@ static void medium_of(struct pell_medium *m, double sigma_a, double sigma_s_redu
 enum { NODES = 40000 };
 
 /* What leaves a ball, or a hollow in a large body, of radius a, of a source spread evenly at depth z0: u'' = s^2 u for u = r phi on a grid,
- * u = 0 in the middle (far away, about a hollow) and at the distance zb beyond the surface, by elimination (Thomas 1949). The flux through
+ * u = 0 in the middle (far away, about a hollow) and at the distance zb beyond the surface, by elimination. The flux through
  * the surface is a u' - u there. */
 static double escape_on_a_grid(double a, double z0, double zb, double s, bool hollow)
 {

@@ -19,7 +19,7 @@ static uint64_t key_of(size_t number, const int at[3])
 
 static struct curvature_node *find(struct curvature_node *node, size_t room, uint64_t key)
 {
-    /* Fibonacci hashing (Knuth 1998, 6.4). */
+    /* A product with the golden section scatters keys. */
     size_t i = (size_t) (key * 0x9e3779b97f4a7c15u >> 20) & (room - 1);
 
     while (node[i].key && node[i].key != key)

@@ -35,7 +35,8 @@ PELL_NODISCARD enum pell_result curvature_grid_add(struct curvature_grid *grid, 
 /* Mean curvature there, 1/mm. */
 float curvature_grid_at(const struct curvature_grid *grid, const struct curvature_patch *patch, size_t number, struct pell_vec3 at);
 
-/* Adds all of an object's triangles and edges. Widens the patch's step first, to the length of the edges that stand for a smooth surface. */
+/* Adds all of an object's triangles and edges. Widens the patch's step first, to the length of the edges that stand for a smooth
+ * surface. */
 struct pell_topology;
 PELL_NODISCARD enum pell_result curvature_measure(struct curvature_grid *grid, struct curvature_patch *patch, size_t number,
                                                   const struct pell_scene *scene, const struct pell_topology *topology);

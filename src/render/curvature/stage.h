@@ -39,9 +39,9 @@ static inline float pell_curvature_shift(float curvature, float path)
 /* Mean curvature at a point of a triangle, 1/mm; 0 for opaque materials, and where there is no such triangle. */
 float pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v);
 
-/* What it does to light that enters there. `gain`: factor of all of it. `shift`: light that falls along the cosine mu is scattered first one
- * mean free path on along its refracted direction, beside the place where it enters; on a curved surface more of it arrives where it falls
- * flat than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which over a ball is as much. */
+/* What it does to light that enters there. `gain`: factor of all of it. `shift`: light that falls along the cosine mu is scattered first
+ * one mean free path on along its refracted direction, beside the place where it enters. On a curved surface more of it arrives where it
+ * grazes than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which over a ball is as much. */
 struct pell_curvature_effect {
     float curvature, gain[3], shift[3];
 };
