@@ -176,8 +176,6 @@ static enum pell_result make_planes(struct cpu *e, const struct pell_engine_fram
     want(&w, e->lighting.irradiance, 3);
     want(&w, e->lighting.transmitted, 3);
     want(&w, e->lighting.specular, 3);
-    if (s->curvature)
-        want(&w, &e->lighting.curvature, 1);
     want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
         const struct pell_output_layer *l = &pell_output_layers[i];
@@ -425,7 +423,6 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
         .lighting = &e->lighting,
         .total = (const float(*)[3]) f->materials->total,
         .angle = settings->angles ? f->materials->angle : NULL,
-        .path = e->curvature ? pell_curvature_paths(e->curvature) : NULL,
         .mix = mix,
         .smooth = settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,

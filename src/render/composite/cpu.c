@@ -76,7 +76,6 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
         out->inverse_eta2 = p->angle && !m->opaque ? p->angle[i].inverse_eta2 : 1.0f;
         for (int k = 0; k < 3; k++) {
             out->total[k] = m->opaque ? 1.0f : p->total[i][k];
-            out->path[k] = p->path ? p->path[i][k] : 0.0f;
             out->leave_base[k] = p->angle && !m->opaque ? p->angle[i].leave_base[k] : 1.0f;
             out->leave_slope[k] = p->angle && !m->opaque ? p->angle[i].leave_slope[k] : 0.0f;
         }

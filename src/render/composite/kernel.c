@@ -2,14 +2,11 @@
  * kernel.c - see lanes.h; compiled once per SIMD level. */
 #include "render/composite/kernel.h"
 
-#include "render/curvature/stage.h"
-
 #include "shared/boundary.h"
 #include "shared/tone.h"
 
 #include <string.h>
 
-#define RIM 0.5f /* least cosine for which curvature counts */
 #define INLINE static inline __attribute__((always_inline))
 
 /* What lanes have of their materials: of one material for all in a `full` block, which is what most blocks are. */
@@ -150,7 +147,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     const float *restrict metallic = p->surface->metallic + at;
     const bool radiance = p->radiance;
     float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
-    float behind[LANES], off[LANES], rim[LANES], curvature[LANES] = { 0.0f };
+    float behind[LANES], off[LANES];
     float arriving[LANES]; /* results are local until they are whole: nothing else can point at them */
 
     for (int i = 0; i < LANES; i++) {
@@ -163,12 +160,6 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     view_cosines(row, x, at, mu);
     for (int i = 0; i < LANES; i++)
         off[i] = pell_angle_off(OF(inverse_eta2), mu[i]);
-    for (int i = 0; i < LANES; i++) {
-        const float cosine = mu[i] > RIM ? mu[i] : RIM;
-        rim[i] = 1.0f / cosine - 3.0f * cosine;
-    }
-    for (int i = 0; p->path && i < LANES; i++)
-        curvature[i] = on[i] > 0.0f ? p->lighting->curvature[at + (size_t) i] : 0.0f;
     exit_factors(row, o, mu, at, full, uniform, cut, factor);
     for (int i = 0; i < LANES; i++) {
         if (full && o->one->in_metal == 0.0f)
@@ -191,8 +182,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
         for (int i = 0; i < LANES; i++)
             total[i] = OF(total[c]);
         for (int i = 0; i < LANES; i++) {
-            const float bent = 1.0f + pell_curvature_shift(curvature[i], OF(path[c])) * rim[i];
-            const float angle = (OF(leave_base[c]) + OF(leave_slope[c]) * off[i]) * (bent > 0.0f ? bent : 0.0f);
+            const float angle = OF(leave_base[c]) + OF(leave_slope[c]) * off[i];
             const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
             /* All is read, then chosen: what is off may be no number and must not be multiplied away. */
             const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];

@@ -23,7 +23,6 @@ struct pell_composite_material {
     float scatters;     /* 1: exitance is the method's; 0: total times irradiance */
     float total[3];
     float inverse_eta2, leave_base[3], leave_slope[3]; /* see render/angle.h */
-    float path[3];                                     /* see render/curvature/stage.h */
     bool uniform;                                      /* see pell_surface_is_uniform */
     float roughness, rho_s;                            /* then */
 };

@@ -34,7 +34,6 @@ struct pell_composite_params {
     const float *const *single, *const *reflected; /* parts that `exitance` does not hold (struct pell_frame_light); NULL: none */
     const float *const *standard_error;            /* standard error of `exitance`, in its unit; NULL: none */
     const struct pell_angle *angle;                /* per scene material; NULL: no factors */
-    const float (*path)[3];                        /* per scene material: pell_curvature_paths; NULL: surfaces count as plane */
     const float (*total)[3];                       /* per scene material: total reflectance of its profile, for pixels without scattering */
     float mix;                                     /* plan's; negative: each material's own */
     bool smooth, published;

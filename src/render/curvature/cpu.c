@@ -14,12 +14,14 @@
 #define CELLS_MOST 256 /* along an object's longest side */
 #define CHUNK 4096     /* vertices of a task */
 #define NO_PATCH UINT32_MAX
+#define SHIFT_MOST 0.3f /* so that no light from straight above turns negative */
 #define SHARE 0.95
 
 struct curvature_law {
     bool there;
-    float step;  /* mm: the distance of averaging */
-    float limit; /* 1/mm */
+    float step;    /* mm: the distance of averaging */
+    float limit;   /* 1/mm */
+    float path[3]; /* mean free path over index, mm */
     float gain[GAINS][3];
 };
 
@@ -27,7 +29,6 @@ struct pell_curvature {
     struct pell_context *ctx;
     const struct pell_scene *scene;
     struct curvature_law *law; /* per scene material */
-    float (*path)[3];          /* the same: mean free path over index, mm */
     uint32_t *patch_of;        /* per mesh, or NO_PATCH */
     struct curvature_patch *patch;
     size_t num_patches, room_patches;
@@ -45,7 +46,6 @@ void pell_curvature_destroy(struct pell_curvature **curvature)
         pell_free(k->ctx, k->value[i]);
     pell_free(k->ctx, k->value);
     pell_free(k->ctx, k->law);
-    pell_free(k->ctx, k->path);
     pell_free(k->ctx, k->patch_of);
     pell_free(k->ctx, k->patch);
     pell_free(k->ctx, k->grid.node);
@@ -68,7 +68,7 @@ static double radius_of(const struct pell_profile *profile, double share)
     return exp(low);
 }
 
-static void make_law(const struct pell_curvature_medium *m, struct curvature_law *law, float path[3])
+static void make_law(const struct pell_curvature_medium *m, struct curvature_law *law)
 {
     double sum = 0.0, weight = 0.0, thickest = 0.0;
 
@@ -86,7 +86,7 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
     law->step = (float) (sum / weight);
     law->limit = (float) (0.3 * thickest);
     for (int c = 0; c < 3; c++)
-        path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
+        law->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
     for (int i = 0; i < GAINS; i++)
         for (int c = 0; c < 3; c++)
             law->gain[i][c] =
@@ -196,16 +196,15 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
     k->ctx = k->grid.ctx = ctx;
     k->scene = scene;
     k->law = pell_calloc(ctx, scene->num_materials, sizeof(*k->law));
-    k->path = pell_calloc(ctx, scene->num_materials, sizeof(*k->path));
     k->patch_of = pell_alloc_array(ctx, scene->num_meshes, sizeof(*k->patch_of));
     k->value = pell_calloc(ctx, scene->num_meshes, sizeof(*k->value));
-    if (!k->law || !k->path || !k->patch_of || !k->value)
+    if (!k->law || !k->patch_of || !k->value)
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++)
         k->patch_of[i] = NO_PATCH;
     for (size_t i = 0; i < scene->num_materials; i++)
         if (media[i].medium)
-            make_law(&media[i], &k->law[i], k->path[i]);
+            make_law(&media[i], &k->law[i]);
     PELL_TRY(make_objects(k));
     if (k->num_patches == 0) {
         pell_curvature_destroy(out);
@@ -226,11 +225,6 @@ fail:
     if (res != PELL_OK)
         pell_curvature_destroy(out);
     return res;
-}
-
-const float (*pell_curvature_paths(const struct pell_curvature *k))[3]
-{
-    return (const float(*)[3]) k->path;
 }
 
 float pell_curvature_at(const struct pell_curvature *k, uint32_t number, uint32_t triangle, float u, float v)
@@ -261,7 +255,7 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
     float x, part;
     int i;
 
-    *out = (struct pell_curvature_effect) { curvature, { 1.0f, 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f } };
+    *out = (struct pell_curvature_effect) { { 1.0f, 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f } };
     if (curvature == 0.0f)
         return;
     law = &k->law[material];
@@ -271,6 +265,6 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
     part = x - (float) i;
     for (int c = 0; c < 3; c++) {
         out->gain[c] = law->gain[i][c] + part * (law->gain[i + 1][c] - law->gain[i][c]);
-        out->shift[c] = pell_curvature_shift(curvature, k->path[material][c]);
+        out->shift[c] = fminf(fmaxf(curvature * law->path[c], -SHIFT_MOST), SHIFT_MOST);
     }
 }

@@ -25,17 +25,6 @@ PELL_NODISCARD enum pell_result pell_curvature_create(struct pell_context *ctx, 
                                                       const struct pell_curvature_medium *media, struct pell_curvature **out);
 void pell_curvature_destroy(struct pell_curvature **curvature);
 
-/* Mean free path over index of the scene's materials, R, G and B, mm: by reciprocity light that leaves along the cosine mu is seen as if
- * scaled by 1 + shift (1/mu - 3 mu), shift = pell_curvature_shift(curvature, path). 0 where there is no effect. */
-const float (*pell_curvature_paths(const struct pell_curvature *curvature))[3];
-
-#define PELL_CURVATURE_SHIFT 0.3f /* at most, so that no light turns negative */
-static inline float pell_curvature_shift(float curvature, float path)
-{
-    const float shift = curvature * path;
-    return shift > PELL_CURVATURE_SHIFT ? PELL_CURVATURE_SHIFT : shift < -PELL_CURVATURE_SHIFT ? -PELL_CURVATURE_SHIFT : shift;
-}
-
 /* Mean curvature at a point of a triangle, 1/mm; 0 for opaque materials, and where there is no such triangle. */
 float pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v);
 
@@ -43,7 +32,7 @@ float pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, u
  * one mean free path on along its refracted direction, beside the place where it enters. On a curved surface more of it arrives where it
  * grazes than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which over a ball is as much. */
 struct pell_curvature_effect {
-    float curvature, gain[3], shift[3];
+    float gain[3], shift[3];
 };
 void pell_curvature_effect_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v,
                               struct pell_curvature_effect *out);

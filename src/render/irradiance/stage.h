@@ -23,7 +23,6 @@ struct pell_lighting {
     float *irradiance[3];  /* W/m^2, entered, with albedo^m */
     float *transmitted[3]; /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
     float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
-    float *curvature;      /* 1/mm, of translucent surfaces; 0 of others. NULL: not asked for */
     int64_t shadow_rays;
 };
 
