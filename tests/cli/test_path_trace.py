@@ -13,7 +13,7 @@ import time
 from cli_test import PROGRAM, clean_environment, exr_header, main, names, need, one_object, run, test, text, works
 
 # A ball of 20 mm whose walks are cut short: quick, and the same bits as any.
-TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', 'bounces=32', '--set',
+TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', 'events=32', '--set',
          'acceleration=none', '--width', '40', '--height', '30', '--msaa', '2', '--light-samples', '1']
 LONG = [*TRACE, '--samples', '100000000']
 
@@ -107,7 +107,7 @@ def _(folder):
     need('no.pfm' not in names(folder) and 'c.ckpt' not in names(folder), names(folder))
     # In a scene file, as any option.
     (folder / 'timed.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'bunny.obj', 'unit': '1mm', 'render': {
-        'method': 'path-trace', 'samples': 3, 'width': 20, 'height': 15, 'msaa': 1, 'knobs': {'bounces': 8}}}), 'ascii')
+        'method': 'path-trace', 'samples': 3, 'width': 20, 'height': 15, 'msaa': 1, 'knobs': {'events': 8}}}), 'ascii')
     need(b' 3 samples per pixel' in works(folder, 'render', 'timed.json', '-o', 'a.pfm').stderr)
     works(folder, 'render', 'timed.json', '-m', 'screen-space', '-o', 'a.pfm')
 

@@ -59,7 +59,7 @@ static void start(struct stage *s, int size, int threads, struct kept_messages *
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 4.6f);
 }
 
-static const char *const quick[] = { "samples=8", "acceleration=none", "bounces=8", NULL };
+static const char *const quick[] = { "samples=8", "acceleration=none", "events=8", NULL };
 
 static int plane_of(const struct pell_render_result *p, const char *name)
 {
@@ -118,7 +118,7 @@ static void frames_start_anew(void **state)
 
 static void layers_add_up_to_the_picture(void **state)
 {
-    static const char *const traced[] = { "samples=8", "acceleration=none", "bounces=8", "surface=traced", NULL };
+    static const char *const traced[] = { "samples=8", "acceleration=none", "events=8", "surface=traced", NULL };
     static const char *const names[] = { "diffuse.multiple.", "diffuse.single.", "transmission.", "specular." };
     double parts[2][4] = { { 0 } };
     struct stage s;
@@ -200,9 +200,9 @@ static double said_error(const struct stage *s, const struct shot *shot, int *pi
 
 static void it_stops_where_the_error_is_reached(void **state)
 {
-    static const char *const knobs[3][5] = { { "error=0.4", "acceleration=none", "bounces=8", NULL },
-                                             { "error=0.2", "acceleration=none", "bounces=8", NULL },
-                                             { "error=0.001", "samples=20", "acceleration=none", "bounces=8", NULL } };
+    static const char *const knobs[3][5] = { { "error=0.4", "acceleration=none", "events=8", NULL },
+                                             { "error=0.2", "acceleration=none", "events=8", NULL },
+                                             { "error=0.001", "samples=20", "acceleration=none", "events=8", NULL } };
     double said[3];
     struct stage s;
 
@@ -224,7 +224,7 @@ static void it_stops_where_the_error_is_reached(void **state)
 /* Pixels of two seeds differ as their error bars say. */
 static void error_bars_are_honest(void **state)
 {
-    static const char *const knobs[] = { "samples=256", "acceleration=none", "bounces=200", NULL };
+    static const char *const knobs[] = { "samples=256", "acceleration=none", "events=200", NULL };
     double bars[2][3 * 64], z2 = 0.0;
     struct shot shot[2];
     struct stage s;
@@ -278,7 +278,7 @@ static void a_time_limit_ends_it(void **state)
 
 /* --- Ended and gone on with ------------------------------------------------------------------------------------------------------- */
 
-static const char *const some[] = { "samples=24", "acceleration=none", "bounces=8", NULL };
+static const char *const some[] = { "samples=24", "acceleration=none", "events=8", NULL };
 
 /* A name of its own in the folder for temporary files; not there yet. */
 static void temporary_name(char *path, size_t size)
@@ -335,8 +335,8 @@ static void a_run_goes_on_to_the_same_bits(void **state)
 /* More samples than before, and an error to reach: the same bits as if it had been asked for at once. */
 static void more_can_be_asked_for_later(void **state)
 {
-    static const char *const more[] = { "samples=40", "acceleration=none", "bounces=8", NULL };
-    static const char *const error[] = { "error=0.2", "acceleration=none", "bounces=8", NULL };
+    static const char *const more[] = { "samples=40", "acceleration=none", "events=8", NULL };
+    static const char *const error[] = { "error=0.2", "acceleration=none", "events=8", NULL };
 
     (void) state;
     for (int k = 0; k < 2; k++) {
@@ -352,7 +352,7 @@ static void more_can_be_asked_for_later(void **state)
             start(&s, 6, 2, NULL, NULL);
             OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint) { path, 100.0 }));
             shot = stage_shot_of(&s, "path-trace",
-                                 run == 0 ? (const char *const[]) { "samples=7", "acceleration=none", "bounces=8", NULL }
+                                 run == 0 ? (const char *const[]) { "samples=7", "acceleration=none", "events=8", NULL }
                                  : k      ? error
                                           : more);
             if (run == 1)
@@ -422,11 +422,11 @@ static void other_methods_are_cancelled(void **state)
 
 /* --- Checkpoint files of something else ------------------------------------------------------------------------------------------- */
 
-static const char *const least[] = { "samples=1", "acceleration=none", "bounces=8", NULL };
+static const char *const least[] = { "samples=1", "acceleration=none", "events=8", NULL };
 
 static enum pell_result go_on(const char *path, int change, struct kept_messages *kept)
 {
-    static const char *const more[] = { "samples=1", "acceleration=none", "bounces=9", NULL };
+    static const char *const more[] = { "samples=1", "acceleration=none", "events=9", NULL };
     struct stage s;
     enum pell_result res;
 
@@ -501,7 +501,7 @@ static void survives_the_nth_allocation(void **state)
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
     for (uint64_t at = 1; !done; at++) {
-        stage_method(&s, "path-trace", (const char *const[]) { "samples=1", "bounces=4", "acceleration=none", NULL }); /* a new pass */
+        stage_method(&s, "path-trace", (const char *const[]) { "samples=1", "events=4", "acceleration=none", NULL }); /* a new pass */
         fault.fail_at = fault.calls + at;
         if (pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint) { path, 100.0 }) == PELL_OK)
             switch (pell_renderer_render(s.r, &s.settings, &s.image)) {

@@ -1072,12 +1072,12 @@ static void bounds_are_counted(void **state)
     stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 24);
     stage_environment(&s, 1.0f);
     look_along(&s, 7.0f);
-    knobs.bounces = 10;
+    knobs.events = 10;
     knobs.techniques = PT_CHANCE;
     scene = rig_scene(&s, &knobs);
     at = on_ball(&s, 3.0f, 0.4f, 0.3f);
     r = rig_measure(scene, &at, 0, FEWER(2000));
-    print_message("# 10 bounces: %.4f found, %.4f cut\n", r.mean[3][1], r.counts.cut_weight / FEWER(2000));
+    print_message("# 10 events: %.4f found, %.4f cut\n", r.mean[3][1], r.counts.cut_weight / FEWER(2000));
     REQUIRE(r.counts.cut > 0);
     REQUIRE_NEAR(r.mean[3][1] + r.counts.cut_weight / FEWER(2000), 1.0, 1e-4); /* all that is lost is accounted for */
     pt_scene_destroy(&scene);

@@ -17,7 +17,8 @@ static inline struct pt_knobs rig_knobs(void)
     return (struct pt_knobs) { .normals = PT_NORMALS_SMOOTH,
                                .boundary = PT_BOUNDARY_SMOOTH,
                                .acceleration = PT_ACCELERATION_NONE,
-                               .bounces = 100000,
+                               .events = 100000,
+                               .bounces = PT_BOUNCES_ALL,
                                .roulette = 0.1f,
                                .techniques = PT_ALL };
 }

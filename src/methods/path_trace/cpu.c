@@ -88,6 +88,7 @@ static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct
     const int64_t words[] = { k->normals,
                               k->boundary,
                               k->acceleration,
+                              k->events,
                               k->bounces,
                               k->techniques,
                               st->knobs.surface,
@@ -516,7 +517,7 @@ static void report(struct pt_state *st, const struct run *run)
     if (lights > 0.0)
         snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of the light of area lights", missing * lights);
     if (cut > 0)
-        pell_warn(st->ctx, "path-trace", "raise the knob bounces", "%.3g %% of the paths were cut, with %.3g %% of the weight%s",
+        pell_warn(st->ctx, "path-trace", "raise the knob events", "%.3g %% of the paths were cut, with %.3g %% of the weight%s",
                   100.0 * (double) cut / samples, 100.0 * missing, bound);
     if (lost > 0)
         pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
@@ -627,6 +628,8 @@ static enum pell_result path_trace_create(const struct pell_services *services, 
     st->services = services;
     st->ctx = ctx;
     st->knobs = *(const struct pt_method_knobs *) knobs;
+    if (!st->knobs.reentry)
+        st->knobs.trace.bounces = 0;
     st->knobs.trace.techniques = st->knobs.connections ? PT_ALL : PT_CHANCE | PT_LIGHTS;
     st->threads = pell_pool_threads(services->pool);
     st->num_films = services->checkpoint ? (size_t) services->settings->msaa : 1;

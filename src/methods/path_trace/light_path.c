@@ -73,6 +73,7 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
     double u[5];
     float power[3], before[3], least, safe = 0.0f;
     int surfaces = 0; /* since the light, or the last scattering */
+    int bounces = 0;
     bool first = true, entered_once = false, beam;
 
     w->vertices = 0;
@@ -93,7 +94,7 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
         bool refracted;
         if (solid < 0) {
             free_path.met = pt_intersect(s, &w->counts, ray.from, ray.w, INFINITY, PELL_RAY_ALL, &free_path.hit);
-            if (!free_path.met)
+            if (!free_path.met || (!first && !pt_may_bounce(s, ++bounces)))
                 return;
             if (first)
                 for (int c = 0; c < 3; c++)
@@ -103,6 +104,7 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
             memcpy(before, power, sizeof(before));
             pt_sample_distance(s, &w->counts, solid, &ray, power, &safe, sampler, &free_path);
         }
+        at.bounces = bounces;
         /* All of the beam in a solid of one medium, wherever this flight ended. */
         beam = solid >= 0 && s->solid[solid].medium.homogeneous && surfaces > 0 && !free_path.lost &&
                !(entered_once && s->solid[solid].connects);
@@ -221,7 +223,8 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
             if (pt_fine(&own) >= (double) chance)
                 continue;
         }
-        if (!pt_unoccluded(s, counts, at->x, way, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
+        if (!pt_may_bounce(s, at->bounces + v->at.bounces + (solid < 0)) ||
+            !pt_unoccluded(s, counts, at->x, way, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
             continue;
         for (int c = 0; c < 3; c++)
             sum[c] += (double) (light[c] / chance);

@@ -240,7 +240,14 @@ struct pt_scatterer {
     const struct pt_shading_frame *facing; /* rough */
     float off;                             /* mm: how far from a rough boundary rays start */
     float beta[3];                         /* the weights with the collision; a light's path has power here, mm^2 W/m^2 */
+    int bounces;                           /* of the path up to here */
 };
+
+/* Whether a path may have so many ways through the open from a surface to a surface: the knob. */
+static inline bool pt_may_bounce(const struct pt_scene *s, int bounces)
+{
+    return s->knobs.bounces == PT_BOUNCES_ALL || bounces <= s->knobs.bounces;
+}
 
 /* Share per sr of what scatters toward the unit direction v. */
 void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float out[3]);

@@ -17,6 +17,7 @@ struct pt_method_knobs {
     float error, time_limit; /* s */
     int surface;             /* enum pt_surface */
     bool connections;
+    bool reentry;          /* false: no bounces */
     struct pt_knobs trace; /* `techniques` follows from `connections` */
 };
 

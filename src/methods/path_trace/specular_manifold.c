@@ -232,6 +232,16 @@ static bool wanted(const struct quest *q, const struct chain *c)
     return c->kind.count > 0 && c->place.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.transmitted[0] && !c->odd);
 }
 
+/* Bounces of the path over a chain. */
+static int bounces_over(const struct quest *q, const struct chain *c)
+{
+    int bounces = q->at->bounces;
+
+    for (int i = 0; i < c->kind.count; i++)
+        bounces += c->leg[i].solid < 0;
+    return bounces;
+}
+
 static bool random_chain(const struct quest *q, struct pt_sampler *sampler, struct chain *c)
 {
     const double deepest = 1.5 * q->deepest + 0.1; /* what leads to a chain may be longer than it */
@@ -415,7 +425,10 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
     q.connected = !beyond && here->count == 1 && s->solid[solid].connects;
     if (!pt_sample_light(s, at->x, &own, &q.source) || !q.source.delta)
         return;
-    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !light_of(&q, &found, &own, light))
+    if (!beyond && solid < 0 && !pt_may_bounce(s, at->bounces + 1)) /* the first surface would be one too many */
+        return;
+    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !pt_may_bounce(s, bounces_over(&q, &found)) ||
+        !light_of(&q, &found, &own, light))
         return;
     most = fmax(light[0], fmax(light[1], light[2]));
     if (most < least) {

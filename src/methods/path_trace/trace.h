@@ -25,12 +25,15 @@ enum pt_technique {
     PT_ALL = 31,
 };
 
+#define PT_BOUNCES_ALL (-1)
+
 /* Knobs of the transport; all of it is in range when a scene is made. */
 struct pt_knobs {
     int normals;         /* enum pt_normals: of boundaries */
     int boundary;        /* enum pt_boundary */
     int acceleration;    /* enum pt_acceleration */
-    int bounces;         /* scatterings and surfaces of a path at most, >= 1 */
+    int events;          /* scatterings and surfaces of a path at most, >= 1 */
+    int bounces;         /* how often light leaves a surface through the open and meets one again, at most; PT_BOUNCES_ALL: any number */
     float roulette;      /* a walk whose weight falls below this goes on by chance, (0, 1] */
     unsigned techniques; /* enum pt_technique; PT_ALL */
 };
@@ -55,7 +58,7 @@ struct pt_counts {
     int64_t connections;        /* asked for, through smooth boundaries */
     int64_t chains, chains_cut; /* found; of these given up, too hard to find again */
     int64_t late;               /* chains given up at the deadline: their samples are no good */
-    int64_t cut;                /* paths ended by the knob bounces */
+    int64_t cut;                /* paths ended by the knob events */
     double cut_weight;          /* that these still carried, as a share of a path's: (R + G + B)/3, sum. Times the brightest radiance that a
                                 * light shows, over the samples, it limits what the bound cost where no delta light is */
     int64_t crossed; /* closed surfaces met out of order: entered while inside the solid, or left while outside (they cross or touch) */

@@ -94,6 +94,7 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
 
     p->mixed = true;
     pt_albedo(s, hit, albedo);
+    at.bounces = p->bounces;
     for (int c = 0; c < 3; c++)
         at.beta[c] = p->beta[c] *= albedo[c];
     p->safe = 0.0f;
@@ -163,7 +164,8 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
     const struct pt_scene *s = p->s;
     const int open = b->before.count == 0 ? 1 : b->after.count == 0 ? -1 : 0;
     const bool looked = p->leaving && open < 0 && b->before.count == 1; /* for lights but the environment, from where the walk scattered */
-    const struct pt_scatterer at = { hit->p, p->w, NULL, b->at.ng, b->rough, &b->at, hit->unit, { p->beta[0], p->beta[1], p->beta[2] } };
+    const struct pt_scatterer at = { hit->p,    p->w, NULL, b->at.ng, b->rough, &b->at, hit->unit, { p->beta[0], p->beta[1], p->beta[2] },
+                                     p->bounces };
     bool transmitted;
 
     if (open != 0 && (s->knobs.techniques & PT_LIGHTS)) {
@@ -269,9 +271,9 @@ bool pt_walk_on(struct pt_walk *p)
     const int solid = pt_top(&p->place);
     struct pt_free_path free_path;
 
-    if (p->bounces % LOOK == 0 && pt_stopped(s))
+    if (p->events % LOOK == 0 && pt_stopped(s))
         return false;
-    if (p->bounces++ >= s->knobs.bounces) {
+    if (p->events++ >= s->knobs.events) {
         pt_cut(p->counts, p->beta);
         return false;
     }
@@ -279,7 +281,7 @@ bool pt_walk_on(struct pt_walk *p)
         struct pt_hit hit;
         const bool met = pt_intersect(s, p->counts, p->from, p->w, INFINITY, PELL_RAY_ALL, &hit);
         hit_lights(p, met ? (double) hit.t : INFINITY);
-        return met && pt_met(p, &hit, hit.t);
+        return met && pt_may_bounce(s, ++p->bounces) && pt_met(p, &hit, hit.t);
     }
     pt_sample_distance(s, p->counts, solid, &(struct pt_ray) { p->x, p->from, p->w }, p->beta, &p->safe, p->sampler, &free_path);
     if (free_path.met)
@@ -293,7 +295,8 @@ bool pt_walk_on(struct pt_walk *p)
     p->x = p->from = free_path.x;
     if (!(p->beta[0] + p->beta[1] + p->beta[2] > 0.0f))
         return false;
-    const struct pt_scatterer at = { free_path.x, p->w, free_path.medium, .beta = { p->beta[0], p->beta[1], p->beta[2] } };
+    const struct pt_scatterer at = { free_path.x, p->w, free_path.medium, .beta = { p->beta[0], p->beta[1], p->beta[2] },
+                                     .bounces = p->bounces };
     pt_scattered(p, &at, solid, PT_CONNECTION_NOT);
     pt_phase_sample(free_path.medium, p->w, p->sampler, p->beta, &p->w);
     return roulette(p);
@@ -325,7 +328,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
                          .beta = { 1.0f, 1.0f, 1.0f },
                          .crossed = true,
                          .tight = true,
-                         .bounces = 1 };
+                         .events = 1 };
     struct boundary b;
     int count = 0;
 

@@ -21,7 +21,8 @@ struct pt_walk {
     struct pt_medium_stack place;
     float beta[3];
     float safe;
-    int bounces, scattered;
+    int events, scattered;
+    int bounces;         /* ways through the open that ended at a surface; not that from the camera */
     bool entered, mixed; /* mixed: something opaque reflected it */
     bool crossed;        /* a surface, since it last scattered */
     bool tight;          /* a smooth surface on every edge between scatterings, since the camera or a rough surface: no path of a light can

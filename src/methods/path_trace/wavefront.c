@@ -78,7 +78,7 @@ static void take(struct pt_wavefront *d, int l)
         p->beta[c] = w->beta[c][l];
     p->safe = w->safe[l];
     p->turn = w->turn[l];
-    p->bounces = w->bounces[l];
+    p->events = w->events[l];
     p->scattered = w->scattered[l];
     d->slot[l].sampler.state = w->state[l];
     if (!(d->since >> l & 1))
@@ -110,7 +110,7 @@ static void give(struct pt_wavefront *d, int l)
     }
     w->safe[l] = p->safe;
     w->turn[l] = p->turn;
-    w->bounces[l] = p->bounces;
+    w->events[l] = p->events;
     w->scattered[l] = p->scattered;
     w->state[l] = slot->sampler.state;
     w->at[l] = slot->sampler.at;
@@ -248,7 +248,7 @@ static struct pt_wavefront_place place_of(const struct pt_scene *s, int solid, b
         .roulette = s->knobs.roulette,
         .share = b->share,
         .ask = b->ask,
-        .bounces = s->knobs.bounces,
+        .events = s->knobs.events,
         .connects = one && b->connects,
     };
 }
@@ -326,7 +326,8 @@ static void look(struct pt_wavefront *d, int l, int solid, bool asks)
     d->since &= ~(1u << l);
     take(d, l);
     p->from = p->x;
-    const struct pt_scatterer at = { p->x, p->w, &d->s->solid[solid].medium.layer[0], .beta = { p->beta[0], p->beta[1], p->beta[2] } };
+    const struct pt_scatterer at = { p->x, p->w, &d->s->solid[solid].medium.layer[0], .beta = { p->beta[0], p->beta[1], p->beta[2] },
+                                     .bounces = p->bounces };
     pt_scattered(p, &at, solid, asks ? PT_CONNECTION_YES : PT_CONNECTION_NO);
     d->w.turn[l] = p->turn;
     if (!p->tight && p->vertices == 0 && !d->s->solid[solid].near)

@@ -199,9 +199,9 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     *cut = 0;
     EACH(l)
     {
-        const vi bounces = whole(w->bounces + l);
-        *cut |= set_of(bounces >= p->bounces, l) & on;
-        keep(w->bounces + l, bounces - mask_of(on, l));
+        const vi events = whole(w->events + l);
+        *cut |= set_of(events >= p->events, l) & on;
+        keep(w->events + l, events - mask_of(on, l));
     }
     on &= ~*cut;
     if (m->gray) {

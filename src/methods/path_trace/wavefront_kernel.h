@@ -20,7 +20,7 @@ struct pt_wavefront_lanes {
     float came[3][PT_LANES];     /* the way before it last scattered */
     float collided[3][PT_LANES]; /* beta before it scattered, with the collision */
     float safe[PT_LANES], turn[PT_LANES], length[PT_LANES];
-    int32_t bounces[PT_LANES], scattered[PT_LANES];
+    int32_t events[PT_LANES], scattered[PT_LANES];
     uint32_t at[PT_LANES]; /* of the sampler, as state */
     uint64_t state[PT_LANES];
     struct pt_sampler *sampler[PT_LANES]; /* of lanes whose numbers are still the even ones */
@@ -32,7 +32,7 @@ struct pt_wavefront_place {
     const struct pell_distance_grid *grid; /* NULL: none */
     float lo[3], hi[3];                    /* bounds, with a margin */
     float roulette, share, ask;            /* ask: mm; how far connections look is -ask log u */
-    int32_t bounces;                       /* of a path at most */
+    int32_t events;                        /* of a path at most */
     bool connects;
 };
 
