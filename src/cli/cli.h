@@ -81,6 +81,7 @@ struct cli {
     } profile;
     struct {
         char *layer, *mask, *half, *methods, *reference;
+        bool decompose;
     } compare;
     struct {
         char *cross_section, *line, *layers_of, *down_to;

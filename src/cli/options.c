@@ -116,6 +116,10 @@ static const struct option options[] = {
     { OPTIONS_COMPARE, 0, "reference", "NAME[,NAME]",
       "reference of the methods, default hierarchical; with a second one, the first is measured against it: the error of the model", TEXT,
       AT(compare.reference), NULL },
+    { OPTIONS_COMPARE, 0, "decompose", NULL,
+      "for methods on a scene, the error against path-trace in its parts: light straight from lights, and light between surfaces; renders "
+      "everything a second time without bounces",
+      FLAG, AT(compare.decompose), NULL },
     { OPTIONS_COMPARE, 0, "layer", "NAME",
       "for two OpenEXR files, the layer to compare: subsurface (diffuse.single + diffuse.multiple + transmission; default if both "
       "have them), diffuse.multiple, or another; R,G,B (default otherwise) is all light",

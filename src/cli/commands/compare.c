@@ -8,8 +8,8 @@
 
 /* Options that one kind of comparison takes and the other does not. */
 static const char *const of_pictures[] = { "--layer", "--mask", "--half" };
-static const char *const of_scenes[] = { "--methods", "--reference", "--set",    "--material", "--size",         "--unit",
-                                         "--camera",  "--time",      "--engine", "--device",   "--allow-outside" };
+static const char *const of_scenes[] = { "--methods", "--reference", "--set",    "--material", "--size",          "--unit",
+                                         "--camera",  "--time",      "--engine", "--device",   "--allow-outside", "--decompose" };
 
 static const char *first_given(const struct cli *cli, const char *const *options, size_t count)
 {

@@ -83,6 +83,28 @@ PELL_NODISCARD enum pell_result compare_write_errors(struct cli *cli, const stru
                                                      const char *name);
 PELL_NODISCARD enum pell_result compare_write_json(struct cli *cli, const json_t *answer, struct output_folder *f);
 
+/* --- decompose.c: an error in its parts -------------------------------------------------------------------------------------- */
+
+enum { DECOMPOSE_METHOD, DECOMPOSE_INTERREFLECTION, DECOMPOSE_TOTAL, DECOMPOSE_PARTS };
+
+/* Planes without padding of the test, of the reference and of its variance: [0] with all bounces, [1] with none. */
+struct decompose_input {
+    size_t count; /* pixels */
+    const float *mask, *test[2][3], *reference[2][3], *variance[2][3];
+    double floor; /* as in struct pell_compare_params */
+};
+
+struct decomposition {
+    double rel_mse[DECOMPOSE_PARTS]; /* over the squared reference with all bounces; without its noise, not below 0 */
+    double rel_bias[DECOMPOSE_PARTS][3];
+    double interreflection[3]; /* share of it in the reference */
+};
+
+void decompose_error(const struct decompose_input *in, struct decomposition *out);
+json_t *decompose_json(const struct decomposition *d);
+void decompose_print_head(const struct cli *cli, const char *truth, const double interreflection[3]);
+void decompose_print(const char *name, const json_t *parts);
+
 /* --- report.c: report.html ---------------------------------------------------------------------------------------------------- */
 
 /* Pictures larger than this are shown reduced by a whole factor in the report, which states it; numbers are always of the full size. */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #define DEFAULT_REFERENCE "hierarchical"
+#define TRUTH "path-trace" /* which alone can leave out light between surfaces */
 
 static const struct pell_knob *find_knob(const struct pell_method *method, const char *name)
 {
@@ -156,7 +157,10 @@ static enum exit_code configure(struct cli *cli, const struct run_list *runs, co
 
 enum exit_code runs_choose(struct cli *cli, struct run_list *runs)
 {
-    enum exit_code code = add_list(cli, runs, "--reference", cli->compare.reference ? cli->compare.reference : DEFAULT_REFERENCE);
+    enum exit_code code = add_list(cli, runs, "--reference",
+                                   cli->compare.reference   ? cli->compare.reference
+                                   : cli->compare.decompose ? TRUTH
+                                                            : DEFAULT_REFERENCE);
 
     runs->set = cli->knobs; /* they are of several methods: the session's own must not see them */
     cli->knobs = (struct settings_list) { 0 };
@@ -164,6 +168,9 @@ enum exit_code runs_choose(struct cli *cli, struct run_list *runs)
     if (code == EXIT_OK && runs->num_references > MAX_REFERENCES)
         return cli_usage(cli, "--reference", "methods are measured against the first, the first against the second",
                          "%zu names, must be one or two", runs->num_references);
+    if (code == EXIT_OK && cli->compare.decompose && strcmp(runs->list[runs->num_references - 1].method->name, TRUTH) != 0)
+        return cli_usage(cli, "--decompose", "--reference path-trace, or hierarchical,path-trace",
+                         "the last reference is %s, must be " TRUTH, runs->list[runs->num_references - 1].label);
     if (code == EXIT_OK)
         code = add_list(cli, runs, "--methods", cli->compare.methods ? cli->compare.methods : "all");
     if (code == EXIT_OK)

@@ -34,8 +34,10 @@ struct job {
     float *mask;
     int64_t translucent;
     struct light references[MAX_REFERENCES];
+    struct light straight;            /* --decompose: of the last reference, without bounces */
     float *masked;                    /* all light of translucent pixels of the references, 3 planes each: made for methods that mix */
     double rel_noise[MAX_REFERENCES]; /* NAN: not known */
+    double interreflection[3];
     json_t *methods, *views, *model_error, *shown_as;
 };
 
@@ -259,6 +261,63 @@ fail:
     return res;
 }
 
+/* The same without bounces: neither measured nor written. */
+static enum pell_result render_straight(struct cli *cli, struct job *job, const struct run *run, struct light *l)
+{
+    struct session *s = &job->session;
+    struct pell_settings settings = s->settings;
+    struct pell_render_result image;
+    void *values = NULL;
+    enum pell_result res;
+
+    settings.bounces = 0;
+    if (run->method) {
+        values = malloc(run->method->knobs_size);
+        if (!values)
+            return PELL_ERR_NOMEM;
+        memcpy(values, run->values, run->method->knobs_size);
+        if (pell_knob_find(run->method->knobs, "reentry"))
+            PELL_TRY(pell_method_knobs_set_text(cli->ctx, run->method, values, "reentry", "off"));
+    }
+    PELL_TRY(pell_renderer_set_method(s->renderer, run->method, values));
+    PELL_TRY(pell_renderer_render(s->renderer, &settings, &image));
+    cli_progress_end(cli);
+    res = image.partial ? PELL_ERR_CANCELLED : take_light(cli, job, run, &image, l);
+fail:
+    free(values);
+    return res;
+}
+
+/* What a run has with and without bounces, against the last reference. */
+static enum pell_result decompose(struct cli *cli, struct job *job, struct run *run, const struct light *l, json_t *answer)
+{
+    const struct light *truth = &job->references[job->runs.num_references - 1];
+    struct decompose_input in = { .count = (size_t) job->width * (size_t) job->height,
+                                  .mask = job->mask,
+                                  .floor = (double) job->params.floor };
+    struct decomposition parts;
+    struct light straight = { NULL };
+    enum pell_result res;
+
+    PELL_TRY(render_straight(cli, job, run, &straight));
+    for (int c = 0; c < 3; c++) {
+        const int view = run->mixes ? WHOLE : PART;
+        in.test[0][c] = l->rgb[PART][c];
+        in.test[1][c] = straight.rgb[PART][c];
+        in.reference[0][c] = truth->rgb[view][c];
+        in.reference[1][c] = job->straight.rgb[view][c];
+        in.variance[0][c] = truth->variance[c];
+        in.variance[1][c] = job->straight.variance[c];
+    }
+    decompose_error(&in, &parts);
+    if (!run->mixes || job->interreflection[1] == 0.0) /* of the subsurface light where some method has it by itself */
+        memcpy(job->interreflection, parts.interreflection, sizeof(parts.interreflection));
+    json_object_set_new(answer, "parts", decompose_json(&parts));
+fail:
+    drop_light(cli, &straight);
+    return res;
+}
+
 static json_t *run_json(const struct job *job, const struct run *run)
 {
     json_t *o = json_pack("{s:o,s:s,s:f,s:f,s:O}", "name", cli_text(run->label), "engine",
@@ -270,6 +329,8 @@ static json_t *run_json(const struct job *job, const struct run *run)
 static enum pell_result render_all(struct cli *cli, struct job *job)
 {
     enum pell_result res = PELL_OK;
+
+    const size_t last = job->runs.num_references - 1;
 
     cli->progress.parts = (int) job->runs.count;
     for (size_t i = 0; i < job->runs.count && res == PELL_OK; i++) {
@@ -287,10 +348,17 @@ static enum pell_result render_all(struct cli *cli, struct job *job)
             PELL_TRY(measure(cli, job, run, l, 0, "metrics", run->answer));
             if (job->runs.num_references > 1)
                 PELL_TRY(measure(cli, job, run, l, 1, "total", child(run->answer, "total_error")));
+            if (cli->compare.decompose)
+                PELL_TRY(decompose(cli, job, run, l, run->answer));
             json_array_append(job->methods, run->answer);
         } else if (i == 1) { /* the first against the second: what the model that both share can't do */
             job->model_error = json_pack("{s:o,s:o}", "name", cli_text(job->runs.list[0].label), "against", cli_text(run->label));
             PELL_TRY(measure(cli, job, &job->runs.list[0], &job->references[0], 1, "model", job->model_error));
+        }
+        if (cli->compare.decompose && i == last) {
+            PELL_TRY(render_straight(cli, job, run, &job->straight));
+            if (last > 0)
+                PELL_TRY(decompose(cli, job, &job->runs.list[0], &job->references[0], job->model_error));
         }
     fail:
         drop_light(cli, &own);
@@ -321,6 +389,9 @@ static json_t *answer_json(struct cli *cli, struct job *job)
         json_object_set(o, "truth", references[1]);
         json_object_set(o, "model_error", job->model_error);
     }
+    if (cli->compare.decompose)
+        json_object_set_new(o, "interreflection",
+                            json_pack("[f,f,f]", job->interreflection[0], job->interreflection[1], job->interreflection[2]));
     if (cli->output)
         json_object_set_new(o, "output", cli_text(cli->output));
     return o;
@@ -407,6 +478,13 @@ static void answer_text(const struct cli *cli, const struct job *job)
         for (size_t i = job->runs.num_references; i < job->runs.count; i++)
             print_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "total_error"), -1.0);
     }
+    if (cli->compare.decompose) {
+        decompose_print_head(cli, job->runs.list[job->runs.num_references - 1].label, job->interreflection);
+        if (two)
+            decompose_print(job->runs.list[0].label, json_object_get(job->model_error, "parts"));
+        for (size_t i = job->runs.num_references; i < job->runs.count; i++)
+            decompose_print(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "parts"));
+    }
     for (size_t i = job->runs.num_references; i < job->runs.count; i++)
         if (job->runs.list[i].mixes)
             printf("\n%s gives finished pictures: compared is all light of translucent pixels.\n", job->runs.list[i].label);
@@ -474,6 +552,7 @@ static void finish(struct cli *cli, struct job *job)
     runs_finish(&job->runs);
     for (size_t i = 0; i < MAX_REFERENCES; i++)
         drop_light(cli, &job->references[i]);
+    drop_light(cli, &job->straight);
     pell_free(cli->ctx, job->mask);
     pell_free(cli->ctx, job->masked);
     json_decref(job->methods);

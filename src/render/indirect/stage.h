@@ -10,8 +10,8 @@
  * is interpolated to knots, the vertices of the meshes and of large triangles that are cut into smaller ones, and from knots to any point
  * of a triangle, as in irradiance caching (Ward et al. 1988).
  *
- * A bounce is a way through the open from a surface to a surface, as the knob bounces of path-trace counts them: after n of them E + E_i has
- * the first n + 1 terms of the series.
+ * A bounce is a way through the open from a surface to a surface, as the knob bounces of path-trace counts them: after n of them E + E_i
+ * has the first n + 1 terms of the series.
  *
  * rho is the total diffuse reflectance: light leaves where it entered, not spread by the profile. Highlights, and light that is transmitted
  * through thin parts, light nothing.
