@@ -15,7 +15,7 @@
 #define CHUNK 4096     /* vertices of a task */
 #define NO_PATCH UINT32_MAX
 #define SHIFT_MOST 0.3f /* so that no light from straight above turns negative */
-#define SHARE 0.95
+#define SHARE 0.95      /* of a profile: what lies inside the distance over which curvature is averaged */
 
 struct curvature_law {
     bool there;
