@@ -142,6 +142,7 @@ struct pt_scene {
     double deadline; /* of pell_seconds() */
     double brightest;
     bool light_paths, chains; /* of delta lights */
+    int light_rays;           /* of a sample: more where what surfaces reflect meets other surfaces */
     double environment_share; /* of what is looked for of the environment: an even one is met by chance as well */
     uint32_t seed;
     float unit; /* mm: some rounding errors of the largest coordinate of a solid */
