@@ -154,7 +154,7 @@ struct pt_hit {
     float u, v, t;
     struct pell_vec3 p, ng, ns; /* outward, unit; ns is ng where the knob says flat */
     bool bent;                  /* ns varies */
-    float unit;                 /* mm: how far rays start from it, some rounding errors of its corners */
+    float unit;                 /* mm: how far rays start from it, some rounding errors along ng */
     int solid;                  /* -1: opaque */
     int material;               /* scene's */
 };

@@ -446,6 +446,16 @@ fail:
 
 /* --- Rays ------------------------------------------------------------------------------------------------------------------------- */
 
+/* mm: some rounding errors of a place on a triangle along its normal. Along the triangle they may be far larger: a thin plate's rays must
+ * not start deep in it. */
+static float rounding_along(struct pell_vec3 n, struct pell_vec3 a, struct pell_vec3 b, struct pell_vec3 c)
+{
+    const struct pell_vec3 most = vec3(fmaxf(fabsf(a.x), fmaxf(fabsf(b.x), fabsf(c.x))), fmaxf(fabsf(a.y), fmaxf(fabsf(b.y), fabsf(c.y))),
+                                       fmaxf(fabsf(a.z), fmaxf(fabsf(b.z), fabsf(c.z))));
+
+    return 1e-6f * (fabsf(n.x) * most.x + fabsf(n.y) * most.y + fabsf(n.z) * most.z) + 1e-12f;
+}
+
 void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out)
 {
     const struct pell_mesh *m = &s->scene->meshes[mesh];
@@ -454,7 +464,6 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
     const struct pell_vec3 c = vec3_load(m->position + 3 * (size_t) i[2]);
     const float k = 1.0f - u - v;
 
-    out->unit = 1e-6f * fmaxf(extent(a), fmaxf(extent(b), extent(c))) + 1e-12f;
     out->mesh = mesh;
     out->triangle = triangle;
     out->u = u;
@@ -463,6 +472,7 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
     out->ng = vec3_normalize(vec3_cross(vec3_sub(b, a), vec3_sub(c, a)));
     if (vec3_dot(out->ng, out->ng) < 0.5f)
         out->ng = vec3_mul(w, -1.0f); /* no area */
+    out->unit = rounding_along(out->ng, a, b, c);
     out->ns = out->ng;
     out->bent = false;
     if (s->knobs.normals == PT_NORMALS_SMOOTH && m->normal) {
