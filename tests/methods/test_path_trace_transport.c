@@ -1084,6 +1084,54 @@ static void bounds_are_counted(void **state)
     stage_finish(&s);
 }
 
+/* What a plate of 0.005 mm that scatters little scatters once, seen from above; `half` mm to each side, turned about two axes or not. */
+static struct rig_mean thin_plate(float half, bool tilted, int samples)
+{
+    const struct pell_vec3 x = tilted ? vec3_normalize(vec3(0.7f, 0.2f, 0.5f)) : vec3(1, 0, 0);
+    const struct pell_vec3 y = tilted ? vec3_normalize(vec3_cross(vec3(0.3f, -0.4f, 0.8f), x)) : vec3(0, 1, 0), z = vec3_cross(x, y);
+    struct pt_knobs knobs = rig_knobs();
+    struct pell_mesh *mesh;
+    struct pt_scene *scene;
+    struct pt_point at;
+    struct rig_mean r;
+    struct stage s;
+
+    plain_stage(&s);
+    mesh = shapes_box(s.scene, rig_medium(&s, 20.0, 20.0, 0.0, 1.4), vec3(-half, -half, -0.005f), vec3(half, half, 0.0f));
+    mesh->object = 0;
+    for (size_t i = 0; i < mesh->num_vertices; i++)
+        for (int k = 0; k < 2; k++) {
+            float *p = (k ? mesh->normal : mesh->position) + 3 * i;
+            vec3_store(vec3_mad(vec3_mad(vec3_mul(x, p[0]), p[1], y), p[2], z), p);
+        }
+    stage_environment(&s, 1.0f);
+    stage_camera(&s, vec3_mul(z, 50.0f), vec3(0, 0, 0), 0.5f, 0.0f);
+    knobs.techniques = PT_CHANCE;
+    scene = rig_scene(&s, &knobs);
+    at = rig_point(vec3_mad(vec3_mul(x, 0.013f), 0.007f, y), vec3_mad(vec3_mul(z, 50.0f), 0.5f, x), 7);
+    r = rig_measure(scene, &at, 0, samples);
+    REQUIRE(r.counts.lost + r.counts.crossed <= samples / 1000);
+    pt_scene_destroy(&scene);
+    stage_finish(&s);
+    return r;
+}
+
+/* However wide: how far rays start from a surface depends on how well its place is known along its normal. */
+static void thin_plates_are_slabs(void **state)
+{
+    const int samples = FEWER(25000);
+    const struct rig_mean small = thin_plate(0.5f, false, samples);
+    (void) state;
+
+    for (int tilted = 0; tilted < 2; tilted++) {
+        const struct rig_mean wide = thin_plate(tilted ? 5.0f : 2000.0f, tilted, samples);
+        const double bar = hypot(small.error[1][1], wide.error[1][1]);
+        print_message("# plate of 1:%d: %.5f +- %.5f, of 1:200 %.5f, %.1f sigma\n", tilted ? 2000 : 800000, wide.mean[1][1],
+                      wide.error[1][1], small.mean[1][1], (wide.mean[1][1] - small.mean[1][1]) / bar);
+        REQUIRE_NEAR(wide.mean[1][1], small.mean[1][1], SIGMAS * bar);
+    }
+}
+
 static void profiles_without_a_medium_are_refused(void **state)
 {
     struct stage s;
@@ -1191,6 +1239,7 @@ int main(void)
         cmocka_unit_test(surfaces_that_cross_are_lit),
         cmocka_unit_test(roughness_maps_are_read),
         cmocka_unit_test(bounds_are_counted),
+        cmocka_unit_test(thin_plates_are_slabs),
         cmocka_unit_test(profiles_without_a_medium_are_refused),
         cmocka_unit_test(survives_the_nth_allocation),
     };

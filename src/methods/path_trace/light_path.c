@@ -8,6 +8,10 @@
  * refraction alone and was scattered is the connections'. So a light's path ends where it would go on without a surface, and there is one
  * join a path. What neither finds has a smooth surface on every edge (a rough one ends a light's path): specular_manifold.c.
  *
+ * At the first surfaces from the light a path is split into what passes and what is reflected; where what is reflected meets other
+ * surfaces, as in folds, further rays of light are followed for it alone (pt_scene.light_rays). By chance 1 path in 25 would be reflected,
+ * with all of its light: where such a path came near a walk it made a single bright pixel.
+ *
  * Light is carried as flux. With interpolated normals a surface passes other flux than the walk's radiance says, by the ratio of cosines
  * that makes both agree (Veach 1996, "Non-symmetric Scattering in Light Transport Algorithms"). */
 #include "methods/path_trace/path.h"
@@ -15,10 +19,28 @@
 #include <string.h>
 
 #define LIGHT_EVENTS 64  /* of a light's path at most; what is carried so far is some 1e-30 in solids that absorb or scatter at all */
+#define SPLITS 4         /* reflected paths that wait to be followed */
 #define LIGHT_LEAST 1e-2 /* share of the weight below which paths go on by chance */
 #define JOIN_SHARE 1e-2  /* joins of less than this times the typical radiance are made by chance */
 
-static void scattered(struct pt_walker *w, const struct pt_scatterer *at, const float power[3], float length, int solid)
+/* A path on its way. */
+struct light_path {
+    struct pt_medium_stack place;
+    struct pt_ray ray;
+    float power[3], safe;
+    int events, bounces;
+    int surfaces; /* since the light, or the last scattering */
+    bool first, entered_once, scattered;
+    bool mirrored; /* only what surfaces reflect before it scatters counts */
+};
+
+/* All that comes of one ray of light: paths that are yet to be followed. */
+struct light_paths {
+    int count;
+    struct light_path path[SPLITS + 1];
+};
+
+static void keep(struct pt_walker *w, const struct pt_scatterer *at, const float power[3], float length, int solid)
 {
     struct pt_light_vertex *v;
 
@@ -29,19 +51,20 @@ static void scattered(struct pt_walker *w, const struct pt_scatterer *at, const 
     memcpy(v->at.beta, power, sizeof(v->at.beta));
 }
 
-/* Passes or reflects at a smooth surface. False: the path ends. */
-static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct pt_medium_stack *place, struct pt_sampler *sampler,
-                    struct pt_ray *ray, float power[3], bool *refracted)
+/* Passes or reflects at a smooth surface by the random number u. False: the path ends. *fresnel: how likely it is to reflect. */
+static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u, struct light_path *p, bool *refracted, float *fresnel)
 {
+    struct pt_ray *ray = &p->ray;
     const bool enter = vec3_dot(ray->w, hit->ng) < 0.0f;
     const float side = enter ? 1.0f : -1.0f;
     struct pt_shading_frame at = { vec3_mul(ray->w, -1.0f), vec3_mul(hit->ns, side), vec3_mul(hit->ng, side), enter ? 0 : 1 };
     struct pt_medium_stack before, after;
-    float eta, fresnel, in, out, ratio;
+    float eta, in, out, ratio;
     bool wrong;
 
     *refracted = false;
-    if (!pt_cross(s, place, hit->solid, enter, &before, &after)) {
+    *fresnel = 0.0f;
+    if (!pt_cross(s, &p->place, hit->solid, enter, &before, &after)) {
         ray->x = hit->p;
         ray->from = pt_leave(hit, ray->w);
         return true;
@@ -52,111 +75,150 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, struct p
     if (!(vec3_dot(at.o, at.ns) > 0.0f))
         at.ns = at.ng;
     in = vec3_dot(at.o, at.ns) / vec3_dot(at.o, at.ng);
-    *refracted = pt_smooth(&at, eta, pt_random(sampler), &ray->w, &fresnel, &wrong);
+    *refracted = pt_smooth(&at, eta, u, &ray->w, fresnel, &wrong);
     if (wrong)
         return false;
     out = fabsf(vec3_dot(ray->w, at.ng)) / fmaxf(fabsf(vec3_dot(ray->w, at.ns)), 1e-6f);
     ratio = in * out;
     for (int c = 0; c < 3; c++)
-        power[c] *= ratio;
-    *place = *refracted ? after : before;
+        p->power[c] *= ratio;
+    p->place = *refracted ? after : before;
     ray->x = hit->p;
     ray->from = pt_leave(hit, ray->w);
     return true;
 }
 
-void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler)
+/* One of both, by chance; or, of light that was not scattered yet, the part that passes now, the part that is reflected afterwards. */
+static bool surface_or_both(const struct pt_scene *s, const struct pt_hit *hit, struct light_path *p, struct light_paths *others,
+                            struct pt_sampler *sampler)
 {
-    struct pt_medium_stack place = { 0 };
-    struct pell_light_ray light;
-    struct pt_ray ray;
-    double u[5];
-    float power[3], before[3], least, safe = 0.0f;
-    int surfaces = 0; /* since the light, or the last scattering */
-    int bounces = 0;
-    bool first = true, entered_once = false, beam;
+    const bool both = p->place.count == 0 && !p->scattered && others->count < SPLITS;
+    const int surfaces = p->surfaces++;
+    struct light_path other = *p;
+    const float share = surfaces == 0 && p->bounces == 0 ? 1.0f / (float) s->light_rays : 1.0f;
+    bool refracted;
+    float fresnel;
 
-    w->vertices = 0;
+    p->safe = other.safe = 0.0f;
+    other.entered_once = false;
+    if (both && surface(s, hit, -1.0f, &other, &refracted, &fresnel) && fresnel > 0.0f) {
+        for (int c = 0; c < 3; c++)
+            other.power[c] *= fresnel * share;
+        other.mirrored = false;
+        others->path[others->count++] = other;
+    }
+    if (p->mirrored || !surface(s, hit, both ? 1.0f : pt_random(sampler), p, &refracted, &fresnel) || (both && fresnel >= 1.0f))
+        return false;
+    for (int c = 0; both && c < 3; c++)
+        p->power[c] *= 1.0f - fresnel;
+    p->entered_once = surfaces == 0 && refracted && !p->scattered;
+    return true;
+}
+
+/* A flight, and what is at its end. False: the path ends. */
+static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_path *p, struct light_paths *others, int source,
+                 struct pt_sampler *sampler)
+{
+    const int solid = pt_top(&p->place);
+    const bool connected = p->entered_once && solid >= 0 && s->solid[solid].connects;
+    struct pt_scatterer at = { .w = p->ray.w };
+    struct pt_free_path free_path = { .met = false };
+    float before[3] = { p->power[0], p->power[1], p->power[2] };
+    bool beam;
+
+    if (solid < 0) {
+        free_path.met = pt_intersect(s, &w->counts, p->ray.from, p->ray.w, INFINITY, PELL_RAY_ALL, &free_path.hit);
+        if (!free_path.met || (!p->first && !pt_may_bounce(s, ++p->bounces)))
+            return false;
+        if (p->first)
+            for (int c = 0; c < 3; c++)
+                p->power[c] *= (float) pell_light_sampler_range(s->light_sampler, source, (double) free_path.hit.t);
+        p->first = false;
+    } else {
+        pt_sample_distance(s, &w->counts, solid, &p->ray, p->power, &p->safe, sampler, &free_path);
+    }
+    at.bounces = p->bounces;
+    /* All of the beam in a solid of one medium, wherever this flight ended. */
+    beam = solid >= 0 && s->solid[solid].medium.homogeneous && p->surfaces > 0 && !free_path.lost && !connected;
+    if (beam) {
+        struct pt_hit hit = free_path.hit;
+        if (free_path.met || pt_intersect(s, &w->counts, p->ray.from, p->ray.w, INFINITY, PELL_RAY_ALL, &hit)) {
+            at.x = p->ray.x;
+            at.medium = &s->solid[solid].medium.layer[0];
+            keep(w, &at, before, free_path.met ? free_path.length : hit.t, solid);
+        }
+    }
+    if (free_path.lost) {
+        p->place.count = 0;
+        p->ray.x = p->ray.from = free_path.x;
+        p->surfaces++;
+        return true;
+    }
+    if (free_path.met && free_path.hit.solid >= 0)
+        return surface_or_both(s, &free_path.hit, p, others, sampler);
+    /* Scattered: by the medium, or by something opaque. */
+    if (p->surfaces == 0 || connected)
+        return false;
+    at.x = free_path.x;
+    at.medium = free_path.medium;
+    if (free_path.met) {
+        float albedo[3];
+        at.medium = NULL;
+        at.n = vec3_dot(p->ray.w, free_path.hit.ng) > 0.0f ? vec3_mul(free_path.hit.ng, -1.0f) : free_path.hit.ng;
+        at.x = pt_leave(&free_path.hit, at.n);
+        pt_albedo(s, &free_path.hit, albedo);
+        for (int c = 0; c < 3; c++)
+            p->power[c] *= albedo[c];
+        keep(w, &at, p->power, 0.0f, solid);
+        p->ray.w = pt_scatter_sample(&at, sampler, NULL);
+        p->safe = 0.0f;
+    } else {
+        if (!(p->power[0] + p->power[1] + p->power[2] > 0.0f))
+            return false;
+        if (!beam)
+            keep(w, &at, p->power, 0.0f, solid);
+        pt_phase_sample(free_path.medium, p->ray.w, sampler, p->power, &p->ray.w);
+    }
+    p->ray.x = p->ray.from = at.x;
+    p->surfaces = 0;
+    p->entered_once = false;
+    p->scattered = true;
+    return true;
+}
+
+/* `mirrored`: of what its first surface reflects alone. */
+static void one_ray(const struct pt_scene *s, struct pt_walker *w, bool mirrored, struct pt_sampler *sampler)
+{
+    struct light_paths paths = { .count = 1 };
+    struct pell_light_ray light;
+    double u[5];
+    float least;
+
     for (int k = 0; k < 5; k++)
         u[k] = (double) pt_random(sampler);
     if (!pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &light) || !light.sample.delta)
         return;
-    ray = (struct pt_ray) { light.origin, light.origin, light.direction };
-    for (int c = 0; c < 3; c++)
-        power[c] = (float) light.weight[c];
-    least = (float) LIGHT_LEAST * fmaxf(power[0], fmaxf(power[1], power[2]));
-    for (int event = 0; event < LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES &&
-                        pt_roulette(power, fmaxf(power[0], fmaxf(power[1], power[2])), least, sampler);
-         event++) {
-        const int solid = pt_top(&place);
-        struct pt_scatterer at = { .w = ray.w };
-        struct pt_free_path free_path = { .met = false };
-        bool refracted;
-        if (solid < 0) {
-            free_path.met = pt_intersect(s, &w->counts, ray.from, ray.w, INFINITY, PELL_RAY_ALL, &free_path.hit);
-            if (!free_path.met || (!first && !pt_may_bounce(s, ++bounces)))
-                return;
-            if (first)
-                for (int c = 0; c < 3; c++)
-                    power[c] *= (float) pell_light_sampler_range(s->light_sampler, light.sample.source, (double) free_path.hit.t);
-            first = false;
-        } else {
-            memcpy(before, power, sizeof(before));
-            pt_sample_distance(s, &w->counts, solid, &ray, power, &safe, sampler, &free_path);
-        }
-        at.bounces = bounces;
-        /* All of the beam in a solid of one medium, wherever this flight ended. */
-        beam = solid >= 0 && s->solid[solid].medium.homogeneous && surfaces > 0 && !free_path.lost &&
-               !(entered_once && s->solid[solid].connects);
-        if (beam) {
-            struct pt_hit hit = free_path.hit;
-            if (free_path.met || pt_intersect(s, &w->counts, ray.from, ray.w, INFINITY, PELL_RAY_ALL, &hit)) {
-                at.x = ray.x;
-                at.medium = &s->solid[solid].medium.layer[0];
-                scattered(w, &at, before, free_path.met ? free_path.length : hit.t, solid);
-            }
-        }
-        if (free_path.lost) {
-            place.count = 0;
-            ray.x = ray.from = free_path.x;
-            surfaces++;
+    paths.path[0] = (struct light_path) {
+        .ray = { light.origin, light.origin, light.direction },
+        .power = { (float) light.weight[0], (float) light.weight[1], (float) light.weight[2] },
+        .first = true,
+        .mirrored = mirrored,
+    };
+    least = (float) LIGHT_LEAST * fmaxf((float) light.weight[0], fmaxf((float) light.weight[1], (float) light.weight[2]));
+    while (paths.count > 0) {
+        struct light_path p = paths.path[--paths.count];
+        while (p.events++ < LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES &&
+               pt_roulette(p.power, fmaxf(p.power[0], fmaxf(p.power[1], p.power[2])), least, sampler) &&
+               step(s, w, &p, &paths, light.sample.source, sampler))
             continue;
-        }
-        if (free_path.met && free_path.hit.solid >= 0) {
-            if (!surface(s, &free_path.hit, &place, sampler, &ray, power, &refracted))
-                return;
-            entered_once = surfaces == 0 && refracted && w->vertices == 0;
-            surfaces++;
-            safe = 0.0f;
-            continue;
-        }
-        /* Scattered: by the medium, or by something opaque. */
-        if (surfaces == 0 || (entered_once && solid >= 0 && s->solid[solid].connects))
-            return;
-        at.x = free_path.x;
-        at.medium = free_path.medium;
-        if (free_path.met) {
-            float albedo[3];
-            at.medium = NULL;
-            at.n = vec3_dot(ray.w, free_path.hit.ng) > 0.0f ? vec3_mul(free_path.hit.ng, -1.0f) : free_path.hit.ng;
-            at.x = pt_leave(&free_path.hit, at.n);
-            pt_albedo(s, &free_path.hit, albedo);
-            for (int c = 0; c < 3; c++)
-                power[c] *= albedo[c];
-            scattered(w, &at, power, 0.0f, solid);
-            ray.w = pt_scatter_sample(&at, sampler, NULL);
-            safe = 0.0f;
-        } else {
-            if (!(power[0] + power[1] + power[2] > 0.0f))
-                return;
-            if (!beam)
-                scattered(w, &at, power, 0.0f, solid);
-            pt_phase_sample(free_path.medium, ray.w, sampler, power, &ray.w);
-        }
-        ray.x = ray.from = at.x;
-        surfaces = 0;
-        entered_once = false;
     }
+}
+
+void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler)
+{
+    w->vertices = 0;
+    for (int i = 0; i < s->light_rays; i++)
+        one_ray(s, w, i > 0, sampler);
 }
 
 /* A place of a beam: half of them as light scatters along it, half by the angle under which the scatterer sees it (Kulla and Fajardo 2012,

@@ -142,6 +142,7 @@ struct pt_scene {
     double deadline; /* of pell_seconds() */
     double brightest;
     bool light_paths, chains; /* of delta lights */
+    int light_rays;           /* of a sample: more where what surfaces reflect meets other surfaces */
     double environment_share; /* of what is looked for of the environment: an even one is met by chance as well */
     uint32_t seed;
     float unit; /* mm: some rounding errors of the largest coordinate of a solid */
@@ -153,7 +154,7 @@ struct pt_hit {
     float u, v, t;
     struct pell_vec3 p, ng, ns; /* outward, unit; ns is ng where the knob says flat */
     bool bent;                  /* ns varies */
-    float unit;                 /* mm: how far rays start from it, some rounding errors of its corners */
+    float unit;                 /* mm: how far rays start from it, some rounding errors along ng */
     int solid;                  /* -1: opaque */
     int material;               /* scene's */
 };

@@ -13,6 +13,8 @@
 #define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
 #define SHARE 0.1f             /* where scattering goes all ways; forward ones follow each other */
 #define PROBES 256
+#define MIRRORS 1024   /* rays by which folds are found */
+#define MOST_RAYS 6    /* of light a sample */
 #define FINISHES 48.0f /* steps of roughness, from 0 to 1, that maps are rounded to */
 #define MOST_TEXELS (1u << 20)
 
@@ -261,6 +263,33 @@ static void set_finishes(struct pt_scene *s)
 
 /* --- Lights -------------------------------------------------------------------------------------------------------------------------- */
 
+/* How many rays of light a sample has use for, by the share of mirrored rays that meet a surface: 32 in 100 on a seated figure, 8 on a
+ * bunny, none on a ball. */
+static int light_rays(const struct pt_scene *s)
+{
+    struct pt_sampler q = pt_sampler_start(s->seed, 0, 0, 98);
+    struct pt_counts counts = { 0 };
+    int mirrored = 0, met = 0;
+    double folded;
+
+    for (int i = 0; i < MIRRORS; i++) {
+        struct pell_light_ray light;
+        struct pt_hit hit, next;
+        struct pell_vec3 w;
+        double u[5];
+        for (int k = 0; k < 5; k++)
+            u[k] = pt_fine(&q);
+        if (!pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &light) || !light.sample.delta ||
+            !pt_intersect(s, &counts, light.origin, light.direction, INFINITY, PELL_RAY_ALL, &hit) || hit.solid < 0)
+            continue;
+        w = vec3_mad(light.direction, -2.0f * vec3_dot(light.direction, hit.ng), hit.ng);
+        mirrored++;
+        met += pt_intersect(s, &counts, pt_leave(&hit, w), w, INFINITY, PELL_RAY_ALL, &next);
+    }
+    folded = mirrored > 0 ? fmin(fmax((double) met / mirrored - 0.1, 0.0) / 0.15, 1.0) : 0.0;
+    return 1 + (int) ((MOST_RAYS - 1) * folded + 0.5);
+}
+
 static void probe_lights(struct pt_scene *s)
 {
     struct pt_sampler q = pt_sampler_start(s->seed, 0, 0, 99);
@@ -306,6 +335,7 @@ static void probe_lights(struct pt_scene *s)
         s->chains = s->chains || (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough);
     s->chains = s->chains && s->light_paths && (s->knobs.techniques & PT_CHAIN) && s->radius > 0.0;
     s->light_paths = s->light_paths && (s->knobs.techniques & PT_LIGHT) && s->radius > 0.0;
+    s->light_rays = s->light_paths ? light_rays(s) : 0;
     s->typical = s->radius > 0.0 ? flux / (4.0 * PELL_PI * PELL_PI * s->radius * s->radius) : 0.0;
 }
 
@@ -416,6 +446,16 @@ fail:
 
 /* --- Rays ------------------------------------------------------------------------------------------------------------------------- */
 
+/* mm: some rounding errors of a place on a triangle along its normal. Along the triangle they may be far larger: a thin plate's rays must
+ * not start deep in it. */
+static float rounding_along(struct pell_vec3 n, struct pell_vec3 a, struct pell_vec3 b, struct pell_vec3 c)
+{
+    const struct pell_vec3 most = vec3(fmaxf(fabsf(a.x), fmaxf(fabsf(b.x), fabsf(c.x))), fmaxf(fabsf(a.y), fmaxf(fabsf(b.y), fabsf(c.y))),
+                                       fmaxf(fabsf(a.z), fmaxf(fabsf(b.z), fabsf(c.z))));
+
+    return 1e-6f * (fabsf(n.x) * most.x + fabsf(n.y) * most.y + fabsf(n.z) * most.z) + 1e-12f;
+}
+
 void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out)
 {
     const struct pell_mesh *m = &s->scene->meshes[mesh];
@@ -424,7 +464,6 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
     const struct pell_vec3 c = vec3_load(m->position + 3 * (size_t) i[2]);
     const float k = 1.0f - u - v;
 
-    out->unit = 1e-6f * fmaxf(extent(a), fmaxf(extent(b), extent(c))) + 1e-12f;
     out->mesh = mesh;
     out->triangle = triangle;
     out->u = u;
@@ -433,6 +472,7 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
     out->ng = vec3_normalize(vec3_cross(vec3_sub(b, a), vec3_sub(c, a)));
     if (vec3_dot(out->ng, out->ng) < 0.5f)
         out->ng = vec3_mul(w, -1.0f); /* no area */
+    out->unit = rounding_along(out->ng, a, b, c);
     out->ns = out->ng;
     out->bent = false;
     if (s->knobs.normals == PT_NORMALS_SMOOTH && m->normal) {
