@@ -33,6 +33,7 @@ struct pt_knobs {
     int bounces;         /* scatterings and surfaces of a path at most, >= 1 */
     float roulette;      /* a walk whose weight falls below this goes on by chance, (0, 1] */
     unsigned techniques; /* enum pt_technique; PT_ALL */
+    int half;            /* enum reference_half: random numbers of its own */
 };
 
 struct pt_scene;
