@@ -114,6 +114,45 @@ def _(folder):
     need(any('30 pixels are not finite' in w for w in answer['warnings']), answer['warnings'])
 
 
+def write_exr(path, values, width=16, height=16):
+    """Uncompressed, 32 bit; values: {channel: number}."""
+    def attribute(name, kind, body):
+        return name + b'\0' + kind + b'\0' + struct.pack('<I', len(body)) + body
+    box, channels = struct.pack('<4i', 0, 0, width - 1, height - 1), sorted(values)
+    head = struct.pack('<II', 20000630, 2) + attribute(b'channels', b'chlist', b''.join(
+        c.encode('ascii') + b'\0' + struct.pack('<iiii', 2, 0, 1, 1) for c in channels) + b'\0')
+    head += attribute(b'compression', b'compression', b'\0') + attribute(b'dataWindow', b'box2i', box)
+    head += attribute(b'displayWindow', b'box2i', box) + attribute(b'lineOrder', b'lineOrder', b'\0')
+    head += attribute(b'pixelAspectRatio', b'float', struct.pack('<f', 1))
+    head += attribute(b'screenWindowCenter', b'v2f', struct.pack('<2f', 0, 0))
+    head += attribute(b'screenWindowWidth', b'float', struct.pack('<f', 1)) + b'\0'
+    row = b''.join(struct.pack('<f', values[c]) * width for c in channels)
+    lines = b''.join(struct.pack('<ii', y, len(row)) + row for y in range(height))
+    start = len(head) + 8 * height
+    path.write_bytes(head + struct.pack(f'<{height}Q', *(start + y * (8 + len(row)) for y in range(height))) + lines)
+
+
+@test('variances of files: taken off, of both pictures in the Z-test, refused where they are negative everywhere')
+def _(folder):
+    def light(v):
+        return {**dict.fromkeys('RGB', v), **{f'variance.{c}': 0.01 for c in 'RGB'}}
+    write_exr(folder / 'a.exr', light(1.0))
+    write_exr(folder / 'b.exr', light(1.5))
+    m = one_object(works(folder, 'compare', 'a.exr', 'b.exr', '--json'))['methods'][0]
+    near(m['mse'], 0.25 - 0.01)
+    near(m['bias_error'][0], math.sqrt(0.02 / 256))
+    need(m['agreement'] == {'agrees': False, 'p': 0.0, 'beyond_3': 1.0, 'pixels': 256, 'blocks': 1}, m['agreement'])
+    m = one_object(works(folder, 'compare', 'a.exr', 'a.exr', '--json'))['methods'][0]
+    need(m['mse'] is None and m['agreement']['agrees'] and m['agreement']['beyond_3'] == 0, m)
+    write_exr(folder / 'b.exr', {**light(1.5), 'variance.G': -0.01})
+    for arguments in (('a.exr', 'b.exr'), ('a.exr', 'b.exr', '--json')):
+        done = run(folder, 'compare', *arguments)
+        said = text(done.stdout if done.stdout else done.stderr)
+        need(done.returncode == 3 and 'variance is negative or not finite in every pixel' in said and 'no pixel of both' not in said, said)
+    write_exr(folder / 'b.exr', {**light(math.nan), 'variance.G': -0.01})
+    need('no pixel of both pictures is finite' in text(run(folder, 'compare', 'a.exr', 'b.exr').stderr), 'nothing is said of NaN')
+
+
 @test('halves of a reference: its noise is stated and taken off')
 def _(folder):
     sample = random.Random(1).random
