@@ -92,7 +92,8 @@ static void count_errors(void *user, const struct pell_message *message)
 static void check_metrics(const struct pell_metrics *m, int64_t all)
 {
     require(m->pixels >= 0 && m->pixels <= all);
-    require(isfinite(m->mse) && m->mse >= 0.0 && isfinite(m->mae) && m->mae >= 0.0 && m->rel_mse >= 0.0);
+    require(isfinite(m->mse) && isfinite(m->mae) && m->mae >= 0.0 && !isnan(m->rel_mse));
+    require(!(m->mse_error < 0.0) && !(m->rel_mse_error < 0.0) && !(m->agreement.p < 0.0) && !(m->agreement.p > 1.0));
     require(isfinite(m->noise_mse) && m->noise_mse >= 0.0 && m->noise_rel_mse >= 0.0);
     require(isfinite(m->ssim) && fabs(m->ssim) <= 1.0 + SLACK);
     require(m->flip >= 0.0 && m->flip <= 1.0 + SLACK && m->flip_hdr >= 0.0 && m->flip_hdr <= 1.0 + SLACK);

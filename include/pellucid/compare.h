@@ -19,9 +19,12 @@
  *
  * A displayed image is the image times an exposure, mapped by a tone curve. Both images use the same, metered on the reference.
  *
- * Noise      a sampled reference has the variance of its pixels, or two halves, b1 and b2: then b is their mean, and (b1 - b2)^2/4
- *            estimates its variance. The contribution of the variance is subtracted from mse and rel_mse (from rel_mse, whose
- *            denominator has noise, too, to first order). It can't be subtracted from the other metrics.
+ * Noise      a sampled reference has the variance of its pixels, or two independent halves, b1 and b2: then b is their mean, and
+ *            (b1 - b2)^2/4 estimates its variance. In place of d^2 comes (t - b1)(t - b2), or d^2 - variance, whose mean is that of a
+ *            reference without noise. In place of b in the denominator of rel_mse comes the mean of its neighbours on the same side of
+ *            the mask, in the smallest of four windows where its own noise is small. So mse and rel_mse are unbiased, may be negative
+ *            where noise exceeds the error, and have standard errors; the noise of the test image is part of its error. Noise can't be
+ *            subtracted from mae, ssim and flip. Z-test: struct pell_agreement. docs/adr/0015-errors-under-noise.md
  * Bad pixels pixels with NaN or infinity in any channel of either image, or with a negative variance, are excluded and counted in
  *            `bad_test` and `bad_reference`; in windows of their neighbours both images have the reference's value there, or 0.
  * Mask       pixels where the mask is over 0.5. Windows and exposures use the whole image; only means are restricted.
@@ -65,25 +68,46 @@ struct pell_compare_input {
     ptrdiff_t stride; /* floats from row to row, of every plane */
     /* Linear Rec.709 in any unit of light; the three pointers may be equal. */
     const float *test[3], *reference[3];
-    const float *half[3];     /* NULL, or the other half of the reference: `reference` is the first */
-    const float *variance[3]; /* NULL, or squared standard errors of the reference; ignored if there are halves */
-    const float *mask;        /* NULL: every pixel counts */
-    bool display;             /* values are display values in [0, 1]: no exposure, no curve, no HDR-FLIP */
+    const float *half[3]; /* NULL, or the other half of the reference: `reference` is the first */
+    /* NULL, or squared standard errors of the reference: of the mean of its halves where there are two, for `beyond_3` alone. */
+    const float *variance[3];
+    const float *test_variance[3]; /* NULL, or those of the test image; for the standard errors of its bias and for the Z-test */
+    const float *mask;             /* NULL: every pixel counts */
+    bool display;                  /* values are display values in [0, 1]: no exposure, no curve, no HDR-FLIP */
+};
+
+/* An mse stands out of the noise where it is larger than this many times its standard error. */
+#define PELL_RESOLVED 2.0
+
+/* false: noise exceeds what `value`, an mse or rel_mse, measures. Where the standard error is not known (NAN): true. Thread-safe. */
+PELL_API bool pell_metric_resolved(double value, double standard_error);
+
+/* Do both images estimate the same light? z = d/sigma, sigma^2 the sum of both images' variances. The verdict is made of each
+ * channel's mean and of its sums over blocks of 16 x 16 pixels, which are nearly normal whatever the noise of a pixel: of all their
+ * squares and of the largest. */
+struct pell_agreement {
+    int64_t pixels, blocks; /* that have noise, and so are tested */
+    double beyond_3;        /* share of values with |z| > 3; normal noise: 0.0027; NAN: no variance */
+    double p;               /* at most the probability of such differences by chance; NAN: no noise is known */
 };
 
 struct pell_metrics {
-    int64_t pixels;                   /* number that count; 0: all numbers are 0 */
-    double mse, rel_mse;              /* without the reference's noise, not below 0; rel_mse is infinite where the reference is all black */
+    int64_t pixels;                  /* number that count; 0: all numbers are 0 */
+    double mse, rel_mse;             /* without the reference's noise; rel_mse is infinite where the reference is all black */
+    double mse_error, rel_mse_error; /* standard errors by noise; NAN: neither halves nor a variance */
+    double bias_error[3], rel_bias_error[3];
     double noise_mse, noise_rel_mse;  /* the subtracted amounts: 0 without halves or a variance */
     double floor;                     /* e of rel_mse, in the unit of the images */
     double mae, bias[3], rel_bias[3]; /* rel_bias: 0 where the reference's mean is 0 */
     double ssim, ssim_rgb[3];
     double flip, flip_hdr; /* flip_hdr: 0 for display images */
+    struct pell_agreement agreement;
 };
 
 struct pell_comparison {
     struct pell_metrics masked, whole; /* the same without a mask */
     int64_t bad_test, bad_reference;   /* number of bad pixels; in either half */
+    int64_t bad_variance;              /* of bad_reference: those where only the variance is bad */
     float exposure, white;             /* the values used */
     /* HDR-FLIP: log2 of the first and last exposure, their number, and whether more than half of the reference is black, so that the
      * median of the other pixels was used. */

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
- * compare.c - see pellucid/compare.h: a survey of the reference, sums over rows, then FLIP and SSIM over tiles. Sums of rows and tiles
+ * compare.c - see pellucid/compare.h: a survey of the reference, errors (errors.c), then FLIP and SSIM over tiles. Sums of rows and tiles
  * are added in their order, so that no thread's speed shows. */
 #include "compare/compare.h"
 
+#include "compare/errors.h"
 #include "compare/tile.h"
 
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-#define KEY 0.18          /* of a middle grey (Reinhard et al. 2002), as `render` meters */
-#define BRIGHTEST 1e15    /* what pictures are cut at where products of them could overflow */
-#define RELATIVE_MAX 1e6f /* of the map, where the reference is black */
-#define EXPOSURES_MAX 64  /* of HDR-FLIP; a wider range gets wider steps */
+#define KEY 0.18         /* of a middle grey (Reinhard et al. 2002), as `render` meters */
+#define BRIGHTEST 1e15   /* what pictures are cut at where products of them could overflow */
+#define EXPOSURES_MAX 64 /* of HDR-FLIP; a wider range gets wider steps */
 
 static const char *const tonemaps[] = { "reinhard", "aces", "linear", NULL };
 
@@ -41,17 +41,11 @@ const struct pell_knob *pell_compare_knobs(void)
     return compare_knobs;
 }
 
-enum { MASKED, WHOLE, REGIONS };
-
 /* Of one row. */
 struct survey {
-    int64_t bad_test, bad_reference, pixels[REGIONS], metered;
-    double luminance[REGIONS]; /* sums of |Y| */
-    double log_sum, brightest; /* over what is metered */
-};
-
-struct sums {
-    double square, relative, noise, relative_noise, absolute, difference[3], reference[3];
+    int64_t bad_test, bad_reference, bad_variance, pixels[PELL_REGIONS], metered;
+    double luminance[PELL_REGIONS]; /* sums of |Y| */
+    double log_sum, brightest;      /* over what is metered */
 };
 
 struct tile_sums {
@@ -72,46 +66,9 @@ struct job {
     size_t light_floats; /* of one padded plane */
     float *luminance;    /* of the reference; NaN where a pixel is bad */
     struct survey *surveys;
-    struct sums *sums;           /* [row][region] */
     struct tile_sums *tile_sums; /* [tile][region] */
     float **workspaces;          /* of the workers: six planes, the scratch, five maps */
 };
-
-/* --- One pixel ---------------------------------------------------------------------------------------------------------------- */
-
-struct pixel {
-    double test[3], reference[3], variance[3]; /* of the reference */
-    bool bad_test, bad_reference;
-};
-
-/* What is not finite becomes the reference's, or 0. */
-static void read_pixel(const struct pell_compare_input *in, size_t at, struct pixel *p)
-{
-    p->bad_test = p->bad_reference = false;
-    for (int c = 0; c < 3; c++) {
-        const double b1 = in->reference[c][at], b2 = in->half[0] ? in->half[c][at] : b1;
-        p->test[c] = in->test[c][at];
-        p->reference[c] = 0.5 * (b1 + b2);
-        p->variance[c] = in->variance[0] && !in->half[0] ? in->variance[c][at] : 0.25 * (b1 - b2) * (b1 - b2);
-        p->bad_test |= !isfinite(p->test[c]);
-        p->bad_reference |= !isfinite(p->reference[c]) || !isfinite(p->variance[c]) || p->variance[c] < 0.0;
-    }
-    for (int c = 0; c < 3 && (p->bad_test || p->bad_reference); c++) {
-        p->reference[c] = p->bad_reference ? 0.0 : p->reference[c];
-        p->test[c] = p->reference[c];
-        p->variance[c] = 0.0;
-    }
-}
-
-static double luminance_of(const double rgb[3])
-{
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
-
-static bool inside(const struct pell_compare_input *in, size_t at)
-{
-    return !in->mask || in->mask[at] > 0.5f;
-}
 
 /* --- The survey --------------------------------------------------------------------------------------------------------------- */
 
@@ -125,23 +82,24 @@ static void survey_row(void *arg, int y, int worker)
     memset(s, 0, sizeof(*s));
     for (int x = 0; x < in->width; x++) {
         const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
-        struct pixel p;
+        struct pell_pixel p;
         double l;
 
-        read_pixel(in, at, &p);
+        pell_pixel_read(in, at, &p);
         s->bad_test += p.bad_test;
         s->bad_reference += p.bad_reference;
-        l = luminance_of(p.reference);
+        s->bad_variance += p.bad_variance;
+        l = pell_luminance_of(p.reference);
         job->luminance[(size_t) y * (size_t) in->width + (size_t) x] =
             p.bad_test || p.bad_reference ? NAN : (float) (l < BRIGHTEST ? l : BRIGHTEST);
         if (p.bad_test || p.bad_reference)
             continue;
-        for (int region = 0; region < REGIONS; region++)
-            if (region == WHOLE || inside(in, at)) {
+        for (int region = 0; region < PELL_REGIONS; region++)
+            if (region == PELL_WHOLE || pell_inside(in, at)) {
                 s->pixels[region]++;
                 s->luminance[region] += fabs(l);
             }
-        if (inside(in, at) && l > 1e-30) {
+        if (pell_inside(in, at) && l > 1e-30) {
             s->log_sum += log(l);
             s->metered++;
             s->brightest = l > s->brightest ? l : s->brightest;
@@ -250,23 +208,25 @@ static void choose_tone(struct job *job, const struct survey *all)
 static void take_stock(struct job *job)
 {
     struct survey all = { 0 };
-    struct pell_metrics *const metrics[REGIONS] = { &job->out->masked, &job->out->whole };
+    struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
 
     for (int y = 0; y < job->in->height; y++) {
         const struct survey *s = &job->surveys[y];
         all.bad_test += s->bad_test;
         all.bad_reference += s->bad_reference;
+        all.bad_variance += s->bad_variance;
         all.metered += s->metered;
         all.log_sum += s->log_sum;
         all.brightest = fmax(all.brightest, s->brightest);
-        for (int region = 0; region < REGIONS; region++) {
+        for (int region = 0; region < PELL_REGIONS; region++) {
             all.pixels[region] += s->pixels[region];
             all.luminance[region] += s->luminance[region];
         }
     }
     job->out->bad_test = all.bad_test;
     job->out->bad_reference = all.bad_reference;
-    for (int region = 0; region < REGIONS; region++) {
+    job->out->bad_variance = all.bad_variance;
+    for (int region = 0; region < PELL_REGIONS; region++) {
         metrics[region]->pixels = all.pixels[region];
         if (all.pixels[region] > 0)
             metrics[region]->floor = (double) job->params->floor * (all.luminance[region] / (double) all.pixels[region]);
@@ -274,93 +234,6 @@ static void take_stock(struct job *job)
     choose_tone(job, &all);
     if (!job->in->display)
         find_exposures(job);
-}
-
-/* --- Sums over rows ----------------------------------------------------------------------------------------------------------- */
-
-/* What noise of variance v in b adds to d^2/(b^2 + e^2) beyond v/(b^2 + e^2), by the derivatives of both over b, to first order in v. */
-static double noise_of_ratio(double d, double b, double below, double v)
-{
-    const double share = v / below, steep = b * b / below, error = d * d / below;
-    return share < 0.1 ? share * (4.0 * d * b / below + error * (4.0 * steep - 1.0)) : 0.0;
-}
-
-static void add_pixel(const struct pixel *p, double floor, struct sums *s)
-{
-    for (int c = 0; c < 3; c++) {
-        const double d = p->test[c] - p->reference[c], below = p->reference[c] * p->reference[c] + floor * floor;
-        s->square += d * d;
-        s->noise += p->variance[c];
-        s->relative += below > 0.0 ? d * d / below - noise_of_ratio(d, p->reference[c], below, p->variance[c]) : 0.0;
-        s->relative_noise += below > 0.0 ? p->variance[c] / below : 0.0;
-        s->absolute += fabs(d);
-        s->difference[c] += d;
-        s->reference[c] += p->reference[c];
-    }
-}
-
-static void sum_row(void *arg, int y, int worker)
-{
-    const struct job *job = arg;
-    const struct pell_compare_input *in = job->in;
-    struct sums *sums = job->sums + (size_t) y * REGIONS;
-    float *relative = job->out->relative + (size_t) y * (size_t) in->width;
-    const double e = job->out->masked.floor > 0.0 ? job->out->masked.floor : job->out->whole.floor;
-    (void) worker;
-
-    memset(sums, 0, REGIONS * sizeof(*sums));
-    for (int x = 0; x < in->width; x++) {
-        const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
-        struct pixel p;
-        double below, ratio;
-
-        read_pixel(in, at, &p);
-        below = fabs(luminance_of(p.reference)) + e;
-        ratio = (luminance_of(p.test) - luminance_of(p.reference)) / (below > 1e-300 ? below : 1e-300);
-        relative[x] = ratio < (double) RELATIVE_MAX ? ratio > -(double) RELATIVE_MAX ? (float) ratio : -RELATIVE_MAX : RELATIVE_MAX;
-        if (p.bad_test || p.bad_reference)
-            continue;
-        add_pixel(&p, job->out->whole.floor, &sums[WHOLE]);
-        if (inside(in, at))
-            add_pixel(&p, job->out->masked.floor, &sums[MASKED]);
-    }
-}
-
-static double not_below_zero(double v)
-{
-    return v > 0.0 ? v : 0.0;
-}
-
-static void finish_sums(const struct job *job, int region, struct pell_metrics *m)
-{
-    struct sums all = { 0 };
-    const double n = 3.0 * (double) m->pixels;
-
-    if (m->pixels == 0)
-        return;
-    for (int y = 0; y < job->in->height; y++) {
-        const struct sums *s = &job->sums[y * REGIONS + region];
-        all.square += s->square;
-        all.noise += s->noise;
-        all.relative += s->relative;
-        all.relative_noise += s->relative_noise;
-        all.absolute += s->absolute;
-        for (int c = 0; c < 3; c++) {
-            all.difference[c] += s->difference[c];
-            all.reference[c] += s->reference[c];
-        }
-    }
-    m->noise_mse = all.noise / n;
-    m->noise_rel_mse = all.relative_noise / n;
-    m->mse = not_below_zero((all.square - all.noise) / n);
-    m->rel_mse = not_below_zero((all.relative - all.relative_noise) / n);
-    if (!(m->floor > 0.0))
-        m->rel_mse = m->mse > 0.0 ? INFINITY : 0.0;
-    m->mae = all.absolute / n;
-    for (int c = 0; c < 3; c++) {
-        m->bias[c] = all.difference[c] / (double) m->pixels;
-        m->rel_bias[c] = all.reference[c] != 0.0 ? all.difference[c] / all.reference[c] : 0.0;
-    }
 }
 
 /* --- Tiles -------------------------------------------------------------------------------------------------------------------- */
@@ -384,8 +257,8 @@ static void load_tile(const struct job *job, const struct pell_tile *tile, int x
         const size_t line = (size_t) clamp_to(y0 + i - tile->pad, in->height) * (size_t) in->stride;
         for (int j = 0; j < tile->row; j++) {
             const size_t at = line + (size_t) clamp_to(x0 + j - tile->pad, in->width), to = (size_t) i * (size_t) tile->row + (size_t) j;
-            struct pixel p;
-            read_pixel(in, at, &p);
+            struct pell_pixel p;
+            pell_pixel_read(in, at, &p);
             for (int c = 0; c < 3; c++) {
                 planes[(size_t) c * job->light_floats + to] = cut(p.test[c]);
                 planes[(size_t) (3 + c) * job->light_floats + to] = cut(p.reference[c]);
@@ -417,11 +290,11 @@ static void add_tile(const struct job *job, const struct pell_tile *tile, int x0
             const size_t at = (size_t) y * (size_t) in->stride + (size_t) x, to = (size_t) y * (size_t) in->width + (size_t) x;
             const bool inner =
                 x >= PELL_SSIM_RADIUS && x < in->width - PELL_SSIM_RADIUS && y >= PELL_SSIM_RADIUS && y < in->height - PELL_SSIM_RADIUS;
-            struct pixel p;
-            read_pixel(in, at, &p);
-            for (int region = 0; region < REGIONS; region++) {
+            struct pell_pixel p;
+            pell_pixel_read(in, at, &p);
+            for (int region = 0; region < PELL_REGIONS; region++) {
                 struct tile_sums *s = &sums[region];
-                if (p.bad_test || p.bad_reference || (region == MASKED && !inside(in, at)))
+                if (p.bad_test || p.bad_reference || (region == PELL_MASKED && !pell_inside(in, at)))
                     continue;
                 s->pixels++;
                 s->inner += inner;
@@ -457,7 +330,7 @@ static void compare_tile(void *arg, int number, int worker)
         .row = pell_tile_row(job->pad),
         .scratch = planes + 6 * job->light_floats,
     };
-    struct tile_sums *sums = job->tile_sums + (size_t) index * REGIONS;
+    struct tile_sums *sums = job->tile_sums + (size_t) index * PELL_REGIONS;
 
     tile.rows = tile.height + 2 * job->pad;
     for (int p = 0; p < 2; p++)
@@ -474,7 +347,7 @@ static void compare_tile(void *arg, int number, int worker)
     }
     job->kernels->ssim(&tile, job->window, &job->tone, map);
     store(job, &tile, x0, y0, map[0], job->out->ssim);
-    memset(sums, 0, REGIONS * sizeof(*sums));
+    memset(sums, 0, PELL_REGIONS * sizeof(*sums));
     add_tile(job, &tile, x0, y0, map, sums);
 }
 
@@ -485,7 +358,7 @@ static void finish_tiles(const struct job *job, int region, struct pell_metrics 
     if (m->pixels == 0)
         return;
     for (int i = 0; i < job->across * job->down; i++) {
-        const struct tile_sums *s = &job->tile_sums[i * REGIONS + region];
+        const struct tile_sums *s = &job->tile_sums[i * PELL_REGIONS + region];
         all.flip += s->flip;
         all.flip_hdr += s->flip_hdr;
         all.inner += s->inner;
@@ -531,8 +404,7 @@ static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool
         if (!(*maps[i] = pell_calloc(ctx, all, sizeof(float))))
             return PELL_ERR_NOMEM;
     if (!(job->surveys = pell_alloc_array(ctx, rows, sizeof(*job->surveys))) ||
-        !(job->sums = pell_alloc_array(ctx, rows * REGIONS, sizeof(*job->sums))) ||
-        !(job->tile_sums = pell_alloc_array(ctx, (size_t) job->across * (size_t) job->down * REGIONS, sizeof(*job->tile_sums))) ||
+        !(job->tile_sums = pell_alloc_array(ctx, (size_t) job->across * (size_t) job->down * PELL_REGIONS, sizeof(*job->tile_sums))) ||
         !(job->workspaces = pell_calloc(ctx, threads, sizeof(*job->workspaces))))
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < threads; i++)
@@ -545,23 +417,23 @@ static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool
 static enum pell_result work(struct pell_context *ctx, struct pell_pool *pool, struct job *job)
 {
     const int tiles = job->across * job->down, batch = 4 * pell_pool_threads(pool);
-    struct pell_metrics *const metrics[REGIONS] = { &job->out->masked, &job->out->whole };
+    struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
+    enum pell_result res;
 
     pell_pool_run(pool, job->in->height, survey_row, job);
     if (pell_cancelled(ctx))
         return PELL_ERR_CANCELLED;
     take_stock(job);
-    pell_pool_run(pool, job->in->height, sum_row, job);
+    if ((res = pell_errors_measure(ctx, pool, job->in, job->out)) != PELL_OK)
+        return res;
     for (job->first_tile = 0; job->first_tile < tiles && !pell_cancelled(ctx); job->first_tile += batch) {
         pell_progress(ctx, "compare", (double) job->first_tile / tiles);
         pell_pool_run(pool, tiles - job->first_tile < batch ? tiles - job->first_tile : batch, compare_tile, job);
     }
     if (pell_cancelled(ctx))
         return PELL_ERR_CANCELLED;
-    for (int region = 0; region < REGIONS; region++) {
-        finish_sums(job, region, metrics[region]);
+    for (int region = 0; region < PELL_REGIONS; region++)
         finish_tiles(job, region, metrics[region]);
-    }
     pell_progress(ctx, "compare", 1.0);
     return PELL_OK;
 }
@@ -585,7 +457,6 @@ fail:
         pell_free(ctx, job.workspaces[i]);
     pell_free(ctx, job.workspaces);
     pell_free(ctx, job.tile_sums);
-    pell_free(ctx, job.sums);
     pell_free(ctx, job.surveys);
     pell_free(ctx, job.luminance);
     if (res != PELL_OK)

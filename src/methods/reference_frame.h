@@ -6,8 +6,23 @@
 #define PELL_METHODS_REFERENCE_FRAME_H
 
 #include "base/base.h"
+#include "base/hash.h"
 
 #include <pellucid/method.h>
+
+/* One image, or one of two independent images that share the work of one. */
+enum reference_half { REFERENCE_WHOLE, REFERENCE_FIRST_HALF, REFERENCE_SECOND_HALF };
+
+static inline uint32_t reference_half_seed(uint32_t seed, int half)
+{
+    return half == REFERENCE_WHOLE ? seed : pell_hash(seed ^ 0x9e3779b9u * (uint32_t) half);
+}
+
+/* Images of half the work, whose mean has the relative standard error `error`. */
+static inline double reference_half_error(double error, int half)
+{
+    return half == REFERENCE_WHOLE ? error : 1.4142135623730951 * error;
+}
 
 /* The first member of the method's state: the functions below are those of struct pell_method_engine. */
 struct reference_frame {

@@ -16,7 +16,8 @@ import zlib
 
 from cli_test import PROGRAM, ROOT, SMALL, clean_environment, exr_header, main, names, need, one_object, png_pixels, run, test, text, works
 
-KEYS = {'pixels', 'mse', 'rel_mse', 'mae', 'bias', 'rel_bias', 'ssim', 'ssim_rgb', 'flip', 'flip_hdr', 'noise_mse', 'noise_rel_mse'}
+KEYS = {'pixels', 'mse', 'rel_mse', 'mae', 'bias', 'rel_bias', 'ssim', 'ssim_rgb', 'flip', 'flip_hdr', 'noise_mse', 'noise_rel_mse',
+        'mse_error', 'rel_mse_error', 'bias_error', 'rel_bias_error', 'not_resolved', 'agreement'}
 
 
 def write_pfm(path, value, width=40, height=30):
@@ -60,6 +61,7 @@ def _(folder):
     near(method['mae'], 0.25)
     for got, wanted in zip(method['bias'] + method['rel_bias'], (0.25, 0, -0.5, 0.5, 0, -0.5)):
         need(abs(got - wanted) < 1e-6, got, wanted)
+    need(method['not_resolved'] is method['agreement'] is method['mse_error'] is None, method)
     need(method['whole'] == {k: method[k] for k in KEYS}, 'whole differs without a mask')
     need(0.1 < method['flip'] < 1 and 0.1 < method['flip_hdr'] < 1 and 0 < method['ssim'] < 1, method)
     told = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
@@ -112,6 +114,45 @@ def _(folder):
     need(any('30 pixels are not finite' in w for w in answer['warnings']), answer['warnings'])
 
 
+def write_exr(path, values, width=16, height=16):
+    """Uncompressed, 32 bit; values: {channel: number}."""
+    def attribute(name, kind, body):
+        return name + b'\0' + kind + b'\0' + struct.pack('<I', len(body)) + body
+    box, channels = struct.pack('<4i', 0, 0, width - 1, height - 1), sorted(values)
+    head = struct.pack('<II', 20000630, 2) + attribute(b'channels', b'chlist', b''.join(
+        c.encode('ascii') + b'\0' + struct.pack('<iiii', 2, 0, 1, 1) for c in channels) + b'\0')
+    head += attribute(b'compression', b'compression', b'\0') + attribute(b'dataWindow', b'box2i', box)
+    head += attribute(b'displayWindow', b'box2i', box) + attribute(b'lineOrder', b'lineOrder', b'\0')
+    head += attribute(b'pixelAspectRatio', b'float', struct.pack('<f', 1))
+    head += attribute(b'screenWindowCenter', b'v2f', struct.pack('<2f', 0, 0))
+    head += attribute(b'screenWindowWidth', b'float', struct.pack('<f', 1)) + b'\0'
+    row = b''.join(struct.pack('<f', values[c]) * width for c in channels)
+    lines = b''.join(struct.pack('<ii', y, len(row)) + row for y in range(height))
+    start = len(head) + 8 * height
+    path.write_bytes(head + struct.pack(f'<{height}Q', *(start + y * (8 + len(row)) for y in range(height))) + lines)
+
+
+@test('variances of files: taken off, of both pictures in the Z-test, refused where they are negative everywhere')
+def _(folder):
+    def light(v):
+        return {**dict.fromkeys('RGB', v), **{f'variance.{c}': 0.01 for c in 'RGB'}}
+    write_exr(folder / 'a.exr', light(1.0))
+    write_exr(folder / 'b.exr', light(1.5))
+    m = one_object(works(folder, 'compare', 'a.exr', 'b.exr', '--json'))['methods'][0]
+    near(m['mse'], 0.25 - 0.01)
+    near(m['bias_error'][0], math.sqrt(0.02 / 256))
+    need(m['agreement'] == {'agrees': False, 'p': 0.0, 'beyond_3': 1.0, 'pixels': 256, 'blocks': 1}, m['agreement'])
+    m = one_object(works(folder, 'compare', 'a.exr', 'a.exr', '--json'))['methods'][0]
+    need(m['mse'] is None and m['agreement']['agrees'] and m['agreement']['beyond_3'] == 0, m)
+    write_exr(folder / 'b.exr', {**light(1.5), 'variance.G': -0.01})
+    for arguments in (('a.exr', 'b.exr'), ('a.exr', 'b.exr', '--json')):
+        done = run(folder, 'compare', *arguments)
+        said = text(done.stdout if done.stdout else done.stderr)
+        need(done.returncode == 3 and 'variance is negative or not finite in every pixel' in said and 'no pixel of both' not in said, said)
+    write_exr(folder / 'b.exr', {**light(math.nan), 'variance.G': -0.01})
+    need('no pixel of both pictures is finite' in text(run(folder, 'compare', 'a.exr', 'b.exr').stderr), 'nothing is said of NaN')
+
+
 @test('halves of a reference: its noise is stated and taken off')
 def _(folder):
     sample = random.Random(1).random
@@ -121,11 +162,21 @@ def _(folder):
     answer = one_object(works(folder, 'compare', 'a.pfm', 'h1.pfm', '--half', 'h2.pfm', '--json'))
     method = answer['methods'][0]
     near(method['noise_mse'], 0.01 / 24 * 2 / 3, 0.1)  # uniform numbers, in two channels of three
-    need(method['mse'] < 0.1 * method['noise_mse'], method)
+    hidden = method['not_resolved']
+    need(method['mse'] is None and abs(hidden['mse']) < 0.1 * method['noise_mse'] and 'samples' in hidden['reason'], method)
+    need(method['agreement']['agrees'] and method['agreement']['beyond_3'] is None, method)  # no variance
+    need(all(abs(b) <= 4 * e for b, e in zip(method['bias'], method['bias_error'])), method)
     near(answer['reference']['rel_noise'], math.sqrt(method['noise_rel_mse']))
     alone = one_object(works(folder, 'compare', 'a.pfm', 'h1.pfm', '--json'))['methods'][0]
     near(alone['mse'], 0.01 / 12 * 2 / 3, 0.1)
-    need('noise, mse' in text(works(folder, 'compare', 'a.pfm', 'h1.pfm', '--half', 'h2.pfm').stdout))
+    shown = text(works(folder, 'compare', 'a.pfm', 'h1.pfm', '--half', 'h2.pfm').stdout)
+    need('noise, mse' in shown and 'error not resolved (noise ' in shown and 'agree within their noise' in shown, shown)
+    write_pfm(folder / 'a.pfm', lambda x, y: (1.03, 1, 1), 100, 100)
+    method = one_object(works(folder, 'compare', 'a.pfm', 'h1.pfm', '--half', 'h2.pfm', '--json'))['methods'][0]
+    need(method['not_resolved'] is None and abs(method['mse'] - 0.0003) < 4 * method['mse_error'], method)
+    need(not method['agreement']['agrees'] and method['agreement']['p'] < 1e-6, method)
+    shown = text(works(folder, 'compare', 'a.pfm', 'h1.pfm', '--half', 'h2.pfm').stdout)
+    need('differ by more than noise' in shown and 'not resolved' not in shown, shown)
 
 
 @test('layers of a picture from here: translucent pixels are the mask, the exposure is that of its PNG')
@@ -314,13 +365,35 @@ def _(folder):
     need(channels['variance.R'] == 2 and 'translucent.Y' in channels, channels)
     m = one_object(works(folder, 'compare', '1.exr', '2.exr', '--json'))['methods'][0]
     need(m['noise_mse'] > 0, m)
+    need(m['agreement']['agrees'] and m['agreement']['beyond_3'] < 0.05, m)
     ratio = (m['mse'] + m['noise_mse']) / m['noise_mse']  # both have the noise: 2 in the mean
     need(1.2 < ratio < 3.2, 'the difference of two runs is', ratio, 'times the variance that one tells')
     data = report(folder / 'out')
     need([p['role'] for p in data['pictures']] == ['reference', 'truth', 'method'], 'roles')
-    need(data['pictures'][0]['model']['part']['mse'] >= 0, 'no error of the model')
+    need(data['pictures'][0]['model']['part']['mae'] > 0, 'no error of the model')
     shown = text(works(folder, 'compare', 'bunny.obj', *few, '--reference', 'hierarchical,dipole:error=0.5').stdout)
     need('its own reference: dipole:error=0.5' in shown and 'Error of the model' in shown and 'taken off' in shown, shown)
+
+
+@test('a sampled reference is two halves; what is below its noise is not resolved, and other samples of the same agree with it')
+def _(folder):
+    few = ['--width', '24', '--height', '18', '--msaa', '1', '--light-samples', '2', '--ambient-samples', '1', '--size', '40mm',
+           '--material', 'wholemilk']
+    sampled = 'path-trace:samples=8'
+    done = works(folder, 'compare', 'bunny.obj', *few, '--methods', 'none,path-trace:samples=16', '--reference', sampled, '-o', 'out',
+                 '--json')
+    none, other = one_object(done)['methods']
+    need(none['rel_mse'] is None and 'exceeds the error' in none['not_resolved']['reason'], none)
+    need(none['not_resolved']['least_error'] > 0 and none['rel_mse_error'] > 0 and all(e > 0 for e in none['rel_bias_error']), none)
+    need(other['agreement']['agrees'] and 0 < other['agreement']['pixels'] <= other['pixels'], other)
+    need(set(none['agreement']) == {'agrees', 'p', 'beyond_3', 'pixels', 'blocks'}, none)
+    shown = text(works(folder, 'compare', 'bunny.obj', *few, '--methods', 'none', '--reference', sampled).stdout)
+    need('as the mean of two halves' in shown and 'none: error not resolved (noise ' in shown and 'within noise' in shown, shown)
+    # The picture that is written is the mean of the halves, which differ.
+    for half in ('1', '2'):
+        works(folder, 'render', 'bunny.obj', *few, '-m', 'path-trace', '--set', 'samples=8', '--set', f'half={half}', '-o', f'{half}.exr')
+    m = one_object(works(folder, 'compare', 'out/path-trace-samples-8.exr', '1.exr', '--half', '2.exr', '--json'))['methods'][0]
+    need(m['mae'] < 1e-3 and m['noise_mse'] > 1e-3 and m['agreement']['beyond_3'] == 0, m)
 
 
 @test('of a scene file: its options and knobs hold, the ground does not count as translucent')

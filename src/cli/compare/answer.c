@@ -41,7 +41,11 @@ enum pell_result compare_run(struct cli *cli, const char *test, const char *refe
                   "%lld pixels of the reference are not finite or have a negative variance; they are left out of all numbers",
                   (long long) out->bad_reference);
     if (out->whole.pixels == 0)
-        res = pell_error(cli->ctx, PELL_ERR_INVALID, test, NULL, "no pixel of both pictures is finite");
+        res = out->bad_variance > 0 && out->bad_test == 0 && out->bad_variance == out->bad_reference
+                  ? pell_error(cli->ctx, PELL_ERR_INVALID, reference, "compare a layer without it: --layer NAME",
+                               "its layer variance is negative or not finite in every pixel")
+                  : pell_error(cli->ctx, PELL_ERR_INVALID, test, NULL, "no pixel of both pictures is finite%s",
+                               out->bad_variance > 0 ? " and has a variance that is" : "");
     return res;
 }
 
@@ -52,13 +56,65 @@ json_t *compare_number(double v)
     return isfinite(v) ? json_real(v) : json_null();
 }
 
+static json_t *mse_json(double mse, double error)
+{
+    return pell_metric_resolved(mse, error) ? compare_number(mse) : json_null();
+}
+
+/* What noise hides, with the estimates that it hides: null where nothing is hidden. */
+static json_t *not_resolved(const struct pell_metrics *m)
+{
+    const double least = sqrt(PELL_RESOLVED * m->rel_mse_error);
+    const bool mse = pell_metric_resolved(m->mse, m->mse_error), rel_mse = pell_metric_resolved(m->rel_mse, m->rel_mse_error);
+    char reason[160];
+    json_t *o;
+
+    if (mse && rel_mse)
+        return json_null();
+    if (rel_mse)
+        snprintf(reason, sizeof(reason), "noise exceeds the mse; 4 times the samples halve its root");
+    else
+        snprintf(reason, sizeof(reason), "noise %.2g %% exceeds the error; 4 times the samples resolve errors over %.2g %%", 100.0 * least,
+                 50.0 * least);
+    o = json_pack("{s:s,s:o}", "reason", reason, "least_error", compare_number(least));
+    if (!mse)
+        json_object_set_new(o, "mse", compare_number(m->mse));
+    if (!rel_mse)
+        json_object_set_new(o, "rel_mse", compare_number(m->rel_mse));
+    return o;
+}
+
+const char *compare_unresolved(const json_t *metrics)
+{
+    const json_t *o = json_object_get(metrics, "not_resolved");
+
+    return json_object_get(o, "rel_mse") ? json_string_value(json_object_get(o, "reason")) : NULL;
+}
+
+static json_t *agreement_json(const struct pell_agreement *a)
+{
+    if (!isfinite(a->p))
+        return json_null();
+    return json_pack("{s:b,s:f,s:o,s:I,s:I}", "agrees", (int) (a->p >= COMPARE_LIKELY), "p", a->p, "beyond_3", compare_number(a->beyond_3),
+                     "pixels", (json_int_t) a->pixels, "blocks", (json_int_t) a->blocks);
+}
+
 json_t *compare_metrics(const struct pell_metrics *m, bool display)
 {
-    return json_pack("{s:I,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "pixels", (json_int_t) m->pixels, "mse", compare_number(m->mse),
-                     "rel_mse", compare_number(m->rel_mse), "mae", compare_number(m->mae), "bias", cli_numbers(m->bias, 3), "rel_bias",
-                     cli_numbers(m->rel_bias, 3), "ssim", compare_number(m->ssim), "ssim_rgb", cli_numbers(m->ssim_rgb, 3), "flip",
-                     compare_number(m->flip), "flip_hdr", display ? json_null() : compare_number(m->flip_hdr), "noise_mse",
-                     compare_number(m->noise_mse), "noise_rel_mse", compare_number(m->noise_rel_mse));
+    json_t *o = json_pack("{s:I,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "pixels", (json_int_t) m->pixels, "mse",
+                          mse_json(m->mse, m->mse_error), "rel_mse", mse_json(m->rel_mse, m->rel_mse_error), "mae", compare_number(m->mae),
+                          "bias", cli_numbers(m->bias, 3), "rel_bias", cli_numbers(m->rel_bias, 3), "ssim", compare_number(m->ssim),
+                          "ssim_rgb", cli_numbers(m->ssim_rgb, 3), "flip", compare_number(m->flip), "flip_hdr",
+                          display ? json_null() : compare_number(m->flip_hdr), "noise_mse", compare_number(m->noise_mse), "noise_rel_mse",
+                          compare_number(m->noise_rel_mse));
+    json_t *noise =
+        json_pack("{s:o,s:o,s:o,s:o,s:o,s:o}", "mse_error", compare_number(m->mse_error), "rel_mse_error", compare_number(m->rel_mse_error),
+                  "bias_error", cli_numbers(m->bias_error, 3), "rel_bias_error", cli_numbers(m->rel_bias_error, 3), "not_resolved",
+                  not_resolved(m), "agreement", agreement_json(&m->agreement));
+
+    json_object_update(o, noise);
+    json_decref(noise);
+    return o;
 }
 
 void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display)

@@ -10,6 +10,7 @@
 #include "cli/cli.h"
 
 #include <pellucid/compare.h>
+#include <pellucid/render.h>
 
 /* --- pictures.c, scene.c: the two commands ------------------------------------------------------------------------ */
 
@@ -46,6 +47,24 @@ enum exit_code runs_choose(struct cli *cli, struct run_list *runs);
 enum exit_code runs_open(struct cli *cli, struct run_list *runs, const struct session *s);
 void runs_finish(struct run_list *runs);
 
+/* --- halves.c: a sampled reference as the mean of two independent images ---------------------------------------------------------- */
+
+struct halves {
+    float *planes; /* of the first image, then of the mean, without padding */
+    struct pell_channel *channels;
+    struct pell_stage_time *stages;
+    char (*names)[48]; /* of the stages */
+    struct pell_render_result first;
+};
+
+/* 2 for a method with the knob `half`, where it is 0: else 1. */
+int halves_of(const struct run *run);
+/* Sets that knob in a method's values, if there is one; 0: the whole. */
+void halves_choose(const struct pell_method *method, void *values, int half);
+/* Keeps the first image; makes of the second the mean of both, whose planes are those of `h`. */
+PELL_NODISCARD enum pell_result halves_add(struct cli *cli, struct pell_render_result *image, struct halves *h);
+void halves_drop(struct cli *cli, struct halves *h);
+
 /* --- folder.c: a folder that appears whole or not at all ------------------------------------------------------------------- */
 
 struct output_folder {
@@ -76,6 +95,9 @@ json_t *compare_metrics(const struct pell_metrics *m, bool display);
 /* Adds the numbers of `m` to `to`. */
 void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display);
 json_t *compare_number(double v); /* null where it is not finite */
+#define COMPARE_LIKELY 0.01       /* a Z-test's p below this: the images differ by more than noise */
+/* "not resolved: ..." where noise exceeds an error of these numbers; else NULL. */
+const char *compare_unresolved(const json_t *metrics);
 /* How the reference is shown, and with what: "exposure", "white", "hdr_exposures" (null for display pictures). */
 void compare_add_shown(json_t *to, const struct pell_comparison *r, bool display);
 PELL_NODISCARD enum pell_result compare_write_maps(struct cli *cli, const struct pell_comparison *r, bool display, struct output_folder *f);
@@ -104,6 +126,14 @@ void decompose_error(const struct decompose_input *in, struct decomposition *out
 json_t *decompose_json(const struct decomposition *d);
 void decompose_print_head(const struct cli *cli, const char *truth, const double interreflection[3]);
 void decompose_print(const char *name, const json_t *parts);
+
+/* --- table.c: what is printed ------------------------------------------------------------------------------------------------ */
+
+void table_head(const struct cli *cli, const char *title, bool times);
+void table_row(const char *name, const json_t *metrics, double seconds); /* below 0: no time */
+/* Standard errors and the Z-test, in the columns of the numbers above. */
+void table_noise_head(const struct cli *cli);
+void table_noise_row(const char *name, const json_t *metrics);
 
 /* --- report.c: report.html ---------------------------------------------------------------------------------------------------- */
 

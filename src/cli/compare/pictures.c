@@ -27,6 +27,7 @@ struct task {
     struct source test, reference, half, mask_file;
     char layer[128];
     float *mask;
+    float *variance; /* of the mean of two halves that both know theirs, three planes; or NULL */
     char mask_name[4096];
     struct pell_compare_params params;
     struct pell_comparison result, whole; /* `whole`: of all light, where that is another picture */
@@ -263,11 +264,31 @@ fail:
 
 /* --- Comparing ---------------------------------------------------------------------------------------------------------------- */
 
-/* The reference's own standard error tells of the light that its method made: that is in these two layers. */
-static bool knows_standard_error(const struct task *t)
+/* A method's standard error is of the light that it made: that is in these layers. */
+static bool knows_standard_error(const struct task *t, const struct source *s)
 {
-    return !t->half.path && t->reference.variance[0] && t->reference.variance[1] && t->reference.variance[2] &&
+    return s->variance[0] && s->variance[1] && s->variance[2] &&
            (strcmp(t->layer, SUBSURFACE) == 0 || strcmp(t->layer, "R,G,B") == 0 || strcmp(t->layer, "diffuse.multiple") == 0);
+}
+
+static bool knows_noise(const struct task *t)
+{
+    return t->half.path || knows_standard_error(t, &t->reference);
+}
+
+static enum pell_result join_variances(struct cli *cli, struct task *t)
+{
+    const size_t all = (size_t) t->reference.width * (size_t) t->reference.height;
+
+    if (!t->half.path || !knows_standard_error(t, &t->reference) || !knows_standard_error(t, &t->half))
+        return PELL_OK;
+    t->variance = pell_alloc_array(cli->ctx, all, 3 * sizeof(float));
+    if (!t->variance)
+        return PELL_ERR_NOMEM;
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < all; i++)
+            t->variance[c * all + i] = 0.25f * t->reference.variance[c][i] + 0.25f * t->half.variance[c][i];
+    return PELL_OK;
 }
 
 static bool two_pictures(const struct task *t)
@@ -288,7 +309,11 @@ static struct pell_compare_input input_of(const struct task *t, bool whole)
         in.test[c] = full ? t->test.full[c] : t->test.rgb[c];
         in.reference[c] = full ? t->reference.full[c] : t->reference.rgb[c];
         in.half[c] = full ? t->half.full[c] : t->half.rgb[c];
-        in.variance[c] = knows_standard_error(t) ? t->reference.variance[c] : NULL;
+        if (t->half.path)
+            in.variance[c] = t->variance ? t->variance + (size_t) c * (size_t) in.width * (size_t) in.height : NULL;
+        else
+            in.variance[c] = knows_standard_error(t, &t->reference) ? t->reference.variance[c] : NULL;
+        in.test_variance[c] = knows_standard_error(t, &t->test) ? t->test.variance[c] : NULL;
     }
     return in;
 }
@@ -307,9 +332,11 @@ static void take_exposure(struct task *t)
 
 static enum pell_result compare(struct cli *cli, struct task *t)
 {
-    struct pell_compare_input in = input_of(t, false);
+    struct pell_compare_input in;
     enum pell_result res;
 
+    PELL_TRY(join_variances(cli, t));
+    in = input_of(t, false);
     take_exposure(t);
     PELL_TRY(compare_run(cli, t->test.path, t->reference.path, &in, &t->params, &t->result));
     if (t->result.masked.pixels == 0)
@@ -334,7 +361,7 @@ static const struct pell_metrics *whole_of(const struct task *t)
 static json_t *answer_json(struct cli *cli, const struct task *t)
 {
     const struct pell_comparison *r = &t->result;
-    const bool display = t->test.display, noise = t->half.path || knows_standard_error(t);
+    const bool display = t->test.display, noise = knows_noise(t);
     json_t *method = compare_metrics(&r->masked, display), *reference, *o;
 
     json_object_set_new(method, "name", cli_text(t->test.path));
@@ -368,6 +395,46 @@ static void row(const char *name, bool both, double masked, double whole)
         printf("%-18s %12s\n", name, b);
 }
 
+static double resolved(double mse, double error)
+{
+    return pell_metric_resolved(mse, error) ? mse : (double) NAN;
+}
+
+/* The noise that was taken off, and what is left of it as standard errors; "+-" before what it is of. */
+static void noise_rows(bool both, const struct pell_metrics *m, const struct pell_metrics *w)
+{
+    char name[40];
+
+    row("noise, mse", both, m->noise_mse, w->noise_mse);
+    row("noise, rel mse", both, m->noise_rel_mse, w->noise_rel_mse);
+    row("+- mse", both, m->mse_error, w->mse_error);
+    row("+- rel mse", both, m->rel_mse_error, w->rel_mse_error);
+    for (int c = 0; c < 3; c++) {
+        snprintf(name, sizeof(name), "+- bias %c", "rgb"[c]);
+        row(name, both, m->bias_error[c], w->bias_error[c]);
+    }
+    for (int c = 0; c < 3; c++) {
+        snprintf(name, sizeof(name), "+- bias %c, rel.", "rgb"[c]);
+        row(name, both, m->rel_bias_error[c], w->rel_bias_error[c]);
+    }
+    row("|z| > 3, share", both, m->agreement.beyond_3, w->agreement.beyond_3);
+    row("p, by chance", both, m->agreement.p, w->agreement.p);
+}
+
+static void print_verdict(const struct pell_metrics *m)
+{
+    json_t *numbers = compare_metrics(m, false);
+    const char *reason = compare_unresolved(numbers);
+
+    if (reason)
+        printf("\nerror not resolved (%s)\n", reason);
+    if (isfinite(m->agreement.p))
+        printf("\nthe pictures %s (p %s %.3g)\n",
+               m->agreement.p < COMPARE_LIKELY ? "differ by more than noise" : "agree within their noise",
+               m->agreement.p < 1e-9 ? "<" : "=", m->agreement.p < 1e-9 ? 1e-9 : m->agreement.p);
+    json_decref(numbers);
+}
+
 static void answer_text(const struct cli *cli, const struct task *t)
 {
     const struct pell_comparison *r = &t->result;
@@ -381,8 +448,8 @@ static void answer_text(const struct cli *cli, const struct task *t)
     if (both)
         printf("%-18s %12s %12s\n", "", two_pictures(t) ? SUBSURFACE : "masked", "whole");
     row("pixels", both, (double) m->pixels, (double) w->pixels);
-    row("mse", both, m->mse, w->mse);
-    row("rel mse", both, m->rel_mse, w->rel_mse);
+    row("mse", both, resolved(m->mse, m->mse_error), resolved(w->mse, w->mse_error));
+    row("rel mse", both, resolved(m->rel_mse, m->rel_mse_error), resolved(w->rel_mse, w->rel_mse_error));
     row("mae", both, m->mae, w->mae);
     for (int c = 0; c < 3; c++) {
         snprintf(a, sizeof(a), "bias %c", "rgb"[c]);
@@ -396,10 +463,9 @@ static void answer_text(const struct cli *cli, const struct task *t)
     row("flip", both, m->flip, w->flip);
     if (!t->test.display)
         row("flip hdr", both, m->flip_hdr, w->flip_hdr);
-    if (t->half.path || knows_standard_error(t)) {
-        row("noise, mse", both, m->noise_mse, w->noise_mse);
-        row("noise, rel mse", both, m->noise_rel_mse, w->noise_rel_mse);
-    }
+    if (knows_noise(t))
+        noise_rows(both, m, w);
+    print_verdict(m);
     if (t->mask)
         printf("\nmask: %s\n", pell_printable(t->mask_name, shown, sizeof(shown)));
 }
@@ -476,8 +542,7 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
     }
     data = json_pack("{s:s,s:o,s:s,s:O,s:[O,O],s:O,s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(t->test.path)),
                      "command", cli->command_line, "views", views, "pictures", reference, test, "warnings", cli->warnings, "display",
-                     (int) display, "rel_noise",
-                     t->half.path || knows_standard_error(t) ? compare_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
+                     (int) display, "rel_noise", knows_noise(t) ? compare_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
     if (!data || !(path = folder_file(f, "report.html"))) {
         res = data ? PELL_ERR_INVALID : PELL_ERR_NOMEM;
         goto fail;
@@ -538,6 +603,7 @@ enum exit_code compare_pictures(struct cli *cli)
     pell_comparison_finish(cli->ctx, &t.result);
     pell_comparison_finish(cli->ctx, &t.whole);
     pell_free(cli->ctx, t.mask);
+    pell_free(cli->ctx, t.variance);
     finish_source(cli, &t.test);
     finish_source(cli, &t.reference);
     finish_source(cli, &t.half);

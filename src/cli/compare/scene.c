@@ -21,6 +21,7 @@ struct light {
     float *planes; /* owns the others */
     float *rgb[VIEWS][3];
     float *variance[3]; /* NULL: not known */
+    struct light *half; /* NULL, or two: `rgb` is their mean */
 };
 
 struct job {
@@ -39,6 +40,7 @@ struct job {
     double rel_noise[MAX_REFERENCES]; /* NAN: not known */
     double interreflection[3];
     json_t *methods, *views, *model_error, *shown_as;
+    int rendered;
 };
 
 /* --- Light -------------------------------------------------------------------------------------------------------------------- */
@@ -99,6 +101,9 @@ static enum pell_result take_light(struct cli *cli, const struct job *job, const
 
 static void drop_light(struct cli *cli, struct light *l)
 {
+    for (int h = 0; l->half && h < 2; h++)
+        pell_free(cli->ctx, l->half[h].planes);
+    pell_free(cli->ctx, l->half);
     pell_free(cli->ctx, l->planes);
     *l = (struct light) { NULL };
 }
@@ -152,9 +157,14 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
             in.test[c] = l->rgb[view][c];
             in.reference[c] = r->rgb[view][c];
             in.variance[c] = r->variance[c];
+            in.test_variance[c] = l->variance[c];
         }
         if (view == PART && run->mixes)
             PELL_TRY(masked_light(cli, job, reference, in.reference));
+        for (int c = 0; c < 3 && r->half && !(view == PART && run->mixes); c++) {
+            in.reference[c] = r->half[0].rgb[view][c];
+            in.half[c] = r->half[1].rgb[view][c];
+        }
         PELL_TRY(compare_run(cli, run->label, job->runs.list[reference].label, &in, &job->params, &result));
         if (view == PART) {
             compare_add_metrics(answer, m, false);
@@ -223,47 +233,102 @@ static enum pell_result write_run(struct cli *cli, struct job *job, struct run *
     return session_write(cli, &as, p, path, "exr", job->scene_hash, job->materials_hash);
 }
 
+/* Of the first image: its size, pixels and exposure are those of all. */
+static enum pell_result begin_images(struct cli *cli, struct job *job, const struct pell_render_result *image)
+{
+    job->width = image->width;
+    job->height = image->height;
+    job->params.exposure = job->session.settings.exposure = image->exposure; /* what it was given, or metered */
+    if (make_mask(cli, job, image) != EXIT_OK)
+        return cli->error.there ? cli->error.code : PELL_ERR_NOMEM;
+    return cli->output ? report_open(cli, job->width, job->height, &job->report) : PELL_OK;
+}
+
+/* References that can be are rendered as two halves. */
+static int images_of(const struct job *job, const struct run *run)
+{
+    return run < job->runs.list + job->runs.num_references ? halves_of(run) : 1;
+}
+
+/* One image, or two halves of one, whose light goes to l->half. */
+static enum pell_result render_image(struct cli *cli, struct job *job, struct run *run, struct light *l, struct halves *h,
+                                     struct pell_render_result *image)
+{
+    const int count = images_of(job, run);
+    struct session *s = &job->session;
+    enum pell_result res;
+
+    if (count == 2 && !(l->half = pell_calloc(cli->ctx, 2, sizeof(*l->half))))
+        return PELL_ERR_NOMEM;
+    for (int i = 0; i < count; i++) {
+        cli->progress.part = job->rendered++;
+        cli->progress.fraction = 2.0; /* another task: the speed of the one before says nothing of it */
+        if (count == 2)
+            halves_choose(run->method, run->values, i + 1);
+        PELL_TRY(pell_renderer_set_method(s->renderer, run->method, run->values));
+        PELL_TRY(pell_renderer_render(s->renderer, &s->settings, image));
+        cli_progress_end(cli);
+        if (image->partial) { /* ended early: half of a comparison is none */
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
+        if (!job->mask)
+            PELL_TRY(begin_images(cli, job, image));
+        if (count == 1)
+            continue;
+        PELL_TRY(take_light(cli, job, run, image, &l->half[i]));
+        PELL_TRY(halves_add(cli, image, h));
+    }
+    res = PELL_OK;
+fail:
+    if (count == 2)
+        halves_choose(run->method, run->values, 0);
+    return res;
+}
+
 /* Of a reference: kept in `l`; else measured, and forgotten by the caller. */
 static enum pell_result render(struct cli *cli, struct job *job, struct run *run, struct light *l)
 {
-    struct session *s = &job->session;
     struct pell_render_result image;
+    struct halves halves = { .planes = NULL };
     const double start = cli_cpu_seconds();
     json_t *id;
     enum pell_result res;
 
-    PELL_TRY(pell_renderer_set_method(s->renderer, run->method, run->values));
-    PELL_TRY(pell_renderer_render(s->renderer, &s->settings, &image));
+    PELL_TRY(render_image(cli, job, run, l, &halves, &image));
     run->seconds = image.seconds;
     run->cpu_seconds = cli_cpu_seconds() - start;
-    cli_progress_end(cli);
-    if (image.partial) /* ended early: half of a comparison is none */
-        return PELL_ERR_CANCELLED;
-    if (!job->mask) {
-        job->width = image.width;
-        job->height = image.height;
-        job->params.exposure = s->settings.exposure = image.exposure; /* what it was given, or metered: for all that follow */
-        if (make_mask(cli, job, &image) != EXIT_OK)
-            return cli->error.there ? cli->error.code : PELL_ERR_NOMEM;
-        if (cli->output)
-            PELL_TRY(report_open(cli, job->width, job->height, &job->report));
-    }
     PELL_TRY(write_run(cli, job, run, &image));
     PELL_TRY(take_light(cli, job, run, &image, l));
     run->shown = describe(job, run, &image);
+    res = PELL_ERR_NOMEM;
     if (!run->shown)
-        return PELL_ERR_NOMEM;
+        goto fail;
+    res = PELL_OK;
     for (int view = 0; job->report && view < VIEWS; view++) {
         PELL_TRY(report_image(job->report, (const float *const *) l->rgb[view], job->width, &id));
         json_object_set_new(child(run->shown, "data"), view_names[view], id);
     }
 fail:
+    halves_drop(cli, &halves);
     return res;
+}
+
+/* Makes of the light of a first half that of both. */
+static void add_half(const struct job *job, const struct light *second, struct light *l)
+{
+    const size_t all = (size_t) job->width * (size_t) job->height;
+
+    for (size_t k = 0; k < 6 * all; k++)
+        l->planes[k] = 0.5f * l->planes[k] + 0.5f * second->planes[k];
+    for (size_t k = 6 * all; l->variance[0] && second->variance[0] && k < 9 * all; k++)
+        l->planes[k] = 0.25f * l->planes[k] + 0.25f * second->planes[k];
 }
 
 /* The same without bounces: neither measured nor written. */
 static enum pell_result render_straight(struct cli *cli, struct job *job, const struct run *run, struct light *l)
 {
+    const int count = images_of(job, run);
     struct session *s = &job->session;
     struct pell_settings settings = s->settings;
     struct pell_render_result image;
@@ -279,10 +344,20 @@ static enum pell_result render_straight(struct cli *cli, struct job *job, const 
         if (pell_knob_find(run->method->knobs, "reentry"))
             PELL_TRY(pell_method_knobs_set_text(cli->ctx, run->method, values, "reentry", "off"));
     }
-    PELL_TRY(pell_renderer_set_method(s->renderer, run->method, values));
-    PELL_TRY(pell_renderer_render(s->renderer, &settings, &image));
-    cli_progress_end(cli);
-    res = image.partial ? PELL_ERR_CANCELLED : take_light(cli, job, run, &image, l);
+    for (int i = 0; i < count; i++) { /* with the random numbers of what it is a part of */
+        struct light one = { NULL };
+        if (count == 2)
+            halves_choose(run->method, values, i + 1);
+        PELL_TRY(pell_renderer_set_method(s->renderer, run->method, values));
+        PELL_TRY(pell_renderer_render(s->renderer, &settings, &image));
+        cli_progress_end(cli);
+        res = image.partial ? PELL_ERR_CANCELLED : take_light(cli, job, run, &image, i == 0 ? l : &one);
+        if (res == PELL_OK && i == 1)
+            add_half(job, &one, l);
+        drop_light(cli, &one);
+        if (res != PELL_OK)
+            goto fail;
+    }
 fail:
     free(values);
     return res;
@@ -328,17 +403,15 @@ static json_t *run_json(const struct job *job, const struct run *run)
 
 static enum pell_result render_all(struct cli *cli, struct job *job)
 {
+    const size_t last = job->runs.num_references - 1;
     enum pell_result res = PELL_OK;
 
-    const size_t last = job->runs.num_references - 1;
-
-    cli->progress.parts = (int) job->runs.count;
+    for (size_t i = 0; i < job->runs.count; i++)
+        cli->progress.parts += images_of(job, &job->runs.list[i]);
     for (size_t i = 0; i < job->runs.count && res == PELL_OK; i++) {
         struct run *run = &job->runs.list[i];
         struct light own = { NULL }, *l = i < job->runs.num_references ? &job->references[i] : &own;
 
-        cli->progress.part = (int) i;
-        cli->progress.fraction = 2.0; /* another task: the speed of the one before says nothing of it */
         PELL_TRY(render(cli, job, run, l));
         run->answer = run_json(job, run);
         if (i >= job->runs.num_references) {
@@ -422,30 +495,25 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
     return res;
 }
 
-static void print_row(const char *name, const json_t *m, double seconds)
+/* Below a table, where a noisy reference is behind it. `key`: where a method's numbers are, NULL: beside its name. */
+static void print_noise(const struct cli *cli, const struct job *job, const char *key, const json_t *first)
 {
-    static const char *const keys[] = { "ssim", "flip", "flip_hdr" };
-    const json_t *bias = json_object_get(m, "rel_bias"), *error = json_object_get(m, "rel_mse");
-    char shown[64];
+    char name[64];
 
-    printf("%-24s", pell_printable(name, shown, 25));
-    if (json_is_real(error))
-        printf(" %7.2f %%", 100.0 * sqrt(json_real_value(error)));
-    else
-        printf(" %9s", "-");
-    for (size_t c = 0; c < 3; c++)
-        printf(" %+6.2f %%", 100.0 * json_number_value(json_array_get(bias, c)));
-    for (size_t k = 0; k < PELL_COUNT(keys); k++)
-        printf(" %8.4f", json_number_value(json_object_get(m, keys[k])));
-    if (seconds >= 0.0)
-        printf(" %9.3f", seconds);
-    putchar('\n');
-}
-
-static void print_head(const struct cli *cli, const char *title, bool times)
-{
-    printf("\n%s%s%s\n%-24s %9s %8s %8s %8s %8s %8s %8s%s\n", cli_style(cli, stdout, 1), title, cli_style(cli, stdout, 0), "", "error",
-           "bias r", "bias g", "bias b", "ssim", "flip", "flip hdr", times ? "   seconds" : "");
+    if (job->runs.count == job->runs.num_references || !json_is_object(json_object_get(first, "agreement")))
+        return;
+    table_noise_head(cli);
+    if (key)
+        table_noise_row(job->runs.list[0].label, job->model_error);
+    for (size_t i = job->runs.num_references; i < job->runs.count; i++) {
+        const json_t *a = job->runs.list[i].answer;
+        table_noise_row(job->runs.list[i].label, key ? json_object_get(a, key) : a);
+    }
+    for (size_t i = key ? 0 : job->runs.num_references; i < job->runs.count; i++) {
+        const json_t *a = job->runs.list[i].answer, *m = i == 0 ? job->model_error : key ? json_object_get(a, key) : a;
+        if ((i == 0 || i >= job->runs.num_references) && compare_unresolved(m))
+            printf("%s: error not resolved (%s)\n", pell_printable(job->runs.list[i].label, name, sizeof(name)), compare_unresolved(m));
+    }
 }
 
 static void answer_text(const struct cli *cli, const struct job *job)
@@ -461,22 +529,25 @@ static void answer_text(const struct cli *cli, const struct job *job)
         if (isnan(job->rel_noise[i]))
             puts("it does not tell its noise");
         else
-            printf("noise %.2f %%, taken off the errors\n", 100.0 * job->rel_noise[i]);
+            printf("noise %.2f %%%s, taken off the errors\n", 100.0 * job->rel_noise[i],
+                   job->references[i].half ? " as the mean of two halves" : "");
     }
     snprintf(title, sizeof(title), "Subsurface light of translucent pixels, against %s", job->runs.list[0].label);
-    print_head(cli, title, true);
+    table_head(cli, title, true);
     for (size_t i = job->runs.num_references; i < job->runs.count; i++)
-        print_row(job->runs.list[i].label, job->runs.list[i].answer, job->runs.list[i].seconds);
-    print_head(cli, "Whole picture", false);
+        table_row(job->runs.list[i].label, job->runs.list[i].answer, job->runs.list[i].seconds);
+    print_noise(cli, job, NULL, job->runs.list[job->runs.count - 1].answer);
+    table_head(cli, "Whole picture", false);
     for (size_t i = job->runs.num_references; i < job->runs.count; i++)
-        print_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "whole"), -1.0);
+        table_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "whole"), -1.0);
     if (two) {
         snprintf(title, sizeof(title), "Error of the model, and with it all error, of the subsurface light against %s",
                  job->runs.list[1].label);
-        print_head(cli, title, false);
-        print_row(job->runs.list[0].label, job->model_error, -1.0);
+        table_head(cli, title, false);
+        table_row(job->runs.list[0].label, job->model_error, -1.0);
         for (size_t i = job->runs.num_references; i < job->runs.count; i++)
-            print_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "total_error"), -1.0);
+            table_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "total_error"), -1.0);
+        print_noise(cli, job, "total_error", job->model_error);
     }
     if (cli->compare.decompose) {
         decompose_print_head(cli, job->runs.list[job->runs.num_references - 1].label, job->interreflection);
@@ -497,7 +568,7 @@ static void warn_of_noise(struct cli *cli, const struct job *job)
     for (size_t i = 0; i < job->runs.num_references; i++)
         if (job->rel_noise[i] > LOUD)
             pell_warn(cli->ctx, job->runs.list[i].label, "give it more samples, a smaller error or more time",
-                      "its noise is %.0f %%: smaller errors are uncertain", 100.0 * job->rel_noise[i]);
+                      "its noise is %.0f %%, which MAE, SSIM and FLIP include", 100.0 * job->rel_noise[i]);
 }
 
 /* --- The command -------------------------------------------------------------------------------------------------------------- */

@@ -238,7 +238,8 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
 {
     const struct dipole_knobs *k = &p->st->knobs;
     const int a_batch = (int) (p->near_probes + p->near_areas);
-    const double most = fmax((double) k->most / a_batch, LEAST);
+    const int share = k->half == REFERENCE_WHOLE ? 1 : 2;
+    const double most = fmax((double) k->most / a_batch, LEAST) / share;
     double mean[3], spread[3], needed;
     struct pell_batches pilot, s;
 
@@ -250,8 +251,8 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
         return;
     }
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
-    run_batches(p, 0, PILOT, &pilot);
-    needed = pell_batches_needed(&pilot, (double) k->error, LEAST, DARK);
+    run_batches(p, 0, PILOT / share, &pilot);
+    needed = pell_batches_needed(&pilot, reference_half_error((double) k->error, k->half), LEAST / share, DARK / share);
     run_batches(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
@@ -305,7 +306,8 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
         if (solid[i] >= 0 && t->st->solids->solids[solid[i]].num_triangles > 0) {
             start_pixel(t->st, vec3(in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]]),
                         vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), solid[i],
-                        t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, in->seed, &p);
+                        t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f,
+                        reference_half_seed(in->seed, t->st->knobs.half), &p);
             estimate(&p, own, light, standard_error);
         }
         for (int c = 0; c < 3; c++) {

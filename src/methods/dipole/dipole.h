@@ -16,6 +16,7 @@ struct dipole_knobs {
     int most;
     int sampling; /* enum dipole_sampling */
     bool strength;
+    int half; /* enum reference_half */
 };
 
 /* --- radii.c: radii drawn as a profile's light is spread ------------------------------------------------------------------------- */

@@ -20,6 +20,8 @@ static const struct pell_knob knobs[] = {
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { DI_BOTH }, 0, 0, sampling_names,
       "sampling of the surface: by probe rays around the point, uniformly, or both, weighted by the balance heuristic" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
+    { "half", PELL_KNOB_INT, "1", AT(half), { 0 }, 0, 2, NULL,
+      "1, 2: two independent images, each with half of the work, as `compare` uses them to separate error and noise; 0: one image" },
     { 0 },
 };
 /* clang-format on */

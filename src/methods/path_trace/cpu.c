@@ -93,7 +93,7 @@ static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct
                               k->techniques,
                               st->knobs.surface,
                               st->services->settings->boundary,
-                              st->services->settings->seed };
+                              st->services->settings->seed + k->half * (1LL << 60) };
     const char *version = pell_version_string();
     struct pt_checkpoint_key key = { (uint32_t) in->shape.width, (uint32_t) in->shape.height, (uint32_t) st->num_films, 0, 0 };
 
@@ -309,6 +309,7 @@ static void show(struct run *run, double done)
 
 struct goal {
     uint32_t most;   /* samples */
+    uint32_t least;  /* samples before the error is believed */
     double error;    /* of this film; 0: not asked for */
     double deadline; /* INFINITY: none */
     double begin;
@@ -365,13 +366,14 @@ static struct goal make_goal(const struct run *run)
     const struct pt_method_knobs *k = &st->knobs;
     const int samples = run->in->num_samples, left = samples - (int) run->number;
     const bool open = k->error > 0.0f || k->time_limit > 0.0f;
-    const int total = k->samples > 0 ? k->samples : PLAIN;
+    const int share = k->trace.half == REFERENCE_WHOLE ? 1 : 2, total = ((k->samples > 0 ? k->samples : PLAIN) + share - 1) / share;
     struct goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
 
     g.most = k->samples == 0 && open ? MOST : (uint32_t) ((total + samples - 1) / samples);
-    g.error = (double) k->error * sqrt((double) samples);
+    g.least = LEAST / (uint32_t) share;
+    g.error = reference_half_error((double) k->error, k->trace.half) * sqrt((double) samples);
     if (k->time_limit > 0.0f)
-        g.deadline = g.begin + fmax((double) k->time_limit - (g.begin - st->begin), 0.0) / left;
+        g.deadline = g.begin + fmax((double) k->time_limit / share - (g.begin - st->begin), 0.0) / left;
     return g;
 }
 
@@ -408,7 +410,7 @@ static enum pell_result run_film(struct run *run)
         uint32_t step = least < TOGETHER ? 1 : TOGETHER - least % TOGETHER;
 
         /* Not where an interruption left pixels of more samples than others: the run that was not interrupted did not ask there. */
-        if (g.error > 0.0 && least == most && least >= LEAST && least % TOGETHER == 0) {
+        if (g.error > 0.0 && least == most && least >= g.least && least % TOGETHER == 0) {
             const double error = pt_film_error(run->film, traced(st));
             if (error <= g.error)
                 break;

@@ -42,6 +42,8 @@ static const struct pell_knob knobs[] = {
       "inside need no ray; the first two give the same bits, a grid different noise of the same size" },
     { "connections", PELL_KNOB_BOOL, "1", AT(connections), { 1 }, 0, 1, NULL,
       "connect points inside to lights through the surface, and paths from lights to paths from the camera" },
+    { "half", PELL_KNOB_INT, "1", AT(trace.half), { 0 }, 0, 2, NULL,
+      "1, 2: two independent images, each with half of the work, as `compare` uses them to separate error and noise; 0: one image" },
     { 0 },
 };
 /* clang-format on */

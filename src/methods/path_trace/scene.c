@@ -3,6 +3,7 @@
 #include "methods/path_trace/walk.h"
 
 #include "image/color.h"
+#include "methods/reference_frame.h"
 #include "scene/mesh/topology.h"
 
 #include <stdio.h>
@@ -424,7 +425,7 @@ enum pell_result pt_scene_create(const struct pell_services *services, const str
     s->rays = services->rays;
     s->knobs = *knobs;
     s->deadline = (double) INFINITY;
-    s->seed = pell_settings_seed(services->settings);
+    s->seed = reference_half_seed(pell_settings_seed(services->settings), knobs->half);
     PELL_TRY(pell_services_solids(services, &s->solids));
     res = PELL_ERR_NOMEM;
     s->solid = pell_calloc(ctx, s->solids->count + 1, sizeof(*s->solid));

@@ -36,6 +36,7 @@ struct pt_knobs {
     int bounces;         /* how often light leaves a surface through the open and meets one again, at most; PT_BOUNCES_ALL: any number */
     float roulette;      /* a walk whose weight falls below this goes on by chance, (0, 1] */
     unsigned techniques; /* enum pt_technique; PT_ALL */
+    int half;            /* enum reference_half: random numbers of its own */
 };
 
 struct pt_scene;

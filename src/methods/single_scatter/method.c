@@ -26,6 +26,8 @@ static const struct pell_knob knobs[] = {
       "refraction at the surface in both directions; none: light goes straight through and nothing is reflected" },
     { "normals", PELL_KNOB_ENUM, "1", AT(normals), { SINGLE_SMOOTH }, 0, 0, normals_names,
       "normals for refraction: interpolated from the vertices, or those of the triangles" },
+    { "half", PELL_KNOB_INT, "1", AT(half), { 0 }, 0, 2, NULL,
+      "1, 2: two independent images, each with half of the work, as `compare` uses them to separate error and noise; 0: one image" },
     { 0 },
 };
 /* clang-format on */

@@ -15,6 +15,7 @@
  * the standard error. A round's randomness is a hash of the point's place and of the seed. */
 #include "methods/single_scatter/single_scatter.h"
 
+#include "methods/reference_frame.h"
 #include "transport/rqmc.h"
 
 #include <string.h>
@@ -271,7 +272,8 @@ static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int
 void single_estimate(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth,
                      struct single_counts *counts, float out[3], float standard_error[3])
 {
-    const double most = fmax((double) world->knobs.most / ROUND, LEAST);
+    const int share = world->knobs.half == REFERENCE_WHOLE ? 1 : 2;
+    const double most = fmax((double) world->knobs.most / ROUND, LEAST) / share;
     const uint32_t seed = pell_point_seed(at, world->seed);
     double mean[3], spread[3], needed, whole[3];
     struct pell_batches pilot, s;
@@ -298,8 +300,8 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
     for (int c = 0; c < 3; c++)
         ray.shade[c] = -expm1(-whole[c]);
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
-    run_rounds(&ray, seed, 0, PILOT, &pilot);
-    needed = pell_batches_needed(&pilot, (double) world->knobs.error, LEAST, DARK);
+    run_rounds(&ray, seed, 0, PILOT / share, &pilot);
+    needed = pell_batches_needed(&pilot, reference_half_error((double) world->knobs.error, world->knobs.half), LEAST / share, DARK / share);
     run_rounds(&ray, seed, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {

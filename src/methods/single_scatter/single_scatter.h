@@ -23,6 +23,7 @@ struct single_knobs {
     int distance;   /* enum single_distance */
     int refraction; /* enum single_refraction */
     int normals;    /* enum single_normals */
+    int half;       /* enum reference_half */
 };
 
 /* --- medium.c: what fills a solid ------------------------------------------------------------------------------------------------- */

@@ -5,6 +5,8 @@
 
 const worst = (list) => list.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a), 0);
 const rms = (m) => (m && finite(m.rel_mse) ? Math.sqrt(m.rel_mse) : null);
+const rmsNoise = (m) => (finite(rms(m)) && rms(m) > 0 && finite(m.rel_mse_error) ? (0.5 * m.rel_mse_error) / rms(m) : null);
+const unresolved = (m) => (m && m.not_resolved && 'rel_mse' in m.not_resolved ? m.not_resolved.reason : null);
 const metricsOf = (p, key = 'metrics') => p[key] && p[key][views[state.view].id];
 const COLUMNS = [
   { id: 'name', head: 'Method', value: (p) => p.name },
@@ -13,11 +15,13 @@ const COLUMNS = [
     head: 'Error',
     value: (p) => rms(metricsOf(p)),
     show: percent,
+    within: (p) => rmsNoise(metricsOf(p)),
+    hidden: (p) => unresolved(metricsOf(p)),
     meter: true,
     term: 'Error',
     text:
       'Root of the mean squared relative error of pixels and channels: the typical distance of a pixel from the reference. ' +
-      'The noise of the reference is taken off where it is known. 0 is best.',
+      'The noise of the reference is taken off where it is known, and ± is the standard error that it leaves. 0 is best.',
   },
   {
     id: 'total',
@@ -25,6 +29,8 @@ const COLUMNS = [
     only: () => truth,
     value: (p) => rms(metricsOf(p, 'total')),
     show: percent,
+    within: (p) => rmsNoise(metricsOf(p, 'total')),
+    hidden: (p) => unresolved(metricsOf(p, 'total')),
     meter: true,
     term: 'With the model',
     text: 'The same against the second reference, which does not share the approximations of the first: all of the error.',
@@ -33,7 +39,11 @@ const COLUMNS = [
     id: 'bias',
     head: 'Bias R G B',
     value: (p) => Math.abs(worst(metricsOf(p).rel_bias)),
-    cell: (p) => metricsOf(p).rel_bias.map((b) => make('span', { class: 'part', text: percent(b, true) })),
+    cell: (p) =>
+      metricsOf(p).rel_bias.map((b, c) => {
+        const within = metricsOf(p).rel_bias_error[c];
+        return make('span', { class: 'part', text: percent(b, true) + (finite(within) ? ` ± ${percent(within)}\u2003` : '') });
+      }),
     term: 'Bias',
     text:
       'How much too bright (+) or too dark (−) the whole is, for red, green and blue: errors that don’t cancel. 0 is best; ' +
@@ -136,8 +146,10 @@ function table() {
           const cell = make(
             'td',
             { class: `number${best && (c.meter || c.high) ? ' best' : ''}` },
-            ...(c.cell ? c.cell(p) : [c.show(v)]),
+            ...(c.cell ? c.cell(p) : [c.hidden && c.hidden(p) ? 'not resolved' : c.show(v)]),
           );
+          if (c.within && finite(c.within(p))) cell.append(` ± ${percent(c.within(p))}`);
+          if (c.hidden && c.hidden(p)) cell.title = c.hidden(p);
           if (c.meter && finite(v) && all.length > 1) {
             const bar = make('span');
             bar.style.width = `${(100 * v) / (Math.max(...all) || 1)}%`;
@@ -161,10 +173,9 @@ function sortBy(column) {
   by('sorted').textContent = `Sorted by ${column.head}, ${order.down ? 'largest' : 'smallest'} first`;
 }
 
-// Relative errors divide by what the reference says, pixel by pixel: where that is noise they don't rank, and FLIP does.
-const loudness = () => (data.kind === 'scene' ? reference.rel_noise : data.rel_noise);
-const loud = () => finite(loudness()) && loudness() > 0.1;
-const rank = (m) => (loud() ? m.flip : rms(m)) ?? Infinity;
+// Where noise hides the error of a method, FLIP ranks.
+const hidden = () => methods.some((p) => unresolved(metricsOf(p)));
+const rank = (m) => (hidden() ? m.flip : rms(m)) ?? Infinity;
 const nearest = () => methods.reduce((a, b) => (rank(metricsOf(b)) < rank(metricsOf(a)) ? b : a));
 
 function summary() {
@@ -178,13 +189,11 @@ function summary() {
       make('strong', { text: best.name }),
       methods.length > 1 ? ` comes nearest to ${reference.name}` : ` against ${reference.name}`,
       `, ${what}: pixels are off by `,
-      make('strong', { text: percent(rms(m)) }),
+      make('strong', { text: unresolved(m) ? 'less than the noise' : percent(rms(m)) }),
       `, in the mean by ${percent(bias, true)} in the worst channel, and FLIP is `,
       make('strong', { text: number(m.flip) }),
       '.',
-      loud()
-        ? ` The noise of ${reference.name} is ${percent(loudness())}, too much to rank by: FLIP ranks here. Give it more samples.`
-        : '',
+      hidden() ? ` The noise of ${reference.name} hides errors: FLIP, which includes it, ranks here. Give it more samples.` : '',
       finite(best.seconds) ? ` It took ${seconds(best.seconds)}; ${reference.name} took ${seconds(reference.seconds)}.` : '',
     ],
   );
@@ -227,6 +236,19 @@ function numbers() {
       ? `Noise of ${reference.name}: ${percent(noise)}, taken off the error; the other numbers still hold what it adds to them.`
       : `${reference.name} does not tell its own noise: nothing is taken off.`,
   );
+  for (const p of methods) {
+    const m = metricsOf(p),
+      total = metricsOf(p, 'total');
+    if (unresolved(m)) notes.push(`Error of ${p.name}: not resolved, ${unresolved(m)}.`);
+    if (truth && unresolved(total)) notes.push(`Error of ${p.name} with the model: not resolved, ${unresolved(total)}.`);
+    if (m.agreement) {
+      const { agrees, p: chance } = m.agreement;
+      notes.push(
+        `${p.name} ${agrees ? 'agrees with' : 'differs from'} ${reference.name} ${agrees ? 'within' : 'by more than'} noise ` +
+          `(p ${chance < 1e-4 ? '< 0.0001' : `= ${chance.toFixed(4)}`}).`,
+      );
+    }
+  }
   if (truth && finite(truth.rel_noise)) notes.push(`Noise of ${truth.name}: ${percent(truth.rel_noise)}, taken off as well.`);
   for (const p of methods)
     if (p.mixes)

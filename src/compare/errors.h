@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * errors.h - one pixel of a pair of images, and the errors that are means over pixels.
+ */
+#ifndef PELL_COMPARE_ERRORS_H
+#define PELL_COMPARE_ERRORS_H
+
+#include "base/pool.h"
+
+#include <pellucid/compare.h>
+
+#include <math.h>
+
+enum { PELL_MASKED, PELL_WHOLE, PELL_REGIONS };
+
+struct pell_pixel {
+    double test[3], reference[3]; /* reference: the mean of its halves */
+    double half[3];               /* half the difference of the halves; its square is an estimate of `variance` */
+    double variance[3];           /* of the reference, as it is taken off errors; 0: not known */
+    double told[3], test_told[3]; /* variances as their estimators tell them; 0: not known */
+    bool bad_test, bad_reference;
+    bool bad_variance; /* the only flaw of the reference */
+};
+
+static inline bool pell_bad_variance(double v)
+{
+    return !isfinite(v) || v < 0.0;
+}
+
+/* What is not finite becomes the reference's, or 0. */
+static inline void pell_pixel_read(const struct pell_compare_input *in, size_t at, struct pell_pixel *p)
+{
+    bool finite = true, told = true;
+
+    p->bad_test = false;
+    for (int c = 0; c < 3; c++) {
+        const double b1 = in->reference[c][at], b2 = in->half[0] ? in->half[c][at] : b1;
+        p->test[c] = in->test[c][at];
+        p->reference[c] = 0.5 * (b1 + b2);
+        p->half[c] = 0.5 * (b1 - b2);
+        p->told[c] = in->variance[0] ? in->variance[c][at] : 0.0;
+        p->test_told[c] = in->test_variance[0] ? in->test_variance[c][at] : 0.0;
+        p->variance[c] = in->half[0] ? p->half[c] * p->half[c] : p->told[c];
+        p->bad_test |= !isfinite(p->test[c]) || pell_bad_variance(p->test_told[c]);
+        finite = finite && isfinite(p->reference[c]);
+        told = told && !pell_bad_variance(p->told[c]);
+    }
+    p->bad_reference = !finite || !told;
+    p->bad_variance = finite && !told;
+    for (int c = 0; c < 3 && (p->bad_test || p->bad_reference); c++) {
+        p->reference[c] = p->bad_reference ? 0.0 : p->reference[c];
+        p->test[c] = p->reference[c];
+        p->half[c] = p->variance[c] = p->told[c] = p->test_told[c] = 0.0;
+    }
+}
+
+static inline double pell_luminance_of(const double rgb[3])
+{
+    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+static inline bool pell_inside(const struct pell_compare_input *in, size_t at)
+{
+    return !in->mask || in->mask[at] > 0.5f;
+}
+
+/* From `pixels` and `floor` of out's metrics: mse to rel_bias, their standard errors, the agreement, and the map `relative`. */
+PELL_NODISCARD enum pell_result pell_errors_measure(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
+                                                    struct pell_comparison *out);
+
+#endif
