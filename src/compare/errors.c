@@ -44,6 +44,7 @@ struct band {
 
 struct job {
     const struct pell_compare_input *in;
+    const struct pell_compare_part *part; /* NULL: errors are of the whole */
     struct pell_comparison *out;
     bool noisy;         /* the variance of the reference is known */
     struct sums *sums;  /* [row][region] */
@@ -157,6 +158,22 @@ static double weight(double value, double variance, double floor)
     return below > 0.0 && isfinite(curved) ? 1.0 / (below * (1.0 + curved)) : 0.0;
 }
 
+/* --- What is measured ----------------------------------------------------------------------------------------------------------- */
+
+static void read_error(const struct job *job, size_t at, struct pell_pixel *p)
+{
+    const struct pell_compare_part *part = job->part;
+
+    pell_pixel_read(job->in, at, p);
+    for (int c = 0; part && !p->bad_test && !p->bad_reference && c < 3; c++) {
+        const double b1 = part->reference[c][at], b2 = part->half[0] ? part->half[c][at] : b1;
+        p->difference[c] = part->test[c][at] - 0.5 * (b1 + b2);
+        p->half[c] = 0.5 * (b1 - b2);
+        p->variance[c] = part->half[0] ? p->half[c] * p->half[c] : part->variance[0] ? (double) part->variance[c][at] : 0.0;
+        p->told[c] = p->test_told[c] = 0.0;
+    }
+}
+
 /* --- Sums over rows ------------------------------------------------------------------------------------------------------------- */
 
 /* Variance of Sum w (d^2 - v) over the channels of a pixel, which may share their noise. Of halves: 4 (Sum w d h)^2 with the h of a
@@ -167,7 +184,7 @@ static void add_spread(const struct job *job, const struct pell_pixel *p, const 
     double linear = 0.0, noise = 0.0;
 
     for (int c = 0; c < 3; c++) {
-        const double d = p->test[c] - p->reference[c];
+        const double d = p->difference[c];
         linear += w[c] * d * (job->in->half[0] ? half[c] : sqrt(p->variance[c]));
         noise += w[c] * p->variance[c];
         spread[2] += 2.0 * w[c] * p->variance[c] * w[c] * p->variance[c];
@@ -177,8 +194,9 @@ static void add_spread(const struct job *job, const struct pell_pixel *p, const 
 }
 
 /* Half the difference of the halves of the next pixel in the row, on the same side of the mask; else of the one before, or of its own. */
-static void read_neighbor(const struct pell_compare_input *in, int x, int y, const struct pell_pixel *own, double half[3])
+static void read_neighbor(const struct job *job, int x, int y, const struct pell_pixel *own, double half[3])
 {
+    const struct pell_compare_input *in = job->in;
     const size_t row = (size_t) y * (size_t) in->stride;
     const bool side = pell_inside(in, row + (size_t) x);
 
@@ -187,7 +205,7 @@ static void read_neighbor(const struct pell_compare_input *in, int x, int y, con
         struct pell_pixel p;
         if (x + step < 0 || x + step >= in->width || pell_inside(in, row + (size_t) (x + step)) != side)
             continue;
-        pell_pixel_read(in, row + (size_t) (x + step), &p);
+        read_error(job, row + (size_t) (x + step), &p);
         if (p.bad_test || p.bad_reference)
             continue;
         memcpy(half, p.half, 3 * sizeof(*half));
@@ -202,7 +220,7 @@ static void add_pixel(const struct job *job, const struct pell_pixel *p, const d
     double w[3];
 
     for (int c = 0; c < 3; c++) {
-        const double d = p->test[c] - p->reference[c], error = d * d - p->variance[c];
+        const double d = p->difference[c], error = d * d - p->variance[c];
         w[c] = weight(b->value[c], job->noisy ? b->variance[c] : 0.0, floor);
         s->square += error;
         s->noise += p->variance[c];
@@ -227,7 +245,7 @@ static void sum_row(void *arg, int y, int worker)
     struct sums *sums = job->sums + (size_t) y * PELL_REGIONS;
     double *columns = job->work[worker];
     struct base *bases = (struct base *) (void *) (columns + SIDES * PLANES * (size_t) in->width);
-    float *relative = job->out->relative + (size_t) y * (size_t) in->width;
+    float *relative = job->out->relative ? job->out->relative + (size_t) y * (size_t) in->width : NULL;
     const double e = job->out->masked.floor > 0.0 ? job->out->masked.floor : job->out->whole.floor;
 
     memset(sums, 0, PELL_REGIONS * sizeof(*sums));
@@ -235,16 +253,18 @@ static void sum_row(void *arg, int y, int worker)
     for (int x = 0; x < in->width; x++) {
         const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
         struct pell_pixel p;
-        double below, ratio, half[3] = { 0.0 };
+        double half[3] = { 0.0 };
 
-        pell_pixel_read(in, at, &p);
-        below = fabs(pell_luminance_of(p.reference)) + e;
-        ratio = (pell_luminance_of(p.test) - pell_luminance_of(p.reference)) / (below > 1e-300 ? below : 1e-300);
-        relative[x] = ratio < (double) RELATIVE_MAX ? ratio > -(double) RELATIVE_MAX ? (float) ratio : -RELATIVE_MAX : RELATIVE_MAX;
+        read_error(job, at, &p);
+        if (relative) {
+            const double below = fmax(fabs(pell_luminance_of(p.reference)) + e, 1e-300);
+            const double ratio = pell_luminance_of(p.difference) / below;
+            relative[x] = ratio < (double) RELATIVE_MAX ? ratio > -(double) RELATIVE_MAX ? (float) ratio : -RELATIVE_MAX : RELATIVE_MAX;
+        }
         if (p.bad_test || p.bad_reference)
             continue;
         if (in->half[0])
-            read_neighbor(in, x, y, &p, half);
+            read_neighbor(job, x, y, &p, half);
         add_pixel(job, &p, half, &bases[x], job->out->whole.floor, &sums[PELL_WHOLE]);
         if (pell_inside(in, at))
             add_pixel(job, &p, half, &bases[x], job->out->masked.floor, &sums[PELL_MASKED]);
@@ -290,8 +310,8 @@ static void finish_sums(const struct job *job, int region, struct pell_metrics *
         m->rel_bias[c] = all.reference[c] != 0.0 ? all.difference[c] / all.reference[c] : 0.0;
         if (job->noisy) {
             m->bias_error[c] = sqrt(all.spread[c]) / (double) m->pixels;
-            m->rel_bias_error[c] =
-                all.reference[c] != 0.0 ? sqrt(all.spread[c]) * fabs(all.test[c] / all.reference[c] / all.reference[c]) : 0.0;
+            const double slope = job->part ? 1.0 : fabs(all.test[c] / all.reference[c]); /* noise of a part is hardly that of the whole */
+            m->rel_bias_error[c] = all.reference[c] != 0.0 ? sqrt(all.spread[c]) * slope / fabs(all.reference[c]) : 0.0;
         }
     }
     if (job->noisy) {
@@ -318,7 +338,7 @@ static void add_tested(const struct job *job, const struct pell_pixel *p, struct
     bool any = false;
 
     for (int c = 0; c < 3; c++) {
-        const double d = p->test[c] - p->reference[c], v = p->variance[c] + p->test_told[c], told = p->told[c] + p->test_told[c];
+        const double d = p->difference[c], v = p->variance[c] + p->test_told[c], told = p->told[c] + p->test_told[c];
         if (job->in->variance[0] && told > 0.0) {
             band->values++;
             band->beyond += d * d > 9.0 * told;
@@ -366,7 +386,7 @@ static void test_band(void *arg, int number, int worker)
             for (int x = x0; x < x0 + BLOCK && x < in->width; x++) {
                 const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
                 struct pell_pixel p;
-                pell_pixel_read(in, at, &p);
+                read_error(job, at, &p);
                 for (int region = 0; region < PELL_REGIONS && !p.bad_test && !p.bad_reference; region++)
                     if (region == PELL_WHOLE || pell_inside(in, at))
                         add_tested(job, &p, &blocks[region], &bands[region]);
@@ -429,35 +449,59 @@ static void finish_test(const struct job *job, int region, struct pell_agreement
 
 /* --- All of it ------------------------------------------------------------------------------------------------------------------ */
 
-enum pell_result pell_errors_measure(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
-                                     struct pell_comparison *out)
+static enum pell_result measure(struct pell_context *ctx, struct pell_pool *pool, struct job *job)
 {
-    struct job job = { .in = in, .out = out, .noisy = in->half[0] || in->variance[0] };
+    const struct pell_compare_input *in = job->in;
     const size_t threads = (size_t) pell_pool_threads(pool), bands = (size_t) (in->height + BLOCK - 1) / BLOCK;
-    struct pell_metrics *const metrics[PELL_REGIONS] = { &out->masked, &out->whole };
+    struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
     enum pell_result res = PELL_ERR_NOMEM;
 
-    if (!(job.sums = pell_alloc_array(ctx, (size_t) in->height * PELL_REGIONS, sizeof(*job.sums))) ||
-        !(job.bands = pell_calloc(ctx, bands * PELL_REGIONS, sizeof(*job.bands))) ||
-        !(job.work = pell_calloc(ctx, threads, sizeof(*job.work))))
+    job->noisy = in->half[0] || in->variance[0];
+    if (!(job->sums = pell_alloc_array(ctx, (size_t) in->height * PELL_REGIONS, sizeof(*job->sums))) ||
+        !(job->bands = pell_calloc(ctx, bands * PELL_REGIONS, sizeof(*job->bands))) ||
+        !(job->work = pell_calloc(ctx, threads, sizeof(*job->work))))
         goto fail;
     for (size_t i = 0; i < threads; i++)
-        if (!(job.work[i] = pell_alloc_array(ctx, (size_t) in->width, SIDES * PLANES * sizeof(double) + sizeof(struct base))))
+        if (!(job->work[i] = pell_alloc_array(ctx, (size_t) in->width, SIDES * PLANES * sizeof(double) + sizeof(struct base))))
             goto fail;
-    pell_pool_run(pool, in->height, sum_row, &job);
-    if (job.noisy)
-        pell_pool_run(pool, (int) bands, test_band, &job);
+    pell_pool_run(pool, in->height, sum_row, job);
+    if (job->noisy)
+        pell_pool_run(pool, (int) bands, test_band, job);
     for (int region = 0; region < PELL_REGIONS; region++) {
-        finish_sums(&job, region, metrics[region]);
-        finish_test(&job, region, &metrics[region]->agreement);
+        finish_sums(job, region, metrics[region]);
+        finish_test(job, region, &metrics[region]->agreement);
     }
     res = PELL_OK;
 fail:
-    for (size_t i = 0; job.work && i < threads; i++)
-        pell_free(ctx, job.work[i]);
-    pell_free(ctx, job.work);
-    pell_free(ctx, job.bands);
-    pell_free(ctx, job.sums);
+    for (size_t i = 0; job->work && i < threads; i++)
+        pell_free(ctx, job->work[i]);
+    pell_free(ctx, job->work);
+    pell_free(ctx, job->bands);
+    pell_free(ctx, job->sums);
+    return res;
+}
+
+enum pell_result pell_errors_measure(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
+                                     struct pell_comparison *out)
+{
+    struct job job = { .in = in, .out = out };
+
+    return measure(ctx, pool, &job);
+}
+
+enum pell_result pell_errors_of_part(struct pell_context *ctx, int threads, const struct pell_compare_input *in,
+                                     const struct pell_compare_part *part, struct pell_metrics *out)
+{
+    struct pell_comparison both = { .masked = { .pixels = out->pixels, .floor = out->floor } };
+    struct job job = { .in = in, .part = part, .out = &both };
+    struct pell_pool *pool = NULL;
+    enum pell_result res;
+
+    PELL_TRY(pell_pool_create(ctx, threads, &pool));
+    PELL_TRY(measure(ctx, pool, &job));
+    *out = both.masked;
+fail:
+    pell_pool_destroy(&pool);
     return res;
 }
 

@@ -15,6 +15,7 @@ enum { PELL_MASKED, PELL_WHOLE, PELL_REGIONS };
 
 struct pell_pixel {
     double test[3], reference[3]; /* reference: the mean of its halves */
+    double difference[3];         /* test - reference */
     double half[3];               /* half the difference of the halves; its square is an estimate of `variance` */
     double variance[3];           /* of the reference, as it is taken off errors; 0: not known */
     double told[3], test_told[3]; /* variances as their estimators tell them; 0: not known */
@@ -52,6 +53,8 @@ static inline void pell_pixel_read(const struct pell_compare_input *in, size_t a
         p->test[c] = p->reference[c];
         p->half[c] = p->variance[c] = p->told[c] = p->test_told[c] = 0.0;
     }
+    for (int c = 0; c < 3; c++)
+        p->difference[c] = p->test[c] - p->reference[c];
 }
 
 static inline double pell_luminance_of(const double rgb[3])
@@ -67,5 +70,15 @@ static inline bool pell_inside(const struct pell_compare_input *in, size_t at)
 /* From `pixels` and `floor` of out's metrics: mse to rel_bias, their standard errors, the agreement, and the map `relative`. */
 PELL_NODISCARD enum pell_result pell_errors_measure(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
                                                     struct pell_comparison *out);
+
+/* A part of the light of both images: planes as in struct pell_compare_input, finite where those are. */
+struct pell_compare_part {
+    const float *test[3], *reference[3], *half[3], *variance[3];
+};
+
+/* Errors of a part, relative to the whole reference: sets mse to rel_bias and their standard errors of `out`, whose `pixels` and `floor`
+ * are those that pell_compare gave for the masked pixels of `in`. */
+PELL_NODISCARD enum pell_result pell_errors_of_part(struct pell_context *ctx, int threads, const struct pell_compare_input *in,
+                                                    const struct pell_compare_part *part, struct pell_metrics *out);
 
 #endif

@@ -3,6 +3,8 @@
  * errors are honest, and the Z-test accepts what is the same at its rate and rejects what is not. */
 #include "compare_test.h"
 
+#include "compare/errors.h"
+
 #define SIDE 64
 #define PIXELS (SIDE * SIDE)
 
@@ -255,6 +257,71 @@ static void the_z_test_finds_what_is_local(void **state)
     pair_end(&p);
 }
 
+/* 70 % of the light is a part that the test image has 4 % too dark, beside another that is right; both have noise of their own. */
+static void a_part_is_measured_relative_to_the_whole(void **state)
+{
+    struct pair p;
+    float *planes[PICTURES][3];
+    struct statistics error = { 0 }, bias = { 0 };
+    double wanted = 0.0;
+    (void) state;
+
+    begin(&p);
+    p.in.mask = p.mask;
+    for (int i = 0; i < PIXELS; i++)
+        p.mask[i] = i % 5 == 0 ? 0.0f : 1.0f;
+    for (int i = 0; i < PICTURES; i++)
+        for (int c = 0; c < 3; c++)
+            REQUIRE(planes[i][c] = calloc(PIXELS, sizeof(float)));
+    for (int seed = 0; seed < SEEDS; seed++) {
+        struct pell_compare_part part = { .test = { NULL } };
+        struct pell_metrics m;
+        for (int c = 0; c < 3; c++) {
+            for (int i = 0; i < PIXELS; i++) {
+                const double b = truth(i);
+                planes[TEST][c][i] = (float) (0.7 * 0.96 * b);
+                p.plane[TEST][c][i] = planes[TEST][c][i] + (float) (0.3 * b);
+                for (int h = 0; h < 2; h++) {
+                    planes[REFERENCE + h][c][i] = (float) (0.7 * b * (1.0 + noise_of(0.3, false, i, c, 4 * seed + h)));
+                    p.plane[REFERENCE + h][c][i] =
+                        planes[REFERENCE + h][c][i] + (float) (0.3 * b * (1.0 + noise_of(0.5, false, i, c, 4 * seed + 2 + h)));
+                }
+            }
+            p.in.half[c] = p.plane[HALF][c];
+            part.test[c] = planes[TEST][c];
+            part.reference[c] = planes[REFERENCE][c];
+            part.half[c] = planes[HALF][c];
+        }
+        pair_compare(&p);
+        m = p.out.masked;
+        REQUIRE(pell_errors_of_part(p.ctx, 2, &p.in, &part, &m) == PELL_OK);
+        add(&error, m.rel_mse, m.rel_mse_error);
+        add(&bias, m.rel_bias[1], m.rel_bias_error[1]);
+        for (int c = 0; c < 3; c++) { /* all of the light is a part of it, too */
+            part.test[c] = p.in.test[c];
+            part.reference[c] = p.in.reference[c];
+            part.half[c] = p.in.half[c];
+        }
+        REQUIRE(pell_errors_of_part(p.ctx, 1, &p.in, &part, &m) == PELL_OK);
+        REQUIRE(m.rel_mse == p.out.masked.rel_mse && m.rel_mse_error == p.out.masked.rel_mse_error && m.mae == p.out.masked.mae);
+    }
+    for (int i = 0; i < PIXELS; i++)
+        if (i % 5 != 0) {
+            const double b = truth(i), d = 0.7 * 0.04 * b;
+            wanted += d * d / (b * b + 1e-4) / (PIXELS - PIXELS / 5 - 1);
+        }
+    end(&error);
+    end(&bias);
+    REQUIRE_NEAR(error.mean, wanted, 3.0 * error.stated / sqrt((double) SEEDS) + 0.006 * wanted);
+    REQUIRE_NEAR(bias.mean, -0.028, 3.0 * bias.stated / sqrt((double) SEEDS));
+    REQUIRE(error.stated < 1.3 * error.spread && error.spread < 1.3 * error.stated);
+    REQUIRE(bias.stated < 1.3 * bias.spread && bias.spread < 1.3 * bias.stated);
+    for (int i = 0; i < PICTURES; i++)
+        for (int c = 0; c < 3; c++)
+            free(planes[i][c]);
+    pair_end(&p);
+}
+
 static void bad_variances_are_counted(void **state)
 {
     struct pair p;
@@ -289,7 +356,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(errors_are_those_without_noise), cmocka_unit_test(an_error_below_the_noise_is_not_resolved),
         cmocka_unit_test(the_z_test_keeps_its_rate),      cmocka_unit_test(the_z_test_finds_what_is_local),
-        cmocka_unit_test(bad_variances_are_counted),
+        cmocka_unit_test(bad_variances_are_counted),      cmocka_unit_test(a_part_is_measured_relative_to_the_whole),
     };
     return cmocka_run_group_tests_name("compare.noise", tests, NULL, NULL);
 }

@@ -117,6 +117,12 @@ json_t *compare_metrics(const struct pell_metrics *m, bool display)
     return o;
 }
 
+json_t *compare_part(const struct pell_metrics *m)
+{
+    return json_pack("{s:o,s:o,s:o,s:o}", "rel_mse", mse_json(m->rel_mse, m->rel_mse_error), "rel_bias", cli_numbers(m->rel_bias, 3),
+                     "rel_mse_error", compare_number(m->rel_mse_error), "rel_bias_error", cli_numbers(m->rel_bias_error, 3));
+}
+
 void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display)
 {
     json_t *numbers = compare_metrics(m, display);

@@ -9,6 +9,8 @@
 
 #include "cli/cli.h"
 
+#include "compare/errors.h"
+
 #include <pellucid/compare.h>
 #include <pellucid/render.h>
 
@@ -32,7 +34,8 @@ struct run {
     bool optional; /* one of all: left out where it does not run on this engine */
     bool mixes;    /* gives a finished picture: its subsurface light can't be told from what the surface reflects */
     double seconds, cpu_seconds;
-    json_t *answer, *shown; /* in metrics.json, in the report */
+    struct pell_metrics measured; /* its subsurface light, against the last reference that it was compared with */
+    json_t *answer, *shown;       /* in metrics.json, in the report */
 };
 
 struct run_list {
@@ -92,6 +95,8 @@ PELL_NODISCARD enum pell_result compare_params(struct cli *cli, struct pell_comp
 PELL_NODISCARD enum pell_result compare_run(struct cli *cli, const char *test, const char *reference, const struct pell_compare_input *in,
                                             const struct pell_compare_params *params, struct pell_comparison *out);
 json_t *compare_metrics(const struct pell_metrics *m, bool display);
+/* Of a part of the light: "rel_mse", "rel_bias", "rel_mse_error", "rel_bias_error", null where noise hides them or is not known. */
+json_t *compare_part(const struct pell_metrics *m);
 /* Adds the numbers of `m` to `to`. */
 void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display);
 json_t *compare_number(double v); /* null where it is not finite */
@@ -109,20 +114,18 @@ PELL_NODISCARD enum pell_result compare_write_json(struct cli *cli, const json_t
 
 enum { DECOMPOSE_METHOD, DECOMPOSE_INTERREFLECTION, DECOMPOSE_TOTAL, DECOMPOSE_PARTS };
 
-/* Planes without padding of the test, of the reference and of its variance: [0] with all bounces, [1] with none. */
 struct decompose_input {
-    size_t count; /* pixels */
-    const float *mask, *test[2][3], *reference[2][3], *variance[2][3];
-    double floor; /* as in struct pell_compare_params */
+    struct pell_compare_input whole;   /* both images with bounces, planes without padding */
+    struct pell_compare_part straight; /* their light without bounces */
+    struct pell_metrics total;         /* what pell_compare says of the masked pixels of `whole` */
 };
 
 struct decomposition {
-    double rel_mse[DECOMPOSE_PARTS]; /* over the squared reference with all bounces; without its noise, not below 0 */
-    double rel_bias[DECOMPOSE_PARTS][3];
-    double interreflection[3]; /* share of it in the reference */
+    struct pell_metrics part[DECOMPOSE_PARTS]; /* relative to the reference with bounces; mse to rel_bias and their standard errors */
+    double interreflection[3];                 /* share of it in the reference */
 };
 
-void decompose_error(const struct decompose_input *in, struct decomposition *out);
+PELL_NODISCARD enum pell_result decompose_error(struct cli *cli, int threads, const struct decompose_input *in, struct decomposition *out);
 json_t *decompose_json(const struct decomposition *d);
 void decompose_print_head(const struct cli *cli, const char *truth, const double interreflection[3]);
 void decompose_print(const char *name, const json_t *parts);

@@ -8,75 +8,83 @@
  * places: all are given over the same B_n.
  *
  * B_n and B_0 are of one seed, in which the light of B_0 is a part of that of B_n, so that their difference has only its own noise: about
- * the variance of B_n less that of B_0 (a bunny in milk, in marble: 0.94, 1.01 of what six seeds show). */
+ * the variance of B_n less that of B_0 (a bunny in milk, in marble: 0.94, 1.01 of what six seeds show). References that come as two halves
+ * do so with and without bounces, and say themselves what their noise is. */
 #include "cli/compare/compare.h"
+
+#include "compare/errors.h"
 
 #include <math.h>
 
 static const char *const names[DECOMPOSE_PARTS] = { "method", "interreflection", "total" };
 
-static bool counts(const struct decompose_input *in, size_t i)
+static void subtract(const float *a, const float *b, size_t count, float *difference)
 {
-    double sum = 0.0;
-
-    for (int n = 0; n < 2; n++)
-        for (int c = 0; c < 3; c++)
-            sum += (double) in->test[n][c][i] + (double) in->reference[n][c][i] + (double) in->variance[n][c][i];
-    return in->mask[i] > 0.5f && isfinite(sum);
+    for (size_t i = 0; i < count; i++)
+        difference[i] = a[i] - b[i];
 }
 
-/* What noise of variance v in a part of the reference b adds to d^2/(b^2 + e^2), to first order in v where b has `little` noise, as in
- * pell_compare; `in_d`: that part is in d, too. */
-static double noise_of(double d, double b, double below, double v, bool in_d, bool little)
+/* What bounces add to both images, in nine planes. */
+static void take_bounces(const struct decompose_input *in, float *planes, struct pell_compare_part *part)
 {
-    const double whole = d * d * (4.0 * b * b / below - 1.0) / below;
+    const size_t count = (size_t) in->whole.width * (size_t) in->whole.height;
 
-    return v / below * ((in_d ? 1.0 : 0.0) + (little ? whole + (in_d ? 4.0 * d * b / below : 0.0) : 0.0));
+    *part = (struct pell_compare_part) { .test = { NULL } };
+    for (size_t c = 0; c < 3; c++) {
+        float *test = planes + c * count, *reference = test + 3 * count, *other = reference + 3 * count;
+        subtract(in->whole.test[c], in->straight.test[c], count, test);
+        subtract(in->whole.reference[c], in->straight.reference[c], count, reference);
+        part->test[c] = test;
+        part->reference[c] = reference;
+        if (in->straight.half[0]) {
+            subtract(in->whole.half[c], in->straight.half[c], count, other);
+            part->half[c] = other;
+        } else if (in->straight.variance[0]) {
+            subtract(in->whole.variance[c], in->straight.variance[c], count, other);
+            for (size_t i = 0; i < count; i++)
+                other[i] = fmaxf(other[i], 0.0f);
+            part->variance[c] = other;
+        }
+    }
 }
 
-void decompose_error(const struct decompose_input *in, struct decomposition *out)
+/* The share of bounces in the reference's light of the pixels that count. */
+static void share_of(const struct decompose_input *in, const struct pell_compare_part *bounces, double share[3])
 {
-    static const double luminance[3] = { 0.2126, 0.7152, 0.0722 };
-    double mean[3] = { 0.0 }, floor = 0.0;
-    size_t pixels = 0;
+    const size_t count = (size_t) in->whole.width * (size_t) in->whole.height;
+    double sum[3] = { 0.0 }, all[3] = { 0.0 };
 
-    *out = (struct decomposition) { .rel_mse = { 0.0 } };
-    for (size_t i = 0; i < in->count; i++) {
-        if (!counts(in, i))
-            continue;
-        pixels++;
-        for (int c = 0; c < 3; c++) {
-            mean[c] += (double) in->reference[0][c][i];
-            out->interreflection[c] += (double) in->reference[0][c][i] - (double) in->reference[1][c][i];
+    for (size_t i = 0; i < count; i++) {
+        struct pell_pixel p;
+        pell_pixel_read(&in->whole, i, &p);
+        for (int c = 0; pell_inside(&in->whole, i) && !p.bad_test && !p.bad_reference && c < 3; c++) {
+            const double b1 = bounces->reference[c][i], b2 = bounces->half[0] ? bounces->half[c][i] : b1;
+            sum[c] += 0.5 * (b1 + b2);
+            all[c] += p.reference[c];
         }
     }
-    if (pixels == 0)
-        return;
     for (int c = 0; c < 3; c++)
-        floor += in->floor * luminance[c] * mean[c] / (double) pixels;
-    for (size_t i = 0; i < in->count; i++) {
-        if (!counts(in, i))
-            continue;
-        for (int c = 0; c < 3; c++) {
-            const double b = (double) in->reference[0][c][i], below = fmax(b * b + floor * floor, 1e-300);
-            const double own = (double) in->test[1][c][i] - (double) in->reference[1][c][i], all = (double) in->test[0][c][i] - b;
-            const double d[DECOMPOSE_PARTS] = { own, all - own, all };
-            const double straight = (double) in->variance[1][c][i], rest = (double) in->variance[0][c][i] - straight;
-            const bool little = (double) in->variance[0][c][i] < 0.1 * below;
-            for (int k = 0; k < DECOMPOSE_PARTS; k++) {
-                out->rel_mse[k] += d[k] * d[k] / below - noise_of(d[k], b, below, straight, k != DECOMPOSE_INTERREFLECTION, little) -
-                                   noise_of(d[k], b, below, rest, k != DECOMPOSE_METHOD, little);
-                out->rel_bias[k][c] += d[k];
-            }
-        }
-    }
-    for (int k = 0; k < DECOMPOSE_PARTS; k++) {
-        out->rel_mse[k] = fmax(out->rel_mse[k], 0.0) / (3.0 * (double) pixels);
-        for (int c = 0; c < 3; c++)
-            out->rel_bias[k][c] = mean[c] > 0.0 ? out->rel_bias[k][c] / mean[c] : 0.0;
-    }
-    for (int c = 0; c < 3; c++)
-        out->interreflection[c] = mean[c] > 0.0 ? out->interreflection[c] / mean[c] : 0.0;
+        share[c] = all[c] > 0.0 ? sum[c] / all[c] : 0.0;
+}
+
+enum pell_result decompose_error(struct cli *cli, int threads, const struct decompose_input *in, struct decomposition *out)
+{
+    const size_t count = (size_t) in->whole.width * (size_t) in->whole.height;
+    struct pell_compare_part bounces;
+    float *planes = pell_alloc_array(cli->ctx, count, 9 * sizeof(*planes));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!planes)
+        return res;
+    take_bounces(in, planes, &bounces);
+    share_of(in, &bounces, out->interreflection);
+    for (int k = 0; k < DECOMPOSE_PARTS; k++)
+        out->part[k] = in->total;
+    PELL_TRY(pell_errors_of_part(cli->ctx, threads, &in->whole, &in->straight, &out->part[DECOMPOSE_METHOD]));
+    PELL_TRY(pell_errors_of_part(cli->ctx, threads, &in->whole, &bounces, &out->part[DECOMPOSE_INTERREFLECTION]));
+fail:
+    pell_free(cli->ctx, planes);
+    return res;
 }
 
 json_t *decompose_json(const struct decomposition *d)
@@ -84,9 +92,7 @@ json_t *decompose_json(const struct decomposition *d)
     json_t *o = json_object();
 
     for (int k = 0; k < DECOMPOSE_PARTS; k++)
-        json_object_set_new(
-            o, names[k],
-            json_pack("{s:f,s:[f,f,f]}", "rel_mse", d->rel_mse[k], "rel_bias", d->rel_bias[k][0], d->rel_bias[k][1], d->rel_bias[k][2]));
+        json_object_set_new(o, names[k], compare_part(&d->part[k]));
     return o;
 }
 
@@ -106,10 +112,14 @@ void decompose_print(const char *name, const json_t *parts)
     printf("%-24s", pell_printable(name, shown, 25));
     for (int k = 0; k < DECOMPOSE_PARTS; k++) {
         const json_t *part = json_object_get(parts, names[k]), *bias = json_object_get(part, "rel_bias");
+        const json_t *error = json_object_get(part, "rel_mse");
         double sum = 0.0;
         for (size_t c = 0; c < 3; c++)
             sum += json_number_value(json_array_get(bias, c)) / 3.0;
-        printf(" %*.2f %% %+6.2f %%", width[k], 100.0 * sqrt(json_number_value(json_object_get(part, "rel_mse"))), 100.0 * sum);
+        if (json_is_real(error))
+            printf(" %*.2f %% %+6.2f %%", width[k], 100.0 * sqrt(json_real_value(error)), 100.0 * sum);
+        else
+            printf(" %*s %+6.2f %%", width[k] + 2, "-", 100.0 * sum);
     }
     putchar('\n');
 }

@@ -74,6 +74,15 @@ static enum exit_code make_mask(struct cli *cli, struct job *job, const struct p
     return EXIT_OK;
 }
 
+static void set_planes(struct light *l, size_t all, bool noisy)
+{
+    for (size_t c = 0; c < 3; c++) {
+        l->rgb[PART][c] = l->planes + c * all;
+        l->rgb[WHOLE][c] = l->planes + (3 + c) * all;
+        l->variance[c] = noisy ? l->planes + (6 + c) * all : NULL;
+    }
+}
+
 static enum pell_result take_light(struct cli *cli, const struct job *job, const struct run *run, const struct pell_render_result *p,
                                    struct light *l)
 {
@@ -84,10 +93,8 @@ static enum pell_result take_light(struct cli *cli, const struct job *job, const
     l->planes = pell_calloc(cli->ctx, all, (noisy ? 9 : 6) * sizeof(float));
     if (!l->planes)
         return PELL_ERR_NOMEM;
+    set_planes(l, all, noisy);
     for (size_t c = 0; c < 3; c++) {
-        l->rgb[PART][c] = l->planes + c * all;
-        l->rgb[WHOLE][c] = l->planes + (3 + c) * all;
-        l->variance[c] = noisy ? l->planes + (6 + c) * all : NULL;
         add_plane(job, cli_channel(p, "", names[c]), NULL, l->rgb[WHOLE][c]);
         if (run->mixes)
             add_plane(job, cli_channel(p, "", names[c]), job->mask, l->rgb[PART][c]);
@@ -137,6 +144,25 @@ static json_t *child(json_t *object, const char *name)
     return found;
 }
 
+/* Methods that mix have all light of translucent pixels as theirs. */
+static struct pell_compare_input choose_planes(const struct job *job, const struct run *run, const struct light *l, const struct light *r,
+                                               int view)
+{
+    struct pell_compare_input in = { .width = job->width, .height = job->height, .stride = job->width };
+    const bool mixed = view == PART && run->mixes;
+
+    if (view == PART)
+        in.mask = job->mask;
+    for (int c = 0; c < 3; c++) {
+        in.test[c] = l->rgb[view][c];
+        in.reference[c] = r->half && !mixed ? r->half[0].rgb[view][c] : r->rgb[mixed ? WHOLE : view][c];
+        in.half[c] = r->half && !mixed ? r->half[1].rgb[view][c] : NULL;
+        in.variance[c] = r->variance[c];
+        in.test_variance[c] = l->variance[c];
+    }
+    return in;
+}
+
 /* What was measured goes under `key` ("metrics", "total") of the report's picture, and into `answer`. */
 static enum pell_result measure(struct cli *cli, struct job *job, struct run *run, const struct light *l, size_t reference, const char *key,
                                 json_t *answer)
@@ -145,29 +171,18 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
     enum pell_result res = PELL_OK;
 
     for (int view = 0; view < VIEWS && res == PELL_OK; view++) {
-        struct pell_compare_input in = { .width = job->width, .height = job->height, .stride = job->width };
+        struct pell_compare_input in = choose_planes(job, run, l, r, view);
         struct pell_comparison result = { .width = 0 };
         const struct pell_metrics *m = view == PART ? &result.masked : &result.whole;
         char name[280];
         json_t *id;
 
-        if (view == PART)
-            in.mask = job->mask;
-        for (int c = 0; c < 3; c++) {
-            in.test[c] = l->rgb[view][c];
-            in.reference[c] = r->rgb[view][c];
-            in.variance[c] = r->variance[c];
-            in.test_variance[c] = l->variance[c];
-        }
         if (view == PART && run->mixes)
             PELL_TRY(masked_light(cli, job, reference, in.reference));
-        for (int c = 0; c < 3 && r->half && !(view == PART && run->mixes); c++) {
-            in.reference[c] = r->half[0].rgb[view][c];
-            in.half[c] = r->half[1].rgb[view][c];
-        }
         PELL_TRY(compare_run(cli, run->label, job->runs.list[reference].label, &in, &job->params, &result));
         if (view == PART) {
             compare_add_metrics(answer, m, false);
+            run->measured = *m;
             if (r->variance[0] && !run->mixes)
                 job->rel_noise[reference] = sqrt(m->noise_rel_mse);
         } else {
@@ -314,18 +329,21 @@ fail:
     return res;
 }
 
-/* Makes of the light of a first half that of both. */
-static void add_half(const struct job *job, const struct light *second, struct light *l)
+/* Makes the mean of both halves. */
+static enum pell_result join_halves(struct cli *cli, const struct job *job, struct light *l)
 {
-    const size_t all = (size_t) job->width * (size_t) job->height;
+    const size_t all = (size_t) job->width * (size_t) job->height, planes = l->half[0].variance[0] ? 9 : 6;
 
-    for (size_t k = 0; k < 6 * all; k++)
-        l->planes[k] = 0.5f * l->planes[k] + 0.5f * second->planes[k];
-    for (size_t k = 6 * all; l->variance[0] && second->variance[0] && k < 9 * all; k++)
-        l->planes[k] = 0.25f * l->planes[k] + 0.25f * second->planes[k];
+    l->planes = pell_alloc_array(cli->ctx, all, planes * sizeof(float));
+    if (!l->planes)
+        return PELL_ERR_NOMEM;
+    for (size_t k = 0; k < planes * all; k++)
+        l->planes[k] = (k < 6 * all ? 0.5f : 0.25f) * (l->half[0].planes[k] + l->half[1].planes[k]);
+    set_planes(l, all, planes == 9);
+    return PELL_OK;
 }
 
-/* The same without bounces: neither measured nor written. */
+/* The same without bounces: neither measured nor written. With the random numbers of what it is a part of: as halves where that is. */
 static enum pell_result render_straight(struct cli *cli, struct job *job, const struct run *run, struct light *l)
 {
     const int count = images_of(job, run);
@@ -336,6 +354,8 @@ static enum pell_result render_straight(struct cli *cli, struct job *job, const 
     enum pell_result res;
 
     settings.bounces = 0;
+    if (count == 2 && !(l->half = pell_calloc(cli->ctx, 2, sizeof(*l->half))))
+        return PELL_ERR_NOMEM;
     if (run->method) {
         values = malloc(run->method->knobs_size);
         if (!values)
@@ -344,20 +364,19 @@ static enum pell_result render_straight(struct cli *cli, struct job *job, const 
         if (pell_knob_find(run->method->knobs, "reentry"))
             PELL_TRY(pell_method_knobs_set_text(cli->ctx, run->method, values, "reentry", "off"));
     }
-    for (int i = 0; i < count; i++) { /* with the random numbers of what it is a part of */
-        struct light one = { NULL };
+    for (int i = 0; i < count; i++) {
         if (count == 2)
             halves_choose(run->method, values, i + 1);
         PELL_TRY(pell_renderer_set_method(s->renderer, run->method, values));
         PELL_TRY(pell_renderer_render(s->renderer, &settings, &image));
         cli_progress_end(cli);
-        res = image.partial ? PELL_ERR_CANCELLED : take_light(cli, job, run, &image, i == 0 ? l : &one);
-        if (res == PELL_OK && i == 1)
-            add_half(job, &one, l);
-        drop_light(cli, &one);
-        if (res != PELL_OK)
+        res = PELL_ERR_CANCELLED;
+        if (image.partial)
             goto fail;
+        PELL_TRY(take_light(cli, job, run, &image, count == 2 ? &l->half[i] : l));
     }
+    if (count == 2)
+        res = join_halves(cli, job, l);
 fail:
     free(values);
     return res;
@@ -367,24 +386,21 @@ fail:
 static enum pell_result decompose(struct cli *cli, struct job *job, struct run *run, const struct light *l, json_t *answer)
 {
     const struct light *truth = &job->references[job->runs.num_references - 1];
-    struct decompose_input in = { .count = (size_t) job->width * (size_t) job->height,
-                                  .mask = job->mask,
-                                  .floor = (double) job->params.floor };
+    struct pell_compare_input without;
+    struct decompose_input in;
     struct decomposition parts;
     struct light straight = { NULL };
     enum pell_result res;
 
     PELL_TRY(render_straight(cli, job, run, &straight));
-    for (int c = 0; c < 3; c++) {
-        const int view = run->mixes ? WHOLE : PART;
-        in.test[0][c] = l->rgb[PART][c];
-        in.test[1][c] = straight.rgb[PART][c];
-        in.reference[0][c] = truth->rgb[view][c];
-        in.reference[1][c] = job->straight.rgb[view][c];
-        in.variance[0][c] = truth->variance[c];
-        in.variance[1][c] = job->straight.variance[c];
-    }
-    decompose_error(&in, &parts);
+    in.total = run->measured;
+    in.whole = choose_planes(job, run, l, truth, PART);
+    without = choose_planes(job, run, &straight, &job->straight, PART);
+    memcpy(in.straight.test, without.test, sizeof(without.test));
+    memcpy(in.straight.reference, without.reference, sizeof(without.reference));
+    memcpy(in.straight.half, without.half, sizeof(without.half));
+    memcpy(in.straight.variance, without.variance, sizeof(without.variance));
+    PELL_TRY(decompose_error(cli, pell_device_threads(job->session.device), &in, &parts));
     if (!run->mixes || job->interreflection[1] == 0.0) /* of the subsurface light where some method has it by itself */
         memcpy(job->interreflection, parts.interreflection, sizeof(parts.interreflection));
     json_object_set_new(answer, "parts", decompose_json(&parts));
