@@ -28,8 +28,7 @@ struct pell_frame_material {
                                          * frame that a method reads */
     bool white;                         /* normalise each channel's profile to 1: the irradiance includes the colour */
     const char *name;                   /* for messages; not NULL */
-    const char *preset;                 /* the built-in medium (pell_material_find) that the profile is computed from; NULL: none, or
-                                         * the material has its own profile or Gaussians */
+    const char *preset;                 /* the built-in material (pell_material_find) that medium and Gaussians are of; NULL: none */
     float strength; /* scales the scattering radius in methods that read no plane `strength` (PELL_NEED_STRENGTH), [0, 1]; 0: 1 */
 };
 

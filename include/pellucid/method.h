@@ -18,6 +18,7 @@
 extern "C" {
 #endif
 
+struct pell_settings;      /* render.h */
 struct pell_method_engine; /* implementation of a method for one engine: private to the library */
 
 enum pell_method_kind { PELL_KIND_METHOD, PELL_KIND_REFERENCE };
@@ -84,7 +85,8 @@ struct pell_method {
     const char *limits;            /* limitations, a sentence or two */
     const struct pell_knob *knobs; /* ends with {0}; a row called "as" (enum "best", "paper") comes first */
     size_t knobs_size;
-    void (*paper)(void *knobs); /* changes the defaults to the published settings */
+    void (*paper)(void *knobs);                             /* changes the defaults to the published settings */
+    void (*paper_settings)(struct pell_settings *settings); /* the same for those of a renderer; NULL: nothing to change */
     void (*plan)(const void *knobs, struct pell_plan *plan);
     const struct pell_method_engine *cpu, *vulkan; /* NULL: not available */
     unsigned ignores; /* enum pell_ignored, for all knobs. A renderer warns if a scene has such a map or colour */
@@ -102,6 +104,9 @@ PELL_API const struct pell_method *pell_method_find(struct pell_context *ctx, co
 /* Whether it runs with these knobs on a caller's planes (pell_pass_create); else it needs a renderer's scene (PELL_NEED_SCENE). `knobs` is
  * not NULL. Thread-safe. */
 PELL_API bool pell_method_runs_on_planes(const struct pell_method *method, const void *knobs);
+
+/* Whether the knobs began as those of as=paper. `knobs` NULL: no. Thread-safe. */
+PELL_API bool pell_method_as_paper(const struct pell_method *method, const void *knobs);
 
 struct pell_setting {
     const char *name, *value, *where;

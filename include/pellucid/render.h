@@ -5,6 +5,7 @@
  *     pell_renderer_create(device, &r);
  *     pell_renderer_set_scene(r, scene);
  *     pell_renderer_set_method(r, method, knobs);       // NULL: no scattering, Lambertian, for comparison
+ *     pell_settings_default(method, knobs, &settings);
  *     pell_renderer_render(r, &settings, &image);       // any number of times
  *
  * Units      lengths mm, irradiance W/m^2, radiance W/(m^2 sr), times seconds or ms by name; colour linear Rec.709.
@@ -30,7 +31,7 @@ enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR };
 enum pell_boundary_model { PELL_BOUNDARY_MODEL_ROUGH, PELL_BOUNDARY_MODEL_SMOOTH };
 enum pell_exit_normalization { PELL_EXIT_NORMALIZATION_BALANCED, PELL_EXIT_NORMALIZATION_PUBLISHED };
 
-/* Defaults, ranges and help: pell_settings_knobs(); fill with pell_knobs_default(pell_settings_knobs(), &s). */
+/* Defaults, ranges and help: pell_settings_knobs(); fill with pell_settings_default. */
 struct pell_settings {
     int width, height;
     int msaa;
@@ -51,11 +52,16 @@ struct pell_settings {
     int exit;           /* enum pell_exit_normalization */
     int boundary;       /* enum pell_boundary_model */
     int profile;        /* of media: 0 for each material's own model, else 1 + enum pell_profile_model for all of them */
+    int specular;       /* lobe: 0 for each material's own, else 1 + enum pell_specular_model for all of them */
     bool layers;        /* compute every layer of struct pell_render_result, not only R, G, B, A */
 };
 
 /* The rows of struct pell_settings, ending with {0}. Constant data; thread-safe. */
 PELL_API const struct pell_knob *pell_settings_knobs(void);
+
+/* The defaults for a method with these knobs: those of the table, which as=paper replaces by what the paper's images have. `method` and
+ * `knobs` may be NULL: the table's. Thread-safe. */
+PELL_API void pell_settings_default(const struct pell_method *method, const void *knobs, struct pell_settings *settings);
 
 struct pell_renderer;
 

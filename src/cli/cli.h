@@ -138,7 +138,7 @@ PELL_NODISCARD enum pell_result cli_append_settings(struct settings_list *to, co
 /* Adds "NAME=VALUE", and cuts the text in two; `where` names the option. */
 enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const char *where, char *text);
 /* The text as `name=value name=value` of a table of knobs. */
-void cli_format_knobs(const struct pell_knob *knobs, const void *values, char *text, size_t size);
+void cli_format_knobs(const struct pell_knob *knobs, const void *values, const void *usual, char *text, size_t size);
 
 /* --- messages.c --------------------------------------------------------------------------------------------------------------- */
 
@@ -195,6 +195,9 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
 /* Loads the scene anew, at a time in seconds; the rest stays. */
 enum exit_code session_move(struct cli *cli, const char *path, double time, struct session *s);
 void session_close(struct session *s);
+/* The settings for a method on a scene: the method's defaults, then the scene file's options, then the command line's. */
+enum exit_code session_settings(struct cli *cli, const struct pell_scene *scene, const struct pell_method *method, const void *knobs,
+                                struct pell_settings *settings);
 /* Whether the options and knobs that a scene file gives its picture are right. */
 enum exit_code session_check(struct cli *cli, struct pell_scene *scene);
 json_t *session_stages(const struct pell_render_result *image);

@@ -225,14 +225,16 @@ void cli_print_help(const struct program *program, const struct command *command
     }
 }
 
-void cli_format_knobs(const struct pell_knob *knobs, const void *values, char *text, size_t size)
+void cli_format_knobs(const struct pell_knob *knobs, const void *values, const void *usual, char *text, size_t size)
 {
     size_t n = 0;
 
     text[0] = '\0';
     for (const struct pell_knob *k = knobs; k->name && n < size; k++) {
-        char value[128];
-        n += (size_t) snprintf(text + n, size - n, "%s%s=%s", n ? " " : "", k->name, pell_knob_format(k, values, value, sizeof(value)));
+        char value[128], other[128];
+        pell_knob_format(k, values, value, sizeof(value));
+        if (!usual || strcmp(value, pell_knob_format(k, usual, other, sizeof(other))) != 0)
+            n += (size_t) snprintf(text + n, size - n, "%s%s=%s", n ? " " : "", k->name, value);
     }
 }
 

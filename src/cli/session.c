@@ -139,11 +139,13 @@ static enum exit_code choose_method(struct cli *cli, const struct pell_setting *
     return code == EXIT_OK ? apply_common(cli, *out, common, *knobs) : code;
 }
 
-static enum exit_code apply_settings(struct cli *cli, const struct settings_list *given, struct pell_settings *settings)
+/* Over the defaults for a method. */
+static enum exit_code apply_settings(struct cli *cli, const struct settings_list *given, const struct pell_method *method,
+                                     const void *knobs, struct pell_settings *settings)
 {
     enum pell_result res = PELL_OK;
 
-    pell_knobs_default(pell_settings_knobs(), settings);
+    pell_settings_default(method, knobs, settings);
     for (size_t i = 0; res == PELL_OK && i < given->count; i++)
         res = pell_knob_set(cli->ctx, pell_settings_knobs(), "render", given->items[i].where, settings, given->items[i].name,
                             given->items[i].value);
@@ -157,7 +159,7 @@ static enum exit_code check_command_line(struct cli *cli)
     const struct pell_method *found;
     struct pell_settings settings;
     void *knobs = NULL;
-    enum exit_code code = apply_settings(cli, &cli->settings, &settings);
+    enum exit_code code = apply_settings(cli, &cli->settings, NULL, NULL, &settings);
 
     if (code == EXIT_OK && cli->method)
         code = choose_method(cli, &method, &cli->knobs, &cli->common, &found, &knobs);
@@ -206,7 +208,7 @@ void cli_device_name(char *name, size_t size)
 static enum exit_code aspect_of(struct cli *cli, float *aspect)
 {
     struct pell_settings shape;
-    enum exit_code code = apply_settings(cli, &cli->settings, &shape);
+    enum exit_code code = apply_settings(cli, &cli->settings, NULL, NULL, &shape);
 
     for (size_t i = 0; code == EXIT_OK && i < cli->settings.count; i++)
         if (strcmp(cli->settings.items[i].name, "width") == 0 || strcmp(cli->settings.items[i].name, "height") == 0)
@@ -273,12 +275,28 @@ static enum exit_code configure(struct cli *cli, struct session *s)
     if (code == EXIT_OK)
         code = cli_failed(cli, cli_append_settings(&common, &cli->common));
     if (code == EXIT_OK)
-        code = apply_settings(cli, &settings, &s->settings);
-    if (code == EXIT_OK)
         code = choose_method(cli, &method, &knobs, &common, &s->method, &s->knobs);
+    if (code == EXIT_OK)
+        code = apply_settings(cli, &settings, s->method, s->knobs, &s->settings);
     cli_free_settings(&settings);
     cli_free_settings(&knobs);
     cli_free_settings(&common);
+    return code;
+}
+
+enum exit_code session_settings(struct cli *cli, const struct pell_scene *scene, const struct pell_method *method, const void *knobs,
+                                struct pell_settings *settings)
+{
+    struct settings_list given = { 0 }, others = { 0 };
+    struct pell_setting name;
+    enum exit_code code = merge_scene_options(scene, &given, &others, &others, &name);
+
+    if (code == EXIT_OK)
+        code = cli_failed(cli, cli_append_settings(&given, &cli->settings));
+    if (code == EXIT_OK)
+        code = apply_settings(cli, &given, method, knobs, settings);
+    cli_free_settings(&given);
+    cli_free_settings(&others);
     return code;
 }
 
@@ -401,10 +419,10 @@ enum pell_result session_write(struct cli *cli, const struct session *s, const s
         { "pellucid.load_seconds", loading },
     };
 
-    cli_format_knobs(pell_settings_knobs(), &s->settings, settings, sizeof(settings));
+    cli_format_knobs(pell_settings_knobs(), &s->settings, NULL, settings, sizeof(settings));
     snprintf(knobs, sizeof(knobs), "none"); /* PNG knows no empty text */
     if (s->method)
-        cli_format_knobs(s->method->knobs, s->knobs, knobs, sizeof(knobs));
+        cli_format_knobs(s->method->knobs, s->knobs, NULL, knobs, sizeof(knobs));
     cli_device_name(device, sizeof(device));
     pell_format_number(p->exposure, true, exposure, sizeof(exposure));
     snprintf(seed, sizeof(seed), "%lld", (long long) s->settings.seed);

@@ -266,7 +266,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
             continue;
         }
         if (!tables) {
-            PELL_TRY(pell_specular_tables_create(ctx, scene, &tables));
+            PELL_TRY(pell_specular_tables_create(ctx, scene, settings->specular, &tables));
             choose_etas(lights, tables);
         }
         PELL_TRY(add_environment(

@@ -24,11 +24,27 @@ static size_t count_etas(const struct pell_scene *scene)
     return n;
 }
 
-enum pell_result pell_specular_tables_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_specular_tables **out)
+void pell_specular_tables_choose(struct pell_specular_tables *t, const struct pell_scene *scene, int lobe)
+{
+    for (size_t i = 0; i < t->num_materials; i++) {
+        const enum pell_specular_model own = lobe > 0 ? (enum pell_specular_model)(lobe - 1) : scene->materials[i].specular;
+        const enum pell_specular_model model = pell_specular_known(own);
+        struct pell_specular_table table;
+        t->model[i] = (uint8_t) model;
+        if (t->made[model])
+            continue;
+        pell_specular_table_make(model, &table);
+        memcpy(t->mean[model], table.mean, sizeof(table.mean));
+        memcpy(t->albedo[model], table.albedo, sizeof(table.albedo));
+        t->made[model] = true;
+    }
+}
+
+enum pell_result pell_specular_tables_create(struct pell_context *ctx, const struct pell_scene *scene, int lobe,
+                                             struct pell_specular_tables **out)
 {
     const size_t n = scene->num_materials;
     struct pell_specular_tables *t = pell_zalloc(ctx, sizeof(*t));
-    bool used[PELL_SPECULAR_MODELS] = { false };
 
     *out = NULL;
     if (!t)
@@ -45,17 +61,9 @@ enum pell_result pell_specular_tables_create(struct pell_context *ctx, const str
     for (size_t i = 0; i < n; i++) {
         const struct pell_material *m = &scene->materials[i];
         const double eta = m->medium.eta >= 1.0 && m->medium.eta <= 4.0 ? m->medium.eta : 1.5;
-        t->model[i] = (uint8_t) pell_specular_known(m->specular);
-        used[t->model[i]] = true;
         t->boundary[i] = i > 0 && scene->materials[i - 1].medium.eta == m->medium.eta ? t->boundary[i - 1] : find_boundary(t, eta);
     }
-    for (int k = 0; k < PELL_SPECULAR_MODELS; k++)
-        if (used[k]) {
-            struct pell_specular_table table;
-            pell_specular_table_make((enum pell_specular_model) k, &table);
-            memcpy(t->mean[k], table.mean, sizeof(table.mean));
-            memcpy(t->albedo[k], table.albedo, sizeof(table.albedo));
-        }
+    pell_specular_tables_choose(t, scene, lobe);
     *out = t;
     return PELL_OK;
 }

@@ -14,6 +14,7 @@
 struct pell_specular_tables {
     struct pell_context *ctx;
     size_t num_materials, num_boundaries;
+    bool made[PELL_SPECULAR_MODELS];
     uint8_t *model;     /* of a material */
     uint32_t *boundary; /* of a material: index into boundaries */
     struct pell_boundary_table *boundaries;
@@ -21,9 +22,11 @@ struct pell_specular_tables {
     float albedo[PELL_SPECULAR_MODELS][PELL_ALBEDO_MU][PELL_ALBEDO_ROUGHNESS][2]; /* scale, bias */
 };
 
-/* Integrated at start-up. */
-PELL_NODISCARD enum pell_result pell_specular_tables_create(struct pell_context *ctx, const struct pell_scene *scene,
+/* `lobe`: 0 for each material's own, else 1 + enum pell_specular_model for all. Integrates what they need: tens of milliseconds a model. */
+PELL_NODISCARD enum pell_result pell_specular_tables_create(struct pell_context *ctx, const struct pell_scene *scene, int lobe,
                                                             struct pell_specular_tables **out);
+/* Another choice for the same scene. */
+void pell_specular_tables_choose(struct pell_specular_tables *tables, const struct pell_scene *scene, int lobe);
 void pell_specular_tables_destroy(struct pell_specular_tables **tables);
 
 #endif

@@ -40,7 +40,6 @@ bool pell_method_runs_on_planes(const struct pell_method *method, const void *kn
 enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method, const struct pell_setting *settings,
                                        size_t num_settings, void *values)
 {
-    const struct pell_knob *as = pell_knob_find(method->knobs, "as");
     char owner[SHOWN];
     enum pell_result res;
 
@@ -50,7 +49,7 @@ enum pell_result pell_method_configure(struct pell_context *ctx, const struct pe
     for (size_t i = 0; i < num_settings; i++)
         if (strcmp(settings[i].name, "as") == 0)
             PELL_TRY(pell_knob_set(ctx, method->knobs, owner, settings[i].where, values, "as", settings[i].value));
-    if (as && method->paper && strcmp(as->choices[*(const int *) ((const char *) values + as->offset)], "paper") == 0)
+    if (method->paper && pell_method_as_paper(method, values))
         method->paper(values);
     for (size_t i = 0; i < num_settings; i++)
         if (strcmp(settings[i].name, "as") != 0)

@@ -82,7 +82,7 @@ static enum pell_result make_scene(struct cpu *e, const struct pell_scene *scene
 {
     enum pell_result res;
 
-    PELL_TRY(pell_specular_tables_create(e->ctx, scene, &e->tables));
+    PELL_TRY(pell_specular_tables_create(e->ctx, scene, 0, &e->tables));
     PELL_TRY(pell_compositor_create(e->ctx, scene->num_materials, &e->compositor));
     PELL_TRY(pell_rays_create(e->ctx, scene, e->pool, &e->rays));
     PELL_TRY(pell_mips_create(e->ctx, scene, e->pool, &e->mips));
@@ -297,6 +297,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
     case PELL_ENGINE_LIGHTS:
         e->settings = s;
         e->angle = frame->materials->angle;
+        pell_specular_tables_choose(e->tables, e->scene, s->specular);
         return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
     case PELL_ENGINE_CURVATURE: return make_curvature(e, frame);
     case PELL_ENGINE_LINKS: return make_links(e, frame);

@@ -61,7 +61,7 @@ static enum pell_result make_materials(struct pell_renderer *r)
         f->white = m->color_from == PELL_COLOR_FROM_TEXTURE;
         f->strength = fmaxf(m->strength, 1.0f / 1024.0f);
         f->name = m->preset && m->preset[0] ? m->preset : m->name;
-        f->preset = !m->profile && m->gaussians.count == 0 ? m->preset : NULL;
+        f->preset = m->profile ? NULL : m->preset;
         PELL_TRY(pell_frame_material_check(r->ctx, m->name, f));
         out->frame_index[i + 1] = (uint16_t) ++out->count;
     }
@@ -380,7 +380,8 @@ static unsigned find_changes(const struct pell_renderer *r, const struct pell_se
     if (r->focal_px != view->focal_px || r->orthographic != view->orthographic)
         changes |= PELL_INPUT_CAMERA;
     if (old->light_samples != s->light_samples || old->ambient_samples != s->ambient_samples ||
-        old->environment_lights != s->environment_lights || old->msaa != s->msaa || old->boundary != s->boundary || old->seed != s->seed)
+        old->environment_lights != s->environment_lights || old->specular != s->specular || old->msaa != s->msaa ||
+        old->boundary != s->boundary || old->seed != s->seed)
         changes |= PELL_INPUT_LIGHTS;
     if (old->bounces != s->bounces || old->indirect_samples != s->indirect_samples || old->boundary != s->boundary || old->seed != s->seed)
         changes |= PELL_INPUT_BOUNCES;

@@ -2,7 +2,11 @@
  * settings.c - the rows of struct pell_settings. */
 #include "base/base.h"
 
+#include "optics/medium/specular.h"
+
 #include <pellucid/render.h>
+
+#include <string.h>
 
 static const char *const tonemaps[] = { "reinhard", "linear", NULL };
 static const char *const exits[] = { "balanced", "published", NULL };
@@ -10,6 +14,9 @@ static const char *const boundaries[] = { "rough", "smooth", NULL };
 /* The names of the rows of pell_profile_model_row, which a test holds them to. */
 static const char *const profiles[] = { "material", "dipole", "better-dipole", "normalized-diffusion", "photon-beam", "monte-carlo", NULL };
 _Static_assert(PELL_COUNT(profiles) == PELL_PROFILE_MODELS + 2, "one name per model");
+/* Those of pell_specular_name. */
+static const char *const lobes[] = { "material", "ggx", "kelemen", "phong", "blinn-phong", NULL };
+_Static_assert(PELL_COUNT(lobes) == PELL_SPECULAR_MODELS + 2, "one name per lobe");
 
 #define AT(field) offsetof(struct pell_settings, field)
 /* clang-format off */
@@ -52,6 +59,8 @@ static const struct pell_knob settings_knobs[] = {
       "transmittance of the surface: one minus the albedo of the specular lobe, or Fresnel's of a smooth dielectric" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { 0 }, 0, 0, profiles,
       "profile model of all materials with coefficients; material: each material's own" },
+    { "specular", PELL_KNOB_ENUM, "1", AT(specular), { 0 }, 0, 0, lobes,
+      "specular lobe of all materials; material: each material's own" },
     { "layers", PELL_KNOB_BOOL, "1", AT(layers), { 0 }, 0, 1, NULL,
       "compute every layer (diffuse, transmission, specular, irradiance, depth, normal) in addition to the image" },
     {0},
@@ -61,4 +70,22 @@ static const struct pell_knob settings_knobs[] = {
 const struct pell_knob *pell_settings_knobs(void)
 {
     return settings_knobs;
+}
+
+bool pell_method_as_paper(const struct pell_method *method, const void *knobs)
+{
+    const struct pell_knob *as = method && knobs ? pell_knob_find(method->knobs, "as") : NULL;
+    int chosen;
+
+    if (!as)
+        return false;
+    memcpy(&chosen, (const char *) knobs + as->offset, sizeof(chosen));
+    return strcmp(as->choices[chosen], "paper") == 0;
+}
+
+void pell_settings_default(const struct pell_method *method, const void *knobs, struct pell_settings *settings)
+{
+    pell_knobs_default(settings_knobs, settings);
+    if (pell_method_as_paper(method, knobs) && method->paper_settings)
+        method->paper_settings(settings);
 }

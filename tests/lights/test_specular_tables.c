@@ -34,7 +34,7 @@ static void materials_find_their_own_tables(void **state)
     }
     for (int k = 0; k < PELL_SPECULAR_MODELS; k++)
         pell_specular_table_make((enum pell_specular_model) k, &lobe[k]);
-    assert_int_equal(pell_specular_tables_create(ctx, scene, &tables), PELL_OK);
+    assert_int_equal(pell_specular_tables_create(ctx, scene, 0, &tables), PELL_OK);
     assert_int_equal(tables->num_boundaries, 4);
     for (size_t i = 0; i < PELL_COUNT(etas); i++) {
         const struct pell_specular_table *own = &lobe[i % (PELL_SPECULAR_MODELS + 1) % PELL_SPECULAR_MODELS];
@@ -60,7 +60,7 @@ static void nth_allocation_fails_cleanly(void **state)
         enum pell_result res;
         scene->materials[1].medium.eta = 1.2;
         fault.fail_at = fault.calls + n;
-        res = pell_specular_tables_create(ctx, scene, &tables);
+        res = pell_specular_tables_create(ctx, scene, 0, &tables);
         REQUIRE((res == PELL_OK) == (tables != NULL));
         fault.fail_at = 0;
         pell_specular_tables_destroy(&tables);

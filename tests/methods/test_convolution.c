@@ -198,6 +198,37 @@ static void planes_at_any_depth_are_the_exact_convolution(void **state)
     place_destroy(&at);
 }
 
+/* Every depth is blurred as the middle one is, by pixels of its size; nothing changes for parallel rays. */
+static void pixels_of_one_size_are_those_of_the_middle(void **state)
+{
+    static const char *const form[] = { "surfaces=1", "borders=open", "pixels=one", NULL }, *const each[] = { form[0], form[1], NULL };
+    const struct pell_frame_material m = narrow();
+    struct bench_place at = place_create(2, NULL, NULL);
+
+    (void) state;
+    for (double depth = 600.0; depth < 801.0; depth += 66.0) {
+        struct patch *p = facing(&m, false, 2100.0, 600.0, 800.0, depth, true);
+        patch_run(&at, method(at.ctx), form, p);
+        for (int x = 60; x < 121; x++)
+            for (int c = 0; c < 3; c++) {
+                const double total = pell_gaussians_total(&m.gaussians, c), mm = (x + 0.5 - 91.0) * 700.0 / 2100.0;
+                REQUIRE_NEAR((double) p->result[c][patch_at(p, x, 60)], step_of(&m, c, mm), 2e-3 * total);
+            }
+        patch_destroy(p);
+    }
+    {
+        struct patch *p = facing(&m, true, 3.0, 600.0, 800.0, 633.0, true), *q = facing(&m, true, 3.0, 600.0, 800.0, 633.0, true);
+        patch_run(&at, method(at.ctx), form, p);
+        patch_run(&at, method(at.ctx), each, q);
+        for (int x = 0; x < 181; x++)
+            for (int c = 0; c < 3; c++)
+                REQUIRE_NEAR((double) p->result[c][patch_at(p, x, 60)], (double) q->result[c][patch_at(q, x, 60)], 1e-6);
+        patch_destroy(p);
+        patch_destroy(q);
+    }
+    place_destroy(&at);
+}
+
 static void facing_planes_keep_their_light(void **state)
 {
     static const char *const restore[] = { "restore=between", "restore=response" };
@@ -451,11 +482,17 @@ static void coarse_planes_lose_detail_alone(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(squares_hold_what_gaussians_put_there), cmocka_unit_test(tables_are_the_profile),
-        cmocka_unit_test(the_printed_threshold_drops_light),     cmocka_unit_test(planes_at_any_depth_are_the_exact_convolution),
-        cmocka_unit_test(facing_planes_keep_their_light),        cmocka_unit_test(splitting_in_halves_loses_light),
-        cmocka_unit_test(edges_in_depth_keep_light_apart),       cmocka_unit_test(leaning_planes_keep_most_of_their_light),
-        cmocka_unit_test(a_picture_is_the_sum_over_its_pixels),  cmocka_unit_test(the_left_edge_does_not_light_the_right),
+        cmocka_unit_test(squares_hold_what_gaussians_put_there),
+        cmocka_unit_test(tables_are_the_profile),
+        cmocka_unit_test(the_printed_threshold_drops_light),
+        cmocka_unit_test(planes_at_any_depth_are_the_exact_convolution),
+        cmocka_unit_test(pixels_of_one_size_are_those_of_the_middle),
+        cmocka_unit_test(facing_planes_keep_their_light),
+        cmocka_unit_test(splitting_in_halves_loses_light),
+        cmocka_unit_test(edges_in_depth_keep_light_apart),
+        cmocka_unit_test(leaning_planes_keep_most_of_their_light),
+        cmocka_unit_test(a_picture_is_the_sum_over_its_pixels),
+        cmocka_unit_test(the_left_edge_does_not_light_the_right),
         cmocka_unit_test(coarse_planes_lose_detail_alone),
     };
 

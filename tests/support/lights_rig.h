@@ -200,7 +200,7 @@ static inline void rig_render(struct rig *r)
     rig_bounds(r->scene);
     OK(pell_pool_create(r->ctx, r->threads, &r->pool));
     OK(pell_rays_create(r->ctx, r->scene, r->pool, &r->rays));
-    OK(pell_specular_tables_create(r->ctx, r->scene, &r->tables));
+    OK(pell_specular_tables_create(r->ctx, r->scene, 0, &r->tables));
     OK(pell_lights_create(r->ctx, r->scene, &r->settings, r->pool, &r->lights));
     OK(pell_surface_allocate(r->ctx, r->width, r->height, &r->surface));
     OK(pell_planes_allocate(r->ctx, r->width, r->height, planes, PELL_COUNT(planes)));

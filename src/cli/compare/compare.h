@@ -31,8 +31,9 @@ struct run {
     char file[200];                   /* the same, as a name of a file */
     struct settings_list knobs;       /* of the label */
     void *values;
-    bool optional; /* one of all: left out where it does not run on this engine */
-    bool mixes;    /* gives a finished picture: its subsurface light can't be told from what the surface reflects */
+    struct pell_settings settings; /* as=paper has others */
+    bool optional;                 /* one of all: left out where it does not run on this engine */
+    bool mixes;                    /* gives a finished picture: its subsurface light can't be told from what the surface reflects */
     double seconds, cpu_seconds;
     struct pell_metrics measured; /* its subsurface light, against the last reference that it was compared with */
     json_t *answer, *shown;       /* in metrics.json, in the report */

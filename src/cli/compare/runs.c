@@ -202,9 +202,13 @@ enum exit_code runs_open(struct cli *cli, struct run_list *runs, const struct se
     if (runs->count == runs->num_references)
         return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, "--methods", "name one", "no method runs on engine %s", engine));
     for (size_t i = 0; i < runs->count && code == EXIT_OK; i++) {
-        code = configure(cli, runs, s->scene, &runs->list[i]);
-        if (code == EXIT_OK && runs->list[i].method && !on_engine(s, runs->list[i].method))
-            code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, runs->list[i].label, NULL, "has no engine %s", engine));
+        struct run *run = &runs->list[i];
+        code = configure(cli, runs, s->scene, run);
+        if (code == EXIT_OK)
+            code = session_settings(cli, s->scene, run->method, run->values, &run->settings);
+        run->settings.layers = true;
+        if (code == EXIT_OK && run->method && !on_engine(s, run->method))
+            code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, run->label, NULL, "has no engine %s", engine));
     }
     return code;
 }

@@ -217,18 +217,19 @@ static json_t *describe(const struct job *job, const struct run *run, const stru
 {
     const struct pell_method *m = run->method;
     const bool reference = run < job->runs.list + job->runs.num_references;
-    char knobs[2048] = "";
+    char knobs[2048] = "", settings[1024];
 
     if (m)
-        cli_format_knobs(m->knobs, run->values, knobs, sizeof(knobs));
-    return json_pack("{s:o,s:s,s:s,s:s,s:s,s:o,s:s,s:f,s:f,s:o,s:b}", "name", cli_text(run->label), "role",
+        cli_format_knobs(m->knobs, run->values, NULL, knobs, sizeof(knobs));
+    cli_format_knobs(pell_settings_knobs(), &run->settings, &job->session.settings, settings, sizeof(settings));
+    return json_pack("{s:o,s:s,s:s,s:s,s:s,s:o,s:o,s:s,s:f,s:f,s:o,s:b}", "name", cli_text(run->label), "role",
                      !reference              ? "method"
                      : run == job->runs.list ? "reference"
                                              : "truth",
                      "title", m ? m->title : "No scattering: light leaves where it enters", "cite",
                      m ? m->cite : "J. H. Lambert, Photometria, 1760", "limits", m ? m->limits : "For comparison.", "knobs",
-                     cli_text(knobs), "engine", pell_engine_name(pell_device_engine(job->session.device)), "seconds", run->seconds,
-                     "cpu_seconds", run->cpu_seconds, "stages", session_stages(p), "mixes", (int) run->mixes);
+                     cli_text(knobs), "settings", cli_text(settings), "engine", pell_engine_name(pell_device_engine(job->session.device)),
+                     "seconds", run->seconds, "cpu_seconds", run->cpu_seconds, "stages", session_stages(p), "mixes", (int) run->mixes);
 }
 
 static enum pell_result write_run(struct cli *cli, struct job *job, struct run *run, const struct pell_render_result *p)
@@ -243,6 +244,7 @@ static enum pell_result write_run(struct cli *cli, struct job *job, struct run *
     path = folder_file(&job->folder, name);
     if (!path)
         return PELL_ERR_INVALID;
+    as.settings = run->settings;
     as.method = run->method;
     as.knobs = run->values;
     return session_write(cli, &as, p, path, "exr", job->scene_hash, job->materials_hash);
@@ -254,6 +256,8 @@ static enum pell_result begin_images(struct cli *cli, struct job *job, const str
     job->width = image->width;
     job->height = image->height;
     job->params.exposure = job->session.settings.exposure = image->exposure; /* what it was given, or metered */
+    for (size_t i = 0; i < job->runs.count; i++)
+        job->runs.list[i].settings.exposure = image->exposure;
     if (make_mask(cli, job, image) != EXIT_OK)
         return cli->error.there ? cli->error.code : PELL_ERR_NOMEM;
     return cli->output ? report_open(cli, job->width, job->height, &job->report) : PELL_OK;
@@ -281,7 +285,7 @@ static enum pell_result render_image(struct cli *cli, struct job *job, struct ru
         if (count == 2)
             halves_choose(run->method, run->values, i + 1);
         PELL_TRY(pell_renderer_set_method(s->renderer, run->method, run->values));
-        PELL_TRY(pell_renderer_render(s->renderer, &s->settings, image));
+        PELL_TRY(pell_renderer_render(s->renderer, &run->settings, image));
         cli_progress_end(cli);
         if (image->partial) { /* ended early: half of a comparison is none */
             res = PELL_ERR_CANCELLED;
@@ -348,7 +352,7 @@ static enum pell_result render_straight(struct cli *cli, struct job *job, const 
 {
     const int count = images_of(job, run);
     struct session *s = &job->session;
-    struct pell_settings settings = s->settings;
+    struct pell_settings settings = run->settings;
     struct pell_render_result image;
     void *values = NULL;
     enum pell_result res;
@@ -411,9 +415,10 @@ fail:
 
 static json_t *run_json(const struct job *job, const struct run *run)
 {
-    json_t *o = json_pack("{s:o,s:s,s:f,s:f,s:O}", "name", cli_text(run->label), "engine",
-                          pell_engine_name(pell_device_engine(job->session.device)), "seconds", run->seconds, "cpu_seconds",
-                          run->cpu_seconds, "stages", json_object_get(run->shown, "stages"));
+    json_t *o =
+        json_pack("{s:o,s:s,s:f,s:f,s:O,s:O}", "name", cli_text(run->label), "engine",
+                  pell_engine_name(pell_device_engine(job->session.device)), "seconds", run->seconds, "cpu_seconds", run->cpu_seconds,
+                  "stages", json_object_get(run->shown, "stages"), "settings", json_object_get(run->shown, "settings"));
     return o;
 }
 
@@ -499,7 +504,7 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
             json_object_set_new(job->runs.list[i].shown, "rel_noise", compare_number(job->rel_noise[i]));
         json_array_append(images, job->runs.list[i].shown);
     }
-    cli_format_knobs(pell_settings_knobs(), &s->settings, settings, sizeof(settings));
+    cli_format_knobs(pell_settings_knobs(), &s->settings, NULL, settings, sizeof(settings));
     cli_device_name(device, sizeof(device));
     data = json_pack("{s:s,s:o,s:s,s:O,s:o,s:O,s:b,s:o,s:o,s:i,s:I,s:f,s:o}", "kind", "scene", "title",
                      cli_text(pell_path_name(cli->arguments[0])), "command", cli->command_line, "views", job->views, "pictures", images,
@@ -572,6 +577,11 @@ static void answer_text(const struct cli *cli, const struct job *job)
         for (size_t i = job->runs.num_references; i < job->runs.count; i++)
             decompose_print(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "parts"));
     }
+    for (size_t i = 0; i < job->runs.count; i++) {
+        const char *own = json_string_value(json_object_get(job->runs.list[i].answer, "settings"));
+        if (own && own[0])
+            printf("\n%s is rendered with %s\n", job->runs.list[i].label, own);
+    }
     for (size_t i = job->runs.num_references; i < job->runs.count; i++)
         if (job->runs.list[i].mixes)
             printf("\n%s gives finished pictures: compared is all light of translucent pixels.\n", job->runs.list[i].label);
@@ -621,7 +631,7 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
     if (code == EXIT_OK)
         code = runs_open(cli, &job->runs, s);
     if (code == EXIT_OK) {
-        s->settings.layers = true;
+        s->settings = job->runs.list[0].settings;
         code = cli_failed(cli, pell_renderer_set_method(s->renderer, job->runs.list[0].method, job->runs.list[0].values));
     }
     if (code == EXIT_OK)

@@ -20,6 +20,7 @@ enum conv_split { CONV_LINEAR, CONV_HALF };
 enum conv_restore { CONV_BETWEEN, CONV_RESPONSE, CONV_LOST };
 enum conv_threshold_by { CONV_BY_ENERGY, CONV_AS_PRINTED };
 enum conv_resolution { CONV_FULL, CONV_HALF_SIZE, CONV_QUARTER_SIZE };
+enum conv_pixels { CONV_EACH, CONV_ONE };
 enum conv_step { CONV_EVERY_1, CONV_EVERY_2, CONV_EVERY_4 }; /* px: 1 << it */
 enum conv_borders { CONV_BORDERS_AUTO, CONV_BORDERS_OPEN, CONV_BORDERS_EVEN };
 
@@ -32,6 +33,7 @@ struct convolution_knobs {
     float threshold;
     int threshold_by; /* enum conv_threshold_by */
     int resolution;   /* enum conv_resolution */
+    int pixels;       /* enum conv_pixels */
     bool visible;
     int surfaces;
     int behind_step; /* enum conv_step */
@@ -97,6 +99,7 @@ struct conv_sources {
     const struct pell_solids *solids; /* NULL: no scene, materials are groups */
     const struct pell_frame *in;
     struct pell_view view;
+    bool one_size;   /* pixels=one */
     float far_depth; /* behind all */
     struct conv_front front;
     struct conv_behind behind;

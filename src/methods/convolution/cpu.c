@@ -193,6 +193,7 @@ static enum pell_result convolution_create(const struct pell_services *services,
     PELL_TRY(make_images(st, shape));
     st->sources.services = services;
     st->sources.solids = st->solids;
+    st->sources.one_size = st->knobs.pixels == CONV_ONE;
     st->sources.kernels = st->kernels;
     return PELL_OK;
 

@@ -207,7 +207,7 @@ static void cover(const struct conv_depths *d, int y, int from, int to, bool by_
             continue;
         depth = select(own != 0, depth, all(1.0f));
         f = by_depth ? facing(d, x, y, depth, own, (vi) { 0 } + 1) : load_some(slant + x, n);
-        mm = (d->parallel ? all(1.0f) : depth) / d->focal_px;
+        mm = d->one_size ? all(1.0f) : (d->parallel ? all(1.0f) : depth) / d->focal_px;
         store_some(area + x, mm * mm / greater(f, all(CONV_LEAST_COS)), n);
         store_some(slant + x, slant_of(f), n);
     }

@@ -32,6 +32,7 @@ struct conv_depths {
     ptrdiff_t stride, group_stride;
     int x0, y0, x1, y1; /* pixels that there are */
     bool parallel;
+    bool one_size;                      /* areas are those of pixels at any depth, in areas of a pixel that faces the camera */
     float focal_px, middle_x, middle_y; /* of the picture, pixels */
     float median_px;                    /* pixels at a depth of 1 that `far` is about */
 };
@@ -77,7 +78,7 @@ struct conv_edges {
     int planes;
     bool parallel;
     float per_spacing;  /* one over mm between planes */
-    float pixel2;       /* mm^2 of a pixel at a depth of 1, or at any where rays are parallel */
+    float pixel2;       /* area of a pixel at a depth of 1, or at any where rays are parallel or pixels are of one size */
     float flat2;        /* mm^2: depths closer than this are one */
     float fade;         /* of what `edges` does */
     const float *value; /* as in struct conv_radial */

@@ -149,7 +149,9 @@ void convolution_lay_out(struct convolution_state *st)
         place_by_surface(st, lay, low, high);
     lay->unit = unit * (float) st->step;
     for (int i = 0; i < lay->planes; i++)
-        lay->pixel[i] = conv_clamp(pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->step;
+        lay->pixel[i] = st->knobs.pixels == CONV_ONE
+                            ? lay->unit
+                            : conv_clamp(pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->step;
     j->x0 = e->rect.x0 / align * align;
     j->y0 = e->rect.y0 / align * align;
     lay->width = (e->rect.x1 - j->x0 + st->step - 1) / st->step;

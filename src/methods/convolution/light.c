@@ -119,7 +119,7 @@ static void set_weights(struct convolution_state *st)
         .by_response = st->knobs.restore == CONV_RESPONSE,
         .several = j->set->num_responses > 1,
         .pixel = j->layout.pixel,
-        .per_unit2 = 1.0f / (j->layout.unit * j->layout.unit),
+        .per_unit2 = st->sources.one_size ? 1.0f / (float) (st->step * st->step) : 1.0f / (j->layout.unit * j->layout.unit),
         .response = { j->set->response[0], j->set->response[1], j->set->response[2] },
     };
     j->shares = (struct conv_shares) {
@@ -158,8 +158,8 @@ static void set_edges(struct convolution_state *st, int c)
         .own = (uint16_t) (j->group + 1),
         .planes = lay->planes,
         .per_spacing = spacing > 0.0f ? 1.0f / spacing : 0.0f,
-        .parallel = j->in->shape.orthographic,
-        .pixel2 = 1.0f / (j->in->shape.focal_px * j->in->shape.focal_px),
+        .parallel = j->in->shape.orthographic || st->sources.one_size,
+        .pixel2 = st->sources.one_size ? 1.0f : 1.0f / (j->in->shape.focal_px * j->in->shape.focal_px),
         .flat2 = 0.01f * r->median2,
         .value = r->value,
         .per_median2 = r->per_median2,

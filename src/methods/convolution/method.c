@@ -9,6 +9,8 @@
  */
 #include "methods/convolution/convolution.h"
 
+#include "methods/as_paper.h"
+
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
@@ -17,6 +19,7 @@ static const char *const split_names[] = { "linear", "half", NULL };
 static const char *const restore_names[] = { "between", "response", "off", NULL };
 static const char *const threshold_names[] = { "energy", "printed", NULL };
 static const char *const resolution_names[] = { "1", "1/2", "1/4", NULL };
+static const char *const pixels_names[] = { "each", "one", NULL };
 static const char *const step_names[] = { "1", "2", "4", NULL };
 static const char *const borders_names[] = { "auto", "open", "even", NULL };
 
@@ -36,6 +39,8 @@ static const struct pell_knob knobs[] = {
     { "threshold-by", PELL_KNOB_ENUM, "1", AT(threshold_by), { CONV_BY_ENERGY }, 0, 0, threshold_names,
       "share of the light, or R over R(0) as in the paper" },
     { "resolution", PELL_KNOB_ENUM, "1", AT(resolution), { CONV_FULL }, 0, 0, resolution_names, "of the planes, of the picture's" },
+    { "pixels", PELL_KNOB_ENUM, "1", AT(pixels), { CONV_EACH }, 0, 0, pixels_names,
+      "size of pixels under perspective: each plane's own, or one for all planes as in the paper" },
     { "visible", PELL_KNOB_BOOL, "1", AT(visible), { 1 }, 0, 1, NULL, "transform back only planes that the picture needs" },
     { "surfaces", PELL_KNOB_INT, "1", AT(surfaces), { 2 }, 1, CONV_SURFACES_MOST, NULL,
       "crossings of a view ray whose light is found: the visible one, the last one, and those before that; 1 needs no scene" },
@@ -66,8 +71,16 @@ static void paper(void *values)
     k->threshold_by = CONV_AS_PRINTED;
     k->resolution = CONV_HALF_SIZE;
     k->behind_step = CONV_EVERY_1;
+    k->pixels = CONV_ONE;
     k->apart = false;
     k->edges = false;
+}
+
+/* Section 4: Phong for what the surface reflects. */
+static void paper_settings(struct pell_settings *s)
+{
+    pell_paper_exit(s);
+    s->specular = 1 + PELL_SPECULAR_PHONG;
 }
 
 static void plan(const void *values, struct pell_plan *plan)
@@ -91,6 +104,7 @@ const struct pell_method pell_method_convolution = {
     .knobs = knobs,
     .knobs_size = sizeof(struct convolution_knobs),
     .paper = paper,
+    .paper_settings = paper_settings,
     .plan = plan,
     .cpu = &pell_convolution_cpu,
     .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_DEPTH_MAPS,

@@ -21,9 +21,9 @@ static float pixel_at(const struct pell_frame *in, float depth)
 }
 
 /* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the camera from the side of the picture. */
-static void cover(const struct pell_frame *in, float depth, float facing, float *area, float *slant)
+static void cover(const struct conv_sources *s, float depth, float facing, float *area, float *slant)
 {
-    const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = pixel_at(in, depth);
+    const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = s->one_size ? 1.0f : pixel_at(s->in, depth);
 
     *area = mm * mm / f;
     *slant = f < 1.0f ? sqrtf(1.0f - f) : 1.0f - f;
@@ -43,6 +43,7 @@ struct conv_depths convolution_depths(const struct conv_sources *s, float median
         .x1 = in->rect.x1,
         .y1 = in->rect.y1,
         .parallel = in->shape.orthographic,
+        .one_size = s->one_size,
         .focal_px = in->shape.focal_px,
         .middle_x = 0.5f * (float) in->shape.width,
         .middle_y = 0.5f * (float) in->shape.height,
@@ -136,7 +137,7 @@ static void put_sample(const struct conv_sources *s, const struct cells *c, int 
     const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
     const struct pell_vec3 n = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
 
-    cover(s->in, depth, fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
+    cover(s, depth, fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
     b->area[to] *= (float) (b->step * b->step);
     b->depth[to] = depth;
     b->group[to] = (uint16_t) (solid + 1);

@@ -5,6 +5,8 @@
  */
 #include "methods/dipole/dipole.h"
 
+#include "methods/as_paper.h"
+
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
@@ -60,6 +62,7 @@ const struct pell_method pell_method_dipole = {
     .knobs = knobs,
     .knobs_size = sizeof(struct dipole_knobs),
     .paper = paper,
+    .paper_settings = pell_paper_light,
     .plan = plan,
     .cpu = &pell_dipole_cpu,
     .ignores = PELL_IGNORES_DEPTH_MAPS,

@@ -5,6 +5,8 @@
  */
 #include "methods/hierarchical/hierarchical.h"
 
+#include "methods/as_paper.h"
+
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
@@ -62,6 +64,7 @@ const struct pell_method pell_method_hierarchical = {
     .knobs = knobs,
     .knobs_size = sizeof(struct hierarchical_knobs),
     .paper = paper,
+    .paper_settings = pell_paper_light,
     .plan = plan,
     .cpu = &pell_hierarchical_cpu,
     .ignores = PELL_IGNORES_DEPTH_MAPS,

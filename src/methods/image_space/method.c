@@ -10,6 +10,8 @@
  */
 #include "methods/image_space/image_space.h"
 
+#include "methods/as_paper.h"
+
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
@@ -88,6 +90,7 @@ const struct pell_method pell_method_image_space = {
     .knobs = knobs,
     .knobs_size = sizeof(struct is_knobs),
     .paper = paper,
+    .paper_settings = pell_paper_exit,
     .plan = plan,
     .cpu = &pell_is_cpu,
     .ignores = PELL_IGNORES_DEPTH_MAPS,

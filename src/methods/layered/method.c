@@ -10,6 +10,8 @@
  */
 #include "methods/layered/layered.h"
 
+#include "methods/as_paper.h"
+
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
@@ -83,6 +85,7 @@ const struct pell_method pell_method_layered = {
     .knobs = knobs,
     .knobs_size = sizeof(struct layered_knobs),
     .paper = paper,
+    .paper_settings = pell_paper_light,
     .plan = plan,
     .cpu = &layered_cpu,
     .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS |

@@ -78,17 +78,28 @@ static void whiten(struct pell_gaussians *g)
     }
 }
 
-/* The Gaussians of table 7.1 for a medium that they were published for; NULL for any other, and for what brings a profile of its own. */
+static bool same_gaussians(const struct pell_gaussians *a, const struct pell_gaussians *b)
+{
+    bool same = a->count == b->count;
+
+    for (int i = 0; same && i < a->count; i++)
+        same = a->variance[i] == b->variance[i] && memcmp(a->weight[i], b->weight[i], sizeof(a->weight[i])) == 0;
+    return same;
+}
+
+/* The Gaussians of table 7.1 for what they are fits of: the three-layer skin of d'Eon et al. 2007, as itself and as the six Gaussians of
+ * their paper, and the marble of Jensen et al. 2001. NULL for any other. */
 static const struct pell_material_entry *published_for(const struct pell_frame_material *m)
 {
     static const char *const sets[][2] = {
-        { "skin1", "skin-4gaussian" },
-        { "skin2", "skin-4gaussian" },
+        { "skin", "skin-4gaussian" },
+        { "skin-6gaussian", "skin-4gaussian" },
+        { "skin-3layer", "skin-4gaussian" },
         { "marble", "marble-4gaussian" },
     };
 
-    for (size_t i = 0; i < PELL_COUNT(sets) && m->preset && m->gaussians.count == 0; i++)
-        if (strcmp(m->preset, sets[i][0]) == 0)
+    for (size_t i = 0; i < PELL_COUNT(sets) && m->preset; i++)
+        if (strcmp(m->preset, sets[i][0]) == 0 && same_gaussians(&m->gaussians, &pell_material_find(m->preset)->gaussians))
             return pell_material_find(sets[i][1]);
     return NULL;
 }
@@ -100,8 +111,9 @@ static enum pell_result find_profile(const struct screen_state *st, const struct
     const struct pell_fit_params params = { .count = st->knobs.gaussians };
     const struct pell_material_entry *published = st->knobs.profile == SCREEN_PROFILE_PUBLISHED ? published_for(m) : NULL;
 
-    if (published) { /* white: the medium's colour is its own profile's */
+    if (published) { /* white: the material's colour is its own profile's */
         *g = published->gaussians;
+        whiten(g);
         for (int i = 0; i < g->count; i++)
             for (int c = 0; c < 3; c++)
                 g->weight[i][c] *= pell_profile_total(&m->profile[c]);

@@ -7,6 +7,8 @@
  */
 #include "methods/screen_space/screen_space.h"
 
+#include "methods/as_paper.h"
+
 #include <math.h>
 #include <stddef.h>
 
@@ -24,7 +26,7 @@ static const struct pell_knob knobs[] = {
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 4 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { SCREEN_PROFILE_MATERIAL }, 0, 0, profile_names,
-      "published: skin1, skin2 and marble by their coefficients get the four Gaussians of the paper's table 7.1, in their colour" },
+      "published: skin, skin-3layer and marble, of which the paper's table 7.1 is a fit, get its four Gaussians, in their colour" },
     { "input", PELL_KNOB_ENUM, "1", AT(input), { SCREEN_INPUT_DIFFUSE }, 0, 0, input_names,
       "blurred quantity: the irradiance, or as in the paper the shaded image with its highlights" },
     { "first", PELL_KNOB_ENUM, "1", AT(first), { SCREEN_FIRST_BLURRED }, 0, 0, first_names,
@@ -89,6 +91,7 @@ const struct pell_method pell_method_screen_space = {
     .knobs = knobs,
     .knobs_size = sizeof(struct screen_knobs),
     .paper = paper,
+    .paper_settings = pell_paper_light,
     .plan = plan,
     .cpu = &pell_ss_cpu,
     .ignores = PELL_IGNORES_DEPTH_MAPS,

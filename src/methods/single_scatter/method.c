@@ -6,6 +6,8 @@
  */
 #include "methods/single_scatter/single_scatter.h"
 
+#include "methods/as_paper.h"
+
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
@@ -67,6 +69,7 @@ const struct pell_method pell_method_single_scatter = {
     .knobs = knobs,
     .knobs_size = sizeof(struct single_knobs),
     .paper = paper,
+    .paper_settings = pell_paper_light,
     .plan = plan,
     .cpu = &pell_single_scatter_cpu,
     .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS |

@@ -10,6 +10,8 @@
  */
 #include "methods/texture_space/texture_space.h"
 
+#include "methods/as_paper.h"
+
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
@@ -77,6 +79,13 @@ static void paper(void *values)
     k->mix = 0.5f;
 }
 
+/* Figure 8: two separable bloom passes, whose strength the paper does not give. */
+static void paper_settings(struct pell_settings *s)
+{
+    pell_paper_exit(s);
+    s->bloom = 0.05f;
+}
+
 static void plan(const void *values, struct pell_plan *plan)
 {
     const struct ts_knobs *k = values;
@@ -99,6 +108,7 @@ const struct pell_method pell_method_texture_space = {
     .knobs = knobs,
     .knobs_size = sizeof(struct ts_knobs),
     .paper = paper,
+    .paper_settings = paper_settings,
     .plan = plan,
     .cpu = &pell_ts_cpu,
     .ignores = PELL_IGNORES_DEPTH_MAPS,

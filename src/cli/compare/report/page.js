@@ -57,6 +57,7 @@ function made() {
         make('p', { text: p.cite }),
         make('p', { class: 'small', text: `Limits: ${p.limits}` }),
         p.knobs ? make('p', { class: 'knobs', text: p.knobs }) : null,
+        p.settings ? make('p', { class: 'knobs', text: `with ${p.settings}` }) : null,
       ),
     ),
   );

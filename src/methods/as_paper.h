@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * as_paper.h - the settings of a renderer that the methods' papers share.
+ */
+#ifndef PELL_METHODS_AS_PAPER_H
+#define PELL_METHODS_AS_PAPER_H
+
+#include <pellucid/render.h>
+
+/* Light enters once, straight from lights, and scatters as below a plane. */
+static inline void pell_paper_light(struct pell_settings *s)
+{
+    s->bounces = 0;
+    s->angles = s->curvature = false;
+}
+
+/* The radiance that leaves is F_t M / pi, not normalized. */
+static inline void pell_paper_exit(struct pell_settings *s)
+{
+    pell_paper_light(s);
+    s->exit = PELL_EXIT_NORMALIZATION_PUBLISHED;
+}
+
+#endif
