@@ -78,7 +78,7 @@ static void thin_out(void *arg, int chunk, int worker)
         const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
         /* Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)). */
         float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
-        near += t->round ? 0.0f : (1.0f - near) * t->opposed;
+        near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
         t->share[0] = t->share[1] = t->share[2] = 0.0f;
         if (!(alpha > 0.0f) || !(strength > 0.0f))
             continue;

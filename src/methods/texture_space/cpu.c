@@ -342,6 +342,8 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
             .grid = pell_services_light_grid(st->services, i),
             .form = st->knobs.tsm,
             .size = st->knobs.tsm_size,
+            .printed = st->knobs.thickness == TS_THICKNESS_PRINTED,
+            .at_once = st->knobs.lights == TS_LIGHTS_SUM,
             .thickest = solid->profile->thickest,
             .falloff = solid->profile->widest,
         };

@@ -20,6 +20,7 @@ static const char *const kernel_names[] = { "dense", "seven", NULL };
 static const char *const first_names[] = { "blurred", "unblurred", NULL };
 static const char *const tsm_names[] = { "ray", "map", "off", NULL };
 static const char *const transmission_names[] = { "slab", "gaussian", NULL };
+static const char *const thickness_names[] = { "faces", "printed", NULL };
 static const char *const fade_names[] = { "overlap", "linear", NULL };
 static const char *const lights_names[] = { "own", "sum", NULL };
 
@@ -49,6 +50,8 @@ static const struct pell_knob knobs[] = {
     { "through", PELL_KNOB_ENUM, "1", AT(transmission), { TS_TRANSMISSION_SLAB }, 0, 0, transmission_names,
       "transmission: through a slab of the medium, or the paper's sum of w exp(-d^2/(2 v)); Gaussians without a medium have no "
       "slab" },
+    { "thickness", PELL_KNOB_ENUM, "1", AT(thickness), { TS_THICKNESS_FACES }, 0, 0, thickness_names,
+      "distance d that transmitted light goes: by the steeper of the two faces, or as printed by the shadowed one" },
     { "fade", PELL_KNOB_ENUM, "1", AT(fade), { TS_FADE_OVERLAP }, 0, 0, fade_names,
       "transmitted light that the blurs contain, too: subtract their share, or fade over six widths as in the paper" },
     { "soften", PELL_KNOB_BOOL, "1", AT(soften), { 1 }, 0, 1, NULL, "blur transmitted light by a third of the widest blur's width" },
@@ -72,6 +75,7 @@ static void paper(void *values)
     k->first = TS_FIRST_UNBLURRED;
     k->tsm = TS_TSM_MAP;
     k->transmission = TS_TRANSMISSION_GAUSSIAN;
+    k->thickness = TS_THICKNESS_PRINTED;
     k->fade = TS_FADE_LINEAR;
     k->soften = false;
     k->lights = TS_LIGHTS_SUM;

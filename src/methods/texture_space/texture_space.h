@@ -14,6 +14,7 @@ enum ts_as { TS_BEST, TS_PAPER };
 enum ts_charts { TS_CHARTS_AUTO, TS_CHARTS_UV, TS_CHARTS_PLANAR };
 enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN };
 enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
+enum ts_thickness { TS_THICKNESS_FACES, TS_THICKNESS_PRINTED };
 enum ts_form { TS_TSM_RAY, TS_TSM_MAP, TS_TSM_OFF };
 enum ts_transmission { TS_TRANSMISSION_SLAB, TS_TRANSMISSION_GAUSSIAN };
 enum ts_fade { TS_FADE_OVERLAP, TS_FADE_LINEAR };
@@ -31,6 +32,7 @@ struct ts_knobs {
     int tsm;          /* enum ts_form */
     int tsm_size;     /* px */
     int transmission; /* enum ts_transmission */
+    int thickness;    /* enum ts_thickness */
     int fade;         /* enum ts_fade */
     bool soften;
     int lights; /* enum ts_lights */
@@ -266,6 +268,8 @@ struct ts_tsm_params {
     const struct pell_light *light;
     const struct pell_light_grid *grid; /* what it sees; NULL: ask the rays */
     int form, size;                     /* enum ts_form; of the map, px */
+    bool printed;                       /* the paper's thickness */
+    bool at_once;                       /* ts_tsm_light will not be called */
     double thickest;                    /* mm */
     double falloff;                     /* mm: alpha is exp(-d/falloff) */
 };
@@ -278,8 +282,8 @@ void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm);
 void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm);
 /* Which triangles face away from the light. Before ts_tsm_make. */
 void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm);
-/* Fills `alpha` at all texels of charts (0: no transmission) and lists those that face away from the light and receive transmitted light.
- * Allocates nothing. */
+/* Fills `alpha` at all texels of charts (0: no transmission) and lists those that face away from the light, or with `at_once` are in its
+ * shadow, and receive transmitted light. Allocates nothing. */
 PELL_NODISCARD enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays);
 /* The same with what enters of that light alone known: ways that end in the dark go on to where there is light, and those of texels that
  * face it in the solid's own shadow join the list. After ts_tsm_make. */

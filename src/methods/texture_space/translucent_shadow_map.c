@@ -139,17 +139,29 @@ void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm)
     pell_pool_run(params->services->pool, (int) ((params->atlas->num_triangles + FACES - 1) / FACES), face_chunk, &f);
 }
 
+/* Thickness between two faces m apart, seen from C along the unit way. */
+static float thickness_of(const struct task *t, const struct spot *a, const struct spot *c, struct pell_vec3 way, float m, float *opposed)
+{
+    const float away = fmaxf(-vec3_dot(c->normal, way), 0.0f);
+
+    *opposed = fmaxf(0.0f, -vec3_dot(a->normal, c->normal));
+    if (t->p->printed) /* section 5.2: m lerped to m cos by the normals' cosine */
+        return m + *opposed * (m * away - m);
+    /* Two faces of a slab look opposite ways, one at the light and one away from it. */
+    *opposed *= fminf(away * AWAY, 1.0f);
+    /* On a slab both cosines are the same; on an edge the flatter face tells less of the thickness. */
+    return m + *opposed * (m * fminf(fmaxf(away, vec3_dot(a->normal, way)), 1.0f) - m);
+}
+
 /* Light that enters at A, seen from texel C along the unit `way`: its thickness and what else the blurs ask. */
 static void pass_through(const struct task *t, ptrdiff_t at, const struct spot *c, uint32_t triangle, float u, float v,
                          struct pell_vec3 way, struct pell_vec3 light, struct ts_transmitted_texel *out, bool *is)
 {
     const struct ts_atlas *a = t->p->atlas;
     const struct spot s = spot_of(a, triangle, u, v);
-    const float m = vec3_length(vec3_sub(s.at, c->at)), away = -vec3_dot(c->normal, way);
-    /* Two faces of a slab look opposite ways, one at the light and one away from it. */
-    const float opposed = fmaxf(0.0f, -vec3_dot(s.normal, c->normal)) * fminf(fmaxf(away * AWAY, 0.0f), 1.0f);
-    /* On a slab both cosines are the same; on an edge the flatter face tells less of the thickness. */
-    const float d = m + opposed * (m * fminf(fmaxf(away, vec3_dot(s.normal, way)), 1.0f) - m);
+    const float m = vec3_length(vec3_sub(s.at, c->at));
+    float opposed;
+    const float d = thickness_of(t, &s, c, way, m, &opposed);
 
     *is = false;
     out->at = (int32_t) at;
@@ -321,12 +333,12 @@ static void trace(struct task *t, int tile, struct packet *k)
     k->count = 0;
 }
 
-/* Texels that face away from the light; with the light known those that face it in the dark. */
+/* Texels that face away from the light; with the light known those that face it in the dark, which are among all where it will not be. */
 static bool asks(const struct task *t, ptrdiff_t at)
 {
     const bool away = t->faces[t->p->atlas->source[at]] & TS_FACE_AWAY;
 
-    return t->lit ? !away && !(t->lit[0][at] + t->lit[1][at] + t->lit[2][at] > 0.0f) : away;
+    return t->p->at_once ? true : t->lit ? !away && !(t->lit[0][at] + t->lit[1][at] + t->lit[2][at] > 0.0f) : away;
 }
 
 static void ray_texels(struct task *t, ptrdiff_t first, int tile, const uint8_t *texels, int count, struct packet *k)
