@@ -183,6 +183,7 @@ static enum pell_result is_create(const struct pell_services *services, const st
     w = &st->work;
     w->samples = k->samples;
     w->importance = is_importance_samples(k);
+    w->first_kind = k->sampling == IS_SEPARATE && w->importance > 0 ? w->importance : k->samples;
     w->tile = is_tile_side(k);
     w->jacobian = k->jacobian || k->misprint == IS_MISPRINT_JACOBIAN;
     w->inverted = k->misprint == IS_MISPRINT_JACOBIAN;

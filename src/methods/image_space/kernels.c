@@ -191,8 +191,9 @@ static void is_measure(const struct is_work *w, int y)
 /* What the samples of a vector of pixels share. Vectors are in the camera's frame: x right, y down, z forward, mm. */
 struct place {
     vf key;
-    vi x; /* column */
-    int y;
+    vi x;                       /* column */
+    int y, lane;                /* lane: of the block */
+    const float *samples;       /* offsets and shares of these pixels' samples; of all rows where levels vary */
     vf t[2], z, h, per_h;       /* ray, plane, 1/h */
     vf at[3], n[3], s[3], q[3]; /* x_o; unit: normal, tangents */
     vf strength, per_length2;   /* 1/(length strength)^2 */
@@ -211,6 +212,7 @@ struct found {
 };
 
 struct sums {
+    int from, to; /* samples */
     vf light[3], weight[3], count;
 };
 
@@ -230,6 +232,12 @@ struct image {
     bool parallel;
     float f, cx, cy;            /* column = f X/Z + cx */
     const struct is_view *view; /* NULL: the camera's */
+};
+
+/* The camera's image and those of lights, and the planes of a pixel's samples for each. */
+struct views {
+    const struct image *image;
+    const struct samples_plane *plane;
 };
 
 /* The row of a squared radius, in units of length^2, and the place in it. */
@@ -515,16 +523,16 @@ INLINE void in_plane(const struct place *p, vf x, vf y, vf o[3])
 
 /* Sums over the samples of pixels of one material, in the camera's image alone. Texels of a wide profile lie all over the outer caches:
  * they are asked for AHEAD samples at a time, which takes a fifth of the time off. */
-INLINE void sample_camera(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, vi live,
-                          bool parallel, bool varies, struct sums *s)
+INLINE void sample_camera(const struct is_work *w, const struct place *p, const struct is_set *set, vi live, bool parallel, bool varies,
+                          struct sums *s)
 {
     struct aim aims[AHEAD];
 
-    for (int from = 0; from < w->samples; from += AHEAD) {
-        const int count = w->samples - from < AHEAD ? w->samples - from : AHEAD;
+    for (int from = s->from; from < s->to; from += AHEAD) {
+        const int count = s->to - from < AHEAD ? s->to - from : AHEAD;
         vf o[3], x, y, share;
         for (int k = 0; k < count; k++) {
-            take_sample(p, offset, from + k, varies, &x, &y, &share);
+            take_sample(p, p->samples, from + k, varies, &x, &y, &share);
             in_plane(p, x, y, o);
             camera_aims(w, p, o, parallel, &aims[k]);
         }
@@ -534,7 +542,7 @@ INLINE void sample_camera(const struct is_work *w, const struct place *p, const 
         for (int k = 0; k < count; k++) {
             struct found f;
             vi counted = { 0 };
-            take_sample(p, offset, from + k, varies, &x, &y, &share);
+            take_sample(p, p->samples, from + k, varies, &x, &y, &share);
             in_plane(p, x, y, o);
             camera_finds(w, p, o, parallel, &aims[k], &f);
             f.there &= live & (share > 0.0f);
@@ -545,13 +553,13 @@ INLINE void sample_camera(const struct is_work *w, const struct place *p, const 
 }
 
 /* The same with the views of lights, by the balance heuristic. */
-INLINE void sample_all(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, vi live,
-                       bool parallel, bool varies, const struct image *images, const struct samples_plane *planes, struct sums *s)
+INLINE void sample_all(const struct is_work *w, const struct place *p, const struct is_set *set, vi live, bool parallel, bool varies,
+                       const struct views *views, struct sums *s)
 {
-    for (int k = 0; k < w->samples; k++) {
+    for (int k = s->from; k < s->to; k++) {
         vi counted = { 0 };
         vf x, y, share;
-        take_sample(p, offset, k, varies, &x, &y, &share);
+        take_sample(p, p->samples, k, varies, &x, &y, &share);
         for (int v = 0; v <= w->num_views; v++) {
             struct found f;
             vf sum;
@@ -562,7 +570,7 @@ INLINE void sample_all(const struct is_work *w, const struct place *p, const str
                 camera_aims(w, p, o, parallel, &aim);
                 camera_finds(w, p, o, parallel, &aim, &f);
             } else {
-                light_finds(&images[v], &planes[v], p, x, y, &f);
+                light_finds(&views->image[v], &views->plane[v], p, x, y, &f);
             }
             f.there &= live & (share > 0.0f);
             if (!any(f.there))
@@ -570,7 +578,7 @@ INLINE void sample_all(const struct is_work *w, const struct place *p, const str
             sum = 1.0f / (share * jacobian_share(w, f.jacobian));
             for (int u = 0; u <= w->num_views; u++)
                 if (u != v)
-                    sum += density_from(w, &images[u], &planes[u], p, set, varies, f.to);
+                    sum += density_from(w, &views->image[u], &views->plane[u], p, set, varies, f.to);
             add(set, p, &f, 1.0f / sum, varies, s, &counted);
         }
         s->count += select(counted, all(1.0f), all(0.0f));
@@ -608,25 +616,51 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, vi 
         p->quarter[c] = row[IS_QUARTER_AT + c];
 }
 
-/* `lane`: of the block. */
-INLINE void sample(const struct is_work *w, struct place *p, const struct is_set *set, int lane, vi live, bool parallel,
-                   const struct image *images, const struct samples_plane *planes, struct sums *s)
+INLINE void sample_some(const struct is_work *w, const struct place *p, const struct is_set *set, vi live, bool parallel,
+                        const struct views *views, struct sums *s)
 {
-    const float *offset = set->offset + (size_t) (p->y % w->tile) * (size_t) w->samples * 3 * IS_BLOCK + lane;
     const bool varies = set->level && w->in->base[0];
 
+    if (w->num_views > 0)
+        sample_all(w, p, set, live, parallel, varies, views, s);
+    else if (varies)
+        sample_camera(w, p, set, live, parallel, true, s);
+    else
+        sample_camera(w, p, set, live, parallel, false, s);
+}
+
+/* Samples of a kind stand for those of the kind that found nothing. */
+INLINE void make_up(struct sums *s)
+{
+    const vf times = select(s->count > 0.0f, (float) (s->to - s->from) / s->count, all(0.0f));
+
+    for (int c = 0; c < 3; c++)
+        s->light[c] *= times;
+}
+
+INLINE void sample(const struct is_work *w, struct place *p, const struct is_set *set, vi live, bool parallel, const struct views *views,
+                   struct sums *s)
+{
+    *s = (struct sums) { .to = w->renormalise == IS_BY_COUNT ? w->first_kind : w->samples };
+    p->samples = set->offset + (size_t) (p->y % w->tile) * (size_t) w->samples * 3 * IS_BLOCK + p->lane;
     for (int c = 0; c < 3; c++)
         p->quarter[c] = all(set->quarter[c]);
-    if (varies) {
+    if (set->level && w->in->base[0]) {
         choose_levels(w, set, live, p);
-        offset = set->offset;
+        p->samples = set->offset;
     }
-    if (w->num_views > 0)
-        sample_all(w, p, set, offset, live, parallel, varies, images, planes, s);
-    else if (varies)
-        sample_camera(w, p, set, offset, live, parallel, true, s);
-    else
-        sample_camera(w, p, set, offset, live, parallel, false, s);
+    sample_some(w, p, set, live, parallel, views, s);
+    if (w->renormalise != IS_BY_COUNT)
+        return;
+    make_up(s);
+    if (w->first_kind < w->samples) {
+        struct sums rest = { .from = w->first_kind, .to = w->samples };
+        sample_some(w, p, set, live, parallel, views, &rest);
+        make_up(&rest);
+        for (int c = 0; c < 3; c++)
+            s->light[c] += rest.light[c];
+        s->count += rest.count;
+    }
 }
 
 /* The pixels of a vector: rays, planes, tangents. */
@@ -675,8 +709,8 @@ INLINE vf takes_part(const struct place *p, int c, bool parallel, float f)
     return t * t * (3.0f - 2.0f * t);
 }
 
-INLINE void finish(const struct is_work *w, const struct place *p, const struct is_set *set, vi live, const struct sums *s, int lane,
-                   bool parallel, float (*result)[IS_BLOCK], float (*alpha)[IS_BLOCK])
+INLINE void finish(const struct is_work *w, const struct place *p, const struct is_set *set, vi live, const struct sums *s, bool parallel,
+                   float (*result)[IS_BLOCK], float (*alpha)[IS_BLOCK])
 {
     const float *own = w->texels + IS_TEXEL * (p->y * w->texel_stride);
     const vi at = (p->x & live) * IS_TEXEL;
@@ -690,11 +724,10 @@ INLINE void finish(const struct is_work *w, const struct place *p, const struct 
             light /= s->weight[c];
         } else if (w->renormalise == IS_BY_COUNT) {
             kept &= s->count > 0.0f;
-            light *= (float) w->samples / s->count;
         }
         light = select(kept, light, here) * (set->scale[c] * w->factor);
-        store(result[c] + lane, select(live, light, load(result[c] + lane)));
-        store(alpha[c] + lane, select(live, (vf) ((vi) takes_part(p, c, parallel, w->focal_px) & kept), load(alpha[c] + lane)));
+        store(result[c] + p->lane, select(live, light, load(result[c] + p->lane)));
+        store(alpha[c] + p->lane, select(live, (vf) ((vi) takes_part(p, c, parallel, w->focal_px) & kept), load(alpha[c] + p->lane)));
     }
 }
 
@@ -728,6 +761,7 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
         return 0;
     for (int l = 0; l < IS_BLOCK; l += WIDTH) {
         struct samples_plane planes[IS_VIEWS];
+        const struct views views = { images, planes };
         struct place p;
         vi which, left;
         memcpy(&which, index + l, sizeof(which));
@@ -735,11 +769,12 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
         if (!any(left))
             continue;
         start(w, block + l, y, parallel, &p);
+        p.lane = l;
         p.strength = load(strength + l);
         for (int v = 0; v <= w->num_views && w->num_views > 0; v++)
             make_plane(&images[v], &p, &planes[v]);
         for (int k = 0; k < WIDTH; k++) {
-            struct sums s = { { { 0 } } };
+            struct sums s;
             const struct is_set *set;
             vi live;
             if (!left[k])
@@ -748,8 +783,8 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
             live = which == which[k];
             left &= ~live;
             p.per_length2 = set->per_length2 / greater(p.strength * p.strength, all(1e-7f));
-            sample(w, &p, set, l, live, parallel, images, planes, &s);
-            finish(w, &p, set, live, &s, l, parallel, result, alpha);
+            sample(w, &p, set, live, parallel, &views, &s);
+            finish(w, &p, set, live, &s, parallel, result, alpha);
         }
     }
     if (w->reconstruct) {

@@ -68,6 +68,7 @@ struct is_work {
     const int32_t *solid;            /* of pixels, texel_stride apart; NULL: materials are keys */
     const struct is_set *sets;       /* of materials */
     int samples, importance;         /* of each view; importance samples among them, which come first */
+    int first_kind;                  /* samples before those of another distribution; all where there is one */
     int tile;                        /* 1, 2, 4, 8 */
     const struct is_view *views;
     int num_views;           /* without the camera's */
