@@ -149,6 +149,23 @@ def _(folder):
     need(found[0] == found[1] and 'as=paper' in found[0] and 'lod=3' in found[0] and 'edges=paper' in found[0], found)
 
 
+@test('as=paper renders with the settings of the paper, unless others are given')
+def _(folder):
+    def settings(*more):
+        works(folder, 'render', *more, '-o', 'p.exr')
+        return exr_header((folder / 'p.exr').read_bytes())[0]['pellucid.settings'].split()
+
+    paper = ['-m', 'convolution', '--set', 'as=paper']
+    found = settings(*MESH[1:], *paper)
+    need({'exit=published', 'bounces=0', 'angles=off', 'curvature=off', 'specular=phong'} <= set(found), found)
+    found = settings(*MESH[1:], *paper, '--exit', 'balanced', '--bounces', '2', '--specular', 'kelemen')
+    need({'exit=balanced', 'bounces=2', 'angles=off', 'specular=kelemen'} <= set(found), found)
+    write_scene(folder / 's.json', width=40, height=30, msaa=1, method='convolution', knobs={'as': 'paper'}, bounces=1)
+    found = settings('s.json')
+    need({'exit=published', 'bounces=1', 'angles=off'} <= set(found), found)
+    need({'exit=balanced', 'bounces=8', 'specular=material'} <= set(settings(*MESH[1:], '-m', 'convolution')))
+
+
 @test('--turntable numbers its pictures, starts at the front, turns, and keeps the exposure')
 def _(folder):
     vertices, faces = sphere()

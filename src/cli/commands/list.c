@@ -70,6 +70,27 @@ static json_t *ignored_by(const struct pell_method *m)
     return list;
 }
 
+/* The knobs of a method as in its paper, to be freed; NULL without memory, or where it has no such form. */
+static void *paper_knobs(const struct pell_method *m)
+{
+    void *values = m->paper ? calloc(1, m->knobs_size) : NULL;
+
+    if (values) {
+        pell_knobs_default(m->knobs, values);
+        m->paper(values);
+    }
+    return values;
+}
+
+static void list_paper_settings(const struct pell_method *m, const void *knobs, char *text, size_t size)
+{
+    struct pell_settings own, usual;
+
+    pell_settings_default(NULL, NULL, &usual);
+    pell_settings_default(m, knobs, &own);
+    cli_format_knobs(pell_settings_knobs(), &own, &usual, text, size);
+}
+
 static json_t *knob_default(const struct pell_knob *k)
 {
     switch (k->type) {
@@ -80,6 +101,21 @@ static json_t *knob_default(const struct pell_knob *k)
     case PELL_KNOB_RGB: return cli_numbers(k->def, 3);
     default: return json_real(k->def[0]);
     }
+}
+
+/* What as=paper changes it to, as it is typed; NULL: nothing. */
+static const char *knob_paper(const struct pell_method *m, const struct pell_knob *k, const void *paper, char *text, size_t size)
+{
+    char usual[128];
+    void *defaults = paper ? calloc(1, m->knobs_size) : NULL;
+    bool same = true;
+
+    if (defaults && strcmp(k->name, "as") != 0) {
+        pell_knobs_default(m->knobs, defaults);
+        same = strcmp(pell_knob_format(k, paper, text, size), pell_knob_format(k, defaults, usual, sizeof(usual))) == 0;
+    }
+    free(defaults);
+    return same ? NULL : text;
 }
 
 static json_t *knob_bound(const struct pell_knob *k, double bound)
@@ -115,21 +151,32 @@ static json_t *knob_json(const struct pell_knob *k)
 static json_t *method_json(const struct cli *cli, const struct pell_method *m)
 {
     const struct runs_on on = find_runs_on(cli, m);
+    void *paper = paper_knobs(m);
     json_t *knobs = json_array();
+    char settings[1024];
 
-    for (const struct pell_knob *k = m->knobs; k->name; k++)
-        json_array_append_new(knobs, knob_json(k));
-    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s*,s:o,s:s,s:s,s:o}", "name", m->name, "title", m->title, "kind", kinds[m->kind], "engines",
-                     engines_of(m), "runs_on", on.name, "planes_with", on.with[0] ? on.with : NULL, "ignores", ignored_by(m), "citation",
-                     m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs);
+    for (const struct pell_knob *k = m->knobs; k->name; k++) {
+        json_t *o = knob_json(k);
+        char text[128];
+        const char *value = knob_paper(m, k, paper, text, sizeof(text));
+        if (value)
+            json_object_set_new(o, "paper", json_string(value));
+        json_array_append_new(knobs, o);
+    }
+    list_paper_settings(m, paper, settings, sizeof(settings));
+    free(paper);
+    return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s*,s:o,s:s,s:s,s:o,s:s}", "name", m->name, "title", m->title, "kind", kinds[m->kind],
+                     "engines", engines_of(m), "runs_on", on.name, "planes_with", on.with[0] ? on.with : NULL, "ignores", ignored_by(m),
+                     "citation", m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs, "paper_settings", settings);
 }
 
-static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
+static void print_knobs(const struct cli *cli, const struct pell_method *m)
 {
-    char low[40], high[40], def[40];
+    char low[40], high[40], def[40], text[128], settings[1024];
+    void *paper = paper_knobs(m);
 
     printf("\n%sKnobs%s (--set NAME=VALUE; * is the default)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
-    for (const struct pell_knob *k = knobs; k->name; k++) {
+    for (const struct pell_knob *k = m->knobs; k->name; k++) {
         const bool unit = strcmp(k->unit, "1") != 0;
         printf("  %-18s ", k->name);
         if (k->type == PELL_KNOB_ENUM) {
@@ -142,9 +189,17 @@ static void print_knobs(const struct cli *cli, const struct pell_knob *knobs)
                    pell_format_number(k->max, false, high, sizeof(high)), unit ? " " : "", unit ? k->unit : "",
                    pell_format_number(k->def[0], false, def, sizeof(def)));
         }
+        if (knob_paper(m, k, paper, text, sizeof(text)))
+            printf("; paper: %s", text);
         printf("\n%23s", "");
         cli_wrap(stdout, 23, 23, k->help);
     }
+    list_paper_settings(m, paper, settings, sizeof(settings));
+    free(paper);
+    if (!settings[0])
+        return;
+    fputs("\nas=paper also renders with ", stdout);
+    cli_wrap(stdout, 27, 0, settings);
 }
 
 static void print_method(const struct cli *cli, const struct pell_method *m)
@@ -166,7 +221,7 @@ static void print_method(const struct cli *cli, const struct pell_method *m)
             snprintf(line + strlen(line), sizeof(line) - strlen(line), "%s%s", line[0] ? ", " : "", pell_ignored_name(input));
     fputs("Ignores of a material: ", stdout);
     cli_wrap(stdout, 23, 23, line[0] ? line : "nothing");
-    print_knobs(cli, m->knobs);
+    print_knobs(cli, m);
 }
 
 /* What -m none does: no row of the registry. */
