@@ -88,6 +88,28 @@ struct pell_checkpoint {
  * without state (pell_method.partial). */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint);
 
+/* An intermediate image of a frame: a plane of struct pell_frame, or what a method makes on its way (its README lists them). */
+struct pell_intermediate {
+    const char *name; /* "frame.irradiance", "texture-space.stretch": [a-z0-9.-]+, up to 63 characters, each once in a frame */
+    const char *unit; /* "1" for a pure number */
+    const char *what; /* one sentence */
+    int width, height;
+    ptrdiff_t stride;       /* floats from row to row */
+    const float *planes[3]; /* finite */
+    int components;         /* [1, 3]: 3 with `color` are R, G, B, else coordinates */
+    bool color;
+};
+
+/* Is shown the intermediate images of a frame's first multisample, on the thread that renders; the image is valid for the call. What is
+ * returned, unless PELL_OK, ends the frame. */
+struct pell_observer {
+    enum pell_result (*show)(void *user, const struct pell_intermediate *image);
+    void *user;
+};
+
+/* From the next frame on; NULL: nobody. Copied. Costs time and memory while it is set: methods make images that they otherwise would not. */
+PELL_API void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_observer *observer);
+
 /* One stage of a frame. */
 struct pell_stage_time {
     const char *name;

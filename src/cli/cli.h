@@ -73,7 +73,7 @@ struct cli {
 
     /* Options as given; NULL or false where not. */
     char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device;
-    char *time, *animation, *frames, *checkpoint, *checkpoint_every;
+    char *time, *animation, *frames, *checkpoint, *checkpoint_every, *dump;
     bool json, quiet, stats, allow_outside;
     struct {
         char *model, *compare, *gaussians, *eta, *roughness, *layers, *skin, *solver, *wavelength, *export, *from, *to;

@@ -72,6 +72,8 @@ static const struct option options[] = {
     { OPTIONS_FILE, 0, "frames", "FROM:TO:STEP",
       "images of the animation at times in seconds, numbered before the file name's extension, with the exposure of the first", TEXT,
       AT(frames), NULL },
+    { OPTIONS_FILE, 0, "dump", "FOLDER", "folder for the intermediate images of the frame's first sample, as EXR, with index.json", TEXT,
+      AT(dump), NULL },
     { OPTIONS_FILE, 0, "stats", NULL, "print a table of stage times on stderr", FLAG, AT(stats), NULL },
     { OPTIONS_BENCH | OPTIONS_REPEATS, 0, "repeats", "N", NULL, NUMBER, 0, &number_knobs[2] },
     { OPTIONS_PROFILE, 0, "model", "NAME", "dipole (default), or another of the list above", TEXT, AT(profile.model), NULL },

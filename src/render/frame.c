@@ -2,10 +2,12 @@
  * frame.c - one frame: the order in which its stages run. */
 #include "render/renderer_state.h"
 
+#include "render/intermediate.h"
 #include "render/pass.h"
 #include "render/post/dof.h"
 #include "scene/scene.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #define F_NUMBER 2.8 /* of a camera that does not say */
@@ -84,6 +86,28 @@ static void widen(struct pell_rect *rect, int by, int width, int height)
     rect->y1 = rect->y1 < height - by ? rect->y1 + by : height;
 }
 
+/* Shows the planes that a method reads, or those that it has written. */
+static enum pell_result show_planes(struct pell_renderer *r, const struct pell_frame *in, const struct pell_frame_light *out, bool of_light)
+{
+    enum pell_result res = PELL_OK;
+
+    for (int i = 0; i < PELL_PLANES && res == PELL_OK; i++) {
+        const struct pell_plane_info *p = pell_plane_at(i);
+        const void *planes[3];
+        char name[64];
+        struct pell_intermediate image = { name, p->unit, "a plane of the frame, where it is translucent", .components = p->components };
+        if (p->of_light != of_light)
+            continue;
+        memcpy(planes, (const char *) (of_light ? (const void *) out : (const void *) in) + p->offset,
+               (size_t) p->components * sizeof(*planes));
+        snprintf(name, sizeof(name), "frame.%s", p->name);
+        image.color = p->components == 3 && i != PELL_PLANE_NORMAL && i != PELL_PLANE_POSITION;
+        if (planes[0])
+            res = pell_show_pixels(&r->services, in, planes, p->format, &image);
+    }
+    return res;
+}
+
 /* Runs the method over one sample's surface and lighting. */
 static enum pell_result scatter(struct pell_renderer *r, const struct pell_engine_sample *sample, const struct pell_engine_seen *seen,
                                 struct pell_engine_scattered *scattered)
@@ -107,8 +131,12 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_engin
     if (sample->frame->plan->needs & PELL_NEED_SHADED)
         PELL_TRY(engine->shade(r->engine, sample));
     engine->hand_over(r->engine, sample, &in, &out);
+    if (pell_services_observed(&r->services, &in))
+        PELL_TRY(show_planes(r, &in, &out, false));
     start = pell_seconds();
     PELL_TRY(pell_pass_render(r->pass, &in, &out));
+    if (pell_services_observed(&r->services, &in))
+        PELL_TRY(show_planes(r, &in, &out, true));
     r->scattered = scattered->there = true;
     n = pell_pass_times(r->pass, times, PELL_COUNT(times));
     for (size_t i = 0; i < n; i++)

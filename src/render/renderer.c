@@ -76,6 +76,12 @@ enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const str
     return PELL_OK;
 }
 
+void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_observer *observer)
+{
+    pell_renderer_invalidate(r, PELL_INPUT_METHOD); /* what it keeps from frame to frame is not made again otherwise */
+    r->observer = observer ? *observer : (struct pell_observer) { NULL };
+}
+
 enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene)
 {
     enum pell_result res;

@@ -33,6 +33,7 @@ struct pell_renderer {
     const struct pell_method *method;  /* borrowed; NULL: none */
     void *knobs;                       /* owned copy */
     struct pell_checkpoint checkpoint; /* owned path; NULL: none */
+    struct pell_observer observer;     /* show NULL: none */
     struct pell_settings settings;
     float focal_px;
     bool orthographic;

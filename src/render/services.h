@@ -56,6 +56,7 @@ struct pell_services {
     const struct pell_frame_material *materials;
     const struct pell_settings *settings;     /* of the frame that is made: where a pass outlives a change they change under it */
     const struct pell_checkpoint *checkpoint; /* NULL: none */
+    const struct pell_observer *observer;     /* NULL: nobody asks for intermediate images */
     void *engine;                             /* passed to the functions below, which the engine fills in */
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                             const struct pell_surface_light *out);
@@ -109,6 +110,12 @@ static inline const struct pell_light_grid *pell_services_light_grid(const struc
 static inline PELL_NODISCARD enum pell_result pell_services_solids(const struct pell_services *s, struct pell_solids **out)
 {
     return pell_solids_create(s->ctx, s->scene, s->frame_index, s->materials, out);
+}
+
+/* Whether intermediate images of this sample are asked for. */
+static inline bool pell_services_observed(const struct pell_services *s, const struct pell_frame *in)
+{
+    return s->observer && in->first;
 }
 
 /* The 32 bits that struct pell_frame.seed has. */

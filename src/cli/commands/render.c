@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * render.c - `pellucid render`: a picture, a turntable of them, or the frames of an animation. */
-#include "cli/cli.h"
+#include "cli/dump.h"
 
 #include "base/file.h"
 #include "math/vec.h"
@@ -290,6 +290,7 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
 enum exit_code command_render(struct cli *cli)
 {
     struct job job = { .format = NULL };
+    struct dump dump = { .index = NULL };
     enum exit_code code = choose_output(cli, &job);
 
     if (code == EXIT_OK)
@@ -302,8 +303,10 @@ enum exit_code command_render(struct cli *cli)
         code = session_open_at(cli, cli->arguments[0], job.frames.count > 0 ? &job.frames.from : NULL, &job.session);
     if (code == EXIT_OK)
         code = set_checkpoint(cli, &job);
+    if (code == EXIT_OK)
+        code = dump_open(cli, &job.session, &dump);
     if (code == EXIT_OK) {
-        job.session.settings.layers = strcmp(job.format, "exr") == 0;
+        job.session.settings.layers = cli->dump || strcmp(job.format, "exr") == 0;
         hash_scene(&job);
         code = cli_failed(cli, pell_renderer_check_assumptions(job.session.renderer, &job.session.settings));
     }
@@ -312,9 +315,12 @@ enum exit_code command_render(struct cli *cli)
                : job.frames.count > 0     ? render_frames(cli, &job)
                                           : render_one(cli, &job, job.output);
     if (code == EXIT_OK)
+        code = dump_commit(cli, &job.session, &dump);
+    if (code == EXIT_OK)
         code = answer(cli, &job);
     else if (code == EXIT_INTERRUPTED && cli->partial)
         answer(cli, &job);
+    dump_close(&job.session, &dump);
     json_decref(job.images);
     session_close(&job.session);
     return code;

@@ -8,6 +8,7 @@
 #define PELL_CLI_COMPARE_H
 
 #include "cli/cli.h"
+#include "cli/folder.h"
 
 #include "compare/errors.h"
 
@@ -68,25 +69,6 @@ void halves_choose(const struct pell_method *method, void *values, int half);
 /* Keeps the first image; makes of the second the mean of both, whose planes are those of `h`. */
 PELL_NODISCARD enum pell_result halves_add(struct cli *cli, struct pell_render_result *image, struct halves *h);
 void halves_drop(struct cli *cli, struct halves *h);
-
-/* --- folder.c: a folder that appears whole or not at all ------------------------------------------------------------------- */
-
-struct output_folder {
-    struct pell_context *ctx;
-    char path[4200];    /* as given, without slashes at its end */
-    char partial[4300]; /* where files are written until all are there; "": not begun */
-    char files[80][280];
-    size_t count;
-    bool there; /* it was before: files replace those of the same name */
-};
-
-/* `path` may be there; the folder around it must. */
-PELL_NODISCARD enum pell_result folder_begin(struct pell_context *ctx, const char *path, struct output_folder *f);
-/* Where to write the file `name`; files appear in the order of these calls. Valid until the next call. NULL, logged, after too many. */
-const char *folder_file(struct output_folder *f, const char *name);
-PELL_NODISCARD enum pell_result folder_commit(struct output_folder *f);
-/* Takes away what was not committed. */
-void folder_drop(struct output_folder *f);
 
 /* --- answer.c: numbers ------------------------------------------------------------------------------------------------------ */
 

@@ -562,7 +562,7 @@ static enum pell_result write_all(struct cli *cli, const struct task *t, const j
     struct output_folder f;
     enum pell_result res;
 
-    PELL_TRY(folder_begin(cli->ctx, cli->output, &f));
+    PELL_TRY(folder_begin(cli->ctx, "--output", cli->output, &f));
     PELL_TRY(compare_write_maps(cli, &t->result, t->test.display, &f));
     PELL_TRY(compare_write_errors(cli, &t->result, &f, "errors.exr"));
     PELL_TRY(compare_write_json(cli, answer, &f));

@@ -639,7 +639,7 @@ static enum exit_code open_scene(struct cli *cli, struct job *job)
     if (code == EXIT_OK && cli->output) {
         job->scene_hash = pell_scene_hash(s->scene);
         job->materials_hash = pell_scene_hash_materials(s->scene);
-        code = cli_failed(cli, folder_begin(cli->ctx, cli->output, &job->folder));
+        code = cli_failed(cli, folder_begin(cli->ctx, "--output", cli->output, &job->folder));
     }
     return code;
 }

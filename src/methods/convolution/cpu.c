@@ -275,6 +275,7 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     struct conv_job *j = &st->job;
     struct conv_spectra *set = &st->sets[group % st->num_sets];
     double clock = pell_seconds();
+    enum pell_result res;
 
     j->group = group;
     j->radial = st->radial[st->solids ? st->solids->solids[group].material : group];
@@ -307,14 +308,20 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     note_time(st, CONV_T_SPECTRA, &clock, 0, 0);
     convolution_weigh(st);
     note_time(st, CONV_T_WEIGHTS, &clock, j->extent.pixels, j->extent.pixels * 44);
+    PELL_TRY(convolution_show_begin(st));
     for (int c = 0; c < 3; c++) {
         if (j->divide)
             convolve(st, c, true);
         convolve(st, c, false);
+        res = PELL_ERR_CANCELLED;
         if (pell_cancelled(st->ctx))
-            return PELL_ERR_CANCELLED;
+            goto fail;
     }
-    return PELL_OK;
+    return convolution_show_end(st);
+
+fail:
+    convolution_show_drop(st);
+    return res;
 }
 
 static void find_behind(struct convolution_state *st)

@@ -87,6 +87,7 @@ struct convolution_state {
         struct conv_shares shares;
         struct conv_edges edges[3]; /* fade 0: none */
     } job;
+    float *shown; /* what show.c collects; NULL: nobody observes */
     struct pell_pass_time times[CONV_TIMES];
     bool timed;
 };
@@ -128,5 +129,12 @@ void convolution_transform_back(struct convolution_state *st, int band, int work
 
 /* gather.c: rows of planes back, and to pixels. */
 void convolution_gather(struct convolution_state *st);
+
+/* show.c: for who observes the renderer; nothing otherwise. Around the channels of a group, whose bands tell of the planes in `which`,
+ * `size` floats apart. */
+PELL_NODISCARD enum pell_result convolution_show_begin(struct convolution_state *st);
+void convolution_show_band(const struct convolution_state *st, int band, bool after, const bool *which, const float *images, size_t size);
+PELL_NODISCARD enum pell_result convolution_show_end(struct convolution_state *st);
+void convolution_show_drop(struct convolution_state *st);
 
 #endif

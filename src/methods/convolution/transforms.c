@@ -38,11 +38,13 @@ void convolution_transform_rows(struct convolution_state *st, int band, int work
     const size_t size = (size_t) CONV_BAND * (size_t) j->stride;
     float *buffer[2];
     int list[CONV_IMAGES + 1], count = 0;
+    bool which[CONV_IMAGES];
 
     buffers_of(st, worker, buffer);
     for (int i = 0; i < num; i++)
-        if (st->occupied[band * st->num_images + i])
+        if ((which[i] = st->occupied[band * st->num_images + i]))
             list[count++] = i;
+    convolution_show_band(st, band, false, which, images, size);
     for (int i = 0; i < count; i += 2) {
         const int a = list[i], b = i + 1 < count ? list[i + 1] : -1;
         pell_fft_rows(&j->across, images + (size_t) a * size, b >= 0 ? images + (size_t) b * size : NULL, j->stride, j->layout.width, rows,
@@ -67,6 +69,7 @@ void convolution_transform_back(struct convolution_state *st, int band, int work
                            images + (size_t) a * size, b >= 0 ? images + (size_t) b * size : NULL, j->stride, j->layout.width, rows,
                            buffer);
     }
+    convolution_show_band(st, band, true, which, images, size);
 }
 
 /* All images of a block of columns: there, through the kernels, and back. */

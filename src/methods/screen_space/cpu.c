@@ -7,8 +7,10 @@
 
 #include "base/simd.h"
 #include "render/engine.h"
+#include "render/intermediate.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 PELL_SIMD_TABLES(struct screen_kernels, pell_ss_kernels);
@@ -31,7 +33,8 @@ struct spent { /* on a step */
 };
 
 struct screen_state {
-    struct pell_context *ctx; /* borrowed, as is the pool */
+    struct pell_context *ctx; /* borrowed, as are services and pool */
+    const struct pell_services *services;
     struct pell_pool *pool;
     const struct screen_kernels *kernels;
     struct screen_knobs knobs;
@@ -360,6 +363,7 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     if (heights && !(shape->object_height > 0.0f))
         return pell_error(ctx, PELL_ERR_INVALID, "screen-space", "set ssslevel = 0 and foreshortening = surface",
                           "object_height = %g mm, must be positive where depths count in object heights", (double) shape->object_height);
+    st->services = services;
     st->pool = services->pool;
     st->kernels = pell_ss_kernels_tables[pell_simd_best()];
     st->knobs = *k;
@@ -567,6 +571,64 @@ static const char *step_name(int step, int preblur)
     return step < preblur ? "blur ahead" : names[step - preblur];
 }
 
+/* The step goes down, the next one across. Each step's blur across goes from `now` to `half` or back, by turns; the step before the
+ * first begins. */
+static void run_step(struct screen_state *st, int step, int first, int steps, struct spent *spent)
+{
+    struct screen_work *w = &st->work;
+    float *const *swap;
+
+    if (step < first) {
+        st->from = w->now;
+        st->to = w->half;
+    }
+    swap = st->to;
+    w->step = step;
+    w->fresh = step == first;
+    w->last = step == steps - 1;
+    st->next = *w;
+    st->next.step = step + 1;
+    st->next.fresh = step + 1 == first;
+    blur(st, step >= first, step + 1 < steps, spent);
+    st->to = st->from;
+    st->from = swap;
+}
+
+/* Each step's result by itself: the steps with all of each one's share. */
+static enum pell_result show_blurs(struct screen_state *st, int first, int steps, int preblur)
+{
+    struct screen_work *w = &st->work;
+    const float(*const blend)[3] = w->blend, (*const total)[3] = w->total;
+    const size_t count = (size_t) steps * (st->num_materials + 1);
+    float(*ones)[3] = pell_alloc_array(st->ctx, count, sizeof(*ones));
+    struct spent spent[SCREEN_STEPS] = { { 0 } };
+    enum pell_result res = ones ? PELL_OK : PELL_ERR_NOMEM;
+
+    for (size_t i = 0; ones && i < count; i++)
+        ones[i][0] = ones[i][1] = ones[i][2] = 1.0f;
+    w->blend = w->total = (const float(*)[3]) ones;
+    for (int step = first - 1; step < steps && first < steps && res == PELL_OK; step++) {
+        const void *const planes[3] = { w->out->light[0], w->out->light[1], w->out->light[2] };
+        char name[64];
+        struct pell_intermediate image = {
+            .name = name,
+            .unit = st->knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
+            .what = "what the method blurs, after the Gaussians up to this one; pixels that skip it are as before",
+            .components = 3,
+            .color = true,
+        };
+        run_step(st, step, first, steps, spent);
+        snprintf(name, sizeof(name), step < preblur ? "screen-space.blur-ahead-%d" : "screen-space.blur-%d",
+                 step < preblur ? step + 1 : step - preblur + 1);
+        if (step >= first)
+            res = pell_show_pixels(st->services, w->in, planes, PELL_PLANE_F32, &image);
+    }
+    w->blend = blend;
+    w->total = total;
+    pell_free(st->ctx, ones);
+    return res;
+}
+
 static enum pell_result screen_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct screen_state *st = state;
@@ -578,6 +640,7 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     const double start = pell_seconds();
     struct spent spent[SCREEN_STEPS] = { { 0 } };
     int preblur, first, steps;
+    enum pell_result res;
 
     st->num_times = 0;
     if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
@@ -603,22 +666,10 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
 
     if (first == steps)
         pass(st, k->copy);
-    /* Each step's blur across goes from `now` to `half` or back, by turns. */
-    st->from = w->now;
-    st->to = w->half;
-    for (int step = first - 1; step < steps && first < steps; step++) {
-        float *const *const swap = st->to;
-
-        w->step = step;
-        w->fresh = step == first;
-        w->last = step == steps - 1;
-        st->next = *w;
-        st->next.step = step + 1;
-        st->next.fresh = step + 1 == first;
-        blur(st, step >= first, step + 1 < steps, spent);
-        st->to = st->from;
-        st->from = swap;
-    }
+    if (pell_services_observed(st->services, in) && (res = show_blurs(st, first, steps, preblur)) != PELL_OK)
+        return res;
+    for (int step = first - 1; step < steps && first < steps; step++)
+        run_step(st, step, first, steps, spent);
     for (int step = first; step < steps; step++)
         note_time(st, step_name(step, preblur), spent[step].seconds, spent[step].active, spent[step].active * 32);
     w->in = NULL;

@@ -290,6 +290,14 @@ void ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts
             pell_pool_run(st->pool, chunks, thin_out, p);
         if (levels[i].blurs) {
             blur_planes(p, b, &texels);
+            ts_show(st, &(struct ts_image) { "blur",
+                                             "W/m^2",
+                                             "the irradiance map after the Gaussians up to this one",
+                                             { p->now[0], p->now[1], p->now[2] },
+                                             3,
+                                             i + 1,
+                                             true,
+                                             true });
             if (transmission || i + 1 < count)
                 fill_for(p, next_blur(levels, i + 1, count), planes);
             ts_note_time(st, level_name(number++), texels, 8 * texels * st->work.planes, 0);

@@ -296,6 +296,17 @@ static void store_rows(void *arg, int band, int worker)
             }
 }
 
+static void show_light(struct ts_state *st)
+{
+    ts_show(st, &(struct ts_image) { "irradiance",
+                                     "W/m^2",
+                                     "irradiance that entered, with albedo^m",
+                                     { st->light[0], st->light[1], st->light[2] },
+                                     3,
+                                     .color = true,
+                                     .of_light = true });
+}
+
 static enum pell_result light_solid(struct ts_state *st, size_t number)
 {
     const struct pell_scene *scene = st->services->scene;
@@ -329,8 +340,18 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
         ts_tsm_start(a, &st->tsm);
     find_least(st, a);
     ts_note_time(st, "start", 0, 0, 0);
-    if (st->knobs.lights == TS_LIGHTS_SUM)
+    st->shown.solid = number;
+    st->shown.light = -1;
+    st->shown.result = PELL_OK;
+    ts_show(st, &(struct ts_image) { "texel-size",
+                                     "mm",
+                                     "size on the surface of a texel, along x and at right angles to that: the stretch",
+                                     { a->length[0], a->length[1] },
+                                     2 });
+    if (st->knobs.lights == TS_LIGHTS_SUM) {
         ts_light_map(st, a, 0, NULL);
+        show_light(st);
+    }
     for (size_t i = 0; i < scene->num_lights; i++) {
         const uint64_t bit = (uint64_t) 1 << (i < 63 ? i : 63);
         struct ts_tsm_params t = {
@@ -357,6 +378,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
         ts_tsm_face(&t, &st->tsm);
         PELL_TRY(ts_tsm_make(&t, st->light[3], &st->tsm, &rays));
         ts_note_time(st, "tsm", a->inner, a->inner * 40, rays);
+        st->shown.light = (int) i;
         if (st->tsm.count == 0)
             continue;
         if (st->knobs.lights == TS_LIGHTS_OWN) {
@@ -366,24 +388,41 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
             rays = 0;
             PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
             ts_note_time(st, "tsm", 0, 0, rays);
+            show_light(st);
         }
+        ts_show(st, &(struct ts_image) { "thickness",
+                                         "mm",
+                                         "distance that transmitted light goes; 0: none is transmitted",
+                                         { st->light[3] },
+                                         1,
+                                         .of_light = true,
+                                         .falloff = t.falloff });
         chain.transmission = true;
         ts_chain(st, solid, &chain);
         is_transmitted = true;
         chain.local = st->knobs.lights == TS_LIGHTS_OWN;
     }
     st->tsm.count = 0;
-    if (st->knobs.lights == TS_LIGHTS_OWN && rest)
+    st->shown.light = -1;
+    if (st->knobs.lights == TS_LIGHTS_OWN && rest) {
         ts_light_map(st, a, rest, NULL);
+        show_light(st);
+    }
     chain.transmission = false;
     if (chain.local && rest)
         ts_chain(st, solid, &chain);
     if (is_transmitted && st->knobs.soften)
         ts_soften(st, solid);
+    ts_show(st, &(struct ts_image) { "exitance",
+                                     "W/m^2",
+                                     "radiant exitance, all Gaussians and transmission",
+                                     { st->sum[0], st->sum[1], st->sum[2] },
+                                     3,
+                                     .color = true });
     ts_fill(st, a, st->sum, 3, TS_READ_FAR);
     ts_rows(st, a->height, store_rows, &p);
     ts_note_time(st, "start", a->inner, a->inner * 28, 0);
-    return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    return st->shown.result != PELL_OK ? st->shown.result : pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
     return res;

@@ -46,6 +46,11 @@ struct ts_state {
     struct pell_pass_time times[TS_TIMES];
     size_t num_times;
     double clock;
+    struct {
+        size_t solid;
+        int light;               /* -1: several */
+        enum pell_result result; /* of the observer */
+    } shown;
 };
 
 /* Runs `task` for each band of TS_ROWS rows. */
@@ -75,6 +80,21 @@ static inline void ts_note_time(struct ts_state *st, const char *name, int64_t p
     }
     st->clock = now;
 }
+
+/* --- show.c ---------------------------------------------------------------------------------------------------------------------- */
+
+struct ts_image {
+    const char *name, *unit, *what;
+    const float *planes[3]; /* of the solid's map */
+    int components;
+    int number; /* goes behind the name, from 1; 0: none */
+    bool color;
+    bool of_light;  /* the light's number goes before the name, where it is of one */
+    double falloff; /* above 0: the values are alpha, what is shown is the thickness in mm */
+};
+
+/* For who observes the renderer: nothing otherwise. The texels of st->shown's solid and light; fails by st->shown.result. */
+void ts_show(struct ts_state *st, const struct ts_image *image);
 
 /* --- light_map.c ----------------------------------------------------------------------------------------------------------------- */
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * folder.c - a folder of results that appears whole or not at all: files are written beside it, or in it under a name that starts
  * with a dot, and moved when the last one is there. */
-#include "cli/compare/compare.h"
+#include "cli/folder.h"
 
 #include "base/file.h"
 
@@ -12,15 +12,15 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum pell_result folder_begin(struct pell_context *ctx, const char *path, struct output_folder *f)
+enum pell_result folder_begin(struct pell_context *ctx, const char *option, const char *path, struct output_folder *f)
 {
-    static const char hint[] = "-o names a folder, which is made if the one around it is there";
+    static const char hint[] = "it names a folder, which is made if the one around it is there";
     struct stat st;
     size_t n = strlen(path);
 
-    *f = (struct output_folder) { .ctx = ctx };
+    *f = (struct output_folder) { .ctx = ctx, .option = option };
     if (n > 4000)
-        return pell_error(ctx, PELL_ERR_INVALID, "--output", NULL, "a name of %zu bytes is too long", n);
+        return pell_error(ctx, PELL_ERR_INVALID, option, NULL, "a name of %zu bytes is too long", n);
     while (n > 1 && path[n - 1] == '/')
         n--;
     memcpy(f->path, path, n);
@@ -40,7 +40,7 @@ const char *folder_file(struct output_folder *f, const char *name)
     static _Thread_local char path[sizeof(f->partial) + sizeof(f->files[0])];
 
     if (f->count == most || strlen(name) >= sizeof(f->files[0])) {
-        pell_error(f->ctx, PELL_ERR_INVALID, f->path, "compare fewer methods at a time", "more than %zu files, or too long a name", most);
+        pell_error(f->ctx, PELL_ERR_INVALID, f->path, "ask for less at a time", "more than %zu files, or too long a name", most);
         return NULL;
     }
     snprintf(f->files[f->count++], sizeof(f->files[0]), "%s", name);
@@ -57,7 +57,7 @@ enum pell_result folder_commit(struct output_folder *f)
     for (size_t i = 0; i < f->count; i++) {
         snprintf(to, sizeof(to), "%s/%s", f->path, f->files[i]);
         if (pell_file_was_read(f->ctx, to))
-            return pell_error(f->ctx, PELL_ERR_INVALID, "--output", "name another folder", "\"%s\" is one of the files that were read", to);
+            return pell_error(f->ctx, PELL_ERR_INVALID, f->option, "name another folder", "\"%s\" is one of the files that were read", to);
     }
     if (!f->there && chmod(f->partial, 0777 & ~mask) == 0 && rename(f->partial, f->path) == 0) {
         f->partial[0] = '\0';

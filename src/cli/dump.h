@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * dump.h - `render --dump FOLDER`: the intermediate images of a frame, each an EXR file, with an index.
+ *
+ * Ownership  dump_close takes away what was not committed; it takes what is half-made.
+ */
+#ifndef PELL_CLI_DUMP_H
+#define PELL_CLI_DUMP_H
+
+#include "cli/folder.h"
+
+struct dump {
+    struct cli *cli;
+    struct output_folder folder;
+    json_t *index;
+};
+
+/* Observes the renderer of the session until dump_close. Nothing without --dump. */
+enum exit_code dump_open(struct cli *cli, struct session *s, struct dump *d);
+/* Makes the folder appear. */
+enum exit_code dump_commit(struct cli *cli, const struct session *s, struct dump *d);
+void dump_close(struct session *s, struct dump *d);
+
+#endif
