@@ -107,7 +107,7 @@ struct pell_observer {
     void *user;
 };
 
-/* From the next frame on; NULL: nobody. Copied. Costs time and memory while it is set: methods make images that they otherwise would not. */
+/* From the next frame on; NULL: nobody. Copied. Costs time and memory while it is set: methods make images that they would not make. */
 PELL_API void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_observer *observer);
 
 /* One stage of a frame. */

@@ -18,6 +18,7 @@ enum pell_result pell_show_pixels(const struct pell_services *s, const struct pe
                                   enum pell_plane_format format, struct pell_intermediate *image)
 {
     const size_t width = (size_t) in->shape.width, all = width * (size_t) in->shape.height;
+    const ptrdiff_t stride = image->stride > 0 ? image->stride : in->shape.stride;
     float *copy = pell_calloc(s->ctx, all, (size_t) image->components * sizeof(*copy));
     enum pell_result res;
 
@@ -31,8 +32,8 @@ enum pell_result pell_show_pixels(const struct pell_services *s, const struct pe
         image->planes[c] = to;
         for (int y = in->rect.y0; y < in->rect.y1; y++)
             for (int x = in->rect.x0; x < in->rect.x1; x++) {
-                const ptrdiff_t at = y * in->shape.stride + x;
-                const float value = in->material[at] > 0 ? value_at(planes[c], format, at) : 0.0f;
+                const bool there = in->material[y * in->shape.stride + x] > 0;
+                const float value = there ? value_at(planes[c], format, y * stride + x) : 0.0f;
                 to[(size_t) y * width + (size_t) x] = isfinite(value) ? value : 0.0f;
             }
     }

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 
-from cli_test import (PROGRAM, SMALL, Skip, clean_environment, exr_header, main, names, need, one_object, png_pixels, png_text, sphere,
+from cli_test import (PROGRAM, SMALL, Skip, clean_environment, exr_header, main, names, need, one_object, png_pixels, png_text, run, sphere,
                       test, text, works, write_obj, write_scene)
 
 MAKE_ASSETS = os.path.abspath(sys.argv[3])
@@ -164,6 +164,27 @@ def _(folder):
     found = settings('s.json')
     need({'exit=published', 'bounces=1', 'angles=off'} <= set(found), found)
     need({'exit=balanced', 'bounces=8', 'specular=material'} <= set(settings(*MESH[1:], '-m', 'convolution')))
+
+
+@test('--dump writes every intermediate image with an index, changes no picture, and appears whole or not at all')
+def _(folder):
+    works(folder, *MESH, '-o', 'plain.pfm')
+    works(folder, *MESH, '--dump', 'stages', '-o', 'p.pfm')
+    need((folder / 'p.pfm').read_bytes() == (folder / 'plain.pfm').read_bytes(), '--dump changes the picture')
+    index = json.loads((folder / 'stages/index.json').read_text('utf-8'))
+    files = [image['file'] for image in index['images']]
+    need(sorted(files + ['index.json']) == names(folder / 'stages'), names(folder / 'stages'))
+    need(index['method'] == 'screen-space' and 'as=best' in index['knobs'] and 'bounces=8' in index['settings'], index)
+    for image in index['images']:
+        attributes, channels = exr_header((folder / 'stages' / image['file']).read_bytes())[:2]
+        need(attributes['pellucid.unit'] == image['unit'] and attributes['pellucid.what'] == image['what'], attributes)
+        need(len(channels) == image['components'], channels)
+    need({'frame.depth', 'frame.irradiance', 'screen-space.blur-4', 'frame.light'} <= {image['name'] for image in index['images']}, index)
+    for wrong, reason in ((('--turntable', '2'), b'does not go with --turntable'), (('--frames', '0:1:1'), b'does not go with --frames')):
+        done = run(folder, *MESH, '--dump', 'other', *wrong, '-o', 'q.png')
+        need(done.returncode == 2 and reason in done.stderr and not (folder / 'other').exists(), done.stderr)
+    done = run(folder, *MESH, '--dump', 'none/there', '-o', 'q.png')
+    need(done.returncode == 3 and b'none/there' in done.stderr and not (folder / 'q.png').exists(), done)
 
 
 @test('--turntable numbers its pictures, starts at the front, turns, and keeps the exposure')

@@ -320,6 +320,7 @@ static enum pell_result is_render(void *state, const struct pell_frame *in, cons
     const int bands = (in->rect.y1 - in->rect.y0 + BAND - 1) / BAND;
     double clock = pell_seconds();
     int64_t pixels = 0;
+    enum pell_result res = PELL_OK;
 
     st->num_times = 0;
     if (!st->knobs.strength)
@@ -332,6 +333,12 @@ static enum pell_result is_render(void *state, const struct pell_frame *in, cons
     w->mid_y = 0.5f * (float) in->shape.height;
     if (st->solids)
         turn_views(st, in);
+    if (pell_services_observed(st->services, in))
+        res = is_show_samples(st->services, &st->knobs, st->sets, st->num_sets);
+    for (int i = 0; i < w->num_views && res == PELL_OK && pell_services_observed(st->services, in); i++)
+        res = is_show_view(st->services, &st->light_views[i], i + 1);
+    if (res != PELL_OK)
+        return res;
     memset(st->counts, 0, (size_t) bands * sizeof(*st->counts));
     for (int i = 1; i <= IS_MARGIN; i++) {
         memset(w->key + (in->rect.y0 - i) * w->stride + in->rect.x0 - IS_MARGIN, 0, width);

@@ -73,4 +73,9 @@ PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *
 
 extern const struct pell_method_engine pell_is_cpu;
 
+/* show.c: for who observes the renderer (pell_services_observed). */
+PELL_NODISCARD enum pell_result is_show_samples(const struct pell_services *services, const struct is_knobs *knobs,
+                                                const struct is_set *sets, size_t count);
+PELL_NODISCARD enum pell_result is_show_view(const struct pell_services *services, const struct is_light_view *view, int number);
+
 #endif

@@ -332,10 +332,13 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
     struct layered_state *st = state;
     const double start = pell_seconds();
     int64_t pixels = 0, rays = 0;
+    enum pell_result res;
 
     st->in = in;
     st->out = out;
     st->view = in->view;
+    if (pell_services_observed(st->services, in) && (res = layered_show(st)) != PELL_OK)
+        return res;
     for (int i = 0; i < st->num_light_points; i++)
         st->light_points[i].grid = st->light_points[i].face ? NULL : pell_services_light_grid(st->services, st->light_points[i].light);
     for (int i = 0; i < pell_pool_threads(st->pool); i++)

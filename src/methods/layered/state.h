@@ -124,4 +124,7 @@ void layered_set_planes(const struct layered_state *st, const struct layered_lig
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                       struct layered_light *source, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w);
 
+/* show.c: for who observes the renderer (pell_services_observed), of the frame in st->in. */
+PELL_NODISCARD enum pell_result layered_show(const struct layered_state *st);
+
 #endif

@@ -69,54 +69,16 @@ static bool starts(const char *name, const char *prefix)
     return strncmp(name, prefix, strlen(prefix)) == 0;
 }
 
-/* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */
-static void whiten(struct pell_gaussians *g)
-{
-    for (int c = 0; c < 3; c++) {
-        double sum = 0.0;
-        for (int i = 0; i < g->count; i++)
-            sum += g->weight[i][c];
-        for (int i = 0; i < g->count; i++)
-            g->weight[i][c] = sum > 0.0 ? g->weight[i][c] / sum : (i == 0 ? 1.0 : 0.0);
-    }
-}
-
-static bool same_gaussians(const struct pell_gaussians *a, const struct pell_gaussians *b)
-{
-    bool same = a->count == b->count;
-
-    for (int i = 0; same && i < a->count; i++)
-        same = a->variance[i] == b->variance[i] && memcmp(a->weight[i], b->weight[i], sizeof(a->weight[i])) == 0;
-    return same;
-}
-
-/* The Gaussians of table 7.1 for what they are fits of: the three-layer skin of d'Eon et al. 2007, as itself and as the six Gaussians of
- * their paper, and the marble of Jensen et al. 2001. NULL for any other. */
-static const struct pell_material_entry *published_for(const struct pell_frame_material *m)
-{
-    static const char *const sets[][2] = {
-        { "skin", "skin-4gaussian" },
-        { "skin-6gaussian", "skin-4gaussian" },
-        { "skin-3layer", "skin-4gaussian" },
-        { "marble", "marble-4gaussian" },
-    };
-
-    for (size_t i = 0; i < PELL_COUNT(sets) && m->preset; i++)
-        if (strcmp(m->preset, sets[i][0]) == 0 && same_gaussians(&m->gaussians, &pell_material_find(m->preset)->gaussians))
-            return pell_material_find(sets[i][1]);
-    return NULL;
-}
-
 static enum pell_result find_profile(const struct screen_state *st, const struct pell_frame_shape *shape, size_t index,
                                      struct pell_gaussians *g)
 {
     const struct pell_frame_material *m = &shape->materials[index];
     const struct pell_fit_params params = { .count = st->knobs.gaussians };
-    const struct pell_material_entry *published = st->knobs.profile == SCREEN_PROFILE_PUBLISHED ? published_for(m) : NULL;
+    const struct pell_material_entry *published = st->knobs.profile == SCREEN_PROFILE_PUBLISHED ? pell_ss_published(m) : NULL;
 
     if (published) { /* white: the material's colour is its own profile's */
         *g = published->gaussians;
-        whiten(g);
+        pell_ss_whiten(g);
         for (int i = 0; i < g->count; i++)
             for (int c = 0; c < 3; c++)
                 g->weight[i][c] *= pell_profile_total(&m->profile[c]);
@@ -137,42 +99,6 @@ static enum pell_result find_profile(const struct screen_state *st, const struct
         return pell_error(st->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or use fewer Gaussians",
                           "no sum of %d Gaussians fits this material's profile", params.count);
     return PELL_OK;
-}
-
-/* Sum_i w_i exp(-d^2 / (2 v_i)) of a channel, as a share of nothing: with w_i, so at most the channel's total. */
-static double transmission(const struct pell_gaussians *g, int channel, double scale2, double d)
-{
-    double sum = 0.0;
-
-    for (int i = 0; i < g->count; i++)
-        sum += g->weight[i][channel] * exp(-d * d / (2.0 * scale2 * g->variance[i]));
-    return sum;
-}
-
-static void make_thickness(const struct pell_gaussians *g, double scale2, struct pell_thickness_table *t)
-{
-    double far = 0.0;
-
-    for (int c = 0; c < 3; c++) {
-        const double total = pell_gaussians_total(g, c);
-        /* The widest Gaussian bounds the sum, so it is under 1e-4 of the total there. */
-        double low = 0.0, high = g->count > 0 ? sqrt(2.0 * scale2 * g->variance[g->count - 1] * log(1e4)) : 0.0;
-        for (int i = 0; total > 0.0 && i < 60; i++) {
-            const double mid = 0.5 * (low + high);
-            if (transmission(g, c, scale2, mid) > 1e-4 * total)
-                low = mid;
-            else
-                high = mid;
-        }
-        if (total > 0.0 && high > far)
-            far = high;
-    }
-    t->max_mm = (float) (far > 0.0 ? far : 1e-6);
-    for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
-        const double f = (double) i / (PELL_THICKNESS_STEPS - 1), d = (double) t->max_mm * f * f;
-        for (int c = 0; c < 3; c++)
-            t->value[i][c] = scale2 > 0.0 ? (float) transmission(g, c, scale2, d) : 0.0f;
-    }
 }
 
 /* --- The chain of blurs -------------------------------------------------------------------------------------------------------- */
@@ -278,7 +204,7 @@ static enum pell_result make_tables(struct screen_state *st, const struct pell_f
         struct pell_gaussians *g = &st->profiles[i];
         PELL_TRY(find_profile(st, shape, i, g));
         if (shape->materials[i].white || st->knobs.input == SCREEN_INPUT_SHADED)
-            whiten(g);
+            pell_ss_whiten(g);
         if (g->count - unblurred_first(st, shape->materials[i].name) > st->steps)
             st->steps = g->count - unblurred_first(st, shape->materials[i].name);
     }
@@ -296,7 +222,7 @@ static enum pell_result make_tables(struct screen_state *st, const struct pell_f
         if (!st->thickness)
             goto fail;
         for (size_t i = 0; i < n; i++)
-            make_thickness(&st->profiles[i], (double) st->work.ratio2, &st->thickness[i]);
+            pell_ss_thickness(&st->profiles[i], (double) st->work.ratio2, &st->thickness[i]);
     }
     return PELL_OK;
 
@@ -558,6 +484,16 @@ static struct screen_seen load(struct screen_state *st)
     return all;
 }
 
+static struct screen_seen load_frame(struct screen_state *st)
+{
+    const struct screen_seen seen = load(st);
+
+    st->work.several = seen.first != seen.last;
+    pass(st, st->kernels->measure);
+    find_clear(st);
+    return seen;
+}
+
 static void note_time(struct screen_state *st, const char *name, double seconds, int64_t pixels, int64_t bytes)
 {
     st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = seconds, .pixels = pixels, .bytes = bytes };
@@ -598,7 +534,7 @@ static void run_step(struct screen_state *st, int step, int first, int steps, st
 static enum pell_result show_blurs(struct screen_state *st, int first, int steps, int preblur)
 {
     struct screen_work *w = &st->work;
-    const float(*const blend)[3] = w->blend, (*const total)[3] = w->total;
+    const float(*const blend)[3] = w->blend;
     const size_t count = (size_t) steps * (st->num_materials + 1);
     float(*ones)[3] = pell_alloc_array(st->ctx, count, sizeof(*ones));
     struct spent spent[SCREEN_STEPS] = { { 0 } };
@@ -606,14 +542,17 @@ static enum pell_result show_blurs(struct screen_state *st, int first, int steps
 
     for (size_t i = 0; ones && i < count; i++)
         ones[i][0] = ones[i][1] = ones[i][2] = 1.0f;
-    w->blend = w->total = (const float(*)[3]) ones;
+    w->blend = (const float(*)[3]) ones;
     for (int step = first - 1; step < steps && first < steps && res == PELL_OK; step++) {
-        const void *const planes[3] = { w->out->light[0], w->out->light[1], w->out->light[2] };
+        const bool last = step == steps - 1;
+        float *const *const from = last ? w->out->light : w->sum;
+        const void *const planes[3] = { from[0], from[1], from[2] };
         char name[64];
         struct pell_intermediate image = {
             .name = name,
             .unit = st->knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
-            .what = "what the method blurs, after the Gaussians up to this one; pixels that skip it are as before",
+            .stride = last ? 0 : w->stride,
+            .what = "light times the profile's total after the Gaussians up to this one; pixels that skip it are as before",
             .components = 3,
             .color = true,
         };
@@ -624,7 +563,6 @@ static enum pell_result show_blurs(struct screen_state *st, int first, int steps
             res = pell_show_pixels(st->services, w->in, planes, PELL_PLANE_F32, &image);
     }
     w->blend = blend;
-    w->total = total;
     pell_free(st->ctx, ones);
     return res;
 }
@@ -653,29 +591,31 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     w->block0 = frame.rect.x0 / SCREEN_BLOCK;
     w->block1 = (frame.rect.x1 + SCREEN_BLOCK - 1) / SCREEN_BLOCK;
 
-    seen = load(st);
-    w->several = seen.first != seen.last;
-    pass(st, k->measure);
-    find_clear(st);
+    seen = load_frame(st);
     choose_steps(st, seen.scale, &preblur, &first);
     w->variance = st->variance + (size_t) (SCREEN_PREBLUR - preblur) * row;
     w->blend = (const float(*)[3]) st->blend + (size_t) (SCREEN_PREBLUR - preblur) * row;
     steps = preblur + st->steps;
     find_least(st, w->variance, steps);
+    if (pell_services_observed(st->services, in)) {
+        PELL_TRY(show_blurs(st, first, steps, preblur));
+        load_frame(st);
+    }
     note_time(st, "load", pell_seconds() - start, seen.pixels, (int64_t) seen.pixels * 40);
 
     if (first == steps)
         pass(st, k->copy);
-    if (pell_services_observed(st->services, in) && (res = show_blurs(st, first, steps, preblur)) != PELL_OK)
-        return res;
     for (int step = first - 1; step < steps && first < steps; step++)
         run_step(st, step, first, steps, spent);
     for (int step = first; step < steps; step++)
         note_time(st, step_name(step, preblur), spent[step].seconds, spent[step].active, spent[step].active * 32);
+    res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
     w->in = NULL;
     w->out = NULL;
     w->light = NULL;
-    return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    return res;
 }
 
 static const struct pell_thickness_table *thickness(const void *state, size_t material)

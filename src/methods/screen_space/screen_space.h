@@ -37,6 +37,16 @@ double pell_ss_level(double focal_px, double height_mm);
 /* w'_i = w_i / Sum_{j <= i} w_j of section 7.3.3, for each channel; 1 where the sum is 0. */
 void pell_ss_blend(const struct pell_gaussians *g, int i, float blend[3]);
 
+/* --- profiles.c --- */
+
+/* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */
+void pell_ss_whiten(struct pell_gaussians *g);
+/* The Gaussians of table 7.1 for what they are fits of: the three-layer skin of d'Eon et al. 2007, as itself and as the six Gaussians of
+ * their paper, and the marble of Jensen et al. 2001. NULL for any other. */
+const struct pell_material_entry *pell_ss_published(const struct pell_frame_material *m);
+/* Sum_i w_i exp(-d^2/(2 scale2 v_i)) over the thickness d. */
+void pell_ss_thickness(const struct pell_gaussians *g, double scale2, struct pell_thickness_table *t);
+
 extern const struct pell_method_engine pell_ss_cpu;
 
 #endif

@@ -307,20 +307,11 @@ static void show_light(struct ts_state *st)
                                      .of_light = true });
 }
 
-static enum pell_result light_solid(struct ts_state *st, size_t number)
+/* Gets the planes, lengths and lists of a solid ready. */
+static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_params *chain)
 {
-    const struct pell_scene *scene = st->services->scene;
-    struct ts_solid *solid = &st->solid[number];
-    const struct ts_atlas *a = solid->atlas;
-    struct mapping p = { .st = st, .solid = solid };
-    struct ts_chain_params chain = { .local = true };
-    uint64_t rest = 0;
-    int shining = 0;
-    bool is_transmitted = false;
-    enum pell_result res;
+    const struct ts_atlas *a = st->solid[number].atlas;
 
-    st->clock = pell_seconds();
-    ts_rows(st, a->height, clear_rows, &p);
     st->work = (struct ts_work) {
         .width = a->width,
         .height = a->height,
@@ -333,9 +324,9 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
         .tilts = st->knobs.stretch,
         .grid = st->knobs.kernel == TS_KERNEL_DENSE ? GRID_VARIANCE : 0.0f,
     };
-    chain.scaled = scaled_strength(st, (int32_t) number);
-    if (chain.scaled || !st->knobs.stretch)
-        scale_lengths(st, a, chain.scaled);
+    chain->scaled = scaled_strength(st, (int32_t) number);
+    if (chain->scaled || !st->knobs.stretch)
+        scale_lengths(st, a, chain->scaled);
     if (st->knobs.tsm != TS_TSM_OFF)
         ts_tsm_start(a, &st->tsm);
     find_least(st, a);
@@ -348,59 +339,92 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
                                      "size on the surface of a texel, along x and at right angles to that: the stretch",
                                      { a->length[0], a->length[1] },
                                      2 });
+}
+
+/* Blurs the light that one light transmits, and with lights=own what else enters of it; `*is`: it transmits any. */
+static enum pell_result transmit(struct ts_state *st, size_t number, size_t light, struct ts_chain_params *chain, bool *is)
+{
+    const struct ts_solid *solid = &st->solid[number];
+    const struct ts_atlas *a = solid->atlas;
+    const struct ts_tsm_params t = {
+        .services = st->services,
+        .solids = st->solids,
+        .solid = (int32_t) number,
+        .atlas = a,
+        .light = &st->services->scene->lights[light],
+        .grid = pell_services_light_grid(st->services, light),
+        .form = st->knobs.tsm,
+        .size = st->knobs.tsm_size,
+        .printed = st->knobs.thickness == TS_THICKNESS_PRINTED,
+        .at_once = st->knobs.lights == TS_LIGHTS_SUM,
+        .thickest = solid->profile->thickest,
+        .falloff = solid->profile->widest,
+    };
+    int64_t rays = 0;
+    enum pell_result res;
+
+    ts_tsm_face(&t, &st->tsm);
+    PELL_TRY(ts_tsm_make(&t, st->light[3], &st->tsm, &rays));
+    ts_note_time(st, "tsm", a->inner, a->inner * 40, rays);
+    st->shown.light = (int) light;
+    *is = st->tsm.count > 0;
+    if (!*is)
+        return PELL_OK;
+    if (st->knobs.lights == TS_LIGHTS_OWN) {
+        const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
+        ts_light_map(st, a, (uint64_t) 1 << light, st->tsm.faces);
+        rays = 0;
+        PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
+        ts_note_time(st, "tsm", 0, 0, rays);
+        show_light(st);
+    }
+    ts_show(st, &(struct ts_image) { "thickness",
+                                     "mm",
+                                     "distance that transmitted light goes; 0: none is transmitted",
+                                     { st->light[3] },
+                                     1,
+                                     .of_light = true,
+                                     .falloff = t.falloff });
+    chain->transmission = true;
+    ts_chain(st, solid, chain);
+    chain->local = st->knobs.lights == TS_LIGHTS_OWN;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result light_solid(struct ts_state *st, size_t number)
+{
+    const struct pell_scene *scene = st->services->scene;
+    struct ts_solid *solid = &st->solid[number];
+    const struct ts_atlas *a = solid->atlas;
+    struct mapping p = { .st = st, .solid = solid };
+    struct ts_chain_params chain = { .local = true };
+    uint64_t rest = 0; /* lights whose own light is not blurred yet */
+    int shining = 0;
+    bool is_transmitted = false;
+    enum pell_result res;
+
+    st->clock = pell_seconds();
+    ts_rows(st, a->height, clear_rows, &p);
+    begin_solid(st, number, &chain);
     if (st->knobs.lights == TS_LIGHTS_SUM) {
         ts_light_map(st, a, 0, NULL);
         show_light(st);
     }
     for (size_t i = 0; i < scene->num_lights; i++) {
         const uint64_t bit = (uint64_t) 1 << (i < 63 ? i : 63);
-        struct ts_tsm_params t = {
-            .services = st->services,
-            .solids = st->solids,
-            .solid = (int32_t) number,
-            .atlas = a,
-            .light = &scene->lights[i],
-            .grid = pell_services_light_grid(st->services, i),
-            .form = st->knobs.tsm,
-            .size = st->knobs.tsm_size,
-            .printed = st->knobs.thickness == TS_THICKNESS_PRINTED,
-            .at_once = st->knobs.lights == TS_LIGHTS_SUM,
-            .thickest = solid->profile->thickest,
-            .falloff = solid->profile->widest,
-        };
-        int64_t rays = 0;
+        bool is = false;
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         rest |= bit;
         if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || st->knobs.tsm == TS_TSM_OFF || shining == LIGHTS_MOST || i >= 63)
             continue;
         shining++;
-        ts_tsm_face(&t, &st->tsm);
-        PELL_TRY(ts_tsm_make(&t, st->light[3], &st->tsm, &rays));
-        ts_note_time(st, "tsm", a->inner, a->inner * 40, rays);
-        st->shown.light = (int) i;
-        if (st->tsm.count == 0)
-            continue;
-        if (st->knobs.lights == TS_LIGHTS_OWN) {
-            const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
-            rest &= ~bit;
-            ts_light_map(st, a, bit, st->tsm.faces);
-            rays = 0;
-            PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
-            ts_note_time(st, "tsm", 0, 0, rays);
-            show_light(st);
-        }
-        ts_show(st, &(struct ts_image) { "thickness",
-                                         "mm",
-                                         "distance that transmitted light goes; 0: none is transmitted",
-                                         { st->light[3] },
-                                         1,
-                                         .of_light = true,
-                                         .falloff = t.falloff });
-        chain.transmission = true;
-        ts_chain(st, solid, &chain);
-        is_transmitted = true;
-        chain.local = st->knobs.lights == TS_LIGHTS_OWN;
+        PELL_TRY(transmit(st, number, i, &chain, &is));
+        rest &= is && st->knobs.lights == TS_LIGHTS_OWN ? ~bit : ~(uint64_t) 0;
+        is_transmitted = is_transmitted || is;
     }
     st->tsm.count = 0;
     st->shown.light = -1;

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: MIT
+ * show.c - intermediate images: the samples of each material, and what lights see. */
+#include "methods/image_space/image_space.h"
+
+#include "render/intermediate.h"
+
+#include <stdio.h>
+
+enum pell_result is_show_samples(const struct pell_services *services, const struct is_knobs *knobs, const struct is_set *sets,
+                                 size_t count)
+{
+    const int n = is_tile_side(knobs), samples = knobs->samples;
+    const size_t size = (size_t) samples * (size_t) (n * n);
+    float *copy = pell_alloc_array(services->ctx, size, 3 * sizeof(*copy));
+    enum pell_result res = copy ? PELL_OK : PELL_ERR_NOMEM;
+
+    for (size_t i = 0; i < count && res == PELL_OK; i++) {
+        char name[64];
+        const struct pell_intermediate image = {
+            name,
+            "mm, mm, mm^2",
+            "x and y in the tangent plane and 1/density of the samples, a row for each pixel of the tile",
+            samples,
+            n * n,
+            samples,
+            { copy, copy + size, copy + 2 * size },
+            3,
+            false
+        };
+        for (int c = 0; c < 3; c++)
+            for (int p = 0; p < n * n; p++)
+                for (int k = 0; k < samples; k++)
+                    copy[(size_t) c * size + (size_t) (p * samples + k)] =
+                        sets[i].offset[((p / n * samples + k) * 3 + c) * IS_BLOCK + p % n];
+        snprintf(name, sizeof(name), "image-space.material-%d.samples", (int) i + 1);
+        res = pell_show(services, &image);
+    }
+    pell_free(services->ctx, copy);
+    return res;
+}
+
+enum pell_result is_show_view(const struct pell_services *services, const struct is_light_view *view, int number)
+{
+    const size_t size = (size_t) view->view.width * (size_t) view->view.height;
+    float *copy = pell_alloc_array(services->ctx, size, 3 * sizeof(*copy));
+    char name[64];
+    const struct pell_intermediate image = { name,
+                                             "W/m^2",
+                                             "irradiance that entered where this light looks",
+                                             view->view.width,
+                                             view->view.height,
+                                             view->view.width,
+                                             { copy, copy + size, copy + 2 * size },
+                                             3,
+                                             true };
+    enum pell_result res;
+
+    if (!copy)
+        return PELL_ERR_NOMEM;
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < size; i++)
+            copy[c * size + i] = view->texels[i * IS_TEXEL + IS_KEY] > 0.0f ? view->texels[i * IS_TEXEL + IS_RED + c] : 0.0f;
+    snprintf(name, sizeof(name), "image-space.view-%d.irradiance", number);
+    res = pell_show(services, &image);
+    pell_free(services->ctx, copy);
+    return res;
+}
