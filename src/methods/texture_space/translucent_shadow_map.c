@@ -26,11 +26,10 @@ static uint8_t face(const struct ts_tsm_params *p, uint32_t t)
     struct pell_vec3 at[3], light[3], n;
     float far[3];
 
-    for (int k = 0; k < 3; k++) {
-        at[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+    pell_triangle_corners(m, a->triangles[t].triangle, at);
+    for (int k = 0; k < 3; k++)
         light[k] = ts_toward(p->light, at[k], &far[k]);
-    }
-    n = vec3_cross(vec3_sub(at[1], at[0]), vec3_sub(at[2], at[0]));
+    n = pell_triangle_cross(at);
     if (!(vec3_dot(n, light[0]) < 0.0f))
         return 0;
     /* Wherever in the triangle: the interpolated normal against any of the ways. */
