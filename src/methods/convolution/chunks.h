@@ -90,16 +90,6 @@ INLINE vf pick(const float *table, vi at)
 }
 
 /* Four floats at table + 4 at of each lane. */
-#if defined(__AVX512F__)
-#define TURN(op) (vf) _mm512_##op##_ps
-typedef __m512 vm;
-#elif defined(__AVX__)
-#define TURN(op) (vf) _mm256_##op##_ps
-typedef __m256 vm;
-#elif defined(__SSE2__)
-#define TURN(op) (vf) _mm_##op##_ps
-typedef __m128 vm;
-#endif
 INLINE void pick4(const float *table, vi at, vf out[4])
 {
     _Alignas(64) int32_t i[WIDTH];
@@ -107,28 +97,22 @@ INLINE void pick4(const float *table, vi at, vf out[4])
     memcpy(i, &at, sizeof(at));
     IN_MEMORY(i);
 #if defined(__SSE2__)
+    vf rows[4];
     for (int k = 0; k < 4; k++) { /* lanes k, 4 + k, 8 + k .. */
 #if defined(__AVX512F__)
         const __m256 low = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[k])),
                                                 _mm_loadu_ps(table + 4 * (ptrdiff_t) i[4 + k]), 1);
         const __m256 high = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[8 + k])),
                                                  _mm_loadu_ps(table + 4 * (ptrdiff_t) i[12 + k]), 1);
-        out[k] = (vf) _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
+        rows[k] = (vf) _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
 #elif defined(__AVX__)
-        out[k] = (vf) _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[k])),
-                                           _mm_loadu_ps(table + 4 * (ptrdiff_t) i[4 + k]), 1);
+        rows[k] = (vf) _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[k])),
+                                            _mm_loadu_ps(table + 4 * (ptrdiff_t) i[4 + k]), 1);
 #else
-        out[k] = (vf) _mm_loadu_ps(table + 4 * (ptrdiff_t) i[k]);
+        rows[k] = (vf) _mm_loadu_ps(table + 4 * (ptrdiff_t) i[k]);
 #endif
     }
-    {
-        const vf a = TURN(unpacklo)((vm) out[0], (vm) out[1]), b = TURN(unpackhi)((vm) out[0], (vm) out[1]);
-        const vf c = TURN(unpacklo)((vm) out[2], (vm) out[3]), d = TURN(unpackhi)((vm) out[2], (vm) out[3]);
-        out[0] = TURN(shuffle)((vm) a, (vm) c, 0x44);
-        out[1] = TURN(shuffle)((vm) a, (vm) c, 0xee);
-        out[2] = TURN(shuffle)((vm) b, (vm) d, 0x44);
-        out[3] = TURN(shuffle)((vm) b, (vm) d, 0xee);
-    }
+    turn4(rows, out);
 #else
     for (int l = 0; l < WIDTH; l++)
         for (int k = 0; k < 4; k++)

@@ -37,31 +37,21 @@ INLINE vf gather(const float *p, vi at)
  * it has been in memory for a while: IN_MEMORY keeps compilers from taking vectors apart by shuffles, which are what is short here. */
 #define IN_MEMORY(at) __asm__("" : "+m"(at))
 #if defined(__AVX512F__)
-INLINE void turn4(const __m512 in[4], __m512 out[4])
-{
-    const __m512 a = _mm512_unpacklo_ps(in[0], in[1]), b = _mm512_unpackhi_ps(in[0], in[1]);
-    const __m512 c = _mm512_unpacklo_ps(in[2], in[3]), d = _mm512_unpackhi_ps(in[2], in[3]);
-    out[0] = _mm512_shuffle_ps(a, c, 0x44);
-    out[1] = _mm512_shuffle_ps(a, c, 0xee);
-    out[2] = _mm512_shuffle_ps(b, d, 0x44);
-    out[3] = _mm512_shuffle_ps(b, d, 0xee);
-}
-
 INLINE void gather8(const float *p, const vi *at, vf out[8])
 {
     const int32_t *const index = (const int32_t *) at;
-    __m512 rows[8], turned[8];
+    vf rows[8], turned[8];
 
     for (int k = 0; k < 8; k++) { /* rows 0..3 beside 4..7, 8..11 beside 12..15 */
         const int32_t *i = index + (k & 3) + (k & 4) * 2;
-        rows[k] = _mm512_castpd_ps(_mm512_insertf64x4(_mm512_castps_pd(_mm512_castps256_ps512(_mm256_loadu_ps(p + i[0]))),
-                                                      _mm256_castps_pd(_mm256_loadu_ps(p + i[4])), 1));
+        rows[k] = (vf) _mm512_insertf64x4(_mm512_castps_pd(_mm512_castps256_ps512(_mm256_loadu_ps(p + i[0]))),
+                                          _mm256_castps_pd(_mm256_loadu_ps(p + i[4])), 1);
     }
     turn4(rows, turned);
     turn4(rows + 4, turned + 4);
     for (int k = 0; k < 4; k++) {
-        out[k] = (vf) _mm512_shuffle_f32x4(turned[k], turned[4 + k], 0x88);
-        out[4 + k] = (vf) _mm512_shuffle_f32x4(turned[k], turned[4 + k], 0xdd);
+        out[k] = (vf) _mm512_shuffle_f32x4((__m512) turned[k], (__m512) turned[4 + k], 0x88);
+        out[4 + k] = (vf) _mm512_shuffle_f32x4((__m512) turned[k], (__m512) turned[4 + k], 0xdd);
     }
 }
 #elif defined(__AVX__)
@@ -70,18 +60,11 @@ INLINE void gather8(const float *p, const vi *at, vf out[8])
     const int32_t *const index = (const int32_t *) at;
 
     for (int half = 0; half < 8; half += 4) {
-        __m256 rows[4], a, b, c, d;
+        vf rows[4];
         for (int k = 0; k < 4; k++)
-            rows[k] =
-                _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + index[k] + half)), _mm_loadu_ps(p + index[k + 4] + half), 1);
-        a = _mm256_unpacklo_ps(rows[0], rows[1]);
-        b = _mm256_unpackhi_ps(rows[0], rows[1]);
-        c = _mm256_unpacklo_ps(rows[2], rows[3]);
-        d = _mm256_unpackhi_ps(rows[2], rows[3]);
-        out[half] = (vf) _mm256_shuffle_ps(a, c, 0x44);
-        out[half + 1] = (vf) _mm256_shuffle_ps(a, c, 0xee);
-        out[half + 2] = (vf) _mm256_shuffle_ps(b, d, 0x44);
-        out[half + 3] = (vf) _mm256_shuffle_ps(b, d, 0xee);
+            rows[k] = (vf) _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + index[k] + half)),
+                                                _mm_loadu_ps(p + index[k + 4] + half), 1);
+        turn4(rows, out + half);
     }
 }
 #else
