@@ -81,15 +81,25 @@ static void finish(struct ours *o)
     }
 }
 
+/* 16 rows of two images, from y on. */
+static struct pell_fft_rows rows_from(const struct ours *o, float *const image[2], int y)
+{
+    struct pell_fft_rows r = { .stride = (o->width + 15) / 16 * 16, .block = o->block, .width = o->width };
+
+    for (int i = 0; i < 2; i++) {
+        r.image[i] = image[i] + y * r.stride;
+        r.half[i] = o->half[i] + PELL_FFT_ELEMENT * y;
+    }
+    r.rows = o->height - y < 16 ? o->height - y : 16;
+    return r;
+}
+
 /* Two images, there and back. */
 static void run(struct ours *o)
 {
-    const ptrdiff_t stride = (o->width + 15) / 16 * 16;
-
     for (int y = 0; y < o->height; y += 16) {
-        const int rows = o->height - y < 16 ? o->height - y : 16;
-        pell_fft_rows(&o->row, o->image[0] + y * stride, o->image[1] + y * stride, stride, o->width, rows,
-                      o->half[0] + PELL_FFT_ELEMENT * y, o->half[1] + PELL_FFT_ELEMENT * y, o->block, o->buffer);
+        const struct pell_fft_rows rows = rows_from(o, o->image, y);
+        pell_fft_rows(&o->row, &rows, o->buffer);
     }
     for (int i = 0; i < 2; i++)
         for (int b = 0; b < o->width / 32 + 1; b++) {
@@ -100,9 +110,8 @@ static void run(struct ours *o)
                 memcpy(column, back, (size_t) o->block * sizeof(float));
         }
     for (int y = 0; y < o->height; y += 16) {
-        const int rows = o->height - y < 16 ? o->height - y : 16;
-        pell_fft_rows_back(&o->row, o->half[0] + PELL_FFT_ELEMENT * y, o->half[1] + PELL_FFT_ELEMENT * y, o->block, o->back[0] + y * stride,
-                           o->back[1] + y * stride, stride, o->width, rows, o->buffer);
+        const struct pell_fft_rows rows = rows_from(o, o->back, y);
+        pell_fft_rows_back(&o->row, &rows, o->buffer);
     }
 }
 

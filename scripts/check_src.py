@@ -204,36 +204,8 @@ def rule_public_heads(tree):
                     yield name, 1, f"the comment that it opens with has no line '{word}'"
 
 
-# What a file, a function and a list of arguments of src/ may be long. The lists name what is longer still, with what it may be: they only
-# get shorter.
+# What a file, a function and a list of arguments of src/ may be long.
 FILE_LINES, FUNCTION_LINES, ARGUMENTS = 700, 100, 8
-LONG_FILES = {
-    "src/methods/convolution/kernels.c": 739,
-    "src/methods/image_space/kernels.c": 880,
-    "src/methods/screen_space/kernels.c": 997,
-    "src/methods/texture_space/translucent_shadow_map.c": 730,
-}
-LONG_FUNCTIONS = {
-    "src/methods/layered/march_fast.c:fast_lanes": 144,
-}
-MANY_ARGUMENTS = {
-    "src/math/fft.c:pell_fft_rows": 10,
-    "src/math/fft.c:pell_fft_rows_back": 10,
-    "src/methods/convolution/kernels.c:gather": 10,
-    "src/methods/convolution/kernels.c:slope": 11,
-    "src/methods/convolution/kernels.c:weigh": 10,
-    "src/methods/convolution/light.c:spread_cells": 12,
-    "src/methods/image_space/samples.c:make_levels": 9,
-    "src/methods/layered/march.c:light_step": 11,
-    "src/methods/layered/shadow_rays.c:open_sheet": 9,
-    "src/methods/screen_space/kernels.c:gather_listing": 9,
-    "src/methods/screen_space/kernels.c:leaning_tap": 11,
-    "src/methods/screen_space/kernels.c:upright_tap": 10,
-    "src/methods/texture_space/kernels.c:blur_block": 9,
-    "src/methods/texture_space/kernels.c:skewed_side": 12,
-    "src/methods/texture_space/kernels.c:side": 11,
-    "src/methods/texture_space/translucent_shadow_map.c:pass_through": 10,
-}
 
 
 def functions(code):
@@ -252,15 +224,13 @@ def rule_sizes(tree):
     """files of src have 700 lines at most, functions 100 lines and 8 arguments"""
     for name, text in tree.code("src/").items():
         length = text.count("\n")
-        if length > LONG_FILES.get(name, FILE_LINES):
-            yield name, length, f"{length} lines, {LONG_FILES.get(name, FILE_LINES)} are allowed: cut it along its concepts"
+        if length > FILE_LINES:
+            yield name, length, f"{length} lines, {FILE_LINES} are allowed: cut it along its concepts"
         for function, n, size, arguments in functions(strip_code(text)):
-            key = f"{name}:{function}"
-            if size > LONG_FUNCTIONS.get(key, FUNCTION_LINES):
-                yield name, n, f"{function}() has {size} lines, {LONG_FUNCTIONS.get(key, FUNCTION_LINES)} are allowed"
-            if arguments > MANY_ARGUMENTS.get(key, ARGUMENTS):
-                most = MANY_ARGUMENTS.get(key, ARGUMENTS)
-                yield name, n, f"{function}() takes {arguments} arguments, {most} are allowed: a struct says more"
+            if size > FUNCTION_LINES:
+                yield name, n, f"{function}() has {size} lines, {FUNCTION_LINES} are allowed"
+            if arguments > ARGUMENTS:
+                yield name, n, f"{function}() takes {arguments} arguments, {ARGUMENTS} are allowed: a struct says more"
 
 
 # Words that the field does not use for what is meant here, and its own: docs/guide/conventions.md, "Glossary".

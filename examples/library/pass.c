@@ -51,11 +51,8 @@ int main(void)
 {
     const struct pell_material_entry *marble = pell_material_find("marble");
     const struct pell_frame_material wall = { .medium = marble->medium, .name = marble->name };
-    const struct pell_frame_shape shape = {
-        .width = WIDTH, .height = HEIGHT, .stride = WIDTH, .orthographic = true, .focal_px = SCALE, .materials = &wall, .num_materials = 1
-    };
     const struct pell_frame frame = {
-        .shape = shape,
+        .shape = { WIDTH, HEIGHT, WIDTH, .orthographic = true, .focal_px = SCALE, .materials = &wall, .num_materials = 1 },
         .rect = { 0, 0, WIDTH, HEIGHT },
         .material = material,
         .depth = depth,

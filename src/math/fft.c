@@ -141,18 +141,16 @@ static void load_tile(const struct pell_fft *plan, const float *from, ptrdiff_t 
     plan->kernels->transpose(tile, PELL_FFT_LANES, to, PELL_FFT_ELEMENT);
 }
 
-void pell_fft_rows(const struct pell_fft *plan, const float *a, const float *b, ptrdiff_t stride, int width, int rows, float *to_a,
-                   float *to_b, ptrdiff_t block, float *buffer[2])
+void pell_fft_rows(const struct pell_fft *plan, const struct pell_fft_rows *r, float *buffer[2])
 {
-    const int n = plan->n, half = n / 2 + 1;
+    const int n = plan->n, half = n / 2 + 1, rows = r->rows;
     const float *z;
 
-    for (int x = 0; x < width; x += PELL_FFT_LANES) {
-        float *to = buffer[0] + (ptrdiff_t) x * PELL_FFT_ELEMENT;
-        load_tile(plan, a + x, stride, rows, to);
-        load_tile(plan, b ? b + x : NULL, stride, rows, to + PELL_FFT_LANES);
-    }
-    memset(buffer[0] + (ptrdiff_t) width * PELL_FFT_ELEMENT, 0, (size_t) (n - width) * PELL_FFT_ELEMENT * sizeof(float));
+    for (int x = 0; x < r->width; x += PELL_FFT_LANES)
+        for (int i = 0; i < 2; i++)
+            load_tile(plan, r->image[i] ? r->image[i] + x : NULL, r->stride, rows,
+                      buffer[0] + (ptrdiff_t) x * PELL_FFT_ELEMENT + i * PELL_FFT_LANES);
+    memset(buffer[0] + (ptrdiff_t) r->width * PELL_FFT_ELEMENT, 0, (size_t) (n - r->width) * PELL_FFT_ELEMENT * sizeof(float));
     z = pell_fft_run(plan, false, buffer[0], buffer[1]);
     for (int k = 0, at = 0; k < half; k += PELL_FFT_LANES, at++) {
         const int count = half - k < PELL_FFT_LANES ? half - k : PELL_FFT_LANES;
@@ -161,10 +159,10 @@ void pell_fft_rows(const struct pell_fft *plan, const float *a, const float *b, 
             memset(tiles, 0, sizeof(tiles));
         plan->kernels->part(z, n, k, count, tiles[0]);
         for (int i = 0; i < 4; i++) {
-            float *to = i < 2 ? to_a : to_b;
+            float *to = r->half[i / 2];
             if (!to)
                 continue;
-            to += at * block + (i % 2) * PELL_FFT_LANES;
+            to += at * r->block + (i % 2) * PELL_FFT_LANES;
             if (rows == PELL_FFT_LANES) {
                 plan->kernels->transpose(tiles[i], PELL_FFT_LANES, to, PELL_FFT_ELEMENT);
                 continue;
@@ -176,22 +174,21 @@ void pell_fft_rows(const struct pell_fft *plan, const float *a, const float *b, 
     }
 }
 
-void pell_fft_rows_back(const struct pell_fft *plan, const float *from_a, const float *from_b, ptrdiff_t block, float *a, float *b,
-                        ptrdiff_t stride, int width, int rows, float *buffer[2])
+void pell_fft_rows_back(const struct pell_fft *plan, const struct pell_fft_rows *r, float *buffer[2])
 {
-    const int n = plan->n, half = n / 2 + 1;
+    const int n = plan->n, half = n / 2 + 1, rows = r->rows;
     const float *z;
 
     for (int k = 0, at = 0; k < half; k += PELL_FFT_LANES, at++) {
         const int count = half - k < PELL_FFT_LANES ? half - k : PELL_FFT_LANES;
         _Alignas(64) float tiles[4][256], tile[256];
         for (int i = 0; i < 4; i++) {
-            const float *from = i < 2 ? from_a : from_b;
+            const float *from = r->half[i / 2];
             if (!from) {
                 memset(tiles[i], 0, sizeof(tiles[i]));
                 continue;
             }
-            from += at * block + (i % 2) * PELL_FFT_LANES;
+            from += at * r->block + (i % 2) * PELL_FFT_LANES;
             if (rows == PELL_FFT_LANES) {
                 plan->kernels->transpose(from, PELL_FFT_ELEMENT, tiles[i], PELL_FFT_LANES);
                 continue;
@@ -204,19 +201,19 @@ void pell_fft_rows_back(const struct pell_fft *plan, const float *from_a, const 
         plan->kernels->join(tiles[0], n, k, count, buffer[0]);
     }
     z = pell_fft_run(plan, true, buffer[0], buffer[1]);
-    for (int x = 0; x < width; x += PELL_FFT_LANES)
+    for (int x = 0; x < r->width; x += PELL_FFT_LANES)
         for (int i = 0; i < 2; i++) {
-            float *to = i ? b : a;
+            float *to = r->image[i];
             const float *from = z + (ptrdiff_t) x * PELL_FFT_ELEMENT + i * PELL_FFT_LANES;
             _Alignas(64) float turned[256];
             if (!to)
                 continue;
             if (rows == PELL_FFT_LANES) {
-                plan->kernels->transpose(from, PELL_FFT_ELEMENT, to + x, stride);
+                plan->kernels->transpose(from, PELL_FFT_ELEMENT, to + x, r->stride);
                 continue;
             }
             plan->kernels->transpose(from, PELL_FFT_ELEMENT, turned, PELL_FFT_LANES);
             for (int y = 0; y < rows; y++)
-                memcpy(to + y * stride + x, turned + y * PELL_FFT_LANES, PELL_FFT_LANES * sizeof(float));
+                memcpy(to + y * r->stride + x, turned + y * PELL_FFT_LANES, PELL_FFT_LANES * sizeof(float));
         }
 }

@@ -46,14 +46,17 @@ float *pell_fft_run(const struct pell_fft *plan, bool inverse, float *a, float *
 /* Floats of one buffer for the two functions below: n elements, and room to end a block. */
 size_t pell_fft_buffer(int n);
 
-/* 16 rows of two real images at once: their first `width` <= n pixels, zeros beyond. Rows are `stride` floats apart and readable up to the
- * next multiple of 16 pixels; there are `rows` of them in [1, 16], the others are zeros. `b` and `to_b` may be NULL. to_a, to_b: the place
- * of the first row in block 0. */
-void pell_fft_rows(const struct pell_fft *plan, const float *a, const float *b, ptrdiff_t stride, int width, int rows, float *to_a,
-                   float *to_b, ptrdiff_t block, float *buffer[2]);
-/* The way back, n times as large; rows are written up to the next multiple of 16 pixels. */
-void pell_fft_rows_back(const struct pell_fft *plan, const float *from_a, const float *from_b, ptrdiff_t block, float *a, float *b,
-                        ptrdiff_t stride, int width, int rows, float *buffer[2]);
+/* 16 rows of two real images, the second NULL where there is one: their first `width` <= n pixels, zeros beyond. Rows are `stride` floats
+ * apart, readable and written up to the next multiple of 16 pixels; there are `rows` of them in [1, 16], the others are zeros. */
+struct pell_fft_rows {
+    float *image[2], *half[2]; /* half: the place of the first row in block 0 */
+    ptrdiff_t stride, block;
+    int width, rows;
+};
+
+/* Images to halves of their spectra, and back, n times as large. */
+void pell_fft_rows(const struct pell_fft *plan, const struct pell_fft_rows *r, float *buffer[2]);
+void pell_fft_rows_back(const struct pell_fft *plan, const struct pell_fft_rows *r, float *buffer[2]);
 
 /* 16 x 16 floats: out[j * out_stride + i] = in[i * in_stride + j]; rows of both 64-byte aligned. */
 void pell_fft_transpose(const struct pell_fft *plan, const float *in, ptrdiff_t in_stride, float *out, ptrdiff_t out_stride);

@@ -59,21 +59,18 @@ INLINE vf magnitude(vf a)
 /* root(v); lesser(a, b) and greater(a, b), which give b where one is no number; any(mask): whether a lane of it is set;
  * members(mask): bit l is that of lane l. */
 #if defined(__AVX512F__)
-#define root(v) ((vf) _mm512_sqrt_ps((__m512) (v)))
-#define lesser(a, b) ((vf) _mm512_min_ps((__m512) (a), (__m512) (b)))
-#define greater(a, b) ((vf) _mm512_max_ps((__m512) (a), (__m512) (b)))
+typedef __m512 machine;
+#define MACHINE(op) (vf) _mm512_##op##_ps
 #define any(mask) (_mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)) != 0)
 #define members(mask) ((uint32_t) _mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)))
 #elif defined(__AVX__)
-#define root(v) ((vf) _mm256_sqrt_ps((__m256) (v)))
-#define lesser(a, b) ((vf) _mm256_min_ps((__m256) (a), (__m256) (b)))
-#define greater(a, b) ((vf) _mm256_max_ps((__m256) (a), (__m256) (b)))
+typedef __m256 machine;
+#define MACHINE(op) (vf) _mm256_##op##_ps
 #define any(mask) (!_mm256_testz_si256((__m256i) (mask), (__m256i) (mask)))
 #define members(mask) ((uint32_t) _mm256_movemask_ps((__m256) (mask)))
 #elif defined(__SSE2__)
-#define root(v) ((vf) _mm_sqrt_ps((__m128) (v)))
-#define lesser(a, b) ((vf) _mm_min_ps((__m128) (a), (__m128) (b)))
-#define greater(a, b) ((vf) _mm_max_ps((__m128) (a), (__m128) (b)))
+typedef __m128 machine;
+#define MACHINE(op) (vf) _mm_##op##_ps
 #define any(mask) (_mm_movemask_ps((__m128) (mask)) != 0)
 #define members(mask) ((uint32_t) _mm_movemask_ps((__m128) (mask)))
 #else
@@ -110,5 +107,27 @@ INLINE uint32_t members(vi mask)
     return set;
 }
 #endif
+#if defined(__SSE2__)
+#define root(v) (MACHINE(sqrt)((machine) (v)))
+#define lesser(a, b) (MACHINE(min)((machine) (a), (machine) (b)))
+#define greater(a, b) (MACHINE(max)((machine) (a), (machine) (b)))
+#endif
+
+/* Number k of each of four rows of 16 bytes becomes number k, 0 to 3, of row k: transposed; of longer rows each 16 bytes for themselves. */
+INLINE void turn4(const vf from[4], vf to[4])
+{
+#if defined(__SSE2__)
+    const vf a = MACHINE(unpacklo)((machine) from[0], (machine) from[1]), b = MACHINE(unpackhi)((machine) from[0], (machine) from[1]);
+    const vf c = MACHINE(unpacklo)((machine) from[2], (machine) from[3]), d = MACHINE(unpackhi)((machine) from[2], (machine) from[3]);
+
+    to[0] = MACHINE(shuffle)((machine) a, (machine) c, 0x44);
+    to[1] = MACHINE(shuffle)((machine) a, (machine) c, 0xee);
+    to[2] = MACHINE(shuffle)((machine) b, (machine) d, 0x44);
+    to[3] = MACHINE(shuffle)((machine) b, (machine) d, 0xee);
+#else
+    for (int k = 0; k < 4; k++)
+        to[k] = (vf) { from[0][k], from[1][k], from[2][k], from[3][k] };
+#endif
+}
 
 #endif

@@ -3,6 +3,7 @@
 #include "visibility/light_grid.h"
 
 #include "math/scalar.h"
+#include "scene/triangle.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -119,18 +120,16 @@ static struct pell_vec3 side(struct pell_vec3 a, struct pell_vec3 b)
 }
 
 /* False where it is seen from its edge, so that nothing hides behind it. */
-static bool make_triangle(const struct pell_light_grid *f, const struct pell_mesh *m, size_t triangle, struct pell_light_grid_triangle *out,
-                          float *turned)
+static bool make_triangle(const struct pell_light_grid *f, const struct pell_mesh *m, uint32_t triangle,
+                          struct pell_light_grid_triangle *out, float *turned)
 {
-    const uint32_t *index = m->index + 3 * triangle;
     struct pell_vec3 p[3], v[3], normal;
     float plane, turn;
 
-    for (int k = 0; k < 3; k++) {
-        p[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+    pell_triangle_corners(m, triangle, p);
+    normal = pell_triangle_cross(p);
+    for (int k = 0; k < 3; k++)
         v[k] = vec3_sub(p[k], f->apex);
-    }
-    normal = vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0]));
     plane = vec3_dot(normal, v[0]);
     if (!(fabsf(plane) > 0.0f))
         return false;

@@ -165,6 +165,17 @@ static void sums_transform_to_sums_and_lanes_never_meet(void **state)
     free(C);
 }
 
+/* 16 of all rows, from y on. */
+static struct pell_fft_rows rows_from(struct pell_fft_rows all, int y)
+{
+    for (int i = 0; i < 2 && all.image[i]; i++) {
+        all.image[i] += y * all.stride;
+        all.half[i] += E * y;
+    }
+    all.rows = all.rows - y < 16 ? all.rows - y : 16;
+    return all;
+}
+
 /* Rows of images whose sizes are odd, in part, and with one image alone. */
 static void images_are_the_sum_and_come_back(void **state)
 {
@@ -179,6 +190,7 @@ static void images_are_the_sum_and_come_back(void **state)
             const int n = cases[i].n, width = cases[i].width, height = cases[i].height, blocks = n / 32 + 1;
             const ptrdiff_t stride = (width + 15) / 16 * 16 + 16, block = (ptrdiff_t) E * height;
             float *image[2], *back[2], *half[2], *buffer[2], *table = floats(pell_fft_table(n));
+            struct pell_fft_rows all;
             struct pell_fft plan;
             double worst = 0.0, far = 0.0;
             pell_fft_init(&plan, n, table);
@@ -192,9 +204,11 @@ static void images_are_the_sum_and_come_back(void **state)
                 for (int at = 0; at < blocks * block; at++)
                     half[k][at] = NAN;
             }
-            for (int y = 0; y < height; y += 16)
-                pell_fft_rows(&plan, image[0] + y * stride, alone ? NULL : image[1] + y * stride, stride, width,
-                              height - y < 16 ? height - y : 16, half[0] + E * y, alone ? NULL : half[1] + E * y, block, buffer);
+            all = (struct pell_fft_rows) { { image[0], alone ? NULL : image[1] }, { half[0], half[1] }, stride, block, width, height };
+            for (int y = 0; y < height; y += 16) {
+                const struct pell_fft_rows rows = rows_from(all, y);
+                pell_fft_rows(&plan, &rows, buffer);
+            }
             for (int k = 0; k < 2 - alone; k++)
                 for (int y = 0; y < height; y++)
                     for (int f = 0; f < 16 * blocks; f++) {
@@ -206,9 +220,12 @@ static void images_are_the_sum_and_come_back(void **state)
                         }
                         worst = fmax(worst, hypot(re - (double) at[0], im - (double) at[16]));
                     }
-            for (int y = 0; y < height; y += 16)
-                pell_fft_rows_back(&plan, half[0] + E * y, alone ? NULL : half[1] + E * y, block, back[0] + y * stride,
-                                   alone ? NULL : back[1] + y * stride, stride, width, height - y < 16 ? height - y : 16, buffer);
+            all.image[0] = back[0];
+            all.image[1] = alone ? NULL : back[1];
+            for (int y = 0; y < height; y += 16) {
+                const struct pell_fft_rows rows = rows_from(all, y);
+                pell_fft_rows_back(&plan, &rows, buffer);
+            }
             for (int k = 0; k < 2 - alone; k++)
                 for (int y = 0; y < height; y++)
                     for (int x = 0; x < width; x++)

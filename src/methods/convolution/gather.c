@@ -84,16 +84,17 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     const struct conv_front *f = &st->sources.front;
     const int width = rect->x1 - rect->x0;
     const ptrdiff_t at = y * f->stride + rect->x0;
-    const uint16_t own = (uint16_t) (j->group + 1), *group = f->group + at;
+    const struct conv_gather g = {
+        f->group + at, f->place + at, f->leaves[j->channel] + at, rows, j->layout.planes, (uint16_t) (j->group + 1),
+    };
     float *out = j->uniform ? st->uniform + at : j->divide ? sum : j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
     int x0, x1;
 
     find_reached(st, y, &x0, &x1);
     for (int side = 0; side < 2; side++)
         for (int x = side ? x1 : 0; x < (side ? width : x0); x++)
-            out[x] = group[x] == own ? 0.0f : out[x];
-    st->kernels->gather(x0, x1, group, own, f->place + at, f->leaves[j->channel] + at, j->layout.planes, rows, rows + j->layout.planes,
-                        out);
+            out[x] = g.group[x] == g.own ? 0.0f : out[x];
+    st->kernels->gather(&g, x0, x1, out);
     if (j->edges[j->channel].fade > 0.0f)
         st->kernels->edges(&j->edges[j->channel], y, rect->x0, rect->x1, out - rect->x0);
     if (j->divide && !j->uniform)

@@ -6,156 +6,31 @@
 #include "methods/convolution/kernels.h"
 
 #include "base/simd.h"
-#include "math/lanes.h"
-
-#include <string.h>
+#include "methods/convolution/chunks.h"
 
 enum { LANES = 16, ELEMENT = 32 };
-typedef uint16_t vh __attribute__((vector_size(2 * WIDTH)));
-
-#define INTS(v) __builtin_convertvector(v, vi) /* towards 0 */
-#define FLOATS(v) __builtin_convertvector(v, vf)
-
-INLINE vf within(vf x, float low, float high)
-{
-    return lesser(greater(x, all(low)), all(high));
-}
-
-INLINE vi choose(vi mask, vi a, vi b)
-{
-    return (a & mask) | (b & ~mask);
-}
-
-INLINE vf lanes_from(float first)
-{
-    vf v;
-    for (int l = 0; l < WIDTH; l++)
-        v[l] = (float) l;
-    return v + first;
-}
-
-/* The first n floats, others 0. */
-INLINE vf load_some(const float *p, int n)
-{
-    vf v = { 0 };
-
-    if (n >= WIDTH)
-        return load(p);
-    memcpy(&v, p, (size_t) n * sizeof(float));
-    return v;
-}
-
-INLINE void store_some(float *p, vf v, int n)
-{
-    if (n >= WIDTH)
-        store(p, v);
-    else
-        memcpy(p, &v, (size_t) n * sizeof(float));
-}
-
-INLINE vi groups_of(const uint16_t *group, int n)
-{
-    vh v = { 0 };
-
-    if (n >= WIDTH)
-        memcpy(&v, group, sizeof(v));
-    else
-        memcpy(&v, group, (size_t) n * sizeof(*group));
-    return __builtin_convertvector(v, vi);
-}
-
-/* Which of the first n are `own`. */
-INLINE vi which(const uint16_t *group, uint16_t own, int n)
-{
-    return (groups_of(group, n) == (vi) { 0 } + own) & (lanes_from(0.0f) < all((float) n));
-}
-
-/* table[at] of each lane: by loads, which beat gathers on many machines and never lose much; and so do loads of the numbers beat taking a
- * vector apart: IN_MEMORY keeps compilers from that. */
-#if defined(__GNUC__)
-#define IN_MEMORY(array) __asm__("" : "+m"(array))
-#else
-#define IN_MEMORY(array) ((void) (array))
-#endif
-INLINE vf pick(const float *table, vi at)
-{
-    _Alignas(64) int32_t i[WIDTH];
-    vf v;
-
-    memcpy(i, &at, sizeof(at));
-    IN_MEMORY(i);
-    for (int l = 0; l < WIDTH; l++)
-        v[l] = table[i[l]];
-    return v;
-}
-
-/* Four floats at table + 4 at of each lane. */
-#if defined(__AVX512F__)
-#define TURN(op) (vf) _mm512_##op##_ps
-typedef __m512 vm;
-#elif defined(__AVX__)
-#define TURN(op) (vf) _mm256_##op##_ps
-typedef __m256 vm;
-#elif defined(__SSE2__)
-#define TURN(op) (vf) _mm_##op##_ps
-typedef __m128 vm;
-#endif
-INLINE void pick4(const float *table, vi at, vf out[4])
-{
-    _Alignas(64) int32_t i[WIDTH];
-
-    memcpy(i, &at, sizeof(at));
-    IN_MEMORY(i);
-#if defined(__SSE2__)
-    for (int k = 0; k < 4; k++) { /* lanes k, 4 + k, 8 + k .. */
-#if defined(__AVX512F__)
-        const __m256 low = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[k])),
-                                                _mm_loadu_ps(table + 4 * (ptrdiff_t) i[4 + k]), 1);
-        const __m256 high = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[8 + k])),
-                                                 _mm_loadu_ps(table + 4 * (ptrdiff_t) i[12 + k]), 1);
-        out[k] = (vf) _mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
-#elif defined(__AVX__)
-        out[k] = (vf) _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(table + 4 * (ptrdiff_t) i[k])),
-                                           _mm_loadu_ps(table + 4 * (ptrdiff_t) i[4 + k]), 1);
-#else
-        out[k] = (vf) _mm_loadu_ps(table + 4 * (ptrdiff_t) i[k]);
-#endif
-    }
-    {
-        const vf a = TURN(unpacklo)((vm) out[0], (vm) out[1]), b = TURN(unpackhi)((vm) out[0], (vm) out[1]);
-        const vf c = TURN(unpacklo)((vm) out[2], (vm) out[3]), d = TURN(unpackhi)((vm) out[2], (vm) out[3]);
-        out[0] = TURN(shuffle)((vm) a, (vm) c, 0x44);
-        out[1] = TURN(shuffle)((vm) a, (vm) c, 0xee);
-        out[2] = TURN(shuffle)((vm) b, (vm) d, 0x44);
-        out[3] = TURN(shuffle)((vm) b, (vm) d, 0xee);
-    }
-#else
-    for (int l = 0; l < WIDTH; l++)
-        for (int k = 0; k < 4; k++)
-            out[k][l] = table[4 * (ptrdiff_t) i[l] + k];
-#endif
-}
-
-INLINE vf mix_of(vf low, vf high, vf part)
-{
-    return low + part * (high - low);
-}
 
 /* --- Leans ------------------------------------------------------------------------------------------------------------------------- */
 
+/* Pixels of a row, or each of its own column. */
+struct line {
+    vi at, group_at, place; /* where it begins; which they are of it */
+    ptrdiff_t step, group_step;
+    int low, high; /* places that there are */
+};
+
 /* The slope, each pixel, to the one `by` pixels away that is less steep; 0 without any: 1/depth, or depth where rays are parallel, is
- * linear on the picture for any plane. `at`, `group_at`: where their row begins, or their column; `place`: which they are of it. */
-INLINE vf slope(const struct conv_depths *d, vf here, vi own, vi at, vi group_at, vi place, vi by, ptrdiff_t step, ptrdiff_t group_step,
-                int low, int high)
+ * linear on the picture for any plane. */
+INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi own, vi by)
 {
     vf best = all(INFINITY);
 
     for (int way = -1; way <= 1; way += 2) {
-        const vi to = place + (way < 0 ? -by : by), there = (to >= low) & (to < high), safe = choose(there, to, place);
+        const vi to = on->place + (way < 0 ? -by : by), there = (to >= on->low) & (to < on->high), safe = choose(there, to, on->place);
         int32_t i[WIDTH], k[WIDTH];
         float depth[WIDTH];
         int32_t group[WIDTH];
-        vi from = at + safe * (int32_t) step, group_from = group_at + safe * (int32_t) group_step, is;
+        vi from = on->at + safe * (int32_t) on->step, group_from = on->group_at + safe * (int32_t) on->group_step, is;
         vf other, difference;
         memcpy(i, &from, sizeof(from));
         memcpy(k, &group_from, sizeof(group_from));
@@ -177,9 +52,9 @@ INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi
 {
     const vf here = d->parallel ? depth : 1.0f / depth, px = lanes_from((float) x);
     const vi column = INTS(lesser(px, all((float) (d->x1 - 1)))), row = (vi) { 0 } + y;
-    const vf gu =
-        d->focal_px * slope(d, here, own, row * (int32_t) d->stride, row * (int32_t) d->group_stride, column, by, 1, 1, d->x0, d->x1);
-    const vf gv = d->focal_px * slope(d, here, own, column, column, row, by, d->stride, d->group_stride, d->y0, d->y1);
+    const struct line across = { row * (int32_t) d->stride, row * (int32_t) d->group_stride, column, 1, 1, d->x0, d->x1 };
+    const struct line down = { column, column, row, d->stride, d->group_stride, d->y0, d->y1 };
+    const vf gu = d->focal_px * slope(d, &across, here, own, by), gv = d->focal_px * slope(d, &down, here, own, by);
 
     if (d->parallel) {
         return 1.0f / root(1.0f + gu * gu + gv * gv);
@@ -262,16 +137,15 @@ INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
 /* Areas in pixels of the middle, and what splitting and gathering give back of a flat surface's light. By its place among the planes: half
  * of the factor where light enters, half where it leaves; by its lean, on the mean over places: all where it enters, as a pixel that leans
  * alone has no neighbours that give it more. What is near knows the pixel's own lean, what is farther that over some distance. */
-static void weigh(const struct conv_weights *w, int count, const uint16_t *group, uint16_t own, const float *place, const float *area,
-                  const float *slant, const float *far, float *const enters[3], float *const leaves[3])
+static void weigh(const struct conv_weights *w, const struct conv_places *s, float *const enters[3], float *const leaves[3])
 {
     enum { SIZE = sizeof(struct conv_response) / (4 * sizeof(float)) };
 
-    for (int i = 0; i < count; i += WIDTH) {
-        const int n = count - i;
-        const vi is = group ? which(group + i, own, n) : (vi) (lanes_from(0.0f) < all((float) n));
-        const vf p = select(is, load_some(place + i, n), all(0.0f)), self = select(is, load_some(slant + i, n), all(0.0f));
-        const vf over = select(is, load_some(far + i, n), all(0.0f)), a = select(is, load_some(area + i, n), all(1.0f));
+    for (int i = 0; i < s->count; i += WIDTH) {
+        const int n = s->count - i;
+        const vi is = which(s->group + i, s->own, n);
+        const vf p = select(is, load_some(s->place + i, n), all(0.0f)), self = select(is, load_some(s->slant + i, n), all(0.0f));
+        const vf over = select(is, load_some(s->far + i, n), all(0.0f)), a = select(is, load_some(s->area + i, n), all(1.0f));
         const vi plane = INTS(p), next = choose(plane < w->planes - 1, plane + 1, plane);
         const vf t = p - FLOATS(plane), u = t * (float) (CONV_PHASES - 1), pixels = within(a * w->per_unit2, 1e-4f, 1e5f);
         const struct row at = row_of(self, CONV_SLANTS), own_at = row_of(self, CONV_FINE), far_at = row_of(over, CONV_FINE);
@@ -409,25 +283,26 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
     }
 }
 
-static void gather(int from, int to, const uint16_t *group, uint16_t own, const float *place, const float *leaves, int planes,
-                   const float *const *plane, const float *const *between, float *out)
+static void gather(const struct conv_gather *g, int from, int to, float *out)
 {
+    const float *const *const between = g->rows + g->planes;
+
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
-        const vi is = which(group + x, own, n);
-        const vf p = select(is, load_some(place + x, n), all(-2.0f));
+        const vi is = which(g->group + x, g->own, n);
+        const vf p = select(is, load_some(g->place + x, n), all(-2.0f));
         vf sum = { 0 };
         if (!any(is))
             continue;
-        for (int i = 0; i < planes; i++) {
+        for (int i = 0; i < g->planes; i++) {
             const vf part = part_of(p, i);
             if (!any(part > 0.0f))
                 continue;
-            sum += part * load_some(plane[i] + x, n);
-            if (i + 1 < planes && between[i])
+            sum += part * load_some(g->rows[i] + x, n);
+            if (i + 1 < g->planes && between[i])
                 sum += part_between(p, i) * load_some(between[i] + x, n);
         }
-        sum = greater(sum * load_some(leaves + x, n), all(0.0f));
+        sum = greater(sum * load_some(g->leaves + x, n), all(0.0f));
         store_some(out + x, select(is, sum, load_some(out + x, n)), n);
     }
 }

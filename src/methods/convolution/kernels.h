@@ -48,6 +48,14 @@ struct conv_weights {
     const struct conv_response *response[3];
 };
 
+/* A row of pixels, or cells, that light enters: those that are not `own` count for nothing. */
+struct conv_places {
+    int count;
+    uint16_t own;
+    const uint16_t *group;
+    const float *place, *area, *slant, *far; /* among the planes; mm^2; leans, and over some distance */
+};
+
 /* Shares of light: that planes send to planes (of light behind on its own), and over the distance, i^2 of the widest. */
 struct conv_shares {
     const float *arrives[3]; /* [from * CONV_PLANES + to] */
@@ -62,6 +70,15 @@ struct conv_spread {
     size_t image_size;
     int x0, x1;      /* pixels of the row, from the image's first pixel on, that there are */
     int width, step; /* floats of an image's row; pixels to one of it */
+    uint16_t own;
+};
+
+/* A row of pixels that light leaves. */
+struct conv_gather {
+    const uint16_t *group;
+    const float *place, *leaves;
+    const float *const *rows; /* of the images of planes, then of those between; NULL: none is needed */
+    int planes;
     uint16_t own;
 };
 
@@ -127,10 +144,8 @@ struct conv_kernels {
     void (*cover)(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *slant);
     /* Leans over some distance: no more than a pixel's own, and its own where that distance lies in the pixel. */
     void (*far)(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *slant, float *far);
-    /* What light weighs where it enters and where it leaves. `group` NULL: all of them; where it is not `own` nothing is read, and what is
-     * written means nothing. `leaves` may be NULL. */
-    void (*weigh)(const struct conv_weights *w, int count, const uint16_t *group, uint16_t own, const float *place, const float *area,
-                  const float *slant, const float *far, float *const enters[3], float *const leaves[3]);
+    /* What light weighs where it enters and where it leaves; what is written for others means nothing. `leaves` may be NULL. */
+    void (*weigh)(const struct conv_weights *w, const struct conv_places *s, float *const enters[3], float *const leaves[3]);
     /* Light behind, at q, and the pixel before it, at p; distances under 0: there is none. `close`: in, what it weighs as if it were in
      * front; out, the part of that which goes there, and enters, what stays behind. */
     void (*share)(const struct conv_shares *s, int count, const float *p, const float *q, const float *distance, float *const enters[3],
@@ -139,10 +154,8 @@ struct conv_kernels {
      * that got any; lit: widened to the images' pixels that did. */
     void (*spread)(const struct conv_spread *s, const uint16_t *group, const float *place, const float *enters, const float *light,
                    float *images, unsigned char *marks, int lit[2]);
-    /* Of pixels [from, to) what their places among the planes give, no less than 0: rows of images, and of those between; NULL: none is
-     * needed. Others than `own` are left alone. */
-    void (*gather)(int from, int to, const uint16_t *group, uint16_t own, const float *place, const float *leaves, int planes,
-                   const float *const *plane, const float *const *between, float *out);
+    /* Of pixels [from, to) what their places among the planes give, no less than 0. Others than `own` are left alone. */
+    void (*gather)(const struct conv_gather *g, int from, int to, float *out);
     /* In a row, adds the light of the surface going on evenly as the plane that it is at each pixel, in place of that of near pixels which
      * are not on that plane: as much of it as their distance takes from R, as planes bring both. */
     void (*edges)(const struct conv_edges *s, int y, int from, int to, float *out);

@@ -35,14 +35,16 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
     const struct conv_behind *b = &st->sources.behind;
     const size_t at = row + (size_t) x0;
     const int count = x1 - x0;
-    const uint16_t own = (uint16_t) (j->group + 1), *group = b->group + at;
+    struct conv_places cells = {
+        count, (uint16_t) (j->group + 1), b->group + at, to->behind, b->area + at, b->slant + at, b->slant + at,
+    };
     float *const enters[3] = { b->enters[0] + at, b->enters[1] + at, b->enters[2] + at };
     float *const close[3] = { b->close[0] + at, b->close[1] + at, b->close[2] + at };
 
     for (int i = 0; i < count; i++) {
         const int px = (x0 + i) * b->step, x = px > rect->x0 ? px : rect->x0;
         const ptrdiff_t pixel = y * f->stride + x;
-        const bool is = group[i] == own, before = is && x < rect->x1 && f->group[pixel] == own;
+        const bool is = cells.group[i] == cells.own, before = is && x < rect->x1 && f->group[pixel] == cells.own;
         const float slant = is ? b->slant[at + (size_t) i] : 0.0f;
         to->slant[i] = slant < 0.0f ? slant : 0.0f;
         to->over[i] = before ? fminf(slant, to->far[x - rect->x0]) : slant;
@@ -54,15 +56,18 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
         for (int c = 0; c < 3; c++)
             memset(close[c], 0, (size_t) count * sizeof(float));
     if (!j->behind) {
-        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->slant + at, b->slant + at, enters, NULL);
+        kernels->weigh(&j->weights, &cells, enters, NULL);
         return;
     }
-    /* Kernels that begin at some distance know nothing of leans. */
-    kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, to->slant, to->slant, enters, NULL);
     if (j->layout.planes > 1) {
-        kernels->weigh(&j->weights, count, group, own, to->behind, b->area + at, b->slant + at, to->over, close, NULL);
-        kernels->share(&j->shares, count, to->front, to->behind, to->distance, enters, close);
+        cells.far = to->over;
+        kernels->weigh(&j->weights, &cells, close, NULL);
     }
+    /* Kernels that begin at some distance know nothing of leans. */
+    cells.slant = cells.far = to->slant;
+    kernels->weigh(&j->weights, &cells, enters, NULL);
+    if (j->layout.planes > 1)
+        kernels->share(&j->shares, count, to->front, to->behind, to->distance, enters, close);
 }
 
 static void weigh_row(void *arg, int index, int worker)
@@ -74,15 +79,16 @@ static void weigh_row(void *arg, int index, int worker)
     const struct conv_behind *b = &st->sources.behind;
     const struct buffers to = buffers_of(st, worker);
     const struct conv_depths depths = convolution_depths(&st->sources, j->median);
-    const uint16_t own = (uint16_t) (j->group + 1);
     const int y = rect->y0 + index;
     const ptrdiff_t at = y * f->stride + rect->x0;
+    const struct conv_places pixels = {
+        rect->x1 - rect->x0, (uint16_t) (j->group + 1), f->group + at, f->place + at, f->area + at, f->slant + at, to.far,
+    };
     float *const enters[3] = { f->enters[0] + at, f->enters[1] + at, f->enters[2] + at };
     float *const leaves[3] = { f->leaves[0] + at, f->leaves[1] + at, f->leaves[2] + at };
 
-    st->kernels->far(&depths, y, rect->x0, rect->x1, own, f->slant + y * f->stride, to.far - rect->x0);
-    st->kernels->weigh(&j->weights, rect->x1 - rect->x0, f->group + at, own, f->place + at, f->area + at, f->slant + at, to.far, enters,
-                       leaves);
+    st->kernels->far(&depths, y, rect->x0, rect->x1, pixels.own, f->slant + y * f->stride, to.far - rect->x0);
+    st->kernels->weigh(&j->weights, &pixels, enters, leaves);
     for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++)
         weigh_behind(st, &to, ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width, j->x0 / b->step,
                      (rect->x1 - 1) / b->step + 1, y);
@@ -248,9 +254,15 @@ static void spread_front(const struct convolution_state *st, const struct band *
 
 enum { CELLS = 128 };
 
-/* Light of `count` cells at their places to images from `first` on, and to those between planes; rows [y, y1). */
-static void spread_cells(const struct convolution_state *st, const struct band *to, int first, bool front, const uint16_t *group,
-                         const float *place, const float *enters, const float *light, int count, int x, int y, int y1)
+/* Cells on their way to column x of images and on, rows [y, y1). */
+struct cells {
+    const uint16_t *group;
+    const float *place, *enters, *light;
+    int count, x, y, y1;
+};
+
+/* To images from `first` on, and to those between planes if the cells lie in front. */
+static void spread_cells(const struct convolution_state *st, const struct band *to, int first, bool front, const struct cells *c)
 {
     const struct conv_job *j = &st->job;
     const int step = st->sources.behind.step, repeat = step > st->step ? step / st->step : 1, per = st->step > step ? st->step / step : 1;
@@ -259,29 +271,29 @@ static void spread_cells(const struct convolution_state *st, const struct band *
         .between = front ? j->between : 0,
         .halves = st->knobs.split == CONV_HALF,
         .image_size = CELLS,
-        .x1 = count,
+        .x1 = c->count,
         .width = CELLS,
         .step = 1,
         .own = (uint16_t) (j->group + 1),
     };
-    const int room = (int) j->stride - x;
+    const int room = (int) j->stride - c->x;
     _Alignas(64) float parts[2 * CONV_PLANES][CELLS];
     unsigned char marks[2 * CONV_PLANES] = { 0 };
     int ends[2] = { INT_MAX, 0 };
 
-    st->kernels->spread(&s, group, place, enters, light, parts[0], marks, ends);
+    st->kernels->spread(&s, c->group, c->place, c->enters, c->light, parts[0], marks, ends);
     if (ends[0] >= ends[1])
         return;
     for (int i = 0; i < s.planes + s.between; i++)
-        for (int row = y; row < y1 && marks[i]; row++) {
+        for (int row = c->y; row < c->y1 && marks[i]; row++) {
             to->marks[first + i] = 1;
-            st->kernels->add_cells(parts[i], count, repeat, per, 1.0f / (float) (repeat * repeat), room,
-                                   to->images + (size_t) (first + i) * to->size + (row - to->y0) * j->stride + x);
+            st->kernels->add_cells(parts[i], c->count, repeat, per, 1.0f / (float) (repeat * repeat), room,
+                                   to->images + (size_t) (first + i) * to->size + (row - to->y0) * j->stride + c->x);
         }
-    ends[0] = x + ends[0] * repeat / per;
-    ends[1] = x + (ends[1] - 1) * repeat / per + repeat;
+    ends[0] = c->x + ends[0] * repeat / per;
+    ends[1] = c->x + (ends[1] - 1) * repeat / per + repeat;
     ends[1] = ends[1] < j->layout.width ? ends[1] : j->layout.width;
-    for (int row = y; row < y1; row++)
+    for (int row = c->y; row < c->y1; row++)
         widen_row(to, ends, row);
 }
 
@@ -298,20 +310,30 @@ static void spread_behind(const struct convolution_state *st, const struct band 
 
     for (int x = first; x < end; x += CELLS) {
         const size_t at = row + (size_t) x;
-        const int count = end - x < CELLS ? end - x : CELLS, column = (x * b->step - j->x0) / st->step;
-        const float *light = j->uniform ? NULL : b->light[j->channel] + at, *close = b->close[j->channel] + at;
+        struct cells c = {
+            .group = b->group + at,
+            .place = b->place + at,
+            .enters = b->enters[j->channel] + at,
+            .light = j->uniform ? NULL : b->light[j->channel] + at,
+            .count = end - x < CELLS ? end - x : CELLS,
+            .x = (x * b->step - j->x0) / st->step,
+            .y = y,
+            .y1 = y1,
+        };
+        const float *close = b->close[j->channel] + at;
         float place[CELLS];
         bool any = false;
-        spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, b->group + at, b->place + at, b->enters[j->channel] + at,
-                     light, count, column, y, y1);
-        for (int i = 0; i < count; i++) {
+        spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, &c);
+        for (int i = 0; i < c.count; i++) {
             const int px = (x + i) * b->step > rect->x0 ? (x + i) * b->step : rect->x0;
             const bool is = b->group[at + (size_t) i] == j->group + 1 && close[i] != 0.0f;
             place[i] = is ? f->place[py * f->stride + px] : 0.0f;
             any = any || is;
         }
+        c.place = place;
+        c.enters = close;
         if (any)
-            spread_cells(st, to, 0, true, b->group + at, place, close, light, count, column, y, y1);
+            spread_cells(st, to, 0, true, &c);
     }
 }
 

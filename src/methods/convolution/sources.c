@@ -8,6 +8,7 @@
 
 #include "math/vec.h"
 #include "render/services.h"
+#include "scene/triangle.h"
 
 #include <string.h>
 
@@ -61,12 +62,10 @@ static struct pell_vec3 ray_of(const struct conv_sources *s, float x, float y, s
 
 static struct pell_vec3 triangle_normal(const struct pell_scene *scene, uint32_t mesh, uint32_t triangle)
 {
-    const struct pell_mesh *m = &scene->meshes[mesh];
-    const uint32_t *index = m->index + 3 * (size_t) triangle;
-    const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) index[0]);
+    struct pell_vec3 corner[3];
 
-    return vec3_normalize(vec3_cross(vec3_sub(vec3_load(m->position + 3 * (size_t) index[1]), a),
-                                     vec3_sub(vec3_load(m->position + 3 * (size_t) index[2]), a)));
+    pell_triangle_corners(&scene->meshes[mesh], triangle, corner);
+    return vec3_normalize(pell_triangle_cross(corner));
 }
 
 void convolution_front_row(const struct conv_sources *s, int y)

@@ -123,7 +123,7 @@ void convolution_spread(struct convolution_state *st);
 /* transforms.c: rows of a band of images to half spectra; all planes through the kernels; rows back, of the images in `which`, which are
  * `size` floats apart. The band's own images, in a worker's scratch, are CONV_BAND rows each. */
 float *convolution_band_images(const struct convolution_state *st, int worker);
-void convolution_transform_rows(struct convolution_state *st, int band, int worker, const float *images);
+void convolution_transform_rows(struct convolution_state *st, int band, int worker, float *images);
 void convolution_transform_columns(struct convolution_state *st);
 void convolution_transform_back(struct convolution_state *st, int band, int worker, const bool *which, float *images, size_t size);
 

@@ -26,15 +26,28 @@ float *convolution_band_images(const struct convolution_state *st, int worker)
     return st->scratch[worker] + 2 * pell_fft_buffer(lay->across > lay->down ? lay->across : lay->down);
 }
 
-static int rows_of(const struct conv_job *j, int band)
+static int num_rows(const struct conv_job *j, int band)
 {
     return j->layout.height - band * CONV_BAND < CONV_BAND ? j->layout.height - band * CONV_BAND : CONV_BAND;
 }
 
-void convolution_transform_rows(struct convolution_state *st, int band, int worker, const float *images)
+/* Rows of a band of images list[0] and, where the list's `count` allows, list[1]; images of a band are `size` floats apart. */
+static struct pell_fft_rows rows_of(const struct convolution_state *st, int band, const int *list, int count, float *images, size_t size)
 {
     const struct conv_job *j = &st->job;
-    const int y = band * CONV_BAND, rows = rows_of(j, band), num = j->layout.planes + j->between + j->behind;
+    struct pell_fft_rows r = { .stride = j->stride, .block = j->block, .width = j->layout.width, .rows = num_rows(j, band) };
+
+    for (int i = 0; i < 2 && i < count; i++) {
+        r.image[i] = images + (size_t) list[i] * size;
+        r.half[i] = conv_half(st, list[i]) + E * band * CONV_BAND;
+    }
+    return r;
+}
+
+void convolution_transform_rows(struct convolution_state *st, int band, int worker, float *images)
+{
+    const struct conv_job *j = &st->job;
+    const int num = j->layout.planes + j->between + j->behind;
     const size_t size = (size_t) CONV_BAND * (size_t) j->stride;
     float *buffer[2];
     int list[CONV_IMAGES + 1], count = 0;
@@ -46,16 +59,15 @@ void convolution_transform_rows(struct convolution_state *st, int band, int work
             list[count++] = i;
     convolution_show_band(st, band, false, which, images, size);
     for (int i = 0; i < count; i += 2) {
-        const int a = list[i], b = i + 1 < count ? list[i + 1] : -1;
-        pell_fft_rows(&j->across, images + (size_t) a * size, b >= 0 ? images + (size_t) b * size : NULL, j->stride, j->layout.width, rows,
-                      conv_half(st, a) + E * y, b >= 0 ? conv_half(st, b) + E * y : NULL, j->block, buffer);
+        const struct pell_fft_rows rows = rows_of(st, band, &list[i], count - i, images, size);
+        pell_fft_rows(&j->across, &rows, buffer);
     }
 }
 
 void convolution_transform_back(struct convolution_state *st, int band, int worker, const bool *which, float *images, size_t size)
 {
     const struct conv_job *j = &st->job;
-    const int y = band * CONV_BAND, rows = rows_of(j, band), num = j->layout.planes + j->between;
+    const int num = j->layout.planes + j->between;
     float *buffer[2];
     int list[CONV_IMAGES + 1], count = 0;
 
@@ -64,10 +76,8 @@ void convolution_transform_back(struct convolution_state *st, int band, int work
         if (which[i])
             list[count++] = i;
     for (int i = 0; i < count; i += 2) {
-        const int a = list[i], b = i + 1 < count ? list[i + 1] : -1;
-        pell_fft_rows_back(&j->across, conv_half(st, a) + E * y, b >= 0 ? conv_half(st, b) + E * y : NULL, j->block,
-                           images + (size_t) a * size, b >= 0 ? images + (size_t) b * size : NULL, j->stride, j->layout.width, rows,
-                           buffer);
+        const struct pell_fft_rows rows = rows_of(st, band, &list[i], count - i, images, size);
+        pell_fft_rows_back(&j->across, &rows, buffer);
     }
     convolution_show_band(st, band, true, which, images, size);
 }
@@ -97,7 +107,7 @@ static void columns_block(void *arg, int index, int worker)
         }
         for (int band = 0; band < j->bands; band++) { /* of a band without light there is nothing */
             const ptrdiff_t at = (ptrdiff_t) band * CONV_BAND * E;
-            const size_t bytes = (size_t) rows_of(j, band) * E * sizeof(float);
+            const size_t bytes = (size_t) num_rows(j, band) * E * sizeof(float);
             if (st->occupied[band * st->num_images + i])
                 memcpy(in + at, conv_half(st, i) + index * j->block + at, bytes);
             else

@@ -312,25 +312,32 @@ static enum pell_result level_profile(struct pell_context *ctx, enum pell_profil
     return PELL_OK;
 }
 
+/* What the levels of a set share. */
+struct levels {
+    enum pell_profile_model model; /* of their profiles */
+    double most, length;           /* mm: the largest R', and the unit of the tables */
+    size_t offsets;                /* floats of a level's */
+};
+
 static enum pell_result make_levels(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
-                                    enum pell_profile_model model, double most, double length, size_t offsets, struct pell_profile *scratch,
-                                    struct is_set *set)
+                                    const struct levels *levels, struct pell_profile *scratch, struct is_set *set)
 {
     for (int i = 0; i < IS_LEVELS; i++) {
         struct pell_frame_material at = *m;
         struct is_set of = *set;
         float *row = set->level[i];
         double reach;
-        const enum pell_result res = level_profile(ctx, model, is_level_albedo(i), &at, scratch);
+        const enum pell_result res = level_profile(ctx, levels->model, is_level_albedo(i), &at, scratch);
         if (res != PELL_OK)
             return res;
-        reach = fmin(is_reach(&at), most);
-        set_reach(&at, knobs, length, reach, &of);
+        reach = fmin(is_reach(&at), levels->most);
+        set_reach(&at, knobs, levels->length, reach, &of);
         row[IS_UNIFORM_AT] = of.uniform;
         row[IS_BROAD2_AT] = of.broad2;
         row[IS_REACH2_AT] = of.reach2;
         memcpy(row + IS_QUARTER_AT, of.quarter, sizeof(of.quarter));
-        fill(&at, knobs, &of, length, reach, set->offset + (size_t) (i + 1) * offsets, set->rows + (size_t) (i + 1) * IS_ROWS);
+        fill(&at, knobs, &of, levels->length, reach, set->offset + (size_t) (i + 1) * levels->offsets,
+             set->rows + (size_t) (i + 1) * IS_ROWS);
     }
     return PELL_OK;
 }
@@ -370,8 +377,9 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
     fill(m, knobs, set, length, reach, set->offset, set->rows);
     res = PELL_OK;
     if (profiles > 1) {
+        const struct levels levels = { model, most, length, offsets };
         set->level = pell_calloc(ctx, IS_LEVELS, sizeof(*set->level));
-        res = set->level ? make_levels(ctx, m, knobs, model, most, length, offsets, scratch, set) : PELL_ERR_NOMEM;
+        res = set->level ? make_levels(ctx, m, knobs, &levels, scratch, set) : PELL_ERR_NOMEM;
     }
 
 fail:

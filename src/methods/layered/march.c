@@ -20,6 +20,8 @@ struct step {
     int list[MOST], listed;      /* layers that some lane is in */
     vf tau[3], step_tau[3];      /* of the camera's ray at the start of the step, and in it */
     vf alive, hidden;            /* 1 or 0: light is seen from here; the step ends below the deepest layer */
+    vf meets;                    /* 1 or 0: the step meets what lies below the layers */
+    float *trace;                /* |KM| of the light is asked for, or NULL */
 };
 
 /* A light's path to M. */
@@ -31,6 +33,7 @@ struct path {
 };
 
 struct ray {
+    int lane; /* the first in the packet */
     vf p[3], w[3], n[3], s[3], h, rate, length, exit, exit_rate, exit_normal[3];
     vf per_rate, per_exit_rate, per_length;
 };
@@ -122,9 +125,9 @@ INLINE void by_planes(const struct layered_work *work, const struct layered_medi
     }
 }
 
-INLINE void depths_at(const struct layered_medium *m, const struct layered_packet *p, int lane, const struct ray *ray, const vf k[3],
-                      vf *bottom)
+INLINE void depths_at(const struct layered_medium *m, const struct layered_packet *p, const struct ray *ray, const vf k[3], vf *bottom)
 {
+    const int lane = ray->lane;
     vf d[3];
 
     for (int i = 0; i < 3; i++)
@@ -168,9 +171,10 @@ INLINE vf bent(const struct layered_work *work, const struct layered_light *sour
 }
 
 /* Between the nodes about t. */
-INLINE void by_nodes(const struct layered_work *work, const struct layered_medium *m, const struct layered_light *source, int lane,
+INLINE void by_nodes(const struct layered_work *work, const struct layered_medium *m, const struct layered_light *source,
                      const struct ray *ray, const struct step *s, struct path *path)
 {
+    const int lane = ray->lane;
     vf unit;
     float f;
     int k = 0;
@@ -305,20 +309,21 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
 
 /* The Lambert surface below the deepest layer, where this step meets it. */
 INLINE void show_bottom(const struct layered_work *work, const struct step *s, const struct path *path, const vf light[3],
-                        const vf colour[3], const vf base[3], vf meets, vf sum[3])
+                        const vf colour[3], const vf base[3], vf sum[3])
 {
     const vf facing = greater(dot3(s->own, path->way), all(0.0f)), rate = work->exponential ? 1.0f + path->rise : all(1.0f);
 
     for (int c = 0; c < 3; c++) {
         const vf back = work->exponential ? path->rise * 0.5f * s->step_tau[c] : all(0.0f);
-        sum[c] += meets * path->beam * colour[c] * base[c] * facing * halving(s->tau[c] + light[c] - back + rate * s->step_tau[c]);
+        sum[c] += s->meets * path->beam * colour[c] * base[c] * facing * halving(s->tau[c] + light[c] - back + rate * s->step_tau[c]);
     }
 }
 
 /* --- The march ------------------------------------------------------------------------------------------------------------------ */
 
-INLINE void find_place(const struct layered_medium *m, const struct layered_packet *p, int lane, const struct ray *ray, struct step *s)
+INLINE void find_place(const struct layered_medium *m, const struct layered_packet *p, const struct ray *ray, struct step *s)
 {
+    const int lane = ray->lane;
     vf blend[3], length, near = s->x * ray->rate;
 
     s->depth = near;
@@ -356,36 +361,36 @@ INLINE void find_place(const struct layered_medium *m, const struct layered_pack
         order_depths(m, s->bottom);
 }
 
-INLINE void light_step(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p, int lane,
-                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vf meets,
-                       float *trace, vf sum[3])
+INLINE void light_step(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
+                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vf sum[3])
 {
+    const int lane = ray->lane;
     vf colour[3], light[3];
     struct path path;
 
     load3(source->power, lane, colour);
     if (source->any_planes) {
         by_planes(work, m, source, lane, s, enters, &path);
-        if (trace)
-            store(trace, path.km);
+        if (s->trace)
+            store(s->trace, path.km);
         if (m->packs > 0)
-            depths_at(m, p, lane, ray, enters, path.bottom);
+            depths_at(m, p, ray, enters, path.bottom);
         else
             for (int j = 0; j < m->count; j++)
                 path.bottom[j] = s->bottom[j];
     }
     if (source->any_nodes) {
         const struct path planes = path;
-        by_nodes(work, m, source, lane, ray, s, &path);
+        by_nodes(work, m, source, ray, s, &path);
         if (source->any_planes)
             mix_paths(m, load(source->planes + lane), &planes, &path);
     }
     attenuation(work, m, s, &path, source->any_nodes || p->thin, light);
     scatter(work, m, ray, s, &path, light, colour, sum);
-    if (p->shows_bottom && any(meets > 0.0f)) {
+    if (p->shows_bottom && any(s->meets > 0.0f)) {
         vf base[3];
         load3(p->color, lane, base);
-        show_bottom(work, s, &path, light, colour, base, meets, sum);
+        show_bottom(work, s, &path, light, colour, base, sum);
     }
 }
 
@@ -397,6 +402,7 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     struct step s;
     struct ray ray;
 
+    ray.lane = lane;
     load3(p->p, lane, ray.p);
     load3(p->w, lane, ray.w);
     load3(p->n, lane, ray.n);
@@ -420,19 +426,20 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     if (m->packs == 0)
         order_depths(m, s.bottom);
     for (int i = 0; i < n && any(s.alive > 0.0f); i++) {
-        vf meets = { 0 };
         s.t = ((float) i + 0.5f) / (float) n;
         s.x = ray.length * s.t;
         s.per_x = ray.per_length * (1.0f / s.t);
-        find_place(m, p, lane, &ray, &s);
+        find_place(m, p, &ray, &s);
         find_layers(work, m, &ray, &s);
+        s.meets = all(0.0f);
         if (p->shows_bottom) {
             const vi ends = i + 1 == n ? load_int(p->ends_deep + lane) : (vi) { 0 };
-            meets = (vf) ((vi) s.alive & ((s.hidden > 0.0f) | ends));
+            s.meets = (vf) ((vi) s.alive & ((s.hidden > 0.0f) | ends));
         }
-        for (int l = 0; l < count; l++)
-            light_step(work, m, p, lane, &ray, &s, &sources[l], enters[l], meets,
-                       p->trace && l == 0 ? p->trace + (ptrdiff_t) i * LANES + lane : NULL, sum);
+        for (int l = 0; l < count; l++) {
+            s.trace = p->trace && l == 0 ? p->trace + (ptrdiff_t) i * LANES + lane : NULL;
+            light_step(work, m, p, &ray, &s, &sources[l], enters[l], sum);
+        }
         for (int c = 0; c < 3; c++)
             s.tau[c] += s.step_tau[c];
         if (work->exponential || p->shows_bottom)

@@ -28,44 +28,6 @@ INLINE vi load_int(const int32_t *p)
     return v;
 }
 
-/* Generic vectors are not interleaved by one instruction. */
-#if defined(__AVX512F__)
-#define low2(a, b) ((vf) _mm512_unpacklo_ps((__m512) (a), (__m512) (b)))
-#define high2(a, b) ((vf) _mm512_unpackhi_ps((__m512) (a), (__m512) (b)))
-#define low4(a, b) ((vf) _mm512_unpacklo_pd((__m512d) (a), (__m512d) (b)))
-#define high4(a, b) ((vf) _mm512_unpackhi_pd((__m512d) (a), (__m512d) (b)))
-#elif defined(__AVX2__)
-#define low2(a, b) ((vf) _mm256_unpacklo_ps((__m256) (a), (__m256) (b)))
-#define high2(a, b) ((vf) _mm256_unpackhi_ps((__m256) (a), (__m256) (b)))
-#define low4(a, b) ((vf) _mm256_unpacklo_pd((__m256d) (a), (__m256d) (b)))
-#define high4(a, b) ((vf) _mm256_unpackhi_pd((__m256d) (a), (__m256d) (b)))
-#elif defined(__SSE2__)
-#define low2(a, b) ((vf) _mm_unpacklo_ps((__m128) (a), (__m128) (b)))
-#define high2(a, b) ((vf) _mm_unpackhi_ps((__m128) (a), (__m128) (b)))
-#define low4(a, b) ((vf) _mm_unpacklo_pd((__m128d) (a), (__m128d) (b)))
-#define high4(a, b) ((vf) _mm_unpackhi_pd((__m128d) (a), (__m128d) (b)))
-#else
-INLINE vf low2(vf a, vf b)
-{
-    return (vf) { a[0], b[0], a[1], b[1] };
-}
-
-INLINE vf high2(vf a, vf b)
-{
-    return (vf) { a[2], b[2], a[3], b[3] };
-}
-
-INLINE vf low4(vf a, vf b)
-{
-    return (vf) { a[0], a[1], b[0], b[1] };
-}
-
-INLINE vf high4(vf a, vf b)
-{
-    return (vf) { a[2], a[3], b[2], b[3] };
-}
-#endif
-
 /* 1/sqrt(x) of a positive number within 2e-7 of itself, at less than half the time of a root and a division: a first guess by the number's
  * bits and one step with constants that even its error out (L. Moroz et al. 2018, "Fast Calculation of Inverse Square Root with the Use of
  * Magic Constant"), then a step of third order. */
@@ -130,17 +92,6 @@ INLINE vf weighed(vf pairs, vi weights)
 #endif
 }
 
-/* Number k of each of four rows of 16 bytes becomes number k, 0 to 3, of row k: transposed; of longer rows each 16 bytes for themselves. */
-INLINE void transpose(const vf from[4], vf to[4])
-{
-    const vf a = low2(from[0], from[1]), b = high2(from[0], from[1]), c = low2(from[2], from[3]), d = high2(from[2], from[3]);
-
-    to[0] = low4(a, c);
-    to[1] = high4(a, c);
-    to[2] = low4(b, d);
-    to[3] = high4(b, d);
-}
-
 /* Of each lane a texel and its neighbour, 32 bytes: their pairs of numbers, all lanes in order. */
 INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf right[4])
 {
@@ -153,8 +104,8 @@ INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf righ
         p[k] = (vf) _mm512_inserti64x4(_mm512_castsi256_si512(_mm256_loadu_si256(TEXEL(k))), _mm256_loadu_si256(TEXEL(k + 4)), 1);
         q[k] = (vf) _mm512_inserti64x4(_mm512_castsi256_si512(_mm256_loadu_si256(TEXEL(k + 8))), _mm256_loadu_si256(TEXEL(k + 12)), 1);
     }
-    transpose(p, first);
-    transpose(q, second);
+    turn4(p, first);
+    turn4(q, second);
     for (int k = 0; k < 4; k++) {
         left[k] = (vf) _mm512_shuffle_i32x4((__m512i) first[k], (__m512i) second[k], 0x88);
         right[k] = (vf) _mm512_shuffle_i32x4((__m512i) first[k], (__m512i) second[k], 0xdd);
@@ -165,8 +116,8 @@ INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf righ
         p[k] = (vf) _mm256_loadu_si256(TEXEL(k));
         q[k] = (vf) _mm256_loadu_si256(TEXEL(k + 4));
     }
-    transpose(p, first);
-    transpose(q, second);
+    turn4(p, first);
+    turn4(q, second);
     for (int k = 0; k < 4; k++) {
         left[k] = (vf) _mm256_permute2x128_si256((__m256i) first[k], (__m256i) second[k], 0x20);
         right[k] = (vf) _mm256_permute2x128_si256((__m256i) first[k], (__m256i) second[k], 0x31);
@@ -176,8 +127,8 @@ INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf righ
         memcpy(&p[k], TEXEL(k), sizeof(p[k]));
         memcpy(&q[k], (const char *) TEXEL(k) + sizeof(p[k]), sizeof(q[k]));
     }
-    transpose(p, left);
-    transpose(q, right);
+    turn4(p, left);
+    turn4(q, right);
 #endif
 #undef TEXEL
 }

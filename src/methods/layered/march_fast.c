@@ -67,140 +67,181 @@ INLINE void enter(const struct layered_light *source, int lane, float eta, const
     entry->strength = (vf) ((vi) (top / (both * both * beam->square)) & (cosine > 0.0f));
 }
 
+/* What a packet's lanes keep as the march goes on. */
+struct lanes {
+    const struct layered_medium *m;
+    const struct layered_pack *pack; /* of the picture that paints the layers, or NULL */
+    const struct layered_place *place;
+    int lane, painted;
+    vf way[3], gu[3], gv[3], u, v; /* of the camera's ray; the picture's gradients, and its place at M */
+    vf tau[3], alive;
+};
+
+/* Layers in a step, and what all lights share there. */
+struct step {
+    vf low, middle, high;               /* depths below the own surface */
+    vf slope, down;                     /* d|distance from the plane|/dx, and that distance */
+    vf bottom[FAST], part[FAST], above; /* mm of the step in a layer; where the deepest ends in it */
+    vf tau[3], half[3];                 /* of the camera's ray in the step, and in its first half */
+    unsigned listed;                    /* layers that some lane is in */
+};
+
+INLINE void aim(const struct layered_light *source, int lane, const vf at[3], struct beam *b)
+{
+    load3(source->to, lane, b->to);
+    b->seen = load(source->seen + lane);
+    b->square = all(1.0f);
+    for (int k = 0; k < 3; k++) {
+        b->to[k] -= (vf) ((vi) at[k] & (source->away ? 0 : -1));
+        b->light[k] = all(0.0f);
+    }
+    if (!source->away)
+        b->square = dot3(b->to, b->to);
+}
+
+INLINE void find_layers(const struct lanes *p, vf per_rate, struct step *s, const int layers)
+{
+    const struct layered_layer *layer = p->m->layer;
+    vf above_middle = s->low;
+
+    s->above = s->low;
+    s->listed = 0;
+    if (p->pack) {
+        vf over = { 0 }, numbers[4];
+        look_up(p->m, p->pack, p->place, p->lane, p->painted, p->u, p->v, numbers);
+#pragma GCC unroll 4
+        for (int j = 0; j < layers; j++) {
+            s->bottom[j] = greater(j < p->painted ? numbers[j] : all(layer[j].depth), over);
+            over = s->bottom[j];
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        s->tau[c] = s->half[c] = all(0.0f);
+#pragma GCC unroll 4
+    for (int j = 0; j < layers; j++) {
+        const vf end = lesser(greater(s->bottom[j], s->low), s->high), end_middle = lesser(end, s->middle);
+        s->part[j] = (end - s->above) * per_rate;
+        if (any(s->part[j] > 0.0f)) {
+            const vf before = (end_middle - above_middle) * per_rate;
+            s->listed |= 1u << j;
+            for (int c = 0; c < 3; c++) {
+                s->tau[c] += s->part[j] * layer[j].halves[c];
+                s->half[c] += before * layer[j].halves[c];
+            }
+        }
+        s->above = end;
+        above_middle = end_middle;
+    }
+}
+
+/* A light's part of a step: each layer's, from the start down. */
+INLINE void add_light(const struct lanes *p, const struct step *s, const struct entry *e, struct beam *b, const int layers)
+{
+    const struct layered_layer *layer = p->m->layer, *last = &layer[layers - 1];
+    const int painted_above = p->painted < layers ? p->painted : layers - 1;
+    vf reach, cosine, faster, strength, start[3], other[FAST] = { { 0 } }, over = { 0 };
+
+    for (int c = 0; c < 3; c++)
+        start[c] = s->down * last->halves[c];
+    if (p->pack && layers > 1)
+        look_up(p->m, p->pack, p->place, p->lane, painted_above, p->u + e->km * dot3(p->gu, e->way), p->v + e->km * dot3(p->gv, e->way),
+                other);
+#pragma GCC unroll 4
+    for (int j = 0; j + 1 < layers; j++) {
+        over = greater(p->pack && j < p->painted ? other[j] : all(layer[j].depth), over);
+        reach = lesser(s->down, 0.5f * (over + s->bottom[j]));
+        for (int c = 0; c < 3; c++)
+            start[c] += reach * (layer[j].halves[c] - layer[j + 1].halves[c]);
+    }
+    reach = s->slope * e->per;
+    faster = 1.0f + reach;
+    for (int c = 0; c < 3; c++)
+        start[c] = p->tau[c] + start[c] * e->per - reach * s->half[c];
+    strength = e->strength * p->alive;
+    cosine = -dot3(e->way, p->way);
+#pragma GCC unroll 4
+    for (int j = 0; j < layers; j++) {
+        if (s->listed & 1u << j) {
+            const vf depth = faster * s->part[j], share = strength * s->part[j];
+            const bool thick = any(depth * layer[j].most_halves > 2.0f * THICK);
+            vf phase = phase_value(&layer[j].phase[0], cosine);
+            for (int c = 0; c < 3; c++) {
+                const vf y = depth * (0.5f * layer[j].halves[c]);
+                if (c > 0 && !layer[j].one_phase)
+                    phase = phase_value(&layer[j].phase[c], cosine);
+                b->light[c] += share * phase * (layer[j].sigma_s[c] * mean_light(start[c] + y, y, thick));
+                start[c] += 2.0f * y;
+            }
+        }
+    }
+}
+
 INLINE void fast_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                        const struct layered_light *sources, int count, int lane, const int layers)
 {
-    const struct layered_pack *pack = m->packs > 0 ? &m->pack[0] : NULL;
-    const struct layered_place *place = p->place;
-    const int n = work->samples, painted = pack ? pack->count : 0, painted_above = painted < layers ? painted : layers - 1;
-    const struct layered_layer *layer = m->layer, *last = &layer[layers - 1];
+    const struct layered_layer *layer = m->layer;
+    const int n = work->samples;
     const vf length = load(p->length + lane), rate = load(p->rate + lane), per_rate = 1.0f / rate;
     const vf per_length = 1.0f / greater(length, all(1e-20f)), rise = rate * length * (1.0f / (float) n);
-    vf at[3], way[3], normal[3], turn[3], lag[3], gu[3], gv[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
-    vf tau[3] = { { 0 } }, alive = all(1.0f), h = load(p->h + lane), gain = load(p->gain + lane);
-    vf bottom[FAST], part[FAST];
+    vf at[3], normal[3], turn[3], lag[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
+    vf h = load(p->h + lane), gain = load(p->gain + lane);
+    struct lanes k = { .m = m, .pack = m->packs > 0 ? &m->pack[0] : NULL, .place = p->place, .lane = lane, .alive = all(1.0f) };
     struct beam beams[LAYERED_GROUP];
     struct entry entries[LAYERED_GROUP];
+    struct step s;
 
     load3(p->p, lane, at);
-    load3(p->w, lane, way);
+    load3(p->w, lane, k.way);
     load3(p->n, lane, normal);
     load3(p->s, lane, turn);
-    for (int k = 0; k < 3; k++) {
-        turn[k] -= normal[k];
-        lag[k] = (h * normal[k]) * per_length - way[k]; /* from M to the plane's point, over x */
+    for (int i = 0; i < 3; i++) {
+        turn[i] -= normal[i];
+        lag[i] = (h * normal[i]) * per_length - k.way[i]; /* from M to the plane's point, over x */
     }
-    if (pack) {
-        u = load(place->u[0] + lane);
-        v = load(place->v[0] + lane);
-        du = load(place->du[0] + lane);
-        dv = load(place->dv[0] + lane);
+    if (k.pack) {
+        k.painted = k.pack->count;
+        u = load(p->place->u[0] + lane);
+        v = load(p->place->v[0] + lane);
+        du = load(p->place->du[0] + lane);
+        dv = load(p->place->dv[0] + lane);
     }
-    load3(place->gu, lane, gu);
-    load3(place->gv, lane, gv);
-    for (int l = 0; l < count; l++) {
-        struct beam *b = &beams[l];
-        load3(sources[l].to, lane, b->to);
-        b->seen = load(sources[l].seen + lane);
-        b->square = all(1.0f);
-        for (int k = 0; k < 3; k++) {
-            b->to[k] -= (vf) ((vi) at[k] & (sources[l].away ? 0 : -1));
-            b->light[k] = all(0.0f);
-        }
-        if (!sources[l].away)
-            b->square = dot3(b->to, b->to);
-    }
+    load3(p->place->gu, lane, k.gu);
+    load3(p->place->gv, lane, k.gv);
+    for (int l = 0; l < count; l++)
+        aim(&sources[l], lane, at, &beams[l]);
     for (int j = 0; j < layers; j++)
-        bottom[j] = greater(all(layer[j].depth), j > 0 ? bottom[j > 0 ? j - 1 : 0] : all(0.0f));
+        s.bottom[j] = greater(all(layer[j].depth), j > 0 ? s.bottom[j > 0 ? j - 1 : 0] : all(0.0f));
 
     for (int i = 0; i < n; i++) {
         const float t = ((float) i + 0.5f) / (float) n;
-        const vf x = length * t, low = rise * (float) i, middle = x * rate, high = rise * (float) (i + 1);
-        vf plane[3], m_at[3], numbers[4], slope, unit, down, above = low, above_middle = low, step_tau[3], half[3];
-        unsigned listed = 0;
+        const vf x = length * t;
+        vf plane[3], m_at[3], unit;
 
-        for (int k = 0; k < 3; k++) {
-            plane[k] = normal[k] + t * turn[k];
-            m_at[k] = at[k] + x * way[k];
+        for (int a = 0; a < 3; a++) {
+            plane[a] = normal[a] + t * turn[a];
+            m_at[a] = at[a] + x * k.way[a];
         }
         unit = inverse_root(greater(dot3(plane, plane), all(1e-12f)));
-        slope = magnitude(dot3(lag, plane)) * unit;
-        for (int k = 0; k < 3; k++)
-            plane[k] *= unit;
-        down = slope * x;
+        s.slope = magnitude(dot3(lag, plane)) * unit;
+        for (int a = 0; a < 3; a++)
+            plane[a] *= unit;
+        s.down = s.slope * x;
         for (int l = 0; l < count; l++)
-            enter(&sources[l], lane, m->eta, m_at, plane, down, &beams[l], &entries[l]);
-        if (pack) {
-            vf over = { 0 };
-            look_up(m, pack, place, lane, painted, u + x * du, v + x * dv, numbers);
-#pragma GCC unroll 4
-            for (int j = 0; j < layers; j++) {
-                bottom[j] = greater(j < painted ? numbers[j] : all(layer[j].depth), over);
-                over = bottom[j];
-            }
-        }
+            enter(&sources[l], lane, m->eta, m_at, plane, s.down, &beams[l], &entries[l]);
+        s.low = rise * (float) i;
+        s.middle = x * rate;
+        s.high = rise * (float) (i + 1);
+        k.u = u + x * du;
+        k.v = v + x * dv;
+        find_layers(&k, per_rate, &s, layers);
+        if (p->trace && count > 0 && s.listed)
+            store(p->trace + (ptrdiff_t) i * LANES + lane, entries[0].km);
+        for (int l = 0; l < count && s.listed; l++)
+            add_light(&k, &s, &entries[l], &beams[l], layers);
         for (int c = 0; c < 3; c++)
-            step_tau[c] = half[c] = all(0.0f);
-#pragma GCC unroll 4
-        for (int j = 0; j < layers; j++) {
-            const vf end = lesser(greater(bottom[j], low), high), end_middle = lesser(end, middle);
-            part[j] = (end - above) * per_rate;
-            if (any(part[j] > 0.0f)) {
-                const vf before = (end_middle - above_middle) * per_rate;
-                listed |= 1u << j;
-                for (int c = 0; c < 3; c++) {
-                    step_tau[c] += part[j] * layer[j].halves[c];
-                    half[c] += before * layer[j].halves[c];
-                }
-            }
-            above = end;
-            above_middle = end_middle;
-        }
-        for (int l = 0; l < count && listed; l++) {
-            struct beam *b = &beams[l];
-            vf reach, cosine, faster, start[3], other[FAST] = { { 0 } }, over = { 0 };
-            struct entry e = entries[l];
-
-            if (p->trace && l == 0)
-                store(p->trace + (ptrdiff_t) i * LANES + lane, e.km);
-            for (int c = 0; c < 3; c++)
-                start[c] = down * last->halves[c];
-            if (pack && layers > 1)
-                look_up(m, pack, place, lane, painted_above, u + x * du + e.km * dot3(gu, e.way), v + x * dv + e.km * dot3(gv, e.way),
-                        other);
-#pragma GCC unroll 4
-            for (int j = 0; j + 1 < layers; j++) {
-                over = greater(pack && j < painted ? other[j] : all(layer[j].depth), over);
-                reach = lesser(down, 0.5f * (over + bottom[j]));
-                for (int c = 0; c < 3; c++)
-                    start[c] += reach * (layer[j].halves[c] - layer[j + 1].halves[c]);
-            }
-            reach = slope * e.per;
-            faster = 1.0f + reach;
-            for (int c = 0; c < 3; c++)
-                start[c] = tau[c] + start[c] * e.per - reach * half[c];
-            e.strength *= alive;
-            cosine = -dot3(e.way, way);
-#pragma GCC unroll 4
-            for (int j = 0; j < layers; j++) {
-                if (listed & 1u << j) {
-                    const vf depth = faster * part[j], share = e.strength * part[j];
-                    const bool thick = any(depth * layer[j].most_halves > 2.0f * THICK);
-                    vf phase = phase_value(&layer[j].phase[0], cosine);
-                    for (int c = 0; c < 3; c++) {
-                        const vf y = depth * (0.5f * layer[j].halves[c]);
-                        if (c > 0 && !layer[j].one_phase)
-                            phase = phase_value(&layer[j].phase[c], cosine);
-                        b->light[c] += share * phase * (layer[j].sigma_s[c] * mean_light(start[c] + y, y, thick));
-                        start[c] += 2.0f * y;
-                    }
-                }
-            }
-        }
-        for (int c = 0; c < 3; c++)
-            tau[c] += step_tau[c];
-        alive = (vf) ((vi) alive & ~(high - above > 1e-3f * rise));
-        if (!any(alive > 0.0f))
+            k.tau[c] += s.tau[c];
+        k.alive = (vf) ((vi) k.alive & ~(s.high - s.above > 1e-3f * rise));
+        if (!any(k.alive > 0.0f))
             break;
     }
     for (int c = 0; c < 3; c++) {

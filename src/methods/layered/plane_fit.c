@@ -2,15 +2,11 @@
  * plane_fit.c - what stands for the surface of each solid when planes are fitted to it. The fit is in plane_grid.c. */
 #include "methods/layered/state.h"
 
+#include "scene/triangle.h"
+
 #include <string.h>
 
 enum { CUTS = 8, MOST_PARTS = 1 << 24 }; /* of a large triangle's sides; parts of all of them */
-
-static void corners_of(const struct pell_mesh *mesh, uint32_t triangle, struct pell_vec3 at[3])
-{
-    for (int k = 0; k < 3; k++)
-        at[k] = vec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) triangle + (size_t) k]);
-}
 
 /* In how many parts the sides of a triangle are cut, so that those are small beside the neighbourhood. */
 static int cuts_of(const struct pell_vec3 at[3], float radius)
@@ -30,7 +26,7 @@ static size_t count_parts(const struct pell_mesh *mesh, float radius)
     for (uint32_t t = 0; t < mesh->num_triangles; t++) {
         struct pell_vec3 at[3];
         int cuts;
-        corners_of(mesh, t, at);
+        pell_triangle_corners(mesh, t, at);
         cuts = cuts_of(at, radius);
         count += cuts > 1 ? (size_t) (cuts * cuts) : 0;
     }
@@ -64,8 +60,8 @@ static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct
         struct pell_vec3 at[3];
         float area;
         int cuts;
-        corners_of(mesh, t, at);
-        area = vec3_length(vec3_cross(vec3_sub(at[1], at[0]), vec3_sub(at[2], at[0])));
+        pell_triangle_corners(mesh, t, at);
+        area = vec3_length(pell_triangle_cross(at));
         cuts = parts ? cuts_of(at, cloud->radius) : 1;
         if (cuts > 1)
             add_parts(mesh, t, at, cuts, area, cloud);

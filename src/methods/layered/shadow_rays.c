@@ -189,9 +189,10 @@ static void bend_node(const struct layered_packet *p, const struct layered_light
 }
 
 /* Behind a sheet that has no other side light comes in where its layers end. */
-static void open_sheet(const struct layered_medium *m, const struct layered_packet *p, const struct layered_light *source,
-                       const struct node *n, float deepest, float t, int i, float *km, float *beam)
+static void open_sheet(const struct layered_medium *m, const struct layered_packet *p, struct layered_light *source, const struct node *n,
+                       int node, float deepest, float t, int i)
 {
+    float *km = &source->km[node][i], *beam = &source->beam[node][i];
     const float under = -vec3_dot(layered_lane3(p->n, i), n->way[i]), depth = t * p->length[i] * p->rate[i];
     float distance;
 
@@ -287,8 +288,7 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
         } else {
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
-            open_sheet(m, p, source, &n, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i, &source->km[node][i],
-                       &source->beam[node][i]);
+            open_sheet(m, p, source, &n, node, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i);
             source->cosine[node][i] = 1e6f;
         }
         for (int j = 0; j < m->count && m->packs > 0; j++)

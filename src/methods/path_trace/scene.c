@@ -5,6 +5,7 @@
 #include "image/color.h"
 #include "methods/reference_frame.h"
 #include "scene/mesh/topology.h"
+#include "scene/triangle.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -461,19 +462,19 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
 {
     const struct pell_mesh *m = &s->scene->meshes[mesh];
     const uint32_t *i = m->index + 3 * (size_t) triangle;
-    const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) i[0]), b = vec3_load(m->position + 3 * (size_t) i[1]);
-    const struct pell_vec3 c = vec3_load(m->position + 3 * (size_t) i[2]);
     const float k = 1.0f - u - v;
+    struct pell_vec3 p[3];
 
+    pell_triangle_corners(m, triangle, p);
     out->mesh = mesh;
     out->triangle = triangle;
     out->u = u;
     out->v = v;
-    out->p = vec3_add(vec3_add(vec3_mul(a, k), vec3_mul(b, u)), vec3_mul(c, v));
-    out->ng = vec3_normalize(vec3_cross(vec3_sub(b, a), vec3_sub(c, a)));
+    out->p = vec3_add(vec3_add(vec3_mul(p[0], k), vec3_mul(p[1], u)), vec3_mul(p[2], v));
+    out->ng = vec3_normalize(pell_triangle_cross(p));
     if (vec3_dot(out->ng, out->ng) < 0.5f)
         out->ng = vec3_mul(w, -1.0f); /* no area */
-    out->unit = rounding_along(out->ng, a, b, c);
+    out->unit = rounding_along(out->ng, p[0], p[1], p[2]);
     out->ns = out->ng;
     out->bent = false;
     if (s->knobs.normals == PT_NORMALS_SMOOTH && m->normal) {

@@ -2,6 +2,8 @@
  * medium.c - see single_scatter.h. */
 #include "methods/single_scatter/single_scatter.h"
 
+#include "scene/triangle.h"
+
 #include <string.h>
 
 #define BLACK 1e9 /* 1/mm: extinction of what is below layers that end */
@@ -86,9 +88,9 @@ void single_medium_place(struct single_medium *medium, const struct pell_scene *
         const struct pell_solid_triangle *at = &solids->solids[solid].triangles[t];
         const struct pell_mesh *m = &scene->meshes[at->mesh];
         const uint32_t *index = m->index + 3 * (size_t) at->triangle;
-        const struct pell_vec3 a = vec3_load(m->position + 3 * (size_t) index[0]);
-        area += 0.5 * (double) vec3_length(vec3_cross(vec3_sub(vec3_load(m->position + 3 * (size_t) index[1]), a),
-                                                      vec3_sub(vec3_load(m->position + 3 * (size_t) index[2]), a)));
+        struct pell_vec3 corner[3];
+        pell_triangle_corners(m, at->triangle, corner);
+        area += 0.5 * (double) vec3_length(pell_triangle_cross(corner));
         for (int k = 0; k < PELL_UV_SETS; k++) {
             const float *uv = m->uv[k], *x = uv ? uv + 2 * (size_t) index[0] : NULL;
             if (uv) {

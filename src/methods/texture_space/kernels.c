@@ -53,10 +53,27 @@ struct gathered {
     vf weight, light[4];
 };
 
-/* The taps of one side: distances add up along the way, from texel to texel, as long as each is. */
-INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pace, int count, int axis, int planes, vf key, vf fall,
-                 vf tilt, struct gathered *g)
+/* The texels that taps are summed for. */
+struct centre {
+    ptrdiff_t at;
+    vf key, fall, tilt;
+};
+
+/* The line of taps through them. */
+struct line {
+    int axis, stride; /* texels from a tap to the next */
+    float skew;       /* down columns, as in struct ts_cell */
+};
+
+/* The taps of one side, `sign`: distances add up along the way, from texel to texel, as long as each is. */
+INLINE void side(const struct ts_work *w, const struct centre *m, const struct line *line, int sign, int count, int planes,
+                 struct gathered *g)
 {
+    const int axis = line->axis;
+    const ptrdiff_t step = sign * line->stride * (axis == 0 ? 1 : w->stride);
+    const float pace = 0.5f * (float) line->stride;
+    const vf tilt = sign < 0 ? -m->tilt : m->tilt;
+    ptrdiff_t at = m->at;
     vf last = load(w->length[axis] + at), distance = { 0 };
 
     for (int j = 0; j < count; j++) {
@@ -65,8 +82,8 @@ INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pa
         here = load(w->length[axis] + at);
         distance += (last + here) * pace;
         last = here;
-        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
-        weight = (vf) ((vi) weight & (load(w->key + at) == key));
+        weight = kernel(distance * distance * m->fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
+        weight = (vf) ((vi) weight & (load(w->key + at) == m->key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
             g->light[c] += weight * load(w->from[c] + at);
@@ -74,25 +91,26 @@ INLINE void side(const struct ts_work *w, ptrdiff_t at, ptrdiff_t step, float pa
 }
 
 /* The same up or down a line that leans; `x` is the block's. */
-INLINE void skewed_side(const struct ts_work *w, ptrdiff_t from, int x, int sign, int stride, float skew, int count, int planes, vf key,
-                        vf fall, vf tilt, struct gathered *g)
+INLINE void skewed_side(const struct ts_work *w, const struct centre *m, const struct line *line, int x, int sign, int count, int planes,
+                        struct gathered *g)
 {
-    const float pace = 0.5f * (float) stride;
-    vf last = load(w->length[1] + from), distance = { 0 };
+    const float pace = 0.5f * (float) line->stride;
+    const vf tilt = sign < 0 ? -m->tilt : m->tilt;
+    vf last = load(w->length[1] + m->at), distance = { 0 };
 
     for (int j = 1; j <= count; j++) {
-        const int py = sign * stride * j;
-        const float exact = -skew * (float) py;
+        const int py = sign * line->stride * j;
+        const float exact = -line->skew * (float) py;
         const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
-        const ptrdiff_t at = from + px + py * w->stride;
+        const ptrdiff_t at = m->at + px + py * w->stride;
         vf here, weight;
         if (x + px <= -TS_BLOCK || x + px >= w->width)
             return;
         here = load(w->length[1] + at);
         distance += (last + here) * pace;
         last = here;
-        weight = kernel(distance * distance * fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
-        weight = (vf) ((vi) weight & (load(w->key + at) == key));
+        weight = kernel(distance * distance * m->fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
+        weight = (vf) ((vi) weight & (load(w->key + at) == m->key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
             g->light[c] += weight * load(w->from[c] + at);
@@ -128,14 +146,14 @@ INLINE void ask_for(const struct ts_work *w, ptrdiff_t index, int y, int axis, i
 }
 
 /* `low` and `high`: texels that lie before and behind the block's along the axis, which taps may reach. */
-INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrdiff_t index, int x, int y, int axis, int low, int high,
-                       int planes)
+INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int x, int y, int axis, int low, int high, int planes)
 {
-    const ptrdiff_t pitch = axis == 0 ? 1 : w->stride;
+    const ptrdiff_t index = (ptrdiff_t) y * w->stride + x;
     const float add_most = on_grid1(w->after, cell->least[axis], w->grid) - on_grid1(w->before, cell->least[axis], w->grid);
     const float before = on_grid1(w->before, cell->most[axis], w->grid);
     const float add_least = on_grid1(w->after, cell->most[axis], w->grid) - before;
     const float smooth = before < add_least ? before : add_least, reach = reach_of(add_most);
+    struct line line = { .axis = axis, .skew = cell->skew };
     float space;
     bool skews;
     int stride, count;
@@ -147,7 +165,7 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
     }
     /* Taps may stand 1.5 standard deviations apart of what is blurred already. */
     space = 1.5f * sqrtf(smooth);
-    stride = space >= 2.0f ? (space < 4096.0f ? (int) space : 4096) : 1;
+    line.stride = stride = space >= 2.0f ? (space < 4096.0f ? (int) space : 4096) : 1;
     count = reach < (float) (TAPS_MOST * stride) ? (int) (reach / (float) stride) : TAPS_MOST;
     count = count > 0 ? count : 1;
     skews = axis == 1 && fabsf(cell->skew) * reach >= 0.5f; /* under half a texel to the side all taps are upright */
@@ -156,12 +174,17 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
     high = high / stride < count ? high / stride : count;
     for (int part = 0; part < TS_BLOCK; part += WIDTH) {
         const ptrdiff_t at = index + part;
-        const vf zero = { 0 }, one = zero + 1.0f, key = load(w->key + at), length = load(w->length[axis] + at);
+        const vf zero = { 0 }, one = zero + 1.0f, length = load(w->length[axis] + at);
         const vi there = length > zero;
         const vf inverse = one / select(there, length, one), density2 = inverse * inverse;
         const vf add = on_grid(w->after, density2, w->grid) - on_grid(w->before, density2, w->grid);
-        const vf fall = K_FALL * density2 / greater(add, zero + S2_MIN), mix = lesser(add * (1.0f / S2_MIN_VARIANCE), one);
-        const vf tilt = w->tilts ? load(w->tilt[axis] + at) * inverse : zero;
+        const vf mix = lesser(add * (1.0f / S2_MIN_VARIANCE), one);
+        const struct centre m = {
+            .at = at,
+            .key = load(w->key + at),
+            .fall = K_FALL * density2 / greater(add, zero + S2_MIN),
+            .tilt = w->tilts ? load(w->tilt[axis] + at) * inverse : zero,
+        };
         struct gathered g;
         vf scale, keep;
 
@@ -169,11 +192,11 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, ptrd
         for (int c = 0; c < planes; c++)
             g.light[c] = g.weight * load(w->from[c] + at);
         if (skews) {
-            skewed_side(w, at, x + part, -1, stride, cell->skew, low, planes, key, fall, -tilt, &g);
-            skewed_side(w, at, x + part, 1, stride, cell->skew, high, planes, key, fall, tilt, &g);
+            skewed_side(w, &m, &line, x + part, -1, low, planes, &g);
+            skewed_side(w, &m, &line, x + part, 1, high, planes, &g);
         } else {
-            side(w, at, -stride * pitch, 0.5f * (float) stride, low, axis, planes, key, fall, -tilt, &g);
-            side(w, at, stride * pitch, 0.5f * (float) stride, high, axis, planes, key, fall, tilt, &g);
+            side(w, &m, &line, -1, low, planes, &g);
+            side(w, &m, &line, 1, high, planes, &g);
         }
         scale = mix / g.weight;
         keep = one - mix;
@@ -199,9 +222,9 @@ INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
         if (cell->near > w->near)
             continue;
         if (w->planes == 3)
-            blur_block(w, cell, index, b * TS_BLOCK, y, axis, low, high, 3);
+            blur_block(w, cell, b * TS_BLOCK, y, axis, low, high, 3);
         else
-            blur_block(w, cell, index, b * TS_BLOCK, y, axis, low, high, 4);
+            blur_block(w, cell, b * TS_BLOCK, y, axis, low, high, 4);
         if (axis == 1 && w->sum[0])
             add_to_sum(w, index);
     }

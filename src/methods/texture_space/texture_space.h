@@ -7,6 +7,7 @@
 
 #include "methods/texture_space/kernels.h"
 #include "render/services.h"
+#include "scene/triangle.h"
 
 #include <pellucid/method.h>
 
@@ -161,13 +162,11 @@ static inline void ts_point_of(const struct ts_atlas *a, uint32_t triangle, floa
                                struct pell_vec3 *normal, float *largest)
 {
     const struct pell_mesh *m = &a->scene->meshes[a->triangles[triangle].mesh];
-    const uint32_t *index = m->index + 3 * (size_t) a->triangles[triangle].triangle;
-    const struct pell_vec3 p = vec3_load(m->position + 3 * (size_t) index[0]);
-    const struct pell_vec3 e = vec3_sub(vec3_load(m->position + 3 * (size_t) index[1]), p);
-    const struct pell_vec3 f = vec3_sub(vec3_load(m->position + 3 * (size_t) index[2]), p);
+    struct pell_vec3 p[3];
 
-    *at = vec3_mad(vec3_mad(p, u, e), v, f);
-    *normal = vec3_normalize(vec3_cross(e, f));
+    pell_triangle_corners(m, a->triangles[triangle].triangle, p);
+    *at = vec3_mad(vec3_mad(p[0], u, vec3_sub(p[1], p[0])), v, vec3_sub(p[2], p[0]));
+    *normal = vec3_normalize(pell_triangle_cross(p));
     *largest = fmaxf(fabsf(at->x), fmaxf(fabsf(at->y), fabsf(at->z)));
 }
 

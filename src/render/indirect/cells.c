@@ -5,6 +5,8 @@
  */
 #include "render/indirect/internal.h"
 
+#include "scene/triangle.h"
+
 #define CUTS (1u << 17) /* at most; what is left over stays whole */
 #define DEPTH 12        /* cuts of a triangle at most */
 
@@ -39,7 +41,7 @@ static void add_sample(struct cutter *c, float u, float v, float spacing, bool b
     struct pell_indirect *in = c->in;
     const struct pell_mesh *mesh = &in->p.scene->meshes[c->mesh];
     const struct indirect_place place = indirect_place_at(mesh, c->triangle, u, v);
-    const struct pell_vec3 n = vec3_normalize(vec3_cross(vec3_sub(c->corner[1], c->corner[0]), vec3_sub(c->corner[2], c->corner[0])));
+    const struct pell_vec3 n = vec3_normalize(pell_triangle_cross(c->corner));
     const float side = back ? -1.0f : 1.0f;
 
     grow(c, (void **) &in->samples, in->num_samples + 1, &c->room_samples, sizeof(*in->samples));
@@ -121,7 +123,7 @@ static uint32_t cut(struct cutter *c, const float corner[3][2], const uint32_t k
     for (int i = 0; i < 3; i++)
         longest = fmaxf(longest, vec3_length(vec3_sub(p[i], p[(i + 1) % 3])));
     if (!(longest > 2.0f * spacing) || depth == DEPTH || c->cuts == CUTS || c->res != PELL_OK) {
-        spread_samples(c, corner, 0.5 * (double) vec3_length(vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0]))), spacing);
+        spread_samples(c, corner, 0.5 * (double) vec3_length(pell_triangle_cross(p)), spacing);
         return cell;
     }
     c->cuts++;

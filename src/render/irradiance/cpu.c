@@ -9,6 +9,7 @@
 #include "math/scalar.h"
 #include "render/curvature/stage.h"
 #include "render/indirect/stage.h"
+#include "scene/triangle.h"
 
 #include <float.h>
 #include <string.h>
@@ -296,12 +297,10 @@ static void environments(const struct job *job, struct packet *k)
 static bool sees_back(const struct job *job, const struct packet *k, int i)
 {
     const struct pell_mesh *mesh = &job->p->scene->meshes[job->p->surface->mesh[k->index[i]]];
-    const uint32_t *index = mesh->index + 3 * (size_t) job->p->surface->triangle[k->index[i]];
-    const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
-    const struct pell_vec3 b = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a);
-    const struct pell_vec3 c = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a);
+    struct pell_vec3 corner[3];
 
-    return vec3_dot(vec3_cross(b, c), vec3(k->lanes.gx[i], k->lanes.gy[i], k->lanes.gz[i])) < 0.0f;
+    pell_triangle_corners(mesh, job->p->surface->triangle[k->index[i]], corner);
+    return vec3_dot(pell_triangle_cross(corner), vec3(k->lanes.gx[i], k->lanes.gy[i], k->lanes.gz[i])) < 0.0f;
 }
 
 static void add_indirect(const struct job *job, struct packet *k)

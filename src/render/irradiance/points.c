@@ -5,6 +5,8 @@
  */
 #include "render/irradiance/stage.h"
 
+#include "scene/triangle.h"
+
 #include <string.h>
 
 /* The planes of 16 points. */
@@ -29,17 +31,17 @@ static uint32_t place_points(const struct pell_scene *scene, const struct pell_s
         float largest = 0.0f;
 
         if (is) {
-            const struct pell_mesh *mesh = &scene->meshes[p->mesh[k]];
-            const uint32_t *index = mesh->index + 3 * (size_t) p->triangle[k];
-            const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
-            const struct pell_vec3 b = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a);
-            const struct pell_vec3 c = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a);
-            const struct pell_vec3 ends[3] = { a, vec3_add(a, b), vec3_add(a, c) };
-            at = vec3_mad(vec3_mad(a, p->u[k], b), p->v[k], c);
-            g = vec3_cross(b, c);
+            struct pell_vec3 corner[3], b, c;
+            pell_triangle_corners(&scene->meshes[p->mesh[k]], p->triangle[k], corner);
+            g = pell_triangle_cross(corner);
+            b = vec3_sub(corner[1], corner[0]);
+            c = vec3_sub(corner[2], corner[0]);
+            at = vec3_mad(vec3_mad(corner[0], p->u[k], b), p->v[k], c);
+            corner[1] = vec3_add(corner[0], b); /* as rounded as `at` */
+            corner[2] = vec3_add(corner[0], c);
             n = vec3_normalize(p->back && p->back[k] ? vec3_mul(g, -1.0f) : g);
             for (int j = 0; j < 3; j++)
-                largest = fmaxf(largest, fmaxf(fabsf(ends[j].x), fmaxf(fabsf(ends[j].y), fabsf(ends[j].z))));
+                largest = fmaxf(largest, fmaxf(fabsf(corner[j].x), fmaxf(fabsf(corner[j].y), fabsf(corner[j].z))));
             some |= 1u << i;
         }
         s->place[0][i] = at.x;

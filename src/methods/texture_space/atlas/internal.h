@@ -31,11 +31,7 @@ struct ts_atlas_build {
 
 static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pell_vec3 p[3])
 {
-    const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
-    const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
-
-    for (int k = 0; k < 3; k++)
-        p[k] = vec3_load(m->position + 3 * (size_t) index[k]);
+    pell_triangle_corners(&a->scene->meshes[a->triangles[t].mesh], a->triangles[t].triangle, p);
 }
 
 static inline double flat_area(const float c[6])

@@ -1,0 +1,282 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * points.h - the points of the surface that samples of the image-space method find, in the camera's irradiance image and in those of
+ * lights, and how densely each view samples there. For kernel files alone.
+ */
+#ifndef PELL_IMAGE_SPACE_POINTS_H
+#define PELL_IMAGE_SPACE_POINTS_H
+
+#include "methods/image_space/texels.h"
+
+/* What the samples of a vector of pixels share. Vectors are in the camera's frame: x right, y down, z forward, mm. */
+struct place {
+    vf key;
+    vi live; /* of the material that is sampled now */
+    vi x;    /* column */
+    int y;
+    vf t[2], z, h, per_h;       /* ray, plane, 1/h */
+    vf at[3], n[3], s[3], q[3]; /* x_o; unit: normal, tangents */
+    vf strength, per_length2;   /* 1/(length strength)^2 */
+    vf quarter[3];
+    /* Where each pixel has a level of its own: its offsets, its rows, those of each channel and the part of the next level's; densities. */
+    vi offset, density, rows[3];
+    vf part[3], uniform, broad2, reach2;
+};
+
+/* Where a sample is on the surface. */
+struct found {
+    vi there;
+    vf to[3];    /* p - x_o */
+    vf jacobian; /* dA_p/dA_p' */
+    vf light[3];
+};
+
+/* The plane through x_o in which a view's samples lie, in the view's frame: tangent for the camera, as in the paper; facing the view for
+ * lights, as rays of a light reach every point of the surface then (a tangent plane that turns away from the light is met by few), and r is
+ * never less than r'. */
+struct samples_plane {
+    vf n[3], s[3], q[3], at[3];
+    vf distance; /* from the centre of projection, or the cosine of a parallel view with it */
+};
+
+/* An irradiance image as the functions of several views see it. */
+struct image {
+    const float *texels;
+    ptrdiff_t stride;
+    struct pell_rect rect;
+    bool parallel;
+    float f, cx, cy;            /* column = f X/Z + cx */
+    const struct is_view *view; /* NULL: the camera's */
+};
+
+/* The camera's view and those of lights: images, and the planes of samples of a vector of pixels. */
+struct views {
+    const struct image *image;
+    const struct samples_plane *plane;
+};
+
+/* The row of a squared radius, in units of length^2, and the place in it. */
+INLINE vi find_row(vf square, vf *part)
+{
+    const float least = 1.0f / (1 << IS_OCTAVES), most = (float) (1 << IS_OCTAVES) * (1.0f - 0x1p-23f);
+    const vi bits = (vi) greater(lesser(square, all(most)), all(least));
+
+    *part = __builtin_convertvector(bits & ((1 << IS_SHIFT) - 1), vf) * (1.0f / (1 << IS_SHIFT));
+    return ((bits >> IS_SHIFT) - ((127 - IS_OCTAVES) << (23 - IS_SHIFT))) * 8;
+}
+
+INLINE vi in_table(vf square)
+{
+    return square < (float) (1 << IS_OCTAVES);
+}
+
+INLINE vi texel_at(vi x, vi y, ptrdiff_t stride, vi inside)
+{
+    return ((y & inside) * (int) stride + (x & inside)) * IS_TEXEL;
+}
+
+INLINE vf plane_at(const vf texel[8], vf du, vf dv)
+{
+    return texel[IS_W] + texel[IS_GU] * du + texel[IS_GV] * dv;
+}
+
+/* Tangents of n, a unit vector (Duff et al. 2017, "Building an Orthonormal Basis, Revisited"). */
+INLINE void tangents(const vf n[3], vf s[3], vf q[3])
+{
+    const vf sign = select(n[2] < 0.0f, all(-1.0f), all(1.0f)), a = -1.0f / (sign + n[2]), b = n[0] * n[1] * a;
+
+    s[0] = sign * n[0] * n[0] * a + 1.0f;
+    s[1] = sign * b;
+    s[2] = -sign * n[0];
+    q[0] = b;
+    q[1] = n[1] * n[1] * a + sign;
+    q[2] = -n[1];
+}
+
+/* --- The camera's view --------------------------------------------------------------------------------------------------------- */
+
+/* Where in the camera's image a point of the tangent plane is looked up. */
+struct aim {
+    vf scale, du, dv; /* px a mm at the point; from the pixel that asks, px */
+    vi at, there, own;
+};
+
+/* `o`: a point of the tangent plane, counted from x_o; everything is relative to the pixel, as radii may be far under the precision of a
+ * depth. */
+INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, struct aim *to)
+{
+    const struct pell_rect *r = &w->in->rect;
+    const float f = w->focal_px;
+    const vf depth = p->z + o[2], scale = parallel ? all(f) : f / depth;
+    const vf du = within(scale * (parallel ? o[0] : o[0] - p->t[0] * o[2]), FAR_PX);
+    const vf dv = within(scale * (parallel ? o[1] : o[1] - p->t[1] * o[2]), FAR_PX);
+    const vi iu = nearest(du), iv = nearest(dv), x = p->x + iu, y = p->y + iv;
+    const vi before = parallel ? (vi) { 0 } - 1 : (vi) (depth > 0.0f);
+
+    to->there = (x >= r->x0) & (x < r->x1) & (y >= r->y0) & (y < r->y1) & before;
+    to->own = (iu == 0) & (iv == 0);
+    to->at = texel_at(x, y, w->texel_stride, to->there);
+    to->scale = scale;
+    to->du = du;
+    to->dv = dv;
+}
+
+/* The point that the camera sees where it sees point `o` of the tangent plane, counted from x_o. */
+INLINE void camera_finds(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, const struct aim *aim,
+                         struct found *to)
+{
+    const float f = w->focal_px;
+    const vf du = aim->du, dv = aim->dv;
+    const vi own = aim->own;
+    vf texel[8], plane, z, dz, step, jacobian;
+
+    gather8(w->texels, &aim->at, texel);
+    to->there = aim->there & (texel[IS_KEY] == p->key);
+    plane = plane_at(texel, du - __builtin_convertvector(nearest(du), vf), dv - __builtin_convertvector(nearest(dv), vf));
+    jacobian = texel[IS_H] * p->per_h;
+    if (parallel) {
+        z = plane;
+        step = all(1.0f / f);
+    } else {
+        vf ratio;
+        z = 1.0f / plane;
+        step = z * (1.0f / f);
+        ratio = step * aim->scale; /* z/z' */
+        jacobian *= ratio * ratio * ratio;
+        to->there &= own | (plane > 0.0f);
+    }
+    dz = z - p->z;
+    to->to[0] = select(own, o[0], dz * p->t[0] + du * step);
+    to->to[1] = select(own, o[1], dz * p->t[1] + dv * step);
+    to->to[2] = select(own, o[2], dz);
+    to->jacobian = select(own, all(1.0f), jacobian);
+    for (int c = 0; c < 3; c++)
+        to->light[c] = texel[IS_RED + c];
+}
+
+/* --- Several views ------------------------------------------------------------------------------------------------------------- */
+
+INLINE void into_view(const struct is_view *v, const vf p[3], float shifted, vf out[3])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = v ? v->rotate[k][0] * p[0] + v->rotate[k][1] * p[1] + v->rotate[k][2] * p[2] + shifted * v->shift[k] : p[k];
+}
+
+/* The texel of a point, and how far the point is from its centre; where the image does not hold it, 0. */
+INLINE vi look(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
+{
+    const vf scale = m->parallel ? all(m->f) : m->f / p[2];
+    const vf u = within(scale * p[0] + m->cx, FAR_PX), v = within(scale * p[1] + m->cy, FAR_PX);
+    const vi x = nearest(u), y = nearest(v), before = m->parallel ? (vi) { 0 } - 1 : (vi) (p[2] > 0.0f);
+    const vi inside = (x >= m->rect.x0) & (x < m->rect.x1) & (y >= m->rect.y0) & (y < m->rect.y1) & before;
+
+    *du = u - __builtin_convertvector(x, vf);
+    *dv = v - __builtin_convertvector(y, vf);
+    *at = texel_at(x, y, m->stride, inside);
+    return inside;
+}
+
+/* dA_p/dA_p' for a point at `ratio` = z/z'; `distance`: of the tangent plane from the centre of projection, or the cosine of a parallel
+ * view with it. */
+INLINE vf jacobian_of(const struct image *m, const vf texel[8], vf ratio, vf distance)
+{
+    const vf h = texel[IS_H] * magnitude(distance);
+    return m->parallel ? h : h * ratio * ratio * ratio;
+}
+
+INLINE void make_plane(const struct image *m, const struct place *p, struct samples_plane *to)
+{
+    into_view(m->view, p->at, 1.0f, to->at);
+    if (!m->view) {
+        for (int k = 0; k < 3; k++)
+            to->n[k] = p->n[k];
+        to->distance = m->parallel ? p->n[2] : p->n[0] * p->at[0] + p->n[1] * p->at[1] + p->n[2] * p->at[2];
+        return;
+    }
+    to->distance = m->parallel ? all(1.0f) : root(to->at[0] * to->at[0] + to->at[1] * to->at[1] + to->at[2] * to->at[2]);
+    for (int k = 0; k < 3; k++)
+        to->n[k] = m->parallel ? all(k == 2 ? 1.0f : 0.0f) : to->at[k] / to->distance;
+    tangents(to->n, to->s, to->q);
+}
+
+/* As camera_finds, for sample (x, y), mm, in the view of a light. */
+INLINE void light_finds(const struct image *m, const struct samples_plane *n, const struct place *p, vf x, vf y, struct found *to)
+{
+    vf there[3], du, dv, plane, z, ratio, texel[8];
+    vi at;
+
+    for (int k = 0; k < 3; k++)
+        there[k] = n->at[k] + x * n->s[k] + y * n->q[k];
+    to->there = look(m, there, &du, &dv, &at);
+    gather8(m->texels, &at, texel);
+    to->there &= texel[IS_KEY] == p->key;
+    plane = plane_at(texel, du, dv);
+    z = m->parallel ? plane : 1.0f / plane;
+    to->there &= m->parallel ? (vi) { 0 } - 1 : (vi) (plane > 0.0f);
+    ratio = z / there[2];
+    to->jacobian = jacobian_of(m, texel, ratio, n->distance);
+    if (!m->parallel)
+        for (int k = 0; k < 2; k++)
+            there[k] *= ratio;
+    there[2] = z;
+    for (int k = 0; k < 3; k++)
+        there[k] -= n->at[k];
+    for (int k = 0; k < 3; k++)
+        to->to[k] = m->view->rotate[0][k] * there[0] + m->view->rotate[1][k] * there[1] + m->view->rotate[2][k] * there[2];
+    for (int c = 0; c < 3; c++)
+        to->light[c] = texel[IS_RED + c];
+}
+
+/* Samples per area, in units of 1/length^2, that a view sends to point p of the surface (x_o + to); 0 where it does not see it. */
+INLINE vf density_from(const struct is_work *w, const struct image *m, const struct samples_plane *s, const struct place *p,
+                       const struct is_set *set, bool varies, const vf to[3])
+{
+    const vf *const n = s->n, *const from = s->at, distance = s->distance;
+    vf there[3], du, dv, plane, z, towards, ratio, square, part, density, jacobian, off, texel[8];
+    vi at, seen;
+
+    into_view(m->view, to, 0.0f, there);
+    for (int k = 0; k < 3; k++)
+        there[k] += from[k];
+    seen = look(m, there, &du, &dv, &at);
+    gather8(m->texels, &at, texel);
+    seen &= texel[IS_KEY] == p->key;
+    plane = plane_at(texel, du, dv);
+    z = m->parallel ? plane : 1.0f / plane;
+    /* Nearer to what is seen there than a pixel of it is deep. */
+    off = texel[IS_H] * (m->parallel ? all(1.0f / m->f) : z * z * (1.0f / m->f));
+    seen &= magnitude(there[2] - z) < off + 1e-5f * magnitude(z);
+    /* The point p' of the tangent plane on the same ray. */
+    towards = m->parallel ? n[2] : n[0] * there[0] + n[1] * there[1] + n[2] * there[2];
+    if (m->parallel) {
+        const vf along = (n[0] * (from[0] - there[0]) + n[1] * (from[1] - there[1]) + n[2] * (from[2] - there[2])) / towards;
+        there[2] += along;
+        ratio = all(1.0f);
+    } else {
+        ratio = towards / distance; /* z/z' */
+        seen &= ratio > 0.0f;
+        for (int k = 0; k < 3; k++)
+            there[k] /= ratio;
+    }
+    square = all(0.0f);
+    for (int k = 0; k < 3; k++)
+        square += (there[k] - from[k]) * (there[k] - from[k]);
+    square *= p->per_length2;
+    seen &= in_table(square);
+    jacobian = w->jacobian ? jacobian_of(m, texel, ratio, distance) : all(1.0f);
+    at = find_row(square, &part);
+    if (varies)
+        at += p->density;
+    density = (float) w->importance * (gather(&set->rows[0][3], at) + part * gather(&set->rows[0][7], at));
+    if (set->broad2 > 0.0f) {
+        const vf fall = 1.0f + square / (varies ? p->broad2 : all(set->broad2));
+        density += (varies ? p->uniform : all(set->uniform)) / (fall * fall);
+    } else {
+        density += select(square <= (varies ? p->reach2 : all(set->reach2)), varies ? p->uniform : all(set->uniform), all(0.0f));
+    }
+    density = w->inverted ? density * jacobian : density / jacobian;
+    seen &= (density >= 0.0f) & (density < 1e30f);
+    return (vf) ((vi) density & seen);
+}
+
+#endif

@@ -1,0 +1,189 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * blocks.h - what the kernel files of the screen-space method share: a block of 16 pixels in a row, which of its pixels a step blurs, and
+ * the stages that it goes through. For kernel files alone: they are compiled once per level of base/simd.h.
+ *
+ * Vectors are the compiler's generic ones, as wide as the machine's registers. All levels give the same bits: a pixel's operations
+ * and their order do not depend on the width.
+ */
+#ifndef PELL_SCREEN_SPACE_BLOCKS_H
+#define PELL_SCREEN_SPACE_BLOCKS_H
+
+#include "methods/screen_space/kernels.h"
+
+#include "base/simd.h"
+#include "math/lanes.h"
+
+#include <math.h>
+#include <string.h>
+
+INLINE int fewer(int a, int b)
+{
+    return a < b ? a : b;
+}
+
+INLINE struct screen_cell *cell_at(const struct screen_work *w, int block, int y)
+{
+    return &w->cells[(size_t) y * (size_t) w->blocks + (size_t) block];
+}
+
+/* Of a block's lanes, by halves. */
+typedef float v8 __attribute__((vector_size(32)));
+typedef float v4 __attribute__((vector_size(16)));
+typedef int32_t i8 __attribute__((vector_size(32)));
+typedef int32_t i4 __attribute__((vector_size(16)));
+
+INLINE float top(const float *v)
+{
+    v8 a, b;
+    v4 c, d;
+    i8 more;
+    i4 more4;
+
+    memcpy(&a, v, sizeof(a));
+    memcpy(&b, v + 8, sizeof(b));
+    more = a > b;
+    a = (v8) (((i8) a & more) | ((i8) b & ~more));
+    memcpy(&c, &a, sizeof(c));
+    memcpy(&d, (const char *) &a + sizeof(c), sizeof(d));
+    more4 = c > d;
+    c = (v4) (((i4) c & more4) | ((i4) d & ~more4));
+    c[0] = c[0] > c[2] ? c[0] : c[2];
+    c[1] = c[1] > c[3] ? c[1] : c[3];
+    return c[0] > c[1] ? c[0] : c[1];
+}
+
+INLINE float sum_of(const float *v)
+{
+    v8 a, b;
+    v4 c, d;
+
+    memcpy(&a, v, sizeof(a));
+    memcpy(&b, v + 8, sizeof(b));
+    a += b;
+    memcpy(&c, &a, sizeof(c));
+    memcpy(&d, (const char *) &a + sizeof(c), sizeof(d));
+    c += d;
+    return (c[0] + c[2]) + (c[1] + c[3]);
+}
+
+/* Rows are too short for the processor to foresee their next lines, and there are many planes: each block asks for what the one below it
+ * will read, and for what it will write. */
+PELL_FETCHING_INLINE void fetch3_to_write(float *const plane[3], size_t at)
+{
+    for (int i = 0; i < 3; i++)
+        pell_fetch_to_write(plane[i] + at);
+}
+
+/* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
+
+/* A Gaussian of compact support: K(t) = q(t^2/16) - q(0.7225), q(y) = (1 + B1 y + B2 y^2)^8, for |t| < 3.4 and 0 beyond. B1 and B2 make
+ * its integral function differ from the Gaussian's of the same variance by 0.00074 at most. Its integral and variance are exact in the
+ * constants that follow, so that a blur has the standard deviation asked for. */
+/* B1 = -1.08, B2 = 0.646. For y' = sqrt(B2) y the polynomial is a square: q = ((y' + Y_SHIFT)^2 + Q_LEAST)^8. */
+#define Y_MAX 0.580703054f        /* 0.7225 sqrt(B2) */
+#define Y_SHIFT -0.671858012f     /* B1 / (2 sqrt(B2)) */
+#define Q_LEAST 0.548606811f      /* 1 - B1^2 / (4 B2) */
+#define K_NORM 0.401802782f       /* sqrt(variance) / integral */
+#define K_SCALE_ROOT 0.214667712f /* sqrt(sqrt(B2) variance / 16) */
+#define K_REACH 3.549853f         /* 3.4 / sqrt(variance): the support in standard deviations */
+/* Under 0.6 pixels a sampled Gaussian loses variance. Such a blur is the one of 0.6 pixels, mixed with the unblurred pixel. */
+#define S2_MIN 0.36f
+#define S2_MIN_VARIANCE 0.347397f /* that K, sampled at whole pixels, has there */
+
+/* --- A step -------------------------------------------------------------------------------------------------------------------- */
+
+/* What the taps of a block need to know. */
+struct block {
+    bool uniform;                                                   /* all lanes have the same variances */
+    bool wide;                                                      /* and they are far above a pixel's */
+    bool bare;                                                      /* and nothing was blurred before */
+    float after, before;                                            /* then: mm^2 after and before the step */
+    _Alignas(64) float afters[SCREEN_BLOCK], befores[SCREEN_BLOCK]; /* else */
+    int active;                                                     /* lanes that are blurred */
+    int count, stride;                                              /* taps on each side, and their distance in pixels */
+    float skew;                                                     /* of the line of taps along y, see struct screen_cell */
+};
+
+/* Variance that the chain reaches with `step`, in mm^2. */
+INLINE float variance_of(const struct screen_work *w, int step, int owner)
+{
+    return w->variance[(size_t) step * (w->num_materials + 1) + (size_t) owner];
+}
+
+/* Variance before the running step where a material's pixels have this scale; returns whether the step blurs them. */
+INLINE bool applied(const struct screen_work *w, int owner, float scale, float *before)
+{
+    float last = 0.0f;
+
+    for (int step = 0; step < w->step; step++) {
+        const float v = variance_of(w, step, owner);
+        last = (v - last) * scale > w->skip ? v : last;
+    }
+    *before = last;
+    return (variance_of(w, w->step, owner) - last) * scale > w->skip;
+}
+
+/* Which lanes the step blurs, and by what. False where it blurs none. */
+INLINE bool choose(const struct screen_work *w, size_t index, const struct screen_cell *cell, struct block *b)
+{
+    const float *scale = &w->scale[index], *key = &w->key[index];
+    bool low, high;
+    float before;
+
+    b->uniform = false;
+    b->active = 0;
+    if (cell->owner != SCREEN_MIXED) {
+        /* Most blocks are blurred by each step so far. */
+        if (cell->pixels > 0 && w->least_added[(size_t) w->step * (w->num_materials + 1) + cell->owner] * cell->scale[0] > w->skip) {
+            b->uniform = true;
+            b->before = w->step > 0 ? variance_of(w, w->step - 1, cell->owner) : 0.0f;
+            b->after = variance_of(w, w->step, cell->owner);
+            b->active = cell->pixels;
+            return true;
+        }
+        /* Each choice depends on the scale monotonically: where the extremes agree in all of them, so do the lanes between. */
+        low = applied(w, cell->owner, cell->scale[0], &before);
+        high = applied(w, cell->owner, cell->scale[1], &b->before);
+        if (low == high && before == b->before) {
+            b->uniform = true;
+            b->after = high ? variance_of(w, w->step, cell->owner) : 0.0f;
+            b->active = high ? cell->pixels : 0;
+            return high;
+        }
+    }
+    for (int l = 0; l < SCREEN_BLOCK; l++) {
+        const bool on = applied(w, (int) key[l], scale[l], &before);
+        b->active += on;
+        b->afters[l] = on ? variance_of(w, w->step, (int) key[l]) : 0.0f;
+        b->befores[l] = on ? before : 0.0f;
+    }
+    return b->active > 0;
+}
+
+/* --- The stages ---------------------------------------------------------------------------------------------------------------- */
+
+/* A block on its way through the stages of a pass: what its taps need to know, their sums, the end. */
+struct job {
+    const struct screen_cell *cell;
+    int x, low, high; /* the block's first pixel; taps on either side that are inside */
+    struct block b;
+    _Alignas(64) float fall[SCREEN_BLOCK], share[SCREEN_BLOCK];      /* see struct centre; of a tap's weight in what comes out */
+    _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* gathered */
+};
+
+/* Sum up a block's taps: in job->weight and job->light. `row`: of what is blurred, at pixel 0. The first three are of pictures of one
+ * material in perspective: along x, down columns, down a line that leans. The last is of all others. */
+void PELL_SIMD(screen_gather_along_x)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
+void PELL_SIMD(screen_gather_along_y)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
+void PELL_SIMD(screen_gather_leaning)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
+void PELL_SIMD(screen_gather_any)(const struct screen_work *w, int y, int axis, const float *const row[3], struct job *job);
+/* The paper's taps: what comes out, and which lanes were blurred, 1 or 0. Returns their number. Of the job only x and cell are read. */
+int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axis, const struct job *job, const float *const row[3],
+                                     float (*restrict result)[SCREEN_BLOCK], float *restrict on);
+
+/* `load` and `measure` of struct screen_kernels. */
+void PELL_SIMD(screen_load_row)(const struct screen_work *w, int y, struct screen_seen *seen);
+void PELL_SIMD(screen_measure_row)(const struct screen_work *w, int y);
+
+#endif

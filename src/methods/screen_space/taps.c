@@ -1,0 +1,205 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * taps.c - the sums over a block's taps of the screen-space method: along x and down columns (upright), and down lines that lean, so that
+ * two passes make a round Gaussian on a slanting plane; compiled once per level of base/simd.h. The mathematics is in README.md.
+ */
+#include "methods/screen_space/blocks.h"
+
+struct gathered {
+    vf weight, light[3];
+};
+
+/* The planes, at a pixel. */
+struct around {
+    const float *key, *depth, *length, *light[3];
+};
+
+struct centre {
+    vf key, depth;
+    vf fall;   /* sqrt(y') per mm */
+    vf tan[2]; /* x/f and y/f of the pixel's ray */
+};
+
+/* q of y' + Y_SHIFT. */
+INLINE float kernel_of(float shifted)
+{
+    float q = shifted * shifted + Q_LEAST;
+    q *= q;
+    q *= q;
+    return q * q;
+}
+
+/* Adds a tap whose distance gives y' = `y`: the weight is K times the length that its pixel covers. */
+INLINE void weigh(const struct around *a, ptrdiff_t at, vf y, const struct centre *c, bool several, struct gathered *g)
+{
+    const vf shifted = lesser(y, (vf) { 0 } + Y_MAX) + Y_SHIFT;
+    vf q = shifted * shifted + Q_LEAST, weight;
+
+    q *= q;
+    q *= q;
+    weight = (q * q - kernel_of(Y_MAX + Y_SHIFT)) * load(a->length + at);
+    if (several)
+        weight = (vf) ((vi) weight & (load(a->key + at) == c->key));
+    g->weight += weight;
+    for (int i = 0; i < 3; i++)
+        g->light[i] += weight * load(a->light[i] + at);
+}
+
+/* --- Upright ------------------------------------------------------------------------------------------------------------------- */
+
+/* The taps of one side: where the last one was, what its distance along the axis is by its depth, and how both go on. */
+struct lane_taps {
+    ptrdiff_t at, step;
+    vf slope, fixed, grow, shift;
+};
+
+INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf aslant2, const struct centre *c, bool several, bool parallel,
+                        struct gathered *g)
+{
+    vf z, along, dz;
+
+    side->at += side->step;
+    if (parallel)
+        side->fixed += side->shift;
+    else
+        side->slope += side->grow;
+    z = load(a->depth + side->at);
+    along = z * side->slope + side->fixed;
+    dz = z - c->depth;
+    weigh(a, side->at, along * along + dz * dz * aslant2, c, several, g);
+}
+
+/* The taps of a block's pixels; those of the two sides in pairs, as most blocks have as many. Between the points of two pixels lies
+ * h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; its length, squared, is that along the axis squared and
+ * dz^2 (1 + t^2), t of the other axis. The first is linear in the tap's z. */
+INLINE void upright(const struct screen_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c,
+                    bool several, bool parallel, struct gathered *g)
+{
+    const float pace = (float) job->b.stride;
+    const ptrdiff_t step = job->b.stride * (axis == 0 ? 1 : w->stride);
+    const vf other = c->tan[1 - axis], aslant2 = c->fall * c->fall * (other * other + 1.0f);
+    const vf grow = c->fall * (pace * w->depth_mm), shift = c->fall * (pace * w->fixed_mm);
+    const vf slope = c->fall * c->tan[axis], fixed = (vf) { 0 } - c->depth * slope;
+    const int pairs = fewer(job->low, job->high);
+    struct lane_taps back = { 0, -step, slope, fixed, -grow, -shift }, ahead = { 0, step, slope, fixed, grow, shift };
+
+    for (int j = 0; j < pairs; j++) { /* left of the first pixel lies the padding */
+        upright_tap(a, &back, aslant2, c, several, parallel, g);
+        upright_tap(a, &ahead, aslant2, c, several, parallel, g);
+    }
+    for (int j = pairs; j < job->low; j++)
+        upright_tap(a, &back, aslant2, c, several, parallel, g);
+    for (int j = pairs; j < job->high; j++)
+        upright_tap(a, &ahead, aslant2, c, several, parallel, g);
+}
+
+/* --- Leaning ------------------------------------------------------------------------------------------------------------------- */
+
+/* The taps down a line that leans: x falls by b->skew pixels as y grows by one. The two taps of a pair lie opposite each other. */
+struct leaning {
+    vf ray2, across2, grow, shift;
+};
+
+struct lean_place {
+    vf aslant;    /* 2 (x tx + y ty) */
+    vf beside2;   /* from the line that the tap stands for, along x */
+    float apart2; /* from the pixel, px^2 */
+    int px, py;
+};
+
+INLINE struct lean_place lean_place(const struct block *b, int j, const struct centre *c, const struct leaning *l)
+{
+    const int py = b->stride * j;
+    const float exact = -b->skew * (float) py;
+    const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
+    const float ox = (float) px, oy = (float) py, beside = ox - exact;
+
+    return (struct lean_place) { (2.0f * ox) * c->tan[0] + (2.0f * oy) * c->tan[1], l->across2 * (beside * beside), ox * ox + oy * oy, px,
+                                 py };
+}
+
+INLINE struct lean_place opposite(const struct lean_place *p)
+{
+    return (struct lean_place) { -p->aslant, p->beside2, p->apart2, -p->px, -p->py };
+}
+
+/* `x` is the block's. Taps beside what is translucent are moved to where there is nothing. */
+INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int x, struct lean_place p, const struct centre *c,
+                        const struct leaning *l, bool several, struct gathered *g)
+{
+    const bool in = x + p.px + SCREEN_BLOCK > w->block0 * SCREEN_BLOCK && x + p.px < w->block1 * SCREEN_BLOCK;
+    const ptrdiff_t at = (in ? p.px : (w->block0 - 1) * SCREEN_BLOCK - x) + p.py * w->stride;
+    const vf z = load(a->depth + at), h = z * l->grow + l->shift, fall = (z - c->depth) * c->fall;
+    const vf y = fall * (h * p.aslant + fall * l->ray2) + h * h * p.apart2;
+
+    weigh(a, at, greater(y - p.beside2, (vf) { 0 }), c, several, g);
+}
+
+INLINE void skewed_line(const struct screen_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,
+                        bool several, struct gathered *g)
+{
+    const struct leaning l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * w->depth_mm,
+                               c->fall * w->fixed_mm };
+    const int pairs = fewer(job->low, job->high), most = job->low < job->high ? job->high : job->low;
+
+    for (int j = 1; j <= pairs; j++) {
+        const struct lean_place p = lean_place(&job->b, j, c, &l);
+        leaning_tap(w, a, job->x, opposite(&p), c, &l, several, g);
+        leaning_tap(w, a, job->x, p, c, &l, several, g);
+    }
+    for (int j = pairs + 1; j <= most; j++)
+        leaning_tap(w, a, job->x, lean_place(&job->b, job->low > job->high ? -j : j, c, &l), c, &l, several, g);
+}
+
+/* --- Blocks -------------------------------------------------------------------------------------------------------------------- */
+
+/* Sums up a block's taps. */
+INLINE void gather(const struct screen_work *w, int y, int axis, bool skews, bool several, bool parallel, const float *const row[3],
+                   struct job *job)
+{
+    for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
+        const size_t at = (size_t) (y * w->stride + job->x + part);
+        const struct centre c = {
+            .key = load(w->key + at),
+            .depth = load(w->depth + at),
+            .fall = load(job->fall + part),
+            .tan = { load(w->columns_tan + job->x + part), (vf) { 0 } + w->rows_tan[y] },
+        };
+        const struct around a = {
+            w->key + at, w->depth + at, w->length[axis] + at, { row[0] + job->x + part, row[1] + job->x + part, row[2] + job->x + part }
+        };
+        struct gathered g = { { 0 }, { { 0 }, { 0 }, { 0 } } };
+
+        if (skews)
+            skewed_line(w, &a, load(w->length[0] + at) * c.fall, job, &c, several, &g);
+        else
+            upright(w, &a, axis, job, &c, several, parallel, &g);
+        store(job->weight + part, g.weight);
+        for (int i = 0; i < 3; i++)
+            store(&job->light[i][part], g.light[i]);
+    }
+}
+
+/* A function each: registers are dealt out for its loops alone. */
+void PELL_SIMD(screen_gather_along_x)(const struct screen_work *w, int y, const float *const row[3], struct job *job)
+{
+    gather(w, y, 0, false, false, false, row, job);
+}
+
+void PELL_SIMD(screen_gather_along_y)(const struct screen_work *w, int y, const float *const row[3], struct job *job)
+{
+    gather(w, y, 1, false, false, false, row, job);
+}
+
+void PELL_SIMD(screen_gather_leaning)(const struct screen_work *w, int y, const float *const row[3], struct job *job)
+{
+    gather(w, y, 1, true, false, false, row, job);
+}
+
+void PELL_SIMD(screen_gather_any)(const struct screen_work *w, int y, int axis, const float *const row[3], struct job *job)
+{
+    if (axis == 1 && job->b.skew != 0.0f)
+        gather(w, y, 1, true, true, false, row, job);
+    else
+        gather(w, y, axis, false, true, w->depth_mm == 0.0f, row, job);
+}

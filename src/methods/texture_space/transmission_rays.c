@@ -1,0 +1,271 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * transmission_rays.c - rays from texels toward a light: where each way leaves the solid into the light, and better ways of texels that are
+ * known to have transmitted light.
+ */
+#include "methods/texture_space/transmitted.h"
+
+#include "visibility/light_grid.h"
+
+#include <string.h>
+
+enum { PARTS_MOST = 16 };
+#define ASKEW 0.95f   /* a way that meets a face at a smaller cosine is no measure of the distance from it */
+#define GRAZING 0.15f /* a face that light meets at a smaller cosine is lit in part */
+#define OBLIQUE 4.0f  /* rays go this many times the thickness at which nothing is transmitted */
+
+/* The next part of a way begins just outside of a point of the surface, or just inside. */
+static void set_out(struct ts_packet *k, int i, const struct ts_spot *s, bool outside)
+{
+    struct pell_ray16 *ray = &k->rays.ray;
+    const struct pell_vec3 from = vec3_mad(s->at, outside ? 3e-5f * s->largest : -(3e-5f * s->largest), s->geometric);
+
+    ray->ox[i] = from.x;
+    ray->oy[i] = from.y;
+    ray->oz[i] = from.z;
+    ray->dx[i] = k->light[i].x;
+    ray->dy[i] = k->light[i].y;
+    ray->dz[i] = k->light[i].z;
+    ray->tnear[i] = 0.0f;
+    ray->tfar[i] = k->left[i];
+    ray->mask[i] = PELL_RAY_ALL;
+}
+
+/* A way of a texel that is about to go inside, or that is outside. */
+static void begin(const struct ts_task *t, struct ts_packet *k, ptrdiff_t at, const struct ts_spot *s, struct pell_vec3 light, float far)
+{
+    const bool outside = vec3_dot(s->geometric, light) > 0.0f; /* where d is the way itself: see pass_through */
+    const int i = k->count++;
+
+    k->at[i] = at;
+    k->light[i] = light;
+    k->left[i] = fminf(far, (outside ? 1.0f : OBLIQUE) * (float) t->p->thickest);
+    k->exit[i].triangle = UINT32_MAX;
+    set_out(k, i, s, outside);
+}
+
+/* What the light grid says of ways to the light. False: it doesn't know, or rounds too much: ask the rays. */
+static bool ask_grid(const struct ts_task *t, struct ts_packet *k)
+{
+    struct pell_ray16 *ray = &k->rays.ray;
+    const struct pell_vec3 apex = vec3_load(t->p->light->position);
+    float whole[16], tfar[16];
+    bool known;
+
+    if (!k->to_light || !t->p->grid)
+        return false;
+    for (int i = 0; i < 16; i++) {
+        const struct pell_vec3 way = vec3(apex.x - ray->ox[i], apex.y - ray->oy[i], apex.z - ray->oz[i]);
+        whole[i] = sqrtf(vec3_dot(way, way));
+        tfar[i] = ray->tfar[i];
+        ray->tfar[i] = k->open[i] ? tfar[i] / whole[i] : 0.0f;
+    }
+    known = pell_light_grid_closest16(t->p->grid, k->open, &k->rays);
+    for (int i = 0; i < 16; i++)
+        ray->tfar[i] = known && k->rays.hit.mesh[i] != PELL_NO_HIT ? ray->tfar[i] * whole[i] : tfar[i];
+    return known;
+}
+
+static bool is_lit(const struct ts_task *t, const struct ts_surface_point *p)
+{
+    const struct ts_place place = ts_atlas_place(t->p->atlas, p->triangle, p->u, p->v);
+    float rgb[3];
+
+    return ts_read(t->p->atlas, &place, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f;
+}
+
+/* Follows the ways, each to where it leaves the solid: for good or into light where the light is known, else for the first time. Those that
+ * another object is in end nowhere. */
+static void follow(struct ts_task *t, struct ts_packet *k)
+{
+    const struct ts_atlas *a = t->p->atlas;
+    bool any = k->count > 0;
+    int rays = 0;
+
+    for (int i = 0; i < 16; i++)
+        k->open[i] = i < k->count ? -1 : 0;
+    for (int step = 0; any && step < PARTS_MOST; step++) {
+        any = false;
+        for (int i = 0; i < 16; i++)
+            k->rays.hit.mesh[i] = PELL_NO_HIT;
+        if (!ask_grid(t, k))
+            pell_rays_closest16(t->p->services->rays, k->open, step == 0, &k->rays);
+        for (int i = 0; i < k->count; i++) {
+            const uint32_t mesh = k->rays.hit.mesh[i];
+            struct ts_surface_point hit;
+            struct ts_spot s;
+            bool leaves;
+            if (!k->open[i])
+                continue;
+            rays++;
+            k->open[i] = 0;
+            if (mesh == PELL_NO_HIT)
+                continue;
+            if (mesh >= t->p->solids->num_meshes || t->p->solids->of_mesh[mesh] != t->p->solid) {
+                k->exit[i].triangle = UINT32_MAX;
+                continue;
+            }
+            hit = (struct ts_surface_point) { a->first[mesh] + k->rays.hit.triangle[i], k->rays.hit.u[i], k->rays.hit.v[i] };
+            s = ts_flat_spot(a, hit);
+            leaves = vec3_dot(s.geometric, k->light[i]) > 0.0f;
+            if (leaves)
+                k->exit[i] = hit;
+            k->left[i] -= k->rays.ray.tfar[i];
+            if ((leaves && (!t->lit || is_lit(t, &k->exit[i]))) || !(k->left[i] > 0.0f))
+                continue;
+            k->open[i] = -1;
+            any = true;
+            set_out(k, i, &s, leaves);
+        }
+    }
+    atomic_fetch_add_explicit(&t->rays, rays, memory_order_relaxed);
+}
+
+void ts_trace(struct ts_task *t, int tile, struct ts_packet *k)
+{
+    follow(t, k);
+    for (int i = 0; i < k->count; i++) {
+        struct ts_spot c;
+        if (k->exit[i].triangle == UINT32_MAX)
+            continue;
+        c = ts_spot_at(t->p->atlas, k->at[i]);
+        t->count[tile] +=
+            ts_pass_through(t, k->at[i], &c, k->exit[i], k->light[i], k->light[i], &t->found[t->first[tile] + t->count[tile]]);
+    }
+    k->count = 0;
+}
+
+void ts_ray_texels(struct ts_task *t, ptrdiff_t first, int tile, const uint8_t *texels, int count, struct ts_packet *k)
+{
+    const struct ts_atlas *a = t->p->atlas;
+
+    for (int i = 0; i < count; i++) {
+        const ptrdiff_t at = first + texels[i] / TS_BLOCK * a->stride + texels[i] % TS_BLOCK;
+        struct pell_vec3 light;
+        struct ts_spot s;
+        float far;
+        if (!ts_asks(t, at))
+            continue;
+        s = ts_flat_spot(a, ts_point_at(a, at));
+        light = ts_toward(t->p->light, s.at, &far);
+        begin(t, k, at, &s, light, far);
+        if (k->count == 16)
+            ts_trace(t, tile, k);
+    }
+}
+
+/* A second ray of some texels that are known to have transmitted light. */
+struct second {
+    bool (*wants)(const struct ts_task *t, const struct ts_transmitted_texel *c);
+    struct pell_vec3 (*way)(const struct ts_task *t, const struct ts_transmitted_texel *c, const struct ts_spot *s, float *far);
+    void (*end)(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out);
+    bool to_light;
+};
+
+static void ask_again(struct ts_task *t, int chunk, const struct second *second)
+{
+    const struct ts_atlas *a = t->p->atlas;
+    const size_t end = (size_t) (chunk + 1) * TS_CHUNK < t->known ? (size_t) (chunk + 1) * TS_CHUNK : t->known;
+    struct ts_packet k;
+
+    memset(&k, 0, sizeof(k));
+    k.to_light = second->to_light;
+    for (size_t n = (size_t) chunk * TS_CHUNK;; n++) {
+        const struct ts_transmitted_texel *c = n < end ? &t->found[n] : NULL;
+        if (c && second->wants(t, c)) {
+            const struct ts_spot s = ts_flat_spot(a, ts_point_at(a, c->at));
+            float far;
+            const struct pell_vec3 way = second->way(t, c, &s, &far);
+            k.known[k.count] = n;
+            begin(t, &k, c->at, &s, way, far);
+        }
+        if (k.count == 16 || (!c && k.count > 0)) {
+            follow(t, &k);
+            for (int i = 0; i < k.count; i++)
+                second->end(t, &k, i, &t->found[k.known[i]]);
+            k.count = 0;
+        }
+        if (!c)
+            return;
+    }
+}
+
+/* Ways whose end is in the dark go on from there. */
+static bool ends_in_the_dark(const struct ts_task *t, const struct ts_transmitted_texel *c)
+{
+    float rgb[3];
+
+    return !(ts_read(t->p->atlas, &c->from, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f);
+}
+
+static struct pell_vec3 to_light(const struct ts_task *t, const struct ts_transmitted_texel *c, const struct ts_spot *s, float *far)
+{
+    (void) c;
+    return ts_toward(t->p->light, s->at, far);
+}
+
+static void end_in_light(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
+{
+    const struct ts_spot c = ts_spot_at(t->p->atlas, k->at[lane]);
+
+    if (k->exit[lane].triangle != UINT32_MAX && ts_pass_through(t, k->at[lane], &c, k->exit[lane], k->light[lane], k->light[lane], out))
+        return;
+    t->alpha[k->at[lane]] = 0.0f;
+    out->at = (int32_t) k->at[lane];
+}
+
+void ts_go_on(void *arg, int chunk, int worker)
+{
+    static const struct second further = { ends_in_the_dark, to_light, end_in_light, true };
+
+    (void) worker;
+    ask_again(arg, chunk, &further);
+}
+
+/* What the light's way tells of the nearest face that is lit, a way at right angles to that face tells better. */
+static bool meets_askew(const struct ts_task *t, const struct ts_transmitted_texel *c)
+{
+    return t->alpha[c->at] > 0.0f && c->cosine < ASKEW;
+}
+
+static struct pell_vec3 to_face(const struct ts_task *t, const struct ts_transmitted_texel *c, const struct ts_spot *s, float *far)
+{
+    (void) t;
+    (void) s;
+    *far = c->m;
+    return c->normal;
+}
+
+/* The less that end is lit the more the first one counts: at the edge of the light one goes over into the other. */
+static void end_at_face(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
+{
+    const float before = t->alpha[out->at];
+    struct ts_transmitted_texel other = *out;
+    struct pell_vec3 light;
+    struct ts_spot c;
+    float far, f;
+
+    if (k->exit[lane].triangle == UINT32_MAX || !is_lit(t, &k->exit[lane]))
+        return;
+    c = ts_spot_at(t->p->atlas, k->at[lane]);
+    light = ts_toward(t->p->light, c.at, &far);
+    if (!ts_pass_through(t, k->at[lane], &c, k->exit[lane], k->light[lane], light, &other))
+        return;
+    f = fminf(fmaxf(vec3_dot(other.normal, light) * (1.0f / GRAZING), 0.0f), 1.0f);
+    f *= f * (3.0f - 2.0f * f);
+    other.also = out->from;
+    other.part = 1.0f - f;
+    other.m = out->m + f * (other.m - out->m);
+    other.apart = out->apart + f * (other.apart - out->apart);
+    other.opposed = out->opposed + f * (other.opposed - out->opposed);
+    t->alpha[out->at] = before + f * (t->alpha[out->at] - before);
+    *out = other;
+}
+
+void ts_approach(void *arg, int chunk, int worker)
+{
+    static const struct second shorter = { meets_askew, to_face, end_at_face, false };
+
+    (void) worker;
+    ask_again(arg, chunk, &shorter);
+}

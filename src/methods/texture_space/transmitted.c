@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * transmitted.c - a texel and the point where light that is transmitted to it enters: how thick the solid is between them, how far they are
+ * apart.
+ */
+#include "methods/texture_space/transmitted.h"
+
+#define AWAY 4.0f /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
+
+struct ts_spot ts_flat_spot(const struct ts_atlas *a, struct ts_surface_point p)
+{
+    struct ts_spot s;
+
+    ts_point_of(a, p.triangle, p.u, p.v, &s.at, &s.geometric, &s.largest);
+    s.normal = s.geometric;
+    return s;
+}
+
+struct ts_spot ts_spot_of(const struct ts_atlas *a, struct ts_surface_point p)
+{
+    const struct pell_mesh *m = &a->scene->meshes[a->triangles[p.triangle].mesh];
+    const uint32_t *index = m->index + 3 * (size_t) a->triangles[p.triangle].triangle;
+    struct ts_spot s = ts_flat_spot(a, p);
+    struct pell_vec3 n = { 0 };
+
+    for (int k = 0; k < 3; k++)
+        n = vec3_mad(n, k == 0 ? 1.0f - p.u - p.v : k == 1 ? p.u : p.v, vec3_load(m->normal + 3 * (size_t) index[k]));
+    if (vec3_dot(n, s.geometric) > 0.0f)
+        s.normal = vec3_normalize(n);
+    return s;
+}
+
+struct ts_surface_point ts_point_at(const struct ts_atlas *a, ptrdiff_t at)
+{
+    return (struct ts_surface_point) { a->source[at], a->bary[0][at], a->bary[1][at] };
+}
+
+struct ts_spot ts_spot_at(const struct ts_atlas *a, ptrdiff_t at)
+{
+    return ts_spot_of(a, ts_point_at(a, at));
+}
+
+struct pell_vec3 ts_toward(const struct pell_light *light, struct pell_vec3 from, float *far)
+{
+    struct pell_vec3 way;
+
+    if (light->type == PELL_LIGHT_DIRECTIONAL) {
+        *far = INFINITY;
+        return vec3_mul(vec3_normalize(vec3_load(light->direction)), -1.0f);
+    }
+    way = vec3_sub(vec3_load(light->position), from);
+    *far = vec3_length(way);
+    return *far > 0.0f ? vec3_mul(way, 1.0f / *far) : vec3(0.0f, 0.0f, 1.0f);
+}
+
+bool ts_asks(const struct ts_task *t, ptrdiff_t at)
+{
+    const bool away = t->faces[t->p->atlas->source[at]] & TS_FACE_AWAY;
+
+    return t->p->at_once ? true : t->lit ? !away && !(t->lit[0][at] + t->lit[1][at] + t->lit[2][at] > 0.0f) : away;
+}
+
+/* Thickness between two faces m apart, seen from C along the unit way. */
+static float thickness_of(const struct ts_task *t, const struct ts_spot *a, const struct ts_spot *c, struct pell_vec3 way, float m,
+                          float *opposed)
+{
+    const float away = fmaxf(-vec3_dot(c->normal, way), 0.0f);
+
+    *opposed = fmaxf(0.0f, -vec3_dot(a->normal, c->normal));
+    if (t->p->printed) /* section 5.2: m lerped to m cos by the normals' cosine */
+        return m + *opposed * (m * away - m);
+    /* Two faces of a slab look opposite ways, one at the light and one away from it. */
+    *opposed *= fminf(away * AWAY, 1.0f);
+    /* On a slab both cosines are the same; on an edge the flatter face tells less of the thickness. */
+    return m + *opposed * (m * fminf(fmaxf(away, vec3_dot(a->normal, way)), 1.0f) - m);
+}
+
+bool ts_pass_through(const struct ts_task *t, ptrdiff_t at, const struct ts_spot *c, struct ts_surface_point entry, struct pell_vec3 way,
+                     struct pell_vec3 light, struct ts_transmitted_texel *out)
+{
+    const struct ts_atlas *a = t->p->atlas;
+    const struct ts_spot s = ts_spot_of(a, entry);
+    const float m = vec3_length(vec3_sub(s.at, c->at));
+    float opposed;
+    const float d = thickness_of(t, &s, c, way, m, &opposed);
+
+    out->at = (int32_t) at;
+    out->from = ts_atlas_place(a, entry.triangle, entry.u, entry.v);
+    if (out->from.at < 0 || !(vec3_dot(s.geometric, light) > 0.0f) || !((double) d < t->p->thickest))
+        return false;
+    if (out->from.key == a->key[at]) {
+        const ptrdiff_t from = out->from.at, x = at % a->stride, y = at / a->stride;
+        const ptrdiff_t near[2] = { from % a->stride, from / a->stride };
+        const float *const length[2] = { a->length[0], a->length[1] };
+        const float dx = (float) (near[0] - x) + out->from.fx, dy = (float) (near[1] - y) + out->from.fy;
+        const ptrdiff_t there = a->key[from] == out->from.key ? from : at;
+        const float lx = 0.5f * (length[0][at] + length[0][there]), ly = 0.5f * (length[1][at] + length[1][there]);
+        const float along = (dx + 0.5f * (a->skew[at] + a->skew[there]) * dy) * lx;
+        out->apart = sqrtf(along * along + dy * ly * dy * ly);
+        out->round = true;
+    } else {
+        out->apart = m;
+        out->round = false;
+    }
+    out->part = 0.0f;
+    out->opposed = opposed;
+    out->normal = s.normal;
+    out->cosine = vec3_dot(s.normal, way);
+    out->m = m;
+    t->alpha[at] = expf(-d / (float) t->p->falloff);
+    return true;
+}
