@@ -40,19 +40,6 @@ struct ts_spot ts_spot_at(const struct ts_atlas *a, ptrdiff_t at)
     return ts_spot_of(a, ts_point_at(a, at));
 }
 
-struct pell_vec3 ts_toward(const struct pell_light *light, struct pell_vec3 from, float *far)
-{
-    struct pell_vec3 way;
-
-    if (light->type == PELL_LIGHT_DIRECTIONAL) {
-        *far = INFINITY;
-        return vec3_mul(vec3_normalize(vec3_load(light->direction)), -1.0f);
-    }
-    way = vec3_sub(vec3_load(light->position), from);
-    *far = vec3_length(way);
-    return *far > 0.0f ? vec3_mul(way, 1.0f / *far) : vec3(0.0f, 0.0f, 1.0f);
-}
-
 bool ts_asks(const struct ts_task *t, ptrdiff_t at)
 {
     const bool away = t->faces[t->p->atlas->source[at]] & TS_FACE_AWAY;

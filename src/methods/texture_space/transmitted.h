@@ -45,7 +45,18 @@ struct ts_spot ts_spot_at(const struct ts_atlas *a, ptrdiff_t at);
 struct ts_surface_point ts_point_at(const struct ts_atlas *a, ptrdiff_t at);
 
 /* The way to the light's middle, unit; *far: how far that is. */
-struct pell_vec3 ts_toward(const struct pell_light *light, struct pell_vec3 from, float *far);
+static inline struct pell_vec3 ts_toward(const struct pell_light *light, struct pell_vec3 from, float *far)
+{
+    struct pell_vec3 way;
+
+    if (light->type == PELL_LIGHT_DIRECTIONAL) {
+        *far = INFINITY;
+        return vec3_mul(vec3_normalize(vec3_load(light->direction)), -1.0f);
+    }
+    way = vec3_sub(vec3_load(light->position), from);
+    *far = vec3_length(way);
+    return *far > 0.0f ? vec3_mul(way, 1.0f / *far) : vec3(0.0f, 0.0f, 1.0f);
+}
 
 /* Texels that face away from the light; with the light known those that face it in the dark. All where it will not be known. */
 bool ts_asks(const struct ts_task *t, ptrdiff_t at);
