@@ -215,6 +215,11 @@ struct pell_load_params {
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params,
                                                          struct pell_scene **out);
 
+/* The same from memory: `path` is the name in messages, and other files are looked up in its folder ("/models/made.json": /models). The
+ * bytes are borrowed for the call. */
+PELL_API PELL_NODISCARD enum pell_result pell_scene_load_memory(struct pell_context *ctx, const char *path, const void *data, size_t size,
+                                                                const struct pell_load_params *params, struct pell_scene **out);
+
 PELL_API void pell_scene_destroy(struct pell_scene **scene);
 
 /* --- Checking ----------------------------------------------------------------------------------------------------------------- */
@@ -266,6 +271,14 @@ PELL_API PELL_NODISCARD enum pell_result pell_scene_add_camera(struct pell_scene
 
 /* Allocates a mesh's position, normal and index arrays (zeroed); limits vertices and triangles are checked over the whole scene. */
 PELL_API PELL_NODISCARD enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint32_t vertices, uint32_t triangles);
+
+/* Allocates a mesh's UV set `set` (zeroed), after pell_mesh_allocate. PELL_ERR_INVALID: no such mesh or set, or it is there already. */
+PELL_API PELL_NODISCARD enum pell_result pell_mesh_allocate_uv(struct pell_scene *scene, size_t mesh, int set);
+
+/* Allocates the pixels of a texture (zeroed) and sets the size and type of its image; a texture has one image. PELL_ERR_INVALID:
+ * channels not in [1, 4], a size below 1 or over the limit image-pixels, or pixels are there already. */
+PELL_API PELL_NODISCARD enum pell_result pell_texture_allocate(struct pell_scene *scene, struct pell_texture *texture, int width,
+                                                               int height, int channels, enum pell_pixel_type type);
 
 /* Sets a material to a built-in entry: medium or Gaussians, colour, roughness, mix. `where` names the origin of the name. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, const char *where,

@@ -91,24 +91,34 @@ fail:
     return res;
 }
 
-enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params, struct pell_scene **out)
+enum pell_result pell_scene_load_memory(struct pell_context *ctx, const char *path, const void *data, size_t size,
+                                        const struct pell_load_params *params, struct pell_scene **out)
 {
     static const struct pell_load_params none;
     struct pell_loader loader = { .ctx = ctx, .params = params ? params : &none };
     char *folder = pell_path_folder(ctx, path);
-    uint8_t *data = NULL;
-    size_t size;
-    enum pell_result res = PELL_ERR_NOMEM;
+    enum pell_result res;
 
     *out = NULL;
     if (!folder)
-        goto fail;
+        return PELL_ERR_NOMEM;
     loader.root = folder;
+    res = pell_scene_load_bytes(&loader, path, data, size, out);
+    pell_free(ctx, folder);
+    return res;
+}
+
+enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params, struct pell_scene **out)
+{
+    uint8_t *data = NULL;
+    size_t size;
+    enum pell_result res;
+
+    *out = NULL;
     PELL_TRY(pell_file_read(ctx, path, &data, &size));
-    PELL_TRY(pell_scene_load_bytes(&loader, path, data, size, out));
+    PELL_TRY(pell_scene_load_memory(ctx, path, data, size, params, out));
 
 fail:
-    pell_free(ctx, folder);
     pell_free(ctx, data);
     return res;
 }

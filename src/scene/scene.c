@@ -269,6 +269,48 @@ enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint3
     return PELL_OK;
 }
 
+enum pell_result pell_mesh_allocate_uv(struct pell_scene *scene, size_t mesh, int set)
+{
+    struct pell_mesh *m;
+
+    if (mesh >= scene->num_meshes)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "mesh %zu does not exist; there are %zu", mesh,
+                          scene->num_meshes);
+    m = &scene->meshes[mesh];
+    if (set < 0 || set >= PELL_UV_SETS)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "UV set %d, must be in [0, %d]", set, PELL_UV_SETS - 1);
+    if (!m->position || m->uv[set])
+        return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "UV set %d %s", set,
+                          m->position ? "is there already" : "has no vertices: allocate the mesh first");
+    m->uv[set] = pell_calloc(scene->ctx, m->num_vertices, 2 * sizeof(float));
+    return m->uv[set] ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+enum pell_result pell_texture_allocate(struct pell_scene *scene, struct pell_texture *texture, int width, int height, int channels,
+                                       enum pell_pixel_type type)
+{
+    static const size_t bytes[] = { [PELL_PIXEL_U8] = 1, [PELL_PIXEL_U16] = 2, [PELL_PIXEL_F32] = 4 };
+    const int64_t most = pell_context_limits(scene->ctx)->image_pixels;
+    struct pell_image *image = &texture->image;
+
+    if (channels < 1 || channels > 4 || (unsigned) type >= PELL_COUNT(bytes))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, texture->name, NULL, "%d channels of type %d, must be 1 to 4 of a known type",
+                          channels, (int) type);
+    if (width < 1 || height < 1 || width > most / height)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, texture->name, NULL, "%d x %d pixels, must be 1 to %lld (limit image-pixels)",
+                          width, height, (long long) most);
+    if (image->pixels)
+        return pell_error(scene->ctx, PELL_ERR_INVALID, texture->name, NULL, "the texture has its pixels already");
+    image->pixels = pell_calloc(scene->ctx, (size_t) width * (size_t) height, (size_t) channels * bytes[type]);
+    if (!image->pixels)
+        return PELL_ERR_NOMEM;
+    image->width = width;
+    image->height = height;
+    image->channels = channels;
+    image->type = type;
+    return PELL_OK;
+}
+
 static enum pell_result grow_floats(struct pell_context *ctx, float **array, uint32_t count, int each, const uint32_t *from, uint32_t more,
                                     size_t pad)
 {

@@ -300,6 +300,54 @@ static void an_unsaid_material_is_marble(void **state)
     pell_context_destroy(&ctx);
 }
 
+static void a_scene_in_memory_looks_for_files_in_its_folder(void **state)
+{
+    static const char text[] = "{ \"pellucid\": 1, \"mesh\": \"cube.obj\", \"unit\": \"1mm\" }";
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = test_context(NULL, &kept);
+    struct pell_scene *s;
+    (void) state;
+
+    assert_int_equal(pell_scene_load_memory(ctx, "no/such/folder/made.json", text, sizeof(text) - 1, NULL, &s), PELL_ERR_IO);
+    assert_null(s);
+    assert_non_null(strstr(kept.what, "cube.obj"));
+    assert_int_equal(pell_scene_load_memory(ctx, "made.obj", CUBE, sizeof(CUBE) - 1, &in_mm, &s), PELL_OK);
+    assert_int_equal(s->num_meshes, 1);
+    pell_scene_destroy(&s);
+    assert_int_equal(pell_memory_used(ctx), 0);
+    pell_context_destroy(&ctx);
+}
+
+static void uv_sets_and_pixels_are_allocated_once_and_within_range(void **state)
+{
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_texture *texture;
+    struct pell_scene *s;
+    size_t mesh;
+    (void) state;
+
+    assert_int_equal(pell_scene_create(ctx, &s), PELL_OK);
+    assert_int_equal(pell_scene_add_mesh(s, "m", &mesh), PELL_OK);
+    assert_int_equal(pell_mesh_allocate_uv(s, mesh, 0), PELL_ERR_INVALID);
+    assert_int_equal(pell_mesh_allocate(s, mesh, 3, 1), PELL_OK);
+    assert_int_equal(pell_mesh_allocate_uv(s, mesh, PELL_UV_SETS), PELL_ERR_INVALID);
+    assert_int_equal(pell_mesh_allocate_uv(s, mesh, -1), PELL_ERR_INVALID);
+    assert_int_equal(pell_mesh_allocate_uv(s, mesh + 1, 0), PELL_ERR_INVALID);
+    assert_int_equal(pell_mesh_allocate_uv(s, mesh, 1), PELL_OK);
+    assert_non_null(s->meshes[0].uv[1]);
+    assert_int_equal(pell_mesh_allocate_uv(s, mesh, 1), PELL_ERR_INVALID);
+    assert_int_equal(pell_scene_add_texture(s, "t", &texture), PELL_OK);
+    assert_int_equal(pell_texture_allocate(s, texture, 4, 0, 3, PELL_PIXEL_U8), PELL_ERR_INVALID);
+    assert_int_equal(pell_texture_allocate(s, texture, 2000000000, 2000000000, 3, PELL_PIXEL_U8), PELL_ERR_INVALID);
+    assert_int_equal(pell_texture_allocate(s, texture, 4, 2, 5, PELL_PIXEL_U8), PELL_ERR_INVALID);
+    assert_int_equal(pell_texture_allocate(s, texture, 4, 2, 3, PELL_PIXEL_F32), PELL_OK);
+    assert_int_equal(texture->image.width * texture->image.height * texture->image.channels, 24);
+    assert_int_equal(pell_texture_allocate(s, texture, 4, 2, 3, PELL_PIXEL_F32), PELL_ERR_INVALID);
+    pell_scene_destroy(&s);
+    assert_int_equal(pell_memory_used(ctx), 0);
+    pell_context_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -315,6 +363,8 @@ int main(void)
         cmocka_unit_test(built_in_files_read_as_their_entries),
         cmocka_unit_test(a_cancelled_context_reads_nothing),
         cmocka_unit_test(an_unsaid_material_is_marble),
+        cmocka_unit_test(a_scene_in_memory_looks_for_files_in_its_folder),
+        cmocka_unit_test(uv_sets_and_pixels_are_allocated_once_and_within_range),
     };
     return cmocka_run_group_tests_name("load", tests, NULL, NULL);
 }

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: MIT
+"""Errors, the context and what turns numbers into what C takes."""
+from __future__ import annotations
+
+import difflib
+import logging
+import threading
+import warnings
+from typing import Any, Callable, Iterable, Optional
+
+import numpy as np
+
+from ._pellucid import ffi, lib
+
+Progress = Callable[[str, float], Any]
+_logger = logging.getLogger("pellucid")
+
+
+class Error(Exception):
+    """A call failed: `where` it was found, `what` is wrong with the value and what is allowed, and a `hint`, which may be ""."""
+
+    code = 0
+
+    def __init__(self, what: str, where: str = "", hint: str = ""):
+        super().__init__(": ".join(filter(None, (where, what))) + (f" ({hint})" if hint else ""))
+        self.where, self.what, self.hint = where, what, hint
+
+
+class InvalidError(Error, ValueError):
+    """A value is out of range."""
+    code = lib.PELL_ERR_INVALID
+
+
+class OutOfMemoryError(Error, MemoryError):
+    """Out of memory, or over the context's limit."""
+    code = lib.PELL_ERR_NOMEM
+
+
+class FileError(Error, OSError):
+    """A file can't be opened, read or written."""
+    code = lib.PELL_ERR_IO
+
+
+class FormatError(Error, ValueError):
+    """A file is damaged or breaks its format's rules."""
+    code = lib.PELL_ERR_FORMAT
+
+
+class UnsupportedError(Error):
+    """Well formed, but not supported."""
+    code = lib.PELL_ERR_UNSUPPORTED
+
+
+class DeviceError(Error):
+    """The engine or device does not exist, or was lost."""
+    code = lib.PELL_ERR_DEVICE
+
+
+class CancelledError(Error):
+    """The work was cancelled by Context.cancel."""
+    code = lib.PELL_ERR_CANCELLED
+
+
+class PellucidWarning(UserWarning):
+    """The library continues, but the result may not be as intended."""
+
+
+_errors = {e.code: e for e in (InvalidError, OutOfMemoryError, FileError, FormatError, UnsupportedError, DeviceError, CancelledError)}
+
+
+def text(pointer) -> str:
+    return ffi.string(pointer).decode("utf-8", "replace") if pointer else ""
+
+
+def failure(code: int, what: str = "", where: str = "", hint: str = "") -> Error:
+    return _errors.get(code, Error)(what or text(lib.pell_result_name(code)), where, hint)
+
+
+def check(code: int, what: str = "", where: str = "") -> None:
+    """Raises for functions that log nothing (the optics)."""
+    if code != lib.PELL_OK:
+        raise failure(code, what, where)
+
+
+def fault_error(fault, code: int = lib.PELL_ERR_INVALID) -> Error:
+    if not fault.field:
+        return failure(code)
+    return failure(code, f"is {fault.value:g}, must be in [{fault.min:g}, {fault.max:g}]", text(fault.field))
+
+
+def version() -> str:
+    """The version of the running library."""
+    return text(lib.pell_version_string())
+
+
+def choose(kind: str, name: str, names: Iterable[str]) -> int:
+    """The index of a name; InvalidError with the nearest one."""
+    known = list(names)
+    if name in known:
+        return known.index(name)
+    near = difflib.get_close_matches(str(name), known, 1)
+    raise InvalidError(f'there is no {kind} "{name}"; there are {", ".join(known)}', kind, f'did you mean "{near[0]}"?' if near else "")
+
+
+def enum_names(count: int, at: Callable[[int], Any]) -> list[str]:
+    return [text(at(i).name) for i in range(count)]
+
+
+def doubles(values, what: str = "values") -> np.ndarray:
+    """A contiguous array of doubles; the caller's own memory if it is one."""
+    try:
+        return np.asarray(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as e:
+        raise InvalidError(f"must be numbers: {e}", what) from None
+
+
+def pointer(array: np.ndarray, kind: str = "double *"):
+    """The array's own memory."""
+    return ffi.cast(kind, array.ctypes.data)
+
+
+def three(value, what: str) -> np.ndarray:
+    """Numbers of R, G and B from three or from one for all."""
+    array = doubles(value, what)
+    if array.shape not in ((), (1,), (3,)):
+        raise InvalidError(f"has shape {array.shape}, must be one number or three", what)
+    return np.broadcast_to(array, (3,))
+
+
+def set_fields(struct, values: dict, where: str) -> None:
+    """Sets members of a C struct by name; InvalidError with the nearest name for an unknown one."""
+    names = [name for name, _ in ffi.typeof(struct).fields] if ffi.typeof(struct).kind == "struct" else \
+        [name for name, _ in ffi.typeof(struct).item.fields]
+    for name, value in values.items():
+        choose("member", name, names)
+        try:
+            setattr(struct, name, value.tolist() if isinstance(value, np.ndarray) else value)
+        except (TypeError, ValueError, OverflowError) as e:
+            raise InvalidError(f"{value!r}: {e}", f"{where}.{name}") from None
+
+
+@ffi.def_extern()
+def _pellucid_log(user, message):
+    ffi.from_handle(user)._message(message)
+
+
+def _progress_failed(_type, error, _traceback):
+    frame = _traceback.tb_frame.f_locals.get("user") if _traceback else None
+    if frame:
+        context = ffi.from_handle(frame)
+        context.raised = error
+        lib.pell_context_cancel(context.c)
+    return None
+
+
+@ffi.def_extern(onerror=_progress_failed)
+def _pellucid_progress(user, task, fraction):
+    ffi.from_handle(user).progress(text(task), fraction)
+
+
+class Context:
+    """The library's log, limits and cancel flag. Warnings become Python's (PellucidWarning), facts go to the logger "pellucid".
+
+    `progress(task, fraction)` is called while the library works, from the thread that works. An exception in it cancels the work and is
+    raised to the caller. A context that was cancelled stays so: create another.
+    """
+
+    def __init__(self, progress: Optional[Progress] = None):
+        self.progress = progress
+        self.raised: Optional[BaseException] = None
+        self._errors: list[tuple[int, str, str, str]] = []
+        self._warnings: list[str] = []
+        self._handle = ffi.new_handle(self)
+        out = ffi.new("struct pell_context **")
+        self._out = out
+        code = lib.pellpy_context(self._handle, lib.PELL_LOG_INFO, progress is not None, lib._pellucid_log, lib._pellucid_progress, out)
+        self.check(code)
+
+    @property
+    def c(self):
+        """The C struct pell_context."""
+        if not self._out[0]:
+            raise InvalidError("is closed", "Context")
+        return self._out[0]
+
+    def _message(self, message) -> None:
+        what = (text(message.where), text(message.what), text(message.hint))
+        if message.level == lib.PELL_LOG_ERROR:
+            self._errors.append((message.code, *what))
+        elif message.level == lib.PELL_LOG_WARNING:
+            self._warnings.append(": ".join(filter(None, what[:2])) + (f" ({what[2]})" if what[2] else ""))
+        else:
+            _logger.info("%s: %s", what[0], what[1])
+
+    def check(self, code: int) -> None:
+        """Issues the warnings of the last call and raises if it failed."""
+        errors, self._errors = self._errors, []
+        notes, self._warnings = self._warnings, []
+        raised, self.raised = self.raised, None
+        if raised is not None:
+            raise raised
+        for note in notes:
+            warnings.warn(note, PellucidWarning, stacklevel=4)
+        if code != lib.PELL_OK:
+            _, where, what, hint = errors[-1] if errors else (code, "", "", "")
+            raise failure(code, what, where, hint)
+
+    def call(self, function, *args) -> None:
+        """Runs a function that returns a result. In the main thread Ctrl-C cancels it: KeyboardInterrupt is raised when it has ended."""
+        if threading.current_thread() is not threading.main_thread():
+            self.check(function(*args))
+            return
+        done, result = threading.Event(), [lib.PELL_OK]
+
+        def work():
+            try:
+                result[0] = function(*args)
+            except BaseException as e:  # pylint: disable=broad-except # handed to the caller
+                self.raised = e
+            finally:
+                done.set()
+
+        thread = threading.Thread(target=work, name="pellucid")
+        thread.start()
+        try:
+            while not done.wait(0.1):  # a signal that another thread got is seen when this one wakes up
+                pass
+        except BaseException:
+            lib.pell_context_cancel(self.c)
+            thread.join()
+            raise
+        thread.join()
+        self.check(result[0])
+
+    def cancel(self) -> None:
+        """Ends running and later calls with CancelledError. From any thread."""
+        lib.pell_context_cancel(self.c)
+
+    def close(self) -> None:
+        lib.pell_context_destroy(self._out)
+
+
+class Closing:
+    """A context manager for what owns memory of the library; close() may be called twice."""
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_exc) -> None:
+        self.close()
+
+    def __del__(self):
+        try:
+            self.close()
+        except (AttributeError, TypeError):  # not fully made, or at the interpreter's end
+            pass
+
+
+# --- Knobs ------------------------------------------------------------------------------------------------------------------------
+
+_types = {lib.PELL_KNOB_BOOL: "bool *", lib.PELL_KNOB_INT: "int *", lib.PELL_KNOB_INT64: "int64_t *", lib.PELL_KNOB_FLOAT: "float *",
+          lib.PELL_KNOB_ENUM: "int *"}
+
+
+def knob_rows(table) -> list:
+    rows = []
+    while table[len(rows)].type != lib.PELL_KNOB_NONE:
+        rows.append(table[len(rows)])
+    return rows
+
+
+def knob_text(value) -> str:
+    """A value as the library's parser takes it: repr of a number keeps every bit."""
+    if isinstance(value, (bool, np.bool_)):
+        return "on" if value else "off"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, (float, np.floating)):
+        return repr(float(value))
+    return ",".join(repr(float(v)) for v in value)
+
+
+def set_knobs(context: Context, table, owner: str, struct, values: dict[str, Any], where: str = "") -> None:
+    for name, value in values.items():
+        name = name.replace("_", "-")
+        context.check(lib.pell_knob_set(context.c, table, owner.encode(), (where or name).encode(), struct, name.encode(),
+                                        knob_text(value).encode()))

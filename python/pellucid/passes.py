@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: MIT
+"""A method on the caller's own planes, without copies (pellucid/method.h)."""
+from __future__ import annotations
+
+from typing import Any, Optional, Sequence
+
+import numpy as np
+
+from ._base import Closing, Context, InvalidError, ffi, knob_text, lib, pointer, text
+from .optics import Gaussians, Medium
+
+_FORMATS = {lib.PELL_PLANE_F32: (np.float32, "float *"), lib.PELL_PLANE_U16: (np.uint16, "uint16_t *"),
+            lib.PELL_PLANE_U32: (np.uint32, "uint32_t *")}
+
+
+class Pass(Closing):
+    """Everything that a method keeps between frames of one shape.
+
+    method: a name of methods(); shape: (height, width) px; media: a Medium or Gaussians for each material number from 1 on;
+    px_per_mm: orthographic scale, or, with perspective=True, the pixels per mm at a depth of 1 mm; stride: floats from row to row of every
+    plane (default width). threads 0: one per core. knobs: the method's.
+    """
+
+    def __init__(self, method: str, shape: tuple[int, int], media: Sequence[Any], px_per_mm: float, *, perspective: bool = False,
+                 stride: Optional[int] = None, object_height: float = 0.0, threads: int = 0, **knobs: Any):
+        self._pass, self._device, self._knobs = ffi.new("struct pell_pass **"), ffi.new("struct pell_device **"), ffi.new("void **")
+        context = self.context = Context()
+        found = lib.pell_method_find(context.c, b"method", method.encode())
+        context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
+        words = " ".join(f"{k.replace('_', '-')}={knob_text(v)}" for k, v in knobs.items())
+        context.check(lib.pell_method_knobs_create(context.c, found, words.encode(), self._knobs))
+        context.check(lib.pell_device_create(context.c, ffi.new("struct pell_device_params *", {"threads": int(threads)}), self._device))
+        self._name = ffi.new("char[]", b"pass")
+        self._materials = ffi.new("struct pell_frame_material[]", len(media))
+        for target, m in zip(self._materials, media):
+            target.name = self._name
+            if isinstance(m, Medium):
+                target.medium = m.c[0]
+            elif isinstance(m, Gaussians):
+                target.gaussians = m.c[0]
+                target.medium = Medium(0.01, 1.0).c[0]
+            else:
+                raise InvalidError(f"{m!r} is neither a Medium nor Gaussians", "media")
+        height, width = (int(n) for n in shape)
+        self.shape, self.stride = (height, width), int(stride or width)
+        self._shape = ffi.new("struct pell_frame_shape *", {
+            "width": width, "height": height, "stride": self.stride, "orthographic": not perspective, "focal_px": px_per_mm,
+            "object_height": object_height, "materials": self._materials, "num_materials": len(media)})
+        context.call(lib.pell_pass_create, self._device[0], found, self._knobs[0], self._shape, self._pass)
+
+    def _plane(self, info, array, index: int, writable: bool):
+        dtype, kind = _FORMATS[info.format]
+        name = text(info.name) + (f"[{index}]" if info.components > 1 else "")
+        if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != self.shape:
+            seen = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+            raise InvalidError(f"is {seen}, must be an array of {np.dtype(dtype)} of shape {self.shape}: planes are not copied", name)
+        size = array.dtype.itemsize
+        if array.strides != (self.stride * size, size) or (writable and not array.flags.writeable):
+            raise InvalidError(f"has strides {array.strides}, must have {(self.stride * size, size)}, and be writable for output", name)
+        return pointer(array, kind)
+
+    def render(self, out: dict[str, Any], **planes: Any) -> None:
+        """Runs the method on the caller's memory. planes: material uint16 (0: not translucent; i + 1: media[i]), depth float32 mm, and
+        what the method needs: irradiance, shaded, normal, position (three planes each), strength. out: {"light": three float32 planes}, and
+        "single", "surface" for methods that have them. A plane is an array (height, width); three are a sequence or an array (3, height,
+        width)."""
+        if not self._pass[0]:
+            raise InvalidError("is closed", "Pass")
+        frame = ffi.new("struct pell_frame *", {"shape": self._shape[0], "rect": {"x1": self.shape[1], "y1": self.shape[0]}})
+        light = ffi.new("struct pell_frame_light *")
+        infos = {text(i.name): i for i in (lib.pell_plane_at(p) for p in range(lib.PELL_PLANES))}
+        for target, given, of_light in ((frame, planes, False), (light, out, True)):
+            for name, value in given.items():
+                info = infos.get(name)
+                if info is None or info.of_light != of_light:
+                    known = [n for n, i in infos.items() if i.of_light == of_light]
+                    raise InvalidError(f"there is no such plane; there are {', '.join(known)}", name)
+                if info.components == 1:
+                    setattr(target, name, self._plane(info, value, 0, of_light))
+                    continue
+                if len(value) != info.components:
+                    raise InvalidError(f"{len(value)} planes, must be {info.components}", name)
+                for c in range(info.components):
+                    getattr(target, name)[c] = self._plane(info, value[c], c, of_light)
+        self.context.call(lib.pell_pass_render, self._pass[0], frame, light)
+
+    def close(self) -> None:
+        """Frees what the pass keeps."""
+        if not self.context._out[0]:
+            return
+        lib.pell_pass_destroy(self._pass)
+        lib.pell_method_knobs_destroy(self.context.c, self._knobs)
+        lib.pell_device_destroy(self._device)
+        self.context.close()

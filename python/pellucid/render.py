@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: MIT
+"""Renders scenes to arrays."""
+from __future__ import annotations
+
+import os
+from typing import Any, Optional, Union
+
+import numpy as np
+
+from ._base import Closing, InvalidError, Progress, choose, ffi, knob_rows, knob_text, lib, set_knobs, text
+from .scene import Scene
+
+DEFAULT_METHOD = "screen-space"
+_ENGINES = ("auto", "cpu", "vulkan")
+_COMMON = {"samples": ("samples", "most"), "time_limit": ("time-limit",), "target_error": ("error",)}
+
+
+def methods() -> dict[str, dict[str, Any]]:
+    """The methods by name: title, cite, limits, and knobs by name (unit, default, min, max, choices, help)."""
+    found = {}
+    for m in (lib.pell_method_at(i) for i in range(lib.pell_method_count())):
+        knobs = {text(k.name): {"unit": text(k.unit), "default": getattr(k, "def")[0], "min": k.min,
+                                "max": k.max, "help": text(k.help), "choices": _choices(k)} for k in knob_rows(m.knobs)}
+        found[text(m.name)] = {"title": text(m.title), "cite": text(m.cite), "limits": text(m.limits), "knobs": knobs,
+                               "reference": m.kind == lib.PELL_KIND_REFERENCE}
+    return found
+
+
+def _choices(knob) -> list[str]:
+    names = []
+    while knob.choices and knob.choices[len(names)]:
+        names.append(text(knob.choices[len(names)]))
+    return names
+
+
+class _Plane:
+    """Memory of a renderer that lives as long as arrays over it."""
+
+    def __init__(self, owner, address, shape, stride):
+        self.owner = owner
+        self.__array_interface__ = {"version": 3, "typestr": "<f4", "shape": shape, "strides": (4 * stride, 4),
+                                    "data": (int(ffi.cast("uintptr_t", address)), True)}
+
+
+class Picture:
+    """A rendered image. `channels`: (height, width) float32 arrays by name ("R", "diffuse.multiple.G", "depth.Z"), linear, W/(m^2 sr);
+    read-only views of the renderer's memory where it was not copied. picture["diffuse.multiple"] stacks a layer's, picture.rgb the image."""
+
+    def __init__(self, renderer, image, method: str, copy: bool):
+        shape = (image.height, image.width)
+
+        def plane(address):
+            array = np.asarray(_Plane(renderer, address, shape, image.stride))
+            return array.copy() if copy else array
+
+        self.width, self.height, self.method = image.width, image.height, method
+        self.channels = {text(image.channels[i].name): plane(image.channels[i].data) for i in range(image.num_channels)}
+        self._display = [plane(p) for p in image.display]
+        self.seconds, self.exposure, self.partial, self.invalid = image.seconds, image.exposure, image.partial, image.invalid
+        self.stages = {text(image.stages[i].name): image.stages[i].ms for i in range(image.num_stages)}
+
+    @property
+    def layers(self) -> list[str]:
+        """Names of the layers; "" is the image itself."""
+        return list(dict.fromkeys(name.rpartition(".")[0] for name in self.channels))
+
+    def __getitem__(self, layer: str) -> np.ndarray:
+        """(height, width, channels): a copy of the channels of a layer; of one channel by its full name (height, width), no copy."""
+        if layer in self.channels:
+            return self.channels[layer]
+        found = [data for name, data in self.channels.items() if name.rpartition(".")[0] == layer]
+        if not found:
+            choose("layer", layer, [*self.layers, *self.channels])
+        return np.stack(found, axis=-1)
+
+    @property
+    def rgb(self) -> np.ndarray:
+        """(height, width, 3): linear radiance without exposure."""
+        return np.stack([self.channels[c] for c in "RGB"], axis=-1)
+
+    @property
+    def display(self) -> np.ndarray:
+        """(height, width, 3): exposed, tone-mapped and sRGB-encoded, [0, 1]: what a PNG shows."""
+        v = np.stack(self._display, axis=-1)
+        return np.where(v <= 0.0031308, 12.92 * v, 1.055 * np.maximum(v, 0.0031308) ** (1 / 2.4) - 0.055)
+
+    def save(self, path: Union[str, os.PathLike]) -> None:
+        """Writes png (exposed), or exr (all channels), hdr or pfm (linear), by the extension."""
+        from .images import write_image, write_layers  # pylint: disable=import-outside-toplevel # only here
+        if os.fspath(path).lower().endswith(".exr"):
+            write_layers(path, self.channels)
+        else:
+            write_image(path, np.stack(self._display, axis=-1) if os.fspath(path).lower().endswith(".png") else self.rgb)
+
+    def __repr__(self) -> str:
+        return f"<Picture {self.width} x {self.height}, {self.method}, {self.seconds:.3g} s, layers {self.layers}>"
+
+
+class Renderer(Closing):
+    """Renders one scene any number of times, with what can be kept kept. threads 0: one per core; engine: auto, cpu, vulkan."""
+
+    def __init__(self, scene: Scene, *, threads: int = 0, engine: str = "auto"):
+        self._renderer = ffi.new("struct pell_renderer **")
+        self._device = ffi.new("struct pell_device **")
+        data = scene.c
+        self.scene = scene
+        self._held = True
+        scene._hold(1)
+        context = self.context = scene.context
+        params = ffi.new("struct pell_device_params *", {"threads": int(threads), "engine": choose("engine", engine, _ENGINES)})
+        context.check(lib.pell_device_create(context.c, params, self._device))
+        context.check(lib.pell_renderer_create(self._device[0], self._renderer))
+        context.call(lib.pell_renderer_set_scene, self._renderer[0], data)
+        self._method: Any = None
+
+    def _configure(self, method: Optional[str], given: dict[str, Any], settings):
+        context, scene = self.context, self.scene._scene[0]
+        rows = {text(k.name) for k in knob_rows(lib.pell_settings_knobs())}
+        own = {text(o.name): text(o.value) for o in (scene.options[i] for i in range(scene.num_options))}
+        name = method or own.get("method", DEFAULT_METHOD)
+        for option, value in own.items():
+            if option in rows:
+                set_knobs(context, lib.pell_settings_knobs(), "render", settings, {option: value})
+        knobs = {k[6:]: v for k, v in own.items() if k.startswith("knobs/")} if name == own.get("method", DEFAULT_METHOD) else {}
+        if name == "none":
+            found, table = ffi.NULL, set()
+        else:
+            found = lib.pell_method_find(context.c, b"method", name.encode())
+            context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
+            table = {text(k.name) for k in knob_rows(found.knobs)}
+        for key, value in given.items():
+            option = key.replace("_", "-")
+            option = next((k for k in _COMMON.get(key, ()) if k in table), option)
+            if option in table:
+                knobs[option] = value
+            elif option in rows:
+                set_knobs(context, lib.pell_settings_knobs(), "render", settings, {option: value})
+            else:
+                choose("knob", option, sorted(table | rows))
+        return name, found, knobs
+
+    def render(self, method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None, layers: bool = True, copy: bool = True,
+               **knobs: Any) -> Picture:
+        """One picture. method: a name of methods(), or "none"; default: the scene file's, else screen-space. size: (width, height).
+        knobs: those of the method and of `pellucid render` (msaa, bounces, seed, ...), with underscores. copy False: the arrays are views
+        of the renderer's memory, valid until its next call."""
+        if not self._held:
+            raise InvalidError("is closed", "Renderer")
+        settings = ffi.new("struct pell_settings *")
+        lib.pell_knobs_default(lib.pell_settings_knobs(), settings)
+        settings.layers = layers
+        name, found, values = self._configure(method, knobs, settings)
+        if size is not None:
+            set_knobs(self.context, lib.pell_settings_knobs(), "render", settings, {"width": int(size[0]), "height": int(size[1])})
+        memory = ffi.NULL
+        if found:
+            memory = ffi.new("double[]", found.knobs_size // 8 + 1)
+            strings = [[ffi.new("char[]", s.encode()) for s in (k, knob_text(v), k)] for k, v in values.items()]
+            array = ffi.new("struct pell_setting[]", [dict(zip(("name", "value", "where"), s)) for s in strings])
+            self.context.check(lib.pell_method_configure(self.context.c, found, array, len(strings), memory))
+        if self._method != (name, values):
+            self.context.check(lib.pell_renderer_set_method(self._renderer[0], found, memory))
+            self._method = (name, dict(values))
+        image = ffi.new("struct pell_render_result *")
+        self.context.call(lib.pell_renderer_render, self._renderer[0], settings, image)
+        return Picture(self, image, name, copy)
+
+    @property
+    def threads(self) -> int:
+        """Number of threads in use."""
+        return lib.pell_device_threads(self._device[0])
+
+    def close(self) -> None:
+        """Frees the renderer; an open scene stays. Arrays that render(copy=False) gave are invalid after it."""
+        lib.pell_renderer_destroy(self._renderer)
+        lib.pell_device_destroy(self._device)
+        if self._held:
+            self._held = False
+            self.scene._hold(-1)
+
+
+def render(scene: Union[Scene, dict, str, os.PathLike], method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None,
+           threads: int = 0, engine: str = "auto", layers: bool = True, progress: Optional[Progress] = None,
+           load: Optional[dict[str, Any]] = None, **knobs: Any) -> Picture:
+    """Renders a Scene, a scene dict or a file; see Renderer.render. load: options of Scene.load or Scene.from_dict, as {"size": "70mm",
+    "material": "wholemilk"}. The arrays of the result are not copied: they keep the renderer's memory."""
+    if not isinstance(scene, Scene):
+        options = dict(load or {})
+        if size is not None:
+            options.setdefault("aspect", size[0] / size[1])
+        scene = Scene.from_dict(scene, progress=progress, **options) if isinstance(scene, dict) else \
+            Scene.load(scene, progress=progress, **options)
+    elif load:
+        raise InvalidError("is for files and dicts; the scene is loaded already", "load")
+    elif progress is not None:
+        raise InvalidError("is for files and dicts: give it to Scene.load", "progress")
+    return Renderer(scene, threads=threads, engine=engine).render(method, size=size, layers=layers, copy=False, **knobs)

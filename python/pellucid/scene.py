@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: MIT
+"""Scenes: from files, from dicts and from arrays."""
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from typing import Any, Iterable, Optional, Union
+
+import numpy as np
+
+from ._base import Closing, Context, InvalidError, Progress, choose, doubles, ffi, lib, pointer, set_fields, text, three
+
+Length = Union[float, int, str]
+_UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "km": 1e6}
+_LIGHTS = ("point", "spot", "directional", "rect", "disc", "environment")
+_PIXELS = {np.dtype(np.uint8): "PELL_PIXEL_U8", np.dtype(np.uint16): "PELL_PIXEL_U16", np.dtype(np.float32): "PELL_PIXEL_F32"}
+
+
+def millimetres(value: Optional[Length], where: str) -> float:
+    """A length in mm: a number is in mm already, text carries its unit ("7cm")."""
+    if value is None:
+        return 0.0
+    if isinstance(value, str):
+        match = re.fullmatch(r"\s*([-+0-9.eE]+)\s*([a-z]+)\s*", value)
+        try:
+            number = float(match[1]) * _UNITS[match[2]] if match else math.nan
+        except (KeyError, ValueError):
+            number = math.nan
+    else:
+        number = float(value)
+    if not (number > 0 and math.isfinite(number)):
+        raise InvalidError(f"{value!r}, must be a length above 0 with its unit", where, 'as "70mm", "7cm" or "0.07m"; a number is in mm')
+    return number
+
+
+def _load_params(keep: list, *, size=None, unit=None, material=None, camera=None, time=None, animation=None, aspect=0.0,
+                 allow_outside=False, bare=False):
+    def name(value):
+        if value is None:
+            return ffi.NULL
+        keep.append(ffi.new("char[]", str(value).encode()))
+        return keep[-1]
+
+    return ffi.new("struct pell_load_params *", {
+        "mm_per_unit": millimetres(unit, "unit"), "size_mm": millimetres(size, "size"), "material": name(material),
+        "camera": name(camera), "time": 0.0 if time is None else float(time), "timed": time is not None, "animation": name(animation),
+        "aspect": float(aspect), "allow_outside": allow_outside, "bare": bare})
+
+
+class Scene(Closing):
+    """Meshes, materials, lights and a camera, in mm. Use the class methods. After close() or `with` it is of no more use; its memory is
+    freed when no renderer uses it."""
+
+    def __init__(self, progress: Optional[Progress] = None):
+        self._closed, self._users = False, 0
+        self._scene = ffi.new("struct pell_scene **")
+        self.context = Context(progress)
+
+    @property
+    def c(self):
+        """The C struct pell_scene."""
+        if self._closed or not self._scene[0]:
+            raise InvalidError("is closed", "Scene")
+        return self._scene[0]
+
+    @classmethod
+    def load(cls, path: Union[str, os.PathLike], *, progress: Optional[Progress] = None, **options: Any) -> "Scene":
+        """Reads glTF, OBJ, PLY or a scene file.
+
+        options: size (largest extent) or unit (of the file) as lengths ("70mm"; a number is in mm), material (name or file), camera
+        (name), time (s), animation, aspect (width/height, for framing), allow_outside, bare (no default lights, camera, ground).
+        """
+        keep: list = []
+        params = _load_params(keep, **options)
+        self = cls(progress)
+        self.context.call(lib.pell_scene_load, self.context.c, os.fsencode(path), params, self._scene)
+        return self
+
+    @classmethod
+    def from_dict(cls, scene: dict, *, folder: Union[str, os.PathLike] = ".", progress: Optional[Progress] = None,
+                  **options: Any) -> "Scene":
+        """A scene file's content (docs/guide/scene-file.md) as a dict; names of files in it are looked up in `folder`."""
+        keep: list = []
+        params = _load_params(keep, **options)
+        try:
+            data = json.dumps(scene, allow_nan=False, default=lambda v: v.tolist()).encode()
+        except (TypeError, ValueError, AttributeError) as e:
+            raise InvalidError(str(e), "Scene.from_dict") from None
+        self = cls(progress)
+        self.context.call(lib.pell_scene_load_memory, self.context.c, os.fsencode(os.path.join(folder, "dict.json")), data, len(data),
+                          params, self._scene)
+        return self
+
+    @classmethod
+    def from_arrays(cls, meshes: Iterable[dict], materials: Iterable[dict] = (), lights: Iterable[dict] = (),
+                    camera: Optional[dict] = None, *, background: Any = None, aspect: float = 0.0,
+                    progress: Optional[Progress] = None) -> "Scene":
+        """A scene made in memory. Arrays are copied into it once.
+
+        meshes: dicts with vertices (n, 3) mm; triangles (m, 3), counter-clockwise from outside; optionally normals (n, 3), uv (n, 2),
+            name, material (index into materials).
+        materials: dicts with `preset` (a built-in name) or sigma_a, sigma_s_reduced, g (1/mm, one number or three) and eta; besides any
+            member of struct pell_material (roughness, base_color, mix, ...); a member called ..._map is an image (h, w) or (h, w, channels)
+            of uint8, uint16 (sRGB-encoded where it is a colour) or float32.
+        lights: dicts with type (point, spot, directional, rect, disc, environment) and members of struct pell_light: position mm,
+            direction, power (W/sr, W/m^2 or W/(m^2 sr)), width, height, radius. None: a studio of three.
+        camera: position mm, `to` mm or forward, up, fov_deg (vertical) or ortho_height mm. None: frames the meshes.
+        background: a colour (3,), or None for grey.
+        """
+        self = cls(progress)
+        context = self.context
+        context.check(lib.pell_scene_create(context.c, self._scene))
+        for values in materials:
+            self._add_material(dict(values))
+        for values in meshes:
+            self._add_mesh(**values)
+        for values in lights:
+            self._add_light(dict(values))
+        if camera is not None:
+            self._add_camera(dict(camera))
+        if background is not None:
+            self.c.background = lib.PELL_BACKGROUND_COLOR
+            self.c.background_color = three(background, "background").tolist()
+        params = _load_params([], aspect=aspect)
+        context.call(lib.pell_scene_complete, self.c, params)
+        return self
+
+    def _add(self, function, name: str) -> int:
+        index = ffi.new("size_t *")
+        self.context.check(function(self.c, name.encode(), index))
+        return index[0]
+
+    def _add_mesh(self, vertices, triangles, normals=None, uv=None, name: str = "mesh", material: int = 0):
+        points, faces = np.asarray(vertices, dtype=np.float32), np.asarray(triangles)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InvalidError(f"has shape {points.shape}, must be (n, 3)", f"{name}.vertices")
+        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+            raise InvalidError(f"has shape {faces.shape} of {faces.dtype}, must be (m, 3) of whole numbers", f"{name}.triangles")
+        if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
+            raise InvalidError(f"has vertex {faces.min()} or {faces.max()}, must be in [0, {len(points) - 1}]", f"{name}.triangles")
+        if not 0 <= int(material) < max(self.c.num_materials, 1):
+            raise InvalidError(f"is {material}, must be in [0, {self.c.num_materials - 1}]", f"{name}.material")
+        index = self._add(lib.pell_scene_add_mesh, name)
+        self.context.check(lib.pell_mesh_allocate(self.c, index, len(points), len(faces)))
+        mesh = self.c.meshes[index]
+        mesh.object = index
+        mesh.material = int(material) if self.c.num_materials else -1
+        _fill(mesh.position, points, "float")
+        _fill(mesh.index, faces.astype(np.uint32), "uint32_t")
+        if normals is not None:
+            _fill(mesh.normal, _shaped(normals, points.shape, f"{name}.normals"), "float")
+        if uv is not None:
+            self.context.check(lib.pell_mesh_allocate_uv(self.c, index, 0))
+            _fill(self.c.meshes[index].uv[0], _shaped(uv, (len(points), 2), f"{name}.uv"), "float")
+
+    def _add_material(self, values: dict):
+        name = str(values.pop("name", f"material {self.c.num_materials}"))
+        index = self._add(lib.pell_scene_add_material, name)
+        preset = values.pop("preset", None)
+        medium = {k: values.pop(k) for k in ("sigma_a", "sigma_s_reduced", "g", "eta") if k in values}
+        if preset is not None:
+            self.context.check(lib.pell_material_apply(self.c, index, name.encode(), str(preset).encode()))
+        material = self.c.materials[index]
+        if medium:
+            if "sigma_a" in medium and "sigma_s_reduced" in medium:
+                material.gaussians.count = 0
+                material.opaque = False
+                material.color_from = lib.PELL_COLOR_FROM_PROFILE
+            for key, value in medium.items():
+                if key == "eta":
+                    material.medium.eta = float(value)
+                else:
+                    setattr(material.medium, key, three(value, f"{name}.{key}").tolist())
+        maps = {k: values.pop(k) for k in list(values) if k.endswith("_map")}
+        set_fields(material, values, name)
+        for key, image in maps.items():
+            choose("map", key, [n for n, _ in ffi.typeof("struct pell_material").fields if n.endswith("_map")])
+            target = getattr(material, key)
+            target.texture = self._add_texture(f"{name}.{key}", image, key in ("base_color_map", "specular_color_map", "emissive_map"))
+            target.matrix = [1, 0, 0, 0, 1, 0]
+
+    def _add_texture(self, name: str, image, color: bool):
+        pixels = np.ascontiguousarray(image)
+        pixels = pixels[:, :, None] if pixels.ndim == 2 else pixels
+        if pixels.ndim != 3 or pixels.dtype not in _PIXELS:
+            raise InvalidError(f"has shape {pixels.shape} of {pixels.dtype}, must be (h, w) or (h, w, channels) of uint8, uint16 or float32",
+                               name)
+        out = ffi.new("struct pell_texture **")
+        self.context.check(lib.pell_scene_add_texture(self.c, name.encode(), out))
+        height, width, channels = pixels.shape
+        self.context.check(lib.pell_texture_allocate(self.c, out[0], width, height, channels, getattr(lib, _PIXELS[pixels.dtype])))
+        ffi.memmove(out[0].image.pixels, pointer(pixels, "char *"), pixels.nbytes)
+        out[0].image.srgb = color and pixels.dtype != np.float32
+        return out[0]
+
+    def _add_light(self, values: dict):
+        kind = choose("type", values.pop("type", "point"), _LIGHTS)
+        index = self._add(lib.pell_scene_add_light, str(values.pop("name", _LIGHTS[kind])))
+        light = self.c.lights[index]
+        light.type = kind
+        power = values.pop("power", None)
+        if power is not None:
+            light.power = three(power, "power").tolist()
+        towards = values.pop("to", None)
+        if towards is not None:
+            values["direction"] = doubles(towards, "to") - doubles(values.get("position", (0, 0, 0)), "position")
+        if "direction" in values:
+            direction = _unit(values["direction"], "direction")
+            values["direction"] = direction
+            values.setdefault("up", _perpendicular(direction))
+        image = values.pop("image", None)
+        set_fields(light, values, "light")
+        if image is not None:
+            light.image = self._add_texture("light.image", image, True)
+
+    def _add_camera(self, values: dict):
+        index = self._add(lib.pell_scene_add_camera, str(values.pop("name", "camera")))
+        camera = self.c.cameras[index]
+        position = doubles(values.get("position", (0, 0, 0)), "camera.position")
+        forward = _unit(doubles(values.pop("to")) - position if "to" in values else values.get("forward", (0, 0, -1)), "camera.forward")
+        up = doubles(values.get("up", (0, 1, 0)), "camera.up")
+        values["forward"] = forward
+        values["up"] = _unit(up - forward * float(up @ forward), "camera.up")
+        values["fov"] = math.radians(float(values.pop("fov_deg"))) if "fov_deg" in values else values.get("fov", math.radians(20.0))
+        set_fields(camera, values, "camera")
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3), mm: the least and the largest corner, without a generated ground."""
+        return np.array([list(self.c.bounds_min), list(self.c.bounds_max)], dtype=np.float32)
+
+    @property
+    def materials(self) -> list[str]:
+        """Names of the materials."""
+        return [text(self.c.materials[i].name) for i in range(self.c.num_materials)]
+
+    @property
+    def triangles(self) -> int:
+        """Number of triangles."""
+        return sum(self.c.meshes[i].num_triangles for i in range(self.c.num_meshes))
+
+    @property
+    def hash(self) -> int:
+        """A 64-bit hash of the content, independent of the location of files."""
+        return lib.pell_scene_hash(self.c)
+
+    def check(self) -> list[tuple[str, str, str]]:
+        """Problems of the scene: (severity, where, what)."""
+        report = ffi.new("struct pell_scene_report *")
+        self.context.call(lib.pell_scene_check, self.c, report)
+        found = [(("note", "warning", "error")[p.severity], text(p.where), text(p.what))
+                 for p in (report.problems[i] for i in range(report.num_problems))]
+        lib.pell_scene_report_finish(self.context.c, report)
+        return found
+
+    def _hold(self, step: int) -> None:
+        """Counts the renderers that use it, and frees it after the last."""
+        self._users += step
+        if self._closed and self._users == 0:
+            lib.pell_scene_destroy(self._scene)
+            self.context.close()
+
+    def close(self) -> None:
+        """Frees the scene, or lets its last renderer do so."""
+        if not self._closed:
+            self._closed = True
+            self._hold(0)
+
+
+def _fill(target, array: np.ndarray, kind: str) -> None:
+    data = np.ascontiguousarray(array)
+    ffi.memmove(ffi.cast(f"{kind} *", target), pointer(data, "char *"), data.nbytes)
+
+
+def _shaped(values, shape, what: str) -> np.ndarray:
+    array = np.asarray(values, dtype=np.float32)
+    if array.shape != shape:
+        raise InvalidError(f"has shape {array.shape}, must be {shape}", what)
+    return array
+
+
+def _unit(vector, what: str) -> np.ndarray:
+    v = doubles(vector, what)
+    length = float(np.linalg.norm(v))
+    if v.shape != (3,) or not (length > 0 and math.isfinite(length)):
+        raise InvalidError(f"{v.tolist()} has no direction", what)
+    return v / length
+
+
+def _perpendicular(direction: np.ndarray) -> np.ndarray:
+    up = np.array([0.0, 1.0, 0.0]) if abs(direction[1]) < 0.99 else np.array([0.0, 0.0, -1.0])
+    return _unit(up - direction * float(up @ direction), "up")

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: MIT
+import gc
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import pellucid
+
+SIZE = (64, 48)
+LOAD = {"size": "40mm", "material": "wholemilk"}
+
+
+def ball_scene(ball, **more):
+    vertices, triangles, _ = ball
+    return pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], [{"preset": "wholemilk"}], **more)
+
+
+@pytest.mark.parametrize("method", ["screen-space", "texture-space", "none"])
+def test_a_picture_is_the_programs(program, ball_file, tmp_path, method):
+    out = tmp_path / "out.pfm"
+    program("render", ball_file, "--size", "40mm", "--material", "wholemilk", "-m", method, "--width", SIZE[0], "--height", SIZE[1],
+            "--threads", 2, "-q", "-o", out)
+    picture = pellucid.render(ball_file, method, size=SIZE, threads=2, load=LOAD)
+    assert picture.rgb.shape == (SIZE[1], SIZE[0], 3) and picture.rgb.max() > 0
+    assert (pellucid.read_image(out) == picture.rgb).all()
+    assert picture.method == method and picture.invalid == 0
+
+
+def test_layers_and_display(ball_file):
+    picture = pellucid.render(ball_file, size=SIZE, load=LOAD, msaa=1)
+    assert "diffuse.multiple" in picture.layers
+    assert picture["diffuse.multiple"].shape[:2] == (48, 64)
+    assert 0 <= picture.display.min() and picture.display.max() <= 1
+    with pytest.raises(pellucid.InvalidError, match="did you mean"):
+        picture["difuse.multiple"]  # pylint: disable=pointless-statement
+
+
+def test_arrays_of_a_picture_are_the_renderers_and_outlive_it(ball_file):
+    picture = pellucid.render(ball_file, size=SIZE, load=LOAD)
+    plane = picture.channels["G"]
+    assert not plane.flags.owndata and not plane.flags.writeable
+    kept = plane.copy()
+    del picture
+    gc.collect()
+    assert (plane == kept).all()
+
+
+def test_scenes_from_arrays_and_files_give_the_same_picture(ball, ball_file):
+    with pellucid.Scene.load(ball_file, size="40mm", material="wholemilk", aspect=4 / 3) as scene:
+        bounds = scene.bounds
+        assert scene.triangles == len(ball[1]) and scene.materials
+    with ball_scene(ball, aspect=4 / 3) as scene:
+        assert scene.bounds == pytest.approx(bounds, abs=1e-4)
+        made = pellucid.render(scene, size=SIZE)
+        assert not [p for p in scene.check() if p[0] == "error"]
+        read = pellucid.render(ball_file, size=SIZE, load=LOAD)
+        assert pellucid.compare(made, read)["rel_mse"] < 0.05
+
+
+def test_lights_camera_textures_and_coefficients(ball):
+    vertices, triangles, uv = ball
+    checks = (np.indices((16, 16)).sum(axis=0) % 2 * 200 + 55).astype(np.uint8)
+    scene = pellucid.Scene.from_arrays(
+        [{"vertices": vertices, "triangles": triangles, "uv": uv, "material": 1}],
+        [{"preset": "marble"}, {"sigma_a": 0.01, "sigma_s_reduced": (1, 2, 3), "eta": 1.4, "name": "made",
+                                "color_from": pellucid.lib.PELL_COLOR_FROM_TEXTURE, "base_color_map": np.stack([checks] * 3, -1)}],
+        [{"type": "directional", "direction": (0, 0, -1), "power": (3, 2, 1)}],
+        {"position": (0, 0, 200), "to": (0, 0, 0), "fov_deg": 15}, background=(0, 0, 0))
+    image = pellucid.render(scene, size=SIZE, layers=False).rgb
+    lit = image[14:34, 22:42]
+    assert image[0, 0].max() == 0 and lit.mean(axis=(0, 1))[0] > lit.mean(axis=(0, 1))[2] > 0
+    assert scene.materials == ["material 0", "made"]
+    plain = pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], [{"sigma_a": 0.01, "sigma_s_reduced": (1, 2, 3)}])
+    assert plain.hash != scene.hash
+
+
+def test_a_dict_is_a_scene_file(ball_file):
+    scene = {"pellucid": 1, "mesh": ball_file.name, "size": "40mm", "materials": {"*": {"preset": "wholemilk"}},
+             "render": {"method": "texture-space", "width": 32, "height": 24}}
+    picture = pellucid.render(scene, load={"folder": ball_file.parent}, msaa=1)
+    assert picture.method == "texture-space" and (picture.width, picture.height) == (32, 24)
+    scene["materials"]["*"]["presett"] = 1
+    with pytest.raises(pellucid.Error, match="presett") as e:
+        pellucid.Scene.from_dict(scene, folder=ball_file.parent)
+    assert "/materials" in e.value.where
+
+
+def test_errors_carry_place_and_hint(ball_file, tmp_path):
+    with pytest.raises(pellucid.FileError):
+        pellucid.Scene.load(tmp_path / "missing.obj")
+    with pytest.raises(pellucid.InvalidError) as e:
+        pellucid.Scene.load(ball_file)
+    assert "ball.obj" in e.value.where and e.value.hint
+    with pellucid.Scene.load(ball_file, **LOAD) as scene:
+        for bad in ({"method": "screenspace"}, {"msaa": 0}, {"gausians": 3}, {"size": (0, 4)}, {"engine": "gpu"}):
+            with pytest.raises(pellucid.InvalidError):
+                pellucid.render(scene, **bad)
+    with pytest.raises(pellucid.InvalidError):
+        pellucid.render(scene)
+    with pytest.raises(pellucid.InvalidError, match="length"):
+        pellucid.Scene.load(ball_file, size="70")
+    with pytest.raises(pellucid.InvalidError, match="triangles"):
+        pellucid.Scene.from_arrays([{"vertices": np.zeros((3, 3)), "triangles": [[0, 1, 3]]}])
+
+
+def test_a_renderer_renders_again(ball):
+    with ball_scene(ball) as scene, pellucid.Renderer(scene, threads=1) as renderer:
+        assert renderer.threads == 1
+        first = renderer.render(size=SIZE, gaussians=3)
+        second = renderer.render(size=(32, 24), gaussians=3)
+        again = renderer.render(size=SIZE, gaussians=3)
+        assert second.rgb.shape == (24, 32, 3) and (first.rgb == again.rgb).all()
+
+
+def test_progress_is_reported_and_its_exception_cancels(ball_file):
+    seen = []
+    pellucid.render(ball_file, "path-trace", size=(32, 24), samples=8, msaa=1, load=LOAD, progress=lambda *a: seen.append(a))
+    assert seen and all(0 <= f <= 1 for _, f in seen)
+
+    def stop(_task, _fraction):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        pellucid.render(ball_file, "path-trace", size=(64, 48), samples=4096, load=LOAD, progress=stop)
+
+
+def test_ctrl_c_cancels(ball_file):
+    timer = threading.Timer(0.7, lambda: signal.raise_signal(signal.SIGINT))
+    start = time.monotonic()
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        pellucid.render(ball_file, "path-trace", size=(640, 480), samples=100000, load=LOAD)
+    timer.cancel()
+    assert time.monotonic() - start < 10
+
+
+def test_images_survive_files(tmp_path):
+    image = np.random.default_rng(1).random((5, 7, 3), dtype=np.float32)
+    for name in ("a.exr", "a.pfm"):
+        pellucid.write_image(tmp_path / name, image)
+        assert (pellucid.read_image(tmp_path / name) == image).all()
+    assert set(pellucid.read_exr(tmp_path / "a.exr")) == {"R", "G", "B"}
+    with pytest.raises(pellucid.InvalidError):
+        pellucid.write_image(tmp_path / "a.exr", np.zeros((2, 2, 5)))
+
+
+def test_comparing(program, tmp_path):
+    rng = np.random.default_rng(2)
+    a, b = rng.random((2, 32, 40, 3), dtype=np.float32)
+    assert pellucid.compare(a, a)["mse"] == 0 and pellucid.compare(a, a)["ssim"] == pytest.approx(1)
+    found = pellucid.compare(a, b, mask=np.ones((32, 40)))
+    assert found["mse"] == pytest.approx(((a - b).astype(float) ** 2).mean()) and found.whole["mse"] == found["mse"]
+    assert found.maps["flip"].shape == (32, 40)
+    pellucid.write_image(tmp_path / "a.pfm", a)
+    pellucid.write_image(tmp_path / "b.pfm", b)
+    told = program.json("compare", tmp_path / "a.pfm", tmp_path / "b.pfm")
+    whole = told["methods"][0]
+    for name in ("mse", "rel_mse", "mae", "ssim", "flip"):
+        assert whole[name] == pytest.approx(found[name], rel=1e-8)
+    with pytest.raises(pellucid.InvalidError, match="shapes"):
+        pellucid.compare(a, b[:-1])
+
+
+def test_a_pass_writes_into_the_callers_planes():
+    shape = (16, 256)
+    light = np.zeros((3, *shape), np.float32)
+    irradiance = np.zeros((3, *shape), np.float32)
+    irradiance[:, :, 128:] = 100
+    planes = {"material": np.ones(shape, np.uint16), "depth": np.full(shape, 500, np.float32), "irradiance": irradiance}
+    marble = pellucid.Medium.material("marble")
+    with pellucid.Pass("screen-space", shape, [marble], 10.0, gaussians=6, lod=2) as scatter:
+        scatter.render({"light": light}, **planes)
+        total = pellucid.fit(marble, 6).total
+        assert light[:, 8, 250] == pytest.approx(100 * total, rel=0.03) and light[:, 8, 128] == pytest.approx(50 * total, rel=0.12)
+        wrong = {"light of another type": light.astype(float), "light of another shape": light[:, :-1], "light with gaps": light[:, :, ::-1]}
+        for value in wrong.values():
+            with pytest.raises(pellucid.InvalidError, match="light"):
+                scatter.render({"light": value}, **planes)
+        with pytest.raises(pellucid.InvalidError, match="no such plane"):
+            scatter.render({"light": light}, irradiances=irradiance)
+    with pytest.raises(pellucid.Error):
+        pellucid.Pass("path-trace", shape, [marble], 10.0)
+
+
+def test_methods_tell_their_knobs():
+    found = pellucid.methods()
+    assert found["screen-space"]["knobs"]["gaussians"]["default"] > 0 and found["path-trace"]["reference"]
