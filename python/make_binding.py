@@ -48,6 +48,7 @@ def main():
     callbacks = """
         extern "Python" void _pellucid_log(void *user, const struct pell_message *message);
         extern "Python" void _pellucid_progress(void *user, const char *task, double fraction);
+        extern "Python" enum pell_result _pellucid_show(void *user, const struct pell_intermediate *image);
     """
     ffi = cffi.FFI()
     ffi.cdef("\n".join([declared, *constants(compiler, folders), *(f"{f};" for f in found), callbacks]))

@@ -13,13 +13,13 @@ from .layers import Layer, Stack, skin_color, skin_layers
 from .optics import (Gaussians, Medium, Phase, Profile, albedo_from_color, color_from_albedo, fit, fresnel, fresnel_diffuse,
                      half_space_albedo, material, materials, models, profile_at, profiles, sample_radii, total_reflectance)
 from .passes import Pass
-from .render import Picture, Renderer, methods, render
+from .render import Intermediate, Picture, Renderer, methods, render
 from .scene import Scene
 
 __version__ = version()
 __all__ = [
-    "CancelledError", "Comparison", "DeviceError", "Error", "FileError", "FormatError", "Gaussians", "InvalidError", "Layer", "Medium",
-    "OutOfMemoryError", "Pass", "PellucidWarning", "Phase", "Picture", "Profile", "Renderer", "Scene", "Separable", "Stack",
+    "CancelledError", "Comparison", "DeviceError", "Error", "FileError", "FormatError", "Gaussians", "Intermediate", "InvalidError", "Layer",
+    "Medium", "OutOfMemoryError", "Pass", "PellucidWarning", "Phase", "Picture", "Profile", "Renderer", "Scene", "Separable", "Stack",
     "UnsupportedError", "albedo_from_color", "chain", "color_from_albedo", "compare", "ffi", "fit", "fresnel", "fresnel_diffuse",
     "gaussian_taps", "half_space_albedo", "lib", "material", "materials", "methods", "models", "profile_at", "profiles", "read_exr",
     "read_image", "render", "sample_radii", "separable", "skin_color", "skin_layers", "table_radius", "table_ring", "table_sphere",

@@ -42,6 +42,43 @@ class _Plane:
                                     "data": (int(ffi.cast("uintptr_t", address)), True)}
 
 
+class Intermediate:
+    """What a method made on its way: `data`, (height, width) or (height, width, components) float32, in `unit`; `what` says what it is."""
+
+    def __init__(self, data: np.ndarray, unit: str, what: str):
+        self.data, self.unit, self.what = data, unit, what
+
+    def __repr__(self) -> str:
+        return f"<Intermediate {self.data.shape}, {self.unit}: {self.what}>"
+
+
+class _Shown:
+    """What an observer of the renderer keeps."""
+
+    def __init__(self, context):
+        self.context = context
+        self.images: dict[str, Intermediate] = {}
+
+
+def _show_failed(_type, error, traceback):
+    user = traceback.tb_frame.f_locals.get("user") if traceback else None
+    if user:
+        ffi.from_handle(user).context.raised = error
+    return lib.PELL_ERR_CANCELLED
+
+
+@ffi.def_extern(onerror=_show_failed)
+def _pellucid_show(user, image):
+    planes = []
+    for c in range(image.components):
+        size = 4 * (image.stride * (image.height - 1) + image.width)
+        flat = np.frombuffer(ffi.buffer(image.planes[c], size), np.float32)
+        planes.append(np.lib.stride_tricks.as_strided(flat, (image.height, image.width), (4 * image.stride, 4)))
+    data = planes[0].copy() if len(planes) == 1 else np.stack(planes, axis=-1)
+    ffi.from_handle(user).images[text(image.name)] = Intermediate(data, text(image.unit), text(image.what))
+    return lib.PELL_OK
+
+
 class Picture:
     """A rendered image. `channels`: (height, width) float32 arrays by name ("R", "diffuse.multiple.G", "depth.Z"), linear, W/(m^2 sr);
     read-only views of the renderer's memory where it was not copied. picture["diffuse.multiple"] stacks a layer's, picture.rgb the image."""
@@ -56,6 +93,7 @@ class Picture:
         self.width, self.height, self.method = image.width, image.height, method
         self.channels = {text(image.channels[i].name): plane(image.channels[i].data) for i in range(image.num_channels)}
         self._display = [plane(p) for p in image.display]
+        self.intermediates: dict[str, Intermediate] = {}
         self.seconds, self.exposure, self.partial, self.invalid = image.seconds, image.exposure, image.partial, image.invalid
         self.stages = {text(image.stages[i].name): image.stages[i].ms for i in range(image.num_stages)}
 
@@ -113,14 +151,13 @@ class Renderer(Closing):
         context.call(lib.pell_renderer_set_scene, self._renderer[0], data)
         self._method: Any = None
 
-    def _configure(self, method: Optional[str], given: dict[str, Any], settings):
+    def _configure(self, method: Optional[str], given: dict[str, Any]):
+        """The method, its knobs, and the settings of the scene file and the caller, in this order."""
         context, scene = self.context, self.scene._scene[0]
         rows = {text(k.name) for k in knob_rows(lib.pell_settings_knobs())}
         own = {text(o.name): text(o.value) for o in (scene.options[i] for i in range(scene.num_options))}
         name = method or own.get("method", DEFAULT_METHOD)
-        for option, value in own.items():
-            if option in rows:
-                set_knobs(context, lib.pell_settings_knobs(), "render", settings, {option: value})
+        settings = {option: value for option, value in own.items() if option in rows}
         knobs = {k[6:]: v for k, v in own.items() if k.startswith("knobs/")} if name == own.get("method", DEFAULT_METHOD) else {}
         if name == "none":
             found, table = ffi.NULL, set()
@@ -134,36 +171,48 @@ class Renderer(Closing):
             if option in table:
                 knobs[option] = value
             elif option in rows:
-                set_knobs(context, lib.pell_settings_knobs(), "render", settings, {option: value})
+                settings[option] = value
             else:
                 choose("knob", option, sorted(table | rows))
-        return name, found, knobs
+        return name, found, knobs, settings
 
     def render(self, method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None, layers: bool = True, copy: bool = True,
-               **knobs: Any) -> Picture:
+               intermediates: bool = False, **knobs: Any) -> Picture:
         """One picture. method: a name of methods(), or "none"; default: the scene file's, else screen-space. size: (width, height).
-        knobs: those of the method and of `pellucid render` (msaa, bounces, seed, ...), with underscores. copy False: the arrays are views
-        of the renderer's memory, valid until its next call."""
+        knobs: those of the method and of `pellucid render` (msaa, bounces, seed, ...), with underscores; **{"as": "paper"}: as
+        published, with the paper's settings where none are given. copy False: the arrays are views of the renderer's memory, valid until its next call.
+        intermediates: also keeps what the method makes on its way (blurs, stretch, thickness, ...), in Picture.intermediates."""
         if not self._held:
             raise InvalidError("is closed", "Renderer")
         settings = ffi.new("struct pell_settings *")
-        lib.pell_knobs_default(lib.pell_settings_knobs(), settings)
-        settings.layers = layers
-        name, found, values = self._configure(method, knobs, settings)
+        name, found, values, options = self._configure(method, knobs)
         if size is not None:
-            set_knobs(self.context, lib.pell_settings_knobs(), "render", settings, {"width": int(size[0]), "height": int(size[1])})
+            options |= {"width": int(size[0]), "height": int(size[1])}
         memory = ffi.NULL
         if found:
             memory = ffi.new("double[]", found.knobs_size // 8 + 1)
             strings = [[ffi.new("char[]", s.encode()) for s in (k, knob_text(v), k)] for k, v in values.items()]
             array = ffi.new("struct pell_setting[]", [dict(zip(("name", "value", "where"), s)) for s in strings])
             self.context.check(lib.pell_method_configure(self.context.c, found, array, len(strings), memory))
+        lib.pell_settings_default(found, memory, settings)
+        settings.layers = layers
+        set_knobs(self.context, lib.pell_settings_knobs(), "render", settings, options)
         if self._method != (name, values):
             self.context.check(lib.pell_renderer_set_method(self._renderer[0], found, memory))
             self._method = (name, dict(values))
         image = ffi.new("struct pell_render_result *")
-        self.context.call(lib.pell_renderer_render, self._renderer[0], settings, image)
-        return Picture(self, image, name, copy)
+        shown = _Shown(self.context)
+        handle = ffi.new_handle(shown)
+        if intermediates:
+            lib.pell_renderer_set_observer(self._renderer[0], ffi.new("struct pell_observer *", {"show": lib._pellucid_show, "user": handle}))
+        try:
+            self.context.call(lib.pell_renderer_render, self._renderer[0], settings, image)
+        finally:
+            if intermediates:
+                lib.pell_renderer_set_observer(self._renderer[0], ffi.NULL)
+        picture = Picture(self, image, name, copy)
+        picture.intermediates = shown.images
+        return picture
 
     @property
     def threads(self) -> int:

@@ -38,6 +38,30 @@ def test_layers_and_display(ball_file):
         picture["difuse.multiple"]  # pylint: disable=pointless-statement
 
 
+def test_intermediates_are_what_the_picture_is_made_of(ball_file):
+    plain = pellucid.render(ball_file, size=SIZE, load=LOAD)
+    assert not plain.intermediates
+    with pellucid.Scene.load(ball_file, aspect=4 / 3, **LOAD) as scene, pellucid.Renderer(scene) as renderer:
+        picture = renderer.render(size=SIZE, intermediates=True)
+        again = renderer.render(size=SIZE)
+        maps = renderer.render("texture-space", size=SIZE, intermediates=True).intermediates
+    assert (picture.rgb == plain.rgb).all() and (again.rgb == plain.rgb).all() and not again.intermediates
+    blur = picture.intermediates["screen-space.blur-4"]
+    assert blur.data.shape == (48, 64, 3) and blur.unit == "W/m^2" and blur.data.max() > 0 and "Gaussian" in blur.what
+    assert picture.intermediates["frame.depth"].data.shape == (48, 64)
+    size = maps["texture-space.texel-size"].data
+    assert size.shape[2] == 2 and 0 < size.max() < 40
+
+
+def test_as_paper_has_the_papers_settings(program, ball_file, tmp_path):
+    out = tmp_path / "out.pfm"
+    for more, knobs in (((), {}), (("--exit", "balanced"), {"exit": "balanced"})):
+        program("render", ball_file, "--size", "40mm", "--material", "wholemilk", "-m", "image-space", "--set", "as=paper", "--width",
+                SIZE[0], "--height", SIZE[1], "-q", "-o", out, *more)
+        picture = pellucid.render(ball_file, "image-space", size=SIZE, load=LOAD, **{"as": "paper"}, **knobs)
+        assert (pellucid.read_image(out) == picture.rgb).all()
+
+
 def test_arrays_of_a_picture_are_the_renderers_and_outlive_it(ball_file):
     picture = pellucid.render(ball_file, size=SIZE, load=LOAD)
     plane = picture.channels["G"]

@@ -201,7 +201,8 @@ static void planes_at_any_depth_are_the_exact_convolution(void **state)
 /* Every depth is blurred as the middle one is, by pixels of its size; nothing changes for parallel rays. */
 static void pixels_of_one_size_are_those_of_the_middle(void **state)
 {
-    static const char *const form[] = { "surfaces=1", "borders=open", "pixels=one", NULL }, *const each[] = { form[0], form[1], NULL };
+    static const char *const form[] = { "surfaces=1", "borders=open", "pixels=one", NULL };
+    static const char *const each[] = { "surfaces=1", "borders=open", NULL };
     const struct pell_frame_material m = narrow();
     struct bench_place at = place_create(2, NULL, NULL);
 
