@@ -18,7 +18,7 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
             UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
             TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp
 
-.PHONY: help demo build test test-asan test-tsan fuzz-short check-clang install clean
+.PHONY: help demo build test test-asan test-tsan fuzz-short check-clang install uninstall deb clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -61,5 +61,12 @@ install: ## builds, installs program, library and headers
 	@$(MAKE) --no-print-directory build
 	@meson install -C $(BUILD) --no-rebuild $(if $(DESTDIR),--destdir $(DESTDIR))
 
+uninstall: ## removes what `make install` has put there
+	@ninja -C $(BUILD) uninstall
+
+deb: ## Debian packages in build-deb/, checked by lintian
+	@scripts/setup.sh --deb
+	@scripts/make_deb.sh
+
 clean: ## removes all that was built
-	@rm -rf build build-asan build-tsan build-fuzz build-clang pellucid
+	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb pellucid

@@ -1,13 +1,14 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# Installs what is missing of the packages in scripts/packages.txt (with --ci also of packages-ci.txt, and the modules of tests/browser),
-# or says how. Silent when nothing is.
+# Installs what is missing of the packages in scripts/packages.txt (with --ci also of packages-ci.txt, and the modules of tests/browser;
+# with --deb of packages-deb.txt), or says how. Silent when nothing is.
 # SETUP=no in the environment skips it.
 set -eu
 
 here=$(dirname "$0")
 lists=$here/packages.txt
-[ "${1-}" = --ci ] && lists="$lists $here/packages-ci.txt"
+more=${1-}
+[ -n "$more" ] && lists="$lists $here/packages-${more#--}.txt"
 [ "${SETUP-yes}" = no ] && exit 0
 
 # shellcheck disable=SC2086 # two names of files
@@ -16,7 +17,7 @@ wanted=$(sed 's/#.*//' $lists | tr -s ' \n' '  ')
 # Without them the test of the report in a browser is skipped, which the tests' summary says.
 modules()
 {
-    [ "$lists" != "$here/packages.txt" ] && command -v npm >/dev/null 2>&1 || return 0
+    [ "$more" = --ci ] && command -v npm >/dev/null 2>&1 || return 0
     [ "$here/../tests/browser/node_modules/.package-lock.json" -nt "$here/../tests/browser/package-lock.json" ] && return 0
     echo "installing: the modules of tests/browser"
     npm ci --prefix "$here/../tests/browser" --ignore-scripts --no-audit --no-fund >/dev/null 2>&1 ||
