@@ -18,7 +18,7 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
             UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
             TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp
 
-.PHONY: help demo build test test-asan test-tsan fuzz-short check-clang install uninstall deb clean
+.PHONY: help demo build test test-asan test-tsan fuzz-short check-clang install uninstall deb test-deb clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -67,6 +67,9 @@ uninstall: ## removes what `make install` has put there
 deb: ## Debian packages in build-deb/, checked by lintian
 	@scripts/setup.sh --deb
 	@scripts/make_deb.sh
+
+test-deb: deb ## installs the packages into a bare Debian (as root, with debootstrap), uses and purges them
+	@scripts/test_packages.sh
 
 clean: ## removes all that was built
 	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb pellucid
