@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """check_install.py BUILD SOURCE C-COMPILER [CXX-COMPILER]: installs into a scratch folder, builds a stranger's program against that alone.
 
-The program knows only what pkg-config tells it. It is built as C11 and, where there is a compiler, as C++17, and run.
+The program knows only what pkg-config tells it. It is built as C11 and, where there is a compiler, as C++17, and run. The projects of
+examples/projects are built by CMake, where it is installed, and by Meson, and run.
 """
 import os
 import pathlib
@@ -45,6 +46,36 @@ class Installed:
         run([*command, str(source), "-xnone", "-o", str(program), *self.flags("--cflags"), *self.flags("--libs"), "-lm"], cwd=scratch)
         env = {**os.environ, "LD_LIBRARY_PATH": os.pathsep.join(map(str, self.libraries))}
         return run([str(program)], env=env, cwd=scratch)
+
+
+    def run_project(self, source, scratch, configure, build):
+        """Configures and builds a copy of a project outside of the tree, and runs its program."""
+        shutil.copytree(source / "examples", scratch / "examples", dirs_exist_ok=True)
+        run(configure, env=self.env)
+        run(build, env=self.env)
+        folder = pathlib.Path(build[build.index("--build") + 1] if "--build" in build else build[build.index("-C") + 1])
+        env = {**os.environ, "LD_LIBRARY_PATH": os.pathsep.join(map(str, self.libraries))}
+        said = run([str(folder / "profile")], env=env, cwd=folder)
+        if "marble" not in said.lower() and "R(" not in said:
+            raise Fault(f"the program says {said!r}")
+
+    def cmake(self, source, scratch):
+        project, folder = scratch / "examples/projects/cmake", scratch / "by-cmake"
+        prefix = next(self.root.rglob("PellucidConfig.cmake"))
+        self.run_project(source, scratch, ["cmake", "-S", str(project), "-B", str(folder), f"-DPellucid_DIR={prefix.parent}"],
+                         ["cmake", "--build", str(folder)])
+        wrong = scratch / "wrong"
+        wrong.mkdir()
+        text = (project / "CMakeLists.txt").read_text("utf-8")
+        (wrong / "CMakeLists.txt").write_text(text.replace("Pellucid 0.1", "Pellucid 99.1"), "utf-8")
+        done = subprocess.run(["cmake", "-S", str(wrong), "-B", str(wrong / "build"), f"-DPellucid_DIR={prefix.parent}"], check=False,
+                              capture_output=True, text=True)
+        if done.returncode == 0:
+            raise Fault("CMake finds version 99.1, which is not installed")
+
+    def meson(self, source, scratch):
+        project, folder = scratch / "examples/projects/meson", scratch / "by-meson"
+        self.run_project(source, scratch, ["meson", "setup", str(folder), str(project)], ["ninja", "-C", str(folder)])
 
 
 def check_files(installed, source):
@@ -95,12 +126,17 @@ def main():
             "a C++17 program builds and renders":
                 (lambda: installed.build_and_run([*cxx, "-xc++", "-std=c++17", "-Wall", "-Wextra", "-Werror"], scratch)) if cxx else None,
         }
+        lacks = {"a C++17 program builds and renders": "there is no C++ compiler",
+                 "a project finds it by CMake, in its own version alone": "CMake is not installed"}
+        tests["a project finds it by CMake, in its own version alone"] = \
+            (lambda: installed.cmake(source, scratch)) if shutil.which("cmake") else None
+        tests["a project finds it by Meson"] = lambda: installed.meson(source, scratch)
         print(f"1..{len(tests)}")
         for i, (title, test) in enumerate(tests.items(), 1):
             try:
                 if test:
                     test()
-                print(f"ok {i} - {title}" + ("" if test else " # SKIP there is no C++ compiler"))
+                print(f"ok {i} - {title}" + ("" if test else f" # SKIP {lacks[title]}"))
             except Fault as fault:
                 failed += 1
                 print(f"not ok {i} - {title}")
