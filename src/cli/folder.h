@@ -14,7 +14,7 @@ struct output_folder {
     const char *option; /* that named it */
     char path[4200];    /* as given, without slashes at its end */
     char partial[4300]; /* where files are written until all are there; "": not begun */
-    char files[160][280];
+    char files[512][280];
     size_t count;
     bool there; /* it was before: files replace those of the same name */
 };
