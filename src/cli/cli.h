@@ -87,7 +87,7 @@ struct cli {
         char *cross_section, *line, *layers_of, *down_to;
     } check;
     struct {
-        int threads, turntable, repeats, points, taps;
+        int threads, turntable, repeats, points, taps, rank;
     } numbers;
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */

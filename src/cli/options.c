@@ -20,6 +20,8 @@ static const struct pell_knob number_knobs[] = {
     { "points", PELL_KNOB_INT, "1", NUMBER(points), { 0 }, 0, 4096, NULL, "radii, evenly spaced in log r; 0: 13 in a table, 64 elsewhere" },
     { "taps", PELL_KNOB_INT, "1", NUMBER(taps), { 25 }, 3, PELL_KERNEL_TAPS_MAX, NULL,
       "taps of the separable kernel that --export writes, an odd number" },
+    { "rank", PELL_KNOB_INT, "1", NUMBER(rank), { 1 }, 1, PELL_KERNEL_RANK_MAX, NULL,
+      "separable terms of that kernel, each of two passes; more of them have less error" },
     {0},
 };
 /* clang-format on */
@@ -109,6 +111,7 @@ static const struct option options[] = {
     { OPTIONS_PROFILE, 0, "export", "LANGUAGE", "c, glsl, hlsl or json: the fit, a separable kernel and a table to paste into an engine",
       TEXT, AT(profile.export), NULL },
     { OPTIONS_PROFILE, 0, "taps", "N", NULL, NUMBER, 0, &number_knobs[4] },
+    { OPTIONS_PROFILE, 0, "rank", "N", NULL, NUMBER, 0, &number_knobs[5] },
     { OPTIONS_PROFILE, 'o', "output", "FILE",
       "a plot: svg, pdf or png by its extension; with --csv or --export: that text (default: stdout)", TEXT, AT(output), NULL },
     { OPTIONS_COMPARE, 0, "methods", "NAMES",

@@ -304,6 +304,8 @@ FAULTS = {
     'a material that is not there': (['marbel'], 2, 'marbel', 'marble'),
     'a word that is no material': (['zzzzqq'], 2, 'must be a built-in material, a material file', 'pellucid materials'),
     'taps without an export': (['marble', '--taps', '25'], 2, '--export', ''),
+    'a rank without an export': (['marble', '--rank', '2'], 2, '--export', ''),
+    'a rank of 4': (['marble', '--export', 'c', '--rank', '4'], 2, '[1, 3]', ''),
     'a way to fit without a fit': (['marble', '--shared', '--gaussians', '0'], 2, '--gaussians 0', ''),
     'a fit in a table': (['marble', '--csv', '--free'], 2, '--csv holds none', ''),
     'points of an export': (['marble', '--export', 'c', '--points', '9'], 2, 'no effect', ''),
@@ -563,6 +565,36 @@ def _(folder):
             found = constants(code, name)
             need(len(found) == len(values) and all(near(a, b, 2e-7) or abs(a - b) < 1e-30 for a, b in zip(found, values)),
                  language, name, found, values)
+
+
+@test('--rank: terms of two passes each, which lose less, keep the light, and say in each language the same')
+def _(folder):
+    total, errors = [c['rd_total'] for c in profile(folder, 'marble')['channels']], []
+    for rank in (1, 2, 3):
+        kernel = json.loads(exported(folder, 'json', '--rank', str(rank), '--taps', '21'))['separable']
+        weights = [kernel['weight'][k * 21:k * 21 + 21] for k in range(rank)]
+        need(kernel['rank'] == rank == len(kernel['sign']) and len(kernel['weight']) == 21 * rank, kernel)
+        for c in range(3):
+            light = sum(sign[c] * sum(w[c] for w in term) ** 2 for sign, term in zip(kernel['sign'], weights))
+            need(near(light, total[c], 1e-6), 'rank', rank, 'keeps', light, total[c])
+        errors.append(kernel['error'])
+        for language in ('c', 'glsl', 'hlsl'):
+            code = exported(folder, language, '--rank', str(rank), '--taps', '21')
+            found = constants(code, 'tap_weight')
+            need(len(found) == 63 * rank and all(near(a, b, 2e-7) or abs(a - b) < 1e-30
+                                                 for a, b in zip(found, [v for row in kernel['weight'] for v in row])), language)
+            need(('terms' in code) == (rank > 1) and code.count('(') == code.count(')'), code)
+            if rank > 1:
+                need(constants(code, 'tap_sign') == [v for row in kernel['sign'] for v in row], language)
+        tool = shutil.which('glslangValidator')
+        if tool:
+            term = ', 1' if rank > 1 else ''
+            code = exported(folder, 'glsl', '--rank', str(rank))
+            (folder / 'r.frag').write_text('#version 450\nlayout(binding = 0) uniform sampler2D image;\n'
+                                           f'layout(location = 0) out vec4 color;\n{code}void main()\n'
+                                           f'{{ color = vec4(marble_blur(image, vec2(0.5), vec2(0.01){term}), 1.0); }}\n', 'ascii')
+            subprocess.run([tool, '-V', 'r.frag', '-o', 'r.spv'], cwd=folder, check=True, capture_output=True, timeout=60)
+    need(all(a > b for one, two in zip(errors, errors[1:]) for a, b in zip(one, two)), errors)
 
 
 @test('names of files that are no identifiers still give code')

@@ -570,6 +570,7 @@ static enum exit_code refuse_idle(struct cli *cli)
         const char *why;
     } rows[] = {
         { "--taps", !code, "is of the kernel that --export writes, and none is asked for" },
+        { "--rank", !code, "is of the kernel that --export writes, and none is asked for" },
         { "--shared", no_fit, "is a way to fit, and --gaussians 0 asks for no fit" },
         { "--free", no_fit, "is a way to fit, and --gaussians 0 asks for no fit" },
         { "--gaussians", csv && !no_fit, "is of fits, and --csv holds none" },

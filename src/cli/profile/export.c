@@ -38,7 +38,7 @@ enum exit_code profile_check_export(struct cli *cli)
     return EXIT_OK;
 }
 
-static enum pell_result make_kernel(const struct profile_job *job, int taps, struct kernel *k)
+static enum pell_result make_kernel(const struct profile_job *job, int taps, int rank, struct kernel *k)
 {
     float texel[TABLE];
     enum pell_result res = PELL_OK;
@@ -48,7 +48,7 @@ static enum pell_result make_kernel(const struct profile_job *job, int taps, str
     if (k->fit && k->fit->shared.count > 0)
         res = pell_kernel_chain_make(&k->fit->shared, &k->chain);
     if (res == PELL_OK)
-        res = pell_separable_make(job->profile->R, &(struct pell_separable_params) { .taps = taps }, &k->separable);
+        res = pell_separable_make(job->profile->R, &(struct pell_separable_params) { .taps = taps, .rank = rank }, &k->separable);
     for (int c = 0; c < 3; c++)
         k->r_max = fmax(k->r_max, pell_profile_sample(&job->profile->R[c], 0.99));
     for (int c = 0; c < 3 && res == PELL_OK; c++) {
@@ -196,34 +196,67 @@ static void add_fit(struct profile_text *t, enum language l, const char *id, con
     add_vectors(t, l, id, "blur_total", (const double(*)[3]) k->chain.total, 1);
 }
 
+/* The weights of all terms after each other. */
+static void list_weights(const struct pell_separable *s, double weight[][3])
+{
+    for (int k = 0; k < s->rank; k++)
+        memcpy(weight[k * s->taps], s->weight[k][0], (size_t) s->taps * sizeof(*weight));
+}
+
+/* A pass; for kernels of several terms with an argument, `term`. */
+static void add_blur(struct profile_text *t, enum language l, const char *id, bool terms)
+{
+    const char *const last = terms ? ", int term" : "";
+    char at[80] = "i";
+
+    if (terms)
+        snprintf(at, sizeof(at), "term * %s_taps + i", id);
+    if (l == GLSL)
+        profile_add(t,
+                    "vec3 %s_blur(sampler2D image, vec2 uv, vec2 uv_per_mm%s)\n{\n    vec3 sum = vec3(0.0);\n"
+                    "    for (int i = 0; i < %s_taps; i++)\n"
+                    "        sum += %s_tap_weight[%s] * texture(image, uv + %s_tap_offset[i] * uv_per_mm).rgb;\n    return sum;\n}\n",
+                    id, last, id, id, at, id);
+    else if (l == HLSL)
+        profile_add(t,
+                    "float3 %s_blur(Texture2D image, SamplerState samples, float2 uv, float2 uv_per_mm%s)\n{\n"
+                    "    float3 sum = float3(0.0, 0.0, 0.0);\n    for (int i = 0; i < %s_taps; i++)\n"
+                    "        sum += %s_tap_weight[%s] * image.SampleLevel(samples, uv + %s_tap_offset[i] * uv_per_mm, 0.0).rgb;\n"
+                    "    return sum;\n}\n",
+                    id, last, id, id, at, id);
+}
+
 static void add_separable(struct profile_text *t, enum language l, const char *id, const struct kernel *k)
 {
     const struct pell_separable *s = &k->separable;
+    double weight[PELL_KERNEL_RANK_MAX * PELL_KERNEL_TAPS_MAX][3];
     char line[160];
 
     profile_add(t, "\n");
-    add_comment(t, l,
-                "The best separable kernel: two passes, along x and along y, with the same taps. Offsets are mm on the surface: times");
-    add_comment(t, l, "pixels per mm they are pixels. Both passes together multiply by the diffuse reflectance.");
+    if (s->rank == 1) {
+        add_comment(t, l,
+                    "The best separable kernel: two passes, along x and along y, with the same taps. Offsets are mm on the surface: times\n"
+                    "pixels per mm they are pixels. Both passes together multiply by the diffuse reflectance.");
+    } else {
+        snprintf(line, sizeof(line), "The best kernel of %d separable terms: for each, two passes, along x and along y, with its taps,",
+                 s->rank);
+        add_comment(t, l, line);
+        add_comment(t, l,
+                    "tap_weight[term * taps + i]; then the sum of the terms times tap_sign[term]. Offsets are mm on the surface: times\n"
+                    "pixels per mm they are pixels. All of it multiplies by the diffuse reflectance.");
+    }
     snprintf(line, sizeof(line), "Being separable costs an error of %.2f %.2f %.2f %%.", 100.0 * s->error[0], 100.0 * s->error[1],
              100.0 * s->error[2]);
     add_comment(t, l, line);
+    list_weights(s, weight);
     add_integer(t, l, id, "taps", s->taps);
+    if (s->rank > 1)
+        add_integer(t, l, id, "terms", s->rank);
     add_floats(t, l, id, "tap_offset", s->offset_mm, s->taps);
-    add_vectors(t, l, id, "tap_weight", (const double(*)[3]) s->weight[0], s->taps);
-    if (l == GLSL)
-        profile_add(t,
-                    "vec3 %s_blur(sampler2D image, vec2 uv, vec2 uv_per_mm)\n{\n    vec3 sum = vec3(0.0);\n"
-                    "    for (int i = 0; i < %s_taps; i++)\n"
-                    "        sum += %s_tap_weight[i] * texture(image, uv + %s_tap_offset[i] * uv_per_mm).rgb;\n    return sum;\n}\n",
-                    id, id, id, id);
-    else if (l == HLSL)
-        profile_add(t,
-                    "float3 %s_blur(Texture2D image, SamplerState samples, float2 uv, float2 uv_per_mm)\n{\n"
-                    "    float3 sum = float3(0.0, 0.0, 0.0);\n    for (int i = 0; i < %s_taps; i++)\n"
-                    "        sum += %s_tap_weight[i] * image.SampleLevel(samples, uv + %s_tap_offset[i] * uv_per_mm, 0.0).rgb;\n"
-                    "    return sum;\n}\n",
-                    id, id, id, id);
+    add_vectors(t, l, id, "tap_weight", (const double(*)[3]) weight, s->rank * s->taps);
+    if (s->rank > 1)
+        add_vectors(t, l, id, "tap_sign", s->sign, s->rank);
+    add_blur(t, l, id, s->rank > 1);
 }
 
 static void add_table(struct profile_text *t, enum language l, const char *id, const struct kernel *k)
@@ -278,13 +311,20 @@ static enum exit_code export_json(struct cli *cli, const struct profile_job *job
 {
     const struct pell_separable *s = &k->separable;
     struct profile_text text = { .length = 0 };
-    json_t *o = json_pack("{s:o,s:s,s:o,s:{s:o,s:o,s:o},s:{s:f,s:o,s:o},s:[s,s,s]}", "material", cli_text(job->name), "model", job->model,
-                          "unit", json_string("mm"), "separable", "offset_mm", cli_numbers(s->offset_mm, (size_t) s->taps), "weight",
-                          rows_of((const double(*)[3]) s->weight[0], s->taps), "error", cli_numbers(s->error, 3), "table", "r_max_mm",
-                          k->r_max, "R", rows_of(k->table, TABLE), "share", cli_numbers(k->share, 3), "channels", job->titles[0],
-                          job->titles[1], job->titles[2]);
+    double all[PELL_KERNEL_RANK_MAX * PELL_KERNEL_TAPS_MAX][3];
+    json_t *o;
     char *dump;
 
+    list_weights(s, all);
+    o = json_pack("{s:o,s:s,s:o,s:{s:o,s:o,s:o},s:{s:f,s:o,s:o},s:[s,s,s]}", "material", cli_text(job->name), "model", job->model, "unit",
+                  json_string("mm"), "separable", "offset_mm", cli_numbers(s->offset_mm, (size_t) s->taps), "weight",
+                  rows_of((const double(*)[3]) all, s->rank * s->taps), "error", cli_numbers(s->error, 3), "table", "r_max_mm", k->r_max,
+                  "R", rows_of(k->table, TABLE), "share", cli_numbers(k->share, 3), "channels", job->titles[0], job->titles[1],
+                  job->titles[2]);
+    if (o) {
+        json_object_set_new(json_object_get(o, "separable"), "rank", json_integer(s->rank));
+        json_object_set_new(json_object_get(o, "separable"), "sign", rows_of(s->sign, s->rank));
+    }
     if (o && k->fit) {
         double variance[PELL_GAUSSIANS_MAX][3], weight[PELL_GAUSSIANS_MAX][3];
         fit_arrays(k->fit, variance, weight);
@@ -312,7 +352,7 @@ enum exit_code profile_export(struct cli *cli, const struct profile_job *job)
 {
     const enum language l = find_language(cli->profile.export);
     struct kernel kernel;
-    enum pell_result res = make_kernel(job, cli->numbers.taps, &kernel);
+    enum pell_result res = make_kernel(job, cli->numbers.taps, cli->numbers.rank, &kernel);
 
     if (res != PELL_OK)
         return cli_failed(cli, pell_error(cli->ctx, res, "--export", NULL, "%s gives no kernel (%s): its reflectance may be 0", job->name,
