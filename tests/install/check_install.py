@@ -62,14 +62,13 @@ class Installed:
     def cmake(self, source, scratch):
         project, folder = scratch / "examples/projects/cmake", scratch / "by-cmake"
         prefix = next(self.root.rglob("PellucidConfig.cmake"))
-        self.run_project(source, scratch, ["cmake", "-S", str(project), "-B", str(folder), f"-DPellucid_DIR={prefix.parent}"],
-                         ["cmake", "--build", str(folder)])
+        command = ["cmake", "-G", "Ninja", f"-DPellucid_DIR={prefix.parent}"]
+        self.run_project(source, scratch, [*command, "-S", str(project), "-B", str(folder)], ["cmake", "--build", str(folder)])
         wrong = scratch / "wrong"
         wrong.mkdir()
         text = (project / "CMakeLists.txt").read_text("utf-8")
         (wrong / "CMakeLists.txt").write_text(text.replace("Pellucid 0.1", "Pellucid 99.1"), "utf-8")
-        done = subprocess.run(["cmake", "-S", str(wrong), "-B", str(wrong / "build"), f"-DPellucid_DIR={prefix.parent}"], check=False,
-                              capture_output=True, text=True)
+        done = subprocess.run([*command, "-S", str(wrong), "-B", str(wrong / "build")], check=False, capture_output=True, text=True)
         if done.returncode == 0:
             raise Fault("CMake finds version 99.1, which is not installed")
 
