@@ -88,7 +88,7 @@ struct pell_checkpoint {
  * without state (pell_method.partial). */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint);
 
-/* An intermediate image of a frame: a plane of struct pell_frame, or what a method makes on its way (its README lists them). */
+/* An intermediate image of a frame: a plane of struct pell_frame, or what a method makes on its way (docs/guide/command-line.md). */
 struct pell_intermediate {
     const char *name; /* "frame.irradiance", "texture-space.stretch": [a-z0-9.-]+, up to 63 characters, each once in a frame */
     const char *unit; /* "1" for a pure number */

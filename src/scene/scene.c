@@ -229,15 +229,22 @@ enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *nam
     return o->value && o->where ? PELL_OK : PELL_ERR_NOMEM;
 }
 
+/* Says so where it is not. */
+static bool is_there(const struct pell_scene *scene, const char *where, const char *kind, size_t index, size_t count)
+{
+    if (index >= count)
+        pell_error(scene->ctx, PELL_ERR_INVALID, where, NULL, "%s %zu does not exist; there are %zu", kind, index, count);
+    return index < count;
+}
+
 enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint32_t vertices, uint32_t triangles)
 {
     const struct pell_limits *limits = pell_context_limits(scene->ctx);
     struct pell_mesh *m;
     int64_t all_vertices, all_triangles;
 
-    if (mesh >= scene->num_meshes)
-        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "mesh %zu does not exist; there are %zu", mesh,
-                          scene->num_meshes);
+    if (!is_there(scene, scene->path, "mesh", mesh, scene->num_meshes))
+        return PELL_ERR_INVALID;
     m = &scene->meshes[mesh];
     if (m->position)
         return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "the mesh has its arrays already");
@@ -273,9 +280,8 @@ enum pell_result pell_mesh_allocate_uv(struct pell_scene *scene, size_t mesh, in
 {
     struct pell_mesh *m;
 
-    if (mesh >= scene->num_meshes)
-        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "mesh %zu does not exist; there are %zu", mesh,
-                          scene->num_meshes);
+    if (!is_there(scene, scene->path, "mesh", mesh, scene->num_meshes))
+        return PELL_ERR_INVALID;
     m = &scene->meshes[mesh];
     if (set < 0 || set >= PELL_UV_SETS)
         return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "UV set %d, must be in [0, %d]", set, PELL_UV_SETS - 1);
@@ -406,9 +412,8 @@ enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, 
 {
     const struct pell_material_entry *found = pell_material_find(entry);
 
-    if (material >= scene->num_materials)
-        return pell_error(scene->ctx, PELL_ERR_INVALID, where, NULL, "material %zu does not exist; there are %zu", material,
-                          scene->num_materials);
+    if (!is_there(scene, where, "material", material, scene->num_materials))
+        return PELL_ERR_INVALID;
     if (!found)
         return pell_material_unknown(scene->ctx, where, entry);
     return pell_material_set(scene->ctx, &scene->materials[material], found);
@@ -418,9 +423,8 @@ enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t 
 {
     struct pell_material *m;
 
-    if (material >= scene->num_materials)
-        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "material %zu does not exist; there are %zu", material,
-                          scene->num_materials);
+    if (!is_there(scene, scene->path, "material", material, scene->num_materials))
+        return PELL_ERR_INVALID;
     m = &scene->materials[material];
     if (count < 0 || count > PELL_LAYERS_MOST)
         return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "the number of layers is %d, allowed: [0, %d]", count,
@@ -443,9 +447,8 @@ enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t mat
     struct pell_layer_fault fault;
     struct pell_material *m;
 
-    if (material >= scene->num_materials)
-        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "material %zu does not exist; there are %zu", material,
-                          scene->num_materials);
+    if (!is_there(scene, scene->path, "material", material, scene->num_materials))
+        return PELL_ERR_INVALID;
     m = &scene->materials[material];
     if (m->num_layers < 1)
         return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "the material has no layers");

@@ -70,16 +70,25 @@ static json_t *ignored_by(const struct pell_method *m)
     return list;
 }
 
-/* The knobs of a method as in its paper, to be freed; NULL without memory, or where it has no such form. */
-static void *paper_knobs(const struct pell_method *m)
-{
-    void *values = m->paper ? calloc(1, m->knobs_size) : NULL;
+/* A method's knobs by default and as in its paper; NULL without memory. */
+struct forms {
+    void *best, *paper;
+};
 
-    if (values) {
-        pell_knobs_default(m->knobs, values);
-        m->paper(values);
-    }
-    return values;
+static struct forms make_forms(const struct cli *cli, const struct pell_method *m)
+{
+    struct forms f = { NULL, NULL };
+
+    if (pell_method_knobs_create(cli->ctx, m, "", &f.best) != PELL_OK ||
+        pell_method_knobs_create(cli->ctx, m, "as=paper", &f.paper) != PELL_OK)
+        pell_method_knobs_destroy(cli->ctx, &f.best);
+    return f;
+}
+
+static void drop_forms(const struct cli *cli, struct forms *f)
+{
+    pell_method_knobs_destroy(cli->ctx, &f->best);
+    pell_method_knobs_destroy(cli->ctx, &f->paper);
 }
 
 static void list_paper_settings(const struct pell_method *m, const void *knobs, char *text, size_t size)
@@ -104,18 +113,14 @@ static json_t *knob_default(const struct pell_knob *k)
 }
 
 /* What as=paper changes it to, as it is typed; NULL: nothing. */
-static const char *knob_paper(const struct pell_method *m, const struct pell_knob *k, const void *paper, char *text, size_t size)
+static const char *knob_paper(const struct pell_knob *k, const struct forms *f, char *text, size_t size)
 {
     char usual[128];
-    void *defaults = paper ? calloc(1, m->knobs_size) : NULL;
-    bool same = true;
 
-    if (defaults && strcmp(k->name, "as") != 0) {
-        pell_knobs_default(m->knobs, defaults);
-        same = strcmp(pell_knob_format(k, paper, text, size), pell_knob_format(k, defaults, usual, sizeof(usual))) == 0;
-    }
-    free(defaults);
-    return same ? NULL : text;
+    if (!f->best || !f->paper || strcmp(k->name, "as") == 0)
+        return NULL;
+    pell_knob_format(k, f->paper, text, size);
+    return strcmp(text, pell_knob_format(k, f->best, usual, sizeof(usual))) == 0 ? NULL : text;
 }
 
 static json_t *knob_bound(const struct pell_knob *k, double bound)
@@ -151,20 +156,20 @@ static json_t *knob_json(const struct pell_knob *k)
 static json_t *method_json(const struct cli *cli, const struct pell_method *m)
 {
     const struct runs_on on = find_runs_on(cli, m);
-    void *paper = paper_knobs(m);
+    struct forms forms = make_forms(cli, m);
     json_t *knobs = json_array();
     char settings[1024];
 
     for (const struct pell_knob *k = m->knobs; k->name; k++) {
         json_t *o = knob_json(k);
         char text[128];
-        const char *value = knob_paper(m, k, paper, text, sizeof(text));
+        const char *value = knob_paper(k, &forms, text, sizeof(text));
         if (value)
             json_object_set_new(o, "paper", json_string(value));
         json_array_append_new(knobs, o);
     }
-    list_paper_settings(m, paper, settings, sizeof(settings));
-    free(paper);
+    list_paper_settings(m, forms.paper, settings, sizeof(settings));
+    drop_forms(cli, &forms);
     return json_pack("{s:s,s:s,s:s,s:o,s:s,s:s*,s:o,s:s,s:s,s:o,s:s}", "name", m->name, "title", m->title, "kind", kinds[m->kind],
                      "engines", engines_of(m), "runs_on", on.name, "planes_with", on.with[0] ? on.with : NULL, "ignores", ignored_by(m),
                      "citation", m->cite, "limits", m->limits ? m->limits : "", "knobs", knobs, "paper_settings", settings);
@@ -173,7 +178,7 @@ static json_t *method_json(const struct cli *cli, const struct pell_method *m)
 static void print_knobs(const struct cli *cli, const struct pell_method *m)
 {
     char low[40], high[40], def[40], text[128], settings[1024];
-    void *paper = paper_knobs(m);
+    struct forms forms = make_forms(cli, m);
 
     printf("\n%sKnobs%s (--set NAME=VALUE; * is the default)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
     for (const struct pell_knob *k = m->knobs; k->name; k++) {
@@ -189,13 +194,13 @@ static void print_knobs(const struct cli *cli, const struct pell_method *m)
                    pell_format_number(k->max, false, high, sizeof(high)), unit ? " " : "", unit ? k->unit : "",
                    pell_format_number(k->def[0], false, def, sizeof(def)));
         }
-        if (knob_paper(m, k, paper, text, sizeof(text)))
+        if (knob_paper(k, &forms, text, sizeof(text)))
             printf("; paper: %s", text);
         printf("\n%23s", "");
         cli_wrap(stdout, 23, 23, k->help);
     }
-    list_paper_settings(m, paper, settings, sizeof(settings));
-    free(paper);
+    list_paper_settings(m, forms.paper, settings, sizeof(settings));
+    drop_forms(cli, &forms);
     if (!settings[0])
         return;
     fputs("\nas=paper also renders with ", stdout);
