@@ -12,7 +12,7 @@ static float *image_of(const struct convolution_state *st, int after, int plane,
 {
     const size_t size = (size_t) st->job.layout.width * (size_t) st->job.layout.height;
 
-    return st->shown + (((size_t) after * CONV_PLANES + (size_t) plane) * 3 + (size_t) channel) * size;
+    return st->shown + ((size_t) (after * st->job.layout.planes + plane) * 3 + (size_t) channel) * size;
 }
 
 enum pell_result convolution_show_begin(struct convolution_state *st)
@@ -21,7 +21,7 @@ enum pell_result convolution_show_begin(struct convolution_state *st)
 
     if (!pell_services_observed(st->services, st->job.in))
         return PELL_OK;
-    st->shown = pell_calloc(st->ctx, (size_t) lay->width * (size_t) lay->height, 2 * CONV_PLANES * 3 * sizeof(float));
+    st->shown = pell_calloc(st->ctx, (size_t) lay->width * (size_t) lay->height, (size_t) (2 * lay->planes * 3) * sizeof(float));
     return st->shown ? PELL_OK : PELL_ERR_NOMEM;
 }
 
