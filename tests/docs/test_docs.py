@@ -371,6 +371,20 @@ def _(folder):
         need(any(block in source for block in code), 'the page shows nothing of', name)
 
 
+@test('the method of the guide compiles as it stands on the page')
+def _(folder):
+    code = blocks(page('add-a-method.md'), 'c')
+    need(len(code) == 3, len(code))
+    for block in code:
+        (folder / re.search(r'\* (\w+\.[ch]) - ', block)[1]).write_text(block.replace('methods/box_blur/', ''), 'utf-8')
+    for name in ('method.c', 'cpu.c'):
+        include = [f'-I{path}' for path in (ROOT / 'include', EXAMPLES.parent / 'include', ROOT / 'src')]
+        flags = ['-std=c11', '-D_POSIX_C_SOURCE=200809L', '-Wall', '-Wextra', '-Wno-missing-field-initializers', '-Werror', '-fsyntax-only']
+        command = [*shlex.split(os.environ.get('CC', 'cc')), *flags, *include, name]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        need(done.returncode == 0, name, done.stderr)
+
+
 @test('profile: the lengths and totals that `materials` prints, weights that sum to the total')
 def _(folder):
     out = program(folder, PROFILE, 'wholemilk')
