@@ -121,11 +121,13 @@ PELL_API const struct pell_plane_info *pell_plane_at(int plane);
 
 #define PELL_THICKNESS_STEPS 512
 
-/* Share of the irradiance at A that leaves at a point whose perpendicular distance through the medium is d: entry i is for
- * d = max_mm (i / (PELL_THICKNESS_STEPS - 1))^2, interpolated linearly over i; 0 beyond max_mm. 1/1, monotone falling. */
+/* Share of the irradiance at A that leaves at a point C whose perpendicular distance through the medium is d: entry i is for
+ * d = max_mm (i / (PELL_THICKNESS_STEPS - 1))^2, interpolated linearly over i; 0 beyond max_mm. 1/1, monotone falling. The normals at A
+ * and C choose between two: the share is lerp(value, slab, max(0, -n_A.n_C)). */
 struct pell_thickness_table {
     float max_mm;
-    float value[PELL_THICKNESS_STEPS][3];
+    float value[PELL_THICKNESS_STEPS][3]; /* between faces that do not oppose */
+    float slab[PELL_THICKNESS_STEPS][3];  /* between parallel faces; `value` where the method knows no slab */
 };
 
 #ifdef __cplusplus

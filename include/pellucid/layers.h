@@ -73,6 +73,9 @@ enum pell_stack_flags {
     PELL_STACK_WIDENED = 4,
 };
 
+/* One layer of a medium between two half-spaces of air: `thickness_mm` > 0; INFINITY: the half-space. */
+PELL_API void pell_stack_of_medium(const struct pell_medium *medium, double thickness_mm, struct pell_stack *out);
+
 /* Totals, Int 2 pi r f dr, of a channel in closed form; one of `out` per part. `flags` may be NULL. */
 PELL_API PELL_NODISCARD enum pell_result pell_stack_totals(const struct pell_stack *stack, int channel, double out[PELL_STACK_PARTS],
                                                            unsigned *flags);

@@ -238,7 +238,7 @@ static enum pell_result make_curvature(struct cpu *e, const struct pell_engine_f
         if (f && f->gaussians.count == 0 && !e->scene->materials[i].profile)
             media[i] = (struct pell_curvature_medium) { &f->medium, f->profile };
     }
-    res = pell_curvature_create(e->ctx, e->pool, e->scene, media, &e->curvature);
+    res = pell_curvature_create(e->ctx, e->pool, e->scene, e->rays, media, &e->curvature);
     pell_free(e->ctx, media);
     pell_stage_note(frame->notes, "curvature", pell_seconds() - start, 0, 0, 0);
     return res;
@@ -409,7 +409,8 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     enum pell_result res;
 
     light.view = &sample->view;
-    light.thickness = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION) ? f->materials->thickness : NULL;
+    light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
+    light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
     res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
     if (res != PELL_OK)

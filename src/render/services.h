@@ -45,6 +45,7 @@ struct pell_points_params {
     float spacing;   /* mm between points, > 0: textures are filtered to it */
     uint32_t first;  /* number of the multisample, of `samples` whose mean is taken */
     int samples;
+    bool local; /* for methods that spread light around where it enters, and add what thin parts let through by a slab's T */
 };
 
 struct pell_services {

@@ -38,7 +38,7 @@ static const struct pell_knob settings_knobs[] = {
     { "angles", PELL_KNOB_BOOL, "1", AT(angles), { 1 }, 0, 1, NULL,
       "reflectance of translucent media depends on the angles at which light enters and leaves; off: as at normal incidence" },
     { "curvature", PELL_KNOB_BOOL, "1", AT(curvature), { 1 }, 0, 1, NULL,
-      "convex surfaces of translucent media return more light, hollow ones less; off: as plane ones do" },
+      "convex surfaces of translucent media return more light, hollow and thin ones less; off: as a half-space does" },
     { "seed", PELL_KNOB_INT64, "1", AT(seed), { 0 }, 0, 9007199254740992.0, NULL,
       "seed of all sample patterns; the same seed gives the same bits" },
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,

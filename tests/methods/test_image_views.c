@@ -4,7 +4,7 @@
 
 #include "render/renderer.h"
 
-static const char *const camera[] = { "renormalise=off", "samples=256", "reconstruct=off", NULL };
+static const char *const camera[] = { "renormalise=off", "through=off", "samples=256", "reconstruct=off", NULL };
 static const char *const lights[] = { "samples=256", "views=eye+lights", "view-size=256", "reconstruct=off", NULL };
 
 /* Mean of R, G and B over pixels that are covered whole; with `other`, the root mean square of the difference, too. */

@@ -6,6 +6,8 @@
 
 #include "methods/screen_space/screen_space.h"
 
+#include <pellucid/layers.h>
+
 #define PI 3.14159265358979323846
 
 static const double skin_variance[4] = { 0.0064, 0.0516, 0.2719, 2.0062 };
@@ -814,6 +816,37 @@ static void thickness_is_the_sum_of_gaussians(void **state)
     place_destroy(&at);
 }
 
+/* A medium has a slab, Gaussians have none; the table between two thicknesses is that of the closed form. */
+static void thickness_of_a_medium_is_that_of_a_slab(void **state)
+{
+    static const char *const gaussian[] = { "through=gaussian", NULL };
+    struct bench_place at = place_create(1, NULL, NULL);
+    struct pell_frame_material m = { .name = "plain", .medium = pell_material_find("wholemilk")->medium };
+    struct patch *p = patch_create(8, 8, true, 1.0, 100.0, &m, 1);
+    struct pell_pass *pass = patch_pass(&at, method(at.ctx), NULL, p);
+    const struct pell_thickness_table *t = pell_pass_thickness(pass, 0);
+
+    (void) state;
+    for (int c = 0; c < 3; c++)
+        for (double d = 0.05; d < (double) t->max_mm; d += 0.37) {
+            const double place = (PELL_THICKNESS_STEPS - 1) * sqrt(d / (double) t->max_mm);
+            const int i = (int) place < PELL_THICKNESS_STEPS - 2 ? (int) place : PELL_THICKNESS_STEPS - 2;
+            const double f = place - i, value = (1.0 - f) * (double) t->slab[i][c] + f * (double) t->slab[i + 1][c];
+            double totals[PELL_STACK_PARTS];
+            struct pell_stack stack;
+            pell_stack_of_medium(&m.medium, d, &stack);
+            assert_int_equal(pell_stack_totals(&stack, c, totals, NULL), PELL_OK);
+            REQUIRE_NEAR(value, totals[PELL_STACK_T_PLUS], 2e-3 * totals[PELL_STACK_T_PLUS] + 1e-4);
+        }
+    pell_pass_destroy(&pass);
+    pass = patch_pass(&at, method(at.ctx), gaussian, p);
+    t = pell_pass_thickness(pass, 0);
+    assert_memory_equal(t->slab, t->value, sizeof(t->slab));
+    pell_pass_destroy(&pass);
+    patch_destroy(p);
+    place_destroy(&at);
+}
+
 static void depths_in_object_heights_need_a_height(void **state)
 {
     static const char *const settings[] = { "ssslevel=30", NULL };
@@ -857,6 +890,7 @@ int main(void)
         cmocka_unit_test(the_papers_skin_is_its_four_gaussians_with_the_first_unblurred),
         cmocka_unit_test(published_sets_are_for_their_own_materials_only),
         cmocka_unit_test(thickness_is_the_sum_of_gaussians),
+        cmocka_unit_test(thickness_of_a_medium_is_that_of_a_slab),
         cmocka_unit_test(depths_in_object_heights_need_a_height),
     };
 

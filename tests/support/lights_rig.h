@@ -49,7 +49,7 @@ static inline void rig_start(struct rig *r, int width, int height)
         const double x = (double) i / (PELL_THICKNESS_STEPS - 1), d = 20.0 * x * x;
         const double w[3] = { 0.8, 0.6, 0.4 }, v[3] = { 9.0, 4.0, 1.0 };
         for (int c = 0; c < 3; c++)
-            r->table.value[i][c] = i == PELL_THICKNESS_STEPS - 1 ? 0.0f : (float) (w[c] * exp(-d * d / (2.0 * v[c])));
+            r->table.value[i][c] = r->table.slab[i][c] = i == PELL_THICKNESS_STEPS - 1 ? 0.0f : (float) (w[c] * exp(-d * d / (2.0 * v[c])));
     }
 }
 

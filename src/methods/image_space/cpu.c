@@ -6,6 +6,7 @@
 
 #include "base/simd.h"
 #include "math/vec.h"
+#include "methods/thickness.h"
 #include "render/engine.h"
 #include "render/material_id.h"
 
@@ -24,7 +25,8 @@ struct is_state {
     struct is_knobs knobs;
     struct is_set *sets;
     size_t num_sets;
-    struct pell_solids *solids; /* for views of lights, or NULL */
+    struct pell_solids *solids;             /* for views of lights, or NULL */
+    struct pell_thickness_table *thickness; /* of each material, or NULL */
     struct is_light_view light_views[IS_VIEWS_MOST];
     struct is_view views[IS_VIEWS_MOST];
     float *memory, *texels;
@@ -53,6 +55,7 @@ static void is_destroy(void *state)
     for (int i = 0; i < IS_VIEWS_MOST; i++)
         pell_free(st->ctx, st->light_views[i].texels);
     pell_solids_destroy(&st->solids);
+    pell_free(st->ctx, st->thickness);
     pell_free(st->ctx, st->sets);
     pell_free(st->ctx, st->counts);
     pell_free(st->ctx, st->solid);
@@ -131,6 +134,31 @@ fail:
     return res;
 }
 
+/* What the profile of a channel has beyond the radius d: Int R(sqrt(r^2 + d^2)) over the plane at the depth d. */
+static double beyond(const void *material, int channel, double d)
+{
+    const struct pell_frame_material *m = material;
+    const struct pell_profile *p = &m->profile[channel];
+
+    return (m->white ? 1.0 : pell_profile_total(p)) * (1.0 - pell_profile_cdf(p, d));
+}
+
+static enum pell_result make_thickness(struct is_state *st, const struct pell_frame_shape *shape)
+{
+    const int through = is_through_of(&st->knobs);
+
+    if (through == IS_THROUGH_OFF)
+        return PELL_OK;
+    st->thickness = pell_calloc(st->ctx, shape->num_materials, sizeof(*st->thickness));
+    if (!st->thickness)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < shape->num_materials; i++) {
+        const struct pell_frame_material *m = &shape->materials[i];
+        pell_thickness_table_make(m, beyond, m, through == IS_THROUGH_SLAB, 1.0, &st->thickness[i]);
+    }
+    return PELL_OK;
+}
+
 static enum pell_result make_planes(struct is_state *st, const struct pell_frame_shape *shape)
 {
     struct is_work *w = &st->work;
@@ -195,6 +223,7 @@ static enum pell_result is_create(const struct pell_services *services, const st
     w->focal_px = shape->focal_px;
     PELL_TRY(make_sets(st, shape));
     w->sets = st->sets;
+    PELL_TRY(make_thickness(st, shape));
     if (k->views == IS_VIEWS_LIGHTS) {
         PELL_TRY(pell_services_solids(services, &st->solids));
         PELL_TRY(is_light_views_make(services, st->solids, k->view_size, st->light_views, &w->num_views));
@@ -371,4 +400,17 @@ static size_t is_times(const void *state, struct pell_pass_time *list, size_t si
     return st->num_times < size ? st->num_times : size;
 }
 
-const struct pell_method_engine pell_is_cpu = { .create = is_create, .record = is_render, .destroy = is_destroy, .times = is_times };
+static const struct pell_thickness_table *is_thickness(const void *state, size_t material)
+{
+    const struct is_state *st = state;
+
+    return st->thickness && material < st->num_sets ? &st->thickness[material] : NULL;
+}
+
+const struct pell_method_engine pell_is_cpu = {
+    .create = is_create,
+    .record = is_render,
+    .destroy = is_destroy,
+    .thickness = is_thickness,
+    .times = is_times,
+};

@@ -20,6 +20,7 @@ enum is_views { IS_VIEWS_CAMERA, IS_VIEWS_LIGHTS };
 enum is_renormalise { IS_AS_VIEWS_ASK, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
 enum is_spread { IS_SPREAD_MATERIAL, IS_SPREAD_ALBEDO };
 enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
+enum is_through { IS_THROUGH_AUTO, IS_THROUGH_OFF, IS_THROUGH_PROFILE, IS_THROUGH_SLAB };
 enum is_misprint { IS_AS_MEANT, IS_MISPRINT_TWO_PI, IS_MISPRINT_JACOBIAN, IS_MISPRINT_ONE_NUMBER };
 
 struct is_knobs {
@@ -33,8 +34,15 @@ struct is_knobs {
     bool jacobian, reconstruct, strength;
     int spread;   /* enum is_spread */
     int profile;  /* enum is_profile */
+    int through;  /* enum is_through: is_through_of */
     int misprint; /* enum is_misprint */
 };
+
+/* Views of lights see where light enters, so that nothing is missing then. */
+static inline int is_through_of(const struct is_knobs *k)
+{
+    return k->through != IS_THROUGH_AUTO ? k->through : k->views == IS_VIEWS_LIGHTS ? IS_THROUGH_OFF : IS_THROUGH_SLAB;
+}
 
 /* --- samples.c: the sample set of a material ------------------------------------------------------------------------------------ */
 

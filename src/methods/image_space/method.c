@@ -21,6 +21,7 @@ static const char *const views_names[] = { "eye", "eye+lights", NULL };
 static const char *const renormalise_names[] = { "auto", "weight", "count", "off", NULL };
 static const char *const spread_names[] = { "material", "albedo", NULL };
 static const char *const profile_names[] = { "material", "dipole", NULL };
+static const char *const through_names[] = { "auto", "off", "profile", "slab", NULL };
 static const char *const misprint_names[] = { "none", "two-pi", "jacobian", "one-number", NULL };
 
 #define AT(field) offsetof(struct is_knobs, field)
@@ -47,6 +48,9 @@ static const struct pell_knob knobs[] = {
       "material's mean free path" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { IS_PROFILE_MATERIAL }, 0, 0, profile_names,
       "the material's own, or the dipole of its coefficients" },
+    { "through", PELL_KNOB_ENUM, "1", AT(through), { IS_THROUGH_AUTO }, 0, 0, through_names,
+      "transmission by thickness d: none, as the profile beyond the radius d, or through a slab of the medium where faces oppose; auto: "
+      "slab with the camera's view alone, off with views of lights, which see where it enters" },
     { "misprint", PELL_KNOB_ENUM, "1", AT(misprint), { IS_AS_MEANT }, 0, 0, misprint_names,
       "undo a correction of the paper's equations: 1/(2 pi) in (9), Jacobian of (8) inverted, one random number for two choices" },
     { 0 },
@@ -65,6 +69,7 @@ static void paper(void *values)
     k->reconstruct = false;
     k->strength = false;
     k->profile = IS_PROFILE_DIPOLE;
+    k->through = IS_THROUGH_OFF;
 }
 
 static void plan(const void *values, struct pell_plan *plan)
@@ -74,6 +79,8 @@ static void plan(const void *values, struct pell_plan *plan)
     *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
     if (k->strength)
         plan->needs |= PELL_NEED_STRENGTH;
+    if (is_through_of(k) != IS_THROUGH_OFF)
+        plan->needs |= PELL_NEED_TRANSMISSION;
     if (k->views == IS_VIEWS_LIGHTS)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_POSITION | PELL_NEED_NORMAL;
 }
@@ -85,7 +92,9 @@ const struct pell_method pell_method_image_space = {
     .title = "Importance sampling of the profile in irradiance images",
     .cite = "Tom Mertens, Jan Kautz, Philippe Bekaert, Frank Van Reeth and Hans-Peter Seidel, Efficient Rendering of Local Subsurface "
             "Scattering, Pacific Graphics, 2003",
-    .limits = "Light that enters outside the irradiance images is missing (views = eye+lights includes most of it). Few samples "
+    .limits = "Light that enters outside the irradiance images is missing, but for what goes straight through thin parts (views = "
+              "eye+lights includes "
+              "most of it). Few samples "
               "leave a pattern where the irradiance varies and the profile is wide.",
     .knobs = knobs,
     .knobs_size = sizeof(struct is_knobs),

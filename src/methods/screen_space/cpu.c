@@ -6,6 +6,7 @@
 #include "methods/screen_space/screen_space.h"
 
 #include "base/simd.h"
+#include "methods/thickness.h"
 #include "render/engine.h"
 #include "render/intermediate.h"
 
@@ -217,12 +218,16 @@ static enum pell_result make_tables(struct screen_state *st, const struct pell_f
         goto fail;
     for (size_t i = 0; i < n; i++)
         make_chain(st, shape, i);
-    if (st->knobs.transmission == SCREEN_TRANSMISSION_GAUSSIAN) {
+    if (st->knobs.transmission != SCREEN_TRANSMISSION_OFF) {
         st->thickness = pell_calloc(st->ctx, n, sizeof(*st->thickness));
         if (!st->thickness)
             goto fail;
-        for (size_t i = 0; i < n; i++)
-            pell_ss_thickness(&st->profiles[i], (double) st->work.ratio2, &st->thickness[i]);
+        for (size_t i = 0; i < n; i++) {
+            struct pell_frame_material m = shape->materials[i];
+            m.white |= st->knobs.input == SCREEN_INPUT_SHADED;
+            pell_thickness_table_make(&m, pell_ss_transmission, &st->profiles[i], st->knobs.transmission == SCREEN_TRANSMISSION_SLAB,
+                                      sqrt((double) st->work.ratio2), &st->thickness[i]);
+        }
     }
     return PELL_OK;
 

@@ -17,7 +17,7 @@ static const char *const profile_names[] = { "material", "published", NULL };
 static const char *const input_names[] = { "diffuse", "lit", NULL };
 static const char *const first_names[] = { "blurred", "unblurred", "skin", NULL };
 static const char *const form_names[] = { "surface", "paper", NULL };
-static const char *const transmission_names[] = { "off", "gaussian", NULL };
+static const char *const transmission_names[] = { "off", "gaussian", "slab", NULL };
 
 #define AT(field) offsetof(struct screen_knobs, field)
 /* clang-format off */
@@ -43,8 +43,9 @@ static const struct pell_knob knobs[] = {
       "limit of the depth's change per pixel, with foreshortening = paper" },
     { "lod", PELL_KNOB_FLOAT, "1/px", AT(lod), { 1.75 }, 0.01, 100, NULL, "a Gaussian is left out where its span is under 1/lod pixels" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
-    { "through", PELL_KNOB_ENUM, "1", AT(transmission), { SCREEN_TRANSMISSION_GAUSSIAN }, 0, 0, transmission_names,
-      "transmission: none, or by thickness d as the sum of w exp(-d^2/(2 v))" },
+    { "through", PELL_KNOB_ENUM, "1", AT(transmission), { SCREEN_TRANSMISSION_SLAB }, 0, 0, transmission_names,
+      "transmission: none; by thickness d, as the sum of w exp(-d^2/(2 v)); or through a slab of the medium where faces oppose, if the "
+      "material is no sum of Gaussians" },
     { 0 },
 };
 /* clang-format on */
@@ -76,7 +77,7 @@ static void plan(const void *values, struct pell_plan *plan)
         *plan = (struct pell_plan) { .needs = PELL_NEED_SHADED, .quantity = PELL_QUANTITY_RADIANCE, .mix = 1.0f };
     if (k->strength)
         plan->needs |= PELL_NEED_STRENGTH;
-    if (k->transmission == SCREEN_TRANSMISSION_GAUSSIAN)
+    if (k->transmission != SCREEN_TRANSMISSION_OFF)
         plan->needs |= PELL_NEED_TRANSMISSION;
 }
 

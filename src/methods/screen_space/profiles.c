@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * profiles.c - sums of Gaussians: as published, white, and as transmission over thickness. */
+ * profiles.c - sums of Gaussians: as published, white, and as transmission by thickness. */
 #include "methods/screen_space/screen_space.h"
 
 #include "base/base.h"
@@ -42,38 +42,12 @@ const struct pell_material_entry *pell_ss_published(const struct pell_frame_mate
     return NULL;
 }
 
-/* Sum_i w_i exp(-d^2 / (2 v_i)) of a channel, as a share of nothing: with w_i, so at most the channel's total. */
-static double transmission(const struct pell_gaussians *g, int channel, double scale2, double d)
+double pell_ss_transmission(const void *gaussians, int channel, double d)
 {
+    const struct pell_gaussians *g = gaussians;
     double sum = 0.0;
 
     for (int i = 0; i < g->count; i++)
-        sum += g->weight[i][channel] * exp(-d * d / (2.0 * scale2 * g->variance[i]));
+        sum += g->weight[i][channel] * exp(-d * d / (2.0 * g->variance[i]));
     return sum;
-}
-
-void pell_ss_thickness(const struct pell_gaussians *g, double scale2, struct pell_thickness_table *t)
-{
-    double far = 0.0;
-
-    for (int c = 0; c < 3; c++) {
-        const double total = pell_gaussians_total(g, c);
-        /* The widest Gaussian bounds the sum, so it is under 1e-4 of the total there. */
-        double low = 0.0, high = g->count > 0 ? sqrt(2.0 * scale2 * g->variance[g->count - 1] * log(1e4)) : 0.0;
-        for (int i = 0; total > 0.0 && i < 60; i++) {
-            const double mid = 0.5 * (low + high);
-            if (transmission(g, c, scale2, mid) > 1e-4 * total)
-                low = mid;
-            else
-                high = mid;
-        }
-        if (total > 0.0 && high > far)
-            far = high;
-    }
-    t->max_mm = (float) (far > 0.0 ? far : 1e-6);
-    for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
-        const double f = (double) i / (PELL_THICKNESS_STEPS - 1), d = (double) t->max_mm * f * f;
-        for (int c = 0; c < 3; c++)
-            t->value[i][c] = scale2 > 0.0 ? (float) transmission(g, c, scale2, d) : 0.0f;
-    }
 }

@@ -13,7 +13,7 @@ enum screen_input { SCREEN_INPUT_DIFFUSE, SCREEN_INPUT_SHADED };
 enum screen_first { SCREEN_FIRST_BLURRED, SCREEN_FIRST_UNBLURRED, SCREEN_FIRST_SKIN };
 enum screen_edges { SCREEN_EDGES_SURFACE, SCREEN_EDGES_PAPER };
 enum screen_slope { SCREEN_SLOPE_SURFACE, SCREEN_SLOPE_PAPER };
-enum screen_transmission { SCREEN_TRANSMISSION_OFF, SCREEN_TRANSMISSION_GAUSSIAN };
+enum screen_transmission { SCREEN_TRANSMISSION_OFF, SCREEN_TRANSMISSION_GAUSSIAN, SCREEN_TRANSMISSION_SLAB };
 
 struct screen_knobs {
     int as; /* enum screen_as */
@@ -44,8 +44,8 @@ void pell_ss_whiten(struct pell_gaussians *g);
 /* The Gaussians of table 7.1 for what they are fits of: the three-layer skin of d'Eon et al. 2007, as itself and as the six Gaussians of
  * their paper, and the marble of Jensen et al. 2001. NULL for any other. */
 const struct pell_material_entry *pell_ss_published(const struct pell_frame_material *m);
-/* Sum_i w_i exp(-d^2/(2 scale2 v_i)) over the thickness d. */
-void pell_ss_thickness(const struct pell_gaussians *g, double scale2, struct pell_thickness_table *t);
+/* Sum_i w_i exp(-d^2/(2 v_i)) of a channel of struct pell_gaussians at the thickness d, mm: a pell_thickness_fn. */
+double pell_ss_transmission(const void *gaussians, int channel, double d);
 
 extern const struct pell_method_engine pell_ss_cpu;
 

@@ -96,7 +96,7 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
         if (solid->num_triangles == 0)
             continue;
         if (profile->count == 0)
-            PELL_TRY(ts_profile_make(st->ctx, m, &st->knobs, profile));
+            PELL_TRY(ts_profile_make(st->ctx, m, &st->knobs, ts_is_local(st), profile));
         st->solid[i].profile = profile;
         p.border = border_of(st, profile, solid->area, p.size);
         PELL_TRY(ts_atlas_make(st->ctx, &p, &st->solid[i].atlas));
@@ -346,6 +346,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
 {
     const struct ts_solid *solid = &st->solid[number];
     const struct ts_atlas *a = solid->atlas;
+    const bool around = st->services->scene->lights[light].type == PELL_LIGHT_ENVIRONMENT; /* no face turns away from it */
     const struct ts_tsm_params t = {
         .services = st->services,
         .solids = st->solids,
@@ -356,7 +357,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         .form = st->knobs.tsm,
         .size = st->knobs.tsm_size,
         .printed = st->knobs.thickness == TS_THICKNESS_PRINTED,
-        .at_once = st->knobs.lights == TS_LIGHTS_SUM,
+        .at_once = around || st->knobs.lights == TS_LIGHTS_SUM,
         .thickest = solid->profile->thickest,
         .falloff = solid->profile->widest,
     };
@@ -372,9 +373,10 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         return PELL_OK;
     if (st->knobs.lights == TS_LIGHTS_OWN) {
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
-        ts_light_map(st, a, (uint64_t) 1 << light, st->tsm.faces);
+        ts_light_map(st, a, (uint64_t) 1 << light, around ? NULL : st->tsm.faces);
         rays = 0;
-        PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
+        if (!around)
+            PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
         ts_note_time(st, "tsm", 0, 0, rays);
         show_light(st);
     }
@@ -392,6 +394,14 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
 
 fail:
     return res;
+}
+
+/* An environment has no map of what it sees, and with the sum of all lights no light of its own. */
+static bool transmits(const struct ts_state *st, const struct pell_light *light)
+{
+    if (light->type == PELL_LIGHT_ENVIRONMENT)
+        return st->knobs.tsm == TS_TSM_RAY && st->knobs.lights == TS_LIGHTS_OWN;
+    return st->knobs.tsm != TS_TSM_OFF;
 }
 
 static enum pell_result light_solid(struct ts_state *st, size_t number)
@@ -419,7 +429,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         rest |= bit;
-        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || st->knobs.tsm == TS_TSM_OFF || shining == LIGHTS_MOST || i >= 63)
+        if (!transmits(st, &scene->lights[i]) || shining == LIGHTS_MOST || i >= 63)
             continue;
         shining++;
         PELL_TRY(transmit(st, number, i, &chain, &is));
@@ -461,8 +471,8 @@ static void warn_of_lights(struct ts_state *st)
     size_t lights = 0;
 
     for (size_t i = 0; i < scene->num_lights; i++)
-        lights += scene->lights[i].type != PELL_LIGHT_ENVIRONMENT;
-    if (lights > LIGHTS_MOST && lights != st->warned && st->knobs.tsm != TS_TSM_OFF)
+        lights += transmits(st, &scene->lights[i]);
+    if (lights > LIGHTS_MOST && lights != st->warned)
         pell_warn(st->ctx, "texture-space", "leave out the dimmest", "%zu lights, the first %d of them shine through thin parts", lights,
                   LIGHTS_MOST);
     st->warned = lights;

@@ -34,6 +34,7 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
         .spacing = (float) p->atlas->mm_per_texel,
         .first = k->part * (uint32_t) k->samples,
         .samples = k->samples,
+        .local = ts_is_local(st),
     };
     struct pell_points16_light light;
     int64_t rays;

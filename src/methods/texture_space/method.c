@@ -108,7 +108,7 @@ const struct pell_method pell_method_texture_space = {
     .title = "Diffusion in texture space with translucent shadow maps",
     .cite = "Eugene d'Eon, David Luebke and Eric Enderton, Efficient Rendering of Human Skin, Eurographics Symposium on Rendering, 2007",
     .limits = "Light travels along the surface, or straight through from a lit point; light around or across a hollow is missing. "
-              "Transmission includes the first 16 lights, but not environments.",
+              "Transmission includes the first 16 lights; environments with tsm = ray alone.",
     .knobs = knobs,
     .knobs_size = sizeof(struct ts_knobs),
     .paper = paper,

@@ -4,12 +4,16 @@
  */
 #include "methods/texture_space/texture_space.h"
 
+#include "methods/thickness.h"
+#include "render/curvature/stage.h"
+
 #include <pellucid/layers.h>
 
 #include <string.h>
 
 #define RATIO_MOST 4.0          /* of the variances of one blur and the next: section 5.1 */
 #define TRANSMISSION_LEAST 1e-5 /* of the total: thicker parts are dark */
+#define LEAST_RETURNED 0.05     /* of the half-space's light: the thinnest slabs return nothing that could be scaled */
 #define SLAB_LEAST 0.1          /* mm, the range of the spec's tables */
 #define SLAB_MOST 50.0
 
@@ -93,27 +97,6 @@ static double gaussian_end(const struct ts_profile *p)
     return far;
 }
 
-static void slab_of(const struct pell_frame_material *m, double d, struct pell_stack *stack)
-{
-    memset(stack, 0, sizeof(*stack));
-    stack->count = 1;
-    for (int c = 0; c < 3; c++) {
-        stack->layer[0].sigma_a[c] = m->medium.sigma_a[c];
-        stack->layer[0].sigma_s_reduced[c] = m->medium.sigma_s_reduced[c];
-    }
-    stack->layer[0].eta = m->medium.eta;
-    stack->layer[0].thickness = d;
-}
-
-static double slab_total(const struct pell_frame_material *m, int channel, double d)
-{
-    struct pell_stack stack;
-    double out[PELL_STACK_PARTS];
-
-    slab_of(m, d, &stack);
-    return pell_stack_totals(&stack, channel, out, NULL) == PELL_OK ? fmax(out[PELL_STACK_T_PLUS], 0.0) : 0.0;
-}
-
 /* Spreads T(r; d) over the chain's variances: the total stays, and the second moment wherever the variances reach. */
 static enum pell_result slab_row(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_profile *p, double d,
                                  struct pell_stack_sets *sets, void *workspace, size_t size, float share[TS_LEVELS][3])
@@ -131,10 +114,10 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
         }
     }
     for (int c = 0; c < 3; c++) {
-        const double total = slab_total(m, c, d);
+        const double total = pell_slab_transmittance(m, c, d);
         struct pell_stack stack;
         double sum = 0.0;
-        slab_of(m, d, &stack);
+        pell_stack_of_medium(&m->medium, d, &stack);
         for (int i = 0; i < p->count; i++)
             share[i][c] = 0.0f;
         if (!(total > 0.0))
@@ -150,8 +133,9 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
     return PELL_OK;
 }
 
-/* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is its transmission. */
-static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, struct ts_profile *p)
+/* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is its transmission. Light that entered a
+ * thin part is in the map without what leaves at the far side: the rest has to bring that. */
+static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, bool local, struct ts_profile *p)
 {
     const size_t size = pell_stack_workspace_size(NULL);
     struct pell_stack_sets *sets = pell_alloc(ctx, sizeof(*sets));
@@ -166,7 +150,7 @@ static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_f
         const double mid = 0.5 * (low + high);
         double most = 0.0;
         for (int c = 0; c < 3; c++)
-            most = fmax(most, slab_total(m, c, mid));
+            most = fmax(most, pell_slab_transmittance(m, c, mid));
         if (most > TRANSMISSION_LEAST)
             low = mid;
         else
@@ -176,10 +160,11 @@ static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_f
     for (int k = 0; k < TS_THICK; k++) {
         const double f = (double) k / (TS_THICK - 1), d = fmax(p->thickest * f * f, 1e-2 * SLAB_LEAST);
         PELL_TRY(slab_row(ctx, m, p, d, sets, workspace, size, p->share[k]));
-        for (int c = 0; c < 3 && m->white; c++) {
-            const double total = pell_profile_total(&m->profile[c]);
+        for (int c = 0; c < 3; c++) {
+            const double total = m->white ? pell_profile_total(&m->profile[c]) : 1.0;
+            const double whole = total * (local ? fmax(pell_curvature_thin(&m->medium, c, d), LEAST_RETURNED) : 1.0);
             for (int i = 0; i < p->count; i++)
-                p->share[k][i][c] = total > 0.0 ? (float) ((double) p->share[k][i][c] / total) : 0.0f;
+                p->share[k][i][c] = total > 0.0 ? (float) ((double) p->share[k][i][c] / whole) : 0.0f;
         }
     }
     p->slab = true;
@@ -191,7 +176,7 @@ fail:
     return res;
 }
 
-enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs,
+enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs, bool local,
                                  struct ts_profile *out)
 {
     const struct pell_fit_params params = { .count = knobs->gaussians };
@@ -210,8 +195,8 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
         pell_debug(ctx, m->name, "%d blurs without weight keep the ratio of variances at most %g", out->added, RATIO_MOST);
     out->widest = sqrt(out->variance[out->count - 1]);
     out->thickest = gaussian_end(out);
-    if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && m->gaussians.count == 0 && isfinite(narrowest(m)))
-        return make_slabs(ctx, m, out);
+    if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && pell_has_slab(m))
+        return make_slabs(ctx, m, local, out);
     return PELL_OK;
 }
 

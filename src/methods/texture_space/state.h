@@ -104,6 +104,13 @@ void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights
 /* The same, and the material's strength, to st->strength. */
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
 
+/* Whether the maps hold light less what leaves at the far side of thin parts: where transmission brings all of it there. */
+static inline bool ts_is_local(const struct ts_state *st)
+{
+    return st->services->settings->curvature && st->knobs.transmission == TS_TRANSMISSION_SLAB && st->knobs.tsm == TS_TSM_RAY &&
+           st->knobs.lights == TS_LIGHTS_OWN;
+}
+
 /* --- fill.c ---------------------------------------------------------------------------------------------------------------------- */
 
 /* Fills `count` planes' borders that are no further than `far` texels from charts. */

@@ -26,10 +26,12 @@ static uint8_t face(const struct ts_tsm_params *p, uint32_t t)
     struct pell_vec3 at[3], light[3], n;
     float far[3];
 
+    if (type == PELL_LIGHT_ENVIRONMENT) /* it is behind every face */
+        return TS_FACE_AWAY;
     pell_triangle_corners(m, a->triangles[t].triangle, at);
-    for (int k = 0; k < 3; k++)
-        light[k] = ts_toward(p->light, at[k], &far[k]);
     n = pell_triangle_cross(at);
+    for (int k = 0; k < 3; k++)
+        light[k] = ts_toward(p->light, at[k], n, &far[k]);
     if (!(vec3_dot(n, light[0]) < 0.0f))
         return 0;
     /* Wherever in the triangle: the interpolated normal against any of the ways. */
@@ -149,7 +151,7 @@ static void look_up(struct ts_task *t, ptrdiff_t at, int tile)
     m = &t->map[(size_t) py * (size_t) v->width + (size_t) px];
     if (m->triangle == UINT32_MAX)
         return;
-    light = ts_toward(t->p->light, s.at, &far);
+    light = ts_toward(t->p->light, s.at, s.geometric, &far);
     other = ts_spot_of(t->p->atlas, *m);
     /* What the light sees may be this surface itself, a pixel off. */
     if (vec3_dot(vec3_sub(other.at, s.at), light) < 1.5f * depth / v->focal_px)

@@ -147,7 +147,7 @@ void ts_ray_texels(struct ts_task *t, ptrdiff_t first, int tile, const uint8_t *
         if (!ts_asks(t, at))
             continue;
         s = ts_flat_spot(a, ts_point_at(a, at));
-        light = ts_toward(t->p->light, s.at, &far);
+        light = ts_toward(t->p->light, s.at, s.geometric, &far);
         begin(t, k, at, &s, light, far);
         if (k->count == 16)
             ts_trace(t, tile, k);
@@ -201,7 +201,7 @@ static bool ends_in_the_dark(const struct ts_task *t, const struct ts_transmitte
 static struct pell_vec3 to_light(const struct ts_task *t, const struct ts_transmitted_texel *c, const struct ts_spot *s, float *far)
 {
     (void) c;
-    return ts_toward(t->p->light, s->at, far);
+    return ts_toward(t->p->light, s->at, s->geometric, far);
 }
 
 static void end_in_light(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
@@ -248,7 +248,7 @@ static void end_at_face(struct ts_task *t, const struct ts_packet *k, int lane, 
     if (k->exit[lane].triangle == UINT32_MAX || !is_lit(t, &k->exit[lane]))
         return;
     c = ts_spot_at(t->p->atlas, k->at[lane]);
-    light = ts_toward(t->p->light, c.at, &far);
+    light = ts_toward(t->p->light, c.at, c.geometric, &far);
     if (!ts_pass_through(t, k->at[lane], &c, k->exit[lane], k->light[lane], light, &other))
         return;
     f = fminf(fmaxf(vec3_dot(other.normal, light) * (1.0f / GRAZING), 0.0f), 1.0f);

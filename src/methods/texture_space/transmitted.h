@@ -44,11 +44,15 @@ struct ts_spot ts_spot_at(const struct ts_atlas *a, ptrdiff_t at);
 /* Where a texel is on its triangle. */
 struct ts_surface_point ts_point_at(const struct ts_atlas *a, ptrdiff_t at);
 
-/* The way to the light's middle, unit; *far: how far that is. */
-static inline struct pell_vec3 ts_toward(const struct pell_light *light, struct pell_vec3 from, float *far)
+/* The way from a point to the light's middle, unit; to an environment straight through the solid. *far: how far that is. */
+static inline struct pell_vec3 ts_toward(const struct pell_light *light, struct pell_vec3 from, struct pell_vec3 normal, float *far)
 {
     struct pell_vec3 way;
 
+    if (light->type == PELL_LIGHT_ENVIRONMENT) {
+        *far = INFINITY;
+        return vec3_mul(normal, -1.0f);
+    }
     if (light->type == PELL_LIGHT_DIRECTIONAL) {
         *far = INFINITY;
         return vec3_mul(vec3_normalize(vec3_load(light->direction)), -1.0f);

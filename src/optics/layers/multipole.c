@@ -268,6 +268,17 @@ void pell_response_store(const struct pell_response *f, double out[PELL_STACK_PA
     out[PELL_STACK_T_MINUS] = f->t[1];
 }
 
+void pell_stack_of_medium(const struct pell_medium *medium, double thickness_mm, struct pell_stack *out)
+{
+    *out = (struct pell_stack) { .count = 1 };
+    for (int c = 0; c < 3; c++) {
+        out->layer[0].sigma_a[c] = medium->sigma_a[c];
+        out->layer[0].sigma_s_reduced[c] = medium->sigma_s_reduced[c];
+    }
+    out->layer[0].eta = medium->eta;
+    out->layer[0].thickness = thickness_mm;
+}
+
 enum pell_result pell_stack_totals(const struct pell_stack *stack, int channel, double out[PELL_STACK_PARTS], unsigned *flags)
 {
     struct pell_slabs slabs;

@@ -1,16 +1,19 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the stage: patches of one object and material, the curvature at their vertices, and the gain that follows from it.
+ * cpu.c - the stage: patches of one object and material, the shape at their vertices, and what follows from it for light.
  */
 #include "render/curvature/internal.h"
 
 #include "scene/mesh/topology.h"
 
+#include <pellucid/layers.h>
 #include <pellucid/profile.h>
 
 #include <string.h>
 
-#define GAINS 257      /* of a material's table: over curvatures from -limit to limit */
+#define GAINS 257      /* of a material's tables: over curvatures from -limit to limit, and over thinness */
+#define THICK 2e-3f    /* of what a half-space returns: parts are thin that let more through */
+#define THINNEST 1e-3  /* of the distance of averaging: thinner slabs count as this */
 #define CELLS_MOST 256 /* along an object's longest side */
 #define CHUNK 4096     /* vertices of a task */
 #define NO_PATCH UINT32_MAX
@@ -23,6 +26,10 @@ struct curvature_law {
     float limit;   /* 1/mm */
     float path[3]; /* mean free path over index, mm */
     float gain[GAINS][3];
+    float all[GAINS][3]; /* all that a solid of this curvature returns, over the profile's total */
+    float farthest;      /* mm: nothing gets through thicker parts */
+    /* Of a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T, and T. */
+    float slab[GAINS][3], through[GAINS][3];
 };
 
 struct pell_curvature {
@@ -33,7 +40,7 @@ struct pell_curvature {
     struct curvature_patch *patch;
     size_t num_patches, room_patches;
     struct curvature_grid grid;
-    float **value; /* per mesh with a patch: the curvature at its vertices */
+    struct pell_curvature_shape **value; /* per mesh with a patch: at its vertices */
 };
 
 void pell_curvature_destroy(struct pell_curvature **curvature)
@@ -68,6 +75,47 @@ static double radius_of(const struct pell_profile *profile, double share)
     return exp(low);
 }
 
+/* Totals of a slab over the half-space's R; false: there are none. */
+static bool slab_over_half(const struct pell_medium *medium, int channel, double d, double *reflected, double *transmitted)
+{
+    double slab[PELL_STACK_PARTS], half[PELL_STACK_PARTS];
+    struct pell_stack stack;
+
+    pell_stack_of_medium(medium, (double) INFINITY, &stack);
+    if (pell_stack_totals(&stack, channel, half, NULL) != PELL_OK || !(half[PELL_STACK_R_PLUS] > 0.0))
+        return false;
+    pell_stack_of_medium(medium, d, &stack);
+    if (pell_stack_totals(&stack, channel, slab, NULL) != PELL_OK)
+        return false;
+    *reflected = fmin(fmax(slab[PELL_STACK_R_PLUS] / half[PELL_STACK_R_PLUS], 0.0), 1.0);
+    *transmitted = fmax(slab[PELL_STACK_T_PLUS] / half[PELL_STACK_R_PLUS], 0.0);
+    return true;
+}
+
+double pell_curvature_thin(const struct pell_medium *medium, int channel, double d)
+{
+    double reflected, transmitted;
+
+    return slab_over_half(medium, channel, d, &reflected, &transmitted) ? reflected : 1.0;
+}
+
+static void make_thin(const struct pell_medium *medium, struct curvature_law *law)
+{
+    for (int c = 0; c < 3; c++)
+        law->slab[0][c] = 1.0f;
+    for (int i = GAINS - 1; i > 0; i--) {
+        const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / x, THINNEST);
+        for (int c = 0; c < 3; c++) {
+            double reflected = 1.0, transmitted = 0.0;
+            (void) slab_over_half(medium, c, d, &reflected, &transmitted);
+            law->slab[i][c] = (float) (reflected + transmitted);
+            law->through[i][c] = (float) transmitted;
+            if (law->through[i][c] > THICK)
+                law->farthest = (float) d;
+        }
+    }
+}
+
 static void make_law(const struct pell_curvature_medium *m, struct curvature_law *law)
 {
     double sum = 0.0, weight = 0.0, thickest = 0.0;
@@ -87,10 +135,14 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
     law->limit = (float) (0.3 * thickest);
     for (int c = 0; c < 3; c++)
         law->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
+    make_thin(m->medium, law);
     for (int i = 0; i < GAINS; i++)
-        for (int c = 0; c < 3; c++)
-            law->gain[i][c] =
-                (float) pell_curvature_gain(m->medium, c, &m->profile[c], (double) law->limit * (2.0 * i / (GAINS - 1) - 1.0));
+        for (int c = 0; c < 3; c++) {
+            const double curvature = (double) law->limit * (2.0 * i / (GAINS - 1) - 1.0);
+            const double gain = pell_curvature_gain(m->medium, c, &m->profile[c], curvature);
+            law->gain[i][c] = (float) gain;
+            law->all[i][c] = (float) (curvature != 0.0 ? gain * pell_profile_cdf(&m->profile[c], 2.0 / fabs(curvature)) : gain);
+        }
 }
 
 /* The patches of an object, its meshes sorted into them. */
@@ -118,16 +170,23 @@ static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *m
         if (at == k->num_patches) {
             if (pell_grow(k->ctx, (void **) &k->patch, at + 1, &k->room_patches, sizeof(*k->patch)) != PELL_OK)
                 return PELL_ERR_NOMEM;
-            k->patch[k->num_patches++] = (struct curvature_patch) { material, low, fmaxf(k->law[material].step, size / CELLS_MOST) };
+            k->patch[k->num_patches++] = (struct curvature_patch) {
+                .material = material,
+                .low = low,
+                .step = fmaxf(k->law[material].step, size / CELLS_MOST),
+                .farthest = k->law[material].farthest,
+            };
         }
         k->patch_of[meshes[i]] = (uint32_t) at;
     }
     return PELL_OK;
 }
 
-static enum pell_result make_object(struct pell_curvature *k, const uint32_t *meshes, size_t count)
+static enum pell_result make_object(struct pell_curvature *k, struct pell_pool *pool, const struct pell_rays *rays, const uint32_t *meshes,
+                                    size_t count)
 {
     struct pell_topology t;
+    const struct curvature_object object = { pool, rays, k->scene, &t, k->scene->meshes[meshes[0]].object };
     size_t first;
     enum pell_result res;
 
@@ -138,14 +197,14 @@ static enum pell_result make_object(struct pell_curvature *k, const uint32_t *me
         return res;
     PELL_TRY(pell_topology_make(&t, k->scene, meshes, count));
     for (size_t i = first; i < k->num_patches && res == PELL_OK; i++)
-        res = curvature_measure(&k->grid, &k->patch[i], i, k->scene, &t);
+        res = curvature_measure(&k->grid, &k->patch[i], i, &object);
     pell_topology_finish(&t);
 
 fail:
     return res;
 }
 
-static enum pell_result make_objects(struct pell_curvature *k)
+static enum pell_result make_objects(struct pell_curvature *k, struct pell_pool *pool, const struct pell_rays *rays)
 {
     const size_t count = k->scene->num_meshes;
     uint32_t *order = pell_alloc_array(k->ctx, count, 2 * sizeof(*order));
@@ -157,7 +216,7 @@ static enum pell_result make_objects(struct pell_curvature *k)
     for (size_t i = 0, end; i < count; i = end) {
         for (end = i + 1; end < count && k->scene->meshes[order[end]].object == k->scene->meshes[order[i]].object; end++)
             ;
-        PELL_TRY(make_object(k, order + i, end - i));
+        PELL_TRY(make_object(k, pool, rays, order + i, end - i));
     }
     res = PELL_OK;
 
@@ -185,7 +244,7 @@ static void vertex_chunk(void *arg, int index, int worker)
 }
 
 enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
-                                       const struct pell_curvature_medium *media, struct pell_curvature **out)
+                                       const struct pell_rays *rays, const struct pell_curvature_medium *media, struct pell_curvature **out)
 {
     struct pell_curvature *k = pell_zalloc(ctx, sizeof(*k));
     enum pell_result res = PELL_ERR_NOMEM;
@@ -205,7 +264,7 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
     for (size_t i = 0; i < scene->num_materials; i++)
         if (media[i].medium)
             make_law(&media[i], &k->law[i]);
-    PELL_TRY(make_objects(k));
+    PELL_TRY(make_objects(k, pool, rays));
     if (k->num_patches == 0) {
         pell_curvature_destroy(out);
         return PELL_OK;
@@ -227,44 +286,67 @@ fail:
     return res;
 }
 
-float pell_curvature_at(const struct pell_curvature *k, uint32_t number, uint32_t triangle, float u, float v)
+struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, uint32_t number, uint32_t triangle, float u, float v)
 {
     const struct pell_mesh *mesh = &k->scene->meshes[number < k->scene->num_meshes ? number : 0];
     const uint32_t *index;
     uint32_t patch;
+    struct pell_curvature_shape shape = { 0.0f, 0.0f };
     struct pell_vec3 p[3];
     float longest;
 
     if (number >= k->scene->num_meshes || triangle >= mesh->num_triangles || (patch = k->patch_of[number]) == NO_PATCH)
-        return 0.0f;
+        return shape;
     index = mesh->index + 3 * (size_t) triangle;
     for (int i = 0; i < 3; i++)
         p[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
     longest = fmaxf(fmaxf(vec3_length(vec3_sub(p[1], p[0])), vec3_length(vec3_sub(p[2], p[0]))), vec3_length(vec3_sub(p[2], p[1])));
     if (longest > k->patch[patch].step)
         return curvature_grid_at(&k->grid, &k->patch[patch], patch, vec3_mad(vec3_mad(vec3_mul(p[0], 1.0f - u - v), u, p[1]), v, p[2]));
-    return (1.0f - u - v) * k->value[number][index[0]] + u * k->value[number][index[1]] + v * k->value[number][index[2]];
+    for (int i = 0; i < 3; i++) {
+        const float w = i == 0 ? 1.0f - u - v : i == 1 ? u : v;
+        shape.mean += w * k->value[number][index[i]].mean;
+        shape.thinness += w * k->value[number][index[i]].thinness;
+    }
+    return shape;
+}
+
+/* Between two entries of a table over [0, GAINS - 1]. */
+static void look_up(const float table[GAINS][3], float x, float rgb[3])
+{
+    const float at = fminf(fmaxf(x, 0.0f), GAINS - 1.001f);
+    const int i = (int) at;
+
+    for (int c = 0; c < 3; c++)
+        rgb[c] = table[i][c] + (at - (float) i) * (table[i + 1][c] - table[i][c]);
+}
+
+static float thin_place(const struct curvature_law *law, float thinness)
+{
+    return thinness * law->step / (1.0f + thinness * law->step) * (GAINS - 1);
 }
 
 void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uint32_t triangle, float u, float v,
                               struct pell_curvature_effect *out)
 {
-    const float curvature = pell_curvature_at(k, mesh, triangle, u, v);
-    const int material = mesh < k->scene->num_meshes ? k->scene->meshes[mesh].material : 0;
-    const struct curvature_law *law;
-    float x, part;
-    int i;
+    const struct pell_curvature_shape shape = pell_curvature_at(k, mesh, triangle, u, v);
+    const struct curvature_law *law = &k->law[mesh < k->scene->num_meshes ? k->scene->meshes[mesh].material : 0];
+    const float beyond = shape.thinness - fmaxf(0.5f * shape.mean, 0.0f); /* what a ball of this curvature would not have */
 
-    *out = (struct pell_curvature_effect) { { 1.0f, 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f } };
-    if (curvature == 0.0f)
-        return;
-    law = &k->law[material];
-    x = (curvature / law->limit + 1.0f) * (0.5f * (GAINS - 1));
-    x = fminf(fmaxf(x, 0.0f), GAINS - 1.001f);
-    i = (int) x;
-    part = x - (float) i;
-    for (int c = 0; c < 3; c++) {
-        out->gain[c] = law->gain[i][c] + part * (law->gain[i + 1][c] - law->gain[i][c]);
-        out->shift[c] = fminf(fmaxf(curvature * law->path[c], -SHIFT_MOST), SHIFT_MOST);
+    *out = (struct pell_curvature_effect) { { 1.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f } };
+    if (shape.mean != 0.0f) {
+        const float place = (shape.mean / law->limit + 1.0f) * (0.5f * (GAINS - 1));
+        look_up(law->gain, place, out->gain);
+        look_up(law->all, place, out->local);
+        for (int c = 0; c < 3; c++)
+            out->shift[c] = fminf(fmaxf(shape.mean * law->path[c], -SHIFT_MOST), SHIFT_MOST);
+    }
+    if (shape.thinness > 0.0f) {
+        float slab[3] = { 1.0f, 1.0f, 1.0f }, through[3];
+        look_up(law->through, thin_place(law, shape.thinness), through);
+        if (beyond > 0.0f)
+            look_up(law->slab, thin_place(law, beyond), slab);
+        for (int c = 0; c < 3; c++)
+            out->local[c] = fmaxf(out->local[c] * slab[c] - through[c], 0.0f);
     }
 }

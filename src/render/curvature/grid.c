@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * grid.c - area and curvature of an object's surface, summed over a grid that has nodes only where the surface is.
+ * grid.c - area, curvature and thinness of an object's surface, summed over a grid that has nodes only where the surface is.
  */
 #include "render/curvature/internal.h"
 
 #include "scene/mesh/topology.h"
 
 #define PIECES_MOST 512 /* along a side of a triangle */
-#define PIECE 0.5f      /* of a cell: longer edges and triangles are cut into pieces */
-#define SIDE 1024       /* nodes along an axis; a grid's step makes a quarter of them the most */
+#define PIECES_BATCH 4096
+#define PIECE 0.5f /* of a cell: longer edges and triangles are cut into pieces */
+#define SIDE 1024  /* nodes along an axis; a grid's step makes a quarter of them the most */
 #define LEAST_ROOM 4096
 #define CREASE (PELL_PI / 3.0) /* as for normals that a file does not have */
 
@@ -56,7 +57,7 @@ static void place(const struct curvature_patch *patch, struct pell_vec3 p, int a
 }
 
 enum pell_result curvature_grid_add(struct curvature_grid *g, const struct curvature_patch *patch, size_t number, struct pell_vec3 p,
-                                    double area, double turn)
+                                    const struct curvature_sum *piece)
 {
     int base[3];
     float part[3];
@@ -76,15 +77,17 @@ enum pell_result curvature_grid_add(struct curvature_grid *g, const struct curva
         n = find(g->node, g->room, key);
         g->count += n->key == 0;
         n->key = key;
-        n->area += w * area;
-        n->turn += w * turn;
+        n->sum.area += w * piece->area;
+        n->sum.turn += w * piece->turn;
+        n->sum.thin += w * piece->thin;
     }
     return PELL_OK;
 }
 
-float curvature_grid_at(const struct curvature_grid *g, const struct curvature_patch *patch, size_t number, struct pell_vec3 p)
+struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *g, const struct curvature_patch *patch, size_t number,
+                                              struct pell_vec3 p)
 {
-    double area = 0.0, turn = 0.0;
+    struct curvature_sum sum = { 0.0, 0.0, 0.0 };
     int base[3];
     float part[3];
 
@@ -94,29 +97,61 @@ float curvature_grid_at(const struct curvature_grid *g, const struct curvature_p
         const double w = (double) (i & 1 ? part[0] : 1.0f - part[0]) * (double) (i & 2 ? part[1] : 1.0f - part[1]) *
                          (double) (i & 4 ? part[2] : 1.0f - part[2]);
         const struct curvature_node *n = find(g->node, g->room, key_of(number, at));
-        area += w * n->area;
-        turn += w * n->turn;
+        sum.area += w * n->sum.area;
+        sum.turn += w * n->sum.turn;
+        sum.thin += w * n->sum.thin;
     }
-    return area > 0.0 ? (float) (0.5 * turn / area) : 0.0f;
+    if (!(sum.area > 0.0))
+        return (struct pell_curvature_shape) { 0.0f, 0.0f };
+    return (struct pell_curvature_shape) { (float) (0.5 * sum.turn / sum.area), (float) (sum.thin / sum.area) };
 }
 
 /* --- What an object adds ---------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result add_triangle(struct curvature_grid *g, const struct curvature_patch *patch, size_t number,
-                                     const struct pell_vec3 p[3])
+/* Pieces of triangles that wait for their thinness. */
+struct batch {
+    struct curvature_grid *grid;
+    const struct curvature_patch *patch;
+    size_t number;
+    const struct curvature_object *object;
+    struct curvature_piece *piece; /* PIECES_BATCH */
+    size_t count;
+};
+
+static enum pell_result add_pieces(struct batch *b)
 {
-    const struct pell_vec3 a = vec3_sub(p[1], p[0]), b = vec3_sub(p[2], p[0]);
-    const double area = 0.5 * (double) vec3_length(vec3_cross(a, b));
+    if (b->object->rays)
+        curvature_find_thin(b->object, b->patch, b->piece, b->count);
+    for (size_t i = 0; i < b->count; i++) {
+        const struct curvature_piece *p = &b->piece[i];
+        const struct curvature_sum sum = { .area = p->area, .thin = p->area * (double) p->thinness };
+        if (curvature_grid_add(b->grid, b->patch, b->number, p->at, &sum) != PELL_OK)
+            return PELL_ERR_NOMEM;
+    }
+    b->count = 0;
+    return pell_cancelled(b->grid->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+static enum pell_result add_triangle(struct batch *batch, const struct pell_vec3 p[3])
+{
+    const struct pell_vec3 a = vec3_sub(p[1], p[0]), b = vec3_sub(p[2], p[0]), cross = vec3_cross(a, b);
+    const double area = 0.5 * (double) vec3_length(cross);
     const float longest = fmaxf(fmaxf(vec3_length(a), vec3_length(b)), vec3_length(vec3_sub(b, a)));
-    const int n = (int) fminf(fmaxf(ceilf(longest / (PIECE * patch->step)), 1.0f), PIECES_MOST);
+    const int n = (int) fminf(fmaxf(ceilf(longest / (PIECE * batch->patch->step)), 1.0f), PIECES_MOST);
     const float third = 1.0f / (3.0f * (float) n);
+    enum pell_result res;
 
     /* The middles of n^2 equal triangles: those that point as the whole does, and those between. */
     for (int i = 0; i < n; i++)
         for (int j = 0; j < 2 * (n - i) - 1; j++) {
             const float u = (float) (3 * i + 1 + (j & 1)) * third, v = (float) (3 * (j / 2) + 1 + (j & 1)) * third;
-            if (curvature_grid_add(g, patch, number, vec3_mad(vec3_mad(p[0], u, a), v, b), area / ((double) n * n), 0.0) != PELL_OK)
-                return PELL_ERR_NOMEM;
+            batch->piece[batch->count++] = (struct curvature_piece) {
+                .at = vec3_mad(vec3_mad(p[0], u, a), v, b),
+                .normal = vec3_normalize(cross),
+                .area = area / ((double) n * n),
+            };
+            if (batch->count == PIECES_BATCH && (res = add_pieces(batch)) != PELL_OK)
+                return res;
         }
     return PELL_OK;
 }
@@ -135,10 +170,10 @@ static enum pell_result add_edge(struct curvature_grid *g, const struct curvatur
 {
     const float length = vec3_length(along);
     const int n = (int) fminf(fmaxf(ceilf(length / (PIECE * patch->step)), 1.0f), PIECES_MOST);
+    const struct curvature_sum piece = { .turn = (double) length * angle / n };
 
     for (int i = 0; i < n; i++)
-        if (curvature_grid_add(g, patch, number, vec3_mad(a, ((float) i + 0.5f) / (float) n, along), 0.0, (double) length * angle / n) !=
-            PELL_OK)
+        if (curvature_grid_add(g, patch, number, vec3_mad(a, ((float) i + 0.5f) / (float) n, along), &piece) != PELL_OK)
             return PELL_ERR_NOMEM;
     return PELL_OK;
 }
@@ -178,15 +213,18 @@ static float smooth_length(const struct pell_topology *t, const float *const *at
     return weight > 0.0 ? (float) (sum / weight) : 0.0f;
 }
 
-enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_patch *patch, size_t number, const struct pell_scene *scene,
-                                   const struct pell_topology *t)
+enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_patch *patch, size_t number,
+                                   const struct curvature_object *object)
 {
+    const struct pell_topology *t = object->topology;
+    const struct pell_scene *scene = object->scene;
     const float **at = pell_alloc_array(g->ctx, t->num_positions, sizeof(*at)); /* of each position: the last vertex there */
+    struct batch batch = { g, patch, number, object, pell_alloc(g->ctx, PIECES_BATCH * sizeof(*batch.piece)), 0 };
     enum pell_result res = PELL_ERR_NOMEM;
     struct edge e;
 
-    if (!at)
-        return PELL_ERR_NOMEM;
+    if (!at || !batch.piece)
+        goto fail;
     for (size_t m = 0; m < t->num_meshes; m++)
         for (uint32_t v = 0; v < scene->meshes[t->mesh[m]].num_vertices; v++)
             at[t->weld[t->first_vertex[m] + v]] = scene->meshes[t->mesh[m]].position + 3 * (size_t) v;
@@ -194,8 +232,9 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
     for (uint32_t i = 0; i < t->num_triangles; i++) {
         const uint32_t *corner = t->corner + 3 * (size_t) i;
         const struct pell_vec3 p[3] = { vec3_load(at[corner[0]]), vec3_load(at[corner[1]]), vec3_load(at[corner[2]]) };
-        PELL_TRY(add_triangle(g, patch, number, p));
+        PELL_TRY(add_triangle(&batch, p));
     }
+    PELL_TRY(add_pieces(&batch));
     for (uint32_t i = 0, end; i < t->num_halves; i = end) {
         end = pell_topology_edge(t, i);
         if (edge_of(t, at, i, end, &e))
@@ -204,6 +243,7 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
     res = PELL_OK;
 
 fail:
+    pell_free(g->ctx, batch.piece);
     pell_free(g->ctx, at);
     return res;
 }

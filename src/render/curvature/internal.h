@@ -14,12 +14,20 @@ struct curvature_patch {
     uint32_t material;
     struct pell_vec3 low; /* corner of the object's box */
     float step;           /* mm: side of a cell of the grid */
+    float farthest;       /* mm: beyond it nothing is thin */
+};
+
+/* What pieces of the surface add up to. */
+struct curvature_sum {
+    double area; /* mm^2 */
+    double turn; /* of edges: length times dihedral angle, mm */
+    double thin; /* area times thinness, mm */
 };
 
 /* Sums around a node of a patch's grid. */
 struct curvature_node {
-    uint64_t key;      /* of patch and place, + 1; 0: free */
-    double area, turn; /* mm^2; Sum of length times dihedral angle, mm */
+    uint64_t key; /* of patch and place, + 1; 0: free */
+    struct curvature_sum sum;
 };
 
 /* Nodes by their keys: open addressing. */
@@ -31,14 +39,37 @@ struct curvature_grid {
 
 /* Adds to the eight nodes around a point, by their nearness. */
 PELL_NODISCARD enum pell_result curvature_grid_add(struct curvature_grid *grid, const struct curvature_patch *patch, size_t number,
-                                                   struct pell_vec3 at, double area, double turn);
-/* Mean curvature there, 1/mm. */
-float curvature_grid_at(const struct curvature_grid *grid, const struct curvature_patch *patch, size_t number, struct pell_vec3 at);
+                                                   struct pell_vec3 at, const struct curvature_sum *piece);
+struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *grid, const struct curvature_patch *patch, size_t number,
+                                              struct pell_vec3 at);
+
+/* An object whose shape is measured. */
+struct pell_topology;
+struct curvature_object {
+    struct pell_pool *pool;
+    const struct pell_rays *rays; /* NULL: nothing is thin */
+    const struct pell_scene *scene;
+    const struct pell_topology *topology;
+    int id; /* of its meshes: struct pell_mesh.object */
+};
 
 /* Adds all of an object's triangles and edges. Widens the patch's step first, to the length of the edges that stand for a smooth
  * surface. */
-struct pell_topology;
 PELL_NODISCARD enum pell_result curvature_measure(struct curvature_grid *grid, struct curvature_patch *patch, size_t number,
-                                                  const struct pell_scene *scene, const struct pell_topology *topology);
+                                                  const struct curvature_object *object);
+
+/* --- thin.c ----------------------------------------------------------------------------------------------------------------------- */
+
+/* A piece of a triangle. */
+struct curvature_piece {
+    struct pell_vec3 at, normal; /* mm; unit, outward */
+    double area;                 /* mm^2 */
+    float thinness;              /* 1/mm */
+};
+
+/* Fills in the pieces' thinness: n_A.(-n)/d, where the ray along -n leaves the object at A after d mm, at most the patch's
+ * `farthest`, with nothing else on the way, else 0. All are of one object and material. */
+void curvature_find_thin(const struct curvature_object *object, const struct curvature_patch *patch, struct curvature_piece *piece,
+                         size_t count);
 
 #endif

@@ -12,27 +12,39 @@
 
 #include "base/pool.h"
 #include "scene/scene.h"
+#include "visibility/rays.h"
 
 struct pell_curvature;
 
+/* R of a slab of the medium of d mm over that of the half-space, [0, 1]. */
+double pell_curvature_thin(const struct pell_medium *medium, int channel, double d);
+
 /* `media`: per scene material, of R, G and B, and their profiles; NULL where there is no gain. *out is NULL where no material has one, or
- * nothing is curved. Borrows `scene`. The same bits for any number of threads. */
+ * nothing is curved. Borrows `scene`; `rays` of it find thin parts, NULL: nothing is thin. The same bits for any number of threads. */
 struct pell_curvature_medium {
     const struct pell_medium *medium;
     const struct pell_profile *profile;
 };
 PELL_NODISCARD enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
-                                                      const struct pell_curvature_medium *media, struct pell_curvature **out);
+                                                      const struct pell_rays *rays, const struct pell_curvature_medium *media,
+                                                      struct pell_curvature **out);
 void pell_curvature_destroy(struct pell_curvature **curvature);
 
-/* Mean curvature at a point of a triangle, 1/mm; 0 for opaque materials, and where there is no such triangle. */
-float pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v);
+/* The shape around a point of a triangle; 0 for opaque materials, and where there is no such triangle. */
+struct pell_curvature_shape {
+    float mean;     /* curvature, 1/mm, positive where it is convex */
+    float thinness; /* 1/mm: over the thickness under the point, times how far the faces oppose; over a ball half its curvature */
+};
+struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v);
 
-/* What it does to light that enters there. `gain`: factor of all of it. `shift`: light that falls along the cosine mu is scattered first
- * one mean free path on along its refracted direction, beside the place where it enters. On a curved surface more of it arrives where it
- * grazes than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which over a ball is as much. */
+/* What it does to light that enters there. `gain`: factor of all of it, for methods that look for light at every distance through the
+ * solid. `local`: the same for methods that spread all light around the place where it enters and add what thin parts let through by a
+ * slab's T: what a ball of this curvature returns in all, times what a slab does that is thinner than the ball, less that T. Under even
+ * light both add up to exact diffusion in a ball and in a slab. `shift`: light that falls along the cosine mu is scattered first one mean
+ * free path on along its refracted direction, beside the place where it enters. On a curved surface more of it arrives where it grazes
+ * than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which over a ball is as much. */
 struct pell_curvature_effect {
-    float gain[3], shift[3];
+    float gain[3], local[3], shift[3];
 };
 void pell_curvature_effect_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v,
                               struct pell_curvature_effect *out);

@@ -326,11 +326,11 @@ static void bend(const struct job *job, struct packet *k, float gain[3][PELL_LAN
 
     for (int i = 0; i < PELL_LANES; i++) {
         const int32_t at = k->index[i];
-        struct pell_curvature_effect e = { { 1.0f, 1.0f, 1.0f }, { 0.0f } };
+        struct pell_curvature_effect e = { { 1.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, 1.0f }, { 0.0f } };
         if (!k->lanes.opaque[i])
             pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
         for (int c = 0; c < 3; c++) {
-            gain[c][i] = e.gain[c];
+            gain[c][i] = job->p->local ? e.local[c] : e.gain[c];
             k->lanes.shift[c][i] = e.shift[c];
         }
     }

@@ -149,6 +149,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     one.thickness = NULL;
     one.ambient = in->ambient ? ambient : NULL;
     one.lights = what->lights;
+    one.local = what->local;
     for (int k = 0; some && k < what->samples; k++) {
         one.sample = what->first + (uint32_t) k;
         pell_irradiance_at(lights, &one, place, number, &lighting, albedo);

@@ -44,6 +44,8 @@ struct pell_irradiance_params {
     bool smooth;                                         /* boundary: Fresnel's F_t in place of rho_dt */
     const struct pell_curvature *curvature;              /* scales what enters translucent surfaces, which have their hits then. NULL:
                                                                * nothing is scaled */
+    bool local;                                          /* with `curvature`: as struct pell_curvature_effect has it for methods that add
+                                                               * transmitted light */
     const struct pell_indirect *indirect;                /* light that left a surface and enters again (indirect/stage.h), counted with
                                                                * the scene's first light; the surface has its hits then. NULL: none */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
