@@ -26,6 +26,7 @@ HOLDS = {
     "methods": "one folder per method",
     "compare": "metrics, error maps",
     "cli": "commands, reports",
+    "viewer": "server, page",
 }
 ROW, LEFT, TOP, CELL = 30, 330, 96, 46
 

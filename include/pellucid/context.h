@@ -94,6 +94,8 @@ PELL_API void pell_context_destroy(struct pell_context **ctx);
 
 /* Running and later calls with this context return PELL_ERR_CANCELLED at their next check of the flag. Async-signal-safe. */
 PELL_API void pell_context_cancel(struct pell_context *ctx);
+/* Takes a cancellation back, once the cancelled calls have returned: for a program that goes on with something else. Thread-safe. */
+PELL_API void pell_context_resume(struct pell_context *ctx);
 
 /* For Ctrl-C. A running render of an interruptible method (pell_method.partial) ends soon with a partial result
  * (pell_render_result.partial), and later calls are not affected; otherwise the same as pell_context_cancel. Async-signal-safe. */

@@ -72,6 +72,10 @@ PELL_API struct pell_device *pell_renderer_device(const struct pell_renderer *r)
 
 /* Builds the ray tracing structures. NULL removes the scene. */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene);
+/* To be called after positions, directions, sizes, powers or rotations of the scene's lights were changed in place, between two frames:
+ * the next frame prepares them anew, and keeps what does not depend on them. Cameras may be changed in place without a call. Everything
+ * else needs pell_renderer_set_scene. */
+PELL_API void pell_renderer_lights_changed(struct pell_renderer *r);
 /* NULL: no scattering. `knobs` (NULL: defaults) is copied. */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method,
                                                                   const void *knobs);

@@ -135,6 +135,11 @@ void pell_context_cancel(struct pell_context *ctx)
     atomic_store(&ctx->cancelled, true);
 }
 
+void pell_context_resume(struct pell_context *ctx)
+{
+    atomic_store(&ctx->cancelled, false);
+}
+
 void pell_context_interrupt(struct pell_context *ctx)
 {
     unsigned partial = atomic_load(&ctx->partial);

@@ -9,6 +9,7 @@
 
 #include "base/base.h"
 
+#include <pellucid/material.h>
 #include <pellucid/render.h>
 
 #include <jansson.h>
@@ -57,6 +58,7 @@ enum option_group {
     OPTIONS_PROFILE = 1 << 7,
     OPTIONS_COMPARE = 1 << 8, /* with the rows of pell_compare_knobs() */
     OPTIONS_CHECK = 1 << 9,
+    OPTIONS_VIEW = 1 << 11,
     OPTIONS_REPEATS = 1 << 10, /* of OPTIONS_BENCH, what holds without a scene */
 };
 
@@ -87,7 +89,11 @@ struct cli {
         char *cross_section, *line, *layers_of, *down_to;
     } check;
     struct {
-        int threads, turntable, repeats, points, taps, rank;
+        char *listen;
+        bool no_open;
+    } view;
+    struct {
+        int threads, turntable, repeats, points, taps, rank, port;
     } numbers;
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */
@@ -215,6 +221,12 @@ extern const char *const cli_subsurface_layers[3];
 /* The processor's name; "processor" where the system does not say. */
 void cli_device_name(char *name, size_t size);
 
+/* --- commands/list.c, commands/materials.c: rows of tables as JSON --------------------------------------------------------------- */
+
+json_t *cli_knob_json(const struct pell_knob *k);
+json_t *cli_method_json(const struct cli *cli, const struct pell_method *m);
+json_t *cli_material_json(const struct pell_material_entry *e);
+
 /* --- Commands ------------------------------------------------------------------------------------------------------------------- */
 
 enum exit_code command_render(struct cli *cli);
@@ -225,5 +237,7 @@ enum exit_code command_check(struct cli *cli);
 enum exit_code command_bench(struct cli *cli);
 enum exit_code command_profile(struct cli *cli);
 enum exit_code command_compare(struct cli *cli);
+/* Of the room viewer; absent where the build has no libwebsockets. */
+enum exit_code command_view(struct cli *cli);
 
 #endif

@@ -84,6 +84,19 @@ static const struct command commands[] = {
       "  pellucid compare plain.exr milk.exr -o errors/\n"
       "  pellucid compare plain.exr milk.exr --layer diffuse.multiple --json\n",
       OPTIONS_SCENE | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_COMPARE, 1, 2, command_compare },
+#ifdef PELL_VIEWER
+    { "view", "INPUT", "a scene in a browser, live, beside its error against a reference",
+      "Prints an address that a browser on this machine opens, and opens one where there is a desktop. INPUT and the options are those of "
+      "`render`; everything can be changed in the page. While the object moves, the image is small enough to come within 80 ms; at rest it "
+      "becomes the image of `pellucid render`, and behind it a reference accumulates, with the error of the method against it.\n"
+      "\n"
+      "The page is served to this machine alone, and to whoever has the token in its address. From another machine use ssh -L, or "
+      "--listen. "
+      "Files of the scene that change are read again. Ctrl-C ends the program, and so do ten minutes without a page.\n",
+      "  pellucid view bunny.obj --material wholemilk --size 70mm\n"
+      "  pellucid view scene.json --no-open --port 8000\n",
+      OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_VIEW, 1, 1, command_view },
+#endif
     { "info", "", "engines, devices, limits, formats, SIMD level, build", "",
       "  pellucid info\n"
       "  pellucid info --json\n",

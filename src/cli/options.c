@@ -22,6 +22,7 @@ static const struct pell_knob number_knobs[] = {
       "taps of the separable kernel that --export writes, an odd number" },
     { "rank", PELL_KNOB_INT, "1", NUMBER(rank), { 1 }, 1, PELL_KERNEL_RANK_MAX, NULL,
       "separable terms of that kernel, each of two passes; more of them have less error" },
+    { "port", PELL_KNOB_INT, "1", NUMBER(port), { 0 }, 0, 65535, NULL, "TCP port of the page; 0: one that is free" },
     {0},
 };
 /* clang-format on */
@@ -148,6 +149,11 @@ static const struct option options[] = {
     { OPTIONS_CHECK, 0, "down-to", "LENGTH", "depth of the cross-section: 2mm; default: the deepest layer", TEXT, AT(check.down_to), NULL },
     { OPTIONS_CHECK, 0, "layers-of", "NAME", "material of the cross-section; default: the first with texture-mapped layers", TEXT,
       AT(check.layers_of), NULL },
+    { OPTIONS_VIEW, 0, "port", "N", NULL, NUMBER, 0, &number_knobs[6] },
+    { OPTIONS_VIEW, 0, "listen", "ADDRESS",
+      "network address that the page is served on, for other machines; default: 127.0.0.1, which this machine alone reaches", TEXT,
+      AT(view.listen), NULL },
+    { OPTIONS_VIEW, 0, "no-open", NULL, "open no browser, only print the address", FLAG, AT(view.no_open), NULL },
     { OPTIONS_ENGINE, 0, "engine", "NAME", "auto, cpu or vulkan", TEXT, AT(engine), NULL },
     { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
     { OPTIONS_ENGINE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },

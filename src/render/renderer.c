@@ -99,6 +99,11 @@ enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct p
     return res;
 }
 
+void pell_renderer_lights_changed(struct pell_renderer *r)
+{
+    pell_renderer_invalidate(r, PELL_INPUT_LIGHTS);
+}
+
 enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method, const void *knobs)
 {
     void *copy = NULL;

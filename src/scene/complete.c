@@ -526,6 +526,17 @@ static void warn_of_size(struct pell_scene *scene)
                   "the largest extent is %g mm, which is %s for a translucent object", (double) extent, extent < 0.1f ? "tiny" : "huge");
 }
 
+enum pell_result pell_scene_check_view(struct pell_scene *scene)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; res == PELL_OK && i < scene->num_lights; i++)
+        res = check_light(scene, &scene->lights[i]);
+    for (size_t i = 0; res == PELL_OK && i < scene->num_cameras; i++)
+        res = check_camera(scene, &scene->cameras[i]);
+    return res;
+}
+
 enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params, const struct pell_extras *extras)
 {
     static const struct pell_load_params no_params;
@@ -541,10 +552,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         PELL_TRY(check_mesh(scene, i));
     for (size_t i = 0; i < scene->num_materials; i++)
         PELL_TRY(check_material(scene, &scene->materials[i]));
-    for (size_t i = 0; i < scene->num_lights; i++)
-        PELL_TRY(check_light(scene, &scene->lights[i]));
-    for (size_t i = 0; i < scene->num_cameras; i++)
-        PELL_TRY(check_camera(scene, &scene->cameras[i]));
+    PELL_TRY(pell_scene_check_view(scene));
     if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) {
         res = pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
         goto fail;

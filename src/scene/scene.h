@@ -87,6 +87,9 @@ PELL_NODISCARD enum pell_result pell_scene_choose_camera(struct pell_scene *scen
 
 PELL_NODISCARD enum pell_result pell_read_scene_file(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
                                                      struct pell_scene **out, struct pell_extras *extras);
+/* Reads "camera" and "lights" of a scene file's text into a complete scene, as if it had been loaded from that text. Lights keep the
+ * pictures that they have: the text must list the same number of them, of the same types. On failure the scene must be loaded anew. */
+PELL_NODISCARD enum pell_result pell_scene_read_view(struct pell_scene *scene, const char *path, const void *data, size_t size);
 /* The keys of each kind of object in a scene file: the parser, its hints and the test of the schema share them. pell_scene_keys has
  * those of all but the lights (scene_file.h) and ends with {0}. */
 struct pell_scene_keys {
@@ -100,6 +103,8 @@ extern const struct pell_scene_keys pell_scene_keys[];
 
 PELL_NODISCARD enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params,
                                                   const struct pell_extras *extras);
+/* Checks lights and cameras, and makes their directions unit vectors. */
+PELL_NODISCARD enum pell_result pell_scene_check_view(struct pell_scene *scene);
 /* Gives marble to meshes for which the file names no material. */
 PELL_NODISCARD enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quiet);
 /* Bounds of all vertices that triangles use. False if there are none, or they are not finite. */

@@ -12,9 +12,12 @@ import sys
 
 from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text,
                       works, write_obj, write_scene)
+from viewer_test import Viewer
 
 LONG = 'x' * 100000
 COMMANDS = ['render', 'check', 'methods', 'materials', 'profile', 'bench', 'compare', 'info']
+if subprocess.run([PROGRAM, 'view', '--help'], capture_output=True, check=False).returncode == 0:
+    COMMANDS.append('view')
 MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']
 
 # Title: arguments, exit code, what the error's code, place, text and hint hold.
@@ -394,6 +397,10 @@ def run_examples(folder, lines):
         need(words[0] == 'pellucid', line)
         if SANITIZED and words[1] == 'compare':
             continue  # which has a test of its own
+        if words[1] == 'view':
+            with Viewer(folder, *[w for w in words[2:] if w not in ('--port', '8000')], *SMALL) as viewer:
+                need(viewer.end() == 0, line)
+            continue
         small = {'render': SMALL, 'bench': [*SMALL, '--repeats', '1']}.get(words[1], [])
         small = SMALL if words[1] == 'compare' and not any(w.endswith('.exr') for w in words) else small  # of a scene
         done = works(folder, *words[1:], *small)

@@ -133,7 +133,7 @@ static json_t *knob_bound(const struct pell_knob *k, double bound)
     }
 }
 
-static json_t *knob_json(const struct pell_knob *k)
+json_t *cli_knob_json(const struct pell_knob *k)
 {
     static const char *const types[] = { "", "bool", "int", "int", "float", "enum", "rgb" };
     json_t *o = json_pack("{s:s,s:s,s:s,s:o,s:s}", "name", k->name, "unit", k->unit, "type", types[k->type], "default", knob_default(k),
@@ -153,7 +153,7 @@ static json_t *knob_json(const struct pell_knob *k)
     return o;
 }
 
-static json_t *method_json(const struct cli *cli, const struct pell_method *m)
+json_t *cli_method_json(const struct cli *cli, const struct pell_method *m)
 {
     const struct runs_on on = find_runs_on(cli, m);
     struct forms forms = make_forms(cli, m);
@@ -161,7 +161,7 @@ static json_t *method_json(const struct cli *cli, const struct pell_method *m)
     char settings[1024];
 
     for (const struct pell_knob *k = m->knobs; k->name; k++) {
-        json_t *o = knob_json(k);
+        json_t *o = cli_knob_json(k);
         char text[128];
         const char *value = knob_paper(k, &forms, text, sizeof(text));
         if (value)
@@ -248,7 +248,7 @@ enum exit_code command_methods(struct cli *cli)
         json_t *list = json_array();
         for (size_t i = 0; i < pell_method_count(); i++)
             if (!one || pell_method_at(i) == one)
-                json_array_append_new(list, method_json(cli, pell_method_at(i)));
+                json_array_append_new(list, cli_method_json(cli, pell_method_at(i)));
         return cli_print_json(cli, json_pack("{s:o}", "methods", list));
     }
     if (one) {

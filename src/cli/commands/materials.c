@@ -72,7 +72,7 @@ static json_t *layer_json(const struct pell_material_layer *l)
                      "mean_free_path", cli_numbers(mfp, 3), "diffuse_mean_free_path", cli_numbers(dmfp, 3));
 }
 
-static json_t *material_json(const struct pell_material_entry *e)
+json_t *cli_material_json(const struct pell_material_entry *e)
 {
     double color[3];
     char hex[8];
@@ -282,9 +282,9 @@ enum exit_code command_materials(struct cli *cli)
     if (cli->json) {
         json_t *list = json_array();
         if (name)
-            json_array_append_new(list, material_json(&one));
+            json_array_append_new(list, cli_material_json(&one));
         for (size_t i = 0; !name && i < pell_material_count(); i++)
-            json_array_append_new(list, material_json(pell_material_at(i)));
+            json_array_append_new(list, cli_material_json(pell_material_at(i)));
         code = cli_print_json(cli, json_pack("{s:o}", "materials", list));
     } else if (name) {
         print_material(cli, &one);

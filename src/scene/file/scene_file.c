@@ -497,3 +497,75 @@ fail:
     pell_json_finish(&r.file);
     return res;
 }
+
+/* --- Camera and lights of a complete scene ------------------------------------------------------------------------------------- */
+
+/* A light's picture stays the one that it has. */
+static void drop_pictures(json_t *lights)
+{
+    json_t *light;
+    size_t i;
+
+    json_array_foreach(lights, i, light)
+    {
+        if (json_object_get(light, "image") && !json_object_get(light, "color"))
+            json_object_set_new(light, "color", json_pack("[i,i,i]", 1, 1, 1));
+        if (json_object_get(light, "project") && !json_object_get(light, "to"))
+            json_object_set_new(light, "to", json_pack("[i,i,i]", 0, 0, 0)); /* which is where it aims without */
+        json_object_del(light, "image");
+        json_object_del(light, "project");
+    }
+}
+
+static enum pell_result reread_lights(struct pell_scene_reader *r, const struct pell_json *root)
+{
+    struct pell_scene *scene = r->scene;
+    const size_t count = scene->num_lights;
+    struct pell_extras extras = { 0 };
+    struct pell_light *old;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!pell_json_has(root, "lights"))
+        return PELL_OK;
+    if (!(old = pell_alloc_array(r->ctx, count + 1, sizeof(*old))))
+        return res;
+    for (size_t i = 0; i < count; i++)
+        old[i] = scene->lights[i];
+    drop_pictures(json_object_get(r->file.root, "lights"));
+    PELL_TRY(pell_scene_lights(r, root, &extras));
+    res = scene->num_lights == count && !extras.studio
+              ? PELL_OK
+              : pell_error(r->ctx, PELL_ERR_FORMAT, r->file.path, NULL, "lists %zu lights, must list %zu", scene->num_lights, count);
+    for (size_t i = 0; res == PELL_OK && i < count; i++) {
+        if (scene->lights[i].type != old[i].type)
+            res = pell_error(r->ctx, PELL_ERR_FORMAT, r->file.path, NULL, "light %zu has another type", i);
+        scene->lights[i].image = old[i].image;
+    }
+
+fail:
+    pell_free(r->ctx, old);
+    return res;
+}
+
+enum pell_result pell_scene_read_view(struct pell_scene *scene, const char *path, const void *data, size_t size)
+{
+    struct pell_scene_reader r = {
+        .ctx = scene->ctx, .scene = scene, .file = { .ctx = scene->ctx, .path = path, .range = PELL_ERR_FORMAT }, .unit = scene->mm_per_unit
+    };
+    const size_t cameras = scene->num_cameras;
+    struct pell_json root;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_parse(&r.file, data, size));
+    root = pell_json_root(&r.file);
+    PELL_TRY(pell_json_is_object(&root));
+    PELL_TRY(read_camera(&r, &root));
+    if (scene->num_cameras > cameras) /* it took the first one's place, and that one the last */
+        pell_free(r.ctx, scene->cameras[--scene->num_cameras].name);
+    PELL_TRY(reread_lights(&r, &root));
+    PELL_TRY(pell_scene_check_view(scene));
+
+fail:
+    pell_json_finish(&r.file);
+    return res;
+}

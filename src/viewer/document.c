@@ -1,0 +1,318 @@
+/* SPDX-License-Identifier: MIT
+ * document.c - the scene that is shown, as a scene file. */
+#include "viewer/document.h"
+
+#include "base/file.h"
+#include "scene/scene.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define DEGREES (180.0 / 3.14159265358979323846)
+
+/* --- Values ----------------------------------------------------------------------------------------------------------------------- */
+
+/* A float as the shortest decimal that reads back as it. */
+static json_t *number(float x)
+{
+    char text[40];
+    double value = (double) x;
+
+    pell_format_number((double) x, true, text, sizeof(text));
+    pell_parse_number(text, strlen(text), &value);
+    return json_real(value);
+}
+
+static json_t *numbers(const float *v)
+{
+    json_t *a = json_array();
+
+    for (int i = 0; i < 3; i++)
+        json_array_append_new(a, number(v[i]));
+    return a;
+}
+
+static json_t *length(double mm)
+{
+    char text[40];
+    return json_sprintf("%smm", pell_format_number(mm, true, text, sizeof(text)));
+}
+
+static json_t *position(const float *v)
+{
+    json_t *a = json_array();
+
+    for (int i = 0; i < 3; i++)
+        json_array_append_new(a, length((double) v[i]));
+    return a;
+}
+
+/* A place `distance` mm along a direction. */
+static json_t *target(const float *from, const float *direction, float distance)
+{
+    float to[3];
+
+    for (int i = 0; i < 3; i++)
+        to[i] = from[i] + distance * direction[i];
+    return position(to);
+}
+
+/* How far the middle of the bounds lies along a direction; at least a little. */
+static float distance_to_middle(const struct pell_scene *scene, const float *from, const float *direction)
+{
+    float along = 0.0f, extent = 0.0f;
+
+    for (int i = 0; i < 3; i++) {
+        along += (0.5f * (scene->bounds_min[i] + scene->bounds_max[i]) - from[i]) * direction[i];
+        extent = fmaxf(extent, scene->bounds_max[i] - scene->bounds_min[i]);
+    }
+    return fmaxf(along, 0.01f * extent);
+}
+
+/* --- Camera and lights of a scene ----------------------------------------------------------------------------------------------------- */
+
+static json_t *camera_json(const struct pell_scene *scene)
+{
+    const struct pell_camera *c = &scene->cameras[0];
+    json_t *o = json_pack("{s:o,s:o,s:o}", "from", position(c->position), "to",
+                          target(c->position, c->forward, distance_to_middle(scene, c->position, c->forward)), "up", numbers(c->up));
+
+    if (o && c->ortho_height > 0.0f)
+        json_object_set_new(o, "ortho_height", length((double) c->ortho_height));
+    else if (o)
+        json_object_set_new(o, "fov_deg", number((float) ((double) c->fov * DEGREES)));
+    if (o && c->focus > 0.0f)
+        json_object_set_new(o, "focus", length((double) c->focus));
+    if (o && c->f_number > 0.0f)
+        json_object_set_new(o, "f_number", number(c->f_number));
+    return o;
+}
+
+static const char *const light_names[] = { "point", "spot", "directional", "rect", "disc", "environment" };
+static const char *const powers[] = { "intensity", "intensity", "irradiance", "radiance", "radiance", "color" };
+
+static void set_shape(json_t *o, const struct pell_light *l)
+{
+    if (l->type == PELL_LIGHT_RECT) {
+        json_object_set_new(o, "width", length((double) l->width));
+        json_object_set_new(o, "height", length((double) l->height));
+    }
+    if (l->type == PELL_LIGHT_DISC)
+        json_object_set_new(o, "radius", length((double) l->radius));
+    if (l->type == PELL_LIGHT_SPOT) {
+        json_object_set_new(o, "cone_deg", number((float) (2.0 * DEGREES * acos((double) l->cos_outer))));
+        json_object_set_new(o, "inner_deg", number((float) (2.0 * DEGREES * acos((double) l->cos_inner))));
+    }
+}
+
+/* What the file says of a light (`said`, or NULL), with lengths in mm. */
+static json_t *light_json(const struct pell_scene *scene, const struct pell_light *l, const json_t *said)
+{
+    json_t *o = said ? json_deep_copy(said) : json_object();
+
+    if (!o)
+        return NULL;
+    json_object_set_new(o, "type", json_string(light_names[l->type]));
+    if (l->name && l->name[0])
+        json_object_set_new(o, "name", json_string(l->name));
+    if (!said || (l->type != PELL_LIGHT_ENVIRONMENT && !json_object_get(o, powers[l->type])))
+        json_object_set_new(o, powers[l->type], numbers(l->power));
+    if (l->type == PELL_LIGHT_ENVIRONMENT) {
+        if (!json_object_get(o, "scale"))
+            json_object_set_new(o, "scale", json_integer(1));
+        if (!json_object_get(o, "rotate_deg"))
+            json_object_set_new(o, "rotate_deg", number((float) ((double) l->rotate * DEGREES)));
+        return o;
+    }
+    if (l->type == PELL_LIGHT_DIRECTIONAL) {
+        json_object_set_new(o, "direction", numbers(l->direction));
+        return o;
+    }
+    json_object_set_new(o, "at", position(l->position));
+    if (l->type != PELL_LIGHT_POINT || json_object_get(o, "to") || json_object_get(o, "project")) {
+        json_object_set_new(o, "to", target(l->position, l->direction, distance_to_middle(scene, l->position, l->direction)));
+        json_object_set_new(o, "up", numbers(l->up));
+    }
+    set_shape(o, l);
+    return o;
+}
+
+enum pell_result viewer_document_note(struct viewer_document *d, const struct pell_scene *scene)
+{
+    const json_t *said = json_object_get(d->base, "lights");
+    const bool listed = json_array_size(said) == scene->num_lights;
+
+    json_decref(d->camera);
+    json_decref(d->lights);
+    d->camera = camera_json(scene);
+    d->lights = json_array();
+    d->studio = false;
+    for (size_t i = 0; i < scene->num_lights; i++) {
+        const struct pell_light *l = &scene->lights[i];
+        const json_t *one = listed ? json_array_get(said, i) : NULL;
+        d->studio |= strncmp(l->name, "studio ", 7) == 0;
+        if (json_array_append_new(d->lights, light_json(scene, l, json_object_get(one, "studio") ? NULL : one)) != 0)
+            return pell_error(d->ctx, PELL_ERR_NOMEM, d->path, NULL, "out of memory: lights");
+    }
+    return d->camera ? PELL_OK : pell_error(d->ctx, PELL_ERR_NOMEM, d->path, NULL, "out of memory: camera");
+}
+
+/* --- The input ------------------------------------------------------------------------------------------------------------------------ */
+
+static enum pell_result read_base(struct viewer_document *d, const char *path, json_t **base)
+{
+    struct pell_json_file file = { .ctx = d->ctx, .path = path, .range = PELL_ERR_FORMAT };
+    uint8_t *data = NULL;
+    size_t size;
+    bool scene;
+    enum pell_result res;
+
+    *base = NULL;
+    PELL_TRY(pell_file_read(d->ctx, path, &data, &size));
+    scene = pell_scene_tell_format(path, data, size) == PELL_SCENE_SCENE;
+    res = PELL_ERR_NOMEM;
+    if (!(d->path = pell_alloc(d->ctx, strlen(path) + 6)))
+        goto fail;
+    snprintf(d->path, strlen(path) + 6, "%s%s", path, scene ? "" : ".json");
+    res = PELL_OK;
+    if (scene) {
+        PELL_TRY(pell_json_parse(&file, data, size));
+        *base = json_incref(file.root);
+    } else {
+        *base = json_pack("{s:i,s:s}", "pellucid", 1, "mesh", pell_path_name(path));
+    }
+    if (!json_is_object(*base))
+        res = pell_error(d->ctx, PELL_ERR_FORMAT, path, NULL, "its name or its content can't stand in a scene file");
+
+fail:
+    pell_json_finish(&file);
+    pell_free(d->ctx, data);
+    return res;
+}
+
+enum pell_result viewer_document_open(struct pell_context *ctx, const char *path, const struct pell_load_params *params, const char *size,
+                                      const char *unit, struct viewer_document *out)
+{
+    enum pell_result res;
+
+    *out = (struct viewer_document) { .ctx = ctx, .params = *params };
+    PELL_TRY(read_base(out, path, &out->base));
+    out->params.size_mm = out->params.mm_per_unit = 0.0;
+    out->params.aspect = 0.0f;
+    if (size || unit) {
+        json_object_del(out->base, "size");
+        json_object_del(out->base, "unit");
+        json_object_set_new(out->base, size ? "size" : "unit", json_string(size ? size : unit));
+    }
+    if (params->material && !pell_material_is_path(params->material)) {
+        out->params.material = NULL;
+        json_object_set_new(out->base, "materials", json_pack("{s:{s:s}}", "*", "preset", params->material));
+    }
+    if (params->timed) {
+        out->params.timed = false;
+        json_object_set_new(out->base, "time", json_real(params->time));
+    }
+    return PELL_OK;
+
+fail:
+    viewer_document_close(out);
+    return res;
+}
+
+void viewer_document_close(struct viewer_document *d)
+{
+    if (d->ctx)
+        pell_free(d->ctx, d->path);
+    json_decref(d->base);
+    json_decref(d->camera);
+    json_decref(d->lights);
+    *d = (struct viewer_document) { .ctx = NULL };
+}
+
+/* --- With what a page says ------------------------------------------------------------------------------------------------------------ */
+
+/* The camera that frames the object depends on the picture's shape. */
+static json_t *size_of(const struct viewer_message *view)
+{
+    struct pell_settings settings;
+    int64_t n;
+
+    pell_settings_default(NULL, NULL, &settings);
+    for (size_t i = 0; i < view->num_settings; i++) {
+        const struct pell_setting *s = &view->settings[i];
+        int *to = strcmp(s->name, "width") == 0 ? &settings.width : strcmp(s->name, "height") == 0 ? &settings.height : NULL;
+        if (to && pell_parse_int(s->value, strlen(s->value), &n) && n > 0 && n <= 65536)
+            *to = (int) n;
+    }
+    return json_pack("{s:i,s:i}", "width", settings.width, "height", settings.height);
+}
+
+json_t *viewer_document_merge(const struct viewer_document *d, const struct viewer_message *view)
+{
+    json_t *o = json_copy(d->base), *lights = view->lights;
+
+    if (!o)
+        return NULL;
+    json_object_set_new(o, "render", size_of(view));
+    if (!lights && view->camera && d->studio) /* they stay where they are while the camera moves */
+        lights = d->lights;
+    if (view->camera)
+        json_object_set(o, "camera", view->camera);
+    if (lights)
+        json_object_set(o, "lights", lights);
+    if (view->materials)
+        json_object_set(o, "materials", view->materials);
+    if (view->timed)
+        json_object_set_new(o, "time", json_real(view->time));
+    return o;
+}
+
+static struct pell_load_params params_of(const struct viewer_document *d, const struct viewer_message *view)
+{
+    struct pell_load_params params = d->params;
+
+    if (view && view->camera)
+        params.camera = NULL;
+    if (view && view->materials)
+        params.material = NULL;
+    return params;
+}
+
+enum pell_result viewer_document_load(const struct viewer_document *d, const struct viewer_message *view, json_t *document,
+                                      struct pell_scene **out)
+{
+    const struct pell_load_params params = params_of(d, view);
+    char *text = json_dumps(document, JSON_COMPACT);
+    enum pell_result res;
+
+    *out = NULL;
+    if (!text)
+        return pell_error(d->ctx, PELL_ERR_NOMEM, d->path, NULL, "out of memory: scene");
+    res = pell_scene_load_memory(d->ctx, d->path, text, strlen(text), &params, out);
+    free(text);
+    return res;
+}
+
+char *viewer_document_structure(const struct viewer_document *d, const struct viewer_message *view, json_t *document)
+{
+    const struct pell_load_params params = params_of(d, view);
+    json_t *rest = json_copy(document), *types = json_array(), *light;
+    const json_t *lights = json_object_get(document, "lights");
+    char *text = NULL;
+    size_t i;
+
+    if (!view->lights)
+        lights = d->lights;
+    json_array_foreach(lights, i, light) json_array_append(types, json_object_get(light, "type"));
+    if (rest && types) {
+        json_object_set_new(rest, "camera", json_true());
+        json_object_set(rest, "lights", types);
+        json_object_set_new(rest, "material", json_string(params.material ? params.material : ""));
+        text = json_dumps(rest, JSON_COMPACT | JSON_SORT_KEYS);
+    }
+    json_decref(rest);
+    json_decref(types);
+    return text;
+}

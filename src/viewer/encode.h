@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * encode.h - pictures as bytes for the page.
+ *
+ * Ownership  *bytes is the caller's, by free().
+ * Errors     logged; *bytes is NULL on failure.
+ */
+#ifndef PELL_VIEWER_ENCODE_H
+#define PELL_VIEWER_ENCODE_H
+
+#include "base/base.h"
+
+#include <pellucid/render.h>
+
+/* Three planes in [0, 1], linear display light as in pell_render_result.display. */
+struct viewer_picture {
+    int width, height;
+    ptrdiff_t stride;
+    const float *planes[3];
+    bool encoded; /* the planes are sRGB-encoded already */
+};
+
+PELL_NODISCARD enum pell_result viewer_encode_jpeg(struct pell_context *ctx, const struct viewer_picture *p, int quality, uint8_t **bytes,
+                                                   size_t *size);
+/* The pixels of `pellucid render -o x.png`. */
+PELL_NODISCARD enum pell_result viewer_encode_png(struct pell_context *ctx, const struct viewer_picture *p, uint8_t **bytes, size_t *size);
+/* All channels of a result, linear. */
+PELL_NODISCARD enum pell_result viewer_encode_exr(struct pell_context *ctx, const struct pell_render_result *image, uint8_t **bytes,
+                                                  size_t *size);
+/* Display light of linear radiance, as the renderer's last stage makes it: exposure, then Reinhard's curve (or none). A white of 0 is the
+ * largest luminance. Planes without padding; `out` may be `in`. */
+void viewer_tone(const struct pell_settings *settings, float exposure, const float *const in[3], float *const out[3], size_t count);
+
+#endif

@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * message.h - what a page may ask of the viewer. Its bytes come from outside: everything is checked here, but what the scene reader and the
+ * tables of knobs check anyway.
+ *
+ *     {"type": "view", "id": 7, "moving": true, "state": STATE}   draw this; a newer one takes its place
+ *     {"type": "ack", "serial": 12}                               the picture of that number is on the screen
+ *     {"type": "save", "id": 8, "format": "scene" | "exr"}        the scene of the last view as a file
+ *     {"type": "pick", "id": 9, "x": 0.5, "y": 0.5}               what is seen there, as shares of the picture's size
+ *
+ * STATE has any of "method", "knobs", "settings", "camera", "lights", "materials", "time", "other" (method, knobs: what A is compared with)
+ * and "truth" (a reference). Knobs and settings are objects of texts; camera, lights and materials are as in a scene file.
+ */
+#ifndef PELL_VIEWER_MESSAGE_H
+#define PELL_VIEWER_MESSAGE_H
+
+#include "base/base.h"
+#include "scene/file/json.h"
+
+#include <pellucid/method.h>
+
+#define VIEWER_MESSAGE_BYTES (256u << 10)
+#define VIEWER_SETTINGS_MOST 64
+
+enum viewer_message_type { VIEWER_VIEW, VIEWER_ACK, VIEWER_SAVE, VIEWER_PICK };
+
+/* A method as a page names it; texts live in the message. "none" is no method. */
+struct viewer_look {
+    const char *method;
+    struct pell_setting knobs[VIEWER_SETTINGS_MOST];
+    size_t num_knobs;
+};
+
+struct viewer_message {
+    struct pell_json_file file; /* holds the tree */
+    enum viewer_message_type type;
+    int64_t id; /* of an ack: the picture's number */
+
+    bool moving;
+    struct viewer_look look, other; /* other.method NULL: none */
+    struct pell_setting settings[VIEWER_SETTINGS_MOST];
+    size_t num_settings;
+    json_t *camera, *lights, *materials; /* borrowed from the tree; NULL: as in the file */
+    bool timed;
+    double time;       /* seconds */
+    const char *truth; /* NULL: no reference is asked for */
+
+    const char *format; /* of a save */
+    double x, y;        /* of a pick, [0, 1] */
+};
+
+/* PELL_ERR_FORMAT or PELL_ERR_INVALID, logged; *out is NULL on failure. */
+PELL_NODISCARD enum pell_result viewer_message_parse(struct pell_context *ctx, const void *data, size_t size, struct viewer_message **out);
+/* Sets *message to NULL; destroying &(NULL) does nothing. */
+void viewer_message_destroy(struct viewer_message **message);
+
+#endif

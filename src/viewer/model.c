@@ -1,0 +1,363 @@
+/* SPDX-License-Identifier: MIT
+ * model.c - the scene that is loaded, and renderers over it. */
+#include "viewer/model.h"
+
+#include "cli/cli.h"
+#include "scene/scene.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum pell_result viewer_model_open(struct pell_context *ctx, struct pell_device *device, struct viewer_document *document,
+                                   struct viewer_model *out)
+{
+    *out = (struct viewer_model) { .ctx = ctx, .device = device, .document = *document };
+    *document = (struct viewer_document) { .ctx = NULL };
+    return PELL_OK;
+}
+
+static void finish_sight(struct viewer_sight *s)
+{
+    free(s->structure);
+    free(s->camera);
+    free(s->lights);
+    *s = (struct viewer_sight) { NULL };
+}
+
+void viewer_model_close(struct viewer_model *m)
+{
+    for (int i = 0; i < VIEWER_SLOTS; i++) {
+        pell_renderer_destroy(&m->slots[i].renderer);
+        free(m->slots[i].look);
+        if (m->ctx)
+            pell_method_knobs_destroy(m->ctx, &m->slots[i].knobs);
+    }
+    pell_scene_destroy(&m->scene);
+    viewer_document_close(&m->document);
+    finish_sight(&m->sight);
+    free(m->loaded_camera);
+    free(m->metered);
+    *m = (struct viewer_model) { .ctx = NULL };
+}
+
+static enum pell_result no_memory(const struct viewer_model *m)
+{
+    return pell_error(m->ctx, PELL_ERR_NOMEM, "viewer", NULL, "out of memory");
+}
+
+static bool same(const char *a, const char *b)
+{
+    return a && b && strcmp(a, b) == 0;
+}
+
+static void replace(char **to, char **from)
+{
+    free(*to);
+    *to = *from;
+    *from = NULL;
+}
+
+/* --- The scene ------------------------------------------------------------------------------------------------------------------------ */
+
+/* A part of the document as text; "null": as in the file. NULL without memory. */
+static char *text_of(const json_t *part)
+{
+    return part ? json_dumps(part, JSON_COMPACT | JSON_SORT_KEYS) : strdup("null");
+}
+
+/* The lights that a document lists because a page moved them, or because the camera that they depend on has moved. */
+static json_t *lights_of(const struct viewer_model *m, const json_t *document, const struct viewer_message *view)
+{
+    return view->lights || (view->camera && m->document.studio) ? json_object_get(document, "lights") : NULL;
+}
+
+static enum pell_result load(struct viewer_model *m, const struct viewer_message *view, json_t *document)
+{
+    struct pell_scene *scene = NULL;
+    enum pell_result res;
+
+    PELL_TRY(viewer_document_load(&m->document, view, document, &scene));
+    if (!m->document.camera || m->stale)
+        PELL_TRY(viewer_document_note(&m->document, scene));
+    for (int i = 0; i < VIEWER_SLOTS; i++)
+        if (m->slots[i].renderer)
+            PELL_TRY(pell_renderer_set_scene(m->slots[i].renderer, NULL));
+    pell_scene_destroy(&m->scene);
+    m->scene = scene;
+    m->loads++;
+    m->stale = false;
+    return PELL_OK;
+
+fail:
+    pell_scene_destroy(&scene);
+    return res;
+}
+
+/* Moves camera and lights of the loaded scene. */
+static enum pell_result move(struct viewer_model *m, json_t *camera, json_t *lights)
+{
+    json_t *o = json_object();
+    char *text = NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (camera)
+        json_object_set(o, "camera", camera);
+    if (lights)
+        json_object_set(o, "lights", lights);
+    if (o && (text = json_dumps(o, JSON_COMPACT)))
+        res = pell_scene_read_view(m->scene, m->document.path, text, strlen(text));
+    json_decref(o);
+    free(text);
+    return res;
+}
+
+static enum pell_result load_or_move(struct viewer_model *m, const struct viewer_message *view, json_t *document,
+                                     const struct viewer_sight *new, bool exact)
+{
+    const struct viewer_sight *old = &m->sight;
+    const bool back = (!view->camera && !same(old->camera, "null")) || (strcmp(new->lights, "null") == 0 && !same(old->lights, "null"));
+    const bool grounded = exact && m->scene && m->scene->ground_mesh >= 0; /* the ground lies where the first camera needs it */
+    enum pell_result res = PELL_OK;
+
+    if (!m->scene || m->stale || !same(new->structure, old->structure) || back || (grounded && !same(new->camera, m->loaded_camera))) {
+        char *camera = strdup(new->camera);
+        if (!camera)
+            return no_memory(m);
+        res = load(m, view, document);
+        if (res == PELL_OK)
+            replace(&m->loaded_camera, &camera);
+        free(camera);
+        return res;
+    }
+    if (same(new->camera, old->camera) && same(new->lights, old->lights))
+        return PELL_OK;
+    res = move(m, view->camera, lights_of(m, document, view));
+    if (res != PELL_OK) { /* some lights may be gone */
+        free(m->sight.structure);
+        m->sight.structure = NULL;
+        return res;
+    }
+    for (int i = 0; i < VIEWER_SLOTS; i++)
+        if (m->slots[i].renderer && !same(new->lights, old->lights))
+            pell_renderer_lights_changed(m->slots[i].renderer);
+    return PELL_OK;
+}
+
+enum pell_result viewer_model_apply(struct viewer_model *m, const struct viewer_message *view, bool exact)
+{
+    json_t *document = viewer_document_merge(&m->document, view);
+    struct viewer_sight new = { NULL };
+    const uint64_t loads = m->loads;
+    enum pell_result res;
+
+    if (document) {
+        new.structure = viewer_document_structure(&m->document, view, document);
+        new.camera = text_of(view->camera);
+        new.lights = text_of(lights_of(m, document, view));
+    }
+    res = new.structure &&new.camera &&new.lights ? load_or_move(m, view, document, &new, exact) : no_memory(m);
+    if (res == PELL_OK && loads != m->loads) { /* the types of its lights are known now */
+        free(new.structure);
+        new.structure = viewer_document_structure(&m->document, view, document);
+    }
+    if (res == PELL_OK) {
+        replace(&m->sight.structure, &new.structure);
+        replace(&m->sight.camera, &new.camera);
+        replace(&m->sight.lights, &new.lights);
+    }
+    json_decref(document);
+    finish_sight(&new);
+    return res;
+}
+
+/* --- Renderers ------------------------------------------------------------------------------------------------------------------------ */
+
+static char *look_text(const struct viewer_look *look)
+{
+    json_t *o = json_object();
+    char *text;
+
+    json_object_set_new(o, "", json_string(look->method ? look->method : ""));
+    for (size_t i = 0; i < look->num_knobs; i++)
+        json_object_set_new(o, look->knobs[i].name, json_string(look->knobs[i].value));
+    text = o ? json_dumps(o, JSON_COMPACT | JSON_SORT_KEYS) : NULL;
+    json_decref(o);
+    return text;
+}
+
+/* Gives the slot the look's method, if it has another. */
+static enum pell_result choose(struct viewer_model *m, enum viewer_slot slot, const struct viewer_look *look)
+{
+    const char *name = look->method ? look->method : "screen-space";
+    const struct pell_method *method = NULL;
+    char *text = look_text(look);
+    void *knobs = NULL;
+    enum pell_result res = PELL_OK;
+
+    if (!text)
+        return no_memory(m);
+    if (same(text, m->slots[slot].look))
+        goto fail;
+    if (strcmp(name, "none") != 0) {
+        res = PELL_ERR_INVALID;
+        if (!(method = pell_method_find(m->ctx, "method", name)))
+            goto fail;
+        PELL_TRY(pell_method_knobs_create(m->ctx, method, NULL, &knobs));
+        PELL_TRY(pell_method_configure(m->ctx, method, look->knobs, look->num_knobs, knobs));
+    }
+    PELL_TRY(pell_renderer_set_method(m->slots[slot].renderer, method, knobs));
+    if (m->slots[slot].knobs)
+        pell_method_knobs_destroy(m->ctx, &m->slots[slot].knobs);
+    m->slots[slot].method = method;
+    m->slots[slot].knobs = knobs;
+    knobs = NULL;
+    replace(&m->slots[slot].look, &text);
+
+fail:
+    pell_method_knobs_destroy(m->ctx, &knobs);
+    free(text);
+    return res;
+}
+
+static enum pell_result read_settings(const struct viewer_model *m, enum viewer_slot slot, const struct viewer_message *view,
+                                      struct pell_settings *settings)
+{
+    enum pell_result res = PELL_OK;
+
+    pell_settings_default(m->slots[slot].method, m->slots[slot].knobs, settings);
+    for (size_t i = 0; i < view->num_settings && res == PELL_OK; i++)
+        res = pell_knob_set(m->ctx, pell_settings_knobs(), "render", view->settings[i].where, settings, view->settings[i].name,
+                            view->settings[i].value);
+    settings->layers = false;
+    return res;
+}
+
+static int least(int a, int b)
+{
+    return a < b ? a : b;
+}
+
+static void hurry(const struct viewer_haste *haste, struct pell_settings *s)
+{
+    s->width = (int) fmax(16.0, round(haste->scale * s->width));
+    s->height = (int) fmax(9.0, round(haste->scale * s->height));
+    s->seed += haste->seed_offset;
+    s->layers = haste->layers;
+    if (!haste->quick)
+        return;
+    s->msaa = 1;
+    s->dof = false;
+    s->light_samples = least(s->light_samples, 1);
+    s->ambient_samples = least(s->ambient_samples, 1);
+    s->environment_lights = least(s->environment_lights, 4);
+    s->indirect_samples = least(s->indirect_samples, 2048);
+}
+
+/* The exposure that is metered once for a scene and its lights: pictures of it do not flicker, and methods compare. */
+static char *meter_text(const struct viewer_model *m, bool lights_moved)
+{
+    /* The default lights are the same ones where they are listed because the camera has moved. */
+    const char *structure = m->sight.structure ? m->sight.structure : "", *lights = lights_moved ? m->sight.lights : "";
+    const size_t size = strlen(structure) + strlen(lights) + 1;
+    char *text = malloc(size);
+
+    if (text)
+        snprintf(text, size, "%s%s", structure, lights);
+    return text;
+}
+
+enum pell_result viewer_model_render(struct viewer_model *m, enum viewer_slot slot, const struct viewer_message *view,
+                                     const struct viewer_look *look, const struct viewer_haste *haste, struct pell_settings *settings,
+                                     struct pell_render_result *image)
+{
+    char *metered = NULL;
+    bool automatic;
+    enum pell_result res;
+
+    if (!m->slots[slot].renderer)
+        PELL_TRY(pell_renderer_create(m->device, &m->slots[slot].renderer));
+    PELL_TRY(choose(m, slot, look));
+    PELL_TRY(read_settings(m, slot, view, settings));
+    hurry(haste, settings);
+    if (m->slots[slot].loads != m->loads) {
+        PELL_TRY(pell_renderer_set_scene(m->slots[slot].renderer, m->scene));
+        m->slots[slot].loads = m->loads;
+    }
+    automatic = !(settings->exposure > 0.0f);
+    if (automatic && !(metered = meter_text(m, view->lights != NULL))) {
+        res = no_memory(m);
+        goto fail;
+    }
+    if (automatic && same(metered, m->metered))
+        settings->exposure = m->exposure;
+    PELL_TRY(pell_renderer_render(m->slots[slot].renderer, settings, image));
+    if (automatic) {
+        settings->exposure = m->exposure = image->exposure;
+        replace(&m->metered, &metered);
+    }
+
+fail:
+    free(metered);
+    return res;
+}
+
+const struct pell_method *viewer_model_method(const struct viewer_model *m, enum viewer_slot slot)
+{
+    return m->slots[slot].method;
+}
+
+/* --- For pages ------------------------------------------------------------------------------------------------------------------------ */
+
+static json_t *texts(const struct pell_setting *list, size_t count)
+{
+    json_t *o = json_object();
+
+    for (size_t i = 0; i < count; i++)
+        json_object_set_new(o, list[i].name, json_string(list[i].value));
+    return o;
+}
+
+json_t *viewer_model_saved(const struct viewer_model *m, const struct viewer_message *view)
+{
+    json_t *o = viewer_document_merge(&m->document, view), *settings = texts(view->settings, view->num_settings), *render;
+    char text[40];
+
+    if (!o || !settings || !(render = json_copy(settings))) {
+        json_decref(o);
+        json_decref(settings);
+        return NULL;
+    }
+    json_object_update(render, json_object_get(o, "render")); /* width and height as numbers */
+    json_decref(settings);
+    json_object_set_new(render, "method", json_string(view->look.method ? view->look.method : "screen-space"));
+    if (view->look.num_knobs)
+        json_object_set_new(render, "knobs", texts(view->look.knobs, view->look.num_knobs));
+    if (!json_object_get(render, "exposure") && m->exposure > 0.0f)
+        json_object_set_new(render, "exposure", json_string(pell_format_number((double) m->exposure, true, text, sizeof(text))));
+    json_object_set_new(o, "render", render);
+    return o;
+}
+
+json_t *viewer_model_facts(const struct viewer_model *m)
+{
+    const struct pell_scene *s = m->scene;
+    json_t *materials = json_array(), *bounds = json_array();
+    int64_t triangles = 0;
+
+    for (size_t i = 0; i < s->num_meshes; i++)
+        triangles += (int) i == s->ground_mesh ? 0 : s->meshes[i].num_triangles;
+    for (size_t i = 0; i < s->num_materials; i++) {
+        const struct pell_material *x = &s->materials[i];
+        json_array_append_new(materials, json_pack("{s:o,s:o,s:b}", "name", cli_text(x->name ? x->name : ""), "preset",
+                                                   cli_text(x->preset ? x->preset : ""), "opaque", x->opaque));
+    }
+    for (int i = 0; i < 3; i++) {
+        json_array_append_new(bounds, json_real((double) s->bounds_min[i]));
+        json_array_append_new(bounds, json_real((double) s->bounds_max[i]));
+    }
+    return json_pack("{s:s,s:o,s:o,s:O,s:O,s:O*,s:I,s:b}", "type", "scene", "materials", materials, "bounds", bounds, "camera",
+                     m->document.camera, "lights", m->document.lights, "said", json_object_get(m->document.base, "materials"), "triangles",
+                     (json_int_t) triangles, "animated", s->animated);
+}

@@ -1,0 +1,471 @@
+// SPDX-License-Identifier: MIT
+// main.js - puts the page together.
+import * as camera from './camera.js';
+import * as connection from './connection.js';
+import { controls, el } from './knobs.js';
+import * as lights from './lights.js';
+import * as materials from './materials.js';
+import * as stage from './stage.js';
+import { begin, canRedo, canUndo, changed, message, onChange, redo, state, undo } from './state.js';
+import * as truth from './truth.js';
+
+const $ = (id) => document.getElementById(id);
+let hello = null;
+let facts = null;
+let started = false;
+let latencies = [];
+let times = [];
+let measured = 0; // the id whose first picture was measured
+let wanted = null; // what a pick is for
+
+const methodRow = (name) => hello.methods.find((m) => m.name === name);
+
+// --- Panels -----------------------------------------------------------------------------------------------------------------------
+
+function methodSelect(id, value, set, filter = () => true, none = null) {
+    const options = hello.methods.filter(filter).map((m) => el('option', { value: m.name }, m.title));
+    const select = el('select', { id }, ...(none ? [el('option', { value: '' }, none)] : []), ...options);
+    select.value = value ?? '';
+    select.addEventListener('change', () => set(select.value));
+    return select;
+}
+
+// Defaults of a row where as=paper chooses others.
+const usual = (knobs) => (row) => (knobs().as === 'paper' && row.paper !== undefined ? row.paper : undefined);
+
+function ignoredText(row) {
+    return row.ignores?.length ? el('p', { className: 'ignored' }, `Ignores of a material: ${row.ignores.join(', ')}.`) : null;
+}
+
+function buildMethod() {
+    const row = methodRow(state.method);
+    const set = (name) => {
+        state.method = name;
+        state.knobs = {};
+        changed('method');
+        buildMethod();
+    };
+    const knobs = controls(
+        row?.knobs ?? [],
+        () => state.knobs,
+        (all, moving) => {
+            const paper = all.as !== state.knobs.as;
+            state.knobs = all;
+            changed('knobs', moving);
+            if (paper) buildMethod();
+        },
+        usual(() => state.knobs),
+    );
+    $('panel-method').replaceChildren(
+        el('div', { className: 'field' }, el('label', { htmlFor: 'method' }, 'Method'), methodSelect('method', state.method, set)),
+        el('p', { className: 'cite' }, row?.citation ?? ''),
+        el('p', { className: 'note' }, row?.limits ?? ''),
+        ignoredText(row ?? {}) ?? '',
+        el(
+            'div',
+            { className: 'group' },
+            el(
+                'button',
+                {
+                    type: 'button',
+                    id: 'knobs-reset',
+                    onclick: () => {
+                        state.knobs = {};
+                        changed('knobs');
+                        buildMethod();
+                    },
+                },
+                'Defaults',
+            ),
+            row?.knobs.some((k) => k.name === 'as')
+                ? el(
+                      'button',
+                      {
+                          type: 'button',
+                          id: 'knobs-paper',
+                          onclick: () => {
+                              state.knobs = { as: 'paper' };
+                              changed('knobs');
+                              buildMethod();
+                          },
+                      },
+                      'As in the paper',
+                  )
+                : '',
+        ),
+        ...knobs,
+    );
+}
+
+function buildImage() {
+    $('panel-image').replaceChildren(
+        ...(facts?.animated ? [timeLine()] : []),
+        ...controls(
+            hello.settings,
+            () => state.settings,
+            (all, moving) => {
+                state.settings = all;
+                changed('settings', moving);
+            },
+        ),
+    );
+}
+
+function timeLine() {
+    const input = el('input', { type: 'range', id: 'time', min: 0, max: 10, step: 0.02, value: state.time ?? 0 });
+    const go = (moving) => {
+        state.time = Number(input.value);
+        changed('time', moving);
+    };
+    input.addEventListener('input', () => go(true));
+    input.addEventListener('change', () => go(false));
+    return el('div', { className: 'field' }, el('label', { htmlFor: 'time' }, 'Time of the animation, 0 to 10 s'), input);
+}
+
+const MODES = [
+    ['single', 'One'],
+    ['wipe', 'Wipe'],
+    ['side', 'Side'],
+    ['difference', 'Difference'],
+    ['error', 'Error'],
+];
+
+function buildCompare() {
+    const setOther = (name) => {
+        state.other = name ? { method: name, knobs: {} } : null;
+        if (name && state.mode === 'single') state.mode = 'wipe';
+        if (!name) stage.forget(stage.KINDS.B);
+        changed('other');
+        buildCompare();
+    };
+    const setTruth = (name) => {
+        state.truth = name || null;
+        if (name && state.mode === 'single') state.mode = 'wipe';
+        stage.forget(stage.KINDS.REFERENCE, stage.KINDS.ERROR_A, stage.KINDS.ERROR_B);
+        changed('truth');
+        buildCompare();
+    };
+    const other = state.other ? methodRow(state.other.method) : null;
+    const modes = MODES.map(([value, label]) => {
+        const input = el('input', {
+            type: 'radio',
+            name: 'mode',
+            value,
+            checked: state.mode === value,
+            disabled: (value === 'error' && !state.truth) || (value !== 'single' && !state.truth && !state.other),
+        });
+        input.addEventListener('change', () => {
+            state.mode = value;
+            changed('mode');
+        });
+        return el('label', {}, input, label);
+    });
+    $('panel-compare').replaceChildren(
+        el('fieldset', { className: 'choice' }, el('legend', {}, 'Show'), ...modes),
+        el(
+            'div',
+            { className: 'field' },
+            el('label', { htmlFor: 'truth' }, 'Reference'),
+            methodSelect('truth', state.truth, setTruth, (m) => m.kind === 'reference', 'none'),
+        ),
+        el(
+            'p',
+            { className: 'note' },
+            'The reference is rendered while nothing moves, at 640 × 360 or less. A sampled one accumulates, and its error sharpens.',
+        ),
+        el(
+            'div',
+            { className: 'field' },
+            el('label', { htmlFor: 'other' }, 'Other method'),
+            methodSelect('other', state.other?.method, setOther, () => true, 'none'),
+        ),
+        ...(other
+            ? [
+                  el(
+                      'div',
+                      { className: 'group' },
+                      el(
+                          'button',
+                          {
+                              type: 'button',
+                              id: 'swap',
+                              onclick: () => {
+                                  const { method, knobs } = state.other;
+                                  state.other = { method: state.method, knobs: state.knobs };
+                                  state.method = method;
+                                  state.knobs = knobs;
+                                  changed('method');
+                                  buildMethod();
+                                  buildCompare();
+                              },
+                          },
+                          'Swap',
+                      ),
+                  ),
+                  ...controls(
+                      other.knobs,
+                      () => state.other.knobs,
+                      (all, moving) => {
+                          state.other = { ...state.other, knobs: all };
+                          changed('other', moving);
+                      },
+                      usual(() => state.other.knobs),
+                  ),
+              ]
+            : []),
+    );
+}
+
+function tabs() {
+    const list = [...document.querySelectorAll('[role="tab"]')];
+    const choose = (tab) => {
+        for (const t of list) {
+            t.setAttribute('aria-selected', String(t === tab));
+            t.tabIndex = t === tab ? 0 : -1;
+            $(t.getAttribute('aria-controls')).hidden = t !== tab;
+        }
+    };
+    for (const tab of list) {
+        tab.addEventListener('click', () => choose(tab));
+        tab.addEventListener('keydown', (event) => {
+            const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+            if (!step) return;
+            const next = list[(list.indexOf(tab) + step + list.length) % list.length];
+            choose(next);
+            next.focus();
+        });
+    }
+}
+
+// --- News -------------------------------------------------------------------------------------------------------------------------
+
+function say(level, where, what, hint) {
+    const text = `${where}: ${what}`;
+    for (const node of [...$('messages').children]) if (node.dataset.text === text) node.remove();
+    const node = el(
+        'div',
+        { className: `message ${level}`, 'data-text': text },
+        el('div', {}, where ? el('b', {}, `${where}: `) : '', what, hint ? el('div', { className: 'hint' }, hint) : ''),
+        el('button', { type: 'button', 'aria-label': 'Dismiss', onclick: () => node.remove() }, '×'),
+    );
+    $('messages').append(node);
+    while ($('messages').childElementCount > 4) $('messages').firstElementChild.remove();
+}
+
+function tags() {
+    const mode = document.getElementById('stage').dataset.mode;
+    const right = state.other ? state.other.method : state.truth;
+    $('tag-left').textContent =
+        mode === 'difference'
+            ? `${state.method} − ${right}, × 4`
+            : mode === 'error'
+              ? `${state.method}: relative error, ± 50 %`
+              : state.method;
+    $('tag-right').hidden = mode !== 'wipe' && mode !== 'side';
+    $('tag-right').textContent = right ?? '';
+}
+
+const median = (list) => [...list].sort((a, b) => a - b)[Math.floor(list.length / 2)];
+
+function measure(head) {
+    const now = performance.now();
+    times = [...times.filter((t) => now - t < 2000), now];
+    if (head.sent !== undefined && head.id !== measured) latencies = [...latencies.slice(-30), now - head.sent];
+    measured = head.id;
+    window.pellucid = {
+        frames: (window.pellucid?.frames ?? 0) + 1,
+        latency: latencies.length ? median(latencies) : null,
+        last: head,
+    };
+    $('status-size').textContent = `${head.width} × ${head.height}`;
+    $('status-time').textContent =
+        `${(head.ms + head.encode_ms).toFixed(0)} ms${times.length > 4 ? `, ${(times.length / 2).toFixed(0)} a second` : ''}`;
+    $('status-latency').textContent = latencies.length ? `input to photon ${median(latencies).toFixed(0)} ms` : '';
+}
+
+async function show(head, file) {
+    try {
+        await stage.take(head, file);
+        stage.draw();
+        tags();
+        $('veil').hidden = true;
+        if (head.picture === stage.KINDS.A) {
+            measure(head);
+            truth.showStages(head);
+            $('status-state').textContent = head.still ? 'Finished: as pellucid render draws it' : 'Refining';
+            $('progress').hidden = head.still;
+            $('stage').dataset.still = String(head.still);
+            $('stage').dataset.id = String(head.id);
+        }
+    } finally {
+        connection.acknowledge(head.serial);
+    }
+}
+
+function progress({ fraction }) {
+    $('progress').hidden = false;
+    $('progress').firstElementChild.style.transform = `scaleX(${fraction})`;
+}
+
+function start(given) {
+    hello = given;
+    $('title').textContent = `Pellucid  ${hello.input}`;
+    document.title = `${hello.input} – Pellucid`;
+    if (!started) {
+        begin(hello.state);
+        materials.build($('panel-material'), hello.materials);
+        lights.build($('panel-light'));
+        stage.listen({ onPick: (at) => pick(at, 'numbers'), onFocus: (at) => pick(at, 'focus') });
+        onChange(apply);
+        started = true;
+    }
+    buildMethod();
+    buildImage();
+    buildCompare();
+    truth.waitForTruth();
+    connection.view(message, false);
+}
+
+function apply(what, moving) {
+    $('undo').disabled = !canUndo();
+    $('redo').disabled = !canRedo();
+    if (what === 'all') {
+        buildMethod();
+        buildImage();
+        buildCompare();
+        materials.refresh(true);
+        lights.refresh(true);
+    }
+    if (what === 'materials') materials.refresh(false);
+    if (what === 'wipe' || what === 'mode') {
+        stage.draw();
+        tags();
+        return;
+    }
+    for (const knob of document.querySelectorAll('.knob')) if (!knob.contains(document.activeElement) || !moving) knob.refresh();
+    if (['camera', 'lights', 'materials', 'settings', 'time', 'all'].includes(what))
+        stage.forget(stage.KINDS.REFERENCE, stage.KINDS.ERROR_A, stage.KINDS.ERROR_B);
+    truth.showRing(null, $('canvas'));
+    truth.waitForTruth();
+    $('status-state').textContent = moving ? 'Moving' : 'Refining';
+    $('stage').dataset.still = 'false';
+    connection.view(message, moving);
+}
+
+// --- Points -----------------------------------------------------------------------------------------------------------------------
+
+function pick(at, why) {
+    wanted = why;
+    connection.ask({ type: 'pick', x: Math.max(0, Math.min(1, at.x)), y: Math.max(0, Math.min(1, at.y)) });
+}
+
+function picked(p) {
+    if (wanted === 'focus') {
+        if (!p.at) return;
+        camera.lookAt(p.at);
+        changed('camera');
+        return;
+    }
+    truth.showPicked(p);
+    truth.showRing(p, $('canvas'));
+}
+
+// --- Files ------------------------------------------------------------------------------------------------------------------------
+
+function download(file, name) {
+    const link = el('a', { href: URL.createObjectURL(file), download: name });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+const stem = () => hello.input.replace(/\.[^.]*$/, '');
+const quote = (text) => (/^[\w./:=,+@%-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+
+// The command that draws this view; what options can't say is in the scene that is saved.
+function command() {
+    const words = ['pellucid', 'render'];
+    const preset = state.materials && Object.keys(state.materials).length === 1 ? state.materials['*']?.preset : undefined;
+    const saved = state.camera || state.lights || (state.materials && !preset) || state.time !== null;
+    words.push(saved ? `${stem()}-view.json` : hello.input);
+    if (saved) return [...words, '-o', `${stem()}.png`].map(quote).join(' ');
+    for (const key of ['size', 'unit']) if (facts?.[key]) words.push(`--${key}`, facts[key]);
+    const material = preset ?? facts?.said?.['*']?.preset;
+    if (material) words.push('--material', material);
+    words.push('-m', state.method);
+    for (const [key, value] of Object.entries(state.knobs)) words.push('--set', `${key}=${value}`);
+    for (const [key, value] of Object.entries(state.settings)) words.push(`--${key}`, value);
+    return [...words, '-o', `${stem()}.png`].map(quote).join(' ');
+}
+
+async function copy(text, what) {
+    await navigator.clipboard.writeText(text);
+    say('', '', `${what} copied: ${text}`, '');
+}
+
+function menu() {
+    const item = (id, act) =>
+        $(id).addEventListener('click', () => {
+            $('save').open = false;
+            act();
+        });
+    item('save-scene', () => connection.ask({ type: 'save', format: 'scene' }));
+    item('save-exr', () => connection.ask({ type: 'save', format: 'exr' }));
+    item('save-png', () => {
+        const file = stage.stillFile();
+        if (file) download(file, `${stem()}.png`);
+        else say('', '', 'The image is not finished yet: try again when the status says so.', '');
+    });
+    item('copy-command', () => copy(command(), 'Command line'));
+    item('copy-link', () => copy(location.href, 'Link'));
+    $('undo').addEventListener('click', undo);
+    $('redo').addEventListener('click', redo);
+    $('help-button').addEventListener('click', () => $('help').showModal());
+    document.addEventListener('click', (event) => {
+        if (!$('save').contains(event.target)) $('save').open = false;
+    });
+    document.addEventListener('keydown', (event) => {
+        const typing = /^(INPUT|SELECT|TEXTAREA)$/.test(document.activeElement?.tagName) && document.activeElement.type !== 'range';
+        if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === 'z' && !typing) {
+            event.preventDefault();
+            (event.shiftKey ? redo : undo)();
+        } else if (event.key === '?' && !typing && !$('help').open) $('help').showModal();
+        else if (event.key === 'Escape') $('save').open = false;
+    });
+    $('undo').disabled = $('redo').disabled = true;
+}
+
+connection.on('hello', start);
+connection.on('picture', show);
+connection.on('progress', progress);
+connection.on('message', (m) => say(m.level, m.where, m.what, m.hint));
+connection.on('failed', () => {
+    $('status-state').textContent = 'The last good image stays';
+    $('progress').hidden = true;
+});
+connection.on('rest', () => {
+    $('progress').hidden = true;
+});
+connection.on('scene', (given) => {
+    facts = given;
+    camera.setFile(facts.camera, facts.bounds);
+    materials.setFacts(facts);
+    lights.setFile(facts.lights);
+    if (facts.animated) buildImage();
+});
+connection.on('truth', (t) => {
+    truth.showTruth(t);
+    stage.draw();
+    tags();
+});
+connection.on('picked', picked);
+connection.on('file', (head, file) => download(file, head.format === 'exr' ? `${stem()}.exr` : `${stem()}-view.json`));
+connection.on('closed', (reason) => {
+    $('veil').hidden = false;
+    $('veil').textContent = reason || 'The program has ended, or cannot be reached. Trying again.';
+    $('status-state').textContent = 'Not connected';
+});
+
+tabs();
+menu();
+connection.connect();
+$('stages-card').open = matchMedia('(min-width: 56rem)').matches;

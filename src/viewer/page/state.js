@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+// state.js - what the page shows: one object, its history, and its text in the address.
+
+const listeners = new Set();
+let history = [];
+let future = [];
+let committed = '';
+let writing = 0;
+
+export const state = {
+    method: 'none',
+    knobs: {},
+    settings: {},
+    camera: null,
+    lights: null,
+    materials: null,
+    time: null,
+    other: null,
+    truth: null,
+    mode: 'single',
+    wipe: 0.5,
+};
+export let base = {}; // what the program began with
+
+// what: the part that changed; moving: more of the same comes soon.
+export function changed(what, moving = false) {
+    if (!moving) commit();
+    for (const listener of listeners) listener(what, moving);
+}
+
+export const onChange = (listener) => listeners.add(listener);
+
+function commit() {
+    const text = JSON.stringify(state);
+    if (text === committed) return;
+    if (committed) history.push(committed);
+    if (history.length > 200) history.shift();
+    committed = text;
+    future = [];
+    clearTimeout(writing);
+    writing = setTimeout(writeAddress, 300);
+}
+
+function adopt(text) {
+    committed = text;
+    Object.assign(state, JSON.parse(text));
+    clearTimeout(writing);
+    writing = setTimeout(writeAddress, 300);
+    for (const listener of listeners) listener('all', false);
+}
+
+export const canUndo = () => history.length > 0;
+export const canRedo = () => future.length > 0;
+export function undo() {
+    if (!history.length) return;
+    future.push(committed);
+    adopt(history.pop());
+}
+export function redo() {
+    if (!future.length) return;
+    history.push(committed);
+    adopt(future.pop());
+}
+
+// The parts that differ from the beginning, so that a link says little.
+function difference() {
+    const out = {};
+    for (const [key, value] of Object.entries(state)) if (JSON.stringify(value) !== JSON.stringify(base[key])) out[key] = value;
+    return out;
+}
+
+const encode = (text) =>
+    btoa(String.fromCharCode(...new TextEncoder().encode(text)))
+        .replaceAll('+', '-')
+        .replaceAll('/', '_');
+const decode = (text) =>
+    new TextDecoder().decode(Uint8Array.from(atob(text.replaceAll('-', '+').replaceAll('_', '/')), (c) => c.charCodeAt(0)));
+
+function writeAddress() {
+    const out = difference();
+    const hash = Object.keys(out).length ? `#view=${encode(JSON.stringify(out))}` : '';
+    window.history.replaceState(null, '', location.pathname + location.search + hash);
+}
+
+// The beginning, and over it what the address says.
+export function begin(given) {
+    base = { ...structuredClone(state), ...given };
+    Object.assign(state, structuredClone(base));
+    const found = /^#view=([\w=-]+)$/.exec(location.hash);
+    if (found) {
+        try {
+            const said = JSON.parse(decode(found[1]));
+            for (const key of Object.keys(base)) if (Object.hasOwn(said, key)) state[key] = said[key];
+        } catch {
+            console.info('the address holds no view');
+        }
+    }
+    committed = JSON.stringify(state);
+    history = [];
+    future = [];
+}
+
+export const mm = (text) => (typeof text === 'number' ? text : parseFloat(text));
+const length = (x) => `${Number(x.toPrecision(9))}mm`;
+
+function cameraMessage(c) {
+    const out = { from: c.from.map(length), to: c.to.map(length), up: c.up };
+    if (c.ortho_height) out.ortho_height = length(c.ortho_height);
+    else out.fov_deg = c.fov_deg;
+    if (c.focus) out.focus = length(c.focus);
+    if (c.f_number) out.f_number = c.f_number;
+    return out;
+}
+
+// What the program is sent.
+export function message() {
+    const out = { method: state.method, knobs: state.knobs, settings: state.settings };
+    if (state.camera) out.camera = cameraMessage(state.camera);
+    for (const key of ['lights', 'materials', 'other', 'truth', 'time']) if (state[key] !== null) out[key] = state[key];
+    return out;
+}

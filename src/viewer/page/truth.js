@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: MIT
+// truth.js - errors against the reference, times of the stages, numbers of a point: what stands below the view.
+import { el } from './knobs.js';
+import { plot } from './plot.js';
+import { state } from './state.js';
+
+const $ = (id) => document.getElementById(id);
+const percent = (x, digits = 1) => (x === null || x === undefined ? '–' : `${(100 * x).toFixed(digits)} %`);
+const signed = (x) => `${x > 0 ? '+' : ''}${(100 * x).toFixed(1)}`;
+const rms = (x) => (x === null ? null : Math.sqrt(Math.max(x, 0)));
+
+// The standard error of the root, from that of the square.
+function uncertainty(m) {
+    const e = rms(m.rel_mse);
+    if (!m.rel_mse_error || !e) return '';
+    return ` ± ${(100 * (m.rel_mse_error / (2 * e))).toFixed(1)}`;
+}
+
+const rows = [
+    ['Root mean square', (m) => `${percent(rms(m.rel_mse))}${uncertainty(m)}`],
+    ['FLIP', (m) => (m.flip === null ? '–' : m.flip.toFixed(4))],
+    ['Bias, red', (m) => biasText(m, 0)],
+    ['Bias, green', (m) => biasText(m, 1)],
+    ['Bias, blue', (m) => biasText(m, 2)],
+    ['SSIM', (m) => (m.ssim === null ? '–' : m.ssim.toFixed(4))],
+];
+
+function biasText(m, c) {
+    if (m.bias[c] === null) return '–';
+    return `${signed(m.bias[c])} %${m.bias_error[c] ? ` ± ${(100 * m.bias_error[c]).toFixed(1)}` : ''}`;
+}
+
+export function showTruth(t) {
+    const box = $('errors');
+    box.hidden = false;
+    $('errors-title').textContent = `Error against ${t.method}`;
+    const heads = ['', state.method, ...(t.b && state.other ? [state.other.method] : [])];
+    const about = t.random
+        ? `${t.batches} independent images of ${t.width} × ${t.height}, noise ${percent(t.noise, 2)}${t.done ? '' : ', getting sharper'}`
+        : `${t.width} × ${t.height}; its own error of method is not included`;
+    $('errors-body').replaceChildren(
+        el('p', { className: 'big' }, percent(rms(t.a.rel_mse)), ' ', el('small', {}, `${uncertainty(t.a)} relative error`)),
+        el(
+            'table',
+            {},
+            el('thead', {}, el('tr', {}, ...heads.map((h) => el('th', { scope: 'col' }, h)))),
+            el(
+                'tbody',
+                {},
+                ...rows.map(([name, text]) =>
+                    el('tr', {}, el('td', {}, name), el('td', {}, text(t.a)), t.b && state.other ? el('td', {}, text(t.b)) : null),
+                ),
+            ),
+        ),
+        el('p', { className: 'note' }, about),
+    );
+}
+
+export function waitForTruth() {
+    $('errors').hidden = !state.truth;
+    if (!state.truth) return;
+    $('errors-title').textContent = `Error against ${state.truth}`;
+    $('errors-body').replaceChildren(el('p', { className: 'note' }, 'The reference is rendered when nothing moves.'));
+}
+
+export function showStages(head) {
+    const list = (head.stages ?? []).filter((s) => s.ms > 0.05);
+    const most = Math.max(...list.map((s) => s.ms), 1e-3);
+    $('stages').replaceChildren(
+        ...list.map((s) => {
+            const bar = el('i', {});
+            bar.style.transform = `scaleX(${s.ms / most})`;
+            return el(
+                'div',
+                { className: 'stage-row' },
+                el('span', { title: s.name }, s.name),
+                el('div', { className: 'track' }, bar),
+                el('span', {}, `${s.ms.toFixed(1)} ms`),
+            );
+        }),
+    );
+}
+
+export function showPicked(p) {
+    $('picked').hidden = false;
+    if (!p.at) {
+        $('picked-body').replaceChildren(el('p', { className: 'note' }, 'Nothing is there.'));
+        return;
+    }
+    const fact = (name, value) => el('tr', {}, el('td', {}, name), el('td', {}, value));
+    $('picked-body').replaceChildren(
+        el(
+            'table',
+            {},
+            el(
+                'tbody',
+                {},
+                fact('Material', p.preset || p.material || '–'),
+                fact('Point, mm', p.at.map((x) => x.toFixed(2)).join(', ')),
+                fact('Depth', `${p.depth_mm.toFixed(1)} mm`),
+                p.profile
+                    ? fact(
+                          'Half of the light leaves within',
+                          p.profile.half_light_mm.map((x) => Number(x.toPrecision(2))).join(', ') + ' mm',
+                      )
+                    : null,
+                p.profile ? fact('Reflectance', p.profile.total.map((x) => x.toFixed(3)).join(', ')) : null,
+            ),
+        ),
+        p.profile ? (plot(p.profile) ?? '') : '',
+    );
+}
+
+// A circle with the radius of half the light, drawn to the scale of the picture.
+export function showRing(p, canvas) {
+    const ring = $('ring');
+    ring.hidden = !p?.profile;
+    if (ring.hidden) return;
+    const shown = canvas.clientWidth;
+    const radius = Math.max(...p.profile.half_light_mm) / p.mm_per_pixel / p.width;
+    ring.style.left = `${100 * p.x}%`;
+    ring.style.top = `${100 * p.y}%`;
+    ring.style.width = ring.style.height = `${Math.max(4, 2 * radius * shown)}px`;
+}

@@ -1,0 +1,282 @@
+/* SPDX-License-Identifier: MIT
+ * truth.c - a reference that accumulates, and errors against it. */
+#include "viewer/truth.h"
+
+#include "viewer/encode.h"
+
+#include <pellucid/compare.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define PIXELS (640.0 * 360.0) /* of the pictures that are compared, at most */
+#define BATCHES_MOST 1024
+#define NOISE_ENOUGH 0.002
+#define REPORT_EVERY 2.0 /* seconds */
+
+struct viewer_truth {
+    struct viewer *v;
+    uint64_t page;
+    const struct viewer_message *view;
+    struct viewer_look look; /* of the reference */
+    bool random;             /* it is drawn many times */
+    double scale;
+    int width, height;
+    size_t count;
+    float *test[2][3], *mask, *mean[3], *variance[3], *display[3];
+    double *sum[3], *squares[3];
+    int tests, batches; /* pictures so far */
+    struct pell_settings settings;
+    float exposure;
+    double noise, reported;
+    bool done;
+};
+
+enum pell_result viewer_truth_create(struct viewer *v, uint64_t page, const struct viewer_message *view, struct viewer_truth **out)
+{
+    struct viewer_truth *t = pell_zalloc(v->ctx, sizeof(*t));
+    const struct pell_method *method = pell_method_find(v->ctx, "truth", view->truth);
+
+    *out = NULL;
+    if (!t || !method) {
+        pell_free(v->ctx, t);
+        return method ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
+    }
+    *t = (struct viewer_truth) { .v = v, .page = page, .view = view, .random = method->partial, .look = { .method = method->name } };
+    if (t->random && pell_knob_find(method->knobs, "samples"))
+        t->look.knobs[t->look.num_knobs++] = (struct pell_setting) { "samples", "4", "truth" };
+    *out = t;
+    return PELL_OK;
+}
+
+void viewer_truth_destroy(struct viewer_truth **truth)
+{
+    struct viewer_truth *t = *truth;
+    struct pell_context *ctx = t ? t->v->ctx : NULL;
+
+    if (!t)
+        return;
+    *truth = NULL;
+    for (int c = 0; c < 3; c++) {
+        pell_free(ctx, t->test[0][c]);
+        pell_free(ctx, t->test[1][c]);
+        pell_free(ctx, t->mean[c]);
+        pell_free(ctx, t->variance[c]);
+        pell_free(ctx, t->display[c]);
+        pell_free(ctx, t->sum[c]);
+        pell_free(ctx, t->squares[c]);
+    }
+    pell_free(ctx, t->mask);
+    pell_free(ctx, t);
+}
+
+bool viewer_truth_done(const struct viewer_truth *t)
+{
+    return t->done;
+}
+
+static enum pell_result allocate(struct viewer_truth *t, const struct pell_render_result *image)
+{
+    struct pell_context *ctx = t->v->ctx;
+    bool there = true;
+
+    t->width = image->width;
+    t->height = image->height;
+    t->count = (size_t) t->width * (size_t) t->height;
+    for (int c = 0; c < 3; c++) {
+        there = there && (t->test[0][c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        there = there && (t->test[1][c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        there = there && (t->mean[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        there = there && (t->variance[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        there = there && (t->display[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        there = there && (t->sum[c] = pell_calloc(ctx, t->count, sizeof(double))) != NULL;
+        there = there && (t->squares[c] = pell_calloc(ctx, t->count, sizeof(double))) != NULL;
+    }
+    there = there && (t->mask = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+    return there ? PELL_OK : PELL_ERR_NOMEM;
+}
+
+static void copy_plane(const struct viewer_truth *t, const float *from, ptrdiff_t stride, float *to)
+{
+    for (int y = 0; y < t->height; y++)
+        memcpy(to + (size_t) y * (size_t) t->width, from + (ptrdiff_t) y * stride, (size_t) t->width * sizeof(float));
+}
+
+/* The picture of A, or of B, that is compared. */
+static enum pell_result draw_test(struct viewer_truth *t, struct viewer_model *m)
+{
+    static const char *const names[3] = { "R", "G", "B" };
+    const bool other = t->tests == 1;
+    struct pell_render_result image;
+    struct viewer_haste haste = { .scale = 1.0 };
+    struct pell_settings full;
+    enum pell_result res;
+
+    if (t->tests == 0) {
+        int64_t width = 1280, height = 720;
+        pell_settings_default(NULL, NULL, &full);
+        width = full.width;
+        height = full.height;
+        for (size_t i = 0; i < t->view->num_settings; i++) {
+            const struct pell_setting *s = &t->view->settings[i];
+            if (strcmp(s->name, "width") == 0)
+                pell_parse_int(s->value, strlen(s->value), &width);
+            if (strcmp(s->name, "height") == 0)
+                pell_parse_int(s->value, strlen(s->value), &height);
+        }
+        t->scale = fmin(1.0, sqrt(PIXELS / fmax(1.0, (double) width * (double) height)));
+    }
+    haste.scale = t->scale;
+    PELL_TRY(viewer_model_render(m, VIEWER_TRUTH, t->view, other ? &t->view->other : &t->view->look, &haste, &t->settings, &image));
+    if (t->tests == 0)
+        PELL_TRY(allocate(t, &image));
+    for (int c = 0; c < 3; c++) {
+        const struct pell_channel *channel = cli_channel(&image, "", names[c]);
+        if (channel)
+            copy_plane(t, channel->data, channel->stride, t->test[t->tests][c]);
+    }
+    if (t->tests == 0 && image.alpha)
+        copy_plane(t, image.alpha, image.stride, t->mask);
+    t->exposure = t->settings.exposure;
+    t->tests++;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result draw_reference(struct viewer_truth *t, struct viewer_model *m)
+{
+    static const char *const names[3] = { "R", "G", "B" };
+    const struct viewer_haste haste = { .scale = t->scale, .seed_offset = t->batches };
+    struct pell_render_result image;
+    struct pell_settings settings;
+    double error = 0.0, light = 0.0;
+    enum pell_result res;
+
+    PELL_TRY(viewer_model_render(m, VIEWER_TRUTH, t->view, &t->look, &haste, &settings, &image));
+    if (image.partial)
+        return PELL_ERR_CANCELLED;
+    t->batches++;
+    for (int c = 0; c < 3; c++) {
+        const struct pell_channel *channel = cli_channel(&image, "", names[c]);
+        for (size_t i = 0; channel && i < t->count; i++) {
+            const double n = t->batches,
+                         x = (double)
+                                 channel->data[(ptrdiff_t) (i / (size_t) t->width) * channel->stride + (ptrdiff_t) (i % (size_t) t->width)];
+            double mean, variance;
+            t->sum[c][i] += x;
+            t->squares[c][i] += x * x;
+            mean = t->sum[c][i] / n;
+            variance = n > 1.0 ? fmax(0.0, (t->squares[c][i] / n - mean * mean) / (n - 1.0)) : 0.0;
+            t->mean[c][i] = (float) mean;
+            t->variance[c][i] = (float) variance;
+            if (t->mask[i] > 0.5f) {
+                error += variance;
+                light += mean * mean;
+            }
+        }
+    }
+    t->noise = t->batches > 1 && light > 0.0 ? sqrt(error / light) : 0.0;
+    t->done = !t->random || t->batches >= BATCHES_MOST || (t->batches >= 8 && t->noise < NOISE_ENOUGH);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- What the page is sent ----------------------------------------------------------------------------------------------------------- */
+
+static json_t *finite(double x)
+{
+    return isfinite(x) ? json_real(x) : json_null();
+}
+
+static json_t *metrics_json(const struct pell_metrics *x)
+{
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "rel_mse", finite(x->rel_mse), "rel_mse_error", finite(x->rel_mse_error),
+                     "mse", finite(x->mse), "mae", finite(x->mae), "ssim", finite(x->ssim), "flip", finite(x->flip), "flip_hdr",
+                     finite(x->flip_hdr), "bias", cli_numbers(x->rel_bias, 3), "bias_error", cli_numbers(x->rel_bias_error, 3), "resolved",
+                     json_boolean(pell_metric_resolved(x->rel_mse, x->rel_mse_error)));
+}
+
+static enum pell_result send_planes(struct viewer_truth *t, enum viewer_picture_kind kind, bool encoded)
+{
+    const struct viewer_picture picture = { t->width, t->height, t->width, { t->display[0], t->display[1], t->display[2] }, encoded };
+    struct viewer_sent sent = { .width = t->width, .height = t->height, .mime = "image/jpeg", .exposure = t->exposure };
+    const enum pell_result res = viewer_encode_jpeg(t->v->ctx, &picture, 90, &sent.file, &sent.size);
+
+    if (res == PELL_OK)
+        viewer_send_picture(t->v, t->page, t->view->id, kind, &sent);
+    return res;
+}
+
+/* Signed relative error: blue too dark, red too bright. */
+static enum pell_result send_error(struct viewer_truth *t, const struct pell_comparison *x, bool other)
+{
+    for (size_t i = 0; i < t->count; i++) {
+        float rgb[3];
+        pell_color_diverging(t->mask[i] > 0.5f ? 2.0f * x->relative[i] : 0.0f, rgb);
+        for (int c = 0; c < 3; c++)
+            t->display[c][i] = rgb[c];
+    }
+    return send_planes(t, other ? VIEWER_PICTURE_ERROR_B : VIEWER_PICTURE_ERROR_A, true);
+}
+
+static enum pell_result compare_one(struct viewer_truth *t, struct viewer_model *m, int test, json_t *report)
+{
+    const bool noisy = t->batches > 1;
+    struct pell_compare_input input = { .width = t->width, .height = t->height, .stride = t->width, .mask = t->mask };
+    struct pell_compare_params params;
+    struct pell_comparison comparison;
+    enum pell_result res;
+
+    for (int c = 0; c < 3; c++) {
+        input.test[c] = t->test[test][c];
+        input.reference[c] = t->mean[c];
+        input.variance[c] = noisy ? t->variance[c] : NULL;
+    }
+    pell_knobs_default(pell_compare_knobs(), &params);
+    params.exposure = t->exposure;
+    params.threads = pell_device_threads(m->device);
+    PELL_TRY(pell_compare(t->v->ctx, &input, &params, &comparison));
+    json_object_set_new(report, test ? "b" : "a", metrics_json(&comparison.masked));
+    res = send_error(t, &comparison, test == 1);
+    pell_comparison_finish(t->v->ctx, &comparison);
+
+fail:
+    return res;
+}
+
+static enum pell_result report(struct viewer_truth *t, struct viewer_model *m)
+{
+    json_t *o =
+        json_pack("{s:s,s:I,s:s,s:i,s:f,s:b,s:b,s:i,s:i}", "type", "truth", "id", (json_int_t) t->view->id, "method", t->look.method,
+                  "batches", t->batches, "noise", t->noise, "random", t->random, "done", t->done, "width", t->width, "height", t->height);
+    enum pell_result res;
+
+    viewer_tone(&t->settings, t->exposure, (const float *const *) t->mean, t->display, t->count);
+    PELL_TRY(send_planes(t, VIEWER_PICTURE_REFERENCE, false));
+    for (int i = 0; i < t->tests; i++)
+        PELL_TRY(compare_one(t, m, i, o));
+    viewer_send(t->v, t->page, o, -1, NULL, 0);
+    t->reported = pell_seconds();
+    return PELL_OK;
+
+fail:
+    json_decref(o);
+    return res;
+}
+
+enum pell_result viewer_truth_step(struct viewer_truth *t, struct viewer_model *m)
+{
+    enum pell_result res;
+
+    if (t->tests < (t->view->other.method ? 2 : 1))
+        return draw_test(t, m);
+    res = draw_reference(t, m);
+    if (res == PELL_OK && (t->done || t->batches < 3 || pell_seconds() - t->reported > REPORT_EVERY))
+        res = report(t, m);
+    return res;
+}

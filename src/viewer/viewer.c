@@ -1,0 +1,285 @@
+/* SPDX-License-Identifier: MIT
+ * viewer.c - what waits for pages, between the server and the thread that renders. */
+#include "viewer/viewer.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum pell_result viewer_init(struct cli *cli, struct pell_context *ctx, struct pell_context *parsing, struct viewer *v)
+{
+    pthread_condattr_t attributes;
+
+    *v = (struct viewer) { .cli = cli, .ctx = ctx, .parsing = parsing };
+    if (pthread_mutex_init(&v->lock, NULL) != 0)
+        return PELL_ERR_NOMEM;
+    pthread_condattr_init(&attributes);
+    pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    if (pthread_cond_init(&v->wake, &attributes) != 0) {
+        pthread_mutex_destroy(&v->lock);
+        return PELL_ERR_NOMEM;
+    }
+    return PELL_OK;
+}
+
+void viewer_news_free(struct viewer_news *news)
+{
+    free(news);
+}
+
+static void empty(struct viewer_page *p)
+{
+    viewer_message_destroy(&p->view);
+    for (int i = 0; i < p->num_tasks; i++)
+        viewer_message_destroy(&p->tasks[i]);
+    for (int i = 0; i < VIEWER_PICTURES; i++)
+        viewer_news_free(p->pictures[i]);
+    for (struct viewer_news *n = p->news, *next; n; n = next) {
+        next = n->next;
+        viewer_news_free(n);
+    }
+    *p = (struct viewer_page) { .number = 0 };
+}
+
+void viewer_finish(struct viewer *v)
+{
+    for (int i = 0; i < VIEWER_PAGES; i++)
+        empty(&v->pages[i]);
+    free(v->hello);
+    pthread_cond_destroy(&v->wake);
+    pthread_mutex_destroy(&v->lock);
+}
+
+/* --- Pages ---------------------------------------------------------------------------------------------------------------------------- */
+
+struct viewer_page *viewer_page_of(struct viewer *v, uint64_t number)
+{
+    for (int i = 0; i < VIEWER_PAGES; i++)
+        if (number && v->pages[i].number == number)
+            return &v->pages[i];
+    return NULL;
+}
+
+struct viewer_page *viewer_page_open(struct viewer *v)
+{
+    struct viewer_page *page = NULL;
+
+    pthread_mutex_lock(&v->lock);
+    for (int i = 0; i < VIEWER_PAGES && !page; i++)
+        if (!v->pages[i].number)
+            page = &v->pages[i];
+    if (page) {
+        page->number = ++v->pages_ever;
+        page->news_end = &page->news;
+    }
+    pthread_mutex_unlock(&v->lock);
+    return page;
+}
+
+/* With the lock. */
+static void wake_worker(struct viewer *v)
+{
+    if (v->refining)
+        pell_context_cancel(v->ctx);
+    pthread_cond_signal(&v->wake);
+}
+
+void viewer_page_close(struct viewer *v, uint64_t number)
+{
+    struct viewer_page *page;
+
+    pthread_mutex_lock(&v->lock);
+    if ((page = viewer_page_of(v, number))) {
+        empty(page);
+        wake_worker(v);
+    }
+    pthread_mutex_unlock(&v->lock);
+}
+
+bool viewer_page_ready(const struct viewer_page *page)
+{
+    for (int i = 0; i < VIEWER_PICTURES; i++)
+        if (page->pictures[i])
+            return false;
+    return page->num_under_way < VIEWER_UNDER_WAY;
+}
+
+/* Pictures come in order: an older one is on the screen, too, or was. */
+static void acknowledge(struct viewer_page *page, int64_t serial)
+{
+    int left = 0;
+
+    for (int i = 0; i < page->num_under_way; i++)
+        if (page->under_way[i] > serial)
+            page->under_way[left++] = page->under_way[i];
+    page->num_under_way = left;
+}
+
+static bool accept_locked(struct viewer *v, struct viewer_page *page, struct viewer_message **message)
+{
+    struct viewer_message *m = *message, *old;
+
+    switch (m->type) {
+    case VIEWER_ACK:
+        if (m->id > page->sent)
+            return false;
+        acknowledge(page, m->id);
+        pthread_cond_signal(&v->wake);
+        return true;
+    case VIEWER_VIEW:
+        old = page->view;
+        page->view = m;
+        *message = old;
+        wake_worker(v);
+        return true;
+    case VIEWER_SAVE:
+    case VIEWER_PICK:
+        if (page->num_tasks == VIEWER_TASKS)
+            return false;
+        page->tasks[page->num_tasks++] = m;
+        *message = NULL;
+        wake_worker(v);
+        return true;
+    }
+    return false;
+}
+
+bool viewer_accept(struct viewer *v, uint64_t number, struct viewer_message *message)
+{
+    struct viewer_page *page;
+    bool good = true;
+
+    pthread_mutex_lock(&v->lock);
+    if ((page = viewer_page_of(v, number)))
+        good = accept_locked(v, page, &message);
+    pthread_mutex_unlock(&v->lock);
+    viewer_message_destroy(&message);
+    return good;
+}
+
+/* --- News ----------------------------------------------------------------------------------------------------------------------------- */
+
+static struct viewer_news *make_news(const char *head, const uint8_t *file, size_t size)
+{
+    const size_t length = strlen(head), before = file ? 4 : 0;
+    struct viewer_news *n = malloc(sizeof(*n) + VIEWER_ROOM + before + length + size);
+
+    if (!n)
+        return NULL;
+    *n = (struct viewer_news) { .binary = file != NULL, .kind = -1, .size = before + length + size };
+    n->bytes = (unsigned char *) (n + 1) + VIEWER_ROOM;
+    for (size_t i = 0; i < before; i++)
+        n->bytes[i] = (unsigned char) (length >> 8 * i);
+    memcpy(n->bytes + before, head, length);
+    if (size)
+        memcpy(n->bytes + before + length, file, size);
+    return n;
+}
+
+/* With the lock. */
+static struct viewer_news *enter(struct viewer_page *page, struct viewer_news *n)
+{
+    struct viewer_news *old = NULL;
+
+    if (n->kind >= 0) {
+        old = page->pictures[n->kind];
+        page->pictures[n->kind] = n;
+        return old;
+    }
+    if (page->num_news == VIEWER_NEWS_MOST) { /* nobody reads them */
+        old = page->news;
+        page->news = old->next;
+        if (page->news_end == &old->next)
+            page->news_end = &page->news;
+    } else {
+        page->num_news++;
+    }
+    *page->news_end = n;
+    page->news_end = &n->next;
+    return old;
+}
+
+void viewer_send(struct viewer *v, uint64_t number, json_t *head, int kind, uint8_t *file, size_t size)
+{
+    struct viewer_page *page;
+    struct viewer_news *n = NULL;
+    int64_t serial = 0;
+    char *text;
+
+    if (kind >= 0) {
+        pthread_mutex_lock(&v->lock);
+        serial = ++v->serials;
+        pthread_mutex_unlock(&v->lock);
+        json_object_set_new(head, "serial", json_integer(serial));
+    }
+    text = head ? json_dumps(head, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
+    json_decref(head);
+    if (text)
+        n = make_news(text, file, size);
+    free(text);
+    free(file);
+    if (!n)
+        return;
+    n->kind = kind;
+    n->serial = serial;
+    pthread_mutex_lock(&v->lock);
+    if ((page = viewer_page_of(v, number)))
+        n = enter(page, n);
+    if (v->notify)
+        v->notify(v);
+    pthread_mutex_unlock(&v->lock);
+    viewer_news_free(n);
+}
+
+void viewer_greet(struct viewer *v, uint64_t number)
+{
+    struct viewer_news *n = make_news(v->hello, NULL, 0);
+    struct viewer_page *page;
+
+    pthread_mutex_lock(&v->lock);
+    if (n && (page = viewer_page_of(v, number)))
+        n = enter(page, n);
+    pthread_mutex_unlock(&v->lock);
+    viewer_news_free(n);
+}
+
+void viewer_files_changed(struct viewer *v)
+{
+    pthread_mutex_lock(&v->lock);
+    v->files_changed = true;
+    wake_worker(v);
+    pthread_mutex_unlock(&v->lock);
+}
+
+void viewer_send_picture(struct viewer *v, uint64_t number, int64_t id, enum viewer_picture_kind kind, const struct viewer_sent *s)
+{
+    json_t *head = json_pack("{s:s,s:i,s:I,s:i,s:i,s:s,s:b,s:f,s:f,s:f,s:o*}", "type", "picture", "picture", (int) kind, "id",
+                             (json_int_t) id, "width", s->width, "height", s->height, "mime", s->mime, "still", s->still, "ms",
+                             1e3 * s->seconds, "encode_ms", 1e3 * s->encode_seconds, "exposure", (double) s->exposure, "stages", s->stages);
+
+    viewer_send(v, number, head, (int) kind, s->file, s->size);
+}
+
+struct viewer_news *viewer_next(struct viewer *v, uint64_t number)
+{
+    struct viewer_page *page;
+    struct viewer_news *n = NULL;
+
+    pthread_mutex_lock(&v->lock);
+    page = viewer_page_of(v, number);
+    if (page && page->news) {
+        n = page->news;
+        page->news = n->next;
+        page->num_news--;
+        if (!page->news)
+            page->news_end = &page->news;
+    }
+    for (int i = 0; page && !n && i < VIEWER_PICTURES; i++)
+        if (page->pictures[i] && page->num_under_way < VIEWER_UNDER_WAY) {
+            n = page->pictures[i];
+            page->pictures[i] = NULL;
+            page->sent = n->serial;
+            page->under_way[page->num_under_way++] = n->serial;
+        }
+    pthread_mutex_unlock(&v->lock);
+    return n;
+}

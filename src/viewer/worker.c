@@ -1,0 +1,417 @@
+/* SPDX-License-Identifier: MIT
+ * worker.c - the thread that renders: the newest view of each page at once, at a size that comes in time; then, while nothing moves, the
+ * same view as `pellucid render` would draw it, and behind it a reference that accumulates. */
+#include "viewer/encode.h"
+#include "viewer/model.h"
+#include "viewer/truth.h"
+#include "viewer/viewer.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TARGET_SECONDS 0.055 /* for rendering and encoding a moving picture: 80 ms are left for all of input to photon */
+#define NEWS_EVERY 0.2       /* seconds between two words of progress */
+
+enum step { STEP_PREVIEW_A, STEP_PREVIEW_B, STEP_STILL_A, STEP_STILL_B, STEP_TRUTH, STEP_DONE };
+
+/* What the worker keeps of a page. */
+struct pane {
+    uint64_t number;
+    struct viewer_message *view; /* the last one */
+    enum step step;
+    double scale; /* of moving pictures */
+    int last_width;
+    char *look; /* of what `scale` holds for */
+    struct viewer_truth *truth;
+    uint64_t knows; /* model.loads of the scene that the page has facts of */
+};
+
+struct viewer_worker {
+    struct viewer *v;
+    struct viewer_model model;
+    struct pane panes[VIEWER_PAGES];
+    uint64_t turn; /* page that was served last */
+    pthread_t thread;
+    bool started;
+};
+
+/* --- Words to pages ------------------------------------------------------------------------------------------------------------------- */
+
+void viewer_worker_log(void *viewer, const struct pell_message *m)
+{
+    static const char *const levels[] = { "", "error", "warning", "info", "debug" };
+    struct viewer *v = viewer;
+
+    if (m->level > PELL_LOG_WARNING || m->code == PELL_ERR_CANCELLED)
+        return;
+    viewer_send(v, v->serving,
+                json_pack("{s:s,s:s,s:o,s:o,s:o}", "type", "message", "level", levels[m->level], "where", cli_text(m->where), "what",
+                          cli_text(m->what), "hint", cli_text(m->hint)),
+                -1, NULL, 0);
+}
+
+void viewer_worker_progress(void *viewer, const char *task, double fraction)
+{
+    struct viewer *v = viewer;
+    const double now = pell_seconds();
+
+    if (now - v->progress < NEWS_EVERY || fraction >= 1.0)
+        return;
+    v->progress = now;
+    viewer_send(v, v->serving, json_pack("{s:s,s:s,s:f}", "type", "progress", "task", task, "fraction", fraction), -1, NULL, 0);
+}
+
+static const struct viewer_look *look_of(const struct viewer_message *view, bool other)
+{
+    return other ? &view->other : &view->look;
+}
+
+/* --- Pictures ------------------------------------------------------------------------------------------------------------------------- */
+
+static struct viewer_picture display_of(const struct pell_render_result *image)
+{
+    return (struct viewer_picture) {
+        image->width, image->height, image->stride, { image->display[0], image->display[1], image->display[2] }, false
+    };
+}
+
+/* Renders a look and sends it. */
+static enum pell_result draw(struct viewer_worker *w, struct pane *p, bool other, const struct viewer_haste *haste, bool still)
+{
+    const enum viewer_slot slot = still ? (other ? VIEWER_STILL_B : VIEWER_STILL_A) : (other ? VIEWER_LIVE_B : VIEWER_LIVE_A);
+    const bool lossless = still && !haste->quick;
+    struct viewer_sent sent = { .still = lossless, .mime = lossless ? "image/png" : "image/jpeg" };
+    struct pell_settings settings;
+    struct pell_render_result image;
+    struct viewer_picture picture;
+    double start;
+    enum pell_result res;
+
+    PELL_TRY(viewer_model_render(&w->model, slot, p->view, look_of(p->view, other), haste, &settings, &image));
+    start = pell_seconds();
+    picture = display_of(&image);
+    if (lossless)
+        PELL_TRY(viewer_encode_png(w->v->ctx, &picture, &sent.file, &sent.size));
+    else
+        PELL_TRY(viewer_encode_jpeg(w->v->ctx, &picture, still ? 92 : 82, &sent.file, &sent.size));
+    sent.width = image.width;
+    sent.height = image.height;
+    sent.seconds = image.seconds;
+    sent.encode_seconds = pell_seconds() - start;
+    sent.exposure = settings.exposure;
+    sent.stages = session_stages(&image);
+    viewer_send_picture(w->v, p->number, p->view->id, other ? VIEWER_PICTURE_B : VIEWER_PICTURE_A, &sent);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* The size at which a moving picture comes in time, from the last one of the same size. */
+static void adapt(struct pane *p, double seconds, int width)
+{
+    const double wanted = p->scale * sqrt(TARGET_SECONDS / fmax(seconds, 1e-3));
+
+    if (width == p->last_width && (wanted < 0.9 * p->scale || wanted > 1.3 * p->scale))
+        p->scale = fmin(fmax(0.05 * floor(20.0 * wanted), 0.15), 1.0);
+    p->last_width = width;
+}
+
+/* A slow method begins small. */
+static void choose_scale(struct pane *p)
+{
+    const char *method = p->view->look.method, *other = p->view->other.method;
+    char text[256];
+    const int n = snprintf(text, sizeof(text), "%s %s", method ? method : "", other ? other : "");
+
+    if (n > 0 && (!p->look || strcmp(text, p->look) != 0)) {
+        free(p->look);
+        p->look = strdup(text);
+        p->scale = method && strcmp(method, CLI_DEFAULT_METHOD) != 0 ? 0.25 : 0.5;
+        p->last_width = 0;
+    }
+}
+
+static enum pell_result draw_moving(struct viewer_worker *w, struct pane *p)
+{
+    const double start = pell_seconds();
+    struct viewer_haste haste = { .quick = true };
+    enum pell_result res;
+
+    choose_scale(p);
+    haste.scale = p->scale;
+    res = draw(w, p, false, &haste, false);
+    if (res == PELL_OK && p->view->other.method)
+        res = draw(w, p, true, &haste, false);
+    if (res == PELL_OK)
+        adapt(p, pell_seconds() - start, (int) (1000.0 * p->scale));
+    return res;
+}
+
+/* --- Work ----------------------------------------------------------------------------------------------------------------------------- */
+
+/* Tells the page of a scene that was loaded. */
+static void announce(struct viewer_worker *w, struct pane *p)
+{
+    if (p->knows == w->model.loads)
+        return;
+    p->knows = w->model.loads;
+    viewer_send(w->v, p->number, viewer_model_facts(&w->model), -1, NULL, 0);
+}
+
+static void failed(struct viewer_worker *w, struct pane *p, enum pell_result res)
+{
+    if (res == PELL_ERR_CANCELLED)
+        return;
+    p->step = STEP_DONE;
+    viewer_send(w->v, p->number, json_pack("{s:s,s:I}", "type", "failed", "id", (json_int_t) p->view->id), -1, NULL, 0);
+}
+
+static void take_view(struct viewer_worker *w, struct pane *p, struct viewer_message *view)
+{
+    enum pell_result res;
+
+    viewer_message_destroy(&p->view);
+    p->view = view;
+    p->step = view->moving ? STEP_DONE : STEP_PREVIEW_A;
+    viewer_truth_destroy(&p->truth);
+    res = viewer_model_apply(&w->model, view, false);
+    if (res == PELL_OK)
+        announce(w, p);
+    if (res == PELL_OK)
+        res = draw_moving(w, p);
+    if (res != PELL_OK)
+        failed(w, p, res);
+}
+
+/* Whether a picture of one multisample comes much sooner than the still one. */
+static bool worth_preview(const struct viewer_worker *w, bool other)
+{
+    const struct pell_method *method = viewer_model_method(&w->model, other ? VIEWER_LIVE_B : VIEWER_LIVE_A);
+    return !method || method->kind == PELL_KIND_METHOD;
+}
+
+static enum pell_result accumulate(struct viewer_worker *w, struct pane *p)
+{
+    enum pell_result res = PELL_OK;
+
+    if (!p->view->truth) {
+        p->step = STEP_DONE;
+        return PELL_OK;
+    }
+    if (!p->truth)
+        PELL_TRY(viewer_truth_create(w->v, p->number, p->view, &p->truth));
+    PELL_TRY(viewer_truth_step(p->truth, &w->model));
+    if (viewer_truth_done(p->truth))
+        p->step = STEP_DONE;
+
+fail:
+    return res;
+}
+
+/* One step of what is refined while nothing moves. */
+static void refine(struct viewer_worker *w, struct pane *p)
+{
+    static const struct viewer_haste full = { .scale = 1.0 }, preview = { .scale = 1.0, .quick = true };
+    const bool other = p->step == STEP_PREVIEW_B || p->step == STEP_STILL_B;
+    enum pell_result res = viewer_model_apply(&w->model, p->view, true);
+
+    if (res == PELL_OK)
+        announce(w, p);
+    if (res == PELL_OK && p->step == STEP_TRUTH) {
+        res = accumulate(w, p);
+    } else if (res == PELL_OK) {
+        const bool still = p->step >= STEP_STILL_A;
+        if ((!other || p->view->other.method) && (still || worth_preview(w, other)))
+            res = draw(w, p, other, still ? &full : &preview, true);
+        if (res == PELL_OK)
+            p->step++;
+    }
+    if (res == PELL_OK && p->step == STEP_DONE)
+        viewer_send(w->v, p->number, json_pack("{s:s,s:I}", "type", "rest", "id", (json_int_t) p->view->id), -1, NULL, 0);
+    if (res != PELL_OK)
+        failed(w, p, res);
+}
+
+static void save(struct viewer_worker *w, struct pane *p, const struct viewer_message *m)
+{
+    static const struct viewer_haste all = { .scale = 1.0, .layers = true };
+    const bool exr = strcmp(m->format, "exr") == 0;
+    struct pell_settings settings;
+    struct pell_render_result image;
+    uint8_t *file = NULL;
+    size_t size = 0;
+    json_t *document;
+    char *text;
+
+    if (viewer_model_apply(&w->model, p->view, true) != PELL_OK)
+        return;
+    if (!exr) { /* an exposure that is metered must be known */
+        document = viewer_model_saved(&w->model, p->view);
+        text = document ? json_dumps(document, JSON_INDENT(2)) : NULL;
+        json_decref(document);
+        file = (uint8_t *) text;
+        size = text ? strlen(text) : 0;
+    } else if (viewer_model_render(&w->model, VIEWER_STILL_A, p->view, &p->view->look, &all, &settings, &image) != PELL_OK ||
+               viewer_encode_exr(w->v->ctx, &image, &file, &size) != PELL_OK) {
+        return;
+    }
+    viewer_send(w->v, p->number, json_pack("{s:s,s:I,s:s}", "type", "file", "id", (json_int_t) m->id, "format", m->format), -1, file, size);
+}
+
+static void do_task(struct viewer_worker *w, struct pane *p, struct viewer_message *m)
+{
+    if (!p->view)
+        return;
+    if (m->type == VIEWER_SAVE)
+        save(w, p, m);
+    else if (viewer_model_apply(&w->model, p->view, false) == PELL_OK)
+        viewer_send(w->v, p->number, viewer_model_pick(&w->model, m), -1, NULL, 0);
+}
+
+/* --- The thread ----------------------------------------------------------------------------------------------------------------------- */
+
+/* The worker's part of a page; a connection that has gone leaves nothing. With the lock. */
+static struct pane *pane_of(struct viewer_worker *w, int i)
+{
+    struct pane *p = &w->panes[i];
+
+    if (p->number != w->v->pages[i].number) {
+        viewer_message_destroy(&p->view);
+        viewer_truth_destroy(&p->truth);
+        free(p->look);
+        *p = (struct pane) { .number = w->v->pages[i].number, .step = STEP_DONE };
+    }
+    return p;
+}
+
+struct job {
+    struct pane *pane; /* NULL: none */
+    struct viewer_message *view, *task;
+};
+
+/* What comes next: pages take turns; views and tasks come before what is refined. With the lock. */
+static struct job choose_job(struct viewer_worker *w)
+{
+    struct viewer *v = w->v;
+    struct job refine_job = { NULL };
+
+    for (int k = 1; k <= VIEWER_PAGES; k++) {
+        const int i = (int) ((w->turn + (uint64_t) k) % VIEWER_PAGES);
+        struct viewer_page *page = &v->pages[i];
+        struct pane *p = pane_of(w, i);
+        struct job job = { .pane = p };
+
+        if (!page->number)
+            continue;
+        if (page->view && viewer_page_ready(page)) {
+            job.view = page->view;
+            page->view = NULL;
+        } else if (page->num_tasks && !page->view) {
+            job.task = page->tasks[0];
+            page->num_tasks--;
+            memmove(page->tasks, page->tasks + 1, (size_t) page->num_tasks * sizeof(*page->tasks));
+        } else {
+            if (!refine_job.pane && p->view && p->step < STEP_DONE && viewer_page_ready(page))
+                refine_job = job;
+            continue;
+        }
+        w->turn = (uint64_t) i;
+        return job;
+    }
+    return refine_job;
+}
+
+static void note_files(struct viewer_worker *w)
+{
+    w->v->files_changed = false;
+    w->model.stale = true;
+    for (int i = 0; i < VIEWER_PAGES; i++)
+        if (w->panes[i].view) {
+            w->panes[i].step = STEP_PREVIEW_A;
+            viewer_truth_destroy(&w->panes[i].truth);
+        }
+}
+
+static void *run(void *worker)
+{
+    struct viewer_worker *w = worker;
+    struct viewer *v = w->v;
+
+    pthread_mutex_lock(&v->lock);
+    while (!v->stop) {
+        struct job job;
+
+        if (v->files_changed)
+            note_files(w);
+        job = choose_job(w);
+        if (!job.pane) {
+            pthread_cond_wait(&v->wake, &v->lock);
+            continue;
+        }
+        v->serving = job.pane->number;
+        v->refining = !job.view && !job.task;
+        pthread_mutex_unlock(&v->lock);
+        if (job.view)
+            take_view(w, job.pane, job.view);
+        else if (job.task)
+            do_task(w, job.pane, job.task);
+        else
+            refine(w, job.pane);
+        viewer_message_destroy(&job.task);
+        pthread_mutex_lock(&v->lock);
+        v->refining = false;
+        if (!v->stop)
+            pell_context_resume(v->ctx);
+    }
+    pthread_mutex_unlock(&v->lock);
+    return NULL;
+}
+
+enum pell_result viewer_worker_start(struct viewer *v, struct pell_device *device, struct viewer_document *document,
+                                     struct viewer_worker **out)
+{
+    struct viewer_worker *w = calloc(1, sizeof(*w));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!w)
+        goto fail;
+    w->v = v;
+    PELL_TRY(viewer_model_open(v->ctx, device, document, &w->model));
+    res = PELL_ERR_NOMEM;
+    if (pthread_create(&w->thread, NULL, run, w) != 0)
+        goto fail;
+    w->started = true;
+    *out = w;
+    return PELL_OK;
+
+fail:
+    viewer_worker_stop(&w);
+    return res;
+}
+
+void viewer_worker_stop(struct viewer_worker **worker)
+{
+    struct viewer_worker *w = *worker;
+
+    if (!w)
+        return;
+    *worker = NULL;
+    pthread_mutex_lock(&w->v->lock);
+    w->v->stop = true;
+    pell_context_cancel(w->v->ctx);
+    pthread_cond_signal(&w->v->wake);
+    pthread_mutex_unlock(&w->v->lock);
+    if (w->started)
+        pthread_join(w->thread, NULL);
+    pell_context_resume(w->v->ctx);
+    for (int i = 0; i < VIEWER_PAGES; i++) {
+        viewer_message_destroy(&w->panes[i].view);
+        viewer_truth_destroy(&w->panes[i].truth);
+        free(w->panes[i].look);
+    }
+    viewer_model_close(&w->model);
+    free(w);
+}

@@ -1,0 +1,338 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""test_view.py PROGRAM ROOT: `pellucid view` from outside: who may connect, what a page gets, and that it is what `render` draws."""
+import json
+import signal
+import socket
+import time
+
+from cli_test import main, need, one_object, png_pixels, run, sphere, test, works, write_obj, write_scene
+from viewer_test import PATIENCE, QUICK, Closed, Viewer
+
+METHODS = ['screen-space', 'image-space', 'texture-space', 'convolution', 'layered', 'hierarchical', 'dipole', 'single-scatter', 'none']
+
+# What the program begins with.
+BEGIN = {'method': 'screen-space', 'knobs': {},
+         'settings': {'width': '160', 'height': '90', 'msaa': '1', 'light-samples': '2', 'indirect-samples': '256'}}
+
+
+def ball(folder):
+    write_obj(folder / 'ball.obj', *sphere())
+    return ['ball.obj', '--unit', '1mm', '--material', 'marble', *QUICK]
+
+
+def renders_the_same(folder, page, png, name):
+    """The scene that the page saves, drawn by `render`, has the pixels of the page's finished picture."""
+    (folder / name).write_bytes(page.saved('scene'))
+    works(folder, 'render', name, '-o', f'{name}.png')
+    need(png_pixels((folder / f'{name}.png').read_bytes()) == png_pixels(png), name, 'renders other pixels:', (folder / name).read_text())
+
+
+@test('the page is served to those with the token, under a strict policy')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer:
+        status, headers, body = viewer.get(f'/?token={viewer.token}')
+        need(status == 200 and b'<canvas' in body and headers['content-type'].startswith('text/html'), status, headers)
+        policy = headers['content-security-policy']
+        need("default-src 'none'" in policy and 'unsafe' not in policy and '*' not in policy, policy)
+        need(headers['x-content-type-options'] == 'nosniff' and headers['cache-control'] == 'no-store', headers)
+        for path in ('/main.js', '/style.css'):
+            need(viewer.get(path)[0] == 200, path)
+        for path in ('/', '/?token=', f'/?token={viewer.token[:-1]}', f'/?token={viewer.token}0', '/?token=' + '0' * 32):
+            need(viewer.get(path)[0] in (0, 403), path, 'is served')
+        for path in ('/ball.obj', '/../ball.obj', '/%2e%2e/ball.obj', '/main.js/', '//etc/passwd'):
+            need(viewer.get(path)[0] in (0, 403, 404), path, 'is served')
+        for host in ('example.org', 'example.org:80', f'127.0.0.1.example.org:{viewer.port}', '[::1', '127.0.0.1:80x'):
+            need(viewer.get(f'/?token={viewer.token}', Host=host)[0] in (0, 400, 403), host, 'is served')
+        for host in ('localhost', f'localhost:{viewer.port}', '127.0.0.1:9', '[::1]:9'):
+            need(viewer.get(f'/?token={viewer.token}', Host=host)[0] == 200, host, 'is refused')
+
+
+@test('only a page that was served, and knows the token, may connect')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer:
+        here = f'http://{viewer.host}:{viewer.port}'
+        for options in ({'token': ''}, {'token': 'f' * 32}, {'origin': 'http://example.org'}, {'origin': 'null'}, {'origin': f'{here}0'},
+                        {'host': 'example.org', 'origin': 'http://example.org'}):
+            try:
+                with viewer.page(**options):
+                    raise AssertionError(f'{options} is let in')
+            except Closed:
+                pass
+        with viewer.page(origin=here) as page:
+            need(page.hello()['input'] == 'ball.obj', 'hello')
+
+
+@test('hello has every method, knob, setting and material of the tables')
+def _(folder):
+    with Viewer(folder, *ball(folder), '-m', 'image-space', '--set', 'samples=40') as viewer, viewer.page() as page:
+        hello = page.hello()
+        listed = one_object(works(folder, 'methods', '--json'))['methods']
+        need([m['name'] for m in hello['methods']] == [m['name'] for m in listed] + ['none'], 'methods')
+        need([m['knobs'] for m in hello['methods']][:-1] == [m['knobs'] for m in listed], 'knobs')
+        materials = one_object(works(folder, 'materials', '--json'))['materials']
+        need(hello['materials'] == materials and len(materials) > 50, 'materials')
+        need({'width', 'msaa', 'bounces'} < {s['name'] for s in hello['settings']}, hello['settings'])
+        state = hello['state']
+        need(state['method'] == 'image-space' and state['knobs'] == {'samples': '40'}, state)
+        need(state['settings']['width'] == '160' and 'bloom' not in state['settings'], state)
+
+
+@test('a view comes soon and small, then as render draws it')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        number = page.view(state, moving=True)
+        head, file = page.until(lambda m: m['type'] == 'picture')
+        need(head['id'] == number and head['mime'] == 'image/jpeg' and file[:2] == b'\xff\xd8' and not head['still'], head)
+        need(head['width'] < 160 and head['stages'] and head['ms'] > 0.0, head)
+        head, png = page.still(state)
+        need((head['width'], head['height'], head['mime']) == (160, 90, 'image/png'), head)
+        renders_the_same(folder, page, png, 'view.json')
+        # Without an exposure of its own the command line meters the same picture anew: the same pixels but for that factor.
+        works(folder, 'render', *ball(folder), '--exposure', repr(head['exposure']), '-o', 'plain.png')
+        need(png_pixels((folder / 'plain.png').read_bytes()) == png_pixels(png), 'not what the command line renders')
+
+
+@test('camera, lights, material, method and settings of a page are saved bit by bit')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        _, before = page.still(state)
+        with viewer.page() as other:
+            other.hello()
+            other.view(state)
+            facts = other.until(lambda m: m['type'] == 'scene')[0]
+        need(len(facts['lights']) == 3 and facts['lights'][0]['type'] == 'rect', facts)
+        state['camera'] = {'from': ['31.5mm', '40.25mm', '-101mm'], 'to': ['1mm', '0mm', '-2.5mm'], 'up': [0, 1, 0], 'fov_deg': 24.3}
+        _, moved = page.still(state)
+        need(moved != before, 'the camera changes nothing')
+        renders_the_same(folder, page, moved, 'moved.json')
+        light = {**facts['lights'][0], 'at': ['100mm', '-20.1mm', '33mm'], 'to': ['0mm', '0mm', '0mm'], 'radiance': [9.5, 3, 1]}
+        light.pop('up')
+        state['lights'] = [light] + facts['lights'][1:]
+        for step in range(3): # as a hand drags it
+            light['at'][0] = f'{100 + step}mm'
+            page.view(state, moving=True)
+        _, lit = page.still(state)
+        need(lit != moved, 'the light changes nothing')
+        renders_the_same(folder, page, lit, 'lit.json')
+        state['materials'] = {'*': {'sigma_a': [0.01, 0.1, 0.5], 'sigma_s_reduced': [1.5, 1.2, 1.0], 'eta': 1.4}}
+        state |= {'method': 'image-space', 'knobs': {'samples': '30'}, 'settings': state['settings'] | {'msaa': '2', 'bounces': '0'}}
+        _, waxy = page.still(state)
+        need(waxy != lit, 'the material changes nothing')
+        renders_the_same(folder, page, waxy, 'waxy.json')
+        _, back = page.still(BEGIN)
+        need(png_pixels(back) == png_pixels(before), 'the way back leads elsewhere')
+        need(page.saved('exr')[:4] == b'\x76\x2f\x31\x01', 'no EXR')
+
+
+@test('a scene file is shown with its own camera, lights, ground and options, and saved')
+def _(folder):
+    write_obj(folder / 'bunny.obj', *sphere())
+    (folder / 'scene.json').write_text(json.dumps({
+        'pellucid': 1, 'mesh': 'bunny.obj', 'unit': '1mm', 'camera': {'from': [20, 30, 120], 'fov_deg': 30}, 'ground': True,
+        'lights': [{'type': 'point', 'at': [60, 80, 100], 'intensity': [0.9, 0.8, 0.7]}, {'type': 'environment', 'color': [0.2, 0.3, 0.4]}],
+        'materials': {'*': {'preset': 'wholemilk'}},
+        'render': {'method': 'image-space', 'width': 120, 'height': 80, 'msaa': 1, 'knobs': {'samples': 20}, 'indirect-samples': 256}}))
+    with Viewer(folder, 'scene.json') as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        need(state['method'] == 'image-space' and state['settings']['height'] == '80', state)
+        _, png = page.still(state)
+        renders_the_same(folder, page, png, 'saved.json')
+        state['camera'] = {'from': ['-70mm', '30mm', '90mm'], 'to': ['0mm', '0mm', '0mm'], 'up': [0, 1, 0], 'fov_deg': 30}
+        page.view(state, moving=True)
+        _, png = page.still(state)
+        renders_the_same(folder, page, png, 'turned.json')
+
+
+@test('every method draws, and one beside another')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        state['settings'] |= {'width': '64', 'height': '36'}
+        seen = set()
+        for method in METHODS:
+            seen.add(page.still(state | {'method': method, 'knobs': {}})[1])
+        need(len(seen) >= len(METHODS) - 1, 'methods draw the same')
+        number = page.view(state | {'other': {'method': 'none', 'knobs': {}}})
+        other = page.until(lambda m: m['type'] == 'picture' and m['picture'] == 1 and m['id'] == number and m['still'])[1]
+        need(png_pixels(other)[:2] == (64, 36), 'the other picture')
+
+
+@test('a reference accumulates, and the error against it gets an uncertainty')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        state['settings'] |= {'width': '48', 'height': '27'}
+        number = page.view(state | {'truth': 'path-trace', 'other': {'method': 'none', 'knobs': {}}})
+        kinds = []
+        first = page.until(lambda m: m['type'] == 'truth', kinds)[0]
+        need(first['id'] == number and first['batches'] == 1 and first['a']['rel_mse_error'] is None, first)
+        later = page.until(lambda m: m['type'] == 'truth' and m['batches'] > 2, kinds)[0]
+        need(later['a']['rel_mse_error'] > 0.0 and later['noise'] > 0.0, later)
+        need(later['b']['rel_mse'] > 0.0 and later['a']['flip'] >= 0.0, later)
+        need({2, 3, 4} <= {m['picture'] for m in kinds if m['type'] == 'picture'}, 'pictures of reference and errors')
+        number = page.view(state | {'truth': 'hierarchical'})
+        done = page.until(lambda m: m['type'] == 'truth' and m['id'] == number)[0]
+        need(done['done'] and not done['random'], done)
+        page.until(lambda m: m['type'] == 'rest')
+
+
+@test('a wrong value is said with its place, and the last picture stays')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        good = page.still(state)[1]
+        for wrong, word in (({'method': 'scren-space'}, 'screen-space'), ({'knobs': {'gaussians': '99'}}, '99'),
+                            ({'settings': {'msaa': '0'}}, 'msaa'), ({'camera': {'from': [0, 0, 0], 'to': [0, 0, 0]}}, 'direction'),
+                            ({'camera': {'from': ['1', '2mm', '3mm']}}, 'unit'), ({'materials': {'*': {'preset': 'mable'}}}, 'marble'),
+                            ({'lights': [{'type': 'environment', 'image': '../secret.hdr'}]}, 'secret'),
+                            ({'lights': [{'type': 'environment', 'image': '/etc/passwd'}]}, 'passwd'),
+                            ({'materials': {'*': {'layers': 3}}}, 'array'), ({'truth': 'nothing'}, 'nothing')):
+            number, seen = page.view(state | wrong), []
+            page.until(lambda m, n=number: m['type'] == 'failed' and m['id'] == n, seen)
+            said = ' '.join(m['what'] + m['hint'] for m in seen if m['type'] == 'message')
+            need(word in said, wrong, 'says', said)
+        need(page.still(state)[1] == good, 'the view is not what it was')
+
+
+@test('messages that are damaged, too long or too many end the page, not the program')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer:
+        deep = b'[' * 5000
+        for data in (b'', b'{', b'[]', b'\xff\xfe', b'{"type": "view"}', b'{"type": "fly", "id": 1}', deep,
+                     b'{"type": "ack", "serial": 99}', b'{"type": "ack", "serial": -1}', b'{"type": "ack", "serial": 1e99}',
+                     b'{"type": "pick", "id": 1, "x": 7, "y": 0}',
+                     b'{"type": "view", "id": 1, "state": {"knobs": {"a": 1}}}', b'{"type": "view", "id": 1, "state": {"folder": "/"}}',
+                     b'{"type": "view", "id": 1, "state": {"knobs": {' + b','.join(b'"%d": ""' % i for i in range(100)) + b'}}}',
+                     b'{"type": "save", "id": 1}', b' ' * (300 << 10)):
+            with viewer.page() as page:
+                page.hello()
+                page.send_bytes(data)
+                try:
+                    page.until(lambda m: False)
+                except (Closed, ConnectionError):
+                    continue
+                raise AssertionError(data[:60])
+        with viewer.page() as page:
+            page.hello()
+            page.send_bytes(b'{}', opcode=2)
+            try:
+                page.until(lambda m: False)
+                raise AssertionError('binary')
+            except (Closed, ConnectionError):
+                pass
+        with viewer.page() as page:
+            state = page.hello()['state']
+            for i in range(200):
+                page.view(state | {'settings': state['settings'] | {'seed': str(i % 3)}}, moving=i < 199)
+            number = page.number
+            seen = []
+            page.until(lambda m: m['type'] == 'picture' and m['still'] and m['id'] == number, seen)
+            need(len([m for m in seen if m['type'] == 'picture']) < 150, 'old views are drawn')
+
+
+@test('nine pages are one too many; a page that is closed makes room; one that never answers gets two pictures')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer:
+        pages = [viewer.page(lazy=i == 0) for i in range(8)]
+        states = [p.hello()['state'] for p in pages]
+        try:
+            with viewer.page() as ninth:
+                ninth.hello()
+            raise AssertionError('the ninth page is let in')
+        except Closed as closed:
+            need('too many pages' in closed.args[1], closed.args)
+        pages[7].socket.close()
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            try:
+                with viewer.page() as page:
+                    page.hello()
+                break
+            except Closed:
+                time.sleep(0.05)
+        else:
+            raise AssertionError('a closed page makes no room')
+        for _ in range(5):
+            pages[0].view(states[0], moving=True)
+        pages[0].view(states[0])
+        for page, state in zip(pages[1:7], states[1:7]):
+            page.still(state)
+        time.sleep(0.5)
+        pages[0].socket.setblocking(False)
+        pictures = 0
+        try:
+            while True:
+                pictures += pages[0].receive()[0]['type'] == 'picture'
+        except BlockingIOError:
+            pass
+        need(pictures == 2, pictures, 'pictures are under way to a page that does not answer')
+        for page in pages:
+            page.socket.close()
+
+
+@test('files that change are read again; what is wrong in them is said')
+def _(folder):
+    write_obj(folder / 'bunny.obj', *sphere())
+    write_scene(folder / 'scene.json', width=96, height=54, msaa=1)
+    with Viewer(folder, 'scene.json') as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        before = page.still(state)[1]
+        write_obj(folder / 'bunny.obj', *sphere(radius=12.0))
+        page.until(lambda m: m['type'] == 'scene')
+        after = page.until(lambda m: m['type'] == 'picture' and m['still'])[1]
+        need(before != after, 'a smaller ball looks the same')
+        (folder / 'bunny.obj').write_text('v 0 0 nought\n')
+        page.until(lambda m: m['type'] == 'message' and m['level'] == 'error' and 'bunny.obj' in m['where'])
+        write_obj(folder / 'bunny.obj', *sphere())
+        need(page.until(lambda m: m['type'] == 'picture' and m['still'])[1] == before, 'the ball does not come back')
+
+
+@test('a click says what is there')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        page.still(page.hello()['state'])
+        page.send({'type': 'pick', 'id': 5, 'x': 0.5, 'y': 0.5})
+        hit = page.until(lambda m: m['type'] == 'picked')[0]
+        need(hit['id'] == 5 and hit['preset'] == 'marble' and abs(hit['at'][2] - 20.0) < 1.0, hit)
+        need(len(hit['profile']['R']) == 3 and all(r > 0 for r in hit['profile']['R'][0]), hit)
+        page.send({'type': 'pick', 'id': 6, 'x': 0.01, 'y': 0.01})
+        need('at' not in page.until(lambda m: m['type'] == 'picked')[0], 'something in the corner')
+
+
+@test('at rest it takes no time; Ctrl-C ends it, also while it renders')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer:
+        with viewer.page() as page:
+            page.still(page.hello()['state'])
+            page.until(lambda m: m['type'] == 'rest')
+            before = viewer.cpu_seconds()
+            time.sleep(2.0)
+            spent = viewer.cpu_seconds() - before
+            need(spent <= 0.03, spent, 's of the processor in two seconds of rest')
+            page.view(BEGIN | {'settings': {'msaa': '64', 'light-samples': '1024'}})
+            page.until(lambda m: m['type'] == 'picture')
+            need(viewer.end() == 0, 'Ctrl-C')
+    with Viewer(folder, *ball(folder)) as viewer:
+        need(viewer.end(signal.SIGTERM) == 0, 'SIGTERM')
+
+
+@test('wrong input, a port that is taken and an address that is none end it with a word')
+def _(folder):
+    arguments = ball(folder)
+    for wrong, code, word in ((['ball.obj'], 2, b'--size'), (['nothing.obj'], 3, b'nothing.obj'),
+                              ([*arguments, '--listen', 'here'], 2, b'here'), ([*arguments, '--set', 'lod=no'], 2, b'lod'),
+                              ([*arguments, '--port', '70000'], 2, b'65535')):
+        done = run(folder, 'view', *wrong, '--no-open')
+        need(done.returncode == code and word in done.stderr, wrong, done.returncode, done.stderr)
+    with socket.socket() as taken:
+        taken.bind(('127.0.0.1', 0))
+        taken.listen()
+        done = run(folder, 'view', *arguments, '--no-open', '--port', str(taken.getsockname()[1]))
+        need(done.returncode == 2 and b'another program' in done.stderr, done.stderr)
+
+
+if __name__ == '__main__':
+    main()
