@@ -268,19 +268,29 @@ def content_hash(data):
 
 
 def checkpoints():
-    """Films as fuzz_checkpoint.c expects them, and some that it must refuse."""
-    def file(films, width=3, version=1, run=42, scene=0x0123456789ABCDEF):
-        data = b"PELLPT\r\n" + struct.pack("<IIIIQQ", version, width, 2, len(films), scene, run)
-        data += b"".join(struct.pack("<QQ", len(pixels), 7) for pixels in films)
-        data += b"".join(struct.pack("<13dI", *pixel) for pixels in films for pixel in pixels)
+    """Films as fuzz_checkpoint.c expects them, and some that it must refuse. A film is its tiles: pixels, spans, numbers of each pixel."""
+    def film(tiles):
+        table = b"".join(struct.pack("<BH", pixels, len(spans)) + b"".join(struct.pack("<II", *span) for span in spans)
+                         for pixels, spans, _ in tiles)
+        sums = b"".join(number.to_bytes(16, "little", signed=True) for pixels, spans, numbers in tiles if spans
+                        for _ in range(pixels) for number in numbers)
+        return struct.pack("<Q", 7) + table + sums
+
+    def file(films, width=11, version=2, seed=42, scene=0x0123456789ABCDEF, note=b"render", program=b"fuzz", events=0):
+        data = b"PELLPT\r\n" + struct.pack("<IIIIQqiIf9i32s", version, width, 2, len(films), scene, seed, 0, len(note), 0.5, 0, 0, 0,
+                                            events, 0, 0, 0, 0, 0, program) + note + b"".join(film(tiles) for tiles in films)
         return data + struct.pack("<Q", content_hash(data))
 
-    none, one, many = [0.0] * 13 + [0], [0.5] * 9 + [0.0] * 4 + [1], [k + 0.25 for k in range(13)] + [9]
-    return {"empty": file([[], []]), "begun": file([[many, one, none], []]), "whole": file([[many] * 6, [one] * 6]),
-            "wide": file([[], []], width=4), "old": file([[], []], version=0), "other_run": file([[], []], run=41),
-            "other_scene": file([[], []], scene=1), "one_film": file([[one]]), "infinite": file([[many[:12] + [math.inf, 2]], []]),
-            "negative": file([[many[:9] + [-1.0] * 4 + [2]], []]), "uncounted": file([[one[:13] + [0]], []]),
-            "crowded": file([[one] * 7, []]), "short": b"PELLPT\r\n"}
+    none, some = [0] * 13, [(k + 1) << 62 for k in range(13)]
+    void, one, many = [(0, [], none)] * 2, [(16, [(0, 4)], some), (6, [], none)], [(16, [(0, 4), (8, 9)], some), (6, [(1, 2)], none)]
+    return {"empty": file([void, void], note=b""), "begun": file([one, void]), "whole": file([many, many]),
+            "wide": file([void, void], width=12), "old": file([void, void], version=1), "other_seed": file([void, void], seed=41),
+            "other_scene": file([void, void], scene=1), "other_knob": file([void, void], events=3),
+            "other_program": file([void, void], program=b"0.0"), "one_film": file([one]),
+            "negative": file([[(16, [(0, 4)], [-1] * 13), void[0]], void]),
+            "large": file([[(16, [(0, 4)], [1 << 120] * 13), void[0]], void]),
+            "crowded": file([[(17, [(0, 4)], some), void[0]], void]),
+            "disordered": file([[(16, [(4, 8), (0, 4)], some), void[0]], void]), "short": b"PELLPT\r\n"}
 
 
 def main():

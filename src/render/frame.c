@@ -258,7 +258,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     r->translucent = (struct pell_rect) { 0 };
     r->noisy = r->scattered = false;
     PELL_TRY(check_camera(r->ctx, &r->scene->cameras[0]));
-    if (r->checkpoint.path && !(r->method && r->method->partial))
+    if (r->has_checkpoint && !(r->method && r->method->partial))
         return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->method ? r->method->name : "none", "path-trace does",
                           "keeps no state in a checkpoint file");
     view = pell_view_make(&r->scene->cameras[0], settings->width, settings->height, 0.0f, 0.0f);

@@ -46,6 +46,17 @@ fail:
     return res;
 }
 
+static void drop_checkpoint(struct pell_renderer *r)
+{
+    for (int i = 0; i < r->checkpoint.num_parts; i++)
+        pell_free(r->ctx, (char *) r->checkpoint.parts[i]);
+    pell_free(r->ctx, (void *) r->checkpoint.parts);
+    pell_free(r->ctx, (char *) r->checkpoint.path);
+    pell_free(r->ctx, (char *) r->checkpoint.note);
+    r->checkpoint = (struct pell_checkpoint) { .path = NULL };
+    r->has_checkpoint = false;
+}
+
 void pell_renderer_destroy(struct pell_renderer **renderer)
 {
     struct pell_renderer *r = *renderer;
@@ -56,24 +67,64 @@ void pell_renderer_destroy(struct pell_renderer **renderer)
     r->device->engine->close(r->engine);
     pell_bandwidth_finish(r->ctx, &r->bandwidth);
     pell_free(r->ctx, r->knobs);
-    pell_free(r->ctx, (char *) r->checkpoint.path);
+    drop_checkpoint(r);
     pell_free(r->ctx, r);
+}
+
+static enum pell_result check_checkpoint(struct pell_context *ctx, const struct pell_checkpoint *c)
+{
+    const bool merge = c->mode != PELL_CHECKPOINT_RENDER;
+
+    if (!merge && !(c->path && c->path[0]))
+        return pell_error(ctx, PELL_ERR_INVALID, "checkpoint", NULL, "has no path");
+    if (merge && c->num_parts < 1)
+        return pell_error(ctx, PELL_ERR_INVALID, "checkpoint", NULL, "no files to merge");
+    if (!(c->every > 0.0 && c->every <= 1e9))
+        return pell_error(ctx, PELL_ERR_INVALID, "checkpoint", NULL, "every %g s, must be in (0, 1e9]", c->every);
+    if (c->first_sample < 0 || c->end_sample < c->first_sample || (c->end_sample > 0 && c->end_sample == c->first_sample))
+        return pell_error(ctx, PELL_ERR_INVALID, "checkpoint", NULL, "samples %d:%d, must be a range that is not empty", c->first_sample,
+                          c->end_sample);
+    if (c->first_tile < 0 || c->end_tile < c->first_tile || (c->end_tile > 0 && c->end_tile == c->first_tile))
+        return pell_error(ctx, PELL_ERR_INVALID, "checkpoint", NULL, "tiles %d:%d, must be a range that is not empty", c->first_tile,
+                          c->end_tile);
+    return PELL_OK;
 }
 
 enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint)
 {
-    char *path = NULL;
+    struct pell_checkpoint copy = checkpoint ? *checkpoint : (struct pell_checkpoint) { .path = NULL };
+    const char **parts;
+    enum pell_result res;
 
-    if (checkpoint && !(checkpoint->path && checkpoint->path[0]))
-        return pell_error(r->ctx, PELL_ERR_INVALID, "checkpoint", NULL, "has no path");
-    if (checkpoint && !(checkpoint->every > 0.0 && checkpoint->every <= 1e9))
-        return pell_error(r->ctx, PELL_ERR_INVALID, "checkpoint", NULL, "every %g s, must be in (0, 1e9]", checkpoint->every);
-    if (checkpoint && !(path = pell_strdup(r->ctx, checkpoint->path)))
-        return PELL_ERR_NOMEM;
+    if (checkpoint && (res = check_checkpoint(r->ctx, checkpoint)) != PELL_OK)
+        return res;
     pell_renderer_invalidate(r, PELL_INPUT_CHECKPOINT); /* the method has read the old one */
-    pell_free(r->ctx, (char *) r->checkpoint.path);
-    r->checkpoint = (struct pell_checkpoint) { path, checkpoint ? checkpoint->every : 0.0 };
+    drop_checkpoint(r);
+    if (!checkpoint)
+        return PELL_OK;
+    copy.path = copy.note = NULL;
+    copy.parts = NULL;
+    copy.num_parts = 0;
+    r->checkpoint = copy;
+    if (checkpoint->path && !(r->checkpoint.path = pell_strdup(r->ctx, checkpoint->path)))
+        goto fail;
+    if (checkpoint->note && !(r->checkpoint.note = pell_strdup(r->ctx, checkpoint->note)))
+        goto fail;
+    if (checkpoint->num_parts > 0) {
+        parts = pell_calloc(r->ctx, (size_t) checkpoint->num_parts, sizeof(*parts));
+        if (!parts)
+            goto fail;
+        r->checkpoint.parts = parts;
+        for (; r->checkpoint.num_parts < checkpoint->num_parts; r->checkpoint.num_parts++)
+            if (!(parts[r->checkpoint.num_parts] = pell_strdup(r->ctx, checkpoint->parts[r->checkpoint.num_parts])))
+                goto fail;
+    }
+    r->has_checkpoint = true;
     return PELL_OK;
+
+fail:
+    drop_checkpoint(r);
+    return PELL_ERR_NOMEM;
 }
 
 void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_observer *observer)

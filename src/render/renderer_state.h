@@ -32,8 +32,9 @@ struct pell_renderer {
     const struct pell_scene *scene;    /* borrowed */
     const struct pell_method *method;  /* borrowed; NULL: none */
     void *knobs;                       /* owned copy */
-    struct pell_checkpoint checkpoint; /* owned path; NULL: none */
-    struct pell_observer observer;     /* show NULL: none */
+    struct pell_checkpoint checkpoint; /* owned copy */
+    bool has_checkpoint;
+    struct pell_observer observer; /* show NULL: none */
     struct pell_settings settings;
     float focal_px;
     bool orthographic;

@@ -291,7 +291,7 @@ static enum pell_result make_pass(struct pell_renderer *r)
         return PELL_OK;
     pell_renderer_warn_ignored(r);
     shape = pell_renderer_shape(r, &view);
-    r->services.checkpoint = r->checkpoint.path ? &r->checkpoint : NULL;
+    r->services.checkpoint = r->has_checkpoint ? &r->checkpoint : NULL;
     r->services.observer = r->observer.show ? &r->observer : NULL;
     res = pell_pass_make(r->device->engine, &r->services, r->method, r->knobs, &shape, &r->pass);
     for (size_t i = 0; res == PELL_OK && i < r->scene->num_materials; i++)

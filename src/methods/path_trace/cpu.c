@@ -3,27 +3,24 @@
  * cpu.c - runs the transport over the pixels of a frame, in rounds: a round brings every pixel to one number of samples.
  *
  * Which samples a pixel has decides its sums, never who made them or when: so pictures are the same for any number of threads, and a run
- * that was interrupted between any two samples and goes on from its checkpoint ends with the bits of one that was not.
+ * that was interrupted and goes on from its checkpoint ends with the bits of one that was not. Samples are added a tile at a time, so that a
+ * file has all pixels of a tile or none.
  *
  * When to stop is asked between rounds: after `samples`; where the error of the picture is `error`, at every fourth sample from the
  * sixteenth on; or where the next round would not end within `time-limit`. The samples of the multisample come one after the other, each
  * with its own film and its share of the time.
  */
-#include "methods/path_trace/path_trace.h"
+#include "methods/path_trace/run.h"
 
-#include "base/file.h"
-#include "base/hash.h"
-#include "methods/reference_frame.h"
 #include "render/engine.h"
 
 #include <stdio.h>
-#include <unistd.h>
 
 enum {
-    TOGETHER = 4, /* samples of a round, from the fourth on */
-    TILE = 512,   /* pixels of a task at most: many walks, so that lanes are seldom free */
-    SMALL_TILE = 32,
-    TILES = 16,    /* for each thread in a picture, where tiles are not the smallest */
+    TOGETHER = 4,  /* samples of a round, from the fourth on */
+    TASK = 449,    /* pixels of a task, and those of one tile more: many walks, so that lanes are seldom free */
+    TILE = 512,    /* pixels of a call */
+    TILES = 16,    /* tasks for each thread in a picture, where they are not the smallest */
     JOBS = 1024,   /* samples that are traced in one call */
     LEAST = 16,    /* samples of a pixel before its error is believed */
     PLAIN = 64,    /* samples where nothing says when to stop */
@@ -35,199 +32,41 @@ enum {
 #define LATE_SECONDS 0.25  /* and this share of the time beyond the deadline until a round is given up: most end near it */
 #define LATE 0.05
 
-struct pt_state {
-    struct reference_frame frame;         /* first */
-    const struct pell_services *services; /* borrowed */
-    struct pell_context *ctx;
-    struct pt_method_knobs knobs;
-    struct pt_scene *scene;
-    struct pt_walker **walkers;
-    int threads;
-    struct pt_film *films; /* of each sample of the multisample where they are kept, else one for all */
-    size_t num_films;
-    uint32_t *places; /* of the film's pixels in the planes */
-    size_t places_capacity;
-    struct pt_counts before; /* of all frames before this */
-    double begin, written;   /* of the frame; of the last checkpoint */
-    double shown;            /* progress */
-    atomic_bool invalid;     /* some sample of the frame was no number */
-    atomic_bool late;        /* the round was given up at the deadline */
-    struct pt_pixel *kept;   /* the film before the round, where there is a deadline */
-    size_t kept_capacity;
-};
-
-/* One sample of the multisample. */
-struct run {
-    struct pt_state *st;
-    const struct pell_frame *in;
-    struct pt_film *film;
-    struct pell_view view;
-    uint32_t number; /* of the sample */
-    uint32_t target; /* samples of a pixel after the round */
-    size_t first;    /* task of the batch */
-    size_t tile;     /* pixels of a task */
-};
-
-static bool traced(const struct pt_state *st)
+/* Samples from the run's first on that all pixels of its tiles have, and the most that one of them has. */
+static void count_range(const struct pt_run *run, uint32_t *least, uint32_t *most)
 {
-    return st->knobs.surface == PT_SURFACE_TRACED;
-}
+    const struct pt_film *film = run->film;
+    bool any = false;
 
-/* --- Films -------------------------------------------------------------------------------------------------------------------------- */
-
-static void drop_films(struct pt_state *st)
-{
-    for (size_t i = 0; i < st->num_films; i++)
-        pell_free(st->ctx, st->films[i].pixels);
-    memset(st->films, 0, st->num_films * sizeof(*st->films));
-}
-
-static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct pell_frame *in)
-{
-    const struct pt_knobs *k = &st->knobs.trace;
-    const int64_t words[] = { k->normals,
-                              k->boundary,
-                              k->acceleration,
-                              k->events,
-                              k->bounces,
-                              k->techniques,
-                              st->knobs.surface,
-                              st->services->settings->boundary,
-                              st->services->settings->seed + k->half * (1LL << 60) };
-    const char *version = pell_version_string();
-    struct pt_checkpoint_key key = { (uint32_t) in->shape.width, (uint32_t) in->shape.height, (uint32_t) st->num_films, 0, 0 };
-
-    key.scene = pell_scene_hash(st->services->scene);
-    key.run = pell_hash_bytes(1, version, strlen(version));
-    key.run = pell_hash_number(key.run, (double) k->roulette);
-    for (size_t i = 0; i < PELL_COUNT(words); i++)
-        key.run = pell_hash_word(key.run, (uint64_t) words[i]);
-    return key;
-}
-
-static enum pell_result read_checkpoint(struct pt_state *st, const struct pell_frame *in)
-{
-    const struct pt_checkpoint_key key = make_key(st, in);
-    const char *path = st->services->checkpoint->path;
-    enum pell_result res;
-    uint8_t *data;
-    size_t size;
-
-    if (access(path, F_OK) != 0)
-        return PELL_OK;
-    res = pell_file_read(st->ctx, path, &data, &size);
-    if (res != PELL_OK)
-        return res;
-    res = pt_checkpoint_decode(st->ctx, path, data, size, &key, st->films);
-    pell_free(st->ctx, data);
-    return res;
-}
-
-/* A full disk or the like must not end the work of hours: it is said, and the work goes on. */
-static void write_checkpoint(struct pt_state *st, const struct pell_frame *in)
-{
-    const struct pt_checkpoint_key key = make_key(st, in);
-    const char *path = st->services->checkpoint->path;
-    uint8_t *data;
-    size_t size;
-
-    pell_log_downgrade(st->ctx, 1);
-    if (pt_checkpoint_encode(st->ctx, &key, st->films, &data, &size) == PELL_OK) {
-        if (pell_file_write(st->ctx, path, data, size) != PELL_OK)
-            pell_warn(st->ctx, path, NULL, "the checkpoint was not written; the render continues");
-        pell_free(st->ctx, data);
+    *least = UINT32_MAX;
+    *most = run->from;
+    for (size_t t = run->first_tile; t < run->end_tile; t++) {
+        const uint32_t spans = film->num_spans[t];
+        uint32_t next, missing;
+        if (film->starts[t] == film->starts[t + 1])
+            continue;
+        missing = pt_film_missing(film, t, run->from, &next);
+        any = true;
+        *least = missing < *least ? missing : *least;
+        if (spans > 0 && film->spans[t * film->most_spans + spans - 1].end > *most)
+            *most = film->spans[t * film->most_spans + spans - 1].end;
     }
-    pell_log_downgrade(st->ctx, -1);
-    st->written = pell_seconds();
+    if (!any)
+        *least = 0;
 }
 
-/* Lists the pixels, and a number that stands for what they see. */
-static enum pell_result list_places(struct run *run, uint64_t *identity)
+/* Whether some pixel has no sample at all. */
+static bool has_black(const struct pt_film *film)
 {
-    const struct pell_frame *in = run->in;
-    struct pt_state *st = run->st;
-    size_t count = 0;
-
-    *identity = 1;
-    for (int pass = 0; pass < 2; pass++) {
-        if (pass == 1 && count > st->places_capacity) {
-            uint32_t *grown = pell_realloc_array(st->ctx, st->places, count, sizeof(*grown));
-            if (!grown)
-                return PELL_ERR_NOMEM;
-            st->places = grown;
-            st->places_capacity = count;
-        }
-        count = 0;
-        for (int y = in->rect.y0; y < in->rect.y1; y++)
-            for (int x = in->rect.x0; x < in->rect.x1; x++) {
-                const size_t at = (size_t) (y * in->shape.stride + x);
-                if (!in->material[at])
-                    continue;
-                if (pass == 1) {
-                    const float p[3] = { in->position[0][at], in->position[1][at], in->position[2][at] };
-                    st->places[count] = (uint32_t) at;
-                    *identity = pell_hash_word(*identity, (uint64_t) x | (uint64_t) y << 16 | (uint64_t) in->material[at] << 32);
-                    *identity = pell_hash_bytes(*identity, p, sizeof(p));
-                }
-                count++;
-            }
-    }
-    run->film->count = count;
-    return PELL_OK;
-}
-
-/* Readies the film of a sample: empty, or as the checkpoint has it. */
-static enum pell_result start_film(struct run *run)
-{
-    struct pt_state *st = run->st;
-    struct pt_film *film = run->film;
-    const struct pt_film old = *film;
-    const bool kept = st->num_films > 1 || st->services->checkpoint;
-    uint64_t identity;
-    enum pell_result res;
-
-    PELL_TRY(list_places(run, &identity));
-    if (kept && old.count > 0) {
-        if (old.count == film->count && old.identity == identity)
-            return PELL_OK;
-        return pell_error(st->ctx, PELL_ERR_INVALID, st->services->checkpoint->path, "name another file, or remove this one to begin anew",
-                          "is of another view of this scene");
-    }
-    film->identity = identity;
-    if (film->count > film->capacity) {
-        struct pt_pixel *grown;
-        pell_free(st->ctx, film->pixels);
-        film->pixels = NULL;
-        film->capacity = 0;
-        grown = pell_alloc_array(st->ctx, film->count, sizeof(*grown));
-        res = PELL_ERR_NOMEM;
-        if (!grown)
-            goto fail;
-        film->pixels = grown;
-        film->capacity = film->count;
-    }
-    if (film->count > 0)
-        memset(film->pixels, 0, film->count * sizeof(*film->pixels));
-    return PELL_OK;
-
-fail:
-    film->count = 0;
-    return res;
-}
-
-static void count_range(const struct pt_film *film, uint32_t *least, uint32_t *most)
-{
-    *least = film->count ? UINT32_MAX : 0;
-    *most = 0;
-    for (size_t i = 0; i < film->count; i++) {
-        *least = film->pixels[i].count < *least ? film->pixels[i].count : *least;
-        *most = film->pixels[i].count > *most ? film->pixels[i].count : *most;
-    }
+    for (size_t t = 0; t < film->tiles; t++)
+        if (film->starts[t] < film->starts[t + 1] && film->num_spans[t] == 0)
+            return true;
+    return false;
 }
 
 /* --- Rounds ------------------------------------------------------------------------------------------------------------------------- */
 
-static void start_point(const struct run *run, size_t at, struct pt_point *point)
+static void start_point(const struct pt_run *run, size_t at, struct pt_point *point)
 {
     const struct pell_frame *in = run->in;
     const struct pell_view *v = &run->view;
@@ -244,62 +83,112 @@ static void start_point(const struct run *run, size_t at, struct pt_point *point
     };
 }
 
-/* Traces samples of the pixels from `first` on, and adds them in their order. False: interrupted, they are dropped. */
-static bool do_jobs(struct run *run, struct pt_job *jobs, int count, size_t first, int worker)
+/* Samples of all pixels of a tile. */
+struct block {
+    uint32_t tile;
+    struct pt_span span;
+};
+
+/* The blocks of a worker's next call, and their samples. */
+struct batch {
+    struct block blocks[JOBS];
+    struct pt_point points[TILE];
+    struct pt_job jobs[JOBS];
+    int num_blocks, num_points, num_jobs;
+};
+
+/* Traces the blocks and adds them. False: interrupted, they are dropped. */
+static bool do_blocks(struct pt_run *run, struct batch *b, int worker)
 {
     struct pt_state *st = run->st;
-    struct pt_pixel *pixel = &run->film->pixels[first];
-    const struct pt_point *point = jobs[0].point;
+    struct pt_film *film = run->film;
     const int64_t late = pt_walker_counts(st->walkers[worker])->late;
+    const struct pt_job *job = b->jobs;
 
     if (pt_stopped(st->scene) || atomic_load_explicit(&st->late, memory_order_relaxed))
         return false;
-    pt_trace_jobs(st->scene, st->walkers[worker], jobs, count);
+    pt_trace_jobs(st->scene, st->walkers[worker], b->jobs, b->num_jobs);
     if (pt_stopped(st->scene))
         return false;
     if (pt_walker_counts(st->walkers[worker])->late > late) {
         atomic_store_explicit(&st->late, true, memory_order_relaxed);
         return false;
     }
-    for (int i = 0; i < count; i++) {
-        pixel += jobs[i].point - point;
-        point = jobs[i].point;
-        if (!pt_pixel_add(pixel, &jobs[i].light, traced(st)))
-            atomic_store_explicit(&st->invalid, true, memory_order_relaxed);
+    for (int k = 0; k < b->num_blocks; k++) {
+        const struct block *block = &b->blocks[k];
+        for (uint32_t i = film->starts[block->tile]; i < film->starts[block->tile + 1]; i++)
+            for (uint32_t n = block->span.first; n < block->span.end; n++, job++)
+                if (!pt_pixel_add(&film->pixels[i], film->exponent, &job->light, pt_traced(st)))
+                    atomic_store_explicit(&st->invalid, true, memory_order_relaxed);
+        pt_film_cover(film, block->tile, block->span);
+    }
+    b->num_blocks = b->num_points = b->num_jobs = 0;
+    return true;
+}
+
+static bool do_tile(struct pt_run *run, uint32_t tile, struct batch *b, int worker)
+{
+    const struct pt_film *film = run->film;
+    const uint32_t first = film->starts[tile], pixels = film->starts[tile + 1] - first, most = JOBS / pixels;
+    uint32_t next, from = pt_film_missing(film, tile, run->from, &next);
+
+    while (from < run->target) {
+        uint32_t end = next < run->target ? next : run->target;
+
+        end = end - from > most ? from + most : end;
+        if (b->num_jobs + (int) (pixels * (end - from)) > JOBS || b->num_points + (int) pixels > TILE)
+            if (!do_blocks(run, b, worker))
+                return false;
+        b->blocks[b->num_blocks++] = (struct block) { tile, { from, end } };
+        for (uint32_t i = 0; i < pixels; i++) {
+            struct pt_point *point = &b->points[b->num_points++];
+            start_point(run, run->st->places[first + i], point);
+            for (uint32_t n = from; n < end; n++)
+                b->jobs[b->num_jobs++] = (struct pt_job) { .point = point, .sample = n };
+        }
+        from = pt_film_missing(film, tile, end, &next);
     }
     return true;
 }
 
-static void do_tile(void *arg, int index, int worker)
+static void do_task(void *arg, int index, int worker)
 {
-    struct run *run = arg;
-    const struct pt_film *film = run->film;
-    const size_t begin = (run->first + (size_t) index) * run->tile;
-    const size_t end = begin + run->tile < film->count ? begin + run->tile : film->count;
-    struct pt_point points[TILE];
-    struct pt_job jobs[JOBS];
-    size_t first = begin;
-    int count = 0;
+    struct pt_run *run = arg;
+    const uint32_t *tasks = run->st->tasks + run->first + (size_t) index;
+    struct batch batch = { .num_blocks = 0 };
 
-    for (size_t i = begin; i < end; i++)
-        start_point(run, run->st->places[i], &points[i - begin]);
-    for (size_t i = begin; i < end; i++)
-        for (uint32_t k = film->pixels[i].count; k < run->target; k++) {
-            if (count == JOBS) {
-                if (!do_jobs(run, jobs, count, first, worker))
-                    return;
-                count = 0;
-            }
-            if (count == 0)
-                first = i;
-            jobs[count++] = (struct pt_job) { .point = &points[i - begin], .sample = k };
-        }
-    if (count > 0)
-        do_jobs(run, jobs, count, first, worker);
+    for (uint32_t tile = tasks[0]; tile < tasks[1]; tile++)
+        if (run->film->starts[tile] < run->film->starts[tile + 1] && !do_tile(run, tile, &batch, worker))
+            return;
+    if (batch.num_blocks > 0)
+        do_blocks(run, &batch, worker);
 }
 
-/* `done`: of this sample of the multisample. */
-static void show(struct run *run, double done)
+/* Tiles of one task are next to each other, with about so many pixels. */
+static enum pell_result list_tasks(struct pt_run *run, size_t pixels, size_t *count)
+{
+    struct pt_state *st = run->st;
+    const uint32_t *starts = run->film->starts;
+    size_t begin = run->first_tile;
+
+    if (run->film->tiles + 1 > st->tasks_capacity) {
+        uint32_t *grown = pell_realloc_array(st->ctx, st->tasks, run->film->tiles + 1, sizeof(*grown));
+        if (!grown)
+            return PELL_ERR_NOMEM;
+        st->tasks = grown;
+        st->tasks_capacity = run->film->tiles + 1;
+    }
+    *count = 0;
+    for (size_t t = begin; t < run->end_tile; t++)
+        if (starts[t + 1] - starts[begin] >= pixels || (t + 1 == run->end_tile && starts[t + 1] > starts[begin])) {
+            st->tasks[(*count)++] = (uint32_t) begin;
+            begin = t + 1;
+        }
+    st->tasks[*count] = (uint32_t) begin;
+    return PELL_OK;
+}
+
+static void show(struct pt_run *run, double done)
 {
     const double whole = (run->number + fmin(fmax(done, 0.0), 1.0)) / run->in->num_samples;
 
@@ -326,21 +215,23 @@ static double progress_of(const struct goal *g, double samples)
 }
 
 /* Brings all pixels to run->target samples, or as far as an interruption lets it. */
-static enum pell_result do_round(struct run *run, const struct goal *goal, uint32_t from, size_t *batch)
+static enum pell_result do_round(struct pt_run *run, const struct goal *goal, uint32_t from, size_t *batch)
 {
     struct pt_state *st = run->st;
-    const size_t homogeneous = run->film->count / ((size_t) st->threads * TILES);
-    size_t tiles;
+    const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
+    const size_t homogeneous = pixels / ((size_t) st->threads * TILES);
+    size_t tasks;
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
+    enum pell_result res;
 
-    run->tile = homogeneous > TILE ? TILE : homogeneous > SMALL_TILE ? homogeneous : SMALL_TILE;
-    tiles = (run->film->count + run->tile - 1) / run->tile;
-    for (run->first = 0; run->first < tiles;) {
-        const size_t left = tiles - run->first, count = left < *batch ? left : *batch;
+    PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
+    PELL_TRY(list_tasks(run, homogeneous > TASK ? TASK : homogeneous + 1, &tasks));
+    for (run->first = 0; run->first < tasks;) {
+        const size_t left = tasks - run->first, count = left < *batch ? left : *batch;
         const double start = pell_seconds();
         double now;
 
-        pell_pool_run(st->services->pool, (int) count, do_tile, run);
+        pell_pool_run(st->services->pool, (int) count, do_task, run);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         if (pell_context_interrupted(st->ctx))
@@ -353,14 +244,17 @@ static enum pell_result do_round(struct run *run, const struct goal *goal, uint3
             *batch *= 2;
         else if (now - start > 2.0 * BATCH_SECONDS && *batch > (size_t) st->threads)
             *batch /= 2;
-        show(run, progress_of(goal, from + (double) (run->target - from) * (double) run->first / (double) tiles));
+        show(run, progress_of(goal, from + (double) (run->target - from) * (double) run->first / (double) tasks));
         if (checkpoint && now - st->written > checkpoint->every)
-            write_checkpoint(st, run->in);
+            pt_write_films(st, run->in);
     }
     return PELL_OK;
+
+fail:
+    return res;
 }
 
-static struct goal make_goal(const struct run *run)
+static struct goal make_goal(const struct pt_run *run)
 {
     const struct pt_state *st = run->st;
     const struct pt_method_knobs *k = &st->knobs;
@@ -370,6 +264,8 @@ static struct goal make_goal(const struct run *run)
     struct goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
 
     g.most = k->samples == 0 && open ? MOST : (uint32_t) ((total + samples - 1) / samples);
+    if (st->services->checkpoint && st->services->checkpoint->end_sample > 0)
+        g.most = (uint32_t) (st->services->checkpoint->end_sample / samples);
     g.least = LEAST / (uint32_t) share;
     g.error = reference_half_error((double) k->error, k->trace.half) * sqrt((double) samples);
     if (k->time_limit > 0.0f)
@@ -378,46 +274,64 @@ static struct goal make_goal(const struct run *run)
 }
 
 /* A round that may be given up: all of its samples, since those that take long are not like the others. */
-static enum pell_result keep_film(struct run *run)
+static enum pell_result keep_film(struct pt_run *run)
 {
     struct pt_state *st = run->st;
+    const struct pt_film *film = run->film;
+    struct pt_film *kept = &st->kept;
 
-    if (run->film->count > st->kept_capacity) {
-        pell_free(st->ctx, st->kept);
-        st->kept_capacity = 0;
-        st->kept = pell_alloc_array(st->ctx, run->film->count, sizeof(*st->kept));
-        if (!st->kept)
+    if (film->count > kept->capacity || film->tiles != kept->tiles || film->most_spans != kept->most_spans) {
+        pt_film_free(st->ctx, kept);
+        kept->pixels = pell_alloc_array(st->ctx, film->count, sizeof(*kept->pixels));
+        kept->num_spans = pell_alloc_array(st->ctx, film->tiles, sizeof(*kept->num_spans));
+        kept->spans = pell_alloc_array(st->ctx, film->tiles * film->most_spans, sizeof(*kept->spans));
+        if (!kept->pixels || !kept->num_spans || !kept->spans)
             return PELL_ERR_NOMEM;
-        st->kept_capacity = run->film->count;
+        kept->capacity = film->count;
+        kept->tiles = film->tiles;
+        kept->most_spans = film->most_spans;
     }
-    memcpy(st->kept, run->film->pixels, run->film->count * sizeof(*st->kept));
+    memcpy(kept->pixels, film->pixels, film->count * sizeof(*kept->pixels));
+    memcpy(kept->num_spans, film->num_spans, film->tiles * sizeof(*kept->num_spans));
+    memcpy(kept->spans, film->spans, film->tiles * film->most_spans * sizeof(*kept->spans));
     return PELL_OK;
 }
 
+static void bring_back(struct pt_run *run)
+{
+    struct pt_film *film = run->film;
+    const struct pt_film *kept = &run->st->kept;
+
+    memcpy(film->pixels, kept->pixels, film->count * sizeof(*kept->pixels));
+    memcpy(film->num_spans, kept->num_spans, film->tiles * sizeof(*kept->num_spans));
+    memcpy(film->spans, kept->spans, film->tiles * film->most_spans * sizeof(*kept->spans));
+}
+
 /* Rounds until the goal is reached. */
-static enum pell_result run_film(struct run *run)
+static enum pell_result run_film(struct pt_run *run)
 {
     struct pt_state *st = run->st;
     struct goal g = make_goal(run);
+    const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
     size_t batch = (size_t) st->threads;
     uint32_t least, most;
     enum pell_result res;
 
-    count_range(run->film, &least, &most);
+    count_range(run, &least, &most);
     g.first = least;
     show(run, progress_of(&g, least));
-    while (run->film->count > 0 && least < g.most) {
+    while (pixels > 0 && least < g.most) {
         uint32_t step = least < TOGETHER ? 1 : TOGETHER - least % TOGETHER;
 
         /* Not where an interruption left pixels of more samples than others: the run that was not interrupted did not ask there. */
         if (g.error > 0.0 && least == most && least >= g.least && least % TOGETHER == 0) {
-            const double error = pt_film_error(run->film, traced(st));
+            const double error = pt_film_error(run->film, pt_traced(st));
             if (error <= g.error)
                 break;
             g.needed = fmax(least + 1.0, least * (error / g.error) * (error / g.error));
         }
         step = step < g.most - least ? step : g.most - least;
-        if (isfinite(g.deadline) && least > 0) {
+        if (isfinite(g.deadline) && least > run->from) {
             const double now = pell_seconds(), each = least > g.first ? (now - g.begin) / (least - g.first) : 0.0;
             while (step > 1 && now + step * each > g.deadline)
                 step--;
@@ -425,7 +339,8 @@ static enum pell_result run_film(struct run *run)
                 break;
         }
         run->target = least + step;
-        if (isfinite(g.deadline) && least > 0) {
+        if (isfinite(g.deadline) && least > run->from) {
+            PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
             PELL_TRY(keep_film(run));
             atomic_store(&st->late, false);
             pt_scene_set_deadline(st->scene, g.deadline + LATE_SECONDS + LATE * (g.deadline - g.begin));
@@ -436,7 +351,7 @@ static enum pell_result run_film(struct run *run)
         if (pell_context_interrupted(st->ctx))
             return PELL_OK;
         if (atomic_load(&st->late)) {
-            memcpy(run->film->pixels, st->kept, run->film->count * sizeof(*st->kept));
+            bring_back(run);
             break;
         }
         least = run->target;
@@ -451,7 +366,7 @@ fail:
 
 /* --- A frame ------------------------------------------------------------------------------------------------------------------------ */
 
-static void put_light(const struct run *run, const struct pell_frame_light *out)
+static void put_light(const struct pt_run *run, const struct pell_frame_light *out)
 {
     const struct pt_state *st = run->st;
 
@@ -461,17 +376,19 @@ static void put_light(const struct run *run, const struct pell_frame_light *out)
         const double n = p->count > 0 ? p->count : 1.0;
         double mean[4], error[4];
 
-        pt_pixel_measure(p, traced(st), mean, error);
+        pt_pixel_measure(p, run->film->exponent, pt_traced(st), mean, error);
         for (int c = 0; c < 3; c++) {
-            double light = p->sum[PT_MULTIPLE][c];
+            const double single = pt_sum_value(&p->sum[PT_SINGLE][c], run->film->exponent);
+            const double surface = pt_sum_value(&p->sum[PT_SURFACE][c], run->film->exponent);
+            double light = pt_sum_value(&p->sum[PT_MULTIPLE][c], run->film->exponent);
             if (out->single[c])
-                out->single[c][at] = (float) (p->sum[PT_SINGLE][c] / n);
+                out->single[c][at] = (float) (single / n);
             else
-                light += p->sum[PT_SINGLE][c];
+                light += single;
             if (out->surface[c])
-                out->surface[c][at] = (float) (p->sum[PT_SURFACE][c] / n);
-            else if (traced(st))
-                light += p->sum[PT_SURFACE][c];
+                out->surface[c][at] = (float) (surface / n);
+            else if (pt_traced(st))
+                light += surface;
             out->light[c][at] = (float) (light / n);
             st->frame.standard_error[c][at] = (float) error[c];
         }
@@ -500,7 +417,7 @@ static struct pt_counts count_all(const struct pt_state *st)
 }
 
 /* What there is to say about the picture. */
-static void report(struct pt_state *st, const struct run *run)
+static void report(struct pt_state *st, const struct pt_run *run)
 {
     const struct pt_counts now = count_all(st);
     const double samples = fmax((double) (now.samples - st->before.samples), 1.0), lights = pt_scene_brightest(st->scene);
@@ -510,9 +427,9 @@ static void report(struct pt_state *st, const struct run *run)
     char error[48] = "", bound[96] = "";
     uint32_t least, most;
 
-    count_range(run->film, &least, &most);
-    if (least > 1)
-        snprintf(error, sizeof(error), ", relative error %.2f %%", 100.0 * pt_film_error(run->film, traced(st)) / sqrt(films));
+    count_range(run, &least, &most);
+    if (least > 1 && run->from == 0)
+        snprintf(error, sizeof(error), ", relative error %.2f %%", 100.0 * pt_film_error(run->film, pt_traced(st)) / sqrt(films));
     if (run->film->count > 0 && now.samples > st->before.samples)
         pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", least * films, error,
                   (double) (now.scatterings - st->before.scatterings) / samples, (double) (now.rays - st->before.rays) / samples);
@@ -534,7 +451,7 @@ static void report(struct pt_state *st, const struct run *run)
                   (long long) chains);
     if (atomic_load(&st->invalid))
         pell_warn(st->ctx, "path-trace", "please report the scene", "samples that were not finite were set to 0");
-    if (least == 0 && most > 0)
+    if (least == 0 && most > 0 && !pt_merges(st))
         pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample: the others are black");
 }
 
@@ -546,13 +463,28 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     atomic_store(&st->late, false);
     st->before = count_all(st);
     st->frame.time = (struct pell_pass_time) { .name = "path-trace" };
-    if (!st->services->checkpoint) {
-        for (size_t i = 0; i < st->num_films; i++)
-            st->films[i].count = 0;
+    if (!st->services->checkpoint)
         return PELL_OK;
-    }
-    drop_films(st);
-    return read_checkpoint(st, in);
+    pt_drop_films(st);
+    return pt_read_films(st, in);
+}
+
+/* Which tiles and samples the run makes. */
+static void set_part(struct pt_run *run)
+{
+    const struct pell_checkpoint *c = run->st->services->checkpoint;
+    const size_t tiles = pt_tiles((uint32_t) run->in->shape.width, (uint32_t) run->in->shape.height);
+
+    run->from = c ? (uint32_t) (c->first_sample / run->in->num_samples) : 0;
+    run->first_tile = c && (size_t) c->first_tile < tiles ? (size_t) c->first_tile : 0;
+    run->end_tile = c && c->end_tile > 0 && (size_t) c->end_tile < tiles ? (size_t) c->end_tile : tiles;
+}
+
+static enum pell_result check_merged(struct pt_run *run)
+{
+    const struct goal g = make_goal(run);
+
+    return pt_check_gaps(run, g.most);
 }
 
 static enum pell_result path_trace_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
@@ -560,7 +492,7 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
     struct pt_state *st = state;
     const int number = in->sample, samples = in->num_samples;
     const double start = pell_seconds();
-    struct run run = {
+    struct pt_run run = {
         .st = st,
         .in = in,
         .film = &st->films[st->num_films > 1 ? number : 0],
@@ -568,23 +500,22 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
         .number = (uint32_t) number,
     };
     struct pt_counts counts;
-    uint32_t least, most;
     bool last;
     enum pell_result res;
 
     if (number == 0)
         PELL_TRY(start_frame(st, in));
-    PELL_TRY(start_film(&run));
+    set_part(&run);
+    PELL_TRY(pt_start_film(&run));
     memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     counts = count_all(st);
-    PELL_TRY(run_film(&run));
+    PELL_TRY(pt_merges(st) ? check_merged(&run) : run_film(&run));
     put_light(&run, out);
     last = number == samples - 1 || pell_context_interrupted(st->ctx);
     if (st->services->checkpoint && last)
-        write_checkpoint(st, in);
+        pt_write_films(st, in);
     /* A sample of the multisample in which pixels are black for want of a path would darken those before it. */
-    count_range(run.film, &least, &most);
-    if (number > 0 && run.film->count > 0 && least == 0)
+    if (number > 0 && pell_context_interrupted(st->ctx) && has_black(run.film))
         return PELL_ERR_CANCELLED;
     if (last)
         report(st, &run);
@@ -605,13 +536,14 @@ static void path_trace_destroy(void *state)
     if (!st)
         return;
     if (st->films)
-        drop_films(st);
+        pt_drop_films(st);
     for (int i = 0; st->walkers && i < st->threads; i++)
         pt_walker_destroy(&st->walkers[i]);
     pell_free(st->ctx, st->walkers);
     pell_free(st->ctx, st->films);
     pell_free(st->ctx, st->places);
-    pell_free(st->ctx, st->kept);
+    pt_film_free(st->ctx, &st->kept);
+    pell_free(st->ctx, st->tasks);
     pell_free(st->ctx, st->frame.standard_error[0]);
     pt_scene_destroy(&st->scene);
     pell_free(st->ctx, st);

@@ -1,58 +1,146 @@
 /* SPDX-License-Identifier: MIT
- * film.c - sums of samples. Each pixel's are added in the order of their numbers, by one thread at a time, so that they hang neither on the
- * number of threads nor on where a run was cut. */
+ *
+ * film.c - sums of samples. They are exact: samples are rounded to whole numbers of a fixed unit, which are added without rounding. So a
+ * picture depends on which samples are in it, and neither on who made them nor on the order in which they, or sums of them, were added:
+ * threads, ranks, parts of an array of jobs (docs/adr/0017-exact-sums.md).
+ */
 #include "methods/path_trace/path_trace.h"
+
+#define LARGEST 0x1p31 /* units of a sample: 2^30 of them fit into a sum */
+
+/* --- Exact sums --------------------------------------------------------------------------------------------------------------------- */
 
 static double luminance(const double rgb[3])
 {
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
-static void judged(const double *const parts[PT_PARTS], bool traced, double out[4])
+static void add_sum(struct pt_sum *to, const struct pt_sum *x)
 {
-    for (int c = 0; c < 3; c++)
-        out[c] = parts[PT_MULTIPLE][c] + parts[PT_SINGLE][c] + (traced ? parts[PT_SURFACE][c] : 0.0);
-    out[3] = luminance(out);
+    to->low += x->low;
+    to->high = (int64_t) ((uint64_t) to->high + (uint64_t) x->high + (to->low < x->low));
 }
 
-/* B. P. Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products", Technometrics 4, 1962: no difference of large
- * sums, so that little noise is still told from rounding. */
-bool pt_pixel_add(struct pt_pixel *p, const struct pt_light *light, bool traced)
+/* Of numbers that are not negative: it ends at the largest, in whichever order they come. */
+static void add_square(struct pt_sum *to, const struct pt_sum *x)
 {
-    static const struct pt_light black;
-    const double *const sums[PT_PARTS] = { p->sum[PT_MULTIPLE], p->sum[PT_SINGLE], p->sum[PT_SURFACE] };
-    const double before = p->count, after = before + 1.0;
+    add_sum(to, x);
+    if (to->high < 0)
+        *to = (struct pt_sum) { UINT64_MAX, INT64_MAX };
+}
+
+/* |x| is below 2^63; what is below 2^-64 is cut off. */
+static struct pt_sum sum_of(double x)
+{
+    const double size = fabs(x);
+    const uint64_t high = (uint64_t) size, low = (uint64_t) ((size - (double) high) * 0x1p64); /* both exact */
+
+    if (x >= 0.0)
+        return (struct pt_sum) { low, (int64_t) high };
+    return (struct pt_sum) { 0 - low, (int64_t) (0 - high - (low > 0)) };
+}
+
+double pt_sum_value(const struct pt_sum *sum, int exponent)
+{
+    return ldexp((double) sum->high + (double) sum->low * 0x1p-64, exponent);
+}
+
+/* A number and what rounding it lost. */
+struct wide {
+    double value, rest;
+};
+
+/* D. E. Knuth, The Art of Computer Programming, volume 2, theorem 4.2.2 B. */
+static struct wide add_wide(double a, double b)
+{
+    const double sum = a + b, of_b = sum - a;
+
+    return (struct wide) { sum, (a - (sum - of_b)) + (b - of_b) };
+}
+
+static struct wide wide_of(const struct pt_sum *s)
+{
+    const struct wide high = add_wide((double) (s->high >> 32) * 0x1p32, (double) (s->high & 0xffffffff));
+    const struct wide low = add_wide((double) (s->low >> 32) * 0x1p-32, (double) (s->low & 0xffffffff) * 0x1p-64);
+    const struct wide both = add_wide(high.value, low.value);
+
+    return add_wide(both.value, both.rest + (high.rest + low.rest));
+}
+
+/* squares - sum^2/n, which is small where the samples are nearly the same: twice the digits of a double. */
+static double spread_of(const struct pt_sum *squares, struct wide sum, double n)
+{
+    const struct wide q = wide_of(squares);
+    const double square = sum.value * sum.value, rest = fma(sum.value, sum.value, -square) + 2.0 * sum.value * sum.rest;
+    const double part = square / n, part_rest = (fma(-part, n, square) + rest) / n;
+    const struct wide apart = add_wide(q.value, -part);
+
+    return fmax(apart.value + (apart.rest + (q.rest - part_rest)), 0.0);
+}
+
+/* --- Pixels ------------------------------------------------------------------------------------------------------------------------- */
+
+static const double *part_of(const struct pt_light *light, int part)
+{
+    return part == PT_MULTIPLE ? light->multiple : part == PT_SINGLE ? light->single : light->surface;
+}
+
+bool pt_pixel_add(struct pt_pixel *p, int exponent, const struct pt_light *light, bool traced)
+{
+    const double scale = ldexp(1.0, -exponent);
+    double x[PT_PARTS][3], all[4];
     bool finite = true;
-    double sum[4], x[4];
 
-    for (int c = 0; c < 3; c++)
-        finite = finite && isfinite(light->multiple[c]) && isfinite(light->single[c]) && isfinite(light->surface[c]);
-    if (!finite)
-        light = &black;
-    judged(sums, traced, sum);
-    judged((const double *const[PT_PARTS]) { light->multiple, light->single, light->surface }, traced, x);
-    for (int c = 0; c < 4; c++) {
-        const double apart = before > 0.0 ? x[c] - sum[c] / before : 0.0;
-        p->spread[c] += apart * apart * (before / after);
-    }
-    for (int c = 0; c < 3; c++) {
-        p->sum[PT_MULTIPLE][c] += light->multiple[c];
-        p->sum[PT_SINGLE][c] += light->single[c];
-        p->sum[PT_SURFACE][c] += light->surface[c];
-    }
+    for (int k = 0; k < PT_PARTS; k++)
+        for (int c = 0; c < 3; c++) {
+            x[k][c] = part_of(light, k)[c] * scale;
+            finite = finite && fabs(x[k][c]) < LARGEST / 4.0; /* the three of them, too */
+        }
     p->count++;
-    return finite;
+    if (!finite)
+        return false;
+    for (int c = 0; c < 3; c++)
+        all[c] = x[PT_MULTIPLE][c] + x[PT_SINGLE][c] + (traced ? x[PT_SURFACE][c] : 0.0);
+    all[3] = luminance(all);
+    for (int k = 0; k < PT_PARTS; k++)
+        for (int c = 0; c < 3; c++) {
+            const struct pt_sum one = sum_of(x[k][c]);
+            add_sum(&p->sum[k][c], &one);
+        }
+    for (int c = 0; c < 4; c++) {
+        const struct pt_sum one = sum_of(all[c] * all[c]);
+        add_square(&p->squares[c], &one);
+    }
+    return true;
 }
 
-void pt_pixel_measure(const struct pt_pixel *p, bool traced, double mean[4], double error[4])
+void pt_pixel_merge(struct pt_pixel *p, const struct pt_pixel *other)
+{
+    for (int k = 0; k < PT_PARTS; k++)
+        for (int c = 0; c < 3; c++)
+            add_sum(&p->sum[k][c], &other->sum[k][c]);
+    for (int c = 0; c < 4; c++)
+        add_square(&p->squares[c], &other->squares[c]);
+    p->count += other->count;
+}
+
+void pt_pixel_measure(const struct pt_pixel *p, int exponent, bool traced, double mean[4], double error[4])
 {
     const double n = p->count;
+    struct wide sums[4];
 
-    judged((const double *const[PT_PARTS]) { p->sum[PT_MULTIPLE], p->sum[PT_SINGLE], p->sum[PT_SURFACE] }, traced, mean);
-    for (int c = 0; c < 4; c++) {
-        mean[c] = n > 0.0 ? mean[c] / n : 0.0;
-        error[c] = n > 1.0 ? sqrt(p->spread[c] / (n * (n - 1.0))) : 0.0;
+    for (int c = 0; c < 3; c++) {
+        struct pt_sum sum = p->sum[PT_MULTIPLE][c];
+        add_sum(&sum, &p->sum[PT_SINGLE][c]);
+        if (traced)
+            add_sum(&sum, &p->sum[PT_SURFACE][c]);
+        sums[c] = wide_of(&sum);
+        mean[c] = n > 0.0 ? ldexp(sums[c].value / n, exponent) : 0.0;
     }
+    sums[3] = (struct wide) { luminance((double[]) { sums[0].value, sums[1].value, sums[2].value }), 0.0 };
+    mean[3] = n > 0.0 ? ldexp(sums[3].value / n, exponent) : 0.0;
+    for (int c = 0; c < 4; c++)
+        error[c] = n > 1.0 ? ldexp(sqrt(spread_of(&p->squares[c], sums[c], n) / (n * (n - 1.0))), exponent) : 0.0;
 }
 
 double pt_film_error(const struct pt_film *film, bool traced)
@@ -62,7 +150,7 @@ double pt_film_error(const struct pt_film *film, bool traced)
     for (size_t i = 0; i < film->count; i++) {
         if (film->pixels[i].count < 2)
             return (double) INFINITY;
-        pt_pixel_measure(&film->pixels[i], traced, mean, error);
+        pt_pixel_measure(&film->pixels[i], film->exponent, traced, mean, error);
         total += mean[3];
     }
     if (!(total > 0.0))
@@ -70,9 +158,156 @@ double pt_film_error(const struct pt_film *film, bool traced)
     total /= (double) film->count;
     for (size_t i = 0; i < film->count; i++) {
         double relative;
-        pt_pixel_measure(&film->pixels[i], traced, mean, error);
+        pt_pixel_measure(&film->pixels[i], film->exponent, traced, mean, error);
         relative = error[3] / fmax(fmax(mean[3], 0.01 * total), 1e-300); /* 0.01 of the least number is 0 */
         square += relative * relative;
     }
     return sqrt(square / (double) film->count);
+}
+
+/* --- Which samples a tile has --------------------------------------------------------------------------------------------------------- */
+
+enum pell_result pt_film_create(struct pell_context *ctx, const uint8_t *pixels, size_t tiles, struct pt_film *film)
+{
+    size_t count = 0;
+
+    memset(film, 0, sizeof(*film));
+    film->tiles = tiles;
+    film->starts = pell_alloc_array(ctx, tiles + 1, sizeof(*film->starts));
+    film->num_spans = pell_calloc(ctx, tiles, sizeof(*film->num_spans));
+    if (!film->starts || !film->num_spans)
+        goto fail;
+    for (size_t i = 0; i < tiles; i++) {
+        film->starts[i] = (uint32_t) count;
+        count += pixels[i];
+    }
+    film->starts[tiles] = (uint32_t) count;
+    film->count = film->capacity = count;
+    /* Zeroed by the system: tiles that nobody touches take no memory. */
+    film->pixels = count > 0 ? pell_calloc(ctx, count, sizeof(*film->pixels)) : NULL;
+    if (count > 0 && !film->pixels)
+        goto fail;
+    if (pt_film_reserve(ctx, film, 1) == PELL_OK)
+        return PELL_OK;
+
+fail:
+    pt_film_free(ctx, film);
+    return PELL_ERR_NOMEM;
+}
+
+void pt_film_free(struct pell_context *ctx, struct pt_film *film)
+{
+    pell_free(ctx, film->pixels);
+    pell_free(ctx, film->starts);
+    pell_free(ctx, film->num_spans);
+    pell_free(ctx, film->spans);
+    memset(film, 0, sizeof(*film));
+}
+
+enum pell_result pt_film_reserve(struct pell_context *ctx, struct pt_film *film, uint32_t more)
+{
+    uint32_t most = 0, room = film->most_spans;
+    struct pt_span *grown;
+
+    for (size_t i = 0; i < film->tiles; i++)
+        most = film->num_spans[i] > most ? film->num_spans[i] : most;
+    if (most + more <= film->most_spans)
+        return PELL_OK;
+    if (most + more > PT_SPANS)
+        return pell_error(ctx, PELL_ERR_NOMEM, "path-trace", "merge files of neighbouring samples first",
+                          "a tile has %u separate runs of samples, at most %d are possible", most, PT_SPANS);
+    room = 2 * room > most + more ? 2 * room : most + more;
+    room = room > PT_SPANS ? PT_SPANS : room;
+    grown = pell_alloc_array(ctx, film->tiles * room, sizeof(*grown));
+    if (!grown)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < film->tiles; i++)
+        memcpy(grown + i * room, film->spans ? film->spans + i * film->most_spans : grown, film->num_spans[i] * sizeof(*grown));
+    pell_free(ctx, film->spans);
+    film->spans = grown;
+    film->most_spans = room;
+    return PELL_OK;
+}
+
+uint32_t pt_film_missing(const struct pt_film *film, size_t tile, uint32_t from, uint32_t *end)
+{
+    const struct pt_span *span = film->spans + tile * film->most_spans;
+    const uint32_t count = film->num_spans[tile];
+    uint32_t i = 0;
+
+    while (i < count && span[i].end <= from)
+        i++;
+    if (i < count && span[i].first <= from)
+        from = span[i++].end;
+    *end = i < count ? span[i].first : UINT32_MAX;
+    return from;
+}
+
+void pt_film_cover(struct pt_film *film, size_t tile, struct pt_span add)
+{
+    struct pt_span *span = film->spans + tile * film->most_spans;
+    uint32_t count = film->num_spans[tile], i = 0;
+
+    while (i < count && span[i].end < add.first)
+        i++;
+    if (i < count && span[i].end == add.first) {
+        span[i].end = add.end;
+        if (i + 1 < count && span[i + 1].first == add.end) {
+            span[i].end = span[i + 1].end;
+            count--;
+            memmove(span + i + 1, span + i + 2, (count - i - 1) * sizeof(*span));
+        }
+    } else if (i < count && span[i].first == add.end) {
+        span[i].first = add.first;
+    } else {
+        memmove(span + i + 1, span + i, (count - i) * sizeof(*span));
+        span[i] = add;
+        count++;
+    }
+    film->num_spans[tile] = (uint16_t) count;
+}
+
+/* The first sample that both have of a tile; UINT32_MAX: none. */
+static uint32_t common(const struct pt_film *a, const struct pt_film *b, size_t tile)
+{
+    for (uint32_t i = 0; i < b->num_spans[tile]; i++) {
+        const struct pt_span *span = &b->spans[tile * b->most_spans + i];
+        uint32_t end, from = pt_film_missing(a, tile, span->first, &end);
+        if (from > span->first)
+            return span->first;
+        if (end < span->end)
+            return end;
+    }
+    return UINT32_MAX;
+}
+
+enum pell_result pt_film_merge(struct pell_context *ctx, struct pt_film *film, const struct pt_film *from, size_t *tile, uint32_t *sample)
+{
+    enum pell_result res;
+
+    for (*tile = 0; *tile < film->tiles; ++*tile)
+        if ((*sample = common(film, from, *tile)) != UINT32_MAX)
+            return PELL_ERR_INVALID;
+    res = pt_film_reserve(ctx, film, from->most_spans);
+    if (res != PELL_OK)
+        return res;
+    for (size_t t = 0; t < film->tiles; t++) {
+        for (uint32_t i = 0; i < from->num_spans[t]; i++)
+            pt_film_cover(film, t, from->spans[t * from->most_spans + i]);
+        for (uint32_t i = film->starts[t]; from->num_spans[t] > 0 && i < film->starts[t + 1]; i++)
+            pt_pixel_merge(&film->pixels[i], &from->pixels[i]);
+    }
+    return PELL_OK;
+}
+
+bool pt_film_holds(const struct pt_film *film, const struct pt_film *part)
+{
+    for (size_t t = 0; t < part->tiles; t++)
+        for (uint32_t i = 0; i < part->num_spans[t]; i++) {
+            const struct pt_span *span = &part->spans[t * part->most_spans + i];
+            uint32_t end;
+            if (pt_film_missing(film, t, span->first, &end) < span->end)
+                return false;
+        }
+    return true;
 }

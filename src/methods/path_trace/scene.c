@@ -346,6 +346,16 @@ double pt_scene_brightest(const struct pt_scene *scene)
     return scene->brightest;
 }
 
+int pt_scene_exponent(const struct pt_scene *scene)
+{
+    const double order = scene->typical > 0.0 ? scene->typical : scene->brightest;
+    int exponent = 0;
+
+    if (order > 0.0 && isfinite(order))
+        frexp(order, &exponent);
+    return exponent < -300 ? -300 : exponent > 300 ? 300 : exponent;
+}
+
 bool pt_stopped(const struct pt_scene *scene)
 {
     return pell_cancelled(scene->ctx) || pell_context_interrupted(scene->ctx);

@@ -101,5 +101,7 @@ void pt_trace(const struct pt_scene *scene, struct pt_walker *walker, const stru
 
 /* The brightest radiance that a light with extent shows, or the environment at some hundred places; 0: there is none. */
 double pt_scene_brightest(const struct pt_scene *scene);
+/* 2^this is of the order of the radiance that is seen. */
+int pt_scene_exponent(const struct pt_scene *scene);
 
 #endif
