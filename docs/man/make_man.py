@@ -38,6 +38,9 @@ The engine or device asked for is not there.
 .B 5
 Out of memory, or over the limit memory\-bytes.
 .TP
+.B 75
+ended by a time limit or SIGTERM, and resumable from its checkpoint
+.TP
 .B 130
 Interrupted (Ctrl\-C). Nothing half\-written is left; a second Ctrl\-C stops at once.
 .SH ENVIRONMENT

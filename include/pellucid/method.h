@@ -150,6 +150,8 @@ PELL_API const struct pell_thickness_table *pell_pass_thickness(const struct pel
 PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size);
 /* False if the method has no standard error; else planes of the frame's stride, valid until the next render. */
 PELL_API bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[3]);
+/* Whether the last render ended before it had what its knobs ask for, because of a time limit or an interruption. */
+PELL_API bool pell_pass_unfinished(const struct pell_pass *pass);
 PELL_API void pell_pass_destroy(struct pell_pass **pass);
 
 #ifdef __cplusplus

@@ -149,6 +149,7 @@ struct pell_render_result {
     float exposure;        /* the applied factor */
     struct pell_rect rect; /* of translucent pixels */
     bool partial;          /* ended early by pell_context_interrupt: complete, but with fewer samples than requested */
+    bool unfinished;       /* ended by a time limit or an interruption before the samples or the error that were asked for */
 };
 
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings,

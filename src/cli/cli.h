@@ -23,6 +23,7 @@ enum exit_code {
     EXIT_INPUT = 3,
     EXIT_DEVICE = 4,
     EXIT_MEMORY = 5,
+    EXIT_RESUMABLE = 75, /* a time limit or SIGTERM ended the run, and its checkpoint holds what is done */
     EXIT_INTERRUPTED = 130,
 };
 
@@ -60,6 +61,8 @@ enum option_group {
     OPTIONS_CHECK = 1 << 9,
     OPTIONS_VIEW = 1 << 11,
     OPTIONS_REPEATS = 1 << 10, /* of OPTIONS_BENCH, what holds without a scene */
+    OPTIONS_PARTS = 1 << 11,   /* parts of a picture or of a sequence */
+    OPTIONS_MERGE = 1 << 12,
 };
 
 struct settings_list {
@@ -75,8 +78,16 @@ struct cli {
 
     /* Options as given; NULL or false where not. */
     char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device;
-    char *time, *animation, *frames, *checkpoint, *checkpoint_every, *dump;
+    char *time, *animation, *frames, *checkpoint, *checkpoint_every, *dump, *progress_form;
     bool json, quiet, stats, allow_outside;
+    struct {
+        const char *const *parts;
+        int count; /* 0: the command is another */
+    } merge;
+    struct {
+        char *samples, *tiles, *frames, *input;
+        bool partial;
+    } part;
     struct {
         char *model, *compare, *gaussians, *eta, *roughness, *layers, *skin, *solver, *wavelength, *export, *from, *to;
         bool csv, shared, free_energy, weighted;
@@ -101,7 +112,10 @@ struct cli {
     struct settings_list common;   /* --samples 64: knobs that methods share under names of their own */
     struct pell_limits limits;     /* --limit NAME=VALUE */
     char command_line[2048];       /* for metadata, without folders of this machine */
-    const char *given[64];         /* names of the options on the command line, "taps" */
+    const char **words;            /* the command line as it was given, borrowed */
+    int num_words;
+    bool of_a_file;        /* it stood in a file, and asks for nothing to be printed */
+    const char *given[64]; /* names of the options on the command line, "taps" */
     int num_given;
 
     /* State. */
@@ -110,6 +124,7 @@ struct cli {
     bool answered;                  /* an object has gone to stdout */
     int images;                     /* written so far */
     bool partial;                   /* the last of them was ended early by Ctrl-C */
+    bool resumable;                 /* there is a checkpoint to go on from */
     json_t *warnings;               /* array of texts */
     json_t *collected;              /* NULL, or warnings that go to the answer alone: severity, where, what, hint */
     struct {
@@ -130,6 +145,9 @@ struct cli {
 /* Runs the command that the arguments name. Returns the exit code of the process. */
 int cli_main(const struct program *program, int argc, char **argv);
 
+/* Whether SIGTERM has come: a batch system ends the job. */
+bool cli_terminated(void);
+
 /* --- options.c ---------------------------------------------------------------------------------------------------------------- */
 
 /* Parses what follows the command's name. EXIT_OK: go on; *done: --help was asked for and printed. */
@@ -145,6 +163,19 @@ PELL_NODISCARD enum pell_result cli_append_settings(struct settings_list *to, co
 enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const char *where, char *text);
 /* The text as `name=value name=value` of a table of knobs. */
 void cli_format_knobs(const struct pell_knob *knobs, const void *values, const void *usual, char *text, size_t size);
+
+/* --- parts.c: parts of pictures and sequences, and the files that hold them ------------------------------------------------------- */
+
+/* "A:B", or "I/N": part I, from 0, of N parts of [0, total), in multiples of `unit`. `total` 0: not known. */
+enum exit_code cli_range(struct cli *cli, const char *option, const char *text, int total, int unit, int *first, int *end);
+struct session;
+/* The samples, tiles and note of a checkpoint, as the command line has them. The note is the caller's (free). */
+enum exit_code cli_part(struct cli *cli, const struct session *s, struct pell_checkpoint *checkpoint, char **note);
+/* The command line as a JSON array, by which `merge` knows the scene and the options; the caller's (free). NULL: not UTF-8, or too long. */
+char *cli_note(const struct cli *cli);
+/* Keeps other runs from writing to a checkpoint while this one lives. *lock is for cli_unlock, -1: none. */
+enum exit_code cli_lock(struct cli *cli, const char *path, int *lock);
+void cli_unlock(const char *path, int *lock);
 
 /* --- messages.c --------------------------------------------------------------------------------------------------------------- */
 
@@ -230,6 +261,7 @@ json_t *cli_material_json(const struct pell_material_entry *e);
 /* --- Commands ------------------------------------------------------------------------------------------------------------------- */
 
 enum exit_code command_render(struct cli *cli);
+enum exit_code command_merge(struct cli *cli);
 enum exit_code command_methods(struct cli *cli);
 enum exit_code command_materials(struct cli *cli);
 enum exit_code command_info(struct cli *cli);

@@ -19,7 +19,18 @@ static const struct command commands[] = {
       "  pellucid render scene.json --turntable 4 -o turn.png     # turn_0000.png, turn_0001.png, ...\n"
       "  pellucid render scene.json --frames 0:2:0.25 -o walk.png # its animation, walk_0000.png, ...\n"
       "  pellucid render scene.json --dof on --msaa 64 --bloom 0.1\n",
-      OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_ENGINE, 1, 1, command_render },
+      OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1, command_render },
+    { "merge", "PART...", "the image of the parts of a path-traced image that several runs made",
+      "PARTs are checkpoints of `render -m path-trace` with --sample-range, --tile-range or neither. The image has the same bits as that "
+      "of "
+      "one run of all samples. Parts of another scene, seed, knob or version of the program are refused by name, and so are parts that "
+      "overlap or leave gaps; --partial takes gaps. The scene and the options come from the first part; a path in it is "
+      "relative to the current folder.\n",
+      "  pellucid render bunny.obj --material wholemilk --size 70mm -m path-trace --samples 8 --sample-range 0/2 --checkpoint a.ckpt\n"
+      "  pellucid render bunny.obj --material wholemilk --size 70mm -m path-trace --samples 8 --sample-range 1/2 --checkpoint b.ckpt\n"
+      "  pellucid merge a.ckpt b.ckpt -o milk.exr\n"
+      "  pellucid merge a.ckpt --partial -o half.exr\n",
+      OPTIONS_MERGE | OPTIONS_ENGINE, 1, 100000, command_merge },
     { "check", "INPUT", "contents and problems of a scene, without rendering",
       "Reads INPUT as `render` would, and reports its objects, materials, size and problems: open surfaces, inverted normals, an "
       "implausible scale, objects thinner than a mean free path. Exit code 3 if INPUT can't be read or a problem is an error.\n"

@@ -206,11 +206,12 @@ void cli_progress(void *user, const char *task, double fraction)
     struct cli *cli = user;
     const double now = pell_seconds(), whole = cli->progress.parts ? (cli->progress.part + fraction) / cli->progress.parts : fraction;
     const int bar = 24, filled = (int) (fmin(fmax(whole, 0.0), 1.0) * bar);
+    const bool form_json = cli->progress_form && strcmp(cli->progress_form, "json") == 0;
     char text[160];
     double elapsed;
     int width;
 
-    if (cli->quiet || cli->json)
+    if ((cli->quiet || cli->json) && !form_json)
         return;
     if (whole < cli->progress.fraction) { /* another task, some of which may have been done by an earlier run */
         cli->progress.begin = now;
@@ -218,10 +219,17 @@ void cli_progress(void *user, const char *task, double fraction)
     }
     cli->progress.fraction = whole;
     elapsed = now - cli->progress.begin;
-    if (now - fmax(cli->progress.shown, cli->progress.begin) < (cli->tty ? 0.1 : 5.0) || whole >= 1.0 || !(whole > cli->progress.from) ||
-        !(elapsed > 0.0))
+    if (now - fmax(cli->progress.shown, cli->progress.begin) < (form_json  ? 1.0
+                                                                : cli->tty ? 0.1
+                                                                           : 5.0) ||
+        whole >= 1.0 || !(whole > cli->progress.from) || !(elapsed > 0.0))
         return;
     cli->progress.shown = now;
+    if (form_json) {
+        fprintf(stderr, "{\"progress\": {\"task\": \"%s\", \"fraction\": %.6f, \"seconds\": %.1f, \"seconds_left\": %.1f}}\n", task, whole,
+                elapsed, elapsed * (1.0 - whole) / (whole - cli->progress.from));
+        return;
+    }
     width = snprintf(text, sizeof(text), "%3.0f %%, %.3g %%/s, %.0f s left", 100.0 * whole, 100.0 * (whole - cli->progress.from) / elapsed,
                      elapsed * (1.0 - whole) / (whole - cli->progress.from));
     if (!cli->tty) {

@@ -67,6 +67,22 @@ static const struct option options[] = {
       TEXT, AT(checkpoint), NULL },
     { OPTIONS_FILE, 0, "checkpoint-every", "TIME", "interval between writes, besides those at the end and at Ctrl-C; default 60s", TEXT,
       AT(checkpoint_every), NULL },
+    { OPTIONS_PARTS, 0, "sample-range", "A:B|I/N",
+      "only samples A to B - 1 of every pixel, or part I (from 0) of N equal parts, into the checkpoint; see `pellucid merge`", TEXT,
+      AT(part.samples), NULL },
+    { OPTIONS_PARTS, 0, "tile-range", "A:B|I/N",
+      "only tiles A to B - 1 of 8 x 8 pixels, in rows from the top, or part I of N, into the checkpoint", TEXT, AT(part.tiles), NULL },
+    { OPTIONS_PARTS, 0, "frame-range", "A:B|I/N", "only images A to B - 1 of --frames or --turntable, or part I of N", TEXT,
+      AT(part.frames), NULL },
+    { OPTIONS_MERGE, 0, "partial", NULL, "take what is there: with gaps, and the error bars of fewer samples", FLAG, AT(part.partial),
+      NULL },
+    { OPTIONS_MERGE, 0, "input", "FILE", "the scene or mesh, where it is not at the place that the parts name", TEXT, AT(part.input),
+      NULL },
+    { OPTIONS_MERGE, 0, "checkpoint", "FILE", "file for the merged state, which a render can resume and another merge can read", TEXT,
+      AT(checkpoint), NULL },
+    { OPTIONS_MERGE, 0, "allow-outside", NULL, "let the scene refer to files outside its folder", FLAG, AT(allow_outside), NULL },
+    { OPTIONS_MERGE, 'o', "output", "FILE", "png, exr, hdr or pfm by its extension", TEXT, AT(output), NULL },
+    { OPTIONS_MERGE, 0, "format", "FORMAT", "png, exr, hdr or pfm, whatever the extension", TEXT, AT(format), NULL },
     { OPTIONS_FILE, 'o', "output", "FILE",
       "png, exr, hdr or pfm by its extension; - writes to stdout, with --format; default: INPUT's name with .png, in the current folder",
       TEXT, AT(output), NULL },
@@ -158,6 +174,8 @@ static const struct option options[] = {
     { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
     { OPTIONS_ENGINE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
     { OPTIONS_ALL, 0, "json", NULL, "print the result as one JSON object on stdout", FLAG, AT(json), NULL },
+    { OPTIONS_PARTS | OPTIONS_MERGE, 0, "progress", "FORM", "text (default), or json: an object a second and line on stderr", TEXT,
+      AT(progress_form), NULL },
     { OPTIONS_ALL, 'q', "quiet", NULL, "errors only on stderr", FLAG, AT(quiet), NULL },
     { OPTIONS_ALL, 0, "log-level", "LEVEL", "none, error, warning, info or debug; info otherwise", LEVEL, 0, NULL },
     { OPTIONS_ALL, 'h', "help", NULL, "this text", HELP, 0, NULL },
@@ -489,6 +507,8 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
             .val = (int) i + 1,
         };
     pell_knobs_default(number_knobs, &cli->numbers);
+    cli->words = argv;
+    cli->num_words = argc;
     keep_command_line(cli, argc, argv);
     cli->arguments = calloc((size_t) argc + 1, sizeof(*cli->arguments));
     popt = poptGetContext(cli->program->name, argc, argv, table, 0);
@@ -497,13 +517,15 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
     poptFreeContext(popt);
     if (code != EXIT_OK)
         return code;
-    if (*done)
+    if (*done && !cli->of_a_file)
         cli_print_help(cli->program, command, stdout);
     else if (cli->num_arguments < command->min_arguments)
         return cli_usage(cli, command->name, "`--help` shows examples", "%s is missing", command->arguments);
     else if (cli->num_arguments > command->max_arguments)
         return cli_usage(cli, command->name, "`--help` shows examples", "\"%s\" is one argument too many",
                          cli->arguments[command->max_arguments]);
+    else if (cli->progress_form && strcmp(cli->progress_form, "json") != 0 && strcmp(cli->progress_form, "text") != 0)
+        return cli_usage(cli, "--progress", NULL, "\"%s\", must be text or json", cli->progress_form);
     for (int i = 0; !*done && i < cli->num_arguments; i++)
         if (!cli->arguments[i][0])
             return cli_usage(cli, command->name, "`--help` shows examples", "an empty text for %s", command->arguments);

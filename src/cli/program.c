@@ -8,16 +8,22 @@
 #include <unistd.h>
 
 static struct pell_context *volatile interrupted_context;
-static volatile sig_atomic_t interruptions;
+static volatile sig_atomic_t interruptions, terminated;
 
 static void on_signal(int signal)
 {
-    (void) signal;
+    if (signal == SIGTERM)
+        terminated = 1;
     if (interruptions)
         _exit(EXIT_INTERRUPTED);
     interruptions = 1;
     if (interrupted_context)
         pell_context_interrupt(interrupted_context);
+}
+
+bool cli_terminated(void)
+{
+    return terminated;
 }
 
 /* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
@@ -40,7 +46,7 @@ static void print_usage(const struct program *program, FILE *file)
             "\n  --help             this text; `%s COMMAND --help` lists its options\n"
             "  --version          the version\n\n"
             "%sExit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available,\n"
-            "5 out of memory, 130 interrupted.\n",
+            "5 out of memory, 75 ended by a time limit or SIGTERM and resumable, 130 interrupted.\n",
             program->name, program->start);
 }
 
@@ -153,6 +159,8 @@ int cli_main(const struct program *program, int argc, char **argv)
     code = run(&cli, argc, (const char **) argv);
     if (code != EXIT_OK)
         cli_print_json_error(&cli, code);
+    if (code == EXIT_RESUMABLE && !cli.quiet && !cli.json)
+        fputs("not finished; the same command resumes it from the checkpoint\n", stderr);
     if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.partial)
         fputs("interrupted; the picture was written with the samples that it had\n", stderr);
     else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.images)

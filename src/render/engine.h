@@ -29,6 +29,7 @@ struct pell_method_engine {
     /* Standard error of each pixel of the last render, in the unit of what comes out; planes as in the frame, the state's own. NULL where
      * the method has no noise, or does not know it. */
     bool (*standard_error)(const void *state, const float *planes[3]);
+    bool (*unfinished)(const void *state);
 };
 
 /* Times of a frame's stages: a row each, made by its first sample. */

@@ -214,6 +214,11 @@ bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[
     return pass->engine->standard_error && pass->engine->standard_error(pass->state, planes);
 }
 
+bool pell_pass_unfinished(const struct pell_pass *pass)
+{
+    return pass->engine->unfinished && pass->engine->unfinished(pass->state);
+}
+
 size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size)
 {
     return pass->engine->times ? pass->engine->times(pass->state, times, size) : 0;

@@ -23,17 +23,23 @@ struct job {
         double from, step;
         int count; /* 0: none */
     } frames;
+    int first, end;  /* of the sequence, whose images are made */
+    bool no_picture; /* a part goes into its checkpoint alone */
+    char *note;      /* of the checkpoint */
+    int lock;        /* on it */
 };
 
 /* --- Where the picture goes --------------------------------------------------------------------------------------------------- */
 
 static enum exit_code choose_output(struct cli *cli, struct job *job)
 {
+    const bool part = cli->part.samples || cli->part.tiles || cli->merge.count > 0;
     const char *name = pell_path_name(cli->arguments[0]), *dot = strrchr(name, '.');
     const int n = cli->output
                       ? snprintf(job->output, sizeof(job->output), "%s", cli->output)
                       : snprintf(job->output, sizeof(job->output), "%.*s.png", dot && dot != name ? (int) (dot - name) : 4000, name);
 
+    job->no_picture = part && cli->checkpoint && !cli->output && !cli->dump;
     if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
         return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);
     return EXIT_OK;
@@ -149,14 +155,16 @@ static enum exit_code render_one(struct cli *cli, struct job *job, const char *p
         return code;
     res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
     cli_progress_end(cli);
-    if (res == PELL_OK)
+    if (res == PELL_OK && !job->no_picture)
         res = session_write(cli, &job->session, &job->image, path, job->format, job->scene_hash, job->materials_hash);
     if (res != PELL_OK)
         return cli_failed(cli, res);
-    cli->images++;
+    cli->images += !job->no_picture;
     cli->partial = job->image.partial;
     if (cli->stats && !cli->json)
         print_stats(&job->image);
+    if (cli->resumable && ((cli->partial && cli_terminated()) || (!cli->partial && job->image.unfinished)))
+        return EXIT_RESUMABLE;
     return cli->partial ? EXIT_INTERRUPTED : EXIT_OK;
 }
 
@@ -175,18 +183,46 @@ static void turn_camera(const struct pell_scene *scene, const struct pell_camera
     vec3_store(mat4_direction(&turn, vec3_load(from->up)), to->up);
 }
 
+/* Which images of a sequence of `count` are made. */
+static enum exit_code choose_sequence(struct cli *cli, struct job *job)
+{
+    const int count = cli->numbers.turntable > 0 ? cli->numbers.turntable : job->frames.count;
+
+    job->end = count;
+    if (!cli->part.frames)
+        return EXIT_OK;
+    if (count < 1)
+        return cli_usage(cli, "--frame-range", NULL, "goes with --frames or --turntable");
+    return cli_range(cli, "--frame-range", cli->part.frames, count, 1, &job->first, &job->end);
+}
+
+/* All images have the exposure of the first of the sequence, also where another run makes that. */
+static enum exit_code find_exposure(struct cli *cli, struct job *job)
+{
+    enum pell_result res;
+
+    if (job->first == 0 || job->session.settings.exposure > 0.0f) /* backdrops follow it in linear pictures, too */
+        return EXIT_OK;
+    if (!cli->quiet && !cli->json)
+        fprintf(stderr, "image 0 is rendered for its exposure; --exposure saves that\n");
+    res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
+    if (res == PELL_OK)
+        job->session.settings.exposure = job->image.exposure;
+    return cli_failed(cli, res);
+}
+
 static enum exit_code render_turntable(struct cli *cli, struct job *job)
 {
     struct pell_scene *scene = job->session.scene;
     const struct pell_camera camera = scene->cameras[0];
     const int count = cli->numbers.turntable;
     char path[sizeof(job->output) + 16];
-    enum exit_code code = EXIT_OK;
+    enum exit_code code = find_exposure(cli, job);
 
     job->images = json_array();
-    cli->progress.parts = count;
-    for (int i = 0; i < count && code == EXIT_OK; i++) {
-        cli->progress.part = i;
+    cli->progress.parts = job->end - job->first;
+    for (int i = job->first; i < job->end && code == EXIT_OK; i++) {
+        cli->progress.part = i - job->first;
         turn_camera(scene, &camera, 2.0 * PELL_PI * i / count, &scene->cameras[0]);
         numbered(job->output, i, count, path, sizeof(path));
         code = render_one(cli, job, path);
@@ -212,12 +248,12 @@ static void hash_scene(struct job *job)
 static enum exit_code render_frames(struct cli *cli, struct job *job)
 {
     char path[sizeof(job->output) + 16];
-    enum exit_code code = EXIT_OK;
+    enum exit_code code = find_exposure(cli, job);
 
     job->images = json_array();
-    cli->progress.parts = job->frames.count;
-    for (int i = 0; i < job->frames.count && code == EXIT_OK; i++) {
-        cli->progress.part = i;
+    cli->progress.parts = job->end - job->first;
+    for (int i = job->first; i < job->end && code == EXIT_OK; i++) {
+        cli->progress.part = i - job->first;
         if (i > 0)
             code = session_move(cli, cli->arguments[0], job->frames.from + i * job->frames.step, &job->session);
         if (code != EXIT_OK)
@@ -234,11 +270,51 @@ static enum exit_code render_frames(struct cli *cli, struct job *job)
 
 /* --- Checkpoint ----------------------------------------------------------------------------------------------------------------- */
 
-static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
+static enum exit_code check_checkpoint_name(struct cli *cli, const struct job *job)
+{
+    enum exit_code code = check_writable(cli, "--checkpoint", cli->checkpoint);
+
+    if (code == EXIT_OK && one_file(job->output, cli->checkpoint))
+        return cli_usage(cli, "--checkpoint", "give it another name", "\"%s\" is where the picture goes", cli->checkpoint);
+    return code;
+}
+
+static enum exit_code set_merge(struct cli *cli, struct job *job)
+{
+    char *const note = cli_note(cli);
+    const struct pell_checkpoint checkpoint = {
+        .path = cli->checkpoint,
+        .every = 60.0,
+        .note = note,
+        .mode = cli->part.partial ? PELL_CHECKPOINT_MERGE_PARTIAL : PELL_CHECKPOINT_MERGE,
+        .parts = cli->merge.parts,
+        .num_parts = cli->merge.count,
+    };
+    enum exit_code code = EXIT_OK;
+
+    job->note = note;
+    for (int i = 0; i < cli->merge.count; i++) {
+        if (cli->output && one_file(job->output, cli->merge.parts[i]))
+            return cli_usage(cli, "--output", "give it another name", "\"%s\" is one of the parts", job->output);
+        if (cli->checkpoint && one_file(cli->checkpoint, cli->merge.parts[i]))
+            return cli_usage(cli, "--checkpoint", "give it another name", "\"%s\" is one of the parts", cli->checkpoint);
+    }
+    if (cli->checkpoint && (code = check_checkpoint_name(cli, job)) == EXIT_OK)
+        code = cli_lock(cli, cli->checkpoint, &job->lock);
+    return code == EXIT_OK ? cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint)) : code;
+}
+
+static enum exit_code set_checkpoint(struct cli *cli, struct job *job)
 {
     const struct pell_method *method = job->session.method;
     struct pell_checkpoint checkpoint = { .path = cli->checkpoint, .every = 60.0 };
     enum exit_code code;
+
+    if (cli->merge.count > 0)
+        return set_merge(cli, job);
+    if ((cli->part.samples || cli->part.tiles) && !cli->checkpoint)
+        return cli_usage(cli, cli->part.samples ? "--sample-range" : "--tile-range", "--checkpoint part.ckpt",
+                         "the part goes into a checkpoint: name one");
 
     if (cli->checkpoint_every && !cli->checkpoint)
         return cli_usage(cli, "--checkpoint-every", NULL, "needs --checkpoint FILE");
@@ -250,10 +326,10 @@ static enum exit_code set_checkpoint(struct cli *cli, const struct job *job)
         return cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", method ? method->name : "none");
     if (cli->checkpoint_every && (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
         return code;
-    if ((code = check_writable(cli, "--checkpoint", cli->checkpoint)) != EXIT_OK)
+    if ((code = check_checkpoint_name(cli, job)) != EXIT_OK || (code = cli_part(cli, &job->session, &checkpoint, &job->note)) != EXIT_OK ||
+        (code = cli_lock(cli, cli->checkpoint, &job->lock)) != EXIT_OK)
         return code;
-    if (one_file(job->output, cli->checkpoint))
-        return cli_usage(cli, "--checkpoint", "give it another name", "\"%s\" is where the picture goes", cli->checkpoint);
+    cli->resumable = true;
     return cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint));
 }
 
@@ -271,12 +347,16 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
     if (!cli->json) {
         if (!cli->quiet)
             fprintf(stderr, "%s: %d x %d, %s on engine %s (%d threads), %.2f s after %.2f s of loading\n",
-                    strcmp(job->output, "-") ? pell_printable(job->output, shown, sizeof(shown)) : "stdout", p->width, p->height, method,
-                    engine, threads, p->seconds, s->load_seconds);
+                    job->no_picture            ? cli->checkpoint
+                    : strcmp(job->output, "-") ? pell_printable(job->output, shown, sizeof(shown))
+                                               : "stdout",
+                    p->width, p->height, method, engine, threads, p->seconds, s->load_seconds);
         return EXIT_OK;
     }
     o = json_pack("{s:o,s:s,s:s,s:i,s:i,s:f,s:f,s:i,s:f,s:o,s:O}", "image",
-                  job->images ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1)) : cli_text(job->output),
+                  job->no_picture ? json_null()
+                  : job->images   ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1))
+                                  : cli_text(job->output),
                   "method", method, "engine", engine, "width", p->width, "height", p->height, "seconds", p->seconds, "load_seconds",
                   s->load_seconds, "threads", threads, "exposure", (double) p->exposure, "stages", session_stages(p), "warnings",
                   cli->warnings);
@@ -284,12 +364,14 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
         json_object_set(o, "images", job->images);
     if (o && p->partial)
         json_object_set_new(o, "partial", json_true());
+    if (o && p->unfinished && cli->resumable)
+        json_object_set_new(o, "resumable", json_true());
     return cli_print_json(cli, o);
 }
 
 enum exit_code command_render(struct cli *cli)
 {
-    struct job job = { .format = NULL };
+    struct job job = { .format = NULL, .lock = -1 };
     struct dump dump = { .index = NULL };
     enum exit_code code = choose_output(cli, &job);
 
@@ -298,7 +380,9 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = choose_frames(cli, &job);
     if (code == EXIT_OK)
-        code = strcmp(job.output, "-") == 0 ? EXIT_OK : check_writable(cli, "--output", job.output);
+        code = choose_sequence(cli, &job);
+    if (code == EXIT_OK)
+        code = strcmp(job.output, "-") == 0 || job.no_picture ? EXIT_OK : check_writable(cli, "--output", job.output);
     if (code == EXIT_OK)
         code = session_open_at(cli, cli->arguments[0], job.frames.count > 0 ? &job.frames.from : NULL, &job.session);
     if (code == EXIT_OK)
@@ -318,10 +402,12 @@ enum exit_code command_render(struct cli *cli)
         code = dump_commit(cli, &job.session, &dump);
     if (code == EXIT_OK)
         code = answer(cli, &job);
-    else if (code == EXIT_INTERRUPTED && cli->partial)
+    else if ((code == EXIT_INTERRUPTED && cli->partial) || code == EXIT_RESUMABLE)
         answer(cli, &job);
     dump_close(&job.session, &dump);
     json_decref(job.images);
+    cli_unlock(cli->checkpoint, &job.lock);
+    free(job.note);
     session_close(&job.session);
     return code;
 }

@@ -367,6 +367,33 @@ static enum pell_result check_hash(struct reader *r, const uint8_t *data, size_t
     return PELL_OK;
 }
 
+enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size, char **note)
+{
+    struct reader r = { ctx, path, data + sizeof(magic), data + size };
+    struct pt_checkpoint_key is;
+    uint32_t version, bytes;
+    enum pell_result res;
+
+    *note = NULL;
+    if (!data || size < HEADER + TRAILER || memcmp(data, magic, sizeof(magic)) != 0)
+        return pell_error(ctx, PELL_ERR_FORMAT, path, "name another file", "is no checkpoint of path-trace");
+    version = get32(&r);
+    if (version != VERSION)
+        return pell_error(ctx, PELL_ERR_INVALID, path, hint_other, "is a checkpoint of version %u, this program reads version %d", version,
+                          VERSION);
+    if ((res = check_hash(&r, data, size)) != PELL_OK)
+        return res;
+    read_key(&r, &is, &bytes);
+    if (bytes > NOTE || !there(&r, bytes))
+        return pell_error(ctx, PELL_ERR_FORMAT, path, hint_damaged, "has a note of %u bytes, is cut off or damaged", bytes);
+    *note = pell_alloc(ctx, (size_t) bytes + 1);
+    if (!*note)
+        return PELL_ERR_NOMEM;
+    memcpy(*note, r.at, bytes);
+    (*note)[bytes] = '\0';
+    return PELL_OK;
+}
+
 enum pell_result pt_checkpoint_decode(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
                                       const struct pt_checkpoint_key *key, struct pt_film *films)
 {

@@ -246,7 +246,7 @@ static enum pell_result do_round(struct pt_run *run, const struct goal *goal, ui
             *batch /= 2;
         show(run, progress_of(goal, from + (double) (run->target - from) * (double) run->first / (double) tasks));
         if (checkpoint && now - st->written > checkpoint->every)
-            pt_write_films(st, run->in);
+            PELL_TRY(pt_write_films(st, run->in, false));
     }
     return PELL_OK;
 
@@ -335,8 +335,10 @@ static enum pell_result run_film(struct pt_run *run)
             const double now = pell_seconds(), each = least > g.first ? (now - g.begin) / (least - g.first) : 0.0;
             while (step > 1 && now + step * each > g.deadline)
                 step--;
-            if (now + step * each > g.deadline)
+            if (now + step * each > g.deadline) {
+                st->unfinished = st->unfinished || st->knobs.samples > 0 || g.error > 0.0;
                 break;
+            }
         }
         run->target = least + step;
         if (isfinite(g.deadline) && least > run->from) {
@@ -352,6 +354,7 @@ static enum pell_result run_film(struct pt_run *run)
             return PELL_OK;
         if (atomic_load(&st->late)) {
             bring_back(run);
+            st->unfinished = st->unfinished || st->knobs.samples > 0 || g.error > 0.0;
             break;
         }
         least = run->target;
@@ -428,7 +431,7 @@ static void report(struct pt_state *st, const struct pt_run *run)
     uint32_t least, most;
 
     count_range(run, &least, &most);
-    if (least > 1 && run->from == 0)
+    if (least > 1 && run->from == 0 && run->end_tile - run->first_tile == run->film->tiles)
         snprintf(error, sizeof(error), ", relative error %.2f %%", 100.0 * pt_film_error(run->film, pt_traced(st)) / sqrt(films));
     if (run->film->count > 0 && now.samples > st->before.samples)
         pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", least * films, error,
@@ -459,6 +462,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
 {
     st->begin = st->written = pell_seconds();
     st->shown = 0.0;
+    st->unfinished = false;
     atomic_store(&st->invalid, false);
     atomic_store(&st->late, false);
     st->before = count_all(st);
@@ -480,11 +484,14 @@ static void set_part(struct pt_run *run)
     run->end_tile = c && c->end_tile > 0 && (size_t) c->end_tile < tiles ? (size_t) c->end_tile : tiles;
 }
 
+/* Of runs that ended by an error or a time, the whole is what the longest part has. */
 static enum pell_result check_merged(struct pt_run *run)
 {
     const struct goal g = make_goal(run);
+    uint32_t least, most;
 
-    return pt_check_gaps(run, g.most);
+    count_range(run, &least, &most);
+    return pt_check_gaps(run, g.most == MOST ? most : g.most);
 }
 
 static enum pell_result path_trace_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
@@ -512,8 +519,9 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
     PELL_TRY(pt_merges(st) ? check_merged(&run) : run_film(&run));
     put_light(&run, out);
     last = number == samples - 1 || pell_context_interrupted(st->ctx);
+    st->unfinished = st->unfinished || pell_context_interrupted(st->ctx);
     if (st->services->checkpoint && last)
-        pt_write_films(st, in);
+        PELL_TRY(pt_write_films(st, in, true));
     /* A sample of the multisample in which pixels are black for want of a path would darken those before it. */
     if (number > 0 && pell_context_interrupted(st->ctx) && has_black(run.film))
         return PELL_ERR_CANCELLED;
@@ -547,6 +555,13 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st->frame.standard_error[0]);
     pt_scene_destroy(&st->scene);
     pell_free(st->ctx, st);
+}
+
+static bool path_trace_unfinished(const void *state)
+{
+    const struct pt_state *st = state;
+
+    return st->unfinished;
 }
 
 static enum pell_result path_trace_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
@@ -588,4 +603,5 @@ const struct pell_method_engine pell_path_trace_cpu = {
     .destroy = path_trace_destroy,
     .times = reference_times,
     .standard_error = reference_standard_error,
+    .unfinished = path_trace_unfinished,
 };

@@ -112,23 +112,29 @@ enum pell_result pt_read_films(struct pt_state *st, const struct pell_frame *in)
     return access(path, F_OK) == 0 ? read_file(st, &key, path, st->films) : PELL_OK;
 }
 
-void pt_write_films(struct pt_state *st, const struct pell_frame *in)
+enum pell_result pt_write_films(struct pt_state *st, const struct pell_frame *in, bool last)
 {
     const struct pt_checkpoint_key key = make_key(st, in);
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
+    const bool result = last && (checkpoint->end_sample > 0 || checkpoint->end_tile > 0 || pt_merges(st));
+    enum pell_result res;
     uint8_t *data;
     size_t size;
 
     if (!checkpoint->path)
-        return;
-    pell_log_downgrade(st->ctx, 1);
-    if (pt_checkpoint_encode(st->ctx, &key, checkpoint->note, st->films, &data, &size) == PELL_OK) {
-        if (pell_file_write(st->ctx, checkpoint->path, data, size) != PELL_OK)
-            pell_warn(st->ctx, checkpoint->path, NULL, "the checkpoint was not written; the render continues");
+        return PELL_OK;
+    pell_log_downgrade(st->ctx, result ? 0 : 1);
+    res = pt_checkpoint_encode(st->ctx, &key, checkpoint->note, st->films, &data, &size);
+    if (res == PELL_OK) {
+        res = pell_file_write(st->ctx, checkpoint->path, data, size);
+        if (res != PELL_OK && !result)
+            pell_warn(st->ctx, checkpoint->path, NULL,
+                      last ? "the checkpoint was not written" : "the checkpoint was not written; the render continues");
         pell_free(st->ctx, data);
     }
-    pell_log_downgrade(st->ctx, -1);
+    pell_log_downgrade(st->ctx, result ? 0 : -1);
     st->written = pell_seconds();
+    return result ? res : PELL_OK;
 }
 
 /* --- Pixels ------------------------------------------------------------------------------------------------------------------------- */

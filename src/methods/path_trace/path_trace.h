@@ -124,6 +124,10 @@ struct pt_checkpoint_key {
 /* The bytes of a file of these films, owned by the caller (pell_free). `note` is text of the program's, NULL: none. */
 PELL_NODISCARD enum pell_result pt_checkpoint_encode(struct pell_context *ctx, const struct pt_checkpoint_key *key, const char *note,
                                                      const struct pt_film *films, uint8_t **data, size_t *size);
+/* The note of a file, which is the caller's (pell_free), whatever the file is of. PELL_ERR_FORMAT: there is none, or it is damaged;
+ * PELL_ERR_INVALID: of another version. Both are logged with `path`. */
+PELL_NODISCARD enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
+                                                   char **note);
 /* Fills key->films films, which are the caller's (pt_film_free), on failure none. PELL_ERR_FORMAT: damaged; PELL_ERR_INVALID: of
  * something else than `key`. Both are logged with `path`. */
 PELL_NODISCARD enum pell_result pt_checkpoint_decode(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,

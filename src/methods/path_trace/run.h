@@ -23,6 +23,7 @@ struct pt_state {
     struct pt_counts before; /* of all frames before this */
     double begin, written;   /* of the frame; of the last checkpoint */
     double shown;            /* progress */
+    bool unfinished;         /* the frame, because of a time limit or an interruption */
     atomic_bool invalid;     /* some sample of the frame was no number */
     atomic_bool late;        /* the round was given up at the deadline */
     struct pt_film kept;     /* the film before the round, where there is a deadline */
@@ -58,8 +59,9 @@ static inline bool pt_merges(const struct pt_state *st)
 void pt_drop_films(struct pt_state *st);
 /* The films of the checkpoint, or of the files that are to be merged. */
 PELL_NODISCARD enum pell_result pt_read_films(struct pt_state *st, const struct pell_frame *in);
-/* A full disk or the like must not end the work of hours: it is said, and the work goes on. */
-void pt_write_films(struct pt_state *st, const struct pell_frame *in);
+/* A full disk or the like must not end the work of hours: it is said, and the work goes on. PELL_ERR_IO and an error at the last write of a
+ * run whose file is its result: a part of a picture, or merged parts. */
+PELL_NODISCARD enum pell_result pt_write_films(struct pt_state *st, const struct pell_frame *in, bool last);
 /* Readies the film of a sample: empty, or as the files have it. */
 PELL_NODISCARD enum pell_result pt_start_film(struct pt_run *run);
 /* PELL_ERR_INVALID, and a message, where samples before `end` are missing and must not. */
