@@ -86,8 +86,8 @@ enum pell_checkpoint_mode {
     PELL_CHECKPOINT_MERGE_PARTIAL, /* or need not be */
 };
 
-/* A file in which an interruptible method stores its state, so that a later run can resume it. A run can be a part of a frame: runs of other
- * parts, on other machines, make the rest, and PELL_CHECKPOINT_MERGE makes of their files the frame that one run would have made. */
+/* A file in which an interruptible method stores its state, so that a later run can resume it. A run can be a part of a frame: runs of
+ * other parts, on other machines, make the rest, and PELL_CHECKPOINT_MERGE makes of their files the frame that one run would have made. */
 struct pell_checkpoint {
     const char *path;             /* NULL: none, to merge without writing */
     double every;                 /* seconds between two writes, > 0; it is also written at the end of a frame */
@@ -101,8 +101,8 @@ struct pell_checkpoint {
 
 /* From the next frame on; NULL: no file. Copied. An existing file is read before the first sample and must be of the same scene, size,
  * seed and knobs, else the frame fails with PELL_ERR_FORMAT or PELL_ERR_INVALID and the file stays as it is. It is replaced
- * atomically. Files to merge must be of the same, too, and not overlap. PELL_ERR_INVALID at once: no path, `every` not in (0, 1e9], or ranges
- * that end before they begin; PELL_ERR_UNSUPPORTED at the frame for a method without state (pell_method.partial). */
+ * atomically. Files to merge must be of the same, too, and not overlap. PELL_ERR_INVALID at once: no path, `every` not in (0, 1e9], or
+ * ranges that end before they begin; PELL_ERR_UNSUPPORTED at the frame for a method without state (pell_method.partial). */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint);
 
 /* An intermediate image of a frame: a plane of struct pell_frame, or what a method makes on its way (docs/guide/command-line.md). */

@@ -173,7 +173,8 @@ def _(folder):
 @test('a time limit and SIGTERM end with 75, the same command goes on; Ctrl-C with 130')
 def _(folder):
     done = run(folder, *TRACE, '--samples', '100000', '--time-limit', '300ms', '--sample-range', '0/2', '--checkpoint', 'a.ckpt', '--json')
-    need(done.returncode == 75 and one_object(done)['resumable'] is True and one_object(done)['image'] is None, done.returncode, done.stdout)
+    need(done.returncode == 75 and one_object(done)['resumable'] is True and one_object(done)['image'] is None, done.returncode,
+         done.stdout)
     done = run(folder, *TRACE, '--samples', '100000', '--time-limit', '300ms', '-o', 'b.pfm')
     need(done.returncode == 0, 'without a checkpoint a time limit is an end as any', done.returncode)
     for number, code in ((signal.SIGTERM, 75), (signal.SIGINT, 130)):
@@ -212,7 +213,8 @@ def _(folder):
                                 ('--tile-range', '99999999999:2', 'A:B'), ('--frame-range', '0/2', '--turntable')):
         done = run(folder, *FEW, option + '=' + value, '--checkpoint', 'no.ckpt')
         need(done.returncode == 2 and option in text(done.stderr) and word in text(done.stderr), option, value, done.stderr)
-    for more, word in ((['--sample-range', '0/2'], 'checkpoint'), (['--tile-range', '0/2', '--target-error', '5%', '--checkpoint', 'a'], 'error'),
+    for more, word in ((['--sample-range', '0/2'], 'checkpoint'), (['--tile-range', '0/2', '--target-error', '5%', '--checkpoint', 'a'],
+                                                          'error'),
                        (['--sample-range', '0/2', '--checkpoint', 'a', '-m', 'dipole'], 'dipole')):
         done = run(folder, *FEW, *more)
         need(done.returncode == 2 and word in text(done.stderr), more, done.stderr)

@@ -3,8 +3,8 @@
  * cpu.c - runs the transport over the pixels of a frame, in rounds: a round brings every pixel to one number of samples.
  *
  * Which samples a pixel has decides its sums, never who made them or when: so pictures are the same for any number of threads, and a run
- * that was interrupted and goes on from its checkpoint ends with the bits of one that was not. Samples are added a tile at a time, so that a
- * file has all pixels of a tile or none.
+ * that was interrupted and goes on from its checkpoint ends with the bits of one that was not. Samples are added a tile at a time: a file
+ * has all pixels of a tile or none.
  *
  * When to stop is asked between rounds: after `samples`; where the error of the picture is `error`, at every fourth sample from the
  * sixteenth on; or where the next round would not end within `time-limit`. The samples of the multisample come one after the other, each
