@@ -115,7 +115,7 @@ struct cli {
     const char **words;            /* the command line as it was given, borrowed */
     int num_words;
     bool of_a_file;        /* it stood in a file, and asks for nothing to be printed */
-    const char *given[64]; /* names of the options on the command line, "taps" */
+    const char *given[96]; /* names of the options on the command line, "taps" */
     int num_given;
 
     /* State. */

@@ -26,8 +26,8 @@ static const struct command commands[] = {
       "one run of all samples. Parts of another scene, seed, knob or version of the program are refused by name, and so are parts that "
       "overlap or leave gaps; --partial takes gaps. The scene and the options come from the first part; a path in it is "
       "relative to the current folder.\n",
-      "  pellucid render bunny.obj --material wholemilk --size 70mm -m path-trace --samples 8 --sample-range 0/2 --checkpoint a.ckpt\n"
-      "  pellucid render bunny.obj --material wholemilk --size 70mm -m path-trace --samples 8 --sample-range 1/2 --checkpoint b.ckpt\n"
+      "  pellucid render scene.json -m path-trace --samples 8 --sample-range 0/2 --checkpoint a.ckpt\n"
+      "  pellucid render scene.json -m path-trace --samples 8 --sample-range 1/2 --checkpoint b.ckpt\n"
       "  pellucid merge a.ckpt b.ckpt -o milk.exr\n"
       "  pellucid merge a.ckpt --partial -o half.exr\n",
       OPTIONS_MERGE | OPTIONS_ENGINE, 1, 100000, command_merge },

@@ -182,7 +182,7 @@ static const struct option options[] = {
 };
 #undef AT
 
-#define MAX_OPTIONS 64
+#define MAX_OPTIONS 96
 
 static const char *argument_of(const struct pell_knob *k)
 {

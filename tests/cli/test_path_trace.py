@@ -51,7 +51,7 @@ def _(folder):
         child.kill()
         child.communicate()
         need('killed.pfm' not in names(folder), names(folder))
-    for path in set(names(folder)) - before - {'state.ckpt'}:
+    for path in set(names(folder)) - before - {'state.ckpt', 'state.ckpt.lock'}:
         need(path.startswith('.pellucid-') and path.endswith('.tmp'), path)  # struck while it was written
     works(folder, *few, '--threads', '3', '--checkpoint', 'state.ckpt', '-o', 'killed.pfm')
     need((folder / 'whole.pfm').read_bytes() == (folder / 'killed.pfm').read_bytes(), 'bits differ')

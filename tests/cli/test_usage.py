@@ -15,7 +15,7 @@ from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite
 from viewer_test import Viewer
 
 LONG = 'x' * 100000
-COMMANDS = ['render', 'check', 'methods', 'materials', 'profile', 'bench', 'compare', 'info']
+COMMANDS = ['render', 'merge', 'check', 'methods', 'materials', 'profile', 'bench', 'compare', 'info']
 if subprocess.run([PROGRAM, 'view', '--help'], capture_output=True, check=False).returncode == 0:
     COMMANDS.append('view')
 MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']
@@ -406,7 +406,7 @@ def run_examples(folder, lines):
         done = works(folder, *words[1:], *small)
         if words[1] == 'render' and '-o' in words and '--turntable' not in words and '--frames' not in words:
             need((folder / words[words.index('-o') + 1]).stat().st_size > 100, line)
-        need(words[1] in ('render', 'profile') or done.stdout, line)
+        need(words[1] in ('render', 'merge', 'profile') or done.stdout, line)
 
 
 @test('every example of the help runs')
@@ -426,7 +426,7 @@ def _(folder):
         need(f'\n.SS {command}\n' in page, command)
         for option in options_of(help_of(folder, command)):
             need('\\-\\-' + option.replace('-', '\\-') in page, f'--{option}')
-    for code in ('0', '1', '2', '3', '4', '5', '130'):
+    for code in ('0', '1', '2', '3', '4', '5', '75', '130'):
         need(f'\n.B {code}\n' in page, 'exit code', code)
 
 
@@ -435,7 +435,7 @@ def _(folder):
     guide = (ROOT / 'docs/guide/command-line.md').read_text('utf-8')
     for command in COMMANDS:
         need(f'| `{command}' in guide, command)
-    for code in (0, 1, 2, 3, 4, 5, 130):
+    for code in (0, 1, 2, 3, 4, 5, 75, 130):
         need(f'\n| {code} |' in guide, 'exit code', code)
     there = set().union(*(options_of(help_of(folder, c)) for c in COMMANDS))
     for option in re.findall(r'--([a-z][a-z-]*)', guide):
