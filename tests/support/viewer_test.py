@@ -140,6 +140,8 @@ class Page:
             part, opcode = self.take(size), first & 0xf
             if opcode == 8:
                 raise Closed(struct.unpack('>H', part[:2])[0] if len(part) >= 2 else 0, text(part[2:]))
+            if opcode == 9: # a ping: who does not answer is taken for gone
+                self.send_bytes(part, opcode=10)
             if opcode in (9, 10):
                 continue
             binary = binary or opcode == 2

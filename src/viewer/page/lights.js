@@ -148,7 +148,7 @@ function dot(light, index, pad) {
             type: 'button',
             className: 'dot',
             'aria-pressed': String(index === chosen),
-            'aria-label': `${name}: arrow keys move it`,
+            'aria-label': `${index + 1}, ${name}: arrow keys move it`,
             title: name,
         },
         String(index + 1),

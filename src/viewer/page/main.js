@@ -16,6 +16,7 @@ let started = false;
 let latencies = [];
 let times = [];
 let measured = 0; // the id whose first picture was measured
+let failedId = 0; // of the last view that could not be drawn
 let wanted = null; // what a pick is for
 
 const methodRow = (name) => hello.methods.find((m) => m.name === name);
@@ -166,7 +167,7 @@ function buildCompare() {
             'div',
             { className: 'field' },
             el('label', { htmlFor: 'truth' }, 'Reference'),
-            methodSelect('truth', state.truth, setTruth, (m) => m.kind === 'reference', 'none'),
+            methodSelect('truth', state.truth, setTruth, (m) => m.kind === 'reference', 'no reference'),
         ),
         el(
             'p',
@@ -177,7 +178,7 @@ function buildCompare() {
             'div',
             { className: 'field' },
             el('label', { htmlFor: 'other' }, 'Other method'),
-            methodSelect('other', state.other?.method, setOther, () => true, 'none'),
+            methodSelect('other', state.other?.method, setOther, () => true, 'no other'),
         ),
         ...(other
             ? [
@@ -290,6 +291,7 @@ async function show(head, file) {
         tags();
         $('veil').hidden = true;
         if (head.picture === stage.KINDS.A) {
+            if (head.id > failedId) for (const node of document.querySelectorAll('.message.error')) node.remove();
             measure(head);
             truth.showStages(head);
             $('status-state').textContent = head.still ? 'Finished: as pellucid render draws it' : 'Refining';
@@ -345,6 +347,7 @@ function apply(what, moving) {
     for (const knob of document.querySelectorAll('.knob')) if (!knob.contains(document.activeElement) || !moving) knob.refresh();
     if (['camera', 'lights', 'materials', 'settings', 'time', 'all'].includes(what))
         stage.forget(stage.KINDS.REFERENCE, stage.KINDS.ERROR_A, stage.KINDS.ERROR_B);
+    $('picked').hidden = true;
     truth.showRing(null, $('canvas'));
     truth.waitForTruth();
     $('status-state').textContent = moving ? 'Moving' : 'Refining';
@@ -438,7 +441,8 @@ connection.on('hello', start);
 connection.on('picture', show);
 connection.on('progress', progress);
 connection.on('message', (m) => say(m.level, m.where, m.what, m.hint));
-connection.on('failed', () => {
+connection.on('failed', ({ id }) => {
+    failedId = id;
     $('status-state').textContent = 'The last good image stays';
     $('progress').hidden = true;
 });

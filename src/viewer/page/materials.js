@@ -192,9 +192,9 @@ export function build(panel, materials) {
             el('label', { htmlFor: 'material-target' }, 'Of'),
             select,
         ),
+        el('details', { id: 'material-editor' }, el('summary', {}, 'Coefficients'), el('div', { id: 'material-coefficients' })),
         el('div', { className: 'field' }, el('label', { htmlFor: 'material-search' }, 'Find'), search),
         ...groups,
-        el('details', { id: 'material-editor' }, el('summary', {}, 'Coefficients'), el('div', { id: 'material-coefficients' })),
     );
 }
 

@@ -9,15 +9,16 @@ const percent = (x, digits = 1) => (x === null || x === undefined ? '–' : `${(
 const signed = (x) => `${x > 0 ? '+' : ''}${(100 * x).toFixed(1)}`;
 const rms = (x) => (x === null ? null : Math.sqrt(Math.max(x, 0)));
 
-// The standard error of the root, from that of the square.
-function uncertainty(m) {
+// The root, with the standard error that follows from that of the square; where noise hides it, what it is below.
+function rootText(m) {
     const e = rms(m.rel_mse);
-    if (!m.rel_mse_error || !e) return '';
-    return ` ± ${(100 * (m.rel_mse_error / (2 * e))).toFixed(1)}`;
+    if (e === null) return ['–', ''];
+    if (!m.resolved) return [`under ${percent(Math.sqrt(Math.max(m.rel_mse, 0) + 2 * m.rel_mse_error))}`, ''];
+    return [percent(e), m.rel_mse_error ? ` ± ${(100 * (m.rel_mse_error / (2 * e))).toFixed(1)}` : ''];
 }
 
 const rows = [
-    ['Root mean square', (m) => `${percent(rms(m.rel_mse))}${uncertainty(m)}`],
+    ['Root mean square', (m) => rootText(m).join('')],
     ['FLIP', (m) => (m.flip === null ? '–' : m.flip.toFixed(4))],
     ['Bias, red', (m) => biasText(m, 0)],
     ['Bias, green', (m) => biasText(m, 1)],
@@ -39,7 +40,7 @@ export function showTruth(t) {
         ? `${t.batches} independent images of ${t.width} × ${t.height}, noise ${percent(t.noise, 2)}${t.done ? '' : ', getting sharper'}`
         : `${t.width} × ${t.height}; its own error of method is not included`;
     $('errors-body').replaceChildren(
-        el('p', { className: 'big' }, percent(rms(t.a.rel_mse)), ' ', el('small', {}, `${uncertainty(t.a)} relative error`)),
+        el('p', { className: 'big' }, rootText(t.a)[0], ' ', el('small', {}, `${rootText(t.a)[1]} relative error`)),
         el(
             'table',
             {},

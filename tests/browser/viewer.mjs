@@ -1,0 +1,323 @@
+// SPDX-License-Identifier: MIT
+// viewer.mjs CHROMIUM ADDRESS [SHOTS]: uses `pellucid view` as a person would, and prints TAP. The scene is a ball of marble on 160 x 90
+// pixels. SHOTS: a folder for pictures of the page.
+import { createRequire } from 'node:module';
+import { readFileSync } from 'node:fs';
+
+const [executablePath, address, shots] = process.argv.slice(2);
+const require = createRequire(import.meta.url);
+const { chromium } = require('playwright-core');
+const axe = readFileSync(require.resolve('axe-core/axe.min.js'), 'utf-8');
+const tests = [];
+const test = (title, body) => tests.push([title, body]);
+const PATIENCE = 60000;
+
+function need(truth, ...about) {
+  if (!truth) throw new Error(about.map((a) => (typeof a === 'string' ? a : JSON.stringify(a))).join(' '));
+}
+
+const browser = await chromium.launch({
+  executablePath,
+  args: [
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-dev-shm-usage',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--no-first-run',
+  ],
+});
+const faults = [];
+const requests = [];
+
+// A page, and the views that it sends.
+async function open(width = 1440, colorScheme = 'light', url = address, more = {}) {
+  const context = await browser.newContext({ viewport: { width, height: 900 }, colorScheme, reducedMotion: 'reduce', ...more });
+  const page = await context.newPage();
+  page.sent = [];
+  page.cuts = [];
+  page.on('console', (m) => {
+    if (['error', 'warning'].includes(m.type()) && !/WebSocket|willReadFrequently/.test(m.text())) faults.push(m.text());
+  });
+  page.on('pageerror', (e) => faults.push(e.message));
+  page.on('request', (r) => requests.push(r.url()));
+  await page.routeWebSocket(/./, (socket) => {
+    const server = socket.connectToServer();
+    page.cuts.push(() => socket.close());
+    socket.onMessage((message) => {
+      page.sent.push(JSON.parse(message));
+      server.send(message);
+    });
+  });
+  await page.goto(url);
+  await finished(page);
+  return page;
+}
+
+// The picture of the last view that was sent is there, as render draws it.
+async function finished(page) {
+  await page.waitForTimeout(120); // what was typed or dragged has been sent
+  await page.waitForFunction(() => document.getElementById('stage').dataset.still === 'true', null, { timeout: PATIENCE });
+}
+
+const look = (page) =>
+  page.evaluate(() => {
+    const c = document.getElementById('canvas');
+    return [...c.getContext('2d').getImageData(0, 0, c.width, c.height).data];
+  });
+const differ = (a, b) => a.filter((v, i) => v !== b[i]).length;
+const last = (page) => page.sent.filter((m) => m.type === 'view').at(-1).state;
+// What is sent follows a moment later.
+async function says(page, wanted, ...about) {
+  for (let i = 0; i < 500; i++) {
+    if (wanted(last(page))) return;
+    await page.waitForTimeout(20);
+  }
+  need(false, ...about, last(page));
+}
+const tab = (page, name) => page.click(`#tab-${name}`);
+const complaints = (page) => page.locator('.message.error').allTextContents();
+
+let page = await open();
+
+test('opens, shows the ball, fetches nothing from elsewhere', async () => {
+  const pixels = await look(page);
+  need(new Set(pixels).size > 40, 'one flat colour');
+  need(
+    requests.every((r) => new URL(r).origin === new URL(address).origin || r.startsWith('data:') || r.startsWith('blob:')),
+    requests,
+  );
+  need((await page.locator('#status-size').textContent()) === '160 × 90', await page.locator('#status-size').textContent());
+});
+
+test('dragging, the wheel and keys turn, move and come closer', async () => {
+  const box = await page.locator('#canvas').boundingBox();
+  const at = (u, v) => [box.x + u * box.width, box.y + v * box.height];
+  let before = await look(page);
+  const moves = async (what, act) => {
+    await act();
+    await finished(page);
+    const now = await look(page);
+    need(differ(before, now) > 100, what, 'changes', differ(before, now), 'values');
+    before = now;
+  };
+  const drag = async (button) => {
+    await page.mouse.move(...at(0.5, 0.5));
+    await page.mouse.down({ button });
+    await page.mouse.move(...at(0.6, 0.45), { steps: 4 });
+    await page.mouse.up({ button });
+  };
+  await moves('a drag', () => drag('left'));
+  await moves('a drag with the right button', () => drag('right'));
+  await moves('the wheel', async () => {
+    await page.mouse.move(...at(0.5, 0.5));
+    await page.mouse.wheel(0, -240);
+  });
+  await page.locator('#stage').focus();
+  for (const key of ['ArrowLeft', 'Shift+ArrowUp', '+', '3', '0']) await moves(key, () => page.keyboard.press(key));
+  need(!last(page).camera, 'the camera of the file is not back');
+  need((await complaints(page)).length === 0, await complaints(page));
+});
+
+test('a click shows numbers and a ring, a double click looks at the point', async () => {
+  const box = await page.locator('#canvas').boundingBox();
+  await page.mouse.click(box.x + 0.5 * box.width, box.y + 0.45 * box.height);
+  await page.waitForSelector('#picked:not([hidden]) .plot', { timeout: PATIENCE });
+  need((await page.locator('#picked').textContent()).includes('marble'), await page.locator('#picked').textContent());
+  need(await page.locator('#ring').isVisible(), 'no ring');
+  await page.mouse.dblclick(box.x + 0.55 * box.width, box.y + 0.4 * box.height);
+  await page.waitForFunction(() => document.getElementById('ring').hidden, null, { timeout: PATIENCE });
+  await finished(page);
+  const camera = last(page).camera;
+  need(camera?.focus && camera.to.some((x) => Math.abs(parseFloat(x)) > 1), camera);
+  await page.locator('#stage').focus();
+  await page.keyboard.press('0');
+  await finished(page);
+});
+
+test('every knob of every method reaches the renderer', async () => {
+  await tab(page, 'method');
+  const names = await page.locator('#method option').evaluateAll((list) => list.map((o) => o.value));
+  need(names.length >= 10, names);
+  for (const name of names) {
+    await page.selectOption('#method', name);
+    const knobs = await page.locator('#panel-method .knob').evaluateAll((list) => list.map((k) => k.dataset.knob));
+    for (const knob of knobs) {
+      if (knob === 'as') continue; // its button follows
+      const box = page.locator(`#panel-method .knob[data-knob="${knob}"]`);
+      const select = box.locator('select');
+      const check = box.locator('input[type="checkbox"]');
+      if (await select.count()) await select.selectOption({ index: 1 });
+      else if (await check.count()) await check.click();
+      else
+        await box.evaluate((node) => {
+          const slider = node.querySelector('input[type="range"]');
+          const field = slider ?? node.querySelector('input[type="text"]');
+          field.value = slider ? '400' : '0.5,0.5,0.5';
+          field.dispatchEvent(new Event('change'));
+        });
+      await says(page, (said) => said.method === name && knob in said.knobs, name, knob);
+    }
+    await page.click('#knobs-reset');
+    await says(page, (said) => Object.keys(said.knobs).length === 0, 'defaults');
+    if (await page.locator('#knobs-paper').count()) {
+      await page.click('#knobs-paper');
+      await says(page, (said) => said.knobs.as === 'paper', 'as in the paper');
+    }
+  }
+  await page.selectOption('#method', 'screen-space');
+  await finished(page);
+  need((await complaints(page)).length === 0, await complaints(page));
+});
+
+test('a wrong value is said in the page, the image stays, and undo takes it back', async () => {
+  const before = await look(page);
+  await page.locator('[data-knob="gaussians"] input[type="text"]').fill('99');
+  await page.keyboard.press('Tab');
+  await page.waitForSelector('.message.error', { timeout: PATIENCE });
+  need((await complaints(page)).some((c) => c.includes('99') && c.includes('10')), await complaints(page));
+  need(differ(before, await look(page)) === 0, 'the image is gone');
+  await page.click('#undo');
+  await finished(page);
+  need((await page.locator('[data-knob="gaussians"] input[type="text"]').inputValue()) === '4', 'undo');
+  need((await complaints(page)).length === 0, 'the error stays');
+});
+
+test('materials, coefficients and lights change the picture', async () => {
+  await tab(page, 'material');
+  let before = await look(page);
+  await page.fill('#material-search', 'ketch');
+  need((await page.locator('.swatch:visible').count()) === 1, 'search');
+  await page.click('.swatch:visible');
+  await finished(page);
+  let now = await look(page);
+  need(differ(before, now) > 1000 && last(page).materials['*'].preset === 'ketchup', last(page));
+  before = now;
+  await page.click('#material-editor summary');
+  await page.locator('#concentration').fill('120');
+  await finished(page);
+  now = await look(page);
+  need(differ(before, now) > 500 && last(page).materials['*'].sigma_a.length === 3, last(page));
+  before = now;
+  await page.fill('#material-search', '');
+  await tab(page, 'light');
+  need((await page.locator('.dot').count()) === 3, 'the studio has three lights');
+  const pad = await page.locator('.pad').boundingBox();
+  const dot = await page.locator('.dot').first().boundingBox();
+  await page.mouse.move(dot.x + dot.width / 2, dot.y + dot.height / 2);
+  await page.mouse.down();
+  await page.mouse.move(pad.x + 0.7 * pad.width, pad.y + 0.2 * pad.height, { steps: 5 });
+  await page.mouse.up();
+  await finished(page);
+  now = await look(page);
+  need(differ(before, now) > 500, 'the light changes', differ(before, now));
+  before = now;
+  await page.locator('.dot').first().focus();
+  await page.keyboard.press('ArrowDown');
+  await finished(page);
+  need(differ(before, await look(page)) > 100, 'arrow keys do not move a light');
+  need((await complaints(page)).length === 0, await complaints(page));
+  if (shots) await page.screenshot({ path: `${shots}/light.png` });
+});
+
+test('a second method stands behind the wipe; the reference gives an error that sharpens', async () => {
+  await tab(page, 'compare');
+  await page.selectOption('#other', 'none');
+  await finished(page);
+  await page.waitForSelector('#handle:not([hidden])', { timeout: PATIENCE });
+  const middle = await look(page);
+  await page.locator('#stage').focus();
+  for (let i = 0; i < 6; i++) await page.keyboard.press('[');
+  need(differ(middle, await look(page)) > 50, 'the wipe moves nothing');
+  await page.check('input[name="mode"][value="difference"]', { force: true });
+  need(differ(middle, await look(page)) > 1000, 'the difference');
+  await page.selectOption('#truth', 'path-trace');
+  await page.waitForFunction(() => /±|under/.test(document.querySelector('#errors .big')?.textContent ?? ''), null, { timeout: PATIENCE });
+  need((await page.locator('#errors tbody tr').count()) >= 5, 'numbers');
+  await page.check('input[name="mode"][value="error"]', { force: true });
+  if (shots) await page.screenshot({ path: `${shots}/error.png` });
+  await page.selectOption('#truth', '');
+  await page.selectOption('#other', '');
+  need(await page.locator('#errors').isHidden(), 'the error stays');
+  await finished(page);
+});
+
+test('the scene is saved, the link shows the same view', async () => {
+  const waiting = page.waitForEvent('download');
+  await page.click('#save summary');
+  await page.click('#save-scene');
+  const file = await waiting;
+  const scene = JSON.parse(readFileSync(await file.path(), 'utf-8'));
+  need(file.suggestedFilename() === 'ball-view.json' && scene.pellucid === 1 && scene.lights.length === 3 && scene.render.exposure, scene);
+  await page.waitForTimeout(500);
+  const url = page.url();
+  need(url.includes('#view='), url);
+  const other = await open(1440, 'light', url);
+  need(differ(await look(page), await look(other)) === 0, 'the link shows another view');
+  await other.context().close();
+});
+
+test('two pages at once; a connection that is cut comes back', async () => {
+  const other = await open(1440, 'dark');
+  const mine = await look(page);
+  await other.locator('#stage').focus();
+  await other.keyboard.press('2');
+  await finished(other);
+  need(differ(mine, await look(page)) === 0, 'one page turns the other');
+  other.cuts.at(-1)();
+  await other.waitForSelector('#veil:not([hidden])', { timeout: PATIENCE });
+  await other.waitForSelector('#veil', { state: 'hidden', timeout: PATIENCE });
+  await finished(other);
+  need(last(other).camera, 'the view is lost');
+  await other.context().close();
+});
+
+test('keys, help and tabs work without a mouse', async () => {
+  await page.locator('#stage').focus();
+  await page.keyboard.press('?');
+  need(await page.locator('#help').isVisible(), 'no help');
+  await page.keyboard.press('Escape');
+  await page.locator('#tab-compare').focus();
+  await page.keyboard.press('ArrowRight');
+  need(await page.locator('#panel-image').isVisible(), 'the tab did not change');
+  need((await page.evaluate(() => document.activeElement.id)) === 'tab-image', 'the focus');
+});
+
+for (const [width, scheme] of [
+  [1440, 'light'],
+  [1440, 'dark'],
+  [400, 'light'],
+  [400, 'dark'],
+])
+  test(`${width} px, ${scheme}: nothing is cut off, and axe finds nothing serious`, async () => {
+    const other = await open(width, scheme);
+    need(await other.evaluate(() => document.documentElement.scrollWidth <= innerWidth), 'wider than the window');
+    await other.evaluate(axe);
+    for (const name of ['method', 'material', 'light', 'compare', 'image']) {
+      await tab(other, name);
+      const found = await other.evaluate(() => window.axe.run(document, { resultTypes: ['violations'] }));
+      const serious = found.violations.filter((v) => ['serious', 'critical'].includes(v.impact));
+      need(serious.length === 0, name, serious.map((v) => [v.id, v.nodes.slice(0, 3).map((n) => n.html)]));
+      if (shots) await other.screenshot({ path: `${shots}/${width}-${scheme}-${name}.png` });
+    }
+    await other.context().close();
+  });
+
+test('the console is silent', async () => {
+  need(faults.length === 0, faults);
+});
+
+console.log(`1..${tests.length}`);
+let failed = 0;
+for (const [i, [title, body]] of tests.entries()) {
+  try {
+    await body();
+    console.log(`ok ${i + 1} - ${title}`);
+  } catch (fault) {
+    failed++;
+    console.log(`not ok ${i + 1} - ${title}\n# ${String(fault.stack).replaceAll('\n', '\n# ')}`);
+  }
+}
+await browser.close();
+process.exit(failed ? 1 : 0);
