@@ -28,6 +28,7 @@ enum exit_code {
 };
 
 struct cli;
+struct pell_share;
 
 /* A command of a program: one row of its table in main.c. */
 struct command {
@@ -46,6 +47,7 @@ struct program {
     const char *start;        /* lines of --help below the commands, or "" */
     const struct command *commands;
     size_t num_commands;
+    struct pell_share *share; /* the process is one of several that render together; NULL: alone */
 };
 
 enum option_group {

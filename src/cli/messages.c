@@ -3,6 +3,7 @@
 #include "cli/cli.h"
 
 #include "base/file.h"
+#include "render/share.h"
 
 #include <math.h>
 #include <poll.h>
@@ -99,6 +100,8 @@ static void print_message(struct cli *cli, enum pell_log_level level, const char
     cli_progress_end(cli);
     if (names[level][0])
         fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
+    if (cli->program->share && cli->program->share->rank > 0)
+        fprintf(stderr, "rank %d of %d: ", cli->program->share->rank, cli->program->share->ranks);
     if (where[0])
         fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
     fprintf(stderr, "%s\n", what);

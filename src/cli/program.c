@@ -2,6 +2,8 @@
  * program.c - how a command of a program is found and run: --help, signals, messages, exit codes. */
 #include "cli/cli.h"
 
+#include "render/share.h"
+
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -116,6 +118,12 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
     code = choose_command(cli, argc, argv, &done);
     if (code == EXIT_OK && !done)
         code = cli_parse(cli, argc - 1, argv + 1, &done);
+    if (cli->program->share && cli->program->share->rank > 0) {
+        cli->quiet = true; /* rank 0 speaks for all, except of errors */
+        cli->json = cli->stats = false;
+        free(cli->progress_form);
+        cli->progress_form = NULL;
+    }
     if (code != EXIT_OK || done)
         return code;
 

@@ -4,6 +4,7 @@
 
 #include "render/engine_cpu.h"
 #include "render/pass.h"
+#include "render/share.h"
 
 #include <string.h>
 
@@ -125,6 +126,12 @@ enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const str
 fail:
     drop_checkpoint(r);
     return PELL_ERR_NOMEM;
+}
+
+void pell_renderer_set_share(struct pell_renderer *r, struct pell_share *share)
+{
+    pell_renderer_invalidate(r, PELL_INPUT_CHECKPOINT);
+    r->share = share;
 }
 
 void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_observer *observer)

@@ -291,6 +291,7 @@ static enum pell_result make_pass(struct pell_renderer *r)
         return PELL_OK;
     pell_renderer_warn_ignored(r);
     shape = pell_renderer_shape(r, &view);
+    r->services.share = r->share;
     r->services.checkpoint = r->has_checkpoint ? &r->checkpoint : NULL;
     r->services.observer = r->observer.show ? &r->observer : NULL;
     res = pell_pass_make(r->device->engine, &r->services, r->method, r->knobs, &shape, &r->pass);

@@ -18,6 +18,7 @@
 #include <pellucid/render.h>
 
 struct pell_light_grid;
+struct pell_share;
 
 /* n points of the scene's triangles. */
 struct pell_surface_points {
@@ -57,6 +58,7 @@ struct pell_services {
     const struct pell_frame_material *materials;
     const struct pell_settings *settings;     /* of the frame that is made: where a pass outlives a change they change under it */
     const struct pell_checkpoint *checkpoint; /* NULL: none */
+    struct pell_share *share;                 /* NULL: this process renders the frame alone */
     const struct pell_observer *observer;     /* NULL: nobody asks for intermediate images */
     void *engine;                             /* passed to the functions below, which the engine fills in */
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,

@@ -4,6 +4,7 @@
 
 #include "base/file.h"
 #include "math/vec.h"
+#include "render/share.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -304,6 +305,28 @@ static enum exit_code set_merge(struct cli *cli, struct job *job)
     return code == EXIT_OK ? cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint)) : code;
 }
 
+/* Rank 0 writes the picture, and only path-trace can be shared. */
+static enum exit_code set_share(struct cli *cli, struct job *job)
+{
+    struct pell_share *share = cli->program->share;
+
+    if (!share)
+        return EXIT_OK;
+    if (!job->session.method || !job->session.method->partial)
+        return cli_usage(cli, "--method", "-m path-trace", "method %s is not shared by ranks: run it on one machine",
+                         job->session.method ? job->session.method->name : "none");
+    if (cli->dump)
+        return cli_usage(cli, "--dump", NULL, "has the intermediate images of one process: run it on one machine");
+    job->no_picture = job->no_picture || share->rank > 0;
+    pell_renderer_set_share(job->session.renderer, share);
+    return EXIT_OK;
+}
+
+static enum exit_code lock_checkpoint(struct cli *cli, struct job *job)
+{
+    return cli->program->share && cli->program->share->rank > 0 ? EXIT_OK : cli_lock(cli, cli->checkpoint, &job->lock);
+}
+
 static enum exit_code set_checkpoint(struct cli *cli, struct job *job)
 {
     const struct pell_method *method = job->session.method;
@@ -327,7 +350,7 @@ static enum exit_code set_checkpoint(struct cli *cli, struct job *job)
     if (cli->checkpoint_every && (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
         return code;
     if ((code = check_checkpoint_name(cli, job)) != EXIT_OK || (code = cli_part(cli, &job->session, &checkpoint, &job->note)) != EXIT_OK ||
-        (code = cli_lock(cli, cli->checkpoint, &job->lock)) != EXIT_OK)
+        (code = lock_checkpoint(cli, job)) != EXIT_OK)
         return code;
     cli->resumable = true;
     return cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint));
@@ -385,6 +408,8 @@ enum exit_code command_render(struct cli *cli)
         code = strcmp(job.output, "-") == 0 || job.no_picture ? EXIT_OK : check_writable(cli, "--output", job.output);
     if (code == EXIT_OK)
         code = session_open_at(cli, cli->arguments[0], job.frames.count > 0 ? &job.frames.from : NULL, &job.session);
+    if (code == EXIT_OK)
+        code = set_share(cli, &job);
     if (code == EXIT_OK)
         code = set_checkpoint(cli, &job);
     if (code == EXIT_OK)

@@ -17,205 +17,28 @@
 #include <stdio.h>
 
 enum {
-    TOGETHER = 4,  /* samples of a round, from the fourth on */
-    TASK = 449,    /* pixels of a task, and those of one tile more: many walks, so that lanes are seldom free */
-    TILE = 512,    /* pixels of a call */
-    TILES = 16,    /* tasks for each thread in a picture, where they are not the smallest */
-    JOBS = 1024,   /* samples that are traced in one call */
-    LEAST = 16,    /* samples of a pixel before its error is believed */
-    PLAIN = 64,    /* samples where nothing says when to stop */
-    MOST = 1 << 30 /* samples of a pixel */
+    TILES = 16, /* tasks for each thread in a picture, where they are not the smallest */
+    LEAST = 16, /* samples of a pixel before its error is believed */
+    PLAIN = 64, /* samples where nothing says when to stop */
 };
 
-#define CROSSED 0.01       /* of the paths: fewer is rounding at edges */
-#define BATCH_SECONDS 0.25 /* between two looks at the clock */
-#define LATE_SECONDS 0.25  /* and this share of the time beyond the deadline until a round is given up: most end near it */
+#define CROSSED 0.01      /* of the paths: fewer is rounding at edges */
+#define LATE_SECONDS 0.25 /* and this share of the time beyond the deadline until a round is given up: most end near it */
 #define LATE 0.05
-
-/* Samples from the run's first on that all pixels of its tiles have, and the most that one of them has. */
-static void count_range(const struct pt_run *run, uint32_t *least, uint32_t *most)
-{
-    const struct pt_film *film = run->film;
-    bool any = false;
-
-    *least = UINT32_MAX;
-    *most = run->from;
-    for (size_t t = run->first_tile; t < run->end_tile; t++) {
-        const uint32_t spans = film->num_spans[t];
-        uint32_t next, missing;
-        if (film->starts[t] == film->starts[t + 1])
-            continue;
-        missing = pt_film_missing(film, t, run->from, &next);
-        any = true;
-        *least = missing < *least ? missing : *least;
-        if (spans > 0 && film->spans[t * film->most_spans + spans - 1].end > *most)
-            *most = film->spans[t * film->most_spans + spans - 1].end;
-    }
-    if (!any)
-        *least = 0;
-}
 
 /* Whether some pixel has no sample at all. */
 static bool has_black(const struct pt_film *film)
 {
-    for (size_t t = 0; t < film->tiles; t++)
-        if (film->starts[t] < film->starts[t + 1] && film->num_spans[t] == 0)
+    for (size_t i = 0; i < film->count; i++)
+        if (film->pixels[i].count == 0)
             return true;
     return false;
 }
 
 /* --- Rounds ------------------------------------------------------------------------------------------------------------------------- */
 
-static void start_point(const struct pt_run *run, size_t at, struct pt_point *point)
-{
-    const struct pell_frame *in = run->in;
-    const struct pell_view *v = &run->view;
-    const int x = (int) (at % (size_t) in->shape.stride), y = (int) (at / (size_t) in->shape.stride);
-    const struct pell_vec3 p = vec3(in->position[0][at], in->position[1][at], in->position[2][at]), to = vec3_sub(v->origin, p);
-
-    *point = (struct pt_point) {
-        .at = p,
-        .toward = in->shape.orthographic ? vec3_mul(v->forward, -1.0f) : vec3_normalize(to),
-        .depth = in->shape.orthographic ? in->depth[at] : vec3_length(to),
-        .material = in->material[at],
-        .pixel = (uint32_t) y * (uint32_t) in->shape.width + (uint32_t) x +
-                 run->number * (uint32_t) in->shape.width * (uint32_t) in->shape.height,
-    };
-}
-
-/* Samples of all pixels of a tile. */
-struct block {
-    uint32_t tile;
-    struct pt_span span;
-};
-
-/* The blocks of a worker's next call, and their samples. */
-struct batch {
-    struct block blocks[JOBS];
-    struct pt_point points[TILE];
-    struct pt_job jobs[JOBS];
-    int num_blocks, num_points, num_jobs;
-};
-
-/* Traces the blocks and adds them. False: interrupted, they are dropped. */
-static bool do_blocks(struct pt_run *run, struct batch *b, int worker)
-{
-    struct pt_state *st = run->st;
-    struct pt_film *film = run->film;
-    const int64_t late = pt_walker_counts(st->walkers[worker])->late;
-    const struct pt_job *job = b->jobs;
-
-    if (pt_stopped(st->scene) || atomic_load_explicit(&st->late, memory_order_relaxed))
-        return false;
-    pt_trace_jobs(st->scene, st->walkers[worker], b->jobs, b->num_jobs);
-    if (pt_stopped(st->scene))
-        return false;
-    if (pt_walker_counts(st->walkers[worker])->late > late) {
-        atomic_store_explicit(&st->late, true, memory_order_relaxed);
-        return false;
-    }
-    for (int k = 0; k < b->num_blocks; k++) {
-        const struct block *block = &b->blocks[k];
-        for (uint32_t i = film->starts[block->tile]; i < film->starts[block->tile + 1]; i++)
-            for (uint32_t n = block->span.first; n < block->span.end; n++, job++)
-                if (!pt_pixel_add(&film->pixels[i], film->exponent, &job->light, pt_traced(st)))
-                    atomic_store_explicit(&st->invalid, true, memory_order_relaxed);
-        pt_film_cover(film, block->tile, block->span);
-    }
-    b->num_blocks = b->num_points = b->num_jobs = 0;
-    return true;
-}
-
-static bool do_tile(struct pt_run *run, uint32_t tile, struct batch *b, int worker)
-{
-    const struct pt_film *film = run->film;
-    const uint32_t first = film->starts[tile], pixels = film->starts[tile + 1] - first, most = JOBS / pixels;
-    uint32_t next, from = pt_film_missing(film, tile, run->from, &next);
-
-    while (from < run->target) {
-        uint32_t end = next < run->target ? next : run->target;
-
-        end = end - from > most ? from + most : end;
-        if (b->num_jobs + (int) (pixels * (end - from)) > JOBS || b->num_points + (int) pixels > TILE)
-            if (!do_blocks(run, b, worker))
-                return false;
-        b->blocks[b->num_blocks++] = (struct block) { tile, { from, end } };
-        for (uint32_t i = 0; i < pixels; i++) {
-            struct pt_point *point = &b->points[b->num_points++];
-            start_point(run, run->st->places[first + i], point);
-            for (uint32_t n = from; n < end; n++)
-                b->jobs[b->num_jobs++] = (struct pt_job) { .point = point, .sample = n };
-        }
-        from = pt_film_missing(film, tile, end, &next);
-    }
-    return true;
-}
-
-static void do_task(void *arg, int index, int worker)
-{
-    struct pt_run *run = arg;
-    const uint32_t *tasks = run->st->tasks + run->first + (size_t) index;
-    struct batch batch = { .num_blocks = 0 };
-
-    for (uint32_t tile = tasks[0]; tile < tasks[1]; tile++)
-        if (run->film->starts[tile] < run->film->starts[tile + 1] && !do_tile(run, tile, &batch, worker))
-            return;
-    if (batch.num_blocks > 0)
-        do_blocks(run, &batch, worker);
-}
-
-/* Tiles of one task are next to each other, with about so many pixels. */
-static enum pell_result list_tasks(struct pt_run *run, size_t pixels, size_t *count)
-{
-    struct pt_state *st = run->st;
-    const uint32_t *starts = run->film->starts;
-    size_t begin = run->first_tile;
-
-    if (run->film->tiles + 1 > st->tasks_capacity) {
-        uint32_t *grown = pell_realloc_array(st->ctx, st->tasks, run->film->tiles + 1, sizeof(*grown));
-        if (!grown)
-            return PELL_ERR_NOMEM;
-        st->tasks = grown;
-        st->tasks_capacity = run->film->tiles + 1;
-    }
-    *count = 0;
-    for (size_t t = begin; t < run->end_tile; t++)
-        if (starts[t + 1] - starts[begin] >= pixels || (t + 1 == run->end_tile && starts[t + 1] > starts[begin])) {
-            st->tasks[(*count)++] = (uint32_t) begin;
-            begin = t + 1;
-        }
-    st->tasks[*count] = (uint32_t) begin;
-    return PELL_OK;
-}
-
-static void show(struct pt_run *run, double done)
-{
-    const double whole = (run->number + fmin(fmax(done, 0.0), 1.0)) / run->in->num_samples;
-
-    run->st->shown = fmax(run->st->shown, whole);
-    pell_progress(run->st->ctx, "path-trace", run->st->shown);
-}
-
-struct goal {
-    uint32_t most;   /* samples */
-    uint32_t least;  /* samples before the error is believed */
-    double error;    /* of this film; 0: not asked for */
-    double deadline; /* INFINITY: none */
-    double begin;
-    uint32_t first; /* samples that were there at the beginning */
-    double needed;  /* samples that the error asks for, as far as is known; INFINITY */
-};
-
-static double progress_of(const struct goal *g, double samples)
-{
-    const double by_samples = g->most < MOST ? samples / g->most : 0.0, by_error = samples / g->needed;
-    const double by_time = isfinite(g->deadline) ? (pell_seconds() - g->begin) / (g->deadline - g->begin) : 0.0;
-
-    return fmax(by_samples, fmax(by_error, by_time));
-}
-
 /* Brings all pixels to run->target samples, or as far as an interruption lets it. */
-static enum pell_result do_round(struct pt_run *run, const struct goal *goal, uint32_t from, size_t *batch)
+static enum pell_result do_round(struct pt_run *run, const struct pt_goal *goal, uint32_t from, size_t *batch)
 {
     struct pt_state *st = run->st;
     const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
@@ -225,13 +48,13 @@ static enum pell_result do_round(struct pt_run *run, const struct goal *goal, ui
     enum pell_result res;
 
     PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
-    PELL_TRY(list_tasks(run, homogeneous > TASK ? TASK : homogeneous + 1, &tasks));
+    PELL_TRY(pt_list_tasks(run, homogeneous > PT_TASK ? PT_TASK : homogeneous + 1, &tasks));
     for (run->first = 0; run->first < tasks;) {
         const size_t left = tasks - run->first, count = left < *batch ? left : *batch;
         const double start = pell_seconds();
         double now;
 
-        pell_pool_run(st->services->pool, (int) count, do_task, run);
+        pell_pool_run(st->services->pool, (int) count, pt_do_task, run);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         if (pell_context_interrupted(st->ctx))
@@ -240,11 +63,11 @@ static enum pell_result do_round(struct pt_run *run, const struct goal *goal, ui
             return PELL_OK;
         run->first += count;
         now = pell_seconds();
-        if (count == *batch && now - start < 0.5 * BATCH_SECONDS && *batch < (1u << 24))
+        if (count == *batch && now - start < 0.5 * PT_BATCH_SECONDS && *batch < (1u << 24))
             *batch *= 2;
-        else if (now - start > 2.0 * BATCH_SECONDS && *batch > (size_t) st->threads)
+        else if (now - start > 2.0 * PT_BATCH_SECONDS && *batch > (size_t) st->threads)
             *batch /= 2;
-        show(run, progress_of(goal, from + (double) (run->target - from) * (double) run->first / (double) tasks));
+        pt_show(run, pt_progress_of(goal, from + (double) (run->target - from) * (double) run->first / (double) tasks));
         if (checkpoint && now - st->written > checkpoint->every)
             PELL_TRY(pt_write_films(st, run->in, false));
     }
@@ -254,16 +77,16 @@ fail:
     return res;
 }
 
-static struct goal make_goal(const struct pt_run *run)
+static struct pt_goal make_goal(const struct pt_run *run)
 {
     const struct pt_state *st = run->st;
     const struct pt_method_knobs *k = &st->knobs;
     const int samples = run->in->num_samples, left = samples - (int) run->number;
     const bool open = k->error > 0.0f || k->time_limit > 0.0f;
     const int share = k->trace.half == REFERENCE_WHOLE ? 1 : 2, total = ((k->samples > 0 ? k->samples : PLAIN) + share - 1) / share;
-    struct goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
+    struct pt_goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
 
-    g.most = k->samples == 0 && open ? MOST : (uint32_t) ((total + samples - 1) / samples);
+    g.most = k->samples == 0 && open ? PT_MOST : (uint32_t) ((total + samples - 1) / samples);
     if (st->services->checkpoint && st->services->checkpoint->end_sample > 0)
         g.most = (uint32_t) (st->services->checkpoint->end_sample / samples);
     g.least = LEAST / (uint32_t) share;
@@ -311,20 +134,20 @@ static void bring_back(struct pt_run *run)
 static enum pell_result run_film(struct pt_run *run)
 {
     struct pt_state *st = run->st;
-    struct goal g = make_goal(run);
+    struct pt_goal g = make_goal(run);
     const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
     size_t batch = (size_t) st->threads;
     uint32_t least, most;
     enum pell_result res;
 
-    count_range(run, &least, &most);
+    pt_count_range(run, run->film, &least, &most);
     g.first = least;
-    show(run, progress_of(&g, least));
+    pt_show(run, pt_progress_of(&g, least));
     while (pixels > 0 && least < g.most) {
-        uint32_t step = least < TOGETHER ? 1 : TOGETHER - least % TOGETHER;
+        uint32_t step = least < PT_TOGETHER ? 1 : PT_TOGETHER - least % PT_TOGETHER;
 
         /* Not where an interruption left pixels of more samples than others: the run that was not interrupted did not ask there. */
-        if (g.error > 0.0 && least == most && least >= g.least && least % TOGETHER == 0) {
+        if (g.error > 0.0 && least == most && least >= g.least && least % PT_TOGETHER == 0) {
             const double error = pt_film_error(run->film, pt_traced(st));
             if (error <= g.error)
                 break;
@@ -340,6 +163,7 @@ static enum pell_result run_film(struct pt_run *run)
                 break;
             }
         }
+        run->low = run->from;
         run->target = least + step;
         if (isfinite(g.deadline) && least > run->from) {
             PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
@@ -360,7 +184,7 @@ static enum pell_result run_film(struct pt_run *run)
         least = run->target;
         most = most > least ? most : least;
     }
-    show(run, 1.0);
+    pt_show(run, 1.0);
     return PELL_OK;
 
 fail:
@@ -372,18 +196,19 @@ fail:
 static void put_light(const struct pt_run *run, const struct pell_frame_light *out)
 {
     const struct pt_state *st = run->st;
+    const struct pt_film *film = run->shown;
 
-    for (size_t i = 0; i < run->film->count; i++) {
-        const struct pt_pixel *p = &run->film->pixels[i];
+    for (size_t i = 0; i < film->count; i++) {
+        const struct pt_pixel *p = &film->pixels[i];
         const uint32_t at = st->places[i];
         const double n = p->count > 0 ? p->count : 1.0;
         double mean[4], error[4];
 
-        pt_pixel_measure(p, run->film->exponent, pt_traced(st), mean, error);
+        pt_pixel_measure(p, film->exponent, pt_traced(st), mean, error);
         for (int c = 0; c < 3; c++) {
-            const double single = pt_sum_value(&p->sum[PT_SINGLE][c], run->film->exponent);
-            const double surface = pt_sum_value(&p->sum[PT_SURFACE][c], run->film->exponent);
-            double light = pt_sum_value(&p->sum[PT_MULTIPLE][c], run->film->exponent);
+            const double single = pt_sum_value(&p->sum[PT_SINGLE][c], film->exponent);
+            const double surface = pt_sum_value(&p->sum[PT_SURFACE][c], film->exponent);
+            double light = pt_sum_value(&p->sum[PT_MULTIPLE][c], film->exponent);
             if (out->single[c])
                 out->single[c][at] = (float) (single / n);
             else
@@ -430,7 +255,7 @@ static void report(struct pt_state *st, const struct pt_run *run)
     char error[48] = "", bound[96] = "";
     uint32_t least, most;
 
-    count_range(run, &least, &most);
+    pt_count_range(run, run->film, &least, &most);
     if (least > 1 && run->from == 0 && run->end_tile - run->first_tile == run->film->tiles)
         snprintf(error, sizeof(error), ", relative error %.2f %%", 100.0 * pt_film_error(run->film, pt_traced(st)) / sqrt(films));
     if (run->film->count > 0 && now.samples > st->before.samples)
@@ -467,6 +292,8 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     atomic_store(&st->late, false);
     st->before = count_all(st);
     st->frame.time = (struct pell_pass_time) { .name = "path-trace" };
+    if (pt_share(st))
+        return pt_share_start(st, in);
     if (!st->services->checkpoint)
         return PELL_OK;
     pt_drop_films(st);
@@ -476,9 +303,13 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
 /* Which tiles and samples the run makes. */
 static void set_part(struct pt_run *run)
 {
+    const struct pt_state *st = run->st;
+    const struct pt_film *done = &st->done[run->film - st->films];
     const struct pell_checkpoint *c = run->st->services->checkpoint;
     const size_t tiles = pt_tiles((uint32_t) run->in->shape.width, (uint32_t) run->in->shape.height);
 
+    run->shown = run->film;
+    run->done = pt_share(st) && done->identity != 0 ? done : NULL;
     run->from = c ? (uint32_t) (c->first_sample / run->in->num_samples) : 0;
     run->first_tile = c && (size_t) c->first_tile < tiles ? (size_t) c->first_tile : 0;
     run->end_tile = c && c->end_tile > 0 && (size_t) c->end_tile < tiles ? (size_t) c->end_tile : tiles;
@@ -487,11 +318,18 @@ static void set_part(struct pt_run *run)
 /* Of runs that ended by an error or a time, the whole is what the longest part has. */
 static enum pell_result check_merged(struct pt_run *run)
 {
-    const struct goal g = make_goal(run);
+    const struct pt_goal g = make_goal(run);
     uint32_t least, most;
 
-    count_range(run, &least, &most);
-    return pt_check_gaps(run, g.most == MOST ? most : g.most);
+    pt_count_range(run, run->film, &least, &most);
+    return pt_check_gaps(run, g.most == PT_MOST ? most : g.most);
+}
+
+static enum pell_result run_shared(struct pt_run *run)
+{
+    struct pt_goal g = make_goal(run);
+
+    return pt_share_run(run, &g);
 }
 
 static enum pell_result path_trace_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
@@ -516,16 +354,18 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
     PELL_TRY(pt_start_film(&run));
     memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     counts = count_all(st);
-    PELL_TRY(pt_merges(st) ? check_merged(&run) : run_film(&run));
+    PELL_TRY(pt_share(st) ? run_shared(&run) : pt_merges(st) ? check_merged(&run) : run_film(&run));
     put_light(&run, out);
     last = number == samples - 1 || pell_context_interrupted(st->ctx);
     st->unfinished = st->unfinished || pell_context_interrupted(st->ctx);
-    if (st->services->checkpoint && last)
+    if (pt_share(st) && last)
+        PELL_TRY(pt_share_finish(st, in));
+    else if (st->services->checkpoint && last)
         PELL_TRY(pt_write_films(st, in, true));
     /* A sample of the multisample in which pixels are black for want of a path would darken those before it. */
-    if (number > 0 && pell_context_interrupted(st->ctx) && has_black(run.film))
+    if (number > 0 && pell_context_interrupted(st->ctx) && has_black(run.shown))
         return PELL_ERR_CANCELLED;
-    if (last)
+    if (last && run.shown == run.film)
         report(st, &run);
     st->frame.time.seconds = pell_seconds() - start;
     st->frame.time.pixels = (int64_t) run.film->count;
@@ -550,6 +390,10 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st->walkers);
     pell_free(st->ctx, st->films);
     pell_free(st->ctx, st->places);
+    for (size_t i = 0; st->done && i < st->num_films; i++)
+        pt_film_free(st->ctx, &st->done[i]);
+    pell_free(st->ctx, st->done);
+    pt_film_free(st->ctx, &st->total);
     pt_film_free(st->ctx, &st->kept);
     pell_free(st->ctx, st->tasks);
     pell_free(st->ctx, st->frame.standard_error[0]);
@@ -585,7 +429,8 @@ static enum pell_result path_trace_create(const struct pell_services *services, 
     res = PELL_ERR_NOMEM;
     st->films = pell_calloc(ctx, st->num_films, sizeof(*st->films));
     st->walkers = pell_calloc(ctx, (size_t) st->threads, sizeof(*st->walkers));
-    if (!st->films || !st->walkers)
+    st->done = pell_calloc(ctx, st->num_films, sizeof(*st->done));
+    if (!st->films || !st->walkers || !st->done)
         goto fail;
     PELL_TRY(reference_make_planes(ctx, shape, &st->frame));
     PELL_TRY(pt_scene_create(services, &st->knobs.trace, &st->scene));

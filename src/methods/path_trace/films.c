@@ -7,10 +7,19 @@
 #include "base/file.h"
 #include "base/hash.h"
 
+#include <stdio.h>
 #include <unistd.h>
 
 static const char another_view[] = "is of another view of this scene";
 static const char hint_view[] = "name another file, or remove this one to begin anew";
+
+void pt_rank_path(const char *path, int rank, char *out, size_t size)
+{
+    if (rank == 0)
+        snprintf(out, size, "%s", path);
+    else
+        snprintf(out, size, "%s" PT_RANK_SUFFIX "%d", path, rank);
+}
 
 void pt_drop_films(struct pt_state *st)
 {
@@ -18,7 +27,7 @@ void pt_drop_films(struct pt_state *st)
         pt_film_free(st->ctx, &st->films[i]);
 }
 
-static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct pell_frame *in)
+struct pt_checkpoint_key pt_make_key(const struct pt_state *st, const struct pell_frame *in)
 {
     const struct pt_knobs *k = &st->knobs.trace;
     struct pt_checkpoint_key key = {
@@ -47,7 +56,7 @@ static struct pt_checkpoint_key make_key(const struct pt_state *st, const struct
 
 /* --- Reading -------------------------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result read_file(struct pt_state *st, const struct pt_checkpoint_key *key, const char *path, struct pt_film *films)
+enum pell_result pt_read_file(struct pt_state *st, const struct pt_checkpoint_key *key, const char *path, struct pt_film *films)
 {
     uint8_t *data;
     size_t size;
@@ -60,8 +69,7 @@ static enum pell_result read_file(struct pt_state *st, const struct pt_checkpoin
     return res;
 }
 
-/* Adds what `more` has of a sample of the multisample; it may be taken as it is. */
-static enum pell_result merge_film(struct pt_state *st, const char *path, struct pt_film *film, struct pt_film *more)
+enum pell_result pt_merge_film(struct pt_state *st, const char *path, struct pt_film *film, struct pt_film *more)
 {
     size_t tile;
     uint32_t sample;
@@ -92,9 +100,9 @@ static enum pell_result read_parts(struct pt_state *st, const struct pt_checkpoi
     enum pell_result res = films ? PELL_OK : PELL_ERR_NOMEM;
 
     for (int i = 0; res == PELL_OK && i < checkpoint->num_parts; i++) {
-        res = read_file(st, key, checkpoint->parts[i], films);
+        res = pt_read_file(st, key, checkpoint->parts[i], films);
         for (size_t f = 0; res == PELL_OK && f < st->num_films; f++)
-            res = merge_film(st, checkpoint->parts[i], &st->films[f], &films[f]);
+            res = pt_merge_film(st, checkpoint->parts[i], &st->films[f], &films[f]);
         for (size_t f = 0; f < st->num_films; f++)
             pt_film_free(st->ctx, &films[f]);
     }
@@ -104,35 +112,38 @@ static enum pell_result read_parts(struct pt_state *st, const struct pt_checkpoi
 
 enum pell_result pt_read_films(struct pt_state *st, const struct pell_frame *in)
 {
-    const struct pt_checkpoint_key key = make_key(st, in);
+    const struct pt_checkpoint_key key = pt_make_key(st, in);
     const char *path = st->services->checkpoint->path;
 
     if (pt_merges(st))
         return read_parts(st, &key);
-    return access(path, F_OK) == 0 ? read_file(st, &key, path, st->films) : PELL_OK;
+    return access(path, F_OK) == 0 ? pt_read_file(st, &key, path, st->films) : PELL_OK;
 }
 
 enum pell_result pt_write_films(struct pt_state *st, const struct pell_frame *in, bool last)
 {
-    const struct pt_checkpoint_key key = make_key(st, in);
+    const struct pt_checkpoint_key key = pt_make_key(st, in);
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
     const bool result = last && (checkpoint->end_sample > 0 || checkpoint->end_tile > 0 || pt_merges(st));
     enum pell_result res;
+    char path[4096 + 16];
     uint8_t *data;
     size_t size;
 
     if (!checkpoint->path)
         return PELL_OK;
+    pt_rank_path(checkpoint->path, pt_share(st) ? pt_share(st)->rank : 0, path, sizeof(path));
     pell_log_downgrade(st->ctx, result ? 0 : 1);
     res = pt_checkpoint_encode(st->ctx, &key, checkpoint->note, st->films, &data, &size);
     if (res == PELL_OK) {
-        res = pell_file_write(st->ctx, checkpoint->path, data, size);
+        res = pell_file_write(st->ctx, path, data, size);
         if (res != PELL_OK && !result)
-            pell_warn(st->ctx, checkpoint->path, NULL,
+            pell_warn(st->ctx, path, NULL,
                       last ? "the checkpoint was not written" : "the checkpoint was not written; the render continues");
         pell_free(st->ctx, data);
     }
     pell_log_downgrade(st->ctx, result ? 0 : -1);
+    st->unwritten = res != PELL_OK;
     st->written = pell_seconds();
     return result ? res : PELL_OK;
 }

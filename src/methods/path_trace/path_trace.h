@@ -41,7 +41,7 @@ enum pt_part { PT_MULTIPLE, PT_SINGLE, PT_SURFACE, PT_PARTS };
 /* Pixels from left to right and from top to bottom of a tile, the smallest part of a picture that a file or a rank has. */
 #define PT_TILE 8
 /* Spans of a tile. */
-#define PT_SPANS 256
+#define PT_SPANS 4096
 
 /* Samples of a tile: first, first + 1, ... end - 1. */
 struct pt_span {

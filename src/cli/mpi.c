@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * mpi.c - `pellucid-mpi`: `pellucid render` by all ranks of an MPI job. The only file that knows MPI; the thread that renders calls it.
+ */
+#include "cli/cli.h"
+#include "render/share.h"
+
+#include <mpi.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { COUNTERS = 64, TAG = 1 }; /* of pieces of work; one is used at a time, and the one half a turn ahead is cleared */
+
+#define OVER (INT64_MAX / 4)
+#define PART ((size_t) 1 << 30) /* bytes of a message, whose number is an int */
+
+struct ranks {
+    MPI_Comm comm;
+    MPI_Win window;
+    int64_t *counters; /* of rank 0 */
+    int now;
+};
+
+static void begin(void *user)
+{
+    struct ranks *r = user;
+    int rank;
+
+    r->now = (r->now + 1) % COUNTERS;
+    MPI_Comm_rank(r->comm, &rank);
+    if (rank == 0) {
+        const int64_t none = 0;
+        int64_t old;
+        MPI_Fetch_and_op(&none, &old, MPI_INT64_T, 0, (MPI_Aint) ((r->now + COUNTERS / 2) % COUNTERS), MPI_REPLACE, r->window);
+        MPI_Win_flush(0, r->window);
+    }
+    MPI_Barrier(r->comm);
+}
+
+static int64_t take(void *user, int64_t count)
+{
+    struct ranks *r = user;
+    int64_t first = OVER;
+
+    MPI_Fetch_and_op(&count, &first, MPI_INT64_T, 0, (MPI_Aint) r->now, MPI_SUM, r->window);
+    MPI_Win_flush(0, r->window);
+    return first;
+}
+
+static void stop(void *user)
+{
+    struct ranks *r = user;
+    const int64_t over = OVER;
+    int64_t old;
+
+    MPI_Fetch_and_op(&over, &old, MPI_INT64_T, 0, (MPI_Aint) r->now, MPI_REPLACE, r->window);
+    MPI_Win_flush(0, r->window);
+}
+
+static bool any(void *user, bool mine)
+{
+    struct ranks *r = user;
+    int in = mine, out = mine;
+
+    MPI_Allreduce(&in, &out, 1, MPI_INT, MPI_LOR, r->comm);
+    return out;
+}
+
+static void broadcast(void *user, void *data, size_t size)
+{
+    struct ranks *r = user;
+
+    for (size_t at = 0; at < size; at += PART)
+        MPI_Bcast((char *) data + at, (int) (size - at < PART ? size - at : PART), MPI_BYTE, 0, r->comm);
+}
+
+static void send(void *user, int to, const void *data, size_t size)
+{
+    struct ranks *r = user;
+
+    MPI_Send(data, (int) size, MPI_BYTE, to, TAG, r->comm);
+}
+
+static size_t receive(void *user, int from, void *data, size_t size)
+{
+    struct ranks *r = user;
+    MPI_Status status;
+    int count = 0;
+
+    MPI_Recv(data, (int) size, MPI_BYTE, from, TAG, r->comm, &status);
+    MPI_Get_count(&status, MPI_BYTE, &count);
+    return (size_t) count;
+}
+
+static const struct command commands[] = {
+    { "render", "INPUT", "an image by all ranks of an MPI job",
+      "As `pellucid render -m path-trace`, which documents the options: blocks of samples go to whichever rank is free, and rank 0 writes "
+      "the "
+      "image, which has the same bits for any number of ranks and threads. Every rank reads INPUT. With --checkpoint FILE the ranks "
+      "keep what they have done in FILE, FILE.rank1, FILE.rank2 and so on; the same command with another number of ranks resumes it.\n",
+      "  mpirun -n 4 pellucid-mpi render scene.json -m path-trace --samples 64 --threads 1 -o image.exr\n",
+      OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1, command_render },
+};
+
+int main(int argc, char **argv)
+{
+    struct ranks ranks = { .comm = MPI_COMM_WORLD };
+    struct pell_share share = { &ranks,     .begin = begin,         .take = take, .stop = stop,
+                                .any = any, .broadcast = broadcast, .send = send, .receive = receive };
+    const struct program program = {
+        .name = "pellucid-mpi",
+        .about = "renders translucent objects on many machines",
+        .start = "",
+        .commands = commands,
+        .num_commands = PELL_COUNT(commands),
+        .share = &share,
+    };
+    int provided, code;
+
+    MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
+    MPI_Comm_rank(ranks.comm, &share.rank);
+    MPI_Comm_size(ranks.comm, &share.ranks);
+    MPI_Win_allocate((MPI_Aint) (share.rank == 0 ? COUNTERS * sizeof(int64_t) : 0), sizeof(int64_t), MPI_INFO_NULL, ranks.comm,
+                     &ranks.counters, &ranks.window);
+    if (share.rank == 0)
+        memset(ranks.counters, 0, COUNTERS * sizeof(int64_t));
+    MPI_Barrier(ranks.comm);
+    MPI_Win_lock_all(0, ranks.window);
+    code = cli_main(&program, argc, argv);
+    if (code != EXIT_OK && !share.finished) { /* the others wait for this one; what is wrong with all, rank 0 says */
+        if (share.rank > 0)
+            sleep(1);
+        MPI_Abort(ranks.comm, code);
+    }
+    MPI_Win_unlock_all(ranks.window);
+    MPI_Win_free(&ranks.window);
+    MPI_Finalize();
+    return code;
+}

@@ -1,0 +1,411 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * shared.c - a run by several ranks. Tasks of rounds are numbered, and ranks take numbers until none is left; so the fast ones do more.
+ * Each adds to a film of its own, and writes that to a checkpoint of its own: rank 0 to the one that was named, the others beside it. At
+ * the end the films are added along a binary tree, in pieces. Sums are exact, so neither who did what nor the tree shows in the picture.
+ *
+ * A run begins with all files that there are, of however many ranks: rank 0 adds them, writes their sum, removes the others, and tells
+ * the ranks which samples are there. A file all of whose samples are in the sum already was left by a run that was killed between the two.
+ */
+#include "methods/path_trace/run.h"
+
+#include "base/file.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <stdio.h>
+#include <unistd.h>
+
+enum { PIECE = 4096 }; /* pixels */
+
+/* --- Files of the run before --------------------------------------------------------------------------------------------------------- */
+
+/* Calls `each` for the files of ranks beside a checkpoint. */
+static enum pell_result visit_files(struct pt_state *st, const char *path,
+                                    enum pell_result (*each)(struct pt_state *st, const char *path, void *user), void *user)
+{
+    const char *name = pell_path_name(path);
+    char folder[4096], file[4096 + 300];
+    const int length = snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path);
+    enum pell_result res = PELL_OK;
+    struct dirent *entry;
+    DIR *dir;
+
+    if (length < 0 || length >= (int) sizeof(folder))
+        return pell_error(st->ctx, PELL_ERR_IO, path, NULL, "a name of %d bytes is too long", length);
+    dir = opendir(length ? folder : ".");
+    if (!dir)
+        return pell_error(st->ctx, PELL_ERR_IO, path, NULL, "its folder can't be read");
+    while (res == PELL_OK && (entry = readdir(dir))) {
+        const size_t n = strlen(name), more = strlen(PT_RANK_SUFFIX);
+        if (strncmp(entry->d_name, name, n) != 0 || strncmp(entry->d_name + n, PT_RANK_SUFFIX, more) != 0 || !entry->d_name[n + more] ||
+            strspn(entry->d_name + n + more, "0123456789") != strlen(entry->d_name + n + more))
+            continue;
+        snprintf(file, sizeof(file), "%s%s", folder, entry->d_name);
+        res = each(st, file, user);
+    }
+    closedir(dir);
+    return res;
+}
+
+static enum pell_result add_file(struct pt_state *st, const char *path, void *user)
+{
+    const struct pt_checkpoint_key *key = user;
+    struct pt_film *films = pell_calloc(st->ctx, st->num_films, sizeof(*films));
+    enum pell_result res;
+
+    if (!films)
+        return PELL_ERR_NOMEM;
+    PELL_TRY(pt_read_file(st, key, path, films));
+    for (size_t f = 0; f < st->num_films; f++)
+        if (!(st->films[f].identity != 0 && st->films[f].identity == films[f].identity && pt_film_holds(&st->films[f], &films[f])))
+            PELL_TRY(pt_merge_film(st, path, &st->films[f], &films[f]));
+
+fail:
+    for (size_t f = 0; f < st->num_films; f++)
+        pt_film_free(st->ctx, &films[f]);
+    pell_free(st->ctx, films);
+    return res;
+}
+
+static enum pell_result remove_file(struct pt_state *st, const char *path, void *user)
+{
+    ++*(int *) user;
+    return unlink(path) == 0 || errno == ENOENT ? PELL_OK : pell_error(st->ctx, PELL_ERR_IO, path, NULL, "can't be removed");
+}
+
+static enum pell_result gather_files(struct pt_state *st, const struct pell_frame *in)
+{
+    struct pt_checkpoint_key key = pt_make_key(st, in);
+    const char *path = st->services->checkpoint->path;
+    int removed = 0;
+    enum pell_result res = PELL_OK;
+
+    if (access(path, F_OK) == 0)
+        PELL_TRY(pt_read_file(st, &key, path, st->films));
+    PELL_TRY(visit_files(st, path, add_file, &key));
+    for (size_t f = 0; f < st->num_films; f++)
+        if (st->films[f].identity != 0) { /* the sum is safe before its parts go */
+            PELL_TRY(pt_write_films(st, in, true));
+            if (st->unwritten) {
+                res = pell_error(st->ctx, PELL_ERR_IO, path, "make room, and run it again",
+                                 "the samples of earlier ranks can't be added up: their files are kept");
+                goto fail;
+            }
+            PELL_TRY(visit_files(st, path, remove_file, &removed));
+            break;
+        }
+    if (removed > 0)
+        pell_info(st->ctx, path, "samples of %d further ranks were taken over", removed);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Which samples of a film are there; all ranks skip them. */
+static enum pell_result tell_spans(struct pt_state *st, struct pt_film *film, struct pt_film *done)
+{
+    const struct pell_share *share = pt_share(st);
+    uint64_t head[3] = { film->identity, film->tiles, film->most_spans };
+    enum pell_result res = PELL_OK;
+
+    share->broadcast(share->user, head, sizeof(head));
+    if (head[0] == 0)
+        return PELL_OK;
+    done->identity = head[0];
+    done->tiles = (size_t) head[1];
+    done->most_spans = (uint32_t) head[2];
+    done->num_spans = pell_calloc(st->ctx, done->tiles, sizeof(*done->num_spans));
+    done->spans = pell_calloc(st->ctx, done->tiles * done->most_spans, sizeof(*done->spans));
+    if (!done->num_spans || !done->spans)
+        return PELL_ERR_NOMEM;
+    if (share->rank == 0) {
+        memcpy(done->num_spans, film->num_spans, done->tiles * sizeof(*done->num_spans));
+        memcpy(done->spans, film->spans, done->tiles * done->most_spans * sizeof(*done->spans));
+    }
+    share->broadcast(share->user, done->num_spans, done->tiles * sizeof(*done->num_spans));
+    share->broadcast(share->user, done->spans, done->tiles * done->most_spans * sizeof(*done->spans));
+    return res;
+}
+
+enum pell_result pt_share_start(struct pt_state *st, const struct pell_frame *in)
+{
+    enum pell_result res;
+
+    pt_drop_films(st);
+    for (size_t f = 0; f < st->num_films; f++)
+        pt_film_free(st->ctx, &st->done[f]);
+    if (!st->services->checkpoint)
+        return PELL_OK;
+    if (pt_share(st)->rank == 0)
+        PELL_TRY(gather_files(st, in));
+    for (size_t f = 0; f < st->num_films; f++)
+        PELL_TRY(tell_spans(st, &st->films[f], &st->done[f]));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pt_share_finish(struct pt_state *st, const struct pell_frame *in)
+{
+    struct pell_share *share = pt_share(st);
+    const bool interrupted = pell_context_interrupted(st->ctx);
+    int removed = 0;
+    enum pell_result res = PELL_OK;
+
+    share->finished = true;
+    if (!st->services->checkpoint)
+        return PELL_OK;
+    if (share->rank == 0 || interrupted)
+        PELL_TRY(pt_write_films(st, in, true));
+    if (share->rank == 0 && !interrupted && !st->unwritten)
+        PELL_TRY(visit_files(st, st->services->checkpoint->path, remove_file, &removed));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Films of all ranks ------------------------------------------------------------------------------------------------------------- */
+
+static bool is_black(const struct pt_pixel *pixels, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (pixels[i].count > 0)
+            return false;
+    return true;
+}
+
+/* Adds the films of all ranks into `total`, of rank 0. */
+static enum pell_result reduce(struct pt_run *run, struct pt_film *total)
+{
+    struct pt_state *st = run->st;
+    const struct pell_share *share = pt_share(st);
+    const struct pt_film *film = run->film;
+    const bool root = share->rank == 0;
+    struct pt_pixel *pieces = pell_alloc_array(st->ctx, 2 * PIECE, sizeof(*pieces)), *other = pieces + PIECE;
+
+    if (!pieces)
+        return PELL_ERR_NOMEM;
+    for (size_t first = 0; first < film->count; first += PIECE) {
+        const size_t count = film->count - first < PIECE ? film->count - first : PIECE;
+        struct pt_pixel *sum = root ? total->pixels + first : pieces;
+
+        memcpy(sum, film->pixels + first, count * sizeof(*sum));
+        for (int step = 1; step < share->ranks; step *= 2) {
+            if (share->rank & step) {
+                share->send(share->user, share->rank - step, sum, is_black(sum, count) ? 0 : count * sizeof(*sum));
+                break;
+            }
+            if (share->rank + step >= share->ranks)
+                continue;
+            if (share->receive(share->user, share->rank + step, other, count * sizeof(*other)) == count * sizeof(*other))
+                for (size_t i = 0; i < count; i++)
+                    pt_pixel_merge(&sum[i], &other[i]);
+        }
+    }
+    pell_free(st->ctx, pieces);
+    return PELL_OK;
+}
+
+static enum pell_result make_total(struct pt_run *run)
+{
+    struct pt_state *st = run->st;
+    const struct pt_film *film = run->film;
+    struct pt_film *total = &st->total;
+
+    if (pt_share(st)->rank != 0)
+        return PELL_OK;
+    if (total->capacity < film->count) {
+        pell_free(st->ctx, total->pixels);
+        total->capacity = 0;
+        total->pixels = pell_alloc_array(st->ctx, film->count, sizeof(*total->pixels));
+        if (!total->pixels)
+            return PELL_ERR_NOMEM;
+        total->capacity = film->count;
+    }
+    total->count = film->count;
+    total->exponent = film->exponent;
+    return PELL_OK;
+}
+
+/* --- Rounds ------------------------------------------------------------------------------------------------------------------------- */
+
+/* Rounds of one piece of work: all of `tasks` tasks each. */
+struct rounds {
+    uint32_t from, step, end; /* samples: round i ends at from + (i + 1) step, or at the end */
+    size_t tasks;
+    int64_t count; /* rounds */
+};
+
+static enum pell_result do_items(struct pt_run *run, const struct rounds *r, int64_t first, int64_t end)
+{
+    struct pt_state *st = run->st;
+
+    while (first < end) {
+        const int64_t round = first / (int64_t) r->tasks, task = first % (int64_t) r->tasks;
+        const int64_t left = (int64_t) r->tasks - task, count = end - first < left ? end - first : left;
+        const enum pell_result res = pt_film_reserve(st->ctx, run->film, 1 + (run->done ? run->done->most_spans : 0));
+
+        if (res != PELL_OK)
+            return res;
+        run->low = r->from + (uint32_t) round * r->step;
+        run->target = r->end - run->low > r->step ? run->low + r->step : r->end;
+        run->first = (size_t) task;
+        pell_pool_run(st->services->pool, (int) count, pt_do_task, run);
+        if (pell_cancelled(st->ctx))
+            return PELL_ERR_CANCELLED;
+        if (pell_context_interrupted(st->ctx))
+            return PELL_OK;
+        first += count;
+    }
+    return PELL_OK;
+}
+
+/* Takes items until none is left, fewer at a time towards the end. */
+static enum pell_result do_rounds(struct pt_run *run, const struct pt_goal *goal, const struct rounds *r)
+{
+    struct pt_state *st = run->st;
+    const struct pell_share *share = pt_share(st);
+    const struct pell_checkpoint *checkpoint = st->services->checkpoint;
+    const int64_t items = r->count * (int64_t) r->tasks;
+    int64_t batch = st->threads, first = 0;
+    enum pell_result res;
+
+    share->begin(share->user);
+    while (items > 0) {
+        const int64_t fair = (items - first) / (4 * share->ranks), most = fair > st->threads ? fair : st->threads;
+        const int64_t count = batch < most ? batch : most;
+        const double start = pell_seconds();
+        double now;
+
+        first = share->take(share->user, count);
+        if (first >= items)
+            break;
+        PELL_TRY(do_items(run, r, first, first + count < items ? first + count : items));
+        if (pell_context_interrupted(st->ctx)) {
+            share->stop(share->user);
+            break;
+        }
+        now = pell_seconds();
+        if (now - start < 0.5 * PT_BATCH_SECONDS && batch < 1 << 24)
+            batch *= 2;
+        else if (now - start > 2.0 * PT_BATCH_SECONDS && batch > st->threads)
+            batch /= 2;
+        pt_show(run, pt_progress_of(goal, r->from + (double) (r->end - r->from) * (double) first / (double) items));
+        if (checkpoint && now - st->written > checkpoint->every)
+            PELL_TRY(pt_write_films(st, run->in, false));
+    }
+    if (share->any(share->user, pell_context_interrupted(st->ctx)))
+        pell_context_interrupt(st->ctx);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* What rank 0 decides before rounds. */
+struct decision {
+    uint32_t end; /* of the samples of the next; that of the last ones: it is done */
+    uint32_t unfinished;
+};
+
+static struct decision decide(const struct pt_run *run, struct pt_goal *g, const struct pt_film *film, uint32_t least, bool even)
+{
+    const struct pt_state *st = run->st;
+    uint32_t step = least < PT_TOGETHER ? 1 : PT_TOGETHER - least % PT_TOGETHER;
+    const struct decision done = { least, 0 };
+
+    if (least >= g->most)
+        return done;
+    if (!(g->error > 0.0) && !isfinite(g->deadline))
+        return (struct decision) { g->most, 0 };
+    if (g->error > 0.0 && even && least >= g->least && least % PT_TOGETHER == 0) {
+        const double error = pt_film_error(film, pt_traced(st));
+        if (error <= g->error)
+            return done;
+        g->needed = fmax(least + 1.0, least * (error / g->error) * (error / g->error));
+    }
+    step = step < g->most - least ? step : g->most - least;
+    if (isfinite(g->deadline) && least > run->from) {
+        const double now = pell_seconds(), each = least > g->first ? (now - g->begin) / (least - g->first) : 0.0;
+        while (step > 1 && now + step * each > g->deadline)
+            step--;
+        if (now + step * each > g->deadline)
+            return (struct decision) { least, st->knobs.samples > 0 || g->error > 0.0 };
+    }
+    return (struct decision) { least + step, 0 };
+}
+
+/* Makes rank 0's film that of all ranks. */
+static void take_total(struct pt_run *run, uint32_t end)
+{
+    struct pt_film *film = run->film;
+
+    memcpy(film->pixels, run->st->total.pixels, film->count * sizeof(*film->pixels));
+    for (size_t t = run->first_tile; t < run->end_tile; t++) {
+        uint32_t next, from;
+        while (film->starts[t] < film->starts[t + 1] && (from = pt_film_missing(film, t, run->from, &next)) < end)
+            pt_film_cover(film, t, (struct pt_span) { from, next < end ? next : end });
+    }
+}
+
+enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
+{
+    struct pt_state *st = run->st;
+    const struct pell_share *share = pt_share(st);
+    const struct pt_film *known = run->film;
+    const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
+    struct rounds rounds = { 0 };
+    uint64_t threads = (uint64_t) st->threads * (uint64_t) share->ranks, each;
+    uint32_t least, most;
+    bool even, reduced = false;
+    enum pell_result res;
+
+    share->broadcast(share->user, &threads, sizeof(threads)); /* of rank 0: all must cut the same tasks */
+    each = pixels / (threads * 16);
+    PELL_TRY(make_total(run));
+    PELL_TRY(pt_list_tasks(run, each > PT_TASK ? PT_TASK : (size_t) each + 1, &rounds.tasks));
+    pt_count_range(run, run->done ? run->done : run->film, &least, &most);
+    g->first = least;
+    even = least == most;
+    while (pixels > 0) {
+        struct decision next = share->rank == 0 ? decide(run, g, known, least, even) : (struct decision) { 0, 0 };
+
+        share->broadcast(share->user, &next, sizeof(next));
+        st->unfinished = st->unfinished || next.unfinished;
+        if (next.end <= least)
+            break;
+        rounds.from = least;
+        rounds.end = next.end;
+        rounds.step = ((next.end - least) / 16 + PT_TOGETHER - 1) / PT_TOGETHER * PT_TOGETHER;
+        rounds.step = rounds.step < PT_TOGETHER ? PT_TOGETHER : rounds.step;
+        rounds.count = (next.end - least + rounds.step - 1) / rounds.step;
+        PELL_TRY(do_rounds(run, g, &rounds));
+        reduced = false;
+        if (pell_context_interrupted(st->ctx))
+            break;
+        least = next.end;
+        even = even || least >= most;
+        if (g->error > 0.0 && least >= g->least && least % PT_TOGETHER == 0) {
+            PELL_TRY(reduce(run, &st->total));
+            known = &st->total;
+            reduced = true;
+        }
+    }
+    if (!reduced)
+        PELL_TRY(reduce(run, &st->total));
+    if (share->rank == 0 && !pell_context_interrupted(st->ctx) && pixels > 0) {
+        PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
+        take_total(run, least);
+    } else if (share->rank == 0) {
+        run->shown = &st->total;
+    }
+    pt_show(run, 1.0);
+    return PELL_OK;
+
+fail:
+    return res;
+}
