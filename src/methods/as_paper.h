@@ -5,13 +5,15 @@
 #ifndef PELL_METHODS_AS_PAPER_H
 #define PELL_METHODS_AS_PAPER_H
 
+#include <pellucid/profile.h>
 #include <pellucid/render.h>
 
-/* Light enters once, straight from lights, and scatters as below a plane. */
+/* Light enters once, straight from lights, and scatters as below a plane, by the dipole. */
 static inline void pell_paper_light(struct pell_settings *s)
 {
     s->bounces = 0;
     s->angles = s->curvature = false;
+    s->profile = 1 + PELL_PROFILE_DIPOLE;
 }
 
 /* The radiance that leaves is F_t M / pi, not normalized. */

@@ -426,9 +426,9 @@ def _(folder):
     need(method['light'] == 'all of translucent pixels' and method['name'] == 'screen-space:as=paper', method)
     alone = one_object(works(folder, 'compare', 'out/screen-space-as-paper.exr', 'out/hierarchical.exr', '--layer', 'R,G,B', '--json'))
     near(method['mse'], alone['methods'][0]['mse'], 0.02)
-    need(method['settings'] == 'bounces=0 angles=off curvature=off' and answer['reference']['settings'] == '', method)
+    need(method['settings'] == 'bounces=0 angles=off curvature=off profile=dipole' and answer['reference']['settings'] == '', method)
     both = one_object(works(folder, 'compare', 'bunny.obj', *TINY, '--bounces', '1', '--methods', 'screen-space:as=paper,none', '--json'))
-    need([m['settings'] for m in both['methods']] == ['angles=off curvature=off', ''], both['methods'])
+    need([m['settings'] for m in both['methods']] == ['angles=off curvature=off profile=dipole', ''], both['methods'])
     need('finished pictures' in text(works(folder, 'compare', 'bunny.obj', *TINY, '--set', 'as=paper').stdout), '--set has no effect')
 
 

@@ -150,6 +150,7 @@ static struct scattered scatter(const struct party *on, size_t input, bool varie
 
     stage_start_on(&s, on->engine, 32, 24, 2, NULL);
     s.settings.layers = true;
+    s.settings.profile = 0;
     m = stage_medium(&s, "marble", &material);
     m->gaussians.count = 0;
     m->rho_s = 1.0f;

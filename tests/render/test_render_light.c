@@ -163,6 +163,7 @@ static void every_model_and_a_table_show_their_total(void **state)
         size_t index;
 
         stage_start(&s, 128, 128);
+        s.settings.profile = 0;
         m = stage_medium(&s, "skin2", &index);
         if (table) {
             m->profile = pell_calloc(s.ctx, 3, sizeof(*m->profile));

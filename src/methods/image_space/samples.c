@@ -274,18 +274,24 @@ double is_level_albedo(int level)
     return 1.0 - (1.0 - t) * (1.0 - t);
 }
 
+static bool same_profile(const struct pell_profile *a, const struct pell_profile *b)
+{
+    return a->kind == b->kind && a->count == b->count && memcmp(a->parameter, b->parameter, sizeof(a->parameter)) == 0 &&
+           memcmp(a->r, b->r, sizeof(a->r)) == 0 && memcmp(a->value, b->value, sizeof(a->value)) == 0;
+}
+
 /* The model that makes this material's profile of its coefficients; false: none that is quickly made. */
 static bool model_of(const struct pell_frame_material *m, struct pell_profile *scratch, enum pell_profile_model *model)
 {
-    static const enum pell_profile_model quick[] = { PELL_PROFILE_DIPOLE, PELL_PROFILE_BETTER_DIPOLE, PELL_PROFILE_NORMALIZED_DIFFUSION };
+    static const enum pell_profile_model quick[] = { PELL_PROFILE_DIPOLE, PELL_PROFILE_BETTER_DIPOLE, PELL_PROFILE_NORMALIZED_DIFFUSION,
+                                                     PELL_PROFILE_MONTE_CARLO };
 
     if (m->gaussians.count > 0 || !pell_medium_valid(&m->medium, NULL))
         return false;
     for (size_t i = 0; i < PELL_COUNT(quick); i++) {
         bool same = true;
         for (int c = 0; c < 3 && same; c++)
-            same = pell_profile_make(quick[i], &m->medium, c, NULL, scratch) == PELL_OK && scratch->kind == m->profile[c].kind &&
-                   memcmp(scratch->parameter, m->profile[c].parameter, sizeof(scratch->parameter)) == 0;
+            same = pell_profile_make(quick[i], &m->medium, c, NULL, scratch) == PELL_OK && same_profile(scratch, &m->profile[c]);
         *model = quick[i];
         if (same)
             return true;
@@ -364,7 +370,7 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
         if (model_of(m, scratch, &model))
             profiles += IS_LEVELS;
         else
-            pell_warn(ctx, m->name, "give it coefficients, and a profile dipole, better-dipole or normalized-diffusion",
+            pell_warn(ctx, m->name, "give it coefficients, and a profile other than photon-beam or a table",
                       "has no profile for each albedo: the scattering distance is the same below all colours");
     }
     set_reach(m, knobs, length, reach, set);
