@@ -6,19 +6,18 @@
 
 #define PLACE "message"
 
-static const char *const types[] = { "view", "ack", "save", "pick" };
+static const char *const types[] = { "view", "ack", "save", "pick", "profile" };
 static const char *const view_keys[] = { "type", "id", "moving", "state" };
 static const char *const ack_keys[] = { "type", "serial" };
 static const char *const save_keys[] = { "type", "id", "format" };
 static const char *const pick_keys[] = { "type", "id", "x", "y" };
+static const char *const profile_keys[] = { "type", "id", "medium", "gaussians" };
 static const struct {
     const char *const *keys;
     size_t count;
 } keys_of[] = {
-    { view_keys, PELL_COUNT(view_keys) },
-    { ack_keys, PELL_COUNT(ack_keys) },
-    { save_keys, PELL_COUNT(save_keys) },
-    { pick_keys, PELL_COUNT(pick_keys) },
+    { view_keys, PELL_COUNT(view_keys) }, { ack_keys, PELL_COUNT(ack_keys) },         { save_keys, PELL_COUNT(save_keys) },
+    { pick_keys, PELL_COUNT(pick_keys) }, { profile_keys, PELL_COUNT(profile_keys) },
 };
 static const char *const state_keys[] = { "method", "knobs", "settings", "camera", "lights", "materials", "time", "other", "truth" };
 static const char *const look_keys[] = { "method", "knobs" };
@@ -89,8 +88,9 @@ fail:
 
 static enum pell_result read_message(struct viewer_message *m, const void *data, size_t size)
 {
-    struct pell_json root;
+    struct pell_json root, medium;
     const char *number;
+    int64_t gaussians = 4;
     int type = 0;
     enum pell_result res;
 
@@ -114,6 +114,12 @@ static enum pell_result read_message(struct viewer_message *m, const void *data,
     PELL_TRY(pell_json_string(&root, "format", &m->format));
     PELL_TRY(pell_json_number(&root, "x", 0.0, 1.0, &m->x));
     PELL_TRY(pell_json_number(&root, "y", 0.0, 1.0, &m->y));
+    if (m->type == VIEWER_PROFILE)
+        PELL_TRY(pell_json_require(&root, "medium"));
+    PELL_TRY(pell_json_object(&root, "medium", &medium));
+    m->medium = (json_t *) medium.value;
+    PELL_TRY(pell_json_int(&root, "gaussians", 1, PELL_GAUSSIANS_MAX, &gaussians));
+    m->gaussians = (int) gaussians;
     return PELL_OK;
 
 fail:

@@ -7,6 +7,7 @@
  *     {"type": "ack", "serial": 12}                               the picture of that number is on the screen
  *     {"type": "save", "id": 8, "format": "scene" | "exr"}        the scene of the last view as a file
  *     {"type": "pick", "id": 9, "x": 0.5, "y": 0.5}               what is seen there, as shares of the picture's size
+ *     {"type": "profile", "id": 10, "medium": {"sigma_a": ...}}   R(r) of coefficients, with a fit of so many "gaussians"
  *
  * STATE has any of "method", "knobs", "settings", "camera", "lights", "materials", "time", "other" (method, knobs: what A is compared with)
  * and "truth" (a reference). Knobs and settings are objects of texts; camera, lights and materials are as in a scene file.
@@ -17,12 +18,13 @@
 #include "base/base.h"
 #include "scene/file/json.h"
 
+#include <pellucid/gaussians.h>
 #include <pellucid/method.h>
 
 #define VIEWER_MESSAGE_BYTES (256u << 10)
 #define VIEWER_SETTINGS_MOST 64
 
-enum viewer_message_type { VIEWER_VIEW, VIEWER_ACK, VIEWER_SAVE, VIEWER_PICK };
+enum viewer_message_type { VIEWER_VIEW, VIEWER_ACK, VIEWER_SAVE, VIEWER_PICK, VIEWER_PROFILE };
 
 /* A method as a page names it; texts live in the message. "none" is no method. */
 struct viewer_look {
@@ -47,6 +49,8 @@ struct viewer_message {
 
     const char *format; /* of a save */
     double x, y;        /* of a pick, [0, 1] */
+    json_t *medium;     /* of a profile: as in a scene file; borrowed from the tree */
+    int gaussians;      /* [1, PELL_GAUSSIANS_MAX] */
 };
 
 /* PELL_ERR_FORMAT or PELL_ERR_INVALID, logged; *out is NULL on failure. */

@@ -133,6 +133,7 @@ static bool accept_locked(struct viewer *v, struct viewer_page *page, struct vie
         return true;
     case VIEWER_SAVE:
     case VIEWER_PICK:
+    case VIEWER_PROFILE:
         if (page->num_tasks == VIEWER_TASKS)
             return false;
         page->tasks[page->num_tasks++] = m;

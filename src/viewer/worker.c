@@ -3,6 +3,7 @@
  * same view as `pellucid render` would draw it, and behind it a reference that accumulates. */
 #include "viewer/encode.h"
 #include "viewer/model.h"
+#include "viewer/profile.h"
 #include "viewer/truth.h"
 #include "viewer/viewer.h"
 
@@ -262,6 +263,10 @@ static void save(struct viewer_worker *w, struct pane *p, const struct viewer_me
 
 static void do_task(struct viewer_worker *w, struct pane *p, struct viewer_message *m)
 {
+    if (m->type == VIEWER_PROFILE) {
+        viewer_send(w->v, p->number, viewer_profile(w->v->ctx, m), -1, NULL, 0);
+        return;
+    }
     if (!p->view)
         return;
     if (m->type == VIEWER_SAVE)

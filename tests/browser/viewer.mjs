@@ -195,6 +195,8 @@ test('materials, coefficients and lights change the picture', async () => {
   need(differ(before, now) > 1000 && last(page).materials['*'].preset === 'ketchup', last(page));
   before = now;
   await page.click('#material-editor summary');
+  await page.waitForSelector('#profile-plot path.fit', { state: 'attached', timeout: PATIENCE });
+  need((await page.locator('#profile-model option').count()) >= 4, 'models of the profile bench');
   await page.locator('#concentration').fill('120');
   await finished(page);
   now = await look(page);

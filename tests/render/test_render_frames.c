@@ -465,6 +465,35 @@ static void a_camera_may_zoom_between_frames(void **state)
     stage_finish(&s);
 }
 
+static void lights_may_move_between_frames(void **state)
+{
+    static const char *const methods[] = { "none", "screen-space", "hierarchical" };
+    struct stage s, fresh;
+    struct shot a, b, before;
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(methods); k++) {
+        stage_start(&s, 60, 40);
+        furnish(&s);
+        before = stage_shot_of(&s, methods[k], NULL);
+        s.scene->lights[1].position[0] -= 90.0f;
+        s.scene->lights[0].power[1] *= 0.5f;
+        pell_renderer_lights_changed(s.r);
+        a = stage_shot(&s);
+        stage_start(&fresh, 60, 40);
+        furnish(&fresh);
+        fresh.scene->lights[1].position[0] -= 90.0f;
+        fresh.scene->lights[0].power[1] *= 0.5f;
+        b = stage_shot_of(&fresh, methods[k], NULL);
+        REQUIRE(shot_equal(&a, &b) && !shot_equal(&a, &before));
+        shot_free(&before);
+        shot_free(&a);
+        shot_free(&b);
+        stage_finish(&fresh);
+        stage_finish(&s);
+    }
+}
+
 /* --- Refusals --------------------------------------------------------------------------------------------------------------------- */
 
 static void settings_out_of_range_are_refused(void **state)
@@ -677,6 +706,10 @@ static void cancelling_ends_a_frame_soon(void **state)
     REQUIRE(pell_seconds() - start < 5.0);
     assert_null(s.image.channels);
     assert_int_equal(s.kept.errors, 0);
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_CANCELLED);
+    pell_context_resume(s.ctx);
+    s.settings.msaa = s.settings.light_samples = s.settings.ambient_samples = 1;
+    OK(pell_renderer_render(s.r, &s.settings, &s.image));
     stage_finish(&s);
 }
 
@@ -861,6 +894,7 @@ int main(void)
         cmocka_unit_test(a_picture_has_no_history),
         cmocka_unit_test(a_method_sees_nothing_of_the_frame_before),
         cmocka_unit_test(a_camera_may_zoom_between_frames),
+        cmocka_unit_test(lights_may_move_between_frames),
         cmocka_unit_test(settings_out_of_range_are_refused),
         cmocka_unit_test(cameras_that_show_nothing_are_refused),
         cmocka_unit_test(what_is_missing_is_named),

@@ -964,6 +964,45 @@ static void damaged_files_end_well(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* A complete scene takes camera and lights of another text as if it had been loaded from it; pictures stay. */
+static void camera_and_lights_are_read_again(void **state)
+{
+    static const char *const texts[] = {
+        "{\"pellucid\": 1, \"mesh\": \"cube.obj\", \"unit\": \"1mm\", \"camera\": {\"from\": [0, 0, 9]}, \"lights\": ["
+        "{\"type\": \"point\", \"at\": [1, 2, 3], \"intensity\": 1}, {\"type\": \"environment\", \"color\": [1, 1, 1]}]}",
+        "{\"pellucid\": 1, \"mesh\": \"cube.obj\", \"unit\": \"1mm\", \"camera\": {\"from\": [\"3mm\", 1, 7], \"fov_deg\": 33.3}, "
+        "\"lights\": ["
+        "{\"type\": \"point\", \"at\": [4, \"-5.25mm\", 6], \"intensity\": [3, 2, 1]},"
+        "{\"type\": \"environment\", \"color\": [0.5, 0.25, 1], \"rotate_deg\": 30}]}",
+    };
+    static const char *const wrong[] = {
+        "{\"lights\": []}",
+        "{\"lights\": [{\"type\": \"environment\", \"color\": [1, 1, 1]}, {\"type\": \"point\", \"at\": [1, 2, 3], \"intensity\": 1}]}",
+        "{\"lights\": [{\"studio\": true}, {\"studio\": true}]}",
+        "{\"camera\": {\"from\": [0, 0, 0]}}",
+        "{\"camera\": {\"to\": [0, 0, 0]}}",
+        "[",
+    };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *a = NULL, *b = NULL;
+
+    (void) state;
+    REQUIRE(load_bytes(ctx, "s.json", texts[0], strlen(texts[0]), NULL, files, &a) == PELL_OK);
+    REQUIRE(load_bytes(ctx, "s.json", texts[1], strlen(texts[1]), NULL, files, &b) == PELL_OK);
+    REQUIRE(pell_scene_hash(a) != pell_scene_hash(b));
+    for (int i = 0; i < 3; i++)
+        REQUIRE(pell_scene_read_view(a, "s.json", texts[1], strlen(texts[1])) == PELL_OK);
+    assert_int_equal(a->num_cameras, b->num_cameras);
+    REQUIRE(memcmp(a->cameras[0].position, b->cameras[0].position, sizeof(a->cameras[0].position)) == 0);
+    REQUIRE(pell_scene_hash(a) == pell_scene_hash(b));
+    for (size_t i = 0; i < PELL_COUNT(wrong); i++)
+        REQUIRE(pell_scene_read_view(a, "s.json", wrong[i], strlen(wrong[i])) != PELL_OK);
+    pell_scene_destroy(&a);
+    pell_scene_destroy(&b);
+    assert_int_equal(pell_memory_used(ctx), 0);
+    pell_context_destroy(&ctx);
+}
+
 static void every_failed_allocation_is_survived(void **state)
 {
     (void) state;
@@ -1005,6 +1044,7 @@ int main(void)
         cmocka_unit_test(a_base_color_texture_is_not_tinted_by_the_preset),
         cmocka_unit_test(schema_and_reader_agree),
         cmocka_unit_test(damaged_files_end_well),
+        cmocka_unit_test(camera_and_lights_are_read_again),
         cmocka_unit_test(every_failed_allocation_is_survived),
     };
     return cmocka_run_group_tests_name("scene file", tests, NULL, NULL);

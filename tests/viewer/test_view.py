@@ -305,6 +305,22 @@ def _(folder):
         need('at' not in page.until(lambda m: m['type'] == 'picked')[0], 'something in the corner')
 
 
+@test('the profile bench has what `pellucid profile` prints')
+def _(folder):
+    wax = json.loads((folder / 'wax.json').read_text())
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        page.hello()
+        page.send({'type': 'profile', 'id': 3, 'medium': wax, 'gaussians': 4})
+        got = page.until(lambda m: m['type'] == 'profile')[0]
+        told = one_object(works(folder, 'profile', 'wax.json', '--json'))
+        need([m['name'] for m in got['models']][:1] == ['dipole'] and len(got['models']) >= 4, [m['name'] for m in got['models']])
+        for c, channel in enumerate(told['channels']):
+            need(abs(got['models'][0]['total'][c] / channel['rd_total'] - 1.0) < 1e-6, c, got['models'][0]['total'], channel['rd_total'])
+            need(abs(got['fit']['error'][c] / channel['fit']['error'] - 1.0) < 1e-3, c, got['fit']['error'], channel['fit']['error'])
+        page.send({'type': 'profile', 'id': 4, 'medium': {'sigma_a': [-1, 0, 0], 'sigma_s_reduced': [1, 1, 1]}})
+        need('-1' in page.until(lambda m: m['type'] == 'message')[0]['what'], 'a negative coefficient')
+
+
 @test('at rest it takes no time; Ctrl-C ends it, also while it renders')
 def _(folder):
     with Viewer(folder, *ball(folder)) as viewer:

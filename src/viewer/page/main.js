@@ -462,6 +462,7 @@ connection.on('truth', (t) => {
     tags();
 });
 connection.on('picked', picked);
+connection.on('profile', materials.setProfile);
 connection.on('file', (head, file) => download(file, head.format === 'exr' ? `${stem()}.exr` : `${stem()}-view.json`));
 connection.on('closed', (reason) => {
     $('veil').hidden = false;

@@ -12,7 +12,8 @@ function node(tag, attributes, text) {
 
 const power = (k) => (k >= -2 && k <= 3 ? String(Number((10 ** k).toPrecision(2))) : `1e${k}`);
 
-export function plot(profile) {
+// `fit`: values of the same form, drawn dashed.
+export function plot(profile, fit = null) {
     const width = 320,
         height = 180,
         left = 42,
@@ -50,12 +51,15 @@ export function plot(profile) {
         node('text', { x: width - right, y: height - 4, 'text-anchor': 'end' }, 'r, mm'),
         node('text', { x: 2, y: height - 4 }, 'R(r), 1/mm²'),
     );
+    const curve = (values, className) => {
+        const points = radii.map((r, i) => [r, values[i]]).filter(([, v]) => v !== null && Math.log10(v) >= y0);
+        if (!points.length) return;
+        const d = `M${points.map(([r, v]) => `${x(r).toFixed(1)} ${y(v).toFixed(1)}`).join('L')}`;
+        svg.append(node('path', { class: className, d }));
+    };
     ['r', 'g', 'b'].forEach((name, c) => {
-        const points = radii.map((r, i) => [r, profile.R[c][i]]).filter(([, v]) => v !== null && Math.log10(v) >= y0);
-        if (points.length)
-            svg.append(
-                node('path', { class: name, d: `M${points.map(([r, v]) => `${x(r).toFixed(1)} ${y(v).toFixed(1)}`).join('L')}` }),
-            );
+        curve(profile.R[c], name);
+        if (fit) curve(fit[c], `${name} fit`);
     });
     return svg;
 }
