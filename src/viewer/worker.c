@@ -12,7 +12,9 @@
 #include <string.h>
 
 #define TARGET_SECONDS 0.055 /* for rendering and encoding a moving picture: 80 ms are left for all of input to photon */
-#define NEWS_EVERY 0.2       /* seconds between two words of progress */
+#define SCALE_LEAST 0.25     /* of moving pictures */
+#define SCALE_LEAST_SLOW 0.15
+#define NEWS_EVERY 0.2 /* seconds between two words of progress */
 
 enum step { STEP_PREVIEW_A, STEP_PREVIEW_B, STEP_STILL_A, STEP_STILL_B, STEP_TRUTH, STEP_DONE };
 
@@ -21,9 +23,10 @@ struct pane {
     uint64_t number;
     struct viewer_message *view; /* the last one */
     enum step step;
-    double scale; /* of moving pictures */
-    int last_width;
-    char *look; /* of what `scale` holds for */
+    double scale;   /* of moving pictures */
+    int timed;      /* of them, so many of this scale */
+    double seconds; /* of one, smoothed */
+    char *look;     /* of what `scale` holds for */
     struct viewer_truth *truth;
     uint64_t knows; /* model.loads of the scene that the page has facts of */
 };
@@ -77,11 +80,44 @@ static struct viewer_picture display_of(const struct pell_render_result *image)
     };
 }
 
+static const struct pell_method *method_called(const char *name)
+{
+    for (size_t i = 0; name && i < pell_method_count(); i++)
+        if (strcmp(pell_method_at(i)->name, name) == 0)
+            return pell_method_at(i);
+    return NULL;
+}
+
+/* A reference takes its time: a newer view cuts it short. */
+static bool is_slow(const struct viewer_look *look)
+{
+    const struct pell_method *method = method_called(look->method);
+    return method && method->kind == PELL_KIND_REFERENCE;
+}
+
+/* One sample a pixel of what is sampled until it is good. */
+static struct viewer_look hurried(const struct viewer_look *look)
+{
+    const struct pell_method *method = method_called(look->method);
+    struct viewer_look quick = *look;
+
+    if (!method || !method->partial || !pell_knob_find(method->knobs, "samples"))
+        return quick;
+    quick.num_knobs = 0;
+    for (size_t i = 0; i < look->num_knobs; i++)
+        if (strcmp(look->knobs[i].name, "samples") != 0)
+            quick.knobs[quick.num_knobs++] = look->knobs[i];
+    if (quick.num_knobs < VIEWER_SETTINGS_MOST)
+        quick.knobs[quick.num_knobs++] = (struct pell_setting) { "samples", "1", "view" };
+    return quick;
+}
+
 /* Renders a look and sends it. */
 static enum pell_result draw(struct viewer_worker *w, struct pane *p, bool other, const struct viewer_haste *haste, bool still)
 {
     const enum viewer_slot slot = still ? (other ? VIEWER_STILL_B : VIEWER_STILL_A) : (other ? VIEWER_LIVE_B : VIEWER_LIVE_A);
     const bool lossless = still && !haste->quick;
+    const struct viewer_look look = haste->quick ? hurried(look_of(p->view, other)) : *look_of(p->view, other);
     struct viewer_sent sent = { .still = lossless, .mime = lossless ? "image/png" : "image/jpeg" };
     struct pell_settings settings;
     struct pell_render_result image;
@@ -89,7 +125,7 @@ static enum pell_result draw(struct viewer_worker *w, struct pane *p, bool other
     double start;
     enum pell_result res;
 
-    PELL_TRY(viewer_model_render(&w->model, slot, p->view, look_of(p->view, other), haste, &settings, &image));
+    PELL_TRY(viewer_model_render(&w->model, slot, p->view, &look, haste, &settings, &image));
     start = pell_seconds();
     picture = display_of(&image);
     if (lossless)
@@ -109,14 +145,24 @@ fail:
     return res;
 }
 
-/* The size at which a moving picture comes in time, from the last one of the same size. */
-static void adapt(struct pane *p, double seconds, int width)
+/* The size at which moving pictures come in time, from the mean of some of one size: the first of a size prepares, and others' work on the
+ * machine makes a single one late. */
+static void adapt(struct pane *p, double seconds)
 {
-    const double wanted = p->scale * sqrt(TARGET_SECONDS / fmax(seconds, 1e-3));
+    const double least = is_slow(&p->view->look) ? SCALE_LEAST_SLOW : SCALE_LEAST;
+    double wanted;
 
-    if (width == p->last_width && (wanted < 0.9 * p->scale || wanted > 1.3 * p->scale))
-        p->scale = fmin(fmax(0.05 * floor(20.0 * wanted), 0.15), 1.0);
-    p->last_width = width;
+    if (p->timed++ == 0)
+        return;
+    p->seconds = p->timed == 2 ? seconds : 0.75 * p->seconds + 0.25 * seconds;
+    wanted = p->scale * sqrt(TARGET_SECONDS / fmax(p->seconds, 1e-3));
+    if (p->timed < 6 && p->seconds < 4.0 * TARGET_SECONDS)
+        return;
+    wanted = fmin(fmax(0.05 * floor(20.0 * wanted), least), 1.0);
+    if (wanted < 0.9 * p->scale || wanted > 1.2 * p->scale) {
+        p->scale = wanted;
+        p->timed = 0;
+    }
 }
 
 /* A slow method begins small. */
@@ -130,7 +176,7 @@ static void choose_scale(struct pane *p)
         free(p->look);
         p->look = strdup(text);
         p->scale = method && strcmp(method, CLI_DEFAULT_METHOD) != 0 ? 0.25 : 0.5;
-        p->last_width = 0;
+        p->timed = 0;
     }
 }
 
@@ -146,7 +192,7 @@ static enum pell_result draw_moving(struct viewer_worker *w, struct pane *p)
     if (res == PELL_OK && p->view->other.method)
         res = draw(w, p, true, &haste, false);
     if (res == PELL_OK)
-        adapt(p, pell_seconds() - start, (int) (1000.0 * p->scale));
+        adapt(p, pell_seconds() - start);
     return res;
 }
 
@@ -356,7 +402,7 @@ static void *run(void *worker)
             continue;
         }
         v->serving = job.pane->number;
-        v->refining = !job.view && !job.task;
+        v->refining = job.view ? is_slow(&job.view->look) || is_slow(&job.view->other) : !job.task;
         pthread_mutex_unlock(&v->lock);
         if (job.view)
             take_view(w, job.pane, job.view);

@@ -163,6 +163,20 @@ def _(folder):
         need(png_pixels(other)[:2] == (64, 36), 'the other picture')
 
 
+@test('a newer view cuts short what a reference draws')
+def _(folder):
+    with Viewer(folder, *ball(folder), '-m', 'path-trace', '--width', '320', '--height', '180') as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        page.view(state)
+        page.until(lambda m: m['type'] == 'picture')
+        page.until(lambda m: m['type'] == 'progress') # of the finished one, which would take a minute
+        start, seen = time.monotonic(), []
+        number = page.view(state | {'method': 'none', 'knobs': {}})
+        page.until(lambda m: m['type'] == 'picture' and m['id'] == number, seen)
+        need(not any(m['type'] in ('message', 'failed') for m in seen), seen)
+        need(time.monotonic() - start < (60.0 if SANITIZED else 5.0), time.monotonic() - start, 's')
+
+
 @test('a reference accumulates, and the error against it gets an uncertainty')
 def _(folder):
     with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
