@@ -2,7 +2,8 @@
  *
  * mpi.c - `pellucid-mpi`: `pellucid render` by all ranks of an MPI job. The only file that knows MPI; the thread that renders calls it.
  */
-#include "cli/cli.h"
+#include "cli/mpi_bench.h"
+
 #include "render/share.h"
 
 #include <mpi.h>
@@ -101,6 +102,12 @@ static const struct command commands[] = {
       "keep what they have done in FILE, FILE.rank1, FILE.rank2 and so on; the same command with another number of ranks resumes it.\n",
       "  mpirun -n 4 pellucid-mpi render scene.json -m path-trace --samples 64 --threads 1 -o image.exr\n",
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1, command_render },
+    { "bench", "INPUT", "what a shared run costs, measured, and what follows for more ranks",
+      "Renders INPUT by all ranks, takes blocks from the counter, and adds films of the size of the whole picture; then prints the time "
+      "that a "
+      "run would take with up to 10,000 ranks on a network like this one.\n",
+      "  mpirun -n 2 pellucid-mpi bench scene.json -m path-trace --samples 8 --threads 1\n",
+      OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE, 1, 1, command_mpi_bench },
 };
 
 int main(int argc, char **argv)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """test_mpi.py PROGRAM ROOT MPI_PROGRAM: `pellucid-mpi` under mpirun: the bits of one process, whatever the ranks, the threads, and who was
 killed on the way."""
+import json
 import os
 import pathlib
 import shutil
@@ -138,6 +139,20 @@ def _(folder):
         need((folder / 'state.ckpt').read_bytes() == good and (folder / 'state.ckpt.rank1').read_bytes() == good[:-7], 'files changed')
     done = ranks(folder, 2, 'render', 'bunny.obj', '--unit', '1mm', '-o', 'no.pfm')
     need(done.returncode == 2 and b'path-trace' in done.stderr and 'no.pfm' not in names(folder), done.returncode, done.stderr)
+
+
+
+@test('bench: what a run is made of, and a model that falls and bends')
+def _(folder):
+    done = ranks(folder, 2, 'bench', 'bunny.obj', '--unit', '1mm', '--material', 'marble', *TRACE[6:], '--samples', '4', '--threads', '1',
+                 '--json')
+    answer = json.loads(done.stdout)
+    need(done.returncode == 0 and answer['ranks'] == 2 and len(answer['rows']) == 5, done.returncode, done.stdout, done.stderr)
+    need(all(r['ms'] >= 0 for r in answer['rows']), answer)
+    model = answer['model']
+    need([m['ranks'] for m in model] == [2 ** i for i in range(14)] + [10000], model)
+    need(all(a['efficiency'] >= b['efficiency'] > 0 for a, b in zip(model, model[1:])), model)
+    need(model[0]['efficiency'] == 1 and model[0]['reduce_seconds'] == 0 < model[-1]['reduce_seconds'], model)
 
 
 sys.exit(main())

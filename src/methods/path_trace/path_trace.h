@@ -95,6 +95,11 @@ PELL_NODISCARD enum pell_result pt_film_merge(struct pell_context *ctx, struct p
 /* Whether all samples of `part` are in the film. */
 bool pt_film_holds(const struct pt_film *film, const struct pt_film *part);
 
+struct pell_share;
+/* Collective: adds the films of all ranks, of as many pixels, into those of `total`, on rank 0. */
+PELL_NODISCARD enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_share *share, const struct pt_film *film,
+                                                struct pt_film *total);
+
 /* --- checkpoint.c: films in a file -------------------------------------------------------------------------------------------------- */
 
 enum {

@@ -16,7 +16,7 @@
 #include <stdio.h>
 #include <unistd.h>
 
-enum { PIECE = 4096 }; /* pixels */
+enum { PIECE = 16384 }; /* pixels */
 
 /* --- Files of the run before --------------------------------------------------------------------------------------------------------- */
 
@@ -178,20 +178,16 @@ static bool is_black(const struct pt_pixel *pixels, size_t count)
     return true;
 }
 
-/* Adds the films of all ranks into `total`, of rank 0. */
-static enum pell_result reduce(struct pt_run *run, struct pt_film *total)
+enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_share *share, const struct pt_film *film,
+                                 struct pt_film *total)
 {
-    struct pt_state *st = run->st;
-    const struct pell_share *share = pt_share(st);
-    const struct pt_film *film = run->film;
-    const bool root = share->rank == 0;
-    struct pt_pixel *pieces = pell_alloc_array(st->ctx, 2 * PIECE, sizeof(*pieces)), *other = pieces + PIECE;
+    struct pt_pixel *pieces = pell_alloc_array(ctx, 2 * PIECE, sizeof(*pieces)), *other = pieces + PIECE;
 
     if (!pieces)
         return PELL_ERR_NOMEM;
     for (size_t first = 0; first < film->count; first += PIECE) {
         const size_t count = film->count - first < PIECE ? film->count - first : PIECE;
-        struct pt_pixel *sum = root ? total->pixels + first : pieces;
+        struct pt_pixel *sum = share->rank == 0 ? total->pixels + first : pieces;
 
         memcpy(sum, film->pixels + first, count * sizeof(*sum));
         for (int step = 1; step < share->ranks; step *= 2) {
@@ -206,7 +202,7 @@ static enum pell_result reduce(struct pt_run *run, struct pt_film *total)
                     pt_pixel_merge(&sum[i], &other[i]);
         }
     }
-    pell_free(st->ctx, pieces);
+    pell_free(ctx, pieces);
     return PELL_OK;
 }
 
@@ -390,13 +386,13 @@ enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
         least = next.end;
         even = even || least >= most;
         if (g->error > 0.0 && least >= g->least && least % PT_TOGETHER == 0) {
-            PELL_TRY(reduce(run, &st->total));
+            PELL_TRY(pt_share_reduce(st->ctx, share, run->film, &st->total));
             known = &st->total;
             reduced = true;
         }
     }
     if (!reduced)
-        PELL_TRY(reduce(run, &st->total));
+        PELL_TRY(pt_share_reduce(st->ctx, share, run->film, &st->total));
     if (share->rank == 0 && !pell_context_interrupted(st->ctx) && pixels > 0) {
         PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
         take_total(run, least);
