@@ -87,7 +87,7 @@ struct cli {
         int count; /* 0: the command is another */
     } merge;
     struct {
-        char *samples, *tiles, *frames, *input;
+        char *samples, *tiles, *frames, *scenes, *input;
         bool partial;
     } part;
     struct {

@@ -74,7 +74,8 @@ static const struct command commands[] = {
       "  pellucid bench screen-space --threads 1 --json\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
     { "compare", "INPUT|A B", "errors of methods on a scene, or of an image, against a reference",
-      "INPUT is a scene or a mesh, as for `render`. Every method of --methods and the reference render it with one exposure; the "
+      "INPUT is a scene or a mesh, as for `render`, or a list of scenes (.txt, a path a line), each into a folder of its name in -o. Every "
+      "method of --methods and the reference render it with one exposure; the "
       "table lists the error of each method, for the subsurface light of translucent pixels and for the whole image. With two "
       "references, the first is also measured against the second: the error of the model, separate from the error of the methods.\n"
       "\n"

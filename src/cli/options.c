@@ -74,6 +74,8 @@ static const struct option options[] = {
       "only tiles A to B - 1 of 8 x 8 pixels, in rows from the top, or part I of N, into the checkpoint", TEXT, AT(part.tiles), NULL },
     { OPTIONS_PARTS, 0, "frame-range", "A:B|I/N", "only images A to B - 1 of --frames or --turntable, or part I of N", TEXT,
       AT(part.frames), NULL },
+    { OPTIONS_COMPARE, 0, "scene-range", "A:B|I/N", "of a list of scenes, only A to B - 1, or part I (from 0) of N", TEXT, AT(part.scenes),
+      NULL },
     { OPTIONS_MERGE, 0, "partial", NULL, "take what is there: with gaps, and the error bars of fewer samples", FLAG, AT(part.partial),
       NULL },
     { OPTIONS_MERGE, 0, "input", "FILE", "the scene or mesh, where it is not at the place that the parts name", TEXT, AT(part.input),

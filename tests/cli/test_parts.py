@@ -240,4 +240,26 @@ def _(folder):
     need('part_0000.pfm' in names(folder) and (folder / 'part_0002.pfm').read_bytes() == (folder / 'all_0002.pfm').read_bytes(), 'differ')
 
 
+@test('compare over a list of scenes: a folder each, by several jobs as by one; a line that names no scene ends it')
+def _(folder):
+    (folder / 'second.json').write_bytes((folder / 'scene.json').read_bytes())
+    (folder / 'list.txt').write_text('scene.json\n\nsecond.json\n', 'ascii')
+    small = ['--width', '32', '--height', '24', '--msaa', '1', '--light-samples', '1', '--methods', 'none,screen-space', '--reference',
+             'dipole', '--set', 'gaussians=3']
+    works(folder, 'compare', 'list.txt', *small, '-o', 'all')
+    for i in range(2):
+        works(folder, 'compare', 'list.txt', *small, '-o', 'parts', '--scene-range', f'{i}/2')
+    for name in ('scene', 'second'):
+        whole, one = (json.loads((folder / where / name / 'metrics.json').read_text('utf-8')) for where in ('all', 'parts'))
+        need([m['mse'] for m in whole['methods']] == [m['mse'] for m in one['methods']] and len(whole['methods']) == 2, whole, one)
+        need((folder / 'all' / name / 'report.html').exists(), names(folder / 'all' / name))
+    (folder / 'bad.txt').write_text('nothing.json\n', 'ascii')
+    (folder / 'empty.txt').write_text('\n', 'ascii')
+    for arguments, code, word in ((['bad.txt', '-o', 'no'], 3, 'nothing.json'), (['empty.txt', '-o', 'no'], 3, 'no scene'),
+                                  (['list.txt'], 2, '--output'), (['list.txt', '-o', 'no', '--json'], 2, '--json'),
+                                  (['scene.json', '--scene-range', '0/2'], 2, '--scene-range')):
+        done = run(folder, 'compare', *arguments, *small)
+        need(done.returncode == code and word in text(done.stderr + done.stdout), arguments, done.returncode, done.stderr)
+
+
 sys.exit(main())

@@ -4,7 +4,10 @@
 
 #include "base/file.h"
 
+#include <errno.h>
+#include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 /* Options that one kind of comparison takes and the other does not. */
 static const char *const of_pictures[] = { "--layer", "--mask", "--half" };
@@ -42,6 +45,72 @@ static const struct pell_setting *picture_setting(const struct cli *cli)
     return NULL;
 }
 
+/* One scene of a list, into a folder of its name in the output folder. The knobs go back to `cli`, for the next. */
+static enum exit_code compare_listed(struct cli *cli, char *path, const char *folder)
+{
+    const char *name = pell_path_name(path), *dot = strrchr(name, '.');
+    const size_t size = strlen(folder) + strlen(name) + 2;
+    struct settings_list knobs = { 0 };
+    char *const input = cli->arguments[0], *const output = cli->output;
+    enum exit_code code = cli_failed(cli, cli_append_settings(&knobs, &cli->knobs));
+
+    cli->output = malloc(size);
+    if (!cli->output)
+        code = EXIT_MEMORY;
+    if (code == EXIT_OK) {
+        snprintf(cli->output, size, "%s/%.*s", folder, (int) (dot && dot != name ? (size_t) (dot - name) : strlen(name)), name);
+        cli->arguments[0] = path;
+        if (!cli->quiet)
+            printf("%s\n", path);
+        code = compare_scene(cli);
+        cli->arguments[0] = input;
+    }
+    free(cli->output);
+    cli->output = output;
+    cli_free_settings(&cli->knobs);
+    cli->knobs = knobs;
+    return code;
+}
+
+/* A text file names a scene a line; --scene-range takes some of them, so that jobs share the list. */
+static enum exit_code compare_list(struct cli *cli)
+{
+    const char *folder = cli->output;
+    char *text, *line, *rest;
+    uint8_t *data;
+    int count = 0, first = 0, end, i = 0;
+    size_t size;
+    enum pell_result res;
+    enum exit_code code = EXIT_OK;
+
+    if (!folder || cli->json)
+        return cli_usage(cli, cli->json ? "--json" : "--output", "-o reports/",
+                         "a list of scenes gives a folder for each, with its metrics.json");
+    res = pell_file_read(cli->ctx, cli->arguments[0], &data, &size);
+    if (res != PELL_OK)
+        return cli_failed(cli, res);
+    text = pell_zalloc(cli->ctx, size + 1);
+    if (text && size > 0)
+        memcpy(text, data, size);
+    pell_free(cli->ctx, data);
+    if (!text)
+        return EXIT_MEMORY;
+    for (const char *c = text; (c += strspn(c, "\r\n")), *c; c += strcspn(c, "\r\n"))
+        count++;
+    end = count;
+    if (count == 0)
+        code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_FORMAT, cli->arguments[0], "a path in each line", "names no scene"));
+    if (code == EXIT_OK && cli->part.scenes)
+        code = cli_range(cli, "--scene-range", cli->part.scenes, count, 1, &first, &end);
+    if (code == EXIT_OK && mkdir(folder, 0777) != 0 && errno != EEXIST)
+        code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, folder, NULL, "can't be made"));
+    for (line = strtok_r(text, "\r\n", &rest); line && code == EXIT_OK; line = strtok_r(NULL, "\r\n", &rest), i++)
+        if (i >= first && i < end)
+            code = compare_listed(cli, line, folder);
+    pell_free(cli->ctx, text);
+    return code;
+}
+
 enum exit_code command_compare(struct cli *cli)
 {
     const bool scene = cli->num_arguments == 1;
@@ -54,5 +123,9 @@ enum exit_code command_compare(struct cli *cli)
         return cli_usage(cli, odd ? odd : setting->where,
                          scene ? "pellucid compare A B" : "pellucid compare INPUT --methods all --reference hierarchical",
                          scene ? "goes with two pictures" : "goes with a scene, and two pictures are given");
+    if (scene && pell_path_has_extension(cli->arguments[0], "txt"))
+        return compare_list(cli);
+    if (cli->part.scenes)
+        return cli_usage(cli, "--scene-range", NULL, "goes with a list of scenes (.txt)");
     return scene ? compare_scene(cli) : compare_pictures(cli);
 }
