@@ -10,12 +10,13 @@ import os
 import pathlib
 import re
 import shlex
+import signal
 import struct
 import subprocess
 import sys
 import zlib
 
-from cli_test import ROOT, SMALL, clean_environment, exr_header, main, need, one_object, run, sphere, test, text, works
+from cli_test import PROGRAM, ROOT, SMALL, clean_environment, exr_header, main, need, one_object, run, sphere, test, text, works
 
 EXAMPLES = pathlib.Path(sys.argv[3]).resolve()
 PROFILE, RENDER, PASS, KERNEL = (os.path.abspath(p) for p in sys.argv[4:8])
@@ -172,7 +173,24 @@ def furnish_more(folder):
 
 
 def commands(markdown):
-    return [line.strip() for line in markdown.splitlines() if re.match(r'    (\./)?pellucid [a-z]', line) and 'COMMAND' not in line]
+    """Those that stand by themselves: no parts of a job script, with variables or further lines."""
+    lines = [line.strip() for line in markdown.splitlines() if re.match(r'    (\./)?pellucid [a-z]', line) and 'COMMAND' not in line]
+    return [line for line in lines if '$' not in line and line[-1] not in '\\&']
+
+
+def serves(folder, *arguments):
+    """A command that runs until it is interrupted: it prints an address, and Ctrl-C ends it."""
+    with subprocess.Popen([PROGRAM, *arguments, '--no-open'], cwd=folder, env=clean_environment(), text=True, stdin=subprocess.DEVNULL,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as child:
+        said = ''
+        for line in child.stdout:
+            said += line
+            if 'http://' in line:
+                break
+        child.send_signal(signal.SIGINT)
+        said += child.communicate(timeout=60)[0]
+    need('http://' in said, arguments, said)
 
 
 def command_test(path):
@@ -182,6 +200,9 @@ def command_test(path):
         lines = commands(path.read_text('utf-8'))
         for line in lines:
             words = shlex.split(line, comments=True)
+            if words[1] == 'view':
+                serves(folder, *words[1:])
+                continue
             small = {'render': SMALL, 'bench': [*SMALL, '--repeats', '1']}.get(words[1], [])
             small = SMALL if words[1] == 'compare' and not any(w.endswith('.exr') for w in words) else small  # of a scene
             works(folder, *words[1:], *small)
@@ -194,14 +215,20 @@ for found in [ROOT / 'README.md', *sorted(GUIDE.glob('*.md'))]:
         command_test(found)
 
 
+# Options of other programs: Slurm's, MPI's, apt-get's.
+OTHERS = {'cluster.md': {'array', 'bind-to', 'cpus-per-task', 'dependency', 'map-by', 'mca', 'no-install-recommends', 'nodes', 'ntasks-per-node',
+                         'open-mode', 'parsable', 'requeue', 'signal', 'wrap'}}
+
+
 @test('every option that the documentation names is one of the program')
 def _(folder):
-    helps = ''.join(text(works(folder, c, '--help').stdout) for c in ('render', 'check', 'methods', 'materials', 'profile', 'bench',
-                                                                               'compare', 'info'))
+    names = re.findall(r'^  ([a-z]+) ', text(works(folder, '--help').stdout), re.MULTILINE)
+    need('render' in names and 'info' in names, names)
+    helps = ''.join(text(works(folder, c, '--help').stdout) for c in names if c != 'pellucid')
     there = set(re.findall(r'--([a-z][a-z-]*)', helps)) | {'help', 'version'}
     for path in [ROOT / 'README.md', *GUIDE.glob('*.md')]:
         markdown = '\n'.join(line for line in path.read_text('utf-8').splitlines() if not line.startswith('    cc '))
-        strange = set(re.findall(r'(?<![\w-])--([a-z][a-z-]*)', markdown)) - there
+        strange = set(re.findall(r'(?<![\w-])--([a-z][a-z-]*)', markdown)) - there - OTHERS.get(path.name, set())
         need(not strange, path.name, 'names the options', strange)
 
 

@@ -2,7 +2,7 @@
  *
  * film.c - sums of samples. They are exact: samples are rounded to whole numbers of a fixed unit, which are added without rounding. So a
  * picture depends on which samples are in it, and neither on who made them nor on the order in which they, or sums of them, were added:
- * threads, ranks, parts of an array of jobs (docs/adr/0017-exact-sums.md).
+ * threads, ranks, parts of an array of jobs (docs/adr/0019-exact-sums.md).
  */
 #include "methods/path_trace/path_trace.h"
 
