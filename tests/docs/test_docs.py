@@ -216,8 +216,12 @@ for found in [ROOT / 'README.md', *sorted(GUIDE.glob('*.md'))]:
 
 
 # Options of other programs: Slurm's, MPI's, apt-get's.
-OTHERS = {'cluster.md': {'array', 'bind-to', 'cpus-per-task', 'dependency', 'map-by', 'mca', 'no-install-recommends', 'nodes', 'ntasks-per-node',
-                         'open-mode', 'parsable', 'requeue', 'signal', 'wrap'}}
+OTHERS = {
+    'cluster.md': {
+        'array', 'bind-to', 'cpus-per-task', 'dependency', 'map-by', 'mca', 'no-install-recommends', 'nodes', 'ntasks-per-node',
+        'open-mode', 'parsable', 'requeue', 'signal', 'wrap',
+    },
+}
 
 
 @test('every option that the documentation names is one of the program')
