@@ -13,7 +13,7 @@
 
 #define RATIO_MOST 4.0          /* of the variances of one blur and the next: section 5.1 */
 #define TRANSMISSION_LEAST 1e-5 /* of the total: thicker parts are dark */
-#define LEAST_RETURNED 0.05     /* of the half-space's light: the thinnest slabs return nothing that could be scaled */
+#define LEAST_RETURNED 0.3      /* of the half-space's light: where a sheet tapers the map holds more than its thickness there says */
 #define SLAB_LEAST 0.1          /* mm, the range of the spec's tables */
 #define SLAB_MOST 50.0
 
