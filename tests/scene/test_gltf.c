@@ -625,6 +625,7 @@ static void accessors_outside_their_bytes_are_refused(void **state)
         { "{\"buffer\":0,\"byteOffset\":-1,\"byteLength\":48}", "\"count\":3", "/bufferViews/0/byteOffset", "is -1" },
         { "{\"buffer\":1,\"byteLength\":48}", "\"count\":3", "/bufferViews/0/buffer", "allowed: [0, 0]" },
         { "{\"buffer\":0,\"byteLength\":48,\"byteStride\":3}", "\"count\":3", "/bufferViews/0/byteStride", "allowed: [4, 252]" },
+        { "{\"buffer\":0,\"byteLength\":48,\"byteStride\":8}", "\"count\":3", "/accessors/0", "stride of 8 is below the 12 bytes" },
         { "{\"buffer\":0,\"byteLength\":48}", "\"count\":9007199254740993", "/accessors/0/count", "allowed: [1, " },
         { "{\"buffer\":0,\"byteLength\":48}", "\"count\":0", "/accessors/0/count", "is 0" },
         { "{\"buffer\":0,\"byteLength\":48}", "\"count\":-3", "/accessors/0/count", "is -3" },

@@ -377,6 +377,9 @@ static enum pell_result read_accessor(struct gltf *g, int64_t index, struct gltf
     if (pell_json_get(&at, "bufferView").value) {
         struct gltf_bytes view;
         PELL_TRY(gltf_view(g, &at, "bufferView", &view, &stride));
+        if (stride && stride < element)
+            return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                                   "the buffer view's stride of %" PRIu32 " is below the %" PRIu32 " bytes of an element", stride, element);
         a->stride = stride ? stride : element;
         PELL_TRY(check_range(&at, &view, offset, a->count, a->stride, element));
         a->data = view.data + offset;
