@@ -369,7 +369,7 @@ static enum pell_result check_hash(struct reader *r, const uint8_t *data, size_t
 
 enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size, char **note)
 {
-    struct reader r = { ctx, path, data + sizeof(magic), data + size };
+    struct reader r = { ctx, path, NULL, NULL };
     struct pt_checkpoint_key is;
     uint32_t version, bytes;
     enum pell_result res;
@@ -377,6 +377,8 @@ enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, 
     *note = NULL;
     if (!data || size < HEADER + TRAILER || memcmp(data, magic, sizeof(magic)) != 0)
         return pell_error(ctx, PELL_ERR_FORMAT, path, "name another file", "is no checkpoint of path-trace");
+    r.at = data + sizeof(magic);
+    r.end = data + size;
     version = get32(&r);
     if (version != VERSION)
         return pell_error(ctx, PELL_ERR_INVALID, path, hint_other, "is a checkpoint of version %u, this program reads version %d", version,
@@ -397,7 +399,7 @@ enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, 
 enum pell_result pt_checkpoint_decode(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
                                       const struct pt_checkpoint_key *key, struct pt_film *films)
 {
-    struct reader r = { ctx, path, data + sizeof(magic), data + size };
+    struct reader r = { ctx, path, NULL, NULL };
     enum pell_result res;
 
     if (key->films < 1 || key->films > FILMS)
@@ -405,6 +407,8 @@ enum pell_result pt_checkpoint_decode(struct pell_context *ctx, const char *path
     memset(films, 0, key->films * sizeof(*films));
     if (!data || size < HEADER + TRAILER || memcmp(data, magic, sizeof(magic)) != 0)
         return pell_error(ctx, PELL_ERR_FORMAT, path, "name another file", "is no checkpoint of path-trace");
+    r.at = data + sizeof(magic);
+    r.end = data + size;
     r.end -= TRAILER;
     PELL_TRY(check_header(&r, key));
     r.end += TRAILER;

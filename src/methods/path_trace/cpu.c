@@ -390,6 +390,7 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st->walkers);
     pell_free(st->ctx, st->films);
     pell_free(st->ctx, st->places);
+    pell_free(st->ctx, st->tile_pixels);
     for (size_t i = 0; st->done && i < st->num_films; i++)
         pt_film_free(st->ctx, &st->done[i]);
     pell_free(st->ctx, st->done);

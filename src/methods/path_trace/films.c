@@ -211,13 +211,19 @@ enum pell_result pt_start_film(struct pt_run *run)
     struct pt_state *st = run->st;
     struct pt_film *film = run->film;
     const size_t tiles = pt_tiles((uint32_t) run->in->shape.width, (uint32_t) run->in->shape.height);
-    uint8_t *pixels = pell_alloc(st->ctx, tiles);
     uint64_t identity;
+    uint8_t *pixels;
     size_t count;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    if (!pixels)
-        return res;
+    if (tiles > st->tiles_capacity) {
+        pixels = pell_realloc_array(st->ctx, st->tile_pixels, tiles, sizeof(*pixels));
+        if (!pixels)
+            return res;
+        st->tile_pixels = pixels;
+        st->tiles_capacity = tiles;
+    }
+    pixels = st->tile_pixels;
     PELL_TRY(list_places(run, pixels, tiles, &count, &identity));
     if (st->services->checkpoint && film->identity != 0) {
         res = film->identity == identity && same_layout(film, pixels, count)
@@ -238,7 +244,6 @@ enum pell_result pt_start_film(struct pt_run *run)
     film->exponent = pt_scene_exponent(st->scene);
 
 fail:
-    pell_free(st->ctx, pixels);
     return res;
 }
 

@@ -21,6 +21,8 @@ struct pt_state {
     size_t num_films;
     uint32_t *places; /* of the film's pixels in the planes */
     size_t places_capacity;
+    uint8_t *tile_pixels; /* how many each tile has */
+    size_t tiles_capacity;
     struct pt_counts before; /* of all frames before this */
     double begin, written;   /* of the frame; of the last checkpoint */
     double shown;            /* progress */
