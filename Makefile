@@ -11,7 +11,7 @@ PREFIX ?= /usr/local
 FUZZ_SECONDS ?= 60
 export SETUP JOBS
 
-# The sanitizers run with clang: gcc 12 takes minutes over a kernel file under them, and warns of what only they brought in. Kernels are
+# The sanitizers run with clang: with them gcc 12 needs minutes for one kernel file and warns of what the instrumentation adds. Kernels are
 # built for one level: they are plain C, so another level shows the sanitizers nothing new, and takes as long again to build.
 watched = -Dsimd=base -Db_lundef=false
 sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_string_checks=1:allocator_may_return_null=1 \
@@ -51,7 +51,7 @@ fuzz-short: ## each fuzz target for some seconds (FUZZ_SECONDS=60 in all)
 	    -Dfuzz=true -Dtests=false '-Dc_args=-gline-tables-only -fsanitize=fuzzer-no-link'
 	@scripts/run_fuzz.py build-fuzz $(FUZZ_SECONDS)
 
-# Without assertions, as a release is; the build under the sanitizers has them. What clang warns of does not hang on optimisation.
+# Without assertions, as a release is; the build under the sanitizers has them. Clang's warnings do not depend on the optimisation level.
 check-clang: ## builds everything with clang, warnings are errors
 	@scripts/setup.sh --ci
 	@CC=clang scripts/build.sh build-clang --buildtype=plain -Db_ndebug=true -Dsimd=base -Dwerror=true

@@ -65,7 +65,7 @@ struct pell_frame {
     const float *depth;              /* mm along the view axis, > 0 */
     const float *strength;           /* scales the scattering radius, [0, 1]; NULL: 1 */
     const float *base[3];            /* base colour, where the material is `white`; undefined elsewhere. NULL: not known */
-    const float *irradiance[3];      /* irradiance that enters, times albedo^m: W/m^2 */
+    const float *irradiance[3];      /* irradiance that enters, times albedo^m: W/m^2, finite */
     const float *shaded[3];          /* the composited image without scattering: W/(m^2 sr) */
     const float *normal[3];          /* unit, shading */
     const float *position[3];        /* mm */
@@ -103,7 +103,7 @@ enum pell_plane {
 
 enum pell_plane_format { PELL_PLANE_F32, PELL_PLANE_U16, PELL_PLANE_U32 };
 
-/* Properties of a plane. They are defined only here: allocation, transfer and checks read this row. */
+/* One row of the table of planes. Allocation, transfer and checks all read it. */
 struct pell_plane_info {
     const char *name; /* of the member of struct pell_frame or struct pell_frame_light */
     const char *unit; /* "1" for a pure number */
@@ -122,8 +122,8 @@ PELL_API const struct pell_plane_info *pell_plane_at(int plane);
 #define PELL_THICKNESS_STEPS 512
 
 /* Share of the irradiance at A that leaves at a point C whose perpendicular distance through the medium is d: entry i is for
- * d = max_mm (i / (PELL_THICKNESS_STEPS - 1))^2, interpolated linearly over i; 0 beyond max_mm. 1/1, monotone falling. The normals at A
- * and C choose between two: the share is lerp(value, slab, max(0, -n_A.n_C)). */
+ * d = max_mm (i / (PELL_THICKNESS_STEPS - 1))^2, interpolated linearly over i; 0 beyond max_mm. 1/1, monotone falling. The share
+ * depends on the angle between the normals at A and C: it is lerp(value, slab, max(0, -n_A.n_C)). */
 struct pell_thickness_table {
     float max_mm;
     float value[PELL_THICKNESS_STEPS][3]; /* between faces that do not oppose */

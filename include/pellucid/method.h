@@ -31,7 +31,7 @@ enum pell_need {
     PELL_NEED_STRENGTH = 1 << 2,     /* the scale of the scattering radius; may also be NULL on a caller's planes: 1 everywhere */
     PELL_NEED_NORMAL = 1 << 3,       /* the unit shading normal */
     PELL_NEED_POSITION = 1 << 4,     /* the visible point, mm */
-    PELL_NEED_TRANSMISSION = 1 << 5, /* not read by the method: the renderer computes transmission with the method's thickness tables and
+    PELL_NEED_TRANSMISSION = 1 << 5, /* a request, not an input: the renderer computes transmission with the method's thickness tables and
                                       * adds it to M in the composite */
     PELL_NEED_SCENE = 1 << 6,        /* the renderer's scene and lights, beyond the planes. The method does not run on a caller's planes */
     PELL_NEED_HIT = 1 << 7,          /* with PELL_NEED_SCENE: the triangle and the barycentric coordinates of a pixel */

@@ -117,14 +117,15 @@ struct pell_intermediate {
     bool color;
 };
 
-/* Is shown the intermediate images of a frame's first multisample, on the thread that renders; the image is valid for the call. What is
- * returned, unless PELL_OK, ends the frame. */
+/* Called with each intermediate image of a frame's first multisample, on the rendering thread. The image is valid during the call. Any
+ * result but PELL_OK ends the frame with that result. */
 struct pell_observer {
     enum pell_result (*show)(void *user, const struct pell_intermediate *image);
     void *user;
 };
 
-/* From the next frame on; NULL: nobody. Copied. Costs time and memory while it is set: methods make images that they would not make. */
+/* From the next frame on; NULL removes the observer. Copied. Costs time and memory while it is set: methods make images that they
+ * would not make. */
 PELL_API void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_observer *observer);
 
 /* One stage of a frame. */

@@ -11,17 +11,17 @@
 #include <sys/mman.h>
 #endif
 
-/* In front of every block; a whole alignment unit, so that the block keeps its alignment. */
+/* Stands before every block. It is 64 bytes long, so that the block behind it stays aligned to 64. */
 struct header {
     size_t size;
-    size_t mapped; /* bytes of the system's pages from `pages` on, of which it is a part; 0: the allocator's */
+    size_t mapped; /* length of the mapping that begins at `pages` and holds this block; 0: the block is from the allocator */
     void *pages;
     char pad[64 - 2 * sizeof(size_t) - sizeof(void *)];
 };
 
-/* Large blocks come as pages from the system, where no allocator was given: they are zero without being written, so that a picture of
- * gigabytes is there at once and threads share the work of its first touch, and huge where the system has such, so that planes that
- * lie far apart don't wait for the tables of pages. The address sanitizer sees into its own allocator's blocks alone. */
+/* Large blocks are mapped directly, unless the caller has an allocator of its own. Mapped pages are zero already, so large planes need no
+ * memset, and the threads that use them first share the page faults. Huge pages, where available, save TLB misses. Not under the address
+ * sanitizer, which checks blocks of its own allocator only. */
 #if defined(__SANITIZE_ADDRESS__)
 #define ADDRESS_SANITIZER 1
 #elif defined(__has_feature)
@@ -45,7 +45,7 @@ static struct header *map(const struct pell_context *ctx, size_t size)
     if (pages == MAP_FAILED)
         return NULL;
     h = (struct header *) (((uintptr_t) pages + HUGE_PAGE - 1) & ~(uintptr_t) (HUGE_PAGE - 1));
-    madvise(h, bytes - (size_t) ((char *) h - (char *) pages), MADV_HUGEPAGE); /* a wish */
+    madvise(h, bytes - (size_t) ((char *) h - (char *) pages), MADV_HUGEPAGE); /* may fail: the system decides */
     h->mapped = bytes;
     h->pages = pages;
     return h;

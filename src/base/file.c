@@ -83,7 +83,7 @@ static struct pell_file_id *slot_of(struct pell_file_id *files, size_t slots, st
     return &files[i];
 }
 
-/* Not by pell_alloc: it is no memory of whoever reads. */
+/* Allocated directly: the table lives as long as the context and is not charged to the call that reads a file. */
 static enum pell_result remember(struct pell_context *ctx, const struct stat *st)
 {
     const struct pell_file_id id = { (uint64_t) st->st_dev, (uint64_t) st->st_ino };
@@ -142,7 +142,7 @@ enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint
     *data = NULL;
     *size = 0;
     pell_printable(path, shown, sizeof(shown));
-    /* Not blocking: a pipe without a writer would hang in open. Regular files don't care. */
+    /* O_NONBLOCK: open would wait for ever on a pipe without a writer. It has no effect on regular files. */
     do
         fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     while (fd < 0 && errno == EINTR);
@@ -170,7 +170,7 @@ enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint
         res = PELL_ERR_NOMEM;
         goto fail;
     }
-    /* One byte more than there should be: a file that grew shows it. */
+    /* Ask for one byte too many, to detect a file that grew since fstat. */
     code = read_all(fd, bytes, wanted + 1, &got);
     if (code) {
         res = failed(ctx, path, "can't be read", code);
@@ -302,7 +302,7 @@ enum pell_result pell_file_write(struct pell_context *ctx, const char *path, con
     /* A rename would replace even a file that its owner has made read-only. */
     if (access(path, W_OK) != 0)
         return failed(ctx, path, "can't be written", errno);
-    /* What a link leads to is replaced, not the link. */
+    /* Replace the target of a symbolic link, not the link. */
     if (S_ISLNK(link.st_mode)) {
         if (!realpath(path, real))
             return failed(ctx, path, "can't be written", errno);
@@ -311,7 +311,7 @@ enum pell_result pell_file_write(struct pell_context *ctx, const char *path, con
     return replace_file(ctx, path, &st, data, size);
 }
 
-/* How far below its start a relative path ends; -1 if it climbs above it on the way. */
+/* Depth of a relative path's end below its start; -1 if the path leaves the start by '..' at any point. */
 static int path_depth(const char *path)
 {
     int depth = 0;

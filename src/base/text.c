@@ -26,7 +26,7 @@ void pell_text_add(struct pell_text *text, const char *fmt, ...)
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
 enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */
-enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };  /* bytes that must be left for a list of names to go on */
+enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };  /* least free bytes in which another name is added to a list */
 
 static int lower(char c)
 {
@@ -77,7 +77,7 @@ static const char *nearest(const char *name, const char *const *candidates, size
 {
     const size_t length = strlen(name);
     const char *best = NULL;
-    /* One slip for short names, one more for every four letters; a name of two letters that differs in one is another name. */
+    /* One edit, and one more for every four letters. Names of one or two letters get no suggestion: an edit makes another name. */
     int least = (length < 3 ? 0 : 1) + (int) length / 4 + 1;
 
     for (size_t i = 0; i < count; i++) {
@@ -248,7 +248,7 @@ static void add_digit(struct decimal *d, char c, bool fraction)
         d->exponent -= fraction;
     } else {
         if (c != '0')
-            d->digits[DIGITS - 1] |= 1; /* beyond a double's last place: '0' becomes '1', so that an exact half is left */
+            d->digits[DIGITS - 1] |= 1; /* a digit other than 0 was dropped: the number is no exact half */
         d->exponent += !fraction;
     }
 }

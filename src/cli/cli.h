@@ -61,10 +61,10 @@ enum option_group {
     OPTIONS_PROFILE = 1 << 7,
     OPTIONS_COMPARE = 1 << 8, /* with the rows of pell_compare_knobs() */
     OPTIONS_CHECK = 1 << 9,
-    OPTIONS_VIEW = 1 << 11,
     OPTIONS_REPEATS = 1 << 10, /* of OPTIONS_BENCH, what holds without a scene */
     OPTIONS_PARTS = 1 << 11,   /* parts of a picture or of a sequence */
     OPTIONS_MERGE = 1 << 12,
+    OPTIONS_VIEW = 1 << 13,
 };
 
 struct settings_list {

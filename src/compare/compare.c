@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * compare.c - see pellucid/compare.h: a survey of the reference, errors (errors.c), then FLIP and SSIM over tiles. Sums of rows and tiles
- * are added in their order, so that no thread's speed shows. */
+ * are added in their order, so that results do not depend on the timing of threads. */
 #include "compare/compare.h"
 
 #include "compare/errors.h"
@@ -27,7 +27,8 @@ static const struct pell_knob compare_knobs[] = {
       "luminance after exposure that becomes display white; 0: the reference's largest" },
     { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_COMPARE_REINHARD }, 0, 0, tonemaps,
       "curve from exposed radiance to the display, for SSIM and FLIP" },
-    { "exposures", PELL_KNOB_INT, "1", AT(exposures), { 0 }, 0, EXPOSURES_MAX, NULL, "of HDR-FLIP; 0: one per stop, as in its paper" },
+    { "exposures", PELL_KNOB_INT, "1", AT(exposures), { 0 }, 0, EXPOSURES_MAX, NULL,
+      "number of exposures of HDR-FLIP; 0: one per stop, as published" },
     { "floor", PELL_KNOB_FLOAT, "1", AT(floor), { 0.01 }, 1e-6, 1, NULL,
       "added to the denominator of relative errors, as a share of the reference's mean luminance" },
     { "threads", PELL_KNOB_INT, "1", AT(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },

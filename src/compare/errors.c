@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * errors.c - mean errors under noise, as docs/adr/0015-errors-under-noise.md derives them: products of halves, a denominator that does not
- * see the pixel's own noise, standard errors, and the Z-test. Rows and bands are added in their order, so that no thread's speed shows. */
+ * see the pixel's own noise, standard errors, and the Z-test. Rows and bands are added in their order, so that results do not
+ * depend on the timing of threads. */
 #include "compare/errors.h"
 
 #include <string.h>
@@ -11,7 +12,7 @@ enum {
     SCALES = 4,
     REACH = 8,           /* pixels to each side, of the widest window */
     BLOCK = 16,          /* pixels along a side of a block of the Z-test */
-    BLOCK_PIXELS = 64,   /* with noise: fewer are no block */
+    BLOCK_PIXELS = 64,   /* with noise: blocks with fewer are not tested */
     PLANES = 7,          /* reference and variance of three channels, and the number of pixels */
     SIDES = 2,           /* of the mask's border */
     TESTS_OF_BLOCKS = 6, /* for each channel the sum of squares and the largest */
@@ -20,7 +21,7 @@ enum {
 
 static const int reach_of[SCALES] = { 1, 2, 4, REACH };
 
-#define SMOOTH 0.02 /* variance of a smoothed reference, relative to what it is divided by in, at which no wider window is asked for */
+#define SMOOTH 0.02 /* relative variance of the smoothed reference below which no wider window is tried */
 
 /* Of one row. */
 struct sums {
@@ -310,7 +311,8 @@ static void finish_sums(const struct job *job, int region, struct pell_metrics *
         m->rel_bias[c] = all.reference[c] != 0.0 ? all.difference[c] / all.reference[c] : 0.0;
         if (job->noisy) {
             m->bias_error[c] = sqrt(all.spread[c]) / (double) m->pixels;
-            const double slope = job->part ? 1.0 : fabs(all.test[c] / all.reference[c]); /* noise of a part is hardly that of the whole */
+            const double slope =
+                job->part ? 1.0 : fabs(all.test[c] / all.reference[c]); /* the noise of a part is nearly independent of the whole's */
             m->rel_bias_error[c] = all.reference[c] != 0.0 ? sqrt(all.spread[c]) * slope / fabs(all.reference[c]) : 0.0;
         }
     }

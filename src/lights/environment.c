@@ -613,7 +613,7 @@ static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_
     env->num_levels = PELL_ENV_LEVELS;
 }
 
-/* The elements of a picture; a black one has one of no light, for none would mean a constant. */
+/* The elements of an image. A black image gets one element without light: no elements would mean a constant environment. */
 static enum pell_result make_elements(struct pell_context *ctx, const struct pell_env_map *map, struct element **elements, size_t *count)
 {
     struct gather gather = { .map = map };

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_sampling.c - see light_sampling.h. What a light gives is asked of the irradiance stage's own lights and look-ups; here are the
- * densities.
+ * light_sampling.c - see light_sampling.h. Radiance comes from the irradiance stage's lights and look-ups; this file adds the densities.
  *
  * A light is chosen by an estimate of its irradiance at a place, with a tenth of the choices left to all alike, so that none is missed.
  */
@@ -13,8 +12,8 @@
 
 #include <string.h>
 
-#define ALIKE 0.1      /* of the choices: for lights whose estimate is wrong */
-#define UNSEEN 0.1     /* what an estimate leaves of lights that face away: nearby places may be lit */
+#define ALIKE 0.1      /* share of the choices that is uniform over all lights, because estimates may be wrong */
+#define UNSEEN 0.1     /* factor for lights that face away: points nearby may still be lit */
 #define IMAGE_STEPS 32 /* a side of the grid that a projected image's mean is taken over */
 
 struct sampled_light {
@@ -167,7 +166,7 @@ static double chance_of(const struct pell_light_sampler *e, size_t source, struc
     return all > 0.0 && all < INFINITY ? ALIKE * alike + (1.0 - ALIKE) * estimate(&e->list[source], near, soft2) / all : alike;
 }
 
-/* The light that *u chooses, which is a fresh number then. */
+/* Chooses a light by *u, and replaces *u by a new uniform number. */
 static size_t choose(const struct pell_light_sampler *e, struct pell_vec3 near, double soft2, double *u, double *chance)
 {
     const double all = e->count > 1 ? estimate_all(e, near, soft2) : 0.0;

@@ -8,10 +8,10 @@
 #include <stddef.h>
 #include <string.h>
 
-/* A direction whose part outside the others is smaller than this share of itself carries no information. */
+/* A column whose component orthogonal to the others is smaller than this fraction of it counts as linearly dependent. */
 static const double dependent = 1e-13;
 
-/* And one that keeps at least this share is orthogonal to 14 digits at once. */
+/* If at least this fraction remains, one orthogonalisation pass is exact to 14 digits. */
 static const double cancelled = 1e-2;
 
 static double dot(const double *a, const double *b, int n)
@@ -155,7 +155,7 @@ void pell_nnls_solve(const struct pell_nnls *p, struct pell_nnls_solution *s)
     unsigned mask = all, barred = 0;
     double z[PELL_NNLS_MAX];
 
-    /* Mostly no weight wants to be negative, and one factorisation is all. */
+    /* Usually the unconstrained solution has no negative weight, and one factorisation is enough. */
     project(p, s, s->w);
     for (int j = 0; j < p->count; j++)
         if (!(s->w[j] >= 0.0))
@@ -188,7 +188,7 @@ void pell_nnls_solve(const struct pell_nnls *p, struct pell_nnls_solution *s)
                 break;
             s->w[blocking] = 0.0;
             mask &= ~(1u << blocking);
-            if (blocking == enter) /* rounding: it came in and wants out at once */
+            if (blocking == enter) /* rounding: the weight that just entered is the blocking one; the loop would not end */
                 barred |= 1u << enter;
         }
     }

@@ -195,7 +195,7 @@ static inline double mat4_determinant3(const struct pell_mat4 *a)
     return m[0] * (m[5] * m[10] - m[9] * m[6]) - m[4] * (m[1] * m[10] - m[9] * m[2]) + m[8] * (m[1] * m[6] - m[5] * m[2]);
 }
 
-/* Normals: the cofactor matrix of the 3x3 part (inverse transpose times the determinant), not normalised; mirrors keep the side. */
+/* Normals: the cofactor matrix of the 3x3 part (inverse transpose times the determinant), not normalised; mirroring does not flip them. */
 static inline struct pell_vec3 mat4_normal(const struct pell_mat4 *a, struct pell_vec3 n)
 {
     const double *m = a->m, s = mat4_determinant3(a) < 0.0 ? -1.0 : 1.0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * assumptions.c - warns where a scene leaves what diffusion, or this picture's resolution, can show. */
+ * assumptions.c - warns where diffusion is not valid for a scene, or its scattering is too small to show at this resolution. */
 #include "render/renderer_state.h"
 
 #include <math.h>

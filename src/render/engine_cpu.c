@@ -11,7 +11,7 @@
 
 #include <string.h>
 
-enum { BLOCKS = 16 }; /* of planes: more than there are reasons to ask for more of them */
+enum { BLOCKS = 16 }; /* most separate allocations of planes */
 
 struct cpu {
     struct pell_context *ctx; /* borrowed */
@@ -31,10 +31,10 @@ struct cpu {
     struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
 
     struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
-    bool lit;                       /* it has the light of these lights */
+    bool lit;                       /* the indirect light is up to date with the lights */
 
-    struct pell_raster *raster; /* NULL: none, what pixels see is asked of rays */
-    bool rastered;              /* it was looked whether there is one */
+    struct pell_raster *raster; /* NULL: camera visibility is ray traced */
+    bool rastered;              /* the raster was built, or found not to be possible */
 
     /* Of the size. */
     bool sized;

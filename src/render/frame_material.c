@@ -17,6 +17,8 @@ enum pell_result pell_frame_material_check(struct pell_context *ctx, const char 
             if (!(w[c] >= 0.0 && w[c] <= 1.0))
                 return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "weight[%d][%d] = %g, must be in [0, 1]", k, c, w[c]);
     }
+    if (!(m->strength >= 0.0f && m->strength <= 1.0f))
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "strength = %g, must be in [0, 1]", (double) m->strength);
     if (!m->profile && g->count == 0 && !pell_medium_valid(&m->medium, &fault))
         return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "%s = %g, must be in [%g, %g]", fault.field, fault.value, fault.min,
                           fault.max);

@@ -33,12 +33,15 @@ static enum pell_result check_shape(struct pell_context *ctx, const struct pell_
     if (s->width < 1 || s->height < 1 || s->width > 65536 || s->height > 65536)
         return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "size %d x %d, each must be in [1, 65536]", s->width, s->height);
     if (s->stride < s->width || s->stride > PTRDIFF_MAX / s->height)
-        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "stride = %td, must be at least the width %d", s->stride, s->width);
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "stride = %td, must be in [%d, %td]", s->stride, s->width,
+                          PTRDIFF_MAX / s->height);
     if (!(s->focal_px > 0.0f && s->focal_px < 1e12f))
         return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "focal_px = %g, must be in (0, 1e12)", (double) s->focal_px);
     if (!(s->object_height >= 0.0f && s->object_height < 1e12f))
         return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "object_height = %g mm, must be in [0, 1e12)", (double) s->object_height);
-    if (s->num_materials < 1 || s->num_materials > PELL_FRAME_MATERIALS || !s->materials)
+    if (!s->materials)
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "materials is NULL");
+    if (s->num_materials < 1 || s->num_materials > PELL_FRAME_MATERIALS)
         return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "num_materials = %zu, must be in [1, %d]", s->num_materials,
                           PELL_FRAME_MATERIALS);
     return PELL_OK;
@@ -137,7 +140,8 @@ enum pell_result pell_pass_create(struct pell_device *device, const struct pell_
 
     *out = NULL;
     PELL_TRY(pell_engine_check(device->ctx, device->engine, method));
-    for (size_t i = 0; shape->materials && i < shape->num_materials && i < PELL_FRAME_MATERIALS; i++)
+    PELL_TRY(check_shape(device->ctx, shape));
+    for (size_t i = 0; i < shape->num_materials; i++)
         PELL_TRY(pell_frame_material_check(device->ctx, shape->materials[i].name ? shape->materials[i].name : "?", &shape->materials[i]));
     if (!knobs) {
         res = PELL_ERR_NOMEM;

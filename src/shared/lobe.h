@@ -17,7 +17,7 @@
 #define PELL_LOBE_PHONG 2
 #define PELL_LOBE_BLINN_PHONG 3
 
-/* The width that a lobe's formula wants: m of the Beckmann distribution, else alpha. The papers that use Kelemen's lobe for skin give m
+/* The width parameter of a lobe: m of the Beckmann distribution, else alpha. The papers that use Kelemen's lobe for skin give m
  * itself (0.3 in d'Eon et al. 2007), so roughness is m there. */
 PELL_SHARED float pell_lobe_width(int32_t model, float roughness)
 {
@@ -37,7 +37,7 @@ PELL_SHARED float pell_exp_minus(float x)
 }
 
 /* -ln(1 - x) for x in [0, 1); relative error under 3e-7, however small x is. 1 - x = 2^k (1 + f) with f in [-1/4, 1/2), and f is -x
- * itself where k = 0, so that nothing drowns in the rounding of 1 - x. */
+ * itself where k = 0, so that small x keep their precision. */
 PELL_SHARED float pell_log_minus(float x)
 {
     const int32_t bits = pell_float_bits(1.0f - x), k = (bits - 0x3f400000) >> 23; /* 0x3f400000: 3/4 */
@@ -47,15 +47,15 @@ PELL_SHARED float pell_log_minus(float x)
     return -(series + PELL_TO_FLOAT(k) * 0.693147181f);
 }
 
-/* cos^n of an angle, from 1 - cos, or from sin^2 with n/2. */
+/* cos^n of an angle. `rest` is 1 - cos; or sin^2, with n/2 for n. */
 PELL_SHARED float pell_power_of_cos(float n, float rest)
 {
     const float below = rest > 0.0f ? rest < 0.9999999f ? rest : 0.9999999f : 0.0f, p = pell_exp_minus(n * pell_log_minus(below));
     return rest < 1.0f ? p : 0.0f;
 }
 
-/* The lobes from nl = n.l, nv = n.v > 0 and the unnormalised h = l + v: nh = n.h, hh = h.h, sin2 = |n x h|^2 (not from nh: narrow
- * lobes would drown in the rounding of 1 - cos^2). width2: square of pell_lobe_width. 1/sr, to be multiplied by Fresnel's share. */
+/* The lobes from nl = n.l, nv = n.v > 0 and the unnormalised h = l + v: nh = n.h, hh = h.h, sin2 = |n x h|^2 (not from nh:
+ * 1 - cos^2 would lose the digits of narrow lobes). width2: square of pell_lobe_width. 1/sr, to be multiplied by Fresnel's share. */
 PELL_SHARED float pell_lobe_ggx(float width2, float nl, float nv, float sin2, float nh, float hh)
 {
     const float d = (sin2 + nh * nh * width2) / hh; /* sin^2 + alpha^2 cos^2 of the half angle */
@@ -69,7 +69,7 @@ PELL_SHARED float pell_lobe_kelemen(float width2, float sin2, float nh, float hh
     return pell_exp_minus(sin2 / (c2 * width2)) * hh / (PELL_PI_F * width2 * c2 * c2);
 }
 
-/* l less the mirror direction is h - 2 nv n: nl - nv along n, and what h has beside n. */
+/* l minus the mirror direction is h - 2 nv n. Its component along n is nl - nv, perpendicular to n it is that of h. */
 PELL_SHARED float pell_lobe_phong(float width2, float nl, float nv, float sin2)
 {
     const float n = 0.5f / width2 - 0.5f, along = nl - nv;

@@ -12,10 +12,10 @@
 #include <string.h>
 
 #define MOST_CUBES 6e6  /* of one solid: more take longer to fill than they save */
-#define STEPS 24        /* what distances are rounded down to, of a cube's side */
-#define BAND 3.0f       /* cubes from a triangle that it tells its distance exactly */
+#define STEPS 24        /* of a cube's side: distances are stored in these, rounded down */
+#define BAND 3.0f       /* cubes: nearer ones get exact distances */
 #define LARGEST 8.0f    /* cubes that a triangle may span before it is cut in four */
-#define DEEPEST 24      /* times that it is cut */
+#define DEEPEST 24      /* most subdivisions of a triangle */
 #define SLAB 8          /* layers that one task looks after */
 #define HALF 0.8660255f /* of a cube's diagonal, in sides */
 #define SLACK 2e-3f     /* sides: roundings, in floats from the grid's corner */
@@ -332,7 +332,7 @@ static void bounds_of(const struct pell_scene *scene, const struct pell_solid *s
     }
 }
 
-/* Layers that meshes reach; meshes that rays don't know tell nothing. */
+/* Layers that meshes reach; meshes that are not in the ray structure are skipped. */
 static void span_meshes(const struct fill *f)
 {
     const struct pell_distance_grid *g = f->grid;

@@ -143,7 +143,7 @@ fail:
     return res;
 }
 
-/* Solids of an object: the first of them in a table by the object's number, each with the next of its row. */
+/* Hash table from an object's number to its solids, chained by `next`. */
 struct by_object {
     int32_t *first, *next;
     size_t mask;
@@ -289,7 +289,7 @@ void pell_solids_find(const struct pell_solids *solids, const struct pell_rays *
             normal[k][i] = in->normal[k][at[i]];
         }
     }
-    /* Wider and wider, for normals that graze. */
+    /* Retry with growing offsets: at grazing angles a short one may miss the surface. */
     for (float reach = 3e-5f; any && reach < 1e-2f; reach *= 8.0f) {
         for (int i = 0; i < 16; i++) {
             const float e = reach * (fmaxf(fabsf(position[0][i]), fmaxf(fabsf(position[1][i]), fabsf(position[2][i]))) + depth[i]);

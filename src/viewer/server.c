@@ -401,7 +401,7 @@ static enum exit_code listen_at(struct server *s)
                          error == EADDRINUSE      ? "another program listens there"
                          : error == EACCES        ? "needs more rights"
                          : error == EADDRNOTAVAIL ? "this machine has no such address"
-                                                  : "can't be listened at");
+                                                  : "can't listen on this address");
     lws_set_log_level(0, silence);
     info.port = s->port;
     info.iface = strcmp(p->address, "0.0.0.0") == 0 ? NULL : p->address;

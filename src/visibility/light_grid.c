@@ -10,11 +10,11 @@
 
 PELL_SIMD_TABLES(struct pell_light_grid_kernels, pell_light_grid_kernels);
 
-#define TRIANGLES_MOST (1u << 18) /* 64 bytes each; a light grid of more takes longer to make than one picture gets back */
+#define TRIANGLES_MOST (1u << 18) /* of 64 bytes: building a larger grid takes longer than one image saves */
 #define SIDE_MOST 2048            /* cells */
 #define PER_CELL 3.0              /* triangles, over all cells */
-#define ENTRIES_MOST 8            /* a triangle, over all: what is larger is better found by boxes */
-#define LENGTH_MOST 48.0          /* triangles of a cell that a triangle meets: what is denser likewise */
+#define ENTRIES_MOST 8            /* of a triangle, on average: rays are faster for meshes of larger triangles */
+#define LENGTH_MOST 48.0          /* mean length of the lists: rays are faster for longer ones */
 #define SLOPE_MOST 4.0f           /* of a ray against the axis */
 #define FAR_MOST 8.0f             /* of the apex, over the scene's size: rounding of the ways from there grows with it */
 #define MARGIN 0.02f              /* of a cell, round a triangle */
@@ -194,7 +194,7 @@ static bool count_entries(const struct pell_scene *scene, struct pell_light_grid
     return squares <= LENGTH_MOST * (double) sum;
 }
 
-/* A light grid is a gift to speed: it takes the fourth part at most of what the context may still have. */
+/* A light grid only saves time, so it may use at most a quarter of the memory that the limit leaves. */
 static bool room_for(const struct pell_context *ctx, size_t bytes)
 {
     const size_t limit = (size_t) pell_context_limits(ctx)->memory_bytes, used = pell_memory_used(ctx);

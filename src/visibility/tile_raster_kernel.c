@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * tile_raster_kernel.c - triangles drawn into tiles, 16 of them brought before the camera at once, then each asked by 4 x 4 pixels at a
- * time; compiled once per SIMD level. All levels give the same bits.
+ * tile_raster_kernel.c - rasterises triangles into tiles: 16 are transformed to camera space together, then each is tested against
+ * blocks of 4 x 4 pixels; compiled once per SIMD level. All levels give the same bits.
  *
  * With a pixel's way d = (x, y, 1) and corners a, b, c before the camera, d . (a - b) x (a + b) and its like say on which side of the
  * planes through the camera and the triangle's sides the pixel's middle lies (Olano and Greer 1997, "Triangle Scan Conversion Using 2D
@@ -86,7 +86,7 @@ INLINE void ask(const struct pell_raster *r, const uint32_t *list, size_t from, 
     }
 }
 
-/* The pixels whose middles a triangle may cover. A margin makes up for rounding: who is inside is for the sides to say. */
+/* The pixels whose middles a triangle may cover. A margin covers rounding; the edge functions decide which pixels are inside. */
 INLINE void bound(const struct pell_raster *r, const struct corners16 *restrict c, struct bounds16 *restrict b)
 {
     const float focal = r->view.focal, left = r->view.left, top = r->view.top, w = (float) r->width, h = (float) r->height;
@@ -203,8 +203,8 @@ INLINE void set_up(const struct corners16 *restrict c, const struct bounds16 *re
     }
 }
 
-/* Whether no pixel of some blocks is inside: what the sides say of pixels rises or falls along rows and columns, rounding and all, so the
- * blocks' corners say it of all. */
+/* Whether no pixel of some blocks is inside. Edge functions are monotone along rows and columns, also when rounded, so it is enough to test
+ * the corners of the blocks. */
 INLINE bool beside(const struct setup16 *s, int i, float x0, float x1, float y0, float y1)
 {
     for (int k = 0; k < 3; k++) {
@@ -215,7 +215,7 @@ INLINE bool beside(const struct setup16 *s, int i, float x0, float x1, float y0,
     return false;
 }
 
-/* Draws triangle i of a set-up; `low`: of each block the farthest of what is there; NULL: not known. */
+/* Draws triangle i of a set-up; `low`: for each block the farthest depth drawn so far, or NULL. */
 INLINE void draw(const struct grid *g, const struct setup16 *s, int i, int32_t number, const int32_t blocks[4], const float *low,
                  struct pell_raster_tile *tile)
 {

@@ -9,7 +9,7 @@
  *     M = Sum_i (1 - w(r_i)) R(r_i) E_i A + near,     near = W Sum_i w R E_i A / Sum_i w R A,    W = Int 2 pi r w(r) R(r) dr
  *
  * The first sum is smooth over the distance of samples, so samples do well; far ones are taken as clusters. `near` is a mean of the light
- * around x, the pixel's own included, times what the window returns of even light: whether samples lie a little closer or not here does
+ * around x, the pixel's own included, times what the window returns of even light: so local variations of the sample density do
  * not matter. On a smooth surface W is right to the second order, on a sphere exactly: the area within a chord r is pi r^2. Where the
  * samples in the window don't look like a smooth surface (creases, borders, sheets thinner than the window) the plain sum is taken;
  * between the two it is blended.

@@ -129,7 +129,7 @@ static double misprinted_radius(const struct pell_frame_material *m, int k, doub
 
 /* --- Which sample where --------------------------------------------------------------------------------------------------------- */
 
-/* Ranks of a Bayer matrix of side n, a power of two: neighbours differ by much. */
+/* Ranks of a Bayer matrix of side n, a power of two: neighbouring entries differ widely. */
 static int bayer(int x, int y, int n)
 {
     int rank = 0;
@@ -141,7 +141,7 @@ static int bayer(int x, int y, int n)
 
 /* Sample i of a pixel lies in the i-th of equal shares of the light, and there in the part that is the pixel's rank in the tile: all
  * samples of a tile have shares of their own. Angles go on by the golden section from sample to sample and by sqrt(2) - 1 from rank to
- * rank, both as hard to meet by fractions as numbers are, so each pixel's samples and those of the tile in each share are even. */
+ * rank, both badly approximable by fractions, so each pixel's samples and those of the tile in each share are even. */
 void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
                    double *turns)
 {

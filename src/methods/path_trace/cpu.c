@@ -2,9 +2,9 @@
  *
  * cpu.c - runs the transport over the pixels of a frame, in rounds: a round brings every pixel to one number of samples.
  *
- * Which samples a pixel has decides its sums, never who made them or when: so pictures are the same for any number of threads, and a run
- * that was interrupted and goes on from its checkpoint ends with the bits of one that was not. Samples are added a tile at a time: a file
- * has all pixels of a tile or none.
+ * A pixel's sums depend only on the set of its samples, not on the thread or the order that computed them: so pictures are the same for
+ * any number of threads, and a run that was interrupted and goes on from its checkpoint ends with the bits of one that was not. Samples
+ * are added a tile at a time: a file has all pixels of a tile or none.
  *
  * When to stop is asked between rounds: after `samples`; where the error of the picture is `error`, at every fourth sample from the
  * sixteenth on; or where the next round would not end within `time-limit`. The samples of the multisample come one after the other, each
@@ -19,12 +19,12 @@
 enum {
     TILES = 16, /* tasks for each thread in a picture, where they are not the smallest */
     LEAST = 16, /* samples of a pixel before its error is believed */
-    PLAIN = 64, /* samples where nothing says when to stop */
+    PLAIN = 64, /* samples without a stopping criterion */
 };
 
 #define CROSSED 0.01      /* of the paths: fewer is rounding at edges */
-#define LATE_SECONDS 0.25 /* and this share of the time beyond the deadline until a round is given up: most end near it */
-#define LATE 0.05
+#define LATE_SECONDS 0.25 /* a round is given up this much, */
+#define LATE 0.05         /* and this share of the time, after the deadline: most end near it */
 
 /* Whether some pixel has no sample at all. */
 static bool has_black(const struct pt_film *film)

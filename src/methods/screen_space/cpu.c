@@ -435,7 +435,7 @@ static void blur(struct screen_state *st, bool down, bool across, struct spent *
     }
 }
 
-/* How far it is, along each axis, from a block to one that is not smooth: wide blurs may leave out more where they meet no edge. */
+/* Distance along each axis from a block to the next one with an edge: blurs that meet no edge may skip more samples. */
 static void find_clear(struct screen_state *st)
 {
     const struct screen_work *w = &st->work;

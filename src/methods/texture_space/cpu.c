@@ -234,7 +234,7 @@ struct mapping {
     const struct ts_solid *solid;
 };
 
-/* What is added to begins with nothing. Planes are any solid's: of another nothing may be seen in the rest. */
+/* Clears the planes that are summed into. All solids share them, so the part that this one does not use must not show another's. */
 static void clear_rows(void *arg, int band, int worker)
 {
     const struct mapping *p = arg;
@@ -464,7 +464,7 @@ fail:
 
 /* --- A frame --------------------------------------------------------------------------------------------------------------------- */
 
-/* Lights may come and go while the map stays: once for each number of them that is too many. */
+/* Warns once for each new number of lights that is over the limit. */
 static void warn_of_lights(struct ts_state *st)
 {
     const struct pell_scene *scene = st->services->scene;
@@ -473,8 +473,8 @@ static void warn_of_lights(struct ts_state *st)
     for (size_t i = 0; i < scene->num_lights; i++)
         lights += transmits(st, &scene->lights[i]);
     if (lights > LIGHTS_MOST && lights != st->warned)
-        pell_warn(st->ctx, "texture-space", "leave out the dimmest", "%zu lights, the first %d of them shine through thin parts", lights,
-                  LIGHTS_MOST);
+        pell_warn(st->ctx, "texture-space", "leave out the dimmest", "%zu lights; only the first %d are transmitted through thin parts",
+                  lights, LIGHTS_MOST);
     st->warned = lights;
 }
 

@@ -13,8 +13,8 @@
 #define SCAN 32    /* variances tried for a new Gaussian */
 #define STARTS 3   /* of them improved by Levenberg-Marquardt */
 #define KEEP 2     /* optima that live on to the next count */
-#define ROUGH 1e-9 /* a channel's cost above which the rough way has digits enough to search */
-#define FINE 1e-6  /* and to finish */
+#define ROUGH 1e-9 /* a channel's cost above which the rough evaluation is accurate enough to search */
+#define FINE 1e-6  /* and for the last steps */
 
 /* --- Projection ---------------------------------------------------------------------------------------------------------------- */
 
@@ -27,7 +27,7 @@ static void fill(struct pell_fit_work *w, int i)
     w->k->gaussian(w->t->r2, w->t->root, w->v[i], w->q[i], w->slope[i], w->t->nodes);
 }
 
-/* Free weights that sum to more than they may: the best ones then sum to exactly that, as the cost is convex in them. */
+/* If free weights exceed the allowed total, solves again with the total fixed there: the cost is convex, so that is the optimum. */
 static void limit(struct pell_fit_work *w, int c, struct pell_nnls *p)
 {
     const double sum = p->sum, most = p->sum * w->t->most[c];
@@ -128,7 +128,7 @@ int pell_fit_residuals(void *arg, int m, int n, const double *x, double *fvec, d
     const struct pell_fit_target *t = w->t;
     (void) m;
 
-    for (int i = 0; i < n; i++) /* a step to nowhere: tell the solver that it is bad, and stay finite */
+    for (int i = 0; i < n; i++) /* a step far out of range: large residuals make the solver reject it */
         if (!(fabs(x[i]) < 100.0)) {
             for (int j = 0; j < m; j++)
                 fvec[j] = 1e3;

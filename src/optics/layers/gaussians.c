@@ -17,7 +17,7 @@
 
 PELL_SIMD_TABLES(struct pell_layers_kernels, pell_layers_kernels);
 
-#define SHARPER 16.0 /* d'Eon's bound min(l, d - l)^2/4 leaves one Gaussian for the narrowest source; this many more */
+#define SHARPER 16.0 /* d'Eon's bound min(l, d - l)^2/4 allows one Gaussian for the narrowest source; smaller by this factor */
 
 struct algebra {
     const struct pell_layers_kernels *kernels;
@@ -93,7 +93,7 @@ static double sum_of(const double *w, int n)
     return sum;
 }
 
-/* Scales to a sum. */
+/* Scales weights to a given sum. */
 static void settle(const struct algebra *g, double *w, double total)
 {
     const double sum = sum_of(w, g->count);
@@ -109,7 +109,7 @@ static void settle(const struct algebra *g, double *w, double total)
     }
 }
 
-/* Makes weights non-negative, their sum kept; returns the share of what was negative. */
+/* Makes weights non-negative, their sum kept; returns the sum of the removed negative ones relative to the positive. */
 static double clip(double *w, int n)
 {
     const double total = sum_of(w, n);
@@ -239,7 +239,7 @@ static void make_slab(struct algebra *g, const struct pell_slab *y, bool analyti
     }
 }
 
-/* y := y/(1 - x), with x and z overwritten: y (1 + x)(1 + x^2)(1 + x^4)..., until all terms left are less than energy_loss. */
+/* y := y/(1 - x), with x and z overwritten: y (1 + x)(1 + x^2)(1 + x^4)..., until the remaining terms sum to less than energy_loss. */
 static void bounce(struct algebra *g, double **y, int count)
 {
     const double ratio = sum_of(g->x, g->count);

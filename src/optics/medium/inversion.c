@@ -158,7 +158,7 @@ double pell_albedo_map_color(enum pell_albedo_map map, double albedo_reduced, do
         return dipole_total(clamped_fdr(eta, PELL_FRESNEL_EXACT), s);
     if (map != PELL_ALBEDO_CHIANG)
         return hulst_color(s);
-    /* a == 1 is beyond its end, and so is all above 0.9989 */
+    /* the fit ends at a = 0.9989 */
     return solve(chiang_color, &one, fmin(-log1p(-a), chiang(1.0)), chiang(1.0), 0.0, &x) == PELL_OK ? 1.0 - x : 0.0;
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lights and samples. What lies
- * between pixels and a point or spot light is asked of the light's light grid (visibility/light_grid.h), where it has one and the pixels
- * are neighbours, else of rays.
+ * cpu.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lights and samples.
+ * Shadows of point and spot lights use the light's grid (visibility/light_grid.h), if it has one and the pixels are neighbours;
+ * otherwise rays.
  */
 #include "render/irradiance/internal.h"
 
@@ -70,8 +70,8 @@ static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angl
     }
 }
 
-/* Fills what lanes take from their materials; where all have the one that all of the packet before had, it is still there, but for what
- * the roughness is added to. */
+/* Fills what lanes take from their materials. If all lanes have the material of the previous packet, the values are still loaded, except
+ * those that the roughness modified. */
 static void set_materials(const struct job *job, struct packet *k)
 {
     struct pell_lanes *l = &k->lanes;
@@ -406,8 +406,8 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
     }
 }
 
-/* What a tile's pixels receive, before it goes to the planes in whole cache lines. Packets write quarters of lines, and each to as many
- * places as there are planes and rows: written to the planes at once, they wait for memory longer than all their arithmetic takes. */
+/* What a tile's pixels receive, before it goes to the planes in whole cache lines. Writing each packet directly to the planes would take
+ * longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
     _Alignas(64) float planes[3][3][TILE_H * TILE_W]; /* irradiance, through, specular */
 };

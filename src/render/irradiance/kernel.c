@@ -18,7 +18,7 @@
 #endif
 
 #define N PELL_LANES
-#define BIG 1e25f /* what no irradiance passes: sums of many lights stay finite */
+#define BIG 1e25f /* upper limit of an irradiance, so that sums over many lights stay finite */
 
 /* Distances shorter than this count as this: a light in the surface. */
 #define TINY 1e-12f

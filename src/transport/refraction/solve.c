@@ -10,9 +10,9 @@
 #include "transport/refraction/internal.h"
 
 #define QUARTERS 4
-#define PARTS 4000  /* of a triangle that are looked at: what is wilder than that is no surface */
+#define PARTS 4000  /* most parts of a triangle that are examined; one that needs more is given up */
 #define DEPTH 20    /* of halving a triangle */
-#define BESIDE 1e-9 /* barycentric: how far beyond its edge a triangle still owns a root, so that none slips between two */
+#define BESIDE 1e-9 /* barycentric: roots up to this far outside are accepted, so that none on a shared edge is missed */
 #define SAME 1e-6   /* of a triangle's size: roots nearer than this, of two triangles, are one on their edge */
 
 /* Keeps a path, unless a neighbour has found it, too: the nearest, where there are too many. */

@@ -7,6 +7,7 @@ let wait = 500;
 let ids = 0;
 let pending = null;
 let scheduled = false;
+let newest = 0; // the id of the last view that was sent; 0 while one waits
 const sentAt = new Map();
 
 export const on = (type, handler) => handlers.set(type, handler);
@@ -49,17 +50,22 @@ function send(message) {
     return true;
 }
 
+// Whether a picture shows what the page asks for now: one of an older view may still be on its way.
+export const isNewest = (id) => id === newest;
+
 export const acknowledge = (serial) => send({ type: 'ack', serial });
 
 // At most one view for each picture of the display.
 export function view(state, moving) {
     pending = { state, moving };
+    newest = 0;
     if (scheduled) return;
     scheduled = true;
     requestAnimationFrame(() => {
         scheduled = false;
         const { state: said, moving: more } = pending;
         const id = ++ids;
+        newest = id;
         sentAt.set(id, performance.now());
         send({ type: 'view', id, moving: more, state: said() });
     });

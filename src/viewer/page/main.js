@@ -17,7 +17,7 @@ let latencies = [];
 let times = [];
 let measured = 0; // the id whose first picture was measured
 let failedId = 0; // of the last view that could not be drawn
-let wanted = null; // what a pick is for
+const wanted = new Map(); // what each pick that is under way is for
 
 const methodRow = (name) => hello.methods.find((m) => m.name === name);
 
@@ -286,7 +286,8 @@ function measure(head) {
 
 async function show(head, file) {
     try {
-        await stage.take(head, file);
+        const finished = head.still && connection.isNewest(head.id);
+        await stage.take(head, file, finished);
         stage.draw();
         tags();
         $('veil').hidden = true;
@@ -294,9 +295,10 @@ async function show(head, file) {
             if (head.id > failedId) for (const node of document.querySelectorAll('.message.error')) node.remove();
             measure(head);
             truth.showStages(head);
-            $('status-state').textContent = head.still ? 'Finished: as pellucid render draws it' : 'Refining';
-            $('progress').hidden = head.still;
-            $('stage').dataset.still = String(head.still);
+            const still = finished && connection.isNewest(head.id); // a view may have been asked for while the file was decoded
+            $('status-state').textContent = still ? 'Finished: as pellucid render draws it' : 'Refining';
+            $('progress').hidden = still;
+            $('stage').dataset.still = String(still);
             $('stage').dataset.id = String(head.id);
         }
     } finally {
@@ -358,12 +360,13 @@ function apply(what, moving) {
 // --- Points -----------------------------------------------------------------------------------------------------------------------
 
 function pick(at, why) {
-    wanted = why;
-    connection.ask({ type: 'pick', x: Math.max(0, Math.min(1, at.x)), y: Math.max(0, Math.min(1, at.y)) });
+    wanted.set(connection.ask({ type: 'pick', x: Math.max(0, Math.min(1, at.x)), y: Math.max(0, Math.min(1, at.y)) }), why);
 }
 
 function picked(p) {
-    if (wanted === 'focus') {
+    const why = wanted.get(p.id);
+    for (const id of wanted.keys()) if (id <= p.id) wanted.delete(id);
+    if (why === 'focus') {
         if (!p.at) return;
         camera.lookAt(p.at);
         changed('camera');
@@ -438,7 +441,11 @@ function menu() {
 }
 
 connection.on('hello', start);
-connection.on('picture', show);
+// One after the other: a small picture is decoded sooner than the large one before it, and must not be replaced by it.
+let shown = Promise.resolve();
+connection.on('picture', (head, file) => {
+    shown = shown.then(() => show(head, file)).catch((fault) => say('error', 'image', fault.message, ''));
+});
 connection.on('progress', progress);
 connection.on('message', (m) => say(m.level, m.where, m.what, m.hint));
 connection.on('failed', ({ id }) => {

@@ -21,11 +21,11 @@ export function forget(...kinds) {
     }
 }
 
-export async function take(head, file) {
+export async function take(head, file, finished) {
     const bitmap = await createImageBitmap(file);
     pictures[head.picture]?.bitmap.close();
     pictures[head.picture] = { bitmap, head };
-    if (head.picture === KINDS.A) still = head.still ? file : null;
+    if (head.picture === KINDS.A) still = finished ? file : null;
 }
 
 // What stands on the right of A.
