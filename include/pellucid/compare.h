@@ -55,7 +55,7 @@ struct pell_compare_params {
     float exposure; /* of the displayed images; 0: 0.18 over the log-average luminance of the reference */
     float white;    /* luminance after exposure that becomes display white (reinhard); 0: the reference's largest, at least 1 */
     int tonemap;    /* enum pell_compare_tonemap */
-    int exposures;  /* of HDR-FLIP; 0: as in its paper, one per stop, at least 2 */
+    int exposures;  /* of HDR-FLIP; 0: one per stop and at least 2, as published */
     float floor;
     int threads; /* 0: one per core */
 };

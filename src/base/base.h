@@ -85,6 +85,9 @@ bool pell_text_suggest(struct pell_text *text, const char *before, const char *n
 /* As pell_text_suggest; all candidates behind `known` ("known keys: ") where none is near enough. */
 void pell_text_suggest_or_list(struct pell_text *text, const char *known, const char *name, const char *const *candidates, size_t count);
 
+/* ASCII letters become lower case; other bytes stay. */
+char pell_lower(char c);
+
 /* Turns user bytes into something safe to print: control and non-UTF-8 bytes become '?', long texts are cut with "...". Returns
  * `buffer`. */
 const char *pell_printable(const char *text, char *buffer, size_t size);

@@ -403,11 +403,6 @@ const char *pell_path_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
-static char lower(char c)
-{
-    return c >= 'A' && c <= 'Z' ? (char) (c - 'A' + 'a') : c;
-}
-
 bool pell_path_has_extension(const char *path, const char *extension)
 {
     const char *name = pell_path_name(path), *dot = strrchr(name, '.');
@@ -415,7 +410,7 @@ bool pell_path_has_extension(const char *path, const char *extension)
     if (!dot || dot == name)
         return false;
     for (dot++; *dot && *extension; dot++, extension++)
-        if (lower(*dot) != lower(*extension))
+        if (pell_lower(*dot) != pell_lower(*extension))
             return false;
     return !*dot && !*extension;
 }

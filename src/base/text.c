@@ -28,9 +28,9 @@ void pell_text_add(struct pell_text *text, const char *fmt, ...)
 enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */
 enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };  /* least free bytes in which another name is added to a list */
 
-static int lower(char c)
+char pell_lower(char c)
 {
-    return c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : (unsigned char) c;
+    return c >= 'A' && c <= 'Z' ? (char) (c - 'A' + 'a') : c;
 }
 
 static int min3(int a, int b, int c)
@@ -52,9 +52,10 @@ static int distance(const char *a, int na, const char *b, int nb)
 
         row[0] = i;
         for (int j = 1; j <= nb; j++) {
-            const int differ = lower(a[i - 1]) != lower(b[j - 1]);
+            const int differ = pell_lower(a[i - 1]) != pell_lower(b[j - 1]);
             row[j] = min3(above[j] + 1, row[j - 1] + 1, above[j - 1] + differ);
-            if (i > 1 && j > 1 && lower(a[i - 1]) == lower(b[j - 2]) && lower(a[i - 2]) == lower(b[j - 1]) && above2[j - 2] + 1 < row[j])
+            if (i > 1 && j > 1 && pell_lower(a[i - 1]) == pell_lower(b[j - 2]) && pell_lower(a[i - 2]) == pell_lower(b[j - 1]) &&
+                above2[j - 2] + 1 < row[j])
                 row[j] = above2[j - 2] + 1;
         }
     }
@@ -65,7 +66,7 @@ static bool contains(const char *text, const char *part)
 {
     for (; *text; text++) {
         size_t i = 0;
-        while (part[i] && lower(text[i]) == lower(part[i]))
+        while (part[i] && pell_lower(text[i]) == pell_lower(part[i]))
             i++;
         if (!part[i])
             return true;
@@ -77,8 +78,8 @@ static const char *nearest(const char *name, const char *const *candidates, size
 {
     const size_t length = strlen(name);
     const char *best = NULL;
-    /* One edit, and one more for every four letters. Names of one or two letters get no suggestion: an edit makes another name. */
-    int least = (length < 3 ? 0 : 1) + (int) length / 4 + 1;
+    /* One edit, and one more for every five letters. Names of one or two letters get no suggestion: an edit makes another name. */
+    int least = (length < 3 ? 0 : 1) + (int) length / 5 + 1;
 
     for (size_t i = 0; i < count; i++) {
         const size_t n = candidates[i] ? strlen(candidates[i]) : 0;

@@ -111,12 +111,12 @@ struct cli {
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */
     struct settings_list settings; /* --width 640: rows of pell_settings_knobs() */
-    struct settings_list common;   /* --samples 64: knobs that methods share under names of their own */
+    struct settings_list common;   /* --samples 64: options that each method maps to a knob of its own */
     struct pell_limits limits;     /* --limit NAME=VALUE */
     char command_line[2048];       /* for metadata, without folders of this machine */
     const char **words;            /* the command line as it was given, borrowed */
     int num_words;
-    bool of_a_file;        /* it stood in a file, and asks for nothing to be printed */
+    bool of_a_file;        /* parsed from a checkpoint, not from the command line: prints nothing */
     const char *given[96]; /* names of the options on the command line, "taps" */
     int num_given;
 

@@ -342,9 +342,12 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
 
 enum exit_code session_move(struct cli *cli, const char *path, double time, struct session *s)
 {
-    enum pell_result res = pell_renderer_set_scene(s->renderer, NULL);
+    enum pell_result res;
     enum exit_code code;
 
+    if (!s->scene->animated) /* nothing moves */
+        return EXIT_OK;
+    res = pell_renderer_set_scene(s->renderer, NULL);
     pell_scene_destroy(&s->scene);
     code = cli_failed(cli, res);
     if (code == EXIT_OK)

@@ -39,7 +39,7 @@ static void report(const struct pell_scene *scene, bool bare)
                   "no material is translucent, so nothing scatters below a surface");
 }
 
-/* A time that nothing has is no fault: a sequence may go over objects that stand still. An animation that nothing has is one. */
+/* A time without an animation is allowed, as a sequence may be of objects that stand still. A name without an animation is an error. */
 static enum pell_result check_animated(const struct pell_scene *scene, const struct pell_load_params *params)
 {
     char shown[96];

@@ -184,7 +184,7 @@ static enum pell_result read_base(struct viewer_document *d, const char *path, j
         *base = json_pack("{s:i,s:s}", "pellucid", 1, "mesh", pell_path_name(path));
     }
     if (!json_is_object(*base))
-        res = pell_error(d->ctx, PELL_ERR_FORMAT, path, NULL, "its name or its content can't stand in a scene file");
+        res = pell_error(d->ctx, PELL_ERR_FORMAT, path, NULL, "its name or its content is not valid UTF-8, which scene files need");
 
 fail:
     pell_json_finish(&file);

@@ -23,7 +23,7 @@
 
 enum viewer_picture_kind { VIEWER_PICTURE_A, VIEWER_PICTURE_B, VIEWER_PICTURE_REFERENCE, VIEWER_PICTURE_ERROR_A, VIEWER_PICTURE_ERROR_B };
 
-/* A message to a page: JSON, or 4 bytes of the length of a JSON head (little endian), the head, and a file. Of malloc. */
+/* A message to a page: JSON, or 4 bytes of the length of a JSON head (little endian), the head, and a file. Allocated by malloc. */
 struct viewer_news {
     struct viewer_news *next;
     bool binary;
@@ -77,9 +77,9 @@ struct viewer_page *viewer_page_open(struct viewer *v);
 void viewer_page_close(struct viewer *v, uint64_t number);
 /* Hands a message of a page over; takes the message. False: it asks for too much. */
 bool viewer_accept(struct viewer *v, uint64_t number, struct viewer_message *message);
-/* Sends JSON (the reference is dropped) with a file (of malloc, is taken; may be NULL) to a page that may have gone. */
+/* Sends JSON (the reference is dropped) with a file (may be NULL; allocated by malloc, freed here) to a page that may have gone. */
 void viewer_send(struct viewer *v, uint64_t number, json_t *head, int kind, uint8_t *file, size_t size);
-/* A picture that was made: its file is of malloc. */
+/* An image that was made. `file` is allocated by malloc. */
 struct viewer_sent {
     int width, height;
     const char *mime;

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TARGET_SECONDS 0.055 /* for rendering and encoding a moving picture: 80 ms are left for all of input to photon */
+#define TARGET_SECONDS 0.055 /* for rendering and encoding a moving image, of the 80 ms from input to photon */
 #define SCALE_LEAST 0.25     /* of moving pictures */
 #define SCALE_LEAST_SLOW 0.15
 #define NEWS_EVERY 0.2 /* seconds between two words of progress */
@@ -26,7 +26,7 @@ struct pane {
     double scale;   /* of moving pictures */
     int timed;      /* of them, so many of this scale */
     double seconds; /* of one, smoothed */
-    char *look;     /* of what `scale` holds for */
+    char *look;     /* methods for which `scale` was measured */
     struct viewer_truth *truth;
     uint64_t knows; /* model.loads of the scene that the page has facts of */
 };
@@ -289,19 +289,20 @@ static void save(struct viewer_worker *w, struct pane *p, const struct viewer_me
     struct pell_render_result image;
     uint8_t *file = NULL;
     size_t size = 0;
-    json_t *document;
-    char *text;
 
-    if (viewer_model_apply(&w->model, p->view, true) != PELL_OK)
-        return;
-    if (!exr) { /* an exposure that is metered must be known */
-        document = viewer_model_saved(&w->model, p->view);
-        text = document ? json_dumps(document, JSON_INDENT(2)) : NULL;
-        json_decref(document);
-        file = (uint8_t *) text;
-        size = text ? strlen(text) : 0;
-    } else if (viewer_model_render(&w->model, VIEWER_STILL_A, p->view, &p->view->look, &all, &settings, &image) != PELL_OK ||
-               viewer_encode_exr(w->v->ctx, &image, &file, &size) != PELL_OK) {
+    if (viewer_model_apply(&w->model, p->view, true) == PELL_OK) {
+        if (!exr) {
+            json_t *document = viewer_model_saved(&w->model, p->view);
+            file = (uint8_t *) (document ? json_dumps(document, JSON_INDENT(2)) : NULL);
+            json_decref(document);
+            size = file ? strlen((const char *) file) : 0;
+        } else if (viewer_model_render(&w->model, VIEWER_STILL_A, p->view, &p->view->look, &all, &settings, &image) == PELL_OK &&
+                   viewer_encode_exr(w->v->ctx, &image, &file, &size) != PELL_OK) {
+            file = NULL;
+        }
+    }
+    if (!file) { /* what is wrong has been logged; the page must not wait for the file */
+        viewer_send(w->v, p->number, json_pack("{s:s,s:I}", "type", "unsaved", "id", (json_int_t) m->id), -1, NULL, 0);
         return;
     }
     viewer_send(w->v, p->number, json_pack("{s:s,s:I,s:s}", "type", "file", "id", (json_int_t) m->id, "format", m->format), -1, file, size);

@@ -374,7 +374,7 @@ def _(folder):
     need([p['role'] for p in data['pictures']] == ['reference', 'truth', 'method'], 'roles')
     need(data['pictures'][0]['model']['part']['mae'] > 0, 'no error of the model')
     shown = text(works(folder, 'compare', 'bunny.obj', *few, '--reference', 'hierarchical,dipole:error=0.5').stdout)
-    need('its own reference: dipole:error=0.5' in shown and 'Error of the model' in shown and 'taken off' in shown, shown)
+    need('its own reference: dipole:error=0.5' in shown and 'Error of the model' in shown and 'subtracted from the errors' in shown, shown)
 
 
 @test('a sampled reference is two halves; what is below its noise is not resolved, and other samples of the same agree with it')

@@ -380,6 +380,13 @@ def _(folder):
             need(bool(known) == (option in own), f'{command} --{option}', done.stderr)
 
 
+@test('options of the viewer and of parts of images stay with their commands')
+def _(folder):
+    viewers, parts = {'port', 'listen', 'no-open'}, {'sample-range', 'tile-range', 'frame-range'}
+    need(viewers <= options_of(help_of(folder, 'view')) and parts <= options_of(help_of(folder, 'render')), 'options are missing')
+    need(not parts & options_of(help_of(folder, 'view')) and not viewers & options_of(help_of(folder, 'render')), 'options are shared')
+
+
 @test('a later option wins, an option twice leaks nothing')
 def _(folder):
     works(folder, *MESH, '--size', '1mm', '--size=80mm', '-o', 'first.png', '-o', 'second.png', '--threads', '1', '--threads', '2', '-q')

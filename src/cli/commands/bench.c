@@ -164,6 +164,11 @@ static bool is_of_papers(const char *name)
     return false;
 }
 
+static int by_name(const void *a, const void *b)
+{
+    return strcmp(*(const char *const *) a, *(const char *const *) b);
+}
+
 static enum exit_code unknown_bench(struct cli *cli, const char *what, const char *folder)
 {
     char names[32][64];
@@ -183,7 +188,8 @@ static enum exit_code unknown_bench(struct cli *cli, const char *what, const cha
     }
     if (dir)
         closedir(dir);
-    pell_text_suggest_or_list(&hint, "there is ", what, list, count);
+    qsort(list, count, sizeof(*list), by_name);
+    pell_text_suggest_or_list(&hint, "known: ", what, list, count);
     return cli_usage(cli, "bench", count ? hint.str : "the folder of bench scenes is not beside the program", "there is no bench \"%s\"",
                      what);
 }

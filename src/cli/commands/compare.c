@@ -118,7 +118,7 @@ enum exit_code command_compare(struct cli *cli)
     const struct pell_setting *setting = scene ? NULL : picture_setting(cli);
 
     if (scene && is_picture(cli->arguments[0]))
-        return cli_usage(cli, "compare", "pellucid compare A B", "a picture alone: its reference is missing");
+        return cli_usage(cli, "compare", "pellucid compare A B", "one image was given: its reference is missing");
     if (odd || setting)
         return cli_usage(cli, odd ? odd : setting->where,
                          scene ? "pellucid compare A B" : "pellucid compare INPUT --methods all --reference hierarchical",

@@ -58,11 +58,11 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
     if (!job->format && cli->format) {
         struct pell_text hint = { .length = 0 };
         const bool near = pell_text_suggest(&hint, "", cli->format, names, count);
-        return cli_usage(cli, "--format", near ? hint.str : NULL, "\"%s\", must be png, exr, hdr or pfm", cli->format);
+        return cli_usage(cli, "--format", near ? hint.str : NULL, "is \"%s\", must be png, exr, hdr or pfm", cli->format);
     }
     if (!job->format)
         return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",
-                         "\"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
+                         "is \"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
     if (to_stdout && (cli->json || cli->numbers.turntable > 0 || cli->frames))
         return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s",
                          cli->json     ? "--json"
@@ -115,8 +115,8 @@ static enum exit_code check_writable(struct cli *cli, const char *option, const 
         return cli_usage(cli, option, NULL, "\"%s\" is the input", path);
     if (snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path) >= (int) sizeof(folder) ||
         access(folder[0] ? folder : ".", W_OK) != 0)
-        return cli_failed(cli,
-                          pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "can't be written: its folder is not there, or is closed to you"));
+        return cli_failed(
+            cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "can't be written: its folder does not exist, or you may not write to it"));
     return EXIT_OK;
 }
 
@@ -251,6 +251,8 @@ static enum exit_code render_frames(struct cli *cli, struct job *job)
     char path[sizeof(job->output) + 16];
     enum exit_code code = find_exposure(cli, job);
 
+    if (!job->session.scene->animated && job->frames.count > 1)
+        pell_warn(cli->ctx, "--frames", NULL, "no file of the scene has an animation: all images are the same");
     job->images = json_array();
     cli->progress.parts = job->end - job->first;
     for (int i = job->first; i < job->end && code == EXIT_OK; i++) {

@@ -144,7 +144,7 @@ static json_t *child(json_t *object, const char *name)
     return found;
 }
 
-/* Methods that mix have all light of translucent pixels as theirs. */
+/* Methods whose output has surface reflection in it are compared by all light of the translucent pixels. */
 static struct pell_compare_input choose_planes(const struct job *job, const struct run *run, const struct light *l, const struct light *r,
                                                int view)
 {
@@ -548,9 +548,9 @@ static void answer_text(const struct cli *cli, const struct job *job)
     for (size_t i = 0; i < job->runs.num_references; i++) {
         printf("%s: %s, %.3f s, ", i == 0 ? "reference" : "its own reference", job->runs.list[i].label, job->runs.list[i].seconds);
         if (isnan(job->rel_noise[i]))
-            puts("it does not tell its noise");
+            puts("noise not estimated");
         else
-            printf("noise %.2f %%%s, taken off the errors\n", 100.0 * job->rel_noise[i],
+            printf("noise %.2f %%%s, subtracted from the errors\n", 100.0 * job->rel_noise[i],
                    job->references[i].half ? " as the mean of two halves" : "");
     }
     snprintf(title, sizeof(title), "Subsurface light of translucent pixels, against %s", job->runs.list[0].label);

@@ -34,7 +34,7 @@ enum exit_code profile_check_export(struct cli *cli)
     if (find_language(cli->profile.export) == LANGUAGES)
         return cli_usage(cli, "--export", NULL, "\"%s\", must be c, glsl, hlsl or json", cli->profile.export);
     if (cli->numbers.taps % 2 == 0)
-        return cli_usage(cli, "--taps", NULL, "is %d, must be odd: one tap is the middle", cli->numbers.taps);
+        return cli_usage(cli, "--taps", NULL, "is %d, must be odd: one tap is in the centre", cli->numbers.taps);
     return EXIT_OK;
 }
 

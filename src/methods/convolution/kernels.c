@@ -10,13 +10,13 @@
 
 enum { LANES = 16, ELEMENT = 32 };
 
-/* --- Leans ------------------------------------------------------------------------------------------------------------------------- */
+/* --- Slants ------------------------------------------------------------------------------------------------------------------------ */
 
-/* Pixels of a row, or each of its own column. */
+/* Pixels of one row (step 1), or each pixel with its own column (step: the stride). */
 struct line {
-    vi at, group_at, place; /* where it begins; which they are of it */
+    vi at, group_at, place; /* offsets of the line's first pixel in planes of floats and of groups; the pixels' indices along the line */
     ptrdiff_t step, group_step;
-    int low, high; /* places that there are */
+    int low, high; /* first and last index inside the image */
 };
 
 /* The slope, each pixel, to the one `by` pixels away that is less steep; 0 without any: 1/depth, or depth where rays are parallel, is
@@ -135,8 +135,9 @@ INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
 }
 
 /* Areas in pixels of the middle, and what splitting and gathering give back of a flat surface's light. By its place among the planes: half
- * of the factor where light enters, half where it leaves; by its lean, on the mean over places: all where it enters, as a pixel that leans
- * alone has no neighbours that give it more. What is near knows the pixel's own lean, what is farther that over some distance. */
+ * of the factor where light enters, half where it leaves; by its slant, on the mean over positions: all where it enters, as a single
+ * slanted pixel has no neighbours that give it more. Near light is weighted by the pixel's own slant, light from farther away by the slant
+ * averaged over a distance. */
 static void weigh(const struct conv_weights *w, const struct conv_places *s, float *const enters[3], float *const leaves[3])
 {
     enum { SIZE = sizeof(struct conv_response) / (4 * sizeof(float)) };
@@ -380,7 +381,7 @@ INLINE struct spot spot_of(vf place)
     return (struct spot) { plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
 }
 
-/* Share of the light of one that planes and images between them take to the other; `next`: R a plane on over R. */
+/* Share of the light of pixel a that already reaches pixel b by way of the planes. `next`: R at one plane distance more, divided by R. */
 INLINE vf exchange(struct spot a, struct spot b, float next)
 {
     const vf step = b.plane - a.plane, both = (1.0f - a.t) * (1.0f - b.t) + a.t * b.t;

@@ -108,8 +108,7 @@ static enum pell_result make_set(struct is_state *st, const struct pell_frame_sh
     reach = is_reach(&with);
     if (most > 0.0 && reach > most && is_uniform_samples(&st->knobs) > 0)
         pell_warn(st->ctx, m->name, "few samples find light from farther away: use more samples, or hierarchical",
-                  "99 %% of its light stays within %.3g mm, more than half the object: uniform samples are placed as for %.3g mm", reach,
-                  most);
+                  "its light spreads %.3g mm, further than half the object: uniform samples are limited to %.3g mm", reach, most);
     return is_set_make(st->ctx, &with, &st->knobs, most > 0.0 ? fmin(most, 1e15) : 1e15, &st->sets[i]);
 
 fail:

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * march.c - the march of layered below any packet; compiled once per level of base/simd.h. The mathematics is in kernels.h and README.md.
- * Loops over layers leave out those that no lane is in, whose share is 0.
+ * Layers that no lane is in are skipped: they contribute 0.
  */
 #include "methods/layered/march.h"
 

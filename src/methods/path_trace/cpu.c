@@ -22,9 +22,10 @@ enum {
     PLAIN = 64, /* samples without a stopping criterion */
 };
 
-#define CROSSED 0.01      /* of the paths: fewer is rounding at edges */
-#define LATE_SECONDS 0.25 /* a round is given up this much, */
-#define LATE 0.05         /* and this share of the time, after the deadline: most end near it */
+#define CROSSED 0.01 /* of the paths: fewer is rounding at edges */
+/* A round is given up when it is later than the deadline by LATE_SECONDS and by LATE of the time limit. */
+#define LATE_SECONDS 0.25
+#define LATE 0.05
 
 /* Whether some pixel has no sample at all. */
 static bool has_black(const struct pt_film *film)
@@ -42,13 +43,13 @@ static enum pell_result do_round(struct pt_run *run, const struct pt_goal *goal,
 {
     struct pt_state *st = run->st;
     const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
-    const size_t homogeneous = pixels / ((size_t) st->threads * TILES);
+    const size_t per_task = pixels / ((size_t) st->threads * TILES);
     size_t tasks;
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
     enum pell_result res;
 
     PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
-    PELL_TRY(pt_list_tasks(run, homogeneous > PT_TASK ? PT_TASK : homogeneous + 1, &tasks));
+    PELL_TRY(pt_list_tasks(run, per_task > PT_TASK ? PT_TASK : per_task + 1, &tasks));
     for (run->first = 0; run->first < tasks;) {
         const size_t left = tasks - run->first, count = left < *batch ? left : *batch;
         const double start = pell_seconds();
@@ -278,7 +279,7 @@ static void report(struct pt_state *st, const struct pt_run *run)
                   "%lld of %lld specular manifold solutions were not found again and were dropped", (long long) given_up,
                   (long long) chains);
     if (atomic_load(&st->invalid))
-        pell_warn(st->ctx, "path-trace", "please report the scene", "samples that were not finite were set to 0");
+        pell_warn(st->ctx, "path-trace", "please report the scene", "some samples were not finite and were set to 0");
     if (least == 0 && most > 0 && !pt_merges(st))
         pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample: the others are black");
 }

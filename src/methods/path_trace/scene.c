@@ -85,7 +85,8 @@ fail:
     return res;
 }
 
-/* By the bunny in milk, skin and ketchup: few where walks are long or light goes forward, more where walks are short. */
+/* Share of the scatterings at which lights are looked for, tuned on the bunny in milk, skin and ketchup: smaller for long walks and
+ * forward scattering. */
 static float share_of(const struct pt_coefficients *m)
 {
     float albedo = 0.0f;

@@ -82,7 +82,7 @@ INLINE vq half_bits(void)
 }
 
 /* The next bits of some lanes, those that take even numbers apart: their set. */
-INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, float *homogeneous)
+INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, float *quasi)
 {
     uint32_t early = 0;
 
@@ -105,7 +105,7 @@ INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, 
     }
     for (uint32_t left = early; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        homogeneous[l] = pt_quasi_random(w->sampler[l]);
+        quasi[l] = pt_quasi_random(w->sampler[l]);
         w->at[l] = w->sampler[l]->at;
     }
     return early;
@@ -115,13 +115,13 @@ INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, 
 INLINE void uniform(struct pt_wavefront_lanes *w, uint32_t set, float *out)
 {
     _Alignas(64) int32_t bits[PT_LANES];
-    _Alignas(64) float homogeneous[PT_LANES] = { 0 };
-    const uint32_t early = draw(w, set, bits, homogeneous);
+    _Alignas(64) float quasi[PT_LANES] = { 0 };
+    const uint32_t early = draw(w, set, bits, quasi);
 
     EACH(l)
     {
         const vf late = __builtin_convertvector(whole(bits + l) >> 8 & 0xffffff, vf) * (1.0f / 16777216.0f);
-        store(out + l, early ? select(mask_of(early, l), load(homogeneous + l), late) : late);
+        store(out + l, early ? select(mask_of(early, l), load(quasi + l), late) : late);
     }
 }
 
@@ -134,13 +134,13 @@ INLINE vf chance_of(vi bits)
 INLINE void chance(struct pt_wavefront_lanes *w, uint32_t set, float *out)
 {
     _Alignas(64) int32_t bits[PT_LANES];
-    _Alignas(64) float homogeneous[PT_LANES] = { 0 };
-    const uint32_t early = draw(w, set, bits, homogeneous);
+    _Alignas(64) float quasi[PT_LANES] = { 0 };
+    const uint32_t early = draw(w, set, bits, quasi);
 
     EACH(l)
     {
         const vf late = chance_of(whole(bits + l));
-        store(out + l, early ? select(mask_of(early, l), 1.0f - load(homogeneous + l), late) : late);
+        store(out + l, early ? select(mask_of(early, l), 1.0f - load(quasi + l), late) : late);
     }
 }
 

@@ -471,6 +471,7 @@ connection.on('truth', (t) => {
 connection.on('picked', picked);
 connection.on('profile', materials.setProfile);
 connection.on('file', (head, file) => download(file, head.format === 'exr' ? `${stem()}.exr` : `${stem()}-view.json`));
+connection.on('unsaved', () => say('error', 'save', 'the file could not be made: see the messages', ''));
 connection.on('closed', (reason) => {
     $('veil').hidden = false;
     $('veil').textContent = reason || 'The program has ended, or cannot be reached. Trying again.';
