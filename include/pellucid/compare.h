@@ -126,6 +126,7 @@ struct pell_comparison {
 PELL_API PELL_NODISCARD enum pell_result pell_compare(struct pell_context *ctx, const struct pell_compare_input *input,
                                                       const struct pell_compare_params *params, struct pell_comparison *out);
 
+/* Releases the maps of a comparison and sets it to {0}. */
 PELL_API void pell_comparison_finish(struct pell_context *ctx, struct pell_comparison *comparison);
 
 /* Colours of maps, sRGB-encoded in [0, 1]. Values are clamped to the range, NaN counts as 0. Thread-safe. */

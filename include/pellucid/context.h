@@ -103,6 +103,7 @@ PELL_API void pell_context_interrupt(struct pell_context *ctx);
 /* Whether the running render, or else the last interruptible one, was interrupted. Thread-safe. */
 PELL_API bool pell_context_interrupted(const struct pell_context *ctx);
 
+/* The limits that the context was created with, valid as long as the context. Thread-safe. */
 PELL_API const struct pell_limits *pell_context_limits(const struct pell_context *ctx);
 
 #ifdef __cplusplus

@@ -27,7 +27,7 @@ struct pell_frame_material {
     const struct pell_profile *profile; /* of R, G and B, borrowed; NULL: from `gaussians`, or the dipole of `medium`; never NULL in a
                                          * frame that a method reads */
     bool white;                         /* normalise each channel's profile to 1: the irradiance includes the colour */
-    const char *name;                   /* for messages; not NULL */
+    const char *name;                   /* for messages; NULL: "" */
     const char *preset;                 /* the built-in material (pell_material_find) that medium and Gaussians are of; NULL: none */
     float strength; /* scales the scattering radius in methods that read no plane `strength` (PELL_NEED_STRENGTH), [0, 1]; 0: 1 */
 };

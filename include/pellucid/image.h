@@ -56,6 +56,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_image_decode(struct pell_context *
 /* Converts in place to linear floats (sRGB decoded where the image is sRGB-encoded). */
 PELL_API PELL_NODISCARD enum pell_result pell_image_to_float(struct pell_context *ctx, struct pell_image *image);
 
+/* Releases the pixels of an image and sets it to {0}. */
 PELL_API void pell_image_finish(struct pell_context *ctx, struct pell_image *image);
 
 /* --- All channels of an OpenEXR file -------------------------------------------------------------------------------------------- */

@@ -142,16 +142,23 @@ struct pell_pass;
  * engine does not implement, PELL_ERR_INVALID for a shape or knobs out of range. On failure *out is NULL. */
 PELL_API PELL_NODISCARD enum pell_result pell_pass_create(struct pell_device *device, const struct pell_method *method, const void *knobs,
                                                           const struct pell_frame_shape *shape, struct pell_pass **out);
-/* `in` must have the pass's shape and the planes that its plan needs; `out` three planes. Allocates nothing. */
+/* Writes `out`, three planes, inside in->rect. `in` must have the planes that the pass's plan needs, and the pass's size, stride,
+ * projection and number of materials; the materials themselves are those that the pass was created with. No plane of `out` may be one of
+ * `in` or another of `out`. PELL_ERR_INVALID where one of this does not hold, PELL_ERR_CANCELLED. Allocates nothing. */
 PELL_API PELL_NODISCARD enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_frame *in,
                                                           const struct pell_frame_light *out);
+/* What the method does with the knobs of this pass. Valid as long as the pass. */
 PELL_API const struct pell_plan *pell_pass_plan(const struct pell_pass *pass);
+/* Transmission of shape.materials[material] by thickness, valid as long as the pass. NULL for methods without, for materials without, and
+ * for numbers that the shape does not have. */
 PELL_API const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *pass, size_t material);
+/* Writes at most `size` times of the last render and returns how many were written. */
 PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size);
 /* False if the method has no standard error; else planes of the frame's stride, valid until the next render. */
 PELL_API bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[3]);
 /* Whether the last render ended before it had what its knobs ask for, because of a time limit or an interruption. */
 PELL_API bool pell_pass_unfinished(const struct pell_pass *pass);
+/* Releases the pass and sets *pass to NULL; *pass may be NULL already. */
 PELL_API void pell_pass_destroy(struct pell_pass **pass);
 
 #ifdef __cplusplus

@@ -24,6 +24,7 @@ struct pell_dipole {
     double zr, zv; /* depths of the real and the virtual source */
 };
 
+/* sigma_a >= 0 and sigma_s_reduced > 0 in 1/mm, eta in [1, 3]; outside them the result is not meaningful, as nothing is checked. */
 PELL_API struct pell_dipole pell_dipole_make(double sigma_a, double sigma_s_reduced, double eta, enum pell_fresnel_model model);
 PELL_API double pell_dipole_rd(const struct pell_dipole *d, double r_mm);  /* R_d(r), 1/mm^2 */
 PELL_API double pell_dipole_total(const struct pell_dipole *d);            /* 2 pi Int r R_d dr */

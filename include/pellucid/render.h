@@ -65,9 +65,12 @@ PELL_API void pell_settings_default(const struct pell_method *method, const void
 
 struct pell_renderer;
 
+/* A renderer without a scene or a method. PELL_ERR_NOMEM. */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_create(struct pell_device *device, struct pell_renderer **out);
+/* Releases the renderer and the images that it made, and sets *r to NULL; *r may be NULL already. */
 PELL_API void pell_renderer_destroy(struct pell_renderer **r);
 
+/* The device that the renderer was made on. */
 PELL_API struct pell_device *pell_renderer_device(const struct pell_renderer *r);
 
 /* Builds the ray tracing structures. NULL removes the scene. */
@@ -153,6 +156,9 @@ struct pell_render_result {
     bool unfinished;       /* ended by a time limit or an interruption before the samples or the error that were asked for */
 };
 
+/* Renders one frame. The first frame of a scene, a size or a method allocates and prepares; later ones reuse it. PELL_ERR_INVALID for
+ * settings out of range and for a renderer without a scene, PELL_ERR_LIMIT, PELL_ERR_NOMEM, PELL_ERR_CANCELLED after pell_context_cancel.
+ * On failure *image is {0}, and the planes of the last image are no longer valid. */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings,
                                                               struct pell_render_result *image);
 

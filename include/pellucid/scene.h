@@ -220,6 +220,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_scene_load(struct pell_context *ct
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load_memory(struct pell_context *ctx, const char *path, const void *data, size_t size,
                                                                 const struct pell_load_params *params, struct pell_scene **out);
 
+/* Releases the scene with all that it owns, and sets *scene to NULL; *scene may be NULL already. No renderer may still have it. */
 PELL_API void pell_scene_destroy(struct pell_scene **scene);
 
 /* --- Checking ----------------------------------------------------------------------------------------------------------------- */
@@ -255,10 +256,12 @@ struct pell_scene_report {
 
 /* Checks closedness, orientation, scale and values. The report is released with pell_scene_report_finish. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_scene_report *report);
+/* Releases what a report owns and sets it to {0}. */
 PELL_API void pell_scene_report_finish(struct pell_context *ctx, struct pell_scene_report *report);
 
 /* --- Building by hand --------------------------------------------------------------------------------------------------------- */
 
+/* An empty scene; the context must outlive it. PELL_ERR_NOMEM. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_create(struct pell_context *ctx, struct pell_scene **out);
 
 /* Each adds a zeroed element (materials: glTF's defaults, marble's medium, opaque) and sets *index. Pointers to earlier elements of

@@ -98,8 +98,7 @@ static enum pell_result show_planes(struct pell_renderer *r, const struct pell_f
         struct pell_intermediate image = { name, p->unit, "a plane of the frame, where it is translucent", .components = p->components };
         if (p->of_light != of_light)
             continue;
-        memcpy(planes, (const char *) (of_light ? (const void *) out : (const void *) in) + p->offset,
-               (size_t) p->components * sizeof(*planes));
+        pell_plane_pointers(p, in, out, planes);
         snprintf(name, sizeof(name), "frame.%s", p->name);
         image.color = p->components == 3 && i != PELL_PLANE_NORMAL && i != PELL_PLANE_POSITION;
         if (planes[0])

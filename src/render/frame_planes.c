@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * frame_planes.c - the rows of pell_plane_at. */
-#include "base/base.h"
+#include "render/pass.h"
 
-#include <pellucid/method.h>
+#include <string.h>
 
 #define IN(member) .name = #member, .offset = offsetof(struct pell_frame, member)
 #define OUT(member) .name = #member, .offset = offsetof(struct pell_frame_light, member), .of_light = true
@@ -23,6 +23,13 @@ static const struct pell_plane_info planes[PELL_PLANES] = {
     [PELL_PLANE_SINGLE] = { OUT(single), .unit = "W/(m^2 sr)", .components = 3, .output = PELL_OUTPUT_SINGLE, .optional = true },
     [PELL_PLANE_SURFACE] = { OUT(surface), .unit = "W/(m^2 sr)", .components = 3, .output = PELL_OUTPUT_SURFACE, .optional = true },
 };
+
+void pell_plane_pointers(const struct pell_plane_info *p, const struct pell_frame *in, const struct pell_frame_light *out,
+                         const void *pointers[3])
+{
+    memcpy(pointers, (const char *) (p->of_light ? (const void *) out : (const void *) in) + p->offset,
+           (size_t) p->components * sizeof(*pointers));
+}
 
 const struct pell_plane_info *pell_plane_at(int plane)
 {

@@ -168,13 +168,41 @@ static const char *find_missing(unsigned needs, const struct pell_frame *in, con
 
         if (p->optional || (p->need && !(needs & p->need)))
             continue;
-        memcpy(planes, (const char *) (p->of_light ? (const void *) out : (const void *) in) + p->offset,
-               (size_t) p->components * sizeof(*planes));
+        pell_plane_pointers(p, in, out, planes);
         for (int c = 0; c < p->components; c++)
             if (!planes[c])
                 return p->name;
     }
     return NULL;
+}
+
+/* Whether a plane of `out` is another of `out` or one of `in`. */
+static bool overlaps(const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    const void *all[3 * PELL_PLANES], *written[3 * PELL_PLANES];
+    size_t count = 0, outputs = 0;
+
+    for (int i = 0; i < PELL_PLANES; i++) {
+        const struct pell_plane_info *p = pell_plane_at(i);
+        const void *planes[3];
+
+        pell_plane_pointers(p, in, out, planes);
+        for (int c = 0; c < p->components; c++) {
+            if (!planes[c])
+                continue;
+            all[count++] = planes[c];
+            if (p->of_light)
+                written[outputs++] = planes[c];
+        }
+    }
+    for (size_t i = 0; i < outputs; i++) {
+        int same = 0;
+        for (size_t k = 0; k < count; k++)
+            same += written[i] == all[k];
+        if (same > 1)
+            return true;
+    }
+    return false;
 }
 
 static bool same_shape(const struct pell_frame_shape *a, const struct pell_frame_shape *b)
@@ -198,6 +226,8 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
     missing = find_missing(pass->plan.needs, in, out);
     if (missing)
         return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "plane %s is NULL, but method %s needs it", missing, pass->method->name);
+    if (overlaps(in, out))
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "a plane of the output is given twice, or is one of the frame's own");
     if (r.x0 >= r.x1 || r.y0 >= r.y1)
         return PELL_OK;
     return pass->engine->record(pass->state, in, out);

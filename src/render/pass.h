@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pass.h - the pass of a renderer, whose materials and knobs were checked before.
+ * pass.h - the pass of a renderer, whose materials and knobs were checked before, and the planes that it is handed.
  */
 #ifndef PELL_PASS_H
 #define PELL_PASS_H
@@ -15,5 +15,9 @@ PELL_NODISCARD enum pell_result pell_pass_make(const struct pell_engine_interfac
 /* PELL_ERR_DEVICE, with a message that says which engines have the method, where this one has not. */
 PELL_NODISCARD enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_engine_interface *engine,
                                                   const struct pell_method *method);
+
+/* The pointers of one row of the table of planes in a frame and its output: the first p->components of `pointers`. */
+void pell_plane_pointers(const struct pell_plane_info *p, const struct pell_frame *in, const struct pell_frame_light *out,
+                         const void *pointers[3]);
 
 #endif

@@ -817,6 +817,7 @@ static void a_frame_of_another_shape_is_refused(void **state)
     struct bench_place at = place_create_on(on->engine, 1, NULL, &kept);
     struct patch *p = patch_create(40, 30, false, 500.0, 500.0, &m, 1), *q = patch_create(61, 47, false, 500.0, 500.0, &m, 1);
     struct pell_pass *pass = patch_pass(&at, on->method, form(on->method), p);
+    struct pell_frame_light twice;
     struct pell_frame out;
 
     kept = (struct kept_messages) { 0 };
@@ -827,7 +828,13 @@ static void a_frame_of_another_shape_is_refused(void **state)
     out = p->frame;
     out.depth = NULL;
     assert_int_equal(pell_pass_render(pass, &out, &p->out), PELL_ERR_INVALID);
-    assert_int_equal(kept.errors, 3);
+    twice = p->out;
+    twice.light[1] = twice.light[2];
+    assert_int_equal(pell_pass_render(pass, &p->frame, &twice), PELL_ERR_INVALID);
+    twice = p->out;
+    twice.light[0] = (float *) p->frame.depth;
+    assert_int_equal(pell_pass_render(pass, &p->frame, &twice), PELL_ERR_INVALID);
+    assert_int_equal(kept.errors, 5);
     pell_pass_destroy(&pass);
     patch_run(&at, on->method, form(on->method), q);
     REQUIRE_REL((double) q->result[0][patch_at(q, 60, 46)], even_total(on->method, &m, 0), 1e-4);

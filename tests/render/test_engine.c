@@ -16,7 +16,7 @@ static struct {
     bool survives_light_change;
     struct pell_frame in; /* of the method's last sample */
     int firsts;
-    float plane[PIXELS];
+    float plane[3 * PELL_PLANES][PIXELS];
 } seen;
 
 static enum pell_result call(const char *name)
@@ -131,7 +131,7 @@ static void null_hand_over(void *engine, const struct pell_engine_sample *sample
     in->rect = (struct pell_rect) { 0, 0, WIDTH, HEIGHT };
     for (int i = 0; i < PELL_PLANES; i++) {
         const struct pell_plane_info *p = pell_plane_at(i);
-        float *const planes[] = { seen.plane, seen.plane, seen.plane };
+        float *const planes[] = { seen.plane[3 * i], seen.plane[3 * i + 1], seen.plane[3 * i + 2] };
         memcpy((char *) (p->of_light ? (void *) out : (void *) in) + p->offset, planes, (size_t) p->components * sizeof(*planes));
     }
     (void) call("hand-over");
@@ -166,7 +166,7 @@ static void null_read_back(void *engine, const struct pell_engine_frame *frame, 
     (void) engine;
     (void) frame;
     REQUIRE(!noisy);
-    channels[0] = (struct pell_channel) { "R", seen.plane, 16, false };
+    channels[0] = (struct pell_channel) { "R", seen.plane[3 * PELL_PLANE_LIGHT], 16, false };
     *out = (struct pell_engine_result) { .stride = 16, .num_channels = 1, .exposure = 2.0f, .covered = true, .any_light = true };
     (void) call("read-back");
 }
@@ -213,7 +213,7 @@ static enum pell_result probe_create(const struct pell_services *services, const
 static enum pell_result probe_record(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     (void) state;
-    REQUIRE(out->light[0] == seen.plane);
+    REQUIRE(out->light[0] == seen.plane[3 * PELL_PLANE_LIGHT]);
     seen.in = *in;
     seen.firsts += in->first;
     return call("record");
