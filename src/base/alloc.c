@@ -179,6 +179,18 @@ size_t pell_memory_used(const struct pell_context *ctx)
     return atomic_load(&ctx->used);
 }
 
+bool pell_memory_available(size_t bytes)
+{
+#if defined(__linux__)
+    void *pages = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+
+    return pages != MAP_FAILED && munmap(pages, bytes) == 0;
+#else
+    (void) bytes;
+    return true;
+#endif
+}
+
 uint64_t pell_allocations(const struct pell_context *ctx)
 {
     return atomic_load(&ctx->allocations);

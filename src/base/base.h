@@ -53,7 +53,10 @@ void *pell_realloc_array(struct pell_context *ctx, void *ptr, size_t count, size
 void pell_free(struct pell_context *ctx, void *ptr); /* ptr may be NULL */
 char *pell_strdup(struct pell_context *ctx, const char *text);
 char *pell_strndup(struct pell_context *ctx, const char *text, size_t length);
-size_t pell_memory_used(const struct pell_context *ctx);   /* bytes allocated now */
+size_t pell_memory_used(const struct pell_context *ctx); /* bytes allocated now */
+/* Whether the system would give so many bytes more, for libraries that do not come back from a failed allocation. No context's limit is
+ * asked. True where the system can't be asked. */
+bool pell_memory_available(size_t bytes);
 uint64_t pell_allocations(const struct pell_context *ctx); /* calls so far: tests that a frame makes none */
 
 /* Makes room for one more in a growing array: doubles *capacity from 8. The element is at array[count]. */

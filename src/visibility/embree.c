@@ -63,11 +63,13 @@ struct pell_rays {
     struct pell_context *ctx;
     RTCDevice device;
     RTCScene scene;
-    struct surface *surfaces; /* one a mesh */
-    _Atomic int64_t bytes;    /* that Embree holds */
-    atomic_bool over_limit;
-    _Atomic int error;              /* first enum RTCError */
-    struct pell_ray_record *record; /* borrowed; NULL: none */
+    bool committed;                   /* its build was asked for */
+    struct surface *surfaces;         /* one a mesh */
+    _Atomic int64_t bytes;            /* that Embree holds */
+    atomic_bool over_limit, building; /* building: its tasks have begun */
+    _Atomic int error;                /* first enum RTCError */
+    char text[120];                   /* what Embree said about it */
+    struct pell_ray_record *record;   /* borrowed; NULL: none */
 };
 
 /* --- Filters ------------------------------------------------------------------------------------------------------------------ */
@@ -118,8 +120,8 @@ static void on_error(void *user, enum RTCError code, const char *text)
     struct pell_rays *rays = user;
     int none = RTC_ERROR_NONE;
 
-    (void) text;
-    atomic_compare_exchange_strong(&rays->error, &none, (int) code);
+    if (atomic_compare_exchange_strong(&rays->error, &none, (int) code))
+        pell_printable(text ? text : "", rays->text, sizeof(rays->text));
 }
 
 /* Counts Embree's memory against the context's limit. Called from Embree's threads. */
@@ -138,9 +140,10 @@ static bool on_memory(void *user, ssize_t bytes, bool post)
 
 static bool on_progress(void *user, double fraction)
 {
-    const struct pell_rays *rays = user;
+    struct pell_rays *rays = user;
 
     (void) fraction;
+    atomic_store(&rays->building, true);
     return !pell_cancelled(rays->ctx);
 }
 
@@ -158,7 +161,12 @@ static enum pell_result check(const struct pell_rays *rays, const struct pell_sc
         return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, NULL, "out of memory while building the ray structure");
     case RTC_ERROR_UNSUPPORTED_CPU:
         return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree does not run on this processor");
-    default: return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree reports error %d", (int) code);
+    default:
+        if (rays && rays->committed && !atomic_load(&rays->building)) /* TBB could not begin */
+            return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, "use fewer threads",
+                              "no memory or threads for building the ray structure: %s", rays->text);
+        return pell_error(scene->ctx, PELL_ERR_DEVICE, scene->path, NULL, "Embree reports error %d: %s", (int) code,
+                          rays ? rays->text : "no device");
     }
 }
 
@@ -220,6 +228,26 @@ static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *
     return check(rays, scene, (enum RTCError) atomic_load(&rays->error));
 }
 
+/* Bytes that the builder takes for each triangle at its peak (96 to 125 measured), a thread of TBB for its stack, and both besides. */
+#define TRIANGLE_BYTES 128
+#define THREAD_BYTES ((size_t) 5 << 20)
+#define BUILD_BYTES ((size_t) 16 << 20)
+
+/* Whether the system has the memory for the build. TBB starts its threads and groups with memory of its own, and where it gets none it
+ * ends the process or leaves a scene that can't be released: so what it needs is asked for, and given back, first. */
+static enum pell_result check_memory(const struct pell_scene *scene, struct pell_pool *pool)
+{
+    size_t triangles = 0, bytes;
+
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        triangles += scene->meshes[i].num_triangles;
+    bytes = triangles * TRIANGLE_BYTES + (size_t) pell_pool_threads(pool) * THREAD_BYTES + BUILD_BYTES;
+    if (pell_memory_available(bytes))
+        return PELL_OK;
+    return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, pell_pool_threads(pool) > 1 ? "use fewer threads" : NULL,
+                      "out of memory: the ray structure of %zu triangles needs about %zu MB", triangles, bytes >> 20);
+}
+
 static RTCDevice new_device(struct pell_pool *pool)
 {
     char config[32];
@@ -268,6 +296,8 @@ enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_sc
     rtcSetSceneProgressMonitorFunction(rays->scene, on_progress, rays);
     for (size_t i = 0; i < scene->num_meshes; i++)
         PELL_TRY(attach(rays, scene, i, masks));
+    PELL_TRY(check_memory(scene, pool));
+    rays->committed = true;
     rtcCommitScene(rays->scene);
     PELL_TRY(check(rays, scene, (enum RTCError) atomic_load(&rays->error)));
     if (pell_cancelled(ctx)) {
@@ -289,10 +319,17 @@ void pell_rays_destroy(struct pell_rays **rays)
     if (!r)
         return;
     *rays = NULL;
-    if (r->scene)
-        rtcReleaseScene(r->scene);
-    if (r->device)
-        rtcReleaseDevice(r->device);
+    /* A build that TBB could not even begin leaves a group of tasks in the scene that ends the process when it is destroyed. Then the
+     * scene, which holds nothing yet, and its device stay. */
+    if (atomic_load(&r->error) != RTC_ERROR_NONE && r->committed && !atomic_load(&r->building) && !atomic_load(&r->over_limit)) {
+        rtcSetDeviceMemoryMonitorFunction(r->device, NULL, NULL);
+        rtcSetDeviceErrorFunction(r->device, NULL, NULL);
+    } else {
+        if (r->scene)
+            rtcReleaseScene(r->scene);
+        if (r->device)
+            rtcReleaseDevice(r->device);
+    }
     pell_free(r->ctx, r->surfaces);
     pell_free(r->ctx, r);
 }

@@ -1,0 +1,48 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""test_memory.py PROGRAM ROOT: what happens where the machine gives less memory than is needed."""
+import resource
+import signal
+import subprocess
+import sys
+
+from cli_test import PROGRAM, SANITIZED, Skip, clean_environment, main, need, sphere, test, write_obj
+
+MIB = 1 << 20
+OUT_OF_MEMORY = 5
+
+
+def starved(folder, limit, *arguments):
+    """Runs with an address space of `limit` MiB; the exit code, and what was said."""
+    def limited():
+        resource.setrlimit(resource.RLIMIT_AS, (limit * MIB, limit * MIB))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    done = subprocess.run([PROGRAM, 'render', 'ball.obj', '--size', '40mm', '--material', 'marble', '--width', '16', '--height', '9',
+                           '--msaa', '1', '-q', '-o', 'a.png', *arguments], cwd=folder, env=clean_environment(), check=False,
+                          preexec_fn=limited, stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
+    return done.returncode, done.stderr
+
+
+def enough(folder, *arguments):
+    """The least number of MiB that suffices, to 2."""
+    low, high = 0, 2048
+    while high - low > 2:
+        middle = (low + high) // 2
+        low, high = (low, middle) if starved(folder, middle, *arguments)[0] == 0 else (middle, high)
+    return high
+
+
+@test('an address space that is too small, in steps of 2 MiB: exit code 5 and one error, whatever the threads')
+def _(folder):
+    if SANITIZED:
+        raise Skip('a sanitizer has an address space of its own')
+    write_obj(folder / 'ball.obj', *sphere(rows=60, columns=100))
+    for threads in ('1', '2', '7'):
+        top = enough(folder, '--threads', threads, '-m', 'none')
+        for limit in range(top - 60, top, 2):
+            code, said = starved(folder, limit, '--threads', threads, '-m', 'none')
+            need(code in (0, OUT_OF_MEMORY), threads, 'threads,', limit, 'MiB:', signal.Signals(-code).name if code < 0 else code, said)
+            need(code == 0 or (said.count(b'error: ') == 1 and b'terminate' not in said), threads, 'threads,', limit, 'MiB:', said)
+
+
+sys.exit(main())
