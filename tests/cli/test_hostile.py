@@ -139,7 +139,7 @@ def _(folder):
     cube(folder)
     (folder / 'dir').mkdir()
     before = names(folder)
-    for path, part in (('/dev/full', 'no space'), ('dir', 'is a folder'), ('none/x.png', 'its folder is not there')):
+    for path, part in (('/dev/full', 'no space'), ('dir', 'is a folder'), ('none/x.png', 'its folder does not exist')):
         done = run(folder, 'render', 's.json', *SMALL, '--format', 'png', '-o', path)
         need(done.returncode == 3 and part in flat(done.stderr), path, done.stderr)
     need(names(folder) == before, names(folder))
@@ -237,6 +237,20 @@ def _(folder):
         done = run(folder, 'check', 's.json', timeout=60)
         need(done.returncode == 3 and f'the picture "{name}" can\'t be read' in flat(done.stderr), name, done.stderr)
         need(run(folder, 'compare', name, name, timeout=60).returncode == 3, name)
+
+
+
+@test('many objects share the texels of texture-space, and one line tells how they were laid out')
+def _(folder):
+    mesh, corners = '', [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    for i in range(27):
+        mesh += f'o cube{i}\n' + ''.join(f'v {x + 2 * (i % 3)} {y + 2 * (i // 3 % 3)} {z + 2 * (i // 9)}\n' for x, y, z in corners)
+        mesh += ''.join('f ' + ' '.join(str(k - 8) for k in f) + '\n' for f in ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3),
+                                                                               (0, 4, 6, 2), (1, 3, 7, 5)))
+    (folder / 'cubes.obj').write_text(mesh, 'ascii')
+    done = works(folder, 'render', 'cubes.obj', '--size', '30mm', '--material', 'marble', '-m', 'texture-space', '--set', 'size=512',
+                 *SMALL, '--limit', 'memory-bytes=100000000', '-o', 'a.png')
+    need(done.stderr.count(b'planar charts') == 1 and b'; so are 26 other objects' in done.stderr, done.stderr)
 
 
 sys.exit(main())

@@ -856,7 +856,7 @@ static void more_transmitted_lights_than_fit_are_reported(void **state)
         s.settings.seed = k;
         shot = stage_shot(&s);
         shot_free(&shot);
-        assert_non_null(strstr(s.kept.last_warning, "17 lights, the first 16"));
+        assert_non_null(strstr(s.kept.last_warning, "17 lights; only the first 16"));
         assert_true(k == 0 || s.kept.warnings == told);
         told = s.kept.warnings;
     }

@@ -10,6 +10,7 @@
 #include "base/simd.h"
 #include "render/engine.h"
 
+#include <stdio.h>
 #include <string.h>
 
 PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
@@ -17,6 +18,7 @@ PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 enum { LIGHTS_MOST = 16 };
 #define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear reading adds on the average */
 #define SIZE_LEAST 32.0             /* texels, of small objects beside large ones */
+#define PIXEL_TEXELS 8.0            /* maps of all objects together have no more texels for each pixel */
 #define TAPS_REACH 3.46             /* standard deviations */
 #define COVERED 0.6
 #define STRENGTH_LEAST 1e-3f
@@ -71,18 +73,59 @@ static int border_of(const struct ts_state *st, const struct ts_profile *p, doub
     return (int) fmin(fmax(ceil(reach), 4.0), ceil(0.1 * size));
 }
 
+/* Objects that were laid out again for the same reason are told of in one line. */
+static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *shape)
+{
+    for (size_t i = 0; i < st->solids->count; i++) {
+        const struct ts_atlas *a = st->solid[i].atlas;
+        const char *name = shape->materials[st->solids->solids[i].material].name, *wrong = a ? a->wrong : NULL;
+        char more[64] = "";
+        size_t others = 0;
+
+        if (!wrong)
+            continue;
+        for (size_t j = i + 1; j < st->solids->count; j++)
+            if (st->solid[j].atlas && st->solid[j].atlas->wrong == wrong &&
+                st->solids->solids[j].material == st->solids->solids[i].material) {
+                st->solid[j].atlas->wrong = NULL;
+                others++;
+            }
+        if (others)
+            snprintf(more, sizeof(more), "; so are %zu other objects", others);
+        if (a->without)
+            pell_info(st->ctx, name, "%s: laid out in %d planar charts%s", wrong, a->num_charts, more);
+        else
+            pell_warn(st->ctx, name, "charts=planar says that this is as meant", "%s: laid out in %d planar charts%s", wrong, a->num_charts,
+                      more);
+    }
+}
+
+/* Factor of the sides of all maps: together they have at most four times the texels of one of the side `size`, and in small images fewer,
+ * but for maps that are as small as they get. */
+static double share_texels(const struct ts_state *st, const struct pell_frame_shape *shape, double largest)
+{
+    const double one = (double) st->knobs.size * st->knobs.size, pixels = (double) shape->width * shape->height;
+    const double most = fmin(fmax(PIXEL_TEXELS * pixels, 2.0 * one), 4.0 * one);
+    double all = 0.0;
+
+    for (size_t i = 0; i < st->solids->count && largest > 0.0; i++)
+        all += one * st->solids->solids[i].area / largest;
+    return all > most ? sqrt(most / all) : 1.0;
+}
+
 static enum pell_result make_atlases(struct ts_state *st, const struct pell_frame_shape *shape)
 {
     const struct pell_solids *b = st->solids;
-    double largest = 0.0;
+    double largest = 0.0, factor;
     enum pell_result res;
 
     for (size_t i = 0; i < b->count; i++)
         largest = fmax(largest, b->solids[i].area);
+    factor = share_texels(st, shape, largest);
     for (size_t i = 0; i < b->count; i++) {
         const struct pell_solid *solid = &b->solids[i];
         const struct pell_frame_material *m = &shape->materials[solid->material];
-        const double share = largest > 0.0 ? sqrt(solid->area / largest) : 0.0;
+        const double share = largest > 0.0 ? factor * sqrt(solid->area / largest) : 0.0;
         struct ts_profile *profile = &st->profiles[solid->material];
         struct ts_atlas_params p = {
             .pool = st->pool,
@@ -106,7 +149,9 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
         st->solid[i].map += 4 * TS_MARGIN;
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
+        pell_progress(st->ctx, "layouts", (double) (i + 1) / (double) b->count);
     }
+    tell_of_layouts(st, shape);
     return PELL_OK;
 
 fail:

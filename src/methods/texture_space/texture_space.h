@@ -91,6 +91,8 @@ struct ts_atlas {
     int32_t *chart;                /* per triangle: 1, 2, ...; 0: it has no area */
     uint32_t *twin;                /* per half-edge 3 t + k, from corner k to the next: the one across, or UINT32_MAX */
     bool planar;                   /* its charts are our own */
+    const char *wrong;             /* constant text: what was wrong with its texture coordinates; NULL: nothing, or charts=planar */
+    bool without;                  /* it has none */
     int num_charts;
     /* Texels: plane[y * stride + x], with TS_MARGIN texels without chart left and right. */
     int width, height, blocks;

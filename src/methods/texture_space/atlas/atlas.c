@@ -132,10 +132,8 @@ static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
         return pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", wrong);
     }
     PELL_TRY(ts_atlas_lay_out_planar(b, order));
-    if (wrong[0] && !a->scene->meshes[b->meshes[0]].uv[0])
-        pell_info(b->ctx, b->p->name, "%s: laid out in %d planar charts", wrong, a->num_charts);
-    else if (wrong[0])
-        pell_warn(b->ctx, b->p->name, "charts=planar says that this is as meant", "%s: laid out in %d planar charts", wrong, a->num_charts);
+    a->wrong = wrong[0] ? wrong : NULL;
+    a->without = !a->scene->meshes[b->meshes[0]].uv[0];
     PELL_TRY(ts_atlas_make_planes(b));
     ts_atlas_rasterize(b);
     return PELL_OK;
