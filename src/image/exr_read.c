@@ -176,6 +176,31 @@ static enum pell_result check_chunks(struct exr_file *f, struct part *p)
     return pell_image_check_memory(f->ctx, f->src->name, 4 * 4 * width * height * channels);
 }
 
+/* Windows that the file's bytes can't fill. ZIP, which packs best, makes at most 1032 bytes of one; what lies outside of the data window
+ * takes memory and time, but no bytes. */
+#define UNPACKED_MOST 1100
+#define EMPTY_PIXELS ((int64_t) 1 << 24)
+#define EMPTY_FACTOR 64
+static enum pell_result check_promise(struct exr_file *f, const struct part *p)
+{
+    const int64_t data = p->data_width * p->data_height, display = (int64_t) p->width * p->height;
+    uint64_t bytes = 0;
+
+    for (int c = 0; c < p->channels->num_channels; c++)
+        bytes += (uint64_t) data * (p->channels->entries[c].pixel_type == EXR_PIXEL_HALF ? 2 : 4);
+    if (bytes / (p->bare ? 1 : UNPACKED_MOST) > f->src->size)
+        return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, "the file is damaged: write it again",
+                          "OpenEXR: a data window of %lld x %lld pixels can't stand in a file of %zu bytes", (long long) p->data_width,
+                          (long long) p->data_height, f->src->size);
+    if (display > EMPTY_PIXELS && display / EMPTY_FACTOR > data)
+        return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "make the display window smaller: oiiotool IN --fullpixels -o OUT",
+                          "OpenEXR: the display window of %d x %d pixels holds %lld x %lld pixels of data, must be at most %lld pixels or "
+                          "%d times the data",
+                          p->width, p->height, (long long) p->data_width, (long long) p->data_height, (long long) EMPTY_PIXELS,
+                          EMPTY_FACTOR);
+    return PELL_OK;
+}
+
 static enum pell_result describe(struct exr_file *f, int index, struct part *p)
 {
     exr_attr_box2i_t data, display;
@@ -213,7 +238,8 @@ static enum pell_result describe(struct exr_file *f, int index, struct part *p)
     p->height = (int) extent(display.min.y, display.max.y);
     p->data_x = (int64_t) data.min.x - display.min.x;
     p->data_y = (int64_t) data.min.y - display.min.y;
-    return check_chunks(f, p);
+    res = check_promise(f, p);
+    return res == PELL_OK ? check_chunks(f, p) : res;
 }
 
 /* --- Pixels ------------------------------------------------------------------------------------------------------------------- */

@@ -513,6 +513,24 @@ static void exr_windows_and_tiles_are_checked(void **state)
     refused(e.data, e.size, PELL_ERR_FORMAT, "OpenEXR");
 }
 
+static void exr_windows_that_the_bytes_can_not_fill_are_refused(void **state)
+{
+    static const int32_t small[4] = { 0, 0, 3, 3 }, empty[4] = { 0, 0, 11999, 11999 }, lines[4] = { 0, 0, 16383, 3 };
+    static const uint8_t table[64] = { 0 };
+    struct exr_bytes e;
+
+    (void) state;
+    exr_header(&e, small, empty, 0);
+    exr_put(&e, table, sizeof(table));
+    refused(e.data, e.size, PELL_ERR_UNSUPPORTED, "the display window of 12000 x 12000 pixels holds 4 x 4 pixels of data");
+    exr_header(&e, lines, lines, 0);
+    exr_put(&e, table, sizeof(table));
+    refused(e.data, e.size, PELL_ERR_FORMAT, "a data window of 16384 x 4 pixels can't stand in a file of");
+    exr_header(&e, empty, empty, 12000); /* one tile */
+    exr_put(&e, table, sizeof(table));
+    refused(e.data, e.size, PELL_ERR_FORMAT, "a data window of 12000 x 12000 pixels can't stand in a file of");
+}
+
 static void limits_of_the_context_hold(void **state)
 {
     struct pell_limits limits;
@@ -566,6 +584,7 @@ int main(void)
         cmocka_unit_test(headers_that_make_no_sense_are_named),
         cmocka_unit_test(a_progressive_jpeg_of_very_many_scans_is_refused),
         cmocka_unit_test(exr_windows_and_tiles_are_checked),
+        cmocka_unit_test(exr_windows_that_the_bytes_can_not_fill_are_refused),
         cmocka_unit_test(limits_of_the_context_hold),
         cmocka_unit_test(a_file_that_is_not_there_is_an_io_error),
     };
