@@ -158,6 +158,8 @@ PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_t
 PELL_API bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[3]);
 /* Whether the last render ended before it had what its knobs ask for, because of a time limit or an interruption. */
 PELL_API bool pell_pass_unfinished(const struct pell_pass *pass);
+/* Whether the checkpoint at the end of the last render could not be written. */
+PELL_API bool pell_pass_unwritten(const struct pell_pass *pass);
 /* Releases the pass and sets *pass to NULL; *pass may be NULL already. */
 PELL_API void pell_pass_destroy(struct pell_pass **pass);
 

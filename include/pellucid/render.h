@@ -154,6 +154,7 @@ struct pell_render_result {
     struct pell_rect rect; /* of translucent pixels */
     bool partial;          /* ended early by pell_context_interrupt: complete, but with fewer samples than requested */
     bool unfinished;       /* ended by a time limit or an interruption before the samples or the error that were asked for */
+    bool unwritten;        /* the checkpoint at its end could not be written, which was logged */
 };
 
 /* Renders one frame. The first frame of a scene, a size or a method allocates and prepares; later ones reuse it. PELL_ERR_INVALID for

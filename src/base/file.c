@@ -4,9 +4,11 @@
 #include "base/file.h"
 #include "base/context.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,6 +17,11 @@
 #include <unistd.h>
 
 enum { SHOWN = 256, CHUNK = 16 << 20 };
+enum {
+    STALE_SECONDS = 3600,
+    STALE_LOOK = 65536,
+    STALE_WRITES = 4
+}; /* entries of a folder that are looked at; by a context's first writes */
 
 /* strerror is not thread-safe, and speaks the locale's language. */
 static const char *reason(int code)
@@ -234,6 +241,47 @@ static int open_temporary(const char *path, char *temporary)
     return fd;
 }
 
+/* The number of the process in a name of open_temporary; 0: it is none of those. */
+static pid_t process_of(const char *name)
+{
+    static const char prefix[] = ".pellucid-", digits[] = "0123456789abcdef";
+    const char *at = name + sizeof(prefix) - 1;
+    long number = 0;
+
+    if (strncmp(name, prefix, sizeof(prefix) - 1) != 0)
+        return 0;
+    for (; *at && strchr(digits, *at) && number < INT_MAX / 16; at++)
+        number = 16 * number + (strchr(digits, *at) - digits);
+    for (int part = 0; part < 2; part++)
+        at += *at == '-' ? 1 + strspn(at + 1, digits) : 0;
+    return strcmp(at, ".tmp") == 0 ? (pid_t) number : 0;
+}
+
+/* Removes temporary files of processes that ended before they could: in this folder, the user's, an hour old, of no process that runs. */
+static void remove_stale(const char *path)
+{
+    const size_t length = (size_t) (pell_path_name(path) - path);
+    const time_t now = time(NULL);
+    struct dirent *entry;
+    char folder[PATH_MAX];
+    DIR *dir;
+
+    if (length >= sizeof(folder))
+        return;
+    memcpy(folder, path, length);
+    folder[length] = '\0';
+    dir = opendir(length ? folder : ".");
+    for (int i = 0; dir && i < STALE_LOOK && (entry = readdir(dir)); i++) {
+        const pid_t process = process_of(entry->d_name);
+        struct stat st;
+        if (process > 1 && fstatat(dirfd(dir), entry->d_name, &st, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(st.st_mode) &&
+            st.st_uid == geteuid() && now - st.st_mtime > STALE_SECONDS && kill(process, 0) != 0 && errno == ESRCH)
+            unlinkat(dirfd(dir), entry->d_name, 0);
+    }
+    if (dir)
+        closedir(dir);
+}
+
 /* Replaces the regular file `path`, or makes it. `old` describes what is there, or is NULL. */
 static enum pell_result replace_file(struct pell_context *ctx, const char *path, const struct stat *old, const void *data, size_t size)
 {
@@ -243,6 +291,8 @@ static enum pell_result replace_file(struct pell_context *ctx, const char *path,
 
     if (!temporary)
         return PELL_ERR_NOMEM;
+    if (atomic_fetch_add(&ctx->writes, 1) < STALE_WRITES)
+        remove_stale(path);
     fd = open_temporary(path, temporary);
     if (fd < 0) {
         res = failed(ctx, path, "can't be written in its folder", errno);
@@ -251,6 +301,9 @@ static enum pell_result replace_file(struct pell_context *ctx, const char *path,
     }
     code = write_all(ctx, fd, data, size);
     if (!code && old && fchmod(fd, old->st_mode & 0777) != 0)
+        code = errno;
+    /* What a power cut leaves behind the rename is the whole file. Some file systems can't be asked for that. */
+    if (!code && fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP && errno != EINTR)
         code = errno;
     if (close(fd) != 0 && !code && errno != EINTR)
         code = errno;

@@ -16,8 +16,8 @@ PELL_NODISCARD enum pell_result pell_file_read(struct pell_context *ctx, const c
 /* Whether pell_file_read has read the file that `path` names, by whatever name: who writes there would destroy what was read. */
 bool pell_file_was_read(struct pell_context *ctx, const char *path);
 
-/* Replaces `path` by these bytes, or leaves it as it was: written under a temporary name in the same folder, then renamed. "-" writes
- * to standard output. */
+/* Replaces `path` by these bytes, or leaves it as it was: written under a temporary name in the same folder, to the disk, then renamed.
+ * What a process that was killed left there is removed an hour later. "-" writes to standard output. */
 PELL_NODISCARD enum pell_result pell_file_write(struct pell_context *ctx, const char *path, const void *data, size_t size);
 
 /* Resolves `reference` (as it stands in the file at `where`, percent-decoding already done) against folder `root`. Refused unless

@@ -30,6 +30,7 @@ struct pell_method_engine {
      * the method has no noise, or does not know it. */
     bool (*standard_error)(const void *state, const float *planes[3]);
     bool (*unfinished)(const void *state);
+    bool (*unwritten)(const void *state);
 };
 
 /* Times of a frame's stages: a row each, made by its first sample. */

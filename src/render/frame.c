@@ -287,6 +287,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         .rect = r->translucent,
         .partial = partial,
         .unfinished = r->pass && pell_pass_unfinished(r->pass),
+        .unwritten = r->pass && pell_pass_unwritten(r->pass),
     };
     if (r->bandwidth.wanted)
         pell_bandwidth_measure(r->device->pool, &r->bandwidth, r->notes.rows, r->notes.count);

@@ -253,6 +253,11 @@ bool pell_pass_unfinished(const struct pell_pass *pass)
     return pass->engine->unfinished && pass->engine->unfinished(pass->state);
 }
 
+bool pell_pass_unwritten(const struct pell_pass *pass)
+{
+    return pass->engine->unwritten && pass->engine->unwritten(pass->state);
+}
+
 size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size)
 {
     return pass->engine->times ? pass->engine->times(pass->state, times, size) : 0;

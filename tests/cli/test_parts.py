@@ -191,6 +191,32 @@ def _(folder):
     need(not [n for n in names(folder) if n.endswith('.lock')], names(folder))
 
 
+@test('a checkpoint that can not be written at the end: the picture is, one error says so, and the exit code')
+def _(folder):
+    def small():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
+    for more in ([], ['-q'], ['-q', '--time-limit', '1s', '--samples', '100000000']):
+        done = subprocess.run([PROGRAM, *FEW, '--checkpoint', 'a.ckpt', '-o', 'a.png', *more], cwd=folder, env=clean_environment(),
+                              capture_output=True, preexec_fn=small, check=False)
+        need(done.returncode == 3 and done.stderr.count(b'error: a.ckpt: can\'t be written') == 1, more, done.returncode, done.stderr)
+        need('-q' not in more or done.stderr.count(b'\n') == 1, done.stderr)
+        need((folder / 'a.png').read_bytes()[:4] == b'\x89PNG' and 'a.ckpt' not in names(folder), names(folder))
+
+
+@test('what a killed run left is removed after an hour, and nothing else')
+def _(folder):
+    dead = subprocess.Popen([sys.executable, '-c', ''])
+    dead.wait()
+    old, young, running = (folder / f'.pellucid-{pid:x}-{i:x}-0.tmp' for i, pid in enumerate((dead.pid, dead.pid, os.getpid())))
+    other = folder / f'.pellucid-{dead.pid:x}-0-0.tmp.png'
+    for path in (old, young, running, other):
+        path.write_bytes(b'half')
+    for path in (old, running, other):
+        os.utime(path, (path.stat().st_mtime - 7200,) * 2)
+    works(folder, *FEW, '-o', 'a.png')
+    need(not old.exists() and young.exists() and running.exists() and other.exists(), sorted(os.listdir(folder)))
+
+
 @test('two runs on one checkpoint: the second is told who has it, and changes nothing')
 def _(folder):
     child = subprocess.Popen([PROGRAM, *TRACE, '--samples', '100000000', '--checkpoint', 'c.ckpt', '-o', 'c.pfm'], cwd=folder,

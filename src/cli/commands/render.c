@@ -164,6 +164,8 @@ static enum exit_code render_one(struct cli *cli, struct job *job, const char *p
     cli->partial = job->image.partial;
     if (cli->stats && !cli->json)
         print_stats(&job->image);
+    if (job->image.unwritten)
+        return cli_failed(cli, PELL_ERR_IO);
     if (cli->resumable && ((cli->partial && cli_terminated()) || (!cli->partial && job->image.unfinished)))
         return EXIT_RESUMABLE;
     return cli->partial ? EXIT_INTERRUPTED : EXIT_OK;

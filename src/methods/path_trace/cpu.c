@@ -288,7 +288,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
 {
     st->begin = st->written = pell_seconds();
     st->shown = 0.0;
-    st->unfinished = false;
+    st->unfinished = st->unwritten = false;
     atomic_store(&st->invalid, false);
     atomic_store(&st->late, false);
     st->before = count_all(st);
@@ -403,6 +403,13 @@ static void path_trace_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
+static bool path_trace_unwritten(const void *state)
+{
+    const struct pt_state *st = state;
+
+    return st->unwritten;
+}
+
 static bool path_trace_unfinished(const void *state)
 {
     const struct pt_state *st = state;
@@ -451,4 +458,5 @@ const struct pell_method_engine pell_path_trace_cpu = {
     .times = reference_times,
     .standard_error = reference_standard_error,
     .unfinished = path_trace_unfinished,
+    .unwritten = path_trace_unwritten,
 };

@@ -133,16 +133,15 @@ enum pell_result pt_write_films(struct pt_state *st, const struct pell_frame *in
     if (!checkpoint->path)
         return PELL_OK;
     pt_rank_path(checkpoint->path, pt_share(st) ? pt_share(st)->rank : 0, path, sizeof(path));
-    pell_log_downgrade(st->ctx, result ? 0 : 1);
+    pell_log_downgrade(st->ctx, last ? 0 : 1);
     res = pt_checkpoint_encode(st->ctx, &key, checkpoint->note, st->films, &data, &size);
     if (res == PELL_OK) {
         res = pell_file_write(st->ctx, path, data, size);
-        if (res != PELL_OK && !result)
-            pell_warn(st->ctx, path, NULL,
-                      last ? "the checkpoint was not written" : "the checkpoint was not written; the render continues");
+        if (res != PELL_OK && !last)
+            pell_warn(st->ctx, path, NULL, "the checkpoint was not written; the render continues");
         pell_free(st->ctx, data);
     }
-    pell_log_downgrade(st->ctx, result ? 0 : -1);
+    pell_log_downgrade(st->ctx, last ? 0 : -1);
     st->unwritten = res != PELL_OK;
     st->written = pell_seconds();
     return result ? res : PELL_OK;
