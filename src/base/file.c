@@ -399,6 +399,7 @@ enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, 
     char real_root[PATH_MAX], real_path[PATH_MAX], shown[SHOWN];
     const bool absolute = reference[0] == '/';
     size_t root_length, size;
+    struct stat st;
 
     *path = NULL;
     if (!*root)
@@ -435,6 +436,11 @@ enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, 
         pell_free(ctx, *path);
         *path = NULL;
         return pell_error(ctx, PELL_ERR_INVALID, where, move, "'%s' leads out of the scene's folder through a link", shown);
+    }
+    if (stat(real_path, &st) == 0 && !S_ISREG(st.st_mode)) {
+        pell_free(ctx, *path);
+        *path = NULL;
+        return pell_error(ctx, PELL_ERR_IO, where, NULL, "'%s' is %s, must be a regular file", shown, kind(st.st_mode));
     }
     return PELL_OK;
 }

@@ -21,7 +21,8 @@ bool pell_file_was_read(struct pell_context *ctx, const char *path);
 PELL_NODISCARD enum pell_result pell_file_write(struct pell_context *ctx, const char *path, const void *data, size_t size);
 
 /* Resolves `reference` (as it stands in the file at `where`, percent-decoding already done) against folder `root`. Refused unless
- * `allow_outside`: absolute paths, ".." above `root`, links that lead out of it. *path is owned by the caller. */
+ * `allow_outside`: absolute paths, ".." above `root`, links that lead out of it; and always what is no regular file.
+ * *path is owned by the caller. */
 PELL_NODISCARD enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, const char *root, const char *reference,
                                                   bool allow_outside, char **path);
 

@@ -84,7 +84,10 @@ static enum pell_result open_file(struct exr_file *f)
 {
     exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
     exr_result_t err;
+    enum pell_result res = pell_exr_check_header(f->ctx, f->src);
 
+    if (res != PELL_OK)
+        return res;
     init.error_handler_fn = keep_error;
     init.alloc_fn = zeroed;
     init.free_fn = free;

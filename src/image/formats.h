@@ -25,6 +25,8 @@ enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_sou
 enum pell_result pell_exr_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
 enum pell_result pell_pfm_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
 
+/* Whether all attributes of all parts lie in the file. */
+enum pell_result pell_exr_check_header(struct pell_context *ctx, const struct pell_source *src);
 /* pell_exr_read from memory. */
 enum pell_result pell_exr_decode_layers(struct pell_context *ctx, const struct pell_source *src, struct pell_layers *layers);
 

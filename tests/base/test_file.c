@@ -496,7 +496,7 @@ static void reference_of_any_length_is_safe(void **state)
         memcpy(reference + i, "./", 2);
     reference[sizeof(reference) - 2] = '\0';
     snprintf(joined, sizeof(joined), "%s/%s", f->folder, reference);
-    resolve(f, f->folder, reference, false, PELL_OK, joined); /* the folder itself, which nobody can read as a file */
+    resolve(f, f->folder, reference, false, PELL_ERR_IO, "is a folder"); /* the folder itself */
     assert_int_equal(pell_file_read(f->ctx, joined, &data, &size), PELL_ERR_IO);
 }
 
@@ -510,7 +510,7 @@ static void current_folder_is_a_root_too(void **state)
     assert_int_equal(chdir(f->folder), 0);
     resolve(f, ".", "a", false, PELL_OK, "a");
     resolve(f, "", "a", false, PELL_OK, "a");
-    resolve(f, "/", f->folder + 1, false, PELL_OK, f->folder);
+    resolve(f, "/", in_folder(f, "a") + 1, false, PELL_OK, in_folder(f, "a"));
     assert_int_equal(chdir(before), 0);
 }
 

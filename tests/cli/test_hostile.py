@@ -210,6 +210,22 @@ def fill(folder, files):
         (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode('utf-8'))
 
 
+@test('a folder, a pipe, a picture or nothing in place of a file: the error names the place in the JSON, and what is there')
+def _(folder):
+    fill(folder, {})
+    (folder / 'buffer.png').write_bytes(picture())
+    for name, part in (('dir', "'dir' is a folder"), ('pipe', "'pipe' is a pipe"), ('none', "'none' can't be found"),
+                       ('buffer.png', 'byteLength is 3600, but there are only')):
+        cube(folder, mesh=name)
+        (folder / 'b.gltf').write_text(json.dumps({
+            'asset': {'version': '2.0'}, 'meshes': [{'primitives': [{'attributes': {'POSITION': 0}}]}], 'nodes': [{'mesh': 0}],
+            'scenes': [{'nodes': [0]}], 'accessors': [{'bufferView': 0, 'componentType': 5126, 'count': 300, 'type': 'VEC3'}],
+            'bufferViews': [{'buffer': 0, 'byteLength': 3600}], 'buffers': [{'byteLength': 3600, 'uri': name}]}), 'ascii')
+        for file, place in (('s.json', '/mesh'), ('b.gltf', '/buffers/0')):
+            said = flat(run(folder, 'check', file, timeout=60).stderr)
+            need(name == 'buffer.png' and file == 's.json' or (f'{file}:{place}' in said and part in said), said)
+
+
 @test('odd files that hold a mesh are read')
 def _(folder):
     fill(folder, READ)

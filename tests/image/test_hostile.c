@@ -531,6 +531,27 @@ static void exr_windows_that_the_bytes_can_not_fill_are_refused(void **state)
     refused(e.data, e.size, PELL_ERR_FORMAT, "a data window of 12000 x 12000 pixels can't stand in a file of");
 }
 
+static void exr_attributes_that_do_not_fit_are_named_with_their_place(void **state)
+{
+    static const int32_t small[4] = { 0, 0, 3, 3 }, sizes[] = { -5, INT32_MIN, INT32_MAX, 1000 };
+    struct exr_bytes e, head;
+
+    (void) state;
+    exr_header(&head, small, small, 0);
+    for (size_t i = 0; i < PELL_COUNT(sizes); i++) {
+        e = head;
+        e.size--; /* the end of the header */
+        exr_put(&e, "note\0string", 12);
+        exr_put(&e, &sizes[i], 4);
+        exr_put(&e, "abc", 4);
+        refused(e.data, e.size, PELL_ERR_FORMAT, "attribute 'note' has");
+    }
+    e = head;
+    e.size--;
+    exr_put(&e, "n\0", 2);
+    refused(e.data, e.size, PELL_ERR_FORMAT, "there is no attribute with a name, a type and a size");
+}
+
 static void limits_of_the_context_hold(void **state)
 {
     struct pell_limits limits;
@@ -584,6 +605,7 @@ int main(void)
         cmocka_unit_test(headers_that_make_no_sense_are_named),
         cmocka_unit_test(a_progressive_jpeg_of_very_many_scans_is_refused),
         cmocka_unit_test(exr_windows_and_tiles_are_checked),
+        cmocka_unit_test(exr_attributes_that_do_not_fit_are_named_with_their_place),
         cmocka_unit_test(exr_windows_that_the_bytes_can_not_fill_are_refused),
         cmocka_unit_test(limits_of_the_context_hold),
         cmocka_unit_test(a_file_that_is_not_there_is_an_io_error),
