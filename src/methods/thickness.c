@@ -2,8 +2,8 @@
  *
  * thickness.c - see thickness.h.
  *
- * Between parallel faces a slab transmits the total of its own T(r; d), which includes the light that the far face reflects (Donner and
- * Jensen 2005). Between others light goes as through the half-space: Int R(sqrt(r^2 + d^2)) over the plane at d.
+ * Between parallel faces a slab transmits what transport says (pell_slab_at), with the light that the far face reflects and without the
+ * light that nothing scatters. Between others light goes as through the half-space: Int R(sqrt(r^2 + d^2)) over the plane at d.
  */
 #include "methods/thickness.h"
 
@@ -12,50 +12,47 @@
 #include <math.h>
 #include <string.h>
 
-#define LEAST 1e-4    /* of a channel's share at d = 0: where a table ends */
-#define FARTHEST 1e6  /* mm */
-#define THINNEST 1e-3 /* mm: a stack has no layer without thickness */
+#define LEAST 1e-4   /* of a channel's largest share: where a table ends */
+#define FARTHEST 1e6 /* mm */
 
-bool pell_has_slab(const struct pell_frame_material *m)
+bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[3])
 {
-    bool scatters = m->gaussians.count == 0 && pell_medium_valid(&m->medium, NULL);
+    bool made = m->gaussians.count == 0;
 
-    for (int c = 0; c < 3; c++)
-        scatters = scatters && m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c] > 0.0;
-    return scatters;
+    for (int c = 0; c < 3 && made; c++)
+        made = m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c] > 0.0 && pell_slab_make(&m->medium, c, &slab[c]);
+    return made;
 }
 
-double pell_slab_transmittance(const struct pell_frame_material *m, int channel, double d)
-{
-    struct pell_stack stack;
-    double out[PELL_STACK_PARTS];
-
-    pell_stack_of_medium(&m->medium, d, &stack);
-    return pell_stack_totals(&stack, channel, out, NULL) == PELL_OK ? fmax(out[PELL_STACK_T_PLUS], 0.0) : 0.0;
-}
+struct slabs {
+    struct pell_slab slab[3];
+    double over[3]; /* what a share is divided by */
+};
 
 static double slab(const void *of, int channel, double d)
 {
-    const struct pell_frame_material *m = of;
-    const double total = m->white ? pell_profile_total(&m->profile[channel]) : 1.0;
+    const struct slabs *s = of;
 
-    return total > 0.0 ? pell_slab_transmittance(m, channel, fmax(d, THINNEST)) / total : 0.0;
+    return s->over[channel] > 0.0 ? pell_slab_at(&s->slab[channel], d).transmitted / s->over[channel] : 0.0;
 }
 
-/* Where no channel has more than LEAST of its share at 0. */
+/* Where no channel has more than LEAST of its largest share, which a slab has at about a mean free path. */
 static double end_of(pell_thickness_fn *f, const void *of)
 {
     double far = 0.0;
 
     for (int c = 0; c < 3; c++) {
-        const double least = LEAST * f(of, c, 0.0);
-        double low = 0.0, high = 1e-3;
+        double most = f(of, c, 0.0), low = 0.0, high = 1e-6, least;
+        for (double d = high; d < FARTHEST; d *= 2.0)
+            if (f(of, c, d) > most) {
+                most = f(of, c, d);
+                low = d;
+            }
+        least = LEAST * most;
         if (!(least > 0.0))
             continue;
-        while (high < FARTHEST && f(of, c, high) > least) {
+        for (high = fmax(2.0 * low, high); high < FARTHEST && f(of, c, high) > least; high *= 2.0)
             low = high;
-            high *= 2.0;
-        }
         for (int i = 0; i < 50; i++) {
             const double middle = 0.5 * (low + high);
             if (f(of, c, middle) > least)
@@ -74,15 +71,20 @@ static void fill(pell_thickness_fn *f, const void *of, double max_mm, float valu
         for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
             const double place = (double) i / (PELL_THICKNESS_STEPS - 1);
             const float share = (float) f(of, c, max_mm * place * place);
-            value[i][c] = i > 0 ? fminf(share, value[i - 1][c]) : share;
+            value[i][c] = share;
         }
 }
 
 void pell_thickness_table_make(const struct pell_frame_material *m, pell_thickness_fn *through, const void *of, bool with_slab,
                                double scale, struct pell_thickness_table *t)
 {
-    const bool has_slab = with_slab && pell_has_slab(m);
-    const double end = scale > 0.0 ? fmax(end_of(through, of), has_slab ? end_of(slab, m) : 0.0) : 0.0;
+    struct slabs slabs;
+    const bool has_slab = with_slab && pell_slabs_make(m, slabs.slab);
+    double end;
+
+    for (int c = 0; c < 3; c++)
+        slabs.over[c] = m->white ? pell_profile_total(&m->profile[c]) : 1.0;
+    end = scale > 0.0 ? fmax(end_of(through, of), has_slab ? end_of(slab, &slabs) : 0.0) : 0.0;
 
     memset(t, 0, sizeof(*t));
     t->max_mm = (float) fmax(scale * end, 1e-6);
@@ -90,7 +92,7 @@ void pell_thickness_table_make(const struct pell_frame_material *m, pell_thickne
         return;
     fill(through, of, end, t->value);
     if (has_slab)
-        fill(slab, m, end, t->slab);
+        fill(slab, &slabs, end, t->slab);
     else
         memcpy(t->slab, t->value, sizeof(t->slab));
 }

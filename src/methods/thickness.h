@@ -7,15 +7,13 @@
 #define PELL_METHODS_THICKNESS_H
 
 #include <pellucid/frame.h>
-#include <pellucid/layers.h>
+#include <pellucid/profile.h>
 
-/* Whether a slab of the material can be computed: a profile of given Gaussians says nothing of one. */
-bool pell_has_slab(const struct pell_frame_material *m);
-/* Total of a slab's T(r; d) of a channel, [0, 1], d > 0 mm. Of a material that has one. */
-double pell_slab_transmittance(const struct pell_frame_material *m, int channel, double d);
+/* The slabs of a material's channels; false where it has none, as a profile of given Gaussians does not determine one. */
+bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[3]);
 
 /* A share of the light that enters at a point that leaves at a distance d >= 0 mm through the medium, per unit of irradiance and
- * integrated over the plane there. Falls with d. */
+ * integrated over the plane there. */
 typedef double pell_thickness_fn(const void *of, int channel, double d);
 
 /* Fills `t`: `through` between faces that do not oppose and, with `with_slab`, the slab's total between those that do, over that of the

@@ -947,6 +947,20 @@ static void compare_photon_slabs(json_t *root)
             sum[b] = tallies[0].total[1][b] + straight[1][b];
         within(sum, oracle_number(row, "mc_T"), oracle_number(row, "mc_T_se"));
     }
+    begin("montecarlo", "slab_totals", "these slabs by transport (adding-doubling)", "relative", 3e-3);
+    json_array_foreach(oracle_get(root, "slab_totals"), i, row)
+    {
+        const double alpha = oracle_number(row, "alpha"), thickness = oracle_number(row, "optical_thickness");
+        const struct pell_medium m = { .sigma_a = { 1.0 - alpha, 1.0 - alpha, 1.0 - alpha },
+                                       .sigma_s_reduced = { alpha, alpha, alpha },
+                                       .eta = oracle_number(row, "n") };
+        struct pell_slab transport;
+        struct pell_slab_light light;
+        (void) pell_slab_make(&m, 0, &transport);
+        light = pell_slab_at(&transport, thickness);
+        relative(light.reflected + transport.boundary * exp(-thickness) * light.straight, oracle_number(row, "mc_R"));
+        relative(light.transmitted + light.straight, oracle_number(row, "mc_T"));
+    }
     begin("montecarlo", "slab_totals", "the multipole of these slabs (the oracle's R + T is 1 + 6e-8 without absorption)", "relative",
           2e-7);
     json_array_foreach(oracle_get(root, "slab_totals"), i, row)

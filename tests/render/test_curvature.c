@@ -172,18 +172,16 @@ static void a_cube_is_curved_along_its_edges(void **state)
 
 /* --- Thin parts ------------------------------------------------------------------------------------------------------------------ */
 
-/* Totals of a slab over the half-space's R: R and T. */
+/* R and T of a slab over the half-space's R. */
 static void slab_totals(const struct pell_medium *m, int channel, double d, double *reflected, double *transmitted)
 {
-    double slab[PELL_STACK_PARTS], half[PELL_STACK_PARTS];
-    struct pell_stack stack;
+    struct pell_slab slab;
+    double half;
 
-    pell_stack_of_medium(m, (double) INFINITY, &stack);
-    OK(pell_stack_totals(&stack, channel, half, NULL));
-    pell_stack_of_medium(m, d, &stack);
-    OK(pell_stack_totals(&stack, channel, slab, NULL));
-    *reflected = slab[PELL_STACK_R_PLUS] / half[PELL_STACK_R_PLUS];
-    *transmitted = slab[PELL_STACK_T_PLUS] / half[PELL_STACK_R_PLUS];
+    REQUIRE(pell_slab_make(m, channel, &slab));
+    half = pell_slab_at(&slab, (double) INFINITY).reflected;
+    *reflected = pell_slab_at(&slab, d).reflected / half;
+    *transmitted = pell_slab_at(&slab, d).transmitted / half;
 }
 
 /* Of a sheet in air that is d mm thick, at the middle of both faces. */
@@ -258,17 +256,19 @@ static double mean_of(const struct shot *shot, size_t c);
  * much in front. */
 static void a_sheet_is_as_bright_as_path_traced(void **state)
 {
-    static const char *const traced[] = { "samples=96", NULL };
+    static const char *const traced[] = { "samples=64", NULL };
     static const char *const methods[] = { "screen-space", "image-space", "texture-space" };
     (void) state;
 
-    for (int from = 0; from < 3; from++) {
+    for (int k = 0; k < 5; k++) {
+        const int from = k % 3;
+        const bool skin = k >= 3; /* 1 to 3 mean free paths */
         struct shot truth, shot;
         struct stage s;
         size_t material;
 
         stage_start(&s, SIZE, SIZE);
-        stage_medium(&s, "marble", &material)->rho_s = 0.0f;
+        stage_medium(&s, skin ? "skin1" : "marble", &material)->rho_s = 0.0f;
         stage_box(&s, material, 0, vec3(-40, -40, -1), vec3(40, 40, 1));
         if (from == 2)
             stage_environment(&s, 1.0f);
@@ -284,8 +284,8 @@ static void a_sheet_is_as_bright_as_path_traced(void **state)
                 for (size_t c = 0; c < 3; c++) {
                     const double ratio = mean_of(&shot, c) / mean_of(&truth, c);
                     if (on)
-                        print_message("# %s from %d, channel %zu: %.3f\n", methods[i], from, c, ratio);
-                    REQUIRE(on ? fabs(ratio - 1.0) < 0.05 : from == 1 || ratio > 1.1);
+                        print_message("# %s, %s from %d, channel %zu: %.3f\n", skin ? "skin1" : "marble", methods[i], from, c, ratio);
+                    REQUIRE(on ? fabs(ratio - 1.0) < (skin ? 0.15 : 0.05) : from == 1 || skin || ratio > 1.1);
                 }
                 shot_free(&shot);
             }

@@ -5,7 +5,6 @@
 #include "methods/texture_space/texture_space.h"
 
 #include "methods/thickness.h"
-#include "render/curvature/stage.h"
 
 #include <pellucid/layers.h>
 
@@ -99,7 +98,7 @@ static double gaussian_end(const struct ts_profile *p)
 
 /* Spreads T(r; d) over the chain's variances: the total stays, and the second moment wherever the variances reach. */
 static enum pell_result slab_row(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_profile *p, double d,
-                                 struct pell_stack_sets *sets, void *workspace, size_t size, float share[TS_LEVELS][3])
+                                 const struct pell_slab slab[3], struct pell_stack_sets *sets, void *workspace, float share[TS_LEVELS][3])
 {
     double target[TS_LEVELS], out[TS_LEVELS];
     int level[TS_LEVELS], targets = 0;
@@ -114,7 +113,7 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
         }
     }
     for (int c = 0; c < 3; c++) {
-        const double total = pell_slab_transmittance(m, c, d);
+        const double total = pell_slab_at(&slab[c], d).transmitted;
         struct pell_stack stack;
         double sum = 0.0;
         pell_stack_of_medium(&m->medium, d, &stack);
@@ -122,7 +121,7 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
             share[i][c] = 0.0f;
         if (!(total > 0.0))
             continue;
-        if (pell_stack_gaussians(&stack, c, NULL, workspace, size, sets) != PELL_OK)
+        if (pell_stack_gaussians(&stack, c, NULL, workspace, pell_stack_workspace_size(NULL), sets) != PELL_OK)
             return pell_error(ctx, PELL_ERR_INVALID, m->name, "through=gaussian", "has no slab of %g mm", d);
         pell_gaussian_set_reduce(sets->variance, sets->weight[PELL_STACK_T_PLUS], (size_t) sets->count, target, (size_t) targets, out);
         for (int i = 0; i < targets; i++)
@@ -135,7 +134,8 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
 
 /* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is its transmission. Light that entered a
  * thin part is in the map without what leaves at the far side: the rest has to bring that. */
-static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, bool local, struct ts_profile *p)
+static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, const struct pell_slab slab[3],
+                                   bool local, struct ts_profile *p)
 {
     const size_t size = pell_stack_workspace_size(NULL);
     struct pell_stack_sets *sets = pell_alloc(ctx, sizeof(*sets));
@@ -150,7 +150,7 @@ static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_f
         const double mid = 0.5 * (low + high);
         double most = 0.0;
         for (int c = 0; c < 3; c++)
-            most = fmax(most, pell_slab_transmittance(m, c, mid));
+            most = fmax(most, pell_slab_at(&slab[c], mid).transmitted);
         if (most > TRANSMISSION_LEAST)
             low = mid;
         else
@@ -159,10 +159,12 @@ static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_f
     p->thickest = high;
     for (int k = 0; k < TS_THICK; k++) {
         const double f = (double) k / (TS_THICK - 1), d = fmax(p->thickest * f * f, 1e-2 * SLAB_LEAST);
-        PELL_TRY(slab_row(ctx, m, p, d, sets, workspace, size, p->share[k]));
+        PELL_TRY(slab_row(ctx, m, p, d, slab, sets, workspace, p->share[k]));
         for (int c = 0; c < 3; c++) {
             const double total = m->white ? pell_profile_total(&m->profile[c]) : 1.0;
-            const double whole = total * (local ? fmax(pell_curvature_thin(&m->medium, c, d), LEAST_RETURNED) : 1.0);
+            const double half = pell_slab_at(&slab[c], (double) INFINITY).reflected;
+            const double kept = half > 0.0 ? pell_slab_at(&slab[c], d).reflected / half : 1.0;
+            const double whole = total * (local ? fmax(kept, LEAST_RETURNED) : 1.0);
             for (int i = 0; i < p->count; i++)
                 p->share[k][i][c] = total > 0.0 ? (float) ((double) p->share[k][i][c] / whole) : 0.0f;
         }
@@ -181,6 +183,7 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
 {
     const struct pell_fit_params params = { .count = knobs->gaussians };
     struct pell_gaussians g = m->gaussians;
+    struct pell_slab slab[3];
 
     memset(out, 0, sizeof(*out));
     if (g.count == 0 && pell_fit_profiles(m->profile, &params, &g, NULL) != PELL_OK)
@@ -195,8 +198,8 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
         pell_debug(ctx, m->name, "%d blurs without weight keep the ratio of variances at most %g", out->added, RATIO_MOST);
     out->widest = sqrt(out->variance[out->count - 1]);
     out->thickest = gaussian_end(out);
-    if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && pell_has_slab(m))
-        return make_slabs(ctx, m, local, out);
+    if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && pell_slabs_make(m, slab))
+        return make_slabs(ctx, m, slab, local, out);
     return PELL_OK;
 }
 

@@ -73,7 +73,7 @@ static int octaves_for(const struct pell_slabs *slabs, double narrow, int block)
 {
     double longest = 0.0;
     for (int i = 0; i < slabs->count; i++) {
-        const struct pell_slab *y = &slabs->slab[i];
+        const struct pell_multipole_slab *y = &slabs->slab[i];
         const double L = y->d + y->zb[0] + y->zb[1];
         /* exp(-(sigma^2 + (pi/L)^2) v/2) = 1e-12; powers of it, as layers are passed often, have longer tails */
         const double rate = 0.5 * (y->sigma_tr * y->sigma_tr + (isinf(L) ? 0.0 : PELL_PI * PELL_PI / (L * L)));
@@ -136,7 +136,7 @@ static double norm(const double *w, int n)
 }
 
 /* Poles at the depths of one response, by the exact mixture. */
-static void by_mixture(struct algebra *g, const struct pell_slab *y, double depth, double zb, double L, double *w)
+static void by_mixture(struct algebra *g, const struct pell_multipole_slab *y, double depth, double zb, double L, double *w)
 {
     struct pell_mixture m = { .albedo = y->albedo, .sigma2 = y->sigma_tr * y->sigma_tr, .a = { depth, depth + 2.0 * zb }, .L = L };
 
@@ -167,7 +167,7 @@ static void deposit(const struct algebra *g, double variance, double weight, dou
     w[high] += share * weight;
 }
 
-static void deposit_pole(const struct algebra *g, double z, const struct pell_slab *y, double *w)
+static void deposit_pole(const struct algebra *g, double z, const struct pell_multipole_slab *y, double *w)
 {
     double variance[4], weight[4];
     if (pell_pole_appendix_a(z, y->sigma_tr, PELL_APPENDIX_A_BEST_ENERGY, variance, weight) == PELL_OK)
@@ -176,7 +176,7 @@ static void deposit_pole(const struct algebra *g, double z, const struct pell_sl
 }
 
 /* The same by the closed-form fits of appendix A, signed, image by image. */
-static void by_appendix_a(const struct algebra *g, const struct pell_slab *y, double depth, double zb, double L, double *w)
+static void by_appendix_a(const struct algebra *g, const struct pell_multipole_slab *y, double depth, double zb, double L, double *w)
 {
     const double a[2] = { depth, depth + 2.0 * zb };
 
@@ -197,7 +197,7 @@ static void by_appendix_a(const struct algebra *g, const struct pell_slab *y, do
 }
 
 /* Polynomials of a slab, one per part. */
-static void make_slab(struct algebra *g, const struct pell_slab *y, bool analytic, double *const out[4])
+static void make_slab(struct algebra *g, const struct pell_multipole_slab *y, bool analytic, double *const out[4])
 {
     const struct pell_response total = pell_slab_response(y, 0.0);
     const double L = y->d + y->zb[0] + y->zb[1];

@@ -10,7 +10,7 @@
 #include <math.h>
 #include <string.h>
 
-static void response(const struct pell_slab *y, const double *s, int n, double *const f[4])
+static void response(const struct pell_multipole_slab *y, const double *s, int n, double *const f[4])
 {
     double *restrict rp = f[PELL_STACK_R_PLUS], *restrict tp = f[PELL_STACK_T_PLUS];
     double *restrict rm = f[PELL_STACK_R_MINUS], *restrict tm = f[PELL_STACK_T_MINUS];

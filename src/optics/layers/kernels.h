@@ -21,7 +21,7 @@ struct pell_mixture {
 
 struct pell_layers_kernels {
     /* Transforms of a slab at n frequencies s > 0: f[0..3] as in enum pell_stack_part. */
-    void (*response)(const struct pell_slab *slab, const double *s, int n, double *const f[4]);
+    void (*response)(const struct pell_multipole_slab *slab, const double *s, int n, double *const f[4]);
     /* a := slab a on b, pointwise. */
     void (*add)(int n, double *const a[4], double *const b[4]);
     void (*mixture)(const struct pell_mixture *m, const double *variance, int n, double *restrict w);

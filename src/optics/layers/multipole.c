@@ -95,7 +95,7 @@ static double boundary(const struct pell_stack *s, int i, int side)
 }
 
 /* T^ of light of a side falls (or grows) as exp(-gap s). */
-static double gap_of(const struct pell_slab *y, int side)
+static double gap_of(const struct pell_multipole_slab *y, int side)
 {
     return y->clear[side] ? 0.0 : y->d - y->l;
 }
@@ -112,7 +112,7 @@ static void judge(struct pell_slabs *p)
     for (int side = 0; side < (isinf(thickness) ? 1 : 2); side++) {
         double there = 0.0, there_and_back = 0.0; /* through the layers passed so far */
         for (int k = 0; k < p->count; k++) {
-            const struct pell_slab *y = &p->slab[side ? p->count - 1 - k : k];
+            const struct pell_multipole_slab *y = &p->slab[side ? p->count - 1 - k : k];
             if (!y->clear[side]) {
                 p->reach_r = fmin(p->reach_r, y->l + there_and_back);
                 grows |= y->l + there_and_back < 0.5 * y->l;
@@ -137,7 +137,7 @@ static void judge(struct pell_slabs *p)
         p->reach_r = INFINITY;
         p->reach_t = 0.0;
         for (int i = 0; i < p->count; i++) {
-            struct pell_slab *y = &p->slab[i];
+            struct pell_multipole_slab *y = &p->slab[i];
             y->straight = y->l > y->d;
             if (!y->clear[0] || !y->clear[1])
                 p->reach_r = fmin(p->reach_r, y->l);
@@ -163,7 +163,7 @@ enum pell_result pell_slabs_prepare(const struct pell_stack *s, int channel, str
     out->shortest = INFINITY;
     for (int i = 0; i < s->count; i++) {
         const struct pell_medium_layer *m = &s->layer[i];
-        struct pell_slab *y = &out->slab[i];
+        struct pell_multipole_slab *y = &out->slab[i];
         const double sigma_t = m->sigma_a[channel] + m->sigma_s_reduced[channel];
 
         y->albedo = m->sigma_s_reduced[channel] / sigma_t;
@@ -212,7 +212,7 @@ static double decay_ratio(double a, double b, double kappa)
     return kappa * b > 1e-200 ? expm1(-2.0 * a * kappa) / expm1(-2.0 * b * kappa) : a / b;
 }
 
-struct pell_response pell_slab_response(const struct pell_slab *y, double s)
+struct pell_response pell_slab_response(const struct pell_multipole_slab *y, double s)
 {
     const double kappa = sqrt(y->sigma_tr * y->sigma_tr + s * s);
     struct pell_response f = { { 0 } };
@@ -325,7 +325,7 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
     if (p.count != 1 || (int) part < 0 || part >= PELL_STACK_PARTS || !(fabs(r_mm) <= 1e100) || !(tolerance >= 1e-14 && tolerance <= 1.0) ||
         dipoles_max < 1 || dipoles_max > 100001)
         return PELL_ERR_INVALID;
-    const struct pell_slab *y = &p.slab[0];
+    const struct pell_multipole_slab *y = &p.slab[0];
     if (y->l >= y->d) /* a pole on the far side itself has no value there */
         return PELL_ERR_UNSUPPORTED;
     const int side = part == PELL_STACK_R_MINUS || part == PELL_STACK_T_MINUS;

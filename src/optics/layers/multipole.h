@@ -10,7 +10,7 @@
 #include <pellucid/layers.h>
 
 /* A side is how light enters: 0 from above (+), 1 from below (-). */
-struct pell_slab {
+struct pell_multipole_slab {
     double albedo;           /* alpha' */
     double sigma_tr;         /* 1/mm */
     double l;                /* reduced mean free path, mm */
@@ -25,7 +25,7 @@ struct pell_slab {
 
 struct pell_slabs {
     int count;
-    struct pell_slab slab[PELL_LAYERS_MAX];
+    struct pell_multipole_slab slab[PELL_LAYERS_MAX];
     unsigned flags;
     double reach_r;  /* R^ falls at least as exp(-reach_r s), mm */
     double reach_t;  /* T^ as exp(-reach_t s); where WIDENED asks for it, `widen` included */
@@ -41,7 +41,7 @@ struct pell_response {
 /* PELL_ERR_INVALID: the stack or the channel is not valid. */
 enum pell_result pell_slabs_prepare(const struct pell_stack *stack, int channel, struct pell_slabs *out);
 /* One slab's transforms at a frequency. */
-struct pell_response pell_slab_response(const struct pell_slab *slab, double s);
+struct pell_response pell_slab_response(const struct pell_multipole_slab *slab, double s);
 /* The adding equations (4), (5) of d'Eon et al. 2007 and their mirror images; `a` lies on `b`. */
 struct pell_response pell_response_add(const struct pell_response *a, const struct pell_response *b);
 /* By enum pell_stack_part. */

@@ -75,43 +75,19 @@ static double radius_of(const struct pell_profile *profile, double share)
     return exp(low);
 }
 
-/* Totals of a slab over the half-space's R; false: there are none. */
-static bool slab_over_half(const struct pell_medium *medium, int channel, double d, double *reflected, double *transmitted)
-{
-    double slab[PELL_STACK_PARTS], half[PELL_STACK_PARTS];
-    struct pell_stack stack;
-
-    pell_stack_of_medium(medium, (double) INFINITY, &stack);
-    if (pell_stack_totals(&stack, channel, half, NULL) != PELL_OK || !(half[PELL_STACK_R_PLUS] > 0.0))
-        return false;
-    pell_stack_of_medium(medium, d, &stack);
-    if (pell_stack_totals(&stack, channel, slab, NULL) != PELL_OK)
-        return false;
-    *reflected = fmin(fmax(slab[PELL_STACK_R_PLUS] / half[PELL_STACK_R_PLUS], 0.0), 1.0);
-    *transmitted = fmax(slab[PELL_STACK_T_PLUS] / half[PELL_STACK_R_PLUS], 0.0);
-    return true;
-}
-
-double pell_curvature_thin(const struct pell_medium *medium, int channel, double d)
-{
-    double reflected, transmitted;
-
-    return slab_over_half(medium, channel, d, &reflected, &transmitted) ? reflected : 1.0;
-}
-
 static void make_thin(const struct pell_medium *medium, struct curvature_law *law)
 {
-    for (int c = 0; c < 3; c++)
-        law->slab[0][c] = 1.0f;
-    for (int i = GAINS - 1; i > 0; i--) {
-        const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / x, THINNEST);
-        for (int c = 0; c < 3; c++) {
-            double reflected = 1.0, transmitted = 0.0;
-            (void) slab_over_half(medium, c, d, &reflected, &transmitted);
-            law->slab[i][c] = (float) (reflected + transmitted);
-            law->through[i][c] = (float) transmitted;
+    for (int c = 0; c < 3; c++) {
+        struct pell_slab slab;
+        const double half = pell_slab_make(medium, c, &slab) ? pell_slab_at(&slab, (double) INFINITY).reflected : 0.0;
+        for (int i = 0; i < GAINS; i++) {
+            const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / fmax(x, 1e-12), THINNEST);
+            const struct pell_slab_light light = pell_slab_at(&slab, d);
+            const bool thin = i > 0 && half > 0.0;
+            law->slab[i][c] = thin ? (float) ((light.reflected + light.transmitted) / half) : 1.0f;
+            law->through[i][c] = thin ? (float) (light.transmitted / half) : 0.0f;
             if (law->through[i][c] > THICK)
-                law->farthest = (float) d;
+                law->farthest = fmaxf(law->farthest, (float) d);
         }
     }
 }
@@ -342,11 +318,14 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
             out->shift[c] = fminf(fmaxf(shape.mean * law->path[c], -SHIFT_MOST), SHIFT_MOST);
     }
     if (shape.thinness > 0.0f) {
+        const float sheet = fmaxf(2.0f * beyond / shape.thinness - 1.0f, 0.0f); /* 0: balls and cylinders; 1: flat */
         float slab[3] = { 1.0f, 1.0f, 1.0f }, through[3];
         look_up(law->through, thin_place(law, shape.thinness), through);
         if (beyond > 0.0f)
             look_up(law->slab, thin_place(law, beyond), slab);
-        for (int c = 0; c < 3; c++)
-            out->local[c] = fmaxf(out->local[c] * slab[c] - through[c], 0.0f);
+        for (int c = 0; c < 3; c++) {
+            const float all = out->local[c] + sheet * (1.0f - out->local[c]);
+            out->local[c] = fmaxf(all * slab[c] - through[c], 0.0f);
+        }
     }
 }

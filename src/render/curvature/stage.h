@@ -16,9 +16,6 @@
 
 struct pell_curvature;
 
-/* R of a slab of the medium of d mm over that of the half-space, [0, 1]. */
-double pell_curvature_thin(const struct pell_medium *medium, int channel, double d);
-
 /* `media`: per scene material, of R, G and B, and their profiles; NULL where there is no gain. *out is NULL where no material has one, or
  * nothing is curved. Borrows `scene`; `rays` of it find thin parts, NULL: nothing is thin. The same bits for any number of threads. */
 struct pell_curvature_medium {

@@ -1,0 +1,256 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * slab.c - how much light a slab with a boundary on each side reflects and transmits, by transport and not by diffusion.
+ *
+ * Adding-doubling (van de Hulst 1980, "Multiple Light Scattering"): R and T are matrices over directions, whose entry ij is the flux that
+ * leaves along mu_i of the flux that enters along mu_j. Two equal layers on each other have
+ *
+ *     T' = T (1 - R R)^-1 T        R' = R + T R (1 - R R)^-1 T
+ *
+ * The thinnest layer scatters once, in closed form; what it would scatter again is added as a geometric series, so that a medium without
+ * absorption loses nothing. Light that is never scattered is known in closed form, and is taken off last. Boundaries reflect each
+ * direction by Fresnel's F (Prahl, van Gemert and Welch 1993).
+ */
+#include "math/quadrature.h"
+#include "math/vec.h"
+#include "optics/profile/shape.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#define THINNEST 0x1p-9 /* optical thickness of the first entry */
+
+enum {
+    GAUSS = 8,        /* nodes on each side of the critical angle */
+    MOST = 2 * GAUSS, /* and the direction at right angles is one more */
+    SIDE = MOST + 1,
+    EARLIER = 8, /* octaves that are doubled before the first entry */
+    PER_OCTAVE = 2,
+};
+
+struct directions {
+    double mu[SIDE], weight[SIDE], fresnel[SIDE];
+    int n;
+};
+
+typedef double matrix[SIDE][SIDE];
+
+struct layer {
+    double thickness; /* optical */
+    matrix R, T;      /* T without light that is not scattered */
+};
+
+static void place(double eta, struct directions *d)
+{
+    const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.0;
+    double x[GAUSS], w[GAUSS];
+
+    d->n = 0;
+    pell_gauss_legendre(GAUSS, x, w);
+    for (int part = critical > 0.0 ? 0 : 1; part < 2; part++) {
+        const double from = part == 0 ? 0.0 : critical, length = part == 0 ? critical : 1.0 - critical;
+        for (int i = 0; i < GAUSS; i++, d->n++) {
+            d->mu[d->n] = from + length * x[i];
+            d->weight[d->n] = length * w[i];
+        }
+    }
+    d->mu[d->n] = 1.0; /* enters, and nothing is scattered exactly there */
+    d->weight[d->n++] = 0.0;
+    for (int i = 0; i < d->n; i++)
+        d->fresnel[i] = pell_fresnel(1.0 / eta, d->mu[i]);
+}
+
+static void scatter_once(const struct directions *d, double albedo, struct layer *l)
+{
+    const double t = l->thickness;
+
+    for (int j = 0; j < d->n; j++) {
+        const double in = d->mu[j], scattered = albedo * -expm1(-t / in);
+        double escaped = 0.0, again;
+        for (int i = 0; i < d->n; i++) {
+            const double out = d->mu[i], k = 0.5 * albedo * d->weight[i] * out, apart = 1.0 / in - 1.0 / out;
+            l->R[i][j] = k / (in + out) * -expm1(-t * (1.0 / in + 1.0 / out));
+            l->T[i][j] = k / (in * out) * exp(-t / in) * (fabs(apart * t) > 1e-8 ? expm1(apart * t) / apart : t);
+            escaped += l->R[i][j] + l->T[i][j];
+        }
+        again = scattered > escaped && scattered > 0.0 ? 1.0 - escaped / scattered : 0.0;
+        for (int i = 0; i < d->n; i++) {
+            l->R[i][j] /= 1.0 - albedo * again;
+            l->T[i][j] /= 1.0 - albedo * again;
+        }
+    }
+}
+
+static void multiply(int n, const matrix a, const matrix b, matrix out)
+{
+    memset(out, 0, sizeof(matrix));
+    for (int i = 0; i < n; i++)
+        for (int k = 0; k < n; k++)
+            for (int j = 0; j < n; j++)
+                out[i][j] += a[i][k] * b[k][j];
+}
+
+/* (1 - m)^-1 b replaces b; m is destroyed. Columns of m sum to less than one, so that the diagonal is a good pivot. */
+static void solve(int n, matrix m, matrix b)
+{
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            m[i][j] = (i == j) - m[i][j];
+    for (int k = 0; k < n; k++)
+        for (int i = k + 1; i < n; i++) {
+            const double f = m[i][k] / m[k][k];
+            for (int j = k + 1; j < n; j++)
+                m[i][j] -= f * m[k][j];
+            for (int j = 0; j < n; j++)
+                b[i][j] -= f * b[k][j];
+        }
+    for (int i = n - 1; i >= 0; i--)
+        for (int j = 0; j < n; j++) {
+            for (int k = i + 1; k < n; k++)
+                b[i][j] -= m[i][k] * b[k][j];
+            b[i][j] /= m[i][i];
+        }
+}
+
+static void twice(const struct directions *d, struct layer *l)
+{
+    matrix all, down, up, m;
+
+    memcpy(all, l->T, sizeof(all));
+    for (int i = 0; i < d->n; i++)
+        all[i][i] += exp(-l->thickness / d->mu[i]);
+    memcpy(down, all, sizeof(down));
+    multiply(d->n, l->R, l->R, m);
+    solve(d->n, m, down);
+    multiply(d->n, l->R, down, up);
+    multiply(d->n, all, up, m);
+    for (int i = 0; i < d->n; i++)
+        for (int j = 0; j < d->n; j++)
+            l->R[i][j] += m[i][j];
+    multiply(d->n, all, down, l->T);
+    l->thickness *= 2.0;
+    for (int i = 0; i < d->n; i++)
+        l->T[i][i] -= exp(-l->thickness / d->mu[i]);
+}
+
+/* The lower boundary is added: `down` arrives at it and `up` at the upper one, of light that starts below the upper one. */
+static void add_lower(const struct directions *d, const struct layer *l, matrix up, matrix down)
+{
+    matrix m;
+
+    memcpy(down, l->T, sizeof(matrix));
+    for (int i = 0; i < d->n; i++)
+        down[i][i] += exp(-l->thickness / d->mu[i]);
+    for (int i = 0; i < d->n; i++)
+        for (int j = 0; j < d->n; j++)
+            m[i][j] = down[i][j] * d->fresnel[j]; /* from below, a layer transmits as from above */
+    for (int i = 0; i < d->n; i++)
+        for (int j = 0; j < d->n; j++)
+            up[i][j] = l->R[i][j] * d->fresnel[j];
+    solve(d->n, up, down);
+    multiply(d->n, m, down, up);
+    for (int i = 0; i < d->n; i++)
+        for (int j = 0; j < d->n; j++)
+            up[i][j] += l->R[i][j];
+}
+
+/* Share of the light that entered along the normal which crosses without being scattered; *again: which the second boundary returns. */
+static double straight(double thickness, double boundary, double *again)
+{
+    const double e = exp(-thickness), crossed = (1.0 - boundary) * e / (1.0 - boundary * boundary * e * e);
+
+    *again = crossed * boundary * e;
+    return crossed;
+}
+
+/* Of light along the normal that has entered. */
+static void between_boundaries(const struct directions *d, const struct layer *l, double *reflected, double *transmitted)
+{
+    const int n = d->n, normal = n - 1;
+    matrix up, down, m, entering = { { 0.0 } };
+    double again;
+
+    add_lower(d, l, up, down);
+    for (int i = 0; i < n; i++) {
+        entering[i][normal] = i == normal;
+        for (int j = 0; j < n; j++)
+            m[i][j] = d->fresnel[i] * up[i][j];
+    }
+    solve(n, m, entering);
+    *transmitted = -straight(l->thickness, d->fresnel[normal], &again);
+    *reflected = -again;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            *reflected += (1.0 - d->fresnel[i]) * up[i][j] * entering[j][normal];
+            *transmitted += (1.0 - d->fresnel[i]) * down[i][j] * entering[j][normal];
+        }
+}
+
+bool pell_slab_make(const struct pell_medium *medium, int channel, struct pell_slab *out)
+{
+    struct directions d;
+    struct layer l;
+    double albedo;
+
+    *out = (struct pell_slab) { 0.0 };
+    for (int i = 0; i < PELL_SLAB_STEPS; i++)
+        out->reflected[i] = out->transmitted[i] = log(DBL_MIN);
+    if (!pell_medium_valid(medium, NULL) || channel < 0 || channel > 2)
+        return false;
+    out->sigma_t_reduced = medium->sigma_a[channel] + medium->sigma_s_reduced[channel];
+    out->sigma_t = medium->sigma_a[channel] + medium->sigma_s_reduced[channel] / (1.0 - medium->g[channel]);
+    out->boundary = pell_fresnel(1.0 / medium->eta, 1.0);
+    albedo = medium->sigma_s_reduced[channel] / out->sigma_t_reduced;
+    place(medium->eta, &d);
+    for (int part = 0; part < PER_OCTAVE && albedo > 0.0; part++) {
+        l.thickness = THINNEST * exp2((double) part / PER_OCTAVE - EARLIER);
+        scatter_once(&d, albedo, &l);
+        for (int i = 0; i < EARLIER; i++)
+            twice(&d, &l);
+        for (int i = part; i < PELL_SLAB_STEPS; i += PER_OCTAVE) {
+            double reflected, transmitted;
+            between_boundaries(&d, &l, &reflected, &transmitted);
+            out->reflected[i] = log(fmax(reflected, DBL_MIN));
+            out->transmitted[i] = log(fmax(transmitted, DBL_MIN));
+            if (i + PER_OCTAVE < PELL_SLAB_STEPS)
+                twice(&d, &l);
+        }
+    }
+    return true;
+}
+
+/* Lagrange's cubic through four entries. */
+static double between(const double *table, double x)
+{
+    const int i = (int) fmin(fmax(floor(x) - 1.0, 0.0), PELL_SLAB_STEPS - 4);
+    const double t = x - i, *v = table + i;
+
+    return v[0] * (t - 1.0) * (t - 2.0) * (t - 3.0) / -6.0 + v[1] * t * (t - 2.0) * (t - 3.0) / 2.0 +
+           v[2] * t * (t - 1.0) * (t - 3.0) / -2.0 + v[3] * t * (t - 1.0) * (t - 2.0) / 6.0;
+}
+
+struct pell_slab_light pell_slab_at(const struct pell_slab *s, double d)
+{
+    const int last = PELL_SLAB_STEPS - 1;
+    const double thickest = THINNEST * exp2((double) last / PER_OCTAVE), far = fmin(fmax(d, 0.0), DBL_MAX); /* NaN: 0 */
+    const double thickness = s->sigma_t_reduced * far;
+    struct pell_slab_light out;
+    double again, again_reduced;
+
+    if (thickness < THINNEST) { /* scattered once, in proportion to the thickness */
+        out.reflected = exp(s->reflected[0]) * thickness / THINNEST;
+        out.transmitted = exp(s->transmitted[0]) * thickness / THINNEST;
+    } else if (thickness < thickest) {
+        const double x = PER_OCTAVE * log2(thickness / THINNEST);
+        out.reflected = exp(between(s->reflected, x));
+        out.transmitted = exp(between(s->transmitted, x));
+    } else { /* nothing is left but where nearly nothing absorbs: there T falls as 1/d */
+        out.reflected = exp(s->reflected[last]);
+        out.transmitted = exp(s->transmitted[last]) * thickest / thickness;
+    }
+    out.straight = straight(s->sigma_t * far, s->boundary, &again);
+    out.transmitted += straight(thickness, s->boundary, &again_reduced) - out.straight;
+    out.reflected += again_reduced - again;
+    return out;
+}

@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: MIT
+ * test_slab.c - slabs by transport: limits, closed forms and conservation. The oracle's photons are compared in oracle_table.c. */
+#include "oracle.h"
+
+#include <pellucid/profile.h>
+
+static struct pell_medium medium_of(double sigma_a, double sigma_s_reduced, double g, double eta)
+{
+    struct pell_medium m = { .eta = eta };
+
+    for (int c = 0; c < 3; c++) {
+        m.sigma_a[c] = sigma_a;
+        m.sigma_s_reduced[c] = sigma_s_reduced;
+        m.g[c] = g;
+    }
+    return m;
+}
+
+/* What the second boundary returns of light that is not scattered. */
+static double turned_back(const struct pell_slab *s, double d)
+{
+    return s->boundary * exp(-s->sigma_t * d) * pell_slab_at(s, d).straight;
+}
+
+static void nothing_is_lost_without_absorption(void **state)
+{
+    static const double indices[] = { 1.0, 1.3, 1.5, 2.5 };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(indices); i++)
+        for (int forward = 0; forward < 2; forward++) {
+            const struct pell_medium m = medium_of(0.0, 2.0, forward ? 0.9 : 0.0, indices[i]);
+            struct pell_slab s;
+            REQUIRE(pell_slab_make(&m, 1, &s));
+            for (double d = 1e-4; d < 3000.0; d *= 1.7) {
+                const struct pell_slab_light l = pell_slab_at(&s, d);
+                REQUIRE_REL(l.reflected + l.transmitted + l.straight + turned_back(&s, d), 1.0, 1e-3);
+                REQUIRE(l.reflected >= 0.0 && l.transmitted >= 0.0 && l.straight >= 0.0);
+            }
+        }
+}
+
+static void a_thick_slab_is_a_half_space(void **state)
+{
+    static const double albedos[] = { 0.05, 0.3, 0.7, 0.95, 0.999 }, indices[] = { 1.0, 1.3, 1.5, 2.0 };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(albedos); k++)
+        for (size_t i = 0; i < PELL_COUNT(indices); i++) {
+            const struct pell_medium m = medium_of(1.0 - albedos[k], albedos[k], 0.0, indices[i]);
+            struct pell_slab s;
+            REQUIRE(pell_slab_make(&m, 0, &s));
+            REQUIRE_REL(pell_slab_at(&s, 2000.0).reflected, pell_half_space_albedo(albedos[k], indices[i]), 1e-3);
+            REQUIRE_REL(pell_slab_at(&s, (double) INFINITY).reflected, pell_half_space_albedo(albedos[k], indices[i]), 1e-3);
+            REQUIRE_NEAR(pell_slab_at(&s, 2000.0).transmitted, 0.0, 1e-12);
+            REQUIRE(pell_slab_at(&s, (double) INFINITY).straight == 0.0);
+        }
+}
+
+/* Where the albedo is small, hardly any light is scattered twice, and both shares are integrals over the direction that it leaves along. */
+static void a_thin_slab_scatters_once(void **state)
+{
+    const struct pell_medium m = medium_of(0.999, 0.001, 0.0, 1.0);
+    struct pell_slab s;
+    (void) state;
+
+    REQUIRE(pell_slab_make(&m, 0, &s));
+    for (double t = 1e-3; t < 4.0; t *= 2.0) {
+        double back = 0.0, on = 0.0;
+        const int n = 20000;
+        for (int i = 0; i < n; i++) {
+            const double mu = (i + 0.5) / n;
+            back += 0.5 * 0.001 / n * mu / (1.0 + mu) * -expm1(-t * (1.0 + 1.0 / mu));
+            on += 0.5 * 0.001 / n * mu * (exp(-t) - exp(-t / mu)) / (1.0 - mu);
+        }
+        REQUIRE_REL(pell_slab_at(&s, t).reflected, back, 3e-3);
+        REQUIRE_REL(pell_slab_at(&s, t).transmitted, on, 3e-3);
+        REQUIRE_REL(pell_slab_at(&s, t).straight, exp(-t), 1e-12);
+    }
+    REQUIRE(pell_slab_at(&s, 0.0).reflected == 0.0 && pell_slab_at(&s, 0.0).transmitted == 0.0);
+    REQUIRE(pell_slab_at(&s, 0.0).straight == 1.0);
+}
+
+/* Far inside a slab that does not absorb, diffusion is exact: 1/T is linear in the thickness. */
+static void transmission_without_absorption_falls_as_one_over_the_thickness(void **state)
+{
+    const struct pell_medium m = medium_of(0.0, 1.0, 0.0, 1.0);
+    struct pell_slab s;
+    double at[3];
+    (void) state;
+
+    REQUIRE(pell_slab_make(&m, 2, &s));
+    for (int i = 0; i < 3; i++)
+        at[i] = 1.0 / pell_slab_at(&s, 100.0 * (i + 1)).transmitted;
+    REQUIRE_REL(at[2] - at[1], at[1] - at[0], 0.01);
+    /* Chandrasekhar 1960: H(1)/sqrt(3) over the thickness and twice Hopf's constant. */
+    REQUIRE_REL(1.0 / at[1], 1.6788 / (200.0 + 2.0 * 0.7104), 3e-3);
+}
+
+/* Light that is scattered forward is no longer straight, and is not lost. */
+static void forward_scattering_moves_light_from_straight_to_scattered(void **state)
+{
+    const struct pell_medium even = medium_of(0.1, 1.0, 0.0, 1.4), forward = medium_of(0.1, 1.0, 0.8, 1.4);
+    struct pell_slab a, b;
+    (void) state;
+
+    REQUIRE(pell_slab_make(&even, 0, &a) && pell_slab_make(&forward, 0, &b));
+    for (double d = 0.1; d < 10.0; d *= 2.0) {
+        const struct pell_slab_light x = pell_slab_at(&a, d), y = pell_slab_at(&b, d);
+        REQUIRE_REL(x.transmitted + x.straight, y.transmitted + y.straight, 1e-9);
+        REQUIRE(y.straight < x.straight && y.transmitted > x.transmitted);
+    }
+}
+
+static void media_out_of_range_are_slabs_of_nothing(void **state)
+{
+    struct pell_medium m = medium_of(0.1, 1.0, 0.0, 1.4);
+    struct pell_slab s;
+    (void) state;
+
+    REQUIRE(!pell_slab_make(&m, 3, &s) && !pell_slab_make(&m, -1, &s));
+    m.eta = 0.2;
+    REQUIRE(!pell_slab_make(&m, 0, &s));
+    REQUIRE(pell_slab_at(&s, 1.0).reflected < 1e-300 && pell_slab_at(&s, 1.0).transmitted < 1e-300);
+    m = medium_of(1.0, 0.0, 0.0, 1.4);
+    REQUIRE(pell_slab_make(&m, 0, &s));
+    REQUIRE(pell_slab_at(&s, 1.0).reflected < 1e-300 && pell_slab_at(&s, 1.0).straight > 0.3);
+    REQUIRE(pell_slab_at(&s, (double) NAN).reflected < 1e-300);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(nothing_is_lost_without_absorption),
+        cmocka_unit_test(a_thick_slab_is_a_half_space),
+        cmocka_unit_test(a_thin_slab_scatters_once),
+        cmocka_unit_test(transmission_without_absorption_falls_as_one_over_the_thickness),
+        cmocka_unit_test(forward_scattering_moves_light_from_straight_to_scattered),
+        cmocka_unit_test(media_out_of_range_are_slabs_of_nothing),
+    };
+
+    return cmocka_run_group_tests_name("optics.slab", tests, NULL, NULL);
+}
