@@ -115,7 +115,7 @@ struct pell_material {
     struct pell_texture_map emissive_map;
     bool alpha_mask;
     float alpha_cutoff;
-    bool double_sided;
+    bool double_sided; /* false: cameras don't see the back of an opaque surface; translucent ones have two sides always */
 };
 
 enum pell_light_type {

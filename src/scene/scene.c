@@ -150,6 +150,7 @@ enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *n
     m = &scene->materials[*index];
     m->name = copy;
     m->opaque = true;
+    m->double_sided = true;
     if (marble)
         m->medium = marble->medium;
     m->model = MODEL;

@@ -56,7 +56,8 @@ struct surface {
     const struct pell_mesh *mesh;
     const struct pell_material *material;
     uint32_t mask;
-    bool alpha; /* look the base colour's alpha up */
+    bool alpha;        /* look the base colour's alpha up */
+    bool single_sided; /* cameras see its front alone */
 };
 
 struct pell_rays {
@@ -103,11 +104,14 @@ static void filter(const struct RTCFilterFunctionNArguments *args)
     const float *hit = (const float *) args->hit; /* planes of n: Ng x, y, z, u, v, primID, ... */
     const uint32_t *triangle = (const uint32_t *) args->hit + 5 * (size_t) n;
     const uint32_t *mask = (const uint32_t *) args->ray + 9 * (size_t) n; /* planes of n, in the order of struct pell_ray16 */
+    const float *way = (const float *) args->ray + 4 * (size_t) n;
 
     for (unsigned i = 0; i < n; i++) {
         if (args->valid[i] != -1)
             continue;
         if (!(mask[i] & s->mask) ||
+            (s->single_sided && mask[i] == PELL_RAY_CAMERA &&
+             hit[i] * way[i] + hit[n + i] * way[n + i] + hit[2 * n + i] * way[2 * n + i] > 0) ||
             (s->alpha && alpha_at(s, triangle[i], hit[3 * (size_t) n + i], hit[4 * (size_t) n + i]) < s->material->alpha_cutoff))
             args->valid[i] = 0;
     }
@@ -205,6 +209,7 @@ static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *
     s->mesh = m;
     s->material = material;
     s->mask = material->opaque ? PELL_RAY_OPAQUE : PELL_RAY_TRANSLUCENT;
+    s->single_sided = pell_rays_single_sided(scene, m);
     if (!pell_rays_show(scene, m, &s->alpha))
         return PELL_OK;
 
@@ -217,10 +222,10 @@ static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *
         rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_MEDIUM);
         rtcSetGeometryMask(geometry, s->mask);
         rtcSetGeometryUserData(geometry, s);
-        if (s->alpha || !masks) {
+        if (s->alpha || !masks || s->single_sided)
             rtcSetGeometryIntersectFilterFunction(geometry, filter);
+        if (s->alpha || !masks)
             rtcSetGeometryOccludedFilterFunction(geometry, filter);
-        }
         rtcCommitGeometry(geometry);
         rtcAttachGeometryByID(rays->scene, geometry, (unsigned) number);
         rtcReleaseGeometry(geometry);

@@ -49,6 +49,7 @@ enum pell_ray_mask {
     PELL_RAY_TRANSLUCENT = 1u << 0, /* meshes of translucent materials */
     PELL_RAY_OPAQUE = 1u << 1,
     PELL_RAY_ALL = 3u,
+    PELL_RAY_CAMERA = PELL_RAY_ALL | 1u << 2, /* all, but for the backs of single-sided opaque surfaces, as glTF says */
 };
 
 /* Ray i of a packet, from o along d, that meets all surfaces up to tfar. */
@@ -75,6 +76,13 @@ PELL_NODISCARD enum pell_result pell_rays_create(struct pell_context *ctx, const
 void pell_rays_destroy(struct pell_rays **rays);
 /* Whether rays meet triangles of a mesh at all; `cut`: its alpha says which parts of them. */
 bool pell_rays_show(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut);
+/* Whether cameras see its front alone. Translucent surfaces have two sides: they bound a medium. */
+static inline bool pell_rays_single_sided(const struct pell_scene *scene, const struct pell_mesh *m)
+{
+    const struct pell_material *material = &scene->materials[m->material];
+
+    return material->opaque && !material->double_sided;
+}
 
 /* `valid`: 16 ints, -1 for rays that take part, 0 for others; 64-byte aligned. `coherent`: rays of one packet go much the same way. */
 void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet);

@@ -155,7 +155,9 @@ static bool spans(const struct pell_raster *r, size_t first, size_t end, struct 
         if (bad)
             return false;
         for (int i = 0; i < count; i++) {
-            const bool none = b.x0[i] > b.x1[i] || b.y0[i] > b.y1[i] || volume[i] == 0.0f;
+            const struct pell_mesh *m = &r->scene->meshes[r->triangles[t + (size_t) i].mesh];
+            const bool none =
+                b.x0[i] > b.x1[i] || b.y0[i] > b.y1[i] || volume[i] == 0.0f || (volume[i] < 0.0f && pell_rays_single_sided(r->scene, m));
             const unsigned back = volume[i] < 0.0f ? PELL_RASTER_BACK : 0;
             out[t + (size_t) i] =
                 none ? (struct pell_raster_span) { 1, 0, 1, 0 }

@@ -610,9 +610,60 @@ static void channels_are_alike(void **state)
     shot_free(&shot[1]);
 }
 
+/* --- Sides --------------------------------------------------------------------------------------------------------------------- */
+
+/* How much light comes from a quad that faces +z, alone in the scene, seen from the front or the back; `masked`: by rays. */
+static double seen(bool front, bool opaque, bool double_sided, bool masked)
+{
+    struct stage s;
+    struct shot shot;
+    struct pell_mesh *quad;
+    size_t m, other;
+    double sum = 0.0;
+
+    stage_start(&s, 16, 16);
+    if (opaque)
+        stage_opaque(&s, 0.5f, &m);
+    else
+        stage_gaussians(&s, 0.5, &m);
+    s.scene->materials[m].double_sided = double_sided;
+    quad = shapes_quad(s.scene, m, vec3(0, 0, 0), vec3(10, 0, 0), vec3(0, 10, 0));
+    if (masked) { /* an alpha map leaves the whole scene to rays */
+        stage_opaque(&s, 0.5f, &other);
+        s.scene->materials[other].alpha_mask = true;
+        quad = shapes_quad(s.scene, other, vec3(0, 500, 0), vec3(1, 0, 0), vec3(0, 1, 0));
+        quad->color = pell_calloc(s.ctx, 4 * (size_t) quad->num_vertices, sizeof(float));
+        assert_non_null(quad->color);
+    }
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 100), vec3(0, 0, 0), 1.0f);
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -100), vec3(0, 0, 0), 1.0f);
+    stage_camera(&s, vec3(0, 0, front ? 50.0f : -50.0f), vec3(0, 0, 0), 0.0f, 10.0f);
+    shot = stage_shot_of(&s, "none", NULL);
+    shot_check(&shot);
+    for (int y = 0; y < 16; y++)
+        for (int x = 0; x < 16; x++)
+            sum += shot_at(&shot, 1, x, y);
+    shot_free(&shot);
+    stage_finish(&s);
+    return sum;
+}
+
+static void backs_of_single_sided_opaque_surfaces_are_not_seen(void **state)
+{
+    (void) state;
+    for (int k = 0; k < 16; k++) {
+        const bool front = k & 1, opaque = k & 2, both = k & 4, masked = k & 8;
+        const double light = seen(front, opaque, both, masked);
+        print_message("# %s of %s %s, by %s: %.3f\n", front ? "front" : "back", both ? "two-sided" : "single-sided",
+                      opaque ? "opaque" : "translucent", masked ? "rays" : "tiles", light);
+        REQUIRE((light > 0.0) == (front || !opaque || both));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(backs_of_single_sided_opaque_surfaces_are_not_seen),
         cmocka_unit_test(metres_centimetres_millimetres_and_formats_agree),
         cmocka_unit_test(what_is_behind_does_not_show_on_the_object),
         cmocka_unit_test(twice_as_far_with_twice_the_focal_length),

@@ -651,7 +651,7 @@ static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
     memset(&p, 0, sizeof(p));
     for (int i = 0; i < LANES; i++) {
         p.ray.tnear[i] = 1e-6f; /* depth is positive */
-        p.ray.mask[i] = PELL_RAY_ALL;
+        p.ray.mask[i] = PELL_RAY_CAMERA;
     }
     if (!job->bare)
         memset(out->material + (ptrdiff_t) y0 * out->stride, 0, (size_t) (y1 - y0) * (size_t) out->stride * sizeof(*out->material));

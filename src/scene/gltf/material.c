@@ -324,6 +324,7 @@ static enum pell_result read_alpha(struct gltf *g, const struct pell_json *at, s
         PELL_TRY(gltf_factor(g, at, "alphaCutoff", 0.0, 1e6, &m->alpha_cutoff));
     if (mode == 2)
         gltf_warn(g, GLTF_WARN_MATERIAL, at, NULL, "material \"%s\" has alphaMode BLEND: it is drawn as a mask at 0.5", m->name);
+    m->double_sided = false;
     return pell_json_bool(at, "doubleSided", &m->double_sided);
 
 fail:
