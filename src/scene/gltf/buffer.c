@@ -204,9 +204,8 @@ static enum pell_result get_buffer(struct gltf *g, int64_t index, struct gltf_by
         } else {
             struct pell_json extensions, meshopt;
             PELL_TRY(gltf_extension(&at, "EXT_meshopt_compression", &extensions, &meshopt));
-            return pell_json_error(&at, meshopt.value ? PELL_ERR_UNSUPPORTED : PELL_ERR_FORMAT,
-                                   meshopt.value ? "decode it first: gltf-transform copy in.glb out.glb" : NULL,
-                                   meshopt.value ? "holds only EXT_meshopt_compression data, which is not read yet"
+            return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                                   meshopt.value ? "stands in for compressed data, which a view of it does not name"
                                                  : "has no uri, and there is no binary chunk for it");
         }
         if (buffer->bytes.size < (uint64_t) size)
@@ -216,6 +215,31 @@ static enum pell_result get_buffer(struct gltf *g, int64_t index, struct gltf_by
         buffer->ready = true;
     }
     *out = buffer->bytes;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* `length`: what the view says that there is. */
+static enum pell_result packed_view(struct gltf *g, const struct pell_json *at, const struct pell_json *meshopt, struct gltf_buffer *view,
+                                    int64_t length, struct gltf_bytes *out, uint32_t *stride)
+{
+    struct gltf_bytes bytes = { 0 };
+    struct gltf_packed p;
+    enum pell_result res;
+
+    PELL_TRY(gltf_meshopt_read(g, meshopt, &p));
+    if (length != p.count * p.stride)
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "byteLength is %" PRId64 ", but %" PRId64 " bytes are unpacked", length,
+                               p.count * p.stride);
+    if (!view->ready) {
+        PELL_TRY(get_buffer(g, p.buffer, &bytes));
+        PELL_TRY(gltf_meshopt_decode(g, meshopt, &p, bytes, view));
+    }
+    *out = view->bytes;
+    if (stride)
+        *stride = p.mode == 0 ? (uint32_t) p.stride : 0;
     return PELL_OK;
 
 fail:
@@ -234,14 +258,14 @@ enum pell_result gltf_view(struct gltf *g, const struct pell_json *parent, const
     at = pell_json_at(&g->views, (size_t) view);
     PELL_TRY(pell_json_is_object(&at));
     PELL_TRY(gltf_extension(&at, "EXT_meshopt_compression", &extensions, &meshopt));
-    if (meshopt.value && gltf_once(g, GLTF_ONCE_MESHOPT))
-        gltf_warn(g, GLTF_WARN_EXTENSION, &at, NULL, "EXT_meshopt_compression is not read yet: the uncompressed copy is used");
     PELL_TRY(pell_json_require(&at, "buffer"));
     PELL_TRY(pell_json_require(&at, "byteLength"));
     PELL_TRY(gltf_index(&at, "buffer", &g->buffers, &buffer));
     PELL_TRY(pell_json_int(&at, "byteOffset", 0, g->limits->file_bytes, &offset));
     PELL_TRY(pell_json_int(&at, "byteLength", 1, g->limits->file_bytes, &length));
     PELL_TRY(pell_json_int(&at, "byteStride", 4, 252, &step));
+    if (meshopt.value)
+        return packed_view(g, &at, &meshopt, &g->view[view], length, out, stride);
     PELL_TRY(get_buffer(g, buffer, &bytes));
     if ((uint64_t) offset > bytes.size || (uint64_t) length > bytes.size - (uint64_t) offset)
         return pell_json_error(&at, PELL_ERR_FORMAT, NULL,

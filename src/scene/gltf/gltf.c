@@ -78,6 +78,7 @@ static const struct {
     { "KHR_texture_transform", READ, NULL, NULL },
     { "KHR_xmp_json_ld", READ, NULL, NULL }, /* facts about the file */
     { "EXT_mesh_gpu_instancing", READ, NULL, NULL },
+    { "EXT_meshopt_compression", READ, NULL, NULL },
     { "KHR_materials_volume_scatter", READ_DRAFT, "is a draft: its meaning may change (experimental)", NULL },
     { "KHR_materials_scatter", READ_DRAFT, "is a draft: its meaning may change (experimental)", NULL },
     { "KHR_materials_unlit", LEFT_OUT, "is not drawn: the material is lit", NULL },
@@ -93,8 +94,7 @@ static const struct {
     { "EXT_texture_avif", REFUSED, "is not read", "convert the AVIF textures to PNG" },
     { "MSFT_texture_dds", REFUSED, "is not read", "convert the DDS textures to PNG" },
     { "KHR_draco_mesh_compression", REFUSED, "is not read", "decode it first: gltf-transform copy in.glb out.glb" },
-    { "EXT_meshopt_compression", REFUSED, "is not read yet", "decode it first: gltf-transform copy in.glb out.glb" },
-    { "KHR_meshopt_compression", REFUSED, "is not read yet", "decode it first: gltf-transform copy in.glb out.glb" },
+    { "KHR_meshopt_compression", REFUSED, "is not read", "decode it first: gltf-transform copy in.glb out.glb" },
     { "KHR_animation_pointer", REFUSED, "is not read yet", NULL },
 };
 

@@ -7,6 +7,7 @@
  *     gltf/transform.c matrices of nodes
  *     gltf/vertices.c  arrays of vertices
  *     gltf_buffer.c    data URIs, buffers, buffer views, accessors
+ *     gltf/meshopt.c   compressed buffer views
  *     gltf_mesh.c      primitives -> meshes of the scene
  *     gltf_morph.c     morph targets
  *     gltf_skin.c      skins
@@ -44,7 +45,6 @@ enum gltf_once {
     GLTF_ONCE_MORPH_NORMALS,
     GLTF_ONCE_SKIN_INSTANCES,
     GLTF_ONCE_DRACO,
-    GLTF_ONCE_MESHOPT,
     GLTF_ONCE_NO_NORMALS,
     GLTF_ONCES
 };
@@ -149,6 +149,7 @@ struct gltf {
 
     struct gltf_bytes bin; /* of a GLB; data NULL: none */
     struct gltf_buffer *buffer;
+    struct gltf_buffer *view; /* those that were compressed */
     struct gltf_accessor *accessor;
     struct gltf_mesh *mesh;
     struct gltf_node *node;
@@ -185,6 +186,18 @@ const char *gltf_name(const struct pell_json *element, const char *kind, char *b
 PELL_NODISCARD enum pell_result gltf_check_required(struct gltf *g);
 /* Says how many warnings of each kind were not printed. */
 void gltf_count_warnings(struct gltf *g);
+
+/* --- gltf/meshopt.c --- */
+
+/* A buffer view's EXT_meshopt_compression at `at`, checked. */
+struct gltf_packed {
+    int64_t buffer, offset, length, stride, count; /* bytes; of elements */
+    int mode, filter;                              /* numbers in lists of meshopt.c; mode 0: vertices */
+};
+PELL_NODISCARD enum pell_result gltf_meshopt_read(struct gltf *g, const struct pell_json *at, struct gltf_packed *p);
+/* Unpacks it into `view`, which keeps the bytes also on failure. */
+PELL_NODISCARD enum pell_result gltf_meshopt_decode(struct gltf *g, const struct pell_json *at, const struct gltf_packed *p,
+                                                    struct gltf_bytes buffer, struct gltf_buffer *view);
 
 /* --- gltf_buffer.c ---------------------------------------------------------------------------------------------------------- */
 

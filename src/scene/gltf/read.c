@@ -51,12 +51,13 @@ static enum pell_result open_arrays(struct gltf *g)
     PELL_TRY(pell_json_array(&g->lights_extension, "lights", 0, items, &g->lights));
 
     g->buffer = pell_calloc(g->ctx, pell_json_count(&g->buffers), sizeof(*g->buffer));
+    g->view = pell_calloc(g->ctx, pell_json_count(&g->views), sizeof(*g->view));
     g->accessor = pell_calloc(g->ctx, pell_json_count(&g->accessors), sizeof(*g->accessor));
     g->mesh = pell_calloc(g->ctx, pell_json_count(&g->meshes), sizeof(*g->mesh));
     g->node = pell_calloc(g->ctx, pell_json_count(&g->nodes), sizeof(*g->node));
     g->skin = pell_calloc(g->ctx, pell_json_count(&g->skins), sizeof(*g->skin));
     g->material = pell_alloc_array(g->ctx, pell_json_count(&g->materials), sizeof(*g->material));
-    if (!g->buffer || !g->accessor || !g->mesh || !g->node || !g->skin || !g->material)
+    if (!g->buffer || !g->view || !g->accessor || !g->mesh || !g->node || !g->skin || !g->material)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < pell_json_count(&g->materials); i++)
         g->material[i] = -1;
@@ -86,6 +87,9 @@ static void finish(struct gltf *g)
 {
     for (size_t i = 0; g->buffer && i < pell_json_count(&g->buffers); i++)
         pell_free(g->ctx, g->buffer[i].owned);
+    for (size_t i = 0; g->view && i < pell_json_count(&g->views); i++)
+        pell_free(g->ctx, g->view[i].owned);
+    pell_free(g->ctx, g->view);
     for (size_t i = 0; g->mesh && i < pell_json_count(&g->meshes); i++) {
         for (size_t k = 0; k < g->mesh[i].num_primitives; k++)
             pell_free(g->ctx, g->mesh[i].primitives[k].targets);
