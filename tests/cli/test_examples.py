@@ -11,7 +11,7 @@ import time
 from cli_test import ROOT, Skip, main, need, one_object, png_pixels, run, test, text, works
 
 EXAMPLES, BENCH = (pathlib.Path(os.path.abspath(p)) for p in sys.argv[3:5])
-QUICK = ['--width', '96', '--height', '72', '--msaa', '1', '--light-samples', '4', '--ambient-samples', '4']
+QUICK = ['--width', '96', '--height', '72', '--msaa', '1', '--light-samples', '4', '--ambient-samples', '4', '--indirect-samples', '512']
 
 # What is not read yet, by what the message must say.
 REFUSED = {}

@@ -85,7 +85,7 @@ def _(folder):
     for key in 'version command method knobs settings engine device seed exposure units scene materials seconds load_seconds'.split():
         need(attributes.get(f'pellucid.{key}'), key, attributes)
     need(attributes['pellucid.command'] == "pellucid render bunny.obj --size 70mm --material wholemilk --set lod=2 --width 48 --height 27 "
-         "--msaa 1 --light-samples 2 '--output=with space.exr'", attributes['pellucid.command'])
+         "--msaa 1 --light-samples 2 --indirect-samples 256 '--output=with space.exr'", attributes['pellucid.command'])
     need('lod=2' in attributes['pellucid.knobs'] and 'width=48' in attributes['pellucid.settings'], attributes)
     need(float(attributes['pellucid.exposure']) > 0 and float(attributes['pellucid.seconds']) > 0, attributes)
 

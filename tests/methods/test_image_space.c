@@ -2,22 +2,12 @@
  * test_image_space.c - the image-space method on planes: its samples against the profiles, its estimates against closed forms and against
  * sums over every visible piece of the surface. */
 #include "patch.h"
+#include "slow.h"
 
 #include "math/vec.h"
 #include "methods/image_space/image_space.h"
 
 #include <pellucid/inversion.h>
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SLOW 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SLOW 1
-#endif
-#endif
-#ifndef SLOW
-#define SLOW 0
-#endif
 
 static const struct pell_method *method(struct pell_context *ctx)
 {

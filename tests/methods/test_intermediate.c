@@ -79,7 +79,7 @@ static void start(struct stage *s, const char *method)
         stage_medium(s, "ketchup", &m);
     else
         stage_gaussians(s, 0.3, &m);
-    stage_ball(s, m, 0, vec3(0, 0, 0), 12.0f, 24);
+    stage_ball(s, m, 0, vec3(0, 0, 0), 12.0f, 12);
     stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100, 30, 60), vec3(0, 0, 0), 1.0f);
     stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(-20, 10, -100), vec3(0, 0, 0), 1.0f);
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 14.0f);

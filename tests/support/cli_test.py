@@ -18,7 +18,7 @@ import zlib
 PROGRAM = os.path.abspath(sys.argv[1])
 ROOT = pathlib.Path(sys.argv[2]).resolve()
 SANITIZED = 'PELL_SANITIZED' in os.environ # everything takes some ten times as long
-SMALL = ['--width', '48', '--height', '27', '--msaa', '1', '--light-samples', '2']
+SMALL = ['--width', '48', '--height', '27', '--msaa', '1', '--light-samples', '2', '--indirect-samples', '256']
 TESTS = []
 
 
