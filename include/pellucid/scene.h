@@ -210,8 +210,8 @@ struct pell_load_params {
     bool bare;             /* add no default lights, no default camera, no ground: `check` */
 };
 
-/* Reads .gltf, .glb, .obj, .ply or a scene .json (distinguished by content where possible), and completes it: normals, tangents where maps
- * need them, default lights, camera and material. Without a unit OBJ and PLY are refused (PELL_ERR_INVALID). */
+/* Reads .gltf, .glb, .obj, .ply, .stl or a scene .json (distinguished by content where possible), and completes it: normals, tangents
+ * where maps need them, default lights, camera and material. Without a unit OBJ, PLY and STL are refused (PELL_ERR_INVALID). */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params,
                                                          struct pell_scene **out);
 

@@ -67,7 +67,7 @@ class Scene(Closing):
 
     @classmethod
     def load(cls, path: Union[str, os.PathLike], *, progress: Optional[Progress] = None, **options: Any) -> "Scene":
-        """Reads glTF, OBJ, PLY or a scene file.
+        """Reads glTF, OBJ, PLY, STL or a scene file.
 
         options: size (largest extent) or unit (of the file) as lengths ("70mm"; a number is in mm), material (name or file), camera
         (name), time (s), animation, aspect (width/height, for framing), allow_outside, bare (no default lights, camera, ground).

@@ -4,10 +4,11 @@
 
 static const struct command commands[] = {
     { "render", "INPUT", "an image, a turntable or an animation of a scene or a mesh",
-      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, or a scene file (.json). A mesh without a scene file gets a camera that frames "
+      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, an STL, or a scene file (.json). A mesh without a scene file gets a camera that "
+      "frames "
       "it, a studio of three soft lights, a grey backdrop and the material of --material.\n"
       "\n"
-      "The unit of glTF is the metre. OBJ and PLY have no unit: give the size of the object (--size 70mm, its largest extent) or the "
+      "The unit of glTF is the metre. OBJ, PLY and STL have no unit: give the size of the object (--size 70mm, its largest extent) or the "
       "unit of the file (--unit 1mm), because the scattering distance relative to the object depends on it.\n"
       "\n"
       "Options of the command line override those of a scene file. PNG holds the exposed image; EXR, HDR and PFM hold linear "

@@ -38,6 +38,9 @@ struct pell_import {
 PELL_NODISCARD enum pell_result pell_import_gltf(struct pell_import *import, const uint8_t *data, size_t size); /* .gltf and .glb */
 PELL_NODISCARD enum pell_result pell_import_obj(struct pell_import *import, const uint8_t *data, size_t size);
 PELL_NODISCARD enum pell_result pell_import_ply(struct pell_import *import, const uint8_t *data, size_t size);
+PELL_NODISCARD enum pell_result pell_import_stl(struct pell_import *import, const uint8_t *data, size_t size);
+/* Its size is what the number of triangles in it says. */
+bool pell_stl_is_binary(const uint8_t *data, size_t size);
 
 /* Loads an external picture as a texture of the scene; the same (file, role) is read once. A broken or missing picture is a warning that
  * names it, and *texture = NULL with PELL_OK; only NOMEM and CANCELLED fail. */

@@ -69,6 +69,9 @@ enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *d
         return PELL_SCENE_GLTF;
     if (size >= 4 && memcmp(p, "ply", 3) == 0 && is_space(p[3]))
         return PELL_SCENE_PLY;
+    if (pell_path_has_extension(path, "stl") || pell_stl_is_binary(data, size) ||
+        (size >= 6 && memcmp(p, "solid", 5) == 0 && is_space(p[5])))
+        return PELL_SCENE_STL;
     if (size >= 3 && memcmp(p, "\xef\xbb\xbf", 3) == 0)
         p += 3;
     while (p < end && is_space(*p))
@@ -93,10 +96,10 @@ static enum pell_result refuse(struct pell_context *ctx, const char *path, const
     static const struct {
         const char *magic, *extension, *what;
     } others[] = {
-        { "Kaydara FBX", "fbx", "an FBX file" }, { "BLENDER", "blend", "a Blender file" },   { "solid ", "stl", "an STL file" },
-        { "PXR-USDC", "usd", "a USD file" },     { "#usda", "usda", "a USD file" },          { "PK\x03\x04", "usdz", "a zip archive" },
-        { "OFF", "off", "an OFF file" },         { "<?xml", "dae", "an XML file" },          { "\x89PNG", "png", "a picture" },
-        { "\xff\xd8\xff", "jpg", "a picture" },  { "\x76\x2f\x31\x01", "exr", "a picture" }, { "#?RADIANCE", "hdr", "a picture" },
+        { "Kaydara FBX", "fbx", "an FBX file" },    { "BLENDER", "blend", "a Blender file" },  { "PXR-USDC", "usd", "a USD file" },
+        { "#usda", "usda", "a USD file" },          { "PK\x03\x04", "usdz", "a zip archive" }, { "OFF", "off", "an OFF file" },
+        { "<?xml", "dae", "an XML file" },          { "\x89PNG", "png", "a picture" },         { "\xff\xd8\xff", "jpg", "a picture" },
+        { "\x76\x2f\x31\x01", "exr", "a picture" }, { "#?RADIANCE", "hdr", "a picture" },
     };
     const char *what = size == 0                              ? "an empty file"
                        : pell_path_has_extension(path, "glb") ? "no GLB, which begins with \"glTF\""
@@ -108,8 +111,8 @@ static enum pell_result refuse(struct pell_context *ctx, const char *path, const
         if ((size >= n && memcmp(data, others[i].magic, n) == 0) || (size && pell_path_has_extension(path, others[i].extension)))
             what = others[i].what;
     }
-    return pell_error(ctx, PELL_ERR_UNSUPPORTED, path, "convert it to glTF, or to OBJ or PLY",
-                      "is %s; allowed are glTF (.gltf, .glb), OBJ, PLY and scene files (.json)", what);
+    return pell_error(ctx, PELL_ERR_UNSUPPORTED, path, "convert it to glTF, or to OBJ, PLY or STL",
+                      "is %s; allowed are glTF (.gltf, .glb), OBJ, PLY, STL and scene files (.json)", what);
 }
 
 enum pell_result pell_loader_read(const struct pell_loader *loader, const char *where, const char *reference, char **path, uint8_t **data,
@@ -179,7 +182,7 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
     if (format == PELL_SCENE_SCENE)
         return pell_error(ctx, PELL_ERR_FORMAT, path, NULL, "is a scene file; a mesh file is needed here");
     if (format != PELL_SCENE_GLTF && !(scale->mm_per_unit > 0.0) && !(scale->size_mm > 0.0))
-        return no_unit(ctx, path, format == PELL_SCENE_OBJ ? "OBJ" : "PLY");
+        return no_unit(ctx, path, format == PELL_SCENE_OBJ ? "OBJ" : format == PELL_SCENE_PLY ? "PLY" : "STL");
 
     PELL_TRY(pell_scene_create(ctx, &import.scene));
     pell_free(ctx, import.scene->path);
@@ -192,7 +195,8 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
     import.root = folder;
     PELL_TRY(format == PELL_SCENE_GLTF  ? pell_import_gltf(&import, data, size)
              : format == PELL_SCENE_OBJ ? pell_import_obj(&import, data, size)
-                                        : pell_import_ply(&import, data, size));
+             : format == PELL_SCENE_PLY ? pell_import_ply(&import, data, size)
+                                        : pell_import_stl(&import, data, size));
     PELL_TRY(find_unit(&import, scale, &mm));
     for (int i = 0; i < 3; i++)
         matrix.m[5 * i] = mm;

@@ -63,7 +63,7 @@ struct pell_scale {
     const char *where;           /* that says so, for messages */
 };
 
-enum pell_scene_format { PELL_SCENE_GLTF, PELL_SCENE_OBJ, PELL_SCENE_PLY, PELL_SCENE_SCENE, PELL_SCENE_UNKNOWN };
+enum pell_scene_format { PELL_SCENE_GLTF, PELL_SCENE_OBJ, PELL_SCENE_PLY, PELL_SCENE_STL, PELL_SCENE_SCENE, PELL_SCENE_UNKNOWN };
 /* The format of a file: by its content, then by its name. */
 enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *data, size_t size);
 /* Resolves `reference` under the root and reads it (see pell_file_read). *path is owned by the caller. */

@@ -258,8 +258,8 @@ static void on_settled(lws_sorted_usec_list_t *list)
 
 static bool is_input(const char *name)
 {
-    static const char *const endings[] = { ".json", ".obj", ".mtl",  ".ply", ".gltf", ".glb", ".bin",
-                                           ".png",  ".jpg", ".jpeg", ".exr", ".hdr",  ".csv" };
+    static const char *const endings[] = { ".json", ".obj", ".mtl", ".ply",  ".stl", ".gltf", ".glb",
+                                           ".bin",  ".png", ".jpg", ".jpeg", ".exr", ".hdr",  ".csv" };
     const char *dot = strrchr(name, '.');
 
     for (size_t i = 0; dot && i < PELL_COUNT(endings); i++)

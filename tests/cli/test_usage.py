@@ -84,7 +84,7 @@ FAULTS = {
     'a long command': ([LONG], 2, 'xxx', ''),
     'a file that is not there': (['render', 'no.obj', '--size', '70mm', '-o', 'out.png'], 3, 'no.obj', ''),
     'a folder for a file': (['render', '.', '--size', '70mm', '-o', 'out.png'], 3, 'folder', ''),
-    'a file of an unknown kind': (['check', 'kind.stl', '--size', '70mm'], 3, 'STL', ''),
+    'a file of an unknown kind': (['check', 'kind.off', '--size', '70mm'], 3, 'OFF', ''),
     'a damaged glTF': (['render', 'bad.gltf', '-o', 'out.png'], 3, 'bad.gltf', ''),
     'a damaged OBJ': (['render', 'bad.obj', '--size', '70mm', '-o', 'out.png'], 3, 'bad.obj', ''),
     'a scene file with an unknown key': (['check', 'key.json'], 3, 'key.json', 'mesh'),
@@ -105,7 +105,7 @@ CODES = {2: 'invalid value', 4: 'engine or device not available', 5: 'out of mem
 
 
 def break_files(folder):
-    (folder / 'kind.stl').write_bytes(b'solid cube\n')
+    (folder / 'kind.off').write_bytes(b'OFF\n')
     (folder / 'bad.gltf').write_bytes(b'{"asset": {"version": "2.0"}, "nodes": 7}')
     (folder / 'bad.obj').write_bytes(b'v 1 2 oops\nf 1 2 3\n')
     (folder / 'key.json').write_text('{"pellucid": 1, "mesh": "bunny.obj", "unit": "1mm", "mehs": 1}', 'ascii')

@@ -356,7 +356,7 @@ MESSAGES = {
     'must have depth_scale': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1], 'sigma_t': [2, 2, 2], 'depth': 'a.png#r'}]}}}],
     'must have two of sigma_a, sigma_s and sigma_t': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1]}]}}}],
     'this build has the engine cpu only': ['render', *BALL, '--engine', 'vulkan'],
-    'allowed are glTF (.gltf, .glb), OBJ, PLY and scene files (.json)': ['check', 'a.xyz'],
+    'allowed are glTF (.gltf, .glb), OBJ, PLY, STL and scene files (.json)': ['check', 'a.xyz'],
     'can be raised': ['check', *BALL, '--limit', 'triangles=3'],
     'raise the limit': ['check', *BALL, '--limit', 'file-bytes=10'],
     'the mean free path of': ['render', 'bunny.obj', '--size', '1mm', '--material', 'chicken1', *SMALL],

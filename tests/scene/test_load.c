@@ -101,9 +101,9 @@ static void formats_are_told_by_content(void **state)
     a = try_text("scene.json", "{\"pellucid\": 2}", NULL);
     assert_int_equal(a.res, PELL_ERR_FORMAT);
     assert_string_equal(a.kept.where, "scene.json:/pellucid");
-    a = try_text("thing", "solid cube\nfacet normal\n", &in_mm);
-    assert_int_equal(a.res, PELL_ERR_UNSUPPORTED);
-    assert_non_null(strstr(a.kept.what, "STL"));
+    a = try_text("thing", "solid cube\nfacet normal\n", &in_mm); /* an STL that holds nothing */
+    assert_int_equal(a.res, PELL_ERR_FORMAT);
+    assert_non_null(strstr(a.kept.what, "holds no triangles"));
     a = try_text("thing.fbx", "Kaydara FBX Binary", &in_mm);
     assert_non_null(strstr(a.kept.what, "FBX"));
     a = try_text("empty", "", &in_mm);
