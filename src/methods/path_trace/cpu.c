@@ -14,6 +14,7 @@
 
 #include "render/engine.h"
 
+#include <float.h>
 #include <stdio.h>
 
 enum {
@@ -23,6 +24,7 @@ enum {
 };
 
 #define CROSSED 0.01 /* of the paths: fewer is rounding at edges */
+#define PLACES 64.0  /* roundings of a coordinate: on mean free paths shorter than that walks meet surfaces anew */
 /* A round is given up when it is later than the deadline by LATE_SECONDS and by LATE of the time limit. */
 #define LATE_SECONDS 0.25
 #define LATE 0.05
@@ -245,6 +247,22 @@ static struct pt_counts count_all(const struct pt_state *st)
     return sum;
 }
 
+/* The shortest mean free path of the scene's media, mm, where places on surfaces can't be told apart within some of it: paths then meet
+ * surfaces from the wrong side by rounding alone. Else 0. */
+static double finest_path(const struct pell_scene *scene)
+{
+    double extent = 0.0, shortest = INFINITY;
+
+    for (int c = 0; c < 3; c++)
+        extent = fmax(extent, fmax(fabs((double) scene->bounds_min[c]), fabs((double) scene->bounds_max[c])));
+    for (size_t i = 0; i < scene->num_materials; i++) {
+        const struct pell_medium *m = &scene->materials[i].medium;
+        for (int c = 0; c < 3 && !scene->materials[i].opaque; c++)
+            shortest = fmin(shortest, 1.0 / (m->sigma_a[c] + m->sigma_s_reduced[c] / (1.0 - m->g[c])));
+    }
+    return shortest < PLACES * FLT_EPSILON * extent ? shortest : 0.0;
+}
+
 /* What there is to say about the picture. */
 static void report(struct pt_state *st, const struct pt_run *run)
 {
@@ -270,7 +288,11 @@ static void report(struct pt_state *st, const struct pt_run *run)
     if (lost > 0)
         pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
                   "%.3g %% of the paths left a solid without hitting its surface", 100.0 * (double) lost / samples);
-    if ((double) crossed > CROSSED * samples)
+    if ((double) crossed > CROSSED * samples && finest_path(st->services->scene) > 0.0)
+        pell_warn(st->ctx, "path-trace", "scattering is not visible at this size: an opaque material looks the same",
+                  "a mean free path of %.3g mm is shorter than places on the object can be told apart: light near its surface is uncertain",
+                  finest_path(st->services->scene));
+    else if ((double) crossed > CROSSED * samples)
         pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between solids",
                   "surfaces cross themselves or touch others: %.3g in 100 paths hit one from the wrong side",
                   100.0 * (double) crossed / samples);
