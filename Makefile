@@ -9,6 +9,7 @@
 BUILD ?= build
 PREFIX ?= /usr/local
 FUZZ_SECONDS ?= 60
+SOAK_HOURS ?= 2
 export SETUP JOBS
 
 # The sanitizers run with clang: with them gcc 12 needs minutes for one kernel file and warns of what the instrumentation adds. Kernels are
@@ -18,7 +19,7 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
             UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
             TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp
 
-.PHONY: help demo build test test-asan test-tsan fuzz-short check-clang install uninstall deb test-deb clean
+.PHONY: help demo build test test-asan test-tsan fuzz-short soak check-clang install uninstall deb test-deb clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -50,6 +51,10 @@ fuzz-short: ## each fuzz target for some seconds (FUZZ_SECONDS=60 in all)
 	@CC=clang TARGETS=fuzzers scripts/build.sh build-fuzz --buildtype=debugoptimized -Db_sanitize=address,undefined $(watched) \
 	    -Dfuzz=true -Dtests=false '-Dc_args=-gline-tables-only -fsanitize=fuzzer-no-link'
 	@scripts/run_fuzz.py build-fuzz $(FUZZ_SECONDS)
+
+# SOAK_SEED=N repeats a run. A day: make soak SOAK_HOURS=24
+soak: build ## hours of damaged files, random scenes, too little memory and kills (SOAK_HOURS=2)
+	@scripts/soak.py $(BUILD)/src/cli/pellucid --hours $(SOAK_HOURS) $(if $(SOAK_SEED),--seed $(SOAK_SEED))
 
 # Without assertions, as a release is; the build under the sanitizers has them. Clang's warnings do not depend on the optimisation level.
 check-clang: ## builds everything with clang, warnings are errors
