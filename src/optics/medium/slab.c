@@ -24,6 +24,7 @@
 enum {
     GAUSS = 8,        /* nodes on each side of the critical angle */
     MOST = 2 * GAUSS, /* and the direction at right angles is one more */
+    NORMAL = MOST,
     SIDE = MOST + 1,
     EARLIER = 8, /* octaves that are doubled before the first entry */
     PER_OCTAVE = 2,
@@ -31,7 +32,6 @@ enum {
 
 struct directions {
     double mu[SIDE], weight[SIDE], fresnel[SIDE];
-    int n;
 };
 
 typedef double matrix[SIDE][SIDE];
@@ -43,21 +43,21 @@ struct layer {
 
 static void place(double eta, struct directions *d)
 {
-    const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.0;
+    const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.5; /* without one, any other split will do */
     double x[GAUSS], w[GAUSS];
+    int n = 0;
 
-    d->n = 0;
     pell_gauss_legendre(GAUSS, x, w);
-    for (int part = critical > 0.0 ? 0 : 1; part < 2; part++) {
+    for (int part = 0; part < 2; part++) {
         const double from = part == 0 ? 0.0 : critical, length = part == 0 ? critical : 1.0 - critical;
-        for (int i = 0; i < GAUSS; i++, d->n++) {
-            d->mu[d->n] = from + length * x[i];
-            d->weight[d->n] = length * w[i];
+        for (int i = 0; i < GAUSS; i++, n++) {
+            d->mu[n] = from + length * x[i];
+            d->weight[n] = length * w[i];
         }
     }
-    d->mu[d->n] = 1.0; /* enters, and nothing is scattered exactly there */
-    d->weight[d->n++] = 0.0;
-    for (int i = 0; i < d->n; i++)
+    d->mu[NORMAL] = 1.0; /* enters, and nothing is scattered exactly there */
+    d->weight[NORMAL] = 0.0;
+    for (int i = 0; i < SIDE; i++)
         d->fresnel[i] = pell_fresnel(1.0 / eta, d->mu[i]);
 }
 
@@ -65,49 +65,49 @@ static void scatter_once(const struct directions *d, double albedo, struct layer
 {
     const double t = l->thickness;
 
-    for (int j = 0; j < d->n; j++) {
+    for (int j = 0; j < SIDE; j++) {
         const double in = d->mu[j], scattered = albedo * -expm1(-t / in);
         double escaped = 0.0, again;
-        for (int i = 0; i < d->n; i++) {
+        for (int i = 0; i < SIDE; i++) {
             const double out = d->mu[i], k = 0.5 * albedo * d->weight[i] * out, apart = 1.0 / in - 1.0 / out;
             l->R[i][j] = k / (in + out) * -expm1(-t * (1.0 / in + 1.0 / out));
             l->T[i][j] = k / (in * out) * exp(-t / in) * (fabs(apart * t) > 1e-8 ? expm1(apart * t) / apart : t);
             escaped += l->R[i][j] + l->T[i][j];
         }
         again = scattered > escaped && scattered > 0.0 ? 1.0 - escaped / scattered : 0.0;
-        for (int i = 0; i < d->n; i++) {
+        for (int i = 0; i < SIDE; i++) {
             l->R[i][j] /= 1.0 - albedo * again;
             l->T[i][j] /= 1.0 - albedo * again;
         }
     }
 }
 
-static void multiply(int n, const matrix a, const matrix b, matrix out)
+static void multiply(const matrix a, const matrix b, matrix out)
 {
     memset(out, 0, sizeof(matrix));
-    for (int i = 0; i < n; i++)
-        for (int k = 0; k < n; k++)
-            for (int j = 0; j < n; j++)
+    for (int i = 0; i < SIDE; i++)
+        for (int k = 0; k < SIDE; k++)
+            for (int j = 0; j < SIDE; j++)
                 out[i][j] += a[i][k] * b[k][j];
 }
 
 /* (1 - m)^-1 b replaces b; m is destroyed. Columns of m sum to less than one, so that the diagonal is a good pivot. */
-static void solve(int n, matrix m, matrix b)
+static void solve(matrix m, matrix b)
 {
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++)
+    for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++)
             m[i][j] = (i == j) - m[i][j];
-    for (int k = 0; k < n; k++)
-        for (int i = k + 1; i < n; i++) {
+    for (int k = 0; k < SIDE; k++)
+        for (int i = k + 1; i < SIDE; i++) {
             const double f = m[i][k] / m[k][k];
-            for (int j = k + 1; j < n; j++)
+            for (int j = k + 1; j < SIDE; j++)
                 m[i][j] -= f * m[k][j];
-            for (int j = 0; j < n; j++)
+            for (int j = 0; j < SIDE; j++)
                 b[i][j] -= f * b[k][j];
         }
-    for (int i = n - 1; i >= 0; i--)
-        for (int j = 0; j < n; j++) {
-            for (int k = i + 1; k < n; k++)
+    for (int i = SIDE - 1; i >= 0; i--)
+        for (int j = 0; j < SIDE; j++) {
+            for (int k = i + 1; k < SIDE; k++)
                 b[i][j] -= m[i][k] * b[k][j];
             b[i][j] /= m[i][i];
         }
@@ -118,19 +118,19 @@ static void twice(const struct directions *d, struct layer *l)
     matrix all, down, up, m;
 
     memcpy(all, l->T, sizeof(all));
-    for (int i = 0; i < d->n; i++)
+    for (int i = 0; i < SIDE; i++)
         all[i][i] += exp(-l->thickness / d->mu[i]);
     memcpy(down, all, sizeof(down));
-    multiply(d->n, l->R, l->R, m);
-    solve(d->n, m, down);
-    multiply(d->n, l->R, down, up);
-    multiply(d->n, all, up, m);
-    for (int i = 0; i < d->n; i++)
-        for (int j = 0; j < d->n; j++)
+    multiply(l->R, l->R, m);
+    solve(m, down);
+    multiply(l->R, down, up);
+    multiply(all, up, m);
+    for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++)
             l->R[i][j] += m[i][j];
-    multiply(d->n, all, down, l->T);
+    multiply(all, down, l->T);
     l->thickness *= 2.0;
-    for (int i = 0; i < d->n; i++)
+    for (int i = 0; i < SIDE; i++)
         l->T[i][i] -= exp(-l->thickness / d->mu[i]);
 }
 
@@ -140,18 +140,18 @@ static void add_lower(const struct directions *d, const struct layer *l, matrix 
     matrix m;
 
     memcpy(down, l->T, sizeof(matrix));
-    for (int i = 0; i < d->n; i++)
+    for (int i = 0; i < SIDE; i++)
         down[i][i] += exp(-l->thickness / d->mu[i]);
-    for (int i = 0; i < d->n; i++)
-        for (int j = 0; j < d->n; j++)
+    for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++)
             m[i][j] = down[i][j] * d->fresnel[j]; /* from below, a layer transmits as from above */
-    for (int i = 0; i < d->n; i++)
-        for (int j = 0; j < d->n; j++)
+    for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++)
             up[i][j] = l->R[i][j] * d->fresnel[j];
-    solve(d->n, up, down);
-    multiply(d->n, m, down, up);
-    for (int i = 0; i < d->n; i++)
-        for (int j = 0; j < d->n; j++)
+    solve(up, down);
+    multiply(m, down, up);
+    for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++)
             up[i][j] += l->R[i][j];
 }
 
@@ -167,23 +167,22 @@ static double straight(double thickness, double boundary, double *again)
 /* Of light along the normal that has entered. */
 static void between_boundaries(const struct directions *d, const struct layer *l, double *reflected, double *transmitted)
 {
-    const int n = d->n, normal = n - 1;
     matrix up, down, m, entering = { { 0.0 } };
     double again;
 
     add_lower(d, l, up, down);
-    for (int i = 0; i < n; i++) {
-        entering[i][normal] = i == normal;
-        for (int j = 0; j < n; j++)
+    for (int i = 0; i < SIDE; i++) {
+        entering[i][NORMAL] = i == NORMAL;
+        for (int j = 0; j < SIDE; j++)
             m[i][j] = d->fresnel[i] * up[i][j];
     }
-    solve(n, m, entering);
-    *transmitted = -straight(l->thickness, d->fresnel[normal], &again);
+    solve(m, entering);
+    *transmitted = -straight(l->thickness, d->fresnel[NORMAL], &again);
     *reflected = -again;
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            *reflected += (1.0 - d->fresnel[i]) * up[i][j] * entering[j][normal];
-            *transmitted += (1.0 - d->fresnel[i]) * down[i][j] * entering[j][normal];
+    for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++) {
+            *reflected += (1.0 - d->fresnel[i]) * up[i][j] * entering[j][NORMAL];
+            *transmitted += (1.0 - d->fresnel[i]) * down[i][j] * entering[j][NORMAL];
         }
 }
 
