@@ -208,6 +208,10 @@ struct pell_load_params {
     float aspect;          /* width / height of the image, for framing; 0: 16/9 */
     bool allow_outside;    /* let files refer to files outside the scene's folder */
     bool bare;             /* add no default lights, no default camera, no ground: `check` */
+    const char *up;        /* axis of a mesh file that points upwards, "y" or "z"; NULL: y */
+    const char *from;      /* side that the camera stands on, framing the objects: front, back, left, right, top, 34, or "AZIMUTH,ELEVATION"
+                            * in degrees; NULL: the file's camera, else front. Not with `camera` */
+    const char *studio;    /* soft, rim, back or window: these lights replace the file's; NULL: soft where the file has none */
 };
 
 /* Reads .gltf, .glb, .obj, .ply, .stl or a scene .json (distinguished by content where possible), and completes it: normals, tangents

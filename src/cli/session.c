@@ -220,7 +220,12 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
 {
     enum pell_result res;
 
-    *params = (struct pell_load_params) { .material = cli->material, .camera = cli->camera, .allow_outside = cli->allow_outside };
+    *params = (struct pell_load_params) { .material = cli->material,
+                                          .camera = cli->camera,
+                                          .allow_outside = cli->allow_outside,
+                                          .up = cli->up,
+                                          .from = cli->from,
+                                          .studio = cli->studio };
     if (cli->size && cli->unit)
         return cli_usage(cli, "--size", "give one of them", "--size and --unit both say how large the object is");
     if (cli->size && (res = pell_parse_length(cli->ctx, "--size", cli->size, &params->size_mm)) != PELL_OK)

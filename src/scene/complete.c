@@ -563,11 +563,16 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
     pell_scene_drop_textures(scene);
     if (params->bare)
         return PELL_OK;
-    if (scene->num_cameras == 0)
+    if (extras->view.from)
+        PELL_TRY(pell_scene_frame_from(scene, &extras->view, params->aspect > 0.0f ? params->aspect : extras->aspect));
+    else if (scene->num_cameras == 0)
         PELL_TRY(pell_scene_frame(scene, params->aspect > 0.0f ? params->aspect : extras->aspect));
-    if (extras->studio || (scene->num_lights == 0 && !extras->no_lights))
-        PELL_TRY(pell_scene_studio(scene));
-    if (extras->ground)
+    while (extras->view.lights && scene->num_lights)
+        pell_free(scene->ctx, scene->lights[--scene->num_lights].name);
+    if (extras->studio || extras->view.lights || (scene->num_lights == 0 && !extras->no_lights))
+        PELL_TRY(pell_scene_studio(scene, extras->view.studio));
+    if (extras->ground ||
+        (extras->view.lights && pell_studio_has_backdrop(extras->view.studio) && scene->background == PELL_BACKGROUND_COLOR))
         PELL_TRY(pell_scene_ground(scene, extras->ground_material));
     return PELL_OK;
 
@@ -577,5 +582,8 @@ fail:
 
 enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params)
 {
-    return pell_scene_finish(scene, params, NULL);
+    struct pell_extras extras = { .ground_material = -1 };
+    const enum pell_result res = params ? pell_viewpoint_read(scene->ctx, params, &extras.view) : PELL_OK;
+
+    return res == PELL_OK ? pell_scene_finish(scene, params, &extras) : res;
 }

@@ -5,6 +5,8 @@
 
 #include <string.h>
 
+#define LYING 1.2f /* times as deep as high and wide */
+
 static enum pell_result apply_material(struct pell_scene *scene, const char *text)
 {
     struct pell_material_entry entry = { 0 };
@@ -39,6 +41,22 @@ static void report(const struct pell_scene *scene, bool bare)
                   "no material is translucent, so nothing scatters below a surface");
 }
 
+/* Turns a mesh file whose z axis points upwards. */
+static enum pell_result stand_up(struct pell_scene *scene)
+{
+    const struct pell_mat4 matrix = { { 1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1 } };
+    return pell_scene_transform(scene, &matrix, 1.0);
+}
+
+/* A figure that is deeper than it is high and wide may have been made with the z axis upwards. */
+static void hint_at_up(const struct pell_scene *scene, const struct pell_load_params *params)
+{
+    const struct pell_vec3 size = vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min));
+
+    if (!params->up && !params->bare && size.z > LYING * fmaxf(size.x, size.y))
+        pell_info(scene->ctx, scene->path, "is longest along z: if the object lies on its back, --up z turns it");
+}
+
 /* A time without an animation is allowed, as a sequence may be of objects that stand still. A name without an animation is an error. */
 static enum pell_result check_animated(const struct pell_scene *scene, const struct pell_load_params *params)
 {
@@ -62,18 +80,26 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const c
     struct pell_extras extras = { .ground_material = -1 };
     struct pell_moment moment = { 0 };
     struct pell_scene *scene = NULL;
+    bool mesh;
     enum pell_result res;
 
     *out = NULL;
+    PELL_TRY(pell_viewpoint_read(loader->ctx, params, &extras.view));
     if (!(fabs(params->time) <= 1e9))
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);
     if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))
         return pell_error(loader->ctx, PELL_ERR_INVALID, scale.where, NULL, "must be finite and not negative");
-    if (pell_scene_tell_format(path, data, size) == PELL_SCENE_SCENE) {
+    mesh = pell_scene_tell_format(path, data, size) != PELL_SCENE_SCENE;
+    if (!mesh && params->up)
+        return pell_error(loader->ctx, PELL_ERR_INVALID, "--up", "rotate_deg of a mesh in the scene file turns it",
+                          "is for a mesh file, and INPUT is a scene file");
+    if (!mesh) {
         PELL_TRY(pell_read_scene_file(loader, path, data, size, &scene, &extras));
     } else {
         pell_load_moment(params, &moment);
         PELL_TRY(pell_load_mesh(loader, path, data, size, &scale, &moment, &scene));
+        if (extras.view.z_up)
+            PELL_TRY(stand_up(scene));
     }
     PELL_TRY(check_animated(scene, params));
     scene->from_file = true;
@@ -83,6 +109,8 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const c
         PELL_TRY(pell_scene_choose_camera(scene, "--camera", params->camera, PELL_ERR_INVALID));
     PELL_TRY(pell_scene_finish(scene, params, &extras));
     report(scene, params->bare);
+    if (mesh)
+        hint_at_up(scene, params);
     *out = scene;
     scene = NULL;
 

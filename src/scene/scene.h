@@ -37,10 +37,18 @@ struct pell_json;
 PELL_NODISCARD enum pell_result pell_read_medium(const struct pell_json *at, struct pell_medium *medium);
 bool pell_material_is_path(const char *name_or_path);
 
+/* Load parameters that are names, read. */
+struct pell_viewpoint {
+    bool z_up, from, lights;   /* given */
+    double azimuth, elevation; /* rad: of the side that the camera stands on; 0, 0: front, and the azimuth turns to the right */
+    int studio;                /* of the table of studio.c */
+};
+
 /* What a scene file asks for beyond load parameters. */
 struct pell_extras {
-    bool studio;    /* the default lights, though there are others */
-    bool no_lights; /* the file says that there are none: add none */
+    struct pell_viewpoint view; /* of the load parameters */
+    bool studio;                /* the default lights, though there are others */
+    bool no_lights;             /* the file says that there are none: add none */
     bool ground;
     int ground_material; /* -1: the neutral one */
     float aspect;        /* of the picture that the file asks for; 0: it doesn't say */
@@ -124,10 +132,17 @@ PELL_NODISCARD enum pell_result pell_make_tangents(struct pell_scene *scene, siz
 
 /* --- studio.c ----------------------------------------------------------------------------------------------------------------- */
 
+/* Reads up, from and studio; PELL_ERR_INVALID with the option's name if one is wrong. */
+PELL_NODISCARD enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell_load_params *params,
+                                                    struct pell_viewpoint *view);
 /* A camera that looks along -z and frames the bounds. */
 PELL_NODISCARD enum pell_result pell_scene_frame(struct pell_scene *scene, float aspect);
-/* Three soft lights around the bounds, as seen by the first camera. */
-PELL_NODISCARD enum pell_result pell_scene_studio(struct pell_scene *scene);
+/* A camera on the viewpoint's side that frames what is there, before all others. */
+PELL_NODISCARD enum pell_result pell_scene_frame_from(struct pell_scene *scene, const struct pell_viewpoint *view, float aspect);
+/* The lights of a studio (0: three soft ones) around the bounds, as seen by the first camera. */
+PELL_NODISCARD enum pell_result pell_scene_studio(struct pell_scene *scene, int studio);
+/* Whether it stands on the ground. Lights from behind would end on the floor in a line, where it enters their planes. */
+bool pell_studio_has_backdrop(int studio);
 /* A floor with a sweep behind the bounds, as seen by the first camera; `material` -1 makes a neutral one. */
 PELL_NODISCARD enum pell_result pell_scene_ground(struct pell_scene *scene, int material);
 

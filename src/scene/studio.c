@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * studio.c - what a scene gets that says nothing of its own: a camera that frames it, three soft lights, a floor with a sweep. */
+ * studio.c - what a scene gets that says nothing of its own: a camera that frames it, the lights of a studio,
+ * a floor with a sweep. */
+#include "base/base.h"
 #include "scene/scene.h"
 
 #include <string.h>
@@ -81,10 +83,47 @@ fail:
     return res;
 }
 
-/* Distances and sides are in radii of the object, so that the irradiance at its centre is the same for any size. */
-enum pell_result pell_scene_studio(struct pell_scene *scene)
+#define WARM                                                                                                                               \
+    {                                                                                                                                      \
+        1.0f, 0.97f, 0.92f                                                                                                                 \
+    }
+#define COOL                                                                                                                               \
+    {                                                                                                                                      \
+        0.92f, 0.96f, 1.0f                                                                                                                 \
+    }
+#define WHITE                                                                                                                              \
+    {                                                                                                                                      \
+        1, 1, 1                                                                                                                            \
+    }
+
+/* Places are to the right, up and towards the camera; distances and sides in radii of the object, so that the irradiance at its centre is
+ * the same for any size. */
+static const struct soft {
+    const char *name;
+    float toward[3], distance, side, irradiance, tint[3];
+} studios[][3] = {
+    { { "studio key", { -0.75f, 0.7f, 0.8f }, 4.0f, 2.4f, 0.85f * PELL_PI_F, WARM },
+      { "studio fill", { 0.9f, 0.12f, 0.6f }, 4.5f, 3.2f, 0.22f * PELL_PI_F, COOL },
+      { "studio rim", { 0.55f, 0.6f, -0.9f }, 4.0f, 2.0f, 1.1f * PELL_PI_F, WHITE } },
+    { { "studio fill", { 0.2f, 0.35f, 1.0f }, 4.5f, 3.6f, 0.25f * PELL_PI_F, COOL },
+      { "studio left rim", { -0.85f, 0.35f, -0.7f }, 4.0f, 2.2f, 1.3f * PELL_PI_F, WARM },
+      { "studio right rim", { 0.85f, 0.45f, -0.7f }, 4.0f, 2.2f, 1.3f * PELL_PI_F, WHITE } },
+    { { "studio fill", { -0.5f, 0.3f, 0.9f }, 4.5f, 3.6f, 0.12f * PELL_PI_F, COOL },
+      { "studio back", { 0.3f, 0.55f, -1.0f }, 4.0f, 3.0f, 1.8f * PELL_PI_F, WARM } },
+    { { "studio window", { -1.0f, 0.3f, 0.25f }, 4.0f, 4.5f, 1.0f * PELL_PI_F, COOL },
+      { "studio room", { 0.9f, 0.1f, 0.5f }, 5.0f, 5.0f, 0.1f * PELL_PI_F, WARM } },
+};
+enum { WINDOW = 3 };
+static const char *const studio_names[] = { "soft", "rim", "back", [WINDOW] = "window" };
+_Static_assert(PELL_COUNT(studio_names) == PELL_COUNT(studios), "one name per studio");
+
+bool pell_studio_has_backdrop(int studio)
 {
-    static const float warm[3] = { 1.0f, 0.97f, 0.92f }, cool[3] = { 0.92f, 0.96f, 1.0f }, white[3] = { 1, 1, 1 };
+    return studio == WINDOW;
+}
+
+enum pell_result pell_scene_studio(struct pell_scene *scene, int studio)
+{
     struct pell_vec3 front = vec3(0, 0, 1), up = vec3(0, 1, 0), right;
     enum pell_result res;
 
@@ -93,11 +132,142 @@ enum pell_result pell_scene_studio(struct pell_scene *scene)
         up = vec3_load(scene->cameras[0].up);
     }
     right = vec3_cross(up, front);
-#define TOWARD(x, y, z) vec3_mad(vec3_mad(vec3_mul(right, x), y, up), z, front)
-    PELL_TRY(add_soft(scene, "studio key", TOWARD(-0.75f, 0.7f, 0.8f), 4.0f, 2.4f, 0.85f * PELL_PI_F, warm));
-    PELL_TRY(add_soft(scene, "studio fill", TOWARD(0.9f, 0.12f, 0.6f), 4.5f, 3.2f, 0.22f * PELL_PI_F, cool));
-    PELL_TRY(add_soft(scene, "studio rim", TOWARD(0.55f, 0.6f, -0.9f), 4.0f, 2.0f, 1.1f * PELL_PI_F, white));
-#undef TOWARD
+    for (size_t i = 0; i < PELL_COUNT(studios[0]) && studios[studio][i].name; i++) {
+        const struct soft *s = &studios[studio][i];
+        PELL_TRY(add_soft(scene, s->name, vec3_mad(vec3_mad(vec3_mul(right, s->toward[0]), s->toward[1], up), s->toward[2], front),
+                          s->distance, s->side, s->irradiance, s->tint));
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Viewpoint ---------------------------------------------------------------------------------------------------------------- */
+
+static const struct side {
+    const char *name;
+    double azimuth, elevation; /* degrees */
+} sides[] = {
+    { "front", 0, 0 }, { "right", 90, 0 }, { "back", 180, 0 }, { "left", -90, 0 }, { "top", 0, 90 }, { "34", 35, 15 },
+};
+
+/* The index of `text`, or an error that lists the names. */
+static enum pell_result choose(struct pell_context *ctx, const char *option, const char *text, const char *const *names, size_t count,
+                               int *index)
+{
+    struct pell_text hint = { .length = 0 };
+    char shown[96];
+
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(names[i], text) == 0) {
+            *index = (int) i;
+            return PELL_OK;
+        }
+    pell_text_suggest_or_list(&hint, "allowed: ", text, names, count);
+    return pell_error(ctx, PELL_ERR_INVALID, option, hint.str, "there is no \"%s\"", pell_printable(text, shown, sizeof(shown)));
+}
+
+static enum pell_result read_from(struct pell_context *ctx, const char *text, struct pell_viewpoint *view)
+{
+    const char *names[PELL_COUNT(sides)], *comma = strchr(text, ',');
+    enum pell_result res;
+    int index = 0;
+
+    view->from = true;
+    for (size_t i = 0; i < PELL_COUNT(sides); i++)
+        names[i] = sides[i].name;
+    if (!comma) {
+        PELL_TRY(choose(ctx, "--from", text, names, PELL_COUNT(sides), &index));
+        view->azimuth = sides[index].azimuth;
+        view->elevation = sides[index].elevation;
+    } else if (!pell_parse_number(text, (size_t) (comma - text), &view->azimuth) ||
+               !pell_parse_number(comma + 1, strlen(comma + 1), &view->elevation) || !(fabs(view->azimuth) <= 360.0) ||
+               !(fabs(view->elevation) <= 90.0)) {
+        char shown[96];
+        return pell_error(ctx, PELL_ERR_INVALID, "--from", "35,15",
+                          "\"%s\", must be an azimuth in [-360, 360] and an elevation in [-90, 90] degrees",
+                          pell_printable(text, shown, sizeof(shown)));
+    }
+    view->azimuth *= PELL_PI / 180.0;
+    view->elevation *= PELL_PI / 180.0;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell_load_params *params, struct pell_viewpoint *view)
+{
+    static const char *const axes[] = { "y", "z" };
+    enum pell_result res;
+    int axis = 0;
+
+    *view = (struct pell_viewpoint) { .lights = params->studio != NULL };
+    if (params->from && params->camera)
+        return pell_error(ctx, PELL_ERR_INVALID, "--from", "give one of them", "--from and --camera both say where the camera is");
+    if (params->up)
+        PELL_TRY(choose(ctx, "--up", params->up, axes, PELL_COUNT(axes), &axis));
+    view->z_up = axis == 1;
+    if (params->from)
+        PELL_TRY(read_from(ctx, params->from, view));
+    if (params->studio)
+        PELL_TRY(choose(ctx, "--studio", params->studio, studio_names, PELL_COUNT(studio_names), &view->studio));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Least and largest of the objects' vertices along an axis. */
+static void extent_along(const struct pell_scene *scene, struct pell_vec3 axis, float *least, float *largest)
+{
+    *least = INFINITY;
+    *largest = -INFINITY;
+    for (size_t k = 0; k < scene->num_meshes; k++)
+        for (uint32_t i = 0; i < scene->meshes[k].num_vertices; i++) {
+            const float at = vec3_dot(axis, vec3_load(scene->meshes[k].position + 3 * (size_t) i));
+            *least = fminf(*least, at);
+            *largest = fmaxf(*largest, at);
+        }
+}
+
+enum pell_result pell_scene_frame_from(struct pell_scene *scene, const struct pell_viewpoint *view, float aspect)
+{
+    const float fov = FRAME_FOV_DEG * PELL_PI_F / 180.0f, slope = FRAMED * tanf(0.5f * fov);
+    const float sa = (float) sin(view->azimuth), ca = (float) cos(view->azimuth);
+    const float se = (float) sin(view->elevation), ce = (float) cos(view->elevation);
+    const struct pell_vec3 toward = vec3(sa * ce, se, ca * ce), up = vec3(-sa * se, ce, -ca * se), right = vec3(ca, 0, -sa);
+    float low[3], high[3], distance = 0.05f * radius_of(scene);
+    struct pell_camera *c, swap;
+    struct pell_vec3 center;
+    size_t index;
+    enum pell_result res;
+
+    if (!(aspect > 0.0f) || !isfinite(aspect))
+        aspect = DEFAULT_ASPECT;
+    PELL_TRY(pell_scene_add_camera(scene, "viewpoint", &index));
+    extent_along(scene, right, &low[0], &high[0]);
+    extent_along(scene, up, &low[1], &high[1]);
+    extent_along(scene, toward, &low[2], &high[2]);
+    center = vec3_mul(right, 0.5f * (low[0] + high[0]));
+    center = vec3_mad(center, 0.5f * (low[1] + high[1]), up);
+    center = vec3_mad(center, 0.5f * (low[2] + high[2]), toward);
+    for (size_t k = 0; k < scene->num_meshes; k++)
+        for (uint32_t i = 0; i < scene->meshes[k].num_vertices; i++) {
+            const struct pell_vec3 p = vec3_sub(vec3_load(scene->meshes[k].position + 3 * (size_t) i), center);
+            const float wide = fabsf(vec3_dot(p, right)) / (slope * aspect), tall = fabsf(vec3_dot(p, up)) / slope;
+            distance = fmaxf(distance, vec3_dot(p, toward) + fmaxf(wide, tall));
+        }
+    distance = fmaxf(distance, 0.5f * (high[2] - low[2]) + 0.05f * radius_of(scene)); /* a needle that points at the camera */
+    c = &scene->cameras[index];
+    vec3_store(vec3_mad(center, distance, toward), c->position);
+    vec3_store(vec3_mul(toward, -1.0f), c->forward);
+    vec3_store(up, c->up);
+    c->fov = fov;
+    swap = scene->cameras[0];
+    scene->cameras[0] = *c;
+    scene->cameras[index] = swap;
     return PELL_OK;
 
 fail:

@@ -370,6 +370,70 @@ static void studio_lights_are_as_bright_on_a_grain_as_on_a_house(void **state)
     }
 }
 
+/* Whatever the side: the vertices fill 0.8 of the image in one direction, and none is outside. */
+static void a_side_is_framed_by_the_vertices(void **state)
+{
+    static const struct {
+        const char *from;
+        float forward[3];
+    } sides[] = { { "front", { 0, 0, -1 } }, { "back", { 0, 0, 1 } },  { "left", { 1, 0, 0 } },  { "right", { -1, 0, 0 } },
+                  { "top", { 0, -1, 0 } },   { "90,0", { -1, 0, 0 } }, { "0,-90", { 0, 1, 0 } }, { "45,0", { -0.70711f, 0, -0.70711f } } };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(sides); k++) {
+        const struct pell_load_params params = { .mm_per_unit = 7.0, .aspect = 1.5f, .from = sides[k].from };
+        struct pell_scene *s = load("v 1 2 3\nv 5 2 3\nv 1 4 3\nv 1 2 6\nf 1 2 3\nf 1 4 2\n", &params, NULL);
+        const struct pell_camera *c = &s->cameras[0];
+        const struct pell_vec3 f = vec3_load(c->forward), up = vec3_load(c->up), right = vec3_cross(f, up);
+        float fill = 0.0f;
+
+        for (int i = 0; i < 3; i++)
+            REQUIRE_NEAR(c->forward[i], sides[k].forward[i], 1e-5);
+        REQUIRE_NEAR(vec3_dot(f, up), 0.0, 1e-6);
+        for (uint32_t i = 0; i < s->meshes[0].num_vertices; i++) {
+            const struct pell_vec3 p = vec3_sub(vec3_load(s->meshes[0].position + 3 * i), vec3_load(c->position));
+            const float depth = vec3_dot(p, f), slope = tanf(0.5f * c->fov);
+            REQUIRE(depth > 0.0f);
+            fill = fmaxf(fill, fmaxf(fabsf(vec3_dot(p, up)) / (depth * slope), fabsf(vec3_dot(p, right)) / (depth * slope * 1.5f)));
+        }
+        REQUIRE_NEAR(fill, 0.8, 1e-3);
+        finish(s);
+    }
+}
+
+static void z_upwards_becomes_y(void **state)
+{
+    const struct pell_load_params params = { .mm_per_unit = 1.0, .up = "z" };
+    struct pell_scene *s = load("v 1 2 3\nv 5 2 3\nv 1 4 9\nvn 0 0 1\nf 1//1 2//1 3//1\n", &params, NULL);
+    (void) state;
+
+    REQUIRE_NEAR(s->bounds_min[1], 3.0, 1e-6);
+    REQUIRE_NEAR(s->bounds_max[1], 9.0, 1e-6);
+    REQUIRE_NEAR(s->bounds_min[2], -4.0, 1e-6);
+    REQUIRE_NEAR(s->bounds_max[2], -2.0, 1e-6);
+    REQUIRE_NEAR(s->meshes[0].normal[1], 1.0, 1e-6);
+    finish(s);
+}
+
+static void each_studio_has_its_lights(void **state)
+{
+    static const struct {
+        const char *name;
+        size_t lights, meshes;
+    } studios[] = { { NULL, 3, 1 }, { "soft", 3, 1 }, { "rim", 3, 1 }, { "back", 2, 1 }, { "window", 2, 2 } };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(studios); k++) {
+        const struct pell_load_params params = { .mm_per_unit = 10.0, .studio = studios[k].name };
+        struct pell_scene *s = load(CUBE, &params, NULL);
+        assert_int_equal(s->num_lights, studios[k].lights);
+        assert_int_equal(s->num_meshes, studios[k].meshes);
+        for (size_t i = 0; i < s->num_lights; i++)
+            REQUIRE(s->lights[i].power[1] > 0.0f);
+        finish(s);
+    }
+}
+
 static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -623,6 +687,9 @@ int main(void)
         cmocka_unit_test(vertices_of_both_handednesses_are_split),
         cmocka_unit_test(made_tangents_agree_with_those_of_a_file),
         cmocka_unit_test(the_default_camera_fills_eighty_percent),
+        cmocka_unit_test(a_side_is_framed_by_the_vertices),
+        cmocka_unit_test(z_upwards_becomes_y),
+        cmocka_unit_test(each_studio_has_its_lights),
         cmocka_unit_test(studio_lights_are_as_bright_on_a_grain_as_on_a_house),
         cmocka_unit_test(the_ground_is_a_floor_and_a_wall_out_of_the_bounds),
         cmocka_unit_test(one_object_in_three_units_is_one_object),

@@ -50,9 +50,11 @@ static void move_list(struct settings_list *to, struct settings_list *from)
 /* Takes over what says which picture it is. */
 static void move_scene(struct cli *to, struct cli *from)
 {
-    char **const texts[][2] = { { &to->method, &from->method },      { &to->material, &from->material }, { &to->size, &from->size },
-                                { &to->unit, &from->unit },          { &to->camera, &from->camera },     { &to->time, &from->time },
-                                { &to->animation, &from->animation } };
+    char **const texts[][2] = { { &to->method, &from->method },       { &to->material, &from->material },
+                                { &to->size, &from->size },           { &to->unit, &from->unit },
+                                { &to->camera, &from->camera },       { &to->time, &from->time },
+                                { &to->animation, &from->animation }, { &to->up, &from->up },
+                                { &to->from, &from->from },           { &to->studio, &from->studio } };
 
     for (size_t i = 0; i < PELL_COUNT(texts); i++) {
         *texts[i][0] = *texts[i][1];
