@@ -22,6 +22,7 @@ HOLDS = {
     "visibility": "rays, rasters, light grids",
     "lights": "light sources, environments",
     "transport": "solids, layers, refraction",
+    "vulkan": "Vulkan devices",
     "render": "frame, stages, engines",
     "methods": "one folder per method",
     "compare": "metrics, error maps",

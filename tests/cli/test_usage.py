@@ -283,6 +283,10 @@ def _(folder):
     cpu = answer['engines'][0]
     need(cpu['name'] == 'cpu' and cpu['threads'] == 2 and cpu['simd'] in cpu['simd_levels'], cpu)
     need(answer['limits']['file-bytes'] == 2 ** 31 and answer['image_formats']['write'] == ['png', 'exr', 'hdr', 'pfm'], answer)
+    for device in answer['devices']:
+        keys(device, 'name kind vulkan memory missing preferred why')
+        need(bool(device['why']) == device['preferred'] and not (device['preferred'] and device['missing']), device)
+    need(sum(device['preferred'] for device in answer['devices']) <= 1, answer['devices'])
     lowered = one_object(works(folder, 'info', '--json', env=clean_environment(PELL_SIMD='base')))
     need(lowered['engines'][0]['simd'] == 'base', lowered)
 

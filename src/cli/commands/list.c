@@ -3,6 +3,7 @@
 #include "cli/cli.h"
 
 #include "base/simd.h"
+#include "vulkan/devices.h"
 
 #include <math.h>
 #include <string.h>
@@ -316,7 +317,48 @@ static void print_names(const char *head, const char *const *names)
     putchar('\n');
 }
 
-static enum exit_code info_json(struct cli *cli, const char *device, int threads, const char *const *levels)
+static json_t *devices_json(const struct pell_vulkan_devices *devices)
+{
+    json_t *list = json_array();
+
+    for (size_t i = 0; i < devices->count; i++) {
+        const struct pell_vulkan_device *d = &devices->list[i];
+        const bool taken = (int) i == devices->taken;
+        char version[48];
+
+        snprintf(version, sizeof(version), "%u.%u.%u", d->version[0], d->version[1], d->version[2]);
+        json_array_append_new(list, json_pack("{s:s,s:s,s:s,s:I,s:s,s:b,s:s}", "name", d->name, "kind", pell_vulkan_kind_name(d->kind),
+                                              "vulkan", version, "memory", (json_int_t) d->memory, "missing", d->missing.str, "preferred",
+                                              taken, "why", taken ? devices->why : ""));
+    }
+    return list;
+}
+
+static void print_devices(const struct pell_vulkan_devices *devices)
+{
+    char line[1024];
+
+    printf("%-15s no stage runs on it in this build\n", "engine vulkan");
+    for (size_t i = 0; i < devices->count; i++) {
+        const struct pell_vulkan_device *d = &devices->list[i];
+        const bool taken = (int) i == devices->taken;
+
+        snprintf(line, sizeof(line), "%s, %s, Vulkan %u.%u.%u, %.1f GiB%s%s%s%s", d->name, pell_vulkan_kind_name(d->kind), d->version[0],
+                 d->version[1], d->version[2], (double) d->memory / (1 << 30), d->missing.length > 0 ? "; lacks " : "", d->missing.str,
+                 taken ? "; preferred: " : "", taken ? devices->why : "");
+        printf("Vulkan device %zu ", i);
+        cli_wrap(stdout, 16, 16, line);
+    }
+    if (devices->taken < 0) {
+        printf("%-15s ", "Vulkan device");
+        snprintf(line, sizeof(line), "none preferred: %s", devices->why);
+        cli_wrap(stdout, 16, 16, line);
+    }
+    putchar('\n');
+}
+
+static enum exit_code info_json(struct cli *cli, const char *device, int threads, const char *const *levels,
+                                const struct pell_vulkan_devices *vulkan)
 {
     const char *formats[MAX_FORMATS + 1];
     json_t *limits = json_object();
@@ -326,18 +368,19 @@ static enum exit_code info_json(struct cli *cli, const char *device, int threads
         const char *field = (const char *) &cli->limits + k->offset;
         json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) field : *(const int *) field));
     }
-    return cli_print_json(cli, json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:[],s:o,s:{s:o,s:o},s:i}", "version",
+    return cli_print_json(cli, json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:o,s:o,s:{s:o,s:o},s:i}", "version",
                                          pell_version_string(), "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions",
                                          ASSERTIONS, "sanitized", SANITIZED, "engines", "name", "cpu", "device", device, "threads", threads,
-                                         "simd", pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices", "limits",
-                                         limits, "image_formats", "read", names_json(read_formats), "write", names_json(formats),
-                                         "materials", (int) pell_material_count()));
+                                         "simd", pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices",
+                                         devices_json(vulkan), "limits", limits, "image_formats", "read", names_json(read_formats), "write",
+                                         names_json(formats), "materials", (int) pell_material_count()));
 }
 
 enum exit_code command_info(struct cli *cli)
 {
     const char *levels[PELL_SIMD_LEVELS + 1] = { NULL }, *formats[MAX_FORMATS + 1];
     struct pell_device_params params = { .threads = cli->numbers.threads };
+    struct pell_vulkan_devices vulkan;
     struct pell_device *engine;
     char value[64], device[160];
     enum exit_code code = cli_engine(cli, &params.engine);
@@ -349,16 +392,23 @@ enum exit_code command_info(struct cli *cli)
         return code;
     threads = pell_device_threads(engine);
     pell_device_destroy(&engine);
+    code = cli_failed(cli, pell_vulkan_devices_find(cli->ctx, &vulkan));
+    if (code != EXIT_OK)
+        return code;
     cli_device_name(device, sizeof(device));
     for (int i = 0; i <= (int) pell_simd_best(); i++)
         levels[i] = pell_simd_name((enum pell_simd_level) i);
-    if (cli->json)
-        return info_json(cli, device, threads, levels);
+    if (cli->json) {
+        code = info_json(cli, device, threads, levels, &vulkan);
+        pell_vulkan_devices_release(cli->ctx, &vulkan);
+        return code;
+    }
     printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %d threads, SIMD level %s\n", pell_version_string(), "built with", COMPILER,
            OPTIMIZED ? ", optimized" : ", not optimized", ASSERTIONS ? ", assertions" : "", SANITIZED ? ", sanitizers" : "", "engine cpu",
            device, "", threads, pell_simd_name(pell_simd_best()));
     print_names("SIMD levels", levels);
-    printf("%-15s not in this build\n\n", "engine vulkan");
+    print_devices(&vulkan);
+    pell_vulkan_devices_release(cli->ctx, &vulkan);
     print_names("reads pictures", read_formats);
     write_formats(formats);
     print_names("writes pictures", formats);
