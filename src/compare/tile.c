@@ -306,15 +306,18 @@ static void moments(const float *restrict a, const float *restrict b, size_t cou
     }
 }
 
-/* `line`: the windowed means of a, b, a^2, b^2, a b. */
+/* `line`: the windowed means of a, b, a^2, b^2, a b. The moments of bright flat areas cancel to rounding, which may leave a covariance that
+ * no two signals of these variances have: it is kept within Cauchy's and Schwarz's bound, so that the index stays within -1 to 1. */
 static void similarity(const float line[5][W], float *restrict out, int count)
 {
     const float c1 = 0.01f * 0.01f, c2 = 0.03f * 0.03f;
 
     for (int x = 0; x < count; x++) {
         const float a = line[0][x], b = line[1][x], ab = a * b, squares = a * a + b * b;
-        const float variances = line[2][x] + line[3][x] - squares, covariance = line[4][x] - ab;
-        out[x] = (2.0f * ab + c1) * (2.0f * covariance + c2) / ((squares + c1) * ((variances > 0.0f ? variances : 0.0f) + c2));
+        const float difference = line[2][x] + line[3][x] - squares, variances = difference > 0.0f ? difference : 0.0f;
+        const float twice = 2.0f * (line[4][x] - ab), least = twice > -variances ? twice : -variances;
+        const float covariances = least < variances ? least : variances;
+        out[x] = (2.0f * ab + c1) * (covariances + c2) / ((squares + c1) * (variances + c2));
     }
 }
 

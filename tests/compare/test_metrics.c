@@ -99,6 +99,31 @@ static void ssim_of_constants_has_a_closed_form(void **state)
     pair_end(&p);
 }
 
+/* Moments of flat areas cancel: what rounding leaves of the covariance must not carry the index out of its range. */
+static void ssim_of_flat_areas_stays_within_its_range(void **state)
+{
+    struct pair p;
+    float most = 0.0f;
+    (void) state;
+
+    pair_begin(&p, 40, 30);
+    p.in.display = true;
+    for (int k = 0; k < 64; k++) {
+        const double level = 1.0 - k / 64.0;
+        pair_fill(&p, TEST, level, level, level);
+        pair_fill(&p, REFERENCE, level, level, level);
+        for (int i = 0; i < 40 * 30; i++)
+            p.plane[REFERENCE][0][i] += 1e-5f * (float) noise(i, k, 0, 3);
+        pair_compare(&p);
+        for (int i = 0; i < 40 * 30; i++)
+            most = fmaxf(most, fabsf(p.out.ssim[i]));
+        for (int c = 0; c < 3; c++)
+            most = fmaxf(most, (float) fabs(p.out.whole.ssim_rgb[c]));
+    }
+    assert_true(most > 0.999f && most <= 1.0f + 5e-7f);
+    pair_end(&p);
+}
+
 /* Wang et al. 2004, literally: two dimensions, central moments, doubles. */
 static double ssim_at(const float *a, const float *b, int width, int x, int y)
 {
@@ -478,6 +503,7 @@ int main(void)
         cmocka_unit_test(alike_is_alike),
         cmocka_unit_test(constant_pictures_have_closed_forms),
         cmocka_unit_test(ssim_of_constants_has_a_closed_form),
+        cmocka_unit_test(ssim_of_flat_areas_stays_within_its_range),
         cmocka_unit_test(ssim_is_what_its_paper_defines),
         cmocka_unit_test(a_mask_restricts_means),
         cmocka_unit_test(the_references_noise_is_not_charged),
