@@ -103,7 +103,7 @@ struct cli {
         char *cross_section, *line, *layers_of, *down_to;
     } check;
     struct {
-        char *listen;
+        char *listen, *token_file;
         bool no_open;
     } view;
     struct {

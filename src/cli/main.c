@@ -105,9 +105,11 @@ static const struct command commands[] = {
       "\n"
       "The page is served to this machine alone, and to whoever has the token in its address. From another machine use ssh -L, or "
       "--listen. "
-      "Files of the scene that change are read again. Ctrl-C ends the program, and so do ten minutes without a page.\n",
+      "With --port and --token-file, pages connect again after a restart. Files of the scene that change are read again. Ctrl-C ends the "
+      "program, and so do ten minutes without a page.\n",
       "  pellucid view bunny.obj --material wholemilk --size 70mm\n"
-      "  pellucid view scene.json --no-open --port 8000\n",
+      "  pellucid view scene.json --no-open --port 8000\n"
+      "  pellucid view scene.json --port 8000 --token-file viewer-token\n",
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_VIEW, 1, 1, command_view },
 #endif
     { "info", "", "engines, devices, limits, formats, SIMD level, build", "",

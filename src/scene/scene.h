@@ -35,6 +35,8 @@ PELL_NODISCARD enum pell_result pell_material_open(struct pell_context *ctx, con
 struct pell_json;
 /* sigma_a with sigma_s_reduced, or with sigma_s and g; eta. Keys that are not there keep what `medium` has (eta), or are refused. */
 PELL_NODISCARD enum pell_result pell_read_medium(const struct pell_json *at, struct pell_medium *medium);
+/* "skin": its composition (pellucid/skin.h) as layers, and what they reflect; its texts are constant. */
+PELL_NODISCARD enum pell_result pell_material_read_skin(const struct pell_json *at, struct pell_material_entry *entry);
 bool pell_material_is_path(const char *name_or_path);
 
 /* Load parameters that are names, read. */

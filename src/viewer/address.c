@@ -4,6 +4,7 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <netinet/in.h>
 #include <stdio.h>
 #include <string.h>
@@ -21,6 +22,53 @@ bool viewer_token_make(char token[VIEWER_TOKEN + 1])
     for (size_t i = 0; i < sizeof(bytes); i++)
         snprintf(token + 2 * i, 3, "%02x", bytes[i]);
     return true;
+}
+
+/* Writes all of it, or leaves nothing. 0, or errno. */
+static int write_token(const char *path, const char *token)
+{
+    char line[VIEWER_TOKEN + 2];
+    const int fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    int error = 0;
+
+    if (fd < 0)
+        return errno;
+    snprintf(line, sizeof(line), "%s\n", token);
+    if (write(fd, line, VIEWER_TOKEN + 1) != VIEWER_TOKEN + 1)
+        error = errno ? errno : ENOSPC;
+    if (close(fd) != 0 && !error)
+        error = errno;
+    if (error)
+        unlink(path);
+    return error;
+}
+
+enum pell_result viewer_token_keep(struct pell_context *ctx, const char *path, char token[VIEWER_TOKEN + 1])
+{
+    char line[VIEWER_TOKEN + 3] = "";
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    const int missing = fd < 0 ? errno : 0;
+    ssize_t size;
+    int error;
+
+    if (fd >= 0) {
+        size = read(fd, line, sizeof(line) - 1);
+        close(fd);
+        if (size > 0 && line[size - 1] == '\n')
+            line[--size] = '\0';
+        if (size != VIEWER_TOKEN || strspn(line, "0123456789abcdef") != VIEWER_TOKEN)
+            return pell_error(ctx, PELL_ERR_FORMAT, path, "remove it, and a new one is made",
+                              "is no token: must be %d digits of 0-9 and a-f", VIEWER_TOKEN);
+        memcpy(token, line, VIEWER_TOKEN + 1);
+        return PELL_OK;
+    }
+    if (missing != ENOENT)
+        return pell_error(ctx, PELL_ERR_IO, path, NULL, "can't be read: %s", strerror(missing));
+    if (!viewer_token_make(token))
+        return pell_error(ctx, PELL_ERR_IO, path, NULL, "the system gives no random bytes for a token");
+    if ((error = write_token(path, token)) != 0)
+        return pell_error(ctx, PELL_ERR_IO, path, NULL, "can't be written: %s", strerror(error));
+    return PELL_OK;
 }
 
 bool viewer_token_equal(const char *token, const char *given)

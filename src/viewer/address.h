@@ -5,6 +5,8 @@
 #ifndef PELL_VIEWER_ADDRESS_H
 #define PELL_VIEWER_ADDRESS_H
 
+#include "base/base.h"
+
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -12,6 +14,8 @@
 
 /* Random; false where the system gives no random bytes. */
 bool viewer_token_make(char token[VIEWER_TOKEN + 1]);
+/* The token that a file keeps; where there is no file, a new token and a file of it, which its owner alone may read. */
+PELL_NODISCARD enum pell_result viewer_token_keep(struct pell_context *ctx, const char *path, char token[VIEWER_TOKEN + 1]);
 /* In a time that does not depend on where they differ. */
 bool viewer_token_equal(const char *token, const char *given);
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * command.c - `pellucid view`: from the command line to a page that shows it. */
+#include "viewer/address.h"
 #include "viewer/document.h"
 #include "viewer/viewer.h"
 
@@ -99,7 +100,14 @@ static enum exit_code serve(struct cli *cli, struct viewer *v, struct viewer_doc
     struct pell_device *device = NULL;
     struct viewer_worker *worker = NULL;
     char *folder = pell_path_folder(cli->ctx, cli->arguments[0]);
+    char token[VIEWER_TOKEN + 1];
     enum exit_code code = folder ? cli_engine(cli, &params.engine) : EXIT_MEMORY;
+
+    if (code == EXIT_OK && cli->view.token_file)
+        code = cli_failed(cli, viewer_token_keep(cli->ctx, cli->view.token_file, token));
+    else if (code == EXIT_OK && !viewer_token_make(token))
+        code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, "viewer", NULL, "the system gives no random bytes for a token"));
+    server.token = token;
 
     server.folder = folder;
     block_signals(true);

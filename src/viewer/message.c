@@ -7,11 +7,12 @@
 #define PLACE "message"
 
 static const char *const types[] = { "view", "ack", "save", "pick", "profile" };
+const char *const viewer_format_names[] = { "scene", "exr", "report" };
 static const char *const view_keys[] = { "type", "id", "moving", "state" };
 static const char *const ack_keys[] = { "type", "serial" };
 static const char *const save_keys[] = { "type", "id", "format" };
 static const char *const pick_keys[] = { "type", "id", "x", "y" };
-static const char *const profile_keys[] = { "type", "id", "medium", "gaussians" };
+static const char *const profile_keys[] = { "type", "id", "medium", "material", "gaussians", "export" };
 static const struct {
     const char *const *keys;
     size_t count;
@@ -88,10 +89,10 @@ fail:
 
 static enum pell_result read_message(struct viewer_message *m, const void *data, size_t size)
 {
-    struct pell_json root, medium;
+    struct pell_json root, medium, material;
     const char *number;
     int64_t gaussians = 4;
-    int type = 0;
+    int type = 0, format = VIEWER_SCENE;
     enum pell_result res;
 
     if (size > VIEWER_MESSAGE_BYTES)
@@ -111,15 +112,19 @@ static enum pell_result read_message(struct viewer_message *m, const void *data,
         PELL_TRY(read_state(&root, m));
     if (m->type == VIEWER_SAVE)
         PELL_TRY(pell_json_require(&root, "format"));
-    PELL_TRY(pell_json_string(&root, "format", &m->format));
+    PELL_TRY(pell_json_choice(&root, "format", viewer_format_names, PELL_COUNT(viewer_format_names), &format));
+    m->format = (enum viewer_format) format;
     PELL_TRY(pell_json_number(&root, "x", 0.0, 1.0, &m->x));
     PELL_TRY(pell_json_number(&root, "y", 0.0, 1.0, &m->y));
-    if (m->type == VIEWER_PROFILE)
-        PELL_TRY(pell_json_require(&root, "medium"));
     PELL_TRY(pell_json_object(&root, "medium", &medium));
     m->medium = (json_t *) medium.value;
+    PELL_TRY(pell_json_object(&root, "material", &material));
+    m->material = (json_t *) material.value;
+    if (m->type == VIEWER_PROFILE && (!m->material || m->medium || m->export))
+        PELL_TRY(pell_json_require(&root, "medium"));
     PELL_TRY(pell_json_int(&root, "gaussians", 1, PELL_GAUSSIANS_MAX, &gaussians));
     m->gaussians = (int) gaussians;
+    PELL_TRY(pell_json_string(&root, "export", &m->export));
     return PELL_OK;
 
 fail:

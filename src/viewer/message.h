@@ -5,9 +5,11 @@
  *
  *     {"type": "view", "id": 7, "moving": true, "state": STATE}   draw this; a newer one takes its place
  *     {"type": "ack", "serial": 12}                               the picture of that number is on the screen
- *     {"type": "save", "id": 8, "format": "scene" | "exr"}        the scene of the last view as a file
+ *     {"type": "save", "id": 8, "format": "scene" | "exr" | "report"}   the last view as a file
  *     {"type": "pick", "id": 9, "x": 0.5, "y": 0.5}               what is seen there, as shares of the picture's size
- *     {"type": "profile", "id": 10, "medium": {"sigma_a": ...}}   R(r) of coefficients, with a fit of so many "gaussians"
+ *     {"type": "profile", "id": 10, "medium": {"sigma_a": ...}}   R(r) of coefficients, with a fit of so many "gaussians"; with
+ *                                                                 "export": "glsl" the code of it as a file
+ *     {"type": "profile", "id": 11, "material": {"skin": ...}}    R(r) and the layers of a composition of skin
  *
  * STATE has any of "method", "knobs", "settings", "camera", "lights", "materials", "time", "other" (method, knobs: what A is compared with)
  * and "truth" (a reference). Knobs and settings are objects of texts; camera, lights and materials are as in a scene file.
@@ -25,6 +27,9 @@
 #define VIEWER_SETTINGS_MOST 64
 
 enum viewer_message_type { VIEWER_VIEW, VIEWER_ACK, VIEWER_SAVE, VIEWER_PICK, VIEWER_PROFILE };
+
+enum viewer_format { VIEWER_SCENE, VIEWER_EXR, VIEWER_REPORT };
+extern const char *const viewer_format_names[];
 
 /* A method as a page names it; texts live in the message. "none" is no method. */
 struct viewer_look {
@@ -47,10 +52,12 @@ struct viewer_message {
     double time;       /* seconds */
     const char *truth; /* NULL: no reference is asked for */
 
-    const char *format; /* of a save */
-    double x, y;        /* of a pick, [0, 1] */
-    json_t *medium;     /* of a profile: as in a scene file; borrowed from the tree */
-    int gaussians;      /* [1, PELL_GAUSSIANS_MAX] */
+    enum viewer_format format; /* of a save */
+    double x, y;               /* of a pick, [0, 1] */
+    json_t *medium;            /* of a profile: coefficients as in a scene file; borrowed from the tree. NULL: */
+    json_t *material;          /* "skin" as in a scene file; borrowed, too */
+    int gaussians;             /* [1, PELL_GAUSSIANS_MAX] */
+    const char *export;        /* a language; NULL: numbers */
 };
 
 /* PELL_ERR_FORMAT or PELL_ERR_INVALID, logged; *out is NULL on failure. */

@@ -340,6 +340,21 @@ json_t *viewer_model_saved(const struct viewer_model *m, const struct viewer_mes
     return o;
 }
 
+/* Top to bottom; the depth is from the surface to the bottom of a layer, null where there is none. */
+static json_t *layers_json(const struct pell_material *m)
+{
+    json_t *layers = json_array();
+
+    for (int i = 0; i < m->num_layers; i++) {
+        const struct pell_scene_layer *l = &m->layers[i];
+        json_array_append_new(layers, json_pack("{s:o,s:o,s:b,s:o,s:o}", "name", cli_text(l->name ? l->name : ""), "depth_mm",
+                                                isfinite(l->depth) ? json_real((double) l->depth) : json_null(), "mapped",
+                                                l->depth_map.texture != NULL, "sigma_a", cli_numbers(l->medium.sigma_a, 3),
+                                                "sigma_s_reduced", cli_numbers(l->medium.sigma_s_reduced, 3)));
+    }
+    return layers;
+}
+
 json_t *viewer_model_facts(const struct viewer_model *m)
 {
     const struct pell_scene *s = m->scene;
@@ -350,8 +365,8 @@ json_t *viewer_model_facts(const struct viewer_model *m)
         triangles += (int) i == s->ground_mesh ? 0 : s->meshes[i].num_triangles;
     for (size_t i = 0; i < s->num_materials; i++) {
         const struct pell_material *x = &s->materials[i];
-        json_array_append_new(materials, json_pack("{s:o,s:o,s:b}", "name", cli_text(x->name ? x->name : ""), "preset",
-                                                   cli_text(x->preset ? x->preset : ""), "opaque", x->opaque));
+        json_array_append_new(materials, json_pack("{s:o,s:o,s:b,s:o}", "name", cli_text(x->name ? x->name : ""), "preset",
+                                                   cli_text(x->preset ? x->preset : ""), "opaque", x->opaque, "layers", layers_json(x)));
     }
     for (int i = 0; i < 3; i++) {
         json_array_append_new(bounds, json_real((double) s->bounds_min[i]));

@@ -9,5 +9,9 @@
 
 /* R(r) of a message's coefficients by every model, as JSON; NULL without memory, or, logged, for coefficients that are no medium. */
 json_t *viewer_profile(struct pell_context *ctx, const struct viewer_message *message);
+/* Their fit, kernel and table as code of message->export ("c", "glsl", "hlsl", "json"), as `pellucid profile --export` writes it: a file of
+ * malloc. What is wrong is logged. */
+PELL_NODISCARD enum pell_result viewer_profile_code(struct pell_context *ctx, const struct viewer_message *message, uint8_t **file,
+                                                    size_t *size);
 
 #endif

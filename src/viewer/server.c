@@ -3,6 +3,7 @@
 #include "viewer/address.h"
 #include "viewer/viewer.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <libwebsockets.h>
@@ -11,12 +12,15 @@
 #include <string.h>
 #include <strings.h>
 #include <sys/inotify.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #define ALONE_SECONDS 600.0 /* after the last page has been closed */
 #define SETTLE_US 150000    /* a program that writes a file may write more of them */
 #define TICK_US 250000      /* Ctrl-C is noticed by then */
+#define WATCHED_MOST 256    /* folders */
+#define WATCHED_DEPTH 4     /* of folders below that of the input */
 
 static const char security[] = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
                                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -26,7 +30,6 @@ _Static_assert(VIEWER_ROOM >= LWS_PRE, "libwebsockets writes its head before a m
 struct server {
     struct viewer *v;
     const struct viewer_server_params *params;
-    char token[VIEWER_TOKEN + 1];
     int port;
     struct lws_context *lws;
     lws_sorted_usec_list_t tick, settle;
@@ -77,7 +80,7 @@ static bool has_token(struct lws *wsi)
     char given[2 * VIEWER_TOKEN];
     const char *value = lws_get_urlarg_by_name(wsi, "token=", given, sizeof(given));
 
-    return viewer_token_equal(server_of(wsi)->token, value ? value : "");
+    return viewer_token_equal(server_of(wsi)->params->token, value ? value : "");
 }
 
 /* --- Files ---------------------------------------------------------------------------------------------------------------------------- */
@@ -294,15 +297,38 @@ static int on_files(struct lws *wsi, enum lws_callback_reasons reason, void *use
     return 0;
 }
 
+/* Watches a folder and what lies below it, but for hidden ones; `*left` more. */
+static void watch_folder(int fd, const char *path, int deeper, int *left)
+{
+    DIR *folder;
+    const struct dirent *entry;
+
+    if (*left <= 0 || inotify_add_watch(fd, path, IN_CLOSE_WRITE | IN_MOVED_TO | IN_ONLYDIR) < 0)
+        return;
+    --*left;
+    folder = deeper > 0 ? opendir(path) : NULL;
+    while (folder && (entry = readdir(folder)) != NULL) {
+        char below[PATH_MAX];
+        const int n = snprintf(below, sizeof(below), "%s/%s", path, entry->d_name);
+        struct stat about;
+        if (entry->d_name[0] != '.' && n > 0 && (size_t) n < sizeof(below) && lstat(below, &about) == 0 && S_ISDIR(about.st_mode))
+            watch_folder(fd, below, deeper - 1, left);
+    }
+    if (folder)
+        closedir(folder);
+}
+
 static void watch(struct server *s)
 {
     const int fd = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
     lws_sock_file_fd_type file;
+    int left = WATCHED_MOST;
 
     if (fd < 0)
         return;
     file.filefd = fd;
-    if (inotify_add_watch(fd, s->params->folder, IN_CLOSE_WRITE | IN_MOVED_TO) < 0 ||
+    watch_folder(fd, s->params->folder, WATCHED_DEPTH, &left);
+    if (left == WATCHED_MOST ||
         !lws_adopt_descriptor_vhost(lws_get_vhost_by_name(s->lws, "default"), LWS_ADOPT_RAW_FILE_DESC, file, "files", NULL))
         close(fd);
 }
@@ -367,13 +393,14 @@ static enum exit_code say(struct server *s)
     const bool all = strcmp(s->params->address, "0.0.0.0") == 0;
     char address[256];
 
-    snprintf(address, sizeof(address), "http://%s:%d/?token=%s", all ? "127.0.0.1" : s->params->address, s->port, s->token);
+    snprintf(address, sizeof(address), "http://%s:%d/?token=%s", all ? "127.0.0.1" : s->params->address, s->port, s->params->token);
     if (!viewer_is_loopback(s->params->address))
         pell_warn(cli->ctx, "--listen", NULL,
                   "whoever reaches %s and knows the token sees the scene and can use this machine's processor; nothing is encrypted",
                   s->params->address);
     if (cli->json) {
-        const enum exit_code code = cli_print_json(cli, json_pack("{s:s,s:i,s:s}", "address", address, "port", s->port, "token", s->token));
+        const enum exit_code code =
+            cli_print_json(cli, json_pack("{s:s,s:i,s:s}", "address", address, "port", s->port, "token", s->params->token));
         fflush(stdout);
         return code;
     }
@@ -423,8 +450,6 @@ enum exit_code viewer_serve(struct viewer *v, const struct viewer_server_params 
     struct server s = { .v = v, .params = params };
     enum exit_code code;
 
-    if (!viewer_token_make(s.token))
-        return cli_failed(v->cli, pell_error(v->cli->ctx, PELL_ERR_IO, "viewer", NULL, "the system gives no random bytes for a token"));
     if ((code = listen_at(&s)) != EXIT_OK)
         return code;
     pthread_mutex_lock(&v->lock);

@@ -4,6 +4,9 @@
 
 #include "viewer/encode.h"
 
+#include "base/file.h"
+#include "cli/compare/compare.h"
+
 #include <pellucid/compare.h>
 
 #include <math.h>
@@ -224,23 +227,32 @@ static enum pell_result send_error(struct viewer_truth *t, const struct pell_com
     return send_planes(t, other ? VIEWER_PICTURE_ERROR_B : VIEWER_PICTURE_ERROR_A, true);
 }
 
-static enum pell_result compare_one(struct viewer_truth *t, struct viewer_model *m, int test, json_t *report)
+/* One of the tests against the mean of the references. */
+static enum pell_result compare_test(struct viewer_truth *t, struct viewer_model *m, int test, struct pell_compare_input *input,
+                                     struct pell_compare_params *params, struct pell_comparison *out)
 {
     const bool noisy = t->batches > 1;
-    struct pell_compare_input input = { .width = t->width, .height = t->height, .stride = t->width, .mask = t->mask };
+
+    *input = (struct pell_compare_input) { .width = t->width, .height = t->height, .stride = t->width, .mask = t->mask };
+    for (int c = 0; c < 3; c++) {
+        input->test[c] = t->test[test][c];
+        input->reference[c] = t->mean[c];
+        input->variance[c] = noisy ? t->variance[c] : NULL;
+    }
+    pell_knobs_default(pell_compare_knobs(), params);
+    params->exposure = t->exposure;
+    params->threads = pell_device_threads(m->device);
+    return pell_compare(t->v->ctx, input, params, out);
+}
+
+static enum pell_result compare_one(struct viewer_truth *t, struct viewer_model *m, int test, json_t *report)
+{
+    struct pell_compare_input input;
     struct pell_compare_params params;
     struct pell_comparison comparison;
     enum pell_result res;
 
-    for (int c = 0; c < 3; c++) {
-        input.test[c] = t->test[test][c];
-        input.reference[c] = t->mean[c];
-        input.variance[c] = noisy ? t->variance[c] : NULL;
-    }
-    pell_knobs_default(pell_compare_knobs(), &params);
-    params.exposure = t->exposure;
-    params.threads = pell_device_threads(m->device);
-    PELL_TRY(pell_compare(t->v->ctx, &input, &params, &comparison));
+    PELL_TRY(compare_test(t, m, test, &input, &params, &comparison));
     json_object_set_new(report, test ? "b" : "a", metrics_json(&comparison.masked));
     res = send_error(t, &comparison, test == 1);
     pell_comparison_finish(t->v->ctx, &comparison);
@@ -278,5 +290,80 @@ enum pell_result viewer_truth_step(struct viewer_truth *t, struct viewer_model *
     res = draw_reference(t, m);
     if (res == PELL_OK && (t->done || t->batches < 3 || pell_seconds() - t->reported > REPORT_EVERY))
         res = report(t, m);
+    return res;
+}
+
+bool viewer_truth_compared(const struct viewer_truth *t)
+{
+    return t && t->batches > 0;
+}
+
+/* --- The report ----------------------------------------------------------------------------------------------------------------------- */
+
+static json_t *report_look(const struct viewer_look *look, const char *role)
+{
+    char name[200];
+    int n = snprintf(name, sizeof(name), "%s", look->method ? look->method : CLI_DEFAULT_METHOD);
+
+    for (size_t i = 0; i < look->num_knobs && n > 0 && (size_t) n < sizeof(name); i++)
+        n += snprintf(name + n, sizeof(name) - (size_t) n, "%s%s=%s", i ? "," : ":", look->knobs[i].name, look->knobs[i].value);
+    return json_pack("{s:o,s:s,s:{},s:{},s:{}}", "name", cli_text(name), "role", role, "data", "flip", "metrics");
+}
+
+/* Adds a test's picture, FLIP and numbers; the first one says how all are looked at. */
+static enum pell_result report_test(struct viewer_truth *t, struct viewer_model *m, int test, struct report *report, json_t *views,
+                                    json_t *pictures)
+{
+    json_t *o = report_look(test ? &t->view->other : &t->view->look, "method"), *id = NULL;
+    struct pell_compare_input input;
+    struct pell_compare_params params;
+    struct pell_comparison comparison = { .width = 0 };
+    enum pell_result res;
+
+    PELL_TRY(compare_test(t, m, test, &input, &params, &comparison));
+    if (test == 0) {
+        json_t *view =
+            report_view(report, "object", "The object", "All light of the pixels that show the object.", &input, &params, &comparison);
+        json_array_append_new(views, view);
+    }
+    PELL_TRY(report_image(report, input.test, input.stride, &id));
+    json_object_set_new(json_object_get(o, "data"), "object", id);
+    PELL_TRY(report_map(report, comparison.flip, comparison.width, &id));
+    json_object_set_new(json_object_get(o, "flip"), "object", id);
+    json_object_set_new(json_object_get(o, "metrics"), "object", compare_metrics(&comparison.masked, false));
+    json_array_append(pictures, o);
+
+fail:
+    json_decref(o);
+    pell_comparison_finish(t->v->ctx, &comparison);
+    return res;
+}
+
+enum pell_result viewer_truth_report(struct viewer_truth *t, struct viewer_model *m, uint8_t **file, size_t *size)
+{
+    json_t *views = json_array(), *pictures = json_array(), *reference = report_look(&t->look, "reference"), *data = NULL, *id = NULL;
+    struct report *report = NULL;
+    const struct cli *cli = t->v->cli;
+    char *page = NULL;
+    enum pell_result res;
+
+    PELL_TRY(report_open(t->v->ctx, t->width, t->height, &report));
+    PELL_TRY(report_image(report, (const float *const *) t->mean, t->width, &id));
+    json_object_set_new(json_object_get(reference, "data"), "object", id);
+    json_array_append(pictures, reference);
+    for (int i = 0; i < t->tests; i++)
+        PELL_TRY(report_test(t, m, i, report, views, pictures));
+    data = json_pack("{s:s,s:o,s:s,s:O,s:O,s:[],s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(cli->arguments[0])),
+                     "command", cli->command_line, "views", views, "pictures", pictures, "warnings", "display", 0, "rel_noise",
+                     t->random ? finite(t->noise) : json_null());
+    res = data ? report_page(report, data, &page, size) : PELL_ERR_NOMEM;
+    *file = (uint8_t *) page;
+
+fail:
+    json_decref(data);
+    json_decref(views);
+    json_decref(pictures);
+    json_decref(reference);
+    report_close(&report);
     return res;
 }

@@ -19,6 +19,10 @@ PELL_NODISCARD enum pell_result viewer_truth_create(struct viewer *v, uint64_t p
 void viewer_truth_destroy(struct viewer_truth **truth);
 /* Draws one more picture, and from time to time sends what is known to the page. The model shows the view. */
 PELL_NODISCARD enum pell_result viewer_truth_step(struct viewer_truth *t, struct viewer_model *m);
+/* Whether there are numbers; `t` may be NULL. */
+bool viewer_truth_compared(const struct viewer_truth *t);
+/* What is known by now as the page that `pellucid compare -o` writes: a file of malloc. What is wrong is logged. */
+PELL_NODISCARD enum pell_result viewer_truth_report(struct viewer_truth *t, struct viewer_model *m, uint8_t **file, size_t *size);
 bool viewer_truth_done(const struct viewer_truth *t);
 
 #endif

@@ -133,6 +133,7 @@ struct viewer_server_params {
     int port;            /* 0: any */
     bool open;           /* a browser */
     const char *folder;  /* whose files are watched */
+    const char *token;   /* what a page needs */
 };
 
 /* Serves pages until Ctrl-C, or until none has been open for a while. */

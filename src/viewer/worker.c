@@ -281,37 +281,74 @@ static void refine(struct viewer_worker *w, struct pane *p)
         failed(w, p, res);
 }
 
-static void save(struct viewer_worker *w, struct pane *p, const struct viewer_message *m)
+/* The last view as a file of malloc; what is wrong is logged. */
+static enum pell_result make_file(struct viewer_worker *w, struct pane *p, enum viewer_format format, uint8_t **file, size_t *size)
 {
     static const struct viewer_haste all = { .scale = 1.0, .layers = true };
-    const bool exr = strcmp(m->format, "exr") == 0;
+    struct pell_context *ctx = w->v->ctx;
     struct pell_settings settings;
     struct pell_render_result image;
+    json_t *document;
+    enum pell_result res;
+
+    if (format == VIEWER_REPORT && !viewer_truth_compared(p->truth))
+        return pell_error(ctx, PELL_ERR_INVALID, "report", "choose a reference under Compare, and wait for its first numbers",
+                          "there is no error against a reference yet");
+    if (format == VIEWER_REPORT)
+        return viewer_truth_report(p->truth, &w->model, file, size);
+    PELL_TRY(viewer_model_apply(&w->model, p->view, true));
+    if (format == VIEWER_EXR) {
+        PELL_TRY(viewer_model_render(&w->model, VIEWER_STILL_A, p->view, &p->view->look, &all, &settings, &image));
+        return viewer_encode_exr(ctx, &image, file, size);
+    }
+    document = viewer_model_saved(&w->model, p->view);
+    *file = (uint8_t *) (document ? json_dumps(document, JSON_INDENT(2)) : NULL);
+    *size = *file ? strlen((const char *) *file) : 0;
+    json_decref(document);
+    res = *file ? PELL_OK : PELL_ERR_NOMEM;
+
+fail:
+    return res;
+}
+
+/* The page must not wait for a file that can't be made. */
+static void send_file(struct viewer_worker *w, struct pane *p, const struct viewer_message *m, const char *format, uint8_t *file,
+                      size_t size)
+{
+    json_t *head = file ? json_pack("{s:s,s:I,s:s}", "type", "file", "id", (json_int_t) m->id, "format", format)
+                        : json_pack("{s:s,s:I}", "type", "unsaved", "id", (json_int_t) m->id);
+
+    viewer_send(w->v, p->number, head, -1, file, size);
+}
+
+static void save(struct viewer_worker *w, struct pane *p, const struct viewer_message *m)
+{
     uint8_t *file = NULL;
     size_t size = 0;
 
-    if (viewer_model_apply(&w->model, p->view, true) == PELL_OK) {
-        if (!exr) {
-            json_t *document = viewer_model_saved(&w->model, p->view);
-            file = (uint8_t *) (document ? json_dumps(document, JSON_INDENT(2)) : NULL);
-            json_decref(document);
-            size = file ? strlen((const char *) file) : 0;
-        } else if (viewer_model_render(&w->model, VIEWER_STILL_A, p->view, &p->view->look, &all, &settings, &image) == PELL_OK &&
-                   viewer_encode_exr(w->v->ctx, &image, &file, &size) != PELL_OK) {
-            file = NULL;
-        }
-    }
-    if (!file) { /* what is wrong has been logged; the page must not wait for the file */
-        viewer_send(w->v, p->number, json_pack("{s:s,s:I}", "type", "unsaved", "id", (json_int_t) m->id), -1, NULL, 0);
+    if (make_file(w, p, m->format, &file, &size) != PELL_OK)
+        file = NULL;
+    send_file(w, p, m, viewer_format_names[m->format], file, size);
+}
+
+static void bench_profile(struct viewer_worker *w, struct pane *p, const struct viewer_message *m)
+{
+    uint8_t *file = NULL;
+    size_t size = 0;
+
+    if (!m->export) {
+        viewer_send(w->v, p->number, viewer_profile(w->v->ctx, m), -1, NULL, 0);
         return;
     }
-    viewer_send(w->v, p->number, json_pack("{s:s,s:I,s:s}", "type", "file", "id", (json_int_t) m->id, "format", m->format), -1, file, size);
+    if (viewer_profile_code(w->v->ctx, m, &file, &size) != PELL_OK)
+        file = NULL;
+    send_file(w, p, m, m->export, file, size);
 }
 
 static void do_task(struct viewer_worker *w, struct pane *p, struct viewer_message *m)
 {
     if (m->type == VIEWER_PROFILE) {
-        viewer_send(w->v, p->number, viewer_profile(w->v->ctx, m), -1, NULL, 0);
+        bench_profile(w, p, m);
         return;
     }
     if (!p->view)

@@ -197,6 +197,13 @@ test('materials, coefficients and lights change the picture', async () => {
   await page.click('#material-editor summary');
   await page.waitForSelector('#profile-plot path.fit', { state: 'attached', timeout: PATIENCE });
   need((await page.locator('#profile-model option').count()) >= 4, 'models of the profile bench');
+  await page.waitForSelector('#profile-slab .plot', { state: 'attached', timeout: PATIENCE });
+  need((await page.locator('#profile-looks canvas').count()) === 2, 'the half-lit plane and the laser dot');
+  let waiting = page.waitForEvent('download');
+  await page.click('#profile-export [data-language="glsl"]');
+  const code = await waiting;
+  need(code.suggestedFilename() === 'material.glsl', code.suggestedFilename());
+  need(/const vec3 material_/.test(readFileSync(await code.path(), 'utf-8')), 'no GLSL');
   await page.locator('#concentration').fill('120');
   await finished(page);
   now = await look(page);
@@ -218,9 +225,44 @@ test('materials, coefficients and lights change the picture', async () => {
   await page.locator('.dot').first().focus();
   await page.keyboard.press('ArrowDown');
   await finished(page);
-  need(differ(before, await look(page)) > 100, 'arrow keys do not move a light');
+  now = await look(page);
+  need(differ(before, now) > 100, 'arrow keys do not move a light');
+  before = now;
+  const handle = await page.locator('.light-handle').first().boundingBox();
+  const view = await page.locator('#canvas').boundingBox();
+  const old = JSON.stringify(last(page).lights);
+  await page.mouse.move(handle.x + handle.width / 2, handle.y + handle.height / 2);
+  await page.mouse.down();
+  await page.mouse.move(view.x + 0.6 * view.width, view.y + 0.3 * view.height, { steps: 5 });
+  await page.mouse.up();
+  await finished(page);
+  need(JSON.stringify(last(page).lights) !== old && differ(before, await look(page)) > 100, 'a light is not dragged in the view');
+  const moved = await page.locator('.light-handle').first().boundingBox();
+  const off = Math.hypot(moved.x + moved.width / 2 - view.x - 0.6 * view.width, moved.y + moved.height / 2 - view.y - 0.3 * view.height);
+  need(off < 12, 'the handle is not where the hand left it', off);
   need((await complaints(page)).length === 0, await complaints(page));
   if (shots) await page.screenshot({ path: `${shots}/light.png` });
+});
+
+test('skin is made of melanin and blood, and its layers are drawn', async () => {
+  await tab(page, 'material');
+  await page.fill('#material-search', 'skin-6');
+  await page.click('.swatch:visible');
+  await page.click('#skin-begin');
+  await finished(page);
+  const light = await look(page);
+  await page.waitForSelector('#profile-layers svg', { state: 'attached', timeout: PATIENCE });
+  need((await page.locator('#profile-layers').textContent()).includes('epidermis'), 'no layers');
+  await page.locator('#skin-melanin').fill('900');
+  await finished(page);
+  need(last(page).materials['*'].skin.melanin > 0.2, last(page).materials);
+  need(differ(light, await look(page)) > 1000, 'melanin changes nothing');
+  if (shots) await page.screenshot({ path: `${shots}/skin.png` });
+  await page.fill('#material-search', 'marble');
+  await page.click('.swatch[data-material="marble"]');
+  await finished(page);
+  await page.fill('#material-search', '');
+  need((await complaints(page)).length === 0, await complaints(page));
 });
 
 test('a second method stands behind the wipe; the reference gives an error that sharpens', async () => {
@@ -239,6 +281,12 @@ test('a second method stands behind the wipe; the reference gives an error that 
   need((await page.locator('#errors tbody tr').count()) >= 5, 'numbers');
   await page.check('input[name="mode"][value="error"]', { force: true });
   if (shots) await page.screenshot({ path: `${shots}/error.png` });
+  const waiting = page.waitForEvent('download');
+  await page.click('#save summary');
+  await page.click('#save-report');
+  const report = readFileSync(await (await waiting).path(), 'utf-8');
+  const data = JSON.parse(/<script type="application\/json" id="data">(.*?)<\/script>/s.exec(report)[1]);
+  need(data.pictures.map((p) => p.role).join() === 'reference,method,method' && data.pictures[2].name === 'none', data.pictures);
   await page.selectOption('#truth', '');
   await page.selectOption('#other', '');
   need(await page.locator('#errors').isHidden(), 'the error stays');
@@ -258,6 +306,28 @@ test('the scene is saved, the link shows the same view', async () => {
   const other = await open(1440, 'light', url);
   need(differ(await look(page), await look(other)) === 0, 'the link shows another view');
   await other.context().close();
+});
+
+test('a turntable is an animated PNG; what is changed meanwhile ends it', async () => {
+  await page.click('#save summary');
+  await page.click('#save-film');
+  await page.waitForTimeout(300);
+  await page.locator('#stage').focus();
+  await page.keyboard.press('1');
+  await page.waitForSelector('.message.warning', { timeout: PATIENCE });
+  await finished(page);
+  const waiting = page.waitForEvent('download', { timeout: 2 * PATIENCE });
+  await page.click('#save summary');
+  await page.click('#save-film');
+  const file = readFileSync(await (await waiting).path());
+  const types = [];
+  for (let at = 8; at < file.length; at += file.readUInt32BE(at) + 12) types.push(file.toString('latin1', at + 4, at + 8));
+  need(types[0] === 'IHDR' && types.at(-1) === 'IEND' && types.indexOf('acTL') < types.indexOf('IDAT'), types);
+  need(types.filter((t) => t === 'fcTL').length === 36 && types.filter((t) => t === 'fdAT').length >= 35, types);
+  const first = file.indexOf('acTL');
+  need(file.readUInt32BE(first + 4) === 36, 'frames');
+  await finished(page);
+  need(last(page).camera && (await page.locator('#status-size').textContent()) === '160 × 90', 'the view is not back');
 });
 
 test('two pages at once; a connection that is cut comes back', async () => {

@@ -7,6 +7,7 @@
 #include "scene/file/scene_file.h"
 
 #include <pellucid/inversion.h>
+#include <pellucid/skin.h>
 
 #include <regex.h>
 
@@ -314,6 +315,29 @@ static void a_colour_and_a_mean_free_path_make_a_medium(void **state)
     finish(s);
 }
 
+/* Skin by its composition is the stack of pell_skin_layers, and has no name of a built-in material. */
+static void skin_is_made_of_its_composition(void **state)
+{
+    struct pell_scene *s =
+        load(SCENE(",\"materials\":{\"*\":{\"skin\":{\"melanin\":0.3,\"epidermis_mm\":0.15,\"eta\":1.35},\"roughness\":0.5}}"), NULL);
+    const struct pell_material *m = &s->materials[0];
+    struct pell_skin skin = pell_skin_default();
+    struct pell_material_layers layers;
+    struct pell_gaussians sum;
+    (void) state;
+
+    skin.melanin = 0.3;
+    skin.epidermis_mm = 0.15;
+    skin.eta = 1.35;
+    assert_int_equal(pell_skin_layers(&skin, &layers), PELL_OK);
+    assert_int_equal(pell_material_solve(&layers, &sum, NULL), PELL_OK);
+    assert_memory_equal(&m->gaussians, &sum, sizeof(sum));
+    assert_null(m->preset);
+    assert_false(m->opaque);
+    REQUIRE(m->medium.eta == 1.35 && m->roughness == 0.5f);
+    finish(s);
+}
+
 static void other_ways_to_name_a_material_work(void **state)
 {
     struct pell_scene *s =
@@ -506,7 +530,7 @@ static const struct {
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[1,1,1]}}"), "s.json:/materials/*", "sigma_s_reduced", "" },
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[1,1,-2],\"sigma_s_reduced\":[1,1,1]}}"), "s.json:/materials/*/sigma_a/2", "is -2", "" },
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[0,0,0],\"sigma_s_reduced\":[0,0,0]}}"), "s.json:/materials/*", "must not be 0", "" },
-    { SCENE(",\"materials\":{\"*\":{\"preset\":\"marble\",\"sigma_a\":[1,1,1]}}"), "s.json:/materials/*", "coefficients and a preset", "" },
+    { SCENE(",\"materials\":{\"*\":{\"preset\":\"marble\",\"sigma_a\":[1,1,1]}}"), "s.json:/materials/*", "a preset and coefficients", "" },
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1],\"mean_free_path\":1}}"), "s.json:/materials/*/mean_free_path", "without a unit",
       "1.2mm" },
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1],\"mean_free_path\":[\"1mm\",2,\"1mm\"]}}"), "s.json:/materials/*/mean_free_path/1",
@@ -522,6 +546,11 @@ static const struct {
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1],\"radius\":\"1mm\",\"radius_kind\":\"diffuse\"}}"), "s.json:/materials/*",
       "has no medium", "" },
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1]}}"), "s.json:/materials/*/color", "says nothing", "mean_free_path" },
+    { SCENE(",\"materials\":{\"*\":{\"skin\":{\"melanin\":1.5}}}"), "s.json:/materials/*/skin/melanin", "is 1.5", "" },
+    { SCENE(",\"materials\":{\"*\":{\"skin\":{\"blood\":0.1}}}"), "s.json:/materials/*/skin/blood", "unknown key", "" },
+    { SCENE(",\"materials\":{\"*\":{\"skin\":[]}}"), "s.json:/materials/*/skin", "an object", "" },
+    { SCENE(",\"materials\":{\"*\":{\"skin\":{},\"preset\":\"milk\"}}"), "s.json:/materials/*", "a preset and skin", "" },
+    { SCENE(",\"materials\":{\"*\":{\"skin\":{},\"eta\":1.3}}"), "s.json:/materials/*/eta", "belongs inside skin", "" },
     { SCENE(",\"materials\":{\"*\":{\"color\":[1,1,1.5],\"mean_free_path\":\"1mm\"}}"), "s.json:/materials/*/color/2", "is 1.5", "" },
     { OF_ALL("\"layers\":[]"), "s.json:/materials/*/layers", "elements", "" },
     { OF_ALL("\"layers\":[3]"), "s.json:/materials/*/layers/0", "allowed: an object", "" },
@@ -794,6 +823,7 @@ static bool valid(const json_t *schema, const json_t *root, const json_t *v)
 /* Scenes that are good, whole; those that are refused for their meaning alone (names, files, ranges that hang together). */
 static const char *const good[] = {
     SCENE(""),
+    SCENE(",\"materials\":{\"*\":{\"skin\":{\"melanin\":0.1,\"melanin_blend\":0.5,\"haemoglobin\":0.02,\"oxygenation\":0.7}}}"),
     "{\"$schema\":\"scene.schema.json\",\"pellucid\":1,\"meshes\":[\"cube.obj\",{\"path\":\"cube.obj\",\"unit\":\"1 "
     "cm\",\"translate\":[0,\"-5mm\",\"0cm\"],"
     "\"rotate_deg\":[1,2,3],\"scale\":-2,\"material\":\"apple\"}],\"size\":\"7e-2m\"}",
@@ -834,7 +864,7 @@ static const char *const beyond_schema[] = {
     "marbel",
     "sigma_s_reduced",
     "must not be 0",
-    "coefficients and a preset",
+    "a preset and coefficients",
     "\"color\"",
     "says nothing",
     "without sigma_s",
@@ -851,6 +881,8 @@ static const char *const beyond_schema[] = {
     "has no medium",
     "\"radius\"",
     "a mean_free_path and a radius",
+    "a preset and skin",
+    "belongs inside skin",
     "two of sigma_a",
     "no unit",
     "has no \"depth\"",
@@ -1036,6 +1068,7 @@ int main(void)
         cmocka_unit_test(a_profile_is_a_model_or_a_table),
         cmocka_unit_test(a_radius_means_what_its_kind_says),
         cmocka_unit_test(a_colour_and_a_mean_free_path_make_a_medium),
+        cmocka_unit_test(skin_is_made_of_its_composition),
         cmocka_unit_test(other_ways_to_name_a_material_work),
         cmocka_unit_test(pictures_are_looked_up_and_named_when_broken),
         cmocka_unit_test(backgrounds_and_options_are_kept),

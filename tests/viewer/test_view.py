@@ -307,6 +307,20 @@ def _(folder):
         need(page.until(lambda m: m['type'] == 'picture' and m['still'])[1] == before, 'the ball does not come back')
 
 
+@test('files in folders below are read again, too')
+def _(folder):
+    (folder / 'meshes' / 'balls').mkdir(parents=True)
+    write_obj(folder / 'meshes' / 'balls' / 'ball.obj', *sphere())
+    (folder / 'scene.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'meshes/balls/ball.obj', 'unit': '1mm',
+                                                   'materials': {'*': {'preset': 'marble'}},
+                                                   'render': {'width': 96, 'height': 54, 'msaa': 1}}))
+    with Viewer(folder, 'scene.json') as viewer, viewer.page() as page:
+        before = page.still(page.hello()['state'])[1]
+        write_obj(folder / 'meshes' / 'balls' / 'ball.obj', *sphere(radius=12.0))
+        page.until(lambda m: m['type'] == 'scene')
+        need(page.until(lambda m: m['type'] == 'picture' and m['still'])[1] != before, 'a smaller ball looks the same')
+
+
 @test('a click says what is there')
 def _(folder):
     with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
@@ -333,6 +347,56 @@ def _(folder):
             need(abs(got['fit']['error'][c] / channel['fit']['error'] - 1.0) < 1e-3, c, got['fit']['error'], channel['fit']['error'])
         page.send({'type': 'profile', 'id': 4, 'medium': {'sigma_a': [-1, 0, 0], 'sigma_s_reduced': [1, 1, 1]}})
         need('-1' in page.until(lambda m: m['type'] == 'message')[0]['what'], 'a negative coefficient')
+        slab = got['slab']
+        for c in range(3):
+            need(all(a >= b for a, b in zip(slab['T'][c], slab['T'][c][1:])) and slab['T'][c][0] > 0.5, 'T of slabs', slab['T'][c])
+        page.send({'type': 'profile', 'id': 5, 'medium': wax, 'gaussians': 4, 'export': 'glsl'})
+        head, code = page.until(lambda m: m['type'] == 'file')
+        lines = works(folder, 'profile', 'wax.json', '--export', 'glsl').stdout.decode().splitlines()
+        shown = [line.replace('material', 'wax') for line in code.decode().splitlines()]
+        need(head['format'] == 'glsl' and len(lines) > 40 and shown[1:] == lines[1:], 'the code is not that of profile --export')
+        page.send({'type': 'profile', 'id': 6, 'medium': wax, 'gaussians': 4, 'export': 'fortran'})
+        need(page.until(lambda m: m['type'] == 'unsaved')[0]['id'] == 6, 'another language')
+        page.send({'type': 'profile', 'id': 7, 'material': {'skin': {'melanin': 0.2, 'epidermis_mm': 0.15}}})
+        skin = page.until(lambda m: m['type'] == 'profile' and m['id'] == 7)[0]
+        need([layer['name'] for layer in skin['layers']] == ['epidermis', 'dermis'], skin['layers'])
+        need(skin['layers'][0]['thickness_mm'] == 0.15 and skin['layers'][1]['thickness_mm'] is None, skin['layers'])
+        need(0.0 < skin['models'][0]['total'][2] < skin['models'][0]['total'][0] < 1.0, 'skin is red', skin['models'][0]['total'])
+
+
+@test('a restarted program with the same port and token file is found again; its file is private')
+def _(folder):
+    arguments = [*ball(folder), '--token-file', 'token']
+    with Viewer(folder, *arguments) as viewer:
+        token, port = viewer.token, viewer.port
+    need((folder / 'token').read_text() == f'{token}\n' and (folder / 'token').stat().st_mode & 0o777 == 0o600, 'the file of the token')
+    with Viewer(folder, *arguments, '--port', str(port)) as viewer, viewer.page(token=token) as page:
+        page.hello()
+    for wrong in ('', 'secret\n', 'g' * 32, 'a' * 33):
+        (folder / 'token').write_text(wrong)
+        done = run(folder, 'view', *arguments)
+        need(done.returncode == 3 and b'token' in done.stderr and b'32' in done.stderr, wrong, done)
+    done = run(folder, 'view', *ball(folder), '--token-file', 'no/such/folder')
+    need(done.returncode == 3 and b'no/such/folder' in done.stderr, done)
+
+
+@test('a report of the errors is what `compare` writes')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        page.hello()
+        page.view(BEGIN)
+        page.send({'type': 'save', 'id': 90, 'format': 'report'})
+        need('reference' in page.until(lambda m: m['type'] == 'message')[0]['hint'], 'a report without a reference')
+        page.view(BEGIN | {'truth': 'dipole', 'other': {'method': 'none', 'knobs': {}}})
+        numbers = page.until(lambda m: m['type'] == 'truth')[0]
+        page.send({'type': 'save', 'id': 91, 'format': 'report'})
+        head, report = page.until(lambda m: m['type'] == 'file')
+        text = report.decode()
+        data = json.loads(text.split('<script type="application/json" id="data">')[1].split('</script>')[0])
+        need(head['format'] == 'report' and [p['name'] for p in data['pictures']] == ['dipole', 'screen-space', 'none'], data['pictures'])
+        for test_, picture in (('a', data['pictures'][1]), ('b', data['pictures'][2])):
+            got = picture['metrics']['object']['flip']
+            need(abs(got - numbers[test_]['flip']) < 1e-6, test_, got, numbers[test_]['flip'])
 
 
 @test('at rest it takes no time; Ctrl-C ends it, also while it renders')

@@ -273,49 +273,15 @@ static enum exit_code choose_radii(struct cli *cli, struct profile_job *job)
 
 /* --- Fits --------------------------------------------------------------------------------------------------------------------- */
 
-/* Shared variances, taken apart by channel. */
-static enum pell_result fit_shared(const struct profile_job *job, const struct pell_fit_params *params, struct profile_fit *fit)
-{
-    struct pell_fit_report report;
-    const enum pell_result res = pell_fit_profiles(job->profile->R, params, &fit->shared, &report);
-
-    for (int c = 0; c < 3 && res == PELL_OK; c++) {
-        fit->sum[c] = fit->shared;
-        for (int i = 0; i < fit->shared.count; i++) {
-            fit->sum[c].weight[i][0] = fit->shared.weight[i][c];
-            fit->sum[c].weight[i][1] = fit->sum[c].weight[i][2] = 0.0;
-        }
-        fit->error[c] = report.error[c];
-    }
-    return res;
-}
-
-static enum pell_result fit_own(const struct profile_job *job, const struct pell_fit_params *params, struct profile_fit *fit)
-{
-    enum pell_result res = PELL_OK;
-
-    for (int c = 0; c < 3 && res == PELL_OK; c++) {
-        struct pell_fit_report report = { .error = { 0 } };
-        res = pell_fit_profile(&job->profile->R[c], params, &fit->sum[c], &report);
-        fit->error[c] = report.error[0];
-    }
-    return res;
-}
-
 static enum exit_code make_fit(struct cli *cli, struct profile_job *job, int k)
 {
     const struct pell_fit_params params = { .count = k, .free_energy = cli->profile.free_energy };
-    struct profile_fit *fit = &job->fits[job->num_fits];
-    enum pell_result res;
+    enum pell_result res = profile_add_fit(job, &params, cli->profile.shared);
 
-    fit->k = k;
-    res = cli->profile.shared ? fit_shared(job, &params, fit) : fit_own(job, &params, fit);
     if (pell_cancelled(cli->ctx))
         return EXIT_INTERRUPTED;
     if (res != PELL_OK)
         res = pell_error(cli->ctx, res, "--gaussians", NULL, "no sum of %d Gaussians fits %s (%s)", k, job->name, pell_result_name(res));
-    else
-        job->num_fits++;
     return cli_failed(cli, res);
 }
 

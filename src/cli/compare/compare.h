@@ -129,7 +129,7 @@ void table_noise_row(const char *name, const json_t *metrics);
 struct report;
 
 /* The report grows in memory: pictures are compressed as they come, so that they need not be kept. */
-PELL_NODISCARD enum pell_result report_open(struct cli *cli, int width, int height, struct report **out);
+PELL_NODISCARD enum pell_result report_open(struct pell_context *ctx, int width, int height, struct report **out);
 /* Adds three planes of linear light (16 bit floats in the report) or a map of [0, 1] (8 bit). `*id` is a new JSON text, by which the
  * report's data names them. */
 PELL_NODISCARD enum pell_result report_image(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id);
@@ -137,6 +137,8 @@ PELL_NODISCARD enum pell_result report_map(struct report *r, const float *map, p
 /* One way of looking at the pictures and the numbers that go with it; `mask` NULL: all pixels. `r`: of the first method. */
 json_t *report_view(struct report *r, const char *id, const char *title, const char *text, const struct pell_compare_input *in,
                     const struct pell_compare_params *params, const struct pell_comparison *result);
+/* The page as text of malloc, once. The report can then only be closed. */
+PELL_NODISCARD enum pell_result report_page(struct report *r, json_t *data, char **page, size_t *size);
 /* Writes the page once; `data` is what the page's scripts show. The report can then only be closed. */
 PELL_NODISCARD enum pell_result report_write(struct report *r, json_t *data, const char *path);
 void report_close(struct report **r);

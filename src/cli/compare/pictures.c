@@ -509,7 +509,7 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
     const char *path = NULL;
     enum pell_result res;
 
-    PELL_TRY(report_open(cli, t->reference.width, t->reference.height, &report));
+    PELL_TRY(report_open(cli->ctx, t->reference.width, t->reference.height, &report));
     for (int whole = masked ? 0 : 1; whole < 2; whole++) {
         const bool again = whole && masked && !two; /* the same pixels, other means */
         struct pell_compare_input in = input_of(t, whole);

@@ -19,7 +19,7 @@
 extern const char report_page_head[], report_page_body[], report_page_end[];
 
 struct report {
-    struct cli *cli;
+    struct pell_context *ctx;
     int width, height;        /* of the pictures that are compared */
     int factor, across, down; /* pixels of theirs to one here, along a side; and the size here */
     FILE *stream;             /* grows `data` */
@@ -126,7 +126,7 @@ static enum pell_result put_packed(struct report *r, size_t size, json_t **id)
     put_base64(r->stream, r->packed, packed);
     fputs("</script>\n", r->stream);
     *id = json_string(name);
-    return pell_cancelled(r->cli->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    return pell_cancelled(r->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
 enum pell_result report_image(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id)
@@ -191,14 +191,14 @@ json_t *report_view(struct report *r, const char *id, const char *title, const c
 
 /* --- The page ----------------------------------------------------------------------------------------------------------------- */
 
-enum pell_result report_open(struct cli *cli, int width, int height, struct report **out)
+enum pell_result report_open(struct pell_context *ctx, int width, int height, struct report **out)
 {
-    struct report *r = *out = pell_zalloc(cli->ctx, sizeof(*r));
+    struct report *r = *out = pell_zalloc(ctx, sizeof(*r));
     size_t all;
 
     if (!r)
         return PELL_ERR_NOMEM;
-    r->cli = cli;
+    r->ctx = ctx;
     r->width = width;
     r->height = height;
     do {
@@ -208,9 +208,9 @@ enum pell_result report_open(struct cli *cli, int width, int height, struct repo
     } while ((int64_t) r->across * r->down > REPORT_PIXELS);
     all = (size_t) r->across * (size_t) r->down;
     r->packed_size = compressBound((uLong) (6 * all));
-    r->plane = pell_alloc_array(cli->ctx, all, sizeof(float));
-    r->bytes = pell_alloc_array(cli->ctx, all, 6);
-    r->packed = pell_alloc(cli->ctx, r->packed_size);
+    r->plane = pell_alloc_array(ctx, all, sizeof(float));
+    r->bytes = pell_alloc_array(ctx, all, 6);
+    r->packed = pell_alloc(ctx, r->packed_size);
     r->stream = open_memstream(&r->data, &r->size);
     if (r->plane && r->bytes && r->packed && r->stream)
         return PELL_OK;
@@ -233,14 +233,15 @@ static json_t *colors(void (*color)(float, float *), bool signed_map)
     return json_string(text);
 }
 
-enum pell_result report_write(struct report *r, json_t *data, const char *path)
+enum pell_result report_page(struct report *r, json_t *data, char **page, size_t *size)
 {
-    char *page = NULL, *text;
+    char *text;
     const char *title = json_string_value(json_object_get(data, "title"));
-    size_t size = 0;
     FILE *f;
     enum pell_result res = PELL_ERR_NOMEM;
 
+    *page = NULL;
+    *size = 0;
     json_object_set_new(data, "version", json_string(pell_version_string()));
     json_object_set_new(data, "size",
                         json_pack("{s:i,s:i,s:i,s:i,s:i}", "width", r->width, "height", r->height, "factor", r->factor, "across", r->across,
@@ -248,7 +249,7 @@ enum pell_result report_write(struct report *r, json_t *data, const char *path)
     json_object_set_new(data, "colors",
                         json_pack("{s:o,s:o}", "flip", colors(pell_color_magma, false), "signed", colors(pell_color_diverging, true)));
     text = json_dumps(data, JSON_COMPACT | JSON_ENSURE_ASCII | JSON_REAL_PRECISION(9));
-    f = text && fflush(r->stream) == 0 ? open_memstream(&page, &size) : NULL;
+    f = text && fflush(r->stream) == 0 ? open_memstream(page, size) : NULL;
     if (f) {
         fputs(report_page_head, f);
         put_text(f, title ? title : "");
@@ -260,10 +261,23 @@ enum pell_result report_write(struct report *r, json_t *data, const char *path)
         fputs(report_page_end, f);
         res = ferror(f) || fclose(f) != 0 ? PELL_ERR_NOMEM : PELL_OK;
     }
-    if (res == PELL_OK)
-        res = pell_file_write(r->cli->ctx, path, page, size);
-    free(page);
     free(text);
+    if (res != PELL_OK) {
+        free(*page);
+        *page = NULL;
+    }
+    return res;
+}
+
+enum pell_result report_write(struct report *r, json_t *data, const char *path)
+{
+    char *page;
+    size_t size;
+    enum pell_result res = report_page(r, data, &page, &size);
+
+    if (res == PELL_OK)
+        res = pell_file_write(r->ctx, path, page, size);
+    free(page);
     return res;
 }
 
@@ -277,8 +291,8 @@ void report_close(struct report **report)
     if (r->stream)
         fclose(r->stream);
     free(r->data);
-    pell_free(r->cli->ctx, r->plane);
-    pell_free(r->cli->ctx, r->bytes);
-    pell_free(r->cli->ctx, r->packed);
-    pell_free(r->cli->ctx, r);
+    pell_free(r->ctx, r->plane);
+    pell_free(r->ctx, r->bytes);
+    pell_free(r->ctx, r->packed);
+    pell_free(r->ctx, r);
 }

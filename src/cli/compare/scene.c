@@ -260,7 +260,7 @@ static enum pell_result begin_images(struct cli *cli, struct job *job, const str
         job->runs.list[i].settings.exposure = image->exposure;
     if (make_mask(cli, job, image) != EXIT_OK)
         return cli->error.there ? cli->error.code : PELL_ERR_NOMEM;
-    return cli->output ? report_open(cli, job->width, job->height, &job->report) : PELL_OK;
+    return cli->output ? report_open(cli->ctx, job->width, job->height, &job->report) : PELL_OK;
 }
 
 /* References that can be are rendered as two halves. */

@@ -273,30 +273,28 @@ static void add_table(struct profile_text *t, enum language l, const char *id, c
     add_vectors(t, l, id, "table", k->table, TABLE);
 }
 
-static enum exit_code export_code(struct cli *cli, const struct profile_job *job, enum language l, const struct kernel *k)
+static void add_code(struct profile_text *t, const struct profile_job *job, enum language l, const struct kernel *k)
 {
-    struct profile_text text = { .length = 0 };
     char id[64], line[512];
 
     identify(job->name, id);
     snprintf(line, sizeof(line), "%s: %s%s. Made by pellucid %s.", id, job->model, job->params.roughness > 0.0 ? ", rough boundary" : "",
              pell_version_string());
-    add_comment(&text, l, line);
+    add_comment(t, l, line);
     snprintf(line, sizeof(line), "Channels: %s, %s, %s.", job->titles[0], job->titles[1], job->titles[2]);
-    add_comment(&text, l, line);
+    add_comment(t, l, line);
     if (job->has_medium) {
         snprintf(line, sizeof(line), "eta %g; sigma_a %g %g %g, sigma_s' %g %g %g 1/mm.", job->medium.eta, job->medium.sigma_a[0],
                  job->medium.sigma_a[1], job->medium.sigma_a[2], job->medium.sigma_s_reduced[0], job->medium.sigma_s_reduced[1],
                  job->medium.sigma_s_reduced[2]);
-        add_comment(&text, l, line);
+        add_comment(t, l, line);
     }
     if (l == C)
-        profile_add(&text, "#include <math.h>\n");
+        profile_add(t, "#include <math.h>\n");
     if (k->fit)
-        add_fit(&text, l, id, k);
-    add_separable(&text, l, id, k);
-    add_table(&text, l, id, k);
-    return profile_write(cli, &text);
+        add_fit(t, l, id, k);
+    add_separable(t, l, id, k);
+    add_table(t, l, id, k);
 }
 
 static json_t *rows_of(const double (*v)[3], int n)
@@ -307,10 +305,9 @@ static json_t *rows_of(const double (*v)[3], int n)
     return list;
 }
 
-static enum exit_code export_json(struct cli *cli, const struct profile_job *job, const struct kernel *k)
+static void add_json(struct profile_text *t, const struct profile_job *job, const struct kernel *k)
 {
     const struct pell_separable *s = &k->separable;
-    struct profile_text text = { .length = 0 };
     double all[PELL_KERNEL_RANK_MAX * PELL_KERNEL_TAPS_MAX][3];
     json_t *o;
     char *dump;
@@ -340,22 +337,38 @@ static enum exit_code export_json(struct cli *cli, const struct profile_job *job
     dump = o ? json_dumps(o, JSON_INDENT(2) | JSON_REAL_PRECISION(9)) : NULL;
     json_decref(o);
     if (!dump)
-        return EXIT_MEMORY;
-    for (const char *at = dump; *at; at += strlen(at) < 500 ? strlen(at) : 500)
-        profile_add(&text, "%.500s", at);
-    profile_add(&text, "\n");
+        t->failed = true;
+    for (const char *at = dump; at && *at; at += strlen(at) < 500 ? strlen(at) : 500)
+        profile_add(t, "%.500s", at);
+    profile_add(t, "\n");
     free(dump);
-    return profile_write(cli, &text);
+}
+
+enum pell_result profile_code(const struct profile_job *job, const char *language, int taps, int rank, struct profile_text *text)
+{
+    const enum language l = find_language(language);
+    struct kernel kernel;
+    const enum pell_result res = l == LANGUAGES ? PELL_ERR_INVALID : make_kernel(job, taps, rank, &kernel);
+
+    if (res != PELL_OK)
+        return res;
+    if (l == JSON)
+        add_json(text, job, &kernel);
+    else
+        add_code(text, job, l, &kernel);
+    return text->failed ? PELL_ERR_NOMEM : PELL_OK;
 }
 
 enum exit_code profile_export(struct cli *cli, const struct profile_job *job)
 {
-    const enum language l = find_language(cli->profile.export);
-    struct kernel kernel;
-    enum pell_result res = make_kernel(job, cli->numbers.taps, cli->numbers.rank, &kernel);
+    struct profile_text text = { .length = 0 };
+    const enum pell_result res = profile_code(job, cli->profile.export, cli->numbers.taps, cli->numbers.rank, &text);
 
-    if (res != PELL_OK)
-        return cli_failed(cli, pell_error(cli->ctx, res, "--export", NULL, "%s gives no kernel (%s): its reflectance may be 0", job->name,
-                                          pell_result_name(res)));
-    return l == JSON ? export_json(cli, job, &kernel) : export_code(cli, job, l, &kernel);
+    if (res == PELL_OK)
+        return profile_write(cli, &text);
+    free(text.bytes);
+    return res == PELL_ERR_NOMEM
+               ? EXIT_MEMORY
+               : cli_failed(cli, pell_error(cli->ctx, res, "--export", NULL, "%s gives no kernel (%s): its reflectance may be 0", job->name,
+                                            pell_result_name(res)));
 }

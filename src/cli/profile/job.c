@@ -98,3 +98,45 @@ enum exit_code profile_refuse_medium_options(struct cli *cli, const struct profi
                              "needs a medium, but %s is a %s", job->name, kind);
     return EXIT_OK;
 }
+
+/* --- Fits --------------------------------------------------------------------------------------------------------------------- */
+
+/* Shared variances, taken apart by channel. */
+static enum pell_result fit_shared(const struct profile_job *job, const struct pell_fit_params *params, struct profile_fit *fit)
+{
+    struct pell_fit_report report;
+    const enum pell_result res = pell_fit_profiles(job->profile->R, params, &fit->shared, &report);
+
+    for (int c = 0; c < 3 && res == PELL_OK; c++) {
+        fit->sum[c] = fit->shared;
+        for (int i = 0; i < fit->shared.count; i++) {
+            fit->sum[c].weight[i][0] = fit->shared.weight[i][c];
+            fit->sum[c].weight[i][1] = fit->sum[c].weight[i][2] = 0.0;
+        }
+        fit->error[c] = report.error[c];
+    }
+    return res;
+}
+
+static enum pell_result fit_own(const struct profile_job *job, const struct pell_fit_params *params, struct profile_fit *fit)
+{
+    enum pell_result res = PELL_OK;
+
+    for (int c = 0; c < 3 && res == PELL_OK; c++) {
+        struct pell_fit_report report = { .error = { 0 } };
+        res = pell_fit_profile(&job->profile->R[c], params, &fit->sum[c], &report);
+        fit->error[c] = report.error[0];
+    }
+    return res;
+}
+
+enum pell_result profile_add_fit(struct profile_job *job, const struct pell_fit_params *params, bool shared)
+{
+    struct profile_fit *fit = &job->fits[job->num_fits];
+    enum pell_result res;
+
+    fit->k = params->count;
+    res = shared ? fit_shared(job, params, fit) : fit_own(job, params, fit);
+    job->num_fits += res == PELL_OK;
+    return res;
+}

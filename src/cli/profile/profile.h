@@ -61,6 +61,9 @@ void profile_add(struct profile_text *text, const char *fmt, ...) PELL_PRINTF(2,
 /* To --output, or stdout; frees the text. */
 enum exit_code profile_write(struct cli *cli, struct profile_text *text);
 
+/* Fits job->profile by a sum of Gaussians, and adds it to job->fits, which has room; `shared`: all channels have the same variances. */
+enum pell_result profile_add_fit(struct profile_job *job, const struct pell_fit_params *params, bool shared);
+
 /* What the models are compared with: monte-carlo where it is one of them, else the one asked for. */
 const struct candidate *profile_reference(const struct profile_job *job);
 /* sqrt(Int r (R - M)^2 dr) / sqrt(Int r M^2 dr): error (10) of d'Eon et al. 2007 of R for M; not finite where M is 0. */
@@ -85,7 +88,10 @@ enum exit_code profile_plot(struct cli *cli, const struct profile_job *job);
 
 /* Whether --export and --taps say something. */
 enum exit_code profile_check_export(struct cli *cli);
-/* The first fit, a separable kernel and a table as constants of a language. */
+/* Adds the first fit, a separable kernel and a table as constants of a language: "c", "glsl", "hlsl" or "json". PELL_ERR_INVALID, not
+ * logged: another language, or a profile that gives no kernel. The caller frees text->bytes in any case. */
+enum pell_result profile_code(const struct profile_job *job, const char *language, int taps, int rank, struct profile_text *text);
+/* The same as --export, --taps and --rank say, to --output or stdout. */
 enum exit_code profile_export(struct cli *cli, const struct profile_job *job);
 
 #endif

@@ -2,6 +2,7 @@
  * material_file.c - material files, and coefficients from the colour that an object shall have. */
 #include "base/file.h"
 #include "scene/file/json.h"
+#include "scene/file/scene_file.h"
 #include "scene/scene.h"
 
 #include <pellucid/layers.h>
@@ -40,7 +41,7 @@ static const char *const material_keys[] = { "$schema",
                                              "note",
                                              "source" };
 static const char *const layer_keys[] = { "name", "thickness_mm", "sigma_a", "sigma_s_reduced", "sigma_s", "phase", "g", "eta" };
-static const char *const skin_keys[] = { "melanin", "melanin_blend", "haemoglobin", "oxygenation", "epidermis_mm", "eta" };
+const char *const pell_skin_keys[PELL_SKIN_KEYS] = { "melanin", "melanin_blend", "haemoglobin", "oxygenation", "epidermis_mm", "eta" };
 
 /* "g" is one number or three. */
 static enum pell_result read_g(const struct pell_json *root, double *g)
@@ -284,7 +285,7 @@ static enum pell_result read_skin(const struct pell_json *root, struct pell_mate
     enum pell_result res;
 
     PELL_TRY(pell_json_object(root, "skin", &at));
-    PELL_TRY(pell_json_only(&at, skin_keys, PELL_COUNT(skin_keys)));
+    PELL_TRY(pell_json_only(&at, pell_skin_keys, PELL_SKIN_KEYS));
     PELL_TRY(pell_json_number(&at, "melanin", 0.0, 1.0, &skin.melanin));
     PELL_TRY(pell_json_number(&at, "melanin_blend", 0.0, 1.0, &skin.melanin_blend));
     PELL_TRY(pell_json_number(&at, "haemoglobin", 0.0, 1.0, &skin.haemoglobin));
@@ -427,6 +428,18 @@ static enum pell_result read_entry(const struct pell_json *root, struct pell_mat
     return PELL_OK;
 
 fail:
+    return res;
+}
+
+enum pell_result pell_material_read_skin(const struct pell_json *at, struct pell_material_entry *entry)
+{
+    *entry = (struct pell_material_entry) {
+        .name = "skin", .title = "", .family = "", .note = "", .source = "", .kind = PELL_MATERIAL_LAYERS, .roughness = 0.35, .mix = 0.5
+    };
+    const enum pell_result res = read_layers(at, entry);
+
+    for (int c = 0; c < 3; c++)
+        entry->color[c] = fmin(1.0, pell_gaussians_total(&entry->gaussians, c));
     return res;
 }
 

@@ -10,9 +10,11 @@
 #include <string.h>
 
 const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
-    "preset",   "sigma_a",   "sigma_s_reduced", "sigma_s", "g",          "eta",         "color",          "mean_free_path",
-    "layers",   "radius",    "radius_kind",     "profile", "color_from", "textures",    "normal_scale",   "mix",
-    "strength", "roughness", "specular",        "opaque",  "depths",     "depth_scale", "depth_encoding", "below",
+    "preset",    "skin",       "sigma_a",        "sigma_s_reduced", "sigma_s",     "g",
+    "eta",       "color",      "mean_free_path", "layers",          "radius",      "radius_kind",
+    "profile",   "color_from", "textures",       "normal_scale",    "mix",         "strength",
+    "roughness", "specular",   "opaque",         "depths",          "depth_scale", "depth_encoding",
+    "below",
 };
 const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
 
@@ -144,7 +146,7 @@ static const char *length_key(const struct pell_json *at)
 /* Something of an entry that says what diffuse light does: a profile of its own layers it has only without. */
 static bool has_diffusion(const struct pell_json *at)
 {
-    return pell_json_has(at, "preset") || pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") ||
+    return pell_json_has(at, "preset") || pell_json_has(at, "skin") || pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") ||
            pell_json_has(at, "sigma_s_reduced") || length_key(at);
 }
 
@@ -289,26 +291,47 @@ fail:
     return res;
 }
 
+/* The keys that say what lies below the surface: one of them is allowed. */
+static enum pell_result one_medium(const struct pell_json *at)
+{
+    const char *const given[] = {
+        pell_json_has(at, "preset") ? "a preset" : NULL, pell_json_has(at, "skin") ? "skin" : NULL,
+        pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") || pell_json_has(at, "sigma_s_reduced") ? "coefficients" : NULL,
+        pell_json_has(at, "mean_free_path") ? "a mean_free_path" : NULL, pell_json_has(at, "radius") ? "a radius" : NULL
+    };
+    const char *first = NULL;
+
+    for (size_t i = 0; i < PELL_COUNT(given); i++) {
+        if (first && given[i])
+            return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives %s and %s; one of them is allowed", first, given[i]);
+        first = first ? first : given[i];
+    }
+    return PELL_OK;
+}
+
 static enum pell_result read_optics(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
 {
     const struct pell_json preset = pell_json_get(at, "preset");
     const bool medium = pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") || pell_json_has(at, "sigma_s_reduced");
-    const char *length = length_key(at);
     struct pell_material_entry entry = { 0 };
+    char *owned = NULL; /* the entry's texts */
     const char *name;
     enum pell_result res;
 
-    if (medium && (preset.value || length))
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives coefficients and a %s; one of them is allowed",
-                               preset.value ? "preset" : length);
-    if (preset.value && length)
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives a preset and a %s; one of them is allowed", length);
-    if (pell_json_has(at, "mean_free_path") && pell_json_has(at, "radius"))
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "gives a mean_free_path and a radius; one of them is allowed");
+    PELL_TRY(one_medium(at));
     if (preset.value) {
         PELL_TRY(pell_json_to_string(&preset, &name));
-        PELL_TRY(pell_scene_material_entry(r, &preset, name, &entry));
+        res = pell_scene_material_entry(r, &preset, name, &entry);
+        owned = (char *) entry.name;
+        PELL_TRY(res);
+    } else if (pell_json_has(at, "skin")) {
+        PELL_TRY(pell_material_read_skin(at, &entry));
+    }
+    if (entry.name)
         PELL_TRY(pell_material_set(r->ctx, m, &entry));
+    if (!preset.value && entry.name) { /* no built-in material has this composition */
+        pell_free(r->ctx, m->preset);
+        m->preset = NULL;
     }
     if (pell_json_has(at, "layers") && !has_diffusion(at))
         forget_preset(r, m);
@@ -323,7 +346,7 @@ static enum pell_result read_optics(struct pell_scene_reader *r, const struct pe
     res = PELL_OK;
 
 fail:
-    pell_free(r->ctx, (char *) entry.name);
+    pell_free(r->ctx, owned);
     return res;
 }
 

@@ -28,6 +28,7 @@ const struct pell_scene_keys pell_scene_keys[] = {
     ROW("background", background_keys),
     ROW("render", render_keys),
     { "material", pell_material_keys, PELL_MATERIAL_KEYS },
+    { "skin", pell_skin_keys, PELL_SKIN_KEYS },
     { "specular", pell_specular_keys, PELL_SPECULAR_KEYS },
     { "textures", pell_texture_keys, PELL_TEXTURE_KEYS },
     { "layer", pell_layer_keys, PELL_LAYER_KEYS },

@@ -24,6 +24,7 @@ export function setFile(camera, box) {
 }
 
 export const current = () => (state.camera ??= structuredClone(file));
+export const now = () => structuredClone(state.camera ?? file);
 export const middle = () => [0, 1, 2].map((i) => (bounds[2 * i] + bounds[2 * i + 1]) / 2);
 export const extent = () => Math.max(...[0, 1, 2].map((i) => bounds[2 * i + 1] - bounds[2 * i]));
 
@@ -44,6 +45,33 @@ export function orbit(dx, dy) {
     out = turn(out, right, -more);
     c.from = add(c.to, out);
     c.up = axis;
+}
+
+// Once round the object by an angle, from a camera.
+export function turned(c, angle) {
+    const axis = pole(c);
+    return { ...c, from: add(c.to, turn(sub(c.from, c.to), axis, angle)), up: axis };
+}
+
+// Where a point is in the picture, as shares of its size, and the ray of such a place. `aspect`: width over height.
+export function sight(aspect) {
+    const c = state.camera ?? file;
+    const forward = unit(sub(c.to, c.from));
+    const right = unit(cross(forward, c.up));
+    const up = cross(right, forward);
+    const half = c.ortho_height ? c.ortho_height / 2 : Math.tan((c.fov_deg * Math.PI) / 360);
+    return {
+        project(point) {
+            const v = sub(point, c.from);
+            const depth = c.ortho_height ? 1 : Math.max(dot(v, forward), 1e-6);
+            return [0.5 + dot(v, right) / (2 * half * aspect * depth), 0.5 - dot(v, up) / (2 * half * depth)];
+        },
+        ray(x, y) {
+            const off = add(mul(right, (2 * x - 1) * half * aspect), mul(up, (1 - 2 * y) * half));
+            return c.ortho_height ? { from: add(c.from, off), along: forward } : { from: c.from, along: unit(add(forward, off)) };
+        },
+        toward: (point) => (c.ortho_height ? mul(forward, -1) : unit(sub(c.from, point))),
+    };
 }
 
 // By shares of the picture's height.

@@ -195,7 +195,24 @@ function dot(light, index, pad) {
     return node;
 }
 
-function choose(index) {
+// Lights that have a direction as seen from the object.
+export const aimable = () =>
+    lights()
+        .map((light, index) => ({ index, name: light.name || light.type, type: light.type }))
+        .filter(({ type }) => type !== 'environment');
+export const color = (index) => hex(power(lights()[index]));
+export function direction(index) {
+    const { azimuth, elevation } = polar(lights()[index]);
+    return [Math.sin(azimuth) * Math.cos(elevation), Math.sin(elevation), Math.cos(azimuth) * Math.cos(elevation)];
+}
+export function aim(index, [x, y, z], moving) {
+    const light = lights()[index];
+    const elevation = Math.max(-1.55, Math.min(1.55, Math.asin(Math.max(-1, Math.min(1, y)))));
+    put(index, place(light, { ...polar(light), azimuth: Math.atan2(x, z), elevation }), moving);
+    refresh(true);
+}
+
+export function choose(index) {
     if (chosen === index && box.querySelector('#light-details').childElementCount) return;
     chosen = index;
     for (const [i, d] of [...box.querySelectorAll('.dot')].entries())

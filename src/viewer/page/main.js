@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: MIT
 // main.js - puts the page together.
+import * as bench from './bench.js';
 import * as camera from './camera.js';
 import * as connection from './connection.js';
+import * as film from './film.js';
+import * as handles from './handles.js';
 import { controls, el } from './knobs.js';
 import * as lights from './lights.js';
 import * as materials from './materials.js';
@@ -225,6 +228,7 @@ function tabs() {
             t.tabIndex = t === tab ? 0 : -1;
             $(t.getAttribute('aria-controls')).hidden = t !== tab;
         }
+        handles.show(tab.id === 'tab-light');
     };
     for (const tab of list) {
         tab.addEventListener('click', () => choose(tab));
@@ -300,6 +304,7 @@ async function show(head, file) {
             $('progress').hidden = still;
             $('stage').dataset.still = String(still);
             $('stage').dataset.id = String(head.id);
+            if (still && film.filming()) await film.take(file);
         }
     } finally {
         connection.acknowledge(head.serial);
@@ -327,7 +332,8 @@ function start(given) {
     buildImage();
     buildCompare();
     truth.waitForTruth();
-    connection.view(message, false);
+    if (film.filming()) film.end();
+    connection.view(() => message(), false);
 }
 
 function apply(what, moving) {
@@ -354,7 +360,9 @@ function apply(what, moving) {
     truth.waitForTruth();
     $('status-state').textContent = moving ? 'Moving' : 'Refining';
     $('stage').dataset.still = 'false';
-    connection.view(message, moving);
+    if (['camera', 'lights', 'all'].includes(what)) handles.refresh();
+    if (film.filming()) film.end();
+    connection.view(() => message(), moving);
 }
 
 // --- Points -----------------------------------------------------------------------------------------------------------------------
@@ -403,6 +411,23 @@ function command() {
     return [...words, '-o', `${stem()}.png`].map(quote).join(' ');
 }
 
+// Once round the object. Whatever is changed on the way ends it.
+function turntable() {
+    const exposure = stage.picture(stage.KINDS.A)?.head.exposure ?? 0;
+    if (film.filming()) return;
+    say('', 'turntable', '36 images of a turn are drawn. Any change of the view ends it.', '');
+    film.begin(
+        exposure,
+        (fraction) => progress({ fraction }),
+        (file) => {
+            if (file) download(file, `${stem()}-turntable.png`);
+            else say('warning', 'turntable', 'ended before the turn was complete', '');
+            $('progress').hidden = true;
+            connection.view(() => message(), false);
+        },
+    );
+}
+
 async function copy(text, what) {
     await navigator.clipboard.writeText(text);
     say('', '', `${what} copied: ${text}`, '');
@@ -421,6 +446,8 @@ function menu() {
         if (file) download(file, `${stem()}.png`);
         else say('', '', 'The image is not finished yet: try again when the status says so.', '');
     });
+    item('save-film', turntable);
+    item('save-report', () => connection.ask({ type: 'save', format: 'report' }));
     item('copy-command', () => copy(command(), 'Command line'));
     item('copy-link', () => copy(location.href, 'Link'));
     $('undo').addEventListener('click', undo);
@@ -461,6 +488,7 @@ connection.on('scene', (given) => {
     camera.setFile(facts.camera, facts.bounds);
     materials.setFacts(facts);
     lights.setFile(facts.lights);
+    handles.refresh();
     if (facts.animated) buildImage();
 });
 connection.on('truth', (t) => {
@@ -469,8 +497,11 @@ connection.on('truth', (t) => {
     tags();
 });
 connection.on('picked', picked);
-connection.on('profile', materials.setProfile);
-connection.on('file', (head, file) => download(file, head.format === 'exr' ? `${stem()}.exr` : `${stem()}-view.json`));
+connection.on('profile', bench.set);
+const endings = { exr: '.exr', scene: '-view.json', report: '-report.html' };
+connection.on('file', (head, file) =>
+    endings[head.format] ? download(file, stem() + endings[head.format]) : bench.saveCode(head.format, file),
+);
 connection.on('unsaved', () => say('error', 'save', 'the file could not be made: see the messages', ''));
 connection.on('closed', (reason) => {
     $('veil').hidden = false;

@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: MIT
 // materials.js - the built-in materials as swatches, and coefficients by hand.
-import * as connection from './connection.js';
+import * as bench from './bench.js';
 import { el } from './knobs.js';
-import { plot } from './plot.js';
+import { crossSection, skinEditor } from './layers.js';
 import { changed, state } from './state.js';
 
 let all = [];
 let facts = null;
 let target = '*';
 let box = null;
-let profile = null; // the last answer of the profile bench
-let model = 'dipole';
-let gaussians = 4;
-let asking = 0;
 
 const encode = (x) => Math.round(255 * Math.min(1, Math.max(0, x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055)));
 const colorOf = (m) => m.diffuse_reflectance ?? m.color;
@@ -82,6 +78,7 @@ function currentPreset() {
 function coefficients() {
     const own = current();
     if (own?.sigma_a) return own;
+    if (own?.skin) return null;
     const entry = all.find((m) => m.name === currentPreset() && m.kind === 'medium');
     return entry ? { sigma_a: entry.sigma_a, sigma_s_reduced: entry.sigma_s_reduced, eta: entry.eta } : null;
 }
@@ -133,14 +130,40 @@ function swatch(m) {
     return button;
 }
 
+const composition = () => current()?.skin ?? null;
+
+// Of a material without coefficients: its layers, and what it can be changed for.
+function published() {
+    const entry = all.find((m) => m.name === currentPreset());
+    const begin = el(
+        'button',
+        {
+            type: 'button',
+            id: 'skin-begin',
+            onclick: () => {
+                assign({ skin: {} });
+                refresh(true);
+            },
+        },
+        'Skin by melanin and blood',
+    );
+    return el(
+        'div',
+        {},
+        el('p', { className: 'note' }, 'Its profile is published as a sum of Gaussians, or in layers: it has no coefficients to change.'),
+        entry?.layers
+            ? crossSection(entry.layers.map((l) => ({ ...l, thickness_mm: l.thickness_mm === 'infinite' ? null : l.thickness_mm })))
+            : '',
+        el('div', { className: 'group' }, begin),
+    );
+}
+
 function editor() {
     const given = coefficients();
-    if (!given)
-        return el(
-            'p',
-            { className: 'note' },
-            'Its profile is published as a sum of Gaussians, or in layers: it has no coefficients of its own to change.',
-        );
+    const source = { medium: coefficients, skin: composition };
+    if (composition())
+        return el('div', {}, ...skinEditor(composition, (skin, moving) => assign({ skin }, moving)), bench.panel(source));
+    if (!given) return published();
     const scale = el('input', { type: 'range', min: -300, max: 300, value: 0, id: 'concentration', 'aria-label': 'Concentration' });
     const begin = structuredClone(given);
     const put = (moving) => {
@@ -163,98 +186,8 @@ function editor() {
         ),
         ...channelRows('Absorption', 'sigma_a', '1/mm', 1e-5, 10),
         ...channelRows('Reduced scattering', 'sigma_s_reduced', '1/mm', 1e-3, 100),
-        ...bench(),
+        bench.panel(source),
     );
-}
-
-// --- The profile bench ---------------------------------------------------------------------------------------------------------
-
-const short = (list) => list.map((x) => (x === null ? '–' : Number(x.toPrecision(3)))).join(', ');
-
-function bench() {
-    const models = el('select', { id: 'profile-model' });
-    models.addEventListener('change', () => {
-        model = models.value;
-        drawProfile();
-    });
-    const count = el(
-        'select',
-        { id: 'profile-gaussians' },
-        ...Array.from({ length: 10 }, (_, i) => el('option', { value: String(i + 1) }, String(i + 1))),
-    );
-    count.value = String(gaussians);
-    count.addEventListener('change', () => {
-        gaussians = Number(count.value);
-        askProfile();
-    });
-    const save = el(
-        'button',
-        {
-            type: 'button',
-            id: 'profile-save',
-            onclick: () => {
-                const { sigma_a, sigma_s_reduced, eta } = coefficients();
-                const file = new Blob([`${JSON.stringify({ sigma_a, sigma_s_reduced, eta }, null, 2)}\n`], {
-                    type: 'application/json',
-                });
-                const link = el('a', { href: URL.createObjectURL(file), download: 'material.json' });
-                link.click();
-                setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-            },
-        },
-        'Save material.json',
-    );
-    return [
-        el('h3', {}, 'Profile R(r)'),
-        el('div', { className: 'field' }, el('label', { htmlFor: 'profile-model' }, 'Model'), models),
-        el('div', { id: 'profile-plot' }),
-        el('div', { className: 'field' }, el('label', { htmlFor: 'profile-gaussians' }, 'Gaussians of the fit (dashed)'), count),
-        el('div', { id: 'profile-numbers' }),
-        el('div', { className: 'group' }, save),
-        el('p', { className: 'note' }, 'For an engine: pellucid profile material.json --export glsl, or c, hlsl, json.'),
-    ];
-}
-
-function askProfile() {
-    if (!box.querySelector('#material-editor').open || !coefficients()) return;
-    clearTimeout(asking);
-    asking = setTimeout(() => {
-        const { sigma_a, sigma_s_reduced, eta } = coefficients();
-        connection.ask({ type: 'profile', medium: { sigma_a, sigma_s_reduced, eta }, gaussians });
-    }, 80);
-}
-
-function drawProfile() {
-    const select = box.querySelector('#profile-model');
-    if (!profile || !select) return;
-    select.replaceChildren(...profile.models.map((m) => el('option', { value: m.name }, m.title)));
-    const shown = profile.models.find((m) => m.name === model) ?? profile.models[0];
-    if (!shown) return;
-    select.value = shown.name;
-    const fitted = shown === profile.models[0] ? profile.fit.R : null; // the fit is of the dipole
-    box.querySelector('#profile-plot').replaceChildren(plot({ r_mm: profile.r_mm, R: shown.R }, fitted) ?? '');
-    const row = (name, value) => el('tr', {}, el('td', {}, name), el('td', {}, value));
-    const errors = profile.fit.error.map((e) => (e === null ? null : 100 * e));
-    box.querySelector('#profile-numbers').replaceChildren(
-        el(
-            'table',
-            {},
-            el(
-                'tbody',
-                {},
-                row('Reflectance', short(shown.total)),
-                row('Mean free path, mm', short(profile.mean_free_path)),
-                row('Diffuse mean free path, mm', short(profile.diffuse_mean_free_path)),
-                row('Error of the dipole’s fit, %', short(errors)),
-            ),
-        ),
-        el('p', { className: 'note' }, shown.limits),
-    );
-}
-
-export function setProfile(given) {
-    profile = given;
-    drawProfile();
 }
 
 export function build(panel, materials) {
@@ -291,8 +224,8 @@ export function build(panel, materials) {
         ),
         el(
             'details',
-            { id: 'material-editor', ontoggle: askProfile },
-            el('summary', {}, 'Coefficients'),
+            { id: 'material-editor', ontoggle: bench.ask },
+            el('summary', {}, 'Coefficients, layers, profile'),
             el('div', { id: 'material-coefficients' }),
         ),
         el('div', { className: 'field' }, el('label', { htmlFor: 'material-search' }, 'Find'), search),
@@ -317,7 +250,7 @@ export function refresh(rebuild) {
     const editing = box.querySelector('#material-coefficients');
     if (rebuild || !editing.contains(document.activeElement)) {
         editing.replaceChildren(editor());
-        drawProfile();
+        bench.draw();
     }
-    askProfile();
+    bench.ask();
 }

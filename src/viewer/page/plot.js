@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// plot.js - R(r) over r, both in the logarithm, as SVG.
+// plot.js - curves of three channels over a length, both in the logarithm, as SVG.
 
 const NS = 'http://www.w3.org/2000/svg';
 
-function node(tag, attributes, text) {
+export function node(tag, attributes, text) {
     const n = document.createElementNS(NS, tag);
     for (const [key, value] of Object.entries(attributes)) n.setAttribute(key, value);
     if (text !== undefined) n.textContent = text;
@@ -12,16 +12,17 @@ function node(tag, attributes, text) {
 
 const power = (k) => (k >= -2 && k <= 3 ? String(Number((10 ** k).toPrecision(2))) : `1e${k}`);
 
-// `fit`: values of the same form, drawn dashed.
-export function plot(profile, fit = null) {
+const REFLECTED = { x: 'r, mm', y: 'R(r), 1/mm²', about: 'R(r) of red, green and blue over the distance r' };
+
+// `channels`: three lists of values at `radii`; `fit`: values of the same form, drawn dashed. null: there is no light.
+export function plot(radii, channels, { fit = null, words = REFLECTED } = {}) {
     const width = 320,
         height = 180,
         left = 42,
         bottom = 28,
         top = 8,
         right = 8;
-    const radii = profile.r_mm;
-    const values = profile.R.flat().filter((v) => v > 0);
+    const values = channels.flat().filter((v) => v > 0);
     if (!values.length) return null;
     const x0 = Math.log10(radii[0]),
         x1 = Math.log10(radii.at(-1));
@@ -33,7 +34,7 @@ export function plot(profile, fit = null) {
         viewBox: `0 0 ${width} ${height}`,
         class: 'plot',
         role: 'img',
-        'aria-label': 'R(r) of red, green and blue over the distance r',
+        'aria-label': words.about,
     });
     for (let k = Math.ceil(x0); k <= x1; k++) {
         svg.append(
@@ -48,8 +49,8 @@ export function plot(profile, fit = null) {
         );
     }
     svg.append(
-        node('text', { x: width - right, y: height - 4, 'text-anchor': 'end' }, 'r, mm'),
-        node('text', { x: 2, y: height - 4 }, 'R(r), 1/mm²'),
+        node('text', { x: width - right, y: height - 4, 'text-anchor': 'end' }, words.x),
+        node('text', { x: 2, y: height - 4 }, words.y),
     );
     const curve = (values, className) => {
         const points = radii.map((r, i) => [r, values[i]]).filter(([, v]) => v !== null && Math.log10(v) >= y0);
@@ -58,7 +59,7 @@ export function plot(profile, fit = null) {
         svg.append(node('path', { class: className, d }));
     };
     ['r', 'g', 'b'].forEach((name, c) => {
-        curve(profile.R[c], name);
+        curve(channels[c], name);
         if (fit) curve(fit[c], `${name} fit`);
     });
     return svg;

@@ -112,10 +112,10 @@ function cameraMessage(c) {
     return out;
 }
 
-// What the program is sent.
-export function message() {
-    const out = { method: state.method, knobs: state.knobs, settings: state.settings };
-    if (state.camera) out.camera = cameraMessage(state.camera);
-    for (const key of ['lights', 'materials', 'other', 'truth', 'time']) if (state[key] !== null) out[key] = state[key];
+// What the program is sent of a state.
+export function message(of = state) {
+    const out = { method: of.method, knobs: of.knobs, settings: of.settings };
+    if (of.camera) out.camera = cameraMessage(of.camera);
+    for (const key of ['lights', 'materials', 'other', 'truth', 'time']) if (of[key] !== null) out[key] = of[key];
     return out;
 }

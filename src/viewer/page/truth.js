@@ -108,7 +108,7 @@ export function showPicked(p) {
                 p.profile ? fact('Reflectance', p.profile.total.map((x) => x.toFixed(3)).join(', ')) : null,
             ),
         ),
-        p.profile ? (plot(p.profile) ?? '') : '',
+        p.profile ? (plot(p.profile.r_mm, p.profile.R) ?? '') : '',
     );
 }
 
