@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TARGET_SECONDS 0.055 /* for rendering and encoding a moving image, of the 80 ms from input to photon */
+#define TARGET_SECONDS 0.045 /* for rendering and encoding a moving image, of the 80 ms from input to photon */
 #define SCALE_LEAST 0.25     /* of moving pictures */
 #define SCALE_LEAST_SLOW 0.15
 #define NEWS_EVERY 0.2 /* seconds between two words of progress */
