@@ -70,6 +70,7 @@ static const struct {
     { "KHR_materials_diffuse_transmission", READ, NULL, NULL },
     { "KHR_materials_emissive_strength", READ, NULL, NULL },
     { "KHR_materials_ior", READ, NULL, NULL },
+    { "KHR_materials_pbrSpecularGlossiness", READ, NULL, NULL },
     { "KHR_materials_specular", READ, NULL, NULL },
     { "KHR_materials_volume", READ, NULL, NULL },
     { "KHR_materials_transmission", READ, NULL, NULL }, /* each material that uses it is warned of */
@@ -88,7 +89,6 @@ static const struct {
     { "KHR_materials_anisotropy", LEFT_OUT, "is not drawn", NULL },
     { "KHR_materials_dispersion", LEFT_OUT, "is not drawn", NULL },
     { "KHR_materials_variants", LEFT_OUT, "is not read: the default variant is drawn", NULL },
-    { "KHR_materials_pbrSpecularGlossiness", REFUSED, "is not read", "convert it: gltf-transform metalrough in.glb out.glb" },
     { "KHR_texture_basisu", REFUSED, "is not read", "convert the KTX2 textures to PNG" },
     { "EXT_texture_webp", REFUSED, "is not read", "convert the WebP textures to PNG" },
     { "EXT_texture_avif", REFUSED, "is not read", "convert the AVIF textures to PNG" },

@@ -272,6 +272,79 @@ fail:
     return res;
 }
 
+/* One number a pixel: 1 - factor x alpha, rounded to the nearest of 255 steps. */
+static void roughness_of(const struct pell_image *from, float factor, uint8_t *to)
+{
+    const size_t pixels = (size_t) from->width * (size_t) from->height, channels = (size_t) from->channels;
+
+    for (size_t i = 0; i < pixels; i++) {
+        const size_t at = (i + 1) * channels - 1;
+        const float alpha = from->type == PELL_PIXEL_U8    ? (float) ((const uint8_t *) from->pixels)[at] / 255.0f
+                            : from->type == PELL_PIXEL_U16 ? (float) ((const uint16_t *) from->pixels)[at] / 65535.0f
+                                                           : ((const float *) from->pixels)[at];
+        const float roughness = 1.0f - factor * (alpha > 0.0f ? alpha < 1.0f ? alpha : 1.0f : 0.0f);
+        to[i] = (uint8_t) (255.0f * roughness + 0.5f);
+    }
+}
+
+/* The alpha of `map` is glossiness: makes a texture of roughness, looked up in the same way. */
+static enum pell_result invert_glossiness(struct gltf *g, const struct pell_texture_map *map, float factor, struct pell_material *m)
+{
+    const struct pell_image *image = &map->texture->image;
+    struct pell_texture *texture;
+    enum pell_result res;
+
+    if (image->channels % 2 != 0) { /* no alpha is alpha 1 */
+        m->roughness = 1.0f - factor;
+        return PELL_OK;
+    }
+    PELL_TRY(pell_scene_add_texture(g->scene, map->texture->name, &texture));
+    PELL_TRY(pell_texture_allocate(g->scene, texture, image->width, image->height, 1, PELL_PIXEL_U8));
+    roughness_of(image, factor, texture->image.pixels);
+    texture->wrap_u = map->texture->wrap_u;
+    texture->wrap_v = map->texture->wrap_v;
+    texture->nearest = map->texture->nearest;
+    m->roughness_map = *map;
+    m->roughness_map.texture = texture;
+    m->roughness_map.channel = 0;
+    m->roughness = 1.0f;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* KHR_materials_pbrSpecularGlossiness, in place of metal and roughness. As a dielectric of index 1.5, whose reflectance at right angles is
+ * tinted to the specular colour: diffuse is the base colour, which Fresnel's reflectance darkens as the extension's 1 - max(specular)
+ * does; roughness is 1 - glossiness. *given: the material has it. */
+static enum pell_result read_specular_glossiness(struct gltf *g, const struct pell_json *at, struct pell_material *m, bool *given)
+{
+    const float f0 = 0.04f; /* ((1.5 - 1)/(1.5 + 1))^2 */
+    struct pell_json extensions, old;
+    float glossiness = 1.0f;
+    enum pell_result res;
+
+    PELL_TRY(gltf_extension(at, "KHR_materials_pbrSpecularGlossiness", &extensions, &old));
+    *given = old.value != NULL;
+    if (!*given)
+        return PELL_OK;
+    m->metallic = 0.0f;
+    for (int c = 0; c < 3; c++)
+        m->specular_color[c] = 1.0f;
+    PELL_TRY(gltf_factors(g, &old, "diffuseFactor", 4, 0.0, 1.0, m->base_color));
+    PELL_TRY(gltf_factors(g, &old, "specularFactor", 3, 0.0, 1.0, m->specular_color));
+    PELL_TRY(gltf_factor(g, &old, "glossinessFactor", 0.0, 1.0, &glossiness));
+    for (int c = 0; c < 3; c++)
+        m->specular_color[c] /= f0;
+    m->roughness = 1.0f - glossiness;
+    PELL_TRY(gltf_texture_map(g, &old, "diffuseTexture", PELL_ROLE_COLOR, 0, &m->base_color_map));
+    PELL_TRY(gltf_texture_map(g, &old, "specularGlossinessTexture", PELL_ROLE_COLOR, 0, &m->specular_color_map));
+    return m->specular_color_map.texture ? invert_glossiness(g, &m->specular_color_map, glossiness, m) : PELL_OK;
+
+fail:
+    return res;
+}
+
 static enum pell_result read_specular(struct gltf *g, const struct pell_json *at, struct pell_material *m)
 {
     struct pell_json extensions, specular;
@@ -334,10 +407,14 @@ fail:
 static enum pell_result read_surface(struct gltf *g, const struct pell_json *at, struct pell_material *m)
 {
     struct pell_json normal;
+    bool old; /* specular and glossiness */
     enum pell_result res;
 
-    PELL_TRY(read_metallic_roughness(g, at, m));
-    PELL_TRY(read_specular(g, at, m));
+    PELL_TRY(read_specular_glossiness(g, at, m, &old));
+    if (!old) {
+        PELL_TRY(read_metallic_roughness(g, at, m));
+        PELL_TRY(read_specular(g, at, m));
+    }
     PELL_TRY(pell_json_object(at, "normalTexture", &normal));
     PELL_TRY(gltf_texture_map(g, at, "normalTexture", PELL_ROLE_DATA, 0, &m->normal_map));
     if (normal.value)
@@ -356,7 +433,6 @@ static enum pell_result mention_extensions(struct gltf *g, const struct pell_jso
     static const char *const ignored[] = {
         "KHR_materials_unlit",       "KHR_materials_clearcoat",  "KHR_materials_sheen",
         "KHR_materials_iridescence", "KHR_materials_anisotropy", "KHR_materials_dispersion",
-        "KHR_materials_pbrSpecularGlossiness",
     };
     /* clang-format on */
     for (size_t i = 0; i < PELL_COUNT(ignored); i++) {
