@@ -21,7 +21,7 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
             TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp \
             VK_ICD_FILENAMES=/dev/null
 
-.PHONY: help demo build test test-asan test-tsan fuzz-short soak check-clang install uninstall deb test-deb clean
+.PHONY: help demo build test test-asan test-tsan fuzz-short soak test-mpi check-clang install uninstall deb test-deb clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -47,6 +47,11 @@ test-tsan: ## the tests that start threads, under the thread sanitizer
 	@CC=clang TARGETS=suite:threads scripts/build.sh build-tsan --buildtype=debugoptimized -Db_sanitize=thread $(watched) \
 	    -Dc_args=-gline-tables-only
 	@$(sanitized) scripts/run_tests.py build-tsan test-tsan --timeout-multiplier 6 --suite threads
+
+test-mpi: ## pellucid-mpi under mpirun: the same bits on any number of ranks, killed and resumed
+	@scripts/setup.sh --ci
+	@scripts/build.sh build-mpi -Dmpi=enabled
+	@scripts/run_tests.py build-mpi test-mpi --suite mpi
 
 fuzz-short: ## each fuzz target for some seconds (FUZZ_SECONDS=60 in all)
 	@scripts/setup.sh --ci
@@ -79,4 +84,4 @@ test-deb: deb ## installs the packages into a bare Debian (as root, with deboots
 	@scripts/test_packages.sh
 
 clean: ## removes all that was built
-	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb pellucid
+	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb build-mpi pellucid

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Makes the man page from what the program says of itself: its --help is the one home of commands and options.
 
-    make_man.py PROGRAM > pellucid.1
+    make_man.py PROGRAM > PROGRAM.1
 """
 import re
 import subprocess
@@ -99,13 +99,14 @@ def option_rows(options):
 
 def page(program):
     version = say(program, '--version').split()[1]
+    called, about = say(program, '--help').split('\n', 1)[0].split(' - ', 1)
     helps = {name: split_help(say(program, name, '--help')) for name in commands(program)}
     yield '.\\" SPDX-License-Identifier: MIT\n.\\" Made by docs/man/make_man.py from the program\'s --help.\n'
-    yield f'.TH PELLUCID 1 "" "pellucid {version}" "User commands"\n.SH NAME\n'
-    yield 'pellucid \\- renders translucent objects from measured optics\n.SH SYNOPSIS\n'
+    yield f'.TH {escape(called.upper())} 1 "" "pellucid {version}" "User commands"\n.SH NAME\n'
+    yield f'{escape(called)} \\- {about}\n.SH SYNOPSIS\n'
     for _, usage, *_ in helps.values():
         yield f'.B {escape(usage.split(" ", 1)[0])}\n{escape(usage.split(" ", 1)[1])}\n.br\n'
-    yield '.B pellucid\n\\-\\-help | \\-\\-version\n.SH COMMANDS\n'
+    yield f'.B {escape(called)}\n\\-\\-help | \\-\\-version\n.SH COMMANDS\n'
     for name, (head, _, paragraphs, examples, _) in helps.items():
         yield f'.SS {name}\n{escape(head.split(" - ", 1)[1])}.\n'
         for paragraph in paragraphs:

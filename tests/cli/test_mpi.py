@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-from cli_test import Skip, clean_environment, main, names, need, run, test, text, works
+from cli_test import ROOT, Skip, clean_environment, main, names, need, run, test, text, works
 
 MPI = os.path.abspath(sys.argv[3])
 MPIRUN = ['mpirun', '--allow-run-as-root', '--oversubscribe', '--mca', 'btl_base_warn_component_unused', '0']
@@ -65,6 +65,12 @@ def begun(folder, count):
             pass
     need(len(processes) == count, processes)
     return child, processes
+
+
+@test('the man page is the one that docs/man/make_man.py makes of the help')
+def _(folder):
+    page = subprocess.run([sys.executable, os.path.join(ROOT, 'docs/man/make_man.py'), MPI], check=True, capture_output=True).stdout
+    need(pathlib.Path(ROOT, 'docs/man/pellucid-mpi.1').read_bytes() == page, 'docs/man/make_man.py pellucid-mpi > docs/man/pellucid-mpi.1')
 
 
 @test('1, 2, 3 and 5 ranks of 1 and 2 threads give the bits of one process')
@@ -128,6 +134,20 @@ def _(folder):
     same(folder, 'whole.pfm', 'resumed.pfm')
 
 
+@test('Ctrl-C to mpirun: no half-written file, and what every rank has saved is resumed')
+def _(folder):
+    works(folder, *MANY, '-o', 'whole.pfm')
+    child, _ = begun(folder, 3)
+    child.send_signal(signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    need(child.returncode != 0, child.returncode, err)
+    files = [n for n in names(folder) if n.startswith('state.ckpt') and not n.endswith('.lock')]
+    works(folder, 'merge', *files, '--partial', '-o', 'some.pfm')  # every file is whole
+    need(not [n for n in names(folder) if n.startswith('.pellucid-')] or 'killed.pfm' not in names(folder), names(folder))
+    share(folder, 2, *MANY, *SAVED, '--threads', '1', '-o', 'resumed.pfm')
+    same(folder, 'whole.pfm', 'resumed.pfm')
+
+
 @test('a checkpoint of another seed or a damaged one ends all ranks with its name, and stays; other methods are refused')
 def _(folder):
     share(folder, 2, *FEW, *SAVED, '-o', 'a.pfm')
@@ -139,7 +159,6 @@ def _(folder):
         need((folder / 'state.ckpt').read_bytes() == good and (folder / 'state.ckpt.rank1').read_bytes() == good[:-7], 'files changed')
     done = ranks(folder, 2, 'render', 'bunny.obj', '--unit', '1mm', '-o', 'no.pfm')
     need(done.returncode == 2 and b'path-trace' in done.stderr and 'no.pfm' not in names(folder), done.returncode, done.stderr)
-
 
 
 @test('bench: what a run is made of, and a model that falls and bends')
