@@ -212,6 +212,10 @@ struct pell_load_params {
     const char *from;      /* side that the camera stands on, framing the objects: front, back, left, right, top, 34, or "AZIMUTH,ELEVATION"
                             * in degrees; NULL: the file's camera, else front. Not with `camera` */
     const char *studio;    /* soft, rim, back or window: these lights replace the file's; NULL: soft where the file has none */
+    const char *environment;  /* equirectangular image that replaces the file's lights, and is seen behind the objects; not with `studio` */
+    double environment_scale; /* factor of its radiance; 0: 1 */
+    double environment_rotate_deg; /* about the y axis, as in a scene file */
+    const char *background;        /* environment, transparent, white, grey, black or "#RRGGBB" (sRGB); NULL: as in the file */
 };
 
 /* Reads .gltf, .glb, .obj, .ply, .stl or a scene .json (distinguished by content where possible), and completes it: normals, tangents

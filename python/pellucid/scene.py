@@ -36,7 +36,8 @@ def millimetres(value: Optional[Length], where: str) -> float:
 
 
 def _load_params(keep: list, *, size=None, unit=None, material=None, camera=None, time=None, animation=None, aspect=0.0,
-                 allow_outside=False, bare=False):
+                 allow_outside=False, bare=False, up=None, from_=None, studio=None, environment=None, environment_scale=1.0,
+                 environment_rotate=0.0, background=None):
     def name(value):
         if value is None:
             return ffi.NULL
@@ -46,7 +47,9 @@ def _load_params(keep: list, *, size=None, unit=None, material=None, camera=None
     return ffi.new("struct pell_load_params *", {
         "mm_per_unit": millimetres(unit, "unit"), "size_mm": millimetres(size, "size"), "material": name(material),
         "camera": name(camera), "time": 0.0 if time is None else float(time), "timed": time is not None, "animation": name(animation),
-        "aspect": float(aspect), "allow_outside": allow_outside, "bare": bare})
+        "aspect": float(aspect), "allow_outside": allow_outside, "bare": bare, "up": name(up), "from": name(from_),
+        "studio": name(studio), "environment": name(environment), "environment_scale": float(environment_scale) if environment else 0.0,
+        "environment_rotate_deg": float(environment_rotate), "background": name(background)})
 
 
 class Scene(Closing):
@@ -70,7 +73,10 @@ class Scene(Closing):
         """Reads glTF, OBJ, PLY, STL or a scene file.
 
         options: size (largest extent) or unit (of the file) as lengths ("70mm"; a number is in mm), material (name or file), camera
-        (name), time (s), animation, aspect (width/height, for framing), allow_outside, bare (no default lights, camera, ground).
+        (name), time (s), animation, aspect (width/height, for framing), allow_outside, bare (no default lights, camera, ground),
+        up ("y" or "z"), from_ (side of the camera: "front", "34", "35,15"), studio ("soft", "rim", "back", "window"), environment (an
+        image that lights the object) with environment_scale and environment_rotate (degrees), background ("#f4f1ec", "white",
+        "transparent", "environment").
         """
         keep: list = []
         params = _load_params(keep, **options)

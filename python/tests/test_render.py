@@ -112,6 +112,16 @@ def test_a_dict_is_a_scene_file(ball_file):
     assert "/materials" in e.value.where
 
 
+def test_scenes_load_with_a_side_lights_and_a_background(ball_file):
+    with pellucid.Scene.load(ball_file, from_="34", studio="rim", background="#ff0000", **LOAD) as scene:
+        assert scene.c.num_lights == 3 and tuple(scene.c.background_color) == (1, 0, 0)
+        assert scene.c.cameras[0].forward[0] < -0.5
+    with pytest.raises(pellucid.InvalidError, match="studio"):
+        pellucid.Scene.load(ball_file, environment="none.hdr", studio="rim", **LOAD)
+    with pytest.raises(pellucid.FileError):
+        pellucid.Scene.load(ball_file, environment="none.hdr", **LOAD)
+
+
 def test_errors_carry_place_and_hint(ball_file, tmp_path):
     with pytest.raises(pellucid.FileError):
         pellucid.Scene.load(tmp_path / "missing.obj")

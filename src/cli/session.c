@@ -225,13 +225,21 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
                                           .allow_outside = cli->allow_outside,
                                           .up = cli->up,
                                           .from = cli->from,
-                                          .studio = cli->studio };
+                                          .studio = cli->studio,
+                                          .environment = cli->environment,
+                                          .background = cli->background };
     if (cli->size && cli->unit)
         return cli_usage(cli, "--size", "give one of them", "--size and --unit both say how large the object is");
     if (cli->size && (res = pell_parse_length(cli->ctx, "--size", cli->size, &params->size_mm)) != PELL_OK)
         return cli_failed(cli, res);
     if (cli->unit && (res = pell_parse_length(cli->ctx, "--unit", cli->unit, &params->mm_per_unit)) != PELL_OK)
         return cli_failed(cli, res);
+    if (cli->environment_scale && (!pell_parse_number(cli->environment_scale, strlen(cli->environment_scale), &params->environment_scale) ||
+                                   params->environment_scale == 0.0))
+        return cli_usage(cli, "--environment-scale", NULL, "\"%s\" is not a number above 0", cli->environment_scale);
+    if (cli->environment_rotate &&
+        !pell_parse_number(cli->environment_rotate, strlen(cli->environment_rotate), &params->environment_rotate_deg))
+        return cli_usage(cli, "--environment-rotate", NULL, "\"%s\" is not a number of degrees", cli->environment_rotate);
     if (cli->material && !cli->material[0])
         return cli_usage(cli, "--material", "`pellucid materials` lists what there is", "is empty, must be a name or a file");
     params->timed = cli->time != NULL;

@@ -547,6 +547,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         params = &no_params;
     if (!extras)
         extras = &no_extras;
+    PELL_TRY(pell_scene_surround(scene, &extras->surroundings));
     PELL_TRY(pell_scene_default_material(scene, false));
     for (size_t i = 0; i < scene->num_meshes; i++)
         PELL_TRY(check_mesh(scene, i));
@@ -567,12 +568,12 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         PELL_TRY(pell_scene_frame_from(scene, &extras->view, params->aspect > 0.0f ? params->aspect : extras->aspect));
     else if (scene->num_cameras == 0)
         PELL_TRY(pell_scene_frame(scene, params->aspect > 0.0f ? params->aspect : extras->aspect));
-    while (extras->view.lights && scene->num_lights)
-        pell_free(scene->ctx, scene->lights[--scene->num_lights].name);
-    if (extras->studio || extras->view.lights || (scene->num_lights == 0 && !extras->no_lights))
+    if (extras->view.lights)
+        pell_scene_drop_lights(scene);
+    if ((extras->studio && !extras->surroundings.environment) || extras->view.lights || (scene->num_lights == 0 && !extras->no_lights))
         PELL_TRY(pell_scene_studio(scene, extras->view.studio));
-    if (extras->ground ||
-        (extras->view.lights && pell_studio_has_backdrop(extras->view.studio) && scene->background == PELL_BACKGROUND_COLOR))
+    if (extras->ground || (extras->view.lights && pell_studio_has_backdrop(extras->view.studio) &&
+                           scene->background == PELL_BACKGROUND_COLOR && !extras->surroundings.background))
         PELL_TRY(pell_scene_ground(scene, extras->ground_material));
     return PELL_OK;
 
@@ -583,7 +584,9 @@ fail:
 enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params)
 {
     struct pell_extras extras = { .ground_material = -1 };
-    const enum pell_result res = params ? pell_viewpoint_read(scene->ctx, params, &extras.view) : PELL_OK;
+    enum pell_result res = params ? pell_viewpoint_read(scene->ctx, params, &extras.view) : PELL_OK;
 
+    if (params && res == PELL_OK)
+        res = pell_surroundings_read(scene->ctx, params, &extras.surroundings);
     return res == PELL_OK ? pell_scene_finish(scene, params, &extras) : res;
 }

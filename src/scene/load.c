@@ -85,6 +85,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const c
 
     *out = NULL;
     PELL_TRY(pell_viewpoint_read(loader->ctx, params, &extras.view));
+    PELL_TRY(pell_surroundings_read(loader->ctx, params, &extras.surroundings));
     if (!(fabs(params->time) <= 1e9))
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);
     if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))

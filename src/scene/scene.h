@@ -46,11 +46,21 @@ struct pell_viewpoint {
     int studio;                /* of the table of studio.c */
 };
 
+/* Load parameters that say what is around the objects, read. */
+struct pell_surroundings {
+    const char *environment; /* file; NULL: none is given */
+    float scale, rotate;     /* of it; rad */
+    bool background;         /* given: */
+    enum pell_background kind;
+    float color[3];
+};
+
 /* What a scene file asks for beyond load parameters. */
 struct pell_extras {
-    struct pell_viewpoint view; /* of the load parameters */
-    bool studio;                /* the default lights, though there are others */
-    bool no_lights;             /* the file says that there are none: add none */
+    struct pell_viewpoint view; /* of the load parameters, as is the next */
+    struct pell_surroundings surroundings;
+    bool studio;    /* the default lights, though there are others */
+    bool no_lights; /* the file says that there are none: add none */
     bool ground;
     int ground_material; /* -1: the neutral one */
     float aspect;        /* of the picture that the file asks for; 0: it doesn't say */
@@ -147,5 +157,15 @@ PELL_NODISCARD enum pell_result pell_scene_studio(struct pell_scene *scene, int 
 bool pell_studio_has_backdrop(int studio);
 /* A floor with a sweep behind the bounds, as seen by the first camera; `material` -1 makes a neutral one. */
 PELL_NODISCARD enum pell_result pell_scene_ground(struct pell_scene *scene, int material);
+
+/* --- surroundings.c ----------------------------------------------------------------------------------------------------------- */
+
+/* Reads environment and background; PELL_ERR_INVALID with the option's name if one is wrong. No file is opened. */
+PELL_NODISCARD enum pell_result pell_surroundings_read(struct pell_context *ctx, const struct pell_load_params *params,
+                                                       struct pell_surroundings *surroundings);
+/* Puts them in place of the file's. */
+PELL_NODISCARD enum pell_result pell_scene_surround(struct pell_scene *scene, const struct pell_surroundings *surroundings);
+/* Removes all lights, and with them an environment that is seen behind the objects. */
+void pell_scene_drop_lights(struct pell_scene *scene);
 
 #endif

@@ -83,24 +83,15 @@ fail:
     return res;
 }
 
-#define WARM                                                                                                                               \
-    {                                                                                                                                      \
-        1.0f, 0.97f, 0.92f                                                                                                                 \
-    }
-#define COOL                                                                                                                               \
-    {                                                                                                                                      \
-        0.92f, 0.96f, 1.0f                                                                                                                 \
-    }
-#define WHITE                                                                                                                              \
-    {                                                                                                                                      \
-        1, 1, 1                                                                                                                            \
-    }
+enum tint { WHITE, WARM, COOL };
+static const float tints[][3] = { [WHITE] = { 1.0f, 1.0f, 1.0f }, [WARM] = { 1.0f, 0.97f, 0.92f }, [COOL] = { 0.92f, 0.96f, 1.0f } };
 
 /* Places are to the right, up and towards the camera; distances and sides in radii of the object, so that the irradiance at its centre is
  * the same for any size. */
 static const struct soft {
     const char *name;
-    float toward[3], distance, side, irradiance, tint[3];
+    float toward[3], distance, side, irradiance;
+    enum tint tint;
 } studios[][3] = {
     { { "studio key", { -0.75f, 0.7f, 0.8f }, 4.0f, 2.4f, 0.85f * PELL_PI_F, WARM },
       { "studio fill", { 0.9f, 0.12f, 0.6f }, 4.5f, 3.2f, 0.22f * PELL_PI_F, COOL },
@@ -135,7 +126,7 @@ enum pell_result pell_scene_studio(struct pell_scene *scene, int studio)
     for (size_t i = 0; i < PELL_COUNT(studios[0]) && studios[studio][i].name; i++) {
         const struct soft *s = &studios[studio][i];
         PELL_TRY(add_soft(scene, s->name, vec3_mad(vec3_mad(vec3_mul(right, s->toward[0]), s->toward[1], up), s->toward[2], front),
-                          s->distance, s->side, s->irradiance, s->tint));
+                          s->distance, s->side, s->irradiance, tints[s->tint]));
     }
     return PELL_OK;
 

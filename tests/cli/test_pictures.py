@@ -48,6 +48,31 @@ def _(folder):
     need((folder / 'bunny.png').read_bytes().startswith(b'PF'), '--format wins over the ending')
 
 
+@test('--environment is a scene file\'s environment light, in front of it, turned and scaled; --background is shown as it is given')
+def _(folder):
+    sky = b''.join(bytes((40 + 20 * x, 120, 200 - 15 * x, 129)) for x in range(8)) * 4
+    (folder / 'sky.hdr').write_bytes(b'#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n' + sky)
+    (folder / 'sky.json').write_text(json.dumps({
+        'pellucid': 1, 'mesh': 'bunny.obj', 'size': '70mm', 'materials': {'*': {'preset': 'wholemilk'}},
+        'lights': [{'type': 'environment', 'image': 'sky.hdr', 'scale': 2, 'rotate_deg': 90}]}), 'utf-8')
+    works(folder, 'render', 'sky.json', *SMALL, '-o', 'file.pfm')
+    sky = ['--environment', 'sky.hdr', '--environment-scale', '2']
+    works(folder, *MESH, *sky, '--environment-rotate', '90', '-o', 'a.pfm')
+    works(folder, *MESH, *sky, '-o', 'b.pfm')
+    file, a, b = ((folder / f'{n}.pfm').read_bytes() for n in ('file', 'a', 'b'))
+    need(file == a and a != b, 'same as the scene file', file == a, 'turned', a != b)
+    works(folder, 'render', 'sky.json', *SMALL, '--studio', 'back', '-o', 'studio.pfm')
+    works(folder, *MESH, '--studio', 'back', '-o', 'plain.pfm')
+    need((folder / 'studio.pfm').read_bytes() == (folder / 'plain.pfm').read_bytes(), 'a studio leaves nothing of the environment')
+    for given, shown in (('#f4f1ec', (0xf4, 0xf1, 0xec)), ('white', (255, 255, 255)), ('black', (0, 0, 0)), ('transparent', (0, 0, 0, 0))):
+        works(folder, *MESH, *sky, '--background', given, '-o', 'c.png')
+        width, height, channels, pixels = png_pixels((folder / 'c.png').read_bytes())
+        need(channels == len(shown), given, channels)
+        # Output is dithered by less than one step.
+        need(all(abs(x - y) <= 1 for x, y in zip(pixels[:channels], shown)), given, tuple(pixels[:channels]))
+        need(max(pixels[channels * (13 * 48 + 24):][:3]) > 60, given, 'the object is lit')
+
+
 @test('a picture shows the thing lit before its backdrop, and -m none differs')
 def _(folder):
     works(folder, *MESH, '-o', 'a.png')

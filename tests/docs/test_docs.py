@@ -163,7 +163,6 @@ def furnish_more(folder):
     for name, color in (('skin', (230, 170, 150, 255)), ('mask', (255, 255, 255, 255)), ('maps', (200, 128, 200, 255)),
                         ('bumps', (128, 128, 255, 255)), ('glass', (255, 90, 60, 255))):
         (folder / f'{name}.png').write_bytes(png(8, color))
-    (folder / 'studio.hdr').write_bytes(b'#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n' + bytes((90, 100, 120, 128)) * 32)
     scenes = blocks(page('first-picture.md'), 'json')
     (folder / 'scene.json').write_text(scenes[0], 'utf-8')
     (folder / 'portrait.json').write_text(next(s for s in scenes if 'head.gltf' in s), 'utf-8')

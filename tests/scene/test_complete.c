@@ -434,6 +434,20 @@ static void each_studio_has_its_lights(void **state)
     }
 }
 
+static void a_background_that_is_given_has_no_floor_before_it(void **state)
+{
+    const struct pell_load_params params = { .mm_per_unit = 10.0, .studio = "window", .background = "#ff8000" };
+    struct pell_scene *s = load(CUBE, &params, NULL);
+    (void) state;
+
+    assert_int_equal(s->num_meshes, 1);
+    assert_int_equal(s->background, PELL_BACKGROUND_COLOR);
+    REQUIRE_NEAR(s->background_color[0], 1.0, 1e-6);
+    REQUIRE_NEAR(s->background_color[1], pow((128.0 / 255.0 + 0.055) / 1.055, 2.4), 1e-6); /* IEC 61966-2-1 */
+    REQUIRE_NEAR(s->background_color[2], 0.0, 1e-6);
+    finish(s);
+}
+
 static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -691,6 +705,7 @@ int main(void)
         cmocka_unit_test(z_upwards_becomes_y),
         cmocka_unit_test(each_studio_has_its_lights),
         cmocka_unit_test(studio_lights_are_as_bright_on_a_grain_as_on_a_house),
+        cmocka_unit_test(a_background_that_is_given_has_no_floor_before_it),
         cmocka_unit_test(the_ground_is_a_floor_and_a_wall_out_of_the_bounds),
         cmocka_unit_test(one_object_in_three_units_is_one_object),
         cmocka_unit_test(values_that_a_renderer_could_not_trust_are_refused),

@@ -136,6 +136,7 @@ def furnish(folder):
     write_obj(folder / 'bunny.obj', *sphere())
     write_gltf(folder / 'head.gltf', *sphere())
     write_scene(folder / 'scene.json')
+    (folder / 'studio.hdr').write_bytes(b'#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n' + bytes((90, 100, 120, 128)) * 32)
     (folder / 'wax.json').write_text('{"sigma_a": [0.006, 0.03, 0.12], "sigma_s_reduced": [1.4, 1.25, 1.1], "eta": 1.44}', 'ascii')
 
 

@@ -11,8 +11,25 @@
 
 /* Options that one kind of comparison takes and the other does not. */
 static const char *const of_pictures[] = { "--layer", "--mask", "--half" };
-static const char *const of_scenes[] = { "--methods", "--reference", "--set",    "--material", "--size",          "--unit",
-                                         "--camera",  "--time",      "--engine", "--device",   "--allow-outside", "--decompose" };
+static const char *const of_scenes[] = { "--methods",
+                                         "--reference",
+                                         "--set",
+                                         "--material",
+                                         "--size",
+                                         "--unit",
+                                         "--camera",
+                                         "--time",
+                                         "--engine",
+                                         "--device",
+                                         "--allow-outside",
+                                         "--decompose",
+                                         "--up",
+                                         "--from",
+                                         "--studio",
+                                         "--environment",
+                                         "--environment-rotate",
+                                         "--environment-scale",
+                                         "--background" };
 
 static const char *first_given(const struct cli *cli, const char *const *options, size_t count)
 {

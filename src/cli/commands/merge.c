@@ -50,11 +50,20 @@ static void move_list(struct settings_list *to, struct settings_list *from)
 /* Takes over what says which picture it is. */
 static void move_scene(struct cli *to, struct cli *from)
 {
-    char **const texts[][2] = { { &to->method, &from->method },       { &to->material, &from->material },
-                                { &to->size, &from->size },           { &to->unit, &from->unit },
-                                { &to->camera, &from->camera },       { &to->time, &from->time },
-                                { &to->animation, &from->animation }, { &to->up, &from->up },
-                                { &to->from, &from->from },           { &to->studio, &from->studio } };
+    char **const texts[][2] = { { &to->method, &from->method },
+                                { &to->material, &from->material },
+                                { &to->size, &from->size },
+                                { &to->unit, &from->unit },
+                                { &to->camera, &from->camera },
+                                { &to->time, &from->time },
+                                { &to->animation, &from->animation },
+                                { &to->up, &from->up },
+                                { &to->from, &from->from },
+                                { &to->studio, &from->studio },
+                                { &to->environment, &from->environment },
+                                { &to->environment_scale, &from->environment_scale },
+                                { &to->environment_rotate, &from->environment_rotate },
+                                { &to->background, &from->background } };
 
     for (size_t i = 0; i < PELL_COUNT(texts); i++) {
         *texts[i][0] = *texts[i][1];
