@@ -24,6 +24,21 @@ bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[
     return made;
 }
 
+static bool alike(const struct pell_frame_material *a, const struct pell_frame_material *b)
+{
+    return a->profile == b->profile && a->white == b->white && a->strength == b->strength &&
+           memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0 && memcmp(&a->gaussians, &b->gaussians, sizeof(a->gaussians)) == 0;
+}
+
+size_t pell_first_alike(const struct pell_frame_shape *shape, size_t i)
+{
+    size_t k = 0;
+
+    while (k < i && !alike(&shape->materials[k], &shape->materials[i]))
+        k++;
+    return k;
+}
+
 struct slabs {
     struct pell_slab slab[3];
     double over[3]; /* what a share is divided by */

@@ -12,6 +12,10 @@
 /* The slabs of a material's channels; false where it has none, as a profile of given Gaussians does not determine one. */
 bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[3]);
 
+/* The first material of the frame in which light does the same as in material i: what was made for it serves both. Objects of one material
+ * are materials of their own in a frame. */
+size_t pell_first_alike(const struct pell_frame_shape *shape, size_t i);
+
 /* A share of the light that enters at a point that leaves at a distance d >= 0 mm through the medium, per unit of irradiance and
  * integrated over the plane there. */
 typedef double pell_thickness_fn(const void *of, int channel, double d);

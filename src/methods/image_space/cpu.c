@@ -153,7 +153,11 @@ static enum pell_result make_thickness(struct is_state *st, const struct pell_fr
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < shape->num_materials; i++) {
         const struct pell_frame_material *m = &shape->materials[i];
-        pell_thickness_table_make(m, beyond, m, through == IS_THROUGH_SLAB, 1.0, &st->thickness[i]);
+        const size_t first = pell_first_alike(shape, i);
+        if (first < i)
+            st->thickness[i] = st->thickness[first];
+        else
+            pell_thickness_table_make(m, beyond, m, through == IS_THROUGH_SLAB, 1.0, &st->thickness[i]);
     }
     return PELL_OK;
 }

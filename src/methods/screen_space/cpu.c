@@ -224,6 +224,11 @@ static enum pell_result make_tables(struct screen_state *st, const struct pell_f
             goto fail;
         for (size_t i = 0; i < n; i++) {
             struct pell_frame_material m = shape->materials[i];
+            const size_t first = pell_first_alike(shape, i);
+            if (first < i) {
+                st->thickness[i] = st->thickness[first];
+                continue;
+            }
             m.white |= st->knobs.input == SCREEN_INPUT_SHADED;
             pell_thickness_table_make(&m, pell_ss_transmission, &st->profiles[i], st->knobs.transmission == SCREEN_TRANSMISSION_SLAB,
                                       sqrt((double) st->work.ratio2), &st->thickness[i]);

@@ -5,6 +5,8 @@
  */
 #include "render/indirect/internal.h"
 
+#include "math/scalar.h"
+
 #define PARTS 80.0f  /* of a box's diagonal: the spacing on it */
 #define GROWTH 0.15f /* of the spacing with the distance */
 
@@ -51,9 +53,9 @@ float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p)
     for (int k = 0; k < s->count; k++) {
         const struct indirect_box *b = &s->box[k];
         const struct pell_vec3 d =
-            vec3(fmaxf(fmaxf(b->low.x - p.x, p.x - b->high.x), 0.0f), fmaxf(fmaxf(b->low.y - p.y, p.y - b->high.y), 0.0f),
-                 fmaxf(fmaxf(b->low.z - p.z, p.z - b->high.z), 0.0f));
-        least = fminf(least, b->spacing + GROWTH * vec3_length(d));
+            vec3(larger(larger(b->low.x - p.x, p.x - b->high.x), 0.0f), larger(larger(b->low.y - p.y, p.y - b->high.y), 0.0f),
+                 larger(larger(b->low.z - p.z, p.z - b->high.z), 0.0f));
+        least = smaller(least, b->spacing + GROWTH * vec3_length(d));
     }
     return least * s->scale;
 }

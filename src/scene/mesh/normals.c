@@ -28,11 +28,14 @@ static bool smooth(const struct pell_topology *t, uint32_t a, uint32_t b)
 static void find_groups(struct normals *n)
 {
     const struct pell_topology *t = n->t;
+    uint32_t edges = 0;
 
     for (uint32_t i = 0; i < 3 * t->num_triangles; i++)
         n->group[i] = t->part[i / 3] == UINT32_MAX ? UINT32_MAX : i;
     for (uint32_t e = 0, end; e < t->num_halves; e = end) {
         end = pell_topology_edge(t, e);
+        if (++edges % PELL_EDGES_A_LOOK == 0 && pell_cancelled(n->scene->ctx))
+            return;
         for (uint32_t i = e; i + 1 < end; i++) {
             const uint32_t a = t->half[i], b = t->half[i + 1];
             if (pell_half_start(t, a) == pell_half_start(t, b) || !smooth(t, a, b))
@@ -62,6 +65,8 @@ static void add_up(struct normals *n)
         for (uint32_t i = 0; i < mesh->num_triangles; i++) {
             const size_t tri = (size_t) t->first_triangle[m] + i;
             struct pell_vec3 p[3];
+            if (i % PELL_EDGES_A_LOOK == 0 && pell_cancelled(n->scene->ctx))
+                return;
             for (int k = 0; k < 3; k++)
                 p[k] = vec3_mul(vec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) i + k]), unit);
             for (int k = 0; k < 3 && n->group[3 * tri] != UINT32_MAX; k++) {
@@ -246,14 +251,18 @@ enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_t
     if (!n.group)
         goto fail;
     find_groups(&n);
+    if (pell_cancelled(scene->ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     n.sum = pell_calloc(scene->ctx, n.num_groups, 3 * sizeof(*n.sum));
     if (!n.sum)
         goto fail;
     add_up(&n);
-    if (any_mesh)
+    if (any_mesh && !pell_cancelled(scene->ctx))
         PELL_TRY(assign(&n, wanted));
     fill_gaps(&n);
-    res = PELL_OK;
+    res = pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
     pell_free(scene->ctx, wanted);

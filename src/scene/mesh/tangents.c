@@ -58,7 +58,7 @@ static enum pell_result find_twins(struct pell_context *ctx, const struct pell_m
             memcpy(keys + 8 * i + 3, mesh->normal + 3 * i, 3 * sizeof(float));
             memcpy(keys + 8 * i + 6, mesh->uv[uv] + 2 * i, 2 * sizeof(float));
         }
-        sorted = pell_sort_keys(keys, 8, order, scratch, mesh->num_vertices);
+        sorted = pell_sort_keys(ctx, keys, 8, order, scratch, mesh->num_vertices);
         for (size_t i = 0; i < count; i++) {
             const bool same = i && memcmp(keys + 8 * (size_t) sorted[i], keys + 8 * (size_t) sorted[i - 1], 8 * sizeof(*keys)) == 0;
             twin[sorted[i]] = same ? twin[sorted[i - 1]] : sorted[i];

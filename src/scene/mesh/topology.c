@@ -34,7 +34,7 @@ static bool less(const uint32_t *a, const uint32_t *b, size_t words)
     return a[i] < b[i];
 }
 
-uint32_t *pell_sort_keys(const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count)
+uint32_t *pell_sort_keys(struct pell_context *ctx, const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++)
         order[i] = i;
@@ -48,13 +48,19 @@ uint32_t *pell_sort_keys(const uint32_t *keys, size_t words, uint32_t *order, ui
         return order;
     }
     for (size_t word = words; word-- > 0;)
-        for (int shift = 0; shift < 32; shift += 11)
+        for (int shift = 0; shift < 32 && !pell_cancelled(ctx); shift += 11)
             if (sort_digit(keys + word, words, shift, order, scratch, count)) {
                 uint32_t *swap = order;
                 order = scratch;
                 scratch = swap;
             }
     return order;
+}
+
+/* An object of many millions of triangles takes seconds: between its steps. */
+static enum pell_result not_cancelled(struct pell_context *ctx)
+{
+    return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
 /* Numbers the different positions in order of first appearance. */
@@ -75,7 +81,8 @@ static enum pell_result weld(struct pell_topology *t, const struct pell_scene *s
             memcpy(&to[i], &f, sizeof(f));
         }
     }
-    sorted = pell_sort_keys(keys, 3, order, scratch, t->num_vertices);
+    sorted = pell_sort_keys(t->ctx, keys, 3, order, scratch, t->num_vertices);
+    PELL_TRY(not_cancelled(t->ctx));
 
     /* The sort is stable: the first of a run is its first vertex. It stands for all of them, then gets its number. */
     for (uint32_t i = 0, first = 0; i < t->num_vertices; i++) {
@@ -160,15 +167,18 @@ static enum pell_result sort_halves(struct pell_topology *t)
     for (uint32_t i = 0; i < t->num_triangles; i++)
         for (uint32_t k = 0; k < 3 && !degenerate(t, i); k++, t->num_halves++)
             start[high_end(t, 3 * i + k) + 1]++;
+    PELL_TRY(not_cancelled(t->ctx));
     for (size_t i = 1; i < buckets; i++)
         start[i] += start[i - 1];
     for (uint32_t i = 0; i < t->num_triangles; i++)
         for (uint32_t k = 0; k < 3 && !degenerate(t, i); k++)
             by_high[start[high_end(t, 3 * i + k)]++] = 3 * i + k;
+    PELL_TRY(not_cancelled(t->ctx));
 
     memset(start, 0, buckets * sizeof(*start));
     for (uint32_t i = 0; i < t->num_halves; i++)
         start[low_end(t, by_high[i]) + 1]++;
+    PELL_TRY(not_cancelled(t->ctx));
     for (size_t i = 1; i < buckets; i++)
         start[i] += start[i - 1];
     for (uint32_t i = 0; i < t->num_halves; i++)
@@ -209,11 +219,15 @@ void pell_union_join(uint32_t *parent, uint32_t a, uint32_t b)
 
 static void find_parts(struct pell_topology *t)
 {
+    uint32_t edges = 0;
+
     t->num_parts = 0;
     for (uint32_t i = 0; i < t->num_triangles; i++)
         t->part[i] = i;
     for (uint32_t e = 0, end; e < t->num_halves; e = end) {
         end = pell_topology_edge(t, e);
+        if (++edges % PELL_EDGES_A_LOOK == 0 && pell_cancelled(t->ctx))
+            return;
         for (uint32_t i = e + 1; i < end; i++)
             pell_union_join(t->part, t->half[e] / 3, t->half[i] / 3);
     }
@@ -281,9 +295,12 @@ enum pell_result pell_topology_make(struct pell_topology *t, const struct pell_s
         goto fail;
     measure_extent(t, scene);
     PELL_TRY(weld(t, scene));
+    PELL_TRY(not_cancelled(t->ctx));
     fill_triangles(t, scene);
     PELL_TRY(sort_halves(t));
+    PELL_TRY(not_cancelled(t->ctx));
     find_parts(t);
+    PELL_TRY(not_cancelled(t->ctx));
     return PELL_OK;
 
 fail:

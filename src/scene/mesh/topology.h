@@ -59,9 +59,11 @@ struct pell_part {
 /* `parts` has num_parts elements. */
 void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
 
+#define PELL_EDGES_A_LOOK (1u << 20) /* of a long loop between two looks whether the work was cancelled */
+
 /* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the
  * result: `order` or `scratch`, which has the same size. */
-uint32_t *pell_sort_keys(const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count);
+uint32_t *pell_sort_keys(struct pell_context *ctx, const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count);
 
 /* The scene's meshes sorted by (object, index): an object is a run. `order` has num_meshes elements. */
 void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
