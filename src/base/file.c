@@ -445,6 +445,24 @@ enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, 
     return PELL_OK;
 }
 
+enum pell_result pell_path_relative(struct pell_context *ctx, const char *where, const char *root, const char *path, bool *below,
+                                    char **out)
+{
+    char real_root[PATH_MAX], real_path[PATH_MAX], shown[SHOWN];
+    size_t n;
+
+    *out = NULL;
+    if (!realpath(*root ? root : ".", real_root) || !realpath(path, real_path))
+        return pell_error(ctx, PELL_ERR_IO, where, NULL, "'%s' can't be found: %s", pell_printable(path, shown, sizeof(shown)),
+                          reason(errno));
+    *below = is_within(real_path, real_root);
+    n = *below ? strlen(real_root) : 0;
+    while (n && real_path[n] == '/')
+        n++;
+    *out = pell_strdup(ctx, real_path + n);
+    return *out ? PELL_OK : PELL_ERR_NOMEM;
+}
+
 char *pell_path_folder(struct pell_context *ctx, const char *path)
 {
     size_t n = (size_t) (pell_path_name(path) - path);

@@ -99,7 +99,7 @@ static const struct command commands[] = {
       OPTIONS_SCENE | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_COMPARE, 1, 2, command_compare },
 #ifdef PELL_VIEWER
     { "view", "INPUT", "a scene in a browser, live, beside its error against a reference",
-      "Prints an address that a browser on this machine opens, and opens one where there is a desktop. INPUT and most options are those "
+      "Prints an address that a browser on this machine opens, and opens one where there is a desktop. INPUT and the options are those "
       "of `render`; everything can be changed in the page. While the object moves, the image is small enough to come within 80 ms; at rest "
       "it "
       "becomes the image of `pellucid render`, and behind it a reference accumulates, with the error of the method against it.\n"

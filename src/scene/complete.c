@@ -541,13 +541,15 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
 {
     static const struct pell_load_params no_params;
     static const struct pell_extras no_extras = { .ground_material = -1 };
+    const struct pell_surroundings *around = extras ? &extras->surroundings : &no_extras.surroundings;
+    bool ground;
     enum pell_result res;
 
     if (!params)
         params = &no_params;
     if (!extras)
         extras = &no_extras;
-    PELL_TRY(pell_scene_surround(scene, &extras->surroundings));
+    PELL_TRY(pell_scene_surround(scene, around));
     PELL_TRY(pell_scene_default_material(scene, false));
     for (size_t i = 0; i < scene->num_meshes; i++)
         PELL_TRY(check_mesh(scene, i));
@@ -570,10 +572,11 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         PELL_TRY(pell_scene_frame(scene, params->aspect > 0.0f ? params->aspect : extras->aspect));
     if (extras->view.lights)
         pell_scene_drop_lights(scene);
-    if ((extras->studio && !extras->surroundings.environment) || extras->view.lights || (scene->num_lights == 0 && !extras->no_lights))
+    if ((extras->studio && !around->environment) || extras->view.lights || (scene->num_lights == 0 && !extras->no_lights))
         PELL_TRY(pell_scene_studio(scene, extras->view.studio));
-    if (extras->ground || (extras->view.lights && pell_studio_has_backdrop(extras->view.studio) &&
-                           scene->background == PELL_BACKGROUND_COLOR && !extras->surroundings.background))
+    ground = extras->view.lights ? pell_studio_has_backdrop(extras->view.studio) && scene->background == PELL_BACKGROUND_COLOR
+                                 : extras->backdrop && !around->environment;
+    if (extras->ground || (ground && !around->background))
         PELL_TRY(pell_scene_ground(scene, extras->ground_material));
     return PELL_OK;
 

@@ -43,7 +43,7 @@ bool pell_material_is_path(const char *name_or_path);
 struct pell_viewpoint {
     bool z_up, from, lights;   /* given */
     double azimuth, elevation; /* rad: of the side that the camera stands on; 0, 0: front, and the azimuth turns to the right */
-    int studio;                /* of the table of studio.c */
+    int studio;                /* of the table of studio.c, 0: soft */
 };
 
 /* Load parameters that say what is around the objects, read. */
@@ -60,6 +60,7 @@ struct pell_extras {
     struct pell_viewpoint view; /* of the load parameters, as is the next */
     struct pell_surroundings surroundings;
     bool studio;    /* the default lights, though there are others */
+    bool backdrop;  /* which stand on the ground */
     bool no_lights; /* the file says that there are none: add none */
     bool ground;
     int ground_material; /* -1: the neutral one */
@@ -75,6 +76,7 @@ struct pell_loader {
     const char *root;
     enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
     void *user;
+    const char *granted; /* one image that a scene file may name wherever it lies; NULL: none */
 };
 
 /* What one unit of a file is. */
@@ -147,6 +149,11 @@ PELL_NODISCARD enum pell_result pell_make_tangents(struct pell_scene *scene, siz
 /* Reads up, from and studio; PELL_ERR_INVALID with the option's name if one is wrong. */
 PELL_NODISCARD enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell_load_params *params,
                                                     struct pell_viewpoint *view);
+/* A side, or azimuth and elevation in degrees, as "--from" takes them; a studio's name. `code` if there is none such. */
+PELL_NODISCARD enum pell_result pell_side_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                                               struct pell_viewpoint *view);
+PELL_NODISCARD enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                                                 int *studio);
 /* A camera that looks along -z and frames the bounds. */
 PELL_NODISCARD enum pell_result pell_scene_frame(struct pell_scene *scene, float aspect);
 /* A camera on the viewpoint's side that frames what is there, before all others. */
@@ -163,6 +170,9 @@ PELL_NODISCARD enum pell_result pell_scene_ground(struct pell_scene *scene, int 
 /* Reads environment and background; PELL_ERR_INVALID with the option's name if one is wrong. No file is opened. */
 PELL_NODISCARD enum pell_result pell_surroundings_read(struct pell_context *ctx, const struct pell_load_params *params,
                                                        struct pell_surroundings *surroundings);
+/* A background's name or colour as a text; `code` with the names that there are, if it is neither. */
+PELL_NODISCARD enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                                                     enum pell_background *kind, float *color);
 /* Puts them in place of the file's. */
 PELL_NODISCARD enum pell_result pell_scene_surround(struct pell_scene *scene, const struct pell_surroundings *surroundings);
 /* Removes all lights, and with them an environment that is seen behind the objects. */

@@ -144,8 +144,8 @@ static const struct side {
 };
 
 /* The index of `text`, or an error that lists the names. */
-static enum pell_result choose(struct pell_context *ctx, const char *option, const char *text, const char *const *names, size_t count,
-                               int *index)
+static enum pell_result choose(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                               const char *const *names, size_t count, int *index)
 {
     struct pell_text hint = { .length = 0 };
     char shown[96];
@@ -156,10 +156,11 @@ static enum pell_result choose(struct pell_context *ctx, const char *option, con
             return PELL_OK;
         }
     pell_text_suggest_or_list(&hint, "allowed: ", text, names, count);
-    return pell_error(ctx, PELL_ERR_INVALID, option, hint.str, "there is no \"%s\"", pell_printable(text, shown, sizeof(shown)));
+    return pell_error(ctx, code, where, hint.str, "there is no \"%s\"", pell_printable(text, shown, sizeof(shown)));
 }
 
-static enum pell_result read_from(struct pell_context *ctx, const char *text, struct pell_viewpoint *view)
+enum pell_result pell_side_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                                struct pell_viewpoint *view)
 {
     const char *names[PELL_COUNT(sides)], *comma = strchr(text, ',');
     enum pell_result res;
@@ -169,15 +170,14 @@ static enum pell_result read_from(struct pell_context *ctx, const char *text, st
     for (size_t i = 0; i < PELL_COUNT(sides); i++)
         names[i] = sides[i].name;
     if (!comma) {
-        PELL_TRY(choose(ctx, "--from", text, names, PELL_COUNT(sides), &index));
+        PELL_TRY(choose(ctx, code, where, text, names, PELL_COUNT(sides), &index));
         view->azimuth = sides[index].azimuth;
         view->elevation = sides[index].elevation;
     } else if (!pell_parse_number(text, (size_t) (comma - text), &view->azimuth) ||
                !pell_parse_number(comma + 1, strlen(comma + 1), &view->elevation) || !(fabs(view->azimuth) <= 360.0) ||
                !(fabs(view->elevation) <= 90.0)) {
         char shown[96];
-        return pell_error(ctx, PELL_ERR_INVALID, "--from", "35,15",
-                          "\"%s\", must be an azimuth in [-360, 360] and an elevation in [-90, 90] degrees",
+        return pell_error(ctx, code, where, "35,15", "\"%s\", must be an azimuth in [-360, 360] and an elevation in [-90, 90] degrees",
                           pell_printable(text, shown, sizeof(shown)));
     }
     view->azimuth *= PELL_PI / 180.0;
@@ -186,6 +186,11 @@ static enum pell_result read_from(struct pell_context *ctx, const char *text, st
 
 fail:
     return res;
+}
+
+enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text, int *studio)
+{
+    return choose(ctx, code, where, text, studio_names, PELL_COUNT(studio_names), studio);
 }
 
 enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell_load_params *params, struct pell_viewpoint *view)
@@ -198,12 +203,12 @@ enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell
     if (params->from && params->camera)
         return pell_error(ctx, PELL_ERR_INVALID, "--from", "give one of them", "--from and --camera both say where the camera is");
     if (params->up)
-        PELL_TRY(choose(ctx, "--up", params->up, axes, PELL_COUNT(axes), &axis));
+        PELL_TRY(choose(ctx, PELL_ERR_INVALID, "--up", params->up, axes, PELL_COUNT(axes), &axis));
     view->z_up = axis == 1;
     if (params->from)
-        PELL_TRY(read_from(ctx, params->from, view));
+        PELL_TRY(pell_side_read(ctx, PELL_ERR_INVALID, "--from", params->from, view));
     if (params->studio)
-        PELL_TRY(choose(ctx, "--studio", params->studio, studio_names, PELL_COUNT(studio_names), &view->studio));
+        PELL_TRY(pell_studio_read(ctx, PELL_ERR_INVALID, "--studio", params->studio, &view->studio));
     return PELL_OK;
 
 fail:

@@ -40,27 +40,27 @@ static bool read_hex(const char *text, float *rgb)
     return true;
 }
 
-static enum pell_result read_background(struct pell_context *ctx, const char *text, struct pell_surroundings *s)
+enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                                      enum pell_background *kind, float *color)
 {
     const char *names[PELL_COUNT(backgrounds)];
     struct pell_text hint = { .length = 0 };
     char shown[96];
 
-    s->background = true;
-    s->kind = PELL_BACKGROUND_COLOR;
-    if (read_hex(text, s->color))
+    *kind = PELL_BACKGROUND_COLOR;
+    if (read_hex(text, color))
         return PELL_OK;
     for (size_t i = 0; i < PELL_COUNT(backgrounds); i++) {
         names[i] = backgrounds[i].name;
         if (strcmp(text, backgrounds[i].name) != 0)
             continue;
-        s->kind = backgrounds[i].kind;
+        *kind = backgrounds[i].kind;
         for (int c = 0; c < 3; c++)
-            s->color[c] = pell_srgb_u8[backgrounds[i].srgb];
+            color[c] = pell_srgb_u8[backgrounds[i].srgb];
         return PELL_OK;
     }
     pell_text_suggest_or_list(&hint, "allowed: #RRGGBB, ", text, names, PELL_COUNT(names));
-    return pell_error(ctx, PELL_ERR_INVALID, "--background", hint.str, "there is no \"%s\", must be a name or a colour like #f4f1ec",
+    return pell_error(ctx, code, where, hint.str, "there is no \"%s\", must be a name or a colour like #f4f1ec",
                       pell_printable(text, shown, sizeof(shown)));
 }
 
@@ -80,7 +80,8 @@ enum pell_result pell_surroundings_read(struct pell_context *ctx, const struct p
                           params->environment_rotate_deg, MOST_TURN_DEG, MOST_TURN_DEG);
     s->scale = params->environment_scale > 0.0 ? (float) params->environment_scale : 1.0f;
     s->rotate = (float) (params->environment_rotate_deg * PELL_PI / 180.0);
-    return params->background ? read_background(ctx, params->background, s) : PELL_OK;
+    s->background = params->background != NULL;
+    return s->background ? pell_background_read(ctx, PELL_ERR_INVALID, "--background", params->background, &s->kind, s->color) : PELL_OK;
 }
 
 void pell_scene_drop_lights(struct pell_scene *scene)

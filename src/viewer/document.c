@@ -149,6 +149,9 @@ enum pell_result viewer_document_note(struct viewer_document *d, const struct pe
     d->camera = camera_json(scene);
     d->lights = json_array();
     d->studio = false;
+    if (scene->ground_mesh >= 0 && !json_object_get(d->base, "ground") &&
+        !json_object_get(json_object_get(d->base, "background"), "ground"))
+        json_object_set_new(d->base, "ground", json_true()); /* also where its lights are listed one by one */
     for (size_t i = 0; i < scene->num_lights; i++) {
         const struct pell_light *l = &scene->lights[i];
         const json_t *one = listed ? json_array_get(said, i) : NULL;
@@ -192,6 +195,70 @@ fail:
     return res;
 }
 
+/* --environment as a light. A file below the input's folder is named from there, as in a scene file that is written by hand. */
+static enum pell_result light_with(struct viewer_document *d, const char *input, const struct pell_load_params *params)
+{
+    const double scale = params->environment_scale > 0.0 ? params->environment_scale : 1.0;
+    char *folder = pell_path_folder(d->ctx, input), *file = NULL;
+    json_t *light;
+    bool below;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!folder)
+        goto fail;
+    PELL_TRY(pell_path_relative(d->ctx, "--environment", folder, params->environment, &below, &file));
+    light =
+        json_pack("{s:s,s:s,s:f,s:f}", "type", "environment", "image", file, "scale", scale, "rotate_deg", params->environment_rotate_deg);
+    if (!light) {
+        res = pell_error(d->ctx, PELL_ERR_INVALID, "--environment", NULL, "its name is not valid UTF-8, which scene files need");
+        goto fail;
+    }
+    json_object_set_new(d->base, "lights", json_pack("[o]", light));
+    json_object_set_new(d->base, "background", json_string("environment"));
+    if (!below) {
+        d->granted = file;
+        file = NULL;
+    }
+
+fail:
+    pell_free(d->ctx, folder);
+    pell_free(d->ctx, file);
+    return res;
+}
+
+/* What the command line says of sides, lights and background, as the scene file would. All of it has been looked at by who loaded the
+ * scene for the command line. */
+static enum pell_result surround(struct viewer_document *d, const char *input, const struct pell_load_params *params)
+{
+    const json_t *background = json_object_get(d->base, "background");
+    const bool plain = !json_is_string(background) && !json_object_get(background, "image");
+    enum pell_result res;
+    int studio;
+
+    if (params->up && strcmp(params->up, "z") == 0) {
+        json_object_del(d->base, "mesh");
+        json_object_set_new(d->base, "meshes", json_pack("[{s:s,s:[i,i,i]}]", "path", pell_path_name(input), "rotate_deg", -90, 0, 0));
+    }
+    if (params->from)
+        json_object_set_new(d->base, "camera", json_pack("{s:s}", "side", params->from));
+    if (params->studio) {
+        PELL_TRY(pell_studio_read(d->ctx, PELL_ERR_INVALID, "--studio", params->studio, &studio));
+        json_object_set_new(d->base, "lights", json_pack("[{s:s}]", "studio", params->studio));
+        if (pell_studio_has_backdrop(studio) && plain && !params->background && !json_object_get(background, "ground"))
+            json_object_set_new(d->base, "ground", json_true());
+    }
+    if (params->environment)
+        PELL_TRY(light_with(d, input, params));
+    if (params->background)
+        json_object_set_new(d->base, "background", json_string(params->background));
+    d->params.up = d->params.from = d->params.studio = d->params.environment = d->params.background = NULL;
+    d->params.environment_scale = d->params.environment_rotate_deg = 0.0;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
 enum pell_result viewer_document_open(struct pell_context *ctx, const char *path, const struct pell_load_params *params, const char *size,
                                       const char *unit, struct viewer_document *out)
 {
@@ -210,6 +277,7 @@ enum pell_result viewer_document_open(struct pell_context *ctx, const char *path
         out->params.material = NULL;
         json_object_set_new(out->base, "materials", json_pack("{s:{s:s}}", "*", "preset", params->material));
     }
+    PELL_TRY(surround(out, path, params));
     if (params->timed) {
         out->params.timed = false;
         json_object_set_new(out->base, "time", json_real(params->time));
@@ -223,8 +291,10 @@ fail:
 
 void viewer_document_close(struct viewer_document *d)
 {
-    if (d->ctx)
+    if (d->ctx) {
         pell_free(d->ctx, d->path);
+        pell_free(d->ctx, d->granted);
+    }
     json_decref(d->base);
     json_decref(d->camera);
     json_decref(d->lights);
@@ -284,13 +354,15 @@ enum pell_result viewer_document_load(const struct viewer_document *d, const str
                                       struct pell_scene **out)
 {
     const struct pell_load_params params = params_of(d, view);
-    char *text = json_dumps(document, JSON_COMPACT);
+    struct pell_loader loader = { .ctx = d->ctx, .params = &params, .granted = d->granted };
+    char *text = json_dumps(document, JSON_COMPACT), *folder = pell_path_folder(d->ctx, d->path);
     enum pell_result res;
 
     *out = NULL;
-    if (!text)
-        return pell_error(d->ctx, PELL_ERR_NOMEM, d->path, NULL, "out of memory: scene");
-    res = pell_scene_load_memory(d->ctx, d->path, text, strlen(text), &params, out);
+    loader.root = folder;
+    res = text && folder ? pell_scene_load_bytes(&loader, d->path, (const uint8_t *) text, strlen(text), out)
+                         : pell_error(d->ctx, PELL_ERR_NOMEM, d->path, NULL, "out of memory: scene");
+    pell_free(d->ctx, folder);
     free(text);
     return res;
 }

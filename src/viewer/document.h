@@ -17,6 +17,7 @@ struct viewer_document {
     char *path;                     /* for messages; its folder is where other files are looked up */
     json_t *base;                   /* what the input says */
     struct pell_load_params params; /* what a scene file can't say; texts are the caller's */
+    char *granted;                  /* the environment of the command line where it lies outside the input's folder, or NULL */
     json_t *camera, *lights;        /* of the input, positions in mm */
     bool studio;                    /* the lights are the default ones, which depend on the camera where the document has none */
 };

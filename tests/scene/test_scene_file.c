@@ -33,14 +33,19 @@ static const struct memory_file files[] = {
     { NULL, NULL },
 };
 
-static struct pell_scene *load(const char *text, struct kept_messages *kept)
+static struct pell_scene *load_with(const char *text, const struct pell_load_params *params, struct kept_messages *kept)
 {
     struct pell_context *ctx = test_context(NULL, kept);
     struct pell_scene *s;
 
-    if (load_bytes(ctx, "s.json", text, strlen(text), NULL, files, &s) != PELL_OK)
+    if (load_bytes(ctx, "s.json", text, strlen(text), params, files, &s) != PELL_OK)
         fail_msg("%s: refused: %s: %s", text, kept ? kept->where : "", kept ? kept->what : "");
     return s;
+}
+
+static struct pell_scene *load(const char *text, struct kept_messages *kept)
+{
+    return load_with(text, NULL, kept);
 }
 
 static void finish(struct pell_scene *s)
@@ -206,6 +211,42 @@ static void lights_are_read(void **state)
     s = load(SCENE(""), NULL);
     assert_int_equal(s->num_lights, 3);
     finish(s);
+}
+
+/* The same scenes as by the options of the same names; and options stand above the file. */
+static void sides_studios_and_backgrounds_are_those_of_the_options(void **state)
+{
+    static const struct {
+        const char *file;
+        struct pell_load_params above, alone;
+    } cases[] = {
+        { ",\"camera\":{\"side\":\"34\"}", { 0 }, { .from = "34" } },
+        { ",\"camera\":{\"side\":\"-20.5,75\"}", { 0 }, { .from = "-20.5,75" } },
+        { ",\"camera\":{\"side\":\"top\"}", { .from = "left" }, { .from = "left" } },
+        { ",\"lights\":[{\"studio\":\"rim\"}]", { 0 }, { .studio = "rim" } },
+        { ",\"lights\":[{\"studio\":\"window\"}]", { 0 }, { .studio = "window" } },
+        { ",\"lights\":[{\"studio\":\"window\"}]", { .studio = "back" }, { .studio = "back" } },
+        { ",\"lights\":[{\"studio\":\"window\"}]", { .background = "black" }, { .studio = "window", .background = "black" } },
+        { ",\"lights\":[{\"studio\":\"window\"}],\"background\":\"#10aaFF\"", { 0 }, { .studio = "window", .background = "#10AAff" } },
+        { ",\"background\":\"transparent\"", { 0 }, { .background = "transparent" } },
+        { ",\"background\":\"grey\"", { .background = "white" }, { .background = "white" } },
+    };
+
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct pell_text text = { 0 };
+        struct pell_scene *a, *b;
+        pell_text_add(&text, "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"unit\":\"1mm\"%s}", cases[i].file);
+        a = load_with(text.str, &cases[i].above, NULL);
+        b = load_with("{\"pellucid\":1,\"mesh\":\"cube.obj\",\"unit\":\"1mm\"}", &cases[i].alone, NULL);
+        assert_int_equal(a->num_meshes, b->num_meshes);
+        assert_int_equal(a->background, b->background);
+        REQUIRE(memcmp(a->background_color, b->background_color, sizeof(a->background_color)) == 0);
+        if (pell_scene_hash(a) != pell_scene_hash(b))
+            fail_msg("%s", cases[i].file);
+        finish(a);
+        finish(b);
+    }
 }
 
 /* --- Materials ---------------------------------------------------------------------------------------------------------------- */
@@ -526,6 +567,12 @@ static const struct {
     { SCENE(",\"lights\":[{\"type\":\"environment\"}]"), "s.json:/lights/0", "neither image nor color", "" },
     { SCENE(",\"lights\":{}"), "s.json:/lights", "an array", "" },
     { SCENE(",\"lights\":[{\"studio\":1}]"), "s.json:/lights/0/studio", "is 1", "" },
+    { SCENE(",\"lights\":[{\"studio\":\"windw\"}]"), "s.json:/lights/0/studio", "no \"windw\"", "\"window\"" },
+    { SCENE(",\"camera\":{\"side\":\"fornt\"}"), "s.json:/camera/side", "no \"fornt\"", "\"front\"" },
+    { SCENE(",\"camera\":{\"side\":\"10,95\"}"), "s.json:/camera/side", "10,95", "35,15" },
+    { SCENE(",\"camera\":{\"side\":34}"), "s.json:/camera/side", "34", "" },
+    { SCENE(",\"camera\":{\"side\":\"34\",\"fov_deg\":20}"), "s.json:/camera/fov_deg", "unknown", "" },
+    { SCENE(",\"background\":\"#12345\""), "s.json:/background", "no \"#12345\"", "#RRGGBB" },
     { SCENE(",\"materials\":{\"*\":{\"preset\":\"marbel\"}}"), "s.json:/materials/*/preset", "no material \"marbel\"", "\"marble\"" },
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[1,1,1]}}"), "s.json:/materials/*", "sigma_s_reduced", "" },
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[1,1,-2],\"sigma_s_reduced\":[1,1,1]}}"), "s.json:/materials/*/sigma_a/2", "is -2", "" },
@@ -622,7 +669,7 @@ static const struct {
     { SCENE(",\"materials\":{\"*\":{\"specualr\":{}}}"), "s.json:/materials/*/specualr", "unknown key", "\"specular\"" },
     { SCENE(",\"materials\":{\"a/b~c\":{\"mix\":0.5,\"mxi\":1}}"), "s.json:/materials/a~1b~0c/mxi", "unknown key", "" },
     { SCENE(",\"background\":\"environment\""), "s.json:/background", "no light is one", "" },
-    { SCENE(",\"background\":\"sky\""), "s.json:/background", "environment, transparent", "" },
+    { SCENE(",\"background\":\"sky\""), "s.json:/background", "no \"sky\"", "environment, transparent" },
     { SCENE(",\"background\":{\"color\":[1,1,1],\"ground\":true},\"ground\":true"), "s.json:/background", "one is allowed", "" },
     { SCENE(",\"ground\":5"), "s.json:/ground", "must be true", "" },
     { SCENE(",\"ground\":\"grass\""), "s.json:/ground", "no material \"grass\"", "" },
@@ -829,6 +876,7 @@ static const char *const good[] = {
     "\"rotate_deg\":[1,2,3],\"scale\":-2,\"material\":\"apple\"}],\"size\":\"7e-2m\"}",
     "{\"pellucid\":1,\"mesh\":\"walk.gltf\",\"time\":1.5,\"animation\":\"stand\"}",
     SCENE(",\"time\":0,\"camera\":{\"from\":[0,0,9],\"to\":[1,1,1],\"up\":[0,1,0],\"ortho_height\":\"5cm\",\"focus\":3,\"f_number\":2.8}"),
+    SCENE(",\"camera\":{\"side\":\"front\"},\"lights\":[{\"studio\":\"back\"}],\"background\":\"#00ff00\""),
     SCENE(",\"lights\":[{\"type\":\"point\",\"name\":\"a\",\"at\":[0,0,9],\"to\":[0,0,0],\"up\":[1,0,0],\"project_fov_deg\":40,"
           "\"intensity\":[1,2,3]},"
           "{\"type\":\"spot\",\"at\":[0,0,9],\"intensity\":1,\"cone_deg\":30,\"inner_deg\":10},"
@@ -1015,6 +1063,7 @@ static void camera_and_lights_are_read_again(void **state)
         "{\"camera\": {\"to\": [0, 0, 0]}}",
         "[",
     };
+    static const char side[] = "{\"camera\": {\"side\": \"right\"}}";
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *a = NULL, *b = NULL;
 
@@ -1027,6 +1076,9 @@ static void camera_and_lights_are_read_again(void **state)
     assert_int_equal(a->num_cameras, b->num_cameras);
     REQUIRE(memcmp(a->cameras[0].position, b->cameras[0].position, sizeof(a->cameras[0].position)) == 0);
     REQUIRE(pell_scene_hash(a) == pell_scene_hash(b));
+    REQUIRE(pell_scene_read_view(a, "s.json", side, strlen(side)) == PELL_OK);
+    assert_int_equal(a->num_cameras, b->num_cameras);
+    REQUIRE(a->cameras[0].position[0] > 0.0f && a->cameras[0].forward[0] < -0.999f);
     for (size_t i = 0; i < PELL_COUNT(wrong); i++)
         REQUIRE(pell_scene_read_view(a, "s.json", wrong[i], strlen(wrong[i])) != PELL_OK);
     pell_scene_destroy(&a);
@@ -1064,6 +1116,7 @@ int main(void)
         cmocka_unit_test(the_command_line_stands_above_the_file),
         cmocka_unit_test(time_is_the_command_lines_then_the_files),
         cmocka_unit_test(lights_are_read),
+        cmocka_unit_test(sides_studios_and_backgrounds_are_those_of_the_options),
         cmocka_unit_test(materials_are_overlaid_by_name),
         cmocka_unit_test(a_profile_is_a_model_or_a_table),
         cmocka_unit_test(a_radius_means_what_its_kind_says),

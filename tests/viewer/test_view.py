@@ -149,6 +149,38 @@ def _(folder):
         renders_the_same(folder, page, png, 'turned.json')
 
 
+@test('sides, studios, environments and backgrounds of the command line are shown as `render` draws them, and saved')
+def _(folder):
+    ball(folder)
+    points, triangles = sphere()
+    write_obj(folder / 'egg.obj', [(x, y, 1.4 * z + 0.3 * y) for x, y, z in points], triangles)
+    works(folder, 'render', *ball(folder), '--background', '#80a0ff', '-o', 'sky.exr')
+    (folder / 'below').mkdir()
+    (folder / 'below' / 'egg.obj').write_bytes((folder / 'egg.obj').read_bytes())
+    for number, (mesh, options) in enumerate((
+            ('egg.obj', ['--from', '34', '--studio', 'window']),
+            ('egg.obj', ['--up', 'z', '--from', '100,-20', '--studio', 'back', '--background', 'white']),
+            ('egg.obj', ['--environment', 'sky.exr', '--environment-rotate', '75', '--environment-scale', '0.5']),
+            ('below/egg.obj', ['--environment', 'sky.exr', '--background', '#102030']))):
+        arguments = [mesh, '--unit', '1mm', '--material', 'wholemilk', '--exposure', '0.3', *QUICK, *options]
+        works(folder, 'render', *arguments, '-o', f'direct-{number}.png')
+        with Viewer(folder, *arguments) as viewer, viewer.page() as page:
+            state = page.hello()['state']
+            _, png = page.still(state)
+            need(png_pixels((folder / f'direct-{number}.png').read_bytes()) == png_pixels(png), options, 'renders other pixels')
+            if '/' not in mesh: # an environment outside the scene's folder is named by its whole path, which scene files may not
+                renders_the_same(folder, page, png, f'saved-{number}.json')
+            state['camera'] = {'from': ['31.5mm', '40.25mm', '-101mm'], 'to': ['1mm', '0mm', '-2.5mm'], 'up': [0, 1, 0], 'fov_deg': 24.3}
+            _, moved = page.still(state)
+            need(moved != png, options, 'the camera changes nothing')
+            if '/' not in mesh:
+                renders_the_same(folder, page, moved, f'moved-{number}.json')
+            else: # the only file that it may name there
+                state['lights'] = [{'type': 'environment', 'image': str(folder / 'direct-0.png')}] * 2
+                page.view(state)
+                need('absolute path' in page.until(lambda m: m['type'] == 'message')[0]['what'], 'a page may name any file')
+
+
 @test('every method draws, and one beside another')
 def _(folder):
     with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:

@@ -109,6 +109,32 @@ fail:
     return res;
 }
 
+/* true: the soft lights; or a studio's name, unless the caller gives one. */
+static enum pell_result read_studio(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
+{
+    const struct pell_json value = pell_json_get(at, "studio");
+    struct pell_text where;
+    bool studio = true;
+    const char *name;
+    int index;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_only(at, studio_keys, PELL_COUNT(studio_keys)));
+    if (json_is_string(value.value)) {
+        PELL_TRY(pell_json_to_string(&value, &name));
+        PELL_TRY(pell_studio_read(r->ctx, PELL_ERR_FORMAT, pell_json_where(&value, &where), name, &index));
+        if (!extras->view.lights)
+            extras->view.studio = index;
+    } else {
+        PELL_TRY(pell_json_bool(at, "studio", &studio));
+    }
+    extras->studio |= studio;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
 static enum pell_result read_light(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
 {
     struct pell_light light = { .up = { 0, 1, 0 }, .direction = { 0, 0, -1 } };
@@ -118,13 +144,8 @@ static enum pell_result read_light(struct pell_scene_reader *r, const struct pel
     enum pell_result res;
 
     PELL_TRY(pell_json_is_object(at));
-    if (pell_json_has(at, "studio")) {
-        bool studio = true;
-        PELL_TRY(pell_json_only(at, studio_keys, PELL_COUNT(studio_keys)));
-        PELL_TRY(pell_json_bool(at, "studio", &studio));
-        extras->studio |= studio;
-        return PELL_OK;
-    }
+    if (pell_json_has(at, "studio"))
+        return read_studio(r, at, extras);
     PELL_TRY(pell_json_require(at, "type"));
     PELL_TRY(pell_json_choice(at, "type", light_names, PELL_COUNT(light_names), &type));
     PELL_TRY(pell_json_only(at, pell_light_keys[type].keys, pell_light_keys[type].count));

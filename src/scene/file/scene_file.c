@@ -14,6 +14,7 @@ KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time",
      "ground", "render");
 KEYS(mesh_keys, "path", "unit", "size", "translate", "rotate_deg", "scale", "material");
 KEYS(camera_keys, "from", "to", "up", "fov_deg", "ortho_height", "focus", "f_number");
+KEYS(side_keys, "side");
 KEYS(background_keys, "color", "image", "ground");
 KEYS(render_keys, "method", "width", "height", "knobs"); /* and any other option of the command line: who renders knows them */
 
@@ -25,6 +26,7 @@ const struct pell_scene_keys pell_scene_keys[] = {
     ROW("", root_keys),
     ROW("mesh", mesh_keys),
     ROW("camera", camera_keys),
+    ROW("camera_side", side_keys),
     ROW("background", background_keys),
     ROW("render", render_keys),
     { "material", pell_material_keys, PELL_MATERIAL_KEYS },
@@ -200,7 +202,26 @@ fail:
 
 /* --- Camera ------------------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result read_camera(struct pell_scene_reader *r, const struct pell_json *root)
+/* "side": the camera frames the objects, once all are known. The caller's camera stands above it. */
+static enum pell_result read_side(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
+{
+    const struct pell_json side = pell_json_get(at, "side");
+    struct pell_viewpoint view = { .studio = extras->view.studio, .lights = extras->view.lights };
+    struct pell_text where;
+    const char *text;
+    enum pell_result res;
+
+    PELL_TRY(ONLY(at, side_keys));
+    PELL_TRY(pell_json_to_string(&side, &text));
+    PELL_TRY(pell_side_read(r->ctx, PELL_ERR_FORMAT, pell_json_where(&side, &where), text, &view));
+    if (!extras->view.from && !(r->loader && r->loader->params->camera))
+        extras->view = view;
+
+fail:
+    return res;
+}
+
+static enum pell_result read_camera(struct pell_scene_reader *r, const struct pell_json *root, struct pell_extras *extras)
 {
     const struct pell_json at = pell_json_get(root, "camera");
     double from[3], to[3] = { 0 }, fov = 20.0;
@@ -216,6 +237,8 @@ static enum pell_result read_camera(struct pell_scene_reader *r, const struct pe
         PELL_TRY(pell_json_to_string(&at, &name));
         return pell_scene_choose_camera(r->scene, pell_json_where(&at, &where), name, PELL_ERR_FORMAT);
     }
+    if (pell_json_has(&at, "side"))
+        return read_side(r, &at, extras);
     PELL_TRY(ONLY(&at, camera_keys));
     PELL_TRY(pell_json_require(&at, "from"));
     PELL_TRY(pell_scene_position(&at, "from", r->unit, from));
@@ -247,11 +270,11 @@ fail:
 
 static enum pell_result read_background(struct pell_scene_reader *r, const struct pell_json *root, struct pell_json *ground)
 {
-    static const char *const names[] = { "environment", "transparent" };
     const struct pell_json at = pell_json_get(root, "background");
     struct pell_scene *scene = r->scene;
+    struct pell_text where;
     bool environment = false;
-    int which = 0;
+    const char *text;
     enum pell_result res;
 
     for (size_t i = 0; i < scene->num_lights; i++)
@@ -261,9 +284,10 @@ static enum pell_result read_background(struct pell_scene_reader *r, const struc
     if (!at.value)
         return PELL_OK;
     if (json_is_string(at.value)) {
-        PELL_TRY(pell_json_choice(root, "background", names, PELL_COUNT(names), &which));
-        scene->background = which == 0 ? PELL_BACKGROUND_ENVIRONMENT : PELL_BACKGROUND_TRANSPARENT;
-        if (which == 0 && !environment)
+        PELL_TRY(pell_json_to_string(&at, &text));
+        PELL_TRY(
+            pell_background_read(r->ctx, PELL_ERR_FORMAT, pell_json_where(&at, &where), text, &scene->background, scene->background_color));
+        if (scene->background == PELL_BACKGROUND_ENVIRONMENT && !environment)
             return pell_json_error(&at, PELL_ERR_FORMAT, "add { \"type\": \"environment\", ... } to the lights",
                                    "is the environment, but no light is one");
         return PELL_OK;
@@ -455,11 +479,13 @@ static enum pell_result read_root(struct pell_scene_reader *r, const struct pell
     PELL_TRY(read_moment(r, root));
     PELL_TRY(read_meshes(r, root));
     PELL_TRY(check_moment(r, root));
-    PELL_TRY(read_camera(r, root));
+    PELL_TRY(read_camera(r, root, extras));
     PELL_TRY(pell_scene_lights(r, root, extras));
     PELL_TRY(pell_scene_overlay_all(r, root));
     PELL_TRY(read_background(r, root, &ground));
     PELL_TRY(read_ground(r, &ground, extras));
+    if (!ground.value && !pell_json_has(root, "background"))
+        extras->backdrop = extras->studio && pell_studio_has_backdrop(extras->view.studio);
     PELL_TRY(read_render(r, root, extras));
     return PELL_OK;
 
@@ -479,6 +505,7 @@ enum pell_result pell_read_scene_file(const struct pell_loader *loader, const ch
     *out = NULL;
     r.import =
         (struct pell_import) { .ctx = loader->ctx, .path = path, .root = loader->root, .allow_outside = loader->params->allow_outside };
+    r.granted = loader->granted;
     PELL_TRY(pell_json_parse(&r.file, data, size));
     root = pell_json_root(&r.file);
     PELL_TRY(pell_json_is_object(&root));
@@ -554,13 +581,16 @@ enum pell_result pell_scene_read_view(struct pell_scene *scene, const char *path
         .ctx = scene->ctx, .scene = scene, .file = { .ctx = scene->ctx, .path = path, .range = PELL_ERR_FORMAT }, .unit = scene->mm_per_unit
     };
     const size_t cameras = scene->num_cameras;
+    struct pell_extras extras = { .ground_material = -1 };
     struct pell_json root;
     enum pell_result res;
 
     PELL_TRY(pell_json_parse(&r.file, data, size));
     root = pell_json_root(&r.file);
     PELL_TRY(pell_json_is_object(&root));
-    PELL_TRY(read_camera(&r, &root));
+    PELL_TRY(read_camera(&r, &root, &extras));
+    if (extras.view.from)
+        PELL_TRY(pell_scene_frame_from(scene, &extras.view, 0.0f));
     if (scene->num_cameras > cameras) /* it took the first one's place, and that one the last */
         pell_free(r.ctx, scene->cameras[--scene->num_cameras].name);
     PELL_TRY(reread_lights(&r, &root));

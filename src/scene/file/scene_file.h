@@ -15,6 +15,7 @@ struct pell_scene_reader {
     struct pell_json_file file;
     struct pell_scene *scene;  /* what has been read so far, in mm */
     struct pell_import import; /* for pictures */
+    const char *granted;       /* of the loader */
     struct pell_scale scale;   /* of the top level */
     struct pell_moment moment;
     struct pell_text moment_where;

@@ -143,23 +143,26 @@ enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key,
 static enum pell_result read_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
                                      enum pell_image_role role, bool needed, struct pell_texture **texture)
 {
+    const bool outside = r->import.allow_outside;
     struct pell_text where;
     char *path = NULL;
     enum pell_result res;
 
     *texture = NULL;
     pell_json_where(at, &where);
-    res = pell_path_resolve(r->ctx, where.str, r->import.root, reference, r->import.allow_outside, &path);
-    pell_free(r->ctx, path);
-    if (res != PELL_OK)
-        return res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
+    r->import.allow_outside |= r->granted && strcmp(reference, r->granted) == 0;
+    PELL_TRY(pell_path_resolve(r->ctx, where.str, r->import.root, reference, r->import.allow_outside, &path));
     r->import.scene = r->scene;
     r->import.needed = needed;
     res = pell_import_texture(&r->import, where.str, reference, role, texture);
     r->import.needed = false;
     if (res == PELL_OK && *texture)
         res = pell_texture_sampler(r->scene, *texture, PELL_WRAP_REPEAT, PELL_WRAP_REPEAT, false, texture);
-    return res;
+
+fail:
+    r->import.allow_outside = outside;
+    pell_free(r->ctx, path);
+    return res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
 }
 
 enum pell_result pell_scene_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
