@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""make_fuzz_seeds.py: writes the seeds of fuzz/scene/corpus/{gltf,material,profile_table}, fuzz/optics/corpus/optics and
-fuzz/methods/corpus/checkpoint: small files that between them reach every part of what reads them."""
+"""make_fuzz_seeds.py: writes the seeds of fuzz/scene/corpus/{gltf,material,profile_table}, fuzz/optics/corpus/optics,
+fuzz/methods/corpus/{checkpoint,render} and fuzz/cli/corpus/options: small files that between them reach every part of what reads them."""
 import json
 import math
 import pathlib
@@ -123,10 +123,10 @@ def deforming():
                           animations=[{"name": "all", "samplers": samplers, "channels": channels}]), b.data)
 
 
-def surfaces(extensions):
+def surfaces(extensions, picture=None, kind="image/png"):
     b = Buffer()
     attributes, indices = square(b)
-    picture = b.view(png())
+    picture = b.view(picture or png())
     material = {
         "pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"rotation": 0.3}}},
                                  "metallicRoughnessTexture": {"index": 1}},
@@ -136,7 +136,7 @@ def surfaces(extensions):
     return glb(b.document(nodes=[{"mesh": 0}], meshes=[{"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
                           materials=[material], textures=[{"source": 0}, {"source": 0, "sampler": 0}],
                           samplers=[{"wrapS": 33071, "wrapT": 33648, "magFilter": 9728}],
-                          images=[{"bufferView": picture, "mimeType": "image/png"}]), b.data)
+                          images=[{"bufferView": picture, "mimeType": kind}]), b.data)
 
 
 def text():
@@ -157,8 +157,21 @@ def gltf():
     thin = {"KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.5, "diffuseTransmissionColorTexture": {"index": 0}},
             "KHR_materials_specular": {"specularTexture": {"index": 0}}, "KHR_materials_transmission": {"transmissionFactor": 1},
             "KHR_materials_emissive_strength": {"emissiveStrength": 3}}
-    return {"shapes.glb": shapes(), "medium.glb": surfaces(medium), "thin.glb": surfaces(thin), "text.gltf": text(), "empty.glb": glb({}),
-            "deforming.glb": deforming()}
+    # Textures of the formats that files hold or claim, and of those that are refused by name.
+    images = FUZZ / "image/corpus/image"
+    pictures = {
+        "jpeg.glb": surfaces({}, (images / "j2.jpg").read_bytes(), "image/jpeg"),
+        "cmyk.glb": surfaces({}, (images / "cmyk.jpg").read_bytes(), "image/jpeg"),
+        "palette.glb": surfaces({}, (images / "palette.png").read_bytes()),
+        "rgb16.glb": surfaces({}, (images / "rgb16.png").read_bytes()),
+        "jpeg_as_png.glb": surfaces({}, (images / "j2.jpg").read_bytes()),
+        "exr.glb": surfaces({}, (images / "one.exr").read_bytes()),
+        "hdr.glb": surfaces({}, (images / "a.hdr").read_bytes()),
+        "webp.glb": surfaces({}, bytes.fromhex("524946461a000000574542505650384c0d0000002f00000010071011118888fe0700"), "image/webp"),
+        "ktx2.glb": surfaces({}, b"\xabKTX 20\xbb\r\n\x1a\n" + struct.pack("<9I", 0, 1, 4, 4, 0, 0, 1, 1, 1), "image/ktx2"),
+    }
+    return {**pictures, "shapes.glb": shapes(), "medium.glb": surfaces(medium), "thin.glb": surfaces(thin), "text.gltf": text(),
+            "empty.glb": glb({}), "deforming.glb": deforming()}
 
 
 # --- Material files -----------------------------------------------------------------------------------------------------------------
@@ -293,10 +306,46 @@ def checkpoints():
             "disordered": file([[(16, [(4, 8), (0, 4)], some), void[0]], void]), "short": b"PELLPT\r\n"}
 
 
+# --- Scenes that are drawn, command lines -------------------------------------------------------------------------------------------
+
+def scenes():
+    """As fuzz_render.c reads them: a method, then a scene file."""
+    medium = {"sigma_a": [0.01, 0.05, 0.2], "sigma_s_reduced": [2, 1.5, 1]}
+    layers = [{"thickness_mm": 0.5, "sigma_a": [0.1, 0.1, 0.5], "sigma_s": [4, 5, 6], "g": 0.8}, {"thickness_mm": "infinite", **medium}]
+    lights = [{"type": "point", "at": [30, 30, 30], "intensity": 900}, {"type": "environment", "color": [0.2, 0.3, 0.4]},
+              {"type": "rect", "at": [0, 40, 0], "width": 9, "height": 9, "radiance": 4}]
+    seeds = {}
+    for number in range(10):
+        scene = {"pellucid": 1, "mesh": "a.obj", "unit": "1mm", "camera": {"from": [20, 25, 40], "fov_deg": 30}, "lights": lights,
+                 "materials": {"Skin": medium, "Cloth": {"opaque": True, "color": [0.5, 0.2, 0.1]}}, "ground": number % 2 == 0}
+        seeds[f"medium_{number}"] = scene
+        seeds[f"layers_{number}"] = {**scene, "camera": {"side": "34"}, "lights": [{"studio": "rim"}], "background": "transparent",
+                                     "materials": {"*": {"layers": layers}}, "render": {"msaa": 2, "bounces": 2, "dof": True}}
+    return {name: bytes([int(name[-1])]) + json.dumps(scene).encode() for name, scene in seeds.items()}
+
+
+def command_lines():
+    """As fuzz_options.c reads them: a command, then a word a line."""
+    lines = {
+        "render": (0, "bunny.obj -m screen-space --material milk --size 70mm -o a.png --width 640 --height 360 --set gaussians=6"),
+        "frames": (0, "s.json --frames 0:2:0.25 --turntable 4 --exposure 2 --samples 64 --time-limit 5min --target-error 1%"),
+        "around": (0, "a.obj --unit 1mm --up z --from 35,15 --studio rim --background #f0f0f0 --limit depth=9 --stats"),
+        "parts": (0, "s.json -m path-trace --sample-range 0/4 --tile-range 1/2 --checkpoint a.ckpt --dump out --progress json"),
+        "sky": (0, "a.glb --environment sky.hdr --environment-rotate 90 --environment-scale 0.5 --time 1.5 --animation walk"),
+        "merge": (1, "a.ckpt b.ckpt --partial -o m.exr"), "check": (2, "s.json --json --cross-section a.svg --down-to 2mm"),
+        "methods": (3, "screen-space --json"), "profile": (4, "marble --model dipole --csv --rank 2 --export glsl --slab 2mm"),
+        "compare": (5, "a.exr b.exr --half c.exr --layer diffuse --mask m.png --methods none,dipole:samples=9 --references path-trace"),
+        "view": (6, "s.json --no-open --port 8000 --token-file t --listen 0.0.0.0"), "bench": (7, "jensen --runs 3 --threads 2"),
+        "help": (0, "--help"), "wrong": (0, "--widht 5"), "empty": (2, ""),
+    }
+    return {name: bytes([command]) + text.replace(" ", "\n").encode() for name, (command, text) in lines.items()}
+
+
 def main():
     for folder, seeds in (("scene/corpus/gltf", gltf()), ("scene/corpus/material", materials()),
                           ("scene/corpus/profile_table", tables()), ("optics/corpus/optics", numbers()),
-                          ("methods/corpus/checkpoint", checkpoints())):
+                          ("methods/corpus/checkpoint", checkpoints()), ("methods/corpus/render", scenes()),
+                          ("cli/corpus/options", command_lines())):
         (FUZZ / folder).mkdir(parents=True, exist_ok=True)
         for name, data in seeds.items():
             (FUZZ / folder / name).write_bytes(data)

@@ -55,10 +55,11 @@ static inline enum pell_result read_nothing(void *user, struct pell_context *ctx
     return pell_error(ctx, PELL_ERR_IO, path, NULL, "there are no files here");
 }
 
-/* Loads the bytes as the file `name`; other files come from `read` (NULL: there are none). */
-static inline void load(const char *name, const uint8_t *data, size_t size,
-                        enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size),
-                        const struct pell_load_params *params)
+typedef enum pell_result (*read_fn)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
+
+/* Loads the bytes as the file `name`, and gives what was accepted to `use`; other files come from `read` (NULL: there are none). */
+static inline void load_for(const char *name, const uint8_t *data, size_t size, read_fn read, const struct pell_load_params *params,
+                            void (*use)(const struct pell_scene *scene))
 {
     struct pell_limits limits;
     int errors = 0;
@@ -78,7 +79,7 @@ static inline void load(const char *name, const uint8_t *data, size_t size,
     loader.ctx = ctx;
     if (pell_scene_load_bytes(&loader, name, copy, size, &scene) == PELL_OK) {
         require(errors == 0);
-        check_scene(scene);
+        use(scene);
         pell_scene_destroy(&scene);
     } else {
         require(errors == 1 && !scene);
@@ -86,6 +87,11 @@ static inline void load(const char *name, const uint8_t *data, size_t size,
     require(pell_memory_used(ctx) == 0);
     pell_context_destroy(&ctx);
     free(copy);
+}
+
+static inline void load(const char *name, const uint8_t *data, size_t size, read_fn read, const struct pell_load_params *params)
+{
+    load_for(name, data, size, read, params, check_scene);
 }
 
 #endif

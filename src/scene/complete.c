@@ -495,18 +495,26 @@ static enum pell_result complete_tangents(struct pell_scene *scene)
 
 enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quiet)
 {
+    bool missing = scene->num_materials == 0, colored = scene->num_meshes > 0; /* at the vertices of all of them */
+    struct pell_material *m;
     size_t index = 0;
-    bool missing = scene->num_materials == 0;
     enum pell_result res;
 
-    for (size_t i = 0; i < scene->num_meshes; i++)
+    for (size_t i = 0; i < scene->num_meshes; i++) {
         missing |= scene->meshes[i].material < 0;
+        colored &= scene->meshes[i].material >= 0 || scene->meshes[i].color;
+    }
     if (!missing)
         return PELL_OK;
     PELL_TRY(pell_scene_add_material(scene, "default", &index));
     PELL_TRY(pell_material_apply(scene, index, scene->path, "marble"));
+    m = &scene->materials[index];
+    if (colored) {
+        m->color_from = PELL_COLOR_FROM_TEXTURE;
+        m->base_color[0] = m->base_color[1] = m->base_color[2] = 1.0f;
+    }
     if (!quiet)
-        pell_info(scene->ctx, scene->path, "names no material: marble is used");
+        pell_info(scene->ctx, scene->path, "names no material: marble is used%s", colored ? " in the colours of the vertices" : "");
     for (size_t i = 0; i < scene->num_meshes; i++)
         if (scene->meshes[i].material < 0)
             scene->meshes[i].material = (int) index;

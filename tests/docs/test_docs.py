@@ -270,7 +270,7 @@ def _(folder):
     objects = schema_properties(schema)
     for name, properties in objects.items():
         need(properties <= words, 'the page does not name', sorted(properties - words), 'of', name or 'the top level')
-    tables = {'Top level': [''], 'Meshes': ['mesh'], 'Camera': ['camera'], 'Background and ground': ['background'],
+    tables = {'Top level': [''], 'Meshes': ['mesh'], 'Camera': ['camera', 'camera_side'], 'Background and ground': ['background'],
               'Render': ['render', ''], 'Materials': ['material', 'textures'], 'Layers': ['layer', 'material']}
     options = set(re.findall(r'--([a-z-]+)', text(works(folder, 'render', '--help').stdout)))
     for heading, names in tables.items():

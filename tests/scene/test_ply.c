@@ -153,6 +153,10 @@ static void all_encodings_give_the_same(void **state)
         REQUIRE_NEAR(m->color[1], 0.0, 0);
         REQUIRE_NEAR(m->color[2], pell_srgb_u8[128], 1e-6);
         REQUIRE_NEAR(m->color[3], 1.0, 0);
+        /* The file names no material: marble, in these colours. */
+        assert_string_equal(scenes[2]->materials[m->material].preset, "marble");
+        assert_int_equal(scenes[2]->materials[m->material].color_from, PELL_COLOR_FROM_TEXTURE);
+        REQUIRE_NEAR(scenes[2]->materials[m->material].base_color[0], 1.0, 0);
     }
     for (int e = 0; e < 3; e++)
         pell_scene_destroy(&scenes[e]);

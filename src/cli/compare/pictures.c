@@ -185,6 +185,8 @@ static enum pell_result read_source(struct cli *cli, const char *path, bool is_m
         goto fail;
     }
     PELL_TRY(pell_image_decode(cli->ctx, path, data, size, is_mask ? PELL_ROLE_DATA : PELL_ROLE_RAW, &image));
+    pell_free(cli->ctx, data); /* large images need the memory for their planes */
+    data = NULL;
     s->display = image.type != PELL_PIXEL_F32;
     PELL_TRY(pell_image_to_float(cli->ctx, &image));
     res = spread(cli, s, &image);
