@@ -44,7 +44,7 @@ struct pell_settings {
     bool curvature;
     int64_t seed;
     float exposure;     /* factor from radiance to display; 0: metered (docs/adr/0005) */
-    float white;        /* luminance after exposure that becomes display white; 0: the image's largest */
+    float white;        /* luminance after exposure that becomes display white; 0: 1 % of the covered pixels are above it, at least 1 */
     float bloom;        /* share of the light that the lens scatters, [0, 1]; 0: none */
     float bloom_radius; /* standard deviation of the wider of its two Gaussians, % of the image height */
     bool dof;           /* depth of field with the camera's thin lens, one lens point per multisample */
@@ -150,7 +150,7 @@ struct pell_render_result {
     size_t num_stages;
     double seconds;
     int64_t invalid;       /* pixels that were NaN or infinite and were set to 0; expected to be 0 */
-    float exposure;        /* the applied factor */
+    float exposure, white; /* the applied ones: factor, and luminance after it that is display white */
     struct pell_rect rect; /* of translucent pixels */
     bool partial;          /* ended early by pell_context_interrupt: complete, but with fewer samples than requested */
     bool unfinished;       /* ended by a time limit or an interruption before the samples or the error that were asked for */

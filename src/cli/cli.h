@@ -228,7 +228,9 @@ enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char 
 /* What the command line says about loading. */
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
-/* Loads `path` with the options of the command line over those of the scene file, and readies a renderer. */
+/* Loads `path` with the options of the command line over those of the scene file: all but the renderer. */
+enum exit_code session_read(struct cli *cli, const char *path, struct session *s);
+/* The same, and readies a renderer. */
 enum exit_code session_open(struct cli *cli, const char *path, struct session *s);
 /* The same at a time in seconds; NULL: the command line's. */
 enum exit_code session_open_at(struct cli *cli, const char *path, const double *time, struct session *s);

@@ -327,7 +327,8 @@ enum exit_code session_open(struct cli *cli, const char *path, struct session *s
     return session_open_at(cli, path, NULL, s);
 }
 
-enum exit_code session_open_at(struct cli *cli, const char *path, const double *time, struct session *s)
+/* All but the renderer. */
+static enum exit_code read_at(struct cli *cli, const char *path, const double *time, struct session *s)
 {
     struct pell_device_params params = { .threads = cli->numbers.threads };
     enum exit_code code;
@@ -339,13 +340,23 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_device_create(cli->ctx, &params, &s->device));
     if (code == EXIT_OK)
+        code = load(cli, path, time, s);
+    return code == EXIT_OK ? configure(cli, s) : code;
+}
+
+enum exit_code session_read(struct cli *cli, const char *path, struct session *s)
+{
+    return read_at(cli, path, NULL, s);
+}
+
+enum exit_code session_open_at(struct cli *cli, const char *path, const double *time, struct session *s)
+{
+    enum exit_code code = read_at(cli, path, time, s);
+
+    if (code == EXIT_OK)
         code = cli_failed(cli, pell_renderer_create(s->device, &s->renderer));
     if (code == EXIT_OK)
         pell_renderer_measure_copies(s->renderer, cli->stats || cli->json);
-    if (code == EXIT_OK)
-        code = load(cli, path, time, s);
-    if (code == EXIT_OK)
-        code = configure(cli, s);
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_renderer_set_scene(s->renderer, s->scene));
     if (code == EXIT_OK)

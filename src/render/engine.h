@@ -106,7 +106,7 @@ struct pell_engine_result {
     const float *alpha;
     ptrdiff_t stride;
     size_t num_channels;
-    float exposure;
+    float exposure, white;
     int64_t invalid;
     bool covered, any_light; /* something is in view; light arrives at it */
 };

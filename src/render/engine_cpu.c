@@ -633,6 +633,7 @@ static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, b
         .alpha = e->sum.alpha,
         .stride = e->surface.stride,
         .exposure = e->post.exposure,
+        .white = e->post.white,
         .invalid = e->post.invalid,
         .covered = e->post.covered,
         .any_light = e->post.any_light,

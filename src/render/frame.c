@@ -284,6 +284,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
         .seconds = pell_seconds() - begin,
         .invalid = result.invalid,
         .exposure = result.exposure,
+        .white = result.white,
         .rect = r->translucent,
         .partial = partial,
         .unfinished = r->pass && pell_pass_unfinished(r->pass),

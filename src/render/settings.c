@@ -44,7 +44,7 @@ static const struct pell_knob settings_knobs[] = {
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,
       "factor from radiance to display; 0: metered from the light on the object" },
     { "white", PELL_KNOB_FLOAT, "1", AT(white), { 0 }, 0, 1e12, NULL,
-      "luminance after exposure that becomes display white; 0: the image's largest" },
+      "luminance after exposure that becomes display white; 0: that of the brightest hundredth of the object, at least 1" },
     { "bloom", PELL_KNOB_FLOAT, "1", AT(bloom), { 0 }, 0, 1, NULL,
       "share of the light that the lens scatters into a halo of two Gaussians; 0.1 is strong" },
     { "bloom-radius", PELL_KNOB_FLOAT, "%", AT(bloom_radius), { 3 }, 0, 25, NULL,

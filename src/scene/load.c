@@ -90,7 +90,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const c
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);
     if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))
         return pell_error(loader->ctx, PELL_ERR_INVALID, scale.where, NULL, "must be finite and not negative");
-    mesh = pell_scene_tell_format(path, data, size) != PELL_SCENE_SCENE;
+    mesh = !loader->is_scene_file && pell_scene_tell_format(path, data, size) != PELL_SCENE_SCENE;
     if (!mesh && params->up)
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--up", "rotate_deg of a mesh in the scene file turns it",
                           "is for a mesh file, and INPUT is a scene file");

@@ -76,6 +76,7 @@ struct pell_loader {
     const char *root;
     enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
     void *user;
+    bool is_scene_file;  /* the bytes are a scene file's, whatever the path's name */
     const char *granted; /* one image that a scene file may name wherever it lies; NULL: none */
 };
 

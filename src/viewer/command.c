@@ -133,7 +133,7 @@ enum exit_code command_view(struct cli *cli)
     struct session session;
     struct viewer v;
     char *hello = NULL;
-    enum exit_code code = session_open(cli, path, &session); /* what is wrong at the start is said in the terminal */
+    enum exit_code code = session_read(cli, path, &session); /* what is wrong at the start is said in the terminal */
 
     if (code == EXIT_OK && !(hello = make_hello(cli, &session)))
         code = EXIT_MEMORY;

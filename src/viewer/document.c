@@ -6,7 +6,6 @@
 #include "scene/scene.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -176,9 +175,8 @@ static enum pell_result read_base(struct viewer_document *d, const char *path, j
     PELL_TRY(pell_file_read(d->ctx, path, &data, &size));
     scene = pell_scene_tell_format(path, data, size) == PELL_SCENE_SCENE;
     res = PELL_ERR_NOMEM;
-    if (!(d->path = pell_alloc(d->ctx, strlen(path) + 6)))
+    if (!(d->path = pell_strdup(d->ctx, path)))
         goto fail;
-    snprintf(d->path, strlen(path) + 6, "%s%s", path, scene ? "" : ".json");
     res = PELL_OK;
     if (scene) {
         PELL_TRY(pell_json_parse(&file, data, size));
@@ -354,7 +352,7 @@ enum pell_result viewer_document_load(const struct viewer_document *d, const str
                                       struct pell_scene **out)
 {
     const struct pell_load_params params = params_of(d, view);
-    struct pell_loader loader = { .ctx = d->ctx, .params = &params, .granted = d->granted };
+    struct pell_loader loader = { .ctx = d->ctx, .params = &params, .is_scene_file = true, .granted = d->granted };
     char *text = json_dumps(document, JSON_COMPACT), *folder = pell_path_folder(d->ctx, d->path);
     enum pell_result res;
 

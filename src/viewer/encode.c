@@ -98,15 +98,11 @@ enum pell_result viewer_encode_exr(struct pell_context *ctx, const struct pell_r
     return take(&w, pell_exr_encode(&w), bytes, size);
 }
 
-void viewer_tone(const struct pell_settings *settings, float exposure, const float *const in[3], float *const out[3], size_t count)
+void viewer_tone(const struct pell_settings *settings, const float *const in[3], float *const out[3], size_t count)
 {
-    const float curve = settings->tonemap == PELL_TONEMAP_REINHARD ? 1.0f : 0.0f;
-    float white = settings->white;
+    const float curve = settings->tonemap == PELL_TONEMAP_REINHARD ? 1.0f : 0.0f, exposure = settings->exposure;
+    const float white = curve / (settings->white * settings->white);
 
-    if (!(white > 0.0f))
-        for (size_t i = 0; i < count; i++)
-            white = fmaxf(white, exposure * PELL_LUMINANCE(in[0][i], in[1][i], in[2][i]));
-    white = curve > 0.0f && white > 0.0f ? 1.0f / (white * white) : 0.0f;
     for (size_t i = 0; i < count; i++) {
         const float l = fmaxf(exposure * PELL_LUMINANCE(in[0][i], in[1][i], in[2][i]), 0.0f);
         const float scale = PELL_TONE_SCALE(exposure, l, curve, white);

@@ -27,8 +27,8 @@ PELL_NODISCARD enum pell_result viewer_encode_png(struct pell_context *ctx, cons
 /* All channels of a result, linear. */
 PELL_NODISCARD enum pell_result viewer_encode_exr(struct pell_context *ctx, const struct pell_render_result *image, uint8_t **bytes,
                                                   size_t *size);
-/* Display light of linear radiance, as the renderer's last stage makes it: exposure, then Reinhard's curve (or none). A white of 0 is the
- * largest luminance. Planes without padding; `out` may be `in`. */
-void viewer_tone(const struct pell_settings *settings, float exposure, const float *const in[3], float *const out[3], size_t count);
+/* Display light of linear radiance, as the renderer's last stage makes it: `settings` say exposure, white
+ * and curve. Planes without padding; `out` may be `in`. */
+void viewer_tone(const struct pell_settings *settings, const float *const in[3], float *const out[3], size_t count);
 
 #endif

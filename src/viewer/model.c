@@ -255,7 +255,7 @@ static void hurry(const struct viewer_haste *haste, struct pell_settings *s)
     s->indirect_samples = least(s->indirect_samples, 2048);
 }
 
-/* The exposure that is metered once for a scene and its lights: pictures of it do not flicker, and methods compare. */
+/* Exposure and white are metered once for a scene and its lights: pictures of it do not flicker, and methods compare. */
 static char *meter_text(const struct viewer_model *m, bool lights_moved)
 {
     /* The default lights are the same ones where they are listed because the camera has moved. */
@@ -285,16 +285,21 @@ enum pell_result viewer_model_render(struct viewer_model *m, enum viewer_slot sl
         PELL_TRY(pell_renderer_set_scene(m->slots[slot].renderer, m->scene));
         m->slots[slot].loads = m->loads;
     }
-    automatic = !(settings->exposure > 0.0f);
+    automatic = !(settings->exposure > 0.0f && settings->white > 0.0f);
     if (automatic && !(metered = meter_text(m, view->lights != NULL))) {
         res = no_memory(m);
         goto fail;
     }
-    if (automatic && same(metered, m->metered))
-        settings->exposure = m->exposure;
+    if (automatic && same(metered, m->metered)) {
+        settings->exposure = settings->exposure > 0.0f ? settings->exposure : m->exposure;
+        settings->white = settings->white > 0.0f ? settings->white : m->white;
+    }
     PELL_TRY(pell_renderer_render(m->slots[slot].renderer, settings, image));
+    settings->exposure = image->exposure;
+    settings->white = image->white;
     if (automatic) {
-        settings->exposure = m->exposure = image->exposure;
+        m->exposure = image->exposure;
+        m->white = image->white;
         replace(&m->metered, &metered);
     }
 
@@ -336,6 +341,8 @@ json_t *viewer_model_saved(const struct viewer_model *m, const struct viewer_mes
         json_object_set_new(render, "knobs", texts(view->look.knobs, view->look.num_knobs));
     if (!json_object_get(render, "exposure") && m->exposure > 0.0f)
         json_object_set_new(render, "exposure", json_string(pell_format_number((double) m->exposure, true, text, sizeof(text))));
+    if (!json_object_get(render, "white") && m->white > 0.0f)
+        json_object_set_new(render, "white", json_string(pell_format_number((double) m->white, true, text, sizeof(text))));
     json_object_set_new(o, "render", render);
     return o;
 }

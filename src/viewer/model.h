@@ -30,7 +30,7 @@ struct viewer_model {
         void *knobs;
         char *look; /* method and knobs as text */
     } slots[VIEWER_SLOTS];
-    float exposure; /* metered, with `metered` the text of what it was metered on; 0: not yet */
+    float exposure, white; /* metered, with `metered` the text of what it was metered on; 0: not yet */
     char *metered;
 };
 

@@ -166,7 +166,7 @@ static int open_page(struct lws *wsi, struct connection *c)
 
     *c = (struct connection) { .number = page ? page->number : 0 };
     if (!page) {
-        c->goodbye = "too many pages are open";
+        c->goodbye = "too many pages are open: close one, and this one connects";
         lws_close_reason(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, (unsigned char *) (uintptr_t) c->goodbye, strlen(c->goodbye));
         return -1;
     }

@@ -207,7 +207,9 @@ static json_t *metrics_json(const struct pell_metrics *x)
 static enum pell_result send_planes(struct viewer_truth *t, enum viewer_picture_kind kind, bool encoded)
 {
     const struct viewer_picture picture = { t->width, t->height, t->width, { t->display[0], t->display[1], t->display[2] }, encoded };
-    struct viewer_sent sent = { .width = t->width, .height = t->height, .mime = "image/jpeg", .exposure = t->exposure };
+    struct viewer_sent sent = {
+        .width = t->width, .height = t->height, .mime = "image/jpeg", .exposure = t->exposure, .white = t->settings.white
+    };
     const enum pell_result res = viewer_encode_jpeg(t->v->ctx, &picture, 90, &sent.file, &sent.size);
 
     if (res == PELL_OK)
@@ -268,7 +270,7 @@ static enum pell_result report(struct viewer_truth *t, struct viewer_model *m)
                   "batches", t->batches, "noise", t->noise, "random", t->random, "done", t->done, "width", t->width, "height", t->height);
     enum pell_result res;
 
-    viewer_tone(&t->settings, t->exposure, (const float *const *) t->mean, t->display, t->count);
+    viewer_tone(&t->settings, (const float *const *) t->mean, t->display, t->count);
     PELL_TRY(send_planes(t, VIEWER_PICTURE_REFERENCE, false));
     for (int i = 0; i < t->tests; i++)
         PELL_TRY(compare_one(t, m, i, o));

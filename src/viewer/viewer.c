@@ -253,9 +253,10 @@ void viewer_files_changed(struct viewer *v)
 
 void viewer_send_picture(struct viewer *v, uint64_t number, int64_t id, enum viewer_picture_kind kind, const struct viewer_sent *s)
 {
-    json_t *head = json_pack("{s:s,s:i,s:I,s:i,s:i,s:s,s:b,s:f,s:f,s:f,s:o*}", "type", "picture", "picture", (int) kind, "id",
-                             (json_int_t) id, "width", s->width, "height", s->height, "mime", s->mime, "still", s->still, "ms",
-                             1e3 * s->seconds, "encode_ms", 1e3 * s->encode_seconds, "exposure", (double) s->exposure, "stages", s->stages);
+    json_t *head =
+        json_pack("{s:s,s:i,s:I,s:i,s:i,s:s,s:b,s:f,s:f,s:f,s:f,s:o*}", "type", "picture", "picture", (int) kind, "id", (json_int_t) id,
+                  "width", s->width, "height", s->height, "mime", s->mime, "still", s->still, "ms", 1e3 * s->seconds, "encode_ms",
+                  1e3 * s->encode_seconds, "exposure", (double) s->exposure, "white", (double) s->white, "stages", s->stages);
 
     viewer_send(v, number, head, (int) kind, s->file, s->size);
 }

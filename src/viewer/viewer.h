@@ -85,7 +85,7 @@ struct viewer_sent {
     const char *mime;
     bool still; /* as `pellucid render` makes it */
     double seconds, encode_seconds;
-    float exposure;
+    float exposure, white;
     json_t *stages; /* NULL: none */
     uint8_t *file;
     size_t size;

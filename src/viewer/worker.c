@@ -137,6 +137,7 @@ static enum pell_result draw(struct viewer_worker *w, struct pane *p, bool other
     sent.seconds = image.seconds;
     sent.encode_seconds = pell_seconds() - start;
     sent.exposure = settings.exposure;
+    sent.white = settings.white;
     sent.stages = session_stages(&image);
     viewer_send_picture(w->v, p->number, p->view->id, other ? VIEWER_PICTURE_B : VIEWER_PICTURE_A, &sent);
     return PELL_OK;

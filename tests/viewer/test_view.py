@@ -92,8 +92,8 @@ def _(folder):
         head, png = page.still(state)
         need((head['width'], head['height'], head['mime']) == (160, 90, 'image/png'), head)
         renders_the_same(folder, page, png, 'view.json')
-        # Without an exposure of its own the command line meters the same picture anew: the same pixels but for that factor.
-        works(folder, 'render', *ball(folder), '--exposure', repr(head['exposure']), '-o', 'plain.png')
+        # Without tones of its own the command line meters the finished image, and the viewer the first one: the same pixels but for that.
+        works(folder, 'render', *ball(folder), '--exposure', repr(head['exposure']), '--white', repr(head['white']), '-o', 'plain.png')
         need(png_pixels((folder / 'plain.png').read_bytes()) == png_pixels(png), 'not what the command line renders')
 
 
@@ -162,7 +162,7 @@ def _(folder):
             ('egg.obj', ['--up', 'z', '--from', '100,-20', '--studio', 'back', '--background', 'white']),
             ('egg.obj', ['--environment', 'sky.exr', '--environment-rotate', '75', '--environment-scale', '0.5']),
             ('below/egg.obj', ['--environment', 'sky.exr', '--background', '#102030']))):
-        arguments = [mesh, '--unit', '1mm', '--material', 'wholemilk', '--exposure', '0.3', *QUICK, *options]
+        arguments = [mesh, '--unit', '1mm', '--material', 'wholemilk', '--exposure', '0.3', '--white', '1.5', *QUICK, *options]
         works(folder, 'render', *arguments, '-o', f'direct-{number}.png')
         with Viewer(folder, *arguments) as viewer, viewer.page() as page:
             state = page.hello()['state']

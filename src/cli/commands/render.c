@@ -199,6 +199,18 @@ static enum exit_code choose_sequence(struct cli *cli, struct job *job)
     return cli_range(cli, "--frame-range", cli->part.frames, count, 1, &job->first, &job->end);
 }
 
+/* Metered on the first image of a sequence and kept, or the images would flicker. */
+static void keep_tone(struct job *job)
+{
+    struct pell_settings *settings = &job->session.settings;
+
+    if (settings->exposure > 0.0f)
+        return;
+    settings->exposure = job->image.exposure;
+    if (!(settings->white > 0.0f))
+        settings->white = job->image.white;
+}
+
 /* All images have the exposure of the first of the sequence, also where another run makes that. */
 static enum exit_code find_exposure(struct cli *cli, struct job *job)
 {
@@ -210,7 +222,7 @@ static enum exit_code find_exposure(struct cli *cli, struct job *job)
         fprintf(stderr, "image 0 is rendered for its exposure; --exposure saves that\n");
     res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
     if (res == PELL_OK)
-        job->session.settings.exposure = job->image.exposure;
+        keep_tone(job);
     return cli_failed(cli, res);
 }
 
@@ -231,7 +243,7 @@ static enum exit_code render_turntable(struct cli *cli, struct job *job)
         code = render_one(cli, job, path);
         json_array_append_new(job->images, cli_text(path));
         cli_progress(cli, "render", 1.0);
-        job->session.settings.exposure = job->image.exposure; /* or the pictures would flicker */
+        keep_tone(job);
     }
     scene->cameras[0] = camera;
     return code;
@@ -268,7 +280,7 @@ static enum exit_code render_frames(struct cli *cli, struct job *job)
         code = render_one(cli, job, path);
         json_array_append_new(job->images, cli_text(path));
         cli_progress(cli, "render", 1.0);
-        job->session.settings.exposure = job->image.exposure; /* or the pictures would flicker */
+        keep_tone(job);
     }
     return code;
 }

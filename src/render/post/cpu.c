@@ -6,12 +6,16 @@
 #include "render/post/kernel.h"
 
 #include <float.h>
+#include <string.h>
 
-#define KEY 0.18               /* of a middle grey (Reinhard et al. 2002) */
-#define ENVIRONMENT_WHITE 16.0 /* an environment behind the object may be brighter than the object by far */
-#define METER_FACTOR 3.0       /* at most this times the key's exposure */
+#define KEY 0.18                /* of a middle grey (Reinhard et al. 2002) */
+#define ENVIRONMENT_WHITE 16.0f /* an environment behind the object may be brighter than the object by far */
+#define LARGEST_WHITE 1e12f     /* of the setting */
+#define METER_FACTOR 3.0        /* at most this times the key's exposure */
+#define BRIGHT 0.01             /* share of the covered pixels that the default white leaves above it */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
+enum { MOST_LOOKED_AT = 1 << 16, BIN_SHIFT = 19, BINS = 1 << (31 - BIN_SHIFT) }; /* 16 bins of luminance an octave */
 
 struct task {
     const struct pell_post_params *p;
@@ -40,6 +44,45 @@ static void measure_row(void *arg, int index, int worker)
     p->rows[y * PER_ROW + COUNT] = m.count;
     p->rows[y * PER_ROW + INVALID] = m.invalid;
     p->rows[y * PER_ROW + MAXIMUM] = m.maximum;
+}
+
+static float bin_edge(uint32_t bin)
+{
+    const uint32_t bits = bin << BIN_SHIFT;
+    float edge;
+
+    memcpy(&edge, &bits, sizeof(edge));
+    return edge;
+}
+
+/* Luminance that a share BRIGHT of the covered pixels exceeds, of those on an even grid; 0 if nothing is covered. */
+static float bright_luminance(const struct task *t)
+{
+    const struct pell_rect r = t->p->rect;
+    const double area = fmax(0.0, r.x1 - r.x0) * fmax(0.0, r.y1 - r.y0);
+    const int step = 1 + (int) sqrt(area / MOST_LOOKED_AT);
+    uint32_t counts[BINS] = { 0 }, all = 0, above = 0, bin = BINS;
+    float low, high;
+
+    for (int y = r.y0; y < r.y1; y += step)
+        for (int x = r.x0; x < r.x1; x += step) {
+            const ptrdiff_t at = y * t->p->stride + x;
+            const float a = t->alpha[at];
+            const float l = PELL_LUMINANCE(t->color[0][at], t->color[1][at], t->color[2][at]) / a;
+            uint32_t bits;
+            if (!(a > 0.5f && l >= 0.0f && l <= FLT_MAX))
+                continue;
+            memcpy(&bits, &l, sizeof(bits));
+            counts[bits >> BIN_SHIFT & (BINS - 1)]++;
+            all++;
+        }
+    while (bin > 0 && (double) above <= BRIGHT * all && above < all)
+        above += counts[--bin];
+    if (above == 0)
+        return 0.0f;
+    low = bin_edge(bin);
+    high = bin_edge(bin + 1);
+    return low + (high - low) * ((float) above - (float) BRIGHT * (float) all) / (float) counts[bin];
 }
 
 /* Radiance that a colour, as it is to be shown, stands for. */
@@ -219,7 +262,9 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     if (!(t.exposure > 0.0f && t.exposure < 1e30f))
         t.exposure = 1.0f;
     if (!(t.white > 0.0f))
-        t.white = (float) fmax(maximum * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? ENVIRONMENT_WHITE : 1.0);
+        t.white = fminf(
+            fmaxf(bright_luminance(&t) * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? ENVIRONMENT_WHITE : 1.0f),
+            LARGEST_WHITE);
     t.white_scale = 1.0f / (t.white * t.white);
     prepare_background(&t);
     pell_pool_run(pool, params->height, finish_row, &t);
