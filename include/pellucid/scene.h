@@ -178,6 +178,7 @@ struct pell_scene {
 
     enum pell_background background;
     float background_color[3]; /* as shown: 1 is display white */
+    bool contact_shadow;       /* the objects shade a background of one colour below them, as if they stood on it */
     struct pell_texture *background_image;
 
     float bounds_min[3], bounds_max[3]; /* of all meshes but the generated ground, mm */

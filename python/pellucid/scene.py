@@ -113,7 +113,7 @@ class Scene(Closing):
         lights: dicts with type (point, spot, directional, rect, disc, environment) and members of struct pell_light: position mm,
             direction, power (W/sr, W/m^2 or W/(m^2 sr)), width, height, radius. None: a studio of three.
         camera: position mm, `to` mm or forward, up, fov_deg (vertical) or ortho_height mm. None: frames the meshes.
-        background: a colour (3,), or None for grey.
+        background: a colour (3,), or None for grey with a soft shadow below the objects.
         """
         self = cls(progress)
         context = self.context
@@ -129,6 +129,7 @@ class Scene(Closing):
         if background is not None:
             self.c.background = lib.PELL_BACKGROUND_COLOR
             self.c.background_color = three(background, "background").tolist()
+        self.c.contact_shadow = background is None
         params = _load_params([], aspect=aspect)
         context.call(lib.pell_scene_complete, self.c, params)
         return self

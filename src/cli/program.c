@@ -150,6 +150,16 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
     return code;
 }
 
+/* The kernel makes the stack's pages when they are first touched, and ends the process by a signal where it has no memory for them. Touched
+ * now, they are there when memory is short: then an allocation fails, which is an error like others. */
+static __attribute__((noinline)) void touch_stack(void)
+{
+    volatile char pages[1 << 20];
+
+    for (size_t i = 0; i < sizeof(pages); i += 4096)
+        pages[i] = 0;
+}
+
 int cli_main(const struct program *program, int argc, char **argv)
 {
     struct cli cli = { .program = program, .log_level = PELL_LOG_INFO, .progress = { .fraction = 2.0 } };
@@ -157,6 +167,7 @@ int cli_main(const struct program *program, int argc, char **argv)
     const bool color = !(no_color && no_color[0]) && !(term && strcmp(term, "dumb") == 0);
     enum exit_code code;
 
+    touch_stack();
     signal(SIGPIPE, SIG_IGN); /* a write that fails says so */
     signal(SIGXFSZ, SIG_IGN);
     cli.tty = isatty(STDERR_FILENO) == 1;

@@ -95,6 +95,7 @@ enum pell_engine_resource {
     PELL_ENGINE_PLANES, /* of a size; made again (what is not there yet) whenever a frame asks for more */
     PELL_ENGINE_RASTER, /* of a scene and a size */
     PELL_ENGINE_LIGHTS,
+    PELL_ENGINE_CONTACT,   /* the shadow below the objects */
     PELL_ENGINE_CURVATURE, /* of translucent objects */
     PELL_ENGINE_LINKS,     /* along which surfaces light each other */
     PELL_ENGINE_INDIRECT,  /* what the lights send along the links */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
 #include "render/engine_cpu.h"
+#include "render/contact/stage.h"
 #include "render/curvature/stage.h"
 
 #include "render/indirect/stage.h"
@@ -28,6 +29,7 @@ struct cpu {
     const struct pell_angle *angle;       /* of the materials; borrowed: the renderer's own */
     const struct pell_settings *settings; /* of the lights; borrowed: the renderer's own */
 
+    struct pell_contact *contact;     /* NULL: no contact shadow */
     struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
 
     struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
@@ -221,6 +223,16 @@ fail:
 static int64_t cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                                 const struct pell_surface_light *out);
 
+static enum pell_result make_contact(struct cpu *e, const struct pell_engine_frame *frame)
+{
+    const double start = pell_seconds();
+    const enum pell_result res = pell_contact_create(e->ctx, e->pool, e->scene, e->rays, &e->contact);
+
+    if (e->contact)
+        pell_stage_note(frame->notes, "contact shadow", pell_seconds() - start, 0, 0, 0);
+    return res;
+}
+
 /* Of materials that are scaled by their coefficients alone; sums of Gaussians and profiles from files have none. */
 static enum pell_result make_curvature(struct cpu *e, const struct pell_engine_frame *frame)
 {
@@ -299,6 +311,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
         e->angle = frame->materials->angle;
         pell_specular_tables_choose(e->tables, e->scene, s->specular);
         return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
+    case PELL_ENGINE_CONTACT: return make_contact(e, frame);
     case PELL_ENGINE_CURVATURE: return make_curvature(e, frame);
     case PELL_ENGINE_LINKS: return make_links(e, frame);
     case PELL_ENGINE_INDIRECT: return make_indirect(e, frame);
@@ -320,6 +333,7 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
         e->rastered = false;
         break;
     case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
+    case PELL_ENGINE_CONTACT: pell_contact_destroy(&e->contact); break;
     case PELL_ENGINE_CURVATURE: pell_curvature_destroy(&e->curvature); break;
     case PELL_ENGINE_LINKS: pell_indirect_destroy(&e->indirect); break;
     case PELL_ENGINE_INDIRECT: e->lit = false; break;
@@ -590,6 +604,7 @@ static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f
         .view = view,
         .lens = f->lens,
         .lights = e->lights,
+        .contact = e->contact,
         .settings = f->settings,
         .width = f->settings->width,
         .height = f->settings->height,

@@ -240,6 +240,16 @@ static void drop_curvature(struct pell_renderer *r)
     r->device->engine->drop(r->engine, PELL_ENGINE_CURVATURE);
 }
 
+static enum pell_result make_contact(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_CONTACT, NULL);
+}
+
+static void drop_contact(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_CONTACT);
+}
+
 static enum pell_result make_links(struct pell_renderer *r)
 {
     return make_in_engine(r, PELL_ENGINE_LINKS, NULL);
@@ -330,6 +340,7 @@ static const struct resource {
     { PELL_INPUT_SCENE | PELL_INPUT_SIZE, NULL, make_raster, drop_raster },
     { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS, NULL, make_lights, drop_lights },
     { PELL_INPUT_SCENE | PELL_INPUT_PROFILE, NULL, make_curvature, drop_curvature },
+    { PELL_INPUT_SCENE, NULL, make_contact, drop_contact },
     { PELL_INPUT_SCENE | PELL_INPUT_BOUNCES, NULL, make_links, drop_links },
     { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS | PELL_INPUT_PROFILE | PELL_INPUT_BOUNCES, NULL, make_indirect, drop_indirect },
     { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_SIZE | PELL_INPUT_CAMERA | PELL_INPUT_PROFILE, pass_depends,

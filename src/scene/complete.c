@@ -586,6 +586,9 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
                                  : extras->backdrop && !around->environment;
     if (extras->ground || (ground && !around->background))
         PELL_TRY(pell_scene_ground(scene, extras->ground_material));
+    if (scene->from_file && scene->background == PELL_BACKGROUND_COLOR && scene->ground_mesh < 0 && !extras->own_background &&
+        !around->background)
+        scene->contact_shadow = true;
     return PELL_OK;
 
 fail:

@@ -152,6 +152,8 @@ uint64_t pell_scene_hash(const struct pell_scene *scene)
         add_light(&hash, &scene->lights[i]);
     add_int(&hash, scene->background);
     add_floats(&hash, scene->background_color, 3);
+    if (scene->contact_shadow)
+        add_int(&hash, 1);
     add_texture(&hash, scene->background_image);
     if (scene->num_cameras > 0) {
         add_floats(&hash, c->position, 3);

@@ -59,9 +59,10 @@ struct pell_surroundings {
 struct pell_extras {
     struct pell_viewpoint view; /* of the load parameters, as is the next */
     struct pell_surroundings surroundings;
-    bool studio;    /* the default lights, though there are others */
-    bool backdrop;  /* which stand on the ground */
-    bool no_lights; /* the file says that there are none: add none */
+    bool studio;         /* the default lights, though there are others */
+    bool backdrop;       /* which stand on the ground */
+    bool own_background; /* the file says one */
+    bool no_lights;      /* the file says that there are none: add none */
     bool ground;
     int ground_material; /* -1: the neutral one */
     float aspect;        /* of the picture that the file asks for; 0: it doesn't say */

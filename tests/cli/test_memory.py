@@ -15,7 +15,7 @@ OUT_OF_MEMORY = 5
 def starved(folder, limit, *arguments):
     """Runs with an address space of `limit` MiB; the exit code, and what was said."""
     def limited():
-        resource.setrlimit(resource.RLIMIT_AS, (limit * MIB, limit * MIB))
+        resource.setrlimit(resource.RLIMIT_AS, (int(limit * MIB), int(limit * MIB)))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     done = subprocess.run([PROGRAM, 'render', 'ball.obj', '--size', '40mm', '--material', 'marble', '--width', '16', '--height', '9',
                            '--msaa', '1', '-q', '-o', 'a.png', *arguments], cwd=folder, env=clean_environment(), check=False,
@@ -43,6 +43,21 @@ def _(folder):
             code, said = starved(folder, limit, '--threads', threads, '-m', 'none')
             need(code in (0, OUT_OF_MEMORY), threads, 'threads,', limit, 'MiB:', signal.Signals(-code).name if code < 0 else code, said)
             need(code == 0 or (said.count(b'error: ') == 1 and b'terminate' not in said), threads, 'threads,', limit, 'MiB:', said)
+
+
+@test('little more than the program and its threads take, in steps of 64 KiB: the stack is there, too')
+def _(folder):
+    if SANITIZED:
+        raise Skip('a sanitizer has an address space of its own')
+    write_obj(folder / 'ball.obj', *sphere(rows=10, columns=16))
+    arguments = ['--threads', '7', '-m', 'none']
+    low, high = 0, 1024 # MiB: too little for the loader of programs, and enough for a word
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if starved(folder, middle, *arguments)[0] in (0, OUT_OF_MEMORY) else (middle, high)
+    for limit in range(16 * (high + 1), 16 * (high + 48)):
+        code, said = starved(folder, limit / 16, *arguments)
+        need(code in (0, OUT_OF_MEMORY), limit / 16, 'MiB:', signal.Signals(-code).name if code < 0 else code, said)
 
 
 sys.exit(main())

@@ -64,7 +64,7 @@ static enum pell_result null_open(struct pell_context *ctx, struct pell_pool *po
 
 static enum pell_result null_make(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame)
 {
-    static const char *const names[] = { "scene", "planes", "raster", "lights", "curvature", "links", "indirect" };
+    static const char *const names[] = { "scene", "planes", "raster", "lights", "contact", "curvature", "links", "indirect" };
     struct null_engine *e = engine;
     enum pell_result res = call(names[resource]);
 
@@ -76,7 +76,7 @@ static enum pell_result null_make(void *engine, enum pell_engine_resource resour
 
 static void null_drop(void *engine, enum pell_engine_resource resource)
 {
-    static const char *const names[] = { "-scene", "-planes", "-raster", "-lights", "-curvature", "-links", "-indirect" };
+    static const char *const names[] = { "-scene", "-planes", "-raster", "-lights", "-contact", "-curvature", "-links", "-indirect" };
     struct null_engine *e = engine;
 
     (void) call(names[resource]);
@@ -290,7 +290,7 @@ static void a_frame_runs_its_stages_in_order(void **state)
     s.settings.seed = ((int64_t) 5 << 32) + 9;
     seen.empty = 1;
     stage_render(&s);
-    assert_string_equal(take_calls(), "planes raster lights curvature links indirect create planes "
+    assert_string_equal(take_calls(), "planes raster lights curvature contact links indirect create planes "
                                       "surface irradiance composite "
                                       "surface irradiance lit hand-over record composite "
                                       "surface irradiance lit hand-over record composite "
@@ -357,11 +357,10 @@ static void a_change_makes_anew_what_depends_on_it(void **state)
     OK(pell_renderer_set_method(s.r, &probe_method, NULL));
     assert_string_equal(again(&s), "destroy create planes ");
     OK(pell_renderer_set_scene(s.r, s.scene));
-    assert_string_equal(
-        again(&s),
-        "destroy -indirect -links -curvature -lights -raster -scene scene raster lights curvature links indirect create planes ");
+    assert_string_equal(again(&s), "destroy -indirect -links -contact -curvature -lights -raster -scene scene raster lights curvature "
+                                   "contact links indirect create planes ");
     OK(pell_renderer_set_scene(s.r, NULL));
-    assert_string_equal(take_calls(), "destroy -indirect -links -curvature -lights -raster -scene ");
+    assert_string_equal(take_calls(), "destroy -indirect -links -contact -curvature -lights -raster -scene ");
     stage_finish(&s);
     assert_string_equal(take_calls(), "-planes ");
 }

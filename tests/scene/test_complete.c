@@ -448,6 +448,38 @@ static void a_background_that_is_given_has_no_floor_before_it(void **state)
     finish(s);
 }
 
+static void only_the_default_background_has_a_contact_shadow(void **state)
+{
+    static const struct memory_file files[] = { { "cube.obj", CUBE }, { NULL, NULL } };
+    static const struct {
+        const char *more;
+        struct pell_load_params params;
+        bool shadow;
+    } cases[] = {
+        { "", { 0 }, true },
+        { "", { .studio = "rim" }, true },
+        { "", { .studio = "window" }, false },
+        { "", { .background = "white" }, false },
+        { ",\"lights\":[]", { 0 }, true },
+        { ",\"background\":{\"color\":[0.5,0.5,0.5]}", { 0 }, false },
+        { ",\"background\":\"transparent\"", { 0 }, false },
+        { ",\"ground\":true", { 0 }, false },
+        { ",\"lights\":[{\"type\":\"environment\",\"color\":1}]", { 0 }, false },
+    };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct pell_context *ctx = test_context(NULL, NULL);
+        struct pell_text text = { 0 };
+        struct pell_scene *s;
+        pell_text_add(&text, "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"unit\":\"10mm\"%s}", cases[i].more);
+        assert_int_equal(load_bytes(ctx, "s.json", text.str, text.length, &cases[i].params, files, &s), PELL_OK);
+        if (s->contact_shadow != cases[i].shadow)
+            fail_msg("%s", text.str);
+        finish(s);
+    }
+}
+
 static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -704,6 +736,7 @@ int main(void)
         cmocka_unit_test(a_side_is_framed_by_the_vertices),
         cmocka_unit_test(z_upwards_becomes_y),
         cmocka_unit_test(each_studio_has_its_lights),
+        cmocka_unit_test(only_the_default_background_has_a_contact_shadow),
         cmocka_unit_test(studio_lights_are_as_bright_on_a_grain_as_on_a_house),
         cmocka_unit_test(a_background_that_is_given_has_no_floor_before_it),
         cmocka_unit_test(the_ground_is_a_floor_and_a_wall_out_of_the_bounds),

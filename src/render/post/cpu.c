@@ -25,8 +25,8 @@ struct task {
     const struct pell_post_kernels *kernels;
     float exposure, white, white_scale; /* 1 / white^2 */
     bool curve;
-    bool plain; /* one colour behind all */
-    struct pell_post_tone tone;
+    struct pell_rect varied;          /* where what is behind differs from pixel to pixel */
+    struct pell_post_tone tone, over; /* over one colour; what lies over the background already */
 };
 
 static void measure_row(void *arg, int index, int worker)
@@ -119,7 +119,15 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     const struct pell_scene *scene = t->p->scene;
     float shown[4];
 
-    if (scene->background == PELL_BACKGROUND_ENVIRONMENT) {
+    if (t->p->contact) {
+        struct pell_vec3 start, direction;
+        float shade;
+        pell_view_ray(t->p->view, (float) x, (float) y, &start, &direction);
+        shade = pell_contact_shade(t->p->contact, start, direction);
+        for (int c = 0; c < 3; c++)
+            shown[c] = shade * scene->background_color[c];
+        unexpose(t, shown, rgb);
+    } else if (scene->background == PELL_BACKGROUND_ENVIRONMENT) {
         if (!environment(t, x, y, rgb))
             unexpose(t, scene->background_color, rgb);
     } else {
@@ -136,8 +144,6 @@ static void fill(const struct task *t, int y, int x0, int x1)
     const float *a = t->alpha + row;
     float rgb[3];
 
-    if (t->plain)
-        return;
     for (int x = x0; x < x1; x++)
         if (a[x] < 1.0f) {
             background(t, x, y, rgb);
@@ -146,30 +152,37 @@ static void fill(const struct task *t, int y, int x0, int x1)
         }
 }
 
-/* What is shown of pixels x0 to x1. */
-static void show(const struct task *t, const struct pell_post_tone *tone, int y, int x0, int x1)
+/* Pixels x0 to x1 of a row before one background. `covered`: something may cover them. */
+static void finish_piece(const struct task *t, int y, int x0, int x1, bool varied, bool covered)
 {
     const ptrdiff_t at = y * t->p->stride + x0;
     float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
     float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
-
-    t->kernels->finish(tone, x1 - x0, color, t->alpha + at, display);
-}
-
-/* Pixels that nothing can cover. */
-static void empty(const struct task *t, int y, int x0, int x1)
-{
-    const ptrdiff_t at = y * t->p->stride + x0;
-    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
-    float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
+    const struct pell_post_tone *tone = varied ? &t->over : &t->tone;
 
     if (x0 >= x1)
         return;
-    t->kernels->empty(&t->tone, x1 - x0, color, t->alpha + at, display);
-    if (!t->plain) {
+    if (!covered)
+        t->kernels->empty(tone, x1 - x0, color, t->alpha + at, display);
+    if (varied)
         fill(t, y, x0, x1);
-        show(t, &t->tone, y, x0, x1);
-    }
+    if (varied || covered)
+        t->kernels->finish(tone, x1 - x0, color, t->alpha + at, display);
+}
+
+static void finish_span(const struct task *t, int y, int x0, int x1, bool covered)
+{
+    const struct pell_rect *v = &t->varied;
+    const bool crossed = y >= v->y0 && y < v->y1;
+    const int from = crossed ? (v->x0 < x0   ? x0
+                                : v->x0 < x1 ? v->x0
+                                             : x1)
+                             : x1,
+              to = crossed && v->x1 > from ? (v->x1 < x1 ? v->x1 : x1) : from;
+
+    finish_piece(t, y, x0, from, false, covered);
+    finish_piece(t, y, from, to, true, covered);
+    finish_piece(t, y, to, x1, false, covered);
 }
 
 static void finish_row(void *arg, int y, int worker)
@@ -179,23 +192,23 @@ static void finish_row(void *arg, int y, int worker)
     (void) worker;
 
     if (y < r.y0 || y >= r.y1 || r.x0 >= r.x1) {
-        empty(t, y, 0, t->p->width);
+        finish_span(t, y, 0, t->p->width, false);
         return;
     }
-    empty(t, y, 0, r.x0);
-    fill(t, y, r.x0, r.x1);
-    show(t, &t->tone, y, r.x0, r.x1);
-    empty(t, y, r.x1, t->p->width);
+    finish_span(t, y, 0, r.x0, false);
+    finish_span(t, y, r.x0, r.x1, true);
+    finish_span(t, y, r.x1, t->p->width, false);
 }
 
 static void show_row(void *arg, int y, int worker)
 {
     const struct task *t = arg;
-    struct pell_post_tone laid = t->tone;
+    const ptrdiff_t at = y * t->p->stride;
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
     (void) worker;
 
-    laid.lay = false;
-    show(t, &laid, y, 0, t->p->width);
+    t->kernels->finish(&t->over, t->p->width, color, t->alpha + at, display);
 }
 
 static void bloom(struct pell_pool *pool, const struct task *t)
@@ -209,25 +222,39 @@ static void bloom(struct pell_pool *pool, const struct task *t)
     pell_pool_run(pool, p->height, show_row, (void *) t);
 }
 
+/* Where the background differs from pixel to pixel. */
+static struct pell_rect varied_background(const struct task *t)
+{
+    const struct pell_scene *scene = t->p->scene;
+    const struct pell_rect all = { 0, 0, t->p->width, t->p->height }, none = { 0 };
+
+    switch (scene->background) {
+    case PELL_BACKGROUND_ENVIRONMENT: return all;
+    case PELL_BACKGROUND_IMAGE: return scene->background_image ? all : none;
+    case PELL_BACKGROUND_COLOR: return t->p->contact ? pell_contact_rect(t->p->contact, t->p->view) : none;
+    case PELL_BACKGROUND_TRANSPARENT: break;
+    }
+    return none;
+}
+
 /* A background of one colour: its radiance, and how it is shown. Others are looked up pixel by pixel, over black. */
 static void prepare_background(struct task *t)
 {
     const struct pell_scene *scene = t->p->scene;
-    const enum pell_background kind = scene->background;
+    const bool transparent = scene->background == PELL_BACKGROUND_TRANSPARENT;
     const float curve = t->curve ? 1.0f : 0.0f;
-    struct pell_post_tone *tone = &t->tone;
     float black[3] = { 0.0f };
 
-    *tone = (struct pell_post_tone) { t->exposure, kind == PELL_BACKGROUND_TRANSPARENT ? 0.0f : FLT_MAX, curve, curve * t->white_scale };
-    t->plain =
-        kind == PELL_BACKGROUND_COLOR || kind == PELL_BACKGROUND_TRANSPARENT || (kind == PELL_BACKGROUND_IMAGE && !scene->background_image);
-    tone->lay = t->plain && kind != PELL_BACKGROUND_TRANSPARENT;
-    if (!tone->lay)
+    t->over = (struct pell_post_tone) { t->exposure, transparent ? 0.0f : FLT_MAX, curve, curve * t->white_scale };
+    t->tone = t->over;
+    t->varied = varied_background(t);
+    t->tone.lay = !transparent && scene->background != PELL_BACKGROUND_ENVIRONMENT && !scene->background_image;
+    if (!t->tone.lay)
         return;
-    unexpose(t, scene->background_color, tone->behind);
+    unexpose(t, scene->background_color, t->tone.behind);
     /* By who shows the rest of it, to the last bit: beside what covers it, too, it is one colour. */
-    t->kernels->finish(tone, 1, (float *const[]) { &black[0], &black[1], &black[2] }, &(float) { 0.0f },
-                       (float *const[]) { &tone->shown[0], &tone->shown[1], &tone->shown[2] });
+    t->kernels->finish(&t->tone, 1, (float *const[]) { &black[0], &black[1], &black[2] }, &(float) { 0.0f },
+                       (float *const[]) { &t->tone.shown[0], &t->tone.shown[1], &t->tone.shown[2] });
 }
 
 void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,

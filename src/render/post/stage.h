@@ -12,14 +12,16 @@
 #ifndef PELL_POST_H
 #define PELL_POST_H
 
+#include "render/contact/stage.h"
 #include "render/irradiance/stage.h"
 #include "render/post/bloom.h"
 
 struct pell_post_params {
     const struct pell_scene *scene;
-    const struct pell_view *view;     /* unshifted, through the middle of the lens */
-    const struct pell_lens *lens;     /* that the picture was made through */
-    const struct pell_lights *lights; /* for an environment as background */
+    const struct pell_view *view;       /* unshifted, through the middle of the lens */
+    const struct pell_lens *lens;       /* that the picture was made through */
+    const struct pell_lights *lights;   /* for an environment as background */
+    const struct pell_contact *contact; /* NULL: no contact shadow */
     const struct pell_settings *settings;
     int width, height;
     struct pell_rect rect; /* of the composite: outside it color and alpha hold nothing and become the background */

@@ -484,7 +484,8 @@ static enum pell_result read_root(struct pell_scene_reader *r, const struct pell
     PELL_TRY(pell_scene_overlay_all(r, root));
     PELL_TRY(read_background(r, root, &ground));
     PELL_TRY(read_ground(r, &ground, extras));
-    if (!ground.value && !pell_json_has(root, "background"))
+    extras->own_background = pell_json_has(root, "background");
+    if (!ground.value && !extras->own_background)
         extras->backdrop = extras->studio && pell_studio_has_backdrop(extras->view.studio);
     PELL_TRY(read_render(r, root, extras));
     return PELL_OK;
