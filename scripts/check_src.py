@@ -17,7 +17,7 @@ FACES = {"cli", "viewer"}  # programs: they may print and exit
 
 CODE = {".c", ".h"}
 TEXT = CODE | {".in", ".py", ".sh", ".build", ".txt", ".md", ".comp", ".vert", ".frag", ".glsl", ".js", ".mjs", ".css"}
-FOLDERS = [".ci", "bench", "data", "docs", "examples", "fuzz", "include", "scripts", "src", "tests", "tools"]
+FOLDERS = [".ci", "bench", "data", "docs", "examples", "fuzz", "include", "integrations", "scripts", "src", "tests", "tools"]
 WIDTH = 140
 
 # Calls the library may not make, and why.

@@ -93,7 +93,8 @@ def _(folder):
 @test('files and make targets that the documentation names are there')
 def _(folder):
     targets = set(re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text('utf-8'), re.MULTILINE))
-    roots = '|'.join(['bench', 'data', 'docs', 'examples', 'fuzz', 'include', 'scripts', 'src', 'tests', r'\.ci', 'pellucid'])
+    roots = '|'.join(['bench', 'data', 'docs', 'examples', 'fuzz', 'include', 'integrations', 'scripts', 'src', 'tests', r'\.ci',
+                      'pellucid'])
     count = 0
     for path in PAGES:
         markdown = path.read_text('utf-8')

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: MIT
+"""Finding and running the program `pellucid`."""
+import json
+import os
+import shutil
+import subprocess
+
+
+class Trouble(Exception):
+    """What a user can put right: the text says what, where and how."""
+
+
+def find(wanted):
+    """The program's path: the one of the preferences, or the first of PATH."""
+    name = wanted.strip() or 'pellucid'
+    path = shutil.which(os.path.expanduser(name))
+    if path:
+        return path
+    if wanted.strip():
+        raise Trouble(f'"{wanted}" is no program. Correct "Program" in Preferences, Add-ons, Pellucid, or clear it to search PATH')
+    raise Trouble('The program pellucid was not found in PATH. Install it, or set "Program" in Preferences, Add-ons, Pellucid')
+
+
+def start(program, arguments, folder, output=subprocess.PIPE):
+    """Starts it; its messages are read from a file, so that a full pipe stops nobody."""
+    with open(os.path.join(folder, 'messages.txt'), 'wb') as messages:
+        try:
+            return subprocess.Popen([program, *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=messages, cwd=folder)
+        except OSError as fault:
+            raise Trouble(f'{program} does not start: {fault.strerror}') from fault
+
+
+def messages(folder):
+    with open(os.path.join(folder, 'messages.txt'), encoding='utf-8', errors='replace') as file:
+        return [line.strip() for line in file if line.strip()]
+
+
+def finish(process, folder):
+    """Refuses a run that failed, with what it said; returns its warnings."""
+    said = messages(folder)
+    if process.returncode:
+        first = next((i for i, line in enumerate(said) if line.startswith('error')), 0)
+        about = ' '.join(said[first:][:4]) or 'it said nothing'
+        raise Trouble(f'pellucid ended with exit code {process.returncode}: {about}')
+    return [line for line in said if line.startswith('warning')]
+
+
+def materials(program):
+    """(name, title) of the built-in materials, sorted by name."""
+    done = subprocess.run([program, 'materials', '--json'], stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)
+    try:
+        return sorted((row['name'], row['title']) for row in json.loads(done.stdout)['materials'])
+    except (ValueError, KeyError, TypeError) as fault:
+        raise Trouble(f'{program} does not list its materials by "materials --json" (exit code {done.returncode}): '
+                      'is it another program, or too old?') from fault
