@@ -85,7 +85,7 @@ def _(folder):
                 seen.update(path.glob('*.md'))
             continue
         seen.add(path)
-        todo += [(path.parent / t.partition('#')[0]).resolve() for t in re.findall(r'\]\(([^)\s]+)\)', path.read_text('utf-8'))]
+        todo += [(path.parent / t.partition('#')[0]).resolve() for t in re.findall(r'\]\(([^#)\s][^)\s]*)\)', path.read_text('utf-8'))]
     lost = {p for p in (ROOT / 'docs').rglob('*.md')} - seen
     need(not lost, 'unreachable:', sorted(p.name for p in lost))
 
