@@ -54,7 +54,7 @@ static void a_ball_hides_its_configuration_factor_of_the_sky(void **state)
             REQUIRE_NEAR((1.0 - (double) pell_contact_shade(contact, from, down)) / under, hidden(d), 0.035);
         }
     for (int turn = 0; turn < 8; turn++) { /* it ends before the grid does, and nowhere is it lighter than the background */
-        const struct pell_vec3 edge = vec3((float) (69.0 * cos(turn)), 50, (float) (69.0 * sin(turn)));
+        const struct pell_vec3 edge = vec3((float) (75.0 * cos(turn)), 50, (float) (75.0 * sin(turn)));
         REQUIRE_NEAR((double) pell_contact_shade(contact, edge, down), 1.0, 1e-3);
     }
     REQUIRE_NEAR((double) pell_contact_shade(contact, vec3(0, -50, 0), vec3(0, 1, 0)), 1.0, 0); /* from below */

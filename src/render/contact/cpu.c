@@ -5,38 +5,53 @@
 #include "math/sampling.h"
 
 #define DARKEST 0.8f /* of the background's light is gone where the whole sky is hidden */
-#define REACH 2.0f   /* radii of the objects' bounds, seen from above: how far the shadow goes */
-#define FADES 0.5f   /* of the reach: from here on it fades out */
+#define MARGIN 1.2f  /* heights of the objects' bounds, but at most their radius: how far beside them the shadow goes */
+#define FADES 0.4f   /* of the margin: from here on it fades out */
 #define LIFT 1e-3f   /* radii: how far below the objects the plane lies, so that what stands on it hides it */
 
-enum { CELLS = 96, POINTS = CELLS + 1, RAYS = 64 };
+enum { CELLS = 8192, MOST_IN_ROW = 2048, RAYS = 64 }; /* cells: about as many, and about square */
+
+struct contact_side {
+    float center, half; /* mm, of the grid */
+    int cells;
+};
 
 struct pell_contact {
     struct pell_context *ctx;
     const struct pell_rays *rays;
-    float level, center[2], reach, radius;  /* mm; center: x, z */
-    struct pell_vec3 sky[RAYS];             /* directions upwards, by the cosine */
-    float hidden[(size_t) POINTS * POINTS]; /* share of the sky, faded, in rows along x */
+    float level, margin;         /* mm */
+    struct contact_side side[2]; /* along x and z */
+    struct pell_vec3 sky[RAYS];  /* directions upwards, by the cosine */
+    float *hidden;               /* share of the sky, faded, in rows along x */
 };
 
 /* Where point i of the grid is, from its center. */
-static float place(const struct pell_contact *k, int i)
+static float place(const struct contact_side *s, int i)
 {
-    return k->reach * (2.0f * (float) i / (float) CELLS - 1.0f);
+    return s->half * (2.0f * (float) i / (float) s->cells - 1.0f);
 }
 
-static void look_up_row(void *arg, int z, int worker)
+/* How far a place is beside the objects' bounds. */
+static float beside(const struct pell_contact *k, const struct contact_side *s, float at)
+{
+    return fmaxf(fabsf(at) - s->half + k->margin, 0.0f);
+}
+
+static void look_up_row(void *arg, int row, int worker)
 {
     struct pell_contact *k = arg;
+    const struct contact_side *s = k->side;
+    const float z = place(&s[1], row), beside_z = beside(k, &s[1], z);
     int valid[PELL_PACKET];
     (void) worker;
 
     for (int i = 0; i < PELL_PACKET; i++)
         valid[i] = -1;
-    for (int x = 0; x < POINTS && !pell_cancelled(k->ctx); x++) {
-        const float far = hypotf(place(k, x), place(k, z)) / k->reach, t = (far - FADES) / (1.0f - FADES);
+    for (int column = 0; column <= s[0].cells && !pell_cancelled(k->ctx); column++) {
+        const float x = place(&s[0], column), beside_x = beside(k, &s[0], x);
+        const float t = (sqrtf(beside_x * beside_x + beside_z * beside_z) / k->margin - FADES) / (1.0f - FADES);
         const float fade = t <= 0.0f ? 1.0f : t >= 1.0f ? 0.0f : 1.0f - t * t * (3.0f - 2.0f * t);
-        const struct pell_vec3 from = vec3(k->center[0] + place(k, x), k->level, k->center[1] + place(k, z));
+        const struct pell_vec3 from = vec3(s[0].center + x, k->level, s[1].center + z);
         int hidden = 0;
         for (int first = 0; first < RAYS && fade > 0.0f; first += PELL_PACKET) {
             struct pell_ray16 packet;
@@ -46,76 +61,106 @@ static void look_up_row(void *arg, int z, int worker)
             for (int i = 0; i < PELL_PACKET; i++)
                 hidden += packet.tfar[i] < 0.0f;
         }
-        k->hidden[z * POINTS + x] = fade * (float) hidden / (float) RAYS;
+        k->hidden[(size_t) row * (size_t) (s[0].cells + 1) + (size_t) column] = fade * (float) hidden / (float) RAYS;
+    }
+}
+
+/* The plane, its grid, and the directions. */
+static void lay_out(struct pell_contact *k, const float *low, const float *high)
+{
+    const float radius = fmaxf(0.5f * vec3_length(vec3_sub(vec3_load(high), vec3_load(low))), 1e-6f);
+    float cell;
+
+    k->margin = fminf(fmaxf(MARGIN * (high[1] - low[1]), 0.1f * radius), radius);
+    k->level = low[1] - LIFT * radius;
+    for (int i = 0; i < 2; i++) {
+        k->side[i].center = 0.5f * (low[2 * i] + high[2 * i]);
+        k->side[i].half = 0.5f * (high[2 * i] - low[2 * i]) + k->margin;
+    }
+    cell = 2.0f * sqrtf(k->side[0].half * k->side[1].half / (float) CELLS);
+    for (int i = 0; i < 2; i++)
+        k->side[i].cells = (int) fminf(fmaxf(ceilf(2.0f * k->side[i].half / cell), 1.0f), (float) MOST_IN_ROW);
+    for (int i = 0; i < RAYS; i++) { /* by their turn about the vertical: those of a packet go about the same way */
+        struct pell_vec3 d;
+        double p[2];
+        int at = i;
+        pell_sunflower_point(i, RAYS, p);
+        d = vec3((float) p[0], (float) sqrt(fmax(1.0 - p[0] * p[0] - p[1] * p[1], 1e-4)), (float) p[1]);
+        for (; at > 0 && atan2f(k->sky[at - 1].z, k->sky[at - 1].x) > atan2f(d.z, d.x); at--)
+            k->sky[at] = k->sky[at - 1];
+        k->sky[at] = d;
     }
 }
 
 enum pell_result pell_contact_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
                                      const struct pell_rays *rays, struct pell_contact **out)
 {
-    const float *low = scene->bounds_min, *high = scene->bounds_max;
     struct pell_contact *k;
+    enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
     if (!scene->contact_shadow || !rays)
         return PELL_OK;
     if (!(k = pell_calloc(ctx, 1, sizeof(*k))))
-        return PELL_ERR_NOMEM;
+        return res;
     k->ctx = ctx;
     k->rays = rays;
-    k->radius = fmaxf(0.5f * sqrtf((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]) +
-                                   (high[2] - low[2]) * (high[2] - low[2])),
-                      1e-6f);
-    k->reach = REACH * k->radius;
-    k->level = low[1] - LIFT * k->radius;
-    k->center[0] = 0.5f * (low[0] + high[0]);
-    k->center[1] = 0.5f * (low[2] + high[2]);
-    for (int i = 0; i < RAYS; i++) {
-        double p[2];
-        pell_sunflower_point(i, RAYS, p);
-        k->sky[i] = vec3((float) p[0], (float) sqrt(fmax(1.0 - p[0] * p[0] - p[1] * p[1], 1e-4)), (float) p[1]);
+    lay_out(k, scene->bounds_min, scene->bounds_max);
+    k->hidden = pell_calloc(ctx, (size_t) (k->side[0].cells + 1) * (size_t) (k->side[1].cells + 1), sizeof(*k->hidden));
+    if (k->hidden) {
+        pell_pool_run(pool, k->side[1].cells + 1, look_up_row, k);
+        res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     }
-    pell_pool_run(pool, POINTS, look_up_row, k);
     *out = k;
-    if (!pell_cancelled(ctx))
-        return PELL_OK;
-    pell_contact_destroy(out);
-    return PELL_ERR_CANCELLED;
+    if (res != PELL_OK)
+        pell_contact_destroy(out);
+    return res;
 }
 
 void pell_contact_destroy(struct pell_contact **contact)
 {
-    if (*contact)
-        pell_free((*contact)->ctx, *contact);
+    struct pell_contact *k = *contact;
+
+    if (k) {
+        pell_free(k->ctx, k->hidden);
+        pell_free(k->ctx, k);
+    }
     *contact = NULL;
 }
 
 struct pell_rect pell_contact_rect(const struct pell_contact *k, const struct pell_view *view)
 {
-    const float low[] = { k->center[0] - k->reach, k->level, k->center[1] - k->reach };
-    const float high[] = { k->center[0] + k->reach, k->level, k->center[1] + k->reach };
+    const struct contact_side *s = k->side;
+    const float low[] = { s[0].center - s[0].half, k->level, s[1].center - s[1].half };
+    const float high[] = { s[0].center + s[0].half, k->level, s[1].center + s[1].half };
 
     return pell_view_rect(view, low, high);
 }
 
+/* The cell that holds a place along a side, and how far into it. */
+static int cell_at(const struct contact_side *s, float at, float *into)
+{
+    const float u = 0.5f * (at / s->half + 1.0f) * (float) s->cells;
+    const int i = (int) u < s->cells - 1 ? (int) u : s->cells - 1;
+
+    *into = u - (float) i;
+    return i;
+}
+
 float pell_contact_shade(const struct pell_contact *k, struct pell_vec3 start, struct pell_vec3 direction)
 {
+    const struct contact_side *s = k->side;
+    const size_t row = (size_t) s[0].cells + 1;
     const float t = (k->level - start.y) / direction.y;
-    const float x = start.x + t * direction.x - k->center[0], z = start.z + t * direction.z - k->center[1];
-    float u, v;
-    int i, j;
+    const float x = start.x + t * direction.x - s[0].center, z = start.z + t * direction.z - s[1].center;
+    const float *h;
+    float u, v, near, far;
 
-    if (!(direction.y < 0.0f && t > 0.0f && fabsf(x) < k->reach && fabsf(z) < k->reach))
+    if (!(direction.y < 0.0f && t > 0.0f && fabsf(x) < s[0].half && fabsf(z) < s[1].half))
         return 1.0f; /* from below the plane is not there */
-    u = 0.5f * (x / k->reach + 1.0f) * (float) CELLS;
-    v = 0.5f * (z / k->reach + 1.0f) * (float) CELLS;
-    i = (int) u < CELLS - 1 ? (int) u : CELLS - 1;
-    j = (int) v < CELLS - 1 ? (int) v : CELLS - 1;
-    u -= (float) i;
-    v -= (float) j;
-    {
-        const float *h = k->hidden + j * POINTS + i;
-        const float near = h[0] + u * (h[1] - h[0]), far = h[POINTS] + u * (h[POINTS + 1] - h[POINTS]);
-        return 1.0f - DARKEST * (near + v * (far - near));
-    }
+    h = k->hidden + cell_at(&s[0], x, &u);
+    h += row * (size_t) cell_at(&s[1], z, &v);
+    near = h[0] + u * (h[1] - h[0]);
+    far = h[row] + u * (h[row + 1] - h[row]);
+    return 1.0f - DARKEST * (near + v * (far - near));
 }
