@@ -10,13 +10,14 @@ import os
 import pathlib
 import re
 import shlex
+import shutil
 import signal
 import struct
 import subprocess
 import sys
 import zlib
 
-from cli_test import PROGRAM, ROOT, SMALL, clean_environment, exr_header, main, need, one_object, run, sphere, test, text, works
+from cli_test import PROGRAM, ROOT, SMALL, clean_environment, exr_header, main, need, one_object, run, Skip, sphere, test, text, works
 
 EXAMPLES = pathlib.Path(sys.argv[3]).resolve()
 PROFILE, RENDER, PASS, KERNEL = (os.path.abspath(p) for p in sys.argv[4:8])
@@ -234,6 +235,26 @@ def _(folder):
         markdown = '\n'.join(line for line in path.read_text('utf-8').splitlines() if not line.startswith('    cc '))
         strange = set(re.findall(r'(?<![\w-])--([a-z][a-z-]*)', markdown)) - there - OTHERS.get(path.name, set())
         need(not strange, path.name, 'names the options', strange)
+
+
+@test('the shaders of the page on engines compile with the kernels that its commands export')
+def _(folder):
+    glslc = shutil.which('glslc')
+    if not glslc:
+        raise Skip('there is no glslc')
+    markdown = page('engines.md')
+    exports = [shlex.split(line)[1:] for line in commands(markdown) if '--export' in line]
+    need(len(exports) == 2, exports)
+    for words in exports:
+        works(folder, *words)
+    for language in ('glsl', 'hlsl'):
+        found = blocks(markdown, language)
+        need(len(found) == 1, language, len(found))
+        for kernel, good in (('skin_taps', True), ('skin_tops', False)):
+            (folder / 'pass').write_text(found[0].replace('skin_taps', kernel), 'ascii')
+            done = subprocess.run([glslc, '-x', language, '-fshader-stage=fragment', '-Werror', '-I', folder, 'pass', '-o', 'pass.spv'],
+                                  cwd=folder, capture_output=True, timeout=60, check=False)
+            need((done.returncode == 0) == good, language, kernel, done.stderr)
 
 
 # --- Scene and material files ---------------------------------------------------------------------------------------------------------
