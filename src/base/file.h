@@ -26,10 +26,10 @@ PELL_NODISCARD enum pell_result pell_file_write(struct pell_context *ctx, const 
 PELL_NODISCARD enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, const char *root, const char *reference,
                                                   bool allow_outside, char **path);
 
-/* The folder of `path` ("." if it has none), owned by the caller; NULL without memory. */
 /* `path` (from the working folder) as seen from the folder `root` if it lies below it; else its absolute path. The caller's. */
 PELL_NODISCARD enum pell_result pell_path_relative(struct pell_context *ctx, const char *where, const char *root, const char *path,
                                                    bool *below, char **out);
+/* The folder of `path` ("." if it has none), owned by the caller; NULL without memory. */
 char *pell_path_folder(struct pell_context *ctx, const char *path);
 /* Points behind the last '/'. */
 const char *pell_path_name(const char *path);
