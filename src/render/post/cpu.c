@@ -119,7 +119,7 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     const struct pell_scene *scene = t->p->scene;
     float shown[4];
 
-    if (t->p->contact) {
+    if (scene->background == PELL_BACKGROUND_COLOR) { /* with a contact shadow, or nobody would ask */
         struct pell_vec3 start, direction;
         float shade;
         pell_view_ray(t->p->view, (float) x, (float) y, &start, &direction);
@@ -170,15 +170,16 @@ static void finish_piece(const struct task *t, int y, int x0, int x1, bool varie
         t->kernels->finish(tone, x1 - x0, color, t->alpha + at, display);
 }
 
+static int within(int x, int least, int most)
+{
+    return x < least ? least : x > most ? most : x;
+}
+
 static void finish_span(const struct task *t, int y, int x0, int x1, bool covered)
 {
     const struct pell_rect *v = &t->varied;
     const bool crossed = y >= v->y0 && y < v->y1;
-    const int from = crossed ? (v->x0 < x0   ? x0
-                                : v->x0 < x1 ? v->x0
-                                             : x1)
-                             : x1,
-              to = crossed && v->x1 > from ? (v->x1 < x1 ? v->x1 : x1) : from;
+    const int from = crossed ? within(v->x0, x0, x1) : x1, to = crossed ? within(v->x1, from, x1) : x1;
 
     finish_piece(t, y, x0, from, false, covered);
     finish_piece(t, y, from, to, true, covered);

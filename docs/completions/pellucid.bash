@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: MIT
+# Made by docs/completions/make_completions.py from what the program says of itself.
+_pellucid()
+{
+    local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]}
+    local command=${COMP_WORDS[1]} method=screen-space i
+    COMPREPLY=()
+    if [ "$COMP_CWORD" = 1 ]; then
+        COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info help --help --version" -- "$current"))
+        return
+    fi
+    [ "$command" = help ] && { COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info" -- "$current")); return; }
+    for ((i = 2; i < COMP_CWORD - 1; i++)); do
+        case ${COMP_WORDS[i]} in -m | --method) method=${COMP_WORDS[i+1]} ;; esac
+    done
+    case $before in
+    -m | --method) COMPREPLY=($(compgen -W "none screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")); return ;;
+    --material) COMPREPLY=($(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -f -- "$current")); return ;;
+    --set)
+        compopt -o nospace 2>/dev/null
+        case $method in
+        screen-space) COMPREPLY=($(compgen -S = -W "as gaussians profile input first edges foreshortening ssslevel correction maxdd lod strength through" -- "$current")) ;;
+        image-space) COMPREPLY=($(compgen -S = -W "as samples sampling tile views view-size renormalise jacobian reconstruct strength spread profile through misprint" -- "$current")) ;;
+        texture-space) COMPREPLY=($(compgen -S = -W "as size gaussians charts border kernel stretch first tsm tsm-size through thickness fade soften lights strength mix" -- "$current")) ;;
+        convolution) COMPREPLY=($(compgen -S = -W "as planes placement split restore threshold threshold-by resolution pixels visible surfaces behind-step apart edges borders" -- "$current")) ;;
+        layered) COMPREPLY=($(compgen -S = -W "as samples march refraction light-path planes epsilon lamps below shadows" -- "$current")) ;;
+        hierarchical) COMPREPLY=($(compgen -S = -W "as error density most near gaussians strength" -- "$current")) ;;
+        dipole) COMPREPLY=($(compgen -S = -W "as error most sampling strength half" -- "$current")) ;;
+        path-trace) COMPREPLY=($(compgen -S = -W "as samples error time-limit surface normals boundary bounces reentry events roulette acceleration connections half" -- "$current")) ;;
+        single-scatter) COMPREPLY=($(compgen -S = -W "as error most distance refraction normals half" -- "$current")) ;;
+        esac
+        return ;;
+    --checkpoint | --cross-section | --dump | --environment | --half | --input | --layers | --mask | --output | --token-file | -o) COMPREPLY=($(compgen -f -- "$current")); return ;;
+    --ambient-samples | --angles | --animation | --background | --bloom | --bloom-radius | --bounces | --boundary | --camera | --checkpoint-every | --compare | --curvature | --device | --dof | --down-to | --engine | --environment-lights | --environment-rotate | --environment-scale | --eta | --exit | --export | --exposure | --exposures | --floor | --format | --frame-range | --frames | --from | --gaussians | --height | --indirect-samples | --layer | --layers-of | --light-samples | --limit | --line | --listen | --log-level | --methods | --model | --msaa | --points | --port | --ppd | --profile | --progress | --rank | --reference | --repeats | --roughness | --sample-range | --samples | --scene-range | --seed | --size | --skin | --solver | --specular | --studio | --taps | --target-error | --threads | --tile-range | --time | --time-limit | --to | --tonemap | --turntable | --unit | --up | --wavelength | --white | --width) return ;;
+    esac
+    case $current in
+    -*)
+        case $command in
+        render) COMPREPLY=($(compgen -W "--material --size --unit --camera --time --animation --allow-outside --limit --method --set --samples --time-limit --target-error --up --from --studio --environment --environment-rotate --environment-scale --background --checkpoint --checkpoint-every --sample-range --tile-range --frame-range --output --format --turntable --frames --dump --stats --engine --device --threads --json --progress --quiet --log-level --help --width --height --msaa --light-samples --ambient-samples --environment-lights --bounces --indirect-samples --angles --curvature --seed --exposure --white --bloom --bloom-radius --dof --tonemap --exit --boundary --profile --specular" -- "$current")) ;;
+        merge) COMPREPLY=($(compgen -W "--partial --input --checkpoint --allow-outside --output --format --engine --device --threads --json --progress --quiet --log-level --help" -- "$current")) ;;
+        check) COMPREPLY=($(compgen -W "--material --size --unit --camera --time --animation --allow-outside --limit --up --cross-section --line --down-to --layers-of --json --quiet --log-level --help" -- "$current")) ;;
+        methods) COMPREPLY=($(compgen -W "--json --quiet --log-level --help" -- "$current")) ;;
+        materials) COMPREPLY=($(compgen -W "--json --quiet --log-level --help" -- "$current")) ;;
+        profile) COMPREPLY=($(compgen -W "--limit --model --compare --gaussians --shared --free --eta --roughness --layers --skin --wavelength --solver --from --to --points --weighted --csv --export --taps --rank --output --json --quiet --log-level --help" -- "$current")) ;;
+        bench) COMPREPLY=($(compgen -W "--allow-outside --limit --method --set --samples --time-limit --target-error --repeats --engine --device --threads --json --quiet --log-level --help --width --height --msaa --light-samples --ambient-samples --environment-lights --bounces --indirect-samples --angles --curvature --seed --exposure --white --bloom --bloom-radius --dof --tonemap --exit --boundary --profile --specular" -- "$current")) ;;
+        compare) COMPREPLY=($(compgen -W "--material --size --unit --camera --time --animation --allow-outside --limit --set --up --from --studio --environment --environment-rotate --environment-scale --background --scene-range --methods --reference --decompose --layer --mask --half --output --engine --device --threads --json --quiet --log-level --help --width --height --msaa --light-samples --ambient-samples --environment-lights --bounces --indirect-samples --angles --curvature --seed --bloom --bloom-radius --dof --exit --boundary --profile --specular --ppd --exposure --white --tonemap --exposures --floor" -- "$current")) ;;
+        view) COMPREPLY=($(compgen -W "--material --size --unit --camera --time --animation --allow-outside --limit --method --set --samples --time-limit --target-error --up --from --studio --environment --environment-rotate --environment-scale --background --port --listen --token-file --no-open --engine --device --threads --json --quiet --log-level --help --width --height --msaa --light-samples --ambient-samples --environment-lights --bounces --indirect-samples --angles --curvature --seed --exposure --white --bloom --bloom-radius --dof --tonemap --exit --boundary --profile --specular" -- "$current")) ;;
+        info) COMPREPLY=($(compgen -W "--engine --device --threads --json --quiet --log-level --help" -- "$current")) ;;
+        esac
+        return ;;
+    esac
+    case $command in
+    methods) COMPREPLY=($(compgen -W "screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")) ;;
+    materials) COMPREPLY=($(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current")) ;;
+    profile) COMPREPLY=($(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -f -- "$current")) ;;
+    *) COMPREPLY=($(compgen -f -- "$current")) ;;
+    esac
+}
+complete -o filenames -F _pellucid pellucid
