@@ -37,6 +37,8 @@ struct pell_mesh {
     float *uv[PELL_UV_SETS]; /* uv, NULL if the set does not exist */
     float *color;            /* rgba, linear, multiplies the base colour; may be NULL */
     uint32_t *index;         /* 3 per triangle, counter-clockwise seen from outside */
+    bool light_shell;        /* set by pell_scene_complete: an opaque mesh that emits, around a point or spot light. It casts no shadow,
+                              * and only cameras see it */
 };
 
 struct pell_texture {
@@ -113,6 +115,12 @@ struct pell_material {
     float normal_scale;
     float emissive[3]; /* radiance, W/(m^2 sr) */
     struct pell_texture_map emissive_map;
+    /* A thin sheet (paper, a leaf), only where `opaque`: this share of the diffuse light that meets one side leaves on the other, in a
+     * colour of its own; the rest is reflected. Lambertian on both sides (KHR_materials_diffuse_transmission). */
+    float diffuse_transmission; /* [0, 1] */
+    float diffuse_transmission_color[3];
+    struct pell_texture_map diffuse_transmission_map; /* its `channel` multiplies `diffuse_transmission` */
+    struct pell_texture_map diffuse_transmission_color_map;
     bool alpha_mask;
     float alpha_cutoff;
     bool double_sided; /* false: cameras don't see the back of an opaque surface; translucent ones have two sides always */

@@ -31,12 +31,14 @@ struct pell_surface_points {
 
 /* What light does at them: arrays of n, the caller's. All but `irradiance` may be NULL. */
 struct pell_surface_light {
-    float *irradiance[3]; /* W/m^2, entered, with albedo^m; of the outer side, or the back */
-    float *position[3];   /* mm */
-    float *normal[3];     /* geometric, unit, outward by the order of the triangle's corners */
-    float *albedo[3];     /* albedo^m: what the irradiance is multiplied by */
-    float *strength;      /* of scattering, [0, 1]; 1 where no point is */
-    bool *there;          /* false: no point, or one where the material is cut out by its alpha */
+    float *irradiance[3];   /* W/m^2, entered, with albedo^m; of the outer side, or the back. Of a thin sheet what leaves there,
+                           * whichever side it came from */
+    float *position[3];     /* mm */
+    float *normal[3];       /* geometric, unit, outward by the order of the triangle's corners */
+    float *albedo[3];       /* albedo^m: what the irradiance is multiplied by */
+    float *transmission[3]; /* of a thin sheet: share of what meets the other side; 0 elsewhere */
+    float *strength;        /* of scattering, [0, 1]; 1 where no point is */
+    bool *there;            /* false: no point, or one where the material is cut out by its alpha */
 };
 
 /* What holds for all points of a call. */

@@ -192,8 +192,8 @@ fail:
     return res;
 }
 
-/* Whether the first camera is inside: the solid angle that a closed surface takes is a whole sphere from there and none from outside
- * (per triangle: Van Oosterom and Strackee 1983). */
+/* Whether the first camera is inside: the solid angle that a closed surface takes is a whole sphere from there and none from
+ * outside. */
 static bool holds_camera(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts)
 {
     const float *at = scene->num_cameras > 0 ? scene->cameras[0].position : NULL;
@@ -203,25 +203,8 @@ static bool holds_camera(const struct pell_scene *scene, const struct pell_topol
     for (uint32_t i = 0; at && i < t->num_parts; i++)
         within |= at[0] > parts[i].min[0] && at[0] < parts[i].max[0] && at[1] > parts[i].min[1] && at[1] < parts[i].max[1] &&
                   at[2] > parts[i].min[2] && at[2] < parts[i].max[2];
-    for (size_t m = 0; within && m < t->num_meshes; m++) {
-        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
-            double v[3][3], l[3], triple, dots;
-            for (int c = 0; c < 3; c++) {
-                for (int a = 0; a < 3; a++)
-                    v[c][a] = (double) mesh->position[3 * (size_t) mesh->index[3 * (size_t) i + (size_t) c] + (size_t) a] - (double) at[a];
-                l[c] = sqrt(v[c][0] * v[c][0] + v[c][1] * v[c][1] + v[c][2] * v[c][2]);
-            }
-            triple = v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) + v[0][1] * (v[1][2] * v[2][0] - v[1][0] * v[2][2]) +
-                     v[0][2] * (v[1][0] * v[2][1] - v[1][1] * v[2][0]);
-            dots = l[0] * l[1] * l[2];
-            for (int c = 0; c < 3; c++) {
-                const double *a = v[c], *b = v[(c + 1) % 3];
-                dots += (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) * l[(c + 2) % 3];
-            }
-            sum += 2.0 * atan2(triple, dots);
-        }
-    }
+    for (size_t m = 0; within && m < t->num_meshes; m++)
+        sum += pell_mesh_solid_angle(&scene->meshes[t->mesh[m]], at);
     return fabs(sum) > 2.0 * PELL_PI;
 }
 
@@ -394,12 +377,11 @@ fail:
 /* A UV set that one of the material's maps needs and the mesh lacks, or -1. */
 static int missing_uv(const struct pell_mesh *mesh, const struct pell_material *m)
 {
-    const struct pell_texture_map *const maps[] = { &m->strength_map, &m->base_color_map,     &m->metallic_map, &m->roughness_map,
-                                                    &m->rho_s_map,    &m->specular_color_map, &m->normal_map,   &m->emissive_map };
-
-    for (size_t i = 0; i < PELL_COUNT(maps); i++)
-        if (maps[i]->texture && maps[i]->uv >= 0 && maps[i]->uv < PELL_UV_SETS && !mesh->uv[maps[i]->uv])
-            return maps[i]->uv;
+    for (enum pell_map i = 0; i < PELL_MAPS; i++) {
+        const struct pell_texture_map *map = pell_material_map(m, i);
+        if (map->texture && map->uv >= 0 && map->uv < PELL_UV_SETS && !mesh->uv[map->uv])
+            return map->uv;
+    }
     for (int i = 0; i < m->num_layers; i++)
         if (m->layers[i].depth_map.texture && !mesh->uv[m->layers[i].depth_map.uv])
             return m->layers[i].depth_map.uv;
@@ -479,9 +461,9 @@ static enum pell_result check_materials(struct check *k)
         used[scene->meshes[i].material] |= (int) i != scene->ground_mesh;
     for (size_t i = 0; i < scene->num_materials; i++) {
         const struct pell_material *m = &scene->materials[i];
+        translucent |= used[i] && (!m->opaque || pell_material_is_thin(m));
         if (!used[i] || m->opaque)
             continue;
-        translucent = true;
         PELL_TRY(describe_medium(k, m, name_place("material", m->name, &text)));
     }
     res = translucent

@@ -238,16 +238,18 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
         { "emission red", m->emissive[0], 0, 1e12f },
         { "emission green", m->emissive[1], 0, 1e12f },
         { "emission blue", m->emissive[2], 0, 1e12f },
+        { "diffuse transmission", m->diffuse_transmission, 0, 1 },
+        { "transmitted colour red", m->diffuse_transmission_color[0], 0, 1e6f },
+        { "transmitted colour green", m->diffuse_transmission_color[1], 0, 1e6f },
+        { "transmitted colour blue", m->diffuse_transmission_color[2], 0, 1e6f },
     };
-    const struct pell_texture_map *const maps[] = { &m->strength_map, &m->base_color_map,     &m->metallic_map, &m->roughness_map,
-                                                    &m->rho_s_map,    &m->specular_color_map, &m->normal_map,   &m->emissive_map };
     enum pell_result res = check_medium(scene, m);
 
     for (size_t i = 0; res == PELL_OK && i < PELL_COUNT(numbers); i++)
         if (!in_range(numbers[i].value, numbers[i].min, numbers[i].max))
             res = bad_value(scene, "material", m->name, numbers[i].field, numbers[i].value, numbers[i].min, numbers[i].max);
-    for (size_t i = 0; res == PELL_OK && i < PELL_COUNT(maps); i++)
-        res = check_map(scene, m, maps[i]);
+    for (enum pell_map i = 0; res == PELL_OK && i < PELL_MAPS; i++)
+        res = check_map(scene, m, pell_material_map(m, i));
     return res == PELL_OK ? check_layers(scene, m) : res;
 }
 
@@ -545,35 +547,13 @@ enum pell_result pell_scene_check_view(struct pell_scene *scene)
     return res;
 }
 
-enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params, const struct pell_extras *extras)
+/* What a file may leave out: camera, lights, a place to stand on. */
+static enum pell_result complete_view(struct pell_scene *scene, const struct pell_load_params *params, const struct pell_extras *extras)
 {
-    static const struct pell_load_params no_params;
-    static const struct pell_extras no_extras = { .ground_material = -1 };
-    const struct pell_surroundings *around = extras ? &extras->surroundings : &no_extras.surroundings;
+    const struct pell_surroundings *around = &extras->surroundings;
     bool ground;
     enum pell_result res;
 
-    if (!params)
-        params = &no_params;
-    if (!extras)
-        extras = &no_extras;
-    PELL_TRY(pell_scene_surround(scene, around));
-    PELL_TRY(pell_scene_default_material(scene, false));
-    for (size_t i = 0; i < scene->num_meshes; i++)
-        PELL_TRY(check_mesh(scene, i));
-    for (size_t i = 0; i < scene->num_materials; i++)
-        PELL_TRY(check_material(scene, &scene->materials[i]));
-    PELL_TRY(pell_scene_check_view(scene));
-    if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) {
-        res = pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
-        goto fail;
-    }
-    warn_of_size(scene);
-    PELL_TRY(complete_objects(scene));
-    PELL_TRY(complete_tangents(scene));
-    pell_scene_drop_textures(scene);
-    if (params->bare)
-        return PELL_OK;
     if (extras->view.from)
         PELL_TRY(pell_scene_frame_from(scene, &extras->view, params->aspect > 0.0f ? params->aspect : extras->aspect));
     else if (scene->num_cameras == 0)
@@ -589,6 +569,40 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
     if (scene->from_file && scene->background == PELL_BACKGROUND_COLOR && scene->ground_mesh < 0 && !extras->own_background &&
         !around->background)
         scene->contact_shadow = true;
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params, const struct pell_extras *extras)
+{
+    static const struct pell_load_params no_params;
+    static const struct pell_extras no_extras = { .ground_material = -1 };
+    enum pell_result res;
+
+    if (!params)
+        params = &no_params;
+    if (!extras)
+        extras = &no_extras;
+    PELL_TRY(pell_scene_surround(scene, &extras->surroundings));
+    PELL_TRY(pell_scene_default_material(scene, false));
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        PELL_TRY(check_mesh(scene, i));
+    for (size_t i = 0; i < scene->num_materials; i++)
+        PELL_TRY(check_material(scene, &scene->materials[i]));
+    PELL_TRY(pell_scene_check_view(scene));
+    if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) {
+        res = pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
+        goto fail;
+    }
+    warn_of_size(scene);
+    PELL_TRY(complete_objects(scene));
+    PELL_TRY(complete_tangents(scene));
+    pell_scene_drop_textures(scene);
+    if (!params->bare)
+        PELL_TRY(complete_view(scene, params, extras));
+    pell_scene_find_light_shells(scene);
     return PELL_OK;
 
 fail:

@@ -72,9 +72,8 @@ static void add_layer(uint64_t *hash, const struct pell_scene_layer *l)
 
 static void add_material(uint64_t *hash, const struct pell_material *m)
 {
-    const struct pell_texture_map *const maps[] = { &m->strength_map, &m->base_color_map,     &m->metallic_map, &m->roughness_map,
-                                                    &m->rho_s_map,    &m->specular_color_map, &m->normal_map,   &m->emissive_map };
-    const float numbers[] = { m->mix, m->strength, m->metallic, m->roughness, m->rho_s, m->normal_scale, m->alpha_cutoff };
+    const float numbers[] = { m->mix,   m->strength,     m->metallic,     m->roughness,
+                              m->rho_s, m->normal_scale, m->alpha_cutoff, m->diffuse_transmission };
     const int flags[] = { m->opaque,       (int) m->color_from, (int) m->specular, m->alpha_mask,
                           m->double_sided, m->gaussians.count,  (int) m->model };
 
@@ -97,8 +96,9 @@ static void add_material(uint64_t *hash, const struct pell_material *m)
     add_floats(hash, m->base_color, 4);
     add_floats(hash, m->specular_color, 3);
     add_floats(hash, m->emissive, 3);
-    for (size_t i = 0; i < PELL_COUNT(maps); i++)
-        add_map(hash, maps[i]);
+    add_floats(hash, m->diffuse_transmission_color, 3);
+    for (enum pell_map i = 0; i < PELL_MAPS; i++)
+        add_map(hash, pell_material_map(m, i));
     for (int i = 0; i < m->num_layers; i++)
         add_layer(hash, &m->layers[i]);
     if (m->num_layers > 0)

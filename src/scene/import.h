@@ -10,8 +10,7 @@
 
 #include "base/base.h"
 #include "math/vec.h"
-
-#include <pellucid/scene.h>
+#include "scene/material_maps.h"
 
 /* Which moment of a file's animation is drawn. */
 struct pell_moment {

@@ -30,8 +30,9 @@ static void report(const struct pell_scene *scene, bool bare)
 
     for (size_t i = 0; i < scene->num_meshes; i++)
         if ((int) i != scene->ground_mesh) {
+            const struct pell_material *m = &scene->materials[scene->meshes[i].material];
             triangles += scene->meshes[i].num_triangles;
-            translucent |= !scene->materials[scene->meshes[i].material].opaque;
+            translucent |= !m->opaque || pell_material_is_thin(m);
         }
     pell_info(scene->ctx, scene->path, "%lld triangles, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
               (long long) triangles, (double) (max[0] - min[0]), (double) (max[1] - min[1]), (double) (max[2] - min[2]),

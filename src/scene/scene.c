@@ -162,9 +162,9 @@ enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *n
     m->alpha_cutoff = 0.5f;
     m->base_color[3] = 1.0f;
     for (int c = 0; c < 3; c++)
-        m->base_color[c] = m->specular_color[c] = 1.0f;
-    m->strength_map = m->base_color_map = m->metallic_map = m->roughness_map = m->rho_s_map = m->specular_color_map = m->normal_map =
-        m->emissive_map = pell_texture_map_none();
+        m->base_color[c] = m->specular_color[c] = m->diffuse_transmission_color[c] = 1.0f;
+    for (enum pell_map i = 0; i < PELL_MAPS; i++)
+        *pell_material_map_of(m, i) = pell_texture_map_none();
     return PELL_OK;
 }
 

@@ -48,7 +48,7 @@ json_t *viewer_model_pick(const struct viewer_model *m, const struct viewer_mess
     json_t *o = json_pack("{s:s,s:I,s:f,s:f}", "type", "picked", "id", (json_int_t) pick->id, "x", pick->x, "y", pick->y);
     const int width = services && services->settings ? services->settings->width : 0, height = width ? services->settings->height : 0;
     struct pell_vec3 start, direction;
-    struct pell_ray ray = { .tfar = INFINITY, .mask = PELL_RAY_ALL };
+    struct pell_ray ray = { .tfar = INFINITY, .mask = PELL_RAY_CAMERA };
     struct pell_hit hit;
     struct pell_view shown;
     const struct pell_mesh *mesh;

@@ -208,7 +208,7 @@ static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *
 
     s->mesh = m;
     s->material = material;
-    s->mask = material->opaque ? PELL_RAY_OPAQUE : PELL_RAY_TRANSLUCENT;
+    s->mask = m->light_shell ? PELL_RAY_LIGHT_SHELL : material->opaque ? PELL_RAY_OPAQUE : PELL_RAY_TRANSLUCENT;
     s->single_sided = pell_rays_single_sided(scene, m);
     if (!pell_rays_show(scene, m, &s->alpha))
         return PELL_OK;

@@ -21,6 +21,12 @@ PELL_SIMD_TABLES(struct pell_light_grid_kernels, pell_light_grid_kernels);
 #define ROUNDING 1e-6f            /* of a slope: what places in the picture may be wrong by, and more; grows by the slope's square */
 #define SHORT 24                  /* lists that are sorted by insertion */
 
+/* As pell_rays_show, of what is in a light's way. */
+static bool shades(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
+{
+    return pell_rays_show(scene, m, cut) && !m->light_shell;
+}
+
 /* Of a corner: its place in the picture, and its depth. */
 static struct pell_vec3 project(const struct pell_light_grid *f, const float *position)
 {
@@ -47,7 +53,7 @@ static bool frame(const struct pell_scene *scene, struct pell_light_grid *f, siz
     vec3_basis(f->forward, &f->right, &f->up);
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        if (!pell_rays_show(scene, m, &cut))
+        if (!shades(scene, m, &cut))
             continue;
         *count += m->num_triangles;
         if (cut || *count > TRIANGLES_MOST)
@@ -176,7 +182,7 @@ static bool count_entries(const struct pell_scene *scene, struct pell_light_grid
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; pell_rays_show(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; shades(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             f->thick = s.end - s.depth > f->thick ? s.end - s.depth : f->thick;
             sum += (size_t) (s.x1 - s.x0 + 1) * (size_t) (s.y1 - s.y0 + 1);
@@ -211,7 +217,7 @@ static void find_starts(const struct pell_scene *scene, const struct pell_light_
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; pell_rays_show(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; shades(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
         }
@@ -230,7 +236,7 @@ static void fill(const struct pell_scene *scene, struct pell_light_grid *f, uint
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; pell_rays_show(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; shades(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             const uint32_t number = starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
             f->names[number] = (struct pell_light_grid_name) { (uint32_t) i, (uint32_t) t, 1.0f };

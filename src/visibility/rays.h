@@ -49,7 +49,9 @@ enum pell_ray_mask {
     PELL_RAY_TRANSLUCENT = 1u << 0, /* meshes of translucent materials */
     PELL_RAY_OPAQUE = 1u << 1,
     PELL_RAY_ALL = 3u,
-    PELL_RAY_CAMERA = PELL_RAY_ALL | 1u << 2, /* all, but for the backs of single-sided opaque surfaces, as glTF says */
+    PELL_RAY_LIGHT_SHELL = 1u << 2, /* struct pell_mesh.light_shell, and no other */
+    PELL_RAY_CAMERA =
+        PELL_RAY_ALL | PELL_RAY_LIGHT_SHELL | 1u << 3, /* all, but for the backs of single-sided opaque surfaces, as glTF says */
 };
 
 /* Ray i of a packet, from o along d, that meets all surfaces up to tfar. */

@@ -95,6 +95,10 @@ static void random_material(struct stage *s, uint32_t *seed)
         m->specular_color[c] = (float) wild(seed, 0.0, 1.0);
         m->emissive[c] = pick(seed, 4) ? 0.0f : (float) wild(seed, 0.0, 100.0);
     }
+    if (m->opaque && pick(seed, 2)) {
+        m->diffuse_transmission = (float) wild(seed, 0.0, 1.0);
+        m->diffuse_transmission_color[1] = (float) wild(seed, 0.0, 1.0);
+    }
     m->medium.eta = wild(seed, 1.0, 4.0);
     if (pick(seed, 3) == 0)
         OK(pell_material_apply(s->scene, i, "test", pell_material_at((size_t) pick(seed, (int) pell_material_count()))->name));

@@ -505,7 +505,9 @@ static void every_field_of_a_material_arrives(void **state)
     REQUIRE_NEAR(m->medium.g[1], 0.2, 1e-12);
 
     m = &f.scene->materials[1];
-    REQUIRE(!m->opaque && m->color_from == PELL_COLOR_FROM_PROFILE && m->metallic == 1.0f && m->roughness == 1.0f);
+    /* no volume: a sheet */
+    REQUIRE(m->opaque && m->diffuse_transmission == 0.6f && m->metallic == 1.0f && m->roughness == 1.0f);
+    REQUIRE(m->diffuse_transmission_color[0] == 0.9f && m->diffuse_transmission_color[2] == 0.7f);
     finish(&f);
 }
 
@@ -967,7 +969,8 @@ static void odd_values_are_mended_with_a_warning(void **state)
             "\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"data:image/png;base64," TINY_PNG "\"}],"
             "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,\"texCoord\":5}},\"extensions\":{"
             "\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":1,\"diffuseTransmissionColorFactor\":[1,0.5,0],"
-            "\"diffuseTransmissionColorTexture\":{\"index\":0}},\"KHR_materials_transmission\":{\"transmissionFactor\":1},"
+            "\"diffuseTransmissionColorTexture\":{\"index\":0}},\"KHR_materials_volume\":{\"thicknessFactor\":1},\"KHR_materials_"
+            "transmission\":{\"transmissionFactor\":1},"
             "\"KHR_materials_ior\":{\"ior\":0}}}]}",
             &bin, sizeof(bin));
     c = f.scene->meshes[0].color;

@@ -427,6 +427,10 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
           "\"materials\":{\"*\":{\"textures\":{\"baseColor\":\"p.png\",\"roughness\":\"p.png#g\",\"normal\":\"b.png\"},"
           "\"strength\":\"baseColor.a\"}}}",
           PELL_OK },
+        { "sheet.json",
+          "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"opaque\":true,\"textures\":{\"baseColor\":\"p.png\","
+          "\"diffuseTransmission\":\"p.png#a\"},\"diffuse_transmission\":0.25}}}",
+          PELL_OK },
         { "mask.json", "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"strength\":\"p.png#b\"}}}", PELL_OK },
         { "gone.json",
           "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"textures\":{\"normal\":\"gone.png\"}}}}",
@@ -471,6 +475,11 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
             REQUIRE(s->lights[0].image && s->lights[1].image && s->background == PELL_BACKGROUND_IMAGE);
             REQUIRE(kept.warnings >= 1);
         } else if (i == 1) {
+            const struct pell_material *m = &s->materials[0];
+            REQUIRE(m->opaque && m->diffuse_transmission == 0.25f && m->diffuse_transmission_map.channel == 3);
+            /* the colour of the surface */
+            assert_ptr_equal(m->diffuse_transmission_color_map.texture, m->base_color_map.texture);
+        } else if (i == 2) {
             REQUIRE(s->materials[0].strength_map.texture && s->materials[0].strength_map.channel == 2);
         }
         pell_scene_destroy(&s);
@@ -530,6 +539,8 @@ static const struct {
 } refused[] = {
     { "{\"pellucid\":1}", "s.json:/", "has no mesh", "" },
     { "{\"mesh\":\"cube.obj\"}", "s.json:/", "has no \"pellucid\"", "" },
+    { OF_ALL("\"preset\":\"apple\",\"diffuse_transmission\":0.5"), "s.json:/materials/*/diffuse_transmission", "thin opaque sheets",
+      "opaque" },
     { "{\"pellucid\":2,\"mesh\":\"cube.obj\"}", "s.json:/pellucid", "is 2", "" },
     { SCENE(",\"meshes\":[\"cube.obj\"]"), "s.json:/", "both mesh and meshes", "" },
     { SCENE(",\"size\":\"1cm\""), "s.json:/size", "both unit and size", "" },
@@ -888,7 +899,7 @@ static const char *const good[] = {
           "scale\":-1,"
           "\"specular\":{\"model\":\"ggx\",\"roughness\":1,\"rho_s\":0},\"opaque\":false,\"profile\":\"dipole\",\"eta\":1.5,\"textures\":{}"
           "}},"
-          "\"ground\":{\"opaque\":true,\"color\":[1,0,0]}"),
+          "\"ground\":{\"opaque\":true,\"color\":[1,0,0],\"diffuse_transmission\":0.5,\"diffuse_transmission_color\":[1,1,0]}"),
     SCENE(",\"materials\":{\"*\":{\"preset\":\"soap.json\",\"profile\":\"monte-carlo\"},\"a\":{\"preset\":\"apple\",\"profile\":{"
           "\"table\":\"wax.csv\"}}}"),
     SCENE(",\"background\":{\"color\":0.5,\"ground\":\"marble\"},\"render\":{\"method\":\"x\",\"width\":64,\"height\":64,\"seed\":5,"
@@ -931,6 +942,7 @@ static const char *const beyond_schema[] = {
     "a mean_free_path and a radius",
     "a preset and skin",
     "belongs inside skin",
+    "thin opaque sheets",
     "two of sigma_a",
     "no unit",
     "has no \"depth\"",

@@ -164,9 +164,8 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
     if (free_path.met) {
         float albedo[3];
         at.medium = NULL;
-        at.n = vec3_dot(p->ray.w, free_path.hit.ng) > 0.0f ? vec3_mul(free_path.hit.ng, -1.0f) : free_path.hit.ng;
+        at.n = pt_leave_opaque(s, &free_path.hit, p->ray.w, sampler, albedo);
         at.x = pt_leave(&free_path.hit, at.n);
-        pt_albedo(s, &free_path.hit, albedo);
         for (int c = 0; c < 3; c++)
             p->power[c] *= albedo[c];
         keep(w, &at, p->power, 0.0f, solid);

@@ -175,8 +175,10 @@ static inline struct pell_vec3 pt_leave(const struct pt_hit *hit, struct pell_ve
 {
     return vec3_mad(hit->p, vec3_dot(w, hit->ng) >= 0.0f ? hit->unit : -hit->unit, hit->ng);
 }
-/* Base colour of something opaque at a hit. */
-void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3]);
+/* Diffuse light that comes along w to something opaque: the normal of the side on which it leaves, of thin sheets by chance, and what is
+ * left of it, over the density of that choice. */
+struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
+                                 float weight[3]);
 
 /* Where a path is: solids that it entered, the last on top. */
 struct pt_medium_stack {

@@ -4,6 +4,7 @@
 
 #include "image/color.h"
 #include "methods/reference_frame.h"
+#include "scene/material_maps.h"
 #include "scene/mesh/topology.h"
 #include "scene/triangle.h"
 
@@ -525,7 +526,7 @@ bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pe
     return !pell_rays_occluded(s->rays, &ray);
 }
 
-void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
+static void base_color(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
 {
     const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
     const struct pell_material *material = &s->scene->materials[hit->material];
@@ -540,6 +541,34 @@ void pt_albedo(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
             x *= k * m->color[4 * (size_t) i[0] + c] + hit->u * m->color[4 * (size_t) i[1] + c] + hit->v * m->color[4 * (size_t) i[2] + c];
         rgb[c] = fminf(fmaxf(x, 0.0f), 1.0f);
     }
+}
+
+struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
+                                 float weight[3])
+{
+    const struct pell_material *m = &s->scene->materials[hit->material];
+    const struct pell_vec3 n = vec3_dot(w, hit->ng) > 0.0f ? vec3_mul(hit->ng, -1.0f) : hit->ng;
+    float texel[4], color[4], through, sum[2] = { 0.0f, 0.0f }, pass[3];
+    bool passes;
+
+    base_color(s, hit, weight);
+    if (!pell_material_is_thin(m))
+        return n;
+    texel_at(s, hit, &m->diffuse_transmission_map, texel);
+    texel_at(s, hit, &m->diffuse_transmission_color_map, color);
+    through = fminf(fmaxf(m->diffuse_transmission * texel[m->diffuse_transmission_map.channel & 3], 0.0f), 1.0f);
+    for (int c = 0; c < 3; c++) {
+        pass[c] = through * (1.0f - m->metallic) * fminf(fmaxf(m->diffuse_transmission_color[c] * color[c], 0.0f), 1.0f);
+        weight[c] *= 1.0f - through;
+        sum[0] += weight[c];
+        sum[1] += pass[c];
+    }
+    if (!(sum[1] > 0.0f))
+        return n;
+    passes = pt_random(sampler) * (sum[0] + sum[1]) < sum[1];
+    for (int c = 0; c < 3; c++)
+        weight[c] = (passes ? pass[c] : weight[c]) * (sum[0] + sum[1]) / sum[passes];
+    return passes ? vec3_mul(n, -1.0f) : n;
 }
 
 /* --- Places ----------------------------------------------------------------------------------------------------------------------- */

@@ -88,12 +88,11 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
 {
     const struct pt_scene *s = p->s;
     const int solid = pt_top(&p->place);
-    const struct pell_vec3 n = vec3_dot(p->w, hit->ng) > 0.0f ? vec3_mul(hit->ng, -1.0f) : hit->ng;
-    struct pt_scatterer at = { vec3_mad(hit->p, hit->unit, n), p->w, .n = n };
     float albedo[3];
+    const struct pell_vec3 n = pt_leave_opaque(s, hit, p->w, p->sampler, albedo);
+    struct pt_scatterer at = { vec3_mad(hit->p, hit->unit, n), p->w, .n = n };
 
     p->mixed = true;
-    pt_albedo(s, hit, albedo);
     at.bounces = p->bounces;
     for (int c = 0; c < 3; c++)
         at.beta[c] = p->beta[c] *= albedo[c];

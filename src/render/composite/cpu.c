@@ -3,6 +3,7 @@
 #include "render/composite/kernel.h"
 
 #include "render/layers.h"
+#include "scene/material_maps.h"
 
 #include <string.h>
 
@@ -72,6 +73,7 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
                                      : 0.0f,
             .in_metal = m->opaque ? 1.0f : 0.0f,
             .scatters = p->exitance && !m->opaque ? 1.0f : 0.0f,
+            .thin = pell_material_is_thin(m) ? 1.0f : 0.0f,
         };
         out->inverse_eta2 = p->angle && !m->opaque ? p->angle[i].inverse_eta2 : 1.0f;
         for (int k = 0; k < 3; k++) {

@@ -147,7 +147,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     const float *restrict metallic = p->surface->metallic + at;
     const bool radiance = p->radiance;
     float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
-    float behind[LANES], off[LANES];
+    float behind[LANES], sheet[LANES], off[LANES];
     float arriving[LANES]; /* results are local until they are whole: nothing else can point at them */
 
     for (int i = 0; i < LANES; i++) {
@@ -168,7 +168,8 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
             metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
         finished[i] = radiance ? scatters[i] : 0.0f;                                  /* a picture already, */
         shines[i] = radiance && !p->excludes_surface_reflection ? scatters[i] : 0.0f; /* with its specular part */
-        behind[i] = radiance ? 0.0f : scatters[i] * on[i];
+        sheet[i] = OF(thin);
+        behind[i] = (radiance ? sheet[i] : scatters[i] + sheet[i]) * on[i];
     }
 
     for (int c = 0; c < 3; c++) {
@@ -186,7 +187,8 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
             const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
             /* All is read, then chosen: what is off may be no number and must not be multiplied away. */
             const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];
-            const float front = k * (scatters[i] > 0.0f ? moved : still), met = luminance[c] * e[i] / (a > 0.02f ? a : 0.02f);
+            const float front = k * (scatters[i] > 0.0f ? moved : still), all = e[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
+            const float met = luminance[c] * all / (a > 0.02f ? a : 0.02f);
             multiple[i] = on[i] > 0.0f ? front : 0.0f;
             transmission[i] = behind[i] > 0.0f ? back : 0.0f;
             specular[i] = on[i] > shines[i] ? shine : 0.0f;

@@ -21,6 +21,7 @@ struct pell_composite_material {
     float in_exponent;  /* that the irradiance holds: m, or 1 */
     float in_metal;     /* 1 where the irradiance holds 1 - metallic, too */
     float scatters;     /* 1: exitance is the method's; 0: total times irradiance */
+    float thin;         /* 1: a sheet, whose transmitted light is the stage's with every method */
     float total[3];
     float inverse_eta2, leave_base[3], leave_slope[3]; /* see render/angle.h */
     bool uniform;                                      /* see pell_surface_is_uniform */

@@ -24,6 +24,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->near);
     pell_free(in->ctx, in->direct);
     pell_free(in->ctx, in->albedo);
+    pell_free(in->ctx, in->through);
     pell_free(in->ctx, in->gathered);
     pell_free(in->ctx, in->leaving);
     pell_free(in->ctx, in->value);
@@ -68,6 +69,8 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->value = pell_calloc(ctx, in->num_values, sizeof(*in->value));
     if (!in->direct || !in->albedo || !in->gathered || !in->leaving || !in->value)
         goto fail;
+    if (pell_scene_has_sheets(params->scene) && !(in->through = pell_alloc_array(ctx, in->num_samples, sizeof(*in->through))))
+        goto fail;
     return PELL_OK;
 
 fail:
@@ -87,14 +90,15 @@ struct solve {
 static void light16(const struct solve *s, size_t first, size_t count)
 {
     struct pell_indirect *in = s->in;
-    float irradiance[3][16], albedo[3][16];
+    float irradiance[3][16], albedo[3][16], through[3][16];
     uint32_t mesh[16], triangle[16], number[16];
     float u[16], v[16];
     bool back[16];
     const struct pell_points_params params = { .mix = 1.0f, .spacing = in->samples[first].spacing, .samples = 1 };
     const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number, .back = back };
     const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
-                                            .albedo = { albedo[0], albedo[1], albedo[2] } };
+                                            .albedo = { albedo[0], albedo[1], albedo[2] },
+                                            .transmission = { through[0], through[1], through[2] } };
 
     for (size_t i = 0; i < count; i++) {
         const struct indirect_sample *q = &in->samples[first + i];
@@ -113,6 +117,8 @@ static void light16(const struct solve *s, size_t first, size_t count)
             const float total = opaque ? 1.0f : s->total[material][c];
             in->direct[first + i][c] = total * irradiance[c][i];
             in->albedo[first + i][c] = total * albedo[c][i];
+            if (in->through)
+                in->through[first + i][c] = through[c][i];
         }
     }
 }
@@ -125,6 +131,17 @@ static void light_chunk(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < end; i += 16)
         light16(s, i, end - i < 16 ? end - i : 16);
+}
+
+/* What leaves the samples after n bounces. */
+static void send_on(struct pell_indirect *in, int n)
+{
+    for (size_t i = 0; i < in->num_samples; i++)
+        for (int c = 0; c < 3; c++)
+            in->leaving[i][c] = in->direct[i][c] + (n > 0 ? in->albedo[i][c] * in->gathered[i][c] : 0.0f);
+    for (size_t i = 0; in->through && n > 0 && i < in->num_samples; i++)
+        for (int c = 0; c < 3; c++)
+            in->leaving[i][c] += in->through[i][c] * in->gathered[indirect_across(in, i)][c];
 }
 
 static void gather_chunk(void *arg, int index, int worker)
@@ -177,9 +194,7 @@ enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool 
 
     pell_pool_run(pool, chunks_of(in->num_samples), light_chunk, &s);
     for (int n = 0; n < bounces; n++) {
-        for (size_t i = 0; i < in->num_samples; i++)
-            for (int c = 0; c < 3; c++)
-                in->leaving[i][c] = in->direct[i][c] + (n > 0 ? in->albedo[i][c] * in->gathered[i][c] : 0.0f);
+        send_on(in, n);
         pell_pool_run(pool, chunks_of(in->num_samples), gather_chunk, &s);
     }
     pell_pool_run(pool, chunks_of(in->num_values), knot_chunk, &s);

@@ -9,6 +9,7 @@
 
 #include "math/sampling.h"
 #include "math/vec.h"
+#include "scene/material_maps.h"
 
 #define INDIRECT_RAYS 96 /* of a sample */
 #define INDIRECT_NONE UINT32_MAX
@@ -76,6 +77,7 @@ struct pell_indirect {
 
     /* Of the lights. */
     float (*direct)[3], (*albedo)[3]; /* of samples: light that enters; rho times the base colour */
+    float (*through)[3]; /* of samples on thin sheets: the share that comes from the other side, 0 of others; NULL: there are no sheets */
     float (*gathered)[3], (*leaving)[3];
     float (*value)[3];
 };
@@ -95,6 +97,13 @@ static inline struct indirect_place indirect_place_at(const struct pell_mesh *me
         p.normal = vec3_mad(p.normal, w[k], vec3_load(mesh->normal + 3 * (size_t) index[k]));
     }
     return p;
+}
+
+/* The sample across a sheet: both sides have theirs at the same places, the front's first. */
+static inline size_t indirect_across(const struct pell_indirect *in, size_t sample)
+{
+    const size_t other = in->samples[sample].back ? sample - 1 : sample + 1;
+    return other < in->num_samples ? other : sample;
 }
 
 /* Whether a mesh takes part. */

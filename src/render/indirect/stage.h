@@ -13,6 +13,8 @@
  * A bounce is a way through the open from a surface to a surface, as the knob bounces of path-trace counts them: after n of them E + E_i
  * has the first n + 1 terms of the series.
  *
+ * A thin sheet sends on, beside what it reflects, what its other side received.
+ *
  * rho is the total diffuse reflectance: light leaves where it entered, not spread by the profile. Highlights, and light that is transmitted
  * through thin parts, light nothing.
  */

@@ -120,6 +120,27 @@ static void color_entering(const struct job *job, struct packet *k)
     }
 }
 
+/* Of thin sheets a share passes. */
+static void part_sheets(const struct job *job, struct packet *k)
+{
+    const struct pell_surface *s = job->p->surface;
+    struct pell_lanes *l = &k->lanes;
+
+    l->any_thin = 0;
+    if (!s->any_thin)
+        return;
+    memcpy(l->through, l->albedo, sizeof(l->through));
+    for (int i = 0; i < PELL_LANES; i++) {
+        const int32_t at = k->index[i];
+        l->thin[i] = -(int32_t) pell_material_is_thin(&job->p->scene->materials[k->material[i]]);
+        for (int c = 0; l->thin[i] && c < 3; c++) {
+            l->through[c][i] = s->transmission[c][at];
+            l->albedo[c][i] *= s->reflection[at];
+        }
+        l->any_thin |= l->thin[i];
+    }
+}
+
 /* The covered pixels of a tile, with their materials + 1. Behind the last packet's the first of its pixels is repeated. */
 struct pixels {
     _Alignas(64) uint16_t at[TILE_W * TILE_H + PELL_LANES], material[TILE_W * TILE_H + PELL_LANES];
@@ -153,6 +174,7 @@ static void load_packet(const struct job *job, struct packet *k, const int32_t *
     }
     job->kernels->load(&input, k->index, x, y, &k->lanes, &k->sums);
     color_entering(job, k);
+    part_sheets(job, k);
     if (s->any_emissive)
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < k->count; i++)
@@ -214,7 +236,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
                 job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
                 pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
             }
-            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, source->environment < 0 && !job->entering, front);
+            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, source->environment < 0 && shows_highlights(job, k), front);
         }
         if (source->environment >= 0 && !source->compact)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
@@ -264,7 +286,7 @@ static void environments(const struct job *job, struct packet *k)
         normal[i] = vec3(l->gx[i], l->gy[i], l->gz[i]); /* geometric: on a convex mesh all of the environment is seen, however coarse it
                                                          * is */
     }
-    if (job->entering && job->p->ambient)
+    if (job->entering && job->p->ambient && !k->behind)
         for (int i = 0; i < PELL_LANES; i++)
             k->ambient[i] = job->p->ambient[k->index[i]];
     else
@@ -284,7 +306,7 @@ static void environments(const struct job *job, struct packet *k)
                 k->sums.irradiance[c][i] +=
                     max0(sums.irradiance[c][i] + k->ambient[i] * l->enter_mean[c][i] * (rgb[c] - sums.unshadowed[c][i]));
         }
-        if (!job->entering)
+        if (shows_highlights(job, k))
             add_reflection(job, k, &lights->environments[e]);
     }
     if (l->any_deep)
@@ -345,7 +367,7 @@ static void scale(const float gain[3][PELL_LANES], struct packet *k)
 
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
 
-static void shade_packet(const struct job *job, struct packet *k)
+static void shade_side(const struct job *job, struct packet *k)
 {
     float gain[3][PELL_LANES];
 
@@ -359,6 +381,41 @@ static void shade_packet(const struct job *job, struct packet *k)
         add_indirect(job, k);
     if (job->p->curvature)
         scale(gain, k);
+}
+
+/* What the far side of thin sheets receives is transmitted. */
+static void shade_behind(const struct job *job, struct packet *k)
+{
+    struct packet b = *k;
+    struct pell_lanes *l = &b.lanes;
+
+    b.behind = true;
+    memset(&b.sums, 0, sizeof(b.sums));
+    for (int i = 0; i < PELL_LANES; i++) {
+        l->valid[i] &= l->thin[i];
+        l->terminator_offset[i] = 0.0f;
+        l->gx[i] = -l->gx[i];
+        l->gy[i] = -l->gy[i];
+        l->gz[i] = -l->gz[i];
+        l->nx[i] = -l->nx[i];
+        l->ny[i] = -l->ny[i];
+        l->nz[i] = -l->nz[i];
+        l->ox[i] = l->px[i] + l->epsilon[i] * l->gx[i];
+        l->oy[i] = l->py[i] + l->epsilon[i] * l->gy[i];
+        l->oz[i] = l->pz[i] + l->epsilon[i] * l->gz[i];
+    }
+    shade_side(job, &b);
+    k->rays = b.rays;
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < PELL_LANES; i++)
+            k->sums.transmitted[c][i] = l->valid[i] ? b.sums.irradiance[c][i] : k->sums.transmitted[c][i];
+}
+
+static void shade_packet(const struct job *job, struct packet *k)
+{
+    shade_side(job, k);
+    if (k->lanes.any_thin)
+        shade_behind(job, k);
 }
 
 /* First the blocks that are covered as a whole, each a packet, then the pixels of the others. Their materials are kept beside them: to read
@@ -463,6 +520,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     (void) worker;
     k.rays = 0;
     k.held = -1;
+    k.behind = false;
     list_pixels(job, x0, y0, &list);
     if (list.count == 0)
         return;
@@ -504,6 +562,7 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
 
     k.rays = 0;
     k.held = -1;
+    k.behind = false;
     k.count = 0;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!material[i])

@@ -7,6 +7,7 @@
 #define RENDER_IRRADIANCE_INTERNAL_H
 
 #include "render/irradiance/kernel.h"
+#include "scene/material_maps.h"
 
 struct job {
     const struct pell_irradiance_params *p;
@@ -32,8 +33,15 @@ struct packet {
     int64_t held;  /* the material whose traits all lanes have; -1: none */
     bool single;   /* one material */
     bool textured; /* the colour of some lane's texture may enter */
+    bool behind;   /* the far sides of thin sheets */
     int64_t rays;
 };
+
+/* Whether light that is mirrored is asked for. */
+static inline bool shows_highlights(const struct job *job, const struct packet *k)
+{
+    return !job->entering && !k->behind;
+}
 
 static inline float max0(float x)
 {

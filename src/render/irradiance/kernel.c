@@ -466,9 +466,10 @@ static void store(const struct pell_lanes *restrict p, const struct pell_sums *r
     _Alignas(64) float irradiance[N], transmitted[N];
 
     for (int c = 0; c < 3; c++) {
+        const float *through = p->any_thin ? p->through[c] : p->albedo[c];
         for (int i = 0; i < N; i++) {
             irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
-            transmitted[i] = sums->transmitted[c][i] * p->albedo[c][i];
+            transmitted[i] = sums->transmitted[c][i] * through[i];
         }
         scatter(irradiance, index, count, rows, out->irradiance[c]);
         scatter(transmitted, index, count, rows, out->transmitted[c]);

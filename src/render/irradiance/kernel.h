@@ -29,13 +29,15 @@ struct pell_lanes {
     int32_t smooth[16];           /* -1 or 0 */
     int32_t deep[16];             /* -1: light may be transmitted from the far side */
     int32_t opaque[16];
-    float albedo[3][16]; /* of the colour that enters */
+    float albedo[3][16];  /* of the colour that enters */
+    float through[3][16]; /* that of `transmitted`: with any_thin, which is albedo itself where a lane is no thin sheet */
+    int32_t thin[16];     /* -1: a thin sheet, whose far side is lit, too; with any_thin */
     float roughness[16];
     int32_t valid[16];
     uint32_t hash[2][16];
     float shift[3][16]; /* mean free path over radius of curvature, refracted (curvature/stage.h) */
     float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
-    int any_smooth, any_deep;
+    int any_smooth, any_deep, any_thin;
     unsigned models; /* bit 1 << model of each that some lane has */
 };
 

@@ -12,7 +12,7 @@
 /* The planes of 16 points. */
 struct planes {
     _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16],
-        terminator_offset[16];
+        terminator_offset[16], transmission[3][16], reflection[16];
     float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16];
     uint16_t material[16];
 };
@@ -115,6 +115,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         .metallic = s.metallic,
         .strength = s.strength,
         .terminator_offset = s.terminator_offset,
+        .reflection = s.reflection,
     };
     const float *const place[3] = { s.place[0], s.place[1], s.place[2] };
     const float *const inward[3] = { packet.ray.dx, packet.ray.dy, packet.ray.dz };
@@ -135,6 +136,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         surface.ns[c] = s.ns[c];
         surface.base[c] = s.base[c];
         surface.specular[c] = s.specular[c];
+        surface.transmission[c] = s.transmission[c];
         lighting.irradiance[c] = s.irradiance[c];
         lighting.transmitted[c] = s.transmitted[c];
         lighting.specular[c] = s.mirrored[c];
@@ -156,13 +158,15 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         rays += lighting.shadow_rays;
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < 16; i++)
-                mean[c][i] += some >> i & 1 ? s.irradiance[c][i] / (float) what->samples : 0.0f;
+                mean[c][i] += some >> i & 1 ? (s.irradiance[c][i] + s.transmitted[c][i]) / (float) what->samples : 0.0f;
     }
     for (size_t i = 0; i < count; i++) {
         for (int c = 0; c < 3; c++) {
             out->irradiance[c][first + i] = mean[c][i];
             if (out->albedo[c])
                 out->albedo[c][first + i] = albedo[c][i];
+            if (out->transmission[c])
+                out->transmission[c][first + i] = some >> i & 1 && surface.any_thin ? s.transmission[c][i] : 0.0f;
             if (out->position[c])
                 out->position[c][first + i] = s.place[c][i];
             if (out->normal[c])

@@ -6,7 +6,8 @@
  *     through(x) = albedo^m Sum over lights of table(d) E(A)                     A: where the light enters the solid, see below
  *
  * Shadow rays are exact. The mix exponent m is the material's or the plan's; albedo is the base colour where colour comes from the
- * texture, else 1. Opaque materials: m = 1 and albedo the base colour x (1 - metallic).
+ * texture, else 1. Opaque materials: m = 1 and albedo the base colour x (1 - metallic). A thin
+ * sheet reflects 1 - T of that; `through` is T E of its far side, by the transmitted colour.
  */
 #ifndef PELL_IRRADIANCE_H
 #define PELL_IRRADIANCE_H

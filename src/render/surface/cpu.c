@@ -8,7 +8,7 @@
 
 PELL_SIMD_TABLES(struct pell_surface_kernels, pell_surface_kernels);
 
-#define PLANES 19 /* of floats: all but material */
+#define PLANES 23 /* of floats: all but the last, and material */
 
 struct scratch {
     void *planes;
@@ -37,7 +37,8 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
         &surface->depth, &surface->ng[0], &surface->ng[1], &surface->ng[2], &surface->ns[0], &surface->ns[1], &surface->ns[2],
         &surface->base[0], &surface->base[1], &surface->base[2], &surface->roughness, &surface->metallic, &surface->specular[0],
         &surface->specular[1], &surface->specular[2], &surface->strength, &surface->terminator_offset,
-        &surface->emissive[0], &surface->emissive[1],
+        &surface->emissive[0], &surface->emissive[1], &surface->emissive[2], &surface->transmission[0], &surface->transmission[1],
+        &surface->transmission[2],
     };
     /* clang-format on */
     struct scratch *scratch;
@@ -72,7 +73,7 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
     next = scratch->planes;
     for (size_t i = 0; i < PLANES; i++, next += pixels)
         *planes[i] = next;
-    surface->emissive[2] = next;
+    surface->reflection = next;
     surface->material = (uint16_t *) (next + pixels);
     return PELL_OK;
 
@@ -176,6 +177,7 @@ void pell_surface_look(const struct pell_surface *like, const struct pell_scene 
     out->mips = like->mips;
     out->omit_uniform = like->omit_uniform;
     out->any_emissive = false;
+    out->any_thin = like->mips && like->mips->any_thin;
     out->mesh = NULL;
     scratch->kernels->look(&job, packet, hits);
 }
@@ -194,6 +196,7 @@ enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_r
     if (view->width != surface->width || view->height != surface->height)
         return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "the view has %d x %d pixels, the surface %d x %d", view->width,
                           view->height, surface->width, surface->height);
+    surface->any_thin = pell_scene_has_sheets(scene);
     surface->any_emissive = false;
     for (size_t i = 0; i < scene->num_materials; i++)
         for (int c = 0; c < 3; c++)

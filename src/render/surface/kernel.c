@@ -1,389 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * kernel.c - 16 rays from the camera, and what their hits look like; compiled once per SIMD level.
+ * kernel.c - 16 rays from the camera, and what their hits look like (hits16.h); compiled once per SIMD level.
  *
- * Vertex data is fetched lane by lane; all else is loops over 16 lanes that the compiler turns into vectors. Lanes of a packet that
- * hit one mesh are worked on together, nearly always all of them; the other lanes run along on data of the first and are not stored.
- *
- * Footprint. A pixel covers A = k^2 / |n . D| of the surface, n unit, D the ray's direction with forward component 1, k the size of a
- * pixel at that depth: depth / focal (perspective) or 1 / focal (orthographic). With Embree's Ng, twice the triangle's area long, a
- * texture of w x h texels has 2 |uv area| w h k^2 / |Ng . D| texels in the pixel; half the binary logarithm is the level of the
- * pyramid (Williams 1983). */
-#include "render/surface/kernel.h"
-#include "image/color.h"
-#include "math/scalar.h"
-#include "render/surface/sample16.h"
+ * Lanes of a packet that hit one mesh are worked on together, nearly always all of them; the other lanes run along on data of the first
+ * and are not stored. */
+#include "render/surface/hits16.h"
 
-#include <float.h>
 #include <limits.h>
-#include <math.h>
 #include <string.h>
-
-/* What a pixel's cosines to the geometric normal and to the viewer are kept above. */
-#define BEND 0.01f
-/* Surfaces seen at a more grazing cosine than this are not blurred further: a square filter would lose the other direction. */
-#define GRAZING 0.0625f
-
-struct vec16 {
-    float16 x, y, z;
-};
-
-/* What is known of 16 hits. */
-struct hits {
-    const struct pell_mesh *mesh;
-    const struct pell_material *material;
-    const struct pyramid *const *pyramids; /* by map; NULL: no mips were made */
-    const struct surface_decode *decode;
-    uint32_t lanes; /* bit i: lane i is one of these */
-    int16lanes on;  /* the same, -1 or 0 */
-    uint32_t vertex[3][LANES];
-    const struct pell_corners *corners; /* of the triangles, where they are known */
-    float16 w0, w1, w2;                 /* barycentric weights */
-    const struct pell_ray_hit16 *packet;
-    const struct pell_view *camera;
-    float16 footprint; /* k^2 / |Ng . D| */
-    bool has_footprint;
-    struct vec16 view; /* unit, to the viewer */
-    struct uv16 uv[PELL_UV_SETS];
-    bool has_uv[PELL_UV_SETS];
-};
-
-struct shaded {
-    struct vec16 ng, ns;
-    float16 base[3], specular[3], emissive[3], roughness, metallic, strength, terminator_offset;
-};
-
-static inline float dot(const struct vec16 *a, const struct vec16 *b, int i)
-{
-    return a->x[i] * b->x[i] + a->y[i] * b->y[i] + a->z[i] * b->z[i];
-}
-
-/* --- Vertex data -------------------------------------------------------------------------------------------------------------- */
-
-/* Component `c` of `size`-float vertices, interpolated. */
-static void interpolate(const struct hits *h, const float *data, size_t size, size_t c, float *restrict out)
-{
-    float16 a[3];
-
-    for (int k = 0; k < 3; k++)
-        for (int i = 0; i < LANES; i++)
-            a[k][i] = data[size * h->vertex[k][i] + c];
-    for (int i = 0; i < LANES; i++)
-        out[i] = h->w0[i] * a[0][i] + h->w1[i] * a[1][i] + h->w2[i] * a[2][i];
-}
-
-/* The first three components of the vertices' data, at the three corners. */
-static void corners(const struct hits *h, const float *data, size_t size, struct vec16 a[restrict 3])
-{
-    for (int k = 0; k < 3; k++)
-        for (int i = 0; i < LANES; i++) {
-            const float *p = data + size * h->vertex[k][i];
-            a[k].x[i] = p[0];
-            a[k].y[i] = p[1];
-            a[k].z[i] = p[2];
-        }
-}
-
-static void blend(const struct hits *h, const struct vec16 *restrict a, struct vec16 *restrict out)
-{
-    for (int i = 0; i < LANES; i++) {
-        out->x[i] = h->w0[i] * a[0].x[i] + h->w1[i] * a[1].x[i] + h->w2[i] * a[2].x[i];
-        out->y[i] = h->w0[i] * a[0].y[i] + h->w1[i] * a[1].y[i] + h->w2[i] * a[2].y[i];
-        out->z[i] = h->w0[i] * a[0].z[i] + h->w1[i] * a[1].z[i] + h->w2[i] * a[2].z[i];
-    }
-}
-
-static void interpolate3(const struct hits *h, const float *data, size_t size, struct vec16 *restrict out)
-{
-    struct vec16 a[3];
-
-    corners(h, data, size, a);
-    blend(h, a, out);
-}
-
-static void measure_footprint(const struct pell_view *view, const struct pell_ray_hit16 *restrict p, struct hits *restrict h)
-{
-    const float per_depth = view->orthographic ? 0.0f : 1.0f / view->focal_px, fixed = view->orthographic ? 1.0f / view->focal_px : 0.0f;
-
-    for (int i = 0; i < LANES; i++) {
-        const float gx = h->on[i] ? p->hit.ngx[i] : 0.0f, gy = h->on[i] ? p->hit.ngy[i] : 0.0f, gz = h->on[i] ? p->hit.ngz[i] : 0.0f;
-        const float dx = p->ray.dx[i], dy = p->ray.dy[i], dz = p->ray.dz[i], t = h->on[i] ? p->ray.tfar[i] : 1.0f;
-        const float facing = fabsf(gx * dx + gy * dy + gz * dz), pixel = fixed + per_depth * t;
-        const float least = GRAZING * sqrtf(dx * dx + dy * dy + dz * dz) * sqrtf(gx * gx + gy * gy + gz * gz);
-        h->footprint[i] = pixel * pixel / larger(larger(facing, least), FLT_MIN);
-    }
-    h->has_footprint = true;
-}
-
-/* Texture coordinates of a set, and how much of the picture's unit square a pixel covers. */
-static const struct uv16 *coordinates(struct hits *h, int set)
-{
-    struct uv16 *out = &h->uv[set];
-    float16 u[3], v[3];
-
-    if (h->has_uv[set])
-        return out;
-    h->has_uv[set] = true;
-    if (!h->has_footprint)
-        measure_footprint(h->camera, h->packet, h);
-    for (int k = 0; k < 3; k++)
-        for (int i = 0; i < LANES; i++) {
-            const float *p = h->mesh->uv[set] + 2 * (size_t) h->vertex[k][i];
-            u[k][i] = p[0];
-            v[k][i] = p[1];
-        }
-    for (int i = 0; i < LANES; i++) {
-        const float det = (u[1][i] - u[0][i]) * (v[2][i] - v[0][i]) - (u[2][i] - u[0][i]) * (v[1][i] - v[0][i]);
-        out->u[i] = h->w0[i] * u[0][i] + h->w1[i] * u[1][i] + h->w2[i] * u[2][i];
-        out->v[i] = h->w0[i] * v[0][i] + h->w1[i] * v[1][i] + h->w2[i] * v[2][i];
-        out->area[i] = fabsf(det) * h->footprint[i];
-    }
-    return out;
-}
-
-/* Samples a map's `channels` (bits) into rgba; false where the material or the mesh has not what it takes. */
-static bool look_up(struct hits *h, enum surface_map which, unsigned channels, float16 *restrict rgba)
-{
-    const struct pell_texture_map *map = surface_map(h->material, which);
-    const struct pyramid *pyramid = h->pyramids ? h->pyramids[which] : NULL;
-
-    if (!map->texture || !h->mesh->uv[map->uv])
-        return false;
-    if (!pyramid) {
-        const struct pyramid alone = pyramid_of(&map->texture->image);
-        sample16(&alone, map, h->decode, coordinates(h, map->uv), h->lanes, channels, rgba);
-    } else {
-        sample16(pyramid, map, h->decode, coordinates(h, map->uv), h->lanes, channels, rgba);
-    }
-    return true;
-}
-
-/* --- Normals ------------------------------------------------------------------------------------------------------------------ */
-
-/* Unit geometric normals on the viewer's side; where a triangle has no area, the direction to the viewer. */
-static void geometric_normals(const struct pell_hit16 *hit, struct hits *h, struct vec16 *restrict ng)
-{
-    for (int i = 0; i < LANES; i++) {
-        const float hx = hit->ngx[i], hy = hit->ngy[i], hz = hit->ngz[i];
-        const float x = h->on[i] ? hx : 0.0f, y = h->on[i] ? hy : 0.0f, z = h->on[i] ? hz : 0.0f;
-        const float largest = larger(larger(fabsf(x), fabsf(y)), fabsf(z));
-        const bool good = largest > 0.0f;
-        /* Areas of very small and very large triangles have squares out of range. */
-        const float scale = good ? 1.0f / largest : 0.0f;
-        const float gx = good ? x * scale : h->view.x[i], gy = good ? y * scale : h->view.y[i], gz = good ? z * scale : h->view.z[i];
-        const float inverse = 1.0f / sqrtf(gx * gx + gy * gy + gz * gz);
-        const float side = gx * h->view.x[i] + gy * h->view.y[i] + gz * h->view.z[i] < 0.0f ? -inverse : inverse;
-        ng->x[i] = gx * side;
-        ng->y[i] = gy * side;
-        ng->z[i] = gz * side;
-    }
-}
-
-/* Normal mapping as glTF 2.0, section 3.9.3, and the tangent frame of section 3.7.2.1: b = w n x t, green is +b. */
-static void map_normals(struct hits *h, struct vec16 *restrict n)
-{
-    float16 rgba[4], handed;
-    struct vec16 t;
-    const float scale = h->material->normal_scale;
-
-    if (!h->material->normal_map.texture || !h->mesh->tangent || !look_up(h, SURFACE_MAP_NORMAL, 7, rgba))
-        return;
-    interpolate3(h, h->mesh->tangent, 4, &t);
-    interpolate(h, h->mesh->tangent, 4, 3, handed);
-    for (int i = 0; i < LANES; i++) {
-        const float tt = dot(&t, &t, i), it = tt > 0.0f ? 1.0f / sqrtf(tt) : 0.0f, s = handed[i] < 0.0f ? -1.0f : 1.0f;
-        const float tx = t.x[i] * it, ty = t.y[i] * it, tz = t.z[i] * it, nx = n->x[i], ny = n->y[i], nz = n->z[i];
-        const float bx = s * (ny * tz - nz * ty), by = s * (nz * tx - nx * tz), bz = s * (nx * ty - ny * tx);
-        const float a = scale * (2.0f * rgba[0][i] - 1.0f), b = scale * (2.0f * rgba[1][i] - 1.0f), c = 2.0f * rgba[2][i] - 1.0f;
-        const float x = a * tx + b * bx + c * nx, y = a * ty + b * by + c * ny, z = a * tz + b * bz + c * nz;
-        const float length = x * x + y * y + z * z;
-        const bool good = tt > 0.0f && length > 1e-8f;
-        const float inverse = 1.0f / sqrtf(good ? length : 1.0f);
-        n->x[i] = good ? x * inverse : nx;
-        n->y[i] = good ? y * inverse : ny;
-        n->z[i] = good ? z * inverse : nz;
-    }
-}
-
-/* Moves n to the nearest normal in the half-space n . to >= BEND, if it is not there: the projection onto that half-space. Interpolated
- * and mapped normals may point away from the viewer where the triangle does not; shaded as they are, silhouettes would be black. */
-static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
-{
-    float16 missing;
-    int any = 0;
-
-    for (int i = 0; i < LANES; i++) {
-        const float m = BEND - dot(n, to, i);
-        missing[i] = m > 0.0f ? m : 0.0f;
-    }
-    for (int i = 0; i < LANES; i++)
-        any |= missing[i] > 0.0f;
-    if (!any) /* nearly always */
-        return;
-    for (int i = 0; i < LANES; i++) {
-        const float x = n->x[i] + missing[i] * to->x[i], y = n->y[i] + missing[i] * to->y[i], z = n->z[i] + missing[i] * to->z[i];
-        const float inverse = 1.0f / sqrtf(x * x + y * y + z * z);
-        const bool on = missing[i] > 0.0f;
-        n->x[i] = on ? x * inverse : n->x[i];
-        n->y[i] = on ? y * inverse : n->y[i];
-        n->z[i] = on ? z * inverse : n->z[i];
-    }
-}
-
-/* How far, along n, the hit lies under the smooth surface that the normals v of its triangle suggest: the mean of its projections onto the
- * three tangent planes, those below it left out (Hanika 2021, "Hacking the Shadow Terminator"). Shadow rays that start up there do not
- * show the triangles of a coarse mesh as dark facets where light grazes. */
-static void terminator_offsets(const struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict n, float *restrict out)
-{
-    const struct vec16 *p;
-    struct vec16 fetched[3], at, sum = { { 0 } };
-
-    if (h->corners) {
-        p = (const struct vec16 *) h->corners->position;
-    } else {
-        corners(h, h->mesh->position, 3, fetched);
-        p = fetched;
-    }
-    blend(h, p, &at);
-    for (int k = 0; k < 3; k++) {
-        const float *w = k == 0 ? h->w0 : k == 1 ? h->w1 : h->w2;
-        for (int i = 0; i < LANES; i++) {
-            const float side = dot(&v[k], n, i) < 0.0f ? -1.0f : 1.0f; /* seen from within, the normals are turned */
-            const float under =
-                side * ((p[k].x[i] - at.x[i]) * v[k].x[i] + (p[k].y[i] - at.y[i]) * v[k].y[i] + (p[k].z[i] - at.z[i]) * v[k].z[i]);
-            const float share = under > 0.0f ? side * w[i] * under : 0.0f;
-            sum.x[i] += share * v[k].x[i];
-            sum.y[i] += share * v[k].y[i];
-            sum.z[i] += share * v[k].z[i];
-        }
-    }
-    for (int i = 0; i < LANES; i++) {
-        const float l = dot(&sum, n, i);
-        out[i] = h->on[i] && l > 0.0f ? l : 0.0f;
-    }
-}
-
-static void shading_normals(struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict ng, struct vec16 *restrict ns)
-{
-    struct vec16 n;
-    float16 side;
-
-    blend(h, v, &n);
-    for (int i = 0; i < LANES; i++) {
-        const float length = dot(&n, &n, i);
-        const bool good = length > 1e-8f;
-        const float inverse = 1.0f / sqrtf(good ? length : 1.0f);
-        n.x[i] = good ? n.x[i] * inverse : ng->x[i];
-        n.y[i] = good ? n.y[i] * inverse : ng->y[i];
-        n.z[i] = good ? n.z[i] * inverse : ng->z[i];
-        /* A back face is the same surface seen from within: dents are bumps there, so the frame is turned as a whole, after mapping. */
-        side[i] = dot(&n, ng, i) < 0.0f ? -1.0f : 1.0f;
-    }
-    map_normals(h, &n);
-    for (int i = 0; i < LANES; i++) {
-        ns->x[i] = side[i] * n.x[i];
-        ns->y[i] = side[i] * n.y[i];
-        ns->z[i] = side[i] * n.z[i];
-    }
-    bend(ns, ng);
-    bend(ns, &h->view);
-}
-
-/* --- Materials ---------------------------------------------------------------------------------------------------------------- */
-
-static void factor(float *restrict out, float value)
-{
-    for (int i = 0; i < LANES; i++)
-        out[i] = value;
-}
-
-static void multiply(float *restrict out, const float *restrict by)
-{
-    for (int i = 0; i < LANES; i++)
-        out[i] *= by[i];
-}
-
-static void clamp(float *restrict out, float low, float high)
-{
-    for (int i = 0; i < LANES; i++)
-        out[i] = out[i] < low ? low : out[i] > high ? high : out[i];
-}
-
-static bool same_look_up(const struct pell_texture_map *a, const struct pell_texture_map *b)
-{
-    return a->texture == b->texture && a->uv == b->uv && memcmp(a->matrix, b->matrix, sizeof(a->matrix)) == 0;
-}
-
-/* Multiplies by one channel of a map. */
-static void number(struct hits *h, enum surface_map map, float *restrict out)
-{
-    const int channel = surface_map(h->material, map)->channel & 3;
-    float16 rgba[4];
-
-    if (look_up(h, map, 1u << channel, rgba))
-        multiply(out, rgba[channel]);
-}
-
-static void colour(struct hits *h, enum surface_map map, float16 *restrict out)
-{
-    float16 rgba[4];
-
-    if (look_up(h, map, 7, rgba))
-        for (int c = 0; c < 3; c++)
-            multiply(out[c], rgba[c]);
-}
-
-static void shade_material(struct hits *h, bool emissive, struct shaded *restrict s)
-{
-    const struct pell_material *m = h->material;
-    float16 rgba[4];
-
-    for (int c = 0; c < 3; c++) {
-        factor(s->base[c], m->base_color[c]);
-        factor(s->specular[c], m->rho_s * m->specular_color[c]);
-    }
-    factor(s->roughness, m->roughness);
-    factor(s->metallic, m->metallic);
-    factor(s->strength, m->strength);
-
-    colour(h, SURFACE_MAP_BASE, s->base);
-    if (h->mesh->color) {
-        struct vec16 color;
-        interpolate3(h, h->mesh->color, 4, &color);
-        multiply(s->base[0], color.x);
-        multiply(s->base[1], color.y);
-        multiply(s->base[2], color.z);
-    }
-    /* glTF packs both into one picture: one look-up. */
-    if (m->metallic > 0.0f && same_look_up(&m->roughness_map, &m->metallic_map)) {
-        const int r = m->roughness_map.channel & 3, k = m->metallic_map.channel & 3;
-        if (look_up(h, SURFACE_MAP_ROUGHNESS, 1u << r | 1u << k, rgba)) {
-            multiply(s->roughness, rgba[r]);
-            multiply(s->metallic, rgba[k]);
-        }
-    } else {
-        number(h, SURFACE_MAP_ROUGHNESS, s->roughness);
-        if (m->metallic > 0.0f)
-            number(h, SURFACE_MAP_METALLIC, s->metallic);
-    }
-    clamp(s->roughness, 0.03f, 1.0f);
-    clamp(s->metallic, 0.0f, 1.0f);
-    if (m->rho_s_map.texture) {
-        float16 rho;
-        factor(rho, 1.0f);
-        number(h, SURFACE_MAP_RHO_S, rho);
-        for (int c = 0; c < 3; c++)
-            multiply(s->specular[c], rho);
-    }
-    colour(h, SURFACE_MAP_SPECULAR, s->specular);
-    number(h, SURFACE_MAP_STRENGTH, s->strength);
-    clamp(s->strength, 0.0f, 1.0f);
-    if (emissive) {
-        for (int c = 0; c < 3; c++)
-            factor(s->emissive[c], m->emissive[c]);
-        if (m->emissive[0] > 0.0f || m->emissive[1] > 0.0f || m->emissive[2] > 0.0f)
-            colour(h, SURFACE_MAP_EMISSIVE, s->emissive);
-    }
-}
 
 /* --- A packet ----------------------------------------------------------------------------------------------------------------- */
 
@@ -419,7 +42,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
 
     h.mesh = mesh;
     h.material = &job->scene->materials[mesh->material];
-    h.pyramids = mips ? mips->slots + (size_t) mesh->material * SURFACE_MAPS : NULL;
+    h.pyramids = mips ? mips->slots + (size_t) mesh->material * PELL_MAPS : NULL;
     h.decode = job->decode;
     h.lanes = lanes;
     h.packet = p;
@@ -439,7 +62,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     corners(&h, mesh->normal, 3, normals);
     shading_normals(&h, normals, &s->ng, &s->ns);
     terminator_offsets(&h, normals, &s->ng, s->terminator_offset);
-    shade_material(&h, job->out->any_emissive, s);
+    shade_material(&h, job->out, s);
 }
 
 #define ROW (SURFACE_PACKET_SIDE * sizeof(float))
@@ -490,6 +113,11 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
         if (out->any_emissive)
             for (int c = 0; c < 3; c++)
                 memcpy(out->emissive[c] + at, s->emissive[c] + k, ROW);
+        if (out->any_thin) {
+            for (int c = 0; c < 3; c++)
+                memcpy(out->transmission[c] + at, s->transmission[c] + k, ROW);
+            memcpy(out->reflection + at, s->reflection + k, ROW);
+        }
     }
 }
 
@@ -553,6 +181,10 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
                 memset(&s, 0, sizeof(s));
             if (!job->out->any_emissive)
                 memset(some.emissive, 0, sizeof(some.emissive));
+            if (!job->out->any_thin) {
+                memset(some.transmission, 0, sizeof(some.transmission));
+                memset(some.reflection, 0, sizeof(some.reflection));
+            }
             shade(job, p, NULL, lanes, &some);
             merge(&s, &some, lanes);
         }

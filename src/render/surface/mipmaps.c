@@ -186,19 +186,19 @@ static enum pell_result collect(struct pell_mips *mips, const struct pell_scene 
     size_t count = 0, kept = 0;
 
     for (size_t i = 0; i < scene->num_materials; i++)
-        for (int map = 0; map < SURFACE_MAPS; map++) {
-            const struct pell_texture *t = surface_map(&scene->materials[i], (enum surface_map) map)->texture;
+        for (enum pell_map map = 0; map < PELL_MAPS; map++) {
+            const struct pell_texture *t = pell_material_map(&scene->materials[i], map)->texture;
             count += t && !t->nearest;
         }
-    mips->slots = pell_calloc(mips->ctx, scene->num_materials * SURFACE_MAPS, sizeof(*mips->slots));
+    mips->slots = pell_calloc(mips->ctx, scene->num_materials * PELL_MAPS, sizeof(*mips->slots));
     mips->pyramids = pell_calloc(mips->ctx, count, sizeof(*mips->pyramids));
     if (!mips->slots || !mips->pyramids)
         return PELL_ERR_NOMEM;
 
     count = 0;
     for (size_t i = 0; i < scene->num_materials; i++)
-        for (int map = 0; map < SURFACE_MAPS; map++) {
-            const struct pell_texture *t = surface_map(&scene->materials[i], (enum surface_map) map)->texture;
+        for (enum pell_map map = 0; map < PELL_MAPS; map++) {
+            const struct pell_texture *t = pell_material_map(&scene->materials[i], map)->texture;
             if (t && !t->nearest)
                 mips->pyramids[count++] = pyramid_of(&t->image);
         }
@@ -209,11 +209,11 @@ static enum pell_result collect(struct pell_mips *mips, const struct pell_scene 
     mips->num_pyramids = kept;
 
     for (size_t i = 0; i < scene->num_materials; i++)
-        for (int map = 0; map < SURFACE_MAPS; map++) {
-            const struct pell_texture *t = surface_map(&scene->materials[i], (enum surface_map) map)->texture;
+        for (enum pell_map map = 0; map < PELL_MAPS; map++) {
+            const struct pell_texture *t = pell_material_map(&scene->materials[i], map)->texture;
             if (t && !t->nearest) {
                 const struct pyramid key = { .image = t->image };
-                mips->slots[i * SURFACE_MAPS + (size_t) map] = bsearch(&key, mips->pyramids, kept, sizeof(key), by_pixels);
+                mips->slots[i * PELL_MAPS + (size_t) map] = bsearch(&key, mips->pyramids, kept, sizeof(key), by_pixels);
             }
         }
     return PELL_OK;
@@ -229,6 +229,7 @@ enum pell_result pell_mips_create(struct pell_context *ctx, const struct pell_sc
     if (!mips)
         return PELL_ERR_NOMEM;
     mips->ctx = ctx;
+    mips->any_thin = pell_scene_has_sheets(scene);
     surface_decode_make(&decode);
     PELL_TRY(collect(mips, scene));
     for (size_t i = 0; i < mips->num_pyramids; i++)

@@ -5,33 +5,7 @@
 
 #include "image/color.h"
 #include "render/surface/stage.h"
-
-/* The maps of a material that the surface stage reads, in this order. */
-enum surface_map {
-    SURFACE_MAP_BASE,
-    SURFACE_MAP_NORMAL,
-    SURFACE_MAP_ROUGHNESS,
-    SURFACE_MAP_METALLIC,
-    SURFACE_MAP_RHO_S,
-    SURFACE_MAP_SPECULAR,
-    SURFACE_MAP_STRENGTH,
-    SURFACE_MAP_EMISSIVE,
-    SURFACE_MAPS
-};
-
-static inline const struct pell_texture_map *surface_map(const struct pell_material *m, enum surface_map map)
-{
-    switch (map) {
-    case SURFACE_MAP_BASE: return &m->base_color_map;
-    case SURFACE_MAP_NORMAL: return &m->normal_map;
-    case SURFACE_MAP_ROUGHNESS: return &m->roughness_map;
-    case SURFACE_MAP_METALLIC: return &m->metallic_map;
-    case SURFACE_MAP_RHO_S: return &m->rho_s_map;
-    case SURFACE_MAP_SPECULAR: return &m->specular_color_map;
-    case SURFACE_MAP_STRENGTH: return &m->strength_map;
-    default: return &m->emissive_map;
-    }
-}
+#include "scene/material_maps.h"
 
 #define SURFACE_MIP_LEVELS 32
 
@@ -50,7 +24,8 @@ struct pell_mips {
     struct pell_context *ctx;
     struct pyramid *pyramids; /* one a picture that a material of the scene reads */
     size_t num_pyramids;
-    const struct pyramid **slots; /* [material * SURFACE_MAPS + map], NULL where there is no map */
+    bool any_thin;                /* some material of the scene is a thin sheet */
+    const struct pyramid **slots; /* [material * PELL_MAPS + map], NULL where there is no map */
 };
 
 /* 8 bits to 16 bits linear: of sRGB, and of numbers. */

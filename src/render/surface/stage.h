@@ -11,7 +11,8 @@
 #include "render/camera_view.h"
 #include "visibility/tile_raster.h"
 
-/* What is made once a scene: the pictures of its textures at smaller sizes, so that far surfaces don't alias. */
+/* What is made once a scene: the pictures of its textures at smaller sizes, so that far surfaces don't alias, and whether it has thin
+ * sheets. */
 struct pell_mips;
 
 PELL_NODISCARD enum pell_result pell_mips_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool,
@@ -37,9 +38,12 @@ struct pell_surface {
     float *terminator_offset; /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays
                                        * start */
     float *emissive[3];       /* radiance; written where `any_emissive` */
+    float *transmission[3];   /* of thin sheets: share of the diffuse light that passes, by its colour, without metal; 0 elsewhere */
+    float *reflection;        /* the share that does not pass, 1 elsewhere. Both are written where `any_thin` */
     uint32_t *mesh, *triangle; /* of the scene, that was hit. The caller's planes, set after pell_surface_allocate; NULL: not asked for */
     float *barycentric[2];     /* with `triangle`: u, v as in struct pell_hit16 */
     bool any_emissive;         /* some material of the scene emits */
+    bool any_thin;             /* some material of the scene is a thin sheet */
     struct pell_rect covered;  /* holds every pixel that hit something */
     struct pell_rect translucent; /* holds every pixel whose material is not opaque */
     int64_t covered_pixels, translucent_pixels;
@@ -86,7 +90,8 @@ PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, cons
 
 /* The surface at 16 hits that no pixel need see, as if seen along packet->ray from pixels of `spacing` mm: bits of `hits` say which count.
  * `out` is a surface of 4 x 4 pixels with a stride of 4 whose planes are the caller's; mips, tables and `omit_uniform` are those of `like`,
- * which was allocated. No emission. Allocates nothing; safe from many threads. */
+ * which was allocated; those of emission are not needed, those of thin sheets are where `mips`
+ * says that there are some. Allocates nothing; safe from many threads. */
 void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing, const struct pell_ray_hit16 *packet,
                        uint32_t hits, struct pell_surface *out);
 

@@ -6,16 +6,20 @@
 
 #include <string.h>
 
-const char *const pell_texture_keys[PELL_TEXTURE_KEYS] = { "baseColor", "normal", "roughness", "metallic", "specular", "emissive" };
+const char *const pell_texture_keys[PELL_TEXTURE_KEYS] = {
+    "baseColor", "normal", "roughness", "metallic", "specular", "emissive", "diffuseTransmission", "diffuseTransmissionColor",
+};
 
 struct pell_texture_map *pell_scene_map_called(struct pell_material *m, const char *name)
 {
-    struct pell_texture_map *const maps[PELL_TEXTURE_KEYS] = { &m->base_color_map, &m->normal_map, &m->roughness_map,
-                                                               &m->metallic_map,   &m->rho_s_map,  &m->emissive_map };
+    static const enum pell_map maps[PELL_TEXTURE_KEYS] = {
+        PELL_MAP_BASE,  PELL_MAP_NORMAL,   PELL_MAP_ROUGHNESS,    PELL_MAP_METALLIC,
+        PELL_MAP_RHO_S, PELL_MAP_EMISSIVE, PELL_MAP_TRANSMISSION, PELL_MAP_TRANSMISSION_COLOR,
+    };
 
     for (size_t i = 0; i < PELL_TEXTURE_KEYS; i++)
         if (strcmp(name, pell_texture_keys[i]) == 0)
-            return maps[i];
+            return pell_material_map_of(m, maps[i]);
     return NULL;
 }
 

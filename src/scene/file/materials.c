@@ -10,11 +10,33 @@
 #include <string.h>
 
 const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
-    "preset",    "skin",       "sigma_a",        "sigma_s_reduced", "sigma_s",     "g",
-    "eta",       "color",      "mean_free_path", "layers",          "radius",      "radius_kind",
-    "profile",   "color_from", "textures",       "normal_scale",    "mix",         "strength",
-    "roughness", "specular",   "opaque",         "depths",          "depth_scale", "depth_encoding",
+    "preset",
+    "skin",
+    "sigma_a",
+    "sigma_s_reduced",
+    "sigma_s",
+    "g",
+    "eta",
+    "color",
+    "mean_free_path",
+    "layers",
+    "radius",
+    "radius_kind",
+    "profile",
+    "color_from",
+    "textures",
+    "normal_scale",
+    "mix",
+    "strength",
+    "roughness",
+    "specular",
+    "opaque",
+    "depths",
+    "depth_scale",
+    "depth_encoding",
     "below",
+    "diffuse_transmission",
+    "diffuse_transmission_color",
 };
 const char *const pell_specular_keys[PELL_SPECULAR_KEYS] = { "model", "roughness", "rho_s" };
 
@@ -87,7 +109,7 @@ static enum pell_result read_textures(struct pell_scene_reader *r, const struct 
     for (size_t i = 0; i < PELL_TEXTURE_KEYS; i++) {
         const char *key = pell_texture_keys[i];
         const struct pell_json at = pell_json_get(&textures, key);
-        const bool color = strcmp(key, "baseColor") == 0 || strcmp(key, "emissive") == 0;
+        const bool color = strcmp(key, "baseColor") == 0 || strcmp(key, "emissive") == 0 || strcmp(key, "diffuseTransmissionColor") == 0;
         if (at.value)
             PELL_TRY(read_map(r, &at, color ? PELL_ROLE_COLOR : PELL_ROLE_DATA, pell_scene_map_called(m, key)));
     }
@@ -375,6 +397,31 @@ fail:
     return res;
 }
 
+/* A thin sheet. Its transmitted colour is that of the surface unless it has one of its own. */
+static enum pell_result read_sheet(const struct pell_json *at, struct pell_material *m)
+{
+    const struct pell_json place = pell_json_get(at, "diffuse_transmission");
+    double color[3];
+    enum pell_result res = PELL_OK;
+
+    if (place.value && !m->opaque)
+        return pell_json_error(&place, PELL_ERR_FORMAT, "add \"opaque\": true, or leave it out: light passes a medium by its thickness",
+                               "is of thin opaque sheets, and material \"%s\" is translucent", m->name);
+    if (place.value && m->diffuse_transmission == 0.0f) {
+        memcpy(m->diffuse_transmission_color, m->base_color, sizeof(m->diffuse_transmission_color));
+        m->diffuse_transmission_color_map = m->base_color_map;
+    }
+    PELL_TRY(pell_json_float(at, "diffuse_transmission", 0.0, 1.0, &m->diffuse_transmission));
+    if (!pell_json_has(at, "diffuse_transmission_color"))
+        return PELL_OK;
+    PELL_TRY(pell_json_numbers(at, "diffuse_transmission_color", 3, 0.0, 1.0, color));
+    for (int c = 0; c < 3; c++)
+        m->diffuse_transmission_color[c] = (float) color[c];
+
+fail:
+    return res;
+}
+
 enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pell_json *at, size_t material)
 {
     static const char *const sources[] = { "profile", "texture" };
@@ -402,6 +449,7 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     PELL_TRY(pell_json_float(at, "roughness", 0.0, 1.0, &m->roughness));
     PELL_TRY(pell_json_float(at, "normal_scale", -100.0, 100.0, &m->normal_scale));
     PELL_TRY(read_specular(at, m));
+    PELL_TRY(read_sheet(at, m));
     return PELL_OK;
 
 fail:

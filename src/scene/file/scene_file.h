@@ -60,7 +60,7 @@ PELL_NODISCARD enum pell_result pell_scene_lights(struct pell_scene_reader *r, c
 
 /* --- file/maps.c ------------------------------------------------------------------------------------------------------------ */
 
-enum { PELL_TEXTURE_KEYS = 6 };
+enum { PELL_TEXTURE_KEYS = 8 };
 extern const char *const pell_texture_keys[PELL_TEXTURE_KEYS];
 
 /* The map of one of these keys; NULL: no such key. */
@@ -72,7 +72,7 @@ bool pell_scene_own_map(const struct pell_material *m, const char *text, struct 
 
 /* --- scene_material.c --------------------------------------------------------------------------------------------------------- */
 
-enum { PELL_MATERIAL_KEYS = 25, PELL_SPECULAR_KEYS = 3, PELL_SKIN_KEYS = 6 };
+enum { PELL_MATERIAL_KEYS = 27, PELL_SPECULAR_KEYS = 3, PELL_SKIN_KEYS = 6 };
 extern const char *const pell_skin_keys[PELL_SKIN_KEYS]; /* material_file.c */
 extern const char *const pell_material_keys[PELL_MATERIAL_KEYS];
 extern const char *const pell_specular_keys[PELL_SPECULAR_KEYS];

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
  * material.c - materials of glTF 2.0 (section 3.9 of the specification) and the extensions that speak of translucency.
  *
- * Translucent is what lets light in and says so: KHR_materials_diffuse_transmission with a factor above 0, or a scattering volume
- * (drafts KHR_materials_volume_scatter, KHR_materials_scatter). All else is opaque; clear transmission is drawn as opaque with a warning.
+ * Translucent is what lets light in and says so: KHR_materials_diffuse_transmission with a factor above 0 and a KHR_materials_volume that
+ * has a thickness, or a scattering volume (drafts KHR_materials_volume_scatter, KHR_materials_scatter). Diffuse transmission without a
+ * volume is a thin sheet. All else is opaque; clear transmission is drawn as opaque with a warning.
  *
  * The medium, per unit of the file:
  *
@@ -13,7 +14,7 @@
  * Where a file lets light in but says nothing of scattering, or of the distance, it cannot be inferred: the medium takes the extinction of
  * marble (Jensen et al. 2001) for one unit = 1 m, and the albedo of the surface's own colour; a warning says so.
  *
- * The volume's thickness is not used: it is for renderers that do not see the other side.
+ * Whether a volume has a thickness tells solids from sheets; how much is not used: it is for renderers that do not see the other side.
  *
  * Colour: a base colour texture, else a diffuse transmission colour texture, means that the look is painted: colour comes from it with
  * a mix of 0.5, and the medium gives the spread of light alone. Without one the medium's own colour is what is seen. */
@@ -73,6 +74,7 @@ struct translucency {
     float diffuse_factor, transmission_factor;
     float diffuse_color[3], multiscatter[3], attenuation_color[3];
     double attenuation_distance; /* infinite: not given */
+    float thickness;
     double g;
 };
 
@@ -100,7 +102,7 @@ static enum pell_result read_translucency(struct gltf *g, const struct pell_json
     enum pell_result res;
 
     t->attenuation_distance = INFINITY;
-    t->diffuse_factor = t->transmission_factor = 0.0f;
+    t->diffuse_factor = t->transmission_factor = t->thickness = 0.0f;
     for (int c = 0; c < 3; c++) {
         t->diffuse_color[c] = t->attenuation_color[c] = 1.0f;
         t->multiscatter[c] = 0.0f;
@@ -114,6 +116,7 @@ static enum pell_result read_translucency(struct gltf *g, const struct pell_json
     }
     if (t->volume.value) {
         double none = INFINITY, *distance = &t->attenuation_distance;
+        PELL_TRY(gltf_factor(g, &t->volume, "thicknessFactor", 0.0, 1e12, &t->thickness));
         PELL_TRY(gltf_factors(g, &t->volume, "attenuationColor", 3, 0.0, 1.0, t->attenuation_color));
         PELL_TRY(pell_json_number(&t->volume, "attenuationDistance", 1e-12, 1e300, distance));
         if (*distance > 1e12)
@@ -122,10 +125,6 @@ static enum pell_result read_translucency(struct gltf *g, const struct pell_json
     if (t->diffuse.value) {
         PELL_TRY(gltf_factor(g, &t->diffuse, "diffuseTransmissionFactor", 0.0, 1.0, &t->diffuse_factor));
         PELL_TRY(gltf_factors(g, &t->diffuse, "diffuseTransmissionColorFactor", 3, 0.0, 1.0, t->diffuse_color));
-        if (pell_json_get(&t->diffuse, "diffuseTransmissionTexture").value) {
-            const struct pell_json texture = pell_json_get(&t->diffuse, "diffuseTransmissionTexture");
-            gltf_warn(g, GLTF_WARN_MATERIAL, &texture, NULL, "a texture of the diffuse transmission is not read: the factor is used");
-        }
     }
     if (t->transmission.value)
         PELL_TRY(gltf_factor(g, &t->transmission, "transmissionFactor", 0.0, 1.0, &t->transmission_factor));
@@ -206,6 +205,23 @@ fail:
     return res;
 }
 
+/* Diffuse transmission without a volume: the base colour is reflected, light that passes has the extension's colour. */
+static enum pell_result read_sheet(struct gltf *g, const struct translucency *t, struct pell_material *m)
+{
+    enum pell_result res;
+
+    if (t->transmission_factor > 0.0f)
+        gltf_warn(g, GLTF_WARN_MATERIAL, &t->transmission, NULL, "material \"%s\": its clear transmission is not drawn", m->name);
+    m->diffuse_transmission = t->diffuse_factor;
+    for (int c = 0; c < 3; c++)
+        m->diffuse_transmission_color[c] = t->diffuse_color[c];
+    PELL_TRY(gltf_texture_map(g, &t->diffuse, "diffuseTransmissionTexture", PELL_ROLE_DATA, 3, &m->diffuse_transmission_map));
+    PELL_TRY(gltf_texture_map(g, &t->diffuse, "diffuseTransmissionColorTexture", PELL_ROLE_COLOR, 0, &m->diffuse_transmission_color_map));
+
+fail:
+    return res;
+}
+
 static enum pell_result read_interior(struct gltf *g, const struct pell_json *at, struct pell_material *m)
 {
     struct translucency t = { 0 };
@@ -221,6 +237,12 @@ static enum pell_result read_interior(struct gltf *g, const struct pell_json *at
             gltf_warn(g, GLTF_WARN_MATERIAL, &t.transmission, NULL,
                       "material \"%s\" is clear (KHR_materials_transmission): it is drawn as opaque", m->name);
         return PELL_OK;
+    }
+    if (!t.scatter.value && !(t.thickness > 0.0f))
+        return read_sheet(g, &t, m);
+    if (pell_json_get(&t.diffuse, "diffuseTransmissionTexture").value) {
+        const struct pell_json texture = pell_json_get(&t.diffuse, "diffuseTransmissionTexture");
+        gltf_warn(g, GLTF_WARN_MATERIAL, &texture, NULL, "a texture of the diffuse transmission is not read: the factor is used");
     }
     if (t.transmission_factor > 0.0f)
         gltf_warn(g, GLTF_WARN_MATERIAL, &t.transmission, NULL, "material \"%s\": its clear transmission is not drawn, its scattering is",

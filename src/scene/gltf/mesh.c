@@ -386,15 +386,15 @@ fail:
 static void check_uv_sets(struct gltf *g, const struct pell_json *at, const struct pell_mesh *mesh)
 {
     const struct pell_material *m = &g->scene->materials[mesh->material];
-    const struct pell_texture_map *maps[] = { &m->base_color_map, &m->metallic_map, &m->roughness_map,      &m->rho_s_map,
-                                              &m->normal_map,     &m->emissive_map, &m->specular_color_map, &m->strength_map };
 
-    for (size_t i = 0; i < PELL_COUNT(maps); i++)
-        if (maps[i]->texture && !mesh->uv[maps[i]->uv]) {
+    for (enum pell_map i = 0; i < PELL_MAPS; i++) {
+        const struct pell_texture_map *map = pell_material_map(m, i);
+        if (map->texture && !mesh->uv[map->uv]) {
             gltf_warn(g, GLTF_WARN_PRIMITIVE, at, NULL, "material \"%s\" has a texture on TEXCOORD_%d, which the primitive lacks", m->name,
-                      maps[i]->uv);
+                      map->uv);
             return;
         }
+    }
 }
 
 /* Brings a mesh from its node's space into the world; `world` NULL: it is there. */
