@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * core.h - the device behind gpu.h and its functions. For the files of this room alone.
+ */
+#ifndef PELL_VULKAN_CORE_H
+#define PELL_VULKAN_CORE_H
+
+#include "vulkan/gpu.h"
+#include "vulkan/instance.h"
+
+#include <pthread.h>
+
+#define PELL_VK_DEVICE_FUNCTIONS(F)                                                                                                        \
+    F(AllocateCommandBuffers)                                                                                                              \
+    F(AllocateDescriptorSets)                                                                                                              \
+    F(AllocateMemory)                                                                                                                      \
+    F(BeginCommandBuffer)                                                                                                                  \
+    F(BindBufferMemory)                                                                                                                    \
+    F(CmdBindDescriptorSets)                                                                                                               \
+    F(CmdBindPipeline)                                                                                                                     \
+    F(CmdCopyBuffer)                                                                                                                       \
+    F(CmdDispatch)                                                                                                                         \
+    F(CmdPipelineBarrier2)                                                                                                                 \
+    F(CmdPushConstants)                                                                                                                    \
+    F(CmdWriteTimestamp2)                                                                                                                  \
+    F(CreateBuffer)                                                                                                                        \
+    F(CreateCommandPool)                                                                                                                   \
+    F(CreateComputePipelines)                                                                                                              \
+    F(CreateDescriptorPool)                                                                                                                \
+    F(CreateDescriptorSetLayout)                                                                                                           \
+    F(CreatePipelineLayout)                                                                                                                \
+    F(CreateQueryPool)                                                                                                                     \
+    F(CreateSemaphore)                                                                                                                     \
+    F(CreateShaderModule)                                                                                                                  \
+    F(DestroyBuffer)                                                                                                                       \
+    F(DestroyCommandPool)                                                                                                                  \
+    F(DestroyDescriptorPool)                                                                                                               \
+    F(DestroyDescriptorSetLayout)                                                                                                          \
+    F(DestroyDevice)                                                                                                                       \
+    F(DestroyPipeline)                                                                                                                     \
+    F(DestroyPipelineLayout)                                                                                                               \
+    F(DestroyQueryPool)                                                                                                                    \
+    F(DestroySemaphore)                                                                                                                    \
+    F(DestroyShaderModule)                                                                                                                 \
+    F(EndCommandBuffer)                                                                                                                    \
+    F(FreeMemory)                                                                                                                          \
+    F(GetBufferMemoryRequirements)                                                                                                         \
+    F(GetDeviceQueue)                                                                                                                      \
+    F(GetQueryPoolResults)                                                                                                                 \
+    F(MapMemory)                                                                                                                           \
+    F(QueueSubmit2)                                                                                                                        \
+    F(ResetCommandPool)                                                                                                                    \
+    F(ResetQueryPool)                                                                                                                      \
+    F(UpdateDescriptorSets)                                                                                                                \
+    F(WaitSemaphores)
+
+/* NULL where the loader has no VK_EXT_debug_utils. */
+#define PELL_VK_LABEL_FUNCTIONS(F)                                                                                                         \
+    F(CmdBeginDebugUtilsLabelEXT)                                                                                                          \
+    F(CmdEndDebugUtilsLabelEXT)                                                                                                            \
+    F(SetDebugUtilsObjectNameEXT)
+
+struct pell_vk_block;
+
+struct pell_gpu {
+    struct pell_context *ctx; /* borrowed */
+    struct pell_vk_instance instance;
+    char name[256];
+    VkPhysicalDevice physical;
+    VkPhysicalDeviceLimits limits;
+    VkPhysicalDeviceMemoryProperties memory;
+    VkDevice device;
+    uint32_t family;
+    VkQueue queue;
+    uint64_t time_mask; /* of the bits that the queue's timestamps have; 0: it has none */
+    struct {
+        PELL_VK_DEVICE_FUNCTIONS(PELL_VK_MEMBER)
+        PELL_VK_LABEL_FUNCTIONS(PELL_VK_MEMBER)
+    } vk;
+    bool locks; /* the two that follow are made */
+    pthread_mutex_t queue_lock;
+    pthread_mutex_t memory_lock;
+    struct pell_vk_block *blocks;
+    uint64_t memory_used;
+    _Atomic uint64_t calls;
+    _Atomic uint64_t fail_at; /* 0: none */
+};
+
+/* Counts a call that can fail; whether it is the one to fail. */
+bool pell_vk_fails(struct pell_gpu *gpu);
+/* PELL_OK, or the logged failure. */
+enum pell_result pell_vk_check(struct pell_gpu *gpu, const char *call, VkResult result);
+/* Names an object in captures and messages. */
+void pell_vk_name(struct pell_gpu *gpu, VkObjectType type, uint64_t handle, const char *name);
+
+/* A call of a device's function that returns a VkResult, `args` in parentheses: an enum pell_result. */
+#define PELL_VK(gpu, name, args) pell_vk_check(gpu, "vk" #name, pell_vk_fails(gpu) ? VK_ERROR_OUT_OF_DEVICE_MEMORY : (gpu)->vk.name args)
+
+/* --- memory.c --- */
+
+struct pell_gpu_buffer {
+    struct pell_gpu *gpu;
+    VkBuffer handle;
+    uint64_t size;
+    const char *name;
+    struct pell_vk_chunk *chunk; /* its memory */
+    char *host;                  /* NULL: on the device */
+    /* What has been recorded, for the barriers that follow from it. */
+    VkPipelineStageFlags2 write_stage, read_stages, seen_by; /* of the last write, of reads since, and whose barriers were made since */
+    VkAccessFlags2 write_access;
+};
+
+/* --- passes.c --- */
+
+struct pell_gpu_pass {
+    struct pell_gpu *gpu;
+    const struct pell_shader *shader;
+    struct pell_gpu_buffer *buffers[PELL_GPU_BINDINGS]; /* borrowed */
+    VkDescriptorSetLayout set_layout;
+    VkPipelineLayout layout;
+    VkPipeline pipeline;
+    VkDescriptorPool pool;
+    VkDescriptorSet set;
+};
+
+#endif

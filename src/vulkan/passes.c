@@ -1,0 +1,155 @@
+/* SPDX-License-Identifier: MIT
+ * passes.c - a compute shader with the buffers that it works on. */
+#include "vulkan/core.h"
+
+static enum pell_result create_layouts(struct pell_gpu_pass *p)
+{
+    const struct pell_shader *s = p->shader;
+    struct pell_gpu *gpu = p->gpu;
+    VkDescriptorSetLayoutBinding bindings[PELL_GPU_BINDINGS];
+    const VkDescriptorSetLayoutCreateInfo set = { .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
+                                                  .bindingCount = (uint32_t) s->num_bindings,
+                                                  .pBindings = bindings };
+    const VkPushConstantRange push = { VK_SHADER_STAGE_COMPUTE_BIT, 0, s->push_size };
+    const VkPipelineLayoutCreateInfo layout = {
+        .sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
+        .setLayoutCount = 1,
+        .pSetLayouts = &p->set_layout,
+        .pushConstantRangeCount = s->push_size > 0,
+        .pPushConstantRanges = &push,
+    };
+    enum pell_result res;
+
+    for (int i = 0; i < s->num_bindings; i++)
+        bindings[i] = (VkDescriptorSetLayoutBinding) { .binding = (uint32_t) i,
+                                                       .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                                       .descriptorCount = 1,
+                                                       .stageFlags = VK_SHADER_STAGE_COMPUTE_BIT };
+    PELL_TRY(PELL_VK(gpu, CreateDescriptorSetLayout, (gpu->device, &set, NULL, &p->set_layout)));
+    PELL_TRY(PELL_VK(gpu, CreatePipelineLayout, (gpu->device, &layout, NULL, &p->layout)));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result create_pipeline(struct pell_gpu_pass *p, const uint32_t *constants, size_t count)
+{
+    const struct pell_shader *s = p->shader;
+    struct pell_gpu *gpu = p->gpu;
+    const VkShaderModuleCreateInfo module_info = { .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                                   .codeSize = s->size,
+                                                   .pCode = s->words };
+    VkSpecializationMapEntry entries[PELL_GPU_BINDINGS];
+    const VkSpecializationInfo special = { (uint32_t) count, entries, count * sizeof(*constants), constants };
+    VkShaderModule module = VK_NULL_HANDLE;
+    VkComputePipelineCreateInfo info = {
+        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
+        .stage = { .sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                   .stage = VK_SHADER_STAGE_COMPUTE_BIT,
+                   .pName = "main",
+                   .pSpecializationInfo = count > 0 ? &special : NULL },
+        .layout = p->layout,
+    };
+    enum pell_result res;
+
+    for (size_t i = 0; i < count; i++)
+        entries[i] = (VkSpecializationMapEntry) { (uint32_t) i, (uint32_t) (i * sizeof(*constants)), sizeof(*constants) };
+    PELL_TRY(PELL_VK(gpu, CreateShaderModule, (gpu->device, &module_info, NULL, &module)));
+    info.stage.module = module;
+    res = PELL_VK(gpu, CreateComputePipelines, (gpu->device, VK_NULL_HANDLE, 1, &info, NULL, &p->pipeline));
+    gpu->vk.DestroyShaderModule(gpu->device, module, NULL);
+    if (res == PELL_OK)
+        pell_vk_name(gpu, VK_OBJECT_TYPE_PIPELINE, (uint64_t) p->pipeline, s->name);
+
+fail:
+    return res;
+}
+
+static enum pell_result create_set(struct pell_gpu_pass *p)
+{
+    struct pell_gpu *gpu = p->gpu;
+    const uint32_t count = (uint32_t) p->shader->num_bindings;
+    const VkDescriptorPoolSize size = { VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, count };
+    const VkDescriptorPoolCreateInfo pool = {
+        .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = 1, .poolSizeCount = 1, .pPoolSizes = &size
+    };
+    VkDescriptorSetAllocateInfo set = { .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
+                                        .descriptorSetCount = 1,
+                                        .pSetLayouts = &p->set_layout };
+    VkDescriptorBufferInfo buffers[PELL_GPU_BINDINGS];
+    VkWriteDescriptorSet writes[PELL_GPU_BINDINGS];
+    enum pell_result res;
+
+    PELL_TRY(PELL_VK(gpu, CreateDescriptorPool, (gpu->device, &pool, NULL, &p->pool)));
+    set.descriptorPool = p->pool;
+    PELL_TRY(PELL_VK(gpu, AllocateDescriptorSets, (gpu->device, &set, &p->set)));
+    for (uint32_t i = 0; i < count; i++) {
+        buffers[i] = (VkDescriptorBufferInfo) { p->buffers[i]->handle, 0, p->buffers[i]->size };
+        writes[i] = (VkWriteDescriptorSet) {
+            .sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+            .dstSet = p->set,
+            .dstBinding = i,
+            .descriptorCount = 1,
+            .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+            .pBufferInfo = &buffers[i],
+        };
+    }
+    gpu->vk.UpdateDescriptorSets(gpu->device, count, writes, 0, NULL);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_gpu_pass_create(struct pell_gpu *gpu, const struct pell_shader *shader, const uint32_t *constants,
+                                      size_t num_constants, struct pell_gpu_buffer *const *buffers, struct pell_gpu_pass **out)
+{
+    const VkPhysicalDeviceLimits *l = &gpu->limits;
+    struct pell_gpu_pass *p;
+    enum pell_result res;
+
+    *out = NULL;
+    if ((uint32_t) shader->num_bindings > l->maxPerStageDescriptorStorageBuffers || shader->push_size > l->maxPushConstantsSize ||
+        shader->local[0] * shader->local[1] * shader->local[2] > l->maxComputeWorkGroupInvocations)
+        return pell_error(gpu->ctx, PELL_ERR_UNSUPPORTED, gpu->name, "use --engine cpu",
+                          "pass %s has %d buffers, %u bytes of push constants and %u invocations, the device allows %u, %u and %u",
+                          shader->name, shader->num_bindings, shader->push_size, shader->local[0] * shader->local[1] * shader->local[2],
+                          l->maxPerStageDescriptorStorageBuffers, l->maxPushConstantsSize, l->maxComputeWorkGroupInvocations);
+    p = pell_zalloc(gpu->ctx, sizeof(*p));
+    if (!p)
+        return PELL_ERR_NOMEM;
+    p->gpu = gpu;
+    p->shader = shader;
+    for (int i = 0; i < shader->num_bindings; i++)
+        p->buffers[i] = buffers[i];
+    PELL_TRY(create_layouts(p));
+    PELL_TRY(create_pipeline(p, constants, num_constants));
+    PELL_TRY(create_set(p));
+    *out = p;
+    return PELL_OK;
+
+fail:
+    pell_gpu_pass_destroy(&p);
+    return res;
+}
+
+void pell_gpu_pass_destroy(struct pell_gpu_pass **pass)
+{
+    struct pell_gpu_pass *p = *pass;
+    struct pell_gpu *gpu;
+
+    if (!p)
+        return;
+    *pass = NULL;
+    gpu = p->gpu;
+    if (p->pool)
+        gpu->vk.DestroyDescriptorPool(gpu->device, p->pool, NULL); /* and its set */
+    if (p->pipeline)
+        gpu->vk.DestroyPipeline(gpu->device, p->pipeline, NULL);
+    if (p->layout)
+        gpu->vk.DestroyPipelineLayout(gpu->device, p->layout, NULL);
+    if (p->set_layout)
+        gpu->vk.DestroyDescriptorSetLayout(gpu->device, p->set_layout, NULL);
+    pell_free(gpu->ctx, p);
+}
