@@ -14,6 +14,7 @@
 #include "base/base.h"
 #include "math/vec.h"
 
+#include <stdatomic.h>
 #include <string.h>
 
 #define RATIO 2 /* candidates a sample: with areas shared out, more take time and memory and change no figure */
@@ -23,27 +24,44 @@ struct candidate {
     struct hierarchical_place place;
 };
 
+/* A candidate in the order in which neighbours are looked for: what most of them are turned down by. */
+struct spot {
+    float position[3];
+    uint32_t it;
+    uint64_t cell;
+};
+
+/* The neighbours of a run of candidates, each among its own: those of the first end at end[0]. */
+enum { RUN = 4096 };
+struct run {
+    uint32_t *near;
+    size_t room;
+    uint32_t end[RUN];
+};
+
 struct eliminator {
+    struct pell_context *ctx;
     const struct pell_scene *scene;
     struct candidate *candidates;
-    uint64_t *cell;   /* of each */
-    uint32_t *order;  /* candidates by bucket */
-    uint32_t *bucket; /* start of each in order, and one more */
-    uint32_t mask;
+    struct spot *spots; /* by bucket */
+    uint32_t *bucket;   /* start of each in spots, and one more */
+    uint32_t mask, count;
+    struct run *runs;
     float *weight, *area;
     uint32_t *heap, *at; /* heap of candidates, heaviest first, and where each is in it */
     uint32_t left;
     float low[3], reach, least;
+    atomic_bool failed; /* there was no memory for neighbours */
 };
 
 /* --- Candidates ----------------------------------------------------------------------------------------------------------------- */
 
-static void place_candidates(struct eliminator *e, const struct pell_solid *solid, uint32_t count)
+static void place_candidates(struct eliminator *e, const struct pell_solid *solid)
 {
-    const double step = solid->area / count;
+    const double step = solid->area / e->count;
     size_t t = 0;
 
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < e->count; i++) {
         struct candidate *c = &e->candidates[i];
         const double area = (i + 0.5) * step;
         double before, f, g = PELL_GOLDEN_SECTION * i;
@@ -84,76 +102,114 @@ static void cell_of(const struct eliminator *e, const float *p, int64_t out[3])
         out[k] = (int64_t) ((p[k] - e->low[k]) / e->reach) + 1;
 }
 
-static void sort_buckets(struct eliminator *e, uint32_t count)
+static void sort_buckets(struct eliminator *e)
 {
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < e->count; i++) {
         int64_t at[3];
         cell_of(e, e->candidates[i].position, at);
-        e->cell[i] = cell_key(at[0], at[1], at[2]);
-        e->bucket[bucket_of(e, e->cell[i]) + 1]++;
+        e->bucket[bucket_of(e, cell_key(at[0], at[1], at[2])) + 1]++;
     }
     for (uint32_t b = 0; b <= e->mask; b++)
         e->bucket[b + 1] += e->bucket[b];
-    for (uint32_t i = count; i-- > 0;)
-        e->order[--e->bucket[bucket_of(e, e->cell[i]) + 1]] = i;
+    for (uint32_t i = e->count; i-- > 0;) {
+        const float *p = e->candidates[i].position;
+        int64_t at[3];
+        uint64_t key;
+        cell_of(e, p, at);
+        key = cell_key(at[0], at[1], at[2]);
+        e->spots[--e->bucket[bucket_of(e, key) + 1]] = (struct spot) { { p[0], p[1], p[2] }, i, key };
+    }
     /* Starts moved down by one bucket. */
     for (uint32_t b = 0; b <= e->mask; b++)
         e->bucket[b] = e->bucket[b + 1];
-    e->bucket[e->mask + 1] = count;
+    e->bucket[e->mask + 1] = e->count;
 }
 
-/* A candidate that is no farther than `reach` and faces the same way, or the candidate itself. */
-struct neighbour {
-    uint32_t it;
-    float d2;
-};
+static float distance2(const float *a, const float *b)
+{
+    float d2 = 0.0f;
 
-/* A walk over the neighbours of a candidate, through the 27 cells around it. */
-struct walk {
-    const struct eliminator *e;
-    const struct candidate *from;
+    for (int k = 0; k < 3; k++)
+        d2 += (a[k] - b[k]) * (a[k] - b[k]);
+    return d2;
+}
+
+static bool faces(const float *a, const float *b)
+{
+    float facing = 0.0f;
+
+    for (int k = 0; k < 3; k++)
+        facing += a[k] * b[k];
+    return facing > 0.0f;
+}
+
+/* Appends a candidate's neighbours, no farther than `reach` and facing the same way, and itself, to what the run has so far. */
+static enum pell_result look_around(const struct eliminator *e, uint32_t it, struct run *run, size_t *have)
+{
+    const struct candidate *from = &e->candidates[it];
     int64_t at[3];
-    uint64_t key;
-    int cell;
-    uint32_t i, end;
-    bool left; /* those alone that have not been eliminated */
-};
 
-static struct walk walk_around(const struct eliminator *e, uint32_t it, bool left)
-{
-    struct walk w = { .e = e, .from = &e->candidates[it], .left = left };
-
-    cell_of(e, w.from->position, w.at);
-    return w;
+    cell_of(e, from->position, at);
+    for (int cell = 0; cell < 27; cell++) {
+        const uint64_t key = cell_key(at[0] + cell % 3 - 1, at[1] + cell / 3 % 3 - 1, at[2] + cell / 9 - 1);
+        const uint32_t bucket = bucket_of(e, key);
+        for (uint32_t i = e->bucket[bucket]; i < e->bucket[bucket + 1]; i++) {
+            const struct spot *s = &e->spots[i];
+            enum pell_result res;
+            if (s->cell != key || distance2(from->position, s->position) >= e->reach * e->reach ||
+                !(s->it == it || faces(from->normal, e->candidates[s->it].normal)))
+                continue;
+            if ((res = pell_grow(e->ctx, (void **) &run->near, *have + 1, &run->room, sizeof(*run->near))) != PELL_OK)
+                return res;
+            run->near[(*have)++] = s->it;
+        }
+    }
+    return *have < UINT32_MAX ? PELL_OK : PELL_ERR_NOMEM;
 }
 
-static bool walk_on(struct walk *w, struct neighbour *out)
+static void look_run(void *arg, int index, int worker)
 {
-    const struct eliminator *e = w->e;
+    struct eliminator *e = arg;
+    struct run *run = &e->runs[index];
+    size_t have = 0;
 
-    for (;;) {
-        while (w->i < w->end) {
-            const uint32_t other = e->order[w->i++];
-            const struct candidate *o = &e->candidates[other];
-            float d2 = 0.0f, facing = 0.0f;
-            if (e->cell[other] != w->key || (w->left && e->at[other] >= e->left))
-                continue;
-            for (int k = 0; k < 3; k++) {
-                d2 += (w->from->position[k] - o->position[k]) * (w->from->position[k] - o->position[k]);
-                facing += w->from->normal[k] * o->normal[k];
-            }
-            if (d2 >= e->reach * e->reach || !(facing > 0.0f || o == w->from))
-                continue;
-            *out = (struct neighbour) { other, d2 };
-            return true;
+    (void) worker;
+    for (uint32_t i = 0; i < RUN && (uint32_t) index * RUN + i < e->count; i++) {
+        if (look_around(e, (uint32_t) index * RUN + i, run, &have) != PELL_OK) {
+            atomic_store(&e->failed, true);
+            return;
         }
-        if (w->cell == 27)
-            return false;
-        w->key = cell_key(w->at[0] + w->cell % 3 - 1, w->at[1] + w->cell / 3 % 3 - 1, w->at[2] + w->cell / 9 - 1);
-        w->cell++;
-        w->i = e->bucket[bucket_of(e, w->key)];
-        w->end = e->bucket[bucket_of(e, w->key) + 1];
+        run->end[i] = (uint32_t) have;
     }
+}
+
+static int runs_of(const struct eliminator *e)
+{
+    return (int) ((e->count + RUN - 1) / RUN);
+}
+
+static enum pell_result find_neighbours(struct eliminator *e, struct pell_pool *pool)
+{
+    if (!(e->runs = pell_calloc(e->ctx, (size_t) runs_of(e), sizeof(*e->runs))))
+        return PELL_ERR_NOMEM;
+    pell_pool_run(pool, runs_of(e), look_run, e);
+    pell_free(e->ctx, e->spots);
+    pell_free(e->ctx, e->bucket);
+    e->spots = NULL;
+    e->bucket = NULL;
+    if (pell_cancelled(e->ctx))
+        return PELL_ERR_CANCELLED;
+    return atomic_load(&e->failed) ? PELL_ERR_NOMEM : PELL_OK;
+}
+
+/* The neighbours of a candidate, itself among them. */
+static const uint32_t *neighbours(const struct eliminator *e, uint32_t it, uint32_t *count)
+{
+    const struct run *run = &e->runs[it / RUN];
+    const uint32_t first = it % RUN ? run->end[it % RUN - 1] : 0;
+
+    *count = run->end[it % RUN] - first;
+    return run->near + first;
 }
 
 /* --- The heap --------------------------------------------------------------------------------------------------------------------- */
@@ -197,57 +253,49 @@ static float weigh(const struct eliminator *e, float d2)
 /* Sums the weight of a candidate's neighbours, or takes it off each of them that is still there. */
 static void visit(struct eliminator *e, uint32_t it, bool remove)
 {
-    struct walk walk = walk_around(e, it, remove);
-    struct neighbour near;
+    uint32_t count;
+    const uint32_t *near = neighbours(e, it, &count);
     float sum = 0.0f;
 
-    while (walk_on(&walk, &near)) {
+    for (uint32_t i = 0; i < count; i++) {
         float w;
-        if (near.it == it)
+        if (near[i] == it || (remove && e->at[near[i]] >= e->left))
             continue;
-        w = weigh(e, near.d2);
+        w = weigh(e, distance2(e->candidates[it].position, e->candidates[near[i]].position));
         sum += w;
         if (remove && w > 0.0f) {
-            e->weight[near.it] -= w;
-            sink(e, e->at[near.it]);
+            e->weight[near[i]] -= w;
+            sink(e, e->at[near[i]]);
         }
     }
     if (!remove)
         e->weight[it] = sum;
 }
 
-struct weigh_task {
-    struct eliminator *e;
-    uint32_t count;
-};
-
 /* --- Areas ---------------------------------------------------------------------------------------------------------------------- */
 
 /* Sums over what is left (or, of a sample, over all candidates) how near it is: each divided by what `by` says of the other. */
 static double nearness(const struct eliminator *e, uint32_t it, bool of_samples, const float *by)
 {
-    struct walk walk = walk_around(e, it, of_samples);
-    struct neighbour near;
+    uint32_t count;
+    const uint32_t *near = neighbours(e, it, &count);
     double sum = 0.0;
 
-    while (walk_on(&walk, &near)) {
-        const float t = 1.0f - near.d2 / (e->reach * e->reach);
-        if (t > 0.0f && (!by || by[near.it] > 0.0f))
-            sum += (double) (t * t * t * t) / (by ? (double) by[near.it] : 1.0);
+    for (uint32_t i = 0; i < count; i++) {
+        const float t = 1.0f - distance2(e->candidates[it].position, e->candidates[near[i]].position) / (e->reach * e->reach);
+        if (t > 0.0f && !(of_samples && e->at[near[i]] >= e->left) && (!by || by[near[i]] > 0.0f))
+            sum += (double) (t * t * t * t) / (by ? (double) by[near[i]] : 1.0);
     }
     return sum;
 }
 
-enum { WEIGH = 4096 };
-
 /* In turn: what is around each candidate, then what each sample gets of those around it. */
-static void area_chunk(void *arg, int index, int worker)
+static void area_run(void *arg, int index, int worker)
 {
-    const struct weigh_task *t = arg;
-    struct eliminator *e = t->e;
+    struct eliminator *e = arg;
 
     (void) worker;
-    for (uint32_t i = (uint32_t) index * WEIGH; i < ((uint32_t) index + 1) * WEIGH && i < t->count; i++) {
+    for (uint32_t i = (uint32_t) index * RUN; i < ((uint32_t) index + 1) * RUN && i < e->count; i++) {
         if (!e->area)
             e->weight[i] = (float) nearness(e, i, true, NULL);
         else if (e->at[i] < e->left)
@@ -255,26 +303,24 @@ static void area_chunk(void *arg, int index, int worker)
     }
 }
 
-static void weigh_chunk(void *arg, int index, int worker)
+static void weigh_run(void *arg, int index, int worker)
 {
-    const struct weigh_task *t = arg;
+    struct eliminator *e = arg;
 
     (void) worker;
-    for (uint32_t i = (uint32_t) index * WEIGH; i < ((uint32_t) index + 1) * WEIGH && i < t->count; i++)
-        visit(t->e, i, false);
+    for (uint32_t i = (uint32_t) index * RUN; i < ((uint32_t) index + 1) * RUN && i < e->count; i++)
+        visit(e, i, false);
 }
 
-static enum pell_result eliminate(struct pell_context *ctx, struct pell_pool *pool, struct eliminator *e, uint32_t count, uint32_t keep)
+static enum pell_result eliminate(struct eliminator *e, struct pell_pool *pool, uint32_t keep)
 {
-    struct weigh_task task = { e, count };
-
-    pell_pool_run(pool, (int) ((count + WEIGH - 1) / WEIGH), weigh_chunk, &task);
-    if (pell_cancelled(ctx))
+    pell_pool_run(pool, runs_of(e), weigh_run, e);
+    if (pell_cancelled(e->ctx))
         return PELL_ERR_CANCELLED;
-    e->left = count;
-    for (uint32_t i = 0; i < count; i++)
+    e->left = e->count;
+    for (uint32_t i = 0; i < e->count; i++)
         e->heap[i] = e->at[i] = i;
-    for (uint32_t i = count / 2; i-- > 0;)
+    for (uint32_t i = e->count / 2; i-- > 0;)
         sink(e, i);
     while (e->left > keep) {
         const uint32_t it = e->heap[0], last = e->heap[--e->left];
@@ -284,29 +330,27 @@ static enum pell_result eliminate(struct pell_context *ctx, struct pell_pool *po
         e->at[last] = 0;
         sink(e, 0);
         visit(e, it, true);
-        if ((e->left & 0xffff) == 0 && pell_cancelled(ctx))
+        if ((e->left & 0xffff) == 0 && pell_cancelled(e->ctx))
             return PELL_ERR_CANCELLED;
     }
     return PELL_OK;
 }
 
 /* The areas of samples sum to `total`. */
-static enum pell_result share_areas(struct pell_context *ctx, struct pell_pool *pool, struct eliminator *e, uint32_t count, double total)
+static enum pell_result share_areas(struct eliminator *e, struct pell_pool *pool, double total)
 {
-    struct weigh_task task = { e, count };
-    const int chunks = (int) ((count + WEIGH - 1) / WEIGH);
     double sum = 0.0;
 
-    pell_pool_run(pool, chunks, area_chunk, &task);
-    e->area = pell_calloc(ctx, count, sizeof(*e->area));
+    pell_pool_run(pool, runs_of(e), area_run, e);
+    e->area = pell_calloc(e->ctx, e->count, sizeof(*e->area));
     if (!e->area)
         return PELL_ERR_NOMEM;
-    pell_pool_run(pool, chunks, area_chunk, &task);
-    if (pell_cancelled(ctx))
+    pell_pool_run(pool, runs_of(e), area_run, e);
+    if (pell_cancelled(e->ctx))
         return PELL_ERR_CANCELLED;
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < e->count; i++)
         sum += (double) e->area[i];
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < e->count; i++)
         e->area[i] = (float) ((double) e->area[i] * total / sum);
     return PELL_OK;
 }
@@ -318,7 +362,7 @@ enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_
 {
     const size_t many = count * RATIO;
     const double radius = sqrt(solid->area / (2.0 * sqrt(3.0) * (double) count)); /* of the densest packing of discs */
-    struct eliminator e = { .scene = scene, .mask = 1023 };
+    struct eliminator e = { .ctx = ctx, .scene = scene, .mask = 1023, .count = (uint32_t) many };
     struct hierarchical_place *places = NULL;
     size_t kept = 0;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -327,26 +371,26 @@ enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_
     while (e.mask < many / 2 && e.mask < 0x3fffffff)
         e.mask = 2 * e.mask + 1;
     e.candidates = pell_alloc_array(ctx, many, sizeof(*e.candidates));
-    e.cell = pell_alloc_array(ctx, many, sizeof(*e.cell));
-    e.order = pell_alloc_array(ctx, many, sizeof(*e.order));
+    e.spots = pell_alloc_array(ctx, many, sizeof(*e.spots));
     e.bucket = pell_calloc(ctx, (size_t) e.mask + 2, sizeof(*e.bucket));
     e.weight = pell_alloc_array(ctx, many, sizeof(*e.weight));
     e.heap = pell_alloc_array(ctx, many, sizeof(*e.heap));
     e.at = pell_alloc_array(ctx, many, sizeof(*e.at));
     places = pell_alloc_array(ctx, count, sizeof(*places));
-    if (!e.candidates || !e.cell || !e.order || !e.bucket || !e.weight || !e.heap || !e.at || !places)
+    if (!e.candidates || !e.spots || !e.bucket || !e.weight || !e.heap || !e.at || !places)
         goto fail;
     /* Cells number 2^21 a side at most. */
     e.reach = (float) fmax(2.0 * radius, 1e-30);
     e.low[0] = e.low[1] = e.low[2] = INFINITY;
-    place_candidates(&e, solid, (uint32_t) many);
+    place_candidates(&e, solid);
     for (size_t i = 0; i < many; i++)
         for (int k = 0; k < 3; k++)
             e.low[k] = fminf(e.low[k], e.candidates[i].position[k]);
     e.least = (float) (2.0 * radius * 0.65 * (1.0 - pow((double) count / (double) many, 1.5)));
-    sort_buckets(&e, (uint32_t) many);
-    PELL_TRY(eliminate(ctx, pool, &e, (uint32_t) many, (uint32_t) count));
-    PELL_TRY(share_areas(ctx, pool, &e, (uint32_t) many, solid->area));
+    sort_buckets(&e);
+    PELL_TRY(find_neighbours(&e, pool));
+    PELL_TRY(eliminate(&e, pool, (uint32_t) count));
+    PELL_TRY(share_areas(&e, pool, solid->area));
     for (size_t i = 0; i < many; i++)
         if (e.at[i] < e.left) {
             places[kept] = e.candidates[i].place;
@@ -356,9 +400,11 @@ enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_
     places = NULL;
 
 fail:
+    for (int i = 0; e.runs && i < runs_of(&e); i++)
+        pell_free(ctx, e.runs[i].near);
+    pell_free(ctx, e.runs);
     pell_free(ctx, e.candidates);
-    pell_free(ctx, e.cell);
-    pell_free(ctx, e.order);
+    pell_free(ctx, e.spots);
     pell_free(ctx, e.bucket);
     pell_free(ctx, e.weight);
     pell_free(ctx, e.heap);
