@@ -73,6 +73,7 @@ struct pell_compare_input {
     const float *variance[3];
     const float *test_variance[3]; /* NULL, or those of the test image; for the standard errors of its bias and for the Z-test */
     const float *mask;             /* NULL: every pixel counts */
+    bool figures_only;             /* no maps are made: 16 bytes a pixel less */
     bool display;                  /* values are display values in [0, 1]: no exposure, no curve, no HDR-FLIP */
 };
 

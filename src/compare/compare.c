@@ -54,6 +54,9 @@ struct tile_sums {
     int64_t pixels, inner; /* inner: whose window lies inside */
 };
 
+/* Of a tile: four of SSIM, FLIP, HDR-FLIP. */
+enum { MAP_SSIM, MAP_FLIP = 4, MAP_FLIP_HDR, TILE_MAPS };
+
 struct job {
     const struct pell_compare_input *in;
     const struct pell_compare_params *params;
@@ -68,7 +71,7 @@ struct job {
     float *luminance;    /* of the reference; NaN where a pixel is bad */
     struct survey *surveys;
     struct tile_sums *tile_sums; /* [tile][region] */
-    float **workspaces;          /* of the workers: six planes, the scratch, five maps */
+    float **workspaces;          /* of the workers: six planes, the scratch, TILE_MAPS maps */
 };
 
 /* --- The survey --------------------------------------------------------------------------------------------------------------- */
@@ -280,15 +283,16 @@ static void hdr_flip(const struct job *job, const struct pell_tile *tile, float 
     }
 }
 
-static void add_tile(const struct job *job, const struct pell_tile *tile, int x0, int y0, float *const ssim[4], struct tile_sums *sums)
+static void add_tile(const struct job *job, const struct pell_tile *tile, int x0, int y0, float *const map[TILE_MAPS],
+                     struct tile_sums *sums)
 {
     const struct pell_compare_input *in = job->in;
-    const struct pell_comparison *out = job->out;
 
     for (int i = 0; i < tile->height; i++)
         for (int j = 0; j < tile->width; j++) {
             const int x = x0 + j, y = y0 + i;
-            const size_t at = (size_t) y * (size_t) in->stride + (size_t) x, to = (size_t) y * (size_t) in->width + (size_t) x;
+            const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
+            const int to = i * PELL_TILE_WIDTH + j;
             const bool inner =
                 x >= PELL_SSIM_RADIUS && x < in->width - PELL_SSIM_RADIUS && y >= PELL_SSIM_RADIUS && y < in->height - PELL_SSIM_RADIUS;
             struct pell_pixel p;
@@ -299,10 +303,10 @@ static void add_tile(const struct job *job, const struct pell_tile *tile, int x0
                     continue;
                 s->pixels++;
                 s->inner += inner;
-                s->flip += (double) out->flip[to];
-                s->flip_hdr += (double) out->flip_hdr[to];
+                s->flip += (double) map[MAP_FLIP][to];
+                s->flip_hdr += in->display ? 0.0 : (double) map[MAP_FLIP_HDR][to];
                 for (int c = 0; c < 4; c++) {
-                    const double v = ssim[c][i * PELL_TILE_WIDTH + j];
+                    const double v = map[MAP_SSIM + c][to];
                     s->ssim[c] += v;
                     s->inner_ssim[c] += inner ? v : 0.0;
                 }
@@ -312,7 +316,7 @@ static void add_tile(const struct job *job, const struct pell_tile *tile, int x0
 
 static void store(const struct job *job, const struct pell_tile *tile, int x0, int y0, const float *from, float *to)
 {
-    for (int i = 0; i < tile->height; i++)
+    for (int i = 0; to && i < tile->height; i++)
         memcpy(to + (size_t) (y0 + i) * (size_t) job->in->width + (size_t) x0, from + i * PELL_TILE_WIDTH,
                (size_t) tile->width * sizeof(*to));
 }
@@ -323,7 +327,7 @@ static void compare_tile(void *arg, int number, int worker)
     const int index = job->first_tile + number, x0 = index % job->across * PELL_TILE_WIDTH, y0 = index / job->across * PELL_TILE_HEIGHT;
     const int width = job->in->width - x0, height = job->in->height - y0;
     float *planes = job->workspaces[worker], *maps = planes + 6 * job->light_floats + pell_tile_scratch(job->pad);
-    float *map[5];
+    float *map[TILE_MAPS];
     struct pell_tile tile = {
         .width = width < PELL_TILE_WIDTH ? width : PELL_TILE_WIDTH,
         .height = height < PELL_TILE_HEIGHT ? height : PELL_TILE_HEIGHT,
@@ -337,14 +341,14 @@ static void compare_tile(void *arg, int number, int worker)
     for (int p = 0; p < 2; p++)
         for (int c = 0; c < 3; c++)
             tile.light[p][c] = planes + (size_t) (3 * p + c) * job->light_floats;
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < TILE_MAPS; i++)
         map[i] = maps + i * PELL_TILE_WIDTH * PELL_TILE_HEIGHT;
     load_tile(job, &tile, x0, y0, planes);
-    job->kernels->flip(&tile, &job->filters, &job->tone, map[0]);
-    store(job, &tile, x0, y0, map[0], job->out->flip);
+    job->kernels->flip(&tile, &job->filters, &job->tone, map[MAP_FLIP]);
+    store(job, &tile, x0, y0, map[MAP_FLIP], job->out->flip);
     if (!job->in->display) {
-        hdr_flip(job, &tile, map[0], map[1]);
-        store(job, &tile, x0, y0, map[1], job->out->flip_hdr);
+        hdr_flip(job, &tile, map[0], map[MAP_FLIP_HDR]);
+        store(job, &tile, x0, y0, map[MAP_FLIP_HDR], job->out->flip_hdr);
     }
     job->kernels->ssim(&tile, job->window, &job->tone, map);
     store(job, &tile, x0, y0, map[0], job->out->ssim);
@@ -392,7 +396,7 @@ static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool
     struct pell_comparison *out = job->out;
     const size_t all = (size_t) job->in->width * (size_t) job->in->height, rows = (size_t) job->in->height;
     const size_t threads = (size_t) pell_pool_threads(pool);
-    float **const maps[] = { &out->relative, &out->ssim, &out->flip, &out->flip_hdr, &job->luminance };
+    float **const maps[] = { &job->luminance, &out->relative, &out->ssim, &out->flip, &out->flip_hdr };
 
     pell_flip_prepare((double) job->params->ppd, &job->filters);
     pell_ssim_window(job->window);
@@ -401,7 +405,7 @@ static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool
     job->light_floats = (size_t) pell_tile_row(job->pad) * (size_t) (PELL_TILE_HEIGHT + 2 * job->pad);
     job->across = (job->in->width + PELL_TILE_WIDTH - 1) / PELL_TILE_WIDTH;
     job->down = (job->in->height + PELL_TILE_HEIGHT - 1) / PELL_TILE_HEIGHT;
-    for (size_t i = 0; i < PELL_COUNT(maps); i++)
+    for (size_t i = 0; i < (job->in->figures_only ? 1 : PELL_COUNT(maps)); i++)
         if (!(*maps[i] = pell_calloc(ctx, all, sizeof(float))))
             return PELL_ERR_NOMEM;
     if (!(job->surveys = pell_alloc_array(ctx, rows, sizeof(*job->surveys))) ||
@@ -410,7 +414,8 @@ static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < threads; i++)
         if (!(job->workspaces[i] = pell_alloc_array(
-                  ctx, 6 * job->light_floats + pell_tile_scratch(job->pad) + 5 * PELL_TILE_WIDTH * PELL_TILE_HEIGHT, sizeof(float))))
+                  ctx, 6 * job->light_floats + pell_tile_scratch(job->pad) + TILE_MAPS * PELL_TILE_WIDTH * PELL_TILE_HEIGHT,
+                  sizeof(float))))
             return PELL_ERR_NOMEM;
     return PELL_OK;
 }

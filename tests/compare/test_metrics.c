@@ -370,6 +370,29 @@ static void rows_may_have_a_stride(void **state)
     pair_end(&p);
 }
 
+static void figures_alone_are_the_same_without_maps(void **state)
+{
+    struct pair p, q;
+    (void) state;
+
+    for (int display = 0; display < 2; display++) {
+        pair_begin(&p, 300, 200);
+        pair_begin(&q, 300, 200);
+        speckle(&p, 7);
+        speckle(&q, 7);
+        p.in.display = q.in.display = display == 1;
+        q.in.figures_only = true;
+        pair_compare(&p);
+        pair_compare(&q);
+        assert_memory_equal(&p.out.masked, &q.out.masked, sizeof(p.out.masked));
+        assert_memory_equal(&p.out.whole, &q.out.whole, sizeof(p.out.whole));
+        assert_true(p.out.relative && p.out.ssim && p.out.flip && p.out.flip_hdr);
+        assert_true(!q.out.relative && !q.out.ssim && !q.out.flip && !q.out.flip_hdr);
+        pair_end(&p);
+        pair_end(&q);
+    }
+}
+
 static void threads_and_levels_give_the_same_bits(void **state)
 {
     static const char *const levels[] = { "base", "v2", "v3", "v4" };
@@ -511,6 +534,7 @@ int main(void)
         cmocka_unit_test(wild_values_stay_finite),
         cmocka_unit_test(any_size_will_do),
         cmocka_unit_test(rows_may_have_a_stride),
+        cmocka_unit_test(figures_alone_are_the_same_without_maps),
         cmocka_unit_test(threads_and_levels_give_the_same_bits),
         cmocka_unit_test(curves_and_exposures_are_what_is_asked_for),
         cmocka_unit_test(bad_arguments_are_refused),

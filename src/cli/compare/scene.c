@@ -177,6 +177,7 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
         char name[280];
         json_t *id;
 
+        in.figures_only = !cli->output;
         if (view == PART && run->mixes)
             PELL_TRY(masked_light(cli, job, reference, in.reference));
         PELL_TRY(compare_run(cli, run->label, job->runs.list[reference].label, &in, &job->params, &result));
