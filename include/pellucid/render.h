@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR };
+enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR, PELL_TONEMAP_FILMIC };
 /* Transmittance of the surface for light that enters and leaves: Fresnel's F_t of a smooth boundary, or rho_dt = 1 - rho_s (albedo of the
  * specular lobe). */
 enum pell_boundary_model { PELL_BOUNDARY_MODEL_ROUGH, PELL_BOUNDARY_MODEL_SMOOTH };
@@ -44,6 +44,7 @@ struct pell_settings {
     bool curvature;
     int64_t seed;
     float exposure;     /* factor from radiance to display; 0: metered (docs/adr/0005) */
+    float stops;        /* exposure compensation: what is shown is 2^stops times as bright, whatever the exposure */
     float white;        /* luminance after exposure that becomes display white; 0: 1 % of the covered pixels are above it, at least 1 */
     float bloom;        /* share of the light that the lens scatters, [0, 1]; 0: none */
     float bloom_radius; /* standard deviation of the wider of its two Gaussians, % of the image height */
@@ -150,7 +151,7 @@ struct pell_render_result {
     size_t num_stages;
     double seconds;
     int64_t invalid;       /* pixels that were NaN or infinite and were set to 0; expected to be 0 */
-    float exposure, white; /* the applied ones: factor, and luminance after it that is display white */
+    float exposure, white; /* the applied ones: factor, without stops, and luminance after both that is display white */
     struct pell_rect rect; /* of translucent pixels */
     bool partial;          /* ended early by pell_context_interrupt: complete, but with fewer samples than requested */
     bool unfinished;       /* ended by a time limit or an interruption before the samples or the error that were asked for */

@@ -451,7 +451,7 @@ enum pell_result session_write(struct cli *cli, const struct session *s, const s
     if (s->method)
         cli_format_knobs(s->method->knobs, s->knobs, NULL, knobs, sizeof(knobs));
     cli_device_name(device, sizeof(device));
-    pell_format_number(p->exposure, true, exposure, sizeof(exposure));
+    pell_format_number((double) p->exposure * exp2((double) s->settings.stops), true, exposure, sizeof(exposure));
     snprintf(seed, sizeof(seed), "%lld", (long long) s->settings.seed);
     snprintf(scene, sizeof(scene), "%016" PRIx64, scene_hash);
     snprintf(materials, sizeof(materials), "%016" PRIx64, materials_hash);

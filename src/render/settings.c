@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-static const char *const tonemaps[] = { "reinhard", "linear", NULL };
+static const char *const tonemaps[] = { "reinhard", "linear", "filmic", NULL };
 static const char *const exits[] = { "balanced", "published", NULL };
 static const char *const boundaries[] = { "rough", "smooth", NULL };
 /* The names of the rows of pell_profile_model_row, which a test holds them to. */
@@ -43,6 +43,8 @@ static const struct pell_knob settings_knobs[] = {
       "seed of all sample patterns; the same seed gives the same bits" },
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,
       "factor from radiance to display; 0: metered from the light on the object" },
+    { "stops", PELL_KNOB_FLOAT, "1", AT(stops), { 0 }, -20, 20, NULL,
+      "exposure compensation in stops: 1 shows everything twice as bright, -1 half as bright" },
     { "white", PELL_KNOB_FLOAT, "1", AT(white), { 0 }, 0, 1e12, NULL,
       "luminance after exposure that becomes display white; 0: that of the brightest hundredth of the object, at least 1" },
     { "bloom", PELL_KNOB_FLOAT, "1", AT(bloom), { 0 }, 0, 1, NULL,
@@ -52,7 +54,8 @@ static const struct pell_knob settings_knobs[] = {
     { "dof", PELL_KNOB_BOOL, "1", AT(dof), { 0 }, 0, 1, NULL,
       "depth of field by the camera's focus and f-number; each of the msaa samples is a part of the lens" },
     { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_TONEMAP_REINHARD }, 0, 0, tonemaps,
-      "curve from exposed radiance to the display: photographic (Reinhard et al. 2002), or none" },
+      "curve from exposed radiance to the display: photographic (Reinhard et al. 2002), none, or as film has it (ACES): bright colours "
+      "turn white; --white has no effect on it" },
     { "exit", PELL_KNOB_ENUM, "1", AT(exit), { PELL_EXIT_NORMALIZATION_BALANCED }, 0, 0, exits,
       "exit normalization: balanced conserves the energy of the diffusion profile; published loses 6 to 9 % of it" },
     { "boundary", PELL_KNOB_ENUM, "1", AT(boundary), { PELL_BOUNDARY_MODEL_ROUGH }, 0, 0, boundaries,

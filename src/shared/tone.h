@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * tone.h - luminance, the tone curve, and the sRGB transfer function.
+ * tone.h - luminance, the tone curves, and the sRGB transfer function.
  *
  * Reinhard, Stark, Shirley and Ferwerda 2002, "Photographic Tone Reproduction for Digital Images", equation (4):
- * L_d = L (1 + L / white^2) / (1 + L). IEC 61966-2-1:1999, equations (5) to (8), with the exact junction of the two pieces.
+ * L_d = L (1 + L / white^2) / (1 + L). The filmic curve is that of ACES 1.0 (Academy Color Encoding System, reference rendering and sRGB
+ * output transforms) as S. Hill fitted it (2016): a matrix, a rational function of each channel, a matrix. IEC 61966-2-1:1999, equations
+ * (5) to (8), with the exact junction of the two pieces.
  */
 #ifndef PELL_SHARED_TONE_H
 #define PELL_SHARED_TONE_H
@@ -25,6 +27,26 @@ PELL_SHARED float pell_tone_before(float shown, float white_scale)
 {
     const float b = 1.0f - shown;
     return 2.0f * shown / (b + sqrtf(b * b + 4.0f * white_scale * shown));
+}
+
+/* Rows of the matrices around the filmic curve; each sums to 1 within 1e-5, so that grey stays grey. Any type with arithmetic. */
+#define PELL_FILMIC_TO_R(r, g, b) (0.59719f * (r) + 0.35458f * (g) + 0.04823f * (b))
+#define PELL_FILMIC_TO_G(r, g, b) (0.07600f * (r) + 0.90834f * (g) + 0.01566f * (b))
+#define PELL_FILMIC_TO_B(r, g, b) (0.02840f * (r) + 0.13383f * (g) + 0.83777f * (b))
+#define PELL_FILMIC_FROM_R(r, g, b) (1.60475f * (r) -0.53108f * (g) -0.07367f * (b))
+#define PELL_FILMIC_FROM_G(r, g, b) (-0.10208f * (r) + 1.10813f * (g) -0.00605f * (b))
+#define PELL_FILMIC_FROM_B(r, g, b) (-0.00327f * (r) -0.07276f * (g) + 1.07602f * (b))
+
+/* What exposed light is multiplied by first, so that 0.18 stays 0.18. */
+#define PELL_FILMIC_SCALE 1.461930f
+#define PELL_FILMIC_MOST 1e6f /* of the curve's light: more is cut to it, white long before, so that no square overflows */
+#define PELL_FILMIC_CURVE(x) (((x) * ((x) + 0.0245786f) - 0.000090537f) / ((x) * (0.983729f * (x) + 0.4329510f) + 0.238081f))
+
+/* What becomes y in [0, 1] by PELL_FILMIC_CURVE. */
+PELL_SHARED float pell_filmic_before(float y)
+{
+    const float a = 1.0f - 0.983729f * y, b = 0.0245786f - 0.4329510f * y, c = -0.000090537f - 0.238081f * y;
+    return (sqrtf(b * b - 4.0f * a * c) - b) / (2.0f * a);
 }
 
 /* [0, 1] -> [0, 1]; continued linearly outside. */

@@ -98,12 +98,32 @@ enum pell_result viewer_encode_exr(struct pell_context *ctx, const struct pell_r
     return take(&w, pell_exr_encode(&w), bytes, size);
 }
 
+static void show_filmic(float exposure, const float in[3], float *const out[3])
+{
+    const float e = PELL_FILMIC_SCALE * exposure, r = fmaxf(e * in[0], 0.0f), g = fmaxf(e * in[1], 0.0f), b = fmaxf(e * in[2], 0.0f);
+    const float mixed[3] = { PELL_FILMIC_TO_R(r, g, b), PELL_FILMIC_TO_G(r, g, b), PELL_FILMIC_TO_B(r, g, b) };
+    float x[3];
+
+    for (int c = 0; c < 3; c++) {
+        const float light = fminf(mixed[c], PELL_FILMIC_MOST);
+        x[c] = PELL_FILMIC_CURVE(light);
+    }
+    *out[0] = fminf(fmaxf(PELL_FILMIC_FROM_R(x[0], x[1], x[2]), 0.0f), 1.0f);
+    *out[1] = fminf(fmaxf(PELL_FILMIC_FROM_G(x[0], x[1], x[2]), 0.0f), 1.0f);
+    *out[2] = fminf(fmaxf(PELL_FILMIC_FROM_B(x[0], x[1], x[2]), 0.0f), 1.0f);
+}
+
 void viewer_tone(const struct pell_settings *settings, const float *const in[3], float *const out[3], size_t count)
 {
-    const float curve = settings->tonemap == PELL_TONEMAP_REINHARD ? 1.0f : 0.0f, exposure = settings->exposure;
-    const float white = curve / (settings->white * settings->white);
+    const float curve = settings->tonemap == PELL_TONEMAP_REINHARD ? 1.0f : 0.0f;
+    const float white = curve / (settings->white * settings->white), exposure = settings->exposure * exp2f(settings->stops);
 
     for (size_t i = 0; i < count; i++) {
+        if (settings->tonemap == PELL_TONEMAP_FILMIC) {
+            show_filmic(exposure, (const float[]) { in[0][i], in[1][i], in[2][i] },
+                        (float *const[]) { &out[0][i], &out[1][i], &out[2][i] });
+            continue;
+        }
         const float l = fmaxf(exposure * PELL_LUMINANCE(in[0][i], in[1][i], in[2][i]), 0.0f);
         const float scale = PELL_TONE_SCALE(exposure, l, curve, white);
         for (int c = 0; c < 3; c++)

@@ -242,7 +242,7 @@ static enum pell_result compare_test(struct viewer_truth *t, struct viewer_model
         input->variance[c] = noisy ? t->variance[c] : NULL;
     }
     pell_knobs_default(pell_compare_knobs(), params);
-    params->exposure = t->exposure;
+    params->exposure = t->exposure * exp2f(t->settings.stops);
     params->threads = pell_device_threads(m->device);
     return pell_compare(t->v->ctx, input, params, out);
 }

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * test_tone.c - what becomes display white where nobody says it. */
+ * test_tone.c - what becomes display white where nobody says it, the filmic curve, and stops. */
 #include "stage.h"
 
 #include "base/pool.h"
 #include "render/post/stage.h"
+#include "shared/tone.h"
 
 enum { W = 120, H = 100, ALL = W * H };
 
@@ -25,12 +26,12 @@ static struct picture *picture_of(double (*light)(int pixel))
     return p;
 }
 
-/* Shows the picture at exposure 1 and releases it; the display value of pixel `at`. */
-static struct pell_post_result show(struct picture *p, float white, enum pell_background background, int at, double *shown)
+/* Shows the picture by `settings`, over `color`. */
+static struct pell_post_result show_by(struct picture *p, const struct pell_settings *settings, enum pell_background background,
+                                       const float *color)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
     const struct pell_lens lens = { .radius = 0.0f };
-    struct pell_settings settings;
     struct pell_post_result result;
     struct pell_scene *scene;
     struct pell_pool *pool;
@@ -39,15 +40,14 @@ static struct pell_post_result show(struct picture *p, float white, enum pell_ba
     assert_int_equal(pell_scene_create(ctx, &scene), PELL_OK);
     assert_int_equal(pell_pool_create(ctx, 2, &pool), PELL_OK);
     scene->background = background;
-    pell_settings_default(NULL, NULL, &settings);
-    settings.exposure = 1.0f;
-    settings.white = white;
+    for (int c = 0; color && c < 3; c++)
+        scene->background_color[c] = color[c];
     for (int i = 0; i < 2 * H; i++)
         meter[i] = 1.0;
     pell_post_render(pool,
                      &(struct pell_post_params) { .scene = scene,
                                                   .lens = &lens,
-                                                  .settings = &settings,
+                                                  .settings = settings,
                                                   .width = W,
                                                   .height = H,
                                                   .rect = { 0, 0, W, H },
@@ -56,10 +56,23 @@ static struct pell_post_result show(struct picture *p, float white, enum pell_ba
                                                   .rows = rows },
                      (float *[]) { p->color[0], p->color[1], p->color[2] }, p->alpha,
                      (float *[]) { p->display[0], p->display[1], p->display[2] }, &result);
-    *shown = (double) p->display[1][at];
     pell_pool_destroy(&pool);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);
+    return result;
+}
+
+/* Shows the picture at exposure 1 and releases it; the display value of pixel `at`. */
+static struct pell_post_result show(struct picture *p, float white, enum pell_background background, int at, double *shown)
+{
+    struct pell_settings settings;
+    struct pell_post_result result;
+
+    pell_settings_default(NULL, NULL, &settings);
+    settings.exposure = 1.0f;
+    settings.white = white;
+    result = show_by(p, &settings, background, NULL);
+    *shown = (double) p->display[1][at];
     free(p);
     return result;
 }
@@ -113,11 +126,97 @@ static void pixels_that_nothing_covers_and_what_the_user_says_count_otherwise(vo
     REQUIRE_NEAR((double) show(picture_of(ramp), 3.0f, PELL_BACKGROUND_TRANSPARENT, 0, &shown).white, 3.0, 0);
 }
 
+/* Middle grey keeps its value, more light is never darker, and all of it ends in white. */
+static void the_filmic_curve_keeps_grey_and_turns_bright_colours_white(void **state)
+{
+    struct pell_settings settings;
+    struct picture *p;
+    (void) state;
+
+    REQUIRE_NEAR((double) PELL_FILMIC_CURVE(0.18f * PELL_FILMIC_SCALE), 0.18, 1e-6);
+    for (float y = 0.001f; y < 1.0f; y += 0.05f) {
+        const float x = pell_filmic_before(y);
+        REQUIRE_REL((double) PELL_FILMIC_CURVE(x), (double) y, 1e-4);
+    }
+    pell_settings_default(NULL, NULL, &settings);
+    settings.exposure = 1.0f;
+    settings.tonemap = PELL_TONEMAP_FILMIC;
+    p = picture_of(ramp);
+    for (int i = 0; i < ALL; i++) { /* red: pure below, then ever brighter */
+        p->color[1][i] *= 0.1f;
+        p->color[2][i] *= 0.1f;
+        p->color[0][i] = i == ALL - 1 ? 1e30f : p->color[0][i];
+        p->color[1][i] = p->color[2][i] = i == ALL - 1 ? 1e29f : p->color[1][i];
+    }
+    show_by(p, &settings, PELL_BACKGROUND_TRANSPARENT, NULL);
+    for (int c = 0; c < 3; c++)
+        for (int i = 1; i < ALL; i++)
+            REQUIRE(p->display[c][i] >= p->display[c][i - 1] - 1e-6f && p->display[c][i] <= 1.0f);
+    for (int c = 0; c < 3; c++)
+        REQUIRE_NEAR((double) p->display[c][ALL - 1], 1.0, 0.02);
+    /* at a luminance of 0.3 the red is red, at 10 it is on its way to white */
+    REQUIRE(p->display[1][ALL / 10] < 0.55f * p->display[0][ALL / 10]);
+    REQUIRE(p->display[1][ALL - 2] > 0.6f * p->display[0][ALL - 2]);
+    free(p);
+}
+
+static void a_background_is_shown_as_it_is_asked_for(void **state)
+{
+    static const float colors[][3] = { { 0.18f, 0.18f, 0.18f }, { 0.9f, 0.9f, 0.9f }, { 0.4f, 0.2f, 0.1f }, { 0.0f, 0.0f, 0.0f } };
+    (void) state;
+
+    for (int curve = 0; curve < 3; curve++)
+        for (size_t k = 0; k < PELL_COUNT(colors); k++) {
+            struct picture *p = picture_of(ramp);
+            struct pell_settings settings;
+            for (int i = 0; i < ALL / 2; i++) {
+                p->alpha[i] = 0.0f;
+                for (int c = 0; c < 3; c++)
+                    p->color[c][i] = 0.0f;
+            }
+            pell_settings_default(NULL, NULL, &settings);
+            settings.exposure = 0.7f;
+            settings.tonemap = curve;
+            settings.stops = 1.5f;
+            show_by(p, &settings, PELL_BACKGROUND_COLOR, colors[k]);
+            for (size_t c = 0; c < 3; c++)
+                REQUIRE_NEAR((double) p->display[c][0], (double) colors[k][c], 2e-4);
+            free(p);
+        }
+}
+
+/* Two stops are four times the exposure, given or metered, and what is reported is without them. */
+static void stops_multiply_every_exposure(void **state)
+{
+    (void) state;
+
+    for (int metered = 0; metered < 2; metered++) {
+        struct picture *plain = picture_of(ramp), *bright = picture_of(ramp);
+        struct pell_settings settings;
+        struct pell_post_result a, b;
+
+        pell_settings_default(NULL, NULL, &settings);
+        settings.exposure = metered ? 0.0f : 0.01f;
+        settings.tonemap = PELL_TONEMAP_LINEAR;
+        a = show_by(plain, &settings, PELL_BACKGROUND_TRANSPARENT, NULL);
+        settings.stops = 2.0f;
+        b = show_by(bright, &settings, PELL_BACKGROUND_TRANSPARENT, NULL);
+        REQUIRE(a.exposure == b.exposure && a.exposure > 0.0f);
+        for (int i = 0; i < ALL; i += 97)
+            REQUIRE_NEAR((double) bright->display[1][i], fmin(4.0 * (double) (a.exposure * (float) ramp(i)), 1.0), 1e-5);
+        free(plain);
+        free(bright);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(white_is_what_a_hundredth_of_the_object_exceeds),
         cmocka_unit_test(pixels_that_nothing_covers_and_what_the_user_says_count_otherwise),
+        cmocka_unit_test(the_filmic_curve_keeps_grey_and_turns_bright_colours_white),
+        cmocka_unit_test(a_background_is_shown_as_it_is_asked_for),
+        cmocka_unit_test(stops_multiply_every_exposure),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

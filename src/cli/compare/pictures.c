@@ -339,7 +339,6 @@ static enum pell_result compare(struct cli *cli, struct task *t)
 
     PELL_TRY(join_variances(cli, t));
     in = input_of(t, false);
-    in.figures_only = !cli->output;
     take_exposure(t);
     PELL_TRY(compare_run(cli, t->test.path, t->reference.path, &in, &t->params, &t->result));
     if (t->result.masked.pixels == 0)
@@ -347,7 +346,6 @@ static enum pell_result compare(struct cli *cli, struct task *t)
                           "no pixel is in the mask (%s above 0.5)", t->mask_name);
     if (two_pictures(t)) {
         in = input_of(t, true);
-        in.figures_only = true;
         PELL_TRY(compare_run(cli, t->test.path, t->reference.path, &in, &t->params, &t->whole));
     }
 fail:

@@ -177,7 +177,6 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
         char name[280];
         json_t *id;
 
-        in.figures_only = !cli->output;
         if (view == PART && run->mixes)
             PELL_TRY(masked_light(cli, job, reference, in.reference));
         PELL_TRY(compare_run(cli, run->label, job->runs.list[reference].label, &in, &job->params, &result));
@@ -256,7 +255,8 @@ static enum pell_result begin_images(struct cli *cli, struct job *job, const str
 {
     job->width = image->width;
     job->height = image->height;
-    job->params.exposure = job->session.settings.exposure = image->exposure; /* what it was given, or metered */
+    job->session.settings.exposure = image->exposure; /* what it was given, or metered */
+    job->params.exposure = image->exposure * exp2f(job->session.settings.stops);
     for (size_t i = 0; i < job->runs.count; i++)
         job->runs.list[i].settings.exposure = image->exposure;
     if (make_mask(cli, job, image) != EXIT_OK)

@@ -85,10 +85,31 @@ static float bright_luminance(const struct task *t)
     return low + (high - low) * ((float) above - (float) BRIGHT * (float) all) / (float) counts[bin];
 }
 
-/* Radiance that a colour, as it is to be shown, stands for. */
+/* Radiance that a colour, as it is to be shown by the filmic curve, stands for: inverses of its parts, in turn. */
+static void unexpose_filmic(const struct task *t, const float shown[3], float rgb[3])
+{
+    static const float from[3][3] = { { 0.64303825f, 0.31118675f, 0.04577546f },
+                                      { 0.05926869f, 0.93143649f, 0.00929492f },
+                                      { 0.0059619f, 0.06392902f, 0.93011838f } };
+    static const float to[3][3] = { { 1.76474097f, -0.67577768f, -0.08896329f },
+                                    { -0.14702785f, 1.16025151f, -0.01322366f },
+                                    { -0.03633683f, -0.16243644f, 1.19877327f } };
+    float before[3];
+
+    for (int c = 0; c < 3; c++)
+        before[c] = pell_filmic_before(fminf(from[c][0] * shown[0] + from[c][1] * shown[1] + from[c][2] * shown[2], 1.0f));
+    for (int c = 0; c < 3; c++)
+        rgb[c] = fmaxf(to[c][0] * before[0] + to[c][1] * before[1] + to[c][2] * before[2], 0.0f) / (PELL_FILMIC_SCALE * t->exposure);
+}
+
+/* The same by the curve that was asked for. */
 static void unexpose(const struct task *t, const float shown[3], float rgb[3])
 {
     const float l = pell_luminance(shown), before = t->curve ? pell_tone_before(l, t->white_scale) : l;
+    if (t->p->settings->tonemap == PELL_TONEMAP_FILMIC) {
+        unexpose_filmic(t, shown, rgb);
+        return;
+    }
     for (int c = 0; c < 3; c++)
         rgb[c] = l > 0.0f ? shown[c] * (before / l) / t->exposure : 0.0f;
 }
@@ -246,7 +267,8 @@ static void prepare_background(struct task *t)
     const float curve = t->curve ? 1.0f : 0.0f;
     float black[3] = { 0.0f };
 
-    t->over = (struct pell_post_tone) { t->exposure, transparent ? 0.0f : FLT_MAX, curve, curve * t->white_scale };
+    t->over = (struct pell_post_tone) { t->exposure, transparent ? 0.0f : FLT_MAX, curve, curve * t->white_scale,
+                                        t->p->settings->tonemap == PELL_TONEMAP_FILMIC };
     t->tone = t->over;
     t->varied = varied_background(t);
     t->tone.lay = !transparent && scene->background != PELL_BACKGROUND_ENVIRONMENT && !scene->background_image;
@@ -274,6 +296,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     };
     const int y0 = params->rect.y0, y1 = params->rect.y1;
     double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0, start;
+    float exposure;
 
     if (y1 > y0)
         pell_pool_run(pool, y1 - y0, measure_row, &t);
@@ -289,6 +312,8 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
         t.exposure = (float) fmin(METER_FACTOR * KEY / exp(sum / count), met > 0.0 ? PELL_PI * met_count / met : INFINITY);
     if (!(t.exposure > 0.0f && t.exposure < 1e30f))
         t.exposure = 1.0f;
+    exposure = t.exposure;
+    t.exposure *= exp2f(settings->stops);
     if (!(t.white > 0.0f))
         t.white = fminf(
             fmaxf(bright_luminance(&t) * t.exposure, params->scene->background == PELL_BACKGROUND_ENVIRONMENT ? ENVIRONMENT_WHITE : 1.0f),
@@ -300,7 +325,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     if (settings->bloom > 0.0f)
         bloom(pool, &t);
     *result = (struct pell_post_result) {
-        .exposure = t.exposure,
+        .exposure = exposure,
         .white = t.white,
         .invalid = (int64_t) invalid,
         .covered = met_count > 0.0,

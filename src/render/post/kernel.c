@@ -56,6 +56,19 @@ static void mend(int count, float *restrict r, float *restrict g, float *restric
         }
 }
 
+INLINE void finish_filmic(vf exposure, const vf v[3], float *const display[3], int at)
+{
+    const vf e = PELL_FILMIC_SCALE * exposure, r = greater(e * v[0], all(0.0f)), g = greater(e * v[1], all(0.0f)),
+             b = greater(e * v[2], all(0.0f));
+    const vf in[3] = { lesser(PELL_FILMIC_TO_R(r, g, b), all(PELL_FILMIC_MOST)), lesser(PELL_FILMIC_TO_G(r, g, b), all(PELL_FILMIC_MOST)),
+                       lesser(PELL_FILMIC_TO_B(r, g, b), all(PELL_FILMIC_MOST)) };
+    const vf x = PELL_FILMIC_CURVE(in[0]), y = PELL_FILMIC_CURVE(in[1]), z = PELL_FILMIC_CURVE(in[2]);
+
+    store(display[0] + at, lesser(greater(PELL_FILMIC_FROM_R(x, y, z), all(0.0f)), all(1.0f)));
+    store(display[1] + at, lesser(greater(PELL_FILMIC_FROM_G(x, y, z), all(0.0f)), all(1.0f)));
+    store(display[2] + at, lesser(greater(PELL_FILMIC_FROM_B(x, y, z), all(0.0f)), all(1.0f)));
+}
+
 /* A whole block. */
 INLINE void measure_block(float *restrict r, float *restrict g, float *restrict b, float *restrict a, struct product *restrict p,
                           float *restrict largest, struct pell_post_measure *restrict out)
@@ -137,6 +150,10 @@ INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], 
                 v[c] += transparency * t->behind[c];
                 store(color[c] + at, v[c]);
             }
+        }
+        if (t->filmic) {
+            finish_filmic(e, v, display, at);
+            continue;
         }
         lum = e * PELL_LUMINANCE(v[0], v[1], v[2]);
         l = greater(lum, all(0.0f));

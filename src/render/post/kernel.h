@@ -19,6 +19,7 @@ struct pell_post_measure {
 struct pell_post_tone {
     float exposure, straight; /* colours are divided by alphas over this */
     float curve, white_scale;
+    bool filmic;               /* in their place */
     bool lay;                  /* colours are to be laid over `behind` */
     float behind[3], shown[3]; /* and what is shown of it where nothing else is */
 };
