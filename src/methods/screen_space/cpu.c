@@ -1,13 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - screen-space diffusion on the cpu engine: planes, the chain of blurs, thickness tables. The inner loops are in kernels.c.
+ * cpu.c - screen-space diffusion on the cpu engine: planes and the order of blurs. The inner loops are in kernels.c.
  */
-#include "methods/screen_space/kernels.h"
-#include "methods/screen_space/screen_space.h"
+#include "methods/screen_space/chain.h"
 
 #include "base/simd.h"
-#include "methods/thickness.h"
-#include "render/engine.h"
 #include "render/intermediate.h"
 
 #include <math.h>
@@ -20,7 +17,6 @@ enum {
     BAND = 8,    /* rows that a thread takes at a time */
     PLANES = 16, /* key, depth, scale, 2 lengths, 2 to_px, now, half and sum of 3 */
 };
-#define AHEAD_PX2 20.0 /* variance in pixels above which the first blur is made in several steps, each of four times the variance before */
 
 struct band {
     struct screen_seen seen;
@@ -38,17 +34,9 @@ struct screen_state {
     const struct pell_services *services;
     struct pell_pool *pool;
     const struct screen_kernels *kernels;
-    struct screen_knobs knobs;
-    size_t num_materials;
-    struct pell_gaussians *profiles;        /* of each material */
-    struct pell_thickness_table *thickness; /* of each material, or NULL */
-    int steps;                              /* of the longest chain, without those ahead */
-    float *variance;                        /* see struct screen_work; SCREEN_PREBLUR rows come first */
-    float *least_added;                     /* of the steps of this frame */
-    float (*blend)[3];
-    float (*total)[3];
-    double variance_max; /* of a first step */
-    float *memory;       /* all planes */
+    struct screen_chain chain;
+    float *least_added; /* of the steps of this frame */
+    float *memory;      /* all planes */
     struct screen_cell *cells;
     struct screen_extent *extents;
     uint16_t *run;   /* of each block of a row: how many smooth rows ended here */
@@ -63,102 +51,12 @@ struct screen_state {
     size_t num_times;
 };
 
-/* --- Profiles ------------------------------------------------------------------------------------------------------------------ */
-
-static bool starts(const char *name, const char *prefix)
-{
-    return strncmp(name, prefix, strlen(prefix)) == 0;
-}
-
-static enum pell_result find_profile(const struct screen_state *st, const struct pell_frame_shape *shape, size_t index,
-                                     struct pell_gaussians *g)
-{
-    const struct pell_frame_material *m = &shape->materials[index];
-    const struct pell_fit_params params = { .count = st->knobs.gaussians };
-    const struct pell_material_entry *published = st->knobs.profile == SCREEN_PROFILE_PUBLISHED ? pell_ss_published(m) : NULL;
-
-    if (published) { /* white: the material's colour is its own profile's */
-        *g = published->gaussians;
-        pell_ss_whiten(g);
-        for (int i = 0; i < g->count; i++)
-            for (int c = 0; c < 3; c++)
-                g->weight[i][c] *= pell_profile_total(&m->profile[c]);
-        return PELL_OK;
-    }
-    if (m->gaussians.count > 0) {
-        *g = m->gaussians;
-        return PELL_OK;
-    }
-    for (size_t i = 0; i < index; i++) {
-        if (shape->materials[i].profile == m->profile && !shape->materials[i].preset == !m->preset &&
-            strcmp(shape->materials[i].name, m->name) == 0 && shape->materials[i].white == m->white) {
-            *g = st->profiles[i];
-            return PELL_OK;
-        }
-    }
-    if (pell_fit_profiles(m->profile, &params, g, NULL) != PELL_OK)
-        return pell_error(st->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or use fewer Gaussians",
-                          "no sum of %d Gaussians fits this material's profile", params.count);
-    return PELL_OK;
-}
-
 /* --- The chain of blurs -------------------------------------------------------------------------------------------------------- */
-
-static bool unblurred_first(const struct screen_state *st, const char *name)
-{
-    return st->knobs.first == SCREEN_FIRST_UNBLURRED || (st->knobs.first == SCREEN_FIRST_SKIN && starts(name, "skin"));
-}
-
-/* Writes the chain of a material into the tables. Where the first Gaussian stays unblurred the chain begins with the second: the sum
- * holds the light as it is before the first step. */
-static void make_chain(struct screen_state *st, const struct pell_frame_shape *shape, size_t index)
-{
-    const struct pell_gaussians *g = &st->profiles[index];
-    const int skipped = unblurred_first(st, shape->materials[index].name) ? 1 : 0;
-    const size_t row = st->num_materials + 1, m = index + 1;
-    const double first = skipped < g->count ? g->variance[skipped] : 0.0;
-
-    for (int i = 0; i < SCREEN_PREBLUR; i++)
-        st->variance[(size_t) i * row + m] = (float) (first * pow(4.0, i - SCREEN_PREBLUR));
-    for (int i = 0; i < st->steps; i++) {
-        const size_t at = (size_t) (SCREEN_PREBLUR + i) * row + m;
-        if (i + skipped < g->count) {
-            st->variance[at] = (float) g->variance[i + skipped];
-            pell_ss_blend(g, i + skipped, st->blend[at]);
-        } else {
-            st->variance[at] = i > 0 ? st->variance[at - row] : 0.0f; /* already applied */
-        }
-    }
-    for (int c = 0; c < 3; c++)
-        st->total[m][c] = (float) pell_gaussians_total(g, c);
-    if (first > st->variance_max)
-        st->variance_max = first;
-}
-
-/* How many steps to make ahead of the first, and the first that blurs any pixel. */
-static void choose_steps(const struct screen_state *st, float scale, int *preblur, int *first)
-{
-    const size_t row = st->num_materials + 1;
-    double px2 = st->variance_max * (double) scale;
-    int step;
-
-    *preblur = 0;
-    for (; st->knobs.edges == SCREEN_EDGES_SURFACE && px2 > AHEAD_PX2 && *preblur < SCREEN_PREBLUR; px2 /= 4.0)
-        ++*preblur;
-    for (step = SCREEN_PREBLUR - *preblur; step < SCREEN_PREBLUR + st->steps; step++) {
-        bool any = false;
-        for (size_t m = 1; m < row && !any; m++)
-            any = st->variance[(size_t) step * row + m] * scale > st->work.skip;
-        if (any)
-            break;
-    }
-    *first = step - (SCREEN_PREBLUR - *preblur);
-}
 
 /* What each step of the frame, or one before it, adds least. */
 static void find_least(struct screen_state *st, const float *variance, int steps)
 {
-    const size_t row = st->num_materials + 1;
+    const size_t row = st->chain.num_materials + 1;
 
     for (size_t m = 0; m < row; m++)
         for (int step = 0; step < steps; step++) {
@@ -184,60 +82,9 @@ static void screen_destroy(void *state)
     pell_free(st->ctx, st->cells);
     pell_free(st->ctx, st->run);
     pell_free(st->ctx, st->memory);
-    pell_free(st->ctx, st->total);
-    pell_free(st->ctx, st->blend);
     pell_free(st->ctx, st->least_added);
-    pell_free(st->ctx, st->variance);
-    pell_free(st->ctx, st->thickness);
-    pell_free(st->ctx, st->profiles);
+    pell_ss_chain_finish(&st->chain);
     pell_free(st->ctx, st);
-}
-
-static enum pell_result make_tables(struct screen_state *st, const struct pell_frame_shape *shape)
-{
-    const size_t n = st->num_materials, row = n + 1;
-    enum pell_result res = PELL_ERR_NOMEM;
-
-    st->profiles = pell_calloc(st->ctx, n, sizeof(*st->profiles));
-    if (!st->profiles)
-        goto fail;
-    for (size_t i = 0; i < n; i++) {
-        struct pell_gaussians *g = &st->profiles[i];
-        PELL_TRY(find_profile(st, shape, i, g));
-        if (shape->materials[i].white || st->knobs.input == SCREEN_INPUT_SHADED)
-            pell_ss_whiten(g);
-        if (g->count - unblurred_first(st, shape->materials[i].name) > st->steps)
-            st->steps = g->count - unblurred_first(st, shape->materials[i].name);
-    }
-    res = PELL_ERR_NOMEM;
-    st->variance = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->variance));
-    st->least_added = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->least_added));
-    st->blend = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->blend));
-    st->total = pell_calloc(st->ctx, row, sizeof(*st->total));
-    if (!st->variance || !st->least_added || !st->blend || !st->total)
-        goto fail;
-    for (size_t i = 0; i < n; i++)
-        make_chain(st, shape, i);
-    if (st->knobs.transmission != SCREEN_TRANSMISSION_OFF) {
-        st->thickness = pell_calloc(st->ctx, n, sizeof(*st->thickness));
-        if (!st->thickness)
-            goto fail;
-        for (size_t i = 0; i < n; i++) {
-            struct pell_frame_material m = shape->materials[i];
-            const size_t first = pell_first_alike(shape, i);
-            if (first < i) {
-                st->thickness[i] = st->thickness[first];
-                continue;
-            }
-            m.white |= st->knobs.input == SCREEN_INPUT_SHADED;
-            pell_thickness_table_make(&m, pell_ss_transmission, &st->profiles[i], st->knobs.transmission == SCREEN_TRANSMISSION_SLAB,
-                                      sqrt((double) st->work.ratio2), &st->thickness[i]);
-        }
-    }
-    return PELL_OK;
-
-fail:
-    return res;
 }
 
 static enum pell_result make_planes(struct screen_state *st, const struct pell_frame_shape *shape)
@@ -287,8 +134,7 @@ static enum pell_result screen_create(const struct pell_services *services, cons
 {
     struct pell_context *ctx = services->ctx;
     struct screen_state *st = pell_zalloc(ctx, sizeof(*st));
-    const struct screen_knobs *k = knobs;
-    const bool heights = k->ssslevel > 0.0f || (k->edges == SCREEN_EDGES_PAPER && k->slope == SCREEN_SLOPE_PAPER);
+    const struct screen_chain *chain;
     enum pell_result res;
     struct screen_work *w;
 
@@ -296,33 +142,27 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     if (!st)
         return PELL_ERR_NOMEM;
     st->ctx = ctx;
-    if (heights && !(shape->object_height > 0.0f))
-        return pell_error(ctx, PELL_ERR_INVALID, "screen-space", "set ssslevel = 0 and foreshortening = surface",
-                          "object_height = %g mm, must be positive where depths count in object heights", (double) shape->object_height);
     st->services = services;
     st->pool = services->pool;
     st->kernels = pell_ss_kernels_tables[pell_simd_best()];
-    st->knobs = *k;
-    st->num_materials = shape->num_materials;
-
+    PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
+    chain = &st->chain;
+    res = PELL_ERR_NOMEM;
+    st->least_added = pell_calloc(ctx, (size_t) (SCREEN_PREBLUR + chain->steps) * (chain->num_materials + 1), sizeof(*st->least_added));
+    if (!st->least_added)
+        goto fail;
     w = &st->work;
-    w->num_materials = shape->num_materials;
-    w->depth_mm = shape->orthographic ? 0.0f : 1.0f / shape->focal_px;
-    w->fixed_mm = shape->orthographic ? 1.0f / shape->focal_px : 0.0f;
-    w->ratio2 = 1.0f;
-    if (k->ssslevel > 0.0f) {
-        const double ratio = (double) k->ssslevel / pell_ss_level((double) shape->focal_px, (double) shape->object_height);
-        w->ratio2 = (float) fmin(fmax(ratio * ratio, 1e-12), 1e12);
-    }
-    w->skip = 1.0f / (SCREEN_SPAN * SCREEN_SPAN * k->lod * k->lod);
-    w->correction = k->correction;
-    w->maxdd = k->maxdd;
-    w->unit = shape->object_height > 0.0f ? 1.0f / shape->object_height : 1.0f;
-    w->forms =
-        (k->edges == SCREEN_EDGES_PAPER ? SCREEN_FORM_PAPER_EDGES : 0) | (k->slope == SCREEN_SLOPE_PAPER ? SCREEN_FORM_PAPER_SLOPE : 0);
-    PELL_TRY(make_tables(st, shape));
+    w->num_materials = chain->num_materials;
+    w->depth_mm = chain->depth_mm;
+    w->fixed_mm = chain->fixed_mm;
+    w->ratio2 = chain->ratio2;
+    w->skip = chain->skip;
+    w->correction = chain->correction;
+    w->maxdd = chain->maxdd;
+    w->unit = chain->unit;
+    w->forms = chain->forms;
     PELL_TRY(make_planes(st, shape));
-    w->total = (const float(*)[3]) st->total;
+    w->total = (const float(*)[3]) chain->total;
     return PELL_OK;
 
 fail:
@@ -509,14 +349,6 @@ static void note_time(struct screen_state *st, const char *name, double seconds,
     st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = seconds, .pixels = pixels, .bytes = bytes };
 }
 
-static const char *step_name(int step, int preblur)
-{
-    static const char *const names[PELL_GAUSSIANS_MAX] = { "blur 1", "blur 2", "blur 3", "blur 4", "blur 5",
-                                                           "blur 6", "blur 7", "blur 8", "blur 9", "blur 10" };
-
-    return step < preblur ? "blur ahead" : names[step - preblur];
-}
-
 /* The step goes down, the next one across. Each step's blur across goes from `now` to `half` or back, by turns; the step before the
  * first begins. */
 static void run_step(struct screen_state *st, int step, int first, int steps, struct spent *spent)
@@ -545,7 +377,7 @@ static enum pell_result show_blurs(struct screen_state *st, int first, int steps
 {
     struct screen_work *w = &st->work;
     const float(*const blend)[3] = w->blend;
-    const size_t count = (size_t) steps * (st->num_materials + 1);
+    const size_t count = (size_t) steps * (st->chain.num_materials + 1);
     float(*ones)[3] = pell_alloc_array(st->ctx, count, sizeof(*ones));
     struct spent spent[SCREEN_STEPS] = { { 0 } };
     enum pell_result res = ones ? PELL_OK : PELL_ERR_NOMEM;
@@ -560,7 +392,7 @@ static enum pell_result show_blurs(struct screen_state *st, int first, int steps
         char name[64];
         struct pell_intermediate image = {
             .name = name,
-            .unit = st->knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
+            .unit = st->chain.knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
             .stride = last ? 0 : w->stride,
             .what = "light times the profile's total after the Gaussians up to this one; pixels that skip it are as before",
             .components = 3,
@@ -582,7 +414,7 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     struct screen_state *st = state;
     struct screen_work *w = &st->work;
     const struct screen_kernels *k = st->kernels;
-    const size_t row = st->num_materials + 1;
+    const size_t row = st->chain.num_materials + 1;
     struct pell_frame frame = *in;
     struct screen_seen seen;
     const double start = pell_seconds();
@@ -593,19 +425,19 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     st->num_times = 0;
     if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
         return PELL_OK;
-    if (!st->knobs.strength)
+    if (!st->chain.knobs.strength)
         frame.strength = NULL;
     w->in = &frame;
     w->out = out;
-    w->light = st->knobs.input == SCREEN_INPUT_SHADED ? frame.shaded : frame.irradiance;
+    w->light = st->chain.knobs.input == SCREEN_INPUT_SHADED ? frame.shaded : frame.irradiance;
     w->block0 = frame.rect.x0 / SCREEN_BLOCK;
     w->block1 = (frame.rect.x1 + SCREEN_BLOCK - 1) / SCREEN_BLOCK;
 
     seen = load_frame(st);
-    choose_steps(st, seen.scale, &preblur, &first);
-    w->variance = st->variance + (size_t) (SCREEN_PREBLUR - preblur) * row;
-    w->blend = (const float(*)[3]) st->blend + (size_t) (SCREEN_PREBLUR - preblur) * row;
-    steps = preblur + st->steps;
+    pell_ss_chain_choose(&st->chain, seen.scale, &preblur, &first);
+    w->variance = st->chain.variance + (size_t) (SCREEN_PREBLUR - preblur) * row;
+    w->blend = (const float(*)[3]) st->chain.blend + (size_t) (SCREEN_PREBLUR - preblur) * row;
+    steps = preblur + st->chain.steps;
     find_least(st, w->variance, steps);
     if (pell_services_observed(st->services, in)) {
         PELL_TRY(show_blurs(st, first, steps, preblur));
@@ -618,7 +450,7 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     for (int step = first - 1; step < steps && first < steps; step++)
         run_step(st, step, first, steps, spent);
     for (int step = first; step < steps; step++)
-        note_time(st, step_name(step, preblur), spent[step].seconds, spent[step].active, spent[step].active * 32);
+        note_time(st, pell_ss_step_name(step, preblur), spent[step].seconds, spent[step].active, spent[step].active * 32);
     res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
@@ -632,7 +464,7 @@ static const struct pell_thickness_table *thickness(const void *state, size_t ma
 {
     const struct screen_state *st = state;
 
-    return st->thickness && material < st->num_materials ? &st->thickness[material] : NULL;
+    return st->chain.thickness && material < st->chain.num_materials ? &st->chain.thickness[material] : NULL;
 }
 
 static size_t times(const void *state, struct pell_pass_time *list, size_t size)

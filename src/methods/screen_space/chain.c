@@ -1,0 +1,195 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * chain.c - which sum of Gaussians a material has, the chain of blurs that it becomes, thickness tables.
+ */
+#include "methods/screen_space/chain.h"
+
+#include "methods/thickness.h"
+
+#include <math.h>
+#include <string.h>
+
+#define AHEAD_PX2 20.0 /* variance in pixels above which the first blur is made in several steps, each of four times the variance before */
+
+/* --- Profiles ------------------------------------------------------------------------------------------------------------------ */
+
+static bool starts(const char *name, const char *prefix)
+{
+    return strncmp(name, prefix, strlen(prefix)) == 0;
+}
+
+static enum pell_result find_profile(const struct screen_chain *st, const struct pell_frame_shape *shape, size_t index,
+                                     struct pell_gaussians *g)
+{
+    const struct pell_frame_material *m = &shape->materials[index];
+    const struct pell_fit_params params = { .count = st->knobs.gaussians };
+    const struct pell_material_entry *published = st->knobs.profile == SCREEN_PROFILE_PUBLISHED ? pell_ss_published(m) : NULL;
+
+    if (published) { /* white: the material's colour is its own profile's */
+        *g = published->gaussians;
+        pell_ss_whiten(g);
+        for (int i = 0; i < g->count; i++)
+            for (int c = 0; c < 3; c++)
+                g->weight[i][c] *= pell_profile_total(&m->profile[c]);
+        return PELL_OK;
+    }
+    if (m->gaussians.count > 0) {
+        *g = m->gaussians;
+        return PELL_OK;
+    }
+    for (size_t i = 0; i < index; i++) {
+        if (shape->materials[i].profile == m->profile && !shape->materials[i].preset == !m->preset &&
+            strcmp(shape->materials[i].name, m->name) == 0 && shape->materials[i].white == m->white) {
+            *g = st->profiles[i];
+            return PELL_OK;
+        }
+    }
+    if (pell_fit_profiles(m->profile, &params, g, NULL) != PELL_OK)
+        return pell_error(st->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or use fewer Gaussians",
+                          "no sum of %d Gaussians fits this material's profile", params.count);
+    return PELL_OK;
+}
+
+/* --- The chain of blurs -------------------------------------------------------------------------------------------------------- */
+
+static bool unblurred_first(const struct screen_chain *st, const char *name)
+{
+    return st->knobs.first == SCREEN_FIRST_UNBLURRED || (st->knobs.first == SCREEN_FIRST_SKIN && starts(name, "skin"));
+}
+
+/* Writes the chain of a material into the tables. Where the first Gaussian stays unblurred the chain begins with the second: the sum
+ * holds the light as it is before the first step. */
+static void make_chain(struct screen_chain *st, const struct pell_frame_shape *shape, size_t index)
+{
+    const struct pell_gaussians *g = &st->profiles[index];
+    const int skipped = unblurred_first(st, shape->materials[index].name) ? 1 : 0;
+    const size_t row = st->num_materials + 1, m = index + 1;
+    const double first = skipped < g->count ? g->variance[skipped] : 0.0;
+
+    for (int i = 0; i < SCREEN_PREBLUR; i++)
+        st->variance[(size_t) i * row + m] = (float) (first * pow(4.0, i - SCREEN_PREBLUR));
+    for (int i = 0; i < st->steps; i++) {
+        const size_t at = (size_t) (SCREEN_PREBLUR + i) * row + m;
+        if (i + skipped < g->count) {
+            st->variance[at] = (float) g->variance[i + skipped];
+            pell_ss_blend(g, i + skipped, st->blend[at]);
+        } else {
+            st->variance[at] = i > 0 ? st->variance[at - row] : 0.0f; /* already applied */
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        st->total[m][c] = (float) pell_gaussians_total(g, c);
+    if (first > st->variance_max)
+        st->variance_max = first;
+}
+
+void pell_ss_chain_choose(const struct screen_chain *st, float scale, int *preblur, int *first)
+{
+    const size_t row = st->num_materials + 1;
+    double px2 = st->variance_max * (double) scale;
+    int step;
+
+    *preblur = 0;
+    for (; st->knobs.edges == SCREEN_EDGES_SURFACE && px2 > AHEAD_PX2 && *preblur < SCREEN_PREBLUR; px2 /= 4.0)
+        ++*preblur;
+    for (step = SCREEN_PREBLUR - *preblur; step < SCREEN_PREBLUR + st->steps; step++) {
+        bool any = false;
+        for (size_t m = 1; m < row && !any; m++)
+            any = st->variance[(size_t) step * row + m] * scale > st->skip;
+        if (any)
+            break;
+    }
+    *first = step - (SCREEN_PREBLUR - *preblur);
+}
+
+const char *pell_ss_step_name(int step, int preblur)
+{
+    static const char *const names[PELL_GAUSSIANS_MAX] = { "blur 1", "blur 2", "blur 3", "blur 4", "blur 5",
+                                                           "blur 6", "blur 7", "blur 8", "blur 9", "blur 10" };
+
+    return step < preblur ? "blur ahead" : names[step - preblur];
+}
+
+static enum pell_result make_tables(struct screen_chain *st, const struct pell_frame_shape *shape)
+{
+    const size_t n = st->num_materials, row = n + 1;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    st->profiles = pell_calloc(st->ctx, n, sizeof(*st->profiles));
+    if (!st->profiles)
+        goto fail;
+    for (size_t i = 0; i < n; i++) {
+        struct pell_gaussians *g = &st->profiles[i];
+        PELL_TRY(find_profile(st, shape, i, g));
+        if (shape->materials[i].white || st->knobs.input == SCREEN_INPUT_SHADED)
+            pell_ss_whiten(g);
+        if (g->count - unblurred_first(st, shape->materials[i].name) > st->steps)
+            st->steps = g->count - unblurred_first(st, shape->materials[i].name);
+    }
+    res = PELL_ERR_NOMEM;
+    st->variance = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->variance));
+    st->blend = pell_calloc(st->ctx, (size_t) (SCREEN_PREBLUR + st->steps) * row, sizeof(*st->blend));
+    st->total = pell_calloc(st->ctx, row, sizeof(*st->total));
+    if (!st->variance || !st->blend || !st->total)
+        goto fail;
+    for (size_t i = 0; i < n; i++)
+        make_chain(st, shape, i);
+    if (st->knobs.transmission == SCREEN_TRANSMISSION_OFF)
+        return PELL_OK;
+    st->thickness = pell_calloc(st->ctx, n, sizeof(*st->thickness));
+    if (!st->thickness)
+        goto fail;
+    for (size_t i = 0; i < n; i++) {
+        struct pell_frame_material m = shape->materials[i];
+        const size_t first = pell_first_alike(shape, i);
+        if (first < i) {
+            st->thickness[i] = st->thickness[first];
+            continue;
+        }
+        m.white |= st->knobs.input == SCREEN_INPUT_SHADED;
+        pell_thickness_table_make(&m, pell_ss_transmission, &st->profiles[i], st->knobs.transmission == SCREEN_TRANSMISSION_SLAB,
+                                  sqrt((double) st->ratio2), &st->thickness[i]);
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_ss_chain_make(struct pell_context *ctx, const struct pell_frame_shape *shape, const struct screen_knobs *k,
+                                    struct screen_chain *st)
+{
+    const bool heights = k->ssslevel > 0.0f || (k->edges == SCREEN_EDGES_PAPER && k->slope == SCREEN_SLOPE_PAPER);
+
+    st->ctx = ctx;
+    if (heights && !(shape->object_height > 0.0f))
+        return pell_error(ctx, PELL_ERR_INVALID, "screen-space", "set ssslevel = 0 and foreshortening = surface",
+                          "object_height = %g mm, must be positive where depths count in object heights", (double) shape->object_height);
+    st->knobs = *k;
+    st->num_materials = shape->num_materials;
+    st->depth_mm = shape->orthographic ? 0.0f : 1.0f / shape->focal_px;
+    st->fixed_mm = shape->orthographic ? 1.0f / shape->focal_px : 0.0f;
+    st->ratio2 = 1.0f;
+    if (k->ssslevel > 0.0f) {
+        const double ratio = (double) k->ssslevel / pell_ss_level((double) shape->focal_px, (double) shape->object_height);
+        st->ratio2 = (float) fmin(fmax(ratio * ratio, 1e-12), 1e12);
+    }
+    st->skip = 1.0f / (SCREEN_SPAN * SCREEN_SPAN * k->lod * k->lod);
+    st->correction = k->correction;
+    st->maxdd = k->maxdd;
+    st->unit = shape->object_height > 0.0f ? 1.0f / shape->object_height : 1.0f;
+    st->forms =
+        (k->edges == SCREEN_EDGES_PAPER ? SCREEN_FORM_PAPER_EDGES : 0) | (k->slope == SCREEN_SLOPE_PAPER ? SCREEN_FORM_PAPER_SLOPE : 0);
+    return make_tables(st, shape);
+}
+
+void pell_ss_chain_finish(struct screen_chain *st)
+{
+    if (!st->ctx)
+        return;
+    pell_free(st->ctx, st->total);
+    pell_free(st->ctx, st->blend);
+    pell_free(st->ctx, st->variance);
+    pell_free(st->ctx, st->thickness);
+    pell_free(st->ctx, st->profiles);
+}
