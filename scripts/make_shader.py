@@ -115,8 +115,8 @@ static const uint32_t words[] = {{
 {chr(10).join(f"    {row}," for row in rows)}
 }};
 
-extern const struct pell_shader pell_shader_{name};
-const struct pell_shader pell_shader_{name} = {{
+extern const struct pell_shader pell_{name}_shader;
+const struct pell_shader pell_{name}_shader = {{
     .name = "{name}",
     .words = words,
     .size = sizeof(words),

@@ -330,7 +330,7 @@ enum exit_code session_open(struct cli *cli, const char *path, struct session *s
 /* All but the renderer. */
 static enum exit_code read_at(struct cli *cli, const char *path, const double *time, struct session *s)
 {
-    struct pell_device_params params = { .threads = cli->numbers.threads };
+    struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device };
     enum exit_code code;
 
     memset(s, 0, sizeof(*s));

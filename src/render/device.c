@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * device.c - threads and an engine. */
+ * device.c - threads, an engine, and the Vulkan device of one. */
 #include "render/engine.h"
 
 enum pell_engine pell_device_engine(const struct pell_device *device)
@@ -39,6 +39,25 @@ fail:
     return res;
 }
 
+enum pell_result pell_device_create_vulkan(struct pell_context *ctx, int threads, const struct pell_gpu_params *gpu,
+                                           struct pell_device **out)
+{
+    struct pell_device *d;
+    enum pell_result res = pell_device_create_with_engine(ctx, threads, PELL_ENGINE_VULKAN, NULL, &d);
+
+    *out = NULL;
+    if (res != PELL_OK)
+        return res;
+    pell_engine_vulkan_make(&d->own);
+    d->engine = &d->own;
+    res = pell_gpu_open(ctx, gpu, &d->gpu);
+    if (res == PELL_OK)
+        *out = d;
+    else
+        pell_device_destroy(&d);
+    return res;
+}
+
 enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_device_params *params, struct pell_device **out)
 {
     static const struct pell_device_params none;
@@ -47,7 +66,7 @@ enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_
     if (!params)
         params = &none;
     if (params->engine == PELL_ENGINE_VULKAN)
-        return pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "this build has the engine cpu only");
+        return pell_device_create_vulkan(ctx, params->threads, &(struct pell_gpu_params) { .device = params->vulkan_device }, out);
     return pell_device_create_with_engine(ctx, params->threads, PELL_ENGINE_CPU, &pell_engine_cpu, out);
 }
 
@@ -58,6 +77,7 @@ void pell_device_destroy(struct pell_device **device)
     if (!d)
         return;
     *device = NULL;
+    pell_gpu_close(&d->gpu);
     pell_pool_destroy(&d->pool);
     pell_free(d->ctx, d);
 }

@@ -11,6 +11,7 @@
 
 #include "render/angle.h"
 #include "render/services.h"
+#include "vulkan/gpu.h"
 
 #define PELL_STAGES_MOST 48
 
@@ -149,9 +150,17 @@ struct pell_device {
     struct pell_pool *pool;
     enum pell_engine id;
     const struct pell_engine_interface *engine;
+    struct pell_engine_interface own; /* of the engine vulkan */
+    struct pell_gpu *gpu;             /* NULL: another engine */
 };
 
 extern const struct pell_engine_interface pell_engine_cpu;
+/* The cpu engine's stages, with methods on a Vulkan device. */
+void pell_engine_vulkan_make(struct pell_engine_interface *engine);
+
+/* A device of the engine vulkan, whose Vulkan device is opened with `gpu`. */
+PELL_NODISCARD enum pell_result pell_device_create_vulkan(struct pell_context *ctx, int threads, const struct pell_gpu_params *gpu,
+                                                          struct pell_device **out);
 
 /* A device of an engine of one's own: for tests. */
 PELL_NODISCARD enum pell_result pell_device_create_with_engine(struct pell_context *ctx, int threads, enum pell_engine id,

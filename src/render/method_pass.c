@@ -134,7 +134,7 @@ fail:
 enum pell_result pell_pass_create(struct pell_device *device, const struct pell_method *method, const void *knobs,
                                   const struct pell_frame_shape *shape, struct pell_pass **out)
 {
-    const struct pell_services services = { .ctx = device->ctx, .pool = device->pool };
+    const struct pell_services services = { .ctx = device->ctx, .pool = device->pool, .gpu = device->gpu };
     void *defaults = NULL;
     enum pell_result res;
 

@@ -182,6 +182,7 @@ static enum pell_result make_scene(struct pell_renderer *r)
     r->services = (struct pell_services) {
         .ctx = r->ctx,
         .pool = r->device->pool,
+        .gpu = r->device->gpu,
         .scene = r->scene,
         .frame_index = r->materials.frame_index,
         .materials = r->materials.frame,

@@ -2,8 +2,8 @@
  *
  * services.h - what a method is lent when it is created, for as long as its pass lives. Facts of one frame come in struct pell_frame.
  *
- * On a caller's planes there are threads and nothing else: `scene` and all that follows it are NULL. A method with PELL_NEED_SCENE is never
- * created there.
+ * On a caller's planes there are threads, a Vulkan device and nothing else: `scene` and all that follows it are NULL. A method with
+ * PELL_NEED_SCENE is never created there.
  *
  * Threads    everything here may be used from many threads at once, from inside the pool's tasks, too.
  */
@@ -17,6 +17,7 @@
 #include <pellucid/method.h>
 #include <pellucid/render.h>
 
+struct pell_gpu;
 struct pell_light_grid;
 struct pell_share;
 
@@ -54,6 +55,7 @@ struct pell_points_params {
 struct pell_services {
     struct pell_context *ctx;
     struct pell_pool *pool;
+    struct pell_gpu *gpu; /* NULL: not the engine vulkan */
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     const uint16_t *frame_index; /* per scene material + 1: the frame's material + 1, or 0 */

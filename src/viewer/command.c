@@ -93,7 +93,7 @@ static void block_signals(bool block)
 
 static enum exit_code serve(struct cli *cli, struct viewer *v, struct viewer_document *document)
 {
-    struct pell_device_params params = { .threads = cli->numbers.threads };
+    struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device };
     struct viewer_server_params server = { .address = cli->view.listen ? cli->view.listen : "127.0.0.1",
                                            .port = cli->numbers.port,
                                            .open = !cli->view.no_open };

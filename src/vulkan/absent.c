@@ -14,7 +14,7 @@ enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_p
 {
     (void) params;
     *out = NULL;
-    return pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "this build has the engine cpu only");
+    return pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "no Vulkan device: this build has the engine cpu only");
 }
 
 void pell_gpu_close(struct pell_gpu **gpu)

@@ -4,7 +4,7 @@
  *
  *     pell_gpu_open(ctx, &params, &gpu);
  *     pell_gpu_buffer_create(gpu, PELL_GPU_TO_DEVICE, size, "in", &in);                    // and others
- *     pell_gpu_pass_create(gpu, &pell_shader_blur, constants, 1, buffers, &blur);          // a shader with its buffers
+ *     pell_gpu_pass_create(gpu, &pell_blur_shader, constants, 1, buffers, &blur);          // a shader with its buffers
  *     pell_gpu_commands_create(gpu, 8, &list);
  *     pell_gpu_begin(list); pell_gpu_mark(list, "blur"); pell_gpu_run(list, blur, &push, 64, 64, 1); ... pell_gpu_finish(list);
  *

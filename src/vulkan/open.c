@@ -65,7 +65,7 @@ static int choose(struct pell_context *ctx, const struct pell_vulkan_devices *de
 
     if (!wanted) {
         if (devices->taken < 0)
-            pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "%s", devices->why);
+            pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "no Vulkan device: %s", devices->why);
         return devices->taken;
     }
     if (pell_parse_int(wanted, strlen(wanted), &number) && number >= 0 && (uint64_t) number < devices->count)
@@ -77,7 +77,7 @@ static int choose(struct pell_context *ctx, const struct pell_vulkan_devices *de
     }
     if (found < 0) {
         char shown[80];
-        pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", devices->count > 0 ? list.str : devices->why, "there is no Vulkan device \"%s\"",
+        pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", devices->count > 0 ? list.str : devices->why, "no Vulkan device is \"%s\"",
                    pell_printable(wanted, shown, sizeof(shown)));
     } else if (devices->list[found].missing.length > 0) {
         pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "choose another device, or use --engine cpu", "%s lacks %s",
@@ -188,7 +188,7 @@ enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_p
         goto fail;
     PELL_TRY(pell_vk_instance_open(ctx, params->validate, &gpu->instance, &why));
     if (!gpu->instance.handle) {
-        res = pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "%s", why);
+        res = pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "no Vulkan device: %s", why);
         goto fail;
     }
     PELL_TRY(choose_device(gpu, params->device));

@@ -376,7 +376,7 @@ MESSAGES = {
     'is the environment, but no light is one': [SCENE, {'background': 'environment'}],
     'must have depth_scale': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1], 'sigma_t': [2, 2, 2], 'depth': 'a.png#r'}]}}}],
     'must have two of sigma_a, sigma_s and sigma_t': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1]}]}}}],
-    'this build has the engine cpu only': ['render', *BALL, '--engine', 'vulkan'],
+    'no Vulkan device': ['render', *BALL, '--engine', 'vulkan', '--device', '99'],
     'allowed are glTF (.gltf, .glb), OBJ, PLY, STL and scene files (.json)': ['check', 'a.xyz'],
     'can be raised': ['check', *BALL, '--limit', 'triangles=3'],
     'raise the limit': ['check', *BALL, '--limit', 'file-bytes=10'],

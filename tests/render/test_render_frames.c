@@ -584,7 +584,7 @@ static void cameras_that_show_nothing_are_refused(void **state)
 
 static void what_is_missing_is_named(void **state)
 {
-    const struct pell_device_params vulkan = { .engine = PELL_ENGINE_VULKAN };
+    const struct pell_device_params vulkan = { .engine = PELL_ENGINE_VULKAN, .vulkan_device = "no such device" };
     struct pell_device *device = (struct pell_device *) 1;
     struct pell_scene *empty;
     struct stage s;

@@ -7,7 +7,7 @@
 
 enum { COUNT = 1000 };
 
-extern const struct pell_shader pell_shader_test_scale, pell_shader_test_grow;
+extern const struct pell_shader pell_test_scale_shader, pell_test_grow_shader;
 
 /* Skips, by name, where there is no device or no validation layer. */
 static struct pell_gpu *open_or_skip(struct pell_context *ctx, struct kept_messages *kept)
@@ -54,8 +54,8 @@ static enum pell_result work_create(struct pell_gpu *gpu, struct work *w)
     PELL_TRY(pell_gpu_buffer_create(gpu, PELL_GPU_ON_DEVICE, size, "from", &w->from));
     PELL_TRY(pell_gpu_buffer_create(gpu, PELL_GPU_ON_DEVICE, size, "to", &w->to));
     PELL_TRY(pell_gpu_buffer_create(gpu, PELL_GPU_FROM_DEVICE, size, "out", &w->out));
-    PELL_TRY(pell_gpu_pass_create(gpu, &pell_shader_test_scale, &bits, 1, (struct pell_gpu_buffer *[]) { w->from, w->to }, &w->scale));
-    PELL_TRY(pell_gpu_pass_create(gpu, &pell_shader_test_grow, NULL, 0, (struct pell_gpu_buffer *[]) { w->to, w->from }, &w->grow));
+    PELL_TRY(pell_gpu_pass_create(gpu, &pell_test_scale_shader, &bits, 1, (struct pell_gpu_buffer *[]) { w->from, w->to }, &w->scale));
+    PELL_TRY(pell_gpu_pass_create(gpu, &pell_test_grow_shader, NULL, 0, (struct pell_gpu_buffer *[]) { w->to, w->from }, &w->grow));
     PELL_TRY(pell_gpu_commands_create(gpu, "test", &w->commands));
     return PELL_OK;
 

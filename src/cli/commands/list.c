@@ -22,7 +22,7 @@ static json_t *engines_of(const struct pell_method *m)
 
 static const char *engine_names(const struct pell_method *m)
 {
-    return m->cpu && m->vulkan ? "cpu, vulkan" : m->cpu ? "cpu" : "vulkan";
+    return m->cpu && m->vulkan ? "cpu,vulkan" : m->cpu ? "cpu" : "vulkan";
 }
 
 /* What a method runs on: planes of the caller, or a whole scene. `with`: the setting of one knob that makes planes enough. */
@@ -231,7 +231,7 @@ static void print_method(const struct cli *cli, const struct pell_method *m)
 }
 
 /* What -m none does: no row of the registry. */
-static const char none_text[] = "no scattering: Lambertian of the same colour, for comparison";
+static const char none_text[] = "no scattering: Lambertian of the same colour, to compare";
 
 enum exit_code command_methods(struct cli *cli)
 {
@@ -334,11 +334,20 @@ static json_t *devices_json(const struct pell_vulkan_devices *devices)
     return list;
 }
 
+static bool runs_on_vulkan(void)
+{
+    for (size_t i = 0; i < pell_method_count(); i++)
+        if (pell_method_at(i)->vulkan)
+            return true;
+    return false;
+}
+
 static void print_devices(const struct pell_vulkan_devices *devices)
 {
     char line[1024];
 
-    printf("%-15s no stage runs on it in this build\n", "engine vulkan");
+    printf("%-15s ", "engine vulkan");
+    cli_wrap(stdout, 16, 16, runs_on_vulkan() ? "methods that have it; all else of a frame runs on the cpu" : "this build has none");
     for (size_t i = 0; i < devices->count; i++) {
         const struct pell_vulkan_device *d = &devices->list[i];
         const bool taken = (int) i == devices->taken;
@@ -361,25 +370,28 @@ static enum exit_code info_json(struct cli *cli, const char *device, int threads
                                 const struct pell_vulkan_devices *vulkan)
 {
     const char *formats[MAX_FORMATS + 1];
-    json_t *limits = json_object();
+    json_t *limits = json_object(), *info;
 
     write_formats(formats);
     for (const struct pell_knob *k = pell_limit_knobs(); k->name; k++) {
         const char *field = (const char *) &cli->limits + k->offset;
         json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) field : *(const int *) field));
     }
-    return cli_print_json(cli, json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:o,s:o,s:{s:o,s:o},s:i}", "version",
-                                         pell_version_string(), "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions",
-                                         ASSERTIONS, "sanitized", SANITIZED, "engines", "name", "cpu", "device", device, "threads", threads,
-                                         "simd", pell_simd_name(pell_simd_best()), "simd_levels", names_json(levels), "devices",
-                                         devices_json(vulkan), "limits", limits, "image_formats", "read", names_json(read_formats), "write",
-                                         names_json(formats), "materials", (int) pell_material_count()));
+    info = json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:o,s:o,s:{s:o,s:o},s:i}", "version", pell_version_string(),
+                     "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions", ASSERTIONS, "sanitized", SANITIZED, "engines",
+                     "name", "cpu", "device", device, "threads", threads, "simd", pell_simd_name(pell_simd_best()), "simd_levels",
+                     names_json(levels), "devices", devices_json(vulkan), "limits", limits, "image_formats", "read",
+                     names_json(read_formats), "write", names_json(formats), "materials", (int) pell_material_count());
+    if (info && runs_on_vulkan() && vulkan->taken >= 0)
+        json_array_append_new(json_object_get(info, "engines"),
+                              json_pack("{s:s,s:s}", "name", "vulkan", "device", vulkan->list[vulkan->taken].name));
+    return cli_print_json(cli, info);
 }
 
 enum exit_code command_info(struct cli *cli)
 {
     const char *levels[PELL_SIMD_LEVELS + 1] = { NULL }, *formats[MAX_FORMATS + 1];
-    struct pell_device_params params = { .threads = cli->numbers.threads };
+    struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device };
     struct pell_vulkan_devices vulkan;
     struct pell_device *engine;
     char value[64], device[160];

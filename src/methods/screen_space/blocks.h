@@ -9,6 +9,7 @@
 #ifndef PELL_SCREEN_SPACE_BLOCKS_H
 #define PELL_SCREEN_SPACE_BLOCKS_H
 
+#include "methods/screen_space/formulas.h"
 #include "methods/screen_space/kernels.h"
 
 #include "base/simd.h"
@@ -74,22 +75,6 @@ PELL_FETCHING_INLINE void fetch3_to_write(float *const plane[3], size_t at)
     for (int i = 0; i < 3; i++)
         pell_fetch_to_write(plane[i] + at);
 }
-
-/* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
-
-/* A Gaussian of compact support: K(t) = q(t^2/16) - q(0.7225), q(y) = (1 + B1 y + B2 y^2)^8, for |t| < 3.4 and 0 beyond. B1 and B2 make
- * its integral function differ from the Gaussian's of the same variance by 0.00074 at most. Its integral and variance are exact in the
- * constants that follow, so that a blur has the standard deviation asked for. */
-/* B1 = -1.08, B2 = 0.646. For y' = sqrt(B2) y the polynomial is a square: q = ((y' + Y_SHIFT)^2 + Q_LEAST)^8. */
-#define Y_MAX 0.580703054f        /* 0.7225 sqrt(B2) */
-#define Y_SHIFT -0.671858012f     /* B1 / (2 sqrt(B2)) */
-#define Q_LEAST 0.548606811f      /* 1 - B1^2 / (4 B2) */
-#define K_NORM 0.401802782f       /* sqrt(variance) / integral */
-#define K_SCALE_ROOT 0.214667712f /* sqrt(sqrt(B2) variance / 16) */
-#define K_REACH 3.549853f         /* 3.4 / sqrt(variance): the support in standard deviations */
-/* Under 0.6 pixels a sampled Gaussian loses variance. Such a blur is the one of 0.6 pixels, mixed with the unblurred pixel. */
-#define S2_MIN 0.36f
-#define S2_MIN_VARIANCE 0.347397f /* that K, sampled at whole pixels, has there */
 
 /* --- A step -------------------------------------------------------------------------------------------------------------------- */
 

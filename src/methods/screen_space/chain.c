@@ -3,10 +3,13 @@
  * chain.c - which sum of Gaussians a material has, the chain of blurs that it becomes, thickness tables.
  */
 #include "methods/screen_space/chain.h"
+#include "methods/screen_space/formulas.h"
 
 #include "methods/thickness.h"
+#include "render/intermediate.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #define AHEAD_PX2 20.0 /* variance in pixels above which the first blur is made in several steps, each of four times the variance before */
@@ -192,4 +195,23 @@ void pell_ss_chain_finish(struct screen_chain *st)
     pell_free(st->ctx, st->variance);
     pell_free(st->ctx, st->thickness);
     pell_free(st->ctx, st->profiles);
+}
+
+enum pell_result pell_ss_show(const struct screen_chain *chain, const struct pell_services *services, const struct pell_frame *in,
+                              const float *const light[3], ptrdiff_t stride, int step, int preblur)
+{
+    const void *const planes[3] = { light[0], light[1], light[2] };
+    char name[64];
+    struct pell_intermediate image = {
+        .name = name,
+        .unit = chain->knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
+        .stride = stride,
+        .what = "light times the profile's total after the Gaussians up to this one; pixels that skip it are as before",
+        .components = 3,
+        .color = true,
+    };
+
+    snprintf(name, sizeof(name), step < preblur ? "screen-space.blur-ahead-%d" : "screen-space.blur-%d",
+             step < preblur ? step + 1 : step - preblur + 1);
+    return pell_show_pixels(services, in, planes, PELL_PLANE_F32, &image);
 }

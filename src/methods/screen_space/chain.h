@@ -37,4 +37,9 @@ void pell_ss_chain_choose(const struct screen_chain *chain, float scale, int *pr
 /* "blur ahead", "blur 1". */
 const char *pell_ss_step_name(int step, int preblur);
 
+/* Shows what a step gave by itself, as an intermediate image: planes of a stride (0: the frame's). */
+PELL_NODISCARD enum pell_result pell_ss_show(const struct screen_chain *chain, const struct pell_services *services,
+                                             const struct pell_frame *in, const float *const light[3], ptrdiff_t stride, int step,
+                                             int preblur);
+
 #endif

@@ -5,10 +5,7 @@
 #include "methods/screen_space/chain.h"
 
 #include "base/simd.h"
-#include "render/intermediate.h"
 
-#include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 PELL_SIMD_TABLES(struct screen_kernels, pell_ss_kernels);
@@ -387,22 +384,11 @@ static enum pell_result show_blurs(struct screen_state *st, int first, int steps
     w->blend = (const float(*)[3]) ones;
     for (int step = first - 1; step < steps && first < steps && res == PELL_OK; step++) {
         const bool last = step == steps - 1;
-        float *const *const from = last ? w->out->light : w->sum;
-        const void *const planes[3] = { from[0], from[1], from[2] };
-        char name[64];
-        struct pell_intermediate image = {
-            .name = name,
-            .unit = st->chain.knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
-            .stride = last ? 0 : w->stride,
-            .what = "light times the profile's total after the Gaussians up to this one; pixels that skip it are as before",
-            .components = 3,
-            .color = true,
-        };
+        float *const *from = last ? w->out->light : w->sum;
+
         run_step(st, step, first, steps, spent);
-        snprintf(name, sizeof(name), step < preblur ? "screen-space.blur-ahead-%d" : "screen-space.blur-%d",
-                 step < preblur ? step + 1 : step - preblur + 1);
         if (step >= first)
-            res = pell_show_pixels(st->services, w->in, planes, PELL_PLANE_F32, &image);
+            res = pell_ss_show(&st->chain, st->services, w->in, (const float *const *) from, last ? 0 : w->stride, step, preblur);
     }
     w->blend = blend;
     pell_free(st->ctx, ones);

@@ -7,28 +7,15 @@
 
 /* --- Spacing ------------------------------------------------------------------------------------------------------------------- */
 
-/* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface,
- * at silhouettes, wide gaps show as echoes of the edge. */
-#define STRIDE_DENSE 2.0f
-#define TAPS_DENSE 48.0f
-
-/* Variance in px^2 on the grid of pixels that stands for a Gaussian of variance u, for light that is constant over each pixel: u + 1/12
- * for large u, and 0 for u = 0. Near Sum_j j^2 (Phi((j + 1/2)/sqrt(u)) - Phi((j - 1/2)/sqrt(u))). The form is
- * (u + 1/12) u^3/(u^3 + G1) + G2 u^3/(u^4 + G3), over one divisor, up to WIDE, and u + a constant beyond; its constants make the largest
- * error of a half-lit plane smallest over the published skin and marble profiles and a single Gaussian, at all scales. */
-#define G1 4.678e-4f
-#define G2 0.01327f
-#define G3 0.01634f
-#define WIDE 16.0f
-
+/* grid_variance as a fraction: formulas.h. */
 struct ratio {
     vf over, under, rest;
 };
 
 INLINE struct ratio grid_ratio(vf u)
 {
-    const vf low = lesser(u, (vf) { 0 } + WIDE), u2 = low * low, u3 = u2 * low, u4 = u2 * u2, a = u3 + G1, b = u4 + G3;
-    return (struct ratio) { u3 * ((low + 1.0f / 12.0f) * b + G2 * a), a * b, u - low };
+    const vf low = lesser(u, (vf) { 0 } + WIDE), u2 = low * low, u3 = u2 * low, u4 = u2 * u2, a = GRID_A(u3), b = GRID_B(u4);
+    return (struct ratio) { GRID_OVER(low, u3, a, b), a * b, u - low };
 }
 
 INLINE vf grid_variance(vf u)

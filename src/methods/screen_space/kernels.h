@@ -15,8 +15,6 @@ enum { SCREEN_BLOCK = 16, SCREEN_PREBLUR = 8, SCREEN_STEPS = PELL_GAUSSIANS_MAX 
 enum screen_live { SCREEN_EMPTY = 0, SCREEN_SOME, SCREEN_FULL };
 enum { SCREEN_MIXED = 0xffff }; /* as a block's material: there are several in it */
 
-#define SCREEN_SPAN 2.88675135f /* 3/sqrt(1.08): the listing's 7 taps over +-span have a standard deviation of span/SS_SPAN */
-
 /* What is known of a block of 16 pixels in a row. The smallest and largest values are those of pixels that can be blurred. */
 struct screen_cell {
     uint16_t owner;    /* the material of all its translucent pixels, or SCREEN_MIXED */

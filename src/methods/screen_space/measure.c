@@ -5,13 +5,6 @@
  */
 #include "methods/screen_space/blocks.h"
 
-#define JUMP 4.0f          /* change of depth from a pixel to the next, in pixels' sizes, that may be a silhouette */
-#define CREASE 0.5f        /* change of that change which wide gaps would miss */
-#define LEAN_MIN 0.015625f /* pixels of x per pixel of y: less is as good as upright */
-#define LEAN_MAX 8.0f
-#define LEAN_FADE 8       /* blocks */
-#define LEAN_CHANGE 0.08f /* from a block to the next: more is no plane */
-
 /* Change of depth per pixel from its one-sided differences: the central difference, but at most twice the smaller of the two (the
  * monotonised central limiter of van Leer 1977), so that a jump in depth beside the pixel does not count as its slope. */
 INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
@@ -98,8 +91,8 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
             const vf dx = limited(left, right, load(key - 1) == own, load(key + 1) == own);
             const vf dy = limited(above, under, load(key - w->stride) == own, load(key + w->stride) == own);
             const vf jump = mm * JUMP;
-            const vf x2 = mm * (mm + dx * (tx + tx)) + dx * dx * ray2, y2 = mm * (mm + dy * (2.0f * ty)) + dy * dy * ray2;
-            const vf both = dx * dy * ray2 + mm * (dx * ty + dy * tx);
+            const vf x2 = STEP_LENGTH2(mm, dx, tx, ray2), y2 = STEP_LENGTH2(mm, dy, ty, ray2);
+            const vf both = STEP_PRODUCT(mm, dx, dy, tx, ty, ray2);
             const vi on = (own > zero) & (z > zero) & (x2 > zero) & (y2 > zero);
             const vf crease = mm * CREASE;
             rough |= (magnitude(left) > jump) | (magnitude(right) > jump) | (magnitude(above) > jump) | (magnitude(under) > jump) |

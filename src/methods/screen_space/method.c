@@ -95,5 +95,8 @@ const struct pell_method pell_method_screen_space = {
     .paper_settings = pell_paper_light,
     .plan = plan,
     .cpu = &pell_ss_cpu,
+#ifdef PELL_HAVE_VULKAN
+    .vulkan = &pell_ss_vulkan,
+#endif
     .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

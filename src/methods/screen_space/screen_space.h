@@ -48,5 +48,6 @@ const struct pell_material_entry *pell_ss_published(const struct pell_frame_mate
 double pell_ss_transmission(const void *gaussians, int channel, double d);
 
 extern const struct pell_method_engine pell_ss_cpu;
+extern const struct pell_method_engine pell_ss_vulkan; /* of builds that have Vulkan */
 
 #endif

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: MIT
+// common.glsl - what the shaders of the screen-space method share: push constants, the table of steps.
+// A file that includes it declares the buffer `table` where it calls applied(), and defines USES_TABLE.
+#include "methods/screen_space/formulas.h"
+#include "methods/screen_space/push.h"
+
+#define BLOCK 16
+
+layout(push_constant) uniform Push { screen_push pc; };
+
+int pixel_at(ivec2 p)
+{
+    return p.y * pc.width + p.x;
+}
+
+bool is_inside(ivec2 p)
+{
+    return p.x >= 0 && p.y >= 0 && p.x < pc.width && p.y < pc.height;
+}
+
+// Slopes of the ray through a pixel: x/f and y/f.
+vec2 ray_of(ivec2 p)
+{
+    return (vec2(p + ivec2(pc.x0, pc.y0)) + 0.5 - 0.5 * vec2(pc.picture_width, pc.picture_height)) * pc.depth_mm;
+}
+
+#ifdef USES_TABLE
+// Variance that the chain reaches with a step, mm^2.
+float variance_of(int step, int material)
+{
+    return table[(pc.base + step) * pc.row + material].w;
+}
+
+// Variance before the running step where a material's pixels have this scale; returns whether the step blurs them. As in blocks.h.
+bool applied(int material, float scale, out float before)
+{
+    float last = 0.0;
+
+    for (int step = 0; step < pc.step; step++) {
+        const float v = variance_of(step, material);
+        last = (v - last) * scale > pc.skip ? v : last;
+    }
+    before = last;
+    return (variance_of(pc.step, material) - last) * scale > pc.skip;
+}
+#endif

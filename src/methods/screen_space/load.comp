@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// load.comp - the frame's pixels as the blurs need them: Jimenez and Gutierrez, GPU Pro, 2010, ch. 7; mirror of load.c.
+//   in  0 light    light to be blurred (W/m^2 or W/(m^2 sr)), depth (mm)
+//   in  1 what     material (0: not translucent), strength (bits of a float)
+//   in  2 table    see blur.comp; the last row: totals of the profiles
+//   out 3 place    depth (mm), material, px^2 per mm^2 of the variances, 0
+//   out 4 now      light times the total
+#define USES_TABLE
+layout(local_size_x = 16, local_size_y = 8) in;
+layout(set = 0, binding = 0) readonly buffer Light { vec4 light[]; };
+layout(set = 0, binding = 1) readonly buffer What { uvec2 what[]; };
+layout(set = 0, binding = 2) readonly buffer Table { vec4 table[]; };
+layout(set = 0, binding = 3) writeonly buffer Place { vec4 place[]; };
+layout(set = 0, binding = 4) writeonly buffer Now { vec4 now[]; };
+#include "methods/screen_space/common.glsl"
+
+void main()
+{
+    const ivec2 p = ivec2(gl_GlobalInvocationID.xy);
+    const int i = pixel_at(p);
+
+    if (!is_inside(p))
+        return;
+    const int material = int(what[i].x);
+    if (material == 0) {
+        place[i] = vec4(0.0);
+        now[i] = vec4(0.0);
+        return;
+    }
+    const float depth = light[i].w, strength = uintBitsToFloat(what[i].y);
+    const bool good = depth > 0.0 && depth < 1e12;
+    const float d = good ? depth : 0.0, mm = d * pc.depth_mm + pc.fixed_mm, s = min(strength, 1.0);
+    const float scale = good && strength > 0.0 ? min(s * s * pc.ratio2 / (mm * mm), 1e30) : 0.0;
+    place[i] = vec4(d, float(material), scale, 0.0);
+    now[i] = vec4(light[i].rgb * table[pc.total * pc.row + material].rgb, 0.0);
+}

@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * push.h - the push constants of the shaders of the screen-space method: C11 and GLSL 4.60. Scalars of 4 bytes alone.
+ */
+#ifndef PELL_SCREEN_SPACE_PUSH_H
+#define PELL_SCREEN_SPACE_PUSH_H
+
+#include "shared/language.h"
+
+/* The grid is the part of the picture that holds the frame's rectangle, from a multiple of 16 pixels on: blocks of 16 pixels of a row. */
+struct screen_push {
+    int32_t width, height;                 /* of the grid, px; the width is a multiple of 16 */
+    int32_t x0, y0;                        /* its first pixel in the picture */
+    int32_t picture_width, picture_height; /* px */
+    int32_t row;                           /* entries of a row of the table: materials + 1 */
+    int32_t base;                          /* first row of this frame's steps */
+    int32_t total;                         /* the row of the profiles' totals */
+    int32_t step;
+    int32_t fresh; /* nothing is in the sum yet */
+    int32_t whole; /* the step's result is all of the sum: to be looked at */
+    int32_t orthographic;
+    float depth_mm, fixed_mm; /* mm per pixel = depth * depth_mm + fixed_mm */
+    float ratio2;             /* scales all variances */
+    float skip;               /* px^2: a step that adds less is left out */
+    float correction, maxdd, unit;
+};
+
+#endif

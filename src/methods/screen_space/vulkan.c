@@ -1,0 +1,460 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * vulkan.c - screen-space diffusion on a Vulkan device. The frame's planes go to the device, the blurs are compute passes there, and their
+ * result comes back. The shaders mirror the kernels of the cpu engine; README.md has the mathematics.
+ */
+#include "methods/screen_space/chain.h"
+#include "methods/screen_space/push.h"
+
+#include "render/material_id.h"
+#include "vulkan/gpu.h"
+
+#include <string.h>
+
+enum { BANDS = 8 /* rows that a thread takes at a time */, CELLS_GROUP = 64, GROUP_X = 16, GROUP_Y = 8, GROUPS_MOST = 65535 };
+
+enum buffer { LIGHT_UP, WHAT_UP, LIGHT, WHAT, TABLE_UP, TABLE, PLACE, RATE, GEOMETRY, CELLS, LINES, PLANS, NOW, HALF, SUM, OUT, BUFFERS };
+
+/* Of the table, which is as large as the chain, nothing is said here. */
+static const struct {
+    const char *name;
+    enum pell_gpu_place place;
+    int of_pixel, of_block; /* bytes */
+} buffer_rows[BUFFERS] = {
+    [LIGHT_UP] = { "screen-space light, upload", PELL_GPU_TO_DEVICE, 16, 0 },
+    [WHAT_UP] = { "screen-space materials, upload", PELL_GPU_TO_DEVICE, 8, 0 },
+    [LIGHT] = { "screen-space light", PELL_GPU_ON_DEVICE, 16, 0 },
+    [WHAT] = { "screen-space materials", PELL_GPU_ON_DEVICE, 8, 0 },
+    [TABLE_UP] = { "screen-space steps, upload", PELL_GPU_TO_DEVICE, 0, 0 },
+    [TABLE] = { "screen-space steps", PELL_GPU_ON_DEVICE, 0, 0 },
+    [PLACE] = { "screen-space place", PELL_GPU_ON_DEVICE, 16, 0 },
+    [RATE] = { "screen-space rate", PELL_GPU_ON_DEVICE, 16, 0 },
+    [GEOMETRY] = { "screen-space geometry", PELL_GPU_ON_DEVICE, 16, 0 },
+    [CELLS] = { "screen-space blocks", PELL_GPU_ON_DEVICE, 0, 8 },
+    [LINES] = { "screen-space lines", PELL_GPU_ON_DEVICE, 0, 16 },
+    [PLANS] = { "screen-space plans", PELL_GPU_ON_DEVICE, 0, 32 },
+    [NOW] = { "screen-space now", PELL_GPU_ON_DEVICE, 16, 0 },
+    [HALF] = { "screen-space half", PELL_GPU_ON_DEVICE, 16, 0 },
+    [SUM] = { "screen-space sum", PELL_GPU_ON_DEVICE, 16, 0 },
+    [OUT] = { "screen-space result", PELL_GPU_FROM_DEVICE, 16, 0 },
+};
+
+extern const struct pell_shader pell_screen_space_load_shader, pell_screen_space_measure_shader, pell_screen_space_cells_shader,
+    pell_screen_space_lean_shader, pell_screen_space_clear_shader, pell_screen_space_size_shader, pell_screen_space_plan_shader,
+    pell_screen_space_blur_shader;
+
+enum pass { LOAD, MEASURE, CELL, LEAN, CLEAR, SIZE, PLAN, ACROSS, DOWN, PASSES };
+
+static const struct {
+    const struct pell_shader *shader;
+    enum buffer buffers[7]; /* as its bindings */
+    uint32_t axis;
+    bool special; /* has the constants AXIS and PAPER */
+} pass_rows[PASSES] = {
+    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, WHAT, TABLE, PLACE, NOW }, 0, false },
+    [MEASURE] = { &pell_screen_space_measure_shader, { PLACE, RATE }, 0, false },
+    [CELL] = { &pell_screen_space_cells_shader, { PLACE, RATE, CELLS }, 0, false },
+    [LEAN] = { &pell_screen_space_lean_shader, { CELLS, LINES }, 0, false },
+    [CLEAR] = { &pell_screen_space_clear_shader, { CELLS, LINES }, 0, false },
+    [SIZE] = { &pell_screen_space_size_shader, { PLACE, LINES, RATE, GEOMETRY }, 0, false },
+    [PLAN] = { &pell_screen_space_plan_shader, { GEOMETRY, RATE, TABLE, LINES, PLANS }, 0, false },
+    [ACROSS] = { &pell_screen_space_blur_shader, { GEOMETRY, RATE, TABLE, PLANS, NOW, HALF, SUM }, 0, true },
+    [DOWN] = { &pell_screen_space_blur_shader, { GEOMETRY, RATE, TABLE, PLANS, HALF, NOW, SUM }, 1, true },
+};
+
+struct vec4 {
+    float x, y, z, w;
+};
+
+struct what {
+    uint32_t material;
+    float strength;
+};
+
+struct screen_gpu {
+    struct pell_context *ctx; /* borrowed, as are services, pool and gpu */
+    const struct pell_services *services;
+    struct pell_pool *pool;
+    struct pell_gpu *gpu;
+    struct screen_chain chain;
+    struct pell_gpu_buffer *buffers[BUFFERS];
+    struct pell_gpu_pass *passes[PASSES];
+    struct pell_gpu_commands *commands;
+    struct screen_push push;
+    float *scales;   /* of each row: the largest px^2 per mm^2 */
+    int32_t *pixels; /* of each row: that are translucent */
+    /* Of the frame. */
+    const struct pell_frame *in;
+    const float *const *light;
+    const float *strength;
+    float *const *to; /* planes that the result goes to */
+    double finished;  /* when the device was */
+    struct pell_pass_time times[PELL_GPU_MARKS];
+    size_t num_times;
+};
+
+/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+
+static void gpu_destroy(void *state)
+{
+    struct screen_gpu *st = state;
+
+    if (!st)
+        return;
+    pell_gpu_commands_destroy(&st->commands);
+    for (int i = 0; i < PASSES; i++)
+        pell_gpu_pass_destroy(&st->passes[i]);
+    for (int i = 0; i < BUFFERS; i++)
+        pell_gpu_buffer_destroy(&st->buffers[i]);
+    pell_free(st->ctx, st->scales);
+    pell_free(st->ctx, st->pixels);
+    pell_ss_chain_finish(&st->chain);
+    pell_free(st->ctx, st);
+}
+
+static enum pell_result make_buffers(struct screen_gpu *st, const struct pell_frame_shape *shape)
+{
+    const uint64_t blocks = ((uint64_t) shape->width + SCREEN_BLOCK - 1) / SCREEN_BLOCK * (uint64_t) shape->height;
+    const uint64_t rows = (uint64_t) (SCREEN_PREBLUR + st->chain.steps) + 1;
+    enum pell_result res = PELL_OK;
+
+    if (blocks > (uint64_t) GROUPS_MOST * CELLS_GROUP)
+        return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, "screen-space", "use a smaller picture, or --engine cpu",
+                          "%d x %d pixels, the engine vulkan takes %lld at most", shape->width, shape->height,
+                          (long long) GROUPS_MOST * CELLS_GROUP * SCREEN_BLOCK);
+    for (int i = 0; res == PELL_OK && i < BUFFERS; i++) {
+        const uint64_t size = i == TABLE || i == TABLE_UP
+                                  ? rows * (st->chain.num_materials + 1) * sizeof(struct vec4)
+                                  : blocks * (uint64_t) (buffer_rows[i].of_pixel * SCREEN_BLOCK + buffer_rows[i].of_block);
+        res = pell_gpu_buffer_create(st->gpu, buffer_rows[i].place, size, buffer_rows[i].name, &st->buffers[i]);
+    }
+    return res;
+}
+
+static enum pell_result make_passes(struct screen_gpu *st)
+{
+    enum pell_result res = PELL_OK;
+
+    for (int i = 0; res == PELL_OK && i < PASSES; i++) {
+        const uint32_t constants[2] = { pass_rows[i].axis, (uint32_t) st->chain.forms };
+        struct pell_gpu_buffer *buffers[PELL_COUNT(pass_rows[i].buffers)];
+
+        for (size_t k = 0; k < PELL_COUNT(buffers); k++)
+            buffers[k] = st->buffers[pass_rows[i].buffers[k]];
+        res = pell_gpu_pass_create(st->gpu, pass_rows[i].shader, constants, pass_rows[i].special ? 2 : 0, buffers, &st->passes[i]);
+    }
+    return res;
+}
+
+/* The table of steps goes to the device once. */
+static enum pell_result send_table(struct screen_gpu *st)
+{
+    const struct screen_chain *c = &st->chain;
+    const size_t row = c->num_materials + 1, steps = (size_t) (SCREEN_PREBLUR + c->steps) * row;
+    struct vec4 *table = pell_gpu_buffer_host(st->buffers[TABLE_UP]);
+    enum pell_result res;
+
+    for (size_t i = 0; i < steps; i++)
+        table[i] = (struct vec4) { c->blend[i][0], c->blend[i][1], c->blend[i][2], c->variance[i] };
+    for (size_t m = 0; m < row; m++)
+        table[steps + m] = (struct vec4) { c->total[m][0], c->total[m][1], c->total[m][2], 0.0f };
+    PELL_TRY(pell_gpu_begin(st->commands));
+    pell_gpu_copy(st->commands, st->buffers[TABLE_UP], st->buffers[TABLE], (steps + row) * sizeof(*table));
+    PELL_TRY(pell_gpu_finish(st->commands));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result gpu_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                   void **state)
+{
+    struct pell_context *ctx = services->ctx;
+    struct screen_gpu *st = pell_zalloc(ctx, sizeof(*st));
+    const struct screen_chain *c;
+    enum pell_result res;
+
+    *state = st;
+    if (!st)
+        return PELL_ERR_NOMEM;
+    st->ctx = ctx;
+    st->services = services;
+    st->pool = services->pool;
+    st->gpu = services->gpu;
+    c = &st->chain;
+    PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
+    st->push = (struct screen_push) {
+        .picture_width = shape->width,
+        .picture_height = shape->height,
+        .row = (int32_t) c->num_materials + 1,
+        .total = SCREEN_PREBLUR + c->steps,
+        .orthographic = shape->orthographic,
+        .depth_mm = c->depth_mm,
+        .fixed_mm = c->fixed_mm,
+        .ratio2 = c->ratio2,
+        .skip = c->skip,
+        .correction = c->correction,
+        .maxdd = c->maxdd,
+        .unit = c->unit,
+    };
+    res = PELL_ERR_NOMEM;
+    st->scales = pell_calloc(ctx, (size_t) shape->height, sizeof(*st->scales));
+    st->pixels = pell_calloc(ctx, (size_t) shape->height, sizeof(*st->pixels));
+    if (!st->scales || !st->pixels)
+        goto fail;
+    PELL_TRY(make_buffers(st, shape));
+    PELL_TRY(make_passes(st));
+    PELL_TRY(pell_gpu_commands_create(st->gpu, "screen-space", &st->commands));
+    PELL_TRY(send_table(st));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- Planes to the device and back ----------------------------------------------------------------------------------------------- */
+
+/* px^2 per mm^2 of the variances, as load.comp has it: how many steps there are depends on the largest. */
+static float scale_of(const struct screen_push *p, float depth, float strength)
+{
+    const float mm = depth * p->depth_mm + p->fixed_mm, s = strength < 1.0f ? strength : 1.0f;
+    const float scale = s * s * p->ratio2 / (mm * mm);
+
+    return !(depth > 0.0f && depth < 1e12f && strength > 0.0f) ? 0.0f : scale < 1e30f ? scale : 1e30f;
+}
+
+static void pack_row(struct screen_gpu *st, int row)
+{
+    const struct screen_push *p = &st->push;
+    const struct pell_frame *in = st->in;
+    struct vec4 *light = (struct vec4 *) pell_gpu_buffer_host(st->buffers[LIGHT_UP]) + (ptrdiff_t) row * p->width;
+    struct what *what = (struct what *) pell_gpu_buffer_host(st->buffers[WHAT_UP]) + (ptrdiff_t) row * p->width;
+    float most = 0.0f;
+    int32_t count = 0;
+
+    for (int i = 0; i < p->width; i++) {
+        const int x = p->x0 + i;
+        const ptrdiff_t at = (p->y0 + row) * in->shape.stride + x;
+        const uint16_t material = x >= in->rect.x0 && x < in->rect.x1 ? pell_material_id(in, at) : 0;
+        const float strength = material && st->strength ? st->strength[at] : 1.0f;
+
+        what[i] = (struct what) { material, strength };
+        light[i] = material ? (struct vec4) { st->light[0][at], st->light[1][at], st->light[2][at], in->depth[at] } : (struct vec4) { 0 };
+        if (material) {
+            const float scale = scale_of(p, in->depth[at], strength);
+            most = scale > most ? scale : most;
+            count++;
+        }
+    }
+    st->scales[row] = most;
+    st->pixels[row] = count;
+}
+
+static void run_pack(void *arg, int index, int worker)
+{
+    struct screen_gpu *st = arg;
+
+    (void) worker;
+    for (int row = index * BANDS; row < (index + 1) * BANDS && row < st->push.height; row++)
+        pack_row(st, row);
+}
+
+static void run_unpack(void *arg, int index, int worker)
+{
+    const struct screen_gpu *st = arg;
+    const struct screen_push *p = &st->push;
+    const struct pell_frame *in = st->in;
+
+    (void) worker;
+    for (int row = index * BANDS; row < (index + 1) * BANDS && row < p->height; row++) {
+        const struct vec4 *from = (const struct vec4 *) pell_gpu_buffer_host(st->buffers[OUT]) + (ptrdiff_t) row * p->width;
+        for (int x = in->rect.x0; x < in->rect.x1; x++) {
+            const ptrdiff_t at = (p->y0 + row) * in->shape.stride + x;
+            if (!pell_material_id(in, at))
+                continue;
+            st->to[0][at] = from[x - p->x0].x;
+            st->to[1][at] = from[x - p->x0].y;
+            st->to[2][at] = from[x - p->x0].z;
+        }
+    }
+}
+
+/* --- A frame ------------------------------------------------------------------------------------------------------------------- */
+
+struct steps {
+    int first, end, preblur;
+};
+
+static uint32_t groups(int64_t count, int of)
+{
+    return (uint32_t) ((count + of - 1) / of);
+}
+
+static void run_pixels(struct screen_gpu *st, enum pass pass)
+{
+    pell_gpu_run(st->commands, st->passes[pass], &st->push, groups(st->push.width, GROUP_X), groups(st->push.height, GROUP_Y), 1);
+}
+
+static void run_cells(struct screen_gpu *st, enum pass pass, uint32_t axes)
+{
+    const int64_t cells = (int64_t) st->push.width / SCREEN_BLOCK * st->push.height;
+
+    pell_gpu_run(st->commands, st->passes[pass], &st->push, groups(cells, CELLS_GROUP), axes, 1);
+}
+
+/* Runs all up to the step before `steps.end`, and brings back what came of it. */
+static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool whole)
+{
+    struct pell_gpu_commands *c = st->commands;
+    const uint64_t pixels = (uint64_t) st->push.width * (uint64_t) st->push.height;
+    enum pell_result res;
+
+    PELL_TRY(pell_gpu_begin(c));
+    pell_gpu_mark(c, "upload");
+    pell_gpu_copy(c, st->buffers[LIGHT_UP], st->buffers[LIGHT], pixels * sizeof(struct vec4));
+    pell_gpu_copy(c, st->buffers[WHAT_UP], st->buffers[WHAT], pixels * sizeof(struct what));
+    pell_gpu_mark(c, "load");
+    run_pixels(st, LOAD);
+    pell_gpu_mark(c, "measure");
+    run_pixels(st, MEASURE);
+    run_cells(st, CELL, 1);
+    run_cells(st, LEAN, 1);
+    pell_gpu_run(c, st->passes[CLEAR], &st->push, groups((int64_t) st->push.height + st->push.width / SCREEN_BLOCK, CELLS_GROUP), 1, 1);
+    run_pixels(st, SIZE);
+    for (int step = steps.first; step < steps.end; step++) {
+        pell_gpu_mark(c, pell_ss_step_name(step, steps.preblur));
+        st->push.step = step;
+        st->push.fresh = step == steps.first;
+        st->push.whole = whole;
+        if (!(st->chain.forms & SCREEN_FORM_PAPER_EDGES))
+            run_cells(st, PLAN, 2);
+        run_pixels(st, ACROSS);
+        run_pixels(st, DOWN);
+    }
+    pell_gpu_mark(c, "download");
+    pell_gpu_copy(c, st->buffers[steps.first < steps.end ? SUM : NOW], st->buffers[OUT], pixels * sizeof(struct vec4));
+    PELL_TRY(pell_gpu_finish(c));
+    st->finished = pell_seconds();
+    pell_pool_run(st->pool, (st->push.height + BANDS - 1) / BANDS, run_unpack, st);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* Each step's result by itself. */
+static enum pell_result show_blurs(struct screen_gpu *st, struct steps steps)
+{
+    const size_t size = (size_t) st->in->shape.stride * (size_t) st->in->shape.height;
+    float *planes = pell_calloc(st->ctx, 3 * size, sizeof(*planes));
+    float *const to[3] = { planes, planes + size, planes + 2 * size };
+    enum pell_result res = planes ? PELL_OK : PELL_ERR_NOMEM;
+
+    st->to = to;
+    for (int step = steps.first; step < steps.end && res == PELL_OK; step++) {
+        res = run_list(st, (struct steps) { steps.first, step + 1, steps.preblur }, true);
+        if (res == PELL_OK)
+            res = pell_ss_show(&st->chain, st->services, st->in, (const float *const *) to, 0, step, steps.preblur);
+    }
+    st->to = NULL;
+    pell_free(st->ctx, planes);
+    return res;
+}
+
+static void note_times(struct screen_gpu *st, int64_t pixels, double pack, double unpack)
+{
+    struct pell_gpu_time list[PELL_GPU_MARKS];
+    const size_t count = pell_gpu_times(st->commands, list, PELL_GPU_MARKS - 2);
+    const int64_t grid = (int64_t) st->push.width * st->push.height;
+
+    st->times[st->num_times++] = (struct pell_pass_time) { .name = "pack", .seconds = pack, .pixels = pixels, .bytes = grid * 48 };
+    for (size_t i = 0; i < count; i++) {
+        const int64_t bytes = i == 0 ? 48 : i == 1 ? 56 : i == 2 ? 96 : i + 1 == count ? 32 : 176;
+        st->times[st->num_times++] =
+            (struct pell_pass_time) { .name = list[i].name, .seconds = list[i].seconds, .pixels = pixels, .bytes = grid * bytes };
+    }
+    st->times[st->num_times++] = (struct pell_pass_time) { .name = "unpack", .seconds = unpack, .pixels = pixels, .bytes = pixels * 28 };
+}
+
+/* Where the frame lies in the picture, and its pixels in the memory that goes to the device. Returns how many are translucent. */
+static int64_t pack(struct screen_gpu *st, float *most)
+{
+    struct screen_push *p = &st->push;
+    const struct pell_rect *r = &st->in->rect;
+    int64_t pixels = 0;
+
+    p->x0 = r->x0 / SCREEN_BLOCK * SCREEN_BLOCK;
+    p->y0 = r->y0;
+    p->width = (r->x1 - p->x0 + SCREEN_BLOCK - 1) / SCREEN_BLOCK * SCREEN_BLOCK;
+    p->height = r->y1 - r->y0;
+    pell_pool_run(st->pool, (p->height + BANDS - 1) / BANDS, run_pack, st);
+    *most = 0.0f;
+    for (int row = 0; row < p->height; row++) {
+        *most = st->scales[row] > *most ? st->scales[row] : *most;
+        pixels += st->pixels[row];
+    }
+    return pixels;
+}
+
+static enum pell_result gpu_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    struct screen_gpu *st = state;
+    const double start = pell_seconds();
+    double packed;
+    struct steps steps;
+    int64_t pixels;
+    float most;
+    enum pell_result res;
+
+    st->num_times = 0;
+    if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
+        return PELL_OK;
+    st->in = in;
+    st->light = st->chain.knobs.input == SCREEN_INPUT_SHADED ? in->shaded : in->irradiance;
+    st->strength = st->chain.knobs.strength ? in->strength : NULL;
+    pixels = pack(st, &most);
+    pell_ss_chain_choose(&st->chain, most, &steps.preblur, &steps.first);
+    steps.end = steps.preblur + st->chain.steps;
+    st->push.base = SCREEN_PREBLUR - steps.preblur;
+    packed = pell_seconds();
+    res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    if (res == PELL_OK && pell_services_observed(st->services, in))
+        res = show_blurs(st, steps);
+    if (res == PELL_OK) {
+        st->to = out->light;
+        res = run_list(st, steps, false);
+    }
+    if (res == PELL_OK)
+        note_times(st, pixels, packed - start, pell_seconds() - st->finished);
+    if (res == PELL_OK && pell_cancelled(st->ctx))
+        res = PELL_ERR_CANCELLED;
+    st->in = NULL;
+    st->to = NULL;
+    st->light = NULL;
+    return res;
+}
+
+static const struct pell_thickness_table *thickness(const void *state, size_t material)
+{
+    const struct screen_gpu *st = state;
+
+    return st->chain.thickness && material < st->chain.num_materials ? &st->chain.thickness[material] : NULL;
+}
+
+static size_t times(const void *state, struct pell_pass_time *list, size_t size)
+{
+    const struct screen_gpu *st = state;
+    const size_t count = st->num_times < size ? st->num_times : size;
+
+    memcpy(list, st->times, count * sizeof(*list));
+    return count;
+}
+
+const struct pell_method_engine pell_ss_vulkan = {
+    .create = gpu_create,
+    .record = gpu_render,
+    .destroy = gpu_destroy,
+    .thickness = thickness,
+    .times = times,
+};

@@ -1,0 +1,301 @@
+/* SPDX-License-Identifier: MIT
+ * test_vulkan_parity.c - methods on the engine vulkan give the cpu engine's picture, without a message of the validation layer; their calls
+ * that fail are reported. Skipped, by name, where there is no driver or no validation layer. */
+#include "patch.h"
+#include "stage.h"
+
+#include "render/engine.h"
+
+/* A device under the validation layer; skips the running test where there is none. */
+static struct pell_device *validated(struct pell_context *ctx, const struct kept_messages *kept)
+{
+    struct pell_device *device;
+
+    if (pell_device_create_vulkan(ctx, 2, &(struct pell_gpu_params) { .validate = true }, &device) == PELL_OK)
+        return device;
+    print_message("# skipped: %s\n", kept->what);
+    skip();
+    return NULL;
+}
+
+/* --- Scenes ----------------------------------------------------------------------------------------------------------------------- */
+
+/* Two slabs that all but touch, of one material: the contract suite's. */
+static void slabs(struct stage *s)
+{
+    size_t m;
+
+    stage_medium(s, "marble", &m);
+    stage_box(s, m, 0, vec3(-80.05f, -30.0f, -10.0f), vec3(-0.05f, 30.0f, 0.0f));
+    stage_box(s, m, 1, vec3(0.05f, -30.0f, -10.0f), vec3(80.05f, 30.0f, 0.0f));
+    stage_light(s, PELL_LIGHT_POINT, vec3(-12.0f, 0.0f, 20.0f), vec3(0, 0, 0), 50.0f);
+    stage_camera(s, vec3(0.0f, 0.0f, 200.0f), vec3(0, 0, 0), 0.0f, 24.0f);
+}
+
+/* A ball before a box of another material, seen in perspective from the side; the ball's strength is lower. */
+static void ball_and_box(struct stage *s)
+{
+    size_t ball, box;
+
+    stage_gaussians(s, 0.5, &ball)->strength = 0.7f;
+    stage_medium(s, "marble", &box);
+    stage_ball(s, ball, 0, vec3(0, 0, 10), 12.0f, 24);
+    stage_box(s, box, 1, vec3(-30, -30, -20), vec3(30, 30, -4));
+    stage_light(s, PELL_LIGHT_SPOT, vec3(40, 30, 60), vec3(0, 0, 0), 0.3f);
+    stage_camera(s, vec3(25, 20, 90), vec3(0, 0, 0), 0.5f, 0.0f);
+}
+
+/* A slanting plane, so that the second pass leans, wide Gaussians that need blurs ahead, and a sharp shadow. */
+static void slanting(struct stage *s)
+{
+    size_t m;
+
+    stage_gaussians(s, 3.0, &m);
+    stage_box(s, m, 0, vec3(-150, -150, -60), vec3(150, 150, 0));
+    stage_box(s, m, 1, vec3(-10, -10, 30), vec3(10, 10, 40));
+    stage_light(s, PELL_LIGHT_POINT, vec3(60, 20, 120), vec3(0, 0, 0), 50.0f);
+    stage_camera(s, vec3(90, 90, 130), vec3(0, 0, 0), 0.4f, 0.0f);
+}
+
+static const struct {
+    const char *name;
+    void (*make)(struct stage *s);
+} scenes[] = { { "slabs", slabs }, { "ball and box", ball_and_box }, { "slanting", slanting } };
+
+static const struct {
+    const char *name, *knobs[4];
+} forms[] = {
+    { "best", { NULL } },
+    { "paper", { "as=paper", NULL } },
+    { "paper by the surface's slope", { "as=paper", "foreshortening=surface", NULL } },
+    { "six, first unblurred", { "gaussians=6", "first=unblurred", NULL } },
+    { "irradiance, paper's edges, no strength", { "edges=paper", "strength=false", NULL } },
+};
+
+static struct shot shot_on(bool vulkan, void (*make)(struct stage *s), const char *method, const char *const *knobs)
+{
+    struct stage s;
+    struct shot shot;
+
+    stage_start(&s, 100, 70);
+    if (vulkan) {
+        pell_renderer_destroy(&s.r);
+        pell_device_destroy(&s.device);
+        s.device = validated(s.ctx, &s.kept);
+        OK(pell_renderer_create(s.device, &s.r));
+    }
+    s.settings.layers = true;
+    make(&s);
+    shot = stage_shot_of(&s, method, knobs);
+    pell_renderer_destroy(&s.r);
+    pell_device_destroy(&s.device);
+    if (s.kept.errors)
+        fail_msg("%d errors, the last: %s: %s", s.kept.errors, s.kept.where, s.kept.what);
+    stage_finish(&s);
+    return shot;
+}
+
+/* --- Parity ----------------------------------------------------------------------------------------------------------------------- */
+
+/* No neighbour within two pixels is of something else. */
+static bool is_inside(const struct shot *s, int x, int y)
+{
+    for (int v = y - 2; v <= y + 2; v++)
+        for (int u = x - 2; u <= x + 2; u++)
+            if (u < 0 || v < 0 || u >= s->width || v >= s->height || shot_at(s, SHOT_TRANSLUCENT, u, v) <= 0.0 ||
+                shot_at(s, SHOT_TRANSLUCENT, u, v) != shot_at(s, SHOT_TRANSLUCENT, x, y) ||
+                fabs(shot_at(s, SHOT_DEPTH, u, v) - shot_at(s, SHOT_DEPTH, x, y)) > 4.0)
+                return false;
+    return true;
+}
+
+struct parity {
+    double mean; /* mean difference over the mean */
+    double far;  /* share of the pixels away from silhouettes that differ by more than 1 % */
+    int inside;
+};
+
+static struct parity compare(const struct shot *a, const struct shot *b)
+{
+    struct parity p = { 0 };
+    double sum = 0.0, difference = 0.0;
+    int far = 0;
+
+    for (size_t i = 0; i < 3 * a->size; i++) {
+        sum += fabs((double) a->data[i]);
+        difference += fabs((double) a->data[i] - (double) b->data[i]);
+    }
+    REQUIRE(sum > 0.0);
+    for (int y = 0; y < a->height; y++)
+        for (int x = 0; x < a->width; x++) {
+            bool differs = false;
+            if (!is_inside(a, x, y))
+                continue;
+            for (size_t c = 0; c < 3; c++)
+                differs |= fabs(shot_at(a, c, x, y) - shot_at(b, c, x, y)) > 0.01 * shot_at(a, c, x, y) + 1e-6 * sum / (double) a->size;
+            p.inside++;
+            far += differs;
+        }
+    p.mean = difference / sum;
+    p.far = p.inside > 0 ? (double) far / p.inside : 0.0;
+    return p;
+}
+
+static void both_engines_give_one_picture(void **state)
+{
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(scenes); i++) {
+        struct shot none = shot_on(false, scenes[i].make, "none", NULL);
+        for (size_t k = 0; k < PELL_COUNT(forms); k++) {
+            struct shot gpu = shot_on(true, scenes[i].make, "screen-space", forms[k].knobs);
+            struct shot cpu = shot_on(false, scenes[i].make, "screen-space", forms[k].knobs);
+            const struct parity p = compare(&cpu, &gpu), apart = compare(&cpu, &none);
+
+            print_message("# %s, %s: mean difference %.2g, %.2g of %d pixels over 1 %%; %.2g without scattering\n", scenes[i].name,
+                          forms[k].name, p.mean, p.far, p.inside, apart.mean);
+            REQUIRE(p.inside > 1500);
+            /* There is something to be different. The listing's spans are under two pixels on the slabs, and are left out. */
+            REQUIRE(apart.mean > 0.01 || (i == 0 && k > 0));
+            REQUIRE(p.mean < 0.001);
+            REQUIRE(p.far < 0.001);
+            shot_free(&gpu);
+            shot_free(&cpu);
+        }
+        shot_free(&none);
+    }
+}
+
+/* --- Failures --------------------------------------------------------------------------------------------------------------------- */
+
+static void light_in_steps(struct patch *p)
+{
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
+            for (int c = 0; c < 3; c++)
+                p->light[c][patch_at(p, x, y)] = (float) ((x / 7 + y / 5 + c) % 2);
+}
+
+/* Each call of Vulkan that making a pass and running it need fails once: it is reported once, the device's memory comes back, and what is
+ * asked for again works. */
+static void calls_that_fail_are_reported(void **state)
+{
+    static const double variance[3] = { 0.5, 2.0, 9.0 }, weight[3][3] = { { 0.3, 0.2, 0.1 }, { 0.2, 0.3, 0.3 }, { 0.3, 0.2, 0.4 } };
+    const struct pell_frame_material m = patch_gaussians(3, variance, weight);
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = test_context(NULL, &kept);
+    struct pell_device *device = validated(ctx, &kept);
+    const struct pell_method *method = pell_method_find(ctx, "test", "screen-space");
+    struct patch *p = patch_create(61, 43, false, 700.0, 300.0, &m, 1), *good = patch_create(61, 43, false, 700.0, 300.0, &m, 1);
+    const size_t size = (size_t) p->frame.shape.stride * (size_t) p->frame.shape.height * sizeof(float);
+    struct pell_pass *pass;
+    int made = 0, failed = 0;
+    (void) state;
+
+    light_in_steps(p);
+    light_in_steps(good);
+    OK(pell_pass_create(device, method, NULL, &good->frame.shape, &pass));
+    OK(pell_pass_render(pass, &good->frame, &good->out));
+    pell_pass_destroy(&pass);
+    for (uint64_t n = 1; failed == 0; n++) {
+        enum pell_result res;
+
+        kept.errors = 0;
+        pell_gpu_fail_at(device->gpu, n);
+        res = pell_pass_create(device, method, NULL, &p->frame.shape, &pass);
+        made += res != PELL_OK;
+        if (res == PELL_OK && pell_pass_render(pass, &p->frame, &p->out) != PELL_OK) {
+            assert_int_equal(kept.errors, 1);
+            for (uint64_t k = 1; k < 100 && failed == 0; k++) { /* those of a frame, one after the other */
+                kept.errors = 0;
+                pell_gpu_fail_at(device->gpu, k);
+                res = pell_pass_render(pass, &p->frame, &p->out);
+                REQUIRE(res == PELL_OK ? kept.errors == 0 : res == PELL_ERR_NOMEM && kept.errors == 1);
+                failed = res == PELL_OK ? (int) k - 1 : 0;
+            }
+            pell_gpu_fail_at(device->gpu, 0);
+            OK(pell_pass_render(pass, &p->frame, &p->out));
+            for (int c = 0; c < 3; c++)
+                assert_memory_equal(p->result[c], good->result[c], size);
+            pell_pass_destroy(&pass);
+            continue;
+        }
+        REQUIRE(res == PELL_ERR_NOMEM && kept.errors == 1 && !pass);
+        assert_true(pell_gpu_memory_used(device->gpu) == 0);
+    }
+    print_message("# %d calls of making, %d of a frame\n", made, failed);
+    REQUIRE(made > 40 && failed >= 4);
+    kept.errors = 0;
+    pell_device_destroy(&device);
+    if (kept.errors)
+        fail_msg("%d messages, the last: %s", kept.errors, kept.what);
+    assert_int_equal(pell_memory_used(ctx), 0);
+    patch_destroy(p);
+    patch_destroy(good);
+    pell_context_destroy(&ctx);
+}
+
+/* Times per pass come from the device, and passes know their bytes. */
+static void passes_have_times(void **state)
+{
+    static const double variance[2] = { 1.0, 4.0 }, weight[2][3] = { { 0.3, 0.2, 0.1 }, { 0.2, 0.3, 0.3 } };
+    const struct pell_frame_material m = patch_gaussians(2, variance, weight);
+    static const char *const names[] = { "pack", "upload", "load", "measure", "blur 1", "blur 2", "download", "unpack" };
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = test_context(NULL, &kept);
+    struct pell_device *device = validated(ctx, &kept);
+    struct patch *p = patch_create(64, 48, true, 2.0, 300.0, &m, 1);
+    struct pell_pass_time times[32];
+    struct pell_pass *pass;
+    (void) state;
+
+    OK(pell_pass_create(device, pell_method_find(ctx, "test", "screen-space"), NULL, &p->frame.shape, &pass));
+    OK(pell_pass_render(pass, &p->frame, &p->out));
+    assert_int_equal(pell_pass_times(pass, times, PELL_COUNT(times)), PELL_COUNT(names));
+    for (size_t i = 0; i < PELL_COUNT(names); i++) {
+        assert_string_equal(times[i].name, names[i]);
+        REQUIRE(times[i].seconds > 0.0 && times[i].seconds < 10.0 && times[i].pixels == 64 * 48 && times[i].bytes > 0);
+    }
+    pell_pass_destroy(&pass);
+    pell_device_destroy(&device);
+    assert_int_equal(kept.errors, 0);
+    patch_destroy(p);
+    pell_context_destroy(&ctx);
+}
+
+/* A method that has no such engine says which it has. */
+static void other_methods_name_their_engines(void **state)
+{
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = test_context(NULL, &kept);
+    struct pell_device *device = validated(ctx, &kept);
+    struct pell_renderer *r;
+    int refused = 0;
+    (void) state;
+
+    assert_int_equal(pell_device_engine(device), PELL_ENGINE_VULKAN);
+    OK(pell_renderer_create(device, &r));
+    for (size_t i = 0; i < pell_method_count(); i++) {
+        const struct pell_method *m = pell_method_at(i);
+        if (m->vulkan)
+            continue;
+        assert_int_equal(pell_renderer_set_method(r, m, NULL), PELL_ERR_DEVICE);
+        assert_string_equal(kept.what, "has no engine vulkan, only cpu");
+        assert_string_equal(kept.where, m->name);
+        refused++;
+    }
+    REQUIRE(refused > 0);
+    pell_renderer_destroy(&r);
+    pell_device_destroy(&device);
+    pell_context_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(both_engines_give_one_picture),
+        cmocka_unit_test(calls_that_fail_are_reported),
+        cmocka_unit_test(passes_have_times),
+        cmocka_unit_test(other_methods_name_their_engines),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
