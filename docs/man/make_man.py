@@ -1,65 +1,19 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes the man page from what the program says of itself: its --help is the one home of commands and options.
+"""Makes the man pages from what the program says of itself: its help is the one home of commands, options and topics.
 
     make_man.py PROGRAM > PROGRAM.1
+    make_man.py PROGRAM COMMAND > PROGRAM-COMMAND.1
+    make_man.py PROGRAM --all FOLDER       all of them
+    make_man.py PROGRAM --whole            commands and their options in one page
 """
+import pathlib
 import re
 import subprocess
 import sys
 
-CLOSING = r'''.SH LENGTHS
-A length always carries its unit: 70mm, 7cm, 0.07m, 2in. A bare number is refused: how deep light goes into an object is a length, and
-without a scale the picture would be arbitrary.
-.SH OUTPUT
-Results go to standard output, messages and progress to standard error. With
-.B \-\-json
-standard output holds exactly one JSON object, which is {"error": {"code", "where", "what", "hint"}} after a failure.
-A file is written under a temporary name and renamed when it is whole; what was there before stays until then.
-.SH "EXIT STATUS"
-.TP
-.B 0
-Success.
-.TP
-.B 1
-Failed: the answer could not be written, for example.
-.TP
-.B 2
-Wrong usage: an unknown command, option, method, material or knob, a value out of range, a mesh without a unit.
-.TP
-.B 3
-Bad input: a file is missing, damaged, of an unknown format, over a limit, or can't be written;
-.B check
-found a problem that is an error.
-.TP
-.B 4
-The engine or device asked for is not there.
-.TP
-.B 5
-Out of memory, or over the limit memory\-bytes.
-.TP
-.B 75
-ended by a time limit or SIGTERM, and resumable from its checkpoint
-.TP
-.B 130
-Interrupted (Ctrl\-C). Nothing half\-written is left; a second Ctrl\-C stops at once.
-.SH ENVIRONMENT
-.TP
-.B NO_COLOR
-If set and not empty: no colours. There are none either where the output is no terminal, or TERM is dumb.
-.TP
-.B PELL_SIMD
-base, v2, v3 or v4: the highest level of vector instructions to use. All levels give the same bits.
-.SH FILES
-.TP
-.I PREFIX/share/pellucid/bench
-The scenes of
-.BR bench .
-.TP
-.I PREFIX/share/pellucid/examples
-Scene files to start from.
-'''
-
+# The sections that close a page, by the topics of `help` that they hold.
+SECTIONS = {'lengths': 'LENGTHS', 'output': 'OUTPUT', 'exit-codes': '"EXIT STATUS"', 'environment': 'ENVIRONMENT', 'files': 'FILES'}
 
 def say(program, *arguments):
     return subprocess.run([program, *arguments], check=True, capture_output=True, text=True).stdout
@@ -72,7 +26,7 @@ def escape(text):
 
 def commands(program):
     """Names in the order of `pellucid --help`."""
-    return re.findall(r'^  ([a-z][a-z-]*) ', say(program, '--help').split('Start here')[0], flags=re.MULTILINE)
+    return re.findall(r'^  ([a-z][a-z-]*) ', say(program, '--help').split('\n  --help')[0], flags=re.MULTILINE)
 
 
 def split_help(text):
@@ -97,22 +51,55 @@ def option_rows(options):
         yield f'.B {escape(name)}\n{escape(text.strip())}\n'
 
 
-def page(program):
+def topic(program, name):
+    """A topic as a section: paragraphs, then rows of a name and a text."""
+    yield f'.SH {SECTIONS[name]}\n'
+    rows, paragraph = [], []
+    for line in say(program, 'help', name).splitlines()[2:] + ['']:
+        found = re.match(r'  (\S+) +(\S.*)$', line)
+        if found:
+            rows.append([found[1], found[2]])
+        elif line.startswith(' ' * 22):
+            rows[-1][1] += ' ' + line.strip()
+        elif line:
+            paragraph.append(line)
+        elif paragraph:
+            yield f'.PP\n{escape(" ".join(paragraph))}\n'
+            paragraph = []
+    for key, text in rows:
+        yield f'.TP\n.B {escape(key)}\n{escape(text)}\n'
+
+
+def head_of(program, name, about):
     version = say(program, '--version').split()[1]
-    called, about = say(program, '--help').split('\n', 1)[0].split(' - ', 1)
-    helps = {name: split_help(say(program, name, '--help')) for name in commands(program)}
-    yield '.\\" SPDX-License-Identifier: MIT\n.\\" Made by docs/man/make_man.py from the program\'s --help.\n'
-    yield f'.TH {escape(called.upper())} 1 "" "pellucid {version}" "User commands"\n.SH NAME\n'
-    yield f'{escape(called)} \\- {about}\n.SH SYNOPSIS\n'
-    for _, usage, *_ in helps.values():
-        yield f'.B {escape(usage.split(" ", 1)[0])}\n{escape(usage.split(" ", 1)[1])}\n.br\n'
-    yield f'.B {escape(called)}\n\\-\\-help | \\-\\-version\n.SH COMMANDS\n'
+    yield '.\\" SPDX-License-Identifier: MIT\n.\\" Made by docs/man/make_man.py from the program\'s help.\n'
+    yield f'.TH {escape(name.upper())} 1 "" "pellucid {version}" "User commands"\n.SH NAME\n'
+    yield f'{escape(name)} \\- {escape(about)}\n.SH SYNOPSIS\n'
+
+
+def synopsis(usage):
+    command, rest = re.match(r'(\S+(?: [a-z]+)?) ?(.*)', usage).groups()
+    yield f'.B {escape(command)}\n{escape(rest)}\n.br\n'
+
+
+def command_list(called, helps):
+    for name, (head, *_) in helps.items():
+        yield f'.TP\n.BR {escape(called)}\\-{name} (1)\n{escape(head.split(" - ", 1)[1])}\n'
+    yield '.SH OPTIONS\nof every command; those of one command are in its page:\n'
+    yield from option_rows(common_options(helps))
+
+
+def common_options(helps):
+    return [o for o in next(iter(helps.values()))[4] if all(o in h[4] for h in helps.values())]
+
+
+def whole_commands(_, helps):
     for name, (head, _, paragraphs, examples, _) in helps.items():
         yield f'.SS {name}\n{escape(head.split(" - ", 1)[1])}.\n'
         for paragraph in paragraphs:
             yield f'.PP\n{escape(paragraph)}\n'
         yield f'.PP\n.nf\n{escape(examples.rstrip())}\n.fi\n'
-    common = [o for o in next(iter(helps.values()))[4] if all(o in h[4] for h in helps.values())]
+    common = common_options(helps)
     yield '.SH OPTIONS\n.SS "of every command"\n'
     yield from option_rows(common)
     shown = [o[0] for o in common]
@@ -127,11 +114,51 @@ def page(program):
             names = ', '.join(escape(re.sub(r'.*(--\S+).*', r'\1', o[0])) for o in again)
             yield f'.PP\nAs above: {names}.\n'
         shown += [o[0] for o in rows]
-    yield CLOSING
+
+
+def page(program, whole=False):
+    called, about = say(program, '--help').split('\n', 1)[0].split(' - ', 1)
+    helps = {name: split_help(say(program, name, '--help')) for name in commands(program)}
+    yield from head_of(program, called, about)
+    for _, usage, *_ in helps.values():
+        yield from synopsis(usage)
+    yield f'.B {escape(called)}\n\\-\\-help | \\-\\-version | help NAME\n.SH COMMANDS\n'
+    yield from (whole_commands if whole else command_list)(called, helps)
+    for name in SECTIONS:
+        yield from topic(program, name)
+
+
+def command_page(program, name):
+    called = say(program, '--help').split(' - ', 1)[0]
+    head, usage, paragraphs, examples, options = split_help(say(program, name, '--help'))
+    yield from head_of(program, f'{called}-{name}', head.split(' - ', 1)[1])
+    yield from synopsis(usage)
+    yield '.SH DESCRIPTION\n' + (f'{escape(head.split(" - ", 1)[1])}.\n' if not paragraphs else '')
+    for paragraph in paragraphs:
+        yield f'.PP\n{escape(paragraph)}\n'
+    yield '.SH OPTIONS\n'
+    yield from option_rows(options)
+    yield f'.SH EXAMPLES\n.nf\n{escape(examples.rstrip())}\n.fi\n'
+    yield from topic(program, 'exit-codes')
+    yield f'.SH "SEE ALSO"\n.BR {escape(called)} (1)\n'
+
+
+def pages(program):
+    """File name -> text of every page."""
+    called = say(program, '--help').split(' - ', 1)[0]
+    yield f'{called}.1', ''.join(page(program))
+    for name in commands(program):
+        yield f'{called}-{name}.1', ''.join(command_page(program, name))
 
 
 def main():
-    sys.stdout.write(''.join(page(sys.argv[1])))
+    program = sys.argv[1]
+    if sys.argv[2:3] == ['--all']:
+        for name, text in pages(program):
+            (pathlib.Path(sys.argv[3]) / name).write_text(text, encoding='utf-8')
+    else:
+        whole, command = sys.argv[2:3] == ['--whole'], sys.argv[2:3]
+        sys.stdout.write(''.join(command_page(program, command[0]) if command and not whole else page(program, whole)))
 
 
 if __name__ == '__main__':

@@ -41,6 +41,15 @@ struct command {
     enum exit_code (*run)(struct cli *cli);
 };
 
+/* Something that `help` explains: paragraphs, then names with texts. */
+struct topic_row {
+    const char *name, *text;
+};
+struct topic {
+    const char *name, *summary, *text;
+    const struct topic_row *rows; /* ends with {NULL}; NULL: none */
+};
+
 /* A program made of commands. */
 struct program {
     const char *name, *about; /* "pellucid"; one line */
@@ -143,6 +152,21 @@ struct cli {
     } progress;
 };
 
+/* --- help.c ------------------------------------------------------------------------------------------------------------------- */
+
+void cli_print_usage(const struct program *program, FILE *file);
+/* NULL: the program has none of that name. */
+const struct command *cli_find_command(const struct program *program, const char *name);
+/* The error of a name that is no command, or (`help`) nothing that there is help about; names the nearest. */
+enum exit_code cli_unknown_command(struct cli *cli, const char *name, bool help);
+/* `help ABOUT`; NULL: of the whole. Sets cli->command and *done to false where a command answers. */
+enum exit_code cli_help(struct cli *cli, const char *about, bool *done);
+
+/* --- topics.c ----------------------------------------------------------------------------------------------------------------- */
+
+/* Ends with {NULL}. */
+extern const struct topic cli_topics[];
+
 /* --- program.c ---------------------------------------------------------------------------------------------------------------- */
 
 /* Runs the command that the arguments name. Returns the exit code of the process. */
@@ -156,6 +180,10 @@ bool cli_terminated(void);
 /* Parses what follows the command's name. EXIT_OK: go on; *done: --help was asked for and printed. */
 enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *done);
 void cli_print_help(const struct program *program, const struct command *command, FILE *file);
+/* Whether a command has an option ("--msaa" or "msaa"); `print`: its row, too. */
+bool cli_print_option(const struct command *command, const char *name, bool print, FILE *file);
+/* Names of the options of all commands, each as often as it occurs; at most `most`. */
+size_t cli_option_names(const struct program *program, const char **names, size_t most);
 void cli_finish(struct cli *cli);
 /* Whether an option ("--taps") stands on the command line, whatever its value. */
 bool cli_given(const struct cli *cli, const char *option);

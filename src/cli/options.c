@@ -257,6 +257,46 @@ static void describe(const struct option *o, char *text, size_t size)
              pell_format_number(k->def[0], false, def, sizeof(def)));
 }
 
+static void print_row(const struct option *o, FILE *file)
+{
+    char head[64], text[512];
+    const char letter[5] = { '-', o->letter, ',', ' ', '\0' };
+    const int width = snprintf(head, sizeof(head), "  %s--%s%s%s", o->letter ? letter : "    ", o->name, o->argument ? " " : "",
+                               o->argument ? o->argument : "");
+
+    describe(o, text, sizeof(text));
+    fprintf(file, "%-29s ", head);
+    cli_wrap(file, width > 29 ? width + 1 : 30, 30, text);
+}
+
+bool cli_print_option(const struct command *command, const char *name, bool print, FILE *file)
+{
+    struct option list[MAX_OPTIONS];
+    const size_t n = list_options(command->options, list);
+
+    name += strspn(name, "-");
+    for (size_t i = 0; i < n; i++)
+        if (strcmp(list[i].name, name) == 0 || (list[i].letter && list[i].letter == name[0] && !name[1])) {
+            if (print)
+                print_row(&list[i], file);
+            return true;
+        }
+    return false;
+}
+
+size_t cli_option_names(const struct program *program, const char **names, size_t most)
+{
+    struct option list[MAX_OPTIONS];
+    size_t count = 0;
+
+    for (size_t c = 0; c < program->num_commands; c++) {
+        const size_t n = list_options(program->commands[c].options, list);
+        for (size_t i = 0; i < n && count < most; i++)
+            names[count++] = list[i].name;
+    }
+    return count;
+}
+
 void cli_print_help(const struct program *program, const struct command *command, FILE *file)
 {
     struct option list[MAX_OPTIONS];
@@ -266,15 +306,8 @@ void cli_print_help(const struct program *program, const struct command *command
             command->name, command->arguments, command->arguments[0] ? " " : "");
     cli_wrap(file, 0, 0, command->text);
     fprintf(file, "\nExamples\n%s\nOptions\n", command->examples);
-    for (size_t i = 0; i < n; i++) {
-        char head[64], text[512];
-        const char letter[5] = { '-', list[i].letter, ',', ' ', '\0' };
-        const int width = snprintf(head, sizeof(head), "  %s--%s%s%s", list[i].letter ? letter : "    ", list[i].name,
-                                   list[i].argument ? " " : "", list[i].argument ? list[i].argument : "");
-        describe(&list[i], text, sizeof(text));
-        fprintf(file, "%-29s ", head);
-        cli_wrap(file, width > 29 ? width + 1 : 30, 30, text);
-    }
+    for (size_t i = 0; i < n; i++)
+        print_row(&list[i], file);
 }
 
 void cli_format_knobs(const struct pell_knob *knobs, const void *values, const void *usual, char *text, size_t size)

@@ -36,46 +36,6 @@ static void catch_signal(int number)
         sigaction(number, &action, NULL);
 }
 
-static void print_usage(const struct program *program, FILE *file)
-{
-    fprintf(file, "%s - %s\n\nusage: %s COMMAND [ARGUMENTS] [OPTIONS]\n\n", program->name, program->about, program->name);
-    for (size_t i = 0; i < program->num_commands; i++) {
-        char head[64];
-        snprintf(head, sizeof(head), "%s %s", program->commands[i].name, program->commands[i].arguments);
-        fprintf(file, "  %-18s %s\n", head, program->commands[i].summary);
-    }
-    fprintf(file,
-            "\n  --help             this text; `%s COMMAND --help` lists its options\n"
-            "  --version          the version\n\n"
-            "%sExit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available,\n"
-            "5 out of memory, 75 ended by a time limit or SIGTERM and resumable, 130 interrupted.\n",
-            program->name, program->start);
-}
-
-static const struct command *find_command(const struct program *program, const char *name)
-{
-    for (size_t i = 0; i < program->num_commands; i++)
-        if (strcmp(program->commands[i].name, name) == 0)
-            return &program->commands[i];
-    return NULL;
-}
-
-static enum exit_code unknown_command(struct cli *cli, const char *name)
-{
-    const struct program *program = cli->program;
-    const char *names[32];
-    struct pell_text hint = { .length = 0 };
-    size_t count = 0;
-    char head[64];
-
-    for (; count < program->num_commands && count < PELL_COUNT(names); count++)
-        names[count] = program->commands[count].name;
-    snprintf(head, sizeof(head), "%s ", program->name);
-    if (!pell_text_suggest(&hint, head, name, names, count))
-        pell_text_add(&hint, "`%s --help` lists them", program->name);
-    return cli_usage(cli, program->name, hint.str, "there is no command \"%s\"", name);
-}
-
 /* --help, --version and their like. EXIT_OK and *done, or the command's row. */
 static enum exit_code choose_command(struct cli *cli, int argc, const char **argv, bool *done)
 {
@@ -83,7 +43,7 @@ static enum exit_code choose_command(struct cli *cli, int argc, const char **arg
 
     *done = true;
     if (argc < 2) {
-        print_usage(cli->program, stderr);
+        cli_print_usage(cli->program, stderr);
         return EXIT_USAGE;
     }
     if (strcmp(first, "--version") == 0) {
@@ -92,18 +52,11 @@ static enum exit_code choose_command(struct cli *cli, int argc, const char **arg
         printf("%s %s\n", cli->program->name, pell_version_string());
         return EXIT_OK;
     }
-    if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0 || strcmp(first, "help") == 0) {
-        if (about && !find_command(cli->program, about))
-            return unknown_command(cli, about);
-        if (about)
-            cli_print_help(cli->program, find_command(cli->program, about), stdout);
-        else
-            print_usage(cli->program, stdout);
-        return EXIT_OK;
-    }
+    if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0 || strcmp(first, "help") == 0)
+        return cli_help(cli, about, done);
     *done = false;
-    cli->command = find_command(cli->program, first);
-    return cli->command ? EXIT_OK : unknown_command(cli, first);
+    cli->command = cli_find_command(cli->program, first);
+    return cli->command ? EXIT_OK : cli_unknown_command(cli, first, false);
 }
 
 static enum exit_code run(struct cli *cli, int argc, const char **argv)

@@ -443,16 +443,38 @@ def _(folder):
     need({'bunny.png', 'plain.png', 'head.exr', 'scene.png', 'turn_0000.png', 'turn_0003.png'} <= set(names(folder)), names(folder))
 
 
-@test('the man page is the one that docs/man/make_man.py makes of the help')
+@test('help NAME explains commands, topics, options, methods, knobs and materials, and names the nearest of what it does not know')
 def _(folder):
-    made = subprocess.run([sys.executable, ROOT / 'docs/man/make_man.py', PROGRAM], capture_output=True, text=True, check=True,
-                          env=clean_environment()).stdout
-    page = (ROOT / 'docs/man/pellucid.1').read_text('utf-8')
-    need(made == page, 'run: docs/man/make_man.py PROGRAM > docs/man/pellucid.1')
+    topics = re.search(r'a material, or\n +(.*)\n', works(folder, 'help').stdout.decode())[1].split(', ')
+    need({'lengths', 'scenes', 'exit-codes'} <= set(topics), topics)
+    for name, told in [(t, f'pellucid help {t} - ') for t in topics] + [
+            ('check', 'usage: pellucid check'), ('msaa', 'of render, bench, compare'), ('--msaa', '--msaa N'),
+            ('-m', '--method'), ('taps', 'of profile'), ('screen-space', 'Jimenez'), ('lod', '--set NAME=VALUE'),
+            ('wholemilk', 'Jensen et al. 2001'), ('exit-codes', '  130 '), ('scenes', '"pellucid": 1')]:
+        need(told in works(folder, 'help', name).stdout.decode(), name, told)
+    for name, nearest in (('rendr', 'help render'), ('exitcodes', 'help exit-codes'), ('--msa', 'help msaa'), ('marbel', 'help marble'),
+                          ('', '--help')):
+        done = run(folder, 'help', name)
+        need(done.returncode == 2 and f'there is no help about "{name}"' in done.stderr.decode(), name, done)
+        need(nearest in done.stderr.decode(), name, done)
+    with_unit = re.search(r'  \{\n.*\n  \}\n', works(folder, 'help', 'scenes').stdout.decode(), re.DOTALL)[0]
+    (folder / 'told.json').write_text(with_unit)
+    works(folder, 'check', 'told.json')
+
+
+@test('the man pages are those that docs/man/make_man.py makes of the help')
+def _(folder):
+    subprocess.run([sys.executable, ROOT / 'docs/man/make_man.py', PROGRAM, '--all', folder], check=True, env=clean_environment())
+    pages = {name for name in names(folder) if name.endswith('.1')}
+    need(pages == {'pellucid.1', *(f'pellucid-{command}.1' for command in COMMANDS)}, pages)
+    for name in sorted(pages):
+        need((folder / name).read_text('utf-8') == (ROOT / 'docs/man' / name).read_text('utf-8'),
+             f'{name}: run docs/man/make_man.py PROGRAM --all docs/man')
     for command in COMMANDS:
-        need(f'\n.SS {command}\n' in page, command)
+        page = (folder / f'pellucid-{command}.1').read_text('utf-8')
         for option in options_of(help_of(folder, command)):
-            need('\\-\\-' + option.replace('-', '\\-') in page, f'--{option}')
+            need('\\-\\-' + option.replace('-', '\\-') in page, command, f'--{option}')
+    page = (folder / 'pellucid.1').read_text('utf-8')
     for code in ('0', '1', '2', '3', '4', '5', '75', '130'):
         need(f'\n.B {code}\n' in page, 'exit code', code)
 

@@ -1,0 +1,157 @@
+/* SPDX-License-Identifier: MIT
+ * help.c - what a program says of itself: --help, and `help NAME` for a command, a topic, an option, a method, a knob or a material. */
+#include "cli/cli.h"
+
+#include <pellucid/material.h>
+#include <pellucid/method.h>
+
+#include <string.h>
+
+#define COLUMN 22 /* where texts beside names begin */
+
+void cli_print_usage(const struct program *program, FILE *file)
+{
+    fprintf(file, "%s - %s\n\nusage: %s COMMAND [ARGUMENTS] [OPTIONS]\n\n", program->name, program->about, program->name);
+    for (size_t i = 0; i < program->num_commands; i++) {
+        char head[64];
+        snprintf(head, sizeof(head), "%s %s", program->commands[i].name, program->commands[i].arguments);
+        fprintf(file, "  %-18s %s\n", head, program->commands[i].summary);
+    }
+    fprintf(file, "\n  --help             this text; `%s COMMAND --help` lists its options\n", program->name);
+    fputs("  help NAME          about a command, an option, a method, a knob, a material, or", file);
+    for (const struct topic *t = cli_topics; t->name; t++)
+        fprintf(file, "%s%s", t == cli_topics ? "\n                     " : ", ", t->name);
+    fputc('\n', file);
+    fprintf(file,
+            "  --version          the version\n\n"
+            "%sExit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available,\n"
+            "5 out of memory, 75 ended by a time limit or SIGTERM and resumable, 130 interrupted.\n",
+            program->start);
+}
+
+const struct command *cli_find_command(const struct program *program, const char *name)
+{
+    for (size_t i = 0; i < program->num_commands; i++)
+        if (strcmp(program->commands[i].name, name) == 0)
+            return &program->commands[i];
+    return NULL;
+}
+
+static const struct topic *find_topic(const char *name)
+{
+    for (const struct topic *t = cli_topics; t->name; t++)
+        if (strcmp(t->name, name) == 0)
+            return t;
+    return NULL;
+}
+
+static void print_topic(const struct program *program, const struct topic *topic)
+{
+    printf("%s help %s - %s\n\n", program->name, topic->name, topic->summary);
+    if (topic->text[0])
+        cli_wrap(stdout, 0, 0, topic->text);
+    for (const struct topic_row *r = topic->rows; r && r->name; r++) {
+        char head[64];
+        const int width = snprintf(head, sizeof(head), "  %s", r->name);
+        printf("%s%-*s ", r == topic->rows && topic->text[0] ? "\n" : "", COLUMN - 1, head);
+        cli_wrap(stdout, width > COLUMN - 1 ? width + 1 : COLUMN, COLUMN, r->text);
+    }
+}
+
+/* An option, however it is written, of each command that has it. */
+static bool print_option(const struct program *program, const char *name)
+{
+    bool found = false;
+
+    for (size_t i = 0; i < program->num_commands; i++)
+        if (cli_print_option(&program->commands[i], name, !found, stdout)) {
+            printf("%s %s", found ? "," : "  of", program->commands[i].name);
+            found = true;
+        }
+    if (found)
+        putchar('\n');
+    return found;
+}
+
+/* The knobs of that name, each with its method. */
+static bool print_knobs(const char *name)
+{
+    const struct pell_method *m;
+    bool found = false;
+
+    for (size_t i = 0; (m = pell_method_at(i)); i++) {
+        const struct pell_knob *k = pell_knob_find(m->knobs, name);
+        char head[64];
+        int width;
+        if (!k)
+            continue;
+        width = snprintf(head, sizeof(head), "  %s", m->name);
+        printf("%s%-*s ", found ? "" : "--set NAME=VALUE\n", COLUMN - 1, head);
+        cli_wrap(stdout, width > COLUMN - 1 ? width + 1 : COLUMN, COLUMN, k->help);
+        found = true;
+    }
+    return found;
+}
+
+static bool is_method(const char *name)
+{
+    const struct pell_method *m;
+
+    for (size_t i = 0; (m = pell_method_at(i)); i++)
+        if (strcmp(m->name, name) == 0)
+            return true;
+    return false;
+}
+
+enum exit_code cli_unknown_command(struct cli *cli, const char *name, bool help)
+{
+    enum { MOST = 512 };
+    const struct program *program = cli->program;
+    const char *names[MOST];
+    struct pell_text hint = { .length = 0 };
+    const struct pell_method *m;
+    size_t count = 0;
+    char head[64];
+
+    for (size_t i = 0; i < program->num_commands && count < MOST; i++)
+        names[count++] = program->commands[i].name;
+    for (const struct topic *t = cli_topics; help && t->name && count < MOST; t++)
+        names[count++] = t->name;
+    for (size_t i = 0; help && (m = pell_method_at(i)) && count < MOST; i++) {
+        names[count++] = m->name;
+        for (const struct pell_knob *k = m->knobs; k->name && count < MOST; k++)
+            names[count++] = k->name;
+    }
+    for (size_t i = 0; help && i < pell_material_count() && count < MOST; i++)
+        names[count++] = pell_material_at(i)->name;
+    count += help ? cli_option_names(program, names + count, MOST - count) : 0;
+    snprintf(head, sizeof(head), "%s %s", program->name, help ? "help " : "");
+    if (!pell_text_suggest(&hint, head, name + (help ? strspn(name, "-") : 0), names, count))
+        pell_text_add(&hint, "`%s --help` lists them", program->name);
+    return cli_usage(cli, program->name, hint.str, help ? "there is no help about \"%s\"" : "there is no command \"%s\"", name);
+}
+
+enum exit_code cli_help(struct cli *cli, const char *about, bool *done)
+{
+    const struct program *program = cli->program;
+    const struct command *command = about ? cli_find_command(program, about) : NULL;
+    const struct topic *topic = about ? find_topic(about) : NULL;
+
+    if (!about)
+        cli_print_usage(program, stdout);
+    else if (command)
+        cli_print_help(program, command, stdout);
+    else if (topic)
+        print_topic(program, topic);
+    else if (is_method(about) || pell_material_find(about)) {
+        /* as `methods NAME`, `materials NAME`, where the program has them */
+        cli->command = cli_find_command(program, is_method(about) ? "methods" : "materials");
+        *done = !cli->command;
+        return cli->command ? EXIT_OK : cli_unknown_command(cli, about, true);
+    } else {
+        const bool option = print_option(program, about), knob = print_knobs(about);
+        if (!option && !knob)
+            return cli_unknown_command(cli, about, true);
+    }
+    return EXIT_OK;
+}

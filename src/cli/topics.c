@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: MIT
+ * topics.c - what `help` knows beside commands and options. The man pages say the same. */
+#include "cli/cli.h"
+
+static const struct topic_row exit_codes[] = {
+    { "0", "Success." },
+    { "1", "Failed: the answer could not be written, for example." },
+    { "2", "Wrong usage: an unknown command, option, method, material or knob, a value out of range, a mesh without a unit." },
+    { "3",
+      "Bad input: a file is missing, damaged, of an unknown format, over a limit, or can't be written; `check` found a problem that is an "
+      "error." },
+    { "4", "The engine or device asked for is not there." },
+    { "5", "Out of memory, or over the limit memory-bytes." },
+    { "75", "Ended by a time limit or SIGTERM, and resumable from its checkpoint." },
+    { "130", "Interrupted (Ctrl-C). Nothing half-written is left; a second Ctrl-C stops at once." },
+    { NULL, NULL },
+};
+
+static const struct topic_row variables[] = {
+    { "NO_COLOR", "If set and not empty: no colours. There are none either where the output is no terminal, or TERM is dumb." },
+    { "PELL_SIMD", "base, v2, v3 or v4: the highest level of vector instructions to use. All levels give the same bits." },
+    { NULL, NULL },
+};
+
+static const struct topic_row files[] = {
+    { "PREFIX/share/pellucid/bench", "The scenes of `bench`." },
+    { "PREFIX/share/pellucid/examples", "Scene files to start from." },
+    { NULL, NULL },
+};
+
+const struct topic cli_topics[] = {
+    { "lengths", "what a length looks like",
+      "A length always carries its unit: 70mm, 7cm, 0.07m, 2in. A bare number is refused: how deep light goes into an object is a length, "
+      "and without a scale the picture would be arbitrary.\n"
+      "\n"
+      "--size 70mm is the largest extent of the object, --unit 1mm the length of one unit of its file. The unit of glTF is the metre; OBJ, "
+      "PLY and STL have none.\n",
+      NULL },
+    { "scenes", "what a scene file holds",
+      "A scene file is JSON: meshes with their unit, materials by name, lights, a camera, a background, and what the command line would "
+      "say (\"render\"). Every part but the mesh may be missing. What `pellucid view` saves is one.\n"
+      "\n"
+      "  {\n"
+      "    \"pellucid\": 1,\n"
+      "    \"mesh\": \"bunny.obj\",\n"
+      "    \"size\": \"7cm\",\n"
+      "    \"lights\": [{ \"studio\": \"rim\" }],\n"
+      "    \"materials\": { \"*\": { \"preset\": \"wholemilk\" } }\n"
+      "  }\n"
+      "\n"
+      "`pellucid check scene.json` says what is wrong with one, and where. Files are looked for in the scene's own folder; --allow-outside "
+      "lets it name others.\n",
+      NULL },
+    { "knobs", "how methods are set",
+      "A knob is a number, a name or a switch of one method: --set NAME=VALUE, or \"knobs\" in a scene file. `pellucid methods NAME` lists "
+      "those of a method with their ranges and defaults; as=paper sets all of them as in the method's paper. What holds for every method "
+      "(--width, --msaa, --bounces) is an option of its own: `pellucid render --help`.\n",
+      NULL },
+    { "output", "what goes where",
+      "Results go to standard output, messages and progress to standard error. With --json standard output holds exactly one JSON object, "
+      "which is {\"error\": {\"code\", \"where\", \"what\", \"hint\"}} after a failure. A file is written under a temporary name and "
+      "renamed when "
+      "it is whole; what was there before stays until then.\n",
+      NULL },
+    { "exit-codes", "what a program that ends has to say", "", exit_codes },
+    { "environment", "variables that are read", "", variables },
+    { "files", "what is installed", "", files },
+    { NULL, NULL, NULL, NULL },
+};
