@@ -58,6 +58,25 @@ class Installed:
         said = run([str(folder / "profile")], env=env, cwd=folder)
         if "marble" not in said.lower() and "R(" not in said:
             raise Fault(f"the program says {said!r}")
+        self.check_static(folder / "profile-static", said)
+
+    @staticmethod
+    def check_static(program, said):
+        """A program that was linked to the archive says the same, where no shared library of ours is."""
+        alone = run([str(program)], cwd=program.parent)
+        if alone != said:
+            raise Fault(f"{program.name} says {alone!r}, with the shared library {said!r}")
+        if "libpellucid" in run(["ldd", str(program)]):
+            raise Fault(f"{program.name} needs the shared library")
+
+    def build_static(self, command, scratch):
+        program = scratch / "user-static"
+        flags = [f for f in self.flags("--static", "--libs") if f != "-lpellucid"]
+        archive = next(self.root.rglob("libpellucid.a"))
+        run([*command, str(HERE / "user.c"), "-o", str(program), *self.flags("--cflags"), str(archive), *flags, "-lm"], cwd=scratch)
+        if "libpellucid" in run(["ldd", str(program)]):
+            raise Fault("the program needs the shared library")
+        return run([str(program)], cwd=scratch)
 
     def cmake(self, source, scratch):
         project, folder = scratch / "examples/projects/cmake", scratch / "by-cmake"
@@ -122,6 +141,8 @@ def main():
             "headers, library and program are installed, and nothing else": lambda: check_files(installed, source),
             "pkg-config and the headers tell the same version": lambda: check_version(installed),
             "a C11 program builds and renders": lambda: installed.build_and_run([*cc, "-std=c11", "-Wall", "-Wextra", "-Werror"], scratch),
+            "a C11 program builds and renders with the archive, by pkg-config --static":
+                lambda: installed.build_static([*cc, "-std=c11"], scratch),
             "a C++17 program builds and renders":
                 (lambda: installed.build_and_run([*cxx, "-xc++", "-std=c++17", "-Wall", "-Wextra", "-Werror"], scratch)) if cxx else None,
         }
