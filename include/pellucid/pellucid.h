@@ -28,5 +28,6 @@
 #include <pellucid/render.h>
 #include <pellucid/scene.h>
 #include <pellucid/version.h>
+#include <pellucid/vulkan.h>
 
 #endif

@@ -39,8 +39,9 @@ fail:
     return res;
 }
 
-enum pell_result pell_device_create_vulkan(struct pell_context *ctx, int threads, const struct pell_gpu_params *gpu,
-                                           struct pell_device **out)
+/* `gpu` is opened where `borrowed` is NULL. */
+static enum pell_result create_on_gpu(struct pell_context *ctx, int threads, const struct pell_gpu_params *gpu,
+                                      const struct pell_gpu_borrowed *borrowed, struct pell_device **out)
 {
     struct pell_device *d;
     enum pell_result res = pell_device_create_with_engine(ctx, threads, PELL_ENGINE_VULKAN, NULL, &d);
@@ -50,12 +51,23 @@ enum pell_result pell_device_create_vulkan(struct pell_context *ctx, int threads
         return res;
     pell_engine_vulkan_make(&d->own);
     d->engine = &d->own;
-    res = pell_gpu_open(ctx, gpu, &d->gpu);
+    res = borrowed ? pell_gpu_borrow(ctx, borrowed, &d->gpu) : pell_gpu_open(ctx, gpu, &d->gpu);
     if (res == PELL_OK)
         *out = d;
     else
         pell_device_destroy(&d);
     return res;
+}
+
+enum pell_result pell_device_create_vulkan(struct pell_context *ctx, int threads, const struct pell_gpu_params *gpu,
+                                           struct pell_device **out)
+{
+    return create_on_gpu(ctx, threads, gpu, NULL, out);
+}
+
+enum pell_result pell_device_create_borrowed(struct pell_context *ctx, const struct pell_gpu_borrowed *gpu, struct pell_device **out)
+{
+    return create_on_gpu(ctx, 1, NULL, gpu, out);
 }
 
 enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_device_params *params, struct pell_device **out)

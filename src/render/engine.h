@@ -30,6 +30,9 @@ struct pell_method_engine {
     /* Standard error of each pixel of the last render, in the unit of what comes out; planes as in the frame, the state's own. NULL where
      * the method has no noise, or does not know it. */
     bool (*standard_error)(const void *state, const float *planes[3]);
+    /* Records all that `record` does into a list, from the services' `planes` into theirs; allocates nothing. `nearest` mm: no pixel's
+     * depth is below it. Of states that were created with such planes. NULL: the method does not run there. */
+    void (*record_in)(void *state, struct pell_gpu_commands *commands, float nearest);
     bool (*unfinished)(const void *state);
     bool (*unwritten)(const void *state);
 };
@@ -150,8 +153,9 @@ struct pell_device {
     struct pell_pool *pool;
     enum pell_engine id;
     const struct pell_engine_interface *engine;
-    struct pell_engine_interface own; /* of the engine vulkan */
-    struct pell_gpu *gpu;             /* NULL: another engine */
+    struct pell_engine_interface own;      /* of the engine vulkan */
+    struct pell_gpu *gpu;                  /* NULL: another engine */
+    struct pell_gpu_buffer *const *planes; /* see pell_services; NULL: none */
 };
 
 extern const struct pell_engine_interface pell_engine_cpu;
@@ -161,6 +165,9 @@ void pell_engine_vulkan_make(struct pell_engine_interface *engine);
 /* A device of the engine vulkan, whose Vulkan device is opened with `gpu`. */
 PELL_NODISCARD enum pell_result pell_device_create_vulkan(struct pell_context *ctx, int threads, const struct pell_gpu_params *gpu,
                                                           struct pell_device **out);
+/* One whose Vulkan device is the caller's: for passes with `planes` alone. */
+PELL_NODISCARD enum pell_result pell_device_create_borrowed(struct pell_context *ctx, const struct pell_gpu_borrowed *gpu,
+                                                            struct pell_device **out);
 
 /* A device of an engine of one's own: for tests. */
 PELL_NODISCARD enum pell_result pell_device_create_with_engine(struct pell_context *ctx, int threads, enum pell_engine id,

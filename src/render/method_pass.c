@@ -122,6 +122,10 @@ enum pell_result pell_pass_make(const struct pell_engine_interface *engine, cons
                          "needs a renderer's scene, it can't run on planes alone");
         goto fail;
     }
+    if (services->planes && !p->engine->record_in) {
+        res = pell_error(ctx, PELL_ERR_UNSUPPORTED, method->name, NULL, "does not run on the buffers of a program's own device");
+        goto fail;
+    }
     PELL_TRY(p->engine->create(&p->services, &p->shape, knobs, &p->state));
     *out = p;
     return PELL_OK;
@@ -134,7 +138,7 @@ fail:
 enum pell_result pell_pass_create(struct pell_device *device, const struct pell_method *method, const void *knobs,
                                   const struct pell_frame_shape *shape, struct pell_pass **out)
 {
-    const struct pell_services services = { .ctx = device->ctx, .pool = device->pool, .gpu = device->gpu };
+    const struct pell_services services = { .ctx = device->ctx, .pool = device->pool, .gpu = device->gpu, .planes = device->planes };
     void *defaults = NULL;
     enum pell_result res;
 
@@ -231,6 +235,11 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
     if (r.x0 >= r.x1 || r.y0 >= r.y1)
         return PELL_OK;
     return pass->engine->record(pass->state, in, out);
+}
+
+void pell_pass_record_in(struct pell_pass *pass, struct pell_gpu_commands *commands, float nearest)
+{
+    pass->engine->record_in(pass->state, commands, nearest);
 }
 
 const struct pell_plan *pell_pass_plan(const struct pell_pass *pass)

@@ -18,8 +18,12 @@
 #include <pellucid/render.h>
 
 struct pell_gpu;
+struct pell_gpu_buffer;
 struct pell_light_grid;
 struct pell_share;
+
+/* Buffers of a frame on a Vulkan device, as pellucid/vulkan.h has them. */
+enum pell_gpu_plane { PELL_GPU_PLANE_LIGHT, PELL_GPU_PLANE_SURFACE, PELL_GPU_PLANE_RESULT, PELL_GPU_PLANES };
 
 /* n points of the scene's triangles. */
 struct pell_surface_points {
@@ -55,7 +59,8 @@ struct pell_points_params {
 struct pell_services {
     struct pell_context *ctx;
     struct pell_pool *pool;
-    struct pell_gpu *gpu; /* NULL: not the engine vulkan */
+    struct pell_gpu *gpu;                  /* NULL: not the engine vulkan */
+    struct pell_gpu_buffer *const *planes; /* enum pell_gpu_plane: where the method reads and writes there; NULL: planes of the host */
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     const uint16_t *frame_index; /* per scene material + 1: the frame's material + 1, or 0 */

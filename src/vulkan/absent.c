@@ -17,6 +17,50 @@ enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_p
     return pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "no Vulkan device: this build has the engine cpu only");
 }
 
+enum pell_result pell_gpu_borrow(struct pell_context *ctx, const struct pell_gpu_borrowed *params, struct pell_gpu **out)
+{
+    (void) params;
+    *out = NULL;
+    return pell_error(ctx, PELL_ERR_DEVICE, "vulkan pass", NULL, "no Vulkan device: this build has the engine cpu only");
+}
+
+/* Nothing below is called, as there is no device. */
+
+enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, uint64_t size, const char *name,
+                                        struct pell_gpu_buffer **out)
+{
+    (void) gpu, (void) handle, (void) size, (void) name;
+    *out = NULL;
+    return PELL_ERR_DEVICE;
+}
+
+void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer)
+{
+    *buffer = NULL;
+}
+
+enum pell_result pell_gpu_commands_borrow(struct pell_gpu *gpu, struct pell_gpu_commands **out)
+{
+    (void) gpu;
+    *out = NULL;
+    return PELL_ERR_DEVICE;
+}
+
+void pell_gpu_commands_destroy(struct pell_gpu_commands **commands)
+{
+    *commands = NULL;
+}
+
+void pell_gpu_begin_in(struct pell_gpu_commands *commands, struct VkCommandBuffer_T *command_buffer)
+{
+    (void) commands, (void) command_buffer;
+}
+
+void pell_gpu_end_in(struct pell_gpu_commands *commands)
+{
+    (void) commands;
+}
+
 void pell_gpu_close(struct pell_gpu **gpu)
 {
     *gpu = NULL;

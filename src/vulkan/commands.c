@@ -87,6 +87,23 @@ fail:
     return res;
 }
 
+void pell_gpu_begin_in(struct pell_gpu_commands *c, struct VkCommandBuffer_T *command_buffer)
+{
+    /* The command buffer may be submitted again: what it did before comes first. */
+    const VkPipelineStageFlags2 stages = VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_2_COPY_BIT;
+    const VkMemoryBarrier2 barrier = { .sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER_2,
+                                       .srcStageMask = stages,
+                                       .srcAccessMask = VK_ACCESS_2_MEMORY_WRITE_BIT,
+                                       .dstStageMask = stages,
+                                       .dstAccessMask = VK_ACCESS_2_MEMORY_READ_BIT | VK_ACCESS_2_MEMORY_WRITE_BIT };
+    const VkDependencyInfo info = { .sType = VK_STRUCTURE_TYPE_DEPENDENCY_INFO, .memoryBarrierCount = 1, .pMemoryBarriers = &barrier };
+
+    c->buffer = command_buffer;
+    c->num_marks = c->num_times = 0;
+    c->num_barriers = 0;
+    c->gpu->vk.CmdPipelineBarrier2(c->buffer, &info);
+}
+
 static void write_time(struct pell_gpu_commands *c)
 {
     if (c->queries)
@@ -194,6 +211,12 @@ static enum pell_result read_times(struct pell_gpu_commands *c)
     return res;
 }
 
+void pell_gpu_end_in(struct pell_gpu_commands *c)
+{
+    end_label(c);
+    c->buffer = VK_NULL_HANDLE;
+}
+
 enum pell_result pell_gpu_finish(struct pell_gpu_commands *c)
 {
     enum pell_result res;
@@ -255,6 +278,17 @@ enum pell_result pell_gpu_commands_create(struct pell_gpu *gpu, const char *name
 fail:
     pell_gpu_commands_destroy(&c);
     return res;
+}
+
+enum pell_result pell_gpu_commands_borrow(struct pell_gpu *gpu, struct pell_gpu_commands **out)
+{
+    struct pell_gpu_commands *c = pell_zalloc(gpu->ctx, sizeof(*c));
+
+    *out = c;
+    if (!c)
+        return PELL_ERR_NOMEM;
+    c->gpu = gpu;
+    return PELL_OK;
 }
 
 void pell_gpu_commands_destroy(struct pell_gpu_commands **commands)

@@ -77,7 +77,8 @@ struct pell_gpu {
         PELL_VK_DEVICE_FUNCTIONS(PELL_VK_MEMBER)
         PELL_VK_LABEL_FUNCTIONS(PELL_VK_MEMBER)
     } vk;
-    bool locks; /* the two that follow are made */
+    bool borrowed; /* instance and device are the caller's */
+    bool locks;    /* the two that follow are made */
     pthread_mutex_t queue_lock;
     pthread_mutex_t memory_lock;
     struct pell_vk_block *blocks;
@@ -105,6 +106,7 @@ struct pell_gpu_buffer {
     const char *name;
     struct pell_vk_chunk *chunk; /* its memory */
     char *host;                  /* NULL: on the device */
+    bool borrowed;
     /* What has been recorded, for the barriers that follow from it. */
     VkPipelineStageFlags2 write_stage, read_stages, seen_by; /* of the last write, of reads since, and whose barriers were made since */
     VkAccessFlags2 write_access;

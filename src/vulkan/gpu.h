@@ -26,6 +26,10 @@ struct pell_gpu;
 struct pell_gpu_buffer;
 struct pell_gpu_pass;
 struct pell_gpu_commands;
+struct VkInstance_T; /* of Vulkan */
+struct VkPhysicalDevice_T;
+struct VkDevice_T;
+struct VkCommandBuffer_T;
 
 enum { PELL_GPU_BINDINGS = 16, PELL_GPU_PUSH = 128, PELL_GPU_MARKS = 64 };
 enum pell_gpu_access { PELL_GPU_READS = 1, PELL_GPU_WRITES = 2 };
@@ -57,12 +61,26 @@ uint64_t pell_gpu_fail_at(struct pell_gpu *gpu, uint64_t n);
 /* Device memory that buffers have. */
 uint64_t pell_gpu_memory_used(struct pell_gpu *gpu);
 
+/* On a Vulkan 1.3 device of the caller's program, whose features synchronization2 and maintenance4 are on: handles of Vulkan, and its
+ * function vkGetInstanceProcAddr. Nothing is submitted: lists of commands record into the caller's (pell_gpu_begin_in). */
+struct pell_gpu_borrowed {
+    struct VkInstance_T *instance;
+    struct VkPhysicalDevice_T *physical_device;
+    struct VkDevice_T *device;
+    void (*(*address)(struct VkInstance_T *instance, const char *name))(void);
+};
+PELL_NODISCARD enum pell_result pell_gpu_borrow(struct pell_context *ctx, const struct pell_gpu_borrowed *params, struct pell_gpu **out);
+
 /* --- Buffers --- */
 
 enum pell_gpu_place { PELL_GPU_ON_DEVICE, PELL_GPU_TO_DEVICE, PELL_GPU_FROM_DEVICE };
 
 /* `size` above 0; contents undefined. `name` is for messages and captures; a constant. */
 PELL_NODISCARD enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_place place, uint64_t size, const char *name,
+                                                       struct pell_gpu_buffer **out);
+/* The VkBuffer of someone else, of at least `size` bytes and for storage, that outlives this object. Passes find in it what compute shaders
+ * may read, and leave there what compute shaders have written: barriers before and after are the caller's. */
+PELL_NODISCARD enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, uint64_t size, const char *name,
                                                        struct pell_gpu_buffer **out);
 void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer);
 /* Its memory, of one that is not on the device: written before a list that reads it finishes, read after one that wrote it did. */
@@ -81,6 +99,12 @@ void pell_gpu_pass_destroy(struct pell_gpu_pass **pass);
 
 PELL_NODISCARD enum pell_result pell_gpu_commands_create(struct pell_gpu *gpu, const char *name, struct pell_gpu_commands **out);
 void pell_gpu_commands_destroy(struct pell_gpu_commands **commands); /* waits for what still runs */
+
+/* A list that records into VkCommandBuffers of someone else, which are begun: pell_gpu_begin_in in place of pell_gpu_begin, and
+ * pell_gpu_end_in in place of pell_gpu_finish. It has no times. */
+PELL_NODISCARD enum pell_result pell_gpu_commands_borrow(struct pell_gpu *gpu, struct pell_gpu_commands **out);
+void pell_gpu_begin_in(struct pell_gpu_commands *commands, struct VkCommandBuffer_T *command_buffer);
+void pell_gpu_end_in(struct pell_gpu_commands *commands);
 
 PELL_NODISCARD enum pell_result pell_gpu_begin(struct pell_gpu_commands *commands);
 /* What follows, up to the next mark, is timed under this name (a constant), which is its label in captures, too. The marks after the

@@ -227,6 +227,18 @@ fail:
     return res;
 }
 
+enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, uint64_t size, const char *name,
+                                        struct pell_gpu_buffer **out)
+{
+    struct pell_gpu_buffer *b = pell_zalloc(gpu->ctx, sizeof(*b));
+
+    *out = b;
+    if (!b)
+        return PELL_ERR_NOMEM;
+    *b = (struct pell_gpu_buffer) { .gpu = gpu, .handle = (VkBuffer) handle, .size = size, .name = name, .borrowed = true };
+    return PELL_OK;
+}
+
 void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer)
 {
     struct pell_gpu_buffer *b = *buffer;
@@ -236,7 +248,7 @@ void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer)
         return;
     *buffer = NULL;
     gpu = b->gpu;
-    if (b->handle)
+    if (b->handle && !b->borrowed)
         gpu->vk.DestroyBuffer(gpu->device, b->handle, NULL);
     if (b->chunk) {
         pthread_mutex_lock(&gpu->memory_lock);

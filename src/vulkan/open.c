@@ -2,7 +2,6 @@
  * open.c - opens a Vulkan device for computing, and closes it. */
 #include "vulkan/core.h"
 
-#include <stdio.h>
 #include <string.h>
 
 enum { MAX_FAMILIES = 64 };
@@ -106,6 +105,24 @@ static void choose_family(struct pell_gpu *gpu)
     }
 }
 
+static enum pell_result load_functions(struct pell_gpu *gpu)
+{
+    const struct pell_vk_instance *v = &gpu->instance;
+    const char *missing = NULL;
+
+#define LOAD(function)                                                                                                                     \
+    gpu->vk.function = (PFN_vk##function) v->GetDeviceProcAddr(gpu->device, "vk" #function);                                               \
+    missing = gpu->vk.function ? missing : "vk" #function;
+    PELL_VK_DEVICE_FUNCTIONS(LOAD)
+#undef LOAD
+#define LOAD(function) gpu->vk.function = v->labels ? (PFN_vk##function) v->GetDeviceProcAddr(gpu->device, "vk" #function) : NULL;
+    PELL_VK_LABEL_FUNCTIONS(LOAD)
+#undef LOAD
+    if (missing)
+        return pell_error(gpu->ctx, PELL_ERR_DEVICE, gpu->name, "use --engine cpu", "the driver has no %s", missing);
+    return PELL_OK;
+}
+
 static enum pell_result create_device(struct pell_gpu *gpu)
 {
     const float priority = 1.0f;
@@ -123,45 +140,90 @@ static enum pell_result create_device(struct pell_gpu *gpu)
         .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, .pNext = &v12, .queueCreateInfoCount = 1, .pQueueCreateInfos = &queue
     };
     const struct pell_vk_instance *v = &gpu->instance;
-    const char *missing = NULL;
+    enum pell_result res;
     const VkResult result = pell_vk_fails(gpu) ? VK_ERROR_OUT_OF_DEVICE_MEMORY : v->CreateDevice(gpu->physical, &info, NULL, &gpu->device);
 
     if (result != VK_SUCCESS) {
         gpu->device = VK_NULL_HANDLE;
         return pell_vk_check(gpu, "vkCreateDevice", result);
     }
-#define LOAD(function)                                                                                                                     \
-    gpu->vk.function = (PFN_vk##function) v->GetDeviceProcAddr(gpu->device, "vk" #function);                                               \
-    missing = gpu->vk.function ? missing : "vk" #function;
-    PELL_VK_DEVICE_FUNCTIONS(LOAD)
-#undef LOAD
-#define LOAD(function) gpu->vk.function = v->labels ? (PFN_vk##function) v->GetDeviceProcAddr(gpu->device, "vk" #function) : NULL;
-    PELL_VK_LABEL_FUNCTIONS(LOAD)
-#undef LOAD
-    if (missing)
-        return pell_error(gpu->ctx, PELL_ERR_DEVICE, gpu->name, "use --engine cpu", "the driver has no %s", missing);
+    PELL_TRY(load_functions(gpu));
     gpu->vk.GetDeviceQueue(gpu->device, gpu->family, 0, &gpu->queue);
     return PELL_OK;
+
+fail:
+    return res;
+}
+
+static enum pell_result make_locks(struct pell_gpu *gpu)
+{
+    gpu->locks = pthread_mutex_init(&gpu->queue_lock, NULL) == 0;
+    if (gpu->locks && pthread_mutex_init(&gpu->memory_lock, NULL) != 0) {
+        pthread_mutex_destroy(&gpu->queue_lock);
+        gpu->locks = false;
+    }
+    return gpu->locks ? PELL_OK : pell_error(gpu->ctx, PELL_ERR_NOMEM, "vulkan", NULL, "the system makes no more locks");
+}
+
+/* What is known of the device that was chosen. */
+static void describe(struct pell_gpu *gpu)
+{
+    VkPhysicalDeviceProperties properties;
+
+    gpu->instance.GetPhysicalDeviceProperties(gpu->physical, &properties);
+    gpu->instance.GetPhysicalDeviceMemoryProperties(gpu->physical, &gpu->memory);
+    gpu->limits = properties.limits;
+    properties.deviceName[sizeof(properties.deviceName) - 1] = '\0';
+    pell_printable(properties.deviceName, gpu->name, sizeof(gpu->name));
 }
 
 static enum pell_result choose_device(struct pell_gpu *gpu, const char *wanted)
 {
     VkPhysicalDevice handles[PELL_VK_DEVICES_MOST];
     struct pell_vulkan_devices devices = { .taken = -1 };
-    VkPhysicalDeviceProperties properties;
     enum pell_result res = pell_vk_list_devices(gpu->ctx, &gpu->instance, handles, &devices);
     const int found = res == PELL_OK ? choose(gpu->ctx, &devices, wanted) : -1;
 
     if (found >= 0) {
         gpu->physical = handles[found];
-        snprintf(gpu->name, sizeof(gpu->name), "%s", devices.list[found].name);
-        gpu->instance.GetPhysicalDeviceProperties(gpu->physical, &properties);
-        gpu->instance.GetPhysicalDeviceMemoryProperties(gpu->physical, &gpu->memory);
-        gpu->limits = properties.limits;
+        describe(gpu);
         choose_family(gpu);
     }
     pell_vulkan_devices_release(gpu->ctx, &devices);
     return res != PELL_OK ? res : found < 0 ? PELL_ERR_DEVICE : PELL_OK;
+}
+
+enum pell_result pell_gpu_borrow(struct pell_context *ctx, const struct pell_gpu_borrowed *params, struct pell_gpu **out)
+{
+    struct pell_gpu *gpu = pell_zalloc(ctx, sizeof(*gpu));
+    struct pell_vk_instance *v;
+    enum pell_result res;
+
+    *out = NULL;
+    if (!gpu)
+        return PELL_ERR_NOMEM;
+    gpu->ctx = ctx;
+    gpu->borrowed = true;
+    gpu->physical = params->physical_device;
+    gpu->device = params->device;
+    v = &gpu->instance;
+    v->handle = params->instance;
+#define LOAD(function) v->function = (PFN_vk##function) params->address(params->instance, "vk" #function);
+    PELL_VK_INSTANCE_FUNCTIONS(LOAD)
+#undef LOAD
+    PELL_TRY(make_locks(gpu));
+    if (!v->GetDeviceProcAddr || !v->GetPhysicalDeviceProperties || !v->GetPhysicalDeviceMemoryProperties) {
+        res = pell_error(ctx, PELL_ERR_INVALID, "vulkan", NULL, "vkGetInstanceProcAddr finds no functions of the instance");
+        goto fail;
+    }
+    describe(gpu);
+    PELL_TRY(load_functions(gpu));
+    *out = gpu;
+    return PELL_OK;
+
+fail:
+    pell_gpu_close(&gpu);
+    return res;
 }
 
 enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_params *params, struct pell_gpu **out)
@@ -178,14 +240,7 @@ enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_p
         params = &none;
     gpu->ctx = ctx;
     atomic_store(&gpu->fail_at, params->fail_at);
-    gpu->locks = pthread_mutex_init(&gpu->queue_lock, NULL) == 0;
-    if (gpu->locks && pthread_mutex_init(&gpu->memory_lock, NULL) != 0) {
-        pthread_mutex_destroy(&gpu->queue_lock);
-        gpu->locks = false;
-    }
-    res = gpu->locks ? PELL_OK : pell_error(ctx, PELL_ERR_NOMEM, "vulkan", NULL, "the system makes no more locks");
-    if (res != PELL_OK)
-        goto fail;
+    PELL_TRY(make_locks(gpu));
     PELL_TRY(pell_vk_instance_open(ctx, params->validate, &gpu->instance, &why));
     if (!gpu->instance.handle) {
         res = pell_error(ctx, PELL_ERR_DEVICE, "engine vulkan", "use --engine cpu", "no Vulkan device: %s", why);
@@ -208,9 +263,10 @@ void pell_gpu_close(struct pell_gpu **gpu)
     if (!g)
         return;
     *gpu = NULL;
-    if (g->device && g->vk.DestroyDevice)
+    if (g->device && !g->borrowed && g->vk.DestroyDevice)
         g->vk.DestroyDevice(g->device, NULL);
-    pell_vk_instance_close(&g->instance);
+    if (!g->borrowed)
+        pell_vk_instance_close(&g->instance);
     if (g->locks) {
         pthread_mutex_destroy(&g->queue_lock);
         pthread_mutex_destroy(&g->memory_lock);

@@ -155,6 +155,8 @@ void main()
     const vec4 own = geometry[i];
     if (!(own.w > 0.0)) {
         to[i] = vec4(0.0);
+        if (AXIS == 1)
+            sum[i] = vec4(0.0);
         return;
     }
     const int material = int(own.w), cells = pc.width / BLOCK * pc.height;

@@ -23,7 +23,8 @@ void main()
 
     if (!is_inside(p))
         return;
-    const int material = int(what[i].x);
+    // What lies beyond the picture or the materials is none.
+    const int material = pc.x0 + p.x < pc.picture_width && what[i].x < uint(pc.row) ? int(what[i].x) : 0;
     if (material == 0) {
         place[i] = vec4(0.0);
         now[i] = vec4(0.0);

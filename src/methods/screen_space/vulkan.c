@@ -77,6 +77,7 @@ struct screen_gpu {
     struct pell_pool *pool;
     struct pell_gpu *gpu;
     struct screen_chain chain;
+    struct pell_gpu_buffer *const *lent; /* planes of a program's own device; NULL: the host's */
     struct pell_gpu_buffer *buffers[BUFFERS];
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
@@ -112,10 +113,14 @@ static void gpu_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
+static uint64_t table_size(const struct screen_gpu *st)
+{
+    return (uint64_t) (SCREEN_PREBLUR + st->chain.steps + 1) * (st->chain.num_materials + 1) * sizeof(struct vec4);
+}
+
 static enum pell_result make_buffers(struct screen_gpu *st, const struct pell_frame_shape *shape)
 {
     const uint64_t blocks = ((uint64_t) shape->width + SCREEN_BLOCK - 1) / SCREEN_BLOCK * (uint64_t) shape->height;
-    const uint64_t rows = (uint64_t) (SCREEN_PREBLUR + st->chain.steps) + 1;
     enum pell_result res = PELL_OK;
 
     if (blocks > (uint64_t) GROUPS_MOST * CELLS_GROUP)
@@ -124,11 +129,21 @@ static enum pell_result make_buffers(struct screen_gpu *st, const struct pell_fr
                           (long long) GROUPS_MOST * CELLS_GROUP * SCREEN_BLOCK);
     for (int i = 0; res == PELL_OK && i < BUFFERS; i++) {
         const uint64_t size = i == TABLE || i == TABLE_UP
-                                  ? rows * (st->chain.num_materials + 1) * sizeof(struct vec4)
+                                  ? table_size(st)
                                   : blocks * (uint64_t) (buffer_rows[i].of_pixel * SCREEN_BLOCK + buffer_rows[i].of_block);
+        if (st->lent && (i == LIGHT_UP || i == WHAT_UP || i == OUT || i == LIGHT || i == WHAT))
+            continue;
         res = pell_gpu_buffer_create(st->gpu, buffer_rows[i].place, size, buffer_rows[i].name, &st->buffers[i]);
     }
     return res;
+}
+
+static struct pell_gpu_buffer *buffer_of(const struct screen_gpu *st, enum buffer which)
+{
+    return st->lent && which == LIGHT  ? st->lent[PELL_GPU_PLANE_LIGHT]
+           : st->lent && which == WHAT ? st->lent[PELL_GPU_PLANE_SURFACE]
+           : st->lent && which == OUT  ? st->lent[PELL_GPU_PLANE_RESULT]
+                                       : st->buffers[which];
 }
 
 static enum pell_result make_passes(struct screen_gpu *st)
@@ -140,31 +155,23 @@ static enum pell_result make_passes(struct screen_gpu *st)
         struct pell_gpu_buffer *buffers[PELL_COUNT(pass_rows[i].buffers)];
 
         for (size_t k = 0; k < PELL_COUNT(buffers); k++)
-            buffers[k] = st->buffers[pass_rows[i].buffers[k]];
+            buffers[k] = buffer_of(st, pass_rows[i].buffers[k]);
         res = pell_gpu_pass_create(st->gpu, pass_rows[i].shader, constants, pass_rows[i].special ? 2 : 0, buffers, &st->passes[i]);
     }
     return res;
 }
 
-/* The table of steps goes to the device once. */
-static enum pell_result send_table(struct screen_gpu *st)
+/* The table of steps, which goes to the device with each frame: a few hundred bytes a material. */
+static void fill_table(const struct screen_gpu *st)
 {
     const struct screen_chain *c = &st->chain;
     const size_t row = c->num_materials + 1, steps = (size_t) (SCREEN_PREBLUR + c->steps) * row;
     struct vec4 *table = pell_gpu_buffer_host(st->buffers[TABLE_UP]);
-    enum pell_result res;
 
     for (size_t i = 0; i < steps; i++)
         table[i] = (struct vec4) { c->blend[i][0], c->blend[i][1], c->blend[i][2], c->variance[i] };
     for (size_t m = 0; m < row; m++)
         table[steps + m] = (struct vec4) { c->total[m][0], c->total[m][1], c->total[m][2], 0.0f };
-    PELL_TRY(pell_gpu_begin(st->commands));
-    pell_gpu_copy(st->commands, st->buffers[TABLE_UP], st->buffers[TABLE], (steps + row) * sizeof(*table));
-    PELL_TRY(pell_gpu_finish(st->commands));
-    return PELL_OK;
-
-fail:
-    return res;
 }
 
 static enum pell_result gpu_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
@@ -182,6 +189,7 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
     st->services = services;
     st->pool = services->pool;
     st->gpu = services->gpu;
+    st->lent = services->planes;
     c = &st->chain;
     PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
     st->push = (struct screen_push) {
@@ -205,9 +213,8 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
         goto fail;
     PELL_TRY(make_buffers(st, shape));
     PELL_TRY(make_passes(st));
-    PELL_TRY(pell_gpu_commands_create(st->gpu, "screen-space", &st->commands));
-    PELL_TRY(send_table(st));
-    return PELL_OK;
+    fill_table(st);
+    return st->lent ? PELL_OK : pell_gpu_commands_create(st->gpu, "screen-space", &st->commands);
 
 fail:
     return res;
@@ -291,19 +298,47 @@ static uint32_t groups(int64_t count, int of)
     return (uint32_t) ((count + of - 1) / of);
 }
 
-static void run_pixels(struct screen_gpu *st, enum pass pass)
+static void run_pixels(struct screen_gpu *st, struct pell_gpu_commands *c, enum pass pass)
 {
-    pell_gpu_run(st->commands, st->passes[pass], &st->push, groups(st->push.width, GROUP_X), groups(st->push.height, GROUP_Y), 1);
+    pell_gpu_run(c, st->passes[pass], &st->push, groups(st->push.width, GROUP_X), groups(st->push.height, GROUP_Y), 1);
 }
 
-static void run_cells(struct screen_gpu *st, enum pass pass, uint32_t axes)
+static void run_cells(struct screen_gpu *st, struct pell_gpu_commands *c, enum pass pass, uint32_t axes)
 {
     const int64_t cells = (int64_t) st->push.width / SCREEN_BLOCK * st->push.height;
 
-    pell_gpu_run(st->commands, st->passes[pass], &st->push, groups(cells, CELLS_GROUP), axes, 1);
+    pell_gpu_run(c, st->passes[pass], &st->push, groups(cells, CELLS_GROUP), axes, 1);
 }
 
-/* Runs all up to the step before `steps.end`, and brings back what came of it. */
+/* Records all from the frame's planes to the step before `steps.end`, and the copy of what came of it. `whole`: see struct screen_push. */
+static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, struct steps steps, bool whole)
+{
+    const uint64_t pixels = (uint64_t) st->push.width * (uint64_t) st->push.height;
+
+    st->push.base = SCREEN_PREBLUR - steps.preblur;
+    st->push.whole = whole;
+    pell_gpu_mark(c, "load");
+    run_pixels(st, c, LOAD);
+    pell_gpu_mark(c, "measure");
+    run_pixels(st, c, MEASURE);
+    run_cells(st, c, CELL, 1);
+    run_cells(st, c, LEAN, 1);
+    pell_gpu_run(c, st->passes[CLEAR], &st->push, groups((int64_t) st->push.height + st->push.width / SCREEN_BLOCK, CELLS_GROUP), 1, 1);
+    run_pixels(st, c, SIZE);
+    for (int step = steps.first; step < steps.end; step++) {
+        pell_gpu_mark(c, pell_ss_step_name(step, steps.preblur));
+        st->push.step = step;
+        st->push.fresh = step == steps.first;
+        if (!(st->chain.forms & SCREEN_FORM_PAPER_EDGES))
+            run_cells(st, c, PLAN, 2);
+        run_pixels(st, c, ACROSS);
+        run_pixels(st, c, DOWN);
+    }
+    pell_gpu_mark(c, "download");
+    pell_gpu_copy(c, st->buffers[steps.first < steps.end ? SUM : NOW], buffer_of(st, OUT), pixels * sizeof(struct vec4));
+}
+
+/* Runs them, and brings back what came of it. */
 static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool whole)
 {
     struct pell_gpu_commands *c = st->commands;
@@ -312,28 +347,10 @@ static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool
 
     PELL_TRY(pell_gpu_begin(c));
     pell_gpu_mark(c, "upload");
+    pell_gpu_copy(c, st->buffers[TABLE_UP], st->buffers[TABLE], table_size(st));
     pell_gpu_copy(c, st->buffers[LIGHT_UP], st->buffers[LIGHT], pixels * sizeof(struct vec4));
     pell_gpu_copy(c, st->buffers[WHAT_UP], st->buffers[WHAT], pixels * sizeof(struct what));
-    pell_gpu_mark(c, "load");
-    run_pixels(st, LOAD);
-    pell_gpu_mark(c, "measure");
-    run_pixels(st, MEASURE);
-    run_cells(st, CELL, 1);
-    run_cells(st, LEAN, 1);
-    pell_gpu_run(c, st->passes[CLEAR], &st->push, groups((int64_t) st->push.height + st->push.width / SCREEN_BLOCK, CELLS_GROUP), 1, 1);
-    run_pixels(st, SIZE);
-    for (int step = steps.first; step < steps.end; step++) {
-        pell_gpu_mark(c, pell_ss_step_name(step, steps.preblur));
-        st->push.step = step;
-        st->push.fresh = step == steps.first;
-        st->push.whole = whole;
-        if (!(st->chain.forms & SCREEN_FORM_PAPER_EDGES))
-            run_cells(st, PLAN, 2);
-        run_pixels(st, ACROSS);
-        run_pixels(st, DOWN);
-    }
-    pell_gpu_mark(c, "download");
-    pell_gpu_copy(c, st->buffers[steps.first < steps.end ? SUM : NOW], st->buffers[OUT], pixels * sizeof(struct vec4));
+    record_steps(st, c, steps, whole);
     PELL_TRY(pell_gpu_finish(c));
     st->finished = pell_seconds();
     pell_pool_run(st->pool, (st->push.height + BANDS - 1) / BANDS, run_unpack, st);
@@ -341,6 +358,22 @@ static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool
 
 fail:
     return res;
+}
+
+/* On a program's own device: the grid is the whole picture. */
+static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float nearest)
+{
+    struct screen_gpu *st = state;
+    struct screen_push *p = &st->push;
+    struct steps steps;
+
+    p->x0 = p->y0 = 0;
+    p->width = (p->picture_width + SCREEN_BLOCK - 1) / SCREEN_BLOCK * SCREEN_BLOCK;
+    p->height = p->picture_height;
+    pell_ss_chain_choose(&st->chain, scale_of(p, nearest, 1.0f), &steps.preblur, &steps.first);
+    steps.end = steps.preblur + st->chain.steps;
+    pell_gpu_copy(commands, st->buffers[TABLE_UP], st->buffers[TABLE], table_size(st));
+    record_steps(st, commands, steps, false);
 }
 
 /* Each step's result by itself. */
@@ -416,7 +449,6 @@ static enum pell_result gpu_render(void *state, const struct pell_frame *in, con
     pixels = pack(st, &most);
     pell_ss_chain_choose(&st->chain, most, &steps.preblur, &steps.first);
     steps.end = steps.preblur + st->chain.steps;
-    st->push.base = SCREEN_PREBLUR - steps.preblur;
     packed = pell_seconds();
     res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     if (res == PELL_OK && pell_services_observed(st->services, in))
@@ -455,6 +487,7 @@ const struct pell_method_engine pell_ss_vulkan = {
     .create = gpu_create,
     .record = gpu_render,
     .destroy = gpu_destroy,
+    .record_in = gpu_record_in,
     .thickness = thickness,
     .times = times,
 };
