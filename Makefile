@@ -21,7 +21,7 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
             TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp \
             VK_ICD_FILENAMES=/dev/null
 
-.PHONY: help demo build test test-asan test-tsan fuzz-short soak test-mpi check-clang install uninstall deb test-deb clean
+.PHONY: help demo build test test-asan test-tsan fuzz-short soak test-mpi check-clang install uninstall deb test-deb docs clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -83,5 +83,9 @@ deb: ## Debian packages in build-deb/, checked by lintian
 test-deb: deb ## installs the packages into a bare Debian (as root, with debootstrap), uses and purges them
 	@scripts/test_packages.sh
 
+docs: ## the documentation as pages for a browser, in build-docs/
+	@scripts/setup.sh --docs
+	@scripts/make_docs.sh build-docs
+
 clean: ## removes all that was built
-	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb build-mpi pellucid
+	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb build-docs build-mpi pellucid
