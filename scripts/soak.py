@@ -99,6 +99,9 @@ def random_scene(pick, folder, materials):
     if pick.random() < 0.3:
         scene['materials']['*'] = {'sigma_a': [10 ** pick.uniform(-6, 1) for _ in range(3)],
                                    'sigma_s_reduced': [10 ** pick.uniform(-3, 3) for _ in range(3)], 'eta': pick.uniform(1, 2)}
+    if pick.random() < 0.2: # a sheet under it, lit from both sides
+        scene['background'] = {'color': [0.2, 0.2, 0.2], 'ground': {'opaque': True, 'color': [pick.random() for _ in range(3)],
+                                                                    'diffuse_transmission': pick.random()}}
     (folder / 's.json').write_text(json.dumps(scene), 'ascii')
     method = pick.choice(METHODS)
     return ['render', 's.json', '-m', method, *FEW.get(method, []), *SMALL, '--seed', str(pick.randint(0, 1 << 30)), '-q', '-o', 'a.pfm']

@@ -74,6 +74,15 @@ float scattered(float c)
     return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base));
 }
 
+float filmic(vec3 light)
+{
+    const vec3 e = PELL_FILMIC_SCALE * light;
+    const vec3 mixed = vec3(PELL_FILMIC_TO_R(e.r, e.g, e.b), PELL_FILMIC_TO_G(e.r, e.g, e.b), PELL_FILMIC_TO_B(e.r, e.g, e.b));
+    const vec3 x = PELL_FILMIC_CURVE(min(mixed, vec3(PELL_FILMIC_MOST)));
+    const float sum = PELL_FILMIC_FROM_R(x.r, x.g, x.b) + PELL_FILMIC_FROM_G(x.r, x.g, x.b) + PELL_FILMIC_FROM_B(x.r, x.g, x.b);
+    return sum + pell_filmic_before(0.5f);
+}
+
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
@@ -84,6 +93,6 @@ void main()
     const float width = pell_lobe_width(model, x), value = lobe(width, x, 0.5f, 0.1f, 1.0f, 2.0f) + boundary(x) + scattered(x) + share;
     const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
     const pell_light_data light = lights[i];
-    result[i] = vec4(pell_srgb_encode(value * scale), pell_srgb_decode(x), lit(light, vec3(x)),
+    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)),
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
 }

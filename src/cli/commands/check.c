@@ -2,6 +2,7 @@
  * check.c - `pellucid check`: what a scene holds, and every problem. */
 #include "cli/commands/check_layers.h"
 #include "scene/layers.h"
+#include "scene/material_maps.h"
 
 #include <math.h>
 #include <string.h>
@@ -59,6 +60,8 @@ static json_t *material_json(const struct pell_material *m)
     json_t *o = json_pack("{s:o,s:o,s:b,s:f,s:s}", "name", cli_text(m->name), "preset", cli_text(m->preset), "opaque", (int) m->opaque,
                           "eta", m->medium.eta, "color_from", m->color_from == PELL_COLOR_FROM_TEXTURE ? "texture" : "profile");
 
+    if (o && pell_material_is_thin(m))
+        json_object_set_new(o, "diffuse_transmission", json_real((double) m->diffuse_transmission));
     if (!o || m->opaque)
         return o;
     if (m->num_layers > 0) {
@@ -261,10 +264,11 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
         const struct pell_material *m = &scene->materials[i];
         const bool preset = m->preset && m->preset[0];
         printf("  %-20s %s\n", shown(m->name, name),
-               m->opaque           ? "opaque"
-               : m->num_layers > 0 ? "layers"
-               : preset            ? m->preset
-                                   : "coefficients of the file");
+               pell_material_is_thin(m) ? "opaque, a thin sheet that lets diffuse light through"
+               : m->opaque              ? "opaque"
+               : m->num_layers > 0      ? "layers"
+               : preset                 ? m->preset
+                                        : "coefficients of the file");
         if (m->num_layers > 0 && !m->opaque)
             print_layers(m);
     }
