@@ -21,7 +21,7 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
             TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp \
             VK_ICD_FILENAMES=/dev/null
 
-.PHONY: help demo build test test-asan test-tsan fuzz-short soak test-mpi check-clang install uninstall deb test-deb docs clean
+.PHONY: help demo build test test-asan test-tsan fuzz-short soak test-mpi check-clang install uninstall deb test-deb check-abi docs clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -82,6 +82,10 @@ deb: ## Debian packages in build-deb/, checked by lintian
 
 test-deb: deb ## installs the packages into a bare Debian (as root, with debootstrap), uses and purges them
 	@scripts/test_packages.sh
+
+check-abi: ## compares the library with that of the last tag, by abidiff
+	@scripts/setup.sh --ci
+	@scripts/check_abi.sh
 
 docs: ## the documentation as pages for a browser, in build-docs/
 	@scripts/setup.sh --docs
