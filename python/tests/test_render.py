@@ -171,6 +171,18 @@ def test_ctrl_c_cancels(ball_file):
     assert time.monotonic() - start < 10
 
 
+def test_other_threads_run_while_one_renders(ball_file):
+    rendering = threading.Thread(target=pellucid.render, args=(ball_file, "path-trace"),
+                                 kwargs={"size": (160, 120), "samples": 64, "threads": 1, "load": LOAD})
+    turns = 0
+    rendering.start()
+    while rendering.is_alive():
+        turns += 1
+        time.sleep(0.001)
+    # one that waits for the interpreter's lock has a turn when the picture is there
+    assert turns > 20
+
+
 def test_images_survive_files(tmp_path):
     image = np.random.default_rng(1).random((5, 7, 3), dtype=np.float32)
     for name in ("a.exr", "a.pfm"):
