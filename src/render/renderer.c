@@ -190,11 +190,17 @@ fail:
     return res;
 }
 
+/* Whether the stages are the cpu engine's, as those of the engine vulkan are. */
+static bool has_cpu_stages(const struct pell_renderer *r)
+{
+    return r->device->engine->open == pell_engine_cpu.open;
+}
+
 double pell_renderer_trace_bare(struct pell_renderer *r)
 {
     struct pell_view view;
 
-    if (!r->scene || r->device->engine != &pell_engine_cpu)
+    if (!r->scene || !has_cpu_stages(r))
         return 0.0;
     view = pell_view_make(&r->scene->cameras[0], r->settings.width, r->settings.height, 0.0f, 0.0f);
     return pell_engine_cpu_trace_bare(r->engine, &view);
@@ -202,6 +208,6 @@ double pell_renderer_trace_bare(struct pell_renderer *r)
 
 void pell_renderer_record_rays(struct pell_renderer *r, struct pell_ray_record *record)
 {
-    if (r->device->engine == &pell_engine_cpu)
+    if (has_cpu_stages(r))
         pell_engine_cpu_record_rays(r->engine, record);
 }

@@ -245,6 +245,23 @@ def _(folder):
         need(old.read_bytes().startswith(MAGIC[kind]) and names(folder) == before, names(folder))
 
 
+@test('--engine vulkan gives the picture of the cpu engine, on the device that --device names')
+def _(folder):
+    engines = one_object(works(folder, 'info', '--json'))['engines']
+    device = next((e['device'] for e in engines if e['name'] == 'vulkan'), None)
+    if device is None:
+        raise Skip('there is no Vulkan device')
+    floats, plain = {}, ['--size', '70mm', '--material', 'wholemilk', *SMALL, '--format', 'pfm']
+    for name, more in {'cpu': [], 'vulkan': ['--engine', 'vulkan', '--device', device[:8].upper()], 'none': ['-m', 'none']}.items():
+        stages = one_object(works(folder, 'render', 'bunny.obj', *plain, *more, '-o', f'{name}.pfm', '--json'))['stages']
+        need(('upload' in {s['name'] for s in stages}) == (name == 'vulkan'), stages)
+        data = (folder / f'{name}.pfm').read_bytes()
+        floats[name] = struct.unpack(f'<{3 * 48 * 27}f', data[-4 * 3 * 48 * 27:])
+    total = sum(abs(v) for v in floats['cpu'])
+    differ = {name: sum(abs(a - b) for a, b in zip(floats['cpu'], values)) / total for name, values in floats.items()}
+    need(differ['vulkan'] < 1e-4 and differ['none'] > 1e-3, differ)
+
+
 @test('1, 2 and 3 threads, and every SIMD level, give the same bits')
 def _(folder):
     subprocess.run([sys.executable, MAKE_ASSETS, str(folder), 'fluted'], check=True, capture_output=True)
