@@ -111,7 +111,7 @@ static bool is_inside(const struct shot *s, int x, int y)
 
 struct parity {
     double mean; /* mean difference over the mean */
-    double far;  /* share of the pixels away from silhouettes that differ by more than 1 % */
+    double far;  /* share of the pixels away from silhouettes that differ by more than 0.1 % */
     int inside;
 };
 
@@ -132,7 +132,7 @@ static struct parity compare(const struct shot *a, const struct shot *b)
             if (!is_inside(a, x, y))
                 continue;
             for (size_t c = 0; c < 3; c++)
-                differs |= fabs(shot_at(a, c, x, y) - shot_at(b, c, x, y)) > 0.01 * shot_at(a, c, x, y) + 1e-6 * sum / (double) a->size;
+                differs |= fabs(shot_at(a, c, x, y) - shot_at(b, c, x, y)) > 0.001 * shot_at(a, c, x, y) + 1e-6 * sum / (double) a->size;
             p.inside++;
             far += differs;
         }
@@ -151,12 +151,13 @@ static void both_engines_give_one_picture(void **state)
             struct shot cpu = shot_on(false, scenes[i].make, "screen-space", forms[k].knobs);
             const struct parity p = compare(&cpu, &gpu), apart = compare(&cpu, &none);
 
-            print_message("# %s, %s: mean difference %.2g, %.2g of %d pixels over 1 %%; %.2g without scattering\n", scenes[i].name,
+            print_message("# %s, %s: mean difference %.2g, %.2g of %d pixels over 0.1 %%; %.2g without scattering\n", scenes[i].name,
                           forms[k].name, p.mean, p.far, p.inside, apart.mean);
             REQUIRE(p.inside > 1500);
             /* There is something to be different. The listing's spans are under two pixels on the slabs, and are left out. */
             REQUIRE(apart.mean > 0.01 || (i == 0 && k > 0));
-            REQUIRE(p.mean < 0.001);
+            /* Ten and a hundred times what rounding makes: a stage that is left out of a shader shows. */
+            REQUIRE(p.mean < 1e-6);
             REQUIRE(p.far < 0.001);
             shot_free(&gpu);
             shot_free(&cpu);
