@@ -1,21 +1,19 @@
 /* SPDX-License-Identifier: MIT
  * test_vulkan_parity.c - methods on the engine vulkan give the cpu engine's picture, without a message of the validation layer; their calls
  * that fail are reported. Skipped, by name, where there is no driver or no validation layer. */
+#include "gpu_test.h"
 #include "patch.h"
 #include "stage.h"
 
 #include "render/engine.h"
 
-/* A device under the validation layer; skips the running test where there is none. */
-static struct pell_device *validated(struct pell_context *ctx, const struct kept_messages *kept)
+/* A device under the validation layer. */
+static struct pell_device *validated(struct pell_context *ctx)
 {
     struct pell_device *device;
 
-    if (pell_device_create_vulkan(ctx, 2, &(struct pell_gpu_params) { .validate = true }, &device) == PELL_OK)
-        return device;
-    print_message("# skipped: %s\n", kept->what);
-    skip();
-    return NULL;
+    OK(pell_device_create_vulkan(ctx, 2, &validated_gpu, &device));
+    return device;
 }
 
 /* --- Scenes ----------------------------------------------------------------------------------------------------------------------- */
@@ -81,7 +79,7 @@ static struct shot shot_on(bool vulkan, void (*make)(struct stage *s), const cha
     if (vulkan) {
         pell_renderer_destroy(&s.r);
         pell_device_destroy(&s.device);
-        s.device = validated(s.ctx, &s.kept);
+        s.device = validated(s.ctx);
         OK(pell_renderer_create(s.device, &s.r));
     }
     s.settings.layers = true;
@@ -144,6 +142,7 @@ static struct parity compare(const struct shot *a, const struct shot *b)
 static void both_engines_give_one_picture(void **state)
 {
     (void) state;
+    skip_without_gpu();
     for (size_t i = 0; i < PELL_COUNT(scenes); i++) {
         struct shot none = shot_on(false, scenes[i].make, "none", NULL);
         for (size_t k = 0; k < PELL_COUNT(forms); k++) {
@@ -183,8 +182,8 @@ static void calls_that_fail_are_reported(void **state)
     static const double variance[3] = { 0.5, 2.0, 9.0 }, weight[3][3] = { { 0.3, 0.2, 0.1 }, { 0.2, 0.3, 0.3 }, { 0.3, 0.2, 0.4 } };
     const struct pell_frame_material m = patch_gaussians(3, variance, weight);
     struct kept_messages kept = { 0 };
-    struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_device *device = validated(ctx, &kept);
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_device *device = validated(ctx);
     const struct pell_method *method = pell_method_find(ctx, "test", "screen-space");
     struct patch *p = patch_create(61, 43, false, 700.0, 300.0, &m, 1), *good = patch_create(61, 43, false, 700.0, 300.0, &m, 1);
     const size_t size = (size_t) p->frame.shape.stride * (size_t) p->frame.shape.height * sizeof(float);
@@ -242,8 +241,8 @@ static void passes_have_times(void **state)
     const struct pell_frame_material m = patch_gaussians(2, variance, weight);
     static const char *const names[] = { "pack", "upload", "load", "measure", "blur 1", "blur 2", "download", "unpack" };
     struct kept_messages kept = { 0 };
-    struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_device *device = validated(ctx, &kept);
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_device *device = validated(ctx);
     struct patch *p = patch_create(64, 48, true, 2.0, 300.0, &m, 1);
     struct pell_pass_time times[32];
     struct pell_pass *pass;
@@ -267,8 +266,8 @@ static void passes_have_times(void **state)
 static void other_methods_name_their_engines(void **state)
 {
     struct kept_messages kept = { 0 };
-    struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_device *device = validated(ctx, &kept);
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_device *device = validated(ctx);
     struct pell_renderer *r;
     int refused = 0;
     (void) state;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_vulkan_pass.c - pellucid/vulkan.h: a method recorded into the command buffers of a program's own device gives what it gives on the
  * cpu, without a message of the validation layer. Skipped, by name, where there is no driver or no validation layer. */
+#include "gpu_test.h"
 #include "patch.h"
 
 #include "vulkan/core.h"
@@ -36,11 +37,8 @@ static void program_start(struct program *p)
     VkCommandBufferAllocateInfo buffer = { .sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO, .commandBufferCount = 1 };
 
     memset(p, 0, sizeof(*p));
-    p->ctx = test_context(&p->fault, &p->kept);
-    if (pell_gpu_open(p->ctx, &(struct pell_gpu_params) { .validate = true }, &p->gpu) != PELL_OK) {
-        print_message("# skipped: %s\n", p->kept.what);
-        skip();
-    }
+    p->ctx = gpu_context(&p->fault, &p->kept);
+    p->gpu = gpu_opened(p->ctx);
     OK(pell_gpu_buffer_create(p->gpu, PELL_GPU_TO_DEVICE, PITCH * HEIGHT * 16, "the program's light", &p->light));
     OK(pell_gpu_buffer_create(p->gpu, PELL_GPU_TO_DEVICE, PITCH * HEIGHT * 8, "the program's surface", &p->surface));
     OK(pell_gpu_buffer_create(p->gpu, PELL_GPU_FROM_DEVICE, PITCH * HEIGHT * 16, "the program's result", &p->result));

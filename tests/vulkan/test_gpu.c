@@ -1,27 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * test_gpu.c - buffers, passes and lists of commands on a Vulkan device, under the validation layer: any message of it is an error. */
-#include "pell_test.h"
+#include "gpu_test.h"
 
 #include "vulkan/devices.h"
-#include "vulkan/gpu.h"
 
 enum { COUNT = 1000 };
 
 extern const struct pell_shader pell_test_scale_shader, pell_test_grow_shader;
-
-/* Skips, by name, where there is no device or no validation layer. */
-static struct pell_gpu *open_or_skip(struct pell_context *ctx, struct kept_messages *kept)
-{
-    const struct pell_gpu_params params = { .validate = true };
-    struct pell_gpu *gpu;
-
-    if (pell_gpu_open(ctx, &params, &gpu) == PELL_OK)
-        return gpu;
-    print_message("# skipped: %s\n", kept->what);
-    pell_context_destroy(&ctx);
-    skip();
-    return NULL;
-}
 
 /* From `in` to `out`: out = 2 (3 in + add) + in. */
 struct work {
@@ -101,8 +86,8 @@ static void require_result(const struct work *w, float first, float add)
 static void passes_follow_one_another(void **state)
 {
     struct kept_messages kept = { 0 };
-    struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_gpu *gpu = open_or_skip(ctx, &kept);
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_gpu *gpu = gpu_opened(ctx);
     struct pell_gpu_time times[8];
     struct work w;
     (void) state;
@@ -134,8 +119,8 @@ static void passes_follow_one_another(void **state)
 static void what_is_forgotten_is_a_message(void **state)
 {
     struct kept_messages kept = { 0 };
-    struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_gpu *gpu = open_or_skip(ctx, &kept);
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_gpu *gpu = gpu_opened(ctx);
     struct pell_gpu_buffer *forgotten;
     (void) state;
 
@@ -149,8 +134,8 @@ static void what_is_forgotten_is_a_message(void **state)
 static void calls_that_fail_leave_nothing(void **state)
 {
     struct kept_messages none = { 0 };
-    struct pell_context *ctx = test_context(NULL, &none);
-    struct pell_gpu *gpu = open_or_skip(ctx, &none);
+    struct pell_context *ctx = gpu_context(NULL, &none);
+    struct pell_gpu *gpu = gpu_opened(ctx);
     uint64_t n;
     enum pell_result res = PELL_ERR_NOMEM;
     (void) state;
@@ -185,8 +170,8 @@ static void calls_that_fail_leave_nothing(void **state)
 static void lack_of_memory_leaves_nothing(void **state)
 {
     struct kept_messages none = { 0 };
-    struct pell_context *ctx = test_context(NULL, &none);
-    struct pell_gpu *gpu = open_or_skip(ctx, &none);
+    struct pell_context *ctx = gpu_context(NULL, &none);
+    struct pell_gpu *gpu = gpu_opened(ctx);
     enum pell_result res = PELL_ERR_NOMEM;
     (void) state;
 
@@ -216,8 +201,8 @@ static void buffers_share_blocks_and_no_byte(void **state)
 {
     enum { BUFFERS = 64 };
     struct kept_messages kept = { 0 };
-    struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_gpu *gpu = open_or_skip(ctx, &kept);
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_gpu *gpu = gpu_opened(ctx);
     struct pell_gpu_buffer *b[BUFFERS] = { NULL };
     uint64_t size[BUFFERS];
     uint32_t random = 1;
@@ -250,8 +235,8 @@ static void buffers_share_blocks_and_no_byte(void **state)
 static void devices_are_chosen_by_number_or_name(void **state)
 {
     struct kept_messages kept = { 0 };
-    struct pell_context *ctx = test_context(NULL, &kept);
-    struct pell_gpu *gpu = open_or_skip(ctx, &kept);
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_gpu *gpu = gpu_opened(ctx);
     struct pell_vulkan_devices devices;
     char number[16], piece[8];
     (void) state;
