@@ -30,7 +30,7 @@ void main()
         now[i] = vec4(0.0);
         return;
     }
-    const float depth = light[i].w, strength = uintBitsToFloat(what[i].y);
+    const float depth = light[i].w, strength = pc.strength != 0 ? uintBitsToFloat(what[i].y) : 1.0;
     const bool good = depth > 0.0 && depth < 1e12;
     const float d = good ? depth : 0.0, mm = d * pc.depth_mm + pc.fixed_mm, s = min(strength, 1.0);
     const float scale = good && strength > 0.0 ? min(s * s * pc.ratio2 / (mm * mm), 1e30) : 0.0;

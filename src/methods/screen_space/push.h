@@ -19,6 +19,7 @@ struct screen_push {
     int32_t fresh; /* nothing is in the sum yet */
     int32_t whole; /* the step's result is all of the sum: to be looked at */
     int32_t orthographic;
+    int32_t strength;         /* counts, else it is 1 */
     float depth_mm, fixed_mm; /* mm per pixel = depth * depth_mm + fixed_mm */
     float ratio2;             /* scales all variances */
     float skip;               /* px^2: a step that adds less is left out */

@@ -3,17 +3,30 @@
  * vulkan.c - screen-space diffusion on a Vulkan device. The frame's planes go to the device, the blurs are compute passes there, and their
  * result comes back. The shaders mirror the kernels of the cpu engine; README.md has the mathematics.
  */
+#include "methods/gpu_planes.h"
 #include "methods/screen_space/chain.h"
 #include "methods/screen_space/push.h"
 
-#include "render/material_id.h"
-#include "vulkan/gpu.h"
-
 #include <string.h>
 
-enum { BANDS = 8 /* rows that a thread takes at a time */, CELLS_GROUP = 64, GROUP_X = 16, GROUP_Y = 8, GROUPS_MOST = 65535 };
+enum { CELLS_GROUP = 64, GROUP_X = 16, GROUP_Y = 8, GROUPS_MOST = 65535 };
 
-enum buffer { LIGHT_UP, WHAT_UP, LIGHT, WHAT, TABLE_UP, TABLE, PLACE, RATE, GEOMETRY, CELLS, LINES, PLANS, NOW, HALF, SUM, OUT, BUFFERS };
+enum buffer {
+    TABLE_UP,
+    TABLE,
+    PLACE,
+    RATE,
+    GEOMETRY,
+    CELLS,
+    LINES,
+    PLANS,
+    NOW,
+    HALF,
+    SUM,
+    BUFFERS,
+    LIGHT,
+    SURFACE /* the frame's planes */
+};
 
 /* Of the table, which is as large as the chain, nothing is said here. */
 static const struct {
@@ -21,10 +34,6 @@ static const struct {
     enum pell_gpu_place place;
     int of_pixel, of_block; /* bytes */
 } buffer_rows[BUFFERS] = {
-    [LIGHT_UP] = { "screen-space light, upload", PELL_GPU_TO_DEVICE, 16, 0 },
-    [WHAT_UP] = { "screen-space materials, upload", PELL_GPU_TO_DEVICE, 8, 0 },
-    [LIGHT] = { "screen-space light", PELL_GPU_ON_DEVICE, 16, 0 },
-    [WHAT] = { "screen-space materials", PELL_GPU_ON_DEVICE, 8, 0 },
     [TABLE_UP] = { "screen-space steps, upload", PELL_GPU_TO_DEVICE, 0, 0 },
     [TABLE] = { "screen-space steps", PELL_GPU_ON_DEVICE, 0, 0 },
     [PLACE] = { "screen-space place", PELL_GPU_ON_DEVICE, 16, 0 },
@@ -36,7 +45,6 @@ static const struct {
     [NOW] = { "screen-space now", PELL_GPU_ON_DEVICE, 16, 0 },
     [HALF] = { "screen-space half", PELL_GPU_ON_DEVICE, 16, 0 },
     [SUM] = { "screen-space sum", PELL_GPU_ON_DEVICE, 16, 0 },
-    [OUT] = { "screen-space result", PELL_GPU_FROM_DEVICE, 16, 0 },
 };
 
 extern const struct pell_shader pell_screen_space_load_shader, pell_screen_space_measure_shader, pell_screen_space_cells_shader,
@@ -51,7 +59,7 @@ static const struct {
     uint32_t axis;
     bool special; /* has the constants AXIS and PAPER */
 } pass_rows[PASSES] = {
-    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, WHAT, TABLE, PLACE, NOW }, 0, false },
+    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, PLACE, NOW }, 0, false },
     [MEASURE] = { &pell_screen_space_measure_shader, { PLACE, RATE }, 0, false },
     [CELL] = { &pell_screen_space_cells_shader, { PLACE, RATE, CELLS }, 0, false },
     [LEAN] = { &pell_screen_space_lean_shader, { CELLS, LINES }, 0, false },
@@ -66,32 +74,17 @@ struct vec4 {
     float x, y, z, w;
 };
 
-struct what {
-    uint32_t material;
-    float strength;
-};
-
 struct screen_gpu {
-    struct pell_context *ctx; /* borrowed, as are services, pool and gpu */
+    struct pell_context *ctx; /* borrowed, as are services and gpu */
     const struct pell_services *services;
-    struct pell_pool *pool;
     struct pell_gpu *gpu;
     struct screen_chain chain;
-    struct pell_gpu_buffer *const *lent; /* planes of a program's own device; NULL: the host's */
+    struct pell_gpu_planes planes;
     struct pell_gpu_buffer *buffers[BUFFERS];
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
     struct screen_push push;
-    float *scales;   /* of each row: the largest px^2 per mm^2 */
-    int32_t *pixels; /* of each row: that are translucent */
-    /* Of the frame. */
-    const struct pell_frame *in;
-    const float *const *light;
-    const float *strength;
-    float *const *to; /* planes that the result goes to */
-    double finished;  /* when the device was */
-    struct pell_pass_time times[PELL_GPU_MARKS];
-    size_t num_times;
+    float *scales; /* of each row: the largest px^2 per mm^2 */
 };
 
 /* --- Life ---------------------------------------------------------------------------------------------------------------------- */
@@ -107,8 +100,8 @@ static void gpu_destroy(void *state)
         pell_gpu_pass_destroy(&st->passes[i]);
     for (int i = 0; i < BUFFERS; i++)
         pell_gpu_buffer_destroy(&st->buffers[i]);
+    pell_gpu_planes_finish(&st->planes);
     pell_free(st->ctx, st->scales);
-    pell_free(st->ctx, st->pixels);
     pell_ss_chain_finish(&st->chain);
     pell_free(st->ctx, st);
 }
@@ -131,8 +124,6 @@ static enum pell_result make_buffers(struct screen_gpu *st, const struct pell_fr
         const uint64_t size = i == TABLE || i == TABLE_UP
                                   ? table_size(st)
                                   : blocks * (uint64_t) (buffer_rows[i].of_pixel * SCREEN_BLOCK + buffer_rows[i].of_block);
-        if (st->lent && (i == LIGHT_UP || i == WHAT_UP || i == OUT || i == LIGHT || i == WHAT))
-            continue;
         res = pell_gpu_buffer_create(st->gpu, buffer_rows[i].place, size, buffer_rows[i].name, &st->buffers[i]);
     }
     return res;
@@ -140,10 +131,9 @@ static enum pell_result make_buffers(struct screen_gpu *st, const struct pell_fr
 
 static struct pell_gpu_buffer *buffer_of(const struct screen_gpu *st, enum buffer which)
 {
-    return st->lent && which == LIGHT  ? st->lent[PELL_GPU_PLANE_LIGHT]
-           : st->lent && which == WHAT ? st->lent[PELL_GPU_PLANE_SURFACE]
-           : st->lent && which == OUT  ? st->lent[PELL_GPU_PLANE_RESULT]
-                                       : st->buffers[which];
+    return which == LIGHT     ? pell_gpu_planes_buffer(&st->planes, PELL_GPU_PLANE_LIGHT)
+           : which == SURFACE ? pell_gpu_planes_buffer(&st->planes, PELL_GPU_PLANE_SURFACE)
+                              : st->buffers[which];
 }
 
 static enum pell_result make_passes(struct screen_gpu *st)
@@ -187,9 +177,7 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
         return PELL_ERR_NOMEM;
     st->ctx = ctx;
     st->services = services;
-    st->pool = services->pool;
     st->gpu = services->gpu;
-    st->lent = services->planes;
     c = &st->chain;
     PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
     st->push = (struct screen_push) {
@@ -198,6 +186,7 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
         .row = (int32_t) c->num_materials + 1,
         .total = SCREEN_PREBLUR + c->steps,
         .orthographic = shape->orthographic,
+        .strength = c->knobs.strength,
         .depth_mm = c->depth_mm,
         .fixed_mm = c->fixed_mm,
         .ratio2 = c->ratio2,
@@ -208,13 +197,13 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
     };
     res = PELL_ERR_NOMEM;
     st->scales = pell_calloc(ctx, (size_t) shape->height, sizeof(*st->scales));
-    st->pixels = pell_calloc(ctx, (size_t) shape->height, sizeof(*st->pixels));
-    if (!st->scales || !st->pixels)
+    if (!st->scales)
         goto fail;
     PELL_TRY(make_buffers(st, shape));
+    PELL_TRY(pell_gpu_planes_make(services, shape, &st->planes));
     PELL_TRY(make_passes(st));
     fill_table(st);
-    return st->lent ? PELL_OK : pell_gpu_commands_create(st->gpu, "screen-space", &st->commands);
+    return services->planes ? PELL_OK : pell_gpu_commands_create(st->gpu, "screen-space", &st->commands);
 
 fail:
     return res;
@@ -231,60 +220,20 @@ static float scale_of(const struct screen_push *p, float depth, float strength)
     return !(depth > 0.0f && depth < 1e12f && strength > 0.0f) ? 0.0f : scale < 1e30f ? scale : 1e30f;
 }
 
-static void pack_row(struct screen_gpu *st, int row)
+/* The largest of a row. */
+static void find_scale(void *state, int row)
 {
-    const struct screen_push *p = &st->push;
-    const struct pell_frame *in = st->in;
-    struct vec4 *light = (struct vec4 *) pell_gpu_buffer_host(st->buffers[LIGHT_UP]) + (ptrdiff_t) row * p->width;
-    struct what *what = (struct what *) pell_gpu_buffer_host(st->buffers[WHAT_UP]) + (ptrdiff_t) row * p->width;
+    struct screen_gpu *st = state;
+    const struct pell_gpu_planes *p = &st->planes;
+    const struct pell_gpu_light *light = pell_gpu_planes_light_row(p, row);
+    const struct pell_gpu_surface *surface = pell_gpu_planes_surface_row(p, row);
     float most = 0.0f;
-    int32_t count = 0;
 
     for (int i = 0; i < p->width; i++) {
-        const int x = p->x0 + i;
-        const ptrdiff_t at = (p->y0 + row) * in->shape.stride + x;
-        const uint16_t material = x >= in->rect.x0 && x < in->rect.x1 ? pell_material_id(in, at) : 0;
-        const float strength = material && st->strength ? st->strength[at] : 1.0f;
-
-        what[i] = (struct what) { material, strength };
-        light[i] = material ? (struct vec4) { st->light[0][at], st->light[1][at], st->light[2][at], in->depth[at] } : (struct vec4) { 0 };
-        if (material) {
-            const float scale = scale_of(p, in->depth[at], strength);
-            most = scale > most ? scale : most;
-            count++;
-        }
+        const float scale = surface[i].material ? scale_of(&st->push, light[i].depth, surface[i].strength) : 0.0f;
+        most = scale > most ? scale : most;
     }
     st->scales[row] = most;
-    st->pixels[row] = count;
-}
-
-static void run_pack(void *arg, int index, int worker)
-{
-    struct screen_gpu *st = arg;
-
-    (void) worker;
-    for (int row = index * BANDS; row < (index + 1) * BANDS && row < st->push.height; row++)
-        pack_row(st, row);
-}
-
-static void run_unpack(void *arg, int index, int worker)
-{
-    const struct screen_gpu *st = arg;
-    const struct screen_push *p = &st->push;
-    const struct pell_frame *in = st->in;
-
-    (void) worker;
-    for (int row = index * BANDS; row < (index + 1) * BANDS && row < p->height; row++) {
-        const struct vec4 *from = (const struct vec4 *) pell_gpu_buffer_host(st->buffers[OUT]) + (ptrdiff_t) row * p->width;
-        for (int x = in->rect.x0; x < in->rect.x1; x++) {
-            const ptrdiff_t at = (p->y0 + row) * in->shape.stride + x;
-            if (!pell_material_id(in, at))
-                continue;
-            st->to[0][at] = from[x - p->x0].x;
-            st->to[1][at] = from[x - p->x0].y;
-            st->to[2][at] = from[x - p->x0].z;
-        }
-    }
 }
 
 /* --- A frame ------------------------------------------------------------------------------------------------------------------- */
@@ -293,28 +242,29 @@ struct steps {
     int first, end, preblur;
 };
 
-static uint32_t groups(int64_t count, int of)
+static void set_grid(struct screen_gpu *st)
 {
-    return (uint32_t) ((count + of - 1) / of);
+    st->push.x0 = st->planes.x0;
+    st->push.y0 = st->planes.y0;
+    st->push.width = st->planes.width;
+    st->push.height = st->planes.height;
 }
 
 static void run_pixels(struct screen_gpu *st, struct pell_gpu_commands *c, enum pass pass)
 {
-    pell_gpu_run(c, st->passes[pass], &st->push, groups(st->push.width, GROUP_X), groups(st->push.height, GROUP_Y), 1);
+    pell_gpu_run(c, st->passes[pass], &st->push, pell_gpu_groups(st->push.width, GROUP_X), pell_gpu_groups(st->push.height, GROUP_Y), 1);
 }
 
 static void run_cells(struct screen_gpu *st, struct pell_gpu_commands *c, enum pass pass, uint32_t axes)
 {
     const int64_t cells = (int64_t) st->push.width / SCREEN_BLOCK * st->push.height;
 
-    pell_gpu_run(c, st->passes[pass], &st->push, groups(cells, CELLS_GROUP), axes, 1);
+    pell_gpu_run(c, st->passes[pass], &st->push, pell_gpu_groups(cells, CELLS_GROUP), axes, 1);
 }
 
 /* Records all from the frame's planes to the step before `steps.end`, and the copy of what came of it. `whole`: see struct screen_push. */
 static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, struct steps steps, bool whole)
 {
-    const uint64_t pixels = (uint64_t) st->push.width * (uint64_t) st->push.height;
-
     st->push.base = SCREEN_PREBLUR - steps.preblur;
     st->push.whole = whole;
     pell_gpu_mark(c, "load");
@@ -323,7 +273,8 @@ static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, str
     run_pixels(st, c, MEASURE);
     run_cells(st, c, CELL, 1);
     run_cells(st, c, LEAN, 1);
-    pell_gpu_run(c, st->passes[CLEAR], &st->push, groups((int64_t) st->push.height + st->push.width / SCREEN_BLOCK, CELLS_GROUP), 1, 1);
+    pell_gpu_run(c, st->passes[CLEAR], &st->push, pell_gpu_groups((int64_t) st->push.height + st->push.width / SCREEN_BLOCK, CELLS_GROUP),
+                 1, 1);
     run_pixels(st, c, SIZE);
     for (int step = steps.first; step < steps.end; step++) {
         pell_gpu_mark(c, pell_ss_step_name(step, steps.preblur));
@@ -335,25 +286,22 @@ static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, str
         run_pixels(st, c, DOWN);
     }
     pell_gpu_mark(c, "download");
-    pell_gpu_copy(c, st->buffers[steps.first < steps.end ? SUM : NOW], buffer_of(st, OUT), pixels * sizeof(struct vec4));
+    pell_gpu_planes_download(&st->planes, c, st->buffers[steps.first < steps.end ? SUM : NOW]);
 }
 
-/* Runs them, and brings back what came of it. */
-static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool whole)
+/* Runs them, and brings what came of it to three planes. */
+static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool whole, float *const to[3])
 {
     struct pell_gpu_commands *c = st->commands;
-    const uint64_t pixels = (uint64_t) st->push.width * (uint64_t) st->push.height;
     enum pell_result res;
 
     PELL_TRY(pell_gpu_begin(c));
     pell_gpu_mark(c, "upload");
     pell_gpu_copy(c, st->buffers[TABLE_UP], st->buffers[TABLE], table_size(st));
-    pell_gpu_copy(c, st->buffers[LIGHT_UP], st->buffers[LIGHT], pixels * sizeof(struct vec4));
-    pell_gpu_copy(c, st->buffers[WHAT_UP], st->buffers[WHAT], pixels * sizeof(struct what));
+    pell_gpu_planes_upload(&st->planes, c);
     record_steps(st, c, steps, whole);
     PELL_TRY(pell_gpu_finish(c));
-    st->finished = pell_seconds();
-    pell_pool_run(st->pool, (st->push.height + BANDS - 1) / BANDS, run_unpack, st);
+    pell_gpu_planes_unpack(&st->planes, to);
     return PELL_OK;
 
 fail:
@@ -364,107 +312,62 @@ fail:
 static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float nearest)
 {
     struct screen_gpu *st = state;
-    struct screen_push *p = &st->push;
     struct steps steps;
 
-    p->x0 = p->y0 = 0;
-    p->width = (p->picture_width + SCREEN_BLOCK - 1) / SCREEN_BLOCK * SCREEN_BLOCK;
-    p->height = p->picture_height;
-    pell_ss_chain_choose(&st->chain, scale_of(p, nearest, 1.0f), &steps.preblur, &steps.first);
+    pell_gpu_planes_whole(&st->planes, st->push.picture_width, st->push.picture_height);
+    set_grid(st);
+    pell_ss_chain_choose(&st->chain, scale_of(&st->push, nearest, 1.0f), &steps.preblur, &steps.first);
     steps.end = steps.preblur + st->chain.steps;
     pell_gpu_copy(commands, st->buffers[TABLE_UP], st->buffers[TABLE], table_size(st));
     record_steps(st, commands, steps, false);
 }
 
 /* Each step's result by itself. */
-static enum pell_result show_blurs(struct screen_gpu *st, struct steps steps)
+static enum pell_result show_blurs(struct screen_gpu *st, const struct pell_frame *in, struct steps steps)
 {
-    const size_t size = (size_t) st->in->shape.stride * (size_t) st->in->shape.height;
+    const size_t size = (size_t) in->shape.stride * (size_t) in->shape.height;
     float *planes = pell_calloc(st->ctx, 3 * size, sizeof(*planes));
     float *const to[3] = { planes, planes + size, planes + 2 * size };
     enum pell_result res = planes ? PELL_OK : PELL_ERR_NOMEM;
 
-    st->to = to;
     for (int step = steps.first; step < steps.end && res == PELL_OK; step++) {
-        res = run_list(st, (struct steps) { steps.first, step + 1, steps.preblur }, true);
+        res = run_list(st, (struct steps) { steps.first, step + 1, steps.preblur }, true, to);
         if (res == PELL_OK)
-            res = pell_ss_show(&st->chain, st->services, st->in, (const float *const *) to, 0, step, steps.preblur);
+            res = pell_ss_show(&st->chain, st->services, in, (const float *const *) to, 0, step, steps.preblur);
     }
-    st->to = NULL;
     pell_free(st->ctx, planes);
     return res;
 }
 
-static void note_times(struct screen_gpu *st, int64_t pixels, double pack, double unpack)
+static int bytes_of(const char *mark)
 {
-    struct pell_gpu_time list[PELL_GPU_MARKS];
-    const size_t count = pell_gpu_times(st->commands, list, PELL_GPU_MARKS - 2);
-    const int64_t grid = (int64_t) st->push.width * st->push.height;
-
-    st->times[st->num_times++] = (struct pell_pass_time) { .name = "pack", .seconds = pack, .pixels = pixels, .bytes = grid * 48 };
-    for (size_t i = 0; i < count; i++) {
-        const int64_t bytes = i == 0 ? 48 : i == 1 ? 56 : i == 2 ? 96 : i + 1 == count ? 32 : 176;
-        st->times[st->num_times++] =
-            (struct pell_pass_time) { .name = list[i].name, .seconds = list[i].seconds, .pixels = pixels, .bytes = grid * bytes };
-    }
-    st->times[st->num_times++] = (struct pell_pass_time) { .name = "unpack", .seconds = unpack, .pixels = pixels, .bytes = pixels * 28 };
-}
-
-/* Where the frame lies in the picture, and its pixels in the memory that goes to the device. Returns how many are translucent. */
-static int64_t pack(struct screen_gpu *st, float *most)
-{
-    struct screen_push *p = &st->push;
-    const struct pell_rect *r = &st->in->rect;
-    int64_t pixels = 0;
-
-    p->x0 = r->x0 / SCREEN_BLOCK * SCREEN_BLOCK;
-    p->y0 = r->y0;
-    p->width = (r->x1 - p->x0 + SCREEN_BLOCK - 1) / SCREEN_BLOCK * SCREEN_BLOCK;
-    p->height = r->y1 - r->y0;
-    pell_pool_run(st->pool, (p->height + BANDS - 1) / BANDS, run_pack, st);
-    *most = 0.0f;
-    for (int row = 0; row < p->height; row++) {
-        *most = st->scales[row] > *most ? st->scales[row] : *most;
-        pixels += st->pixels[row];
-    }
-    return pixels;
+    return !strcmp(mark, "upload") ? 48 : !strcmp(mark, "load") ? 56 : !strcmp(mark, "measure") ? 96 : !strcmp(mark, "download") ? 32 : 176;
 }
 
 static enum pell_result gpu_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct screen_gpu *st = state;
-    const double start = pell_seconds();
-    double packed;
+    const struct screen_knobs *k = &st->chain.knobs;
     struct steps steps;
     int64_t pixels;
-    float most;
+    float most = 0.0f;
     enum pell_result res;
 
-    st->num_times = 0;
-    if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
-        return PELL_OK;
-    st->in = in;
-    st->light = st->chain.knobs.input == SCREEN_INPUT_SHADED ? in->shaded : in->irradiance;
-    st->strength = st->chain.knobs.strength ? in->strength : NULL;
-    pixels = pack(st, &most);
+    pixels = pell_gpu_planes_pack(&st->planes, in, k->input == SCREEN_INPUT_SHADED ? in->shaded : in->irradiance,
+                                  k->strength ? in->strength : NULL, find_scale, st);
+    set_grid(st);
+    for (int row = 0; row < st->planes.height; row++)
+        most = st->scales[row] > most ? st->scales[row] : most;
     pell_ss_chain_choose(&st->chain, most, &steps.preblur, &steps.first);
     steps.end = steps.preblur + st->chain.steps;
-    packed = pell_seconds();
     res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     if (res == PELL_OK && pell_services_observed(st->services, in))
-        res = show_blurs(st, steps);
-    if (res == PELL_OK) {
-        st->to = out->light;
-        res = run_list(st, steps, false);
-    }
+        res = show_blurs(st, in, steps);
     if (res == PELL_OK)
-        note_times(st, pixels, packed - start, pell_seconds() - st->finished);
-    if (res == PELL_OK && pell_cancelled(st->ctx))
-        res = PELL_ERR_CANCELLED;
-    st->in = NULL;
-    st->to = NULL;
-    st->light = NULL;
-    return res;
+        res = run_list(st, steps, false, out->light);
+    if (res == PELL_OK)
+        pell_gpu_planes_note(&st->planes, st->commands, pixels, bytes_of);
+    return res == PELL_OK && pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : res;
 }
 
 static const struct pell_thickness_table *thickness(const void *state, size_t material)
@@ -476,11 +379,7 @@ static const struct pell_thickness_table *thickness(const void *state, size_t ma
 
 static size_t times(const void *state, struct pell_pass_time *list, size_t size)
 {
-    const struct screen_gpu *st = state;
-    const size_t count = st->num_times < size ? st->num_times : size;
-
-    memcpy(list, st->times, count * sizeof(*list));
-    return count;
+    return pell_gpu_planes_times(&((const struct screen_gpu *) state)->planes, list, size);
 }
 
 const struct pell_method_engine pell_ss_vulkan = {
