@@ -5,6 +5,8 @@
  *     pell_vulkan_pass_create(ctx, &device, method, knobs, &shape, &buffers, &pass);   // once
  *     pell_vulkan_pass_record(pass, command_buffer, nearest_mm);                       // every frame
  *
+ * Methods that have the engine vulkan run here: screen-space, and image-space with its camera's view.
+ *
  * Needs no headers of Vulkan: handles are pointers to its structs, VkBuffer is passed as uint64_t. The device is of Vulkan 1.3, with the
  * features synchronization2 and maintenance4. Everything that a pass needs besides your buffers is made with it.
  *
@@ -62,8 +64,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_vulkan_pass_create(struct pell_con
                                                                  const struct pell_frame_shape *shape,
                                                                  const struct pell_vulkan_buffers *buffers, struct pell_vulkan_pass **out);
 /* Records the pass into a command buffer that is begun, outside a render pass, for a queue that computes. `nearest_mm` > 0: no depth of a
- * translucent pixel is below it (orthographic: ignored); of wide profiles it chooses how many blurs go ahead. Before, `light` and `surface`
- * must be visible to reads by compute shaders; after, `result` is written by a copy (VK_PIPELINE_STAGE_2_COPY_BIT,
+ * translucent pixel is below it (orthographic: ignored); of wide profiles it chooses how many blurs of screen-space go ahead. Before,
+ * `light` and `surface` must be visible to reads by compute shaders; after, `result` is written by a copy (VK_PIPELINE_STAGE_2_COPY_BIT,
  * VK_ACCESS_2_TRANSFER_WRITE_BIT): the barriers are yours. Allocates nothing; submits nothing. */
 PELL_API PELL_NODISCARD enum pell_result pell_vulkan_pass_record(struct pell_vulkan_pass *pass, struct VkCommandBuffer_T *command_buffer,
                                                                  float nearest_mm);

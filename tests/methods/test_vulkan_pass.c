@@ -167,7 +167,10 @@ static void require_same(const struct program *p, const struct patch *cpu)
 
 static void a_recorded_pass_gives_what_the_cpu_gives(void **state)
 {
-    static const char *const forms[] = { "", "as=paper", "gaussians=6 first=unblurred" };
+    static const struct {
+        const char *method, *knobs;
+    } forms[] = { { "screen-space", "" }, { "screen-space", "as=paper" }, { "screen-space", "gaussians=6 first=unblurred strength=false" },
+                  { "image-space", "" },  { "image-space", "as=paper" },  { "image-space", "samples=5 tile=1 renormalise=off" } };
     struct pell_frame_material materials[2];
     struct program p;
     struct patch *patch;
@@ -178,13 +181,13 @@ static void a_recorded_pass_gives_what_the_cpu_gives(void **state)
     patch = scene(materials);
     program_fill(&p, patch);
     for (size_t i = 0; i < PELL_COUNT(forms); i++) {
-        const struct pell_method *method = pell_method_find(p.ctx, "test", "screen-space");
+        const struct pell_method *method = pell_method_find(p.ctx, "test", forms[i].method);
         struct pell_vulkan_pass *pass;
         struct pell_device *device;
         struct pell_pass *cpu;
         void *knobs;
 
-        OK(pell_method_knobs_create(p.ctx, method, forms[i], &knobs));
+        OK(pell_method_knobs_create(p.ctx, method, forms[i].knobs, &knobs));
         OK(pell_device_create(p.ctx, &(struct pell_device_params) { .threads = 1, .engine = PELL_ENGINE_CPU }, &device));
         OK(pell_pass_create(device, method, knobs, &patch->frame.shape, &cpu));
         OK(pell_pass_render(cpu, &patch->frame, &patch->out));
@@ -223,9 +226,8 @@ static void what_is_wrong_is_named(void **state)
     method = pell_method_find(p.ctx, "test", "screen-space");
     assert_int_equal(pell_vulkan_pitch(1), 16);
     assert_int_equal(pell_vulkan_pitch(64), 64);
-    assert_int_equal(
-        pell_vulkan_pass_create(p.ctx, &p.device, pell_method_find(p.ctx, "test", "image-space"), NULL, &shape, &p.buffers, &pass),
-        PELL_ERR_DEVICE);
+    assert_int_equal(pell_vulkan_pass_create(p.ctx, &p.device, pell_method_find(p.ctx, "test", "dipole"), NULL, &shape, &p.buffers, &pass),
+                     PELL_ERR_DEVICE);
     assert_null(pass);
     assert_string_equal(p.kept.what, "has no engine vulkan, only cpu");
     none = p.buffers;
@@ -246,7 +248,6 @@ static void what_is_wrong_is_named(void **state)
 static void lack_of_memory_leaves_nothing(void **state)
 {
     struct pell_frame_material materials[2];
-    enum pell_result res = PELL_ERR_NOMEM;
     struct program p;
     struct patch *patch;
     int failed = 0;
@@ -255,20 +256,23 @@ static void lack_of_memory_leaves_nothing(void **state)
     two_materials(materials);
     program_start(&p);
     patch = scene(materials);
-    for (uint64_t n = 1; res != PELL_OK; n++) {
-        const size_t used = pell_memory_used(p.ctx);
-        struct pell_vulkan_pass *pass;
+    for (int method = 0; method < 2; method++) {
+        enum pell_result res = PELL_ERR_NOMEM;
+        for (uint64_t n = 1; res != PELL_OK; n++) {
+            const size_t used = pell_memory_used(p.ctx);
+            struct pell_vulkan_pass *pass;
 
-        p.fault.fail_at = atomic_load(&p.fault.calls) + n;
-        res = pell_vulkan_pass_create(p.ctx, &p.device, pell_method_find(p.ctx, "test", "screen-space"), NULL, &patch->frame.shape,
-                                      &p.buffers, &pass);
-        p.fault.fail_at = 0;
-        REQUIRE(res == PELL_OK || (res == PELL_ERR_NOMEM && !pass));
-        pell_vulkan_pass_destroy(&pass);
-        assert_int_equal(pell_memory_used(p.ctx), used);
-        failed += res != PELL_OK;
+            p.fault.fail_at = atomic_load(&p.fault.calls) + n;
+            res = pell_vulkan_pass_create(p.ctx, &p.device, pell_method_find(p.ctx, "test", method ? "image-space" : "screen-space"), NULL,
+                                          &patch->frame.shape, &p.buffers, &pass);
+            p.fault.fail_at = 0;
+            REQUIRE(res == PELL_OK || (res == PELL_ERR_NOMEM && !pass));
+            pell_vulkan_pass_destroy(&pass);
+            assert_int_equal(pell_memory_used(p.ctx), used);
+            failed += res != PELL_OK;
+        }
     }
-    REQUIRE(failed > 30);
+    REQUIRE(failed > 60);
     patch_destroy(patch);
     program_finish(&p, failed);
 }

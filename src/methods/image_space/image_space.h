@@ -79,7 +79,36 @@ struct is_light_view {
 PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids, int size,
                                                     struct is_light_view *views, int *count);
 
-extern const struct pell_method_engine pell_is_cpu;
+/* --- setup.c: what every engine has ------------------------------------------------------------------------------------------------ */
+
+struct is_setup {
+    const struct pell_services *services; /* borrowed, as is ctx */
+    struct pell_context *ctx;
+    struct is_knobs knobs;
+    struct is_set *sets;
+    size_t num_sets;
+    struct pell_solids *solids;             /* for views of lights, or NULL */
+    struct pell_thickness_table *thickness; /* of each material, or NULL */
+    struct is_light_view light_views[IS_VIEWS_MOST];
+    struct is_view views[IS_VIEWS_MOST];
+    struct is_work work; /* planes and image are the engine's; all else is set here */
+};
+
+/* `st` is zero. is_setup_finish takes what it left, also where it failed. */
+PELL_NODISCARD enum pell_result is_setup_make(const struct pell_services *services, const struct pell_frame_shape *shape,
+                                              const struct is_knobs *knobs, struct is_setup *st);
+void is_setup_finish(struct is_setup *st);
+/* What depends on the frame; for who observes the renderer, images of it. */
+PELL_NODISCARD enum pell_result is_setup_frame(struct is_setup *st, const struct pell_frame *in);
+/* The solids + 1 of the translucent pixels of row y of the picture, by column; only with st->solids. Thread-safe. */
+void is_find_solids(const struct is_setup *st, const struct pell_frame *in, int y, int32_t *to);
+
+static inline const struct pell_thickness_table *is_setup_thickness(const struct is_setup *st, size_t material)
+{
+    return st->thickness && material < st->num_sets ? &st->thickness[material] : NULL;
+}
+
+extern const struct pell_method_engine pell_is_cpu, pell_is_vulkan;
 
 /* show.c: for who observes the renderer (pell_services_observed). */
 PELL_NODISCARD enum pell_result is_show_samples(const struct pell_services *services, const struct is_knobs *knobs,

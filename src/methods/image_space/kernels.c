@@ -7,7 +7,6 @@
 
 #include "render/material_id.h"
 
-#define HEAVIEST 1e12f /* weight of a sample; more is an accident of rounding */
 enum { AHEAD = 8 };
 
 struct sums {
@@ -43,7 +42,7 @@ INLINE void add(const struct is_set *set, const struct place *p, const struct fo
         for (int c = 0; c < 3; c++)
             weight[c] = (row[c] + part * row[4 + c]) * share;
     }
-    good &= (share >= 0.0f) & (weight[0] <= HEAVIEST) & (weight[1] <= HEAVIEST) & (weight[2] <= HEAVIEST);
+    good &= (share >= 0.0f) & (weight[0] <= IS_HEAVIEST) & (weight[1] <= IS_HEAVIEST) & (weight[2] <= IS_HEAVIEST);
     for (int c = 0; c < 3; c++) {
         s->weight[c] += (vf) ((vi) weight[c] & good);
         s->light[c] += (vf) ((vi) (weight[c] * f->light[c]) & good);
@@ -140,7 +139,7 @@ INLINE void sample_all(const struct is_work *w, const struct place *p, const str
 INLINE void choose_levels(const struct is_work *w, const struct is_set *set, struct place *p)
 {
     const struct pell_frame *in = w->in;
-    const float first = 1.0f - sqrtf(1.0f - IS_ALBEDO_LEAST), last = 1.0f - sqrtf(1.0f - IS_ALBEDO_MOST);
+    const float least = sqrtf(1.0f - IS_ALBEDO_LEAST), most = sqrtf(1.0f - IS_ALBEDO_MOST);
     const vi at = p->x & p->live;
     vf mean = { 0 }, row[IS_LEVEL];
     vi level;
@@ -148,7 +147,7 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
     for (int c = 0; c < 3; c++) {
         const vf base = gather(in->base[c] + p->y * in->shape.stride, at);
         const vf albedo = greater(lesser(base, all(IS_ALBEDO_MOST)), all(IS_ALBEDO_LEAST)); /* no number is the most */
-        const vf place = (1.0f - root(1.0f - albedo) - first) * ((IS_LEVELS - 1) / (last - first));
+        const vf place = IS_LEVEL_PLACE(root(1.0f - albedo), least, most);
         vi low = __builtin_convertvector(greater(lesser(place, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
         p->part[c] = place - __builtin_convertvector(low, vf);
         p->rows[c] = (low + 1) * (IS_ROWS * 8);
@@ -258,8 +257,8 @@ INLINE void start(const struct is_work *w, int x, int y, bool parallel, struct p
 INLINE vf takes_part(const struct place *p, int c, bool parallel, float f)
 {
     const vf px = p->quarter[c] * p->strength * (parallel ? all(f) : f / p->z);
-    const vf t = greater(lesser((px - 0.4f) / (1.5f - 0.4f), all(1.0f)), all(0.0f));
-    return t * t * (3.0f - 2.0f * t);
+    const vf t = greater(lesser((px - IS_PART_FROM) / (IS_PART_TO - IS_PART_FROM), all(1.0f)), all(0.0f));
+    return IS_PART(t);
 }
 
 INLINE void finish(const struct is_work *w, const struct place *p, const struct is_set *set, const struct sums *s, int lane, bool parallel,
@@ -271,7 +270,7 @@ INLINE void finish(const struct is_work *w, const struct place *p, const struct 
     for (int c = 0; c < 3; c++) {
         const vf here = gather(own + IS_RED + c, at);
         vf light = s->light[c];
-        vi kept = p->strength > 1.0f / 1024.0f;
+        vi kept = p->strength > IS_WEAKEST;
         if (w->renormalise == IS_BY_WEIGHT) {
             kept &= s->weight[c] > 1e-20f;
             light /= s->weight[c];

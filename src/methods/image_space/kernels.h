@@ -16,22 +16,14 @@
 #ifndef PELL_IMAGE_SPACE_KERNELS_H
 #define PELL_IMAGE_SPACE_KERNELS_H
 
+#include "methods/image_space/formulas.h"
+
 #include <pellucid/frame.h>
 
 enum { IS_BLOCK = 16, IS_TEXEL = 8, IS_MARGIN = 16, IS_VIEWS = 9 };
 enum is_texel { IS_RED, IS_GREEN, IS_BLUE, IS_W, IS_GU, IS_GV, IS_H, IS_KEY };
 
-/* Radial tables: rows at squared radii in units of length^2, IS_ROWS_OCTAVE to a factor of two, from 2^-IS_OCTAVES to 2^IS_OCTAVES. A row
- * holds R of each channel over its total, and the mean of these over the channels with light (the density of importance samples), all
- * times length^2; then the rise of the four to the next row. Below the first row R stays what it is, beyond the last it is 0. */
-enum { IS_OCTAVES = 24, IS_SHIFT = 18, IS_ROWS_OCTAVE = 1 << (23 - IS_SHIFT), IS_ROWS = 2 * IS_OCTAVES * IS_ROWS_OCTAVE };
-
-/* Where colour comes from a texture and says how far light goes, there are profiles of the material's mean free path at IS_LEVELS albedos,
- * even in 1 - sqrt(1 - albedo): samples are those of the nearest level, weights are interpolated between two. */
-enum { IS_LEVELS = 16 };
-#define IS_ALBEDO_LEAST 0.01f
-#define IS_ALBEDO_MOST 0.98f
-enum is_level { IS_UNIFORM_AT, IS_BROAD2_AT, IS_REACH2_AT, IS_QUARTER_AT, IS_LEVEL = 8 }; /* as the fields of struct is_set */
+enum is_level { IS_UNIFORM_AT, IS_BROAD2_AT, IS_REACH2_AT, IS_QUARTER_AT }; /* as the fields of struct is_set */
 
 /* The samples of a material, and what they are weighed by. Offsets and rows of the material itself come first, then those of the levels. */
 struct is_set {

@@ -7,8 +7,6 @@
 
 #include "render/material_id.h"
 
-#define STEEPEST 20.0f /* 1/cos of the steepest surface, seen from the view: what is steeper is taken for that */
-
 void PELL_SIMD(is_load)(const struct is_work *w, int y)
 {
     const struct pell_frame *in = w->in;
@@ -50,7 +48,7 @@ void PELL_SIMD(is_measure)(const struct is_work *w, int y)
                 tx[k] = parallel ? 0.0f : ((float) (block + l + k) + 0.5f - w->mid_x) / f;
             c = parallel ? all(-1.0f) : here - a * tx - b * ty;
             ray = root(tx * tx + (ty * ty + 1.0f));
-            most = STEEPEST * (parallel ? all(1.0f) : here) / ray;
+            most = IS_STEEPEST * (parallel ? all(1.0f) : here) / ray;
             norm = root(a * a + b * b + c * c);
             cut = select(norm > most, most / norm, all(1.0f));
             a *= cut;

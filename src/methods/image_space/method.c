@@ -102,5 +102,8 @@ const struct pell_method pell_method_image_space = {
     .paper_settings = pell_paper_exit,
     .plan = plan,
     .cpu = &pell_is_cpu,
+#ifdef PELL_HAVE_VULKAN
+    .vulkan = &pell_is_vulkan,
+#endif
     .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

@@ -58,16 +58,15 @@ struct views {
 /* The row of a squared radius, in units of length^2, and the place in it. */
 INLINE vi find_row(vf square, vf *part)
 {
-    const float least = 1.0f / (1 << IS_OCTAVES), most = (float) (1 << IS_OCTAVES) * (1.0f - 0x1p-23f);
-    const vi bits = (vi) greater(lesser(square, all(most)), all(least));
+    const vi bits = (vi) greater(lesser(square, all(IS_SQUARE_LAST)), all(IS_SQUARE_LEAST));
 
     *part = __builtin_convertvector(bits & ((1 << IS_SHIFT) - 1), vf) * (1.0f / (1 << IS_SHIFT));
-    return ((bits >> IS_SHIFT) - ((127 - IS_OCTAVES) << (23 - IS_SHIFT))) * 8;
+    return ((bits >> IS_SHIFT) - IS_FIRST_ROW) * 8;
 }
 
 INLINE vi in_table(vf square)
 {
-    return square < (float) (1 << IS_OCTAVES);
+    return square < IS_SQUARE_MOST;
 }
 
 INLINE vi texel_at(vi x, vi y, ptrdiff_t stride, vi inside)
@@ -77,7 +76,7 @@ INLINE vi texel_at(vi x, vi y, ptrdiff_t stride, vi inside)
 
 INLINE vf plane_at(const vf texel[8], vf du, vf dv)
 {
-    return texel[IS_W] + texel[IS_GU] * du + texel[IS_GV] * dv;
+    return IS_PLANE_AT(texel[IS_W], texel[IS_GU], texel[IS_GV], du, dv);
 }
 
 /* Tangents of n, a unit vector (Duff et al. 2017, "Building an Orthonormal Basis, Revisited"). */
@@ -108,8 +107,8 @@ INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf
     const struct pell_rect *r = &w->in->rect;
     const float f = w->focal_px;
     const vf depth = p->z + o[2], scale = parallel ? all(f) : f / depth;
-    const vf du = within(scale * (parallel ? o[0] : o[0] - p->t[0] * o[2]), FAR_PX);
-    const vf dv = within(scale * (parallel ? o[1] : o[1] - p->t[1] * o[2]), FAR_PX);
+    const vf du = within(scale * (parallel ? o[0] : o[0] - p->t[0] * o[2]), IS_FAR_PX);
+    const vf dv = within(scale * (parallel ? o[1] : o[1] - p->t[1] * o[2]), IS_FAR_PX);
     const vi iu = nearest(du), iv = nearest(dv), x = p->x + iu, y = p->y + iv;
     const vi before = parallel ? (vi) { 0 } - 1 : (vi) (depth > 0.0f);
 
@@ -142,7 +141,7 @@ INLINE void camera_finds(const struct is_work *w, const struct place *p, const v
         z = 1.0f / plane;
         step = z * (1.0f / f);
         ratio = step * aim->scale; /* z/z' */
-        jacobian *= ratio * ratio * ratio;
+        jacobian = IS_AREA_RATIO(jacobian, ratio);
         to->there &= own | (plane > 0.0f);
     }
     dz = z - p->z;
@@ -166,7 +165,7 @@ INLINE void into_view(const struct is_view *v, const vf p[3], float shifted, vf 
 INLINE vi look(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
 {
     const vf scale = m->parallel ? all(m->f) : m->f / p[2];
-    const vf u = within(scale * p[0] + m->cx, FAR_PX), v = within(scale * p[1] + m->cy, FAR_PX);
+    const vf u = within(scale * p[0] + m->cx, IS_FAR_PX), v = within(scale * p[1] + m->cy, IS_FAR_PX);
     const vi x = nearest(u), y = nearest(v), before = m->parallel ? (vi) { 0 } - 1 : (vi) (p[2] > 0.0f);
     const vi inside = (x >= m->rect.x0) & (x < m->rect.x1) & (y >= m->rect.y0) & (y < m->rect.y1) & before;
 
@@ -181,7 +180,7 @@ INLINE vi look(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
 INLINE vf jacobian_of(const struct image *m, const vf texel[8], vf ratio, vf distance)
 {
     const vf h = texel[IS_H] * magnitude(distance);
-    return m->parallel ? h : h * ratio * ratio * ratio;
+    return m->parallel ? h : IS_AREA_RATIO(h, ratio);
 }
 
 INLINE void make_plane(const struct image *m, const struct place *p, struct samples_plane *to)

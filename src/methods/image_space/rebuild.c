@@ -5,8 +5,6 @@
  */
 #include "methods/image_space/texels.h"
 
-#define THIN (1.0f / 16.0f) /* taps may lie 4 footprints of a pixel off the planes, both together */
-
 /* Tiles' mean, each pattern of the tile counted once: 1/2 1 .. 1 1/2 along both axes, over n^2. Taps count as far as each of two pixels
  * lies on the other's plane, to a few pixels' footprints. What p takes from q, q takes from p, so that the sum over pixels stays. */
 void PELL_SIMD(is_rebuild)(const struct is_work *w, int y)
@@ -32,7 +30,7 @@ void PELL_SIMD(is_rebuild)(const struct is_work *w, int y)
                     const vf to = here + gu * fx + gv * fy - there;
                     const vf back = there - load(w->gu + other) * fx - load(w->gv + other) * fy - here;
                     const vf off = magnitude(to) * flat + magnitude(back) * load(w->flat + other);
-                    vf weight = greater(1.0f - off * off * THIN, all(0.0f)) * (box * over);
+                    vf weight = greater(1.0f - off * off * IS_THIN, all(0.0f)) * (box * over);
                     if (dx == 0 && dy == 0)
                         continue;
                     weight = (vf) ((vi) weight & (load(w->key + other) == key));

@@ -16,8 +16,6 @@
 #include <math.h>
 #include <string.h>
 
-#define FAR_PX 1e5f
-
 /* One float of each lane's place. */
 #if defined(__AVX512F__)
 #define gather(p, at) ((vf) _mm512_i32gather_ps((__m512i) (at), (p), 4))
@@ -75,7 +73,7 @@ INLINE void gather8(const float *p, const vi *at, vf out[8])
 }
 #endif
 
-/* The nearest whole number, halves up, of numbers within FAR_PX. */
+/* The nearest whole number, halves up, of numbers within IS_FAR_PX. */
 INLINE vi nearest(vf x)
 {
     const vf up = x + 0.5f;

@@ -10,7 +10,6 @@
 #include <string.h>
 
 #define WIDEST 1.0471976f /* half the view of a light that stands among the objects: 60 degrees */
-#define STEEPEST 20.0f    /* 1/cos; what is steeper is left to other views */
 
 struct view_task {
     const struct pell_services *services;
@@ -31,7 +30,7 @@ static void write_texel(const struct view_task *t, int i, const struct pell_ray_
     const float distance = sqrtf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
     const int32_t solid = t->solids->of_mesh[hit->hit.mesh[i]];
 
-    if (solid < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * STEEPEST < 1.0f : fabsf(plane) * STEEPEST < distance) ||
+    if (solid < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * IS_STEEPEST < 1.0f : fabsf(plane) * IS_STEEPEST < distance) ||
         !(v->orthographic || at[2] > 0.0f))
         return;
     for (int c = 0; c < 3; c++)

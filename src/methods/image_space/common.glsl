@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: MIT
+// common.glsl - what the shaders of the image-space method share: push constants, pixels, rays.
+// An irradiance image holds two vec4 a pixel: w, gu, gv, key; then light (R, G, B; W/m^2), h (kernels.h).
+#include "methods/image_space/formulas.h"
+#include "methods/image_space/push.h"
+
+layout(push_constant) uniform Push { is_push pc; };
+
+int pixel_at(ivec2 p)
+{
+    return p.y * pc.width + p.x;
+}
+
+bool is_inside(ivec2 p)
+{
+    return p.x >= 0 && p.y >= 0 && p.x < pc.width && p.y < pc.height;
+}
+
+// Of a pixel of the grid: its place relative to the middle of the picture, over f.
+vec2 ray_of(ivec2 p)
+{
+    return (vec2(p + ivec2(pc.x0, pc.y0)) + 0.5 - vec2(pc.mid_x, pc.mid_y)) / pc.focal_px;
+}

@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * formulas.h - numbers and formulas of the image-space method that its kernels in C and its shaders share: C11 and GLSL 4.60. Formulas are
+ * macros, since kernels evaluate them on vectors. What they mean: kernels.h and README.md.
+ */
+#ifndef PELL_IMAGE_SPACE_FORMULAS_H
+#define PELL_IMAGE_SPACE_FORMULAS_H
+
+/* Radial tables: rows at squared radii in units of length^2, IS_ROWS_OCTAVE to a factor of two, from 2^-IS_OCTAVES to 2^IS_OCTAVES. A row
+ * holds R of each channel over its total, and the mean of these over the channels with light (the density of importance samples), all
+ * times length^2; then the rise of the four to the next row. Below the first row R stays what it is, beyond the last it is 0. */
+#define IS_OCTAVES 24
+#define IS_SHIFT 18
+#define IS_ROWS_OCTAVE (1 << (23 - IS_SHIFT))
+#define IS_ROWS (2 * IS_OCTAVES * IS_ROWS_OCTAVE)
+#define IS_SQUARE_LEAST (1.0f / 16777216.0f)                 /* 2^-IS_OCTAVES */
+#define IS_SQUARE_MOST 16777216.0f                           /* 2^IS_OCTAVES */
+#define IS_SQUARE_LAST 16777214.0f                           /* the last float below */
+#define IS_FIRST_ROW ((127 - IS_OCTAVES) << (23 - IS_SHIFT)) /* of a float's bits >> IS_SHIFT */
+
+/* Where colour comes from a texture and says how far light goes, there are profiles of the material's mean free path at IS_LEVELS albedos,
+ * even in 1 - sqrt(1 - albedo): samples are those of the nearest level, weights are interpolated between two. */
+#define IS_LEVELS 16
+#define IS_ALBEDO_LEAST 0.01f
+#define IS_ALBEDO_MOST 0.98f
+#define IS_LEVEL 8 /* floats: enum is_level */
+/* `root`: sqrt(1 - albedo). */
+#define IS_LEVEL_PLACE(root, root_least, root_most) (((root_least) - (root)) * ((IS_LEVELS - 1.0f) / ((root_least) - (root_most))))
+
+#define IS_FAR_PX 1e5f              /* from a pixel, to which places in an image are limited */
+#define IS_HEAVIEST 1e12f           /* weight of a sample; more is an accident of rounding */
+#define IS_WEAKEST (1.0f / 1024.0f) /* strength under which light leaves where it enters */
+#define IS_STEEPEST 20.0f           /* 1/cos of the steepest surface, seen from the view: what is steeper is taken for that */
+#define IS_THIN (1.0f / 16.0f)      /* taps of the reconstruction may lie 4 footprints of a pixel off the planes, both together */
+/* Channels of which a quarter of the light stays within so many pixels take no part in it, or a part, from .. to. */
+#define IS_PART_FROM 0.4f
+#define IS_PART_TO 1.5f
+#define IS_PART(t) ((t) * (t) * (3.0f - 2.0f * (t))) /* t in [0, 1] */
+
+/* w of a texel's plane, du and dv pixels from its centre. */
+#define IS_PLANE_AT(w, gu, gv, du, dv) ((w) + (gu) * (du) + (gv) * (dv))
+/* dA_p/dA_p' of a perspective view: h_p/h_p' times the cube of z/z'. */
+#define IS_AREA_RATIO(h_ratio, z_ratio) ((h_ratio) * ((z_ratio) * (z_ratio) * (z_ratio)))
+
+#endif

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// gather.comp - M of each pixel from samples in the tangent plane, followed to the surface along the rays of irradiance images.
+// T. Mertens et al., "Efficient Rendering of Local Subsurface Scattering", 2003, equation (9), corrected; README.md. Mirror of kernels.c
+// and points.h. VIEWS 1: with images from the lights, by the balance heuristic.
+//   in  0 texels     the camera's irradiance image: see common.glsl
+//   in  1 surface    material (0: not translucent), strength (bits of a float)
+//   in  2 base       base colour, where it says how far light goes; else anything
+//   in  3 sets       of each material, then of levels: see points.glsl
+//   in  4 offsets    samples: x, y in the tangent plane (mm), 1/density, 0
+//   in  5 rows       radial tables, two each: R of the channels and their mean over their totals, times length^2; the rise to the next row
+//   in  6 views      of each view of a light: see points.glsl
+//   in  7 lights     the irradiance images of these views, one after the other
+//   out 8 light      M (W/m^2), 0
+//   out 9 alpha      how much a pixel's channels take part in the reconstruction; footprints off its plane where w is off by one
+// Estimator: biased where the images do not hold the surface (renormalised), else by rounding of radii to rows of a table alone.
+layout(local_size_x = 16, local_size_y = 8) in;
+layout(constant_id = 0) const int VIEWS = 0;
+layout(set = 0, binding = 0) readonly buffer Texels { vec4 texels[]; };
+layout(set = 0, binding = 1) readonly buffer Surface { uvec2 surface[]; };
+layout(set = 0, binding = 2) readonly buffer Base { vec4 base[]; };
+layout(set = 0, binding = 3) readonly buffer Sets { uvec4 sets[]; };
+layout(set = 0, binding = 4) readonly buffer Offsets { vec4 offsets[]; };
+layout(set = 0, binding = 5) readonly buffer Rows { vec4 rows[]; };
+layout(set = 0, binding = 6) readonly buffer Views { vec4 views[]; };
+layout(set = 0, binding = 7) readonly buffer Lights { vec4 lights[]; };
+layout(set = 0, binding = 8) writeonly buffer Light { vec4 light[]; };
+layout(set = 0, binding = 9) writeonly buffer Alpha { vec4 alpha[]; };
+#include "methods/image_space/common.glsl"
+#include "methods/image_space/points.glsl"
+
+struct Sums {
+    vec3 light, weight;
+    float count;
+};
+
+// R of the channels at a squared radius over length^2, by the levels of each where there are some.
+vec3 weights_at(Place p, int row, float part)
+{
+    if (!p.varies)
+        return (rows[p.rows + row] + part * rows[p.rows + row + 1]).rgb;
+    vec3 result;
+    for (int c = 0; c < 3; c++) {
+        const int at = p.channel_rows[c] + row, next = at + 2 * IS_ROWS;
+        const float low = rows[at][c] + part * rows[at + 1][c], high = rows[next][c] + part * rows[next + 1][c];
+        result[c] = low + p.part[c] * (high - low);
+    }
+    return result;
+}
+
+// Adds a sample that was found; `share`: of its 1/density, or of the sum over views of it. Returns whether it counts.
+bool add(Place p, Found f, float share, inout Sums s)
+{
+    const float square = dot(f.to, f.to) * p.per_length2;
+    float part;
+    const int row = find_row(square, part);
+    const vec3 weight = weights_at(p, row, part) * share;
+
+    if (!(square < IS_SQUARE_MOST && share >= 0.0 && all(lessThanEqual(weight, vec3(IS_HEAVIEST)))))
+        return false;
+    s.weight += weight;
+    s.light += weight * f.light;
+    return true;
+}
+
+float jacobian_share(float jacobian)
+{
+    return pc.jacobian == 0 ? 1.0 : pc.jacobian < 0 ? 1.0 / jacobian : jacobian;
+}
+
+void take_samples(Place p, int from, int to, inout Sums s)
+{
+    for (int k = from; k < to; k++) {
+        const vec4 offset = offsets[p.offset + k * pc.tile];
+        const vec2 at = offset.xy * p.strength;
+        bool counted = false;
+
+        if (!(offset.z > 0.0))
+            continue;
+        if (VIEWS == 0) {
+            const Found f = camera_finds(p, at);
+            if (f.there)
+                counted = add(p, f, offset.z * jacobian_share(f.jacobian), s);
+        } else {
+            for (int v = 0; v <= pc.views; v++) {
+                Found f;
+                if (v == 0)
+                    f = camera_finds(p, at);
+                else
+                    f = light_finds(v, p, at);
+                if (!f.there)
+                    continue;
+                float sum = 1.0 / (offset.z * jacobian_share(f.jacobian));
+                for (int u = 0; u <= pc.views; u++)
+                    if (u != v)
+                        sum += density_from(u, p, f.to);
+                counted = add(p, f, 1.0 / sum, s) || counted;
+            }
+        }
+        s.count += counted ? 1.0 : 0.0;
+    }
+}
+
+void main()
+{
+    const ivec2 p = ivec2(gl_GlobalInvocationID.xy);
+    const int i = pixel_at(p);
+
+    if (!is_inside(p))
+        return;
+    const vec4 own = texels[2 * i], its = texels[2 * i + 1];
+    if (own.w == 0.0) {
+        light[i] = alpha[i] = vec4(0.0);
+        return;
+    }
+    const bool parallel = pc.orthographic != 0;
+    const Place place = start(p, own, its.a);
+    Sums s = Sums(vec3(0.0), vec3(0.0), 0.0);
+
+    take_samples(place, 0, pc.by_count != 0 ? pc.first_kind : pc.samples, s);
+    if (pc.by_count != 0) { // samples of a kind stand for those of the kind that found nothing
+        s.light *= s.count > 0.0 ? float(pc.first_kind) / s.count : 0.0;
+        if (pc.first_kind < pc.samples) {
+            Sums rest = Sums(vec3(0.0), vec3(0.0), 0.0);
+            take_samples(place, pc.first_kind, pc.samples, rest);
+            s.light += rest.light * (rest.count > 0.0 ? float(pc.samples - pc.first_kind) / rest.count : 0.0);
+            s.count += rest.count;
+        }
+    }
+    vec3 result, part;
+    for (int c = 0; c < 3; c++) {
+        const float px = place.quarter[c] * place.strength * (parallel ? pc.focal_px : pc.focal_px / place.z);
+        const float t = clamp((px - IS_PART_FROM) / (IS_PART_TO - IS_PART_FROM), 0.0, 1.0);
+        const bool kept = place.strength > IS_WEAKEST && (pc.by_weight != 0  ? s.weight[c] > 1e-20
+                                                          : pc.by_count != 0 ? s.count > 0.0
+                                                                             : true);
+        result[c] = (!kept ? its[c] : pc.by_weight != 0 ? s.light[c] / s.weight[c] : s.light[c]) * (place.scale[c] * pc.factor);
+        part[c] = kept ? IS_PART(t) : 0.0;
+    }
+    light[i] = vec4(result, 0.0);
+    alpha[i] = vec4(part, pc.focal_px * place.per_h / (parallel ? 1.0 : sqrt(dot(place.t, place.t) + 1.0)));
+}
