@@ -7,6 +7,7 @@
  *          smooth, sample, shared, flat, filter, input, output, in, out, buffer) names nothing.
  * Vectors  In C the functions are made for loops over floats, which the compiler turns into vectors: they select and never branch. Formulas
  *          that kernels also evaluate on explicit vectors (math/lanes.h) are macros, which take any type that has arithmetic.
+ *          A value whose products must not be contracted is PELL_PRECISE: in C nothing is (-ffp-contract=off).
  * Bits     C gives the same bits at all levels of base/simd.h. GLSL rounds as Vulkan allows (division and root within 2.5 ulp).
  */
 #ifndef PELL_SHARED_LANGUAGE_H
@@ -22,6 +23,7 @@
 
 #define PELL_SHARED static inline
 #define PELL_STRUCT(name) struct name
+#define PELL_PRECISE
 #define PELL_TO_INT(x) ((int32_t) (x))
 #define PELL_TO_FLOAT(i) ((float) (i))
 
@@ -49,6 +51,7 @@ PELL_SHARED float pell_bits_float(int32_t i)
 
 #define PELL_SHARED
 #define PELL_STRUCT(name) name
+#define PELL_PRECISE precise
 #define PELL_TO_INT(x) int(x)
 #define PELL_TO_FLOAT(i) float(i)
 #define PELL_VEC4 vec4

@@ -11,6 +11,7 @@
 #include "shared/phase.h"
 #include "shared/table.h"
 #include "shared/tone.h"
+#include "shared/triangle_ray.h"
 
 layout(local_size_x = 64) in;
 
@@ -83,6 +84,15 @@ float filmic(vec3 light)
     return sum + pell_filmic_before(0.5f);
 }
 
+float met(vec3 a, vec3 b, vec3 c, vec3 way)
+{
+    const pell_ray_turn turn = pell_ray_turned(way.x, way.y, way.z);
+    const pell_ray_meeting m = pell_ray_meet(pell_ray_see(turn, a.x, a.y, a.z), pell_ray_see(turn, b.x, b.y, b.z),
+                                             pell_ray_see(turn, c.x, c.y, c.z));
+    const float inverse = pell_ray_inverse(pell_component(way.x, way.y, way.z, 1));
+    return m.t + m.u + m.v + PELL_SLAB_NEAR(a.x, b.x, inverse) + PELL_SLAB_FAR(a.x, b.x, inverse);
+}
+
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
@@ -93,6 +103,7 @@ void main()
     const float width = pell_lobe_width(model, x), value = lobe(width, x, 0.5f, 0.1f, 1.0f, 2.0f) + boundary(x) + scattered(x) + share;
     const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
     const pell_light_data light = lights[i];
-    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)),
+    const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
+    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)) + ray,
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
 }
