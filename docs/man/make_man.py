@@ -13,7 +13,9 @@ import subprocess
 import sys
 
 # The sections that close a page, by the topics of `help` that they hold.
-SECTIONS = {'lengths': 'LENGTHS', 'output': 'OUTPUT', 'exit-codes': '"EXIT STATUS"', 'environment': 'ENVIRONMENT', 'files': 'FILES'}
+SECTIONS = {'lengths': 'LENGTHS', 'output': 'OUTPUT', 'noise': 'NOISE',
+            'exit-codes': '"EXIT STATUS"', 'environment': 'ENVIRONMENT', 'files': 'FILES'}
+
 
 def say(program, *arguments):
     return subprocess.run([program, *arguments], check=True, capture_output=True, text=True).stdout
@@ -26,7 +28,7 @@ def escape(text):
 
 def commands(program):
     """Names in the order of `pellucid --help`."""
-    return re.findall(r'^  ([a-z][a-z-]*) ', say(program, '--help').split('\n  --help')[0], flags=re.MULTILINE)
+    return re.findall(r'^  ([a-z][a-z-]*) ', say(program, '--help').split('\n  -h, --help')[0], flags=re.MULTILINE)
 
 
 def split_help(text):
@@ -56,9 +58,9 @@ def topic(program, name):
     yield f'.SH {SECTIONS[name]}\n'
     rows, paragraph = [], []
     for line in say(program, 'help', name).splitlines()[2:] + ['']:
-        found = re.match(r'  (\S+) +(\S.*)$', line)
+        found = re.match(r'  (\S+(?: \S+)*)(?:  +(\S.*))?$', line)
         if found:
-            rows.append([found[1], found[2]])
+            rows.append([found[1], found[2] or ''])
         elif line.startswith(' ' * 22):
             rows[-1][1] += ' ' + line.strip()
         elif line:
@@ -67,7 +69,7 @@ def topic(program, name):
             yield f'.PP\n{escape(" ".join(paragraph))}\n'
             paragraph = []
     for key, text in rows:
-        yield f'.TP\n.B {escape(key)}\n{escape(text)}\n'
+        yield f'.TP\n.B {escape(key)}\n{escape(text.strip())}\n'
 
 
 def head_of(program, name, about):

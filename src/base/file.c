@@ -395,7 +395,7 @@ static bool is_within(const char *path, const char *root)
 enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, const char *root, const char *reference, bool allow_outside,
                                    char **path)
 {
-    static const char *const move = "move the file into the scene's folder and refer to it there";
+    static const char *const move = "move the file into the scene's folder, or allow files elsewhere: --allow-outside";
     char real_root[PATH_MAX], real_path[PATH_MAX], shown[SHOWN];
     const bool absolute = reference[0] == '/';
     size_t root_length, size;
@@ -408,14 +408,14 @@ enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, 
     if (!*reference)
         return pell_error(ctx, PELL_ERR_INVALID, where, NULL, "an empty path names no file");
     if (absolute && !allow_outside)
-        return pell_error(ctx, PELL_ERR_INVALID, where, move, "'%s' is an absolute path, must be relative to the file that names it",
+        return pell_error(ctx, PELL_ERR_INVALID, where, move, "\"%s\" is an absolute path, must be relative to the file that names it",
                           shown);
     if (!allow_outside && path_depth(reference) < 0)
-        return pell_error(ctx, PELL_ERR_INVALID, where, move, "'%s' leads out of the scene's folder", shown);
+        return pell_error(ctx, PELL_ERR_INVALID, where, move, "\"%s\" leads out of the scene's folder", shown);
 
     root_length = absolute ? 0 : strlen(root);
     if (__builtin_add_overflow(root_length + 2, strlen(reference), &size))
-        return pell_error(ctx, PELL_ERR_INVALID, where, NULL, "'%s' is too long", shown);
+        return pell_error(ctx, PELL_ERR_INVALID, where, NULL, "\"%s\" is too long", shown);
     *path = pell_alloc(ctx, size);
     if (!*path)
         return PELL_ERR_NOMEM;
@@ -430,17 +430,17 @@ enum pell_result pell_path_resolve(struct pell_context *ctx, const char *where, 
         const int code = errno;
         pell_free(ctx, *path);
         *path = NULL;
-        return pell_error(ctx, PELL_ERR_IO, where, NULL, "'%s' can't be found: %s", shown, reason(code));
+        return pell_error(ctx, PELL_ERR_IO, where, NULL, "\"%s\" can't be found: %s", shown, reason(code));
     }
     if (!allow_outside && (!realpath(root, real_root) || !is_within(real_path, real_root))) {
         pell_free(ctx, *path);
         *path = NULL;
-        return pell_error(ctx, PELL_ERR_INVALID, where, move, "'%s' leads out of the scene's folder through a link", shown);
+        return pell_error(ctx, PELL_ERR_INVALID, where, move, "\"%s\" leads out of the scene's folder through a link", shown);
     }
     if (stat(real_path, &st) == 0 && !S_ISREG(st.st_mode)) {
         pell_free(ctx, *path);
         *path = NULL;
-        return pell_error(ctx, PELL_ERR_IO, where, NULL, "'%s' is %s, must be a regular file", shown, kind(st.st_mode));
+        return pell_error(ctx, PELL_ERR_IO, where, NULL, "\"%s\" is %s, must be a regular file", shown, kind(st.st_mode));
     }
     return PELL_OK;
 }
@@ -453,7 +453,7 @@ enum pell_result pell_path_relative(struct pell_context *ctx, const char *where,
 
     *out = NULL;
     if (!realpath(*root ? root : ".", real_root) || !realpath(path, real_path))
-        return pell_error(ctx, PELL_ERR_IO, where, NULL, "'%s' can't be found: %s", pell_printable(path, shown, sizeof(shown)),
+        return pell_error(ctx, PELL_ERR_IO, where, NULL, "\"%s\" can't be found: %s", pell_printable(path, shown, sizeof(shown)),
                           reason(errno));
     *below = is_within(real_path, real_root);
     n = *below ? strlen(real_root) : 0;

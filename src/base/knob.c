@@ -59,7 +59,7 @@ static enum pell_result unknown_knob(struct pell_context *ctx, const struct pell
     pell_text_suggest_or_list(&hint, "known: ", name, names, count);
     if (count == 0)
         pell_text_add(&hint, "there are none");
-    return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "%s has no knob '%s'", owner, pell_printable(name, shown, sizeof(shown)));
+    return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "%s has no knob \"%s\"", owner, pell_printable(name, shown, sizeof(shown)));
 }
 
 static enum pell_result bad_choice(struct pell_context *ctx, const struct pell_knob *knob, const char *where, const char *text)

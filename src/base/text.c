@@ -392,7 +392,7 @@ enum pell_result pell_parse_length(struct pell_context *ctx, const char *where, 
             pell_text_add(&hint, "write the unit behind it, as in %smm or %scm", shown, shown);
         else
             pell_text_add(&hint, "write a positive number and its unit, as in 70mm");
-        return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "'%s' has no unit; units are " UNIT_NAMES, shown);
+        return pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "\"%s\" has no unit; units are " UNIT_NAMES, shown);
     }
     while (start > 0 && is_unit_byte(text[start - 1]))
         start--;
@@ -400,17 +400,17 @@ enum pell_result pell_parse_length(struct pell_context *ctx, const char *where, 
         ;
     if (!pell_parse_number(text, digits, &number))
         return pell_error(ctx, PELL_ERR_INVALID, where, "write a number and its unit, as in 70mm",
-                          "'%s' is not a length: a finite number and one of " UNIT_NAMES, shown);
+                          "\"%s\" is not a length: a finite number and one of " UNIT_NAMES, shown);
     for (size_t i = 0; i < PELL_COUNT(units); i++) {
         double v;
         if (strcmp(text + start, units[i].name) != 0)
             continue;
         v = number * units[i].times / units[i].over;
         if (!isfinite(v) || !(v > 0))
-            return pell_error(ctx, PELL_ERR_INVALID, where, NULL, "'%s' must be a length above 0 that is finite in millimetres", shown);
+            return pell_error(ctx, PELL_ERR_INVALID, where, NULL, "\"%s\" must be a length above 0 that is finite in millimetres", shown);
         *mm = v;
         return PELL_OK;
     }
     return pell_error(ctx, PELL_ERR_INVALID, where, "write a number and its unit, as in 70mm",
-                      "'%s' has an unknown unit; units are " UNIT_NAMES, shown);
+                      "\"%s\" has an unknown unit; units are " UNIT_NAMES, shown);
 }

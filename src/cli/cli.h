@@ -60,7 +60,7 @@ struct program {
 };
 
 enum option_group {
-    OPTIONS_ALL = 1 << 0, /* --help, --json, --quiet, --log-level: every command has them */
+    OPTIONS_ALL = 1 << 0, /* --help, --version, --json, --quiet, --log-level: every command has them */
     OPTIONS_SCENE = 1 << 1,
     OPTIONS_METHOD = 1 << 2,
     OPTIONS_PICTURE = 1 << 3, /* rows of pell_settings_knobs() */
@@ -159,8 +159,8 @@ void cli_print_usage(const struct program *program, FILE *file);
 const struct command *cli_find_command(const struct program *program, const char *name);
 /* The error of a name that is no command, or (`help`) nothing that there is help about; names the nearest. */
 enum exit_code cli_unknown_command(struct cli *cli, const char *name, bool help);
-/* `help ABOUT`; NULL: of the whole. Sets cli->command and *done to false where a command answers. */
-enum exit_code cli_help(struct cli *cli, const char *about, bool *done);
+/* `help WORDS`; none: of the whole. Sets cli->command and *done to false where a command answers. */
+enum exit_code cli_help(struct cli *cli, const char **words, int count, bool *done);
 
 /* --- topics.c ----------------------------------------------------------------------------------------------------------------- */
 
@@ -224,13 +224,18 @@ void cli_progress_end(struct cli *cli);
 void cli_answer_begins(void);
 /* Prints the object and drops the reference. */
 enum exit_code cli_print_json(struct cli *cli, json_t *object);
+enum exit_code cli_print_version(struct cli *cli);
 /* {"error": ...} on stdout, where --json was given and nothing was answered. */
 void cli_print_json_error(struct cli *cli, enum exit_code code);
 /* Escape sequences, or "" without colour: 0 plain, 1 bold, 2 dim, 31 red, 33 yellow, 36 cyan. `file` is stdout or stderr. */
 const char *cli_style(const struct cli *cli, const FILE *file, int style);
-/* Prints text in lines of at most 96 columns. `column`: where the line stands now; `indent`: where the next ones begin. Lines of the
+/* How long lines may be: as the terminal is wide, at most 96; 96 where the file is none. */
+int cli_columns(FILE *file);
+/* Prints text in lines of at most cli_columns. `column`: where the line stands now; `indent`: where the next ones begin. Lines of the
  * text that begin with two spaces stay as they are. */
 void cli_wrap(FILE *file, int column, int indent, const char *text);
+/* A head and its text, which begins at `column`, or below the head where a terminal is too narrow for both. */
+void cli_row(FILE *file, const char *head, int column, const char *text);
 /* True if nobody reads stdout any more: what can't be written then needs no word. */
 bool cli_reader_left(void);
 /* From here on warnings are kept for the answer, and printed only if an error comes in its place. */

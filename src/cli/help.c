@@ -11,22 +11,28 @@
 
 void cli_print_usage(const struct program *program, FILE *file)
 {
+    struct pell_text topics = { .length = 0 };
+    char text[128];
+
     fprintf(file, "%s - %s\n\nusage: %s COMMAND [ARGUMENTS] [OPTIONS]\n\n", program->name, program->about, program->name);
     for (size_t i = 0; i < program->num_commands; i++) {
         char head[64];
-        snprintf(head, sizeof(head), "%s %s", program->commands[i].name, program->commands[i].arguments);
-        fprintf(file, "  %-18s %s\n", head, program->commands[i].summary);
+        snprintf(head, sizeof(head), "  %s %s", program->commands[i].name, program->commands[i].arguments);
+        cli_row(file, head, COLUMN, program->commands[i].summary);
     }
-    fprintf(file, "\n  --help             this text; `%s COMMAND --help` lists its options\n", program->name);
-    fputs("  help NAME          about a command, an option, a method, a knob, a material, or", file);
-    for (const struct topic *t = cli_topics; t->name; t++)
-        fprintf(file, "%s%s", t == cli_topics ? "\n                     " : ", ", t->name);
     fputc('\n', file);
-    fprintf(file,
-            "  --version          the version\n\n"
-            "%sExit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available,\n"
-            "5 out of memory, 75 ended by a time limit or SIGTERM and resumable, 130 interrupted.\n",
-            program->start);
+    snprintf(text, sizeof(text), "this text; `%s COMMAND --help` lists its options", program->name);
+    cli_row(file, "  -h, --help", COLUMN, text);
+    pell_text_add(&topics, "about a command, an option, a method, a knob, a material, or");
+    for (const struct topic *t = cli_topics; t->name; t++)
+        pell_text_add(&topics, "%s%s", t == cli_topics ? " " : ", ", t->name);
+    cli_row(file, "  help NAME", COLUMN, topics.str);
+    cli_row(file, "  -V, --version", COLUMN, "the version");
+    fprintf(file, "\n%s", program->start);
+    cli_wrap(
+        file, 0, 0,
+        "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available, 5 out of memory, 75 ended by a time "
+        "limit or SIGTERM and resumable, 130 interrupted.");
 }
 
 const struct command *cli_find_command(const struct program *program, const char *name)
@@ -37,34 +43,48 @@ const struct command *cli_find_command(const struct program *program, const char
     return NULL;
 }
 
+/* By its name, or that of one of its rows: "NO_COLOR", "relative error". */
 static const struct topic *find_topic(const char *name)
 {
     for (const struct topic *t = cli_topics; t->name; t++)
         if (strcmp(t->name, name) == 0)
             return t;
+    for (const struct topic *t = cli_topics; t->name; t++)
+        for (const struct topic_row *r = t->rows; r && r->name; r++)
+            if (strcmp(r->name, name) == 0)
+                return t;
     return NULL;
 }
 
 static void print_topic(const struct program *program, const struct topic *topic)
 {
-    printf("%s help %s - %s\n\n", program->name, topic->name, topic->summary);
+    char title[128];
+
+    snprintf(title, sizeof(title), "%s help %s - %s\n", program->name, topic->name, topic->summary);
+    cli_wrap(stdout, 0, 2, title);
+    putchar('\n');
     if (topic->text[0])
         cli_wrap(stdout, 0, 0, topic->text);
     for (const struct topic_row *r = topic->rows; r && r->name; r++) {
         char head[64];
-        const int width = snprintf(head, sizeof(head), "  %s", r->name);
-        printf("%s%-*s ", r == topic->rows && topic->text[0] ? "\n" : "", COLUMN - 1, head);
-        cli_wrap(stdout, width > COLUMN - 1 ? width + 1 : COLUMN, COLUMN, r->text);
+        if (r == topic->rows && topic->text[0])
+            putchar('\n');
+        snprintf(head, sizeof(head), "  %s", r->name);
+        cli_row(stdout, head, COLUMN, r->text);
     }
 }
 
-/* An option, however it is written, of each command that has it. */
-static bool print_option(const struct program *program, const char *name)
+/* An option, however it is written, of each command that has it. `gap`: an empty line before it. */
+static bool print_option(const struct program *program, const char *name, bool gap)
 {
     bool found = false;
 
     for (size_t i = 0; i < program->num_commands; i++)
-        if (cli_print_option(&program->commands[i], name, !found, stdout)) {
+        if (cli_print_option(&program->commands[i], name, false, stdout)) {
+            if (!found && gap)
+                putchar('\n');
+            if (!found)
+                cli_print_option(&program->commands[i], name, true, stdout);
             printf("%s %s", found ? "," : "  of", program->commands[i].name);
             found = true;
         }
@@ -74,7 +94,7 @@ static bool print_option(const struct program *program, const char *name)
 }
 
 /* The knobs of that name, each with its method. */
-static bool print_knobs(const char *name)
+static bool print_knobs(const char *name, bool gap)
 {
     const struct pell_method *m;
     bool found = false;
@@ -82,12 +102,12 @@ static bool print_knobs(const char *name)
     for (size_t i = 0; (m = pell_method_at(i)); i++) {
         const struct pell_knob *k = pell_knob_find(m->knobs, name);
         char head[64];
-        int width;
         if (!k)
             continue;
-        width = snprintf(head, sizeof(head), "  %s", m->name);
-        printf("%s%-*s ", found ? "" : "--set NAME=VALUE\n", COLUMN - 1, head);
-        cli_wrap(stdout, width > COLUMN - 1 ? width + 1 : COLUMN, COLUMN, k->help);
+        snprintf(head, sizeof(head), "  %s", m->name);
+        if (!found)
+            printf("%s--set %s=VALUE\n", gap ? "\n" : "", k->name);
+        cli_row(stdout, head, COLUMN, k->help);
         found = true;
     }
     return found;
@@ -131,27 +151,38 @@ enum exit_code cli_unknown_command(struct cli *cli, const char *name, bool help)
     return cli_usage(cli, program->name, hint.str, help ? "there is no help about \"%s\"" : "there is no command \"%s\"", name);
 }
 
-enum exit_code cli_help(struct cli *cli, const char *about, bool *done)
+enum exit_code cli_help(struct cli *cli, const char **words, int count, bool *done)
 {
     const struct program *program = cli->program;
-    const struct command *command = about ? cli_find_command(program, about) : NULL;
-    const struct topic *topic = about ? find_topic(about) : NULL;
+    const struct command *command;
+    const struct topic *topic;
+    struct pell_text about = { .length = 0 };
+    bool known, any = false;
 
-    if (!about)
+    for (int i = 0; i < count; i++) /* "relative error" is a name, quoted or not */
+        if (strcmp(words[i], "--json") != 0) {
+            pell_text_add(&about, "%s%s", any ? " " : "", words[i]);
+            any = true;
+        }
+    if (!any) {
         cli_print_usage(program, stdout);
-    else if (command)
-        cli_print_help(program, command, stdout);
-    else if (topic)
-        print_topic(program, topic);
-    else if (is_method(about) || pell_material_find(about)) {
-        /* as `methods NAME`, `materials NAME`, where the program has them */
-        cli->command = cli_find_command(program, is_method(about) ? "methods" : "materials");
-        *done = !cli->command;
-        return cli->command ? EXIT_OK : cli_unknown_command(cli, about, true);
-    } else {
-        const bool option = print_option(program, about), knob = print_knobs(about);
-        if (!option && !knob)
-            return cli_unknown_command(cli, about, true);
+        return EXIT_OK;
     }
-    return EXIT_OK;
+    if (is_method(about.str) || pell_material_find(about.str)) {
+        /* as `methods NAME`, `materials NAME`, where the program has them */
+        cli->command = cli_find_command(program, is_method(about.str) ? "methods" : "materials");
+        *done = !cli->command;
+        return cli->command ? EXIT_OK : cli_unknown_command(cli, about.str, true);
+    }
+    command = cli_find_command(program, about.str);
+    topic = find_topic(about.str);
+    if (command) {
+        cli_print_help(program, command, stdout);
+        return EXIT_OK;
+    }
+    if (topic)
+        print_topic(program, topic);
+    known = print_option(program, about.str, topic != NULL) || topic;
+    known = print_knobs(about.str, known) || known;
+    return known ? EXIT_OK : cli_unknown_command(cli, about.str, true);
 }

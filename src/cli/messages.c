@@ -10,9 +10,13 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
-#define COLUMNS 96
+#define MOST_COLUMNS 96
+#define LEAST_COLUMNS 40
+#define LEAST_TEXT 36 /* columns; where fewer are left beside a head, the text stands below it */
+#define BELOW 8
 
 const char *cli_style(const struct cli *cli, const FILE *file, int style)
 {
@@ -37,8 +41,29 @@ static int columns(const char *text, size_t length)
     return n;
 }
 
+int cli_columns(FILE *file)
+{
+    struct winsize size;
+
+    if (!isatty(fileno(file)) || ioctl(fileno(file), TIOCGWINSZ, &size) != 0 || size.ws_col == 0 || size.ws_col > MOST_COLUMNS)
+        return MOST_COLUMNS;
+    return size.ws_col < LEAST_COLUMNS ? LEAST_COLUMNS : size.ws_col;
+}
+
+void cli_row(FILE *file, const char *head, int column, const char *text)
+{
+    const int width = columns(head, strlen(head)), indent = cli_columns(file) - column < LEAST_TEXT ? BELOW : column;
+
+    if (indent < column || width >= column)
+        fprintf(file, "%s\n%*s", head, indent, "");
+    else
+        fprintf(file, "%s%*s", head, column - width, "");
+    cli_wrap(file, indent, indent, text);
+}
+
 void cli_wrap(FILE *file, int column, int indent, const char *text)
 {
+    const int most = cli_columns(file);
     bool fresh = column <= indent; /* nothing stands on the line yet */
 
     for (;;) {
@@ -50,7 +75,7 @@ void cli_wrap(FILE *file, int column, int indent, const char *text)
             fwrite(text, 1, line, file);
             text += line;
         } else if (length > 0) {
-            if (!fresh && column + 1 + width > COLUMNS) {
+            if (!fresh && column + 1 + width > most) {
                 fprintf(file, "\n%*s", indent, "");
                 column = indent;
             } else if (!fresh) {
@@ -92,21 +117,35 @@ static void print_message(struct cli *cli, enum pell_log_level level, const char
 {
     static const char *const names[] = { "", "error", "warning", "", "debug" };
     static const int styles[] = { 0, 31, 33, 0, 2 };
+    int column = 0;
 
     if (level > cli->log_level || (cli->quiet && level != PELL_LOG_ERROR))
         return;
     if (cli->json && level != PELL_LOG_WARNING && level != PELL_LOG_DEBUG)
         return; /* errors go to stdout as JSON */
     cli_progress_end(cli);
-    if (names[level][0])
-        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
+    if (names[level][0]) {
+        fprintf(stderr, "%s%s:%s", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
+        column += columns(names[level], strlen(names[level])) + 1;
+    }
     if (cli->program->share && cli->program->share->rank > 0)
-        fprintf(stderr, "rank %d of %d: ", cli->program->share->rank, cli->program->share->ranks);
-    if (where[0])
-        fprintf(stderr, "%s%s:%s ", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
-    fprintf(stderr, "%s\n", what);
-    if (hint[0])
-        fprintf(stderr, "  %s%s%s\n", cli_style(cli, stderr, 36), hint, cli_style(cli, stderr, 0));
+        column += fprintf(stderr, "%srank %d of %d:", column ? " " : "", cli->program->share->rank, cli->program->share->ranks);
+    if (where[0]) {
+        fprintf(stderr, "%s%s%s:%s", column ? " " : "", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
+        column += columns(where, strlen(where)) + 1 + (column > 0);
+    }
+    if (!cli->tty) { /* a line for each, to search in */
+        fprintf(stderr, "%s%s\n", column ? " " : "", what);
+        if (hint[0])
+            fprintf(stderr, "  %s\n", hint);
+        return;
+    }
+    cli_wrap(stderr, column, 2, what);
+    if (!hint[0])
+        return;
+    fprintf(stderr, "  %s", cli_style(cli, stderr, 36));
+    cli_wrap(stderr, 2, 2, hint);
+    fputs(cli_style(cli, stderr, 0), stderr);
 }
 
 void cli_collect(struct cli *cli)
@@ -276,6 +315,15 @@ enum exit_code cli_print_json(struct cli *cli, json_t *object)
     free(text);
     json_decref(object);
     return code;
+}
+
+enum exit_code cli_print_version(struct cli *cli)
+{
+    if (cli->json)
+        return cli_print_json(cli, json_pack("{s:s}", "version", pell_version_string()));
+    printf("%s %s\n", cli->program->name, pell_version_string());
+    cli->answered = true;
+    return EXIT_OK;
 }
 
 void cli_print_json_error(struct cli *cli, enum exit_code code)

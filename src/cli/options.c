@@ -28,7 +28,7 @@ static const struct pell_knob number_knobs[] = {
 /* clang-format on */
 #undef NUMBER
 
-enum kind { HELP, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING, COMMON };
+enum kind { HELP, VERSION, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING, COMMON };
 
 struct option {
     unsigned groups; /* any of them */
@@ -202,6 +202,7 @@ static const struct option options[] = {
     { OPTIONS_ALL, 'q', "quiet", NULL, "errors only on stderr", FLAG, AT(quiet), NULL },
     { OPTIONS_ALL, 0, "log-level", "LEVEL", "none, error, warning, info or debug; info otherwise", LEVEL, 0, NULL },
     { OPTIONS_ALL, 'h', "help", NULL, "this text", HELP, 0, NULL },
+    { OPTIONS_ALL, 'V', "version", NULL, "the version of the program", VERSION, 0, NULL },
 };
 #undef AT
 
@@ -261,12 +262,11 @@ static void print_row(const struct option *o, FILE *file)
 {
     char head[64], text[512];
     const char letter[5] = { '-', o->letter, ',', ' ', '\0' };
-    const int width = snprintf(head, sizeof(head), "  %s--%s%s%s", o->letter ? letter : "    ", o->name, o->argument ? " " : "",
-                               o->argument ? o->argument : "");
 
+    snprintf(head, sizeof(head), "  %s--%s%s%s", o->letter ? letter : "    ", o->name, o->argument ? " " : "",
+             o->argument ? o->argument : "");
     describe(o, text, sizeof(text));
-    fprintf(file, "%-29s ", head);
-    cli_wrap(file, width > 29 ? width + 1 : 30, 30, text);
+    cli_row(file, head, 30, text);
 }
 
 bool cli_print_option(const struct command *command, const char *name, bool print, FILE *file)
@@ -301,11 +301,16 @@ void cli_print_help(const struct program *program, const struct command *command
 {
     struct option list[MAX_OPTIONS];
     const size_t n = list_options(command->options, list);
+    char head[256];
 
-    fprintf(file, "%s %s - %s\n\nusage: %s %s %s%s[OPTIONS]\n\n", program->name, command->name, command->summary, program->name,
-            command->name, command->arguments, command->arguments[0] ? " " : "");
-    cli_wrap(file, 0, 0, command->text);
-    fprintf(file, "\nExamples\n%s\nOptions\n", command->examples);
+    snprintf(head, sizeof(head), "%s %s - %s", program->name, command->name, command->summary);
+    cli_wrap(file, 0, 2, head);
+    fprintf(file, "\nusage: %s %s %s%s[OPTIONS]\n\n", program->name, command->name, command->arguments, command->arguments[0] ? " " : "");
+    if (command->text[0]) {
+        cli_wrap(file, 0, 0, command->text);
+        fputc('\n', file);
+    }
+    fprintf(file, "Examples\n%s\nOptions\n", command->examples);
     for (size_t i = 0; i < n; i++)
         print_row(&list[i], file);
 }
@@ -433,8 +438,11 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
     snprintf(where, sizeof(where), "--%s", o->name);
     if (!cli_given(cli, where) && cli->num_given < (int) PELL_COUNT(cli->given))
         cli->given[cli->num_given++] = o->name;
+    else if (o->argument && o->kind != KNOB && o->kind != LIMIT)
+        pell_info(ctx, where, "is given more than once: the last, \"%.200s\", counts", text);
     switch (o->kind) {
-    case HELP: break;
+    case HELP:
+    case VERSION: break;
     case FLAG: *(bool *) ((char *) cli + o->offset) = true; break;
     case LEVEL: return set_log_level(cli, text);
     case TEXT:
@@ -534,7 +542,9 @@ static enum exit_code take_all(struct cli *cli, poptContext popt, const struct o
         text = poptGetOptArg(popt);
         code = take(cli, ctx, &list[got - 1], text ? text : (char[]) { "" });
         free(text);
-        *done = list[got - 1].kind == HELP;
+        *done = list[got - 1].kind == HELP || list[got - 1].kind == VERSION;
+        if (list[got - 1].kind == VERSION)
+            code = cli_print_version(cli);
     }
     while (code == EXIT_OK && (argument = poptGetArg(popt))) {
         if (!(cli->arguments[cli->num_arguments] = strdup(argument)))
@@ -573,17 +583,23 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
     poptFreeContext(popt);
     if (code != EXIT_OK)
         return code;
-    if (*done && !cli->of_a_file)
-        cli_print_help(cli->program, command, stdout);
-    else if (cli->num_arguments < command->min_arguments)
+    if (*done) {
+        if (!cli->of_a_file && !cli->answered)
+            cli_print_help(cli->program, command, stdout);
+        return EXIT_OK;
+    }
+    if (cli->num_arguments < command->min_arguments)
         return cli_usage(cli, command->name, "`--help` shows examples", "%s is missing", command->arguments);
-    else if (cli->num_arguments > command->max_arguments)
+    if (cli->num_arguments > command->max_arguments)
         return cli_usage(cli, command->name, "`--help` shows examples", "\"%s\" is one argument too many",
                          cli->arguments[command->max_arguments]);
-    else if (cli->progress_form && strcmp(cli->progress_form, "json") != 0 && strcmp(cli->progress_form, "text") != 0)
+    if (cli->progress_form && strcmp(cli->progress_form, "json") != 0 && strcmp(cli->progress_form, "text") != 0)
         return cli_usage(cli, "--progress", NULL, "\"%s\", must be text or json", cli->progress_form);
-    for (int i = 0; !*done && i < cli->num_arguments; i++)
+    for (int i = 0; i < cli->num_arguments; i++)
         if (!cli->arguments[i][0])
             return cli_usage(cli, command->name, "`--help` shows examples", "an empty text for %s", command->arguments);
+        else if (strcmp(cli->arguments[i], "-") == 0)
+            return cli_usage(cli, command->name, "write it to a file first: what a mesh is follows from its name and content",
+                             "standard input is not read as %s", command->arguments);
     return EXIT_OK;
 }

@@ -39,21 +39,17 @@ static void catch_signal(int number)
 /* --help, --version and their like. EXIT_OK and *done, or the command's row. */
 static enum exit_code choose_command(struct cli *cli, int argc, const char **argv, bool *done)
 {
-    const char *first = argc > 1 ? argv[1] : "", *about = argc > 2 ? argv[2] : NULL;
+    const char *first = argc > 1 ? argv[1] : "";
 
     *done = true;
     if (argc < 2) {
         cli_print_usage(cli->program, stderr);
         return EXIT_USAGE;
     }
-    if (strcmp(first, "--version") == 0) {
-        if (cli->json)
-            return cli_print_json(cli, json_pack("{s:s}", "version", pell_version_string()));
-        printf("%s %s\n", cli->program->name, pell_version_string());
-        return EXIT_OK;
-    }
+    if (strcmp(first, "--version") == 0 || strcmp(first, "-V") == 0)
+        return cli_print_version(cli);
     if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0 || strcmp(first, "help") == 0)
-        return cli_help(cli, about, done);
+        return cli_help(cli, argv + 2, argc - 2, done);
     *done = false;
     cli->command = cli_find_command(cli->program, first);
     return cli->command ? EXIT_OK : cli_unknown_command(cli, first, false);

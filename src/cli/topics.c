@@ -16,6 +16,16 @@ static const struct topic_row exit_codes[] = {
     { NULL, NULL },
 };
 
+static const struct topic_row noises[] = {
+    { "relative error",
+      "Of `path-trace`, and what --target-error asks for: the root mean square, over all pixels of the image, of the standard error of a "
+      "pixel's luminance divided by its luminance (at least 1 % of the image's mean)." },
+    { "noise of a reference",
+      "Of `compare`: the root of the reference's variance as a relative mean squared error, over the pixels that are compared, which are "
+      "translucent, and of the subsurface light alone. It is subtracted from the errors of methods." },
+    { NULL, NULL },
+};
+
 static const struct topic_row variables[] = {
     { "NO_COLOR", "If set and not empty: no colours. There are none either where the output is no terminal, or TERM is dumb." },
     { "PELL_SIMD", "base, v2, v3 or v4: the highest level of vector instructions to use. All levels give the same bits." },
@@ -62,6 +72,19 @@ const struct topic cli_topics[] = {
       "renamed when "
       "it is whole; what was there before stays until then.\n",
       NULL },
+    { "layers", "two files that have them",
+      "Stacks of layers are written in two places, which are for two kinds of work.\n"
+      "\n"
+      "A material file (--material FILE, `profile --layers FILE`) has \"layers\" with a \"thickness_mm\" each, a number, and \"infinite\" "
+      "in "
+      "the last: a flat stack, which is the same everywhere. A scene file's material has \"layers\" with a \"depth\" each, a text with its "
+      "unit (\"1.5mm\") or an image: how far below the surface the layer ends, which may differ from place to place. Every method "
+      "renders both; `layered` shows what is painted into the second.\n",
+      NULL },
+    { "noise", "two measures of it, and which is printed where",
+      "Both fall as 1 over the root of the number of samples. The second is larger where a background without noise fills much of the "
+      "image.\n",
+      noises },
     { "exit-codes", "what a program that ends has to say", "", exit_codes },
     { "environment", "variables that are read", "", variables },
     { "files", "what is installed", "", files },

@@ -51,7 +51,7 @@ static enum pell_result read_attribute(struct walk *w, bool *last)
     size = (int32_t) ((uint32_t) b[0] | (uint32_t) b[1] << 8 | (uint32_t) b[2] << 16 | (uint32_t) b[3] << 24);
     if (size < 0 || (size_t) size > w->src->size - w->at - 4)
         return pell_error(w->ctx, PELL_ERR_FORMAT, w->src->name, "the file is damaged: write it again",
-                          "OpenEXR: byte %zu: attribute '%s' has %d bytes, must be in [0, %zu]: so many are left", w->at,
+                          "OpenEXR: byte %zu: attribute \"%s\" has %d bytes, must be in [0, %zu]: so many are left", w->at,
                           pell_printable(name, shown, sizeof(shown)), size, w->src->size - w->at - 4);
     w->at += 4 + (size_t) size;
     return PELL_OK;

@@ -132,10 +132,11 @@ static enum pell_result check_channels(struct exr_file *f, const exr_attr_chlist
         char shown[64];
         if (e->x_sampling != 1 || e->y_sampling != 1)
             return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "write it with R, G, B in full resolution",
-                              "OpenEXR: channel '%s' is subsampled %d x %d (luminance and chroma pictures are not read), must be 1 x 1",
+                              "OpenEXR: channel \"%s\" is subsampled %d x %d (luminance and chroma pictures are not read), must be 1 x 1",
                               pell_printable(e->name.str, shown, sizeof(shown)), e->x_sampling, e->y_sampling);
         if (e->pixel_type != EXR_PIXEL_UINT && e->pixel_type != EXR_PIXEL_HALF && e->pixel_type != EXR_PIXEL_FLOAT)
-            return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL, "OpenEXR: channel '%s' has type %d, must be half, float or uint",
+            return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL,
+                              "OpenEXR: channel \"%s\" has type %d, must be half, float or uint",
                               pell_printable(e->name.str, shown, sizeof(shown)), (int) e->pixel_type);
     }
     return PELL_OK;

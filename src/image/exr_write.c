@@ -71,14 +71,14 @@ static enum pell_result sort_channels(struct exr_writer *e)
         const char *name = p->channels[i].name;
         if (!name || !name[0] || strlen(name) > NAME_MAX_LENGTH)
             return pell_error(e->w->ctx, PELL_ERR_INVALID, e->w->name, NULL,
-                              "OpenEXR: channel %zu has the name '%s', must have 1 to %d characters", i,
+                              "OpenEXR: channel %zu has the name \"%s\", must have 1 to %d characters", i,
                               pell_printable(name ? name : "", shown, sizeof(shown)), NAME_MAX_LENGTH);
         e->sorted[i] = &p->channels[i];
     }
     qsort(e->sorted, p->num_channels, sizeof(*e->sorted), by_name);
     for (size_t i = 1; i < p->num_channels; i++)
         if (strcmp(e->sorted[i]->name, e->sorted[i - 1]->name) == 0)
-            return pell_error(e->w->ctx, PELL_ERR_INVALID, e->w->name, NULL, "OpenEXR: two channels have the name '%s'",
+            return pell_error(e->w->ctx, PELL_ERR_INVALID, e->w->name, NULL, "OpenEXR: two channels have the name \"%s\"",
                               pell_printable(e->sorted[i]->name, shown, sizeof(shown)));
     return PELL_OK;
 }

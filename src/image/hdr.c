@@ -80,20 +80,20 @@ static enum pell_result header(struct reader *r)
                 return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, "convert it with ra_xyze -r",
                                   "Radiance HDR: pixels in CIE XYZ (32-bit_rle_xyze) are not read, must be 32-bit_rle_rgbe");
             if (strcmp(format, "32-bit_rle_rgbe") != 0)
-                return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, NULL, "Radiance HDR: FORMAT is '%s', must be 32-bit_rle_rgbe",
-                                  pell_printable(format, shown, sizeof(shown)));
+                return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, NULL,
+                                  "Radiance HDR: FORMAT is \"%s\", must be 32-bit_rle_rgbe", pell_printable(format, shown, sizeof(shown)));
         } else if (strncmp(line, "EXPOSURE=", 9) == 0 || strncmp(line, "COLORCORR=", 10) == 0) {
             /* Both say what the pixels were multiplied with, and accumulate. */
             const bool exposure = line[0] == 'E';
             const int count = numbers(line + (exposure ? 9 : 10), v);
             if (count != (exposure ? 1 : 3))
-                return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL, "Radiance HDR: '%s' must hold %d numbers",
+                return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL, "Radiance HDR: \"%s\" must hold %d numbers",
                                   pell_printable(line, shown, sizeof(shown)), exposure ? 1 : 3);
             for (int c = 0; c < 3; c++) {
                 r->scale[c] = (float) ((double) r->scale[c] / v[exposure ? 0 : c]);
                 if (!(r->scale[c] > 1e-30f && r->scale[c] < 1e30f))
                     return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL,
-                                      "Radiance HDR: the product of EXPOSURE and COLORCORR leaves (1e-30, 1e30) at '%s'",
+                                      "Radiance HDR: the product of EXPOSURE and COLORCORR leaves (1e-30, 1e30) at \"%s\"",
                                       pell_printable(line, shown, sizeof(shown)));
             }
         }
@@ -139,7 +139,7 @@ static enum pell_result resolution(struct reader *r)
         return damaged(r, "fewer bytes follow than the scanlines need");
     return PELL_OK;
 bad:
-    return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL, "Radiance HDR: the size is '%s', must be like '-Y 480 +X 640'",
+    return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL, "Radiance HDR: the size is \"%s\", must be like \"-Y 480 +X 640\"",
                       pell_printable(line, shown, sizeof(shown)));
 }
 

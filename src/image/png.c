@@ -177,7 +177,7 @@ static enum pell_result set_text(struct pell_writer *w, spng_ctx *png, struct sp
 
         if (length < 1 || length > 79)
             return pell_error(w->ctx, PELL_ERR_INVALID, w->name, NULL,
-                              "PNG: the attribute name '%.80s' has %zu characters, must be 1 to 79", name, length);
+                              "PNG: the attribute name \"%.80s\" has %zu characters, must be 1 to 79", name, length);
         memcpy(t->keyword, name, length + 1);
         t->type = SPNG_TEXT;
         for (const char *c = value; *c; c++)

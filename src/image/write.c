@@ -33,7 +33,7 @@ static enum pell_result check(struct pell_context *ctx, const char *name, const 
         return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "a picture without channels can't be written");
     for (size_t i = 0; i < p->num_channels; i++)
         if (!p->channels[i].data)
-            return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "channel %zu ('%s') has no data", i,
+            return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "channel %zu (\"%s\") has no data", i,
                               p->channels[i].name ? p->channels[i].name : "");
     for (size_t i = 0; i < p->num_attributes; i++)
         if (!p->attributes || !p->attributes[i].name || !p->attributes[i].value)
@@ -61,7 +61,7 @@ static enum pell_result find_format(struct pell_context *ctx, const char *path, 
     if (!format && strcmp(path, "-") == 0)
         return pell_error(ctx, PELL_ERR_INVALID, path, NULL, "standard output needs a format: png, exr, hdr or pfm");
     pell_text_suggest(&hint, "", given, formats, count);
-    return pell_error(ctx, PELL_ERR_INVALID, path, hint.str, "pictures of format '%s' are not written, must be png, exr, hdr or pfm",
+    return pell_error(ctx, PELL_ERR_INVALID, path, hint.str, "pictures of format \"%s\" are not written, must be png, exr, hdr or pfm",
                       pell_printable(given, shown, sizeof(shown)));
 }
 

@@ -22,7 +22,7 @@ static bool next_setting(struct pell_context *ctx, char **text, struct pell_sett
         return false;
     if (!equals) {
         *end = '\0';
-        *res = pell_error(ctx, PELL_ERR_INVALID, where, "write gaussians=6, without spaces around the '='", "'%s' is not NAME=VALUE",
+        *res = pell_error(ctx, PELL_ERR_INVALID, where, "write gaussians=6, without spaces around =", "\"%s\" is not NAME=VALUE",
                           pell_printable(name, shown, sizeof(shown)));
         return false;
     }
@@ -79,7 +79,7 @@ static enum pell_result single(struct pell_context *ctx, const struct pell_metho
     if (strcmp(name, "as") != 0)
         return PELL_OK;
     return pell_error(ctx, PELL_ERR_INVALID, where, "pell_method_knobs_create takes it",
-                      "'as' chooses the defaults of all knobs of %s and can't be set by itself", owner);
+                      "\"as\" chooses the defaults of all knobs of %s and can't be set by itself", owner);
 }
 
 enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const struct pell_method *method, void *knobs, const char *name,

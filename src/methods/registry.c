@@ -25,7 +25,7 @@ const struct pell_method *pell_method_find(struct pell_context *ctx, const char 
             names[count++] = method->name;
     }
     pell_text_suggest_or_list(&hint, "known: ", name, names, count);
-    pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "there is no method '%s'", pell_printable(name, shown, sizeof(shown)));
+    pell_error(ctx, PELL_ERR_INVALID, where, hint.str, "there is no method \"%s\"", pell_printable(name, shown, sizeof(shown)));
     return NULL;
 }
 

@@ -132,7 +132,7 @@ enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *m
     }
     if (m->profile || m->gaussians.count > 0)
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name,
-                          "give it a medium: coefficients, layers, or a built-in material that has some",
+                          "give it a medium: coefficients, layers, or a built-in material that has them (for skin: skin1, skin-2layer)",
                           "has a profile but no medium: %s needs scattering coefficients", method);
     out->eta = m->medium.eta;
     out->count = 1;

@@ -163,10 +163,10 @@ static void unknown_names_get_the_nearest_or_the_list(void **state)
 {
     struct fixture *f = *state;
 
-    refuse(f, "gausians", "4", "method test has no knob 'gausians'", "did you mean \"gaussians\"?");
-    refuse(f, "zzzzzz", "4", "'zzzzzz'", "fast, gaussians, bytes, lod, tenth, through, tint");
-    refuse(f, "", "4", "''", "fast, gaussians");
-    refuse(f, "lo\x1b[0md", "4", "'lo?[0md'", NULL);
+    refuse(f, "gausians", "4", "method test has no knob \"gausians\"", "did you mean \"gaussians\"?");
+    refuse(f, "zzzzzz", "4", "\"zzzzzz\"", "fast, gaussians, bytes, lod, tenth, through, tint");
+    refuse(f, "", "4", "\"\"", "fast, gaussians");
+    refuse(f, "lo\x1b[0md", "4", "\"lo?[0md\"", NULL);
 }
 
 static void check_finds_each_kind_of_bad_value(void **state)
@@ -252,7 +252,7 @@ static void numbers_are_taken_by_type_and_refused_untouched(void **state)
         { "through", -1, "through = -1, must be one of" },
         { "through", 0.5, "through = 0.5, must be one of" },
         { "tint", 2, "tint = 2, must be in [0, 1]" },
-        { "tnit", 1, "method test has no knob 'tnit'" },
+        { "tnit", 1, "method test has no knob \"tnit\"" },
     };
     struct fixture *f = *state;
 

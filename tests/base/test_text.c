@@ -382,7 +382,7 @@ static void lengths_without_a_unit_are_refused_with_a_hint(void **state)
     assert_int_equal(pell_parse_length(ctx, "--size", "70", &mm), PELL_ERR_INVALID);
     assert_int_equal(kept.errors, 1);
     assert_string_equal(kept.where, "--size");
-    assert_non_null(strstr(kept.what, "'70' has no unit"));
+    assert_non_null(strstr(kept.what, "\"70\" has no unit"));
     assert_non_null(strstr(kept.what, "nm, um, mm, cm, m, km or in"));
     assert_non_null(strstr(kept.hint, "70mm"));
     assert_int_equal(pell_parse_length(ctx, "--size", "70ft", &mm), PELL_ERR_INVALID);

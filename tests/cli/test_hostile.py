@@ -214,7 +214,7 @@ def fill(folder, files):
 def _(folder):
     fill(folder, {})
     (folder / 'buffer.png').write_bytes(picture())
-    for name, part in (('dir', "'dir' is a folder"), ('pipe', "'pipe' is a pipe"), ('none', "'none' can't be found"),
+    for name, part in (('dir', '"dir" is a folder'), ('pipe', '"pipe" is a pipe'), ('none', '"none" can\'t be found'),
                        ('buffer.png', 'byteLength is 3600, but there are only')):
         cube(folder, mesh=name)
         (folder / 'b.gltf').write_text(json.dumps({

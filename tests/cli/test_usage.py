@@ -3,12 +3,15 @@
 """test_usage.py PROGRAM ROOT: what is typed and what is answered: exit codes, messages, JSON, help, man page, guide."""
 import json
 import os
+import fcntl
 import pty
 import re
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
+import termios
 
 from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text,
                       works, write_obj, write_scene)
@@ -33,7 +36,7 @@ FAULTS = {
     'an empty input': (['render', ''], 2, 'empty', ''),
     'a mesh without a unit': (['render', 'bunny.obj', '-o', 'out.png'], 2, 'have no unit', '--size 70mm'),
     'checking a mesh without a unit': (['check', 'bunny.obj'], 2, 'have no unit', '--size 70mm'),
-    'a size without a unit': (['render', 'bunny.obj', '--size', '70'], 2, "'70' has no unit", '70mm'),
+    'a size without a unit': (['render', 'bunny.obj', '--size', '70'], 2, '"70" has no unit', '70mm'),
     'a size that is no number': (['render', 'bunny.obj', '--size', 'nanmm'], 2, 'nanmm', ''),
     'a size of nothing': (['render', 'bunny.obj', '--size', '0mm'], 2, '0mm', ''),
     'an infinite size': (['render', 'bunny.obj', '--size', '1e999mm'], 2, '1e999mm', ''),
@@ -86,6 +89,7 @@ FAULTS = {
     'a limit out of range': ([*MESH, '--limit', 'depth=0'], 2, 'depth = 0', ''),
     'an ending that is not written': (['render', 'bunny.obj', '--size', '70mm', '-o', 'a.jpg'], 2, 'a.jpg', 'format'),
     'a format that is not written': ([*MESH, '--format', 'pngg'], 2, 'pngg', 'png'),
+    'a mesh from standard input': (['render', '-', '--size', '70mm', '-o', 'out.png'], 2, 'standard input', 'file'),
     'the input as output': ([*MESH, '--format', 'png', '-o', 'bunny.obj'], 2, 'is the input', ''),
     'stdout for a turntable': ([*MESH, '-o', '-', '--format', 'png', '--turntable', '2'], 2, '- writes one picture', ''),
     'an output name that is too long': ([*MESH, '-o', LONG + '.png'], 2, 'too long', ''),
@@ -103,6 +107,9 @@ FAULTS = {
     'a damaged glTF': (['render', 'bad.gltf', '-o', 'out.png'], 3, 'bad.gltf', ''),
     'a damaged OBJ': (['render', 'bad.obj', '--size', '70mm', '-o', 'out.png'], 3, 'bad.obj', ''),
     'a scene file with an unknown key': (['check', 'key.json'], 3, 'key.json', 'mesh'),
+    'a scene file with a size that is a number': (['check', 'number.json'], 3, 'number.json:/size', '"90mm"'),
+    'a scene file with a size of less than nothing': (['check', 'negative.json'], 3, 'a number without a unit', '"70mm"'),
+    'a scene file with a mesh elsewhere': (['check', 'absolute.json'], 3, 'absolute path', '--allow-outside'),
     'a scene file with an unknown method': (['render', 'method.json', '-o', 'out.png'], 3, 'method.json', 'screen-space'),
     'a scene file with a width out of range': (['render', 'width.json', '-o', 'out.png'], 3, 'width.json', ''),
     'a scene file with an unknown knob': (['render', 'knob.json', '-o', 'out.png'], 3, 'knob.json', 'lod'),
@@ -125,6 +132,9 @@ def break_files(folder):
     (folder / 'bad.gltf').write_bytes(b'{"asset": {"version": "2.0"}, "nodes": 7}')
     (folder / 'bad.obj').write_bytes(b'v 1 2 oops\nf 1 2 3\n')
     (folder / 'key.json').write_text('{"pellucid": 1, "mesh": "bunny.obj", "unit": "1mm", "mehs": 1}', 'ascii')
+    for name, scene in (('number', {'mesh': 'bunny.obj', 'size': 90}), ('negative', {'mesh': 'bunny.obj', 'size': -90}),
+                        ('absolute', {'mesh': '/bunny.obj', 'size': '90mm'})):
+        (folder / f'{name}.json').write_text(json.dumps({'pellucid': 1, **scene}), 'ascii')
     write_scene(folder / 'method.json', method='screenspace')
     write_scene(folder / 'width.json', width=0.5)
     write_scene(folder / 'knob.json', knobs={'lodd': 1})
@@ -386,6 +396,11 @@ def _(folder):
         need(re.search(rf'^  {command} ', text(first), re.MULTILINE), command)
         shown = works(folder, command, '--help').stdout
         need(works(folder, 'help', command).stdout == shown == works(folder, command, '-h').stdout, command)
+        for version in ('-V', '--version'):
+            need(works(folder, command, version).stdout == works(folder, version).stdout, command, version)
+            need(one_object(works(folder, command, version, '--json')) == one_object(works(folder, version, '--json')), command)
+    need('standard error' in text(works(folder, 'help', 'relative', 'error').stdout))
+    need('--layers FILE' in text(works(folder, 'help', 'layers').stdout), 'a topic hides an option of its name')
     need(re.fullmatch(r'pellucid \d+\.\d+\.\d+\n', text(works(folder, '--version').stdout)))
 
 
@@ -445,11 +460,11 @@ def _(folder):
 
 @test('help NAME explains commands, topics, options, methods, knobs and materials, and names the nearest of what it does not know')
 def _(folder):
-    topics = re.search(r'a material, or\n +(.*)\n', works(folder, 'help').stdout.decode())[1].split(', ')
+    topics = re.search(r'a material, or (.*?) -V,', ' '.join(works(folder, 'help').stdout.decode().split()))[1].split(', ')
     need({'lengths', 'scenes', 'exit-codes'} <= set(topics), topics)
     for name, told in [(t, f'pellucid help {t} - ') for t in topics] + [
             ('check', 'usage: pellucid check'), ('msaa', 'of render, bench, compare'), ('--msaa', '--msaa N'),
-            ('-m', '--method'), ('taps', 'of profile'), ('screen-space', 'Jimenez'), ('lod', '--set NAME=VALUE'),
+            ('-m', '--method'), ('taps', 'of profile'), ('screen-space', 'Jimenez'), ('lod', '--set lod=VALUE'),
             ('wholemilk', 'Jensen et al. 2001'), ('exit-codes', '  130 '), ('scenes', '"pellucid": 1')]:
         need(told in works(folder, 'help', name).stdout.decode(), name, told)
     for name, nearest in (('rendr', 'help render'), ('exitcodes', 'help exit-codes'), ('--msa', 'help msaa'), ('marbel', 'help marble'),
@@ -499,9 +514,11 @@ def _(folder):
 
 # --- Streams ------------------------------------------------------------------------------------------------------------------------
 
-def on_terminal(folder, arguments, env, both=False):
+def on_terminal(folder, arguments, env, both=False, columns=None):
     """stderr, or both, are a terminal; gives (stdout, what the terminal got)."""
     ours, theirs = pty.openpty()
+    if columns:
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('HHHH', 40, columns, 0, 0))
     child = subprocess.Popen([PROGRAM, *arguments], cwd=folder, env=env, stdin=subprocess.DEVNULL, stderr=theirs,
                              stdout=theirs if both else subprocess.PIPE)
     os.close(theirs)
@@ -534,14 +551,39 @@ def _(folder):
         need(b'\x1b[' in colored, 'no colour on a terminal:', arguments, colored)
 
 
+@test('on a terminal of 60 columns help, lists and messages break between words, and all of it is ASCII')
+def _(folder):
+    examples = {line for c in COMMANDS for line in works(folder, c, '--help').stdout.decode('ascii').splitlines()
+                if line.startswith('  pellucid ')}
+    for arguments in [['--help'], ['methods'], ['materials'], ['methods', 'path-trace'], ['help', 'noise'], ['info'],
+                      ['check', 'no-such-file-of-this-name-in-any-folder.obj', '--size', '70mm'], *([c, '--help'] for c in COMMANDS)]:
+        _, shown, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=60)
+        lines = shown.decode('ascii').replace('\r\n', '\n').split('\n')
+        wide = [line for line in lines if len(line) > 60 and line not in examples and 'mean free path' not in line
+                and not line.startswith(('usage: ', 'Published profiles'))]
+        need(len(lines) > 1 and not wide, arguments, wide)
+        _, usual, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=200)
+        need(' '.join(usual.decode().split()) == ' '.join(shown.decode().split()) or arguments == ['materials'], arguments, shown)
+
+
+@test('what a render says of itself: the names of the images, one thread, an option that is given twice')
+def _(folder):
+    done = works(folder, 'render', 'scene.json', '--turntable', '2', '-o', 'turn.png', *SMALL, '--threads', '1').stderr.decode()
+    need('turn_0000.png to turn_0001.png, 2 images: ' in done and '(1 thread)' in done and 'turn.png' not in done, done)
+    done = works(folder, 'render', 'bunny.obj', '--size', '70mm', '--size', '80mm', '-o', 'one.png', *SMALL).stderr.decode()
+    need('--size: is given more than once: the last, "80mm", counts' in done and ' 80 ' in done, done)
+    done = works(folder, *MESH, '--set', 'lod=2', '--set', 'gaussians=3', '--limit', 'depth=9', '--limit', 'items=99').stderr.decode()
+    need('more than once' not in done, done)
+
+
 @test('a progress bar with rate and time left on a terminal, cleared at the end')
 def _(folder):
     _, got, code = on_terminal(folder, ['render', 'scene.json', '--turntable', '12', '-o', 't.png', '--width', '320', '--height', '180',
                                         '--threads', '1', '--light-samples', '64'], clean_environment())
     need(code == 0, got)
     need(re.search(rb'\rrender \[#* *\] +\d+ %, [0-9.e+]+ %/s, \d+ s left', got), 'no bar in', got)
-    last = text(got).rstrip().splitlines()[-1]
-    need(last.split('\r')[-1].startswith('t.png: 320 x 180'), last)
+    last = text(got).split('\r')[-4:]  # the bar was cleared, then one message of two lines
+    need('t_0000.png to t_0011.png, 12 images: 320 x 180' in ''.join(last), last)
     _, quiet, _ = on_terminal(folder, [*MESH, '--quiet'], clean_environment())
     need(quiet == b'', quiet)
 

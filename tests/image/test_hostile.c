@@ -391,13 +391,13 @@ static void headers_that_make_no_sense_are_named(void **state)
     REFUSED("#?RADIANCE", PELL_ERR_FORMAT, "header does not end");
     REFUSED("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n", PELL_ERR_FORMAT, "header does not end");
     REFUSED("#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n....", PELL_ERR_UNSUPPORTED, "XYZ");
-    REFUSED("#?RADIANCE\nFORMAT=other\n\n-Y 1 +X 1\n....", PELL_ERR_UNSUPPORTED, "'other'");
+    REFUSED("#?RADIANCE\nFORMAT=other\n\n-Y 1 +X 1\n....", PELL_ERR_UNSUPPORTED, "\"other\"");
     REFUSED("#?RADIANCE\nEXPOSURE=0\n\n-Y 1 +X 1\n....", PELL_ERR_FORMAT, "EXPOSURE");
     REFUSED("#?RADIANCE\nEXPOSURE=-2\n\n-Y 1 +X 1\n....", PELL_ERR_FORMAT, "EXPOSURE");
     REFUSED("#?RADIANCE\nEXPOSURE=inf\n\n-Y 1 +X 1\n....", PELL_ERR_FORMAT, "1 numbers");
     REFUSED("#?RADIANCE\nCOLORCORR=1 2\n\n-Y 1 +X 1\n....", PELL_ERR_FORMAT, "3 numbers");
     REFUSED("#?RADIANCE\n\n", PELL_ERR_FORMAT, "no line with the size");
-    REFUSED("#?RADIANCE\n\n-Y 1 +Y 1\n....", PELL_ERR_FORMAT, "'-Y 1 +Y 1'");
+    REFUSED("#?RADIANCE\n\n-Y 1 +Y 1\n....", PELL_ERR_FORMAT, "\"-Y 1 +Y 1\"");
     REFUSED("#?RADIANCE\n\n-Y 1 +X 1 junk\n....", PELL_ERR_FORMAT, "junk");
     REFUSED("#?RADIANCE\n\n-Y 1 +X\n....", PELL_ERR_FORMAT, "must be like");
     REFUSED("#?RADIANCE\n\n-Y 1 +X 2\n\1\1\1\2\0\0\0\0", PELL_ERR_FORMAT, "repeats nothing");
@@ -544,7 +544,7 @@ static void exr_attributes_that_do_not_fit_are_named_with_their_place(void **sta
         exr_put(&e, "note\0string", 12);
         exr_put(&e, &sizes[i], 4);
         exr_put(&e, "abc", 4);
-        refused(e.data, e.size, PELL_ERR_FORMAT, "attribute 'note' has");
+        refused(e.data, e.size, PELL_ERR_FORMAT, "attribute \"note\" has");
     }
     e = head;
     e.size--;

@@ -595,7 +595,7 @@ static void wrong_arguments_are_refused_by_name(void **state)
     REFUSED(path, NULL, params.compression = (enum pell_exr_compression) 9, "compression = 9");
     REFUSED(path, NULL, params.num_attributes = 1, "attribute 0");
     p.channels[1].data = NULL;
-    REFUSED(path, NULL, (void) 0, "channel 1 ('G')");
+    REFUSED(path, NULL, (void) 0, "channel 1 (\"G\")");
 #undef REFUSED
     assert_int_not_equal(access(path, F_OK), 0);
     planes_free(&p);

@@ -139,7 +139,7 @@ static void a_value_may_have_commas(void **state)
     f->method = &method;
     refuse(f, "tint=0.5,0.25", "tint = 0.5,0.25, must be one number or three", "");
     refuse(f, "tint=0.5,,0.25", "tint = 0.5,,0.25, must be", "");
-    refuse(f, "tint=0.5 0.25 0.25", "'0.25' is not NAME=VALUE", "");
+    refuse(f, "tint=0.5 0.25 0.25", "\"0.25\" is not NAME=VALUE", "");
 }
 
 static void errors_name_the_knob_the_value_and_what_is_allowed(void **state)
@@ -147,24 +147,24 @@ static void errors_name_the_knob_the_value_and_what_is_allowed(void **state)
     struct fixture *f = *state;
     char *longest = malloc(100001);
 
-    refuse(f, "gaussian=6", "method screen-space has no knob 'gaussian'", "did you mean \"gaussians\"?");
+    refuse(f, "gaussian=6", "method screen-space has no knob \"gaussian\"", "did you mean \"gaussians\"?");
     refuse(f, "gaussians=600", "gaussians = 600, must be in [", "");
     refuse(f, "gaussians=6;lod=2", "gaussians = 6;lod=2, must be a whole number", "");
     refuse(f, "gaussians=six", "gaussians = six, must be a whole number in [", "");
     refuse(f, "gaussians=6,7", "gaussians = 6,7, must be a whole number", "");
     refuse(f, "as=papre", "as = papre, must be one of best, paper", "did you mean \"paper\"?");
-    refuse(f, "gaussians = 6", "'gaussians' is not NAME=VALUE", "without spaces");
-    refuse(f, "fast", "'fast' is not NAME=VALUE", "");
-    refuse(f, "lod=2 ,fast=", "has no knob 'fast'", "");
-    refuse(f, "=6", "has no knob ''", "");
-    refuse(f, "=", "has no knob ''", "");
+    refuse(f, "gaussians = 6", "\"gaussians\" is not NAME=VALUE", "without spaces");
+    refuse(f, "fast", "\"fast\" is not NAME=VALUE", "");
+    refuse(f, "lod=2 ,fast=", "has no knob \"fast\"", "");
+    refuse(f, "=6", "has no knob \"\"", "");
+    refuse(f, "=", "has no knob \"\"", "");
     refuse(f, "gaussians=", "gaussians = , must be", "");
     refuse(f, "gaussians==6", "gaussians = =6, must be", "");
-    refuse(f, "\"gaussians=6\"", "has no knob '\"gaussians'", "");
+    refuse(f, "\"gaussians=6\"", "has no knob \"\"gaussians\"", "");
     refuse(f, "{[(gaussians=6", "has no knob", "");
     refuse(f, "ga\xff\x80=6",
-           "has no knob 'ga?"
-           "?'",
+           "has no knob \"ga?"
+           "?\"",
            "");
     refuse(f, "gaussians=\x01\xfe",
            "gaussians = ?"
@@ -174,11 +174,11 @@ static void errors_name_the_knob_the_value_and_what_is_allowed(void **state)
     for (size_t i = 0; i < 100000; i++)
         longest[i] = "x=,y "[i % 5];
     longest[100000] = '\0';
-    refuse(f, longest, "has no knob 'x'", "");
+    refuse(f, longest, "has no knob \"x\"", "");
     memset(longest, 'x', 100000);
-    refuse(f, longest, "...' is not NAME=VALUE", "");
+    refuse(f, longest, "...\" is not NAME=VALUE", "");
     memset(longest, '=', 100000);
-    refuse(f, longest, "has no knob ''", "");
+    refuse(f, longest, "has no knob \"\"", "");
     free(longest);
 }
 

@@ -634,7 +634,7 @@ static const struct {
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"a.png#r\",\"depth_scale\":\"2km\"}]"), "s.json:/materials/*/layers/0/depth_scale",
       "is 2e+06 mm, allowed:", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"a.png#r\",\"depth_scale\":4}]"), "s.json:/materials/*/layers/0/depth_scale",
-      "allowed: a string", "" },
+      "a number without a unit", "as in \"4mm\"" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"a.png#r\",\"depth_scale\":\"4mm\",\"depth_encoding\":\"log\"}]"),
       "s.json:/materials/*/layers/0/depth_encoding", "linear, inverse", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"baseColor.a\",\"depth_scale\":\"4mm\"}]"), "s.json:/materials/*/layers/0/depth",

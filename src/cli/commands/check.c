@@ -245,13 +245,16 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
     const char *bold = cli_style(cli, stdout, 1), *plain = cli_style(cli, stdout, 0);
     const size_t most = (size_t) cli->limits.warnings;
     size_t problems = json_array_size(cli->collected), notes = 0;
+    struct pell_text line = { .length = 0 };
     char name[96], a[64], b[64], c[64];
 
     for (size_t i = 0; i < r->num_problems; i++)
         *(r->problems[i].severity == PELL_SEVERITY_NOTE ? &notes : &problems) += 1;
-    printf("%s, %s, %.4g x %.4g x %.4g mm (one unit of the file is %.6g mm)\n", plural((long long) scene->num_meshes, "mesh part", a),
-           plural((long long) r->triangles, "triangle", b), (double) (r->bounds_max[0] - r->bounds_min[0]),
-           (double) (r->bounds_max[1] - r->bounds_min[1]), (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
+    pell_text_add(&line, "%s, %s, %.4g x %.4g x %.4g mm (one unit of the file is %.6g mm)",
+                  plural((long long) scene->num_meshes, "mesh part", a), plural((long long) r->triangles, "triangle", b),
+                  (double) (r->bounds_max[0] - r->bounds_min[0]), (double) (r->bounds_max[1] - r->bounds_min[1]),
+                  (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
+    cli_wrap(stdout, 0, 2, line.str);
     printf("from (%.4g, %.4g, %.4g) to (%.4g, %.4g, %.4g) mm\n", (double) r->bounds_min[0], (double) r->bounds_min[1],
            (double) r->bounds_min[2], (double) r->bounds_max[0], (double) r->bounds_max[1], (double) r->bounds_max[2]);
     printf("%s, %s, %s\n\n%sObjects%s\n", plural((long long) scene->num_lights, "light", a),

@@ -213,8 +213,10 @@ static void print_method(const struct cli *cli, const struct pell_method *m)
     const struct runs_on on = find_runs_on(cli, m);
     char line[256] = "";
 
-    printf("%s%s%s - %s (%s; %s)\n", cli_style(cli, stdout, 1), m->name, cli_style(cli, stdout, 0), m->title, kinds[m->kind],
-           engine_names(m));
+    printf("%s%s%s", cli_style(cli, stdout, 1), m->name, cli_style(cli, stdout, 0));
+    snprintf(line, sizeof(line), "- %s (%s; %s)", m->title, kinds[m->kind], engine_names(m));
+    cli_wrap(stdout, (int) strlen(m->name), 2, line);
+    line[0] = '\0';
     cli_wrap(stdout, 0, 0, m->cite);
     if (m->limits) {
         fputs("\nLimits: ", stdout);
@@ -231,7 +233,18 @@ static void print_method(const struct cli *cli, const struct pell_method *m)
 }
 
 /* What -m none does: no row of the registry. */
-static const char none_text[] = "no scattering: Lambertian of the same colour, to compare";
+static const char none_text[] = "no scattering: Lambertian of the same colour";
+
+static void print_method_row(const char *name, const char *kind, int width, const char *engines, const char *on, const char *title)
+{
+    char head[128];
+    const int column = 1 + snprintf(head, sizeof(head), "%-14s %-9s %-*s %-6s", name, kind, width, engines, on);
+
+    if (column + strlen(title) <= 100 && cli_columns(stdout) == 96) /* a line for each, to search in */
+        printf("%s %s\n", head, title);
+    else
+        cli_row(stdout, head, column, title);
+}
 
 enum exit_code command_methods(struct cli *cli)
 {
@@ -261,9 +274,9 @@ enum exit_code command_methods(struct cli *cli)
     for (size_t i = 0; i < pell_method_count(); i++) {
         const struct pell_method *m = pell_method_at(i);
 
-        printf("%-14s %-9s %-*s %-6s %s\n", m->name, kinds[m->kind], width, engine_names(m), find_runs_on(cli, m).name, m->title);
+        print_method_row(m->name, kinds[m->kind], width, engine_names(m), find_runs_on(cli, m).name, m->title);
     }
-    printf("%-14s %-9s %-*s %-6s %s\n", "none", "-", width, "cpu", "-", none_text);
+    print_method_row("none", "-", width, "cpu", "-", none_text);
     return EXIT_OK;
 }
 

@@ -11,6 +11,8 @@
 #include <math.h>
 #include <string.h>
 
+#define NAMES_AND_TITLES 90 /* columns of a line of the list */
+
 static const char *const kinds[] = { "medium", "gaussians", "layers" };
 static const char *const kind_titles[] = { "Media", "Published profiles, normalised to white", "Layers" };
 static const char *const phases[] = { "hg", "schlick", "rayleigh", "two-lobe" };
@@ -233,7 +235,9 @@ static void print_line(const struct cli *cli, const struct pell_material_entry *
 
     color_of(e, color);
     encode(color, code);
-    printf("  %-28s %-34s ", e->name, e->title);
+    printf("  %-28s ", e->name);
+    if (cli_columns(stdout) >= NAMES_AND_TITLES)
+        printf("%-34s ", e->title);
     if (e->kind == PELL_MATERIAL_MEDIUM)
         for (int c = 0; c < 3; c++)
             printf(" %7.3g", pell_mean_free_path(&e->medium, c));

@@ -13,6 +13,7 @@
 
 #define RADIUS_MIN 1e-9 /* mm */
 #define RADIUS_MAX 1e9
+#define DEFAULT_GAUSSIANS 4
 
 /* --- What is asked for -------------------------------------------------------------------------------------------------------- */
 
@@ -119,6 +120,7 @@ static enum exit_code open_gaussians(struct cli *cli, struct profile_job *job, c
     enum pell_result res = PELL_OK;
 
     job->model = job->profile->name = "gaussians";
+    job->own = entry->gaussians.count;
     if (refuse_solver(cli, job) != EXIT_OK || profile_refuse_medium_options(cli, job, "sum of Gaussians") != EXIT_OK)
         return EXIT_USAGE;
     for (int c = 0; c < 3 && res == PELL_OK; c++)
@@ -288,7 +290,9 @@ static enum exit_code make_fit(struct cli *cli, struct profile_job *job, int k)
 /* --gaussians K, or K,K,... */
 static enum exit_code make_fits(struct cli *cli, struct profile_job *job)
 {
-    const char *text = cli->profile.gaussians ? cli->profile.gaussians : "4";
+    /* a profile of fewer Gaussians is its own fit */
+    const char usual[] = { (char) ('0' + (job->own > 0 && job->own < DEFAULT_GAUSSIANS ? job->own : DEFAULT_GAUSSIANS)), '\0' };
+    const char *text = cli->profile.gaussians ? cli->profile.gaussians : usual;
     enum exit_code code = EXIT_OK;
 
     if (strcmp(text, "0") == 0)
@@ -476,6 +480,28 @@ static void print_transmitted(const struct profile_job *job)
     }
 }
 
+/* Gaussians fall faster than profiles do: the table is far off where there may be little light, which the error of a fit counts. */
+static void explain_far_errors(const struct profile_job *job)
+{
+    double from = 0.0, share = 0.0;
+
+    for (size_t i = job->count; i-- > 0;) {
+        bool far = false;
+        for (int c = 0; c < 3; c++) {
+            const double R = pell_profile_eval(&job->profile->R[c], job->r[i]);
+            far = far || (R > 0.0 && fabs(pell_gaussians_eval(&job->fits[0].sum[c], 0, job->r[i]) / R - 1.0) > 0.2);
+        }
+        if (!far)
+            break;
+        from = job->r[i];
+    }
+    if (!(from > 0.0))
+        return;
+    for (int c = 0; c < 3; c++)
+        share = fmax(share, 1.0 - pell_profile_cdf(&job->profile->R[c], from));
+    printf("  errors over 20 %% begin at %.4g mm, beyond which at most %.2g %% of the light leaves\n", from, 100.0 * share);
+}
+
 static enum exit_code answer_table(struct cli *cli, const struct profile_job *job)
 {
     double mfp[3], dmfp[3], total[3];
@@ -520,6 +546,8 @@ static enum exit_code answer_table(struct cli *cli, const struct profile_job *jo
         print_transmitted(job);
     if (job->num_others)
         print_others(cli, job);
+    if (job->num_fits)
+        explain_far_errors(job);
     for (size_t i = 0; i < job->num_fits; i++)
         print_gaussians(cli, job, &job->fits[i]);
     return EXIT_OK;

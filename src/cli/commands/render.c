@@ -374,22 +374,42 @@ static enum exit_code set_checkpoint(struct cli *cli, struct job *job)
 
 /* --- The command -------------------------------------------------------------------------------------------------------------- */
 
+static void print_answer(const struct cli *cli, const struct job *job, const char *method, const char *engine, int threads)
+{
+    const struct pell_render_result *p = &job->image;
+    const size_t count = job->images ? json_array_size(job->images) : 0;
+    struct pell_text line = { .length = 0 };
+    char name[160], last[160];
+
+    if (count > 1)
+        pell_text_add(&line, "%s to %s, %zu images", pell_printable(json_string_value(json_array_get(job->images, 0)), name, sizeof(name)),
+                      pell_printable(json_string_value(json_array_get(job->images, count - 1)), last, sizeof(last)), count);
+    else
+        pell_text_add(&line, "%s",
+                      pell_printable(count                      ? json_string_value(json_array_get(job->images, 0))
+                                     : job->no_picture          ? cli->checkpoint
+                                     : strcmp(job->output, "-") ? job->output
+                                                                : "stdout",
+                                     name, sizeof(name)));
+    pell_text_add(&line, ": %d x %d, %s on engine %s (%d thread%s), %.2f s%s after %.2f s of loading", p->width, p->height, method, engine,
+                  threads, threads == 1 ? "" : "s", p->seconds, count > 1 ? " for the last" : "", job->session.load_seconds);
+    if (cli->tty)
+        cli_wrap(stderr, 0, 2, line.str);
+    else
+        fprintf(stderr, "%s\n", line.str);
+}
+
 static enum exit_code answer(struct cli *cli, const struct job *job)
 {
     const struct session *s = &job->session;
     const struct pell_render_result *p = &job->image;
     const char *method = s->method ? s->method->name : "none", *engine = pell_engine_name(pell_device_engine(s->device));
     const int threads = pell_device_threads(s->device);
-    char shown[256];
     json_t *o;
 
     if (!cli->json) {
         if (!cli->quiet)
-            fprintf(stderr, "%s: %d x %d, %s on engine %s (%d threads), %.2f s after %.2f s of loading\n",
-                    job->no_picture            ? cli->checkpoint
-                    : strcmp(job->output, "-") ? pell_printable(job->output, shown, sizeof(shown))
-                                               : "stdout",
-                    p->width, p->height, method, engine, threads, p->seconds, s->load_seconds);
+            print_answer(cli, job, method, engine, threads);
         return EXIT_OK;
     }
     o = json_pack("{s:o,s:s,s:s,s:i,s:i,s:f,s:f,s:i,s:f,s:o,s:O}", "image",

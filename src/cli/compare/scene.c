@@ -551,7 +551,7 @@ static void answer_text(const struct cli *cli, const struct job *job)
         if (isnan(job->rel_noise[i]))
             puts("noise not estimated");
         else
-            printf("noise %.2f %%%s, subtracted from the errors\n", 100.0 * job->rel_noise[i],
+            printf("noise %.2f %% of its subsurface light%s, subtracted from the errors\n", 100.0 * job->rel_noise[i],
                    job->references[i].half ? " as the mean of two halves" : "");
     }
     snprintf(title, sizeof(title), "Subsurface light of translucent pixels, against %s", job->runs.list[0].label);

@@ -40,6 +40,7 @@ struct profile_job {
 
     struct profile_fit fits[PROFILE_FITS];
     size_t num_fits;
+    int own; /* Gaussians that the profile is a sum of, 0: none */
 
     double from, to; /* mm */
     bool to_given;

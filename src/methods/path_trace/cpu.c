@@ -271,12 +271,13 @@ static void report(struct pt_state *st, const struct pt_run *run)
     const double missing = (now.cut_weight - st->before.cut_weight) / samples, films = run->number + 1.0;
     const int64_t cut = now.cut - st->before.cut, lost = now.lost - st->before.lost, crossed = now.crossed - st->before.crossed;
     const int64_t chains = now.chains - st->before.chains, given_up = now.chains_cut - st->before.chains_cut;
-    char error[48] = "", bound[96] = "";
+    char error[80] = "", bound[96] = "";
     uint32_t least, most;
 
     pt_count_range(run, run->film, &least, &most);
     if (least > 1 && run->from == 0 && run->end_tile - run->first_tile == run->film->tiles)
-        snprintf(error, sizeof(error), ", relative error %.2f %%", 100.0 * pt_film_error(run->film, pt_traced(st)) / sqrt(films));
+        snprintf(error, sizeof(error), ", relative error %.2f %% (standard error of its pixels)",
+                 100.0 * pt_film_error(run->film, pt_traced(st)) / sqrt(films));
     if (run->film->count > 0 && now.samples > st->before.samples)
         pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", least * films, error,
                   (double) (now.scatterings - st->before.scatterings) / samples, (double) (now.rays - st->before.rays) / samples);

@@ -14,8 +14,14 @@ enum pell_result pell_scene_text_length(const struct pell_json *at, bool any_sig
     struct pell_text where, one = { 0 };
     const char *text, *unit, *digits;
     double number;
-    enum pell_result res = pell_json_to_string(at, &text);
+    enum pell_result res;
 
+    if (json_is_number(at->value)) {
+        number = json_number_value(at->value);
+        pell_text_add(&one, "write a text with its unit, as in \"%gmm\"", number > 0.0 ? number : 70.0);
+        return pell_json_error(at, PELL_ERR_FORMAT, one.str, "is %g, a number without a unit", number);
+    }
+    res = pell_json_to_string(at, &text);
     if (res != PELL_OK)
         return res;
     digits = text + (any_sign && *text == '-');
