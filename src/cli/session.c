@@ -327,10 +327,23 @@ enum exit_code session_open(struct cli *cli, const char *path, struct session *s
     return session_open_at(cli, path, NULL, s);
 }
 
+/* The program's folder among the user's caches: "$XDG_CACHE_HOME/pellucid" or "~/.cache/pellucid"; NULL: there is none. */
+static const char *cache_folder(char *path, size_t size)
+{
+    const char *caches = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+    const bool given = caches && caches[0] == '/';
+    const int length = snprintf(path, size, "%s%s/pellucid", given ? caches : home ? home : "", given ? "" : "/.cache");
+
+    return (given || (home && home[0] == '/')) && length > 0 && (size_t) length < size ? path : NULL;
+}
+
 /* All but the renderer. */
 static enum exit_code read_at(struct cli *cli, const char *path, const double *time, struct session *s)
 {
-    struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device };
+    char cache[1024];
+    struct pell_device_params params = { .threads = cli->numbers.threads,
+                                         .vulkan_device = cli->device,
+                                         .vulkan_cache = cache_folder(cache, sizeof(cache)) };
     enum exit_code code;
 
     memset(s, 0, sizeof(*s));

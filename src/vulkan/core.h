@@ -28,6 +28,7 @@
     F(CreateComputePipelines)                                                                                                              \
     F(CreateDescriptorPool)                                                                                                                \
     F(CreateDescriptorSetLayout)                                                                                                           \
+    F(CreatePipelineCache)                                                                                                                 \
     F(CreatePipelineLayout)                                                                                                                \
     F(CreateQueryPool)                                                                                                                     \
     F(CreateSemaphore)                                                                                                                     \
@@ -38,6 +39,7 @@
     F(DestroyDescriptorSetLayout)                                                                                                          \
     F(DestroyDevice)                                                                                                                       \
     F(DestroyPipeline)                                                                                                                     \
+    F(DestroyPipelineCache)                                                                                                                \
     F(DestroyPipelineLayout)                                                                                                               \
     F(DestroyQueryPool)                                                                                                                    \
     F(DestroySemaphore)                                                                                                                    \
@@ -46,6 +48,7 @@
     F(FreeMemory)                                                                                                                          \
     F(GetBufferMemoryRequirements)                                                                                                         \
     F(GetDeviceQueue)                                                                                                                      \
+    F(GetPipelineCacheData)                                                                                                                \
     F(GetQueryPoolResults)                                                                                                                 \
     F(MapMemory)                                                                                                                           \
     F(QueueSubmit2)                                                                                                                        \
@@ -77,8 +80,12 @@ struct pell_gpu {
         PELL_VK_DEVICE_FUNCTIONS(PELL_VK_MEMBER)
         PELL_VK_LABEL_FUNCTIONS(PELL_VK_MEMBER)
     } vk;
-    bool borrowed; /* instance and device are the caller's */
-    bool locks;    /* the two that follow are made */
+    VkPipelineCache cache; /* none: VK_NULL_HANDLE */
+    char cache_path[1024];
+    uint64_t cache_hash;     /* of what was read */
+    _Atomic bool cache_used; /* pipelines were made */
+    bool borrowed;           /* instance and device are the caller's */
+    bool locks;              /* the two that follow are made */
     pthread_mutex_t queue_lock;
     pthread_mutex_t memory_lock;
     struct pell_vk_block *blocks;
@@ -96,6 +103,12 @@ void pell_vk_name(struct pell_gpu *gpu, VkObjectType type, uint64_t handle, cons
 
 /* A call of a device's function that returns a VkResult, `args` in parentheses: an enum pell_result. */
 #define PELL_VK(gpu, name, args) pell_vk_check(gpu, "vk" #name, pell_vk_fails(gpu) ? VK_ERROR_OUT_OF_DEVICE_MEMORY : (gpu)->vk.name args)
+
+/* --- cache.c --- */
+
+/* The cache of pipelines in a folder, NULL: none; and its end, which writes what is new. */
+PELL_NODISCARD enum pell_result pell_vk_cache_open(struct pell_gpu *gpu, const char *folder);
+void pell_vk_cache_close(struct pell_gpu *gpu);
 
 /* --- memory.c --- */
 

@@ -47,6 +47,8 @@ struct pell_shader {
 
 struct pell_gpu_params {
     const char *device; /* a number in the order of pell_vulkan_devices_find, or a piece of a name; NULL: that function's choice */
+    const char *cache;  /* a folder (made where its parent is there) for what the driver compiles, to be read by the next run; NULL: none.
+                         * A damaged file is made anew; what can't be written is not */
     bool validate;      /* with the validation layer, of calls and of synchronisation: its messages are logged as errors */
     uint64_t fail_at;   /* for tests: as pell_gpu_fail_at, from the first call on; 0: none */
 };

@@ -248,6 +248,7 @@ enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_p
     }
     PELL_TRY(choose_device(gpu, params->device));
     PELL_TRY(create_device(gpu));
+    PELL_TRY(pell_vk_cache_open(gpu, params->cache));
     *out = gpu;
     return PELL_OK;
 
@@ -263,6 +264,7 @@ void pell_gpu_close(struct pell_gpu **gpu)
     if (!g)
         return;
     *gpu = NULL;
+    pell_vk_cache_close(g);
     if (g->device && !g->borrowed && g->vk.DestroyDevice)
         g->vk.DestroyDevice(g->device, NULL);
     if (!g->borrowed)

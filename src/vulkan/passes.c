@@ -57,8 +57,9 @@ static enum pell_result create_pipeline(struct pell_gpu_pass *p, const uint32_t 
         entries[i] = (VkSpecializationMapEntry) { (uint32_t) i, (uint32_t) (i * sizeof(*constants)), sizeof(*constants) };
     PELL_TRY(PELL_VK(gpu, CreateShaderModule, (gpu->device, &module_info, NULL, &module)));
     info.stage.module = module;
-    res = PELL_VK(gpu, CreateComputePipelines, (gpu->device, VK_NULL_HANDLE, 1, &info, NULL, &p->pipeline));
+    res = PELL_VK(gpu, CreateComputePipelines, (gpu->device, gpu->cache, 1, &info, NULL, &p->pipeline));
     gpu->vk.DestroyShaderModule(gpu->device, module, NULL);
+    atomic_store(&gpu->cache_used, true);
     if (res == PELL_OK)
         pell_vk_name(gpu, VK_OBJECT_TYPE_PIPELINE, (uint64_t) p->pipeline, s->name);
 

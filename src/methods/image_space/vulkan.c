@@ -435,7 +435,7 @@ static int bytes_of(const char *mark)
     return !strcmp(mark, "upload")        ? 48
            : !strcmp(mark, "load")        ? 24 + 4 * IS_TEXEL
            : !strcmp(mark, "sample")      ? 4 * IS_TEXEL + 8 + 32
-           : !strcmp(mark, "reconstruct") ? 16 + 32 + 16
+           : !strcmp(mark, "reconstruct") ? 4 * IS_TEXEL /* lines hold both halves */ + 32 + 16
                                           : 32;
 }
 

@@ -341,7 +341,11 @@ static enum pell_result show_blurs(struct screen_gpu *st, const struct pell_fram
 
 static int bytes_of(const char *mark)
 {
-    return !strcmp(mark, "upload") ? 48 : !strcmp(mark, "load") ? 56 : !strcmp(mark, "measure") ? 96 : !strcmp(mark, "download") ? 32 : 176;
+    return !strcmp(mark, "upload")     ? 48
+           : !strcmp(mark, "load")     ? 56
+           : !strcmp(mark, "measure")  ? 128
+           : !strcmp(mark, "download") ? 32
+                                       : 176;
 }
 
 static enum pell_result gpu_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
