@@ -45,7 +45,7 @@ enum pell_output {
 /* The inputs and outputs of a method with a set of knobs. */
 struct pell_plan {
     unsigned needs;
-    unsigned outputs;                 /* separate outputs, of PELL_QUANTITY_RADIANCE */
+    unsigned outputs;                 /* separate outputs, of PELL_QUANTITY_RADIANCE; always there beside exitance, else if asked for */
     bool excludes_surface_reflection; /* radiance of light that entered only: the composite adds its specular lobe, as it does to
                                            * exitance */
     enum pell_quantity quantity;

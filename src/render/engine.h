@@ -15,6 +15,10 @@
 
 #define PELL_STAGES_MOST 48
 
+/* Given what a step of a chain of blurs made: light of a stride. Steps count from those ahead of the first Gaussian, of which there are
+ * `preblur`. An error ends the frame. */
+typedef enum pell_result pell_take_blur(void *user, const float *const light[3], ptrdiff_t stride, int step, int preblur);
+
 /* A method on one engine. */
 struct pell_method_engine {
     /* Makes all that outlives a frame. `knobs` is in range; `services` and `shape` hold while the state lives. On failure *state may be
@@ -23,6 +27,10 @@ struct pell_method_engine {
     /* Fills `out`: the cpu engine at once, others record what will. Allocates nothing. Planes that were asked for are there. */
     enum pell_result (*record)(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
     void (*destroy)(void *state); /* takes NULL and a half-built state */
+    /* In place of `record`, for methods whose weights vary over the surface: the light that each of a material's Gaussians blurs, times the
+     * sum of their weights, one after the other. Planes of `out` are overwritten. NULL: the method is no chain of blurs. */
+    enum pell_result (*blurs)(void *state, const struct pell_frame *in, const struct pell_frame_light *out, pell_take_blur *take,
+                              void *user);
     /* Thickness tables of transmission, per material; NULL where the method has none. */
     const struct pell_thickness_table *(*thickness)(const void *state, size_t material);
     /* Times of the last render's passes; returns how many (at most `size`). May be NULL. */

@@ -159,7 +159,7 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
     case PELL_PLANE_NORMAL: return false;
     }
     if (p->output)
-        return plan && (plan->outputs & p->output) && frame->settings->layers;
+        return plan && (plan->outputs & p->output) && (frame->settings->layers || plan->quantity == PELL_QUANTITY_EXITANCE);
     return !p->need || (plan && (plan->needs & p->need));
 }
 

@@ -5,7 +5,6 @@
 #include "image/color.h"
 
 #include <pellucid/inversion.h>
-#include <pellucid/layers.h>
 
 #include <math.h>
 #include <stdio.h>
@@ -324,42 +323,61 @@ static void mean_medium(const struct pell_medium_layer *layer, int count, struct
     }
 }
 
-bool pell_scene_layers_solve(struct pell_material *m, const struct pell_layer_measure *measure)
+/* `endless`: the last of them has no bottom; else what lies below is another. */
+static void make_stack(const struct pell_material *m, const double *bottoms, struct pell_stack *out, bool *endless)
 {
-    static const struct pell_fit_params params = { .count = PELL_MATERIAL_LAYERS_GAUSSIANS };
     struct pell_medium_layer layer[PELL_LAYERS_MOST + 1];
-    struct pell_stack stack = { 0 };
-    struct pell_profile profiles[3];
-    struct pell_gaussians found = { 0 };
     double above = 0.0;
     int count = 0;
-    bool endless = false, solved = true;
 
-    for (int i = 0; i < m->num_layers && !endless; i++) {
-        const double thickness = measure[i].mean - above;
-        endless = measure[i].mean == (double) INFINITY || (i + 1 == m->num_layers && m->substrate == PELL_SUBSTRATE_LAST);
-        if (!endless && !(thickness >= PELL_THICKNESS_MIN))
+    *endless = false;
+    for (int i = 0; i < m->num_layers && !*endless; i++) {
+        const double thickness = bottoms[i] - above;
+        *endless = bottoms[i] == (double) INFINITY || (i + 1 == m->num_layers && m->substrate == PELL_SUBSTRATE_LAST);
+        if (!*endless && !(thickness >= PELL_THICKNESS_MIN))
             continue;
-        take(&m->layers[i].medium, m->medium.eta, endless ? (double) INFINITY : fmin(thickness, PELL_THICKNESS_MAX), &layer[count++]);
+        take(&m->layers[i].medium, m->medium.eta, *endless ? (double) INFINITY : fmin(thickness, PELL_THICKNESS_MAX), &layer[count++]);
         if (count > 1 && same_medium(&layer[count - 2], &layer[count - 1])) { /* no boundary: thin layers have no answer of their own */
             layer[count - 2].thickness += layer[count - 1].thickness;
-            if (!endless)
+            if (!*endless)
                 layer[count - 2].thickness = fmin(layer[count - 2].thickness, PELL_THICKNESS_MAX);
             count--;
         }
-        above = measure[i].mean;
+        above = bottoms[i];
     }
     while (count > PELL_LAYERS_MAX - 1) {
-        merge_thinnest(layer, count - endless);
-        if (endless)
+        merge_thinnest(layer, count - *endless);
+        if (*endless)
             layer[count - 2] = layer[count - 1];
         count--;
     }
-    if (!endless)
+    if (!*endless)
         bottom(m, &layer[count++]);
-    mean_medium(layer, count > 1 && !endless ? count - 1 : count, &m->medium);
-    stack.count = count;
-    memcpy(stack.layer, layer, (size_t) count * sizeof(*layer));
+    memset(out, 0, sizeof(*out));
+    out->count = count;
+    memcpy(out->layer, layer, (size_t) count * sizeof(*layer));
+}
+
+void pell_scene_layers_stack(const struct pell_material *m, const double *bottoms, struct pell_stack *out)
+{
+    bool endless;
+
+    make_stack(m, bottoms, out, &endless);
+}
+
+bool pell_scene_layers_solve(struct pell_material *m, const struct pell_layer_measure *measure)
+{
+    static const struct pell_fit_params params = { .count = PELL_MATERIAL_LAYERS_GAUSSIANS };
+    struct pell_stack stack;
+    struct pell_profile profiles[3];
+    struct pell_gaussians found = { 0 };
+    double bottoms[PELL_LAYERS_MOST];
+    bool endless, solved = true;
+
+    for (int i = 0; i < m->num_layers; i++)
+        bottoms[i] = measure[i].mean;
+    make_stack(m, bottoms, &stack, &endless);
+    mean_medium(stack.layer, stack.count > 1 && !endless ? stack.count - 1 : stack.count, &m->medium);
     for (int c = 0; c < 3 && solved; c++)
         solved = pell_stack_profile(&stack, c, PELL_STACK_R_PLUS, &profiles[c], NULL) == PELL_OK;
     solved = solved && pell_fit_profiles(profiles, &params, &found, NULL) == PELL_OK && found.count > 0;

@@ -7,6 +7,7 @@
 
 #include "base/base.h"
 
+#include <pellucid/layers.h>
 #include <pellucid/scene.h>
 
 #define PELL_LAYER_DEPTH_MAX 1e6f /* mm */
@@ -47,6 +48,10 @@ struct pell_layer_measure {
 /* Over the texels of the largest map, of all layers whose maps use the same UV set; others are measured alone, and without crossings.
  * `out` has room for m->num_layers. Returns how many texels there are; 0: nothing is painted. */
 int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_layer_measure *out);
+
+/* The layers whose bottoms lie at `bottoms` (mm, rising, the last may be INFINITY) and what is below them, as the solvers of diffusion take
+ * them: layers thinner than these can tell are left out, neighbours of one medium are one, too many are merged. */
+void pell_scene_layers_stack(const struct pell_material *m, const double *bottoms, struct pell_stack *out);
 
 /* Makes m->gaussians what the layers reflect at their mean depths (`measure`), and m->medium their mean. False: they send no light back
  * that a sum of Gaussians could stand for, and the medium alone is there. */

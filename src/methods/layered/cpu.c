@@ -5,7 +5,6 @@
 #include "methods/layered/state.h"
 
 #include "base/simd.h"
-#include "image/color.h"
 #include "render/engine.h"
 #include "scene/layers.h"
 
@@ -23,6 +22,7 @@ static void layered_destroy(void *state)
 
     if (!st)
         return;
+    layered_diffuse_destroy(st);
     for (int i = 0; st->workers && i < pell_pool_threads(st->pool); i++) {
         struct layered_worker *w = &st->workers[i];
         pell_free(st->ctx, w->packet.uv);
@@ -161,6 +161,8 @@ static enum pell_result layered_create(const struct pell_services *services, con
     PELL_TRY(layered_fit(st, scene));
     PELL_TRY(layered_make_lights(st, scene));
     PELL_TRY(make_workers(st));
+    if (k->multiple || k->diffuse > 0.0f)
+        PELL_TRY(layered_diffuse_make(st, shape));
     return PELL_OK;
 
 fail:
@@ -231,21 +233,10 @@ static void set_colors(const struct pell_material *m, const struct pell_scene *s
 {
     p->shows_bottom = true;
     for (int i = 0; i < p->count; i++) {
-        float rgba[4] = { 1.0f, 1.0f, 1.0f, 1.0f };
-        const struct pell_texture *t = m->base_color_map.texture;
-        if (t && t->image.pixels) {
-            const uint32_t *index = scene->meshes[mesh[i]].index + 3 * (size_t) triangle[i];
-            float uv[3][2];
-            for (int c = 0; c < 3; c++)
-                layered_map_uv(&m->base_color_map, &scene->meshes[mesh[i]], index[c], uv[c]);
-            pell_image_sample(&t->image, t->wrap_u, t->wrap_v, t->nearest,
-                              uv[0][0] + p->u[i] * (uv[1][0] - uv[0][0]) + p->v[i] * (uv[2][0] - uv[0][0]),
-                              uv[0][1] + p->u[i] * (uv[1][1] - uv[0][1]) + p->v[i] * (uv[2][1] - uv[0][1]), rgba);
-        }
-        for (int c = 0; c < 3; c++) {
-            const float value = m->base_color[c] * rgba[c];
-            p->color[c][i] = value > 0.0f ? fminf(value, 1.0f) * (1.0f / PELL_PI_F) : 0.0f;
-        }
+        float color[3];
+        layered_base_color(m, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], color);
+        for (int c = 0; c < 3; c++)
+            p->color[c][i] = color[c] * (1.0f / PELL_PI_F);
     }
 }
 
@@ -280,9 +271,10 @@ static void run_packet(const struct layered_state *st, int material, const int32
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < count; i++) {
             const bool apart = st->out->single[0] != NULL;
-            st->out->light[c][at[i]] = apart ? 0.0f : p->light[c][i];
+            const float light = (1.0f - st->knobs.diffuse) * p->light[c][i];
+            st->out->light[c][at[i]] = apart ? 0.0f : light;
             if (apart)
-                st->out->single[c][at[i]] = p->light[c][i];
+                st->out->single[c][at[i]] = light;
         }
 }
 
@@ -305,8 +297,7 @@ static void run_band(void *arg, int index, int worker)
                 const struct pell_mesh *mesh;
                 if (!in->material[i])
                     continue;
-                if (in->mesh[i] >= st->num_meshes || !st->planes[in->mesh[i]] ||
-                    in->triangle[i] >= scene->meshes[in->mesh[i]].num_triangles) {
+                if (!layered_shows(st, i)) {
                     for (int c = 0; c < 3; c++) {
                         st->out->light[c][i] = 0.0f;
                         if (st->out->single[0])
@@ -327,6 +318,12 @@ static void run_band(void *arg, int index, int worker)
         run_packet(st, material, at, count, &st->workers[worker]);
 }
 
+static void note(struct layered_state *st, const char *name, double seconds, int64_t pixels, int64_t bytes, int64_t rays)
+{
+    st->times[st->num_times++] =
+        (struct pell_pass_time) { .name = name, .seconds = seconds, .pixels = pixels, .bytes = bytes, .rays = rays };
+}
+
 static enum pell_result layered_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct layered_state *st = state;
@@ -337,8 +334,8 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
     st->in = in;
     st->out = out;
     st->view = in->view;
-    if (pell_services_observed(st->services, in) && (res = layered_show(st)) != PELL_OK)
-        return res;
+    if (pell_services_observed(st->services, in))
+        PELL_TRY(layered_show(st));
     for (int i = 0; i < st->num_light_points; i++)
         st->light_points[i].grid = st->light_points[i].face ? NULL : pell_services_light_grid(st->services, st->light_points[i].light);
     for (int i = 0; i < pell_pool_threads(st->pool); i++)
@@ -350,15 +347,21 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
     }
     st->num_times = 0;
     if (st->fit_seconds >= 0.0) {
-        st->times[st->num_times++] = (struct pell_pass_time) { .name = "planes", .seconds = st->fit_seconds, .bytes = st->fitted * 44 };
+        note(st, "planes", st->fit_seconds, 0, st->fitted * 44, 0);
         st->fit_seconds = -1.0;
     }
-    st->times[st->num_times++] = (struct pell_pass_time) {
-        .name = "layered", .seconds = pell_seconds() - start, .pixels = pixels, .bytes = pixels * 30, .rays = rays
-    };
+    note(st, "layered", pell_seconds() - start, pixels, pixels * 30, rays);
+    if (st->diffuse) {
+        const double then = pell_seconds();
+        PELL_TRY(layered_diffuse_render(st));
+        note(st, "diffuse", pell_seconds() - then, pixels, pixels * 60, 0);
+    }
+    res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
     st->in = NULL;
     st->out = NULL;
-    return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    return res;
 }
 
 static size_t layered_times(const void *state, struct pell_pass_time *times, size_t size)

@@ -29,6 +29,8 @@ struct layered_knobs {
     int sources;
     int under; /* enum layered_under */
     bool shadows;
+    bool multiple;
+    float diffuse;
 };
 
 /* --- medium.c: a material's layers as the march reads them ---------------------------------------------------------------------- */

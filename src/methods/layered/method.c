@@ -41,6 +41,10 @@ static const struct pell_knob knobs[] = {
       "sample points on each area light; an environment gets four times as many directions" },
     { "below", PELL_KNOB_ENUM, "1", AT(under), { LAYERED_AS_MATERIAL }, 0, 0, under_names, "substrate below the deepest layer" },
     { "shadows", PELL_KNOB_BOOL, "1", AT(shadows), { 1 }, 0, 1, NULL, "trace shadow rays between the lights and the surface" },
+    { "multiple", PELL_KNOB_BOOL, "1", AT(multiple), { 0 }, 0, 1, NULL,
+      "add light that is scattered more than once: the profile of the layers below each pixel less its single scattering" },
+    { "diffuse", PELL_KNOB_FLOAT, "1", AT(diffuse), { 0 }, 0, 1, NULL,
+      "share of the light that a matt film on top reflects in the base colour, which the layers do not get" },
     { 0 },
 };
 /* clang-format on */
@@ -63,7 +67,8 @@ static void paper(void *values)
 
 static void plan(const void *values, struct pell_plan *plan)
 {
-    (void) values;
+    const struct layered_knobs *k = values;
+
     *plan = (struct pell_plan) {
         .needs = PELL_NEED_SCENE | PELL_NEED_HIT,
         .outputs = PELL_OUTPUT_SINGLE,
@@ -71,6 +76,11 @@ static void plan(const void *values, struct pell_plan *plan)
         .quantity = PELL_QUANTITY_RADIANCE,
         .mix = -1.0f,
     };
+    if (k->multiple || k->diffuse > 0.0f) { /* diffuse light beside that scattered once */
+        plan->needs |= PELL_NEED_IRRADIANCE;
+        plan->quantity = PELL_QUANTITY_EXITANCE;
+        plan->excludes_surface_reflection = false;
+    }
 }
 
 extern const struct pell_method pell_method_layered;
@@ -80,7 +90,7 @@ const struct pell_method pell_method_layered = {
     .title = "Subsurface texture mapping: single scattering in layers",
     .cite = "Guillaume Francois, Sumanta Pattanaik, Kadi Bouatouch and Gaspard Breton, Subsurface Texture Mapping, IRISA research report, "
             "2006",
-    .limits = "Multiple scattering is not included, so dense media are too dark. Planes approximate the surface where light enters, which "
+    .limits = "Without multiple=on dense media are too dark. Planes approximate the surface where light enters, which "
               "is wrong where it curves within a few mean free paths. The boundary is smooth; colour and strength maps are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct layered_knobs),

@@ -31,6 +31,8 @@ struct layered_worker {
     int64_t pixels, rays, marches;
 };
 
+struct layered_diffuse;
+
 struct layered_state {
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
@@ -48,6 +50,7 @@ struct layered_state {
     struct layered_light_point *light_points;
     int num_light_points;
     struct layered_worker *workers;
+    struct layered_diffuse *diffuse; /* NULL: neither multiple scattering nor a film is asked for */
     int most_layers, most_packs;
     float size; /* mm: of the scene */
     struct pell_pass_time times[3];
@@ -64,6 +67,15 @@ struct layered_state {
 static inline bool layered_scatters(const struct pell_scene *scene, const struct pell_mesh *mesh)
 {
     return mesh->material >= 0 && !scene->materials[mesh->material].opaque && mesh->num_triangles > 0;
+}
+
+/* Whether a pixel of the frame shows a mesh that scatters here. */
+static inline bool layered_shows(const struct layered_state *st, ptrdiff_t at)
+{
+    const struct pell_frame *in = st->in;
+
+    return in->mesh[at] < st->num_meshes && st->planes[in->mesh[at]] &&
+           in->triangle[at] < st->services->scene->meshes[in->mesh[at]].num_triangles;
 }
 
 static inline bool layered_same_solid(const struct pell_mesh *a, const struct pell_mesh *b)
@@ -123,6 +135,18 @@ void layered_set_planes(const struct layered_state *st, const struct layered_lig
 /* A light's node, of the lanes that ask for some: how light comes to that place of the march. */
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                       struct layered_light *source, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w);
+
+/* --- diffuse.c: what leaves as diffuse light ------------------------------------------------------------------------------------------ */
+
+PELL_NODISCARD enum pell_result layered_diffuse_make(struct layered_state *st, const struct pell_frame_shape *shape);
+void layered_diffuse_destroy(struct layered_state *st);
+/* Writes the frame's `light`: radiant exitance. */
+PELL_NODISCARD enum pell_result layered_diffuse_render(struct layered_state *st);
+
+/* --- base_color.c --------------------------------------------------------------------------------------------------------------------- */
+
+/* Base colour of a point of a triangle, [0, 1]. */
+void layered_base_color(const struct pell_material *m, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float color[3]);
 
 /* show.c: for who observes the renderer (pell_services_observed), of the frame in st->in. */
 PELL_NODISCARD enum pell_result layered_show(const struct layered_state *st);

@@ -33,6 +33,7 @@ struct screen_state {
     const struct screen_kernels *kernels;
     struct screen_chain chain;
     float *least_added; /* of the steps of this frame */
+    float (*ones)[3];   /* as blend constants: each step's whole share */
     float *memory;      /* all planes */
     struct screen_cell *cells;
     struct screen_extent *extents;
@@ -79,6 +80,7 @@ static void screen_destroy(void *state)
     pell_free(st->ctx, st->cells);
     pell_free(st->ctx, st->run);
     pell_free(st->ctx, st->memory);
+    pell_free(st->ctx, st->ones);
     pell_free(st->ctx, st->least_added);
     pell_ss_chain_finish(&st->chain);
     pell_free(st->ctx, st);
@@ -134,6 +136,7 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     const struct screen_chain *chain;
     enum pell_result res;
     struct screen_work *w;
+    size_t count;
 
     *state = st;
     if (!st)
@@ -145,9 +148,13 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
     chain = &st->chain;
     res = PELL_ERR_NOMEM;
-    st->least_added = pell_calloc(ctx, (size_t) (SCREEN_PREBLUR + chain->steps) * (chain->num_materials + 1), sizeof(*st->least_added));
-    if (!st->least_added)
+    count = (size_t) (SCREEN_PREBLUR + chain->steps) * (chain->num_materials + 1);
+    st->least_added = pell_calloc(ctx, count, sizeof(*st->least_added));
+    st->ones = pell_calloc(ctx, count, sizeof(*st->ones));
+    if (!st->least_added || !st->ones)
         goto fail;
+    for (size_t i = 0; i < count; i++)
+        st->ones[i][0] = st->ones[i][1] = st->ones[i][2] = 1.0f;
     w = &st->work;
     w->num_materials = chain->num_materials;
     w->depth_mm = chain->depth_mm;
@@ -369,38 +376,88 @@ static void run_step(struct screen_state *st, int step, int first, int steps, st
     st->from = swap;
 }
 
-/* Each step's result by itself: the steps with all of each one's share. */
-static enum pell_result show_blurs(struct screen_state *st, int first, int steps, int preblur)
+/* What each step gives by itself: the steps with all of each one's share. */
+static enum pell_result take_blurs(struct screen_state *st, int first, int steps, int preblur, pell_take_blur *take, void *user)
 {
     struct screen_work *w = &st->work;
     const float(*const blend)[3] = w->blend;
-    const size_t count = (size_t) steps * (st->chain.num_materials + 1);
-    float(*ones)[3] = pell_alloc_array(st->ctx, count, sizeof(*ones));
     struct spent spent[SCREEN_STEPS] = { { 0 } };
-    enum pell_result res = ones ? PELL_OK : PELL_ERR_NOMEM;
+    enum pell_result res = PELL_OK;
 
-    for (size_t i = 0; ones && i < count; i++)
-        ones[i][0] = ones[i][1] = ones[i][2] = 1.0f;
-    w->blend = (const float(*)[3]) ones;
+    w->blend = (const float(*)[3]) st->ones;
     for (int step = first - 1; step < steps && first < steps && res == PELL_OK; step++) {
         const bool last = step == steps - 1;
         float *const *from = last ? w->out->light : w->sum;
 
         run_step(st, step, first, steps, spent);
         if (step >= first)
-            res = pell_ss_show(&st->chain, st->services, w->in, (const float *const *) from, last ? 0 : w->stride, step, preblur);
+            res = take(user, (const float *const *) from, last ? w->in->shape.stride : w->stride, step, preblur);
     }
     w->blend = blend;
-    pell_free(st->ctx, ones);
     return res;
+}
+
+/* A frame begins: how many steps are ahead of its first Gaussian, and the first that blurs any pixel. */
+static struct screen_seen begin(struct screen_state *st, struct pell_frame *frame, const struct pell_frame_light *out, int *preblur,
+                                int *first)
+{
+    struct screen_work *w = &st->work;
+    const size_t row = st->chain.num_materials + 1;
+    struct screen_seen seen;
+
+    if (!st->chain.knobs.strength)
+        frame->strength = NULL;
+    w->in = frame;
+    w->out = out;
+    w->light = st->chain.knobs.input == SCREEN_INPUT_SHADED ? frame->shaded : frame->irradiance;
+    w->block0 = frame->rect.x0 / SCREEN_BLOCK;
+    w->block1 = (frame->rect.x1 + SCREEN_BLOCK - 1) / SCREEN_BLOCK;
+    seen = load_frame(st);
+    pell_ss_chain_choose(&st->chain, seen.scale, preblur, first);
+    w->variance = st->chain.variance + (size_t) (SCREEN_PREBLUR - *preblur) * row;
+    w->blend = (const float(*)[3]) st->chain.blend + (size_t) (SCREEN_PREBLUR - *preblur) * row;
+    find_least(st, w->variance, *preblur + st->chain.steps);
+    return seen;
+}
+
+static void end(struct screen_state *st)
+{
+    st->work.in = NULL;
+    st->work.out = NULL;
+    st->work.light = NULL;
+}
+
+static enum pell_result screen_blurs(void *state, const struct pell_frame *in, const struct pell_frame_light *out, pell_take_blur *take,
+                                     void *user)
+{
+    struct screen_state *st = state;
+    struct pell_frame frame = *in;
+    int preblur, first;
+    enum pell_result res;
+
+    if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
+        return PELL_OK;
+    begin(st, &frame, out, &preblur, &first);
+    for (int step = preblur; step < first; step++) /* narrower than a pixel */
+        PELL_TRY(take(user, (const float *const *) in->irradiance, in->shape.stride, step, preblur));
+    PELL_TRY(take_blurs(st, first, preblur + st->chain.steps, preblur, take, user));
+    res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    end(st);
+    return res;
+}
+
+static enum pell_result show(void *state, const float *const light[3], ptrdiff_t stride, int step, int preblur)
+{
+    struct screen_state *st = state;
+
+    return pell_ss_show(&st->chain, st->services, st->work.in, light, stride, step, preblur);
 }
 
 static enum pell_result screen_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct screen_state *st = state;
-    struct screen_work *w = &st->work;
-    const struct screen_kernels *k = st->kernels;
-    const size_t row = st->chain.num_materials + 1;
     struct pell_frame frame = *in;
     struct screen_seen seen;
     const double start = pell_seconds();
@@ -411,28 +468,16 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     st->num_times = 0;
     if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
         return PELL_OK;
-    if (!st->chain.knobs.strength)
-        frame.strength = NULL;
-    w->in = &frame;
-    w->out = out;
-    w->light = st->chain.knobs.input == SCREEN_INPUT_SHADED ? frame.shaded : frame.irradiance;
-    w->block0 = frame.rect.x0 / SCREEN_BLOCK;
-    w->block1 = (frame.rect.x1 + SCREEN_BLOCK - 1) / SCREEN_BLOCK;
-
-    seen = load_frame(st);
-    pell_ss_chain_choose(&st->chain, seen.scale, &preblur, &first);
-    w->variance = st->chain.variance + (size_t) (SCREEN_PREBLUR - preblur) * row;
-    w->blend = (const float(*)[3]) st->chain.blend + (size_t) (SCREEN_PREBLUR - preblur) * row;
+    seen = begin(st, &frame, out, &preblur, &first);
     steps = preblur + st->chain.steps;
-    find_least(st, w->variance, steps);
     if (pell_services_observed(st->services, in)) {
-        PELL_TRY(show_blurs(st, first, steps, preblur));
+        PELL_TRY(take_blurs(st, first, steps, preblur, show, st));
         load_frame(st);
     }
     note_time(st, "load", pell_seconds() - start, seen.pixels, (int64_t) seen.pixels * 40);
 
     if (first == steps)
-        pass(st, k->copy);
+        pass(st, st->kernels->copy);
     for (int step = first - 1; step < steps && first < steps; step++)
         run_step(st, step, first, steps, spent);
     for (int step = first; step < steps; step++)
@@ -440,9 +485,7 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
-    w->in = NULL;
-    w->out = NULL;
-    w->light = NULL;
+    end(st);
     return res;
 }
 
@@ -465,6 +508,7 @@ static size_t times(const void *state, struct pell_pass_time *list, size_t size)
 const struct pell_method_engine pell_ss_cpu = {
     .create = screen_create,
     .record = screen_render,
+    .blurs = screen_blurs,
     .destroy = screen_destroy,
     .thickness = thickness,
     .times = times,

@@ -1,0 +1,227 @@
+/* SPDX-License-Identifier: MIT
+ * diffuse.c - what leaves a pixel as diffuse light: light scattered more than once below it (multiple.h), blurred over the image by the
+ * chain of blurs of the method screen-space, and what a matt film on top reflects. */
+#include "methods/layered/multiple.h"
+#include "methods/layered/state.h"
+
+#include "render/engine.h"
+
+#include <string.h>
+
+struct layered_diffuse {
+    struct layered_multiple **of; /* of the scene's materials */
+    const struct pell_method *blurring;
+    void *blurs; /* a state of it */
+    struct pell_frame_material *materials;
+    float *memory;
+    float *sum[3], *share; /* planes: radiant exitance, and one for each set of depths */
+    size_t size;
+    int most_sets;
+    /* A step. */
+    const float *const *light;
+    ptrdiff_t stride;
+    int gaussian;
+};
+
+void layered_diffuse_destroy(struct layered_state *st)
+{
+    struct layered_diffuse *d = st->diffuse;
+
+    if (!d)
+        return;
+    if (d->blurring)
+        d->blurring->cpu->destroy(d->blurs);
+    for (size_t i = 0; d->of && i < st->num_materials; i++)
+        pell_free(st->ctx, d->of[i]);
+    pell_free(st->ctx, d->of);
+    pell_free(st->ctx, d->materials);
+    pell_free(st->ctx, d->memory);
+    pell_free(st->ctx, d);
+    st->diffuse = NULL;
+}
+
+/* The scene's material that a material of the frame is, or a copy of it for another object. */
+static int material_of(const struct layered_state *st, const struct pell_frame_shape *shape, size_t index)
+{
+    for (size_t i = 0; i < st->num_materials; i++) {
+        const uint16_t number = st->services->frame_index[i + 1];
+        if (number == index + 1 || (number > 0 && shape->materials[number - 1].name == shape->materials[index].name &&
+                                    shape->materials[number - 1].profile == shape->materials[index].profile))
+            return (int) i;
+    }
+    return -1;
+}
+
+/* Every material of the frame has as many Gaussians, of equal weights: each is wanted by itself. */
+static enum pell_result make_blurs(struct layered_state *st, const struct pell_frame_shape *shape)
+{
+    struct layered_diffuse *d = st->diffuse;
+    struct pell_frame_shape own = *shape;
+    void *knobs = NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    d->materials = pell_alloc_array(st->ctx, shape->num_materials, sizeof(*d->materials));
+    if (!d->materials)
+        goto fail;
+    memcpy(d->materials, shape->materials, shape->num_materials * sizeof(*d->materials));
+    for (size_t i = 0; i < shape->num_materials; i++) {
+        const int number = material_of(st, shape, i);
+        const struct layered_multiple *m = number >= 0 ? d->of[number] : NULL;
+        struct pell_gaussians *g = &d->materials[i].gaussians;
+        g->count = LAYERED_GAUSSIANS;
+        for (int k = 0; k < LAYERED_GAUSSIANS; k++) {
+            g->variance[k] = m && m->sets > 0 ? m->variance[k] : 1e-12 * (k + 1);
+            for (int c = 0; c < 3; c++)
+                g->weight[k][c] = 1.0 / LAYERED_GAUSSIANS;
+        }
+        d->materials[i].white = false;
+    }
+    own.materials = d->materials;
+    d->blurring = pell_method_find(st->ctx, "layered", "screen-space");
+    res = PELL_ERR_UNSUPPORTED;
+    if (!d->blurring)
+        goto fail;
+    PELL_TRY(pell_method_knobs_create(st->ctx, d->blurring, "through=off,strength=off", &knobs));
+    res = d->blurring->cpu->create(st->services, &own, knobs, &d->blurs);
+
+fail:
+    pell_method_knobs_destroy(st->ctx, &knobs);
+    return res;
+}
+
+enum pell_result layered_diffuse_make(struct layered_state *st, const struct pell_frame_shape *shape)
+{
+    const struct pell_scene *scene = st->services->scene;
+    struct layered_diffuse *d = pell_zalloc(st->ctx, sizeof(*d));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    st->diffuse = d;
+    if (!d)
+        goto fail;
+    d->size = (size_t) shape->stride * (size_t) shape->height;
+    d->of = pell_calloc(st->ctx, st->num_materials + 1, sizeof(*d->of));
+    if (!d->of)
+        goto fail;
+    for (size_t i = 0; st->knobs.multiple && i < st->num_materials; i++) {
+        const uint16_t number = st->services->frame_index[i + 1];
+        if (!st->medium_layers[i] || number == 0)
+            continue;
+        d->of[i] = pell_alloc(st->ctx, sizeof(**d->of));
+        if (!d->of[i])
+            goto fail;
+        PELL_TRY(layered_multiple_make(st->ctx, scene, (int) i, st->medium_layers[i], &shape->materials[number - 1], d->of[i]));
+        d->most_sets = d->of[i]->sets > d->most_sets ? d->of[i]->sets : d->most_sets;
+        res = PELL_ERR_NOMEM;
+    }
+    d->memory = pell_calloc(st->ctx, d->size, (size_t) (3 + d->most_sets) * sizeof(*d->memory));
+    if (!d->memory)
+        goto fail;
+    for (int c = 0; c < 3; c++)
+        d->sum[c] = d->memory + (size_t) c * d->size;
+    d->share = d->memory + 3 * d->size;
+    if (d->most_sets > 0)
+        PELL_TRY(make_blurs(st, shape));
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- A frame -------------------------------------------------------------------------------------------------------------------- */
+
+/* What the film reflects, and each pixel's weights of the sets. */
+static void begin_row(void *arg, int index, int worker)
+{
+    const struct layered_state *st = arg;
+    const struct layered_diffuse *d = st->diffuse;
+    const struct pell_scene *scene = st->services->scene;
+    const struct pell_frame *in = st->in;
+    const int y = in->rect.y0 + index;
+    float bottoms[PELL_LAYERS_MOST], share[LAYERED_SETS];
+
+    (void) worker;
+    for (int x = in->rect.x0; x < in->rect.x1; x++) {
+        const ptrdiff_t at = y * in->shape.stride + x;
+        const struct pell_mesh *mesh;
+        const struct layered_multiple *m;
+        float color[3] = { 0.0f, 0.0f, 0.0f };
+
+        for (int c = 0; c < 3; c++)
+            d->sum[c][at] = 0.0f;
+        if (!in->material[at] || !layered_shows(st, at))
+            continue;
+        mesh = &scene->meshes[in->mesh[at]];
+        m = d->of[mesh->material];
+        if (st->knobs.diffuse > 0.0f)
+            layered_base_color(&scene->materials[mesh->material], mesh, in->triangle[at], in->barycentric[0][at], in->barycentric[1][at],
+                               color);
+        for (int c = 0; c < 3; c++)
+            d->sum[c][at] = st->knobs.diffuse * color[c] * in->irradiance[c][at];
+        if (!m || m->sets < 1)
+            continue;
+        if (m->sets > 1)
+            pell_medium_layers_depths(st->medium_layers[mesh->material], mesh, in->triangle[at], in->barycentric[0][at],
+                                      in->barycentric[1][at], bottoms);
+        layered_multiple_blend(m, bottoms, share);
+        for (int s = 0; s < m->sets; s++)
+            d->share[(size_t) s * d->size + (size_t) at] = share[s];
+    }
+}
+
+static void add_row(void *arg, int index, int worker)
+{
+    const struct layered_state *st = arg;
+    const struct layered_diffuse *d = st->diffuse;
+    const struct pell_frame *in = st->in;
+    const int y = in->rect.y0 + index;
+    const float enters = 1.0f - st->knobs.diffuse;
+
+    (void) worker;
+    for (int x = in->rect.x0; x < in->rect.x1; x++) {
+        const ptrdiff_t at = y * in->shape.stride + x;
+        const struct layered_multiple *m;
+        if (!in->material[at] || !layered_shows(st, at))
+            continue;
+        m = d->of[st->services->scene->meshes[in->mesh[at]].material];
+        for (int c = 0; m && c < 3; c++) {
+            float weight = 0.0f;
+            for (int s = 0; s < m->sets; s++)
+                weight += d->share[(size_t) s * d->size + (size_t) at] * m->weight[s][d->gaussian][c];
+            d->sum[c][at] += enters * fmaxf(weight, 0.0f) * d->light[c][y * d->stride + x];
+        }
+    }
+}
+
+static enum pell_result take(void *user, const float *const light[3], ptrdiff_t stride, int step, int preblur)
+{
+    struct layered_state *st = user;
+    struct layered_diffuse *d = st->diffuse;
+
+    if (step < preblur)
+        return PELL_OK;
+    d->light = light;
+    d->stride = stride;
+    d->gaussian = step - preblur;
+    pell_pool_run(st->pool, st->in->rect.y1 - st->in->rect.y0, add_row, st);
+    return PELL_OK;
+}
+
+enum pell_result layered_diffuse_render(struct layered_state *st)
+{
+    struct layered_diffuse *d = st->diffuse;
+    const struct pell_frame *in = st->in;
+    enum pell_result res;
+
+    pell_pool_run(st->pool, in->rect.y1 - in->rect.y0, begin_row, st);
+    if (d->blurs)
+        PELL_TRY(d->blurring->cpu->blurs(d->blurs, in, st->out, take, st));
+    for (int y = in->rect.y0; y < in->rect.y1; y++)
+        for (int c = 0; c < 3; c++) {
+            const ptrdiff_t at = y * in->shape.stride + in->rect.x0;
+            memcpy(st->out->light[c] + at, d->sum[c] + at, (size_t) (in->rect.x1 - in->rect.x0) * sizeof(float));
+        }
+    return PELL_OK;
+
+fail:
+    return res;
+}
