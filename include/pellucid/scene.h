@@ -196,7 +196,7 @@ struct pell_scene {
     size_t num_options;
 
     /* private */
-    bool animated;                           /* one of its files has animations */
+    bool animated;                           /* one of its files has animations, or a picture is one of a sequence */
     bool from_file;                          /* invalid values come from a file, not from the caller */
     size_t capacity[6];                      /* of the arrays above */
     int64_t total_vertices, total_triangles; /* allocated so far, against the limits */

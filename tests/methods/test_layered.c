@@ -86,12 +86,16 @@ static double cosine_of(double mu_o, double mu_i, double turn)
     return mu_o * mu_i + sqrt((1.0 - mu_o * mu_o) * (1.0 - mu_i * mu_i)) * cos(turn);
 }
 
-/* Mean of green of what is covered. */
+/* Mean of green of what is covered, by marches that go all the way. */
 static double mean_of(struct stage *s, const char *const *knobs)
 {
-    struct shot shot = stage_shot_of(s, "layered", knobs);
+    const char *list[16] = { "tolerance=0" };
+    struct shot shot;
     double sum = 0.0, n = 0.0;
 
+    for (int i = 0; knobs && knobs[i]; i++)
+        list[i + 1] = knobs[i];
+    shot = stage_shot_of(s, "layered", list);
     for (int y = 0; y < shot.height; y++)
         for (int x = 0; x < shot.width; x++)
             if (shot_at(&shot, SHOT_A, x, y) > 0.0) {
@@ -191,6 +195,31 @@ static void refracting_slab(void **state)
             print_message("# eta %.2f, %s: %.8f, expected %.8f\n", eta, oblique ? "oblique" : "steep", mean, expected);
             REQUIRE_REL(mean, expected, 1e-4);
         }
+}
+
+/* Marches that end early lose no more than they say, in thin and in thick layers. */
+static void early_end(void **state)
+{
+    static const char *const shares[] = { "tolerance=0.1", "tolerance=0.01", "tolerance=0.001" };
+    const double mu_o = 0.9, mu_i = 0.7, turn = 1.0;
+
+    (void) state;
+    for (int thick = 0; thick < 2; thick++) {
+        struct test_layer list[3];
+        double whole, before = 1.0;
+        memcpy(list, fish, sizeof(list));
+        for (int i = 0; i < 3; i++)
+            list[i].thickness *= thick ? 4.0 : 1.0;
+        whole = closed_form(list, 3, mu_o, mu_i, cosine_of(mu_o, mu_i, turn));
+        for (size_t k = 0; k < PELL_COUNT(shares); k++) {
+            const char *const knobs[] = { "refraction=none", "samples=100", shares[k], NULL };
+            const double lost = 1.0 - slab_mean(list, 3, 1.4, mu_o, mu_i, turn, knobs) / whole;
+            print_message("# %s, %s: %.5f lost\n", thick ? "thick" : "thin", shares[k], lost);
+            REQUIRE(lost > -1e-4 && lost < atof(shares[k] + 10) && lost <= before);
+            before = lost;
+        }
+        REQUIRE(before > 1e-5); /* it ended early */
+    }
 }
 
 static void phases(void **state)
@@ -401,7 +430,7 @@ static void paths_on_a_slab(void **state)
     assert_int_equal(posix_memalign((void **) &p, 64, sizeof(*p)), 0);
     for (int level = 0; level < PELL_SIMD_LEVELS && level <= (int) pell_simd_best(); level++) {
         const struct layered_work work = {
-            .samples = 11, .exponential = true, .rest = true, .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f }
+            .most_halves = INFINITY, .samples = 11, .exponential = true, .rest = true, .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f }
         };
         memset(p, 0, sizeof(*p));
         memset(&source, 0, sizeof(source));
@@ -667,7 +696,7 @@ static void bottom(void **state)
 /* Lights of every kind add up. */
 static void lights_add_up(void **state)
 {
-    static const char *const knobs[] = { "samples=8", "lamps=3", NULL };
+    static const char *const knobs[] = { "samples=8", "lamps=3", "tolerance=0", NULL };
     struct shot one[7] = { { 0 } };
 
     (void) state;
@@ -707,12 +736,12 @@ static void lights_add_up(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(homogeneous),    cmocka_unit_test(three_layers),     cmocka_unit_test(refracting_slab),
-        cmocka_unit_test(phases),         cmocka_unit_test(clear_and_many),   cmocka_unit_test(uniform_paint),
-        cmocka_unit_test(uv_of_any_kind), cmocka_unit_test(hostile_paint),    cmocka_unit_test(paths_on_a_slab),
-        cmocka_unit_test(balls),          cmocka_unit_test(terminator),       cmocka_unit_test(planes),
-        cmocka_unit_test(sheet),          cmocka_unit_test(slab_from_behind), cmocka_unit_test(bottom),
-        cmocka_unit_test(lights_add_up),
+        cmocka_unit_test(homogeneous),     cmocka_unit_test(three_layers),   cmocka_unit_test(refracting_slab),
+        cmocka_unit_test(phases),          cmocka_unit_test(early_end),      cmocka_unit_test(clear_and_many),
+        cmocka_unit_test(uniform_paint),   cmocka_unit_test(uv_of_any_kind), cmocka_unit_test(hostile_paint),
+        cmocka_unit_test(paths_on_a_slab), cmocka_unit_test(balls),          cmocka_unit_test(terminator),
+        cmocka_unit_test(planes),          cmocka_unit_test(sheet),          cmocka_unit_test(slab_from_behind),
+        cmocka_unit_test(bottom),          cmocka_unit_test(lights_add_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

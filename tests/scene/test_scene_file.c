@@ -490,6 +490,73 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
     assert_int_equal(system(command), 0);
 }
 
+/* "%04d" in the name of a picture is the number of the scene's time. */
+static void a_picture_of_a_sequence_is_that_of_the_time(void **state)
+{
+#define FILM(name, rest) "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"strength\":\"" name "#r\"}}" rest "}"
+    static const struct {
+        const char *text;
+        double time;
+        enum pell_result res;
+        int number; /* -1: no sequence */
+    } cases[] = {
+        { FILM("p_%04d.png", ""), 0.0, PELL_OK, 0 },
+        { FILM("p_%04d.png", ""), -5.0, PELL_OK, 0 },
+        { FILM("p_%04d.png", ""), 1.0 / 24.0, PELL_OK, 1 },
+        { FILM("p_%04d.png", ",\"image_rate\":2"), 0.99, PELL_OK, 1 },
+        { FILM("p_%04d.png", ",\"image_rate\":2"), 1.0, PELL_OK, 2 },
+        { FILM("p_%04d.png", ",\"image_rate\":2"), 1.5, PELL_ERR_IO, 0 },
+        { FILM("p_%04d.png", ",\"time\":1,\"image_rate\":2"), 0.0, PELL_OK, 2 },
+        { FILM("q%d.png", ",\"image_rate\":1"), 2.0, PELL_OK, 2 },
+        { FILM("p_%04d_%d.png", ""), 0.0, PELL_ERR_FORMAT, 0 },
+        { FILM("p_%04d.png", ",\"image_rate\":1e6"), 1e6, PELL_ERR_FORMAT, 0 },
+        { FILM("p_%04d.png", ",\"image_rate\":0"), 0.0, PELL_ERR_FORMAT, 0 },
+        { FILM("p_%s%n%99d%.png", ""), 0.0, PELL_ERR_IO, 0 },
+        { FILM("../p_%04d.png", ""), 0.0, PELL_ERR_FORMAT, 0 },
+        { FILM("p_0001.png", ""), 0.0, PELL_OK, -1 },
+    };
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = test_context(NULL, &kept);
+    char folder[256], path[512], command[512];
+
+    (void) state;
+    snprintf(folder, sizeof(folder), "%s/pell-scene-XXXXXX", getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp");
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof(path), "%s/c.obj", folder);
+    assert_int_equal(pell_file_write(ctx, path, CUBE, strlen(CUBE)), PELL_OK);
+    for (int i = 0; i < 6; i++) {
+        const float value = (float) (i % 3 + 1) * 0.25f;
+        const struct pell_channel grey = { "Y", &value, 1, true };
+        const struct pell_write_params params = { .width = 1, .height = 1, .channels = &grey, .num_channels = 1 };
+        snprintf(path, sizeof(path), i < 3 ? "%s/p_%04d.png" : "%s/q%d.png", folder, i % 3);
+        assert_int_equal(pell_image_write(ctx, path, NULL, &params), PELL_OK);
+    }
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        const struct pell_load_params params = { .timed = cases[i].time != 0.0, .time = cases[i].time };
+        struct pell_scene *s;
+        enum pell_result res;
+        snprintf(path, sizeof(path), "%s/s.json", folder);
+        assert_int_equal(pell_file_write(ctx, path, cases[i].text, strlen(cases[i].text)), PELL_OK);
+        res = pell_scene_load(ctx, path, &params, &s);
+        if (res != cases[i].res)
+            fail_msg("case %zu: %d, wanted %d (%s: %s)", i, res, cases[i].res, kept.where, kept.what);
+        if (res == PELL_OK) {
+            const struct pell_texture *t = s->materials[0].strength_map.texture;
+            char name[16];
+            assert_non_null(t);
+            snprintf(name, sizeof(name), strchr(cases[i].text, 'q') ? "q%d.png" : "p_%04d.png", cases[i].number < 0 ? 1 : cases[i].number);
+            assert_non_null(strstr(t->name, name));
+            assert_int_equal(s->animated, cases[i].number >= 0);
+        }
+        pell_scene_destroy(&s);
+        assert_int_equal(pell_memory_used(ctx), 0);
+    }
+    pell_context_destroy(&ctx);
+    snprintf(command, sizeof(command), "rm -r '%s'", folder);
+    assert_int_equal(system(command), 0);
+#undef FILM
+}
+
 /* --- Background, options ------------------------------------------------------------------------------------------------------ */
 
 static void backgrounds_and_options_are_kept(void **state)
@@ -1136,6 +1203,7 @@ int main(void)
         cmocka_unit_test(skin_is_made_of_its_composition),
         cmocka_unit_test(other_ways_to_name_a_material_work),
         cmocka_unit_test(pictures_are_looked_up_and_named_when_broken),
+        cmocka_unit_test(a_picture_of_a_sequence_is_that_of_the_time),
         cmocka_unit_test(backgrounds_and_options_are_kept),
         cmocka_unit_test(what_is_wrong_is_refused_with_place_value_and_hint),
         cmocka_unit_test(schema_and_reader_know_the_same_keys),

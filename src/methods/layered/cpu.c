@@ -8,6 +8,7 @@
 #include "render/engine.h"
 #include "scene/layers.h"
 
+#include <math.h>
 #include <string.h>
 
 PELL_SIMD_TABLES(struct layered_kernels, layered_kernels);
@@ -152,6 +153,7 @@ static enum pell_result layered_create(const struct pell_services *services, con
         .refracts = k->refraction == LAYERED_PLANAR,
         .absolute = k->path == LAYERED_PLANES && k->refraction == LAYERED_NONE,
         .rest = k->as != LAYERED_PAPER,
+        .most_halves = k->tolerance > 0.0f ? -log2f(k->tolerance) : INFINITY,
         .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f },
     };
     st->size = vec3_length(vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min)));

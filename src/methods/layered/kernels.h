@@ -123,6 +123,7 @@ struct layered_work {
     bool refracts, absolute;   /* absolute: the paper's |n_M . w| for light from below, too */
     bool rest;                 /* what is left of a path below its layers is the last layer's */
     float node[LAYERED_NODES]; /* t of each */
+    float most_halves;         /* a march ends where all light is halved more often on its way; INFINITY: never */
 };
 
 struct layered_kernels {

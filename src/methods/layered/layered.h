@@ -21,6 +21,7 @@ enum layered_under { LAYERED_AS_MATERIAL, LAYERED_STOP, LAYERED_LAST, LAYERED_CO
 struct layered_knobs {
     int as; /* enum layered_as */
     int samples;
+    float tolerance;
     int march;      /* enum layered_march */
     int refraction; /* enum layered_refraction */
     int path;       /* enum layered_path */

@@ -362,10 +362,12 @@ INLINE void find_place(const struct layered_medium *m, const struct layered_pack
 }
 
 INLINE void light_step(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
-                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vf sum[3])
+                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vi *goes_on,
+                       vf sum[3])
 {
     const int lane = ray->lane;
     vf colour[3], light[3];
+    vi stays = { 0 };
     struct path path;
 
     load3(source->power, lane, colour);
@@ -386,6 +388,12 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
             mix_paths(m, load(source->planes + lane), &planes, &path);
     }
     attenuation(work, m, s, &path, source->any_nodes || p->thin, light);
+    for (int c = 0; c < 3; c++) { /* light from below rises on the way down: of its own way nothing is certain */
+        const vf down = source->any_nodes || p->thin ? all(0.0f) : light[c];
+        stays |= s->tau[c] + down <= work->most_halves;
+    }
+    path.beam = (vf) ((vi) path.beam & *goes_on);
+    *goes_on &= stays;
     scatter(work, m, ray, s, &path, light, colour, sum);
     if (p->shows_bottom && any(s->meets > 0.0f)) {
         vf base[3];
@@ -399,6 +407,7 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
 {
     const int n = work->samples;
     vf sum[3] = { { 0 } }, enters[LAYERED_GROUP][3], gain = load(p->gain + lane);
+    vi goes_on[LAYERED_GROUP], some = (vi) all(0.0f) == 0;
     struct step s;
     struct ray ray;
 
@@ -416,16 +425,18 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     ray.per_rate = 1.0f / ray.rate;
     ray.per_exit_rate = 1.0f / ray.exit_rate;
     ray.per_length = 1.0f / greater(ray.length, all(1e-20f));
-    for (int l = 0; l < count; l++)
+    for (int l = 0; l < count; l++) {
+        goes_on[l] = some;
         for (int k = 0; k < 3; k++)
             enters[l][k] = ray.p[k];
+    }
     for (int c = 0; c < 3; c++)
         s.tau[c] = all(0.0f);
     s.alive = all(1.0f);
     s.step = ray.length * (1.0f / (float) n);
     if (m->packs == 0)
         order_depths(m, s.bottom);
-    for (int i = 0; i < n && any(s.alive > 0.0f); i++) {
+    for (int i = 0; i < n && any((s.alive > 0.0f) & some); i++) {
         s.t = ((float) i + 0.5f) / (float) n;
         s.x = ray.length * s.t;
         s.per_x = ray.per_length * (1.0f / s.t);
@@ -436,9 +447,11 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
             const vi ends = i + 1 == n ? load_int(p->ends_deep + lane) : (vi) { 0 };
             s.meets = (vf) ((vi) s.alive & ((s.hidden > 0.0f) | ends));
         }
+        some = (vi) { 0 };
         for (int l = 0; l < count; l++) {
             s.trace = p->trace && l == 0 ? p->trace + (ptrdiff_t) i * LANES + lane : NULL;
-            light_step(work, m, p, &ray, &s, &sources[l], enters[l], sum);
+            light_step(work, m, p, &ray, &s, &sources[l], enters[l], &goes_on[l], sum);
+            some |= goes_on[l];
         }
         for (int c = 0; c < 3; c++)
             s.tau[c] += s.step_tau[c];

@@ -29,6 +29,7 @@ INLINE bool is_fast(const struct layered_work *work, const struct layered_medium
 struct beam {
     vf to[3], square;  /* mm; away: unit */
     vf seen, light[3]; /* of an irradiance of 1 */
+    vi goes_on;        /* enough of it is left */
 };
 
 /* Where light comes in, and how it goes on from there. */
@@ -90,6 +91,7 @@ INLINE void aim(const struct layered_light *source, int lane, const vf at[3], st
 {
     load3(source->to, lane, b->to);
     b->seen = load(source->seen + lane);
+    b->goes_on = (vi) all(0.0f) == 0;
     b->square = all(1.0f);
     for (int k = 0; k < 3; k++) {
         b->to[k] -= (vf) ((vi) at[k] & (source->away ? 0 : -1));
@@ -134,8 +136,9 @@ INLINE void find_layers(const struct lanes *p, vf per_rate, struct step *s, cons
     }
 }
 
-/* A light's part of a step: each layer's, from the start down. */
-INLINE void add_light(const struct lanes *p, const struct step *s, const struct entry *e, struct beam *b, const int layers)
+/* A light's part of a step: each layer's, from the start down. It ends where its way down to the step's end and up again halves it more
+ * than `most` times, in the channel that keeps most of it. */
+INLINE void add_light(const struct lanes *p, const struct step *s, const struct entry *e, float most, struct beam *b, const int layers)
 {
     const struct layered_layer *layer = p->m->layer, *last = &layer[layers - 1];
     const int painted_above = p->painted < layers ? p->painted : layers - 1;
@@ -157,7 +160,7 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
     faster = 1.0f + reach;
     for (int c = 0; c < 3; c++)
         start[c] = p->tau[c] + start[c] * e->per - reach * s->half[c];
-    strength = e->strength * p->alive;
+    strength = (vf) ((vi) (e->strength * p->alive) & b->goes_on);
     cosine = -dot3(e->way, p->way);
 #pragma GCC unroll 4
     for (int j = 0; j < layers; j++) {
@@ -174,6 +177,7 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
             }
         }
     }
+    b->goes_on &= ~(lesser(lesser(start[0], start[1]), start[2]) > most);
 }
 
 INLINE void fast_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
@@ -216,6 +220,7 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
         const float t = ((float) i + 0.5f) / (float) n;
         const vf x = length * t;
         vf plane[3], m_at[3], unit;
+        vi goes_on = { 0 };
 
         for (int a = 0; a < 3; a++) {
             plane[a] = normal[a] + t * turn[a];
@@ -237,11 +242,13 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
         if (p->trace && count > 0 && s.listed)
             store(p->trace + (ptrdiff_t) i * LANES + lane, entries[0].km);
         for (int l = 0; l < count && s.listed; l++)
-            add_light(&k, &s, &entries[l], &beams[l], layers);
+            add_light(&k, &s, &entries[l], work->most_halves, &beams[l], layers);
         for (int c = 0; c < 3; c++)
             k.tau[c] += s.tau[c];
         k.alive = (vf) ((vi) k.alive & ~(s.high - s.above > 1e-3f * rise));
-        if (!any(k.alive > 0.0f))
+        for (int l = 0; l < count; l++)
+            goes_on |= beams[l].goes_on;
+        if (!any((k.alive > 0.0f) & goes_on))
             break;
     }
     for (int c = 0; c < 3; c++) {

@@ -26,6 +26,8 @@ static const char *const under_names[] = { "material", "stop", "last", "surface-
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { LAYERED_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 20 }, 1, 4096, NULL, "sample points along the ray below the surface" },
+    { "tolerance", PELL_KNOB_FLOAT, "1", AT(tolerance), { 1e-3 }, 0, 0.1, NULL,
+      "a march ends where this share of the light that entered is left on its way down and up again; 0: at the deepest layer's bottom" },
     { "march", PELL_KNOB_ENUM, "1", AT(march), { LAYERED_EXPONENTIAL }, 0, 0, march_names,
       "integral of each step over the layers that it crosses, or as in the paper the value at its midpoint" },
     { "refraction", PELL_KNOB_ENUM, "1", AT(refraction), { LAYERED_PLANAR }, 0, 0, refraction_names,
@@ -56,6 +58,7 @@ static void paper(void *values)
 
     k->as = LAYERED_PAPER;
     k->samples = 100;
+    k->tolerance = 0.0f;
     k->march = LAYERED_SUM;
     k->refraction = LAYERED_NONE;
     k->path = LAYERED_PLANES;

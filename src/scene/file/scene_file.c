@@ -10,8 +10,8 @@
 /* --- Keys: with those of scene_light.c and scene_material.c the only list ----------------------------------------------------- */
 
 #define KEYS(name, ...) static const char *const name[] = { __VA_ARGS__ }
-KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "camera", "lights", "materials", "background",
-     "ground", "render");
+KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "image_rate", "camera", "lights", "materials",
+     "background", "ground", "render");
 KEYS(mesh_keys, "path", "unit", "size", "translate", "rotate_deg", "scale", "material");
 KEYS(camera_keys, "from", "to", "up", "fov_deg", "ortho_height", "focus", "f_number");
 KEYS(side_keys, "side");
@@ -444,7 +444,7 @@ static enum pell_result read_moment(struct pell_scene_reader *r, const struct pe
     m->where = pell_json_where(&at, &r->moment_where);
     m->code = PELL_ERR_FORMAT;
     pell_load_moment(r->loader->params, m);
-    return PELL_OK;
+    return pell_json_number(root, "image_rate", 1e-6, 1e6, &r->image_rate);
 
 fail:
     return res;
@@ -452,15 +452,22 @@ fail:
 
 static enum pell_result check_moment(const struct pell_scene_reader *r, const struct pell_json *root)
 {
-    const struct pell_json time = pell_json_get(root, "time"), animation = pell_json_get(root, "animation");
+    const struct pell_json animation = pell_json_get(root, "animation");
 
-    if (r->scene->animated)
+    if (r->scene->animated || !animation.value)
         return PELL_OK;
-    if (animation.value)
-        return pell_json_error(&animation, PELL_ERR_FORMAT, NULL, "no mesh file has an animation");
-    if (time.value)
-        pell_json_warn(&time, NULL, "changes nothing: no mesh file has an animation");
-    return PELL_OK;
+    return pell_json_error(&animation, PELL_ERR_FORMAT, NULL, "no mesh file has an animation");
+}
+
+/* When all is read. */
+static void check_time(const struct pell_scene_reader *r, const struct pell_json *root)
+{
+    const struct pell_json time = pell_json_get(root, "time"), rate = pell_json_get(root, "image_rate");
+
+    if (time.value && !r->scene->animated)
+        pell_json_warn(&time, NULL, "changes nothing: no mesh file has an animation, and no picture is one of a sequence");
+    if (rate.value && !r->sequences)
+        pell_json_warn(&rate, NULL, "changes nothing: no picture is one of a sequence (\"veins_%%04d.png\")");
 }
 
 /* --- All ---------------------------------------------------------------------------------------------------------------------- */
@@ -488,6 +495,7 @@ static enum pell_result read_root(struct pell_scene_reader *r, const struct pell
     if (!ground.value && !extras->own_background)
         extras->backdrop = extras->studio && pell_studio_has_backdrop(extras->view.studio);
     PELL_TRY(read_render(r, root, extras));
+    check_time(r, root);
     return PELL_OK;
 
 fail:
@@ -497,9 +505,11 @@ fail:
 enum pell_result pell_read_scene_file(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
                                       struct pell_scene **out, struct pell_extras *extras)
 {
-    struct pell_scene_reader r = {
-        .ctx = loader->ctx, .loader = loader, .file = { .ctx = loader->ctx, .path = path, .range = PELL_ERR_FORMAT }, .unit = 1.0
-    };
+    struct pell_scene_reader r = { .ctx = loader->ctx,
+                                   .loader = loader,
+                                   .file = { .ctx = loader->ctx, .path = path, .range = PELL_ERR_FORMAT },
+                                   .unit = 1.0,
+                                   .image_rate = 24.0 };
     struct pell_json root;
     enum pell_result res;
 

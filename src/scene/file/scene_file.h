@@ -19,6 +19,8 @@ struct pell_scene_reader {
     struct pell_scale scale;   /* of the top level */
     struct pell_moment moment;
     struct pell_text moment_where;
+    double image_rate;           /* of sequences of pictures, 1/s */
+    bool sequences;              /* the scene has some */
     char animation[24];          /* a number, as text */
     double unit;                 /* mm per mesh unit, for positions */
     struct pell_json background; /* parent of a ground that stands in it */

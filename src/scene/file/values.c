@@ -2,6 +2,8 @@
  * values.c - values of a scene file: lengths, positions, colours, directions, pictures. */
 #include "scene/file/scene_file.h"
 
+#include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 bool pell_json_has(const struct pell_json *at, const char *key)
@@ -146,15 +148,55 @@ enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key,
     return PELL_OK;
 }
 
+/* "%d", or "%01d" to "%09d": the next of them in `text`, its length and digits. NULL: none. */
+static const char *find_number(const char *text, size_t *length, int *digits)
+{
+    for (const char *p = strchr(text, '%'); p; p = strchr(p + 1, '%')) {
+        const bool padded = p[1] == '0' && p[2] >= '1' && p[2] <= '9';
+        *digits = padded ? p[2] - '0' : 1;
+        *length = padded ? 4 : 2;
+        if (p[*length - 1] == 'd')
+            return p;
+    }
+    return NULL;
+}
+
+/* "veins_%04d.png" is a picture of a sequence: the one of the scene's time. Any other name is itself. */
+static enum pell_result find_in_sequence(struct pell_scene_reader *r, const struct pell_json *at, const char **reference, char *name,
+                                         size_t size)
+{
+    const double number = floor(r->moment.time * r->image_rate + 1e-6);
+    size_t length, other;
+    int digits, more;
+    const char *p = find_number(*reference, &length, &digits);
+    char shown[160];
+
+    if (!p)
+        return PELL_OK;
+    if (find_number(p + length, &other, &more))
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "\"%s\": only one number may vary in the name of a picture",
+                               pell_printable(*reference, shown, sizeof(shown)));
+    if (number > 999999999.0)
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "is picture %.0f of its sequence at %g s, at most 999999999 is allowed", number,
+                               r->moment.time);
+    if (snprintf(name, size, "%.*s%0*d%s", (int) (p - *reference), *reference, digits, number > 0.0 ? (int) number : 0, p + length) >=
+        (int) size)
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "the name has more than %zu characters", size - 1);
+    *reference = name;
+    r->scene->animated = r->sequences = true;
+    return PELL_OK;
+}
+
 static enum pell_result read_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
                                      enum pell_image_role role, bool needed, struct pell_texture **texture)
 {
     const bool outside = r->import.allow_outside;
     struct pell_text where;
-    char *path = NULL;
+    char *path = NULL, name[4096];
     enum pell_result res;
 
     *texture = NULL;
+    PELL_TRY(find_in_sequence(r, at, &reference, name, sizeof(name)));
     pell_json_where(at, &where);
     r->import.allow_outside |= r->granted && strcmp(reference, r->granted) == 0;
     PELL_TRY(pell_path_resolve(r->ctx, where.str, r->import.root, reference, r->import.allow_outside, &path));
