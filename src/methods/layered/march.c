@@ -361,9 +361,14 @@ INLINE void find_place(const struct layered_medium *m, const struct layered_pack
         order_depths(m, s->bottom);
 }
 
+/* A light as the march goes on: K of the step before, and whether enough of it is left. */
+struct coming {
+    vf enters[3];
+    vi goes_on;
+};
+
 INLINE void light_step(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
-                       const struct ray *ray, const struct step *s, const struct layered_light *source, vf enters[3], vi *goes_on,
-                       vf sum[3])
+                       const struct ray *ray, const struct step *s, const struct layered_light *source, struct coming *coming, vf sum[3])
 {
     const int lane = ray->lane;
     vf colour[3], light[3];
@@ -372,11 +377,11 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
 
     load3(source->power, lane, colour);
     if (source->any_planes) {
-        by_planes(work, m, source, lane, s, enters, &path);
+        by_planes(work, m, source, lane, s, coming->enters, &path);
         if (s->trace)
             store(s->trace, path.km);
         if (m->packs > 0)
-            depths_at(m, p, ray, enters, path.bottom);
+            depths_at(m, p, ray, coming->enters, path.bottom);
         else
             for (int j = 0; j < m->count; j++)
                 path.bottom[j] = s->bottom[j];
@@ -392,8 +397,8 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
         const vf down = source->any_nodes || p->thin ? all(0.0f) : light[c];
         stays |= s->tau[c] + down <= work->most_halves;
     }
-    path.beam = (vf) ((vi) path.beam & *goes_on);
-    *goes_on &= stays;
+    path.beam = (vf) ((vi) path.beam & coming->goes_on);
+    coming->goes_on &= stays;
     scatter(work, m, ray, s, &path, light, colour, sum);
     if (p->shows_bottom && any(s->meets > 0.0f)) {
         vf base[3];
@@ -406,8 +411,9 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
                         const struct layered_light *sources, int count, int lane)
 {
     const int n = work->samples;
-    vf sum[3] = { { 0 } }, enters[LAYERED_GROUP][3], gain = load(p->gain + lane);
-    vi goes_on[LAYERED_GROUP], some = (vi) all(0.0f) == 0;
+    vf sum[3] = { { 0 } }, gain = load(p->gain + lane);
+    vi some = (vi) all(0.0f) == 0;
+    struct coming coming[LAYERED_GROUP];
     struct step s;
     struct ray ray;
 
@@ -426,9 +432,9 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     ray.per_exit_rate = 1.0f / ray.exit_rate;
     ray.per_length = 1.0f / greater(ray.length, all(1e-20f));
     for (int l = 0; l < count; l++) {
-        goes_on[l] = some;
+        coming[l].goes_on = some;
         for (int k = 0; k < 3; k++)
-            enters[l][k] = ray.p[k];
+            coming[l].enters[k] = ray.p[k];
     }
     for (int c = 0; c < 3; c++)
         s.tau[c] = all(0.0f);
@@ -450,8 +456,8 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
         some = (vi) { 0 };
         for (int l = 0; l < count; l++) {
             s.trace = p->trace && l == 0 ? p->trace + (ptrdiff_t) i * LANES + lane : NULL;
-            light_step(work, m, p, &ray, &s, &sources[l], enters[l], &goes_on[l], sum);
-            some |= goes_on[l];
+            light_step(work, m, p, &ray, &s, &sources[l], &coming[l], sum);
+            some |= coming[l].goes_on;
         }
         for (int c = 0; c < 3; c++)
             s.tau[c] += s.step_tau[c];
