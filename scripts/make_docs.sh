@@ -7,7 +7,18 @@ cd "$(dirname "$0")/.."
 for python in python3 /usr/bin/python3; do
     if "$python" -c 'import markdown' 2>/dev/null; then
         rm -rf "$1"
-        exec "$python" docs/site/make_site.py . "$1"
+        optics=
+        if command -v emcc >/dev/null; then
+            optics=$(mktemp -d)/optics.js
+            "$python" docs/site/bench/make_optics.py . "$optics"
+        else
+            echo "The profile bench is left out: there is no emcc (package emscripten)." >&2
+        fi
+        "$python" docs/site/make_site.py . "$1" ${optics:+"$optics"}
+        if [ -n "$optics" ]; then
+            rm -r "$(dirname "$optics")"
+        fi
+        exit 0
     fi
 done
 echo "There is no Python with Markdown: install python3-markdown." >&2

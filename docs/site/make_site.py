@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""make_site.py ROOT FOLDER: the documentation as pages for a browser, which need no server and no network.
+"""make_site.py ROOT FOLDER [OPTICS.js]: the documentation as pages for a browser, which need no server and no network. OPTICS.js
+(bench/make_optics.py) adds the profile bench.
 
 Pages of Markdown, the public headers as the reference of the library, and the source files that pages point to. A link that leads nowhere
 is an error. Needs python3-markdown.
@@ -29,6 +30,7 @@ GROUPS = [
     ('Inside', ['docs/architecture.md', 'docs/guide/add-a-method.md', 'docs/security.md', 'docs/errata.md', 'CONTRIBUTING.md',
                 'CHANGELOG.md', 'bench/README.md', 'docs/adr/*.md']),
 ]
+BENCH, BENCH_GROUP = 'bench.html', 'Light below surfaces'
 PICTURES = {'.png', '.svg', '.webp', '.jpg', '.gif'}
 
 
@@ -103,8 +105,8 @@ def folder_page(root, path):
 
 
 class Site:
-    def __init__(self, root, out):
-        self.root, self.out = root, out
+    def __init__(self, root, out, optics=None):
+        self.root, self.out, self.optics = root, out, optics
         self.groups = [(title, list(expand(root, patterns))) for title, patterns in GROUPS]
         self.listed = [p for _, pages in self.groups for p in pages]
         self.titles = {p: title_of(p, (root / p).read_text('utf-8')) for p in self.listed}
@@ -159,8 +161,11 @@ class Site:
     def menu(self, path):
         out = []
         for title, pages in self.groups:
-            open_ = ' open' if path in pages or title in ('Start', 'Methods') else ''
+            open_ = ' open' if path in pages or title in ('Start', 'Methods') or (path, title) == (BENCH, BENCH_GROUP) else ''
             items = ''
+            if self.optics and title == BENCH_GROUP:
+                here = ' aria-current="page"' if path == BENCH else ''
+                items = f'<li><a href="{way(path, BENCH)}"{here}>Profile bench</a></li>'
             for p in pages:
                 here = ' aria-current="page"' if p == path else ''
                 items += f'<li><a href="{way(path, address(p))}"{here}>{html.escape(self.titles[p])}</a></li>'
@@ -170,18 +175,37 @@ class Site:
     def add(self, path):
         body = self.body_of(path)
         title = self.titles.get(path, path)
-        page = (HERE / 'page.html').read_text('utf-8')
-        for key, value in (('TITLE', html.escape(title if path == 'README.md' else f'{title} - {TITLE}')), ('UP', '../' * path.count('/')),
-                           ('MENU', self.menu(path)), ('BODY', body)):
-            page = page.replace(f'@{key}@', value)
-        to = self.out / address(path)
-        to.parent.mkdir(parents=True, exist_ok=True)
-        to.write_text(page, 'utf-8')
+        self.write(path, self.out / address(path), title if path == 'README.md' else f'{title} - {TITLE}', body)
         self.anchors[address(path)] = set(re.findall(r'\bid="([^"]*)"', body))
         if path in self.titles:
             plain = re.sub(r'\s+', ' ', html.unescape(re.sub(r'<[^>]*>', ' ', body)))
             headings = [re.sub(r'<[^>]*>', '', h) for h in re.findall(r'<h[1-4][^>]*>(.*?)</h[1-4]>', body)]
             self.index.append({'to': address(path), 'title': title, 'headings': [html.unescape(h) for h in headings], 'text': plain})
+
+    def write(self, path, to, title, body):
+        page = (HERE / 'page.html').read_text('utf-8')
+        for key, value in (('TITLE', html.escape(title)), ('UP', '../' * path.count('/')), ('MENU', self.menu(path)), ('BODY', body)):
+            page = page.replace(f'@{key}@', value)
+        to.parent.mkdir(parents=True, exist_ok=True)
+        to.write_text(page, 'utf-8')
+
+    def add_bench(self):
+        """The profile bench: the materials with coefficients, the optics, the viewer's plot and the page's own script."""
+        body = (HERE / 'bench/bench.html').read_text('utf-8')
+        materials = {}
+        for path in sorted((self.root / 'data/materials').glob('*.json')):
+            m = json.loads(path.read_text('utf-8'))
+            if 'sigma_a' in m and 'sigma_s_reduced' in m:
+                materials[path.stem] = {'title': m['title'], **{k: m[k] for k in ('sigma_a', 'sigma_s_reduced', 'eta')}}
+        plot = (self.root / 'src/viewer/page/plot.js').read_text('utf-8')
+        script = '\n'.join((f'const MATERIALS = {json.dumps(materials)};', re.sub(r'^export ', '', plot, flags=re.MULTILINE),
+                            (HERE / 'bench/bench.js').read_text('utf-8')))
+        shutil.copyfile(self.optics, self.out / 'optics.js')
+        (self.out / 'bench.js').write_text(script, 'utf-8')
+        self.write(BENCH, self.out / BENCH, f'Profile bench - {TITLE}',
+                   body + '<script src="optics.js"></script>\n<script src="bench.js"></script>')
+        plain = re.sub(r'\s+', ' ', html.unescape(re.sub(r'<[^>]*>', ' ', body)))
+        self.index.append({'to': BENCH, 'title': 'Profile bench', 'headings': ['Profile bench'], 'text': plain})
 
     def make(self):
         self.out.mkdir(parents=True, exist_ok=True)
@@ -190,6 +214,8 @@ class Site:
             if path not in self.made:
                 self.made.add(path)
                 self.add(path)
+        if self.optics:
+            self.add_bench()
         for name in ('site.css', 'site.js'):
             shutil.copyfile(HERE / name, self.out / name)
         (self.out / 'search.js').write_text('const PAGES = ' + json.dumps(self.index, ensure_ascii=False) + ';\n', 'utf-8')
@@ -208,7 +234,7 @@ class Site:
 def main():
     root, out = pathlib.Path(sys.argv[1]).resolve(), pathlib.Path(sys.argv[2])
     try:
-        count = Site(root, out).make()
+        count = Site(root, out, sys.argv[3] if len(sys.argv) > 3 else None).make()
     except Fault as fault:
         print(f'make_site.py: {fault}', file=sys.stderr)
         return 1
