@@ -162,7 +162,7 @@ void pell_gpu_run(struct pell_gpu_commands *c, struct pell_gpu_pass *pass, const
 
 /* --- The end --------------------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result wait_for(struct pell_gpu_commands *c)
+static VkResult wait_for(struct pell_gpu_commands *c)
 {
     const VkSemaphoreWaitInfo info = {
         .sType = VK_STRUCTURE_TYPE_SEMAPHORE_WAIT_INFO, .semaphoreCount = 1, .pSemaphores = &c->done, .pValues = &c->submitted
@@ -171,7 +171,7 @@ static enum pell_result wait_for(struct pell_gpu_commands *c)
 
     while (result == VK_TIMEOUT)
         result = c->gpu->vk.WaitSemaphores(c->gpu->device, &info, SECOND);
-    return pell_vk_check(c->gpu, "vkWaitSemaphores", result);
+    return result;
 }
 
 static enum pell_result submit(struct pell_gpu_commands *c)
@@ -220,12 +220,14 @@ void pell_gpu_end_in(struct pell_gpu_commands *c)
 enum pell_result pell_gpu_finish(struct pell_gpu_commands *c)
 {
     enum pell_result res;
+    VkResult waited;
 
     end_label(c);
     write_time(c);
     PELL_TRY(PELL_VK(c->gpu, EndCommandBuffer, (c->buffer)));
     PELL_TRY(submit(c));
-    PELL_TRY(wait_for(c));
+    waited = wait_for(c);
+    PELL_TRY(pell_vk_check(c->gpu, "vkWaitSemaphores", pell_vk_fails(c->gpu) ? pell_vk_injected(c->gpu) : waited));
     PELL_TRY(read_times(c));
     return PELL_OK;
 
@@ -301,7 +303,7 @@ void pell_gpu_commands_destroy(struct pell_gpu_commands **commands)
     *commands = NULL;
     gpu = c->gpu;
     if (c->submitted > 0)
-        (void) !wait_for(c); /* a lost device has logged it, and runs nothing any more */
+        (void) wait_for(c); /* a lost device was logged where it was found, and runs nothing any more */
     if (c->queries)
         gpu->vk.DestroyQueryPool(gpu->device, c->queries, NULL);
     if (c->done)

@@ -92,17 +92,23 @@ struct pell_gpu {
     uint64_t memory_used;
     _Atomic uint64_t calls;
     _Atomic uint64_t fail_at; /* 0: none */
+    _Atomic bool fail_lost;   /* for tests: that call fails as if the device were lost */
 };
 
 /* Counts a call that can fail; whether it is the one to fail. */
 bool pell_vk_fails(struct pell_gpu *gpu);
+/* What that one fails with. */
+static inline VkResult pell_vk_injected(struct pell_gpu *gpu)
+{
+    return atomic_load(&gpu->fail_lost) ? VK_ERROR_DEVICE_LOST : VK_ERROR_OUT_OF_DEVICE_MEMORY;
+}
 /* PELL_OK, or the logged failure. */
 enum pell_result pell_vk_check(struct pell_gpu *gpu, const char *call, VkResult result);
 /* Names an object in captures and messages. */
 void pell_vk_name(struct pell_gpu *gpu, VkObjectType type, uint64_t handle, const char *name);
 
 /* A call of a device's function that returns a VkResult, `args` in parentheses: an enum pell_result. */
-#define PELL_VK(gpu, name, args) pell_vk_check(gpu, "vk" #name, pell_vk_fails(gpu) ? VK_ERROR_OUT_OF_DEVICE_MEMORY : (gpu)->vk.name args)
+#define PELL_VK(gpu, name, args) pell_vk_check(gpu, "vk" #name, pell_vk_fails(gpu) ? pell_vk_injected(gpu) : (gpu)->vk.name args)
 
 /* --- cache.c --- */
 

@@ -2,6 +2,7 @@
  * test_gpu.c - buffers, passes and lists of commands on a Vulkan device, under the validation layer: any message of it is an error. */
 #include "gpu_test.h"
 
+#include "vulkan/core.h"
 #include "vulkan/devices.h"
 
 enum { COUNT = 1000 };
@@ -167,6 +168,37 @@ static void calls_that_fail_leave_nothing(void **state)
     REQUIRE(n > 30);
 }
 
+/* The device is lost in each call of making and running, once: it is named, once, and what is there can be released. */
+static void a_lost_device_is_reported(void **state)
+{
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_gpu *gpu = gpu_opened(ctx);
+    enum pell_result res = PELL_ERR_DEVICE;
+    int lost = 0;
+    (void) state;
+
+    atomic_store(&gpu->fail_lost, true);
+    for (uint64_t n = 1; res != PELL_OK; n++) {
+        struct work w = { 0 };
+        kept.errors = 0;
+        pell_gpu_fail_at(gpu, n);
+        res = work_create(gpu, &w);
+        if (res == PELL_OK)
+            res = work_run(&w, 1.0f, 2.0f);
+        REQUIRE(res == PELL_OK ? kept.errors == 0 : res == PELL_ERR_DEVICE && kept.errors == 1 && strstr(kept.what, "the device was lost"));
+        work_destroy(&w);
+        lost += res != PELL_OK;
+        REQUIRE(kept.errors == (res != PELL_OK) && pell_gpu_memory_used(gpu) == 0);
+    }
+    print_message("# lost in %d calls\n", lost);
+    REQUIRE(lost > 30);
+    pell_gpu_close(&gpu);
+    REQUIRE(kept.errors == 0);
+    assert_int_equal(pell_memory_used(ctx), 0);
+    pell_context_destroy(&ctx);
+}
+
 static void lack_of_memory_leaves_nothing(void **state)
 {
     struct kept_messages none = { 0 };
@@ -266,9 +298,13 @@ static void devices_are_chosen_by_number_or_name(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(passes_follow_one_another),        cmocka_unit_test(what_is_forgotten_is_a_message),
-        cmocka_unit_test(calls_that_fail_leave_nothing),    cmocka_unit_test(lack_of_memory_leaves_nothing),
-        cmocka_unit_test(buffers_share_blocks_and_no_byte), cmocka_unit_test(devices_are_chosen_by_number_or_name),
+        cmocka_unit_test(passes_follow_one_another),
+        cmocka_unit_test(what_is_forgotten_is_a_message),
+        cmocka_unit_test(calls_that_fail_leave_nothing),
+        cmocka_unit_test(a_lost_device_is_reported),
+        cmocka_unit_test(lack_of_memory_leaves_nothing),
+        cmocka_unit_test(buffers_share_blocks_and_no_byte),
+        cmocka_unit_test(devices_are_chosen_by_number_or_name),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
