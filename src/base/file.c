@@ -136,66 +136,96 @@ bool pell_file_was_read(struct pell_context *ctx, const char *path)
     return found;
 }
 
-enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint8_t **data, size_t *size)
+enum pell_result pell_file_open(struct pell_context *ctx, const char *path, struct pell_file *file)
 {
     const int64_t limit = pell_context_limits(ctx)->file_bytes;
-    enum pell_result res = PELL_OK;
-    uint8_t *bytes = NULL;
+    enum pell_result res;
     char shown[SHOWN];
     struct stat st;
-    size_t got = 0, wanted;
-    int fd, code;
 
-    *data = NULL;
-    *size = 0;
+    *file = (struct pell_file) { .handle = -1 };
     pell_printable(path, shown, sizeof(shown));
     /* O_NONBLOCK: open would wait for ever on a pipe without a writer. It has no effect on regular files. */
     do
-        fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
-    while (fd < 0 && errno == EINTR);
-    if (fd < 0)
+        file->handle = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    while (file->handle < 0 && errno == EINTR);
+    if (file->handle < 0)
         return failed(ctx, path, "can't be opened", errno);
-    if (fstat(fd, &st) != 0) {
+    if (fstat(file->handle, &st) != 0)
         res = failed(ctx, path, "can't be examined", errno);
-        goto fail;
-    }
-    if (!S_ISREG(st.st_mode)) {
+    else if (!S_ISREG(st.st_mode))
         res = pell_error(ctx, PELL_ERR_IO, shown, NULL, "is %s, must be a regular file", kind(st.st_mode));
-        goto fail;
-    }
-    if (st.st_size < 0 || (int64_t) st.st_size > limit || (uintmax_t) st.st_size >= SIZE_MAX) {
+    else if (st.st_size < 0 || (int64_t) st.st_size > limit || (uintmax_t) st.st_size >= SIZE_MAX)
         res = pell_error(ctx, PELL_ERR_INVALID, shown, "raise the limit file-bytes if this file is meant",
                          "has %lld bytes, allowed are %lld", (long long) st.st_size, (long long) limit);
-        goto fail;
-    }
-    res = remember(ctx, &st);
+    else
+        res = remember(ctx, &st);
     if (res != PELL_OK)
-        goto fail;
-    wanted = (size_t) st.st_size;
-    bytes = pell_alloc(ctx, wanted + 1);
+        pell_file_close(file);
+    else
+        file->size = (size_t) st.st_size;
+    return res;
+}
+
+void pell_file_close(struct pell_file *file)
+{
+    if (file->handle >= 0)
+        close(file->handle);
+    *file = (struct pell_file) { .handle = -1 };
+}
+
+size_t pell_file_at(const struct pell_file *file, uint64_t at, void *to, size_t size)
+{
+    size_t got = 0;
+
+    if (at >= file->size)
+        return 0;
+    size = size < file->size - at ? size : file->size - at;
+    while (got < size) {
+        const size_t left = size - got;
+        const ssize_t n = pread(file->handle, (uint8_t *) to + got, left < CHUNK ? left : CHUNK, (off_t) (at + got));
+        if (n == 0 || (n < 0 && errno != EINTR))
+            break;
+        got += n > 0 ? (size_t) n : 0;
+    }
+    return got;
+}
+
+enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint8_t **data, size_t *size)
+{
+    enum pell_result res;
+    struct pell_file file;
+    uint8_t *bytes = NULL;
+    char shown[SHOWN];
+    size_t got = 0;
+    int code;
+
+    *data = NULL;
+    *size = 0;
+    PELL_TRY(pell_file_open(ctx, path, &file));
+    bytes = pell_alloc(ctx, file.size + 1);
     if (!bytes) {
         res = PELL_ERR_NOMEM;
         goto fail;
     }
     /* Ask for one byte too many, to detect a file that grew since fstat. */
-    code = read_all(fd, bytes, wanted + 1, &got);
+    code = read_all(file.handle, bytes, file.size + 1, &got);
     if (code) {
         res = failed(ctx, path, "can't be read", code);
         goto fail;
     }
-    if (got != wanted) {
-        res = pell_error(ctx, PELL_ERR_IO, shown, "wait until it is written, then try again",
-                         "changed its size while it was read: %zu bytes were announced, %s came", wanted, got > wanted ? "more" : "fewer");
+    if (got != file.size) {
+        res = pell_error(ctx, PELL_ERR_IO, pell_printable(path, shown, sizeof(shown)), "wait until it is written, then try again",
+                         "changed its size while it was read: %zu bytes were announced, %s came", file.size,
+                         got > file.size ? "more" : "fewer");
         goto fail;
     }
-    close(fd);
-    bytes[wanted] = '\0';
+    bytes[file.size] = '\0';
     *data = bytes;
-    *size = wanted;
-    return PELL_OK;
-
+    *size = file.size;
+    bytes = NULL;
 fail:
-    close(fd);
+    pell_file_close(&file);
     pell_free(ctx, bytes);
     return res;
 }

@@ -13,7 +13,17 @@
  * *size does not count. */
 PELL_NODISCARD enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
 
-/* Whether pell_file_read has read the file that `path` names, by whatever name: who writes there would destroy what was read. */
+/* A file that is read in pieces, with the checks of pell_file_read; pell_file_close releases it. */
+struct pell_file {
+    int handle; /* of the system; -1: none */
+    size_t size;
+};
+PELL_NODISCARD enum pell_result pell_file_open(struct pell_context *ctx, const char *path, struct pell_file *file);
+void pell_file_close(struct pell_file *file);
+/* Reads `size` bytes from `at`; returns how many there were: fewer at the end, after a file was cut, and where the device fails. */
+size_t pell_file_at(const struct pell_file *file, uint64_t at, void *to, size_t size);
+
+/* Whether the file that `path` names was opened by one of these, by whatever name: who writes there would destroy what was read. */
 bool pell_file_was_read(struct pell_context *ctx, const char *path);
 
 /* Replaces `path` by these bytes, or leaves it as it was: written under a temporary name in the same folder, to the disk, then renamed.

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * compare.c - see pellucid/compare.h: a survey of the reference, errors (errors.c), then FLIP and SSIM over tiles. Sums of rows and tiles
  * are added in their order, so that results do not depend on the timing of threads. */
-#include "compare/compare.h"
+#include "compare/rows.h"
 
 #include "compare/errors.h"
 #include "compare/tile.h"
@@ -13,6 +13,7 @@
 #define KEY 0.18         /* of a middle grey (Reinhard et al. 2002), as `render` meters */
 #define BRIGHTEST 1e15   /* what pictures are cut at where products of them could overflow */
 #define EXPOSURES_MAX 64 /* of HDR-FLIP; a wider range gets wider steps */
+#define BAND_PIXELS (1 << 19)
 
 static const char *const tonemaps[] = { "reinhard", "aces", "linear", NULL };
 
@@ -58,9 +59,15 @@ struct tile_sums {
 enum { MAP_SSIM, MAP_FLIP = 4, MAP_FLIP_HDR, TILE_MAPS };
 
 struct job {
-    const struct pell_compare_input *in;
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct pell_compare_rows *rows; /* NULL: all rows are in memory */
+    struct pell_compare_input in;
+    int first;  /* row that the planes of `in` begin with */
+    int y0, y1; /* the band */
     const struct pell_compare_params *params;
     struct pell_comparison *out;
+    struct pell_errors *errors;
     const struct pell_tile_kernels *kernels;
     struct pell_flip_filters filters;
     float window[PELL_SSIM_RADIUS + 1];
@@ -68,7 +75,8 @@ struct job {
     double hdr_step;
     int pad, across, down, first_tile;
     size_t light_floats; /* of one padded plane */
-    float *luminance;    /* of the reference; NaN where a pixel is bad */
+    float *luminance;    /* of the reference in the band; NaN where a pixel is bad */
+    struct order *order; /* of all luminances; NULL for display images */
     struct survey *surveys;
     struct tile_sums *tile_sums; /* [tile][region] */
     float **workspaces;          /* of the workers: six planes, the scratch, TILE_MAPS maps */
@@ -76,16 +84,24 @@ struct job {
 
 /* --- The survey --------------------------------------------------------------------------------------------------------------- */
 
-static void survey_row(void *arg, int y, int worker)
+/* Luminance of the reference; NaN where a pixel is bad. */
+static float luminance_of(const struct pell_pixel *p)
+{
+    const double l = pell_luminance_of(p->reference);
+    return p->bad_test || p->bad_reference ? NAN : (float) (l < BRIGHTEST ? l : BRIGHTEST);
+}
+
+static void survey_row(void *arg, int number, int worker)
 {
     const struct job *job = arg;
-    const struct pell_compare_input *in = job->in;
+    const struct pell_compare_input *in = &job->in;
+    const int y = job->y0 + number;
     struct survey *s = &job->surveys[y];
     (void) worker;
 
     memset(s, 0, sizeof(*s));
     for (int x = 0; x < in->width; x++) {
-        const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
+        const size_t at = pell_pixel_at(in, job->first, x, y);
         struct pell_pixel p;
         double l;
 
@@ -94,8 +110,7 @@ static void survey_row(void *arg, int y, int worker)
         s->bad_reference += p.bad_reference;
         s->bad_variance += p.bad_variance;
         l = pell_luminance_of(p.reference);
-        job->luminance[(size_t) y * (size_t) in->width + (size_t) x] =
-            p.bad_test || p.bad_reference ? NAN : (float) (l < BRIGHTEST ? l : BRIGHTEST);
+        job->luminance[(size_t) number * (size_t) in->width + (size_t) x] = luminance_of(&p);
         if (p.bad_test || p.bad_reference)
             continue;
         for (int region = 0; region < PELL_REGIONS; region++)
@@ -111,79 +126,164 @@ static void survey_row(void *arg, int y, int worker)
     }
 }
 
-/* The n-th smallest of `count` values, which are shuffled. */
-static float nth(float *v, size_t count, size_t n)
+static void luminance_row(void *arg, int number, int worker)
 {
-    size_t low = 0, high = count - 1;
+    const struct job *job = arg;
+    (void) worker;
 
-    while (low < high) {
-        const float pivot = v[low + (high - low) / 2];
-        size_t i = low, j = high;
-        for (;;) {
-            while (v[i] < pivot)
-                i++;
-            while (v[j] > pivot)
-                j--;
-            if (i <= j) {
-                const float t = v[i];
-                v[i++] = v[j];
-                v[j] = t;
-                if (j == 0)
-                    break;
-                j--;
-            }
-            if (i > j)
-                break;
-        }
-        if (n <= j)
-            high = j;
-        else if (n >= i)
-            low = i;
-        else
-            return v[n];
+    for (int x = 0; x < job->in.width; x++) {
+        struct pell_pixel p;
+        pell_pixel_read(&job->in, pell_pixel_at(&job->in, job->first, x, job->y0 + number), &p);
+        job->luminance[(size_t) number * (size_t) job->in.width + (size_t) x] = luminance_of(&p);
     }
-    return v[n];
 }
 
-/* The mean of the middle two, or the middle one. */
-static double median(float *v, size_t count)
+/* Makes the band from row `y0` readable, with `reach` rows around, and sets job->y0 and y1. */
+static enum pell_result take_band(struct job *job, int y0, int reach)
 {
-    const double upper = nth(v, count, count / 2);
-    return count % 2 ? upper : 0.5 * (upper + (double) nth(v, count, count / 2 - 1));
+    const int height = job->in.height, band = pell_compare_band(job->in.width);
+    int low, high;
+
+    if (pell_cancelled(job->ctx))
+        return PELL_ERR_CANCELLED;
+    job->y0 = y0;
+    job->y1 = height - y0 < band ? height : y0 + band;
+    low = y0 < reach ? 0 : y0 - reach;
+    high = height - job->y1 < reach ? height : job->y1 + reach;
+    if (!job->rows)
+        return PELL_OK;
+    job->first = low;
+    return job->rows->move(job->rows->user, low, high - low, &job->in);
 }
 
-/* `luminance` is used up. */
-static void find_exposures(struct job *job)
+/* --- Exposures of HDR-FLIP: the median of all luminances, found by their digits, so that none need to be kept ----------------------- */
+
+enum { DIGITS = 1 << 16 };
+
+/* Of ranks among all values: the middle ones of all, and of those that are no black. */
+struct rank {
+    uint64_t rank;  /* from 0; among those with the same upper digit once that is known */
+    uint32_t upper; /* digit */
+    int first;      /* rank with the same upper digit, whose counts of lower ones are used */
+    float value;
+};
+
+struct order {
+    uint64_t finite, bright, upper[DIGITS], lower[4][DIGITS];
+    float largest;
+    struct rank ranks[4];
+};
+
+/* Numbers in the order of floats. */
+static uint32_t digits_of(float v)
+{
+    uint32_t bits;
+
+    memcpy(&bits, &v, sizeof(bits));
+    return bits & 0x80000000u ? ~bits : bits | 0x80000000u;
+}
+
+static float value_of(uint32_t digits)
+{
+    const uint32_t bits = digits & 0x80000000u ? digits & 0x7fffffffu : ~digits;
+    float v;
+
+    memcpy(&v, &bits, sizeof(v));
+    return v;
+}
+
+static void count_upper(struct order *o, const float *l, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (isnan(l[i]))
+            continue;
+        o->finite++;
+        o->bright += l[i] > 1e-30f;
+        o->largest = l[i] > o->largest ? l[i] : o->largest;
+        o->upper[digits_of(l[i]) >> 16]++;
+    }
+}
+
+static void count_lower(struct order *o, const float *l, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t digits = digits_of(l[i]);
+        for (int k = 0; k < 4; k++)
+            if (!isnan(l[i]) && o->ranks[k].first == k && o->ranks[k].upper == digits >> 16)
+                o->lower[k][digits & (DIGITS - 1)]++;
+    }
+}
+
+/* The digit of rank *rank, which becomes the rank among the numbers with that digit. */
+static uint32_t find_digit(const uint64_t *counts, uint64_t *rank)
+{
+    uint32_t digit = 0;
+
+    while (digit < DIGITS - 1 && *rank >= counts[digit])
+        *rank -= counts[digit++];
+    return digit;
+}
+
+/* Ranks 0 and 1: the middle two of all, or twice the middle one; 2 and 3: of what is brighter than black. */
+static void find_upper(struct order *o)
+{
+    const uint64_t dark = o->finite - o->bright;
+
+    for (int k = 0; k < 4; k++) {
+        const uint64_t count = k < 2 ? o->finite : o->bright;
+        struct rank *r = &o->ranks[k];
+        r->rank = (k < 2 ? 0 : dark) + count / 2 - (k % 2 && count % 2 == 0 ? 1 : 0);
+        r->upper = find_digit(o->upper, &r->rank);
+        r->first = 0;
+        while (o->ranks[r->first].upper != r->upper)
+            r->first++;
+    }
+}
+
+static void find_lower(struct order *o)
+{
+    for (int k = 0; k < 4; k++) {
+        struct rank *r = &o->ranks[k];
+        r->value = value_of(r->upper << 16 | find_digit(o->lower[r->first], &r->rank));
+    }
+}
+
+static double middle_of(const struct rank *two)
+{
+    return 0.5 * ((double) two[0].value + (double) two[1].value);
+}
+
+static enum pell_result find_exposures(struct job *job)
 {
     struct pell_comparison *out = job->out;
-    const size_t all = (size_t) job->in->width * (size_t) job->in->height;
-    double largest = 0.0, middle = 0.0;
-    size_t finite = 0, bright = 0;
+    struct order *o = job->order;
+    enum pell_result res;
+    double middle;
 
-    for (size_t i = 0; i < all; i++)
-        if (!isnan(job->luminance[i])) {
-            const float l = job->luminance[i];
-            job->luminance[finite++] = l;
-            largest = l > largest ? l : largest;
-        }
-    if (!(largest > 1e-30)) { /* nothing to expose for: one exposure as it is */
+    if (!(o->largest > 1e-30f)) { /* nothing to expose for: one exposure as it is */
         out->hdr_exposures = 1;
-        return;
+        return PELL_OK;
     }
-    middle = median(job->luminance, finite);
+    find_upper(o);
+    for (int y = 0; y < job->in.height; y = job->y1) {
+        if ((res = take_band(job, y, 0)) != PELL_OK)
+            return res;
+        pell_pool_run(job->pool, job->y1 - y, luminance_row, job);
+        count_lower(o, job->luminance, (size_t) (job->y1 - y) * (size_t) job->in.width);
+    }
+    find_lower(o);
+    middle = middle_of(o->ranks);
     if (!(middle > 1e-30)) {
-        for (size_t i = 0; i < finite; i++)
-            if (job->luminance[i] > 1e-30f)
-                job->luminance[bright++] = job->luminance[i];
-        middle = median(job->luminance, bright);
+        middle = middle_of(o->ranks + 2);
         out->hdr_above_black = true;
     }
-    pell_flip_exposures(largest, middle, &out->hdr_start, &out->hdr_stop, &out->hdr_exposures);
+    pell_flip_exposures((double) o->largest, middle, &out->hdr_start, &out->hdr_stop, &out->hdr_exposures);
     if (job->params->exposures > 0)
         out->hdr_exposures = job->params->exposures;
     if (out->hdr_exposures > EXPOSURES_MAX)
         out->hdr_exposures = EXPOSURES_MAX;
     job->hdr_step = (out->hdr_stop - out->hdr_start) / (out->hdr_exposures > 1 ? out->hdr_exposures - 1 : 1);
+    return PELL_OK;
 }
 
 /* How linear pictures are shown. */
@@ -193,7 +293,7 @@ static void choose_tone(struct job *job, const struct survey *all)
     double exposure = p->exposure, white = p->white;
 
     job->tone.curve = p->tonemap;
-    if (job->in->display) {
+    if (job->in.display) {
         job->tone = (struct pell_tone) { PELL_COMPARE_LINEAR, 1.0f, 0.0f };
         job->out->exposure = job->out->white = 1.0f;
         return;
@@ -214,7 +314,7 @@ static void take_stock(struct job *job)
     struct survey all = { 0 };
     struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
 
-    for (int y = 0; y < job->in->height; y++) {
+    for (int y = 0; y < job->in.height; y++) {
         const struct survey *s = &job->surveys[y];
         all.bad_test += s->bad_test;
         all.bad_reference += s->bad_reference;
@@ -236,8 +336,6 @@ static void take_stock(struct job *job)
             metrics[region]->floor = (double) job->params->floor * (all.luminance[region] / (double) all.pixels[region]);
     }
     choose_tone(job, &all);
-    if (!job->in->display)
-        find_exposures(job);
 }
 
 /* --- Tiles -------------------------------------------------------------------------------------------------------------------- */
@@ -255,10 +353,10 @@ static float cut(double v)
 /* The pixels of a tile and of its padding; beyond the picture's edge those of the edge. */
 static void load_tile(const struct job *job, const struct pell_tile *tile, int x0, int y0, float *planes)
 {
-    const struct pell_compare_input *in = job->in;
+    const struct pell_compare_input *in = &job->in;
 
     for (int i = 0; i < tile->rows; i++) {
-        const size_t line = (size_t) clamp_to(y0 + i - tile->pad, in->height) * (size_t) in->stride;
+        const size_t line = pell_pixel_at(in, job->first, 0, clamp_to(y0 + i - tile->pad, in->height));
         for (int j = 0; j < tile->row; j++) {
             const size_t at = line + (size_t) clamp_to(x0 + j - tile->pad, in->width), to = (size_t) i * (size_t) tile->row + (size_t) j;
             struct pell_pixel p;
@@ -286,12 +384,12 @@ static void hdr_flip(const struct job *job, const struct pell_tile *tile, float 
 static void add_tile(const struct job *job, const struct pell_tile *tile, int x0, int y0, float *const map[TILE_MAPS],
                      struct tile_sums *sums)
 {
-    const struct pell_compare_input *in = job->in;
+    const struct pell_compare_input *in = &job->in;
 
     for (int i = 0; i < tile->height; i++)
         for (int j = 0; j < tile->width; j++) {
             const int x = x0 + j, y = y0 + i;
-            const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
+            const size_t at = pell_pixel_at(in, job->first, x, y);
             const int to = i * PELL_TILE_WIDTH + j;
             const bool inner =
                 x >= PELL_SSIM_RADIUS && x < in->width - PELL_SSIM_RADIUS && y >= PELL_SSIM_RADIUS && y < in->height - PELL_SSIM_RADIUS;
@@ -317,7 +415,7 @@ static void add_tile(const struct job *job, const struct pell_tile *tile, int x0
 static void store(const struct job *job, const struct pell_tile *tile, int x0, int y0, const float *from, float *to)
 {
     for (int i = 0; to && i < tile->height; i++)
-        memcpy(to + (size_t) (y0 + i) * (size_t) job->in->width + (size_t) x0, from + i * PELL_TILE_WIDTH,
+        memcpy(to + (size_t) (y0 + i) * (size_t) job->in.width + (size_t) x0, from + i * PELL_TILE_WIDTH,
                (size_t) tile->width * sizeof(*to));
 }
 
@@ -325,7 +423,7 @@ static void compare_tile(void *arg, int number, int worker)
 {
     const struct job *job = arg;
     const int index = job->first_tile + number, x0 = index % job->across * PELL_TILE_WIDTH, y0 = index / job->across * PELL_TILE_HEIGHT;
-    const int width = job->in->width - x0, height = job->in->height - y0;
+    const int width = job->in.width - x0, height = job->in.height - y0;
     float *planes = job->workspaces[worker], *maps = planes + 6 * job->light_floats + pell_tile_scratch(job->pad);
     float *map[TILE_MAPS];
     struct pell_tile tile = {
@@ -346,7 +444,7 @@ static void compare_tile(void *arg, int number, int worker)
     load_tile(job, &tile, x0, y0, planes);
     job->kernels->flip(&tile, &job->filters, &job->tone, map[MAP_FLIP]);
     store(job, &tile, x0, y0, map[MAP_FLIP], job->out->flip);
-    if (!job->in->display) {
+    if (!job->in.display) {
         hdr_flip(job, &tile, map[0], map[MAP_FLIP_HDR]);
         store(job, &tile, x0, y0, map[MAP_FLIP_HDR], job->out->flip_hdr);
     }
@@ -391,24 +489,36 @@ static enum pell_result check(struct pell_context *ctx, const struct pell_compar
     return pell_knobs_check(ctx, pell_compare_knobs(), "compare", params);
 }
 
-static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool, struct job *job)
+int pell_compare_band(int width)
 {
+    const int rows = BAND_PIXELS / width / PELL_TILE_HEIGHT;
+    return (rows > 1 ? rows : 1) * PELL_TILE_HEIGHT;
+}
+
+_Static_assert(PELL_TILE_HEIGHT % PELL_ERRORS_BAND == 0 && PELL_COMPARE_REACH >= PELL_FLIP_RADIUS_MAX, "bands hold whole tiles and blocks");
+
+static enum pell_result prepare(struct job *job)
+{
+    struct pell_context *ctx = job->ctx;
     struct pell_comparison *out = job->out;
-    const size_t all = (size_t) job->in->width * (size_t) job->in->height, rows = (size_t) job->in->height;
-    const size_t threads = (size_t) pell_pool_threads(pool);
-    float **const maps[] = { &job->luminance, &out->relative, &out->ssim, &out->flip, &out->flip_hdr };
+    const size_t all = (size_t) job->in.width * (size_t) job->in.height, rows = (size_t) job->in.height;
+    const size_t threads = (size_t) pell_pool_threads(job->pool), band = (size_t) pell_compare_band(job->in.width);
+    float **const maps[] = { &out->relative, &out->ssim, &out->flip, &out->flip_hdr };
 
     pell_flip_prepare((double) job->params->ppd, &job->filters);
     pell_ssim_window(job->window);
     job->kernels = pell_tile_tables[pell_simd_best()];
     job->pad = job->filters.radius > PELL_SSIM_RADIUS ? job->filters.radius : PELL_SSIM_RADIUS;
     job->light_floats = (size_t) pell_tile_row(job->pad) * (size_t) (PELL_TILE_HEIGHT + 2 * job->pad);
-    job->across = (job->in->width + PELL_TILE_WIDTH - 1) / PELL_TILE_WIDTH;
-    job->down = (job->in->height + PELL_TILE_HEIGHT - 1) / PELL_TILE_HEIGHT;
-    for (size_t i = 0; i < (job->in->figures_only ? 1 : PELL_COUNT(maps)); i++)
+    job->across = (job->in.width + PELL_TILE_WIDTH - 1) / PELL_TILE_WIDTH;
+    job->down = (job->in.height + PELL_TILE_HEIGHT - 1) / PELL_TILE_HEIGHT;
+    for (size_t i = 0; i < PELL_COUNT(maps) && !job->in.figures_only; i++)
         if (!(*maps[i] = pell_calloc(ctx, all, sizeof(float))))
             return PELL_ERR_NOMEM;
-    if (!(job->surveys = pell_alloc_array(ctx, rows, sizeof(*job->surveys))) ||
+    if (!job->in.display && !(job->order = pell_calloc(ctx, 1, sizeof(*job->order))))
+        return PELL_ERR_NOMEM;
+    if (!(job->luminance = pell_alloc_array(ctx, band < rows ? band : rows, (size_t) job->in.width * sizeof(float))) ||
+        !(job->surveys = pell_alloc_array(ctx, rows, sizeof(*job->surveys))) ||
         !(job->tile_sums = pell_alloc_array(ctx, (size_t) job->across * (size_t) job->down * PELL_REGIONS, sizeof(*job->tile_sums))) ||
         !(job->workspaces = pell_calloc(ctx, threads, sizeof(*job->workspaces))))
         return PELL_ERR_NOMEM;
@@ -420,51 +530,84 @@ static enum pell_result prepare(struct pell_context *ctx, struct pell_pool *pool
     return PELL_OK;
 }
 
-static enum pell_result work(struct pell_context *ctx, struct pell_pool *pool, struct job *job)
+static enum pell_result survey(struct job *job)
 {
-    const int tiles = job->across * job->down, batch = 4 * pell_pool_threads(pool);
+    enum pell_result res;
+
+    for (int y = 0; y < job->in.height; y = job->y1) {
+        if ((res = take_band(job, y, 0)) != PELL_OK)
+            return res;
+        pell_pool_run(job->pool, job->y1 - y, survey_row, job);
+        if (job->order)
+            count_upper(job->order, job->luminance, (size_t) (job->y1 - y) * (size_t) job->in.width);
+    }
+    take_stock(job);
+    return job->order ? find_exposures(job) : PELL_OK;
+}
+
+static enum pell_result compare_bands(struct job *job)
+{
+    const int reach = job->pad > PELL_ERRORS_REACH ? job->pad : PELL_ERRORS_REACH, batch = 4 * pell_pool_threads(job->pool);
+    const int tiles = job->across * job->down;
+    enum pell_result res;
+
+    for (int y = 0; y < job->in.height; y = job->y1) {
+        int last;
+        if ((res = take_band(job, y, reach)) != PELL_OK)
+            return res;
+        pell_errors_add(job->errors, &job->in, job->first, y, job->y1);
+        last = (job->y1 + PELL_TILE_HEIGHT - 1) / PELL_TILE_HEIGHT * job->across;
+        for (job->first_tile = y / PELL_TILE_HEIGHT * job->across; job->first_tile < last; job->first_tile += batch) {
+            if (pell_cancelled(job->ctx))
+                return PELL_ERR_CANCELLED;
+            pell_progress(job->ctx, "compare", (double) job->first_tile / tiles);
+            pell_pool_run(job->pool, last - job->first_tile < batch ? last - job->first_tile : batch, compare_tile, job);
+        }
+    }
+    return pell_cancelled(job->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+static enum pell_result work(struct job *job)
+{
     struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
     enum pell_result res;
 
-    pell_pool_run(pool, job->in->height, survey_row, job);
-    if (pell_cancelled(ctx))
-        return PELL_ERR_CANCELLED;
-    take_stock(job);
-    if ((res = pell_errors_measure(ctx, pool, job->in, job->out)) != PELL_OK)
-        return res;
-    for (job->first_tile = 0; job->first_tile < tiles && !pell_cancelled(ctx); job->first_tile += batch) {
-        pell_progress(ctx, "compare", (double) job->first_tile / tiles);
-        pell_pool_run(pool, tiles - job->first_tile < batch ? tiles - job->first_tile : batch, compare_tile, job);
-    }
-    if (pell_cancelled(ctx))
-        return PELL_ERR_CANCELLED;
+    PELL_TRY(survey(job));
+    PELL_TRY(pell_errors_begin(job->ctx, job->pool, &job->in, job->out, &job->errors));
+    PELL_TRY(compare_bands(job));
     for (int region = 0; region < PELL_REGIONS; region++)
         finish_tiles(job, region, metrics[region]);
-    pell_progress(ctx, "compare", 1.0);
-    return PELL_OK;
+    pell_progress(job->ctx, "compare", 1.0);
+fail:
+    pell_errors_end(&job->errors, res == PELL_OK);
+    return res;
 }
 
-enum pell_result pell_compare_run(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *input,
-                                  const struct pell_compare_params *params, struct pell_comparison *out)
+enum pell_result pell_compare_by_rows(struct pell_context *ctx, const struct pell_compare_input *input,
+                                      const struct pell_compare_rows *rows, const struct pell_compare_params *params,
+                                      struct pell_comparison *out)
 {
-    struct job job = { .in = input, .params = params, .out = out };
+    struct job job = { .ctx = ctx, .rows = rows, .in = *input, .params = params, .out = out };
     const double begin = pell_seconds();
     enum pell_result res;
 
     memset(out, 0, sizeof(*out));
     PELL_TRY(check(ctx, input, params));
+    PELL_TRY(pell_pool_create(ctx, params->threads, &job.pool));
     out->width = input->width;
     out->height = input->height;
-    PELL_TRY(prepare(ctx, pool, &job));
-    PELL_TRY(work(ctx, pool, &job));
+    PELL_TRY(prepare(&job));
+    PELL_TRY(work(&job));
     out->seconds = pell_seconds() - begin;
 fail:
-    for (int i = 0; job.workspaces && i < pell_pool_threads(pool); i++)
+    for (int i = 0; job.workspaces && i < pell_pool_threads(job.pool); i++)
         pell_free(ctx, job.workspaces[i]);
     pell_free(ctx, job.workspaces);
     pell_free(ctx, job.tile_sums);
     pell_free(ctx, job.surveys);
+    pell_free(ctx, job.order);
     pell_free(ctx, job.luminance);
+    pell_pool_destroy(&job.pool);
     if (res != PELL_OK)
         pell_comparison_finish(ctx, out);
     return res;
@@ -473,16 +616,7 @@ fail:
 enum pell_result pell_compare(struct pell_context *ctx, const struct pell_compare_input *input, const struct pell_compare_params *params,
                               struct pell_comparison *out)
 {
-    struct pell_pool *pool = NULL;
-    enum pell_result res;
-
-    memset(out, 0, sizeof(*out));
-    PELL_TRY(check(ctx, input, params));
-    PELL_TRY(pell_pool_create(ctx, params->threads, &pool));
-    res = pell_compare_run(ctx, pool, input, params, out);
-fail:
-    pell_pool_destroy(&pool);
-    return res;
+    return pell_compare_by_rows(ctx, input, NULL, params, out);
 }
 
 void pell_comparison_finish(struct pell_context *ctx, struct pell_comparison *comparison)

@@ -10,12 +10,12 @@
 
 enum {
     SCALES = 4,
-    REACH = 8,           /* pixels to each side, of the widest window */
-    BLOCK = 16,          /* pixels along a side of a block of the Z-test */
-    BLOCK_PIXELS = 64,   /* with noise: blocks with fewer are not tested */
-    PLANES = 7,          /* reference and variance of three channels, and the number of pixels */
-    SIDES = 2,           /* of the mask's border */
-    TESTS_OF_BLOCKS = 6, /* for each channel the sum of squares and the largest */
+    REACH = PELL_ERRORS_REACH, /* pixels to each side, of the widest window */
+    BLOCK = PELL_ERRORS_BAND,  /* pixels along a side of a block of the Z-test */
+    BLOCK_PIXELS = 64,         /* with noise: blocks with fewer are not tested */
+    PLANES = 7,                /* reference and variance of three channels, and the number of pixels */
+    SIDES = 2,                 /* of the mask's border */
+    TESTS_OF_BLOCKS = 6,       /* for each channel the sum of squares and the largest */
     TESTS_OF_MEANS = 3,
 };
 
@@ -43,10 +43,14 @@ struct band {
     double squares[3], largest[3]; /* of the blocks' z */
 };
 
-struct job {
+struct pell_errors {
+    struct pell_context *ctx;
+    struct pell_pool *pool;
     const struct pell_compare_input *in;
     const struct pell_compare_part *part; /* NULL: errors are of the whole */
     struct pell_comparison *out;
+    int first;          /* row that the planes begin with */
+    int y0;             /* first row of the band that is added */
     bool noisy;         /* the variance of the reference is known */
     struct sums *sums;  /* [row][region] */
     struct band *bands; /* [band][region] */
@@ -61,7 +65,7 @@ struct base {
     bool chosen;
 };
 
-static void add_columns(const struct job *job, int y, double *columns)
+static void add_columns(const struct pell_errors *job, int y, double *columns)
 {
     const struct pell_compare_input *in = job->in;
     const size_t w = (size_t) in->width;
@@ -69,7 +73,7 @@ static void add_columns(const struct job *job, int y, double *columns)
     if (y < 0 || y >= in->height)
         return;
     for (size_t x = 0; x < w; x++) {
-        const size_t at = (size_t) y * (size_t) in->stride + x;
+        const size_t at = pell_pixel_at(in, job->first, (int) x, y);
         struct pell_pixel p;
         double *to = columns + (pell_inside(in, at) ? 0 : PLANES * w) + x;
         pell_pixel_read(in, at, &p);
@@ -85,7 +89,7 @@ static void add_columns(const struct job *job, int y, double *columns)
 
 /* The mean of the pixels on the same side of the mask around a pixel, without its own: what is divided by has none of its noise. Where
  * there is no noise at all it is the pixel itself. */
-static void choose_base(const struct job *job, const struct pell_pixel *p, size_t x, const double *columns, int scale, double e,
+static void choose_base(const struct pell_errors *job, const struct pell_pixel *p, size_t x, const double *columns, int scale, double e,
                         struct base *b)
 {
     const size_t w = (size_t) job->in->width, reach = (size_t) reach_of[scale];
@@ -110,7 +114,7 @@ static void choose_base(const struct job *job, const struct pell_pixel *p, size_
     }
 }
 
-static void find_bases(const struct job *job, int y, double *columns, struct base *bases)
+static void find_bases(const struct pell_errors *job, int y, double *columns, struct base *bases)
 {
     const struct pell_compare_input *in = job->in;
     const size_t w = (size_t) in->width;
@@ -119,7 +123,7 @@ static void find_bases(const struct job *job, int y, double *columns, struct bas
 
     for (size_t x = 0; x < w; x++) {
         struct pell_pixel p;
-        pell_pixel_read(in, (size_t) y * (size_t) in->stride + x, &p);
+        pell_pixel_read(in, pell_pixel_at(in, job->first, (int) x, y), &p);
         bases[x].chosen = !job->noisy || p.bad_test || p.bad_reference;
         for (int c = 0; c < 3; c++) {
             bases[x].value[c] = p.reference[c];
@@ -137,7 +141,7 @@ static void find_bases(const struct job *job, int y, double *columns, struct bas
         }
         open = false;
         for (size_t x = 0; x < w; x++) {
-            const size_t at = (size_t) y * (size_t) in->stride + x;
+            const size_t at = pell_pixel_at(in, job->first, (int) x, y);
             const bool in_mask = pell_inside(in, at);
             struct pell_pixel p;
             if (bases[x].chosen)
@@ -161,7 +165,7 @@ static double weight(double value, double variance, double floor)
 
 /* --- What is measured ----------------------------------------------------------------------------------------------------------- */
 
-static void read_error(const struct job *job, size_t at, struct pell_pixel *p)
+static void read_error(const struct pell_errors *job, size_t at, struct pell_pixel *p)
 {
     const struct pell_compare_part *part = job->part;
 
@@ -180,7 +184,7 @@ static void read_error(const struct job *job, size_t at, struct pell_pixel *p)
 /* Variance of Sum w (d^2 - v) over the channels of a pixel, which may share their noise. Of halves: 4 (Sum w d h)^2 with the h of a
  * neighbour, so that it depends on no higher moment of the noise. Of a variance alone, for normal noise: 4 (Sum w d s)^2 - 2 (Sum w v)^2 in
  * sums, and at least that of channels that share nothing. */
-static void add_spread(const struct job *job, const struct pell_pixel *p, const double half[3], const double w[3], double spread[3])
+static void add_spread(const struct pell_errors *job, const struct pell_pixel *p, const double half[3], const double w[3], double spread[3])
 {
     double linear = 0.0, noise = 0.0;
 
@@ -195,10 +199,10 @@ static void add_spread(const struct job *job, const struct pell_pixel *p, const 
 }
 
 /* Half the difference of the halves of the next pixel in the row, on the same side of the mask; else of the one before, or of its own. */
-static void read_neighbor(const struct job *job, int x, int y, const struct pell_pixel *own, double half[3])
+static void read_neighbor(const struct pell_errors *job, int x, int y, const struct pell_pixel *own, double half[3])
 {
     const struct pell_compare_input *in = job->in;
-    const size_t row = (size_t) y * (size_t) in->stride;
+    const size_t row = pell_pixel_at(in, job->first, 0, y);
     const bool side = pell_inside(in, row + (size_t) x);
 
     memcpy(half, own->half, 3 * sizeof(*half));
@@ -214,7 +218,7 @@ static void read_neighbor(const struct job *job, int x, int y, const struct pell
     }
 }
 
-static void add_pixel(const struct job *job, const struct pell_pixel *p, const double half[3], const struct base *b, double floor,
+static void add_pixel(const struct pell_errors *job, const struct pell_pixel *p, const double half[3], const struct base *b, double floor,
                       struct sums *s)
 {
     static const double ones[3] = { 1.0, 1.0, 1.0 };
@@ -239,10 +243,11 @@ static void add_pixel(const struct job *job, const struct pell_pixel *p, const d
     }
 }
 
-static void sum_row(void *arg, int y, int worker)
+static void sum_row(void *arg, int number, int worker)
 {
-    const struct job *job = arg;
+    const struct pell_errors *job = arg;
     const struct pell_compare_input *in = job->in;
+    const int y = job->y0 + number;
     struct sums *sums = job->sums + (size_t) y * PELL_REGIONS;
     double *columns = job->work[worker];
     struct base *bases = (struct base *) (void *) (columns + SIDES * PLANES * (size_t) in->width);
@@ -252,7 +257,7 @@ static void sum_row(void *arg, int y, int worker)
     memset(sums, 0, PELL_REGIONS * sizeof(*sums));
     find_bases(job, y, columns, bases);
     for (int x = 0; x < in->width; x++) {
-        const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
+        const size_t at = pell_pixel_at(in, job->first, x, y);
         struct pell_pixel p;
         double half[3] = { 0.0 };
 
@@ -281,13 +286,13 @@ static void add_sums(struct sums *all, const struct sums *s)
         to[i] += from[i];
 }
 
-static double spread_of(const struct job *job, const double spread[3])
+static double spread_of(const struct pell_errors *job, const double spread[3])
 {
     const double of_variance = fmax(spread[0] - spread[1], spread[2]), v = job->in->half[0] ? spread[0] : of_variance;
     return isfinite(v) ? sqrt(v) : (double) INFINITY;
 }
 
-static void finish_sums(const struct job *job, int region, struct pell_metrics *m)
+static void finish_sums(const struct pell_errors *job, int region, struct pell_metrics *m)
 {
     struct sums all = { 0 };
     const double n = 3.0 * (double) m->pixels;
@@ -326,7 +331,7 @@ static void finish_sums(const struct job *job, int region, struct pell_metrics *
 
 /* A quotient whose variance was estimated with few degrees of freedom, as the standard normal number that is as probable (D. L. Wallace,
  * "Bounds on Normal Approximations to Student's and the Chi-Square Distributions", 1959, to first order). Of halves each square has one. */
-static double z_of(const struct job *job, const struct block *b, int c)
+static double z_of(const struct pell_errors *job, const struct block *b, int c)
 {
     const double t = b->difference[c] / sqrt(b->variance[c]);
     const double freedom = job->in->half[0] ? 3.0 * b->variance[c] * b->variance[c] / b->square[c] : (double) INFINITY;
@@ -335,7 +340,7 @@ static double z_of(const struct job *job, const struct block *b, int c)
     return b->variance[c] > 0.0 && isfinite(z) ? z : 0.0;
 }
 
-static void add_tested(const struct job *job, const struct pell_pixel *p, struct block *block, struct band *band)
+static void add_tested(const struct pell_errors *job, const struct pell_pixel *p, struct block *block, struct band *band)
 {
     bool any = false;
 
@@ -355,7 +360,7 @@ static void add_tested(const struct job *job, const struct pell_pixel *p, struct
     block->pixels += any;
 }
 
-static void end_block(const struct job *job, const struct block *block, struct band *band)
+static void end_block(const struct pell_errors *job, const struct block *block, struct band *band)
 {
     for (int c = 0; c < 3; c++) {
         band->all.difference[c] += block->difference[c];
@@ -375,10 +380,11 @@ static void end_block(const struct job *job, const struct block *block, struct b
 
 static void test_band(void *arg, int number, int worker)
 {
-    const struct job *job = arg;
+    const struct pell_errors *job = arg;
     const struct pell_compare_input *in = job->in;
-    struct band *bands = job->bands + (size_t) number * PELL_REGIONS;
-    const int y0 = number * BLOCK, y1 = y0 + BLOCK < in->height ? y0 + BLOCK : in->height;
+    const int y0 = job->y0 + number * BLOCK;
+    struct band *bands = job->bands + (size_t) (y0 / BLOCK) * PELL_REGIONS;
+    const int y1 = y0 + BLOCK < in->height ? y0 + BLOCK : in->height;
     (void) worker;
 
     memset(bands, 0, PELL_REGIONS * sizeof(*bands));
@@ -386,7 +392,7 @@ static void test_band(void *arg, int number, int worker)
         struct block blocks[PELL_REGIONS] = { { .pixels = 0 }, { .pixels = 0 } };
         for (int y = y0; y < y1; y++)
             for (int x = x0; x < x0 + BLOCK && x < in->width; x++) {
-                const size_t at = (size_t) y * (size_t) in->stride + (size_t) x;
+                const size_t at = pell_pixel_at(in, job->first, x, y);
                 struct pell_pixel p;
                 read_error(job, at, &p);
                 for (int region = 0; region < PELL_REGIONS && !p.bad_test && !p.bad_reference; region++)
@@ -411,7 +417,7 @@ static double chance_of_squares(double sum, double count)
     return 0.5 * erfc(z * 0.70710678118654752);
 }
 
-static void finish_test(const struct job *job, int region, struct pell_agreement *a)
+static void finish_test(const struct pell_errors *job, int region, struct pell_agreement *a)
 {
     const int count = (job->in->height + BLOCK - 1) / BLOCK;
     struct band all = { .values = 0 };
@@ -451,59 +457,86 @@ static void finish_test(const struct job *job, int region, struct pell_agreement
 
 /* --- All of it ------------------------------------------------------------------------------------------------------------------ */
 
-static enum pell_result measure(struct pell_context *ctx, struct pell_pool *pool, struct job *job)
+/* Room for all rows; `job` is released by `end`, also on failure. */
+static enum pell_result begin(struct pell_errors *job)
 {
     const struct pell_compare_input *in = job->in;
-    const size_t threads = (size_t) pell_pool_threads(pool), bands = (size_t) (in->height + BLOCK - 1) / BLOCK;
-    struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
-    enum pell_result res = PELL_ERR_NOMEM;
+    const size_t threads = (size_t) pell_pool_threads(job->pool), bands = (size_t) (in->height + BLOCK - 1) / BLOCK;
 
     job->noisy = in->half[0] || in->variance[0];
-    if (!(job->sums = pell_alloc_array(ctx, (size_t) in->height * PELL_REGIONS, sizeof(*job->sums))) ||
-        !(job->bands = pell_calloc(ctx, bands * PELL_REGIONS, sizeof(*job->bands))) ||
-        !(job->work = pell_calloc(ctx, threads, sizeof(*job->work))))
-        goto fail;
+    if (!(job->sums = pell_alloc_array(job->ctx, (size_t) in->height * PELL_REGIONS, sizeof(*job->sums))) ||
+        !(job->bands = pell_calloc(job->ctx, bands * PELL_REGIONS, sizeof(*job->bands))) ||
+        !(job->work = pell_calloc(job->ctx, threads, sizeof(*job->work))))
+        return PELL_ERR_NOMEM;
     for (size_t i = 0; i < threads; i++)
-        if (!(job->work[i] = pell_alloc_array(ctx, (size_t) in->width, SIDES * PLANES * sizeof(double) + sizeof(struct base))))
-            goto fail;
-    pell_pool_run(pool, in->height, sum_row, job);
+        if (!(job->work[i] = pell_alloc_array(job->ctx, (size_t) in->width, SIDES * PLANES * sizeof(double) + sizeof(struct base))))
+            return PELL_ERR_NOMEM;
+    return PELL_OK;
+}
+
+void pell_errors_add(struct pell_errors *job, const struct pell_compare_input *in, int first, int y0, int y1)
+{
+    job->in = in;
+    job->first = first;
+    job->y0 = y0;
+    pell_pool_run(job->pool, y1 - y0, sum_row, job);
     if (job->noisy)
-        pell_pool_run(pool, (int) bands, test_band, job);
-    for (int region = 0; region < PELL_REGIONS; region++) {
+        pell_pool_run(job->pool, (y1 - y0 + BLOCK - 1) / BLOCK, test_band, job);
+}
+
+static void end(struct pell_errors *job, bool good)
+{
+    struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
+
+    for (int region = 0; region < PELL_REGIONS && good; region++) {
         finish_sums(job, region, metrics[region]);
         finish_test(job, region, &metrics[region]->agreement);
     }
-    res = PELL_OK;
-fail:
-    for (size_t i = 0; job->work && i < threads; i++)
-        pell_free(ctx, job->work[i]);
-    pell_free(ctx, job->work);
-    pell_free(ctx, job->bands);
-    pell_free(ctx, job->sums);
-    return res;
+    for (int i = 0; job->work && i < pell_pool_threads(job->pool); i++)
+        pell_free(job->ctx, job->work[i]);
+    pell_free(job->ctx, job->work);
+    pell_free(job->ctx, job->bands);
+    pell_free(job->ctx, job->sums);
 }
 
-enum pell_result pell_errors_measure(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
-                                     struct pell_comparison *out)
+enum pell_result pell_errors_begin(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
+                                   struct pell_comparison *out, struct pell_errors **errors)
 {
-    struct job job = { .in = in, .out = out };
+    struct pell_errors *job = *errors = pell_calloc(ctx, 1, sizeof(*job));
 
-    return measure(ctx, pool, &job);
+    if (!job)
+        return PELL_ERR_NOMEM;
+    *job = (struct pell_errors) { .ctx = ctx, .pool = pool, .in = in, .out = out };
+    return begin(job);
+}
+
+void pell_errors_end(struct pell_errors **errors, bool good)
+{
+    struct pell_errors *job = *errors;
+
+    *errors = NULL;
+    if (!job)
+        return;
+    end(job, good);
+    pell_free(job->ctx, job);
 }
 
 enum pell_result pell_errors_of_part(struct pell_context *ctx, int threads, const struct pell_compare_input *in,
                                      const struct pell_compare_part *part, struct pell_metrics *out)
 {
     struct pell_comparison both = { .masked = { .pixels = out->pixels, .floor = out->floor } };
-    struct job job = { .in = in, .part = part, .out = &both };
-    struct pell_pool *pool = NULL;
+    struct pell_errors job = { .ctx = ctx, .in = in, .part = part, .out = &both };
     enum pell_result res;
 
-    PELL_TRY(pell_pool_create(ctx, threads, &pool));
-    PELL_TRY(measure(ctx, pool, &job));
-    *out = both.masked;
+    PELL_TRY(pell_pool_create(ctx, threads, &job.pool));
+    res = begin(&job);
+    if (res == PELL_OK)
+        pell_errors_add(&job, in, 0, 0, in->height);
+    end(&job, res == PELL_OK);
+    if (res == PELL_OK)
+        *out = both.masked;
 fail:
-    pell_pool_destroy(&pool);
+    pell_pool_destroy(&job.pool);
     return res;
 }
 

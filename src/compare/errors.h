@@ -62,14 +62,30 @@ static inline double pell_luminance_of(const double rgb[3])
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
+/* Where a pixel lies in planes that begin with row `first`. */
+static inline size_t pell_pixel_at(const struct pell_compare_input *in, int first, int x, int y)
+{
+    return (size_t) (y - first) * (size_t) in->stride + (size_t) x;
+}
+
 static inline bool pell_inside(const struct pell_compare_input *in, size_t at)
 {
     return !in->mask || in->mask[at] > 0.5f;
 }
 
-/* From `pixels` and `floor` of out's metrics: mse to rel_bias, their standard errors, the agreement, and the map `relative`. */
-PELL_NODISCARD enum pell_result pell_errors_measure(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
-                                                    struct pell_comparison *out);
+/* Rows above and below a row that its errors depend on, and rows that go together. */
+#define PELL_ERRORS_REACH 8
+#define PELL_ERRORS_BAND 16
+
+/* From `pixels` and `floor` of out's metrics: mse to rel_bias, their standard errors, the agreement, and the map `relative`. Between begin
+ * and finish all rows are added, in bands whose first row is a multiple of PELL_ERRORS_BAND and whose last one is, or is the image's last.
+ * `in` may point to other planes each time: they begin with row `first`, and hold the rows of the band with PELL_ERRORS_REACH around. */
+struct pell_errors;
+PELL_NODISCARD enum pell_result pell_errors_begin(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,
+                                                  struct pell_comparison *out, struct pell_errors **errors);
+void pell_errors_add(struct pell_errors *errors, const struct pell_compare_input *in, int first, int y0, int y1);
+/* Sets out's metrics if `good`, and releases `*errors`, which may be NULL. */
+void pell_errors_end(struct pell_errors **errors, bool good);
 
 /* A part of the light of both images: planes as in struct pell_compare_input, finite where those are. */
 struct pell_compare_part {

@@ -18,36 +18,32 @@ static enum pell_result wrong(const struct walk *w, const char *what)
     return pell_error(w->ctx, PELL_ERR_FORMAT, w->src->name, "the file is damaged: write it again", "OpenEXR: byte %zu: %s", w->at, what);
 }
 
-/* A text that a zero ends; NULL where there is none. */
-static const char *read_text(struct walk *w)
+/* A text that a zero ends goes to `text`; false where there is none. */
+static bool read_text(struct walk *w, char text[NAME_MOST + 1])
 {
-    const char *text = (const char *) w->src->data + w->at;
-    const size_t left = w->src->size - w->at, most = left < NAME_MOST + 1 ? left : NAME_MOST + 1;
-    const char *end = memchr(text, 0, most);
+    const size_t got = pell_source_at(w->src, w->at, text, NAME_MOST + 1);
+    const char *end = memchr(text, 0, got);
 
-    if (end)
-        w->at += (size_t) (end - text) + 1;
-    return end ? text : NULL;
+    w->at += end ? (size_t) (end - text) + 1 : 0;
+    return end;
 }
 
 /* One attribute; *last: in place of one stood the end of the header. */
 static enum pell_result read_attribute(struct walk *w, bool *last)
 {
     const size_t first = w->at;
-    const char *name = read_text(w), *type;
-    const uint8_t *b;
-    char shown[64];
+    char name[NAME_MOST + 1], type[NAME_MOST + 1], shown[64];
+    const bool named = read_text(w, name);
+    uint8_t b[4];
     int32_t size;
 
-    *last = name && !*name;
+    *last = named && !*name;
     if (*last)
         return PELL_OK;
-    type = name ? read_text(w) : NULL;
-    if (!type || !*type || w->src->size - w->at < 4) {
+    if (!named || !read_text(w, type) || !*type || pell_source_at(w->src, w->at, b, 4) < 4) {
         w->at = first;
         return wrong(w, "there is no attribute with a name, a type and a size, nor the end of the header");
     }
-    b = w->src->data + w->at;
     size = (int32_t) ((uint32_t) b[0] | (uint32_t) b[1] << 8 | (uint32_t) b[2] << 16 | (uint32_t) b[3] << 24);
     if (size < 0 || (size_t) size > w->src->size - w->at - 4)
         return pell_error(w->ctx, PELL_ERR_FORMAT, w->src->name, "the file is damaged: write it again",
@@ -60,18 +56,24 @@ static enum pell_result read_attribute(struct walk *w, bool *last)
 enum pell_result pell_exr_check_header(struct pell_context *ctx, const struct pell_source *src)
 {
     struct walk w = { ctx, src, 8 };
+    const int64_t limit = pell_context_limits(ctx)->items;
     bool parts, last = false, first = true;
     enum pell_result res;
+    int64_t count = 0;
+    uint8_t b[8];
 
-    if (src->size < 8)
+    if (pell_source_at(src, 0, b, sizeof(b)) < sizeof(b))
         return PELL_OK; /* the library says it */
-    parts = (src->data[5] & (FLAG_PARTS >> 8)) != 0;
+    parts = (b[5] & (FLAG_PARTS >> 8)) != 0;
     /* Each part's header ends with an empty name; behind the last one of several parts stands another. */
     do {
         res = read_attribute(&w, &last);
         if (res != PELL_OK || (last && (!parts || first)))
             return res;
         first = last;
+        if (++count > limit)
+            return pell_error(ctx, PELL_ERR_INVALID, src->name, "raise the limit items if this file is meant",
+                              "OpenEXR: the header has more than %lld attributes", (long long) limit);
     } while (w.at < src->size);
     return wrong(&w, "the header does not end");
 }

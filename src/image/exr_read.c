@@ -3,48 +3,20 @@
  *
  * The library's allocator takes no user pointer, so its own buffers come from the C library; their sizes are checked against the
  * memory limit first. A file's associated (premultiplied) alpha becomes straight for pictures of role COLOR. */
-#include "image/formats.h"
-
-#include "base/file.h"
+#include "image/exr.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <openexr.h>
-
-struct exr_file {
-    struct pell_context *ctx;
-    const struct pell_source *src;
-    exr_context_t exr;
-    char message[200]; /* the library's first message */
-};
-
-/* One part, checked. */
-struct part {
-    int index;
-    bool tiled, bare;                                /* not compressed */
-    int32_t lines, tile_width, tile_height;          /* of one chunk */
-    int64_t data_x, data_y, data_width, data_height; /* data window, relative to the display window's corner */
-    int width, height;                               /* display window */
-    const exr_attr_chlist_t *channels;
-};
-
-/* --- The file in memory as a stream ------------------------------------------------------------------------------------------- */
+/* --- The file as a stream ------------------------------------------------------------------------------------------- */
 
 static int64_t stream_read(exr_const_context_t exr, void *user, void *buffer, uint64_t size, uint64_t offset,
                            exr_stream_error_func_ptr_t error)
 {
-    const struct pell_source *src = ((struct exr_file *) user)->src;
-
     (void) exr;
     (void) error;
-    if (offset >= src->size)
-        return 0;
-    if (size > src->size - offset)
-        size = src->size - offset;
-    memcpy(buffer, src->data + offset, size);
-    return (int64_t) size;
+    return (int64_t) pell_source_at(((struct exr_file *) user)->src, offset, buffer, size);
 }
 
 static int64_t stream_size(exr_const_context_t exr, void *user)
@@ -66,7 +38,7 @@ static void keep_error(exr_const_context_t exr, exr_result_t code, const char *t
         pell_printable(text, f->message, sizeof(f->message));
 }
 
-static enum pell_result exr_failed(struct exr_file *f, const char *what, exr_result_t err)
+enum pell_result pell_exr_failed(struct exr_file *f, const char *what, exr_result_t err)
 {
     if (err == EXR_ERR_OUT_OF_MEMORY)
         return pell_error(f->ctx, PELL_ERR_NOMEM, f->src->name, NULL, "OpenEXR: %s: out of memory", what);
@@ -80,7 +52,7 @@ static void *zeroed(size_t size)
     return calloc(1, size);
 }
 
-static enum pell_result open_file(struct exr_file *f)
+enum pell_result pell_exr_open(struct exr_file *f)
 {
     exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
     exr_result_t err;
@@ -98,12 +70,12 @@ static enum pell_result open_file(struct exr_file *f)
     err = exr_start_read(&f->exr, f->src->name, &init);
     if (err != EXR_ERR_SUCCESS) {
         f->exr = NULL;
-        return exr_failed(f, "header", err);
+        return pell_exr_failed(f, "header", err);
     }
     return PELL_OK;
 }
 
-static void close_file(struct exr_file *f)
+void pell_exr_close(struct exr_file *f)
 {
     if (f->exr)
         exr_finish(&f->exr);
@@ -143,7 +115,7 @@ static enum pell_result check_channels(struct exr_file *f, const exr_attr_chlist
 }
 
 /* Size of a chunk, and what decoding it takes. */
-static enum pell_result check_chunks(struct exr_file *f, struct part *p)
+static enum pell_result check_chunks(struct exr_file *f, struct exr_part *p)
 {
     const uint64_t channels = (uint64_t) p->channels->num_channels;
     uint64_t width, height;
@@ -152,7 +124,7 @@ static enum pell_result check_chunks(struct exr_file *f, struct part *p)
 
     if (p->tiled) {
         if ((err = exr_get_tile_sizes(f->exr, p->index, 0, 0, &p->tile_width, &p->tile_height)) != EXR_ERR_SUCCESS)
-            return exr_failed(f, "tiles", err);
+            return pell_exr_failed(f, "tiles", err);
         if (p->tile_width < 1 || p->tile_height < 1)
             return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL, "OpenEXR: tiles of %d x %d pixels, must be 1 x 1 or more",
                               p->tile_width, p->tile_height);
@@ -161,7 +133,7 @@ static enum pell_result check_chunks(struct exr_file *f, struct part *p)
         height = (uint64_t) (p->tile_height < p->data_height ? p->tile_height : p->data_height);
     } else {
         if ((err = exr_get_scanlines_per_chunk(f->exr, p->index, &p->lines)) != EXR_ERR_SUCCESS)
-            return exr_failed(f, "scan lines", err);
+            return pell_exr_failed(f, "scan lines", err);
         if (p->lines < 1)
             return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL, "OpenEXR: %d scan lines in a chunk, must be 1 or more",
                               p->lines);
@@ -169,7 +141,7 @@ static enum pell_result check_chunks(struct exr_file *f, struct part *p)
         height = (uint64_t) p->lines;
     }
     if ((err = exr_get_chunk_count(f->exr, p->index, &chunks)) != EXR_ERR_SUCCESS)
-        return exr_failed(f, "chunk table", err);
+        return pell_exr_failed(f, "chunk table", err);
     if (chunks < 1 || (size_t) chunks > f->src->size / 8)
         return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, "the file is damaged: write it again",
                           "OpenEXR: a table of %d chunks can't stand in a file of %zu bytes", chunks, f->src->size);
@@ -185,7 +157,7 @@ static enum pell_result check_chunks(struct exr_file *f, struct part *p)
 #define UNPACKED_MOST 1100
 #define EMPTY_PIXELS ((int64_t) 1 << 24)
 #define EMPTY_FACTOR 64
-static enum pell_result check_promise(struct exr_file *f, const struct part *p)
+static enum pell_result check_promise(struct exr_file *f, const struct exr_part *p)
 {
     const int64_t data = p->data_width * p->data_height, display = (int64_t) p->width * p->height;
     uint64_t bytes = 0;
@@ -205,7 +177,7 @@ static enum pell_result check_promise(struct exr_file *f, const struct part *p)
     return PELL_OK;
 }
 
-static enum pell_result describe(struct exr_file *f, int index, struct part *p)
+enum pell_result pell_exr_describe(struct exr_file *f, int index, struct exr_part *p)
 {
     exr_attr_box2i_t data, display;
     exr_compression_t compression;
@@ -213,13 +185,13 @@ static enum pell_result describe(struct exr_file *f, int index, struct part *p)
     exr_result_t err;
     enum pell_result res;
 
-    *p = (struct part) { .index = index };
+    *p = (struct exr_part) { .index = index };
     if ((err = exr_get_storage(f->exr, index, &storage)) != EXR_ERR_SUCCESS ||
         (err = exr_get_compression(f->exr, index, &compression)) != EXR_ERR_SUCCESS ||
         (err = exr_get_data_window(f->exr, index, &data)) != EXR_ERR_SUCCESS ||
         (err = exr_get_display_window(f->exr, index, &display)) != EXR_ERR_SUCCESS ||
         (err = exr_get_channels(f->exr, index, &p->channels)) != EXR_ERR_SUCCESS)
-        return exr_failed(f, "header", err);
+        return pell_exr_failed(f, "header", err);
     if (is_deep(f, index))
         return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "flatten it", "OpenEXR: deep pictures are not read");
     if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB)
@@ -251,18 +223,19 @@ static enum pell_result describe(struct exr_file *f, int index, struct part *p)
 /* Decodes chunks into planes of 32 bit values and copies what lies in the display window to dest[channel]. */
 struct reader {
     struct exr_file *f;
-    const struct part *p;
+    const struct exr_part *p;
     exr_decode_pipeline_t pipe;
     bool started;
     uint32_t *planes;
     int64_t width, height; /* of one plane */
-    float *const *dest;    /* per channel of the part; NULL: not wanted */
+    int first, count;      /* rows of the display window that are wanted */
+    float *const *dest;    /* per channel of the part, from row `first`; NULL: not wanted */
     size_t step;
 };
 
 static void copy_chunk(const struct reader *r, int64_t x, int64_t y, int64_t width, int64_t height)
 {
-    const struct part *p = r->p;
+    const struct exr_part *p = r->p;
     const int64_t x0 = x < 0 ? -x : 0, x1 = x + width > p->width ? p->width - x : width;
 
     for (int c = 0; c < p->channels->num_channels; c++) {
@@ -272,9 +245,9 @@ static void copy_chunk(const struct reader *r, int64_t x, int64_t y, int64_t wid
         for (int64_t row = 0; row < height; row++) {
             const uint32_t *in = r->planes + ((size_t) c * (size_t) r->height + (size_t) row) * (size_t) r->width;
             float *out;
-            if (y + row < 0 || y + row >= p->height)
+            if (y + row < r->first || y + row >= r->first + r->count)
                 continue;
-            out = r->dest[c] + (size_t) (y + row) * (size_t) p->width * r->step;
+            out = r->dest[c] + (size_t) (y + row - r->first) * (size_t) p->width * r->step;
             for (int64_t i = x0; i < x1; i++) {
                 float *to = out + (size_t) (x + i) * r->step;
                 if (is_uint)
@@ -289,7 +262,7 @@ static void copy_chunk(const struct reader *r, int64_t x, int64_t y, int64_t wid
 /* `x`, `y`: where the chunk lies in the display window. */
 static enum pell_result read_chunk(struct reader *r, const exr_chunk_info_t *chunk, int64_t x, int64_t y)
 {
-    const struct part *p = r->p;
+    const struct exr_part *p = r->p;
     struct exr_file *f = r->f;
     exr_result_t err;
 
@@ -323,20 +296,27 @@ static enum pell_result read_chunk(struct reader *r, const exr_chunk_info_t *chu
     return PELL_OK;
 failed:
     r->started = true; /* initialised in part: must be destroyed */
-    return exr_failed(f, "pixels", err);
+    return pell_exr_failed(f, "pixels", err);
+}
+
+/* The first row of the data window that rows of a chunk of `lines` begin with and that reaches what is wanted. */
+static int64_t first_chunk(const struct reader *r, int64_t lines)
+{
+    const int64_t above = r->first - r->p->data_y;
+    return above > 0 ? above / lines * lines : 0;
 }
 
 static enum pell_result read_lines(struct reader *r)
 {
-    const struct part *p = r->p;
+    const struct exr_part *p = r->p;
     exr_attr_box2i_t data;
     exr_chunk_info_t chunk;
     enum pell_result res;
     exr_result_t err = exr_get_data_window(r->f->exr, p->index, &data);
 
-    for (int64_t y = 0; err == EXR_ERR_SUCCESS && y < p->data_height; y += p->lines) {
-        if (p->data_y + y + p->lines <= 0 || p->data_y + y >= p->height)
-            continue; /* not in the display window */
+    for (int64_t y = first_chunk(r, p->lines); err == EXR_ERR_SUCCESS && y < p->data_height; y += p->lines) {
+        if (p->data_y + y >= r->first + r->count)
+            break;
         err = exr_read_scanline_chunk_info(r->f->exr, p->index, (int) (data.min.y + y), &chunk);
         if (err != EXR_ERR_SUCCESS)
             break;
@@ -344,21 +324,21 @@ static enum pell_result read_lines(struct reader *r)
         if (res != PELL_OK)
             return res;
     }
-    return err == EXR_ERR_SUCCESS ? PELL_OK : exr_failed(r->f, "chunk table", err);
+    return err == EXR_ERR_SUCCESS ? PELL_OK : pell_exr_failed(r->f, "chunk table", err);
 }
 
 static enum pell_result read_tiles(struct reader *r)
 {
-    const struct part *p = r->p;
+    const struct exr_part *p = r->p;
     exr_chunk_info_t chunk;
     enum pell_result res;
     exr_result_t err;
 
-    for (int64_t y = 0; y < p->data_height; y += p->tile_height)
+    for (int64_t y = first_chunk(r, p->tile_height); y < p->data_height && p->data_y + y < r->first + r->count; y += p->tile_height)
         for (int64_t x = 0; x < p->data_width; x += p->tile_width) {
             err = exr_read_tile_chunk_info(r->f->exr, p->index, (int) (x / p->tile_width), (int) (y / p->tile_height), 0, 0, &chunk);
             if (err != EXR_ERR_SUCCESS)
-                return exr_failed(r->f, "tile table", err);
+                return pell_exr_failed(r->f, "tile table", err);
             res = read_chunk(r, &chunk, p->data_x + x, p->data_y + y);
             if (res != PELL_OK)
                 return res;
@@ -366,14 +346,13 @@ static enum pell_result read_tiles(struct reader *r)
     return PELL_OK;
 }
 
-/* dest[c] + step (y width + x) <- channel c. What lies outside the data window is left as it is. */
-static enum pell_result read_pixels(struct exr_file *f, const struct part *p, float *const *dest, size_t step)
+enum pell_result pell_exr_read_rows(struct exr_file *f, const struct exr_part *p, int first, int count, float *const *dest, size_t step)
 {
-    struct reader r = { .f = f, .p = p, .dest = dest, .step = step };
+    struct reader r = { .f = f, .p = p, .first = first, .count = count, .dest = dest, .step = step };
     enum pell_result res;
 
     r.width = p->tiled && p->tile_width < p->data_width ? p->tile_width : p->data_width;
-    r.height = !p->tiled ? p->lines : p->tile_height < p->data_height ? p->tile_height : p->data_height;
+    r.height = pell_exr_chunk_rows(p);
     r.planes = pell_calloc(f->ctx, (size_t) r.width * (size_t) r.height, 4 * (size_t) p->channels->num_channels);
     if (!r.planes)
         return PELL_ERR_NOMEM;
@@ -382,6 +361,11 @@ static enum pell_result read_pixels(struct exr_file *f, const struct part *p, fl
         exr_decoding_destroy(f->exr, &r.pipe);
     pell_free(f->ctx, r.planes);
     return res;
+}
+
+int64_t pell_exr_chunk_rows(const struct exr_part *p)
+{
+    return !p->tiled ? p->lines : p->tile_height < p->data_height ? p->tile_height : p->data_height;
 }
 
 /* --- As a picture ------------------------------------------------------------------------------------------------------------- */
@@ -499,12 +483,12 @@ enum pell_result pell_exr_decode(struct pell_context *ctx, const struct pell_sou
     struct exr_file f = { .ctx = ctx, .src = src };
     int index = 0, pick[4] = { -1, -1, -1, -1 }, count = 0;
     enum pell_result res;
-    struct part part;
+    struct exr_part part;
     float **dest = NULL;
 
-    PELL_TRY(open_file(&f));
+    PELL_TRY(pell_exr_open(&f));
     PELL_TRY(choose_part(&f, &index, pick, &count));
-    PELL_TRY(describe(&f, index, &part));
+    PELL_TRY(pell_exr_describe(&f, index, &part));
     PELL_TRY(pell_image_make(ctx, src->name, part.width, part.height, count, PELL_PIXEL_F32, image));
     memset(image->pixels, 0, (size_t) part.width * (size_t) part.height * (size_t) count * sizeof(float));
     dest = pell_calloc(ctx, (size_t) part.channels->num_channels, sizeof(*dest));
@@ -514,7 +498,7 @@ enum pell_result pell_exr_decode(struct pell_context *ctx, const struct pell_sou
     }
     for (int i = 0; i < count; i++)
         dest[pick[i]] = (float *) image->pixels + i;
-    PELL_TRY(read_pixels(&f, &part, dest, (size_t) count));
+    PELL_TRY(pell_exr_read_rows(&f, &part, 0, part.height, dest, (size_t) count));
     if (src->role != PELL_ROLE_RAW)
         pell_image_make_finite(ctx, src->name, image->pixels, (size_t) part.width * (size_t) part.height * (size_t) count);
     if (src->role == PELL_ROLE_COLOR) {
@@ -524,142 +508,6 @@ enum pell_result pell_exr_decode(struct pell_context *ctx, const struct pell_sou
     }
 fail:
     pell_free(ctx, dest);
-    close_file(&f);
-    return res;
-}
-
-/* --- As layers ---------------------------------------------------------------------------------------------------------------- */
-
-void pell_layers_finish(struct pell_context *ctx, struct pell_layers *layers)
-{
-    if (!layers)
-        return;
-    for (size_t i = 0; i < layers->count; i++) {
-        pell_free(ctx, layers->layers[i].name);
-        pell_free(ctx, layers->layers[i].data);
-    }
-    for (size_t i = 0; i < layers->num_attributes; i++) {
-        pell_free(ctx, layers->attributes[i].name);
-        pell_free(ctx, layers->attributes[i].value);
-    }
-    pell_free(ctx, layers->layers);
-    pell_free(ctx, layers->attributes);
-    *layers = (struct pell_layers) { 0 };
-}
-
-static enum pell_result read_attributes(struct exr_file *f, struct pell_layers *out)
-{
-    size_t capacity = 0;
-    int32_t count = 0;
-    enum pell_result res;
-
-    if (exr_get_attribute_count(f->exr, 0, &count) != EXR_ERR_SUCCESS)
-        return PELL_OK;
-    for (int32_t i = 0; i < count; i++) {
-        const exr_attribute_t *a;
-        struct pell_layer_attribute *to;
-        if (exr_get_attribute_by_index(f->exr, 0, EXR_ATTR_LIST_SORTED_ORDER, i, &a) != EXR_ERR_SUCCESS || a->type != EXR_ATTR_STRING ||
-            !a->string || !a->string->str)
-            continue;
-        res = pell_grow(f->ctx, (void **) &out->attributes, out->num_attributes, &capacity, sizeof(*out->attributes));
-        if (res != PELL_OK)
-            return res;
-        to = &out->attributes[out->num_attributes++];
-        to->value = NULL;
-        to->name = pell_strdup(f->ctx, a->name);
-        if (!to->name || !(to->value = pell_strndup(f->ctx, a->string->str, (size_t) a->string->length)))
-            return PELL_ERR_NOMEM;
-    }
-    return PELL_OK;
-}
-
-/* Adds the channels of one part; `prefix` is "" or "part." */
-static enum pell_result read_layers(struct exr_file *f, const struct part *p, const char *prefix, struct pell_layers *out, size_t *capacity)
-{
-    const size_t first = out->count, pixels = (size_t) p->width * (size_t) p->height, channels = (size_t) p->channels->num_channels;
-    float **dest = pell_calloc(f->ctx, channels, sizeof(*dest));
-    enum pell_result res = PELL_ERR_NOMEM;
-
-    if (!dest)
-        return res;
-    for (size_t c = 0; c < channels; c++) {
-        struct pell_text name = { "" };
-        PELL_TRY(pell_grow(f->ctx, (void **) &out->layers, out->count, capacity, sizeof(*out->layers)));
-        pell_text_add(&name, "%s%s", prefix, p->channels->entries[c].name.str);
-        out->layers[out->count] = (struct pell_layer) { 0 };
-        out->layers[out->count].name = pell_strdup(f->ctx, name.str);
-        out->layers[out->count].data = dest[c] = pell_calloc(f->ctx, pixels, sizeof(float));
-        out->count++;
-        if (!out->layers[first + c].name || !dest[c]) {
-            res = PELL_ERR_NOMEM;
-            goto fail;
-        }
-    }
-    PELL_TRY(read_pixels(f, p, dest, 1));
-fail:
-    pell_free(f->ctx, dest);
-    return res;
-}
-
-static enum pell_result read_all(struct exr_file *f, struct pell_layers *out)
-{
-    enum pell_result res;
-    size_t capacity = 0;
-    int parts = 0;
-
-    if (exr_get_count(f->exr, &parts) != EXR_ERR_SUCCESS || parts < 1)
-        return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL, "OpenEXR: there is no part");
-    for (int i = 0; i < parts; i++) {
-        struct pell_text prefix = { "" };
-        const char *name = NULL;
-        struct part part;
-
-        res = describe(f, i, &part);
-        if (res != PELL_OK)
-            return res;
-        if (i > 0 && (part.width != out->width || part.height != out->height))
-            return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, NULL,
-                              "OpenEXR: part %d is %d x %d pixels, must be %d x %d as the first", i, part.width, part.height, out->width,
-                              out->height);
-        out->width = part.width;
-        out->height = part.height;
-        if (parts > 1 && exr_get_name(f->exr, i, &name) == EXR_ERR_SUCCESS && name)
-            pell_text_add(&prefix, "%s.", name);
-        else if (parts > 1)
-            pell_text_add(&prefix, "part%d.", i);
-        res = read_layers(f, &part, prefix.str, out, &capacity);
-        if (res != PELL_OK)
-            return res;
-    }
-    return read_attributes(f, out);
-}
-
-enum pell_result pell_exr_decode_layers(struct pell_context *ctx, const struct pell_source *src, struct pell_layers *layers)
-{
-    struct exr_file f = { .ctx = ctx, .src = src };
-    enum pell_result res;
-
-    *layers = (struct pell_layers) { 0 };
-    PELL_TRY(open_file(&f));
-    PELL_TRY(read_all(&f, layers));
-fail:
-    close_file(&f);
-    if (res != PELL_OK)
-        pell_layers_finish(ctx, layers);
-    return res;
-}
-
-enum pell_result pell_exr_read(struct pell_context *ctx, const char *path, struct pell_layers *layers)
-{
-    struct pell_source src = { .name = path };
-    enum pell_result res;
-    uint8_t *data = NULL;
-
-    *layers = (struct pell_layers) { 0 };
-    PELL_TRY(pell_file_read(ctx, path, &data, &src.size));
-    src.data = data;
-    PELL_TRY(pell_exr_decode_layers(ctx, &src, layers));
-fail:
-    pell_free(ctx, data);
+    pell_exr_close(&f);
     return res;
 }

@@ -7,17 +7,21 @@
 #ifndef PELL_FORMATS_H
 #define PELL_FORMATS_H
 
-#include "base/base.h"
+#include "base/file.h"
 
 #include <pellucid/image.h>
 
-/* A file in memory. */
+/* A file in memory, or one that is read in pieces. */
 struct pell_source {
-    const char *name; /* for messages */
-    const uint8_t *data;
+    const char *name;    /* for messages */
+    const uint8_t *data; /* NULL: in `file`, which only row readers and pell_source_at take */
     size_t size;
     enum pell_image_role role;
+    const struct pell_file *file;
 };
+
+/* Copies `size` bytes from `at`; returns how many there were. */
+size_t pell_source_at(const struct pell_source *src, uint64_t at, void *to, size_t size);
 
 enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
 enum pell_result pell_jpeg_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
@@ -25,10 +29,20 @@ enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_sou
 enum pell_result pell_exr_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
 enum pell_result pell_pfm_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
 
+/* Set up `rows` (rows.h), whose context and source are set and stay: its layers, format and state. `format` and all else untouched
+ * afterwards: this file can't be read row by row. What was set is released by the format's `close`, also on failure. */
+struct pell_rows;
+enum pell_result pell_png_rows(struct pell_rows *rows);
+enum pell_result pell_hdr_rows(struct pell_rows *rows);
+enum pell_result pell_exr_rows(struct pell_rows *rows);
+enum pell_result pell_pfm_rows(struct pell_rows *rows);
+/* Which of them is for a file that begins so; NULL: none. */
+enum pell_result (*pell_image_rows_of(const uint8_t *head, size_t size))(struct pell_rows *rows);
+
+/* pell_exr_read of a source. */
+enum pell_result pell_exr_decode_layers(struct pell_context *ctx, const struct pell_source *src, struct pell_layers *layers);
 /* Whether all attributes of all parts lie in the file. */
 enum pell_result pell_exr_check_header(struct pell_context *ctx, const struct pell_source *src);
-/* pell_exr_read from memory. */
-enum pell_result pell_exr_decode_layers(struct pell_context *ctx, const struct pell_source *src, struct pell_layers *layers);
 
 /* Checks a size against the limits before anything is allocated: PELL_ERR_FORMAT for 0, PELL_ERR_INVALID over image-pixels. */
 enum pell_result pell_image_check_size(struct pell_context *ctx, const char *name, int64_t width, int64_t height);
@@ -42,6 +56,15 @@ enum pell_result pell_image_check_memory(struct pell_context *ctx, const char *n
 
 /* Makes what a float file holds finite: NaN becomes 0, infinity +-65504; both are counted in one warning. */
 void pell_image_make_finite(struct pell_context *ctx, const char *name, float *values, size_t count);
+/* The same in pieces: counts are added to. */
+struct pell_not_finite {
+    size_t nan, inf;
+};
+void pell_image_count_finite(float *values, size_t count, struct pell_not_finite *bad);
+void pell_image_warn_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad);
+
+/* Linear floats of `count` values of an image's layout; `in` begins with a pixel. Floats are copied. */
+void pell_image_convert(const struct pell_image *layout, const void *in, float *out, size_t count);
 
 size_t pell_pixel_size(enum pell_pixel_type type); /* bytes of one channel */
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * hdr.c - Radiance pictures (G. Ward, "Real Pixels", Graphics Gems II, 1991): RGBE, flat, old and new run lengths, the eight orders of
  * rows and columns, EXPOSURE and COLORCORR. A pixel is mantissa 2^(exponent - 136); 0 stays 0. */
-#include "image/formats.h"
+#include "image/rows.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -219,6 +219,18 @@ static enum pell_result scanline(struct reader *r, uint8_t *rgbe)
     return new_scanline(r, rgbe);
 }
 
+static void make_powers(float power[256])
+{
+    power[0] = 0;
+    for (int e = 1; e < 256; e++)
+        power[e] = ldexpf(1.0f, e - 136);
+}
+
+static inline float decoded(const struct reader *r, const uint8_t *rgbe, int c, const float power[256])
+{
+    return (float) rgbe[c] * power[rgbe[3]] * r->scale[c];
+}
+
 /* Puts scanline `i` where it belongs in the picture, as floats. */
 static void place(const struct reader *r, int i, const uint8_t *rgbe, const float power[256], struct pell_image *image)
 {
@@ -230,7 +242,7 @@ static void place(const struct reader *r, int i, const uint8_t *rgbe, const floa
         const size_t x = (size_t) (r->columns ? major : minor), y = (size_t) (r->columns ? minor : major);
         float *pixel = out + 3 * (y * (size_t) image->width + x);
         for (int c = 0; c < 3; c++)
-            pixel[c] = (float) rgbe[c] * power[rgbe[3]] * r->scale[c];
+            pixel[c] = decoded(r, rgbe, c, power);
     }
 }
 
@@ -243,9 +255,7 @@ enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_sou
 
     PELL_TRY(header(&r));
     PELL_TRY(resolution(&r));
-    power[0] = 0;
-    for (int e = 1; e < 256; e++)
-        power[e] = ldexpf(1.0f, e - 136);
+    make_powers(power);
     PELL_TRY(pell_image_make(ctx, src->name, r.length[!r.columns], r.length[r.columns], 3, PELL_PIXEL_F32, image));
     rgbe = pell_alloc_array(ctx, (size_t) r.length[1], 4);
     if (!rgbe) {
@@ -259,6 +269,93 @@ enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_sou
     pell_image_make_finite(ctx, src->name, image->pixels, 3 * (size_t) image->width * (size_t) image->height);
 fail:
     pell_free(ctx, rgbe);
+    return res;
+}
+
+/* --- Row by row --------------------------------------------------------------------------------------------------------------- */
+
+struct row_reader {
+    struct pell_source src; /* all bytes: they are packed, and read one by one */
+    uint8_t *data, *rgbe;
+    struct reader reader;
+    size_t begin;   /* of the pixels */
+    int next, seen; /* row that comes next; rows whose values were counted */
+    struct pell_not_finite bad;
+    float power[256];
+};
+
+static enum pell_result hdr_read_rows(struct pell_rows *rows, int first, int count, float *const *dest, size_t stride)
+{
+    struct row_reader *h = rows->state;
+    const int width = rows->layers.width;
+    enum pell_result res;
+
+    if (first < h->next) {
+        h->reader.at = h->begin;
+        h->next = 0;
+    }
+    while (h->next < first + count) {
+        const int y = h->next++;
+        struct pell_not_finite bad = { 0 };
+        PELL_TRY(scanline(&h->reader, h->rgbe));
+        for (int c = 0; c < 3 && y >= first; c++) {
+            float *row = dest[c] ? dest[c] + (size_t) (y - first) * stride : NULL;
+            for (int x = 0; row && x < width; x++)
+                row[x] = decoded(&h->reader, h->rgbe + 4 * (h->reader.flip[1] ? width - 1 - x : x), c, h->power);
+            if (row)
+                pell_image_count_finite(row, (size_t) width, y >= h->seen ? &h->bad : &bad);
+        }
+        if (y == rows->layers.height - 1 && h->seen <= y)
+            pell_image_warn_finite(rows->ctx, rows->src.name, &h->bad);
+        h->seen = y >= h->seen ? y + 1 : h->seen;
+    }
+    return PELL_OK;
+fail:
+    h->next = INT32_MAX; /* whatever comes begins anew */
+    return res;
+}
+
+static void hdr_close_rows(struct pell_rows *rows)
+{
+    struct row_reader *h = rows->state;
+
+    if (!h)
+        return;
+    pell_free(rows->ctx, h->data);
+    pell_free(rows->ctx, h->rgbe);
+    pell_free(rows->ctx, h);
+    rows->state = NULL;
+}
+
+static const struct pell_rows_format hdr_rows = { hdr_read_rows, hdr_close_rows };
+
+enum pell_result pell_hdr_rows(struct pell_rows *rows)
+{
+    struct row_reader *h = rows->state = pell_calloc(rows->ctx, 1, sizeof(*h));
+    enum pell_result res;
+
+    if (!h)
+        return PELL_ERR_NOMEM;
+    rows->format = &hdr_rows;
+    h->src = rows->src;
+    h->src.data = h->data = pell_alloc(rows->ctx, rows->src.size);
+    if (!h->data)
+        return PELL_ERR_NOMEM;
+    h->src.size = pell_source_at(&rows->src, 0, h->data, rows->src.size);
+    h->reader = (struct reader) { .ctx = rows->ctx, .src = &h->src };
+    PELL_TRY(header(&h->reader));
+    PELL_TRY(resolution(&h->reader));
+    if (h->reader.columns || h->reader.flip[0]) {
+        hdr_close_rows(rows);
+        rows->format = NULL;
+        return PELL_OK;
+    }
+    h->begin = h->reader.at;
+    make_powers(h->power);
+    PELL_TRY(pell_rows_layout(rows, h->reader.length[1], h->reader.length[0], 3));
+    h->rgbe = pell_alloc_array(rows->ctx, (size_t) h->reader.length[1], 4);
+    res = h->rgbe ? PELL_OK : PELL_ERR_NOMEM;
+fail:
     return res;
 }
 

@@ -65,33 +65,40 @@ enum pell_result pell_image_check_memory(struct pell_context *ctx, const char *n
     return PELL_OK;
 }
 
-void pell_image_make_finite(struct pell_context *ctx, const char *name, float *values, size_t count)
+void pell_image_count_finite(float *values, size_t count, struct pell_not_finite *bad)
 {
-    size_t nan = 0, inf = 0;
-
     for (size_t i = 0; i < count; i++) {
         if (isfinite(values[i]))
             continue;
         if (isnan(values[i])) {
             values[i] = 0;
-            nan++;
+            bad->nan++;
         } else {
             values[i] = values[i] > 0 ? PELL_HALF_MAX : -PELL_HALF_MAX;
-            inf++;
+            bad->inf++;
         }
     }
-    if (nan || inf)
-        pell_warn(ctx, name, NULL, "%zu values are not a number and were read as 0, %zu are infinite and were read as +-%g", nan, inf,
-                  (double) PELL_HALF_MAX);
 }
 
-/* --- Which format ------------------------------------------------------------------------------------------------------------- */
+void pell_image_warn_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad)
+{
+    if (bad->nan || bad->inf)
+        pell_warn(ctx, name, NULL, "%zu values are not a number and were read as 0, %zu are infinite and were read as +-%g", bad->nan,
+                  bad->inf, (double) PELL_HALF_MAX);
+}
+
+void pell_image_make_finite(struct pell_context *ctx, const char *name, float *values, size_t count)
+{
+    struct pell_not_finite bad = { 0 };
+
+    pell_image_count_finite(values, count, &bad);
+    pell_image_warn_finite(ctx, name, &bad);
+}
 
 /* --- Conversion --------------------------------------------------------------------------------------------------------------- */
 
-static void convert_u8(const struct pell_image *image, float *out, size_t count)
+static void convert_u8(const struct pell_image *image, const uint8_t *in, float *out, size_t count)
 {
-    const uint8_t *in = image->pixels;
     const int alpha = image->channels == 2 || image->channels == 4 ? image->channels - 1 : -1;
 
     for (size_t i = 0; i < count; i += (size_t) image->channels)
@@ -99,15 +106,23 @@ static void convert_u8(const struct pell_image *image, float *out, size_t count)
             out[i + (size_t) c] = image->srgb && c != alpha ? pell_srgb_u8[in[i + (size_t) c]] : (float) in[i + (size_t) c] / 255.0f;
 }
 
-static void convert_u16(const struct pell_image *image, float *out, size_t count)
+static void convert_u16(const struct pell_image *image, const uint16_t *in, float *out, size_t count)
 {
-    const uint16_t *in = image->pixels;
     const int alpha = image->channels == 2 || image->channels == 4 ? image->channels - 1 : -1;
 
     for (size_t i = 0; i < count; i += (size_t) image->channels)
         for (int c = 0; c < image->channels; c++)
             out[i + (size_t) c] =
                 image->srgb && c != alpha ? pell_srgb_decode_u16(in[i + (size_t) c]) : (float) in[i + (size_t) c] / 65535.0f;
+}
+
+void pell_image_convert(const struct pell_image *layout, const void *in, float *out, size_t count)
+{
+    switch (layout->type) {
+    case PELL_PIXEL_U8: convert_u8(layout, in, out, count); break;
+    case PELL_PIXEL_U16: convert_u16(layout, in, out, count); break;
+    case PELL_PIXEL_F32: memcpy(out, in, count * sizeof(*out)); break;
+    }
 }
 
 enum pell_result pell_image_to_float(struct pell_context *ctx, struct pell_image *image)
@@ -120,10 +135,7 @@ enum pell_result pell_image_to_float(struct pell_context *ctx, struct pell_image
     out = pell_alloc_array(ctx, count, sizeof(*out));
     if (!out)
         return PELL_ERR_NOMEM;
-    if (image->type == PELL_PIXEL_U8)
-        convert_u8(image, out, count);
-    else
-        convert_u16(image, out, count);
+    pell_image_convert(image, image->pixels, out, count);
     pell_free(ctx, image->pixels);
     image->pixels = out;
     image->type = PELL_PIXEL_F32;

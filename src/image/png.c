@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * png.c - PNG (ISO/IEC 15948) through libspng: all colour types and depths in, 8 and 16 bit grey, RGB and RGBA out. */
 #include "image/color.h"
-#include "image/formats.h"
+#include "image/rows.h"
 
 #include <math.h>
 #include <string.h>
@@ -11,7 +11,7 @@
 /* Zlib expands by at most 1032 : 1, so a small file can't be a large picture. */
 #define DEFLATE_MAX 1032
 
-#define CHUNK_CACHE (64 << 20) /* of text and profiles, which are skipped */
+#define CHUNK_CACHE ((size_t) 64 << 20) /* of text and profiles, which are skipped; at least the largest chunk */
 
 static enum pell_result png_error(struct pell_context *ctx, const char *name, const char *what, int err)
 {
@@ -19,6 +19,28 @@ static enum pell_result png_error(struct pell_context *ctx, const char *name, co
         return PELL_ERR_NOMEM;
     return pell_error(ctx, err == SPNG_EMEM ? PELL_ERR_NOMEM : PELL_ERR_FORMAT, name,
                       err == SPNG_EMEM ? NULL : "the file is damaged: write it again", "PNG: %s: %s", what, spng_strerror(err));
+}
+
+/* A file that is open, its header checked, and the layout of its pixels. */
+struct png {
+    struct pell_context *ctx;
+    const struct pell_source *src;
+    spng_ctx *spng;
+    uint64_t at; /* of a file that is read in pieces */
+    struct spng_ihdr ihdr;
+    bool trns;
+    int channels, format;
+    enum pell_pixel_type type;
+};
+
+static int read_bytes(spng_ctx *spng, void *user, void *to, size_t size)
+{
+    struct png *png = user;
+    const size_t got = pell_source_at(png->src, png->at, to, size);
+
+    (void) spng;
+    png->at += got;
+    return got == size ? 0 : SPNG_IO_EOF;
 }
 
 static int64_t number_at(const uint8_t *p)
@@ -51,61 +73,168 @@ static void choose_layout(const struct spng_ihdr *ihdr, bool trns, int *channels
     }
 }
 
-enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image)
+/* `png` with its context and source. */
+static enum pell_result png_open(struct png *png)
 {
-    enum pell_result res;
-    struct spng_ihdr ihdr;
+    struct pell_context *ctx = png->ctx;
+    const struct pell_source *src = png->src;
     struct spng_trns trns;
-    size_t raw, bytes;
-    int err, channels, fmt;
-    bool has_trns;
-    spng_ctx *png = spng_ctx_new(0);
+    const size_t chunk = src->size < INT32_MAX ? src->size : INT32_MAX;
+    uint8_t head[24];
+    size_t raw;
+    int err;
+    enum pell_result res;
 
-    if (!png)
+    png->at = 0;
+    png->spng = spng_ctx_new(0);
+    if (!png->spng)
         return pell_error(ctx, PELL_ERR_NOMEM, src->name, NULL, "out of memory: PNG reader");
     /* The size is checked by ourselves, from the bytes, with a message that says the limit. No chunk can be longer than the file. */
-    if (src->size >= 24 && memcmp(src->data + 12, "IHDR", 4) == 0)
-        PELL_TRY(pell_image_check_size(ctx, src->name, number_at(src->data + 16), number_at(src->data + 20)));
-    if ((err = spng_set_image_limits(png, INT32_MAX, INT32_MAX)) ||
-        (err = spng_set_chunk_limits(png, src->size < INT32_MAX ? src->size : INT32_MAX, CHUNK_CACHE)) ||
-        (err = spng_set_png_buffer(png, src->data, src->size)) || (err = spng_get_ihdr(png, &ihdr))) {
-        res = png_error(ctx, src->name, "header", err);
-        goto fail;
-    }
-    if ((err = spng_decoded_image_size(png, SPNG_FMT_RAW, &raw))) {
-        res = png_error(ctx, src->name, "header", err);
-        goto fail;
-    }
-    if (raw / DEFLATE_MAX > src->size) {
-        res = pell_error(ctx, PELL_ERR_FORMAT, src->name, "the file is damaged: write it again",
-                         "PNG: a file of %zu bytes can't hold %u x %u pixels", src->size, ihdr.width, ihdr.height);
-        goto fail;
-    }
-    err = spng_get_trns(png, &trns);
-    if (err && err != SPNG_ECHUNKAVAIL) {
-        res = png_error(ctx, src->name, "before the picture", err);
-        goto fail;
-    }
-    has_trns = err == 0;
-    choose_layout(&ihdr, has_trns, &channels, &fmt);
-    PELL_TRY(
-        pell_image_make(ctx, src->name, ihdr.width, ihdr.height, channels, ihdr.bit_depth == 16 ? PELL_PIXEL_U16 : PELL_PIXEL_U8, image));
-    bytes = (size_t) ihdr.width * ihdr.height * (size_t) channels * pell_pixel_size(image->type);
-    if ((err = spng_decoded_image_size(png, fmt, &raw)) || raw != bytes) {
-        res = err ? png_error(ctx, src->name, "header", err)
-                  : pell_error(ctx, PELL_ERR_UNSUPPORTED, src->name, "write it as 8 bit RGBA",
-                               "PNG: colour type %u with %u bits is not read", ihdr.color_type, ihdr.bit_depth);
-        goto fail;
-    }
-    if ((err = spng_decode_image(png, image->pixels, bytes, fmt, has_trns ? SPNG_DECODE_TRNS : 0))) {
-        res = png_error(ctx, src->name, "picture data", err);
-        goto fail;
-    }
-    /* The checksum of the last data chunk is only looked at when the reader goes past it. */
-    if ((err = spng_decode_chunks(png)))
-        res = png_error(ctx, src->name, "its end is missing or damaged", err);
+    if (pell_source_at(src, 0, head, sizeof(head)) == sizeof(head) && memcmp(head + 12, "IHDR", 4) == 0)
+        PELL_TRY(pell_image_check_size(ctx, src->name, number_at(head + 16), number_at(head + 20)));
+    if ((err = spng_set_image_limits(png->spng, INT32_MAX, INT32_MAX)) ||
+        (err = spng_set_chunk_limits(png->spng, chunk, chunk > CHUNK_CACHE ? chunk : CHUNK_CACHE)) ||
+        (err = src->data ? spng_set_png_buffer(png->spng, src->data, src->size) : spng_set_png_stream(png->spng, read_bytes, png)) ||
+        (err = spng_get_ihdr(png->spng, &png->ihdr)) || (err = spng_decoded_image_size(png->spng, SPNG_FMT_RAW, &raw)))
+        return png_error(ctx, src->name, "header", err);
+    if (raw / DEFLATE_MAX > src->size)
+        return pell_error(ctx, PELL_ERR_FORMAT, src->name, "the file is damaged: write it again",
+                          "PNG: a file of %zu bytes can't hold %u x %u pixels", src->size, png->ihdr.width, png->ihdr.height);
+    err = spng_get_trns(png->spng, &trns);
+    if (err && err != SPNG_ECHUNKAVAIL)
+        return png_error(ctx, src->name, "before the picture", err);
+    png->trns = err == 0;
+    choose_layout(&png->ihdr, png->trns, &png->channels, &png->format);
+    png->type = png->ihdr.bit_depth == 16 ? PELL_PIXEL_U16 : PELL_PIXEL_U8;
+    if ((err = spng_decoded_image_size(png->spng, png->format, &raw)))
+        return png_error(ctx, src->name, "header", err);
+    if (raw != (size_t) png->ihdr.width * png->ihdr.height * (size_t) png->channels * pell_pixel_size(png->type))
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, src->name, "write it as 8 bit RGBA", "PNG: colour type %u with %u bits is not read",
+                          png->ihdr.color_type, png->ihdr.bit_depth);
+    return PELL_OK;
 fail:
-    spng_ctx_free(png);
+    return res;
+}
+
+/* The checksum of the last data chunk is only looked at when the reader goes past it. */
+static enum pell_result png_end(struct png *png)
+{
+    const int err = spng_decode_chunks(png->spng);
+    return err ? png_error(png->ctx, png->src->name, "its end is missing or damaged", err) : PELL_OK;
+}
+
+enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image)
+{
+    struct png png = { .ctx = ctx, .src = src };
+    enum pell_result res;
+    size_t bytes;
+    int err;
+
+    PELL_TRY(png_open(&png));
+    PELL_TRY(pell_image_make(ctx, src->name, png.ihdr.width, png.ihdr.height, png.channels, png.type, image));
+    bytes = (size_t) image->width * (size_t) image->height * (size_t) png.channels * pell_pixel_size(png.type);
+    err = spng_decode_image(png.spng, image->pixels, bytes, png.format, png.trns ? SPNG_DECODE_TRNS : 0);
+    res = err ? png_error(ctx, src->name, "picture data", err) : png_end(&png);
+fail:
+    spng_ctx_free(png.spng);
+    return res;
+}
+
+/* --- Row by row --------------------------------------------------------------------------------------------------------------- */
+
+struct row_reader {
+    struct png png;
+    int next; /* row that comes next */
+    uint8_t *row;
+    float *line;
+};
+
+static enum pell_result start(struct row_reader *r)
+{
+    enum pell_result res;
+    int err;
+
+    spng_ctx_free(r->png.spng);
+    PELL_TRY(png_open(&r->png));
+    r->next = 0;
+    err = spng_decode_image(r->png.spng, NULL, 0, r->png.format, (r->png.trns ? SPNG_DECODE_TRNS : 0) | SPNG_DECODE_PROGRESSIVE);
+    res = err ? png_error(r->png.ctx, r->png.src->name, "picture data", err) : PELL_OK;
+fail:
+    return res;
+}
+
+static enum pell_result next_row(struct row_reader *r)
+{
+    const size_t size = (size_t) r->png.ihdr.width * (size_t) r->png.channels * pell_pixel_size(r->png.type);
+    const bool last = ++r->next == (int) r->png.ihdr.height;
+    const int err = spng_decode_row(r->png.spng, r->row, size);
+
+    if (err && !(last && err == SPNG_EOI))
+        return png_error(r->png.ctx, r->png.src->name, "picture data", err);
+    return last ? png_end(&r->png) : PELL_OK;
+}
+
+static enum pell_result png_read_rows(struct pell_rows *rows, int first, int count, float *const *dest, size_t stride)
+{
+    struct row_reader *r = rows->state;
+    const struct pell_image layout = { .channels = r->png.channels, .type = r->png.type, .srgb = true };
+    const size_t channels = (size_t) r->png.channels, width = r->png.ihdr.width;
+    enum pell_result res;
+
+    if (first < r->next)
+        PELL_TRY(start(r));
+    while (r->next < first)
+        PELL_TRY(next_row(r));
+    for (int y = 0; y < count; y++) {
+        PELL_TRY(next_row(r));
+        pell_image_convert(&layout, r->row, r->line, width * channels);
+        for (size_t c = 0; c < channels; c++)
+            for (size_t x = 0; x < width && dest[c]; x++)
+                dest[c][(size_t) y * stride + x] = r->line[x * channels + c];
+    }
+    return PELL_OK;
+fail:
+    r->next = INT32_MAX; /* whatever comes begins anew */
+    return res;
+}
+
+static void png_close_rows(struct pell_rows *rows)
+{
+    struct row_reader *r = rows->state;
+
+    if (!r)
+        return;
+    spng_ctx_free(r->png.spng);
+    pell_free(rows->ctx, r->row);
+    pell_free(rows->ctx, r->line);
+    pell_free(rows->ctx, r);
+    rows->state = NULL;
+}
+
+static const struct pell_rows_format png_rows = { png_read_rows, png_close_rows };
+
+enum pell_result pell_png_rows(struct pell_rows *rows)
+{
+    struct row_reader *r = rows->state = pell_calloc(rows->ctx, 1, sizeof(*r));
+    enum pell_result res;
+
+    if (!r)
+        return PELL_ERR_NOMEM;
+    rows->format = &png_rows;
+    r->png.ctx = rows->ctx;
+    r->png.src = &rows->src;
+    PELL_TRY(start(r));
+    if (r->png.ihdr.interlace_method != SPNG_INTERLACE_NONE) {
+        png_close_rows(rows);
+        rows->format = NULL;
+        return PELL_OK;
+    }
+    PELL_TRY(pell_rows_layout(rows, (int) r->png.ihdr.width, (int) r->png.ihdr.height, r->png.channels));
+    rows->display = true;
+    r->row = pell_alloc_array(rows->ctx, r->png.ihdr.width, (size_t) r->png.channels * pell_pixel_size(r->png.type));
+    r->line = pell_alloc_array(rows->ctx, r->png.ihdr.width, (size_t) r->png.channels * sizeof(float));
+    res = r->row && r->line ? PELL_OK : PELL_ERR_NOMEM;
+fail:
     return res;
 }
 

@@ -445,6 +445,31 @@ def _(folder):
     near(value, 0.6, 1e-3)
 
 
+@test('pictures are compared band by band: memory does not grow with their height')
+def _(folder):
+    width, height = 4100, 900
+    row = b''.join(struct.pack('<3f', 0.5 + 0.4 * ((x * 37) % 101) / 101, 0.25, 0.5) for x in range(width))
+    other = b''.join(struct.pack('<3f', 0.5 + 0.4 * ((x * 37) % 101) / 101, 0.25, 0.6) for x in range(width))
+    for name, body in (('b', row), ('a', other)):
+        (folder / f'{name}.pfm').write_bytes(f'PF\n{width} {height}\n-1\n'.encode('ascii') + body * height)
+    few = ('--mask', 'none', '--exposures', '1', '--ppd', '5', '--threads', '2', '--json')
+    # the files have 44 MB each, as much as their planes would take
+    answer = one_object(works(folder, 'compare', 'a.pfm', 'b.pfm', *few, '--limit', 'memory-bytes=60000000'))
+    m = answer['methods'][0]
+    need(m['pixels'] == width * height, m)
+    near(m['mse'], (0.6 - 0.5) ** 2 / 3, 1e-5)
+    near(m['bias'][2], 0.1, 1e-5)
+
+
+@test('a PNG of more than 64 MiB is read')
+def _(folder):
+    write_png(folder / 'a.png', lambda x, y: (255, 0, 0))
+    data, junk = (folder / 'a.png').read_bytes(), b'teSt' + bytes(65 << 20)
+    end = data.index(b'IDAT') - 4
+    (folder / 'big.png').write_bytes(data[:end] + struct.pack('>I', 65 << 20) + junk + struct.pack('>I', zlib.crc32(junk)) + data[end:])
+    need(one_object(works(folder, 'compare', 'big.png', 'a.png', '--json'))['methods'][0]['mse'] == 0, 'another picture')
+
+
 @test('Ctrl-C leaves nothing; a folder that was there keeps what it had until all is there')
 def _(folder):
     (folder / 'out').mkdir()

@@ -3,7 +3,7 @@
 #include "compare_test.h"
 
 #include "base/pool.h"
-#include "compare/compare.h"
+#include "compare/rows.h"
 #include "compare/tile.h"
 
 static void speckle(struct pair *p, int seed)

@@ -10,6 +10,8 @@
 
 #include <pellucid/image.h>
 
+#include <dirent.h>
+
 #define VARIANTS "tests/assets/image_variants/"
 
 /* A context with counted memory and kept messages; image_test_end checks that nothing leaked. */
@@ -118,6 +120,42 @@ static inline uint8_t *file_bytes(const char *path, size_t *size)
     fclose(f);
     *size = (size_t) end;
     return data;
+}
+
+/* --- Every variant --------------------------------------------------------------------------------------------------------------- */
+
+static inline int by_text(const void *a, const void *b)
+{
+    return strcmp(*(char *const *) a, *(char *const *) b);
+}
+
+static inline void for_each_variant(void (*run)(const char *name, const uint8_t *data, size_t size))
+{
+    static const char *const folders[] = { VARIANTS "exr", VARIANTS "hdr", VARIANTS "jpeg", VARIANTS "png" };
+
+    for (size_t f = 0; f < PELL_COUNT(folders); f++) {
+        char *names[64];
+        size_t count = 0;
+        const char *folder = project_file(folders[f]);
+        DIR *dir = opendir(folder);
+        REQUIRE(dir);
+        for (const struct dirent *e; (e = readdir(dir)) && count < 64;)
+            if (e->d_name[0] != '.')
+                REQUIRE(names[count++] = strdup(e->d_name));
+        closedir(dir);
+        REQUIRE(count > 0);
+        qsort(names, count, sizeof(*names), by_text);
+        for (size_t i = 0; i < count; i++) {
+            char path[1200];
+            size_t size;
+            uint8_t *data;
+            snprintf(path, sizeof(path), "%s/%s", folder, names[i]);
+            data = file_bytes(path, &size);
+            run(names[i], data, size);
+            free(data);
+            free(names[i]);
+        }
+    }
 }
 
 #endif

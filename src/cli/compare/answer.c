@@ -3,6 +3,7 @@
 #include "cli/compare/compare.h"
 
 #include "base/file.h"
+#include "compare/rows.h"
 #include "image/color.h"
 
 #include <math.h>
@@ -28,13 +29,13 @@ enum pell_result compare_params(struct cli *cli, struct pell_compare_params *par
 }
 
 enum pell_result compare_run(struct cli *cli, const char *test, const char *reference, const struct pell_compare_input *input,
-                             const struct pell_compare_params *params, struct pell_comparison *out)
+                             const struct pell_compare_rows *rows, const struct pell_compare_params *params, struct pell_comparison *out)
 {
     struct pell_compare_input in = *input;
     enum pell_result res;
 
     in.figures_only |= !cli->output; /* nobody looks at maps */
-    res = pell_compare(cli->ctx, &in, params, out);
+    res = pell_compare_by_rows(cli->ctx, &in, rows, params, out);
     if (res != PELL_OK)
         return res;
     if (out->bad_test > 0)

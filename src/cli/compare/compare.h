@@ -74,9 +74,11 @@ void halves_drop(struct cli *cli, struct halves *h);
 
 /* What the command line and a table of knobs say; `exposure` 0 where neither does. */
 PELL_NODISCARD enum pell_result compare_params(struct cli *cli, struct pell_compare_params *params);
-/* Compares, warns of pixels that are no numbers, and refuses where none is left. */
+/* Compares, warns of pixels that are no numbers, and refuses where none is left. `rows`: see pell_compare_by_rows. */
+struct pell_compare_rows;
 PELL_NODISCARD enum pell_result compare_run(struct cli *cli, const char *test, const char *reference, const struct pell_compare_input *in,
-                                            const struct pell_compare_params *params, struct pell_comparison *out);
+                                            const struct pell_compare_rows *rows, const struct pell_compare_params *params,
+                                            struct pell_comparison *out);
 json_t *compare_metrics(const struct pell_metrics *m, bool display);
 /* Of a part of the light: "rel_mse", "rel_bias", "rel_mse_error", "rel_bias_error", null where noise hides them or is not known. */
 json_t *compare_part(const struct pell_metrics *m);

@@ -179,7 +179,7 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
 
         if (view == PART && run->mixes)
             PELL_TRY(masked_light(cli, job, reference, in.reference));
-        PELL_TRY(compare_run(cli, run->label, job->runs.list[reference].label, &in, &job->params, &result));
+        PELL_TRY(compare_run(cli, run->label, job->runs.list[reference].label, &in, NULL, &job->params, &result));
         if (view == PART) {
             compare_add_metrics(answer, m, false);
             run->measured = *m;
