@@ -195,7 +195,7 @@ enum pell_result pell_exr_describe(struct exr_file *f, int index, struct exr_par
     if (is_deep(f, index))
         return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "flatten it", "OpenEXR: deep pictures are not read");
     if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB)
-        return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "save it again with ZIP or PIZ compression",
+        return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "save it again: oiiotool IN.exr --compression zip -o OUT.exr",
                           "OpenEXR: compression %s is not read", compression == EXR_COMPRESSION_DWAA ? "DWAA" : "DWAB");
     res = check_channels(f, p->channels);
     if (res != PELL_OK)

@@ -93,14 +93,26 @@ enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *d
 /* Says what an unknown file probably is. */
 static enum pell_result refuse(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size)
 {
+    /* clang-format off */
     static const struct {
-        const char *magic, *extension, *what;
+        const char *magic, *extension, *what, *fix;
     } others[] = {
-        { "Kaydara FBX", "fbx", "an FBX file" },    { "BLENDER", "blend", "a Blender file" },  { "PXR-USDC", "usd", "a USD file" },
-        { "#usda", "usda", "a USD file" },          { "PK\x03\x04", "usdz", "a zip archive" }, { "OFF", "off", "an OFF file" },
-        { "<?xml", "dae", "an XML file" },          { "\x89PNG", "png", "a picture" },         { "\xff\xd8\xff", "jpg", "a picture" },
-        { "\x76\x2f\x31\x01", "exr", "a picture" }, { "#?RADIANCE", "hdr", "a picture" },
+        { "Kaydara FBX", "fbx", "an FBX file", "convert it: assimp export IN.fbx OUT.glb" },
+        { "BLENDER", "blend", "a Blender file",
+          "convert it: blender -b IN.blend --python-expr \"import bpy; bpy.ops.export_scene.gltf(filepath='OUT.glb')\"" },
+        { "PXR-USDC", "usd", "a USD file", "convert it: usd2gltf -i IN.usd -o OUT.glb" },
+        { "PXR-USDC", "usdc", "a USD file", "convert it: usd2gltf -i IN.usdc -o OUT.glb" },
+        { "#usda", "usda", "a USD file", "convert it: usd2gltf -i IN.usda -o OUT.glb" },
+        { "PK\x03\x04", "usdz", "a zip archive", "if it is USD: usd2gltf -i IN.usdz -o OUT.glb" },
+        { "OFF", "off", "an OFF file", "convert it: assimp export IN.off OUT.ply" },
+        { "<?xml", "dae", "an XML file", "if it is COLLADA: assimp export IN.dae OUT.glb" },
+        { "\x89PNG", "png", "a picture", NULL },
+        { "\xff\xd8\xff", "jpg", "a picture", NULL },
+        { "\x76\x2f\x31\x01", "exr", "a picture", NULL },
+        { "#?RADIANCE", "hdr", "a picture", NULL },
     };
+    /* clang-format on */
+    const char *fix = "convert it to glTF, or to OBJ, PLY or STL";
     const char *what = size == 0                              ? "an empty file"
                        : pell_path_has_extension(path, "glb") ? "no GLB, which begins with \"glTF\""
                        : pell_path_has_extension(path, "ply") ? "no PLY, which begins with \"ply\""
@@ -108,11 +120,13 @@ static enum pell_result refuse(struct pell_context *ctx, const char *path, const
 
     for (size_t i = 0; i < PELL_COUNT(others); i++) {
         const size_t n = strlen(others[i].magic);
-        if ((size >= n && memcmp(data, others[i].magic, n) == 0) || (size && pell_path_has_extension(path, others[i].extension)))
+        if ((size >= n && memcmp(data, others[i].magic, n) == 0) || (size && pell_path_has_extension(path, others[i].extension))) {
             what = others[i].what;
+            fix = others[i].fix;
+        }
     }
-    return pell_error(ctx, PELL_ERR_UNSUPPORTED, path, "convert it to glTF, or to OBJ, PLY or STL",
-                      "is %s; allowed are glTF (.gltf, .glb), OBJ, PLY, STL and scene files (.json)", what);
+    return pell_error(ctx, PELL_ERR_UNSUPPORTED, path, fix, "is %s; allowed are glTF (.gltf, .glb), OBJ, PLY, STL and scene files (.json)",
+                      what);
 }
 
 enum pell_result pell_loader_read(const struct pell_loader *loader, const char *where, const char *reference, char **path, uint8_t **data,

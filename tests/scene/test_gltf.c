@@ -743,6 +743,12 @@ static void compressed_and_unknown_extensions_are_refused_by_name(void **state)
     read_with(&f, NULL, HEAD "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]}", NULL, 0);
     assert_string_equal(f.kept.hint, "decode it first: gltf-transform copy in.glb out.glb");
     finish(&f);
+    read_with(&f, NULL, HEAD "\"extensionsRequired\":[\"KHR_texture_basisu\"]}", NULL, 0);
+    assert_string_equal(f.kept.hint, "decode them first: gltf-transform ktxdecompress in.glb out.glb");
+    finish(&f);
+    read_with(&f, NULL, HEAD "\"extensionsRequired\":[\"EXT_texture_webp\"]}", NULL, 0);
+    assert_string_equal(f.kept.hint, "convert them first: gltf-transform png in.glb out.glb --formats webp");
+    finish(&f);
     refuse(PELL_ERR_UNSUPPORTED, "/primitives/0/extensions/KHR_draco_mesh_compression", "compressed",
            HEAD ONE_NODE
            "\"accessors\":[{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"meshes\":[{\"primitives\":[{\"attributes\":"

@@ -106,6 +106,7 @@ static void formats_are_told_by_content(void **state)
     assert_non_null(strstr(a.kept.what, "holds no triangles"));
     a = try_text("thing.fbx", "Kaydara FBX Binary", &in_mm);
     assert_non_null(strstr(a.kept.what, "FBX"));
+    assert_non_null(strstr(a.kept.hint, "assimp export IN.fbx OUT.glb"));
     a = try_text("empty", "", &in_mm);
     assert_non_null(strstr(a.kept.what, "an empty file"));
 }

@@ -89,10 +89,10 @@ static const struct {
     { "KHR_materials_anisotropy", LEFT_OUT, "is not drawn", NULL },
     { "KHR_materials_dispersion", LEFT_OUT, "is not drawn", NULL },
     { "KHR_materials_variants", LEFT_OUT, "is not read: the default variant is drawn", NULL },
-    { "KHR_texture_basisu", REFUSED, "is not read", "convert the KTX2 textures to PNG" },
-    { "EXT_texture_webp", REFUSED, "is not read", "convert the WebP textures to PNG" },
-    { "EXT_texture_avif", REFUSED, "is not read", "convert the AVIF textures to PNG" },
-    { "MSFT_texture_dds", REFUSED, "is not read", "convert the DDS textures to PNG" },
+    { "KHR_texture_basisu", REFUSED, "is not read", "decode them first: gltf-transform ktxdecompress in.glb out.glb" },
+    { "EXT_texture_webp", REFUSED, "is not read", "convert them first: gltf-transform png in.glb out.glb --formats webp" },
+    { "EXT_texture_avif", REFUSED, "is not read", "convert them first: gltf-transform png in.glb out.glb --formats avif" },
+    { "MSFT_texture_dds", REFUSED, "is not read", "convert each with oiiotool in.dds -o out.png, and name that in the file" },
     { "KHR_draco_mesh_compression", REFUSED, "is not read", "decode it first: gltf-transform copy in.glb out.glb" },
     { "KHR_meshopt_compression", REFUSED, "is not read", "decode it first: gltf-transform copy in.glb out.glb" },
     { "KHR_animation_pointer", REFUSED, "is not read yet", NULL },
@@ -104,6 +104,12 @@ static int find_known(const char *name)
         if (strcmp(known[i].name, name) == 0)
             return (int) i;
     return -1;
+}
+
+const char *gltf_fix(const char *extension)
+{
+    const int row = find_known(extension);
+    return row < 0 ? NULL : known[row].hint;
 }
 
 void gltf_mention(struct gltf *g, const struct pell_json *at, const char *extension)

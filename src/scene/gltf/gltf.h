@@ -169,6 +169,9 @@ struct gltf {
 
 /* --- gltf.c ----------------------------------------------------------------------------------------------------------------- */
 
+/* The command that makes a file without an extension that is not read; NULL: there is none. */
+const char *gltf_fix(const char *extension);
+
 void gltf_warn(struct gltf *g, enum gltf_warning kind, const struct pell_json *at, const char *hint, const char *fmt, ...)
     PELL_PRINTF(5, 6);
 /* True the first time. */

@@ -88,7 +88,7 @@ static enum pell_result parse_primitive(struct gltf *g, const struct pell_json *
     if (draco.value) {
         const struct pell_json position = pell_json_at(&g->accessors, (size_t) p->position);
         if (!pell_json_get(&position, "bufferView").value && !pell_json_get(&position, "sparse").value)
-            return pell_json_error(&draco, PELL_ERR_UNSUPPORTED, "decode it first: gltf-transform copy in.glb out.glb",
+            return pell_json_error(&draco, PELL_ERR_UNSUPPORTED, gltf_fix("KHR_draco_mesh_compression"),
                                    "the geometry is compressed with KHR_draco_mesh_compression, which is not read");
         if (gltf_once(g, GLTF_ONCE_DRACO))
             gltf_warn(g, GLTF_WARN_EXTENSION, &draco, NULL, "KHR_draco_mesh_compression is not read: the uncompressed copy is used");

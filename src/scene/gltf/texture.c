@@ -50,28 +50,21 @@ fail:
 /* The image of a texture, or -1: its own, else one that an extension names and this build can't be sure to read. */
 static enum pell_result find_image(struct gltf *g, const struct pell_json *texture, int64_t *image)
 {
-    static const struct {
-        const char *name, *hint;
-    } formats[] = {
-        { "KHR_texture_basisu", "convert the KTX2 textures to PNG" },
-        { "EXT_texture_webp", "convert the WebP textures to PNG" },
-        { "EXT_texture_avif", "convert the AVIF textures to PNG" },
-        { "MSFT_texture_dds", "convert the DDS textures to PNG" },
-    };
+    static const char *const formats[] = { "KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds" };
     enum pell_result res;
 
     *image = -1;
     PELL_TRY(gltf_index(texture, "source", &g->images, image));
     for (size_t i = 0; i < PELL_COUNT(formats); i++) {
         struct pell_json extensions, format;
-        PELL_TRY(gltf_extension(texture, formats[i].name, &extensions, &format));
+        PELL_TRY(gltf_extension(texture, formats[i], &extensions, &format));
         if (!format.value)
             continue;
         if (*image >= 0)
-            gltf_mention(g, &format, formats[i].name);
+            gltf_mention(g, &format, formats[i]);
         else
-            gltf_warn(g, GLTF_WARN_TEXTURE, &format, formats[i].hint, "the picture is %s only, which is not read: the texture is left out",
-                      formats[i].name);
+            gltf_warn(g, GLTF_WARN_TEXTURE, &format, gltf_fix(formats[i]),
+                      "the picture is %s only, which is not read: the texture is left out", formats[i]);
         return PELL_OK;
     }
     if (*image < 0)
