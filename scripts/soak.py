@@ -26,7 +26,8 @@ METHODS = ('none', 'screen-space', 'image-space', 'texture-space', 'convolution'
 FEW = {'dipole': ['--samples', '128'], 'path-trace': ['--samples', '2'], 'single-scatter': ['--samples', '128'],
        'hierarchical': ['--set', 'most=100000']}
 SANITIZED = 'PELL_SANITIZED' in os.environ # which reserve terabytes of addresses: memory has no limit there
-SECONDS = 120 # of one run
+SECONDS = 120 # of processor time, of one run: others may use the machine
+HANGS = 20 * SECONDS # a run that has not ended by then does not work, but waits
 MEMORY = 4 << 30
 SMALL = ['--width', '40', '--height', '30', '--msaa', '1', '--light-samples', '2', '--bounces', '1', '--indirect-samples', '256']
 READERS = {'gltf': '.glb', 'obj': '.obj', 'ply': '.ply', 'stl': '.stl', 'scene': '.json', 'image': None, 'material': '.json',
@@ -43,16 +44,19 @@ def run(program, folder, command, memory=MEMORY, kill_after=None):
         if not SANITIZED:
             resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
     child = subprocess.Popen([program, *command], cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
                              preexec_fn=limited)
     try:
-        said = child.communicate(timeout=kill_after or SECONDS)[1]
+        said = child.communicate(timeout=kill_after or HANGS)[1]
     except subprocess.TimeoutExpired:
         child.kill()
         child.communicate()
         if kill_after:
             return None, b''
-        raise Wrong(f'{command}: did not end in {SECONDS} s') from None
+        raise Wrong(f'{command}: did not end in {HANGS} s') from None
+    if child.returncode == -signal.SIGXCPU:
+        raise Wrong(f'{command}: took over {SECONDS} s of processor time')
     if child.returncode not in (0, 2, 3, 4, 5):
         raise Wrong(f'{command}: ended with {child.returncode}: {said[-500:]!r}')
     if child.returncode and b'error' not in said and b'usage' not in said:

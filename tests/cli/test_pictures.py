@@ -386,6 +386,17 @@ def _(folder):
     need(len(exr_header((folder / 'head.exr').read_bytes())[1]) == 21, 'layers')
 
 
+@test('the backs of single-sided faces are not seen, whatever the sign of a scale: Khronos\' case shows checks and no cross')
+def _(folder):
+    case = shared('assets/khronos/NegativeScaleTest/NegativeScaleTest.glb')
+    works(folder, 'render', case, '--unit', '1m', '-m', 'none', '--width', '160', '--height', '120', '--msaa', '4', '-o', 'a.png')
+    width, height, channels, rows = png_pixels((folder / 'a.png').read_bytes())
+    pixels = [rows[i:i + 3] for i in range(0, len(rows), channels)]
+    green = sum(g > 1.3 * max(r, b) for r, g, b in pixels)
+    red = sum(r > 1.8 * max(g, b) and r > 80 for r, g, b in pixels)
+    need(green > 40 and red == 0, green, 'green and', red, 'red pixels')
+
+
 @test('a bunny of milk')
 def _(folder):
     works(folder, 'render', shared('assets/bunny/bunny.obj'), '--size', '70mm', '--material', 'wholemilk', *SMALL, '-o', 'bunny.png')
