@@ -50,6 +50,15 @@ struct pell_half_space_angle {
  * 3 ms. */
 PELL_API struct pell_half_space_angle pell_half_space_angle_of(double total, double eta);
 
+/* The same of the light that was scattered more than once there: what `angle`, of that medium, leaves when single scattering of isotropic
+ * phase (pell_single_scattering_albedo_at) is taken away. `albedo` is the medium's alpha', and `total` what its half-space returns. */
+PELL_API struct pell_half_space_angle pell_half_space_angle_multiple(double total, double albedo, double eta,
+                                                                     struct pell_half_space_angle angle);
+
+/* Share of the light that entered along the cosine `inside`, in (0, 1], which a half-space scatters once and lets out, by a collision of
+ * albedo 1 with Henyey and Greenstein's phase function: a double integral, error below 1e-4 for abs(g) up to 0.9. NAN out of range. */
+PELL_API double pell_single_scattering_albedo_at(double g, double eta, double inside);
+
 /* --- Slab ----------------------------------------------------------------------------------------------------------------------- */
 
 enum { PELL_SLAB_STEPS = 45 }; /* two to an octave of optical thickness, from 2^-9 to 2^13 */

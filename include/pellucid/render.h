@@ -42,6 +42,7 @@ struct pell_settings {
     int indirect_samples;
     bool angles;
     bool curvature;
+    bool single_scattering; /* apart, in closed form, for methods that give radiant exitance */
     int64_t seed;
     float exposure;     /* factor from radiance to display; 0: metered (docs/adr/0005) */
     float stops;        /* exposure compensation: what is shown is 2^stops times as bright, whatever the exposure */

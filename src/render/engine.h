@@ -11,6 +11,7 @@
 
 #include "render/angle.h"
 #include "render/services.h"
+#include "render/single.h"
 #include "vulkan/gpu.h"
 
 #define PELL_STAGES_MOST 48
@@ -62,7 +63,10 @@ struct pell_scene_materials {
     size_t count_apart;                /* with the copies for further objects of a material */
     uint16_t *of_mesh; /* per mesh: the frame's material + 1 that its object alone has, or 0; NULL: no two objects share a material */
     float (*total)[3]; /* per scene material: total reflectance of its profile */
-    struct pell_angle *angle;                      /* per scene material */
+    struct pell_angle *angle;        /* per scene material */
+    struct pell_single_apart *apart; /* per scene material: light that is scattered once, where it has no part in the profile */
+    struct pell_angle *angle_apart;  /* per scene material: `angle` of what is left then */
+    bool single_apart;               /* they count in this frame */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
 };
 

@@ -26,8 +26,8 @@ struct cpu {
     struct pell_compositor *compositor;
 
     struct pell_lights *lights;
-    const struct pell_angle *angle;       /* of the materials; borrowed: the renderer's own */
-    const struct pell_settings *settings; /* of the lights; borrowed: the renderer's own */
+    const struct pell_scene_materials *materials; /* borrowed: the renderer's own */
+    const struct pell_settings *settings;         /* of the lights; borrowed: the renderer's own */
 
     struct pell_contact *contact;     /* NULL: no contact shadow */
     struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
@@ -116,24 +116,7 @@ static void drop_planes(struct cpu *e)
     e->sized = false;
 }
 
-/* Planes to be allocated in one block: those of a list that are not there yet. */
-struct wanted {
-    float **planes[96];
-    size_t count;
-};
-
-/* Nothing where they are there, or wanted already. */
-static void want(struct wanted *w, float **planes, int count)
-{
-    for (size_t i = 0; i < w->count; i++)
-        if (w->planes[i] == planes)
-            return;
-    for (int c = 0; c < count && !planes[0]; c++)
-        w->planes[w->count + (size_t) c] = &planes[c];
-    w->count += planes[0] ? 0 : (size_t) count;
-}
-
-static enum pell_result allocate(struct cpu *e, const struct pell_settings *s, const struct wanted *w)
+static enum pell_result allocate(struct cpu *e, const struct pell_settings *s, const struct pell_planes_wanted *w)
 {
     enum pell_result res;
 
@@ -167,36 +150,38 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
 static enum pell_result make_planes(struct cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
-    const bool gives = frame->plan && frame->plan->outputs,
+    const bool apart_single = frame->plan && frame->materials->single_apart, gives = frame->plan && (frame->plan->outputs || apart_single),
                hits = s->bounces > 0 || s->curvature || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
     const bool apart = pell_objects_apart(frame->materials, frame->plan);
-    struct wanted w = { .count = 0 };
+    struct pell_planes_wanted w = { .count = 0 };
     enum pell_result res;
 
     if (!e->sized)
         PELL_TRY(pell_surface_allocate(e->ctx, s->width, s->height, &e->surface));
-    want(&w, e->lighting.irradiance, 3);
-    want(&w, e->lighting.transmitted, 3);
-    want(&w, e->lighting.specular, 3);
-    want(&w, e->display, 3);
+    pell_planes_want(&w, e->lighting.irradiance, 3);
+    pell_planes_want(&w, e->lighting.transmitted, 3);
+    pell_planes_want(&w, e->lighting.specular, 3);
+    if (apart_single)
+        pell_planes_want(&w, e->lighting.single, 3);
+    pell_planes_want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
         const struct pell_output_layer *l = &pell_output_layers[i];
         if (l->when == PELL_LAYER_ALWAYS || (s->layers && (l->when != PELL_LAYER_SINGLE || gives)))
-            want(&w, pell_output_layer_planes(&e->sum, l), l->components);
+            pell_planes_want(&w, pell_output_layer_planes(&e->sum, l), l->components);
     }
     for (int i = 0; i < PELL_PLANES; i++)
         if (is_asked(i, frame))
-            want(&w, e->plane[i], pell_plane_at(i)->components);
+            pell_planes_want(&w, e->plane[i], pell_plane_at(i)->components);
     if (apart || hits)
-        want(&w, e->plane[PELL_PLANE_MESH], 1);
+        pell_planes_want(&w, e->plane[PELL_PLANE_MESH], 1);
     if (hits) {
-        want(&w, e->plane[PELL_PLANE_TRIANGLE], 1);
-        want(&w, e->plane[PELL_PLANE_BARYCENTRIC], 2);
+        pell_planes_want(&w, e->plane[PELL_PLANE_TRIANGLE], 1);
+        pell_planes_want(&w, e->plane[PELL_PLANE_BARYCENTRIC], 2);
     }
     if (s->bloom > 0.0f)
-        want(&w, e->glow, PELL_BLOOM_PLANES);
+        pell_planes_want(&w, e->glow, PELL_BLOOM_PLANES);
     if (s->dof)
-        want(&w, e->open, PELL_DOF_PLANES);
+        pell_planes_want(&w, e->open, PELL_DOF_PLANES);
     PELL_TRY(allocate(e, s, &w));
     res = PELL_ERR_NOMEM;
     if (!e->rows && !(e->rows = pell_calloc(e->ctx, (size_t) s->height * 6, sizeof(*e->rows))))
@@ -308,7 +293,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
         return res;
     case PELL_ENGINE_LIGHTS:
         e->settings = s;
-        e->angle = frame->materials->angle;
+        e->materials = frame->materials;
         pell_specular_tables_choose(e->tables, e->scene, s->specular);
         return pell_lights_create(e->ctx, e->scene, s, e->pool, &e->lights);
     case PELL_ENGINE_CONTACT: return make_contact(e, frame);
@@ -353,8 +338,9 @@ static void cpu_close(void *engine)
 
 /* --- What methods are lent -------------------------------------------------------------------------------------------------------- */
 
-/* Of a frame's light, all that does not depend on the sample. */
-static struct pell_irradiance_params light_params(const struct cpu *e, float mix)
+/* Of a frame's light, all that does not depend on the sample. `apart`: what is scattered once is added by itself. Not so where indirect
+ * light is still to be found: of all light that surfaces reflect. */
+static struct pell_irradiance_params light_params(const struct cpu *e, float mix, bool apart)
 {
     return (struct pell_irradiance_params) {
         .rays = e->rays,
@@ -363,7 +349,9 @@ static struct pell_irradiance_params light_params(const struct cpu *e, float mix
         .tables = e->tables,
         .mix = mix,
         .smooth = e->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
-        .angle = e->settings->angles ? e->angle : NULL,
+        .angle = apart                 ? e->materials->angle_apart
+                 : e->settings->angles ? e->materials->angle
+                                       : NULL,
         .curvature = e->curvature,
         .indirect = e->lit ? e->indirect : NULL,
         .seed = pell_settings_seed(e->settings),
@@ -374,7 +362,7 @@ static int64_t cpu_light_points(void *engine, const struct pell_points_params *p
                                 const struct pell_surface_light *out)
 {
     const struct cpu *e = engine;
-    const struct pell_irradiance_params p = light_params(e, params->mix);
+    const struct pell_irradiance_params p = light_params(e, params->mix, e->materials->single_apart && (e->lit || !e->indirect));
 
     return pell_irradiance_points(e->lights, &p, params, in, n, out);
 }
@@ -418,7 +406,8 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     const struct pell_engine_frame *f = sample->frame;
     const struct pell_settings *settings = f->settings;
     const float mix = f->plan ? f->plan->mix : -1.0f;
-    struct pell_irradiance_params light = light_params(e, mix);
+    const bool apart = f->plan && f->materials->single_apart;
+    struct pell_irradiance_params light = light_params(e, mix, apart);
     const double start = pell_seconds();
     enum pell_result res;
 
@@ -426,6 +415,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
+    light.apart = apart ? f->materials->apart : NULL;
     res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
     if (res != PELL_OK)
         return res;
@@ -438,7 +428,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
         .tables = e->tables,
         .lighting = &e->lighting,
         .total = (const float(*)[3]) f->materials->total,
-        .angle = settings->angles ? f->materials->angle : NULL,
+        .angle = light.angle,
         .mix = mix,
         .smooth = settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,
@@ -564,7 +554,9 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
         p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
         p->excludes_surface_reflection = plan->excludes_surface_reflection;
-        p->single = is_asked(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE] : NULL;
+        p->single = is_asked(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
+                    : sample->frame->materials->single_apart   ? (const float *const *) e->lighting.single
+                                                               : NULL;
         p->reflected = is_asked(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
         p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
     }
@@ -632,7 +624,8 @@ static bool has_layer(const struct pell_output_layer *l, const struct pell_engin
     switch (l->when) {
     case PELL_LAYER_ALWAYS: return true;
     case PELL_LAYER_ASKED: return frame->settings->layers;
-    case PELL_LAYER_SINGLE: return frame->settings->layers && frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE);
+    case PELL_LAYER_SINGLE:
+        return frame->settings->layers && frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE || frame->materials->single_apart);
     case PELL_LAYER_NOISE: return frame->settings->layers && noisy;
     }
     return false;

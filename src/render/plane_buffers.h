@@ -26,4 +26,21 @@ static inline PELL_NODISCARD enum pell_result pell_planes_allocate(struct pell_c
     return block ? PELL_OK : PELL_ERR_NOMEM;
 }
 
+/* Planes to be allocated in one block: those of a list that are not there yet. */
+struct pell_planes_wanted {
+    float **planes[96];
+    size_t count;
+};
+
+/* Nothing where they are there, or wanted already. */
+static inline void pell_planes_want(struct pell_planes_wanted *w, float **planes, int count)
+{
+    for (size_t i = 0; i < w->count; i++)
+        if (w->planes[i] == planes)
+            return;
+    for (int c = 0; c < count && !planes[0]; c++)
+        w->planes[w->count + (size_t) c] = &planes[c];
+    w->count += planes[0] ? 0 : (size_t) count;
+}
+
 #endif

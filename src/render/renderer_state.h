@@ -43,7 +43,11 @@ struct pell_renderer {
     /* What was made of them: see resources.c. */
     unsigned made; /* bit i: resource i */
     struct pell_scene_materials materials;
-    struct pell_profile **profiles; /* per frame material: what was made for it, of three channels, or NULL */
+    struct pell_profile **profiles; /* per frame material: what was made for it, or NULL: three channels of all light, then of light that
+                                     * was scattered more than once, where there is `multiple` */
+    struct pell_profiles_of {
+        const struct pell_profile *all, *multiple; /* NULL: as all */
+    } * profiles_of;                               /* per frame material */
     struct pell_services services;
     uint64_t lights_revision; /* counts the lights that were made */
     struct pell_pass *pass;   /* NULL: no method, or nothing translucent */

@@ -8,6 +8,8 @@
 #include "render/pass.h"
 #include "render/plane_buffers.h"
 
+#include <pellucid/inversion.h>
+
 #include <string.h>
 
 /* --- Materials --------------------------------------------------------------------------------------------------------------------- */
@@ -22,6 +24,8 @@ static void drop_materials(struct pell_renderer *r)
     pell_free(r->ctx, m->total);
     pell_free(r->ctx, m->angle);
     pell_free(r->ctx, m->thickness);
+    pell_free(r->ctx, m->apart);
+    pell_free(r->ctx, m->angle_apart);
     memset(m, 0, sizeof(*m));
 }
 
@@ -40,7 +44,9 @@ static enum pell_result make_materials(struct pell_renderer *r)
     out->total = pell_calloc(r->ctx, n, sizeof(*out->total));
     out->angle = pell_calloc(r->ctx, n, sizeof(*out->angle));
     out->thickness = pell_calloc(r->ctx, n, sizeof(*out->thickness));
-    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness)
+    out->apart = pell_calloc(r->ctx, n, sizeof(*out->apart));
+    out->angle_apart = pell_calloc(r->ctx, n, sizeof(*out->angle_apart));
+    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness || !out->apart || !out->angle_apart)
         goto fail;
     for (size_t i = 0; i < n; i++) {
         const struct pell_material *m = &scene->materials[i];
@@ -90,7 +96,9 @@ static void drop_profiles(struct pell_renderer *r)
     for (size_t i = 0; r->profiles && i < r->materials.count; i++)
         pell_free(r->ctx, r->profiles[i]);
     pell_free(r->ctx, r->profiles);
+    pell_free(r->ctx, r->profiles_of);
     r->profiles = NULL;
+    r->profiles_of = NULL;
 }
 
 /* A profile that is made white keeps its total of diffuse light; one of a medium keeps that of light at right angles. */
@@ -110,6 +118,64 @@ static void fill_angle(const struct pell_frame_material *m, struct pell_angle *o
     }
 }
 
+/* No refraction, and no factor. */
+static const struct pell_angle no_angle = { .enter_base = { 1, 1, 1 }, .enter_mean = { 1, 1, 1 }, .leave_base = { 1, 1, 1 } };
+
+/* Takes single scattering out of a medium's profile, for the frames that add it by itself: `whole` and `rest` are the profiles of all light
+ * and of what is left. Diffuse light, which has no direction, keeps all of it: it enters by as much more. */
+static void set_apart(const struct pell_material *m, const struct pell_profile *whole, const struct pell_profile *rest, bool angles,
+                      struct pell_single_apart *apart, const struct pell_angle *angle, struct pell_angle *out)
+{
+    const double eta = (double) m->medium.eta;
+
+    apart->inverse_eta2 = (float) (1.0 / (eta * eta));
+    *out = angles ? *angle : no_angle;
+    for (int c = 0; c < 3; c++) {
+        const double reduced = m->medium.sigma_s_reduced[c] / (m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c]);
+        const double total = pell_profile_total(&whole[c]), left = pell_profile_total(&rest[c]);
+        struct pell_half_space_angle all = { 0.0, 1.0 }, a = all;
+
+        if (!(left > 0.0 && left < total))
+            continue;
+        apart->albedo[c] = (float) pell_albedo_of_reduced(reduced, m->medium.g[c]);
+        apart->g[c] = (float) m->medium.g[c];
+        if (angles) {
+            all = pell_half_space_angle_of(total, eta);
+            a = pell_half_space_angle_multiple(total, reduced, eta, all);
+        }
+        out->enter_base[c] = 1.0f;
+        out->enter_slope[c] = (float) a.slope;
+        out->enter_mean[c] = (float) (total * all.mean / left);
+        out->leave_base[c] = (float) (1.0 / a.mean);
+        out->leave_slope[c] = (float) (a.slope / a.mean);
+    }
+}
+
+/* The profiles of a medium's light that was scattered more than once, after those of all light; false where its model does not know. */
+static bool make_rest(const struct pell_renderer *r, const struct pell_material *m, enum pell_profile_model model, struct pell_profile *out)
+{
+    const struct pell_profile_params params = { .without_single = true };
+
+    if (!r->settings.single_scattering || m->gaussians.count > 0 || m->profile || m->color_from == PELL_COLOR_FROM_TEXTURE)
+        return false;
+    for (int c = 0; c < 3; c++)
+        if (pell_profile_make(model, &m->medium, c, &params, &out[c]) != PELL_OK)
+            return false;
+    return true;
+}
+
+/* Gives the frame's materials their profiles, and further objects of a material the same. */
+static void hand_out_profiles(struct pell_renderer *r, bool apart)
+{
+    struct pell_scene_materials *m = &r->materials;
+
+    for (size_t i = 0; i < m->count; i++)
+        m->frame[i].profile = apart && r->profiles_of[i].multiple ? r->profiles_of[i].multiple : r->profiles_of[i].all;
+    for (size_t i = 0; m->of_mesh && i < r->scene->num_meshes; i++)
+        if (m->of_mesh[i])
+            m->frame[m->of_mesh[i] - 1].profile = m->frame[m->frame_index[r->scene->meshes[i].material + 1] - 1].profile;
+}
+
 /* Gives every translucent material its profile, and says how much light each reflects. */
 static enum pell_result make_profiles(struct pell_renderer *r)
 {
@@ -120,11 +186,13 @@ static enum pell_result make_profiles(struct pell_renderer *r)
     enum pell_result res = PELL_ERR_NOMEM;
 
     r->profiles = pell_calloc(r->ctx, r->materials.count + 1, sizeof(*r->profiles));
-    if (!r->profiles)
+    r->profiles_of = pell_calloc(r->ctx, r->materials.count + 1, sizeof(*r->profiles_of));
+    if (!r->profiles || !r->profiles_of)
         goto fail;
     for (size_t i = 0; i < scene->num_materials; i++) {
         const struct pell_material *m = &scene->materials[i];
         const size_t at = index[i + 1];
+        struct pell_profiles_of *of = at ? &r->profiles_of[at - 1] : NULL;
         size_t k = 0;
 
         if (at == 0)
@@ -135,26 +203,33 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         while (k < i && !(index[k + 1] && same_profile(m, &scene->materials[k], setting)))
             k++;
         if (k < i) {
-            frame[at - 1].profile = frame[index[k + 1] - 1].profile;
+            *of = r->profiles_of[index[k + 1] - 1];
         } else if (m->profile) {
-            frame[at - 1].profile = m->profile;
+            of->all = m->profile;
         } else {
             res = PELL_ERR_NOMEM;
-            if (!(r->profiles[at - 1] = pell_calloc(r->ctx, 3, sizeof(**r->profiles))))
+            if (!(r->profiles[at - 1] = pell_calloc(r->ctx, 6, sizeof(**r->profiles))))
                 goto fail;
             PELL_TRY(pell_frame_material_profile(r->ctx, m->name, &frame[at - 1], model_of(m, setting), r->profiles[at - 1]));
-            frame[at - 1].profile = r->profiles[at - 1];
+            of->all = r->profiles[at - 1];
+            of->multiple = make_rest(r, m, model_of(m, setting), r->profiles[at - 1] + 3) ? r->profiles[at - 1] + 3 : NULL;
         }
+        frame[at - 1].profile = of->all;
         if (k < i)
             r->materials.angle[i] = r->materials.angle[k];
         if (r->settings.angles && (k == i || frame[at - 1].white != frame[index[k + 1] - 1].white))
             fill_angle(&frame[at - 1], &r->materials.angle[i]);
         for (int c = 0; c < 3; c++)
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
+        r->materials.apart[i] = (struct pell_single_apart) { .inverse_eta2 = 0.0f };
+        r->materials.angle_apart[i] = r->settings.angles ? r->materials.angle[i] : no_angle;
+        if (frame[at - 1].white)
+            of->multiple = NULL;
+        else if (of->multiple)
+            set_apart(m, of->all, of->multiple, r->settings.angles, &r->materials.apart[i], &r->materials.angle[i],
+                      &r->materials.angle_apart[i]);
     }
-    for (size_t i = 0; r->materials.of_mesh && i < scene->num_meshes; i++)
-        if (r->materials.of_mesh[i])
-            frame[r->materials.of_mesh[i] - 1].profile = frame[index[scene->meshes[i].material + 1] - 1].profile;
+    hand_out_profiles(r, false);
     return PELL_OK;
 
 fail:
@@ -290,6 +365,19 @@ struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const
     };
 }
 
+/* Whether the method leaves single scattering to the stages: it gives what leaves the surface, not pictures, and has none of its own. */
+static bool adds_single(const struct pell_renderer *r)
+{
+    struct pell_plan plan = { .quantity = PELL_QUANTITY_RADIANCE };
+    bool any = false;
+
+    if (r->method)
+        r->method->plan(r->knobs, &plan);
+    for (size_t i = 0; i < r->materials.count; i++)
+        any |= r->profiles_of[i].multiple != NULL;
+    return r->settings.single_scattering && any && plan.quantity == PELL_QUANTITY_EXITANCE && !(plan.outputs & PELL_OUTPUT_SINGLE);
+}
+
 static enum pell_result make_pass(struct pell_renderer *r)
 {
     const struct pell_view view = pell_view_make(&r->scene->cameras[0], r->settings.width, r->settings.height, 0.0f, 0.0f);
@@ -298,6 +386,8 @@ static enum pell_result make_pass(struct pell_renderer *r)
     enum pell_result res;
 
     memset(m->thickness, 0, r->scene->num_materials * sizeof(*m->thickness));
+    m->single_apart = adds_single(r);
+    hand_out_profiles(r, m->single_apart);
     if (!r->method || m->count == 0)
         return PELL_OK;
     pell_renderer_warn_ignored(r);
@@ -401,7 +491,7 @@ static unsigned find_changes(const struct pell_renderer *r, const struct pell_se
         changes |= PELL_INPUT_BOUNCES;
     if (old->profile != s->profile)
         changes |= PELL_INPUT_PROFILE;
-    if (old->angles != s->angles || old->curvature != s->curvature)
+    if (old->angles != s->angles || old->curvature != s->curvature || old->single_scattering != s->single_scattering)
         changes |= PELL_INPUT_PROFILE | PELL_INPUT_LIGHTS;
     return changes;
 }

@@ -181,13 +181,14 @@ def _(folder):
 
 @test('layers of a picture from here: translucent pixels are the mask, the exposure is that of its PNG')
 def _(folder):
+    bunny = ('render', 'bunny.obj', '--material', 'wholemilk', '--size', '40mm', *SMALL, '--single-scattering', 'off')
     for method, name in (('none', 'plain.exr'), ('screen-space', 'milk.exr')):
-        works(folder, 'render', 'bunny.obj', '--material', 'wholemilk', '--size', '40mm', *SMALL, '-m', method, '-o', name)
+        works(folder, *bunny, '-m', method, '-o', name)
     answer = one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--layer', 'diffuse.multiple', '--json'))
     m = answer['methods'][0]
     need(answer['mask'] == 'translucent' and answer['layer'] == 'diffuse.multiple' and 20 < m['pixels'] < m['whole']['pixels'], answer)
     need(m['mse'] > 0 and 0 < m['flip'] < 1, m)
-    exposure = one_object(works(folder, 'render', 'bunny.obj', '--material', 'wholemilk', '--size', '40mm', *SMALL, '--json'))['exposure']
+    exposure = one_object(works(folder, *bunny, '--json'))['exposure']
     near(answer['exposure'], exposure, 1e-5)
     one_object(works(folder, 'compare', 'milk.exr', 'milk.exr', '--layer', 'depth', '--json'))
     one_object(works(folder, 'compare', 'milk.exr', 'milk.exr', '--layer', 'normal', '--mask', 'none', '--json'))
@@ -426,9 +427,10 @@ def _(folder):
     need(method['light'] == 'all of translucent pixels' and method['name'] == 'screen-space:as=paper', method)
     alone = one_object(works(folder, 'compare', 'out/screen-space-as-paper.exr', 'out/hierarchical.exr', '--layer', 'R,G,B', '--json'))
     near(method['mse'], alone['methods'][0]['mse'], 0.02)
-    need(method['settings'] == 'bounces=0 angles=off curvature=off profile=dipole' and answer['reference']['settings'] == '', method)
+    published = 'angles=off curvature=off single-scattering=off profile=dipole'
+    need(method['settings'] == f'bounces=0 {published}' and answer['reference']['settings'] == '', method)
     both = one_object(works(folder, 'compare', 'bunny.obj', *TINY, '--bounces', '1', '--methods', 'screen-space:as=paper,none', '--json'))
-    need([m['settings'] for m in both['methods']] == ['angles=off curvature=off profile=dipole', ''], both['methods'])
+    need([m['settings'] for m in both['methods']] == [published, ''], both['methods'])
     need('finished pictures' in text(works(folder, 'compare', 'bunny.obj', *TINY, '--set', 'as=paper').stdout), '--set has no effect')
 
 

@@ -17,7 +17,7 @@ from cli_test import (PROGRAM, SMALL, Skip, clean_environment, exr_header, main,
 
 MAKE_ASSETS = os.path.abspath(sys.argv[3])
 MESH = ['render', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk', *SMALL]
-LAYERS = [f'{layer}.{c}' for layer in ('diffuse.multiple', 'transmission', 'specular', 'irradiance') for c in 'RGB']
+LAYERS = [f'{layer}.{c}' for layer in ('diffuse.multiple', 'diffuse.single', 'transmission', 'specular', 'irradiance') for c in 'RGB']
 MAGIC = {'png': b'\x89PNG\r\n\x1a\n', 'exr': b'\x76\x2f\x31\x01', 'hdr': b'#?RADIANCE', 'pfm': b'PF'}
 
 

@@ -7,7 +7,7 @@
 
 #include <stdlib.h>
 
-#define LIGHT "bounces=0 angles=off curvature=off"
+#define LIGHT "bounces=0 angles=off curvature=off single-scattering=off"
 
 static const struct row {
     const char *method, *knobs, *settings;

@@ -7,6 +7,8 @@
 #include "math/quadrature.h"
 #include "math/vec.h"
 #include "optics/photon/photon.h"
+#include "optics/photon/table.h"
+#include "shared/single.h"
 
 #define MODELS PELL_PROFILE_MODELS
 
@@ -225,6 +227,66 @@ static void a_slope_says_what_all_angles_return(void **state)
         }
     const struct pell_half_space_angle none[] = { pell_half_space_angle_of(1.0, 1.4), pell_half_space_angle_of(0.0, 1.4),
                                                   pell_half_space_angle_of(NAN, 1.4), pell_half_space_angle_of(0.5, 1e9) };
+    for (size_t i = 0; i < PELL_COUNT(none); i++)
+        REQUIRE(none[i].slope == 0.0 && none[i].mean == 1.0);
+}
+
+/* --- Single scattering ------------------------------------------------------------------------------------------------------------- */
+
+/* Three ways to one number: over depth and angle in closed form up to one integral, at right angles; over directions, at any angle; and the
+ * radiance that pixels get, over the hemisphere outside. */
+static void single_scattering_is_the_same_share_of_light_everywhere(void **state)
+{
+    static const double gs[] = { 0.0, -0.3, 0.6, 0.85 }, etas[] = { 1.0, 1.3, 1.5 }, mus[] = { 1.0, 0.7, 0.25 };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(gs); i++)
+        for (size_t j = 0; j < PELL_COUNT(etas); j++) {
+            const double g = gs[i], eta = etas[j];
+            REQUIRE_REL(pell_single_scattering_albedo_at(g, eta, 1.0), pell_single_total(g, eta), 2e-4);
+            for (size_t k = 0; k < PELL_COUNT(mus); k++) {
+                const double in = sqrt(1.0 - (1.0 - mus[k] * mus[k]) / (eta * eta));
+                double sum = 0.0;
+                for (int a = 0; a < 400; a++)
+                    for (int b = 0; b < 64; b++) {
+                        const double mu = (a + 0.5) / 400.0, turn = 2.0 * PELL_PI * (b + 0.5) / 64.0;
+                        const double cosine = mu * mus[k] + sqrt((1.0 - mu * mu) * (1.0 - mus[k] * mus[k])) * cos(turn);
+                        const float inverse = (float) (1.0 / (eta * eta)), out = pell_single_cosine(inverse, (float) mu);
+                        const float c = pell_single_turn(inverse, (float) cosine, (float) mus[k], (float) mu, (float) in, out);
+                        sum += mu * (1.0 - pell_fresnel(eta, mu)) / (eta * eta) *
+                               (double) pell_single_radiance(1.0f, (float) g, c, (float) in, out) * 2.0 * PELL_PI / (400.0 * 64.0);
+                    }
+                REQUIRE_REL(sum, pell_single_scattering_albedo_at(g, eta, in), 2e-3);
+            }
+        }
+    REQUIRE(isnan(pell_single_scattering_albedo_at(1.0, 1.3, 1.0)) && isnan(pell_single_scattering_albedo_at(0.0, 1.3, 0.0)) &&
+            isnan(pell_single_scattering_albedo_at(0.0, 1e9, 0.5)));
+}
+
+/* What is scattered once at an angle, and the line of the rest, are all light at that angle; at right angles to the last digit. */
+static void single_and_multiple_scattering_are_all_light_at_every_angle(void **state)
+{
+    static const double albedos[] = { 0.5, 0.8, 0.95, 0.99 }, etas[] = { 1.3, 1.5 };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(albedos); i++)
+        for (size_t j = 0; j < PELL_COUNT(etas); j++) {
+            const double albedo = albedos[i], eta = etas[j], total = pell_half_space_albedo(albedo, eta);
+            const struct pell_half_space_angle all = pell_half_space_angle_of(total, eta),
+                                               a = pell_half_space_angle_multiple(total, albedo, eta, all);
+            const double once = albedo * pell_single_scattering_albedo_at(0.0, eta, 1.0);
+            for (int k = 1; k <= 20; k++) {
+                const double mu = k / 20.0, in = sqrt(1.0 - (1.0 - mu * mu) / (eta * eta));
+                const double sum = albedo * pell_single_scattering_albedo_at(0.0, eta, in) + (total - once) * (1.0 + a.slope * (1.0 - in));
+                REQUIRE_REL(sum, pell_half_space_albedo_at(albedo, eta, mu), k == 20 ? 1e-5 : 0.015);
+            }
+            REQUIRE(a.slope < all.slope); /* light that was scattered once leaves sooner the lower it enters */
+        }
+    const struct pell_half_space_angle none[] = {
+        pell_half_space_angle_multiple(1.0, 1.0, 1.4, (struct pell_half_space_angle) { 0.3, 1.1 }),
+        pell_half_space_angle_multiple(0.01, 1.0, 1.4, (struct pell_half_space_angle) { 0.3, 1.1 }),
+        pell_half_space_angle_multiple(0.5, NAN, 1.4, (struct pell_half_space_angle) { 0.3, 1.1 })
+    };
     for (size_t i = 0; i < PELL_COUNT(none); i++)
         REQUIRE(none[i].slope == 0.0 && none[i].mean == 1.0);
 }
@@ -510,6 +572,8 @@ int main(void)
         cmocka_unit_test(a_half_space_without_absorption_returns_all),
         cmocka_unit_test(slanted_light_returns_what_photons_say),
         cmocka_unit_test(a_slope_says_what_all_angles_return),
+        cmocka_unit_test(single_scattering_is_the_same_share_of_light_everywhere),
+        cmocka_unit_test(single_and_multiple_scattering_are_all_light_at_every_angle),
         cmocka_unit_test(better_dipole_has_the_oracles_moments),
         cmocka_unit_test(normalized_diffusion_is_the_papers),
         cmocka_unit_test(normalized_diffusion_is_good_without_a_boundary),

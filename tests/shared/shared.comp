@@ -9,6 +9,7 @@
 #include "shared/light_data.h"
 #include "shared/lobe.h"
 #include "shared/phase.h"
+#include "shared/single.h"
 #include "shared/table.h"
 #include "shared/tone.h"
 #include "shared/triangle_ray.h"
@@ -72,7 +73,8 @@ float lit(pell_light_data light, vec3 place)
 float scattered(float c)
 {
     const float g = phases[0].a[0], base = PELL_PHASE_HG_BASE(g, c);
-    return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base));
+    const float m = pell_single_cosine(0.5f, c), turn = pell_single_turn(0.5f, c, c, g, m, m);
+    return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base)) + pell_single_radiance(0.9f, g, turn, m, m);
 }
 
 float filmic(vec3 light)

@@ -176,24 +176,72 @@ static void make_of_total(double total, double eta, struct half_space *s)
     }
 }
 
+/* Nodes over the directions that enter: what falls of even light along each. */
+struct angles {
+    double inside[ANGLES], weight[ANGLES], entered, off;
+};
+
+static void place_angles(double eta, struct angles *a)
+{
+    double mu[ANGLES], weight[ANGLES];
+
+    pell_gauss_legendre(ANGLES, mu, weight);
+    a->entered = a->off = 0.0;
+    for (int i = 0; i < ANGLES; i++) {
+        a->inside[i] = refracted(eta, mu[i]);
+        a->weight[i] = weight[i] * 2.0 * mu[i] * (1.0 - pell_fresnel(eta, mu[i]));
+        a->entered += a->weight[i];
+        a->off += a->weight[i] * (1.0 - a->inside[i]);
+    }
+}
+
+/* The least squares slope of values that are 0 at right angles. */
+static double slope_of(const struct angles *a, const double over[ANGLES])
+{
+    double product = 0.0, square = 0.0;
+
+    for (int i = 0; i < ANGLES; i++) {
+        const double x = 1.0 - a->inside[i];
+        product += a->weight[i] * x * over[i];
+        square += a->weight[i] * x * x;
+    }
+    return square > 0.0 ? product / square : 0.0;
+}
+
 struct pell_half_space_angle pell_half_space_angle_of(double total, double eta)
 {
-    double mu[ANGLES], weight[ANGLES], product = 0.0, square = 0.0, entered = 0.0, off = 0.0;
     struct pell_half_space_angle a = { 0.0, 1.0 };
+    struct angles at;
+    double over[ANGLES];
     struct half_space s;
 
     if (!(total > 0.0 && total < 1.0 && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
         return a;
     make_of_total(total, eta, &s);
-    pell_gauss_legendre(ANGLES, mu, weight);
-    for (int i = 0; i < ANGLES; i++) {
-        const double inside = refracted(eta, mu[i]), w = weight[i] * 2.0 * mu[i] * (1.0 - pell_fresnel(eta, mu[i])), x = 1.0 - inside;
-        product += w * x * (returned(&s, inside) / total - 1.0);
-        square += w * x * x;
-        entered += w;
-        off += w * x;
-    }
-    a.slope = square > 0.0 ? product / square : 0.0;
-    a.mean = 1.0 + a.slope * off / entered;
+    place_angles(eta, &at);
+    for (int i = 0; i < ANGLES; i++)
+        over[i] = returned(&s, at.inside[i]) / total - 1.0;
+    a.slope = slope_of(&at, over);
+    a.mean = 1.0 + a.slope * at.off / at.entered;
+    return a;
+}
+
+struct pell_half_space_angle pell_half_space_angle_multiple(double total, double albedo, double eta, struct pell_half_space_angle angle)
+{
+    struct pell_half_space_angle a = { 0.0, 1.0 };
+    struct angles at;
+    double over[ANGLES], once, rest;
+
+    if (!(total > 0.0 && total < 1.0 && albedo > 0.0 && albedo <= 1.0 && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
+        return a;
+    once = albedo * pell_single_scattering_albedo_at(0.0, eta, 1.0);
+    rest = total - once;
+    if (!(rest > 0.0))
+        return a;
+    place_angles(eta, &at);
+    for (int i = 0; i < ANGLES; i++)
+        over[i] = albedo * pell_single_scattering_albedo_at(0.0, eta, at.inside[i]) - once;
+    a.slope = (total * angle.slope - slope_of(&at, over)) / rest;
+    a.mean = 1.0 + a.slope * at.off / at.entered;
     return a;
 }

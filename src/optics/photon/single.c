@@ -57,6 +57,26 @@ double pell_single_total(double g, double eta)
     return s.total;
 }
 
+double pell_single_scattering_albedo_at(double g, double eta, double inside)
+{
+    enum { MUS = 48, TURNS = 48 };
+    const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.0, across = sqrt(fmax(0.0, 1.0 - inside * inside));
+    double x[MUS], weight[MUS], total = 0.0;
+
+    if (!(fabs(g) <= PELL_G_MAX && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX && inside > 0.0 && inside <= 1.0))
+        return NAN;
+    pell_gauss_legendre(MUS, x, weight);
+    for (int i = 0; i < MUS; i++) {
+        const double mu = critical + (1.0 - critical) * x[i] * x[i], side = sqrt(1.0 - mu * mu) * across;
+        double phase = 0.0;
+        for (int k = 0; k < TURNS; k++)
+            phase += back(g, inside * mu + side * cos(2.0 * PELL_PI * (k + 0.5) / TURNS)) / TURNS;
+        total +=
+            weight[i] * 2.0 * (1.0 - critical) * x[i] * 2.0 * PELL_PI * phase * mu / (inside + mu) * (1.0 - pell_fresnel(1.0 / eta, mu));
+    }
+    return total;
+}
+
 /* Whether kappa is below the smallest root: all pivots of the fraction, taken from its far end, are positive (Sturm). */
 static bool below(double albedo, double g, double kappa)
 {

@@ -37,6 +37,7 @@ static float entering_albedo(float base, float m)
 struct traits {
     int32_t albedo_at, boundary_at, smooth, model, opaque, deep;
     const struct pell_angle *angle;
+    const struct pell_single_apart *apart;
     float fd;
     bool textured;
 };
@@ -55,6 +56,7 @@ static struct traits material_traits(const struct job *job, size_t material)
         .opaque = -(int32_t) m->opaque,
         .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
         .angle = job->p->angle && !m->opaque ? &job->p->angle[material] : NULL,
+        .apart = job->p->apart && !m->opaque ? &job->p->apart[material] : NULL,
         .fd = t->boundaries[t->boundary[material]].f0,
         .textured = !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE,
     };
@@ -67,6 +69,16 @@ static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angl
         l->enter_base[c][i] = angle ? angle->enter_base[c] : 1.0f;
         l->enter_slope[c][i] = angle ? angle->enter_slope[c] : 0.0f;
         l->enter_mean[c][i] = angle ? angle->enter_mean[c] : 1.0f;
+    }
+}
+
+static void set_apart(struct pell_lanes *l, int i, const struct pell_single_apart *apart)
+{
+    l->single_eta2[i] = apart ? apart->inverse_eta2 : 0.0f;
+    for (int c = 0; c < 3; c++) {
+        l->single_albedo[c][i] = apart ? apart->albedo[c] : 0.0f;
+        l->single_g[c][i] = apart ? apart->g[c] : 0.0f;
+        l->any_single |= l->single_albedo[c][i] > 0.0f;
     }
 }
 
@@ -83,7 +95,7 @@ static void set_materials(const struct job *job, struct packet *k)
         return;
     }
     k->held = k->single ? (int64_t) k->material[0] : -1;
-    l->any_smooth = l->any_deep = 0;
+    l->any_smooth = l->any_deep = l->any_single = 0;
     l->models = 0;
     memset(l->shift, 0, sizeof(l->shift));
     k->textured = false;
@@ -102,6 +114,7 @@ static void set_materials(const struct job *job, struct packet *k)
         l->models |= 1u << t.model;
         l->any_deep |= t.deep;
         set_angle(l, i, t.angle);
+        set_apart(l, i, t.apart);
     }
 }
 
@@ -298,6 +311,9 @@ static void environments(const struct job *job, struct packet *k)
         for (size_t j = 0; j < lights->num_sources; j++)
             if (lights->sources[j].environment == (int) e)
                 shine(job, &lights->sources[j], k, &sums);
+        for (int c = 0; c < 3; c++)
+            for (int i = 0; i < k->count; i++)
+                k->sums.single[c][i] += sums.single[c][i];
         for (int i = 0; i < k->count; i++) {
             const struct pell_env_query query = lane_query(job, k, i);
             float rgb[3];
@@ -341,8 +357,22 @@ static void add_indirect(const struct job *job, struct packet *k)
 
 /* --- Curvature ----------------------------------------------------------------------------------------------------------------- */
 
+/* Factors of all light that enters, for the methods, and of what is scattered once below the surface. */
+struct gains {
+    float all[3][PELL_LANES], once[3][PELL_LANES];
+};
+
+/* What a ball returns of even light by single scattering, over a half-space: 1/(1 - mean free path over radius), within 5 % for radii of 5
+ * and more mean free paths. Less than diffusion's gain, as such light goes less far. Thin parts keep the same share of it as of all. */
+static float gain_of_once(const struct pell_curvature_effect *e, int c, float inverse_eta2, bool local)
+{
+    const float bend = inverse_eta2 > 0.0f ? e->shift[c] / sqrtf(inverse_eta2) : 0.0f, gain = 1.0f / (1.0f - smaller(bend, 0.25f));
+
+    return local && e->gain[c] > 0.0f ? gain * e->local[c] / e->gain[c] : gain;
+}
+
 /* What curvature does to light that enters: to that of a direction before the lights are added up, and to all of it afterwards. */
-static void bend(const struct job *job, struct packet *k, float gain[3][PELL_LANES])
+static void bend(const struct job *job, struct packet *k, struct gains *gains)
 {
     const struct pell_surface *s = job->p->surface;
 
@@ -352,27 +382,30 @@ static void bend(const struct job *job, struct packet *k, float gain[3][PELL_LAN
         if (!k->lanes.opaque[i])
             pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
         for (int c = 0; c < 3; c++) {
-            gain[c][i] = job->p->local ? e.local[c] : e.gain[c];
+            gains->all[c][i] = job->p->local ? e.local[c] : e.gain[c];
+            gains->once[c][i] = k->lanes.any_single ? gain_of_once(&e, c, k->lanes.single_eta2[i], job->p->local) : 1.0f;
             k->lanes.shift[c][i] = e.shift[c];
         }
     }
 }
 
-static void scale(const float gain[3][PELL_LANES], struct packet *k)
+static void scale(const struct gains *gains, struct packet *k)
 {
     for (int c = 0; c < 3; c++)
-        for (int i = 0; i < k->count; i++)
-            k->sums.irradiance[c][i] *= gain[c][i];
+        for (int i = 0; i < k->count; i++) {
+            k->sums.irradiance[c][i] *= gains->all[c][i];
+            k->sums.single[c][i] *= gains->once[c][i];
+        }
 }
 
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
 
 static void shade_side(const struct job *job, struct packet *k)
 {
-    float gain[3][PELL_LANES];
+    struct gains gains;
 
     if (job->p->curvature)
-        bend(job, k, gain);
+        bend(job, k, &gains);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
@@ -380,7 +413,7 @@ static void shade_side(const struct job *job, struct packet *k)
     if (job->p->indirect && counts(job, 0))
         add_indirect(job, k);
     if (job->p->curvature)
-        scale(gain, k);
+        scale(&gains, k);
 }
 
 /* What the far side of thin sheets receives is transmitted. */
@@ -466,7 +499,7 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
 /* What a tile's pixels receive, before it goes to the planes in whole cache lines. Writing each packet directly to the planes would take
  * longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
-    _Alignas(64) float planes[3][3][TILE_H * TILE_W]; /* irradiance, through, specular */
+    _Alignas(64) float planes[4][3][TILE_H * TILE_W]; /* irradiance, through, specular, single */
 };
 
 /* Copies a tile to the planes. Pixels that nothing covers get 0. */
@@ -474,9 +507,9 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
 {
     const ptrdiff_t stride = job->p->surface->stride;
     const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
-    float *const *const planes[3] = { job->out->irradiance, job->out->transmitted, job->out->specular };
+    float *const *const planes[4] = { job->out->irradiance, job->out->transmitted, job->out->specular, job->out->single };
 
-    for (int k = 0; k < 3; k++)
+    for (int k = 0; k < (job->p->apart ? 4 : 3); k++)
         for (int c = 0; c < 3; c++)
             for (int y = 0; y < rows; y++)
                 for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
@@ -528,6 +561,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         out.irradiance[c] = tile.planes[0][c];
         out.transmitted[c] = tile.planes[1][c];
         out.specular[c] = tile.planes[2][c];
+        out.single[c] = job->p->apart ? tile.planes[3][c] : NULL;
     }
     if (list.count < TILE_W * TILE_H)
         memset(&tile, 0, sizeof(tile));
@@ -538,7 +572,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         shade_packet(job, &k);
         for (int i = 0; i < PELL_LANES; i++)
             place[i] = list.at[first + i];
-        job->kernels->store(&k.lanes, &k.sums, place, k.count, &out);
+        job->kernels->store(&job->tables, &k.lanes, &k.sums, place, k.count, &out);
     }
     flush_tile(job, x0, y0, &tile);
     atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);
@@ -580,7 +614,7 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     }
     load_packet(&job, &k, x, y, place);
     shade_packet(&job, &k);
-    job.kernels->store(&k.lanes, &k.sums, k.index, k.count, out);
+    job.kernels->store(&job.tables, &k.lanes, &k.sums, k.index, k.count, out);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < k.count; i++)
             albedo[c][k.index[i]] = k.lanes.albedo[c][i];

@@ -9,6 +9,7 @@
 #include "render/irradiance/kernel.h"
 
 #include "shared/light.h"
+#include "shared/single.h"
 
 #include <float.h>
 #include <string.h>
@@ -228,6 +229,27 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
         }
 }
 
+/* What is scattered once right below the surface, as it arrives there again. */
+static void add_single(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
+                       const float *restrict transmitted, struct pell_sums *restrict sums)
+{
+    _Alignas(64) float in[N], out[N], turn[N];
+
+    for (int i = 0; i < N; i++) {
+        const float nl = pell_saturate(a->nl[i]), nv = pell_saturate(p->nv[i]);
+        const float outside = a->lx[i] * p->vx[i] + a->ly[i] * p->vy[i] + a->lz[i] * p->vz[i];
+        in[i] = pell_single_cosine(p->single_eta2[i], nl);
+        out[i] = pell_single_cosine(p->single_eta2[i], nv);
+        turn[i] = pell_single_turn(p->single_eta2[i], outside, nl, nv, in[i], out[i]);
+    }
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float radiance = pell_single_radiance(p->single_albedo[c][i], p->single_g[c][i], turn[i], in[i], out[i]);
+            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * facing[i] * radiance, kept = add < BIG ? add : BIG;
+            sums->single[c][i] += facing[i] > 0.0f && p->single_albedo[c][i] > 0.0f ? kept : 0.0f;
+        }
+}
+
 static void front(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                   const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
 {
@@ -250,6 +272,8 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
             const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * enters, kept = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
         }
+    if (p->any_single)
+        add_single(p, a, facing, transmitted, sums);
     if (highlight)
         add_highlight(p, a, facing, mu, sums);
 }
@@ -412,7 +436,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
 
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
-            sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = 0.0f;
+            sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] = 0.0f;
     gather(s->depth, index, rows, depth);
     gather(s->ng[0], index, rows, p->gx);
     gather(s->ng[1], index, rows, p->gy);
@@ -459,21 +483,29 @@ static inline void scatter(const float *restrict in, const int32_t *restrict ind
         plane[index[i]] = in[i];
 }
 
-static void store(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
-                  struct pell_lighting *out)
+static void store(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_sums *restrict sums,
+                  const int32_t *restrict index, int count, struct pell_lighting *out)
 {
     const ptrdiff_t rows = count == N ? square(index) : 0;
-    _Alignas(64) float irradiance[N], transmitted[N];
+    _Alignas(64) float irradiance[N], transmitted[N], single[N], leaves[N] = { 0 };
 
+    if (p->any_single) {
+        transmittance(t, p, p->nv, leaves);
+        for (int i = 0; i < N; i++)
+            leaves[i] *= p->single_eta2[i];
+    }
     for (int c = 0; c < 3; c++) {
         const float *through = p->any_thin ? p->through[c] : p->albedo[c];
         for (int i = 0; i < N; i++) {
             irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
             transmitted[i] = sums->transmitted[c][i] * through[i];
+            single[i] = sums->single[c][i] * leaves[i];
         }
         scatter(irradiance, index, count, rows, out->irradiance[c]);
         scatter(transmitted, index, count, rows, out->transmitted[c]);
         scatter(sums->specular[c], index, count, rows, out->specular[c]);
+        if (out->single[c])
+            scatter(single, index, count, rows, out->single[c]);
     }
 }
 

@@ -37,7 +37,8 @@ struct pell_lanes {
     uint32_t hash[2][16];
     float shift[3][16]; /* mean free path over radius of curvature, refracted (curvature/stage.h) */
     float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
-    int any_smooth, any_deep, any_thin;
+    float single_eta2[16], single_albedo[3][16], single_g[3][16];                     /* see render/single.h */
+    int any_smooth, any_deep, any_thin, any_single;
     unsigned models; /* bit 1 << model of each that some lane has */
 };
 
@@ -68,6 +69,7 @@ struct pell_lane_input {
 struct pell_sums {
     _Alignas(64) float irradiance[3][16], specular[3][16], transmitted[3][16];
     float unshadowed[3][16]; /* of an environment's lights that are in its smooth table, too */
+    float single[3][16];     /* scattered once, below the surface */
 };
 
 /* The start of the tables, for gathers. */
@@ -89,7 +91,8 @@ struct pell_shade_kernels {
     void (*unshadowed)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_aim *aim,
                        struct pell_sums *sums);
     /* Writes the sums of `count` lanes, with albedo, to the planes. */
-    void (*store)(const struct pell_lanes *lanes, const struct pell_sums *sums, const int32_t *index, int count, struct pell_lighting *out);
+    void (*store)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_sums *sums,
+                  const int32_t *index, int count, struct pell_lighting *out);
     /* Rays of the front lanes. */
     void (*shadow_rays)(const struct pell_light_data *light, const struct pell_lanes *lanes, const struct pell_aim *aim,
                         struct pell_ray16 *rays);

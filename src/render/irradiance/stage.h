@@ -16,6 +16,7 @@
 #include "lights/specular_tables.h"
 #include "render/angle.h"
 #include "render/services.h"
+#include "render/single.h"
 #include "render/surface/stage.h"
 
 #include <pellucid/render.h>
@@ -24,6 +25,7 @@ struct pell_lighting {
     float *irradiance[3];  /* W/m^2, entered, with albedo^m */
     float *transmitted[3]; /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
     float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
+    float *single[3];      /* W/(m^2 sr), scattered once; written with `apart` */
     int64_t shadow_rays;
 };
 
@@ -38,6 +40,7 @@ struct pell_irradiance_params {
     const struct pell_specular_tables *tables;           /* of pell_specular_tables_create */
     const struct pell_thickness_table *const *thickness; /* per scene material, entries may be NULL; NULL: no transmission */
     const struct pell_angle *angle;                      /* per scene material; NULL: no factors */
+    const struct pell_single_apart *apart;               /* per scene material; NULL: the profile has what is scattered once */
     float mix;                                           /* plan's; negative: each material's own */
     const float *ambient;                                /* of pell_irradiance_points: visibility of the environment's smooth rest at
                                                                * the points; NULL: found by rays */

@@ -8,7 +8,8 @@
  * and table(d) E(A) is transmitted, by the slab's table as far as the faces oppose (struct pell_thickness_table). Where A faces the
  * same way as C the light that enters at A is already part of the irradiance near C, which the method spreads along the surface;
  * counting it again would draw a bright line just behind the terminator. So the light is scaled by 1 - max(0, n_A.n_C): 1 for every
- * slab, wedge and ear, 0 where both ends meet at the terminator.
+ * slab, wedge and ear, 0 where both ends meet at the terminator. Methods that transmit so spread what the camera sees: where A faces away
+ * from it, beyond the rim of what is lit from behind, nothing else brings its light to C, and all of it counts.
  * n_A is the interpolated normal, T at A takes C's roughness and specular strength, and albedo is C's.
  */
 #include "render/irradiance/internal.h"
@@ -138,17 +139,22 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
     }
 }
 
+#define TURNED 0.25f /* n_A.v from which on A counts as seen */
+
 /* Share of E(A) that gets through to lane i; `same` is n_A.n_C. */
-static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, float same, float rgb[3])
+static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, const struct pell_vec3 *normal, float same,
+                           float rgb[3])
 {
+    const struct pell_lanes *l = &k->lanes;
     const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
+    const float seen = pell_saturate(vec3_dot(*normal, vec3(l->vx[i], l->vy[i], l->vz[i])) / TURNED);
     const float place = pell_thickness_place(max0(d), t->max_mm, PELL_THICKNESS_STEPS), opposed = max0(-same);
     const int j = pell_table_cell(place, PELL_THICKNESS_STEPS);
 
     for (int c = 0; c < 3; c++) {
         const float near = pell_lerp(t->value[j][c], t->slab[j][c], opposed),
                     next = pell_lerp(t->value[j + 1][c], t->slab[j + 1][c], opposed);
-        rgb[c] = (1.0f - max0(same)) * pell_thickness_share(near, next, place, PELL_THICKNESS_STEPS);
+        rgb[c] = (1.0f - seen * max0(same)) * pell_thickness_share(near, next, place, PELL_THICKNESS_STEPS);
     }
 }
 
@@ -211,7 +217,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         if (!(mu > 0.0f) || !(facing > 0.0f || lifted))
             continue;
         g = lifted ? 1.0f : smaller(1.0f, facing / (mu * larger(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
-        pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), same, share);
+        pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), &exits.normal[i], same, share);
         w = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
         w *= far ? 1.0f : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
         for (int c = 0; c < 3; c++)
@@ -270,7 +276,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         if (!exits.found[i] || !(visible[i] > 0.0f))
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        pass_thickness(job, k, i, m, vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), share);
+        pass_thickness(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), share);
         for (size_t e = 0; e < job->lights->num_environments; e++) {
             smooth_rest(job, k, i, (int) e, exits.normal[i], rest);
             for (int c = 0; c < 3; c++)
