@@ -103,6 +103,29 @@ static void what_the_camera_sees_counts_once(void **state)
     stage_finish(&s);
 }
 
+/* Planes that no pixel asks for change none, but for rounding. */
+static void planes_that_are_not_seen_change_nothing(void **state)
+{
+    static const char *const on[] = { "planes=12", "visible=on", NULL }, *const off[] = { "planes=12", "visible=off", NULL };
+
+    (void) state;
+    for (int k = 0; k < 3; k++) {
+        struct stage s;
+        struct shot a, b;
+        object(&s, k, 50);
+        a = stage_shot_of(&s, "convolution", on);
+        b = stage_shot_of(&s, "convolution", off);
+        {
+            const struct difference d = shot_difference(&a, &b);
+            print_message("# difference: %.2g of the mean, largest %.2g\n", d.rms, d.largest);
+            REQUIRE(d.largest < 1e-5);
+        }
+        shot_free(&a);
+        shot_free(&b);
+        stage_finish(&s);
+    }
+}
+
 /* No light goes from one object to another, though they touch. */
 static void light_stays_in_its_object(void **state)
 {
@@ -307,6 +330,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(more_planes_come_nearer_to_the_whole_surface),
         cmocka_unit_test(what_the_camera_sees_counts_once),
+        cmocka_unit_test(planes_that_are_not_seen_change_nothing),
         cmocka_unit_test(light_stays_in_its_object),
         cmocka_unit_test(light_on_an_object_changes_no_bit_of_another),
         cmocka_unit_test(light_behind_is_of_its_own_frame),
