@@ -1,18 +1,24 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Renders the pictures that the README opens with.
+"""Renders the pictures that the README opens with, and those of docs/gallery.md.
 
     scripts/draw_gallery.py build/src/cli/pellucid BUNNY.obj build/examples docs/images
+    scripts/draw_gallery.py build/src/cli/pellucid BUNNY.obj docs/gallery.md [NAME ...]
 
 backlight.png: a bunny of 70 mm with a lamp behind it, of whole milk, jade, wax, skimmed milk, soap and marble, by convolution;
 methods.png: the one of wax without scattering, by screen-space, image-space and texture-space; by convolution, hierarchical and
-path-trace; and veins below the skin of a head, by layered. Standard library only.
+path-trace; and veins below the skin of a head, by layered. With the page: every command of it that renders, or those of the named
+pictures, into images/gallery beside the page; a turntable becomes a film (APNG). Standard library only.
 """
 import json
+import shlex
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
+import time
+import zlib
 from pathlib import Path
 
 from draw_layer_sheets import above, beside, read_png, write_png
@@ -64,7 +70,55 @@ def in_row(pictures):
     return row
 
 
+def parts_of(png):
+    """(name, data) of each chunk."""
+    at = 8
+    while at < len(png):
+        size, = struct.unpack('>I', png[at:at + 4])
+        yield png[at + 4:at + 8], png[at + 8:at + 8 + size]
+        at += 12 + size
+
+
+def write_film(path, frames, milliseconds):
+    """An APNG of PNG files of one size, whose pixels it keeps as they are packed."""
+    def part(name, data):
+        return struct.pack('>I', len(data)) + name + data + struct.pack('>I', zlib.crc32(name + data))
+
+    header = next(data for name, data in parts_of(frames[0].read_bytes()) if name == b'IHDR')
+    out, number = [b'\x89PNG\r\n\x1a\n', part(b'IHDR', header), part(b'acTL', struct.pack('>II', len(frames), 0))], 0
+    for frame in frames:
+        pixels = b''.join(data for name, data in parts_of(frame.read_bytes()) if name == b'IDAT')
+        out.append(part(b'fcTL', struct.pack('>IIIIIHHBB', number, *struct.unpack('>II', header[:8]), 0, 0, milliseconds, 1000, 0, 0)))
+        out.append(part(b'fdAT', struct.pack('>I', number + 1) + pixels) if frame is not frames[0] else part(b'IDAT', pixels))
+        number += 2 if frame is not frames[0] else 1
+    path.write_bytes(b''.join(out) + part(b'IEND', b''))
+
+
+def draw_page(program, bunny, page, names):
+    """Runs what the page says, from the folder above the build."""
+    program, bunny, page = (Path(p).resolve() for p in (program, bunny, page))
+    images = page.parent / 'images/gallery'
+    images.mkdir(parents=True, exist_ok=True)
+    for line in page.read_text('utf-8').splitlines():
+        words = shlex.split(line) if line.startswith('    ./pellucid render') else []
+        if not words or (names and Path(words[-1]).stem not in names):
+            continue
+        with tempfile.TemporaryDirectory() as work:
+            output, start = Path(work) / words[-1], time.monotonic()
+            words = [str(bunny) if word == 'bunny.obj' else word for word in words[1:-1]]
+            subprocess.run([program, *words, output, '-q'], cwd=page.parent.parent, check=True)
+            print(f'{output.name}: {time.monotonic() - start:.1f} s', flush=True)
+            frames = sorted(Path(work).glob(f'{output.stem}_*.png'))
+            if frames:
+                write_film(images / output.name, frames, 120)
+            else:
+                shutil.copyfile(output, images / output.name)
+
+
 def main():
+    if len(sys.argv) > 3 and sys.argv[3].endswith('.md'):
+        draw_page(*sys.argv[1:4], sys.argv[4:])
+        return
     if len(sys.argv) != 5:
         sys.exit(__doc__)
     with tempfile.TemporaryDirectory() as work:

@@ -128,7 +128,7 @@ def vase(folder):
 # --- A candle -------------------------------------------------------------------------------------------------------------------------
 
 # Angle, length, radius.
-DRIPS = [(0.4, 70, 3.4), (1.5, 38, 3.0), (2.3, 55, 2.6), (3.3, 82, 3.6), (4.1, 30, 2.4), (5.0, 62, 3.2), (5.7, 20, 2.6)]
+DRIPS = [(0.9, 34, 3.6), (2.3, 40, 3.0), (3.3, 62, 3.6), (4.4, 26, 2.8), (5.6, 46, 3.4)]
 
 
 def candle_solid(p):
@@ -141,8 +141,9 @@ def candle_solid(p):
         s, c = np.sin(angle), np.cos(angle)
         low = 102 - run
         drip = chain(p, curve([(22 * s, 103, 22 * c, radius), (24.6 * s, 90 - 0.2 * run, 24.6 * c, 0.85 * radius),
-                               (24.2 * s + 0.8, low + 8, 24.2 * c, 0.8 * radius), (24.4 * s + 0.8, low, 24.4 * c, 1.25 * radius)], 3))
-        d = join(d, drip, 2.5)
+                               (24.0 * s + 0.8, low + 10, 24.0 * c, 0.8 * radius),
+                               (22.6 * s + 0.8, low, 22.6 * c, 0.7 * radius)], 3))
+        d = join(d, drip, 7.0)
     pool = ellipsoid(p, (0, 106, 0), (19.5, 9.5, 19.5))
     return cut(d, pool, 2.0)
 
@@ -170,7 +171,7 @@ def candle(folder):
     text = (folder / 'flame.obj').read_text('utf-8').split('\n')
     text[1:1] = ['mtllib flame.mtl', 'usemtl Flame']
     (folder / 'flame.obj').write_text('\n'.join(text), 'utf-8')
-    (folder / 'flame.mtl').write_text('# made by scripts/make_models.py\nnewmtl Flame\nKd 0 0 0\nKs 0 0 0\nKe 6 6 6\nmap_Ke flame.png\n',
+    (folder / 'flame.mtl').write_text('# made by scripts/make_models.py\nnewmtl Flame\nKd 0 0 0\nKs 0 0 0\nKe 60 60 60\nmap_Ke flame.png\n',
                                       'utf-8')
     s = (1 - (np.arange(128) + 0.5) / 128)[:, None, None]  # rows from the top
     hot, blue = np.clip((s - 0.12) / 0.25, 0, 1), np.exp(-(s / 0.10) ** 2)
@@ -247,16 +248,20 @@ def fruit(folder):
     sdf.write_png(folder / 'orange-normal.png', sdf.normal_map(-height.reshape(size, size) * FLOAT(1.6), (36 * p.T).reshape(size, size, 3)))
     save(folder, 'stem',
          sdf.mesh(lambda q: chain(q, curve([(0, 50, 0, 1.5), (0.6, 62, 0.3, 1.2), (3.2, 72, 1.0, 1.7)])), (-5, 46, -5), (8, 77, 6), 0.5))
-    save(folder, 'plate', sdf.mesh(plate_solid, (-128, -4, -128), (128, 26, 128), 1.6))
+    save(folder, 'plate', revolved(320, 256, plate_place)[0])
 
 
-def plate_solid(p):
-    x, y, z = p
-    r = np.hypot(x, z)
-    rise = 0.5 + 17 * np.clip((r - 70) / 50, 0, 1) ** 2
-    d = np.maximum(np.abs(y - rise - FLOAT(2.0)) * FLOAT(0.85) - FLOAT(1.9), r - FLOAT(121))
-    d = join(d, np.maximum(np.abs(r - FLOAT(62)) - FLOAT(2.2), np.abs(y - FLOAT(0.6)) - FLOAT(1.8)), 2)
-    return d.astype(FLOAT) - FLOAT(0.5)
+# Radius, height; from below to above.
+PLATE = [(0, 0.6), (30, 0.6), (57, 0.4), (60, -0.8), (63, -0.8), (66, 0.6), (80, 2.0), (104, 9.5), (120, 17.5), (122.2, 19.4),
+         (122.4, 20.6), (121.4, 21.4), (119, 20.6), (103, 12.6), (80, 5.2), (66, 3.9), (30, 3.8), (0, 3.8)]
+
+
+def plate_place(s, t):
+    points = np.array([k[:2] for k in curve([(r, y, 0, 0) for r, y in PLATE], 12)])
+    at = np.concatenate([[0], np.cumsum(np.sqrt((np.diff(points, axis=0) ** 2).sum(1)))])
+    r, y = (np.interp(s * at[-1], at, points[:, k]) for k in range(2))
+    r = np.where((s == 0) | (s == 1), 0, np.maximum(r, 0.01))
+    return r * np.sin(t), y, r * np.cos(t)
 
 
 # --- A leaf ---------------------------------------------------------------------------------------------------------------------------

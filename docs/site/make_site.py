@@ -20,7 +20,7 @@ TITLE = 'Pellucid'
 # Title of a group in the list of pages, and the pages in it: files in their order, or patterns.
 GROUPS = [
     ('Start', ['README.md', 'docs/guide/first-picture.md', 'docs/guide/command-line.md', 'docs/guide/scene-file.md',
-               'docs/guide/viewer.md', 'docs/guide/troubleshooting.md']),
+               'docs/guide/viewer.md', 'docs/gallery.md', 'docs/guide/troubleshooting.md']),
     ('Light below surfaces', ['docs/guide/paper-to-pixels.md', 'docs/guide/materials.md', 'docs/guide/profiles.md',
                               'docs/guide/optics-proof.md', 'docs/guide/conventions.md']),
     ('Methods', ['docs/guide/methods.md', 'docs/guide/choosing.md', 'docs/guide/compare.md', 'src/methods/*/README.md']),
