@@ -266,7 +266,7 @@ _types = {lib.PELL_KNOB_BOOL: "bool *", lib.PELL_KNOB_INT: "int *", lib.PELL_KNO
 
 
 def knob_rows(table) -> list:
-    rows = []
+    rows: list[Any] = []
     while table[len(rows)].type != lib.PELL_KNOB_NONE:
         rows.append(table[len(rows)])
     return rows

@@ -27,7 +27,7 @@ def methods() -> dict[str, dict[str, Any]]:
 
 
 def _choices(knob) -> list[str]:
-    names = []
+    names: list[str] = []
     while knob.choices and knob.choices[len(names)]:
         names.append(text(knob.choices[len(names)]))
     return names
@@ -156,7 +156,7 @@ class Renderer(Closing):
         context, scene = self.context, self.scene._scene[0]
         rows = {text(k.name) for k in knob_rows(lib.pell_settings_knobs())}
         own = {text(o.name): text(o.value) for o in (scene.options[i] for i in range(scene.num_options))}
-        name = method or own.get("method", DEFAULT_METHOD)
+        name: str = method or own.get("method") or DEFAULT_METHOD
         settings = {option: value for option, value in own.items() if option in rows}
         knobs = {k[6:]: v for k, v in own.items() if k.startswith("knobs/")} if name == own.get("method", DEFAULT_METHOD) else {}
         if name == "none":
