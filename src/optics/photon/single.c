@@ -3,7 +3,7 @@
  * single.c - light that is scattered exactly once on its way, in closed form up to one integral; and how the far field decays. */
 #include "optics/photon/table.h"
 
-#include <pellucid/medium.h>
+#include <pellucid/profile.h>
 
 #include "math/quadrature.h"
 #include "math/vec.h"
