@@ -226,6 +226,16 @@ static enum pell_result add_environment(struct pell_lights *lights, int number, 
     return res;
 }
 
+/* Of the numbers below n; beside them and a place on the curve, 32 hold nothing more. */
+static int bits_of(int n)
+{
+    int bits = 0;
+
+    while (bits < 32 - 2 * PELL_CURVE_LEVELS && n > 1 << bits)
+        bits++;
+    return bits;
+}
+
 enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_settings *settings,
                                     struct pell_pool *pool, struct pell_lights **out)
 {
@@ -243,6 +253,8 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
     /* shared out over the multisamples */
     lights->light_samples = settings->light_samples > msaa ? (settings->light_samples + msaa - 1) / msaa : 1;
     lights->ambient_samples = settings->ambient_samples > msaa ? (settings->ambient_samples + msaa - 1) / msaa : 1;
+    lights->light_bits = bits_of(lights->light_samples * msaa);
+    lights->ambient_bits = bits_of(lights->ambient_samples * msaa);
     for (size_t i = 0; i < scene->num_lights; i++)
         environments += scene->lights[i].type == PELL_LIGHT_ENVIRONMENT;
 
@@ -279,8 +291,10 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
     lights->data = pell_alloc_array(ctx, lights->num_sources ? lights->num_sources : 1, sizeof(*lights->data));
     if (!lights->data)
         goto fail;
-    for (size_t i = 0; i < lights->num_sources; i++)
+    for (size_t i = 0; i < lights->num_sources; i++) {
         lights->data[i] = pell_light_data_of(scene, &lights->sources[i]);
+        lights->data[i].power.w /= (float) msaa;
+    }
     pell_specular_tables_destroy(&tables);
     *out = lights;
     return PELL_OK;

@@ -67,7 +67,8 @@ struct pell_lights {
     size_t num_sources, capacity;
     struct pell_environment *environments;
     size_t num_environments;
-    int light_samples, ambient_samples; /* per frame */
+    int light_samples, ambient_samples; /* of a multisample */
+    int light_bits, ambient_bits;       /* of the numbers of a frame's samples */
     uint8_t *eta_slot;                  /* of a material: index of its smooth boundary in the environments' tables */
     size_t num_materials;
     /* (object, material) of every mesh, sorted: which solids a pixel's material belongs to. */

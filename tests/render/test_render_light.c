@@ -492,6 +492,56 @@ static void metered_exposure_shows_white_as_white_and_ketchup_dark(void **state)
     }
 }
 
+/* --- Few samples ---------------------------------------------------------------------------------------------------------------------- */
+
+/* A smooth plane that mirrors part of a large light: 16 rays draw nearly what 1024 draw. */
+static struct shot mirrored_light(int samples)
+{
+    struct pell_material *m;
+    struct pell_light *l;
+    struct stage s;
+    struct shot shot;
+    size_t material;
+
+    stage_start(&s, 96, 96);
+    m = stage_opaque(&s, 0.0f, &material);
+    m->rho_s = 1.0f;
+    m->roughness = 0.2f;
+    stage_box(&s, material, 0, vec3(-300, -300, -200), vec3(300, 300, 0));
+    l = stage_light(&s, PELL_LIGHT_RECT, vec3(-160, 0, 220), vec3(0, 0, 0), 1.0f);
+    l->width = 150.0f;
+    l->height = 90.0f;
+    stage_camera(&s, vec3(160, 0, 220), vec3(0, 0, 0), 0.0f, 50.0f);
+    s.settings.msaa = 4;
+    s.settings.layers = true;
+    s.settings.light_samples = samples;
+    shot = stage_shot_of(&s, "none", NULL);
+    stage_finish(&s);
+    return shot;
+}
+
+static void few_rays_draw_a_large_lights_reflection(void **state)
+{
+    struct shot few = mirrored_light(16), many = mirrored_light(1024);
+    double sum = 0.0, difference = 0.0, squares = 0.0, peak = 0.0;
+
+    (void) state;
+    for (int y = 0; y < 96; y++)
+        for (int x = 0; x < 96; x++) {
+            const double a = shot_at(&few, SHOT_SPECULAR, x, y), b = shot_at(&many, SHOT_SPECULAR, x, y);
+            sum += b;
+            difference += a - b;
+            squares += (a - b) * (a - b);
+            peak = fmax(peak, b);
+        }
+    print_message("# reflection: bias %.4f of its light, error %.4f of its peak\n", difference / sum, sqrt(squares / (96 * 96)) / peak);
+    REQUIRE(peak > 0.0);
+    REQUIRE(fabs(difference / sum) < 0.015);
+    REQUIRE(sqrt(squares / (96 * 96)) / peak < 0.02);
+    shot_free(&few);
+    shot_free(&many);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -504,6 +554,7 @@ int main(void)
         cmocka_unit_test(lights_add_up),
         cmocka_unit_test(a_picture_turns_with_its_scene),
         cmocka_unit_test(metered_exposure_shows_white_as_white_and_ketchup_dark),
+        cmocka_unit_test(few_rays_draw_a_large_lights_reflection),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

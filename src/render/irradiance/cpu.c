@@ -165,7 +165,9 @@ static void load_packet(const struct job *job, struct packet *k, const int32_t *
 {
     const struct pell_surface *s = job->p->surface;
     const struct pell_material *some[PELL_LANES];
-    struct pell_lane_input input = { .view = job->p->view, .surface = s, .seed = job->p->seed, .place = place };
+    struct pell_lane_input input = {
+        .view = job->p->view, .surface = s, .seed = job->p->seed, .light_bits = job->lights->light_bits, .place = place
+    };
     uint32_t differ = 0;
 
     for (int i = 0; i < PELL_LANES; i++) {
@@ -249,7 +251,8 @@ static void shine(const struct job *job, const struct pell_light_source *source,
                 job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
                 pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
             }
-            job->kernels->front(&job->tables, &k->lanes, &k->aim, visible, source->environment < 0 && shows_highlights(job, k), front);
+            job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, source->environment < 0 && shows_highlights(job, k),
+                                front);
         }
         if (source->environment >= 0 && !source->compact)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);

@@ -76,8 +76,11 @@ static void place_samples(const struct pell_light_data *restrict light, const st
         return;
     }
     for (int i = 0; i < N; i++) {
-        const float u = pell_unit_float(u0 ^ p->hash[0][i]), v = pell_unit_float(u1 ^ p->hash[1][i]);
+        const uint32_t at0 = u0 ^ p->pattern[0][i], at1 = u1 ^ p->pattern[1][i];
+        const float u = pell_unit_float(at0), v = pell_unit_float(at1);
         float x, y;
+        a->at[0][i] = at0;
+        a->at[1][i] = at1;
         pell_disc_point(u, v, &x, &y);
         x = disc ? x : 2.0f * u - 1.0f;
         y = disc ? y : 2.0f * v - 1.0f;
@@ -182,30 +185,33 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
 
 #define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
 
-static void add_highlight(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
-                          const float *restrict clipped, struct pell_sums *restrict sums)
+/* The lobe toward a direction, by lane, and Schlick's weight there. */
+static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N], const float *restrict spread, float *restrict shape,
+                       float *restrict fresnel)
 {
-    _Alignas(64) float sin2[N], nh[N], hh[N], nv[N], width2[N], fresnel[N], shape[N] = { 0 };
+    _Alignas(64) float sin2[N], nl[N], nh[N], hh[N], nv[N], width2[N];
 
     for (int i = 0; i < N; i++) {
-        const float hx = a->lx[i] + p->vx[i], hy = a->ly[i] + p->vy[i], hz = a->lz[i] + p->vz[i];
+        const float hx = l[0][i] + p->vx[i], hy = l[1][i] + p->vy[i], hz = l[2][i] + p->vz[i];
         const float cx = p->ny[i] * hz - p->nz[i] * hy, cy = p->nz[i] * hx - p->nx[i] * hz, cz = p->nx[i] * hy - p->ny[i] * hx;
-        const float square = hx * hx + hy * hy + hz * hz;
+        const float square = hx * hx + hy * hy + hz * hz, cosine = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
         float vh;
+        nl[i] = cosine > 1e-6f ? cosine : 1e-6f;
         hh[i] = square > 1e-12f ? square : 1e-12f;
         sin2[i] = cx * cx + cy * cy + cz * cz;
         nv[i] = p->nv[i] > 1e-4f ? p->nv[i] : 1e-4f;
-        nh[i] = clipped[i] + nv[i];
+        nh[i] = nl[i] + nv[i];
         vh = 0.5f * sqrtf(hh[i]); /* h.v of the unit half vector: (1 + l.v)/|h| = |h|/2 */
         /* Few samples of a large light in a narrow lobe would be noise: each stands for a patch of solid angle w, of w/(4 h.v) among the
-         * half vectors, and the lobe is widened by about that patch. (Convolving with a Gaussian adds the variances; a lobe's is half
-         * the square of its width.) */
-        width2[i] = p->width2[i] + a->spread[i] * (1.0f / 8.0f) / vh;
+         * half vectors, and the lobe is widened by that patch: a square's variance along a side is a 12th of its area, and a lobe's is
+         * half the square of its width. */
+        width2[i] = p->width2[i] + spread[i] * (1.0f / 24.0f) / vh;
         fresnel[i] = pell_schlick_weight(vh);
     }
+    memset(shape, 0, N * sizeof(*shape));
     if (HAS(p, GGX))
         for (int i = 0; i < N; i++)
-            shape[i] = pell_lobe_ggx(width2[i] < 1.0f ? width2[i] : 1.0f, clipped[i], nv[i], sin2[i], nh[i], hh[i]);
+            shape[i] = pell_lobe_ggx(width2[i] < 1.0f ? width2[i] : 1.0f, nl[i], nv[i], sin2[i], nh[i], hh[i]);
     if (HAS(p, KELEMEN))
         for (int i = 0; i < N; i++) {
             const float kelemen = pell_lobe_kelemen(width2[i], sin2[i], nh[i], hh[i]);
@@ -213,7 +219,7 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
         }
     if (HAS(p, PHONG))
         for (int i = 0; i < N; i++) {
-            const float phong = pell_lobe_phong(width2[i] < 1.0f ? width2[i] : 1.0f, clipped[i], nv[i], sin2[i]);
+            const float phong = pell_lobe_phong(width2[i] < 1.0f ? width2[i] : 1.0f, nl[i], nv[i], sin2[i]);
             shape[i] = p->model[i] == PELL_SPECULAR_PHONG ? phong : shape[i];
         }
     if (HAS(p, BLINN_PHONG))
@@ -221,10 +227,64 @@ static void add_highlight(const struct pell_lanes *restrict p, const struct pell
             const float blinn = pell_lobe_blinn_phong(width2[i] < 1.0f ? width2[i] : 1.0f, sin2[i], hh[i]);
             shape[i] = p->model[i] == PELL_SPECULAR_BLINN_PHONG ? blinn : shape[i];
         }
+}
+
+/* Directions from the points to places `j` of the sample's cell of the light's face. The cell is what the frame's samples share out: of all
+ * that have the same leading digits. */
+static void aim_within(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
+                       uint32_t j, float l[3][N], float *restrict cosine)
+{
+    const uint32_t u = pell_sobol0(j) >> ((p->light_bits + 1) / 2), v = pell_sobol1(j) >> (p->light_bits / 2);
+    const bool disc = light->type == PELL_LIGHT_DATA_DISC;
+
+    for (int i = 0; i < N; i++) {
+        float x = pell_unit_float(a->at[0][i] ^ u), y = pell_unit_float(a->at[1][i] ^ v), inv;
+        float dx, dy;
+        pell_disc_point(x, y, &dx, &dy);
+        x = disc ? dx : 2.0f * x - 1.0f;
+        y = disc ? dy : 2.0f * y - 1.0f;
+        l[0][i] = light->position.x + x * light->right.x + y * light->up.x - p->px[i];
+        l[1][i] = light->position.y + x * light->right.y + y * light->up.y - p->py[i];
+        l[2][i] = light->position.z + x * light->right.z + y * light->up.z - p->pz[i];
+        inv = l[0][i] * l[0][i] + l[1][i] * l[1][i] + l[2][i] * l[2][i];
+        inv = 1.0f / sqrtf(inv > TINY ? inv : TINY);
+        for (int c = 0; c < 3; c++)
+            l[c][i] *= inv;
+        cosine[i] = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
+    }
+}
+
+#define WITHIN 8 /* places of a sample's cell that a highlight is taken at: rays cost more than lobes */
+
+/* The samples' rays are too few for a narrow lobe; the part of the face that each stands for is looked at more closely. */
+static void add_highlight(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p,
+                          const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
+                          struct pell_sums *restrict sums)
+{
+    const bool flat = light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
+    const int places = flat ? WITHIN : 1;
+    _Alignas(64) float shape[N], fresnel[N], spread[N], even[N] = { 0 }, grazing[N] = { 0 }, l[3][N], cosine[N];
+
+    for (int i = 0; i < N; i++)
+        spread[i] = a->spread[i] * (1.0f / WITHIN);
+    memcpy(l[0], a->lx, sizeof(a->lx));
+    memcpy(l[1], a->ly, sizeof(a->ly));
+    memcpy(l[2], a->lz, sizeof(a->lz));
+    memcpy(cosine, clipped, sizeof(cosine));
+    for (int j = 0; j < places; j++) {
+        if (j > 0)
+            aim_within(light, p, a, (uint32_t) j, l, cosine);
+        shape_lobe(p, (const float(*)[N]) l, spread, shape, fresnel);
+        for (int i = 0; i < N; i++) {
+            const float w = cosine[i] > 0.0f ? shape[i] * cosine[i] : 0.0f;
+            even[i] += w;
+            grazing[i] += w * fresnel[i];
+        }
+    }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float w = shape[i] * facing[i] * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
-            const float add = w * (p->f0[c][i] + (1.0f - p->f0[c][i]) * fresnel[i]), kept = add < BIG ? add : BIG;
+            const float w = facing[i] / ((float) places * clipped[i]) * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
+            const float add = w * (p->f0[c][i] * even[i] + (1.0f - p->f0[c][i]) * grazing[i]), kept = add < BIG ? add : BIG;
             sums->specular[c][i] += facing[i] > 0.0f ? kept : 0.0f;
         }
 }
@@ -250,8 +310,8 @@ static void add_single(const struct pell_lanes *restrict p, const struct pell_ai
         }
 }
 
-static void front(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
-                  const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
+static void front(const struct pell_light_data *light, const struct pell_shade_tables *t, const struct pell_lanes *restrict p,
+                  const struct pell_aim *restrict a, const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
 {
     _Alignas(64) float mu[N], transmitted[N], facing[N], off[N];
 
@@ -275,7 +335,7 @@ static void front(const struct pell_shade_tables *t, const struct pell_lanes *re
     if (p->any_single)
         add_single(p, a, facing, transmitted, sums);
     if (highlight)
-        add_highlight(p, a, facing, mu, sums);
+        add_highlight(light, p, a, facing, mu, sums);
 }
 
 static void unshadowed(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
@@ -346,9 +406,12 @@ static void load_place(const struct pell_lane_input *input, const float *restric
         p->epsilon[i] = 6e-6f * ((axy > az ? axy : az) + depth[i]);
     }
     for (int i = 0; i < N; i++) {
-        const uint32_t hash = pell_hash((uint32_t) x[i] ^ pell_hash((uint32_t) y[i] ^ seed));
-        p->hash[0][i] = pell_hash(hash ^ 0x68bc21ebu);
-        p->hash[1][i] = pell_hash(hash ^ 0x02e5be93u);
+        const uint32_t px = (uint32_t) x[i], py = (uint32_t) y[i];
+        const uint32_t block = pell_hash(px >> PELL_CURVE_LEVELS ^ pell_hash(py >> PELL_CURVE_LEVELS ^ seed));
+        p->curve[i] = pell_pixel_curve(px, py, seed);
+        p->first[i] = pell_hash(px ^ pell_hash(py ^ seed));
+        p->hash[0][i] = pell_hash(block ^ 0x68bc21ebu);
+        p->hash[1][i] = pell_hash(block ^ 0x02e5be93u);
     }
 }
 
@@ -367,6 +430,7 @@ static void load_points(const struct pell_lane_input *input, const float *restri
         p->vy[i] = p->gy[i];
         p->vz[i] = p->gz[i];
         p->epsilon[i] = 6e-6f * depth[i];
+        p->curve[i] = p->first[i] = 0;
         p->hash[0][i] = pell_hash(hash ^ 0x68bc21ebu);
         p->hash[1][i] = pell_hash(hash ^ 0x02e5be93u);
     }
@@ -461,6 +525,9 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
         load_points(input, depth, index, x, y, p);
     else
         load_place(input, depth, x, y, p);
+    for (int i = 0; i < N; i++)
+        pell_lane_pattern(p, i, input->light_bits, 0, p->pattern[0] + i, p->pattern[1] + i);
+    p->light_bits = input->light_bits;
     load_roughness(p);
     for (int i = 0; i < N; i++) {
         const float gn = p->gx[i] * p->nx[i] + p->gy[i] * p->ny[i] + p->gz[i] * p->nz[i];

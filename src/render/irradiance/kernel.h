@@ -7,6 +7,7 @@
 #define PELL_SHADE_H
 
 #include "base/simd.h"
+#include "math/sampling.h"
 #include "render/irradiance/stage.h"
 #include "visibility/rays.h"
 
@@ -34,11 +35,15 @@ struct pell_lanes {
     int32_t thin[16];     /* -1: a thin sheet, whose far side is lit, too; with any_thin */
     float roughness[16];
     int32_t valid[16];
-    uint32_t hash[2][16];
-    float shift[3][16]; /* mean free path over radius of curvature, refracted (curvature/stage.h) */
+    uint32_t hash[2][16];    /* random, the same for all of a block of pixels */
+    uint32_t curve[16];      /* place in the block, see pell_pixel_curve */
+    uint32_t first[16];      /* random */
+    uint32_t pattern[2][16]; /* what the sequence's numbers are XORed with for samples of lights: pell_lane_pattern */
+    float shift[3][16];      /* mean free path over radius of curvature, refracted (curvature/stage.h) */
     float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
     float single_eta2[16], single_albedo[3][16], single_g[3][16];                     /* see render/single.h */
     int any_smooth, any_deep, any_thin, any_single;
+    int light_bits;  /* of the number of a light's samples of a frame */
     unsigned models; /* bit 1 << model of each that some lane has */
 };
 
@@ -46,6 +51,7 @@ struct pell_lanes {
 struct pell_aim {
     _Alignas(64) float lx[16], ly[16], lz[16]; /* unit, from the point to the light */
     float sx[16], sy[16], sz[16];              /* the far end; directional: unused */
+    uint32_t at[2][16];                        /* of rect and disc, of the face: fractions of 2^32 */
     float distance[16];
     float intensity[3][16]; /* irradiance on a facing surface = intensity falloff */
     float falloff[16];
@@ -60,11 +66,22 @@ struct pell_lane_input {
     const struct pell_view *view;
     const struct pell_surface *surface;
     uint32_t seed;
+    int light_bits;                    /* bits of the number of a light's samples of a frame */
     const struct pell_material *plain; /* of all lanes where it is translucent, no metal and even (surface.h); else NULL */
     const float *const *place; /* points in space, mm: lane i is at place[k][index[i]] and seen from along its geometric normal; `depth` is
                                 * then the largest coordinate that it was made of. NULL: the view and the depth say where lanes are */
     const struct pell_material *const *some; /* else: of each lane that is plain, whose planes may hold anything; NULL: none is */
 };
+
+/* Lane i takes the run of 2^bits numbers of the sequence that its pixel's place on the curve says, from a random one on. The sequence is
+ * linear over XOR, so the run is that of place 0, XORed with this. */
+static inline void pell_lane_pattern(const struct pell_lanes *p, int i, int bits, uint32_t salt, uint32_t *u, uint32_t *v)
+{
+    const uint32_t start = p->curve[i] << bits | (p->first[i] & ((1u << bits) - 1));
+
+    *u = p->hash[0][i] ^ salt ^ pell_sobol0(start);
+    *v = p->hash[1][i] ^ pell_hash(salt) ^ pell_sobol1(start);
+}
 
 struct pell_sums {
     _Alignas(64) float irradiance[3][16], specular[3][16], transmitted[3][16];
@@ -85,8 +102,8 @@ struct pell_shade_kernels {
     /* Directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected image. */
     void (*aim)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);
     /* Adds the light of the front lanes whose `visible` is -1. */
-    void (*front)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_aim *aim,
-                  const int32_t *visible, bool highlight, struct pell_sums *sums);
+    void (*front)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
+                  const struct pell_aim *aim, const int32_t *visible, bool highlight, struct pell_sums *sums);
     /* Adds what enters without regard to visibility to sums->unshadowed. */
     void (*unshadowed)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_aim *aim,
                        struct pell_sums *sums);

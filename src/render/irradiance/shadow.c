@@ -32,9 +32,11 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
     const int samples = job->lights->ambient_samples;
     _Alignas(64) int32_t visible[PELL_LANES];
     struct pell_vec3 t[PELL_LANES], b[PELL_LANES];
+    uint32_t pattern[2][PELL_LANES];
     struct pell_ray16 rays;
 
     for (int i = 0; i < PELL_LANES; i++) {
+        pell_lane_pattern(&k->lanes, i, job->lights->ambient_bits, salt, &pattern[0][i], &pattern[1][i]);
         vec3_basis(normal[i], &t[i], &b[i]);
         share[i] = 0.0f;
     }
@@ -42,8 +44,7 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
         const uint32_t n = job->p->sample * (uint32_t) samples + (uint32_t) s, u0 = pell_sobol0(n), u1 = pell_sobol1(n);
         for (int i = 0; i < PELL_LANES; i++) {
             float x, y, z;
-            pell_disc_point(pell_unit_float(u0 ^ pell_hash(k->lanes.hash[0][i] ^ salt)),
-                            pell_unit_float(u1 ^ pell_hash(k->lanes.hash[1][i] ^ salt)), &x, &y);
+            pell_disc_point(pell_unit_float(u0 ^ pattern[0][i]), pell_unit_float(u1 ^ pattern[1][i]), &x, &y);
             z = sqrtf(max0(1.0f - x * x - y * y));
             pell_ray16_set(&rays, i, origin[i], vec3_mad(vec3_mad(vec3_mul(normal[i], z), x, t[i]), y, b[i]), FLT_MAX);
         }
