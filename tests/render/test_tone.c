@@ -209,6 +209,37 @@ static void stops_multiply_every_exposure(void **state)
     }
 }
 
+/* A rim far brighter than white that covers a share of its pixels is shown as that share over the background, by every curve; its light
+ * in linear channels is the plain average. */
+static void rims_are_shown_by_the_share_that_they_cover(void **state)
+{
+    static const enum pell_tonemap curves[] = { PELL_TONEMAP_LINEAR, PELL_TONEMAP_REINHARD, PELL_TONEMAP_FILMIC };
+    const float grey[3] = { 0.2f, 0.2f, 0.2f };
+    struct pell_settings settings;
+
+    (void) state;
+    pell_knobs_default(pell_settings_knobs(), &settings);
+    settings.exposure = 1.0f;
+    for (size_t k = 0; k < PELL_COUNT(curves); k++) {
+        struct picture *p = picture_of(ramp);
+        settings.tonemap = curves[k];
+        for (int i = 0; i < ALL; i++) {
+            p->alpha[i] = (float) (i % 5) * 0.25f;
+            for (int c = 0; c < 3; c++)
+                p->color[c][i] = p->alpha[i] * 40.0f;
+        }
+        show_by(p, &settings, PELL_BACKGROUND_COLOR, grey);
+        for (int i = 0; i < ALL; i++) {
+            const double a = (double) p->alpha[i], all = (double) p->display[1][4], none = (double) p->display[1][0];
+            REQUIRE(all > 0.9);
+            REQUIRE_NEAR(none, 0.2, 1e-3);
+            REQUIRE_NEAR((double) p->display[1][i], a * all + (1.0 - a) * none, 1e-5);
+            REQUIRE_REL((double) p->color[1][i], a * 40.0 + (1.0 - a) * (double) p->color[1][0], 1e-5);
+        }
+        free(p);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -217,6 +248,7 @@ int main(void)
         cmocka_unit_test(the_filmic_curve_keeps_grey_and_turns_bright_colours_white),
         cmocka_unit_test(a_background_is_shown_as_it_is_asked_for),
         cmocka_unit_test(stops_multiply_every_exposure),
+        cmocka_unit_test(rims_are_shown_by_the_share_that_they_cover),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

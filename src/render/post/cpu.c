@@ -158,19 +158,63 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     }
 }
 
-/* Lays pixels x0 to x1 of a row over what is behind them, where that is not one colour. */
-static void fill(const struct task *t, int y, int x0, int x1)
+/* What is shown of a colour. */
+static void show(const struct task *t, const float rgb[3], float shown[3])
 {
-    const size_t row = (size_t) (y * t->p->stride);
-    const float *a = t->alpha + row;
-    float rgb[3];
+    float color[3] = { rgb[0], rgb[1], rgb[2] };
 
-    for (int x = x0; x < x1; x++)
-        if (a[x] < 1.0f) {
-            background(t, x, y, rgb);
+    t->kernels->finish(&t->over, 1, (float *const[]) { &color[0], &color[1], &color[2] }, &(float) { 1.0f },
+                       (float *const[]) { &shown[0], &shown[1], &shown[2] });
+}
+
+/* A pixel that is covered in part. What covers it and what is behind it are shown each by itself: the curve comes before the average, or
+ * a rim far brighter than white would be white as soon as it touches the pixel. */
+static void blend(const struct task *t, ptrdiff_t at, const float behind[3])
+{
+    const float a = t->alpha[at];
+    float over[3], shown[2][3];
+
+    for (int c = 0; c < 3; c++)
+        over[c] = t->color[c][at] / a;
+    show(t, over, shown[0]);
+    show(t, behind, shown[1]);
+    for (int c = 0; c < 3; c++) {
+        t->color[c][at] += (1.0f - a) * behind[c];
+        t->display[c][at] = a * shown[0][c] + (1.0f - a) * shown[1][c];
+    }
+}
+
+static void finish_pixels(const struct task *t, const struct pell_post_tone *tone, ptrdiff_t at, int count)
+{
+    float *const color[] = { t->color[0] + at, t->color[1] + at, t->color[2] + at };
+    float *const display[] = { t->display[0] + at, t->display[1] + at, t->display[2] + at };
+
+    if (count > 0)
+        t->kernels->finish(tone, count, color, t->alpha + at, display);
+}
+
+/* Pixels x0 to x1 of a row before what differs from pixel to pixel. */
+static void finish_varied(const struct task *t, int y, int x0, int x1)
+{
+    const ptrdiff_t row = y * t->p->stride;
+    int first = x0; /* of those that are not finished */
+
+    for (int x = x0; x < x1; x++) {
+        const float a = t->alpha[row + x];
+        float rgb[3];
+        if (!(a < 1.0f))
+            continue;
+        background(t, x, y, rgb);
+        if (a > 0.0f) {
+            finish_pixels(t, &t->over, row + first, x - first);
+            blend(t, row + x, rgb);
+            first = x + 1;
+        } else {
             for (int c = 0; c < 3; c++)
-                t->color[c][row + (size_t) x] += (1.0f - a[x]) * rgb[c];
+                t->color[c][row + x] = rgb[c];
         }
+    }
+    finish_pixels(t, &t->over, row + first, x1 - first);
 }
 
 /* Pixels x0 to x1 of a row before one background. `covered`: something may cover them. */
@@ -186,9 +230,9 @@ static void finish_piece(const struct task *t, int y, int x0, int x1, bool varie
     if (!covered)
         t->kernels->empty(tone, x1 - x0, color, t->alpha + at, display);
     if (varied)
-        fill(t, y, x0, x1);
-    if (varied || covered)
-        t->kernels->finish(tone, x1 - x0, color, t->alpha + at, display);
+        finish_varied(t, y, x0, x1);
+    else if (covered)
+        finish_pixels(t, tone, at, x1 - x0);
 }
 
 static int within(int x, int least, int most)
@@ -265,7 +309,6 @@ static void prepare_background(struct task *t)
     const struct pell_scene *scene = t->p->scene;
     const bool transparent = scene->background == PELL_BACKGROUND_TRANSPARENT;
     const float curve = t->curve ? 1.0f : 0.0f;
-    float black[3] = { 0.0f };
 
     t->over = (struct pell_post_tone) { t->exposure, transparent ? 0.0f : FLT_MAX, curve, curve * t->white_scale,
                                         t->p->settings->tonemap == PELL_TONEMAP_FILMIC };
@@ -274,10 +317,9 @@ static void prepare_background(struct task *t)
     t->tone.lay = !transparent && scene->background != PELL_BACKGROUND_ENVIRONMENT && !scene->background_image;
     if (!t->tone.lay)
         return;
+    t->tone.straight = 0.0f; /* what covers a pixel is shown by itself */
     unexpose(t, scene->background_color, t->tone.behind);
-    /* By who shows the rest of it, to the last bit: beside what covers it, too, it is one colour. */
-    t->kernels->finish(&t->tone, 1, (float *const[]) { &black[0], &black[1], &black[2] }, &(float) { 0.0f },
-                       (float *const[]) { &t->tone.shown[0], &t->tone.shown[1], &t->tone.shown[2] });
+    show(t, t->tone.behind, t->tone.shown);
 }
 
 void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,

@@ -146,20 +146,20 @@ INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], 
 
         for (int c = 0; c < 3; c++) {
             v[c] = load(color[c] + at);
-            if (t->lay) {
-                v[c] += transparency * t->behind[c];
-                store(color[c] + at, v[c]);
-            }
+            if (t->lay)
+                store(color[c] + at, v[c] + transparency * t->behind[c]);
         }
         if (t->filmic) {
             finish_filmic(e, v, display, at);
-            continue;
+        } else {
+            lum = e * PELL_LUMINANCE(v[0], v[1], v[2]);
+            l = greater(lum, all(0.0f));
+            scale = PELL_TONE_SCALE(e, l, t->curve, t->white_scale);
+            for (int c = 0; c < 3; c++)
+                store(display[c] + at, lesser(greater(v[c] * scale, all(0.0f)), all(1.0f)));
         }
-        lum = e * PELL_LUMINANCE(v[0], v[1], v[2]);
-        l = greater(lum, all(0.0f));
-        scale = PELL_TONE_SCALE(e, l, t->curve, t->white_scale);
-        for (int c = 0; c < 3; c++)
-            store(display[c] + at, lesser(greater(v[c] * scale, all(0.0f)), all(1.0f)));
+        for (int c = 0; t->lay && c < 3; c++)
+            store(display[c] + at, a * load(display[c] + at) + transparency * t->shown[c]);
     }
 }
 

@@ -5,6 +5,9 @@
  * Photographic tone reproduction (Reinhard, Stark, Shirley, Ferwerda 2002): L = exposure x luminance, L_d = L (1 + L / white^2) / (1 + L),
  * colour scaled by L_d / L.
  *
+ * A pixel that is covered in part is shown as the shares of what covers it and of what is behind it, each by the curve: the linear light of
+ * a rim far brighter than white would make all of its pixels white, however little of them it covers.
+ *
  * Exposure, where the user gives none, is metered over the pixels that something covers, as a photographer would with two meters: by the
  * light that arrives (a white Lambertian surface in the mean irradiance becomes 1, so milk stays white and ketchup dark), but never
  * more than three times what the key 0.18 of the log-average luminance asks for, so that what is lit from behind does not burn out.
