@@ -59,9 +59,9 @@ static inline uint32_t pell_owen_scramble(uint32_t x, uint32_t seed)
 }
 
 /* Place of pixel (x, y) of a block of 32 x 32 on a curve that visits quadrants of quadrants (Morton 1966), in an order drawn by hash for
- * each of them: below 1024. Pixels that take consecutive runs of a (0, 2)-sequence along it share out the square with their neighbours at every
- * scale, so that what is left of their errors is of high frequency (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo
- * Sampling Error via Hierarchical Ordering of Pixels"). */
+ * each of them: below 1024. Pixels that take consecutive runs of a (0, 2)-sequence along it share out the square with their neighbours at
+ * every scale, so that what is left of their errors is of high frequency (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte
+ * Carlo Sampling Error via Hierarchical Ordering of Pixels"). */
 #define PELL_CURVE_LEVELS 5
 static inline uint32_t pell_pixel_curve(uint32_t x, uint32_t y, uint32_t seed)
 {
