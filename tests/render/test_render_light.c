@@ -492,6 +492,75 @@ static void metered_exposure_shows_white_as_white_and_ketchup_dark(void **state)
     }
 }
 
+/* --- Coarse meshes ------------------------------------------------------------------------------------------------------------------- */
+
+/* A wavy column about z: bulges and waists, with the exact normals of r = 20 + 4 cos(2 pi z / 60). */
+static void wavy_column(struct stage *s, size_t material, uint32_t around, uint32_t along)
+{
+    struct pell_mesh *m = shapes_mesh(s->scene, material, around * (along + 1), 2 * around * along);
+    uint32_t *t = m->index;
+
+    for (uint32_t k = 0; k <= along; k++)
+        for (uint32_t i = 0; i < around; i++) {
+            const double z = -90.0 + 180.0 * k / along, a = 2.0 * PELL_PI * (i + 0.3 * k) / around, wave = 2.0 * PELL_PI / 60.0;
+            const double r = 20.0 + 4.0 * cos(wave * z), slope = -4.0 * wave * sin(wave * z), scale = 1.0 / sqrt(1.0 + slope * slope);
+            const size_t at = 3 * (size_t) (k * around + i);
+            m->position[at] = (float) (r * cos(a));
+            m->position[at + 1] = (float) (r * sin(a));
+            m->position[at + 2] = (float) z;
+            m->normal[at] = (float) (scale * cos(a));
+            m->normal[at + 1] = (float) (scale * sin(a));
+            m->normal[at + 2] = (float) (-scale * slope);
+        }
+    for (uint32_t k = 0; k < along; k++)
+        for (uint32_t i = 0; i < around; i++) {
+            const uint32_t a = k * around + i, b = k * around + (i + 1) % around, c = a + around, d = b + around;
+            const uint32_t two[6] = { a, b, d, a, d, c };
+            memcpy(t, two, sizeof(two));
+            t += 6;
+        }
+    shapes_bound(s->scene, m);
+}
+
+/* Light across a column casts no shadow on it: each point has what its normal says, however coarse the mesh is. Triangles that turn away
+ * from the light, or that the smooth surface lies below of, were dark, and so were the lines along their edges. */
+static void coarse_waists_have_no_dark_triangles(void **state)
+{
+    static const uint32_t finenesses[][2] = { { 12, 18 }, { 24, 36 }, { 48, 72 } };
+
+    (void) state;
+    for (size_t f = 0; f < PELL_COUNT(finenesses); f++) {
+        const struct pell_vec3 from = vec3(100.0f, -60.0f, 0.0f), l = vec3_normalize(from);
+        int lit = 0, dark = 0;
+        struct stage s;
+        struct shot shot;
+        size_t material;
+
+        stage_start(&s, 300, 300);
+        stage_opaque(&s, 1.0f, &material);
+        wavy_column(&s, material, finenesses[f][0], finenesses[f][1]);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, from, vec3(0, 0, 0), 1.0f);
+        stage_camera(&s, vec3(40, 100, 10), vec3(0, 0, 0), 0.0f, 70.0f);
+        s.settings.layers = true;
+        shot = stage_shot_of(&s, "none", NULL);
+        for (int y = 0; y < 300; y++)
+            for (int x = 0; x < 300; x++) {
+                const double cosine = shot_at(&shot, SHOT_NORMAL, x, y) * (double) l.x +
+                                      shot_at(&shot, SHOT_NORMAL + 1, x, y) * (double) l.y +
+                                      shot_at(&shot, SHOT_NORMAL + 2, x, y) * (double) l.z;
+                if (!(shot_at(&shot, SHOT_A, x, y) > 0.5 && cosine > 0.1))
+                    continue;
+                lit++;
+                dark += shot_at(&shot, SHOT_R, x, y) < 0.98 * cosine / PELL_PI;
+            }
+        print_message("# %u x %u: %d of %d pixels darker than their normals say\n", finenesses[f][0], finenesses[f][1], dark, lit);
+        REQUIRE(lit > 10000);
+        REQUIRE(dark == 0);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
 /* --- Few samples ---------------------------------------------------------------------------------------------------------------------- */
 
 /* A smooth plane that mirrors part of a large light: 16 rays draw nearly what 1024 draw. */
@@ -555,6 +624,7 @@ int main(void)
         cmocka_unit_test(a_picture_turns_with_its_scene),
         cmocka_unit_test(metered_exposure_shows_white_as_white_and_ketchup_dark),
         cmocka_unit_test(few_rays_draw_a_large_lights_reflection),
+        cmocka_unit_test(coarse_waists_have_no_dark_triangles),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

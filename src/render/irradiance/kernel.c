@@ -36,7 +36,8 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
         a->gl[i] = gl;
         a->nl[i] = nl;
         /* A lifted point lies on the smooth surface: its own triangle does not decide what faces the light. */
-        a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->terminator_offset[i] > p->epsilon[i])) & -(int32_t) (nl > 0.0f);
+        a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->terminator_offset[i] > TERMINATOR_LIFTED * p->epsilon[i])) &
+                      -(int32_t) (nl > 0.0f);
         a->back[i] = lit & p->deep[i] & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
         front |= a->front[i];
         back |= a->back[i];
@@ -317,7 +318,7 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
 
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
-                    g = ratio < 1.0f && p->terminator_offset[i] <= p->epsilon[i] ? ratio : 1.0f;
+                    g = ratio < 1.0f && p->terminator_offset[i] <= TERMINATOR_LIFTED * p->epsilon[i] ? ratio : 1.0f;
         const float lit = pell_soft_terminator(nl, g);
         mu[i] = nl;
         facing[i] = a->front[i] & visible[i] ? lit : 0.0f;

@@ -11,6 +11,10 @@
 #include "render/irradiance/stage.h"
 #include "visibility/rays.h"
 
+/* A point is on a smooth surface over its triangle from this share of epsilon on: more than rounding makes of a flat one. Were it all of
+ * epsilon, points beside an edge, where the surface comes down to the triangle, would be dark: hairlines along edges. */
+#define TERMINATOR_LIFTED (1.0f / 64.0f)
+
 struct pell_lanes {
     _Alignas(64) float px[16], py[16], pz[16]; /* the point */
     float ox[16], oy[16], oz[16];              /* lifted off the surface on the viewer's side */

@@ -55,7 +55,7 @@ static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u
     for (int k = 0; k < 3; k++) {
         const struct pell_vec3 nk = vec3_load(mesh->normal + (size_t) 3 * index[k]);
         const float under = vec3_dot(vec3_sub(vec3_load(mesh->position + (size_t) 3 * index[k]), at), nk);
-        sum = vec3_mad(sum, w[k] * max0(under), nk);
+        sum = vec3_mad(sum, w[k] * fabsf(under), nk);
     }
     n = vec3_normalize(n);
     if (vec3_dot(n, geometric) > 0.0f) {
@@ -205,7 +205,8 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         pell_trace_occlusion(job, k, exits.found, &rays, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        const bool lifted = visible[i] && exits.terminator_offset[i] > l->epsilon[i]; /* the triangle does not decide what faces the
+        const bool lifted =
+            visible[i] && exits.terminator_offset[i] > TERMINATOR_LIFTED * l->epsilon[i]; /* the triangle does not decide what faces the
                                                                                        * light */
         float share[3], m, facing, mu, g, w, same;
         if (!visible[i])

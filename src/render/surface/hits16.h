@@ -231,9 +231,10 @@ static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
     }
 }
 
-/* How far, along n, the hit lies under the smooth surface that the normals v of its triangle suggest: the mean of its projections onto the
- * three tangent planes, those below it left out (Hanika 2021, "Hacking the Shadow Terminator"). Shadow rays that start up there do not
- * show the triangles of a coarse mesh as dark facets where light grazes. */
+/* How far, along n, the hit lies from the smooth surface that the normals v of its triangle suggest: the mean of its distances to the three
+ * tangent planes (Hanika 2021, "Hacking the Shadow Terminator"). Shadow rays that start as far up do not show the triangles of a coarse
+ * mesh as dark facets where light grazes. Hanika leaves out planes below the hit; in waists, where some are above and some below, or all
+ * below, triangles would stay dark. */
 static void terminator_offsets(const struct hits *h, const struct vec16 v[restrict 3], const struct vec16 *restrict n, float *restrict out)
 {
     const struct vec16 *p;
@@ -252,7 +253,7 @@ static void terminator_offsets(const struct hits *h, const struct vec16 v[restri
             const float side = dot(&v[k], n, i) < 0.0f ? -1.0f : 1.0f; /* seen from within, the normals are turned */
             const float under =
                 side * ((p[k].x[i] - at.x[i]) * v[k].x[i] + (p[k].y[i] - at.y[i]) * v[k].y[i] + (p[k].z[i] - at.z[i]) * v[k].z[i]);
-            const float share = under > 0.0f ? side * w[i] * under : 0.0f;
+            const float share = side * w[i] * fabsf(under);
             sum.x[i] += share * v[k].x[i];
             sum.y[i] += share * v[k].y[i];
             sum.z[i] += share * v[k].z[i];
