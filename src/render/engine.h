@@ -126,6 +126,7 @@ struct pell_engine_result {
     float exposure, white;
     int64_t invalid;
     bool covered, any_light; /* something is in view; light arrives at it */
+    float widest_disc;       /* radius of what a sample's part of the lens blurs most, px; 0: no depth of field */
 };
 
 struct pell_engine_interface {

@@ -50,7 +50,8 @@ struct cpu {
     float *glow[PELL_BLOOM_PLANES]; /* there once bloom was asked for */
     float *open[PELL_DOF_PLANES];   /* there once depth of field was asked for */
     float *open_tiles;
-    double *rows; /* 4 a row for post, then 2 a row for the meter */
+    float widest_disc; /* of the frame's samples, px */
+    double *rows;      /* 4 a row for post, then 2 a row for the meter */
 
     struct pell_composite_params composite; /* of the sample that is made */
     struct pell_post_result post;
@@ -521,13 +522,11 @@ static void composite_through_lens(struct cpu *e, const struct pell_engine_sampl
     const struct pell_rect rect = f->covered;
     const int64_t pixels = (int64_t) (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
     struct pell_accumulator apart = e->sum;
-    const struct pell_dof_params params = {
-        .surface = &e->surface,
-        .rect = rect,
-        .scale = f->lens->radius / sqrtf((float) f->settings->msaa) * sample->view.focal_px,
-        .focus = f->lens->focus,
-        .first = sample->number == 0,
-    };
+    const struct pell_dof_params params = { .surface = &e->surface,
+                                            .rect = rect,
+                                            .scale = f->lens->radius / sqrtf((float) f->settings->msaa) * sample->view.focal_px,
+                                            .focus = f->lens->focus,
+                                            .first = sample->number == 0 };
     double start = pell_seconds();
 
     for (int c = 0; c < 3; c++)
@@ -539,7 +538,7 @@ static void composite_through_lens(struct cpu *e, const struct pell_engine_sampl
     pell_composite_render(e->pool, e->compositor, &e->composite, &apart);
     pell_stage_note(f->notes, "composite", pell_seconds() - start, e->surface.covered_pixels, 0, e->surface.covered_pixels * 64);
     start = pell_seconds();
-    pell_dof_render(e->pool, &params, e->open, e->open_tiles, out);
+    e->widest_disc = fmaxf(params.first ? 0.0f : e->widest_disc, pell_dof_render(e->pool, &params, e->open, e->open_tiles, out));
     pell_stage_note(f->notes, "depth of field", pell_seconds() - start, pixels, 0, pixels * 40);
 }
 
@@ -645,6 +644,7 @@ static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, b
         .invalid = e->post.invalid,
         .covered = e->post.covered,
         .any_light = e->post.any_light,
+        .widest_disc = frame->lens->radius > 0.0f ? e->widest_disc : 0.0f,
     };
     for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
         const struct pell_output_layer *l = &pell_output_layers[k];

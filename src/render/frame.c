@@ -229,6 +229,19 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
                   (long long) result->invalid);
 }
 
+/* Parts of the lens whose discs are cut do not meet: each shows a copy of its own of what is out of focus. */
+static void warn_of_copies(const struct pell_renderer *r, const struct pell_settings *s, const struct pell_engine_result *result)
+{
+    const double ratio = (double) result->widest_disc / PELL_DOF_MOST, needed = ceil((double) s->msaa * ratio * ratio);
+    char hint[64];
+
+    if (!(ratio > 1.0))
+        return;
+    snprintf(hint, sizeof(hint), "--msaa %.0f", needed);
+    pell_warn(r->ctx, "depth of field", needed <= PELL_MSAA_MOST ? hint : "a larger f-number, or less out of focus",
+              "what is most out of focus shows as separate copies: the lens needs %.0f samples, not %d", needed, s->msaa);
+}
+
 /* What no row has yet. */
 static void note_preparation(struct pell_renderer *r, double seconds)
 {
@@ -293,6 +306,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     if (r->bandwidth.wanted)
         pell_bandwidth_measure(r->device->pool, &r->bandwidth, r->notes.rows, r->notes.count);
     warn_of_nothing(r, &result);
+    warn_of_copies(r, settings, &result);
     return PELL_OK;
 
 fail:

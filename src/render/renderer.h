@@ -7,6 +7,8 @@
 
 #include "render/services.h"
 
+#define PELL_MSAA_MOST 64 /* multisamples of a picture */
+
 /* What its method is lent; holds while the scene is set. */
 const struct pell_services *pell_renderer_services(const struct pell_renderer *r);
 /* The running method's pass; NULL before the first frame. */

@@ -3,6 +3,7 @@
 #include "base/base.h"
 
 #include "optics/medium/specular.h"
+#include "render/renderer.h"
 
 #include <pellucid/render.h>
 
@@ -23,7 +24,7 @@ _Static_assert(PELL_COUNT(lobes) == PELL_SPECULAR_MODELS + 2, "one name per lobe
 static const struct pell_knob settings_knobs[] = {
     { "width", PELL_KNOB_INT, "px", AT(width), { 1280 }, 1, 16384, NULL, "width of the picture" },
     { "height", PELL_KNOB_INT, "px", AT(height), { 720 }, 1, 16384, NULL, "height of the picture" },
-    { "msaa", PELL_KNOB_INT, "1", AT(msaa), { 4 }, 1, 64, NULL,
+    { "msaa", PELL_KNOB_INT, "1", AT(msaa), { 4 }, 1, PELL_MSAA_MOST, NULL,
       "samples per pixel; scattering is applied to each sample image, then they are averaged" },
     { "light-samples", PELL_KNOB_INT, "1", AT(light_samples), { 16 }, 1, 1024, NULL,
       "shadow rays per pixel and area light, distributed over the multisamples" },

@@ -71,6 +71,25 @@ static void an_edge_is_spread_over_the_disc_that_the_lens_says(void **state)
     }
 }
 
+/* The discs of 4 samples that a disc of 76.7 pixels wants would be cut; those of 6 are 15.7 pixels in radius. */
+static void too_few_samples_for_a_lens_are_told(void **state)
+{
+    const double disc = 12.0 / tan(0.05) / 0.5 * (16.0 / tan(0.05)) * (1.0 / 400.0 - 1.0 / 500.0);
+    char needed[32];
+
+    (void) state;
+    snprintf(needed, sizeof(needed), "needs %.0f samples", ceil(disc * disc / (32.0 * 32.0)));
+    for (int n = 4; n <= 6; n++) {
+        struct stage s;
+        struct shot shot;
+        lens_stage(&s, 500.0f, 0.0f, 400.0f, 0.5f, n);
+        shot = stage_shot(&s);
+        REQUIRE((strstr(s.kept.all_warnings, needed) != NULL) == (n < 6));
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+}
+
 /* Of two half planes the sharp near one hides the far one right up to its edge; and where the far one is sharp, it is seen through the
  * spread edge of the near one by as much as that leaves. */
 static void what_is_near_hides_what_is_far(void **state)
@@ -260,6 +279,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_edge_is_spread_over_the_disc_that_the_lens_says),
+        cmocka_unit_test(too_few_samples_for_a_lens_are_told),
         cmocka_unit_test(what_is_near_hides_what_is_far),
         cmocka_unit_test(without_it_nothing_changes),
         cmocka_unit_test(lenses_that_cannot_be_are_refused),

@@ -22,7 +22,7 @@ struct task {
     float *const *out;
     float *disc;   /* px, below 0 before the focus: rises with the depth */
     float *weight; /* of a whole pixel of the disc: discs sum to one */
-    float *tiles;  /* the widest disc of each */
+    float *tiles;  /* the widest disc of each, were none cut */
     int columns, rows;
     float table[PELL_DOF_MOST * STEPS + 2]; /* weight by radius */
 };
@@ -71,12 +71,14 @@ static void measure(void *arg, int index, int worker)
         for (int x = x0; x < x1; x++) {
             const ptrdiff_t i = y * s->stride + x;
             const bool seen = x >= s->covered.x0 && x < s->covered.x1 && y >= s->covered.y0 && y < s->covered.y1 && s->material[i];
-            float d = p->scale * (1.0f / p->focus - (seen ? 1.0f / s->depth[i] : 0.0f)), r;
+            const float whole = p->scale * (1.0f / p->focus - (seen ? 1.0f / s->depth[i] : 0.0f));
+            float d = whole, r;
             d = d > (float) -PELL_DOF_MOST ? d < (float) PELL_DOF_MOST ? d : (float) PELL_DOF_MOST : (float) -PELL_DOF_MOST;
             r = fabsf(d);
             t->disc[i] = d;
             t->weight[i] = weight_of(t, r);
-            widest = seen && r > widest ? r : widest; /* an empty pixel gives nothing to others, however wide its disc is */
+            widest = seen && fabsf(whole) > widest ? fabsf(whole)
+                                                   : widest; /* an empty pixel gives nothing to others, however wide its disc is */
         }
     t->tiles[index] = widest;
 }
@@ -152,6 +154,7 @@ static void blur(void *arg, int index, int worker)
     for (int y = row > 0 ? row - 1 : 0; y <= row + 1 && y < t->rows; y++)
         for (int x = column > 0 ? column - 1 : 0; x <= column + 1 && x < t->columns; x++)
             widest = t->tiles[y * t->columns + x] > widest ? t->tiles[y * t->columns + x] : widest;
+    widest = widest < (float) PELL_DOF_MOST ? widest : (float) PELL_DOF_MOST;
     for (int y = y0; y < y1; y++) {
         const int reach = (int) ceilf(widest);
         float sum[SUMS][TILE] = { { 0 } };
@@ -171,9 +174,10 @@ static void blur(void *arg, int index, int worker)
     }
 }
 
-void pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
-                     float *const out[4])
+float pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
+                      float *const out[4])
 {
+    float widest = 0.0f;
     struct task t = {
         .p = params,
         .in = scratch,
@@ -188,4 +192,7 @@ void pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *param
     make_table(&t);
     pell_pool_run(pool, t.columns * t.rows, measure, &t);
     pell_pool_run(pool, t.columns * t.rows, blur, &t);
+    for (int i = 0; i < t.columns * t.rows; i++)
+        widest = t.tiles[i] > widest ? t.tiles[i] : widest;
+    return widest;
 }

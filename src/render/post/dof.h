@@ -30,9 +30,10 @@ struct pell_dof_params {
 };
 
 /* Adds the blurred planes 0 to 3 of `scratch`, which are premultiplied by the last of them, to `out`. `tiles` is room for a float for each
- * 16 x 16 pixels of the picture. Allocates nothing; the same bits for any number of threads. */
-void pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
-                     float *const out[4]);
+ * 16 x 16 pixels of the picture. Allocates nothing; the same bits for any number of threads. Returns the radius of the widest disc that is
+ * seen, px, as it would be were none cut. */
+float pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
+                      float *const out[4]);
 
 /* Floats of `tiles`. */
 static inline size_t pell_dof_tiles(int width, int height)
