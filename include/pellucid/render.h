@@ -49,6 +49,7 @@ struct pell_settings {
     float white;        /* luminance after exposure that becomes display white; 0: 1 % of the covered pixels are above it, at least 1 */
     float bloom;        /* share of the light that the lens scatters, [0, 1]; 0: none */
     float bloom_radius; /* standard deviation of the wider of its two Gaussians, % of the image height */
+    bool denoise;       /* filters the noise of methods that know their standard error out of the color, for show; with `layers` alone */
     bool dof;           /* depth of field with the camera's thin lens, one lens point per multisample */
     int tonemap;        /* enum pell_tonemap */
     int exit;           /* enum pell_exit_normalization */

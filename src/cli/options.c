@@ -223,6 +223,8 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
             list[n++] = options[i];
     for (const struct pell_knob *k = pell_settings_knobs(); (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "layers") != 0 && /* follows from the format */
+            /* For show: what is measured is as the method made it. */
+            !((groups & (OPTIONS_COMPARE | OPTIONS_BENCH)) && strcmp(k->name, "denoise") == 0) &&
             /* One row for both: the other has more choices. */
             !((groups & OPTIONS_COMPARE) && pell_knob_find(pell_compare_knobs(), k->name)))
             list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };

@@ -84,6 +84,7 @@ struct pell_engine_frame {
     const struct pell_lens *lens;
     const struct pell_plan *plan; /* of the frame's method; NULL: nothing scatters */
     struct pell_rect covered;     /* holds every pixel that any sample may cover */
+    bool denoise;                 /* before post: the method states its noise, and the settings ask */
     struct pell_stage_notes *notes;
 };
 

@@ -3,6 +3,7 @@
 #include "render/engine_cpu.h"
 #include "render/contact/stage.h"
 #include "render/curvature/stage.h"
+#include "render/denoise/stage.h"
 
 #include "render/indirect/stage.h"
 #include "render/layers.h"
@@ -574,17 +575,24 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
 static void cpu_average(void *engine, int done, int planned)
 {
     struct cpu *e = engine;
-    const float up = (float) planned / (float) done;
-    const size_t size = (size_t) e->surface.stride * (size_t) e->surface.height;
 
-    for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
-        const struct pell_output_layer *l = &pell_output_layers[k];
-        float *const *planes = pell_output_layer_planes(&e->sum, l);
-        const float scale = l->power == 2 ? up * up : up;
-        for (int c = 0; c < l->components && l->power > 0; c++)
-            for (size_t i = 0; planes[c] && i < size; i++)
-                planes[c][i] *= scale;
-    }
+    pell_output_layers_scale(&e->sum, (size_t) e->surface.stride * (size_t) e->surface.height, (float) planned / (float) done);
+}
+
+static void denoise(struct cpu *e, const struct pell_engine_frame *f)
+{
+    const struct pell_denoise_params params = {
+        .stride = e->surface.stride,
+        .rect = f->covered,
+        .sum = &e->sum,
+        /* No sample comes any more. */
+        .scratch = { e->lighting.transmitted[0], e->lighting.transmitted[1], e->lighting.transmitted[2], e->lighting.specular[0] },
+    };
+    const int64_t pixels = (int64_t) (f->covered.x1 - f->covered.x0) * (f->covered.y1 - f->covered.y0);
+    const double start = pell_seconds();
+
+    pell_denoise_render(e->pool, &params);
+    pell_stage_note(f->notes, "denoise", pell_seconds() - start, pixels, 0, pixels * 100);
 }
 
 static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f, const struct pell_view *view)
@@ -606,8 +614,11 @@ static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f
         .glow = e->glow,
     };
     const int64_t pixels = (int64_t) params.width * params.height;
-    const double start = pell_seconds();
+    double start;
 
+    if (f->denoise)
+        denoise(e, f);
+    start = pell_seconds();
     pell_post_render(e->pool, &params, e->sum.color, e->sum.alpha, e->display, &e->post);
     if (pell_cancelled(e->ctx))
         return PELL_ERR_CANCELLED;
@@ -617,23 +628,11 @@ static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f
     return PELL_OK;
 }
 
-/* Whether a result has the layer. */
-static bool has_layer(const struct pell_output_layer *l, const struct pell_engine_frame *frame, bool noisy)
-{
-    switch (l->when) {
-    case PELL_LAYER_ALWAYS: return true;
-    case PELL_LAYER_ASKED: return frame->settings->layers;
-    case PELL_LAYER_SINGLE:
-        return frame->settings->layers && frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE || frame->materials->single_apart);
-    case PELL_LAYER_NOISE: return frame->settings->layers && noisy;
-    }
-    return false;
-}
-
 static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, bool noisy, struct pell_channel *channels,
                           struct pell_engine_result *out)
 {
     const struct cpu *e = engine;
+    const bool single = frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE || frame->materials->single_apart);
 
     *out = (struct pell_engine_result) {
         .display = { e->display[0], e->display[1], e->display[2] },
@@ -649,7 +648,7 @@ static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, b
     for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
         const struct pell_output_layer *l = &pell_output_layers[k];
         float *const *planes = pell_output_layer_planes(&e->sum, l);
-        for (int c = 0; c < l->components && has_layer(l, frame, noisy); c++)
+        for (int c = 0; c < l->components && pell_output_layer_given(l, frame->settings, single, noisy); c++)
             channels[out->num_channels++] = (struct pell_channel) { l->names[c], planes[c], out->stride, l->full_float };
     }
 }

@@ -242,6 +242,20 @@ static void warn_of_copies(const struct pell_renderer *r, const struct pell_sett
               "what is most out of focus shows as separate copies: the lens needs %.0f samples, not %d", needed, s->msaa);
 }
 
+static bool can_denoise(const struct pell_renderer *r)
+{
+    if (!r->settings.denoise)
+        return false;
+    if (!r->noisy || !r->settings.layers || r->lens.radius > 0.0f)
+        pell_warn(r->ctx, "denoise", r->noisy ? NULL : "path-trace does", "nothing is denoised: %s",
+                  !r->noisy             ? "the method states no noise"
+                  : !r->settings.layers ? "the layers are not computed"
+                                        : "depth of field blurs what its weights are made of");
+    else
+        pell_info(r->ctx, "denoise", "the image is denoised, for show: it is no reference for measurements");
+    return r->noisy && r->settings.layers && r->lens.radius == 0.0f;
+}
+
 /* What no row has yet. */
 static void note_preparation(struct pell_renderer *r, double seconds)
 {
@@ -282,6 +296,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     frame.plan = r->pass ? pell_pass_plan(r->pass) : NULL;
     frame.covered = find_covered(r, settings, &view);
     PELL_TRY(render_samples(r, &frame, &partial));
+    frame.denoise = can_denoise(r);
     PELL_TRY(r->device->engine->post(r->engine, &frame, &view));
     r->device->engine->read_back(r->engine, &frame, r->noisy, r->channels, &result);
     *image = (struct pell_render_result) {

@@ -12,8 +12,21 @@ const struct pell_output_layer pell_output_layers[PELL_OUTPUT_LAYERS] = {
     { { "specular.R", "specular.G", "specular.B" }, 3, AT(specular), PELL_LAYER_ASKED, 1, false },
     { { "irradiance.R", "irradiance.G", "irradiance.B" }, 3, AT(irradiance), PELL_LAYER_ASKED, 1, false },
     { { "normal.X", "normal.Y", "normal.Z" }, 3, AT(normal), PELL_LAYER_ASKED, 1, false },
+    { { "albedo.R", "albedo.G", "albedo.B" }, 3, AT(albedo), PELL_LAYER_ASKED, 1, false },
     { { "depth.Z" }, 1, AT(depth), PELL_LAYER_ASKED, 0, true },
     { { "translucent.Y" }, 1, AT(translucent), PELL_LAYER_ASKED, 1, false },
     { { "diffuse.single.R", "diffuse.single.G", "diffuse.single.B" }, 3, AT(single), PELL_LAYER_SINGLE, 1, false },
     { { "variance.R", "variance.G", "variance.B" }, 3, AT(variance), PELL_LAYER_NOISE, 2, true }, /* squares of small numbers */
 };
+
+void pell_output_layers_scale(const struct pell_accumulator *sum, size_t size, float up)
+{
+    for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {
+        const struct pell_output_layer *l = &pell_output_layers[k];
+        float *const *planes = pell_output_layer_planes(sum, l);
+        const float scale = l->power == 2 ? up * up : up;
+        for (int c = 0; c < l->components && l->power > 0; c++)
+            for (size_t i = 0; planes[c] && i < size; i++)
+                planes[c][i] *= scale;
+    }
+}

@@ -23,12 +23,27 @@ struct pell_output_layer {
     bool full_float;
 };
 
-enum { PELL_OUTPUT_LAYERS = 11, PELL_LAYER_CHANNELS = 3 * PELL_OUTPUT_LAYERS };
+enum { PELL_OUTPUT_LAYERS = 12, PELL_LAYER_CHANNELS = 3 * PELL_OUTPUT_LAYERS };
 extern const struct pell_output_layer pell_output_layers[PELL_OUTPUT_LAYERS];
+
+/* Whether a result has the layer. `single`: what scattered once is apart; `noisy`: the method knows its standard error. */
+static inline bool pell_output_layer_given(const struct pell_output_layer *l, const struct pell_settings *settings, bool single, bool noisy)
+{
+    switch (l->when) {
+    case PELL_LAYER_ALWAYS: return true;
+    case PELL_LAYER_ASKED: return settings->layers;
+    case PELL_LAYER_SINGLE: return settings->layers && single;
+    case PELL_LAYER_NOISE: return settings->layers && noisy;
+    }
+    return false;
+}
 
 static inline float **pell_output_layer_planes(const struct pell_accumulator *sum, const struct pell_output_layer *layer)
 {
     return (float **) ((char *) sum + layer->offset);
 }
+
+/* Makes of the sum of some samples that of all: `up` = all / some. `size`: floats of a plane. */
+void pell_output_layers_scale(const struct pell_accumulator *sum, size_t size, float up);
 
 #endif

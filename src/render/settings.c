@@ -54,6 +54,8 @@ static const struct pell_knob settings_knobs[] = {
       "share of the light that the lens scatters into a halo of two Gaussians; 0.1 is strong" },
     { "bloom-radius", PELL_KNOB_FLOAT, "%", AT(bloom_radius), { 3 }, 0, 25, NULL,
       "standard deviation of the halo's wider Gaussian in percent of the image height; the other is a quarter as wide" },
+    { "denoise", PELL_KNOB_BOOL, "1", AT(denoise), { 0 }, 0, 1, NULL,
+      "filter the noise that a reference states out of the image, for show: non-local means guided by normal, albedo and depth" },
     { "dof", PELL_KNOB_BOOL, "1", AT(dof), { 0 }, 0, 1, NULL,
       "depth of field by the camera's focus and f-number; each of the msaa samples is a part of the lens" },
     { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_TONEMAP_REINHARD }, 0, 0, tonemaps,

@@ -103,7 +103,8 @@ def _(folder):
           f'--output={output}')
     data = output.read_bytes()
     attributes, channels, _ = exr_header(data)
-    wanted = ['A', 'B', 'G', 'R', *LAYERS, 'normal.X', 'normal.Y', 'normal.Z', 'depth.Z', 'translucent.Y']
+    wanted = ['A', 'B', 'G', 'R', *LAYERS, 'normal.X', 'normal.Y', 'normal.Z', 'albedo.R', 'albedo.G', 'albedo.B', 'depth.Z',
+              'translucent.Y']
     need(sorted(c for c, _ in channels) == sorted(wanted), channels)
     need(dict(channels)['depth.Z'] == 2 and dict(channels)['R'] == 1, channels)
     need(str(folder).encode() not in data and os.environ.get('HOME', 'none').encode() + b'/' not in data, 'a path of this machine')

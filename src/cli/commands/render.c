@@ -451,7 +451,8 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = dump_open(cli, &job.session, &dump);
     if (code == EXIT_OK) {
-        job.session.settings.layers = cli->dump || strcmp(job.format, "exr") == 0;
+        /* What denoising is guided by are layers. */
+        job.session.settings.layers = cli->dump || strcmp(job.format, "exr") == 0 || job.session.settings.denoise;
         hash_scene(&job);
         code = cli_failed(cli, pell_renderer_check_assumptions(job.session.renderer, &job.session.settings));
     }

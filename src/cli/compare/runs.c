@@ -207,6 +207,7 @@ enum exit_code runs_open(struct cli *cli, struct run_list *runs, const struct se
         if (code == EXIT_OK)
             code = session_settings(cli, s->scene, run->method, run->values, &run->settings);
         run->settings.layers = true;
+        run->settings.denoise = false; /* a scene file may ask: what is measured is as the method made it */
         if (code == EXIT_OK && run->method && !on_engine(s, run->method))
             code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, run->label, NULL, "has no engine %s", engine));
     }

@@ -132,6 +132,15 @@ static void put_noise(const struct task *t, size_t at, int count, const struct p
     }
 }
 
+/* What a surface makes of white light: the colour of a medium's profile, and of textures where they count. */
+static float albedo_of(const struct task *t, int c, size_t at)
+{
+    const struct pell_composite_material *m = &t->c->materials[t->p->surface->material[at] - 1];
+    const bool plain = m->in_metal == 0.0f && m->out_exponent + m->in_exponent == 0.0f; /* `base` may be unwritten */
+
+    return m->total[c] * (plain ? 1.0f : t->p->surface->base[c][at]);
+}
+
 /* The layers that are copies of planes of the frame, masked by what is covered. */
 static void put_layers(const struct task *t, size_t at, int count, const struct pell_composite_lanes *l)
 {
@@ -148,6 +157,9 @@ static void put_layers(const struct task *t, size_t at, int count, const struct 
         for (int i = 0; i < count; i++)
             masked[i] = l->on[i] > 0.0f ? p->surface->ns[c][at + (size_t) i] : 0.0f;
         put(t->out->normal[c], at, count, masked, p->weight, p->first);
+        for (int i = 0; i < count; i++)
+            masked[i] = l->on[i] > 0.0f ? albedo_of(t, c, at + (size_t) i) : 0.0f;
+        put(t->out->albedo[c], at, count, masked, p->weight, p->first);
     }
     for (int i = 0; t->out->depth && i < count; i++) {
         float *depth = &t->out->depth[at + (size_t) i];

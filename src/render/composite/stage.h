@@ -15,7 +15,7 @@
 /* What a sample's pixels are added to; all but color, alpha and meter may be NULL. `weight` of each sample is 1 / number of samples. */
 struct pell_accumulator {
     float *color[3], *alpha;
-    float *multiple[3], *single[3], *transmission[3], *specular[3], *irradiance[3], *normal[3];
+    float *multiple[3], *single[3], *transmission[3], *specular[3], *irradiance[3], *normal[3], *albedo[3];
     float *depth;       /* of the first sample that hit something */
     float *variance[3]; /* of the mean over the samples, of the scattered light in `multiple`; 0 where there is no noise */
     float *translucent; /* share of the samples on a translucent material, with whatever method */

@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: MIT
+ * cpu.c - see stage.h. */
+#include "render/denoise/stage.h"
+
+#include "render/denoise/kernel.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Differences that halve a weight or so. */
+#define NORMAL_STEP 0.25f
+#define ALBEDO_STEP 0.06f
+#define SHARE_STEP 0.12f
+#define DEPTH_STEP 0.004f /* of the depth itself */
+
+struct task {
+    const struct pell_denoise_params *p;
+    const struct pell_denoise_kernels *kernels;
+    int across; /* tiles of a row */
+    bool second;
+};
+
+static bool inside(const struct pell_rect *r, int x, int y)
+{
+    return x >= r->x0 && x < r->x1 && y >= r->y0 && y < r->y1;
+}
+
+static float *of(const struct pell_denoise_params *p, float *plane, int x, int y)
+{
+    return plane + (ptrdiff_t) y * p->stride + x;
+}
+
+/* Variances are as noisy as the picture, and more; a pixel that no light has found yet states none: the mean of those around. */
+static float mean_variance(const struct pell_denoise_params *p, int c, int x, int y)
+{
+    float sum = 0.0f, count = 0.0f;
+
+    for (int v = y - 2; v <= y + 2; v++)
+        for (int u = x - 2; u <= x + 2; u++)
+            if (inside(&p->rect, u, v) && *of(p, p->sum->translucent, u, v) > 0.0f) {
+                sum += *of(p, p->sum->variance[c], u, v);
+                count += 1.0f;
+            }
+    return count > 0.0f ? sum / count : 0.0f;
+}
+
+static void load_pixel(const struct task *k, struct pell_denoise_tile *t, int x, int y, int to_x, int to_y)
+{
+    const struct pell_denoise_params *p = k->p;
+    const struct pell_accumulator *s = p->sum;
+    const float depth = *of(p, s->depth, x, y);
+
+    for (int c = 0; c < 3; c++) {
+        t->color[c][to_y][to_x] = *of(p, s->color[c], x, y);
+        t->variance[c][to_y][to_x] = mean_variance(p, c, x, y);
+        t->feature[NORMAL + c][to_y][to_x] = *of(p, s->normal[c], x, y) * (1.0f / NORMAL_STEP);
+        t->feature[ALBEDO + c][to_y][to_x] = *of(p, s->albedo[c], x, y) * (1.0f / ALBEDO_STEP);
+    }
+    t->feature[ALPHA][to_y][to_x] = *of(p, s->alpha, x, y) * (1.0f / SHARE_STEP);
+    t->feature[TRANSLUCENT][to_y][to_x] = *of(p, s->translucent, x, y) * (1.0f / SHARE_STEP);
+    t->feature[DEPTH][to_y][to_x] = depth > 0.0f ? logf(depth) * (1.0f / DEPTH_STEP) : 0.0f;
+    t->valid[to_y][to_x] = *of(p, s->translucent, x, y) > 0.0f ? 1.0f : 0.0f;
+    t->total[to_y][to_x] = k->second ? *of(p, p->scratch[3], x, y) : 1.0f;
+}
+
+/* How fast depth changes from a pixel to its neighbours, the less steep side of each axis: an edge is not a slope. */
+static void find_slopes(struct pell_denoise_tile *t)
+{
+    for (int y = 1; y < WIDE - 1; y++)
+        for (int x = 1; x < WIDE - 1; x++) {
+            const float(*z)[WIDE] = t->feature[DEPTH], here = z[y][x];
+            const float dx = fminf(fabsf(z[y][x + 1] - here), fabsf(z[y][x - 1] - here));
+            const float dy = fminf(fabsf(z[y + 1][x] - here), fabsf(z[y - 1][x] - here));
+            t->steep[y][x] = dx + dy;
+        }
+}
+
+static void filter_tile(void *arg, int index, int worker)
+{
+    const struct task *k = arg;
+    const struct pell_denoise_params *p = k->p;
+    const struct pell_rect r = p->rect;
+    const int x0 = r.x0 + index % k->across * TILE, y0 = r.y0 + index / k->across * TILE;
+    struct pell_denoise_tile tile;
+    float noisy = 0.0f;
+    (void) worker;
+
+    memset(&tile, 0, sizeof(tile));
+    for (int y = 0; y < WIDE; y++)
+        for (int x = 0; x < WIDE; x++)
+            if (inside(&r, x0 + x - BORDER, y0 + y - BORDER))
+                load_pixel(k, &tile, x0 + x - BORDER, y0 + y - BORDER, x, y);
+    for (int y = BORDER; y < BORDER + TILE; y++)
+        for (int x = BORDER; x < BORDER + TILE; x++)
+            noisy += tile.valid[y][x];
+    find_slopes(&tile);
+    if (noisy > 0.0f && k->second)
+        k->kernels->move(&tile);
+    else if (noisy > 0.0f)
+        k->kernels->weigh(&tile);
+    for (int y = 0; y < TILE && y0 + y < r.y1; y++)
+        for (int x = 0; x < TILE && x0 + x < r.x1; x++) {
+            if (!k->second)
+                *of(p, p->scratch[3], x0 + x, y0 + y) = tile.sum[y][x];
+            for (int c = 0; c < 3 && k->second; c++)
+                *of(p, p->scratch[c], x0 + x, y0 + y) = tile.color[c][BORDER + y][BORDER + x] + tile.moved[c][y][x];
+        }
+}
+
+void pell_denoise_render(struct pell_pool *pool, const struct pell_denoise_params *p)
+{
+    const struct pell_rect r = p->rect;
+    struct task k = { .p = p, .kernels = pell_denoise_kernels_tables[pell_simd_best()], .across = (r.x1 - r.x0 + TILE - 1) / TILE };
+    const int down = (r.y1 - r.y0 + TILE - 1) / TILE;
+
+    if (k.across <= 0 || down <= 0)
+        return;
+    pell_pool_run(pool, k.across * down, filter_tile, &k);
+    k.second = true;
+    pell_pool_run(pool, k.across * down, filter_tile, &k);
+    for (int c = 0; c < 3; c++)
+        for (int y = r.y0; y < r.y1; y++)
+            memcpy(of(p, p->sum->color[c], r.x0, y), of(p, p->scratch[c], r.x0, y), (size_t) (r.x1 - r.x0) * sizeof(float));
+}

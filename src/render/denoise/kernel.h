@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kernel.h - the inner loops over a tile, built once per SIMD level; only cpu.c includes it.
+ */
+#ifndef PELL_DENOISE_KERNEL_H
+#define PELL_DENOISE_KERNEL_H
+
+#include "base/simd.h"
+
+#define TILE 32
+#define WINDOW 8                 /* pixels to either side that are read */
+#define PATCH 3                  /* pixels to either side that are compared */
+#define BORDER (WINDOW + PATCH)  /* of a tile */
+#define WIDE (TILE + 2 * BORDER) /* a tile and its border */
+#define CLOSE 0.7f               /* k: standard deviations of a difference of patches */
+
+/* Features of a pixel, each divided by the difference that halves a weight or so; depth, of which the logarithm is taken, may differ by
+ * more where it is steep. */
+enum { NORMAL, ALBEDO = 3, ALPHA = 6, TRANSLUCENT, DEPTH, FEATURES };
+
+struct pell_denoise_tile {
+    float color[3][WIDE][WIDE], variance[3][WIDE][WIDE];
+    float feature[FEATURES][WIDE][WIDE];
+    float steep[WIDE][WIDE]; /* change of DEPTH from a pixel to the next */
+    float valid[WIDE][WIDE]; /* 1 where the pixel is in the picture and translucent, so that it has noise, else 0 */
+    float total[WIDE][WIDE]; /* W; of the second pass */
+    float moved[3][TILE][TILE], sum[TILE][TILE];
+};
+
+struct pell_denoise_kernels {
+    /* Of the tile's own pixels: sum = W. */
+    void (*weigh)(struct pell_denoise_tile *tile);
+    /* moved = what p' has more than p. */
+    void (*move)(struct pell_denoise_tile *tile);
+};
+
+PELL_SIMD_TABLES(struct pell_denoise_kernels, pell_denoise_kernels);
+
+#endif

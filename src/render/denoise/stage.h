@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * stage.h - stage "denoise": filters the noise of a reference out of the image, for show.
+ *
+ * Joint non-local means (Rousselle, Manzi and Zwicker 2013, "Robust denoising using feature and color information"): a pixel becomes the
+ * mean of the pixels around it. Their weight is the smaller of two: one falls with the distance of patches of colour, in units of the
+ * variance that the method states for them; one with the differences of normal, albedo, depth, alpha and translucency, which have no
+ * noise. Both pixels of a pair have the same weight w for one another, and the same share of their light changes place:
+ *
+ *     p' = p + Sum of w(p, q) (q - p) / max(W(p), W(q)),   W(p) = 1 + Sum of w(p, q)
+ *
+ * so that the total light of the picture does not change. Opaque pixels, which have no noise, are neither changed nor read. Error is
+ * traded for bias: it is never for measurements.
+ */
+#ifndef PELL_DENOISE_H
+#define PELL_DENOISE_H
+
+#include "render/composite/stage.h"
+
+#define PELL_DENOISE_PLANES 4 /* of scratch */
+
+struct pell_denoise_params {
+    ptrdiff_t stride;
+    struct pell_rect rect;              /* of the composite: read and written there alone */
+    const struct pell_accumulator *sum; /* color is replaced; alpha, variance, normal, albedo, depth and translucent are read */
+    float *scratch[PELL_DENOISE_PLANES];
+};
+
+/* Allocates nothing; the same bits for any number of threads. */
+void pell_denoise_render(struct pell_pool *pool, const struct pell_denoise_params *params);
+
+#endif
