@@ -44,9 +44,10 @@ enum {
     SHOT_SPECULAR = 10,
     SHOT_IRRADIANCE = 13,
     SHOT_NORMAL = 16,
-    SHOT_DEPTH = 19,
-    SHOT_TRANSLUCENT = 20,
-    SHOT_SHOWN_LAYERS = 21
+    SHOT_ALBEDO = 19,
+    SHOT_DEPTH = 22,
+    SHOT_TRANSLUCENT = 23,
+    SHOT_SHOWN_LAYERS = 24
 };
 
 /* `fault` counts the context's allocations; NULL: nobody does. */
