@@ -216,12 +216,13 @@ for found in [ROOT / 'README.md', *sorted(GUIDE.glob('*.md'))]:
         command_test(found)
 
 
-# Options of other programs: Slurm's, MPI's, apt-get's.
+# Options of other programs: Slurm's, MPI's, apt-get's; converters'.
 OTHERS = {
     'cluster.md': {
         'array', 'bind-to', 'cpus-per-task', 'dependency', 'map-by', 'mca', 'no-install-recommends', 'nodes', 'ntasks-per-node',
         'open-mode', 'parsable', 'requeue', 'signal', 'wrap',
     },
+    'scene-file.md': {'compression', 'formats', 'python-expr'},
 }
 
 
