@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Measures the fast methods against path-trace: what each stage gains, on scanned things and on shapes with deep folds.
 
-    measure_truth.py PROGRAM FOLDER [--meshes FOLDER] [--samples 200] [--size 96] [--scene NAME ...] [--methods A,B] [--threads N]
+    measure_truth.py PROGRAM FOLDER [--meshes FOLDER] [--samples 200] [--size 96] [--scene NAME ...] [--methods A,B] [--threads N] [--ends]
 
 FOLDER gets the scenes, the pictures and results.json; what is there is not rendered again. --meshes holds bunny.obj, bust.obj, cow.obj and
-hand.obj; without it only the shapes that are made here are measured. path-trace is rendered as two halves, so that its noise is no error.
+hand.obj; without it only the shapes that are made here are measured. --ends leaves out the rows without one stage. path-trace is
+rendered as two halves, so that its noise is no error.
 """
 import argparse
 import json
@@ -135,7 +136,7 @@ def measure(options, name):
     for method in options.methods.split(','):
         knobs = ['--set', 'samples=64'] if method == 'image-space' else []
         ends = [('all', []), ('none of them', sum((o for _, o in STAGES), []))]
-        for label, off in ends + ([(f'without {stage}', off) for stage, off in STAGES] if method != 'none' else []):
+        for label, off in ends + ([(f'without {stage}', off) for stage, off in STAGES] if method != 'none' and not options.ends else []):
             picture, seconds = render(options, scene, f'{method}-{label.replace(" ", "-")}', method, *off, *knobs)
             answer = json.loads(run(options.program, 'compare', picture, halves[0], '--half', halves[1], '--mask', 'translucent', '--json'))
             m = answer['methods'][0]
@@ -156,6 +157,7 @@ def main():
     parser.add_argument('--scene', action='append', choices=SCENES)
     parser.add_argument('--methods', default=METHODS)
     parser.add_argument('--threads', type=int, default=os.cpu_count())
+    parser.add_argument('--ends', action='store_true')
     options = parser.parse_args()
     options.program = pathlib.Path(options.program).resolve()
     options.folder.mkdir(parents=True, exist_ok=True)

@@ -32,6 +32,7 @@ GROUPS = [
                 'CHANGELOG.md', 'bench/README.md', 'docs/adr/*.md']),
 ]
 BENCH, BENCH_GROUP = 'bench.html', 'Light below surfaces'
+SPEED, SPEED_GROUP = 'speed.html', 'Inside'
 PICTURES = {'.png', '.svg', '.webp', '.jpg', '.gif'}
 
 
@@ -105,6 +106,36 @@ def folder_page(root, path):
     return f'<h1>{html.escape(path)}/</h1>\n<ul>{items}</ul>'
 
 
+def speed_chart(name, entries):
+    """A method's frames as columns, one for each commit."""
+    values = [e['frames'].get(name) for e in entries]
+    width, height, gap = 64, 120, 18
+    most = max(v for v in values if v is not None)
+    out = [f'<svg class="speed" viewBox="0 0 {(width + gap) * len(values)} {height + 46}" role="img" aria-label="{html.escape(name)}">']
+    for i, (entry, value) in enumerate(zip(entries, values)):
+        x = i * (width + gap)
+        if value is not None:
+            high = height * value / most
+            out.append(f'<rect x="{x}" y="{height + 16 - high:.1f}" width="{width}" height="{high:.1f}"/>'
+                       f'<text x="{x + width / 2:g}" y="{height + 10 - high:.1f}">{value:.1f}</text>')
+        out.append(f'<text x="{x + width / 2:g}" y="{height + 34}">{entry["commit"]}</text>')
+    return '\n'.join(out + ['</svg>'])
+
+
+def speed_page(entries):
+    names = list(entries[-1]['frames'])
+    head = ''.join(f'<th>{html.escape(n)}</th>' for n in names)
+    rows = ''.join(f'<tr><td>{e["date"]}</td><td><code>{e["commit"]}</code></td><td>{html.escape(e["note"])}</td>'
+                   + ''.join(f'<td>{e["frames"][n]:.1f}</td>' if n in e['frames'] else '<td></td>' for n in names) + '</tr>'
+                   for e in reversed(entries))
+    charts = ''.join(f'<figure><figcaption>{html.escape(n)}</figcaption>{speed_chart(n, entries)}</figure>' for n in names)
+    return ('<h1>Speed by commit</h1>\n<p>The time of a warm frame, as a multiple of the time that Embree needs for the same camera rays in the '
+            'same run: a faster or a busier machine changes it little. The scene is <code>bench/screen-space.json</code>, 1280 x 720 with one '
+            'sample per pixel. <code>bench/record.py</code> measures it.</p>\n'
+            f'<div class="speeds">{charts}</div>\n<h2>All figures</h2>\n<table><thead><tr><th>date</th><th>commit</th><th>since '
+            f'the one before</th>{head}</tr></thead><tbody>{rows}</tbody></table>')
+
+
 class Site:
     def __init__(self, root, out, optics=None):
         self.root, self.out, self.optics = root, out, optics
@@ -162,11 +193,13 @@ class Site:
     def menu(self, path):
         out = []
         for title, pages in self.groups:
-            open_ = ' open' if path in pages or title in ('Start', 'Methods') or (path, title) == (BENCH, BENCH_GROUP) else ''
+            open_ = ' open' if path in pages or title in ('Start', 'Methods') \
+                or (path, title) in ((BENCH, BENCH_GROUP), (SPEED, SPEED_GROUP)) else ''
             items = ''
-            if self.optics and title == BENCH_GROUP:
-                here = ' aria-current="page"' if path == BENCH else ''
-                items = f'<li><a href="{way(path, BENCH)}"{here}>Profile bench</a></li>'
+            for group, page, name, there in ((BENCH_GROUP, BENCH, 'Profile bench', self.optics), (SPEED_GROUP, SPEED, 'Speed by commit', True)):
+                if title == group and there:
+                    here = ' aria-current="page"' if path == page else ''
+                    items += f'<li><a href="{way(path, page)}"{here}>{name}</a></li>'
             for p in pages:
                 here = ' aria-current="page"' if p == path else ''
                 items += f'<li><a href="{way(path, address(p))}"{here}>{html.escape(self.titles[p])}</a></li>'
@@ -205,8 +238,17 @@ class Site:
         (self.out / 'bench.js').write_text(script, 'utf-8')
         self.write(BENCH, self.out / BENCH, f'Profile bench - {TITLE}',
                    body + '<script src="optics.js"></script>\n<script src="bench.js"></script>')
+        self.add_to_search(BENCH, 'Profile bench', body)
+
+    def add_speed(self):
+        """The times of frames that bench/record.py has measured, commit by commit."""
+        body = speed_page(json.loads((self.root / 'bench/history.json').read_text('utf-8')))
+        self.write(SPEED, self.out / SPEED, f'Speed by commit - {TITLE}', body)
+        self.add_to_search(SPEED, 'Speed by commit', body)
+
+    def add_to_search(self, page, title, body):
         plain = re.sub(r'\s+', ' ', html.unescape(re.sub(r'<[^>]*>', ' ', body)))
-        self.index.append({'to': BENCH, 'title': 'Profile bench', 'headings': ['Profile bench'], 'text': plain})
+        self.index.append({'to': page, 'title': title, 'headings': [title], 'text': plain})
 
     def make(self):
         self.out.mkdir(parents=True, exist_ok=True)
@@ -217,6 +259,7 @@ class Site:
                 self.add(path)
         if self.optics:
             self.add_bench()
+        self.add_speed()
         for name in ('site.css', 'site.js'):
             shutil.copyfile(HERE / name, self.out / name)
         (self.out / 'search.js').write_text('const PAGES = ' + json.dumps(self.index, ensure_ascii=False) + ';\n', 'utf-8')

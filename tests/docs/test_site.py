@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """test_site.py PROGRAM ROOT: the documentation as pages for a browser: all of it is there, links lead somewhere, the search finds; and the
 page from paper to pixels names functions where they are."""
+import json
 import re
 import shutil
 import subprocess
@@ -46,6 +47,19 @@ def _(folder):
         text = (folder / 'site' / path).read_text('utf-8')
         need('@BODY@' not in text and '@UP@' not in text, path)
         need(not re.search(r'<(?:script|img|link)[^>]*(?:src|href)="https?:', text), path)
+
+
+@test('the page of speeds has every commit and method of bench/history.json')
+def _(folder):
+    done = make(python_with_markdown(), ROOT, folder / 'site')
+    need(done.returncode == 0, done.stderr)
+    page = (folder / 'site/speed.html').read_text('utf-8')
+    entries = json.loads((ROOT / 'bench/history.json').read_text('utf-8'))
+    need(entries == sorted(entries, key=lambda e: e['date']))
+    for entry in entries:
+        need(f'<code>{entry["commit"]}</code>' in page and entry['note'] in page, entry)
+        for name, ratio in entry['frames'].items():
+            need(f'<td>{ratio:.1f}</td>' in page and f'<figcaption>{name}</figcaption>' in page, name, ratio)
 
 
 @test('a link that leads nowhere is an error that names the page')
