@@ -181,6 +181,10 @@ PELL_API double pell_profile_sample(const struct pell_profile *p, double xi);
 /* Density per unit area of that sampling, R(r)/total, 1/mm^2. */
 PELL_API double pell_profile_pdf(const struct pell_profile *p, double r_mm);
 
+/* Mean distance between where light enters and where it leaves, mm: Int 2 pi r^2 R dr/total, by 256 radii of pell_profile_sample, within
+ * 0.5 % of it for the models; 0 for a profile without light. */
+PELL_API double pell_profile_mean_radius(const struct pell_profile *p);
+
 /* Two-dimensional Fourier (Hankel) transform at a radial frequency s in rad/mm, 2 pi Int J0(s r) R(r) r dr; total at s = 0. */
 PELL_API double pell_profile_transform(const struct pell_profile *p, double s);
 

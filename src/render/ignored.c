@@ -2,6 +2,8 @@
  * ignored.c - inputs of materials that a scene has and the method ignores: one table names them, one warning reports them. */
 #include "render/renderer_state.h"
 
+#include "transport/equivalent_medium.h"
+
 #include <stdio.h>
 #include <string.h>
 
@@ -14,6 +16,8 @@ static bool has_color(const struct pell_material *m)
 {
     const float *c = m->base_color;
 
+    if (!m->base_color_map.texture && pell_has_profile_only(m))
+        return false; /* a method that needs a medium takes the one of this colour */
     return m->color_from == PELL_COLOR_FROM_TEXTURE && (m->base_color_map.texture || c[0] != 1.0f || c[1] != 1.0f || c[2] != 1.0f);
 }
 

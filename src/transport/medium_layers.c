@@ -116,6 +116,11 @@ static void scale_lengths(struct pell_medium_layers *out, float strength)
     }
 }
 
+bool pell_medium_layers_known(const struct pell_material *m)
+{
+    return m->num_layers > 0 || stack_of(m) || !(m->profile || m->gaussians.count > 0);
+}
+
 enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m,
                                          struct pell_medium_layers *out)
 {
@@ -130,7 +135,7 @@ enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *m
         scale_lengths(out, m->strength);
         return PELL_OK;
     }
-    if (m->profile || m->gaussians.count > 0)
+    if (!pell_medium_layers_known(m))
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name,
                           "give it a medium: coefficients, layers, or a built-in material that has them (for skin: skin1, skin-2layer)",
                           "has a profile but no medium: %s needs scattering coefficients", method);

@@ -29,6 +29,9 @@ struct pell_medium_layers {
     double deepest; /* mm: no bottom lies deeper anywhere, but INFINITY */
 };
 
+/* Whether the material has layers or coefficients that pell_medium_layers_make takes. */
+bool pell_medium_layers_known(const struct pell_material *m);
+
 /* Of the scene's own layers (struct pell_material.layers), else of the built-in stack or medium that the material is made of. Errors:
  * PELL_ERR_UNSUPPORTED, naming the material, where it has a profile but no medium. `method`: who asks, for messages. */
 PELL_NODISCARD enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m,

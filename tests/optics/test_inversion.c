@@ -363,6 +363,11 @@ static void radii_of_other_programs_keep_their_meaning(void **state)
                 REQUIRE_REL(sigma_t, 1.0 / (r * (1.9 - A + 3.5 * (A - 0.8) * (A - 0.8))), 1e-12);
             if (kind == PELL_SCATTER_RADIUS_CYCLES)
                 REQUIRE_REL(sigma_t * (1.0 - g), 4.0 * PELL_PI / r, 1e-12);
+            if (kind == PELL_SCATTER_RADIUS_MEAN) {
+                struct pell_profile profile;
+                assert_int_equal(pell_profile_make(PELL_PROFILE_MONTE_CARLO, &m, c, NULL, &profile), PELL_OK);
+                REQUIRE_REL(pell_profile_mean_radius(&profile), r, 1e-6);
+            }
             if (kind == PELL_SCATTER_RADIUS_CYCLES_SKIN) { /* the dipole's total at a is the colour */
                 const double rest = pow(1.0 / (sigma_t * (1.0 - g) * r), 2.0), f = pell_fresnel_diffuse(look.eta, PELL_FRESNEL_POLY3);
                 const double A43 = 4.0 / 3.0 * (1.0 + f) / (1.0 - f), root = sqrt(rest);

@@ -200,6 +200,31 @@ static void gaussians_are_profiles(void **state)
         REQUIRE_REL(pell_profile_sample(&p, xi), sqrt(-2.0 * 0.7 * log1p(-xi)), 1e-13);
 }
 
+/* Of a Gaussian sqrt(pi v/2); of the models their integral. */
+static void mean_radii_are_integrals(void **state)
+{
+    const struct pell_gaussians one = { .count = 1, .variance = { 0.7 }, .weight = { { 0.4, 0.4, 0.4 } } };
+    const struct pell_medium m = { .sigma_a = { 0.1, 0.1, 0.1 }, .sigma_s_reduced = { 1.0, 1.0, 1.0 }, .eta = 1.3 };
+    struct pell_profile p = { 0 };
+    double mean = 0.0;
+
+    (void) state;
+    REQUIRE(pell_profile_mean_radius(&p) == 0.0);
+    assert_int_equal(pell_profile_from_gaussians(&one, 1, &p), PELL_OK);
+    REQUIRE_REL(pell_profile_mean_radius(&p), sqrt(0.5 * PELL_PI * 0.7), 1e-3);
+    for (int model = 0; model < PELL_PROFILE_MODELS; model++) {
+        const int steps = 20000;
+        double sum = 0.0;
+        assert_int_equal(pell_profile_make((enum pell_profile_model) model, &m, 0, NULL, &p), PELL_OK);
+        mean = pell_profile_mean_radius(&p);
+        for (int i = 0; i < steps; i++) { /* Int 2 pi r^2 R dr over r = t/(1 - t)^2 */
+            const double t = (i + 0.5) / steps, r = t / ((1.0 - t) * (1.0 - t));
+            sum += 2.0 * PELL_PI * r * r * pell_profile_eval(&p, r) * (1.0 + t) / pow(1.0 - t, 3.0) / steps;
+        }
+        REQUIRE_REL(mean, sum / pell_profile_total(&p), 5e-3);
+    }
+}
+
 static void wrong_gaussians_are_refused(void **state)
 {
     static const double wrong[][2] = { { 0.0, 0.5 },  { -1.0, 0.5 }, { NAN, 0.5 }, { INFINITY, 0.5 },
@@ -236,6 +261,7 @@ int main(void)
         cmocka_unit_test(all_levels_give_the_bits_of_single_values),
         cmocka_unit_test(many_radii_of_nothing_are_nothing),
         cmocka_unit_test(gaussians_are_profiles),
+        cmocka_unit_test(mean_radii_are_integrals),
         cmocka_unit_test(wrong_gaussians_are_refused),
     };
     return cmocka_run_group_tests_name("optics.profile", tests, NULL, NULL);

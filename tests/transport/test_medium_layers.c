@@ -2,6 +2,7 @@
  * test_medium_layers.c - what lies below each point of a surface: layers of scenes, of presets, of plain media; painted depths. */
 #include "layers_rig.h"
 #include "shapes.h"
+#include "transport/equivalent_medium.h"
 #include "transport/medium_layers.h"
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)
@@ -212,12 +213,49 @@ static void presets_and_media(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* Whatever the profile is of: the medium returns as much light, over the same mean distance. */
+static void a_profile_has_an_equivalent_medium(void **state)
+{
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = square(ctx);
+    struct pell_material *m = &s->materials[0];
+    struct pell_medium medium;
+    struct pell_medium_fault fault;
+    struct pell_profile own, same;
+
+    (void) state;
+    OK(pell_material_allocate_layers(s, 0, 0));
+    for (size_t i = 0; i < pell_material_count(); i++) {
+        const struct pell_material_entry *e = pell_material_at(i);
+        OK(pell_material_apply(s, 0, "test", e->name));
+        assert_int_equal(pell_has_profile_only(m), e->kind == PELL_MATERIAL_GAUSSIANS);
+        if (!pell_has_profile_only(m))
+            continue;
+        assert_int_equal(pell_equivalent_medium(m, &medium, &fault), PELL_OK);
+        for (int c = 0; c < 3; c++) {
+            const double color = m->color_from == PELL_COLOR_FROM_TEXTURE ? fmin((double) m->base_color[c], 0.999) : -1.0;
+            OK(pell_profile_from_gaussians(&m->gaussians, c, &own));
+            OK(pell_profile_make(PELL_PROFILE_MONTE_CARLO, &medium, c, NULL, &same));
+            REQUIRE_NEAR(pell_profile_total(&same), color >= 0.0 ? color : fmin(pell_profile_total(&own), 0.999), 1e-6);
+            REQUIRE_REL(pell_profile_mean_radius(&same), pell_profile_mean_radius(&own), 1e-6);
+        }
+    }
+    /* A channel without light absorbs all. */
+    OK(pell_material_apply(s, 0, "test", "marble-4gaussian"));
+    memset(m->gaussians.weight, 0, sizeof(m->gaussians.weight));
+    m->color_from = PELL_COLOR_FROM_PROFILE;
+    assert_int_equal(pell_equivalent_medium(m, &medium, &fault), PELL_OK);
+    REQUIRE(medium.sigma_s_reduced[0] == 0.0 && medium.sigma_a[0] > 0.0);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(uniform_layers),       cmocka_unit_test(maps_are_filtered_as_textures_are),
         cmocka_unit_test(the_upper_layer_wins), cmocka_unit_test(maps_of_one_value_are_uniform),
-        cmocka_unit_test(presets_and_media),
+        cmocka_unit_test(presets_and_media),    cmocka_unit_test(a_profile_has_an_equivalent_medium),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,8 @@
  * medium.c - what fills a solid: coefficients as they are, not reduced, with the phase function that the material knows. */
 #include "methods/path_trace/path.h"
 
+#include "transport/equivalent_medium.h"
+
 #include <string.h>
 
 static void set_coefficients(const struct pell_layer_medium *l, struct pt_coefficients *out)
@@ -52,6 +54,28 @@ static void fill(const struct pell_medium_layers *medium_layers, struct pt_mediu
     out->homogeneous = out->layers == 1 && !out->ends;
 }
 
+/* A material with a profile only is traced as the homogeneous medium that returns the same light over the same distances: said. */
+static enum pell_result make_layers(struct pell_context *ctx, const struct pell_material *m, struct pell_medium_layers *out)
+{
+    struct pell_medium_fault fault = { 0 };
+    struct pell_material medium = *m;
+
+    if (!pell_has_profile_only(m))
+        return pell_medium_layers_make(ctx, "path-trace", m, out);
+    if (pell_equivalent_medium(m, &medium.medium, &fault) != PELL_OK)
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "give it coefficients or layers (for skin: skin1, skin-2layer)",
+                          "has a profile but no medium, and none is equivalent: %s is %g, allowed: [%g, %g]",
+                          fault.field ? fault.field : "color", fault.value, fault.min, fault.max);
+    pell_warn(ctx, m->name, "for the medium itself give it coefficients or layers (for skin: skin1, skin-2layer)",
+              "has a profile but no medium: path-trace takes the homogeneous one with the same reflectance and mean distance, sigma_a %.3g, "
+              "%.3g, %.3g and sigma_s' %.3g, %.3g, %.3g per mm",
+              medium.medium.sigma_a[0], medium.medium.sigma_a[1], medium.medium.sigma_a[2], medium.medium.sigma_s_reduced[0],
+              medium.medium.sigma_s_reduced[1], medium.medium.sigma_s_reduced[2]);
+    medium.profile = NULL;
+    medium.gaussians.count = 0;
+    return pell_medium_layers_make(ctx, "path-trace", &medium, out);
+}
+
 enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_material *m,
                                 struct pt_medium *out)
 {
@@ -61,7 +85,7 @@ enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scen
     memset(out, 0, sizeof(*out));
     if (!medium_layers)
         return PELL_ERR_NOMEM;
-    PELL_TRY(pell_medium_layers_make(ctx, "path-trace", m, medium_layers));
+    PELL_TRY(make_layers(ctx, m, medium_layers));
     if (medium_layers->substrate == PELL_SUBSTRATE_SURFACE_COLOR) {
         res = pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "\"below\": \"stop\" or \"last\"",
                          "has a surface below its layers, where path-trace reflects no light");

@@ -90,7 +90,7 @@ struct pt_medium {
     float slowest;                  /* least sigma_t of all channels and layers */
 };
 
-/* PELL_ERR_UNSUPPORTED, logged, for materials that have no medium, or a surface below their layers. `out` is to be finished whatever
+/* PELL_ERR_UNSUPPORTED, logged, for a surface below layers, and profiles that no medium is equivalent to. `out` is to be finished whatever
  * happens. */
 PELL_NODISCARD enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_material *m,
                                                struct pt_medium *out);

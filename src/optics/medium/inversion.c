@@ -255,6 +255,7 @@ static const struct pell_scatter_radius_row radius_rows[PELL_SCATTER_RADII] = {
     [PELL_SCATTER_RADIUS_BURLEY] = { "burley", "shape d of normalized diffusion: Disney's scatter distance" },
     [PELL_SCATTER_RADIUS_CYCLES] = { "cycles", "subsurface radius of Cycles, Christensen-Burley and Random Walk" },
     [PELL_SCATTER_RADIUS_CYCLES_SKIN] = { "cycles-skin", "subsurface radius of Cycles, Random Walk (Skin)" },
+    [PELL_SCATTER_RADIUS_MEAN] = { "mean", "mean distance between where light enters and where it leaves" },
 };
 
 size_t pell_radius_count(void)
@@ -294,8 +295,23 @@ static bool look_valid(const struct pell_color_and_radius *look, struct pell_med
     return true;
 }
 
+/* The mean radius of a profile in reduced mean free paths; 1 where there is none. */
+static double mean_radius_of(const struct query *q, double albedo_reduced)
+{
+    const double a = 1.0 - albedo_reduced;
+    const struct pell_medium m = { .sigma_a = { a, a, a },
+                                   .sigma_s_reduced = { albedo_reduced, albedo_reduced, albedo_reduced },
+                                   .g = { q->g, q->g, q->g },
+                                   .eta = q->eta };
+    struct pell_profile profile;
+
+    if (pell_profile_make(q->model, &m, 0, q->params, &profile) != PELL_OK || !(pell_profile_total(&profile) > 0.0))
+        return 1.0;
+    return pell_profile_mean_radius(&profile);
+}
+
 /* sigma_t' times the radius: what the radius stands for in reduced mean free paths. */
-static double reduced_per_radius(const struct pell_color_and_radius *look, int c, double albedo_reduced)
+static double reduced_per_radius(const struct pell_color_and_radius *look, int c, const struct query *q, double albedo_reduced)
 {
     const double A = look->color[c], g = look->g[c], rest = 1.0 - albedo_reduced;
     const double reduced_per_extinction = (1.0 - g) / (1.0 - g * rest); /* 1 - alpha g */
@@ -310,15 +326,16 @@ static double reduced_per_radius(const struct pell_color_and_radius *look, int c
         const double a = A < white ? invert_dipole(A, clamped_fdr(look->eta, PELL_FRESNEL_POLY3)) : 1.0 - 1e-6;
         return reduced_per_extinction / ((1.0 - g) * sqrt(3.0 * (1.0 - a)));
     }
+    case PELL_SCATTER_RADIUS_MEAN: return mean_radius_of(q, albedo_reduced);
     default: return 1.0;
     }
 }
 
 /* One channel of the medium from its albedo. */
-static bool set_channel(const struct pell_color_and_radius *look, int c, double albedo_reduced, struct pell_medium *out,
-                        struct pell_medium_fault *fault)
+static bool set_channel(const struct pell_color_and_radius *look, int c, const struct query *q, double albedo_reduced,
+                        struct pell_medium *out, struct pell_medium_fault *fault)
 {
-    const double scale = reduced_per_radius(look, c, albedo_reduced), sigma_t = scale / look->radius[c];
+    const double scale = reduced_per_radius(look, c, q, albedo_reduced), sigma_t = scale / look->radius[c];
 
     if (!(sigma_t >= PELL_SIGMA_T_MIN && sigma_t <= PELL_SIGMA_MAX)) {
         if (fault)
@@ -350,7 +367,7 @@ enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_r
         const enum pell_result res = invert_model(&q, look->color[c], &albedo_reduced, color_names[c], fault);
         if (res != PELL_OK)
             return res;
-        if (!set_channel(look, c, albedo_reduced, &m, fault))
+        if (!set_channel(look, c, &q, albedo_reduced, &m, fault))
             return PELL_ERR_INVALID;
     }
     *out = m;
@@ -367,9 +384,11 @@ enum pell_result pell_medium_from_map(const struct pell_color_and_radius *look, 
         *fault = (struct pell_medium_fault) { 0 };
     if (!pell_in_range("map", (double) (int) map, 0.0, PELL_ALBEDO_MAPS - 1, fault) || !look_valid(look, fault))
         return PELL_ERR_INVALID;
-    for (int c = 0; c < 3; c++)
-        if (!set_channel(look, c, pell_albedo_map_invert(map, look->color[c], look->eta), &m, fault))
+    for (int c = 0; c < 3; c++) {
+        const struct query q = { PELL_PROFILE_MONTE_CARLO, NULL, look->g[c], look->eta };
+        if (!set_channel(look, c, &q, pell_albedo_map_invert(map, look->color[c], look->eta), &m, fault))
             return PELL_ERR_INVALID;
+    }
     *out = m;
     return PELL_OK;
 }

@@ -174,3 +174,13 @@ double pell_profile_sample(const struct pell_profile *p, double xi)
     }
     return r;
 }
+
+double pell_profile_mean_radius(const struct pell_profile *p)
+{
+    enum { RADII = 256 };
+    double sum = 0.0;
+
+    for (int i = 0; i < RADII; i++)
+        sum += pell_profile_sample(p, (i + 0.5) / RADII);
+    return sum / RADII;
+}
