@@ -181,6 +181,8 @@ void cli_message(void *user, const struct pell_message *m)
         memcpy(cli->error.where, where, sizeof(where));
         memcpy(cli->error.what, what, sizeof(what));
         memcpy(cli->error.hint, hint, sizeof(hint));
+    } else if (m->level == PELL_LOG_ERROR && m->code == PELL_ERR_NOMEM && cli->error.code == PELL_ERR_NOMEM) {
+        return; /* several arrays are asked for before the first that is missing is looked at */
     }
     if (m->level == PELL_LOG_WARNING && cli->warnings) {
         char text[sizeof(where) + sizeof(what) + 2];

@@ -32,15 +32,15 @@ def enough(folder, *arguments):
     return high
 
 
-@test('an address space that is too small, in steps of 2 MiB: exit code 5 and one error, whatever the threads')
+@test('an address space that is too small, in steps of some MiB: exit code 5 and one error, whatever the threads')
 def _(folder):
     if SANITIZED:
         raise Skip('a sanitizer has an address space of its own')
     write_obj(folder / 'ball.obj', *sphere(rows=60, columns=100))
-    for threads in ('1', '2', '7'):
-        top = enough(folder, '--threads', threads, '-m', 'none')
-        for limit in range(top - 60, top, 2):
-            code, said = starved(folder, limit, '--threads', threads, '-m', 'none')
+    for threads, method, below, step in (('1', 'none', 60, 2), ('2', 'none', 60, 2), ('7', 'none', 60, 2), ('1', 'texture-space', 160, 8)):
+        top = enough(folder, '--threads', threads, '-m', method)
+        for limit in range(top - below, top, step):
+            code, said = starved(folder, limit, '--threads', threads, '-m', method)
             need(code in (0, OUT_OF_MEMORY), threads, 'threads,', limit, 'MiB:', signal.Signals(-code).name if code < 0 else code, said)
             need(code == 0 or (said.count(b'error: ') == 1 and b'terminate' not in said), threads, 'threads,', limit, 'MiB:', said)
 
