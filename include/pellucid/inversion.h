@@ -84,7 +84,7 @@ enum pell_scatter_radius {
     PELL_SCATTER_RADIUS_CYCLES,             /* 4 pi/(sigma_t (1 - g)): Cycles' radius of Christensen-Burley and of the random walk */
     PELL_SCATTER_RADIUS_CYCLES_SKIN, /* 1/(sigma_t (1 - g) sqrt(3 (1 - a))), a the dipole's inverse (Fdr of 3 digits): Cycles' random walk
                                       * (skin) */
-    PELL_SCATTER_RADIUS_MEAN, /* pell_profile_mean_radius of the model's profile; pell_medium_from_map: of monte-carlo's */
+    PELL_SCATTER_RADIUS_MEAN,        /* pell_profile_mean_radius of the model's profile; pell_medium_from_map: of monte-carlo's */
     PELL_SCATTER_RADII,
 };
 

@@ -226,7 +226,7 @@ enum pell_result viewer_profile_code(struct pell_context *ctx, const struct view
         goto fail;
     res = make(PELL_PROFILE_DIPOLE, &job.medium, job.profile->R) ? profile_add_fit(&job, &fit, false) : PELL_ERR_INVALID;
     if (res == PELL_OK)
-        res = profile_code(&job, m->export, TAPS, 1, &text);
+        res = profile_code(&job, m->export, TAPS, 1, &text, NULL);
     if (res != PELL_OK)
         res = pell_error(ctx, res, "export", "c, glsl, hlsl and json are languages", "\"%s\": the coefficients give no code (%s)",
                          m->export, pell_result_name(res));

@@ -489,6 +489,14 @@ int main(void)
 '''
 
 
+@test('an export whose separable kernel is far off says so, and what is nearer')
+def _(folder):
+    said = text(works(folder, 'profile', 'wholemilk', '--export', 'glsl', '-o', 'a.glsl').stderr)
+    need('separable kernel of rank 1 has an error of 1' in said and '--rank' in said, said)
+    said = text(works(folder, 'profile', 'wholemilk', '--export', 'glsl', '--rank', '2', '-o', 'a.glsl').stderr)
+    need('separable' not in said, said)
+
+
 def exported(folder, language, *more):
     works(folder, 'profile', 'marble', '--export', language, *more, '-o', f'kernel.{language}')
     return (folder / f'kernel.{language}').read_text('ascii')

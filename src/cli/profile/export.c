@@ -12,6 +12,8 @@ enum language { C, GLSL, HLSL, JSON, LANGUAGES };
 static const char *const language_names[LANGUAGES] = { "c", "glsl", "hlsl", "json" };
 
 /* What an export holds. */
+#define SEEN 0.05 /* error of a separable kernel that is told */
+
 struct kernel {
     const struct profile_fit *fit;  /* NULL: none */
     struct pell_kernel_chain chain; /* count 0: each channel has variances of its own */
@@ -344,7 +346,8 @@ static void add_json(struct profile_text *t, const struct profile_job *job, cons
     free(dump);
 }
 
-enum pell_result profile_code(const struct profile_job *job, const char *language, int taps, int rank, struct profile_text *text)
+enum pell_result profile_code(const struct profile_job *job, const char *language, int taps, int rank, struct profile_text *text,
+                              double *separable_error)
 {
     const enum language l = find_language(language);
     struct kernel kernel;
@@ -352,6 +355,8 @@ enum pell_result profile_code(const struct profile_job *job, const char *languag
 
     if (res != PELL_OK)
         return res;
+    if (separable_error)
+        *separable_error = fmax(fmax(kernel.separable.error[0], kernel.separable.error[1]), kernel.separable.error[2]);
     if (l == JSON)
         add_json(text, job, &kernel);
     else
@@ -362,10 +367,17 @@ enum pell_result profile_code(const struct profile_job *job, const char *languag
 enum exit_code profile_export(struct cli *cli, const struct profile_job *job)
 {
     struct profile_text text = { .length = 0 };
-    const enum pell_result res = profile_code(job, cli->profile.export, cli->numbers.taps, cli->numbers.rank, &text);
+    double error = 0.0;
+    const enum pell_result res = profile_code(job, cli->profile.export, cli->numbers.taps, cli->numbers.rank, &text, &error);
 
-    if (res == PELL_OK)
+    if (res == PELL_OK) {
+        if (error > SEEN)
+            pell_warn(cli->ctx, job->name,
+                      cli->numbers.rank < 3 ? "raise --rank, or use the exported Gaussians, each a blur of its own"
+                                            : "use the exported Gaussians, each a blur of its own",
+                      "its separable kernel of rank %d has an error of %.1f %%", cli->numbers.rank, 100.0 * error);
         return profile_write(cli, &text);
+    }
     free(text.bytes);
     return res == PELL_ERR_NOMEM
                ? EXIT_MEMORY

@@ -90,8 +90,10 @@ enum exit_code profile_plot(struct cli *cli, const struct profile_job *job);
 /* Whether --export and --taps say something. */
 enum exit_code profile_check_export(struct cli *cli);
 /* Adds the first fit, a separable kernel and a table as constants of a language: "c", "glsl", "hlsl" or "json". PELL_ERR_INVALID, not
- * logged: another language, or a profile that gives no kernel. The caller frees text->bytes in any case. */
-enum pell_result profile_code(const struct profile_job *job, const char *language, int taps, int rank, struct profile_text *text);
+ * logged: another language, or a profile that gives no kernel. The caller frees text->bytes in any case. `separable_error` (may be NULL): a
+ * share, of the separable kernel's worst channel. */
+enum pell_result profile_code(const struct profile_job *job, const char *language, int taps, int rank, struct profile_text *text,
+                              double *separable_error);
 /* The same as --export, --taps and --rank say, to --output or stdout. */
 enum exit_code profile_export(struct cli *cli, const struct profile_job *job);
 

@@ -66,11 +66,12 @@ static enum pell_result make_layers(struct pell_context *ctx, const struct pell_
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "give it coefficients or layers (for skin: skin1, skin-2layer)",
                           "has a profile but no medium, and none is equivalent: %s is %g, allowed: [%g, %g]",
                           fault.field ? fault.field : "color", fault.value, fault.min, fault.max);
-    pell_warn(ctx, m->name, "for the medium itself give it coefficients or layers (for skin: skin1, skin-2layer)",
-              "has a profile but no medium: path-trace takes the homogeneous one with the same reflectance and mean distance, sigma_a %.3g, "
-              "%.3g, %.3g and sigma_s' %.3g, %.3g, %.3g per mm",
-              medium.medium.sigma_a[0], medium.medium.sigma_a[1], medium.medium.sigma_a[2], medium.medium.sigma_s_reduced[0],
-              medium.medium.sigma_s_reduced[1], medium.medium.sigma_s_reduced[2]);
+    pell_warn(
+        ctx, m->name, "for the medium itself give it coefficients or layers (for skin: skin1, skin-2layer)",
+        "has a profile but no medium: path-trace takes the homogeneous one with the same reflectance and mean distance, sigma_a %.3g, "
+        "%.3g, %.3g and sigma_s' %.3g, %.3g, %.3g per mm",
+        medium.medium.sigma_a[0], medium.medium.sigma_a[1], medium.medium.sigma_a[2], medium.medium.sigma_s_reduced[0],
+        medium.medium.sigma_s_reduced[1], medium.medium.sigma_s_reduced[2]);
     medium.profile = NULL;
     medium.gaussians.count = 0;
     return pell_medium_layers_make(ctx, "path-trace", &medium, out);
